@@ -1,0 +1,2 @@
+//! capture-daemon
+fn main() {}

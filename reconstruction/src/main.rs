@@ -1,0 +1,2 @@
+//! reconstruction
+fn main() {}

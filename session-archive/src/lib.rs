@@ -1,0 +1,3 @@
+//! session-archive
+
+pub mod time;
