@@ -1,1 +1,3 @@
 //! capture-daemon
+
+pub mod sources;

@@ -1,0 +1,3 @@
+//! Where pictures and IMU samples come from.
+
+pub mod datasets;

@@ -1,0 +1,1 @@
+//! Recorded data sets as lists of stereo frames and IMU samples.
