@@ -1,0 +1,284 @@
+//! Uncompressed pictures: one kind of memory layout, and the few operations between a camera and
+//! an encoder.
+//!
+//! Contract: planes are tightly packed (no row padding), top row first, 8 bits per sample. Every
+//! function checks what it is given and answers with a [`PictureError`]; none panics, and none
+//! changes its input. Values are full range (0..=255) and mean what they mean in a JPEG file
+//! (JFIF 1.02: full-range BT.601); nothing here rescales them.
+
+use bytes::Bytes;
+use thiserror::Error;
+
+mod colour;
+mod psnr;
+
+pub use colour::{i420_to_rgb, nv12_to_i420, rgb_to_i420, yuyv_to_i420};
+pub use psnr::{psnr, psnr_all};
+
+/// How the bytes of a [`Picture`] are to be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum PixelFormat {
+    /// One byte per pixel: luma.
+    Grey8,
+    /// Planar 4:2:0: width·height luma, then width/2·height/2 Cb, then as much Cr.
+    /// Width and height are even.
+    I420,
+}
+
+impl PixelFormat {
+    /// Bytes of a `width` x `height` picture.
+    ///
+    /// # Errors
+    /// [`PictureError::Empty`], [`PictureError::OddSize`] (I420 only), [`PictureError::TooLarge`].
+    pub fn bytes(self, width: u32, height: u32) -> Result<usize, PictureError> {
+        if width == 0 || height == 0 {
+            return Err(PictureError::Empty { width, height });
+        }
+        let luma = (width as usize)
+            .checked_mul(height as usize)
+            .filter(|&pixels| pixels <= isize::MAX as usize / 4)
+            .ok_or(PictureError::TooLarge { width, height })?;
+        match self {
+            PixelFormat::Grey8 => Ok(luma),
+            PixelFormat::I420 if width % 2 != 0 || height % 2 != 0 => {
+                Err(PictureError::OddSize { width, height })
+            }
+            PixelFormat::I420 => Ok(luma + luma / 2),
+        }
+    }
+}
+
+/// One uncompressed picture. Cloning is cheap: the bytes are shared.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Picture {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Layout of `data`.
+    pub format: PixelFormat,
+    /// The planes, tightly packed, exactly [`PixelFormat::bytes`] long.
+    pub data: Bytes,
+}
+
+/// Why a picture could not be used. The caller passed something that cannot work; trying again
+/// with the same picture will not help.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum PictureError {
+    /// Pad or crop the picture: 4:2:0 chroma needs an even size.
+    #[error("{width}x{height} cannot be I420: both width and height must be even")]
+    OddSize {
+        /// Columns found.
+        width: u32,
+        /// Rows found.
+        height: u32,
+    },
+    /// A picture has at least one pixel.
+    #[error("{width}x{height} picture has no pixels")]
+    Empty {
+        /// Columns found.
+        width: u32,
+        /// Rows found.
+        height: u32,
+    },
+    /// The size does not fit in memory.
+    #[error("{width}x{height} picture is too large to hold in memory")]
+    TooLarge {
+        /// Columns found.
+        width: u32,
+        /// Rows found.
+        height: u32,
+    },
+    /// The bytes do not belong to the size and format that go with them.
+    #[error("picture data is {found} bytes long, expected {expected}")]
+    WrongLength {
+        /// Bytes found.
+        found: usize,
+        /// Bytes that size and format ask for.
+        expected: usize,
+    },
+    /// Convert first.
+    #[error("picture is {found:?}, expected {expected:?}")]
+    WrongFormat {
+        /// The picture's format.
+        found: PixelFormat,
+        /// The format asked for.
+        expected: PixelFormat,
+    },
+    /// Left and right come from one stereo camera: same size, same format.
+    #[error("left is {left:?} and right is {right:?}, expected the same size and format")]
+    Unequal {
+        /// Width, height and format of the left picture.
+        left: (u32, u32, PixelFormat),
+        /// Width, height and format of the right picture.
+        right: (u32, u32, PixelFormat),
+    },
+}
+
+/// One plane: its rows follow one another without padding.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Plane<'a> {
+    pub(crate) width: usize,
+    pub(crate) data: &'a [u8],
+}
+
+impl Picture {
+    /// A picture whose length has been checked.
+    ///
+    /// # Errors
+    /// What [`PixelFormat::bytes`] gives, and [`PictureError::WrongLength`].
+    pub fn new(
+        width: u32,
+        height: u32,
+        format: PixelFormat,
+        data: impl Into<Bytes>,
+    ) -> Result<Picture, PictureError> {
+        let picture = Picture {
+            width,
+            height,
+            format,
+            data: data.into(),
+        };
+        picture.check()?;
+        Ok(picture)
+    }
+
+    /// Whether size, format and length of the data belong together.
+    ///
+    /// # Errors
+    /// As [`Picture::new`].
+    pub fn check(&self) -> Result<(), PictureError> {
+        let expected = self.format.bytes(self.width, self.height)?;
+        if self.data.len() != expected {
+            return Err(PictureError::WrongLength {
+                found: self.data.len(),
+                expected,
+            });
+        }
+        Ok(())
+    }
+
+    /// The luma plane, `width * height` bytes.
+    ///
+    /// # Errors
+    /// As [`Picture::new`].
+    pub fn luma(&self) -> Result<&[u8], PictureError> {
+        self.check()?;
+        Ok(&self.data[..self.width as usize * self.height as usize])
+    }
+
+    /// All planes in order: one for grey, three for I420.
+    pub(crate) fn planes(&self) -> Result<Vec<Plane<'_>>, PictureError> {
+        let luma = self.luma()?;
+        let width = self.width as usize;
+        let mut planes = vec![Plane { width, data: luma }];
+        if self.format == PixelFormat::I420 {
+            let (cb, cr) = self.data[luma.len()..].split_at(luma.len() / 4);
+            planes.extend([cb, cr].map(|data| Plane {
+                width: width / 2,
+                data,
+            }));
+        }
+        Ok(planes)
+    }
+
+    fn expect(&self, expected: PixelFormat) -> Result<(), PictureError> {
+        if self.format != expected {
+            return Err(PictureError::WrongFormat {
+                found: self.format,
+                expected,
+            });
+        }
+        self.check()
+    }
+}
+
+/// Puts two pictures of the same size and format beside each other, left one left.
+///
+/// # Errors
+/// [`PictureError::Unequal`], and what [`Picture::check`] gives.
+pub fn side_by_side(left: &Picture, right: &Picture) -> Result<Picture, PictureError> {
+    let shape = |picture: &Picture| (picture.width, picture.height, picture.format);
+    if shape(left) != shape(right) {
+        return Err(PictureError::Unequal {
+            left: shape(left),
+            right: shape(right),
+        });
+    }
+    let (width, height) = (left.width, left.height);
+    let doubled = width
+        .checked_mul(2)
+        .ok_or(PictureError::TooLarge { width, height })?;
+    let mut data = Vec::with_capacity(left.format.bytes(doubled, height)?);
+    for (left, right) in left.planes()?.iter().zip(right.planes()?) {
+        let rows = left
+            .data
+            .chunks_exact(left.width)
+            .zip(right.data.chunks_exact(right.width));
+        for (left, right) in rows {
+            data.extend_from_slice(left);
+            data.extend_from_slice(right);
+        }
+    }
+    Picture::new(doubled, height, left.format, data)
+}
+
+/// Cuts a side-by-side picture into its left and right half.
+///
+/// # Errors
+/// [`PictureError::OddSize`] if the halves would not be whole, or not whole in chroma (an I420
+/// width must be a multiple of four); and what [`Picture::check`] gives.
+pub fn split(both: &Picture) -> Result<(Picture, Picture), PictureError> {
+    let (width, height, format) = (both.width / 2, both.height, both.format);
+    if both.width % 2 != 0 {
+        return Err(PictureError::OddSize {
+            width: both.width,
+            height,
+        });
+    }
+    let length = format.bytes(width, height)?;
+    let (mut left, mut right) = (Vec::with_capacity(length), Vec::with_capacity(length));
+    for plane in both.planes()? {
+        for row in plane.data.chunks_exact(plane.width) {
+            let (first, second) = row.split_at(plane.width / 2);
+            left.extend_from_slice(first);
+            right.extend_from_slice(second);
+        }
+    }
+    Ok((
+        Picture::new(width, height, format, left)?,
+        Picture::new(width, height, format, right)?,
+    ))
+}
+
+/// Adds neutral chroma (128) to a grey picture.
+///
+/// # Errors
+/// [`PictureError::WrongFormat`] unless the picture is grey, [`PictureError::OddSize`], and what
+/// [`Picture::check`] gives.
+pub fn grey_to_i420(grey: &Picture) -> Result<Picture, PictureError> {
+    grey.expect(PixelFormat::Grey8)?;
+    let length = PixelFormat::I420.bytes(grey.width, grey.height)?;
+    let mut data = Vec::with_capacity(length);
+    data.extend_from_slice(&grey.data);
+    data.resize(length, 128);
+    Picture::new(grey.width, grey.height, PixelFormat::I420, data)
+}
+
+/// The luma plane of an I420 picture as a grey picture. Shares the bytes, copies nothing.
+///
+/// # Errors
+/// [`PictureError::WrongFormat`] unless the picture is I420, and what [`Picture::check`] gives.
+pub fn i420_to_grey(picture: &Picture) -> Result<Picture, PictureError> {
+    picture.expect(PixelFormat::I420)?;
+    let luma = picture.width as usize * picture.height as usize;
+    Picture::new(
+        picture.width,
+        picture.height,
+        PixelFormat::Grey8,
+        picture.data.slice(..luma),
+    )
+}
+
+#[cfg(test)]
+mod tests;

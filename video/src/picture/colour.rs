@@ -1,0 +1,163 @@
+//! Between colour layouts.
+//!
+//! The formulas are those of JFIF 1.02 (and ITU-T T.871, clause 7), full-range BT.601:
+//!
+//! ```text
+//! Y  =  0.299 R    + 0.587 G    + 0.114 B            R = Y + 1.402 (Cr - 128)
+//! Cb = -0.168736 R - 0.331264 G + 0.5 B      + 128   G = Y - 0.344136 (Cb - 128) - 0.714136 (Cr - 128)
+//! Cr =  0.5 R      - 0.418688 G - 0.081312 B + 128   B = Y + 1.772 (Cb - 128)
+//! ```
+//!
+//! in 16-bit fixed point, rounded to nearest and clamped. Chroma is the mean of each 2x2 block,
+//! taken before rounding; the way back repeats it, so the chroma site is the middle of the block,
+//! as in JPEG.
+
+use super::{Picture, PictureError, PixelFormat};
+
+/// Fractional bits of the coefficients.
+const BITS: i32 = 16;
+const HALF: i32 = 1 << (BITS - 1);
+
+/// An RGB picture (three bytes per pixel, rows packed) as I420.
+///
+/// # Errors
+/// What [`PixelFormat::bytes`] gives for I420, and [`PictureError::WrongLength`].
+pub fn rgb_to_i420(width: u32, height: u32, rgb: &[u8]) -> Result<Picture, PictureError> {
+    let mut data = blank(width, height)?;
+    expect_length(rgb, 3 * (data.len() / 3 * 2))?;
+    let width_ = width as usize;
+    let (luma, cb, cr) = planes_mut(&mut data);
+    for (rgb, luma) in rgb.chunks_exact(3).zip(luma) {
+        let [r, g, b] = [rgb[0], rgb[1], rgb[2]].map(i32::from);
+        *luma = ((19595 * r + 38470 * g + 7471 * b + HALF) >> BITS) as u8;
+    }
+    let chroma_rows = cb
+        .chunks_exact_mut(width_ / 2)
+        .zip(cr.chunks_exact_mut(width_ / 2));
+    for (rows, (cb, cr)) in rgb.chunks_exact(6 * width_).zip(chroma_rows) {
+        let (upper, lower) = rows.split_at(3 * width_);
+        let blocks = upper.chunks_exact(6).zip(lower.chunks_exact(6));
+        for ((upper, lower), (cb, cr)) in blocks.zip(cb.iter_mut().zip(cr)) {
+            // Sums of four pixels, hence two more fractional bits.
+            let [r, g, b] = [0, 1, 2].map(|channel| {
+                [
+                    upper[channel],
+                    upper[channel + 3],
+                    lower[channel],
+                    lower[channel + 3],
+                ]
+                .into_iter()
+                .map(i32::from)
+                .sum::<i32>()
+            });
+            let offset = (128 << (BITS + 2)) + (HALF << 2);
+            // Pure blue or red would round up to 256.
+            *cb = ((-11058 * r - 21710 * g + 32768 * b + offset) >> (BITS + 2)).min(255) as u8;
+            *cr = ((32768 * r - 27439 * g - 5329 * b + offset) >> (BITS + 2)).min(255) as u8;
+        }
+    }
+    Picture::new(width, height, PixelFormat::I420, data)
+}
+
+/// An I420 picture as RGB, three bytes per pixel, `3 * width * height` long.
+///
+/// # Errors
+/// [`PictureError::WrongFormat`] unless the picture is I420, and what [`Picture::check`] gives.
+pub fn i420_to_rgb(picture: &Picture) -> Result<Vec<u8>, PictureError> {
+    picture.expect(PixelFormat::I420)?;
+    let width = picture.width as usize;
+    let planes = picture.planes()?;
+    let (luma, cb, cr) = (planes[0].data, planes[1].data, planes[2].data);
+    let mut rgb = vec![0; luma.len() * 3];
+    for (row, (luma, rgb)) in luma
+        .chunks_exact(width)
+        .zip(rgb.chunks_exact_mut(3 * width))
+        .enumerate()
+    {
+        let chroma = row / 2 * (width / 2)..(row / 2 + 1) * (width / 2);
+        let chroma = cb[chroma.clone()].iter().zip(&cr[chroma]);
+        for ((luma, rgb), (&cb, &cr)) in luma
+            .chunks_exact(2)
+            .zip(rgb.chunks_exact_mut(6))
+            .zip(chroma)
+        {
+            let (cb, cr) = (i32::from(cb) - 128, i32::from(cr) - 128);
+            let red = 91881 * cr + HALF;
+            let green = -22553 * cb - 46802 * cr + HALF;
+            let blue = 116_130 * cb + HALF;
+            for (&luma, rgb) in luma.iter().zip(rgb.chunks_exact_mut(3)) {
+                let luma = i32::from(luma) << BITS;
+                rgb[0] = ((luma + red) >> BITS).clamp(0, 255) as u8;
+                rgb[1] = ((luma + green) >> BITS).clamp(0, 255) as u8;
+                rgb[2] = ((luma + blue) >> BITS).clamp(0, 255) as u8;
+            }
+        }
+    }
+    Ok(rgb)
+}
+
+/// An NV12 picture (luma plane, then interleaved Cb Cr, rows packed) as I420. Loses nothing.
+///
+/// # Errors
+/// What [`PixelFormat::bytes`] gives for I420, and [`PictureError::WrongLength`].
+pub fn nv12_to_i420(width: u32, height: u32, nv12: &[u8]) -> Result<Picture, PictureError> {
+    let mut data = blank(width, height)?;
+    expect_length(nv12, data.len())?;
+    let (luma, cb, cr) = planes_mut(&mut data);
+    let (source, chroma) = nv12.split_at(luma.len());
+    luma.copy_from_slice(source);
+    for (pair, (cb, cr)) in chroma.chunks_exact(2).zip(cb.iter_mut().zip(cr)) {
+        *cb = pair[0];
+        *cr = pair[1];
+    }
+    Picture::new(width, height, PixelFormat::I420, data)
+}
+
+/// A YUYV picture (4:2:2, bytes Y Cb Y Cr, rows packed) as I420: luma as it is, chroma the mean of
+/// two rows, halves rounded up.
+///
+/// # Errors
+/// What [`PixelFormat::bytes`] gives for I420, and [`PictureError::WrongLength`].
+pub fn yuyv_to_i420(width: u32, height: u32, yuyv: &[u8]) -> Result<Picture, PictureError> {
+    let mut data = blank(width, height)?;
+    expect_length(yuyv, data.len() / 3 * 4)?;
+    let width_ = width as usize;
+    let (luma, cb, cr) = planes_mut(&mut data);
+    for (pair, luma) in yuyv.chunks_exact(2).zip(luma) {
+        *luma = pair[0];
+    }
+    let chroma_rows = cb
+        .chunks_exact_mut(width_ / 2)
+        .zip(cr.chunks_exact_mut(width_ / 2));
+    for (rows, (cb, cr)) in yuyv.chunks_exact(4 * width_).zip(chroma_rows) {
+        let (upper, lower) = rows.split_at(2 * width_);
+        let blocks = upper.chunks_exact(4).zip(lower.chunks_exact(4));
+        for ((upper, lower), (cb, cr)) in blocks.zip(cb.iter_mut().zip(cr)) {
+            *cb = (u16::from(upper[1]) + u16::from(lower[1])).div_ceil(2) as u8;
+            *cr = (u16::from(upper[3]) + u16::from(lower[3])).div_ceil(2) as u8;
+        }
+    }
+    Picture::new(width, height, PixelFormat::I420, data)
+}
+
+/// Room for an I420 picture.
+fn blank(width: u32, height: u32) -> Result<Vec<u8>, PictureError> {
+    Ok(vec![0; PixelFormat::I420.bytes(width, height)?])
+}
+
+/// Luma, Cb and Cr of I420 bytes.
+fn planes_mut(data: &mut [u8]) -> (&mut [u8], &mut [u8], &mut [u8]) {
+    let (luma, chroma) = data.split_at_mut(data.len() / 3 * 2);
+    let (cb, cr) = chroma.split_at_mut(chroma.len() / 2);
+    (luma, cb, cr)
+}
+
+fn expect_length(bytes: &[u8], expected: usize) -> Result<(), PictureError> {
+    if bytes.len() != expected {
+        return Err(PictureError::WrongLength {
+            found: bytes.len(),
+            expected,
+        });
+    }
+    Ok(())
+}

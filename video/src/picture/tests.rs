@@ -1,0 +1,277 @@
+//! Every fast kernel against a slow, obvious twin, and the refusals.
+
+use super::psnr::squared_difference;
+use super::*;
+
+/// Deterministic noise.
+fn noise(length: usize, seed: u64) -> Vec<u8> {
+    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+    (0..length)
+        .map(|_| {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            (state >> 32) as u8
+        })
+        .collect()
+}
+
+fn i420(width: u32, height: u32, seed: u64) -> Picture {
+    let length = PixelFormat::I420.bytes(width, height).unwrap();
+    Picture::new(width, height, PixelFormat::I420, noise(length, seed)).unwrap()
+}
+
+/// One sample, the slow way: plane 0 is luma.
+fn at(picture: &Picture, plane: usize, x: usize, y: usize) -> u8 {
+    let (width, height) = (picture.width as usize, picture.height as usize);
+    match plane {
+        0 => picture.data[y * width + x],
+        _ => picture.data[width * height * (3 + plane) / 4 + y * (width / 2) + x],
+    }
+}
+
+#[test]
+fn halves_come_back() {
+    for (width, height) in [(2, 2), (6, 4), (34, 18)] {
+        let (left, right) = (i420(width, height, 1), i420(width, height, 2));
+        let both = side_by_side(&left, &right).unwrap();
+        assert_eq!((both.width, both.height), (2 * width, height));
+        for plane in 0..3 {
+            let shift = usize::from(plane > 0);
+            for y in 0..height as usize >> shift {
+                for x in 0..width as usize >> shift {
+                    let half = width as usize >> shift;
+                    assert_eq!(at(&both, plane, x, y), at(&left, plane, x, y));
+                    assert_eq!(at(&both, plane, x + half, y), at(&right, plane, x, y));
+                }
+            }
+        }
+        assert_eq!(split(&both).unwrap(), (left, right));
+    }
+    let left = Picture::new(3, 5, PixelFormat::Grey8, noise(15, 3)).unwrap();
+    let right = Picture::new(3, 5, PixelFormat::Grey8, noise(15, 4)).unwrap();
+    assert_eq!(
+        split(&side_by_side(&left, &right).unwrap()).unwrap(),
+        (left, right)
+    );
+}
+
+#[test]
+fn grey_goes_there_and_back() {
+    let grey = Picture::new(6, 4, PixelFormat::Grey8, noise(24, 5)).unwrap();
+    let picture = grey_to_i420(&grey).unwrap();
+    assert!(picture.data[24..].iter().all(|&chroma| chroma == 128));
+    assert_eq!(i420_to_grey(&picture).unwrap(), grey);
+    assert!(
+        i420_to_rgb(&picture)
+            .unwrap()
+            .chunks(3)
+            .zip(&grey.data)
+            .all(|(rgb, &y)| rgb == [y; 3])
+    );
+}
+
+#[test]
+fn sizes_that_cannot_be_are_refused() {
+    for (width, height) in [(3, 2), (2, 3), (5, 5)] {
+        let refusal = Err(PictureError::OddSize { width, height });
+        assert_eq!(PixelFormat::I420.bytes(width, height), refusal);
+        let grey = Picture::new(
+            width,
+            height,
+            PixelFormat::Grey8,
+            noise((width * height) as usize, 1),
+        );
+        assert_eq!(grey_to_i420(&grey.unwrap()).map(|_| 0), refusal);
+        assert_eq!(rgb_to_i420(width, height, &[]).map(|_| 0), refusal);
+        assert_eq!(nv12_to_i420(width, height, &[]).map(|_| 0), refusal);
+        assert_eq!(yuyv_to_i420(width, height, &[]).map(|_| 0), refusal);
+    }
+    assert!(matches!(
+        split(&i420(6, 2, 1)),
+        Err(PictureError::OddSize {
+            width: 3,
+            height: 2
+        })
+    ));
+    assert!(matches!(
+        PixelFormat::Grey8.bytes(0, 7),
+        Err(PictureError::Empty { .. })
+    ));
+    assert!(matches!(
+        PixelFormat::Grey8.bytes(u32::MAX, u32::MAX),
+        Err(PictureError::TooLarge { .. })
+    ));
+    let short = Picture {
+        width: 4,
+        height: 4,
+        format: PixelFormat::I420,
+        data: Bytes::new(),
+    };
+    let wrong = PictureError::WrongLength {
+        found: 0,
+        expected: 24,
+    };
+    assert_eq!(short.check(), Err(wrong.clone()));
+    assert_eq!(split(&short), Err(wrong.clone()));
+    assert_eq!(i420_to_grey(&short), Err(wrong.clone()));
+    assert_eq!(side_by_side(&short, &short), Err(wrong));
+    assert!(matches!(
+        side_by_side(&i420(4, 4, 1), &i420(4, 2, 1)),
+        Err(PictureError::Unequal { .. })
+    ));
+    assert!(matches!(
+        grey_to_i420(&i420(4, 4, 1)),
+        Err(PictureError::WrongFormat { .. })
+    ));
+}
+
+#[test]
+fn rgb_follows_the_formula() {
+    let (width, height) = (18, 10);
+    let mut rgb = noise(3 * width * height, 7);
+    // The corners of the colour cube, where clamping matters, in one block each.
+    for corner in 0..8usize {
+        for (x, y) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+            for channel in 0..3 {
+                rgb[3 * (y * width + 2 * corner + x) + channel] =
+                    if corner & (1 << channel) == 0 { 0 } else { 255 };
+            }
+        }
+    }
+    let picture = rgb_to_i420(width as u32, height as u32, &rgb).unwrap();
+    let pixel = |x: usize, y: usize| -> [f64; 3] {
+        std::array::from_fn(|channel| f64::from(rgb[3 * (y * width + x) + channel]))
+    };
+    // The fixed-point coefficients are off by at most 2^-17 each: three of them times 255 may move
+    // a value by 0.006 over a rounding border, never further.
+    let close = |found: u8, exact: f64| (f64::from(found) - exact.clamp(0.0, 255.0)).abs() <= 0.506;
+    for y in 0..height {
+        for x in 0..width {
+            let [r, g, b] = pixel(x, y);
+            assert!(close(
+                at(&picture, 0, x, y),
+                0.299 * r + 0.587 * g + 0.114 * b
+            ));
+        }
+    }
+    for y in 0..height / 2 {
+        for x in 0..width / 2 {
+            let mut mean = [0.0; 3];
+            for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+                for (mean, value) in mean.iter_mut().zip(pixel(2 * x + dx, 2 * y + dy)) {
+                    *mean += value / 4.0;
+                }
+            }
+            let [r, g, b] = mean;
+            assert!(close(
+                at(&picture, 1, x, y),
+                -0.168736 * r - 0.331264 * g + 0.5 * b + 128.0
+            ));
+            assert!(close(
+                at(&picture, 2, x, y),
+                0.5 * r - 0.418688 * g - 0.081312 * b + 128.0
+            ));
+        }
+    }
+    let back = i420_to_rgb(&picture).unwrap();
+    for y in 0..height {
+        for x in 0..width {
+            let luma = f64::from(at(&picture, 0, x, y));
+            let cb = f64::from(at(&picture, 1, x / 2, y / 2)) - 128.0;
+            let cr = f64::from(at(&picture, 2, x / 2, y / 2)) - 128.0;
+            let exact = [
+                luma + 1.402 * cr,
+                luma - 0.344136 * cb - 0.714136 * cr,
+                luma + 1.772 * cb,
+            ];
+            for (&found, exact) in back[3 * (y * width + x)..].iter().zip(exact) {
+                assert!(close(found, exact), "at {x},{y}: {found} for {exact}");
+            }
+        }
+    }
+}
+
+#[test]
+fn flat_colours_survive_rgb() {
+    for (r, g, b) in [
+        (0, 0, 0),
+        (255, 255, 255),
+        (200, 30, 60),
+        (10, 120, 250),
+        (77, 77, 77),
+    ] {
+        let rgb: Vec<u8> = [r, g, b].repeat(16);
+        let back = i420_to_rgb(&rgb_to_i420(4, 4, &rgb).unwrap()).unwrap();
+        // Rounding to 8 bits on the way costs at most 1.402/2 + 1/2 resp. 1.772/2 + 1/2.
+        assert!(
+            back.iter()
+                .zip(&rgb)
+                .all(|(&back, &rgb)| back.abs_diff(rgb) <= 1)
+        );
+    }
+}
+
+#[test]
+fn camera_layouts_are_taken_apart() {
+    let (width, height) = (22usize, 8usize);
+    let nv12 = noise(width * height * 3 / 2, 8);
+    let picture = nv12_to_i420(width as u32, height as u32, &nv12).unwrap();
+    for y in 0..height {
+        for x in 0..width {
+            assert_eq!(at(&picture, 0, x, y), nv12[y * width + x]);
+            let chroma = width * height + y / 2 * width + x / 2 * 2;
+            assert_eq!(at(&picture, 1, x / 2, y / 2), nv12[chroma]);
+            assert_eq!(at(&picture, 2, x / 2, y / 2), nv12[chroma + 1]);
+        }
+    }
+    let yuyv = noise(width * height * 2, 9);
+    let picture = yuyv_to_i420(width as u32, height as u32, &yuyv).unwrap();
+    for y in 0..height {
+        for x in 0..width {
+            assert_eq!(at(&picture, 0, x, y), yuyv[2 * (y * width + x)]);
+            let chroma = |row: usize, which: usize| {
+                f64::from(yuyv[2 * row * width + x / 2 * 4 + 1 + 2 * which])
+            };
+            for which in 0..2 {
+                let mean = (chroma(y / 2 * 2, which) + chroma(y / 2 * 2 + 1, which)) / 2.0;
+                assert_eq!(
+                    f64::from(at(&picture, 1 + which, x / 2, y / 2)),
+                    mean.round()
+                );
+            }
+        }
+    }
+    assert!(matches!(
+        yuyv_to_i420(22, 8, &yuyv[1..]),
+        Err(PictureError::WrongLength {
+            found: 351,
+            expected: 352
+        })
+    ));
+}
+
+#[test]
+fn psnr_is_the_textbook_one() {
+    let (a, b) = (i420(30, 20, 10), i420(30, 20, 11));
+    let slow = |a: &[u8], b: &[u8]| {
+        let sum: f64 = a
+            .iter()
+            .zip(b)
+            .map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2))
+            .sum();
+        10.0 * (255.0f64.powi(2) / (sum / a.len() as f64)).log10()
+    };
+    assert!((psnr(&a, &b) - slow(&a.data[..600], &b.data[..600])).abs() < 1e-9);
+    assert!((psnr_all(&a, &b) - slow(&a.data, &b.data)).abs() < 1e-9);
+    assert_eq!(psnr(&a, &a), f64::INFINITY);
+    assert_eq!(psnr(&a, &i420_to_grey(&a).unwrap()), f64::INFINITY);
+    assert!(psnr_all(&a, &i420_to_grey(&a).unwrap()).is_nan());
+    assert!(psnr(&a, &i420(20, 30, 10)).is_nan());
+    // The largest difference over more than one block does not overflow.
+    let length = 200_001;
+    assert_eq!(
+        squared_difference(&vec![0; length], &vec![255; length]),
+        65025 * length as u64
+    );
+}
