@@ -1,0 +1,291 @@
+//! The rig: which frames there are and where they sit on the plate.
+//!
+//! Contract: a [`Rig`] that exists is a tree that connects every frame to `rig`, each transform a
+//! proper rotation, each camera with its left frame. Reading reports everything that is wrong with a
+//! file at once, each with its line; a rig is never built from the part that was right. The transforms
+//! are fixed for one revision of the plate. Where the rig is in the world changes with time and is
+//! no part of the file.
+//!
+//! The file is TOML:
+//!
+//! ```toml
+//! format = 1
+//! name = "chest plate"
+//! revision = "B"
+//!
+//! [provenance]
+//! kind = "cad"             # nominal, cad, measured or calibrated
+//! note = "assembly drawing 12, cameras in their mounts"
+//!
+//! [[parent_from_child]]    # takes coordinates in child to coordinates in parent
+//! parent = "rig"
+//! child = "feet/left"
+//! rotation_wxyz = [0.5, -0.5, 0.5, -0.5]   # or rotation_rows = [[…], […], […]]
+//! translation_m = [0.05, 0.03, -0.10]      # origin of child, in parent
+//! ```
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use crate::frame::{Frame, FramePart};
+use crate::transform::RigidTransform;
+
+mod file;
+mod table;
+
+/// The version of the file this crate reads.
+pub const RIG_FORMAT: i64 = 1;
+
+/// Fixed transforms of one revision of the rig.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rig {
+    name: String,
+    revision: String,
+    provenance: Provenance,
+    edges: Vec<Edge>,
+    /// For every frame but `rig`: its neighbour on the way to `rig`.
+    towards_rig: BTreeMap<Frame, Step>,
+}
+
+/// One entry of the file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Edge {
+    /// Frame the transform leads to.
+    pub parent: Frame,
+    /// Frame the transform starts from.
+    pub child: Frame,
+    /// Takes coordinates in `child` to coordinates in `parent`.
+    pub parent_from_child: RigidTransform,
+}
+
+/// Where the numbers come from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Provenance {
+    /// How far to trust them.
+    pub kind: ProvenanceKind,
+    /// In words: drawing, method, instrument.
+    pub note: String,
+}
+
+/// How the numbers of a rig came about, from least to most trusted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum ProvenanceKind {
+    /// Written down as intended; nothing was drawn or measured.
+    Nominal,
+    /// Taken from the CAD model.
+    Cad,
+    /// Measured on the built plate.
+    Measured,
+    /// Estimated from recordings.
+    Calibrated,
+}
+
+/// What is wrong with a rig file or with a question to a rig.
+#[derive(Debug, thiserror::Error)]
+pub enum RigError {
+    /// The file could not be read: check the path and its permissions.
+    #[error("reading a rig file: {}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file is not a rig: correct everything listed.
+    #[error("checking a rig file: {problems}{}", in_file(path.as_deref()))]
+    Invalid {
+        /// Everything that is wrong, in the order of the file.
+        problems: Problems,
+        /// The file, where the text came from one.
+        path: Option<PathBuf>,
+    },
+    /// The rig has no such frame: use one of those it has, or add it to the file.
+    #[error("looking up frame {frame} in rig {rig:?}: not there, expected one of {known}")]
+    UnknownFrame {
+        /// The frame asked for.
+        frame: Frame,
+        /// Name of the rig.
+        rig: String,
+        /// The frames it has.
+        known: String,
+    },
+}
+
+/// A list of problems, shown one per line.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Problems(pub Vec<Problem>);
+
+/// One thing that is wrong with a rig file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Problem {
+    /// Line in the file, from 1.
+    pub line: usize,
+    /// What was found and what was expected.
+    pub message: String,
+}
+
+impl Rig {
+    /// Reads and checks a rig file.
+    ///
+    /// # Errors
+    /// [`RigError::Read`], or [`RigError::Invalid`] with everything that is wrong.
+    pub fn read(path: &Path) -> Result<Self, RigError> {
+        let text = std::fs::read_to_string(path).map_err(|source| RigError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        Self::parse(&text).map_err(|error| match error {
+            RigError::Invalid { problems, .. } => RigError::Invalid {
+                problems,
+                path: Some(path.to_owned()),
+            },
+            other => other,
+        })
+    }
+
+    /// Reads and checks the text of a rig file.
+    ///
+    /// # Errors
+    /// [`RigError::Invalid`] with everything that is wrong.
+    pub fn parse(text: &str) -> Result<Self, RigError> {
+        file::parse(text).map_err(|problems| RigError::Invalid {
+            problems,
+            path: None,
+        })
+    }
+
+    /// `b_from_a`, composed along the tree.
+    ///
+    /// # Errors
+    /// [`RigError::UnknownFrame`].
+    pub fn transform(&self, b: &Frame, a: &Frame) -> Result<RigidTransform, RigError> {
+        let to_rig_from_a = self.way_to_rig(a)?;
+        let to_rig_from_b = self.way_to_rig(b)?;
+        // Both ways end in `rig`; what they share at the end cancels and is left out, so that the
+        // transform between neighbours is the stored one.
+        let shared = to_rig_from_a
+            .iter()
+            .rev()
+            .zip(to_rig_from_b.iter().rev())
+            .take_while(|(x, y)| std::ptr::eq(**x, **y))
+            .count();
+        let meeting_from = |way: &[&Step]| {
+            way[..way.len() - shared]
+                .iter()
+                .map(|step| step.next_from_this)
+                .reduce(|next_from_start, after_from_next| after_from_next * next_from_start)
+        };
+        let (m_from_a, m_from_b) = (meeting_from(&to_rig_from_a), meeting_from(&to_rig_from_b));
+        Ok(match (m_from_b, m_from_a) {
+            (None, None) => RigidTransform::identity(),
+            (None, Some(m_from_a)) => m_from_a,
+            (Some(m_from_b), None) => m_from_b.inverse(),
+            (Some(m_from_b), Some(m_from_a)) => m_from_b.inverse() * m_from_a,
+        })
+    }
+
+    /// Name of the plate.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Revision of the plate.
+    pub fn revision(&self) -> &str {
+        &self.revision
+    }
+
+    /// Where the numbers come from.
+    pub fn provenance(&self) -> &Provenance {
+        &self.provenance
+    }
+
+    /// The entries as written, in the order of the file.
+    pub fn edges(&self) -> &[Edge] {
+        &self.edges
+    }
+
+    /// All frames, `rig` first, the others by name.
+    pub fn frames(&self) -> impl Iterator<Item = Frame> + '_ {
+        std::iter::once(Frame::rig()).chain(self.towards_rig.keys().cloned())
+    }
+
+    /// Names of the cameras, sorted. Each has at least its left frame.
+    pub fn cameras(&self) -> Vec<&str> {
+        self.towards_rig
+            .keys()
+            .filter_map(|frame| match frame.camera()? {
+                (camera, FramePart::Left) => Some(camera),
+                _ => None,
+            })
+            .collect()
+    }
+
+    /// The steps from a frame to `rig`.
+    fn way_to_rig(&self, frame: &Frame) -> Result<Vec<&Step>, RigError> {
+        let mut way = Vec::new();
+        let mut here = frame;
+        while let Some(step) = self.towards_rig.get(here) {
+            way.push(step);
+            here = &step.next;
+        }
+        if *here == Frame::rig() {
+            return Ok(way);
+        }
+        let known: Vec<String> = self.frames().map(String::from).collect();
+        Err(RigError::UnknownFrame {
+            frame: frame.clone(),
+            rig: self.name.clone(),
+            known: known.join(", "),
+        })
+    }
+}
+
+/// One step on the way from a frame to `rig`.
+#[derive(Clone, Debug, PartialEq)]
+struct Step {
+    next: Frame,
+    next_from_this: RigidTransform,
+}
+
+impl ProvenanceKind {
+    /// All kinds, from least to most trusted.
+    pub const ALL: [Self; 4] = [Self::Nominal, Self::Cad, Self::Measured, Self::Calibrated];
+
+    /// As written in the file.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Nominal => "nominal",
+            Self::Cad => "cad",
+            Self::Measured => "measured",
+            Self::Calibrated => "calibrated",
+        }
+    }
+}
+
+impl fmt::Display for Problems {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0.as_slice() {
+            [only] => write!(f, "{only}"),
+            all => {
+                write!(f, "{} problems", all.len())?;
+                all.iter()
+                    .try_for_each(|problem| write!(f, "\n  {problem}"))
+            }
+        }
+    }
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "line {}: {}", self.line, self.message)
+    }
+}
+
+fn in_file(path: Option<&Path>) -> String {
+    path.map(|path| format!("\nin {}", path.display()))
+        .unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests;
