@@ -1,1 +1,45 @@
-//! charts
+//! Small, honest charts as SVG text, and self-contained HTML pages to put them in.
+//!
+//! Contract: drawing never fails and never panics. Values that cannot be drawn (not finite, beyond
+//! 1e100 in size, not above zero on a log axis, outside a fixed axis range) are left out and
+//! *counted in the footnote*; a line is broken where one of its points is missing. A chart without
+//! data says "no data". However many points come in, the text that goes out is bounded by the
+//! pixels: lines keep the least and the greatest value of each pixel column, so extremes survive.
+//! The same input gives the same bytes. Text is escaped everywhere.
+//!
+//! The SVG is plain 1.1 with presentation attributes: no scripts, no styles, no ids, no references,
+//! so that several can be put into one page and any converter can draw them. Sizes are CSS pixels.
+//!
+//! ```
+//! use charts::{Axis, Chart, Page, Series, Verdict};
+//!
+//! let speed = Series::scatter("x264", [(12.0, 41.3), (30.0, 43.9)]).labels(["fast", "slow"]);
+//! let svg = Chart::new("Quality against time")
+//!     .x_axis(Axis::log("time per frame", "ms"))
+//!     .y_axis(Axis::linear("PSNR", "dB"))
+//!     .series(speed)
+//!     .hline(40.0, "target")
+//!     .to_svg(700, 360);
+//! let page = Page::new("Encoders").verdict(Verdict::Pass).figure(&svg, "one core").to_html();
+//! assert!(page.contains("target"));
+//! ```
+
+mod axis;
+mod chart;
+mod geometry;
+mod html;
+mod labels;
+mod series;
+mod sheet;
+mod svg;
+mod timeline;
+
+#[cfg(test)]
+mod tests;
+
+pub use axis::{Axis, si, significant};
+pub use chart::Chart;
+pub use html::{Cell, Page, Table, Verdict};
+pub use series::{Bins, Series};
+pub use svg::escape;
+pub use timeline::{Span, Timeline};

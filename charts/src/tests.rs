@@ -1,0 +1,1 @@
+//! What every picture promises, over many kinds of data.
