@@ -1,2 +1,66 @@
-//! xtask
-fn main() {}
+//! `cargo xtask VERB`: what a newcomer and the build machine type, each verb with all its set-up.
+//!
+//! Early: this program compiles before any system package is there, because it installs them.
+//! Late: a verb may be run again at any time; what is already done is not done twice. At a gap
+//! (no network, no Python index, no optional tool) the verb says what it leaves out and why. At
+//! the end: exit code 0 fine, 1 failed, 2 bad arguments. On failure: one message that names the
+//! step, what was found, and what to do.
+#![expect(
+    clippy::disallowed_methods,
+    reason = "a developer tool tells people how long each step took; no logic here depends on time"
+)]
+
+mod args;
+mod bench;
+mod demo;
+mod fuzz;
+mod process;
+mod setup;
+mod test;
+
+use std::process::ExitCode;
+
+use args::Verb;
+use setup::Purpose;
+
+fn main() -> ExitCode {
+    let verb = match args::parse(std::env::args_os().skip(1)) {
+        Ok(verb) => verb,
+        Err(message) => {
+            eprintln!("{message}");
+            return ExitCode::from(2);
+        }
+    };
+    match run(verb) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("\nfailed: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(verb: Verb) -> anyhow::Result<()> {
+    match verb {
+        Verb::Help => {
+            print!("{}", args::HELP);
+            Ok(())
+        }
+        Verb::Setup { install } => setup::system_packages(
+            &[Purpose::Build, Purpose::Video, Purpose::Interoperability],
+            install,
+        ),
+        Verb::Test { install, quick } => test::run(install, quick),
+        Verb::Demo {
+            install,
+            seconds,
+            folder,
+        } => demo::run(install, seconds, folder),
+        Verb::Bench {
+            install,
+            names,
+            arguments,
+        } => bench::run(install, &names, &arguments),
+        Verb::Fuzz { install, seconds } => fuzz::run(install, seconds),
+    }
+}

@@ -1,0 +1,244 @@
+//! `cargo xtask demo`: the main job, end to end, on this machine.
+//!
+//! Three cameras are replayed and recorded by `pawsd`; `paws` imports, validates, indexes and
+//! hands over the session; `paws-reconstruct` reads every frame back. Each stage is the program a
+//! user would start, with the command line shown. A stage that fails ends the demo with the last
+//! lines it printed and the path of its whole output. Nothing is written outside the demo's folder
+//! and the target folder.
+
+mod cameras;
+
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail, ensure};
+
+use crate::process::{self, cargo, human};
+use crate::setup::{self, Purpose};
+
+/// Runs the demo. `folder` must be new or empty; `None` takes `demo` in the target folder and
+/// empties it first.
+pub(crate) fn run(install: bool, seconds: u32, folder: Option<PathBuf>) -> Result<()> {
+    setup::system_packages(&[Purpose::Build, Purpose::Video], install)?;
+    let start = Instant::now();
+    println!("Building the programs (the first time takes minutes) ...");
+    process::run(cargo()?.args(["build", "--locked"]).args([
+        "--package=capture-daemon",
+        "--package=collector",
+        "--package=reconstruction",
+    ]))?;
+    println!("Built in {}.", human(start.elapsed()));
+
+    let demo = Demo::prepare(folder)?;
+    demo.main_job(seconds)
+}
+
+/// Where things lie while the demo runs.
+struct Demo {
+    folder: PathBuf,
+    /// Holds `pawsd`, `paws` and `paws-reconstruct`.
+    programs: PathBuf,
+}
+
+impl Demo {
+    fn prepare(named: Option<PathBuf>) -> Result<Self> {
+        let folder = match named {
+            Some(named) => {
+                let occupied =
+                    fs::read_dir(&named).is_ok_and(|mut entries| entries.next().is_some());
+                ensure!(
+                    !occupied,
+                    "the demo needs a new or an empty folder, and this one holds something: {}",
+                    named.display()
+                );
+                std::path::absolute(named).context("reading --keep")?
+            }
+            None => {
+                let own = process::target_folder()?.join("demo");
+                if own.exists() {
+                    fs::remove_dir_all(&own)
+                        .with_context(|| format!("emptying {}", own.display()))?;
+                }
+                own
+            }
+        };
+        let logs = folder.join("logs");
+        fs::create_dir_all(&logs).with_context(|| format!("making {}", logs.display()))?;
+        Ok(Self {
+            folder,
+            programs: process::program_folder()?,
+        })
+    }
+
+    /// The stages in their order. All command lines of the three programs stand here.
+    fn main_job(&self, seconds: u32) -> Result<()> {
+        let start = Instant::now();
+        let path = |name: &str| self.folder.join(name).display().to_string();
+        let (config, recorded, library) = (path("pawsd.toml"), path("recorded"), path("library"));
+        let (report, verdict) = (path("report.html"), path("report.json"));
+        let (handoff, frames) = (path("handoff"), path("frames"));
+
+        let cameras = cameras::choose(process::data_folder()?.as_deref());
+        fs::write(&config, cameras.configuration()).with_context(|| format!("writing {config}"))?;
+        println!("\nThree cameras: {}.\n", cameras.description());
+
+        let length = seconds.to_string();
+        let record = [
+            "record",
+            "--config",
+            &config,
+            "--out",
+            &recorded,
+            "--seconds",
+            &length,
+        ];
+        let session = self.stage("record", "pawsd", &record)?;
+        let name = Path::new(&session)
+            .file_name()
+            .filter(|_| Path::new(&session).is_dir())
+            .and_then(|name| name.to_str())
+            .with_context(|| {
+                format!(
+                    "the last line that `pawsd record` printed should be the session's folder, and is {session:?}"
+                )
+            })?;
+        self.stage(
+            "import",
+            "paws",
+            &["import", &session, "--library", &library],
+        )?;
+        let verdict_line = self.stage(
+            "validate",
+            "paws",
+            &[
+                "validate",
+                name,
+                "--library",
+                &library,
+                "--html",
+                &report,
+                "--json",
+                &verdict,
+            ],
+        )?;
+        self.stage("index", "paws", &["index", name, "--library", &library])?;
+        self.stage(
+            "hand off",
+            "paws",
+            &["handoff", name, "--library", &library, "--out", &handoff],
+        )?;
+        self.stage(
+            "read back",
+            "paws-reconstruct",
+            &["frames", &handoff, "--out", &frames],
+        )?;
+
+        println!();
+        println!(
+            "The main job ran from end to end in {}.",
+            human(start.elapsed())
+        );
+        println!();
+        println!(
+            "  session   {name}, {:.1} MB",
+            megabytes(Path::new(&session))?
+        );
+        println!("  verdict   {}", verdict_line);
+        println!(
+            "  pictures  {} PNG files in {frames}",
+            count_png(Path::new(&frames))?
+        );
+        println!("  library   {library}");
+        println!("  report    {report}");
+        Ok(())
+    }
+
+    /// Runs one program to its end with its output in `logs/`, and shows one line about it: the
+    /// last line of its standard output that is not empty, which is returned.
+    fn stage(&self, name: &str, program: &str, arguments: &[&str]) -> Result<String> {
+        print!("  {name:10} ");
+        std::io::stdout()
+            .flush()
+            .context("writing to the terminal")?;
+        let log = |kind: &str| {
+            let file = format!("{}.{kind}.txt", name.replace(' ', "-"));
+            self.folder.join("logs").join(file)
+        };
+        let (output, messages) = (log("output"), log("messages"));
+        let create = |path: &Path| {
+            File::create(path).with_context(|| format!("making the log {}", path.display()))
+        };
+        let mut command = process::command(self.programs.join(program))?;
+        command
+            .args(arguments)
+            .stdout(create(&output)?)
+            .stderr(create(&messages)?);
+
+        let start = Instant::now();
+        let status = command
+            .status()
+            .with_context(|| format!("starting `{}`", process::line(&command)))?;
+        let took = start.elapsed();
+        let text = |path: &Path| {
+            let bytes =
+                fs::read(path).with_context(|| format!("reading the log {}", path.display()))?;
+            Ok::<_, anyhow::Error>(String::from_utf8_lossy(&bytes).into_owned())
+        };
+        let printed = text(&output)?;
+        if !status.success() {
+            println!("failed after {}", human(took));
+            bail!(
+                "`{}` ended with {status}. Its last lines:\n\n{}{}\nThe whole of it: {} and {}",
+                process::line(&command),
+                tail(&printed, 15),
+                tail(&text(&messages)?, 15),
+                output.display(),
+                messages.display(),
+            );
+        }
+        let said = printed.lines().rfind(|line| !line.trim().is_empty());
+        let said = said.unwrap_or_default().trim().to_owned();
+        println!("{:>8}  {said}", human(took));
+        Ok(said)
+    }
+}
+
+/// The last `count` lines, indented.
+fn tail(text: &str, count: usize) -> String {
+    let lines: Vec<&str> = text.lines().collect();
+    lines[lines.len().saturating_sub(count)..]
+        .iter()
+        .map(|line| format!("    {line}\n"))
+        .collect()
+}
+
+/// Size of all files in a folder and the folders below it, in megabytes (10^6 bytes).
+fn megabytes(folder: &Path) -> Result<f64> {
+    let mut bytes = 0;
+    each_file(folder, &mut |_, size| bytes += size)?;
+    Ok(bytes as f64 / 1e6)
+}
+
+fn count_png(folder: &Path) -> Result<usize> {
+    let mut count = 0;
+    each_file(folder, &mut |path, _| {
+        count += usize::from(path.extension().is_some_and(|extension| extension == "png"));
+    })?;
+    Ok(count)
+}
+
+fn each_file(folder: &Path, take: &mut impl FnMut(&Path, u64)) -> Result<()> {
+    let reading = || format!("reading the folder {}", folder.display());
+    for entry in fs::read_dir(folder).with_context(reading)? {
+        let entry = entry.with_context(reading)?;
+        let data = entry.metadata().with_context(reading)?;
+        if data.is_dir() {
+            each_file(&entry.path(), take)?;
+        } else {
+            take(&entry.path(), data.len());
+        }
+    }
+    Ok(())
+}

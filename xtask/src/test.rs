@@ -1,0 +1,192 @@
+//! `cargo xtask test`: every check that must pass before a change lands, in one go.
+//!
+//! A failed step does not stop the later ones, so that one run tells everything that is wrong; the
+//! table at the end repeats what failed, what was left out and why. Tests that skip themselves
+//! print a line beginning with `skipped:`; the test runner hides the output of tests that pass, so
+//! those lines are picked out of it and shown (see [`runner`]).
+
+mod python;
+mod runner;
+
+use std::io::{BufRead, BufReader};
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+
+use crate::process::{self, cargo, human};
+use crate::setup::{self, Purpose};
+use runner::Report;
+
+/// How a step ended; the text is what the table says beside it.
+enum Ending {
+    Passed(String),
+    LeftOut(String),
+    Failed(String),
+}
+
+struct Step {
+    name: &'static str,
+    ending: Ending,
+    took: Duration,
+}
+
+/// Runs the checks; the error names the steps that failed. With `quick`: no Python readers, only
+/// the unit tests, no documentation, no cargo deny.
+pub(crate) fn run(install: bool, quick: bool) -> Result<()> {
+    let mut purposes = vec![Purpose::Build, Purpose::Video];
+    if !quick {
+        purposes.push(Purpose::Interoperability);
+    }
+    setup::system_packages(&purposes, install)?;
+    setup::rust_components(install)?;
+
+    let mut report = Report::default();
+    let mut python = None;
+    let mut steps = vec![step("format", format_check), step("clippy", clippy)];
+    if !quick {
+        steps.push(step("python readers", || {
+            Ok(match python::interpreter() {
+                Ok(path) => {
+                    let text = path.display().to_string();
+                    python = Some(path);
+                    Ending::Passed(text)
+                }
+                Err(error) => {
+                    println!("{error:#}");
+                    Ending::LeftOut("tests that need them skip themselves".into())
+                }
+            })
+        }));
+    }
+    steps.push(step("tests", || tests(quick, python, &mut report)));
+    if !quick {
+        steps.push(step("documentation", documentation));
+        steps.push(step("cargo deny", deny));
+    }
+    conclude(&steps, &report)
+}
+
+fn step(name: &'static str, work: impl FnOnce() -> Result<Ending>) -> Step {
+    println!("\n== {name}");
+    let start = Instant::now();
+    let ending = work().unwrap_or_else(|error| {
+        println!("{error:#}");
+        Ending::Failed(String::new())
+    });
+    Step {
+        name,
+        ending,
+        took: start.elapsed(),
+    }
+}
+
+fn format_check() -> Result<Ending> {
+    process::run(cargo()?.args(["fmt", "--all", "--check"]))
+        .context("the code is not formatted; `cargo fmt --all` mends it")?;
+    Ok(Ending::Passed(String::new()))
+}
+
+fn clippy() -> Result<Ending> {
+    process::run(cargo()?.args([
+        "clippy",
+        "--workspace",
+        "--all-targets",
+        "--locked",
+        "--",
+        "-D",
+        "warnings",
+    ]))?;
+    Ok(Ending::Passed(String::new()))
+}
+
+fn tests(quick: bool, python: Option<std::path::PathBuf>, report: &mut Report) -> Result<Ending> {
+    let mut command = cargo()?;
+    command.args(["test", "--workspace", "--locked", "--no-fail-fast"]);
+    if quick {
+        command.args(["--lib", "--bins"]);
+    }
+    command.args(["--", "--show-output"]);
+    if let Some(python) = python {
+        command.env("PAWS_PYTHON", python);
+    }
+    match process::data_folder()? {
+        Some(folder) => {
+            println!("real recordings: {}", folder.display());
+            command.env("PAWS_DATA", folder);
+        }
+        None => println!("real recordings: none; see `cargo xtask help`"),
+    }
+
+    let mut child = command
+        .stdout(Stdio::piped())
+        .spawn()
+        .with_context(|| format!("starting `{}`", process::line(&command)))?;
+    let output = child.stdout.take().context("no output to read")?;
+    for line in BufReader::new(output).split(b'\n') {
+        let line = line.context("reading the test runner's output")?;
+        let line = String::from_utf8_lossy(&line);
+        if report.take(&line) {
+            println!("{line}");
+        }
+    }
+    let status = child.wait().context("waiting for the test runner")?;
+    if !status.success() {
+        bail!("`{}` ended with {status}", process::line(&command));
+    }
+    Ok(Ending::Passed(report.counts()))
+}
+
+fn documentation() -> Result<Ending> {
+    let mut command = cargo()?;
+    command
+        .args(["doc", "--workspace", "--no-deps", "--locked"])
+        .env("RUSTDOCFLAGS", "-D warnings");
+    process::run(&mut command)?;
+    Ok(Ending::Passed(String::new()))
+}
+
+fn deny() -> Result<Ending> {
+    if !process::succeeds(cargo()?.args(["deny", "--version"])) {
+        let how = "the tool is not here; `cargo install --locked cargo-deny` gets it";
+        println!("left out: {how}");
+        return Ok(Ending::LeftOut(how.into()));
+    }
+    process::run(cargo()?.args(["deny", "--locked", "check"]))?;
+    Ok(Ending::Passed(String::new()))
+}
+
+fn conclude(steps: &[Step], report: &Report) -> Result<()> {
+    if !report.skipped.is_empty() {
+        println!("\nTests that skipped themselves, or a part of their work:");
+        for (test, reason) in &report.skipped {
+            println!("  {test}: {reason}");
+        }
+    }
+    if !report.failed.is_empty() {
+        println!("\nTests that failed:");
+        for test in &report.failed {
+            println!("  {test}");
+        }
+    }
+    println!();
+    for step in steps {
+        let (word, text) = match &step.ending {
+            Ending::Passed(text) => ("ok", text),
+            Ending::LeftOut(text) => ("left out", text),
+            Ending::Failed(text) => ("FAILED", text),
+        };
+        let row = format!("{:16} {word:9} {:>12}  {text}", step.name, human(step.took));
+        println!("{}", row.trim_end());
+    }
+    let failed: Vec<&str> = steps
+        .iter()
+        .filter(|step| matches!(step.ending, Ending::Failed(_)))
+        .map(|step| step.name)
+        .collect();
+    if !failed.is_empty() {
+        bail!("{}", failed.join(", "));
+    }
+    println!("\nAll that ran has passed.");
+    Ok(())
+}
