@@ -6,6 +6,8 @@
 //! changes its input. Values are full range (0..=255) and mean what they mean in a JPEG file
 //! (JFIF 1.02: full-range BT.601); nothing here rescales them.
 
+use std::fmt;
+
 use bytes::Bytes;
 use thiserror::Error;
 
@@ -40,7 +42,7 @@ impl PixelFormat {
             .ok_or(PictureError::TooLarge { width, height })?;
         match self {
             PixelFormat::Grey8 => Ok(luma),
-            PixelFormat::I420 if width % 2 != 0 || height % 2 != 0 => {
+            PixelFormat::I420 if !width.is_multiple_of(2) || !height.is_multiple_of(2) => {
                 Err(PictureError::OddSize { width, height })
             }
             PixelFormat::I420 => Ok(luma + luma / 2),
@@ -49,7 +51,7 @@ impl PixelFormat {
 }
 
 /// One uncompressed picture. Cloning is cheap: the bytes are shared.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Clone, PartialEq, Eq)]
 pub struct Picture {
     /// Columns.
     pub width: u32,
@@ -59,6 +61,16 @@ pub struct Picture {
     pub format: PixelFormat,
     /// The planes, tightly packed, exactly [`PixelFormat::bytes`] long.
     pub data: Bytes,
+}
+
+impl fmt::Debug for Picture {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "Picture({}x{} {:?})",
+            self.width, self.height, self.format
+        )
+    }
 }
 
 /// Why a picture could not be used. The caller passed something that cannot work; trying again
@@ -230,7 +242,7 @@ pub fn side_by_side(left: &Picture, right: &Picture) -> Result<Picture, PictureE
 /// width must be a multiple of four); and what [`Picture::check`] gives.
 pub fn split(both: &Picture) -> Result<(Picture, Picture), PictureError> {
     let (width, height, format) = (both.width / 2, both.height, both.format);
-    if both.width % 2 != 0 {
+    if !both.width.is_multiple_of(2) {
         return Err(PictureError::OddSize {
             width: both.width,
             height,

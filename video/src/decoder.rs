@@ -1,0 +1,391 @@
+//! Access units in, pictures out.
+//!
+//! Contract. A call to [`Decoder::decode`] takes a run of access units that begins with a key frame (a
+//! group of pictures, or several) and gives its pictures in order, each with its time to the
+//! nanosecond. *Complete or an error*: if a picture is missing, the error holds those that came and the times of
+//! those that did not. Bytes that are not video give an error, never a panic. *Nothing carries over*
+//! from one call to the next, so calls may jump about in a recording. *Time*: a call gives up when
+//! nothing has come for [`STALL`].
+//!
+//! What a decoder cannot know: it conceals damage inside a picture as best it can, and only part of
+//! that is reported (as a missing picture). Bytes that may be damaged are for checksums to find.
+//!
+//! Decoders are taken from what the machine has, hardware first; the first that decodes something is kept.
+//! **The hardware decoders have never been run by this project.** A conforming stream decodes to
+//! the same pictures with each of them.
+
+use std::sync::{Arc, Condvar, Mutex};
+use std::time::Duration;
+
+use gstreamer as gst;
+use gstreamer::prelude::*;
+use gstreamer_app as gst_app;
+use thiserror::Error;
+
+use crate::pipeline::{self, InitError, News, Running, lock, wait_while};
+use crate::{AccessUnit, Codec, Picture, annexb, layout};
+
+/// How long a decoder may give nothing before [`Decoder::decode`] gives up.
+pub const STALL: Duration = Duration::from_secs(10);
+
+/// Elements that decode, best first: name, and what has to follow to get pictures into
+/// system memory.
+fn candidates(codec: Codec) -> &'static [(&'static str, Option<&'static str>)] {
+    match codec {
+        Codec::H264 => &[
+            ("nvv4l2decoder", Some("nvvidconv")),
+            ("nvh264dec", None),
+            ("avdec_h264", None),
+            ("openh264dec", None),
+        ],
+        Codec::H265 => &[
+            ("nvv4l2decoder", Some("nvvidconv")),
+            ("nvh265dec", None),
+            ("avdec_h265", None),
+            ("libde265dec", None),
+        ],
+    }
+}
+
+/// Why pictures are missing.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum DecodeError {
+    /// GStreamer itself is unusable.
+    #[error(transparent)]
+    Init(#[from] InitError),
+    /// Install a decoder: none of those we know is there and works.
+    #[error("no {codec} decoder works on this machine: {reasons}")]
+    NoDecoder {
+        /// What was to be decoded.
+        codec: Codec,
+        /// Every decoder tried, with its reason.
+        reasons: String,
+    },
+    /// Begin earlier.
+    #[error("the access unit at {0} ns is no key frame, expected one to begin with")]
+    NotKey(i64),
+    /// Times must rise and not be negative.
+    #[error("access unit at {found} ns after one at {previous:?} ns, expected rising times")]
+    Time {
+        /// The time found.
+        found: i64,
+        /// The one before, if any.
+        previous: Option<i64>,
+    },
+    /// Part of the stream cannot be decoded. The rest is good.
+    #[error("{} of {} pictures did not come out, the first at {} ns", .missing.len(),
+        .missing.len() + .pictures.len(), .missing.first().copied().unwrap_or_default())]
+    Incomplete {
+        /// What came out, in order.
+        pictures: Vec<(i64, Picture)>,
+        /// The times of what did not, in order, ns.
+        missing: Vec<i64>,
+    },
+    /// The decoder refused the stream.
+    #[error("decoder failed: {0}")]
+    Failed(String),
+    /// The decoder is stuck. A new call starts a new one.
+    #[error("decoder gave nothing for {} s", STALL.as_secs())]
+    Stalled,
+}
+
+/// A decoder for one codec. Sizes may change from call to call.
+#[derive(Debug)]
+pub struct Decoder {
+    codec: Codec,
+    threads: u32,
+    session: Option<Session>,
+    /// The element that has been seen to work.
+    proven: Option<&'static str>,
+}
+
+/// A running pipeline.
+#[derive(Debug)]
+struct Session {
+    // Dropped first: no callback runs once the pipeline has stopped.
+    _running: Running,
+    source: gst_app::AppSrc,
+    shared: Arc<Shared>,
+    element: &'static str,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    pictures: Vec<(i64, Picture)>,
+    ended: bool,
+    failure: Option<String>,
+}
+
+impl Decoder {
+    /// A decoder that uses one thread. The element is chosen by the first [`Decoder::decode`].
+    pub fn new(codec: Codec) -> Decoder {
+        Decoder::with_threads(codec, 1)
+    }
+
+    /// A decoder that may use up to `threads` threads; 0 leaves the number to the element. The
+    /// pictures are the same.
+    pub fn with_threads(codec: Codec, threads: u32) -> Decoder {
+        Decoder {
+            codec,
+            threads,
+            session: None,
+            proven: None,
+        }
+    }
+
+    /// What is decoded.
+    pub fn codec(&self) -> Codec {
+        self.codec
+    }
+
+    /// The GStreamer element in use, once something has been decoded.
+    pub fn element(&self) -> Option<&'static str> {
+        self.proven
+    }
+
+    /// Decodes a run of access units that begins with a key frame and has rising times. Pictures are
+    /// I420, in order of time, one per access unit. All of them are in memory at once:
+    /// `1.5 * width * height` bytes each.
+    ///
+    /// # Errors
+    /// See [`DecodeError`]. After any error the next call starts afresh.
+    pub fn decode(&mut self, units: &[AccessUnit]) -> Result<Vec<(i64, Picture)>, DecodeError> {
+        let Some(first) = units.first() else {
+            return Ok(Vec::new());
+        };
+        if !annexb::is_key(self.codec, &first.data) {
+            return Err(DecodeError::NotKey(first.pts_ns));
+        }
+        let mut previous = None;
+        for found in units.iter().map(|unit| unit.pts_ns) {
+            if found < 0 || previous.is_some_and(|previous| found <= previous) {
+                return Err(DecodeError::Time { found, previous });
+            }
+            previous = Some(found);
+        }
+        pipeline::init()?;
+        if self.proven.is_some() {
+            return self.decode_with(units);
+        }
+        let mut reasons = Vec::new();
+        let mut last = None;
+        for &(element, converter) in candidates(self.codec) {
+            match Session::start(self.codec, element, converter, self.threads) {
+                Ok(session) => self.session = Some(session),
+                Err(reason) => {
+                    reasons.push(format!("{element}: {reason}"));
+                    continue;
+                }
+            }
+            match self.decode_with(units) {
+                Err(error @ (DecodeError::Failed(_) | DecodeError::Stalled)) => {
+                    log::debug!("{element} does not decode {}: {error}", self.codec);
+                    last = Some(error);
+                }
+                Err(DecodeError::Incomplete { pictures, missing }) if pictures.is_empty() => {
+                    last = Some(DecodeError::Incomplete { pictures, missing });
+                }
+                result => {
+                    self.proven = Some(element);
+                    return result;
+                }
+            }
+        }
+        // If a decoder started but gave nothing, the stream is as likely to blame.
+        Err(last.unwrap_or_else(|| DecodeError::NoDecoder {
+            codec: self.codec,
+            reasons: reasons.join("; "),
+        }))
+    }
+
+    /// Decodes with the session there is, or a new one of the proven element.
+    fn decode_with(&mut self, units: &[AccessUnit]) -> Result<Vec<(i64, Picture)>, DecodeError> {
+        let session = match self.session.take() {
+            Some(session) => session,
+            None => {
+                let (element, converter) = candidates(self.codec)
+                    .iter()
+                    .find(|candidate| Some(candidate.0) == self.proven)
+                    .copied()
+                    .ok_or_else(|| DecodeError::Failed("no decoder was chosen".into()))?;
+                Session::start(self.codec, element, converter, self.threads)
+                    .map_err(|reason| DecodeError::Failed(format!("{element}: {reason}")))?
+            }
+        };
+        let pictures = session.run(units)?;
+        if session.rewind() {
+            self.session = Some(session);
+        }
+        let missing: Vec<i64> = units
+            .iter()
+            .map(|unit| unit.pts_ns)
+            .filter(|&time| {
+                pictures
+                    .binary_search_by_key(&time, |picture| picture.0)
+                    .is_err()
+            })
+            .collect();
+        if missing.is_empty() && pictures.len() == units.len() {
+            Ok(pictures)
+        } else {
+            Err(DecodeError::Incomplete { pictures, missing })
+        }
+    }
+}
+
+impl Session {
+    fn start(
+        codec: Codec,
+        element: &'static str,
+        converter: Option<&str>,
+        threads: u32,
+    ) -> Result<Session, String> {
+        let source = gst_app::AppSrc::builder()
+            .caps(
+                &gst::Caps::builder(codec.media_type())
+                    .field("stream-format", "byte-stream")
+                    .field("alignment", "au")
+                    .build(),
+            )
+            .format(gst::Format::Time)
+            // Everything is pushed at once: the caller holds it in memory anyway.
+            .max_bytes(0)
+            .max_buffers(0)
+            .build();
+        let decoder = pipeline::make(element)?;
+        // Of libav: no pictures made up around missing references, and threads as asked for.
+        pipeline::set_property(&decoder, "output-corrupt", "false")?;
+        pipeline::set_property(&decoder, "max-threads", &threads.to_string())?;
+        let mut elements = vec![
+            source.clone().upcast(),
+            pipeline::make(codec.parser())?,
+            decoder,
+        ];
+        if let Some(converter) = converter {
+            elements.push(pipeline::make(converter)?);
+        }
+        let shared = Arc::new(Shared::default());
+        let (delivering, ending) = (shared.clone(), shared.clone());
+        let sink = gst_app::AppSink::builder()
+            .caps(
+                &gst::Caps::builder("video/x-raw")
+                    .field("format", gst::List::new(["I420", "NV12", "GRAY8"]))
+                    .build(),
+            )
+            .sync(false)
+            .async_(false)
+            .max_buffers(1)
+            .callbacks(
+                gst_app::AppSinkCallbacks::builder()
+                    .new_sample(move |sink| {
+                        let sample = sink.pull_sample().map_err(|_| gst::FlowError::Eos)?;
+                        delivering.deliver(&sample);
+                        Ok(gst::FlowSuccess::Ok)
+                    })
+                    .eos(move |_| {
+                        lock(&ending.state).ended = true;
+                        ending.changed.notify_all();
+                    })
+                    .build(),
+            )
+            .build();
+        elements.push(sink.upcast());
+        let failing = Arc::downgrade(&shared);
+        let running = Running::start(&elements, move |news| {
+            if let (News::Failed(reason), Some(shared)) = (news, failing.upgrade()) {
+                lock(&shared.state).failure.get_or_insert(reason);
+                shared.changed.notify_all();
+            }
+        })?;
+        Ok(Session {
+            _running: running,
+            source,
+            shared,
+            element,
+        })
+    }
+
+    /// Sends everything through and collects what comes out, in order of time.
+    fn run(&self, units: &[AccessUnit]) -> Result<Vec<(i64, Picture)>, DecodeError> {
+        for unit in units {
+            let mut buffer = gst::Buffer::from_slice(unit.data.clone());
+            if let Some(buffer) = buffer.get_mut() {
+                let time = gst::ClockTime::from_nseconds(unit.pts_ns as u64);
+                buffer.set_pts(time);
+                buffer.set_dts(time);
+            }
+            if self.source.push_buffer(buffer).is_err() {
+                break;
+            }
+        }
+        // As with the pushes: it fails only after a failure, which is found below.
+        let _ = self.source.end_of_stream();
+        let mut state = lock(&self.shared.state);
+        while state.failure.is_none() && !state.ended {
+            let before = state.pictures.len();
+            let (after, stalled) = wait_while(&self.shared.changed, state, STALL, |state| {
+                state.failure.is_none() && !state.ended && state.pictures.len() == before
+            });
+            state = after;
+            if stalled {
+                return Err(DecodeError::Stalled);
+            }
+        }
+        if let Some(reason) = &state.failure {
+            return Err(DecodeError::Failed(format!("{}: {reason}", self.element)));
+        }
+        let mut pictures = std::mem::take(&mut state.pictures);
+        pictures.sort_by_key(|picture| picture.0);
+        pictures.dedup_by_key(|picture| picture.0);
+        Ok(pictures)
+    }
+
+    /// Makes ready for another run; false if the pipeline is of no more use.
+    fn rewind(&self) -> bool {
+        let flushed = self.source.send_event(gst::event::FlushStart::new())
+            && self.source.send_event(gst::event::FlushStop::new(true));
+        let mut state = lock(&self.shared.state);
+        state.ended = false;
+        state.pictures.clear();
+        flushed && state.failure.is_none()
+    }
+}
+
+impl Shared {
+    fn deliver(&self, sample: &gst::Sample) {
+        let picture = picture(sample);
+        let mut state = lock(&self.state);
+        match picture {
+            Ok(Some(picture)) => state.pictures.push(picture),
+            Ok(None) => {}
+            Err(reason) => {
+                state.failure.get_or_insert(reason);
+            }
+        }
+        drop(state);
+        self.changed.notify_all();
+    }
+}
+
+/// A sample as picture and time; `None` if the decoder itself calls it damaged.
+fn picture(sample: &gst::Sample) -> Result<Option<(i64, Picture)>, String> {
+    let buffer = sample.buffer().ok_or("decoded picture without data")?;
+    if buffer.flags().contains(gst::BufferFlags::CORRUPTED) {
+        return Ok(None);
+    }
+    let time = sample
+        .segment()
+        .and_then(|segment| segment.downcast_ref::<gst::ClockTime>())
+        .and_then(|segment| segment.to_running_time(buffer.pts()?))
+        .ok_or("decoded picture without a time")?;
+    Ok(Some((time.nseconds() as i64, layout::from_sample(sample)?)))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,239 @@
+//! Which encoder works on this machine: not by asking what is installed, but by encoding.
+//!
+//! Contract: a trial encodes a few moving pictures, forces a key frame in the middle, and checks every promise of
+//! [`crate::encoder`] on what comes out. It takes at most [`TRIAL_LIMIT`], even if the encoder hangs; a hung one is
+//! left behind on its thread. Trials run at the start of a program, not while recording: a trial occupies the encoder.
+
+use std::sync::mpsc;
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use bytes::Bytes;
+use thiserror::Error;
+
+use crate::encoder::{self, EncodeError, Encoder, EncoderEvent, EncoderSettings};
+use crate::pipeline::{self, InitError, lock};
+use crate::{AccessUnit, Codec, Picture, PictureError, PixelFormat};
+
+/// The longest that one trial may take.
+pub const TRIAL_LIMIT: Duration = Duration::from_secs(20);
+
+/// Pictures of a trial, and which one is forced to be a key frame.
+const PICTURES: usize = 12;
+const FORCED: usize = 7;
+
+/// What a trial found out about an encoder that works.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trial {
+    /// The GStreamer element.
+    pub element: String,
+    /// What it produces.
+    pub codec: Codec,
+    /// Pictures per second, one encoder with one thread and nothing beside it, on pictures that are hard to
+    /// compress. A rough figure: it comes from a few pictures.
+    pub pictures_per_s: f64,
+}
+
+/// Why an encoder is of no use here.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum TrialError {
+    /// GStreamer itself is unusable.
+    #[error(transparent)]
+    Init(#[from] InitError),
+    /// No encoder can do this size.
+    #[error(transparent)]
+    Size(#[from] PictureError),
+    /// The plugin is missing, or finds no device.
+    #[error("not on this machine")]
+    Missing,
+    /// It is there but would not encode.
+    #[error(transparent)]
+    Encode(EncodeError),
+    /// It encodes, but not as promised.
+    #[error("{0}")]
+    Wrong(String),
+    /// It works but cannot keep up.
+    #[error("{found} pictures/s, expected at least {needed}")]
+    Slow {
+        /// Pictures per second in the trial, rounded down.
+        found: u32,
+        /// Pictures per second asked for, rounded up.
+        needed: u32,
+    },
+    /// It hangs.
+    #[error("no result within {} s", TRIAL_LIMIT.as_secs())]
+    Hung,
+}
+
+/// The encoder to use, and why not a better one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Choice {
+    /// The trial it passed.
+    pub trial: Trial,
+    /// Those preferred to it, in order, with the reason why each was passed over.
+    pub refused: Vec<(String, TrialError)>,
+}
+
+/// No encoder works here.
+#[derive(Debug, Clone, PartialEq, Error)]
+#[error("no video encoder works on this machine: {}", list(.refused))]
+pub struct NoEncoder {
+    /// All of them, in order of preference, with the reasons.
+    pub refused: Vec<(String, TrialError)>,
+}
+
+fn list(refused: &[(String, TrialError)]) -> String {
+    let lines: Vec<String> = refused
+        .iter()
+        .map(|(element, reason)| format!("{element}: {reason}"))
+        .collect();
+    lines.join("; ")
+}
+
+/// Tries one encoder at one size.
+///
+/// # Errors
+/// See [`TrialError`].
+pub fn trial(element: &str, width: u32, height: u32) -> Result<Trial, TrialError> {
+    pipeline::init()?;
+    PixelFormat::I420.bytes(width, height)?;
+    let codec = encoder::element_codec(element).ok_or(TrialError::Missing)?;
+    if gstreamer::ElementFactory::find(element).is_none() {
+        return Err(TrialError::Missing);
+    }
+    let (send, receive) = mpsc::sync_channel(1);
+    let name = element.to_owned();
+    thread::Builder::new()
+        .name("video-trial".into())
+        .spawn(move || {
+            let _ = send.send(run(&name, codec, width, height));
+        })
+        .map_err(|error| TrialError::Wrong(format!("starting a thread: {error}")))?;
+    receive
+        .recv_timeout(TRIAL_LIMIT)
+        .unwrap_or(Err(TrialError::Hung))
+}
+
+/// The first encoder in order of preference that works at this size. Software encoders are in the list
+/// too, so where x264enc or openh264enc is installed there is always one.
+///
+/// # Errors
+/// [`NoEncoder`] with every reason.
+pub fn best_encoder(width: u32, height: u32) -> Result<Choice, NoEncoder> {
+    best_encoder_at(width, height, 0.0)
+}
+
+/// As [`best_encoder`], passing over encoders whose trial was slower than `pictures_per_s`. Ask for
+/// more than the cameras' rates together: the trial had the machine to itself.
+///
+/// # Errors
+/// [`NoEncoder`] with every reason.
+pub fn best_encoder_at(width: u32, height: u32, pictures_per_s: f64) -> Result<Choice, NoEncoder> {
+    let mut refused = Vec::new();
+    for element in encoder::known_elements() {
+        match trial(element, width, height) {
+            Ok(trial) if trial.pictures_per_s >= pictures_per_s => {
+                return Ok(Choice { trial, refused });
+            }
+            Ok(trial) => {
+                let found = trial.pictures_per_s as u32;
+                let needed = pictures_per_s.ceil() as u32;
+                refused.push((element.to_owned(), TrialError::Slow { found, needed }));
+            }
+            Err(reason) => refused.push((element.to_owned(), reason)),
+        }
+    }
+    Err(NoEncoder { refused })
+}
+
+/// The trial itself, on a thread that may be left behind.
+fn run(element: &str, codec: Codec, width: u32, height: u32) -> Result<Trial, TrialError> {
+    let pictures: Vec<Picture> = (0..PICTURES)
+        .map(|number| moving(width, height, number))
+        .collect::<Result<_, _>>()?;
+    // Odd, uneven and far from zero, as CLOCK_MONOTONIC is.
+    let times: Vec<i64> = (0..PICTURES as i64)
+        .map(|number| 86_400_000_000_007 + number * 33_333_333 + number * number * 1_013)
+        .collect();
+    let settings = EncoderSettings {
+        element: element.to_owned(),
+        width,
+        height,
+        rate_hz: 30.0,
+        quality_db: 42.0,
+        threads: 1,
+        max_key_interval_frames: 1_000,
+    };
+    let units: Arc<Mutex<Vec<AccessUnit>>> = Arc::default();
+    let collecting = units.clone();
+    let mut encoder = Encoder::start(
+        &settings,
+        Box::new(move |event| {
+            if let EncoderEvent::AccessUnit(unit) = event {
+                lock(&collecting).push(unit);
+            }
+        }),
+    )
+    .map_err(TrialError::Encode)?;
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "the speed of this machine is the question"
+    )]
+    let begin = Instant::now();
+    for (number, (picture, &time)) in pictures.iter().zip(&times).enumerate() {
+        encoder
+            .push(time, picture, number == FORCED)
+            .map_err(TrialError::Encode)?;
+    }
+    encoder.finish(TRIAL_LIMIT).map_err(TrialError::Encode)?;
+    let elapsed = begin.elapsed().as_secs_f64();
+    check(&lock(&units), &times)?;
+    Ok(Trial {
+        element: element.to_owned(),
+        codec,
+        pictures_per_s: PICTURES as f64 / elapsed.max(1e-6),
+    })
+}
+
+/// Order, times and parameter sets are watched by the encoder itself; what is left is the number and
+/// where the key frames are.
+fn check(units: &[AccessUnit], times: &[i64]) -> Result<(), TrialError> {
+    let found: Vec<i64> = units.iter().map(|unit| unit.pts_ns).collect();
+    if found != times {
+        return Err(TrialError::Wrong(format!(
+            "times {found:?}, expected {times:?}"
+        )));
+    }
+    let keys: Vec<usize> = (0..units.len())
+        .filter(|&number| units[number].key)
+        .collect();
+    if keys != [0, FORCED] {
+        return Err(TrialError::Wrong(format!(
+            "key frames at pictures {keys:?}, expected {:?}",
+            [0, FORCED]
+        )));
+    }
+    Ok(())
+}
+
+/// Blocky texture that moves two pixels per picture.
+fn moving(width: u32, height: u32, number: usize) -> Result<Picture, PictureError> {
+    let mut data = vec![128; PixelFormat::I420.bytes(width, height)?];
+    for (y, row) in data
+        .chunks_mut(width as usize)
+        .take(height as usize)
+        .enumerate()
+    {
+        for (x, luma) in row.iter_mut().enumerate() {
+            let x = x + 2 * number;
+            let cell = (x / 8 * 2_654_435_761usize) ^ (y / 8).wrapping_mul(40_503);
+            let fine = (x * 7 + y * 13) ^ (x * y);
+            *luma = (64 + (cell >> 7) % 96 + fine % 32) as u8;
+        }
+    }
+    Picture::new(width, height, PixelFormat::I420, Bytes::from(data))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,698 @@
+//! Pictures in, access units out.
+//!
+//! Contract. *Normally*: for every picture that [`Encoder::push`] accepts, exactly one access unit
+//! comes out, in the same order, with the picture's time to the nanosecond; no B-frames; a key frame
+//! exactly where it was asked for, at the first picture, and after
+//! [`EncoderSettings::max_key_interval_frames`] pictures without one; every key frame is an IDR picture (closed
+//! group) with its parameter sets in front. The same settings and pictures give the same bytes with a
+//! software encoder. *When it is too slow*: at most [`MAX_IN_FLIGHT`] pictures are inside, then `push` waits
+//! and `try_push` says [`EncodeError::Full`]. *When it fails*: one [`EncoderEvent::Failed`], then nothing more; every
+//! later `push` fails. An encoder that skips a picture or invents a time has failed too. *When it
+//! stalls*: `push` gives up after [`STALL`]; `try_push` stays full. *At the end*: [`Encoder::finish`] drains
+//! within a time limit. Dropping an encoder abandons what is inside and returns within seconds
+//! even if the encoder is stuck.
+//!
+//! Quality is a PSNR target and becomes a constant quantiser, see [`quality`].
+
+use std::collections::{HashSet, VecDeque};
+use std::fmt;
+use std::sync::{Arc, Condvar, Mutex};
+use std::time::Duration;
+
+use bytes::Bytes;
+use gstreamer as gst;
+use gstreamer::prelude::*;
+use gstreamer_app as gst_app;
+use gstreamer_video as gst_video;
+use thiserror::Error;
+
+use crate::pipeline::{self, InitError, News, Running, lock, wait_while};
+use crate::{Codec, Picture, PictureError, PixelFormat, annexb, layout};
+use kinds::{Force, Input, Kind, Need};
+
+pub(crate) mod kinds;
+mod quality;
+
+/// Pictures that may be inside an encoder at once: waiting, being encoded, or not yet delivered.
+/// With I420 that is `12 * width * height` bytes, 22 MB for 2560x720.
+pub const MAX_IN_FLIGHT: usize = 8;
+
+/// How long a full encoder may give nothing before [`Encoder::push`] calls it stalled.
+pub const STALL: Duration = Duration::from_secs(10);
+
+/// How far an encoder's idea of a time may be from the picture's own (drivers count microseconds).
+/// The picture's own time is what comes out.
+const TIME_SLACK_NS: u64 = 1_000;
+
+/// Before a key frame is forced by signal, how long to wait for earlier pictures to come out.
+const SIGNAL_WAIT: Duration = Duration::from_millis(200);
+
+/// What to encode and how well.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EncoderSettings {
+    /// GStreamer element, one of [`known_elements`].
+    pub element: String,
+    /// Columns; even.
+    pub width: u32,
+    /// Rows; even.
+    pub height: u32,
+    /// Nominal picture rate, more than 0 and at most 1000. Only tells players and hardware what to
+    /// expect; the times of the pictures are free.
+    pub rate_hz: f64,
+    /// Luma PSNR to reach, 20 to 60 dB. Easy pictures get more.
+    pub quality_db: f64,
+    /// Threads of a software encoder, at least 1. Part of what determines the bytes. Several
+    /// cameras side by side use the cores better with one thread each.
+    pub threads: u32,
+    /// A key frame comes at the latest after this many pictures; at least 1.
+    pub max_key_interval_frames: u32,
+}
+
+/// One compressed picture: Annex B, complete.
+#[derive(Clone, PartialEq, Eq)]
+pub struct AccessUnit {
+    /// The time given with the picture, ns.
+    pub pts_ns: i64,
+    /// NAL units with start codes.
+    pub data: Bytes,
+    /// Whether decoding can start here (IDR or IRAP picture).
+    pub key: bool,
+}
+
+impl fmt::Debug for AccessUnit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let AccessUnit { pts_ns, data, key } = self;
+        write!(
+            f,
+            "AccessUnit({pts_ns} ns, {} bytes{})",
+            data.len(),
+            if *key { ", key" } else { "" }
+        )
+    }
+}
+
+/// What an encoder has to say.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum EncoderEvent {
+    /// The next access unit.
+    AccessUnit(AccessUnit),
+    /// The encoder is finished for good, for this reason. Start a new one.
+    Failed(String),
+}
+
+/// Why an encoder did not start or did not take a picture.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum EncodeError {
+    /// GStreamer itself is unusable.
+    #[error(transparent)]
+    Init(#[from] InitError),
+    /// Change the settings.
+    #[error("encoder settings: {0}")]
+    Settings(String),
+    /// This machine has no such encoder, or it cannot be driven as needed. Choose another.
+    #[error("starting {element}: {reason}")]
+    Start {
+        /// The element asked for.
+        element: String,
+        /// What stood in the way.
+        reason: String,
+    },
+    /// The picture itself is malformed.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+    /// The picture does not fit the settings.
+    #[error("picture is {found_width}x{found_height}, expected {width}x{height}")]
+    WrongSize {
+        /// Columns found.
+        found_width: u32,
+        /// Rows found.
+        found_height: u32,
+        /// Columns of the settings.
+        width: u32,
+        /// Rows of the settings.
+        height: u32,
+    },
+    /// Times must rise from picture to picture and not be negative.
+    #[error("picture time {found} ns, expected one that is not negative and after {previous:?} ns")]
+    Time {
+        /// The time given.
+        found: i64,
+        /// The one before, if any.
+        previous: Option<i64>,
+    },
+    /// Try again later, or drop the picture.
+    #[error("encoder is full: {pictures} pictures are inside")]
+    Full {
+        /// Pictures inside.
+        pictures: usize,
+    },
+    /// Start a new encoder.
+    #[error("encoder gave nothing for {} s with {pictures} pictures inside", .after.as_secs_f64())]
+    Stalled {
+        /// How long was waited.
+        after: Duration,
+        /// Pictures inside.
+        pictures: usize,
+    },
+    /// Start a new encoder.
+    #[error("encoder failed: {0}")]
+    Failed(String),
+}
+
+/// The elements that [`EncoderSettings::element`] may name, best first. Which of them this machine
+/// has, and which work, is another question: see [`crate::discover`].
+pub fn known_elements() -> impl Iterator<Item = &'static str> {
+    kinds::KINDS.iter().map(|kind| kind.element)
+}
+
+/// The codec that an element produces; `None` if it is not one of [`known_elements`].
+pub fn element_codec(element: &str) -> Option<Codec> {
+    kinds::find(element).map(|kind| kind.codec)
+}
+
+/// Receives what comes out, on a thread of the encoder. It must return: while it blocks the encoder stands still,
+/// and it must not touch the [`Encoder`].
+pub type OnOutput = Box<dyn FnMut(EncoderEvent) + Send>;
+
+/// A running encoder for the pictures of one camera.
+#[derive(Debug)]
+pub struct Encoder {
+    // Dropped first: no callback runs once the pipeline has stopped.
+    _running: Running,
+    source: gst_app::AppSrc,
+    shared: Arc<Shared>,
+    kind: &'static Kind,
+    quantiser: u32,
+    width: u32,
+    height: u32,
+    previous_ns: Option<i64>,
+    keys_forced: u32,
+}
+
+/// What the pushing thread and the encoder's threads share.
+struct Shared {
+    codec: Codec,
+    state: Mutex<State>,
+    changed: Condvar,
+    /// Never locked together with `state`.
+    on_output: Mutex<OnOutput>,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    /// Times of the pictures inside, oldest first.
+    in_flight: VecDeque<i64>,
+    /// Times of pictures to be made key frames by signal.
+    to_force: HashSet<i64>,
+    /// Access units delivered so far.
+    delivered: u64,
+    ended: bool,
+    failure: Option<String>,
+}
+
+impl fmt::Debug for Shared {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Shared")
+            .field("state", &self.state)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Encoder {
+    /// Starts an encoder. `on_output` is called for every event, see [`OnOutput`]. An encoder may fail only
+    /// once the first picture has told the device what it is in for; that comes as
+    /// [`EncoderEvent::Failed`].
+    ///
+    /// # Errors
+    /// [`EncodeError::Settings`], [`EncodeError::Start`], [`EncodeError::Init`].
+    pub fn start(settings: &EncoderSettings, on_output: OnOutput) -> Result<Encoder, EncodeError> {
+        check(settings)?;
+        pipeline::init()?;
+        let element = settings.element.clone();
+        let started = |reason| EncodeError::Start {
+            element: element.clone(),
+            reason,
+        };
+        let kind = kinds::find(&settings.element)
+            .ok_or_else(|| started("not an encoder that this program can drive".into()))?;
+        let quantiser = quality::quantiser(kind, settings.quality_db);
+        let shared = Arc::new(Shared {
+            codec: kind.codec,
+            state: Mutex::default(),
+            changed: Condvar::new(),
+            on_output: Mutex::new(on_output),
+        });
+        let source = gst_app::AppSrc::builder()
+            .caps(&input_caps(settings))
+            .format(gst::Format::Time)
+            // The bound is ours (MAX_IN_FLIGHT): it counts what is inside the encoder as well.
+            .max_bytes(0)
+            .max_buffers(0)
+            .build();
+        let elements = chain(settings, kind, quantiser, &source, &shared).map_err(&started)?;
+        let failing = Arc::downgrade(&shared);
+        let running = Running::start(&elements, move |news| {
+            if let (News::Failed(reason), Some(shared)) = (news, failing.upgrade()) {
+                shared.fail(reason);
+            }
+        })
+        .map_err(&started)?;
+        Ok(Encoder {
+            _running: running,
+            source,
+            shared,
+            kind,
+            quantiser,
+            width: settings.width,
+            height: settings.height,
+            previous_ns: None,
+            keys_forced: 0,
+        })
+    }
+
+    /// What comes out.
+    pub fn codec(&self) -> Codec {
+        self.kind.codec
+    }
+
+    /// The constant quantiser (QP) that the quality became.
+    pub fn quantiser(&self) -> u32 {
+        self.quantiser
+    }
+
+    /// Hands in a picture, waiting while the encoder is full. `pts_ns` must rise from call to call. With
+    /// `force_key` exactly this picture becomes a key frame.
+    ///
+    /// The picture is shared, not copied, where its rows need no padding (width a multiple of
+    /// eight), and is released when its access unit comes out.
+    ///
+    /// # Errors
+    /// All but `Full`. A refused picture (`Picture`, `WrongSize`, `Time`) leaves the encoder as it
+    /// was; after `Stalled` or `Failed` start a new one.
+    pub fn push(
+        &mut self,
+        pts_ns: i64,
+        picture: &Picture,
+        force_key: bool,
+    ) -> Result<(), EncodeError> {
+        self.check_picture(pts_ns, picture)?;
+        let mut state = lock(&self.shared.state);
+        while state.failure.is_none() && state.in_flight.len() >= MAX_IN_FLIGHT {
+            let delivered = state.delivered;
+            let (after, stalled) = wait_while(&self.shared.changed, state, STALL, |state| {
+                state.failure.is_none() && state.delivered == delivered
+            });
+            state = after;
+            if stalled {
+                let pictures = state.in_flight.len();
+                return Err(EncodeError::Stalled {
+                    after: STALL,
+                    pictures,
+                });
+            }
+        }
+        drop(state);
+        self.submit(pts_ns, picture, force_key)
+    }
+
+    /// As [`Encoder::push`], but never waits.
+    ///
+    /// # Errors
+    /// [`EncodeError::Full`] instead of waiting or `Stalled`; the picture was not taken.
+    pub fn try_push(
+        &mut self,
+        pts_ns: i64,
+        picture: &Picture,
+        force_key: bool,
+    ) -> Result<(), EncodeError> {
+        self.check_picture(pts_ns, picture)?;
+        let state = lock(&self.shared.state);
+        if state.failure.is_none() && state.in_flight.len() >= MAX_IN_FLIGHT {
+            return Err(EncodeError::Full {
+                pictures: state.in_flight.len(),
+            });
+        }
+        drop(state);
+        self.submit(pts_ns, picture, force_key)
+    }
+
+    /// Bytes of the pictures inside: at most [`MAX_IN_FLIGHT`] pictures' worth.
+    pub fn queued_bytes(&self) -> usize {
+        let bytes = PixelFormat::I420
+            .bytes(self.width, self.height)
+            .unwrap_or(0);
+        lock(&self.shared.state).in_flight.len() * bytes
+    }
+
+    /// Drains the encoder: returns when the access unit of every accepted picture has been
+    /// delivered, at the latest after `timeout` (plus 2 s to stop a stuck encoder).
+    ///
+    /// # Errors
+    /// `Stalled` if the time did not suffice, `Failed` if the encoder failed or kept pictures to
+    /// itself. What was delivered until then is good.
+    pub fn finish(self, timeout: Duration) -> Result<(), EncodeError> {
+        // Fails only if the pipeline has stopped, and then there is a failure to be found below.
+        let _ = self.source.end_of_stream();
+        let state = lock(&self.shared.state);
+        let (mut state, late) = wait_while(&self.shared.changed, state, timeout, |state| {
+            state.failure.is_none() && !state.ended
+        });
+        let pictures = state.in_flight.len();
+        match state.failure.take() {
+            Some(reason) => Err(EncodeError::Failed(reason)),
+            None if late => Err(EncodeError::Stalled {
+                after: timeout,
+                pictures,
+            }),
+            None if pictures > 0 => Err(EncodeError::Failed(format!(
+                "it ended without access units for its last {pictures} pictures"
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    fn check_picture(&self, pts_ns: i64, picture: &Picture) -> Result<(), EncodeError> {
+        if (picture.width, picture.height) != (self.width, self.height) {
+            return Err(EncodeError::WrongSize {
+                found_width: picture.width,
+                found_height: picture.height,
+                width: self.width,
+                height: self.height,
+            });
+        }
+        if picture.format != PixelFormat::I420 {
+            let (found, expected) = (picture.format, PixelFormat::I420);
+            return Err(PictureError::WrongFormat { found, expected }.into());
+        }
+        picture.check()?;
+        if pts_ns < 0 || self.previous_ns.is_some_and(|previous| pts_ns <= previous) {
+            return Err(EncodeError::Time {
+                found: pts_ns,
+                previous: self.previous_ns,
+            });
+        }
+        Ok(())
+    }
+
+    fn submit(&mut self, pts_ns: i64, picture: &Picture, key: bool) -> Result<(), EncodeError> {
+        let mut buffer = layout::to_buffer(picture).map_err(EncodeError::Failed)?;
+        let time = gst::ClockTime::from_nseconds(pts_ns as u64);
+        if let Some(buffer) = buffer.get_mut() {
+            buffer.set_pts(time);
+        }
+        let mut state = lock(&self.shared.state);
+        if let Some(reason) = &state.failure {
+            return Err(EncodeError::Failed(reason.clone()));
+        }
+        // Before the buffer goes in: its access unit may come out at once.
+        state.in_flight.push_back(pts_ns);
+        if key && matches!(self.kind.force, Force::Signal(_)) {
+            state.to_force.insert(pts_ns);
+        }
+        drop(state);
+        self.previous_ns = Some(pts_ns);
+        if key && self.kind.force == Force::Event {
+            self.keys_forced += 1;
+            // The encoder compares the running time with each picture's, so the event may overtake
+            // pictures that still wait without hitting one of them.
+            let event = gst_video::DownstreamForceKeyUnitEvent::builder()
+                .timestamp(time)
+                .stream_time(time)
+                .running_time(time)
+                .all_headers(true)
+                .count(self.keys_forced)
+                .build();
+            self.source.send_event(event);
+        }
+        match self.source.push_buffer(buffer) {
+            Ok(_) => Ok(()),
+            Err(error) => {
+                let reason = lock(&self.shared.state).failure.clone();
+                Err(EncodeError::Failed(reason.unwrap_or_else(|| {
+                    format!("it takes no more pictures: {error}")
+                })))
+            }
+        }
+    }
+}
+
+impl Shared {
+    /// Ends everything: the reason is told once, later events are swallowed.
+    fn fail(&self, reason: String) {
+        {
+            let mut state = lock(&self.state);
+            if state.failure.is_some() {
+                return;
+            }
+            state.failure = Some(reason.clone());
+        }
+        self.changed.notify_all();
+        (lock(&self.on_output))(EncoderEvent::Failed(reason));
+    }
+
+    /// Delivers one sample of the encoder. `Err` stops the pipeline quietly: the failure has been told.
+    fn deliver(&self, sample: &gst::Sample) -> Result<gst::FlowSuccess, gst::FlowError> {
+        let unit = match self.access_unit(sample) {
+            Ok(unit) => unit,
+            Err(reason) => {
+                self.fail(reason);
+                return Err(gst::FlowError::Flushing);
+            }
+        };
+        {
+            let mut on_output = lock(&self.on_output);
+            if lock(&self.state).failure.is_some() {
+                return Err(gst::FlowError::Flushing);
+            }
+            on_output(EncoderEvent::AccessUnit(unit));
+        }
+        let mut state = lock(&self.state);
+        state.in_flight.pop_front();
+        state.delivered += 1;
+        drop(state);
+        self.changed.notify_all();
+        Ok(gst::FlowSuccess::Ok)
+    }
+
+    /// Checks that `sample` is the access unit of the oldest picture inside.
+    fn access_unit(&self, sample: &gst::Sample) -> Result<AccessUnit, String> {
+        let buffer = sample
+            .buffer()
+            .ok_or("it gave an access unit without data")?;
+        let data = buffer.map_readable().map_err(|error| error.to_string())?;
+        let data = Bytes::copy_from_slice(&data);
+        // x264enc and x265enc shift the buffer's own time by 1000 hours (to have room for
+        // negative decoding times) and say so in the segment; the running time is what went in.
+        let running = sample
+            .segment()
+            .and_then(|segment| segment.downcast_ref::<gst::ClockTime>())
+            .and_then(|segment| segment.to_running_time(buffer.pts()?))
+            .ok_or("it gave an access unit without a time")?
+            .nseconds();
+        let oldest = lock(&self.state).in_flight.front().copied();
+        let pts_ns =
+            oldest.ok_or_else(|| format!("it gave one access unit too many, at {running} ns"))?;
+        if running.abs_diff(pts_ns as u64) > TIME_SLACK_NS {
+            return Err(format!(
+                "it gave an access unit for {running} ns, expected the one of the picture at {pts_ns} ns"
+            ));
+        }
+        let key = annexb::is_key(self.codec, &data);
+        if key && !annexb::has_parameter_sets(self.codec, &data) {
+            return Err(format!(
+                "its key frame at {pts_ns} ns has no parameter sets"
+            ));
+        }
+        Ok(AccessUnit { pts_ns, data, key })
+    }
+
+    /// Called as a picture enters an encoder that is told by `signal` to make a key frame.
+    fn force_by_signal(&self, encoder: &gst::Element, signal: &str, time: Option<gst::ClockTime>) {
+        let Some(time) = time.map(|time| time.nseconds() as i64) else {
+            return;
+        };
+        let mut state = lock(&self.state);
+        if !state.to_force.remove(&time) {
+            return;
+        }
+        // The signal hits whatever the device takes next. Bounded, in case the encoder gives a
+        // picture only when the next one is there: then the key frame may be early, which the trial
+        // encode notices.
+        let (state, _) = wait_while(&self.changed, state, SIGNAL_WAIT, |state| {
+            state.failure.is_none() && state.in_flight.front().is_some_and(|&oldest| oldest < time)
+        });
+        drop(state);
+        encoder.emit_by_name::<()>(signal, &[]);
+    }
+}
+
+/// Refuses settings that no encoder can follow.
+fn check(settings: &EncoderSettings) -> Result<(), EncodeError> {
+    let refuse = |reason: String| Err(EncodeError::Settings(reason));
+    PixelFormat::I420.bytes(settings.width, settings.height)?;
+    if settings.width > 16384 || settings.height > 16384 {
+        let (width, height) = (settings.width, settings.height);
+        return refuse(format!("{width}x{height}, expected at most 16384 each way"));
+    }
+    // x265enc hangs for ever on a rate of 0.
+    if !(settings.rate_hz > 0.0 && settings.rate_hz <= 1000.0) {
+        return refuse(format!(
+            "rate {} Hz, expected more than 0 and at most 1000",
+            settings.rate_hz
+        ));
+    }
+    if !(20.0..=60.0).contains(&settings.quality_db) {
+        return refuse(format!(
+            "quality {} dB, expected 20 to 60",
+            settings.quality_db
+        ));
+    }
+    if !(1..=64).contains(&settings.threads) {
+        return refuse(format!("{} threads, expected 1 to 64", settings.threads));
+    }
+    if !(1..=100_000).contains(&settings.max_key_interval_frames) {
+        let found = settings.max_key_interval_frames;
+        return refuse(format!(
+            "a key frame every {found} pictures, expected 1 to 100000"
+        ));
+    }
+    Ok(())
+}
+
+/// Full-range BT.601 as in a JPEG file, so that a decoder that converts gives back the same luma.
+const COLORIMETRY: &str = "1:4:7:1";
+
+fn raw_caps(settings: &EncoderSettings, format: &str) -> gst::Caps {
+    // Thousandths of a hertz, at least one: never 0/1.
+    let rate = ((settings.rate_hz * 1000.0).round() as i32).max(1);
+    gst::Caps::builder("video/x-raw")
+        .field("format", format)
+        .field("width", settings.width as i32)
+        .field("height", settings.height as i32)
+        .field("framerate", gst::Fraction::new(rate, 1000))
+        .field("pixel-aspect-ratio", gst::Fraction::new(1, 1))
+        .field("interlace-mode", "progressive")
+        .field("colorimetry", COLORIMETRY)
+        .field("chroma-site", "jpeg")
+        .build()
+}
+
+fn input_caps(settings: &EncoderSettings) -> gst::Caps {
+    raw_caps(settings, "I420")
+}
+
+/// All elements from the source to the sink, ready to be linked.
+fn chain(
+    settings: &EncoderSettings,
+    kind: &Kind,
+    quantiser: u32,
+    source: &gst_app::AppSrc,
+    shared: &Arc<Shared>,
+) -> Result<Vec<gst::Element>, String> {
+    let encoder = pipeline::make(kind.element)?;
+    set_properties(&encoder, settings, kind, quantiser)?;
+    let mut elements = vec![source.clone().upcast()];
+    match kind.input {
+        Input::I420 => {}
+        Input::Nv12 => {
+            elements.push(pipeline::make("videoconvert")?);
+            elements.push(pipeline::caps_filter(&raw_caps(settings, "NV12"))?);
+        }
+        Input::NvmmNv12 => {
+            elements.push(pipeline::make("nvvidconv")?);
+            let mut caps = gst::Caps::builder("video/x-raw")
+                .field("format", "NV12")
+                .field("width", settings.width as i32)
+                .field("height", settings.height as i32)
+                .build();
+            caps.make_mut()
+                .set_features_simple(Some(gst::CapsFeatures::new(["memory:NVMM"])));
+            elements.push(pipeline::caps_filter(&caps)?);
+        }
+    }
+    if let Force::Signal(signal) = kind.force {
+        let pad = encoder
+            .static_pad("sink")
+            .ok_or("the encoder has no input")?;
+        let (shared, element) = (Arc::downgrade(shared), encoder.downgrade());
+        pad.add_probe(gst::PadProbeType::BUFFER, move |_, info| {
+            if let (Some(shared), Some(element)) = (shared.upgrade(), element.upgrade()) {
+                shared.force_by_signal(&element, signal, info.buffer().and_then(|b| b.pts()));
+            }
+            gst::PadProbeReturn::Ok
+        });
+    }
+    elements.push(encoder);
+    let parser = pipeline::make(kind.codec.parser())?;
+    // -1: parameter sets in front of every IDR picture.
+    pipeline::set_property(&parser, "config-interval", "-1")?;
+    elements.push(parser);
+    let (delivering, ending) = (shared.clone(), shared.clone());
+    let sink = gst_app::AppSink::builder()
+        .caps(
+            &gst::Caps::builder(kind.codec.media_type())
+                .field("stream-format", "byte-stream")
+                .field("alignment", "au")
+                .build(),
+        )
+        .sync(false)
+        .async_(false)
+        .max_buffers(1)
+        .callbacks(
+            gst_app::AppSinkCallbacks::builder()
+                .new_sample(move |sink| {
+                    let sample = sink.pull_sample().map_err(|_| gst::FlowError::Eos)?;
+                    delivering.deliver(&sample)
+                })
+                .eos(move |_| {
+                    lock(&ending.state).ended = true;
+                    ending.changed.notify_all();
+                })
+                .build(),
+        )
+        .build();
+    elements.push(sink.upcast());
+    Ok(elements)
+}
+
+fn set_properties(
+    encoder: &gst::Element,
+    settings: &EncoderSettings,
+    kind: &Kind,
+    quantiser: u32,
+) -> Result<(), String> {
+    let threads = settings.threads;
+    for property in kind.properties {
+        let text = property
+            .value
+            .replace("{qp}", &quantiser.to_string())
+            .replace("{gop}", &settings.max_key_interval_frames.to_string())
+            .replace("{threads}", &threads.to_string())
+            .replace(
+                "{pools}",
+                &if threads == 1 {
+                    "none".into()
+                } else {
+                    threads.to_string()
+                },
+            )
+            .replace("{sliced}", if threads == 1 { "false" } else { "true" });
+        let mut found = false;
+        for name in property.names {
+            if pipeline::set_property(encoder, name, &text)? {
+                found = true;
+                break;
+            }
+        }
+        if !found && property.need == Need::Must {
+            return Err(format!(
+                "it has no property {}",
+                property.names.join(" or ")
+            ));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;
