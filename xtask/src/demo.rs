@@ -82,7 +82,8 @@ impl Demo {
 
         let cameras = cameras::choose(process::data_folder()?.as_deref());
         fs::write(&config, cameras.configuration()).with_context(|| format!("writing {config}"))?;
-        println!("\nThree cameras: {}.\n", cameras.description());
+        println!("\nThree cameras: {}.", cameras.description());
+        println!("Recording takes {seconds} s.\n");
 
         let length = seconds.to_string();
         let record = [

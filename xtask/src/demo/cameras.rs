@@ -47,7 +47,7 @@ impl Cameras {
     pub(crate) fn configuration(&self) -> String {
         let (left_shoulder, right_shoulder, feet) = match self {
             Cameras::Replayed { data } => {
-                // A TOML string in JSON's escapes, which TOML shares for paths.
+                // Rust escapes quotes and backslashes as TOML does.
                 let folder = |set: &str| format!("{:?}", data.join(set).display().to_string());
                 (
                     format!(
