@@ -18,7 +18,9 @@ use serde::{Deserialize, Serialize};
 pub const NS_PER_S: i64 = 1_000_000_000;
 
 /// An instant on the recording machine's `CLOCK_MONOTONIC`, ns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize,
+)]
 #[serde(transparent)]
 pub struct HostTime(pub i64);
 
@@ -63,12 +65,19 @@ impl fmt::Display for HostTime {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let sign = if self.0 < 0 { "-" } else { "" };
         let ns = self.0.unsigned_abs();
-        write!(f, "{sign}{}.{:09} s", ns / NS_PER_S as u64, ns % NS_PER_S as u64)
+        write!(
+            f,
+            "{sign}{}.{:09} s",
+            ns / NS_PER_S as u64,
+            ns % NS_PER_S as u64
+        )
     }
 }
 
 /// UTC, ns since 1970-01-01T00:00:00Z, leap seconds not counted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize,
+)]
 #[serde(transparent)]
 pub struct CivilTime(pub i64);
 
@@ -80,7 +89,10 @@ impl fmt::Display for CivilTime {
         let (days, of_day) = (s.div_euclid(86_400), s.rem_euclid(86_400));
         let (year, month, day) = civil_from_days(days);
         let (h, m, s) = (of_day / 3600, of_day / 60 % 60, of_day % 60);
-        write!(f, "{year:04}-{month:02}-{day:02}T{h:02}:{m:02}:{s:02}.{ms:03}Z")
+        write!(
+            f,
+            "{year:04}-{month:02}-{day:02}T{h:02}:{m:02}:{s:02}.{ms:03}Z"
+        )
     }
 }
 
@@ -97,7 +109,11 @@ fn civil_from_days(days: i64) -> (i64, i64, i64) {
     let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
     let shifted_month = (5 * day_of_year + 2) / 153;
     let day = day_of_year - (153 * shifted_month + 2) / 5 + 1;
-    let month = if shifted_month < 10 { shifted_month + 3 } else { shifted_month - 9 };
+    let month = if shifted_month < 10 {
+        shifted_month + 3
+    } else {
+        shifted_month - 9
+    };
     let year = year_of_era + era * 400 + i64::from(month <= 2);
     (year, month, day)
 }
@@ -115,7 +131,10 @@ impl TickLength {
     /// One tick is one nanosecond.
     pub const NANOSECOND: Self = Self { num: 1, den: 1 };
     /// The ZED Mini's IMU counter: 1/25600 s = 39062.5 ns (zed-open-capture, sensorcapture).
-    pub const ZED_MINI: Self = Self { num: 78_125, den: 2 };
+    pub const ZED_MINI: Self = Self {
+        num: 78_125,
+        den: 2,
+    };
 
     /// Exact length of `ticks` in ns, rounded to nearest; `None` if it leaves the i64 range or
     /// the denominator is zero.
@@ -138,7 +157,10 @@ mod tests {
             (0, "1970-01-01T00:00:00.000Z"),
             (951_782_400 * NS_PER_S, "2000-02-29T00:00:00.000Z"),
             (1_403_715_273_262_142_976, "2014-06-25T16:54:33.262Z"),
-            (4_107_542_399 * NS_PER_S + 999_999_999, "2100-02-28T23:59:59.999Z"),
+            (
+                4_107_542_399 * NS_PER_S + 999_999_999,
+                "2100-02-28T23:59:59.999Z",
+            ),
             (-1, "1969-12-31T23:59:59.999Z"),
         ];
         for (ns, text) in cases {
@@ -149,10 +171,20 @@ mod tests {
     #[test]
     fn zed_mini_ticks_stay_exact_over_a_month() {
         let month_ticks = 30 * 24 * 3600 * 25_600_i64;
-        assert_eq!(TickLength::ZED_MINI.ns(month_ticks), Some(30 * 24 * 3600 * NS_PER_S));
+        assert_eq!(
+            TickLength::ZED_MINI.ns(month_ticks),
+            Some(30 * 24 * 3600 * NS_PER_S)
+        );
         assert_eq!(TickLength::ZED_MINI.ns(1), Some(39_063));
         assert_eq!(TickLength::ZED_MINI.ns(2), Some(78_125));
         assert_eq!(TickLength { num: 1, den: 0 }.ns(1), None);
-        assert_eq!(TickLength { num: u32::MAX, den: 1 }.ns(i64::MAX), None);
+        assert_eq!(
+            TickLength {
+                num: u32::MAX,
+                den: 1
+            }
+            .ns(i64::MAX),
+            None
+        );
     }
 }

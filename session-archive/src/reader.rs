@@ -1,0 +1,479 @@
+//! Reading a session.
+//!
+//! [`SessionReader::open`] takes any session folder, also one that was cut off or damaged: the
+//! manifest is rebuilt from the segments if need be. [`SessionReader::entries`] goes through the
+//! session in the order written, one chunk in memory at a time, every checksum checked; damage is an
+//! entry like any other and never ends the iteration early. Random access goes through
+//! [`crate::index`].
+//!
+//! The order is the order written: each stream is in the order of its numbers, streams are
+//! interleaved to within a chunk. The heads of segments after the first repeat state, and their
+//! messages are left out.
+
+use std::collections::VecDeque;
+use std::io;
+use std::sync::Arc;
+
+use bytes::Bytes;
+
+use crate::layout;
+use crate::manifest::{Manifest, ManifestError, SegmentEntry, SegmentState, State, Stream};
+use crate::mcap::Record as McapRecord;
+use crate::record::{Protobuf, Record, Segment};
+use crate::scan::{Damage, End, Item, Scan, VerifiedChunk};
+use crate::storage::{ReadAt, Storage};
+use crate::time::HostTime;
+
+/// Why a session cannot be read at all. Damage within it is not among these.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// The folder holds neither a manifest nor a segment.
+    #[error("no session here: neither {manifest} nor {dir}/ with a readable segment",
+        manifest = layout::MANIFEST, dir = layout::SEGMENTS)]
+    NoSession,
+    /// The manifest was written by a newer version, or cannot be read.
+    #[error(transparent)]
+    Manifest(#[from] ManifestError),
+    /// The disk says no.
+    #[error("reading {path}")]
+    Io {
+        /// What was being read.
+        path: String,
+        /// What failed.
+        #[source]
+        error: io::Error,
+    },
+}
+
+/// One message of a session.
+#[derive(Clone, Debug)]
+pub struct Message {
+    /// Segment that it is in.
+    pub segment: u32,
+    /// Where its chunk starts in the segment's file.
+    pub chunk_offset: u64,
+    /// Where its payload starts within the chunk's records.
+    pub payload_offset: u32,
+    /// Channel.
+    pub stream: u16,
+    /// Sequence number within the channel; the low 32 bits of the frame number for video.
+    pub sequence: u32,
+    /// Log time.
+    pub time: HostTime,
+    /// Publish time.
+    pub published: HostTime,
+    /// The protobuf message.
+    pub data: Bytes,
+}
+
+impl Message {
+    /// The payload as a message of type `R`.
+    ///
+    /// # Errors
+    /// The bytes are no such message.
+    pub fn decode<R: Record>(&self) -> Result<R, prost::DecodeError> {
+        R::decode(self.data.clone())
+    }
+}
+
+/// What reading a session comes across.
+#[derive(Clone, Debug)]
+pub enum Entry {
+    /// A message whose chunk's checksum holds.
+    Message(Message),
+    /// Bytes of a segment that cannot be used.
+    Damage {
+        /// The segment.
+        segment: u32,
+        /// Range and cause.
+        damage: Damage,
+    },
+    /// A segment ended.
+    SegmentEnd {
+        /// The segment.
+        segment: u32,
+        /// How.
+        end: End,
+    },
+    /// A segment that should be there is not.
+    SegmentMissing {
+        /// The segment.
+        segment: u32,
+    },
+}
+
+/// A session opened for reading.
+#[derive(Clone)]
+pub struct SessionReader {
+    storage: Arc<dyn Storage>,
+    manifest: Manifest,
+    manifest_note: Option<String>,
+    files: Vec<SegmentFile>,
+}
+
+/// A segment file and how much of it counts.
+#[derive(Clone, Debug)]
+struct SegmentFile {
+    number: u32,
+    present: bool,
+    /// Bytes that count, where the writer said; else all.
+    limit: Option<u64>,
+    /// Bytes that must be there by what the writer noted.
+    expected: u64,
+}
+
+impl SessionReader {
+    /// Opens the session in a folder.
+    ///
+    /// # Errors
+    /// See [`ReadError`]; a damaged session is not an error.
+    pub fn open(storage: Arc<dyn Storage>) -> Result<Self, ReadError> {
+        let found = segment_files(&*storage)?;
+        let (manifest, manifest_note) = match Manifest::read(&*storage) {
+            Ok(manifest) => (manifest, None),
+            Err(e @ ManifestError::TooNew { .. }) => return Err(e.into()),
+            Err(e) => {
+                let note = match &e {
+                    ManifestError::Io(io) if io.kind() == io::ErrorKind::NotFound => {
+                        format!("{} is missing", layout::MANIFEST)
+                    }
+                    e => e.to_string(),
+                };
+                (rebuild_manifest(&*storage, &found)?, Some(note))
+            }
+        };
+        let last = found
+            .last()
+            .copied()
+            .max(manifest.segments.last().map(|s| s.number));
+        let files = (0..last.map_or(0, |n| n + 1))
+            .map(|number| {
+                let entry = manifest.segments.get(number as usize);
+                let given_up = entry.filter(|e| e.state == SegmentState::GivenUp);
+                SegmentFile {
+                    number,
+                    present: found.binary_search(&number).is_ok(),
+                    limit: given_up.map(|e| e.bytes),
+                    expected: entry.map_or(0, |e| e.bytes),
+                }
+            })
+            .collect();
+        let mut reader = Self {
+            storage,
+            manifest,
+            manifest_note,
+            files,
+        };
+        if reader.manifest.state == State::Recording {
+            reader.limits_from_heads()?;
+        }
+        Ok(reader)
+    }
+
+    /// The manifest; rebuilt if [`Self::manifest_note`] says so.
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    /// What was wrong with the manifest, if it was rebuilt from the segments.
+    pub fn manifest_note(&self) -> Option<&str> {
+        self.manifest_note.as_deref()
+    }
+
+    /// The storage.
+    pub fn storage(&self) -> &Arc<dyn Storage> {
+        &self.storage
+    }
+
+    /// The stream with this channel id.
+    pub fn stream(&self, id: u16) -> Option<&Stream> {
+        self.manifest.streams.iter().find(|s| s.id == id)
+    }
+
+    /// Numbers of the segments that the session has or should have.
+    pub fn segment_numbers(&self) -> impl Iterator<Item = u32> + '_ {
+        self.files.iter().map(|f| f.number)
+    }
+
+    /// Bytes in the segments that are there.
+    ///
+    /// # Errors
+    /// The disk says no.
+    pub fn bytes(&self) -> Result<u64, ReadError> {
+        let mut sum = 0;
+        for file in self.files.iter().filter(|f| f.present) {
+            let path = layout::segment(file.number);
+            let length = self.storage.open(&path).and_then(|f| f.len());
+            sum += length.map_err(|error| ReadError::Io { path, error })?;
+        }
+        Ok(sum)
+    }
+
+    /// Everything in the session, in the order written.
+    pub fn entries(&self) -> Entries<'_> {
+        Entries {
+            reader: self,
+            segment: 0,
+            open: None,
+            queue: VecDeque::new(),
+            head_seen: false,
+        }
+    }
+
+    /// The chunks and damage of one segment, in the order written; how it ended comes last.
+    ///
+    /// # Errors
+    /// The segment's file cannot be opened.
+    pub fn segment(&self, number: u32) -> Result<SegmentScan, ReadError> {
+        let known = self.files.get(number as usize);
+        let (limit, expected) = known.map_or((None, 0), |f| (f.limit, f.expected));
+        SegmentScan::open(&*self.storage, number, limit, expected)
+    }
+
+    /// Every segment's head says how much of the segment before it counts: what lies behind was
+    /// written again. The manifest may be older than the heads.
+    fn limits_from_heads(&mut self) -> Result<(), ReadError> {
+        for i in 1..self.files.len() {
+            if !self.files[i].present {
+                continue;
+            }
+            let head = self.segment(self.files[i].number)?.head()?;
+            if let Some(head) = head
+                && head.session_id == self.manifest.session_id
+                && head.number as usize == i
+            {
+                let before = &mut self.files[i - 1];
+                before.limit = Some(head.previous_valid_bytes);
+                before.expected = head.previous_valid_bytes;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn segment_files(storage: &dyn Storage) -> Result<Vec<u32>, ReadError> {
+    let names = storage
+        .list(layout::SEGMENTS)
+        .map_err(|error| ReadError::Io {
+            path: layout::SEGMENTS.to_owned(),
+            error,
+        })?;
+    Ok(names
+        .iter()
+        .filter_map(|n| layout::segment_number(n))
+        .collect())
+}
+
+/// The manifest as the first readable segment repeats it, with the segments that are there.
+fn rebuild_manifest(storage: &dyn Storage, found: &[u32]) -> Result<Manifest, ReadError> {
+    for &number in found {
+        let Some(head) = SegmentScan::open(storage, number, None, 0)?.head()? else {
+            continue;
+        };
+        let mut manifest = Manifest::from_identity(&head.manifest)?;
+        let entry = |number| SegmentEntry {
+            number,
+            state: SegmentState::Open,
+            bytes: 0,
+            start: None,
+            end: None,
+            messages: 0,
+        };
+        manifest.segments = (0..=found.last().copied().unwrap_or(0))
+            .map(entry)
+            .collect();
+        return Ok(manifest);
+    }
+    Err(ReadError::NoSession)
+}
+
+/// One segment, opened.
+pub struct SegmentScan {
+    file: Arc<dyn ReadAt>,
+    path: String,
+    limit: Option<u64>,
+    expected: u64,
+}
+
+impl SegmentScan {
+    fn open(
+        storage: &dyn Storage,
+        number: u32,
+        limit: Option<u64>,
+        expected: u64,
+    ) -> Result<Self, ReadError> {
+        let path = layout::segment(number);
+        match storage.open(&path) {
+            Ok(file) => Ok(Self {
+                file: file.into(),
+                path,
+                limit,
+                expected,
+            }),
+            Err(error) => Err(ReadError::Io { path, error }),
+        }
+    }
+
+    /// A scan of the segment from its start.
+    ///
+    /// # Errors
+    /// The disk says no.
+    pub fn scan(&self) -> Result<Scan, ReadError> {
+        Scan::new(self.file.clone(), self.limit, self.expected).map_err(|e| self.failed(e))
+    }
+
+    /// The open file.
+    pub fn file(&self) -> &Arc<dyn ReadAt> {
+        &self.file
+    }
+
+    fn failed(&self, error: io::Error) -> ReadError {
+        ReadError::Io {
+            path: self.path.clone(),
+            error,
+        }
+    }
+
+    fn first_chunk(&self) -> Result<Option<VerifiedChunk>, ReadError> {
+        let mut scan = self.scan()?;
+        while let Some(item) = scan.next_item().map_err(|e| self.failed(e))? {
+            if let Item::Chunk(chunk) = item {
+                return Ok(Some(chunk));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Who the segment says it is, if its head can be read.
+    fn head(&self) -> Result<Option<Segment>, ReadError> {
+        Ok(self.first_chunk()?.as_ref().and_then(head_of))
+    }
+}
+
+/// Who a chunk says that its segment is; none if the chunk is no head.
+pub(crate) fn head_of(chunk: &VerifiedChunk) -> Option<Segment> {
+    let mut schema = None;
+    let mut channel = None;
+    for record in chunk.iter().map_while(Result::ok) {
+        match record {
+            McapRecord::Schema(s) if s.name == Segment::SCHEMA.name => schema = Some(s.id),
+            McapRecord::Channel(c) if Some(c.schema_id) == schema => channel = Some(c.id),
+            McapRecord::Message(m) => {
+                return (Some(m.channel_id) == channel)
+                    .then(|| Segment::decode(m.data).ok())
+                    .flatten();
+            }
+            _ => {}
+        }
+    }
+    None
+}
+
+/// Iterates over everything in a session.
+pub struct Entries<'a> {
+    reader: &'a SessionReader,
+    /// Index of the segment that is being read, or comes next.
+    segment: usize,
+    open: Option<OpenScan>,
+    queue: VecDeque<Entry>,
+    head_seen: bool,
+}
+
+struct OpenScan {
+    segment: SegmentScan,
+    scan: Scan,
+    at_start: bool,
+}
+
+impl Entries<'_> {
+    /// Reads on by one chunk, one range of damage, or one segment's start or end; false at the end.
+    fn advance(&mut self) -> Result<bool, ReadError> {
+        let Some(file) = self.reader.files.get(self.segment) else {
+            return Ok(false);
+        };
+        let number = file.number;
+        let Some(open) = &mut self.open else {
+            if file.present {
+                let segment = self.reader.segment(number)?;
+                let scan = segment.scan()?;
+                self.open = Some(OpenScan {
+                    segment,
+                    scan,
+                    at_start: true,
+                });
+            } else {
+                self.segment += 1;
+                // A segment that was given up before anything was in it is not missed.
+                if file.limit != Some(0) {
+                    self.queue
+                        .push_back(Entry::SegmentMissing { segment: number });
+                }
+            }
+            return Ok(true);
+        };
+        match open.scan.next_item().map_err(|e| open.segment.failed(e))? {
+            Some(Item::Damage(damage)) => {
+                self.queue.push_back(Entry::Damage {
+                    segment: number,
+                    damage,
+                });
+            }
+            Some(Item::Chunk(chunk)) => {
+                let is_head = std::mem::take(&mut open.at_start) && head_of(&chunk).is_some();
+                if !is_head || !self.head_seen {
+                    push_messages(&mut self.queue, number, &chunk);
+                }
+                self.head_seen |= is_head;
+            }
+            None => {
+                let end = open.scan.end().unwrap_or(End::Open);
+                self.queue.push_back(Entry::SegmentEnd {
+                    segment: number,
+                    end,
+                });
+                self.open = None;
+                self.segment += 1;
+            }
+        }
+        Ok(true)
+    }
+}
+
+fn push_messages(queue: &mut VecDeque<Entry>, segment: u32, chunk: &VerifiedChunk) {
+    let base = chunk.records.as_ptr() as usize;
+    for m in chunk.messages().map_while(Result::ok) {
+        let payload_offset = m.data.as_ptr() as usize - base;
+        queue.push_back(Entry::Message(Message {
+            segment,
+            chunk_offset: chunk.offset,
+            payload_offset: payload_offset as u32,
+            stream: m.channel_id,
+            sequence: m.sequence,
+            time: HostTime(m.log_time as i64),
+            published: HostTime(m.publish_time as i64),
+            data: chunk.records.slice_ref(m.data),
+        }));
+    }
+}
+
+impl Iterator for Entries<'_> {
+    type Item = Result<Entry, ReadError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            if let Some(entry) = self.queue.pop_front() {
+                return Some(Ok(entry));
+            }
+            match self.advance() {
+                Ok(true) => {}
+                Ok(false) => return None,
+                Err(e) => {
+                    // What cannot be opened or read is skipped, not read for ever.
+                    self.open = None;
+                    self.segment += 1;
+                    return Some(Err(e));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! The records that a session holds: Rust types generated from `proto/`, and the schema that
+//! each is written with. What a stream is and which channel carries it: [`crate::manifest`].
+
+use prost::Message;
+
+/// Foxglove's own schemas, used wherever one fits.
+pub mod foxglove {
+    #![allow(missing_docs, unreachable_pub, clippy::doc_markdown)]
+    include!(concat!(env!("OUT_DIR"), "/foxglove.rs"));
+}
+
+/// Our schemas, for what no public one holds.
+pub mod paws {
+    #![allow(missing_docs, unreachable_pub, clippy::doc_markdown)]
+    include!(concat!(env!("OUT_DIR"), "/paws.rs"));
+}
+
+pub use foxglove::{
+    CameraCalibration, CompressedVideo, FrameTransform, FrameTransforms, Quaternion, Vector3,
+};
+pub use paws::{ClockMap, Event, Frame, FrameSet, Gap, Health, ImuBatch, Segment};
+pub use prost::Message as Protobuf;
+
+use crate::time::{HostTime, NS_PER_S};
+
+/// A schema as MCAP stores it: encoding `protobuf`, data = a serialised `FileDescriptorSet`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Schema {
+    /// Full protobuf name, as in `paws.Frame`.
+    pub name: &'static str,
+    /// Serialised `google.protobuf.FileDescriptorSet` with everything the message needs.
+    pub descriptor_set: &'static [u8],
+}
+
+macro_rules! descriptors {
+    ($file:literal) => {
+        include_bytes!(concat!(env!("OUT_DIR"), "/", $file, ".desc"))
+    };
+}
+
+static PAWS: &[u8] = descriptors!("paws");
+
+/// A message type that has a place in a session.
+pub trait Record: Message + Default {
+    /// The schema that the message is written with.
+    const SCHEMA: Schema;
+}
+
+macro_rules! records {
+    ($($type:ty = $name:literal in $set:expr;)*) => {
+        $(impl Record for $type {
+            const SCHEMA: Schema = Schema { name: $name, descriptor_set: $set };
+        })*
+        /// Every schema that version 1 of the format uses, in the order in which they are written.
+        pub static SCHEMAS: &[Schema] = &[$(<$type as Record>::SCHEMA),*];
+    };
+}
+
+records! {
+    Segment = "paws.Segment" in PAWS;
+    CompressedVideo = "foxglove.CompressedVideo" in descriptors!("CompressedVideo");
+    Frame = "paws.Frame" in PAWS;
+    ImuBatch = "paws.ImuBatch" in PAWS;
+    ClockMap = "paws.ClockMap" in PAWS;
+    FrameSet = "paws.FrameSet" in PAWS;
+    Gap = "paws.Gap" in PAWS;
+    Event = "paws.Event" in PAWS;
+    Health = "paws.Health" in PAWS;
+    CameraCalibration = "foxglove.CameraCalibration" in descriptors!("CameraCalibration");
+    FrameTransforms = "foxglove.FrameTransforms" in descriptors!("FrameTransforms");
+}
+
+/// The schema with this protobuf name, if version 1 knows it.
+pub fn schema(name: &str) -> Option<&'static Schema> {
+    SCHEMAS.iter().find(|s| s.name == name)
+}
+
+/// Host time as protobuf writes an instant.
+pub fn timestamp(time: HostTime) -> prost_types::Timestamp {
+    prost_types::Timestamp {
+        seconds: time.0.div_euclid(NS_PER_S),
+        nanos: time.0.rem_euclid(NS_PER_S) as i32,
+    }
+}
+
+impl Gap {
+    /// How many samples are missing: both ends are.
+    pub fn count(&self) -> u64 {
+        self.last.saturating_sub(self.first).saturating_add(1)
+    }
+}

@@ -1,0 +1,298 @@
+//! Making a whole session of one that was cut off or damaged.
+//!
+//! Recovery only reads the source. It writes a new session beside it: every chunk whose checksum
+//! held is copied byte for byte, every segment gets its summary, and what is missing without a gap
+//! record gets one with cause `CAUSE_DAMAGED`. Nothing that failed its checksum is copied, so no
+//! fresh checksum is ever put over damaged bytes. The copy is verified before it is called good.
+//!
+//! Where nothing is damaged and only the end is cut off, the segments are, byte for byte, those
+//! that a clean close of the same chunks would have left. A chunk that was only partly written is not
+//! salvaged: its checksum is over the whole.
+
+use std::io;
+use std::sync::Arc;
+
+use crate::layout;
+use crate::manifest::{Manifest, SegmentEntry, SegmentState, State, Stop, Stream};
+use crate::mcap::{ChunkBuilder, SegmentEncoder, sealed_chunk};
+use crate::reader::{ReadError, SessionReader, head_of};
+use crate::record::{Event, Gap, Protobuf, Record, Segment, paws};
+use crate::scan::{Item, VerifiedChunk};
+use crate::storage::{self, Storage};
+use crate::time::HostTime;
+use crate::verify::{Lost, Report, verify};
+use crate::writer::{LIBRARY, PROFILE, head_chunk};
+
+/// Why a session could not be recovered. The source is as it was.
+#[derive(Debug, thiserror::Error)]
+pub enum RecoverError {
+    /// The source cannot be read.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// The copy cannot be written: free the disk or choose another folder, and start again with
+    /// an empty one.
+    #[error("writing the recovered copy")]
+    Write(#[source] io::Error),
+    /// The copy is not sound; it must not be used. A defect of this program.
+    #[error("the recovered copy did not pass verification")]
+    NotSound(Box<Report>),
+}
+
+/// What recovery found and made.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Recovered {
+    /// What was found in the source.
+    pub source: Report,
+    /// What the copy holds.
+    pub copy: Report,
+}
+
+/// Recovers a session into an empty storage.
+///
+/// # Errors
+/// See [`RecoverError`].
+pub fn recover(
+    source: &SessionReader,
+    target: Arc<dyn Storage>,
+    mut progress: impl FnMut(u64),
+) -> Result<Recovered, RecoverError> {
+    let report = verify(source, &mut progress)?;
+    let mut copy = Copy::new(source, &*target)?;
+    for number in source.segment_numbers() {
+        copy.segment(number)?;
+    }
+    copy.finish(&report.lost)?;
+    let reader = SessionReader::open(target)?;
+    let checked = verify(&reader, progress)?;
+    if has_new_faults(&report, &checked) {
+        return Err(RecoverError::NotSound(Box::new(checked)));
+    }
+    Ok(Recovered {
+        source: report,
+        copy: checked,
+    })
+}
+
+/// Whether the copy has a fault that the source did not have: what was recorded wrongly (a number
+/// twice, an undecodable message) with a checksum that holds is copied as it is.
+fn has_new_faults(source: &Report, copy: &Report) -> bool {
+    !copy.damage.is_empty()
+        || !copy.missing_segments.is_empty()
+        || copy.manifest_note.is_some()
+        || !copy.open_segments.is_empty()
+        || copy.undecodable > source.undecodable
+        || !copy.lost.is_empty()
+}
+
+struct Copy<'a> {
+    source: &'a SessionReader,
+    target: &'a dyn Storage,
+    manifest: Manifest,
+    /// Bytes of the last segment in the source and in the copy, to see whether heads still hold.
+    copied_bytes: u64,
+    /// The newest segment, not yet ended: the gap records go to its end.
+    open: Option<(u32, SegmentEncoder, Box<dyn storage::WriteFile>)>,
+    newest: HostTime,
+}
+
+impl<'a> Copy<'a> {
+    fn new(source: &'a SessionReader, target: &'a dyn Storage) -> Result<Self, RecoverError> {
+        let manifest = Manifest {
+            state: State::Recovered,
+            segments: Vec::new(),
+            stopped: source.manifest().stopped.clone(),
+            ..source.manifest().clone()
+        };
+        let copy = Self {
+            source,
+            target,
+            copied_bytes: 0,
+            open: None,
+            newest: manifest.started,
+            manifest,
+        };
+        copy.rig().map_err(RecoverError::Write)?;
+        Ok(copy)
+    }
+
+    /// Copies the rig's files; one that is missing or altered is left out, and its entry with it.
+    fn rig(&self) -> io::Result<()> {
+        self.target.create_dir(layout::SEGMENTS)?;
+        self.target.create_dir(layout::RIG)?;
+        for file in &self.manifest.rig {
+            let path = layout::rig_file(&file.name);
+            if let Ok(content) = storage::read_all(&**self.source.storage(), &path) {
+                let mut out = self.target.create(&path)?;
+                out.append(&content)?;
+                out.sync_data()?;
+            }
+        }
+        self.target.sync_dir(layout::RIG)
+    }
+
+    /// Copies what can be used of one segment. A segment that has nothing keeps its number and
+    /// a head, so that numbers stay what they were.
+    fn segment(&mut self, number: u32) -> Result<(), RecoverError> {
+        self.end_segment().map_err(RecoverError::Write)?;
+        let path = layout::segment(number);
+        let mut scan = match self.source.segment(number) {
+            Ok(segment) => Some(segment.scan()?),
+            Err(ReadError::Io { error, .. }) if error.kind() == io::ErrorKind::NotFound => None,
+            Err(e) => return Err(e.into()),
+        };
+        let mut file = self.target.create(&path).map_err(RecoverError::Write)?;
+        let (mut encoder, start) = SegmentEncoder::start(PROFILE, LIBRARY);
+        file.append(&start).map_err(RecoverError::Write)?;
+        let mut at_start = true;
+        while let Some(scan) = &mut scan {
+            let item = scan.next_item().map_err(|error| ReadError::Io {
+                path: path.clone(),
+                error,
+            })?;
+            let chunk = match item {
+                Some(Item::Chunk(chunk)) => chunk,
+                Some(Item::Damage(_)) => continue,
+                None => break,
+            };
+            if at_start {
+                let head = self.head(number, Some(&chunk));
+                put(&mut *file, &mut encoder, &head)?;
+                at_start = false;
+                if head_of(&chunk).is_some() {
+                    continue;
+                }
+            }
+            put(&mut *file, &mut encoder, &sealed_chunk(&chunk.records))?;
+        }
+        if at_start {
+            let head = self.head(number, None);
+            put(&mut *file, &mut encoder, &head)?;
+        }
+        if let Some((_, end)) = encoder.bounds() {
+            self.newest = self.newest.max(HostTime(end as i64));
+        }
+        self.open = Some((number, encoder, file));
+        Ok(())
+    }
+
+    /// The head of a segment: the one that it had, if the segment before has as many bytes in the
+    /// copy as that head says; else one that says so, with the same state.
+    fn head(&self, number: u32, first: Option<&VerifiedChunk>) -> Vec<u8> {
+        let had = first.and_then(|c| head_of(c).map(|head| (c, head)));
+        if let Some((chunk, head)) = &had
+            && head.previous_valid_bytes == self.copied_bytes
+        {
+            return sealed_chunk(&chunk.records);
+        }
+        let identity = Segment {
+            format_version: self.manifest.format_version,
+            session_id: self.manifest.session_id.clone(),
+            number,
+            previous_valid_bytes: self.copied_bytes,
+            manifest: self.source.manifest().identity(),
+        };
+        let streams: &[Stream] = &self.manifest.streams;
+        let own = streams
+            .iter()
+            .find(|s| s.schema == Segment::SCHEMA.name)
+            .map(|s| s.id);
+        let messages: Vec<_> = match &had {
+            Some((chunk, _)) => chunk.messages().map_while(Result::ok).collect(),
+            None => Vec::new(),
+        };
+        let states = messages
+            .iter()
+            .filter(|m| Some(m.channel_id) != own)
+            .map(|m| (m.channel_id, m.sequence, m.data));
+        let time = first.and_then(|c| c.messages().flatten().map(|m| m.log_time).min());
+        head_chunk(
+            &identity,
+            streams,
+            time.map_or(self.newest, |t| HostTime(t as i64)),
+            states,
+        )
+    }
+
+    fn end_segment(&mut self) -> io::Result<()> {
+        let Some((number, encoder, mut file)) = self.open.take() else {
+            return Ok(());
+        };
+        let bounds = encoder.bounds();
+        let messages = encoder.counts().values().sum();
+        let position = encoder.position();
+        let summary = encoder.finish();
+        file.append(&summary)?;
+        file.sync_data()?;
+        self.copied_bytes = position + summary.len() as u64;
+        self.manifest.segments.push(SegmentEntry {
+            number,
+            state: SegmentState::Closed,
+            bytes: self.copied_bytes,
+            start: bounds.map(|(start, _)| HostTime(start as i64)),
+            end: bounds.map(|(_, end)| HostTime(end as i64)),
+            messages,
+        });
+        Ok(())
+    }
+
+    /// Gap records for what is lost, then the last summary, the names, and the manifest.
+    fn finish(&mut self, lost: &[Lost]) -> Result<(), RecoverError> {
+        if let (Some((_, encoder, file)), false) = (&mut self.open, lost.is_empty()) {
+            let chunk = loss_chunk(&self.manifest, self.newest, lost);
+            put(&mut **file, encoder, &chunk)?;
+        }
+        let write = |copy: &mut Self| {
+            copy.end_segment()?;
+            copy.target.sync_dir(layout::SEGMENTS)?;
+            copy.manifest.stopped.get_or_insert_with(|| Stop {
+                at: copy.newest,
+                reason: "cut off; recovered".to_owned(),
+            });
+            copy.manifest.rig.retain(|file| {
+                let path = layout::rig_file(&file.name);
+                storage::read_all(copy.target, &path)
+                    .is_ok_and(|content| blake3::hash(&content).to_hex().as_str() == file.blake3)
+            });
+            storage::replace(copy.target, layout::MANIFEST, &copy.manifest.to_bytes())
+        };
+        write(self).map_err(RecoverError::Write)
+    }
+}
+
+fn put(
+    file: &mut dyn storage::WriteFile,
+    encoder: &mut SegmentEncoder,
+    chunk: &[u8],
+) -> Result<(), RecoverError> {
+    file.append(chunk)
+        .and_then(|()| encoder.chunk(chunk).map_err(io::Error::other))
+        .map_err(RecoverError::Write)
+}
+
+fn loss_chunk(manifest: &Manifest, at: HostTime, lost: &[Lost]) -> Vec<u8> {
+    let mut chunk = ChunkBuilder::default();
+    let log = at.0.max(0) as u64;
+    if let Some(stream) = manifest.stream::<Gap>("") {
+        for (lost, sequence) in lost.iter().zip(0..) {
+            let gap = Gap {
+                stream: lost.stream.clone(),
+                first: lost.first,
+                last: lost.last,
+                cause: paws::gap::Cause::Damaged.into(),
+                time_before: Some(lost.after.0),
+                time_after: Some(lost.before.0),
+                detail: "found damaged by recovery".to_owned(),
+            };
+            chunk.message(stream.id, sequence, log, log, |out| gap.encode_raw(out));
+        }
+    }
+    if let Some(stream) = manifest.stream::<Event>("") {
+        let event = Event {
+            kind: paws::event::Kind::Warning.into(),
+            source: "recovery".to_owned(),
+            text: format!("recovered with {} ranges lost", lost.len()),
+        };
+        chunk.message(stream.id, 0, log, log, |out| event.encode_raw(out));
+    }
+    chunk.finish()
+}

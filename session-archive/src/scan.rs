@@ -1,0 +1,415 @@
+//! Reading one segment from front to back, through damage.
+//!
+//! [`Scan`] yields verified chunks and what lies between them. It is total: on any bytes it ends,
+//! yields only chunks whose checksum holds, and names every range it could not use. Behind damage
+//! it looks for the next place where a chunk with a matching checksum starts. Memory is one
+//! chunk, and never more than the file holds.
+
+use std::collections::VecDeque;
+use std::io;
+use std::ops::Range;
+use std::sync::Arc;
+
+use bytes::Bytes;
+
+use crate::mcap::{self, CHUNK_PREFIX, MAGIC, RECORD_HEADER, Record, op};
+use crate::storage::ReadAt;
+use crate::writer::MAX_CHUNK_BYTES;
+
+/// A chunk may be this much larger than [`MAX_CHUNK_BYTES`]: the record that filled it, and its
+/// framing.
+const CHUNK_LIMIT: u64 = 2 * MAX_CHUNK_BYTES as u64 + 4096;
+/// Records outside chunks are small; a longer one is damage.
+const RECORD_LIMIT: u64 = 1 << 20;
+/// Bytes searched at a time for the next chunk.
+const WINDOW: usize = 1 << 16;
+/// Bytes of the footer record.
+const FOOTER: u64 = RECORD_HEADER as u64 + 20;
+/// A summary covers at most a minute, so it is small; a longer one is damage.
+const SUMMARY_LIMIT: u64 = 16 << 20;
+
+/// Why a range of a segment cannot be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DamageKind {
+    /// The file ends inside a record: it was cut off while being written.
+    CutOff,
+    /// A chunk whose content does not match its checksum.
+    Checksum,
+    /// Bytes that are no record.
+    NoRecord,
+    /// The file does not begin with MCAP's magic bytes.
+    Magic,
+    /// A chunk whose header contradicts its (verified) content; the content was used.
+    Header,
+    /// The checksum over all of the file before the summary does not match.
+    DataChecksum,
+    /// The summary or the footer is damaged; it is not needed.
+    Summary,
+}
+
+/// A range of bytes of a segment that cannot be used, and why.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Damage {
+    /// Bytes of the file.
+    pub bytes: Range<u64>,
+    /// Why.
+    pub kind: DamageKind,
+}
+
+/// A chunk whose checksum holds.
+#[derive(Clone, Debug)]
+pub struct VerifiedChunk {
+    /// Where its record starts in the file.
+    pub offset: u64,
+    /// Length of its record; its message indexes follow.
+    pub length: u64,
+    /// The records in it.
+    pub records: Bytes,
+}
+
+impl VerifiedChunk {
+    /// The messages in it, in the order written.
+    pub fn messages(&self) -> mcap::Messages<'_> {
+        self.view().messages()
+    }
+
+    /// The records in it, in the order written.
+    pub fn iter(&self) -> mcap::RecordIter<'_> {
+        self.view().iter()
+    }
+
+    fn view(&self) -> mcap::Chunk<'_> {
+        mcap::Chunk {
+            message_start_time: 0,
+            message_end_time: 0,
+            uncompressed_size: self.records.len() as u64,
+            uncompressed_crc: 0,
+            records: &self.records,
+        }
+    }
+}
+
+/// What a scan comes across.
+#[derive(Clone, Debug)]
+pub enum Item {
+    /// A chunk whose checksum holds.
+    Chunk(VerifiedChunk),
+    /// Bytes that cannot be used.
+    Damage(Damage),
+}
+
+/// How a segment ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// With its summary, all checksums right.
+    Clean,
+    /// Without a summary: the recorder was cut off, or gave the segment up.
+    Open,
+}
+
+/// Scans one segment. Ends after the last byte that counts.
+pub struct Scan {
+    file: Arc<dyn ReadAt>,
+    limit: u64,
+    /// Bytes that should be there by what the recorder noted.
+    expected: u64,
+    position: u64,
+    /// Over everything so far; none once a range was skipped and it cannot match any more.
+    data_crc: Option<crc32fast::Hasher>,
+    pending: VecDeque<Item>,
+    end: Option<End>,
+    /// Bytes that the search for chunks may still checksum: each byte a few times at most, so
+    /// that crafted headers cannot make the search quadratic.
+    search_budget: u64,
+}
+
+impl Scan {
+    /// Scans the first `limit` bytes of `file` (all of it, without a limit). If it is shorter
+    /// than `expected`, the rest is reported as cut off.
+    ///
+    /// # Errors
+    /// The disk says no.
+    pub fn new(file: Arc<dyn ReadAt>, limit: Option<u64>, expected: u64) -> io::Result<Self> {
+        let len = file.len()?;
+        let limit = limit.map_or(len, |l| l.min(len));
+        Ok(Self {
+            file,
+            limit,
+            expected,
+            position: 0,
+            data_crc: Some(crc32fast::Hasher::new()),
+            pending: VecDeque::new(),
+            end: None,
+            search_budget: limit.saturating_mul(4).saturating_add(WINDOW as u64),
+        })
+    }
+
+    /// How the segment ended; known once the scan has.
+    pub fn end(&self) -> Option<End> {
+        self.end
+    }
+
+    /// Where the scan is, bytes.
+    pub fn position(&self) -> u64 {
+        self.position
+    }
+
+    /// The next item; none at the end.
+    ///
+    /// # Errors
+    /// The disk says no. What the file holds is never an error.
+    pub fn next_item(&mut self) -> io::Result<Option<Item>> {
+        if self.position == 0 && self.limit > 0 {
+            self.magic()?;
+        }
+        loop {
+            if let Some(item) = self.pending.pop_front() {
+                return Ok(Some(item));
+            }
+            if self.end.is_some() {
+                return Ok(None);
+            }
+            self.step()?;
+        }
+    }
+
+    /// Consumes one record, or one damaged range: queues what it gives.
+    fn step(&mut self) -> io::Result<()> {
+        let at = self.position;
+        let left = self.limit - at;
+        if left == 0 {
+            self.end = Some(End::Open);
+            if self.limit < self.expected {
+                self.report(self.limit..self.expected, DamageKind::CutOff);
+            }
+            return Ok(());
+        }
+        if left < RECORD_HEADER as u64 {
+            return self.skip(at, DamageKind::CutOff);
+        }
+        let mut head = [0; RECORD_HEADER];
+        self.file.read_exact_at(&mut head, at)?;
+        let (opcode, length) = (head[0], le_u64(&head[1..]));
+        let whole = length.saturating_add(RECORD_HEADER as u64);
+        let limit = match opcode {
+            op::CHUNK => CHUNK_LIMIT,
+            op::HEADER | op::MESSAGE_INDEX | op::DATA_END => RECORD_LIMIT,
+            _ => return self.skip(at, DamageKind::NoRecord),
+        };
+        if length > limit {
+            return self.skip(at, DamageKind::NoRecord);
+        }
+        if whole > left {
+            return self.skip(at, DamageKind::CutOff);
+        }
+        let bytes = self.read(at, whole)?;
+        match Record::split(&bytes) {
+            Ok((Record::Chunk(chunk), _)) => {
+                if !chunk.verify() {
+                    return self.skip_chunk(at, whole);
+                }
+                let stored = (chunk.message_start_time, chunk.message_end_time);
+                if stored != bounds(&chunk) {
+                    self.report(at..at + whole, DamageKind::Header);
+                }
+                self.count(&bytes);
+                let records = bytes.slice(CHUNK_PREFIX..);
+                let chunk = VerifiedChunk {
+                    offset: at,
+                    length: whole,
+                    records,
+                };
+                self.pending.push_back(Item::Chunk(chunk));
+                self.position = at + whole;
+                Ok(())
+            }
+            Ok((Record::DataEnd { data_section_crc }, _)) => self.finish(at, data_section_crc),
+            Ok((Record::Header(_) | Record::MessageIndex(_), _)) => {
+                self.count(&bytes);
+                self.position = at + whole;
+                Ok(())
+            }
+            _ => self.skip(at, DamageKind::NoRecord),
+        }
+    }
+
+    fn magic(&mut self) -> io::Result<()> {
+        let n = self.limit.min(MAGIC.len() as u64);
+        let bytes = self.read(0, n)?;
+        if bytes[..] == MAGIC {
+            self.count(&bytes);
+            self.position = n;
+            return Ok(());
+        }
+        if MAGIC.starts_with(&bytes) {
+            self.report(0..n, DamageKind::CutOff);
+            self.position = n;
+            return Ok(());
+        }
+        self.report(0..n, DamageKind::Magic);
+        self.data_crc = None;
+        self.position = n;
+        Ok(())
+    }
+
+    /// The end of the data section: checks what can be checked of the whole file.
+    fn finish(&mut self, at: u64, stored: u32) -> io::Result<()> {
+        let summary_at = at + (RECORD_HEADER + 4) as u64;
+        let intact = self.data_crc.take().map(crc32fast::Hasher::finalize);
+        if intact.is_some_and(|crc| crc != stored) {
+            self.report(0..summary_at, DamageKind::DataChecksum);
+        }
+        let clean = match self.footer()? {
+            Some(start) => start == summary_at,
+            None => false,
+        };
+        if !clean {
+            self.report(summary_at..self.limit, DamageKind::Summary);
+        }
+        self.position = self.limit;
+        self.end = Some(if clean { End::Clean } else { End::Open });
+        Ok(())
+    }
+
+    /// Start of the summary by the footer, if footer and summary are as they were written.
+    fn footer(&self) -> io::Result<Option<u64>> {
+        let tail = FOOTER + MAGIC.len() as u64;
+        if self.limit < tail {
+            return Ok(None);
+        }
+        let bytes = self.read(self.limit - tail, tail)?;
+        let Ok((Record::Footer(footer), rest)) = Record::split(&bytes) else {
+            return Ok(None);
+        };
+        let summary = footer.summary_start..self.limit - MAGIC.len() as u64 - 4;
+        if rest != MAGIC
+            || summary.start > summary.end
+            || summary.end - summary.start > SUMMARY_LIMIT
+        {
+            return Ok(None);
+        }
+        let covered = self.read(summary.start, summary.end - summary.start)?;
+        let matches = crc32fast::hash(&covered) == footer.summary_crc;
+        Ok(matches.then_some(footer.summary_start))
+    }
+
+    /// A chunk does not match its checksum. Its length is believed if a record follows it.
+    fn skip_chunk(&mut self, at: u64, whole: u64) -> io::Result<()> {
+        let after = at + whole;
+        let mut opcode = [0];
+        let framed = after < self.limit && {
+            self.file.read_exact_at(&mut opcode, after)?;
+            [op::CHUNK, op::MESSAGE_INDEX, op::DATA_END].contains(&opcode[0])
+        };
+        if !framed {
+            return self.skip(at, DamageKind::Checksum);
+        }
+        self.report(at..after, DamageKind::Checksum);
+        self.data_crc = None;
+        self.position = after;
+        Ok(())
+    }
+
+    /// Nothing readable at `at`: goes on where the next chunk with a matching checksum starts, or
+    /// at the data end, or ends.
+    fn skip(&mut self, at: u64, kind: DamageKind) -> io::Result<()> {
+        self.data_crc = None;
+        let data_end = self
+            .footer()?
+            .map(|s| s.saturating_sub((RECORD_HEADER + 4) as u64));
+        let until = data_end.filter(|d| *d > at).unwrap_or(self.limit);
+        let next = self.find_chunk(at + 1, until)?.unwrap_or(until);
+        // Only what reaches the end was cut off; a length that points beyond it from the middle
+        // of the file is a wrong length.
+        let kind = match kind {
+            DamageKind::CutOff if next < self.limit => DamageKind::NoRecord,
+            kind => kind,
+        };
+        self.report(at..next, kind);
+        self.position = next;
+        Ok(())
+    }
+
+    /// The first place in `from..until` where a chunk with a matching checksum starts.
+    fn find_chunk(&mut self, mut from: u64, until: u64) -> io::Result<Option<u64>> {
+        while from + (CHUNK_PREFIX as u64) <= until {
+            let n = (until - from).min(WINDOW as u64);
+            let window = self.read(from, n)?;
+            let starts = window.len() - (CHUNK_PREFIX - 1);
+            for i in memchr(op::CHUNK, &window[..starts]) {
+                let at = from + i as u64;
+                if let Some(whole) = plausible_chunk(&window[i..], until - at)
+                    && self.search_budget >= whole
+                {
+                    self.search_budget -= whole;
+                    let bytes = self.read(at, whole)?;
+                    if let Ok((Record::Chunk(chunk), _)) = Record::split(&bytes)
+                        && chunk.verify()
+                    {
+                        return Ok(Some(at));
+                    }
+                }
+            }
+            from += starts as u64;
+        }
+        Ok(None)
+    }
+
+    fn report(&mut self, bytes: Range<u64>, kind: DamageKind) {
+        self.pending.push_back(Item::Damage(Damage { bytes, kind }));
+    }
+
+    fn count(&mut self, bytes: &[u8]) {
+        if let Some(crc) = &mut self.data_crc {
+            crc.update(bytes);
+        }
+    }
+
+    /// Reads a range that lies within the file.
+    fn read(&self, at: u64, n: u64) -> io::Result<Bytes> {
+        let mut bytes = vec![0; usize::try_from(n).map_err(io::Error::other)?];
+        self.file.read_exact_at(&mut bytes, at)?;
+        Ok(bytes.into())
+    }
+}
+
+/// Length of the chunk record at the start of `bytes` (at least a prefix long), if its sizes agree
+/// with each other and fit into `left` bytes.
+fn plausible_chunk(bytes: &[u8], left: u64) -> Option<u64> {
+    let length = le_u64(&bytes[1..9]);
+    let size = le_u64(&bytes[25..33]);
+    let whole = length.checked_add(RECORD_HEADER as u64)?;
+    let agree = bytes[0] == op::CHUNK
+        && le_u64(&bytes[41..49]) == size
+        && bytes[37..41] == [0; 4]
+        && size.checked_add((CHUNK_PREFIX - RECORD_HEADER) as u64) == Some(length);
+    (agree && size > 0 && length <= CHUNK_LIMIT && whole <= left).then_some(whole)
+}
+
+/// Earliest and latest log time of the messages in a chunk; zeros if there are none.
+fn bounds(chunk: &mcap::Chunk<'_>) -> (u64, u64) {
+    chunk
+        .messages()
+        .map_while(Result::ok)
+        .fold(None, |acc: Option<(u64, u64)>, m| {
+            let t = m.log_time;
+            Some(acc.map_or((t, t), |(a, b)| (a.min(t), b.max(t))))
+        })
+        .unwrap_or((0, 0))
+}
+
+/// Positions of `byte` in `bytes`.
+fn memchr(byte: u8, bytes: &[u8]) -> impl Iterator<Item = usize> {
+    bytes
+        .iter()
+        .enumerate()
+        .filter(move |(_, b)| **b == byte)
+        .map(|(i, _)| i)
+}
+
+fn le_u64(b: &[u8]) -> u64 {
+    let mut a = [0; 8];
+    a.copy_from_slice(b);
+    u64::from_le_bytes(a)
+}

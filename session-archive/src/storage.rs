@@ -1,0 +1,165 @@
+//! Where a session's bytes go, behind a small trait, so that every failure of a disk can be
+//! produced in a test: [`DiskStorage`] is a folder, [`FaultStorage`] a disk in memory that fails,
+//! tears and forgets on demand.
+//!
+//! What the trait promises is what POSIX promises and no more: bytes are durable after
+//! [`WriteFile::sync_data`], names after [`Storage::sync_dir`]; between the two a power cut may keep
+//! any part of either. After a failed write or sync a file must not be written again: what the
+//! kernel still holds of it is unknown.
+
+use std::io;
+
+mod disk;
+mod fault;
+
+pub use disk::DiskStorage;
+pub use fault::{CrashKind, Fault, FaultKind, FaultStorage};
+
+/// A folder with relative `/`-separated paths in it.
+pub trait Storage: Send + Sync {
+    /// Creates a file that must not exist yet.
+    ///
+    /// # Errors
+    /// The file exists, or the disk says no.
+    fn create(&self, path: &str) -> io::Result<Box<dyn WriteFile>>;
+
+    /// Opens a file for reading.
+    ///
+    /// # Errors
+    /// The file is not there, or the disk says no.
+    fn open(&self, path: &str) -> io::Result<Box<dyn ReadAt>>;
+
+    /// Names of the entries of a folder, sorted; empty if the folder is not there.
+    ///
+    /// # Errors
+    /// The disk says no.
+    fn list(&self, dir: &str) -> io::Result<Vec<String>>;
+
+    /// Creates a folder and those above it; existing ones are fine.
+    ///
+    /// # Errors
+    /// The disk says no.
+    fn create_dir(&self, dir: &str) -> io::Result<()>;
+
+    /// Renames a file over another, atomically.
+    ///
+    /// # Errors
+    /// The disk says no.
+    fn rename(&self, from: &str, to: &str) -> io::Result<()>;
+
+    /// Removes a file.
+    ///
+    /// # Errors
+    /// The file is not there, or the disk says no.
+    fn remove(&self, path: &str) -> io::Result<()>;
+
+    /// Makes the names in a folder (`""` is the root) durable.
+    ///
+    /// # Errors
+    /// The disk says no.
+    fn sync_dir(&self, dir: &str) -> io::Result<()>;
+}
+
+/// A file that grows at its end.
+pub trait WriteFile: Send {
+    /// Appends all of `bytes`.
+    ///
+    /// # Errors
+    /// The disk says no; any part of `bytes` may have been written.
+    fn append(&mut self, bytes: &[u8]) -> io::Result<()>;
+
+    /// Makes everything appended durable.
+    ///
+    /// # Errors
+    /// The disk says no; nothing since the last success can be relied on.
+    fn sync_data(&mut self) -> io::Result<()>;
+
+    /// Cuts the file to `len` bytes.
+    ///
+    /// # Errors
+    /// The disk says no.
+    fn truncate(&mut self, len: u64) -> io::Result<()>;
+}
+
+/// A file that can be read anywhere, from any thread.
+#[expect(
+    clippy::len_without_is_empty,
+    reason = "a file's length costs a call and may fail"
+)]
+pub trait ReadAt: Send + Sync {
+    /// Length in bytes.
+    ///
+    /// # Errors
+    /// The disk says no.
+    fn len(&self) -> io::Result<u64>;
+
+    /// Reads up to `buf.len()` bytes at `offset`; 0 at the end.
+    ///
+    /// # Errors
+    /// The disk says no.
+    fn read_at(&self, buf: &mut [u8], offset: u64) -> io::Result<usize>;
+
+    /// Reads exactly `buf.len()` bytes at `offset`.
+    ///
+    /// # Errors
+    /// The disk says no, or the file ends before (`UnexpectedEof`).
+    fn read_exact_at(&self, mut buf: &mut [u8], mut offset: u64) -> io::Result<()> {
+        while !buf.is_empty() {
+            match self.read_at(buf, offset) {
+                Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
+                Ok(n) => {
+                    buf = &mut buf[n..];
+                    offset += n as u64;
+                }
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+                Err(e) => return Err(e),
+            }
+        }
+        Ok(())
+    }
+}
+
+impl ReadAt for Vec<u8> {
+    fn len(&self) -> io::Result<u64> {
+        Ok(Vec::len(self) as u64)
+    }
+
+    fn read_at(&self, buf: &mut [u8], offset: u64) -> io::Result<usize> {
+        let start = usize::try_from(offset)
+            .unwrap_or(usize::MAX)
+            .min(Vec::len(self));
+        let n = buf.len().min(Vec::len(self) - start);
+        buf[..n].copy_from_slice(&self[start..start + n]);
+        Ok(n)
+    }
+}
+
+/// Everything in a file. For small files: the size is what the file really holds.
+///
+/// # Errors
+/// The file is not there, or the disk says no.
+pub fn read_all(storage: &dyn Storage, path: &str) -> io::Result<Vec<u8>> {
+    let file = storage.open(path)?;
+    let mut bytes = vec![0; usize::try_from(file.len()?).map_err(io::Error::other)?];
+    file.read_exact_at(&mut bytes, 0)?;
+    Ok(bytes)
+}
+
+/// Writes a file so that a power cut leaves the old or the new content, never a mixture: written
+/// beside it, synced, renamed over it, and the name synced too.
+///
+/// # Errors
+/// The disk says no; the old content is still there.
+pub fn replace(storage: &dyn Storage, path: &str, bytes: &[u8]) -> io::Result<()> {
+    let temporary = format!("{path}.tmp");
+    match storage.remove(&temporary) {
+        Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
+        _ => {}
+    }
+    let mut file = storage.create(&temporary)?;
+    file.append(bytes)?;
+    file.sync_data()?;
+    drop(file);
+    storage.rename(&temporary, path)?;
+    storage.sync_dir(path.rsplit_once('/').map_or("", |(dir, _)| dir))
+}

@@ -1,0 +1,503 @@
+//! Checking a session: what is there, what is missing, and whether every missing sample is
+//! accounted for.
+//!
+//! One pass over the whole session, every checksum checked, nothing decoded but our own records.
+//! Loss that the recorder noted (gap records) and loss that it did not (damage, a cut) are kept
+//! apart: the first is honest, the second is what recovery turns into the first.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::manifest::State;
+use crate::reader::{Entry, Message, ReadError, SessionReader};
+use crate::record::{CompressedVideo, Frame, Gap, ImuBatch, Record};
+use crate::scan::{Damage, End};
+use crate::time::HostTime;
+
+/// Consecutive samples that are missing without a gap record.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Lost {
+    /// The stream, as gap records name it.
+    pub stream: String,
+    /// First missing number.
+    pub first: u64,
+    /// Last missing number.
+    pub last: u64,
+    /// Time of the sample before.
+    pub after: HostTime,
+    /// Time of the sample behind.
+    pub before: HostTime,
+}
+
+/// What is known of one numbered stream.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StreamReport {
+    /// First number, sample or gap.
+    pub first: u64,
+    /// Last number, sample or gap.
+    pub last: u64,
+    /// Samples present.
+    pub samples: u64,
+    /// Samples missing by gap records.
+    pub gaps: u64,
+    /// Samples missing without a gap record.
+    pub lost: u64,
+    /// Samples whose number was there before.
+    pub repeated: u64,
+    /// Samples that are present although a gap record says that they are missing.
+    pub contradicted: u64,
+    /// Frames whose access unit is missing or does not match its checksum.
+    pub bad_payloads: u64,
+    /// Time of the first sample.
+    pub start: HostTime,
+    /// Time of the last sample. What a cut took lies behind it.
+    pub end: HostTime,
+}
+
+impl StreamReport {
+    /// Samples that should be there: every number from the first to the last.
+    pub fn expected(&self) -> u64 {
+        if self.samples == 0 && self.gaps == 0 {
+            0
+        } else {
+            (self.last - self.first).saturating_add(1)
+        }
+    }
+}
+
+/// Damage in one segment.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SegmentDamage {
+    /// The segment.
+    pub segment: u32,
+    /// Range and cause.
+    #[serde(flatten)]
+    pub damage: Damage,
+}
+
+/// Everything found in a session.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Report {
+    /// The session's identifier.
+    pub session_id: String,
+    /// Why the manifest had to be rebuilt, if it had to.
+    pub manifest_note: Option<String>,
+    /// Whether the recorder closed the session.
+    pub closed: bool,
+    /// Bytes of the segments.
+    pub bytes: u64,
+    /// Messages that can be read.
+    pub messages: u64,
+    /// Segments that are not there.
+    pub missing_segments: Vec<u32>,
+    /// Bytes that cannot be used.
+    pub damage: Vec<SegmentDamage>,
+    /// Messages that are not what their schema says.
+    pub undecodable: u64,
+    /// The numbered streams: cameras and IMUs.
+    pub streams: BTreeMap<String, StreamReport>,
+    /// Samples missing without a gap record, by time.
+    pub lost: Vec<Lost>,
+    /// Segments that ended without a summary although nothing is damaged: cut off, or given up.
+    pub open_segments: Vec<u32>,
+}
+
+impl Report {
+    /// Whether everything that was recorded is there and accounted for. Loss that the recorder
+    /// noted does not make a session unsound; an unclosed one is not sound.
+    pub fn is_sound(&self) -> bool {
+        self.closed
+            && self.manifest_note.is_none()
+            && self.missing_segments.is_empty()
+            && self.damage.is_empty()
+            && self.undecodable == 0
+            && self.lost.is_empty()
+            && self
+                .streams
+                .values()
+                .all(|s| s.repeated == 0 && s.contradicted == 0 && s.bad_payloads == 0)
+    }
+}
+
+/// Checks a session; `progress` is called with the bytes of each message read.
+///
+/// # Errors
+/// The disk says no. What the session holds is never an error.
+pub fn verify(reader: &SessionReader, mut progress: impl FnMut(u64)) -> Result<Report, ReadError> {
+    let manifest = reader.manifest();
+    let mut check = Check::new(reader);
+    check.report = Report {
+        session_id: manifest.session_id.clone(),
+        manifest_note: reader.manifest_note().map(str::to_owned),
+        closed: manifest.state != State::Recording,
+        bytes: reader.bytes()?,
+        ..Report::default()
+    };
+    for entry in reader.entries() {
+        match entry? {
+            Entry::Message(m) => {
+                progress(m.data.len() as u64);
+                check.message(&m);
+            }
+            Entry::Damage { segment, damage } => {
+                check.report.damage.push(SegmentDamage { segment, damage });
+            }
+            Entry::SegmentEnd { segment, end } => {
+                if end == End::Open {
+                    check.report.open_segments.push(segment);
+                }
+            }
+            Entry::SegmentMissing { segment } => check.report.missing_segments.push(segment),
+        }
+    }
+    Ok(check.finish())
+}
+
+/// What a channel carries.
+#[derive(Clone, Copy)]
+enum Kind {
+    Video,
+    Frame,
+    Imu,
+    Gap,
+    Other,
+}
+
+/// A numbered stream while it is being read.
+#[derive(Default)]
+struct Numbers {
+    report: StreamReport,
+    /// Holes between consecutive samples: numbers, and the times around them.
+    holes: Vec<(u64, u64, HostTime, HostTime)>,
+    gaps: Vec<(u64, u64)>,
+    newest: Option<(u64, HostTime)>,
+}
+
+impl Numbers {
+    fn samples(&mut self, first: u64, count: u64, start: HostTime, end: HostTime) {
+        let last = first.saturating_add(count.saturating_sub(1));
+        match self.newest {
+            None => {
+                self.report.first = first;
+                self.report.start = start;
+            }
+            Some((newest, _)) if first <= newest => {
+                self.report.repeated += count;
+                return;
+            }
+            Some((newest, time)) if first > newest.saturating_add(1) => {
+                self.holes
+                    .push((newest.saturating_add(1), first - 1, time, start));
+            }
+            Some(_) => {}
+        }
+        self.report.samples += count;
+        self.report.last = last;
+        self.report.end = end;
+        self.newest = Some((last, end));
+    }
+
+    /// Settles holes against gap records; returns what no gap record explains.
+    fn settle(mut self, name: &str) -> (StreamReport, Vec<Lost>) {
+        let gaps = union(std::mem::take(&mut self.gaps));
+        let mut report = self.report;
+        let sampled = report.samples > 0;
+        let (first, last) = (report.first, report.last);
+        let mut lost = Vec::new();
+        for (from, to, after, before) in self.holes {
+            for (a, b) in subtract((from, to), &gaps) {
+                report.lost = report.lost.saturating_add((b - a).saturating_add(1));
+                lost.push(Lost {
+                    stream: name.to_owned(),
+                    first: a,
+                    last: b,
+                    after,
+                    before,
+                });
+            }
+        }
+        for &(a, b) in &gaps {
+            report.gaps = report.gaps.saturating_add((b - a).saturating_add(1));
+            report.first = if sampled {
+                report.first.min(a)
+            } else {
+                gaps[0].0
+            };
+            report.last = report.last.max(b);
+        }
+        // Numbers in the stream's range that are neither in a hole nor missing must be samples, so
+        // every gap inside the sampled range has to lie within the holes.
+        let inside: u64 = gaps
+            .iter()
+            .filter(|_| sampled)
+            .map(|&(a, b)| {
+                let (a, b) = (a.max(first), b.min(last));
+                if a > b { 0 } else { (b - a).saturating_add(1) }
+            })
+            .fold(0, u64::saturating_add);
+        let holes = report
+            .expected_between(first, last)
+            .saturating_sub(report.samples);
+        report.contradicted = if sampled {
+            inside.saturating_sub(holes.saturating_sub(report.lost))
+        } else {
+            0
+        };
+        // Between a gap at an end and the first or last sample, numbers may be missing as well.
+        if sampled
+            && let Some(&(_, b)) = gaps.iter().rfind(|(_, b)| *b < first)
+            && b + 1 < first
+        {
+            report.lost = report.lost.saturating_add(first - b - 1);
+            lost.push(Lost {
+                stream: name.to_owned(),
+                first: b + 1,
+                last: first - 1,
+                after: report.start,
+                before: report.start,
+            });
+        }
+        if sampled
+            && let Some(&(a, _)) = gaps.iter().find(|(a, _)| *a > last)
+            && last + 1 < a
+        {
+            report.lost = report.lost.saturating_add(a - last - 1);
+            lost.push(Lost {
+                stream: name.to_owned(),
+                first: last + 1,
+                last: a - 1,
+                after: report.end,
+                before: report.end,
+            });
+        }
+        (report, lost)
+    }
+}
+
+impl StreamReport {
+    fn expected_between(&self, first: u64, last: u64) -> u64 {
+        if self.samples == 0 {
+            0
+        } else {
+            (last - first).saturating_add(1)
+        }
+    }
+}
+
+/// Sorted, disjoint ranges that cover the same numbers.
+fn union(mut ranges: Vec<(u64, u64)>) -> Vec<(u64, u64)> {
+    ranges.retain(|(a, b)| a <= b);
+    ranges.sort_unstable();
+    let mut out: Vec<(u64, u64)> = Vec::new();
+    for (a, b) in ranges {
+        match out.last_mut() {
+            Some(last) if a <= last.1.saturating_add(1) => last.1 = last.1.max(b),
+            _ => out.push((a, b)),
+        }
+    }
+    out
+}
+
+/// What of `range` is in none of the sorted, disjoint `covers`.
+fn subtract(range: (u64, u64), covers: &[(u64, u64)]) -> Vec<(u64, u64)> {
+    let (mut from, to) = range;
+    let mut out = Vec::new();
+    let start = covers.partition_point(|c| c.1 < from);
+    for &(a, b) in &covers[start..] {
+        if a > to {
+            break;
+        }
+        if a > from {
+            out.push((from, a - 1));
+        }
+        from = b.saturating_add(1);
+        if from > to || b == u64::MAX {
+            return out;
+        }
+    }
+    if from <= to {
+        out.push((from, to));
+    }
+    out
+}
+
+struct Check {
+    kinds: BTreeMap<u16, (Kind, String)>,
+    report: Report,
+    numbers: BTreeMap<String, Numbers>,
+    /// The newest frame record of each camera whose access unit has not come yet.
+    awaiting: BTreeMap<String, Frame>,
+}
+
+impl Check {
+    fn new(reader: &SessionReader) -> Self {
+        let kinds = reader.manifest().streams.iter().map(|s| {
+            let kind = match s.schema.as_str() {
+                name if name == CompressedVideo::SCHEMA.name => Kind::Video,
+                name if name == Frame::SCHEMA.name => Kind::Frame,
+                name if name == ImuBatch::SCHEMA.name => Kind::Imu,
+                name if name == Gap::SCHEMA.name => Kind::Gap,
+                _ => Kind::Other,
+            };
+            (s.id, (kind, s.of.clone()))
+        });
+        let kinds: BTreeMap<_, _> = kinds.collect();
+        let numbers = kinds
+            .values()
+            .filter(|(kind, _)| matches!(kind, Kind::Frame | Kind::Imu))
+            .map(|(_, of)| (of.clone(), Numbers::default()))
+            .collect();
+        Self {
+            kinds,
+            report: Report::default(),
+            numbers,
+            awaiting: BTreeMap::new(),
+        }
+    }
+
+    fn message(&mut self, m: &Message) {
+        self.report.messages += 1;
+        let Some((kind, of)) = self.kinds.get(&m.stream) else {
+            self.report.undecodable += 1;
+            return;
+        };
+        let (kind, of) = (*kind, of.clone());
+        let understood = match kind {
+            Kind::Video => self.video(&of, m),
+            Kind::Frame => self.frame(of, m),
+            Kind::Imu => self.imu(&of, m),
+            Kind::Gap => m.decode::<Gap>().is_ok_and(|gap| {
+                self.numbers
+                    .entry(gap.stream)
+                    .or_default()
+                    .gaps
+                    .push((gap.first, gap.last));
+                gap.first <= gap.last
+            }),
+            Kind::Other => true,
+        };
+        self.report.undecodable += u64::from(!understood);
+    }
+
+    fn frame(&mut self, of: String, m: &Message) -> bool {
+        let Ok(frame) = m.decode::<Frame>() else {
+            return false;
+        };
+        let time = HostTime(frame.time);
+        let numbers = self.numbers.entry(of.clone()).or_default();
+        numbers.samples(frame.number, 1, time, time);
+        if self.awaiting.insert(of, frame).is_some() {
+            numbers.report.bad_payloads += 1;
+        }
+        true
+    }
+
+    fn video(&mut self, of: &str, m: &Message) -> bool {
+        let Ok(video) = m.decode::<CompressedVideo>() else {
+            return false;
+        };
+        let matches = self.awaiting.remove(of).is_some_and(|frame| {
+            frame.number as u32 == m.sequence
+                && frame.payload_bytes as usize == video.data.len()
+                && frame.payload_crc32 == crc32fast::hash(&video.data)
+        });
+        if !matches {
+            self.numbers
+                .entry(of.to_owned())
+                .or_default()
+                .report
+                .bad_payloads += 1;
+        }
+        true
+    }
+
+    fn imu(&mut self, of: &str, m: &Message) -> bool {
+        let Ok(batch) = m.decode::<ImuBatch>() else {
+            return false;
+        };
+        let n = batch.device_ticks.len();
+        let vectors = |counts: usize, values: usize| {
+            (counts == 3 * n && values == 0) || (counts == 0 && values == 3 * n)
+        };
+        let (Some(start), Some(end)) = (batch.times.first(), batch.times.last()) else {
+            return false;
+        };
+        self.numbers.entry(of.to_owned()).or_default().samples(
+            batch.first_number,
+            n as u64,
+            HostTime(*start),
+            HostTime(*end),
+        );
+        batch.times.len() == n
+            && batch.host_times.len() == n
+            && vectors(batch.gyro_counts.len(), batch.gyro.len())
+            && vectors(batch.accel_counts.len(), batch.accel.len())
+    }
+
+    fn finish(mut self) -> Report {
+        for of in self.awaiting.keys() {
+            self.numbers
+                .entry(of.clone())
+                .or_default()
+                .report
+                .bad_payloads += 1;
+        }
+        for (name, numbers) in self.numbers {
+            let (stream, lost) = numbers.settle(&name);
+            self.report.streams.insert(name, stream);
+            self.report.lost.extend(lost);
+        }
+        self.report.lost.sort_by_key(|l| (l.after, l.first));
+        self.report
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges() {
+        assert_eq!(
+            union(vec![(5, 7), (1, 2), (3, 3), (9, 8)]),
+            [(1, 3), (5, 7)]
+        );
+        let covers = [(1, 3), (5, 7)];
+        assert_eq!(subtract((0, 9), &covers), [(0, 0), (4, 4), (8, 9)]);
+        assert_eq!(subtract((1, 7), &covers), [(4, 4)]);
+        assert_eq!(subtract((2, 3), &covers), []);
+        assert_eq!(subtract((8, 8), &covers), [(8, 8)]);
+        assert_eq!(subtract((0, u64::MAX), &[(3, u64::MAX)]), [(0, 2)]);
+    }
+
+    #[test]
+    fn every_hole_is_explained_or_lost() {
+        let mut n = Numbers::default();
+        for (number, time) in [(10, 0), (11, 1), (15, 5), (16, 6), (20, 10)] {
+            n.samples(number, 1, HostTime(time), HostTime(time));
+        }
+        n.gaps = vec![(12, 13), (17, 19), (21, 22)];
+        let (report, lost) = n.settle("feet");
+        assert_eq!((report.first, report.last, report.samples), (10, 22, 5));
+        assert_eq!((report.gaps, report.lost, report.contradicted), (7, 1, 0));
+        assert_eq!(
+            report.samples + report.gaps + report.lost,
+            report.expected()
+        );
+        assert_eq!(lost.len(), 1);
+        assert_eq!((lost[0].first, lost[0].last), (14, 14));
+        assert_eq!((lost[0].after, lost[0].before), (HostTime(1), HostTime(5)));
+    }
+
+    #[test]
+    fn a_gap_over_a_present_sample_is_a_contradiction() {
+        let mut n = Numbers::default();
+        for number in [1, 2, 4] {
+            n.samples(number, 1, HostTime(0), HostTime(0));
+        }
+        n.gaps = vec![(2, 3)];
+        let (report, _) = n.settle("feet");
+        assert_eq!(report.contradicted, 1);
+    }
+}

@@ -1,0 +1,260 @@
+//! What is written is what is read, and what the format promises about its shape holds.
+
+mod support;
+
+use std::sync::Arc;
+
+use session_archive::layout;
+use session_archive::manifest::State;
+use session_archive::mcap::{Record, RecordIter};
+use session_archive::reader::{Entry, SessionReader};
+use session_archive::record::{CompressedVideo, Frame, ImuBatch};
+use session_archive::scan::End;
+use session_archive::storage::{DiskStorage, FaultStorage, Storage};
+use session_archive::time::HostTime;
+use session_archive::verify::verify;
+use session_archive::writer::{MAX_SEGMENT_NS, SessionWriter};
+use support::{MS, START, Sample, put, record, samples, spec, stop, unit};
+
+#[test]
+fn what_is_written_is_read() {
+    let disk = FaultStorage::new();
+    let samples = samples(3.0);
+    record(Arc::new(disk.clone()), &samples, 300).expect("record");
+    let reader = SessionReader::open(Arc::new(disk)).expect("open");
+    assert_eq!(reader.manifest().state, State::Closed);
+    assert_eq!(reader.manifest_note(), None);
+    let manifest = reader.manifest();
+    let video = manifest
+        .stream::<CompressedVideo>("feet")
+        .expect("stream")
+        .id;
+    let imu = manifest.stream::<ImuBatch>("feet/imu").expect("stream").id;
+    let (mut frames, mut batches) = (Vec::new(), Vec::new());
+    for entry in reader.entries() {
+        match entry.expect("read") {
+            Entry::Message(m) if m.stream == video => {
+                let v: CompressedVideo = m.decode().expect("video");
+                assert_eq!(
+                    (v.frame_id.as_str(), v.format.as_str()),
+                    ("feet/left", "h264")
+                );
+                assert_eq!(
+                    session_archive::record::timestamp(m.time),
+                    v.timestamp.unwrap()
+                );
+                frames.push((m.sequence, m.time, v.data));
+            }
+            Entry::Message(m) if m.stream == imu => {
+                batches.push(m.decode::<ImuBatch>().expect("imu"));
+            }
+            Entry::SegmentEnd { end, .. } => assert_eq!(end, End::Clean),
+            Entry::Message(_) => {}
+            other => panic!("{other:?}"),
+        }
+    }
+    let expected: Vec<_> = samples
+        .iter()
+        .filter_map(|s| match s {
+            Sample::Frame {
+                camera: 1,
+                number,
+                time,
+                ..
+            } => Some((*number as u32, *time, unit(1, *number, 300))),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(frames.len(), expected.len());
+    for (found, expected) in frames.iter().zip(&expected) {
+        assert_eq!(
+            (found.0, found.1, &found.2[..]),
+            (expected.0, expected.1, &expected.2[..])
+        );
+    }
+    assert_eq!(batches.len(), 30);
+    assert_eq!(batches[3].first_number, 60);
+    assert_eq!(batches[3].gyro_counts[59], 52);
+}
+
+#[test]
+fn a_clean_session_verifies_as_sound() {
+    let disk = FaultStorage::new();
+    record(Arc::new(disk.clone()), &samples(3.0), 100).expect("record");
+    let report = verify(&SessionReader::open(Arc::new(disk)).unwrap(), |_| {}).expect("verify");
+    assert!(report.is_sound(), "{report:#?}");
+    assert_eq!(report.streams["feet"].samples, 60);
+    assert_eq!(report.streams["left_shoulder"].expected(), 91);
+    assert_eq!(report.streams["feet/imu"].samples, 600);
+}
+
+/// Every chunk holds one epoch: the first frame of every camera in it is a key frame.
+#[test]
+fn every_chunk_starts_every_camera_with_a_key_frame() {
+    let disk = FaultStorage::new();
+    record(Arc::new(disk.clone()), &samples(5.0), 100).expect("record");
+    let bytes = disk.content(&layout::segment(0)).expect("segment");
+    let mut chunks = 0;
+    for record in RecordIter::new(&bytes[8..bytes.len() - 8]) {
+        let Record::Chunk(chunk) = record.expect("record") else {
+            continue;
+        };
+        assert!(chunk.verify());
+        let mut seen = std::collections::BTreeSet::new();
+        let mut records = chunk.iter().map(|r| r.expect("record"));
+        let span = chunk.message_end_time - chunk.message_start_time;
+        assert!(span <= 600 * MS as u64, "{span}");
+        while let Some(record) = records.next() {
+            let Record::Message(m) = record else { continue };
+            let reader = SessionReader::open(Arc::new(disk.clone())).expect("open");
+            let stream = reader.stream(m.channel_id).expect("stream");
+            if stream.schema == "paws.Frame" && seen.insert(stream.of.clone()) {
+                let frame = <Frame as session_archive::record::Protobuf>::decode(m.data).unwrap();
+                assert!(frame.key_frame, "chunk {chunks}, {}", stream.of);
+            }
+        }
+        chunks += 1;
+    }
+    assert_eq!(chunks, 1 + 10, "the head and one chunk per half second");
+}
+
+#[test]
+fn durability_is_named_and_never_ahead_of_the_disk() {
+    let disk = FaultStorage::new();
+    let mut writer = SessionWriter::create(Arc::new(disk.clone()), spec()).expect("create");
+    let mut last = 0;
+    let samples = samples(4.0);
+    for sample in &samples {
+        put(&mut writer, sample, 50).expect("put");
+        let durable = writer.durability();
+        if durable.chunks == last {
+            continue;
+        }
+        last = durable.chunks;
+        let image = disk.crash(session_archive::storage::CrashKind::UnsyncedDropped);
+        let reader = SessionReader::open(Arc::new(image)).expect("open");
+        let found = reader
+            .entries()
+            .filter(|e| matches!(e, Ok(Entry::Message(_))))
+            .count() as u64;
+        assert_eq!(
+            found,
+            durable.messages + 1,
+            "all durable messages, and the head's one"
+        );
+        let video = reader
+            .manifest()
+            .stream::<CompressedVideo>("feet")
+            .expect("stream")
+            .id;
+        let on_disk = reader
+            .entries()
+            .filter(|e| matches!(e, Ok(Entry::Message(m)) if m.stream == video && m.time <= durable.until))
+            .count();
+        let appended = samples
+            .iter()
+            .filter(
+                |s| matches!(s, Sample::Frame { camera: 1, time, .. } if *time <= durable.until),
+            )
+            .count();
+        assert_eq!(on_disk, appended, "until {}", durable.until);
+    }
+    assert!(last >= 7, "{last}");
+}
+
+#[test]
+fn segments_end_after_a_minute_and_repeat_state() {
+    let disk = FaultStorage::new();
+    let mut writer = SessionWriter::create(Arc::new(disk.clone()), spec()).expect("create");
+    let map = session_archive::record::ClockMap {
+        clock: "feet".to_owned(),
+        version: 3,
+        ..Default::default()
+    };
+    writer.append("feet", START, START, &map).expect("map");
+    let samples = samples(130.0);
+    for sample in &samples {
+        put(&mut writer, sample, 20).expect("put");
+    }
+    let manifest = writer.close(stop(START + 130_000 * MS)).expect("close");
+    assert_eq!(manifest.segments.len(), 3);
+    for segment in &manifest.segments {
+        assert!(segment.end.unwrap() - segment.start.unwrap() <= MAX_SEGMENT_NS);
+    }
+    let reader = SessionReader::open(Arc::new(disk.clone())).expect("open");
+    let clock = reader
+        .manifest()
+        .stream::<session_archive::record::ClockMap>("feet")
+        .unwrap()
+        .id;
+    let maps = reader
+        .entries()
+        .filter(|e| matches!(e, Ok(Entry::Message(m)) if m.stream == clock))
+        .count();
+    assert_eq!(maps, 1, "repeated state is not reported twice");
+    // The last segment alone still has it.
+    let alone = FaultStorage::new();
+    alone.set_content(
+        &layout::segment(2),
+        disk.content(&layout::segment(2)).unwrap(),
+    );
+    let reader = SessionReader::open(Arc::new(alone)).expect("open");
+    assert!(reader.manifest_note().is_some());
+    assert_eq!(reader.manifest().cameras.len(), 2);
+    let maps = reader
+        .entries()
+        .filter(|e| matches!(e, Ok(Entry::Message(m)) if m.stream == clock))
+        .count();
+    assert_eq!(maps, 1);
+}
+
+#[test]
+fn the_same_session_gives_the_same_bytes() {
+    let (a, b) = (FaultStorage::new(), FaultStorage::new());
+    record(Arc::new(a.clone()), &samples(2.0), 100).expect("record");
+    record(Arc::new(b.clone()), &samples(2.0), 100).expect("record");
+    for path in a.paths() {
+        assert_eq!(a.content(&path), b.content(&path), "{path}");
+    }
+}
+
+#[test]
+fn a_camera_that_stops_does_not_hold_up_the_others() {
+    let disk = FaultStorage::new();
+    let mut writer = SessionWriter::create(Arc::new(disk.clone()), spec()).expect("create");
+    for sample in samples(6.0) {
+        let silent =
+            matches!(sample, Sample::Frame { camera: 1, time, .. } if time > START + 1200 * MS);
+        if !silent {
+            put(&mut writer, &sample, 50).expect("put");
+            let Sample::Frame { time, .. } = sample else {
+                continue;
+            };
+            let waiting = time - writer.durability().until;
+            assert!(waiting <= 1100 * MS, "{waiting}");
+        }
+    }
+    writer.close(stop(START)).expect("close");
+}
+
+#[test]
+fn a_session_is_never_written_over() {
+    let folder = tempfile::tempdir().expect("tempdir");
+    let storage: Arc<dyn Storage> = Arc::new(DiskStorage::new(folder.path()));
+    record(storage.clone(), &samples(1.0), 10).expect("record");
+    assert!(SessionWriter::create(storage, spec()).is_err());
+}
+
+#[test]
+fn wrong_calls_are_refused() {
+    let mut writer = SessionWriter::create(Arc::new(FaultStorage::new()), spec()).expect("create");
+    assert!(put(&mut writer, &Sample::Mark { time: HostTime(-1) }, 0).is_err());
+    let frame = support::frame(1, START);
+    assert!(
+        writer
+            .append_frame("nose", frame.clone(), &[], true)
+            .is_err()
+    );
+    let long = vec![0; session_archive::writer::MAX_CHUNK_BYTES + 1];
+    assert!(writer.append_frame("feet", frame, &long, true).is_err());
+}

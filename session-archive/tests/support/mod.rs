@@ -1,0 +1,191 @@
+//! A small made-up session, written through the public API, for the tests of this crate.
+
+use std::sync::Arc;
+
+use session_archive::manifest::{Camera, Imu, Stop};
+use session_archive::record::{Event, Frame, ImuBatch, paws};
+use session_archive::storage::Storage;
+use session_archive::time::{CivilTime, HostTime, TickLength};
+use session_archive::writer::{SessionSpec, SessionWriter, WriteError};
+
+pub const MS: i64 = 1_000_000;
+pub const START: HostTime = HostTime(5_000_000_000_000);
+
+pub fn camera(name: &str, rate_hz: f64) -> Camera {
+    Camera {
+        name: name.to_owned(),
+        width: 64,
+        height: 24,
+        codec: "h264".to_owned(),
+        colour: "grey".to_owned(),
+        rate_hz,
+        tick: TickLength::NANOSECOND,
+        trigger: None,
+        source: "made up".to_owned(),
+        encoder: "none".to_owned(),
+    }
+}
+
+pub fn spec() -> SessionSpec {
+    SessionSpec {
+        session_id: "0192aa00-0000-7000-8000-000000000001".to_owned(),
+        name: "test".to_owned(),
+        software: "tests".to_owned(),
+        started: START,
+        started_civil: CivilTime(1_790_000_000_000_000_000),
+        chunk_ns: 500 * MS,
+        cameras: vec![camera("left_shoulder", 30.0), camera("feet", 20.0)],
+        imus: vec![Imu {
+            name: "feet/imu".to_owned(),
+            rate_hz: 200.0,
+            tick: TickLength::ZED_MINI,
+            source: "made up".to_owned(),
+        }],
+        rig: vec![("rig.toml".to_owned(), b"revision = 1\n".to_vec())],
+    }
+}
+
+/// Bytes that stand for an access unit; different for every frame.
+pub fn unit(camera: u64, number: u64, bytes: usize) -> Vec<u8> {
+    let mut x =
+        camera.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ number.wrapping_mul(0xD1B5_4A32_D192_ED03);
+    (0..bytes)
+        .map(|_| {
+            x ^= x << 13;
+            x ^= x >> 7;
+            x ^= x << 17;
+            x as u8
+        })
+        .collect()
+}
+
+pub fn frame(number: u64, time: HostTime) -> Frame {
+    Frame {
+        number,
+        device_ticks: time.0 - START.0,
+        host_time: time.0 + 3 * MS,
+        time: time.0,
+        sigma_ns: 20_000,
+        clock_map: 1,
+        ..Frame::default()
+    }
+}
+
+/// One sample of the session, in the order of arrival.
+#[derive(Clone, Debug)]
+pub enum Sample {
+    Frame {
+        camera: usize,
+        number: u64,
+        time: HostTime,
+        key: bool,
+    },
+    Imu {
+        first: u64,
+        time: HostTime,
+    },
+    Mark {
+        time: HostTime,
+    },
+}
+
+/// Two cameras (30 and 20 Hz, key frame first in every half second), one IMU (200 Hz in batches of
+/// 20), a mark every second.
+pub fn samples(seconds: f64) -> Vec<Sample> {
+    let mut out = Vec::new();
+    let end = (seconds * 1e9) as i64;
+    for (camera, period) in [(0, 33_333_333), (1, 50 * MS)] {
+        let mut epoch = -1;
+        for number in 0.. {
+            let t = number as i64 * period + camera as i64 * 7 * MS;
+            if t >= end {
+                break;
+            }
+            let key = t / (500 * MS) != epoch;
+            epoch = t / (500 * MS);
+            out.push(Sample::Frame {
+                camera,
+                number: 100 + number,
+                time: START + t,
+                key,
+            });
+        }
+    }
+    for batch in 0..(seconds * 10.0) as u64 {
+        out.push(Sample::Imu {
+            first: batch * 20,
+            time: START + batch as i64 * 100 * MS,
+        });
+    }
+    for s in 0..seconds as i64 {
+        out.push(Sample::Mark {
+            time: START + s * 1000 * MS,
+        });
+    }
+    out.sort_by_key(|s| match s {
+        Sample::Frame { time, .. } | Sample::Mark { time } => time.0,
+        Sample::Imu { time, .. } => time.0 + 95 * MS,
+    });
+    out
+}
+
+pub fn put(writer: &mut SessionWriter, sample: &Sample, bytes: usize) -> Result<(), WriteError> {
+    match sample {
+        Sample::Frame {
+            camera,
+            number,
+            time,
+            key,
+        } => {
+            let name = writer.manifest().cameras[*camera].name.clone();
+            let unit = unit(*camera as u64, *number, bytes);
+            writer.append_frame(&name, frame(*number, *time), &unit, *key)
+        }
+        Sample::Imu { first, time } => {
+            let n = 20;
+            let times: Vec<i64> = (0..n).map(|i| time.0 + i * 5 * MS).collect();
+            let batch = ImuBatch {
+                first_number: *first,
+                device_ticks: (0..n).map(|i| (*first as i64 + i) * 128).collect(),
+                host_times: times.iter().map(|t| t + MS).collect(),
+                times,
+                sigma_ns: 10_000,
+                clock_map: 1,
+                gyro_counts: (0..3 * n).map(|i| i as i32 - 7).collect(),
+                gyro_scale: 5.3e-4,
+                accel_counts: (0..3 * n).map(|i| 100 - i as i32).collect(),
+                accel_scale: 2.4e-3,
+                ..ImuBatch::default()
+            };
+            writer.append("feet/imu", *time, *time + 100 * MS, &batch)
+        }
+        Sample::Mark { time } => {
+            let event = Event {
+                kind: paws::event::Kind::Mark.into(),
+                source: "control".to_owned(),
+                text: "here".to_owned(),
+            };
+            writer.append("", *time, *time, &event)
+        }
+    }
+}
+
+pub fn stop(at: HostTime) -> Stop {
+    Stop {
+        at,
+        reason: "duration".to_owned(),
+    }
+}
+
+/// Records the samples; closes cleanly.
+pub fn record(
+    storage: Arc<dyn Storage>,
+    samples: &[Sample],
+    bytes: usize,
+) -> Result<(), WriteError> {
+    let mut writer = SessionWriter::create(storage, spec())?;
+    for sample in samples {
+        put(&mut writer, sample, bytes)?;
+    }
+    writer.close(stop(START)).map(|_| ())
+}
