@@ -1,0 +1,147 @@
+//! `K.txt` of a rectified pair: nine numbers of the camera matrix on the first line, rows first, and
+//! the baseline in metres on the second. FoundationStereo's demo data has this form.
+//!
+//! Contract: both cameras are the same ideal pinhole, the right one shifted along x. The file does not
+//! say its resolution; that the principal point lies inside the picture is all that can be checked.
+
+use std::path::Path;
+
+use cad_transforms::RigidTransform;
+
+use crate::camera::{CameraModel, Distortion};
+use crate::error::{CalibError, Note};
+use crate::stereo::{Format, Provenance, StereoCalibration};
+use crate::text::Source;
+
+/// Longest believable baseline, metres. Above it the number is in millimetres.
+const LONGEST_BASELINE_M: f64 = 10.0;
+
+/// Reads a `K.txt` for pictures of `width` x `height` pixels.
+///
+/// # Errors
+/// [`CalibError`].
+pub fn read(
+    path: &Path,
+    width: u32,
+    height: u32,
+) -> Result<(StereoCalibration, Vec<Note>), CalibError> {
+    let source = Source::read(path)?;
+    let lines: Vec<(usize, &str)> = source
+        .lines()
+        .filter(|(_, line)| !line.is_empty())
+        .collect();
+    let [(k_line, k_text), (baseline_line, baseline_text)] = lines[..] else {
+        let found = format!("{} lines", lines.len());
+        return Err(source.missing(
+            "a line with the camera matrix and one with the baseline",
+            &found,
+        ));
+    };
+    let k = source.numbers(k_line, k_text)?;
+    let [fx, skew, cx, zero, fy, cy, a, b, c] = k[..] else {
+        return Err(source.malformed(
+            k_line,
+            k_text,
+            "nine numbers of the camera matrix, rows first",
+        ));
+    };
+    if (skew, zero, a, b, c) != (0.0, 0.0, 0.0, 0.0, 1.0) {
+        return Err(source.malformed(k_line, k_text, "the form fx 0 cx 0 fy cy 0 0 1"));
+    }
+    let baseline_m = source.number(baseline_line, baseline_text)?;
+    if !(baseline_m > 0.0 && baseline_m <= LONGEST_BASELINE_M) {
+        let expected = format!("a baseline in metres, above 0 and at most {LONGEST_BASELINE_M}");
+        return Err(source.malformed(baseline_line, baseline_text, &expected));
+    }
+    let camera = CameraModel {
+        width,
+        height,
+        fx,
+        fy,
+        cx,
+        cy,
+        distortion: Distortion::None,
+    };
+    let calibration = StereoCalibration {
+        left: camera,
+        right: camera,
+        right_from_left: RigidTransform::from_translation_m([-baseline_m, 0.0, 0.0])
+            .expect("the baseline is finite"),
+        imu: None,
+        provenance: Provenance {
+            format: Format::Pair,
+            files: vec![path.to_owned()],
+            part: None,
+        },
+    };
+    calibration
+        .checked(path)
+        .map(|calibration| (calibration, Vec::new()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_data::{Folder, shared};
+
+    #[test]
+    fn the_desk_pair() {
+        let Some(path) = shared("01_stereo_depth/foundationstereo_demo/K.txt") else {
+            return;
+        };
+        let (calibration, notes) = read(&path, 960, 540).unwrap();
+        assert_eq!(
+            calibration.left.k_matrix()[..3],
+            [754.6680908203125, 0.0, 489.3794860839844]
+        );
+        assert_eq!(calibration.left.cy, 265.16162109375);
+        assert_eq!(
+            calibration.right_from_left.translation_m(),
+            [-0.063, 0.0, 0.0]
+        );
+        assert_eq!(calibration.left, calibration.right);
+        assert!(calibration.is_rectified() && notes.is_empty());
+        // A quarter of the size: the principal point gives it away.
+        assert!(matches!(
+            read(&path, 480, 270),
+            Err(CalibError::Implausible { .. })
+        ));
+    }
+
+    #[test]
+    fn traps() {
+        let folder = Folder::new();
+        let check = |text: &str, expected: &str| {
+            let error = read(&folder.file("K.txt", text), 640, 480)
+                .unwrap_err()
+                .to_string();
+            assert!(
+                error.contains(expected),
+                "found {error:?}, expected {expected:?}"
+            );
+            assert!(error.ends_with("K.txt"), "{error}");
+        };
+        check("500 0 320 0 500 240 0 0 1\n", "found 1 lines");
+        check("500 0 320 0 500 240 0 0\n0.1\n", "line 1: found");
+        check(
+            "500 1 320 0 500 240 0 0 1\n0.1\n",
+            "expected the form fx 0 cx 0 fy cy 0 0 1",
+        );
+        check(
+            "500 0 320 0 500 240 0 0 1\n63\n",
+            "line 2: found \"63\", expected a baseline in metres",
+        );
+        check(
+            "500 0 320 0 500 240 0 0 1\n0,063\n",
+            "line 2: found \"0,063\", expected a decimal point",
+        );
+        check(
+            "500 0 320 0 nan 240 0 0 1\n0.1\n",
+            "line 1: found \"nan\", expected a finite number",
+        );
+        check(
+            "-500 0 320 0 500 240 0 0 1\n0.1\n",
+            "left camera: focal lengths -500 and 500",
+        );
+    }
+}

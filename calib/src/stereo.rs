@@ -1,0 +1,143 @@
+//! The calibration of one stereo camera with its IMU.
+//!
+//! Contract: a [`StereoCalibration`] given out by a reader has finite, possible intrinsics and a right
+//! eye that sits to the right of the left one. What the file did not hold is `None`, not a default.
+
+use std::path::{Path, PathBuf};
+
+use cad_transforms::RigidTransform;
+use serde::{Deserialize, Serialize};
+
+use crate::camera::{CameraModel, Distortion};
+use crate::error::CalibError;
+
+/// Calibration of a stereo camera at one resolution.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StereoCalibration {
+    /// The left camera, the reference of the pair.
+    pub left: CameraModel,
+    /// The right camera.
+    pub right: CameraModel,
+    /// Takes points in the left optical frame to the right one (OpenCV's R and T), metres.
+    pub right_from_left: RigidTransform,
+    /// The IMU, where the files hold one.
+    pub imu: Option<ImuCalibration>,
+    /// Where all this comes from.
+    pub provenance: Provenance,
+}
+
+/// Which of the two cameras.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Eye {
+    /// The left camera.
+    Left,
+    /// The right camera.
+    Right,
+}
+
+/// Placement and noise of an IMU.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ImuCalibration {
+    /// Takes points in the left optical frame to the IMU's frame, metres.
+    pub imu_from_left: RigidTransform,
+    /// Nominal rate, Hz.
+    pub rate_hz: f64,
+    /// Noise model, where the file holds one.
+    pub noise: Option<ImuNoise>,
+}
+
+/// Continuous-time IMU noise model, as EuRoC and Kalibr write it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ImuNoise {
+    /// Gyroscope white noise, rad/s/√Hz.
+    pub gyro_noise_density: f64,
+    /// Gyroscope bias random walk, rad/s²/√Hz.
+    pub gyro_random_walk: f64,
+    /// Accelerometer white noise, m/s²/√Hz.
+    pub accel_noise_density: f64,
+    /// Accelerometer bias random walk, m/s³/√Hz.
+    pub accel_random_walk: f64,
+}
+
+/// Which files a calibration was read from and how.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Provenance {
+    /// Kind of file.
+    pub format: Format,
+    /// Every file that was read, in reading order. Their bytes belong into the session.
+    pub files: Vec<PathBuf>,
+    /// The part of the file that was used, for example the section of a resolution.
+    pub part: Option<String>,
+}
+
+/// The kinds of calibration files that are read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Format {
+    /// Stereolabs factory file `SNnnnn.conf`.
+    ZedConf,
+    /// EuRoC / ASL folder with `sensor.yaml` files.
+    Euroc,
+    /// KITTI odometry `calib.txt` with projection matrices.
+    Kitti,
+    /// `K.txt` with one camera matrix and a baseline, for a rectified pair.
+    Pair,
+}
+
+/// How far off exact a pair may be and still count as rectified: rotation in rad and offset in m.
+/// Rectified files state exact zeros; this only absorbs the arithmetic on the way.
+const RECTIFIED_TOLERANCE: f64 = 1e-12;
+
+impl StereoCalibration {
+    /// The model of one eye.
+    pub fn eye(&self, eye: Eye) -> &CameraModel {
+        match eye {
+            Eye::Left => &self.left,
+            Eye::Right => &self.right,
+        }
+    }
+
+    /// Distance between the two optical centres, metres.
+    pub fn baseline_m(&self) -> f64 {
+        self.right_from_left.distance_m()
+    }
+
+    /// Whether the pictures are rectified as delivered: no distortion, one camera matrix, parallel
+    /// axes, and the offset along x alone. Then corresponding points share a row.
+    pub fn is_rectified(&self) -> bool {
+        let [_, y, z] = self.right_from_left.translation_m();
+        let (left, right) = (&self.left, &self.right);
+        left.distortion == Distortion::None
+            && right.distortion == Distortion::None
+            && (left.fx, left.fy, left.cy) == (right.fx, right.fy, right.cy)
+            && self.right_from_left.angle_rad() <= RECTIFIED_TOLERANCE
+            && y.abs() <= RECTIFIED_TOLERANCE
+            && z.abs() <= RECTIFIED_TOLERANCE
+    }
+
+    /// The calibration itself, if its numbers are possible. `path` is where they were read from.
+    pub(crate) fn checked(self, path: &Path) -> Result<Self, CalibError> {
+        let cameras = [("left", &self.left), ("right", &self.right)];
+        let lens = cameras
+            .iter()
+            .find_map(|(name, camera)| Some(format!("{name} camera: {}", camera.objection()?)));
+        let [x, ..] = self.right_from_left.translation_m();
+        let placement = (x >= 0.0).then(|| {
+            format!(
+                "the left camera's origin is at x = {x} m in the right camera's frame, expected below 0: \
+                 are left and right swapped?"
+            )
+        });
+        match lens.or(placement) {
+            None => Ok(self),
+            Some(objection) => Err(CalibError::Implausible {
+                path: path.to_owned(),
+                objection,
+            }),
+        }
+    }
+}

@@ -1,0 +1,253 @@
+//! Stereolabs factory files, `SNnnnn.conf`: INI text with one section per eye and resolution.
+//!
+//! Contract: section and key names are taken in any case, values with or without blanks around `=`.
+//! The resolution is chosen by the size of the picture: 2K, FHD, HD, VGA of the USB cameras and FHD1200,
+//! FHD, SVGA of the GMSL ones, whose FHD and SVGA follow from FHD1200 where they are absent. Baseline
+//! and TY, TZ are in millimetres, (RX, CV, RZ) is a rotation vector in radians. Everything that was
+//! absent and taken as zero, or derived, is noted.
+//!
+//! Derived SVGA follows the maker's rule of halving all four intrinsics. Between pixel centres, exact
+//! 2x2 binning would move the principal point another quarter of a pixel, alike in both eyes.
+//!
+//! Signs: the maker's own calibration tool writes OpenCV's R and T (`x_right = R x_left + T`) with
+//! `Baseline = -T.x`, `TY = T.y`, `TZ = T.z`, and reads them back that way (stereolabs/
+//! zed-opencv-calibration, `opencv_calibration.cpp` and `.hpp`). zed-open-capture's sample uses
+//! `+Baseline` instead, which rectifies alike only while TY and TZ are zero.
+
+use std::path::Path;
+
+use cad_transforms::RigidTransform;
+
+use crate::camera::{CameraModel, Distortion};
+use crate::error::{CalibError, Note};
+use crate::stereo::{Format, Provenance, StereoCalibration};
+use crate::text::Source;
+use ini::{Ini, Section};
+
+mod ini;
+
+/// Resolution tags by the size of one picture.
+const RESOLUTIONS: [(u32, u32, &str); 6] = [
+    (2208, 1242, "2K"),
+    (1920, 1080, "FHD"),
+    (1280, 720, "HD"),
+    (672, 376, "VGA"),
+    (1920, 1200, "FHD1200"),
+    (960, 600, "SVGA"),
+];
+
+/// Below this a baseline is not in millimetres: the closest pair the maker sells has 18.
+const SHORTEST_BASELINE_MM: f64 = 1.0;
+
+/// Reads a factory file for pictures of `width` x `height` pixels (one eye, not side by side).
+///
+/// # Errors
+/// [`CalibError`].
+pub fn read(
+    path: &Path,
+    width: u32,
+    height: u32,
+) -> Result<(StereoCalibration, Vec<Note>), CalibError> {
+    let source = Source::read(path)?;
+    let ini = Ini::parse(&source)?;
+    let Some((_, _, tag)) = RESOLUTIONS
+        .iter()
+        .find(|(w, h, _)| (*w, *h) == (width, height))
+    else {
+        let known = RESOLUTIONS
+            .map(|(w, h, tag)| format!("{tag} {w}x{h}"))
+            .join(", ");
+        let found = format!("no such resolution of these cameras ({known})");
+        return Err(CalibError::Resolution {
+            path: path.to_owned(),
+            width,
+            height,
+            found,
+        });
+    };
+    let mut notes = Vec::new();
+    let shape = Shape::of(tag, &ini, &mut notes).ok_or_else(|| CalibError::Resolution {
+        path: path.to_owned(),
+        width,
+        height,
+        found: format!(
+            "no section for {tag} among {}",
+            ini.section_names().join(", ")
+        ),
+    })?;
+    let left = camera(&ini, "LEFT", &shape, (width, height), &mut notes)?;
+    let right = camera(&ini, "RIGHT", &shape, (width, height), &mut notes)?;
+    let calibration = StereoCalibration {
+        left,
+        right,
+        right_from_left: right_from_left(&ini, &source, tag, &shape, &mut notes)?,
+        imu: None,
+        provenance: Provenance {
+            format: Format::ZedConf,
+            files: vec![path.to_owned()],
+            part: Some(shape.section_tag.to_owned()),
+        },
+    };
+    calibration
+        .checked(path)
+        .map(|calibration| (calibration, notes))
+}
+
+/// From which section the intrinsics come, and how they get to the picture's size.
+struct Shape {
+    section_tag: &'static str,
+    scale: f64,
+    /// Rows cut off above, before scaling.
+    cut_rows: f64,
+}
+
+impl Shape {
+    fn of(tag: &'static str, ini: &Ini<'_>, notes: &mut Vec<Note>) -> Option<Self> {
+        let has = |tag: &str| ini.section(&format!("LEFT_CAM_{tag}")).is_some();
+        if has(tag) {
+            return Some(Self {
+                section_tag: tag,
+                scale: 1.0,
+                cut_rows: 0.0,
+            });
+        }
+        // The maker's calibration tool derives these two by the same rule.
+        let (scale, cut_rows, how) = match tag {
+            "FHD" => (1.0, 60.0, "by cutting 60 rows off above"),
+            "SVGA" => (0.5, 0.0, "by halving"),
+            _ => return None,
+        };
+        has("FHD1200").then(|| {
+            notes.push(Note(format!(
+                "no section for {tag}: derived from FHD1200 {how}"
+            )));
+            Self {
+                section_tag: "FHD1200",
+                scale,
+                cut_rows,
+            }
+        })
+    }
+}
+
+fn camera(
+    ini: &Ini<'_>,
+    eye: &str,
+    shape: &Shape,
+    (width, height): (u32, u32),
+    notes: &mut Vec<Note>,
+) -> Result<CameraModel, CalibError> {
+    let section = ini.require(&format!("{eye}_CAM_{}", shape.section_tag))?;
+    let lens = if section.has("K1") {
+        section
+    } else {
+        ini.require(&format!("{eye}_DISTO"))?
+    };
+    Ok(CameraModel {
+        width,
+        height,
+        fx: section.number("FX")? * shape.scale,
+        fy: section.number("FY")? * shape.scale,
+        cx: section.number("CX")? * shape.scale,
+        cy: (section.number("CY")? - shape.cut_rows) * shape.scale,
+        distortion: distortion(lens, notes)?,
+    })
+}
+
+/// The section holds one list of coefficients for three models; which one is told by its zeros.
+fn distortion(lens: &Section<'_>, notes: &mut Vec<Note>) -> Result<Distortion, CalibError> {
+    let (k1, k2) = (lens.number("K1")?, lens.number("K2")?);
+    let absent: Vec<&str> = ["P1", "P2", "K3"]
+        .into_iter()
+        .filter(|key| !lens.has(key))
+        .collect();
+    if !absent.is_empty() {
+        notes.push(Note(format!(
+            "[{}] has no {}: taken as 0",
+            lens.name(),
+            absent.join(", ")
+        )));
+    }
+    let or_zero = |key| {
+        if lens.has(key) {
+            lens.number(key)
+        } else {
+            Ok(0.0)
+        }
+    };
+    let (p1, p2, k3) = (or_zero("P1")?, or_zero("P2")?, or_zero("K3")?);
+    let (k4, k5, k6) = (or_zero("K4")?, or_zero("K5")?, or_zero("K6")?);
+    let all_zero = |values: &[f64]| values.iter().all(|v| *v == 0.0);
+    Ok(if all_zero(&[k1, k2, p1, p2, k3, k4, k5, k6]) {
+        notes.push(Note(format!(
+            "[{}] has only zeros: a rectified camera, or a file that lost its digits to a decimal comma",
+            lens.name()
+        )));
+        Distortion::None
+    } else if all_zero(&[k4, k5, k6]) {
+        Distortion::RadTan5 { k1, k2, p1, p2, k3 }
+    } else if all_zero(&[p1, p2, k5, k6]) && k3 != 0.0 {
+        // The maker's rule for its fisheye lenses, whose four coefficients share this list.
+        notes.push(Note(format!(
+            "[{}] has k1 to k4 alone: read as a fisheye lens",
+            lens.name()
+        )));
+        Distortion::KannalaBrandt4 { k1, k2, k3, k4 }
+    } else {
+        Distortion::Rational8 {
+            k1,
+            k2,
+            p1,
+            p2,
+            k3,
+            k4,
+            k5,
+            k6,
+        }
+    })
+}
+
+fn right_from_left(
+    ini: &Ini<'_>,
+    source: &Source,
+    tag: &str,
+    shape: &Shape,
+    notes: &mut Vec<Note>,
+) -> Result<RigidTransform, CalibError> {
+    let stereo = ini.require("STEREO")?;
+    let (line, text) = stereo.text("BASELINE")?;
+    let baseline_mm = source.number(line, text)?;
+    if baseline_mm < SHORTEST_BASELINE_MM {
+        let expected =
+            format!("a baseline in millimetres, positive, at least {SHORTEST_BASELINE_MM}");
+        return Err(source.malformed(line, text, &expected));
+    }
+    // Keys carry the resolution, in old files with a longer suffix. A derived resolution may have its
+    // own keys or only those of the one it is derived from.
+    let per_resolution = |name: &str| {
+        [tag, shape.section_tag]
+            .iter()
+            .flat_map(|tag| [format!("{name}_{tag}"), format!("{name}_RESOLUTION_{tag}")])
+            .find(|key| stereo.has(key))
+    };
+    let mut offset_mm =
+        |name: &str| match per_resolution(name).or(stereo.has(name).then(|| name.to_owned())) {
+            Some(key) => stereo.number(&key),
+            None => {
+                notes.push(Note(format!("[STEREO] has no {name}: taken as 0")));
+                Ok(0.0)
+            }
+        };
+    let (ty_mm, tz_mm) = (offset_mm("TY")?, offset_mm("TZ")?);
+    let angle =
+        |name: &str| stereo.number(&per_resolution(name).unwrap_or(format!("{name}_{tag}")));
+    let rotation_rad = [angle("RX")?, angle("CV")?, angle("RZ")?];
+    let translation_m = [-baseline_mm / 1000.0, ty_mm / 1000.0, tz_mm / 1000.0];
+    Ok(
+        RigidTransform::from_rotation_vector(rotation_rad, translation_m)
+            .expect("parsed numbers are finite"),
+    )
+}
+
+#[cfg(test)]
+mod tests;
