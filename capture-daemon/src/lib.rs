@@ -1,3 +1,4 @@
 //! capture-daemon
 
 pub mod sources;
+pub mod sync;

@@ -1,0 +1,559 @@
+//! Clock maps: what a device's ticks mean on the host's clock.
+//!
+//! A [`ClockMapper`] is fed one pair of (device tick, host arrival) per sample and keeps a
+//! [`ClockMap`]. Arrivals are late by a latency that is never less than some minimum, so the
+//! earliest possible arrivals form a line: offset + rate × device time. The mapper finds that line
+//! from below (how: `fit.rs`), notices when the device clock steps, and says how far its times can
+//! be trusted.
+//!
+//! * **Early.** There is a map from the first sample on. Until some 64 samples (and 2 s) have
+//!   been seen its sigma is mostly the expected jitter, and everything is flagged.
+//! * **Refined.** Later versions of the map move by less than the earlier sigma. [`MonotoneGuard`]
+//!   keeps the times of a stream growing meanwhile, and says where it had to.
+//! * **Lost, repeated, overtaken samples** do no harm: a lost one is one chance less, a repeated
+//!   tick is ignored, one that was overtaken is mapped but not learned from.
+//! * **A burst of late arrivals** is left out. While it lasts the clock may also have stepped
+//!   back, so times are flagged, with a sigma as large as the step would be. If the old line is
+//!   reached again it was a burst. If it is not for `burst_ns`, it was a step.
+//! * **A step** (the device restarts, its clock is set, it or the host slept) begins a new epoch:
+//!   [`Observation::Step`] says from when on times are in doubt, which may be before now, and the
+//!   times that follow are flagged until the new line has settled.
+//! * **Not seen at all**: the constant part of the latency. It is configured, with a sigma, and
+//!   comes from calibration. And a latency whose minimum shifts for longer than `burst_ns` cannot
+//!   be told from a step of the clock; it is reported as one.
+//! * **Memory** is bounded (some 60 KiB). A sample costs O(1) amortised.
+//!
+//! Whoever stores times should store a map whenever [`ClockMapper::version`] has changed.
+
+mod epoch;
+mod fit;
+mod guard;
+mod hull;
+mod map;
+mod tail;
+
+use session_archive::time::{HostTime, NS_PER_S, TickLength};
+
+use self::epoch::{Epoch, Sample, ticks_at};
+use self::fit::{Line, RatePrior, Terms};
+pub use self::guard::MonotoneGuard;
+pub use self::map::{ClockMap, Doubt, Mapped, Model, Residuals, Segment};
+use self::tail::Tail;
+
+/// What is known of a device's clock and of the way to the host.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClockConfig {
+    /// Length of a device tick.
+    pub tick: TickLength,
+    /// Width of the counter where it wraps round (1 to 63 bits). Half a turn must be longer than
+    /// any latency.
+    pub tick_bits: Option<u8>,
+    /// Least latency from the instant that a time means to its arrival, ns. Arrivals cannot tell.
+    pub latency_ns: i64,
+    /// One sigma of `latency_ns`.
+    pub latency_sigma_ns: u64,
+    /// The device's rate is within ± this of the host's, parts in 1e6. Crystals: 100.
+    pub max_rate_ppm: f64,
+    /// Latency jitter to expect until it has been measured, ns.
+    pub jitter_ns: u64,
+    /// Longest time for which all arrivals may be late, ns. A longer one is a step of the clock.
+    pub burst_ns: i64,
+    /// How fast the rate may change while there are no samples, parts in 1e9 per second.
+    pub wander_ppb_per_s: f64,
+}
+
+impl ClockConfig {
+    /// A crystal clock with this tick that does not wrap, at an unknown latency around 5 ms.
+    pub const fn new(tick: TickLength) -> Self {
+        Self {
+            tick,
+            tick_bits: None,
+            latency_ns: 0,
+            latency_sigma_ns: 0,
+            max_rate_ppm: 200.0,
+            jitter_ns: 5_000_000,
+            burst_ns: 5 * NS_PER_S,
+            wander_ppb_per_s: 20.0,
+        }
+    }
+}
+
+/// What became of a sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Observation {
+    /// Part of the map, now or as soon as it is refined.
+    Accepted,
+    /// The tick of the sample before, again. Ignored.
+    Duplicate,
+    /// The tick lies before one already seen. Mapped, but nothing is learned from it.
+    OutOfOrder,
+    /// Does not fit the map: a late arrival or the beginning of a step. Held back until known.
+    Suspect,
+    /// This and earlier samples show that the device clock has stepped. A new epoch has begun.
+    Step(Step),
+    /// The tick is beyond the range of `i64` nanoseconds. Ignored.
+    Unusable,
+}
+
+/// A step of the device clock, or of the host's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Step {
+    /// Arrivals whose times are in doubt. Begins where the old map was last confirmed; times that
+    /// were given since then without a flag are to be flagged now.
+    pub doubt: Doubt,
+    /// How much later than by the old map the samples now arrive, ns: positive if the device clock
+    /// fell back.
+    pub shift_ns: i64,
+}
+
+/// Samples below the map this many sigmas are no refinement.
+const STEP_SIGMAS: f64 = 6.0;
+/// Samples held at most before a few early ones are judged.
+const EARLY_HELD: usize = 16;
+/// Early ones among them that make a step.
+const EARLY_STEP: usize = 3;
+/// Consecutive samples behind the newest tick that make a restarted counter.
+const RESTART_SAMPLES: usize = 4;
+/// Samples of a burst before it can be a step.
+const LATE_STEP: u64 = 32;
+/// No claim is better than this, ns: host stamps are rounded, some to 1 us.
+const FLOOR_NS: f64 = 250.0;
+/// The map is published at least this often, in device ns.
+const PUBLISH_NS: f64 = 10.0 * NS_PER_S as f64;
+/// Spans of doubt remembered; older ones are joined.
+const MAX_DOUBTS: usize = 64;
+
+/// Learns a device clock from arrivals, one sample at a time. See the [module](self).
+#[derive(Clone, Debug)]
+pub struct ClockMapper {
+    config: ClockConfig,
+    wander: f64,
+    epoch: Option<Epoch>,
+    tail: Tail,
+    suspicion: Option<Suspicion>,
+    /// Consecutive samples behind the newest tick.
+    behind: Vec<Sample>,
+    last: Option<Seen>,
+    map: ClockMap,
+    published: Line,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Seen {
+    ticks: i64,
+    arrival: i64,
+    /// Height above the line, ns.
+    height: f64,
+}
+
+/// Samples that may be the beginning of a new epoch.
+#[derive(Clone, Debug)]
+enum Suspicion {
+    /// Too many in a row arrived too late: a burst, or the device clock fell back.
+    Late { next: Box<Epoch>, since: i64 },
+    /// Some arrived before they could have been sent: the device clock leapt, or a tick is wrong,
+    /// or the least latency had not been seen yet.
+    Early { held: Vec<Early> },
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Early {
+    sample: Sample,
+    height: f64,
+    low: bool,
+}
+
+impl ClockMapper {
+    /// A mapper that has seen nothing.
+    pub fn new(config: ClockConfig) -> Self {
+        let map = ClockMap {
+            version: 0,
+            epoch: 0,
+            since: HostTime::MIN,
+            model: Model::Constant,
+            tick: config.tick,
+            latency_ns: config.latency_ns,
+            latency_sigma_ns: config.latency_sigma_ns,
+            segments: Vec::new(),
+            ticks_to: 0,
+            wander_ppb_per_s: config.wander_ppb_per_s,
+            samples_used: 0,
+            residuals: Residuals::default(),
+            doubts: Vec::new(),
+        };
+        Self {
+            config,
+            wander: config.wander_ppb_per_s * 1e-18,
+            epoch: None,
+            tail: Tail::new(),
+            suspicion: None,
+            behind: Vec::new(),
+            last: None,
+            map,
+            published: Line::default(),
+        }
+    }
+
+    /// Learns from a sample. Where samples come in batches, only the last one of a batch arrives
+    /// when it is read; observe that one.
+    pub fn observe(&mut self, ticks: i64, arrival: HostTime) -> Observation {
+        let arrival = arrival.ns();
+        let ticks = self.unwrap_at(ticks, arrival);
+        let Some(device_ns) = self
+            .config
+            .tick
+            .ns(ticks)
+            .filter(|_| self.config.tick.num > 0)
+        else {
+            return Observation::Unusable;
+        };
+        if self.last.is_some_and(|last| last.ticks == ticks) {
+            return Observation::Duplicate;
+        }
+        let sample = Sample { device_ns, arrival };
+        let Some(epoch) = &self.epoch else {
+            self.last = Some(Seen {
+                ticks,
+                arrival,
+                height: 0.0,
+            });
+            self.map.doubts.push(Doubt {
+                from: HostTime(arrival),
+                to: HostTime::MAX,
+            });
+            self.begin(
+                Epoch::starting(sample, self.first_terms()),
+                HostTime(arrival),
+            );
+            return Observation::Accepted;
+        };
+        let p = epoch.point(sample);
+        let line = epoch.line();
+        let height = p.lag - line.lag(p.x);
+        let tolerance = STEP_SIGMAS * line.sigma(p.x, self.wander);
+        self.last = Some(Seen {
+            ticks,
+            arrival,
+            height,
+        });
+        if p.x <= epoch.newest_x() {
+            return self.observe_behind(sample, height);
+        }
+        self.behind.clear();
+        let low = height < -tolerance && epoch.settled();
+        if low || matches!(self.suspicion, Some(Suspicion::Early { .. })) {
+            return self.observe_early(
+                Early {
+                    sample,
+                    height,
+                    low,
+                },
+                tolerance,
+            );
+        }
+        if let Some(alarm) = self.tail.watch(p, height, arrival, tolerance) {
+            return self.observe_late(sample, alarm);
+        }
+        self.suspicion = None;
+        self.tail.learn(height);
+        if self.epoch.as_mut().is_some_and(|epoch| epoch.push(p)) {
+            self.refit();
+        }
+        Observation::Accepted
+    }
+
+    /// Host time of a tick of the current epoch, as delivered by the device (a wrapped counter is
+    /// taken to be near the newest sample). `None` before the first sample.
+    ///
+    /// Flagged while the clock has not settled or a step is suspected. Never later than the
+    /// newest arrival allows, if the tick is not beyond the newest.
+    pub fn map(&self, ticks: i64) -> Option<Mapped> {
+        let ticks = self.ticks(ticks);
+        let last = self.last?;
+        let mut mapped = self.map.map(ticks)?;
+        let unsettled = self
+            .map
+            .doubts
+            .last()
+            .is_some_and(|d| d.to == HostTime::MAX);
+        let suspected = self.suspicion.is_some() || !self.behind.is_empty();
+        mapped.flagged = unsettled || suspected;
+        if suspected {
+            mapped.sigma_ns = mapped.sigma_ns.max(last.height.abs().ceil() as u64);
+        }
+        let latest = HostTime(last.arrival.saturating_sub(self.config.latency_ns));
+        let too_late = mapped.time.since(latest);
+        if ticks <= last.ticks && too_late > 0 {
+            mapped.flagged |= too_late as u64 > 5 * mapped.sigma_ns;
+            mapped.sigma_ns = mapped.sigma_ns.saturating_add(too_late as u64);
+            mapped.time = latest;
+        }
+        Some(mapped)
+    }
+
+    /// A delivered tick with its turns counted: equal to `ticks` modulo 2^`tick_bits`, and the
+    /// same as `ticks` where the counter does not wrap. This is what maps and archives hold.
+    pub fn ticks(&self, ticks: i64) -> i64 {
+        let near = self.last.map_or(0, |last| last.ticks);
+        unwrap(ticks, near, self.config.tick_bits)
+    }
+
+    /// The map as it is now, to be stored.
+    pub fn snapshot(&self) -> ClockMap {
+        self.map.clone()
+    }
+
+    /// Version of the map as it is now; it changes when the map has changed by a good part of its
+    /// sigma, at a step, when the clock has settled, and every 10 s. 0 before the first sample.
+    pub fn version(&self) -> u32 {
+        self.map.version
+    }
+
+    fn first_terms(&self) -> Terms {
+        let limit = (self.config.max_rate_ppm * 1e-6).clamp(1e-9, 0.5);
+        Terms {
+            prior: RatePrior {
+                expected: 0.0,
+                limit,
+            },
+            jitter: self.config.jitter_ns as f64,
+            floor: FLOOR_NS,
+        }
+    }
+
+    fn unwrap_at(&self, ticks: i64, arrival: i64) -> i64 {
+        let near = match &self.epoch {
+            Some(epoch) if self.config.tick_bits.is_some() => {
+                ticks_at(self.config.tick, epoch.device_ns_at(arrival))
+            }
+            _ => 0,
+        };
+        unwrap(ticks, near, self.config.tick_bits)
+    }
+
+    /// The tick is not beyond the newest: overtaken on the way, or the counter began anew.
+    fn observe_behind(&mut self, sample: Sample, height: f64) -> Observation {
+        if self
+            .behind
+            .last()
+            .is_some_and(|last| last.device_ns >= sample.device_ns)
+        {
+            self.behind.clear();
+        }
+        self.behind.push(sample);
+        if self.behind.len() < RESTART_SAMPLES {
+            return Observation::OutOfOrder;
+        }
+        let samples = std::mem::take(&mut self.behind);
+        let next = self.epoch_of(samples.iter().copied());
+        let after = HostTime(samples[0].arrival.saturating_sub(1));
+        self.step(next, after, height)
+    }
+
+    /// An arrival earlier than possible, or one that came while such a one is being judged.
+    fn observe_early(&mut self, early: Early, tolerance: f64) -> Observation {
+        let mut held = match self.suspicion.take() {
+            Some(Suspicion::Early { held }) => held,
+            _ => Vec::with_capacity(EARLY_HELD),
+        };
+        held.push(early);
+        let newest = held.iter().rev().find(|e| e.low).map_or(0.0, |e| e.height);
+        let reach = 3.0 * self.tail.quantile(0.99) + tolerance;
+        let agrees = |e: &&Early| (e.height - newest).abs() <= reach;
+        let low_and_agreeing = held.iter().filter(|e| e.low).filter(agrees).count();
+        if early.low && low_and_agreeing >= EARLY_STEP {
+            let first = held.iter().position(|e| e.low && agrees(&e)).unwrap_or(0);
+            let lowest = held
+                .iter()
+                .filter(agrees)
+                .map(|e| e.height)
+                .fold(0.0, f64::min);
+            let next = self.epoch_of(held[first..].iter().filter(agrees).map(|e| e.sample));
+            let unnoticed =
+                self.tail.overdue(-lowest) as f64 * self.epoch.as_ref().map_or(0.0, Epoch::period);
+            let after = held[first].sample.arrival.saturating_sub(unnoticed as i64);
+            return self.step(next, HostTime(after).max(self.map.since), lowest);
+        }
+        if held.len() < EARLY_HELD {
+            self.suspicion = Some(Suspicion::Early { held });
+            return Observation::Suspect;
+        }
+        // No step. Far below the usual spread it is a wrong tick, else the least latency yet.
+        let wrong = 10.0 * self.tail.quantile(0.5) + tolerance;
+        if let Some(epoch) = &mut self.epoch {
+            for e in held.iter().filter(|e| e.height >= -wrong) {
+                let p = epoch.point(e.sample);
+                if p.x > epoch.newest_x() {
+                    epoch.push(p);
+                }
+            }
+        }
+        self.refit();
+        Observation::Accepted
+    }
+
+    /// One of a run of arrivals that are all too late.
+    fn observe_late(&mut self, sample: Sample, alarm: tail::Alarm) -> Observation {
+        if let Some(Suspicion::Late { next, .. }) = &mut self.suspicion {
+            let p = next.point(sample);
+            if p.x > next.newest_x() && next.push(p) {
+                next.refit();
+            }
+        } else {
+            let terms = self
+                .epoch
+                .as_ref()
+                .map_or(self.first_terms(), Epoch::terms_for_next);
+            let next = Box::new(Epoch::starting(sample, terms));
+            self.suspicion = Some(Suspicion::Late {
+                next,
+                since: sample.arrival,
+            });
+        }
+        let Some(Suspicion::Late { next, since }) = &self.suspicion else {
+            return Observation::Suspect;
+        };
+        let burst = self.config.burst_ns;
+        let lasted = sample.arrival.saturating_sub(*since) >= burst && next.samples() >= LATE_STEP;
+        let impossible = alarm.height > burst as f64 && next.samples() >= EARLY_STEP as u64;
+        if !lasted && !impossible {
+            return Observation::Suspect;
+        }
+        let Some(Suspicion::Late { mut next, .. }) = self.suspicion.take() else {
+            return Observation::Suspect;
+        };
+        next.refit();
+        let after = alarm.after.map_or(self.map.since, HostTime);
+        self.step(*next, after, alarm.height)
+    }
+
+    /// An epoch of samples in order; those whose tick does not grow are left out.
+    fn epoch_of(&self, mut samples: impl Iterator<Item = Sample>) -> Option<Epoch> {
+        let terms = self
+            .epoch
+            .as_ref()
+            .map_or(self.first_terms(), Epoch::terms_for_next);
+        let mut epoch = Epoch::starting(samples.next()?, terms);
+        for sample in samples {
+            let p = epoch.point(sample);
+            if p.x > epoch.newest_x() {
+                epoch.push(p);
+            }
+        }
+        epoch.refit();
+        Some(epoch)
+    }
+
+    /// The clock has stepped: `next` replaces the epoch. Nothing after `after` was certain.
+    fn step(&mut self, next: impl Into<Option<Epoch>>, after: HostTime, shift: f64) -> Observation {
+        let (Some(next), Some(last)) = (next.into(), self.last) else {
+            return Observation::Suspect;
+        };
+        let now = HostTime(last.arrival);
+        let doubt = Doubt {
+            from: after,
+            to: if next.settled() { now } else { HostTime::MAX },
+        };
+        self.doubt(doubt);
+        self.suspicion = None;
+        self.behind.clear();
+        self.map.epoch += 1;
+        let since = next.arrival(0.0);
+        self.begin(next, since);
+        Observation::Step(Step {
+            doubt,
+            shift_ns: shift.round() as i64,
+        })
+    }
+
+    fn begin(&mut self, epoch: Epoch, since: HostTime) {
+        self.epoch = Some(epoch);
+        self.map.since = since;
+        self.map.samples_used = 0;
+        self.tail.restart();
+        self.publish();
+    }
+
+    fn doubt(&mut self, doubt: Doubt) {
+        let doubts = &mut self.map.doubts;
+        match doubts.last_mut() {
+            Some(last) if last.to >= doubt.from => {
+                last.from = last.from.min(doubt.from);
+                last.to = doubt.to;
+            }
+            _ => doubts.push(doubt),
+        }
+        if doubts.len() > MAX_DOUBTS {
+            doubts[1].from = doubts[0].from;
+            doubts.remove(0);
+        }
+    }
+
+    /// Fits the line again and publishes it if that matters.
+    fn refit(&mut self) {
+        let (Some(epoch), Some(last)) = (&mut self.epoch, self.last) else {
+            return;
+        };
+        epoch.refit();
+        let line = epoch.line();
+        self.tail.follow(line);
+        let (x, old) = (line.to_x, self.published);
+        let (sigma, old_sigma) = (line.sigma(x, self.wander), old.sigma(x, self.wander));
+        let moved = (line.lag(x) - old.lag(x)).abs();
+        let settles = epoch.settled()
+            && self
+                .map
+                .doubts
+                .last()
+                .is_some_and(|d| d.to == HostTime::MAX);
+        if settles {
+            if let Some(doubt) = self.map.doubts.last_mut() {
+                doubt.to = HostTime(last.arrival);
+            }
+        } else if moved > 3.0 * old_sigma && epoch.settled() {
+            // The published line had become wrong, from about where the new one begins to hold.
+            let from = epoch.arrival(line.from_x);
+            self.doubt(Doubt {
+                from,
+                to: HostTime(last.arrival),
+            });
+        }
+        let outdated = x - old.to_x > PUBLISH_NS;
+        if settles || moved > 0.5 * old_sigma || sigma < 0.7 * old_sigma || outdated {
+            self.publish();
+        }
+    }
+
+    fn publish(&mut self) {
+        let Some(epoch) = &self.epoch else { return };
+        self.published = *epoch.line();
+        self.map.version += 1;
+        self.map.model = epoch.model();
+        self.map.segments = epoch.segments(self.config.tick);
+        self.map.ticks_to = self.last.map_or(0, |last| last.ticks);
+        self.map.samples_used = epoch.samples();
+        self.map.residuals = Residuals {
+            median_ns: self.tail.quantile(0.5) as u64,
+            p99_ns: self.tail.quantile(0.99) as u64,
+        };
+    }
+}
+
+/// The value nearest to `near` that equals `ticks` in the lowest `bits` bits.
+fn unwrap(ticks: i64, near: i64, bits: Option<u8>) -> i64 {
+    let Some(bits @ 1..=63) = bits else {
+        return ticks;
+    };
+    let turn = 1_i128 << bits;
+    let ahead = (i128::from(ticks) - i128::from(near)).rem_euclid(turn);
+    let nearest = i128::from(near)
+        + if ahead >= turn / 2 {
+            ahead - turn
+        } else {
+            ahead
+        };
+    nearest.clamp(i128::from(i64::MIN), i128::from(i64::MAX)) as i64
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,287 @@
+//! One run of a device clock without a step: its samples, the line that holds now, and the
+//! vertices of the lines that held before.
+
+use std::collections::VecDeque;
+
+use session_archive::time::{HostTime, NS_PER_S, TickLength};
+
+use super::fit::{Fit, Line, MIN_BLOCKS, Scratch, Terms, fit};
+use super::hull::{Block, Point};
+use super::map::{Model, Segment};
+
+/// Blocks kept, which bounds memory (40 KiB) and the longest window that one line can span.
+const MAX_BLOCKS: usize = 256;
+/// A block closes with at least this many samples …
+const BLOCK_SAMPLES: u32 = 8;
+/// … and at least this long after its first one, so that fast streams are not fitted more often
+/// than slow ones.
+const BLOCK_NS: f64 = 0.25 * NS_PER_S as f64;
+/// Vertices of the past kept.
+const MAX_VERTICES: usize = 512;
+
+/// One pair of device time and arrival, ns.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sample {
+    pub device_ns: i64,
+    pub arrival: i64,
+}
+
+/// A point of the polyline that the map is, with its sigma.
+#[derive(Clone, Copy, Debug)]
+struct Vertex {
+    x: f64,
+    lag: f64,
+    sigma: f64,
+}
+
+/// A run of the device clock. Device times must grow from sample to sample.
+#[derive(Clone, Debug)]
+pub(super) struct Epoch {
+    origin: Sample,
+    terms: Terms,
+    blocks: VecDeque<Block>,
+    samples: u64,
+    fit: Fit,
+    past: Vec<Vertex>,
+    scratch: Scratch,
+}
+
+impl Epoch {
+    /// Starts with one sample; its offset is as uncertain as the expected jitter.
+    pub(super) fn starting(origin: Sample, terms: Terms) -> Self {
+        let mut epoch = Self {
+            origin,
+            terms,
+            blocks: VecDeque::from([Block::starting(Point::default())]),
+            samples: 1,
+            fit: Fit::default(),
+            past: Vec::new(),
+            scratch: Scratch::default(),
+        };
+        epoch.refit();
+        epoch
+    }
+
+    /// A sample in the epoch's own coordinates.
+    pub(super) fn point(&self, sample: Sample) -> Point {
+        let x = i128::from(sample.device_ns) - i128::from(self.origin.device_ns);
+        let y = i128::from(sample.arrival) - i128::from(self.origin.arrival);
+        Point {
+            x: x as f64,
+            lag: (y - x) as f64,
+        }
+    }
+
+    /// Adds a sample beyond [`Epoch::newest_x`]; true if the line should be fitted again.
+    pub(super) fn push(&mut self, p: Point) -> bool {
+        self.samples += 1;
+        let line = &self.fit.line;
+        let much_lower = p.lag < line.lag(p.x) - 0.5 * line.sigma(p.x, 0.0);
+        let open = self
+            .blocks
+            .back_mut()
+            .expect("an epoch has a block from its start");
+        let long_enough =
+            open.count >= BLOCK_SAMPLES && p.x - open.first_x() >= BLOCK_NS || open.is_full();
+        if !long_enough {
+            open.push(p);
+            return much_lower || self.samples <= u64::from(2 * BLOCK_SAMPLES);
+        }
+        if self.blocks.len() == MAX_BLOCKS {
+            self.blocks.pop_front();
+        }
+        self.blocks.push_back(Block::starting(p));
+        true
+    }
+
+    /// Fits the line to the samples there are. At most some 1000 points are looked at.
+    pub(super) fn refit(&mut self) {
+        let old = self.fit.line;
+        self.fit = fit(&self.blocks, &self.terms, &mut self.scratch);
+        if self.samples > 1 {
+            self.keep_past(&old);
+        }
+    }
+
+    /// Where the line no longer reaches, the lines before it are kept as vertices.
+    fn keep_past(&mut self, old: &Line) {
+        let new = &self.fit.line;
+        if new.from_x <= 0.0 {
+            self.past.clear();
+            return;
+        }
+        let span = new.to_x - new.from_x;
+        if self.past.is_empty() {
+            self.past.push(vertex(old, 0.0));
+        }
+        // The new line explains these as well.
+        while self.past.len() > 1
+            && self
+                .past
+                .last()
+                .is_some_and(|v| v.x > new.x_ref - span / 8.0)
+        {
+            self.past.pop();
+        }
+        let last_x = self.past[self.past.len() - 1].x;
+        if new.from_x > old.x_ref && new.from_x > last_x {
+            self.past.push(vertex(old, new.from_x));
+        } else if new.x_ref - last_x > span / 4.0 {
+            self.past.push(vertex(new, new.x_ref));
+        }
+        if self.past.len() > MAX_VERTICES {
+            self.past = simplify(&self.past);
+            let excess = self.past.len().saturating_sub(MAX_VERTICES * 3 / 4);
+            self.past.drain(..excess);
+        }
+    }
+
+    /// The line that holds now.
+    pub(super) fn line(&self) -> &Line {
+        &self.fit.line
+    }
+
+    /// Device time of the newest sample.
+    pub(super) fn newest_x(&self) -> f64 {
+        self.blocks.back().map_or(0.0, Block::last_x)
+    }
+
+    /// Enough samples that the line's sigma is measured and no longer assumed.
+    pub(super) fn settled(&self) -> bool {
+        self.blocks.len() > MIN_BLOCKS
+    }
+
+    /// Samples pushed.
+    pub(super) fn samples(&self) -> u64 {
+        self.samples
+    }
+
+    /// Mean host time between samples, ns.
+    pub(super) fn period(&self) -> f64 {
+        self.newest_x() / self.samples.saturating_sub(1).max(1) as f64
+    }
+
+    /// What later epochs of this clock may expect.
+    pub(super) fn terms_for_next(&self) -> Terms {
+        let mut terms = self.terms;
+        if self.settled() {
+            terms.prior.expected = self.fit.line.rate;
+        }
+        terms
+    }
+
+    /// Host time of the earliest possible arrival of device time `x`.
+    pub(super) fn arrival(&self, x: f64) -> HostTime {
+        HostTime(self.origin.arrival).saturating_add((x + self.fit.line.lag(x)).round() as i64)
+    }
+
+    /// Device time whose earliest possible arrival is `arrival`, ns.
+    pub(super) fn device_ns_at(&self, arrival: i64) -> i64 {
+        let since = arrival.saturating_sub(self.origin.arrival);
+        let lag = self.fit.line.lag(since as f64);
+        let lag = self.fit.line.lag(since as f64 - lag);
+        self.origin
+            .device_ns
+            .saturating_add(since)
+            .saturating_sub(lag.round() as i64)
+    }
+
+    /// What the samples support.
+    pub(super) fn model(&self) -> Model {
+        match (self.past.is_empty(), self.fit.constant) {
+            (false, _) => Model::Piecewise,
+            (true, true) => Model::Constant,
+            (true, false) => Model::Affine,
+        }
+    }
+
+    /// The map as segments, no more of them than the sigmas justify.
+    pub(super) fn segments(&self, tick: TickLength) -> Vec<Segment> {
+        let line = &self.fit.line;
+        let now = vertex(line, line.x_ref);
+        let mut vertices = self.past.clone();
+        vertices.retain(|v| v.x < now.x);
+        let from = vertices.first().map_or(0.0, |v| v.x);
+        vertices.push(now);
+        let vertices = simplify(&vertices);
+        let mut segments: Vec<Segment> = vertices
+            .windows(2)
+            .map(|pair| {
+                let rate = (pair[1].lag - pair[0].lag) / (pair[1].x - pair[0].x);
+                let sigma = pair[0].sigma.max(pair[1].sigma);
+                self.segment(tick, pair[0].x, Vertex { sigma, ..pair[0] }, rate, 0.0)
+            })
+            .collect();
+        let live_from = if segments.is_empty() { from } else { now.x };
+        segments.push(self.segment(tick, live_from, now, line.rate, line.sigma_rate));
+        segments
+    }
+
+    fn segment(
+        &self,
+        tick: TickLength,
+        from_x: f64,
+        at: Vertex,
+        rate: f64,
+        sigma_rate: f64,
+    ) -> Segment {
+        let ticks = |x: f64| ticks_at(tick, self.origin.device_ns.saturating_add(x.round() as i64));
+        let ticks_ref = ticks(at.x);
+        let device_ns = tick.ns(ticks_ref).unwrap_or(self.origin.device_ns);
+        let since = device_ns.saturating_sub(self.origin.device_ns);
+        let lag = at.lag + rate * (since as f64 - at.x);
+        Segment {
+            ticks_from: ticks(from_x),
+            ticks_ref,
+            host_ref: HostTime(self.origin.arrival)
+                .saturating_add(since)
+                .saturating_add(lag.round() as i64),
+            rate_ppb: rate * 1e9,
+            sigma_ns: at.sigma.ceil() as u64,
+            rate_sigma_ppb: sigma_rate * 1e9,
+        }
+    }
+}
+
+fn vertex(line: &Line, x: f64) -> Vertex {
+    Vertex {
+        x,
+        lag: line.lag(x),
+        sigma: line.sigma(x, 0.0),
+    }
+}
+
+/// The tick at a device time, rounded down.
+pub(super) fn ticks_at(tick: TickLength, device_ns: i64) -> i64 {
+    let ticks = (i128::from(device_ns) * i128::from(tick.den)).div_euclid(i128::from(tick.num));
+    ticks.clamp(i128::from(i64::MIN), i128::from(i64::MAX)) as i64
+}
+
+/// Leaves out every vertex that a straight line between its neighbours replaces within its sigma.
+///
+/// From a kept vertex the next one is the farthest that all vertices between let through: each
+/// narrows the cone of slopes to its own sigma. One pass.
+fn simplify(vertices: &[Vertex]) -> Vec<Vertex> {
+    let mut kept = Vec::with_capacity(vertices.len());
+    let mut next = 0;
+    while next < vertices.len() {
+        let start = vertices[next];
+        kept.push(start);
+        let (mut lowest, mut highest) = (f64::NEG_INFINITY, f64::INFINITY);
+        let mut farthest = next + 1;
+        for (i, v) in vertices.iter().enumerate().skip(next + 1) {
+            let run = v.x - start.x;
+            let slope = (v.lag - start.lag) / run;
+            if (lowest..=highest).contains(&slope) {
+                farthest = i;
+            }
+            lowest = lowest.max(slope - v.sigma / run);
+            highest = highest.min(slope + v.sigma / run);
+            if lowest > highest {
+                break;
+            }
+        }
+        next = farthest;
+    }
+    kept
+}

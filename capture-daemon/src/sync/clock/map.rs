@@ -1,0 +1,141 @@
+//! The map itself: a few pieces of straight line, plain data that maps ticks without its maker.
+
+use session_archive::time::{HostTime, TickLength};
+
+/// How one device clock's ticks become host time, as far as the samples up to now tell.
+///
+/// A map holds for one *epoch*: a stretch in which the device clock ran through without a step.
+/// A later version of the same epoch replaces an earlier one; the map of a new epoch says nothing
+/// about ticks of the old one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ClockMap {
+    /// Counts up from 1; 0 before the first sample.
+    pub version: u32,
+    /// Counts the steps of the device clock, from 0.
+    pub epoch: u32,
+    /// First arrival of the epoch.
+    pub since: HostTime,
+    /// What the samples support.
+    pub model: Model,
+    /// Length of a device tick.
+    pub tick: TickLength,
+    /// Latency from the instant that a time means to its arrival, as configured; subtracted. ns.
+    pub latency_ns: i64,
+    /// One sigma of `latency_ns`; part of every mapped sigma.
+    pub latency_sigma_ns: u64,
+    /// In the order of `ticks_from`; empty before the first sample.
+    pub segments: Vec<Segment>,
+    /// Last tick that the map rests on; sigma grows beyond.
+    pub ticks_to: i64,
+    /// How fast the rate may change where there are no samples, parts in 1e9 per second.
+    pub wander_ppb_per_s: f64,
+    /// Samples that the map rests on.
+    pub samples_used: u64,
+    /// How late the samples usually are.
+    pub residuals: Residuals,
+    /// Spans of arrival time in which times were or are not to be trusted, of all epochs.
+    pub doubts: Vec<Doubt>,
+}
+
+/// Number of parameters that the samples justify.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Model {
+    /// An offset. The device's rate cannot be told from the one expected.
+    #[default]
+    Constant,
+    /// An offset and a rate.
+    Affine,
+    /// The rate changed; several lines, joined.
+    Piecewise,
+}
+
+/// A piece of the map:
+/// `host(ticks) = host_ref + d + d * rate_ppb / 1e9 - latency` with `d` the ns from `ticks_ref`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Segment {
+    /// First tick that the piece holds for. The first piece also holds for ticks before it.
+    pub ticks_from: i64,
+    /// Reference point, device side.
+    pub ticks_ref: i64,
+    /// Reference point, host side: the earliest possible arrival, latency not yet subtracted.
+    pub host_ref: HostTime,
+    /// Host ns gained per device ns, parts in 1e9.
+    pub rate_ppb: f64,
+    /// Sigma at the reference point, latency's own not included, ns.
+    pub sigma_ns: u64,
+    /// Sigma of `rate_ppb`, independent of the former.
+    pub rate_sigma_ppb: f64,
+}
+
+/// Heights of the samples above the map: how much later than the fastest ones they arrived.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Residuals {
+    /// Half of the samples are later than this, ns.
+    pub median_ns: u64,
+    /// One in a hundred is later than this, ns.
+    pub p99_ns: u64,
+}
+
+/// A span of arrival time whose samples have no trustworthy time: a clock that had not settled
+/// yet, or the surroundings of a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Doubt {
+    /// First arrival in doubt.
+    pub from: HostTime,
+    /// Last arrival in doubt; [`HostTime::MAX`] while it lasts.
+    pub to: HostTime,
+}
+
+/// A device tick on the host's clock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Mapped {
+    /// The instant.
+    pub time: HostTime,
+    /// One sigma, ns, the latency's included.
+    pub sigma_ns: u64,
+    /// Version of the map that gave it.
+    pub map_version: u32,
+    /// Not to be trusted within its sigma: the clock has not settled, or a step is suspected.
+    pub flagged: bool,
+}
+
+impl ClockMap {
+    /// Host time of a tick of this epoch (unwrapped, as [`super::ClockMapper::ticks`] gives it).
+    ///
+    /// Grows with the tick: strictly, for ticks that are at least 2 ns apart. `None` before the
+    /// first sample and for ticks beyond the range of `i64` ns. Never `flagged`: whether a tick is
+    /// in doubt depends on when it arrived, see [`ClockMap::is_doubtful`].
+    pub fn map(&self, ticks: i64) -> Option<Mapped> {
+        let after = self.segments.partition_point(|s| s.ticks_from <= ticks);
+        let segment = self.segments.get(after.saturating_sub(1))?;
+        let device_ns = self.tick.ns(ticks.checked_sub(segment.ticks_ref)?)?;
+        let gained = device_ns as f64 * segment.rate_ppb * 1e-9;
+        let time = segment
+            .host_ref
+            .saturating_add(device_ns)
+            .saturating_add(gained.round() as i64)
+            .saturating_add(self.latency_ns.saturating_neg());
+        let beyond = self
+            .tick
+            .ns(ticks
+                .saturating_sub(self.ticks_to)
+                .max(segment.ticks_from.saturating_sub(ticks)))
+            .map_or(f64::INFINITY, |ns| ns.max(0) as f64 * 1e-9);
+        let statistical = (segment.sigma_ns as f64)
+            .hypot(segment.rate_sigma_ppb * device_ns as f64 * 1e-9)
+            + 0.5 * self.wander_ppb_per_s * beyond * beyond;
+        Some(Mapped {
+            time,
+            sigma_ns: statistical.hypot(self.latency_sigma_ns as f64).ceil() as u64,
+            map_version: self.version,
+            flagged: false,
+        })
+    }
+
+    /// Whether samples that arrived then have times in doubt.
+    pub fn is_doubtful(&self, arrival: HostTime) -> bool {
+        self.doubts
+            .iter()
+            .any(|d| d.from <= arrival && arrival <= d.to)
+    }
+}

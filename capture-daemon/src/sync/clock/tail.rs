@@ -1,0 +1,206 @@
+//! Is it late samples, or is the line too low? Watches the heights of samples above the line.
+//!
+//! After a device clock has fallen back, every sample lies above the old line, as every sample
+//! does during a burst of late arrivals. Neither assumes a distribution here: the heights seen so
+//! far are kept as a histogram, and a run of k samples none of which came lower than m has the
+//! probability S(m)^k, where S is the share of samples that usually lie above m. A run that is
+//! too improbable raises an alarm; it ends when a sample comes low enough to make the run
+//! probable again.
+
+use super::fit::Line;
+use super::hull::Point;
+
+/// Histogram bins: four per factor of two, from 100 ns up to minutes.
+const BINS: usize = 128;
+const LOWEST_NS: f64 = 100.0;
+/// Beyond this many samples the older ones count half.
+const MEMORY: u32 = 20_000;
+/// A run this improbable (natural logarithm) is an alarm: once in hours at 400 Hz.
+const ALARM_NATS: f64 = 16.0;
+/// Runs followed at a time, from the longest to the newest.
+const RUNS: usize = 24;
+
+/// Heights of samples above the line, and the runs of high ones.
+#[derive(Clone, Debug)]
+pub(super) struct Tail {
+    bins: [u32; BINS],
+    total: u32,
+    /// -ln of the share of samples in this bin or above.
+    nats: [f64; BINS],
+    runs: Vec<Run>,
+    seen: u64,
+}
+
+/// All samples since some sample, the lowest of which is `lowest`.
+#[derive(Clone, Copy, Debug)]
+struct Run {
+    lowest: Point,
+    height: f64,
+    /// Number and arrival of the lowest sample.
+    at: u64,
+    arrival: i64,
+    /// Number and arrival of the last sample before the run.
+    after: (u64, Option<i64>),
+}
+
+/// A run of samples that are all too high.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Alarm {
+    /// Arrival of the last sample that was not.
+    pub after: Option<i64>,
+    /// Height of the lowest sample of the run, ns.
+    pub height: f64,
+}
+
+impl Tail {
+    pub(super) fn new() -> Self {
+        Self {
+            bins: [0; BINS],
+            total: 0,
+            nats: [0.0; BINS],
+            runs: Vec::with_capacity(RUNS + 1),
+            seen: 0,
+        }
+    }
+
+    /// Takes note of a sample; alarm if a run of samples higher than `tolerance` is improbable.
+    pub(super) fn watch(
+        &mut self,
+        lowest: Point,
+        height: f64,
+        arrival: i64,
+        tolerance: f64,
+    ) -> Option<Alarm> {
+        self.seen += 1;
+        self.push(Run {
+            lowest,
+            height,
+            at: self.seen,
+            arrival,
+            after: (0, None),
+        });
+        let improbable = |run: &&Run| {
+            let length = (self.seen - run.after.0) as f64;
+            run.height > tolerance && length * self.nats[bin(run.height)] > ALARM_NATS
+        };
+        let run = self.runs.iter().find(improbable)?;
+        Some(Alarm {
+            after: run.after.1,
+            height: run.height,
+        })
+    }
+
+    /// Adds the run that starts with a sample; it takes over all runs that are not lower.
+    fn push(&mut self, mut run: Run) {
+        if let Some(last) = self.runs.last() {
+            run.after = (last.at, Some(last.arrival));
+        }
+        while let Some(last) = self.runs.pop_if(|last| last.height >= run.height) {
+            run.after = last.after;
+        }
+        if self.runs.len() == RUNS {
+            self.runs.remove(0);
+        }
+        self.runs.push(run);
+    }
+
+    /// Counts a height as usual.
+    pub(super) fn learn(&mut self, height: f64) {
+        self.bins[bin(height)] += 1;
+        self.total += 1;
+        if self.total >= MEMORY {
+            self.bins.iter_mut().for_each(|b| *b /= 2);
+            self.total = self.bins.iter().sum();
+        }
+    }
+
+    /// The line has changed: heights of the runs are measured again.
+    pub(super) fn follow(&mut self, line: &Line) {
+        let (mut above, total) = (0, f64::from(self.total) + 1.0);
+        for (nats, count) in self.nats.iter_mut().zip(self.bins).rev() {
+            above += count;
+            *nats = -((f64::from(above) + 1.0) / total).min(1.0).ln();
+        }
+        for run in std::mem::take(&mut self.runs) {
+            self.push(Run {
+                height: run.lowest.lag - line.lag(run.lowest.x),
+                ..run
+            });
+        }
+    }
+
+    /// Forgets the runs but not what is usual: the line has been replaced.
+    pub(super) fn restart(&mut self) {
+        self.runs.clear();
+        self.seen = 0;
+    }
+
+    /// How many samples must pass before one lower than `height` is overdue.
+    pub(super) fn overdue(&self, height: f64) -> u64 {
+        (ALARM_NATS / self.nats[bin(height)].max(1e-3)).ceil() as u64
+    }
+
+    /// Height that this share of the samples do not exceed, ns, rounded up to a bin's edge.
+    pub(super) fn quantile(&self, share: f64) -> f64 {
+        let rank = (f64::from(self.total) * share).ceil() as u32;
+        let mut below = 0;
+        for (i, &count) in self.bins.iter().enumerate() {
+            below += count;
+            if below >= rank.max(1) {
+                return upper_edge(i);
+            }
+        }
+        0.0
+    }
+}
+
+/// Bin of a height: the exponent and the first two bits of the mantissa.
+fn bin(height: f64) -> usize {
+    let scaled = (height / LOWEST_NS).max(1.0);
+    let index = (scaled.to_bits() >> 50).saturating_sub(1023 << 2);
+    (index as usize).min(BINS - 1)
+}
+
+fn upper_edge(bin: usize) -> f64 {
+    LOWEST_NS * f64::from_bits((bin as u64 + 1 + (1023 << 2)) << 50)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bins_cover_their_heights() {
+        for height in [0.0, 99.0, 100.0, 124.9, 125.1, 1e4, 3.3e6, 1e9, 1e15] {
+            let edge = upper_edge(bin(height));
+            assert!(edge > height || bin(height) == BINS - 1, "{height} {edge}");
+            assert!(edge <= 1.26 * height.max(LOWEST_NS) || bin(height) == BINS - 1);
+        }
+    }
+
+    #[test]
+    fn a_run_of_high_samples_raises_an_alarm_and_a_low_one_ends_it() {
+        let mut tail = Tail::new();
+        let mut number = 0_u64;
+        let mut next = |tail: &mut Tail, height: f64| {
+            number += 1;
+            let p = Point {
+                x: number as f64,
+                lag: height,
+            };
+            tail.watch(p, height, number as i64, 1e3)
+        };
+        // Heights spread evenly over 1 ms.
+        for i in 0..1000_u64 {
+            let height = (i * 7919 % 1000) as f64 * 1e3;
+            assert!(next(&mut tail, height).is_none(), "sample {i}");
+            tail.learn(height);
+            tail.follow(&Line::default());
+        }
+        let quiet = (0..100).position(|_| next(&mut tail, 0.8e6).is_some());
+        assert!((8..16).contains(&quiet.expect("an alarm")), "{quiet:?}");
+        let alarm = next(&mut tail, 0.9e6).expect("the run goes on");
+        assert_eq!(alarm.after, Some(1000));
+        assert!(next(&mut tail, 1e4).is_none());
+    }
+}
