@@ -4,6 +4,8 @@
 //! `FORMAT.md` beside this crate is the contract; the crate is its writer, reader, verifier and
 //! recovery. It knows nothing of devices, video codecs or catalogues.
 
+pub mod handoff;
+pub mod index;
 pub mod layout;
 pub mod manifest;
 pub mod mcap;

@@ -1,0 +1,546 @@
+//! The derived index of a session: where every frame, IMU batch and frame set is.
+//!
+//! It is built by one pass over the session and can be deleted at any time. Looking something up
+//! takes a binary search in memory and one read; what is read is checked against the frame's own
+//! CRC-32, so a session that changed under its index is noticed.
+//!
+//! On disk it is bincode in zstd behind a CRC-32. That format may change with any version of this
+//! crate: an index that cannot be read is built again (`docs/decisions/0003-derived-index.md`).
+
+use std::collections::BTreeMap;
+use std::io;
+use std::ops::Range;
+use std::sync::Arc;
+
+use bincode::{Decode, Encode};
+use bytes::Bytes;
+
+use crate::layout;
+use crate::mcap::CHUNK_PREFIX;
+use crate::reader::{Entry, Message, ReadError, SessionReader};
+use crate::record::{CompressedVideo, Frame, FrameSet, ImuBatch, Protobuf, Record};
+use crate::storage::{ReadAt, Storage};
+use crate::time::HostTime;
+
+const MAGIC: [u8; 8] = *b"PAWSIDX1";
+/// No index is larger than this once unpacked: 100 bytes for each frame of a whole day.
+const UNPACKED_LIMIT: usize = 4 << 30;
+
+/// Where one access unit is, and what is known of its frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+pub struct FrameEntry {
+    /// Number in the camera's stream.
+    pub number: u64,
+    /// Middle of the exposure, host clock, ns.
+    pub time_ns: i64,
+    /// One standard deviation of it, ns.
+    pub sigma_ns: u64,
+    /// When the daemon received it, host clock, ns.
+    pub host_time_ns: i64,
+    /// Device clock.
+    pub device_ticks: i64,
+    /// Position in [`CameraIndex::frames`] of the key frame that decoding has to start from.
+    pub key: u32,
+    /// Segment.
+    pub segment: u32,
+    /// First byte of the access unit in the segment's file.
+    pub offset: u64,
+    /// Length of the access unit.
+    pub bytes: u32,
+    /// CRC-32 of the access unit.
+    pub crc32: u32,
+}
+
+/// The frames of one camera, by number.
+#[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
+pub struct CameraIndex {
+    /// The camera.
+    pub name: String,
+    /// Its frames that can be decoded, by number.
+    pub frames: Vec<FrameEntry>,
+    /// Frames that are there but cannot be decoded, because their key frame is missing.
+    pub undecodable: u64,
+}
+
+/// Where one IMU batch is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
+pub struct BatchEntry {
+    /// Number of the first sample.
+    pub first_number: u64,
+    /// Samples.
+    pub samples: u32,
+    /// Time of the first sample, host clock, ns.
+    pub start_ns: i64,
+    /// Time of the last sample, host clock, ns.
+    pub end_ns: i64,
+    /// Segment.
+    pub segment: u32,
+    /// First byte of the message's payload in the segment's file.
+    pub offset: u64,
+    /// Length of the payload.
+    pub bytes: u32,
+    /// CRC-32 of the payload.
+    pub crc32: u32,
+}
+
+/// The batches of one IMU, by number.
+#[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
+pub struct ImuIndex {
+    /// The IMU.
+    pub name: String,
+    /// Its batches.
+    pub batches: Vec<BatchEntry>,
+}
+
+/// One frame set.
+#[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
+pub struct SetEntry {
+    /// Number of the set.
+    pub number: u64,
+    /// Its time, host clock, ns.
+    pub time_ns: i64,
+    /// For each camera of [`Index::cameras`], position of its frame, if it has one here.
+    pub frames: Vec<Option<u32>>,
+}
+
+/// The index of a session.
+#[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
+pub struct Index {
+    /// The session.
+    pub session_id: String,
+    /// Length of each segment's file when the index was built.
+    pub segments: Vec<(u32, u64)>,
+    /// In the order of the manifest.
+    pub cameras: Vec<CameraIndex>,
+    /// In the order of the manifest.
+    pub imus: Vec<ImuIndex>,
+    /// By time.
+    pub sets: Vec<SetEntry>,
+}
+
+/// Why an index, or what it points to, cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum IndexError {
+    /// There is none, or the disk says no: build it.
+    #[error("reading the index")]
+    Io(#[from] io::Error),
+    /// The file is no index of this version, or damaged: build it again.
+    #[error("the index cannot be read: {0}")]
+    Unreadable(String),
+    /// The session is not the one that was indexed: build it again.
+    #[error("the index does not belong to this session: {0}")]
+    Stale(String),
+    /// What lies where the index points is not what was indexed: the session changed or is damaged.
+    #[error("segment {segment}, byte {offset}: the content does not match its checksum")]
+    Mismatch {
+        /// The segment.
+        segment: u32,
+        /// Where in its file.
+        offset: u64,
+    },
+}
+
+impl Index {
+    /// Builds the index by one pass; `progress` is called with the bytes of each message read.
+    /// Damaged parts are left out.
+    ///
+    /// # Errors
+    /// The disk says no.
+    pub fn build(reader: &SessionReader, mut progress: impl FnMut(u64)) -> Result<Self, ReadError> {
+        let mut build = Build::new(reader)?;
+        for entry in reader.entries() {
+            match entry? {
+                Entry::Message(m) => {
+                    progress(m.data.len() as u64);
+                    build.message(&m);
+                }
+                // What follows may refer to pictures that are lost, until the next key frame.
+                Entry::Damage { .. } | Entry::SegmentMissing { .. } => build.key.fill(None),
+                Entry::SegmentEnd { .. } => {}
+            }
+        }
+        Ok(build.finish())
+    }
+
+    /// The index as the bytes of `index.bin`.
+    ///
+    /// # Errors
+    /// Memory is exhausted.
+    pub fn to_bytes(&self) -> io::Result<Vec<u8>> {
+        let plain =
+            bincode::encode_to_vec(self, bincode::config::standard()).map_err(io::Error::other)?;
+        let packed = zstd::bulk::compress(&plain, 1)?;
+        let mut out = MAGIC.to_vec();
+        out.extend(crc32fast::hash(&packed).to_le_bytes());
+        out.extend((plain.len() as u64).to_le_bytes());
+        out.extend(packed);
+        Ok(out)
+    }
+
+    /// The index in the bytes of `index.bin`.
+    ///
+    /// # Errors
+    /// [`IndexError::Unreadable`].
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, IndexError> {
+        let unreadable = |what: &str| IndexError::Unreadable(what.to_owned());
+        let header = MAGIC.len() + 12;
+        if bytes.len() < header || bytes[..8] != MAGIC {
+            return Err(unreadable("it is no index of this version"));
+        }
+        let packed = &bytes[header..];
+        if crc32fast::hash(packed).to_le_bytes() != bytes[8..12] {
+            return Err(unreadable("its checksum does not match"));
+        }
+        let claimed = bytes[12..20]
+            .iter()
+            .rev()
+            .fold(0_u64, |n, b| n << 8 | u64::from(*b));
+        let size = usize::try_from(claimed).unwrap_or(usize::MAX);
+        // zstd never packs tighter than about 1 : 30 000.
+        if size > UNPACKED_LIMIT.min(packed.len().saturating_mul(32_768)) {
+            return Err(unreadable("it claims an impossible size"));
+        }
+        let plain = zstd::bulk::decompress(packed, size)?;
+        let config = bincode::config::standard();
+        let (index, _) = bincode::decode_from_slice(&plain, config)
+            .map_err(|e| IndexError::Unreadable(e.to_string()))?;
+        Ok(index)
+    }
+
+    /// Reads the index of a session and makes sure that it is this session's.
+    ///
+    /// # Errors
+    /// See [`IndexError`]; on all but `Io` the index should be built again.
+    pub fn read(reader: &SessionReader) -> Result<Self, IndexError> {
+        let bytes = crate::storage::read_all(&**reader.storage(), layout::INDEX)?;
+        let index = Self::from_bytes(&bytes)?;
+        if index.session_id != reader.manifest().session_id {
+            return Err(IndexError::Stale(format!(
+                "it is of session {}",
+                index.session_id
+            )));
+        }
+        if index.segments != segment_lengths(reader)? {
+            return Err(IndexError::Stale(
+                "the segments have other lengths".to_owned(),
+            ));
+        }
+        Ok(index)
+    }
+
+    /// The camera with this name.
+    pub fn camera(&self, name: &str) -> Option<&CameraIndex> {
+        self.cameras.iter().find(|c| c.name == name)
+    }
+
+    /// The IMU with this name.
+    pub fn imu(&self, name: &str) -> Option<&ImuIndex> {
+        self.imus.iter().find(|i| i.name == name)
+    }
+
+    /// The frame set with this number.
+    pub fn set(&self, number: u64) -> Option<&SetEntry> {
+        // Numbers rise with time, so sets sorted by time are sorted by number.
+        self.sets
+            .binary_search_by_key(&number, |s| s.number)
+            .ok()
+            .map(|i| &self.sets[i])
+    }
+
+    /// The frame set nearest to a time.
+    pub fn set_at(&self, time: HostTime) -> Option<&SetEntry> {
+        let after = self.sets.partition_point(|s| s.time_ns < time.0);
+        let candidates = self.sets[after.saturating_sub(1)..].iter().take(2);
+        candidates.min_by_key(|s| s.time_ns.abs_diff(time.0))
+    }
+}
+
+impl CameraIndex {
+    /// The frame with this number.
+    pub fn frame(&self, number: u64) -> Option<&FrameEntry> {
+        self.position(number).map(|i| &self.frames[i])
+    }
+
+    /// Position of the frame with this number.
+    pub fn position(&self, number: u64) -> Option<usize> {
+        self.frames.binary_search_by_key(&number, |f| f.number).ok()
+    }
+
+    /// Positions of the frames that must be decoded to get the one at `position`: from its key
+    /// frame to itself.
+    pub fn run_to(&self, position: usize) -> Range<usize> {
+        self.frames
+            .get(position)
+            .map_or(0..0, |f| f.key as usize..position + 1)
+    }
+
+    /// Positions of all frames that share the key frame of the one at `position`.
+    pub fn gop(&self, position: usize) -> Range<usize> {
+        let Some(frame) = self.frames.get(position) else {
+            return 0..0;
+        };
+        let start = frame.key as usize;
+        let length = self.frames[start..].partition_point(|f| f.key == frame.key);
+        start..start + length
+    }
+}
+
+impl ImuIndex {
+    /// The batches that may hold samples in `from..=to`.
+    pub fn between(&self, from: HostTime, to: HostTime) -> &[BatchEntry] {
+        let start = self.batches.partition_point(|b| b.end_ns < from.0);
+        let length = self.batches[start..].partition_point(|b| b.start_ns <= to.0);
+        &self.batches[start..start + length]
+    }
+}
+
+fn segment_lengths(reader: &SessionReader) -> io::Result<Vec<(u32, u64)>> {
+    let mut lengths = Vec::new();
+    for number in reader.segment_numbers() {
+        match reader.storage().open(&layout::segment(number)) {
+            Ok(file) => lengths.push((number, file.len()?)),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => {}
+            Err(e) => return Err(e),
+        }
+    }
+    Ok(lengths)
+}
+
+/// Reads what an index points to, from any thread.
+pub struct Access {
+    files: BTreeMap<u32, Arc<dyn ReadAt>>,
+}
+
+impl Access {
+    /// Opens the segments of a session.
+    ///
+    /// # Errors
+    /// The disk says no, or a segment that was indexed is gone.
+    pub fn open(storage: &dyn Storage, index: &Index) -> io::Result<Self> {
+        let mut files = BTreeMap::new();
+        for (number, _) in &index.segments {
+            files.insert(*number, Arc::from(storage.open(&layout::segment(*number))?));
+        }
+        Ok(Self { files })
+    }
+
+    /// The access unit of a frame, checked.
+    ///
+    /// # Errors
+    /// [`IndexError::Mismatch`], or the disk says no.
+    pub fn unit(&self, frame: &FrameEntry) -> Result<Bytes, IndexError> {
+        self.checked(frame.segment, frame.offset, frame.bytes, frame.crc32)
+    }
+
+    /// An IMU batch, checked.
+    ///
+    /// # Errors
+    /// [`IndexError::Mismatch`], or the disk says no.
+    pub fn batch(&self, batch: &BatchEntry) -> Result<ImuBatch, IndexError> {
+        let bytes = self.checked(batch.segment, batch.offset, batch.bytes, batch.crc32)?;
+        ImuBatch::decode(bytes).map_err(|e| IndexError::Unreadable(e.to_string()))
+    }
+
+    fn checked(
+        &self,
+        segment: u32,
+        offset: u64,
+        length: u32,
+        crc32: u32,
+    ) -> Result<Bytes, IndexError> {
+        let mismatch = IndexError::Mismatch { segment, offset };
+        let Some(file) = self.files.get(&segment) else {
+            return Err(mismatch);
+        };
+        if offset.saturating_add(u64::from(length)) > file.len()? {
+            return Err(mismatch);
+        }
+        let mut bytes = vec![0; length as usize];
+        file.read_exact_at(&mut bytes, offset)?;
+        if crc32fast::hash(&bytes) == crc32 {
+            Ok(bytes.into())
+        } else {
+            Err(mismatch)
+        }
+    }
+}
+
+/// What a channel carries, with the position of its camera or IMU.
+#[derive(Clone, Copy)]
+enum Kind {
+    Video(usize),
+    Frame(usize),
+    Imu(usize),
+    Sets,
+}
+
+/// A frame set before its frames' positions are known.
+struct PendingSet {
+    number: u64,
+    time_ns: i64,
+    members: Vec<(usize, u64)>,
+}
+
+struct Build {
+    kinds: BTreeMap<u16, Kind>,
+    index: Index,
+    /// The frame record whose access unit has not come yet, per camera.
+    awaiting: Vec<Option<Frame>>,
+    /// Position of the key frame of the current run, per camera; none after a break.
+    key: Vec<Option<u32>>,
+    /// Number of the newest frame, per camera.
+    newest: Vec<Option<u64>>,
+    sets: Vec<PendingSet>,
+}
+
+impl Build {
+    fn new(reader: &SessionReader) -> Result<Self, ReadError> {
+        let manifest = reader.manifest();
+        let camera = |of: &str| manifest.cameras.iter().position(|c| c.name == of);
+        let mut kinds = BTreeMap::new();
+        for stream in &manifest.streams {
+            let kind = match stream.schema.as_str() {
+                name if name == CompressedVideo::SCHEMA.name => camera(&stream.of).map(Kind::Video),
+                name if name == Frame::SCHEMA.name => camera(&stream.of).map(Kind::Frame),
+                name if name == ImuBatch::SCHEMA.name => manifest
+                    .imus
+                    .iter()
+                    .position(|i| i.name == stream.of)
+                    .map(Kind::Imu),
+                name if name == FrameSet::SCHEMA.name => Some(Kind::Sets),
+                _ => None,
+            };
+            if let Some(kind) = kind {
+                kinds.insert(stream.id, kind);
+            }
+        }
+        let cameras = manifest.cameras.iter().map(|c| CameraIndex {
+            name: c.name.clone(),
+            frames: Vec::new(),
+            undecodable: 0,
+        });
+        let imus = manifest.imus.iter();
+        let imus = imus.map(|i| ImuIndex {
+            name: i.name.clone(),
+            batches: Vec::new(),
+        });
+        let count = manifest.cameras.len();
+        Ok(Self {
+            kinds,
+            index: Index {
+                session_id: manifest.session_id.clone(),
+                segments: segment_lengths(reader).map_err(|error| ReadError::Io {
+                    path: layout::SEGMENTS.to_owned(),
+                    error,
+                })?,
+                cameras: cameras.collect(),
+                imus: imus.collect(),
+                sets: Vec::new(),
+            },
+            awaiting: vec![None; count],
+            key: vec![None; count],
+            newest: vec![None; count],
+            sets: Vec::new(),
+        })
+    }
+
+    fn message(&mut self, m: &Message) {
+        let payload_at = m.chunk_offset + CHUNK_PREFIX as u64 + u64::from(m.payload_offset);
+        match self.kinds.get(&m.stream) {
+            Some(Kind::Frame(camera)) => self.awaiting[*camera] = m.decode().ok(),
+            Some(Kind::Video(camera)) => self.video(*camera, m, payload_at),
+            Some(Kind::Imu(imu)) => {
+                let Ok(batch) = m.decode::<ImuBatch>() else {
+                    return;
+                };
+                let (Some(&start_ns), Some(&end_ns)) = (batch.times.first(), batch.times.last())
+                else {
+                    return;
+                };
+                self.index.imus[*imu].batches.push(BatchEntry {
+                    first_number: batch.first_number,
+                    samples: batch.device_ticks.len() as u32,
+                    start_ns,
+                    end_ns,
+                    segment: m.segment,
+                    offset: payload_at,
+                    bytes: m.data.len() as u32,
+                    crc32: crc32fast::hash(&m.data),
+                });
+            }
+            Some(Kind::Sets) => {
+                let Ok(set) = m.decode::<FrameSet>() else {
+                    return;
+                };
+                let position = |name: &str| self.index.cameras.iter().position(|c| c.name == name);
+                let members = set.members.iter();
+                let members = members
+                    .filter_map(|m| position(&m.camera).map(|c| (c, m.number)))
+                    .collect();
+                self.sets.push(PendingSet {
+                    number: set.number,
+                    time_ns: set.time,
+                    members,
+                });
+            }
+            None => {}
+        }
+    }
+
+    fn video(&mut self, camera: usize, m: &Message, payload_at: u64) {
+        let frame = self.awaiting[camera].take();
+        let (Some(frame), Ok(video)) = (frame, m.decode::<CompressedVideo>()) else {
+            return;
+        };
+        let matches = frame.number as u32 == m.sequence
+            && crc32fast::hash(&video.data) == frame.payload_crc32
+            && self.newest[camera].is_none_or(|newest| frame.number > newest);
+        if !matches {
+            self.key[camera] = None;
+            return;
+        }
+        // Frames that the recorder dropped before the encoder do not break the run; frames lost
+        // behind it do, and the next key frame mends that.
+        let unit_at = video.data.as_ptr() as usize - m.data.as_ptr() as usize;
+        let list = &mut self.index.cameras[camera];
+        let position = list.frames.len() as u32;
+        if frame.key_frame {
+            self.key[camera] = Some(position);
+        }
+        self.newest[camera] = Some(frame.number);
+        let Some(key) = self.key[camera] else {
+            list.undecodable += 1;
+            return;
+        };
+        list.frames.push(FrameEntry {
+            number: frame.number,
+            time_ns: frame.time,
+            sigma_ns: frame.sigma_ns,
+            host_time_ns: frame.host_time,
+            device_ticks: frame.device_ticks,
+            key,
+            segment: m.segment,
+            offset: payload_at + unit_at as u64,
+            bytes: video.data.len() as u32,
+            crc32: frame.payload_crc32,
+        });
+    }
+
+    fn finish(mut self) -> Index {
+        self.sets.sort_by_key(|s| (s.time_ns, s.number));
+        let cameras = &self.index.cameras;
+        let sets = self.sets.into_iter().map(|set| {
+            let mut frames = vec![None; cameras.len()];
+            for (camera, number) in set.members {
+                frames[camera] = cameras[camera].position(number).map(|p| p as u32);
+            }
+            SetEntry {
+                number: set.number,
+                time_ns: set.time_ns,
+                frames,
+            }
+        });
+        self.index.sets = sets.collect();
+        self.index
+    }
+}
