@@ -157,7 +157,6 @@ fn deny() -> Result<Ending> {
     let mut check = cargo()?;
     check.args(["deny", "--locked", "check"]);
     let note = if advisories {
-        check.arg("--disable-fetch");
         ""
     } else {
         check.args(["bans", "licenses", "sources"]);
