@@ -1,1 +1,178 @@
 //! Recorded data sets as lists of stereo frames and IMU samples.
+//!
+//! Contract: [`open`] only lists and reads text; pictures are read one at a time by [`load_png`] when
+//! they are due. A list that is given out is in strictly rising time, every frame has a left and a
+//! right picture that were on disk, and times are the recorded integers, never rounded through
+//! floating point. Pictures that a data set announces but does not have are left out and noted, and
+//! leave a hole in the numbers and times: no frame is invented, none is moved. A picture with one
+//! eye only is an error.
+//!
+//! Three layouts are known:
+//! - ASL / EuRoC: `mav0/cam0`, `mav0/cam1` with `data.csv`, and `mav0/imu0/data.csv` ([`asl`]);
+//! - KITTI: `image_0` and `image_1`, `image_2` and `image_3`, or `image_l` and `image_r`, with numbered
+//!   pictures and perhaps `times.txt` ([`kitti`]);
+//! - plain: folders `left` and `right`, or one pair `left.png` and `right.png` ([`folder`]).
+
+use std::path::{Path, PathBuf};
+
+mod asl;
+mod error;
+mod folder;
+mod kitti;
+mod png_file;
+mod text;
+
+pub use error::DatasetError;
+pub use png_file::{DecodedPng, MAX_PIXELS, Samples, load_png};
+
+/// A recorded data set, ready to be replayed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StereoDataset {
+    /// Its layout.
+    pub kind: DatasetKind,
+    /// The folder that was opened. The calibration reader takes it as it is.
+    pub root: PathBuf,
+    /// Stereo frames in strictly rising time, at least one.
+    pub frames: Vec<StereoFrameRef>,
+    /// IMU samples in strictly rising time; none where the data set has no IMU.
+    pub imu: Vec<ImuSample>,
+    /// Calibration files that lie with the data set, to be copied into the session byte by byte.
+    pub calibration_files: Vec<PathBuf>,
+    /// Frame rate in Hz: from the median interval of the stamps, or as given.
+    pub rate_hz: f64,
+    /// What is absent or was ignored, to be shown.
+    pub notes: Vec<String>,
+}
+
+/// The layouts of data sets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DatasetKind {
+    /// ASL / EuRoC folder.
+    Asl,
+    /// KITTI-style folders with numbered pictures.
+    Kitti,
+    /// Folders `left` and `right`.
+    Folders,
+    /// One pair, `left.png` and `right.png`.
+    Pair,
+}
+
+/// One stereo frame of a data set.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StereoFrameRef {
+    /// Number in the recording's own count. A number that is skipped is a frame the data set lost.
+    pub number: u64,
+    /// Time on the recording's clock, ns.
+    pub device_time_ns: i64,
+    /// The left picture.
+    pub left: PathBuf,
+    /// The right picture.
+    pub right: PathBuf,
+}
+
+/// One IMU sample of a data set, as written there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImuSample {
+    /// Time on the recording's clock, ns.
+    pub device_time_ns: i64,
+    /// Angular rate, rad/s: the nearest `f64` to the digits in the file.
+    pub gyro_rad_s: [f64; 3],
+    /// Specific force, m/s²: the nearest `f64` to the digits in the file.
+    pub accel_m_s2: [f64; 3],
+}
+
+/// The layout of the data set in `path`.
+///
+/// # Errors
+/// [`DatasetError::Unrecognised`] when no layout fits, or more than one.
+pub fn detect(path: &Path) -> Result<DatasetKind, DatasetError> {
+    let fits = [
+        (DatasetKind::Asl, asl::root_of(path).is_some()),
+        (DatasetKind::Kitti, kitti::folders_of(path).is_some()),
+        (DatasetKind::Folders, folder::is_folders(path)),
+        (DatasetKind::Pair, folder::is_pair(path)),
+    ];
+    let kinds: Vec<DatasetKind> = fits
+        .into_iter()
+        .filter(|(_, fits)| *fits)
+        .map(|(kind, _)| kind)
+        .collect();
+    match kinds.as_slice() {
+        [kind] => Ok(*kind),
+        [] => Err(DatasetError::Unrecognised {
+            path: path.to_owned(),
+            found: if path.is_dir() { "a folder without any of them" } else { "no folder" }.to_owned(),
+            expected: "mav0/cam0 and cam1, image_0 and image_1, image_2 and image_3, image_l and image_r, left and \
+                       right, or left.png and right.png"
+                .to_owned(),
+        }),
+        several => Err(DatasetError::Unrecognised {
+            path: path.to_owned(),
+            found: format!("the layouts {several:?} at once"),
+            expected: "one data set in the folder".to_owned(),
+        }),
+    }
+}
+
+/// Lists the data set in `path`.
+///
+/// `rate_hz` gives the times of a data set that has none: frame `n` is at `n / rate_hz`, rounded to
+/// the nearest ns. Where the data set has times it is ignored and that is noted.
+///
+/// # Errors
+/// [`DatasetError`], naming file and line.
+pub fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, DatasetError> {
+    if let Some(rate_hz) = rate_hz.filter(|rate| !(rate.is_finite() && *rate > 0.0)) {
+        return Err(DatasetError::Rate {
+            path: path.to_owned(),
+            rate_hz,
+        });
+    }
+    match detect(path)? {
+        DatasetKind::Asl => asl::open(path, rate_hz),
+        DatasetKind::Kitti => kitti::open(path, rate_hz),
+        DatasetKind::Folders => folder::open_folders(path, rate_hz),
+        DatasetKind::Pair => folder::open_pair(path, rate_hz),
+    }
+}
+
+/// Time of frame `number` at a constant rate, ns.
+fn time_at(number: u64, rate_hz: f64) -> i64 {
+    // Exact to the ns up to 2^53 ns behind the first frame, 104 days.
+    (number as f64 * 1e9 / rate_hz).round() as i64
+}
+
+/// Rate from the median interval of stamped frames, Hz. One frame has no interval and needs `given`.
+fn rate_of(
+    frames: &[StereoFrameRef],
+    given: Option<f64>,
+    path: &Path,
+) -> Result<f64, DatasetError> {
+    let mut intervals_ns: Vec<i64> = frames
+        .windows(2)
+        .map(|pair| pair[1].device_time_ns - pair[0].device_time_ns)
+        .collect();
+    intervals_ns.sort_unstable();
+    match intervals_ns.get(intervals_ns.len() / 2) {
+        Some(median_ns) => Ok(1e9 / *median_ns as f64),
+        None => given.ok_or_else(|| DatasetError::NeedsRate {
+            path: path.to_owned(),
+        }),
+    }
+}
+
+/// Calibration files that lie in the folder itself, sorted by name.
+fn calibration_files(root: &Path) -> Result<Vec<PathBuf>, DatasetError> {
+    let names = text::file_names(root)?;
+    let is_calibration = |name: &&String| {
+        *name == "calib.txt" || *name == "K.txt" || name.to_ascii_lowercase().ends_with(".conf")
+    };
+    Ok(names
+        .iter()
+        .filter(is_calibration)
+        .map(|name| root.join(name))
+        .collect())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,85 @@
+//! Why a data set cannot be read.
+
+use std::path::PathBuf;
+
+/// Why a data set cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum DatasetError {
+    /// The file or folder could not be read: check the path and its permissions.
+    #[error("reading a data set: {}", path.display())]
+    Read {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A line is not what belongs there: the file is damaged or of another kind.
+    #[error("reading a data set: line {line}: found {found:?}, expected {expected}: {}", path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// What is there.
+        found: String,
+        /// What belongs there.
+        expected: String,
+    },
+    /// The folder is not a data set of a known layout.
+    #[error("recognising a data set: found {found}, expected {expected}: {}", path.display())]
+    Unrecognised {
+        /// The folder.
+        path: PathBuf,
+        /// What is there.
+        found: String,
+        /// What the layouts have.
+        expected: String,
+    },
+    /// Pictures of one eye have none of the other: complete the data set or remove them.
+    #[error(
+        "pairing pictures: {left_only} only on the left and {right_only} only on the right, the first is {first}; \
+         expected every picture on both sides: {} and {}", left.display(), right.display()
+    )]
+    Unpaired {
+        /// Pictures without a right one.
+        left_only: usize,
+        /// Pictures without a left one.
+        right_only: usize,
+        /// Stamp, number or name of the first of them.
+        first: String,
+        /// Folder of the left pictures.
+        left: PathBuf,
+        /// Folder of the right pictures.
+        right: PathBuf,
+    },
+    /// There is no picture to replay.
+    #[error("listing pictures: found none, expected at least one: {}", path.display())]
+    Empty {
+        /// The folder or list.
+        path: PathBuf,
+    },
+    /// The data set has no times: give a rate.
+    #[error("timing a data set: it has no times of its own, expected a frame rate with it: {}", path.display())]
+    NeedsRate {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The given rate is impossible.
+    #[error("timing a data set: the rate is {rate_hz} Hz, expected a number above 0: {}", path.display())]
+    Rate {
+        /// The folder.
+        path: PathBuf,
+        /// The rate as given.
+        rate_hz: f64,
+    },
+    /// The picture cannot be used: convert it or restore the file.
+    #[error("loading a picture: found {found}, expected {expected}: {}", path.display())]
+    Picture {
+        /// The file.
+        path: PathBuf,
+        /// What is there.
+        found: String,
+        /// What can be used.
+        expected: String,
+    },
+}

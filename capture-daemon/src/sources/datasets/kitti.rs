@@ -1,0 +1,167 @@
+//! KITTI-style folders: pictures named by their number, `000000.png`, in one folder per eye.
+//!
+//! Contract: the number in the name is the frame's number and decides its time: the line of that index
+//! in `times.txt` (seconds), or the number divided by the given rate. A number that is absent on both
+//! sides stays a hole in numbers and times; absent on one side it is an error.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use super::text::{Text, check_rising, file_names};
+use super::{
+    DatasetError, DatasetKind, StereoDataset, StereoFrameRef, calibration_files, rate_of, time_at,
+};
+
+/// Folder names, left and right. Of the official four cameras the grey pair comes first, as in the
+/// reader of its calibration.
+const FOLDERS: [(&str, &str); 3] = [
+    ("image_0", "image_1"),
+    ("image_2", "image_3"),
+    ("image_l", "image_r"),
+];
+
+/// The folders of the two eyes, if `path` has both.
+pub(super) fn folders_of(path: &Path) -> Option<(PathBuf, PathBuf)> {
+    FOLDERS
+        .iter()
+        .map(|(left, right)| (path.join(left), path.join(right)))
+        .find(|(left, right)| left.is_dir() && right.is_dir())
+}
+
+pub(super) fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, DatasetError> {
+    let Some((left_folder, right_folder)) = folders_of(path) else {
+        return Err(DatasetError::Empty {
+            path: path.to_owned(),
+        });
+    };
+    let left = pictures(&left_folder)?;
+    let right = pictures(&right_folder)?;
+    let only = |a: &BTreeMap<u64, PathBuf>, b: &BTreeMap<u64, PathBuf>| -> Vec<u64> {
+        a.keys()
+            .filter(|number| !b.contains_key(number))
+            .copied()
+            .collect()
+    };
+    let (left_only, right_only) = (only(&left, &right), only(&right, &left));
+    if let Some(first) = left_only
+        .first()
+        .into_iter()
+        .chain(right_only.first())
+        .min()
+    {
+        return Err(DatasetError::Unpaired {
+            left_only: left_only.len(),
+            right_only: right_only.len(),
+            first: format!("number {first}"),
+            left: left_folder,
+            right: right_folder,
+        });
+    }
+
+    let mut notes = Vec::new();
+    let (first, last) = (left.keys().next(), left.keys().next_back());
+    if let (Some(first), Some(last)) = (first, last)
+        && last - first + 1 != left.len() as u64
+    {
+        notes.push(format!(
+            "of the pictures {first} to {last}, {} are absent",
+            last - first + 1 - left.len() as u64
+        ));
+    }
+    let times_file = path.join("times.txt");
+    let times_ns = if times_file.is_file() {
+        Some(read_times(&times_file)?)
+    } else {
+        None
+    };
+    let time_of = |number: u64| match (&times_ns, rate_hz) {
+        (Some(times_ns), _) => usize::try_from(number)
+            .ok()
+            .and_then(|i| times_ns.get(i))
+            .copied()
+            .ok_or_else(|| DatasetError::Malformed {
+                path: times_file.clone(),
+                line: times_ns.len() + 1,
+                found: "the end of the file".to_owned(),
+                expected: format!("a time for picture {number}"),
+            }),
+        (None, Some(rate_hz)) => Ok(time_at(number, rate_hz)),
+        (None, None) => Err(DatasetError::NeedsRate {
+            path: path.to_owned(),
+        }),
+    };
+    let frames: Vec<StereoFrameRef> = left
+        .into_iter()
+        .zip(right.into_values())
+        .map(|((number, left), right)| {
+            Ok(StereoFrameRef {
+                number,
+                device_time_ns: time_of(number)?,
+                left,
+                right,
+            })
+        })
+        .collect::<Result<_, DatasetError>>()?;
+    let rate = match (&times_ns, rate_hz) {
+        (None, Some(rate_hz)) => rate_hz,
+        _ => rate_of(&frames, rate_hz, path)?,
+    };
+    if let (Some(_), Some(rate_hz)) = (&times_ns, rate_hz)
+        && frames.len() > 1
+    {
+        notes.push(format!(
+            "the rate of {rate_hz} Hz is ignored: times.txt has the times"
+        ));
+    }
+    Ok(StereoDataset {
+        kind: DatasetKind::Kitti,
+        root: path.to_owned(),
+        frames,
+        imu: Vec::new(),
+        calibration_files: calibration_files(path)?,
+        rate_hz: rate,
+        notes,
+    })
+}
+
+/// The numbered pictures of one eye.
+fn pictures(folder: &Path) -> Result<BTreeMap<u64, PathBuf>, DatasetError> {
+    let mut pictures = BTreeMap::new();
+    for name in file_names(folder)? {
+        let Some(stem) = name.strip_suffix(".png") else {
+            continue;
+        };
+        let number = stem
+            .parse::<u64>()
+            .ok()
+            .filter(|_| stem.bytes().all(|b| b.is_ascii_digit()));
+        let fresh =
+            number.is_some_and(|number| pictures.insert(number, folder.join(&name)).is_none());
+        if !fresh {
+            return Err(DatasetError::Unrecognised {
+                path: folder.to_owned(),
+                found: name,
+                expected: "pictures named by their number, each number once, as in 000000.png"
+                    .to_owned(),
+            });
+        }
+    }
+    if pictures.is_empty() {
+        return Err(DatasetError::Empty {
+            path: folder.to_owned(),
+        });
+    }
+    Ok(pictures)
+}
+
+fn read_times(file: &Path) -> Result<Vec<i64>, DatasetError> {
+    let text = Text::read(file)?;
+    let mut times_ns = Vec::new();
+    let mut last_ns = None;
+    for line in text.lines() {
+        let time_ns = line.seconds_as_ns(line.text)?;
+        check_rising(&mut last_ns, time_ns, &line)?;
+        times_ns.push(time_ns);
+    }
+    Ok(times_ns)
+}

@@ -1,0 +1,196 @@
+//! Folders and text files of a data set, with errors that name file and line.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use super::DatasetError;
+
+/// The text of one file and where it came from.
+pub(super) struct Text {
+    path: PathBuf,
+    text: String,
+}
+
+/// One line, from 1.
+#[derive(Clone, Copy)]
+pub(super) struct Line<'t> {
+    source: &'t Text,
+    pub(super) number: usize,
+    pub(super) text: &'t str,
+}
+
+impl Text {
+    pub(super) fn read(path: &Path) -> Result<Self, DatasetError> {
+        let text = std::fs::read_to_string(path).map_err(|source| DatasetError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        Ok(Self {
+            path: path.to_owned(),
+            text,
+        })
+    }
+
+    /// Lines with content that are not comments.
+    pub(super) fn lines(&self) -> impl Iterator<Item = Line<'_>> {
+        self.text
+            .trim_start_matches('\u{feff}')
+            .lines()
+            .enumerate()
+            .map(|(i, text)| Line {
+                source: self,
+                number: i + 1,
+                text: text.trim(),
+            })
+            .filter(|line| !line.text.is_empty() && !line.text.starts_with('#'))
+    }
+}
+
+impl<'t> Line<'t> {
+    pub(super) fn malformed(&self, found: &str, expected: &str) -> DatasetError {
+        DatasetError::Malformed {
+            path: self.source.path.clone(),
+            line: self.number,
+            found: found.to_owned(),
+            expected: expected.to_owned(),
+        }
+    }
+
+    /// Exactly `N` fields between commas.
+    pub(super) fn fields<const N: usize>(
+        &self,
+        expected: &str,
+    ) -> Result<[&'t str; N], DatasetError> {
+        let fields: Vec<&str> = self.text.split(',').map(str::trim).collect();
+        fields
+            .try_into()
+            .map_err(|_| self.malformed(self.text, expected))
+    }
+
+    pub(super) fn stamp_ns(&self, field: &str) -> Result<i64, DatasetError> {
+        field
+            .parse()
+            .map_err(|_| self.malformed(field, "a time as an integer of nanoseconds"))
+    }
+
+    /// The nearest `f64` to a decimal number.
+    pub(super) fn number(&self, field: &str) -> Result<f64, DatasetError> {
+        match field.parse::<f64>() {
+            Ok(number) if number.is_finite() => Ok(number),
+            _ => Err(self.malformed(field, "a finite number")),
+        }
+    }
+
+    /// A time in seconds, exactly as its digits say, rounded to the nearest ns.
+    pub(super) fn seconds_as_ns(&self, field: &str) -> Result<i64, DatasetError> {
+        seconds_as_ns(field).ok_or_else(|| self.malformed(field, "a time in seconds"))
+    }
+}
+
+/// Fails when `time_ns` does not come after `*last_ns`, then takes its place.
+pub(super) fn check_rising(
+    last_ns: &mut Option<i64>,
+    time_ns: i64,
+    line: &Line<'_>,
+) -> Result<(), DatasetError> {
+    match last_ns.replace(time_ns) {
+        Some(last_ns) if time_ns <= last_ns => {
+            Err(line.malformed(&time_ns.to_string(), &format!("a time after {last_ns} ns")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Names of the files in a folder. Names that are not UTF-8 are no data set's and are passed over.
+pub(super) fn file_names(folder: &Path) -> Result<BTreeSet<String>, DatasetError> {
+    let unreadable = |source| DatasetError::Read {
+        path: folder.to_owned(),
+        source,
+    };
+    let mut names = BTreeSet::new();
+    for entry in std::fs::read_dir(folder).map_err(unreadable)? {
+        let entry = entry.map_err(unreadable)?;
+        if let Ok(name) = entry.file_name().into_string()
+            && !name.starts_with('.')
+            && entry.path().is_file()
+        {
+            names.insert(name);
+        }
+    }
+    Ok(names)
+}
+
+/// A decimal number of seconds, with or without an exponent, in ns. Never through floating point: an
+/// `f64` of seconds since 1970 steps by 238 ns.
+fn seconds_as_ns(text: &str) -> Option<i64> {
+    let (mantissa, exponent) = match text.split_once(['e', 'E']) {
+        Some((mantissa, exponent)) => (
+            mantissa,
+            exponent.parse::<i32>().ok().filter(|e| e.abs() <= 30)?,
+        ),
+        None => (text, 0),
+    };
+    let (negative, digits) = match mantissa.strip_prefix('-') {
+        Some(digits) => (true, digits),
+        None => (false, mantissa.strip_prefix('+').unwrap_or(mantissa)),
+    };
+    let (whole, fraction) = digits.split_once('.').unwrap_or((digits, ""));
+    let all_digits = |part: &str| part.bytes().all(|b| b.is_ascii_digit());
+    if whole.len() + fraction.len() == 0 || !all_digits(whole) || !all_digits(fraction) {
+        return None;
+    }
+    let value: i128 = format!("{whole}{fraction}").parse().ok()?;
+    let shift = exponent + 9 - i32::try_from(fraction.len()).ok()?;
+    let power = 10i128.checked_pow(shift.unsigned_abs())?;
+    let magnitude = if shift >= 0 {
+        value.checked_mul(power)?
+    } else {
+        (value + power / 2) / power
+    };
+    i64::try_from(if negative { -magnitude } else { magnitude }).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::seconds_as_ns;
+
+    #[test]
+    fn seconds_are_exact() {
+        for (text, expected) in [
+            ("0", 0),
+            ("0.000000e+00", 0),
+            ("1.036224e-01", 103_622_400),
+            ("4.544e+02", 454_400_000_000),
+            ("1403715273.262142976", 1_403_715_273_262_142_976),
+            ("-1.5", -1_500_000_000),
+            ("+.25", 250_000_000),
+            ("3.", 3_000_000_000),
+            ("0.0000000004", 0),
+            ("0.0000000005", 1),
+            ("1e-9", 1),
+        ] {
+            assert_eq!(seconds_as_ns(text), Some(expected), "{text}");
+        }
+        for text in [
+            "",
+            ".",
+            "-",
+            "1,5",
+            "1.2.3",
+            "nan",
+            "inf",
+            "1e",
+            "1e99",
+            "0x10",
+            "99999999999",
+            "1e30",
+            "--1",
+            "1 2",
+        ] {
+            assert_eq!(seconds_as_ns(text), None, "{text}");
+        }
+        // What the detour through f64 would have given.
+        let naive = ("1403715273.262143".parse::<f64>().unwrap() * 1e9) as i64;
+        assert_ne!(Some(naive), seconds_as_ns("1403715273.262143"));
+    }
+}
