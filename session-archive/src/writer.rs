@@ -5,7 +5,7 @@
 //! chunk in the making.
 //!
 //! * **Chunks begin with key frames.** A chunk is an *epoch* of [`SessionSpec::chunk_ns`] on the
-//!   log-time axis. A camera enters the next epoch with its first key frame there; until every
+//!   log-time axis, counted from the host clock's zero: whoever forces key frames counts alike. A camera enters the next epoch with its first key frame there; until every
 //!   camera that delivers has done so, two chunks are open, and messages of the cameras that are
 //!   ahead wait in the second. A camera that sends no key frame in time does not hold the others
 //!   up: no chunk stays open longer than [`MAX_CHUNK_NS`].
@@ -418,9 +418,7 @@ impl SessionWriter {
     /// A key frame of camera `slot` arrived: it opens the next chunk if it belongs to a later
     /// epoch than the open one.
     fn enter_epoch(&mut self, slot: usize, time: HostTime) -> Result<(), WriteError> {
-        let epoch = time
-            .since(self.manifest.started)
-            .div_euclid(self.manifest.chunk_ns);
+        let epoch = time.0.div_euclid(self.manifest.chunk_ns);
         // The camera is a whole epoch ahead of one that still holds the open chunk: close it.
         if self.video[slot].in_next && self.next_epoch.is_some_and(|next| epoch > next) {
             self.close_chunk()?;
