@@ -62,7 +62,8 @@ impl Axis {
 
     /// Shows exactly this range. A range that is empty or cannot be drawn is ignored.
     pub fn range(mut self, range: Range<f64>) -> Self {
-        let good = self.usable(range.start) && self.usable(range.end) && range.start < range.end;
+        let good =
+            self.usable(range.start) && self.usable(range.end) && range.end - range.start > 1e-100;
         self.range = good.then_some((range.start, range.end));
         self
     }
@@ -143,38 +144,40 @@ impl Axis {
         a = if lo >= 0.0 { a.max(0.0) } else { a };
         b = if hi <= 0.0 && lo < 0.0 { b.min(0.0) } else { b };
         if nice && self.kind == Kind::Linear {
-            let step = linear_step(b - a, most);
-            (a, b) = ((a / step).floor() * step, (b / step).ceil() * step);
+            // The widened range may call for a wider step; widening to that one settles it.
+            let widen = |step: f64| ((a / step).floor() * step, (b / step).ceil() * step);
+            let first = widen(linear_step(b - a, most));
+            (a, b) = widen(linear_step(first.1 - first.0, most));
         }
         (a, b)
     }
 
     /// Ticks within `lo..=hi`, about `most` at most, each with its text.
     pub(crate) fn ticks(&self, (lo, hi): (f64, f64), most: usize) -> Vec<(f64, String)> {
-        let values = match &self.kind {
-            Kind::Categories(names) => {
-                return names
-                    .iter()
-                    .enumerate()
-                    .map(|(i, name)| (i as f64, name.clone()))
-                    .collect();
-            }
-            Kind::Log => log_ticks(lo, hi, most),
-            Kind::Time => multiples(lo, hi, time_step(hi - lo, most)),
-            Kind::Linear => multiples(lo, hi, linear_step(hi - lo, most)),
+        let write = |values: Vec<f64>, text: &dyn Fn(f64) -> String| -> Vec<(f64, String)> {
+            let text = |v| self.format.map_or_else(|| text(v), |format| format(v));
+            values.into_iter().map(|v| (v, text(v))).collect()
         };
-        let step = values
-            .windows(2)
-            .map(|w| w[1] - w[0])
-            .fold(hi - lo, f64::min);
         let size = lo.abs().max(hi.abs());
-        let text = |&v: &f64| match (self.format, &self.kind) {
-            (Some(format), _) => format(v),
-            (None, Kind::Log) => tick_text(v, v, v),
-            (None, Kind::Time) if self.clock_unit(lo, hi) != "s" => clock(v, size),
-            _ => tick_text(v, step, size),
-        };
-        values.iter().map(|v| (*v, text(v))).collect()
+        let step = linear_step(hi - lo, most);
+        let fine = linear_step(hi - lo, most.max(5));
+        match &self.kind {
+            Kind::Categories(names) => names
+                .iter()
+                .enumerate()
+                .map(|(i, name)| (i as f64, name.clone()))
+                .collect(),
+            Kind::Time if self.clock_unit(lo, hi) != "s" => {
+                write(multiples(lo, hi, time_step(hi - lo, most)), &|v| {
+                    clock(v, size)
+                })
+            }
+            Kind::Log => match log_ticks(lo, hi, most) {
+                Some(values) => write(values, &|v| tick_text(v, v, v)),
+                None => write(multiples(lo, hi, fine), &|v| tick_text(v, fine, size)),
+            },
+            _ => write(multiples(lo, hi, step), &|v| tick_text(v, step, size)),
+        }
     }
 
     /// "label (unit)".
@@ -274,45 +277,61 @@ fn multiples(lo: f64, hi: f64, step: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Decades; 1-2-5 or all digits within them where there are fewer than three; and plain steps where
-/// the range is only a part of a decade.
-fn log_ticks(lo: f64, hi: f64, most: usize) -> Vec<f64> {
+/// Decades; 1-2-5 or all digits within them where there are fewer than three; none
+/// where the range is only a part of a decade and plain steps serve better.
+fn log_ticks(lo: f64, hi: f64, most: usize) -> Option<Vec<f64>> {
     let (first, last) = (lo.log10().floor() as i32, hi.log10().ceil() as i32);
-    let every = ((last - first) as usize).div_ceil(most.max(1)).max(1);
+    let within = |digits: &[f64], every: usize| -> Vec<f64> {
+        let all = (first..=last).step_by(every);
+        let all = all.flat_map(|e| digits.iter().map(move |d| d * 10f64.powi(e)));
+        all.filter(|v| (lo * (1.0 - 1e-9)..=hi * (1.0 + 1e-9)).contains(v))
+            .collect()
+    };
+    let every = ((last - first) as usize).div_ceil((most * 3 / 2).max(1));
+    let sparse = (2..=every)
+        .rev()
+        .map(|every| within(&[1.0], every))
+        .find(|ticks| ticks.len() >= 3);
+    if sparse.is_some() {
+        return sparse;
+    }
     for digits in [
         &[1.0][..],
         &[1.0, 2.0, 5.0],
-        &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0],
+        &[1.0, 2.0, 3.0, 4.0, 6.0, 8.0],
     ] {
-        let all = (first..=last)
-            .step_by(every)
-            .flat_map(|e| digits.iter().map(move |d| d * 10f64.powi(e)));
-        let ticks: Vec<f64> = all
-            .filter(|v| (lo * (1.0 - 1e-9)..=hi * (1.0 + 1e-9)).contains(v))
-            .collect();
+        let ticks = within(digits, 1);
         if ticks.len() >= 3 {
-            return ticks;
+            return Some(ticks);
         }
     }
-    multiples(lo, hi, linear_step(hi - lo, most))
+    None
 }
 
 /// A tick among ticks `step` apart and `size` large at most.
 fn tick_text(v: f64, step: f64, size: f64) -> String {
+    let exponent = |v: f64| (v.abs() * 1.0001).log10().floor() as i32;
     if v == 0.0 {
-        return "0".into();
+        "0".into()
+    } else if (1e-4..1e6).contains(&size) {
+        format!("{v:.*}", exponent(step).min(0).unsigned_abs() as usize)
+    } else {
+        scientific(
+            v,
+            exponent(v),
+            (exponent(v) - exponent(step)).clamp(0, 15) as usize,
+        )
     }
-    let step_exponent = (step.abs() * 1.0001).log10().floor() as i32;
-    if (1e-4..1e6).contains(&size.abs()) {
-        return format!("{v:.*}", step_exponent.min(0).unsigned_abs() as usize);
-    }
-    let exponent = (v.abs() * 1.0001).log10().floor() as i32;
-    let digits = (exponent - step_exponent).clamp(0, 15) as usize;
-    let mantissa = format!("{:.digits$}", v / 10f64.powi(exponent));
-    let superscript: String = exponent.to_string().chars().map(superscript).collect();
-    match mantissa.as_str() {
-        "1" => format!("10{superscript}"),
-        _ => format!("{mantissa}×10{superscript}"),
+}
+
+/// `2.50×10⁻⁶`, and plain `10⁻⁶` for a power of ten.
+fn scientific(v: f64, exponent: i32, decimals: usize) -> String {
+    let mantissa = format!("{:.decimals$}", v / 10f64.powi(exponent));
+    let power: String = exponent.to_string().chars().map(superscript).collect();
+    if mantissa == "1" {
+        format!("10{power}")
+    } else {
+        format!("{mantissa}×10{power}")
     }
 }
 
@@ -333,12 +352,22 @@ fn clock(seconds: f64, size: f64) -> String {
 
 /// A number to three significant digits, without needless zeros.
 pub fn significant(v: f64) -> String {
-    if v == 0.0 || !v.is_finite() {
-        return if v == 0.0 { "0".into() } else { "–".into() };
+    if !v.is_finite() {
+        return "n/a".into();
+    }
+    if v.abs() < 1e-100 {
+        return "0".into();
     }
     let exponent = (v.abs() * 1.0001).log10().floor() as i32;
     if !(-4..9).contains(&exponent) {
-        return tick_text(v, v / 100.0, v);
+        // The fewest decimals that say the same to three digits.
+        let texts = [0, 1, 2]
+            .map(|decimals| (decimals, format!("{:.decimals$}", v / 10f64.powi(exponent))));
+        let value = |text: &str| text.parse::<f64>().ok();
+        let enough = texts
+            .iter()
+            .find(|(_, text)| value(text) == value(&texts[2].1));
+        return scientific(v, exponent, enough.map_or(2, |(decimals, _)| *decimals));
     }
     let text = format!("{v:.*}", (2 - exponent).max(0) as usize);
     if text.contains('.') {

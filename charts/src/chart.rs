@@ -117,7 +117,7 @@ impl Chart {
             .series
             .iter()
             .zip(&styles)
-            .map(|(s, st)| (s.name.as_str(), swatch(s, *st)))
+            .map(|(s, st)| (s.legend_name(), swatch(s, *st)))
             .collect();
         let head = self.sheet.head(&mut svg, width, &legend);
 
@@ -157,7 +157,7 @@ impl Chart {
             .round();
 
         // Horizontally: the y ticks decide where the plot starts.
-        let most = ((bottom - top) / 40.0).clamp(2.0, 8.0) as usize;
+        let most = ((bottom - top) / 30.0).clamp(2.0, 8.0) as usize;
         let solid = self.series.iter().any(Series::is_solid);
         let y_range = self
             .y
@@ -186,11 +186,7 @@ impl Chart {
             y1: bottom,
         };
         let most = ((plot.x1 - plot.x0) / 80.0).clamp(2.0, 10.0) as usize;
-        let pad = if self.series.iter().any(Series::has_markers) {
-            0.04
-        } else {
-            0.0
-        };
+        let pad = self.series.iter().map(Series::padding).fold(0.0, f64::max);
         let x_range = self.x.resolve(x_data, pad, false, most);
         let x_ticks = shown(&self.x, self.x.ticks(x_range, most));
         let x = Scale {
@@ -211,7 +207,8 @@ impl Chart {
             x,
             y,
             labels: Placer::new(plot),
-            texts: Vec::new(),
+            beside: Vec::new(),
+            values: Vec::new(),
         };
         canvas.bands();
         canvas.grid(&x_ticks, &y_ticks);
@@ -375,33 +372,12 @@ impl Chart {
 }
 
 fn swatch(series: &Series, style: Style) -> Swatch {
+    let marker = series.has_markers().then_some(style);
     match &series.shape {
-        Shape::Line(_) => Swatch::Line {
-            style,
-            line: true,
-            marker: series.has_markers(),
-        },
-        Shape::Steps(_) => Swatch::Line {
-            style,
-            line: true,
-            marker: false,
-        },
-        Shape::Scatter(_) => Swatch::Line {
-            style,
-            line: false,
-            marker: true,
-        },
-        Shape::Band(_) => Swatch::Box {
-            colour: style.colour,
-            opacity: 0.2,
-        },
-        Shape::Bars(_) => Swatch::Box {
-            colour: style.colour,
-            opacity: 1.0,
-        },
-        Shape::Histogram(_) => Swatch::Box {
-            colour: style.colour,
-            opacity: 0.3,
-        },
+        Shape::Line(_) | Shape::Steps(_) => Swatch::Line(Some(series.stroke(style)), marker),
+        Shape::Scatter(_) => Swatch::Line(None, marker),
+        Shape::Band(_) => Swatch::Box(style.colour, 0.2),
+        Shape::Bars(_) => Swatch::Box(style.colour, 1.0),
+        Shape::Histogram(_) => Swatch::Box(style.colour, 0.3),
     }
 }

@@ -76,13 +76,18 @@ fn clip_segment(a: Point, b: Point, rect: Rect) -> Option<(Point, Point)> {
             return None;
         }
     }
-    let at = |t: f64| rect.clamp((a.0 + t * dx, a.1 + t * dy));
-    (from <= to).then(|| {
-        (
-            if from > 0.0 { at(from) } else { a },
-            if to < 1.0 { at(to) } else { b },
-        )
-    })
+    // Ends inside stay exact; the clamp undoes roundings on segments far longer than the rectangle.
+    let start = if from > 0.0 {
+        (a.0 + from * dx, a.1 + from * dy)
+    } else {
+        a
+    };
+    let end = if to < 1.0 {
+        (a.0 + to * dx, a.1 + to * dy)
+    } else {
+        b
+    };
+    (from <= to).then(|| (rect.clamp(start), rect.clamp(end)))
 }
 
 /// Sutherland–Hodgman: the part of a polygon inside the rectangle.

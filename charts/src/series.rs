@@ -105,12 +105,56 @@ impl Series {
         }
     }
 
+    /// Its name in the legend; empty where its own labels say it already.
+    pub(crate) fn legend_name(&self) -> &str {
+        if self.labels == [self.name.as_str()] {
+            ""
+        } else {
+            &self.name
+        }
+    }
+
     pub(crate) fn has_markers(&self) -> bool {
         match &self.shape {
             Shape::Line(points) => points.len() <= 40,
             Shape::Scatter(_) => true,
             _ => false,
         }
+    }
+
+    /// The share of the width it needs free at each side.
+    pub(crate) fn padding(&self) -> f64 {
+        match self.shape {
+            Shape::Histogram(_) => 0.02,
+            Shape::Scatter(ref points) if points.len() > 1000 => 0.0,
+            _ if self.has_markers() => 0.04,
+            _ => 0.0,
+        }
+    }
+
+    pub(crate) fn bar_values(&self) -> Option<&[f64]> {
+        match &self.shape {
+            Shape::Bars(values) => Some(values),
+            _ => None,
+        }
+    }
+
+    /// Stroke attributes of its line. A dash cannot be read on a line that fills its pixels.
+    pub(crate) fn stroke(&self, style: Style) -> String {
+        let (wide, dash) = match &self.shape {
+            Shape::Line(points) | Shape::Steps(points) if points.len() > 1500 => ("1.1", ""),
+            Shape::Histogram(_) => ("1.3", style.dash),
+            _ => ("1.8", style.dash),
+        };
+        let dash = if dash.is_empty() {
+            String::new()
+        } else {
+            format!(" stroke-dasharray=\"{dash}\"")
+        };
+        let colour = style.colour;
+        format!(
+            "fill=\"none\" stroke=\"{colour}\" stroke-width=\"{wide}\" stroke-linejoin=\"round\"{dash}"
+        )
     }
 
     /// Whether it stands on the zero line.
@@ -204,7 +248,7 @@ fn edges(lo: f64, hi: f64, bins: Bins) -> Vec<f64> {
         }
         Bins::Width(width) => {
             let (first, last) = ((lo / width).floor(), (hi / width).floor() + 1.0);
-            if width > 0.0 && last - first <= MOST_BINS as f64 {
+            if (1e-100..1e100).contains(&width) && last - first <= MOST_BINS as f64 {
                 (0..=(last - first) as usize)
                     .map(|i| (first + i as f64) * width)
                     .collect()

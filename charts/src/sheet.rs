@@ -16,17 +16,12 @@ pub(crate) struct Sheet {
 }
 
 /// What stands before a name in the legend.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) enum Swatch {
-    Line {
-        style: Style,
-        line: bool,
-        marker: bool,
-    },
-    Box {
-        colour: &'static str,
-        opacity: f64,
-    },
+    /// A line with these attributes if any, a marker of this style if any.
+    Line(Option<String>, Option<Style>),
+    /// A box of this colour and opacity.
+    Box(&'static str, f64),
 }
 
 impl Sheet {
@@ -100,40 +95,23 @@ pub(crate) fn foot_height(lines: &[String]) -> f64 {
 }
 
 impl Swatch {
-    fn draw(self, svg: &mut Svg, x: f64, y: f64) {
+    fn draw(&self, svg: &mut Svg, x: f64, y: f64) {
         match self {
-            Self::Box { colour, opacity } => {
+            Self::Box(colour, opacity) => {
                 let fill =
                     format!("fill=\"{colour}\" fill-opacity=\"{opacity}\" stroke=\"{colour}\"");
-                svg.rect(x + 6.0, y - 5.0, 18.0, 10.0, &fill);
+                svg.rect(x + 0.5, y - 5.0, 26.0, 10.0, &fill);
             }
-            Self::Line {
-                style,
-                line,
-                marker,
-            } => {
-                if line {
-                    svg.line((x, y), (x + 27.0, y), &stroke(style, true));
+            Self::Line(line, marker) => {
+                if let Some(attributes) = line {
+                    svg.line((x, y), (x + 27.0, y), attributes);
                 }
-                if marker {
-                    markers(svg, &[(x + 13.5, y)], style);
+                if let Some(style) = marker {
+                    markers(svg, &[(x + 13.5, y)], *style);
                 }
             }
         }
     }
-}
-
-/// Stroke attributes of a series.
-pub(crate) fn stroke(style: Style, dashed: bool) -> String {
-    let dash = match style.dash {
-        "" => String::new(),
-        _ if !dashed => String::new(),
-        dash => format!(" stroke-dasharray=\"{dash}\""),
-    };
-    format!(
-        "fill=\"none\" stroke=\"{}\" stroke-width=\"1.8\" stroke-linejoin=\"round\"{dash}",
-        style.colour
-    )
 }
 
 /// Markers of a series, as one path.

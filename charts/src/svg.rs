@@ -133,17 +133,10 @@ impl Svg {
     }
 
     /// A text with a white rim, readable on top of lines.
-    pub(crate) fn text_with_rim(&mut self, x: f64, y: f64, size: f64, colour: &str, text: &str) {
+    pub(crate) fn text_with_rim(&mut self, x: f64, y: f64, size: f64, anchor: Anchor, text: &str) {
         let rim = "fill=\"#fff\" stroke=\"#fff\" stroke-width=\"3\" stroke-linejoin=\"round\" stroke-opacity=\"0.85\"";
-        self.text(x, y, size, Anchor::Start, rim, text);
-        self.text(
-            x,
-            y,
-            size,
-            Anchor::Start,
-            &format!("fill=\"{colour}\""),
-            text,
-        );
+        self.text(x, y, size, anchor, rim, text);
+        self.text(x, y, size, anchor, "", text);
     }
 
     /// A filled rectangle.

@@ -98,10 +98,7 @@ impl Timeline {
     pub fn to_svg(&self, width: u32) -> String {
         let width = f64::from(width.max(320));
         let mut svg = Svg::default();
-        let swatch = |kind: usize| Swatch::Box {
-            colour: COLOURS[kind.min(5)],
-            opacity: 1.0,
-        };
+        let swatch = |kind: usize| Swatch::Box(COLOURS[kind.min(5)], 1.0);
         let legend: Vec<_> = self
             .kinds
             .iter()

@@ -5,8 +5,8 @@ use crate::axis::Scale;
 use crate::geometry::{Point, Rect, cells, clip_line, clip_polygon, columns, thin};
 use crate::labels::{Placer, SIZE};
 use crate::series::{Histogram, Series, Shape, Style};
-use crate::sheet::{GRID, markers, stroke};
-use crate::svg::{Anchor, INK, MUTED, Svg, num, text_width};
+use crate::sheet::{GRID, markers};
+use crate::svg::{Anchor, Svg, num, text_width};
 
 /// Above this many points markers shrink to dots, and above the second number to a grid of 3 px.
 const DOTS_ABOVE: usize = 300;
@@ -19,8 +19,9 @@ pub(super) struct Canvas<'a> {
     pub(super) x: Scale,
     pub(super) y: Scale,
     pub(super) labels: Placer,
-    /// Texts to write last: place beside this point, or already placed.
-    pub(super) texts: Vec<(Point, String, &'static str)>,
+    /// Written last: labels beside these points, and the values centred above bars.
+    pub(super) beside: Vec<(Point, String)>,
+    pub(super) values: Vec<(Point, String)>,
 }
 
 impl Canvas<'_> {
@@ -95,58 +96,53 @@ impl Canvas<'_> {
     /// Areas first, then lines, then points.
     pub(super) fn series(&mut self, styles: &[Style]) {
         let chart = self.chart;
-        let all: Vec<(&Series, Style)> = chart.series.iter().zip(styles.iter().copied()).collect();
-        let bars: Vec<_> = all
-            .iter()
-            .filter(|(s, _)| matches!(s.shape, Shape::Bars(_)))
-            .collect();
-        for (i, (series, style)) in bars.iter().enumerate() {
-            if let Shape::Bars(values) = &series.shape {
-                self.draw_bars(values, *style, i, bars.len());
-            }
-        }
-        for (series, style) in &all {
+        let all = || chart.series.iter().zip(styles.iter().copied());
+        self.draw_bars(
+            &all()
+                .filter_map(|(s, style)| s.bar_values().map(|v| (v, style)))
+                .collect::<Vec<_>>(),
+        );
+        for (series, style) in all() {
             match &series.shape {
-                Shape::Band(points) => self.draw_band(points, *style),
-                Shape::Histogram(histogram) => self.draw_histogram(histogram, *style),
+                Shape::Band(points) => self.draw_band(points, style),
+                Shape::Histogram(histogram) => {
+                    self.draw_histogram(histogram, style, &series.stroke(style))
+                }
                 _ => {}
             }
         }
-        for (series, style) in &all {
+        for (series, style) in all() {
             match &series.shape {
-                Shape::Line(points) => self.draw_line(points, *style),
-                Shape::Steps(points) => self.draw_line(&corners_of_steps(points), *style),
+                Shape::Line(points) => self.draw_line(points, style.colour, &series.stroke(style)),
+                Shape::Steps(points) => self.draw_line(
+                    &corners_of_steps(points),
+                    style.colour,
+                    &series.stroke(style),
+                ),
                 _ => {}
             }
         }
-        for (series, style) in &all {
+        for (series, style) in all() {
             if let Shape::Line(points) | Shape::Scatter(points) | Shape::Steps(points) =
                 &series.shape
             {
-                self.draw_points(series, points, *style);
+                self.draw_points(series, points, style);
             }
         }
     }
 
-    fn draw_line(&mut self, points: &[Point], style: Style) {
+    fn draw_line(&mut self, points: &[Point], colour: &str, stroke: &str) {
         let chart = self.chart;
         for run in points
             .split(|p| !chart.usable((p.0, p.1, p.1)))
             .filter(|run| !run.is_empty())
         {
             let pixels: Vec<Point> = run.iter().map(|p| self.pixel(*p)).collect();
-            let dense = pixels.len() > 2 * (self.plot.x1 - self.plot.x0) as usize;
             for piece in clip_line(&pixels, self.plot) {
                 let piece = thin(&piece);
-                if let [only] = piece.as_slice() {
-                    self.dots(&[*only], style.colour, 2.6);
-                } else {
-                    // A dash cannot be read on a line that fills its columns.
-                    let mut look = stroke(style, !dense);
-                    if dense {
-                        look = look.replace("stroke-width=\"1.8\"", "stroke-width=\"1.1\"");
-                    }
-                    self.svg.poly("polyline", &piece, &look);
+                match piece.as_slice() {
+                    [only] => self.dots(&[*only], colour, 2.6),
+                    piece => self.svg.poly("polyline", piece, stroke),
                 }
                 self.labels.avoid_line(&piece);
             }
@@ -162,36 +158,21 @@ impl Canvas<'_> {
         let pixels: Vec<Point> = placed.iter().flatten().copied().collect();
         if series.has_markers() {
             match pixels.len() {
-                n if n > CELLS_ABOVE => {
-                    let strokes = cells(&pixels, 3.0).into_iter();
-                    let inside = |v: f64| v.clamp(self.plot.y0, self.plot.y1);
-                    let d: String = strokes
-                        .map(|((x, y), long)| {
-                            format!(
-                                "M{} {}v{}",
-                                num(x.min(self.plot.x1)),
-                                num(inside(y) - 1.5),
-                                num(long + 3.0)
-                            )
-                        })
-                        .collect();
-                    self.svg.element(
-                        "path",
-                        &format!("d=\"{d}\" stroke=\"{}\" stroke-width=\"3\"", style.colour),
-                    );
-                }
+                n if n > CELLS_ABOVE => self.draw_cells(&pixels, style.colour),
                 n if n > DOTS_ABOVE => self.dots(&pixels, style.colour, 3.0),
-                _ => {
-                    markers(&mut self.svg, &pixels, style);
-                    for (x, y) in &pixels {
-                        self.labels.avoid(Rect {
-                            x0: x - 4.0,
-                            y0: y - 4.0,
-                            x1: x + 4.0,
-                            y1: y + 4.0,
-                        });
-                    }
-                }
+                _ => markers(&mut self.svg, &pixels, style),
+            }
+            if pixels.len() <= CELLS_ABOVE {
+                let rect = |(x, y): &Point| Rect {
+                    x0: x - 4.0,
+                    y0: y - 4.0,
+                    x1: x + 4.0,
+                    y1: y + 4.0,
+                };
+                pixels
+                    .iter()
+                    .map(rect)
+                    .for_each(|rect| self.labels.avoid(rect));
             }
         }
         for (label, at) in series
@@ -201,7 +182,7 @@ impl Canvas<'_> {
             .filter(|(label, _)| !label.is_empty())
         {
             if let Some(at) = at {
-                self.texts.push((at, label.clone(), INK));
+                self.beside.push((at, label.clone()));
             }
         }
     }
@@ -215,6 +196,27 @@ impl Canvas<'_> {
             "d=\"{d}\" stroke=\"{colour}\" stroke-width=\"{wide}\" stroke-linecap=\"round\""
         );
         self.svg.element("path", &look);
+    }
+
+    /// More points than can be told apart: the squares that hold one, larger where they are many.
+    fn draw_cells(&mut self, points: &[Point], colour: &str) {
+        let fine = cells(points, 2.0);
+        let (size, strokes) = if fine.len() <= 4000 {
+            (2.0, fine)
+        } else {
+            (4.0, cells(points, 4.0))
+        };
+        let mut d = String::new();
+        for ((x, y), long) in strokes {
+            let (x, y) = (x.min(self.plot.x1), (y - size / 2.0).max(self.plot.y0));
+            let end = (y + long + size).min(self.plot.y1);
+            d.push_str(&format!("M{} {}V{}", num(x), num(y), num(end)));
+            self.labels.avoid_line(&[(x, y), (x, end)]);
+        }
+        self.svg.element(
+            "path",
+            &format!("d=\"{d}\" stroke=\"{colour}\" stroke-width=\"{size}\""),
+        );
     }
 
     fn draw_band(&mut self, points: &[(f64, f64, f64)], style: Style) {
@@ -234,65 +236,83 @@ impl Canvas<'_> {
         }
     }
 
-    fn draw_histogram(&mut self, histogram: &Histogram, style: Style) {
+    fn draw_histogram(&mut self, histogram: &Histogram, style: Style, stroke: &str) {
         let ground = self.ground();
+        let top = |n: f64| if n > 0.0 { self.y.at(n) } else { ground };
         let tops: Vec<Point> = histogram
             .corners()
-            .map(|(edge, n)| (self.x.at(edge), if n > 0.0 { self.y.at(n) } else { ground }))
+            .map(|(edge, n)| (self.x.at(edge), top(n)))
             .collect();
         let (Some(first), Some(last)) = (tops.first(), tops.last()) else {
             return;
         };
-        let outline: Vec<Point> = [(first.0, ground)]
-            .into_iter()
-            .chain(tops.iter().copied())
-            .chain([(last.0, ground)])
-            .collect();
-        let outline = thin_steps(&outline);
+        let ends = [(first.0, ground), (last.0, ground)];
+        let outline = thin(&[&ends[..1], &tops, &ends[1..]].concat());
         let look = format!("fill=\"{}\" fill-opacity=\"0.3\"", style.colour);
         self.svg
             .poly("polygon", &clip_polygon(outline.clone(), self.plot), &look);
         for piece in clip_line(&outline, self.plot) {
-            self.svg.poly(
-                "polyline",
-                &piece,
-                &stroke(style, true).replace("1.8", "1.3"),
-            );
+            self.svg.poly("polyline", &piece, stroke);
             self.labels.avoid_line(&piece);
         }
     }
 
-    /// The bars of series `index` out of `of` that stand side by side, with their values where there is room.
-    fn draw_bars(&mut self, values: &[f64], style: Style, index: usize, of: usize) {
-        let slot = self.x.at(1.0) - self.x.at(0.0);
-        let wide = (slot * 0.8 / of as f64).clamp(1.0, 70.0);
+    /// Bars side by side. Their values stand above them where there is room for all of them.
+    fn draw_bars(&mut self, series: &[(&[f64], Style)]) {
+        let axis = &self.chart.y;
+        let slot = if self.x.log {
+            0.0
+        } else {
+            self.x.at(1.0) - self.x.at(0.0)
+        };
+        let wide = (slot * 0.8 / series.len() as f64).clamp(1.0, 70.0);
         let ground = self.ground();
-        for (i, &value) in values.iter().enumerate() {
-            if !self.chart.usable((i as f64, value, value)) || !self.x.holds(i as f64) {
-                continue;
+        let text = |v: &f64| {
+            if axis.usable(*v) {
+                axis.value_text(*v)
+            } else {
+                "n/a".into()
             }
-            let left = self.x.at(i as f64) + (index as f64 - of as f64 / 2.0) * wide;
-            let right = (left + wide - 1.0).min(self.plot.x1);
-            let left = left.max(self.plot.x0);
-            let top = self.y.at(value).clamp(self.plot.y0, self.plot.y1);
-            let look = format!("fill=\"{}\"", style.colour);
-            self.svg.rect(
-                left,
-                top.min(ground),
-                (right - left).max(0.5),
-                (ground - top).abs(),
-                &look,
-            );
-            let text = self.chart.y.value_text(value);
-            if text_width(&text, 10.0) <= wide + 6.0 && self.y.holds(value) {
-                let y = if value < 0.0 {
-                    top + 11.0
-                } else {
-                    (top - 3.0).max(self.plot.y0 + 9.0)
-                };
-                let grey = format!("fill=\"{MUTED}\"");
-                self.svg
-                    .text((left + right) / 2.0, y, 10.0, Anchor::Middle, &grey, &text);
+        };
+        let fits = |v: &f64| text_width(&text(v), 10.0) <= wide + 8.0;
+        let texts = series.iter().all(|(values, _)| values.iter().all(fits));
+        for (index, (values, style)) in series.iter().enumerate() {
+            for (i, &value) in values
+                .iter()
+                .enumerate()
+                .filter(|(i, _)| self.x.holds(*i as f64))
+            {
+                let left = self.x.at(i as f64) + (index as f64 - series.len() as f64 / 2.0) * wide;
+                let (left, right) = (
+                    left.max(self.plot.x0),
+                    (left + wide - 1.0).min(self.plot.x1),
+                );
+                let mut top = ground;
+                if axis.usable(value) {
+                    top = self.y.at(value).clamp(self.plot.y0, self.plot.y1);
+                    let (y0, y1) = (top.min(ground), top.max(ground));
+                    self.svg.rect(
+                        left,
+                        y0,
+                        (right - left).max(0.5),
+                        y1 - y0,
+                        &format!("fill=\"{}\"", style.colour),
+                    );
+                    self.labels.avoid(Rect {
+                        x0: left,
+                        y0: y0 - 12.0,
+                        x1: right.max(left),
+                        y1,
+                    });
+                }
+                if texts {
+                    let y = if value < 0.0 {
+                        top + 11.0
+                    } else {
+                        (top - 3.0).max(self.plot.y0 + 9.0)
+                    };
+                    self.values.push((((left + right) / 2.0, y), text(&value)));
+                }
             }
         }
     }
@@ -335,23 +355,27 @@ impl Canvas<'_> {
                 rows.flat_map(|y| [(at + 4.0, y), (at - 4.0 - wide, y)])
                     .collect()
             } else {
-                let (right, left, middle) = (x1 - wide - 5.0, x0 + 5.0, (x0 + x1 - wide) / 2.0);
-                [right, left, middle]
+                let from_left = [x1 - wide - 5.0, x0 + 5.0, (x0 + x1 - wide) / 2.0];
+                let other = scale.at(r.to.clamp(scale.range.0, scale.range.1));
+                let levels = [at - 5.0, at + SIZE + 3.0, other + SIZE + 3.0, other - 5.0];
+                from_left
                     .into_iter()
-                    .flat_map(|x| [(x, at - 5.0), (x, at + SIZE + 3.0)])
+                    .flat_map(|x| levels.map(|y| (x, y)))
                     .collect()
             };
             let start = self.labels.place(&r.label, &starts);
             self.svg
-                .text_with_rim(start.0, start.1, SIZE, "#333", &r.label);
+                .text_with_rim(start.0, start.1, SIZE, Anchor::Start, &r.label);
         }
     }
 
     pub(super) fn write_labels(&mut self) {
-        for (at, text, colour) in std::mem::take(&mut self.texts) {
-            let start = self.labels.beside(at, &text);
-            self.svg
-                .text_with_rim(start.0, start.1, SIZE, colour, &text);
+        for ((x, y), text) in std::mem::take(&mut self.values) {
+            self.svg.text_with_rim(x, y, 10.0, Anchor::Middle, &text);
+        }
+        for (at, text) in std::mem::take(&mut self.beside) {
+            let (x, y) = self.labels.beside(at, &text);
+            self.svg.text_with_rim(x, y, SIZE, Anchor::Start, &text);
         }
     }
 }
@@ -366,13 +390,4 @@ fn corners_of_steps(points: &[Point]) -> Vec<Point> {
         corners.push(*p);
     }
     corners
-}
-
-/// Like [`thin`], but an outline of few corners is kept exactly.
-fn thin_steps(points: &[Point]) -> Vec<Point> {
-    if points.len() <= 400 {
-        points.to_vec()
-    } else {
-        thin(points)
-    }
 }
