@@ -1,4 +1,26 @@
-//! capture-daemon
+//! `pawsd`: records the rig, on the body.
+//!
+//! The way of a frame:
+//!
+//! ```text
+//! source ──► inbox ──► hub ─────────────► encoder ──► outbox ──► recorder ──► session-archive
+//! (a thread   (bounded  (clock maps, gap   (GStreamer, (bounded   (pre-roll, gate, frame sets,
+//!  each)       in bytes) causes, alarms)    own threads) in bytes)  gap records, disk guard)
+//! ```
+//!
+//! Everything but the sources' and GStreamer's threads is plain code that is handed samples and
+//! times ([`hub`], [`recorder`]); [`run`] puts it on threads in real time, or calls it in a loop
+//! in virtual time, where nothing is ever dropped and the same input gives the same bytes.
 
+pub mod clock;
+pub mod config;
+pub mod control;
+pub mod disk;
+pub mod encode;
+pub mod hub;
+pub mod notify;
+pub mod queue;
+pub mod recorder;
+pub mod run;
 pub mod sources;
 pub mod sync;

@@ -1,3 +1,170 @@
 //! Where pictures and IMU samples come from.
+//!
+//! A source delivers the samples of one camera and of the IMU in it, in the order of their arrival.
+//! Each source separates bytes → sample (pure, tested on recorded bytes) from I/O, and has fakes
+//! beside it. Here are the sources that need no hardware: [`replay`] of recorded data sets and a
+//! [`synthetic`] moving picture; both know when each sample is to arrive and leave the waiting to
+//! the runner, so that they run in real time and in virtual time alike.
+
+use session_archive::time::{HostTime, TickLength};
+use video::Picture;
 
 pub mod datasets;
+pub mod replay;
+pub mod synthetic;
+
+/// One stereo frame as a source delivers it.
+#[derive(Clone, Debug)]
+pub struct RawFrame {
+    /// The device's own sequence number.
+    pub number: u64,
+    /// Device clock at the instant that the device stamps.
+    pub device_ticks: i64,
+    /// The driver's time stamp, where there is one.
+    pub kernel_time: Option<HostTime>,
+    /// When the frame arrived.
+    pub host_time: HostTime,
+    /// Exposure time where the device tells it, ns.
+    pub exposure_ns: Option<u32>,
+    /// Left and right side by side, I420 (grey pictures with neutral chroma).
+    pub picture: Picture,
+}
+
+/// One IMU sample as a source delivers it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RawImu {
+    /// The device's own sequence number.
+    pub number: u64,
+    /// Device clock.
+    pub device_ticks: i64,
+    /// When the sample arrived.
+    pub host_time: HostTime,
+    /// What was measured.
+    pub values: ImuValues,
+}
+
+/// A measurement, in the numbers in which the source has it; never converted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ImuValues {
+    /// Raw counts; the scales are in [`ImuInfo::scale`].
+    Counts {
+        /// Angular rate, x y z.
+        gyro: [i32; 3],
+        /// Specific force, x y z.
+        accel: [i32; 3],
+    },
+    /// SI values.
+    Si {
+        /// Angular rate, rad/s, x y z.
+        gyro: [f64; 3],
+        /// Specific force, m/s², x y z.
+        accel: [f64; 3],
+    },
+}
+
+/// What a source delivers.
+#[derive(Clone, Debug)]
+pub enum Sample {
+    /// A stereo frame.
+    Frame(RawFrame),
+    /// An IMU sample.
+    Imu(RawImu),
+}
+
+impl Sample {
+    /// When it arrived, or is to arrive.
+    pub fn host_time(&self) -> HostTime {
+        match self {
+            Self::Frame(f) => f.host_time,
+            Self::Imu(i) => i.host_time,
+        }
+    }
+
+    /// Bytes that it occupies, for bounding queues.
+    pub fn bytes(&self) -> usize {
+        match self {
+            Self::Frame(f) => f.picture.data.len() + size_of::<RawFrame>(),
+            Self::Imu(_) => size_of::<RawImu>(),
+        }
+    }
+}
+
+/// What is known of a source's camera before the first sample.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraInfo {
+    /// Width of the stereo frame, pixels, even.
+    pub width: u32,
+    /// Height, pixels, even.
+    pub height: u32,
+    /// Nominal rate.
+    pub rate_hz: f64,
+    /// Length of a device tick.
+    pub tick: TickLength,
+    /// Whether chroma means anything.
+    pub colour: bool,
+    /// Whether the same picture again and again is what the source is meant to deliver, so that a
+    /// frozen picture is no fault.
+    pub still: bool,
+}
+
+/// What is known of a source's IMU before the first sample.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImuInfo {
+    /// Nominal rate.
+    pub rate_hz: f64,
+    /// Length of a device tick.
+    pub tick: TickLength,
+    /// rad/s per gyro count and m/s² per accelerometer count, where samples are counts.
+    pub scale: Option<(f64, f64)>,
+}
+
+/// What is known of a source before the first sample.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SourceInfo {
+    /// For people: `replay of KITTI pairs`, `ZED Mini SN…`.
+    pub description: String,
+    /// Its camera.
+    pub camera: CameraInfo,
+    /// Its IMU, if it has one.
+    pub imu: Option<ImuInfo>,
+    /// Name and content of the vendor's calibration files, as they came.
+    pub calibration_files: Vec<(String, Vec<u8>)>,
+}
+
+/// Why a source cannot go on.
+#[derive(Debug, thiserror::Error)]
+pub enum SourceError {
+    /// The source is gone for now; opening it again may help.
+    #[error("{source_name} is gone: {what}")]
+    Gone {
+        /// Which source.
+        source_name: String,
+        /// What happened.
+        what: String,
+    },
+    /// The data cannot be used; trying again will not help.
+    #[error("{source_name} cannot be read: {what}")]
+    Unusable {
+        /// Which source.
+        source_name: String,
+        /// What is wrong.
+        what: String,
+    },
+}
+
+/// A source of samples.
+pub trait Source: Send {
+    /// What it delivers.
+    fn info(&self) -> &SourceInfo;
+
+    /// The next sample, in the order of arrival; none when there will be no more. A scheduled source
+    /// returns at once with an arrival time that may lie in the future; a live one returns when
+    /// the sample has arrived.
+    ///
+    /// # Errors
+    /// See [`SourceError`].
+    fn next_sample(&mut self) -> Result<Option<Sample>, SourceError>;
+
+    /// Whether arrival times are a schedule that the caller has to wait for.
+    fn is_scheduled(&self) -> bool;
+}

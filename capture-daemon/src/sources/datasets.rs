@@ -8,10 +8,10 @@
 //! eye only is an error.
 //!
 //! Three layouts are known:
-//! - ASL / EuRoC: `mav0/cam0`, `mav0/cam1` with `data.csv`, and `mav0/imu0/data.csv` ([`asl`]);
+//! - ASL / EuRoC: `mav0/cam0`, `mav0/cam1` with `data.csv`, and `mav0/imu0/data.csv`;
 //! - KITTI: `image_0` and `image_1`, `image_2` and `image_3`, or `image_l` and `image_r`, with numbered
-//!   pictures and perhaps `times.txt` ([`kitti`]);
-//! - plain: folders `left` and `right`, or one pair `left.png` and `right.png` ([`folder`]).
+//!   pictures and perhaps `times.txt`;
+//! - plain: folders `left` and `right`, or one pair `left.png` and `right.png`.
 
 use std::path::{Path, PathBuf};
 
