@@ -124,13 +124,12 @@ impl RigidTransform {
         rotation_rad: [f64; 3],
         translation_m: [f64; 3],
     ) -> Result<Self, TransformError> {
-        if rotation_rad.iter().any(|v| !v.is_finite()) {
+        let axis_angle = Vector3::from(rotation_rad);
+        // The norm also catches finite components too large to square.
+        if !axis_angle.norm().is_finite() {
             return Err(TransformError::NotFinite);
         }
-        Self::new(
-            UnitQuaternion::from_scaled_axis(Vector3::from(rotation_rad)),
-            translation_m,
-        )
+        Self::new(UnitQuaternion::from_scaled_axis(axis_angle), translation_m)
     }
 
     /// From the nine entries of a rotation matrix, rows first, and a translation in metres.

@@ -72,11 +72,15 @@ pub fn read(
         notes.push(Note(format!("of the four cameras, P{l} and P{r} are used")));
     }
     let offset = std::array::from_fn(|i| right.origin[i] - left.origin[i]);
+    let right_from_left =
+        RigidTransform::from_translation_m(offset).map_err(|error| CalibError::Implausible {
+            path: path.to_owned(),
+            objection: format!("offset {offset:?} between P{l} and P{r}: {error}"),
+        })?;
     let calibration = StereoCalibration {
         left: left.camera(width, height),
         right: right.camera(width, height),
-        right_from_left: RigidTransform::from_translation_m(offset)
-            .expect("parsed numbers are finite"),
+        right_from_left,
         imu: None,
         provenance: Provenance {
             format: Format::Kitti,
@@ -250,6 +254,17 @@ mod tests {
         check(
             &format!("{good}\n{}\n", right.replace("500 0 320", "500 2 320")),
             "expected the form",
+        );
+        check(
+            &format!(
+                "{good}\n{}\n",
+                right.replace("500 0 320 -50", "1e-300 0 320 -1e20")
+            ),
+            "a component is not a finite number",
+        );
+        check(
+            &format!("{good}\n{}\n", right.replace("-50", "-25000")),
+            "the cameras are 50 m apart",
         );
         check(&format!("{right}\n{good}\n"), "are left and right swapped?");
         check(

@@ -10,11 +10,8 @@ use cad_transforms::RigidTransform;
 
 use crate::camera::{CameraModel, Distortion};
 use crate::error::{CalibError, Note};
-use crate::stereo::{Format, Provenance, StereoCalibration};
+use crate::stereo::{FARTHEST_M, Format, Provenance, StereoCalibration};
 use crate::text::Source;
-
-/// Longest believable baseline, metres. Above it the number is in millimetres.
-const LONGEST_BASELINE_M: f64 = 10.0;
 
 /// Reads a `K.txt` for pictures of `width` x `height` pixels.
 ///
@@ -49,8 +46,8 @@ pub fn read(
         return Err(source.malformed(k_line, k_text, "the form fx 0 cx 0 fy cy 0 0 1"));
     }
     let baseline_m = source.number(baseline_line, baseline_text)?;
-    if !(baseline_m > 0.0 && baseline_m <= LONGEST_BASELINE_M) {
-        let expected = format!("a baseline in metres, above 0 and at most {LONGEST_BASELINE_M}");
+    if !(baseline_m > 0.0 && baseline_m <= FARTHEST_M) {
+        let expected = format!("a baseline in metres, above 0 and at most {FARTHEST_M}");
         return Err(source.malformed(baseline_line, baseline_text, &expected));
     }
     let camera = CameraModel {

@@ -243,10 +243,12 @@ fn right_from_left(
         |name: &str| stereo.number(&per_resolution(name).unwrap_or(format!("{name}_{tag}")));
     let rotation_rad = [angle("RX")?, angle("CV")?, angle("RZ")?];
     let translation_m = [-baseline_mm / 1000.0, ty_mm / 1000.0, tz_mm / 1000.0];
-    Ok(
-        RigidTransform::from_rotation_vector(rotation_rad, translation_m)
-            .expect("parsed numbers are finite"),
-    )
+    RigidTransform::from_rotation_vector(rotation_rad, translation_m).map_err(|error| {
+        CalibError::Implausible {
+            path: source.path.clone(),
+            objection: format!("RX, CV, RZ of {rotation_rad:?}: {error}"),
+        }
+    })
 }
 
 #[cfg(test)]

@@ -124,6 +124,12 @@ fn refuses_what_is_not_rigid() {
         RigidTransform::from_rotation_rows([1.001, 0.0, 0.0, 0.0, 1.001, 0.0, 0.0, 0.0, 1.001], t),
         Err(TransformError::NotOrthonormal { .. })
     ));
+    for huge in [1e200, f64::INFINITY, f64::NAN] {
+        assert_eq!(
+            RigidTransform::from_rotation_vector([huge, 0.0, 0.0], t),
+            Err(TransformError::NotFinite)
+        );
+    }
     // Stored column by column, the translation lands in the last row.
     let mut columns_first = [0.0; 16];
     for i in 0..4 {

@@ -222,6 +222,20 @@ fn traps() {
         "found \"imu\", expected sensor_type to be camera",
     );
     check(right.clone(), LEFT, None, "are left and right swapped?");
+    let far_right = right.replace("-0.05,", "-100,");
+    check(
+        LEFT.to_owned(),
+        &far_right,
+        None,
+        "the cameras are 100.05 m apart",
+    );
+    let far = IMU.replace("0.02", "20");
+    check(
+        LEFT.to_owned(),
+        &right,
+        Some(&far),
+        "IMU and left camera are 20.00",
+    );
     check(
         LEFT.to_owned(),
         &right,

@@ -366,4 +366,22 @@ fn traps() {
         "cy 360",
         "line 5: found \"cy 360\", expected key=value or [SECTION]",
     );
+    check(
+        "CV_HD=0.01",
+        "CV_HD=1e200",
+        "RX, CV, RZ of [0.002, 1e200, -0.003]: a component is not",
+    );
+    check("TZ=-0.03", "TZ=1e9", "the cameras are 1000000");
+}
+
+#[test]
+fn a_file_cut_anywhere_is_no_panic() {
+    let folder = Folder::new();
+    for text in [USB, GMSL] {
+        for end in 0..text.len() {
+            let path = folder.file("SN1.conf", &text[..end]);
+            let _ = read(&path, 1280, 720);
+            let _ = read(&path, 1920, 1080);
+        }
+    }
 }
