@@ -180,6 +180,10 @@ impl Axis {
         }
     }
 
+    pub(crate) fn has_caption(&self) -> bool {
+        !self.caption((0.0, 1.0)).is_empty()
+    }
+
     /// "label (unit)".
     pub(crate) fn caption(&self, (lo, hi): (f64, f64)) -> String {
         let unit = if self.kind == Kind::Time && self.format.is_none() {

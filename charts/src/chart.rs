@@ -2,12 +2,12 @@
 
 mod draw;
 
-use crate::axis::{Axis, Extent, Scale};
+use crate::axis::{Axis, Extent, Scale, significant};
 use crate::geometry::Rect;
-use crate::labels::Placer;
 use crate::series::{Series, Shape, Style, style};
-use crate::sheet::{Sheet, Swatch, TICK, foot_height, ticks_below};
-use crate::svg::{Anchor, MUTED, Svg, num, shorten, text_width};
+use crate::sheet::{Sheet, Swatch, TICK, foot_height};
+use crate::svg::{Svg, shorten, text_width};
+use draw::Canvas;
 
 /// A chart in the making; every method returns it, [`Chart::to_svg`] draws it.
 #[derive(Clone, Debug)]
@@ -26,6 +26,20 @@ struct Reference {
     from: f64,
     to: f64,
     label: String,
+}
+
+/// Where everything in a picture stands.
+struct Layout {
+    plot: Rect,
+    x: Scale,
+    y: Scale,
+    x_ticks: Vec<(f64, String)>,
+    y_ticks: Vec<(f64, String)>,
+    /// Category names, where they need to be slanted.
+    slanted: Vec<String>,
+    /// Height of the ticks and the caption below the plot.
+    below: f64,
+    empty: bool,
 }
 
 impl Chart {
@@ -105,90 +119,89 @@ impl Chart {
 
     /// The picture, `width` pixels wide (at least 280) and `height` high, or as much more as leaves the plot 90 pixels.
     pub fn to_svg(&self, width: u32, height: u32) -> String {
-        let width = f64::from(width.max(280));
+        let (width, height) = (f64::from(width.max(280)), f64::from(height));
         let mut svg = Svg::default();
-        let styles: Vec<Style> = self
-            .series
-            .iter()
-            .enumerate()
-            .map(|(i, s)| style(s.slot.unwrap_or(i)))
-            .collect();
-        let legend: Vec<_> = self
-            .series
-            .iter()
-            .zip(&styles)
-            .map(|(s, st)| (s.legend_name(), swatch(s, *st)))
+        let slots = self.series.iter().enumerate();
+        let styles: Vec<Style> = slots.map(|(i, s)| style(s.slot.unwrap_or(i))).collect();
+        let named = self.series.iter().zip(&styles);
+        let legend: Vec<_> = named
+            .map(|(s, style)| (s.legend_name(), swatch(s, *style)))
             .collect();
         let head = self.sheet.head(&mut svg, width, &legend);
+        let notes = self.sheet.foot_lines(width, &self.notes());
+        let layout = self.layout(width, head, height - foot_height(&notes));
+        let foot = layout.plot.y1 + layout.below;
 
-        // Vertically: words, y caption, plot, ticks and caption of x, footnotes.
+        let mut canvas = Canvas::new(self, svg, &layout);
+        canvas.bands();
+        canvas.grid();
+        canvas.series(&styles);
+        canvas.reference_lines();
+        canvas.write_labels();
+        canvas.frame();
+        canvas.axis_texts(width);
+        let mut svg = canvas.svg;
+        let end = Sheet::foot(&mut svg, foot, &notes);
+        svg.finish(width, end.max(height), &self.sheet.title)
+    }
+
+    /// Shares out the space from `head` to `foot`, and fixes ranges and ticks.
+    fn layout(&self, width: f64, head: f64, foot: f64) -> Layout {
         let (x_data, y_data) = self.extents();
         let empty = !self
             .series
             .iter()
             .any(|s| s.points().any(|p| self.usable(p)));
+        let shown = |axis: &Axis, range: (f64, f64), most: usize| {
+            // Without data an automatic scale would be an invention.
+            let invented = empty && axis.is_automatic() && axis.category_names().is_none();
+            if invented {
+                Vec::new()
+            } else {
+                axis.ticks(range, most)
+            }
+        };
+        let widest = |texts: &mut dyn Iterator<Item = &String>| {
+            texts.map(|text| text_width(text, TICK)).fold(0.0, f64::max)
+        };
+
+        // Vertically: words, y caption, plot, ticks and caption of x, footnotes.
         let slot = (width - 90.0) / self.x.category_names().map_or(1, <[_]>::len).max(1) as f64;
         let slanted = self.slanted(slot);
-        let slant_height = slanted
-            .iter()
-            .map(|name| text_width(name, TICK) * 0.5)
-            .fold(0.0, f64::max);
-        let notes = self.sheet.foot_lines(width, &self.notes());
-        let top = (head
-            + if self.y.caption((0.0, 1.0)).is_empty() {
-                8.0
-            } else {
-                22.0
-            })
-        .round();
-        let below = if slanted.is_empty() {
+        let ticks = if slanted.is_empty() {
             22.0
         } else {
-            slant_height + 16.0
+            widest(&mut slanted.iter()) * 0.5 + 16.0
         };
-        let below = below
-            + if self.x.caption((0.0, 1.0)).is_empty() {
-                0.0
-            } else {
-                16.0
-            };
-        let bottom = (f64::from(height) - foot_height(&notes) - below)
-            .max(top + 90.0)
-            .round();
+        let below = ticks + if self.x.has_caption() { 16.0 } else { 0.0 };
+        let top = (head + if self.y.has_caption() { 22.0 } else { 8.0 }).round();
+        let bottom = (foot - below).max(top + 90.0).round();
 
         // Horizontally: the y ticks decide where the plot starts.
         let most = ((bottom - top) / 30.0).clamp(2.0, 8.0) as usize;
-        let solid = self.series.iter().any(Series::is_solid);
-        let y_range = self
-            .y
-            .resolve(y_data, if solid { 0.07 } else { 0.03 }, true, most);
-        let shown = |axis: &Axis, ticks: Vec<(f64, String)>| {
-            if empty && axis.is_automatic() && axis.category_names().is_none() {
-                Vec::new()
-            } else {
-                ticks
-            }
+        let pad = if self.series.iter().any(Series::is_solid) {
+            0.07
+        } else {
+            0.03
         };
-        let y_ticks = shown(&self.y, self.y.ticks(y_range, most));
-        let widest = y_ticks
-            .iter()
-            .map(|t| text_width(&t.1, TICK))
-            .fold(0.0, f64::max)
-            .min(width * 0.3);
+        let y_range = self.y.resolve(y_data, pad, true, most);
+        let y_ticks = shown(&self.y, y_range, most);
+        let tick_room = widest(&mut y_ticks.iter().map(|t| &t.1)).min(width * 0.3);
         let lean = slanted
             .first()
             .map_or(0.0, |name| text_width(name, TICK) * 0.87 - slot / 2.0);
-        let left = (widest + 16.0).max(lean + 8.0).round();
+        let left = (tick_room + 16.0).max(lean + 8.0).round();
         let plot = Rect {
             x0: left,
             y0: top,
             x1: (width - 14.0).round(),
             y1: bottom,
         };
+
         let most = ((plot.x1 - plot.x0) / 80.0).clamp(2.0, 10.0) as usize;
         let pad = self.series.iter().map(Series::padding).fold(0.0, f64::max);
         let x_range = self.x.resolve(x_data, pad, false, most);
-        let x_ticks = shown(&self.x, self.x.ticks(x_range, most));
+        let x_ticks = shown(&self.x, x_range, most);
         let x = Scale {
             range: x_range,
             log: self.x.is_log(),
@@ -199,95 +212,31 @@ impl Chart {
             log: self.y.is_log(),
             pixels: (plot.y1, plot.y0),
         };
-
-        let mut canvas = draw::Canvas {
-            chart: self,
-            svg,
+        Layout {
             plot,
             x,
             y,
-            labels: Placer::new(plot),
-            beside: Vec::new(),
-            values: Vec::new(),
-        };
-        canvas.bands();
-        canvas.grid(&x_ticks, &y_ticks);
-        canvas.series(&styles);
-        canvas.reference_lines();
-        canvas.write_labels();
-        let mut svg = canvas.svg;
-
-        let frame = "fill=\"none\" stroke=\"#8a8a8a\"";
-        svg.rect(
-            plot.x0,
-            plot.y0,
-            plot.x1 - plot.x0,
-            plot.y1 - plot.y0,
-            frame,
-        );
-        if empty {
-            let centre = ((plot.x0 + plot.x1) / 2.0, (plot.y0 + plot.y1) / 2.0 + 5.0);
-            svg.text(
-                centre.0,
-                centre.1,
-                14.0,
-                Anchor::Middle,
-                "fill=\"#767676\"",
-                "no data",
-            );
+            x_ticks,
+            y_ticks,
+            slanted,
+            below,
+            empty,
         }
-        let grey = format!("fill=\"{MUTED}\"");
-        let caption = shorten(&self.y.caption(y_range), TICK, width - 20.0);
-        svg.text(10.0, plot.y0 - 8.0, TICK, Anchor::Start, &grey, &caption);
-        let mut free = f64::INFINITY;
-        for (value, text) in &y_ticks {
-            let at = y.at(*value);
-            if at + 5.0 <= free {
-                svg.text(
-                    plot.x0 - 6.0,
-                    at + 4.0,
-                    TICK,
-                    Anchor::End,
-                    "",
-                    &shorten(text, TICK, widest + 1.0),
-                );
-                free = at - 7.0;
-            }
-        }
-        let at = x_ticks.into_iter().map(|(value, text)| (x.at(value), text));
-        if slanted.is_empty() {
-            ticks_below(&mut svg, plot.y1, width, at);
-        } else {
-            let every = (14.0 / slot).ceil().max(1.0) as usize;
-            for ((x, _), name) in at.zip(&slanted).step_by(every) {
-                let (x, y) = (x + 4.0, plot.y1 + 13.0);
-                let turn = format!("transform=\"rotate(-30 {} {})\"", num(x), num(y));
-                svg.text(x, y, TICK, Anchor::End, &turn, name);
-            }
-        }
-        let caption = shorten(&self.x.caption(x_range), TICK, plot.x1 - plot.x0);
-        svg.text(
-            (plot.x0 + plot.x1) / 2.0,
-            plot.y1 + below - 5.0,
-            TICK,
-            Anchor::Middle,
-            &grey,
-            &caption,
-        );
-        let end = Sheet::foot(&mut svg, plot.y1 + below, &notes);
-        svg.finish(width, end.max(f64::from(height)), &self.sheet.title)
     }
 
     /// Category names when they are too long to stand side by side.
     fn slanted(&self, slot: f64) -> Vec<String> {
         let names = self.x.category_names().unwrap_or_default();
-        match names.iter().any(|name| text_width(name, TICK) > slot - 6.0) {
-            true => names
-                .iter()
-                .map(|name| shorten(name, TICK, 150.0))
-                .collect(),
-            false => Vec::new(),
+        if names
+            .iter()
+            .all(|name| text_width(name, TICK) <= slot - 6.0)
+        {
+            return Vec::new();
         }
+        names
+            .iter()
+            .map(|name| shorten(name, TICK, 150.0))
+            .collect()
     }
 
     fn usable(&self, (x, low, high): (f64, f64, f64)) -> bool {
@@ -364,6 +313,16 @@ impl Chart {
                 notes.push(format!(
                     "{who}{n} {} {what}",
                     if n == 1 { "point" } else { "points" }
+                ));
+            }
+        }
+        for r in self.references.iter().filter(|r| r.from == r.to) {
+            let axis = if r.of_x { &self.x } else { &self.y };
+            if !(axis.usable(r.from) && axis.shows(r.from)) {
+                notes.push(format!(
+                    "the line at {} ({}) cannot be shown",
+                    significant(r.from),
+                    r.label
                 ));
             }
         }

@@ -4,7 +4,8 @@
 //! 1e100 in size, not above zero on a log axis, outside a fixed axis range) are left out and
 //! *counted in the footnote*; a line is broken where one of its points is missing. A chart without
 //! data says "no data". However many points come in, the text that goes out is bounded by the
-//! pixels: lines keep the least and the greatest value of each pixel column, so extremes survive.
+//! pixels: lines whose points come in the order of x keep the least and the greatest value of each
+//! pixel column, so extremes survive; dense scatter and timelines merge what shares a pixel.
 //! The same input gives the same bytes. Text is escaped everywhere.
 //!
 //! The SVG is plain 1.1 with presentation attributes: no scripts, no styles, no ids, no references,

@@ -78,7 +78,7 @@ impl Series {
         )
     }
 
-    /// A text beside each point, in order; an empty one is left out. For lines, steps and scatter.
+    /// A text beside each point, in order; an empty one is left out. For lines, steps and scatter of at most 300 points.
     pub fn labels<T: Into<String>>(mut self, labels: impl IntoIterator<Item = T>) -> Self {
         self.labels = labels.into_iter().map(Into::into).collect();
         self
@@ -132,6 +132,20 @@ impl Series {
         }
     }
 
+    /// The points that may have a marker and a label.
+    pub(crate) fn single_points(&self) -> Option<&[(f64, f64)]> {
+        match &self.shape {
+            Shape::Line(points) | Shape::Steps(points) | Shape::Scatter(points) => Some(points),
+            _ => None,
+        }
+    }
+
+    /// Whether its points fill the pixels, so that neither a dash nor a short break can be seen.
+    pub(crate) fn is_dense(&self) -> bool {
+        self.single_points()
+            .is_some_and(|points| points.len() > 1500)
+    }
+
     pub(crate) fn bar_values(&self) -> Option<&[f64]> {
         match &self.shape {
             Shape::Bars(values) => Some(values),
@@ -139,22 +153,21 @@ impl Series {
         }
     }
 
-    /// Stroke attributes of its line. A dash cannot be read on a line that fills its pixels.
+    /// Stroke attributes of its line.
     pub(crate) fn stroke(&self, style: Style) -> String {
         let (wide, dash) = match &self.shape {
-            Shape::Line(points) | Shape::Steps(points) if points.len() > 1500 => ("1.1", ""),
+            _ if self.is_dense() => ("1.1", ""),
             Shape::Histogram(_) => ("1.3", style.dash),
             _ => ("1.8", style.dash),
         };
-        let dash = if dash.is_empty() {
-            String::new()
-        } else {
-            format!(" stroke-dasharray=\"{dash}\"")
-        };
         let colour = style.colour;
-        format!(
-            "fill=\"none\" stroke=\"{colour}\" stroke-width=\"{wide}\" stroke-linejoin=\"round\"{dash}"
-        )
+        let mut look = format!(
+            "fill=\"none\" stroke=\"{colour}\" stroke-width=\"{wide}\" stroke-linejoin=\"round\""
+        );
+        if !dash.is_empty() {
+            look.push_str(&format!(" stroke-dasharray=\"{dash}\""));
+        }
+        look
     }
 
     /// Whether it stands on the zero line.

@@ -1,94 +1,106 @@
-//! Draws the inside of a plot: bands, grid, series, reference lines, then labels on top of all.
+//! Draws a plot: bands, grid, series, reference lines, labels on top of all, then the texts around it.
 
-use super::Chart;
+use super::{Chart, Layout};
 use crate::axis::Scale;
 use crate::geometry::{Point, Rect, cells, clip_line, clip_polygon, columns, thin};
 use crate::labels::{Placer, SIZE};
 use crate::series::{Histogram, Series, Shape, Style};
-use crate::sheet::{GRID, markers};
-use crate::svg::{Anchor, Svg, num, text_width};
+use crate::sheet::{GRID, TICK, markers, ticks_below};
+use crate::svg::{Anchor, MUTED, Svg, num, shorten, text_width};
 
-/// Above this many points markers shrink to dots, and above the second number to a grid of 3 px.
+/// Above this many points markers shrink to dots without labels, and above the second to squares of a grid.
 const DOTS_ABOVE: usize = 300;
 const CELLS_ABOVE: usize = 3000;
 
 pub(super) struct Canvas<'a> {
-    pub(super) chart: &'a Chart,
+    chart: &'a Chart,
     pub(super) svg: Svg,
-    pub(super) plot: Rect,
-    pub(super) x: Scale,
-    pub(super) y: Scale,
-    pub(super) labels: Placer,
+    layout: &'a Layout,
+    plot: Rect,
+    x: Scale,
+    y: Scale,
+    placer: Placer,
     /// Written last: labels beside these points, and the values centred above bars.
-    pub(super) beside: Vec<(Point, String)>,
-    pub(super) values: Vec<(Point, String)>,
+    labels: Vec<(Point, String)>,
+    values: Vec<(Point, String)>,
 }
 
-impl Canvas<'_> {
+impl<'a> Canvas<'a> {
+    pub(super) fn new(chart: &'a Chart, svg: Svg, layout: &'a Layout) -> Self {
+        let Layout { plot, x, y, .. } = *layout;
+        let (labels, values) = (Vec::new(), Vec::new());
+        Self {
+            chart,
+            svg,
+            layout,
+            plot,
+            x,
+            y,
+            placer: Placer::new(plot),
+            labels,
+            values,
+        }
+    }
+
     fn pixel(&self, (x, y): Point) -> Point {
         (self.x.at(x), self.y.at(y))
     }
 
     /// Where bars stand.
     fn ground(&self) -> f64 {
+        let (lo, hi) = self.y.range;
         self.y.at(if self.y.log {
-            self.y.range.0
+            lo
         } else {
-            0.0_f64.clamp(self.y.range.0, self.y.range.1)
+            0.0_f64.clamp(lo, hi)
         })
     }
 
     pub(super) fn bands(&mut self) {
         let Rect { x0, y0, x1, y1 } = self.plot;
+        let (x, y) = (&self.chart.x, &self.chart.y);
         let bands = self.chart.references.iter().filter(|r| r.from != r.to);
-        let (vertical, horizontal): (Vec<_>, Vec<_>) = bands.partition(|r| r.of_x);
-        let vertical = vertical
+        let (of_x, of_y): (Vec<_>, Vec<_>) = bands.partition(|r| r.of_x);
+        let spans = of_x
             .iter()
-            .filter(|r| self.chart.x.usable(r.from) && self.chart.x.usable(r.to));
-        let spans = vertical.map(|r| {
-            let (a, b) = (self.x.at(r.from) - x0, self.x.at(r.to) - x0);
-            (a.min(b), a.max(b), 0)
-        });
-        let high = y1 - y0;
-        let runs = columns(spans, (x1 - x0) as usize).into_iter();
-        let d: String = runs
-            .map(|(at, len, _)| format!("M{} {y0}h{len}v{high}h-{len}z", x0 as usize + at))
-            .collect();
+            .filter(|r| x.usable(r.from) && x.usable(r.to))
+            .map(|r| {
+                let (a, b) = (self.x.at(r.from) - x0, self.x.at(r.to) - x0);
+                (a.min(b), a.max(b), 0)
+            });
+        let mut d = String::new();
+        for (at, len, _) in columns(spans, (x1 - x0) as usize) {
+            d.push_str(&format!("M{} {y0}h{len}V{y1}h-{len}z", x0 as usize + at));
+        }
         if !d.is_empty() {
             self.svg
                 .element("path", &format!("d=\"{d}\" fill=\"#f6d9c4\""));
         }
-        for r in horizontal
-            .iter()
-            .filter(|r| self.chart.y.usable(r.from) && self.chart.y.usable(r.to))
-        {
-            let (a, b) = (
-                self.y.at(r.from).clamp(y0, y1),
-                self.y.at(r.to).clamp(y0, y1),
-            );
+        for r in of_y.iter().filter(|r| y.usable(r.from) && y.usable(r.to)) {
+            let [a, b] = [r.from, r.to].map(|v| self.y.at(v).clamp(y0, y1));
             self.svg
                 .rect(x0, a.min(b), x1 - x0, (a - b).abs(), "fill=\"#e3efe6\"");
         }
     }
 
-    pub(super) fn grid(&mut self, x_ticks: &[(f64, String)], y_ticks: &[(f64, String)]) {
+    pub(super) fn grid(&mut self) {
         let Rect { x0, y0, x1, y1 } = self.plot;
-        if self.chart.x.category_names().is_none() {
-            for (v, _) in x_ticks {
-                let at = self.x.at(*v).clamp(x0, x1);
-                self.svg.line((at, y0), (at, y1), GRID);
-            }
+        let x_ticks = if self.chart.x.category_names().is_some() {
+            &[][..]
+        } else {
+            &self.layout.x_ticks
+        };
+        for (v, _) in x_ticks {
+            let at = self.x.at(*v).clamp(x0, x1);
+            self.svg.line((at, y0), (at, y1), GRID);
         }
-        for (v, _) in y_ticks {
+        for (v, _) in &self.layout.y_ticks {
             let at = self.y.at(*v).clamp(y0, y1);
+            let zero = *v == 0.0 && !self.y.log;
             self.svg.line(
                 (x0, at),
                 (x1, at),
-                if *v == 0.0 && !self.y.log {
-                    "stroke=\"#8a8a8a\""
-                } else {
-                    GRID
-                },
+                if zero { "stroke=\"#8a8a8a\"" } else { GRID },
             );
         }
     }
@@ -97,105 +109,99 @@ impl Canvas<'_> {
     pub(super) fn series(&mut self, styles: &[Style]) {
         let chart = self.chart;
         let all = || chart.series.iter().zip(styles.iter().copied());
-        self.draw_bars(
-            &all()
-                .filter_map(|(s, style)| s.bar_values().map(|v| (v, style)))
-                .collect::<Vec<_>>(),
-        );
+        let bars = all().filter_map(|(s, style)| s.bar_values().map(|values| (values, style)));
+        self.draw_bars(&bars.collect::<Vec<_>>());
         for (series, style) in all() {
             match &series.shape {
                 Shape::Band(points) => self.draw_band(points, style),
-                Shape::Histogram(histogram) => {
-                    self.draw_histogram(histogram, style, &series.stroke(style))
-                }
+                Shape::Histogram(h) => self.draw_histogram(h, style, &series.stroke(style)),
                 _ => {}
             }
         }
         for (series, style) in all() {
             match &series.shape {
-                Shape::Line(points) => self.draw_line(points, style.colour, &series.stroke(style)),
-                Shape::Steps(points) => self.draw_line(
-                    &corners_of_steps(points),
-                    style.colour,
-                    &series.stroke(style),
-                ),
+                Shape::Line(points) => self.draw_line(series, points, style),
+                Shape::Steps(points) => self.draw_line(series, &corners_of_steps(points), style),
                 _ => {}
             }
         }
         for (series, style) in all() {
-            if let Shape::Line(points) | Shape::Scatter(points) | Shape::Steps(points) =
-                &series.shape
-            {
+            if let Some(points) = series.single_points() {
                 self.draw_points(series, points, style);
             }
         }
     }
 
-    fn draw_line(&mut self, points: &[Point], colour: &str, stroke: &str) {
+    fn draw_line(&mut self, series: &Series, points: &[Point], style: Style) {
         let chart = self.chart;
+        let mut pieces: Vec<Vec<Point>> = Vec::new();
         for run in points
             .split(|p| !chart.usable((p.0, p.1, p.1)))
             .filter(|run| !run.is_empty())
         {
             let pixels: Vec<Point> = run.iter().map(|p| self.pixel(*p)).collect();
             for piece in clip_line(&pixels, self.plot) {
-                let piece = thin(&piece);
-                match piece.as_slice() {
-                    [only] => self.dots(&[*only], colour, 2.6),
-                    piece => self.svg.poly("polyline", piece, stroke),
+                // Thousands of breaks inside pixel columns are too fine to show, and to store.
+                let column = |p: Option<&Point>| p.map(|p| p.0.floor());
+                let joins = |last: &&mut Vec<Point>| {
+                    series.is_dense() && column(last.last()) == column(piece.first())
+                };
+                match pieces.last_mut().filter(joins) {
+                    Some(last) => last.extend(piece),
+                    None => pieces.push(piece),
                 }
-                self.labels.avoid_line(&piece);
             }
+        }
+        for piece in pieces {
+            let piece = thin(&piece);
+            match piece.as_slice() {
+                [only] => self.dots(&[*only], style.colour, 2.6),
+                piece => self.svg.poly("polyline", piece, &series.stroke(style)),
+            }
+            self.placer.avoid_line(&piece);
         }
     }
 
     fn draw_points(&mut self, series: &Series, points: &[Point], style: Style) {
-        let at = |p: &Point| {
-            (self.chart.usable((p.0, p.1, p.1)) && self.x.holds(p.0) && self.y.holds(p.1))
-                .then(|| self.pixel(*p))
-        };
-        let placed: Vec<Option<Point>> = points.iter().map(at).collect();
-        let pixels: Vec<Point> = placed.iter().flatten().copied().collect();
+        let (chart, x, y) = (self.chart, self.x, self.y);
+        let visible = |p: &Point| chart.usable((p.0, p.1, p.1)) && x.holds(p.0) && y.holds(p.1);
+        let pixels: Vec<Point> = points
+            .iter()
+            .filter(|p| visible(p))
+            .map(|p| self.pixel(*p))
+            .collect();
         if series.has_markers() {
             match pixels.len() {
                 n if n > CELLS_ABOVE => self.draw_cells(&pixels, style.colour),
                 n if n > DOTS_ABOVE => self.dots(&pixels, style.colour, 3.0),
                 _ => markers(&mut self.svg, &pixels, style),
             }
-            if pixels.len() <= CELLS_ABOVE {
-                let rect = |(x, y): &Point| Rect {
-                    x0: x - 4.0,
-                    y0: y - 4.0,
-                    x1: x + 4.0,
-                    y1: y + 4.0,
-                };
-                pixels
-                    .iter()
-                    .map(rect)
-                    .for_each(|rect| self.labels.avoid(rect));
-            }
         }
-        for (label, at) in series
-            .labels
-            .iter()
-            .zip(placed)
-            .filter(|(label, _)| !label.is_empty())
-        {
-            if let Some(at) = at {
-                self.beside.push((at, label.clone()));
-            }
+        if points.len() <= DOTS_ABOVE {
+            let rect = |&(x, y): &Point| Rect {
+                x0: x - 4.0,
+                y0: y - 4.0,
+                x1: x + 4.0,
+                y1: y + 4.0,
+            };
+            pixels.iter().for_each(|p| self.placer.avoid(rect(p)));
+            let labelled = points
+                .iter()
+                .zip(&series.labels)
+                .filter(|(p, text)| visible(p) && !text.is_empty());
+            self.labels
+                .extend(labelled.map(|(p, text)| ((x.at(p.0), y.at(p.1)), text.clone())));
         }
     }
 
     fn dots(&mut self, points: &[Point], colour: &str, wide: f64) {
-        let d: String = points
+        let mut d = String::new();
+        points
             .iter()
-            .map(|p| format!("M{} {}h.01", num(p.0), num(p.1)))
-            .collect();
-        let look = format!(
-            "d=\"{d}\" stroke=\"{colour}\" stroke-width=\"{wide}\" stroke-linecap=\"round\""
-        );
-        self.svg.element("path", &look);
+            .for_each(|p| d.push_str(&format!("M{} {}h.01", num(p.0), num(p.1))));
+        let stroke =
+            format!("stroke=\"{colour}\" stroke-width=\"{wide}\" stroke-linecap=\"round\"");
+        self.svg.element("path", &format!("d=\"{d}\" {stroke}"));
     }
 
     /// More points than can be told apart: the squares that hold one, larger where they are many.
@@ -211,7 +217,7 @@ impl Canvas<'_> {
             let (x, y) = (x.min(self.plot.x1), (y - size / 2.0).max(self.plot.y0));
             let end = (y + long + size).min(self.plot.y1);
             d.push_str(&format!("M{} {}V{}", num(x), num(y), num(end)));
-            self.labels.avoid_line(&[(x, y), (x, end)]);
+            self.placer.avoid_line(&[(x, y), (x, end)]);
         }
         self.svg.element(
             "path",
@@ -225,7 +231,7 @@ impl Canvas<'_> {
             .split(|p| !chart.usable(*p))
             .filter(|run| !run.is_empty())
         {
-            let edge = |of: fn(&(f64, f64, f64)) -> Point| {
+            let edge = |of: fn(&(f64, f64, f64)) -> Point| -> Vec<Point> {
                 thin(&run.iter().map(|p| self.pixel(of(p))).collect::<Vec<_>>())
             };
             let mut outline = edge(|p| (p.0, p.1));
@@ -253,7 +259,7 @@ impl Canvas<'_> {
             .poly("polygon", &clip_polygon(outline.clone(), self.plot), &look);
         for piece in clip_line(&outline, self.plot) {
             self.svg.poly("polyline", &piece, stroke);
-            self.labels.avoid_line(&piece);
+            self.placer.avoid_line(&piece);
         }
     }
 
@@ -275,43 +281,38 @@ impl Canvas<'_> {
             }
         };
         let fits = |v: &f64| text_width(&text(v), 10.0) <= wide + 8.0;
-        let texts = series.iter().all(|(values, _)| values.iter().all(fits));
+        let with_values = series.iter().all(|(values, _)| values.iter().all(fits));
         for (index, (values, style)) in series.iter().enumerate() {
-            for (i, &value) in values
+            for (i, value) in values
                 .iter()
                 .enumerate()
                 .filter(|(i, _)| self.x.holds(*i as f64))
             {
                 let left = self.x.at(i as f64) + (index as f64 - series.len() as f64 / 2.0) * wide;
-                let (left, right) = (
-                    left.max(self.plot.x0),
-                    (left + wide - 1.0).min(self.plot.x1),
-                );
+                let x0 = left.max(self.plot.x0);
+                let x1 = (left + wide - 1.0).min(self.plot.x1).max(x0 + 0.5);
                 let mut top = ground;
-                if axis.usable(value) {
-                    top = self.y.at(value).clamp(self.plot.y0, self.plot.y1);
+                if axis.usable(*value) {
+                    top = self.y.at(*value).clamp(self.plot.y0, self.plot.y1);
                     let (y0, y1) = (top.min(ground), top.max(ground));
                     self.svg.rect(
-                        left,
+                        x0,
                         y0,
-                        (right - left).max(0.5),
+                        x1 - x0,
                         y1 - y0,
                         &format!("fill=\"{}\"", style.colour),
                     );
-                    self.labels.avoid(Rect {
-                        x0: left,
+                    self.placer.avoid(Rect {
+                        x0,
                         y0: y0 - 12.0,
-                        x1: right.max(left),
+                        x1,
                         y1,
                     });
                 }
-                if texts {
-                    let y = if value < 0.0 {
-                        top + 11.0
-                    } else {
-                        (top - 3.0).max(self.plot.y0 + 9.0)
-                    };
-                    self.values.push((((left + right) / 2.0, y), text(&value)));
+                if with_values {
+                    let above = (top - 3.0).max(self.plot.y0 + 9.0);
+                    let y = if *value < 0.0 { top + 11.0 } else { above };
+                    self.values.push((((x0 + x1) / 2.0, y), text(value)));
                 }
             }
         }
@@ -326,25 +327,20 @@ impl Canvas<'_> {
             } else {
                 (&self.chart.y, self.y)
             };
-            if !axis.usable(r.from)
-                || !axis.usable(r.to)
-                || !(scale.holds(r.from) || scale.holds(r.to))
-            {
+            let ends = [r.from, r.to];
+            if !ends.iter().all(|v| axis.usable(*v)) || !ends.iter().any(|v| scale.holds(*v)) {
                 continue;
             }
-            let at = scale.at(r.from.clamp(scale.range.0, scale.range.1));
+            let [at, other] = ends.map(|v| scale.at(v.clamp(scale.range.0, scale.range.1)));
             if r.from == r.to {
                 let (a, b) = if r.of_x {
                     ((at, y0), (at, y1))
                 } else {
                     ((x0, at), (x1, at))
                 };
-                self.svg.line(
-                    a,
-                    b,
-                    "stroke=\"#444\" stroke-width=\"1.2\" stroke-dasharray=\"6 3\"",
-                );
-                self.labels.avoid_line(&[a, b]);
+                let look = "stroke=\"#444\" stroke-width=\"1.2\" stroke-dasharray=\"6 3\"";
+                self.svg.line(a, b, look);
+                self.placer.avoid_line(&[a, b]);
             }
             if r.label.is_empty() {
                 continue;
@@ -355,17 +351,15 @@ impl Canvas<'_> {
                 rows.flat_map(|y| [(at + 4.0, y), (at - 4.0 - wide, y)])
                     .collect()
             } else {
-                let from_left = [x1 - wide - 5.0, x0 + 5.0, (x0 + x1 - wide) / 2.0];
-                let other = scale.at(r.to.clamp(scale.range.0, scale.range.1));
+                let across = [x1 - wide - 5.0, x0 + 5.0, (x0 + x1 - wide) / 2.0];
                 let levels = [at - 5.0, at + SIZE + 3.0, other + SIZE + 3.0, other - 5.0];
-                from_left
+                across
                     .into_iter()
                     .flat_map(|x| levels.map(|y| (x, y)))
                     .collect()
             };
-            let start = self.labels.place(&r.label, &starts);
-            self.svg
-                .text_with_rim(start.0, start.1, SIZE, Anchor::Start, &r.label);
+            let (x, y) = self.placer.place(&r.label, &starts);
+            self.svg.text_with_rim(x, y, SIZE, Anchor::Start, &r.label);
         }
     }
 
@@ -373,10 +367,71 @@ impl Canvas<'_> {
         for ((x, y), text) in std::mem::take(&mut self.values) {
             self.svg.text_with_rim(x, y, 10.0, Anchor::Middle, &text);
         }
-        for (at, text) in std::mem::take(&mut self.beside) {
-            let (x, y) = self.labels.beside(at, &text);
+        for (at, text) in std::mem::take(&mut self.labels) {
+            let (x, y) = self.placer.beside(at, &text);
             self.svg.text_with_rim(x, y, SIZE, Anchor::Start, &text);
         }
+    }
+
+    pub(super) fn frame(&mut self) {
+        let Rect { x0, y0, x1, y1 } = self.plot;
+        self.svg
+            .rect(x0, y0, x1 - x0, y1 - y0, "fill=\"none\" stroke=\"#8a8a8a\"");
+        if self.layout.empty {
+            let (x, y) = ((x0 + x1) / 2.0, (y0 + y1) / 2.0 + 5.0);
+            self.svg
+                .text(x, y, 14.0, Anchor::Middle, "fill=\"#767676\"", "no data");
+        }
+    }
+
+    /// Tick texts and captions; a text that would touch the one before is left out.
+    pub(super) fn axis_texts(&mut self, width: f64) {
+        let Rect { x0, y0, x1, y1 } = self.plot;
+        let svg = &mut self.svg;
+        let mut free = f64::INFINITY;
+        for (value, text) in &self.layout.y_ticks {
+            let y = self.y.at(*value);
+            if y + 5.0 <= free {
+                svg.text(
+                    x0 - 6.0,
+                    y + 4.0,
+                    TICK,
+                    Anchor::End,
+                    "",
+                    &shorten(text, TICK, x0 - 14.0),
+                );
+                free = y - 7.0;
+            }
+        }
+        let slanted = &self.layout.slanted;
+        let x_ticks = self
+            .layout
+            .x_ticks
+            .iter()
+            .map(|(v, text)| (self.x.at(*v), text.clone()));
+        if slanted.is_empty() {
+            ticks_below(svg, y1, width, x_ticks);
+        } else {
+            let every = (14.0 * slanted.len() as f64 / (x1 - x0)).ceil().max(1.0) as usize;
+            for ((x, _), name) in x_ticks.zip(slanted).step_by(every) {
+                let (x, y) = (x + 4.0, y1 + 13.0);
+                let turn = format!("transform=\"rotate(-30 {} {})\"", num(x), num(y));
+                svg.text(x, y, TICK, Anchor::End, &turn, name);
+            }
+        }
+        let grey = format!("fill=\"{MUTED}\"");
+        let caption = shorten(&self.chart.x.caption(self.x.range), TICK, width - 20.0);
+        let below = y1 + self.layout.below - 5.0;
+        svg.text(
+            (x0 + x1) / 2.0,
+            below,
+            TICK,
+            Anchor::Middle,
+            &grey,
+            &caption,
+        );
+        let caption = shorten(&self.chart.y.caption(self.y.range), TICK, width - 20.0);
+        svg.text(10.0, y0 - 8.0, TICK, Anchor::Start, &grey, &caption);
     }
 }
 
