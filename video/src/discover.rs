@@ -234,6 +234,3 @@ fn moving(width: u32, height: u32, number: usize) -> Result<Picture, PictureErro
     }
     Picture::new(width, height, PixelFormat::I420, Bytes::from(data))
 }
-
-#[cfg(test)]
-mod tests;

