@@ -326,10 +326,10 @@ fn a_short_gap_shows_among_a_hundred_thousand_events() {
 
 #[test]
 fn columns_keep_the_worst_kind_and_cover_every_span() {
-    assert_eq!(
-        columns([(0.0, 10.0, 0), (4.2, 4.3, 1)].into_iter(), 10),
-        [(0, 4, 0), (4, 1, 1), (5, 5, 0)]
-    );
+    let (long, short) = ((0.0, 10.0, 0), (4.2, 4.3, 1));
+    let expected = [(0, 4, 0), (4, 1, 1), (5, 5, 0)];
+    assert_eq!(columns([long, short].into_iter(), 10), expected);
+    assert_eq!(columns([short, long].into_iter(), 10), expected);
     assert_eq!(
         columns(
             [(10.0, 10.0, 3), (-5.0, -1.0, 2), (2.0, 2.0, 1)].into_iter(),
