@@ -216,7 +216,7 @@ fn pictures() -> Vec<(&'static str, &'static str, String)> {
         .series(rate_distortion("x265enc, fast", 0.7, 1.06))
         .series(rate_distortion("vah265enc", 1.15, 0.97))
         .hline(40.0, "required")
-        .footnote("2 cores of an unnamed machine, commit 1234567, cargo xtask bench encode")
+        .footnote("made-up numbers; here stand machine, commit and command")
         .to_svg(720, 400);
 
     let point = |name: &str, ms: f64, error: f64, slot: usize| {
@@ -242,6 +242,7 @@ fn pictures() -> Vec<(&'static str, &'static str, String)> {
             .slot(0),
         )
         .hline(1e-4, "target")
+        .footnote("made-up numbers")
         .to_svg(720, 400);
 
     let throughput = Chart::new("Archive: throughput by message size")
@@ -260,6 +261,7 @@ fn pictures() -> Vec<(&'static str, &'static str, String)> {
             [0.61e9, 1.7e9, 2.5e9, f64::NAN],
         ))
         .hline(1e9, "required in the page cache")
+        .footnote("made-up numbers")
         .to_svg(720, 320);
 
     let slanted = Chart::new("One series, long names")
