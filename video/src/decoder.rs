@@ -1,21 +1,20 @@
 //! Access units in, pictures out.
 //!
-//! Contract. A call to [`Decoder::decode`] takes a run of access units that begins with a key frame (a
-//! group of pictures, or several) and gives its pictures in order, each with its time to the
-//! nanosecond. *Complete or an error*: if a picture is missing, the error holds those that came and the times of
-//! those that did not. Bytes that are not video give an error, never a panic. *Nothing carries over*
-//! from one call to the next, so calls may jump about in a recording. *Time*: a call gives up when
-//! nothing has come for [`STALL`].
+//! Contract. A call to [`Decoder::decode`] takes a run of access units that begins with a key
+//! frame (a group of pictures, or several) and gives its pictures in order, each with its time to
+//! the nanosecond. *Complete or an error*: if a picture is missing, the error holds those that
+//! came and the times of those that did not. Bytes that are not video give an error, never a
+//! panic. *Nothing carries over* from one call to the next, so calls may jump about in a
+//! recording. *Time*: a call gives up when nothing has come for [`STALL`].
 //!
 //! What a decoder cannot know: it conceals damage inside a picture as best it can, and only part of
 //! that is reported (as a missing picture). Bytes that may be damaged are for checksums to find.
 //!
 //! Decoders are taken from what the machine has, hardware first; the first that decodes something
-//! is kept. Every call builds its pipeline anew, 2 to 3 ms with libav: decode whole groups, not single
-//! pictures. (Keeping the pipeline saved 0.6 ms of that when measured, and a source of GStreamer 1.22
-//! does not forget its end in a flush.)
-//! **The hardware decoders have never been run by this project.** A conforming stream decodes to
-//! the same pictures with each of them.
+//! is kept. Every call builds its pipeline anew, 2 to 3 ms with libav: decode whole groups, not
+//! single pictures. (Keeping the pipeline saved 0.6 ms of that when measured, and a source of
+//! GStreamer 1.22 does not forget its end in a flush.) **The hardware decoders have never been
+//! run by this project.** A conforming stream decodes to the same pictures with each of them.
 
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
@@ -150,9 +149,9 @@ impl Decoder {
         self.proven
     }
 
-    /// Decodes a run of access units that begins with a key frame and has rising times. Pictures are
-    /// I420, in order of time, one per access unit. All of them are in memory at once:
-    /// `1.5 * width * height` bytes each.
+    /// Decodes a run of access units that begins with a key frame and has rising times. Pictures
+    /// are I420, in order of time, one per access unit. All of them are in memory at once: `1.5 *
+    /// width * height` bytes each.
     ///
     /// # Errors
     /// See [`DecodeError`]. After any error the next call starts afresh.

@@ -1,8 +1,9 @@
 //! Which encoder works on this machine: not by asking what is installed, but by encoding.
 //!
-//! Contract: a trial encodes a few moving pictures, forces a key frame in the middle, and checks every promise of
-//! [`crate::encoder`] on what comes out. It takes at most [`TRIAL_LIMIT`], even if the encoder hangs; a hung one is
-//! left behind on its thread. Trials run at the start of a program, not while recording: a trial occupies the encoder.
+//! Contract: a trial encodes a few moving pictures, forces a key frame in the middle, and checks
+//! every promise of [`crate::encoder`] on what comes out. It takes at most [`TRIAL_LIMIT`], even
+//! if the encoder hangs; a hung one is left behind on its thread. Trials run at the start of a
+//! program, not while recording: a trial occupies the encoder.
 
 use std::sync::mpsc;
 use std::sync::{Arc, Mutex};
@@ -30,8 +31,8 @@ pub struct Trial {
     pub element: String,
     /// What it produces.
     pub codec: Codec,
-    /// Pictures per second, one encoder with one thread and nothing beside it, on pictures that are hard to
-    /// compress. A rough figure: it comes from a few pictures.
+    /// Pictures per second, one encoder with one thread and nothing beside it, on pictures that
+    /// are hard to compress. A rough figure: it comes from a few pictures.
     pub pictures_per_s: f64,
 }
 
@@ -115,8 +116,8 @@ pub fn trial(element: &str, width: u32, height: u32) -> Result<Trial, TrialError
         .unwrap_or(Err(TrialError::Hung))
 }
 
-/// The first encoder in order of preference that works at this size. Software encoders are in the list
-/// too, so where x264enc or openh264enc is installed there is always one.
+/// The first encoder in order of preference that works at this size. Software encoders are in the
+/// list too, so where x264enc or openh264enc is installed there is always one.
 ///
 /// # Errors
 /// [`NoEncoder`] with every reason.
@@ -196,8 +197,8 @@ fn run(element: &str, codec: Codec, width: u32, height: u32) -> Result<Trial, Tr
     })
 }
 
-/// Order, times and parameter sets are watched by the encoder itself; what is left is the number and
-/// where the key frames are.
+/// Order, times and parameter sets are watched by the encoder itself; what is left is the number
+/// and where the key frames are.
 fn check(units: &[AccessUnit], times: &[i64]) -> Result<(), TrialError> {
     let found: Vec<i64> = units.iter().map(|unit| unit.pts_ns).collect();
     if found != times {

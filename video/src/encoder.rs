@@ -1,22 +1,22 @@
 //! Pictures in, access units out.
 //!
-//! Contract. *Normally*: for every picture that [`Encoder::push`] accepts, exactly one access unit
-//! comes out, in the same order, with the picture's time to the nanosecond; no B-frames; a key frame
-//! exactly where it was asked for, at the first picture, and after
-//! [`EncoderSettings::max_key_interval_frames`] pictures without one; every key frame is an IDR picture (closed
-//! group) with its parameter sets in front. The same settings and pictures give the same bytes with a
-//! software encoder. *When it is too slow*: at most [`MAX_IN_FLIGHT`] pictures are inside, then `push` waits
-//! and `try_push` says [`EncodeError::Full`]. *When it fails*: one [`EncoderEvent::Failed`], then nothing more; every
-//! later `push` fails. An encoder that skips a picture or invents a time has failed too. *When it
-//! stalls*: `push` gives up after [`STALL`]; `try_push` stays full. *At the end*: [`Encoder::finish`] drains
-//! within a time limit. Dropping an encoder abandons what is inside and returns within seconds
-//! even if the encoder is stuck.
+//! Contract. *Normally*: for every picture that [`Encoder::push`] accepts, exactly one access
+//! unit comes out, in the same order, with the picture's time to the nanosecond; no B-frames; a
+//! key frame exactly where it was asked for, at the first picture, and after
+//! [`EncoderSettings::max_key_interval_frames`] pictures without one; every key frame is an IDR
+//! picture (closed group) with its parameter sets in front. The same settings and pictures give
+//! the same bytes with a software encoder. *When it is too slow*: at most [`MAX_IN_FLIGHT`]
+//! pictures are inside, then `push` waits and `try_push` says [`EncodeError::Full`]. *When it
+//! fails*: one [`EncoderEvent::Failed`], then nothing more; every later `push` fails. An encoder
+//! that skips a picture or invents a time has failed too. *When it stalls*: `push` gives up after
+//! [`STALL`]; `try_push` stays full. *At the end*: [`Encoder::finish`] drains within a time
+//! limit. Dropping an encoder abandons what is inside and returns within seconds even if the
+//! encoder is stuck.
 //!
 //! Quality is a PSNR target and becomes a constant quantiser, see [`quality`].
 
-use std::collections::{HashSet, VecDeque};
 use std::fmt;
-use std::sync::{Arc, Condvar, Mutex};
+use std::sync::Arc;
 use std::time::Duration;
 
 use bytes::Bytes;
@@ -27,9 +27,12 @@ use gstreamer_video as gst_video;
 use thiserror::Error;
 
 use crate::pipeline::{self, InitError, News, Running, lock, wait_while};
-use crate::{Codec, Picture, PictureError, PixelFormat, annexb, layout};
-use kinds::{Force, Input, Kind, Need};
+use crate::{Codec, Picture, PictureError, PixelFormat, layout};
+use delivery::Shared;
+use kinds::{Force, Kind};
 
+mod chain;
+mod delivery;
 pub(crate) mod kinds;
 mod quality;
 
@@ -39,13 +42,6 @@ pub const MAX_IN_FLIGHT: usize = 8;
 
 /// How long a full encoder may give nothing before [`Encoder::push`] calls it stalled.
 pub const STALL: Duration = Duration::from_secs(10);
-
-/// How far an encoder's idea of a time may be from the picture's own (drivers count microseconds).
-/// The picture's own time is what comes out.
-const TIME_SLACK_NS: u64 = 1_000;
-
-/// Before a key frame is forced by signal, how long to wait for earlier pictures to come out.
-const SIGNAL_WAIT: Duration = Duration::from_millis(200);
 
 /// What to encode and how well.
 #[derive(Debug, Clone, PartialEq)]
@@ -171,8 +167,8 @@ pub fn element_codec(element: &str) -> Option<Codec> {
     kinds::find(element).map(|kind| kind.codec)
 }
 
-/// Receives what comes out, on a thread of the encoder. It must return: while it blocks the encoder stands still,
-/// and it must not touch the [`Encoder`].
+/// Receives what comes out, on a thread of the encoder. It must return: while it blocks the
+/// encoder stands still, and it must not touch the [`Encoder`].
 pub type OnOutput = Box<dyn FnMut(EncoderEvent) + Send>;
 
 /// A running encoder for the pictures of one camera.
@@ -190,38 +186,9 @@ pub struct Encoder {
     keys_forced: u32,
 }
 
-/// What the pushing thread and the encoder's threads share.
-struct Shared {
-    codec: Codec,
-    state: Mutex<State>,
-    changed: Condvar,
-    /// Never locked together with `state`.
-    on_output: Mutex<OnOutput>,
-}
-
-#[derive(Debug, Default)]
-struct State {
-    /// Times of the pictures inside, oldest first.
-    in_flight: VecDeque<i64>,
-    /// Times of pictures to be made key frames by signal.
-    to_force: HashSet<i64>,
-    /// Access units delivered so far.
-    delivered: u64,
-    ended: bool,
-    failure: Option<String>,
-}
-
-impl fmt::Debug for Shared {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Shared")
-            .field("state", &self.state)
-            .finish_non_exhaustive()
-    }
-}
-
 impl Encoder {
-    /// Starts an encoder. `on_output` is called for every event, see [`OnOutput`]. An encoder may fail only
-    /// once the first picture has told the device what it is in for; that comes as
+    /// Starts an encoder. `on_output` is called for every event, see [`OnOutput`]. An encoder may
+    /// fail only once the first picture has told the device what it is in for; that comes as
     /// [`EncoderEvent::Failed`].
     ///
     /// # Errors
@@ -237,20 +204,16 @@ impl Encoder {
         let kind = kinds::find(&settings.element)
             .ok_or_else(|| started("not an encoder that this program can drive".into()))?;
         let quantiser = quality::quantiser(kind, settings.quality_db);
-        let shared = Arc::new(Shared {
-            codec: kind.codec,
-            state: Mutex::default(),
-            changed: Condvar::new(),
-            on_output: Mutex::new(on_output),
-        });
+        let shared = Arc::new(Shared::new(kind.codec, on_output));
         let source = gst_app::AppSrc::builder()
-            .caps(&input_caps(settings))
+            .caps(&chain::input_caps(settings))
             .format(gst::Format::Time)
             // The bound is ours (MAX_IN_FLIGHT): it counts what is inside the encoder as well.
             .max_bytes(0)
             .max_buffers(0)
             .build();
-        let elements = chain(settings, kind, quantiser, &source, &shared).map_err(&started)?;
+        let elements =
+            chain::chain(settings, kind, quantiser, &source, &shared).map_err(&started)?;
         let failing = Arc::downgrade(&shared);
         let running = Running::start(&elements, move |news| {
             if let (News::Failed(reason), Some(shared)) = (news, failing.upgrade()) {
@@ -281,8 +244,8 @@ impl Encoder {
         self.quantiser
     }
 
-    /// Hands in a picture, waiting while the encoder is full. `pts_ns` must rise from call to call. With
-    /// `force_key` exactly this picture becomes a key frame.
+    /// Hands in a picture, waiting while the encoder is full. `pts_ns` must rise from call to
+    /// call. With `force_key` exactly this picture becomes a key frame.
     ///
     /// The picture is shared, not copied, where its rows need no padding (width a multiple of
     /// eight), and is released when its access unit comes out.
@@ -407,15 +370,16 @@ impl Encoder {
         }
         // Before the buffer goes in: its access unit may come out at once.
         state.in_flight.push_back(pts_ns);
+        // The first picture is a key frame anyway. An event in front of it would overtake the
+        // segment, and GStreamer 1.22 would then take the first picture's time to be 1000 h and
+        // ignore every later request as too soon.
+        let key = key && self.previous_ns.is_some();
+        self.previous_ns = Some(pts_ns);
         if key && matches!(self.kind.force, Force::Signal(_)) {
             state.to_force.insert(pts_ns);
         }
         drop(state);
-        let first = self.previous_ns.replace(pts_ns).is_none();
-        // The first picture is a key frame anyway. An event in front of it would overtake the
-        // segment, and GStreamer 1.22 would then take the first picture's time to be 1000 h and ignore
-        // every later request as too soon.
-        if key && !first && self.kind.force == Force::Event {
+        if key && self.kind.force == Force::Event {
             self.keys_forced += 1;
             // The encoder compares the running time with each picture's, so the event may overtake
             // pictures that still wait without hitting one of them.
@@ -437,96 +401,6 @@ impl Encoder {
                 })))
             }
         }
-    }
-}
-
-impl Shared {
-    /// Ends everything: the reason is told once, later events are swallowed.
-    fn fail(&self, reason: String) {
-        {
-            let mut state = lock(&self.state);
-            if state.failure.is_some() {
-                return;
-            }
-            state.failure = Some(reason.clone());
-        }
-        self.changed.notify_all();
-        (lock(&self.on_output))(EncoderEvent::Failed(reason));
-    }
-
-    /// Delivers one sample of the encoder. `Err` stops the pipeline quietly: the failure has been told.
-    fn deliver(&self, sample: &gst::Sample) -> Result<gst::FlowSuccess, gst::FlowError> {
-        let unit = match self.access_unit(sample) {
-            Ok(unit) => unit,
-            Err(reason) => {
-                self.fail(reason);
-                return Err(gst::FlowError::Flushing);
-            }
-        };
-        {
-            let mut on_output = lock(&self.on_output);
-            if lock(&self.state).failure.is_some() {
-                return Err(gst::FlowError::Flushing);
-            }
-            on_output(EncoderEvent::AccessUnit(unit));
-        }
-        let mut state = lock(&self.state);
-        state.in_flight.pop_front();
-        state.delivered += 1;
-        drop(state);
-        self.changed.notify_all();
-        Ok(gst::FlowSuccess::Ok)
-    }
-
-    /// Checks that `sample` is the access unit of the oldest picture inside.
-    fn access_unit(&self, sample: &gst::Sample) -> Result<AccessUnit, String> {
-        let buffer = sample
-            .buffer()
-            .ok_or("it gave an access unit without data")?;
-        let data = buffer.map_readable().map_err(|error| error.to_string())?;
-        let data = Bytes::copy_from_slice(&data);
-        // x264enc and x265enc shift the buffer's own time by 1000 hours (to have room for
-        // negative decoding times) and say so in the segment; the running time is what went in.
-        let running = sample
-            .segment()
-            .and_then(|segment| segment.downcast_ref::<gst::ClockTime>())
-            .and_then(|segment| segment.to_running_time(buffer.pts()?))
-            .ok_or("it gave an access unit without a time")?
-            .nseconds();
-        let oldest = lock(&self.state).in_flight.front().copied();
-        let pts_ns =
-            oldest.ok_or_else(|| format!("it gave one access unit too many, at {running} ns"))?;
-        if running.abs_diff(pts_ns as u64) > TIME_SLACK_NS {
-            return Err(format!(
-                "it gave an access unit for {running} ns, expected the one of the picture at {pts_ns} ns"
-            ));
-        }
-        let key = annexb::is_key(self.codec, &data);
-        if key && !annexb::has_parameter_sets(self.codec, &data) {
-            return Err(format!(
-                "its key frame at {pts_ns} ns has no parameter sets"
-            ));
-        }
-        Ok(AccessUnit { pts_ns, data, key })
-    }
-
-    /// Called as a picture enters an encoder that is told by `signal` to make a key frame.
-    fn force_by_signal(&self, encoder: &gst::Element, signal: &str, time: Option<gst::ClockTime>) {
-        let Some(time) = time.map(|time| time.nseconds() as i64) else {
-            return;
-        };
-        let mut state = lock(&self.state);
-        if !state.to_force.remove(&time) {
-            return;
-        }
-        // The signal hits whatever the device takes next. Bounded, in case the encoder gives a
-        // picture only when the next one is there: then the key frame may be early, which the trial
-        // encode notices.
-        let (state, _) = wait_while(&self.changed, state, SIGNAL_WAIT, |state| {
-            state.failure.is_none() && state.in_flight.front().is_some_and(|&oldest| oldest < time)
-        });
-        drop(state);
-        encoder.emit_by_name::<()>(signal, &[]);
     }
 }
 
@@ -559,141 +433,6 @@ fn check(settings: &EncoderSettings) -> Result<(), EncodeError> {
         return refuse(format!(
             "a key frame every {found} pictures, expected 1 to 100000"
         ));
-    }
-    Ok(())
-}
-
-/// Full-range BT.601 as in a JPEG file, so that a decoder that converts gives back the same luma.
-const COLORIMETRY: &str = "1:4:7:1";
-
-fn raw_caps(settings: &EncoderSettings, format: &str) -> gst::Caps {
-    // Thousandths of a hertz, at least one: never 0/1.
-    let rate = ((settings.rate_hz * 1000.0).round() as i32).max(1);
-    gst::Caps::builder("video/x-raw")
-        .field("format", format)
-        .field("width", settings.width as i32)
-        .field("height", settings.height as i32)
-        .field("framerate", gst::Fraction::new(rate, 1000))
-        .field("pixel-aspect-ratio", gst::Fraction::new(1, 1))
-        .field("interlace-mode", "progressive")
-        .field("colorimetry", COLORIMETRY)
-        .field("chroma-site", "jpeg")
-        .build()
-}
-
-fn input_caps(settings: &EncoderSettings) -> gst::Caps {
-    raw_caps(settings, "I420")
-}
-
-/// All elements from the source to the sink, ready to be linked.
-fn chain(
-    settings: &EncoderSettings,
-    kind: &Kind,
-    quantiser: u32,
-    source: &gst_app::AppSrc,
-    shared: &Arc<Shared>,
-) -> Result<Vec<gst::Element>, String> {
-    let encoder = pipeline::make(kind.element)?;
-    set_properties(&encoder, settings, kind, quantiser)?;
-    let mut elements = vec![source.clone().upcast()];
-    match kind.input {
-        Input::I420 => {}
-        Input::Nv12 => {
-            elements.push(pipeline::make("videoconvert")?);
-            elements.push(pipeline::caps_filter(&raw_caps(settings, "NV12"))?);
-        }
-        Input::NvmmNv12 => {
-            elements.push(pipeline::make("nvvidconv")?);
-            let mut caps = gst::Caps::builder("video/x-raw")
-                .field("format", "NV12")
-                .field("width", settings.width as i32)
-                .field("height", settings.height as i32)
-                .build();
-            caps.make_mut()
-                .set_features_simple(Some(gst::CapsFeatures::new(["memory:NVMM"])));
-            elements.push(pipeline::caps_filter(&caps)?);
-        }
-    }
-    if let Force::Signal(signal) = kind.force {
-        let pad = encoder
-            .static_pad("sink")
-            .ok_or("the encoder has no input")?;
-        let (shared, element) = (Arc::downgrade(shared), encoder.downgrade());
-        pad.add_probe(gst::PadProbeType::BUFFER, move |_, info| {
-            if let (Some(shared), Some(element)) = (shared.upgrade(), element.upgrade()) {
-                shared.force_by_signal(&element, signal, info.buffer().and_then(|b| b.pts()));
-            }
-            gst::PadProbeReturn::Ok
-        });
-    }
-    elements.push(encoder);
-    let parser = pipeline::make(kind.codec.parser())?;
-    // -1: parameter sets in front of every IDR picture.
-    pipeline::set_property(&parser, "config-interval", "-1")?;
-    elements.push(parser);
-    let (delivering, ending) = (shared.clone(), shared.clone());
-    let sink = gst_app::AppSink::builder()
-        .caps(
-            &gst::Caps::builder(kind.codec.media_type())
-                .field("stream-format", "byte-stream")
-                .field("alignment", "au")
-                .build(),
-        )
-        .sync(false)
-        .async_(false)
-        .max_buffers(1)
-        .callbacks(
-            gst_app::AppSinkCallbacks::builder()
-                .new_sample(move |sink| {
-                    let sample = sink.pull_sample().map_err(|_| gst::FlowError::Eos)?;
-                    delivering.deliver(&sample)
-                })
-                .eos(move |_| {
-                    lock(&ending.state).ended = true;
-                    ending.changed.notify_all();
-                })
-                .build(),
-        )
-        .build();
-    elements.push(sink.upcast());
-    Ok(elements)
-}
-
-fn set_properties(
-    encoder: &gst::Element,
-    settings: &EncoderSettings,
-    kind: &Kind,
-    quantiser: u32,
-) -> Result<(), String> {
-    let threads = settings.threads;
-    for property in kind.properties {
-        let text = property
-            .value
-            .replace("{qp}", &quantiser.to_string())
-            .replace("{gop}", &settings.max_key_interval_frames.to_string())
-            .replace("{threads}", &threads.to_string())
-            .replace(
-                "{pools}",
-                &if threads == 1 {
-                    "none".into()
-                } else {
-                    threads.to_string()
-                },
-            )
-            .replace("{sliced}", if threads == 1 { "false" } else { "true" });
-        let mut found = false;
-        for name in property.names {
-            if pipeline::set_property(encoder, name, &text)? {
-                found = true;
-                break;
-            }
-        }
-        if !found && property.need == Need::Must {
-            return Err(format!(
-                "it has no property {}",
-                property.names.join(" or ")
-            ));
-        }
     }
     Ok(())
 }

@@ -1,14 +1,15 @@
 //! Access units into an MP4 file, without encoding them again.
 //!
 //! Contract: the file appears under its name only when it is complete and on disk (it is written
-//! beside it as `NAME.part` and renamed); on any error the part file is removed. An existing file of that name is
-//! replaced.
+//! beside it as `NAME.part` and renamed); on any error the part file is removed. An existing file
+//! of that name is replaced.
 //!
-//! Times: an MP4 file counts from zero, so times are relative to the first access unit, whose own time
-//! the summary gives. They are stored in units of 1/[`TIMESCALE`] s, each rounded by itself (errors do
-//! not add up), so they are off by at most 5.6 µs. Exact times are in the session, not here: the muxer
-//! of GStreamer 1.22 writes durations in 32 bits of that unit, so a finer one would shorten the longest
-//! video ([`LONGEST_NS`], 13 hours; with microseconds it would be 71 minutes).
+//! Times: an MP4 file counts from zero, so times are relative to the first access unit, whose own
+//! time the summary gives. They are stored in units of 1/[`TIMESCALE`] s, each rounded by itself
+//! (errors do not add up), so they are off by at most 5.6 µs. Exact times are in the session, not
+//! here: the muxer of GStreamer 1.22 writes durations in 32 bits of that unit, so a finer one
+//! would shorten the longest video ([`LONGEST_NS`], 13 hours; with microseconds it would be 71
+//! minutes).
 
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -30,6 +31,9 @@ pub const TIMESCALE: u32 = 90_000;
 
 /// From the first access unit to the last, at most this many ns.
 pub const LONGEST_NS: i64 = (u32::MAX as i64 - TIMESCALE as i64) / TIMESCALE as i64 * 1_000_000_000;
+
+/// How long the only picture of a video lasts. (The last of several lasts as long as the first.)
+const SINGLE_NS: i64 = 33_333_333;
 
 /// Compressed bytes that may wait inside.
 const QUEUE_BYTES: u64 = 8 << 20;
@@ -146,14 +150,16 @@ fn write_part(
         reason,
         path: path.into(),
     };
+    let mut units = units.into_iter();
+    let first = units.next().ok_or_else(|| Mp4Error::Empty(path.into()))?;
+    let origin_ns = first.pts_ns;
+    let second = units.next();
+    let step_ns = second
+        .as_ref()
+        .map(|second| second.pts_ns.saturating_sub(origin_ns));
     let shared = Arc::new(Shared::default());
-    let source = source(codec, size, &shared);
+    let source = source(codec, size, step_ns.unwrap_or(SINGLE_NS), &shared);
     let elements = elements(codec, &source, part).map_err(mux)?;
-    let mut units = units.into_iter().peekable();
-    let origin_ns = units
-        .peek()
-        .ok_or_else(|| Mp4Error::Empty(path.into()))?
-        .pts_ns;
     let listening = shared.clone();
     let mut running = Running::start(&elements, move |news| {
         let mut state = lock(&listening.state);
@@ -169,7 +175,7 @@ fn write_part(
     .map_err(mux)?;
     let mut previous = None;
     let mut count = 0;
-    for unit in units {
+    for unit in [Some(first), second].into_iter().flatten().chain(units) {
         if count == 0 && !annexb::is_key(codec, &unit.data) {
             return Err(Mp4Error::NotKey(path.into()));
         }
@@ -208,7 +214,13 @@ fn write_part(
     })
 }
 
-fn source(codec: Codec, (width, height): (u32, u32), shared: &Arc<Shared>) -> gst_app::AppSrc {
+fn source(
+    codec: Codec,
+    (width, height): (u32, u32),
+    step_ns: i64,
+    shared: &Arc<Shared>,
+) -> gst_app::AppSrc {
+    let step_us = i32::try_from(step_ns / 1_000).unwrap_or(i32::MAX).max(1);
     let (filling, emptying) = (shared.clone(), shared.clone());
     gst_app::AppSrc::builder()
         .caps(
@@ -217,6 +229,9 @@ fn source(codec: Codec, (width, height): (u32, u32), shared: &Arc<Shared>) -> gs
                 .field("alignment", "au")
                 .field("width", width as i32)
                 .field("height", height as i32)
+                // Only for the last picture: without a rate it would last no time at all, and
+                // players leave it out.
+                .field("framerate", gst::Fraction::new(1_000_000, step_us))
                 .build(),
         )
         .format(gst::Format::Time)

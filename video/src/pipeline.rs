@@ -1,10 +1,10 @@
 //! What encoder, decoder and muxer share: making elements, linking them, hearing of errors, and
 //! taking a pipeline down without ever hanging on it.
 //!
-//! Contract: nothing here panics on what a plugin does or lacks. [`Running`] owns a pipeline; when it
-//! is dropped the pipeline is stopped, and if stopping takes longer than [`TEARDOWN`] (a stuck
-//! driver, an encoder that never returns) the pipeline is left to a thread of its own and a warning
-//! is logged: a leak is better than a daemon that hangs.
+//! Contract: nothing here panics on what a plugin does or lacks. [`Running`] owns a pipeline;
+//! when it is dropped the pipeline is stopped, and if stopping takes longer than [`TEARDOWN`] (a
+//! stuck driver, an encoder that never returns) the pipeline is left to a thread of its own and a
+//! warning is logged: a leak is better than a daemon that hangs.
 
 use std::sync::mpsc;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
@@ -97,6 +97,15 @@ pub(crate) fn set_property(element: &gst::Element, name: &str, text: &str) -> Re
     }
     element.set_property_from_value(name, &value);
     Ok(true)
+}
+
+/// Whether `element` has a signal of that name that can be sent without arguments and answers
+/// nothing. (glib's own sender would panic where it has not.)
+pub(crate) fn has_action(element: &gst::Element, signal: &str) -> bool {
+    glib::subclass::SignalId::lookup(signal, element.type_()).is_some_and(|id| {
+        let query = id.query();
+        query.n_params() == 0 && query.return_type().type_() == glib::Type::UNIT
+    })
 }
 
 /// One line out of an error message of the bus.

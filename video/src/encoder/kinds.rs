@@ -5,10 +5,11 @@
 //! per picture in, full-range video. Where an element has several ways to say it, the units differ
 //! (`nvv4l2` counts bit/s, the others kbit/s), which is one reason why no bit rate is set anywhere.
 //!
-//! Read where: the elements' own property lists for x264enc, x265enc and openh264enc (GStreamer 1.22, run
-//! here); NVIDIA's published source and property list of the nvv4l2 elements (Jetson r36);
-//! gstreamer.freedesktop.org for the nvcodec, va and qsv plugins. **The hardware rows have never been run by
-//! this project**: a trial encode decides on the machine itself whether they keep the promise.
+//! Read where: the elements' own property lists for x264enc, x265enc and openh264enc (GStreamer
+//! 1.22, run here); NVIDIA's published source and property list of the nvv4l2 elements (Jetson
+//! r36); gstreamer.freedesktop.org for the nvcodec, va and qsv plugins. **The hardware rows have
+//! never been run by this project**: a trial encode decides on the machine itself whether they
+//! keep the promise.
 
 use crate::Codec;
 
@@ -28,8 +29,8 @@ pub(crate) enum Input {
 pub(crate) enum Force {
     /// GStreamer's force-key-unit event, which names the picture by its time.
     Event,
-    /// An action signal of the element. It acts on whatever is encoded next, so it is sent when the picture is
-    /// about to enter the encoder and everything before it has come out.
+    /// An action signal of the element. It acts on whatever is encoded next, so it is sent when
+    /// the picture is about to enter the encoder and everything before it has come out.
     Signal(&'static str),
 }
 
@@ -83,9 +84,9 @@ const fn attempt(names: &'static [&'static str], value: &'static str) -> Propert
     }
 }
 
-/// `nvv4l2h264enc` and `nvv4l2h265enc` take the same properties. `iframeinterval` and `idrinterval` are two
-/// things: only at an IDR picture can decoding start, so both are set. A constant quantiser needs
-/// rate control off *and* the preset off.
+/// `nvv4l2h264enc` and `nvv4l2h265enc` take the same properties. `iframeinterval` and
+/// `idrinterval` are two things: only at an IDR picture can decoding start, so both are set. A
+/// constant quantiser needs rate control off *and* the preset off.
 const NVV4L2: &[Property] = &[
     must(&["ratecontrol-enable"], "false"),
     must(&["preset-level"], "DisablePreset"),
@@ -100,13 +101,13 @@ const NVV4L2: &[Property] = &[
 ];
 
 /// All rows, in order of preference. `openh264enc` stands behind the floor (x264enc) because its
-/// constant quantiser is a range of one value under a rate control that must not bite; it is there for
-/// machines without the GPL plugins.
+/// constant quantiser is a range of one value under a rate control that must not bite; it is
+/// there for machines without the GPL plugins.
 ///
-/// x264enc runs at `ultrafast`: at equal PSNR `superfast` made the KITTI pictures 19 % smaller but took
-/// 2.8 times the CPU (28 against 10 ms per 2452x370 picture), and a recorder that drops pictures is worse
-/// than one that needs more disk. Key frames get the quantiser of the others (`ip-factor` 1), so
-/// that no picture is worse than the quality asks for.
+/// x264enc runs at `ultrafast`: at equal PSNR `superfast` made the KITTI pictures 19 % smaller
+/// but took 2.8 times the CPU (28 against 10 ms per 2452x370 picture), and a recorder that drops
+/// pictures is worse than one that needs more disk. Key frames get the quantiser of the others
+/// (`ip-factor` 1), so that no picture is worse than the quality asks for.
 pub(crate) static KINDS: &[Kind] = &[
     Kind {
         element: "nvv4l2h265enc",

@@ -6,21 +6,21 @@
 //! step = 0.625 · 2^(QP/6)
 //! ```
 //!
-//! (H.264: table 8-15 and clause 8.5; H.265: clause 8.6, step = 2^((QP-4)/6), the same within 1 %).
-//! The transforms are orthonormal up to scaling, so an error of a coefficient is an error of the picture, and
-//! rounding to a multiple of `step` leaves, if values are spread evenly over a step, a mean square
-//! error of `step²/12`. Hence
+//! (H.264: table 8-15 and clause 8.5; H.265: clause 8.6, step = 2^((QP-4)/6), the same within 1
+//! %). The transforms are orthonormal up to scaling, so an error of a coefficient is an error of
+//! the picture, and rounding to a multiple of `step` leaves, if values are spread evenly over a
+//! step, a mean square error of `step²/12`. Hence
 //!
 //! ```text
 //! PSNR = 10 log10(255² · 12 / step²)        QP = 6 log2(255 · sqrt(12) / (0.625 · 10^(PSNR/20)))
 //! ```
 //!
 //! Two things pull away from this. Encoders round towards zero (a dead zone), which costs up to
-//! 3.7 dB where every coefficient counts; and coefficients smaller than that become zero, which costs less
-//! than `step²/12` each, so that easy pictures end up better than asked for. What remains on real, detailed
-//! pictures (KITTI, measured by `cargo run -p video --example quality`) is `gain_db` of the encoder's
-//! row, and that is what the quality is true for: made-up 1/f texture with noise comes out about
-//! 1.5 dB lower, smooth or still scenes higher.
+//! 3.7 dB where every coefficient counts; and coefficients smaller than that become zero, which
+//! costs less than `step²/12` each, so that easy pictures end up better than asked for. What
+//! remains on real, detailed pictures (KITTI, measured by `cargo run -p video --example quality`)
+//! is `gain_db` of the encoder's row, and that is what the quality is true for: made-up 1/f
+//! texture with noise comes out about 1.5 dB lower, smooth or still scenes higher.
 
 use super::kinds::Kind;
 

@@ -149,9 +149,9 @@ fn bytes_that_are_no_video_are_an_error() {
     }
 }
 
-/// Cuts a baseline or main H.264 stream into access units: a new one begins with the first NAL unit
-/// after a slice that is not a slice, or with a slice of macroblock 0 (clause 7.4.1.2.4, as far as the
-/// streams here need it).
+/// Cuts a baseline or main H.264 stream into access units: a new one begins with the first NAL
+/// unit after a slice that is not a slice, or with a slice of macroblock 0 (clause 7.4.1.2.4, as
+/// far as the streams here need it).
 fn access_units(stream: &[u8]) -> Vec<AccessUnit> {
     let mut units: Vec<Vec<u8>> = Vec::new();
     let mut in_slices = true;

@@ -113,12 +113,19 @@ fn a_cut_to_another_scene_is_no_key_frame() {
 fn an_access_unit_does_not_wait_for_the_next_picture() {
     let pictures = texture(160, 64, 5);
     for element in elements() {
-        let (mut encoder, events) = start(&settings(element, &pictures[0]), 100);
-        for (picture, time) in pictures.iter().zip(0..) {
-            encoder.push(time, picture, false).unwrap();
-            match events.recv_timeout(PATIENCE) {
-                Ok(EncoderEvent::AccessUnit(unit)) => assert_eq!(unit.pts_ns, time, "{element}"),
-                other => panic!("{element}: {other:?}"),
+        for threads in [1, 2] {
+            let settings = EncoderSettings {
+                threads,
+                ..settings(element, &pictures[0])
+            };
+            let (mut encoder, events) = start(&settings, 100);
+            for (picture, time) in pictures.iter().zip(0..) {
+                encoder.push(time * 1_000_000, picture, false).unwrap();
+                let event = events.recv_timeout(PATIENCE);
+                assert!(
+                    matches!(&event, Ok(EncoderEvent::AccessUnit(unit)) if unit.pts_ns == time * 1_000_000),
+                    "{element} with {threads} threads: {event:?}"
+                );
             }
         }
     }

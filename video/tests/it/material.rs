@@ -27,9 +27,9 @@ fn field(x: f64, y: f64, seed: u32) -> f64 {
     upper * (1.0 - v) + lower * v
 }
 
-/// `count` pictures of a 1/f texture (equal variance in every octave, standard deviation about 40 grey levels) that
-/// moves by 1.7 and 0.6 pixels per picture, with sensor noise of standard deviation 1.6 on top. Chroma likewise,
-/// without the noise.
+/// `count` pictures of a 1/f texture (equal variance in every octave, standard deviation about 40
+/// grey levels) that moves by 1.7 and 0.6 pixels per picture, with sensor noise of standard
+/// deviation 1.6 on top. Chroma likewise, without the noise.
 pub(crate) fn texture(width: u32, height: u32, count: usize) -> Vec<Picture> {
     let octaves = 8;
     let sample = |x: f64, y: f64, seed: u32| {
