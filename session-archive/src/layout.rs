@@ -25,6 +25,11 @@ pub fn segment_number(name: &str) -> Option<u32> {
         .then(|| digits.parse().ok())?
 }
 
+/// Whether this is one plain name, with no way into another folder.
+pub fn is_file_name(name: &str) -> bool {
+    !["", ".", ".."].contains(&name) && !name.contains(['/', '\\', '\0'])
+}
+
 /// Path of a file that describes the rig: `rig/NAME`.
 pub fn rig_file(name: &str) -> String {
     format!("{RIG}/{name}")

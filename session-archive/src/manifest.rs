@@ -4,6 +4,8 @@
 //! it stops, so after a crash it is at most one segment behind; the segments carry enough to
 //! rebuild it. It ends with a CRC-32 of itself: JSON parses happily with one digit changed.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use crate::layout;
@@ -122,6 +124,30 @@ pub struct Stream {
     pub of: String,
 }
 
+/// The part of a numbered stream that was on disk when the manifest was written. Damage at the end
+/// of a stream leaves no hole to be seen by; this tells it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Extent {
+    /// Lowest number, of a sample or in a gap record.
+    pub first: u64,
+    /// Highest number, of a sample or in a gap record.
+    pub last: u64,
+    /// Earliest time of a sample or gap record.
+    pub start: HostTime,
+    /// Latest time of a sample or gap record.
+    pub end: HostTime,
+}
+
+impl Extent {
+    /// Widens the extent so that it covers `other` too.
+    pub fn cover(&mut self, other: Self) {
+        self.first = self.first.min(other.first);
+        self.last = self.last.max(other.last);
+        self.start = self.start.min(other.start);
+        self.end = self.end.max(other.end);
+    }
+}
+
 /// How and when recording ended.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stop {
@@ -162,6 +188,8 @@ pub struct Manifest {
     pub rig: Vec<RigFile>,
     /// The segments, in order.
     pub segments: Vec<SegmentEntry>,
+    /// The numbered streams (cameras and IMUs, by name), as far as they were on disk.
+    pub extents: BTreeMap<String, Extent>,
     /// How it ended; none while recording.
     pub stopped: Option<Stop>,
 }
@@ -228,6 +256,7 @@ impl Manifest {
         let created = Self {
             state: State::Recording,
             segments: Vec::new(),
+            extents: BTreeMap::new(),
             stopped: None,
             ..self.clone()
         };
@@ -260,6 +289,13 @@ impl Manifest {
             return Err(ManifestError::Damaged(
                 "its segments are not numbered from 0".to_owned(),
             ));
+        }
+        // The names become paths; a manifest from elsewhere must not reach out of its folder.
+        if let Some(file) = self.rig.iter().find(|f| !layout::is_file_name(&f.name)) {
+            return Err(ManifestError::Damaged(format!(
+                "its rig file {:?} is no file name",
+                file.name
+            )));
         }
         Ok(self)
     }

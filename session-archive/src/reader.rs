@@ -7,17 +7,19 @@
 //! [`crate::index`].
 //!
 //! The order is the order written: each stream is in the order of its numbers, streams are
-//! interleaved to within a chunk. The heads of segments after the first repeat state, and their
-//! messages are left out.
+//! interleaved to within a chunk. The heads of segments after the first repeat state; of what they
+//! repeat, only what was not seen before is passed on, because its chunk is missing or damaged.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::io;
 use std::sync::Arc;
 
 use bytes::Bytes;
 
 use crate::layout;
-use crate::manifest::{Manifest, ManifestError, SegmentEntry, SegmentState, State, Stream};
+use crate::manifest::{
+    Manifest, ManifestError, SegmentEntry, SegmentState, State, Stream, is_state,
+};
 use crate::mcap::Record as McapRecord;
 use crate::record::{Protobuf, Record, Segment};
 use crate::scan::{Damage, End, Item, Scan, VerifiedChunk};
@@ -217,6 +219,10 @@ impl SessionReader {
             open: None,
             queue: VecDeque::new(),
             head_seen: false,
+            states: (self.manifest.streams.iter())
+                .filter(|s| is_state(s))
+                .map(|s| (s.id, None))
+                .collect(),
         }
     }
 
@@ -377,6 +383,8 @@ pub struct Entries<'a> {
     open: Option<OpenScan>,
     queue: VecDeque<Entry>,
     head_seen: bool,
+    /// Sequence number of the newest message passed on of every stream that holds state.
+    states: BTreeMap<u16, Option<u32>>,
 }
 
 struct OpenScan {
@@ -420,9 +428,7 @@ impl Entries<'_> {
             }
             Some(Item::Chunk(chunk)) => {
                 let is_head = std::mem::take(&mut open.at_start) && head_of(&chunk).is_some();
-                if !is_head || !self.head_seen {
-                    push_messages(&mut self.queue, number, &chunk);
-                }
+                self.push_messages(number, &chunk, is_head);
                 self.head_seen |= is_head;
             }
             None => {
@@ -437,22 +443,28 @@ impl Entries<'_> {
         }
         Ok(true)
     }
-}
 
-fn push_messages(queue: &mut VecDeque<Entry>, segment: u32, chunk: &VerifiedChunk) {
-    let base = chunk.records.as_ptr() as usize;
-    for m in chunk.messages().map_while(Result::ok) {
-        let payload_offset = m.data.as_ptr() as usize - base;
-        queue.push_back(Entry::Message(Message {
-            segment,
-            chunk_offset: chunk.offset,
-            payload_offset: payload_offset as u32,
-            stream: m.channel_id,
-            sequence: m.sequence,
-            time: HostTime(m.log_time as i64),
-            published: HostTime(m.publish_time as i64),
-            data: chunk.records.slice_ref(m.data),
-        }));
+    fn push_messages(&mut self, segment: u32, chunk: &VerifiedChunk, is_head: bool) {
+        let base = chunk.records.as_ptr() as usize;
+        for m in chunk.messages().map_while(Result::ok) {
+            match self.states.get_mut(&m.channel_id) {
+                Some(seen) if is_head && seen.is_some_and(|s| s >= m.sequence) => continue,
+                Some(seen) => *seen = Some(m.sequence),
+                None if is_head && self.head_seen => continue,
+                None => {}
+            }
+            let payload_offset = m.data.as_ptr() as usize - base;
+            self.queue.push_back(Entry::Message(Message {
+                segment,
+                chunk_offset: chunk.offset,
+                payload_offset: payload_offset as u32,
+                stream: m.channel_id,
+                sequence: m.sequence,
+                time: HostTime(m.log_time as i64),
+                published: HostTime(m.publish_time as i64),
+                data: chunk.records.slice_ref(m.data),
+            }));
+        }
     }
 }
 

@@ -9,18 +9,19 @@
 //! that a clean close of the same chunks would have left. A chunk that was only partly written is not
 //! salvaged: its checksum is over the whole.
 
+use std::collections::BTreeMap;
 use std::io;
 use std::sync::Arc;
 
 use crate::layout;
-use crate::manifest::{Manifest, SegmentEntry, SegmentState, State, Stop, Stream};
+use crate::manifest::{Extent, Manifest, SegmentEntry, SegmentState, State, Stop, is_state};
 use crate::mcap::{ChunkBuilder, SegmentEncoder, sealed_chunk};
 use crate::reader::{ReadError, SessionReader, head_of};
-use crate::record::{Event, Gap, Protobuf, Record, Segment, paws};
+use crate::record::{Event, Gap, Protobuf, Segment, paws};
 use crate::scan::{Item, VerifiedChunk};
 use crate::storage::{self, Storage};
 use crate::time::HostTime;
-use crate::verify::{Lost, Report, verify};
+use crate::verify::{Lost, Report, rig_file, verify};
 use crate::writer::{LIBRARY, PROFILE, head_chunk};
 
 /// Why a session could not be recovered. The source is as it was.
@@ -61,7 +62,7 @@ pub fn recover(
     for number in source.segment_numbers() {
         copy.segment(number)?;
     }
-    copy.finish(&report.lost)?;
+    copy.finish(&report)?;
     let reader = SessionReader::open(target)?;
     let checked = verify(&reader, progress)?;
     if has_new_faults(&report, &checked) {
@@ -82,6 +83,13 @@ fn has_new_faults(source: &Report, copy: &Report) -> bool {
         || !copy.open_segments.is_empty()
         || copy.undecodable > source.undecodable
         || !copy.lost.is_empty()
+        || !copy.bad_rig_files.is_empty()
+        || copy.streams.iter().any(|(name, copy)| {
+            let source = source.streams.get(name).cloned().unwrap_or_default();
+            copy.repeated > source.repeated
+                || copy.contradicted > source.contradicted
+                || copy.bad_payloads > source.bad_payloads
+        })
 }
 
 struct Copy<'a> {
@@ -90,6 +98,8 @@ struct Copy<'a> {
     manifest: Manifest,
     /// Bytes of the last segment in the source and in the copy, to see whether heads still hold.
     copied_bytes: u64,
+    /// The newest message of every stream that holds state, for segments whose head is gone.
+    states: BTreeMap<u16, (u32, Vec<u8>)>,
     /// The newest segment, not yet ended: the gap records go to its end.
     open: Option<(u32, SegmentEncoder, Box<dyn storage::WriteFile>)>,
     newest: HostTime,
@@ -103,10 +113,11 @@ impl<'a> Copy<'a> {
             stopped: source.manifest().stopped.clone(),
             ..source.manifest().clone()
         };
-        let copy = Self {
+        let mut copy = Self {
             source,
             target,
             copied_bytes: 0,
+            states: BTreeMap::new(),
             open: None,
             newest: manifest.started,
             manifest,
@@ -116,15 +127,15 @@ impl<'a> Copy<'a> {
     }
 
     /// Copies the rig's files; one that is missing or altered is left out, and its entry with it.
-    fn rig(&self) -> io::Result<()> {
+    fn rig(&mut self) -> io::Result<()> {
         self.target.create_dir(layout::SEGMENTS)?;
         self.target.create_dir(layout::RIG)?;
-        for file in &self.manifest.rig {
-            let path = layout::rig_file(&file.name);
-            if let Ok(content) = storage::read_all(&**self.source.storage(), &path) {
-                let mut out = self.target.create(&path)?;
+        for file in std::mem::take(&mut self.manifest.rig) {
+            if let Some(content) = rig_file(&**self.source.storage(), &file) {
+                let mut out = self.target.create(&layout::rig_file(&file.name))?;
                 out.append(&content)?;
                 out.sync_data()?;
+                self.manifest.rig.push(file);
             }
         }
         self.target.sync_dir(layout::RIG)
@@ -154,14 +165,19 @@ impl<'a> Copy<'a> {
                 Some(Item::Damage(_)) => continue,
                 None => break,
             };
+            let is_head = at_start && head_of(&chunk).is_some();
+            if is_head {
+                self.note_states(&chunk);
+            }
             if at_start {
                 let head = self.head(number, Some(&chunk));
                 put(&mut *file, &mut encoder, &head)?;
                 at_start = false;
-                if head_of(&chunk).is_some() {
-                    continue;
-                }
             }
+            if is_head {
+                continue;
+            }
+            self.note_states(&chunk);
             put(&mut *file, &mut encoder, &sealed_chunk(&chunk.records))?;
         }
         if at_start {
@@ -191,26 +207,24 @@ impl<'a> Copy<'a> {
             previous_valid_bytes: self.copied_bytes,
             manifest: self.source.manifest().identity(),
         };
-        let streams: &[Stream] = &self.manifest.streams;
-        let own = streams
-            .iter()
-            .find(|s| s.schema == Segment::SCHEMA.name)
-            .map(|s| s.id);
-        let messages: Vec<_> = match &had {
-            Some((chunk, _)) => chunk.messages().map_while(Result::ok).collect(),
-            None => Vec::new(),
-        };
-        let states = messages
-            .iter()
-            .filter(|m| Some(m.channel_id) != own)
-            .map(|m| (m.channel_id, m.sequence, m.data));
-        let time = first.and_then(|c| c.messages().flatten().map(|m| m.log_time).min());
+        let messages = first.into_iter().flat_map(|c| c.messages().flatten());
+        let time = messages.map(|m| HostTime(m.log_time as i64)).min();
+        let states = self.states.iter();
         head_chunk(
             &identity,
-            streams,
-            time.map_or(self.newest, |t| HostTime(t as i64)),
-            states,
+            &self.manifest.streams,
+            time.unwrap_or(self.newest),
+            states.map(|(id, (sequence, data))| (*id, *sequence, &data[..])),
         )
+    }
+
+    fn note_states(&mut self, chunk: &VerifiedChunk) {
+        for m in chunk.messages().map_while(Result::ok) {
+            if self.source.stream(m.channel_id).is_some_and(is_state) {
+                let known = self.states.entry(m.channel_id).or_default();
+                *known = (m.sequence, m.data.to_vec());
+            }
+        }
     }
 
     fn end_segment(&mut self) -> io::Result<()> {
@@ -236,10 +250,22 @@ impl<'a> Copy<'a> {
     }
 
     /// Gap records for what is lost, then the last summary, the names, and the manifest.
-    fn finish(&mut self, lost: &[Lost]) -> Result<(), RecoverError> {
-        if let (Some((_, encoder, file)), false) = (&mut self.open, lost.is_empty()) {
-            let chunk = loss_chunk(&self.manifest, self.newest, lost);
+    fn finish(&mut self, found: &Report) -> Result<(), RecoverError> {
+        if let (Some((_, encoder, file)), false) = (&mut self.open, found.lost.is_empty()) {
+            let chunk = loss_chunk(&self.manifest, self.newest, &found.lost);
             put(&mut **file, encoder, &chunk)?;
+        }
+        for (name, stream) in found.streams.iter().filter(|(_, s)| s.expected() > 0) {
+            let extent = Extent {
+                first: stream.first,
+                last: stream.last,
+                start: stream.start,
+                end: stream.end,
+            };
+            let known = self.manifest.extents.entry(name.clone()).or_insert(extent);
+            if stream.samples > 0 {
+                known.cover(extent);
+            }
         }
         let write = |copy: &mut Self| {
             copy.end_segment()?;
@@ -247,11 +273,6 @@ impl<'a> Copy<'a> {
             copy.manifest.stopped.get_or_insert_with(|| Stop {
                 at: copy.newest,
                 reason: "cut off; recovered".to_owned(),
-            });
-            copy.manifest.rig.retain(|file| {
-                let path = layout::rig_file(&file.name);
-                storage::read_all(copy.target, &path)
-                    .is_ok_and(|content| blake3::hash(&content).to_hex().as_str() == file.blake3)
             });
             storage::replace(copy.target, layout::MANIFEST, &copy.manifest.to_bytes())
         };

@@ -19,7 +19,7 @@ use crate::writer::MAX_CHUNK_BYTES;
 /// A chunk may be this much larger than [`MAX_CHUNK_BYTES`]: the record that filled it, and its
 /// framing.
 const CHUNK_LIMIT: u64 = 2 * MAX_CHUNK_BYTES as u64 + 4096;
-/// Records outside chunks are small; a longer one is damage.
+/// The header is small; a longer one is damage.
 const RECORD_LIMIT: u64 = 1 << 20;
 /// Bytes searched at a time for the next chunk.
 const WINDOW: usize = 1 << 16;
@@ -36,7 +36,7 @@ pub enum DamageKind {
     CutOff,
     /// A chunk whose content does not match its checksum.
     Checksum,
-    /// Bytes that are no record.
+    /// Bytes that are no record of this profile.
     NoRecord,
     /// The file does not begin with MCAP's magic bytes.
     Magic,
@@ -122,6 +122,8 @@ pub struct Scan {
     /// Bytes that the search for chunks may still checksum: each byte a few times at most, so
     /// that crafted headers cannot make the search quadratic.
     search_budget: u64,
+    /// What [`Self::footer`] found, once it has looked.
+    footer: Option<Option<u64>>,
 }
 
 impl Scan {
@@ -142,6 +144,7 @@ impl Scan {
             pending: VecDeque::new(),
             end: None,
             search_budget: limit.saturating_mul(4).saturating_add(WINDOW as u64),
+            footer: None,
         })
     }
 
@@ -191,15 +194,10 @@ impl Scan {
         let mut head = [0; RECORD_HEADER];
         self.file.read_exact_at(&mut head, at)?;
         let (opcode, length) = (head[0], le_u64(&head[1..]));
-        let whole = length.saturating_add(RECORD_HEADER as u64);
-        let limit = match opcode {
-            op::CHUNK => CHUNK_LIMIT,
-            op::HEADER | op::MESSAGE_INDEX | op::DATA_END => RECORD_LIMIT,
-            _ => return self.skip(at, DamageKind::NoRecord),
-        };
-        if length > limit {
+        if !belongs(opcode, length, at) {
             return self.skip(at, DamageKind::NoRecord);
         }
+        let whole = length + RECORD_HEADER as u64;
         if whole > left {
             return self.skip(at, DamageKind::CutOff);
         }
@@ -209,8 +207,10 @@ impl Scan {
                 if !chunk.verify() {
                     return self.skip_chunk(at, whole);
                 }
-                let stored = (chunk.message_start_time, chunk.message_end_time);
-                if stored != bounds(&chunk) {
+                let Some(bounds) = bounds(&chunk) else {
+                    return self.skip(at, DamageKind::NoRecord);
+                };
+                if (chunk.message_start_time, chunk.message_end_time) != bounds {
                     self.report(at..at + whole, DamageKind::Header);
                 }
                 self.count(&bytes);
@@ -225,6 +225,11 @@ impl Scan {
                 Ok(())
             }
             Ok((Record::DataEnd { data_section_crc }, _)) => self.finish(at, data_section_crc),
+            Ok((Record::MessageIndex(index), _))
+                if 6 + 16 * index.records.len() as u64 != length =>
+            {
+                self.skip(at, DamageKind::NoRecord)
+            }
             Ok((Record::Header(_) | Record::MessageIndex(_), _)) => {
                 self.count(&bytes);
                 self.position = at + whole;
@@ -273,7 +278,16 @@ impl Scan {
     }
 
     /// Start of the summary by the footer, if footer and summary are as they were written.
-    fn footer(&self) -> io::Result<Option<u64>> {
+    fn footer(&mut self) -> io::Result<Option<u64>> {
+        if let Some(known) = self.footer {
+            return Ok(known);
+        }
+        let found = self.find_footer()?;
+        self.footer = Some(found);
+        Ok(found)
+    }
+
+    fn find_footer(&self) -> io::Result<Option<u64>> {
         let tail = FOOTER + MAGIC.len() as u64;
         if self.limit < tail {
             return Ok(None);
@@ -297,10 +311,12 @@ impl Scan {
     /// A chunk does not match its checksum. Its length is believed if a record follows it.
     fn skip_chunk(&mut self, at: u64, whole: u64) -> io::Result<()> {
         let after = at + whole;
-        let mut opcode = [0];
-        let framed = after < self.limit && {
-            self.file.read_exact_at(&mut opcode, after)?;
-            [op::CHUNK, op::MESSAGE_INDEX, op::DATA_END].contains(&opcode[0])
+        let left = self.limit - after;
+        let mut head = [0; RECORD_HEADER];
+        let framed = left >= RECORD_HEADER as u64 && {
+            self.file.read_exact_at(&mut head, after)?;
+            let length = le_u64(&head[1..]);
+            belongs(head[0], length, after) && length <= left - RECORD_HEADER as u64
         };
         if !framed {
             return self.skip(at, DamageKind::Checksum);
@@ -374,6 +390,18 @@ impl Scan {
     }
 }
 
+/// Whether a record of the data section can have this opcode and length at this place. Strict,
+/// so that a chunk with a damaged opcode is not taken for a record that may be passed over.
+fn belongs(opcode: u8, length: u64, at: u64) -> bool {
+    match opcode {
+        op::CHUNK => length >= (CHUNK_PREFIX - RECORD_HEADER) as u64 && length <= CHUNK_LIMIT,
+        op::MESSAGE_INDEX => length % 16 == 6 && length <= CHUNK_LIMIT,
+        op::HEADER => at == MAGIC.len() as u64 && length <= RECORD_LIMIT,
+        op::DATA_END => length == 4,
+        _ => false,
+    }
+}
+
 /// Length of the chunk record at the start of `bytes` (at least a prefix long), if its sizes agree
 /// with each other and fit into `left` bytes.
 fn plausible_chunk(bytes: &[u8], left: u64) -> Option<u64> {
@@ -387,16 +415,15 @@ fn plausible_chunk(bytes: &[u8], left: u64) -> Option<u64> {
     (agree && size > 0 && length <= CHUNK_LIMIT && whole <= left).then_some(whole)
 }
 
-/// Earliest and latest log time of the messages in a chunk; zeros if there are none.
-fn bounds(chunk: &mcap::Chunk<'_>) -> (u64, u64) {
-    chunk
-        .messages()
-        .map_while(Result::ok)
-        .fold(None, |acc: Option<(u64, u64)>, m| {
-            let t = m.log_time;
-            Some(acc.map_or((t, t), |(a, b)| (a.min(t), b.max(t))))
-        })
-        .unwrap_or((0, 0))
+/// Earliest and latest log time of the messages in a chunk, zeros if there are none; nothing if
+/// its content is no sequence of records, which no writer of this format leaves behind.
+fn bounds(chunk: &mcap::Chunk<'_>) -> Option<(u64, u64)> {
+    let mut bounds = None;
+    for message in chunk.messages() {
+        let t = message.ok()?.log_time;
+        bounds = Some(bounds.map_or((t, t), |(a, b): (u64, u64)| (a.min(t), b.max(t))));
+    }
+    Some(bounds.unwrap_or((0, 0)))
 }
 
 /// Positions of `byte` in `bytes`.

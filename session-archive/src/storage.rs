@@ -3,8 +3,8 @@
 //! tears and forgets on demand.
 //!
 //! What the trait promises is what POSIX promises and no more: bytes are durable after
-//! [`WriteFile::sync_data`], names after [`Storage::sync_dir`]; between the two a power cut may keep
-//! any part of either. After a failed write or sync a file must not be written again: what the
+//! [`WriteFile::sync_data`], names of files after [`Storage::sync_dir`]; until then a power cut may
+//! keep any part of either. After a failed write or sync a file must not be written again: what the
 //! kernel still holds of it is unknown.
 
 use std::io;
@@ -35,7 +35,7 @@ pub trait Storage: Send + Sync {
     /// The disk says no.
     fn list(&self, dir: &str) -> io::Result<Vec<String>>;
 
-    /// Creates a folder and those above it; existing ones are fine.
+    /// Creates a folder and those above it, their names durable; existing ones are fine.
     ///
     /// # Errors
     /// The disk says no.

@@ -9,10 +9,12 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::manifest::State;
+use crate::layout;
+use crate::manifest::{Extent, RigFile, State};
 use crate::reader::{Entry, Message, ReadError, SessionReader};
 use crate::record::{CompressedVideo, Frame, Gap, ImuBatch, Record};
 use crate::scan::{Damage, End};
+use crate::storage::{self, Storage};
 use crate::time::HostTime;
 
 /// Consecutive samples that are missing without a gap record.
@@ -33,9 +35,9 @@ pub struct Lost {
 /// What is known of one numbered stream.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StreamReport {
-    /// First number, sample or gap.
+    /// First number: of a sample, in a gap record, or by the manifest.
     pub first: u64,
-    /// Last number, sample or gap.
+    /// Last number: of a sample, in a gap record, or by the manifest.
     pub last: u64,
     /// Samples present.
     pub samples: u64,
@@ -58,7 +60,7 @@ pub struct StreamReport {
 impl StreamReport {
     /// Samples that should be there: every number from the first to the last.
     pub fn expected(&self) -> u64 {
-        if self.samples == 0 && self.gaps == 0 {
+        if self.samples == 0 && self.gaps == 0 && self.lost == 0 {
             0
         } else {
             (self.last - self.first).saturating_add(1)
@@ -91,6 +93,8 @@ pub struct Report {
     pub messages: u64,
     /// Segments that are not there.
     pub missing_segments: Vec<u32>,
+    /// Files of `rig/` that are not there or not what the manifest says, by name.
+    pub bad_rig_files: Vec<String>,
     /// Bytes that cannot be used.
     pub damage: Vec<SegmentDamage>,
     /// Messages that are not what their schema says.
@@ -110,6 +114,7 @@ impl Report {
         self.closed
             && self.manifest_note.is_none()
             && self.missing_segments.is_empty()
+            && self.bad_rig_files.is_empty()
             && self.damage.is_empty()
             && self.undecodable == 0
             && self.lost.is_empty()
@@ -132,6 +137,7 @@ pub fn verify(reader: &SessionReader, mut progress: impl FnMut(u64)) -> Result<R
         manifest_note: reader.manifest_note().map(str::to_owned),
         closed: manifest.state != State::Recording,
         bytes: reader.bytes()?,
+        bad_rig_files: bad_rig_files(reader),
         ..Report::default()
     };
     for entry in reader.entries() {
@@ -154,6 +160,20 @@ pub fn verify(reader: &SessionReader, mut progress: impl FnMut(u64)) -> Result<R
     Ok(check.finish())
 }
 
+fn bad_rig_files(reader: &SessionReader) -> Vec<String> {
+    let files = reader.manifest().rig.iter();
+    files
+        .filter(|file| rig_file(&**reader.storage(), file).is_none())
+        .map(|file| file.name.clone())
+        .collect()
+}
+
+/// Content of a file in `rig/`, if it is there and what the manifest says.
+pub(crate) fn rig_file(storage: &dyn Storage, file: &RigFile) -> Option<Vec<u8>> {
+    let content = storage::read_all(storage, &layout::rig_file(&file.name)).ok()?;
+    (blake3::hash(&content).to_hex().as_str() == file.blake3).then_some(content)
+}
+
 /// What a channel carries.
 #[derive(Clone, Copy)]
 enum Kind {
@@ -172,6 +192,8 @@ struct Numbers {
     holes: Vec<(u64, u64, HostTime, HostTime)>,
     gaps: Vec<(u64, u64)>,
     newest: Option<(u64, HostTime)>,
+    /// What the manifest says was on disk.
+    extent: Option<Extent>,
 }
 
 impl Numbers {
@@ -198,16 +220,40 @@ impl Numbers {
         self.newest = Some((last, end));
     }
 
-    /// Settles holes against gap records; returns what no gap record explains.
-    fn settle(mut self, name: &str) -> (StreamReport, Vec<Lost>) {
-        let gaps = union(std::mem::take(&mut self.gaps));
+    /// Settles what is missing against gap records; returns what no gap record explains.
+    fn settle(self, name: &str) -> (StreamReport, Vec<Lost>) {
+        let gaps = union(self.gaps);
         let mut report = self.report;
-        let sampled = report.samples > 0;
-        let (first, last) = (report.first, report.last);
+        let sampled = (report.samples > 0).then_some((report.first, report.last));
+        let known = self.extent.map(|e| (e.first, e.last));
+        let all = || gaps.iter().copied().chain(sampled).chain(known);
+        let (Some(first), Some(last)) = (all().map(|r| r.0).min(), all().map(|r| r.1).max()) else {
+            return (report, Vec::new());
+        };
+        let mut missing = self.holes;
+        if let Some((first_sample, last_sample)) = sampled {
+            let (start, end) = (report.start, report.end);
+            if first < first_sample {
+                let after = self.extent.map_or(start, |e| e.start.min(start));
+                missing.push((first, first_sample - 1, after, start));
+            }
+            if last > last_sample {
+                let before = self.extent.map_or(end, |e| e.end.max(end));
+                missing.push((last_sample + 1, last, end, before));
+            }
+        } else {
+            let (after, before) = self
+                .extent
+                .map_or_else(Default::default, |e| (e.start, e.end));
+            missing.push((first, last, after, before));
+        }
+        let count = |a: u64, b: u64| (b - a).saturating_add(1);
+        let mut unsampled: u64 = 0;
         let mut lost = Vec::new();
-        for (from, to, after, before) in self.holes {
+        for (from, to, after, before) in missing {
+            unsampled = unsampled.saturating_add(count(from, to));
             for (a, b) in subtract((from, to), &gaps) {
-                report.lost = report.lost.saturating_add((b - a).saturating_add(1));
+                report.lost = report.lost.saturating_add(count(a, b));
                 lost.push(Lost {
                     stream: name.to_owned(),
                     first: a,
@@ -217,71 +263,12 @@ impl Numbers {
                 });
             }
         }
-        for &(a, b) in &gaps {
-            report.gaps = report.gaps.saturating_add((b - a).saturating_add(1));
-            report.first = if sampled {
-                report.first.min(a)
-            } else {
-                gaps[0].0
-            };
-            report.last = report.last.max(b);
-        }
-        // Numbers in the stream's range that are neither in a hole nor missing must be samples, so
-        // every gap inside the sampled range has to lie within the holes.
-        let inside: u64 = gaps
-            .iter()
-            .filter(|_| sampled)
-            .map(|&(a, b)| {
-                let (a, b) = (a.max(first), b.min(last));
-                if a > b { 0 } else { (b - a).saturating_add(1) }
-            })
-            .fold(0, u64::saturating_add);
-        let holes = report
-            .expected_between(first, last)
-            .saturating_sub(report.samples);
-        report.contradicted = if sampled {
-            inside.saturating_sub(holes.saturating_sub(report.lost))
-        } else {
-            0
-        };
-        // Between a gap at an end and the first or last sample, numbers may be missing as well.
-        if sampled
-            && let Some(&(_, b)) = gaps.iter().rfind(|(_, b)| *b < first)
-            && b + 1 < first
-        {
-            report.lost = report.lost.saturating_add(first - b - 1);
-            lost.push(Lost {
-                stream: name.to_owned(),
-                first: b + 1,
-                last: first - 1,
-                after: report.start,
-                before: report.start,
-            });
-        }
-        if sampled
-            && let Some(&(a, _)) = gaps.iter().find(|(a, _)| *a > last)
-            && last + 1 < a
-        {
-            report.lost = report.lost.saturating_add(a - last - 1);
-            lost.push(Lost {
-                stream: name.to_owned(),
-                first: last + 1,
-                last: a - 1,
-                after: report.end,
-                before: report.end,
-            });
-        }
+        let gap_numbers = gaps.iter().map(|&(a, b)| count(a, b));
+        report.gaps = gap_numbers.fold(0, u64::saturating_add);
+        // Every gap has to lie within what is missing.
+        report.contradicted = report.gaps.saturating_sub(unsampled - report.lost);
+        (report.first, report.last) = (first, last);
         (report, lost)
-    }
-}
-
-impl StreamReport {
-    fn expected_between(&self, first: u64, last: u64) -> u64 {
-        if self.samples == 0 {
-            0
-        } else {
-            (last - first).saturating_add(1)
-        }
     }
 }
 
@@ -343,11 +330,15 @@ impl Check {
             (s.id, (kind, s.of.clone()))
         });
         let kinds: BTreeMap<_, _> = kinds.collect();
-        let numbers = kinds
-            .values()
-            .filter(|(kind, _)| matches!(kind, Kind::Frame | Kind::Imu))
-            .map(|(_, of)| (of.clone(), Numbers::default()))
-            .collect();
+        let mut numbers: BTreeMap<String, Numbers> = BTreeMap::new();
+        for (kind, of) in kinds.values() {
+            if matches!(kind, Kind::Frame | Kind::Imu) {
+                numbers.entry(of.clone()).or_default();
+            }
+        }
+        for (of, extent) in &reader.manifest().extents {
+            numbers.entry(of.clone()).or_default().extent = Some(*extent);
+        }
         Self {
             kinds,
             report: Report::default(),
@@ -416,11 +407,16 @@ impl Check {
         let Ok(batch) = m.decode::<ImuBatch>() else {
             return false;
         };
-        let n = batch.device_ticks.len();
+        let n = batch.times.len();
         let vectors = |counts: usize, values: usize| {
             (counts == 3 * n && values == 0) || (counts == 0 && values == 3 * n)
         };
-        let (Some(start), Some(end)) = (batch.times.first(), batch.times.last()) else {
+        let whole = batch.device_ticks.len() == n
+            && batch.host_times.len() == n
+            && vectors(batch.gyro_counts.len(), batch.gyro.len())
+            && vectors(batch.accel_counts.len(), batch.accel.len());
+        let (Some(start), Some(end), true) = (batch.times.first(), batch.times.last(), whole)
+        else {
             return false;
         };
         self.numbers.entry(of.to_owned()).or_default().samples(
@@ -429,10 +425,7 @@ impl Check {
             HostTime(*start),
             HostTime(*end),
         );
-        batch.times.len() == n
-            && batch.host_times.len() == n
-            && vectors(batch.gyro_counts.len(), batch.gyro.len())
-            && vectors(batch.accel_counts.len(), batch.accel.len())
+        true
     }
 
     fn finish(mut self) -> Report {
@@ -488,6 +481,48 @@ mod tests {
         assert_eq!(lost.len(), 1);
         assert_eq!((lost[0].first, lost[0].last), (14, 14));
         assert_eq!((lost[0].after, lost[0].before), (HostTime(1), HostTime(5)));
+    }
+
+    #[test]
+    fn what_the_manifest_had_is_lost_at_the_ends() {
+        let mut n = Numbers {
+            extent: extent(5, 20),
+            gaps: vec![(6, 6), (9, 9), (19, 19)],
+            ..Numbers::default()
+        };
+        for number in [10, 11] {
+            let time = HostTime(number as i64 * 10);
+            n.samples(number, 1, time, time);
+        }
+        let (report, lost) = n.settle("feet");
+        assert_eq!((report.first, report.last, report.samples), (5, 20, 2));
+        assert_eq!((report.gaps, report.contradicted), (3, 0));
+        let spans: Vec<_> = lost.iter().map(|l| (l.first, l.last)).collect();
+        assert_eq!(spans, [(5, 5), (7, 8), (12, 18), (20, 20)]);
+        assert_eq!(
+            report.samples + report.gaps + report.lost,
+            report.expected()
+        );
+        assert_eq!(
+            (lost[3].after, lost[3].before),
+            (HostTime(110), HostTime(200))
+        );
+        // Nothing of the stream is left at all.
+        let n = Numbers {
+            extent: extent(5, 20),
+            ..Numbers::default()
+        };
+        let (report, lost) = n.settle("feet");
+        assert_eq!((report.lost, report.expected(), lost.len()), (16, 16, 1));
+    }
+
+    fn extent(first: u64, last: u64) -> Option<Extent> {
+        Some(Extent {
+            first,
+            last,
+            start: HostTime(first as i64 * 10),
+            end: HostTime(last as i64 * 10),
+        })
     }
 
     #[test]

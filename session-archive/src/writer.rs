@@ -10,8 +10,9 @@
 //!   ahead wait in the second. A camera that sends no key frame in time does not hold the others
 //!   up: no chunk stays open longer than [`MAX_CHUNK_NS`].
 //! * **A failed write or sync ends that segment for good.** The chunk is still in memory, so it
-//!   is written again as the first of a new segment, and nothing is lost; if that fails too, the
-//!   chunk becomes gap records in a third; if that fails, the writer is finished and says so.
+//!   is written again as the first of a new segment, and nothing is lost; if that fails too, gap
+//!   records take the place of its samples in a third; if that fails, the writer is finished and
+//!   says so.
 //! * **Stopping is O(1)**: one chunk, one summary of at most a minute, one manifest.
 
 use std::collections::BTreeMap;
@@ -23,12 +24,18 @@ use crate::manifest::{
     Camera, FORMAT, FORMAT_VERSION, Imu, Manifest, RigFile, SegmentEntry, SegmentState, State,
     Stop, Stream, is_state, stream_table,
 };
-use crate::mcap::{Chunk, ChunkBuilder, Record as McapRecord, SegmentEncoder};
+use crate::mcap::{ChunkBuilder, SegmentEncoder};
 use crate::record::{
-    self, CompressedVideo, Frame, Gap, ImuBatch, Protobuf, Record, Segment, paws, timestamp,
+    self, CompressedVideo, Event, Frame, Gap, Protobuf, Record, Segment, paws, timestamp,
 };
 use crate::storage::{self, Storage, WriteFile};
 use crate::time::{CivilTime, HostTime};
+
+mod contents;
+mod video;
+
+use contents::{chunk_bounds, extents, gaps, is_sampled, messages, samples, stream_of};
+use video::VideoRef;
 
 /// Default chunk length: what a power cut may take, plus how far the cameras lag each other.
 pub const DEFAULT_CHUNK_NS: i64 = 500_000_000;
@@ -69,7 +76,8 @@ pub struct SessionSpec {
     pub rig: Vec<(String, Vec<u8>)>,
 }
 
-/// Up to where everything is on disk.
+/// Up to where everything is on disk: the messages, or the gap records in their place
+/// ([`Incident::lost`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Durability {
     /// Every message appended so far with a log time up to here is on disk.
@@ -156,7 +164,10 @@ pub struct SessionWriter {
     next_epoch: Option<i64>,
     video: Vec<VideoProgress>,
     sequences: Vec<u32>,
+    /// The newest message of every stream that holds state, as far as it is on disk.
     states: BTreeMap<u16, StateMessage>,
+    /// The same, still in the open chunk.
+    new_states: BTreeMap<u16, StateMessage>,
     /// The manifest without segments, as every head repeats it.
     identity: String,
     newest: HostTime,
@@ -188,6 +199,7 @@ impl SessionWriter {
                 streams,
                 rig: Vec::new(),
                 segments: Vec::new(),
+                extents: BTreeMap::new(),
                 stopped: None,
             },
             storage,
@@ -199,6 +211,7 @@ impl SessionWriter {
             video: Vec::new(),
             sequences: Vec::new(),
             states: BTreeMap::new(),
+            new_states: BTreeMap::new(),
             identity: String::new(),
             newest: HostTime(0),
             durability: Durability::default(),
@@ -234,6 +247,9 @@ impl SessionWriter {
         }
         storage.sync_dir(layout::RIG)?;
         self.identity = self.manifest.identity();
+        // What cannot be read back (a rate that is no number, say) must not be written.
+        Manifest::from_identity(&self.identity)
+            .map_err(|e| io::Error::new(io::ErrorKind::InvalidInput, e))?;
         // The manifest first: a folder with segments always has one.
         self.write_manifest()?;
         self.open_segment(self.manifest.started)
@@ -275,13 +291,8 @@ impl SessionWriter {
         let (log, publish) = self.admit(time, published, bytes)?;
         let sequence = self.take_sequence(id);
         if keeps_state {
-            self.states.insert(
-                id,
-                StateMessage {
-                    sequence,
-                    data: message.encode_to_vec(),
-                },
-            );
+            let data = message.encode_to_vec();
+            self.new_states.insert(id, StateMessage { sequence, data });
         }
         self.open
             .message(id, sequence, log, publish, |out| encode(message, out));
@@ -448,14 +459,17 @@ impl SessionWriter {
     }
 
     fn close_overdue(&mut self, limit: i64) -> Result<(), WriteError> {
-        let overdue = self
-            .open
-            .start_time()
-            .is_some_and(|start| self.newest.0.saturating_sub(start as i64) >= limit);
-        if overdue || self.open.bytes() + self.next.bytes() > MAX_CHUNK_BYTES {
+        // Twice after a leap in time: then the next chunk is overdue as well.
+        while self.open_age() >= limit || self.open.bytes() + self.next.bytes() > MAX_CHUNK_BYTES {
             self.close_chunk()?;
         }
         Ok(())
+    }
+
+    /// How long the open chunk has been open on the log-time axis, ns.
+    fn open_age(&self) -> i64 {
+        let start = self.open.start_time();
+        start.map_or(-1, |start| self.newest.0.saturating_sub(start as i64))
     }
 
     /// Writes the open chunk; the next one becomes the open one.
@@ -471,12 +485,8 @@ impl SessionWriter {
         if chunk.is_empty() {
             return Ok(());
         }
-        let messages = chunk.messages();
         let bytes = chunk.finish();
         self.commit(&bytes)?;
-        self.durability.messages += messages;
-        self.durability.chunks += 1;
-        self.durability.bytes += bytes.len() as u64;
         self.update_until();
         self.next.recycle(bytes);
         Ok(())
@@ -499,9 +509,8 @@ impl SessionWriter {
             return Ok(());
         };
         let segment = self.give_up();
-        let lost = numbered_spans(bytes, &self.manifest, paws::gap::Cause::Storage, &first);
-        let gaps = self.gap_chunk(bytes, &lost);
-        if let Err(error) = self.try_commit(&gaps) {
+        let (lost, substitute) = self.substitute(bytes, &first);
+        if let Err(error) = self.try_commit(&substitute) {
             let segment = self.give_up();
             self.finished = true;
             return Err(WriteError::Storage { segment, error });
@@ -517,7 +526,7 @@ impl SessionWriter {
     fn try_commit(&mut self, bytes: &[u8]) -> io::Result<()> {
         let (start, end) = chunk_bounds(bytes);
         let full = self.segment.as_ref().is_some_and(|s| {
-            let span = end.since(s.start.unwrap_or(start));
+            let span = end.since(s.start.unwrap_or(start).min(start));
             s.start.is_some()
                 && (span > MAX_SEGMENT_NS
                     || s.encoder.position() + bytes.len() as u64 > MAX_SEGMENT_BYTES)
@@ -535,6 +544,11 @@ impl SessionWriter {
             segment.start = Some(segment.start.map_or(start, |s| s.min(start)));
         }
         self.update_entry(SegmentState::Open);
+        self.states.append(&mut self.new_states);
+        self.durability.messages += messages(bytes).count() as u64;
+        self.durability.chunks += 1;
+        self.durability.bytes += bytes.len() as u64;
+        self.update_extents(bytes);
         Ok(())
     }
 
@@ -567,9 +581,15 @@ impl SessionWriter {
         let (mut encoder, mut bytes) = SegmentEncoder::start(PROFILE, LIBRARY);
         encoder.chunk(&head).map_err(io::Error::other)?;
         bytes.extend(head);
-        file.append(&bytes)?;
-        file.sync_data()?;
-        self.storage.sync_dir(layout::SEGMENTS)?;
+        let started = file
+            .append(&bytes)
+            .and_then(|()| file.sync_data())
+            .and_then(|()| self.storage.sync_dir(layout::SEGMENTS));
+        if let Err(error) = started {
+            // Nothing in it counts; on a full disk the room is needed.
+            let _ = file.truncate(0);
+            return Err(error);
+        }
         self.segment = Some(OpenSegment {
             number,
             file,
@@ -642,16 +662,65 @@ impl SessionWriter {
         storage::replace(&*self.storage, layout::MANIFEST, &self.manifest.to_bytes())
     }
 
-    fn gap_chunk(&mut self, lost_chunk: &[u8], lost: &[Gap]) -> Vec<u8> {
-        let (start, _) = chunk_bounds(lost_chunk);
-        let id = self.manifest.stream::<Gap>("").map_or(0, |s| s.id);
+    /// What is written in place of a chunk that the disk refused twice: the same chunk, which is
+    /// small now because gap records stand for its samples, and an event that says so.
+    fn substitute(&mut self, bytes: &[u8], error: &io::Error) -> (Vec<Gap>, Vec<u8>) {
+        let log = chunk_bounds(bytes).0.0.max(0) as u64;
+        let streams = &self.manifest.streams;
         let mut chunk = ChunkBuilder::default();
-        for gap in lost {
-            let sequence = self.take_sequence(id);
-            let log = gap.time_before.unwrap_or(start.0).max(0) as u64;
-            chunk.message(id, sequence, log, log, |out| encode(gap, out));
+        for m in messages(bytes) {
+            if stream_of(streams, &m).is_some_and(|s| !is_sampled(s)) {
+                chunk.message(
+                    m.channel_id,
+                    m.sequence,
+                    m.log_time,
+                    m.publish_time,
+                    |out| {
+                        out.extend_from_slice(m.data);
+                    },
+                );
+            }
         }
-        chunk.finish()
+        let lost: Vec<Gap> = extents(samples(bytes, streams))
+            .into_iter()
+            .map(|(stream, e)| Gap {
+                time_before: self.manifest.extents.get(&stream).map(|e| e.end.0),
+                stream,
+                first: e.first,
+                last: e.last,
+                cause: paws::gap::Cause::Storage.into(),
+                time_after: None,
+                detail: error.to_string(),
+            })
+            .collect();
+        if let Some(id) = self.manifest.stream::<Gap>("").map(|s| s.id) {
+            for gap in &lost {
+                let sequence = self.take_sequence(id);
+                chunk.message(id, sequence, log, log, |out| encode(gap, out));
+            }
+        }
+        if let Some(id) = self.manifest.stream::<Event>("").map(|s| s.id) {
+            let event = Event {
+                kind: paws::event::Kind::Fault.into(),
+                source: "disk".to_owned(),
+                text: format!(
+                    "the samples of {} streams could not be written: {error}",
+                    lost.len()
+                ),
+            };
+            let sequence = self.take_sequence(id);
+            chunk.message(id, sequence, log, log, |out| encode(&event, out));
+        }
+        (lost, chunk.finish())
+    }
+
+    /// Widens what the manifest says of the numbered streams by a chunk that is on disk.
+    fn update_extents(&mut self, bytes: &[u8]) {
+        let streams = &self.manifest.streams;
+        for (name, more) in extents(samples(bytes, streams).chain(gaps(bytes, streams))) {
+            let known = self.manifest.extents.entry(name).or_insert(more);
+            known.cover(more);
+        }
     }
 }
 
@@ -689,97 +758,4 @@ pub(crate) fn head_chunk<'a>(
 /// Appends a protobuf message; a `Vec` grows, so encoding into it cannot fail.
 fn encode(message: &impl Protobuf, out: &mut Vec<u8>) {
     message.encode_raw(out);
-}
-
-/// `foxglove.CompressedVideo` with borrowed data, so that an access unit is copied once, straight
-/// into the chunk. A test holds it to the generated type.
-struct VideoRef<'a> {
-    timestamp: prost_types::Timestamp,
-    frame_id: String,
-    data: &'a [u8],
-    format: &'a str,
-}
-
-impl VideoRef<'_> {
-    fn encode(&self, out: &mut Vec<u8>) {
-        use prost::encoding::{WireType, encode_key, encode_varint, message, string};
-        out.reserve(self.data.len() + 64);
-        message::encode(1, &self.timestamp, out);
-        if !self.frame_id.is_empty() {
-            string::encode(2, &self.frame_id, out);
-        }
-        if !self.data.is_empty() {
-            encode_key(3, WireType::LengthDelimited, out);
-            encode_varint(self.data.len() as u64, out);
-            out.extend_from_slice(self.data);
-        }
-        if !self.format.is_empty() {
-            encode_key(4, WireType::LengthDelimited, out);
-            encode_varint(self.format.len() as u64, out);
-            out.extend_from_slice(self.format.as_bytes());
-        }
-    }
-}
-
-fn parsed_chunk(bytes: &[u8]) -> Option<Chunk<'_>> {
-    match McapRecord::split(bytes) {
-        Ok((McapRecord::Chunk(chunk), _)) => Some(chunk),
-        _ => None,
-    }
-}
-
-fn chunk_bounds(bytes: &[u8]) -> (HostTime, HostTime) {
-    parsed_chunk(bytes).map_or((HostTime(0), HostTime(0)), |c| {
-        (
-            HostTime(c.message_start_time as i64),
-            HostTime(c.message_end_time as i64),
-        )
-    })
-}
-
-/// The numbered samples (frames, IMU) in a chunk as one gap per stream.
-fn numbered_spans(
-    bytes: &[u8],
-    manifest: &Manifest,
-    cause: paws::gap::Cause,
-    error: &io::Error,
-) -> Vec<Gap> {
-    let mut spans: BTreeMap<&str, Gap> = BTreeMap::new();
-    let Some(chunk) = parsed_chunk(bytes) else {
-        return Vec::new();
-    };
-    for message in chunk.messages().flatten() {
-        let Some(stream) = manifest.streams.get(usize::from(message.channel_id) - 1) else {
-            continue;
-        };
-        let Some((first, last)) = sample_numbers(&stream.schema, message.data) else {
-            continue;
-        };
-        let gap = spans.entry(&stream.of).or_insert_with(|| Gap {
-            stream: stream.of.clone(),
-            first,
-            last,
-            cause: cause.into(),
-            time_before: None,
-            time_after: None,
-            detail: error.to_string(),
-        });
-        gap.first = gap.first.min(first);
-        gap.last = gap.last.max(last);
-    }
-    spans.into_values().collect()
-}
-
-/// First and last sample number in a message of a numbered stream.
-pub(crate) fn sample_numbers(schema: &str, data: &[u8]) -> Option<(u64, u64)> {
-    if schema == Frame::SCHEMA.name {
-        let frame = Frame::decode(data).ok()?;
-        Some((frame.number, frame.number))
-    } else if schema == ImuBatch::SCHEMA.name {
-        let batch = ImuBatch::decode(data).ok()?;
-        let n = batch.device_ticks.len() as u64;
-        (n > 0).then(|| (batch.first_number, batch.first_number.saturating_add(n - 1)))
-    } else {
-        None
-    }
 }

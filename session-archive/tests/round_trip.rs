@@ -8,12 +8,14 @@ use session_archive::layout;
 use session_archive::manifest::State;
 use session_archive::mcap::{Record, RecordIter};
 use session_archive::reader::{Entry, SessionReader};
-use session_archive::record::{CompressedVideo, Frame, ImuBatch};
+use session_archive::record::{
+    ClockMap, CompressedVideo, Frame, ImuBatch, Protobuf, Record as _, timestamp,
+};
 use session_archive::scan::End;
-use session_archive::storage::{DiskStorage, FaultStorage, Storage};
+use session_archive::storage::{CrashKind, DiskStorage, FaultStorage, Storage};
 use session_archive::time::HostTime;
 use session_archive::verify::verify;
-use session_archive::writer::{MAX_SEGMENT_NS, SessionWriter};
+use session_archive::writer::{MAX_CHUNK_BYTES, MAX_SEGMENT_NS, SessionWriter};
 use support::{MS, START, Sample, put, record, samples, spec, stop, unit};
 
 #[test]
@@ -39,10 +41,7 @@ fn what_is_written_is_read() {
                     (v.frame_id.as_str(), v.format.as_str()),
                     ("feet/left", "h264")
                 );
-                assert_eq!(
-                    session_archive::record::timestamp(m.time),
-                    v.timestamp.unwrap()
-                );
+                assert_eq!(timestamp(m.time), v.timestamp.unwrap());
                 frames.push((m.sequence, m.time, v.data));
             }
             Entry::Message(m) if m.stream == imu => {
@@ -94,6 +93,7 @@ fn every_chunk_starts_every_camera_with_a_key_frame() {
     let disk = FaultStorage::new();
     record(Arc::new(disk.clone()), &samples(5.0), 100).expect("record");
     let bytes = disk.content(&layout::segment(0)).expect("segment");
+    let reader = SessionReader::open(Arc::new(disk.clone())).expect("open");
     let mut chunks = 0;
     for record in RecordIter::new(&bytes[8..bytes.len() - 8]) {
         let Record::Chunk(chunk) = record.expect("record") else {
@@ -101,15 +101,15 @@ fn every_chunk_starts_every_camera_with_a_key_frame() {
         };
         assert!(chunk.verify());
         let mut seen = std::collections::BTreeSet::new();
-        let mut records = chunk.iter().map(|r| r.expect("record"));
         let span = chunk.message_end_time - chunk.message_start_time;
         assert!(span <= 600 * MS as u64, "{span}");
-        while let Some(record) = records.next() {
-            let Record::Message(m) = record else { continue };
-            let reader = SessionReader::open(Arc::new(disk.clone())).expect("open");
+        for record in chunk.iter() {
+            let Record::Message(m) = record.expect("record") else {
+                continue;
+            };
             let stream = reader.stream(m.channel_id).expect("stream");
-            if stream.schema == "paws.Frame" && seen.insert(stream.of.clone()) {
-                let frame = <Frame as session_archive::record::Protobuf>::decode(m.data).unwrap();
+            if stream.schema == Frame::SCHEMA.name && seen.insert(stream.of.clone()) {
+                let frame = Frame::decode(m.data).expect("frame");
                 assert!(frame.key_frame, "chunk {chunks}, {}", stream.of);
             }
         }
@@ -131,7 +131,7 @@ fn durability_is_named_and_never_ahead_of_the_disk() {
             continue;
         }
         last = durable.chunks;
-        let image = disk.crash(session_archive::storage::CrashKind::UnsyncedDropped);
+        let image = disk.crash(CrashKind::UnsyncedDropped);
         let reader = SessionReader::open(Arc::new(image)).expect("open");
         let found = reader
             .entries()
@@ -166,7 +166,7 @@ fn durability_is_named_and_never_ahead_of_the_disk() {
 fn segments_end_after_a_minute_and_repeat_state() {
     let disk = FaultStorage::new();
     let mut writer = SessionWriter::create(Arc::new(disk.clone()), spec()).expect("create");
-    let map = session_archive::record::ClockMap {
+    let map = ClockMap {
         clock: "feet".to_owned(),
         version: 3,
         ..Default::default()
@@ -182,11 +182,7 @@ fn segments_end_after_a_minute_and_repeat_state() {
         assert!(segment.end.unwrap() - segment.start.unwrap() <= MAX_SEGMENT_NS);
     }
     let reader = SessionReader::open(Arc::new(disk.clone())).expect("open");
-    let clock = reader
-        .manifest()
-        .stream::<session_archive::record::ClockMap>("feet")
-        .unwrap()
-        .id;
+    let clock = reader.manifest().stream::<ClockMap>("feet").unwrap().id;
     let maps = reader
         .entries()
         .filter(|e| matches!(e, Ok(Entry::Message(m)) if m.stream == clock))
@@ -250,11 +246,7 @@ fn wrong_calls_are_refused() {
     let mut writer = SessionWriter::create(Arc::new(FaultStorage::new()), spec()).expect("create");
     assert!(put(&mut writer, &Sample::Mark { time: HostTime(-1) }, 0).is_err());
     let frame = support::frame(1, START);
-    assert!(
-        writer
-            .append_frame("nose", frame.clone(), &[], true)
-            .is_err()
-    );
-    let long = vec![0; session_archive::writer::MAX_CHUNK_BYTES + 1];
+    assert!(writer.append_frame("nose", frame, &[], true).is_err());
+    let long = vec![0; MAX_CHUNK_BYTES + 1];
     assert!(writer.append_frame("feet", frame, &long, true).is_err());
 }

@@ -57,7 +57,16 @@ impl Storage for DiskStorage {
     }
 
     fn create_dir(&self, dir: &str) -> io::Result<()> {
-        fs::create_dir_all(self.root.join(dir))
+        let path = self.root.join(dir);
+        let missing = path.ancestors().take_while(|p| !p.exists()).count();
+        fs::create_dir_all(&path)?;
+        // The name of each new folder lies in the one above it, the root's too: nobody else
+        // knows that it is new.
+        for new in path.ancestors().take(missing) {
+            let above = new.parent().filter(|p| !p.as_os_str().is_empty());
+            File::open(above.unwrap_or(Path::new(".")))?.sync_all()?;
+        }
+        Ok(())
     }
 
     fn rename(&self, from: &str, to: &str) -> io::Result<()> {

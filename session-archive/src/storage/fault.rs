@@ -19,8 +19,9 @@ pub enum FaultKind {
     /// The disk is full from here on: this and every later append takes what fits in
     /// [`Fault::keep`] bytes once, then nothing; other operations work.
     NoSpace,
-    /// This operation fails with EIO once; an append keeps [`Fault::keep`] bytes, a sync forgets
-    /// what it should have made durable.
+    /// This operation fails with EIO once; an append keeps [`Fault::keep`] bytes. What a failed
+    /// sync should have made durable never will be: as on Linux, a later sync of that file
+    /// succeeds and the bytes are gone all the same.
     InputOutput,
 }
 
@@ -52,6 +53,18 @@ struct FileState {
     content: Vec<u8>,
     durable: usize,
     last_append: usize,
+    /// A sync failed: nothing more of this file becomes durable.
+    forgotten: bool,
+}
+
+impl FileState {
+    fn durable(content: Vec<u8>) -> Self {
+        Self {
+            durable: content.len(),
+            content,
+            ..Self::default()
+        }
+    }
 }
 
 #[derive(Clone, Debug, Default)]
@@ -61,7 +74,7 @@ struct Disk {
     durable_names: BTreeMap<String, u64>,
     last_file: u64,
     operations: u64,
-    fault: Option<Fault>,
+    faults: Vec<Fault>,
     full: bool,
     dead: bool,
 }
@@ -90,7 +103,7 @@ impl Disk {
         if self.full && append {
             return Permit::Part(0, enospc());
         }
-        let Some(fault) = self.fault.filter(|f| f.at == number) else {
+        let Some(fault) = self.faults.iter().copied().find(|f| f.at == number) else {
             return Permit::Whole;
         };
         match fault.kind {
@@ -130,8 +143,13 @@ impl FaultStorage {
 
     /// An empty disk that fails once as planned.
     pub fn with_fault(fault: Fault) -> Self {
+        Self::with_faults([fault])
+    }
+
+    /// An empty disk that fails several times as planned.
+    pub fn with_faults(faults: impl IntoIterator<Item = Fault>) -> Self {
         let disk = Disk {
-            fault: Some(fault),
+            faults: faults.into_iter().collect(),
             ..Disk::default()
         };
         Self(Arc::new(Mutex::new(disk)))
@@ -174,15 +192,7 @@ impl FaultStorage {
                     }
                 }
             }
-            let durable = content.len();
-            files.insert(
-                *id,
-                FileState {
-                    content,
-                    durable,
-                    last_append: 0,
-                },
-            );
+            files.insert(*id, FileState::durable(content));
         }
         let disk = Disk {
             files,
@@ -216,15 +226,7 @@ impl FaultStorage {
         let id = disk.names.get(path).copied().unwrap_or(fresh);
         disk.names.insert(path.to_owned(), id);
         disk.durable_names.insert(path.to_owned(), id);
-        let durable = content.len();
-        disk.files.insert(
-            id,
-            FileState {
-                content,
-                durable,
-                last_append: 0,
-            },
-        );
+        disk.files.insert(id, FileState::durable(content));
     }
 
     /// Paths of all files.
@@ -334,11 +336,14 @@ impl WriteFile for FaultFile {
 
     fn sync_data(&mut self) -> io::Result<()> {
         let mut disk = self.disk.disk();
-        disk.plain()?;
+        let result = disk.plain();
         if let Some(file) = disk.files.get_mut(&self.id) {
-            file.durable = file.content.len();
+            file.forgotten |= result.is_err();
+            if !file.forgotten {
+                file.durable = file.content.len();
+            }
         }
-        Ok(())
+        result
     }
 
     fn truncate(&mut self, len: u64) -> io::Result<()> {

@@ -1,5 +1,7 @@
 //! A small made-up session, written through the public API, for the tests of this crate.
 
+#![allow(dead_code, reason = "every test program uses a part of this")]
+
 use std::sync::Arc;
 
 use session_archive::manifest::{Camera, Imu, Stop};
@@ -8,10 +10,10 @@ use session_archive::storage::Storage;
 use session_archive::time::{CivilTime, HostTime, TickLength};
 use session_archive::writer::{SessionSpec, SessionWriter, WriteError};
 
-pub const MS: i64 = 1_000_000;
-pub const START: HostTime = HostTime(5_000_000_000_000);
+pub(crate) const MS: i64 = 1_000_000;
+pub(crate) const START: HostTime = HostTime(5_000_000_000_000);
 
-pub fn camera(name: &str, rate_hz: f64) -> Camera {
+pub(crate) fn camera(name: &str, rate_hz: f64) -> Camera {
     Camera {
         name: name.to_owned(),
         width: 64,
@@ -26,7 +28,7 @@ pub fn camera(name: &str, rate_hz: f64) -> Camera {
     }
 }
 
-pub fn spec() -> SessionSpec {
+pub(crate) fn spec() -> SessionSpec {
     SessionSpec {
         session_id: "0192aa00-0000-7000-8000-000000000001".to_owned(),
         name: "test".to_owned(),
@@ -46,7 +48,7 @@ pub fn spec() -> SessionSpec {
 }
 
 /// Bytes that stand for an access unit; different for every frame.
-pub fn unit(camera: u64, number: u64, bytes: usize) -> Vec<u8> {
+pub(crate) fn unit(camera: u64, number: u64, bytes: usize) -> Vec<u8> {
     let mut x =
         camera.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ number.wrapping_mul(0xD1B5_4A32_D192_ED03);
     (0..bytes)
@@ -59,7 +61,7 @@ pub fn unit(camera: u64, number: u64, bytes: usize) -> Vec<u8> {
         .collect()
 }
 
-pub fn frame(number: u64, time: HostTime) -> Frame {
+pub(crate) fn frame(number: u64, time: HostTime) -> Frame {
     Frame {
         number,
         device_ticks: time.0 - START.0,
@@ -73,7 +75,7 @@ pub fn frame(number: u64, time: HostTime) -> Frame {
 
 /// One sample of the session, in the order of arrival.
 #[derive(Clone, Debug)]
-pub enum Sample {
+pub(crate) enum Sample {
     Frame {
         camera: usize,
         number: u64,
@@ -91,7 +93,7 @@ pub enum Sample {
 
 /// Two cameras (30 and 20 Hz, key frame first in every half second), one IMU (200 Hz in batches of
 /// 20), a mark every second.
-pub fn samples(seconds: f64) -> Vec<Sample> {
+pub(crate) fn samples(seconds: f64) -> Vec<Sample> {
     let mut out = Vec::new();
     let end = (seconds * 1e9) as i64;
     for (camera, period) in [(0, 33_333_333), (1, 50 * MS)] {
@@ -129,7 +131,11 @@ pub fn samples(seconds: f64) -> Vec<Sample> {
     out
 }
 
-pub fn put(writer: &mut SessionWriter, sample: &Sample, bytes: usize) -> Result<(), WriteError> {
+pub(crate) fn put(
+    writer: &mut SessionWriter,
+    sample: &Sample,
+    bytes: usize,
+) -> Result<(), WriteError> {
     match sample {
         Sample::Frame {
             camera,
@@ -170,7 +176,7 @@ pub fn put(writer: &mut SessionWriter, sample: &Sample, bytes: usize) -> Result<
     }
 }
 
-pub fn stop(at: HostTime) -> Stop {
+pub(crate) fn stop(at: HostTime) -> Stop {
     Stop {
         at,
         reason: "duration".to_owned(),
@@ -178,7 +184,7 @@ pub fn stop(at: HostTime) -> Stop {
 }
 
 /// Records the samples; closes cleanly.
-pub fn record(
+pub(crate) fn record(
     storage: Arc<dyn Storage>,
     samples: &[Sample],
     bytes: usize,
