@@ -12,3 +12,5 @@
 //! for is marked, never guessed in silence.
 
 pub mod clock;
+pub mod gaps;
+pub mod sets;

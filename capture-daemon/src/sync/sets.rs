@@ -1,0 +1,304 @@
+//! Frame sets: the stereo frames of all cameras that belong to one instant.
+//!
+//! One camera is the reference; each of its frames makes one set. Another camera's frame joins it
+//! if the two are each other's nearest: no frame is used twice, and none is invented. Nearest is not
+//! enough: the distance must be at most half of the slower camera's period, and for cameras on
+//! the same trigger as the reference a quarter of a period, for their exposures coincide and only
+//! their times are uncertain. A camera without such a frame is named as missing.
+//!
+//! *Early*: a set is given as soon as no nearer frame can come. *At a gap* or when a camera falls
+//! silent: after [`HORIZON_NS`], without it. *At the end*: [`FrameSetBuilder::flush`]. Sets come in
+//! the order of their time. Frames must come in the order of their numbers for each camera.
+
+use std::collections::VecDeque;
+
+use session_archive::time::HostTime;
+
+/// A set is given at the latest when some camera is this far ahead of it.
+pub const HORIZON_NS: i64 = 1_000_000_000;
+
+/// A camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraSpec {
+    /// Its trigger: cameras with the same one are exposed by the same signal.
+    pub trigger: Option<String>,
+    /// Nominal period, ns.
+    pub period_ns: i64,
+}
+
+/// A frame in a set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Member {
+    /// Position of the camera.
+    pub camera: usize,
+    /// Frame number.
+    pub number: u64,
+    /// Frame time.
+    pub time: HostTime,
+}
+
+/// A frame set.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FrameSet {
+    /// Counts up from 0.
+    pub number: u64,
+    /// Time of the reference camera's frame.
+    pub time: HostTime,
+    /// The frames, in the order of the cameras.
+    pub members: Vec<Member>,
+    /// Positions of the cameras that have none.
+    pub missing: Vec<usize>,
+}
+
+/// Builds frame sets. See the module's documentation for what it promises.
+#[derive(Clone, Debug)]
+pub struct FrameSetBuilder {
+    cameras: Vec<CameraSpec>,
+    reference: usize,
+    /// Frames that may still belong to a set to come, per camera.
+    frames: Vec<VecDeque<(u64, HostTime)>>,
+    newest: Vec<HostTime>,
+    /// Time of the newest reference frame that made a set.
+    previous: Option<HostTime>,
+    count: u64,
+}
+
+/// The reference: the first camera of the largest trigger group with at least two cameras, else the
+/// slowest camera, for a set should not wait for what comes less often.
+fn reference(cameras: &[CameraSpec]) -> usize {
+    let group = |c: &CameraSpec| match &c.trigger {
+        Some(t) => cameras.iter().filter(|o| o.trigger.as_ref() == Some(t)).count(),
+        None => 1,
+    };
+    let largest = cameras.iter().map(group).max().unwrap_or(1);
+    let slowest = cameras.iter().map(|c| c.period_ns).max();
+    cameras
+        .iter()
+        .position(|c| if largest > 1 { group(c) == largest } else { Some(c.period_ns) == slowest })
+        .unwrap_or(0)
+}
+
+impl FrameSetBuilder {
+    /// A builder for these cameras.
+    pub fn new(cameras: Vec<CameraSpec>) -> Self {
+        Self {
+            reference: reference(&cameras),
+            frames: vec![VecDeque::new(); cameras.len()],
+            newest: vec![HostTime::MIN; cameras.len()],
+            previous: None,
+            count: 0,
+            cameras,
+        }
+    }
+
+    /// Position of the reference camera.
+    pub fn reference(&self) -> usize {
+        self.reference
+    }
+
+    /// Takes the next frame of a camera; gives the sets that are complete now.
+    pub fn push(&mut self, camera: usize, number: u64, time: HostTime) -> Vec<FrameSet> {
+        self.frames[camera].push_back((number, time));
+        self.newest[camera] = self.newest[camera].max(time);
+        let mut sets = Vec::new();
+        while let Some(&(_, time)) = self.frames[self.reference].front() {
+            if !self.is_settled(time) {
+                break;
+            }
+            sets.extend(self.settle());
+        }
+        // Without reference frames nothing settles; what is too old to be needed is let go.
+        let latest = self.newest.iter().copied().max().unwrap_or(time);
+        for (camera, frames) in self.frames.iter_mut().enumerate() {
+            if camera != self.reference {
+                while frames.front().is_some_and(|f| latest.since(f.1) > 2 * HORIZON_NS) {
+                    frames.pop_front();
+                }
+            }
+        }
+        sets
+    }
+
+    /// No more frames: gives all sets that are left.
+    pub fn flush(&mut self) -> Vec<FrameSet> {
+        std::iter::from_fn(|| self.settle()).collect()
+    }
+
+    /// How far a camera's frame may be from the reference's.
+    fn tolerance(&self, camera: usize) -> i64 {
+        let (c, r) = (&self.cameras[camera], &self.cameras[self.reference]);
+        if c.trigger.is_some() && c.trigger == r.trigger {
+            c.period_ns / 4
+        } else {
+            c.period_ns.max(r.period_ns) / 2
+        }
+    }
+
+    /// Whether nothing that can still come changes the set at `time`.
+    fn is_settled(&self, time: HostTime) -> bool {
+        let latest = self.newest.iter().copied().max().unwrap_or(time);
+        let known_to = |camera: usize, span: i64| self.newest[camera] >= time + span;
+        latest.since(time) > HORIZON_NS
+            || (0..self.cameras.len()).all(|camera| {
+                let tolerance = self.tolerance(camera);
+                // A frame within the tolerance may be nearer to the next reference frame, so that
+                // one must be known too, if it can be that near.
+                camera == self.reference
+                    || (known_to(camera, tolerance) && known_to(self.reference, 2 * tolerance))
+                    || self.exact(camera, time)
+            })
+    }
+
+    /// Whether a camera has a frame so near that no other pairing can be nearer.
+    fn exact(&self, camera: usize, time: HostTime) -> bool {
+        let quarter = self.cameras[camera].period_ns.min(self.cameras[self.reference].period_ns) / 4;
+        self.frames[camera].iter().any(|f| f.1.since(time).abs() <= quarter)
+    }
+
+    fn settle(&mut self) -> Option<FrameSet> {
+        let (number, time) = self.frames[self.reference].pop_front()?;
+        let following = self.frames[self.reference].front().map(|f| f.1);
+        let mut set = FrameSet { number: self.count, time, members: Vec::new(), missing: Vec::new() };
+        for camera in 0..self.cameras.len() {
+            if camera == self.reference {
+                set.members.push(Member { camera, number, time });
+                continue;
+            }
+            let distance = |t: HostTime| t.since(time).unsigned_abs();
+            let nearest = self.frames[camera].iter().min_by_key(|f| distance(f.1)).copied();
+            let near = nearest.filter(|(_, t)| {
+                let nearer = |other: Option<HostTime>| {
+                    other.is_some_and(|o| t.since(o).unsigned_abs() < distance(*t))
+                };
+                distance(*t) <= self.tolerance(camera).unsigned_abs()
+                    && !nearer(following)
+                    && !nearer(self.previous)
+            });
+            match near {
+                Some((number, time)) => {
+                    set.members.push(Member { camera, number, time });
+                    // It and all before it are used or too old.
+                    while self.frames[camera].front().is_some_and(|f| f.1 <= time) {
+                        self.frames[camera].pop_front();
+                    }
+                }
+                None => set.missing.push(camera),
+            }
+        }
+        self.previous = Some(time);
+        self.count += 1;
+        Some(set)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const MS: i64 = 1_000_000;
+
+    fn camera(trigger: Option<&str>, period_ms: i64) -> CameraSpec {
+        CameraSpec { trigger: trigger.map(str::to_owned), period_ns: period_ms * MS }
+    }
+
+    /// Pushes frames given as (camera, number, time in ms) and flushes.
+    fn run(cameras: Vec<CameraSpec>, frames: &[(usize, u64, i64)]) -> Vec<FrameSet> {
+        let mut builder = FrameSetBuilder::new(cameras);
+        let mut sets = Vec::new();
+        for &(camera, number, ms) in frames {
+            sets.extend(builder.push(camera, number, HostTime(ms * MS)));
+        }
+        sets.extend(builder.flush());
+        sets
+    }
+
+    fn numbers(set: &FrameSet) -> Vec<(usize, u64)> {
+        set.members.iter().map(|m| (m.camera, m.number)).collect()
+    }
+
+    #[test]
+    fn the_reference_is_triggered_or_slow() {
+        let free = vec![camera(None, 33), camera(None, 100), camera(None, 50)];
+        assert_eq!(FrameSetBuilder::new(free).reference(), 1);
+        let triggered = vec![camera(None, 100), camera(Some("a"), 33), camera(Some("a"), 33)];
+        assert_eq!(FrameSetBuilder::new(triggered).reference(), 1);
+    }
+
+    #[test]
+    fn triggered_pairs_and_a_free_camera() {
+        let cameras = vec![camera(Some("a"), 40), camera(Some("a"), 40), camera(None, 40)];
+        let mut frames = Vec::new();
+        for n in 0..10 {
+            let t = n as i64 * 40;
+            frames.extend([(0, n, t), (1, n + 5, t + 1), (2, n + 9, t + 15)]);
+        }
+        let sets = run(cameras, &frames);
+        assert_eq!(sets.len(), 10);
+        for (set, n) in sets.iter().zip(0..) {
+            assert_eq!(numbers(set), [(0, n), (1, n + 5), (2, n + 9)]);
+        }
+    }
+
+    #[test]
+    fn a_lost_frame_is_missing_and_not_replaced() {
+        let cameras = vec![camera(Some("a"), 40), camera(Some("a"), 40)];
+        let frames = [(0, 0, 0), (1, 0, 0), (0, 1, 40), (0, 2, 80), (1, 2, 80), (1, 3, 120)];
+        let sets = run(cameras, &frames);
+        assert_eq!(sets.len(), 3, "a frame without a reference makes no set");
+        assert_eq!(sets[1].missing, [1]);
+        assert_eq!(numbers(&sets[2]), [(0, 2), (1, 2)]);
+    }
+
+    #[test]
+    fn a_silent_camera_is_waited_for_up_to_the_horizon() {
+        let cameras = vec![camera(None, 100), camera(None, 100)];
+        let mut builder = FrameSetBuilder::new(cameras);
+        builder.push(1, 0, HostTime(0));
+        let mut given = 0;
+        for n in 0..30 {
+            given += builder.push(0, n, HostTime(n as i64 * 100 * MS)).len();
+            let waiting = n as usize + 1 - given;
+            assert!(waiting <= 11, "{waiting}");
+        }
+        assert!(given >= 19);
+    }
+
+    proptest! {
+        /// No frame is in two sets, every reference frame is in one, sets are ordered by time, and every
+        /// member is within tolerance.
+        #[test]
+        fn no_frame_is_used_twice_or_invented(
+            periods in prop::collection::vec(20_i64..120, 2..4),
+            drops in prop::collection::vec((0_usize..4, 0_u64..40), 0..20),
+            jitter in prop::collection::vec(-9_i64..9, 200),
+        ) {
+            let cameras: Vec<_> = periods.iter().map(|p| camera(None, *p)).collect();
+            let mut frames = Vec::new();
+            for (c, period) in periods.iter().enumerate() {
+                for n in 0..40_u64 {
+                    if !drops.contains(&(c, n)) {
+                        let t = 1000 + n as i64 * period + jitter[(c * 40 + n as usize) % 200];
+                        frames.push((c, n, t));
+                    }
+                }
+            }
+            frames.sort_by_key(|f| f.2);
+            let reference = FrameSetBuilder::new(cameras.clone()).reference();
+            let sets = run(cameras.clone(), &frames);
+            prop_assert_eq!(sets.len(), frames.iter().filter(|f| f.0 == reference).count());
+            let mut used = std::collections::BTreeSet::new();
+            for set in &sets {
+                prop_assert_eq!(set.members.len() + set.missing.len(), cameras.len());
+                for m in &set.members {
+                    prop_assert!(used.insert((m.camera, m.number)));
+                    prop_assert!(frames.contains(&(m.camera, m.number, m.time.0 / MS)));
+                    let limit = periods[m.camera].max(periods[reference]) * MS / 2;
+                    prop_assert!((m.time - set.time).abs() <= limit);
+                }
+            }
+            prop_assert!(sets.windows(2).all(|w| w[0].time <= w[1].time));
+        }
+    }
+}
