@@ -1,1 +1,28 @@
-//! reconstruction
+//! The reader's side: a sealed hand-off in; pictures, calibration and IMU samples out.
+//!
+//! - [`input`]: opens a hand-off, refuses what is not as it was validated, and gives its content
+//!   in order of time or by number.
+//! - [`picture`]: the decoded pictures.
+//! - [`export`]: writes them as PNG with their times, for programs in other languages.
+//!
+//! ```no_run
+//! use reconstruction::Input;
+//!
+//! let input = Input::open("library/0192aa00-0000-7000-8000-000000000001".as_ref())?;
+//! for set in input.sets()? {
+//!     let set = set?;
+//!     for view in set.views.iter().flatten() {
+//!         println!("{} {} {} {:?}", set.number, view.camera, view.time, view.left);
+//!     }
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! It knows the hand-off and nothing of the catalogue, of devices, or of how a session came about.
+
+pub mod export;
+pub mod input;
+pub mod picture;
+
+pub use input::{FrameSet, ImuSample, Input, InputError, ReadError, View};
+pub use picture::Picture;

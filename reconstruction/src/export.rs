@@ -1,0 +1,229 @@
+//! A hand-off as plain files: pictures as PNG, everything else as CSV and JSON.
+//!
+//! Contract. The folder asked for appears complete or not at all: everything is written to a folder
+//! of the same name with `.partial` behind it, which is renamed at the end. A folder that is not
+//! empty is refused and left alone. A run that fails removes what it wrote; one that is killed
+//! leaves the `.partial` folder, which the next run refuses to touch. *At a gap* there is no row
+//! and no picture. *On failure to read* a frame or an IMU batch it is left out and counted
+//! ([`Summary::lost`]), and the rest is written; on failure to write everything stops. The same
+//! hand-off gives the same bytes.
+//!
+//! ```text
+//! DIR/CAMERA/left/NNNNNN.png    named by the frame's number, at least six digits
+//! DIR/CAMERA/right/NNNNNN.png   8 bits, grey or RGB
+//! DIR/CAMERA/times.csv          number,time_ns,sigma_ns,set; set is empty for a frame in none
+//! DIR/sets.csv                  set,time_ns,CAMERA,...; frame numbers, empty where there is none
+//! DIR/imu/NAME.csv              number,ticks,time_ns,gyro_x_rad_s,...,accel_x_m_s2,...
+//! DIR/calibration.json          lens of every eye, transforms of the rig
+//! ```
+//!
+//! Pictures are named by number and not by time because numbers are what gap records and sets refer
+//! to, and stay the same when clock maps are computed again. An IMU named `feet/imu` is written to
+//! `imu/feet/imu.csv`. Floating-point numbers are written with as many digits as give the same
+//! number when read.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+
+use crate::input::{Input, ReadError};
+
+mod calibration;
+mod camera;
+mod selection;
+mod tables;
+mod text;
+
+pub use selection::Selection;
+
+use camera::CameraExport;
+
+/// What was written.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Summary {
+    /// Name of each camera and stereo frames written, two pictures each.
+    pub cameras: Vec<(String, u64)>,
+    /// Name of each IMU and samples written.
+    pub imus: Vec<(String, u64)>,
+    /// Frame sets written.
+    pub sets: u64,
+    /// Everything selected that could not be read, with the reason.
+    pub lost: Vec<String>,
+}
+
+/// Why nothing was written.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// Name another folder.
+    #[error("writing needs a new or an empty folder, and this one holds something: {}", .0.display())]
+    NotEmpty(PathBuf),
+    /// Delete it: it is what an earlier run had written before it was stopped.
+    #[error("an earlier run was stopped and left a folder behind; delete it: {}", .0.display())]
+    LeftOver(PathBuf),
+    /// A camera or IMU whose name could lead out of the folder, or is no file name.
+    #[error("the session has a camera or an IMU named {0:?}, which cannot name a file")]
+    Name(String),
+    /// The disk says no.
+    #[error("writing {}", .path.display())]
+    Write {
+        /// What was being written.
+        path: PathBuf,
+        /// What failed.
+        #[source]
+        error: io::Error,
+    },
+    /// Reading cannot even begin.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+}
+
+/// How many stereo frames [`export`] will write.
+pub fn count(input: &Input, selection: &Selection) -> u64 {
+    let cameras = 0..input.index().cameras.len();
+    let selected = cameras.flat_map(|camera| selection.of_camera(input, camera));
+    selected.filter(|(_, selected)| *selected).count() as u64
+}
+
+/// Writes a hand-off to the folder `out`. `progress` is called once for each stereo frame, from
+/// several threads.
+///
+/// # Errors
+/// See [`ExportError`].
+pub fn export(
+    input: &Input,
+    out: &Path,
+    selection: &Selection,
+    progress: &(dyn Fn() + Sync),
+) -> Result<Summary, ExportError> {
+    let cameras = input.manifest().cameras.iter().map(|c| &c.name);
+    let imus = input.manifest().imus.iter().map(|i| &i.name);
+    for name in cameras.chain(imus) {
+        check_name(name)?;
+    }
+    let partial = begin(out)?;
+    let result = write_all(input, &partial, selection, progress).and_then(|summary| {
+        fs::rename(&partial, out)
+            .map(|()| summary)
+            .map_err(writing(out))
+    });
+    if result.is_err() {
+        // It is this run's own. Should removing it fail too, its name says what it is.
+        let _ = fs::remove_dir_all(&partial);
+    }
+    result
+}
+
+fn write_all(
+    input: &Input,
+    folder: &Path,
+    selection: &Selection,
+    progress: &(dyn Fn() + Sync),
+) -> Result<Summary, ExportError> {
+    let stop = AtomicBool::new(false);
+    let (cameras, rest) = thread::scope(|scope| {
+        let cameras = input.manifest().cameras.iter().enumerate();
+        let threads: Vec<_> = cameras
+            .map(|(position, camera)| {
+                let camera = CameraExport {
+                    input,
+                    name: &camera.name,
+                    position,
+                    folder: folder.join(&camera.name),
+                    stop: &stop,
+                };
+                scope.spawn(move || camera.write(selection, progress))
+            })
+            .collect();
+        let rest = tables::write(input, folder, selection);
+        if rest.is_err() {
+            stop.store(true, Ordering::Relaxed);
+        }
+        let cameras: Vec<_> = threads
+            .into_iter()
+            .map(|thread| {
+                thread
+                    .join()
+                    .unwrap_or_else(|e| std::panic::resume_unwind(e))
+            })
+            .collect();
+        (cameras, rest)
+    });
+    let mut summary = rest?;
+    let mut lost = Vec::new();
+    for (camera, result) in input.manifest().cameras.iter().zip(cameras) {
+        let (written, of_camera) = result?;
+        summary.cameras.push((camera.name.clone(), written));
+        lost.extend(of_camera);
+    }
+    lost.append(&mut summary.lost);
+    summary.lost = lost;
+    Ok(summary)
+}
+
+/// Makes the folder to write to first.
+fn begin(out: &Path) -> Result<PathBuf, ExportError> {
+    match fs::read_dir(out).map(|mut entries| entries.next().is_some()) {
+        Ok(true) => return Err(ExportError::NotEmpty(out.to_owned())),
+        Ok(false) => {}
+        Err(e) if e.kind() == io::ErrorKind::NotFound => {}
+        Err(error) => return Err(writing(out)(error)),
+    }
+    let mut name = match out.file_name() {
+        Some(name) => name.to_owned(),
+        None => {
+            let error = io::Error::new(io::ErrorKind::InvalidInput, "the folder has no name");
+            return Err(writing(out)(error));
+        }
+    };
+    name.push(".partial");
+    let partial = out.with_file_name(name);
+    if let Some(parent) = partial.parent() {
+        fs::create_dir_all(parent).map_err(writing(parent))?;
+    }
+    match fs::create_dir(&partial) {
+        Ok(()) => Ok(partial),
+        Err(e) if e.kind() == io::ErrorKind::AlreadyExists => Err(ExportError::LeftOver(partial)),
+        Err(error) => Err(writing(&partial)(error)),
+    }
+}
+
+/// Names come from the session: they may not lead out of the folder.
+fn check_name(name: &str) -> Result<(), ExportError> {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
+    let part = |part: &str| !part.is_empty() && !part.starts_with('.') && part.chars().all(plain);
+    if name.split('/').all(part) {
+        Ok(())
+    } else {
+        Err(ExportError::Name(name.to_owned()))
+    }
+}
+
+fn writing(path: &Path) -> impl Fn(io::Error) -> ExportError + use<> {
+    let path = path.to_owned();
+    move |error| ExportError::Write {
+        path: path.clone(),
+        error,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_lead_elsewhere_are_refused() {
+        for name in ["feet", "left_shoulder", "feet/imu", "zed-2.i"] {
+            assert!(check_name(name).is_ok(), "{name}");
+        }
+        for name in [
+            "", "..", "../feet", "/feet", "feet/", "a//b", ".hidden", "a b", "a\\b", "é",
+        ] {
+            assert!(
+                matches!(check_name(name), Err(ExportError::Name(_))),
+                "{name}"
+            );
+        }
+    }
+}

@@ -1,0 +1,338 @@
+//! A hand-off, opened for reading.
+//!
+//! Contract. *Opening* checks the seal, the verdict and every byte that was sealed, and refuses
+//! what is missing, failed its validation, was edited or changed ([`InputError`]). *Early to late*:
+//! frame sets come in order of time, frames in order of their numbers, each decoded once, cameras
+//! side by side on threads; memory is about one group of pictures per camera. By number or time
+//! they come from the key frame before. Both ways give the same. *At a gap*: a camera that has no
+//! frame in a set is `None`; no picture or sample is made up, repeated or moved. *At the end*:
+//! frames in no set come only by [`Input::frames`], samples behind the last set only by
+//! [`Input::imu`] and [`Input::imu_batches`]. *On failure*: what cannot be read after all is a
+//! [`ReadError`] that names it, and reading goes on behind it.
+//!
+//! Bytes are checked once more as they are read, against the checksums of the sealed index.
+
+use std::ops::RangeBounds;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::{io, thread};
+
+use session_archive::handoff::HandOff;
+use session_archive::index::{Access, Index};
+use session_archive::manifest::Manifest;
+use session_archive::record::{CameraCalibration, ClockMap, FrameTransform};
+use session_archive::time::HostTime;
+
+mod camera;
+mod error;
+mod imu;
+mod open;
+mod sequence;
+mod state;
+
+pub use camera::View;
+pub use error::{FrameFault, ImuFault, InputError, ReadError};
+pub use imu::ImuSample;
+pub use sequence::{Frames, Sets};
+pub use session_archive::handoff::Check;
+
+use camera::{Camera, GopReader};
+use imu::BatchTimes;
+use state::State;
+
+/// The frames of all cameras that belong to one instant, and what the IMUs felt on the way there.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameSet {
+    /// Number of the set.
+    pub number: u64,
+    /// Its time, host clock.
+    pub time: HostTime,
+    /// One for each camera, in the order of the manifest; `None` where the camera has no frame for
+    /// this instant, or none that can be decoded.
+    pub views: Vec<Option<View>>,
+    /// One list for each IMU, in the order of the manifest: its samples after the set before, up to
+    /// and with this one's time. The first set of a session has all before it.
+    pub imu: Vec<Vec<ImuSample>>,
+}
+
+/// A hand-off that was accepted.
+#[derive(Debug)]
+pub struct Input {
+    root: PathBuf,
+    handoff: HandOff,
+    manifest: Manifest,
+    state: State,
+    shared: Arc<Shared>,
+    /// For random access, one for each camera; each holds the group of pictures decoded last.
+    readers: Vec<Mutex<GopReader>>,
+}
+
+/// What the decoding threads need.
+struct Shared {
+    index: Index,
+    access: Access,
+    cameras: Vec<Camera>,
+    batch_times: Vec<BatchTimes>,
+    threads_per_camera: u32,
+}
+
+impl std::fmt::Debug for Shared {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Shared")
+            .field("session_id", &self.index.session_id)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Input {
+    /// Opens the hand-off in a session's folder after checking every byte of it. `path` is the
+    /// folder or the `handoff.json` in it.
+    ///
+    /// # Errors
+    /// See [`InputError`].
+    pub fn open(path: &Path) -> Result<Self, InputError> {
+        Self::open_with(path, Check::Content, |_, _| {})
+    }
+
+    /// The session's folder; the rig's files are in it.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// What was sealed, by whom, and with which verdict.
+    pub fn handoff(&self) -> &HandOff {
+        &self.handoff
+    }
+
+    /// The session's manifest: cameras and IMUs in the order that everything here follows.
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    /// Where everything is: numbers and times of all frames, IMU batches and frame sets.
+    pub fn index(&self) -> &Index {
+        &self.shared.index
+    }
+
+    /// Lens of one eye, as in `feet/left`; `None` where the session has none.
+    pub fn calibration(&self, eye: &str) -> Option<&CameraCalibration> {
+        self.state.calibrations.get(eye)
+    }
+
+    /// Where the parts of the rig sit, each `parent_from_child`; empty where the session does not
+    /// say.
+    pub fn transforms(&self) -> &[FrameTransform] {
+        &self.state.transforms
+    }
+
+    /// How the ticks of a device clock, as in `feet` or `feet/imu`, became times: maps by rising
+    /// version, the newest last. Of versions that were replaced between two segments only one is
+    /// here.
+    pub fn clock_maps(&self, clock: &str) -> &[ClockMap] {
+        self.state.clock_maps.get(clock).map_or(&[], Vec::as_slice)
+    }
+
+    /// All frame sets, in order of time.
+    ///
+    /// # Errors
+    /// [`ReadError::Thread`].
+    pub fn sets(&self) -> Result<Sets, ReadError> {
+        self.sets_in(..)
+    }
+
+    /// The frame sets with a time in `times`, in order.
+    ///
+    /// # Errors
+    /// [`ReadError::Thread`].
+    pub fn sets_in(&self, times: impl RangeBounds<HostTime>) -> Result<Sets, ReadError> {
+        let sets = &self.shared.index.sets;
+        let start = sets.partition_point(|s| is_before(HostTime(s.time_ns), &times));
+        let length = sets[start..].partition_point(|s| times.contains(&HostTime(s.time_ns)));
+        Sets::start(self.shared.clone(), start..start + length)
+    }
+
+    /// The frame set with this number.
+    ///
+    /// # Errors
+    /// Something in it cannot be read.
+    pub fn set(&self, number: u64) -> Result<Option<FrameSet>, ReadError> {
+        let sets = &self.shared.index.sets;
+        // Sets are sorted by time, and nothing forces their numbers to rise with it.
+        let found = match sets.binary_search_by_key(&number, |s| s.number) {
+            Ok(position) => Some(position),
+            Err(_) => sets.iter().position(|s| s.number == number),
+        };
+        found
+            .map(|position| self.set_at_position(position))
+            .transpose()
+    }
+
+    /// The frame set nearest to a time, the earlier one of two; `None` if there are no sets.
+    ///
+    /// # Errors
+    /// Something in it cannot be read.
+    pub fn set_at(&self, time: HostTime) -> Result<Option<FrameSet>, ReadError> {
+        let sets = &self.shared.index.sets;
+        let after = sets.partition_point(|s| s.time_ns < time.0);
+        let nearest = (after.saturating_sub(1)..sets.len())
+            .take(2)
+            .min_by_key(|&position| sets[position].time_ns.abs_diff(time.0));
+        nearest
+            .map(|position| self.set_at_position(position))
+            .transpose()
+    }
+
+    /// One frame of one camera, whether or not it is in a set; `None` if the session has none of
+    /// this number that can be decoded.
+    ///
+    /// # Errors
+    /// [`ReadError::NoSuch`], or it cannot be read.
+    pub fn frame(&self, camera: &str, number: u64) -> Result<Option<View>, ReadError> {
+        let camera = self.camera(camera)?;
+        let position = self.shared.index.cameras[camera].position(number);
+        position
+            .map(|position| self.view(camera, position))
+            .transpose()
+    }
+
+    /// All frames of one camera in order of their numbers, whether or not they are in a set.
+    ///
+    /// # Errors
+    /// [`ReadError::NoSuch`], [`ReadError::Thread`].
+    pub fn frames(&self, camera: &str) -> Result<Frames, ReadError> {
+        self.frames_where(camera, |_| true)
+    }
+
+    /// As [`Self::frames`], only those at positions of the camera's index that `keep` accepts.
+    /// Groups of pictures without any are not decoded.
+    ///
+    /// # Errors
+    /// [`ReadError::NoSuch`], [`ReadError::Thread`].
+    pub fn frames_where(
+        &self,
+        camera: &str,
+        mut keep: impl FnMut(usize) -> bool,
+    ) -> Result<Frames, ReadError> {
+        let camera = self.camera(camera)?;
+        let all = 0..self.shared.index.cameras[camera].frames.len();
+        let positions = all.filter(|&position| keep(position)).collect();
+        Frames::start(self.shared.clone(), camera, positions)
+    }
+
+    /// The samples of one IMU with a time in `times`, in the order of their numbers. They are all
+    /// in memory at once.
+    ///
+    /// # Errors
+    /// [`ReadError::NoSuch`], or one of the batches cannot be read.
+    pub fn imu(
+        &self,
+        imu: &str,
+        times: impl RangeBounds<HostTime>,
+    ) -> Result<Vec<ImuSample>, ReadError> {
+        self.shared.imu(self.imu_position(imu)?, times)
+    }
+
+    /// All samples of one IMU, batch by batch, in the order of their numbers.
+    ///
+    /// # Errors
+    /// [`ReadError::NoSuch`]; of an item: that batch cannot be read.
+    pub fn imu_batches(
+        &self,
+        imu: &str,
+    ) -> Result<impl Iterator<Item = Result<Vec<ImuSample>, ReadError>> + '_, ReadError> {
+        let imu = &self.shared.index.imus[self.imu_position(imu)?];
+        let read = |batch| imu::samples(&imu.name, &self.shared.access, batch);
+        Ok(imu.batches.iter().map(read))
+    }
+
+    fn camera(&self, name: &str) -> Result<usize, ReadError> {
+        let mut cameras = self.shared.cameras.iter();
+        let found = cameras.position(|c| *c.name == *name);
+        found.ok_or_else(|| ReadError::NoSuch(name.to_owned()))
+    }
+
+    fn imu_position(&self, name: &str) -> Result<usize, ReadError> {
+        let found = self.shared.index.imus.iter().position(|i| i.name == name);
+        found.ok_or_else(|| ReadError::NoSuch(name.to_owned()))
+    }
+
+    fn view(&self, camera: usize, position: usize) -> Result<View, ReadError> {
+        // A reader is as good after a panic as before.
+        let mut reader = self.readers[camera]
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        reader.view(position)
+    }
+
+    /// A set by random access, its cameras side by side.
+    fn set_at_position(&self, position: usize) -> Result<FrameSet, ReadError> {
+        let members = &self.shared.index.sets[position].frames;
+        let views = thread::scope(|scope| {
+            let mut threads = Vec::new();
+            for (camera, member) in members.iter().enumerate() {
+                let view = move || member.map(|p| self.view(camera, p as usize)).transpose();
+                threads.push(thread::Builder::new().spawn_scoped(scope, view));
+            }
+            let view = |thread: io::Result<thread::ScopedJoinHandle<'_, _>>| match thread {
+                Ok(thread) => thread
+                    .join()
+                    .unwrap_or_else(|e| std::panic::resume_unwind(e)),
+                Err(error) => Err(ReadError::Thread(Arc::new(error))),
+            };
+            threads.into_iter().map(view).collect()
+        });
+        self.shared.set(position, views)
+    }
+}
+
+impl Shared {
+    /// A set from its views, with the IMU samples on the way to it.
+    fn set(
+        &self,
+        position: usize,
+        views: Vec<Result<Option<View>, ReadError>>,
+    ) -> Result<FrameSet, ReadError> {
+        use std::ops::Bound::{Excluded, Included, Unbounded};
+        let set = &self.index.sets[position];
+        let before = position
+            .checked_sub(1)
+            .map(|p| HostTime(self.index.sets[p].time_ns));
+        let times = (
+            before.map_or(Unbounded, Excluded),
+            Included(HostTime(set.time_ns)),
+        );
+        let imus = 0..self.index.imus.len();
+        Ok(FrameSet {
+            number: set.number,
+            time: HostTime(set.time_ns),
+            views: views.into_iter().collect::<Result<_, _>>()?,
+            imu: imus
+                .map(|imu| self.imu(imu, times))
+                .collect::<Result<_, _>>()?,
+        })
+    }
+
+    fn imu(
+        &self,
+        imu: usize,
+        times: impl RangeBounds<HostTime>,
+    ) -> Result<Vec<ImuSample>, ReadError> {
+        let candidates = self.batch_times[imu].candidates(&times);
+        let imu = &self.index.imus[imu];
+        let mut samples = Vec::new();
+        for batch in &imu.batches[candidates] {
+            let batch = imu::samples(&imu.name, &self.access, batch)?;
+            samples.extend(batch.into_iter().filter(|s| times.contains(&s.time)));
+        }
+        Ok(samples)
+    }
+}
+
+/// Whether a time lies before the range.
+fn is_before(time: HostTime, times: &impl RangeBounds<HostTime>) -> bool {
+    match times.start_bound() {
+        std::ops::Bound::Included(start) => time < *start,
+        std::ops::Bound::Excluded(start) => time <= *start,
+        std::ops::Bound::Unbounded => false,
+    }
+}

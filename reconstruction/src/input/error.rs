@@ -1,0 +1,170 @@
+//! Why a hand-off is refused, and why something in it cannot be read.
+
+use std::io;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use session_archive::handoff::HandOffError;
+use session_archive::index::IndexError;
+use session_archive::reader::ReadError as SessionError;
+use video::{DecodeError, PictureError};
+
+/// Why a hand-off is refused. The path of its session comes last in every message.
+#[derive(Debug, thiserror::Error)]
+pub enum InputError {
+    /// There is no such file or folder, or it cannot be reached.
+    #[error("looking for a hand-off in {}", .path.display())]
+    Path {
+        /// As given.
+        path: PathBuf,
+        /// What failed.
+        #[source]
+        error: io::Error,
+    },
+    /// Missing, not validated, failed, edited or changed: validate and hand over again.
+    #[error("checking the hand-off of the session {}", .path.display())]
+    HandOff {
+        /// The session's folder.
+        path: PathBuf,
+        /// What is wrong with it.
+        #[source]
+        error: HandOffError,
+    },
+    /// A file that reading relies on is not among those that were sealed: hand over again.
+    #[error("the hand-off does not seal {file}, which reading relies on: {}", .path.display())]
+    NotSealed {
+        /// Path below the session's folder.
+        file: String,
+        /// The session's folder.
+        path: PathBuf,
+    },
+    /// The manifest belongs to another session, or is none: hand over again.
+    #[error("the hand-off is of session {sealed}, the manifest of {found}: {}", .path.display())]
+    OtherSession {
+        /// The session that was handed over.
+        sealed: String,
+        /// The session of the manifest.
+        found: String,
+        /// The session's folder.
+        path: PathBuf,
+    },
+    /// The session's files cannot be read.
+    #[error("reading the session {}", .path.display())]
+    Session {
+        /// The session's folder.
+        path: PathBuf,
+        /// What failed.
+        #[source]
+        error: SessionError,
+    },
+    /// Written by another version of the programs, or it does not fit: index and hand over again.
+    #[error("reading the index of the session {}", .path.display())]
+    Index {
+        /// The session's folder.
+        path: PathBuf,
+        /// What is wrong with it.
+        #[source]
+        error: IndexError,
+    },
+    /// Pictures of a kind that this program does not know: update it.
+    #[error("camera {camera} has {what} {found:?}, expected {expected}: {}", .path.display())]
+    Unknown {
+        /// The camera.
+        camera: String,
+        /// `codec` or `colour`.
+        what: &'static str,
+        /// The value found.
+        found: String,
+        /// The values known.
+        expected: &'static str,
+        /// The session's folder.
+        path: PathBuf,
+    },
+}
+
+/// Why something in a hand-off that was accepted cannot be read. Other parts of it may be fine:
+/// asking for something else, or the next item, is allowed.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum ReadError {
+    /// The session has no camera or IMU of this name: a defect of the caller.
+    #[error("the session has no camera or IMU {0:?}")]
+    NoSuch(String),
+    /// One frame is lost.
+    #[error("reading frame {number} of {camera}")]
+    Frame {
+        /// The camera.
+        camera: Arc<str>,
+        /// The frame.
+        number: u64,
+        /// Why.
+        #[source]
+        fault: FrameFault,
+    },
+    /// One batch of IMU samples is lost.
+    #[error("reading samples {first} to {last} of {imu}")]
+    Imu {
+        /// The IMU.
+        imu: String,
+        /// Number of the first sample of the batch.
+        first: u64,
+        /// Number of the last sample of the batch.
+        last: u64,
+        /// Why.
+        #[source]
+        fault: ImuFault,
+    },
+    /// The machine is out of threads: stop something else and try again.
+    #[error("starting a thread")]
+    Thread(#[source] Arc<io::Error>),
+}
+
+/// Why a frame cannot be read.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum FrameFault {
+    /// Its bytes, or those of a frame that it builds on, changed since the hand-off was checked,
+    /// or the disk fails: open the hand-off again.
+    #[error("reading its bytes")]
+    Bytes(#[source] Arc<IndexError>),
+    /// The decoder failed on the whole group of pictures. On another machine it may not.
+    #[error("decoding it")]
+    Decoder(#[source] DecodeError),
+    /// The decoder gave the pictures around it but not this one: it is lost.
+    #[error("the decoder gave no picture for it")]
+    NoPicture,
+    /// The decoded picture has not the size that the manifest says.
+    #[error("it is {found_width}x{found_height}, the manifest says {width}x{height}")]
+    Size {
+        /// Columns found.
+        found_width: u32,
+        /// Rows found.
+        found_height: u32,
+        /// Columns in the manifest.
+        width: u32,
+        /// Rows in the manifest.
+        height: u32,
+    },
+    /// The decoded picture cannot be cut in two.
+    #[error("cutting it into left and right")]
+    Picture(#[source] PictureError),
+    /// The thread that decodes ended before it came to this frame: a defect of this program.
+    #[error("its decoding thread ended early")]
+    Ended,
+}
+
+/// Why a batch of IMU samples cannot be read.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum ImuFault {
+    /// Its bytes changed since the hand-off was checked, or the disk fails: open it again.
+    #[error("reading their bytes")]
+    Bytes(#[source] Arc<IndexError>),
+    /// The record contradicts itself.
+    #[error("{found} {what} for {samples} samples")]
+    Lengths {
+        /// What the numbers are.
+        what: &'static str,
+        /// How many there are.
+        found: usize,
+        /// How many samples the batch has.
+        samples: usize,
+    },
+}

@@ -1,0 +1,171 @@
+//! Opening a hand-off: everything that has to be true before anything is read.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+use std::thread;
+
+use session_archive::handoff::HandOff;
+use session_archive::index::{Access, Index, IndexError};
+use session_archive::layout;
+use session_archive::manifest::Manifest;
+use session_archive::reader::SessionReader;
+use session_archive::storage::DiskStorage;
+
+use super::camera::{Camera, GopReader};
+use super::imu::BatchTimes;
+use super::state::State;
+use super::{Check, Input, InputError, Shared};
+
+impl Input {
+    /// As [`Self::open`]; with [`Check::Lengths`] only for a hand-off that was checked before.
+    /// `progress` is called with the bytes checked and the bytes to check.
+    ///
+    /// # Errors
+    /// See [`InputError`].
+    pub fn open_with(
+        path: &Path,
+        check: Check,
+        mut progress: impl FnMut(u64, u64),
+    ) -> Result<Self, InputError> {
+        let root = session_folder(path)?;
+        let storage = Arc::new(DiskStorage::new(&root));
+        let refused = |error| InputError::HandOff {
+            path: root.clone(),
+            error,
+        };
+        let mut handoff = HandOff::open(&*storage, Check::Lengths, |_| {}).map_err(refused)?;
+        if check == Check::Content {
+            let total = handoff.files.iter().map(|f| f.bytes).sum();
+            let mut done = 0;
+            handoff = HandOff::open(&*storage, Check::Content, |bytes| {
+                done += bytes;
+                progress(done, total);
+            })
+            .map_err(refused)?;
+        }
+
+        // Before they are read: what nobody vouches for is not parsed.
+        for file in [layout::MANIFEST, layout::INDEX] {
+            sealed(&handoff, file.to_owned(), &root)?;
+        }
+        let session = |error| InputError::Session {
+            path: root.clone(),
+            error,
+        };
+        let reader = SessionReader::open(storage.clone()).map_err(session)?;
+        let manifest = reader.manifest().clone();
+        if manifest.session_id != handoff.session_id {
+            return Err(InputError::OtherSession {
+                sealed: handoff.session_id,
+                found: manifest.session_id,
+                path: root,
+            });
+        }
+        let unusable = |error| InputError::Index {
+            path: root.clone(),
+            error,
+        };
+        let index = Index::read(&reader).map_err(unusable)?;
+        check_index(&index, &manifest).map_err(unusable)?;
+        for (number, _) in &index.segments {
+            sealed(&handoff, layout::segment(*number), &root)?;
+        }
+        for file in &manifest.rig {
+            sealed(&handoff, layout::rig_file(&file.name), &root)?;
+        }
+
+        let access = Access::open(&*storage, &index).map_err(|e| unusable(e.into()))?;
+        let cameras = manifest.cameras.iter().map(|c| Camera::new(c, &root));
+        let cameras = cameras.collect::<Result<Vec<_>, _>>()?;
+        let processors = thread::available_parallelism().map_or(1, usize::from);
+        let shared = Arc::new(Shared {
+            batch_times: index
+                .imus
+                .iter()
+                .map(|i| BatchTimes::new(&i.batches))
+                .collect(),
+            threads_per_camera: (processors / cameras.len().max(1)).clamp(1, 16) as u32,
+            index,
+            access,
+            cameras,
+        });
+        let readers = (0..shared.cameras.len())
+            .map(|camera| Mutex::new(GopReader::new(shared.clone(), camera)))
+            .collect();
+        Ok(Self {
+            state: State::read(&reader).map_err(session)?,
+            root,
+            handoff,
+            manifest,
+            shared,
+            readers,
+        })
+    }
+}
+
+/// The session's folder that a path means.
+fn session_folder(path: &Path) -> Result<PathBuf, InputError> {
+    let failed = |error| InputError::Path {
+        path: path.to_owned(),
+        error,
+    };
+    // Resolved, because a link may lead to the file from anywhere.
+    let path = path.canonicalize().map_err(failed)?;
+    if path.is_dir() {
+        return Ok(path);
+    }
+    match path.parent() {
+        Some(folder) if path.file_name().is_some_and(|name| name == layout::HANDOFF) => {
+            Ok(folder.to_owned())
+        }
+        _ => {
+            let expected = format!("expected {} or a session's folder", layout::HANDOFF);
+            Err(failed(io::Error::new(
+                io::ErrorKind::InvalidInput,
+                expected,
+            )))
+        }
+    }
+}
+
+fn sealed(handoff: &HandOff, file: String, root: &Path) -> Result<(), InputError> {
+    if handoff.files.iter().any(|f| f.path == file) {
+        return Ok(());
+    }
+    Err(InputError::NotSealed {
+        file,
+        path: root.to_owned(),
+    })
+}
+
+/// Whether the index can be followed without looking again: everything it refers to exists.
+fn check_index(index: &Index, manifest: &Manifest) -> Result<(), IndexError> {
+    let cameras = index.cameras.iter().map(|c| &c.name);
+    let imus = index.imus.iter().map(|i| &i.name);
+    let member_exists = |(camera, member): (usize, &Option<u32>)| {
+        let frames = index.cameras[camera].frames.len();
+        member.is_none_or(|position| (position as usize) < frames)
+    };
+    let fits = cameras.eq(manifest.cameras.iter().map(|c| &c.name))
+        && imus.eq(manifest.imus.iter().map(|i| &i.name))
+        && index.sets.iter().all(|set| {
+            set.frames.len() == index.cameras.len()
+                && set.frames.iter().enumerate().all(member_exists)
+        })
+        && index.cameras.iter().all(|camera| {
+            let frames = &camera.frames;
+            let keys_first = frames.iter().enumerate().all(|(position, frame)| {
+                let key = frame.key as usize;
+                key <= position && frames[key].key == frame.key
+            });
+            keys_first && frames.is_sorted_by_key(|frame| frame.key)
+        });
+    if fits {
+        Ok(())
+    } else {
+        Err(IndexError::Stale(
+            "it refers to what the session does not have".to_owned(),
+        ))
+    }
+}

@@ -1,0 +1,7 @@
+//! The crate and its program as their users see them, on sessions made here: encoded, written,
+//! indexed and sealed by the crates that do it in earnest.
+
+mod command;
+mod read_back;
+mod refuse;
+mod session;

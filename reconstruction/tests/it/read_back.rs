@@ -1,0 +1,260 @@
+//! Everything that went in comes out: counts, times to the ns, pictures, IMU samples bit by bit, in
+//! order and by number.
+
+use reconstruction::input::{Input, ReadError, View};
+use reconstruction::picture::{Colour, Picture};
+use reconstruction::{FrameSet, ImuSample};
+use session_archive::time::HostTime;
+use video::picture::{i420_to_rgb, psnr};
+
+use crate::session::{Recorded, START, Source, hand_over, lens};
+
+fn open() -> (tempfile::TempDir, Recorded, Input) {
+    let folder = tempfile::tempdir().expect("folder");
+    let recorded = hand_over(folder.path());
+    let input = Input::open(folder.path()).expect("open");
+    (folder, recorded, input)
+}
+
+/// PSNR over all bytes, dB.
+fn decibel(a: &[u8], b: &[u8]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    let grey = |bytes: &[u8]| {
+        let width = bytes.len() as u32;
+        video::Picture::new(width, 1, video::PixelFormat::Grey8, bytes.to_vec()).expect("picture")
+    };
+    psnr(&grey(a), &grey(b))
+}
+
+/// Left and right half of the source's pixels, cut here the slow way.
+fn halves(source: &Source, colour: Colour) -> [Vec<u8>; 2] {
+    let picture = &source.picture;
+    let pixels = match colour {
+        Colour::Grey => picture.luma().expect("luma").to_vec(),
+        Colour::Rgb => i420_to_rgb(picture).expect("rgb"),
+    };
+    let (width, channels) = (picture.width as usize, colour.channels());
+    [0, width / 2].map(|from| {
+        let mut half = Vec::new();
+        for y in 0..picture.height as usize {
+            let row = (y * width + from) * channels;
+            half.extend_from_slice(&pixels[row..row + width / 2 * channels]);
+        }
+        half
+    })
+}
+
+fn check_view(view: &View, source: &Source, colour: Colour) {
+    assert_eq!(
+        (view.number, view.time, view.sigma_ns),
+        (source.number, source.time, source.sigma_ns)
+    );
+    for (found, expected) in [&view.left, &view.right]
+        .into_iter()
+        .zip(halves(source, colour))
+    {
+        let Picture { width, height, .. } = *found;
+        assert_eq!(
+            (2 * width, height),
+            (source.picture.width, source.picture.height)
+        );
+        assert_eq!(found.colour, colour);
+        let quality = decibel(&found.data, &expected);
+        assert!(
+            quality >= 40.0,
+            "{} {}: {quality:.1} dB",
+            view.camera,
+            view.number
+        );
+    }
+    // Had the halves been exchanged, or the pictures of two frames, this would not hold.
+    let other = decibel(&view.right.data, &halves(source, colour)[0]);
+    assert!(other < 30.0, "the eyes differ: {other:.1} dB");
+}
+
+#[test]
+fn sets_in_order_hold_what_was_recorded() {
+    let (_folder, recorded, input) = open();
+    let sets: Vec<FrameSet> = input
+        .sets()
+        .expect("sets")
+        .map(|s| s.expect("set"))
+        .collect();
+    assert_eq!(sets.len(), recorded.sets.len());
+    assert_eq!(sets.len(), 45);
+    let (mut pairs, mut alone) = (0, 0);
+    for (found, expected) in sets.iter().zip(&recorded.sets) {
+        assert_eq!(
+            (found.number, found.time.ns()),
+            (expected.number, expected.time)
+        );
+        for ((camera, colour), view) in [("left_shoulder", Colour::Grey), ("feet", Colour::Rgb)]
+            .into_iter()
+            .zip(&found.views)
+        {
+            let member = expected.members.iter().find(|m| m.camera == camera);
+            assert_eq!(
+                view.as_ref().map(|v| v.number),
+                member.map(|m| m.number),
+                "{camera}"
+            );
+            if let Some(view) = view {
+                assert_eq!(*view.camera, *camera);
+                let mut sources = recorded.camera(camera).iter();
+                let source = sources.find(|s| s.number == view.number).expect("source");
+                check_view(view, source, colour);
+            }
+        }
+        match found.views.iter().flatten().count() {
+            2 => pairs += 1,
+            _ => alone += 1,
+        }
+    }
+    assert!(pairs > 15 && alone > 15, "{pairs} pairs, {alone} alone");
+}
+
+#[test]
+fn imu_samples_are_bit_equal_and_come_once() {
+    let (_folder, recorded, input) = open();
+    let mut expected = Vec::new();
+    for batch in &recorded.imu {
+        for k in 0..batch.times.len() {
+            let vector = |counts: &[i32], scale: f64, si: &[f64]| {
+                [0, 1, 2].map(|axis| match si.get(3 * k + axis) {
+                    Some(value) => *value,
+                    None => f64::from(counts[3 * k + axis]) * scale,
+                })
+            };
+            expected.push(ImuSample {
+                number: batch.first_number + k as u64,
+                ticks: batch.device_ticks[k],
+                time: HostTime(batch.times[k]),
+                gyro: vector(&batch.gyro_counts, batch.gyro_scale, &batch.gyro),
+                accel: vector(&batch.accel_counts, batch.accel_scale, &batch.accel),
+            });
+        }
+    }
+    assert_eq!(expected.len(), 500);
+    assert_eq!(input.imu("feet/imu", ..).expect("imu"), expected);
+    let batches = input.imu_batches("feet/imu").expect("batches");
+    let batches: Vec<_> = batches.flat_map(|b| b.expect("batch")).collect();
+    assert_eq!(batches, expected);
+
+    // Between the sets, each sample once, and what comes behind the last set separately.
+    let mut found = Vec::new();
+    let mut before = HostTime::MIN;
+    for set in input.sets().expect("sets") {
+        let set = set.expect("set");
+        assert_eq!(set.imu.len(), 1);
+        assert!(
+            set.imu[0]
+                .iter()
+                .all(|s| s.time > before && s.time <= set.time)
+        );
+        before = set.time;
+        found.extend_from_slice(&set.imu[0]);
+    }
+    let behind = input
+        .imu("feet/imu", HostTime(before.ns() + 1)..)
+        .expect("imu");
+    assert!(!behind.is_empty());
+    found.extend(behind);
+    assert_eq!(found, expected);
+}
+
+#[test]
+fn every_frame_of_a_camera_comes_also_those_in_no_set() {
+    let (_folder, recorded, input) = open();
+    for (camera, colour) in [("left_shoulder", Colour::Grey), ("feet", Colour::Rgb)] {
+        let sources = recorded.camera(camera);
+        let frames = input.frames(camera).expect("frames");
+        assert_eq!(frames.len(), sources.len());
+        for (view, source) in frames.zip(sources) {
+            check_view(&view.expect("view"), source, colour);
+        }
+    }
+    let odd = input
+        .frames_where("feet", |position| position % 7 == 5)
+        .expect("frames");
+    let numbers: Vec<u64> = odd.map(|v| v.expect("view").number).collect();
+    let expected = recorded.feet.iter().skip(5).step_by(7).map(|s| s.number);
+    assert_eq!(numbers, expected.collect::<Vec<_>>());
+}
+
+#[test]
+fn random_access_gives_the_same_as_the_sequence() {
+    let (_folder, recorded, input) = open();
+    let sets: Vec<FrameSet> = input
+        .sets()
+        .expect("sets")
+        .map(|s| s.expect("set"))
+        .collect();
+    // Back and forth, over groups of pictures and within them.
+    for step in 0..sets.len() {
+        let place = step * 17 % sets.len();
+        let expected = &sets[place];
+        assert_eq!(
+            input.set(expected.number).expect("set").as_ref(),
+            Some(expected)
+        );
+        let near = HostTime(expected.time.ns() + 3_000_000);
+        assert_eq!(input.set_at(near).expect("set").as_ref(), Some(expected));
+    }
+    assert_eq!(input.set(45).expect("no set"), None);
+    let last = input.set_at(HostTime::MAX).expect("set").map(|s| s.number);
+    assert_eq!(last, Some(44));
+
+    let feet: Vec<View> = input
+        .frames("feet")
+        .expect("frames")
+        .map(|v| v.expect("view"))
+        .collect();
+    for view in feet.iter().rev() {
+        assert_eq!(
+            input.frame("feet", view.number).expect("frame").as_ref(),
+            Some(view)
+        );
+    }
+    assert!(recorded.feet.iter().all(|s| s.number != 113));
+    assert_eq!(input.frame("feet", 113).expect("a lost frame"), None);
+    assert!(matches!(input.frame("head", 100), Err(ReadError::NoSuch(name)) if name == "head"));
+    assert!(matches!(input.imu("feet", ..), Err(ReadError::NoSuch(_))));
+}
+
+#[test]
+fn part_of_a_session_is_the_same_as_that_part_of_the_whole() {
+    let (_folder, _recorded, input) = open();
+    let sets: Vec<FrameSet> = input
+        .sets()
+        .expect("sets")
+        .map(|s| s.expect("set"))
+        .collect();
+    let (from, to) = (sets[13].time, sets[31].time);
+    let part: Vec<FrameSet> = input
+        .sets_in(from..to)
+        .expect("sets")
+        .map(|s| s.expect("set"))
+        .collect();
+    assert!(part == sets[13..31]);
+    assert_eq!(input.sets_in(to..from).expect("sets").len(), 0);
+    // An iterator may be given up at any time.
+    let mut given_up = input.sets().expect("sets");
+    assert!(given_up.next().is_some());
+    drop(given_up);
+}
+
+#[test]
+fn what_is_known_of_the_rig_is_the_newest() {
+    let (folder, _recorded, input) = open();
+    assert_eq!(input.root(), folder.path().canonicalize().expect("path"));
+    for eye in ["left_shoulder/left", "left_shoulder/right"] {
+        assert_eq!(input.calibration(eye), Some(&lens(eye)));
+    }
+    assert_eq!(input.calibration("feet/left"), None);
+    assert_eq!(input.transforms().len(), 1);
+    assert_eq!(input.transforms()[0].child_frame_id, "feet/left");
+    let versions: Vec<u32> = input.clock_maps("feet").iter().map(|m| m.version).collect();
+    assert_eq!(versions, [1, 2]);
+    assert!(input.clock_maps("left_shoulder").is_empty());
+    assert_eq!(input.manifest().started, START);
+}
