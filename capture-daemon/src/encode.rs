@@ -1,1 +1,296 @@
-//! encode
+//! Encoding one camera's frames, through failures.
+//!
+//! A [`Lane`] takes frames and hands on access units with their companion records, in order. Key
+//! frames are forced where a chunk of the archive begins. An encoder that fails, or gives nothing for
+//! [`STALL_NS`], is replaced; frames that were inside it are reported as dropped, never forgotten. When
+//! the encoder is full, the new frame is dropped whole, before the encoder, so that no other frame
+//! depends on it.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use bytes::Bytes;
+use session_archive::record::Frame;
+use session_archive::record::paws::gap::Cause;
+use session_archive::time::HostTime;
+use video::{EncodeError, Encoder, EncoderEvent, EncoderSettings, Picture};
+
+/// An encoder that holds frames and gives nothing for so long is taken to be stuck.
+pub const STALL_NS: i64 = 2_000_000_000;
+/// After an encoder could not be started, how long until the next try.
+const RETRY_NS: i64 = 1_000_000_000;
+/// Virtual time waits for every frame; longer than this in real time is a stuck encoder.
+const VIRTUAL_PATIENCE: Duration = Duration::from_secs(60);
+
+/// What a lane hands on.
+#[derive(Debug)]
+pub enum Encoded {
+    /// An access unit and its companion.
+    Frame {
+        /// Everything but what the archive writer fills in.
+        frame: Frame,
+        /// Annex B.
+        unit: Bytes,
+        /// Whether it can be decoded alone.
+        key: bool,
+    },
+    /// Frames that will not come.
+    Dropped {
+        /// First number.
+        first: u64,
+        /// Last number.
+        last: u64,
+        /// Why.
+        cause: Cause,
+        /// What exactly happened.
+        detail: String,
+    },
+}
+
+/// Where a lane hands on to; called from the encoder's threads.
+pub type Sink = Arc<dyn Fn(Encoded) + Send + Sync>;
+
+/// What the pushing thread and the encoder's threads share. Each encoder has its own, so that a late
+/// word of a replaced one changes nothing.
+struct Inside {
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+#[derive(Default)]
+struct State {
+    frames: VecDeque<(i64, Frame)>,
+    failure: Option<String>,
+    abandoned: bool,
+}
+
+impl Inside {
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+struct Running {
+    encoder: Encoder,
+    inside: Arc<Inside>,
+}
+
+/// One camera's way through its encoder.
+pub struct Lane {
+    settings: EncoderSettings,
+    chunk_ns: i64,
+    sink: Sink,
+    running: Option<Running>,
+    /// Epoch of the newest key frame.
+    epoch: Option<i64>,
+    previous_pts: i64,
+    last_progress: HostTime,
+    retry_at: HostTime,
+    restarts: u64,
+    wants_key: bool,
+}
+
+impl Lane {
+    /// A lane; the encoder starts with the first frame.
+    pub fn new(settings: EncoderSettings, chunk_ns: i64, sink: Sink) -> Self {
+        Self {
+            settings,
+            chunk_ns,
+            sink,
+            running: None,
+            epoch: None,
+            previous_pts: i64::MIN,
+            last_progress: HostTime::MIN,
+            retry_at: HostTime::MIN,
+            restarts: 0,
+            wants_key: false,
+        }
+    }
+
+    /// How often the encoder was replaced.
+    pub fn restarts(&self) -> u64 {
+        self.restarts
+    }
+
+    /// Bytes of the pictures waiting inside.
+    pub fn queued_bytes(&self) -> usize {
+        self.running.as_ref().map_or(0, |r| r.encoder.queued_bytes())
+    }
+
+    /// Makes the next frame a key frame.
+    pub fn request_key(&mut self) {
+        self.wants_key = true;
+    }
+
+    /// Takes a frame; never waits. What cannot be encoded is reported as dropped.
+    pub fn push(&mut self, frame: Frame, picture: &Picture, now: HostTime) {
+        self.submit(frame, picture, now, false);
+    }
+
+    /// Takes a frame and waits until it has come out: virtual time drops nothing, and the order of
+    /// everything is the order of the calls.
+    pub fn push_and_wait(&mut self, frame: Frame, picture: &Picture, now: HostTime) {
+        self.submit(frame, picture, now, true);
+        let Some(running) = &self.running else { return };
+        let state = running.inside.lock();
+        let waiting = |s: &mut State| !s.frames.is_empty() && s.failure.is_none();
+        let (state, late) = running
+            .inside
+            .changed
+            .wait_timeout_while(state, VIRTUAL_PATIENCE, waiting)
+            .unwrap_or_else(PoisonError::into_inner);
+        let failure = match (&state.failure, late.timed_out()) {
+            (Some(reason), _) => Some(reason.clone()),
+            (None, true) => Some("the encoder gives nothing".to_owned()),
+            (None, false) => None,
+        };
+        drop(state);
+        if let Some(reason) = failure {
+            self.replace(&reason, now);
+        }
+    }
+
+    /// Looks after the encoder; call it a few times a second.
+    pub fn tick(&mut self, now: HostTime) {
+        let Some(running) = &self.running else { return };
+        let state = running.inside.lock();
+        let failure = state.failure.clone();
+        let waiting = state.frames.front().map(|(_, f)| HostTime(f.host_time));
+        drop(state);
+        if let Some(reason) = failure {
+            self.replace(&reason, now);
+        } else if let Some(since) = waiting
+            && now.since(since.max(self.last_progress)) > STALL_NS
+        {
+            self.replace("the encoder gave nothing for 2 s", now);
+        }
+    }
+
+    /// Drains the encoder: everything taken is handed on or reported when this returns.
+    pub fn finish(&mut self, limit: Duration, now: HostTime) {
+        let Some(Running { encoder, inside }) = self.running.take() else { return };
+        let ended = encoder.finish(limit);
+        let left = abandon(&inside);
+        if let Err(e) = ended {
+            log::warn!("ending the encoder: {e}");
+        }
+        self.report(&left, "the encoder ended without giving them");
+        self.last_progress = now;
+    }
+
+    fn submit(&mut self, frame: Frame, picture: &Picture, now: HostTime, wait: bool) {
+        let number = frame.number;
+        let drop_it = |lane: &Self, cause, detail: String| {
+            (lane.sink)(Encoded::Dropped { first: number, last: number, cause, detail });
+        };
+        if self.running.is_none() {
+            if now < self.retry_at {
+                return drop_it(self, Cause::EncoderRestart, "no encoder is running".to_owned());
+            }
+            if let Err(e) = self.start(now) {
+                self.retry_at = now + RETRY_NS;
+                return drop_it(self, Cause::EncoderRestart, e.to_string());
+            }
+        }
+        let epoch = frame.time.div_euclid(self.chunk_ns);
+        let key = self.wants_key || self.epoch.is_none_or(|e| epoch > e);
+        let pts = frame.time.max(self.previous_pts.saturating_add(1));
+        let Some(Running { encoder, inside }) = &mut self.running else { return };
+        inside.lock().frames.push_back((pts, frame));
+        let pushed = if wait {
+            encoder.push(pts, picture, key)
+        } else {
+            encoder.try_push(pts, picture, key)
+        };
+        match pushed {
+            Ok(()) => {
+                self.previous_pts = pts;
+                if key {
+                    self.epoch = Some(epoch);
+                    self.wants_key = false;
+                }
+            }
+            Err(EncodeError::Full { pictures }) => {
+                inside.lock().frames.pop_back();
+                drop_it(self, Cause::EncoderOverload, format!("{pictures} frames in the encoder"));
+            }
+            Err(e) => {
+                // The frame is still inside and is reported with the others.
+                let reason = e.to_string();
+                self.replace(&reason, now);
+            }
+        }
+    }
+
+    fn start(&mut self, now: HostTime) -> Result<(), EncodeError> {
+        let inside =
+            Arc::new(Inside { state: Mutex::new(State::default()), changed: Condvar::new() });
+        let (sink, shared) = (self.sink.clone(), inside.clone());
+        let on_output = Box::new(move |event| deliver(event, &shared, &sink));
+        let encoder = Encoder::start(&self.settings, on_output)?;
+        self.running = Some(Running { encoder, inside });
+        self.last_progress = now;
+        self.epoch = None;
+        Ok(())
+    }
+
+    /// Gives the encoder up and reports what was inside; the next frame starts another.
+    fn replace(&mut self, reason: &str, now: HostTime) {
+        let Some(Running { encoder, inside }) = self.running.take() else { return };
+        self.restarts += 1;
+        log::warn!("{} is started again: {reason}", self.settings.element);
+        let left = abandon(&inside);
+        // Stopping a stuck encoder takes seconds, and this thread has other cameras to serve.
+        let name = "encoder-end".to_owned();
+        let _ = std::thread::Builder::new().name(name).spawn(move || drop(encoder));
+        self.report(&left, reason);
+        self.last_progress = now;
+        self.wants_key = true;
+    }
+
+    fn report(&self, left: &[Frame], detail: &str) {
+        for frame in left {
+            (self.sink)(Encoded::Dropped {
+                first: frame.number,
+                last: frame.number,
+                cause: Cause::EncoderRestart,
+                detail: detail.to_owned(),
+            });
+        }
+    }
+}
+
+/// Takes what is inside a given-up encoder; whatever it still says is ignored from here on.
+fn abandon(inside: &Inside) -> Vec<Frame> {
+    let mut state = inside.lock();
+    state.abandoned = true;
+    state.frames.drain(..).map(|(_, frame)| frame).collect()
+}
+
+/// An encoder said something.
+fn deliver(event: EncoderEvent, inside: &Inside, sink: &Sink) {
+    let unit = match event {
+        EncoderEvent::AccessUnit(unit) => unit,
+        EncoderEvent::Failed(reason) => {
+            inside.lock().failure = Some(reason);
+            inside.changed.notify_all();
+            return;
+        }
+    };
+    // Handed on under the lock: a frame is either handed on or still inside, never both.
+    let mut state = inside.lock();
+    if state.abandoned {
+        return;
+    }
+    match state.frames.front() {
+        Some((pts, _)) if *pts == unit.pts_ns => {
+            if let Some((_, frame)) = state.frames.pop_front() {
+                sink(Encoded::Frame { frame, unit: unit.data, key: unit.key });
+            }
+        }
+        _ => state.failure = Some(format!("it gave a time that it was not given: {}", unit.pts_ns)),
+    }
+    drop(state);
+    inside.changed.notify_all();
+}

@@ -1,1 +1,537 @@
-//! hub
+//! Where all samples come together: times, frozen and silent streams, batches, and the way to the
+//! encoders.
+//!
+//! The hub is handed samples in the order of arrival and hands on [`Outgoing`] items. It owns no
+//! thread and asks no clock. *Early*: a stream's first sample already has a time, with an honest
+//! sigma. *At a gap*: numbers are handed on as they are; the recorder turns what is missing into gap
+//! records. *When a stream falls silent or its picture freezes*: an alarm, within two periods and a
+//! second, and another item when it is over. *At the end*: [`Hub::finish`] hands on what is inside.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use bytes::Bytes;
+use session_archive::record::paws::clock_map::{Doubt, Model as ModelRecord, Piece};
+use session_archive::record::paws::gap::Cause;
+use session_archive::record::{ClockMap as ClockMapRecord, Frame, ImuBatch};
+use session_archive::time::{HostTime, NS_PER_S, TickLength};
+use video::EncoderSettings;
+
+use crate::encode::{Encoded, Lane};
+use crate::sources::{ImuInfo, ImuValues, RawFrame, RawImu, Sample};
+use crate::sync::gaps::Renumber;
+use crate::sync::clock::{ClockConfig, ClockMap, ClockMapper, Mapped, Model, MonotoneGuard, Observation};
+
+/// An IMU batch is handed on when it spans this much.
+const BATCH_NS: i64 = 100_000_000;
+/// An IMU batch holds at most this many samples.
+const BATCH_SAMPLES: usize = 512;
+/// How long draining the encoders may take at the end.
+const FINISH_LIMIT: Duration = Duration::from_secs(5);
+
+/// What the hub and the encoders hand on to the recorder.
+#[derive(Debug)]
+pub enum Outgoing {
+    /// An encoded frame.
+    Frame {
+        /// Position of the camera.
+        camera: usize,
+        /// Its companion record.
+        frame: Frame,
+        /// The access unit.
+        unit: Bytes,
+        /// Whether it can be decoded alone.
+        key: bool,
+    },
+    /// IMU samples.
+    Imu {
+        /// Position of the IMU.
+        imu: usize,
+        /// The samples.
+        batch: ImuBatch,
+    },
+    /// A clock map has changed.
+    Clock {
+        /// When.
+        at: HostTime,
+        /// The map; names its clock.
+        map: ClockMapRecord,
+    },
+    /// Samples that will not come.
+    Dropped {
+        /// Stream, as gap records name it.
+        stream: String,
+        /// First number.
+        first: u64,
+        /// Last number.
+        last: u64,
+        /// Why.
+        cause: Cause,
+        /// What exactly happened.
+        detail: String,
+    },
+    /// Something began or ended that needs attention.
+    Alarm {
+        /// When.
+        at: HostTime,
+        /// What is wrong, the same text at the beginning and at the end.
+        text: String,
+        /// The stream.
+        stream: String,
+        /// Whether it begins.
+        active: bool,
+    },
+    /// Something happened that is worth keeping.
+    Notice {
+        /// When.
+        at: HostTime,
+        /// What.
+        text: String,
+        /// The stream.
+        stream: String,
+    },
+    /// How the streams fare, once a second.
+    Health {
+        /// When.
+        at: HostTime,
+        /// Cameras first, then IMUs, in their order.
+        streams: Vec<StreamHealth>,
+    },
+}
+
+impl Outgoing {
+    /// Bytes that it occupies, for bounding queues.
+    pub fn bytes(&self) -> usize {
+        match self {
+            Self::Frame { unit, .. } => unit.len() + 256,
+            Self::Imu { batch, .. } => 256 + 80 * batch.device_ticks.len(),
+            _ => 256,
+        }
+    }
+}
+
+/// One stream in the last second.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StreamHealth {
+    /// Stream, as gap records name it.
+    pub name: String,
+    /// Samples per second received.
+    pub rate_hz: f64,
+    /// Samples received since the daemon started.
+    pub received: u64,
+    /// Bytes waiting for the encoder.
+    pub queue_bytes: u64,
+    /// No sample for too long.
+    pub silent: bool,
+    /// The same picture for too long.
+    pub frozen: bool,
+}
+
+/// A camera, as the hub needs to know it.
+#[derive(Clone, Debug)]
+pub struct CameraSetup {
+    /// Its name.
+    pub name: String,
+    /// Nominal rate.
+    pub rate_hz: f64,
+    /// Its device clock.
+    pub clock: ClockConfig,
+    /// Width of its frame counter, where it wraps.
+    pub number_bits: Option<u8>,
+    /// A frozen picture is no fault.
+    pub still: bool,
+    /// How it is encoded.
+    pub encoder: EncoderSettings,
+    /// Its IMU.
+    pub imu: Option<ImuSetup>,
+}
+
+/// An IMU, as the hub needs to know it.
+#[derive(Clone, Debug)]
+pub struct ImuSetup {
+    /// Its name, as in `feet/imu`.
+    pub name: String,
+    /// Rate and scales.
+    pub info: ImuInfo,
+    /// Its device clock.
+    pub clock: ClockConfig,
+    /// Width of its sample counter, where it wraps.
+    pub number_bits: Option<u8>,
+}
+
+/// Where the hub hands on to; also called from the encoders' threads.
+pub type Out = Arc<dyn Fn(Outgoing) + Send + Sync>;
+
+/// The hub.
+pub struct Hub {
+    cameras: Vec<CameraState>,
+    imus: Vec<ImuState>,
+    out: Out,
+    waits: bool,
+    health_at: Option<HostTime>,
+}
+
+struct CameraState {
+    setup: CameraSetup,
+    lane: Lane,
+    numbers: Renumber,
+    clock: StreamClock,
+    watch: Watch,
+    /// Position of its IMU among all IMUs.
+    imu: Option<usize>,
+    digest: Option<u32>,
+    frozen_since: Option<HostTime>,
+    frozen_alarm: bool,
+}
+
+struct ImuState {
+    position: usize,
+    setup: ImuSetup,
+    numbers: Renumber,
+    clock: StreamClock,
+    watch: Watch,
+    batch: ImuBatch,
+    batch_since: HostTime,
+}
+
+/// A device clock and the times that it gives to one stream.
+struct StreamClock {
+    name: String,
+    mapper: ClockMapper,
+    guard: MonotoneGuard,
+    announced: u32,
+    tick: TickLength,
+}
+
+/// Notices silence; counts.
+#[derive(Default)]
+struct Watch {
+    received: u64,
+    received_before: u64,
+    last: Option<HostTime>,
+    limit_ns: i64,
+    silent: bool,
+}
+
+impl Hub {
+    /// A hub for these cameras. With `waits`, every frame is waited for until it is encoded: for
+    /// virtual time. `chunk_ns` is the archive's chunk length.
+    pub fn new(setups: Vec<CameraSetup>, chunk_ns: i64, waits: bool, out: &Out) -> Self {
+        let mut cameras = Vec::new();
+        let mut imus = Vec::new();
+        for (camera, setup) in setups.into_iter().enumerate() {
+            let (hand_on, name) = (out.clone(), setup.name.clone());
+            let sink = Arc::new(move |encoded| {
+                hand_on(match encoded {
+                    Encoded::Frame { frame, unit, key } => {
+                        Outgoing::Frame { camera, frame, unit, key }
+                    }
+                    Encoded::Dropped { first, last, cause, detail } => {
+                        Outgoing::Dropped { stream: name.clone(), first, last, cause, detail }
+                    }
+                });
+            });
+            let imu = setup.imu.clone().map(|imu| {
+                imus.push(ImuState {
+                    position: imus.len(),
+                    numbers: Renumber::new(imu.number_bits),
+                    clock: StreamClock::new(&imu.name, imu.clock),
+                    watch: Watch::new(imu.info.rate_hz),
+                    batch: ImuBatch::default(),
+                    batch_since: HostTime::MIN,
+                    setup: imu,
+                });
+                imus.len() - 1
+            });
+            cameras.push(CameraState {
+                lane: Lane::new(setup.encoder.clone(), chunk_ns, sink),
+                numbers: Renumber::new(setup.number_bits),
+                clock: StreamClock::new(&setup.name, setup.clock),
+                watch: Watch::new(setup.rate_hz),
+                imu,
+                digest: None,
+                frozen_since: None,
+                frozen_alarm: false,
+                setup,
+            });
+        }
+        Self { cameras, imus, out: out.clone(), waits, health_at: None }
+    }
+
+    /// Takes the next sample of a camera's source.
+    pub fn sample(&mut self, camera: usize, sample: Sample, now: HostTime) {
+        match sample {
+            Sample::Frame(frame) => self.frame(camera, frame, now),
+            Sample::Imu(sample) => self.imu(camera, &sample),
+        }
+    }
+
+    /// The way to the recorder was full and a frame of this camera was dropped behind its encoder:
+    /// the next frame has to stand alone.
+    pub fn request_key(&mut self, camera: usize) {
+        self.cameras[camera].lane.request_key();
+    }
+
+    /// Looks after encoders, alarms and health; call it a few times a second.
+    pub fn tick(&mut self, now: HostTime) {
+        for camera in &mut self.cameras {
+            camera.lane.tick(now);
+            camera.watch.check(&camera.setup.name, now, &self.out);
+        }
+        for imu in &mut self.imus {
+            imu.watch.check(&imu.setup.name, now, &self.out);
+            if !imu.batch.times.is_empty() && now.since(imu.batch_since) >= BATCH_NS {
+                flush(imu, &self.out);
+            }
+        }
+        let since = *self.health_at.get_or_insert(now);
+        if now.since(since) >= NS_PER_S {
+            self.health_at = Some(now);
+            self.health(now, now.since(since));
+        }
+    }
+
+    /// Hands on everything inside; nothing may be handed in afterwards.
+    pub fn finish(&mut self, now: HostTime) {
+        for camera in &mut self.cameras {
+            camera.lane.finish(FINISH_LIMIT, now);
+        }
+        for imu in &mut self.imus {
+            flush(imu, &self.out);
+        }
+    }
+
+    fn frame(&mut self, position: usize, raw: RawFrame, now: HostTime) {
+        let camera = &mut self.cameras[position];
+        camera.watch.seen(raw.host_time, &camera.setup.name, &self.out);
+        let number = renumber(&mut camera.numbers, raw.number, raw.host_time, &camera.setup.name, &self.out);
+        let digest = crc32fast::hash(&raw.picture.data);
+        let frozen = camera.digest.replace(digest) == Some(digest) && !camera.setup.still;
+        camera.note_frozen(frozen, raw.host_time, &self.out);
+        let (ticks, mapped) = camera.clock.map(raw.device_ticks, raw.host_time, &self.out);
+        let frame = Frame {
+            number,
+            device_ticks: ticks,
+            kernel_time: raw.kernel_time.map(|t| t.0),
+            host_time: raw.host_time.0,
+            time: mapped.time.0,
+            sigma_ns: mapped.sigma_ns,
+            exposure_ns: raw.exposure_ns,
+            clock_map: mapped.map_version,
+            frozen,
+            time_doubtful: mapped.flagged,
+            ..Frame::default()
+        };
+        if self.waits {
+            camera.lane.push_and_wait(frame, &raw.picture, now);
+        } else {
+            camera.lane.push(frame, &raw.picture, now);
+        }
+    }
+
+    fn imu(&mut self, camera: usize, raw: &RawImu) {
+        let Some(position) = self.cameras[camera].imu else { return };
+        let imu = &mut self.imus[position];
+        imu.watch.seen(raw.host_time, &imu.setup.name, &self.out);
+        let number = renumber(&mut imu.numbers, raw.number, raw.host_time, &imu.setup.name, &self.out);
+        let (ticks, mapped) = imu.clock.map(raw.device_ticks, raw.host_time, &self.out);
+        let n = imu.batch.times.len();
+        let continues = n > 0
+            && number == imu.batch.first_number + n as u64
+            && mapped.map_version == imu.batch.clock_map
+            && mapped.flagged == imu.batch.time_doubtful
+            && n < BATCH_SAMPLES
+            && raw.host_time.since(imu.batch_since) < BATCH_NS;
+        if !continues {
+            flush(imu, &self.out);
+            imu.batch_since = raw.host_time;
+            imu.batch = ImuBatch {
+                first_number: number,
+                clock_map: mapped.map_version,
+                time_doubtful: mapped.flagged,
+                gyro_scale: imu.setup.info.scale.map_or(0.0, |s| s.0),
+                accel_scale: imu.setup.info.scale.map_or(0.0, |s| s.1),
+                ..ImuBatch::default()
+            };
+        }
+        let batch = &mut imu.batch;
+        batch.device_ticks.push(ticks);
+        batch.host_times.push(raw.host_time.0);
+        batch.times.push(mapped.time.0);
+        batch.sigma_ns = batch.sigma_ns.max(mapped.sigma_ns);
+        match raw.values {
+            ImuValues::Counts { gyro, accel } => {
+                batch.gyro_counts.extend(gyro);
+                batch.accel_counts.extend(accel);
+            }
+            ImuValues::Si { gyro, accel } => {
+                batch.gyro.extend(gyro);
+                batch.accel.extend(accel);
+            }
+        }
+    }
+
+    fn health(&mut self, at: HostTime, span_ns: i64) {
+        let mut streams = Vec::new();
+        for camera in &mut self.cameras {
+            let mut health = camera.watch.health(&camera.setup.name, span_ns);
+            health.queue_bytes = camera.lane.queued_bytes() as u64;
+            health.frozen = camera.frozen_alarm;
+            streams.push(health);
+        }
+        for imu in &mut self.imus {
+            streams.push(imu.watch.health(&imu.setup.name, span_ns));
+        }
+        (self.out)(Outgoing::Health { at, streams });
+    }
+}
+
+/// The stream's number of the device's; a restarted counter is worth a notice.
+fn renumber(numbers: &mut Renumber, raw: u64, at: HostTime, name: &str, out: &Out) -> u64 {
+    let numbered = numbers.number(raw);
+    if numbered.restarted {
+        let text = format!(
+            "{name}: the device counts anew from {raw}, stored as {}; how many samples are missing \
+             between cannot be known",
+            numbered.number
+        );
+        out(Outgoing::Notice { at, text, stream: name.to_owned() });
+    }
+    numbered.number
+}
+
+/// Hands on the batch in the making and leaves it empty.
+fn flush(imu: &mut ImuState, out: &Out) {
+    let batch = std::mem::take(&mut imu.batch);
+    if batch.times.is_empty() {
+        return;
+    }
+    out(Outgoing::Imu { imu: imu.position, batch });
+}
+
+impl CameraState {
+    fn note_frozen(&mut self, frozen: bool, at: HostTime, out: &Out) {
+        let since = if frozen { *self.frozen_since.get_or_insert(at) } else { at };
+        if !frozen {
+            self.frozen_since = None;
+        }
+        let alarm = at.since(since) > self.watch.limit_ns;
+        if alarm != self.frozen_alarm {
+            self.frozen_alarm = alarm;
+            let text = format!("{}: the picture is frozen", self.setup.name);
+            out(Outgoing::Alarm { at, text, stream: self.setup.name.clone(), active: alarm });
+        }
+    }
+}
+
+impl StreamClock {
+    fn new(name: &str, config: ClockConfig) -> Self {
+        Self {
+            name: name.to_owned(),
+            mapper: ClockMapper::new(config),
+            guard: MonotoneGuard::default(),
+            announced: 0,
+            tick: config.tick,
+        }
+    }
+
+    /// Learns from a sample and maps it; the ticks come back unwrapped. Hands on the map if it has
+    /// changed.
+    fn map(&mut self, ticks: i64, arrival: HostTime, out: &Out) -> (i64, Mapped) {
+        let seen = self.mapper.observe(ticks, arrival);
+        if let Observation::Step(step) = seen {
+            self.guard.step();
+            let text = format!("{}: the device clock stepped by {} ns", self.name, step.shift_ns);
+            let stream = self.name.clone();
+            out(Outgoing::Notice { at: arrival, text, stream });
+        }
+        let version = self.mapper.version();
+        if version != self.announced {
+            self.announced = version;
+            let map = clock_record(&self.name, self.tick, self.mapper.current());
+            out(Outgoing::Clock { at: arrival, map });
+        }
+        let unwrapped = self.mapper.ticks(ticks);
+        // A tick beyond the range of time has no better time than its arrival.
+        let unknown = Mapped {
+            time: arrival,
+            sigma_ns: NS_PER_S as u64,
+            map_version: version,
+            flagged: true,
+        };
+        let mapped = self.mapper.map(ticks).unwrap_or(unknown);
+        (unwrapped, self.guard.pass(unwrapped, mapped))
+    }
+}
+
+/// A clock map as the archive stores it.
+fn clock_record(clock: &str, tick: TickLength, map: &ClockMap) -> ClockMapRecord {
+    let model = match map.model {
+        Model::Constant => ModelRecord::Constant,
+        Model::Affine => ModelRecord::Affine,
+        Model::Piecewise => ModelRecord::Piecewise,
+    };
+    let pieces = map.segments.iter().map(|s| Piece {
+        ticks_from: s.ticks_from,
+        ticks_ref: s.ticks_ref,
+        host_ref: s.host_ref.0,
+        rate_ppb: s.rate_ppb,
+        sigma_ns: s.sigma_ns,
+        rate_sigma_ppb: s.rate_sigma_ppb,
+    });
+    ClockMapRecord {
+        clock: clock.to_owned(),
+        version: map.version,
+        tick_num: tick.num,
+        tick_den: tick.den,
+        model: model.into(),
+        pieces: pieces.collect(),
+        latency_ns: map.latency_ns,
+        latency_sigma_ns: map.latency_sigma_ns,
+        samples: map.samples_used,
+        epoch: map.epoch,
+        ticks_to: map.ticks_to,
+        wander_ppb_per_s: map.wander_ppb_per_s,
+        residual_median_ns: map.residuals.median_ns,
+        residual_p99_ns: map.residuals.p99_ns,
+        doubts: map.doubts.iter().map(|d| Doubt { from: d.from.0, to: d.to.0 }).collect(),
+    }
+}
+
+impl Watch {
+    fn new(rate_hz: f64) -> Self {
+        let period = if rate_hz > 0.0 { NS_PER_S as f64 / rate_hz } else { 0.0 };
+        Self { limit_ns: 2 * period as i64 + NS_PER_S, ..Self::default() }
+    }
+
+    fn seen(&mut self, at: HostTime, name: &str, out: &Out) {
+        self.received += 1;
+        self.last = Some(at);
+        self.set_silent(false, at, name, out);
+    }
+
+    fn check(&mut self, name: &str, now: HostTime, out: &Out) {
+        let last = *self.last.get_or_insert(now);
+        self.set_silent(now.since(last) > self.limit_ns, now, name, out);
+    }
+
+    fn set_silent(&mut self, silent: bool, at: HostTime, name: &str, out: &Out) {
+        if silent != self.silent {
+            self.silent = silent;
+            let text = format!("{name}: no samples");
+            out(Outgoing::Alarm { at, text, stream: name.to_owned(), active: silent });
+        }
+    }
+
+    fn health(&mut self, name: &str, span_ns: i64) -> StreamHealth {
+        let new = self.received - self.received_before;
+        self.received_before = self.received;
+        StreamHealth {
+            name: name.to_owned(),
+            rate_hz: new as f64 * NS_PER_S as f64 / span_ns.max(1) as f64,
+            received: self.received,
+            silent: self.silent,
+            ..StreamHealth::default()
+        }
+    }
+}

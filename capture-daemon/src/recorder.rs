@@ -1,1 +1,554 @@
-//! recorder
+//! The recorder: keeps the last seconds, opens and closes sessions, accounts for every sample.
+//!
+//! It is handed [`Outgoing`] items in order, and requests; it asks the clock it was given, and it
+//! owns no thread. What it promises:
+//!
+//! * *At a press* the session begins with the pre-roll: for every camera with a key frame from
+//!   before it, so nothing has to be waited for.
+//! * *At a gap* a gap record names the numbers and the cause. Frames and gaps together are every number
+//!   from a stream's first to its last.
+//! * *At a stop* what was received before it is waited for, but not longer than [`STOP_LIMIT_NS`].
+//! * *When the disk is nearly full* it stops cleanly; *when it fails* the session is closed as far as it is
+//!   on disk, and the state says so. Nothing here panics or retries for ever.
+
+use std::collections::BTreeSet;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use session_archive::manifest::{Camera, Imu, Stop};
+use session_archive::record::paws::event::Kind;
+use session_archive::record::paws::health;
+use session_archive::record::{CameraCalibration, ClockMap, Event, FrameTransforms, Health};
+use session_archive::storage::Storage;
+use session_archive::time::{CivilTime, HostTime};
+use session_archive::writer::{SessionSpec, SessionWriter, WriteError};
+
+use crate::clock::Clock;
+use crate::hub::{Outgoing, StreamHealth};
+use crate::status::{Progress, Request, Response, State, Status, StreamStatus};
+
+mod preroll;
+mod session;
+mod timed;
+
+use preroll::PreRoll;
+use session::{Session, Stopping};
+use timed::TimedStorage;
+
+/// How long a stop waits for frames that were received before it.
+pub const STOP_LIMIT_NS: i64 = 250_000_000;
+/// Above the reserve, so much must be free to start.
+const START_MARGIN: u64 = 256 << 20;
+/// A warning comes when less than this can still be recorded.
+const WARN_SECONDS: f64 = 300.0;
+
+/// Where sessions go.
+pub trait SessionStore: Send {
+    /// A new, empty folder for a session that began at this time, and an identifier for it.
+    ///
+    /// # Errors
+    /// The disk says no.
+    fn create(&mut self, started: CivilTime) -> io::Result<(PathBuf, Arc<dyn Storage>, String)>;
+
+    /// Deletes a session's folder.
+    ///
+    /// # Errors
+    /// The disk says no.
+    fn discard(&mut self, path: &Path) -> io::Result<()>;
+
+    /// Free space, bytes.
+    fn free_bytes(&self) -> Option<u64>;
+
+    /// Temperature of the machine, °C.
+    fn temperature_c(&self) -> Option<f64>;
+}
+
+/// Everything about the rig and the recording that does not change while the daemon runs.
+#[derive(Clone, Debug)]
+pub struct Setup {
+    /// The cameras, as the manifest lists them.
+    pub cameras: Vec<Camera>,
+    /// The IMUs, as the manifest lists them.
+    pub imus: Vec<Imu>,
+    /// Calibration per optical frame (`feet/left`).
+    pub calibrations: Vec<(String, CameraCalibration)>,
+    /// The rig's transforms.
+    pub transforms: FrameTransforms,
+    /// Files for `rig/`.
+    pub rig_files: Vec<(String, Vec<u8>)>,
+    /// Chunk length, ns.
+    pub chunk_ns: i64,
+    /// Pre-roll, ns.
+    pub pre_roll_ns: i64,
+    /// Recording ends when less than this is free, bytes.
+    pub reserve_bytes: u64,
+    /// Name of sessions that are not given one.
+    pub name: String,
+    /// What records, for the manifest.
+    pub software: String,
+}
+
+/// Told what happens.
+pub type OnProgress = Box<dyn FnMut(Progress) + Send>;
+
+/// The recorder. See the module's documentation for what it promises.
+pub struct Recorder {
+    setup: Setup,
+    clock: Arc<dyn Clock>,
+    store: Box<dyn SessionStore>,
+    /// Bytes waiting to be handed in.
+    queue_bytes: Box<dyn Fn() -> u64 + Send>,
+    on_progress: OnProgress,
+    pre_roll: PreRoll,
+    session: Option<Session>,
+    last_session: Option<PathBuf>,
+    /// Streams that have delivered.
+    seen: Vec<bool>,
+    health: Vec<StreamHealth>,
+    alarms: BTreeSet<String>,
+    fault: Option<String>,
+    free_bytes: Option<u64>,
+    seconds_left: Option<f64>,
+}
+
+impl Recorder {
+    /// A recorder that waits for its sources.
+    pub fn new(
+        setup: Setup,
+        clock: Arc<dyn Clock>,
+        store: Box<dyn SessionStore>,
+        queue_bytes: Box<dyn Fn() -> u64 + Send>,
+        on_progress: OnProgress,
+    ) -> Self {
+        let streams = setup.cameras.len() + setup.imus.len();
+        Self {
+            pre_roll: PreRoll::new(setup.pre_roll_ns, setup.chunk_ns),
+            free_bytes: store.free_bytes(),
+            clock,
+            store,
+            queue_bytes,
+            on_progress,
+            session: None,
+            last_session: None,
+            seen: vec![false; streams],
+            health: Vec::new(),
+            alarms: BTreeSet::new(),
+            fault: None,
+            seconds_left: None,
+            setup,
+        }
+    }
+
+    /// The state.
+    pub fn state(&self) -> State {
+        match &self.session {
+            Some(Session { stopping: Some(_), .. }) => State::Stopping,
+            Some(_) => State::Recording,
+            None if self.fault.is_some() => State::Fault,
+            None if self.seen.iter().all(|s| *s) => State::Armed,
+            None => State::Idle,
+        }
+    }
+
+    /// Takes the next item.
+    pub fn handle(&mut self, item: Outgoing) {
+        match &item {
+            Outgoing::Frame { camera, .. } => self.seen[*camera] = true,
+            Outgoing::Imu { imu, .. } => self.seen[self.setup.cameras.len() + *imu] = true,
+            Outgoing::Clock { map, .. } if self.session.is_some() => self.pre_roll.remember(map),
+            _ => {}
+        }
+        match item {
+            Outgoing::Health { at, streams } => self.on_health(at, streams),
+            Outgoing::Alarm { at, text, stream, active } => self.on_alarm(at, text, &stream, active),
+            Outgoing::Notice { at, text, stream } => self.event(Kind::Warning, at, &stream, &text),
+            item => self.sample(item),
+        }
+        self.after();
+    }
+
+    /// Lets time pass when nothing arrives.
+    pub fn tick(&mut self) {
+        let now = self.clock.now();
+        if let Some(session) = &mut self.session {
+            let polled = session.writer.poll(now);
+            self.check(polled);
+        }
+        self.after();
+    }
+
+    /// Answers a request.
+    pub fn request(&mut self, request: Request, source: &str) -> Response {
+        let done = match request {
+            Request::Start { name } => self.start(&name, source),
+            Request::Stop => self.stop(source),
+            Request::Mark { text } => match &self.session {
+                Some(_) => {
+                    self.event(Kind::Mark, self.clock.now(), source, &text);
+                    Ok(())
+                }
+                None => Err(format!("nothing is being recorded; the state is {}", self.state())),
+            },
+            Request::Discard => self.discard(source),
+            Request::Status => Ok(()),
+        };
+        match done {
+            Ok(()) => Response::Ok { status: Box::new(self.status()) },
+            Err(message) => Response::Error { message },
+        }
+    }
+
+    /// Starts a session: with the pre-roll, and with whatever arrives from now on.
+    ///
+    /// # Errors
+    /// What stands in the way, for people.
+    pub fn start(&mut self, name: &str, source: &str) -> Result<(), String> {
+        if let Some(session) = &self.session {
+            return Err(format!("already recording {}", session.path.display()));
+        }
+        self.free_bytes = self.store.free_bytes();
+        let needed = self.setup.reserve_bytes + START_MARGIN;
+        if let Some(free) = self.free_bytes
+            && free < needed
+        {
+            return Err(format!(
+                "too little space to start: {} MB are free, {} MB are needed (reserve {} MB)",
+                free >> 20,
+                needed >> 20,
+                self.setup.reserve_bytes >> 20
+            ));
+        }
+        let at = self.clock.now();
+        let beginning = self.pre_roll.take(at + -self.setup.pre_roll_ns, self.setup.cameras.len());
+        let session = self.open(name, at, &beginning.items).map_err(|e| {
+            let message = format!("the session cannot be created: {}", chain(&e));
+            self.fault = Some(message.clone());
+            message
+        })?;
+        self.fault = None;
+        let path = session.path.clone();
+        self.last_session = Some(path.clone());
+        self.session = Some(session);
+        (self.on_progress)(Progress::Started { session: path, at });
+        self.statics(at, &beginning.maps);
+        for item in beginning.items {
+            self.sample(item);
+        }
+        self.event(Kind::Start, at, source, name);
+        self.after();
+        if self.session.is_some() {
+            Ok(())
+        } else {
+            Err(self.fault.clone().unwrap_or_else(|| "the session could not be written".to_owned()))
+        }
+    }
+
+    /// Stops: what was received before now still goes in. The session is closed at the latest
+    /// [`STOP_LIMIT_NS`] later, by [`Self::tick`] or [`Self::handle`].
+    ///
+    /// # Errors
+    /// Nothing is being recorded.
+    pub fn stop(&mut self, source: &str) -> Result<(), String> {
+        let state = self.state();
+        let at = self.clock.now();
+        let cameras = self.setup.cameras.len();
+        let Some(session) = &mut self.session else {
+            return Err(format!("nothing is being recorded; the state is {state}"));
+        };
+        if session.stopping.is_none() {
+            session.stopping = Some(Stopping {
+                at,
+                deadline: at + STOP_LIMIT_NS,
+                reason: source.to_owned(),
+                waiting: vec![true; cameras],
+            });
+            self.event(Kind::Stop, at, source, "");
+        }
+        Ok(())
+    }
+
+    /// Ends a session at once, for when nothing more can come.
+    pub fn close_now(&mut self, source: &str) {
+        if self.stop(source).is_ok() {
+            self.close(None);
+        }
+    }
+
+    /// Stops and deletes the session.
+    fn discard(&mut self, source: &str) -> Result<(), String> {
+        let Some(session) = self.session.take() else {
+            return Err(format!("nothing is being recorded; the state is {}", self.state()));
+        };
+        let path = session.path.clone();
+        drop(session);
+        log::info!("{} discarded by {source}", path.display());
+        self.last_session = None;
+        self.store.discard(&path).map_err(|e| format!("deleting {}: {e}", path.display()))
+    }
+
+    /// Everything worth knowing now.
+    pub fn status(&self) -> Status {
+        let session = self.session.as_ref();
+        let cameras = self.setup.cameras.iter().map(|c| &c.name);
+        let names = cameras.chain(self.setup.imus.iter().map(|i| &i.name));
+        let streams = names.enumerate().map(|(i, name)| {
+            let health = self.health.get(i).cloned().unwrap_or_default();
+            let tally = session.map(|s| &s.streams[i]);
+            StreamStatus {
+                name: name.clone(),
+                rate_hz: health.rate_hz,
+                received: health.received,
+                stored: tally.map_or(0, |t| t.stored),
+                missing: tally.map_or(0, |t| t.missing),
+                silent: health.silent,
+                frozen: health.frozen,
+            }
+        });
+        Status {
+            state: self.state(),
+            session: session.map(|s| s.path.clone()).or_else(|| self.last_session.clone()),
+            seconds: session.map_or(0.0, Session::seconds),
+            durable_until: session.map(|s| s.writer.durability().until),
+            streams: streams.collect(),
+            free_bytes: self.free_bytes,
+            seconds_left: self.seconds_left,
+            alarms: self.alarms.iter().cloned().chain(self.fault.clone()).collect(),
+            encoders: self.setup.cameras.iter().map(|c| c.encoder.clone()).collect(),
+        }
+    }
+
+    fn open(&mut self, name: &str, at: HostTime, items: &[Outgoing]) -> io::Result<Session> {
+        let setup = &self.setup;
+        let started = items.iter().filter_map(item_time).min().map_or(at, |t| t.min(at));
+        // The host clock and civil time of one and the same instant.
+        let started_civil = CivilTime(self.clock.civil().0 - (self.clock.now() - started));
+        let (path, storage, session_id) = self.store.create(started_civil)?;
+        let timed = Arc::new(TimedStorage::new(storage, self.clock.clone()));
+        let spec = SessionSpec {
+            session_id,
+            name: if name.is_empty() { setup.name.clone() } else { name.to_owned() },
+            software: setup.software.clone(),
+            started,
+            started_civil,
+            chunk_ns: setup.chunk_ns,
+            cameras: setup.cameras.clone(),
+            imus: setup.imus.clone(),
+            rig: setup.rig_files.clone(),
+        };
+        let writer = SessionWriter::create(timed.clone(), spec).map_err(io::Error::other)?;
+        Ok(Session::new(path, writer, timed, setup, started))
+    }
+
+    /// What does not change while recording: transforms, calibrations, and the clock maps so far.
+    fn statics(&mut self, at: HostTime, maps: &[ClockMap]) {
+        let Some(session) = &mut self.session else { return };
+        let writer = &mut session.writer;
+        let setup = &self.setup;
+        let mut write = || -> Result<(), WriteError> {
+            if !setup.transforms.transforms.is_empty() {
+                writer.append("", at, at, &setup.transforms)?;
+            }
+            for (frame, calibration) in &setup.calibrations {
+                writer.append(frame, at, at, calibration)?;
+            }
+            for map in maps {
+                writer.append(&map.clock, at, at, map)?;
+            }
+            Ok(())
+        };
+        let written = write();
+        self.check(written);
+    }
+
+    /// A sample, or the word that it will not come: into the session, or into the pre-roll.
+    fn sample(&mut self, item: Outgoing) {
+        let Some(session) = &mut self.session else { return self.pre_roll.keep(item) };
+        if let Some(stopping) = &mut session.stopping
+            && item_time(&item).is_some_and(|t| t > stopping.at)
+        {
+            if let Outgoing::Frame { camera, .. } = item {
+                stopping.waiting[camera] = false;
+            }
+            return self.pre_roll.keep(item);
+        }
+        let stored = session.store(item);
+        self.check(stored);
+    }
+
+    /// A write went well, or ends the session.
+    fn check(&mut self, result: Result<(), WriteError>) {
+        if let Err(e) = result {
+            self.close(Some(chain(&e)));
+        }
+    }
+
+    /// What follows from what was just done.
+    fn after(&mut self) {
+        let Some(session) = &mut self.session else { return };
+        for incident in session.writer.take_incidents() {
+            let what = if incident.lost.is_empty() { "nothing is lost" } else { "data are lost" };
+            let text = format!(
+                "segment {} was given up ({}); {what}, recording goes on in a new one",
+                incident.segment, incident.error
+            );
+            log::error!("{text}");
+            for gap in &incident.lost {
+                session.note_lost(gap);
+            }
+            let event = Event { kind: Kind::Fault.into(), source: "disk".to_owned(), text: text.clone() };
+            let at = session.last;
+            if let Err(e) = session.writer.append("", at, at, &event) {
+                return self.close(Some(chain(&e)));
+            }
+            (self.on_progress)(Progress::Alarm { text, active: true });
+        }
+        let durable = session.writer.durability();
+        if durable.chunks != session.chunks_reported {
+            session.chunks_reported = durable.chunks;
+            let (until, messages) = (durable.until, durable.messages);
+            (self.on_progress)(Progress::Durable { until, messages });
+        }
+        if let Some(stopping) = &session.stopping
+            && (stopping.waiting.iter().all(|w| !w) || self.clock.now() >= stopping.deadline)
+        {
+            self.close(None);
+        }
+    }
+
+    /// Closes the session, after a failure as far as the disk lets it.
+    fn close(&mut self, error: Option<String>) {
+        let Some(mut session) = self.session.take() else { return };
+        let now = self.clock.now();
+        let stopping = session.stopping.take();
+        let reason = match (&error, &stopping) {
+            (Some(e), _) => format!("failure: {e}"),
+            (None, Some(s)) => s.reason.clone(),
+            (None, None) => "closed".to_owned(),
+        };
+        let finished = if error.is_none() { session.settle() } else { Ok(()) };
+        let seconds = session.seconds();
+        let stored = session.streams.iter().map(|s| s.stored).sum();
+        let missing = session.streams.iter().map(|s| s.missing).sum();
+        let at = stopping.map_or(now, |s| s.at);
+        let path = session.path.clone();
+        let closed = session.close(Stop { at, reason: reason.clone() });
+        let failed = error
+            .or_else(|| finished.err().map(|e| chain(&e)))
+            .or_else(|| closed.err().map(|e| chain(&e)));
+        if let Some(e) = &failed {
+            let text = format!(
+                "recording ended by a failure: {e}; {seconds:.1} s are in {}",
+                path.display()
+            );
+            log::error!("{text}");
+            self.fault = Some(text);
+        }
+        (self.on_progress)(Progress::Finished {
+            session: path,
+            reason,
+            seconds,
+            stored,
+            missing,
+            error: failed,
+        });
+    }
+
+    fn event(&mut self, kind: Kind, at: HostTime, source: &str, text: &str) {
+        let Some(session) = &mut self.session else { return };
+        let event = Event { kind: kind.into(), source: source.to_owned(), text: text.to_owned() };
+        let written = session.writer.append("", at, at, &event);
+        self.check(written);
+    }
+
+    fn on_alarm(&mut self, at: HostTime, text: String, stream: &str, active: bool) {
+        if active {
+            log::warn!("{text}");
+            self.alarms.insert(text.clone());
+        } else {
+            log::info!("over: {text}");
+            self.alarms.remove(&text);
+        }
+        self.event(if active { Kind::Fault } else { Kind::Cleared }, at, stream, &text);
+        (self.on_progress)(Progress::Alarm { text, active });
+    }
+
+    fn on_health(&mut self, at: HostTime, streams: Vec<StreamHealth>) {
+        self.health = streams;
+        self.free_bytes = self.store.free_bytes();
+        let temperature_c = self.store.temperature_c();
+        let Some(session) = &mut self.session else { return };
+        let (write_max_ns, sync_max_ns) = session.timed.take_longest();
+        let durability = session.writer.durability();
+        let mut written = 0;
+        let streams = self.health.iter().zip(&mut session.streams).map(|(health, tally)| {
+            let bytes = tally.bytes - tally.bytes_before;
+            tally.bytes_before = tally.bytes;
+            written += bytes;
+            health::Stream {
+                name: health.name.clone(),
+                rate_hz: health.rate_hz,
+                received: health.received,
+                stored: tally.stored,
+                missing: tally.missing,
+                queue_bytes: health.queue_bytes,
+                bitrate: 8.0 * bytes as f64,
+                silent: health.silent,
+                frozen: health.frozen,
+            }
+        });
+        let record = Health {
+            streams: streams.collect(),
+            writer_queue_bytes: (self.queue_bytes)(),
+            write_max_ns,
+            sync_max_ns,
+            free_bytes: self.free_bytes.unwrap_or(0),
+            temperature_c,
+            durable_until: durability.until.0,
+        };
+        let stored = session.writer.append("", at, at, &record);
+        self.check(stored);
+        self.guard_disk(at, written);
+    }
+
+    /// Warns when space runs low and stops, cleanly, when it has.
+    fn guard_disk(&mut self, at: HostTime, bytes_per_second: u64) {
+        let (Some(free), Some(session)) = (self.free_bytes, &mut self.session) else { return };
+        let usable = free.saturating_sub(self.setup.reserve_bytes);
+        let left = usable as f64 / (bytes_per_second.max(1)) as f64;
+        self.seconds_left = Some(left);
+        if usable == 0 {
+            let text = format!("the disk is full up to the reserve ({} MB free)", free >> 20);
+            self.event(Kind::Fault, at, "disk", &text);
+            let _ = self.stop("disk full");
+            (self.on_progress)(Progress::Alarm { text, active: true });
+            return;
+        }
+        let low = left < WARN_SECONDS;
+        if low != session.low_disk {
+            session.low_disk = low;
+            self.on_alarm(at, "disk: less than 5 minutes can still be recorded".to_owned(), "disk", low);
+        }
+    }
+}
+
+/// The time by which an item belongs before or after a stop.
+fn item_time(item: &Outgoing) -> Option<HostTime> {
+    match item {
+        Outgoing::Frame { frame, .. } => Some(HostTime(frame.time)),
+        Outgoing::Imu { batch, .. } => batch.times.first().map(|t| HostTime(*t)),
+        _ => None,
+    }
+}
+
+/// An error with its causes, for people.
+fn chain(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut source = error.source();
+    while let Some(cause) = source {
+        text.push_str(": ");
+        text.push_str(&cause.to_string());
+        source = cause.source();
+    }
+    text
+}

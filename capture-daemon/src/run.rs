@@ -1,1 +1,91 @@
-//! run
+//! Putting the parts together: in real time on threads, or in virtual time in a loop.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::Context as _;
+
+use crate::config::Config;
+use crate::recorder::OnProgress;
+
+mod build;
+mod real_time;
+mod store;
+mod virtual_time;
+
+pub use build::{Built, build};
+pub use real_time::daemon;
+pub use store::FolderStore;
+
+/// Asks a run to end; clones ask the same run.
+#[derive(Clone, Debug, Default)]
+pub struct StopFlag(Arc<AtomicBool>);
+
+impl StopFlag {
+    /// A flag that is not set.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Asks to end.
+    pub fn set(&self) {
+        self.0.store(true, Ordering::SeqCst);
+    }
+
+    /// Whether the end was asked for.
+    pub fn is_set(&self) -> bool {
+        self.0.load(Ordering::SeqCst)
+    }
+
+    /// The flag, for signal handlers that set an atomic.
+    pub fn shared(&self) -> Arc<AtomicBool> {
+        self.0.clone()
+    }
+}
+
+/// What to record.
+#[derive(Clone, Debug)]
+pub struct RecordOptions {
+    /// Length of the session; it also ends when all sources have ended.
+    pub seconds: f64,
+    /// As fast as the machine can, dropping nothing: the same input gives the same bytes.
+    pub virtual_time: bool,
+    /// Name of the session.
+    pub name: String,
+    /// Folder in which the session's folder is made.
+    pub out: PathBuf,
+}
+
+/// What came of a recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finished {
+    /// The session's folder.
+    pub session: PathBuf,
+    /// Samples stored, all streams.
+    pub stored: u64,
+    /// Samples missing, all streams; each is accounted for in a gap record.
+    pub missing: u64,
+    /// What failed, if the session was ended by a failure.
+    pub error: Option<String>,
+}
+
+/// Records one session: starts at once, ends after the time given or when `stop` is set.
+///
+/// # Errors
+/// The configuration cannot be put to work, or no session could be created. A session that was
+/// ended by a failure is not an error: see [`Finished::error`].
+pub fn record(
+    config: &Config,
+    options: &RecordOptions,
+    stop: &StopFlag,
+    on_progress: OnProgress,
+) -> anyhow::Result<Finished> {
+    std::fs::create_dir_all(&options.out)
+        .with_context(|| format!("creating the folder for sessions {}", options.out.display()))?;
+    if options.virtual_time {
+        virtual_time::record(config, options, stop, on_progress)
+    } else {
+        real_time::record(config, options, stop, on_progress)
+    }
+}

@@ -6,6 +6,7 @@
 //! [`synthetic`] moving picture; both know when each sample is to arrive and leave the waiting to
 //! the runner, so that they run in real time and in virtual time alike.
 
+use calib::StereoCalibration;
 use session_archive::time::{HostTime, TickLength};
 use video::Picture;
 
@@ -100,6 +101,8 @@ pub struct CameraInfo {
     pub rate_hz: f64,
     /// Length of a device tick.
     pub tick: TickLength,
+    /// Width of the device's frame counter, where it wraps.
+    pub number_bits: Option<u8>,
     /// Whether chroma means anything.
     pub colour: bool,
     /// Whether the same picture again and again is what the source is meant to deliver, so that a
@@ -114,6 +117,8 @@ pub struct ImuInfo {
     pub rate_hz: f64,
     /// Length of a device tick.
     pub tick: TickLength,
+    /// Width of the device's sample counter, where it wraps.
+    pub number_bits: Option<u8>,
     /// rad/s per gyro count and m/s² per accelerometer count, where samples are counts.
     pub scale: Option<(f64, f64)>,
 }
@@ -167,4 +172,15 @@ pub trait Source: Send {
 
     /// Whether arrival times are a schedule that the caller has to wait for.
     fn is_scheduled(&self) -> bool;
+
+    /// Moves the schedule so that it begins at `start`; only before the first sample. A live source
+    /// has no schedule.
+    fn begin_at(&mut self, start: HostTime) {
+        let _ = start;
+    }
+
+    /// The stereo calibration that comes with the source, where there is one.
+    fn calibration(&self) -> Option<&StereoCalibration> {
+        None
+    }
 }

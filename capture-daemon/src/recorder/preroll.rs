@@ -1,0 +1,124 @@
+//! The last seconds, kept while nothing is recorded.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use session_archive::record::ClockMap;
+use session_archive::time::HostTime;
+
+use crate::hub::Outgoing;
+
+/// However long the pre-roll, no more than this is kept.
+const LIMIT_BYTES: usize = 256 << 20;
+
+/// What was received in the last seconds, and the clock maps that its times came from.
+pub(super) struct PreRoll {
+    items: VecDeque<Outgoing>,
+    bytes: usize,
+    /// Kept behind the newest time: the pre-roll, and the GOP that its beginning lies in.
+    span_ns: i64,
+    newest: HostTime,
+    /// Newest map of each clock from before the items.
+    maps: BTreeMap<String, ClockMap>,
+}
+
+/// What a session begins with.
+pub(super) struct Beginning {
+    /// Clock maps in force before the first item.
+    pub(super) maps: Vec<ClockMap>,
+    /// The items, in order: for each camera from a key frame on.
+    pub(super) items: Vec<Outgoing>,
+}
+
+impl PreRoll {
+    pub(super) fn new(pre_roll_ns: i64, chunk_ns: i64) -> Self {
+        Self {
+            items: VecDeque::new(),
+            bytes: 0,
+            // One GOP before the pre-roll, and one more for a camera whose key frame is late.
+            span_ns: pre_roll_ns + 2 * chunk_ns,
+            newest: HostTime::MIN,
+            maps: BTreeMap::new(),
+        }
+    }
+
+    pub(super) fn keep(&mut self, item: Outgoing) {
+        if let Some(time) = sample_time(&item) {
+            self.newest = self.newest.max(time);
+        }
+        self.bytes += item.bytes();
+        self.items.push_back(item);
+        while let Some(front) = self.items.front() {
+            let old = sample_time(front).is_none_or(|t| self.newest.since(t) > self.span_ns);
+            if !old && self.bytes <= LIMIT_BYTES {
+                break;
+            }
+            let Some(item) = self.items.pop_front() else { break };
+            self.bytes -= item.bytes();
+            if let Outgoing::Clock { map, .. } = item {
+                self.maps.insert(map.clock.clone(), map);
+            }
+        }
+    }
+
+    /// Takes out what a session beginning at `from` starts with.
+    pub(super) fn take(&mut self, from: HostTime, cameras: usize) -> Beginning {
+        let maps = self.maps.values().cloned().collect();
+        let items = std::mem::take(&mut self.items);
+        self.bytes = 0;
+        // For each camera, the last key frame at or before `from`, or else its first.
+        let mut begins: Vec<Option<u64>> = vec![None; cameras];
+        for item in &items {
+            if let Outgoing::Frame { camera, frame, key: true, .. } = item
+                && (begins[*camera].is_none() || frame.time <= from.0)
+            {
+                begins[*camera] = Some(frame.number);
+            }
+        }
+        let earliest = items
+            .iter()
+            .filter_map(|item| match item {
+                Outgoing::Frame { camera, frame, .. } if begins[*camera] == Some(frame.number) => {
+                    Some(HostTime(frame.time))
+                }
+                _ => None,
+            })
+            .min()
+            .map_or(from, |t| t.min(from));
+        let mut kept = Vec::new();
+        for item in items {
+            let keep = match &item {
+                Outgoing::Frame { camera, frame, .. } => {
+                    begins[*camera].is_some_and(|first| frame.number >= first)
+                }
+                Outgoing::Imu { batch, .. } => batch.times.first().is_some_and(|t| *t >= earliest.0),
+                Outgoing::Clock { map, .. } => {
+                    self.maps.insert(map.clock.clone(), map.clone());
+                    true
+                }
+                Outgoing::Dropped { .. } => true,
+                Outgoing::Alarm { .. } | Outgoing::Notice { .. } | Outgoing::Health { .. } => false,
+            };
+            if keep {
+                kept.push(item);
+            }
+        }
+        Beginning { maps, items: kept }
+    }
+
+    /// Remembers a clock map although something is being recorded: the next session needs it.
+    pub(super) fn remember(&mut self, map: &ClockMap) {
+        self.maps.insert(map.clock.clone(), map.clone());
+    }
+}
+
+fn sample_time(item: &Outgoing) -> Option<HostTime> {
+    match item {
+        Outgoing::Frame { frame, .. } => Some(HostTime(frame.time)),
+        Outgoing::Imu { batch, .. } => batch.times.last().map(|t| HostTime(*t)),
+        Outgoing::Clock { at, .. }
+        | Outgoing::Alarm { at, .. }
+        | Outgoing::Notice { at, .. }
+        | Outgoing::Health { at, .. } => Some(*at),
+        Outgoing::Dropped { .. } => None,
+    }
+}

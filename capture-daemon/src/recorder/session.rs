@@ -1,0 +1,221 @@
+//! One session while it is being recorded: what goes into the archive, and the account of it.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use session_archive::manifest::Stop;
+use session_archive::record::paws::frame_set::Member as MemberRecord;
+use session_archive::record::{FrameSet as FrameSetRecord, Gap};
+use session_archive::time::{HostTime, NS_PER_S};
+use session_archive::writer::{SessionWriter, WriteError};
+
+use super::Setup;
+use super::timed::TimedStorage;
+use crate::hub::Outgoing;
+use crate::sync::gaps::SequenceTracker;
+use crate::sync::sets::{CameraSpec, FrameSet, FrameSetBuilder};
+
+/// A session that is being recorded.
+pub(super) struct Session {
+    pub(super) path: PathBuf,
+    pub(super) writer: SessionWriter,
+    pub(super) timed: Arc<TimedStorage>,
+    /// Cameras first, then IMUs.
+    pub(super) streams: Vec<Stream>,
+    cameras: usize,
+    sets: FrameSetBuilder,
+    pub(super) first: Option<HostTime>,
+    pub(super) last: HostTime,
+    pub(super) stopping: Option<Stopping>,
+    pub(super) chunks_reported: u64,
+    pub(super) low_disk: bool,
+}
+
+/// What a stream has come to in this session.
+pub(super) struct Stream {
+    name: String,
+    tracker: SequenceTracker,
+    pub(super) stored: u64,
+    pub(super) missing: u64,
+    pub(super) bytes: u64,
+    /// `bytes` at the last health record.
+    pub(super) bytes_before: u64,
+}
+
+/// A stop that was asked for.
+pub(super) struct Stopping {
+    pub(super) at: HostTime,
+    pub(super) deadline: HostTime,
+    pub(super) reason: String,
+    /// Cameras whose last frame may still be on its way.
+    pub(super) waiting: Vec<bool>,
+}
+
+impl Session {
+    pub(super) fn new(
+        path: PathBuf,
+        writer: SessionWriter,
+        timed: Arc<TimedStorage>,
+        setup: &Setup,
+        started: HostTime,
+    ) -> Self {
+        let cameras = setup.cameras.iter().map(|c| &c.name);
+        let names = cameras.chain(setup.imus.iter().map(|i| &i.name));
+        let streams = names.map(|name| Stream {
+            name: name.clone(),
+            tracker: SequenceTracker::new(name),
+            stored: 0,
+            missing: 0,
+            bytes: 0,
+            bytes_before: 0,
+        });
+        let specs = setup.cameras.iter().map(|c| CameraSpec {
+            trigger: c.trigger.clone(),
+            period_ns: (NS_PER_S as f64 / c.rate_hz.max(0.001)) as i64,
+        });
+        Self {
+            path,
+            writer,
+            timed,
+            streams: streams.collect(),
+            cameras: setup.cameras.len(),
+            sets: FrameSetBuilder::new(specs.collect()),
+            first: None,
+            last: started,
+            stopping: None,
+            chunks_reported: 0,
+            low_disk: false,
+        }
+    }
+
+    /// Length so far, s.
+    pub(super) fn seconds(&self) -> f64 {
+        self.first.map_or(0.0, |first| (self.last - first) as f64 / NS_PER_S as f64)
+    }
+
+    /// Puts an item into the archive, with the gap records and frame sets that follow from it.
+    pub(super) fn store(&mut self, item: Outgoing) -> Result<(), WriteError> {
+        match item {
+            Outgoing::Frame { camera, frame, unit, key } => {
+                let time = HostTime(frame.time);
+                let host = HostTime(frame.host_time);
+                if !self.place(camera, frame.number, 1, time, time, host)? {
+                    return Ok(());
+                }
+                let number = frame.number;
+                let stream = &mut self.streams[camera];
+                stream.bytes += unit.len() as u64;
+                self.writer.append_frame(&stream.name, frame, &unit, key)?;
+                for set in self.sets.push(camera, number, time) {
+                    self.frame_set(&set, host)?;
+                }
+                Ok(())
+            }
+            Outgoing::Imu { imu, batch } => {
+                let (Some(&start), Some(&end)) = (batch.times.first(), batch.times.last()) else {
+                    return Ok(());
+                };
+                let (start, end) = (HostTime(start), HostTime(end));
+                let host = HostTime(batch.host_times.last().copied().unwrap_or(end.0));
+                let n = batch.device_ticks.len() as u64;
+                let position = self.cameras + imu;
+                if self.place(position, batch.first_number, n, start, end, host)? {
+                    let stream = &mut self.streams[position];
+                    stream.bytes += prost_len(&batch);
+                    self.writer.append(&stream.name, start, host, &batch)?;
+                }
+                Ok(())
+            }
+            Outgoing::Clock { at, map } => self.writer.append(&map.clock, at, at, &map),
+            Outgoing::Dropped { stream, first, last, cause, detail } => {
+                if let Some(stream) = self.streams.iter_mut().find(|s| s.name == stream) {
+                    stream.tracker.dropped(first, last, cause, &detail);
+                }
+                Ok(())
+            }
+            Outgoing::Alarm { .. } | Outgoing::Notice { .. } | Outgoing::Health { .. } => Ok(()),
+        }
+    }
+
+    /// Takes samples into account; false if they are late or repeated and must not be stored.
+    fn place(
+        &mut self,
+        stream: usize,
+        first: u64,
+        count: u64,
+        start: HostTime,
+        end: HostTime,
+        host: HostTime,
+    ) -> Result<bool, WriteError> {
+        let tally = &mut self.streams[stream];
+        let Some(gaps) = tally.tracker.samples(first, count, start, end) else {
+            log::warn!("{}: samples from {first} came late or twice", tally.name);
+            return Ok(false);
+        };
+        tally.stored += count;
+        for gap in gaps {
+            self.gap(stream, &gap, start, host)?;
+        }
+        self.first = Some(self.first.map_or(start, |f| f.min(start)));
+        self.last = self.last.max(end);
+        Ok(true)
+    }
+
+    fn gap(
+        &mut self,
+        stream: usize,
+        gap: &Gap,
+        at: HostTime,
+        host: HostTime,
+    ) -> Result<(), WriteError> {
+        self.streams[stream].missing += gap.count();
+        self.writer.append("", at, host, gap)
+    }
+
+    /// What the writer had to give up is missing too; it has written the gap records itself.
+    pub(super) fn note_lost(&mut self, gap: &Gap) {
+        if let Some(stream) = self.streams.iter_mut().find(|s| s.name == gap.stream) {
+            stream.missing += gap.count();
+            stream.stored = stream.stored.saturating_sub(gap.count());
+        }
+    }
+
+    fn frame_set(&mut self, set: &FrameSet, host: HostTime) -> Result<(), WriteError> {
+        let name = |camera: usize| self.streams[camera].name.clone();
+        let members = set.members.iter().map(|m| MemberRecord {
+            camera: name(m.camera),
+            number: m.number,
+            time: m.time.0,
+        });
+        let record = FrameSetRecord {
+            number: set.number,
+            time: set.time.0,
+            members: members.collect(),
+            missing: set.missing.iter().map(|c| name(*c)).collect(),
+        };
+        self.writer.append("", set.time, host, &record)
+    }
+
+    /// Nothing more comes: the last frame sets, and gaps for what was reported behind the last
+    /// samples.
+    pub(super) fn settle(&mut self) -> Result<(), WriteError> {
+        for set in self.sets.flush() {
+            self.frame_set(&set, self.last)?;
+        }
+        for stream in 0..self.streams.len() {
+            for gap in self.streams[stream].tracker.finish() {
+                self.gap(stream, &gap, self.last, self.last)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends the session; whether everything is on disk.
+    pub(super) fn close(self, stop: Stop) -> Result<(), WriteError> {
+        self.writer.close(stop).map(|_| ())
+    }
+}
+
+fn prost_len(message: &impl session_archive::record::Protobuf) -> u64 {
+    message.encoded_len() as u64
+}

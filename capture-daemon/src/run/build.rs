@@ -1,0 +1,312 @@
+//! From a configuration to sources, hub and recorder set-ups.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::{Context as _, anyhow, bail};
+use cad_transforms::frame::{Frame, FramePart};
+use cad_transforms::rig::Rig;
+use cad_transforms::transform::RigidTransform;
+use calib::foxglove::CameraInfo;
+use calib::stereo::{Eye, StereoCalibration};
+use session_archive::manifest;
+use session_archive::record::{
+    CameraCalibration, FrameTransform, FrameTransforms, Quaternion, Vector3, timestamp,
+};
+use session_archive::time::HostTime;
+use video::{Codec, EncoderSettings};
+
+use crate::config::{self, Config, SourceConfig};
+use crate::hub::{CameraSetup, ImuSetup};
+use crate::recorder::Setup;
+use crate::sources::replay::Replay;
+use crate::sources::synthetic::Synthetic;
+use crate::sources::{Source, SourceInfo};
+use crate::sync::clock::ClockConfig;
+
+/// Everything that a run needs.
+pub struct Built {
+    /// One source per camera, in the order of the configuration.
+    pub sources: Vec<Box<dyn Source>>,
+    /// For the hub.
+    pub cameras: Vec<CameraSetup>,
+    /// For the recorder.
+    pub setup: Setup,
+}
+
+/// Opens the sources, finds an encoder for each, reads rig and calibrations. Scheduled sources begin
+/// at `start`.
+///
+/// # Errors
+/// What cannot be opened, found or read, with the camera's name.
+pub fn build(config: &Config, start: HostTime) -> anyhow::Result<Built> {
+    video::init()?;
+    let rig = read_rig(config.rig.as_deref())?;
+    let mut sources: Vec<Box<dyn Source>> = Vec::new();
+    let mut elements = BTreeMap::new();
+    let mut cameras = Vec::new();
+    let mut setup = Setup {
+        cameras: Vec::new(),
+        imus: Vec::new(),
+        calibrations: Vec::new(),
+        transforms: FrameTransforms::default(),
+        rig_files: rig.files,
+        chunk_ns: config.session.chunk_ns,
+        pre_roll_ns: config.session.pre_roll_ns,
+        reserve_bytes: config.disk.reserve_bytes,
+        name: config.session.name.clone(),
+        software: concat!("pawsd ", env!("CARGO_PKG_VERSION")).to_owned(),
+    };
+    let mut transforms = Transforms::of(rig.rig.as_ref(), start);
+    for camera in &config.cameras {
+        let name = &camera.name;
+        let source = open(camera, start).with_context(|| format!("opening the source of {name}"))?;
+        let info = source.info().clone();
+        let size = (info.camera.width, info.camera.height);
+        let element = match elements.get(&size) {
+            Some(element) => String::clone(element),
+            None => {
+                let element = choose(config, size).with_context(|| {
+                    format!("finding an encoder for {name} ({}x{})", size.0, size.1)
+                })?;
+                elements.insert(size, element.clone());
+                element
+            }
+        };
+        let stereo = stereo_calibration(camera, &info, source.calibration())?;
+        if let Some(stereo) = &stereo {
+            transforms.add_stereo(name, stereo)?;
+            setup.calibrations.extend(calibration_records(name, stereo, start));
+        }
+        add_rig_files(&mut setup.rig_files, camera, &info)?;
+        let (listed, of_hub) = describe(config, camera, &info, &element)?;
+        setup.cameras.push(listed);
+        if let (Some(imu), Some(of_hub)) = (&info.imu, &of_hub.imu) {
+            setup.imus.push(manifest::Imu {
+                name: of_hub.name.clone(),
+                rate_hz: imu.rate_hz,
+                tick: imu.tick,
+                source: info.description.clone(),
+            });
+        }
+        cameras.push(of_hub);
+        sources.push(source);
+    }
+    setup.transforms = transforms.into_record();
+    Ok(Built { sources, cameras, setup })
+}
+
+fn open(camera: &config::Camera, start: HostTime) -> anyhow::Result<Box<dyn Source>> {
+    Ok(match &camera.source {
+        SourceConfig::Replay(r) => {
+            Box::new(Replay::open(&camera.name, &r.path, r.rate_hz, r.repeat, r.imu, start)?)
+        }
+        SourceConfig::Synthetic(s) => Box::new(Synthetic::new(
+            &camera.name,
+            s.width,
+            s.height,
+            s.rate_hz,
+            s.imu_rate_hz,
+            s.seed,
+            start,
+        )?),
+    })
+}
+
+/// The encoder that was asked for, if it works; or the best that does.
+fn choose(config: &Config, (width, height): (u32, u32)) -> anyhow::Result<String> {
+    match &config.encoder.element {
+        Some(element) => {
+            video::discover::trial(element, width, height)
+                .with_context(|| format!("{element} was asked for"))?;
+            Ok(element.to_owned())
+        }
+        None => Ok(video::discover::best_encoder(width, height)?.trial.element.to_string()),
+    }
+}
+
+/// A camera for the manifest, and for the hub.
+fn describe(
+    config: &Config,
+    camera: &config::Camera,
+    info: &SourceInfo,
+    element: &str,
+) -> anyhow::Result<(manifest::Camera, CameraSetup)> {
+    let codec = video::encoder::element_codec(element)
+        .ok_or_else(|| anyhow!("{element} is not an encoder that this program can drive"))?;
+    let chunk_s = config.session.chunk_ns as f64 * 1e-9;
+    let encoder = EncoderSettings {
+        element: element.to_owned(),
+        width: info.camera.width,
+        height: info.camera.height,
+        rate_hz: info.camera.rate_hz,
+        quality_db: config.encoder.quality_db,
+        threads: config.encoder.threads,
+        // Key frames are forced at the chunks' boundaries; this only catches what forcing misses.
+        max_key_interval_frames: (2.0 * chunk_s * info.camera.rate_hz).ceil().max(1.0) as u32,
+    };
+    let listed = manifest::Camera {
+        name: camera.name.clone(),
+        width: info.camera.width,
+        height: info.camera.height,
+        codec: match codec {
+            Codec::H264 => "h264".to_owned(),
+            Codec::H265 => "h265".to_owned(),
+        },
+        colour: if info.camera.colour { "yuv420" } else { "grey" }.to_owned(),
+        rate_hz: info.camera.rate_hz,
+        tick: info.camera.tick,
+        trigger: camera.trigger.clone(),
+        source: info.description.clone(),
+        encoder: format!("{element}, {} dB", config.encoder.quality_db),
+    };
+    let clock = |tick, latency_ns, latency_sigma_ns| ClockConfig {
+        latency_ns,
+        latency_sigma_ns,
+        ..ClockConfig::new(tick)
+    };
+    let of_hub = CameraSetup {
+        name: camera.name.clone(),
+        rate_hz: info.camera.rate_hz,
+        clock: clock(info.camera.tick, camera.latency_ns, camera.latency_sigma_ns),
+        number_bits: info.camera.number_bits,
+        still: info.camera.still,
+        encoder,
+        imu: info.imu.clone().map(|imu| ImuSetup {
+            name: format!("{}/imu", camera.name),
+            clock: clock(imu.tick, camera.imu_latency_ns, camera.imu_latency_sigma_ns),
+            number_bits: imu.number_bits,
+            info: imu,
+        }),
+    };
+    Ok((listed, of_hub))
+}
+
+/// The calibration file that was named, or what came with the source.
+fn stereo_calibration(
+    camera: &config::Camera,
+    info: &SourceInfo,
+    own: Option<&StereoCalibration>,
+) -> anyhow::Result<Option<StereoCalibration>> {
+    let Some(path) = &camera.calibration else { return Ok(own.cloned()) };
+    let (stereo, notes) = calib::read_stereo(path, info.camera.width / 2, info.camera.height)
+        .with_context(|| format!("reading the calibration of {}", camera.name))?;
+    for note in notes {
+        log::warn!("{}: {}", path.display(), note.0);
+    }
+    Ok(Some(stereo))
+}
+
+fn calibration_records(
+    camera: &str,
+    stereo: &StereoCalibration,
+    at: HostTime,
+) -> Vec<(String, CameraCalibration)> {
+    [("left", Eye::Left), ("right", Eye::Right)]
+        .into_iter()
+        .map(|(eye, which)| {
+            let info = CameraInfo::of(stereo, which);
+            let frame = format!("{camera}/{eye}");
+            let record = CameraCalibration {
+                timestamp: Some(timestamp(at)),
+                frame_id: frame.clone(),
+                width: info.width,
+                height: info.height,
+                distortion_model: info.distortion_model.to_owned(),
+                d: info.d,
+                k: info.k.to_vec(),
+                r: info.r.to_vec(),
+                p: info.p.to_vec(),
+            };
+            (frame, record)
+        })
+        .collect()
+}
+
+fn add_rig_files(
+    files: &mut Vec<(String, Vec<u8>)>,
+    camera: &config::Camera,
+    info: &SourceInfo,
+) -> anyhow::Result<()> {
+    let mut found = info.calibration_files.clone();
+    if let Some(path) = &camera.calibration {
+        found.push((format!("{}.{}", camera.name, file_name(path)), read(path)?));
+    }
+    for (name, content) in found {
+        if files.iter().any(|(n, _)| *n == name) {
+            bail!("two files would be kept as rig/{name}");
+        }
+        files.push((name, content));
+    }
+    Ok(())
+}
+
+#[derive(Default)]
+struct RigFiles {
+    rig: Option<Rig>,
+    files: Vec<(String, Vec<u8>)>,
+}
+
+fn read_rig(path: Option<&Path>) -> anyhow::Result<RigFiles> {
+    let Some(path) = path else { return Ok(RigFiles::default()) };
+    let rig = Rig::read(path).context("reading the rig file")?;
+    Ok(RigFiles { rig: Some(rig), files: vec![("rig.toml".to_owned(), read(path)?)] })
+}
+
+fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
+    std::fs::read(path).with_context(|| format!("reading {}", path.display()))
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
+}
+
+/// The transforms of the session: what the rig file says, and for frames that it does not have,
+/// what the calibrations say.
+struct Transforms {
+    at: HostTime,
+    known: Vec<Frame>,
+    record: Vec<FrameTransform>,
+}
+
+impl Transforms {
+    fn of(rig: Option<&Rig>, at: HostTime) -> Self {
+        let mut transforms = Self { at, known: Vec::new(), record: Vec::new() };
+        for edge in rig.map(Rig::edges).unwrap_or_default() {
+            transforms.add(&edge.parent, &edge.child, &edge.parent_from_child);
+        }
+        transforms
+    }
+
+    fn add_stereo(&mut self, camera: &str, stereo: &StereoCalibration) -> anyhow::Result<()> {
+        let left = Frame::of_camera(camera, FramePart::Left)?;
+        let right = Frame::of_camera(camera, FramePart::Right)?;
+        let imu = Frame::of_camera(camera, FramePart::Imu)?;
+        if !self.known.contains(&right) {
+            self.add(&left, &right, &stereo.right_from_left.inverse());
+        }
+        if let Some(calibration) = &stereo.imu
+            && !self.known.contains(&imu)
+        {
+            self.add(&left, &imu, &calibration.imu_from_left.inverse());
+        }
+        Ok(())
+    }
+
+    fn add(&mut self, parent: &Frame, child: &Frame, parent_from_child: &RigidTransform) {
+        let [w, x, y, z] = parent_from_child.rotation_wxyz();
+        let [tx, ty, tz] = parent_from_child.translation_m();
+        self.known.push(child.clone());
+        self.record.push(FrameTransform {
+            timestamp: Some(timestamp(self.at)),
+            parent_frame_id: parent.as_str().to_owned(),
+            child_frame_id: child.as_str().to_owned(),
+            translation: Some(Vector3 { x: tx, y: ty, z: tz }),
+            rotation: Some(Quaternion { x, y, z, w }),
+        });
+    }
+
+    fn into_record(self) -> FrameTransforms {
+        FrameTransforms { transforms: self.record }
+    }
+}

@@ -1,0 +1,405 @@
+//! Real time: a thread per source, one for the hub, one for the recorder.
+//!
+//! Between them are two queues bounded in bytes. When the inbox is full a frame is dropped before the
+//! hub; when the way to the recorder is full, frames are dropped behind the encoder up to the
+//! next key frame, which is asked for at once. Both are reported with their cause. IMU samples
+//! wait instead.
+
+use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use anyhow::{Context as _, anyhow, bail};
+use session_archive::record::paws::gap::Cause;
+use session_archive::time::{HostTime, NS_PER_S};
+
+use super::build::{Built, build};
+use super::store::FolderStore;
+use super::{Finished, RecordOptions, StopFlag};
+use crate::clock::{Clock, RealClock};
+use crate::config::Config;
+use crate::control;
+use crate::hub::{Hub, Out, Outgoing};
+use crate::notify::Notifier;
+use crate::queue::{Popped, Queue};
+use crate::recorder::{OnProgress, Recorder};
+use crate::sources::{Sample, Source};
+use crate::status::{Progress, Request, Response};
+
+/// Raw frames waiting for the hub.
+const INBOX_BYTES: usize = 128 << 20;
+/// Encoded frames and IMU samples waiting for the recorder.
+const OUTBOX_BYTES: usize = 64 << 20;
+/// Longest wait of a thread before it looks at the time again.
+const PATIENCE: Duration = Duration::from_millis(20);
+/// Time between two looks at encoders, alarms and health.
+const TICK_NS: i64 = 100_000_000;
+/// Replays begin this much after the program, so that all of them are ready.
+const LEAD_NS: i64 = 200_000_000;
+/// A thread that has not come round for this long is stuck.
+const STUCK_NS: i64 = 10 * NS_PER_S;
+/// How long a request may take.
+const REQUEST_LIMIT: Duration = Duration::from_secs(5);
+
+/// To the hub.
+enum In {
+    Sample(usize, Sample),
+    Dropped(usize, u64),
+    Ended,
+}
+
+/// To the recorder.
+enum ToRecorder {
+    Item(Outgoing),
+    Request(Request, &'static str, SyncSender<Response>),
+}
+
+/// What all threads share.
+struct Shared {
+    clock: Arc<RealClock>,
+    inbox: Queue<In>,
+    outbox: Queue<ToRecorder>,
+    /// Set when everything is to end.
+    ending: StopFlag,
+    /// When hub and recorder last came round.
+    hub_beat: AtomicI64,
+    recorder_beat: AtomicI64,
+    /// Cameras that need a key frame.
+    key_wanted: Vec<AtomicBool>,
+    /// Set when no source will deliver any more.
+    all_ended: StopFlag,
+}
+
+/// A running daemon.
+struct Running {
+    shared: Arc<Shared>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Running {
+    fn start(
+        config: &Config,
+        out: std::path::PathBuf,
+        record: Option<String>,
+        on_progress: OnProgress,
+    ) -> anyhow::Result<Self> {
+        let clock = Arc::new(RealClock);
+        let Built { mut sources, cameras, setup } = build(config, clock.now())?;
+        let start = clock.now() + LEAD_NS;
+        for source in &mut sources {
+            source.begin_at(start);
+        }
+        let chunk_ns = setup.chunk_ns;
+        let names: Vec<String> = cameras.iter().map(|c| c.name.clone()).collect();
+        let shared = Arc::new(Shared {
+            clock: clock.clone(),
+            inbox: Queue::new(INBOX_BYTES),
+            outbox: Queue::new(OUTBOX_BYTES),
+            ending: StopFlag::new(),
+            hub_beat: AtomicI64::new(clock.now().0),
+            recorder_beat: AtomicI64::new(clock.now().0),
+            key_wanted: cameras.iter().map(|_| AtomicBool::new(false)).collect(),
+            all_ended: StopFlag::new(),
+        });
+        let queued = shared.clone();
+        let mut recorder = Recorder::new(
+            setup,
+            clock,
+            Box::new(FolderStore::random(out)),
+            Box::new(move || queued.outbox.bytes() as u64),
+            on_progress,
+        );
+        if let Some(name) = record {
+            recorder.start(&name, "control").map_err(|e| anyhow!(e))?;
+        }
+        let out = to_recorder(shared.clone(), names.clone());
+        let hub = Hub::new(cameras, chunk_ns, false, &out);
+        let mut threads = Vec::new();
+        let count = sources.len();
+        for (i, source) in sources.into_iter().enumerate() {
+            let shared = shared.clone();
+            threads.push(spawn(&format!("source-{}", names[i]), move || pump(i, source, &shared))?);
+        }
+        let of_hub = shared.clone();
+        threads.push(spawn("hub", move || run_hub(hub, count, &names, &out, &of_hub))?);
+        let of_recorder = shared.clone();
+        threads.push(spawn("recorder", move || run_recorder(recorder, &of_recorder))?);
+        Ok(Self { shared, threads })
+    }
+
+    fn request(&self, request: Request, source: &'static str) -> Response {
+        ask(&self.shared, request, source)
+    }
+
+    /// Ends all threads; a session that is still open is closed.
+    fn end(self) {
+        self.shared.ending.set();
+        self.shared.inbox.close();
+        for thread in self.threads {
+            let _ = thread.join();
+        }
+    }
+
+    /// A thread that does not come round any more, if there is one.
+    fn stuck(&self) -> Option<&'static str> {
+        let now = self.shared.clock.now();
+        let late = |beat: &AtomicI64| now.0 - beat.load(Ordering::Relaxed) > STUCK_NS;
+        if late(&self.shared.hub_beat) {
+            Some("hub")
+        } else if late(&self.shared.recorder_beat) {
+            Some("recorder")
+        } else {
+            None
+        }
+    }
+}
+
+fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> anyhow::Result<JoinHandle<()>> {
+    std::thread::Builder::new()
+        .name(name.to_owned())
+        .spawn(run)
+        .with_context(|| format!("starting the thread {name}"))
+}
+
+fn ask(shared: &Shared, request: Request, source: &'static str) -> Response {
+    let failed = |message: &str| Response::Error { message: message.to_owned() };
+    let (reply, answer) = sync_channel(1);
+    if shared.outbox.push_reserved(ToRecorder::Request(request, source, reply), 0).is_err() {
+        return failed("the daemon is ending");
+    }
+    answer.recv_timeout(REQUEST_LIMIT).unwrap_or_else(|_| failed("the recorder does not answer"))
+}
+
+/// A source's thread: waits for what is scheduled, hands everything to the hub.
+fn pump(i: usize, mut source: Box<dyn Source>, shared: &Shared) {
+    let scheduled = source.is_scheduled();
+    while !shared.ending.is_set() {
+        let sample = match source.next_sample() {
+            Ok(Some(sample)) => sample,
+            Ok(None) => break,
+            Err(e) => {
+                log::error!("{e}");
+                break;
+            }
+        };
+        if scheduled && !wait_until(sample.host_time(), shared) {
+            return;
+        }
+        let bytes = sample.bytes();
+        let given = match sample {
+            Sample::Imu(_) => shared.inbox.push_reserved(In::Sample(i, sample), bytes).is_ok(),
+            Sample::Frame(ref frame) => {
+                let number = frame.number;
+                shared.inbox.try_push(In::Sample(i, sample), bytes).is_ok()
+                    || shared.inbox.push_reserved(In::Dropped(i, number), 0).is_ok()
+            }
+        };
+        if !given {
+            return;
+        }
+    }
+    let _ = shared.inbox.push_reserved(In::Ended, 0);
+}
+
+/// Sleeps until a time; false if the end came first.
+fn wait_until(time: HostTime, shared: &Shared) -> bool {
+    loop {
+        let left = time - shared.clock.now();
+        if shared.ending.is_set() {
+            return false;
+        }
+        if left <= 0 {
+            return true;
+        }
+        #[expect(clippy::disallowed_methods, reason = "this is the clock of the replayed devices")]
+        std::thread::sleep(Duration::from_nanos(left as u64).min(PATIENCE));
+    }
+}
+
+fn run_hub(mut hub: Hub, sources: usize, names: &[String], out: &Out, shared: &Shared) {
+    let mut running = sources;
+    let mut next_tick = shared.clock.now();
+    loop {
+        let popped = shared.inbox.pop(PATIENCE);
+        let now = shared.clock.now();
+        shared.hub_beat.store(now.0, Ordering::Relaxed);
+        for (camera, wanted) in shared.key_wanted.iter().enumerate() {
+            if wanted.swap(false, Ordering::Relaxed) {
+                hub.request_key(camera);
+            }
+        }
+        match popped {
+            Popped::Item(In::Sample(i, sample)) => hub.sample(i, sample, now),
+            Popped::Item(In::Dropped(i, number)) => out(Outgoing::Dropped {
+                stream: names[i].clone(),
+                first: number,
+                last: number,
+                cause: Cause::EncoderOverload,
+                detail: "too many raw frames are waiting".to_owned(),
+            }),
+            Popped::Item(In::Ended) => {
+                running -= 1;
+                if running == 0 {
+                    hub.finish(now);
+                    shared.all_ended.set();
+                }
+            }
+            Popped::Nothing => {}
+            Popped::Closed => break,
+        }
+        if now >= next_tick {
+            hub.tick(now);
+            next_tick = now + TICK_NS;
+        }
+    }
+    hub.finish(shared.clock.now());
+    shared.outbox.close();
+}
+
+/// The way from the hub and the encoders to the recorder.
+fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
+    let skipping: Vec<AtomicBool> = names.iter().map(|_| AtomicBool::new(false)).collect();
+    Arc::new(move |item: Outgoing| {
+        let bytes = item.bytes();
+        let (camera, number, key) = match &item {
+            Outgoing::Frame { camera, frame, key, .. } => (*camera, frame.number, *key),
+            _ => {
+                let _ = shared.outbox.push_reserved(ToRecorder::Item(item), bytes);
+                return;
+            }
+        };
+        // Once a frame is dropped behind the encoder, those that follow refer to it.
+        let skip = skipping[camera].load(Ordering::Relaxed) && !key;
+        if !skip && shared.outbox.try_push(ToRecorder::Item(item), bytes).is_ok() {
+            skipping[camera].store(false, Ordering::Relaxed);
+            return;
+        }
+        if !skipping[camera].swap(true, Ordering::Relaxed) {
+            shared.key_wanted[camera].store(true, Ordering::Relaxed);
+        }
+        let dropped = Outgoing::Dropped {
+            stream: names[camera].clone(),
+            first: number,
+            last: number,
+            cause: Cause::WriterOverload,
+            detail: "the disk is too slow".to_owned(),
+        };
+        let _ = shared.outbox.push_reserved(ToRecorder::Item(dropped), 0);
+    })
+}
+
+fn run_recorder(mut recorder: Recorder, shared: &Shared) {
+    loop {
+        let popped = shared.outbox.pop(PATIENCE);
+        shared.recorder_beat.store(shared.clock.now().0, Ordering::Relaxed);
+        match popped {
+            Popped::Item(ToRecorder::Item(item)) => recorder.handle(item),
+            Popped::Item(ToRecorder::Request(request, source, reply)) => {
+                let _ = reply.try_send(recorder.request(request, source));
+            }
+            Popped::Nothing => {}
+            Popped::Closed => break,
+        }
+        recorder.tick();
+    }
+    recorder.close_now("shutdown");
+}
+
+pub(super) fn record(
+    config: &Config,
+    options: &RecordOptions,
+    stop: &StopFlag,
+    mut on_progress: OnProgress,
+) -> anyhow::Result<Finished> {
+    let finished: Arc<Mutex<Option<Finished>>> = Arc::default();
+    let seen = finished.clone();
+    let watch: OnProgress = Box::new(move |progress| {
+        if let Progress::Finished { session, stored, missing, error, .. } = &progress {
+            let (session, error) = (session.clone(), error.clone());
+            *seen.lock().unwrap_or_else(PoisonError::into_inner) =
+                Some(Finished { session, stored: *stored, missing: *missing, error });
+        }
+        on_progress(progress);
+    });
+    let running =
+        Running::start(config, options.out.clone(), Some(options.name.clone()), watch)?;
+    let shared = running.shared.clone();
+    let end = shared.clock.now() + LEAD_NS + (options.seconds * NS_PER_S as f64) as i64;
+    let is_finished = || finished.lock().unwrap_or_else(PoisonError::into_inner).is_some();
+    let mut asked = false;
+    let mut give_up = HostTime::MAX;
+    while !is_finished() && shared.clock.now() < give_up {
+        let now = shared.clock.now();
+        if !asked && (stop.is_set() || now >= end || shared.all_ended.is_set()) {
+            asked = true;
+            give_up = now + STUCK_NS;
+            running.request(Request::Stop, if stop.is_set() { "signal" } else { "duration" });
+        }
+        if let Some(thread) = running.stuck() {
+            bail!("the thread {thread} has been stuck for {} s", STUCK_NS / NS_PER_S);
+        }
+        wait_until(now + PATIENCE.as_nanos() as i64, &shared);
+    }
+    running.end();
+    let finished = finished.lock().unwrap_or_else(PoisonError::into_inner).take();
+    finished.ok_or_else(|| anyhow!("the recording ended without a session"))
+}
+
+/// Runs the daemon until `stop` is set: armed, answering on the control socket, telling systemd how
+/// it is.
+///
+/// # Errors
+/// The configuration cannot be put to work, or a thread got stuck.
+pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
+    let out = config
+        .session
+        .out
+        .clone()
+        .ok_or_else(|| anyhow!("the configuration has no [session] out: where do sessions go?"))?;
+    std::fs::create_dir_all(&out)
+        .with_context(|| format!("creating the folder for sessions {}", out.display()))?;
+    let log_progress: OnProgress = Box::new(|progress| match progress {
+        Progress::Started { session, .. } => log::info!("recording {}", session.display()),
+        Progress::Finished { session, reason, seconds, stored, missing, .. } => log::info!(
+            "closed {} ({reason}): {seconds:.1} s, {stored} samples, {missing} missing",
+            session.display()
+        ),
+        Progress::Durable { .. } | Progress::Alarm { .. } => {}
+    });
+    let running = Running::start(config, out, None, log_progress)?;
+    let of_control = running.shared.clone();
+    let server = control::serve(&config.control.socket, move |request| {
+        ask(&of_control, request, "control")
+    })
+    .with_context(|| format!("opening the control socket {}", config.control.socket.display()))?;
+    let notifier = Notifier::from_environment();
+    notifier.ready();
+    let shared = running.shared.clone();
+    let mut next_status = shared.clock.now();
+    let result = loop {
+        if stop.is_set() {
+            break Ok(());
+        }
+        if let Some(thread) = running.stuck() {
+            break Err(anyhow!("the thread {thread} has been stuck for {} s", STUCK_NS / NS_PER_S));
+        }
+        let now = shared.clock.now();
+        if now >= next_status {
+            next_status = now + NS_PER_S;
+            if let Response::Ok { status } = running.request(Request::Status, "supervisor") {
+                notifier.status(&format!("{}, {:.0} s", status.state, status.seconds));
+                notifier.watchdog();
+            }
+        }
+        wait_until(now + PATIENCE.as_nanos() as i64, &shared);
+    };
+    notifier.stopping();
+    drop(server);
+    if result.is_ok() {
+        running.request(Request::Stop, "signal");
+        running.end();
+    }
+    result
+}

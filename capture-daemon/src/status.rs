@@ -1,0 +1,158 @@
+//! What the recorder tells about itself: to `pawsd status`, to a button's light, to a log.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+use session_archive::time::HostTime;
+
+/// State of the recorder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum State {
+    /// Waiting for the sources: not every stream has delivered yet.
+    Idle,
+    /// Ready: a press starts recording at once.
+    Armed,
+    /// Recording.
+    Recording,
+    /// Asked to stop; the last frames are on their way.
+    Stopping,
+    /// Cannot record, see the alarms.
+    Fault,
+}
+
+impl std::fmt::Display for State {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Self::Idle => "idle",
+            Self::Armed => "armed",
+            Self::Recording => "recording",
+            Self::Stopping => "stopping",
+            Self::Fault => "fault",
+        })
+    }
+}
+
+/// One stream.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct StreamStatus {
+    /// Stream, as gap records name it.
+    pub name: String,
+    /// Samples per second received in the last second.
+    pub rate_hz: f64,
+    /// Samples received since the daemon started.
+    pub received: u64,
+    /// Samples stored in this session.
+    pub stored: u64,
+    /// Samples missing in this session.
+    pub missing: u64,
+    /// No sample for too long.
+    pub silent: bool,
+    /// The same picture for too long.
+    pub frozen: bool,
+}
+
+/// Everything worth knowing now.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Status {
+    /// State.
+    pub state: State,
+    /// The session's folder while recording; afterwards that of the last session.
+    pub session: Option<PathBuf>,
+    /// Seconds recorded so far, pre-roll included.
+    pub seconds: f64,
+    /// Everything with a log time up to here is on disk.
+    pub durable_until: Option<HostTime>,
+    /// The streams.
+    pub streams: Vec<StreamStatus>,
+    /// Free space where sessions go, bytes.
+    pub free_bytes: Option<u64>,
+    /// Seconds that can still be recorded at the present rate.
+    pub seconds_left: Option<f64>,
+    /// What is wrong now.
+    pub alarms: Vec<String>,
+    /// The encoder of each camera.
+    pub encoders: Vec<String>,
+}
+
+/// Something that just happened, for whoever watches a recording.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub enum Progress {
+    /// A session has begun.
+    Started {
+        /// Its folder.
+        session: PathBuf,
+        /// When it was asked for.
+        at: HostTime,
+    },
+    /// Everything with a log time up to `until` is on disk.
+    Durable {
+        /// Log time.
+        until: HostTime,
+        /// Messages on disk.
+        messages: u64,
+    },
+    /// Something needs attention, or no longer does.
+    Alarm {
+        /// What.
+        text: String,
+        /// Whether it began.
+        active: bool,
+    },
+    /// A session has ended.
+    Finished {
+        /// Its folder.
+        session: PathBuf,
+        /// Why.
+        reason: String,
+        /// Its length, from the first to the last log time, s.
+        seconds: f64,
+        /// Samples stored, all streams.
+        stored: u64,
+        /// Samples missing, all streams; each is accounted for in a gap record.
+        missing: u64,
+        /// What failed, if the session was ended by a failure.
+        error: Option<String>,
+    },
+}
+
+/// What can be asked of the daemon; one JSON object per line.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "do", rename_all = "snake_case")]
+pub enum Request {
+    /// Start recording.
+    Start {
+        /// Name of the session.
+        #[serde(default)]
+        name: String,
+    },
+    /// Stop and keep the session.
+    Stop,
+    /// Mark this instant.
+    Mark {
+        /// What to write beside it.
+        #[serde(default)]
+        text: String,
+    },
+    /// Stop and delete the session.
+    Discard,
+    /// Tell the state.
+    Status,
+}
+
+/// The daemon's answer; one JSON object per line.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "result", rename_all = "snake_case")]
+pub enum Response {
+    /// Done; this is the state now.
+    Ok {
+        /// State.
+        status: Box<Status>,
+    },
+    /// Not done.
+    Error {
+        /// Why.
+        message: String,
+    },
+}
