@@ -23,7 +23,7 @@ mod png_file;
 mod text;
 
 pub use error::DatasetError;
-pub use png_file::{DecodedPng, MAX_PIXELS, Samples, load_png};
+pub use png_file::{DecodedPng, MAX_PIXELS, PngShape, Samples, load_png, probe_png};
 
 /// A recorded data set, ready to be replayed.
 #[derive(Clone, Debug, PartialEq)]
@@ -137,7 +137,7 @@ pub fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, DatasetE
 }
 
 /// Time of frame `number` at a constant rate, ns.
-fn time_at(number: u64, rate_hz: f64) -> i64 {
+pub(super) fn time_at(number: u64, rate_hz: f64) -> i64 {
     // Exact to the ns up to 2^53 ns behind the first frame, 104 days.
     (number as f64 * 1e9 / rate_hz).round() as i64
 }

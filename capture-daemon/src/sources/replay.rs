@@ -1,1 +1,377 @@
-//! replay
+//! Replay of recorded data sets.
+//!
+//! Contract: sample `k` arrives at `start` plus its distance from the data set's first picture, to
+//! the nanosecond, and its device ticks are the data set's own stamps, so that ticks and arrival keep
+//! one constant offset. Values are those of the data set, never converted; each stream counts from 0,
+//! and a number that the data set skips stays skipped, as a frame that was lost.
+//!
+//! *Early*: [`Replay::open`] reads every list and the header of every picture, so that what cannot be
+//! replayed is refused before anything is recorded; pictures are decoded when they are due.
+//! *Order*: by arrival; of an IMU sample and a picture of the same instant the IMU sample comes first.
+//! *At the end* of the pictures there are no more pictures, or, with `repeat`, they start again with
+//! numbers and ticks going on; the first comes one nominal period after the last.
+//! *IMU* samples run once, from the first picture's instant to their own end, and are not repeated:
+//! joined at the seam they would be a motion that nobody made. So pictures may go on without an IMU,
+//! and an IMU without pictures. *On failure* the source is unusable, with the file in the message.
+
+use std::error::Error;
+use std::path::{Path, PathBuf};
+
+use calib::StereoCalibration;
+use session_archive::time::{HostTime, TickLength};
+use video::{Picture, PictureError};
+
+use super::datasets::{self, DatasetError, DatasetKind, ImuSample, Samples, StereoDataset};
+use super::{
+    CameraInfo, ImuInfo, ImuValues, RawFrame, RawImu, Sample, Source, SourceError, SourceInfo,
+};
+
+mod eyes;
+
+use eyes::EyeSize;
+
+/// Pictures that are repeated are kept decoded when all of them together take at most this much.
+const CACHE_BYTES: usize = 256 << 20;
+
+/// Why a data set cannot be replayed. None of these goes away by trying again.
+#[derive(Debug, thiserror::Error)]
+pub enum ReplayError {
+    /// The data set itself cannot be read.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// A camera has one size of picture: replay the others as data sets of their own.
+    #[error(
+        "replaying pictures: found {}x{}, expected {}x{} like the first one: {}",
+        found.0, found.1, expected.0, expected.1, path.display()
+    )]
+    Size {
+        /// The picture.
+        path: PathBuf,
+        /// Its width and height.
+        found: (u32, u32),
+        /// Width and height of the first left picture.
+        expected: (u32, u32),
+    },
+    /// The picture cannot be brought into the form that encoders take.
+    #[error("converting a picture: {}", path.display())]
+    Convert {
+        /// The picture.
+        path: PathBuf,
+        /// Why.
+        source: PictureError,
+    },
+    /// The stamps cannot be times on one clock: correct them.
+    #[error("replaying a data set: its stamps run from {first_ns} ns to {last_ns} ns, expected less than a century: {}", path.display())]
+    Span {
+        /// The data set.
+        path: PathBuf,
+        /// First stamp.
+        first_ns: i64,
+        /// Last stamp.
+        last_ns: i64,
+    },
+    /// A calibration file that was listed cannot be read: check its permissions.
+    #[error("reading a calibration file: {}", path.display())]
+    CalibrationFile {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+/// A data set as a source. See the module for what it promises.
+pub struct Replay {
+    name: String,
+    info: SourceInfo,
+    dataset: StereoDataset,
+    calibration: Option<StereoCalibration>,
+    start: HostTime,
+    repeat: bool,
+    eye: EyeSize,
+    /// Frames handed out so far, over all rounds.
+    frames_out: u64,
+    /// IMU samples handed out so far.
+    imu_out: usize,
+    /// Decoded pictures by position in the data set; empty when they are not kept.
+    cache: Vec<Option<Picture>>,
+}
+
+impl Replay {
+    /// Opens the data set in `path` as camera `name`, the first picture to arrive at `start`.
+    ///
+    /// `rate_hz` gives the times of a data set that has none. `repeat` lets the pictures start again
+    /// after the last one, for ever. `imu` is whether the data set's IMU is replayed too, if it has one.
+    ///
+    /// # Errors
+    /// [`ReplayError`], naming the file.
+    pub fn open(
+        name: &str,
+        path: &Path,
+        rate_hz: Option<f64>,
+        repeat: bool,
+        imu: bool,
+        start: HostTime,
+    ) -> Result<Self, ReplayError> {
+        let mut dataset = datasets::open(path, rate_hz)?;
+        let first_ns = dataset.frames[0].device_time_ns;
+        match imu {
+            true => dataset
+                .imu
+                .retain(|sample| sample.device_time_ns >= first_ns),
+            false => dataset.imu.clear(),
+        }
+        check_span(&dataset)?;
+        let (eye, samples) = eyes::probe(&dataset.frames)?;
+
+        let (calibration, note) = read_calibration(&dataset, eye);
+        dataset.notes.extend(note);
+        let imu_info = imu_info(&dataset.imu);
+        if imu && imu_info.is_none() {
+            dataset.notes.push(
+                "no IMU is replayed: fewer than two samples from the first picture on".to_owned(),
+            );
+            dataset.imu.clear();
+        }
+        let info = SourceInfo {
+            description: describe(&dataset),
+            camera: CameraInfo {
+                width: 2 * eye.padded().0,
+                height: eye.padded().1,
+                rate_hz: dataset.rate_hz,
+                tick: TickLength::NANOSECOND,
+                number_bits: None,
+                colour: samples == Samples::Rgb8,
+                still: dataset.frames.len() == 1,
+            },
+            imu: imu_info,
+            calibration_files: calibration_files(name, &dataset)?,
+        };
+        let kept = repeat && dataset.frames.len().saturating_mul(eye.stereo_bytes()) <= CACHE_BYTES;
+        Ok(Self {
+            name: name.to_owned(),
+            info,
+            cache: vec![None; if kept { dataset.frames.len() } else { 0 }],
+            dataset,
+            calibration,
+            start,
+            repeat,
+            eye,
+            frames_out: 0,
+            imu_out: 0,
+        })
+    }
+
+    /// What the data set lacks and what was ignored, to be shown.
+    pub fn notes(&self) -> &[String] {
+        &self.dataset.notes
+    }
+
+    /// Position in the data set, round, and distance from the first picture in ns, of the next frame.
+    fn next_frame(&self) -> Option<(usize, u64, i64)> {
+        let frames = &self.dataset.frames;
+        let round = self.frames_out / frames.len() as u64;
+        let position = (self.frames_out % frames.len() as u64) as usize;
+        if round > 0 && !self.repeat {
+            return None;
+        }
+        let (first, last) = (
+            frames[0].device_time_ns,
+            frames[frames.len() - 1].device_time_ns,
+        );
+        let period = datasets::time_at(1, self.dataset.rate_hz);
+        let round_ns = (last - first).saturating_add(period);
+        let before = i64::try_from(round)
+            .unwrap_or(i64::MAX)
+            .saturating_mul(round_ns);
+        let offset = before.saturating_add(frames[position].device_time_ns - first);
+        Some((position, round, offset))
+    }
+
+    fn frame(
+        &mut self,
+        position: usize,
+        round: u64,
+        offset_ns: i64,
+    ) -> Result<RawFrame, SourceError> {
+        let picture = self
+            .picture(position)
+            .map_err(|error| SourceError::Unusable {
+                source_name: self.name.clone(),
+                what: with_causes(&error),
+            })?;
+        let frames = &self.dataset.frames;
+        let first = &frames[0];
+        let numbers = frames[frames.len() - 1].number - first.number + 1;
+        self.frames_out += 1;
+        Ok(RawFrame {
+            number: round * numbers + frames[position].number - first.number,
+            device_ticks: first.device_time_ns.saturating_add(offset_ns),
+            kernel_time: None,
+            host_time: self.start + offset_ns,
+            exposure_ns: None,
+            picture,
+        })
+    }
+
+    fn picture(&mut self, position: usize) -> Result<Picture, ReplayError> {
+        if let Some(Some(picture)) = self.cache.get(position) {
+            return Ok(picture.clone());
+        }
+        let picture = eyes::load(&self.dataset.frames[position], self.eye)?;
+        if let Some(kept) = self.cache.get_mut(position) {
+            *kept = Some(picture.clone());
+        }
+        Ok(picture)
+    }
+}
+
+impl Source for Replay {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn next_sample(&mut self) -> Result<Option<Sample>, SourceError> {
+        let frame = self.next_frame();
+        let first_ns = self.dataset.frames[0].device_time_ns;
+        if let Some(imu) = self.dataset.imu.get(self.imu_out).copied() {
+            let offset_ns = imu.device_time_ns - first_ns;
+            if frame.is_none_or(|(_, _, frame_ns)| offset_ns <= frame_ns) {
+                self.imu_out += 1;
+                return Ok(Some(Sample::Imu(RawImu {
+                    number: self.imu_out as u64 - 1,
+                    device_ticks: imu.device_time_ns,
+                    host_time: self.start + offset_ns,
+                    values: ImuValues::Si {
+                        gyro: imu.gyro_rad_s,
+                        accel: imu.accel_m_s2,
+                    },
+                })));
+            }
+        }
+        frame
+            .map(|(position, round, offset_ns)| self.frame(position, round, offset_ns))
+            .transpose()
+            .map(|frame| frame.map(Sample::Frame))
+    }
+
+    fn is_scheduled(&self) -> bool {
+        true
+    }
+
+    fn begin_at(&mut self, start: HostTime) {
+        self.start = start;
+    }
+
+    /// Its picture size is that of the files; an odd one is delivered with one more column or row,
+    /// which moves no coordinate.
+    fn calibration(&self) -> Option<&StereoCalibration> {
+        self.calibration.as_ref()
+    }
+}
+
+/// Differences of stamps are taken all over the replay; here is where they are made safe.
+fn check_span(dataset: &StereoDataset) -> Result<(), ReplayError> {
+    const CENTURY_NS: i64 = 100 * 365 * 86_400 * 1_000_000_000;
+    let first_ns = dataset.frames[0].device_time_ns;
+    let last_frame = dataset.frames[dataset.frames.len() - 1].device_time_ns;
+    let last_ns = dataset
+        .imu
+        .last()
+        .map_or(last_frame, |imu| imu.device_time_ns.max(last_frame));
+    match last_ns.checked_sub(first_ns) {
+        Some(span) if span < CENTURY_NS => Ok(()),
+        _ => Err(ReplayError::Span {
+            path: dataset.root.clone(),
+            first_ns,
+            last_ns,
+        }),
+    }
+}
+
+/// Rate from the median interval; none without an interval.
+fn imu_info(samples: &[ImuSample]) -> Option<ImuInfo> {
+    let mut intervals_ns: Vec<i64> = samples
+        .windows(2)
+        .map(|pair| pair[1].device_time_ns - pair[0].device_time_ns)
+        .collect();
+    intervals_ns.sort_unstable();
+    let median_ns = intervals_ns.get(intervals_ns.len() / 2)?;
+    Some(ImuInfo {
+        rate_hz: 1e9 / *median_ns as f64,
+        tick: TickLength::NANOSECOND,
+        number_bits: None,
+        scale: None,
+    })
+}
+
+/// The calibration, or a note on why there is none. The files are recorded as they are either way, so
+/// a calibration that cannot be understood now is not lost.
+fn read_calibration(
+    dataset: &StereoDataset,
+    eye: EyeSize,
+) -> (Option<StereoCalibration>, Vec<String>) {
+    if dataset.calibration_files.is_empty() {
+        return (
+            None,
+            vec!["no calibration lies with the data set".to_owned()],
+        );
+    }
+    match calib::read_stereo(&dataset.root, eye.width, eye.height) {
+        Ok((calibration, notes)) => (
+            Some(calibration),
+            notes.into_iter().map(|note| note.0).collect(),
+        ),
+        Err(error) => (
+            None,
+            vec![format!(
+                "the calibration is not used: {}",
+                with_causes(&error)
+            )],
+        ),
+    }
+}
+
+/// The files' bytes, each named by the camera and by its place in the data set, joined with dots.
+fn calibration_files(
+    name: &str,
+    dataset: &StereoDataset,
+) -> Result<Vec<(String, Vec<u8>)>, ReplayError> {
+    let read = |path: &PathBuf| {
+        let content = std::fs::read(path).map_err(|source| ReplayError::CalibrationFile {
+            path: path.clone(),
+            source,
+        })?;
+        let inside = path.strip_prefix(&dataset.root).unwrap_or(path);
+        let inside = inside.strip_prefix("mav0").unwrap_or(inside);
+        let parts = inside.iter().map(|part| part.to_string_lossy());
+        let file = parts.fold(name.to_owned(), |file, part| format!("{file}.{part}"));
+        Ok((file, content))
+    };
+    dataset.calibration_files.iter().map(read).collect()
+}
+
+fn describe(dataset: &StereoDataset) -> String {
+    let kind = match dataset.kind {
+        DatasetKind::Asl => "ASL folder",
+        DatasetKind::Kitti => "KITTI pairs",
+        DatasetKind::Folders => "left and right folders",
+        DatasetKind::Pair => "one pair",
+    };
+    let folder = dataset.root.file_name().unwrap_or_default();
+    format!("replay of {kind}: {}", folder.display())
+}
+
+/// A message with those of its causes.
+fn with_causes(error: &dyn Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        text = format!("{text}: {error}");
+        cause = error.source();
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests;

@@ -50,61 +50,47 @@ impl Samples {
     }
 }
 
+/// What the header of a PNG file promises.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PngShape {
+    /// Width, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// What [`load_png`] will give.
+    pub samples: Samples,
+}
+
+/// Reads the header of a PNG file, some 30 bytes.
+///
+/// # Errors
+/// As [`load_png`], as far as the header tells.
+pub fn probe_png(path: &Path) -> Result<PngShape, DatasetError> {
+    open(path).map(|(shape, _)| shape)
+}
+
 /// Loads a PNG file.
 ///
 /// # Errors
 /// [`DatasetError::Read`] when it cannot be opened, [`DatasetError::Picture`] when it is damaged, has
 /// 16 bits per sample, or is too large.
 pub fn load_png(path: &Path) -> Result<DecodedPng, DatasetError> {
-    let file = File::open(path).map_err(|source| DatasetError::Read {
-        path: path.to_owned(),
-        source,
-    })?;
-    let refuse = |found: String, expected: &str| DatasetError::Picture {
-        path: path.to_owned(),
-        found,
-        expected: expected.to_owned(),
-    };
-    let damaged = |error: png::DecodingError| refuse(error.to_string(), "a whole PNG file");
-
-    let mut decoder = png::Decoder::new(BufReader::new(file));
-    decoder.ignore_checksums(false);
-    decoder.set_transformations(Transformations::EXPAND);
-    let header = decoder.read_header_info().map_err(damaged)?;
-    let (width, height) = header.size();
-    if header.bit_depth == BitDepth::Sixteen {
-        return Err(refuse(
-            "16 bits per sample".to_owned(),
-            "8 bits (convert the picture first)",
-        ));
-    }
-    if u64::from(width) * u64::from(height) > MAX_PIXELS {
-        return Err(refuse(
-            format!("{width}x{height} pixels"),
-            &format!("at most {MAX_PIXELS} pixels"),
-        ));
-    }
+    let (shape, decoder) = open(path)?;
+    let PngShape {
+        width,
+        height,
+        samples,
+    } = shape;
+    let damaged = |error| damaged(path, &error);
     let mut reader = decoder.read_info().map_err(damaged)?;
     let (colour, _) = reader.output_color_type();
     let size = reader
         .output_buffer_size()
-        .ok_or_else(|| refuse(format!("{width}x{height} pixels"), "less"))?;
+        .ok_or_else(|| refuse(path, format!("{width}x{height} pixels"), "less"))?;
     let mut data = vec![0; size];
     reader.next_frame(&mut data).map_err(damaged)?;
 
-    let (samples, alpha) = match colour {
-        ColorType::Grayscale => (Samples::Grey8, false),
-        ColorType::GrayscaleAlpha => (Samples::Grey8, true),
-        ColorType::Rgb => (Samples::Rgb8, false),
-        ColorType::Rgba => (Samples::Rgb8, true),
-        ColorType::Indexed => {
-            return Err(refuse(
-                "a palette that was not resolved".to_owned(),
-                "colours",
-            ));
-        }
-    };
-    if alpha {
+    if matches!(colour, ColorType::GrayscaleAlpha | ColorType::Rgba) {
         let kept = samples.per_pixel();
         let pixels = data.len() / (kept + 1);
         for pixel in 0..pixels {
@@ -118,6 +104,58 @@ pub fn load_png(path: &Path) -> Result<DecodedPng, DatasetError> {
         samples,
         data,
     })
+}
+
+/// The header, and the decoder behind it.
+fn open(path: &Path) -> Result<(PngShape, png::Decoder<BufReader<File>>), DatasetError> {
+    let file = File::open(path).map_err(|source| DatasetError::Read {
+        path: path.to_owned(),
+        source,
+    })?;
+    let mut decoder = png::Decoder::new(BufReader::new(file));
+    decoder.ignore_checksums(false);
+    decoder.set_transformations(Transformations::EXPAND);
+    let header = decoder
+        .read_header_info()
+        .map_err(|error| damaged(path, &error))?;
+    let (width, height) = header.size();
+    if header.bit_depth == BitDepth::Sixteen {
+        return Err(refuse(
+            path,
+            "16 bits per sample".to_owned(),
+            "8 bits (convert the picture first)",
+        ));
+    }
+    if u64::from(width) * u64::from(height) > MAX_PIXELS {
+        return Err(refuse(
+            path,
+            format!("{width}x{height} pixels"),
+            &format!("at most {MAX_PIXELS} pixels"),
+        ));
+    }
+    let samples = match header.color_type {
+        ColorType::Grayscale | ColorType::GrayscaleAlpha => Samples::Grey8,
+        // A palette holds colours and is resolved by EXPAND.
+        ColorType::Rgb | ColorType::Rgba | ColorType::Indexed => Samples::Rgb8,
+    };
+    let shape = PngShape {
+        width,
+        height,
+        samples,
+    };
+    Ok((shape, decoder))
+}
+
+fn refuse(path: &Path, found: String, expected: &str) -> DatasetError {
+    DatasetError::Picture {
+        path: path.to_owned(),
+        found,
+        expected: expected.to_owned(),
+    }
+}
+
+fn damaged(path: &Path, error: &png::DecodingError) -> DatasetError {
+    refuse(path, error.to_string(), "a whole PNG file")
 }
 
 #[cfg(test)]

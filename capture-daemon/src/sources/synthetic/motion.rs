@@ -1,0 +1,133 @@
+//! How the made-up camera moves, and what its IMU measures of that.
+//!
+//! Contract: smooth and periodic for ever, without loss of precision however long it runs: phases are
+//! taken from integer times. Angles are small; picture and gyro agree to first order.
+
+use std::f64::consts::TAU;
+
+use super::random;
+
+/// Standard gravity, m/s².
+const GRAVITY_M_S2: f64 = 9.806_65;
+
+/// Turning right and left (yaw), up and down (pitch), and bobbing.
+pub(super) struct Motion {
+    yaw: Wave,
+    pitch: Wave,
+    bob: Wave,
+    focal_px: f64,
+}
+
+impl Motion {
+    /// For pictures `eye_width` wide; the focal length is as long, a view of 53°.
+    pub(super) fn new(seed: u64, eye_width: u32) -> Self {
+        let wave = |amplitude, period_ms: i64, index| Wave {
+            amplitude,
+            period_ns: period_ms * 1_000_000,
+            phase: random::uniform(seed, random::PHASES, index),
+        };
+        Self {
+            yaw: wave(0.35, 8_000, 0),
+            pitch: wave(0.08, 5_000, 1),
+            // A walk: 2 cm at two steps a second.
+            bob: wave(0.02, 500, 2),
+            focal_px: f64::from(eye_width),
+        }
+    }
+
+    /// What pixel (0, 0) sees, in pixels of the wall right of and below where it would be at rest.
+    pub(super) fn shift_px(&self, t_ns: i64) -> (i64, i64) {
+        // Turning right shows what is further right; turning up, what is higher.
+        let right = self.focal_px * self.yaw.value(t_ns);
+        let down = -self.focal_px * self.pitch.value(t_ns);
+        (right.round() as i64, down.round() as i64)
+    }
+
+    /// Angular rate in rad/s and specific force in m/s², in the optical frame (x right, y down, z
+    /// forward).
+    pub(super) fn measured(&self, t_ns: i64) -> ([f64; 3], [f64; 3]) {
+        // Positive about x (right) turns the view up, positive about y (down) turns it right.
+        let gyro = [self.pitch.rate(t_ns), self.yaw.rate(t_ns), 0.0];
+        let pitch = self.pitch.value(t_ns) / TAU;
+        let up = [0.0, -sin_turns(pitch + 0.25), sin_turns(pitch)];
+        let force = GRAVITY_M_S2 + self.bob.acceleration(t_ns);
+        (gyro, up.map(|x| x * force))
+    }
+}
+
+struct Wave {
+    amplitude: f64,
+    period_ns: i64,
+    /// In turns.
+    phase: f64,
+}
+
+impl Wave {
+    fn turns(&self, t_ns: i64) -> f64 {
+        t_ns.rem_euclid(self.period_ns) as f64 / self.period_ns as f64 + self.phase
+    }
+
+    /// rad/s.
+    fn omega(&self) -> f64 {
+        TAU / (self.period_ns as f64 / 1e9)
+    }
+
+    fn value(&self, t_ns: i64) -> f64 {
+        self.amplitude * sin_turns(self.turns(t_ns))
+    }
+
+    fn rate(&self, t_ns: i64) -> f64 {
+        self.amplitude * self.omega() * sin_turns(self.turns(t_ns) + 0.25)
+    }
+
+    fn acceleration(&self, t_ns: i64) -> f64 {
+        -self.omega() * self.omega() * self.value(t_ns)
+    }
+}
+
+/// Sine of an angle in turns, to 1e-9, the same on every machine (the library's is not): Taylor's
+/// series after folding into a quarter turn.
+fn sin_turns(turns: f64) -> f64 {
+    let turns = turns - turns.round();
+    let quarter = if turns.abs() > 0.25 {
+        0.5_f64.copysign(turns) - turns
+    } else {
+        turns
+    };
+    let x = TAU * quarter;
+    let square = x * x;
+    let series = [12.0, 10.0, 8.0, 6.0, 4.0, 2.0];
+    x * series
+        .into_iter()
+        .fold(1.0, |sum, n: f64| 1.0 - sum * square / (n * (n + 1.0)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sine_agrees_with_the_library() {
+        for i in -3000..3000 {
+            let turns = f64::from(i) / 1000.0;
+            let (found, expected) = (sin_turns(turns), (TAU * turns).sin());
+            assert!(
+                (found - expected).abs() < 1e-8,
+                "{turns}: {found} {expected}"
+            );
+        }
+    }
+
+    #[test]
+    fn gyro_is_the_rate_of_the_picture() {
+        let motion = Motion::new(5, 100_000);
+        let (t, dt) = (3_600_000_000_000 + 1_234_567_890, 1_000_000);
+        let (before, after) = (motion.shift_px(t - dt), motion.shift_px(t + dt));
+        let ([pitch, yaw, roll], force) = motion.measured(t);
+        let per_s = |a: i64, b: i64| (b - a) as f64 / 1e5 / 2e-3;
+        assert!((per_s(before.0, after.0) - yaw).abs() < 0.01, "{yaw}");
+        assert!((per_s(before.1, after.1) + pitch).abs() < 0.01, "{pitch}");
+        assert_eq!((roll, force[0]), (0.0, 0.0));
+        assert!(force[1] < -6.0, "level, the sensor is pushed up: {force:?}");
+    }
+}
