@@ -13,7 +13,7 @@ mod disk;
 mod fault;
 
 pub use disk::DiskStorage;
-pub use fault::{CrashKind, Fault, FaultKind, FaultStorage};
+pub use fault::{CrashKind, Fault, FaultKind, FaultStorage, Operation};
 
 /// A folder with relative `/`-separated paths in it.
 pub trait Storage: Send + Sync {

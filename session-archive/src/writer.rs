@@ -126,8 +126,8 @@ pub enum WriteError {
     /// A record larger than a chunk may be: a defect of the caller.
     #[error("a record of {0} bytes; at most {MAX_CHUNK_BYTES} fit into a chunk")]
     TooLarge(usize),
-    /// The disk failed for good before.
-    #[error("the disk failed before; this writer is finished")]
+    /// The disk failed for good before, or the session is closed.
+    #[error("this writer is finished: the disk failed before, or the session is closed")]
     Finished,
 }
 
@@ -376,12 +376,14 @@ impl SessionWriter {
         self.close_overdue(MAX_CHUNK_NS)
     }
 
-    /// Ends the session. Everything appended is on disk when this succeeds. After a fatal error
-    /// it still writes the manifest if the disk lets it, and returns that error.
+    /// Ends the session; the writer takes nothing more. Everything appended is on disk when this
+    /// succeeds, as [`Durability`] says, and [`Self::take_incidents`] tells what went wrong on the
+    /// way. After a fatal error it still writes the manifest if the disk lets it, and returns that
+    /// error.
     ///
     /// # Errors
     /// See [`WriteError`]; the session can be opened all the same, up to what was durable.
-    pub fn close(mut self, stop: Stop) -> Result<Manifest, WriteError> {
+    pub fn close(&mut self, stop: Stop) -> Result<Manifest, WriteError> {
         let mut result = if self.finished {
             Err(WriteError::Finished)
         } else {
@@ -392,6 +394,7 @@ impl SessionWriter {
                 result = self.close_chunk();
             }
         }
+        self.finished = true;
         self.finish_segment();
         self.manifest.state = State::Closed;
         self.manifest.stopped = Some(stop);
@@ -399,7 +402,7 @@ impl SessionWriter {
             segment: self.manifest.segments.last().map_or(0, |s| s.number),
             error,
         });
-        result.and(written).map(|()| self.manifest)
+        result.and(written).map(|()| self.manifest.clone())
     }
 
     /// Checks what every message must satisfy; log and publish time as MCAP stores them.
@@ -633,18 +636,27 @@ impl SessionWriter {
         }
     }
 
-    /// Ends the open segment after a failure: only what was synced counts. Returns its number.
+    /// Ends the open segment after a failure: only what was synced counts, and nothing if that is
+    /// but its head. Returns its number.
     fn give_up(&mut self) -> u32 {
-        if let Some(mut segment) = self.segment.take() {
+        let segment = self.segment.take();
+        let Some(entry) = self.manifest.segments.last_mut() else {
+            return 0;
+        };
+        entry.state = SegmentState::GivenUp;
+        if let Some(OpenSegment {
+            mut file, start, ..
+        }) = segment
+        {
+            if start.is_none() {
+                (entry.bytes, entry.messages) = (0, 0);
+                (entry.start, entry.end) = (None, None);
+            }
             // Frees the disk and spares readers the doubtful bytes; they know without it, from
             // the next segment's head and from the manifest.
-            let _ = segment.file.truncate(segment.encoder.position());
+            let _ = file.truncate(entry.bytes);
         }
-        let entry = self.manifest.segments.last_mut();
-        entry.map_or(0, |entry| {
-            entry.state = SegmentState::GivenUp;
-            entry.number
-        })
+        entry.number
     }
 
     fn update_entry(&mut self, state: SegmentState) {

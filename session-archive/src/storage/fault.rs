@@ -25,6 +25,25 @@ pub enum FaultKind {
     InputOutput,
 }
 
+/// What an operation was, so that a test can aim at it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Operation {
+    /// A file was created.
+    Create,
+    /// This many bytes were appended to a file.
+    Append(usize),
+    /// A file was synced.
+    Sync,
+    /// A file was cut to this length.
+    Truncate(u64),
+    /// A file was renamed.
+    Rename,
+    /// A file was removed.
+    Remove,
+    /// A folder was synced.
+    SyncDir,
+}
+
 /// One planned failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fault {
@@ -73,8 +92,9 @@ struct Disk {
     names: BTreeMap<String, u64>,
     durable_names: BTreeMap<String, u64>,
     last_file: u64,
-    operations: u64,
+    log: Vec<Operation>,
     faults: Vec<Fault>,
+    capacity: Option<usize>,
     full: bool,
     dead: bool,
 }
@@ -94,14 +114,26 @@ fn eio() -> io::Error {
 }
 
 impl Disk {
-    fn operation(&mut self, append: bool) -> Permit {
-        let number = self.operations;
-        self.operations += 1;
+    fn operation(&mut self, operation: Operation) -> Permit {
+        let number = self.log.len() as u64;
+        self.log.push(operation);
+        let append = matches!(operation, Operation::Append(_));
         if self.dead {
             return Permit::Part(0, eio());
         }
         if self.full && append {
             return Permit::Part(0, enospc());
+        }
+        if let (Operation::Append(bytes), Some(capacity)) = (operation, self.capacity) {
+            let used: usize = self
+                .names
+                .values()
+                .map(|id| self.files[id].content.len())
+                .sum();
+            let room = capacity.saturating_sub(used);
+            if room < bytes {
+                return Permit::Part(room, enospc());
+            }
         }
         let Some(fault) = self.faults.iter().copied().find(|f| f.at == number) else {
             return Permit::Whole;
@@ -123,8 +155,8 @@ impl Disk {
         }
     }
 
-    fn plain(&mut self) -> io::Result<()> {
-        match self.operation(false) {
+    fn plain(&mut self, operation: Operation) -> io::Result<()> {
+        match self.operation(operation) {
             Permit::Whole => Ok(()),
             Permit::Part(_, e) => Err(e),
         }
@@ -155,13 +187,28 @@ impl FaultStorage {
         Self(Arc::new(Mutex::new(disk)))
     }
 
+    /// An empty disk with room for this many bytes of content; cutting and removing files makes
+    /// room again.
+    pub fn with_capacity(bytes: usize) -> Self {
+        let disk = Disk {
+            capacity: Some(bytes),
+            ..Disk::default()
+        };
+        Self(Arc::new(Mutex::new(disk)))
+    }
+
     fn disk(&self) -> MutexGuard<'_, Disk> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Operations so far.
+    /// How many operations there were so far.
     pub fn operations(&self) -> u64 {
-        self.disk().operations
+        self.disk().log.len() as u64
+    }
+
+    /// What the operations so far were.
+    pub fn log(&self) -> Vec<Operation> {
+        self.disk().log.clone()
     }
 
     /// The disk as it is found after a crash at this instant: a new, working disk.
@@ -243,7 +290,7 @@ struct FaultFile {
 impl Storage for FaultStorage {
     fn create(&self, path: &str) -> io::Result<Box<dyn WriteFile>> {
         let mut disk = self.disk();
-        disk.plain()?;
+        disk.plain(Operation::Create)?;
         if disk.names.contains_key(path) {
             return Err(io::ErrorKind::AlreadyExists.into());
         }
@@ -286,7 +333,7 @@ impl Storage for FaultStorage {
 
     fn rename(&self, from: &str, to: &str) -> io::Result<()> {
         let mut disk = self.disk();
-        disk.plain()?;
+        disk.plain(Operation::Rename)?;
         let id = disk.names.remove(from).ok_or(io::ErrorKind::NotFound)?;
         disk.names.insert(to.to_owned(), id);
         Ok(())
@@ -297,14 +344,14 @@ impl Storage for FaultStorage {
         if !disk.names.contains_key(path) {
             return Err(io::ErrorKind::NotFound.into());
         }
-        disk.plain()?;
+        disk.plain(Operation::Remove)?;
         disk.names.remove(path);
         Ok(())
     }
 
     fn sync_dir(&self, dir: &str) -> io::Result<()> {
         let mut disk = self.disk();
-        disk.plain()?;
+        disk.plain(Operation::SyncDir)?;
         let inside = |path: &str| path.rsplit_once('/').map_or("", |(d, _)| d) == dir;
         let now: Vec<_> = disk
             .names
@@ -321,7 +368,7 @@ impl Storage for FaultStorage {
 impl WriteFile for FaultFile {
     fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
         let mut disk = self.disk.disk();
-        let permit = disk.operation(true);
+        let permit = disk.operation(Operation::Append(bytes.len()));
         let (n, result) = match permit {
             Permit::Whole => (bytes.len(), Ok(())),
             Permit::Part(n, e) => (n.min(bytes.len()), Err(e)),
@@ -336,7 +383,7 @@ impl WriteFile for FaultFile {
 
     fn sync_data(&mut self) -> io::Result<()> {
         let mut disk = self.disk.disk();
-        let result = disk.plain();
+        let result = disk.plain(Operation::Sync);
         if let Some(file) = disk.files.get_mut(&self.id) {
             file.forgotten |= result.is_err();
             if !file.forgotten {
@@ -348,7 +395,7 @@ impl WriteFile for FaultFile {
 
     fn truncate(&mut self, len: u64) -> io::Result<()> {
         let mut disk = self.disk.disk();
-        disk.plain()?;
+        disk.plain(Operation::Truncate(len))?;
         if let Some(file) = disk.files.get_mut(&self.id) {
             file.content.truncate(len as usize);
             file.durable = file.durable.min(file.content.len());

@@ -4,8 +4,11 @@
 
 use std::sync::Arc;
 
-use session_archive::manifest::{Camera, Imu, Stop};
-use session_archive::record::{Event, Frame, ImuBatch, paws};
+use session_archive::manifest::{Camera, Imu, Manifest, Stop, Stream};
+use session_archive::reader::{Entry, Message, SessionReader};
+use session_archive::record::{
+    CompressedVideo, Event, Frame, ImuBatch, Protobuf, Segment, paws, timestamp,
+};
 use session_archive::storage::Storage;
 use session_archive::time::{CivilTime, HostTime, TickLength};
 use session_archive::writer::{SessionSpec, SessionWriter, WriteError};
@@ -13,7 +16,9 @@ use session_archive::writer::{SessionSpec, SessionWriter, WriteError};
 pub(crate) const MS: i64 = 1_000_000;
 pub(crate) const START: HostTime = HostTime(5_000_000_000_000);
 
-pub(crate) fn camera(name: &str, rate_hz: f64) -> Camera {
+pub(crate) const CAMERAS: [&str; 2] = ["left_shoulder", "feet"];
+
+fn camera(name: &str, rate_hz: f64) -> Camera {
     Camera {
         name: name.to_owned(),
         width: 64,
@@ -36,7 +41,7 @@ pub(crate) fn spec() -> SessionSpec {
         started: START,
         started_civil: CivilTime(1_790_000_000_000_000_000),
         chunk_ns: 500 * MS,
-        cameras: vec![camera("left_shoulder", 30.0), camera("feet", 20.0)],
+        cameras: vec![camera(CAMERAS[0], 30.0), camera(CAMERAS[1], 20.0)],
         imus: vec![Imu {
             name: "feet/imu".to_owned(),
             rate_hz: 200.0,
@@ -94,9 +99,14 @@ pub(crate) enum Sample {
 /// Two cameras (30 and 20 Hz, key frame first in every half second), one IMU (200 Hz in batches of
 /// 20), a mark every second.
 pub(crate) fn samples(seconds: f64) -> Vec<Sample> {
+    samples_at([33_333_333, 50 * MS], seconds)
+}
+
+/// The same with other periods of the cameras.
+pub(crate) fn samples_at(periods: [i64; 2], seconds: f64) -> Vec<Sample> {
     let mut out = Vec::new();
     let end = (seconds * 1e9) as i64;
-    for (camera, period) in [(0, 33_333_333), (1, 50 * MS)] {
+    for (camera, period) in periods.into_iter().enumerate() {
         let mut epoch = -1;
         for number in 0.. {
             let t = number as i64 * period + camera as i64 * 7 * MS;
@@ -113,10 +123,10 @@ pub(crate) fn samples(seconds: f64) -> Vec<Sample> {
             });
         }
     }
-    for batch in 0..(seconds * 10.0) as u64 {
+    for batch in 0..(seconds * 10.0) as i64 {
         out.push(Sample::Imu {
-            first: batch * 20,
-            time: START + batch as i64 * 100 * MS,
+            first: (batch * BATCH) as u64,
+            time: START + batch * 100 * MS,
         });
     }
     for s in 0..seconds as i64 {
@@ -131,6 +141,127 @@ pub(crate) fn samples(seconds: f64) -> Vec<Sample> {
     out
 }
 
+impl Sample {
+    /// The log time of its messages.
+    pub(crate) fn time(&self) -> HostTime {
+        match self {
+            Self::Frame { time, .. } | Self::Imu { time, .. } | Self::Mark { time } => *time,
+        }
+    }
+
+    /// The messages that it must become: channel, sequence number where it is given by the
+    /// sample, payload. Made with the generated types, and not as the writer makes them.
+    pub(crate) fn messages(&self, manifest: &Manifest, bytes: usize) -> Vec<Expected> {
+        let expected = |stream: Option<&Stream>, sequence, data| Expected {
+            stream: stream.expect("stream").id,
+            sequence,
+            time: self.time(),
+            data,
+        };
+        match self {
+            Self::Frame {
+                camera,
+                number,
+                time,
+                key,
+            } => {
+                let name = &manifest.cameras[*camera].name;
+                let data = unit(*camera as u64, *number, bytes);
+                let companion = Frame {
+                    payload_crc32: crc32fast::hash(&data),
+                    payload_bytes: data.len() as u32,
+                    key_frame: *key,
+                    ..frame(*number, *time)
+                };
+                let video = CompressedVideo {
+                    timestamp: Some(timestamp(*time)),
+                    frame_id: format!("{name}/left"),
+                    data: data.into(),
+                    format: "h264".to_owned(),
+                };
+                let sequence = Some(*number as u32);
+                vec![
+                    expected(
+                        manifest.stream::<Frame>(name),
+                        sequence,
+                        companion.encode_to_vec(),
+                    ),
+                    expected(
+                        manifest.stream::<CompressedVideo>(name),
+                        sequence,
+                        video.encode_to_vec(),
+                    ),
+                ]
+            }
+            Self::Imu { first, time } => vec![expected(
+                manifest.stream::<ImuBatch>("feet/imu"),
+                None,
+                imu_batch(*first, *time).encode_to_vec(),
+            )],
+            Self::Mark { .. } => vec![expected(
+                manifest.stream::<Event>(""),
+                None,
+                mark().encode_to_vec(),
+            )],
+        }
+    }
+
+    /// Stream and numbers, if it is numbered.
+    pub(crate) fn numbers(&self) -> Option<(&'static str, u64, u64)> {
+        match self {
+            Self::Frame { camera, number, .. } => Some((CAMERAS[*camera], *number, *number)),
+            Self::Imu { first, .. } => Some(("feet/imu", *first, *first + BATCH as u64 - 1)),
+            Self::Mark { .. } => None,
+        }
+    }
+}
+
+/// A message that was appended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Expected {
+    pub(crate) stream: u16,
+    pub(crate) sequence: Option<u32>,
+    pub(crate) time: HostTime,
+    pub(crate) data: Vec<u8>,
+}
+
+impl Expected {
+    pub(crate) fn is(&self, m: &Message) -> bool {
+        self.stream == m.stream
+            && self.time == m.time
+            && self.sequence.is_none_or(|s| s == m.sequence)
+            && self.data == m.data
+    }
+}
+
+/// Samples in an IMU batch.
+const BATCH: i64 = 20;
+
+fn imu_batch(first: u64, time: HostTime) -> ImuBatch {
+    let times: Vec<i64> = (0..BATCH).map(|i| time.0 + i * 5 * MS).collect();
+    ImuBatch {
+        first_number: first,
+        device_ticks: (0..BATCH).map(|i| (first as i64 + i) * 128).collect(),
+        host_times: times.iter().map(|t| t + MS).collect(),
+        times,
+        sigma_ns: 10_000,
+        clock_map: 1,
+        gyro_counts: (0..3 * BATCH).map(|i| i as i32 - 7).collect(),
+        gyro_scale: 5.3e-4,
+        accel_counts: (0..3 * BATCH).map(|i| 100 - i as i32).collect(),
+        accel_scale: 2.4e-3,
+        ..ImuBatch::default()
+    }
+}
+
+fn mark() -> Event {
+    Event {
+        kind: paws::event::Kind::Mark.into(),
+        source: "control".to_owned(),
+        text: "here".to_owned(),
+    }
+}
+
 pub(crate) fn put(
     writer: &mut SessionWriter,
     sample: &Sample,
@@ -143,37 +274,27 @@ pub(crate) fn put(
             time,
             key,
         } => {
-            let name = writer.manifest().cameras[*camera].name.clone();
             let unit = unit(*camera as u64, *number, bytes);
-            writer.append_frame(&name, frame(*number, *time), &unit, *key)
+            writer.append_frame(CAMERAS[*camera], frame(*number, *time), &unit, *key)
         }
         Sample::Imu { first, time } => {
-            let n = 20;
-            let times: Vec<i64> = (0..n).map(|i| time.0 + i * 5 * MS).collect();
-            let batch = ImuBatch {
-                first_number: *first,
-                device_ticks: (0..n).map(|i| (*first as i64 + i) * 128).collect(),
-                host_times: times.iter().map(|t| t + MS).collect(),
-                times,
-                sigma_ns: 10_000,
-                clock_map: 1,
-                gyro_counts: (0..3 * n).map(|i| i as i32 - 7).collect(),
-                gyro_scale: 5.3e-4,
-                accel_counts: (0..3 * n).map(|i| 100 - i as i32).collect(),
-                accel_scale: 2.4e-3,
-                ..ImuBatch::default()
-            };
+            let batch = imu_batch(*first, *time);
             writer.append("feet/imu", *time, *time + 100 * MS, &batch)
         }
-        Sample::Mark { time } => {
-            let event = Event {
-                kind: paws::event::Kind::Mark.into(),
-                source: "control".to_owned(),
-                text: "here".to_owned(),
-            };
-            writer.append("", *time, *time, &event)
-        }
+        Sample::Mark { time } => writer.append("", *time, *time, &mark()),
     }
+}
+
+/// Everything that the session returns, but who its segments are.
+pub(crate) fn messages(reader: &SessionReader) -> Vec<Message> {
+    let own = reader.manifest().stream::<Segment>("").map(|s| s.id);
+    reader
+        .entries()
+        .filter_map(|entry| match entry.expect("read") {
+            Entry::Message(m) if Some(m.stream) != own => Some(m),
+            _ => None,
+        })
+        .collect()
 }
 
 pub(crate) fn stop(at: HostTime) -> Stop {
