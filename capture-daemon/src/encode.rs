@@ -115,7 +115,9 @@ impl Lane {
 
     /// Bytes of the pictures waiting inside.
     pub fn queued_bytes(&self) -> usize {
-        self.running.as_ref().map_or(0, |r| r.encoder.queued_bytes())
+        self.running
+            .as_ref()
+            .map_or(0, |r| r.encoder.queued_bytes())
     }
 
     /// Makes the next frame a key frame.
@@ -169,7 +171,9 @@ impl Lane {
 
     /// Drains the encoder: everything taken is handed on or reported when this returns.
     pub fn finish(&mut self, limit: Duration, now: HostTime) {
-        let Some(Running { encoder, inside }) = self.running.take() else { return };
+        let Some(Running { encoder, inside }) = self.running.take() else {
+            return;
+        };
         let ended = encoder.finish(limit);
         let left = abandon(&inside);
         if let Err(e) = ended {
@@ -182,11 +186,20 @@ impl Lane {
     fn submit(&mut self, frame: Frame, picture: &Picture, now: HostTime, wait: bool) {
         let number = frame.number;
         let drop_it = |lane: &Self, cause, detail: String| {
-            (lane.sink)(Encoded::Dropped { first: number, last: number, cause, detail });
+            (lane.sink)(Encoded::Dropped {
+                first: number,
+                last: number,
+                cause,
+                detail,
+            });
         };
         if self.running.is_none() {
             if now < self.retry_at {
-                return drop_it(self, Cause::EncoderRestart, "no encoder is running".to_owned());
+                return drop_it(
+                    self,
+                    Cause::EncoderRestart,
+                    "no encoder is running".to_owned(),
+                );
             }
             if let Err(e) = self.start(now) {
                 self.retry_at = now + RETRY_NS;
@@ -196,7 +209,9 @@ impl Lane {
         let epoch = frame.time.div_euclid(self.chunk_ns);
         let key = self.wants_key || self.epoch.is_none_or(|e| epoch > e);
         let pts = frame.time.max(self.previous_pts.saturating_add(1));
-        let Some(Running { encoder, inside }) = &mut self.running else { return };
+        let Some(Running { encoder, inside }) = &mut self.running else {
+            return;
+        };
         inside.lock().frames.push_back((pts, frame));
         let pushed = if wait {
             encoder.push(pts, picture, key)
@@ -213,7 +228,11 @@ impl Lane {
             }
             Err(EncodeError::Full { pictures }) => {
                 inside.lock().frames.pop_back();
-                drop_it(self, Cause::EncoderOverload, format!("{pictures} frames in the encoder"));
+                drop_it(
+                    self,
+                    Cause::EncoderOverload,
+                    format!("{pictures} frames in the encoder"),
+                );
             }
             Err(e) => {
                 // The frame is still inside and is reported with the others.
@@ -224,8 +243,10 @@ impl Lane {
     }
 
     fn start(&mut self, now: HostTime) -> Result<(), EncodeError> {
-        let inside =
-            Arc::new(Inside { state: Mutex::new(State::default()), changed: Condvar::new() });
+        let inside = Arc::new(Inside {
+            state: Mutex::new(State::default()),
+            changed: Condvar::new(),
+        });
         let (sink, shared) = (self.sink.clone(), inside.clone());
         let on_output = Box::new(move |event| deliver(event, &shared, &sink));
         let encoder = Encoder::start(&self.settings, on_output)?;
@@ -237,13 +258,17 @@ impl Lane {
 
     /// Gives the encoder up and reports what was inside; the next frame starts another.
     fn replace(&mut self, reason: &str, now: HostTime) {
-        let Some(Running { encoder, inside }) = self.running.take() else { return };
+        let Some(Running { encoder, inside }) = self.running.take() else {
+            return;
+        };
         self.restarts += 1;
         log::warn!("{} is started again: {reason}", self.settings.element);
         let left = abandon(&inside);
         // Stopping a stuck encoder takes seconds, and this thread has other cameras to serve.
         let name = "encoder-end".to_owned();
-        let _ = std::thread::Builder::new().name(name).spawn(move || drop(encoder));
+        let _ = std::thread::Builder::new()
+            .name(name)
+            .spawn(move || drop(encoder));
         self.report(&left, reason);
         self.last_progress = now;
         self.wants_key = true;
@@ -286,10 +311,19 @@ fn deliver(event: EncoderEvent, inside: &Inside, sink: &Sink) {
     match state.frames.front() {
         Some((pts, _)) if *pts == unit.pts_ns => {
             if let Some((_, frame)) = state.frames.pop_front() {
-                sink(Encoded::Frame { frame, unit: unit.data, key: unit.key });
+                sink(Encoded::Frame {
+                    frame,
+                    unit: unit.data,
+                    key: unit.key,
+                });
             }
         }
-        _ => state.failure = Some(format!("it gave a time that it was not given: {}", unit.pts_ns)),
+        _ => {
+            state.failure = Some(format!(
+                "it gave a time that it was not given: {}",
+                unit.pts_ns
+            ))
+        }
     }
     drop(state);
     inside.changed.notify_all();

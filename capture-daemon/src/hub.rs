@@ -19,8 +19,10 @@ use video::EncoderSettings;
 
 use crate::encode::{Encoded, Lane};
 use crate::sources::{ImuInfo, ImuValues, RawFrame, RawImu, Sample};
+use crate::sync::clock::{
+    ClockConfig, ClockMap, ClockMapper, Mapped, Model, MonotoneGuard, Observation,
+};
 use crate::sync::gaps::Renumber;
-use crate::sync::clock::{ClockConfig, ClockMap, ClockMapper, Mapped, Model, MonotoneGuard, Observation};
 
 /// An IMU batch is handed on when it spans this much.
 const BATCH_NS: i64 = 100_000_000;
@@ -223,12 +225,24 @@ impl Hub {
             let (hand_on, name) = (out.clone(), setup.name.clone());
             let sink = Arc::new(move |encoded| {
                 hand_on(match encoded {
-                    Encoded::Frame { frame, unit, key } => {
-                        Outgoing::Frame { camera, frame, unit, key }
-                    }
-                    Encoded::Dropped { first, last, cause, detail } => {
-                        Outgoing::Dropped { stream: name.clone(), first, last, cause, detail }
-                    }
+                    Encoded::Frame { frame, unit, key } => Outgoing::Frame {
+                        camera,
+                        frame,
+                        unit,
+                        key,
+                    },
+                    Encoded::Dropped {
+                        first,
+                        last,
+                        cause,
+                        detail,
+                    } => Outgoing::Dropped {
+                        stream: name.clone(),
+                        first,
+                        last,
+                        cause,
+                        detail,
+                    },
                 });
             });
             let imu = setup.imu.clone().map(|imu| {
@@ -255,7 +269,13 @@ impl Hub {
                 setup,
             });
         }
-        Self { cameras, imus, out: out.clone(), waits, health_at: None }
+        Self {
+            cameras,
+            imus,
+            out: out.clone(),
+            waits,
+            health_at: None,
+        }
     }
 
     /// Takes the next sample of a camera's source.
@@ -303,8 +323,16 @@ impl Hub {
 
     fn frame(&mut self, position: usize, raw: RawFrame, now: HostTime) {
         let camera = &mut self.cameras[position];
-        camera.watch.seen(raw.host_time, &camera.setup.name, &self.out);
-        let number = renumber(&mut camera.numbers, raw.number, raw.host_time, &camera.setup.name, &self.out);
+        camera
+            .watch
+            .seen(raw.host_time, &camera.setup.name, &self.out);
+        let number = renumber(
+            &mut camera.numbers,
+            raw.number,
+            raw.host_time,
+            &camera.setup.name,
+            &self.out,
+        );
         let digest = crc32fast::hash(&raw.picture.data);
         let frozen = camera.digest.replace(digest) == Some(digest) && !camera.setup.still;
         camera.note_frozen(frozen, raw.host_time, &self.out);
@@ -330,10 +358,18 @@ impl Hub {
     }
 
     fn imu(&mut self, camera: usize, raw: &RawImu) {
-        let Some(position) = self.cameras[camera].imu else { return };
+        let Some(position) = self.cameras[camera].imu else {
+            return;
+        };
         let imu = &mut self.imus[position];
         imu.watch.seen(raw.host_time, &imu.setup.name, &self.out);
-        let number = renumber(&mut imu.numbers, raw.number, raw.host_time, &imu.setup.name, &self.out);
+        let number = renumber(
+            &mut imu.numbers,
+            raw.number,
+            raw.host_time,
+            &imu.setup.name,
+            &self.out,
+        );
         let (ticks, mapped) = imu.clock.map(raw.device_ticks, raw.host_time, &self.out);
         let n = imu.batch.times.len();
         let continues = n > 0
@@ -395,7 +431,11 @@ fn renumber(numbers: &mut Renumber, raw: u64, at: HostTime, name: &str, out: &Ou
              between cannot be known",
             numbered.number
         );
-        out(Outgoing::Notice { at, text, stream: name.to_owned() });
+        out(Outgoing::Notice {
+            at,
+            text,
+            stream: name.to_owned(),
+        });
     }
     numbered.number
 }
@@ -406,12 +446,19 @@ fn flush(imu: &mut ImuState, out: &Out) {
     if batch.times.is_empty() {
         return;
     }
-    out(Outgoing::Imu { imu: imu.position, batch });
+    out(Outgoing::Imu {
+        imu: imu.position,
+        batch,
+    });
 }
 
 impl CameraState {
     fn note_frozen(&mut self, frozen: bool, at: HostTime, out: &Out) {
-        let since = if frozen { *self.frozen_since.get_or_insert(at) } else { at };
+        let since = if frozen {
+            *self.frozen_since.get_or_insert(at)
+        } else {
+            at
+        };
         if !frozen {
             self.frozen_since = None;
         }
@@ -419,7 +466,12 @@ impl CameraState {
         if alarm != self.frozen_alarm {
             self.frozen_alarm = alarm;
             let text = format!("{}: the picture is frozen", self.setup.name);
-            out(Outgoing::Alarm { at, text, stream: self.setup.name.clone(), active: alarm });
+            out(Outgoing::Alarm {
+                at,
+                text,
+                stream: self.setup.name.clone(),
+                active: alarm,
+            });
         }
     }
 }
@@ -441,9 +493,16 @@ impl StreamClock {
         let seen = self.mapper.observe(ticks, arrival);
         if let Observation::Step(step) = seen {
             self.guard.step();
-            let text = format!("{}: the device clock stepped by {} ns", self.name, step.shift_ns);
+            let text = format!(
+                "{}: the device clock stepped by {} ns",
+                self.name, step.shift_ns
+            );
             let stream = self.name.clone();
-            out(Outgoing::Notice { at: arrival, text, stream });
+            out(Outgoing::Notice {
+                at: arrival,
+                text,
+                stream,
+            });
         }
         let version = self.mapper.version();
         if version != self.announced {
@@ -494,14 +553,28 @@ fn clock_record(clock: &str, tick: TickLength, map: &ClockMap) -> ClockMapRecord
         wander_ppb_per_s: map.wander_ppb_per_s,
         residual_median_ns: map.residuals.median_ns,
         residual_p99_ns: map.residuals.p99_ns,
-        doubts: map.doubts.iter().map(|d| Doubt { from: d.from.0, to: d.to.0 }).collect(),
+        doubts: map
+            .doubts
+            .iter()
+            .map(|d| Doubt {
+                from: d.from.0,
+                to: d.to.0,
+            })
+            .collect(),
     }
 }
 
 impl Watch {
     fn new(rate_hz: f64) -> Self {
-        let period = if rate_hz > 0.0 { NS_PER_S as f64 / rate_hz } else { 0.0 };
-        Self { limit_ns: 2 * period as i64 + NS_PER_S, ..Self::default() }
+        let period = if rate_hz > 0.0 {
+            NS_PER_S as f64 / rate_hz
+        } else {
+            0.0
+        };
+        Self {
+            limit_ns: 2 * period as i64 + NS_PER_S,
+            ..Self::default()
+        }
     }
 
     fn seen(&mut self, at: HostTime, name: &str, out: &Out) {
@@ -519,7 +592,12 @@ impl Watch {
         if silent != self.silent {
             self.silent = silent;
             let text = format!("{name}: no samples");
-            out(Outgoing::Alarm { at, text, stream: name.to_owned(), active: silent });
+            out(Outgoing::Alarm {
+                at,
+                text,
+                stream: name.to_owned(),
+                active: silent,
+            });
         }
     }
 

@@ -30,6 +30,8 @@ use crate::status::{Progress, Request, Response, State, Status, StreamStatus};
 
 mod preroll;
 mod session;
+#[cfg(test)]
+mod tests;
 mod timed;
 
 use preroll::PreRoll;
@@ -143,7 +145,9 @@ impl Recorder {
     /// The state.
     pub fn state(&self) -> State {
         match &self.session {
-            Some(Session { stopping: Some(_), .. }) => State::Stopping,
+            Some(Session {
+                stopping: Some(_), ..
+            }) => State::Stopping,
             Some(_) => State::Recording,
             None if self.fault.is_some() => State::Fault,
             None if self.seen.iter().all(|s| *s) => State::Armed,
@@ -161,7 +165,12 @@ impl Recorder {
         }
         match item {
             Outgoing::Health { at, streams } => self.on_health(at, streams),
-            Outgoing::Alarm { at, text, stream, active } => self.on_alarm(at, text, &stream, active),
+            Outgoing::Alarm {
+                at,
+                text,
+                stream,
+                active,
+            } => self.on_alarm(at, text, &stream, active),
             Outgoing::Notice { at, text, stream } => self.event(Kind::Warning, at, &stream, &text),
             item => self.sample(item),
         }
@@ -188,13 +197,18 @@ impl Recorder {
                     self.event(Kind::Mark, self.clock.now(), source, &text);
                     Ok(())
                 }
-                None => Err(format!("nothing is being recorded; the state is {}", self.state())),
+                None => Err(format!(
+                    "nothing is being recorded; the state is {}",
+                    self.state()
+                )),
             },
             Request::Discard => self.discard(source),
             Request::Status => Ok(()),
         };
         match done {
-            Ok(()) => Response::Ok { status: Box::new(self.status()) },
+            Ok(()) => Response::Ok {
+                status: Box::new(self.status()),
+            },
             Err(message) => Response::Error { message },
         }
     }
@@ -220,7 +234,9 @@ impl Recorder {
             ));
         }
         let at = self.clock.now();
-        let beginning = self.pre_roll.take(at + -self.setup.pre_roll_ns, self.setup.cameras.len());
+        let beginning = self
+            .pre_roll
+            .take(at + -self.setup.pre_roll_ns, self.setup.cameras.len());
         let session = self.open(name, at, &beginning.items).map_err(|e| {
             let message = format!("the session cannot be created: {}", chain(&e));
             self.fault = Some(message.clone());
@@ -240,7 +256,10 @@ impl Recorder {
         if self.session.is_some() {
             Ok(())
         } else {
-            Err(self.fault.clone().unwrap_or_else(|| "the session could not be written".to_owned()))
+            Err(self
+                .fault
+                .clone()
+                .unwrap_or_else(|| "the session could not be written".to_owned()))
         }
     }
 
@@ -278,13 +297,18 @@ impl Recorder {
     /// Stops and deletes the session.
     fn discard(&mut self, source: &str) -> Result<(), String> {
         let Some(session) = self.session.take() else {
-            return Err(format!("nothing is being recorded; the state is {}", self.state()));
+            return Err(format!(
+                "nothing is being recorded; the state is {}",
+                self.state()
+            ));
         };
         let path = session.path.clone();
         drop(session);
         log::info!("{} discarded by {source}", path.display());
         self.last_session = None;
-        self.store.discard(&path).map_err(|e| format!("deleting {}: {e}", path.display()))
+        self.store
+            .discard(&path)
+            .map_err(|e| format!("deleting {}: {e}", path.display()))
     }
 
     /// Everything worth knowing now.
@@ -307,27 +331,47 @@ impl Recorder {
         });
         Status {
             state: self.state(),
-            session: session.map(|s| s.path.clone()).or_else(|| self.last_session.clone()),
+            session: session
+                .map(|s| s.path.clone())
+                .or_else(|| self.last_session.clone()),
             seconds: session.map_or(0.0, Session::seconds),
             durable_until: session.map(|s| s.writer.durability().until),
             streams: streams.collect(),
             free_bytes: self.free_bytes,
             seconds_left: self.seconds_left,
-            alarms: self.alarms.iter().cloned().chain(self.fault.clone()).collect(),
-            encoders: self.setup.cameras.iter().map(|c| c.encoder.clone()).collect(),
+            alarms: self
+                .alarms
+                .iter()
+                .cloned()
+                .chain(self.fault.clone())
+                .collect(),
+            encoders: self
+                .setup
+                .cameras
+                .iter()
+                .map(|c| c.encoder.clone())
+                .collect(),
         }
     }
 
     fn open(&mut self, name: &str, at: HostTime, items: &[Outgoing]) -> io::Result<Session> {
         let setup = &self.setup;
-        let started = items.iter().filter_map(item_time).min().map_or(at, |t| t.min(at));
+        let started = items
+            .iter()
+            .filter_map(item_time)
+            .min()
+            .map_or(at, |t| t.min(at));
         // The host clock and civil time of one and the same instant.
         let started_civil = CivilTime(self.clock.civil().0 - (self.clock.now() - started));
         let (path, storage, session_id) = self.store.create(started_civil)?;
         let timed = Arc::new(TimedStorage::new(storage, self.clock.clone()));
         let spec = SessionSpec {
             session_id,
-            name: if name.is_empty() { setup.name.clone() } else { name.to_owned() },
+            name: if name.is_empty() {
+                setup.name.clone()
+            } else {
+                name.to_owned()
+            },
             software: setup.software.clone(),
             started,
             started_civil,
@@ -342,7 +386,9 @@ impl Recorder {
 
     /// What does not change while recording: transforms, calibrations, and the clock maps so far.
     fn statics(&mut self, at: HostTime, maps: &[ClockMap]) {
-        let Some(session) = &mut self.session else { return };
+        let Some(session) = &mut self.session else {
+            return;
+        };
         let writer = &mut session.writer;
         let setup = &self.setup;
         let mut write = || -> Result<(), WriteError> {
@@ -363,7 +409,9 @@ impl Recorder {
 
     /// A sample, or the word that it will not come: into the session, or into the pre-roll.
     fn sample(&mut self, item: Outgoing) {
-        let Some(session) = &mut self.session else { return self.pre_roll.keep(item) };
+        let Some(session) = &mut self.session else {
+            return self.pre_roll.keep(item);
+        };
         if let Some(stopping) = &mut session.stopping
             && item_time(&item).is_some_and(|t| t > stopping.at)
         {
@@ -385,9 +433,15 @@ impl Recorder {
 
     /// What follows from what was just done.
     fn after(&mut self) {
-        let Some(session) = &mut self.session else { return };
+        let Some(session) = &mut self.session else {
+            return;
+        };
         for incident in session.writer.take_incidents() {
-            let what = if incident.lost.is_empty() { "nothing is lost" } else { "data are lost" };
+            let what = if incident.lost.is_empty() {
+                "nothing is lost"
+            } else {
+                "data are lost"
+            };
             let text = format!(
                 "segment {} was given up ({}); {what}, recording goes on in a new one",
                 incident.segment, incident.error
@@ -396,7 +450,11 @@ impl Recorder {
             for gap in &incident.lost {
                 session.note_lost(gap);
             }
-            let event = Event { kind: Kind::Fault.into(), source: "disk".to_owned(), text: text.clone() };
+            let event = Event {
+                kind: Kind::Fault.into(),
+                source: "disk".to_owned(),
+                text: text.clone(),
+            };
             let at = session.last;
             if let Err(e) = session.writer.append("", at, at, &event) {
                 return self.close(Some(chain(&e)));
@@ -418,7 +476,9 @@ impl Recorder {
 
     /// Closes the session, after a failure as far as the disk lets it.
     fn close(&mut self, error: Option<String>) {
-        let Some(mut session) = self.session.take() else { return };
+        let Some(mut session) = self.session.take() else {
+            return;
+        };
         let now = self.clock.now();
         let stopping = session.stopping.take();
         let reason = match (&error, &stopping) {
@@ -426,13 +486,20 @@ impl Recorder {
             (None, Some(s)) => s.reason.clone(),
             (None, None) => "closed".to_owned(),
         };
-        let finished = if error.is_none() { session.settle() } else { Ok(()) };
+        let finished = if error.is_none() {
+            session.settle()
+        } else {
+            Ok(())
+        };
         let seconds = session.seconds();
         let stored = session.streams.iter().map(|s| s.stored).sum();
         let missing = session.streams.iter().map(|s| s.missing).sum();
         let at = stopping.map_or(now, |s| s.at);
         let path = session.path.clone();
-        let closed = session.close(Stop { at, reason: reason.clone() });
+        let closed = session.close(Stop {
+            at,
+            reason: reason.clone(),
+        });
         let failed = error
             .or_else(|| finished.err().map(|e| chain(&e)))
             .or_else(|| closed.err().map(|e| chain(&e)));
@@ -455,8 +522,14 @@ impl Recorder {
     }
 
     fn event(&mut self, kind: Kind, at: HostTime, source: &str, text: &str) {
-        let Some(session) = &mut self.session else { return };
-        let event = Event { kind: kind.into(), source: source.to_owned(), text: text.to_owned() };
+        let Some(session) = &mut self.session else {
+            return;
+        };
+        let event = Event {
+            kind: kind.into(),
+            source: source.to_owned(),
+            text: text.to_owned(),
+        };
         let written = session.writer.append("", at, at, &event);
         self.check(written);
     }
@@ -469,7 +542,12 @@ impl Recorder {
             log::info!("over: {text}");
             self.alarms.remove(&text);
         }
-        self.event(if active { Kind::Fault } else { Kind::Cleared }, at, stream, &text);
+        self.event(
+            if active { Kind::Fault } else { Kind::Cleared },
+            at,
+            stream,
+            &text,
+        );
         (self.on_progress)(Progress::Alarm { text, active });
     }
 
@@ -477,26 +555,32 @@ impl Recorder {
         self.health = streams;
         self.free_bytes = self.store.free_bytes();
         let temperature_c = self.store.temperature_c();
-        let Some(session) = &mut self.session else { return };
+        let Some(session) = &mut self.session else {
+            return;
+        };
         let (write_max_ns, sync_max_ns) = session.timed.take_longest();
         let durability = session.writer.durability();
         let mut written = 0;
-        let streams = self.health.iter().zip(&mut session.streams).map(|(health, tally)| {
-            let bytes = tally.bytes - tally.bytes_before;
-            tally.bytes_before = tally.bytes;
-            written += bytes;
-            health::Stream {
-                name: health.name.clone(),
-                rate_hz: health.rate_hz,
-                received: health.received,
-                stored: tally.stored,
-                missing: tally.missing,
-                queue_bytes: health.queue_bytes,
-                bitrate: 8.0 * bytes as f64,
-                silent: health.silent,
-                frozen: health.frozen,
-            }
-        });
+        let streams = self
+            .health
+            .iter()
+            .zip(&mut session.streams)
+            .map(|(health, tally)| {
+                let bytes = tally.bytes - tally.bytes_before;
+                tally.bytes_before = tally.bytes;
+                written += bytes;
+                health::Stream {
+                    name: health.name.clone(),
+                    rate_hz: health.rate_hz,
+                    received: health.received,
+                    stored: tally.stored,
+                    missing: tally.missing,
+                    queue_bytes: health.queue_bytes,
+                    bitrate: 8.0 * bytes as f64,
+                    silent: health.silent,
+                    frozen: health.frozen,
+                }
+            });
         let record = Health {
             streams: streams.collect(),
             writer_queue_bytes: (self.queue_bytes)(),
@@ -513,12 +597,17 @@ impl Recorder {
 
     /// Warns when space runs low and stops, cleanly, when it has.
     fn guard_disk(&mut self, at: HostTime, bytes_per_second: u64) {
-        let (Some(free), Some(session)) = (self.free_bytes, &mut self.session) else { return };
+        let (Some(free), Some(session)) = (self.free_bytes, &mut self.session) else {
+            return;
+        };
         let usable = free.saturating_sub(self.setup.reserve_bytes);
         let left = usable as f64 / (bytes_per_second.max(1)) as f64;
         self.seconds_left = Some(left);
         if usable == 0 {
-            let text = format!("the disk is full up to the reserve ({} MB free)", free >> 20);
+            let text = format!(
+                "the disk is full up to the reserve ({} MB free)",
+                free >> 20
+            );
             self.event(Kind::Fault, at, "disk", &text);
             let _ = self.stop("disk full");
             (self.on_progress)(Progress::Alarm { text, active: true });
@@ -527,7 +616,12 @@ impl Recorder {
         let low = left < WARN_SECONDS;
         if low != session.low_disk {
             session.low_disk = low;
-            self.on_alarm(at, "disk: less than 5 minutes can still be recorded".to_owned(), "disk", low);
+            self.on_alarm(
+                at,
+                "disk: less than 5 minutes can still be recorded".to_owned(),
+                "disk",
+                low,
+            );
         }
     }
 }

@@ -52,7 +52,9 @@ impl PreRoll {
             if !old && self.bytes <= LIMIT_BYTES {
                 break;
             }
-            let Some(item) = self.items.pop_front() else { break };
+            let Some(item) = self.items.pop_front() else {
+                break;
+            };
             self.bytes -= item.bytes();
             if let Outgoing::Clock { map, .. } = item {
                 self.maps.insert(map.clock.clone(), map);
@@ -68,7 +70,12 @@ impl PreRoll {
         // For each camera, the last key frame at or before `from`, or else its first.
         let mut begins: Vec<Option<u64>> = vec![None; cameras];
         for item in &items {
-            if let Outgoing::Frame { camera, frame, key: true, .. } = item
+            if let Outgoing::Frame {
+                camera,
+                frame,
+                key: true,
+                ..
+            } = item
                 && (begins[*camera].is_none() || frame.time <= from.0)
             {
                 begins[*camera] = Some(frame.number);
@@ -90,7 +97,9 @@ impl PreRoll {
                 Outgoing::Frame { camera, frame, .. } => {
                     begins[*camera].is_some_and(|first| frame.number >= first)
                 }
-                Outgoing::Imu { batch, .. } => batch.times.first().is_some_and(|t| *t >= earliest.0),
+                Outgoing::Imu { batch, .. } => {
+                    batch.times.first().is_some_and(|t| *t >= earliest.0)
+                }
                 Outgoing::Clock { map, .. } => {
                     self.maps.insert(map.clock.clone(), map.clone());
                     true

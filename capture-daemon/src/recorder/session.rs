@@ -90,13 +90,19 @@ impl Session {
 
     /// Length so far, s.
     pub(super) fn seconds(&self) -> f64 {
-        self.first.map_or(0.0, |first| (self.last - first) as f64 / NS_PER_S as f64)
+        self.first
+            .map_or(0.0, |first| (self.last - first) as f64 / NS_PER_S as f64)
     }
 
     /// Puts an item into the archive, with the gap records and frame sets that follow from it.
     pub(super) fn store(&mut self, item: Outgoing) -> Result<(), WriteError> {
         match item {
-            Outgoing::Frame { camera, frame, unit, key } => {
+            Outgoing::Frame {
+                camera,
+                frame,
+                unit,
+                key,
+            } => {
                 let time = HostTime(frame.time);
                 let host = HostTime(frame.host_time);
                 if !self.place(camera, frame.number, 1, time, time, host)? {
@@ -127,7 +133,13 @@ impl Session {
                 Ok(())
             }
             Outgoing::Clock { at, map } => self.writer.append(&map.clock, at, at, &map),
-            Outgoing::Dropped { stream, first, last, cause, detail } => {
+            Outgoing::Dropped {
+                stream,
+                first,
+                last,
+                cause,
+                detail,
+            } => {
                 if let Some(stream) = self.streams.iter_mut().find(|s| s.name == stream) {
                     stream.tracker.dropped(first, last, cause, &detail);
                 }
@@ -211,7 +223,7 @@ impl Session {
     }
 
     /// Ends the session; whether everything is on disk.
-    pub(super) fn close(self, stop: Stop) -> Result<(), WriteError> {
+    pub(super) fn close(mut self, stop: Stop) -> Result<(), WriteError> {
         self.writer.close(stop).map(|_| ())
     }
 }

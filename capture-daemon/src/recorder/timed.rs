@@ -24,7 +24,11 @@ pub(super) struct TimedStorage {
 
 impl TimedStorage {
     pub(super) fn new(inner: Arc<dyn Storage>, clock: Arc<dyn Clock>) -> Self {
-        Self { inner, clock, longest: Arc::default() }
+        Self {
+            inner,
+            clock,
+            longest: Arc::default(),
+        }
     }
 
     /// Longest write and longest sync since the last call, ns.
@@ -57,7 +61,11 @@ impl Storage for TimedStorage {
     fn create(&self, path: &str) -> io::Result<Box<dyn WriteFile>> {
         let inner = self.inner.create(path)?;
         let (clock, longest) = (self.clock.clone(), self.longest.clone());
-        Ok(Box::new(TimedFile { inner, clock, longest }))
+        Ok(Box::new(TimedFile {
+            inner,
+            clock,
+            longest,
+        }))
     }
 
     fn open(&self, path: &str) -> io::Result<Box<dyn ReadAt>> {

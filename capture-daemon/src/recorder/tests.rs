@@ -1,0 +1,520 @@
+//! The recorder on hand-made items, virtual time and a disk that fails on demand.
+
+use std::sync::Mutex;
+
+use bytes::Bytes;
+use session_archive::manifest::{Camera, Imu, State as ManifestState};
+use session_archive::reader::{Entry, SessionReader};
+use session_archive::record::paws::gap::Cause;
+use session_archive::record::{Event, Frame, FrameSet, Gap, ImuBatch};
+use session_archive::storage::{Fault, FaultKind, FaultStorage};
+use session_archive::time::TickLength;
+use session_archive::verify::verify;
+
+use super::*;
+use crate::clock::VirtualClock;
+
+const MS: i64 = 1_000_000;
+const START: HostTime = HostTime(1_000_000 * MS);
+
+/// What a test looks at afterwards.
+#[derive(Clone, Default)]
+struct Bench {
+    disks: Arc<Mutex<Vec<FaultStorage>>>,
+    progress: Arc<Mutex<Vec<Progress>>>,
+    free: Arc<Mutex<Option<u64>>>,
+    fault: Option<Fault>,
+}
+
+impl SessionStore for Bench {
+    fn create(&mut self, _: CivilTime) -> io::Result<(PathBuf, Arc<dyn Storage>, String)> {
+        let disk = self
+            .fault
+            .map_or_else(FaultStorage::new, FaultStorage::with_fault);
+        let mut disks = self.disks.lock().expect("disks");
+        disks.push(disk.clone());
+        let path = PathBuf::from(format!("session{}", disks.len()));
+        Ok((path, Arc::new(disk), format!("id{}", disks.len())))
+    }
+
+    fn discard(&mut self, _: &Path) -> io::Result<()> {
+        self.disks.lock().expect("disks").pop();
+        Ok(())
+    }
+
+    fn free_bytes(&self) -> Option<u64> {
+        *self.free.lock().expect("free")
+    }
+
+    fn temperature_c(&self) -> Option<f64> {
+        Some(41.5)
+    }
+}
+
+/// A recorder for two cameras and an IMU, fed with made-up samples in virtual time.
+struct Rig {
+    recorder: Recorder,
+    clock: Arc<VirtualClock>,
+    bench: Bench,
+    /// Next frame numbers of both cameras.
+    next: [u64; 2],
+    next_imu: u64,
+}
+
+const PERIOD: i64 = 50 * MS;
+
+fn rig(pre_roll_ns: i64, bench: Bench) -> Rig {
+    let clock = Arc::new(VirtualClock::new(START, CivilTime(1_790_000_000_000 * MS)));
+    let camera = |name: &str| Camera {
+        name: name.to_owned(),
+        width: 64,
+        height: 32,
+        codec: "h264".to_owned(),
+        colour: "grey".to_owned(),
+        rate_hz: 20.0,
+        tick: TickLength::NANOSECOND,
+        trigger: None,
+        source: "made up".to_owned(),
+        encoder: "none".to_owned(),
+    };
+    let setup = Setup {
+        cameras: vec![camera("left_shoulder"), camera("feet")],
+        imus: vec![Imu {
+            name: "feet/imu".to_owned(),
+            rate_hz: 200.0,
+            tick: TickLength::NANOSECOND,
+            source: "made up".to_owned(),
+        }],
+        calibrations: Vec::new(),
+        transforms: FrameTransforms::default(),
+        rig_files: Vec::new(),
+        chunk_ns: 500 * MS,
+        pre_roll_ns,
+        reserve_bytes: 1 << 30,
+        name: "walk".to_owned(),
+        software: "tests".to_owned(),
+    };
+    let seen = bench.progress.clone();
+    let recorder = Recorder::new(
+        setup,
+        clock.clone(),
+        Box::new(bench.clone()),
+        Box::new(|| 7),
+        Box::new(move |p| seen.lock().expect("progress").push(p)),
+    );
+    Rig {
+        recorder,
+        clock,
+        bench,
+        next: [0; 2],
+        next_imu: 0,
+    }
+}
+
+impl Rig {
+    fn now(&self) -> HostTime {
+        self.clock.now()
+    }
+
+    /// One period: a frame of each camera (every tenth a key frame), ten IMU samples.
+    fn step(&mut self) {
+        for camera in 0..2 {
+            self.frame(camera);
+        }
+        let times: Vec<i64> = (0..10).map(|i| self.now().0 + i * 5 * MS).collect();
+        let batch = ImuBatch {
+            first_number: self.next_imu,
+            device_ticks: times.clone(),
+            host_times: times.clone(),
+            times,
+            gyro: vec![0.5; 30],
+            accel: vec![9.8; 30],
+            ..ImuBatch::default()
+        };
+        self.next_imu += 10;
+        self.recorder.handle(Outgoing::Imu { imu: 0, batch });
+        self.clock.advance_to(self.now() + PERIOD);
+        self.recorder.tick();
+    }
+
+    fn frame(&mut self, camera: usize) {
+        let number = self.next[camera];
+        self.next[camera] += 1;
+        let time = self.now() + camera as i64 * MS;
+        let frame = Frame {
+            number,
+            time: time.0,
+            host_time: time.0,
+            ..Frame::default()
+        };
+        let unit = Bytes::from(vec![number as u8; 100]);
+        let key = number.is_multiple_of(10);
+        self.recorder.handle(Outgoing::Frame {
+            camera,
+            frame,
+            unit,
+            key,
+        });
+    }
+
+    fn steps(&mut self, n: usize) {
+        for _ in 0..n {
+            self.step();
+        }
+    }
+
+    fn session(&self) -> SessionReader {
+        let disk = self
+            .bench
+            .disks
+            .lock()
+            .expect("disks")
+            .last()
+            .cloned()
+            .expect("a session");
+        SessionReader::open(Arc::new(disk)).expect("open")
+    }
+
+    fn messages<R: session_archive::record::Record>(&self, of: &str) -> Vec<R> {
+        let reader = self.session();
+        let id = reader.manifest().stream::<R>(of).expect("stream").id;
+        reader
+            .entries()
+            .filter_map(|e| match e.expect("read") {
+                Entry::Message(m) if m.stream == id => Some(m.decode().expect("decode")),
+                _ => None,
+            })
+            .collect()
+    }
+
+    fn progress(&self) -> Vec<Progress> {
+        self.bench.progress.lock().expect("progress").clone()
+    }
+}
+
+fn started(rig: &mut Rig) {
+    assert!(matches!(
+        rig.recorder.request(
+            Request::Start {
+                name: String::new()
+            },
+            "button"
+        ),
+        Response::Ok { .. }
+    ));
+}
+
+#[test]
+fn idle_armed_recording_stopping_armed() {
+    let mut rig = rig(1000 * MS, Bench::default());
+    assert_eq!(rig.recorder.state(), State::Idle);
+    rig.steps(2);
+    assert_eq!(rig.recorder.state(), State::Armed);
+    started(&mut rig);
+    assert_eq!(rig.recorder.state(), State::Recording);
+    assert!(
+        rig.recorder.start("", "button").is_err(),
+        "it is already recording"
+    );
+    rig.steps(40);
+    assert!(matches!(
+        rig.recorder.request(Request::Stop, "button"),
+        Response::Ok { .. }
+    ));
+    assert_eq!(rig.recorder.state(), State::Stopping);
+    rig.step();
+    rig.step();
+    assert_eq!(rig.recorder.state(), State::Armed);
+    let reader = rig.session();
+    assert_eq!(reader.manifest().state, ManifestState::Closed);
+    assert_eq!(
+        reader.manifest().stopped.as_ref().expect("stop").reason,
+        "button"
+    );
+    assert!(verify(&reader, |_| {}).expect("verify").is_sound());
+    assert!(
+        rig.recorder.stop("button").is_err(),
+        "nothing is being recorded"
+    );
+}
+
+#[test]
+fn the_pre_roll_begins_with_key_frames_from_before_the_press() {
+    let mut rig = rig(1000 * MS, Bench::default());
+    rig.steps(97);
+    let press = rig.now();
+    started(&mut rig);
+    rig.steps(3);
+    rig.recorder.close_now("button");
+    for camera in ["left_shoulder", "feet"] {
+        let frames: Vec<Frame> = rig.messages(camera);
+        let first = &frames[0];
+        assert!(first.key_frame);
+        let before = press - HostTime(first.time);
+        assert!(
+            (1000 * MS..1600 * MS).contains(&before),
+            "{camera}: {before}"
+        );
+        assert_eq!(frames.len() as u64, 100 - first.number);
+    }
+    let batches: Vec<ImuBatch> = rig.messages("feet/imu");
+    assert!(press.0 - batches[0].times[0] >= 1000 * MS);
+    let report = verify(&rig.session(), |_| {}).expect("verify");
+    assert!(report.is_sound(), "{report:#?}");
+}
+
+#[test]
+fn without_a_pre_roll_a_key_frame_is_there_at_once_all_the_same() {
+    let mut rig = rig(0, Bench::default());
+    rig.steps(36);
+    let press = rig.now();
+    started(&mut rig);
+    assert_eq!(rig.messages::<Event>("").len(), 0, "nothing is on disk yet");
+    rig.steps(1);
+    rig.recorder.close_now("button");
+    let frames: Vec<Frame> = rig.messages("feet");
+    assert!(frames[0].key_frame && press - HostTime(frames[0].time) <= 500 * MS);
+}
+
+#[test]
+fn a_stop_waits_for_frames_that_were_received_before_it_and_not_for_ever() {
+    let mut rig = rig(0, Bench::default());
+    rig.steps(20);
+    started(&mut rig);
+    rig.steps(10);
+    // A frame taken before the press is still in the encoder.
+    let late = Frame {
+        number: rig.next[0],
+        time: rig.now().0,
+        host_time: rig.now().0,
+        ..Frame::default()
+    };
+    rig.next[0] += 1;
+    rig.clock.advance_to(rig.now() + 10 * MS);
+    rig.recorder.stop("button").expect("stop");
+    rig.clock.advance_to(rig.now() + 20 * MS);
+    let unit = Bytes::from_static(b"unit");
+    rig.recorder.handle(Outgoing::Frame {
+        camera: 0,
+        frame: late.clone(),
+        unit,
+        key: false,
+    });
+    assert_eq!(rig.recorder.state(), State::Stopping);
+    rig.clock.advance_to(rig.now() + STOP_LIMIT_NS);
+    rig.recorder.tick();
+    assert_eq!(
+        rig.recorder.state(),
+        State::Armed,
+        "the other camera says nothing any more"
+    );
+    assert_eq!(
+        rig.messages::<Frame>("left_shoulder")
+            .last()
+            .map(|f| f.number),
+        Some(late.number)
+    );
+}
+
+#[test]
+fn every_loss_becomes_a_gap_with_its_cause() {
+    let mut rig = rig(0, Bench::default());
+    rig.steps(10);
+    started(&mut rig);
+    rig.steps(3);
+    let dropped = |first, last, cause| Outgoing::Dropped {
+        stream: "feet".to_owned(),
+        first,
+        last,
+        cause,
+        detail: "test".to_owned(),
+    };
+    rig.recorder.handle(dropped(
+        rig.next[1],
+        rig.next[1] + 1,
+        Cause::EncoderOverload,
+    ));
+    // Two are reported, two only the device knows of.
+    for _ in 0..4 {
+        rig.next[1] += 1;
+        rig.frame(0);
+        rig.clock.advance_to(rig.now() + PERIOD);
+    }
+    rig.steps(5);
+    rig.recorder
+        .handle(dropped(rig.next[1], rig.next[1], Cause::EncoderRestart));
+    rig.recorder.close_now("button");
+    let gaps: Vec<Gap> = rig.messages("");
+    let found: Vec<_> = gaps
+        .iter()
+        .map(|g| (g.stream.as_str(), g.count(), g.cause()))
+        .collect();
+    let expected = [
+        ("feet", 2, Cause::EncoderOverload),
+        ("feet", 2, Cause::Device),
+        ("feet", 1, Cause::EncoderRestart),
+    ];
+    assert_eq!(found, expected);
+    let report = verify(&rig.session(), |_| {}).expect("verify");
+    assert!(report.is_sound(), "{report:#?}");
+    let feet = &report.streams["feet"];
+    assert_eq!(feet.samples + feet.gaps, feet.expected());
+    let sets: Vec<FrameSet> = rig.messages("");
+    assert!(sets.iter().any(|s| s.missing == ["feet"]));
+    assert!(sets.iter().any(|s| s.members.len() == 2));
+}
+
+#[test]
+fn a_full_disk_ends_in_a_closed_session() {
+    let bench = Bench::default();
+    *bench.free.lock().expect("free") = Some(10 << 30);
+    let mut rig = rig(0, bench);
+    rig.steps(10);
+    started(&mut rig);
+    rig.steps(30);
+    *rig.bench.free.lock().expect("free") = Some(900 << 20);
+    rig.recorder.handle(Outgoing::Health {
+        at: rig.now(),
+        streams: Vec::new(),
+    });
+    assert_eq!(rig.recorder.state(), State::Stopping);
+    rig.steps(6);
+    assert_eq!(rig.recorder.state(), State::Armed);
+    let reader = rig.session();
+    assert_eq!(
+        reader.manifest().stopped.as_ref().expect("stop").reason,
+        "disk full"
+    );
+    assert!(verify(&reader, |_| {}).expect("verify").is_sound());
+    let refused = rig.recorder.start("", "button").expect_err("no space");
+    assert!(refused.contains("900 MB are free"), "{refused}");
+}
+
+/// Whatever write or sync fails, for good or once: the session can be opened, is accounted for, and
+/// the user is told.
+#[test]
+fn a_failing_disk_ends_in_a_valid_session_and_a_clear_message() {
+    let run = |fault: Option<Fault>| {
+        let mut rig = rig(
+            0,
+            Bench {
+                fault,
+                ..Bench::default()
+            },
+        );
+        rig.steps(10);
+        let _ = rig.recorder.start("", "button");
+        rig.steps(40);
+        rig.recorder.close_now("button");
+        rig
+    };
+    let disks = run(None).bench.disks;
+    let operations = disks.lock().expect("disks")[0].operations();
+    assert!(operations > 20);
+    for at in 0..operations {
+        for kind in [
+            FaultKind::NoSpace,
+            FaultKind::InputOutput,
+            FaultKind::PowerCut,
+        ] {
+            let rig = run(Some(Fault { at, kind, keep: 17 }));
+            let progress = rig.progress();
+            let told = progress.iter().any(|p| {
+                matches!(p, Progress::Finished { error: Some(_), .. })
+                    || matches!(p, Progress::Alarm { active: true, .. })
+            });
+            let disk = rig.bench.disks.lock().expect("disks")[0].clone();
+            let Ok(reader) = SessionReader::open(Arc::new(disk)) else {
+                assert!(
+                    rig.recorder.fault.is_some(),
+                    "{kind:?} at {at}: no session and no word"
+                );
+                continue;
+            };
+            let report = verify(&reader, |_| {}).expect("verify");
+            assert!(report.lost.is_empty(), "{kind:?} at {at}: {report:#?}");
+            if kind == FaultKind::InputOutput {
+                assert_eq!(
+                    report.streams["feet"].gaps, 0,
+                    "one failure loses nothing: {at}"
+                );
+            } else {
+                let whole = report.streams["feet"].samples == 50;
+                assert!(
+                    told || whole || rig.recorder.fault.is_some(),
+                    "{kind:?} at {at}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn marks_health_and_alarms_are_in_the_session() {
+    let mut rig = rig(0, Bench::default());
+    assert!(matches!(
+        rig.recorder.request(
+            Request::Mark {
+                text: "early".to_owned()
+            },
+            "button"
+        ),
+        Response::Error { .. }
+    ));
+    rig.steps(10);
+    started(&mut rig);
+    rig.steps(5);
+    rig.recorder.request(
+        Request::Mark {
+            text: "stairs".to_owned(),
+        },
+        "button",
+    );
+    let alarm = |active, at| Outgoing::Alarm {
+        at,
+        text: "feet: no samples".to_owned(),
+        stream: "feet".to_owned(),
+        active,
+    };
+    rig.recorder.handle(alarm(true, rig.now()));
+    assert_eq!(rig.recorder.status().alarms, ["feet: no samples"]);
+    let streams = ["left_shoulder", "feet", "feet/imu"].map(|name| StreamHealth {
+        name: name.to_owned(),
+        rate_hz: 20.0,
+        ..StreamHealth::default()
+    });
+    rig.recorder.handle(Outgoing::Health {
+        at: rig.now(),
+        streams: streams.to_vec(),
+    });
+    rig.recorder.handle(alarm(false, rig.now()));
+    assert!(rig.recorder.status().alarms.is_empty());
+    rig.recorder.close_now("button");
+    let kinds: Vec<Kind> = rig.messages::<Event>("").iter().map(Event::kind).collect();
+    assert_eq!(
+        kinds,
+        [
+            Kind::Start,
+            Kind::Mark,
+            Kind::Fault,
+            Kind::Cleared,
+            Kind::Stop
+        ]
+    );
+    let health: Vec<Health> = rig.messages("");
+    assert_eq!((health.len(), health[0].writer_queue_bytes), (1, 7));
+    assert_eq!(health[0].temperature_c, Some(41.5));
+    assert!(health[0].streams[0].stored > 0 && health[0].streams[0].bitrate > 0.0);
+}
+
+#[test]
+fn a_discarded_session_is_gone() {
+    let mut rig = rig(0, Bench::default());
+    rig.steps(10);
+    started(&mut rig);
+    rig.steps(30);
+    rig.recorder.request(Request::Discard, "button");
+    assert!(rig.bench.disks.lock().expect("disks").is_empty());
+    assert_eq!(rig.recorder.state(), State::Armed);
+    assert_eq!(rig.recorder.status().session, None);
+}
