@@ -51,7 +51,7 @@ impl Cameras {
                 let folder = |set: &str| format!("{:?}", data.join(set).display().to_string());
                 (
                     format!(
-                        "kind = \"replay\"\nlayout = \"pairs\"\npath = {}\nrate_hz = 10.0\nloop = true\n",
+                        "kind = \"replay\"\nlayout = \"kitti\"\npath = {}\nrate_hz = 10.0\nloop = true\n",
                         folder(KITTI)
                     ),
                     format!(
