@@ -328,3 +328,6 @@ fn deliver(event: EncoderEvent, inside: &Inside, sink: &Sink) {
     drop(state);
     inside.changed.notify_all();
 }
+
+#[cfg(test)]
+mod tests;

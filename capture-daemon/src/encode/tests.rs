@@ -1,0 +1,103 @@
+//! Lanes with a real encoder at a small size.
+
+use super::*;
+use video::PixelFormat;
+
+const MS: i64 = 1_000_000;
+
+fn settings() -> EncoderSettings {
+    EncoderSettings {
+        element: "x264enc".to_owned(),
+        width: 64,
+        height: 32,
+        rate_hz: 30.0,
+        quality_db: 40.0,
+        threads: 1,
+        max_key_interval_frames: 30,
+    }
+}
+
+fn picture(n: u64, width: u32, height: u32) -> Picture {
+    let size = PixelFormat::I420.bytes(width, height).expect("even");
+    let data = (0..size).map(|i| (i as u64 * 7 + n * 13) as u8).collect::<Vec<_>>();
+    Picture::new(width, height, PixelFormat::I420, data).expect("picture")
+}
+
+fn frame(number: u64) -> Frame {
+    let time = 5_000 * MS + number as i64 * 33 * MS;
+    Frame { number, time, host_time: time, ..Frame::default() }
+}
+
+/// What came out: number and whether it is a key frame, or why it was dropped.
+type Seen = Arc<Mutex<Vec<(u64, Result<bool, Cause>)>>>;
+
+fn lane() -> (Lane, Seen) {
+    let seen: Seen = Arc::default();
+    let out = seen.clone();
+    let sink: Sink = Arc::new(move |encoded| {
+        let mut out = out.lock().expect("seen");
+        match encoded {
+            Encoded::Frame { frame, unit, key } => {
+                assert!(!unit.is_empty());
+                out.push((frame.number, Ok(key)));
+            }
+            Encoded::Dropped { first, last, cause, .. } => {
+                out.extend((first..=last).map(|n| (n, Err(cause))));
+            }
+        }
+    });
+    (Lane::new(settings(), 500 * MS, sink), seen)
+}
+
+#[test]
+fn key_frames_stand_where_chunks_begin() {
+    let (mut lane, seen) = lane();
+    for n in 0..40 {
+        lane.push_and_wait(frame(n), &picture(n, 64, 32), HostTime(0));
+    }
+    let seen = seen.lock().expect("seen").clone();
+    assert_eq!(seen.iter().map(|s| s.0).collect::<Vec<_>>(), (0..40).collect::<Vec<_>>());
+    let keys: Vec<u64> = seen.iter().filter(|s| s.1 == Ok(true)).map(|s| s.0).collect();
+    assert_eq!(keys, [0, 16, 31], "first frames at or after 0, 500 and 1000 ms");
+}
+
+#[test]
+fn a_failed_encoder_is_replaced_and_its_frames_are_reported() {
+    let (mut lane, seen) = lane();
+    lane.push_and_wait(frame(0), &picture(0, 64, 32), HostTime(0));
+    lane.push_and_wait(frame(1), &picture(1, 32, 32), HostTime(0)); // not what it was made for
+    lane.push_and_wait(frame(2), &picture(2, 64, 32), HostTime(0));
+    assert_eq!(lane.restarts(), 1);
+    let seen = seen.lock().expect("seen").clone();
+    assert_eq!(seen, [(0, Ok(true)), (1, Err(Cause::EncoderRestart)), (2, Ok(true))]);
+}
+
+#[test]
+fn an_encoder_that_cannot_start_costs_frames_and_is_tried_again_later() {
+    let (mut lane, seen) = lane();
+    lane.settings.element = "noenc".to_owned();
+    let second = 1000 * MS;
+    lane.push(frame(0), &picture(0, 64, 32), HostTime(second));
+    lane.settings.element = "x264enc".to_owned();
+    lane.push_and_wait(frame(1), &picture(1, 64, 32), HostTime(second + 1));
+    lane.push_and_wait(frame(2), &picture(2, 64, 32), HostTime(second + RETRY_NS));
+    let seen = seen.lock().expect("seen").clone();
+    let dropped = Err(Cause::EncoderRestart);
+    assert_eq!(seen, [(0, dropped), (1, dropped), (2, Ok(true))]);
+}
+
+/// However fast frames come: each is handed on or reported, exactly once, in order.
+#[test]
+fn overload_drops_whole_frames_and_says_so() {
+    let (mut lane, seen) = lane();
+    for n in 0..500 {
+        lane.push(frame(n), &picture(n, 64, 32), HostTime(0));
+    }
+    lane.finish(Duration::from_secs(20), HostTime(0));
+    let mut seen = seen.lock().expect("seen").clone();
+    let out: Vec<u64> = seen.iter().filter(|s| s.1.is_ok()).map(|s| s.0).collect();
+    assert!(out.is_sorted());
+    assert!(seen.iter().all(|s| s.1.is_ok() || s.1 == Err(Cause::EncoderOverload)));
+    seen.sort_unstable_by_key(|s| s.0);
+    assert_eq!(seen.iter().map(|s| s.0).collect::<Vec<_>>(), (0..500).collect::<Vec<_>>());
+}
