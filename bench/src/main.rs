@@ -1,2 +1,35 @@
-//! bench
-fn main() {}
+//! What `cargo xtask bench` runs: speed and accuracy, measured together, ours beside its peers.
+//!
+//! `bench NAME [--quick] [--out DIR]` writes `NAME.json` and pictures into DIR (default
+//! `docs/benchmarks`). Each benchmark is one module with a `run` function.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    let Some((name, rest)) = args.split_first() else {
+        eprintln!("which benchmark? {}", names());
+        return ExitCode::from(2);
+    };
+    let Some((_, run)) = BENCHMARKS.iter().find(|(n, _)| n == name) else {
+        eprintln!("there is no benchmark {name:?}; there are: {}", names());
+        return ExitCode::from(2);
+    };
+    match run(rest) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) => {
+            eprintln!("bench {name}: {e:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+type Run = fn(&[String]) -> anyhow::Result<()>;
+
+/// Every benchmark: its name, and what runs it.
+const BENCHMARKS: &[(&str, Run)] = &[];
+
+fn names() -> String {
+    let names: Vec<&str> = BENCHMARKS.iter().map(|(name, _)| *name).collect();
+    names.join(", ")
+}
