@@ -21,7 +21,7 @@ pub mod hub;
 pub mod notify;
 pub mod queue;
 pub mod recorder;
-// pub mod run;
+pub mod run;
 pub mod sources;
 pub mod status;
 pub mod sync;

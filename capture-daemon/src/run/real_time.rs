@@ -22,7 +22,7 @@ use crate::clock::{Clock, RealClock};
 use crate::config::Config;
 use crate::control;
 use crate::hub::{Hub, Out, Outgoing};
-use crate::notify::Notifier;
+use crate::notify::Notify;
 use crate::queue::{Popped, Queue};
 use crate::recorder::{OnProgress, Recorder};
 use crate::sources::{Sample, Source};
@@ -374,8 +374,8 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         ask(&of_control, request, "control")
     })
     .with_context(|| format!("opening the control socket {}", config.control.socket.display()))?;
-    let notifier = Notifier::from_environment();
-    notifier.ready();
+    let notify = Notify::from_env();
+    notify.ready();
     let shared = running.shared.clone();
     let mut next_status = shared.clock.now();
     let result = loop {
@@ -389,13 +389,13 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         if now >= next_status {
             next_status = now + NS_PER_S;
             if let Response::Ok { status } = running.request(Request::Status, "supervisor") {
-                notifier.status(&format!("{}, {:.0} s", status.state, status.seconds));
-                notifier.watchdog();
+                notify.status(&format!("{}, {:.0} s", status.state, status.seconds));
+                notify.watchdog();
             }
         }
         wait_until(now + PATIENCE.as_nanos() as i64, &shared);
     };
-    notifier.stopping();
+    notify.stopping();
     drop(server);
     if result.is_ok() {
         running.request(Request::Stop, "signal");
