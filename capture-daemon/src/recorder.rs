@@ -271,7 +271,7 @@ impl Recorder {
     pub fn stop(&mut self, source: &str) -> Result<(), String> {
         let state = self.state();
         let at = self.clock.now();
-        let cameras = self.setup.cameras.len();
+        let streams = self.seen.len();
         let Some(session) = &mut self.session else {
             return Err(format!("nothing is being recorded; the state is {state}"));
         };
@@ -280,7 +280,7 @@ impl Recorder {
                 at,
                 deadline: at + STOP_LIMIT_NS,
                 reason: source.to_owned(),
-                waiting: vec![true; cameras],
+                waiting: vec![true; streams],
             });
             self.event(Kind::Stop, at, source, "");
         }
@@ -415,8 +415,12 @@ impl Recorder {
         if let Some(stopping) = &mut session.stopping
             && item_time(&item).is_some_and(|t| t > stopping.at)
         {
-            if let Outgoing::Frame { camera, .. } = item {
-                stopping.waiting[camera] = false;
+            match item {
+                Outgoing::Frame { camera, .. } => stopping.waiting[camera] = false,
+                Outgoing::Imu { imu, .. } => {
+                    stopping.waiting[self.setup.cameras.len() + imu] = false;
+                }
+                _ => {}
             }
             return self.pre_roll.keep(item);
         }

@@ -47,7 +47,7 @@ pub(super) struct Stopping {
     pub(super) at: HostTime,
     pub(super) deadline: HostTime,
     pub(super) reason: String,
-    /// Cameras whose last frame may still be on its way.
+    /// Streams whose last samples may still be on their way.
     pub(super) waiting: Vec<bool>,
 }
 
