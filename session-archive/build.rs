@@ -1,4 +1,4 @@
-//! Compiles the schemas: Rust types by prost, and for each schema the descriptor set that is
+//! Compiles the schemas: Rust types by prost, and for each message type the descriptor set that is
 //! embedded in the files. protox is a protobuf compiler in Rust, so no system package is needed.
 
 use std::collections::BTreeSet;
@@ -6,9 +6,9 @@ use std::path::PathBuf;
 
 use prost_build::Config;
 use protox::prost::Message;
-use protox::prost_reflect::prost_types::{FileDescriptorProto, FileDescriptorSet};
+use protox::prost_reflect::prost_types::{DescriptorProto, FileDescriptorProto, FileDescriptorSet};
 
-const ROOTS: [&str; 4] = [
+const FILES: [&str; 4] = [
     "foxglove/CompressedVideo.proto",
     "foxglove/CameraCalibration.proto",
     "foxglove/FrameTransforms.proto",
@@ -18,15 +18,13 @@ const ROOTS: [&str; 4] = [
 fn main() {
     println!("cargo:rerun-if-changed=proto");
     let out = PathBuf::from(std::env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
-    let set = protox::compile(ROOTS, ["proto"]).unwrap_or_else(|e| panic!("proto: {e:?}"));
-    for root in ROOTS {
-        let stem = root
-            .rsplit('/')
-            .next()
-            .unwrap_or(root)
-            .trim_end_matches(".proto");
-        let bytes = closure(&set.file, root).encode_to_vec();
-        std::fs::write(out.join(format!("{stem}.desc")), bytes).expect("write descriptor set");
+    let set = protox::compile(FILES, ["proto"]).unwrap_or_else(|e| panic!("proto: {e:?}"));
+    for file in &set.file {
+        for message in &file.message_type {
+            let name = format!("{}.{}", file.package(), message.name());
+            let bytes = closure(&set.file, &name).encode_to_vec();
+            std::fs::write(out.join(format!("{name}.desc")), bytes).expect("write descriptor set");
+        }
     }
     Config::new()
         .bytes(["."])
@@ -34,29 +32,62 @@ fn main() {
         .expect("generate Rust types from the schemas");
 }
 
-/// The file and everything it imports, imports first, without comments: readers need the
-/// fields, and the bytes are repeated in every segment.
+/// A message type and everything it is made of, imports first, without comments: readers need the
+/// fields and nothing else, and the bytes are repeated in every segment.
 fn closure(files: &[FileDescriptorProto], root: &str) -> FileDescriptorSet {
-    let mut wanted = BTreeSet::from([root.to_owned()]);
-    let mut queue = vec![root.to_owned()];
+    let mut wanted = BTreeSet::new();
+    let mut queue = vec![format!(".{root}")];
     while let Some(name) = queue.pop() {
-        let file = files
-            .iter()
-            .find(|f| f.name() == name)
-            .expect("imports are in the set");
-        for import in &file.dependency {
-            if wanted.insert(import.clone()) {
-                queue.push(import.clone());
+        for (full, message) in files.iter().flat_map(messages) {
+            if is_within(&name, &full) && wanted.insert(full) {
+                types(message, &mut queue);
             }
         }
+        if files.iter().flat_map(enums).any(|full| full == name) {
+            wanted.insert(name);
+        }
     }
-    let file = files
-        .iter()
-        .filter(|f| wanted.contains(f.name()))
-        .map(|f| FileDescriptorProto {
+    let mut file: Vec<FileDescriptorProto> = Vec::new();
+    for source in files {
+        let mut part = FileDescriptorProto {
             source_code_info: None,
-            ..f.clone()
-        })
-        .collect();
+            ..source.clone()
+        };
+        let package = part.package().to_owned();
+        let is_wanted = |name: &str| wanted.contains(&format!(".{package}.{name}"));
+        part.message_type.retain(|m| is_wanted(m.name()));
+        part.enum_type.retain(|e| is_wanted(e.name()));
+        if part.message_type.is_empty() && part.enum_type.is_empty() {
+            continue;
+        }
+        part.dependency
+            .retain(|d| file.iter().any(|f| f.name() == d));
+        file.push(part);
+    }
     FileDescriptorSet { file }
+}
+
+fn messages(file: &FileDescriptorProto) -> impl Iterator<Item = (String, &DescriptorProto)> {
+    let full = |name: &str| format!(".{}.{name}", file.package());
+    file.message_type.iter().map(move |m| (full(m.name()), m))
+}
+
+fn enums(file: &FileDescriptorProto) -> impl Iterator<Item = String> {
+    let full = |name: &str| format!(".{}.{name}", file.package());
+    file.enum_type.iter().map(move |e| full(e.name()))
+}
+
+/// Whether a type is this one or declared inside it.
+fn is_within(name: &str, outer: &str) -> bool {
+    name.strip_prefix(outer)
+        .is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+}
+
+/// The names of the types of all fields, those of nested messages too.
+fn types(message: &DescriptorProto, names: &mut Vec<String>) {
+    let fields = message.field.iter().map(|f| f.type_name().to_owned());
+    names.extend(fields.filter(|name| !name.is_empty()));
+    for nested in &message.nested_type {
+        types(nested, names);
+    }
 }

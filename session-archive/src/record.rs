@@ -32,14 +32,6 @@ pub struct Schema {
     pub descriptor_set: &'static [u8],
 }
 
-macro_rules! descriptors {
-    ($file:literal) => {
-        include_bytes!(concat!(env!("OUT_DIR"), "/", $file, ".desc"))
-    };
-}
-
-static PAWS: &[u8] = descriptors!("paws");
-
 /// A message type that has a place in a session.
 pub trait Record: Message + Default {
     /// The schema that the message is written with.
@@ -47,9 +39,12 @@ pub trait Record: Message + Default {
 }
 
 macro_rules! records {
-    ($($type:ty = $name:literal in $set:expr;)*) => {
+    ($($type:ty = $name:literal;)*) => {
         $(impl Record for $type {
-            const SCHEMA: Schema = Schema { name: $name, descriptor_set: $set };
+            const SCHEMA: Schema = Schema {
+                name: $name,
+                descriptor_set: include_bytes!(concat!(env!("OUT_DIR"), "/", $name, ".desc")),
+            };
         })*
         /// Every schema that version 1 of the format uses, in the order in which they are written.
         pub static SCHEMAS: &[Schema] = &[$(<$type as Record>::SCHEMA),*];
@@ -57,17 +52,17 @@ macro_rules! records {
 }
 
 records! {
-    Segment = "paws.Segment" in PAWS;
-    CompressedVideo = "foxglove.CompressedVideo" in descriptors!("CompressedVideo");
-    Frame = "paws.Frame" in PAWS;
-    ImuBatch = "paws.ImuBatch" in PAWS;
-    ClockMap = "paws.ClockMap" in PAWS;
-    FrameSet = "paws.FrameSet" in PAWS;
-    Gap = "paws.Gap" in PAWS;
-    Event = "paws.Event" in PAWS;
-    Health = "paws.Health" in PAWS;
-    CameraCalibration = "foxglove.CameraCalibration" in descriptors!("CameraCalibration");
-    FrameTransforms = "foxglove.FrameTransforms" in descriptors!("FrameTransforms");
+    Segment = "paws.Segment";
+    CompressedVideo = "foxglove.CompressedVideo";
+    Frame = "paws.Frame";
+    ImuBatch = "paws.ImuBatch";
+    ClockMap = "paws.ClockMap";
+    FrameSet = "paws.FrameSet";
+    Gap = "paws.Gap";
+    Event = "paws.Event";
+    Health = "paws.Health";
+    CameraCalibration = "foxglove.CameraCalibration";
+    FrameTransforms = "foxglove.FrameTransforms";
 }
 
 /// The schema with this protobuf name, if version 1 knows it.
