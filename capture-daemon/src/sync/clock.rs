@@ -18,10 +18,14 @@
 //! * **A step** (the device restarts, its clock is set, it or the host slept) begins a new epoch:
 //!   [`Observation::Step`] says from when on times are in doubt, which may be before now, and the
 //!   times that follow are flagged until the new line has settled.
+//! * **A small step**, within the jitter, is found only after many samples, and a rate that changes
+//!   fast is followed late. Every claim of the last minute is therefore checked whenever the map
+//!   changes; where one turns out to have been wrong, its time joins [`ClockMap::doubts`].
 //! * **Not seen at all**: the constant part of the latency. It is configured, with a sigma, and
 //!   comes from calibration. And a latency whose minimum shifts for longer than `burst_ns` cannot
-//!   be told from a step of the clock; it is reported as one.
-//! * **Memory** is bounded (some 60 KiB). A sample costs O(1) amortised.
+//!   be told from a step of the clock; it is reported as one. How small a step can be and still be
+//!   noticed, and what else was measured: `docs/decisions/0004-clock-maps.md`.
+//! * **Memory** is bounded (some 80 KiB). A sample costs O(1) amortised.
 //!
 //! Whoever stores times should store a map whenever [`ClockMapper::version`] has changed.
 
@@ -31,6 +35,8 @@ mod guard;
 mod hull;
 mod map;
 mod tail;
+
+use std::collections::VecDeque;
 
 use session_archive::time::{HostTime, NS_PER_S, TickLength};
 
@@ -108,6 +114,8 @@ pub struct Step {
 
 /// Samples below the map this many sigmas are no refinement.
 const STEP_SIGMAS: f64 = 6.0;
+/// A single sample is suspicious where it is later than the 99th percentile by this factor.
+const VERY_LATE: f64 = 3.0;
 /// Samples held at most before a few early ones are judged.
 const EARLY_HELD: usize = 16;
 /// Early ones among them that make a step.
@@ -120,6 +128,10 @@ const LATE_STEP: u64 = 32;
 const FLOOR_NS: f64 = 250.0;
 /// The map is published at least this often, in device ns.
 const PUBLISH_NS: f64 = 10.0 * NS_PER_S as f64;
+/// Claims that are checked again, one for each time the line is fitted.
+const MAX_CLAIMS: usize = 256;
+/// A claim that misses what is known later by more of its sigmas than this was wrong.
+const WRONG_SIGMAS: f64 = 3.0;
 /// Spans of doubt remembered; older ones are joined.
 const MAX_DOUBTS: usize = 64;
 
@@ -136,6 +148,17 @@ pub struct ClockMapper {
     last: Option<Seen>,
     map: ClockMap,
     published: Line,
+    /// What was claimed lately.
+    claims: VecDeque<Claim>,
+}
+
+/// The line that times were given by at device time `x`, to be checked against what is known later.
+#[derive(Clone, Copy, Debug)]
+struct Claim {
+    x: f64,
+    line: Line,
+    sigma: f64,
+    arrival: i64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -191,6 +214,7 @@ impl ClockMapper {
             last: None,
             map,
             published: Line::default(),
+            claims: VecDeque::with_capacity(MAX_CLAIMS),
         }
     }
 
@@ -271,20 +295,17 @@ impl ClockMapper {
         let ticks = self.ticks(ticks);
         let last = self.last?;
         let mut mapped = self.map.map(ticks)?;
-        let unsettled = self
-            .map
-            .doubts
-            .last()
-            .is_some_and(|d| d.to == HostTime::MAX);
-        let suspected = self.suspicion.is_some() || !self.behind.is_empty();
-        mapped.flagged = unsettled || suspected;
+        let suspected = self.suspicion.is_some()
+            || !self.behind.is_empty()
+            || last.height > VERY_LATE * self.map.residuals.p99_ns as f64;
+        mapped.flagged = self.unsettled() || suspected;
         if suspected {
             mapped.sigma_ns = mapped.sigma_ns.max(last.height.abs().ceil() as u64);
         }
         let latest = HostTime(last.arrival.saturating_sub(self.config.latency_ns));
         let too_late = mapped.time.since(latest);
         if ticks <= last.ticks && too_late > 0 {
-            mapped.flagged |= too_late as u64 > 5 * mapped.sigma_ns;
+            mapped.flagged |= too_late as u64 > mapped.sigma_ns.saturating_mul(5);
             mapped.sigma_ns = mapped.sigma_ns.saturating_add(too_late as u64);
             mapped.time = latest;
         }
@@ -301,6 +322,16 @@ impl ClockMapper {
     /// The map as it is now, to be stored.
     pub fn snapshot(&self) -> ClockMap {
         self.map.clone()
+    }
+
+    /// The map as it is now.
+    pub fn current(&self) -> &ClockMap {
+        &self.map
+    }
+
+    /// Whether samples that arrived then have times in doubt, as far as is known now.
+    pub fn is_doubtful(&self, arrival: HostTime) -> bool {
+        self.map.is_doubtful(arrival)
     }
 
     /// Version of the map as it is now; it changes when the map has changed by a good part of its
@@ -469,24 +500,40 @@ impl ClockMapper {
     fn begin(&mut self, epoch: Epoch, since: HostTime) {
         self.epoch = Some(epoch);
         self.map.since = since;
-        self.map.samples_used = 0;
+        self.claims.clear();
         self.tail.restart();
         self.publish();
     }
 
+    /// For how long a step of `height` can pass unnoticed, ns of host time.
+    fn unnoticed(&self, height: f64) -> i64 {
+        let period = self.epoch.as_ref().map_or(0.0, Epoch::period);
+        (self.tail.overdue(height) as f64 * period) as i64
+    }
+
+    /// Adds a span of doubt, joined with those it touches.
     fn doubt(&mut self, doubt: Doubt) {
         let doubts = &mut self.map.doubts;
-        match doubts.last_mut() {
-            Some(last) if last.to >= doubt.from => {
-                last.from = last.from.min(doubt.from);
-                last.to = doubt.to;
+        doubts.push(doubt);
+        doubts.sort_by_key(|d| d.from);
+        doubts.dedup_by(|next, first| {
+            let joined = next.from <= first.to;
+            if joined {
+                first.to = first.to.max(next.to);
             }
-            _ => doubts.push(doubt),
-        }
+            joined
+        });
         if doubts.len() > MAX_DOUBTS {
             doubts[1].from = doubts[0].from;
             doubts.remove(0);
         }
+    }
+
+    fn unsettled(&self) -> bool {
+        self.map
+            .doubts
+            .last()
+            .is_some_and(|d| d.to == HostTime::MAX)
     }
 
     /// Fits the line again and publishes it if that matters.
@@ -495,33 +542,58 @@ impl ClockMapper {
             return;
         };
         epoch.refit();
-        let line = epoch.line();
-        self.tail.follow(line);
+        let line = *epoch.line();
+        let settles = epoch.settled();
+        self.tail.follow(&line);
         let (x, old) = (line.to_x, self.published);
         let (sigma, old_sigma) = (line.sigma(x, self.wander), old.sigma(x, self.wander));
         let moved = (line.lag(x) - old.lag(x)).abs();
-        let settles = epoch.settled()
-            && self
-                .map
-                .doubts
-                .last()
-                .is_some_and(|d| d.to == HostTime::MAX);
-        if settles {
-            if let Some(doubt) = self.map.doubts.last_mut() {
-                doubt.to = HostTime(last.arrival);
-            }
-        } else if moved > 3.0 * old_sigma && epoch.settled() {
-            // The published line had become wrong, from about where the new one begins to hold.
-            let from = epoch.arrival(line.from_x);
-            self.doubt(Doubt {
-                from,
-                to: HostTime(last.arrival),
-            });
+        let settles = settles && self.unsettled();
+        if settles && let Some(doubt) = self.map.doubts.last_mut() {
+            doubt.to = HostTime(last.arrival);
         }
         let outdated = x - old.to_x > PUBLISH_NS;
-        if settles || moved > 0.5 * old_sigma || sigma < 0.7 * old_sigma || outdated {
+        if settles
+            || moved > 0.5 * old_sigma
+            || !(0.7..1.4).contains(&(sigma / old_sigma))
+            || outdated
+        {
+            self.audit();
             self.publish();
         }
+        if self.claims.len() == MAX_CLAIMS {
+            self.claims.pop_front();
+        }
+        let line = self.published;
+        let sigma = line.sigma(x, self.wander);
+        self.claims.push_back(Claim {
+            x,
+            line,
+            sigma,
+            arrival: last.arrival,
+        });
+    }
+
+    /// Puts in doubt what was claimed and is now known to have been wrong.
+    fn audit(&mut self) {
+        let Some(epoch) = &self.epoch else { return };
+        let mut before: Option<&Claim> = None;
+        let mut doubts = Vec::new();
+        for (i, claim) in self.claims.iter().enumerate() {
+            let (lag, sigma) = epoch.best(claim.x);
+            let off = (lag - claim.line.lag(claim.x)).abs();
+            if off > WRONG_SIGMAS * claim.sigma + sigma {
+                // Wrong since the line was last confirmed, or since it could have been noticed.
+                let confirmed = epoch.last_touch(&claim.line, claim.x, 0.5 * off);
+                let noticed = HostTime(claim.arrival.saturating_sub(self.unnoticed(off)));
+                let from = before.map_or(claim.arrival, |b| b.arrival);
+                let from = confirmed.max(noticed).min(HostTime(from));
+                let to = HostTime(self.claims.get(i + 1).unwrap_or(claim).arrival);
+                doubts.push(Doubt { from, to });
+            }
+            before = Some(claim);
+        }
+        doubts.into_iter().for_each(|doubt| self.doubt(doubt));
     }
 
     fn publish(&mut self) {

@@ -35,7 +35,12 @@ impl SequenceTracker {
     /// A tracker for a stream, named as gap records name it.
     pub fn new(stream: &str) -> Self {
         let stream = stream.to_owned();
-        Self { stream, next: None, newest: HostTime::MIN, reports: BTreeMap::new() }
+        Self {
+            stream,
+            next: None,
+            newest: HostTime::MIN,
+            reports: BTreeMap::new(),
+        }
     }
 
     /// Samples `first..first + count` are to be stored. Gives the gaps before them, or nothing
@@ -66,7 +71,11 @@ impl SequenceTracker {
         if first > last || self.next.is_some_and(|next| last < next) {
             return;
         }
-        let report = Report { last, cause, detail: detail.to_owned() };
+        let report = Report {
+            last,
+            cause,
+            detail: detail.to_owned(),
+        };
         match self.reports.get_mut(&first) {
             Some(known) if known.last >= last => {}
             _ => {
@@ -77,7 +86,9 @@ impl SequenceTracker {
 
     /// The stream has ended: gaps for what was reported behind the last sample.
     pub fn finish(&mut self) -> Vec<Gap> {
-        let Some(next) = self.next else { return Vec::new() };
+        let Some(next) = self.next else {
+            return Vec::new();
+        };
         let last = self.reports.values().map(|r| r.last).max();
         match last {
             Some(last) if last >= next => {
@@ -93,12 +104,24 @@ impl SequenceTracker {
         let mut gaps: Vec<Gap> = Vec::new();
         while from < to {
             // The report that covers `from`, or the beginning of the next one.
-            let covering = self.reports.range(..=from).rev().find(|(_, r)| r.last >= from);
+            let covering = self
+                .reports
+                .range(..=from)
+                .rev()
+                .find(|(_, r)| r.last >= from);
             let (end, cause, detail) = match covering {
                 Some((_, r)) => (r.last.saturating_add(1).min(to), r.cause, r.detail.clone()),
                 None => {
-                    let next = self.reports.range(from..to).next().map_or(to, |(first, _)| *first);
-                    (next, Cause::Device, "the device skipped these numbers".to_owned())
+                    let next = self
+                        .reports
+                        .range(from..to)
+                        .next()
+                        .map_or(to, |(first, _)| *first);
+                    (
+                        next,
+                        Cause::Device,
+                        "the device skipped these numbers".to_owned(),
+                    )
                 }
             };
             match gaps.last_mut() {
@@ -145,7 +168,10 @@ pub struct Numbered {
 impl Renumber {
     /// For a counter of `bits` bits (none: it never wraps).
     pub fn new(bits: Option<u8>) -> Self {
-        Self { bits: bits.filter(|b| (1..64).contains(b)), ..Self::default() }
+        Self {
+            bits: bits.filter(|b| (1..64).contains(b)),
+            ..Self::default()
+        }
     }
 
     /// The stream's number of the device's number.
@@ -153,11 +179,17 @@ impl Renumber {
         let number = raw.saturating_add(self.offset);
         let Some(newest) = self.newest else {
             self.newest = Some(number);
-            return Numbered { number, restarted: false };
+            return Numbered {
+                number,
+                restarted: false,
+            };
         };
         if number.saturating_add(REORDER) > newest {
             self.newest = Some(newest.max(number));
-            return Numbered { number, restarted: false };
+            return Numbered {
+                number,
+                restarted: false,
+            };
         }
         let turn = self.bits.map(|b| 1_u64 << b);
         let wrapped = turn.map(|t| number.saturating_add(t));
@@ -168,12 +200,18 @@ impl Renumber {
         {
             self.offset = self.offset.saturating_add(turn);
             self.newest = Some(wrapped);
-            return Numbered { number: wrapped, restarted: false };
+            return Numbered {
+                number: wrapped,
+                restarted: false,
+            };
         }
         let number = newest.saturating_add(1);
         self.offset = number.saturating_sub(raw);
         self.newest = Some(number);
-        Numbered { number, restarted: true }
+        Numbered {
+            number,
+            restarted: true,
+        }
     }
 }
 
@@ -205,7 +243,10 @@ mod tests {
             (15, 16, Cause::Device),
         ];
         assert_eq!(ranges(&gaps), expected);
-        assert_eq!((gaps[0].time_before, gaps[0].time_after), (Some(100), Some(170)));
+        assert_eq!(
+            (gaps[0].time_before, gaps[0].time_after),
+            (Some(100), Some(170))
+        );
         assert_eq!(tracker.samples(17, 1, t(17), t(17)), None, "twice");
         assert_eq!(tracker.samples(12, 1, t(12), t(12)), None, "late");
         tracker.dropped(18, 18, Cause::EncoderRestart, "stuck");
@@ -262,16 +303,46 @@ mod tests {
     fn counters_wrap_and_restart() {
         let mut plain = Renumber::new(None);
         let mut numbers = |raw| plain.number(raw);
-        assert_eq!(numbers(1000), Numbered { number: 1000, restarted: false });
-        assert_eq!(numbers(998), Numbered { number: 998, restarted: false });
+        assert_eq!(
+            numbers(1000),
+            Numbered {
+                number: 1000,
+                restarted: false
+            }
+        );
+        assert_eq!(
+            numbers(998),
+            Numbered {
+                number: 998,
+                restarted: false
+            }
+        );
         assert_eq!(numbers(1001).number, 1001);
-        assert_eq!(numbers(0), Numbered { number: 1002, restarted: true });
-        assert_eq!(numbers(3), Numbered { number: 1005, restarted: false });
+        assert_eq!(
+            numbers(0),
+            Numbered {
+                number: 1002,
+                restarted: true
+            }
+        );
+        assert_eq!(
+            numbers(3),
+            Numbered {
+                number: 1005,
+                restarted: false
+            }
+        );
 
         let mut narrow = Renumber::new(Some(8));
         assert_eq!(narrow.number(250).number, 250);
         assert_eq!(narrow.number(255).number, 255);
-        assert_eq!(narrow.number(2), Numbered { number: 258, restarted: false });
+        assert_eq!(
+            narrow.number(2),
+            Numbered {
+                number: 258,
+                restarted: false
+            }
+        );
         assert_eq!(narrow.number(254).number, 510);
     }
 }

@@ -67,14 +67,23 @@ pub struct FrameSetBuilder {
 /// slowest camera, for a set should not wait for what comes less often.
 fn reference(cameras: &[CameraSpec]) -> usize {
     let group = |c: &CameraSpec| match &c.trigger {
-        Some(t) => cameras.iter().filter(|o| o.trigger.as_ref() == Some(t)).count(),
+        Some(t) => cameras
+            .iter()
+            .filter(|o| o.trigger.as_ref() == Some(t))
+            .count(),
         None => 1,
     };
     let largest = cameras.iter().map(group).max().unwrap_or(1);
     let slowest = cameras.iter().map(|c| c.period_ns).max();
     cameras
         .iter()
-        .position(|c| if largest > 1 { group(c) == largest } else { Some(c.period_ns) == slowest })
+        .position(|c| {
+            if largest > 1 {
+                group(c) == largest
+            } else {
+                Some(c.period_ns) == slowest
+            }
+        })
         .unwrap_or(0)
 }
 
@@ -111,7 +120,10 @@ impl FrameSetBuilder {
         let latest = self.newest.iter().copied().max().unwrap_or(time);
         for (camera, frames) in self.frames.iter_mut().enumerate() {
             if camera != self.reference {
-                while frames.front().is_some_and(|f| latest.since(f.1) > 2 * HORIZON_NS) {
+                while frames
+                    .front()
+                    .is_some_and(|f| latest.since(f.1) > 2 * HORIZON_NS)
+                {
                     frames.pop_front();
                 }
             }
@@ -151,21 +163,38 @@ impl FrameSetBuilder {
 
     /// Whether a camera has a frame so near that no other pairing can be nearer.
     fn exact(&self, camera: usize, time: HostTime) -> bool {
-        let quarter = self.cameras[camera].period_ns.min(self.cameras[self.reference].period_ns) / 4;
-        self.frames[camera].iter().any(|f| f.1.since(time).abs() <= quarter)
+        let quarter = self.cameras[camera]
+            .period_ns
+            .min(self.cameras[self.reference].period_ns)
+            / 4;
+        self.frames[camera]
+            .iter()
+            .any(|f| f.1.since(time).abs() <= quarter)
     }
 
     fn settle(&mut self) -> Option<FrameSet> {
         let (number, time) = self.frames[self.reference].pop_front()?;
         let following = self.frames[self.reference].front().map(|f| f.1);
-        let mut set = FrameSet { number: self.count, time, members: Vec::new(), missing: Vec::new() };
+        let mut set = FrameSet {
+            number: self.count,
+            time,
+            members: Vec::new(),
+            missing: Vec::new(),
+        };
         for camera in 0..self.cameras.len() {
             if camera == self.reference {
-                set.members.push(Member { camera, number, time });
+                set.members.push(Member {
+                    camera,
+                    number,
+                    time,
+                });
                 continue;
             }
             let distance = |t: HostTime| t.since(time).unsigned_abs();
-            let nearest = self.frames[camera].iter().min_by_key(|f| distance(f.1)).copied();
+            let nearest = self.frames[camera]
+                .iter()
+                .min_by_key(|f| distance(f.1))
+                .copied();
             let near = nearest.filter(|(_, t)| {
                 let nearer = |other: Option<HostTime>| {
                     other.is_some_and(|o| t.since(o).unsigned_abs() < distance(*t))
@@ -176,7 +205,11 @@ impl FrameSetBuilder {
             });
             match near {
                 Some((number, time)) => {
-                    set.members.push(Member { camera, number, time });
+                    set.members.push(Member {
+                        camera,
+                        number,
+                        time,
+                    });
                     // It and all before it are used or too old.
                     while self.frames[camera].front().is_some_and(|f| f.1 <= time) {
                         self.frames[camera].pop_front();
@@ -200,7 +233,10 @@ mod tests {
     const MS: i64 = 1_000_000;
 
     fn camera(trigger: Option<&str>, period_ms: i64) -> CameraSpec {
-        CameraSpec { trigger: trigger.map(str::to_owned), period_ns: period_ms * MS }
+        CameraSpec {
+            trigger: trigger.map(str::to_owned),
+            period_ns: period_ms * MS,
+        }
     }
 
     /// Pushes frames given as (camera, number, time in ms) and flushes.
@@ -222,13 +258,21 @@ mod tests {
     fn the_reference_is_triggered_or_slow() {
         let free = vec![camera(None, 33), camera(None, 100), camera(None, 50)];
         assert_eq!(FrameSetBuilder::new(free).reference(), 1);
-        let triggered = vec![camera(None, 100), camera(Some("a"), 33), camera(Some("a"), 33)];
+        let triggered = vec![
+            camera(None, 100),
+            camera(Some("a"), 33),
+            camera(Some("a"), 33),
+        ];
         assert_eq!(FrameSetBuilder::new(triggered).reference(), 1);
     }
 
     #[test]
     fn triggered_pairs_and_a_free_camera() {
-        let cameras = vec![camera(Some("a"), 40), camera(Some("a"), 40), camera(None, 40)];
+        let cameras = vec![
+            camera(Some("a"), 40),
+            camera(Some("a"), 40),
+            camera(None, 40),
+        ];
         let mut frames = Vec::new();
         for n in 0..10 {
             let t = n as i64 * 40;
@@ -244,7 +288,14 @@ mod tests {
     #[test]
     fn a_lost_frame_is_missing_and_not_replaced() {
         let cameras = vec![camera(Some("a"), 40), camera(Some("a"), 40)];
-        let frames = [(0, 0, 0), (1, 0, 0), (0, 1, 40), (0, 2, 80), (1, 2, 80), (1, 3, 120)];
+        let frames = [
+            (0, 0, 0),
+            (1, 0, 0),
+            (0, 1, 40),
+            (0, 2, 80),
+            (1, 2, 80),
+            (1, 3, 120),
+        ];
         let sets = run(cameras, &frames);
         assert_eq!(sets.len(), 3, "a frame without a reference makes no set");
         assert_eq!(sets[1].missing, [1]);

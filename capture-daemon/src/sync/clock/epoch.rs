@@ -114,26 +114,65 @@ impl Epoch {
         if self.past.is_empty() {
             self.past.push(vertex(old, 0.0));
         }
-        // The new line explains these as well.
-        while self.past.len() > 1
-            && self
-                .past
-                .last()
-                .is_some_and(|v| v.x > new.x_ref - span / 8.0)
-        {
-            self.past.pop();
-        }
+        // Vertices stay behind the middle of the window, where a line is best known, and give way
+        // where the new line knows better: after a small step, say.
+        let refuted = |v: &Vertex| {
+            let apart = (v.lag - new.lag(v.x)).abs();
+            v.x > new.from_x && apart > 2.0 * v.sigma.hypot(new.sigma(v.x, 0.0))
+        };
+        let given_up = self.past.iter().position(refuted).unwrap_or(usize::MAX);
+        let ahead = self
+            .past
+            .partition_point(|v| v.x <= new.x_ref - span / 16.0);
+        self.past.truncate(given_up.min(ahead).max(1));
         let last_x = self.past[self.past.len() - 1].x;
-        if new.from_x > old.x_ref && new.from_x > last_x {
+        let next_x = new.x_ref - span / 8.0;
+        if given_up < usize::MAX && new.from_x > last_x {
+            self.past.push(vertex(new, new.from_x));
+        } else if new.from_x > old.x_ref && new.from_x > last_x {
+            // The rate changed; the old line holds up to here.
             self.past.push(vertex(old, new.from_x));
-        } else if new.x_ref - last_x > span / 4.0 {
-            self.past.push(vertex(new, new.x_ref));
+        } else if next_x - last_x > span / 8.0 {
+            self.past.push(vertex(new, next_x));
         }
         if self.past.len() > MAX_VERTICES {
             self.past = simplify(&self.past);
             let excess = self.past.len().saturating_sub(MAX_VERTICES * 3 / 4);
             self.past.drain(..excess);
         }
+    }
+
+    /// Lag and its sigma at any device time, as far as is known by now.
+    pub(super) fn best(&self, x: f64) -> (f64, f64) {
+        let line = &self.fit.line;
+        let next = self.past.partition_point(|v| v.x <= x);
+        let Some(before) = next.checked_sub(1).map(|i| self.past[i]) else {
+            return (line.lag(x), line.sigma(x, 0.0));
+        };
+        let after = match self.past.get(next) {
+            Some(&after) => after,
+            None if x >= line.x_ref => return (line.lag(x), line.sigma(x, 0.0)),
+            None => vertex(line, line.x_ref),
+        };
+        let along = (x - before.x) / (after.x - before.x);
+        (
+            before.lag + along * (after.lag - before.lag),
+            before.sigma.max(after.sigma),
+        )
+    }
+
+    /// When samples last came within `height` of a line, up to device time `x`: the last arrival
+    /// that confirms it.
+    pub(super) fn last_touch(&self, line: &Line, x: f64, height: f64) -> HostTime {
+        let at_zero = line.lag(0.0);
+        let touch = |b: &&Block| b.first_x() < x && b.lowest_above(at_zero, line.rate) < height;
+        self.arrival(
+            self.blocks
+                .iter()
+                .rev()
+                .find(touch)
+                .map_or(0.0, Block::first_x),
+        )
     }
 
     /// The line that holds now.
@@ -200,7 +239,7 @@ impl Epoch {
         let line = &self.fit.line;
         let now = vertex(line, line.x_ref);
         let mut vertices = self.past.clone();
-        vertices.retain(|v| v.x < now.x);
+        vertices.retain(|v| v.x < now.x - (line.to_x - line.from_x) / 32.0);
         let from = vertices.first().map_or(0.0, |v| v.x);
         vertices.push(now);
         let vertices = simplify(&vertices);

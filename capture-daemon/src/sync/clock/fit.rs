@@ -31,6 +31,13 @@ const CAUTION: f64 = 2.5;
 /// Shortest window, in blocks; with fewer there is nothing to choose.
 pub(super) const MIN_BLOCKS: usize = 8;
 
+/// A longer window agrees with a shorter one if it stays within this many of its sigmas.
+const AGREEMENT: f64 = 2.0;
+
+/// A rate must be this much better supported than none (natural logarithm), or noise decides
+/// while there is nothing to see.
+const EVIDENCE: f64 = 1.0;
+
 /// What is known of a clock's rate before any sample, or from before a step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RatePrior {
@@ -112,7 +119,7 @@ pub(super) fn fit(blocks: &VecDeque<Block>, terms: &Terms, scratch: &mut Scratch
         let agrees = |shorter: &Fit| {
             [to_x, shorter.line.from_x].into_iter().all(|x| {
                 let apart = (longer.line.lag(x) - shorter.line.lag(x)).abs();
-                apart <= 2.0 * shorter.line.sigma(x, 0.0)
+                apart <= AGREEMENT * shorter.line.sigma(x, 0.0)
             })
         };
         if !accepted.iter().all(agrees) {
@@ -125,7 +132,7 @@ pub(super) fn fit(blocks: &VecDeque<Block>, terms: &Terms, scratch: &mut Scratch
     if let [.., half, _] = accepted[..] {
         // What still separates it from half the window is curvature that it does not model.
         let apart = chosen.line.lag(to_x) - half.line.lag(to_x);
-        chosen.line.sigma_ref = chosen.line.sigma_ref.hypot(apart);
+        chosen.line.sigma_ref = chosen.line.sigma_ref.hypot(2.0 * apart);
     }
     chosen
 }
@@ -204,7 +211,7 @@ impl Window<'_> {
         let log_affine = (sums.mass / (2.0 * limit)).ln();
         let constant_height = self.height(expected);
         let log_constant = (constant_height - best_height) / scale;
-        let constant = log_constant >= log_affine;
+        let constant = log_constant + EVIDENCE >= log_affine;
 
         let mean_height = best_height - mean_drop - scale;
         let (rate, height) = if constant {
@@ -249,12 +256,21 @@ fn edge_scale(minima: &mut [f64], jitter: f64) -> f64 {
         let highest = minima.iter().copied().fold(0.0, f64::max);
         return (highest + jitter) / n as f64;
     }
+    let mut kth = |depth: usize| *minima.select_nth_unstable_by(depth - 1, f64::total_cmp).1;
     let mut widest = 0.0_f64;
     for depth in [32, 16, 8] {
         if 2 * depth <= n || depth == 8 {
-            let (_, kth, _) = minima.select_nth_unstable_by(depth - 1, f64::total_cmp);
-            widest = widest.max(*kth / (depth - 2) as f64);
+            widest = widest.max(kth(depth) / (depth - 2) as f64);
         }
+    }
+    if n >= 64 {
+        // Heights grow as the depth's power 1/a; where a is more than 1 the density falls
+        // towards the edge, and below the lowest sample there is a gap of this size (the
+        // estimator of Pickands 1975, at depths that are four times each other).
+        let (low, middle, high) = (kth(n / 64), kth(n / 16), kth(n / 4));
+        let growth = (high - middle) / (middle - low).max(f64::MIN_POSITIVE);
+        let gap = (middle - low) * growth / (growth - 1.0).max(0.05) - middle;
+        widest = widest.max(gap / 2.0);
     }
     widest
 }

@@ -25,10 +25,14 @@ const RUNS: usize = 24;
 pub(super) struct Tail {
     bins: [u32; BINS],
     total: u32,
-    /// -ln of the share of samples in this bin or above.
-    nats: [f64; BINS],
+    /// Samples in this bin or above, when the line was last fitted.
+    above: [u32; BINS],
     runs: Vec<Run>,
+    /// The last sample before all runs.
+    start: Option<Before>,
     seen: u64,
+    /// Nine in ten samples are not higher, ns.
+    usual: f64,
 }
 
 /// All samples since some sample, the lowest of which is `lowest`.
@@ -39,8 +43,25 @@ struct Run {
     /// Number and arrival of the lowest sample.
     at: u64,
     arrival: i64,
-    /// Number and arrival of the last sample before the run.
-    after: (u64, Option<i64>),
+    /// The last sample before the run.
+    after: Option<Before>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Before {
+    x: f64,
+    at: u64,
+    arrival: i64,
+}
+
+impl Run {
+    fn as_before(&self) -> Before {
+        Before {
+            x: self.lowest.x,
+            at: self.at,
+            arrival: self.arrival,
+        }
+    }
 }
 
 /// A run of samples that are all too high.
@@ -57,9 +78,11 @@ impl Tail {
         Self {
             bins: [0; BINS],
             total: 0,
-            nats: [0.0; BINS],
+            above: [0; BINS],
             runs: Vec::with_capacity(RUNS + 1),
+            start: None,
             seen: 0,
+            usual: 0.0,
         }
     }
 
@@ -77,15 +100,20 @@ impl Tail {
             height,
             at: self.seen,
             arrival,
-            after: (0, None),
+            after: self.start,
         });
         let improbable = |run: &&Run| {
-            let length = (self.seen - run.after.0) as f64;
-            run.height > tolerance && length * self.nats[bin(run.height)] > ALARM_NATS
+            // Who has to wait makes those behind him wait: samples closer together than a usual
+            // delay are not independent of each other.
+            let (at, since) = run.after.map_or((0, f64::INFINITY), |before| {
+                (before.at, arrival.saturating_sub(before.arrival) as f64)
+            });
+            let length = ((self.seen - at) as f64).min(since / self.usual.max(1.0));
+            run.height > tolerance && length * self.nats(run.height) > ALARM_NATS
         };
         let run = self.runs.iter().find(improbable)?;
         Some(Alarm {
-            after: run.after.1,
+            after: run.after.map(|before| before.arrival),
             height: run.height,
         })
     }
@@ -93,13 +121,13 @@ impl Tail {
     /// Adds the run that starts with a sample; it takes over all runs that are not lower.
     fn push(&mut self, mut run: Run) {
         if let Some(last) = self.runs.last() {
-            run.after = (last.at, Some(last.arrival));
+            run.after = Some(last.as_before());
         }
         while let Some(last) = self.runs.pop_if(|last| last.height >= run.height) {
             run.after = last.after;
         }
         if self.runs.len() == RUNS {
-            self.runs.remove(0);
+            self.start = Some(self.runs.remove(0).as_before());
         }
         self.runs.push(run);
     }
@@ -116,28 +144,42 @@ impl Tail {
 
     /// The line has changed: heights of the runs are measured again.
     pub(super) fn follow(&mut self, line: &Line) {
-        let (mut above, total) = (0, f64::from(self.total) + 1.0);
-        for (nats, count) in self.nats.iter_mut().zip(self.bins).rev() {
-            above += count;
-            *nats = -((f64::from(above) + 1.0) / total).min(1.0).ln();
+        let mut sum = 0;
+        for (above, count) in self.above.iter_mut().zip(self.bins).rev() {
+            sum += count;
+            *above = sum;
         }
-        for run in std::mem::take(&mut self.runs) {
-            self.push(Run {
-                height: run.lowest.lag - line.lag(run.lowest.x),
-                ..run
-            });
+        self.usual = self.quantile(0.9);
+        for mut run in std::mem::take(&mut self.runs) {
+            if run.lowest.x < line.from_x {
+                // The line does not say how low that was.
+                self.start = Some(run.as_before());
+                continue;
+            }
+            if run.after.map_or(0.0, |before| before.x) < line.from_x {
+                run.after = Some(run.as_before());
+            }
+            run.height = run.lowest.lag - line.lag(run.lowest.x);
+            self.push(run);
         }
     }
 
     /// Forgets the runs but not what is usual: the line has been replaced.
     pub(super) fn restart(&mut self) {
         self.runs.clear();
+        self.start = None;
         self.seen = 0;
     }
 
     /// How many samples must pass before one lower than `height` is overdue.
     pub(super) fn overdue(&self, height: f64) -> u64 {
-        (ALARM_NATS / self.nats[bin(height)].max(1e-3)).ceil() as u64
+        (ALARM_NATS / self.nats(height).max(1e-3)).ceil() as u64
+    }
+
+    /// -ln of the share of samples that are as high or higher.
+    fn nats(&self, height: f64) -> f64 {
+        let [total, above] = [self.above[0], self.above[bin(height)]].map(|n| f64::from(n) + 1.0);
+        (total / above).ln()
     }
 
     /// Height that this share of the samples do not exceed, ns, rounded up to a bin's edge.
@@ -188,7 +230,7 @@ mod tests {
                 x: number as f64,
                 lag: height,
             };
-            tail.watch(p, height, number as i64, 1e3)
+            tail.watch(p, height, number as i64 * 10_000_000, 1e3)
         };
         // Heights spread evenly over 1 ms.
         for i in 0..1000_u64 {
@@ -200,7 +242,7 @@ mod tests {
         let quiet = (0..100).position(|_| next(&mut tail, 0.8e6).is_some());
         assert!((8..16).contains(&quiet.expect("an alarm")), "{quiet:?}");
         let alarm = next(&mut tail, 0.9e6).expect("the run goes on");
-        assert_eq!(alarm.after, Some(1000));
+        assert_eq!(alarm.after, Some(1000 * 10_000_000));
         assert!(next(&mut tail, 1e4).is_none());
     }
 }
