@@ -7,7 +7,7 @@
 
 use std::f64::consts::TAU;
 use std::path::Path;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
 use session_archive::handoff::{HandOff, Verdict};
@@ -175,6 +175,12 @@ fn sources(camera: &Camera, count: u64, first_ns: i64, skip: &[u64]) -> Vec<Sour
         .collect()
 }
 
+/// The access units of both cameras, encoded once for all tests.
+fn encoded(cameras: &[Camera], sources: [&[Source]; 2]) -> &'static [Vec<AccessUnit>; 2] {
+    static UNITS: OnceLock<[Vec<AccessUnit>; 2]> = OnceLock::new();
+    UNITS.get_or_init(|| [0, 1].map(|camera| encode(&cameras[camera], sources[camera])))
+}
+
 fn encode(camera: &Camera, sources: &[Source]) -> Vec<AccessUnit> {
     let settings = EncoderSettings {
         element: if camera.codec == "h264" {
@@ -294,22 +300,20 @@ fn record(folder: &Path, change: impl Fn(&str, u64, AccessUnit) -> AccessUnit) -
     let spec = spec();
     let (grey, colour) = (&spec.cameras[0], &spec.cameras[1]);
     let recorded = Recorded {
-        left_shoulder: sources(grey, 50, 11 * MS, &[]),
+        // The first frame has the time of an IMU sample.
+        left_shoulder: sources(grey, 50, 10 * MS + 26, &[]),
         feet: sources(colour, 31, 3 * MS, &[12, 13, 14]),
         imu: batches(),
         sets: Vec::new(),
     };
-    let units = [
-        encode(grey, &recorded.left_shoulder),
-        encode(colour, &recorded.feet),
-    ];
+    let units = encoded(&spec.cameras, [&recorded.left_shoulder, &recorded.feet]);
     let recorded = Recorded {
         sets: sets(&recorded.left_shoulder, &recorded.feet),
         ..recorded
     };
 
     let mut samples: Vec<(i64, Sample<'_>)> = Vec::new();
-    for (name, units) in ["left_shoulder", "feet"].into_iter().zip(&units) {
+    for (name, units) in ["left_shoulder", "feet"].into_iter().zip(units) {
         let sources = recorded.camera(name);
         assert_eq!(sources.len(), units.len());
         let frames = sources.iter().zip(units);
