@@ -1,0 +1,137 @@
+//! In what condition a session is, in one word.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+use session_archive::manifest::State;
+use session_archive::scan::DamageKind;
+use session_archive::verify::Report;
+
+/// In what condition a session is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Condition {
+    /// Closed, and everything that was recorded is there.
+    Ok,
+    /// The recorder was cut off; everything before the cut is there.
+    Unclosed,
+    /// Something that was recorded is missing or cannot be read.
+    Damaged,
+    /// A recovered copy of a session that was unclosed or damaged, sound itself.
+    Recovered,
+    /// Nobody has looked yet.
+    Unverified,
+}
+
+impl Condition {
+    /// The condition of a session whose manifest says `state` and whose check gave `report`.
+    pub fn of(state: State, report: &Report) -> Self {
+        if report.is_sound() {
+            match state {
+                State::Recovered => Self::Recovered,
+                _ => Self::Ok,
+            }
+        } else if is_only_unclosed(report) {
+            Self::Unclosed
+        } else {
+            Self::Damaged
+        }
+    }
+
+    /// Whether recovery would give a better session.
+    pub fn needs_recovery(self) -> bool {
+        matches!(self, Self::Unclosed | Self::Damaged)
+    }
+
+    /// As it stands in the catalogue.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Ok => "ok",
+            Self::Unclosed => "unclosed",
+            Self::Damaged => "damaged",
+            Self::Recovered => "recovered",
+            Self::Unverified => "unverified",
+        }
+    }
+
+    /// From the word in the catalogue; what is not known is unverified.
+    pub fn from_word(word: &str) -> Self {
+        [Self::Ok, Self::Unclosed, Self::Damaged, Self::Recovered]
+            .into_iter()
+            .find(|c| c.as_str() == word)
+            .unwrap_or(Self::Unverified)
+    }
+}
+
+impl fmt::Display for Condition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.as_str())
+    }
+}
+
+/// Whether all that is wrong is that the recorder was cut off: the last segment ends in the middle
+/// of a chunk, as it must.
+fn is_only_unclosed(report: &Report) -> bool {
+    let last = report.damage.iter().map(|d| d.segment).max();
+    let mut closed = report.clone();
+    closed.closed = true;
+    closed
+        .damage
+        .retain(|d| d.damage.kind != DamageKind::CutOff || Some(d.segment) != last);
+    !report.closed && closed.is_sound()
+}
+
+#[cfg(test)]
+mod tests {
+    use session_archive::scan::Damage;
+    use session_archive::verify::SegmentDamage;
+
+    use super::*;
+
+    #[test]
+    fn a_cut_is_no_damage_and_damage_is_no_cut() {
+        let damage = |segment, kind| SegmentDamage {
+            segment,
+            damage: Damage {
+                bytes: 10..20,
+                kind,
+            },
+        };
+        let check = |closed, damage: &[SegmentDamage], state, expected| {
+            let report = Report {
+                closed,
+                damage: damage.to_vec(),
+                ..Report::default()
+            };
+            assert_eq!(Condition::of(state, &report), expected, "{report:?}");
+        };
+        check(true, &[], State::Closed, Condition::Ok);
+        check(true, &[], State::Recovered, Condition::Recovered);
+        check(false, &[], State::Recording, Condition::Unclosed);
+        let cut = damage(3, DamageKind::CutOff);
+        check(
+            false,
+            std::slice::from_ref(&cut),
+            State::Recording,
+            Condition::Unclosed,
+        );
+        check(
+            true,
+            std::slice::from_ref(&cut),
+            State::Closed,
+            Condition::Damaged,
+        );
+        check(
+            false,
+            &[damage(1, DamageKind::CutOff), cut.clone()],
+            State::Recording,
+            Condition::Damaged,
+        );
+        check(
+            false,
+            &[damage(3, DamageKind::Checksum)],
+            State::Recording,
+            Condition::Damaged,
+        );
+    }
+}

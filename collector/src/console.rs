@@ -1,0 +1,89 @@
+//! What a verb is given of the machine: where to write, and what time it is.
+//!
+//! Results go to standard output, so that they can be piped; progress and warnings go to standard
+//! error. Tests pass a buffer and a clock that stands still.
+
+use std::fmt;
+use std::io::{self, Write};
+use std::time::Duration;
+
+use session_archive::time::CivilTime;
+
+use crate::progress::Progress;
+
+/// The clocks of a host. Civil time is only ever written down; the other one is for rates.
+#[derive(Clone, Copy, Debug)]
+pub struct Clock {
+    /// Now, UTC, as well as the machine knows it.
+    pub civil: fn() -> CivilTime,
+    /// Time since some fixed instant.
+    pub monotonic: fn() -> Duration,
+}
+
+impl Clock {
+    /// A clock that stands still, for tests.
+    pub const STILL: Self = Self {
+        civil: || CivilTime(1_800_000_000_000_000_000),
+        monotonic: || Duration::ZERO,
+    };
+
+    /// The machine's clocks.
+    pub const MACHINE: Self = Self {
+        civil: machine_civil,
+        monotonic: machine_monotonic,
+    };
+}
+
+#[expect(
+    clippy::disallowed_methods,
+    reason = "the one place that asks the machine for civil time"
+)]
+fn machine_civil() -> CivilTime {
+    let t = rustix::time::clock_gettime(rustix::time::ClockId::Realtime);
+    CivilTime(t.tv_sec * 1_000_000_000 + t.tv_nsec)
+}
+
+#[expect(
+    clippy::disallowed_methods,
+    reason = "the one place that asks the machine how time passes"
+)]
+fn machine_monotonic() -> Duration {
+    let t = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
+    Duration::new(t.tv_sec.max(0) as u64, t.tv_nsec as u32)
+}
+
+/// How progress is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Show {
+    /// Not at all.
+    Nothing,
+    /// A line now and then, where standard error is no terminal.
+    Lines,
+    /// A bar.
+    Bar,
+}
+
+/// Where a verb writes, and the clocks.
+pub struct Console<'a> {
+    /// Results.
+    pub out: &'a mut dyn Write,
+    /// How progress is shown.
+    pub show: Show,
+    /// The clocks.
+    pub clock: Clock,
+}
+
+impl Console<'_> {
+    /// Writes one line of results.
+    ///
+    /// # Errors
+    /// Whoever reads the output is gone.
+    pub fn line(&mut self, text: impl fmt::Display) -> io::Result<()> {
+        writeln!(self.out, "{text}")
+    }
+
+    /// Progress over `total` bytes.
+    pub fn progress(&self, label: &str, total: u64) -> Progress {
+        Progress::bytes(label, total, self.show, self.clock)
+    }
+}

@@ -1,0 +1,195 @@
+//! Decoding every picture of a session, to know that it can be done.
+//!
+//! Groups of pictures are independent, so each thread takes the next one and decodes it with a
+//! decoder of its own. A picture counts if it comes out and has the camera's size; what it shows is
+//! not looked at. Memory is one decoded group per thread.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+
+use anyhow::{Context, Result};
+use session_archive::index::{Access, CameraIndex, Index};
+use session_archive::manifest::Camera;
+use session_archive::reader::SessionReader;
+use video::{AccessUnit, Codec, DecodeError, Decoder};
+
+use crate::progress::Progress;
+
+/// What decoding one camera gave.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Decoded {
+    /// The camera.
+    pub camera: String,
+    /// Pictures that came out as they should.
+    pub pictures: u64,
+    /// Access units that gave no picture, or a wrong one.
+    pub missing: u64,
+    /// What was wrong with the first of those.
+    pub first_problem: Option<String>,
+}
+
+/// Decodes everything, with up to `threads` threads.
+///
+/// # Errors
+/// The disk says no, or this machine has no decoder for a camera's codec.
+pub fn decode_all(
+    reader: &SessionReader,
+    index: &Index,
+    threads: usize,
+    progress: &Progress,
+) -> Result<Vec<Decoded>> {
+    let access = Access::open(&**reader.storage(), index).context("opening the segments")?;
+    let cameras = &reader.manifest().cameras;
+    let mut all = Vec::new();
+    for (camera, frames) in cameras.iter().zip(&index.cameras) {
+        all.push(decode_camera(camera, frames, &access, threads, progress)?);
+    }
+    Ok(all)
+}
+
+fn decode_camera(
+    camera: &Camera,
+    index: &CameraIndex,
+    access: &Access,
+    threads: usize,
+    progress: &Progress,
+) -> Result<Decoded> {
+    let codec = Codec::from_foxglove_format(&camera.codec).with_context(|| {
+        format!(
+            "decoding {}: found the codec {:?}, expected h264 or h265",
+            camera.name, camera.codec
+        )
+    })?;
+    let groups = groups(index);
+    let next = AtomicUsize::new(0);
+    let total = Mutex::new((0_u64, 0_u64, None::<(usize, String)>));
+    let work = || -> Result<(), DecodeError> {
+        let mut decoder = Decoder::new(codec);
+        loop {
+            let at = next.fetch_add(1, Ordering::Relaxed);
+            let Some(group) = groups.get(at) else {
+                return Ok(());
+            };
+            let (good, problem) = decode_group(camera, index, group.clone(), access, &mut decoder)?;
+            let bytes = index.frames[group.clone()].iter();
+            progress.add(bytes.map(|f| u64::from(f.bytes)).sum());
+            let mut total = total.lock().unwrap_or_else(PoisonError::into_inner);
+            total.0 += good;
+            total.1 += group.len() as u64 - good;
+            // The first by position, however the threads ran.
+            if let Some(problem) = problem
+                && total.2.as_ref().is_none_or(|(first, _)| at < *first)
+            {
+                total.2 = Some((at, problem));
+            }
+        }
+    };
+    let results = thread::scope(|scope| {
+        let running: Vec<_> = (0..threads.clamp(1, groups.len().max(1)))
+            .map(|_| scope.spawn(work))
+            .collect();
+        let joined = running.into_iter().map(|thread| match thread.join() {
+            Ok(result) => result,
+            Err(panic) => std::panic::resume_unwind(panic),
+        });
+        joined.collect::<Result<Vec<()>, DecodeError>>()
+    });
+    results.with_context(|| format!("decoding {}", camera.name))?;
+    let (pictures, missing, problem) = total.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let mut first_problem = problem.map(|(_, text)| text);
+    if index.undecodable > 0 {
+        first_problem.get_or_insert_with(|| "the key frame before it is missing".to_owned());
+    }
+    Ok(Decoded {
+        camera: camera.name.clone(),
+        pictures,
+        missing: missing + index.undecodable,
+        first_problem,
+    })
+}
+
+/// The groups of pictures of a camera, as ranges of positions.
+fn groups(index: &CameraIndex) -> Vec<Range<usize>> {
+    let mut groups = Vec::new();
+    let mut at = 0;
+    while at < index.frames.len() {
+        let group = index.gop(at);
+        at = group.end.max(at + 1);
+        groups.push(group);
+    }
+    groups
+}
+
+/// How many pictures of a group are as they should be, and what is wrong with the first other one.
+/// Only what concerns all groups alike is an error.
+fn decode_group(
+    camera: &Camera,
+    index: &CameraIndex,
+    group: Range<usize>,
+    access: &Access,
+    decoder: &mut Decoder,
+) -> Result<(u64, Option<String>), DecodeError> {
+    let units = match read_units(index, group.clone(), access) {
+        Ok(units) => units,
+        Err(problem) => return Ok((0, Some(problem))),
+    };
+    let (pictures, mut problem) = match decoder.decode(&units) {
+        Ok(pictures) => (pictures, None),
+        Err(e @ (DecodeError::NoDecoder { .. } | DecodeError::Init(_))) => return Err(e),
+        Err(DecodeError::Incomplete { pictures, missing }) => {
+            let of = text_of(index, &group, missing.first().copied());
+            (pictures, Some(format!("{of} gave no picture")))
+        }
+        Err(e) => {
+            let of = text_of(index, &group, None);
+            (Vec::new(), Some(format!("the group of {of}: {e}")))
+        }
+    };
+    let right = |p: &video::Picture| (p.width, p.height) == (camera.width, camera.height);
+    let good = pictures.iter().filter(|(_, p)| right(p)).count();
+    if let Some((at, wrong)) = pictures.iter().find(|(_, p)| !right(p)) {
+        problem.get_or_insert_with(|| {
+            format!(
+                "{} is {}x{} pixels, expected {}x{}",
+                text_of(index, &group, Some(*at)),
+                wrong.width,
+                wrong.height,
+                camera.width,
+                camera.height
+            )
+        });
+    }
+    Ok((good as u64, problem))
+}
+
+fn text_of(index: &CameraIndex, group: &Range<usize>, at_ns: Option<i64>) -> String {
+    let position = at_ns.map_or(0, |ns| (ns / FRAME_NS) as usize);
+    let frame = index.frames[group.clone()].get(position);
+    frame.map_or("a frame".to_owned(), |f| format!("frame {}", f.number))
+}
+
+/// Decoders are given positions for times, so that doubtful times do not stand in the way.
+const FRAME_NS: i64 = 1_000_000;
+
+/// The access units of a run of frames, checked, with their position in the run (times 1 ms) for a
+/// time.
+pub(crate) fn read_units(
+    index: &CameraIndex,
+    run: Range<usize>,
+    access: &Access,
+) -> Result<Vec<AccessUnit>, String> {
+    let frames = index.frames[run].iter().zip(0..);
+    let units = frames.map(|(frame, i)| {
+        let data = access
+            .unit(frame)
+            .map_err(|e| format!("frame {}: {e}", frame.number))?;
+        Ok(AccessUnit {
+            pts_ns: i * FRAME_NS,
+            data,
+            key: i == 0,
+        })
+    });
+    units.collect()
+}

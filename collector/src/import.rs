@@ -1,0 +1,401 @@
+//! Importing one session into a library.
+//!
+//! * **Normally**: every file is copied to `.incoming/ID/` and hashed on the way, the copy is made
+//!   durable, checked with [`session_archive::verify`] while it grows, given its [`ImportRecord`],
+//!   and appears under `sessions/ID` by one rename.
+//! * **Stopped at any point**, by a signal, a power cut or an error: what is in `.incoming/` stays
+//!   there and is not listed. The next import goes on: a file that is in the journal, unchanged in
+//!   the source and still has its hash is kept; every other one is copied anew (at most one
+//!   segment's worth is copied twice).
+//! * **Again**: a session that is in the library with the same files is left alone. One that
+//!   differs is refused, never overwritten.
+//! * **Damaged**: it is imported all the same, byte for byte, with its report.
+//! * **Changed while it was copied**, because it is still being recorded: refused before it is
+//!   listed; importing it later goes on from there.
+//!
+//! Nothing is ever written to the source.
+
+mod copy;
+mod following;
+mod journal;
+mod record;
+mod source;
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::thread;
+
+use rustix::fs::{RenameFlags, renameat_with, statvfs};
+use session_archive::layout;
+use session_archive::reader::{ReadError, SessionReader};
+use session_archive::storage::DiskStorage;
+use session_archive::verify::{Report, verify};
+
+pub use self::record::{FileRecord, ImportRecord};
+
+use self::copy::{Copied, copy_all};
+use self::following::{Board, Following};
+use self::journal::Journal;
+use self::source::{SourceFile, list_files};
+use crate::condition::Condition;
+use crate::console::Clock;
+use crate::library::{INCOMING, Library, SESSIONS, is_key, sync_folder};
+use crate::progress::Progress;
+
+/// What must stay free on the library's disk beside the session.
+const SPARE_BYTES: u64 = 64 << 20;
+
+/// Where an import is. Tests stop it at each of these in turn.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// The folder under `.incoming/` is about to be made.
+    Begin,
+    /// A block of a file is about to be written.
+    Write(String),
+    /// A file is about to be synced.
+    Sync(String),
+    /// A file is about to be noted in the journal.
+    Note(String),
+    /// The folders are about to be synced.
+    SyncFolders,
+    /// The import record is about to be written.
+    Record,
+    /// The folder is about to be renamed into the library.
+    Publish,
+    /// The rename is about to be made durable.
+    SyncPublished,
+    /// The session is about to be put into the catalogue.
+    List,
+}
+
+/// Called before each step; an error stops the import there as if it had been killed.
+pub type Hook<'a> = &'a (dyn Fn(&Step) -> io::Result<()> + Sync);
+
+/// The hook that does nothing.
+pub fn no_hook(_: &Step) -> io::Result<()> {
+    Ok(())
+}
+
+/// A session that is in the library now.
+#[derive(Clone, Debug)]
+pub struct Imported {
+    /// Its key in the library.
+    pub key: String,
+    /// In what condition it is.
+    pub condition: Condition,
+    /// What the check found.
+    pub report: Report,
+    /// Bytes copied this time; 0 if it was there already.
+    pub copied: u64,
+    /// Bytes that an earlier, interrupted import had copied.
+    pub resumed: u64,
+    /// Whether it was in the library before.
+    pub already: bool,
+    /// What lies in the source and was not copied, being no file: links and the like.
+    pub skipped: Vec<String>,
+}
+
+/// Why a session was not imported. Source and library are as they were, except for `.incoming/`.
+#[derive(Debug, thiserror::Error)]
+pub enum ImportError {
+    /// Nothing in it can be read as a session, or it was written by a newer version.
+    #[error("importing a session: {}", .path.display())]
+    Unreadable {
+        /// Why.
+        #[source]
+        source: ReadError,
+        /// The source.
+        path: PathBuf,
+    },
+    /// The identifier would not be safe as the name of a folder: the manifest is not ours.
+    #[error("its identifier {id:?} cannot be the name of a folder: {}", .path.display())]
+    Identifier {
+        /// The identifier.
+        id: String,
+        /// The source.
+        path: PathBuf,
+    },
+    /// A session with this identifier and other content is there. To replace it, remove it first:
+    /// `paws prune --session ID --yes`.
+    #[error("session {key} is in the library already and differs ({what}); nothing was changed: {}", .path.display())]
+    Differs {
+        /// Its key.
+        key: String,
+        /// The first difference.
+        what: String,
+        /// The source.
+        path: PathBuf,
+    },
+    /// The source changed meanwhile, so it is still being recorded: import it again later.
+    #[error("{what} changed while it was copied; is it still being recorded? {}", .path.display())]
+    Changed {
+        /// What changed.
+        what: String,
+        /// The source.
+        path: PathBuf,
+    },
+    /// Free the disk, then import again.
+    #[error("copying takes {needed} bytes and {free} are free: {}", .path.display())]
+    NoSpace {
+        /// Bytes still to be copied, and what must stay free.
+        needed: u64,
+        /// Bytes free.
+        free: u64,
+        /// The library.
+        path: PathBuf,
+    },
+    /// The source or the library's disk says no.
+    #[error("{doing}: {}", .path.display())]
+    Io {
+        /// What was being done.
+        doing: &'static str,
+        /// What failed.
+        #[source]
+        source: io::Error,
+        /// The file or folder.
+        path: PathBuf,
+    },
+    /// The catalogue could not be brought up to date. The session is in the library; opening
+    /// the library lists it.
+    #[error("listing session {key}: {reason}")]
+    Catalogue {
+        /// Its key.
+        key: String,
+        /// Why.
+        reason: String,
+    },
+}
+
+fn failed<'a>(doing: &'static str, path: &'a Path) -> impl FnOnce(io::Error) -> ImportError + 'a {
+    move |source| ImportError::Io {
+        doing,
+        source,
+        path: path.to_owned(),
+    }
+}
+
+/// Bytes of the files that importing a session would copy, for a progress bar.
+///
+/// # Errors
+/// The source cannot be read.
+pub fn size(source: &Path) -> Result<u64, ImportError> {
+    let (files, _) = list_files(source)?;
+    Ok(files.iter().map(|f| f.bytes).sum())
+}
+
+/// Imports the session in the folder `source`. `progress` is told of every byte that need not be
+/// looked at again, copied now or earlier. The caller holds the library's lock.
+///
+/// # Errors
+/// See [`ImportError`].
+pub fn import(
+    library: &mut Library,
+    source: &Path,
+    clock: Clock,
+    progress: &Progress,
+    hook: Hook<'_>,
+) -> Result<Imported, ImportError> {
+    let unreadable = |error| ImportError::Unreadable {
+        source: error,
+        path: source.to_owned(),
+    };
+    let reader = SessionReader::open(Arc::new(DiskStorage::new(source))).map_err(unreadable)?;
+    let key = reader.manifest().session_id.clone();
+    drop(reader);
+    if !is_key(&key) {
+        return Err(ImportError::Identifier {
+            id: key,
+            path: source.to_owned(),
+        });
+    }
+    let (files, skipped) = list_files(source)?;
+    if library.folder(&key).exists() {
+        let there = compare(library, &key, source, &files, progress)?;
+        // Left behind if an import was stopped just after its rename.
+        journal::remove(&library.incoming(&key))?;
+        return Ok(there);
+    }
+
+    let incoming = library.incoming(&key);
+    hook(&Step::Begin).map_err(failed("beginning", &incoming))?;
+    fs::create_dir_all(&incoming).map_err(failed("making the folder", &incoming))?;
+    source::remove_strangers(&incoming, &files)?;
+    let mut journal = Journal::open(&incoming)?;
+    let kept = journal.still_good(&incoming, &files, progress)?;
+    let to_copy: u64 =
+        files.iter().map(|f| f.bytes).sum::<u64>() - kept.iter().map(|k| k.bytes).sum::<u64>();
+    check_space(library.root(), to_copy)?;
+
+    let board = Board::new(&files, &kept);
+    let follow = Following::new(&incoming, &board);
+    // The check reads what has just been written, a few megabytes behind the copy, from memory.
+    let (copied, report) = thread::scope(|scope| {
+        let check = scope.spawn(|| {
+            let reader = SessionReader::open(Arc::new(follow))?;
+            verify(&reader, |_| {}).map(|report| (reader.manifest().state, report))
+        });
+        let copied = copy_all(
+            source,
+            &incoming,
+            &files,
+            &kept,
+            &mut journal,
+            &board,
+            progress,
+            hook,
+        );
+        // Whoever still waits for bytes is not to wait for ever.
+        board.close();
+        (copied, check.join())
+    });
+    let Copied { bytes, records } = copied?;
+    let (state, report) = match report {
+        Ok(checked) => checked.map_err(unreadable)?,
+        Err(panic) => std::panic::resume_unwind(panic),
+    };
+
+    source::unchanged(source, &files)?;
+    hook(&Step::SyncFolders).map_err(failed("syncing", &incoming))?;
+    sync_tree(&incoming).map_err(failed("syncing", &incoming))?;
+    let condition = Condition::of(state, &report);
+    let record = ImportRecord::new(&key, source, (clock.civil)(), records, report.clone());
+    hook(&Step::Record).map_err(failed("writing the import record", &incoming))?;
+    record
+        .write(&incoming)
+        .map_err(failed("writing the import record", &incoming))?;
+    publish(library, &key, hook)?;
+    journal::remove(&incoming)?;
+    hook(&Step::List).map_err(failed("listing", &incoming))?;
+    library.refresh(&key).map_err(|e| ImportError::Catalogue {
+        key: key.clone(),
+        reason: format!("{e:#}"),
+    })?;
+    Ok(Imported {
+        key,
+        condition,
+        report,
+        copied: bytes,
+        resumed: kept.iter().map(|k| k.bytes).sum(),
+        already: false,
+        skipped,
+    })
+}
+
+/// Renames a finished folder from `.incoming/` to where it is listed, and makes that durable.
+fn publish(library: &Library, key: &str, hook: Hook<'_>) -> Result<(), ImportError> {
+    let (from, to) = (library.incoming(key), library.folder(key));
+    hook(&Step::Publish).map_err(failed("publishing", &to))?;
+    rename_new(&from, &to).map_err(failed("publishing", &to))?;
+    hook(&Step::SyncPublished).map_err(failed("publishing", &to))?;
+    for folder in [SESSIONS, INCOMING] {
+        sync_folder(&library.root().join(folder)).map_err(failed("publishing", &to))?;
+    }
+    Ok(())
+}
+
+/// Renames a folder to a name that must be free.
+pub(crate) fn rename_new(from: &Path, to: &Path) -> io::Result<()> {
+    let cwd = rustix::fs::CWD;
+    match renameat_with(cwd, from, cwd, to, RenameFlags::NOREPLACE) {
+        Ok(()) => Ok(()),
+        // Some file systems cannot promise it; a folder is never renamed over one with content.
+        Err(rustix::io::Errno::INVAL | rustix::io::Errno::NOSYS) if !to.exists() => {
+            fs::rename(from, to)
+        }
+        Err(e) => Err(e.into()),
+    }
+}
+
+/// Makes all names in a folder and the folders in it durable.
+pub(crate) fn sync_tree(folder: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        if entry.file_type()?.is_dir() {
+            sync_tree(&entry.path())?;
+        }
+    }
+    sync_folder(folder)
+}
+
+/// Whether `bytes` more fit onto the disk of `path`.
+pub(crate) fn check_space(path: &Path, bytes: u64) -> Result<(), ImportError> {
+    let disk = statvfs(path)
+        .map_err(io::Error::from)
+        .map_err(failed("asking for free space", path))?;
+    let (needed, free) = (
+        bytes.saturating_add(SPARE_BYTES),
+        disk.f_bavail.saturating_mul(disk.f_frsize),
+    );
+    if needed > free {
+        return Err(ImportError::NoSpace {
+            needed,
+            free,
+            path: path.to_owned(),
+        });
+    }
+    Ok(())
+}
+
+/// The session is there already: is it the same one?
+fn compare(
+    library: &Library,
+    key: &str,
+    source: &Path,
+    files: &[SourceFile],
+    progress: &Progress,
+) -> Result<Imported, ImportError> {
+    let folder = library.folder(key);
+    let differs = |what: String| ImportError::Differs {
+        key: key.to_owned(),
+        what,
+        path: source.to_owned(),
+    };
+    let record = ImportRecord::read(&folder)
+        .ok_or_else(|| differs("there it has no import record".to_owned()))?;
+    for file in files {
+        let known = record.files.iter().find(|f| f.path == file.path);
+        match known {
+            None => return Err(differs(format!("{} is not in the library", file.path))),
+            Some(known) if known.bytes != file.bytes => {
+                return Err(differs(format!(
+                    "{} has {} bytes, in the library {}",
+                    file.path, file.bytes, known.bytes
+                )));
+            }
+            Some(_) => {}
+        }
+    }
+    if let Some(gone) = record
+        .files
+        .iter()
+        .find(|known| files.iter().all(|f| f.path != known.path))
+    {
+        return Err(differs(format!("{} is only in the library", gone.path)));
+    }
+    // Of equal length everywhere: the manifest tells whether it is the same recording.
+    let manifest = source.join(layout::MANIFEST);
+    if let Some(known) = record.files.iter().find(|f| f.path == layout::MANIFEST) {
+        let (_, hash) = copy::hash_file(&manifest).map_err(failed("reading", &manifest))?;
+        if hash != known.blake3 {
+            return Err(differs(format!("{} has another content", known.path)));
+        }
+    }
+    progress.add(files.iter().map(|f| f.bytes).sum());
+    let state = SessionReader::open(Arc::new(DiskStorage::new(&folder)))
+        .map(|reader| reader.manifest().state)
+        .map_err(|source| ImportError::Unreadable {
+            source,
+            path: folder.clone(),
+        })?;
+    Ok(Imported {
+        key: key.to_owned(),
+        condition: Condition::of(state, &record.report),
+        report: record.report,
+        copied: 0,
+        resumed: 0,
+        already: true,
+        skipped: Vec::new(),
+    })
+}

@@ -1,0 +1,205 @@
+//! Copying the files of a session.
+//!
+//! Two threads: one reads, hashes and writes; the other makes durable what has been written and
+//! notes finished files in the journal. At most [`AHEAD`] syncs are outstanding, so the copy never
+//! runs far ahead of the disk, and the disk never waits for the end of a file.
+
+use std::fs::{self, File};
+use std::io::{self, Read, Write};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread;
+
+use rustix::fs::{Advice, fadvise};
+
+use super::following::Board;
+use super::journal::Journal;
+use super::record::FileRecord;
+use super::source::SourceFile;
+use super::{Hook, ImportError, Step, failed};
+use crate::progress::Progress;
+
+/// Bytes read, hashed and written at a time.
+const BLOCK: usize = 1 << 20;
+/// Bytes after which a growing file is synced, so that the disk is busy all the time.
+const SYNC_EVERY: u64 = 32 << 20;
+/// Syncs that may be outstanding.
+const AHEAD: usize = 2;
+
+/// What a copy did.
+pub(super) struct Copied {
+    /// Bytes copied.
+    pub(super) bytes: u64,
+    /// All files of the session, kept and copied, in order.
+    pub(super) records: Vec<FileRecord>,
+}
+
+/// What the syncing thread is to do.
+enum Job {
+    /// Make what is in the file so far durable.
+    Flush(Arc<File>),
+    /// The file is complete: make it durable and note it.
+    Finish(Arc<File>, FileRecord),
+}
+
+/// Copies all files that are not kept. What had been copied stays when it fails.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "one call, and a struct would only repeat the names"
+)]
+pub(super) fn copy_all(
+    source: &Path,
+    incoming: &Path,
+    files: &[SourceFile],
+    kept: &[FileRecord],
+    journal: &mut Journal,
+    board: &Board,
+    progress: &Progress,
+    hook: Hook<'_>,
+) -> Result<Copied, ImportError> {
+    thread::scope(|scope| {
+        let (jobs, queue) = sync_channel(AHEAD);
+        let syncing = scope.spawn(|| sync(queue, incoming, journal, hook));
+        let mut copy = Copy {
+            source,
+            incoming,
+            jobs,
+            board,
+            progress,
+            hook,
+            block: vec![0; BLOCK],
+        };
+        let mut bytes = 0;
+        let mut result = Ok(());
+        for file in files {
+            if kept.iter().any(|k| k.path == file.path) {
+                continue;
+            }
+            match copy.file(file) {
+                Ok(true) => bytes += file.bytes,
+                // The syncing thread has ended; it says why.
+                Ok(false) => break,
+                Err(e) => {
+                    result = Err(e);
+                    break;
+                }
+            }
+        }
+        drop(copy);
+        let finished = match syncing.join() {
+            Ok(finished) => finished,
+            Err(panic) => std::panic::resume_unwind(panic),
+        };
+        result?;
+        let mut records = finished?;
+        records.extend_from_slice(kept);
+        records.sort_by_key(|r| files.iter().position(|f| f.path == r.path));
+        Ok(Copied { bytes, records })
+    })
+}
+
+struct Copy<'a> {
+    source: &'a Path,
+    incoming: &'a Path,
+    jobs: SyncSender<Job>,
+    board: &'a Board,
+    progress: &'a Progress,
+    hook: Hook<'a>,
+    block: Vec<u8>,
+}
+
+impl Copy<'_> {
+    /// Copies one file; false if nobody takes it any more.
+    fn file(&mut self, file: &SourceFile) -> Result<bool, ImportError> {
+        let (from, to) = (self.source.join(&file.path), self.incoming.join(&file.path));
+        if let Some(folder) = to.parent() {
+            fs::create_dir_all(folder).map_err(failed("making the folder", folder))?;
+        }
+        let mut input = File::open(&from).map_err(failed("reading", &from))?;
+        // Only a hint; a file system that does not take it reads all the same.
+        let _ = fadvise(&input, 0, None, Advice::Sequential);
+        let output = Arc::new(File::create(&to).map_err(failed("creating", &to))?);
+        self.board.ready(&file.path, 0);
+        let mut hasher = blake3::Hasher::new();
+        let (mut at, mut synced) = (0, 0);
+        loop {
+            let n = match input.read(&mut self.block) {
+                Ok(0) => break,
+                Ok(n) => n,
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
+                Err(e) => return Err(failed("reading", &from)(e)),
+            };
+            let block = &self.block[..n];
+            (self.hook)(&Step::Write(file.path.clone())).map_err(failed("writing", &to))?;
+            (&*output)
+                .write_all(block)
+                .map_err(failed("writing", &to))?;
+            at += n as u64;
+            self.board.ready(&file.path, at.min(file.bytes));
+            hasher.update(block);
+            self.progress.add(n as u64);
+            if at - synced >= SYNC_EVERY {
+                synced = at;
+                if self.jobs.send(Job::Flush(output.clone())).is_err() {
+                    return Ok(false);
+                }
+            }
+        }
+        if at != file.bytes {
+            return Err(ImportError::Changed {
+                what: file.path.clone(),
+                path: self.source.to_owned(),
+            });
+        }
+        let record = FileRecord {
+            path: file.path.clone(),
+            bytes: at,
+            modified_ns: file.modified_ns,
+            blake3: hasher.finalize().to_hex().to_string(),
+        };
+        Ok(self.jobs.send(Job::Finish(output, record)).is_ok())
+    }
+}
+
+fn sync(
+    queue: Receiver<Job>,
+    incoming: &Path,
+    journal: &mut Journal,
+    hook: Hook<'_>,
+) -> Result<Vec<FileRecord>, ImportError> {
+    let mut finished = Vec::new();
+    for job in queue {
+        match job {
+            Job::Flush(file) => file.sync_data().map_err(failed("syncing", incoming))?,
+            Job::Finish(file, record) => {
+                let path = incoming.join(&record.path);
+                hook(&Step::Sync(record.path.clone())).map_err(failed("syncing", &path))?;
+                file.sync_data().map_err(failed("syncing", &path))?;
+                hook(&Step::Note(record.path.clone())).map_err(failed("noting", &path))?;
+                journal.note(&record).map_err(failed("noting", &path))?;
+                finished.push(record);
+            }
+        }
+    }
+    Ok(finished)
+}
+
+/// Length and BLAKE3 (hex) of a file.
+pub(super) fn hash_file(path: &Path) -> io::Result<(u64, String)> {
+    let mut file = File::open(path)?;
+    let mut hasher = blake3::Hasher::new();
+    let mut block = vec![0; BLOCK];
+    let mut bytes = 0;
+    loop {
+        match file.read(&mut block) {
+            Ok(0) => return Ok((bytes, hasher.finalize().to_hex().to_string())),
+            Ok(n) => {
+                hasher.update(&block[..n]);
+                bytes += n as u64;
+            }
+            Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+            Err(e) => return Err(e),
+        }
+    }
+}

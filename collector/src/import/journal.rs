@@ -1,0 +1,101 @@
+//! Which files of an interrupted import are finished: one JSON line for each, written after the
+//! file is on disk. A line that was torn is no line; a file without one is copied again. It lies
+//! beside the folder that it is about (`.incoming/ID.journal`), so that that holds the session and
+//! nothing else.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use super::copy::hash_file;
+use super::record::FileRecord;
+use super::source::SourceFile;
+use super::{ImportError, failed};
+use crate::progress::Progress;
+
+/// The journal of one import.
+pub(super) struct Journal {
+    file: File,
+    finished: BTreeMap<String, FileRecord>,
+}
+
+impl Journal {
+    /// Opens the journal of the folder `incoming`; it is new if there is none.
+    pub(super) fn open(incoming: &Path) -> Result<Self, ImportError> {
+        let path = path_for(incoming);
+        let text = match fs::read(&path) {
+            Ok(text) => text,
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Vec::new(),
+            Err(e) => return Err(failed("reading the journal", &path)(e)),
+        };
+        let lines = text.split(|b| *b == b'\n');
+        let finished = lines
+            .filter_map(|line| serde_json::from_slice::<FileRecord>(line).ok())
+            .map(|record| (record.path.clone(), record))
+            .collect();
+        let mut file = OpenOptions::new()
+            .append(true)
+            .create(true)
+            .open(&path)
+            .map_err(failed("opening the journal", &path))?;
+        // A torn last line must not swallow the next one.
+        file.write_all(b"\n")
+            .map_err(failed("writing the journal", &path))?;
+        Ok(Self { file, finished })
+    }
+
+    /// The files that need not be copied again: noted, unchanged in the source since, and with the
+    /// noted hash on disk.
+    pub(super) fn still_good(
+        &self,
+        incoming: &Path,
+        files: &[SourceFile],
+        progress: &Progress,
+    ) -> Result<Vec<FileRecord>, ImportError> {
+        let mut good = Vec::new();
+        for file in files {
+            let Some(noted) = self.finished.get(&file.path) else {
+                continue;
+            };
+            let path = incoming.join(&file.path);
+            if (noted.bytes, noted.modified_ns) != (file.bytes, file.modified_ns) {
+                continue;
+            }
+            match hash_file(&path) {
+                Ok((bytes, hash)) if bytes == noted.bytes && hash == noted.blake3 => {
+                    progress.add(bytes);
+                    good.push(noted.clone());
+                }
+                Ok(_) => {}
+                Err(e) if e.kind() == io::ErrorKind::NotFound => {}
+                Err(e) => return Err(failed("reading", &path)(e)),
+            }
+        }
+        Ok(good)
+    }
+
+    /// Notes a file that is on disk.
+    pub(super) fn note(&mut self, record: &FileRecord) -> io::Result<()> {
+        let mut line = serde_json::to_vec(record).map_err(io::Error::other)?;
+        line.push(b'\n');
+        self.file.write_all(&line)
+    }
+}
+
+/// Removes the journal of the folder `incoming`, if there is one: its session is in the library.
+pub(super) fn remove(incoming: &Path) -> Result<(), ImportError> {
+    let path = path_for(incoming);
+    match fs::remove_file(&path) {
+        Err(e) if e.kind() != io::ErrorKind::NotFound => {
+            Err(failed("removing the journal", &path)(e))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn path_for(incoming: &Path) -> PathBuf {
+    let mut path = incoming.as_os_str().to_owned();
+    path.push(".journal");
+    path.into()
+}

@@ -1,0 +1,87 @@
+//! `import.json`: where an imported session came from, what it consists of, and in what condition it
+//! was.
+
+use std::fs;
+use std::io;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use session_archive::storage::{self, DiskStorage};
+use session_archive::time::CivilTime;
+use session_archive::verify::Report;
+
+/// File name in the session's folder.
+pub(crate) const RECORD: &str = "import.json";
+const FORMAT: &str = "paws-import";
+const VERSION: u32 = 1;
+
+/// One file of a session as it was copied.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FileRecord {
+    /// Path below the session's folder.
+    pub path: String,
+    /// Length.
+    pub bytes: u64,
+    /// When the source was last changed, ns since 1970.
+    pub modified_ns: i64,
+    /// BLAKE3 of the bytes read from the source, hex.
+    pub blake3: String,
+}
+
+/// How a session came into the library.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ImportRecord {
+    format: String,
+    version: u32,
+    /// What imported it.
+    pub software: String,
+    /// The session.
+    pub session_id: String,
+    /// The folder that it was copied from.
+    pub source: String,
+    /// When.
+    pub imported: CivilTime,
+    /// What was copied.
+    pub files: Vec<FileRecord>,
+    /// What the check of the copy found.
+    pub report: Report,
+}
+
+impl ImportRecord {
+    /// A record of an import that has just been done.
+    pub fn new(
+        session_id: &str,
+        source: &Path,
+        imported: CivilTime,
+        files: Vec<FileRecord>,
+        report: Report,
+    ) -> Self {
+        let source = source.canonicalize().unwrap_or_else(|_| source.to_owned());
+        Self {
+            format: FORMAT.to_owned(),
+            version: VERSION,
+            software: crate::SOFTWARE.to_owned(),
+            session_id: session_id.to_owned(),
+            source: source.display().to_string(),
+            imported,
+            files,
+            report,
+        }
+    }
+
+    /// The record in a session's folder; none if it has none that can be read.
+    pub fn read(folder: &Path) -> Option<Self> {
+        let text = fs::read(folder.join(RECORD)).ok()?;
+        let record: Self = serde_json::from_slice(&text).ok()?;
+        (record.format == FORMAT && record.version == VERSION).then_some(record)
+    }
+
+    /// Writes the record into a session's folder, whole or not at all.
+    ///
+    /// # Errors
+    /// The disk says no.
+    pub fn write(&self, folder: &Path) -> io::Result<()> {
+        let text = serde_json::to_vec_pretty(self).map_err(io::Error::other)?;
+        storage::replace(&DiskStorage::new(folder), RECORD, &text)
+    }
+}

@@ -1,0 +1,117 @@
+//! What is to be copied from a session's folder.
+
+use std::fs;
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+
+use session_archive::layout;
+
+use super::record::RECORD;
+use super::{ImportError, failed};
+use crate::validation;
+
+/// Folders in folders are followed this deep; a session has one level.
+const DEPTH: usize = 8;
+
+/// Files that a host makes beside a recording. They are never copied: the library makes its own.
+const DERIVED: [&str; 5] = [
+    layout::INDEX,
+    layout::HANDOFF,
+    layout::VALIDATION,
+    RECORD,
+    validation::REPORT,
+];
+
+/// A file of the source, as it was when the import began.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct SourceFile {
+    /// Path below the session's folder, `/` between names.
+    pub(super) path: String,
+    /// Length.
+    pub(super) bytes: u64,
+    /// When it was last changed, ns since 1970.
+    pub(super) modified_ns: i64,
+}
+
+/// The files of a session in the order in which they are copied, the manifest first, so that the
+/// check can begin; and the names of what is no file.
+pub(super) fn list_files(source: &Path) -> Result<(Vec<SourceFile>, Vec<String>), ImportError> {
+    let (mut files, mut skipped) = (Vec::new(), Vec::new());
+    list(source, "", DEPTH, &mut files, &mut skipped)?;
+    let rank = |path: &str| (path != layout::MANIFEST, path.starts_with(layout::SEGMENTS));
+    files.sort_by(|a, b| (rank(&a.path), &a.path).cmp(&(rank(&b.path), &b.path)));
+    skipped.sort();
+    Ok((files, skipped))
+}
+
+fn list(
+    root: &Path,
+    below: &str,
+    depth: usize,
+    files: &mut Vec<SourceFile>,
+    skipped: &mut Vec<String>,
+) -> Result<(), ImportError> {
+    let folder = root.join(below);
+    let reading = || failed("reading", &folder);
+    for entry in fs::read_dir(&folder).map_err(reading())? {
+        let entry = entry.map_err(reading())?;
+        let kind = entry.file_type().map_err(reading())?;
+        let name = match entry.file_name().into_string() {
+            Ok(name) => name,
+            Err(name) => {
+                skipped.push(format!("{below}{}", name.to_string_lossy()));
+                continue;
+            }
+        };
+        let path = format!("{below}{name}");
+        if kind.is_dir() && depth > 0 {
+            list(root, &format!("{path}/"), depth - 1, files, skipped)?;
+        } else if kind.is_file() && !DERIVED.contains(&path.as_str()) {
+            let data = entry.metadata().map_err(reading())?;
+            files.push(SourceFile {
+                path,
+                bytes: data.len(),
+                modified_ns: modified_ns(&data),
+            });
+        } else if !kind.is_file() {
+            skipped.push(path);
+        }
+    }
+    Ok(())
+}
+
+fn modified_ns(data: &fs::Metadata) -> i64 {
+    data.mtime()
+        .saturating_mul(1_000_000_000)
+        .saturating_add(data.mtime_nsec())
+}
+
+/// Makes sure that the source is still what was listed.
+pub(super) fn unchanged(source: &Path, files: &[SourceFile]) -> Result<(), ImportError> {
+    let (now, _) = list_files(source)?;
+    let changed = |what: &str| ImportError::Changed {
+        what: what.to_owned(),
+        path: source.to_owned(),
+    };
+    if let Some(new) = now.iter().find(|n| files.iter().all(|f| f.path != n.path)) {
+        return Err(changed(&new.path));
+    }
+    match files.iter().find(|f| !now.contains(f)) {
+        Some(file) => Err(changed(&file.path)),
+        None => Ok(()),
+    }
+}
+
+/// Removes from a folder what an earlier import copied and the source no longer has.
+pub(super) fn remove_strangers(incoming: &Path, files: &[SourceFile]) -> Result<(), ImportError> {
+    let (there, _) = list_files(incoming)?;
+    for stranger in there
+        .iter()
+        .filter(|t| files.iter().all(|f| f.path != t.path))
+    {
+        let path = incoming.join(&stranger.path);
+        fs::remove_file(&path)
+            .map_err(failed("removing what is no longer in the source", &path))?;
+    }
+    Ok(())
+}

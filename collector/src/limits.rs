@@ -1,0 +1,282 @@
+//! The limits that a session is judged by: one table, each row with its source.
+//!
+//! A value above `warn` is something to look at, a value above `fail` makes the session unfit for
+//! use. The limits are those of the health check that is published for Aria Gen 2 recordings
+//! (version 1.3.1, profile `AriaGen2_Location`), where it has one. Some of those presuppose a rate: its
+//! longest gap, 160 and 210 ms, lets a 10 Hz camera lose one frame with a warning and not two. Such
+//! a limit has a floor in nominal periods of the stream, chosen so that it says the same to slower
+//! streams: the limit in force is the larger of the two.
+
+use std::borrow::Cow;
+use std::fmt;
+
+/// What a value is measured in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unit {
+    /// A share, 1 being all.
+    Ratio,
+    /// Nanoseconds.
+    Time,
+    /// A number of things.
+    Count,
+}
+
+impl Unit {
+    /// A value with its unit, for people.
+    pub fn show(self, value: f64) -> String {
+        if value.is_nan() || value.is_infinite() {
+            return "n/a".to_owned();
+        }
+        match self {
+            Self::Ratio => format!("{} %", charts::significant(value * 100.0)),
+            Self::Time => charts::si(value * 1e-9, "s"),
+            Self::Count => charts::significant(value),
+        }
+    }
+
+    /// As it stands in JSON.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Ratio => "ratio",
+            Self::Time => "ns",
+            Self::Count => "count",
+        }
+    }
+}
+
+/// One row of the table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Limit {
+    /// What is measured, as in `camera.dropped`.
+    pub metric: &'static str,
+    /// The same for people.
+    pub title: &'static str,
+    /// What it is measured in.
+    pub unit: Unit,
+    /// A value above this is a warning.
+    pub warn: f64,
+    /// A value above this is a failure; infinite where nothing fails a session.
+    pub fail: f64,
+    /// Least `warn` and `fail` in nominal periods, for limits that depend on the rate.
+    pub periods: Option<(f64, f64)>,
+    /// Where the numbers come from.
+    pub source: Cow<'static, str>,
+}
+
+const NEVER: f64 = f64::INFINITY;
+const US: f64 = 1e3;
+const MS: f64 = 1e6;
+const S: f64 = 1e9;
+const ARIA: &str = "Aria Gen 2 health check";
+
+macro_rules! limit {
+    ($metric:literal, $title:literal, $unit:ident, $warn:expr, $fail:expr, $periods:expr, $source:expr) => {
+        Limit {
+            metric: $metric,
+            title: $title,
+            unit: Unit::$unit,
+            warn: $warn,
+            fail: $fail,
+            periods: $periods,
+            source: Cow::Borrowed($source),
+        }
+    };
+}
+
+/// The default limits.
+#[rustfmt::skip] // a table
+pub const TABLE: &[Limit] = &[
+    limit!("session.damage", "damage", Count, 0.0, 0.0, None,
+        "what was recorded must be readable and accounted for; recovery makes it so"),
+    limit!("session.unclosed", "not closed by the recorder", Count, 0.0, NEVER, None,
+        "what was durable before the cut is whole"),
+    limit!("camera.dropped", "frames missing", Ratio, 0.001, 0.01, None, ARIA),
+    limit!("camera.longest_gap", "longest gap", Time, 160.0 * MS, 210.0 * MS, Some((1.6, 2.1)), ARIA),
+    limit!("camera.period_deviation", "period deviation (99.9 %)", Time, 250.0 * US, 500.0 * US, None,
+        "Aria Gen 2 health check: 250 us, and more than 500 us in at most 0.1 % of frames"),
+    limit!("camera.rate", "rate off nominal", Ratio, 0.02, 0.1, None,
+        "a camera that falls from 30 to 15 Hz need not skip a number (grand_tour_box issue 378)"),
+    limit!("camera.non_monotonic", "times not rising", Count, 0.0, 0.0, None, ARIA),
+    limit!("camera.bad", "bad frames", Count, 0.0, 0.0, None, ARIA),
+    limit!("camera.frozen", "longest frozen picture", Time, 0.0, S, None,
+        "the recorder's own alarm comes after two periods and a second"),
+    limit!("camera.calibration", "eyes without calibration", Count, 0.0, NEVER, None,
+        "Aria Gen 2 health check; a warning, since calibration can be made from the recording"),
+    limit!("camera.undecoded", "pictures that cannot be decoded", Count, 0.0, 0.0, None,
+        "every access unit is one picture"),
+    limit!("imu.dropped", "samples missing", Ratio, 0.001, 0.01, None, ARIA),
+    limit!("imu.longest_gap", "longest gap", Time, 10.0 * MS, 15.0 * MS, Some((2.5, 3.5)),
+        "Aria Gen 2 health check; slower IMUs: one sample may be missing, not two"),
+    limit!("imu.period_deviation", "period deviation (99.9 %)", Time, 100.0 * US, 200.0 * US, None, ARIA),
+    limit!("imu.rate", "rate off nominal", Ratio, 0.05, NEVER, None,
+        "IMUs run at 309 Hz where 400 are promised; integration takes the times, not the rate"),
+    limit!("imu.non_monotonic", "times not rising", Count, 0.0, 0.0, None, ARIA),
+    limit!("imu.bad", "bad batches", Count, 0.0, 0.0, None, ARIA),
+    limit!("imu.repeated", "longest run of equal values", Time, 100.0 * MS, NEVER, None,
+        "Aria Gen 2 health check, which counts such runs; six axes with noise do not repeat for long"),
+    limit!("stream.start_offset", "starts after the session", Time, 1.5 * S, 3.0 * S, None, ARIA),
+    limit!("stream.end_offset", "ends before the session", Time, 1.5 * S, 3.0 * S, None, ARIA),
+    limit!("stream.clock_sigma", "uncertainty of times (median)", Time, 2.0 * MS, 10.0 * MS, None,
+        "goal for a camera without trigger: its offset known to 2 ms"),
+    limit!("rig.misalignment", "misalignment under one trigger (99.9 %)", Time, 250.0 * US, 500.0 * US, None, ARIA),
+    limit!("rig.free_misalignment", "distance to its frame set (99.9 %)", Time, 0.0, 0.0, Some((0.5, 1.0)),
+        "a camera without trigger is at most half a period of the slowest camera away; beyond a whole one it is in the wrong set"),
+    limit!("rig.frame_sets", "cameras without frame sets", Count, 0.0, NEVER, None,
+        "frames of several cameras are read by set"),
+    limit!("rig.transforms", "cameras without a place on the rig", Count, 0.0, NEVER, None,
+        "a warning, since the place can be calibrated from the recording"),
+];
+
+/// The limits in force.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Limits(Vec<Limit>);
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self(TABLE.to_vec())
+    }
+}
+
+/// Why a limit cannot be set: the text must be `METRIC=WARN,FAIL` with rising numbers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BadLimit(String);
+
+impl fmt::Display for BadLimit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for BadLimit {}
+
+impl Limits {
+    /// The row of a metric.
+    pub fn of(&self, metric: &str) -> Option<&Limit> {
+        self.0.iter().find(|l| l.metric == metric)
+    }
+
+    /// All rows.
+    pub fn rows(&self) -> &[Limit] {
+        &self.0
+    }
+
+    /// Sets both limits of a metric from `METRIC=WARN,FAIL`, in the unit of the table (ratio, ns,
+    /// count); `never` for a limit that nothing reaches.
+    ///
+    /// # Errors
+    /// The text does not say that.
+    pub fn set(&mut self, text: &str) -> Result<(), BadLimit> {
+        let bad = |what: String| BadLimit(format!("limit {text:?}: {what}"));
+        let (metric, limits) = text
+            .split_once('=')
+            .ok_or_else(|| bad("expected METRIC=WARN,FAIL".to_owned()))?;
+        let (warn, fail) = limits
+            .split_once(',')
+            .ok_or_else(|| bad("expected two limits, WARN,FAIL".to_owned()))?;
+        let number = |text: &str| match text.trim() {
+            "never" => Ok(NEVER),
+            text => text
+                .parse::<f64>()
+                .ok()
+                .filter(|v| v.is_finite() && *v >= 0.0)
+                .ok_or_else(|| bad(format!("{text:?} is no number from 0 up"))),
+        };
+        let (warn, fail) = (number(warn)?, number(fail)?);
+        if warn > fail {
+            return Err(bad("a warning comes before a failure".to_owned()));
+        }
+        let known = self.0.iter().map(|l| l.metric);
+        let nearest = known.max_by(|a, b| {
+            strsim::jaro_winkler(a, metric).total_cmp(&strsim::jaro_winkler(b, metric))
+        });
+        let nearest = nearest.unwrap_or_default();
+        let row = self
+            .0
+            .iter_mut()
+            .find(|l| l.metric == metric)
+            .ok_or_else(|| bad(format!("no such metric; did you mean {nearest}?")))?;
+        (row.warn, row.fail, row.periods) = (warn, fail, None);
+        row.source = Cow::Borrowed("set on the command line");
+        Ok(())
+    }
+}
+
+impl Limit {
+    /// Both limits for a stream with this nominal period, ns.
+    pub fn in_force(&self, period_ns: f64) -> (f64, f64) {
+        let (warn, fail) = self.periods.unwrap_or((0.0, 0.0));
+        let at_least = |limit: f64, periods: f64| {
+            if period_ns.is_finite() && period_ns > 0.0 {
+                limit.max(periods * period_ns)
+            } else {
+                limit
+            }
+        };
+        (at_least(self.warn, warn), at_least(self.fail, fail))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_holds_the_published_limits() {
+        let limits = Limits::default();
+        let check = |metric: &str, warn: f64, fail: f64| {
+            let row = limits.of(metric).unwrap();
+            assert_eq!((row.warn, row.fail), (warn, fail), "{metric}");
+        };
+        check("camera.dropped", 0.001, 0.01);
+        check("camera.longest_gap", 160e6, 210e6);
+        check("camera.period_deviation", 250e3, 500e3);
+        check("rig.misalignment", 250e3, 500e3);
+        check("imu.dropped", 0.001, 0.01);
+        check("imu.longest_gap", 10e6, 15e6);
+        check("imu.period_deviation", 100e3, 200e3);
+        check("stream.start_offset", 1.5e9, 3e9);
+        check("stream.end_offset", 1.5e9, 3e9);
+    }
+
+    #[test]
+    fn every_row_is_sensible() {
+        for (i, row) in TABLE.iter().enumerate() {
+            assert!(row.warn <= row.fail, "{}", row.metric);
+            let (warn, fail) = row.in_force(1e8);
+            assert!(warn <= fail, "{}", row.metric);
+            assert!(!row.source.is_empty() && !row.title.is_empty());
+            assert!(TABLE[..i].iter().all(|r| r.metric != row.metric));
+        }
+    }
+
+    #[test]
+    fn gaps_are_measured_in_periods_where_streams_are_slow() {
+        let limits = Limits::default();
+        let gap = |metric: &str, hz: f64| limits.of(metric).unwrap().in_force(1e9 / hz);
+        assert_eq!(gap("camera.longest_gap", 60.0), (160e6, 210e6));
+        assert_eq!(gap("camera.longest_gap", 10.0), (160e6, 210e6));
+        assert_eq!(gap("camera.longest_gap", 5.0), (320e6, 420e6));
+        assert_eq!(gap("imu.longest_gap", 800.0), (10e6, 15e6));
+        // One lost sample of a 200 Hz IMU makes a gap of exactly the published limit.
+        assert_eq!(gap("imu.longest_gap", 200.0), (12.5e6, 17.5e6));
+        assert_eq!(gap("camera.longest_gap", 0.0), (160e6, 210e6));
+    }
+
+    #[test]
+    fn limits_can_be_set_and_slips_are_told() {
+        let mut limits = Limits::default();
+        limits.set("camera.dropped=0.02,0.05").unwrap();
+        limits.set("imu.longest_gap=1e7, never").unwrap();
+        let row = limits.of("imu.longest_gap").unwrap();
+        assert_eq!(row.in_force(5e6), (1e7, f64::INFINITY));
+        let mut fails = |text: &str, part: &str| {
+            let error = limits.set(text).unwrap_err().to_string();
+            assert!(error.contains(part), "{error}");
+        };
+        fails("camera.droped=1,2", "did you mean camera.dropped?");
+        fails("camera.dropped=2,1", "a warning comes before");
+        fails("camera.dropped=2", "expected two limits");
+        fails("camera.dropped", "expected METRIC=");
+        fails("camera.dropped=-1,2", "no number");
+    }
+}

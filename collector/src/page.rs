@@ -1,0 +1,278 @@
+//! The HTML report: one page that opens offline and answers, in this order, may the session be
+//! used, if not why not, what is in it, and what did the recording look like.
+
+use charts::{Cell, Page, Table, Verdict as Badge};
+use session_archive::handoff::Verdict;
+use session_archive::manifest::Manifest;
+
+use crate::condition::Condition;
+use crate::limits::{Limit, Limits};
+use crate::plots::Plots;
+use crate::quality::{Finding, reasons};
+use crate::text;
+use crate::validate::Validated;
+use crate::validation::Validation;
+
+/// The report of a validated session.
+pub fn html(validated: &Validated, limits: &Limits) -> String {
+    let manifest = validated.reader.manifest();
+    let validation = &validated.validation;
+    let plots = Plots::new(manifest, &validated.found);
+    let mut page = Page::new(&title(manifest)).verdict(badge(validation.verdict));
+    page = verdict(page, validation);
+    page = page.table(&overview(manifest, validation));
+    page = page.figure(&plots.timeline(), "");
+    page = losses_and_events(page, validation);
+
+    page = page.section("Cameras");
+    let cameras: Vec<&str> = manifest.cameras.iter().map(|c| c.name.as_str()).collect();
+    page = page.table(&matrix(validation, limits, &cameras));
+    page = page.figure(&plots.frame_intervals(), &plots.rhythm_caption());
+    page = page.figure(&plots.frame_histogram(), "");
+    if manifest.cameras.len() > 1 {
+        let summary = &validation.summary;
+        let sets = format!(
+            "{}, {} of them with a frame of every camera",
+            text::count(summary.frame_sets, "frame set"),
+            summary.complete_sets
+        );
+        page = page.figure(&plots.set_errors(), &sets);
+    }
+    page = page.figure(&plots.bitrates(), "");
+
+    if !manifest.imus.is_empty() {
+        page = page.section("IMUs");
+        let imus: Vec<&str> = manifest.imus.iter().map(|i| i.name.as_str()).collect();
+        page = page.table(&matrix(validation, limits, &imus));
+        page = page.figure(&plots.imu_intervals(), "");
+    }
+
+    page = page.section("Clocks and rig");
+    page = page.table(&others(validation, limits, manifest));
+    if !validated.found.facts.clocks.is_empty() {
+        page = page.figure(&plots.clock_offsets(), "");
+        page = page.figure(&plots.clock_sigmas(), "");
+    }
+
+    if !validated.found.facts.health.is_empty() {
+        page = page.section("The recorder");
+        page = page.figure(&plots.health_rates(), "");
+        page = page.figure(&plots.health_queues(), "");
+        page = page.figure(&plots.health_latency(), "");
+        page = page.figure(&plots.health_space(), "");
+        if let Some(temperature) = plots.health_temperature() {
+            page = page.figure(&temperature, "");
+        }
+    }
+
+    page = page.section("Limits and where they come from");
+    page = page.table(&sources(limits));
+    page.to_html()
+}
+
+fn badge(verdict: Verdict) -> Badge {
+    match verdict {
+        Verdict::Pass => Badge::Pass,
+        Verdict::Warn => Badge::Warn,
+        Verdict::Fail => Badge::Fail,
+    }
+}
+
+fn title(manifest: &Manifest) -> String {
+    let time = manifest.started_civil.to_string();
+    let (day, clock) = time.split_once('T').unwrap_or((&time, ""));
+    let clock = clock.get(..5).unwrap_or(clock);
+    match manifest.name.as_str() {
+        "" => format!("Session of {day} {clock} UTC"),
+        name => format!("Session \u{201c}{name}\u{201d} of {day} {clock} UTC"),
+    }
+}
+
+/// The verdict in words, and what it is for.
+fn verdict(mut page: Page, validation: &Validation) -> Page {
+    let reasons = reasons(&validation.findings);
+    let metrics = text::count(validation.findings.len() as u64, "metric");
+    if reasons.is_empty() {
+        return page.text(&format!(
+            "Fit for use: all of {metrics} within their limits."
+        ));
+    }
+    let words = match validation.verdict {
+        Verdict::Fail => "Not fit for use as it is",
+        _ => "Usable, with something to look at",
+    };
+    page = page.text(&format!(
+        "{words}: {} of {metrics} beyond their limits.",
+        reasons.len()
+    ));
+    for finding in reasons {
+        page = page.finding(badge(finding.verdict), &finding.text);
+    }
+    page
+}
+
+fn overview(manifest: &Manifest, validation: &Validation) -> Table {
+    let summary = &validation.summary;
+    let mut table = Table::new::<&str>([]);
+    let mut row = |name: &str, value: String| {
+        table = std::mem::replace(&mut table, Table::new::<&str>([]))
+            .row([Cell::from(name), Cell::from(value)]);
+    };
+    let length = summary.end.since(summary.start);
+    row("Length", text::duration(length));
+    for (i, camera) in manifest.cameras.iter().enumerate() {
+        let stream = &summary.streams[i];
+        let seconds = (length.max(1)) as f64 / 1e9;
+        row(
+            &format!("Camera {}", camera.name),
+            format!(
+                "{} frames of {}\u{d7}{} at {:.2} Hz, {}, {}, {}",
+                stream.samples,
+                camera.width,
+                camera.height,
+                stream.rate_hz,
+                camera.codec,
+                charts::si(stream.bytes as f64 * 8.0 / seconds, "bit/s"),
+                camera.source,
+            ),
+        );
+    }
+    for (i, imu) in manifest.imus.iter().enumerate() {
+        let stream = &summary.streams[manifest.cameras.len() + i];
+        row(
+            &format!("IMU {}", imu.name),
+            format!(
+                "{} samples at {:.2} Hz, {}",
+                stream.samples, stream.rate_hz, imu.source
+            ),
+        );
+    }
+    let condition = match Condition::of(manifest.state, &validation.report) {
+        Condition::Ok => "closed by the recorder, every checksum right",
+        Condition::Recovered => "recovered from a damaged session, every checksum right",
+        Condition::Unclosed => "cut off while it was recorded; whole up to there",
+        Condition::Damaged | Condition::Unverified => "damaged",
+    };
+    let segments = text::count(validation.basis.segments.len() as u64, "segment");
+    row(
+        "Archive",
+        format!(
+            "{}, {segments}, {}, {condition}",
+            text::bytes(validation.report.bytes),
+            text::count(validation.report.messages, "message")
+        ),
+    );
+    let decoded = if validation.deep {
+        "; every picture was decoded"
+    } else {
+        ""
+    };
+    row("Recorded by", manifest.software.clone());
+    row("Validated by", format!("{}{decoded}", validation.software));
+    row("Identifier", manifest.session_id.clone());
+    table
+}
+
+fn losses_and_events(mut page: Page, validation: &Validation) -> Page {
+    let summary = &validation.summary;
+    if !summary.losses.is_empty() {
+        let mut table = Table::new(["Stream", "Missing because of", "Samples", "Gaps"]);
+        for loss in &summary.losses {
+            table = table.row([
+                Cell::from(loss.stream.clone()),
+                Cell::from(loss.cause.clone()),
+                Cell::number(loss.samples),
+                Cell::number(loss.gaps),
+            ]);
+        }
+        page = page.table(&table);
+    }
+    if !summary.events.is_empty() {
+        let mut table = Table::new(["Time", "Event", "From", ""]);
+        for event in &summary.events {
+            table = table.row([
+                Cell::number(format!("{:.2} s", event.after_ns as f64 / 1e9)),
+                Cell::from(event.kind.clone()),
+                Cell::from(event.source.clone()),
+                Cell::from(event.text.clone()),
+            ]);
+        }
+        page = page.table(&table);
+        if summary.more_events > 0 {
+            page = page.text(&format!("and {} more events", summary.more_events));
+        }
+    }
+    page
+}
+
+/// Metrics down, streams across: what was measured, with a word where it is beyond a limit.
+fn matrix(validation: &Validation, limits: &Limits, streams: &[&str]) -> Table {
+    let mut heads = vec!["".to_owned()];
+    heads.extend(streams.iter().map(|s| (*s).to_owned()));
+    heads.extend(["warns above".to_owned(), "fails above".to_owned()]);
+    let mut table = Table::new(heads);
+    for limit in limits.rows() {
+        let of = |stream: &&str| {
+            let mut findings = validation.findings.iter();
+            findings.find(|f| f.metric == limit.metric && f.of == *stream)
+        };
+        let findings: Vec<Option<&Finding>> = streams.iter().map(of).collect();
+        let Some(example) = findings.iter().flatten().next() else {
+            continue;
+        };
+        let mut cells = vec![Cell::from(limit.title)];
+        cells.extend(
+            findings
+                .iter()
+                .map(|f| f.map_or(Cell::from(""), |f| value(f, limit))),
+        );
+        cells.extend([example.warn, example.fail].map(|l| bound(l, limit)));
+        table = table.row(cells);
+    }
+    table
+}
+
+/// Findings that are not about one camera or IMU.
+fn others(validation: &Validation, limits: &Limits, manifest: &Manifest) -> Table {
+    let mut table = Table::new(["", "of", "", "warns above", "fails above"]);
+    for finding in &validation.findings {
+        let named = |name: &String| *name == finding.of;
+        let cameras = manifest.cameras.iter().map(|c| &c.name);
+        let mut streams = cameras.chain(manifest.imus.iter().map(|i| &i.name));
+        let (false, Some(limit)) = (streams.any(named), limits.of(&finding.metric)) else {
+            continue;
+        };
+        table = table.row([
+            Cell::from(limit.title),
+            Cell::from(finding.of.clone()),
+            value(finding, limit),
+            bound(finding.warn, limit),
+            bound(finding.fail, limit),
+        ]);
+    }
+    table
+}
+
+fn value(finding: &Finding, limit: &Limit) -> Cell {
+    let value = limit.unit.show(finding.value);
+    match finding.verdict {
+        Verdict::Pass => Cell::number(value),
+        verdict => Cell::number(format!("{verdict} {value}")),
+    }
+}
+
+fn bound(limit: Option<f64>, row: &Limit) -> Cell {
+    Cell::number(limit.map_or("\u{2013}".to_owned(), |l| row.unit.show(l)))
+}
+
+fn sources(limits: &Limits) -> Table {
+    let mut table = Table::new(["Metric", "", "Source"]);
+    for limit in limits.rows() {
+        table = table.row([
+            Cell::from(limit.metric),
+            Cell::from(limit.title),
+            Cell::from(limit.source.to_string()),
+        ]);
+    }
+    table
+}

@@ -1,0 +1,399 @@
+//! The pictures of a report. Times are seconds after the first sample; a stream keeps its colour from
+//! one picture to the next.
+
+use std::collections::BTreeMap;
+
+use charts::{Axis, Bins, Chart, Series, Span, Timeline};
+use session_archive::manifest::Manifest;
+use session_archive::record::{ClockMap, paws};
+use session_archive::time::TickLength;
+
+use crate::cadence::Cadence;
+use crate::examine::Examination;
+use crate::facts::{Facts, NO_STEP, Sample};
+use crate::text;
+use crate::validation::words;
+
+/// Width of all pictures, pixels; the page is a little wider.
+const WIDTH: u32 = 820;
+/// Height of most pictures, pixels.
+const HEIGHT: u32 = 230;
+/// Events drawn at most.
+const MOST_MARKS: usize = 60;
+/// Points kept of a long series: twice as many as there are pixels, the extremes of each part.
+const MOST_POINTS: usize = 2 * WIDTH as usize;
+
+/// Draws what was found in one session.
+pub struct Plots<'a> {
+    manifest: &'a Manifest,
+    found: &'a Examination,
+    start: i64,
+}
+
+impl<'a> Plots<'a> {
+    /// Pictures of this examination.
+    pub fn new(manifest: &'a Manifest, found: &'a Examination) -> Self {
+        Self {
+            manifest,
+            found,
+            start: found.facts.span().map_or(0, |(start, _)| start),
+        }
+    }
+
+    fn facts(&self) -> &Facts {
+        &self.found.facts
+    }
+
+    fn seconds(&self, time: i64) -> f64 {
+        time.saturating_sub(self.start) as f64 / 1e9
+    }
+
+    /// When each stream was recorded, and where something is missing.
+    pub fn timeline(&self) -> String {
+        let mut timeline = Timeline::new("What was recorded when", Axis::time("time")).kinds([
+            "recorded",
+            "missing, noted",
+            "missing without a note",
+        ]);
+        let cameras = self.manifest.cameras.iter().zip(&self.facts().cameras);
+        for (camera, frames) in cameras {
+            let samples: Vec<Sample> = frames.iter().map(|f| f.sample).collect();
+            timeline = self.row(timeline, &camera.name, &samples);
+        }
+        for (imu, facts) in self.manifest.imus.iter().zip(&self.facts().imus) {
+            timeline = self.row(timeline, &imu.name, &facts.samples);
+        }
+        for (time, event) in self.facts().events.iter().take(MOST_MARKS) {
+            let kind = paws::event::Kind::try_from(event.kind).unwrap_or_default();
+            let label = words(kind.as_str_name(), "KIND_");
+            timeline = timeline.mark(self.seconds(time.0), &label);
+        }
+        timeline.to_svg(WIDTH)
+    }
+
+    fn row(&self, timeline: Timeline, name: &str, samples: &[Sample]) -> Timeline {
+        let mut spans = recorded(samples);
+        let gaps = self.facts().gaps.iter().filter(|g| g.stream == name);
+        let mut missing = 0;
+        for gap in gaps {
+            missing += gap.count();
+            let from = gap.time_before.or(gap.time_after);
+            let to = gap.time_after.or(gap.time_before);
+            if let Some((from, to)) = from.zip(to) {
+                spans.push((from, to, 1));
+            }
+        }
+        for lost in self.found.report.lost.iter().filter(|l| l.stream == name) {
+            missing += lost.last.saturating_sub(lost.first).saturating_add(1);
+            spans.push((lost.after.0, lost.before.0, 2));
+        }
+        let note = match missing {
+            0 => "complete".to_owned(),
+            n => format!("{n} missing"),
+        };
+        let spans = spans.into_iter().map(|(from, to, kind)| Span {
+            from: self.seconds(from),
+            to: self.seconds(to),
+            kind,
+        });
+        timeline.row(name, &note, spans)
+    }
+
+    /// Distance of each frame from the one before.
+    pub fn frame_intervals(&self) -> String {
+        let mut chart = Chart::new("Time from frame to frame")
+            .x_axis(Axis::time("time"))
+            .y_axis(Axis::linear("interval", "ms").include(0.0));
+        for (camera, frames) in self.manifest.cameras.iter().zip(&self.facts().cameras) {
+            let times = frames.iter().map(|f| f.sample.time);
+            let points = self.intervals(times, 1e-6);
+            chart = chart.series(Series::line(&camera.name, points));
+        }
+        chart.to_svg(WIDTH, HEIGHT)
+    }
+
+    /// How the periods of the cameras spread around their median.
+    pub fn frame_histogram(&self) -> String {
+        let mut chart = Chart::new("Frame period by the camera's clock, against its median")
+            .x_axis(Axis::linear("deviation", "µs"))
+            .y_axis(Axis::linear("frames", ""));
+        for (i, frames) in self.facts().cameras.iter().enumerate() {
+            let samples = || frames.iter().map(|f| f.sample);
+            let period = Cadence::of(samples()).period_ns;
+            let off = samples()
+                .filter(|s| s.step_ns != NO_STEP)
+                .map(|s| (f64::from(s.step_ns) - period) * 1e-3);
+            let name = &self.manifest.cameras[i].name;
+            chart = chart.series(Series::histogram(name, off, Bins::Count(60)));
+        }
+        chart.to_svg(WIDTH, HEIGHT)
+    }
+
+    /// Distance of each IMU sample from the one before.
+    pub fn imu_intervals(&self) -> String {
+        let mut chart = Chart::new("Time from IMU sample to sample")
+            .x_axis(Axis::time("time"))
+            .y_axis(Axis::linear("interval", "ms").include(0.0));
+        for (i, imu) in self.manifest.imus.iter().enumerate() {
+            let times = self.facts().imus[i].samples.iter().map(|s| s.time);
+            let points = self.intervals(times, 1e-6);
+            chart = chart.series(Series::line(&imu.name, points).slot(i));
+        }
+        chart.to_svg(WIDTH, HEIGHT)
+    }
+
+    fn intervals(&self, times: impl Iterator<Item = i64>, scale: f64) -> Vec<(f64, f64)> {
+        let mut before: Option<i64> = None;
+        let points = times.filter_map(|time| {
+            let last = before.replace(time)?;
+            Some((self.seconds(time), time.saturating_sub(last) as f64 * scale))
+        });
+        thin(points.collect())
+    }
+
+    /// How far the frames of a set are from its time.
+    pub fn set_errors(&self) -> String {
+        let mut chart = Chart::new("Distance of each frame from the time of its frame set")
+            .x_axis(Axis::time("time"))
+            .y_axis(Axis::linear("distance", "ms"));
+        for (i, camera) in self.manifest.cameras.iter().enumerate() {
+            let members = self.facts().sets.iter().filter_map(|set| {
+                let (_, time) = set.members.iter().find(|m| m.0 == i)?;
+                let off = time.saturating_sub(set.time) as f64 * 1e-6;
+                Some((self.seconds(set.time), off))
+            });
+            chart = chart.series(Series::line(&camera.name, thin(members.collect())));
+        }
+        chart.to_svg(WIDTH, HEIGHT)
+    }
+
+    /// Size of the compressed pictures, second by second.
+    pub fn bitrates(&self) -> String {
+        let mut chart = Chart::new("Size of the compressed pictures, second by second")
+            .x_axis(Axis::time("time"))
+            .y_axis(Axis::linear("bit rate", "Mbit/s").include(0.0));
+        for (camera, frames) in self.manifest.cameras.iter().zip(&self.facts().cameras) {
+            let mut seconds: BTreeMap<i64, u64> = BTreeMap::new();
+            for frame in frames {
+                let second = frame.sample.time.saturating_sub(self.start) / 1_000_000_000;
+                *seconds.entry(second).or_default() += u64::from(frame.bytes);
+            }
+            // The last second is rarely a whole one.
+            if seconds.len() > 2 {
+                seconds.pop_last();
+            }
+            let points = seconds.into_iter();
+            let points = points.map(|(s, bytes)| (s as f64, bytes as f64 * 8e-6));
+            chart = chart.series(Series::line(&camera.name, thin(points.collect())));
+        }
+        chart.to_svg(WIDTH, HEIGHT)
+    }
+
+    /// How each device clock has moved against the host's since the first map.
+    pub fn clock_offsets(&self) -> String {
+        let mut chart = Chart::new("Device clocks against the host's, since their first map")
+            .x_axis(Axis::time("time"))
+            .y_axis(Axis::linear("offset", "ms"));
+        for (clock, maps) in &self.facts().clocks {
+            let first = maps.first().and_then(|(_, map)| offset_ns(map));
+            let points = maps.iter().filter_map(|(time, map)| {
+                let moved = offset_ns(map)? - first?;
+                Some((self.seconds(time.0), moved as f64 * 1e-6))
+            });
+            chart = chart.series(Series::steps(clock, points).slot(self.slot(clock)));
+        }
+        chart.to_svg(WIDTH, HEIGHT)
+    }
+
+    /// How well each device clock is known.
+    pub fn clock_sigmas(&self) -> String {
+        let mut chart = Chart::new("Uncertainty of the clock maps (one sigma)")
+            .x_axis(Axis::time("time"))
+            .y_axis(Axis::log("sigma", "µs"));
+        for (clock, maps) in &self.facts().clocks {
+            let points = maps.iter().filter_map(|(time, map)| {
+                let own = map.pieces.last()?.sigma_ns as f64;
+                let sigma = own.hypot(map.latency_sigma_ns as f64);
+                Some((self.seconds(time.0), sigma * 1e-3))
+            });
+            chart = chart.series(Series::steps(clock, points).slot(self.slot(clock)));
+        }
+        chart.to_svg(WIDTH, HEIGHT)
+    }
+
+    /// A clock is drawn as its stream is: cameras first, then IMUs.
+    fn slot(&self, clock: &str) -> usize {
+        let cameras = self.manifest.cameras.iter().map(|c| &c.name);
+        let mut names = cameras.chain(self.manifest.imus.iter().map(|i| &i.name));
+        names.position(|n| n == clock).unwrap_or_default()
+    }
+
+    /// Samples per second as the recorder counted them.
+    pub fn health_rates(&self) -> String {
+        let mut chart = Chart::new("Samples received per second")
+            .x_axis(Axis::time("time"))
+            .y_axis(Axis::log("rate", "Hz"));
+        let mut rates: BTreeMap<&str, Vec<(f64, f64)>> = BTreeMap::new();
+        for (time, health) in &self.facts().health {
+            for stream in &health.streams {
+                let points = rates.entry(&stream.name).or_default();
+                points.push((self.seconds(time.0), stream.rate_hz));
+            }
+        }
+        for (name, points) in rates {
+            let line = Series::line(name, thin(points)).slot(self.slot(name));
+            chart = chart.series(line);
+        }
+        chart.to_svg(WIDTH, HEIGHT)
+    }
+
+    /// Bytes waiting for encoders and the disk.
+    pub fn health_queues(&self) -> String {
+        let health = &self.facts().health;
+        let writer = health.iter();
+        let writer = writer.map(|(t, h)| (self.seconds(t.0), h.writer_queue_bytes as f64 * 1e-6));
+        let encoder = health.iter().map(|(t, h)| {
+            let bytes: u64 = h.streams.iter().map(|s| s.queue_bytes).sum();
+            (self.seconds(t.0), bytes as f64 * 1e-6)
+        });
+        Chart::new("Waiting in the recorder")
+            .x_axis(Axis::time("time"))
+            .y_axis(Axis::linear("bytes", "MB").include(0.0))
+            .series(Series::line("for the encoders", thin(encoder.collect())))
+            .series(Series::line("for the disk", thin(writer.collect())))
+            .to_svg(WIDTH, HEIGHT)
+    }
+
+    /// Longest write and sync of each second.
+    pub fn health_latency(&self) -> String {
+        let health = &self.facts().health;
+        let write = health
+            .iter()
+            .map(|(t, h)| (self.seconds(t.0), h.write_max_ns as f64 * 1e-6));
+        let sync = health
+            .iter()
+            .map(|(t, h)| (self.seconds(t.0), h.sync_max_ns as f64 * 1e-6));
+        Chart::new("Longest write and sync of each second")
+            .x_axis(Axis::time("time"))
+            .y_axis(Axis::linear("time", "ms").include(0.0))
+            .series(Series::line("write", thin(write.collect())))
+            .series(Series::line("sync", thin(sync.collect())))
+            .to_svg(WIDTH, HEIGHT)
+    }
+
+    /// Free space on the recorder's disk.
+    pub fn health_space(&self) -> String {
+        let health = self.facts().health.iter();
+        let free = health.map(|(t, h)| (self.seconds(t.0), h.free_bytes as f64 * 1e-9));
+        Chart::new("Free on the recorder's disk")
+            .x_axis(Axis::time("time"))
+            .y_axis(Axis::linear("space", "GB").include(0.0))
+            .series(Series::line("", thin(free.collect())))
+            .to_svg(WIDTH, 180)
+    }
+
+    /// Temperature of the recorder; nothing where it has no sensor.
+    pub fn health_temperature(&self) -> Option<String> {
+        let health = self.facts().health.iter();
+        let points: Vec<_> = health
+            .filter_map(|(t, h)| Some((self.seconds(t.0), h.temperature_c?)))
+            .collect();
+        (!points.is_empty()).then(|| {
+            Chart::new("Hottest sensor of the recorder")
+                .x_axis(Axis::time("time"))
+                .y_axis(Axis::linear("temperature", "°C"))
+                .series(Series::line("", thin(points)))
+                .to_svg(WIDTH, 180)
+        })
+    }
+
+    /// One line about the rhythm of the cameras, for a caption.
+    pub fn rhythm_caption(&self) -> String {
+        let cameras = self.manifest.cameras.iter().zip(&self.facts().cameras);
+        let texts = cameras.map(|(camera, frames)| {
+            let cadence = Cadence::of(frames.iter().map(|f| f.sample));
+            format!(
+                "{}: {:.2} Hz, longest gap {}",
+                camera.name,
+                cadence.rate_hz(),
+                text::duration(cadence.longest_gap_ns)
+            )
+        });
+        texts.collect::<Vec<_>>().join("; ")
+    }
+}
+
+/// Spans without a hole: consecutive samples no further apart than two and a half median steps.
+fn recorded(samples: &[Sample]) -> Vec<(i64, i64, usize)> {
+    let mut steps: Vec<i64> = samples.windows(2).map(|w| w[1].time - w[0].time).collect();
+    let usual = crate::cadence::median(&mut steps).unwrap_or(0);
+    let mut spans: Vec<(i64, i64, usize)> = Vec::new();
+    for sample in samples {
+        match spans.last_mut() {
+            Some(span) if sample.time.saturating_sub(span.1) <= usual.saturating_mul(5) / 2 => {
+                span.1 = span.1.max(sample.time);
+            }
+            _ => spans.push((sample.time, sample.time, 0)),
+        }
+    }
+    spans
+}
+
+/// Host time minus device time by the newest piece of a map, ns.
+fn offset_ns(map: &ClockMap) -> Option<i64> {
+    let piece = map.pieces.last()?;
+    let tick = TickLength {
+        num: map.tick_num,
+        den: map.tick_den,
+    };
+    let device = tick.ns(piece.ticks_ref)?;
+    piece
+        .host_ref
+        .checked_sub(device)?
+        .checked_sub(map.latency_ns)
+}
+
+/// Keeps the least and the greatest value of each part of a long series.
+fn thin(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+    if points.len() <= 2 * MOST_POINTS {
+        return points;
+    }
+    let part = points.len().div_ceil(MOST_POINTS);
+    let mut kept = Vec::with_capacity(2 * MOST_POINTS);
+    for part in points.chunks(part) {
+        let by_value = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
+        let least = part.iter().min_by(by_value);
+        let greatest = part.iter().max_by(by_value);
+        if let (Some(a), Some(b)) = (least, greatest) {
+            let (first, second) = if a.0 <= b.0 { (a, b) } else { (b, a) };
+            kept.extend([*first, *second]);
+        }
+    }
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thinning_keeps_the_extremes() {
+        let mut points: Vec<(f64, f64)> = (0..100_000).map(|i| (f64::from(i), 1.0)).collect();
+        points[77_777].1 = 9.0;
+        points[33_333].1 = -9.0;
+        let thinned = thin(points);
+        assert!(thinned.len() <= 2 * MOST_POINTS);
+        assert!(thinned.contains(&(77_777.0, 9.0)) && thinned.contains(&(33_333.0, -9.0)));
+        assert!(thinned.windows(2).all(|w| w[0].0 <= w[1].0));
+    }
+
+    #[test]
+    fn a_hole_splits_a_span() {
+        let at = |time| Sample {
+            time,
+            step_ns: NO_STEP,
+        };
+        let samples = [0, 10, 20, 30, 90, 100].map(at);
+        assert_eq!(recorded(&samples), [(0, 30, 0), (90, 100, 0)]);
+    }
+}

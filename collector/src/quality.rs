@@ -1,0 +1,412 @@
+//! Judging a session: every metric of [`crate::limits`], measured and compared.
+//!
+//! Judging is arithmetic on what [`crate::examine`] found: the same session and limits give the same
+//! findings. A stream without a single sample is a finding of its own (all of it is missing). What
+//! cannot be measured (no frame sets, no clock) is either a finding or left out, never a pass.
+
+use session_archive::handoff::Verdict;
+use session_archive::manifest::{Camera, Manifest};
+use session_archive::verify::{Report, StreamReport};
+
+use serde::{Deserialize, Serialize};
+
+use crate::cadence::{Cadence, median, nearly_all};
+use crate::condition::Condition;
+use crate::deep::Decoded;
+use crate::examine::Examination;
+use crate::facts::{Facts, FrameFact};
+use crate::limits::Limits;
+use crate::text;
+
+/// One metric of one stream, measured and judged.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Finding {
+    /// The metric, as in `camera.dropped`.
+    pub metric: String,
+    /// The stream, pair or clock that it is about; `session` for the whole.
+    pub of: String,
+    /// PASS, WARN or FAIL.
+    pub verdict: Verdict,
+    /// What was measured, in the metric's unit.
+    pub value: f64,
+    /// A value above this is a warning; none where nothing is.
+    pub warn: Option<f64>,
+    /// A value above this is a failure; none where nothing is.
+    pub fail: Option<f64>,
+    /// The unit: `ratio`, `ns` or `count`.
+    pub unit: String,
+    /// The whole finding in words.
+    pub text: String,
+}
+
+/// Judges a session. `decoded` is what decoding every picture gave, where that was asked for.
+pub fn judge(
+    manifest: &Manifest,
+    found: &Examination,
+    decoded: Option<&[Decoded]>,
+    limits: &Limits,
+) -> Vec<Finding> {
+    let mut judge = Judge {
+        manifest,
+        facts: &found.facts,
+        report: &found.report,
+        limits,
+        findings: Vec::new(),
+    };
+    judge.session();
+    for (i, camera) in manifest.cameras.iter().enumerate() {
+        judge.camera(i, camera);
+    }
+    for i in 0..manifest.imus.len() {
+        judge.imu(i);
+    }
+    judge.offsets();
+    judge.rig();
+    for decoded in decoded.unwrap_or_default() {
+        let pictures = text::count(decoded.pictures, "picture");
+        let mut detail = format!("{pictures} decoded");
+        if let Some(problem) = &decoded.first_problem {
+            detail.push_str(&format!("; first: {problem}"));
+        }
+        let missing = decoded.missing as f64;
+        judge.find("camera.undecoded", &decoded.camera, missing, 0.0, &detail);
+    }
+    judge.findings
+}
+
+/// The verdict over all findings.
+pub fn overall(findings: &[Finding]) -> Verdict {
+    let worst = findings.iter().map(|f| f.verdict).max();
+    worst.unwrap_or(Verdict::Pass)
+}
+
+/// What is not a pass, the worst first.
+pub fn reasons(findings: &[Finding]) -> Vec<&Finding> {
+    let mut reasons: Vec<_> = findings
+        .iter()
+        .filter(|f| f.verdict != Verdict::Pass)
+        .collect();
+    reasons.sort_by_key(|f| std::cmp::Reverse(f.verdict));
+    reasons
+}
+
+struct Judge<'a> {
+    manifest: &'a Manifest,
+    facts: &'a Facts,
+    report: &'a Report,
+    limits: &'a Limits,
+    findings: Vec<Finding>,
+}
+
+impl Judge<'_> {
+    /// Adds a finding: `value` against the limits of `metric` for a stream with this nominal period
+    /// (ns; 0 where there is none).
+    fn find(&mut self, metric: &str, of: &str, value: f64, period_ns: f64, detail: &str) {
+        let Some(limit) = self.limits.of(metric) else {
+            return;
+        };
+        let (warn, fail) = limit.in_force(period_ns);
+        // A value that is no number is beyond every limit.
+        let verdict = if value > fail || value.is_nan() {
+            Verdict::Fail
+        } else if value > warn {
+            Verdict::Warn
+        } else {
+            Verdict::Pass
+        };
+        let crossed = match verdict {
+            Verdict::Pass => String::new(),
+            Verdict::Warn => format!(" (limit {})", limit.unit.show(warn)),
+            Verdict::Fail => format!(" (limit {})", limit.unit.show(fail)),
+        };
+        let detail = match detail {
+            "" => String::new(),
+            detail => format!(": {detail}"),
+        };
+        let shown = limit.unit.show(value);
+        self.findings.push(Finding {
+            metric: metric.to_owned(),
+            of: of.to_owned(),
+            verdict,
+            value,
+            warn: warn.is_finite().then_some(warn),
+            fail: fail.is_finite().then_some(fail),
+            unit: limit.unit.as_str().to_owned(),
+            text: format!("{of}: {} {shown}{crossed}{detail}", limit.title),
+        });
+    }
+
+    /// Soundness of the whole: damage, and whether the recorder closed it.
+    fn session(&mut self) {
+        let condition = Condition::of(self.manifest.state, self.report);
+        let faults = faults(self.report);
+        let damaged = condition == Condition::Damaged;
+        let mut detail = faults.join(", ");
+        if damaged {
+            detail.push_str("; `paws recover` makes a sound copy");
+        }
+        // An unclosed session may end in the middle of a chunk; that is no damage.
+        let count = if damaged { faults.len().max(1) } else { 0 };
+        let detail = if damaged { detail } else { String::new() };
+        self.find("session.damage", "session", count as f64, 0.0, &detail);
+        let detail = match self.report.closed {
+            true => "",
+            false => "it was cut off; `paws recover` closes a copy of it",
+        };
+        let open = f64::from(u8::from(!self.report.closed));
+        self.find("session.unclosed", "session", open, 0.0, detail);
+    }
+
+    fn camera(&mut self, i: usize, camera: &Camera) {
+        let (name, frames) = (camera.name.as_str(), &self.facts.cameras[i]);
+        let period = period_ns(camera.rate_hz);
+        let stream = self.stream(name);
+        self.missing("camera", name, &stream, "frame");
+        let cadence = Cadence::of(frames.iter().map(|f| f.sample));
+        self.rhythm("camera", name, &cadence, camera.rate_hz);
+        let bad = stream.bad_payloads + stream.repeated;
+        self.find("camera.bad", name, bad as f64, 0.0, "");
+        self.find("camera.frozen", name, longest_frozen(frames), period, "");
+        let sigma = median(&mut frames.iter().map(|f| f.sigma_ns).collect::<Vec<_>>());
+        self.sigma(name, sigma);
+        let eyes = ["left", "right"].map(|eye| format!("{name}/{eye}"));
+        let without = eyes.iter().filter(|eye| {
+            let calibration = self.facts.calibrations.get(*eye);
+            calibration.is_none_or(|c| c.k.first().is_none_or(|fx| *fx <= 0.0))
+        });
+        let without: Vec<_> = without.map(String::as_str).collect();
+        let detail = without.join(", ");
+        self.find(
+            "camera.calibration",
+            name,
+            without.len() as f64,
+            0.0,
+            &detail,
+        );
+    }
+
+    fn imu(&mut self, i: usize) {
+        let imu = &self.manifest.imus[i];
+        let (name, facts) = (imu.name.as_str(), &self.facts.imus[i]);
+        let stream = self.stream(name);
+        self.missing("imu", name, &stream, "sample");
+        let cadence = Cadence::of(facts.samples.iter().copied());
+        self.rhythm("imu", name, &cadence, imu.rate_hz);
+        let bad = stream.bad_payloads + stream.repeated;
+        self.find("imu.bad", name, bad as f64, 0.0, "");
+        let repeated = facts.repeated_ns as f64;
+        self.find("imu.repeated", name, repeated, 0.0, "");
+        self.sigma(name, median(&mut facts.sigmas_ns.clone()));
+    }
+
+    fn stream(&self, name: &str) -> StreamReport {
+        self.report.streams.get(name).cloned().unwrap_or_default()
+    }
+
+    /// Share of samples that should be there and are not.
+    fn missing(&mut self, kind: &str, name: &str, stream: &StreamReport, word: &str) {
+        let gone = stream.gaps.saturating_add(stream.lost);
+        let expected = stream.expected();
+        let (ratio, detail) = match (stream.samples, expected) {
+            (0, _) => (1.0, format!("not one {word} was recorded")),
+            (_, expected) if gone == 0 => (0.0, format!("{expected} {word}s")),
+            (_, expected) => (
+                gone as f64 / expected.max(1) as f64,
+                format!("{gone} of {}", text::count(expected, word)),
+            ),
+        };
+        self.find(&format!("{kind}.dropped"), name, ratio, 0.0, &detail);
+    }
+
+    fn rhythm(&mut self, kind: &str, name: &str, cadence: &Cadence, nominal_hz: f64) {
+        let nominal = period_ns(nominal_hz);
+        let start = self.facts.span().map_or(0, |(start, _)| start);
+        let at = (cadence.longest_gap_at - start) as f64 / 1e9;
+        let detail = match cadence.longest_gap_ns {
+            0 => String::new(),
+            _ => format!("{at:.2} s after the start"),
+        };
+        let gap = cadence.longest_gap_ns as f64;
+        self.find(&format!("{kind}.longest_gap"), name, gap, nominal, &detail);
+        let backwards = cadence.backwards as f64;
+        self.find(&format!("{kind}.non_monotonic"), name, backwards, 0.0, "");
+        if cadence.period_ns > 0.0 {
+            let metric = format!("{kind}.period_deviation");
+            self.find(&metric, name, cadence.deviation_ns, nominal, "");
+        }
+        if cadence.period_ns > 0.0 && nominal > 0.0 {
+            let rate = cadence.rate_hz();
+            let detail = format!("{rate:.2} Hz, nominal {nominal_hz:.2} Hz");
+            let off = (rate / nominal_hz - 1.0).abs();
+            self.find(&format!("{kind}.rate"), name, off, 0.0, &detail);
+        }
+    }
+
+    fn sigma(&mut self, name: &str, sigma_ns: Option<u64>) {
+        if let Some(sigma) = sigma_ns {
+            self.find("stream.clock_sigma", name, sigma as f64, 0.0, "");
+        }
+    }
+
+    /// How much later than the first stream each one starts, and how much earlier it ends.
+    fn offsets(&mut self) {
+        let Some((start, end)) = self.facts.span() else {
+            return;
+        };
+        let cameras = self.manifest.cameras.iter().map(|c| &c.name);
+        let camera_times = self.facts.cameras.iter().map(|frames| {
+            let times = frames.iter().map(|f| f.sample.time);
+            times.clone().min().zip(times.max())
+        });
+        let imus = self.manifest.imus.iter().map(|i| &i.name);
+        let imu_times = self.facts.imus.iter().map(|imu| {
+            let times = imu.samples.iter().map(|s| s.time);
+            times.clone().min().zip(times.max())
+        });
+        let streams = cameras.zip(camera_times).chain(imus.zip(imu_times));
+        for (name, times) in streams.collect::<Vec<_>>() {
+            if let Some((first, last)) = times {
+                let late = first.saturating_sub(start) as f64;
+                self.find("stream.start_offset", name, late, 0.0, "");
+                let early = end.saturating_sub(last) as f64;
+                self.find("stream.end_offset", name, early, 0.0, "");
+            }
+        }
+    }
+
+    /// What concerns several cameras: alignment, frame sets, places.
+    fn rig(&mut self) {
+        let cameras = &self.manifest.cameras;
+        let mut triggers: Vec<&String> =
+            cameras.iter().filter_map(|c| c.trigger.as_ref()).collect();
+        triggers.sort();
+        triggers.dedup();
+        for trigger in triggers {
+            let group: Vec<usize> = (0..cameras.len())
+                .filter(|i| cameras[*i].trigger.as_ref() == Some(trigger))
+                .collect();
+            let mut spreads: Vec<u64> = self
+                .facts
+                .sets
+                .iter()
+                .filter_map(|set| spread(&set.members, &group))
+                .collect();
+            if let Some(spread) = nearly_all(&mut spreads) {
+                let names: Vec<_> = group.iter().map(|i| cameras[*i].name.as_str()).collect();
+                let of = names.join(" and ");
+                self.find("rig.misalignment", &of, spread as f64, 0.0, "");
+            }
+        }
+        let slowest = cameras.iter().map(|c| period_ns(c.rate_hz));
+        let slowest = slowest.fold(0.0, f64::max);
+        let free = cameras
+            .iter()
+            .enumerate()
+            .filter(|(_, c)| c.trigger.is_none());
+        for (i, camera) in free {
+            let sets = self.facts.sets.iter();
+            let mut distances: Vec<u64> = sets
+                .filter_map(|set| {
+                    let own = set.members.iter().find(|m| m.0 == i)?;
+                    Some(own.1.abs_diff(set.time))
+                })
+                .collect();
+            if let Some(distance) = nearly_all(&mut distances) {
+                let distance = distance as f64;
+                self.find("rig.free_misalignment", &camera.name, distance, slowest, "");
+            }
+        }
+        if cameras.len() > 1 {
+            let without = if self.facts.sets.is_empty() {
+                cameras.len()
+            } else {
+                0
+            };
+            let detail = text::count(self.facts.sets.len() as u64, "frame set");
+            self.find("rig.frame_sets", "rig", without as f64, 0.0, &detail);
+        }
+        let unplaced: Vec<&str> = cameras
+            .iter()
+            .map(|c| c.name.as_str())
+            .filter(|name| !has_place(self.facts, name))
+            .collect();
+        let detail = unplaced.join(", ");
+        self.find("rig.transforms", "rig", unplaced.len() as f64, 0.0, &detail);
+    }
+}
+
+/// Whether some transform ties the camera's left eye, its reference, to the rig.
+fn has_place(facts: &Facts, camera: &str) -> bool {
+    let left = format!("{camera}/left");
+    let transforms = facts.transforms.iter().flat_map(|t| &t.transforms);
+    transforms
+        .into_iter()
+        .any(|t| t.child_frame_id == left || t.parent_frame_id == left)
+}
+
+fn period_ns(rate_hz: f64) -> f64 {
+    if rate_hz.is_finite() && rate_hz > 0.0 {
+        1e9 / rate_hz
+    } else {
+        0.0
+    }
+}
+
+/// Longest time over which the picture stayed what it was, ns: from the last good frame to the
+/// last frozen one.
+fn longest_frozen(frames: &[FrameFact]) -> f64 {
+    let mut longest = 0;
+    let mut fresh = None;
+    for frame in frames {
+        if !frame.frozen || fresh.is_none() {
+            fresh = Some(frame.sample.time);
+        }
+        if let (true, Some(since)) = (frame.frozen, fresh) {
+            // A recording that begins frozen: one nanosecond says that there is something.
+            longest = longest.max(frame.sample.time.saturating_sub(since).max(1));
+        }
+    }
+    longest as f64
+}
+
+/// Distance of the earliest from the latest member of a group, if two of them are in the set.
+fn spread(members: &[(usize, i64)], group: &[usize]) -> Option<u64> {
+    let times = members.iter().filter(|m| group.contains(&m.0)).map(|m| m.1);
+    let (first, last) = (times.clone().min()?, times.clone().max()?);
+    (times.count() > 1).then(|| last.abs_diff(first))
+}
+
+/// What is wrong with a session, each fault in words.
+pub fn faults(report: &Report) -> Vec<String> {
+    let mut faults = Vec::new();
+    faults.extend(report.manifest_note.clone());
+    if !report.missing_segments.is_empty() {
+        faults.push(format!("missing segments {:?}", report.missing_segments));
+    }
+    let bytes: u64 = report
+        .damage
+        .iter()
+        .map(|d| d.damage.bytes.end.saturating_sub(d.damage.bytes.start))
+        .sum();
+    if !report.damage.is_empty() {
+        let places = text::count(report.damage.len() as u64, "place");
+        faults.push(format!("{places} with damage ({})", text::bytes(bytes)));
+    }
+    if report.undecodable > 0 {
+        let messages = text::count(report.undecodable, "message");
+        faults.push(format!("{messages} that cannot be decoded"));
+    }
+    for (name, stream) in &report.streams {
+        for (n, what) in [
+            (stream.lost, "lost without a gap record"),
+            (stream.repeated, "twice"),
+            (stream.contradicted, "present against a gap record"),
+            (stream.bad_payloads, "with a bad payload"),
+        ] {
+            if n > 0 {
+                faults.push(format!("{name}: {} {what}", text::count(n, "sample")));
+            }
+        }
+    }
+    faults
+}

@@ -1,0 +1,93 @@
+//! Which session a verb is about: one of the library's, or any folder.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+
+use crate::catalogue::Row;
+use crate::find::is_session;
+use crate::library::{Library, SESSIONS};
+
+/// A session that a verb works on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Target {
+    /// Its folder.
+    pub folder: PathBuf,
+    /// The library that lists it, and its key there.
+    listed: Option<(PathBuf, String)>,
+}
+
+impl Target {
+    /// The session that a user means by `text`: a folder if it is one that holds a session, else
+    /// something that the library knows.
+    ///
+    /// # Errors
+    /// It is neither, or no library was given.
+    pub fn find(text: &str, library: Option<&Path>) -> Result<Self> {
+        let folder = Path::new(text);
+        if is_session(folder) {
+            let folder = folder
+                .canonicalize()
+                .with_context(|| format!("opening the session: {text}"))?;
+            return Ok(Self {
+                listed: listed(&folder),
+                folder,
+            });
+        }
+        if folder.is_dir() {
+            bail!("this folder holds no session: {text}");
+        }
+        let Some(root) = library else {
+            bail!(
+                "{text:?} is no folder, and to look for it in a library, --library or \
+                 PAWS_LIBRARY must say which"
+            );
+        };
+        let library = Library::open(root)?;
+        let key = library.find(text)?;
+        Ok(Self {
+            folder: library.folder(&key),
+            listed: Some((library.root().to_owned(), key)),
+        })
+    }
+
+    /// Whether a library lists it, so that derived files may be put beside it.
+    pub fn is_listed(&self) -> bool {
+        self.listed.is_some()
+    }
+
+    /// Its key in the library that lists it, with the library's folder.
+    pub fn key(&self) -> Option<(&Path, &str)> {
+        self.listed
+            .as_ref()
+            .map(|(root, key)| (root.as_path(), key.as_str()))
+    }
+
+    /// How to call it: its key, or its folder.
+    pub fn name(&self) -> String {
+        match &self.listed {
+            Some((_, key)) => key.clone(),
+            None => self.folder.display().to_string(),
+        }
+    }
+
+    /// Brings the catalogue of its library up to date.
+    ///
+    /// # Errors
+    /// The disk says no.
+    pub fn refresh(&self) -> Result<Option<Row>> {
+        match &self.listed {
+            Some((root, key)) => Library::open(root)?.refresh(key).map(Some),
+            None => Ok(None),
+        }
+    }
+}
+
+/// The library in whose `sessions/` a folder lies.
+fn listed(folder: &Path) -> Option<(PathBuf, String)> {
+    let key = folder.file_name()?.to_str()?;
+    let sessions = folder.parent()?;
+    let root = sessions.parent()?;
+    (sessions.file_name()? == SESSIONS && root.join(crate::library::CATALOGUE).is_file())
+        .then(|| (root.to_owned(), key.to_owned()))
+}

@@ -1,0 +1,313 @@
+//! `validation.json`: the verdict on a session, what it rests on, and a summary.
+//!
+//! It holds no time of its own making, so validating the same session with the same limits gives
+//! the same bytes, and a hand-off that sealed them stays valid. It is derived: it can be deleted and
+//! made again at any time.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use serde::{Deserialize, Serialize};
+use session_archive::handoff::Verdict;
+use session_archive::layout;
+use session_archive::manifest::Manifest;
+use session_archive::reader::SessionReader;
+use session_archive::record::paws;
+use session_archive::storage::{self, DiskStorage};
+use session_archive::time::HostTime;
+use session_archive::verify::Report;
+
+use crate::cadence::Cadence;
+use crate::examine::Examination;
+use crate::facts::{Facts, Sample};
+use crate::quality::{Finding, overall, reasons};
+
+/// File name of the HTML report in the session's folder.
+pub const REPORT: &str = "report.html";
+const FORMAT: &str = "paws-validation";
+const VERSION: u32 = 1;
+/// Events listed in a summary; a button that chatters must not fill it.
+const MOST_EVENTS: usize = 200;
+
+/// What a validation looked at. If this is still so, it still holds.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Basis {
+    /// BLAKE3 of the manifest, hex; empty if there is none.
+    pub manifest_blake3: String,
+    /// Number and length of every segment file.
+    pub segments: Vec<(u32, u64)>,
+}
+
+/// One numbered stream in short.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StreamSummary {
+    /// The camera or IMU.
+    pub name: String,
+    /// Samples present.
+    pub samples: u64,
+    /// Samples missing, accounted for or not.
+    pub missing: u64,
+    /// Measured rate.
+    pub rate_hz: f64,
+    /// Bytes of compressed pictures; 0 for an IMU.
+    pub bytes: u64,
+}
+
+/// Samples missing in one stream for one cause.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Loss {
+    /// The stream.
+    pub stream: String,
+    /// Why, as in `encoder overload`; `no record` where the recorder did not know of it.
+    pub cause: String,
+    /// Samples.
+    pub samples: u64,
+    /// Gaps that they are in.
+    pub gaps: u64,
+}
+
+/// Something that happened.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct EventLine {
+    /// When, ns after the first sample.
+    pub after_ns: i64,
+    /// As in `mark`.
+    pub kind: String,
+    /// Who caused it.
+    pub source: String,
+    /// For people.
+    pub text: String,
+}
+
+/// A session in short, for showing it without reading it again.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Time of the first sample.
+    pub start: HostTime,
+    /// Time of the last sample.
+    pub end: HostTime,
+    /// Cameras, then IMUs.
+    pub streams: Vec<StreamSummary>,
+    /// Frame sets recorded.
+    pub frame_sets: u64,
+    /// Frame sets with a frame of every camera.
+    pub complete_sets: u64,
+    /// What is missing, by stream and cause.
+    pub losses: Vec<Loss>,
+    /// What happened, at most 200 lines.
+    pub events: Vec<EventLine>,
+    /// Events left out.
+    pub more_events: u64,
+}
+
+/// The whole document.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Validation {
+    format: String,
+    version: u32,
+    /// What validated.
+    pub software: String,
+    /// The session.
+    pub session_id: String,
+    /// The verdict.
+    pub verdict: Verdict,
+    /// Why it is no better, the worst first.
+    pub reasons: Vec<String>,
+    /// Whether every picture was decoded.
+    pub deep: bool,
+    /// What was looked at.
+    pub basis: Basis,
+    /// The session in short.
+    pub summary: Summary,
+    /// Every metric.
+    pub findings: Vec<Finding>,
+    /// The check of every byte.
+    pub report: Report,
+}
+
+impl Basis {
+    /// What a session is now.
+    ///
+    /// # Errors
+    /// The disk says no.
+    pub fn of(reader: &SessionReader) -> io::Result<Self> {
+        let storage = reader.storage();
+        let manifest = match storage::read_all(&**storage, layout::MANIFEST) {
+            Ok(bytes) => blake3::hash(&bytes).to_hex().to_string(),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => String::new(),
+            Err(e) => return Err(e),
+        };
+        let mut segments = Vec::new();
+        for number in reader.segment_numbers() {
+            match storage.open(&layout::segment(number)) {
+                Ok(file) => segments.push((number, file.len()?)),
+                Err(e) if e.kind() == io::ErrorKind::NotFound => {}
+                Err(e) => return Err(e),
+            }
+        }
+        Ok(Self {
+            manifest_blake3: manifest,
+            segments,
+        })
+    }
+}
+
+impl Validation {
+    /// Puts a document together.
+    pub fn new(
+        manifest: &Manifest,
+        basis: Basis,
+        found: &Examination,
+        findings: Vec<Finding>,
+        deep: bool,
+    ) -> Self {
+        Self {
+            format: FORMAT.to_owned(),
+            version: VERSION,
+            software: crate::SOFTWARE.to_owned(),
+            session_id: manifest.session_id.clone(),
+            verdict: overall(&findings),
+            reasons: reasons(&findings).iter().map(|f| f.text.clone()).collect(),
+            deep,
+            basis,
+            summary: Summary::of(manifest, found),
+            findings,
+            report: found.report.clone(),
+        }
+    }
+
+    /// The document in a session's folder.
+    ///
+    /// # Errors
+    /// There is none, or it is of another version.
+    pub fn read(folder: &Path) -> Result<Self> {
+        let path = folder.join(layout::VALIDATION);
+        let reading = || format!("reading the validation: {}", path.display());
+        let text = fs::read(&path).with_context(reading)?;
+        let validation: Self = serde_json::from_slice(&text).with_context(reading)?;
+        ensure!(
+            validation.format == FORMAT && validation.version == VERSION,
+            "{}: found {} version {}, expected {FORMAT} version {VERSION}",
+            reading(),
+            validation.format,
+            validation.version
+        );
+        Ok(validation)
+    }
+
+    /// The document as the bytes of `validation.json`.
+    ///
+    /// # Errors
+    /// Memory is exhausted.
+    pub fn to_bytes(&self) -> io::Result<Vec<u8>> {
+        let mut text = serde_json::to_vec_pretty(self).map_err(io::Error::other)?;
+        text.push(b'\n');
+        Ok(text)
+    }
+
+    /// Writes the document into a session's folder.
+    ///
+    /// # Errors
+    /// The disk says no.
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        let storage = DiskStorage::new(folder);
+        self.to_bytes()
+            .and_then(|text| storage::replace(&storage, layout::VALIDATION, &text))
+            .with_context(|| format!("writing the validation: {}", folder.display()))
+    }
+
+    /// Whether it is about this session as it is now.
+    pub fn is_fresh(&self, reader: &SessionReader) -> bool {
+        self.session_id == reader.manifest().session_id
+            && Basis::of(reader).is_ok_and(|basis| basis == self.basis)
+    }
+
+    /// Whether anything that was to be recorded is not there.
+    pub fn has_loss(&self) -> bool {
+        !self.report.is_sound() || self.summary.streams.iter().any(|s| s.missing > 0)
+    }
+}
+
+impl Summary {
+    fn of(manifest: &Manifest, found: &Examination) -> Self {
+        let (facts, report) = (&found.facts, &found.report);
+        let (start, end) = facts.span().unwrap_or_default();
+        let stream = |name: &str, cadence: Cadence, bytes: u64| {
+            let counted = report.streams.get(name).cloned().unwrap_or_default();
+            StreamSummary {
+                name: name.to_owned(),
+                samples: counted.samples,
+                missing: counted.gaps.saturating_add(counted.lost),
+                rate_hz: cadence.rate_hz(),
+                bytes,
+            }
+        };
+        let cameras = manifest.cameras.iter().zip(&facts.cameras);
+        let cameras = cameras.map(|(camera, frames)| {
+            let samples: Vec<Sample> = frames.iter().map(|f| f.sample).collect();
+            let bytes = frames.iter().map(|f| u64::from(f.bytes)).sum();
+            stream(&camera.name, Cadence::of(samples.into_iter()), bytes)
+        });
+        let imus = manifest.imus.iter().zip(&facts.imus).map(|(imu, facts)| {
+            let samples = facts.samples.iter().copied();
+            stream(&imu.name, Cadence::of(samples), 0)
+        });
+        let complete = facts
+            .sets
+            .iter()
+            .filter(|s| s.members.len() == manifest.cameras.len());
+        let events = facts.events.iter().take(MOST_EVENTS).map(|(time, event)| {
+            let kind = paws::event::Kind::try_from(event.kind).unwrap_or_default();
+            EventLine {
+                after_ns: time.0.saturating_sub(start),
+                kind: words(kind.as_str_name(), "KIND_"),
+                source: event.source.clone(),
+                text: event.text.clone(),
+            }
+        });
+        Self {
+            start: HostTime(start),
+            end: HostTime(end),
+            streams: cameras.chain(imus).collect(),
+            frame_sets: facts.sets.len() as u64,
+            complete_sets: complete.count() as u64,
+            losses: losses(facts, report),
+            events: events.collect(),
+            more_events: facts.events.len().saturating_sub(MOST_EVENTS) as u64,
+        }
+    }
+}
+
+fn losses(facts: &Facts, report: &Report) -> Vec<Loss> {
+    let mut by_cause: BTreeMap<(&str, String), (u64, u64)> = BTreeMap::new();
+    let noted = facts.gaps.iter().map(|gap| {
+        let cause = paws::gap::Cause::try_from(gap.cause).unwrap_or_default();
+        let cause = words(cause.as_str_name(), "CAUSE_");
+        (gap.stream.as_str(), cause, gap.count())
+    });
+    let lost = report.lost.iter().map(|lost| {
+        let samples = lost.last.saturating_sub(lost.first).saturating_add(1);
+        (lost.stream.as_str(), "no record".to_owned(), samples)
+    });
+    for (stream, cause, samples) in noted.chain(lost) {
+        let sum = by_cause.entry((stream, cause)).or_default();
+        (sum.0, sum.1) = (sum.0.saturating_add(samples), sum.1 + 1);
+    }
+    let losses = by_cause.into_iter();
+    let losses = losses.map(|((stream, cause), (samples, gaps))| Loss {
+        stream: stream.to_owned(),
+        cause,
+        samples,
+        gaps,
+    });
+    losses.collect()
+}
+
+/// `CAUSE_ENCODER_OVERLOAD` as `encoder overload`.
+pub(crate) fn words(name: &str, prefix: &str) -> String {
+    let name = name.strip_prefix(prefix).unwrap_or(name);
+    name.to_lowercase().replace('_', " ")
+}

@@ -1,0 +1,375 @@
+//! Validation: a good session passes, and every fault is found, named and weighed.
+
+use std::fs;
+use std::path::Path;
+
+use collector::limits::TABLE;
+use collector::validate::{Options, Validated, validate};
+use session_archive::handoff::Verdict::{Fail, Pass, Warn};
+
+use crate::support::{MS, Session, capture};
+
+fn validated(folder: &Path) -> Validated {
+    let options = Options::default();
+    capture(|console| validate(folder, &options, console))
+        .0
+        .unwrap()
+}
+
+/// Validates a spoiled session; gives what is not a pass, as (verdict, metric, stream).
+fn beyond(
+    seconds: f64,
+    spoil: impl FnOnce(&mut Session),
+) -> Vec<(session_archive::handoff::Verdict, String, String)> {
+    let folder = tempfile::tempdir().unwrap();
+    let mut session = Session::good(seconds);
+    spoil(&mut session);
+    session.write(folder.path());
+    beyond_in(folder.path())
+}
+
+fn beyond_in(folder: &Path) -> Vec<(session_archive::handoff::Verdict, String, String)> {
+    let validation = validated(folder).validation;
+    let findings = validation.findings.into_iter();
+    findings
+        .filter(|f| f.verdict != Pass)
+        .map(|f| (f.verdict, f.metric, f.of))
+        .collect()
+}
+
+fn expect(
+    found: &[(session_archive::handoff::Verdict, String, String)],
+    expected: &[(session_archive::handoff::Verdict, &str, &str)],
+) {
+    let found: Vec<_> = found
+        .iter()
+        .map(|(v, m, o)| (*v, m.as_str(), o.as_str()))
+        .collect();
+    assert_eq!(found, expected);
+}
+
+#[test]
+fn a_good_session_passes_with_every_metric_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    Session::good(3.0).write(folder.path());
+    let validation = validated(folder.path()).validation;
+    assert_eq!(validation.verdict, Pass, "{:?}", validation.reasons);
+    for row in TABLE.iter().filter(|row| row.metric != "camera.undecoded") {
+        let measured = validation.findings.iter().any(|f| f.metric == row.metric);
+        assert!(measured, "{} was not measured", row.metric);
+    }
+    let of = |metric: &str, of: &str| {
+        let mut findings = validation.findings.iter();
+        findings
+            .find(|f| f.metric == metric && f.of == of)
+            .unwrap()
+            .value
+    };
+    assert_eq!(of("camera.longest_gap", "left_shoulder"), 33_333_333.0);
+    assert_eq!(
+        of("rig.misalignment", "left_shoulder and right_shoulder"),
+        20_000.0
+    );
+    assert_eq!(of("rig.free_misalignment", "feet"), 12.0e6);
+    assert_eq!(of("stream.start_offset", "feet"), 12.0e6);
+}
+
+#[test]
+fn the_same_session_gives_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    Session::good(1.0).write(folder.path());
+    let bytes = || validated(folder.path()).validation.to_bytes().unwrap();
+    assert_eq!(bytes(), bytes());
+}
+
+#[test]
+fn missing_frames_are_weighed() {
+    // 1 of 300 is more than 0.1 %, and the gap of two periods is fine.
+    let found = beyond(10.0, |s| s.drop_frames(0, 200, 200, true));
+    expect(&found, &[(Warn, "camera.dropped", "left_shoulder")]);
+    let found = beyond(10.0, |s| s.drop_frames(0, 200, 204, true));
+    expect(
+        &found,
+        &[
+            (Fail, "camera.dropped", "left_shoulder"),
+            (Warn, "camera.longest_gap", "left_shoulder"),
+        ],
+    );
+    // The slower camera: three lost make 267 ms.
+    let found = beyond(10.0, |s| s.drop_frames(2, 150, 152, true));
+    expect(
+        &found,
+        &[
+            (Fail, "camera.dropped", "feet"),
+            (Fail, "camera.longest_gap", "feet"),
+        ],
+    );
+}
+
+#[test]
+fn frames_lost_without_a_note_are_damage() {
+    let found = beyond(10.0, |s| s.drop_frames(0, 200, 200, false));
+    expect(
+        &found,
+        &[
+            (Fail, "session.damage", "session"),
+            (Warn, "camera.dropped", "left_shoulder"),
+        ],
+    );
+}
+
+#[test]
+fn a_camera_that_gave_nothing_fails() {
+    let found = beyond(2.0, |s| s.pictures.retain(|p| p.camera != 2));
+    assert!(
+        found.contains(&(Fail, "camera.dropped".into(), "feet".into())),
+        "{found:?}"
+    );
+}
+
+#[test]
+fn irregular_frames() {
+    // Every tenth frame of the device is late.
+    let jitter = |late: i64| {
+        beyond(5.0, move |s| {
+            for frame in s.frames(2).filter(|f| f.number % 10 == 5) {
+                frame.device_ticks += late;
+                frame.time += late;
+            }
+        })
+    };
+    expect(&jitter(200_000), &[]);
+    expect(
+        &jitter(300_000),
+        &[(Warn, "camera.period_deviation", "feet")],
+    );
+    expect(
+        &jitter(600_000),
+        &[(Fail, "camera.period_deviation", "feet")],
+    );
+    // A clock map that is refined moves times, not the camera.
+    let refined = beyond(5.0, |s| {
+        for frame in s.frames(2).filter(|f| f.number > 110) {
+            frame.time -= MS;
+        }
+    });
+    expect(&refined, &[]);
+}
+
+#[test]
+fn a_camera_at_half_its_rate_fails() {
+    let found = beyond(5.0, |s| s.spec.cameras[2].rate_hz = 30.0);
+    expect(&found, &[(Fail, "camera.rate", "feet")]);
+    let found = beyond(5.0, |s| s.spec.cameras[2].rate_hz = 15.6);
+    expect(&found, &[(Warn, "camera.rate", "feet")]);
+}
+
+#[test]
+fn times_that_do_not_rise() {
+    let found = beyond(3.0, |s| {
+        let frame = s.frames(2).nth(5).unwrap();
+        frame.time -= 67 * MS;
+    });
+    expect(&found, &[(Fail, "camera.non_monotonic", "feet")]);
+    let found = beyond(3.0, |s| s.imu[5].times[7] = s.imu[5].times[6]);
+    expect(&found, &[(Fail, "imu.non_monotonic", "feet/imu")]);
+}
+
+#[test]
+fn frozen_pictures() {
+    let freeze = |n: u64| {
+        beyond(4.0, move |s| {
+            for frame in s.frames(2).filter(|f| (110..110 + n).contains(&f.number)) {
+                frame.frozen = true;
+            }
+        })
+    };
+    expect(&freeze(1), &[(Warn, "camera.frozen", "feet")]);
+    expect(&freeze(20), &[(Fail, "camera.frozen", "feet")]);
+}
+
+#[test]
+fn a_bad_payload_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut session = Session::good(2.0);
+    // The same number twice: the second is refused.
+    let twice = session.pictures[7].clone();
+    session.pictures.insert(8, twice);
+    session.write(folder.path());
+    let found = beyond_in(folder.path());
+    assert!(
+        found.contains(&(Fail, "camera.bad".into(), "left_shoulder".into())),
+        "{found:?}"
+    );
+}
+
+#[test]
+fn damage_and_a_cut_are_told_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut session = Session::with_units(3.0, 1000);
+    session.closed = false;
+    session.write(folder.path());
+    expect(
+        &beyond_in(folder.path()),
+        &[(Warn, "session.unclosed", "session")],
+    );
+    let segment = folder.path().join("segments/000000.mcap");
+    let mut bytes = fs::read(&segment).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&segment, bytes).unwrap();
+    let found = beyond_in(folder.path());
+    assert!(
+        found.contains(&(Fail, "session.damage".into(), "session".into())),
+        "{found:?}"
+    );
+}
+
+#[test]
+fn cameras_that_are_not_aligned() {
+    let late = |ns: i64| {
+        beyond(3.0, move |s| {
+            for frame in s.frames(1) {
+                frame.time += ns;
+            }
+            for set in &mut s.sets {
+                for member in set
+                    .members
+                    .iter_mut()
+                    .filter(|m| m.camera == "right_shoulder")
+                {
+                    member.time += ns;
+                }
+            }
+        })
+    };
+    let of = "left_shoulder and right_shoulder";
+    expect(&late(200_000), &[]);
+    expect(&late(300_000), &[(Warn, "rig.misalignment", of)]);
+    expect(&late(600_000), &[(Fail, "rig.misalignment", of)]);
+    let apart = |ns: i64| {
+        beyond(3.0, move |s| {
+            for set in &mut s.sets {
+                for member in set.members.iter_mut().filter(|m| m.camera == "feet") {
+                    member.time = set.time + ns;
+                }
+            }
+        })
+    };
+    expect(&apart(33 * MS), &[]);
+    expect(&apart(40 * MS), &[(Warn, "rig.free_misalignment", "feet")]);
+    expect(&apart(70 * MS), &[(Fail, "rig.free_misalignment", "feet")]);
+}
+
+#[test]
+fn imu_faults() {
+    let without = |numbers: std::ops::Range<usize>| {
+        beyond(4.0, move |s| {
+            let gone = s.imu.drain(numbers).collect::<Vec<_>>();
+            s.gaps.push(session_archive::record::Gap {
+                stream: "feet/imu".to_owned(),
+                first: gone[0].first_number,
+                last: gone[gone.len() - 1].first_number + 19,
+                cause: 1,
+                time_before: Some(gone[0].times[0] - 5 * MS),
+                ..Default::default()
+            });
+        })
+    };
+    expect(
+        &without(10..11),
+        &[
+            (Fail, "imu.dropped", "feet/imu"),
+            (Fail, "imu.longest_gap", "feet/imu"),
+        ],
+    );
+    let late = |ticks: i64| {
+        beyond(4.0, move |s| {
+            for batch in &mut s.imu {
+                batch.device_ticks[3] += ticks;
+            }
+        })
+    };
+    // One tick is 39 us.
+    expect(&late(2), &[]);
+    expect(&late(4), &[(Warn, "imu.period_deviation", "feet/imu")]);
+    expect(&late(6), &[(Fail, "imu.period_deviation", "feet/imu")]);
+    let found = beyond(4.0, |s| s.spec.imus[0].rate_hz = 400.0);
+    expect(&found, &[(Warn, "imu.rate", "feet/imu")]);
+    let found = beyond(4.0, |s| {
+        for batch in &mut s.imu[4..8] {
+            batch.gyro_counts = vec![7; 60];
+            batch.accel_counts = vec![9; 60];
+        }
+    });
+    expect(&found, &[(Warn, "imu.repeated", "feet/imu")]);
+    let found = beyond(4.0, |s| s.imu[3].first_number = 0);
+    assert!(
+        found.contains(&(Fail, "imu.bad".into(), "feet/imu".into())),
+        "{found:?}"
+    );
+}
+
+#[test]
+fn streams_that_start_late_or_end_early() {
+    let found = beyond(5.0, |s| {
+        s.pictures
+            .retain(|p| p.camera != 2 || p.frame.number >= 130);
+    });
+    assert!(
+        found.contains(&(Warn, "stream.start_offset".into(), "feet".into())),
+        "{found:?}"
+    );
+    let found = beyond(5.0, |s| {
+        s.pictures.retain(|p| p.camera != 2 || p.frame.number < 125);
+    });
+    expect(&found, &[(Fail, "stream.end_offset", "feet")]);
+}
+
+#[test]
+fn doubtful_clocks_and_missing_descriptions() {
+    let sigma = |ns: u64| beyond(2.0, move |s| s.frames(2).for_each(|f| f.sigma_ns = ns));
+    expect(&sigma(3_000_000), &[(Warn, "stream.clock_sigma", "feet")]);
+    expect(&sigma(30_000_000), &[(Fail, "stream.clock_sigma", "feet")]);
+    let found = beyond(2.0, |s| {
+        s.calibrations.remove("feet/right");
+    });
+    expect(&found, &[(Warn, "camera.calibration", "feet")]);
+    let found = beyond(2.0, |s| s.transforms = None);
+    expect(&found, &[(Warn, "rig.transforms", "rig")]);
+    let found = beyond(2.0, |s| s.sets.clear());
+    expect(&found, &[(Warn, "rig.frame_sets", "rig")]);
+}
+
+#[test]
+fn limits_can_be_moved() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut session = Session::good(10.0);
+    session.drop_frames(0, 200, 200, true);
+    session.write(folder.path());
+    let mut options = Options::default();
+    options.limits.set("camera.dropped=0.02,0.05").unwrap();
+    let moved = capture(|console| validate(folder.path(), &options, console)).0;
+    assert_eq!(moved.unwrap().validation.verdict, Pass);
+}
+
+#[test]
+fn the_summary_tells_losses_by_cause_and_events() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut session = Session::good(4.0);
+    session.drop_frames(0, 120, 121, true);
+    session.drop_frames(0, 140, 140, true);
+    session.write(folder.path());
+    let summary = validated(folder.path()).validation.summary;
+    assert_eq!(summary.losses.len(), 1);
+    let loss = &summary.losses[0];
+    assert_eq!((loss.samples, loss.gaps), (3, 2));
+    assert_eq!(loss.cause, "encoder overload");
+    let marks: Vec<_> = summary
+        .events
+        .iter()
+        .map(|e| (e.kind.as_str(), e.after_ns))
+        .collect();
+    assert_eq!(marks, [("start", 0), ("mark", 2000 * MS)]);
+    assert_eq!(summary.streams[0].missing, 3);
+}
