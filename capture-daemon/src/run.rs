@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context as _;
+use session_archive::time::HostTime;
 
 use crate::config::Config;
 use crate::recorder::OnProgress;
@@ -81,11 +82,25 @@ pub fn record(
     stop: &StopFlag,
     on_progress: OnProgress,
 ) -> anyhow::Result<Finished> {
+    record_built(|start| build(config, start), options, stop, on_progress)
+}
+
+/// As [`record`], with sources and set-ups of the caller's: `build` is given the time at which
+/// scheduled sources are to begin.
+///
+/// # Errors
+/// As for [`record`].
+pub fn record_built(
+    build: impl FnOnce(HostTime) -> anyhow::Result<Built>,
+    options: &RecordOptions,
+    stop: &StopFlag,
+    on_progress: OnProgress,
+) -> anyhow::Result<Finished> {
     std::fs::create_dir_all(&options.out)
         .with_context(|| format!("creating the folder for sessions {}", options.out.display()))?;
     if options.virtual_time {
-        virtual_time::record(config, options, stop, on_progress)
+        virtual_time::record(build, options, stop, on_progress)
     } else {
-        real_time::record(config, options, stop, on_progress)
+        real_time::record(build, options, stop, on_progress)
     }
 }

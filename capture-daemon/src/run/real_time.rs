@@ -80,13 +80,13 @@ struct Running {
 
 impl Running {
     fn start(
-        config: &Config,
+        build: impl FnOnce(HostTime) -> anyhow::Result<Built>,
         out: std::path::PathBuf,
         record: Option<String>,
         on_progress: OnProgress,
     ) -> anyhow::Result<Self> {
         let clock = Arc::new(RealClock);
-        let Built { mut sources, cameras, setup } = build(config, clock.now())?;
+        let Built { mut sources, cameras, setup } = build(clock.now())?;
         let start = clock.now() + LEAD_NS;
         for source in &mut sources {
             source.begin_at(start);
@@ -308,7 +308,7 @@ fn run_recorder(mut recorder: Recorder, shared: &Shared) {
 }
 
 pub(super) fn record(
-    config: &Config,
+    build: impl FnOnce(HostTime) -> anyhow::Result<Built>,
     options: &RecordOptions,
     stop: &StopFlag,
     mut on_progress: OnProgress,
@@ -324,7 +324,7 @@ pub(super) fn record(
         on_progress(progress);
     });
     let running =
-        Running::start(config, options.out.clone(), Some(options.name.clone()), watch)?;
+        Running::start(build, options.out.clone(), Some(options.name.clone()), watch)?;
     let shared = running.shared.clone();
     let end = shared.clock.now() + LEAD_NS + (options.seconds * NS_PER_S as f64) as i64;
     let is_finished = || finished.lock().unwrap_or_else(PoisonError::into_inner).is_some();
@@ -368,7 +368,7 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         ),
         Progress::Durable { .. } | Progress::Alarm { .. } => {}
     });
-    let running = Running::start(config, out, None, log_progress)?;
+    let running = Running::start(|start| build(config, start), out, None, log_progress)?;
     let of_control = running.shared.clone();
     let server = control::serve(&config.control.socket, move |request| {
         ask(&of_control, request, "control")

@@ -9,11 +9,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use anyhow::{anyhow, bail};
 use session_archive::time::{CivilTime, HostTime, NS_PER_S};
 
-use super::build::{Built, build};
+use super::build::Built;
 use super::store::FolderStore;
 use super::{Finished, RecordOptions, StopFlag};
 use crate::clock::VirtualClock;
-use crate::config::Config;
 use crate::hub::{Hub, Out, Outgoing};
 use crate::recorder::{OnProgress, Recorder};
 use crate::sources::Sample;
@@ -27,12 +26,12 @@ const CIVIL: CivilTime = CivilTime(1_767_225_600 * NS_PER_S);
 const TICK_NS: i64 = 100_000_000;
 
 pub(super) fn record(
-    config: &Config,
+    build: impl FnOnce(HostTime) -> anyhow::Result<Built>,
     options: &RecordOptions,
     stop: &StopFlag,
     mut on_progress: OnProgress,
 ) -> anyhow::Result<Finished> {
-    let Built { mut sources, cameras, setup } = build(config, START)?;
+    let Built { mut sources, cameras, setup } = build(START)?;
     let clock = Arc::new(VirtualClock::new(START, CIVIL));
     let finished: Arc<Mutex<Option<Finished>>> = Arc::default();
     let seen = finished.clone();
@@ -44,7 +43,7 @@ pub(super) fn record(
         }
         on_progress(progress);
     });
-    let store = FolderStore::new(options.out.clone(), Box::new(|| [0; 10]));
+    let store = FolderStore::reproducible(options.out.clone());
     let chunk_ns = setup.chunk_ns;
     let recorder =
         Recorder::new(setup, clock.clone(), Box::new(store), Box::new(|| 0), watch);
