@@ -71,6 +71,15 @@ impl SequenceTracker {
         if first > last || self.next.is_some_and(|next| last < next) {
             return;
         }
+        // A stream that only drops makes one report that grows.
+        if let Some((_, before)) = self.reports.range_mut(..=first).next_back()
+            && before.cause == cause
+            && before.detail == detail
+            && before.last.saturating_add(1) >= first
+        {
+            before.last = before.last.max(last);
+            return;
+        }
         let report = Report {
             last,
             cause,
@@ -92,8 +101,9 @@ impl SequenceTracker {
         let last = self.reports.values().map(|r| r.last).max();
         match last {
             Some(last) if last >= next => {
-                self.next = Some(last + 1);
-                self.fill(next, last + 1, None)
+                let end = last.saturating_add(1);
+                self.next = Some(end);
+                self.fill(next, end, None)
             }
             _ => Vec::new(),
         }
@@ -147,13 +157,29 @@ impl SequenceTracker {
 
 /// A number that falls back by more than this did not come late: the device counts anew.
 const REORDER: u64 = 64;
+/// So it does if this many in a row fall back but follow each other.
+const RESTART_RUN: u32 = 4;
+/// A number that leaps ahead by more than this is no loss, which would have lasted for hours, but
+/// a wrong number or a new count.
+const LEAP: u64 = 1 << 20;
 
-/// Unwraps a device's counter into numbers that only grow.
+/// Unwraps a device's counter into numbers that only grow, whatever the device does to it.
+///
+/// A *late or repeated* number comes out as it is, not above the newest. After a *restart* the
+/// numbers go on right behind the newest, for nobody knows how many are missing.
 #[derive(Clone, Debug, Default)]
 pub struct Renumber {
     bits: Option<u8>,
-    offset: u64,
-    newest: Option<u64>,
+    newest: Option<Numbers>,
+    /// The last number that fell back, and how many in a row did.
+    behind: Option<(u64, u32)>,
+}
+
+/// The device's number and ours.
+#[derive(Clone, Copy, Debug)]
+struct Numbers {
+    raw: u64,
+    ours: u64,
 }
 
 /// A number that came out of [`Renumber`].
@@ -166,7 +192,8 @@ pub struct Numbered {
 }
 
 impl Renumber {
-    /// For a counter of `bits` bits (none: it never wraps).
+    /// For a counter of `bits` bits (none: it never wraps). A wrap is seen if fewer than half a
+    /// turn is lost.
     pub fn new(bits: Option<u8>) -> Self {
         Self {
             bits: bits.filter(|b| (1..64).contains(b)),
@@ -176,41 +203,40 @@ impl Renumber {
 
     /// The stream's number of the device's number.
     pub fn number(&mut self, raw: u64) -> Numbered {
-        let number = raw.saturating_add(self.offset);
         let Some(newest) = self.newest else {
-            self.newest = Some(number);
-            return Numbered {
-                number,
-                restarted: false,
-            };
+            return self.goes_on(raw, raw, false);
         };
-        if number.saturating_add(REORDER) > newest {
-            self.newest = Some(newest.max(number));
-            return Numbered {
-                number,
-                restarted: false,
-            };
+        let ahead = raw.wrapping_sub(newest.raw);
+        let ahead = self.bits.map_or(ahead, |bits| ahead & ((1 << bits) - 1));
+        let turn = self.bits.map_or(0, |bits| 1 << bits);
+        let back = u64::wrapping_sub(turn, ahead);
+        if ahead != 0 && ahead <= LEAP && (turn == 0 || ahead < turn / 2) {
+            return self.goes_on(raw, newest.ours.saturating_add(ahead), false);
         }
-        let turn = self.bits.map(|b| 1_u64 << b);
-        let wrapped = turn.map(|t| number.saturating_add(t));
-        // A wrap continues within half a turn; anything else is a restart.
-        if let (Some(wrapped), Some(turn)) = (wrapped, turn)
-            && wrapped > newest
-            && wrapped - newest < turn / 2
-        {
-            self.offset = self.offset.saturating_add(turn);
-            self.newest = Some(wrapped);
-            return Numbered {
-                number: wrapped,
-                restarted: false,
+        if ahead == 0 || back < REORDER {
+            let run = match self.behind {
+                Some((last, run)) if raw == last.wrapping_add(1) => run + 1,
+                _ => 1,
             };
+            self.behind = Some((raw, run));
+            if run < RESTART_RUN {
+                let back = if ahead == 0 { 0 } else { back };
+                let number = newest.ours.saturating_sub(back);
+                return Numbered {
+                    number,
+                    restarted: false,
+                };
+            }
         }
-        let number = newest.saturating_add(1);
-        self.offset = number.saturating_sub(raw);
-        self.newest = Some(number);
+        self.goes_on(raw, newest.ours.saturating_add(1), true)
+    }
+
+    fn goes_on(&mut self, raw: u64, ours: u64, restarted: bool) -> Numbered {
+        self.newest = Some(Numbers { raw, ours });
+        self.behind = None;
         Numbered {
-            number,
-            restarted: true,
+            number: ours,
+            restarted,
         }
     }
 }
@@ -300,49 +326,65 @@ mod tests {
     }
 
     #[test]
-    fn counters_wrap_and_restart() {
-        let mut plain = Renumber::new(None);
-        let mut numbers = |raw| plain.number(raw);
-        assert_eq!(
-            numbers(1000),
-            Numbered {
-                number: 1000,
-                restarted: false
-            }
-        );
-        assert_eq!(
-            numbers(998),
-            Numbered {
-                number: 998,
-                restarted: false
-            }
-        );
-        assert_eq!(numbers(1001).number, 1001);
-        assert_eq!(
-            numbers(0),
-            Numbered {
-                number: 1002,
-                restarted: true
-            }
-        );
-        assert_eq!(
-            numbers(3),
-            Numbered {
-                number: 1005,
-                restarted: false
-            }
-        );
+    fn a_stream_that_only_drops_makes_one_report() {
+        let mut tracker = SequenceTracker::new("feet");
+        tracker.samples(0, 1, t(0), t(0));
+        for n in 1..10_000 {
+            tracker.dropped(n, n, Cause::EncoderOverload, "full");
+        }
+        assert_eq!(tracker.reports.len(), 1);
+        let expected = [(1, 9999, Cause::EncoderOverload)];
+        assert_eq!(ranges(&tracker.finish()), expected);
+    }
 
-        let mut narrow = Renumber::new(Some(8));
-        assert_eq!(narrow.number(250).number, 250);
-        assert_eq!(narrow.number(255).number, 255);
-        assert_eq!(
-            narrow.number(2),
-            Numbered {
-                number: 258,
-                restarted: false
+    /// Feeds raw numbers; numbers as they come out, restarts negated.
+    fn renumbered(bits: Option<u8>, raw: &[u64]) -> Vec<i64> {
+        let mut numbers = Renumber::new(bits);
+        let number = |&raw| {
+            let Numbered { number, restarted } = numbers.number(raw);
+            if restarted {
+                -(number as i64)
+            } else {
+                number as i64
             }
-        );
-        assert_eq!(narrow.number(254).number, 510);
+        };
+        raw.iter().map(number).collect()
+    }
+
+    #[test]
+    fn counters_wrap_and_restart() {
+        let restart = renumbered(None, &[1000, 998, 1001, 0, 3, 4]);
+        assert_eq!(restart, [1000, 998, 1001, -1002, 1005, 1006]);
+        let early_restart = renumbered(None, &[29, 30, 0, 1, 2, 3, 4, 6]);
+        assert_eq!(early_restart, [29, 30, 0, 1, 2, -31, 32, 34]);
+        let wrong_number = renumbered(None, &[7, 8, 1 << 40, 9, 10]);
+        assert_eq!(wrong_number, [7, 8, -9, -10, 11]);
+        let repeated = renumbered(None, &[7, 8, 8, 8, 8, 8, 9]);
+        assert_eq!(repeated, [7, 8, 8, 8, 8, 8, 9]);
+        let wrap = renumbered(Some(8), &[250, 255, 2, 254, 3]);
+        assert_eq!(wrap, [250, 255, 258, 254, 259]);
+        let wide_wrap = renumbered(Some(32), &[u64::from(u32::MAX), 0, 1]);
+        assert_eq!(wide_wrap, [(1 << 32) - 1, 1 << 32, (1 << 32) + 1]);
+        let end = renumbered(None, &[u64::MAX, 0, 1]);
+        assert_eq!(end.len(), 3, "no overflow");
+    }
+
+    proptest! {
+        /// New numbers only grow, whatever the device counts.
+        #[test]
+        fn new_numbers_only_grow(
+            bits in prop::option::of(0_u8..=64),
+            raw in prop::collection::vec(prop_oneof![0_u64..300, any::<u64>()], 1..200),
+        ) {
+            let mut numbers = Renumber::new(bits);
+            let mut newest = None;
+            for raw in raw {
+                let Numbered { number, restarted } = numbers.number(raw);
+                if let Some(newest) = newest {
+                    prop_assert!(!restarted || number == u64::saturating_add(newest, 1));
+                }
+                newest = newest.max(Some(number));
+            }
+        }
     }
 }

@@ -6,9 +6,16 @@
 //! the same trigger as the reference a quarter of a period, for their exposures coincide and only
 //! their times are uncertain. A camera without such a frame is named as missing.
 //!
+//! Where the reference itself lost a frame or died, another camera's frame makes the set, and the
+//! reference is named as missing: a frame that is at least three quarters of the slower camera's
+//! period away from every instant of the reference. Frames in between, of a camera that is faster
+//! than the reference or half a period off, belong to no instant and to no set.
+//!
 //! *Early*: a set is given as soon as no nearer frame can come. *At a gap* or when a camera falls
 //! silent: after [`HORIZON_NS`], without it. *At the end*: [`FrameSetBuilder::flush`]. Sets come in
-//! the order of their time. Frames must come in the order of their numbers for each camera.
+//! the order of their time, and do not depend on the order in which the cameras' frames come in
+//! unless one is later than the horizon. Frames must come in the order of their numbers for each
+//! camera.
 
 use std::collections::VecDeque;
 
@@ -42,7 +49,8 @@ pub struct Member {
 pub struct FrameSet {
     /// Counts up from 0.
     pub number: u64,
-    /// Time of the reference camera's frame.
+    /// Time of the reference camera's frame; where that is missing, of the frame that took its
+    /// place.
     pub time: HostTime,
     /// The frames, in the order of the cameras.
     pub members: Vec<Member>,
@@ -58,7 +66,7 @@ pub struct FrameSetBuilder {
     /// Frames that may still belong to a set to come, per camera.
     frames: Vec<VecDeque<(u64, HostTime)>>,
     newest: Vec<HostTime>,
-    /// Time of the newest reference frame that made a set.
+    /// Time of the newest set.
     previous: Option<HostTime>,
     count: u64,
 }
@@ -109,31 +117,56 @@ impl FrameSetBuilder {
     pub fn push(&mut self, camera: usize, number: u64, time: HostTime) -> Vec<FrameSet> {
         self.frames[camera].push_back((number, time));
         self.newest[camera] = self.newest[camera].max(time);
+        self.take(false)
+    }
+
+    /// No more frames: gives all sets that are left.
+    pub fn flush(&mut self) -> Vec<FrameSet> {
+        self.take(true)
+    }
+
+    /// Gives all sets that are settled, at the end all that are left.
+    fn take(&mut self, end: bool) -> Vec<FrameSet> {
         let mut sets = Vec::new();
-        while let Some(&(_, time)) = self.frames[self.reference].front() {
-            if !self.is_settled(time) {
+        while let Some((camera, time)) = self.leader() {
+            if !end && !self.is_settled(camera, time) {
                 break;
             }
-            sets.extend(self.settle());
-        }
-        // Without reference frames nothing settles; what is too old to be needed is let go.
-        let latest = self.newest.iter().copied().max().unwrap_or(time);
-        for (camera, frames) in self.frames.iter_mut().enumerate() {
-            if camera != self.reference {
-                while frames
-                    .front()
-                    .is_some_and(|f| latest.since(f.1) > 2 * HORIZON_NS)
-                {
-                    frames.pop_front();
-                }
+            if camera == self.reference || self.stands_alone(camera, time) {
+                sets.extend(self.settle(camera));
+            } else {
+                self.frames[camera].pop_front();
             }
         }
         sets
     }
 
-    /// No more frames: gives all sets that are left.
-    pub fn flush(&mut self) -> Vec<FrameSet> {
-        std::iter::from_fn(|| self.settle()).collect()
+    /// The frame that makes the next set, if it makes one: the reference's, or an earlier one that
+    /// is out of its reach.
+    fn leader(&self) -> Option<(usize, HostTime)> {
+        let front = |camera: usize| self.frames[camera].front().map(|f| f.1);
+        let reference = front(self.reference);
+        let orphan = (0..self.cameras.len())
+            .filter(|&camera| camera != self.reference)
+            .filter_map(|camera| Some((camera, front(camera)?)))
+            .filter(|&(c, t)| reference.is_none_or(|r| t + self.tolerance(c) < r))
+            .min_by_key(|&(_, time)| time);
+        orphan.or(reference.map(|time| (self.reference, time)))
+    }
+
+    /// Whether a frame is so far from every instant of the reference that it is one of its own.
+    fn stands_alone(&self, camera: usize, time: HostTime) -> bool {
+        let apart = self.slower(camera) / 4 * 3;
+        let next = self.frames[self.reference].front().map(|f| f.1);
+        self.previous.is_none_or(|p| time.since(p) >= apart)
+            && next.is_none_or(|n| n.since(time) >= apart)
+    }
+
+    /// The longer one of a camera's and the reference's periods.
+    fn slower(&self, camera: usize) -> i64 {
+        self.cameras[camera]
+            .period_ns
+            .max(self.cameras[self.reference].period_ns)
     }
 
     /// How far a camera's frame may be from the reference's.
@@ -142,23 +175,26 @@ impl FrameSetBuilder {
         if c.trigger.is_some() && c.trigger == r.trigger {
             c.period_ns / 4
         } else {
-            c.period_ns.max(r.period_ns) / 2
+            self.slower(camera) / 2
         }
     }
 
-    /// Whether nothing that can still come changes the set at `time`.
-    fn is_settled(&self, time: HostTime) -> bool {
+    /// Whether nothing that can still come changes what becomes of a leader's frame.
+    fn is_settled(&self, leader: usize, time: HostTime) -> bool {
         let latest = self.newest.iter().copied().max().unwrap_or(time);
         let known_to = |camera: usize, span: i64| self.newest[camera] >= time + span;
+        let orphan = leader != self.reference;
         latest.since(time) > HORIZON_NS
-            || (0..self.cameras.len()).all(|camera| {
-                let tolerance = self.tolerance(camera);
-                // A frame within the tolerance may be nearer to the next reference frame, so that
-                // one must be known too, if it can be that near.
-                camera == self.reference
-                    || (known_to(camera, tolerance) && known_to(self.reference, 2 * tolerance))
-                    || self.exact(camera, time)
-            })
+            || (!orphan || known_to(self.reference, self.slower(leader)))
+                && (0..self.cameras.len()).all(|camera| {
+                    let tolerance = self.tolerance(camera);
+                    // A frame within the tolerance may be nearer to the next reference frame, so
+                    // that one must be known too, if it can be that near.
+                    camera == leader
+                        || camera == self.reference
+                        || (known_to(camera, tolerance) && known_to(self.reference, 2 * tolerance))
+                        || self.exact(camera, time)
+                })
     }
 
     /// Whether a camera has a frame so near that no other pairing can be nearer.
@@ -172,8 +208,9 @@ impl FrameSetBuilder {
             .any(|f| f.1.since(time).abs() <= quarter)
     }
 
-    fn settle(&mut self) -> Option<FrameSet> {
-        let (number, time) = self.frames[self.reference].pop_front()?;
+    /// The set of a leader's first frame.
+    fn settle(&mut self, leader: usize) -> Option<FrameSet> {
+        let (number, time) = self.frames[leader].pop_front()?;
         let following = self.frames[self.reference].front().map(|f| f.1);
         let mut set = FrameSet {
             number: self.count,
@@ -182,7 +219,7 @@ impl FrameSetBuilder {
             missing: Vec::new(),
         };
         for camera in 0..self.cameras.len() {
-            if camera == self.reference {
+            if camera == leader {
                 set.members.push(Member {
                     camera,
                     number,
@@ -297,9 +334,59 @@ mod tests {
             (1, 3, 120),
         ];
         let sets = run(cameras, &frames);
-        assert_eq!(sets.len(), 3, "a frame without a reference makes no set");
+        assert_eq!(sets.len(), 4);
         assert_eq!(sets[1].missing, [1]);
         assert_eq!(numbers(&sets[2]), [(0, 2), (1, 2)]);
+        assert_eq!(sets[3].missing, [0], "the reference can be missing too");
+        assert_eq!(
+            (sets[3].time, numbers(&sets[3])),
+            (HostTime(120 * MS), vec![(1, 3)])
+        );
+    }
+
+    #[test]
+    fn other_cameras_go_on_when_the_reference_dies() {
+        let cameras = vec![
+            camera(Some("a"), 40),
+            camera(Some("a"), 40),
+            camera(None, 40),
+        ];
+        let mut frames = Vec::new();
+        for n in 0..50 {
+            let t = n as i64 * 40;
+            if n < 10 {
+                frames.push((0, n, t));
+            }
+            frames.extend([(1, n, t + 1), (2, n, t + 15)]);
+        }
+        let sets = run(cameras, &frames);
+        assert_eq!(sets.len(), 50);
+        for (set, n) in sets.iter().zip(0..) {
+            let with_reference = vec![(0, n), (1, n), (2, n)];
+            let expected = if n < 10 {
+                &with_reference[..]
+            } else {
+                &with_reference[1..]
+            };
+            assert_eq!(numbers(set), expected);
+        }
+    }
+
+    #[test]
+    fn frames_between_instants_make_no_sets() {
+        // Twice as fast; the reference loses a frame at 200 ms.
+        let cameras = vec![camera(None, 40), camera(None, 20)];
+        let mut frames: Vec<_> = (0..10)
+            .filter(|n| *n != 5)
+            .map(|n| (0, n, n as i64 * 40))
+            .collect();
+        frames.extend((0..20).map(|n| (1, n, n as i64 * 20 + 3)));
+        frames.sort_by_key(|f| f.2);
+        let sets = run(cameras, &frames);
+        let times: Vec<_> = sets.iter().map(|s| s.time.0 / MS).collect();
+        assert_eq!(times, [0, 40, 80, 120, 160, 203, 240, 280, 320, 360]);
+        assert_eq!(sets[5].missing, [0]);
+        assert!(sets.iter().all(|s| s.members.iter().any(|m| m.camera == 1)));
     }
 
     #[test]
@@ -338,7 +425,8 @@ mod tests {
             frames.sort_by_key(|f| f.2);
             let reference = FrameSetBuilder::new(cameras.clone()).reference();
             let sets = run(cameras.clone(), &frames);
-            prop_assert_eq!(sets.len(), frames.iter().filter(|f| f.0 == reference).count());
+            let led = sets.iter().filter(|s| !s.missing.contains(&reference)).count();
+            prop_assert_eq!(led, frames.iter().filter(|f| f.0 == reference).count());
             let mut used = std::collections::BTreeSet::new();
             for set in &sets {
                 prop_assert_eq!(set.members.len() + set.missing.len(), cameras.len());
@@ -349,7 +437,26 @@ mod tests {
                     prop_assert!((m.time - set.time).abs() <= limit);
                 }
             }
-            prop_assert!(sets.windows(2).all(|w| w[0].time <= w[1].time));
+            prop_assert!(sets.windows(2).all(|w| w[0].time < w[1].time));
+        }
+
+        /// Sets do not depend on which camera's frames come first.
+        #[test]
+        fn delays_between_cameras_change_nothing(
+            periods in prop::collection::vec(20_i64..120, 2..4),
+            drops in prop::collection::vec((0_usize..4, 0_u64..40), 0..20),
+            delays in prop::collection::vec(0_i64..400, 4),
+        ) {
+            let cameras: Vec<_> = periods.iter().map(|p| camera(None, *p)).collect();
+            let mut frames = Vec::new();
+            for (c, period) in periods.iter().enumerate() {
+                let sent = (0..40_u64).filter(|n| !drops.contains(&(c, *n)));
+                frames.extend(sent.map(|n| (c, n, 1000 + n as i64 * period)));
+            }
+            frames.sort_by_key(|f| f.2);
+            let expected = run(cameras.clone(), &frames);
+            frames.sort_by_key(|f| f.2 + delays[f.0]);
+            prop_assert_eq!(run(cameras, &frames), expected);
         }
     }
 }
