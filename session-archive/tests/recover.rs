@@ -372,6 +372,12 @@ fn blocks_and_ends_that_are_gone() {
         |b, c| cut(b, c[5].bytes.start + 100..c[5].bytes.start + 612),
         &[5],
     );
+    // Where chunk 5 said it would end there is now the middle of chunk 6, which is whole.
+    check(
+        "much removed",
+        |b, c| cut(b, c[5].bytes.start + 100..c[5].bytes.start + 3100),
+        &[5],
+    );
     check(
         "seam, removed",
         |b, c| cut(b, c[5].bytes.end - 100..c[6].bytes.start + 400),

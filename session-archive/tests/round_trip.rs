@@ -15,7 +15,7 @@ use session_archive::scan::End;
 use session_archive::storage::{CrashKind, DiskStorage, FaultStorage, Storage};
 use session_archive::time::HostTime;
 use session_archive::verify::verify;
-use session_archive::writer::{MAX_CHUNK_BYTES, MAX_SEGMENT_NS, SessionWriter};
+use session_archive::writer::{MAX_CHUNK_BYTES, MAX_CHUNK_NS, MAX_SEGMENT_NS, SessionWriter};
 use support::{MS, START, Sample, put, record, samples, spec, stop, unit};
 
 #[test]
@@ -231,6 +231,48 @@ fn a_camera_that_stops_does_not_hold_up_the_others() {
         }
     }
     writer.close(stop(START)).expect("close");
+}
+
+/// An encoder that ignores what it is asked for: chunks close all the same, after a second.
+#[test]
+fn no_chunk_waits_for_a_key_frame() {
+    let disk = FaultStorage::new();
+    let mut writer = SessionWriter::create(Arc::new(disk.clone()), spec()).expect("create");
+    for (i, mut sample) in samples(6.0).into_iter().enumerate() {
+        if let Sample::Frame { key, .. } = &mut sample {
+            *key &= i < 4;
+        }
+        put(&mut writer, &sample, 50).expect("put");
+        let waiting = sample.time() - writer.durability().until;
+        assert!(waiting <= MAX_CHUNK_NS, "{waiting}");
+    }
+    writer.close(stop(START)).expect("close");
+    let report = verify(&SessionReader::open(Arc::new(disk)).unwrap(), |_| {}).expect("verify");
+    assert!(report.is_sound(), "{report:#?}");
+}
+
+/// Nothing arrives any more, or only after a leap: both open chunks are closed.
+#[test]
+fn nothing_waits_when_time_leaps() {
+    for poll in [true, false] {
+        let disk = FaultStorage::new();
+        let mut writer = SessionWriter::create(Arc::new(disk.clone()), spec()).expect("create");
+        let samples = samples(0.7);
+        // `feet` stays behind, so `left_shoulder` waits in the next chunk.
+        let is_late = |s: &&Sample| matches!(s, Sample::Frame { camera: 1, time, .. } if *time >= START + 500 * MS);
+        for sample in samples.iter().filter(|s| !is_late(s)) {
+            put(&mut writer, sample, 50).expect("put");
+        }
+        let appended = writer.durability().messages;
+        assert_eq!(appended, 0, "both chunks are open");
+        let later = START + 5000 * MS;
+        if poll {
+            writer.poll(later).expect("poll");
+        } else {
+            put(&mut writer, &Sample::Mark { time: later }, 0).expect("put");
+        }
+        assert_eq!(writer.durability().until, later);
+    }
 }
 
 #[test]
