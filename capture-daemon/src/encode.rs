@@ -61,6 +61,8 @@ struct Inside {
 #[derive(Default)]
 struct State {
     frames: VecDeque<(i64, Frame)>,
+    /// Access units handed on.
+    delivered: u64,
     failure: Option<String>,
     abandoned: bool,
 }
@@ -85,6 +87,9 @@ pub struct Lane {
     /// Epoch of the newest key frame.
     epoch: Option<i64>,
     previous_pts: i64,
+    /// Access units that the running encoder had given when it was last looked at, and when it
+    /// had last given one.
+    delivered: u64,
     last_progress: HostTime,
     retry_at: HostTime,
     restarts: u64,
@@ -101,6 +106,7 @@ impl Lane {
             running: None,
             epoch: None,
             previous_pts: i64::MIN,
+            delivered: 0,
             last_progress: HostTime::MIN,
             retry_at: HostTime::MIN,
             restarts: 0,
@@ -159,7 +165,12 @@ impl Lane {
         let state = running.inside.lock();
         let failure = state.failure.clone();
         let waiting = state.frames.front().map(|(_, f)| HostTime(f.host_time));
+        let delivered = state.delivered;
         drop(state);
+        if delivered != self.delivered {
+            self.delivered = delivered;
+            self.last_progress = now;
+        }
         if let Some(reason) = failure {
             self.replace(&reason, now);
         } else if let Some(since) = waiting
@@ -251,6 +262,7 @@ impl Lane {
         let on_output = Box::new(move |event| deliver(event, &shared, &sink));
         let encoder = Encoder::start(&self.settings, on_output)?;
         self.running = Some(Running { encoder, inside });
+        self.delivered = 0;
         self.last_progress = now;
         self.epoch = None;
         Ok(())
@@ -311,6 +323,7 @@ fn deliver(event: EncoderEvent, inside: &Inside, sink: &Sink) {
     match state.frames.front() {
         Some((pts, _)) if *pts == unit.pts_ns => {
             if let Some((_, frame)) = state.frames.pop_front() {
+                state.delivered += 1;
                 sink(Encoded::Frame {
                     frame,
                     unit: unit.data,

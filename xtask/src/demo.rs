@@ -35,6 +35,9 @@ pub(crate) fn run(install: bool, seconds: u32, folder: Option<PathBuf>) -> Resul
     demo.main_job(seconds)
 }
 
+/// Name of the recorded session; the library finds it by this.
+const NAME: &str = "demo";
+
 /// Where things lie while the demo runs.
 struct Demo {
     folder: PathBuf,
@@ -78,7 +81,7 @@ impl Demo {
         let path = |name: &str| self.folder.join(name).display().to_string();
         let (config, recorded, library) = (path("pawsd.toml"), path("recorded"), path("library"));
         let (report, verdict) = (path("report.html"), path("report.json"));
-        let (handoff, frames) = (path("handoff"), path("frames"));
+        let frames = path("frames");
 
         let cameras = cameras::choose(process::data_folder()?.as_deref());
         fs::write(&config, cameras.configuration()).with_context(|| format!("writing {config}"))?;
@@ -86,55 +89,34 @@ impl Demo {
         println!("Recording takes {seconds} s.\n");
 
         let length = seconds.to_string();
-        let record = [
+        let session = self.stage(
             "record",
-            "--config",
-            &config,
-            "--out",
-            &recorded,
-            "--seconds",
-            &length,
-        ];
-        let session = self.stage("record", "pawsd", &record)?;
-        let name = Path::new(&session)
-            .file_name()
-            .filter(|_| Path::new(&session).is_dir())
-            .and_then(|name| name.to_str())
-            .with_context(|| {
-                format!(
-                    "the last line that `pawsd record` printed should be the session's folder, and is {session:?}"
-                )
-            })?;
-        self.stage(
-            "import",
-            "paws",
-            &["import", &session, "--library", &library],
-        )?;
-        let verdict_line = self.stage(
-            "validate",
-            "paws",
+            "pawsd",
             &[
-                "validate",
-                name,
-                "--library",
-                &library,
-                "--html",
-                &report,
-                "--json",
-                &verdict,
+                "record",
+                "--config",
+                &config,
+                "--out",
+                &recorded,
+                "--seconds",
+                &length,
+                "--name",
+                NAME,
             ],
         )?;
-        self.stage("index", "paws", &["index", name, "--library", &library])?;
-        self.stage(
-            "hand off",
-            "paws",
-            &["handoff", name, "--library", &library, "--out", &handoff],
-        )?;
-        self.stage(
-            "read back",
-            "paws-reconstruct",
-            &["frames", &handoff, "--out", &frames],
-        )?;
+        if !Path::new(&session).is_dir() {
+            bail!("the last line of `pawsd record` should be the session's folder, and is {session:?}");
+        }
+        let in_library = ["--library", library.as_str()];
+        let paws = |stage: &str, arguments: &[&str]| {
+            self.stage(stage, "paws", &[arguments, &in_library].concat())
+        };
+        paws("import", &["import", &session])?;
+        let verdict_line =
+            paws("validate", &["validate", NAME, "--html", &report, "--json", &verdict])?;
+        paws("index", &["index", NAME])?;
+        let handoff = paws("hand off", &["handoff", NAME])?;
+        self.stage("read back", "paws-reconstruct", &["frames", &handoff, "--out", &frames])?;
 
         println!();
         println!(
@@ -143,7 +125,7 @@ impl Demo {
         );
         println!();
         println!(
-            "  session   {name}, {:.1} MB",
+            "  session   {session}, {:.1} MB",
             megabytes(Path::new(&session))?
         );
         println!("  verdict   {}", verdict_line);

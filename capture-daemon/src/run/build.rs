@@ -60,23 +60,31 @@ pub fn build(config: &Config, start: HostTime) -> anyhow::Result<Built> {
     let mut transforms = Transforms::of(rig.rig.as_ref(), start);
     for camera in &config.cameras {
         let name = &camera.name;
-        let source = open(camera, start).with_context(|| format!("opening the source of {name}"))?;
+        let source =
+            open(camera, start).with_context(|| format!("opening the source of {name}"))?;
+        sources.push(source);
+    }
+    for (camera, source) in config.cameras.iter().zip(&sources) {
+        let name = &camera.name;
         let info = source.info().clone();
         let size = (info.camera.width, info.camera.height);
-        let element = match elements.get(&size) {
+        let element = match elements.get(&(size, info.camera.rate_hz.to_bits())) {
             Some(element) => String::clone(element),
             None => {
-                let element = choose(config, size).with_context(|| {
+                let needed = needed_speed(info.camera.rate_hz, config.cameras.len());
+                let element = choose(config, size, needed).with_context(|| {
                     format!("finding an encoder for {name} ({}x{})", size.0, size.1)
                 })?;
-                elements.insert(size, element.clone());
+                elements.insert((size, info.camera.rate_hz.to_bits()), element.clone());
                 element
             }
         };
         let stereo = stereo_calibration(camera, &info, source.calibration())?;
         if let Some(stereo) = &stereo {
             transforms.add_stereo(name, stereo)?;
-            setup.calibrations.extend(calibration_records(name, stereo, start));
+            setup
+                .calibrations
+                .extend(calibration_records(name, stereo, start));
         }
         add_rig_files(&mut setup.rig_files, camera, &info)?;
         let (listed, of_hub) = describe(config, camera, &info, &element)?;
@@ -90,17 +98,25 @@ pub fn build(config: &Config, start: HostTime) -> anyhow::Result<Built> {
             });
         }
         cameras.push(of_hub);
-        sources.push(source);
     }
     setup.transforms = transforms.into_record();
-    Ok(Built { sources, cameras, setup })
+    Ok(Built {
+        sources,
+        cameras,
+        setup,
+    })
 }
 
 fn open(camera: &config::Camera, start: HostTime) -> anyhow::Result<Box<dyn Source>> {
     Ok(match &camera.source {
-        SourceConfig::Replay(r) => {
-            Box::new(Replay::open(&camera.name, &r.path, r.rate_hz, r.repeat, r.imu, start)?)
-        }
+        SourceConfig::Replay(r) => Box::new(Replay::open(
+            &camera.name,
+            &r.path,
+            r.rate_hz,
+            r.repeat,
+            r.imu,
+            start,
+        )?),
         SourceConfig::Synthetic(s) => Box::new(Synthetic::new(
             &camera.name,
             s.width,
@@ -114,15 +130,25 @@ fn open(camera: &config::Camera, start: HostTime) -> anyhow::Result<Box<dyn Sour
 }
 
 /// The encoder that was asked for, if it works; or the best that does.
-fn choose(config: &Config, (width, height): (u32, u32)) -> anyhow::Result<String> {
+fn choose(config: &Config, (width, height): (u32, u32), needed: f64) -> anyhow::Result<String> {
     match &config.encoder.element {
         Some(element) => {
             video::discover::trial(element, width, height)
                 .with_context(|| format!("{element} was asked for"))?;
             Ok(element.to_owned())
         }
-        None => Ok(video::discover::best_encoder(width, height)?.trial.element.to_string()),
+        None => Ok(video::discover::best_encoder_at(width, height, needed)?
+            .trial
+            .element
+            .to_string()),
     }
+}
+
+/// Pictures per second that an encoder, tried alone, must reach to serve a camera of this rate beside the
+/// others: its share of the processors, and half as much again for everything else.
+pub(crate) fn needed_speed(rate_hz: f64, cameras: usize) -> f64 {
+    let processors = std::thread::available_parallelism().map_or(1, usize::from);
+    1.5 * rate_hz * (cameras as f64 / processors as f64).max(1.0)
 }
 
 /// A camera for the manifest, and for the hub.
@@ -188,7 +214,9 @@ fn stereo_calibration(
     info: &SourceInfo,
     own: Option<&StereoCalibration>,
 ) -> anyhow::Result<Option<StereoCalibration>> {
-    let Some(path) = &camera.calibration else { return Ok(own.cloned()) };
+    let Some(path) = &camera.calibration else {
+        return Ok(own.cloned());
+    };
     let (stereo, notes) = calib::read_stereo(path, info.camera.width / 2, info.camera.height)
         .with_context(|| format!("reading the calibration of {}", camera.name))?;
     for note in notes {
@@ -248,9 +276,14 @@ struct RigFiles {
 }
 
 fn read_rig(path: Option<&Path>) -> anyhow::Result<RigFiles> {
-    let Some(path) = path else { return Ok(RigFiles::default()) };
+    let Some(path) = path else {
+        return Ok(RigFiles::default());
+    };
     let rig = Rig::read(path).context("reading the rig file")?;
-    Ok(RigFiles { rig: Some(rig), files: vec![("rig.toml".to_owned(), read(path)?)] })
+    Ok(RigFiles {
+        rig: Some(rig),
+        files: vec![("rig.toml".to_owned(), read(path)?)],
+    })
 }
 
 fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
@@ -258,7 +291,8 @@ fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
 }
 
 fn file_name(path: &Path) -> String {
-    path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
+    path.file_name()
+        .map_or_else(String::new, |n| n.to_string_lossy().into_owned())
 }
 
 /// The transforms of the session: what the rig file says, and for frames that it does not have,
@@ -271,7 +305,11 @@ struct Transforms {
 
 impl Transforms {
     fn of(rig: Option<&Rig>, at: HostTime) -> Self {
-        let mut transforms = Self { at, known: Vec::new(), record: Vec::new() };
+        let mut transforms = Self {
+            at,
+            known: Vec::new(),
+            record: Vec::new(),
+        };
         for edge in rig.map(Rig::edges).unwrap_or_default() {
             transforms.add(&edge.parent, &edge.child, &edge.parent_from_child);
         }
@@ -301,12 +339,18 @@ impl Transforms {
             timestamp: Some(timestamp(self.at)),
             parent_frame_id: parent.as_str().to_owned(),
             child_frame_id: child.as_str().to_owned(),
-            translation: Some(Vector3 { x: tx, y: ty, z: tz }),
+            translation: Some(Vector3 {
+                x: tx,
+                y: ty,
+                z: tz,
+            }),
             rotation: Some(Quaternion { x, y, z, w }),
         });
     }
 
     fn into_record(self) -> FrameTransforms {
-        FrameTransforms { transforms: self.record }
+        FrameTransforms {
+            transforms: self.record,
+        }
     }
 }

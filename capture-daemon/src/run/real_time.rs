@@ -86,7 +86,11 @@ impl Running {
         on_progress: OnProgress,
     ) -> anyhow::Result<Self> {
         let clock = Arc::new(RealClock);
-        let Built { mut sources, cameras, setup } = build(clock.now())?;
+        let Built {
+            mut sources,
+            cameras,
+            setup,
+        } = build(clock.now())?;
         let start = clock.now() + LEAD_NS;
         for source in &mut sources {
             source.begin_at(start);
@@ -120,12 +124,18 @@ impl Running {
         let count = sources.len();
         for (i, source) in sources.into_iter().enumerate() {
             let shared = shared.clone();
-            threads.push(spawn(&format!("source-{}", names[i]), move || pump(i, source, &shared))?);
+            threads.push(spawn(&format!("source-{}", names[i]), move || {
+                pump(i, source, &shared)
+            })?);
         }
         let of_hub = shared.clone();
-        threads.push(spawn("hub", move || run_hub(hub, count, &names, &out, &of_hub))?);
+        threads.push(spawn("hub", move || {
+            run_hub(hub, count, &names, &out, &of_hub)
+        })?);
         let of_recorder = shared.clone();
-        threads.push(spawn("recorder", move || run_recorder(recorder, &of_recorder))?);
+        threads.push(spawn("recorder", move || {
+            run_recorder(recorder, &of_recorder)
+        })?);
         Ok(Self { shared, threads })
     }
 
@@ -164,12 +174,20 @@ fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> anyhow::Result<Join
 }
 
 fn ask(shared: &Shared, request: Request, source: &'static str) -> Response {
-    let failed = |message: &str| Response::Error { message: message.to_owned() };
+    let failed = |message: &str| Response::Error {
+        message: message.to_owned(),
+    };
     let (reply, answer) = sync_channel(1);
-    if shared.outbox.push_reserved(ToRecorder::Request(request, source, reply), 0).is_err() {
+    if shared
+        .outbox
+        .push_reserved(ToRecorder::Request(request, source, reply), 0)
+        .is_err()
+    {
         return failed("the daemon is ending");
     }
-    answer.recv_timeout(REQUEST_LIMIT).unwrap_or_else(|_| failed("the recorder does not answer"))
+    answer
+        .recv_timeout(REQUEST_LIMIT)
+        .unwrap_or_else(|_| failed("the recorder does not answer"))
 }
 
 /// A source's thread: waits for what is scheduled, hands everything to the hub.
@@ -189,11 +207,17 @@ fn pump(i: usize, mut source: Box<dyn Source>, shared: &Shared) {
         }
         let bytes = sample.bytes();
         let given = match sample {
-            Sample::Imu(_) => shared.inbox.push_reserved(In::Sample(i, sample), bytes).is_ok(),
+            Sample::Imu(_) => shared
+                .inbox
+                .push_reserved(In::Sample(i, sample), bytes)
+                .is_ok(),
             Sample::Frame(ref frame) => {
                 let number = frame.number;
                 shared.inbox.try_push(In::Sample(i, sample), bytes).is_ok()
-                    || shared.inbox.push_reserved(In::Dropped(i, number), 0).is_ok()
+                    || shared
+                        .inbox
+                        .push_reserved(In::Dropped(i, number), 0)
+                        .is_ok()
             }
         };
         if !given {
@@ -213,7 +237,10 @@ fn wait_until(time: HostTime, shared: &Shared) -> bool {
         if left <= 0 {
             return true;
         }
-        #[expect(clippy::disallowed_methods, reason = "this is the clock of the replayed devices")]
+        #[expect(
+            clippy::disallowed_methods,
+            reason = "this is the clock of the replayed devices"
+        )]
         std::thread::sleep(Duration::from_nanos(left as u64).min(PATIENCE));
     }
 }
@@ -264,7 +291,9 @@ fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
     Arc::new(move |item: Outgoing| {
         let bytes = item.bytes();
         let (camera, number, key) = match &item {
-            Outgoing::Frame { camera, frame, key, .. } => (*camera, frame.number, *key),
+            Outgoing::Frame {
+                camera, frame, key, ..
+            } => (*camera, frame.number, *key),
             _ => {
                 let _ = shared.outbox.push_reserved(ToRecorder::Item(item), bytes);
                 return;
@@ -272,7 +301,12 @@ fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
         };
         // Once a frame is dropped behind the encoder, those that follow refer to it.
         let skip = skipping[camera].load(Ordering::Relaxed) && !key;
-        if !skip && shared.outbox.try_push(ToRecorder::Item(item), bytes).is_ok() {
+        if !skip
+            && shared
+                .outbox
+                .try_push(ToRecorder::Item(item), bytes)
+                .is_ok()
+        {
             skipping[camera].store(false, Ordering::Relaxed);
             return;
         }
@@ -293,7 +327,9 @@ fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
 fn run_recorder(mut recorder: Recorder, shared: &Shared) {
     loop {
         let popped = shared.outbox.pop(PATIENCE);
-        shared.recorder_beat.store(shared.clock.now().0, Ordering::Relaxed);
+        shared
+            .recorder_beat
+            .store(shared.clock.now().0, Ordering::Relaxed);
         match popped {
             Popped::Item(ToRecorder::Item(item)) => recorder.handle(item),
             Popped::Item(ToRecorder::Request(request, source, reply)) => {
@@ -316,18 +352,38 @@ pub(super) fn record(
     let finished: Arc<Mutex<Option<Finished>>> = Arc::default();
     let seen = finished.clone();
     let watch: OnProgress = Box::new(move |progress| {
-        if let Progress::Finished { session, stored, missing, error, .. } = &progress {
+        if let Progress::Finished {
+            session,
+            stored,
+            missing,
+            error,
+            ..
+        } = &progress
+        {
             let (session, error) = (session.clone(), error.clone());
-            *seen.lock().unwrap_or_else(PoisonError::into_inner) =
-                Some(Finished { session, stored: *stored, missing: *missing, error });
+            *seen.lock().unwrap_or_else(PoisonError::into_inner) = Some(Finished {
+                session,
+                stored: *stored,
+                missing: *missing,
+                error,
+            });
         }
         on_progress(progress);
     });
-    let running =
-        Running::start(build, options.out.clone(), Some(options.name.clone()), watch)?;
+    let running = Running::start(
+        build,
+        options.out.clone(),
+        Some(options.name.clone()),
+        watch,
+    )?;
     let shared = running.shared.clone();
     let end = shared.clock.now() + LEAD_NS + (options.seconds * NS_PER_S as f64) as i64;
-    let is_finished = || finished.lock().unwrap_or_else(PoisonError::into_inner).is_some();
+    let is_finished = || {
+        finished
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .is_some()
+    };
     let mut asked = false;
     let mut give_up = HostTime::MAX;
     while !is_finished() && shared.clock.now() < give_up {
@@ -335,15 +391,24 @@ pub(super) fn record(
         if !asked && (stop.is_set() || now >= end || shared.all_ended.is_set()) {
             asked = true;
             give_up = now + STUCK_NS;
-            running.request(Request::Stop, if stop.is_set() { "signal" } else { "duration" });
+            running.request(
+                Request::Stop,
+                if stop.is_set() { "signal" } else { "duration" },
+            );
         }
         if let Some(thread) = running.stuck() {
-            bail!("the thread {thread} has been stuck for {} s", STUCK_NS / NS_PER_S);
+            bail!(
+                "the thread {thread} has been stuck for {} s",
+                STUCK_NS / NS_PER_S
+            );
         }
         wait_until(now + PATIENCE.as_nanos() as i64, &shared);
     }
     running.end();
-    let finished = finished.lock().unwrap_or_else(PoisonError::into_inner).take();
+    let finished = finished
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .take();
     finished.ok_or_else(|| anyhow!("the recording ended without a session"))
 }
 
@@ -353,16 +418,22 @@ pub(super) fn record(
 /// # Errors
 /// The configuration cannot be put to work, or a thread got stuck.
 pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
-    let out = config
-        .session
-        .out
-        .clone()
-        .ok_or_else(|| anyhow!("the configuration has no [session] out: where do sessions go?"))?;
+    let out =
+        config.session.out.clone().ok_or_else(|| {
+            anyhow!("the configuration has no [session] out: where do sessions go?")
+        })?;
     std::fs::create_dir_all(&out)
         .with_context(|| format!("creating the folder for sessions {}", out.display()))?;
     let log_progress: OnProgress = Box::new(|progress| match progress {
         Progress::Started { session, .. } => log::info!("recording {}", session.display()),
-        Progress::Finished { session, reason, seconds, stored, missing, .. } => log::info!(
+        Progress::Finished {
+            session,
+            reason,
+            seconds,
+            stored,
+            missing,
+            ..
+        } => log::info!(
             "closed {} ({reason}): {seconds:.1} s, {stored} samples, {missing} missing",
             session.display()
         ),
@@ -373,7 +444,12 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
     let server = control::serve(&config.control.socket, move |request| {
         ask(&of_control, request, "control")
     })
-    .with_context(|| format!("opening the control socket {}", config.control.socket.display()))?;
+    .with_context(|| {
+        format!(
+            "opening the control socket {}",
+            config.control.socket.display()
+        )
+    })?;
     let notify = Notify::from_env();
     notify.ready();
     let shared = running.shared.clone();
@@ -383,7 +459,10 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
             break Ok(());
         }
         if let Some(thread) = running.stuck() {
-            break Err(anyhow!("the thread {thread} has been stuck for {} s", STUCK_NS / NS_PER_S));
+            break Err(anyhow!(
+                "the thread {thread} has been stuck for {} s",
+                STUCK_NS / NS_PER_S
+            ));
         }
         let now = shared.clock.now();
         if now >= next_status {

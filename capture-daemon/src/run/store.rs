@@ -28,13 +28,21 @@ impl FolderStore {
             bytes.copy_from_slice(&uuid::Uuid::now_v7().as_bytes()[6..]);
             bytes
         };
-        Self { out, random: Box::new(random), looks: true }
+        Self {
+            out,
+            random: Box::new(random),
+            looks: true,
+        }
     }
 
     /// Sessions go into `out`; identifiers are made from their time alone, and neither free space nor
     /// temperature is known: nothing that changes from run to run gets into a session.
     pub fn reproducible(out: PathBuf) -> Self {
-        Self { out, random: Box::new(|| [0; 10]), looks: false }
+        Self {
+            out,
+            random: Box::new(|| [0; 10]),
+            looks: false,
+        }
     }
 }
 
@@ -45,7 +53,9 @@ impl SessionStore for FolderStore {
         let time = started.to_string();
         let time = time.split('.').next().unwrap_or(&time).replace(':', "-");
         let text = id.to_string();
-        let path = self.out.join(format!("{time}Z_{}", &text[text.len() - 8..]));
+        let path = self
+            .out
+            .join(format!("{time}Z_{}", &text[text.len() - 8..]));
         fs::create_dir(&path)?;
         // The session is found after a power cut only if its name is on disk.
         fs::File::open(&self.out)?.sync_all()?;
@@ -57,7 +67,9 @@ impl SessionStore for FolderStore {
     }
 
     fn free_bytes(&self) -> Option<u64> {
-        self.looks.then(|| disk::free_bytes(&self.out).ok()).flatten()
+        self.looks
+            .then(|| disk::free_bytes(&self.out).ok())
+            .flatten()
     }
 
     fn temperature_c(&self) -> Option<f64> {

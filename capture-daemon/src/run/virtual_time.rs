@@ -31,29 +31,45 @@ pub(super) fn record(
     stop: &StopFlag,
     mut on_progress: OnProgress,
 ) -> anyhow::Result<Finished> {
-    let Built { mut sources, cameras, setup } = build(START)?;
+    let Built {
+        mut sources,
+        cameras,
+        setup,
+    } = build(START)?;
     let clock = Arc::new(VirtualClock::new(START, CIVIL));
     let finished: Arc<Mutex<Option<Finished>>> = Arc::default();
     let seen = finished.clone();
     let watch: OnProgress = Box::new(move |progress| {
-        if let Progress::Finished { session, stored, missing, error, .. } = &progress {
+        if let Progress::Finished {
+            session,
+            stored,
+            missing,
+            error,
+            ..
+        } = &progress
+        {
             let (session, error) = (session.clone(), error.clone());
-            *lock(&seen) =
-                Some(Finished { session, stored: *stored, missing: *missing, error });
+            *lock(&seen) = Some(Finished {
+                session,
+                stored: *stored,
+                missing: *missing,
+                error,
+            });
         }
         on_progress(progress);
     });
     let store = FolderStore::reproducible(options.out.clone());
     let chunk_ns = setup.chunk_ns;
-    let recorder =
-        Recorder::new(setup, clock.clone(), Box::new(store), Box::new(|| 0), watch);
+    let recorder = Recorder::new(setup, clock.clone(), Box::new(store), Box::new(|| 0), watch);
     let recorder = Arc::new(Mutex::new(recorder));
     let out: Out = {
         let recorder = recorder.clone();
         Arc::new(move |item: Outgoing| lock(&recorder).handle(item))
     };
     let mut hub = Hub::new(cameras, chunk_ns, true, &out);
-    lock(&recorder).start(&options.name, "control").map_err(|e| anyhow!(e))?;
+    lock(&recorder)
+        .start(&options.name, "control")
+        .map_err(|e| anyhow!(e))?;
 
     let end = START + (options.seconds * NS_PER_S as f64) as i64;
     let mut next_tick = START + TICK_NS;
@@ -70,7 +86,9 @@ pub(super) fn record(
             .enumerate()
             .filter_map(|(i, s)| s.as_ref().map(|s| (s.host_time(), i)))
             .min();
-        let Some((time, i)) = first.filter(|(time, _)| *time < end) else { break };
+        let Some((time, i)) = first.filter(|(time, _)| *time < end) else {
+            break;
+        };
         while next_tick <= time {
             clock.advance_to(next_tick);
             hub.tick(next_tick);

@@ -51,15 +51,15 @@ impl Cameras {
                 let folder = |set: &str| format!("{:?}", data.join(set).display().to_string());
                 (
                     format!(
-                        "kind = \"replay\"\nlayout = \"kitti\"\npath = {}\nrate_hz = 10.0\nloop = true\n",
+                        "kind = \"replay\"\npath = {}\nrate_hz = 10.0\nrepeat = true\n",
                         folder(KITTI)
                     ),
                     format!(
-                        "kind = \"replay\"\nlayout = \"asl\"\npath = {}\nloop = true\n",
+                        "kind = \"replay\"\npath = {}\nrepeat = true\n",
                         folder(EUROC)
                     ),
                     format!(
-                        "kind = \"replay\"\nlayout = \"pair\"\npath = {}\nrate_hz = 15.0\nloop = true\n",
+                        "kind = \"replay\"\npath = {}\nrate_hz = 15.0\nrepeat = true\n",
                         folder(DESK)
                     ),
                 )
