@@ -41,7 +41,10 @@ pub struct VirtualClock {
 impl VirtualClock {
     /// A clock at `now`, with civil time `civil` at that instant.
     pub fn new(now: HostTime, civil: CivilTime) -> Self {
-        Self { now: AtomicI64::new(now.0), civil_at_zero: civil.0 - now.0 }
+        Self {
+            now: AtomicI64::new(now.0),
+            civil_at_zero: civil.0 - now.0,
+        }
     }
 
     /// Sets the clock; it never goes back.

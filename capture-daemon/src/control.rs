@@ -1,1 +1,372 @@
-//! control
+//! Control from outside: one JSON object per line over a Unix socket.
+//!
+//! Contract of the server: each line is one [`Request`] and is answered by one [`Response`] line, in
+//! order; several connections are served side by side. A line that is no request is answered with an
+//! error and the connection goes on; one longer than [`MAX_LINE`] is answered and the connection
+//! closed, as is one that is silent for [`IDLE_LIMIT`]. Beyond [`MAX_CONNECTIONS`] a caller gets an error
+//! instead of waiting. The socket has mode 0660: its owner and its group may use it. A socket file
+//! that a dead daemon left behind is replaced; one that answers is not, nor is a file of another kind.
+//! When the server is dropped the socket goes, nothing more is read, and requests that have arrived
+//! still get their answer.
+//!
+//! Contract of the client: [`request`] returns within [`ANSWER_LIMIT`] plus the time to connect, with
+//! an answer or with a reason that says what to do.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File, Permissions};
+use std::io::{self, BufRead, BufReader, Read, Write};
+use std::net::Shutdown;
+use std::os::fd::OwnedFd;
+use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, SyncSender};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use rustix::fs::FlockOperation;
+
+use crate::status::{Request, Response};
+
+pub mod screen;
+
+/// Longest request, bytes without the line break.
+pub const MAX_LINE: usize = 64 << 10;
+/// Longest answer that the client accepts, bytes.
+pub const MAX_ANSWER: usize = 4 << 20;
+/// Connections served at once.
+pub const MAX_CONNECTIONS: usize = 16;
+/// How long a connection may be silent.
+pub const IDLE_LIMIT: Duration = Duration::from_secs(60);
+/// How long the client waits for an answer, and the server for a client to take one.
+pub const ANSWER_LIMIT: Duration = Duration::from_secs(15);
+
+/// Pause after the system refused to accept a connection (out of file descriptors, say).
+const RETRY: Duration = Duration::from_millis(200);
+
+/// A running server. Dropping it ends it.
+#[derive(Debug)]
+pub struct Server {
+    path: PathBuf,
+    /// Device and inode of our socket: what lies at `path` later may be another's.
+    identity: (u64, u64),
+    listener: UnixListener,
+    connections: Arc<Connections>,
+    /// Its end tells the accepting thread that a refusal is the end.
+    running: Option<SyncSender<()>>,
+    accepting: Option<JoinHandle<()>>,
+}
+
+/// Why a request was not answered.
+#[derive(Debug, thiserror::Error)]
+pub enum ControlError {
+    /// Start the daemon, or name the socket that it has.
+    #[error(
+        "no pawsd answers; start it with `pawsd run --config FILE`, or name its socket with --socket: {}",
+        path.display()
+    )]
+    NoDaemon {
+        /// The socket.
+        path: PathBuf,
+    },
+    /// Become a member of the socket's group.
+    #[error("not allowed to use the control socket; are you in its group, and logged in again since? {}", path.display())]
+    NotAllowed {
+        /// The socket.
+        path: PathBuf,
+    },
+    /// The daemon is there but hangs, or what was asked takes longer. Ask for the status.
+    #[error("no answer from pawsd within {} s: {}", ANSWER_LIMIT.as_secs(), path.display())]
+    TimeOut {
+        /// The socket.
+        path: PathBuf,
+    },
+    /// What answers is no pawsd, or one of another version.
+    #[error("the answer is no answer of pawsd: {reason}: {}", path.display())]
+    Garbled {
+        /// What is wrong with it.
+        reason: String,
+        /// The socket.
+        path: PathBuf,
+    },
+    /// The system refused.
+    #[error("asking pawsd: {}", path.display())]
+    Io {
+        /// The socket.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+/// Listens at `path`. `handler` is called from several threads at once.
+///
+/// # Errors
+/// `AddrInUse` when a daemon answers at `path` or something else than a socket lies there; otherwise
+/// what the system said about the folder or the socket.
+pub fn serve(
+    path: &Path,
+    handler: impl Fn(Request) -> Response + Send + Sync + 'static,
+) -> io::Result<Server> {
+    let listener = bind(path)?;
+    let metadata = fs::symlink_metadata(path)?;
+    let (running, stop) = mpsc::sync_channel(0);
+    let connections = Arc::new(Connections::default());
+    let accepting = thread::Builder::new().name("control".into()).spawn({
+        let (listener, connections) = (listener.try_clone()?, connections.clone());
+        move || accept(&listener, &connections, &Arc::new(handler), &stop)
+    })?;
+    Ok(Server {
+        path: path.to_owned(),
+        identity: (metadata.dev(), metadata.ino()),
+        listener,
+        connections,
+        running: Some(running),
+        accepting: Some(accepting),
+    })
+}
+
+/// Asks the daemon at `path`.
+///
+/// # Errors
+/// See [`ControlError`]. A daemon that refuses what is asked has answered: [`Response::Error`].
+pub fn request(path: &Path, request: &Request) -> Result<Response, ControlError> {
+    let failed = |source: io::Error| {
+        let path = path.to_owned();
+        match source.kind() {
+            io::ErrorKind::NotFound | io::ErrorKind::ConnectionRefused => {
+                ControlError::NoDaemon { path }
+            }
+            io::ErrorKind::PermissionDenied => ControlError::NotAllowed { path },
+            io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => ControlError::TimeOut { path },
+            _ => ControlError::Io { path, source },
+        }
+    };
+    let garbled = |reason: String| ControlError::Garbled {
+        reason,
+        path: path.to_owned(),
+    };
+
+    let stream = UnixStream::connect(path).map_err(failed)?;
+    stream
+        .set_read_timeout(Some(ANSWER_LIMIT))
+        .map_err(failed)?;
+    stream
+        .set_write_timeout(Some(ANSWER_LIMIT))
+        .map_err(failed)?;
+    match send(&stream, request) {
+        // A server that has too many connections answers without listening.
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
+        sent => sent.map_err(failed)?,
+    }
+    let line = receive(&mut BufReader::new(&stream), MAX_ANSWER).map_err(failed)?;
+    match line {
+        Line::End => Err(garbled("the connection was closed without one".into())),
+        Line::TooLong => Err(garbled(format!("longer than {MAX_ANSWER} bytes"))),
+        Line::Complete(line) => {
+            serde_json::from_slice(&line).map_err(|error| garbled(error.to_string()))
+        }
+    }
+}
+
+/// The connections that are open, to be closed when the server ends.
+#[derive(Debug, Default)]
+struct Connections(Mutex<Open>);
+
+#[derive(Debug, Default)]
+struct Open {
+    next: u64,
+    streams: BTreeMap<u64, UnixStream>,
+}
+
+/// One connection's place among those that are open.
+struct Place {
+    connections: Arc<Connections>,
+    number: u64,
+}
+
+impl Connections {
+    fn lock(&self) -> MutexGuard<'_, Open> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// None when there are too many.
+    fn admit(self: &Arc<Self>, stream: &UnixStream) -> io::Result<Option<Place>> {
+        let mut open = self.lock();
+        if open.streams.len() >= MAX_CONNECTIONS {
+            return Ok(None);
+        }
+        let number = open.next;
+        open.next += 1;
+        open.streams.insert(number, stream.try_clone()?);
+        Ok(Some(Place {
+            connections: self.clone(),
+            number,
+        }))
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        self.connections.lock().streams.remove(&self.number);
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let ours = |m: &fs::Metadata| (m.dev(), m.ino()) == self.identity;
+        if fs::symlink_metadata(&self.path).is_ok_and(|m| ours(&m)) {
+            let _ = fs::remove_file(&self.path);
+        }
+        self.running = None;
+        // Wakes the accepting thread: on Linux, accept(2) fails on a socket that is shut down. Only a
+        // stream has the call, and to the system a listener is one.
+        let woken = self.listener.try_clone().and_then(|listener| {
+            UnixStream::from(OwnedFd::from(listener)).shutdown(Shutdown::Both)
+        });
+        if let (Ok(()), Some(accepting)) = (woken, self.accepting.take()) {
+            let _ = accepting.join();
+        }
+        // Not joined: a handler may be waiting for the very thread that drops this server.
+        for stream in self.connections.lock().streams.values() {
+            let _ = stream.shutdown(Shutdown::Read);
+        }
+    }
+}
+
+fn bind(path: &Path) -> io::Result<UnixListener> {
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    // Two daemons that start at the same time must not replace each other's socket.
+    let guard = File::open(folder)?;
+    rustix::fs::flock(&guard, FlockOperation::LockExclusive)?;
+    if let Ok(metadata) = fs::symlink_metadata(path) {
+        let in_use = |what| {
+            Err(io::Error::new(
+                io::ErrorKind::AddrInUse,
+                format!("{what}: {}", path.display()),
+            ))
+        };
+        if !metadata.file_type().is_socket() {
+            return in_use(
+                "there is a file that is not a socket, remove it or choose another place",
+            );
+        }
+        match UnixStream::connect(path) {
+            Ok(_) => {
+                return in_use(
+                    "another daemon answers there already, stop it or choose another place",
+                );
+            }
+            Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => {
+                fs::remove_file(path)?
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    let listener = UnixListener::bind(path)?;
+    fs::set_permissions(path, Permissions::from_mode(0o660))?;
+    Ok(listener)
+}
+
+fn accept(
+    listener: &UnixListener,
+    connections: &Arc<Connections>,
+    handler: &Arc<impl Fn(Request) -> Response + Send + Sync + 'static>,
+    stop: &Receiver<()>,
+) {
+    loop {
+        let begun = listener
+            .accept()
+            .and_then(|(stream, _)| begin(stream, connections, handler));
+        if let Err(error) = begun {
+            if stop.recv_timeout(RETRY) == Err(RecvTimeoutError::Disconnected) {
+                return;
+            }
+            log::warn!("accepting a control connection: {error}");
+        }
+    }
+}
+
+fn begin(
+    stream: UnixStream,
+    connections: &Arc<Connections>,
+    handler: &Arc<impl Fn(Request) -> Response + Send + Sync + 'static>,
+) -> io::Result<()> {
+    stream.set_read_timeout(Some(IDLE_LIMIT))?;
+    stream.set_write_timeout(Some(ANSWER_LIMIT))?;
+    let Some(place) = connections.admit(&stream)? else {
+        let message = format!("{MAX_CONNECTIONS} connections are open already, try again later");
+        // Fits into the socket's buffer, so nothing waits here; the caller may have gone.
+        let _ = send(&stream, &Response::Error { message });
+        return Ok(());
+    };
+    let handler = handler.clone();
+    thread::Builder::new()
+        .name("control-conn".into())
+        .spawn(move || {
+            let _place = place;
+            if let Err(error) = converse(&stream, &*handler) {
+                log::debug!("a control connection ended: {error}");
+            }
+        })?;
+    Ok(())
+}
+
+fn converse(stream: &UnixStream, handler: impl Fn(Request) -> Response) -> io::Result<()> {
+    let mut lines = BufReader::new(stream);
+    loop {
+        match receive(&mut lines, MAX_LINE)? {
+            Line::End => return Ok(()),
+            Line::TooLong => {
+                let message = format!("reading a request: longer than {MAX_LINE} bytes");
+                return send(stream, &Response::Error { message });
+            }
+            Line::Complete(line) if line.trim_ascii().is_empty() => {}
+            Line::Complete(line) => {
+                let response = serde_json::from_slice(&line).map_or_else(
+                    |error| Response::Error {
+                        message: format!(
+                            "reading a request: {error}; expected a line like {{\"do\":\"status\"}}"
+                        ),
+                    },
+                    &handler,
+                );
+                send(stream, &response)?;
+            }
+        }
+    }
+}
+
+enum Line {
+    /// Without the line break.
+    Complete(Vec<u8>),
+    TooLong,
+    End,
+}
+
+fn receive(from: &mut impl BufRead, limit: usize) -> io::Result<Line> {
+    let mut line = Vec::new();
+    from.take(limit as u64 + 1).read_until(b'\n', &mut line)?;
+    Ok(match line.last() {
+        None => Line::End,
+        Some(b'\n') => {
+            line.pop();
+            Line::Complete(line)
+        }
+        Some(_) if line.len() > limit => Line::TooLong,
+        Some(_) => Line::Complete(line),
+    })
+}
+
+fn send(mut to: &UnixStream, message: &impl serde::Serialize) -> io::Result<()> {
+    let mut line = serde_json::to_vec(message)?;
+    line.push(b'\n');
+    to.write_all(&line)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,2 +1,326 @@
-//! capture-daemon
-fn main() {}
+//! `pawsd`: the recorder on the body, and the commands that control it.
+//!
+//! Exit codes: 0 fine, 1 failed, 2 wrong arguments or configuration, 3 recorded with loss. What was
+//! asked for goes to standard output, everything else to standard error.
+
+use std::fmt::Display;
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Context as _;
+use capture_daemon::config::{self, Config, ConfigError, DEFAULT_SOCKET, Level};
+use capture_daemon::control::{self, screen};
+use capture_daemon::recorder::OnProgress;
+use capture_daemon::run::{self, RecordOptions, StopFlag};
+use capture_daemon::status::{Progress, Request, Response, Status};
+use clap::{Args, Parser, Subcommand};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+use video::{Codec, discover, encoder};
+
+const DEFAULT_CONFIG: &str = "/etc/paws/pawsd.toml";
+/// Longest recording that can be meant, s: a week.
+const MAX_SECONDS: f64 = 7.0 * 86_400.0;
+
+const FIRST_STEPS: &str = "\
+First steps:
+  pawsd check  --config pawsd.toml                           what is wrong with the configuration
+  pawsd record --config pawsd.toml --out DIR --seconds 10    one recording
+  pawsd run    --config pawsd.toml                           the daemon, for `pawsd start` and `pawsd stop`
+
+deploy/pawsd.toml is a configuration that works without a camera and explains every setting.
+Exit codes: 0 fine, 1 failed, 2 wrong arguments or configuration, 3 recorded with loss.";
+
+/// Records stereo cameras and their IMUs into crash-safe sessions.
+#[derive(Parser)]
+#[command(name = "pawsd", version, after_help = FIRST_STEPS)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Tell everything that is wrong with a configuration, here and now
+    Check(ConfigArgs),
+    /// Make one recording: it starts at once and ends by itself or by SIGINT or SIGTERM
+    Record(RecordArgs),
+    /// Run the daemon: it waits for `start` and `stop`
+    Run(ConfigArgs),
+    /// Start recording; prints the session's folder
+    Start {
+        /// Name of the session
+        #[arg(long, default_value = "")]
+        name: String,
+        #[command(flatten)]
+        control: ControlArgs,
+    },
+    /// Stop recording and keep the session; prints its folder
+    Stop(ControlArgs),
+    /// Mark this instant in the session
+    Mark {
+        /// What to write beside it
+        #[arg(default_value = "")]
+        text: String,
+        #[command(flatten)]
+        control: ControlArgs,
+    },
+    /// Stop recording and delete the session
+    Discard(ControlArgs),
+    /// Show how the daemon is
+    Status {
+        /// As JSON, in one line
+        #[arg(long)]
+        json: bool,
+        #[command(flatten)]
+        control: ControlArgs,
+    },
+    /// Try the video encoders of this machine
+    Encoders {
+        /// Size of the stereo frame
+        #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = parse_size, default_value = "1344x376")]
+        size: (u32, u32),
+    },
+}
+
+#[derive(Args)]
+struct ConfigArgs {
+    /// Configuration
+    #[arg(long, value_name = "FILE", default_value = DEFAULT_CONFIG)]
+    config: PathBuf,
+}
+
+#[derive(Args)]
+struct RecordArgs {
+    #[command(flatten)]
+    config: ConfigArgs,
+    /// Folder in which the session's folder is made; without, the one in the configuration
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Length of the recording
+    #[arg(long, value_name = "N", value_parser = parse_seconds)]
+    seconds: f64,
+    /// As fast as the machine can, dropping nothing, with the same bytes each time
+    #[arg(long = "virtual")]
+    virtual_time: bool,
+    /// Progress as JSON lines on standard output; the last one names the session's folder
+    #[arg(long)]
+    json: bool,
+    /// Name of the session
+    #[arg(long, default_value = "")]
+    name: String,
+}
+
+#[derive(Args)]
+struct ControlArgs {
+    /// Control socket of the daemon
+    #[arg(long, value_name = "PATH", default_value = DEFAULT_SOCKET)]
+    socket: PathBuf,
+}
+
+/// The command line alone cannot be carried out.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct Usage(&'static str);
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    log_to_stderr(matches!(cli.command, Command::Run(_)));
+    let done = match cli.command {
+        Command::Check(args) => check(&args.config),
+        Command::Record(args) => record(&args),
+        Command::Run(args) => daemon(&args.config),
+        Command::Start { name, control } => ask(&control, &Request::Start { name }, print_session),
+        Command::Stop(control) => ask(&control, &Request::Stop, print_session),
+        Command::Mark { text, control } => ask(&control, &Request::Mark { text }, |_| Ok(())),
+        Command::Discard(control) => ask(&control, &Request::Discard, |_| Ok(())),
+        Command::Status { json, control } => ask(&control, &Request::Status, |status| {
+            let text = if json {
+                serde_json::to_string(status)?
+            } else {
+                screen::status(status)
+            };
+            print(text.trim_end())
+        }),
+        Command::Encoders { size } => encoders(size),
+    };
+    done.unwrap_or_else(|error| {
+        eprintln!("pawsd: {error:#}");
+        let is_wrong_input = error.is::<Usage>() || error.is::<ConfigError>();
+        ExitCode::from(if is_wrong_input { 2 } else { 1 })
+    })
+}
+
+fn log_to_stderr(daemon: bool) {
+    let level = if daemon { "info" } else { "warn" };
+    let mut logger =
+        env_logger::Builder::from_env(env_logger::Env::default().default_filter_or(level));
+    // The journal has its own time stamps.
+    if std::env::var_os("JOURNAL_STREAM").is_some() {
+        logger.format_timestamp(None);
+    }
+    logger.init();
+}
+
+fn check(path: &Path) -> anyhow::Result<ExitCode> {
+    let findings = config::check(&Config::read(path)?);
+    let count = |level| {
+        findings
+            .iter()
+            .filter(|finding| finding.level == level)
+            .count()
+    };
+    for finding in &findings {
+        print(finding)?;
+    }
+    let (errors, warnings) = (count(Level::Error), count(Level::Warning));
+    print(format_args!(
+        "\n{errors} errors, {warnings} warnings: {}",
+        path.display()
+    ))?;
+    Ok(ExitCode::from(u8::from(errors > 0)))
+}
+
+fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
+    let config = Config::read(&args.config.config)?;
+    let out = args.out.clone().or_else(|| config.session.out.clone());
+    let options = RecordOptions {
+        seconds: args.seconds,
+        virtual_time: args.virtual_time,
+        name: args.name.clone(),
+        out: out.ok_or(Usage(
+            "where do sessions go? Give --out DIR, or set out in [session]",
+        ))?,
+    };
+    let stop = stop_on_signals()?;
+    let finished = run::record(&config, &options, &stop, tell_progress(args.json))?;
+    if !args.json {
+        print(finished.session.display())?;
+    }
+    Ok(ExitCode::from(match (finished.error, finished.missing) {
+        (Some(_), _) => 1,
+        (None, 0) => 0,
+        (None, _) => 3,
+    }))
+}
+
+fn daemon(path: &Path) -> anyhow::Result<ExitCode> {
+    let config = Config::read(path)?;
+    if config.session.out.is_none() {
+        return Err(Usage("where do sessions go? Set out in [session]").into());
+    }
+    run::daemon(&config, &stop_on_signals()?)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Lines for people on standard error, and for programs, if asked, on standard output. A recording
+/// goes on although nobody reads them any more.
+fn tell_progress(json: bool) -> OnProgress {
+    let mut narrator = screen::Narrator::default();
+    Box::new(move |progress: Progress| {
+        if let Some(line) = narrator.line(&progress) {
+            let _ = writeln!(io::stderr(), "{line}");
+        }
+        if json && let Ok(line) = serde_json::to_string(&progress) {
+            let _ = print(line);
+        }
+    })
+}
+
+/// A flag that is set by the first SIGINT, SIGTERM or SIGHUP (the terminal was closed). The second
+/// one ends the program as if it did not handle them, in case it hangs.
+fn stop_on_signals() -> anyhow::Result<StopFlag> {
+    let stop = StopFlag::new();
+    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).context("taking over signals")?;
+    let flag = stop.clone();
+    std::thread::Builder::new()
+        .name("signals".into())
+        .spawn(move || {
+            for signal in &mut signals {
+                if flag.is_set() {
+                    let _ = signal_hook::low_level::emulate_default_handler(signal);
+                }
+                flag.set();
+                let _ = writeln!(io::stderr(), "stopping; the same again breaks off");
+            }
+        })
+        .context("starting the thread for signals")?;
+    Ok(stop)
+}
+
+fn ask(
+    control: &ControlArgs,
+    request: &Request,
+    show: impl Fn(&Status) -> anyhow::Result<()>,
+) -> anyhow::Result<ExitCode> {
+    match control::request(&control.socket, request)? {
+        Response::Ok { status } => {
+            show(&status)?;
+            let lost =
+                *request == Request::Stop && status.streams.iter().any(|stream| stream.missing > 0);
+            Ok(ExitCode::from(if lost { 3 } else { 0 }))
+        }
+        Response::Error { message } => anyhow::bail!(message),
+    }
+}
+
+fn print_session(status: &Status) -> anyhow::Result<()> {
+    match &status.session {
+        Some(session) => print(session.display()),
+        None => Ok(()),
+    }
+}
+
+fn encoders((width, height): (u32, u32)) -> anyhow::Result<ExitCode> {
+    let mut works = false;
+    print(format_args!(
+        "{:<15}{:<7}at {width}x{height}, one thread",
+        "encoder", "codec"
+    ))?;
+    for element in encoder::known_elements() {
+        let (codec, result) = match discover::trial(element, width, height) {
+            Ok(trial) => {
+                let preferred = if works { "" } else { ", preferred" };
+                works = true;
+                (
+                    name_of(trial.codec),
+                    format!("{:.0} pictures/s{preferred}", trial.pictures_per_s),
+                )
+            }
+            Err(reason) => ("", reason.to_string()),
+        };
+        print(format_args!("{element:<15}{codec:<7}{result}"))?;
+    }
+    Ok(ExitCode::from(u8::from(!works)))
+}
+
+fn name_of(codec: Codec) -> &'static str {
+    match codec {
+        Codec::H264 => "H.264",
+        Codec::H265 => "H.265",
+    }
+}
+
+/// One line to standard output, at once.
+fn print(line: impl Display) -> anyhow::Result<()> {
+    let mut out = io::stdout().lock();
+    writeln!(out, "{line}")
+        .and_then(|()| out.flush())
+        .context("writing to standard output")
+}
+
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(seconds) if seconds > 0.0 && seconds <= MAX_SECONDS => Ok(seconds),
+        _ => Err(format!(
+            "expected a number above 0 and at most {MAX_SECONDS}"
+        )),
+    }
+}
+
+fn parse_size(text: &str) -> Result<(u32, u32), String> {
+    text.split_once('x')
+        .and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)))
+        .ok_or_else(|| "expected a width and a height like 1344x376".to_owned())
+}

@@ -27,8 +27,16 @@ struct State<T> {
 impl<T> Queue<T> {
     /// A queue for up to `capacity` bytes.
     pub fn new(capacity: usize) -> Self {
-        let state = State { items: VecDeque::new(), bytes: 0, closed: false };
-        Self { state: Mutex::new(state), changed: Condvar::new(), capacity }
+        let state = State {
+            items: VecDeque::new(),
+            bytes: 0,
+            closed: false,
+        };
+        Self {
+            state: Mutex::new(state),
+            changed: Condvar::new(),
+            capacity,
+        }
     }
 
     /// Puts an item in if it fits.
@@ -67,7 +75,10 @@ impl<T> Queue<T> {
     fn push_within(&self, capacity: usize, item: T, bytes: usize) -> Result<(), T> {
         let mut state = self.lock();
         while !state.closed && !state.items.is_empty() && state.bytes + bytes > capacity {
-            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+            state = self
+                .changed
+                .wait(state)
+                .unwrap_or_else(PoisonError::into_inner);
         }
         if state.closed {
             return Err(item);

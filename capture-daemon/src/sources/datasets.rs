@@ -81,6 +81,9 @@ pub struct ImuSample {
     pub accel_m_s2: [f64; 3],
 }
 
+/// Highest rate that may be given, Hz: frames must not fall on one nanosecond.
+pub const MAX_RATE_HZ: f64 = 1e6;
+
 /// The layout of the data set in `path`.
 ///
 /// # Errors
@@ -122,7 +125,7 @@ pub fn detect(path: &Path) -> Result<DatasetKind, DatasetError> {
 /// # Errors
 /// [`DatasetError`], naming file and line.
 pub fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, DatasetError> {
-    if let Some(rate_hz) = rate_hz.filter(|rate| !(rate.is_finite() && *rate > 0.0)) {
+    if let Some(rate_hz) = rate_hz.filter(|rate| !(*rate > 0.0 && *rate <= MAX_RATE_HZ)) {
         return Err(DatasetError::Rate {
             path: path.to_owned(),
             rate_hz,
@@ -150,7 +153,12 @@ fn rate_of(
 ) -> Result<f64, DatasetError> {
     let mut intervals_ns: Vec<i64> = frames
         .windows(2)
-        .map(|pair| pair[1].device_time_ns - pair[0].device_time_ns)
+        // Stamps may be any integers; what cannot be a time is for the user of the list to refuse.
+        .map(|pair| {
+            pair[1]
+                .device_time_ns
+                .saturating_sub(pair[0].device_time_ns)
+        })
         .collect();
     intervals_ns.sort_unstable();
     match intervals_ns.get(intervals_ns.len() / 2) {

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use super::MAX_RATE_HZ;
+
 /// Why a data set cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum DatasetError {
@@ -65,7 +67,7 @@ pub enum DatasetError {
         path: PathBuf,
     },
     /// The given rate is impossible.
-    #[error("timing a data set: the rate is {rate_hz} Hz, expected a number above 0: {}", path.display())]
+    #[error("timing a data set: the rate is {rate_hz} Hz, expected a number above 0 and at most {MAX_RATE_HZ}: {}", path.display())]
     Rate {
         /// The folder.
         path: PathBuf,

@@ -1,0 +1,379 @@
+//! What a configuration needs from the machine, for `pawsd check`.
+//!
+//! Contract: looks at everything and stops at nothing, so that one run tells all. It finds what would
+//! keep a recording from starting here and now, for the user who runs it; it records nothing and
+//! leaves nothing behind, but it occupies the encoders for some seconds, and a recording beside it
+//! would feel that.
+
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::fmt;
+use std::io;
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::thread;
+
+use cad_transforms::rig::Rig;
+use rustix::fs::Access;
+use session_archive::time::HostTime;
+use video::discover;
+
+use super::{Camera, Config, SourceConfig};
+use crate::disk;
+use crate::sources::replay::Replay;
+use crate::sources::synthetic::Synthetic;
+use crate::sources::{Source, SourceInfo};
+
+/// How bad a finding is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Level {
+    /// As it should be.
+    Ok,
+    /// A recording can be made, but may not be what is wanted.
+    Warning,
+    /// No recording can be made.
+    Error,
+}
+
+/// One thing that was looked at.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Finding {
+    /// How bad it is.
+    pub level: Level,
+    /// Part of the configuration: `session`, `camera feet`.
+    pub about: String,
+    /// What was found and, where that is not enough, what to do.
+    pub message: String,
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let level = match self.level {
+            Level::Ok => "ok",
+            Level::Warning => "warning",
+            Level::Error => "error",
+        };
+        write!(f, "{level:<8} {}: {}", self.about, self.message)
+    }
+}
+
+/// Looks at everything that `config` needs from this machine.
+pub fn check(config: &Config) -> Vec<Finding> {
+    let mut report = Report::default();
+    out(config, &mut report);
+    socket(config, &mut report);
+    rig(config, &mut report);
+    triggers(config, &mut report);
+    let mut cameras = Vec::new();
+    for camera in &config.cameras {
+        report.about = format!("camera {}", camera.name);
+        cameras.extend(source(camera, &mut report));
+    }
+    report.about = "encoder".to_owned();
+    encoders(config, &cameras, &mut report);
+    report.findings
+}
+
+#[derive(Default)]
+struct Report {
+    about: String,
+    findings: Vec<Finding>,
+}
+
+impl Report {
+    fn add(&mut self, level: Level, message: impl Into<String>) {
+        self.findings.push(Finding {
+            level,
+            about: self.about.clone(),
+            message: message.into(),
+        });
+    }
+
+    fn ok(&mut self, message: impl Into<String>) {
+        self.add(Level::Ok, message);
+    }
+
+    fn warning(&mut self, message: impl Into<String>) {
+        self.add(Level::Warning, message);
+    }
+
+    fn error(&mut self, message: impl Into<String>) {
+        self.add(Level::Error, message);
+    }
+}
+
+fn out(config: &Config, report: &mut Report) {
+    report.about = "session".to_owned();
+    let Some(out) = &config.session.out else {
+        report
+            .warning("out is not set; `pawsd run` needs it, `pawsd record` can be told with --out");
+        return;
+    };
+    // A folder that is not there yet is made by the first recording.
+    let Some(folder) = out.ancestors().find(|folder| folder.exists()) else {
+        report.error(format!(
+            "no folder on the way to it exists: {}",
+            out.display()
+        ));
+        return;
+    };
+    match writable(folder) {
+        Err(error) => report.error(format!(
+            "sessions cannot be written: {error}: {}",
+            folder.display()
+        )),
+        Ok(()) if folder == out => report.ok(format!("sessions go to {}", out.display())),
+        Ok(()) => report.ok(format!(
+            "sessions go to {}, which will be made",
+            out.display()
+        )),
+    }
+
+    report.about = "disk".to_owned();
+    let reserve = config.disk.reserve_bytes;
+    let gb = |bytes: u64| format!("{:.1} GB", bytes as f64 / 1e9);
+    match disk::free_bytes(folder) {
+        Err(error) => report.error(format!(
+            "free space cannot be told: {error}: {}",
+            folder.display()
+        )),
+        Ok(free) if free < reserve.saturating_add(disk::START_MARGIN) => report.error(format!(
+            "{} free, expected at least {}: the reserve of {} and room to begin: {}",
+            gb(free),
+            gb(reserve.saturating_add(disk::START_MARGIN)),
+            gb(reserve),
+            folder.display()
+        )),
+        Ok(free) if free < reserve.saturating_mul(2) => {
+            report.warning(format!(
+                "only {} free, a recording ends at {}: {}",
+                gb(free),
+                gb(reserve),
+                folder.display()
+            ));
+        }
+        Ok(free) => report.ok(format!(
+            "{} free, a recording ends at {}",
+            gb(free),
+            gb(reserve)
+        )),
+    }
+}
+
+fn socket(config: &Config, report: &mut Report) {
+    report.about = "control".to_owned();
+    let socket = &config.control.socket;
+    let folder = socket.parent().unwrap_or(Path::new("/"));
+    if UnixStream::connect(socket).is_ok() {
+        report.warning(format!("a daemon answers already: {}", socket.display()));
+    } else if let Err(error) = writable(folder) {
+        // `pawsd record` does without, and systemd makes the folder when it starts the daemon.
+        report.warning(format!(
+            "`pawsd run` could not make its socket: {error}: {}",
+            folder.display()
+        ));
+    } else {
+        report.ok(format!("the socket will be {}", socket.display()));
+    }
+}
+
+fn rig(config: &Config, report: &mut Report) {
+    report.about = "rig".to_owned();
+    let Some(path) = &config.rig else {
+        report.warning("no rig file: sessions will not tell how the cameras are placed");
+        return;
+    };
+    match Rig::read(path) {
+        Err(error) => report.error(with_causes(&error)),
+        Ok(rig) => {
+            let known = rig.cameras();
+            report.ok(format!(
+                "{:?} with {}: {}",
+                rig.name(),
+                known.join(", "),
+                path.display()
+            ));
+            for camera in config
+                .cameras
+                .iter()
+                .filter(|camera| !known.contains(&camera.name.as_str()))
+            {
+                report.warning(format!(
+                    "{} is not in it: sessions will not tell how it is placed",
+                    camera.name
+                ));
+            }
+        }
+    }
+}
+
+fn triggers(config: &Config, report: &mut Report) {
+    report.about = "trigger".to_owned();
+    let mut members: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for camera in &config.cameras {
+        if let Some(trigger) = &camera.trigger {
+            members.entry(trigger).or_default().push(&camera.name);
+        }
+    }
+    for (trigger, cameras) in members {
+        match cameras.as_slice() {
+            [only] => report.warning(format!(
+                "{trigger} has {only} alone; the cameras of one trigger name the same"
+            )),
+            several => report.ok(format!("{trigger} exposes {} together", several.join(", "))),
+        }
+    }
+}
+
+/// What a source says of itself, if it can be opened.
+fn source(camera: &Camera, report: &mut Report) -> Option<SourceInfo> {
+    let start = HostTime(0);
+    let (info, own_calibration, mut notes) = match &camera.source {
+        SourceConfig::Replay(r) => {
+            match Replay::open(&camera.name, &r.path, r.rate_hz, r.repeat, r.imu, start) {
+                Ok(replay) => (
+                    replay.info().clone(),
+                    replay.calibration().is_some(),
+                    replay.notes().to_vec(),
+                ),
+                Err(error) => {
+                    report.error(with_causes(&error));
+                    return None;
+                }
+            }
+        }
+        SourceConfig::Synthetic(s) => {
+            let made = Synthetic::new(
+                &camera.name,
+                s.width,
+                s.height,
+                s.rate_hz,
+                s.imu_rate_hz,
+                s.seed,
+                start,
+            );
+            match made {
+                Ok(synthetic) => (
+                    synthetic.info().clone(),
+                    synthetic.calibration().is_some(),
+                    Vec::new(),
+                ),
+                Err(error) => {
+                    report.error(with_causes(&error));
+                    return None;
+                }
+            }
+        }
+    };
+    let of = &info.camera;
+    let imu = info.imu.as_ref().map_or("no IMU".to_owned(), |imu| {
+        format!("IMU at {:.1} Hz", imu.rate_hz)
+    });
+    report.ok(format!(
+        "{}: {}x{} at {:.1} Hz, {imu}",
+        info.description, of.width, of.height, of.rate_hz
+    ));
+
+    match &camera.calibration {
+        Some(path) => {
+            // A file that is named takes the place of what lies with the data.
+            notes.retain(|note| !note.contains("calibration"));
+            calibration(path, of.width / 2, of.height, report);
+        }
+        None if own_calibration => report.ok("the calibration comes with the source"),
+        None if notes.iter().any(|note| note.contains("calibration")) => {}
+        None => report.warning("no calibration"),
+    }
+    for note in notes {
+        report.warning(note);
+    }
+    Some(info)
+}
+
+/// `width` and `height` are those of one eye.
+fn calibration(path: &Path, width: u32, height: u32, report: &mut Report) {
+    match calib::read_stereo(path, width, height) {
+        Err(error) => report.error(with_causes(&error)),
+        Ok((stereo, notes)) => {
+            let baseline_mm = 1000.0 * stereo.baseline_m();
+            report.ok(format!(
+                "calibrated, baseline {baseline_mm:.1} mm: {}",
+                path.display()
+            ));
+            for note in notes {
+                report.warning(note.0);
+            }
+        }
+    }
+}
+
+fn encoders(config: &Config, cameras: &[SourceInfo], report: &mut Report) {
+    let mut rates_by_size: BTreeMap<(u32, u32), Vec<f64>> = BTreeMap::new();
+    for info in cameras {
+        let size = (info.camera.width, info.camera.height);
+        rates_by_size
+            .entry(size)
+            .or_default()
+            .push(info.camera.rate_hz);
+    }
+    // How many encoders like the one in the trial would be busy all the time.
+    let mut busy = 0.0;
+    for ((width, height), rates) in rates_by_size {
+        let trial = match &config.encoder.element {
+            Some(element) => discover::trial(element, width, height)
+                .map_err(|error| format!("{element} was asked for: {}", with_causes(&error))),
+            None => discover::best_encoder(width, height)
+                .map(|choice| choice.trial)
+                .map_err(|error| with_causes(&error)),
+        };
+        match trial {
+            Err(reason) => report.error(format!("{width}x{height}: {reason}")),
+            Ok(trial) => {
+                let speed = trial.pictures_per_s;
+                let fastest = rates.iter().copied().fold(0.0, f64::max);
+                busy += rates.iter().sum::<f64>() / speed;
+                let message = format!(
+                    "{width}x{height}: {}, {speed:.0} pictures/s in a trial with one thread",
+                    trial.element
+                );
+                if speed < fastest {
+                    report.warning(format!(
+                        "{message}, expected at least {fastest:.0}: frames will be dropped"
+                    ));
+                } else {
+                    report.ok(message);
+                }
+            }
+        }
+    }
+    let cores = thread::available_parallelism().map_or(1, usize::from);
+    if busy > cores as f64 {
+        report.warning(format!(
+            "all cameras together keep {busy:.1} such encoders busy; of {cores} processors, frames may be dropped"
+        ));
+    }
+}
+
+fn writable(folder: &Path) -> io::Result<()> {
+    if !std::fs::metadata(folder)?.is_dir() {
+        return Err(io::ErrorKind::NotADirectory.into());
+    }
+    Ok(rustix::fs::access(
+        folder,
+        Access::WRITE_OK | Access::EXEC_OK,
+    )?)
+}
+
+/// A message with those of its causes.
+fn with_causes(error: &dyn Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        text = format!("{text}: {error}");
+        cause = error.source();
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,157 @@
+use std::fs;
+use std::path::PathBuf;
+
+use super::*;
+
+const SYNTHETIC: &str =
+    "[[camera]]\nname = \"feet\"\nsource = { kind = \"synthetic\", width = 128, height = 64 }\n";
+
+/// The findings about a configuration in a folder of its own.
+fn findings(folder: &Path, text: &str) -> Vec<Finding> {
+    check(&Config::parse(text, folder).unwrap())
+}
+
+/// Among the findings of `about`, the worst must be `level`, and one of that level say `expected`.
+fn expect(findings: &[Finding], about: &str, level: Level, expected: &str) {
+    let of: Vec<&Finding> = findings
+        .iter()
+        .filter(|finding| finding.about == about)
+        .collect();
+    assert_eq!(
+        of.iter().map(|f| f.level).max(),
+        Some(level),
+        "{about}: {findings:#?}"
+    );
+    let says = |f: &&&Finding| f.level == level && f.message.contains(expected);
+    assert!(
+        of.iter().any(|f| says(&f)),
+        "{about} does not say {expected:?}: {findings:#?}"
+    );
+}
+
+fn write_pair(folder: &Path, width: u32, height: u32) -> PathBuf {
+    fs::create_dir_all(folder).unwrap();
+    for name in ["left.png", "right.png"] {
+        let file = fs::File::create(folder.join(name)).unwrap();
+        let mut encoder = png::Encoder::new(file, width, height);
+        encoder.set_color(png::ColorType::Grayscale);
+        let mut writer = encoder.write_header().unwrap();
+        writer
+            .write_image_data(&vec![128; (width * height) as usize])
+            .unwrap();
+    }
+    folder.to_owned()
+}
+
+#[test]
+fn a_good_configuration_has_no_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = format!(
+        "session.out = \"sessions\"\ncontrol.socket = \"pawsd.sock\"\ndisk.reserve_gb = 0\n{SYNTHETIC}"
+    );
+    let found = findings(folder.path(), &text);
+    assert!(found.iter().all(|f| f.level < Level::Error), "{found:#?}");
+    expect(&found, "session", Level::Ok, "which will be made");
+    expect(&found, "disk", Level::Ok, "a recording ends at 0.0 GB");
+    expect(&found, "control", Level::Ok, "pawsd.sock");
+    expect(&found, "rig", Level::Warning, "no rig file");
+    expect(&found, "camera feet", Level::Warning, "no calibration");
+    let encoder = found.iter().find(|f| f.about == "encoder").unwrap();
+    assert!(
+        encoder.message.contains("128x64") && encoder.message.contains("pictures/s"),
+        "{encoder}"
+    );
+    assert!(
+        fs::read_dir(folder.path()).unwrap().next().is_none(),
+        "something was left behind"
+    );
+}
+
+#[test]
+fn everything_wrong_is_told_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    fs::write(here.join("file"), "").unwrap();
+    fs::write(here.join("rig.toml"), "format = 1\n").unwrap();
+    fs::create_dir(here.join("empty")).unwrap();
+    write_pair(&here.join("desk"), 64, 32);
+    fs::write(here.join("K.txt"), "500 0 320 0 500 240 0 0 1\n0.1\n").unwrap();
+    let text = "\
+        session.out = \"file/sessions\"\ncontrol.socket = \"no/such/pawsd.sock\"\ndisk.reserve_gb = 99999\n\
+        rig.file = \"rig.toml\"\nencoder.element = \"nvv4l2h265enc\"\n\
+        [[camera]]\nname = \"gone\"\ntrigger = \"chest\"\nsource = { kind = \"replay\", path = \"gone\" }\n\
+        [[camera]]\nname = \"none\"\nsource = { kind = \"replay\", path = \"empty\" }\n\
+        [[camera]]\nname = \"rateless\"\nsource = { kind = \"replay\", path = \"desk\" }\n\
+        [[camera]]\nname = \"misfit\"\ncalibration = \"K.txt\"\n\
+        source = { kind = \"replay\", path = \"desk\", rate_hz = 10, repeat = true }\n\
+        [[camera]]\nname = \"uncalibrated\"\ncalibration = \"absent.conf\"\nsource = { kind = \"synthetic\", width = 128, height = 32 }\n";
+    let found = findings(here, text);
+    expect(&found, "session", Level::Error, "not a directory");
+    expect(&found, "disk", Level::Error, "expected at least 99999.3 GB");
+    expect(
+        &found,
+        "control",
+        Level::Warning,
+        "could not make its socket",
+    );
+    expect(&found, "rig", Level::Error, "name is missing");
+    expect(&found, "trigger", Level::Warning, "gone alone");
+    expect(&found, "camera gone", Level::Error, "no folder");
+    expect(
+        &found,
+        "camera none",
+        Level::Error,
+        "recognising a data set",
+    );
+    expect(&found, "camera rateless", Level::Error, "rate");
+    expect(&found, "camera misfit", Level::Error, "principal point");
+    expect(&found, "camera uncalibrated", Level::Error, "absent.conf");
+    expect(
+        &found,
+        "encoder",
+        Level::Error,
+        "128x32: nvv4l2h265enc was asked for",
+    );
+}
+
+#[test]
+fn the_rig_has_to_know_the_cameras() {
+    let rig = Path::new(env!("CARGO_MANIFEST_DIR")).join("../cad-transforms/rigs/example.toml");
+    let folder = tempfile::tempdir().unwrap();
+    let with_rig =
+        |cameras: &str| findings(folder.path(), &format!("rig.file = {rig:?}\n{cameras}"));
+    expect(
+        &with_rig(SYNTHETIC),
+        "rig",
+        Level::Ok,
+        "left_shoulder, right_shoulder",
+    );
+    let hand = SYNTHETIC.replace("feet", "hand");
+    expect(&with_rig(&hand), "rig", Level::Warning, "hand is not in it");
+}
+
+#[test]
+fn a_running_daemon_is_noticed() {
+    let folder = tempfile::tempdir().unwrap();
+    let _daemon = std::os::unix::net::UnixListener::bind(folder.path().join("s")).unwrap();
+    let found = findings(
+        folder.path(),
+        &format!("control.socket = \"s\"\n{SYNTHETIC}"),
+    );
+    expect(
+        &found,
+        "control",
+        Level::Warning,
+        "a daemon answers already",
+    );
+}
+
+#[test]
+fn a_finding_is_one_line() {
+    let finding = Finding {
+        level: Level::Warning,
+        about: "camera feet".into(),
+        message: "no calibration".into(),
+    };
+    assert_eq!(finding.to_string(), "warning  camera feet: no calibration");
+}

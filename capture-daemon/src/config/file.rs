@@ -1,0 +1,258 @@
+//! The keys of the configuration file, their ranges and their defaults.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use cad_transforms::frame::{MAX_CAMERA_NAME, is_camera_name};
+use toml::de::DeTable;
+use video::encoder::known_elements;
+
+use super::section::{Log, Section, nearest};
+use super::{
+    Camera, Config, Control, DEFAULT_SOCKET, Disk, Encoder, Problems, ReplayConfig, Session,
+    SourceConfig, SyntheticConfig,
+};
+
+/// Longest name of a session, characters.
+const MAX_SESSION_NAME: usize = 80;
+/// Longest path of a Unix socket, bytes: `sun_path` of unix(7) less the closing zero.
+const MAX_SOCKET_PATH: usize = 107;
+/// Longest latency that can be meant, ms.
+const MAX_LATENCY_MS: f64 = 1000.0;
+/// Fastest camera, pictures per second.
+const MAX_RATE_HZ: f64 = 1000.0;
+/// Fastest IMU, samples per second.
+const MAX_IMU_RATE_HZ: f64 = 10_000.0;
+/// Kinds of sources that there will be: whoever names one is answered with more than "unknown".
+const LATER_KINDS: [&str; 4] = ["v4l2", "zed", "gmsl", "sim"];
+
+pub(super) fn parse(text: &str, folder: &Path) -> Result<Config, Problems> {
+    let log = Log::new(text);
+    let (document, errors) = DeTable::parse_recoverable(text);
+    for error in &errors {
+        log.add(
+            error.span().map_or(0, |span| span.start),
+            format!("not TOML: {}", error.message()),
+        );
+    }
+    // What could be read of a broken document may not be what was meant.
+    let config = if errors.is_empty() {
+        config(Section::root(document.get_ref(), &log), folder)
+    } else {
+        None
+    };
+    let problems = log.into_problems();
+    config
+        .filter(|_| problems.is_empty())
+        .ok_or(Problems(problems))
+}
+
+/// Never nothing without a problem noted.
+fn config(mut root: Section<'_>, folder: &Path) -> Option<Config> {
+    let session = session(root.section("session", "[session]"), folder);
+    let disk = disk(root.section("disk", "[disk]"));
+    let encoder = encoder(root.section("encoder", "[encoder]"));
+    let control = control(root.section("control", "[control]"), folder);
+    let mut rig_section = root.section("rig", "[rig]");
+    let rig = rig_section.path("file", folder);
+    rig_section.finish();
+    root.must_have("camera", "a table [[camera]] for each camera");
+    let cameras = cameras(root.sections("camera", "[[camera]]"), folder);
+    root.finish();
+    Some(Config {
+        session,
+        disk,
+        encoder,
+        control,
+        rig,
+        cameras: cameras?,
+    })
+}
+
+fn session(mut section: Section<'_>, folder: &Path) -> Session {
+    let expected = format!("a text without line breaks, at most {MAX_SESSION_NAME} characters");
+    let is_name =
+        |name: &str| name.chars().count() <= MAX_SESSION_NAME && !name.contains(char::is_control);
+    let session = Session {
+        out: section.path("out", folder),
+        name: section.text("name", &expected, is_name).unwrap_or_default(),
+        chunk_ns: section.integer("chunk_ms", 100..=1000).unwrap_or(500) * 1_000_000,
+        pre_roll_ns: ns(1e9, section.number("pre_roll_s", 0.0..=60.0).unwrap_or(1.0)),
+    };
+    section.finish();
+    session
+}
+
+fn disk(mut section: Section<'_>) -> Disk {
+    let reserve_gb = section.number("reserve_gb", 0.0..=100_000.0).unwrap_or(1.0);
+    section.finish();
+    Disk {
+        reserve_bytes: (reserve_gb * 1e9).round() as u64,
+    }
+}
+
+fn encoder(mut section: Section<'_>) -> Encoder {
+    let elements: Vec<&str> = known_elements().collect();
+    let expected = format!("\"auto\" or one of {}", elements.join(", "));
+    let is_known = |element: &str| element == "auto" || elements.contains(&element);
+    let encoder = Encoder {
+        element: section
+            .text("element", &expected, is_known)
+            .filter(|element| element != "auto"),
+        quality_db: section.number("quality_db", 30.0..=55.0).unwrap_or(42.0),
+        threads: section.integer("threads", 1..=16).unwrap_or(1) as u32,
+    };
+    section.finish();
+    encoder
+}
+
+fn control(mut section: Section<'_>, folder: &Path) -> Control {
+    let socket = section
+        .path("socket", folder)
+        .unwrap_or_else(|| DEFAULT_SOCKET.into());
+    let length = socket.as_os_str().len();
+    if length > MAX_SOCKET_PATH {
+        section.refuse(
+            "socket",
+            format_args!("is a path of {length} bytes, expected at most {MAX_SOCKET_PATH}"),
+        );
+    }
+    section.finish();
+    Control { socket }
+}
+
+fn cameras(sections: Vec<Section<'_>>, folder: &Path) -> Option<Vec<Camera>> {
+    let mut cameras = Vec::new();
+    let mut first_with: BTreeMap<String, usize> = BTreeMap::new();
+    let mut complete = true;
+    for (i, mut section) in sections.into_iter().enumerate() {
+        let camera = camera(&mut section, folder, i);
+        if let Some(name) = camera.as_ref().map(|camera| camera.name.clone())
+            && let Some(first) = first_with.insert(name.clone(), i)
+        {
+            let reason = format!(
+                "is {name:?} like that of camera {}, expected a name of its own",
+                first + 1
+            );
+            section.refuse("name", reason);
+        }
+        section.finish();
+        complete &= camera.is_some();
+        cameras.extend(camera);
+    }
+    complete.then_some(cameras)
+}
+
+fn camera(section: &mut Section<'_>, folder: &Path, position: usize) -> Option<Camera> {
+    let a_name = format!(
+        "a name of a-z, 0-9 and _, first a letter, at most {MAX_CAMERA_NAME} long, not rig or world"
+    );
+    section.must_have("name", &a_name);
+    section.must_have("source", "a table [camera.source] with a kind");
+    let name = section.text("name", &a_name, is_camera_name);
+    let trigger = section.text("trigger", &a_name, is_camera_name);
+    let calibration = section.path("calibration", folder);
+    let mut ms = |key, default| {
+        ns(
+            1e6,
+            section.number(key, 0.0..=MAX_LATENCY_MS).unwrap_or(default),
+        )
+    };
+    let (latency_ns, latency_sigma_ns) = (ms("latency_ms", 0.0), ms("latency_sigma_ms", 1.0));
+    let (imu_latency_ns, imu_latency_sigma_ns) =
+        (ms("imu_latency_ms", 0.0), ms("imu_latency_sigma_ms", 1.0));
+    let source = source(
+        section.section("source", "[camera.source]"),
+        folder,
+        position,
+    );
+    Some(Camera {
+        name: name?,
+        trigger,
+        calibration,
+        latency_ns,
+        latency_sigma_ns: latency_sigma_ns.unsigned_abs(),
+        imu_latency_ns,
+        imu_latency_sigma_ns: imu_latency_sigma_ns.unsigned_abs(),
+        source: source?,
+    })
+}
+
+fn source(mut section: Section<'_>, folder: &Path, position: usize) -> Option<SourceConfig> {
+    const KINDS: &str = "\"replay\" (a recorded data set) or \"synthetic\" (a made-up picture)";
+    section.must_have("kind", KINDS);
+    let kind = section.text("kind", KINDS, |_| true)?;
+    let source = match kind.as_str() {
+        "replay" => {
+            section.must_have("path", "the folder of a data set");
+            let path = section.path("path", folder);
+            let rate_hz = section.number("rate_hz", 0.01..=MAX_RATE_HZ);
+            let repeat = section.flag("repeat").unwrap_or(false);
+            let imu = section.flag("imu").unwrap_or(true);
+            path.map(|path| {
+                SourceConfig::Replay(ReplayConfig {
+                    path,
+                    rate_hz,
+                    repeat,
+                    imu,
+                })
+            })
+        }
+        "synthetic" => Some(SourceConfig::Synthetic(synthetic(&mut section, position))),
+        // Its other keys are those of another kind, so nothing is said of them.
+        later if LATER_KINDS.contains(&later) => {
+            section.refuse(
+                "kind",
+                format_args!(
+                    "is {later:?}, which comes with a later version; this one has {KINDS}"
+                ),
+            );
+            return None;
+        }
+        unknown => {
+            let hint = nearest(unknown, &["replay", "synthetic"]);
+            section.refuse(
+                "kind",
+                format_args!("is {unknown:?}, expected {KINDS}; {hint}"),
+            );
+            return None;
+        }
+    };
+    section.finish();
+    source
+}
+
+/// By default the size and rates of a ZED Mini in its smallest mode.
+fn synthetic(section: &mut Section<'_>, position: usize) -> SyntheticConfig {
+    let mut pixels = |key, range, default, step| {
+        let pixels = section.integer(key, range).unwrap_or(default);
+        if pixels % step != 0 {
+            section.refuse(
+                key,
+                format_args!("is {pixels}, expected a multiple of {step}"),
+            );
+        }
+        pixels as u32
+    };
+    let width = pixels("width", 128..=16_384, 1344, 4);
+    let height = pixels("height", 32..=8192, 376, 2);
+    SyntheticConfig {
+        width,
+        height,
+        rate_hz: section
+            .number("rate_hz", 0.01..=MAX_RATE_HZ)
+            .unwrap_or(30.0),
+        imu_rate_hz: section
+            .number("imu_rate_hz", 0.0..=MAX_IMU_RATE_HZ)
+            .unwrap_or(400.0),
+        // Cameras that show the same picture are hard to tell apart in a recording.
+        seed: section
+            .integer("seed", 0..=i64::MAX)
+            .map_or(position as u64, i64::unsigned_abs),
+    }
+}
+
+/// A time given in another unit, of which `unit_ns` is the length. Ranges keep it exact.
+fn ns(unit_ns: f64, value: f64) -> i64 {
+    (value * unit_ns).round() as i64
+}
