@@ -1,0 +1,270 @@
+//! Status and progress in words, for a person at a terminal.
+//!
+//! Contract: the status of a rig fits on one screen, and what is wrong stands out at its end. Numbers
+//! that are not known are left out, never shown as zero.
+
+use std::fmt::Write as _;
+
+use session_archive::time::{HostTime, NS_PER_S};
+
+use crate::status::{Progress, State, Status, StreamStatus};
+
+/// How much log time lies between two lines about a recording that goes well, ns.
+const REPORT_EVERY_NS: i64 = 5 * NS_PER_S;
+
+/// The whole status, several lines.
+pub fn status(status: &Status) -> String {
+    let mut text = format!("pawsd is {}", status.state);
+    if matches!(status.state, State::Recording | State::Stopping) {
+        let _ = write!(text, ", {} so far", duration(status.seconds));
+    }
+    text.push('\n');
+    if let Some(session) = &status.session {
+        let _ = writeln!(text, "session   {}", session.display());
+    }
+    if let Some(free) = status.free_bytes {
+        let left = status
+            .seconds_left
+            .map(|s| format!(", enough for {}", duration(s)));
+        let _ = writeln!(
+            text,
+            "disk      {:.1} GB free{}",
+            free as f64 / 1e9,
+            left.unwrap_or_default()
+        );
+    }
+    for (i, encoder) in status.encoders.iter().enumerate() {
+        let _ = writeln!(
+            text,
+            "{:<10}{encoder}",
+            if i == 0 { "encoders" } else { "" }
+        );
+    }
+    if !status.streams.is_empty() {
+        let width = status
+            .streams
+            .iter()
+            .map(|s| s.name.chars().count())
+            .max()
+            .unwrap_or(0)
+            .max(6);
+        let _ = writeln!(
+            text,
+            "\n{:<width$}  {:>8}  {:>10}  {:>10}  {:>8}",
+            "stream", "per s", "received", "stored", "missing"
+        );
+        for stream in &status.streams {
+            let line = format!(
+                "{:<width$}  {:>8.1}  {:>10}  {:>10}  {:>8}  {}",
+                stream.name,
+                stream.rate_hz,
+                stream.received,
+                stream.stored,
+                stream.missing,
+                remark(stream)
+            );
+            let _ = writeln!(text, "{}", line.trim_end());
+        }
+    }
+    if !status.alarms.is_empty() {
+        text.push('\n');
+    }
+    for alarm in &status.alarms {
+        let _ = writeln!(text, "! {alarm}");
+    }
+    text
+}
+
+fn remark(stream: &StreamStatus) -> &'static str {
+    match (stream.silent, stream.frozen) {
+        (true, _) => "SILENT",
+        (false, true) => "FROZEN",
+        (false, false) => "",
+    }
+}
+
+/// A length of time as people say it.
+fn duration(seconds: f64) -> String {
+    let whole = seconds.max(0.0) as u64;
+    match (whole / 3600, whole / 60 % 60) {
+        (0, 0) => format!("{seconds:.1} s"),
+        (0, minutes) => format!("{minutes} min {:02} s", whole % 60),
+        (hours @ 0..=99, minutes) => format!("{hours} h {minutes:02} min"),
+        (hours, _) => format!("{} days", hours / 24),
+    }
+}
+
+/// Turns the progress of a recording into lines. Durability comes twice a second and is told only now
+/// and then; everything else is told at once.
+#[derive(Debug, Default)]
+pub struct Narrator {
+    started: Option<HostTime>,
+    told: Option<HostTime>,
+}
+
+impl Narrator {
+    /// The line for this event, if it is worth one.
+    pub fn line(&mut self, progress: &Progress) -> Option<String> {
+        Some(match progress {
+            Progress::Started { session, at } => {
+                (self.started, self.told) = (Some(*at), Some(*at));
+                format!("recording: {}", session.display())
+            }
+            Progress::Durable { until, messages } => {
+                if self
+                    .told
+                    .is_some_and(|told| until.0 - told.0 < REPORT_EVERY_NS)
+                {
+                    return None;
+                }
+                self.told = Some(*until);
+                let seconds = self
+                    .started
+                    .map_or(0.0, |at| (until.0 - at.0) as f64 / NS_PER_S as f64);
+                format!("{} on disk, {messages} messages", duration(seconds))
+            }
+            Progress::Alarm { text, active: true } => format!("ALARM: {text}"),
+            Progress::Alarm {
+                text,
+                active: false,
+            } => format!("no longer: {text}"),
+            Progress::Finished {
+                reason,
+                seconds,
+                stored,
+                missing,
+                error,
+                ..
+            } => {
+                let failure = error.as_ref().map(|error| format!("\nFAILED: {error}"));
+                format!(
+                    "finished after {} ({reason}): {stored} samples stored, {missing} missing{}",
+                    duration(*seconds),
+                    failure.unwrap_or_default()
+                )
+            }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use super::*;
+
+    fn stream(name: &str, silent: bool, frozen: bool) -> StreamStatus {
+        StreamStatus {
+            name: name.into(),
+            rate_hz: 29.97,
+            received: 1234,
+            stored: 1200,
+            missing: 3,
+            silent,
+            frozen,
+        }
+    }
+
+    #[test]
+    fn the_status_of_a_rig_fits_on_a_screen() {
+        let full = Status {
+            state: State::Recording,
+            session: Some("/data/a".into()),
+            seconds: 83.4,
+            durable_until: Some(HostTime(5)),
+            streams: vec![
+                stream("left_shoulder", false, false),
+                stream("left_shoulder/imu", true, true),
+                stream("feet", false, true),
+            ],
+            free_bytes: Some(118_400_000_000),
+            seconds_left: Some(8040.0),
+            alarms: vec![
+                "left_shoulder/imu is silent".into(),
+                "feet is frozen".into(),
+            ],
+            encoders: vec!["left_shoulder: x264enc".into(), "feet: x264enc".into()],
+        };
+        let expected = "\
+pawsd is recording, 1 min 23 s so far
+session   /data/a
+disk      118.4 GB free, enough for 2 h 14 min
+encoders  left_shoulder: x264enc
+          feet: x264enc
+
+stream                per s    received      stored   missing
+left_shoulder          30.0        1234        1200         3
+left_shoulder/imu      30.0        1234        1200         3  SILENT
+feet                   30.0        1234        1200         3  FROZEN
+
+! left_shoulder/imu is silent
+! feet is frozen
+";
+        assert_eq!(status(&full), expected);
+        let empty = Status {
+            state: State::Idle,
+            session: None,
+            streams: Vec::new(),
+            free_bytes: None,
+            seconds_left: None,
+            alarms: Vec::new(),
+            encoders: Vec::new(),
+            ..full
+        };
+        assert_eq!(status(&empty), "pawsd is idle\n");
+    }
+
+    #[test]
+    fn durations_read_like_speech() {
+        let check = |seconds: f64, expected: &str| assert_eq!(duration(seconds), expected);
+        check(0.04, "0.0 s");
+        check(59.94, "59.9 s");
+        check(60.0, "1 min 00 s");
+        check(3599.9, "59 min 59 s");
+        check(3600.0, "1 h 00 min");
+        check(1e6, "11 days");
+        check(f64::INFINITY, "213503982334601 days");
+    }
+
+    #[test]
+    fn a_recording_that_goes_well_is_told_in_few_lines() {
+        let mut narrator = Narrator::default();
+        let session = PathBuf::from("/data/a");
+        let at = HostTime(7 * NS_PER_S);
+        let started = Progress::Started {
+            session: session.clone(),
+            at,
+        };
+        assert_eq!(narrator.line(&started).unwrap(), "recording: /data/a");
+        let lines: Vec<String> = (1..=24)
+            .map(|half| Progress::Durable {
+                until: HostTime(at.0 + half * NS_PER_S / 2),
+                messages: 10 * half as u64,
+            })
+            .filter_map(|progress| narrator.line(&progress))
+            .collect();
+        assert_eq!(
+            lines,
+            [
+                "5.0 s on disk, 100 messages",
+                "10.0 s on disk, 200 messages"
+            ]
+        );
+        let alarm = Progress::Alarm {
+            text: "feet is silent".into(),
+            active: true,
+        };
+        assert_eq!(narrator.line(&alarm).unwrap(), "ALARM: feet is silent");
+        let finished = Progress::Finished {
+            session,
+            reason: "disk".into(),
+            seconds: 12.0,
+            stored: 240,
+            missing: 1,
+            error: Some("no space left".into()),
+        };
+        let expected =
+            "finished after 12.0 s (disk): 240 samples stored, 1 missing\nFAILED: no space left";
+        assert_eq!(narrator.line(&finished).unwrap(), expected);
+    }
+}

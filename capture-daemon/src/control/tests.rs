@@ -1,0 +1,293 @@
+use std::sync::Barrier;
+use std::sync::mpsc::sync_channel;
+
+use super::*;
+use crate::status::{State, Status};
+
+fn status(state: State) -> Response {
+    Response::Ok {
+        status: Box::new(Status {
+            state,
+            session: None,
+            seconds: 0.0,
+            durable_until: None,
+            streams: Vec::new(),
+            free_bytes: None,
+            seconds_left: None,
+            alarms: Vec::new(),
+            encoders: Vec::new(),
+        }),
+    }
+}
+
+/// Tells by its answer which request it got.
+fn echo(request: Request) -> Response {
+    match request {
+        Request::Start { name } => Response::Error {
+            message: format!("start {name}"),
+        },
+        Request::Mark { text } => Response::Error {
+            message: format!("mark {text}"),
+        },
+        Request::Stop => status(State::Stopping),
+        Request::Discard => status(State::Idle),
+        Request::Status => status(State::Armed),
+    }
+}
+
+struct Place {
+    _folder: tempfile::TempDir,
+    path: PathBuf,
+}
+
+fn place() -> Place {
+    let folder = tempfile::tempdir().unwrap();
+    Place {
+        path: folder.path().join("pawsd.sock"),
+        _folder: folder,
+    }
+}
+
+/// Sends bytes as they are and returns the lines that come back until the server closes.
+fn raw(path: &Path, bytes: &[u8]) -> Vec<String> {
+    let stream = UnixStream::connect(path).unwrap();
+    stream.set_read_timeout(Some(ANSWER_LIMIT)).unwrap();
+    // The server may close before it has read everything.
+    let _ = (&stream).write_all(bytes);
+    let _ = stream.shutdown(Shutdown::Write);
+    BufReader::new(&stream)
+        .lines()
+        .map_while(Result::ok)
+        .collect()
+}
+
+#[test]
+fn every_request_arrives_and_is_answered() {
+    let place = place();
+    let _server = serve(&place.path, echo).unwrap();
+    let requests = [
+        Request::Start {
+            name: "kitchen \"2\"\n".into(),
+        },
+        Request::Mark {
+            text: "stairs ↑".into(),
+        },
+        Request::Stop,
+        Request::Discard,
+        Request::Status,
+    ];
+    for asked in requests {
+        assert_eq!(request(&place.path, &asked).unwrap(), echo(asked));
+    }
+    let mode = fs::metadata(&place.path).unwrap().permissions().mode();
+    assert_eq!(mode & 0o777, 0o660);
+}
+
+#[test]
+fn garbage_is_answered_and_the_connection_goes_on() {
+    let place = place();
+    let _server = serve(&place.path, echo).unwrap();
+    let check = |line: &[u8], expected: &str| {
+        let mut bytes = line.to_vec();
+        bytes.extend(b"\n\n{\"do\":\"mark\"}");
+        let answers = raw(&place.path, &bytes);
+        assert_eq!(answers.len(), 2, "{answers:?}");
+        let Ok(Response::Error { message }) = serde_json::from_str(&answers[0]) else {
+            panic!("no error: {}", answers[0]);
+        };
+        assert!(
+            message.contains(expected),
+            "{message:?} does not say {expected:?}"
+        );
+        assert!(answers[1].contains("mark "), "{}", answers[1]);
+    };
+    check(b"hello", "expected a line like {\"do\":\"status\"}");
+    check(b"{\"do\":\"strat\"}", "unknown variant `strat`");
+    check(b"{\"do\":\"start\",\"name\":3}", "expected a string");
+    check(b"{}", "missing field `do`");
+    check(b"\xff\x00\xfe", "expected value");
+    let deep = [b"{\"a\":".as_slice(), &vec![b'['; MAX_LINE - 5]].concat();
+    check(&deep, "recursion limit");
+}
+
+#[test]
+fn a_line_that_is_too_long_ends_the_connection() {
+    let place = place();
+    let _server = serve(&place.path, echo).unwrap();
+    let mut longest = format!(
+        "{{\"do\":\"mark\",\"text\":\"{}\"}}",
+        "x".repeat(MAX_LINE - 23)
+    )
+    .into_bytes();
+    assert_eq!(longest.len(), MAX_LINE);
+    longest.extend(b"\n{\"do\":\"status\"}\n");
+    assert_eq!(
+        raw(&place.path, &longest).len(),
+        2,
+        "the longest line is still taken"
+    );
+    longest.insert(0, b' ');
+    let answers = raw(&place.path, &longest);
+    assert_eq!(answers.len(), 1, "{answers:?}");
+    assert!(
+        answers[0].contains("longer than 65536 bytes"),
+        "{answers:?}"
+    );
+    assert!(
+        request(&place.path, &Request::Status).is_ok(),
+        "others are still served"
+    );
+}
+
+#[test]
+fn without_a_daemon_the_client_says_what_to_do() {
+    let place = place();
+    let check = |what: &str| {
+        let error = request(&place.path, &Request::Status).unwrap_err();
+        assert!(
+            matches!(error, ControlError::NoDaemon { .. }),
+            "{what}: {error}"
+        );
+        assert!(error.to_string().contains("pawsd run --config"), "{error}");
+    };
+    check("nothing there");
+    drop(UnixListener::bind(&place.path).unwrap());
+    check("a dead daemon's socket");
+}
+
+#[test]
+fn an_answer_from_something_else_is_refused() {
+    let place = place();
+    let check = |answer: &'static [u8], expected: &str| {
+        let _ = fs::remove_file(&place.path);
+        let listener = UnixListener::bind(&place.path).unwrap();
+        let stranger = thread::spawn(move || {
+            let (mut stream, _) = listener.accept().unwrap();
+            BufReader::new(&stream)
+                .read_until(b'\n', &mut Vec::new())
+                .unwrap();
+            stream.write_all(answer).unwrap();
+        });
+        let error = request(&place.path, &Request::Status).unwrap_err();
+        stranger.join().unwrap();
+        assert!(matches!(error, ControlError::Garbled { .. }), "{error}");
+        assert!(error.to_string().contains(expected), "{error}");
+    };
+    check(b"", "closed without one");
+    check(b"HTTP/1.1 400 Bad Request\n", "expected value");
+    check(b"{\"result\":\"maybe\"}\n", "unknown variant `maybe`");
+}
+
+#[test]
+fn a_dead_socket_is_replaced_a_live_one_is_not() {
+    let place = place();
+    drop(UnixListener::bind(&place.path).unwrap());
+    let server = serve(&place.path, echo).unwrap();
+    assert!(request(&place.path, &Request::Status).is_ok());
+
+    let error = serve(&place.path, echo).unwrap_err();
+    assert_eq!(error.kind(), io::ErrorKind::AddrInUse);
+    assert!(
+        error.to_string().contains("another daemon answers"),
+        "{error}"
+    );
+    assert!(
+        request(&place.path, &Request::Status).is_ok(),
+        "the first daemon is untouched"
+    );
+    drop(server);
+
+    fs::write(&place.path, "precious").unwrap();
+    let error = serve(&place.path, echo).unwrap_err();
+    assert!(error.to_string().contains("not a socket"), "{error}");
+    assert_eq!(fs::read(&place.path).unwrap(), b"precious");
+
+    let absent = serve(&place.path.join("no/such"), echo).unwrap_err();
+    assert_ne!(absent.kind(), io::ErrorKind::AddrInUse);
+}
+
+#[test]
+fn dropping_removes_only_its_own_socket() {
+    let place = place();
+    let server = serve(&place.path, echo).unwrap();
+    drop(server);
+    assert!(!place.path.exists());
+
+    let server = serve(&place.path, echo).unwrap();
+    fs::remove_file(&place.path).unwrap();
+    let other = serve(&place.path, echo).unwrap();
+    drop(server);
+    assert!(
+        request(&place.path, &Request::Status).is_ok(),
+        "the other's socket is still there"
+    );
+    drop(other);
+    assert!(!place.path.exists());
+}
+
+#[test]
+fn dropping_lets_the_request_in_hand_finish() {
+    let place = place();
+    let (entered, wait) = (Arc::new(Barrier::new(2)), Arc::new(Barrier::new(2)));
+    let (entered_there, wait_there) = (entered.clone(), wait.clone());
+    let server = serve(&place.path, move |_| {
+        entered_there.wait();
+        wait_there.wait();
+        status(State::Stopping)
+    })
+    .unwrap();
+    let path = place.path.clone();
+    let client = thread::spawn(move || raw(&path, b"{\"do\":\"stop\"}\n"));
+    entered.wait();
+    // Must not wait for the handler, which may wait for whoever drops.
+    drop(server);
+    wait.wait();
+    let answers = client.join().unwrap();
+    assert!(answers[0].contains("stopping"), "{answers:?}");
+}
+
+#[test]
+fn connections_are_bounded() {
+    let place = place();
+    let (handled, handling) = sync_channel(MAX_CONNECTIONS);
+    let _server = serve(&place.path, move |_| {
+        handled.send(()).unwrap();
+        status(State::Armed)
+    })
+    .unwrap();
+    let mut open = Vec::new();
+    for _ in 0..MAX_CONNECTIONS {
+        let stream = UnixStream::connect(&place.path).unwrap();
+        send(&stream, &Request::Status).unwrap();
+        open.push(stream);
+    }
+    for _ in 0..MAX_CONNECTIONS {
+        handling.recv().unwrap();
+    }
+    let Ok(Response::Error { message }) = request(&place.path, &Request::Status) else {
+        panic!("one connection too many was served");
+    };
+    assert!(message.contains("16 connections are open"), "{message}");
+
+    // The server closes its side after it has given the place back.
+    let closed = open.pop().unwrap();
+    closed.shutdown(Shutdown::Write).unwrap();
+    io::copy(&mut &closed, &mut io::sink()).unwrap();
+    let answer = request(&place.path, &Request::Status);
+    assert!(matches!(answer, Ok(Response::Ok { .. })), "{answer:?}");
+}
+
+#[test]
+fn a_handler_that_panics_takes_only_its_connection_along() {
+    let place = place();
+    let _server = serve(&place.path, |request| match request {
+        Request::Stop => panic!("on purpose"),
+        _ => status(State::Armed),
+    })
+    .unwrap();
+    for _ in 0..2 * MAX_CONNECTIONS {
+        let error = request(&place.path, &Request::Stop).unwrap_err();
+        assert!(matches!(error, ControlError::Garbled { .. }), "{error}");
+    }
+    assert!(request(&place.path, &Request::Status).is_ok());
+}

@@ -1,0 +1,339 @@
+//! The commands of `pawsd` as a user types them.
+
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::os::unix::process::ExitStatusExt;
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+
+use capture_daemon::status::{Progress, State, Status};
+
+/// One camera that a single slow core encodes in real time.
+const CAMERA: &str = "[[camera]]\nname = \"feet\"\n\
+    source = { kind = \"synthetic\", width = 128, height = 64, rate_hz = 20, imu_rate_hz = 100 }\n";
+
+fn pawsd(args: &[&str], folder: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_pawsd"));
+    command
+        .args(args)
+        .current_dir(folder)
+        .env_remove("RUST_LOG")
+        .env_remove("NOTIFY_SOCKET");
+    command
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+/// Runs to the end; the exit code must be `code`.
+fn run(args: &[&str], folder: &Path, code: i32) -> Output {
+    let output = pawsd(args, folder).output().unwrap();
+    let (out, err) = (text(&output.stdout), text(&output.stderr));
+    assert_eq!(
+        output.status.code(),
+        Some(code),
+        "{args:?}\nstdout: {out}\nstderr: {err}"
+    );
+    output
+}
+
+/// A folder with a configuration in it.
+fn folder_with(config: &str) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("pawsd.toml"), config).unwrap();
+    folder
+}
+
+fn signal(child: &Child, name: &str) {
+    let sent = Command::new("kill")
+        .args([format!("-{name}"), child.id().to_string()])
+        .status()
+        .unwrap();
+    assert!(sent.success());
+}
+
+#[test]
+fn help_names_the_three_first_commands() {
+    let help = text(&run(&["--help"], Path::new("."), 0).stdout);
+    for command in [
+        "pawsd check",
+        "pawsd record",
+        "pawsd run",
+        "--seconds",
+        "deploy/pawsd.toml",
+        "Exit codes",
+    ] {
+        assert!(help.contains(command), "no {command:?} in:\n{help}");
+    }
+}
+
+#[test]
+fn wrong_arguments_end_with_2() {
+    let folder = folder_with(CAMERA);
+    let check = |args: &[&str], expected: &str| {
+        let error = text(&run(args, folder.path(), 2).stderr);
+        assert!(error.contains(expected), "no {expected:?} in:\n{error}");
+    };
+    check(&[], "Usage: pawsd <COMMAND>");
+    check(&["recrod"], "record");
+    check(&["record", "--config", "pawsd.toml"], "--seconds <N>");
+    for seconds in ["0", "-1", "nan", "1e9", "ten"] {
+        let seconds = format!("--seconds={seconds}");
+        check(
+            &["record", "--config", "pawsd.toml", &seconds],
+            "expected a number above 0 and at most 604800",
+        );
+    }
+    check(
+        &["record", "--config", "pawsd.toml", "--seconds", "1"],
+        "Give --out DIR, or set out in [session]",
+    );
+    check(&["run", "--config", "pawsd.toml"], "Set out in [session]");
+    check(
+        &["encoders", "--size", "1344"],
+        "expected a width and a height",
+    );
+}
+
+#[test]
+fn a_wrong_configuration_ends_with_2_and_tells_everything() {
+    let folder = folder_with("[session]\nchunk_sm = 500\n[disk]\nreserve_gb = -1\n");
+    for command in [
+        vec!["check"],
+        vec!["run"],
+        vec!["record", "--seconds", "1", "--out", "out"],
+    ] {
+        let mut args = command.clone();
+        args.extend(["--config", "pawsd.toml"]);
+        let error = text(&run(&args, folder.path(), 2).stderr);
+        for expected in [
+            "3 problems",
+            "line 1: camera is missing",
+            "line 2: unknown key chunk_sm in [session]; did you mean chunk_ms?",
+            "line 4: reserve_gb in [disk] is -1, expected a number from 0",
+            "in pawsd.toml",
+        ] {
+            assert!(
+                error.contains(expected),
+                "{command:?}: no {expected:?} in:\n{error}"
+            );
+        }
+    }
+    let absent = text(&run(&["check", "--config", "absent.toml"], folder.path(), 2).stderr);
+    assert!(
+        absent.contains("reading the configuration: absent.toml: No such file"),
+        "{absent}"
+    );
+}
+
+#[test]
+fn check_finds_errors_of_the_machine() {
+    let good = folder_with(&format!(
+        "session.out = \"out\"\ncontrol.socket = \"s\"\ndisk.reserve_gb = 0\n{CAMERA}"
+    ));
+    let report = text(&run(&["check", "--config", "pawsd.toml"], good.path(), 0).stdout);
+    assert!(
+        report.contains("ok       camera feet: ") && report.contains("0 errors, 2 warnings"),
+        "{report}"
+    );
+    let bad =
+        folder_with("[[camera]]\nname = \"feet\"\nsource = { kind = \"replay\", path = \"gone\" }");
+    let report = text(&run(&["check", "--config", "pawsd.toml"], bad.path(), 1).stdout);
+    assert!(
+        report.contains("error    camera feet: ") && report.contains("1 errors"),
+        "{report}"
+    );
+}
+
+#[test]
+fn control_without_a_daemon_says_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    for command in ["start", "stop", "mark", "discard", "status"] {
+        let error = text(&run(&[command, "--socket", "none.sock"], folder.path(), 1).stderr);
+        assert!(
+            error.contains("pawsd run --config FILE") && error.contains("none.sock"),
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn encoders_are_listed_with_their_results() {
+    let list = text(&run(&["encoders", "--size", "128x64"], Path::new("."), 0).stdout);
+    let lines: Vec<&str> = list.lines().collect();
+    assert_eq!(
+        lines.len(),
+        1 + video::encoder::known_elements().count(),
+        "{list}"
+    );
+    assert_eq!(
+        lines
+            .iter()
+            .filter(|line| line.ends_with("preferred"))
+            .count(),
+        1,
+        "{list}"
+    );
+}
+
+#[test]
+fn record_prints_the_session_last() {
+    let folder = folder_with(CAMERA);
+    let args = [
+        "record",
+        "--config",
+        "pawsd.toml",
+        "--out",
+        "out",
+        "--seconds",
+        "2",
+        "--virtual",
+        "--name",
+        "desk",
+    ];
+    let output = run(&args, folder.path(), 0);
+    let out = text(&output.stdout);
+    let session = Path::new(out.lines().last().unwrap());
+    let manifest = fs::read_to_string(folder.path().join(session).join("session.json")).unwrap();
+    assert!(manifest.contains("\"desk\""), "{manifest}");
+    let told = text(&output.stderr);
+    assert!(
+        told.starts_with("recording: out/") && told.contains("samples stored, 0 missing"),
+        "{told}"
+    );
+}
+
+#[test]
+fn record_tells_progress_as_json() {
+    let folder = folder_with(CAMERA);
+    let args = [
+        "record",
+        "--config",
+        "pawsd.toml",
+        "--out",
+        "out",
+        "--seconds",
+        "2",
+        "--virtual",
+        "--json",
+    ];
+    let out = text(&run(&args, folder.path(), 0).stdout);
+    let events: Vec<Progress> = out
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    assert!(
+        matches!(events.first(), Some(Progress::Started { .. })),
+        "{events:?}"
+    );
+    assert!(
+        events
+            .iter()
+            .any(|event| matches!(event, Progress::Durable { .. })),
+        "{events:?}"
+    );
+    assert!(
+        matches!(
+            events.last(),
+            Some(Progress::Finished {
+                missing: 0,
+                error: None,
+                ..
+            })
+        ),
+        "{events:?}"
+    );
+}
+
+#[test]
+fn a_signal_ends_a_recording_cleanly() {
+    let folder = folder_with(CAMERA);
+    for name in ["INT", "TERM", "HUP"] {
+        let args = [
+            "record",
+            "--config",
+            "pawsd.toml",
+            "--out",
+            "out",
+            "--seconds",
+            "600",
+            "--json",
+        ];
+        let mut child = pawsd(&args, folder.path())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut events = BufReader::new(child.stdout.take().unwrap())
+            .lines()
+            .map(|line| line.unwrap());
+        assert!(events.next().unwrap().contains("\"event\":\"started\""));
+        assert!(events.next().unwrap().contains("\"event\":\"durable\""));
+        signal(&child, name);
+        let last: Progress = serde_json::from_str(&events.last().unwrap()).unwrap();
+        let Progress::Finished {
+            error: None,
+            missing: 0,
+            ..
+        } = last
+        else {
+            panic!("SIG{name}: {last:?}")
+        };
+        let ended = child.wait().unwrap();
+        assert_eq!((ended.code(), ended.signal()), (Some(0), None), "SIG{name}");
+    }
+}
+
+#[test]
+fn the_daemon_is_controlled_through_its_socket() {
+    let config =
+        format!("session.out = \"out\"\ncontrol.socket = \"s\"\ndisk.reserve_gb = 0\n{CAMERA}");
+    let folder = folder_with(&config);
+    let here = folder.path();
+    let notify = here.join("notify");
+    let manager = std::os::unix::net::UnixDatagram::bind(&notify).unwrap();
+    let mut daemon = pawsd(&["run", "--config", "pawsd.toml"], here)
+        .env("NOTIFY_SOCKET", &notify)
+        .spawn()
+        .unwrap();
+    let mut message = [0; 256];
+    let length = manager.recv(&mut message).unwrap();
+    assert_eq!(&message[..length], b"READY=1");
+
+    let control = |args: &[&str], code: i32| run(&[args, &["--socket", "s"]].concat(), here, code);
+    let status =
+        || -> Status { serde_json::from_slice(&control(&["status", "--json"], 0).stdout).unwrap() };
+    let error = text(&control(&["stop"], 1).stderr);
+    assert!(error.contains("pawsd: "), "{error}");
+    // Each question takes a new process; within many of them the first samples arrive.
+    assert!(
+        (0..1000).any(|_| status().state == State::Armed),
+        "{:?}",
+        status()
+    );
+    let session = text(&control(&["start", "--name", "walk"], 0).stdout);
+    assert!(
+        here.join(session.trim()).join("session.json").exists(),
+        "{session:?}"
+    );
+    assert_eq!(status().state, State::Recording);
+    assert!(text(&control(&["status"], 0).stdout).starts_with("pawsd is recording, "));
+    control(&["start"], 1);
+    control(&["mark", "stairs"], 0);
+    assert_eq!(text(&control(&["stop"], 0).stdout), session);
+    assert!(
+        (0..1000).any(|_| status().state == State::Armed),
+        "{:?}",
+        status()
+    );
+
+    let second = text(&control(&["start"], 0).stdout);
+    assert_ne!(second, session);
+    control(&["discard"], 0);
+    assert!(!here.join(second.trim()).exists());
+
+    signal(&daemon, "TERM");
+    assert_eq!(daemon.wait().unwrap().code(), Some(0));
+    assert!(!here.join("s").exists(), "the socket is left behind");
+}
