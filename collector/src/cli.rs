@@ -12,10 +12,14 @@ use anyhow::Result;
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::console::{Clock, Console, Show};
+use crate::export::{self, Format};
 use crate::limits::Limits;
 use crate::outcome::Outcome;
 use crate::target::Target;
-use crate::{external, handoff, importing, indexing, validate};
+use crate::{
+    external, handoff, importing, indexing, list, prune, rebuild, recover, reporting, show,
+    validate,
+};
 
 /// Names the library when `--library` does not.
 pub const LIBRARY_VARIABLE: &str = "PAWS_LIBRARY";
@@ -76,6 +80,54 @@ enum Verb {
         #[arg(long, value_name = "OUTDIR")]
         reconstruct: Option<PathBuf>,
     },
+    /// What is in the library
+    List,
+    /// One session on one screen
+    Show {
+        /// The session
+        session: String,
+    },
+    /// Make a sound copy of a session that was cut off or damaged
+    Recover {
+        /// The session
+        session: String,
+        /// Folder for the copy [default: ID.recovered in the library, or beside the folder]
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+    },
+    /// Write the report of a session as one HTML page
+    Report {
+        /// The session
+        session: String,
+        /// Decode every picture
+        #[arg(long)]
+        deep: bool,
+        /// The file [default: report.html in the session's folder]
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+    },
+    /// Write a session in the formats of others
+    Export {
+        /// The session
+        session: String,
+        /// The format
+        #[arg(long, value_enum)]
+        format: Format,
+        /// The folder, new or empty
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
+    /// Remove derived files and what stopped imports left behind
+    Prune {
+        /// Remove this session, recording and all, instead
+        #[arg(long, value_name = "SESSION")]
+        session: Option<String>,
+        /// Really remove the recording
+        #[arg(long, requires = "session")]
+        yes: bool,
+    },
+    /// Build the catalogue anew from the sessions' folders
+    Rebuild,
     #[command(external_subcommand)]
     External(Vec<OsString>),
 }
@@ -172,6 +224,31 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
             let target = Target::find(&session, library)?;
             handoff::run(&target, reconstruct.as_deref(), console)
         }
+        Verb::List => list::run(needed(library)?, console),
+        Verb::Show { session } => show::run(&Target::find(&session, library)?, console),
+        Verb::Recover { session, out } => {
+            let target = Target::find(&session, library)?;
+            recover::run(&target, out.as_deref(), console)
+        }
+        Verb::Report { session, deep, out } => {
+            let options = validate::Options {
+                deep,
+                ..validate::Options::default()
+            };
+            let target = Target::find(&session, library)?;
+            reporting::run(&target, &options, out.as_deref(), console)
+        }
+        Verb::Export {
+            session,
+            format,
+            out,
+        } => export::run(&Target::find(&session, library)?, format, &out, console),
+        Verb::Prune { session: None, .. } => prune::derived(needed(library)?, console),
+        Verb::Prune {
+            session: Some(session),
+            yes,
+        } => prune::session(needed(library)?, &session, yes, console),
+        Verb::Rebuild => rebuild::run(needed(library)?, console),
         Verb::External(_) => Ok(Outcome::Failed),
     }
 }

@@ -10,10 +10,10 @@ use std::sync::{Mutex, PoisonError};
 use std::thread;
 
 use anyhow::{Context, Result};
-use session_archive::index::{Access, CameraIndex, Index};
+use session_archive::index::{Access, CameraIndex, FrameEntry, Index};
 use session_archive::manifest::Camera;
 use session_archive::reader::SessionReader;
-use video::{AccessUnit, Codec, DecodeError, Decoder};
+use video::{AccessUnit, Codec, DecodeError, Decoder, Picture};
 
 use crate::progress::Progress;
 
@@ -44,17 +44,27 @@ pub fn decode_all(
     let cameras = &reader.manifest().cameras;
     let mut all = Vec::new();
     for (camera, frames) in cameras.iter().zip(&index.cameras) {
-        all.push(decode_camera(camera, frames, &access, threads, progress)?);
+        let look = |_: &FrameEntry, _: &Picture| Ok(());
+        let decoded = visit_pictures(camera, frames, &access, threads, progress, &look)?;
+        all.push(decoded);
     }
     Ok(all)
 }
 
-fn decode_camera(
+/// What is done with each picture that is as it should be; from several threads, in no order.
+pub(crate) type Visit<'a> = &'a (dyn Fn(&FrameEntry, &Picture) -> Result<()> + Sync);
+
+/// Decodes all pictures of a camera and shows each to `visit`.
+///
+/// # Errors
+/// There is no decoder, or `visit` failed.
+pub(crate) fn visit_pictures(
     camera: &Camera,
     index: &CameraIndex,
     access: &Access,
     threads: usize,
     progress: &Progress,
+    visit: Visit<'_>,
 ) -> Result<Decoded> {
     let codec = Codec::from_foxglove_format(&camera.codec).with_context(|| {
         format!(
@@ -65,14 +75,21 @@ fn decode_camera(
     let groups = groups(index);
     let next = AtomicUsize::new(0);
     let total = Mutex::new((0_u64, 0_u64, None::<(usize, String)>));
-    let work = || -> Result<(), DecodeError> {
+    let work = || -> Result<()> {
         let mut decoder = Decoder::new(codec);
         loop {
             let at = next.fetch_add(1, Ordering::Relaxed);
             let Some(group) = groups.get(at) else {
                 return Ok(());
             };
-            let (good, problem) = decode_group(camera, index, group.clone(), access, &mut decoder)?;
+            let mut decoding = Group {
+                camera,
+                index,
+                group: group.clone(),
+                access,
+                visit,
+            };
+            let (good, problem) = decoding.decode(&mut decoder)?;
             let bytes = index.frames[group.clone()].iter();
             progress.add(bytes.map(|f| u64::from(f.bytes)).sum());
             let mut total = total.lock().unwrap_or_else(PoisonError::into_inner);
@@ -94,7 +111,7 @@ fn decode_camera(
             Ok(result) => result,
             Err(panic) => std::panic::resume_unwind(panic),
         });
-        joined.collect::<Result<Vec<()>, DecodeError>>()
+        joined.collect::<Result<Vec<()>>>()
     });
     results.with_context(|| format!("decoding {}", camera.name))?;
     let (pictures, missing, problem) = total.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -122,52 +139,69 @@ fn groups(index: &CameraIndex) -> Vec<Range<usize>> {
     groups
 }
 
-/// How many pictures of a group are as they should be, and what is wrong with the first other one.
-/// Only what concerns all groups alike is an error.
-fn decode_group(
-    camera: &Camera,
-    index: &CameraIndex,
+/// One group of pictures.
+struct Group<'a> {
+    camera: &'a Camera,
+    index: &'a CameraIndex,
     group: Range<usize>,
-    access: &Access,
-    decoder: &mut Decoder,
-) -> Result<(u64, Option<String>), DecodeError> {
-    let units = match read_units(index, group.clone(), access) {
-        Ok(units) => units,
-        Err(problem) => return Ok((0, Some(problem))),
-    };
-    let (pictures, mut problem) = match decoder.decode(&units) {
-        Ok(pictures) => (pictures, None),
-        Err(e @ (DecodeError::NoDecoder { .. } | DecodeError::Init(_))) => return Err(e),
-        Err(DecodeError::Incomplete { pictures, missing }) => {
-            let of = text_of(index, &group, missing.first().copied());
-            (pictures, Some(format!("{of} gave no picture")))
-        }
-        Err(e) => {
-            let of = text_of(index, &group, None);
-            (Vec::new(), Some(format!("the group of {of}: {e}")))
-        }
-    };
-    let right = |p: &video::Picture| (p.width, p.height) == (camera.width, camera.height);
-    let good = pictures.iter().filter(|(_, p)| right(p)).count();
-    if let Some((at, wrong)) = pictures.iter().find(|(_, p)| !right(p)) {
-        problem.get_or_insert_with(|| {
-            format!(
-                "{} is {}x{} pixels, expected {}x{}",
-                text_of(index, &group, Some(*at)),
-                wrong.width,
-                wrong.height,
-                camera.width,
-                camera.height
-            )
-        });
-    }
-    Ok((good as u64, problem))
+    access: &'a Access,
+    visit: Visit<'a>,
 }
 
-fn text_of(index: &CameraIndex, group: &Range<usize>, at_ns: Option<i64>) -> String {
-    let position = at_ns.map_or(0, |ns| (ns / FRAME_NS) as usize);
-    let frame = index.frames[group.clone()].get(position);
-    frame.map_or("a frame".to_owned(), |f| format!("frame {}", f.number))
+impl Group<'_> {
+    /// How many pictures are as they should be, and what is wrong with the first other one. Only
+    /// what concerns all groups alike is an error.
+    fn decode(&mut self, decoder: &mut Decoder) -> Result<(u64, Option<String>)> {
+        let units = match read_units(self.index, self.group.clone(), self.access) {
+            Ok(units) => units,
+            Err(problem) => return Ok((0, Some(problem))),
+        };
+        let (pictures, mut problem) = match decoder.decode(&units) {
+            Ok(pictures) => (pictures, None),
+            Err(e @ (DecodeError::NoDecoder { .. } | DecodeError::Init(_))) => return Err(e.into()),
+            Err(DecodeError::Incomplete { pictures, missing }) => {
+                let name = self.name(missing.first().copied().unwrap_or(0));
+                (pictures, Some(format!("{name} gave no picture")))
+            }
+            Err(e) => {
+                let name = self.name(0);
+                (Vec::new(), Some(format!("the group of {name}: {e}")))
+            }
+        };
+        let camera = self.camera;
+        let mut good = 0;
+        for (at, picture) in &pictures {
+            if (picture.width, picture.height) == (camera.width, camera.height) {
+                if let Some(frame) = self.frame(*at) {
+                    (self.visit)(frame, picture)?;
+                    good += 1;
+                }
+                continue;
+            }
+            problem.get_or_insert_with(|| {
+                format!(
+                    "{} is {}x{} pixels, expected {}x{}",
+                    self.name(*at),
+                    picture.width,
+                    picture.height,
+                    camera.width,
+                    camera.height
+                )
+            });
+        }
+        Ok((good, problem))
+    }
+
+    /// The frame that was given this time.
+    fn frame(&self, at_ns: i64) -> Option<&FrameEntry> {
+        let position = usize::try_from(at_ns / FRAME_NS).ok()?;
+        self.index.frames[self.group.clone()].get(position)
+    }
+
+    fn name(&self, at_ns: i64) -> String {
+        let frame = self.frame(at_ns);
+        frame.map_or("a frame".to_owned(), |f| format!("frame {}", f.number))
+    }
 }
 
 /// Decoders are given positions for times, so that doubtful times do not stand in the way.
@@ -175,7 +209,7 @@ const FRAME_NS: i64 = 1_000_000;
 
 /// The access units of a run of frames, checked, with their position in the run (times 1 ms) for a
 /// time.
-pub(crate) fn read_units(
+fn read_units(
     index: &CameraIndex,
     run: Range<usize>,
     access: &Access,

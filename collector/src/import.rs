@@ -283,6 +283,16 @@ pub fn import(
     })
 }
 
+/// Makes a finished folder under `.incoming/` durable and a session of the library.
+///
+/// # Errors
+/// See [`ImportError`]; the folder is then where it was.
+pub(crate) fn publish_folder(library: &Library, key: &str) -> Result<(), ImportError> {
+    let incoming = library.incoming(key);
+    sync_tree(&incoming).map_err(failed("syncing", &incoming))?;
+    publish(library, key, &no_hook)
+}
+
 /// Renames a finished folder from `.incoming/` to where it is listed, and makes that durable.
 fn publish(library: &Library, key: &str, hook: Hook<'_>) -> Result<(), ImportError> {
     let (from, to) = (library.incoming(key), library.folder(key));
@@ -309,7 +319,7 @@ pub(crate) fn rename_new(from: &Path, to: &Path) -> io::Result<()> {
 }
 
 /// Makes all names in a folder and the folders in it durable.
-pub(crate) fn sync_tree(folder: &Path) -> io::Result<()> {
+fn sync_tree(folder: &Path) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
         if entry.file_type()?.is_dir() {

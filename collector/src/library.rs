@@ -19,6 +19,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use rustix::fs::{FlockOperation, flock};
+use session_archive::layout;
 
 use crate::catalogue::{Catalogue, Row};
 
@@ -30,6 +31,13 @@ pub const INCOMING: &str = ".incoming";
 pub const CATALOGUE: &str = "catalogue.sqlite";
 /// Locked by whoever changes the library.
 const LOCK: &str = ".lock";
+/// Files that a host makes beside a recording and can make again.
+pub const DERIVED: [&str; 4] = [
+    layout::INDEX,
+    layout::VALIDATION,
+    layout::HANDOFF,
+    crate::validation::REPORT,
+];
 /// What a recovered copy's folder has behind the session's identifier.
 pub const RECOVERED: &str = ".recovered";
 

@@ -19,6 +19,8 @@ pub enum Unit {
     Time,
     /// A number of things.
     Count,
+    /// 1 if it is so, 0 if not.
+    Flag,
 }
 
 impl Unit {
@@ -28,9 +30,13 @@ impl Unit {
             return "n/a".to_owned();
         }
         match self {
+            // Rounding of a clock is no deviation.
+            Self::Ratio if value.abs() < 1e-6 => "0 %".to_owned(),
             Self::Ratio => format!("{} %", charts::significant(value * 100.0)),
             Self::Time => charts::si(value * 1e-9, "s"),
             Self::Count => charts::significant(value),
+            Self::Flag if value == 0.0 => "no".to_owned(),
+            Self::Flag => "yes".to_owned(),
         }
     }
 
@@ -40,6 +46,7 @@ impl Unit {
             Self::Ratio => "ratio",
             Self::Time => "ns",
             Self::Count => "count",
+            Self::Flag => "flag",
         }
     }
 }
@@ -86,9 +93,9 @@ macro_rules! limit {
 /// The default limits.
 #[rustfmt::skip] // a table
 pub const TABLE: &[Limit] = &[
-    limit!("session.damage", "damage", Count, 0.0, 0.0, None,
+    limit!("session.damage", "faults in the archive", Count, 0.0, 0.0, None,
         "what was recorded must be readable and accounted for; recovery makes it so"),
-    limit!("session.unclosed", "not closed by the recorder", Count, 0.0, NEVER, None,
+    limit!("session.unclosed", "cut off while recording", Flag, 0.0, NEVER, None,
         "what was durable before the cut is whole"),
     limit!("camera.dropped", "frames missing", Ratio, 0.001, 0.01, None, ARIA),
     limit!("camera.longest_gap", "longest gap", Time, 160.0 * MS, 210.0 * MS, Some((1.6, 2.1)), ARIA),
@@ -123,8 +130,8 @@ pub const TABLE: &[Limit] = &[
         "a camera without trigger is at most half a period of the slowest camera away; beyond a whole one it is in the wrong set"),
     limit!("rig.frame_sets", "cameras without frame sets", Count, 0.0, NEVER, None,
         "frames of several cameras are read by set"),
-    limit!("rig.transforms", "cameras without a place on the rig", Count, 0.0, NEVER, None,
-        "a warning, since the place can be calibrated from the recording"),
+    limit!("rig.transforms", "cameras without a place", Count, 0.0, NEVER, None,
+        "both eyes, and the camera if a rig file tells of any; a warning, since places can be calibrated from the recording"),
 ];
 
 /// The limits in force.
@@ -161,7 +168,7 @@ impl Limits {
     }
 
     /// Sets both limits of a metric from `METRIC=WARN,FAIL`, in the unit of the table (ratio, ns,
-    /// count); `never` for a limit that nothing reaches.
+    /// count, flag); `never` for a limit that nothing reaches.
     ///
     /// # Errors
     /// The text does not say that.

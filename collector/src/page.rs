@@ -37,6 +37,9 @@ pub fn html(validated: &Validated, limits: &Limits) -> String {
             summary.complete_sets
         );
         page = page.figure(&plots.set_errors(), &sets);
+        if let Some(errors) = plots.trigger_errors() {
+            page = page.figure(&errors, "");
+        }
     }
     page = page.figure(&plots.bitrates(), "");
 
@@ -47,7 +50,7 @@ pub fn html(validated: &Validated, limits: &Limits) -> String {
         page = page.figure(&plots.imu_intervals(), "");
     }
 
-    page = page.section("Clocks and rig");
+    page = page.section("Rig and clocks");
     page = page.table(&others(validation, limits, manifest));
     if !validated.found.facts.clocks.is_empty() {
         page = page.figure(&plots.clock_offsets(), "");
@@ -207,9 +210,9 @@ fn losses_and_events(mut page: Page, validation: &Validation) -> Page {
 
 /// Metrics down, streams across: what was measured, with a word where it is beyond a limit.
 fn matrix(validation: &Validation, limits: &Limits, streams: &[&str]) -> Table {
-    let mut heads = vec!["".to_owned()];
+    let mut heads = vec!["Metric".to_owned()];
     heads.extend(streams.iter().map(|s| (*s).to_owned()));
-    heads.extend(["warns above".to_owned(), "fails above".to_owned()]);
+    heads.extend(["Warns above".to_owned(), "Fails above".to_owned()]);
     let mut table = Table::new(heads);
     for limit in limits.rows() {
         let of = |stream: &&str| {
@@ -234,7 +237,7 @@ fn matrix(validation: &Validation, limits: &Limits, streams: &[&str]) -> Table {
 
 /// Findings that are not about one camera or IMU.
 fn others(validation: &Validation, limits: &Limits, manifest: &Manifest) -> Table {
-    let mut table = Table::new(["", "of", "", "warns above", "fails above"]);
+    let mut table = Table::new(["Metric", "Of", "Measured", "Warns above", "Fails above"]);
     for finding in &validation.findings {
         let named = |name: &String| *name == finding.of;
         let cameras = manifest.cameras.iter().map(|c| &c.name);
@@ -266,11 +269,11 @@ fn bound(limit: Option<f64>, row: &Limit) -> Cell {
 }
 
 fn sources(limits: &Limits) -> Table {
-    let mut table = Table::new(["Metric", "", "Source"]);
+    let mut table = Table::new(["Metric", "Source"]);
     for limit in limits.rows() {
+        let kind = limit.metric.split('.').next().unwrap_or_default();
         table = table.row([
-            Cell::from(limit.metric),
-            Cell::from(limit.title),
+            Cell::from(format!("{kind}: {}", limit.title)),
             Cell::from(limit.source.to_string()),
         ]);
     }

@@ -11,7 +11,6 @@ use session_archive::time::TickLength;
 use crate::cadence::Cadence;
 use crate::examine::Examination;
 use crate::facts::{Facts, NO_STEP, Sample};
-use crate::text;
 use crate::validation::words;
 
 /// Width of all pictures, pixels; the page is a little wider.
@@ -40,6 +39,12 @@ impl<'a> Plots<'a> {
         }
     }
 
+    /// The same time axis for all pictures.
+    fn axis(&self) -> Axis {
+        let end = self.facts().span().map_or(0, |(_, end)| end);
+        Axis::time("time").include(0.0).include(self.seconds(end))
+    }
+
     fn facts(&self) -> &Facts {
         &self.found.facts
     }
@@ -50,7 +55,7 @@ impl<'a> Plots<'a> {
 
     /// When each stream was recorded, and where something is missing.
     pub fn timeline(&self) -> String {
-        let mut timeline = Timeline::new("What was recorded when", Axis::time("time")).kinds([
+        let mut timeline = Timeline::new("What was recorded when", self.axis()).kinds([
             "recorded",
             "missing, noted",
             "missing without a note",
@@ -102,7 +107,7 @@ impl<'a> Plots<'a> {
     /// Distance of each frame from the one before.
     pub fn frame_intervals(&self) -> String {
         let mut chart = Chart::new("Time from frame to frame")
-            .x_axis(Axis::time("time"))
+            .x_axis(self.axis())
             .y_axis(Axis::linear("interval", "ms").include(0.0));
         for (camera, frames) in self.manifest.cameras.iter().zip(&self.facts().cameras) {
             let times = frames.iter().map(|f| f.sample.time);
@@ -132,7 +137,7 @@ impl<'a> Plots<'a> {
     /// Distance of each IMU sample from the one before.
     pub fn imu_intervals(&self) -> String {
         let mut chart = Chart::new("Time from IMU sample to sample")
-            .x_axis(Axis::time("time"))
+            .x_axis(self.axis())
             .y_axis(Axis::linear("interval", "ms").include(0.0));
         for (i, imu) in self.manifest.imus.iter().enumerate() {
             let times = self.facts().imus[i].samples.iter().map(|s| s.time);
@@ -154,7 +159,7 @@ impl<'a> Plots<'a> {
     /// How far the frames of a set are from its time.
     pub fn set_errors(&self) -> String {
         let mut chart = Chart::new("Distance of each frame from the time of its frame set")
-            .x_axis(Axis::time("time"))
+            .x_axis(self.axis())
             .y_axis(Axis::linear("distance", "ms"));
         for (i, camera) in self.manifest.cameras.iter().enumerate() {
             let members = self.facts().sets.iter().filter_map(|set| {
@@ -167,10 +172,36 @@ impl<'a> Plots<'a> {
         chart.to_svg(WIDTH, HEIGHT)
     }
 
+    /// How far the frames of cameras under one trigger are apart; nothing without such cameras.
+    pub fn trigger_errors(&self) -> Option<String> {
+        let cameras = &self.manifest.cameras;
+        let mut chart = Chart::new("Distance of triggered cameras from the first of their trigger")
+            .x_axis(self.axis())
+            .y_axis(Axis::linear("distance", "µs").include(0.0));
+        let mut any = false;
+        for (i, camera) in cameras.iter().enumerate() {
+            let trigger = camera.trigger.as_ref();
+            let mut same = cameras.iter();
+            let first = same.position(|c| trigger.is_some() && c.trigger.as_ref() == trigger);
+            let Some(first) = first.filter(|first| *first != i) else {
+                continue;
+            };
+            let points = self.facts().sets.iter().filter_map(|set| {
+                let of = |i| set.members.iter().find(|m| m.0 == i).map(|m| m.1);
+                let off = of(i)?.saturating_sub(of(first)?);
+                Some((self.seconds(set.time), off as f64 * 1e-3))
+            });
+            any = true;
+            let line = Series::line(&camera.name, thin(points.collect()));
+            chart = chart.series(line.slot(i));
+        }
+        any.then(|| chart.to_svg(WIDTH, HEIGHT))
+    }
+
     /// Size of the compressed pictures, second by second.
     pub fn bitrates(&self) -> String {
         let mut chart = Chart::new("Size of the compressed pictures, second by second")
-            .x_axis(Axis::time("time"))
+            .x_axis(self.axis())
             .y_axis(Axis::linear("bit rate", "Mbit/s").include(0.0));
         for (camera, frames) in self.manifest.cameras.iter().zip(&self.facts().cameras) {
             let mut seconds: BTreeMap<i64, u64> = BTreeMap::new();
@@ -192,7 +223,7 @@ impl<'a> Plots<'a> {
     /// How each device clock has moved against the host's since the first map.
     pub fn clock_offsets(&self) -> String {
         let mut chart = Chart::new("Device clocks against the host's, since their first map")
-            .x_axis(Axis::time("time"))
+            .x_axis(self.axis())
             .y_axis(Axis::linear("offset", "ms"));
         for (clock, maps) in &self.facts().clocks {
             let first = maps.first().and_then(|(_, map)| offset_ns(map));
@@ -208,7 +239,7 @@ impl<'a> Plots<'a> {
     /// How well each device clock is known.
     pub fn clock_sigmas(&self) -> String {
         let mut chart = Chart::new("Uncertainty of the clock maps (one sigma)")
-            .x_axis(Axis::time("time"))
+            .x_axis(self.axis())
             .y_axis(Axis::log("sigma", "µs"));
         for (clock, maps) in &self.facts().clocks {
             let points = maps.iter().filter_map(|(time, map)| {
@@ -231,7 +262,7 @@ impl<'a> Plots<'a> {
     /// Samples per second as the recorder counted them.
     pub fn health_rates(&self) -> String {
         let mut chart = Chart::new("Samples received per second")
-            .x_axis(Axis::time("time"))
+            .x_axis(self.axis())
             .y_axis(Axis::log("rate", "Hz"));
         let mut rates: BTreeMap<&str, Vec<(f64, f64)>> = BTreeMap::new();
         for (time, health) in &self.facts().health {
@@ -257,7 +288,7 @@ impl<'a> Plots<'a> {
             (self.seconds(t.0), bytes as f64 * 1e-6)
         });
         Chart::new("Waiting in the recorder")
-            .x_axis(Axis::time("time"))
+            .x_axis(self.axis())
             .y_axis(Axis::linear("bytes", "MB").include(0.0))
             .series(Series::line("for the encoders", thin(encoder.collect())))
             .series(Series::line("for the disk", thin(writer.collect())))
@@ -274,7 +305,7 @@ impl<'a> Plots<'a> {
             .iter()
             .map(|(t, h)| (self.seconds(t.0), h.sync_max_ns as f64 * 1e-6));
         Chart::new("Longest write and sync of each second")
-            .x_axis(Axis::time("time"))
+            .x_axis(self.axis())
             .y_axis(Axis::linear("time", "ms").include(0.0))
             .series(Series::line("write", thin(write.collect())))
             .series(Series::line("sync", thin(sync.collect())))
@@ -286,7 +317,7 @@ impl<'a> Plots<'a> {
         let health = self.facts().health.iter();
         let free = health.map(|(t, h)| (self.seconds(t.0), h.free_bytes as f64 * 1e-9));
         Chart::new("Free on the recorder's disk")
-            .x_axis(Axis::time("time"))
+            .x_axis(self.axis())
             .y_axis(Axis::linear("space", "GB").include(0.0))
             .series(Series::line("", thin(free.collect())))
             .to_svg(WIDTH, 180)
@@ -300,7 +331,7 @@ impl<'a> Plots<'a> {
             .collect();
         (!points.is_empty()).then(|| {
             Chart::new("Hottest sensor of the recorder")
-                .x_axis(Axis::time("time"))
+                .x_axis(self.axis())
                 .y_axis(Axis::linear("temperature", "°C"))
                 .series(Series::line("", thin(points)))
                 .to_svg(WIDTH, 180)
@@ -316,7 +347,7 @@ impl<'a> Plots<'a> {
                 "{}: {:.2} Hz, longest gap {}",
                 camera.name,
                 cadence.rate_hz(),
-                text::duration(cadence.longest_gap_ns)
+                charts::si(cadence.longest_gap_ns as f64 * 1e-9, "s")
             )
         });
         texts.collect::<Vec<_>>().join("; ")

@@ -15,6 +15,7 @@ use crate::condition::Condition;
 use crate::deep::Decoded;
 use crate::examine::Examination;
 use crate::facts::{Facts, FrameFact};
+use crate::frames::Frames;
 use crate::limits::Limits;
 use crate::text;
 
@@ -33,7 +34,7 @@ pub struct Finding {
     pub warn: Option<f64>,
     /// A value above this is a failure; none where nothing is.
     pub fail: Option<f64>,
-    /// The unit: `ratio`, `ns` or `count`.
+    /// The unit: `ratio`, `ns`, `count` or `flag`.
     pub unit: String,
     /// The whole finding in words.
     pub text: String,
@@ -115,13 +116,13 @@ impl Judge<'_> {
             Verdict::Pass
         };
         let crossed = match verdict {
-            Verdict::Pass => String::new(),
-            Verdict::Warn => format!(" (limit {})", limit.unit.show(warn)),
-            Verdict::Fail => format!(" (limit {})", limit.unit.show(fail)),
+            Verdict::Warn if warn > 0.0 => format!(", limit {}", limit.unit.show(warn)),
+            Verdict::Fail if fail > 0.0 => format!(", limit {}", limit.unit.show(fail)),
+            _ => String::new(),
         };
         let detail = match detail {
             "" => String::new(),
-            detail => format!(": {detail}"),
+            detail => format!(" ({detail})"),
         };
         let shown = limit.unit.show(value);
         self.findings.push(Finding {
@@ -132,7 +133,7 @@ impl Judge<'_> {
             warn: warn.is_finite().then_some(warn),
             fail: fail.is_finite().then_some(fail),
             unit: limit.unit.as_str().to_owned(),
-            text: format!("{of}: {} {shown}{crossed}{detail}", limit.title),
+            text: format!("{of}: {}: {shown}{crossed}{detail}", limit.title),
         });
     }
 
@@ -151,7 +152,7 @@ impl Judge<'_> {
         self.find("session.damage", "session", count as f64, 0.0, &detail);
         let detail = match self.report.closed {
             true => "",
-            false => "it was cut off; `paws recover` closes a copy of it",
+            false => "`paws recover` closes a copy of it",
         };
         let open = f64::from(u8::from(!self.report.closed));
         self.find("session.unclosed", "session", open, 0.0, detail);
@@ -325,23 +326,32 @@ impl Judge<'_> {
             let detail = text::count(self.facts.sets.len() as u64, "frame set");
             self.find("rig.frame_sets", "rig", without as f64, 0.0, &detail);
         }
+        self.places();
+    }
+
+    /// Whether both eyes of every camera have their place, and every camera its own on the rig if
+    /// the rig is described at all.
+    fn places(&mut self) {
+        let transforms = self.facts.transforms.clone().unwrap_or_default();
+        let frames = Frames::of(&transforms);
+        let cameras = &self.manifest.cameras;
+        let placed = |name: &str| frames.transform("rig", &format!("{name}/left")).is_some();
+        let described = cameras.iter().any(|c| placed(&c.name));
         let unplaced: Vec<&str> = cameras
             .iter()
             .map(|c| c.name.as_str())
-            .filter(|name| !has_place(self.facts, name))
+            .filter(|name| {
+                let [left, right] = ["left", "right"].map(|eye| format!("{name}/{eye}"));
+                frames.transform(&left, &right).is_none() || (described && !placed(name))
+            })
             .collect();
-        let detail = unplaced.join(", ");
+        let detail = match (unplaced.is_empty(), described) {
+            (false, _) => unplaced.join(", "),
+            (true, true) => "all on the rig".to_owned(),
+            (true, false) => "eyes only; no rig file told where the cameras are".to_owned(),
+        };
         self.find("rig.transforms", "rig", unplaced.len() as f64, 0.0, &detail);
     }
-}
-
-/// Whether some transform ties the camera's left eye, its reference, to the rig.
-fn has_place(facts: &Facts, camera: &str) -> bool {
-    let left = format!("{camera}/left");
-    let transforms = facts.transforms.iter().flat_map(|t| &t.transforms);
-    transforms
-        .into_iter()
-        .any(|t| t.child_frame_id == left || t.parent_frame_id == left)
 }
 
 fn period_ns(rate_hz: f64) -> f64 {
@@ -382,6 +392,10 @@ pub fn faults(report: &Report) -> Vec<String> {
     faults.extend(report.manifest_note.clone());
     if !report.missing_segments.is_empty() {
         faults.push(format!("missing segments {:?}", report.missing_segments));
+    }
+    if !report.bad_rig_files.is_empty() {
+        let files = report.bad_rig_files.join(", ");
+        faults.push(format!("rig files missing or altered: {files}"));
     }
     let bytes: u64 = report
         .damage

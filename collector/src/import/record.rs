@@ -10,6 +10,10 @@ use session_archive::storage::{self, DiskStorage};
 use session_archive::time::CivilTime;
 use session_archive::verify::Report;
 
+use super::copy::hash_file;
+use super::source::list_files;
+use super::{ImportError, failed};
+
 /// File name in the session's folder.
 pub(crate) const RECORD: &str = "import.json";
 const FORMAT: &str = "paws-import";
@@ -67,6 +71,33 @@ impl ImportRecord {
             files,
             report,
         }
+    }
+
+    /// A record of a session that was made in `folder` from the one in `source`, its files hashed
+    /// where they lie.
+    ///
+    /// # Errors
+    /// The folder cannot be read.
+    pub(crate) fn of_folder(
+        session_id: &str,
+        folder: &Path,
+        source: &Path,
+        imported: CivilTime,
+        report: Report,
+    ) -> Result<Self, ImportError> {
+        let (files, _) = list_files(folder)?;
+        let records = files.into_iter().map(|file| {
+            let path = folder.join(&file.path);
+            let (bytes, blake3) = hash_file(&path).map_err(failed("reading", &path))?;
+            Ok(FileRecord {
+                path: file.path,
+                bytes,
+                modified_ns: file.modified_ns,
+                blake3,
+            })
+        });
+        let records = records.collect::<Result<_, ImportError>>()?;
+        Ok(Self::new(session_id, source, imported, records, report))
     }
 
     /// The record in a session's folder; none if it has none that can be read.

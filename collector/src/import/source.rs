@@ -8,19 +8,10 @@ use session_archive::layout;
 
 use super::record::RECORD;
 use super::{ImportError, failed};
-use crate::validation;
+use crate::library::DERIVED;
 
 /// Folders in folders are followed this deep; a session has one level.
 const DEPTH: usize = 8;
-
-/// Files that a host makes beside a recording. They are never copied: the library makes its own.
-const DERIVED: [&str; 5] = [
-    layout::INDEX,
-    layout::HANDOFF,
-    layout::VALIDATION,
-    RECORD,
-    validation::REPORT,
-];
 
 /// A file of the source, as it was when the import began.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -31,6 +22,12 @@ pub(super) struct SourceFile {
     pub(super) bytes: u64,
     /// When it was last changed, ns since 1970.
     pub(super) modified_ns: i64,
+}
+
+/// Whether a file was made by a host, not recorded. Such files are never copied: the library makes
+/// its own.
+fn made_here(path: &str) -> bool {
+    path == RECORD || DERIVED.contains(&path)
 }
 
 /// The files of a session in the order in which they are copied, the manifest first, so that the
@@ -66,7 +63,7 @@ fn list(
         let path = format!("{below}{name}");
         if kind.is_dir() && depth > 0 {
             list(root, &format!("{path}/"), depth - 1, files, skipped)?;
-        } else if kind.is_file() && !DERIVED.contains(&path.as_str()) {
+        } else if kind.is_file() && !made_here(&path) {
             let data = entry.metadata().map_err(reading())?;
             files.push(SourceFile {
                 path,

@@ -1,5 +1,11 @@
 //! Tests of `paws` on made-up sessions, through the library and through the program.
 
+mod access;
+mod command_line;
+mod exporting;
 mod importing;
+mod pictures;
+mod reports;
 mod support;
 mod validating;
+mod verbs;

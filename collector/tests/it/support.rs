@@ -115,6 +115,12 @@ pub(crate) fn transform(
     }
 }
 
+/// `left_from_right` of a camera with a baseline of 63 mm.
+fn both_eyes(camera: &str) -> FrameTransform {
+    let [left, right] = ["left", "right"].map(|eye| format!("{camera}/{eye}"));
+    transform(&left, &right, [1.0, 0.0, 0.0, 0.0], [0.063, 0.0, 0.0])
+}
+
 impl Session {
     /// A session without fault.
     pub(crate) fn good(seconds: f64) -> Self {
@@ -214,12 +220,9 @@ impl Session {
                         [0.1, -0.2, 0.0],
                     ),
                     transform("rig", "feet/left", [0.5, 0.5, 0.5, 0.5], [0.0, 0.0, -0.3]),
-                    transform(
-                        "feet/left",
-                        "feet/right",
-                        [1.0, 0.0, 0.0, 0.0],
-                        [0.063, 0.0, 0.0],
-                    ),
+                    both_eyes("left_shoulder"),
+                    both_eyes("right_shoulder"),
+                    both_eyes("feet"),
                     transform(
                         "feet/left",
                         "feet/imu",

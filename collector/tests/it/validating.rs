@@ -226,6 +226,17 @@ fn damage_and_a_cut_are_told_apart() {
 }
 
 #[test]
+fn an_altered_rig_file_is_damage() {
+    let folder = tempfile::tempdir().unwrap();
+    Session::good(2.0).write(folder.path());
+    fs::write(folder.path().join("rig/rig.toml"), b"revision = 2\n").unwrap();
+    expect(
+        &beyond_in(folder.path()),
+        &[(Fail, "session.damage", "session")],
+    );
+}
+
+#[test]
 fn cameras_that_are_not_aligned() {
     let late = |ns: i64| {
         beyond(3.0, move |s| {
@@ -337,6 +348,14 @@ fn doubtful_clocks_and_missing_descriptions() {
     expect(&found, &[(Warn, "camera.calibration", "feet")]);
     let found = beyond(2.0, |s| s.transforms = None);
     expect(&found, &[(Warn, "rig.transforms", "rig")]);
+    let without = |child: &'static str| {
+        beyond(2.0, move |s| {
+            let transforms = s.transforms.as_mut().unwrap();
+            transforms.transforms.retain(|t| t.child_frame_id != child);
+        })
+    };
+    expect(&without("feet/right"), &[(Warn, "rig.transforms", "rig")]);
+    expect(&without("feet/left"), &[(Warn, "rig.transforms", "rig")]);
     let found = beyond(2.0, |s| s.sets.clear());
     expect(&found, &[(Warn, "rig.frame_sets", "rig")]);
 }

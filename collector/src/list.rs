@@ -1,0 +1,77 @@
+//! `paws list`: what is in the library, one line per session, the oldest first.
+
+use std::path::Path;
+
+use anyhow::Result;
+
+use crate::console::Console;
+use crate::library::Library;
+use crate::outcome::Outcome;
+use crate::text;
+
+/// Lists the sessions of the library in the folder `root`.
+///
+/// # Errors
+/// There is no library, or it cannot be read.
+pub fn run(root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
+    let library = Library::open(root)?;
+    let rows = library.rows()?;
+    if rows.is_empty() {
+        console.line(format!("no sessions in {}", library.root().display()))?;
+        return Ok(Outcome::Fine);
+    }
+    let mut lines = vec![
+        [
+            "SESSION",
+            "RECORDED",
+            "LENGTH",
+            "SIZE",
+            "CONDITION",
+            "VERDICT",
+            "MISSING",
+            "CAMERAS",
+            "NAME",
+        ]
+        .map(str::to_owned),
+    ];
+    for row in &rows {
+        let time = row.started_civil.to_string();
+        lines.push([
+            row.key.clone(),
+            time.get(..16).unwrap_or(&time).replace('T', " "),
+            text::duration(row.duration_ns),
+            text::bytes(row.bytes),
+            row.condition.to_string(),
+            row.verdict.map_or("-".to_owned(), |v| v.to_string()),
+            row.missing.to_string(),
+            row.cameras.clone(),
+            row.name.clone(),
+        ]);
+    }
+    for line in table(&lines) {
+        console.line(line)?;
+    }
+    Ok(Outcome::Fine)
+}
+
+/// Rows with their columns under each other; the last one is not padded.
+fn table<const N: usize>(rows: &[[String; N]]) -> Vec<String> {
+    let width = |i: usize| rows.iter().map(|r| r[i].chars().count()).max();
+    let widths: Vec<usize> = (0..N).map(|i| width(i).unwrap_or(0)).collect();
+    let line = |row: &[String; N]| {
+        let cells = row.iter().zip(&widths).map(|(c, w)| format!("{c:w$}"));
+        cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
+    };
+    rows.iter().map(line).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_stand_under_each_other() {
+        let rows = [["a", "bbb", "c"], ["aaa", "b", ""]].map(|r| r.map(str::to_owned));
+        assert_eq!(table(&rows), ["a    bbb  c", "aaa  b"]);
+    }
+}

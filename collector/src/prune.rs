@@ -1,0 +1,105 @@
+//! `paws prune`: removes what can be made again.
+//!
+//! By itself it removes derived files (indexes, validations, hand-offs, reports) and what stopped
+//! imports left behind. A recording is removed only if it is named and `--yes` is said, and then
+//! it disappears from the library at once, by one rename, before its bytes go.
+
+use std::fs;
+use std::io;
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+
+use crate::console::Console;
+use crate::import::rename_new;
+use crate::library::{DERIVED, INCOMING, Library, SESSIONS, sync_folder};
+use crate::outcome::Outcome;
+use crate::text;
+
+/// Removes derived files and left-overs from the library in the folder `root`.
+///
+/// # Errors
+/// Another program is changing the library, or the disk says no.
+pub fn derived(root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
+    let mut library = Library::open(root)?;
+    let _lock = library.lock()?;
+    let (mut files, mut bytes) = (0, 0);
+    for key in library.keys()? {
+        for name in DERIVED {
+            let path = library.folder(&key).join(name);
+            let length = fs::metadata(&path).map_or(0, |data| data.len());
+            match fs::remove_file(&path) {
+                Ok(()) => (files, bytes) = (files + 1, bytes + length),
+                Err(e) if e.kind() == io::ErrorKind::NotFound => {}
+                Err(e) => {
+                    return Err(e).with_context(|| format!("removing {}", path.display()));
+                }
+            }
+        }
+        library.refresh(&key)?;
+    }
+    let incoming = library.root().join(INCOMING);
+    let clearing = || format!("clearing {}", incoming.display());
+    let mut left_over = 0;
+    for entry in fs::read_dir(&incoming).with_context(clearing)? {
+        let path = entry.with_context(clearing)?.path();
+        bytes += size(&path);
+        left_over += 1;
+        if path.is_dir() {
+            fs::remove_dir_all(&path)
+        } else {
+            fs::remove_file(&path)
+        }
+        .with_context(|| format!("removing {}", path.display()))?;
+    }
+    console.line(format!(
+        "removed {} and {} of stopped imports, {}",
+        text::count(files, "derived file"),
+        text::count(left_over, "left-over"),
+        text::bytes(bytes)
+    ))?;
+    Ok(Outcome::Fine)
+}
+
+/// Removes a session, recording and all. Without `sure` it only says what would be removed.
+///
+/// # Errors
+/// `sure` was not said, the session is not there, or the disk says no.
+pub fn session(root: &Path, text: &str, sure: bool, console: &mut Console<'_>) -> Result<Outcome> {
+    let mut library = Library::open(root)?;
+    let _lock = library.lock()?;
+    let key = library.find(text)?;
+    let folder = library.folder(&key);
+    let bytes = text::bytes(size(&folder));
+    if !sure {
+        bail!(
+            "this would remove the recording {key} itself, {bytes}; repeat it with --yes to do so: {}",
+            folder.display()
+        );
+    }
+    let away = library.incoming(&format!("{key}.removed"));
+    let context = || format!("removing {}", folder.display());
+    if away.exists() {
+        fs::remove_dir_all(&away).with_context(context)?;
+    }
+    rename_new(&folder, &away).with_context(context)?;
+    sync_folder(&library.root().join(SESSIONS)).with_context(context)?;
+    library.forget(&key)?;
+    fs::remove_dir_all(&away).with_context(context)?;
+    console.line(format!("{key}: removed, {bytes}"))?;
+    Ok(Outcome::Fine)
+}
+
+/// Bytes of a file, or of all files in a folder; what cannot be read counts nothing.
+fn size(path: &Path) -> u64 {
+    match fs::symlink_metadata(path) {
+        Ok(data) if data.is_dir() => fs::read_dir(path)
+            .into_iter()
+            .flatten()
+            .flatten()
+            .map(|entry| size(&entry.path()))
+            .sum(),
+        Ok(data) => data.len(),
+        Err(_) => 0,
+    }
+}

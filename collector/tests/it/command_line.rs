@@ -1,0 +1,167 @@
+//! The program itself: arguments, exit codes, output.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use crate::support::{ID, Session};
+
+fn paws(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_paws"))
+        .args(arguments)
+        .current_dir(folder)
+        .env("PAWS_LIBRARY", folder.join("library"))
+        .output()
+        .unwrap()
+}
+
+fn check(folder: &Path, arguments: &[&str], code: i32, part: &str) -> String {
+    let output = paws(folder, arguments);
+    let text = format!(
+        "{}{}",
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    );
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {text}");
+    assert!(
+        text.contains(part),
+        "{arguments:?}: {part:?} is not in {text}"
+    );
+    text
+}
+
+#[test]
+fn the_main_job() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    Session::good(2.0).write(&at.join("disk/day/walk-7"));
+    check(at, &["import", "disk"], 0, ": imported, 2.0 s");
+    check(at, &["import", "disk"], 0, ": imported already");
+    let text = check(
+        at,
+        &["validate", "walk-7", "--html", "r.html", "--json", "r.json"],
+        0,
+        "PASS",
+    );
+    let last = text.lines().last().unwrap();
+    assert!(last.starts_with(&format!("PASS  {ID}: all of ")), "{last}");
+    let json = fs::read(at.join("r.json")).unwrap();
+    let kept = fs::read(at.join(format!("library/sessions/{ID}/validation.json"))).unwrap();
+    assert_eq!(json, kept);
+    assert!(
+        fs::read_to_string(at.join("r.html"))
+            .unwrap()
+            .starts_with("<!DOCTYPE html>")
+    );
+    check(at, &["index", "walk"], 0, "3 cameras");
+    let path = check(at, &["handoff", ID], 0, "handoff.json");
+    assert!(Path::new(path.trim_end()).is_file());
+    check(at, &["list"], 0, "PASS");
+    check(at, &["show", "walk"], 0, "sealed");
+    check(at, &["report", "walk"], 0, "report.html");
+    check(at, &["rebuild"], 0, "1 session listed");
+    check(
+        at,
+        &["export", "walk", "--format", "csv", "--out", "csv"],
+        0,
+        "feet_imu.csv: 400 rows",
+    );
+    check(at, &["prune"], 0, "removed 4 derived files");
+    check(
+        at,
+        &["prune", "--session", "walk"],
+        1,
+        "repeat it with --yes",
+    );
+    check(at, &["prune", "--session", "walk", "--yes"], 0, "removed");
+    check(at, &["list"], 0, "no sessions");
+}
+
+#[test]
+fn exit_codes_tell_loss_from_failure_from_slips() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let mut session = Session::good(10.0);
+    session.drop_frames(0, 200, 200, true);
+    session.write(&at.join("lossy"));
+    let mut session = Session::good(2.0);
+    session.transforms = None;
+    session.write(&at.join("unplaced"));
+    let mut session = Session::good(2.0);
+    session.closed = false;
+    session.write(&at.join("cut"));
+    // A warning with loss, one without, a failure.
+    check(at, &["validate", "lossy"], 3, "WARN");
+    check(at, &["validate", "unplaced"], 0, "WARN");
+    check(
+        at,
+        &["validate", "lossy", "--limit", "camera.dropped=0,0.001"],
+        1,
+        "FAIL",
+    );
+    check(at, &["validate", "lossy", "unplaced"], 3, "WARN");
+    check(at, &["import", "cut"], 3, "unclosed");
+    check(at, &["import", "nowhere"], 1, "nowhere");
+    check(at, &["import", "."], 1, "differs");
+
+    check(at, &[], 2, "Usage");
+    check(at, &["--help"], 0, "Usage");
+    check(at, &["import"], 2, "SRC");
+    check(
+        at,
+        &["validate", "lossy", "--limit", "camera.droped=1,2"],
+        2,
+        "did you mean camera.dropped?",
+    );
+    check(
+        at,
+        &["validate", "lossy", "cut", "--json", "x"],
+        2,
+        "one session at a time",
+    );
+    check(
+        at,
+        &["validate", "nonsense"],
+        1,
+        "looking for session \"nonsense\"",
+    );
+    check(
+        at,
+        &["export", "lossy", "--format", "avi", "--out", "x"],
+        2,
+        "euroc",
+    );
+    let output = Command::new(env!("CARGO_BIN_EXE_paws"))
+        .arg("list")
+        .env_remove("PAWS_LIBRARY")
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        text.contains("--library DIR, or set PAWS_LIBRARY"),
+        "{text}"
+    );
+}
+
+#[test]
+fn an_unknown_verb_is_a_program_or_a_slip() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    check(at, &["validat"], 2, "did you mean validate?");
+    check(at, &["frobnicate"], 2, "`paws --help` lists the verbs");
+    let program = at.join("paws-hello");
+    fs::write(&program, "#!/bin/sh\necho hello $1; exit 7\n").unwrap();
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_paws"))
+        .args(["hello", "world"])
+        .env(
+            "PATH",
+            format!("{}:{}", at.display(), std::env::var("PATH").unwrap()),
+        )
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(7));
+    assert_eq!(output.stdout, b"hello world\n");
+}
