@@ -362,7 +362,7 @@ mod tests {
         let sets = run(cameras, &frames);
         assert_eq!(sets.len(), 50);
         for (set, n) in sets.iter().zip(0..) {
-            let with_reference = vec![(0, n), (1, n), (2, n)];
+            let with_reference = [(0, n), (1, n), (2, n)];
             let expected = if n < 10 {
                 &with_reference[..]
             } else {

@@ -28,7 +28,7 @@ use super::hull::{Block, Point, extend};
 /// of a large deviation, at the price of a sigma that is wider than the usual error.
 const CAUTION: f64 = 2.5;
 
-/// Shortest window, in blocks; with fewer there is nothing to choose.
+/// Shortest window, in closed blocks; with fewer there is nothing to choose.
 pub(super) const MIN_BLOCKS: usize = 8;
 
 /// A longer window agrees with a shorter one if it stays within this many of its sigmas.
@@ -96,26 +96,34 @@ pub(super) struct Terms {
 pub(super) fn fit(blocks: &VecDeque<Block>, terms: &Terms, scratch: &mut Scratch) -> Fit {
     let Scratch { hull, minima } = scratch;
     hull.clear();
-    let (mut count, mut x_sum) = (0_u32, 0.0);
+    let (mut count, mut x_sum, mut lag_sum) = (0_u32, 0.0, 0.0);
     let to_x = blocks[blocks.len() - 1].last_x();
     let mut accepted: Vec<Fit> = Vec::with_capacity(8);
-    let mut next = MIN_BLOCKS.min(blocks.len());
+    // The newest block is still open and does not count.
+    let mut next = (MIN_BLOCKS + 1).min(blocks.len());
     for (age, block) in blocks.iter().rev().enumerate() {
         for &p in block.hull().iter().rev() {
             extend(hull, p);
         }
         count += block.count;
         x_sum += block.x_sum();
+        lag_sum += block.lag_sum();
         if age + 1 != next {
             continue;
         }
         let window = Window {
             hull,
+            count: f64::from(count),
             x_mean: x_sum / f64::from(count),
+            lag_mean: lag_sum / f64::from(count),
             from_x: block.first_x(),
             to_x,
         };
-        let longer = window.fit(blocks.range(blocks.len() - next..), terms, minima);
+        let longer = window.fit(
+            blocks.range(blocks.len() - next..blocks.len() - 1),
+            terms,
+            minima,
+        );
         let agrees = |shorter: &Fit| {
             [to_x, shorter.line.from_x].into_iter().all(|x| {
                 let apart = (longer.line.lag(x) - shorter.line.lag(x)).abs();
@@ -126,7 +134,7 @@ pub(super) fn fit(blocks: &VecDeque<Block>, terms: &Terms, scratch: &mut Scratch
             break;
         }
         accepted.push(longer);
-        next = (2 * next).min(blocks.len());
+        next = (2 * next - 1).min(blocks.len());
     }
     let mut chosen = accepted[accepted.len() - 1];
     if let [.., half, _] = accepted[..] {
@@ -147,7 +155,9 @@ pub(super) struct Scratch {
 /// The samples of one window. `hull` runs from right to left.
 struct Window<'a> {
     hull: &'a [Point],
+    count: f64,
     x_mean: f64,
+    lag_mean: f64,
     from_x: f64,
     to_x: f64,
 }
@@ -163,7 +173,15 @@ impl Window<'_> {
         minima.clear();
         let at_zero = height - rate * self.x_mean;
         minima.extend(blocks.map(|b| b.lowest_above(at_zero, rate)));
-        let scale = edge_scale(minima, terms.jitter).max(terms.floor);
+        let scale = if minima.len() < MIN_BLOCKS {
+            // Too few for the edge alone: as if the latencies were exponential. The expected
+            // jitter counts as much as one sample.
+            let heights = self.count * (self.lag_mean - height) + terms.jitter;
+            heights / (self.count - 1.0).max(1.0) / self.count
+        } else {
+            edge_scale(minima)
+        };
+        let scale = scale.max(terms.floor);
         self.posterior(rate, height, scale, terms)
     }
 
@@ -250,12 +268,8 @@ fn slope(a: Point, b: Point) -> f64 {
 /// Mean distance between neighbouring samples right above the line, ns: one over the density.
 ///
 /// `minima` holds the lowest height of each block. The line itself used up two of them.
-fn edge_scale(minima: &mut [f64], jitter: f64) -> f64 {
+fn edge_scale(minima: &mut [f64]) -> f64 {
     let n = minima.len();
-    if n < MIN_BLOCKS {
-        let highest = minima.iter().copied().fold(0.0, f64::max);
-        return (highest + jitter) / n as f64;
-    }
     let mut kth = |depth: usize| *minima.select_nth_unstable_by(depth - 1, f64::total_cmp).1;
     let mut widest = 0.0_f64;
     for depth in [32, 16, 8] {
@@ -367,7 +381,9 @@ mod tests {
         hull.reverse();
         let window = Window {
             hull: &hull,
+            count: 5.0,
             x_mean: 4.2e6,
+            lag_mean: 0.0,
             from_x: 0.0,
             to_x: 9e6,
         };

@@ -44,6 +44,7 @@ pub(super) struct Block {
     /// Samples seen.
     pub count: u32,
     x_sum: f64,
+    lag_sum: f64,
     first_x: f64,
     last_x: f64,
 }
@@ -68,6 +69,7 @@ impl Block {
         self.len += 1;
         self.count += 1;
         self.x_sum += p.x;
+        self.lag_sum += p.lag;
         self.last_x = p.x;
     }
 
@@ -94,6 +96,11 @@ impl Block {
     /// Sum of the samples' device times.
     pub(super) fn x_sum(&self) -> f64 {
         self.x_sum
+    }
+
+    /// Sum of the samples' lags.
+    pub(super) fn lag_sum(&self) -> f64 {
+        self.lag_sum
     }
 
     /// Height of the lowest sample above the line `lag = at_zero + rate * x`.
