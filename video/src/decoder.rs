@@ -25,6 +25,7 @@ use gstreamer_app as gst_app;
 use thiserror::Error;
 
 use crate::pipeline::{self, InitError, News, Running, lock, wait_while};
+use crate::references::{Continuity, Step};
 use crate::{AccessUnit, Codec, Picture, annexb, layout};
 
 /// How long a decoder may give nothing before [`Decoder::decode`] gives up.
@@ -169,6 +170,11 @@ impl Decoder {
             }
             previous = Some(found);
         }
+        let mut stream = Continuity::new(self.codec);
+        let sound: Vec<&AccessUnit> = units
+            .iter()
+            .filter(|unit| stream.next(&unit.data) != Step::Broken)
+            .collect();
         pipeline::init()?;
         let mut reasons = Vec::new();
         let mut last = None;
@@ -183,7 +189,7 @@ impl Decoder {
                     continue;
                 }
             };
-            match session.run(units) {
+            match session.run(&sound) {
                 Ok(pictures) if self.proven.is_some() || !pictures.is_empty() => {
                     self.proven = Some(element);
                     return complete(units, pictures);
@@ -300,7 +306,7 @@ impl Session {
     }
 
     /// Sends everything through and collects what comes out, in order of time.
-    fn run(&self, units: &[AccessUnit]) -> Result<Vec<(i64, Picture)>, DecodeError> {
+    fn run(&self, units: &[&AccessUnit]) -> Result<Vec<(i64, Picture)>, DecodeError> {
         for unit in units {
             let mut buffer = gst::Buffer::from_slice(unit.data.clone());
             if let Some(buffer) = buffer.get_mut() {

@@ -318,11 +318,11 @@ impl Encoder {
         // Fails only if the pipeline has stopped, and then there is a failure to be found below.
         let _ = self.source.end_of_stream();
         let state = lock(&self.shared.state);
-        let (mut state, late) = wait_while(&self.shared.changed, state, timeout, |state| {
+        let (state, late) = wait_while(&self.shared.changed, state, timeout, |state| {
             state.failure.is_none() && !state.ended
         });
         let pictures = state.in_flight.len();
-        match state.failure.take() {
+        match state.failure.clone() {
             Some(reason) => Err(EncodeError::Failed(reason)),
             None if late => Err(EncodeError::Stalled {
                 after: timeout,

@@ -5,6 +5,7 @@
 //!
 //! - [`picture`]: uncompressed pictures, colour layouts, PSNR.
 //! - [`annexb`]: looking at compressed bytes without decoding them.
+//! - [`references`]: whether a compressed picture's references are there, without decoding.
 //! - [`encoder`]: pictures in, access units out, with exact times and key frames on demand.
 //! - [`discover`]: which encoder works on this machine.
 //! - [`decoder`]: access units in, pictures out.
@@ -21,6 +22,7 @@ mod layout;
 pub mod mp4;
 pub mod picture;
 mod pipeline;
+pub mod references;
 
 pub use codec::Codec;
 pub use decoder::{DecodeError, Decoder};

@@ -211,6 +211,8 @@ impl Running {
             .name("video-teardown".into())
             .spawn(move || {
                 let _ = pipeline.set_state(gst::State::Null);
+                // So that the owner's reference is the last, and callbacks are freed with it.
+                drop(pipeline);
                 let _ = done.send(());
             });
         // Without a thread to be had, nothing bounded can be done: leave it.

@@ -1,5 +1,5 @@
-//! Between the encoder's threads and its owner: which pictures are inside, whether what comes out is
-//! what went in, and the one failure.
+//! Between the encoder's threads and its owner: which pictures are inside, whether what comes out
+//! is what went in, and the one failure.
 //!
 //! Contract: the callback sees access units in the order of the pictures, then at most one failure,
 //! then nothing. A waiting owner is woken by every access unit, by the end and by the failure.

@@ -6,6 +6,7 @@ use crate::material::{shared_data, texture};
 use crate::{elements, encode, odd_times, settings};
 use gstreamer::glib;
 use video::annexb::{self, Nal};
+use video::references::{Continuity, Step};
 use video::{AccessUnit, Codec, DecodeError, Decoder, Picture};
 
 /// A stream of three groups of five pictures.
@@ -196,6 +197,13 @@ fn published_streams_decode_to_the_published_pictures() {
     for line in list.lines().filter(|line| !line.trim().is_empty()) {
         let (name, expected) = line.split_once(',').unwrap();
         let units = access_units(&fs::read(folder.join(name)).unwrap());
+        let mut stream = Continuity::new(Codec::H264);
+        assert!(
+            units
+                .iter()
+                .all(|unit| stream.next(&unit.data) != Step::Broken),
+            "{name}"
+        );
         let pictures = decoder
             .decode(&units)
             .unwrap_or_else(|error| panic!("{name}: {error}"));

@@ -5,6 +5,7 @@ mod discover;
 mod encode;
 mod material;
 mod mp4;
+mod references;
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
