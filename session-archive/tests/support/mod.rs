@@ -19,7 +19,7 @@ pub(crate) const START: HostTime = HostTime(5_000_000_000_000);
 
 pub(crate) const CAMERAS: [&str; 2] = ["left_shoulder", "feet"];
 
-fn camera(name: &str, rate_hz: f64) -> Camera {
+pub(crate) fn camera(name: &str, rate_hz: f64) -> Camera {
     Camera {
         name: name.to_owned(),
         width: 64,
