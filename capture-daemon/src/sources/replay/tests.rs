@@ -85,11 +85,13 @@ fn take(replay: &mut Replay, count: usize) -> Vec<Sample> {
 }
 
 fn frames(samples: &[Sample]) -> Vec<&RawFrame> {
-    let frame = |sample| match sample {
-        &Sample::Frame(ref frame) => Some(frame),
-        Sample::Imu(_) => None,
-    };
-    samples.iter().filter_map(frame).collect()
+    let mut frames = Vec::new();
+    for sample in samples {
+        if let Sample::Frame(frame) = sample {
+            frames.push(frame);
+        }
+    }
+    frames
 }
 
 fn imu(samples: &[Sample]) -> Vec<RawImu> {

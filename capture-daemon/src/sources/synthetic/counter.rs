@@ -30,8 +30,9 @@ pub(super) fn cell(eye_width: u32, height: u32) -> Option<(usize, usize)> {
     if eye_width < 64 || height < 32 {
         return None;
     }
-    let cell_height = (height / 24).clamp(4, 16);
-    Some((eye_width as usize / COLUMNS & !3, cell_height as usize & !1))
+    let cell_width = (eye_width as usize / COLUMNS) & !3;
+    let cell_height = (height as usize / 24).clamp(4, 16) & !1;
+    Some((cell_width, cell_height))
 }
 
 /// Draws the bar into both eyes of a `width` x `height` I420 stereo frame.
