@@ -1,0 +1,178 @@
+//! One encoder at one quality on one clip.
+
+use std::fmt;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, ensure};
+use rustix::time::{ClockId, clock_gettime};
+use serde_json::{Value, json};
+use video::picture::psnr;
+use video::{AccessUnit, Decoder, Encoder, EncoderEvent, EncoderSettings};
+
+use super::material::Clip;
+use super::median;
+
+/// How long an encoder may take for a clip.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// What came out.
+pub(super) struct Point {
+    pub(super) element: &'static str,
+    pub(super) clip: &'static str,
+    pub(super) target_db: f64,
+    quantiser: u32,
+    /// Luma, mean over the pictures.
+    pub(super) psnr_db: f64,
+    /// Luma, worst picture.
+    pub(super) psnr_min_db: f64,
+    /// At the clip's nominal rate.
+    pub(super) mbit_s: f64,
+    /// Processor time per picture, all threads.
+    pub(super) cpu_ms: f64,
+    /// Pictures per second, by the clock on the wall.
+    pictures_per_s: f64,
+}
+
+impl Point {
+    pub(super) const HEADING: &'static str =
+        "encoder      clip       target QP   PSNR mean    min   Mbit/s  CPU ms  pictures/s";
+
+    pub(super) fn json(&self) -> Value {
+        json!({
+            "element": self.element,
+            "clip": self.clip,
+            "target_db": self.target_db,
+            "quantiser": self.quantiser,
+            "psnr_mean_db": round(self.psnr_db),
+            "psnr_min_db": round(self.psnr_min_db),
+            "target_met": self.psnr_db >= self.target_db,
+            "mbit_per_s": round(self.mbit_s),
+            "cpu_ms_per_picture": round(self.cpu_ms),
+            "pictures_per_s": round(self.pictures_per_s),
+        })
+    }
+}
+
+/// Thousandths are below what can be repeated.
+pub(super) fn round(value: f64) -> f64 {
+    (value * 1000.0).round() / 1000.0
+}
+
+impl fmt::Display for Point {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{:12} {:10} {:6.1} {:2} {:11.2} {:6.2} {:8.2} {:7.2} {:11.1}",
+            self.element,
+            self.clip,
+            self.target_db,
+            self.quantiser,
+            self.psnr_db,
+            self.psnr_min_db,
+            self.mbit_s,
+            self.cpu_ms,
+            self.pictures_per_s
+        )
+    }
+}
+
+/// Encodes the clip `repetitions` times, decodes it and compares. Times are medians.
+pub(super) fn measure(
+    element: &'static str,
+    clip: &Clip,
+    target_db: f64,
+    repetitions: usize,
+) -> Result<Point> {
+    let mut runs = Vec::new();
+    for _ in 0..repetitions {
+        runs.push(encode(element, clip, target_db)?);
+    }
+    let Run {
+        quantiser, units, ..
+    } = &runs[0];
+    let codec = video::encoder::element_codec(element).context("an encoder without a codec")?;
+    let decoded = Decoder::with_threads(codec, 0).decode(units)?;
+    ensure!(
+        decoded.len() == clip.pictures.len(),
+        "{} of {} pictures came back",
+        decoded.len(),
+        clip.pictures.len()
+    );
+    let each: Vec<f64> = clip
+        .pictures
+        .iter()
+        .zip(&decoded)
+        .map(|(before, (_, after))| psnr(before, after))
+        .collect();
+    let count = clip.pictures.len() as f64;
+    let bytes: usize = units.iter().map(|unit| unit.data.len()).sum();
+    Ok(Point {
+        element,
+        clip: clip.name,
+        target_db,
+        quantiser: *quantiser,
+        psnr_db: each.iter().sum::<f64>() / count,
+        psnr_min_db: each.iter().copied().fold(f64::INFINITY, f64::min),
+        mbit_s: bytes as f64 * 8.0 / 1e6 / count * clip.rate_hz,
+        cpu_ms: median(runs.iter().map(|run| run.cpu_s)) * 1e3 / count,
+        pictures_per_s: count / median(runs.iter().map(|run| run.wall_s)),
+    })
+}
+
+/// One pass over a clip.
+struct Run {
+    quantiser: u32,
+    units: Vec<AccessUnit>,
+    cpu_s: f64,
+    wall_s: f64,
+}
+
+fn encode(element: &str, clip: &Clip, quality_db: f64) -> Result<Run> {
+    let first = &clip.pictures[0];
+    let settings = EncoderSettings {
+        element: element.to_owned(),
+        width: first.width,
+        height: first.height,
+        rate_hz: clip.rate_hz,
+        quality_db,
+        threads: 1,
+        max_key_interval_frames: 1000,
+    };
+    let output: Arc<Mutex<(Vec<AccessUnit>, Option<String>)>> = Arc::default();
+    let collecting = output.clone();
+    let (cpu, wall) = (cpu_s(), Instant::now());
+    let on_output = move |event| {
+        let mut output = collecting.lock().unwrap_or_else(PoisonError::into_inner);
+        match event {
+            EncoderEvent::AccessUnit(unit) => output.0.push(unit),
+            EncoderEvent::Failed(reason) => output.1 = Some(reason),
+        }
+    };
+    let mut encoder = Encoder::start(&settings, Box::new(on_output))?;
+    let quantiser = encoder.quantiser();
+    let period_ns = (1e9 / clip.rate_hz) as i64;
+    let mut half_second = -1;
+    for (picture, time_ns) in clip.pictures.iter().zip((0..).map(|n| n * period_ns)) {
+        let key = time_ns / 500_000_000 > half_second;
+        half_second = time_ns / 500_000_000;
+        encoder.push(time_ns, picture, key)?;
+    }
+    encoder.finish(PATIENCE)?;
+    let (cpu_s, wall_s) = (cpu_s() - cpu, wall.elapsed().as_secs_f64());
+    let mut output = output.lock().unwrap_or_else(PoisonError::into_inner);
+    let (units, failure) = std::mem::take(&mut *output);
+    ensure!(failure.is_none(), "the encoder failed: {failure:?}");
+    Ok(Run {
+        quantiser,
+        units,
+        cpu_s,
+        wall_s,
+    })
+}
+
+/// Processor time of this process so far, all threads.
+fn cpu_s() -> f64 {
+    let time = clock_gettime(ClockId::ProcessCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}

@@ -1,0 +1,407 @@
+//! What a recording costs beyond its encoders.
+//!
+//! The daemon records three cameras in real time; the peer is one `gst-launch-1.0` with three branches that
+//! read the same pictures from memory, wait for their time, and run the same encoder element
+//! with the same properties into nothing. The daemon runs as a process of its own: this program, started
+//! again with [`RECORD`], which calls what `pawsd record` calls. Pictures are the KITTI pairs over and
+//! over; the daemon keeps them decoded after the first round, so that in the long run neither
+//! side pays for reading PNG.
+//!
+//! Processor time of a process is read from `/proc/self/stat` after it has ended, to 10 ms.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+
+use anyhow::{Context, Result, ensure};
+use capture_daemon::config::Config;
+use capture_daemon::run::{self, RecordOptions, StopFlag};
+use serde_json::{Value, json};
+use session_archive::index::Index;
+use session_archive::reader::SessionReader;
+use session_archive::storage::DiskStorage;
+use video::{Encoder, EncoderSettings, Picture};
+
+use super::curve::round;
+use super::{material, median};
+
+/// First argument of the process that records: then follow configuration, folder and seconds.
+pub(super) const RECORD: &str = "--record";
+
+const ELEMENT: &str = "x264enc";
+const CAMERAS: [&str; 3] = ["left_shoulder", "right_shoulder", "feet"];
+const RATE_HZ: u32 = 20;
+/// A key frame each half second, as the daemon forces them.
+const KEY_INTERVAL: u32 = RATE_HZ / 2;
+const QUALITY_DB: f64 = 42.0;
+/// What may come on top of the encoder.
+const LIMIT: f64 = 1.10;
+/// Of the numbers in `/proc/PID/stat`, on every Linux that this runs on (USER_HZ).
+const TICKS_PER_S: f64 = 100.0;
+
+/// How long the runs are and how often they are repeated.
+pub(super) struct Plan {
+    pub(super) short_s: u32,
+    pub(super) long_s: u32,
+    pub(super) repetitions: usize,
+}
+
+/// Processor time per stereo frame, ms: medians over the repetitions.
+pub(super) struct Share {
+    pub(super) daemon_ms: f64,
+    pub(super) bare_ms: f64,
+    /// The bare pipeline without its encoder: what reading the pictures costs it.
+    pub(super) reading_ms: f64,
+    daemon_runs_ms: Vec<f64>,
+    bare_runs_ms: Vec<f64>,
+    /// Frames that the daemon did not store, of all runs.
+    missing: u64,
+    /// Bytes of video of the daemon's over the bare pipeline's, for the same frames.
+    bytes_ratio: f64,
+}
+
+impl Share {
+    pub(super) fn ratio(&self) -> f64 {
+        self.daemon_ms / self.bare_ms
+    }
+
+    /// The same with what the bare pipeline spends on reading taken off: the harder comparison.
+    fn ratio_to_encoder(&self) -> f64 {
+        self.daemon_ms / (self.bare_ms - self.reading_ms)
+    }
+
+    pub(super) fn json(&self) -> Value {
+        let all = |runs: &[f64]| runs.iter().map(|v| round(*v)).collect::<Vec<_>>();
+        json!({
+            "element": ELEMENT,
+            "cameras": CAMERAS.len(),
+            "rate_hz": RATE_HZ,
+            "quality_db": QUALITY_DB,
+            "daemon_cpu_ms_per_frame": round(self.daemon_ms),
+            "bare_cpu_ms_per_frame": round(self.bare_ms),
+            "bare_reading_cpu_ms_per_frame": round(self.reading_ms),
+            "daemon_runs": all(&self.daemon_runs_ms),
+            "bare_runs": all(&self.bare_runs_ms),
+            "ratio": round(self.ratio()),
+            "ratio_to_encoder_alone": round(self.ratio_to_encoder()),
+            "limit": LIMIT,
+            "within_limit": self.ratio() <= LIMIT,
+            "missing_frames": self.missing,
+            "bytes_ratio": round(self.bytes_ratio),
+        })
+    }
+}
+
+/// Measures; none where the pictures or `gst-launch-1.0` are absent.
+pub(super) fn measure(plan: &Plan) -> Result<Option<Share>> {
+    // All of them: the daemon replays the whole folder.
+    let Some((kitti, clip)) = material::kitti(usize::MAX)? else {
+        eprintln!("skipped: the daemon's share needs the KITTI pairs");
+        return Ok(None);
+    };
+    if Command::new("gst-launch-1.0")
+        .arg("--version")
+        .output()
+        .is_err()
+    {
+        eprintln!("skipped: the daemon's share needs gst-launch-1.0");
+        return Ok(None);
+    }
+    let folder = memory_folder()?;
+    let bare = Bare::new(folder.path(), &clip.pictures)?;
+    let daemon = Daemon::new(folder.path(), &kitti)?;
+
+    let mut share = Share {
+        daemon_ms: 0.0,
+        bare_ms: 0.0,
+        reading_ms: 0.0,
+        daemon_runs_ms: Vec::new(),
+        bare_runs_ms: Vec::new(),
+        missing: 0,
+        bytes_ratio: f64::NAN,
+    };
+    let mut reading = Vec::new();
+    for repetition in 0..plan.repetitions {
+        let (short, long) = (daemon.run(plan.short_s)?, daemon.run(plan.long_s)?);
+        share.missing += short.missing + long.missing;
+        share.daemon_runs_ms.push(per_frame_ms(&short, &long));
+        share.bare_runs_ms.push(bare.per_frame_ms(plan, true)?);
+        if repetition == 0 {
+            reading.push(bare.per_frame_ms(plan, false)?);
+            share.bytes_ratio = long.bytes as f64 / bare.bytes(long.frames)? as f64;
+        }
+        println!(
+            "a frame costs the daemon {:.2} ms, the bare pipeline {:.2} ms",
+            share.daemon_runs_ms[repetition], share.bare_runs_ms[repetition]
+        );
+    }
+    share.daemon_ms = median(share.daemon_runs_ms.iter().copied());
+    share.bare_ms = median(share.bare_runs_ms.iter().copied());
+    share.reading_ms = median(reading);
+    println!(
+        "daemon over bare pipeline: {:.3} (limit {LIMIT}), over the encoder alone {:.3}; {} frames missing",
+        share.ratio(),
+        share.ratio_to_encoder(),
+        share.missing
+    );
+    Ok(Some(share))
+}
+
+/// Processor time that a frame adds, from two runs of different length.
+fn per_frame_ms(short: &Cost, long: &Cost) -> f64 {
+    (long.cpu_s - short.cpu_s) * 1e3 / (long.frames - short.frames) as f64
+}
+
+/// What a run took and did.
+struct Cost {
+    cpu_s: f64,
+    frames: u64,
+    missing: u64,
+    bytes: u64,
+}
+
+/// A folder in memory where the machine has one, or else on disk.
+fn memory_folder() -> Result<tempfile::TempDir> {
+    let memory = Path::new("/dev/shm");
+    if memory.is_dir() {
+        tempfile::tempdir_in(memory).context("making a folder in /dev/shm")
+    } else {
+        tempfile::tempdir().context("making a folder for pictures")
+    }
+}
+
+/// Runs a process to its end and gives the processor time that it took.
+fn cpu_of(command: &mut Command) -> Result<f64> {
+    let before = children_cpu_s()?;
+    let status = command
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .status()
+        .with_context(|| format!("starting {command:?}"))?;
+    ensure!(status.success(), "{command:?} ended with {status}");
+    Ok(children_cpu_s()? - before)
+}
+
+/// Processor time of all ended processes that this one started.
+fn children_cpu_s() -> Result<f64> {
+    let text = fs::read_to_string("/proc/self/stat").context("reading /proc/self/stat")?;
+    // proc(5): cutime and cstime are fields 16 and 17, and field 2, in brackets, may hold anything.
+    let fields = text
+        .rsplit(')')
+        .next()
+        .unwrap_or_default()
+        .split_whitespace();
+    let ticks: Vec<f64> = fields
+        .skip(13)
+        .take(2)
+        .filter_map(|f| f.parse().ok())
+        .collect();
+    ensure!(
+        ticks.len() == 2,
+        "/proc/self/stat is not as expected: {text}"
+    );
+    Ok((ticks[0] + ticks[1]) / TICKS_PER_S)
+}
+
+/// The daemon.
+struct Daemon {
+    config: PathBuf,
+    sessions: PathBuf,
+}
+
+impl Daemon {
+    fn new(folder: &Path, pictures: &Path) -> Result<Self> {
+        let pictures = fs::canonicalize(pictures).context("finding the KITTI pairs")?;
+        let mut text =
+            format!("[encoder]\nelement = {ELEMENT:?}\nquality_db = {QUALITY_DB:?}\nthreads = 1\n");
+        for name in CAMERAS {
+            text += &format!(
+                "[[camera]]\nname = {name:?}\n[camera.source]\nkind = \"replay\"\npath = {:?}\n\
+                 rate_hz = {RATE_HZ}\nrepeat = true\nimu = false\n",
+                pictures.display().to_string()
+            );
+        }
+        let config = folder.join("pawsd.toml");
+        fs::write(&config, text).with_context(|| format!("writing {}", config.display()))?;
+        Ok(Self {
+            config,
+            sessions: folder.join("sessions"),
+        })
+    }
+
+    fn run(&self, seconds: u32) -> Result<Cost> {
+        let this = std::env::current_exe().context("finding this program")?;
+        let mut command = Command::new(this);
+        command
+            .args(["encode", RECORD])
+            .arg(&self.config)
+            .arg(&self.sessions);
+        let cpu_s = cpu_of(command.arg(seconds.to_string()))?;
+        let mut cost = Cost {
+            cpu_s,
+            frames: 0,
+            missing: 0,
+            bytes: 0,
+        };
+        for entry in fs::read_dir(&self.sessions).context("looking for the session")? {
+            let session = entry.context("looking for the session")?.path();
+            let reader = SessionReader::open(Arc::new(DiskStorage::new(&session)))
+                .with_context(|| format!("opening {}", session.display()))?;
+            let index = Index::build(&reader, |_| {}).context("indexing the session")?;
+            for camera in &index.cameras {
+                let numbers = camera.frames.first().zip(camera.frames.last());
+                let span = numbers.map_or(0, |(first, last)| last.number - first.number + 1);
+                cost.frames += camera.frames.len() as u64;
+                cost.missing += span - camera.frames.len() as u64;
+                cost.bytes += camera
+                    .frames
+                    .iter()
+                    .map(|f| u64::from(f.bytes))
+                    .sum::<u64>();
+            }
+        }
+        fs::remove_dir_all(&self.sessions).context("removing the session")?;
+        ensure!(cost.frames > 0, "the daemon recorded nothing");
+        Ok(cost)
+    }
+}
+
+/// The recording process: configuration, folder, seconds.
+pub(super) fn record(arguments: &[String]) -> Result<()> {
+    let [config, out, seconds] = arguments else {
+        anyhow::bail!("{RECORD} takes a configuration, a folder and seconds");
+    };
+    let options = RecordOptions {
+        seconds: seconds.parse().context("reading the seconds")?,
+        virtual_time: false,
+        name: String::new(),
+        out: out.into(),
+    };
+    let config = Config::read(config.as_ref())?;
+    let finished = run::record(&config, &options, &StopFlag::new(), Box::new(|_| {}))?;
+    ensure!(
+        finished.error.is_none(),
+        "the recording failed: {:?}",
+        finished.error
+    );
+    Ok(())
+}
+
+/// The bare pipeline.
+struct Bare {
+    /// Where the pictures lie, with a place for the number.
+    pattern: PathBuf,
+    caps: String,
+    encoder: String,
+    last: usize,
+}
+
+impl Bare {
+    fn new(folder: &Path, pictures: &[Picture]) -> Result<Self> {
+        for (number, picture) in pictures.iter().enumerate() {
+            let path = folder.join(format!("{number:06}.i420"));
+            fs::write(&path, padded(picture)?)
+                .with_context(|| format!("writing {}", path.display()))?;
+        }
+        let (width, height) = (pictures[0].width, pictures[0].height);
+        let settings = EncoderSettings {
+            element: ELEMENT.to_owned(),
+            width,
+            height,
+            rate_hz: f64::from(RATE_HZ),
+            quality_db: QUALITY_DB,
+            threads: 1,
+            max_key_interval_frames: KEY_INTERVAL,
+        };
+        let quantiser = Encoder::start(&settings, Box::new(|_| {}))?.quantiser();
+        Ok(Self {
+            pattern: folder.join("%06d.i420"),
+            caps: format!(
+                "video/x-raw,format=I420,width={width},height={height},framerate={RATE_HZ}/1,\
+                 pixel-aspect-ratio=1/1,interlace-mode=progressive,colorimetry=1:4:7:1,\
+                 chroma-site=jpeg"
+            ),
+            // What the crate `video` sets; that both give the same number of bytes is checked.
+            encoder: format!(
+                "{ELEMENT} speed-preset=ultrafast tune=zerolatency pass=quant \
+                 quantizer={quantiser} ip-factor=1.0 key-int-max={KEY_INTERVAL} bframes=0 \
+                 threads=1 sliced-threads=false aud=false option-string=scenecut=0:open-gop=0"
+            ),
+            last: pictures.len() - 1,
+        })
+    }
+
+    /// `frames` over all cameras; `sink` ends each branch.
+    fn pipeline(&self, frames: u64, middle: &[&str], sink: &dyn Fn(usize) -> String) -> Command {
+        let mut command = Command::new("gst-launch-1.0");
+        command.arg("-q");
+        for camera in 0..CAMERAS.len() {
+            let count = frames / CAMERAS.len() as u64;
+            command.args([
+                "multifilesrc".to_owned(),
+                format!("location={}", self.pattern.display()),
+                format!("stop-index={}", self.last),
+                "loop=true".to_owned(),
+                format!("num-buffers={count}"),
+                format!("caps={}", self.caps),
+            ]);
+            command.args(["!", "clocksync"]);
+            for element in middle {
+                command.arg("!").args(element.split_whitespace());
+            }
+            command.arg("!").args(sink(camera).split_whitespace());
+        }
+        command
+    }
+
+    fn per_frame_ms(&self, plan: &Plan, encode: bool) -> Result<f64> {
+        let middle: &[&str] = if encode { &[&self.encoder] } else { &[] };
+        let run = |seconds: u32| -> Result<Cost> {
+            let frames = u64::from(seconds * RATE_HZ) * CAMERAS.len() as u64;
+            let sink = |_| "fakesink sync=false".to_owned();
+            Ok(Cost {
+                cpu_s: cpu_of(&mut self.pipeline(frames, middle, &sink))?,
+                frames,
+                missing: 0,
+                bytes: 0,
+            })
+        };
+        Ok(per_frame_ms(&run(plan.short_s)?, &run(plan.long_s)?))
+    }
+
+    /// Bytes of video for so many frames over all cameras.
+    fn bytes(&self, frames: u64) -> Result<u64> {
+        let file = |camera| self.pattern.with_file_name(format!("{camera}.h264"));
+        let sink = |camera| format!("filesink location={}", file(camera).display());
+        cpu_of(&mut self.pipeline(frames, &[&self.encoder], &sink))?;
+        let mut bytes = 0;
+        for camera in 0..CAMERAS.len() {
+            let path = file(camera);
+            let length = fs::metadata(&path).map(|data| data.len());
+            bytes += length.with_context(|| format!("looking at {}", path.display()))?;
+        }
+        Ok(bytes)
+    }
+}
+
+/// The planes with rows padded to a multiple of four bytes, as GStreamer expects raw video in a file.
+fn padded(picture: &Picture) -> Result<Vec<u8>> {
+    picture.check()?;
+    let (width, height) = (picture.width as usize, picture.height as usize);
+    let mut planes = &picture.data[..];
+    let mut out = Vec::new();
+    for (width, height) in [
+        (width, height),
+        (width / 2, height / 2),
+        (width / 2, height / 2),
+    ] {
+        let (plane, rest) = planes.split_at(width * height);
+        planes = rest;
+        for row in plane.chunks_exact(width) {
+            out.extend_from_slice(row);
+            out.resize(out.len().next_multiple_of(4), 0);
+        }
+    }
+    Ok(out)
+}
