@@ -18,6 +18,10 @@ pub trait Clock: Send + Sync {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RealClock;
 
+#[expect(
+    clippy::disallowed_methods,
+    reason = "this is where the clocks are read"
+)]
 impl Clock for RealClock {
     fn now(&self) -> HostTime {
         let t = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);

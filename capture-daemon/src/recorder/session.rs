@@ -24,6 +24,8 @@ pub(super) struct Session {
     pub(super) streams: Vec<Stream>,
     cameras: usize,
     sets: FrameSetBuilder,
+    /// Cameras without a key frame so far: what comes before it could not be decoded.
+    pub(super) without_key: Vec<bool>,
     pub(super) first: Option<HostTime>,
     pub(super) last: HostTime,
     pub(super) stopping: Option<Stopping>,
@@ -80,6 +82,7 @@ impl Session {
             streams: streams.collect(),
             cameras: setup.cameras.len(),
             sets: FrameSetBuilder::new(specs.collect()),
+            without_key: vec![true; setup.cameras.len()],
             first: None,
             last: started,
             stopping: None,
@@ -105,7 +108,10 @@ impl Session {
             } => {
                 let time = HostTime(frame.time);
                 let host = HostTime(frame.host_time);
-                if !self.place(camera, frame.number, 1, time, time, host)? {
+                self.without_key[camera] &= !key;
+                if self.without_key[camera]
+                    || !self.place(camera, frame.number, 1, time, time, host)?
+                {
                     return Ok(());
                 }
                 let number = frame.number;

@@ -239,6 +239,38 @@ fn idle_armed_recording_stopping_armed() {
 }
 
 #[test]
+fn right_after_a_stop_a_camera_begins_with_the_key_frame_that_is_asked_for() {
+    let mut rig = rig(1000 * MS, Bench::default());
+    rig.steps(13);
+    started(&mut rig);
+    assert!(
+        rig.recorder.take_key_wishes().is_empty(),
+        "there is a pre-roll"
+    );
+    rig.recorder.close_now("button");
+    rig.steps(2);
+    started(&mut rig);
+    assert_eq!(rig.recorder.take_key_wishes(), [0, 1]);
+    assert!(rig.recorder.take_key_wishes().is_empty(), "once is enough");
+    rig.steps(10);
+    rig.recorder.close_now("button");
+    for camera in ["left_shoulder", "feet"] {
+        let numbers: Vec<u64> = rig
+            .messages::<Frame>(camera)
+            .iter()
+            .map(|f| f.number)
+            .collect();
+        assert_eq!(numbers, [20, 21, 22, 23, 24]);
+    }
+    assert_eq!(
+        rig.messages::<Gap>(""),
+        [],
+        "it begins with what can be decoded"
+    );
+    assert!(verify(&rig.session(), |_| {}).expect("verify").is_sound());
+}
+
+#[test]
 fn the_pre_roll_begins_with_key_frames_from_before_the_press() {
     let mut rig = rig(1000 * MS, Bench::default());
     rig.steps(97);
@@ -296,7 +328,7 @@ fn a_stop_waits_for_frames_that_were_received_before_it_and_not_for_ever() {
     let unit = Bytes::from_static(b"unit");
     rig.recorder.handle(Outgoing::Frame {
         camera: 0,
-        frame: late.clone(),
+        frame: late,
         unit,
         key: false,
     });

@@ -109,14 +109,13 @@ pub fn build(config: &Config, start: HostTime) -> anyhow::Result<Built> {
 
 fn open(camera: &config::Camera, start: HostTime) -> anyhow::Result<Box<dyn Source>> {
     Ok(match &camera.source {
-        SourceConfig::Replay(r) => Box::new(Replay::open(
-            &camera.name,
-            &r.path,
-            r.rate_hz,
-            r.repeat,
-            r.imu,
-            start,
-        )?),
+        SourceConfig::Replay(r) => {
+            let replay = Replay::open(&camera.name, &r.path, r.rate_hz, r.repeat, r.imu, start)?;
+            for note in replay.notes() {
+                log::info!("{}: {note}", camera.name);
+            }
+            Box::new(replay)
+        }
         SourceConfig::Synthetic(s) => Box::new(Synthetic::new(
             &camera.name,
             s.width,

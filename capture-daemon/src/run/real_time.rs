@@ -21,7 +21,7 @@ use super::{Finished, RecordOptions, StopFlag};
 use crate::clock::{Clock, RealClock};
 use crate::config::Config;
 use crate::control;
-use crate::hub::{Hub, Out, Outgoing};
+use crate::hub::{Hub, Out, Outgoing, TICK_NS};
 use crate::notify::Notify;
 use crate::queue::{Popped, Queue};
 use crate::recorder::{OnProgress, Recorder};
@@ -34,8 +34,6 @@ const INBOX_BYTES: usize = 128 << 20;
 const OUTBOX_BYTES: usize = 64 << 20;
 /// Longest wait of a thread before it looks at the time again.
 const PATIENCE: Duration = Duration::from_millis(20);
-/// Time between two looks at encoders, alarms and health.
-const TICK_NS: i64 = 100_000_000;
 /// Replays begin this much after the program, so that all of them are ready.
 const LEAD_NS: i64 = 200_000_000;
 /// A thread that has not come round for this long is stuck.
@@ -51,6 +49,7 @@ enum In {
 }
 
 /// To the recorder.
+#[expect(clippy::large_enum_variant, reason = "nearly all of them are items")]
 enum ToRecorder {
     Item(Outgoing),
     Request(Request, &'static str, SyncSender<Response>),
@@ -339,6 +338,9 @@ fn run_recorder(mut recorder: Recorder, shared: &Shared) {
             Popped::Closed => break,
         }
         recorder.tick();
+        for camera in recorder.take_key_wishes() {
+            shared.key_wanted[camera].store(true, Ordering::Relaxed);
+        }
     }
     recorder.close_now("shutdown");
 }

@@ -1,7 +1,7 @@
 //! Sessions as folders below one folder.
 
 use std::fs;
-use std::io;
+use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -14,24 +14,16 @@ use crate::recorder::SessionStore;
 /// Makes session folders named by their time: `2026-11-21T02-03-17Z_1a2b3c4d`.
 pub struct FolderStore {
     out: PathBuf,
-    /// Ten random bytes for an identifier.
-    random: Box<dyn FnMut() -> [u8; 10] + Send>,
-    /// Whether the machine is looked at.
-    looks: bool,
+    /// The same input gives the same session, byte for byte.
+    reproducible: bool,
 }
 
 impl FolderStore {
     /// Sessions go into `out`; identifiers are made from their time and the machine's randomness.
     pub fn random(out: PathBuf) -> Self {
-        let random = || {
-            let mut bytes = [0; 10];
-            bytes.copy_from_slice(&uuid::Uuid::now_v7().as_bytes()[6..]);
-            bytes
-        };
         Self {
             out,
-            random: Box::new(random),
-            looks: true,
+            reproducible: false,
         }
     }
 
@@ -40,16 +32,24 @@ impl FolderStore {
     pub fn reproducible(out: PathBuf) -> Self {
         Self {
             out,
-            random: Box::new(|| [0; 10]),
-            looks: false,
+            reproducible: true,
         }
+    }
+
+    /// What makes an identifier one of its kind.
+    fn ten_bytes(&self) -> io::Result<[u8; 10]> {
+        let mut bytes = [0; 10];
+        if !self.reproducible {
+            fs::File::open("/dev/urandom")?.read_exact(&mut bytes)?;
+        }
+        Ok(bytes)
     }
 }
 
 impl SessionStore for FolderStore {
     fn create(&mut self, started: CivilTime) -> io::Result<(PathBuf, Arc<dyn Storage>, String)> {
         let millis = (started.0 / 1_000_000).max(0) as u64;
-        let id = uuid::Builder::from_unix_timestamp_millis(millis, &(self.random)()).into_uuid();
+        let id = uuid::Builder::from_unix_timestamp_millis(millis, &self.ten_bytes()?).into_uuid();
         let time = started.to_string();
         let time = time.split('.').next().unwrap_or(&time).replace(':', "-");
         let text = id.to_string();
@@ -67,12 +67,12 @@ impl SessionStore for FolderStore {
     }
 
     fn free_bytes(&self) -> Option<u64> {
-        self.looks
+        (!self.reproducible)
             .then(|| disk::free_bytes(&self.out).ok())
             .flatten()
     }
 
     fn temperature_c(&self) -> Option<f64> {
-        self.looks.then(disk::hottest_c).flatten()
+        (!self.reproducible).then(disk::hottest_c).flatten()
     }
 }

@@ -13,7 +13,7 @@ use super::build::Built;
 use super::store::FolderStore;
 use super::{Finished, RecordOptions, StopFlag};
 use crate::clock::VirtualClock;
-use crate::hub::{Hub, Out, Outgoing};
+use crate::hub::{Hub, Out, Outgoing, TICK_NS};
 use crate::recorder::{OnProgress, Recorder};
 use crate::sources::Sample;
 use crate::status::Progress;
@@ -22,8 +22,6 @@ use crate::status::Progress;
 const START: HostTime = HostTime(1000 * NS_PER_S);
 /// And is called 2026-01-01T00:00:00Z, whenever it is.
 const CIVIL: CivilTime = CivilTime(1_767_225_600 * NS_PER_S);
-/// Time between two looks at encoders, alarms and health.
-const TICK_NS: i64 = 100_000_000;
 
 pub(super) fn record(
     build: impl FnOnce(HostTime) -> anyhow::Result<Built>,
