@@ -48,7 +48,7 @@ fn write(input: &Input, out: &mut String) -> std::fmt::Result {
             .filter(|(f, position)| f.key == *position);
         write!(
             out,
-            "camera      {}: {} stereo frames of 2 x {}x{} {}, {} key frames, {} at {} Hz, {}calibrated",
+            "camera      {}: {} stereo frames of 2 x {}x{} {}, {} key frames, {} at {:.2} Hz, {}calibrated",
             camera.name,
             entry.frames.len(),
             camera.width / 2,
@@ -68,7 +68,7 @@ fn write(input: &Input, out: &mut String) -> std::fmt::Result {
         let samples: u64 = entry.batches.iter().map(|b| u64::from(b.samples)).sum();
         writeln!(
             out,
-            "IMU         {}: {samples} samples at {} Hz",
+            "IMU         {}: {samples} samples at {:.2} Hz",
             imu.name, imu.rate_hz
         )?;
     }
