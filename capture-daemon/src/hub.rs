@@ -28,6 +28,8 @@ use crate::sync::gaps::Renumber;
 const BATCH_NS: i64 = 100_000_000;
 /// An IMU batch holds at most this many samples.
 const BATCH_SAMPLES: usize = 512;
+/// How often [`Hub::tick`] wants to be called.
+pub const TICK_NS: i64 = 100_000_000;
 /// How long draining the encoders may take at the end.
 const FINISH_LIMIT: Duration = Duration::from_secs(5);
 
@@ -182,7 +184,8 @@ struct CameraState {
     /// Position of its IMU among all IMUs.
     imu: Option<usize>,
     digest: Option<u32>,
-    frozen_since: Option<HostTime>,
+    /// Arrival of the newest frame whose picture differed from the one before it.
+    changed: HostTime,
     frozen_alarm: bool,
 }
 
@@ -211,6 +214,7 @@ struct Watch {
     received: u64,
     received_before: u64,
     last: Option<HostTime>,
+    period_ns: i64,
     limit_ns: i64,
     silent: bool,
 }
@@ -264,7 +268,7 @@ impl Hub {
                 watch: Watch::new(setup.rate_hz),
                 imu,
                 digest: None,
-                frozen_since: None,
+                changed: HostTime::MIN,
                 frozen_alarm: false,
                 setup,
             });
@@ -292,7 +296,7 @@ impl Hub {
         self.cameras[camera].lane.request_key();
     }
 
-    /// Looks after encoders, alarms and health; call it a few times a second.
+    /// Looks after encoders, alarms and health; call it every [`TICK_NS`].
     pub fn tick(&mut self, now: HostTime) {
         for camera in &mut self.cameras {
             camera.lane.tick(now);
@@ -304,10 +308,19 @@ impl Hub {
                 flush(imu, &self.out);
             }
         }
-        let since = *self.health_at.get_or_insert(now);
-        if now.since(since) >= NS_PER_S {
-            self.health_at = Some(now);
-            self.health(now, now.since(since));
+        match self.health_at {
+            None => {
+                self.health_at = Some(now);
+                let cameras = self.cameras.iter_mut().map(|c| &mut c.watch);
+                for watch in cameras.chain(self.imus.iter_mut().map(|i| &mut i.watch)) {
+                    watch.received_before = watch.received;
+                }
+            }
+            Some(since) if now.since(since) >= NS_PER_S => {
+                self.health_at = Some(now);
+                self.health(now, now.since(since));
+            }
+            Some(_) => {}
         }
     }
 
@@ -411,7 +424,11 @@ impl Hub {
         let mut streams = Vec::new();
         for camera in &mut self.cameras {
             let mut health = camera.watch.health(&camera.setup.name, span_ns);
-            health.queue_bytes = camera.lane.queued_bytes() as u64;
+            // Where every frame is waited for none is queued, although the encoder's own threads may
+            // still be letting go of the last one.
+            if !self.waits {
+                health.queue_bytes = camera.lane.queued_bytes() as u64;
+            }
             health.frozen = camera.frozen_alarm;
             streams.push(health);
         }
@@ -454,15 +471,11 @@ fn flush(imu: &mut ImuState, out: &Out) {
 
 impl CameraState {
     fn note_frozen(&mut self, frozen: bool, at: HostTime, out: &Out) {
-        let since = if frozen {
-            *self.frozen_since.get_or_insert(at)
-        } else {
-            at
-        };
         if !frozen {
-            self.frozen_since = None;
+            self.changed = at;
         }
-        let alarm = at.since(since) > self.watch.limit_ns;
+        // The next frame would be too late to say it.
+        let alarm = at.since(self.changed) + self.watch.period_ns > self.watch.limit_ns;
         if alarm != self.frozen_alarm {
             self.frozen_alarm = alarm;
             let text = format!("{}: the picture is frozen", self.setup.name);
@@ -572,6 +585,7 @@ impl Watch {
             0.0
         };
         Self {
+            period_ns: period as i64,
             limit_ns: 2 * period as i64 + NS_PER_S,
             ..Self::default()
         }
@@ -585,7 +599,9 @@ impl Watch {
 
     fn check(&mut self, name: &str, now: HostTime, out: &Out) {
         let last = *self.last.get_or_insert(now);
-        self.set_silent(now.since(last) > self.limit_ns, now, name, out);
+        // The next look would be too late to say it, also if it comes a little late itself.
+        let silent = now.since(last) + TICK_NS * 3 / 2 > self.limit_ns;
+        self.set_silent(silent, now, name, out);
     }
 
     fn set_silent(&mut self, silent: bool, at: HostTime, name: &str, out: &Out) {

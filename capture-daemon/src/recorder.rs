@@ -4,7 +4,8 @@
 //! owns no thread. What it promises:
 //!
 //! * *At a press* the session begins with the pre-roll: for every camera with a key frame from
-//!   before it, so nothing has to be waited for.
+//!   before it, so nothing has to be waited for. A camera without one, because a session has just
+//!   ended, begins with its next key frame, which is asked for ([`Recorder::take_key_wishes`]).
 //! * *At a gap* a gap record names the numbers and the cause. Frames and gaps together are every number
 //!   from a stream's first to its last.
 //! * *At a stop* what was received before it is waited for, but not longer than [`STOP_LIMIT_NS`].
@@ -112,6 +113,7 @@ pub struct Recorder {
     fault: Option<String>,
     free_bytes: Option<u64>,
     seconds_left: Option<f64>,
+    key_wishes: Vec<usize>,
 }
 
 impl Recorder {
@@ -138,6 +140,7 @@ impl Recorder {
             alarms: BTreeSet::new(),
             fault: None,
             seconds_left: None,
+            key_wishes: Vec::new(),
             setup,
         }
     }
@@ -251,6 +254,14 @@ impl Recorder {
         for item in beginning.items {
             self.sample(item);
         }
+        let without_key = self
+            .session
+            .iter()
+            .flat_map(|s| s.without_key.iter().enumerate());
+        self.key_wishes = without_key
+            .filter(|(_, w)| **w)
+            .map(|(camera, _)| camera)
+            .collect();
         self.event(Kind::Start, at, source, name);
         self.after();
         if self.session.is_some() {
@@ -261,6 +272,11 @@ impl Recorder {
                 .clone()
                 .unwrap_or_else(|| "the session could not be written".to_owned()))
         }
+    }
+
+    /// Cameras whose next frame should be a key frame, since the last call.
+    pub fn take_key_wishes(&mut self) -> Vec<usize> {
+        std::mem::take(&mut self.key_wishes)
     }
 
     /// Stops: what was received before now still goes in. The session is closed at the latest
