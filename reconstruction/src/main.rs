@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use reconstruction::export::{self, Selection};
 use reconstruction::input::{Check, Input};
@@ -61,6 +61,13 @@ fn main() -> ExitCode {
             from,
             to,
         } => {
+            if let (Some(from), Some(to)) = (from, to)
+                && from >= to
+            {
+                let message = "--from has to be before --to";
+                let kind = clap::error::ErrorKind::ValueValidation;
+                Arguments::command().error(kind, message).exit();
+            }
             let selection = Selection {
                 every,
                 from_ns: from,
@@ -186,7 +193,6 @@ mod tests {
 
     #[test]
     fn the_command_line_is_consistent() {
-        use clap::CommandFactory;
         Arguments::command().debug_assert();
     }
 }

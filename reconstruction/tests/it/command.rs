@@ -303,6 +303,9 @@ fn bad_arguments_have_a_code_of_their_own() {
         &["frames", session][..],
         &["frames", session, "--out", "x", "--every", "0"],
         &["frames", session, "--out", "x", "--from", "now"],
+        &[
+            "frames", session, "--out", "x", "--from", "2", "--to", "2.0",
+        ],
         &["depth", session],
         &[],
     ] {
