@@ -39,51 +39,41 @@ impl Nal<'_> {
 }
 
 /// The NAL units of `bytes`, in order.
-pub fn nals(bytes: &[u8]) -> Nals<'_> {
-    let rest = match find_start_code(bytes) {
-        Some(at) => &bytes[at + 3..],
-        None => &[],
-    };
-    Nals { rest }
+pub fn nals(bytes: &[u8]) -> impl Iterator<Item = Nal<'_>> + Clone {
+    heads(bytes).map(|Nal { bytes }| {
+        let unit = &bytes[..find_start_code(bytes).unwrap_or(bytes.len())];
+        // A NAL unit cannot end in zero: such bytes are padding, or the first zero of a four-byte
+        // start code.
+        let end = unit
+            .iter()
+            .rposition(|&byte| byte != 0)
+            .map_or(0, |last| last + 1);
+        Nal {
+            bytes: &unit[..end],
+        }
+    })
 }
 
-/// Iterator of [`nals`].
-#[derive(Debug, Clone)]
-pub struct Nals<'a> {
-    /// What follows the start code that was found last.
-    rest: &'a [u8],
-}
-
-impl<'a> Iterator for Nals<'a> {
-    type Item = Nal<'a>;
-
-    fn next(&mut self) -> Option<Nal<'a>> {
-        while !self.rest.is_empty() {
-            let (unit, rest) = match find_start_code(self.rest) {
-                Some(at) => (&self.rest[..at], &self.rest[at + 3..]),
-                None => (self.rest, &[][..]),
-            };
-            self.rest = rest;
-            // A NAL unit cannot end in zero: such bytes are padding, or the first zero of a
-            // four-byte start code.
-            let end = unit
-                .iter()
-                .rposition(|&byte| byte != 0)
-                .map_or(0, |last| last + 1);
-            if end > 0 {
-                return Some(Nal {
-                    bytes: &unit[..end],
-                });
+/// As [`nals`], but each reaches to the end of `bytes`: where it ends is not looked for. Looking at
+/// headers up to the first slice then costs nothing that grows with the slice.
+pub(crate) fn heads(bytes: &[u8]) -> impl Iterator<Item = Nal<'_>> + Clone {
+    let mut rest = bytes;
+    std::iter::from_fn(move || {
+        loop {
+            rest = &rest[find_start_code(rest)? + 3..];
+            // Nothing but zeros up to the end or the next start code.
+            let zeros = rest.iter().take_while(|&&byte| byte == 0).count();
+            if zeros < rest.len() && !(zeros >= 2 && rest[zeros] == 1) {
+                return Some(Nal { bytes: rest });
             }
         }
-        None
-    }
+    })
 }
 
 /// Whether decoding can start at this access unit: its first slice is of an H.264 IDR picture
 /// (type 5) or an H.265 IRAP picture (types 16..=21).
 pub fn is_key(codec: Codec, access_unit: &[u8]) -> bool {
-    nals(access_unit)
+    heads(access_unit)
         .find(|nal| nal.is_slice(codec))
         .is_some_and(|slice| {
             let kind = slice.unit_type(codec);
@@ -102,7 +92,7 @@ pub fn has_parameter_sets(codec: Codec, access_unit: &[u8]) -> bool {
         Codec::H265 => &[32, 33, 34],
     };
     let mut seen = 0u64;
-    for nal in nals(access_unit) {
+    for nal in heads(access_unit) {
         if nal.is_slice(codec) {
             break;
         }
@@ -216,6 +206,8 @@ mod tests {
             }
             let total: usize = nals(&bytes).map(|nal| nal.bytes.len()).sum();
             assert!(total <= bytes.len());
+            let headers = |nal: Nal<'_>| nal.bytes[0];
+            assert!(nals(&bytes).map(headers).eq(heads(&bytes).map(headers)));
             assert!(nals(&bytes).all(|nal| !nal.bytes.is_empty() && nal.bytes.last() != Some(&0)));
         }
     }

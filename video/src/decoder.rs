@@ -7,8 +7,10 @@
 //! panic. *Nothing carries over* from one call to the next, so calls may jump about in a
 //! recording. *Time*: a call gives up when nothing has come for [`STALL`].
 //!
-//! What a decoder cannot know: it conceals damage inside a picture as best it can, and only part of
-//! that is reported (as a missing picture). Bytes that may be damaged are for checksums to find.
+//! A lost access unit makes decoders go on with the wrong reference and say nothing; so access units
+//! whose references are missing ([`crate::references`]) are not decoded and count as missing. What
+//! nobody can know here: decoders conceal damage inside a picture, and report only part of it.
+//! Bytes that may be damaged are for checksums to find.
 //!
 //! Decoders are taken from what the machine has, hardware first; the first that decodes something
 //! is kept. Every call builds its pipeline anew, 2 to 3 ms with libav: decode whole groups, not

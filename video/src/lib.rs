@@ -11,6 +11,46 @@
 //! - [`decoder`]: access units in, pictures out.
 //! - [`mp4`]: access units into a file that players open.
 //!
+//! ```
+//! use std::sync::{Arc, Mutex};
+//! use std::time::Duration;
+//! use video::{Decoder, Encoder, EncoderEvent, EncoderSettings, Picture, PixelFormat};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let settings = EncoderSettings {
+//!     element: "x264enc".into(),
+//!     width: 64,
+//!     height: 32,
+//!     rate_hz: 30.0,
+//!     quality_db: 42.0,
+//!     threads: 1,
+//!     max_key_interval_frames: 300,
+//! };
+//! let units = Arc::new(Mutex::new(Vec::new()));
+//! let collect = units.clone();
+//! let mut encoder = Encoder::start(
+//!     &settings,
+//!     Box::new(move |event| match event {
+//!         EncoderEvent::AccessUnit(unit) => collect.lock().unwrap().push(unit),
+//!         EncoderEvent::Failed(reason) => eprintln!("{reason}"),
+//!     }),
+//! )?;
+//! let grey = Picture::new(64, 32, PixelFormat::I420, vec![128; 64 * 32 * 3 / 2])?;
+//! for number in 0..10 {
+//!     // Every fifth picture begins a group that can be decoded alone.
+//!     encoder.push(1_000_000_007 + number * 33_333_333, &grey, number % 5 == 0)?;
+//! }
+//! let codec = encoder.codec();
+//! encoder.finish(Duration::from_secs(10))?;
+//!
+//! let units = units.lock().unwrap();
+//! let pictures = Decoder::new(codec).decode(&units[5..])?;
+//! assert_eq!(pictures.len(), 5);
+//! assert_eq!(pictures[0].0, 1_000_000_007 + 5 * 33_333_333);
+//! # Ok(())
+//! # }
+//! ```
+//!
 //! Everything here reports failure as a value: no plugin, stream or device makes it panic or hang.
 
 pub mod annexb;

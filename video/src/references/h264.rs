@@ -23,7 +23,7 @@ struct Sequence {
 impl Reader {
     /// Whether the picture's references are there; `None` if that cannot be told.
     pub(super) fn read(&mut self, access_unit: &[u8]) -> Option<bool> {
-        for nal in annexb::nals(access_unit) {
+        for nal in annexb::heads(access_unit) {
             match nal.unit_type(Codec::H264) {
                 7 => {
                     if let Some((id, sequence)) = sequence(nal.bytes) {
