@@ -113,7 +113,7 @@ pub struct Step {
 }
 
 /// Samples below the map this many sigmas are no refinement.
-const STEP_SIGMAS: f64 = 6.0;
+const STEP_SIGMAS: f64 = 4.0;
 /// A single sample is suspicious where it is later than the 99th percentile by this factor.
 const VERY_LATE: f64 = 3.0;
 /// Samples held at most before a few early ones are judged.
@@ -126,6 +126,8 @@ const RESTART_SAMPLES: usize = 4;
 const LATE_STEP: u64 = 32;
 /// No claim is better than this, ns: host stamps are rounded, some to 1 us.
 const FLOOR_NS: f64 = 250.0;
+/// Five sigmas are at least as much as a step that can go unnoticed for this long, ns.
+const UNNOTICED_NS: f64 = 10.0 * NS_PER_S as f64;
 /// The map is published at least this often, in device ns.
 const PUBLISH_NS: f64 = 10.0 * NS_PER_S as f64;
 /// Claims that are checked again, one for each time the line is fitted.
@@ -148,6 +150,7 @@ pub struct ClockMapper {
     last: Option<Seen>,
     map: ClockMap,
     published: Line,
+    least_sigma: f64,
     /// What was claimed lately.
     claims: VecDeque<Claim>,
 }
@@ -214,6 +217,7 @@ impl ClockMapper {
             last: None,
             map,
             published: Line::default(),
+            least_sigma: 0.0,
             claims: VecDeque::with_capacity(MAX_CLAIMS),
         }
     }
@@ -349,6 +353,7 @@ impl ClockMapper {
             },
             jitter: self.config.jitter_ns as f64,
             floor: FLOOR_NS,
+            least_sigma: 0.0,
         }
     }
 
@@ -428,7 +433,7 @@ impl ClockMapper {
         if let Some(Suspicion::Late { next, .. }) = &mut self.suspicion {
             let p = next.point(sample);
             if p.x > next.newest_x() && next.push(p) {
-                next.refit();
+                next.refit(0.0);
             }
         } else {
             let terms = self
@@ -453,7 +458,7 @@ impl ClockMapper {
         let Some(Suspicion::Late { mut next, .. }) = self.suspicion.take() else {
             return Observation::Suspect;
         };
-        next.refit();
+        next.refit(0.0);
         let after = alarm.after.map_or(self.map.since, HostTime);
         self.step(*next, after, alarm.height)
     }
@@ -471,7 +476,7 @@ impl ClockMapper {
                 epoch.push(p);
             }
         }
-        epoch.refit();
+        epoch.refit(0.0);
         Some(epoch)
     }
 
@@ -541,10 +546,11 @@ impl ClockMapper {
         let (Some(epoch), Some(last)) = (&mut self.epoch, self.last) else {
             return;
         };
-        epoch.refit();
+        epoch.refit(self.least_sigma);
         let line = *epoch.line();
         let settles = epoch.settled();
         self.tail.follow(&line);
+        self.least_sigma = self.tail.unnoticed(UNNOTICED_NS / epoch.period().max(1.0)) / 5.0;
         let (x, old) = (line.to_x, self.published);
         let (sigma, old_sigma) = (line.sigma(x, self.wander), old.sigma(x, self.wander));
         let moved = (line.lag(x) - old.lag(x)).abs();

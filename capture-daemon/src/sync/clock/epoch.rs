@@ -58,7 +58,7 @@ impl Epoch {
             past: Vec::new(),
             scratch: Scratch::default(),
         };
-        epoch.refit();
+        epoch.refit(0.0);
         epoch
     }
 
@@ -95,7 +95,8 @@ impl Epoch {
     }
 
     /// Fits the line to the samples there are. At most some 1000 points are looked at.
-    pub(super) fn refit(&mut self) {
+    pub(super) fn refit(&mut self, least_sigma: f64) {
+        self.terms.least_sigma = least_sigma;
         let old = self.fit.line;
         self.fit = fit(&self.blocks, &self.terms, &mut self.scratch);
         if self.samples > 1 {
@@ -117,8 +118,9 @@ impl Epoch {
         // Vertices stay behind the middle of the window, where a line is best known, and give way
         // where the new line knows better: after a small step, say.
         let refuted = |v: &Vertex| {
+            let sigma = new.sigma(v.x, 0.0);
             let apart = (v.lag - new.lag(v.x)).abs();
-            v.x > new.from_x && apart > 2.0 * v.sigma.hypot(new.sigma(v.x, 0.0))
+            v.x > new.from_x && (v.sigma > 2.0 * sigma || apart > 2.0 * v.sigma.hypot(sigma))
         };
         let given_up = self.past.iter().position(refuted).unwrap_or(usize::MAX);
         let ahead = self
@@ -154,11 +156,12 @@ impl Epoch {
             None if x >= line.x_ref => return (line.lag(x), line.sigma(x, 0.0)),
             None => vertex(line, line.x_ref),
         };
+        let sigma = before.sigma.max(after.sigma);
+        if x >= line.from_x && line.sigma(x, 0.0) < sigma {
+            return (line.lag(x), line.sigma(x, 0.0));
+        }
         let along = (x - before.x) / (after.x - before.x);
-        (
-            before.lag + along * (after.lag - before.lag),
-            before.sigma.max(after.sigma),
-        )
+        (before.lag + along * (after.lag - before.lag), sigma)
     }
 
     /// When samples last came within `height` of a line, up to device time `x`: the last arrival

@@ -88,8 +88,10 @@ pub(super) struct Terms {
     pub prior: RatePrior,
     /// Latency jitter to expect while there are too few samples to measure it, ns.
     pub jitter: f64,
-    /// No time is claimed to be known better than this, ns.
+    /// Rounding of ticks and arrivals, ns.
     pub floor: f64,
+    /// No time is claimed to be known better than this, ns.
+    pub least_sigma: f64,
 }
 
 /// Fits the line that holds now. `blocks` run from old to new and are not empty.
@@ -136,12 +138,22 @@ pub(super) fn fit(blocks: &VecDeque<Block>, terms: &Terms, scratch: &mut Scratch
         accepted.push(longer);
         next = (2 * next - 1).min(blocks.len());
     }
-    let mut chosen = accepted[accepted.len() - 1];
-    if let [.., half, _] = accepted[..] {
-        // What still separates it from half the window is curvature that it does not model.
-        let apart = chosen.line.lag(to_x) - half.line.lag(to_x);
-        chosen.line.sigma_ref = chosen.line.sigma_ref.hypot(2.0 * apart);
-    }
+    let Some((mut chosen, shorter)) = accepted.split_last().map(|(c, rest)| (*c, rest)) else {
+        unreachable!("the shortest window agrees with itself");
+    };
+    // What still separates it from half the window, or from shorter ones beyond their own doubt,
+    // is a curve or a step that it does not model.
+    let unmodelled = shorter.iter().rev().enumerate().map(|(i, s)| {
+        let apart = (chosen.line.lag(to_x) - s.line.lag(to_x)).abs();
+        if i == 0 {
+            apart
+        } else {
+            apart - s.line.sigma(to_x, 0.0)
+        }
+    });
+    let unmodelled = unmodelled.fold(0.0, f64::max);
+    let sigma = chosen.line.sigma_ref.hypot(2.0 * unmodelled);
+    chosen.line.sigma_ref = sigma.max(terms.least_sigma);
     chosen
 }
 
@@ -396,6 +408,7 @@ mod tests {
             prior,
             jitter: 0.0,
             floor: 0.0,
+            least_sigma: 0.0,
         };
         let (rate, height) = window.highest(limit);
         let fit = window.posterior(rate, height, scale, &terms).line;

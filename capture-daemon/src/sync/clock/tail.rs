@@ -176,6 +176,14 @@ impl Tail {
         (ALARM_NATS / self.nats(height).max(1e-3)).ceil() as u64
     }
 
+    /// Height at which one lower sample in `samples` is not overdue yet, ns.
+    pub(super) fn unnoticed(&self, samples: f64) -> f64 {
+        let share = (-ALARM_NATS / samples.max(1.0)).exp();
+        let least = share * (f64::from(self.above[0]) + 1.0) - 1.0;
+        let below = |above: &u32| f64::from(*above) < least;
+        self.above.iter().position(below).map_or(0.0, upper_edge)
+    }
+
     /// -ln of the share of samples that are as high or higher.
     fn nats(&self, height: f64) -> f64 {
         let [total, above] = [self.above[0], self.above[bin(height)]].map(|n| f64::from(n) + 1.0);
