@@ -175,8 +175,10 @@ fn check(path: &Path) -> anyhow::Result<ExitCode> {
         print(finding)?;
     }
     let (errors, warnings) = (count(Level::Error), count(Level::Warning));
+    let some = |count, what| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
+    let (errors_said, warnings_said) = (some(errors, "error"), some(warnings, "warning"));
     print(format_args!(
-        "\n{errors} errors, {warnings} warnings: {}",
+        "\n{errors_said}, {warnings_said}: {}",
         path.display()
     ))?;
     Ok(ExitCode::from(u8::from(errors > 0)))

@@ -134,14 +134,14 @@ fn check_finds_errors_of_the_machine() {
     ));
     let report = text(&run(&["check", "--config", "pawsd.toml"], good.path(), 0).stdout);
     assert!(
-        report.contains("ok       camera feet: ") && report.contains("0 errors, 2 warnings"),
+        report.contains("ok       camera feet: ") && report.contains("0 errors, 1 warning:"),
         "{report}"
     );
     let bad =
         folder_with("[[camera]]\nname = \"feet\"\nsource = { kind = \"replay\", path = \"gone\" }");
     let report = text(&run(&["check", "--config", "pawsd.toml"], bad.path(), 1).stdout);
     assert!(
-        report.contains("error    camera feet: ") && report.contains("1 errors"),
+        report.contains("error    camera feet: ") && report.contains("1 error,"),
         "{report}"
     );
 }
@@ -295,6 +295,7 @@ fn the_daemon_is_controlled_through_its_socket() {
     let manager = std::os::unix::net::UnixDatagram::bind(&notify).unwrap();
     let mut daemon = pawsd(&["run", "--config", "pawsd.toml"], here)
         .env("NOTIFY_SOCKET", &notify)
+        .stderr(Stdio::null())
         .spawn()
         .unwrap();
     let mut message = [0; 256];

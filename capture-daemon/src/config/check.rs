@@ -16,13 +16,13 @@ use std::thread;
 use cad_transforms::rig::Rig;
 use rustix::fs::Access;
 use session_archive::time::HostTime;
-use video::discover;
+use video::discover::{self, Trial};
 
 use super::{Camera, Config, SourceConfig};
 use crate::disk;
 use crate::sources::replay::Replay;
 use crate::sources::synthetic::Synthetic;
-use crate::sources::{Source, SourceInfo};
+use crate::sources::{CameraInfo, Source, SourceInfo};
 
 /// How bad a finding is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -281,8 +281,8 @@ fn source(camera: &Camera, report: &mut Report) -> Option<SourceInfo> {
             calibration(path, of.width / 2, of.height, report);
         }
         None if own_calibration => report.ok("the calibration comes with the source"),
-        None if notes.iter().any(|note| note.contains("calibration")) => {}
-        None => report.warning("no calibration"),
+        // Nothing can be known of a made-up lens; a replay has a note on why there is none.
+        None => {}
     }
     for note in notes {
         report.warning(note);
@@ -293,6 +293,11 @@ fn source(camera: &Camera, report: &mut Report) -> Option<SourceInfo> {
 /// `width` and `height` are those of one eye.
 fn calibration(path: &Path, width: u32, height: u32, report: &mut Report) {
     match calib::read_stereo(path, width, height) {
+        // Its bytes are kept in the session under one name.
+        Ok(_) if path.is_dir() => report.error(format!(
+            "the calibration is a folder, expected the file in it: {}",
+            path.display()
+        )),
         Err(error) => report.error(with_causes(&error)),
         Ok((stereo, notes)) => {
             let baseline_mm = 1000.0 * stereo.baseline_m();
@@ -307,51 +312,48 @@ fn calibration(path: &Path, width: u32, height: u32, report: &mut Report) {
     }
 }
 
+/// Finds the encoder of each camera as a run does.
 fn encoders(config: &Config, cameras: &[SourceInfo], report: &mut Report) {
-    let mut rates_by_size: BTreeMap<(u32, u32), Vec<f64>> = BTreeMap::new();
-    for info in cameras {
-        let size = (info.camera.width, info.camera.height);
-        rates_by_size
-            .entry(size)
-            .or_default()
-            .push(info.camera.rate_hz);
+    let mut kinds: Vec<(u32, u32, f64)> = Vec::new();
+    for CameraInfo {
+        width,
+        height,
+        rate_hz,
+        ..
+    } in cameras.iter().map(|info| &info.camera)
+    {
+        if !kinds.contains(&(*width, *height, *rate_hz)) {
+            kinds.push((*width, *height, *rate_hz));
+        }
     }
-    // How many encoders like the one in the trial would be busy all the time.
-    let mut busy = 0.0;
-    for ((width, height), rates) in rates_by_size {
+    for (width, height, rate_hz) in kinds {
+        let needed = needed_speed(rate_hz, config.cameras.len());
         let trial = match &config.encoder.element {
             Some(element) => discover::trial(element, width, height)
                 .map_err(|error| format!("{element} was asked for: {}", with_causes(&error))),
-            None => discover::best_encoder(width, height)
+            None => discover::best_encoder_at(width, height, needed)
                 .map(|choice| choice.trial)
                 .map_err(|error| with_causes(&error)),
         };
+        let kind = format!("{width}x{height} at {rate_hz:.1} Hz");
         match trial {
-            Err(reason) => report.error(format!("{width}x{height}: {reason}")),
-            Ok(trial) => {
-                let speed = trial.pictures_per_s;
-                let fastest = rates.iter().copied().fold(0.0, f64::max);
-                busy += rates.iter().sum::<f64>() / speed;
-                let message = format!(
-                    "{width}x{height}: {}, {speed:.0} pictures/s in a trial with one thread",
-                    trial.element
-                );
-                if speed < fastest {
-                    report.warning(format!(
-                        "{message}, expected at least {fastest:.0}: frames will be dropped"
-                    ));
-                } else {
-                    report.ok(message);
-                }
+            Err(reason) => report.error(format!("{kind}: {reason}")),
+            Ok(Trial { element, pictures_per_s: speed, .. }) if speed < needed => report.warning(format!(
+                "{kind}: {element} did {speed:.0} pictures/s in a trial, expected at least {needed:.0}: frames may be \
+                 dropped"
+            )),
+            Ok(Trial { element, pictures_per_s: speed, .. }) => {
+                report.ok(format!("{kind}: {element}, {speed:.0} pictures/s in a trial"));
             }
         }
     }
-    let cores = thread::available_parallelism().map_or(1, usize::from);
-    if busy > cores as f64 {
-        report.warning(format!(
-            "all cameras together keep {busy:.1} such encoders busy; of {cores} processors, frames may be dropped"
-        ));
-    }
+}
+
+/// Pictures per second that an encoder, tried alone, must reach to serve a camera of this rate beside
+/// the others. A run reckons the same.
+fn needed_speed(rate_hz: f64, cameras: usize) -> f64 {
+    let processors = thread::available_parallelism().map_or(1, usize::from);
+    1.5 * rate_hz * (cameras as f64 / processors as f64).max(1.0)
 }
 
 fn writable(folder: &Path) -> io::Result<()> {

@@ -540,3 +540,26 @@ fn a_file_is_named_and_its_folder_is_the_base() {
         Some(folder.path().join("s"))
     );
 }
+
+#[test]
+fn no_damage_makes_it_panic() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/pawsd.toml");
+    let text = std::fs::read_to_string(path).unwrap();
+    let settings: String = text
+        .lines()
+        .filter(|line| !line.starts_with('#'))
+        .flat_map(|line| [line, "\n"])
+        .collect();
+    assert!(parse(&settings).is_ok());
+    for (i, c) in settings.char_indices() {
+        for replacement in ["", "\"", "[", "=", "\n", "9", "\u{1F43E}"] {
+            // Most of these are wrong, some are not; what counts is that each has an answer.
+            let _ = parse(&format!(
+                "{}{replacement}{}",
+                &settings[..i],
+                &settings[i + c.len_utf8()..]
+            ));
+        }
+        let _ = parse(&settings[..i]);
+    }
+}

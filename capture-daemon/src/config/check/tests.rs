@@ -55,7 +55,12 @@ fn a_good_configuration_has_no_errors() {
     expect(&found, "disk", Level::Ok, "a recording ends at 0.0 GB");
     expect(&found, "control", Level::Ok, "pawsd.sock");
     expect(&found, "rig", Level::Warning, "no rig file");
-    expect(&found, "camera feet", Level::Warning, "no calibration");
+    expect(
+        &found,
+        "camera feet",
+        Level::Ok,
+        "128x64 at 30.0 Hz, IMU at 400.0 Hz",
+    );
     let encoder = found.iter().find(|f| f.about == "encoder").unwrap();
     assert!(
         encoder.message.contains("128x64") && encoder.message.contains("pictures/s"),
@@ -75,6 +80,8 @@ fn everything_wrong_is_told_at_once() {
     fs::write(here.join("rig.toml"), "format = 1\n").unwrap();
     fs::create_dir(here.join("empty")).unwrap();
     write_pair(&here.join("desk"), 64, 32);
+    fs::create_dir(here.join("filed")).unwrap();
+    fs::write(here.join("filed/K.txt"), "50 0 32 0 50 16 0 0 1\n0.1\n").unwrap();
     fs::write(here.join("K.txt"), "500 0 320 0 500 240 0 0 1\n0.1\n").unwrap();
     let text = "\
         session.out = \"file/sessions\"\ncontrol.socket = \"no/such/pawsd.sock\"\ndisk.reserve_gb = 99999\n\
@@ -82,6 +89,8 @@ fn everything_wrong_is_told_at_once() {
         [[camera]]\nname = \"gone\"\ntrigger = \"chest\"\nsource = { kind = \"replay\", path = \"gone\" }\n\
         [[camera]]\nname = \"none\"\nsource = { kind = \"replay\", path = \"empty\" }\n\
         [[camera]]\nname = \"rateless\"\nsource = { kind = \"replay\", path = \"desk\" }\n\
+        [[camera]]\nname = \"plain\"\nsource = { kind = \"replay\", path = \"desk\", rate_hz = 10 }\n\
+        [[camera]]\nname = \"filed\"\ncalibration = \"filed\"\nsource = { kind = \"replay\", path = \"desk\", rate_hz = 10 }\n\
         [[camera]]\nname = \"misfit\"\ncalibration = \"K.txt\"\n\
         source = { kind = \"replay\", path = \"desk\", rate_hz = 10, repeat = true }\n\
         [[camera]]\nname = \"uncalibrated\"\ncalibration = \"absent.conf\"\nsource = { kind = \"synthetic\", width = 128, height = 32 }\n";
@@ -105,12 +114,30 @@ fn everything_wrong_is_told_at_once() {
     );
     expect(&found, "camera rateless", Level::Error, "rate");
     expect(&found, "camera misfit", Level::Error, "principal point");
+    let note = |f: &&Finding| f.about == "camera misfit" && f.message.contains("no calibration");
+    assert_eq!(
+        found.iter().find(note),
+        None,
+        "it has a calibration of its own"
+    );
+    expect(
+        &found,
+        "camera plain",
+        Level::Warning,
+        "no calibration lies with the data set",
+    );
+    expect(
+        &found,
+        "camera filed",
+        Level::Error,
+        "a folder, expected the file in it",
+    );
     expect(&found, "camera uncalibrated", Level::Error, "absent.conf");
     expect(
         &found,
         "encoder",
         Level::Error,
-        "128x32: nvv4l2h265enc was asked for",
+        "128x32 at 30.0 Hz: nvv4l2h265enc was asked for",
     );
 }
 
