@@ -51,7 +51,7 @@ fn scan(bytes: &[u8]) {
 
 /// Whatever is in the folder: opening, reading, verifying and recovering it ends without a panic,
 /// and a copy that is called good is.
-fn survive(disk: &FaultStorage) -> Option<BTreeSet<(u16, Vec<u8>)>> {
+fn survive(disk: &FaultStorage) -> Option<Contents> {
     let reader = SessionReader::open(Arc::new(disk.clone())).ok()?;
     let found = messages(&reader);
     let report = verify(&reader, |_| {}).expect("memory does not fail");
@@ -68,9 +68,12 @@ fn survive(disk: &FaultStorage) -> Option<BTreeSet<(u16, Vec<u8>)>> {
     )
 }
 
-/// A small session, and the set of what is in it.
-fn session() -> &'static (FaultStorage, BTreeSet<(u16, Vec<u8>)>) {
-    static SESSION: OnceLock<(FaultStorage, BTreeSet<(u16, Vec<u8>)>)> = OnceLock::new();
+/// Stream and payload of every message in a session.
+type Contents = BTreeSet<(u16, Vec<u8>)>;
+
+/// A small session, and what is in it.
+fn session() -> &'static (FaultStorage, Contents) {
+    static SESSION: OnceLock<(FaultStorage, Contents)> = OnceLock::new();
     SESSION.get_or_init(|| {
         let disk = FaultStorage::new();
         record(Arc::new(disk.clone()), &samples(1.2), 30).expect("record");

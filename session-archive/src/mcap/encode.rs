@@ -64,6 +64,8 @@ struct ChannelEntry {
 #[derive(Debug)]
 pub struct ChunkBuilder {
     buf: Vec<u8>,
+    /// Over the records so far: each is hashed while it is still in the processor's cache.
+    crc: Hasher,
     /// Per channel: log time and offset of each message within the chunk's records.
     index: Index,
     bounds: Option<(u64, u64)>,
@@ -74,6 +76,7 @@ impl Default for ChunkBuilder {
     fn default() -> Self {
         Self {
             buf: vec![0; CHUNK_PREFIX],
+            crc: Hasher::new(),
             index: BTreeMap::new(),
             bounds: None,
             messages: 0,
@@ -104,7 +107,7 @@ impl ChunkBuilder {
 
     /// Appends a schema record.
     pub fn schema(&mut self, id: u16, schema: &Schema) {
-        schema_record(&mut self.buf, id, schema.name, schema.descriptor_set);
+        self.add(|buf| schema_record(buf, id, schema.name, schema.descriptor_set));
     }
 
     /// Appends a channel record; the schema must come before it.
@@ -121,7 +124,13 @@ impl ChunkBuilder {
             topic: topic.to_owned(),
             metadata: metadata.clone(),
         };
-        channel_record(&mut self.buf, &entry);
+        self.add(|buf| channel_record(buf, &entry));
+    }
+
+    fn add(&mut self, write: impl FnOnce(&mut Vec<u8>)) {
+        let at = self.buf.len();
+        write(&mut self.buf);
+        self.crc.update(&self.buf[at..]);
     }
 
     /// Appends a message whose payload `body` writes. Times in ns.
@@ -134,12 +143,14 @@ impl ChunkBuilder {
         body: impl FnOnce(&mut Vec<u8>),
     ) {
         let offset = (self.buf.len() - CHUNK_PREFIX) as u64;
-        record(&mut self.buf, op::MESSAGE, |b| {
-            b.extend(channel.to_le_bytes());
-            b.extend(sequence.to_le_bytes());
-            b.extend(log_time.to_le_bytes());
-            b.extend(publish_time.to_le_bytes());
-            body(b);
+        self.add(|buf| {
+            record(buf, op::MESSAGE, |b| {
+                b.extend(channel.to_le_bytes());
+                b.extend(sequence.to_le_bytes());
+                b.extend(log_time.to_le_bytes());
+                b.extend(publish_time.to_le_bytes());
+                body(b);
+            });
         });
         self.note(channel, log_time, offset);
     }
@@ -162,9 +173,8 @@ impl ChunkBuilder {
         let mut done = std::mem::take(self);
         let buf = &mut done.buf;
         let (start, end) = done.bounds.unwrap_or((0, 0));
-        let records = &buf[CHUNK_PREFIX..];
-        let size = records.len() as u64;
-        let crc = crc32fast::hash(records);
+        let size = (buf.len() - CHUNK_PREFIX) as u64;
+        let crc = done.crc.finalize();
         let mut prefix = Vec::with_capacity(CHUNK_PREFIX);
         prefix.push(op::CHUNK);
         prefix.extend(((CHUNK_PREFIX - RECORD_HEADER) as u64 + size).to_le_bytes());
@@ -208,7 +218,7 @@ fn message_indexes(out: &mut Vec<u8>, index: &Index) {
 /// The bytes that [`ChunkBuilder::finish`] gave for a chunk, from its (verified) records alone.
 pub fn sealed_chunk(records: &[u8]) -> Vec<u8> {
     let mut builder = ChunkBuilder::default();
-    builder.buf.extend(records);
+    builder.add(|buf| buf.extend_from_slice(records));
     let mut iter = RecordIter::new(records);
     loop {
         let offset = (records.len() - iter.remaining()) as u64;
@@ -320,7 +330,12 @@ impl SegmentEncoder {
             compressed_size: chunk.records.len() as u64,
             uncompressed_size: chunk.records.len() as u64,
         });
-        self.data_crc.update(bytes);
+        // The records' own checksum stands for them: they are the bulk, and were hashed before.
+        let records =
+            Hasher::new_with_initial_len(chunk.uncompressed_crc, chunk.records.len() as u64);
+        self.data_crc.update(&bytes[..CHUNK_PREFIX]);
+        self.data_crc.combine(&records);
+        self.data_crc.update(rest);
         self.position += bytes.len() as u64;
         Ok(())
     }
