@@ -3,6 +3,9 @@
 //! `bench NAME [--quick] [--out DIR]` writes `NAME.json` and pictures into DIR (default
 //! `docs/benchmarks`). Each benchmark is one module with a `run` function.
 
+mod archive;
+mod stamp;
+
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -27,7 +30,7 @@ fn main() -> ExitCode {
 type Run = fn(&[String]) -> anyhow::Result<()>;
 
 /// Every benchmark: its name, and what runs it.
-const BENCHMARKS: &[(&str, Run)] = &[];
+const BENCHMARKS: &[(&str, Run)] = &[("archive", archive::run)];
 
 fn names() -> String {
     let names: Vec<&str> = BENCHMARKS.iter().map(|(name, _)| *name).collect();

@@ -1,0 +1,154 @@
+//! What a power cut takes, against the chunk length, and what chunks cost.
+
+use std::sync::Arc;
+
+use anyhow::Result;
+use serde_json::{Value, json};
+use session_archive::reader::{Entry, SessionReader};
+use session_archive::storage::{CrashKind, DiskStorage, FaultStorage};
+use session_archive::time::HostTime;
+use session_archive::writer::SessionWriter;
+
+use super::Plan;
+use super::load::{self, Arrival, CAMERAS, Counted, Destination};
+use super::meter::quantile;
+
+/// Chunk lengths, ms.
+const CHUNKS_MS: [i64; 8] = [100, 200, 300, 400, 500, 600, 800, 1000];
+/// Streams that are numbered: three cameras, three IMUs.
+const STREAMS: usize = 2 * CAMERAS.len();
+
+/// What cuts took with one chunk length.
+pub(super) struct Loss {
+    pub(super) chunk_s: f64,
+    /// From the last sample on disk to the last one that had arrived, per cut and camera, s.
+    pub(super) median_s: f64,
+    pub(super) p99_s: f64,
+    pub(super) max_s: f64,
+    /// The same of the IMUs, whose samples come in batches of a tenth of a second.
+    pub(super) imu_max_s: f64,
+    /// Bytes on disk beyond the access units, as a share of them, at 60 to 100 kB per unit.
+    pub(super) overhead: f64,
+    syncs_per_s: f64,
+}
+
+impl Loss {
+    pub(super) fn json(&self) -> Value {
+        json!({
+            "chunk_s": self.chunk_s,
+            "camera_lost_s": {
+                "median": self.median_s, "p99": self.p99_s, "max": self.max_s,
+            },
+            "imu_lost_s": { "max": self.imu_max_s },
+            "overhead": self.overhead,
+            "syncs_per_s": self.syncs_per_s,
+        })
+    }
+}
+
+pub(super) fn measure(plan: &Plan) -> Result<Vec<Loss>> {
+    let small = load::units(50, 90);
+    let large = load::units(60_000, 100_000);
+    let mut losses = Vec::new();
+    for chunk_ms in CHUNKS_MS {
+        let chunk_ns = chunk_ms * 1_000_000;
+        let arrivals: Vec<Arrival> = load::arrivals(plan.loss_s, chunk_ns).collect();
+        let (mut cameras, mut imus) = cut(&arrivals, chunk_ns, plan.cuts, &small)?;
+        let (overhead, syncs) = cost(&arrivals, chunk_ns, &large)?;
+        let loss = Loss {
+            chunk_s: chunk_ns as f64 / 1e9,
+            median_s: quantile(&mut cameras, 0.5),
+            p99_s: quantile(&mut cameras, 0.99),
+            max_s: quantile(&mut cameras, 1.0),
+            imu_max_s: quantile(&mut imus, 1.0),
+            overhead,
+            syncs_per_s: syncs as f64 / plan.loss_s,
+        };
+        println!(
+            "chunk {:.1} s: cameras lose {:.3} s (median), {:.3} s (most); {:.2} % more bytes",
+            loss.chunk_s,
+            loss.median_s,
+            loss.max_s,
+            100.0 * loss.overhead
+        );
+        losses.push(loss);
+    }
+    Ok(losses)
+}
+
+/// Cuts the power at instants spread at random over the recording; the spans lost by cameras and
+/// by IMUs.
+fn cut(
+    arrivals: &[Arrival],
+    chunk_ns: i64,
+    cuts: usize,
+    units: &[Vec<u8>],
+) -> Result<(Vec<f64>, Vec<f64>)> {
+    let disk = FaultStorage::new();
+    let mut writer = SessionWriter::create(Arc::new(disk.clone()), load::spec(chunk_ns))?;
+    // Once every stream has something on disk. Multiples of the golden ratio: as even as can be, and
+    // in step with nothing.
+    let settled = |a: &Arrival| a.place().1 > load::START + 2_000_000_000;
+    let warm = arrivals.iter().position(settled).unwrap_or(0);
+    let mut instants: Vec<usize> = (0..cuts)
+        .map(|i| (i as f64 * 0.618_033_988_749_895).fract())
+        .map(|f| warm + (f * (arrivals.len() - warm) as f64) as usize)
+        .collect();
+    instants.sort_unstable();
+    let mut instants = instants.into_iter().peekable();
+    let mut arrived = [load::START; STREAMS];
+    let (mut cameras, mut imus) = (Vec::new(), Vec::new());
+    for (i, arrival) in arrivals.iter().enumerate() {
+        load::put(&mut writer, arrival, units)?;
+        let (stream, time) = arrival.place();
+        arrived[stream] = time;
+        while instants.next_if(|at| *at <= i).is_some() {
+            let held = held(&disk.crash(CrashKind::UnsyncedDropped))?;
+            for (stream, (arrived, held)) in arrived.iter().zip(held).enumerate() {
+                let lost = (*arrived - held) as f64 / 1e9;
+                let of = if stream < CAMERAS.len() {
+                    &mut cameras
+                } else {
+                    &mut imus
+                };
+                of.push(lost);
+            }
+        }
+    }
+    Ok((cameras, imus))
+}
+
+/// Log time of the last message of every numbered stream on a disk.
+fn held(disk: &FaultStorage) -> Result<[HostTime; STREAMS]> {
+    let reader = SessionReader::open(Arc::new(disk.clone()))?;
+    let mut newest = [load::START; STREAMS];
+    for entry in reader.entries() {
+        let Entry::Message(m) = entry? else { continue };
+        let Some(stream) = reader.stream(m.stream) else {
+            continue;
+        };
+        let camera = CAMERAS
+            .iter()
+            .position(|c| stream.topic == format!("/{c}/frames"));
+        let imu = CAMERAS
+            .iter()
+            .position(|c| stream.topic == format!("/{c}/imu/samples"));
+        if let Some(at) = camera.or(imu.map(|i| i + CAMERAS.len())) {
+            newest[at] = newest[at].max(m.time);
+        }
+    }
+    Ok(newest)
+}
+
+/// Bytes beyond the access units as a share of them, and syncs.
+fn cost(arrivals: &[Arrival], chunk_ns: i64, units: &[Vec<u8>]) -> Result<(f64, u64)> {
+    let folder = tempfile::tempdir()?;
+    let (storage, counts) = Counted::new(DiskStorage::new(folder.path()), Destination::Nothing);
+    let mut writer = SessionWriter::create(storage, load::spec(chunk_ns))?;
+    let mut payload = 0;
+    for arrival in arrivals {
+        payload += load::put(&mut writer, arrival, units)? as u64;
+    }
+    writer.close(load::stop(load::START))?;
+    Ok((counts.bytes() as f64 / payload as f64 - 1.0, counts.syncs()))
+}
