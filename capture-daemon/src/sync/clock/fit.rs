@@ -296,7 +296,7 @@ fn edge_scale(minima: &mut [f64]) -> f64 {
         let (low, middle, high) = (kth(n / 64), kth(n / 16), kth(n / 4));
         let growth = (high - middle) / (middle - low).max(f64::MIN_POSITIVE);
         let gap = (middle - low) * growth / (growth - 1.0).max(0.05) - middle;
-        widest = widest.max(gap / 2.0);
+        widest = widest.max(gap / 1.5);
     }
     widest
 }
