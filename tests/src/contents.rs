@@ -1,0 +1,254 @@
+//! A whole session in memory, read by the plain reader: for sessions of seconds or minutes.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::{Context as _, Result, ensure};
+use bytes::Bytes;
+use capture_daemon::sources::ImuValues;
+use session_archive::manifest::Manifest;
+use session_archive::reader::{Entry, Message, SessionReader};
+use session_archive::record::{
+    ClockMap, CompressedVideo, Event, Frame, FrameSet, Gap, Health, ImuBatch, Record, Segment,
+};
+use session_archive::storage::DiskStorage;
+use session_archive::time::HostTime;
+use video::{AccessUnit, Codec, Decoder, Picture};
+
+/// A frame as stored.
+#[derive(Clone, Debug)]
+pub struct StoredFrame {
+    /// Its companion record.
+    pub record: Frame,
+    /// Its access unit.
+    pub unit: Bytes,
+}
+
+/// An IMU sample as stored.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StoredSample {
+    /// Its number.
+    pub number: u64,
+    /// Device clock.
+    pub ticks: i64,
+    /// When it arrived.
+    pub host_time: HostTime,
+    /// Its time.
+    pub time: HostTime,
+    /// What was measured.
+    pub values: ImuValues,
+}
+
+/// Everything in a session, each list in the order stored.
+#[derive(Debug)]
+pub struct Contents {
+    /// The manifest.
+    pub manifest: Manifest,
+    /// Messages, without those that say who a segment is.
+    pub messages: u64,
+    /// By camera.
+    pub frames: BTreeMap<String, Vec<StoredFrame>>,
+    /// By IMU.
+    pub imu: BTreeMap<String, Vec<StoredSample>>,
+    /// Gap records.
+    pub gaps: Vec<Gap>,
+    /// Events with their times.
+    pub events: Vec<(HostTime, Event)>,
+    /// Frame sets.
+    pub sets: Vec<FrameSet>,
+    /// Health records with their times.
+    pub health: Vec<(HostTime, Health)>,
+    /// By clock.
+    pub clock_maps: BTreeMap<String, Vec<ClockMap>>,
+}
+
+/// Opens the session in a folder.
+///
+/// # Errors
+/// It cannot be opened.
+pub fn open(folder: &Path) -> Result<SessionReader> {
+    SessionReader::open(Arc::new(DiskStorage::new(folder)))
+        .with_context(|| format!("opening the session {}", folder.display()))
+}
+
+impl Contents {
+    /// Reads the session in a folder. Damage is passed over: it is for `verify` to tell.
+    ///
+    /// # Errors
+    /// It cannot be read, a message is not what its schema says, or an access unit does not follow
+    /// its record.
+    pub fn read(folder: &Path) -> Result<Self> {
+        let reader = open(folder)?;
+        let manifest = reader.manifest().clone();
+        let mut contents = Self {
+            messages: 0,
+            frames: manifest
+                .cameras
+                .iter()
+                .map(|c| (c.name.clone(), Vec::new()))
+                .collect(),
+            imu: manifest
+                .imus
+                .iter()
+                .map(|i| (i.name.clone(), Vec::new()))
+                .collect(),
+            gaps: Vec::new(),
+            events: Vec::new(),
+            sets: Vec::new(),
+            health: Vec::new(),
+            clock_maps: BTreeMap::new(),
+            manifest,
+        };
+        let mut awaited = BTreeMap::new();
+        for entry in reader.entries() {
+            if let Entry::Message(message) = entry? {
+                contents.take(&message, &mut awaited)?;
+            }
+        }
+        ensure!(
+            awaited.is_empty(),
+            "frame records without an access unit: {awaited:?}"
+        );
+        Ok(contents)
+    }
+
+    fn take(&mut self, m: &Message, awaited: &mut BTreeMap<String, Frame>) -> Result<()> {
+        let stream = self.manifest.streams.iter().find(|s| s.id == m.stream);
+        let stream = stream.with_context(|| format!("a message of channel {}", m.stream))?;
+        let (schema, of) = (stream.schema.as_str(), stream.of.clone());
+        if schema == Segment::SCHEMA.name {
+            return Ok(());
+        }
+        self.messages += 1;
+        if schema == Frame::SCHEMA.name {
+            let frame: Frame = m.decode()?;
+            ensure!(
+                m.time.0 == frame.time,
+                "frame {} of {of} has another log time",
+                frame.number
+            );
+            ensure!(
+                awaited.insert(of, frame).is_none(),
+                "a frame record without an access unit"
+            );
+        } else if schema == CompressedVideo::SCHEMA.name {
+            let video: CompressedVideo = m.decode()?;
+            let record = awaited
+                .remove(&of)
+                .context("an access unit without a frame record")?;
+            ensure!(
+                m.time.0 == record.time,
+                "a unit of {of} has another time than its record"
+            );
+            let frame = StoredFrame {
+                record,
+                unit: video.data,
+            };
+            self.frames.entry(of).or_default().push(frame);
+        } else if schema == ImuBatch::SCHEMA.name {
+            self.imu
+                .entry(of)
+                .or_default()
+                .extend(samples(&m.decode()?)?);
+        } else if schema == Gap::SCHEMA.name {
+            self.gaps.push(m.decode()?);
+        } else if schema == Event::SCHEMA.name {
+            self.events.push((m.time, m.decode()?));
+        } else if schema == FrameSet::SCHEMA.name {
+            self.sets.push(m.decode()?);
+        } else if schema == Health::SCHEMA.name {
+            self.health.push((m.time, m.decode()?));
+        } else if schema == ClockMap::SCHEMA.name {
+            self.clock_maps.entry(of).or_default().push(m.decode()?);
+        }
+        Ok(())
+    }
+
+    /// First and last missing number and cause of each gap of a stream.
+    pub fn gaps_of(&self, stream: &str) -> Vec<(u64, u64, i32)> {
+        let gaps = self.gaps.iter().filter(|gap| gap.stream == stream);
+        gaps.map(|gap| (gap.first, gap.last, gap.cause)).collect()
+    }
+
+    /// Decodes all frames of a camera, a group of pictures at a time.
+    ///
+    /// # Errors
+    /// A picture does not come out, or `each` says no.
+    pub fn decode(
+        &self,
+        camera: &str,
+        mut each: impl FnMut(&Frame, &Picture) -> Result<()>,
+    ) -> Result<()> {
+        let listed = self.manifest.camera(camera).context("no such camera")?;
+        let codec = Codec::from_foxglove_format(&listed.codec).context("an unknown codec")?;
+        let mut decoder = Decoder::new(codec);
+        let mut frames = self.frames[camera].as_slice();
+        while let Some((first, rest)) = frames.split_first() {
+            ensure!(
+                first.record.key_frame,
+                "{camera} does not begin with a key frame"
+            );
+            let length = 1 + rest.iter().take_while(|f| !f.record.key_frame).count();
+            let (group, behind) = frames.split_at(length);
+            frames = behind;
+            let units: Vec<AccessUnit> = group
+                .iter()
+                .zip(0..)
+                .map(|(frame, place)| AccessUnit {
+                    // Their order is all that the decoder needs.
+                    pts_ns: place * 1_000_000,
+                    data: frame.unit.clone(),
+                    key: frame.record.key_frame,
+                })
+                .collect();
+            let number = first.record.number;
+            let pictures = decoder
+                .decode(&units)
+                .with_context(|| format!("decoding {camera} from frame {number} on"))?;
+            for (frame, (_, picture)) in group.iter().zip(&pictures) {
+                each(&frame.record, picture)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The samples of a batch.
+///
+/// # Errors
+/// Its lists do not fit together.
+fn samples(batch: &ImuBatch) -> Result<Vec<StoredSample>> {
+    let n = batch.device_ticks.len();
+    let lengths = [batch.host_times.len(), batch.times.len()];
+    ensure!(
+        lengths == [n; 2],
+        "an IMU batch of {n} samples with {lengths:?} times"
+    );
+    let vector = |values: &[f64], k: usize| [values[3 * k], values[3 * k + 1], values[3 * k + 2]];
+    let counts = |values: &[i32], k: usize| [values[3 * k], values[3 * k + 1], values[3 * k + 2]];
+    let values = |k| match (batch.gyro_counts.len(), batch.gyro.len()) {
+        (c, 0) if c == 3 * n && batch.accel_counts.len() == 3 * n => Ok(ImuValues::Counts {
+            gyro: counts(&batch.gyro_counts, k),
+            accel: counts(&batch.accel_counts, k),
+        }),
+        (0, v) if v == 3 * n && batch.accel.len() == 3 * n => Ok(ImuValues::Si {
+            gyro: vector(&batch.gyro, k),
+            accel: vector(&batch.accel, k),
+        }),
+        found => Err(anyhow::anyhow!(
+            "an IMU batch of {n} samples with {found:?} numbers"
+        )),
+    };
+    (0..n)
+        .map(|k| {
+            Ok(StoredSample {
+                number: batch.first_number + k as u64,
+                ticks: batch.device_ticks[k],
+                host_time: HostTime(batch.host_times[k]),
+                time: HostTime(batch.times[k]),
+                values: values(k)?,
+            })
+        })
+        .collect()
+}

@@ -1,0 +1,446 @@
+//! Kills recorders at random instants and looks at what is left.
+//!
+//! A recorder is a `pawsd record --json` process with two small synthetic cameras and their IMUs, in
+//! real time. It is killed with SIGKILL at a random time after it began. What it said on its
+//! standard output until then is what it promised; [`check`] holds the folder against that and
+//! against the truth: every picture shows its number, and every IMU sample is made anew and compared.
+
+#![expect(
+    clippy::disallowed_methods,
+    reason = "kills come at random instants of real time"
+)]
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{BufRead as _, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread;
+use std::time::Duration;
+
+use anyhow::{Context as _, Result, anyhow, ensure};
+use capture_daemon::clock::{Clock as _, RealClock};
+use capture_daemon::sources::synthetic::read_counter;
+use capture_daemon::sources::{Sample, Source as _};
+use capture_daemon::status::Progress;
+use session_archive::recover::recover;
+use session_archive::scan::DamageKind;
+use session_archive::storage::DiskStorage;
+use session_archive::time::{HostTime, NS_PER_S};
+use session_archive::verify::{Report, verify};
+
+use crate::contents::{self, Contents};
+use crate::rig::Rig;
+
+/// What is recorded while it is killed.
+pub const RIG: Rig = Rig::small(2);
+/// How long a recorder may take to begin.
+const BEGIN_LIMIT: Duration = Duration::from_secs(60);
+
+/// How to kill.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// How often.
+    pub kills: u32,
+    /// Recorders at the same time.
+    pub parallel: u32,
+    /// Decides the instants.
+    pub seed: u64,
+    /// The earliest and the latest kill after the recorder said that it began, ms.
+    pub after_ms: (u64, u64),
+    /// The recorder.
+    pub pawsd: PathBuf,
+    /// An empty folder to work in. Folders of kills that went wrong are left in it.
+    pub folder: PathBuf,
+}
+
+/// What one kill left.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Killed {
+    /// Which kill of the plan.
+    pub number: u32,
+    /// When it came after the recorder said that it began, ms.
+    pub after_ms: u64,
+    /// Messages that the recorder had said are on disk.
+    pub promised: u64,
+    /// Messages found, at least as many.
+    pub messages: u64,
+    /// Frames found, every one decoded and its number read.
+    pub frames: u64,
+    /// IMU samples found, every one compared.
+    pub imu_samples: u64,
+    /// Samples missing by gap records.
+    pub missing: u64,
+    /// Whether the file ended inside a record.
+    pub cut_off: bool,
+    /// From the newest sample that every stream has to the kill, ns; none if a stream has none.
+    pub lost_ns: Option<i64>,
+}
+
+/// Kills as planned. `on_each` is told of every kill, from several threads.
+pub fn run(plan: &Plan, on_each: &(impl Fn(&Result<Killed>) + Sync)) -> Vec<Result<Killed>> {
+    let next = AtomicU32::new(0);
+    let work = || {
+        let mut done = Vec::new();
+        loop {
+            let number = next.fetch_add(1, Ordering::Relaxed);
+            if number >= plan.kills {
+                return done;
+            }
+            let killed =
+                kill(plan, number).with_context(|| format!("kill {number} of seed {}", plan.seed));
+            on_each(&killed);
+            done.push((number, killed));
+        }
+    };
+    let mut all = Vec::new();
+    thread::scope(|scope| {
+        let workers: Vec<_> = (0..plan.parallel.max(1))
+            .map(|_| scope.spawn(work))
+            .collect();
+        for worker in workers {
+            match worker.join() {
+                Ok(done) => all.extend(done),
+                Err(panic) => std::panic::resume_unwind(panic),
+            }
+        }
+    });
+    all.sort_by_key(|(number, _)| *number);
+    all.into_iter().map(|(_, killed)| killed).collect()
+}
+
+/// One kill, and the look at what is left.
+fn kill(plan: &Plan, number: u32) -> Result<Killed> {
+    let (least, most) = plan.after_ms;
+    let after_ms = least + random(plan.seed, number) % (most - least + 1);
+    let folder = plan.folder.join(format!("kill-{number:04}"));
+    let mut recorder = Recorder::start(&plan.pawsd, &folder)?;
+    let session = recorder.begun()?;
+    thread::sleep(Duration::from_millis(after_ms));
+    let (at, promise) = recorder.kill()?;
+    let mut killed = check(&session, promise, at)?;
+    (killed.number, killed.after_ms) = (number, after_ms);
+    fs::remove_dir_all(&folder)?;
+    Ok(killed)
+}
+
+/// A recording process. It is killed at the latest when it is dropped.
+pub struct Recorder {
+    child: Child,
+    began: Receiver<PathBuf>,
+    durable: Receiver<()>,
+    reader: Option<thread::JoinHandle<Result<Vec<Progress>>>>,
+}
+
+impl Recorder {
+    /// Starts `pawsd record --json` on [`RIG`] in a folder, which is made: the configuration, the
+    /// sessions in `out/` and what the recorder says for people go into it.
+    ///
+    /// # Errors
+    /// It cannot be started.
+    pub fn start(pawsd: &Path, folder: &Path) -> Result<Self> {
+        fs::create_dir_all(folder)?;
+        let config = folder.join("pawsd.toml");
+        fs::write(&config, RIG.toml())?;
+        let mut child = Command::new(pawsd)
+            .arg("record")
+            .arg("--config")
+            .arg(&config)
+            .arg("--out")
+            .arg(folder.join("out"))
+            .args(["--seconds", "60", "--json"])
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(File::create(folder.join("messages.txt"))?)
+            .spawn()
+            .with_context(|| format!("starting {}", pawsd.display()))?;
+        let stdout = child.stdout.take().context("no output to read")?;
+        let (tell_began, began) = sync_channel(1);
+        let (tell_durable, durable) = sync_channel(1);
+        let reader = thread::spawn(move || listen(stdout, &tell_began, &tell_durable));
+        Ok(Self {
+            child,
+            began,
+            durable,
+            reader: Some(reader),
+        })
+    }
+
+    /// Waits until it records; gives the session's folder.
+    ///
+    /// # Errors
+    /// It does not begin.
+    pub fn begun(&self) -> Result<PathBuf> {
+        self.began
+            .recv_timeout(BEGIN_LIMIT)
+            .context("waiting for the recorder to begin")
+    }
+
+    /// Waits until something is on disk.
+    ///
+    /// # Errors
+    /// Nothing gets there.
+    pub fn wait_for_durable(&self) -> Result<()> {
+        self.durable
+            .recv_timeout(BEGIN_LIMIT)
+            .context("waiting for the first chunk")
+    }
+
+    /// The process.
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Waits for its end; gives its exit code and everything it said.
+    ///
+    /// # Errors
+    /// What it said is not understood.
+    pub fn wait(mut self) -> Result<(Option<i32>, Vec<Progress>)> {
+        let status = self.child.wait()?;
+        Ok((status.code(), self.said()?))
+    }
+
+    /// Kills it; gives the time and what it had said to be on disk.
+    fn kill(&mut self) -> Result<(HostTime, Option<(HostTime, u64)>)> {
+        ensure!(
+            self.child.try_wait()?.is_none(),
+            "the recorder ended before it was killed"
+        );
+        let at = RealClock.now();
+        self.child.kill()?;
+        self.child.wait()?;
+        let mut promise = None;
+        for progress in self.said()? {
+            if let Progress::Durable { until, messages } = progress {
+                promise = Some((until, messages));
+            }
+        }
+        Ok((at, promise))
+    }
+
+    fn said(&mut self) -> Result<Vec<Progress>> {
+        let reader = self
+            .reader
+            .take()
+            .context("what it said was taken already")?;
+        reader
+            .join()
+            .map_err(|_| anyhow!("reading what the recorder said panicked"))?
+    }
+}
+
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Reads the recorder's lines to the end. The last one may be cut off by the kill.
+fn listen(
+    stdout: ChildStdout,
+    began: &SyncSender<PathBuf>,
+    durable: &SyncSender<()>,
+) -> Result<Vec<Progress>> {
+    let mut said = Vec::new();
+    let mut lines = BufReader::new(stdout);
+    loop {
+        let mut line = Vec::new();
+        lines.read_until(b'\n', &mut line)?;
+        if line.last() != Some(&b'\n') {
+            return Ok(said);
+        }
+        let progress = serde_json::from_slice(&line)
+            .with_context(|| format!("the recorder said {:?}", String::from_utf8_lossy(&line)))?;
+        // Full or given up: nobody waits for it any more.
+        match &progress {
+            Progress::Started { session, .. } => drop(began.try_send(session.clone())),
+            Progress::Durable { .. } => drop(durable.try_send(())),
+            _ => {}
+        }
+        said.push(progress);
+    }
+}
+
+/// Holds what is left of a session against what was promised (a time and a number of messages) and
+/// against the truth.
+///
+/// # Errors
+/// Something promised is missing, or something is wrong.
+pub fn check(session: &Path, promise: Option<(HostTime, u64)>, at: HostTime) -> Result<Killed> {
+    let reader = contents::open(session)?;
+    let report = verify(&reader, |_| {})?;
+    let cut_off = only_cut_off(&report)?;
+    let contents = Contents::read(session)?;
+    let promised = promise.map_or(0, |(_, messages)| messages);
+    let messages = contents.messages;
+    ensure!(
+        messages >= promised,
+        "{messages} messages, promised were {promised}"
+    );
+    let mut killed = Killed {
+        number: 0,
+        after_ms: 0,
+        promised,
+        messages,
+        frames: 0,
+        imu_samples: 0,
+        missing: contents.gaps.iter().map(|gap| gap.count()).sum(),
+        cut_off,
+        lost_ns: Some(i64::MIN),
+    };
+    let mut newest = |time: Option<HostTime>| {
+        killed.lost_ns = killed
+            .lost_ns
+            .zip(time)
+            .map(|(lost, t)| lost.max(at.since(t)));
+    };
+    for name in RIG.names() {
+        newest(
+            contents.frames[*name]
+                .last()
+                .map(|f| HostTime(f.record.host_time)),
+        );
+        newest(
+            contents.imu[&format!("{name}/imu")]
+                .last()
+                .map(|s| s.host_time),
+        );
+    }
+    for (camera, name) in RIG.names().iter().enumerate() {
+        if let Some((until, _)) = promise {
+            reaches(&contents, name, until)?;
+        }
+        killed.frames += pictures_are_right(&contents, name)?;
+        killed.imu_samples += samples_are_right(&contents, camera)?;
+    }
+    recovers(session, &report)?;
+    Ok(killed)
+}
+
+/// A kill may cut the end off and do nothing else; whether it did.
+fn only_cut_off(report: &Report) -> Result<bool> {
+    let mut sound = report.clone();
+    let cuts = sound.damage.len();
+    sound.damage.retain(|d| d.damage.kind != DamageKind::CutOff);
+    sound.closed = true;
+    ensure!(
+        cuts <= 1 && sound.is_sound(),
+        "more than an end that is cut off: {report:?}"
+    );
+    Ok(cuts == 1)
+}
+
+/// Every frame up to `until` is there: numbers have no hole that no gap record explains (verified), so
+/// it is enough that the next frame would come after it.
+fn reaches(contents: &Contents, camera: &str, until: HostTime) -> Result<()> {
+    let last = contents.frames[camera]
+        .last()
+        .with_context(|| format!("no frame of {camera}"))?;
+    // A young clock map moves from frame to frame, within its sigma.
+    let period = (NS_PER_S as f64 / RIG.rate_hz) as i64;
+    let next = last.record.time + period + last.record.sigma_ns as i64;
+    ensure!(
+        next > until.0,
+        "{camera} ends at {}, but everything up to {until} was promised",
+        HostTime(last.record.time)
+    );
+    Ok(())
+}
+
+/// Every picture shows its number; how many there are.
+fn pictures_are_right(contents: &Contents, camera: &str) -> Result<u64> {
+    let mut count = 0;
+    contents.decode(camera, |frame, picture| {
+        count += 1;
+        let shown = read_counter(picture);
+        ensure!(
+            shown == Some(frame.number),
+            "{camera}: frame {} shows {shown:?}",
+            frame.number
+        );
+        Ok(())
+    })?;
+    Ok(count)
+}
+
+/// Ticks and values are those that the source makes; how many samples there are.
+fn samples_are_right(contents: &Contents, camera: usize) -> Result<u64> {
+    let name = RIG.names()[camera];
+    let frames: BTreeMap<u64, i64> = contents.frames[name]
+        .iter()
+        .map(|f| (f.record.number, f.record.device_ticks))
+        .collect();
+    let samples = &contents.imu[&format!("{name}/imu")];
+    let mut source = RIG.source(camera, HostTime(0))?;
+    let frames_to = frames.keys().next_back().map_or(0, |number| number + 1);
+    let samples_to = samples.last().map_or(0, |sample| sample.number + 1);
+    let (mut compared, mut next_frame, mut next_sample) = (0, 0, 0);
+    while next_frame < frames_to || next_sample < samples_to {
+        match source.next_sample()?.context("the source ended")? {
+            Sample::Frame(frame) => {
+                next_frame = frame.number + 1;
+                if let Some(ticks) = frames.get(&frame.number) {
+                    let (number, right) = (frame.number, frame.device_ticks);
+                    ensure!(
+                        *ticks == right,
+                        "{name}: frame {number} has tick {ticks}, not {right}"
+                    );
+                }
+            }
+            Sample::Imu(imu) => {
+                next_sample = imu.number + 1;
+                // IMU samples are never dropped, so their place is their number.
+                let Some(stored) = samples.get(imu.number as usize) else {
+                    continue;
+                };
+                let found = (stored.number, stored.ticks, stored.values);
+                let right = (imu.number, imu.device_ticks, imu.values);
+                ensure!(
+                    found == right,
+                    "{name}/imu: found {found:?}, expected {right:?}"
+                );
+                compared += 1;
+            }
+        }
+    }
+    ensure!(
+        compared == samples.len() as u64,
+        "{name}/imu: more samples than the source makes"
+    );
+    Ok(compared)
+}
+
+/// Recovery makes a sound copy with the same samples.
+fn recovers(session: &Path, found: &Report) -> Result<()> {
+    let copy = session.with_extension("recovered");
+    fs::create_dir(&copy)?;
+    let reader = contents::open(session)?;
+    let recovered = recover(&reader, Arc::new(DiskStorage::new(&copy)), |_| {})?;
+    let (copied, there) = (&recovered.copy.streams, &found.streams);
+    ensure!(
+        copied == there,
+        "the recovered copy has {copied:?}, the session {there:?}"
+    );
+    ensure!(
+        recovered.copy.is_sound(),
+        "the recovered copy is not sound: {:?}",
+        recovered.copy
+    );
+    Ok(())
+}
+
+/// SplitMix64 (Steele, Lea, Flood 2014) of a seed and a position.
+fn random(seed: u64, position: u32) -> u64 {
+    let mut z = seed.wrapping_add(
+        u64::from(position)
+            .wrapping_add(1)
+            .wrapping_mul(0x9e37_79b9_7f4a_7c15),
+    );
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}

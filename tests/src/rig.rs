@@ -1,0 +1,87 @@
+//! Rigs of synthetic cameras: as the text of a configuration, and as what they deliver.
+
+use std::path::Path;
+
+use anyhow::{Context as _, Result};
+use capture_daemon::config::Config;
+use capture_daemon::sources::synthetic::Synthetic;
+use session_archive::time::HostTime;
+
+/// Names of the cameras, in their order.
+pub const CAMERAS: [&str; 3] = ["left_shoulder", "right_shoulder", "feet"];
+
+/// A rig of synthetic cameras of one kind, each with its IMU.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rig {
+    /// How many of [`CAMERAS`].
+    pub cameras: usize,
+    /// Width of the stereo frame, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// Pictures per second.
+    pub rate_hz: f64,
+    /// IMU samples per second.
+    pub imu_rate_hz: f64,
+    /// The encoder. It is named because finding the best one takes longer than a test's session.
+    pub encoder: &'static str,
+}
+
+impl Rig {
+    /// The smallest pictures that a frame's number can be read from: 64x32 per eye.
+    pub const fn small(cameras: usize) -> Self {
+        Self {
+            cameras,
+            width: 128,
+            height: 32,
+            rate_hz: 30.0,
+            imu_rate_hz: 200.0,
+            encoder: "x264enc",
+        }
+    }
+
+    /// Names of the cameras.
+    pub fn names(&self) -> &'static [&'static str] {
+        &CAMERAS[..self.cameras]
+    }
+
+    /// The text of its configuration.
+    pub fn toml(&self) -> String {
+        let mut text = format!(
+            "[disk]\nreserve_gb = 0.01\n\n[encoder]\nelement = {:?}\n\n[control]\nsocket = \"pawsd.sock\"\n",
+            self.encoder
+        );
+        for (name, seed) in self.names().iter().zip(1..) {
+            text.push_str(&format!(
+                "\n[[camera]]\nname = {name:?}\n[camera.source]\nkind = \"synthetic\"\nwidth = {}\nheight = {}\n\
+                 rate_hz = {:?}\nimu_rate_hz = {:?}\nseed = {seed}\n",
+                self.width, self.height, self.rate_hz, self.imu_rate_hz
+            ));
+        }
+        text
+    }
+
+    /// Its configuration; relative paths in it are relative to `folder`.
+    ///
+    /// # Errors
+    /// The text above is no configuration.
+    pub fn config(&self, folder: &Path) -> Result<Config> {
+        Config::parse(&self.toml(), folder).context("parsing the configuration of a made-up rig")
+    }
+
+    /// The source of one of its cameras, as the daemon opens it.
+    ///
+    /// # Errors
+    /// There can be no such camera.
+    pub fn source(&self, camera: usize, start: HostTime) -> Result<Synthetic> {
+        Ok(Synthetic::new(
+            CAMERAS[camera],
+            self.width,
+            self.height,
+            self.rate_hz,
+            self.imu_rate_hz,
+            camera as u64 + 1,
+            start,
+        )?)
+    }
+}

@@ -1,0 +1,160 @@
+//! Long recordings in virtual time, with an eye on the memory.
+//!
+//! The process that calls this is the one that records, so nothing else may run in it meanwhile.
+
+#![expect(
+    clippy::disallowed_methods,
+    reason = "speed is measured with the machine's clock"
+)]
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+use anyhow::{Context as _, Result, ensure};
+use capture_daemon::run::{RecordOptions, StopFlag, record};
+use capture_daemon::status::Progress;
+use session_archive::time::{HostTime, NS_PER_S};
+use session_archive::verify::{Report, verify};
+
+use crate::contents;
+use crate::rig::Rig;
+
+/// Memory of this process.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Memory {
+    /// Resident now, bytes.
+    pub resident: u64,
+    /// The most that was ever resident, bytes.
+    pub peak: u64,
+}
+
+/// One look at the memory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Look {
+    /// Time in the session, s.
+    pub session_s: f64,
+    /// What was seen.
+    pub memory: Memory,
+}
+
+/// What came of a long recording.
+#[derive(Debug)]
+pub struct Soaked {
+    /// The session's folder.
+    pub session: PathBuf,
+    /// A look for every chunk.
+    pub looks: Vec<Look>,
+    /// How long it took, s.
+    pub wall_s: f64,
+    /// What verification found.
+    pub report: Report,
+}
+
+/// Records `seconds` of `rig` in virtual time below `out`, and verifies the session.
+///
+/// # Errors
+/// It cannot be recorded, or not without a failure.
+pub fn soak(rig: &Rig, seconds: u32, out: &Path) -> Result<Soaked> {
+    let config = rig.config(out)?;
+    let options = RecordOptions {
+        seconds: f64::from(seconds),
+        virtual_time: true,
+        name: format!("{seconds} s"),
+        out: out.to_owned(),
+    };
+    let looks = Arc::new(Mutex::new(Vec::with_capacity(4 * seconds as usize + 16)));
+    let seen = looks.clone();
+    let mut began = HostTime(0);
+    let watch = Box::new(move |progress| match progress {
+        Progress::Started { at, .. } => began = at,
+        Progress::Durable { until, .. } => {
+            if let Ok(memory) = memory() {
+                let session_s = until.since(began) as f64 / NS_PER_S as f64;
+                let look = Look { session_s, memory };
+                seen.lock()
+                    .unwrap_or_else(PoisonError::into_inner)
+                    .push(look);
+            }
+        }
+        _ => {}
+    });
+    let start = Instant::now();
+    let finished = record(&config, &options, &StopFlag::new(), watch)?;
+    let wall_s = start.elapsed().as_secs_f64();
+    ensure!(
+        finished.error.is_none(),
+        "the recording failed: {finished:?}"
+    );
+    let report = verify(&contents::open(&finished.session)?, |_| {})?;
+    let looks = std::mem::take(&mut *looks.lock().unwrap_or_else(PoisonError::into_inner));
+    Ok(Soaked {
+        session: finished.session,
+        looks,
+        wall_s,
+        report,
+    })
+}
+
+impl Soaked {
+    /// By how much the memory grew after `from_s` of the session, bytes: the larger of what was seen
+    /// resident and of the peak between the looks.
+    ///
+    /// # Errors
+    /// There was no look at or after that time.
+    pub fn growth(&self, from_s: f64) -> Result<u64> {
+        let at = self.looks.iter().position(|look| look.session_s >= from_s);
+        let later = &self.looks[at.context("the memory was not looked at late enough")?..];
+        let (base, last) = (later[0].memory, later[later.len() - 1].memory);
+        let highest = later
+            .iter()
+            .map(|look| look.memory.resident)
+            .max()
+            .unwrap_or_default();
+        Ok(highest
+            .saturating_sub(base.resident)
+            .max(last.peak.saturating_sub(base.peak)))
+    }
+
+    /// Whether every sample of the rig is there, none is missing and nothing is damaged.
+    ///
+    /// # Errors
+    /// What is not as it should be.
+    pub fn check_counts(&self, rig: &Rig, seconds: u32) -> Result<()> {
+        ensure!(self.report.is_sound(), "not sound: {:?}", self.report);
+        for (name, stream) in &self.report.streams {
+            let rate = if name.ends_with("/imu") {
+                rig.imu_rate_hz
+            } else {
+                rig.rate_hz
+            };
+            let expected = (rate * f64::from(seconds)).round() as u64;
+            let found = (stream.first, stream.samples, stream.gaps);
+            ensure!(
+                found == (0, expected, 0),
+                "{name}: first number, samples and missing are {found:?}, expected (0, {expected}, 0)"
+            );
+        }
+        let (found, expected) = (self.report.streams.len(), 2 * rig.cameras);
+        ensure!(found == expected, "{found} streams, expected {expected}");
+        Ok(())
+    }
+}
+
+/// Memory of this process, from `/proc/self/status` (proc_pid_status(5)).
+///
+/// # Errors
+/// The system does not tell.
+pub fn memory() -> Result<Memory> {
+    let text = std::fs::read_to_string("/proc/self/status").context("reading the own memory")?;
+    let field = |name: &str| {
+        let line = text.lines().find_map(|line| line.strip_prefix(name));
+        let kib = line.and_then(|line| line.trim().strip_suffix(" kB")?.trim().parse::<u64>().ok());
+        kib.map(|kib| kib * 1024)
+            .with_context(|| format!("no {name} in /proc/self/status"))
+    };
+    Ok(Memory {
+        resident: field("VmRSS:")?,
+        peak: field("VmHWM:")?,
+    })
+}

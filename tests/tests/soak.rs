@@ -1,0 +1,21 @@
+//! Three minutes of virtual time: nothing is missing and the memory stays flat. `bench soak` does an
+//! hour. The only test of this file, because another one would use memory in the same process.
+
+use tests::rig::Rig;
+use tests::soak::soak;
+
+#[test]
+fn memory_is_flat_and_every_sample_is_there() {
+    const SECONDS: u32 = 180;
+    let folder = tempfile::tempdir().expect("folder");
+    let rig = Rig::small(3);
+    let soaked = soak(&rig, SECONDS, folder.path()).expect("recording");
+    soaked.check_counts(&rig, SECONDS).expect("counts");
+    let growth = soaked.growth(60.0).expect("looks");
+    println!(
+        "{SECONDS} s in {:.1} s; the memory grew by {} KiB after the first minute",
+        soaked.wall_s,
+        growth / 1024
+    );
+    assert!(growth < 10 << 20, "{growth} bytes more: {:?}", soaked.looks);
+}
