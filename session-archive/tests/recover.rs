@@ -15,6 +15,7 @@ use session_archive::record::{
     ClockMap, Frame, Gap, ImuBatch, Protobuf, Record as _, paws::gap::Cause,
 };
 use session_archive::recover::{Recovered, recover};
+use session_archive::scan::DamageKind;
 use session_archive::storage::{CrashKind, Fault, FaultKind, FaultStorage, Operation};
 use session_archive::time::HostTime;
 use session_archive::verify::{Lost, verify};
@@ -434,6 +435,32 @@ fn blocks_and_ends_that_are_gone() {
     );
 }
 
+/// Cut off, so that no checksum over the whole file helps: a header that contradicts the chunk's
+/// content is noticed all the same, and costs nothing.
+#[test]
+fn a_wrong_header_in_a_session_that_was_cut_off() {
+    let whole = clean(&samples(3.0));
+    let chunks = chunks(&whole, 0);
+    let disk = whole.snapshot();
+    disk.set_content(layout::MANIFEST, {
+        let mut manifest = open(&whole).manifest().clone();
+        manifest.state = State::Recording;
+        manifest.segments.clear();
+        manifest.extents.clear();
+        manifest.to_bytes()
+    });
+    let at = chunks[3].bytes.start;
+    change(&disk, 0, |bytes| {
+        bytes.truncate(chunks[5].indexes.end);
+        bytes[at + 10] ^= 1;
+    });
+    let (result, target) = recovered(&disk);
+    let kinds: Vec<_> = result.source.damage.iter().map(|d| d.damage.kind).collect();
+    assert_eq!(kinds, [DamageKind::Header]);
+    change(&disk, 0, |bytes| bytes[at + 10] ^= 1);
+    assert_eq!(messages(&open(&target)).len(), messages(&open(&disk)).len());
+}
+
 /// Two minutes in three segments, with a clock map in each.
 fn long() -> (Vec<Sample>, FaultStorage) {
     let samples = samples_at([500 * MS, 500 * MS], 125.0);
@@ -544,6 +571,20 @@ fn a_session_without_its_manifest() {
         assert_eq!((was.cameras, was.extents), (is.cameras, is.extents));
         assert_eq!(is.state, State::Recovered);
     }
+}
+
+/// The heads of a recovered copy fit the copy, whose segments have other lengths: they would be
+/// believed if its manifest were lost.
+#[test]
+fn a_recovered_copy_stands_without_its_manifest() {
+    let (_, disk) = long();
+    let at = chunks(&disk, 0)[20].bytes.start;
+    change(&disk, 0, |bytes| bytes[at + 100] ^= 1);
+    let (_, copy) = recovered(&disk);
+    let bare = without(&copy, layout::MANIFEST);
+    let (result, _) = recovered(&bare);
+    assert_eq!(result.source.damage, []);
+    assert_eq!(messages(&open(&bare)).len(), messages(&open(&copy)).len());
 }
 
 /// Without a manifest, the heads alone tell that a segment was given up and what of it counts.
