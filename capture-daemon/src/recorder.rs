@@ -26,6 +26,7 @@ use session_archive::time::{CivilTime, HostTime};
 use session_archive::writer::{SessionSpec, SessionWriter, WriteError};
 
 use crate::clock::Clock;
+use crate::disk::START_MARGIN;
 use crate::hub::{Outgoing, StreamHealth};
 use crate::status::{Progress, Request, Response, State, Status, StreamStatus};
 
@@ -41,8 +42,6 @@ use timed::TimedStorage;
 
 /// How long a stop waits for frames that were received before it.
 pub const STOP_LIMIT_NS: i64 = 250_000_000;
-/// Above the reserve, so much must be free to start.
-const START_MARGIN: u64 = 256 << 20;
 /// A warning comes when less than this can still be recorded.
 const WARN_SECONDS: f64 = 300.0;
 
@@ -106,6 +105,8 @@ pub struct Recorder {
     pre_roll: PreRoll,
     session: Option<Session>,
     last_session: Option<PathBuf>,
+    /// What the last session came to: its length in s, and stored and missing samples per stream.
+    last_totals: (f64, Vec<(u64, u64)>),
     /// Streams that have delivered.
     seen: Vec<bool>,
     health: Vec<StreamHealth>,
@@ -135,6 +136,7 @@ impl Recorder {
             on_progress,
             session: None,
             last_session: None,
+            last_totals: (0.0, Vec::new()),
             seen: vec![false; streams],
             health: Vec::new(),
             alarms: BTreeSet::new(),
@@ -225,7 +227,7 @@ impl Recorder {
             return Err(format!("already recording {}", session.path.display()));
         }
         self.free_bytes = self.store.free_bytes();
-        let needed = self.setup.reserve_bytes + START_MARGIN;
+        let needed = self.setup.reserve_bytes.saturating_add(START_MARGIN);
         if let Some(free) = self.free_bytes
             && free < needed
         {
@@ -322,6 +324,7 @@ impl Recorder {
         drop(session);
         log::info!("{} discarded by {source}", path.display());
         self.last_session = None;
+        self.last_totals = (0.0, Vec::new());
         self.store
             .discard(&path)
             .map_err(|e| format!("deleting {}: {e}", path.display()))
@@ -334,13 +337,15 @@ impl Recorder {
         let names = cameras.chain(self.setup.imus.iter().map(|i| &i.name));
         let streams = names.enumerate().map(|(i, name)| {
             let health = self.health.get(i).cloned().unwrap_or_default();
-            let tally = session.map(|s| &s.streams[i]);
+            let last = self.last_totals.1.get(i).copied().unwrap_or_default();
+            let (stored, missing) =
+                session.map_or(last, |s| (s.streams[i].stored, s.streams[i].missing));
             StreamStatus {
                 name: name.clone(),
                 rate_hz: health.rate_hz,
                 received: health.received,
-                stored: tally.map_or(0, |t| t.stored),
-                missing: tally.map_or(0, |t| t.missing),
+                stored,
+                missing,
                 silent: health.silent,
                 frozen: health.frozen,
             }
@@ -350,7 +355,7 @@ impl Recorder {
             session: session
                 .map(|s| s.path.clone())
                 .or_else(|| self.last_session.clone()),
-            seconds: session.map_or(0.0, Session::seconds),
+            seconds: session.map_or(self.last_totals.0, Session::seconds),
             durable_until: session.map(|s| s.writer.durability().until),
             streams: streams.collect(),
             free_bytes: self.free_bytes,
@@ -512,6 +517,14 @@ impl Recorder {
             Ok(())
         };
         let seconds = session.seconds();
+        self.last_totals = (
+            seconds,
+            session
+                .streams
+                .iter()
+                .map(|s| (s.stored, s.missing))
+                .collect(),
+        );
         let stored = session.streams.iter().map(|s| s.stored).sum();
         let missing = session.streams.iter().map(|s| s.missing).sum();
         let at = stopping.map_or(now, |s| s.at);

@@ -15,6 +15,7 @@ mod real_time;
 mod store;
 mod virtual_time;
 
+pub(crate) use build::needed_speed;
 pub use build::{Built, build};
 pub use real_time::daemon;
 pub use store::FolderStore;

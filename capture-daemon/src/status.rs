@@ -42,9 +42,9 @@ pub struct StreamStatus {
     pub rate_hz: f64,
     /// Samples received since the daemon started.
     pub received: u64,
-    /// Samples stored in this session.
+    /// Samples stored in this session, or the last one.
     pub stored: u64,
-    /// Samples missing in this session.
+    /// Samples missing in this session, or the last one.
     pub missing: u64,
     /// No sample for too long.
     pub silent: bool,
@@ -59,7 +59,7 @@ pub struct Status {
     pub state: State,
     /// The session's folder while recording; afterwards that of the last session.
     pub session: Option<PathBuf>,
-    /// Seconds recorded so far, pre-roll included.
+    /// Seconds recorded so far, pre-roll included, or length of the last session.
     pub seconds: f64,
     /// Everything with a log time up to here is on disk.
     pub durable_until: Option<HostTime>,

@@ -11,7 +11,6 @@ use std::fmt;
 use std::io;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
-use std::thread;
 
 use cad_transforms::rig::Rig;
 use rustix::fs::Access;
@@ -20,6 +19,7 @@ use video::discover::{self, Trial};
 
 use super::{Camera, Config, SourceConfig};
 use crate::disk;
+use crate::run::needed_speed;
 use crate::sources::replay::Replay;
 use crate::sources::synthetic::Synthetic;
 use crate::sources::{CameraInfo, Source, SourceInfo};
@@ -347,13 +347,6 @@ fn encoders(config: &Config, cameras: &[SourceInfo], report: &mut Report) {
             }
         }
     }
-}
-
-/// Pictures per second that an encoder, tried alone, must reach to serve a camera of this rate beside
-/// the others. A run reckons the same.
-fn needed_speed(rate_hz: f64, cameras: usize) -> f64 {
-    let processors = thread::available_parallelism().map_or(1, usize::from);
-    1.5 * rate_hz * (cameras as f64 / processors as f64).max(1.0)
 }
 
 fn writable(folder: &Path) -> io::Result<()> {

@@ -19,13 +19,20 @@ fn settings() -> EncoderSettings {
 
 fn picture(n: u64, width: u32, height: u32) -> Picture {
     let size = PixelFormat::I420.bytes(width, height).expect("even");
-    let data = (0..size).map(|i| (i as u64 * 7 + n * 13) as u8).collect::<Vec<_>>();
+    let data = (0..size)
+        .map(|i| (i as u64 * 7 + n * 13) as u8)
+        .collect::<Vec<_>>();
     Picture::new(width, height, PixelFormat::I420, data).expect("picture")
 }
 
 fn frame(number: u64) -> Frame {
     let time = 5_000 * MS + number as i64 * 33 * MS;
-    Frame { number, time, host_time: time, ..Frame::default() }
+    Frame {
+        number,
+        time,
+        host_time: time,
+        ..Frame::default()
+    }
 }
 
 /// What came out: number and whether it is a key frame, or why it was dropped.
@@ -41,7 +48,9 @@ fn lane() -> (Lane, Seen) {
                 assert!(!unit.is_empty());
                 out.push((frame.number, Ok(key)));
             }
-            Encoded::Dropped { first, last, cause, .. } => {
+            Encoded::Dropped {
+                first, last, cause, ..
+            } => {
                 out.extend((first..=last).map(|n| (n, Err(cause))));
             }
         }
@@ -56,9 +65,20 @@ fn key_frames_stand_where_chunks_begin() {
         lane.push_and_wait(frame(n), &picture(n, 64, 32), HostTime(0));
     }
     let seen = seen.lock().expect("seen").clone();
-    assert_eq!(seen.iter().map(|s| s.0).collect::<Vec<_>>(), (0..40).collect::<Vec<_>>());
-    let keys: Vec<u64> = seen.iter().filter(|s| s.1 == Ok(true)).map(|s| s.0).collect();
-    assert_eq!(keys, [0, 16, 31], "first frames at or after 0, 500 and 1000 ms");
+    assert_eq!(
+        seen.iter().map(|s| s.0).collect::<Vec<_>>(),
+        (0..40).collect::<Vec<_>>()
+    );
+    let keys: Vec<u64> = seen
+        .iter()
+        .filter(|s| s.1 == Ok(true))
+        .map(|s| s.0)
+        .collect();
+    assert_eq!(
+        keys,
+        [0, 16, 31],
+        "first frames at or after 0, 500 and 1000 ms"
+    );
 }
 
 #[test]
@@ -69,7 +89,14 @@ fn a_failed_encoder_is_replaced_and_its_frames_are_reported() {
     lane.push_and_wait(frame(2), &picture(2, 64, 32), HostTime(0));
     assert_eq!(lane.restarts(), 1);
     let seen = seen.lock().expect("seen").clone();
-    assert_eq!(seen, [(0, Ok(true)), (1, Err(Cause::EncoderRestart)), (2, Ok(true))]);
+    assert_eq!(
+        seen,
+        [
+            (0, Ok(true)),
+            (1, Err(Cause::EncoderRestart)),
+            (2, Ok(true))
+        ]
+    );
 }
 
 #[test]
@@ -97,7 +124,13 @@ fn overload_drops_whole_frames_and_says_so() {
     let mut seen = seen.lock().expect("seen").clone();
     let out: Vec<u64> = seen.iter().filter(|s| s.1.is_ok()).map(|s| s.0).collect();
     assert!(out.is_sorted());
-    assert!(seen.iter().all(|s| s.1.is_ok() || s.1 == Err(Cause::EncoderOverload)));
+    assert!(
+        seen.iter()
+            .all(|s| s.1.is_ok() || s.1 == Err(Cause::EncoderOverload))
+    );
     seen.sort_unstable_by_key(|s| s.0);
-    assert_eq!(seen.iter().map(|s| s.0).collect::<Vec<_>>(), (0..500).collect::<Vec<_>>());
+    assert_eq!(
+        seen.iter().map(|s| s.0).collect::<Vec<_>>(),
+        (0..500).collect::<Vec<_>>()
+    );
 }

@@ -260,10 +260,12 @@ fn add_rig_files(
         found.push((format!("{}.{}", camera.name, file_name(path)), read(path)?));
     }
     for (name, content) in found {
-        if files.iter().any(|(n, _)| *n == name) {
-            bail!("two files would be kept as rig/{name}");
+        match files.iter().find(|(n, _)| *n == name) {
+            // The data set's own file, named as the calibration too.
+            Some((_, kept)) if *kept == content => {}
+            Some(_) => bail!("two different files would be kept as rig/{name}"),
+            None => files.push((name, content)),
         }
-        files.push((name, content));
     }
     Ok(())
 }

@@ -26,7 +26,7 @@ use crate::notify::Notify;
 use crate::queue::{Popped, Queue};
 use crate::recorder::{OnProgress, Recorder};
 use crate::sources::{Sample, Source};
-use crate::status::{Progress, Request, Response};
+use crate::status::{Progress, Request, Response, State};
 
 /// Raw frames waiting for the hub.
 const INBOX_BYTES: usize = 128 << 20;
@@ -324,6 +324,8 @@ fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
 }
 
 fn run_recorder(mut recorder: Recorder, shared: &Shared) {
+    // Whoever asked to stop is answered when the session is closed.
+    let mut stopping: Vec<SyncSender<Response>> = Vec::new();
     loop {
         let popped = shared.outbox.pop(PATIENCE);
         shared
@@ -332,12 +334,23 @@ fn run_recorder(mut recorder: Recorder, shared: &Shared) {
         match popped {
             Popped::Item(ToRecorder::Item(item)) => recorder.handle(item),
             Popped::Item(ToRecorder::Request(request, source, reply)) => {
-                let _ = reply.try_send(recorder.request(request, source));
+                let is_stop = request == Request::Stop;
+                let answer = recorder.request(request, source);
+                if is_stop && recorder.state() == State::Stopping {
+                    stopping.push(reply);
+                } else {
+                    let _ = reply.try_send(answer);
+                }
             }
             Popped::Nothing => {}
             Popped::Closed => break,
         }
         recorder.tick();
+        if recorder.state() != State::Stopping {
+            for reply in stopping.drain(..) {
+                let _ = reply.try_send(recorder.request(Request::Status, "control"));
+            }
+        }
         for camera in recorder.take_key_wishes() {
             shared.key_wanted[camera].store(true, Ordering::Relaxed);
         }
