@@ -123,73 +123,77 @@ fn record(folder: &Path) -> SessionReader {
     SessionReader::open(storage).expect("open")
 }
 
-fn bytes(data: &[u8]) -> Value {
-    json!({ "bytes": data.len(), "crc32": crc32fast::hash(data) })
-}
-
-fn time(t: Option<prost_types::Timestamp>) -> Value {
-    t.map_or(
-        Value::Null,
-        |t| json!({ "seconds": t.seconds, "nanos": t.nanos }),
-    )
-}
-
-/// The fields of a message, by our decoder and by hand.
+/// The fields of a message as protobuf's JSON has them: 64-bit integers are strings, enumerators
+/// their names.
 fn fields(manifest: &Manifest, m: &Message) -> Value {
+    fn long(n: impl ToString) -> Value {
+        n.to_string().into()
+    }
+    fn longs(all: &[i64]) -> Value {
+        all.iter().map(long).collect()
+    }
+    // The instant of all time stamps in these messages but the video's.
+    let stamp = "1970-01-01T01:23:20Z";
     let schema = &manifest.streams[usize::from(m.stream) - 1].schema;
     match schema.as_str() {
         "foxglove.CompressedVideo" => {
             let v: CompressedVideo = m.decode().expect("video");
-            json!({ "timestamp": time(v.timestamp), "frame_id": v.frame_id, "data": bytes(&v.data),
-                "format": v.format })
+            assert_eq!(v.timestamp, Some(timestamp(m.time)));
+            json!({ "timestamp": m.time.0, "frame_id": v.frame_id, "format": v.format,
+                "bytes": v.data.len(), "crc32": crc32fast::hash(&v.data) })
         }
         "paws.Frame" => {
             let f: Frame = m.decode().expect("frame");
-            json!({ "number": f.number, "device_ticks": f.device_ticks, "host_time": f.host_time,
-                "time": f.time, "sigma_ns": f.sigma_ns, "payload_crc32": f.payload_crc32,
-                "payload_bytes": f.payload_bytes, "key_frame": f.key_frame, "clock_map": f.clock_map })
+            json!({ "number": long(f.number), "device_ticks": long(f.device_ticks),
+                "host_time": long(f.host_time), "time": long(f.time), "sigma_ns": long(f.sigma_ns),
+                "payload_crc32": f.payload_crc32, "payload_bytes": f.payload_bytes,
+                "key_frame": f.key_frame, "clock_map": f.clock_map })
         }
         "paws.ImuBatch" => {
             let b: ImuBatch = m.decode().expect("batch");
-            json!({ "first_number": b.first_number, "device_ticks": b.device_ticks,
-                "host_times": b.host_times, "times": b.times, "sigma_ns": b.sigma_ns,
-                "clock_map": b.clock_map, "gyro_counts": b.gyro_counts, "gyro_scale": b.gyro_scale,
+            json!({ "first_number": long(b.first_number), "device_ticks": longs(&b.device_ticks),
+                "host_times": longs(&b.host_times), "times": longs(&b.times),
+                "sigma_ns": long(b.sigma_ns), "clock_map": b.clock_map,
+                "gyro_counts": b.gyro_counts, "gyro_scale": b.gyro_scale,
                 "accel_counts": b.accel_counts, "accel_scale": b.accel_scale })
         }
         "paws.ClockMap" => {
             let c: ClockMap = m.decode().expect("map");
             let piece = |p: &paws::clock_map::Piece| {
-                json!({ "ticks_from": p.ticks_from, "ticks_ref": p.ticks_ref, "host_ref": p.host_ref,
-                    "rate_ppb": p.rate_ppb, "sigma_ns": p.sigma_ns })
+                json!({ "ticks_from": long(p.ticks_from), "ticks_ref": long(p.ticks_ref),
+                    "host_ref": long(p.host_ref), "rate_ppb": p.rate_ppb,
+                    "sigma_ns": long(p.sigma_ns) })
             };
             json!({ "clock": c.clock, "version": c.version, "tick_num": c.tick_num,
-                "tick_den": c.tick_den, "model": c.model, "latency_ns": c.latency_ns,
-                "pieces": c.pieces.iter().map(piece).collect::<Vec<_>>() })
+                "tick_den": c.tick_den, "model": c.model().as_str_name(),
+                "latency_ns": long(c.latency_ns),
+                "pieces": c.pieces.iter().map(piece).collect::<Value>() })
         }
         "paws.FrameSet" => {
             let s: FrameSet = m.decode().expect("set");
-            let member = |m: &paws::frame_set::Member| json!({ "camera": m.camera, "number": m.number, "time": m.time });
-            json!({ "number": s.number, "time": s.time, "missing": s.missing,
-                "members": s.members.iter().map(member).collect::<Vec<_>>() })
+            let member = |m: &paws::frame_set::Member| json!({ "camera": m.camera, "number": long(m.number), "time": long(m.time) });
+            json!({ "number": long(s.number), "time": long(s.time), "missing": s.missing,
+                "members": s.members.iter().map(member).collect::<Value>() })
         }
         "paws.Gap" => {
             let g: Gap = m.decode().expect("gap");
-            json!({ "stream": g.stream, "first": g.first, "last": g.last, "cause": g.cause,
-                "time_before": g.time_before, "time_after": g.time_after, "detail": g.detail })
+            json!({ "stream": g.stream, "first": long(g.first), "last": long(g.last),
+                "cause": g.cause().as_str_name(), "time_before": g.time_before.map(long),
+                "time_after": g.time_after.map(long), "detail": g.detail })
         }
         "paws.Event" => {
             let e: Event = m.decode().expect("event");
-            json!({ "kind": e.kind, "source": e.source, "text": e.text })
+            json!({ "kind": e.kind().as_str_name(), "source": e.source, "text": e.text })
         }
         "paws.Health" => {
             let h: Health = m.decode().expect("health");
             let stream = |s: &paws::health::Stream| json!({ "name": s.name, "rate_hz": s.rate_hz, "silent": s.silent });
-            json!({ "streams": h.streams.iter().map(stream).collect::<Vec<_>>(),
+            json!({ "streams": h.streams.iter().map(stream).collect::<Value>(),
                 "temperature_c": h.temperature_c })
         }
         "foxglove.CameraCalibration" => {
             let c: CameraCalibration = m.decode().expect("calibration");
-            json!({ "timestamp": time(c.timestamp), "frame_id": c.frame_id, "width": c.width,
+            json!({ "timestamp": stamp, "frame_id": c.frame_id, "width": c.width,
                 "height": c.height, "distortion_model": c.distortion_model, "D": c.d, "K": c.k })
         }
         "foxglove.FrameTransforms" => {
@@ -199,25 +203,27 @@ fn fields(manifest: &Manifest, m: &Message) -> Value {
                     t.translation.expect("translation"),
                     t.rotation.expect("rotation"),
                 );
-                json!({ "timestamp": time(t.timestamp), "parent_frame_id": t.parent_frame_id,
-                    "child_frame_id": t.child_frame_id, "translation": { "x": p.x, "y": p.y, "z": p.z },
+                json!({ "timestamp": stamp, "parent_frame_id": t.parent_frame_id,
+                    "child_frame_id": t.child_frame_id,
+                    "translation": { "x": p.x, "y": p.y, "z": p.z },
                     "rotation": { "x": q.x, "y": q.y, "z": q.z, "w": q.w } })
             };
-            json!({ "transforms": t.transforms.iter().map(one).collect::<Vec<_>>() })
+            json!({ "transforms": t.transforms.iter().map(one).collect::<Value>() })
         }
         other => panic!("{other}"),
     }
 }
 
 /// Leaves out what protobuf does not tell from absent: fields at their default.
-fn without_defaults(value: Value, optional: bool) -> Option<Value> {
+fn without_defaults(value: Value) -> Option<Value> {
     match value {
         Value::Object(map) => Some(
             map.into_iter()
                 .filter_map(|(k, v)| {
-                    let optional =
-                        k.starts_with("time_") || k == "temperature_c" || k == "timestamp";
-                    without_defaults(v, optional).map(|v| (k, v))
+                    let is_optional = k.starts_with("time_") || k == "temperature_c";
+                    let keep = is_optional && !v.is_null();
+                    let v = if keep { Some(v) } else { without_defaults(v) };
+                    v.map(|v| (k, v))
                 })
                 .collect::<serde_json::Map<_, _>>()
                 .into(),
@@ -225,12 +231,16 @@ fn without_defaults(value: Value, optional: bool) -> Option<Value> {
         Value::Array(all) if all.is_empty() => None,
         Value::Array(all) => Some(
             all.into_iter()
-                .map(|v| without_defaults(v, true).unwrap_or(Value::Null))
-                .collect(),
+                .map(|v| {
+                    if v.is_object() {
+                        without_defaults(v)
+                    } else {
+                        Some(v)
+                    }
+                })
+                .collect::<Option<_>>()?,
         ),
-        Value::Null => None,
-        v if optional => Some(v),
-        v if v == "" || v == false || v.as_f64() == Some(0.0) => None,
+        v if v.is_null() || v == "" || v == "0" || v == false || v.as_f64() == Some(0.0) => None,
         v => Some(v),
     }
 }
@@ -253,52 +263,52 @@ fn the_official_python_packages_read_what_was_written() {
     assert!(output.status.success(), "{errors}");
     let found: Value = serde_json::from_slice(&output.stdout).expect("JSON");
 
-    for (segment, entry) in found["segments"]
-        .as_array()
-        .expect("segments")
-        .iter()
-        .zip(&reader.manifest().segments)
-    {
+    let manifest = reader.manifest();
+    assert_eq!(found["segments"], manifest.segments.len());
+    let files = found["files"].as_array().expect("files");
+    for (file, entry) in files.iter().zip(&manifest.segments) {
         for count in ["messages", "messages_by_index", "messages_by_statistics"] {
-            assert_eq!(segment[count], entry.messages, "{count}");
+            assert_eq!(file[count], entry.messages, "{count}");
         }
-        assert_eq!(segment["profile"], PROFILE);
-        assert_eq!(segment["library"], LIBRARY);
-        assert_eq!(segment["ended"], true);
+        assert_eq!(file["profile"], PROFILE);
+        assert_eq!(file["library"], LIBRARY);
     }
 
-    let manifest = reader.manifest();
-    let mut expected: BTreeMap<&str, Vec<Value>> = BTreeMap::new();
+    let mut expected: BTreeMap<&str, Vec<Message>> = BTreeMap::new();
     for m in messages(&reader) {
         let topic = &manifest.streams[usize::from(m.stream) - 1].topic;
-        expected.entry(topic).or_default().push(json!({
-            "log_time": m.time.0,
-            "publish_time": m.published.0,
-            "sequence": m.sequence,
-            "fields": without_defaults(fields(manifest, &m), true),
-        }));
+        expected.entry(topic).or_default().push(m);
     }
-    let streams = found["streams"].as_object().expect("streams");
-    assert_eq!(expected.len() + 1, streams.len(), "and /segment");
-    for (topic, expected) in expected {
-        let stream = &streams[topic];
-        let listed = manifest.streams.iter().find(|s| s.topic == topic);
+    let topics = found["topics"].as_object().expect("topics");
+    assert_eq!(expected.len() + 1, topics.len(), "and /segment");
+    for (name, expected) in expected {
+        let topic = &topics[name];
+        let listed = manifest.streams.iter().find(|s| s.topic == name);
         let listed = listed.expect("stream");
-        assert_eq!(stream["schema"], listed.schema);
-        assert_eq!(stream["of"], listed.of);
-        let messages = stream["messages"].as_array().expect("messages");
-        assert_eq!(messages.len(), expected.len(), "{topic}");
-        for (found, expected) in messages.iter().zip(&expected) {
-            assert_eq!(found, expected, "{topic}");
+        assert_eq!(topic["schema"], listed.schema);
+        assert_eq!(topic["of"], listed.of);
+        let all = |of: fn(&Message) -> Value| expected.iter().map(of).collect::<Value>();
+        assert_eq!(topic["log_times"], all(|m| m.time.0.into()), "{name}");
+        assert_eq!(
+            topic["publish_times"],
+            all(|m| m.published.0.into()),
+            "{name}"
+        );
+        assert_eq!(topic["sequences"], all(|m| m.sequence.into()), "{name}");
+        let theirs = topic["messages"].as_array().expect("messages");
+        for (theirs, ours) in theirs.iter().zip(&expected) {
+            let mut theirs = theirs.clone();
+            theirs.as_object_mut().expect("an object").remove("sha256");
+            let ours = without_defaults(fields(manifest, ours)).expect("an object");
+            assert_eq!(theirs, ours, "{name}");
         }
     }
-    let heads = streams["/segment"]["messages"].as_array().expect("heads");
-    assert_eq!(heads.len(), 2);
+    let heads = topics["/segment"]["messages"].as_array().expect("heads");
+    assert_eq!(heads.len(), manifest.segments.len());
     for (head, number) in heads.iter().zip(0_u64..) {
-        let fields = &head["fields"];
-        assert_eq!(fields["session_id"], manifest.session_id.as_str());
-        assert_eq!(fields["number"].as_u64().unwrap_or(0), number);
-        let identity = fields["manifest"].as_str().expect("manifest");
+        assert_eq!(head["session_id"], manifest.session_id.as_str());
+        assert_eq!(head["number"].as_u64().unwrap_or(0), number);
+        let identity = head["manifest"].as_str().expect("manifest");
         let identity = Manifest::from_identity(identity).expect("identity");
         assert_eq!(identity.streams, manifest.streams);
     }
