@@ -185,24 +185,16 @@ impl Window<'_> {
         minima.clear();
         let at_zero = height - rate * self.x_mean;
         minima.extend(blocks.map(|b| b.lowest_above(at_zero, rate)));
-        let edge = if minima.len() < MIN_BLOCKS {
+        let scale = if minima.len() < MIN_BLOCKS {
             // Too few for the edge alone: as if the latencies were exponential. The expected
             // jitter counts as much as one sample.
             let heights = self.count * (self.lag_mean - height) + terms.jitter;
-            let scale = heights / (self.count - 1.0).max(1.0) / self.count;
-            Edge {
-                likely: scale,
-                widest: scale,
-            }
+            heights / (self.count - 1.0).max(1.0) / self.count
         } else {
-            Edge::of(minima)
+            edge_scale(minima)
         };
-        let scale = edge.likely.max(terms.floor);
-        let mut fit = self.posterior(rate, height, scale, terms);
-        let caution = (edge.widest / scale).max(1.0);
-        fit.line.sigma_ref *= caution;
-        fit.line.sigma_rate *= caution;
-        fit
+        let scale = scale.max(terms.floor);
+        self.posterior(rate, height, scale, terms)
     }
 
     /// Height at `x_mean` of the highest line of this rate that lies below all points.
@@ -285,41 +277,28 @@ fn slope(a: Point, b: Point) -> f64 {
     (b.lag - a.lag) / (b.x - a.x)
 }
 
-/// Mean distance between neighbouring samples right above the line, ns: one over their density.
-#[derive(Clone, Copy, Debug)]
-struct Edge {
-    /// From as many of the lowest samples as tell of the edge: the estimate.
-    likely: f64,
-    /// The most cautious of several depths: the sigma.
-    widest: f64,
-}
-
-impl Edge {
-    /// `minima` holds the lowest height of each block. The line itself used up two of them.
-    fn of(minima: &mut [f64]) -> Self {
-        let n = minima.len();
-        let mut kth = |depth: usize| *minima.select_nth_unstable_by(depth - 1, f64::total_cmp).1;
-        let mut edge = Self {
-            likely: 0.0,
-            widest: 0.0,
-        };
-        for depth in [8, 16, 32] {
-            if 2 * depth <= n || depth == 8 {
-                edge.likely = kth(depth) / (depth - 2) as f64;
-                edge.widest = edge.widest.max(edge.likely);
-            }
+/// Mean distance between neighbouring samples right above the line, ns: one over the density.
+///
+/// `minima` holds the lowest height of each block. The line itself used up two of them.
+fn edge_scale(minima: &mut [f64]) -> f64 {
+    let n = minima.len();
+    let mut kth = |depth: usize| *minima.select_nth_unstable_by(depth - 1, f64::total_cmp).1;
+    let mut widest = 0.0_f64;
+    for depth in [32, 16, 8] {
+        if 2 * depth <= n || depth == 8 {
+            widest = widest.max(kth(depth) / (depth - 2) as f64);
         }
-        if n >= 64 {
-            // Heights grow as the depth's power 1/a; where a is more than 1 the density falls
-            // towards the edge, and below the lowest sample there is a gap of this size (the
-            // estimator of Pickands 1975, at depths that are four times each other).
-            let (low, middle, high) = (kth(n / 64), kth(n / 16), kth(n / 4));
-            let growth = (high - middle) / (middle - low).max(f64::MIN_POSITIVE);
-            let gap = (middle - low) * growth / (growth - 1.0).max(0.05) - middle;
-            edge.widest = edge.widest.max(gap / 1.5);
-        }
-        edge
     }
+    if n >= 64 {
+        // Heights grow as the depth's power 1/a; where a is more than 1 the density falls
+        // towards the edge, and below the lowest sample there is a gap of this size (the
+        // estimator of Pickands 1975, at depths that are four times each other).
+        let (low, middle, high) = (kth(n / 64), kth(n / 16), kth(n / 4));
+        let growth = (high - middle) / (middle - low).max(f64::MIN_POSITIVE);
+        let gap = (middle - low) * growth / (growth - 1.0).max(0.05) - middle;
+        widest = widest.max(gap / 1.5);
+    }
+    widest
 }
 
 /// Unnormalised moments of (rate, drop), rate counted from the best one.
