@@ -231,8 +231,8 @@ impl Daemon {
     }
 
     fn run(&self, seconds: u32) -> Result<Cost> {
-        let this = std::env::current_exe().context("finding this program")?;
-        let mut command = Command::new(this);
+        // This very program, even if its file was replaced since it started.
+        let mut command = Command::new("/proc/self/exe");
         command
             .args(["encode", RECORD])
             .arg(&self.config)
