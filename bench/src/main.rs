@@ -4,6 +4,8 @@
 //! `docs/benchmarks`). Each benchmark is one module with a `run` function.
 
 mod archive;
+mod kills;
+mod soak;
 mod stamp;
 
 use std::process::ExitCode;
@@ -30,7 +32,7 @@ fn main() -> ExitCode {
 type Run = fn(&[String]) -> anyhow::Result<()>;
 
 /// Every benchmark: its name, and what runs it.
-const BENCHMARKS: &[(&str, Run)] = &[("archive", archive::run)];
+const BENCHMARKS: &[(&str, Run)] = &[("archive", archive::run), ("kills", kills::run), ("soak", soak::run)];
 
 fn names() -> String {
     let names: Vec<&str> = BENCHMARKS.iter().map(|(name, _)| *name).collect();
