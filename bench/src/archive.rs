@@ -1,6 +1,6 @@
 //! `archive`: how fast sessions are written and read, what a power cut takes, how long stopping takes.
 //!
-//! 1. Writing: three cameras' access units of 60 to 100 kB through [`SessionWriter`], into the page
+//! 1. Writing: three cameras' access units of 60 to 100 kB through `SessionWriter`, into the page
 //!    cache (syncs are counted and left out), onto the disk (with syncs), and into nothing (what
 //!    the writer itself costs); beside it the bare `mcap` crate with chunks of the same size, the
 //!    same payloads, no compression, all its checksums on. The runs alternate.

@@ -4,9 +4,12 @@
 //! `docs/benchmarks`). Each benchmark is one module with a `run` function.
 
 mod archive;
+mod encode;
+mod import;
 mod kills;
 mod soak;
 mod stamp;
+mod sync;
 
 use std::process::ExitCode;
 
@@ -32,7 +35,14 @@ fn main() -> ExitCode {
 type Run = fn(&[String]) -> anyhow::Result<()>;
 
 /// Every benchmark: its name, and what runs it.
-const BENCHMARKS: &[(&str, Run)] = &[("archive", archive::run), ("kills", kills::run), ("soak", soak::run)];
+const BENCHMARKS: &[(&str, Run)] = &[
+    ("archive", archive::run),
+    ("encode", encode::run),
+    ("import", import::run),
+    ("kills", kills::run),
+    ("soak", soak::run),
+    ("sync", sync::run),
+];
 
 fn names() -> String {
     let names: Vec<&str> = BENCHMARKS.iter().map(|(name, _)| *name).collect();

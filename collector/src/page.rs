@@ -6,7 +6,7 @@ use session_archive::handoff::Verdict;
 use session_archive::manifest::Manifest;
 
 use crate::condition::Condition;
-use crate::limits::{Limit, Limits};
+use crate::limits::{Limit, Limits, Unit};
 use crate::plots::Plots;
 use crate::quality::{Finding, reasons};
 use crate::text;
@@ -50,7 +50,7 @@ pub fn html(validated: &Validated, limits: &Limits) -> String {
         page = page.figure(&plots.imu_intervals(), "");
     }
 
-    page = page.section("Rig and clocks");
+    page = page.section("Session, rig and clocks");
     page = page.table(&others(validation, limits, manifest));
     if !validated.found.facts.clocks.is_empty() {
         page = page.figure(&plots.clock_offsets(), "");
@@ -170,6 +170,10 @@ fn overview(manifest: &Manifest, validation: &Validation) -> Table {
     } else {
         ""
     };
+    let rig: Vec<&str> = manifest.rig.iter().map(|f| f.name.as_str()).collect();
+    if !rig.is_empty() {
+        row("Rig files", rig.join(", "));
+    }
     row("Recorded by", manifest.software.clone());
     row("Validated by", format!("{}{decoded}", validation.software));
     row("Identifier", manifest.session_id.clone());
@@ -265,6 +269,9 @@ fn value(finding: &Finding, limit: &Limit) -> Cell {
 }
 
 fn bound(limit: Option<f64>, row: &Limit) -> Cell {
+    if row.unit == Unit::Flag && limit.is_some() {
+        return Cell::number("if so");
+    }
     Cell::number(limit.map_or("\u{2013}".to_owned(), |l| row.unit.show(l)))
 }
 

@@ -105,18 +105,26 @@ impl Demo {
             ],
         )?;
         if !Path::new(&session).is_dir() {
-            bail!("the last line of `pawsd record` should be the session's folder, and is {session:?}");
+            bail!(
+                "the last line of `pawsd record` should be the session's folder, and is {session:?}"
+            );
         }
         let in_library = ["--library", library.as_str()];
         let paws = |stage: &str, arguments: &[&str]| {
             self.stage(stage, "paws", &[arguments, &in_library].concat())
         };
         paws("import", &["import", &session])?;
-        let verdict_line =
-            paws("validate", &["validate", NAME, "--html", &report, "--json", &verdict])?;
+        let verdict_line = paws(
+            "validate",
+            &["validate", NAME, "--html", &report, "--json", &verdict],
+        )?;
         paws("index", &["index", NAME])?;
         let handoff = paws("hand off", &["handoff", NAME])?;
-        self.stage("read back", "paws-reconstruct", &["frames", &handoff, "--out", &frames])?;
+        self.stage(
+            "read back",
+            "paws-reconstruct",
+            &["frames", &handoff, "--out", &frames],
+        )?;
 
         println!();
         println!(

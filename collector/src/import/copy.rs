@@ -6,6 +6,7 @@
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
+use std::num::NonZeroU64;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -22,6 +23,10 @@ use crate::progress::Progress;
 
 /// Bytes read, hashed and written at a time.
 const BLOCK: usize = 1 << 20;
+/// How far ahead of the copy the source is asked for, so that its disk reads while we hash and write.
+const PREFETCH: u64 = 16 << 20;
+/// Bytes asked for at a time.
+const PREFETCH_STEP: u64 = 4 << 20;
 /// Bytes after which a growing file is synced, so that the disk is busy all the time.
 const SYNC_EVERY: u64 = 32 << 20;
 /// Syncs that may be outstanding.
@@ -117,13 +122,22 @@ impl Copy<'_> {
             fs::create_dir_all(folder).map_err(failed("making the folder", folder))?;
         }
         let mut input = File::open(&from).map_err(failed("reading", &from))?;
-        // Only a hint; a file system that does not take it reads all the same.
-        let _ = fadvise(&input, 0, None, Advice::Sequential);
+        let mut asked = 0;
         let output = Arc::new(File::create(&to).map_err(failed("creating", &to))?);
         self.board.ready(&file.path, 0);
         let mut hasher = blake3::Hasher::new();
         let (mut at, mut synced) = (0, 0);
         loop {
+            while asked < file.bytes.min(at + PREFETCH) {
+                // Only a hint; a file system that does not take it reads all the same.
+                let _ = fadvise(
+                    &input,
+                    asked,
+                    NonZeroU64::new(PREFETCH_STEP),
+                    Advice::WillNeed,
+                );
+                asked += PREFETCH_STEP;
+            }
             let n = match input.read(&mut self.block) {
                 Ok(0) => break,
                 Ok(n) => n,

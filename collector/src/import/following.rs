@@ -7,7 +7,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 use std::path::Path;
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError};
 
 use session_archive::storage::{DiskStorage, ReadAt, Storage, WriteFile};
 
@@ -100,10 +100,13 @@ impl Following {
     }
 }
 
+/// A file of the copy. It is opened by the first read, so that asking for its length, which is known
+/// from the source, waits for nothing.
 struct FollowedFile {
     path: String,
     length: u64,
-    file: Box<dyn ReadAt>,
+    disk: DiskStorage,
+    opened: OnceLock<Box<dyn ReadAt>>,
     board: Board,
 }
 
@@ -118,8 +121,15 @@ impl ReadAt for FollowedFile {
             return Ok(0);
         }
         self.board.wait(&self.path, end)?;
+        let file = match self.opened.get() {
+            Some(file) => file,
+            None => {
+                let file = self.disk.open(&self.path)?;
+                self.opened.get_or_init(|| file)
+            }
+        };
         let n = usize::try_from(end - offset).map_err(io::Error::other)?;
-        self.file.read_at(&mut buf[..n], offset)
+        file.read_at(&mut buf[..n], offset)
     }
 }
 
@@ -134,11 +144,11 @@ impl Storage for Following {
     fn open(&self, path: &str) -> io::Result<Box<dyn ReadAt>> {
         let length = self.board.0.lengths.get(path).copied();
         let length = length.ok_or(io::ErrorKind::NotFound)?;
-        self.board.wait(path, 0)?;
         Ok(Box::new(FollowedFile {
             path: path.to_owned(),
             length,
-            file: self.disk.open(path)?,
+            disk: self.disk.clone(),
+            opened: OnceLock::new(),
             board: self.board.clone(),
         }))
     }
@@ -196,6 +206,8 @@ mod tests {
         assert_eq!(follow.list("").unwrap(), ["segments"]);
         let missing = follow.open("other").err().unwrap();
         assert_eq!(missing.kind(), io::ErrorKind::NotFound);
+        // Nobody has written anything yet, and the length is known all the same.
+        assert_eq!(follow.open("segments/a").unwrap().len().unwrap(), 10);
         std::thread::scope(|scope| {
             let reading = scope.spawn(|| {
                 let file = follow.open("segments/a").unwrap();
