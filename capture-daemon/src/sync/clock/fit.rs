@@ -15,8 +15,8 @@
 //! * *How far back one line holds* is decided by Lepski's rule: of the windows that end now, each
 //!   twice as long as the last, take the longest one that agrees with every shorter one.
 //! * The density is measured from the lowest samples of the window's blocks, at three depths, and
-//!   the most cautious of the three counts: latencies that come near their minimum only rarely
-//!   have a low density there and get a wide sigma.
+//!   the most cautious of the three counts, as does the gap that must be expected below the lowest
+//!   sample: latencies that come near their minimum only rarely get a wide sigma.
 
 use std::collections::VecDeque;
 
