@@ -17,13 +17,14 @@ pub(super) struct PreRoll {
     /// Kept behind the newest time: the pre-roll, and the GOP that its beginning lies in.
     span_ns: i64,
     newest: HostTime,
-    /// Newest map of each clock from before the items.
-    maps: BTreeMap<String, ClockMap>,
+    /// Maps of each clock from before the items, and when each came: the newest, and those that it
+    /// replaced so lately that a sample on its way may still name one.
+    maps: BTreeMap<String, VecDeque<(HostTime, ClockMap)>>,
 }
 
 /// What a session begins with.
 pub(super) struct Beginning {
-    /// Clock maps in force before the first item.
+    /// Clock maps from before the first item, the newest of each clock last.
     pub(super) maps: Vec<ClockMap>,
     /// The items, in order: for each camera from a key frame on.
     pub(super) items: Vec<Outgoing>,
@@ -56,15 +57,19 @@ impl PreRoll {
                 break;
             };
             self.bytes -= item.bytes();
-            if let Outgoing::Clock { map, .. } = item {
-                self.maps.insert(map.clock.clone(), map);
+            if let Outgoing::Clock { at, map } = item {
+                self.remember(at, &map);
             }
         }
     }
 
     /// Takes out what a session beginning at `from` starts with.
     pub(super) fn take(&mut self, from: HostTime, cameras: usize) -> Beginning {
-        let maps = self.maps.values().cloned().collect();
+        for maps in self.maps.values_mut() {
+            forget(maps, self.newest, self.span_ns);
+        }
+        let maps = self.maps.values().flatten();
+        let maps = maps.map(|(_, map)| map.clone()).collect();
         let items = std::mem::take(&mut self.items);
         self.bytes = 0;
         // For each camera, the last key frame at or before `from`, or else its first.
@@ -100,8 +105,8 @@ impl PreRoll {
                 Outgoing::Imu { batch, .. } => {
                     batch.times.first().is_some_and(|t| *t >= earliest.0)
                 }
-                Outgoing::Clock { map, .. } => {
-                    self.maps.insert(map.clock.clone(), map.clone());
+                Outgoing::Clock { at, map } => {
+                    self.remember(*at, map);
                     true
                 }
                 Outgoing::Dropped { .. } => true,
@@ -115,8 +120,17 @@ impl PreRoll {
     }
 
     /// Remembers a clock map although something is being recorded: the next session needs it.
-    pub(super) fn remember(&mut self, map: &ClockMap) {
-        self.maps.insert(map.clock.clone(), map.clone());
+    pub(super) fn remember(&mut self, at: HostTime, map: &ClockMap) {
+        let maps = self.maps.entry(map.clock.clone()).or_default();
+        maps.push_back((at, map.clone()));
+        forget(maps, at, self.span_ns);
+    }
+}
+
+/// Forgets the maps that were replaced longer than `span_ns` ago.
+fn forget(maps: &mut VecDeque<(HostTime, ClockMap)>, now: HostTime, span_ns: i64) {
+    while maps.get(1).is_some_and(|(replaced, _)| now.since(*replaced) > span_ns) {
+        maps.pop_front();
     }
 }
 

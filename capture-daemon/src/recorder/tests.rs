@@ -271,6 +271,37 @@ fn right_after_a_stop_a_camera_begins_with_the_key_frame_that_is_asked_for() {
 }
 
 #[test]
+fn samples_on_their_way_over_a_stop_keep_their_clock_maps() {
+    let mut rig = rig(1000 * MS, Bench::default());
+    let map = |rig: &mut Rig, version| {
+        let map = ClockMap { clock: "feet".to_owned(), version, ..ClockMap::default() };
+        rig.recorder.handle(Outgoing::Clock { at: rig.now(), map });
+    };
+    map(&mut rig, 1);
+    rig.steps(100);
+    started(&mut rig);
+    rig.steps(2);
+    map(&mut rig, 2);
+    map(&mut rig, 3);
+    rig.recorder.close_now("button");
+    let versions = |rig: &Rig| -> Vec<u32> {
+        rig.messages::<ClockMap>("feet").iter().map(|m| m.version).collect()
+    };
+    assert_eq!(versions(&rig), [1, 2, 3]);
+    rig.steps(2);
+    started(&mut rig);
+    rig.recorder.close_now("button");
+    // A frame of version 2 may have been in the encoder while version 3 came.
+    assert_eq!(versions(&rig), [1, 2, 3]);
+    rig.steps(100);
+    map(&mut rig, 4);
+    rig.steps(100);
+    started(&mut rig);
+    rig.recorder.close_now("button");
+    assert_eq!(versions(&rig), [4], "nothing can be on its way for seconds");
+}
+
+#[test]
 fn the_pre_roll_begins_with_key_frames_from_before_the_press() {
     let mut rig = rig(1000 * MS, Bench::default());
     rig.steps(97);

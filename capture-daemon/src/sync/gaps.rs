@@ -3,7 +3,8 @@
 //! A [`SequenceTracker`] is told of every sample that is stored and of every one that will not come,
 //! and gives the gap records that account for the rest: from the first sample stored, samples and
 //! gaps together are every number exactly once. *Late or repeated* samples are refused; a gap
-//! record for them may already be written. *A hole that nobody reported* is the device's.
+//! record for them may already be written. *A hole that nobody reported* is the device's; *at the
+//! end*, where what is not reported may only be on its way, it came too late.
 //! [`Renumber`] comes before it, where devices restart their counters or let them wrap.
 
 use std::collections::BTreeMap;
@@ -109,9 +110,14 @@ impl SequenceTracker {
         }
     }
 
-    /// Gaps for `from..to`: each number by the report that covers it, else by the device.
+    /// Gaps for `from..to`: each number by the report that covers it, else by the device, or, where no
+    /// sample follows at `after`, for coming too late.
     fn fill(&mut self, mut from: u64, to: u64, after: Option<HostTime>) -> Vec<Gap> {
         let mut gaps: Vec<Gap> = Vec::new();
+        let (otherwise, why) = match after {
+            Some(_) => (Cause::Device, "the device skipped these numbers"),
+            None => (Cause::Late, "not through the encoder when the session was closed"),
+        };
         while from < to {
             // The report that covers `from`, or the beginning of the next one.
             let covering = self
@@ -127,11 +133,7 @@ impl SequenceTracker {
                         .range(from..to)
                         .next()
                         .map_or(to, |(first, _)| *first);
-                    (
-                        next,
-                        Cause::Device,
-                        "the device skipped these numbers".to_owned(),
-                    )
+                    (next, otherwise, why.to_owned())
                 }
             };
             match gaps.last_mut() {
