@@ -101,8 +101,10 @@ impl Row {
             cameras: join(manifest.cameras.iter().map(|c| &c.name)),
             imus: join(manifest.imus.iter().map(|i| &i.name)),
             condition: report.map_or(Condition::Unverified, |r| Condition::of(manifest.state, r)),
-            samples: streams().map(|s| s.samples).sum(),
-            missing: streams().map(|s| s.gaps + s.lost).sum(),
+            samples: streams().map(|s| s.samples).fold(0, u64::saturating_add),
+            missing: streams()
+                .map(|s| s.gaps.saturating_add(s.lost))
+                .fold(0, u64::saturating_add),
             verdict: validation.as_ref().map(|v| v.verdict),
             source: record.as_ref().map_or(String::new(), |r| r.source.clone()),
             imported: record.as_ref().map(|r| r.imported),

@@ -79,9 +79,9 @@ impl<'a> Plots<'a> {
     fn row(&self, timeline: Timeline, name: &str, samples: &[Sample]) -> Timeline {
         let mut spans = recorded(samples);
         let gaps = self.facts().gaps.iter().filter(|g| g.stream == name);
-        let mut missing = 0;
+        let mut missing = 0_u64;
         for gap in gaps {
-            missing += gap.count();
+            missing = gap.count().saturating_add(missing);
             let from = gap.time_before.or(gap.time_after);
             let to = gap.time_after.or(gap.time_before);
             if let Some((from, to)) = from.zip(to) {
@@ -89,7 +89,8 @@ impl<'a> Plots<'a> {
             }
         }
         for lost in self.found.report.lost.iter().filter(|l| l.stream == name) {
-            missing += lost.last.saturating_sub(lost.first).saturating_add(1);
+            let count = lost.last.saturating_sub(lost.first).saturating_add(1);
+            missing = count.saturating_add(missing);
             spans.push((lost.after.0, lost.before.0, 2));
         }
         let note = match missing {
@@ -228,7 +229,7 @@ impl<'a> Plots<'a> {
         for (clock, maps) in &self.facts().clocks {
             let first = maps.first().and_then(|(_, map)| offset_ns(map));
             let points = maps.iter().filter_map(|(time, map)| {
-                let moved = offset_ns(map)? - first?;
+                let moved = offset_ns(map)?.saturating_sub(first?);
                 Some((self.seconds(time.0), moved as f64 * 1e-6))
             });
             chart = chart.series(Series::steps(clock, points).slot(self.slot(clock)));
@@ -284,7 +285,8 @@ impl<'a> Plots<'a> {
         let writer = health.iter();
         let writer = writer.map(|(t, h)| (self.seconds(t.0), h.writer_queue_bytes as f64 * 1e-6));
         let encoder = health.iter().map(|(t, h)| {
-            let bytes: u64 = h.streams.iter().map(|s| s.queue_bytes).sum();
+            let queued = h.streams.iter().map(|s| s.queue_bytes);
+            let bytes = queued.fold(0, u64::saturating_add);
             (self.seconds(t.0), bytes as f64 * 1e-6)
         });
         Chart::new("Waiting in the recorder")
@@ -356,7 +358,10 @@ impl<'a> Plots<'a> {
 
 /// Spans without a hole: consecutive samples no further apart than two and a half median steps.
 fn recorded(samples: &[Sample]) -> Vec<(i64, i64, usize)> {
-    let mut steps: Vec<i64> = samples.windows(2).map(|w| w[1].time - w[0].time).collect();
+    let mut steps: Vec<i64> = samples
+        .windows(2)
+        .map(|w| w[1].time.saturating_sub(w[0].time))
+        .collect();
     let usual = crate::cadence::median(&mut steps).unwrap_or(0);
     let mut spans: Vec<(i64, i64, usize)> = Vec::new();
     for sample in samples {

@@ -222,7 +222,7 @@ impl Judge<'_> {
     fn rhythm(&mut self, kind: &str, name: &str, cadence: &Cadence, nominal_hz: f64) {
         let nominal = period_ns(nominal_hz);
         let start = self.facts.span().map_or(0, |(start, _)| start);
-        let at = (cadence.longest_gap_at - start) as f64 / 1e9;
+        let at = cadence.longest_gap_at.saturating_sub(start) as f64 / 1e9;
         let detail = match cadence.longest_gap_ns {
             0 => String::new(),
             _ => format!("{at:.2} s after the start"),
@@ -397,11 +397,11 @@ pub fn faults(report: &Report) -> Vec<String> {
         let files = report.bad_rig_files.join(", ");
         faults.push(format!("rig files missing or altered: {files}"));
     }
-    let bytes: u64 = report
+    let bytes = report
         .damage
         .iter()
         .map(|d| d.damage.bytes.end.saturating_sub(d.damage.bytes.start))
-        .sum();
+        .fold(0, u64::saturating_add);
     if !report.damage.is_empty() {
         let places = text::count(report.damage.len() as u64, "place");
         faults.push(format!("{places} with damage ({})", text::bytes(bytes)));

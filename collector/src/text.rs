@@ -10,7 +10,7 @@ pub fn bytes(n: u64) -> String {
 /// A span of time, ns, as in `20.1 s`, `3 min 05 s`, `1 h 02 min`.
 pub fn duration(ns: i64) -> String {
     let ns = ns.max(0);
-    let s = (ns + NS_PER_S / 2) / NS_PER_S;
+    let s = ns.saturating_add(NS_PER_S / 2) / NS_PER_S;
     if s < 60 {
         format!("{:.1} s", ns as f64 / 1e9)
     } else if s < 3600 {

@@ -294,7 +294,7 @@ fn losses(facts: &Facts, report: &Report) -> Vec<Loss> {
     });
     for (stream, cause, samples) in noted.chain(lost) {
         let sum = by_cause.entry((stream, cause)).or_default();
-        (sum.0, sum.1) = (sum.0.saturating_add(samples), sum.1 + 1);
+        *sum = (sum.0.saturating_add(samples), sum.1 + 1);
     }
     let losses = by_cause.into_iter();
     let losses = losses.map(|((stream, cause), (samples, gaps))| Loss {

@@ -5,6 +5,7 @@
 //! its place is known, else the left eye. A camera without chroma gives 8-bit grey pictures,
 //! others 8-bit RGB.
 
+use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -124,10 +125,11 @@ impl Export<'_> {
         for (cam, _) in EYES {
             let folder = folder.join(cam);
             let mut list = "#timestamp [ns],filename\n".to_owned();
+            let mut listed = BTreeSet::new();
             for frame in &frames.frames {
                 let name = picture_name(frame);
                 // A picture that did not come out has no file.
-                if folder.join("data").join(&name).is_file() {
+                if folder.join("data").join(&name).is_file() && listed.insert(frame.time_ns) {
                     list.push_str(&format!("{},{name}\n", frame.time_ns));
                 }
             }

@@ -68,6 +68,61 @@ fn strange_names_are_escaped_and_missing_streams_drawn() {
 }
 
 #[test]
+fn impossible_values_are_drawn_and_judged_without_a_panic() {
+    let mut session = Session::good(2.0);
+    for (i, batch) in session.imu.iter_mut().enumerate() {
+        batch.times[3] = [i64::MIN, i64::MAX, 0][i % 3];
+        batch.device_ticks[4] = [i64::MAX, i64::MIN][i % 2];
+        batch.gyro_counts.truncate(40);
+        batch.host_times[19] = crate::support::START + i as i64;
+    }
+    for set in &mut session.sets {
+        set.members[0].time = i64::MIN;
+        for member in set.members.iter_mut().skip(1) {
+            member.time = i64::MAX;
+            member.camera = "nobody".to_owned();
+        }
+    }
+    for (i, frame) in session.frames(0).enumerate() {
+        frame.number = [u64::MAX, 0, u64::MAX - 1][i % 3];
+        frame.sigma_ns = u64::MAX;
+        frame.device_ticks = i64::MIN;
+    }
+    for frame in session.frames(2).take(1) {
+        frame.time = i64::MAX;
+    }
+    session.gaps = (0..3)
+        .map(|i| session_archive::record::Gap {
+            stream: ["feet", "nobody", "feet/imu"][i].to_owned(),
+            first: 0,
+            last: u64::MAX,
+            cause: 99,
+            time_before: Some(i64::MIN),
+            time_after: Some(i64::MAX),
+            ..Default::default()
+        })
+        .collect();
+    // A gap is written at its time, which the archive wants to be one.
+    session.gaps.iter_mut().for_each(|g| g.time_before = None);
+    for (_, map) in &mut session.clocks {
+        map.tick_den = 0;
+        map.pieces[0].host_ref = i64::MIN;
+        map.latency_sigma_ns = u64::MAX;
+    }
+    for (_, health) in &mut session.health {
+        health.streams[0].rate_hz = f64::NAN;
+        health.streams[1].queue_bytes = u64::MAX / 2;
+        health.streams[2].queue_bytes = u64::MAX / 2 + 9;
+        health.temperature_c = Some(f64::INFINITY);
+    }
+    session.spec.cameras[1].rate_hz = 1e-300;
+    session.spec.cameras[2].width = 0;
+    session.spec.imus[0].tick.den = 0;
+    let page = html(&session);
+    assert!(page.contains("badge fail"));
+}
+
+#[test]
 fn the_page_does_not_grow_with_the_session() {
     let (short, long) = (html(&Session::good(20.0)), html(&Session::good(100.0)));
     assert!(
