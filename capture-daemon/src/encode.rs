@@ -37,6 +37,8 @@ pub enum Encoded {
     },
     /// Frames that will not come.
     Dropped {
+        /// Time of the first.
+        at: HostTime,
         /// First number.
         first: u64,
         /// Last number.
@@ -195,9 +197,10 @@ impl Lane {
     }
 
     fn submit(&mut self, frame: Frame, picture: &Picture, now: HostTime, wait: bool) {
-        let number = frame.number;
+        let (number, at) = (frame.number, HostTime(frame.time));
         let drop_it = |lane: &Self, cause, detail: String| {
             (lane.sink)(Encoded::Dropped {
+                at,
                 first: number,
                 last: number,
                 cause,
@@ -289,6 +292,7 @@ impl Lane {
     fn report(&self, left: &[Frame], detail: &str) {
         for frame in left {
             (self.sink)(Encoded::Dropped {
+                at: HostTime(frame.time),
                 first: frame.number,
                 last: frame.number,
                 cause: Cause::EncoderRestart,

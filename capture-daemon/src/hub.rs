@@ -63,6 +63,8 @@ pub enum Outgoing {
     },
     /// Samples that will not come.
     Dropped {
+        /// Time of the first.
+        at: HostTime,
         /// Stream, as gap records name it.
         stream: String,
         /// First number.
@@ -236,11 +238,13 @@ impl Hub {
                         key,
                     },
                     Encoded::Dropped {
+                        at,
                         first,
                         last,
                         cause,
                         detail,
                     } => Outgoing::Dropped {
+                        at,
                         stream: name.clone(),
                         first,
                         last,
@@ -288,6 +292,23 @@ impl Hub {
             Sample::Frame(frame) => self.frame(camera, frame, now),
             Sample::Imu(sample) => self.imu(camera, &sample),
         }
+    }
+
+    /// A frame of this camera came, at this time and with the device's number, and was dropped on its
+    /// way here because too many are waiting.
+    pub fn dropped(&mut self, camera: usize, number: u64, at: HostTime) {
+        let camera = &mut self.cameras[camera];
+        let name = &camera.setup.name;
+        camera.watch.seen(at, name, &self.out);
+        let number = renumber(&mut camera.numbers, number, at, name, &self.out);
+        (self.out)(Outgoing::Dropped {
+            at,
+            stream: name.clone(),
+            first: number,
+            last: number,
+            cause: Cause::EncoderOverload,
+            detail: "too many raw frames are waiting".to_owned(),
+        });
     }
 
     /// The way to the recorder was full and a frame of this camera was dropped behind its encoder:

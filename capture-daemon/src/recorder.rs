@@ -664,6 +664,7 @@ fn item_time(item: &Outgoing) -> Option<HostTime> {
     match item {
         Outgoing::Frame { frame, .. } => Some(HostTime(frame.time)),
         Outgoing::Imu { batch, .. } => batch.times.first().map(|t| HostTime(*t)),
+        Outgoing::Dropped { at, .. } => Some(*at),
         _ => None,
     }
 }

@@ -109,7 +109,7 @@ impl PreRoll {
                     self.remember(*at, map);
                     true
                 }
-                Outgoing::Dropped { .. } => true,
+                Outgoing::Dropped { at, .. } => *at >= earliest,
                 Outgoing::Alarm { .. } | Outgoing::Notice { .. } | Outgoing::Health { .. } => false,
             };
             if keep {
@@ -141,7 +141,7 @@ fn sample_time(item: &Outgoing) -> Option<HostTime> {
         Outgoing::Clock { at, .. }
         | Outgoing::Alarm { at, .. }
         | Outgoing::Notice { at, .. }
+        | Outgoing::Dropped { at, .. }
         | Outgoing::Health { at, .. } => Some(*at),
-        Outgoing::Dropped { .. } => None,
     }
 }

@@ -145,6 +145,7 @@ impl Session {
                 last,
                 cause,
                 detail,
+                at: _,
             } => {
                 if let Some(stream) = self.streams.iter_mut().find(|s| s.name == stream) {
                     stream.tracker.dropped(first, last, cause, &detail);

@@ -386,6 +386,7 @@ fn every_loss_becomes_a_gap_with_its_cause() {
     started(&mut rig);
     rig.steps(3);
     let dropped = |first, last, cause| Outgoing::Dropped {
+        at: START,
         stream: "feet".to_owned(),
         first,
         last,

@@ -44,7 +44,8 @@ const REQUEST_LIMIT: Duration = Duration::from_secs(5);
 /// To the hub.
 enum In {
     Sample(usize, Sample),
-    Dropped(usize, u64),
+    /// Camera, device's number and arrival.
+    Dropped(usize, u64, HostTime),
     Ended,
 }
 
@@ -129,7 +130,7 @@ impl Running {
         }
         let of_hub = shared.clone();
         threads.push(spawn("hub", move || {
-            run_hub(hub, count, &names, &out, &of_hub)
+            run_hub(hub, count, &of_hub)
         })?);
         let of_recorder = shared.clone();
         threads.push(spawn("recorder", move || {
@@ -211,11 +212,11 @@ fn pump(i: usize, mut source: Box<dyn Source>, shared: &Shared) {
                 .push_reserved(In::Sample(i, sample), bytes)
                 .is_ok(),
             Sample::Frame(ref frame) => {
-                let number = frame.number;
+                let (number, at) = (frame.number, frame.host_time);
                 shared.inbox.try_push(In::Sample(i, sample), bytes).is_ok()
                     || shared
                         .inbox
-                        .push_reserved(In::Dropped(i, number), 0)
+                        .push_reserved(In::Dropped(i, number, at), 0)
                         .is_ok()
             }
         };
@@ -244,7 +245,7 @@ fn wait_until(time: HostTime, shared: &Shared) -> bool {
     }
 }
 
-fn run_hub(mut hub: Hub, sources: usize, names: &[String], out: &Out, shared: &Shared) {
+fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
     let mut running = sources;
     let mut next_tick = shared.clock.now();
     loop {
@@ -258,13 +259,7 @@ fn run_hub(mut hub: Hub, sources: usize, names: &[String], out: &Out, shared: &S
         }
         match popped {
             Popped::Item(In::Sample(i, sample)) => hub.sample(i, sample, now),
-            Popped::Item(In::Dropped(i, number)) => out(Outgoing::Dropped {
-                stream: names[i].clone(),
-                first: number,
-                last: number,
-                cause: Cause::EncoderOverload,
-                detail: "too many raw frames are waiting".to_owned(),
-            }),
+            Popped::Item(In::Dropped(i, number, at)) => hub.dropped(i, number, at),
             Popped::Item(In::Ended) => {
                 running -= 1;
                 if running == 0 {
@@ -289,10 +284,10 @@ fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
     let skipping: Vec<AtomicBool> = names.iter().map(|_| AtomicBool::new(false)).collect();
     Arc::new(move |item: Outgoing| {
         let bytes = item.bytes();
-        let (camera, number, key) = match &item {
+        let (camera, number, at, key) = match &item {
             Outgoing::Frame {
                 camera, frame, key, ..
-            } => (*camera, frame.number, *key),
+            } => (*camera, frame.number, HostTime(frame.time), *key),
             _ => {
                 let _ = shared.outbox.push_reserved(ToRecorder::Item(item), bytes);
                 return;
@@ -313,6 +308,7 @@ fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
             shared.key_wanted[camera].store(true, Ordering::Relaxed);
         }
         let dropped = Outgoing::Dropped {
+            at,
             stream: names[camera].clone(),
             first: number,
             last: number,
