@@ -28,8 +28,8 @@ mod charts;
 mod curve;
 mod daemon;
 mod material;
-mod stamp;
 
+use crate::stamp;
 use curve::Point;
 use material::Clip;
 
@@ -48,8 +48,8 @@ const FULL: Plan = Plan {
     repetitions: 3,
     daemon: daemon::Plan {
         short_s: 3,
-        long_s: 23,
-        repetitions: 5,
+        long_s: 13,
+        repetitions: 9,
     },
 };
 
@@ -82,7 +82,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
             other => bail!("unknown argument {other:?}, expected --quick or --out DIR"),
         }
     }
-    let stamp = stamp::stamp(args)?;
+    let stamp = stamp::stamp("encode", args)?;
     let clips = material::clips(plan.pictures)?;
     let (points, refused) = measure_encoders(&clips, &plan)?;
     let share = daemon::measure(&plan.daemon)?;

@@ -124,7 +124,7 @@ fn daemon(share: &Share, stamp: &str) -> String {
         .y_axis(Axis::linear("CPU time per stereo frame", "ms").include(0.0))
         .series(Series::bars(
             "",
-            [share.daemon_ms, share.bare_ms, share.reading_ms],
+            [share.daemon_ms(), share.bare_ms(), share.reading_ms],
         ))
         .footnote(stamp)
         .to_svg(WIDTH, 320)

@@ -47,42 +47,53 @@ pub(super) struct Plan {
     pub(super) repetitions: usize,
 }
 
-/// Processor time per stereo frame, ms: medians over the repetitions.
+/// What was found.
 pub(super) struct Share {
-    pub(super) daemon_ms: f64,
-    pub(super) bare_ms: f64,
-    /// The bare pipeline without its encoder: what reading the pictures costs it.
+    /// Processor time per stereo frame, ms: the daemon's and the bare pipeline's, run side by side.
+    pairs_ms: Vec<(f64, f64)>,
+    /// The bare pipeline without its encoder: what reading the pictures costs it, ms per frame.
     pub(super) reading_ms: f64,
-    daemon_runs_ms: Vec<f64>,
-    bare_runs_ms: Vec<f64>,
     /// Frames that the daemon did not store, of all runs.
     missing: u64,
-    /// Bytes of video of the daemon's over the bare pipeline's, for the same frames.
+    /// Bytes of video of the daemon's over the bare pipeline's, for as many frames.
     bytes_ratio: f64,
 }
 
 impl Share {
+    pub(super) fn daemon_ms(&self) -> f64 {
+        median(self.pairs_ms.iter().map(|(daemon, _)| *daemon))
+    }
+
+    pub(super) fn bare_ms(&self) -> f64 {
+        median(self.pairs_ms.iter().map(|(_, bare)| *bare))
+    }
+
+    /// Median over the pairs: whatever else the machine did, it did to both of a pair.
     pub(super) fn ratio(&self) -> f64 {
-        self.daemon_ms / self.bare_ms
+        median(self.pairs_ms.iter().map(|(daemon, bare)| daemon / bare))
     }
 
     /// The same with what the bare pipeline spends on reading taken off: the harder comparison.
     fn ratio_to_encoder(&self) -> f64 {
-        self.daemon_ms / (self.bare_ms - self.reading_ms)
+        let encoder = |bare: &f64| bare - self.reading_ms;
+        median(
+            self.pairs_ms
+                .iter()
+                .map(|(daemon, bare)| daemon / encoder(bare)),
+        )
     }
 
     pub(super) fn json(&self) -> Value {
-        let all = |runs: &[f64]| runs.iter().map(|v| round(*v)).collect::<Vec<_>>();
+        let pair = |(daemon, bare): &(f64, f64)| json!([round(*daemon), round(*bare)]);
         json!({
             "element": ELEMENT,
             "cameras": CAMERAS.len(),
             "rate_hz": RATE_HZ,
             "quality_db": QUALITY_DB,
-            "daemon_cpu_ms_per_frame": round(self.daemon_ms),
-            "bare_cpu_ms_per_frame": round(self.bare_ms),
+            "daemon_cpu_ms_per_frame": round(self.daemon_ms()),
+            "bare_cpu_ms_per_frame": round(self.bare_ms()),
             "bare_reading_cpu_ms_per_frame": round(self.reading_ms),
-            "daemon_runs": all(&self.daemon_runs_ms),
-            "bare_runs": all(&self.bare_runs_ms),
+            "pairs": self.pairs_ms.iter().map(pair).collect::<Vec<_>>(),
             "ratio": round(self.ratio()),
             "ratio_to_encoder_alone": round(self.ratio_to_encoder()),
             "limit": LIMIT,
@@ -113,34 +124,39 @@ pub(super) fn measure(plan: &Plan) -> Result<Option<Share>> {
     let daemon = Daemon::new(folder.path(), &kitti)?;
 
     let mut share = Share {
-        daemon_ms: 0.0,
-        bare_ms: 0.0,
-        reading_ms: 0.0,
-        daemon_runs_ms: Vec::new(),
-        bare_runs_ms: Vec::new(),
+        pairs_ms: Vec::new(),
+        reading_ms: bare.per_frame_ms(plan)?,
         missing: 0,
         bytes_ratio: f64::NAN,
     };
-    let mut reading = Vec::new();
     for repetition in 0..plan.repetitions {
-        let (short, long) = (daemon.run(plan.short_s)?, daemon.run(plan.long_s)?);
-        share.missing += short.missing + long.missing;
-        share.daemon_runs_ms.push(per_frame_ms(&short, &long));
-        share.bare_runs_ms.push(bare.per_frame_ms(plan, true)?);
-        if repetition == 0 {
-            reading.push(bare.per_frame_ms(plan, false)?);
-            share.bytes_ratio = long.bytes as f64 / bare.bytes(long.frames)? as f64;
+        let mut daemon_costs = Vec::new();
+        let mut bare_costs = Vec::new();
+        for seconds in [plan.short_s, plan.long_s] {
+            // Now one first, now the other, so that a machine that gets busier favours neither.
+            if repetition % 2 == 0 {
+                daemon_costs.push(daemon.run(seconds)?);
+                bare_costs.push(bare.run(seconds, true)?);
+            } else {
+                bare_costs.push(bare.run(seconds, true)?);
+                daemon_costs.push(daemon.run(seconds)?);
+            }
         }
+        let pair = (per_frame_ms(&daemon_costs), per_frame_ms(&bare_costs));
         println!(
             "a frame costs the daemon {:.2} ms, the bare pipeline {:.2} ms",
-            share.daemon_runs_ms[repetition], share.bare_runs_ms[repetition]
+            pair.0, pair.1
         );
+        share.pairs_ms.push(pair);
+        share.missing += daemon_costs.iter().map(|cost| cost.missing).sum::<u64>();
+        if repetition == 0 {
+            let long = &daemon_costs[1];
+            share.bytes_ratio = long.bytes as f64 / bare.bytes(long.frames)? as f64;
+        }
     }
-    share.daemon_ms = median(share.daemon_runs_ms.iter().copied());
-    share.bare_ms = median(share.bare_runs_ms.iter().copied());
-    share.reading_ms = median(reading);
     println!(
-        "daemon over bare pipeline: {:.3} (limit {LIMIT}), over the encoder alone {:.3}; {} frames missing",
+        "daemon over bare pipeline: {:.3} (limit {LIMIT}), over the encoder alone {:.3}; \
+         {} frames missing",
         share.ratio(),
         share.ratio_to_encoder(),
         share.missing
@@ -148,8 +164,9 @@ pub(super) fn measure(plan: &Plan) -> Result<Option<Share>> {
     Ok(Some(share))
 }
 
-/// Processor time that a frame adds, from two runs of different length.
-fn per_frame_ms(short: &Cost, long: &Cost) -> f64 {
+/// Processor time that a frame adds, from a short and a long run.
+fn per_frame_ms(costs: &[Cost]) -> f64 {
+    let (short, long) = (&costs[0], &costs[1]);
     (long.cpu_s - short.cpu_s) * 1e3 / (long.frames - short.frames) as f64
 }
 
@@ -355,19 +372,25 @@ impl Bare {
         command
     }
 
-    fn per_frame_ms(&self, plan: &Plan, encode: bool) -> Result<f64> {
+    /// One run, with the encoder or with nothing in its place.
+    fn run(&self, seconds: u32, encode: bool) -> Result<Cost> {
         let middle: &[&str] = if encode { &[&self.encoder] } else { &[] };
-        let run = |seconds: u32| -> Result<Cost> {
-            let frames = u64::from(seconds * RATE_HZ) * CAMERAS.len() as u64;
-            let sink = |_| "fakesink sync=false".to_owned();
-            Ok(Cost {
-                cpu_s: cpu_of(&mut self.pipeline(frames, middle, &sink))?,
-                frames,
-                missing: 0,
-                bytes: 0,
-            })
-        };
-        Ok(per_frame_ms(&run(plan.short_s)?, &run(plan.long_s)?))
+        let frames = u64::from(seconds * RATE_HZ) * CAMERAS.len() as u64;
+        let sink = |_| "fakesink sync=false".to_owned();
+        Ok(Cost {
+            cpu_s: cpu_of(&mut self.pipeline(frames, middle, &sink))?,
+            frames,
+            missing: 0,
+            bytes: 0,
+        })
+    }
+
+    /// What reading the pictures costs.
+    fn per_frame_ms(&self, plan: &Plan) -> Result<f64> {
+        Ok(per_frame_ms(&[
+            self.run(plan.short_s, false)?,
+            self.run(plan.long_s, false)?,
+        ]))
     }
 
     /// Bytes of video for so many frames over all cameras.
