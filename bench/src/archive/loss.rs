@@ -23,7 +23,7 @@ pub(super) struct Loss {
     pub(super) chunk_s: f64,
     /// From the last sample on disk to the last one that had arrived, per cut and camera, s.
     pub(super) median_s: f64,
-    pub(super) p99_s: f64,
+    p99_s: f64,
     pub(super) max_s: f64,
     /// The same of the IMUs, whose samples come in batches of a tenth of a second.
     pub(super) imu_max_s: f64,

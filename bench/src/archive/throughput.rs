@@ -88,7 +88,7 @@ pub(super) fn measure(plan: &Plan, disk: &Path) -> Result<Rates> {
     let arrivals: Vec<Arrival> = load::arrivals(plan.write_s, DEFAULT_CHUNK_NS).collect();
     let mut write = [
         Rate::new("page cache"),
-        Rate::new("page cache, mcap crate"),
+        Rate::new("mcap crate"),
         Rate::new("into nothing"),
         Rate::new("disk, synced"),
     ];
