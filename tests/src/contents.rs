@@ -13,7 +13,7 @@ use session_archive::record::{
     ClockMap, CompressedVideo, Event, Frame, FrameSet, Gap, Health, ImuBatch, Record, Segment,
 };
 use session_archive::storage::DiskStorage;
-use session_archive::time::HostTime;
+use session_archive::time::{HostTime, TickLength};
 use video::{AccessUnit, Codec, Decoder, Picture};
 
 /// A frame as stored.
@@ -36,6 +36,8 @@ pub struct StoredSample {
     pub host_time: HostTime,
     /// Its time.
     pub time: HostTime,
+    /// Version of the clock map that gave the time.
+    pub clock_map: u32,
     /// What was measured.
     pub values: ImuValues,
 }
@@ -171,6 +173,93 @@ impl Contents {
         gaps.map(|gap| (gap.first, gap.last, gap.cause)).collect()
     }
 
+    /// Whether the numbers present in a stream and those in its gaps are every number from 0 to the
+    /// last, each once; gives how many are present.
+    ///
+    /// # Errors
+    /// A number is there twice or not at all.
+    pub fn check_numbers(&self, stream: &str) -> Result<u64> {
+        let frames = self
+            .frames
+            .get(stream)
+            .into_iter()
+            .flatten()
+            .map(|f| f.record.number);
+        let samples = self.imu.get(stream).into_iter().flatten().map(|s| s.number);
+        let present: Vec<u64> = frames.chain(samples).collect();
+        let gaps = self
+            .gaps_of(stream)
+            .into_iter()
+            .flat_map(|(first, last, _)| first..=last);
+        let mut all: Vec<u64> = present.iter().copied().chain(gaps).collect();
+        all.sort_unstable();
+        let wrong = all
+            .iter()
+            .zip(0..)
+            .find(|(found, expected)| **found != *expected);
+        ensure!(wrong.is_none(), "{stream}: (number, expected) {wrong:?}");
+        Ok(present.len() as u64)
+    }
+
+    /// Whether every time is what the clock map that its record names makes of the tick. Where that
+    /// would be later than the arrival it is the arrival (a latency must not be configured), and
+    /// where it would not be later than the time before, it is a nanosecond later.
+    ///
+    /// # Errors
+    /// A map is not there, or a time is another.
+    pub fn check_times(&self) -> Result<()> {
+        let check = |clock: &str, rows: &mut dyn Iterator<Item = (u32, i64, i64, i64)>| {
+            let mut last = HostTime::MIN;
+            for (version, ticks, arrival, time) in rows {
+                let mapped = self.mapped(clock, version, ticks);
+                let mapped = mapped.with_context(|| format!("{clock}: no map {version}"))?;
+                let right = mapped.min(HostTime(arrival)).max(last + 1);
+                ensure!(
+                    time == right.0,
+                    "{clock}: tick {ticks} is at {time}, and at {right} by map {version}"
+                );
+                last = right;
+            }
+            Ok(())
+        };
+        for (name, frames) in &self.frames {
+            let rows = frames.iter().map(|f| &f.record);
+            check(
+                name,
+                &mut rows.map(|r| (r.clock_map, r.device_ticks, r.host_time, r.time)),
+            )?;
+        }
+        for (name, samples) in &self.imu {
+            let row = |s: &StoredSample| (s.clock_map, s.ticks, s.host_time.0, s.time.0);
+            check(name, &mut samples.iter().map(row))?;
+        }
+        Ok(())
+    }
+
+    /// What a clock's map of some version makes of a tick, by the formula of the format; none if the
+    /// session does not have the map.
+    pub fn mapped(&self, clock: &str, version: u32, ticks: i64) -> Option<HostTime> {
+        let map = self
+            .clock_maps
+            .get(clock)?
+            .iter()
+            .find(|map| map.version == version)?;
+        let pieces = map.pieces.iter().rev();
+        let piece = pieces
+            .clone()
+            .find(|p| p.ticks_from <= ticks)
+            .or_else(|| map.pieces.first())?;
+        let tick = TickLength {
+            num: map.tick_num,
+            den: map.tick_den,
+        };
+        let device_ns = tick.ns(ticks - piece.ticks_ref)?;
+        let gained = (device_ns as f64 * piece.rate_ppb * 1e-9).round() as i64;
+        Some(HostTime(
+            piece.host_ref + device_ns + gained - map.latency_ns,
+        ))
+    }
+
     /// Decodes all frames of a camera, a group of pictures at a time.
     ///
     /// # Errors
@@ -247,6 +336,7 @@ fn samples(batch: &ImuBatch) -> Result<Vec<StoredSample>> {
                 ticks: batch.device_ticks[k],
                 host_time: HostTime(batch.host_times[k]),
                 time: HostTime(batch.times[k]),
+                clock_map: batch.clock_map,
                 values: values(k)?,
             })
         })

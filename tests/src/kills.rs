@@ -3,7 +3,8 @@
 //! A recorder is a `pawsd record --json` process with two small synthetic cameras and their IMUs, in
 //! real time. It is killed with SIGKILL at a random time after it began. What it said on its
 //! standard output until then is what it promised; [`check`] holds the folder against that and
-//! against the truth: every picture shows its number, and every IMU sample is made anew and compared.
+//! against the truth: every picture shows its number, every IMU sample is made anew and compared, and
+//! every time follows from its clock map.
 
 #![expect(
     clippy::disallowed_methods,
@@ -317,6 +318,7 @@ pub fn check(session: &Path, promise: Option<(HostTime, u64)>, at: HostTime) -> 
         killed.frames += pictures_are_right(&contents, name)?;
         killed.imu_samples += samples_are_right(&contents, camera)?;
     }
+    contents.check_times()?;
     recovers(session, &report)?;
     Ok(killed)
 }

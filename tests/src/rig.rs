@@ -2,13 +2,32 @@
 
 use std::path::Path;
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, ensure};
 use capture_daemon::config::Config;
+use capture_daemon::run::{Finished, RecordOptions, StopFlag, record};
 use capture_daemon::sources::synthetic::Synthetic;
 use session_archive::time::HostTime;
 
 /// Names of the cameras, in their order.
 pub const CAMERAS: [&str; 3] = ["left_shoulder", "right_shoulder", "feet"];
+
+/// A recording of `seconds` in virtual time below `out`.
+pub fn in_virtual_time(seconds: f64, out: &Path) -> RecordOptions {
+    RecordOptions {
+        seconds,
+        virtual_time: true,
+        name: "made up".to_owned(),
+        out: out.to_owned(),
+    }
+}
+
+/// A recording of `seconds` in real time below `out`.
+pub fn in_real_time(seconds: f64, out: &Path) -> RecordOptions {
+    RecordOptions {
+        virtual_time: false,
+        ..in_virtual_time(seconds, out)
+    }
+}
 
 /// A rig of synthetic cameras of one kind, each with its IMU.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,6 +86,20 @@ impl Rig {
     /// The text above is no configuration.
     pub fn config(&self, folder: &Path) -> Result<Config> {
         Config::parse(&self.toml(), folder).context("parsing the configuration of a made-up rig")
+    }
+
+    /// Records it.
+    ///
+    /// # Errors
+    /// It cannot be recorded, or not without a failure.
+    pub fn record(&self, options: &RecordOptions) -> Result<Finished> {
+        let config = self.config(&options.out)?;
+        let finished = record(&config, options, &StopFlag::new(), Box::new(|_| {}))?;
+        ensure!(
+            finished.error.is_none(),
+            "the recording failed: {finished:?}"
+        );
+        Ok(finished)
     }
 
     /// The source of one of its cameras, as the daemon opens it.

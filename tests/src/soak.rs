@@ -12,13 +12,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
-use capture_daemon::run::{RecordOptions, StopFlag, record};
+use capture_daemon::run::{StopFlag, record};
 use capture_daemon::status::Progress;
 use session_archive::time::{HostTime, NS_PER_S};
 use session_archive::verify::{Report, verify};
 
 use crate::contents;
-use crate::rig::Rig;
+use crate::rig::{Rig, in_virtual_time};
 
 /// Memory of this process.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -57,12 +57,7 @@ pub struct Soaked {
 /// It cannot be recorded, or not without a failure.
 pub fn soak(rig: &Rig, seconds: u32, out: &Path) -> Result<Soaked> {
     let config = rig.config(out)?;
-    let options = RecordOptions {
-        seconds: f64::from(seconds),
-        virtual_time: true,
-        name: format!("{seconds} s"),
-        out: out.to_owned(),
-    };
+    let options = in_virtual_time(f64::from(seconds), out);
     let looks = Arc::new(Mutex::new(Vec::with_capacity(4 * seconds as usize + 16)));
     let seen = looks.clone();
     let mut began = HostTime(0);

@@ -5,11 +5,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use capture_daemon::run::{RecordOptions, StopFlag, record};
 use serde_json::Value;
 use session_archive::record::paws::event::Kind;
 use tests::contents::Contents;
-use tests::rig::Rig;
+use tests::rig::{Rig, in_virtual_time};
 
 /// Hashes planes of equal length that lie one after the other in a file.
 const HASH: &str = "import hashlib, json, sys
@@ -43,14 +42,7 @@ fn check(encoder: &'static str, codec: &str) {
         return;
     }
     let folder = tempfile::tempdir().expect("folder");
-    let config = rig.config(folder.path()).expect("configuration");
-    let options = RecordOptions {
-        seconds: 3.0,
-        virtual_time: true,
-        name: "for others".to_owned(),
-        out: folder.path().to_owned(),
-    };
-    let finished = record(&config, &options, &StopFlag::new(), Box::new(|_| {}));
+    let finished = rig.record(&in_virtual_time(3.0, folder.path()));
     let session = finished.expect("recording").session;
     let ours = Contents::read(&session).expect("contents");
     let script =

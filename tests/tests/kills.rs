@@ -4,13 +4,14 @@ use std::fs;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use capture_daemon::run::{RecordOptions, StopFlag, record};
+use capture_daemon::run::{StopFlag, record};
 use capture_daemon::status::Progress;
 use session_archive::manifest::{Manifest, SegmentState, State};
 use session_archive::verify::verify;
 use tests::contents::{Contents, open};
 use tests::kills::{Killed, Plan, RIG, Recorder, check, run};
 use tests::program::pawsd;
+use tests::rig::in_virtual_time;
 
 #[test]
 fn nothing_promised_is_lost_whenever_the_recorder_is_killed() {
@@ -77,12 +78,7 @@ fn a_broken_promise_does_not_go_unnoticed() {
             heard.lock().expect("promises").push((until, messages));
         }
     });
-    let options = RecordOptions {
-        seconds: 3.0,
-        virtual_time: true,
-        name: String::new(),
-        out: folder.path().to_owned(),
-    };
+    let options = in_virtual_time(3.0, folder.path());
     let finished = record(&config, &options, &StopFlag::new(), listen).expect("recording");
     let promises = promises.lock().expect("promises").clone();
     let (until, messages) = *promises.last().expect("promises");

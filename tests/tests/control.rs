@@ -1,0 +1,216 @@
+//! The daemon under control from outside: armed, started, marked, stopped, discarded.
+
+#![expect(
+    clippy::disallowed_methods,
+    reason = "the daemon runs in real time and is waited for"
+)]
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use capture_daemon::clock::{Clock as _, RealClock};
+use capture_daemon::config::Config;
+use capture_daemon::control;
+use capture_daemon::recorder::STOP_LIMIT_NS;
+use capture_daemon::run::{StopFlag, daemon};
+use capture_daemon::status::{Request, Response, State, Status};
+use session_archive::manifest;
+use session_archive::record::paws::event::Kind;
+use session_archive::time::{HostTime, NS_PER_S};
+use session_archive::verify::verify;
+use tests::contents::{Contents, open};
+use tests::rig::Rig;
+
+/// A daemon in a thread of this process.
+struct Daemon {
+    socket: PathBuf,
+    stop: StopFlag,
+    thread: Option<std::thread::JoinHandle<anyhow::Result<()>>>,
+}
+
+impl Daemon {
+    fn start(mut config: Config, folder: &Path) -> Self {
+        config.session.out = Some(folder.join("sessions"));
+        let stop = StopFlag::new();
+        let socket = config.control.socket.clone();
+        let flag = stop.clone();
+        let thread = std::thread::spawn(move || daemon(&config, &flag));
+        Self {
+            socket,
+            stop,
+            thread: Some(thread),
+        }
+    }
+
+    fn ask(&self, request: Request) -> Result<Status, String> {
+        match control::request(&self.socket, &request) {
+            Ok(Response::Ok { status }) => Ok(*status),
+            Ok(Response::Error { message }) => Err(message),
+            Err(error) => Err(error.to_string()),
+        }
+    }
+
+    /// Waits for a status of which `is` holds.
+    fn wait(&self, what: &str, is: impl Fn(&Status) -> bool) -> Status {
+        let until = RealClock.now() + 60 * NS_PER_S;
+        let mut last = None;
+        while RealClock.now() < until {
+            match self.ask(Request::Status) {
+                Ok(status) if is(&status) => return status,
+                other => last = Some(other),
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        panic!("waited in vain for {what}; the last answer was {last:?}");
+    }
+
+    fn end(mut self) {
+        self.stop.set();
+        let thread = self.thread.take().expect("a running daemon");
+        thread.join().expect("daemon").expect("daemon");
+    }
+}
+
+fn start(name: &str) -> Request {
+    Request::Start {
+        name: name.to_owned(),
+    }
+}
+
+#[test]
+fn a_press_records_at_once_and_a_stop_ends_soon() {
+    let folder = tempfile::tempdir().expect("folder");
+    let rig = Rig::small(3);
+    let daemon = Daemon::start(
+        rig.config(folder.path()).expect("configuration"),
+        folder.path(),
+    );
+    let armed = daemon.wait("armed", |s| s.state == State::Armed);
+    assert_eq!((armed.session, armed.streams.len()), (None, 6));
+    assert!(
+        daemon
+            .ask(Request::Stop)
+            .is_err_and(|e| e.contains("armed")),
+        "a stop of nothing"
+    );
+    // So that a whole pre-roll has gone by.
+    daemon.wait("two seconds of frames", |s| s.streams[0].received >= 60);
+
+    let mut fastest_stop = i64::MAX;
+    let mut sessions = BTreeSet::new();
+    for round in 0..3 {
+        let pressed = RealClock.now();
+        let status = daemon.ask(start(&format!("round {round}"))).expect("start");
+        assert_eq!(status.state, State::Recording);
+        let session = status.session.expect("a session");
+        assert!(sessions.insert(session.clone()), "a session of its own");
+        assert!(
+            daemon
+                .ask(start("again"))
+                .is_err_and(|e| e.contains("already recording"))
+        );
+        let running = daemon.wait("some chunks", |s| {
+            s.durable_until.is_some_and(|t| t > pressed)
+        });
+        assert!(running.streams.iter().all(|s| s.stored > 0), "{running:?}");
+        daemon
+            .ask(Request::Mark {
+                text: "here".to_owned(),
+            })
+            .expect("mark");
+
+        let stopped = RealClock.now();
+        daemon.ask(Request::Stop).expect("stop");
+        let status = daemon.wait("the end", |s| {
+            s.session.is_some() && s.state == State::Armed
+        });
+        fastest_stop = fastest_stop.min(RealClock.now().since(stopped));
+        assert_eq!(
+            (status.alarms, status.session.as_deref()),
+            (vec![], Some(session.as_path()))
+        );
+        check_session(
+            &session,
+            &format!("round {round}"),
+            round == 0,
+            pressed,
+            stopped,
+        );
+    }
+    // The best of three: the machine may have been busy with something else.
+    let limit = 500_000_000 + STOP_LIMIT_NS;
+    assert!(
+        fastest_stop < limit,
+        "stopping took {fastest_stop} ns, expected below {limit}"
+    );
+
+    let status = daemon.ask(start("unwanted")).expect("start");
+    let unwanted = status.session.expect("a session");
+    assert!(unwanted.is_dir());
+    daemon.ask(Request::Discard).expect("discard");
+    assert!(!unwanted.exists(), "a discarded session is gone");
+
+    let last = daemon
+        .ask(start("last"))
+        .expect("start")
+        .session
+        .expect("a session");
+    daemon.wait("some frames", |s| s.seconds > 1.2);
+    let socket = daemon.socket.clone();
+    daemon.end();
+    assert!(!socket.exists(), "the socket is gone");
+    let manifest = Contents::read(&last).expect("contents").manifest;
+    assert_eq!(manifest.state, manifest::State::Closed);
+    assert_eq!(manifest.stopped.expect("an end").reason, "signal");
+}
+
+/// A session from a press to a stop: whole, with nothing missing, and with its pre-roll unless another
+/// one has just ended: what that one has is not recorded again.
+fn check_session(session: &Path, name: &str, is_first: bool, pressed: HostTime, stopped: HostTime) {
+    let report = verify(&open(session).expect("open"), |_| {}).expect("verify");
+    assert!(report.is_sound(), "{report:?}");
+    let contents = Contents::read(session).expect("contents");
+    assert_eq!(contents.manifest.state, manifest::State::Closed);
+    assert_eq!(contents.manifest.name, name);
+    assert_eq!(contents.gaps, [], "nothing is missing");
+    contents.check_times().expect("times");
+    let period = NS_PER_S / 30;
+    for (camera, frames) in &contents.frames {
+        let first = &frames.first().expect("frames").record;
+        assert!(first.key_frame, "{camera} begins with a key frame");
+        let first = HostTime(first.time);
+        let after = first.since(pressed);
+        assert!(
+            after <= 100_000_000,
+            "{camera}: the first key frame is {after} ns after the press"
+        );
+        let pre_roll = pressed.since(first);
+        if is_first {
+            let range = NS_PER_S - 2 * period..=2 * NS_PER_S + 2 * period;
+            assert!(
+                range.contains(&pre_roll),
+                "{camera}: a pre-roll of {pre_roll} ns"
+            );
+        }
+        // What was received before the stop is in, and nothing from after it.
+        let last = HostTime(frames.last().expect("frames").record.time);
+        let before = stopped.since(last);
+        assert!(
+            before < 2 * period,
+            "{camera} ends {before} ns before the stop"
+        );
+    }
+    let events: Vec<(i32, &str, &str)> = contents
+        .events
+        .iter()
+        .map(|(_, e)| (e.kind, e.source.as_str(), e.text.as_str()))
+        .collect();
+    let expected = [
+        (Kind::Start as i32, "control", name),
+        (Kind::Mark as i32, "control", "here"),
+        (Kind::Stop as i32, "control", ""),
+    ];
+    assert_eq!(events, expected);
+    assert_eq!(contents.manifest.stopped.expect("an end").reason, "control");
+}
