@@ -165,7 +165,9 @@ impl Recorder {
         match &item {
             Outgoing::Frame { camera, .. } => self.seen[*camera] = true,
             Outgoing::Imu { imu, .. } => self.seen[self.setup.cameras.len() + *imu] = true,
-            Outgoing::Clock { at, map } if self.session.is_some() => self.pre_roll.remember(*at, map),
+            Outgoing::Clock { at, map } if self.session.is_some() => {
+                self.pre_roll.remember(*at, map)
+            }
             _ => {}
         }
         match item {

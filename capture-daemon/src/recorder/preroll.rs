@@ -129,7 +129,10 @@ impl PreRoll {
 
 /// Forgets the maps that were replaced longer than `span_ns` ago.
 fn forget(maps: &mut VecDeque<(HostTime, ClockMap)>, now: HostTime, span_ns: i64) {
-    while maps.get(1).is_some_and(|(replaced, _)| now.since(*replaced) > span_ns) {
+    while maps
+        .get(1)
+        .is_some_and(|(replaced, _)| now.since(*replaced) > span_ns)
+    {
         maps.pop_front();
     }
 }

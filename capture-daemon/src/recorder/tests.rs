@@ -274,7 +274,11 @@ fn right_after_a_stop_a_camera_begins_with_the_key_frame_that_is_asked_for() {
 fn samples_on_their_way_over_a_stop_keep_their_clock_maps() {
     let mut rig = rig(1000 * MS, Bench::default());
     let map = |rig: &mut Rig, version| {
-        let map = ClockMap { clock: "feet".to_owned(), version, ..ClockMap::default() };
+        let map = ClockMap {
+            clock: "feet".to_owned(),
+            version,
+            ..ClockMap::default()
+        };
         rig.recorder.handle(Outgoing::Clock { at: rig.now(), map });
     };
     map(&mut rig, 1);
@@ -285,7 +289,10 @@ fn samples_on_their_way_over_a_stop_keep_their_clock_maps() {
     map(&mut rig, 3);
     rig.recorder.close_now("button");
     let versions = |rig: &Rig| -> Vec<u32> {
-        rig.messages::<ClockMap>("feet").iter().map(|m| m.version).collect()
+        rig.messages::<ClockMap>("feet")
+            .iter()
+            .map(|m| m.version)
+            .collect()
     };
     assert_eq!(versions(&rig), [1, 2, 3]);
     rig.steps(2);

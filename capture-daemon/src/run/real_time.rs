@@ -129,9 +129,7 @@ impl Running {
             })?);
         }
         let of_hub = shared.clone();
-        threads.push(spawn("hub", move || {
-            run_hub(hub, count, &of_hub)
-        })?);
+        threads.push(spawn("hub", move || run_hub(hub, count, &of_hub))?);
         let of_recorder = shared.clone();
         threads.push(spawn("recorder", move || {
             run_recorder(recorder, &of_recorder)

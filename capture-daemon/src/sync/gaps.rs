@@ -116,7 +116,10 @@ impl SequenceTracker {
         let mut gaps: Vec<Gap> = Vec::new();
         let (otherwise, why) = match after {
             Some(_) => (Cause::Device, "the device skipped these numbers"),
-            None => (Cause::Late, "not through the encoder when the session was closed"),
+            None => (
+                Cause::Late,
+                "not through the encoder when the session was closed",
+            ),
         };
         while from < to {
             // The report that covers `from`, or the beginning of the next one.
