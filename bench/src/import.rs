@@ -65,6 +65,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         .tempdir_in(&place)
         .with_context(|| format!("making a folder in {}", place.display()))?;
 
+    let stamp = stamp(quick);
     let (seconds, turns) = if quick { (40, 2) } else { (680, 7) };
     let source = work.path().join("source");
     eprintln!("writing a session of {seconds} s ...");
@@ -111,7 +112,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
 
     let speed = |times: &[f64]| bytes as f64 / median(times);
     let result = json!({
-        "stamp": stamp(quick),
+        "stamp": stamp,
         "session_bytes": bytes,
         "session_seconds": seconds,
         "page_cache_dropped": cold,
@@ -508,10 +509,13 @@ fn stamp(quick: bool) -> Value {
         " with changes"
     };
     let kernel = fs::read_to_string("/proc/sys/kernel/osrelease").unwrap_or_default();
+    let load = fs::read_to_string("/proc/loadavg").unwrap_or_default();
     let date = (Clock::MACHINE.civil)().to_string();
     json!({
         "machine": format!("{cpus} CPUs, {}", name.as_deref().unwrap_or(std::env::consts::ARCH)),
         "system": format!("Linux {}", kernel.trim()),
+        // Others' work slows an import more than a copy, which needs less of the processor.
+        "load_average": load.split(' ').next().unwrap_or_default(),
         "build": if cfg!(debug_assertions) { "debug" } else { "release" },
         "date": date.split('T').next().unwrap_or_default(),
         "commit": format!("{commit}{changes}"),
