@@ -23,6 +23,9 @@ const CHUNK_LIMIT: u64 = 2 * MAX_CHUNK_BYTES as u64 + 4096;
 const RECORD_LIMIT: u64 = 1 << 20;
 /// Bytes searched at a time for the next chunk.
 const WINDOW: usize = 1 << 16;
+/// A file whose last bytes are this many zeros was made longer and then not written; no record
+/// ends so, because the time before an offset in a message index is not zero.
+const TORN: u64 = 16;
 /// Bytes of the footer record.
 const FOOTER: u64 = RECORD_HEADER as u64 + 20;
 /// A summary covers at most a minute, so it is small; a longer one is damage.
@@ -32,7 +35,8 @@ const SUMMARY_LIMIT: u64 = 16 << 20;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DamageKind {
-    /// The file ends inside a record: it was cut off while being written.
+    /// The file ends inside a record, or in zeros where a record should end: it was cut off while
+    /// being written.
     CutOff,
     /// A chunk whose content does not match its checksum.
     Checksum,
@@ -270,11 +274,35 @@ impl Scan {
             None => false,
         };
         if !clean {
-            self.report(summary_at..self.limit, DamageKind::Summary);
+            let kind = match self.is_cut(summary_at)? {
+                true => DamageKind::CutOff,
+                false => DamageKind::Summary,
+            };
+            self.report(summary_at..self.limit, kind);
         }
         self.position = self.limit;
         self.end = Some(if clean { End::Clean } else { End::Open });
         Ok(())
+    }
+
+    /// Whether a summary that begins at `at` ends before its last byte.
+    fn is_cut(&self, mut at: u64) -> io::Result<bool> {
+        if self.limit - at > SUMMARY_LIMIT {
+            return Ok(false);
+        }
+        let mut head = [0; RECORD_HEADER];
+        while self.limit - at >= RECORD_HEADER as u64 {
+            self.file.read_exact_at(&mut head, at)?;
+            let end = le_u64(&head[1..]).saturating_add(at + RECORD_HEADER as u64);
+            if head[0] == op::FOOTER && end.saturating_add(MAGIC.len() as u64) <= self.limit {
+                return Ok(false);
+            }
+            if end > self.limit || head[0] == 0 {
+                return Ok(true);
+            }
+            at = end;
+        }
+        Ok(true)
     }
 
     /// Start of the summary by the footer, if footer and summary are as they were written.
@@ -340,11 +368,19 @@ impl Scan {
         // of the file is a wrong length.
         let kind = match kind {
             DamageKind::CutOff if next < self.limit => DamageKind::NoRecord,
+            _ if next == self.limit && self.ends_in_zeros(at)? => DamageKind::CutOff,
             kind => kind,
         };
         self.report(at..next, kind);
         self.position = next;
         Ok(())
+    }
+
+    /// Whether what begins at `at` was written in part: the file's length reached the disk before
+    /// its content did.
+    fn ends_in_zeros(&self, at: u64) -> io::Result<bool> {
+        let from = self.limit.saturating_sub(TORN);
+        Ok(from >= at && self.read(from, TORN)?.iter().all(|b| *b == 0))
     }
 
     /// The first place in `from..until` where a chunk with a matching checksum starts.

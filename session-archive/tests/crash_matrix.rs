@@ -15,6 +15,7 @@ use session_archive::manifest::State;
 use session_archive::reader::{Message, ReadError, SessionReader};
 use session_archive::record::{Event, Gap};
 use session_archive::recover::recover;
+use session_archive::scan::DamageKind;
 use session_archive::storage::{CrashKind, Fault, FaultKind, FaultStorage, Operation};
 use session_archive::time::HostTime;
 use session_archive::verify::{Report, verify};
@@ -229,6 +230,10 @@ impl<'a> Run<'a> {
     fn check_report(&self, report: &Report, case: &dyn Debug) {
         assert_eq!(report.lost, [], "{case:?}");
         assert_eq!(report.undecodable, 0, "{case:?}");
+        // A cut is known for what it is, and not taken for damage.
+        for d in &report.damage {
+            assert_eq!(d.damage.kind, DamageKind::CutOff, "{case:?}");
+        }
         for (name, s) in &report.streams {
             assert_eq!(s.samples + s.gaps, s.expected(), "{case:?}: {name}");
             let bad = (s.repeated, s.contradicted, s.bad_payloads);
