@@ -6,6 +6,8 @@
 //! [`synthetic`] moving picture; both know when each sample is to arrive and leave the waiting to
 //! the runner, so that they run in real time and in virtual time alike.
 
+use std::path::Path;
+
 use calib::StereoCalibration;
 use session_archive::time::{HostTime, TickLength};
 use video::Picture;
@@ -182,5 +184,37 @@ pub trait Source: Send {
     /// The stereo calibration that comes with the source, where there is one.
     fn calibration(&self) -> Option<&StereoCalibration> {
         None
+    }
+}
+
+/// The name under which a session keeps a calibration file of `camera`: the camera's, then the file's
+/// place below `root` (the file itself or a folder), joined with dots.
+pub(crate) fn rig_file_name(camera: &str, root: &Path, file: &Path) -> String {
+    let inside = match file.strip_prefix(root) {
+        Ok(inside) if inside != Path::new("") => inside,
+        _ => Path::new(file.file_name().unwrap_or_default()),
+    };
+    let inside = inside.strip_prefix("mav0").unwrap_or(inside);
+    let parts = inside.iter().map(|part| part.to_string_lossy());
+    parts.fold(camera.to_owned(), |name, part| format!("{name}.{part}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn calibration_files_are_named_by_camera_and_place() {
+        let name = |root: &str, file: &str| rig_file_name("feet", root.as_ref(), file.as_ref());
+        assert_eq!(name("a/SN1.conf", "a/SN1.conf"), "feet.SN1.conf");
+        assert_eq!(name("a", "a/K.txt"), "feet.K.txt");
+        assert_eq!(
+            name("a", "a/mav0/cam0/sensor.yaml"),
+            "feet.cam0.sensor.yaml"
+        );
+        assert_eq!(
+            name("a/mav0", "a/mav0/cam1/sensor.yaml"),
+            "feet.cam1.sensor.yaml"
+        );
     }
 }

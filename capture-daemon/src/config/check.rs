@@ -293,11 +293,6 @@ fn source(camera: &Camera, report: &mut Report) -> Option<SourceInfo> {
 /// `width` and `height` are those of one eye.
 fn calibration(path: &Path, width: u32, height: u32, report: &mut Report) {
     match calib::read_stereo(path, width, height) {
-        // Its bytes are kept in the session under one name.
-        Ok(_) if path.is_dir() => report.error(format!(
-            "the calibration is a folder, expected the file in it: {}",
-            path.display()
-        )),
         Err(error) => report.error(with_causes(&error)),
         Ok((stereo, notes)) => {
             let baseline_mm = 1000.0 * stereo.baseline_m();

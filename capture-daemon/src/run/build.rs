@@ -21,7 +21,7 @@ use crate::hub::{CameraSetup, ImuSetup};
 use crate::recorder::Setup;
 use crate::sources::replay::Replay;
 use crate::sources::synthetic::Synthetic;
-use crate::sources::{Source, SourceInfo};
+use crate::sources::{Source, SourceInfo, rig_file_name};
 use crate::sync::clock::ClockConfig;
 
 /// Everything that a run needs.
@@ -86,7 +86,7 @@ pub fn build(config: &Config, start: HostTime) -> anyhow::Result<Built> {
                 .calibrations
                 .extend(calibration_records(name, stereo, start));
         }
-        add_rig_files(&mut setup.rig_files, camera, &info)?;
+        add_rig_files(&mut setup.rig_files, camera, &info, stereo.as_ref())?;
         let (listed, of_hub) = describe(config, camera, &info, &element)?;
         setup.cameras.push(listed);
         if let (Some(imu), Some(of_hub)) = (&info.imu, &of_hub.imu) {
@@ -254,10 +254,13 @@ fn add_rig_files(
     files: &mut Vec<(String, Vec<u8>)>,
     camera: &config::Camera,
     info: &SourceInfo,
+    stereo: Option<&StereoCalibration>,
 ) -> anyhow::Result<()> {
     let mut found = info.calibration_files.clone();
-    if let Some(path) = &camera.calibration {
-        found.push((format!("{}.{}", camera.name, file_name(path)), read(path)?));
+    if let (Some(path), Some(stereo)) = (&camera.calibration, stereo) {
+        for file in &stereo.provenance.files {
+            found.push((rig_file_name(&camera.name, path, file), read(file)?));
+        }
     }
     for (name, content) in found {
         match files.iter().find(|(n, _)| *n == name) {
@@ -289,11 +292,6 @@ fn read_rig(path: Option<&Path>) -> anyhow::Result<RigFiles> {
 
 fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
     std::fs::read(path).with_context(|| format!("reading {}", path.display()))
-}
-
-fn file_name(path: &Path) -> String {
-    path.file_name()
-        .map_or_else(String::new, |n| n.to_string_lossy().into_owned())
 }
 
 /// The transforms of the session: what the rig file says, and for frames that it does not have,

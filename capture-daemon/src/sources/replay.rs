@@ -115,6 +115,7 @@ impl Replay {
     ) -> Result<Self, ReplayError> {
         let mut dataset = datasets::open(path, rate_hz)?;
         let first_ns = dataset.frames[0].device_time_ns;
+        let imu_recorded = !dataset.imu.is_empty();
         match imu {
             true => dataset
                 .imu
@@ -128,10 +129,12 @@ impl Replay {
         dataset.notes.extend(note);
         let imu_info = imu_info(&dataset.imu);
         if imu && imu_info.is_none() {
+            dataset.imu.clear();
+        }
+        if imu && imu_recorded && imu_info.is_none() {
             dataset.notes.push(
                 "no IMU is replayed: fewer than two samples from the first picture on".to_owned(),
             );
-            dataset.imu.clear();
         }
         let info = SourceInfo {
             description: describe(&dataset),
@@ -332,7 +335,7 @@ fn read_calibration(
     }
 }
 
-/// The files' bytes, each named by the camera and by its place in the data set, joined with dots.
+/// The files' names in the session and their bytes.
 fn calibration_files(
     name: &str,
     dataset: &StereoDataset,
@@ -342,11 +345,7 @@ fn calibration_files(
             path: path.clone(),
             source,
         })?;
-        let inside = path.strip_prefix(&dataset.root).unwrap_or(path);
-        let inside = inside.strip_prefix("mav0").unwrap_or(inside);
-        let parts = inside.iter().map(|part| part.to_string_lossy());
-        let file = parts.fold(name.to_owned(), |file, part| format!("{file}.{part}"));
-        Ok((file, content))
+        Ok((super::rig_file_name(name, &dataset.root, path), content))
     };
     dataset.calibration_files.iter().map(read).collect()
 }

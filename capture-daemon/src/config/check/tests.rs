@@ -129,8 +129,8 @@ fn everything_wrong_is_told_at_once() {
     expect(
         &found,
         "camera filed",
-        Level::Error,
-        "a folder, expected the file in it",
+        Level::Ok,
+        "calibrated, baseline 100.0 mm",
     );
     expect(&found, "camera uncalibrated", Level::Error, "absent.conf");
     expect(
