@@ -11,7 +11,8 @@
 //! * **Refined.** Later versions of the map move by less than the earlier sigma. [`MonotoneGuard`]
 //!   keeps the times of a stream growing meanwhile, and says where it had to.
 //! * **Lost, repeated, overtaken samples** do no harm: a lost one is one chance less, a repeated
-//!   tick is ignored, one that was overtaken is mapped but not learned from.
+//!   tick is ignored, one that was overtaken is mapped but not learned from. A clock that stands
+//!   still is flagged as soon as its times fall behind.
 //! * **A burst of late arrivals** is left out. While it lasts the clock may also have stepped
 //!   back, so times are flagged, with a sigma as large as the step would be. If the old line is
 //!   reached again it was a burst. If it is not for `burst_ns`, it was a step.
@@ -89,7 +90,8 @@ impl ClockConfig {
 pub enum Observation {
     /// Part of the map, now or as soon as it is refined.
     Accepted,
-    /// The tick of the sample before, again. Ignored.
+    /// The tick of the sample before, again. Not learned from; if the clock stands still, its
+    /// times are flagged as soon as they fall behind.
     Duplicate,
     /// The tick lies before one already seen. Mapped, but nothing is learned from it.
     OutOfOrder,
@@ -235,10 +237,18 @@ impl ClockMapper {
         else {
             return Observation::Unusable;
         };
-        if self.last.is_some_and(|last| last.ticks == ticks) {
+        let sample = Sample { device_ns, arrival };
+        if let Some(last) = &mut self.last
+            && last.ticks == ticks
+        {
+            // A clock that stands still falls ever farther back; its times are suspect soon.
+            if let Some(epoch) = &self.epoch {
+                let p = epoch.point(sample);
+                last.height = p.lag - epoch.line().lag(p.x);
+                last.arrival = last.arrival.max(arrival);
+            }
             return Observation::Duplicate;
         }
-        let sample = Sample { device_ns, arrival };
         let Some(epoch) = &self.epoch else {
             self.last = Some(Seen {
                 ticks,
@@ -303,7 +313,12 @@ impl ClockMapper {
             || !self.behind.is_empty()
             || last.height > VERY_LATE * self.map.residuals.p99_ns as f64;
         mapped.flagged = self.unsettled() || suspected;
-        if suspected {
+        if suspected && last.height > self.config.burst_ns as f64 {
+            // No latency is that long: the counter began anew, or stands still. All that is
+            // known of the sample is when it came.
+            mapped.time = mapped.time.saturating_add(last.height.round() as i64);
+            mapped.sigma_ns = mapped.sigma_ns.max(self.config.burst_ns.unsigned_abs());
+        } else if suspected {
             mapped.sigma_ns = mapped.sigma_ns.max(last.height.abs().ceil() as u64);
         }
         let latest = HostTime(last.arrival.saturating_sub(self.config.latency_ns));

@@ -91,7 +91,8 @@ pub struct Doubt {
 pub struct Mapped {
     /// The instant.
     pub time: HostTime,
-    /// One sigma, ns, the latency's included.
+    /// One sigma of the instant that the device stamped with this tick, ns: of the clock map, of the
+    /// latency, and of a tick's length.
     pub sigma_ns: u64,
     /// Version of the map that gave it.
     pub map_version: u32,
@@ -124,9 +125,15 @@ impl ClockMap {
         let statistical = (segment.sigma_ns as f64)
             .hypot(segment.rate_sigma_ppb * device_ns as f64 * 1e-9)
             + 0.5 * self.wander_ppb_per_s * beyond * beyond;
+        // A tick says that the instant lies within a tick's length of it, before or after as the
+        // device rounds: up to that far off, evenly spread.
+        let granularity = f64::from(self.tick.num) / f64::from(self.tick.den) / 3_f64.sqrt();
+        let sigma = statistical
+            .hypot(self.latency_sigma_ns as f64)
+            .hypot(granularity);
         Some(Mapped {
             time,
-            sigma_ns: statistical.hypot(self.latency_sigma_ns as f64).ceil() as u64,
+            sigma_ns: sigma.ceil() as u64,
             map_version: self.version,
             flagged: false,
         })

@@ -112,7 +112,7 @@ impl Device {
             arrival,
             truth,
             time: mapped.time,
-            sigma: mapped.sigma_ns as f64,
+            sigma: without_granularity(mapped.sigma_ns),
             flagged: mapped.flagged,
         })
     }
@@ -146,6 +146,14 @@ impl Device {
         assert!(quantile(&after, 0.99) < 0.1 * MS);
         assert!(after.iter().filter(|v| v.flagged).count() * 20 < after.len());
     }
+}
+
+/// The map's own sigma: here the truth is that of the tick, not of an instant somewhere within it.
+fn without_granularity(sigma_ns: u64) -> f64 {
+    let tick = S / 25_600.0;
+    ((sigma_ns as f64).powi(2) - tick * tick / 3.0)
+        .max(1.0)
+        .sqrt()
 }
 
 fn quantile(verdicts: &[Verdict], share: f64) -> f64 {
@@ -225,6 +233,41 @@ fn a_restarted_counter_is_a_step() {
         assert_eq!(device.steps.len(), 1);
         assert!(device.mapper.current().segments[0].ticks_from < 25_600);
     }
+}
+
+#[test]
+fn times_of_a_counter_that_began_anew_are_not_hours_off() {
+    for uptime in [-3600.0, 3600.0] {
+        let mut device = Device::new(5, 30.0);
+        device.run(20.0);
+        device.leapt = uptime * S;
+        let mut verdicts = device.run(0.3);
+        for v in &verdicts {
+            assert!(v.flagged && v.error() < 0.1 * S, "{uptime}: {v:?}");
+        }
+        verdicts.clear();
+        device.assert_honest_and_well(verdicts);
+    }
+}
+
+#[test]
+fn a_clock_that_stands_still_is_flagged() {
+    let mut device = Device::new(6, 30.0);
+    device.run(20.0);
+    let (stuck, ..) = device.sample();
+    for n in 0..300 {
+        let (_, truth, arrival) = device.sample();
+        let verdict = device.give(stuck, truth, arrival).unwrap();
+        // Within the first few the samples may as well have been late.
+        assert!(
+            verdict.flagged || verdict.error() < 5.0 * verdict.sigma || n < 2,
+            "{n}: {verdict:?}"
+        );
+        assert!(verdict.error() < 6.0 * S, "{n}: {verdict:?}");
+    }
+    // The clock goes on from where it stood.
+    device.leapt -= 301.0 / 30.0 * S;
+    device.assert_honest_and_well(Vec::new());
 }
 
 #[test]
