@@ -156,3 +156,18 @@ fn cost(arrivals: &[Arrival], chunk_ns: i64, units: &[Vec<u8>]) -> Result<(f64, 
     writer.close(load::stop(load::START))?;
     Ok((counts.bytes() as f64 / payload as f64 - 1.0, counts.syncs()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_that_wait_for_their_batch_are_lost_too() {
+        const CHUNK_NS: i64 = 500_000_000;
+        let arrivals: Vec<Arrival> = load::arrivals(6.0, CHUNK_NS).collect();
+        let (cameras, imus) = cut(&arrivals, CHUNK_NS, 300, &load::units(50, 90)).unwrap();
+        // A chunk, which closes with the next key frame; whole batches alone would be 0.5 s.
+        let most = [&cameras, &imus].map(|lost| quantile(lost, 1.0));
+        assert!(most.iter().all(|m| (0.52..0.55).contains(m)), "{most:?}");
+    }
+}
