@@ -12,12 +12,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use anyhow::{Context as _, Result, bail, ensure};
+use anyhow::{Context as _, Result, bail};
 use charts::{Axis, Bins, Chart, Series};
 use serde_json::{Value, json};
 use tests::kills::{self, Killed, Plan};
 use tests::program::pawsd;
 
+use crate::meter::quantile;
 use crate::stamp;
 
 /// The chunk length that the daemon has by default, ms.
@@ -68,12 +69,10 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let killed: Vec<Killed> = good.into_iter().flatten().collect();
     write(&out, &plan, &stamp, &killed, bad.len())?;
     if !bad.is_empty() {
-        let kept = folder.keep();
-        ensure!(
-            bad.is_empty(),
-            "{} of {kills} kills; see {}",
+        bail!(
+            "{} of {kills} kills went wrong; their sessions are in {}",
             bad.len(),
-            kept.display()
+            folder.keep().display()
         );
     }
     Ok(())
@@ -83,10 +82,7 @@ fn write(out: &Path, plan: &Plan, stamp: &Value, killed: &[Killed], bad: usize) 
     let sum = |of: fn(&Killed) -> u64| killed.iter().map(of).sum::<u64>();
     let mut lost: Vec<f64> = killed.iter().filter_map(lost_ms).collect();
     lost.sort_by(f64::total_cmp);
-    let share = |part: f64| {
-        let position = (part * lost.len() as f64).ceil() as usize;
-        lost.get(position.saturating_sub(1)).copied()
-    };
+    let share = |part: f64| (!lost.is_empty()).then(|| quantile(&lost, part));
     let nothing = killed.len() - lost.len();
     println!(
         "{} kills, {bad} went wrong; {} messages were promised and {} found; {} frames and {} IMU samples are right",

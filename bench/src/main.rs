@@ -7,6 +7,8 @@ mod archive;
 mod encode;
 mod import;
 mod kills;
+mod load;
+mod meter;
 mod soak;
 mod stamp;
 mod sync;

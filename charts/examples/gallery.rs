@@ -1,6 +1,6 @@
 //! Draws one of everything, with made-up numbers: `cargo run -p charts --example gallery -- FOLDER`.
 
-use charts::{Axis, Bins, Cell, Chart, Page, Series, Span, Table, Timeline, Verdict, si};
+use charts::{Axis, Bins, Cell, Chart, Page, Series, Span, Table, Timeline, Verdict};
 use std::{env, fs, path::PathBuf};
 
 /// A small generator, so that the gallery is the same everywhere.
@@ -27,8 +27,7 @@ fn main() -> std::io::Result<()> {
         .verdict(Verdict::Warn)
         .text("Made-up numbers that show what the pictures look like, in the order of a health report.")
         .table(&checks())
-        .finding(Verdict::Warn, "left_shoulder lost 41 frames in 3 gaps; the longest took 1.2 s.")
-        .code("paws validate SESSION --html report.html");
+        .finding(Verdict::Warn, "left_shoulder lost 41 frames in 3 gaps; the longest took 1.2 s.");
     for (name, section, svg) in pictures() {
         fs::write(folder.join(format!("{name}.svg")), &svg)?;
         page = page.section(section).figure(
@@ -103,7 +102,7 @@ fn pictures() -> Vec<(&'static str, &'static str, String)> {
                 )
             }),
         ))
-        .vband(2000.0, 2150.0, "feet silent")
+        .vline(2000.0, "feet silent")
         .to_svg(720, 280);
 
     let gap = |from: f64, to: f64| Span { from, to, kind: 2 };
@@ -191,7 +190,8 @@ fn pictures() -> Vec<(&'static str, &'static str, String)> {
         .subtitle("time of the free-running camera minus time of the triggered pair; 108 000 sets")
         .x_axis(Axis::time("time in session"))
         .y_axis(Axis::linear("error", "ms"))
-        .hband(-5.0, 5.0, "accepted")
+        .hline(-5.0, "accepted from")
+        .hline(5.0, "accepted to")
         .series(Series::scatter(
             "feet − left_shoulder",
             times
@@ -219,8 +219,8 @@ fn pictures() -> Vec<(&'static str, &'static str, String)> {
         .footnote("made-up numbers; here stand machine, commit and command")
         .to_svg(720, 400);
 
-    let point = |name: &str, ms: f64, error: f64, slot: usize| {
-        Series::scatter(name, [(ms, error)])
+    let point = |name: &str, cost: f64, error: f64, slot: usize| {
+        Series::scatter(name, [(cost, error)])
             .labels([name])
             .slot(slot)
     };
@@ -228,39 +228,30 @@ fn pictures() -> Vec<(&'static str, &'static str, String)> {
         .subtitle(
             "p99 of the mapped time after 10 s with 1 ms exponential jitter; lower left is better",
         )
-        .x_axis(Axis::log("cost per sample", "").format(|v| si(v, "s")))
-        .y_axis(Axis::log("p99 error", "").format(|v| si(v, "s")))
-        .series(point("arrival stamps", 1.1e-9, 4.6e-3, 6))
-        .series(point("least squares", 2.5e-8, 1.1e-3, 1))
-        .series(point("published method", 3.1e-8, 1.3e-3, 3))
+        .x_axis(Axis::log("cost per sample", "ns"))
+        .y_axis(Axis::log("p99 error", "us"))
+        .series(point("arrival stamps", 1.1, 4600.0, 6))
+        .series(point("least squares", 25.0, 1100.0, 1))
+        .series(point("published method", 31.0, 1300.0, 3))
         .series(
             Series::line(
                 "lower envelope (ours)",
-                [(4.2e-8, 9e-5), (1.1e-7, 6.1e-5), (1.9e-6, 5.8e-5)],
+                [(42.0, 90.0), (110.0, 61.0), (1900.0, 58.0)],
             )
             .labels(["fast", "balanced", "accurate"])
             .slot(0),
         )
-        .hline(1e-4, "target")
+        .hline(100.0, "target")
         .footnote("made-up numbers")
         .to_svg(720, 400);
 
     let throughput = Chart::new("Archive: throughput by message size")
         .x_axis(Axis::categories("", ["1 kB", "16 kB", "256 kB", "4 MB"]))
-        .y_axis(Axis::linear("throughput", "GB/s").format(|v| format!("{:.1}", v / 1e9)))
-        .series(Series::bars(
-            "ours, with sync",
-            [0.31e9, 0.9e9, 1.41e9, 1.52e9],
-        ))
-        .series(Series::bars(
-            "ours, page cache",
-            [0.55e9, 1.6e9, 2.41e9, 2.6e9],
-        ))
-        .series(Series::bars(
-            "bare mcap crate",
-            [0.61e9, 1.7e9, 2.5e9, f64::NAN],
-        ))
-        .hline(1e9, "required in the page cache")
+        .y_axis(Axis::linear("throughput", "GB/s"))
+        .series(Series::bars("ours, with sync", [0.31, 0.9, 1.41, 1.52]))
+        .series(Series::bars("ours, page cache", [0.55, 1.6, 2.41, 2.6]))
+        .series(Series::bars("bare mcap crate", [0.61, 1.7, 2.5, f64::NAN]))
+        .hline(1.0, "required in the page cache")
         .footnote("made-up numbers")
         .to_svg(720, 320);
 
@@ -286,19 +277,9 @@ fn pictures() -> Vec<(&'static str, &'static str, String)> {
         .to_svg(720, 320);
 
     let strength = Chart::new("Error against jitter")
-        .subtitle("median, and the band from p10 to p90 of 200 runs")
+        .subtitle("median of 200 runs")
         .x_axis(Axis::log("latency jitter", "ms"))
-        .y_axis(Axis::log("error", "ms").range(1e-3..20.0))
-        .series(Series::band(
-            "p10 to p90",
-            (0..21).map(|i| {
-                (
-                    0.1 * 10f64.powf(f64::from(i) / 10.0),
-                    0.004 * 1.2f64.powi(i),
-                    0.02 * 1.45f64.powi(i),
-                )
-            }),
-        ))
+        .y_axis(Axis::log("error", "ms"))
         .series(
             Series::line(
                 "median",
@@ -322,10 +303,10 @@ fn pictures() -> Vec<(&'static str, &'static str, String)> {
 
     let narrow = Chart::new("A chart in a narrow place with a title that needs a second line")
         .x_axis(Axis::time("time"))
-        .y_axis(Axis::linear("disk", "").format(|v| si(v, "B")))
+        .y_axis(Axis::linear("disk", "GB"))
         .series(Series::line(
             "free space of the recording disk",
-            (0..600).map(|i| (f64::from(i), 5e11 - f64::from(i) * 3e7)),
+            (0..600).map(|i| (f64::from(i), 500.0 - f64::from(i) * 0.03)),
         ))
         .to_svg(320, 240);
 

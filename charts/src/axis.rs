@@ -1,9 +1,7 @@
 //! Axes: what a value means, which range is shown, where the ticks stand and what they say.
 //!
-//! Ranges follow the data unless fixed by the caller. Ticks are 1-2-5 steps on linear axes, decades
+//! Ranges follow the data. Ticks are 1-2-5 steps on linear axes, decades
 //! (or 1-2-5 within them) on log axes, and whole seconds, minutes or hours on time axes.
-
-use std::ops::Range;
 
 /// One axis of a chart.
 #[derive(Clone, Debug)]
@@ -11,9 +9,7 @@ pub struct Axis {
     label: String,
     unit: String,
     kind: Kind,
-    range: Option<(f64, f64)>,
     include: Vec<f64>,
-    format: Option<fn(f64) -> String>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -30,9 +26,7 @@ impl Axis {
             label: label.into(),
             unit: unit.into(),
             kind,
-            range: None,
             include: Vec::new(),
-            format: None,
         }
     }
 
@@ -60,32 +54,14 @@ impl Axis {
         )
     }
 
-    /// Shows exactly this range. A range that is empty or cannot be drawn is ignored.
-    pub fn range(mut self, range: Range<f64>) -> Self {
-        let good =
-            self.usable(range.start) && self.usable(range.end) && range.end - range.start > 1e-100;
-        self.range = good.then_some((range.start, range.end));
-        self
-    }
-
-    /// Widens an automatic range so that it holds `value`; 0 for an honest proportion.
+    /// Widens the range so that it holds `value`; 0 for an honest proportion.
     pub fn include(mut self, value: f64) -> Self {
         self.include.push(value);
         self
     }
 
-    /// Writes the ticks (and the values above bars); for example `|v| charts::si(v, "B/s")`.
-    pub fn format(mut self, format: fn(f64) -> String) -> Self {
-        self.format = Some(format);
-        self
-    }
-
     pub(crate) fn is_log(&self) -> bool {
         self.kind == Kind::Log
-    }
-
-    pub(crate) fn is_automatic(&self) -> bool {
-        self.range.is_none()
     }
 
     pub(crate) fn category_names(&self) -> Option<&[String]> {
@@ -100,11 +76,6 @@ impl Axis {
         v.abs() < 1e100 && (!self.is_log() || v > 1e-100)
     }
 
-    /// Whether a fixed range, if any, holds the value.
-    pub(crate) fn shows(&self, v: f64) -> bool {
-        self.range.is_none_or(|(lo, hi)| (lo..=hi).contains(&v))
-    }
-
     /// The range to show for data of this extent. `pad` is the share added on each side; `nice`
     /// widens a linear range to whole steps.
     pub(crate) fn resolve(
@@ -116,9 +87,6 @@ impl Axis {
     ) -> (f64, f64) {
         if let Some(names) = self.category_names() {
             return (-0.5, names.len().max(1) as f64 - 0.5);
-        }
-        if let Some(range) = self.range {
-            return range;
         }
         self.include
             .iter()
@@ -155,7 +123,6 @@ impl Axis {
     /// Ticks within `lo..=hi`, about `most` at most, each with its text.
     pub(crate) fn ticks(&self, (lo, hi): (f64, f64), most: usize) -> Vec<(f64, String)> {
         let write = |values: Vec<f64>, text: &dyn Fn(f64) -> String| -> Vec<(f64, String)> {
-            let text = |v| self.format.map_or_else(|| text(v), |format| format(v));
             values.into_iter().map(|v| (v, text(v))).collect()
         };
         let size = lo.abs().max(hi.abs());
@@ -186,7 +153,7 @@ impl Axis {
 
     /// "label (unit)".
     pub(crate) fn caption(&self, (lo, hi): (f64, f64)) -> String {
-        let unit = if self.kind == Kind::Time && self.format.is_none() {
+        let unit = if self.kind == Kind::Time {
             self.clock_unit(lo, hi)
         } else {
             &self.unit
@@ -204,12 +171,6 @@ impl Axis {
             size if size < 3600.0 => "min:s",
             _ => "h:min:s",
         }
-    }
-
-    /// A value in the axis' own words, to three significant digits where it has none.
-    pub(crate) fn value_text(&self, v: f64) -> String {
-        self.format
-            .map_or_else(|| significant(v), |format| format(v))
     }
 }
 

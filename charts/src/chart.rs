@@ -1,4 +1,4 @@
-//! A chart: series over two axes, reference lines and bands, and the words around them.
+//! A chart: series over two axes, reference lines, and the words around them.
 
 mod draw;
 
@@ -19,12 +19,11 @@ pub struct Chart {
     references: Vec<Reference>,
 }
 
-/// A reference line (`from == to`) or band over the whole plot.
+/// A reference line across the whole plot.
 #[derive(Clone, Debug)]
 struct Reference {
     of_x: bool,
-    from: f64,
-    to: f64,
+    at: f64,
     label: String,
 }
 
@@ -87,31 +86,20 @@ impl Chart {
         self
     }
 
-    /// A labelled line at one y. An automatic range is widened to hold it.
+    /// A labelled line at one y. The range is widened to hold it.
     pub fn hline(self, y: f64, label: &str) -> Self {
-        self.reference(false, y, y, label)
+        self.reference(false, y, label)
     }
 
-    /// A labelled line at one x. An automatic range is widened to hold it.
+    /// A labelled line at one x. The range is widened to hold it.
     pub fn vline(self, x: f64, label: &str) -> Self {
-        self.reference(true, x, x, label)
+        self.reference(true, x, label)
     }
 
-    /// Shades what lies between two y: a tolerance.
-    pub fn hband(self, from: f64, to: f64, label: &str) -> Self {
-        self.reference(false, from, to, label)
-    }
-
-    /// Shades what lies between two x: a gap, an episode. Thousands of them stay small; label only a few.
-    pub fn vband(self, from: f64, to: f64, label: &str) -> Self {
-        self.reference(true, from, to, label)
-    }
-
-    fn reference(mut self, of_x: bool, from: f64, to: f64, label: &str) -> Self {
+    fn reference(mut self, of_x: bool, at: f64, label: &str) -> Self {
         self.references.push(Reference {
             of_x,
-            from,
-            to,
+            at,
             label: label.into(),
         });
         self
@@ -133,7 +121,6 @@ impl Chart {
         let foot = layout.plot.y1 + layout.below;
 
         let mut canvas = Canvas::new(self, svg, &layout);
-        canvas.bands();
         canvas.grid();
         canvas.series(&styles);
         canvas.reference_lines();
@@ -153,9 +140,8 @@ impl Chart {
             .iter()
             .any(|s| s.points().any(|p| self.usable(p)));
         let shown = |axis: &Axis, range: (f64, f64), most: usize| {
-            // Without data an automatic scale would be an invention.
-            let invented = empty && axis.is_automatic() && axis.category_names().is_none();
-            if invented {
+            // Without data a scale would be an invention.
+            if empty && axis.category_names().is_none() {
                 Vec::new()
             } else {
                 axis.ticks(range, most)
@@ -239,18 +225,17 @@ impl Chart {
             .collect()
     }
 
-    fn usable(&self, (x, low, high): (f64, f64, f64)) -> bool {
-        self.x.usable(x) && self.y.usable(low) && self.y.usable(high)
+    fn usable(&self, (x, y): (f64, f64)) -> bool {
+        self.x.usable(x) && self.y.usable(y)
     }
 
-    /// What an automatic range has to hold.
+    /// What the ranges have to hold.
     fn extents(&self) -> (Extent, Extent) {
         let (mut x, mut y) = (Extent::default(), Extent::default());
         for series in &self.series {
-            for (at, low, high) in series.points().filter(|p| self.usable(*p)) {
-                x.add(at);
-                y.add(low);
-                y.add(high);
+            for p in series.points().filter(|p| self.usable(*p)) {
+                x.add(p.0);
+                y.add(p.1);
             }
             if let Shape::Bars(values) = &series.shape
                 && !self.x.is_log()
@@ -269,10 +254,9 @@ impl Chart {
             } else {
                 (&self.y, &mut y)
             };
-            [reference.from, reference.to]
-                .into_iter()
-                .filter(|v| axis.usable(*v))
-                .for_each(|v| extent.add(v));
+            if axis.usable(reference.at) {
+                extent.add(reference.at);
+            }
         }
         (x, y)
     }
@@ -281,28 +265,21 @@ impl Chart {
     fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         for series in &self.series {
-            let (mut not_finite, mut not_positive, mut outside) = (0, 0, 0);
+            let (mut not_finite, mut not_positive) = (0, 0);
             if let Shape::Histogram(h) = &series.shape {
-                let bins = h.edges.windows(2).zip(&h.counts);
-                let hidden = bins
-                    .filter(|(edge, _)| !self.x.shows((edge[0] + edge[1]) / 2.0))
-                    .map(|(_, n)| *n as usize);
-                (not_finite, outside) = (h.not_finite, h.outside + hidden.sum::<usize>());
+                not_finite = h.not_finite;
             } else {
                 for p in series.points() {
-                    if ![p.0, p.1, p.2].iter().all(|v| v.abs() < 1e100) {
+                    if ![p.0, p.1].iter().all(|v| v.abs() < 1e100) {
                         not_finite += 1;
                     } else if !self.usable(p) {
                         not_positive += 1;
-                    } else if !(self.x.shows(p.0) && self.y.shows(p.1) && self.y.shows(p.2)) {
-                        outside += 1;
                     }
                 }
             }
             let counted = [
                 (not_finite, "not finite"),
                 (not_positive, "not above zero, which a log axis cannot show"),
-                (outside, "outside the range shown"),
             ];
             for (n, what) in counted.into_iter().filter(|(n, _)| *n > 0) {
                 let who = if series.name.is_empty() {
@@ -316,12 +293,12 @@ impl Chart {
                 ));
             }
         }
-        for r in self.references.iter().filter(|r| r.from == r.to) {
+        for r in &self.references {
             let axis = if r.of_x { &self.x } else { &self.y };
-            if !(axis.usable(r.from) && axis.shows(r.from)) {
+            if !axis.usable(r.at) {
                 notes.push(format!(
                     "the line at {} ({}) cannot be shown",
-                    significant(r.from),
+                    significant(r.at),
                     r.label
                 ));
             }
@@ -335,7 +312,6 @@ fn swatch(series: &Series, style: Style) -> Swatch {
     match &series.shape {
         Shape::Line(_) | Shape::Steps(_) => Swatch::Line(Some(series.stroke(style)), marker),
         Shape::Scatter(_) => Swatch::Line(None, marker),
-        Shape::Band(_) => Swatch::Box(style.colour, 0.2),
         Shape::Bars(_) => Swatch::Box(style.colour, 1.0),
         Shape::Histogram(_) => Swatch::Box(style.colour, 0.3),
     }

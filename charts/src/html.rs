@@ -166,12 +166,6 @@ impl Page {
         self
     }
 
-    /// Text as it stands, in a fixed-width face: a command, a log.
-    pub fn code(mut self, text: &str) -> Self {
-        let _ = writeln!(self.body, "<pre>{}</pre>", escape(text));
-        self
-    }
-
     /// A table.
     pub fn table(mut self, table: &Table) -> Self {
         table.write(&mut self.body);
@@ -209,7 +203,7 @@ const STYLE: &str = "\
 body { font: 15px/1.5 \"DejaVu Sans\", system-ui, sans-serif; color: #222; background: #fff;
   max-width: 860px; margin: 24px auto; padding: 0 16px; overflow-wrap: anywhere }
 h1 { font-size: 22px; margin: 0 0 12px } h2 { font-size: 17px; margin: 32px 0 8px; border-bottom: 1px solid #ccc }
-p { margin: 8px 0 } pre { background: #f4f4f4; padding: 8px 12px; white-space: pre-wrap; font-size: 13px }
+p { margin: 8px 0 }
 .wide { overflow-x: auto; margin: 12px 0 } table { border-collapse: collapse; font-size: 13px }
 th, td { text-align: left; padding: 4px 20px 4px 0; border-bottom: 1px solid #ddd; vertical-align: top }
 th { border-bottom-color: #888; overflow-wrap: normal } .n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap }

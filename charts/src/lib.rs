@@ -1,8 +1,7 @@
 //! Small, honest charts as SVG text, and self-contained HTML pages to put them in.
 //!
 //! Contract: drawing never fails and never panics. Values that cannot be drawn (not finite, beyond
-//! 1e100 in size, not above zero on a log axis, outside a fixed axis range) are left out and
-//! *counted in the footnote*; a line is broken where one of its points is missing. A chart without
+//! 1e100 in size, not above zero on a log axis) are left out and *counted in the footnote*; a line is broken where one of its points is missing. A chart without
 //! data says "no data". However many points come in, the text that goes out is bounded by the
 //! pixels: lines whose points come in the order of x keep the least and the greatest value of each
 //! pixel column, so extremes survive; dense scatter and timelines merge what shares a pixel.
@@ -42,5 +41,4 @@ pub use axis::{Axis, si, significant};
 pub use chart::Chart;
 pub use html::{Cell, Page, Table, Verdict};
 pub use series::{Bins, Series};
-pub use svg::escape;
 pub use timeline::{Span, Timeline};

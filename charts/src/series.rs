@@ -17,22 +17,17 @@ pub(crate) enum Shape {
     Line(Vec<(f64, f64)>),
     Steps(Vec<(f64, f64)>),
     Scatter(Vec<(f64, f64)>),
-    Band(Vec<(f64, f64, f64)>),
     Bars(Vec<f64>),
     Histogram(Histogram),
 }
 
 /// How a histogram divides its values.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Bins {
     /// So many bins of equal width from the least to the greatest value.
     Count(usize),
     /// Bins of this width, starting at a multiple of it.
     Width(f64),
-    /// So many bins of equal width on a log axis, over the values above zero.
-    Log(usize),
-    /// These edges, ascending; a value belongs to the bin whose lower edge it reaches.
-    Edges(Vec<f64>),
 }
 
 impl Series {
@@ -60,17 +55,12 @@ impl Series {
         Self::new(name, Shape::Scatter(points.into_iter().collect()))
     }
 
-    /// The area between two values at each x: `(x, low, high)`.
-    pub fn band(name: &str, points: impl IntoIterator<Item = (f64, f64, f64)>) -> Self {
-        Self::new(name, Shape::Band(points.into_iter().collect()))
-    }
-
     /// One bar per category, in the order of [`crate::Axis::categories`]. Several such series stand side by side.
     pub fn bars(name: &str, values: impl IntoIterator<Item = f64>) -> Self {
         Self::new(name, Shape::Bars(values.into_iter().collect()))
     }
 
-    /// Counts of values per bin. Values that are not finite or outside the bins are counted in the footnote.
+    /// Counts of values per bin. Values that are not finite are counted in the footnote.
     pub fn histogram(name: &str, values: impl IntoIterator<Item = f64>, bins: Bins) -> Self {
         Self::new(
             name,
@@ -91,17 +81,14 @@ impl Series {
         self
     }
 
-    /// What decides the range, as `(x, low, high)`; values that cannot be drawn included.
-    pub(crate) fn points(&self) -> Box<dyn Iterator<Item = (f64, f64, f64)> + '_> {
+    /// What decides the range; values that cannot be drawn included.
+    pub(crate) fn points(&self) -> Box<dyn Iterator<Item = (f64, f64)> + '_> {
         match &self.shape {
             Shape::Line(points) | Shape::Steps(points) | Shape::Scatter(points) => {
-                Box::new(points.iter().map(|&(x, y)| (x, y, y)))
+                Box::new(points.iter().copied())
             }
-            Shape::Band(points) => Box::new(points.iter().copied()),
-            Shape::Bars(values) => {
-                Box::new(values.iter().enumerate().map(|(i, &v)| (i as f64, v, v)))
-            }
-            Shape::Histogram(h) => Box::new(h.corners().map(|(x, y)| (x, y, y))),
+            Shape::Bars(values) => Box::new(values.iter().enumerate().map(|(i, &v)| (i as f64, v))),
+            Shape::Histogram(h) => Box::new(h.corners()),
         }
     }
 
@@ -181,7 +168,6 @@ pub(crate) struct Histogram {
     pub(crate) edges: Vec<f64>,
     pub(crate) counts: Vec<u64>,
     pub(crate) not_finite: usize,
-    pub(crate) outside: usize,
 }
 
 /// More bins than this cannot be told apart.
@@ -193,35 +179,22 @@ impl Histogram {
         values.retain(|v| v.abs() < 1e100);
         let not_finite = all - values.len();
         let mut extent = Extent::default();
-        let positive = |v: &f64| *v > 1e-100 || !matches!(bins, Bins::Log(_));
-        values
-            .iter()
-            .copied()
-            .filter(|v| positive(v))
-            .for_each(|v| extent.add(v));
+        values.iter().for_each(|v| extent.add(*v));
         let edges = extent
             .0
             .map_or_else(Vec::new, |(lo, hi)| edges(lo, hi, bins));
         let mut counts = vec![0; edges.len().saturating_sub(1)];
-        let mut outside = 0;
-        for v in values {
-            // The last edge belongs to the last bin, so that the greatest value has a place.
-            let above = edges.partition_point(|edge| *edge <= v);
-            let bin = if Some(&v) == edges.last() {
-                above.wrapping_sub(2)
-            } else {
-                above.wrapping_sub(1)
-            };
-            match counts.get_mut(bin) {
-                Some(count) => *count += 1,
-                None => outside += 1,
+        // The outer edges belong to the outer bins, even where rounding puts a value beyond one.
+        if let Some(last) = counts.len().checked_sub(1) {
+            for v in values {
+                let above = edges.partition_point(|edge| *edge <= v);
+                counts[above.saturating_sub(1).min(last)] += 1;
             }
         }
         Self {
             edges,
             counts,
             not_finite,
-            outside,
         }
     }
 
@@ -269,27 +242,6 @@ fn edges(lo: f64, hi: f64, bins: Bins) -> Vec<f64> {
                 let (lo, hi) = wide(lo, hi);
                 even(lo, hi, MOST_BINS)
             }
-        }
-        Bins::Log(n) => {
-            let (lo, hi) = if hi > lo * 1.001 {
-                (lo, hi)
-            } else {
-                (lo / 1.1, hi * 1.1)
-            };
-            let mut edges: Vec<f64> = even(lo.ln(), hi.ln(), n)
-                .into_iter()
-                .map(f64::exp)
-                .collect();
-            // exp(ln(x)) may miss x by a rounding.
-            let last = edges.len() - 1;
-            (edges[0], edges[last]) = (lo, hi);
-            edges
-        }
-        Bins::Edges(mut edges) => {
-            edges.retain(|edge| edge.abs() < 1e100);
-            edges.sort_by(f64::total_cmp);
-            edges.dedup();
-            edges
         }
     }
 }

@@ -10,7 +10,7 @@ pub(crate) const MUTED: &str = "#595959";
 
 /// Text that is safe inside XML or HTML, in elements and in attributes. Characters that XML forbids
 /// become U+FFFD.
-pub fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {

@@ -3,7 +3,8 @@
 use crate::axis::{Extent, Scale, linear_step};
 use crate::geometry::{Rect, cells, clip_line, clip_polygon, columns, thin};
 use crate::labels::Placer;
-use crate::svg::{shorten, text_width, wrap};
+use crate::series::Shape;
+use crate::svg::{escape, shorten, text_width, wrap};
 use crate::*;
 
 /// A small seeded generator.
@@ -126,8 +127,8 @@ fn hostile_chart(dice: &mut Dice) -> Chart {
                     "a long name that does not fit <below> its bar",
                 ],
             ),
-            3 => Axis::linear("fixed", "").range(from..to),
-            4 => Axis::log("fixed", "").range(from..to),
+            3 => Axis::linear("wide", "").include(from).include(to),
+            4 => Axis::log("wide", "").include(from).include(to),
             _ => Axis::linear("linear", "u").include(from),
         }
     };
@@ -140,22 +141,17 @@ fn hostile_chart(dice: &mut Dice) -> Chart {
         let points: Vec<(f64, f64)> = (0..n).map(|_| (dice.hostile(), dice.hostile())).collect();
         let values: Vec<f64> = points.iter().map(|p| p.0).collect();
         let name = format!("s<{i}>");
-        chart = chart.series(match dice.roll(7) {
+        chart = chart.series(match dice.roll(6) {
             0 => Series::line(&name, points).labels(["a & b", "", "c"]),
             1 => Series::steps(&name, points),
             2 => Series::scatter(&name, points).labels(["first", "second"]),
-            3 => Series::band(&name, points.iter().map(|p| (p.0, p.1, p.0))),
-            4 => Series::bars(&name, values),
-            5 => Series::histogram(&name, values, Bins::Log(dice.roll(50))),
+            3 => Series::bars(&name, values),
+            4 => Series::histogram(&name, values, Bins::Count(dice.roll(50))),
             _ => Series::histogram(&name, values, Bins::Width(dice.hostile())),
         });
     }
     let (a, b) = (dice.hostile(), dice.hostile());
-    chart
-        .hline(a, "h & l")
-        .vline(b, "v < l")
-        .hband(a, b, "")
-        .vband(b, a, "band")
+    chart.hline(a, "h & l").vline(b, "v < l")
 }
 
 #[test]
@@ -215,31 +211,17 @@ fn what_is_left_out_is_counted_and_breaks_the_line() {
         log.to_svg(400, 200)
             .contains(">1 point not above zero, which a log axis cannot show<")
     );
-    let fixed = Chart::new("")
-        .x_axis(Axis::linear("", "").range(0.0..3.0))
-        .series(Series::scatter("", points));
-    assert!(
-        fixed
-            .to_svg(400, 200)
-            .contains(">1 point outside the range shown<")
-    );
     let limit = Chart::new("")
-        .y_axis(Axis::linear("", "").range(0.0..1.0))
-        .hline(5.0, "limit");
+        .y_axis(Axis::log("", ""))
+        .hline(-5.0, "limit");
     assert!(
         limit
             .to_svg(400, 200)
-            .contains(">the line at 5 (limit) cannot be shown<")
+            .contains(">the line at -5 (limit) cannot be shown<")
     );
-    let bins = Chart::new("").series(Series::histogram(
-        "",
-        [0.5, 1.0, 2.0, 7.0, f64::NAN],
-        Bins::Edges(vec![0.0, 1.0, 2.0]),
-    ));
-    let bins = bins.to_svg(400, 200);
-    assert!(
-        bins.contains(">1 point outside the range shown<") && bins.contains(">1 point not finite<")
-    );
+    let bins = Series::histogram("", [0.5, 1.0, 2.0, f64::NAN], Bins::Width(1.0));
+    let bins = Chart::new("").series(bins).to_svg(400, 200);
+    assert!(bins.contains(">1 point not finite<"));
 }
 
 #[test]
@@ -277,16 +259,19 @@ fn an_hour_of_data_stays_small_and_keeps_its_extremes() {
         .series(Series::line("a", a.clone()))
         .series(Series::steps("b", b))
         .series(Series::line("c", c));
-    let lines = lines
-        .y_axis(Axis::linear("", "").range(-1.0..1000.0))
-        .to_svg(720, 300);
+    let lines = lines.to_svg(720, 300);
     check(&lines);
     assert!(lines.len() < 100_000, "{} bytes", lines.len());
-    let top = (plot(&lines).y0 + 0.05).to_string();
+    let area = plot(&lines);
+    let high = area.y0 + (area.y1 - area.y0) / 4.0;
     let spike = lines
         .lines()
         .filter(|l| l.starts_with("<polyline"))
-        .any(|l| l.contains(&format!(",{top} ")));
+        .any(|l| {
+            numbers(attribute(l, "points"))
+                .chunks(2)
+                .any(|p| p[1] < high)
+        });
     assert!(spike, "the one high value is gone");
     let torn = a
         .iter()
@@ -460,10 +445,6 @@ fn ticks_are_round_few_and_told_apart() {
     );
     assert_eq!(texts(Axis::time(""), 0.0, 200.0), "0:00 1:00 2:00 3:00");
     assert_eq!(
-        texts(Axis::linear("", "").format(|v| si(v, "s")), 0.0, 0.04),
-        "0 s 10 ms 20 ms 30 ms 40 ms"
-    );
-    assert_eq!(
         [0.9, 1.0, 1.1, 3.0].map(|span| linear_step(span, 1)),
         [1.0, 1.0, 2.0, 5.0]
     );
@@ -489,6 +470,30 @@ fn numbers_in_words() {
         plain,
         ["1234", "100", "0.0123", "10⁻⁹", "2.1×10⁻⁹", "-1.25×10¹⁰"]
     );
+}
+
+#[test]
+fn every_value_is_in_a_bin() {
+    let mut dice = Dice(9);
+    for _ in 0..2000 {
+        let values: Vec<f64> = (0..50).map(|_| (dice.uniform() - 0.5) * 1e3).collect();
+        for bins in [
+            Bins::Count(dice.roll(9)),
+            Bins::Width(dice.uniform() * 90.0),
+        ] {
+            let series = Series::histogram("", values.iter().copied(), bins);
+            let Shape::Histogram(histogram) = series.shape else {
+                panic!("no histogram");
+            };
+            assert_eq!(histogram.counts.iter().sum::<u64>(), 50, "{bins:?}");
+        }
+    }
+    let series = Series::histogram("", [0.0, 0.5, 1.0, 2.0], Bins::Width(1.0));
+    let Shape::Histogram(histogram) = series.shape else {
+        panic!("no histogram");
+    };
+    assert_eq!(histogram.edges, [0.0, 1.0, 2.0, 3.0]);
+    assert_eq!(histogram.counts, [2, 1, 1]);
 }
 
 #[test]
@@ -562,7 +567,6 @@ fn pages_escape_and_refer_to_nothing() {
         .verdict(Verdict::Pass)
         .section("<h2>")
         .text("<p>")
-        .code("<pre>")
         .table(&table);
     let html = page
         .finding(Verdict::Warn, "<script>")

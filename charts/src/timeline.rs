@@ -141,7 +141,7 @@ impl Timeline {
         let marks = self.draw_mark_labels(&mut svg, scale, head, width);
         let top = marks.bottom + 4.0;
         let bottom = top + ROW * self.rows.len().max(2) as f64;
-        let ticks = if empty && self.axis.is_automatic() {
+        let ticks = if empty {
             Vec::new()
         } else {
             self.axis.ticks(range, most)

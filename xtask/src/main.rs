@@ -1,4 +1,5 @@
-//! `cargo xtask VERB`: what a newcomer and the build machine type, each verb with all its set-up.
+//! `cargo xtask VERB`: what a newcomer and the build machine type; each verb installs the
+//! system packages that it needs.
 //!
 //! Early: this program compiles before any system package is there, because it installs them.
 //! Late: a verb may be run again at any time; what is already done is not done twice. At a gap

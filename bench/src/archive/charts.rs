@@ -43,7 +43,7 @@ fn throughput(title: &str, rates: &[Rate], write: bool, stamp: &str) -> Chart {
             "three cameras, 60 to 100 kB per access unit, chunks of half a second; \
              the mcap crate writes into the page cache"
         } else {
-            "the same session, from the page cache"
+            "the same session, from the page cache, all checksums checked"
         })
         .x_axis(Axis::categories("", rates.iter().map(|r| r.name)))
         .y_axis(Axis::linear("access units", "GB/s").include(0.0))
@@ -81,7 +81,8 @@ fn loss(losses: &[Loss], stamp: &str) -> Chart {
     };
     Chart::new("What a power cut takes")
         .subtitle(
-            "from the last sample on disk to the last one that had arrived, per stream and cut",
+            "from the last sample on disk to the last one that had arrived at the writer, \
+             per stream and cut",
         )
         .x_axis(Axis::linear("chunk length", "s").include(0.0))
         .y_axis(Axis::linear("lost", "s").include(0.0))
@@ -110,11 +111,11 @@ fn stop(stops: &[Stopping], stamp: &str) -> Chart {
     let points = stops
         .iter()
         .flat_map(|s| s.stops_s.iter().map(|t| (s.session_s / 60.0, 1e3 * t)));
-    Chart::new("How long stopping takes")
+    Chart::new("How long closing a session's files takes")
         .subtitle("the last chunk, the summary and the manifest, synced; time is virtual, the disk is real")
         .x_axis(Axis::log("length of the session", "min"))
-        .y_axis(Axis::linear("stop", "ms").include(0.0))
-        .hline(1e3 * STOP_LIMIT_S, "limit")
+        .y_axis(Axis::linear("close", "ms").include(0.0))
+        .hline(1e3 * STOP_LIMIT_S, "limit for stopping")
         .series(Series::scatter("", points))
         .footnote(stamp)
 }

@@ -1,5 +1,5 @@
-//! How long stopping takes: the last chunk, a summary and the manifest, all synced, after sessions
-//! of different lengths. Time is virtual, the disk is real.
+//! How long closing a session's files takes: the last chunk, a summary and the manifest, all synced,
+//! after sessions of different lengths. Time is virtual, the disk is real.
 
 use std::path::Path;
 
@@ -8,9 +8,9 @@ use serde_json::{Value, json};
 use session_archive::storage::DiskStorage;
 use session_archive::writer::{DEFAULT_CHUNK_NS, SessionWriter};
 
-use super::load::{self, Counted, Destination};
-use super::meter::{median, timed};
 use super::{Plan, STOP_LIMIT_S};
+use crate::load::{self, Counted, Destination};
+use crate::meter::{median, timed};
 
 /// Stopping after sessions of one length.
 pub(super) struct Stopping {
@@ -49,7 +49,7 @@ pub(super) fn measure(plan: &Plan, disk: &Path) -> Result<Vec<Stopping>> {
             record_and_stop(&mut stopping, disk)?;
         }
         println!(
-            "stop after {session_s:.0} s: {:.1} ms ({} segments; at most {:.0} ms are allowed)",
+            "closing after {session_s:.0} s: {:.1} ms ({} segments; stopping may take {:.0} ms)",
             1e3 * stopping.median_s(),
             stopping.segments,
             1e3 * STOP_LIMIT_S

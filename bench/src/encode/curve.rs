@@ -2,16 +2,15 @@
 
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
-use rustix::time::{ClockId, clock_gettime};
 use serde_json::{Value, json};
 use video::picture::psnr;
 use video::{AccessUnit, Decoder, Encoder, EncoderEvent, EncoderSettings};
 
 use super::material::Clip;
-use super::median;
+use crate::meter::{Took, median, timed};
 
 /// How long an encoder may take for a clip.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -28,9 +27,9 @@ pub(super) struct Point {
     pub(super) psnr_min_db: f64,
     /// At the clip's nominal rate.
     pub(super) mbit_s: f64,
-    /// Processor time per picture, all threads.
+    /// Processor time of a further picture, all threads.
     pub(super) cpu_ms: f64,
-    /// Pictures per second, by the clock on the wall.
+    /// Further pictures per second, by the clock on the wall.
     pictures_per_s: f64,
 }
 
@@ -77,22 +76,27 @@ impl fmt::Display for Point {
     }
 }
 
-/// Encodes the clip `repetitions` times, decodes it and compares. Times are medians.
+/// Encodes the clip `repetitions` times, once and twice over, decodes it and compares. Times are
+/// medians of what the second time over adds.
 pub(super) fn measure(
     element: &'static str,
     clip: &Clip,
     target_db: f64,
     repetitions: usize,
 ) -> Result<Point> {
-    let mut runs = Vec::new();
+    let (mut encoded, mut added) = (None, Vec::new());
     for _ in 0..repetitions {
-        runs.push(encode(element, clip, target_db)?);
+        let (once, short) = timed(|| encode(element, clip, target_db, 1));
+        let (twice, long) = timed(|| encode(element, clip, target_db, 2));
+        (encoded, _) = (Some(once?), twice?);
+        added.push(Took {
+            wall_s: long.wall_s - short.wall_s,
+            cpu_s: long.cpu_s - short.cpu_s,
+        });
     }
-    let Run {
-        quantiser, units, ..
-    } = &runs[0];
+    let (quantiser, units) = encoded.context("no repetitions")?;
     let codec = video::encoder::element_codec(element).context("an encoder without a codec")?;
-    let decoded = Decoder::with_threads(codec, 0).decode(units)?;
+    let decoded = Decoder::with_threads(codec, 0).decode(&units)?;
     ensure!(
         decoded.len() == clip.pictures.len(),
         "{} of {} pictures came back",
@@ -111,24 +115,22 @@ pub(super) fn measure(
         element,
         clip: clip.name,
         target_db,
-        quantiser: *quantiser,
+        quantiser,
         psnr_db: each.iter().sum::<f64>() / count,
         psnr_min_db: each.iter().copied().fold(f64::INFINITY, f64::min),
         mbit_s: bytes as f64 * 8.0 / 1e6 / count * clip.rate_hz,
-        cpu_ms: median(runs.iter().map(|run| run.cpu_s)) * 1e3 / count,
-        pictures_per_s: count / median(runs.iter().map(|run| run.wall_s)),
+        cpu_ms: median(added.iter().map(|took| took.cpu_s)) * 1e3 / count,
+        pictures_per_s: count / median(added.iter().map(|took| took.wall_s)),
     })
 }
 
-/// One pass over a clip.
-struct Run {
-    quantiser: u32,
-    units: Vec<AccessUnit>,
-    cpu_s: f64,
-    wall_s: f64,
-}
-
-fn encode(element: &str, clip: &Clip, quality_db: f64) -> Result<Run> {
+/// So many passes over a clip, from starting the encoder to its end; the quantiser and the video.
+fn encode(
+    element: &str,
+    clip: &Clip,
+    quality_db: f64,
+    passes: usize,
+) -> Result<(u32, Vec<AccessUnit>)> {
     let first = &clip.pictures[0];
     let settings = EncoderSettings {
         element: element.to_owned(),
@@ -141,7 +143,6 @@ fn encode(element: &str, clip: &Clip, quality_db: f64) -> Result<Run> {
     };
     let output: Arc<Mutex<(Vec<AccessUnit>, Option<String>)>> = Arc::default();
     let collecting = output.clone();
-    let (cpu, wall) = (cpu_s(), Instant::now());
     let on_output = move |event| {
         let mut output = collecting.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
@@ -153,26 +154,15 @@ fn encode(element: &str, clip: &Clip, quality_db: f64) -> Result<Run> {
     let quantiser = encoder.quantiser();
     let period_ns = (1e9 / clip.rate_hz) as i64;
     let mut half_second = -1;
-    for (picture, time_ns) in clip.pictures.iter().zip((0..).map(|n| n * period_ns)) {
+    let pictures = (0..passes).flat_map(|_| &clip.pictures);
+    for (picture, time_ns) in pictures.zip((0..).map(|n| n * period_ns)) {
         let key = time_ns / 500_000_000 > half_second;
         half_second = time_ns / 500_000_000;
         encoder.push(time_ns, picture, key)?;
     }
     encoder.finish(PATIENCE)?;
-    let (cpu_s, wall_s) = (cpu_s() - cpu, wall.elapsed().as_secs_f64());
     let mut output = output.lock().unwrap_or_else(PoisonError::into_inner);
     let (units, failure) = std::mem::take(&mut *output);
     ensure!(failure.is_none(), "the encoder failed: {failure:?}");
-    Ok(Run {
-        quantiser,
-        units,
-        cpu_s,
-        wall_s,
-    })
-}
-
-/// Processor time of this process so far, all threads.
-fn cpu_s() -> f64 {
-    let time = clock_gettime(ClockId::ProcessCPUTime);
-    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+    Ok((quantiser, units))
 }

@@ -7,9 +7,12 @@
 //! over; the daemon keeps them decoded after the first round, so that in the long run neither
 //! side pays for reading PNG.
 //!
-//! Processor time of a process is read from `/proc/self/stat` after it has ended, to 10 ms.
+//! Sessions are written to the disk that the target folder is on, with all syncs; the peer's pictures
+//! are in memory, where the daemon's are too after the first round. Processor time of a process is
+//! read after it has ended, to 10 ms.
 
 use std::fs;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
@@ -24,7 +27,8 @@ use session_archive::storage::DiskStorage;
 use video::{Encoder, EncoderSettings, Picture};
 
 use super::curve::round;
-use super::{material, median};
+use super::material;
+use crate::meter::{self, children_cpu_s, median};
 
 /// First argument of the process that records: then follow configuration, folder and seconds.
 pub(super) const RECORD: &str = "--record";
@@ -37,8 +41,8 @@ const KEY_INTERVAL: u32 = RATE_HZ / 2;
 const QUALITY_DB: f64 = 42.0;
 /// What may come on top of the encoder.
 const LIMIT: f64 = 1.10;
-/// Of the numbers in `/proc/PID/stat`, on every Linux that this runs on (USER_HZ).
-const TICKS_PER_S: f64 = 100.0;
+/// Bytes of video of the daemon's over the peer's lie in here, or they were not set up alike.
+const SAME_BYTES: RangeInclusive<f64> = 0.98..=1.02;
 
 /// How long the runs are and how often they are repeated.
 pub(super) struct Plan {
@@ -105,6 +109,9 @@ impl Share {
 }
 
 /// Measures; none where the pictures or `gst-launch-1.0` are absent.
+///
+/// # Errors
+/// A run fails, or the two do not encode alike: then their times say nothing.
 pub(super) fn measure(plan: &Plan) -> Result<Option<Share>> {
     // All of them: the daemon replays the whole folder.
     let Some((kitti, clip)) = material::kitti(usize::MAX)? else {
@@ -121,7 +128,9 @@ pub(super) fn measure(plan: &Plan) -> Result<Option<Share>> {
     }
     let folder = memory_folder()?;
     let bare = Bare::new(folder.path(), &clip.pictures)?;
-    let daemon = Daemon::new(folder.path(), &kitti)?;
+    let disk = meter::on_disk(None)?;
+    let disk = tempfile::tempdir_in(&disk).context("making a folder for sessions")?;
+    let daemon = Daemon::new(disk.path(), &kitti)?;
 
     let mut share = Share {
         pairs_ms: Vec::new(),
@@ -152,14 +161,21 @@ pub(super) fn measure(plan: &Plan) -> Result<Option<Share>> {
         if repetition == 0 {
             let long = &daemon_costs[1];
             share.bytes_ratio = long.bytes as f64 / bare.bytes(long.frames)? as f64;
+            ensure!(
+                SAME_BYTES.contains(&share.bytes_ratio),
+                "the daemon's video is {:.3} times as large as the bare pipeline's: their encoders \
+                 are not set up alike",
+                share.bytes_ratio
+            );
         }
     }
     println!(
         "daemon over bare pipeline: {:.3} (limit {LIMIT}), over the encoder alone {:.3}; \
-         {} frames missing",
+         {} frames missing; {:.3} times the bytes",
         share.ratio(),
         share.ratio_to_encoder(),
-        share.missing
+        share.missing,
+        share.bytes_ratio
     );
     Ok(Some(share))
 }
@@ -198,27 +214,6 @@ fn cpu_of(command: &mut Command) -> Result<f64> {
         .with_context(|| format!("starting {command:?}"))?;
     ensure!(status.success(), "{command:?} ended with {status}");
     Ok(children_cpu_s()? - before)
-}
-
-/// Processor time of all ended processes that this one started.
-fn children_cpu_s() -> Result<f64> {
-    let text = fs::read_to_string("/proc/self/stat").context("reading /proc/self/stat")?;
-    // proc(5): cutime and cstime are fields 16 and 17, and field 2, in brackets, may hold anything.
-    let fields = text
-        .rsplit(')')
-        .next()
-        .unwrap_or_default()
-        .split_whitespace();
-    let ticks: Vec<f64> = fields
-        .skip(13)
-        .take(2)
-        .filter_map(|f| f.parse().ok())
-        .collect();
-    ensure!(
-        ticks.len() == 2,
-        "/proc/self/stat is not as expected: {text}"
-    );
-    Ok((ticks[0] + ticks[1]) / TICKS_PER_S)
 }
 
 /// The daemon.

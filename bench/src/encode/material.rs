@@ -33,18 +33,15 @@ impl Clip {
     }
 }
 
-/// A folder of the shared data, or a line that says why something is skipped.
+/// A folder of the real recordings, or a line that says why something is skipped.
 fn shared(folder: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("PAWS_DATA").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
-        PathBuf::from,
-    );
-    let path = root.join(folder);
-    if path.is_dir() {
-        return Some(path);
+    match tests::data::sets([folder]) {
+        Ok([path]) => Some(path),
+        Err(reason) => {
+            eprintln!("{reason}");
+            None
+        }
     }
-    eprintln!("skipped: no {folder} in the shared data (set PAWS_DATA)");
-    None
 }
 
 /// The clips, `count` pictures of each at most.

@@ -1,7 +1,12 @@
 //! One method in one world: errors and honesty.
+//!
+//! A tick says when the counter changed and not when, within the tick, the sample was taken. So what
+//! is promised of a time, and judged here, is the time of the tick; how far that is from the sample
+//! is measured beside it, in the same way for all methods.
 
 use super::methods::Method;
 use super::world::{MS, Sample};
+use crate::meter::quantile;
 
 /// Errors are scored from here on, s after the start of the device.
 pub(crate) const SCORED_FROM: f64 = 10.0;
@@ -15,9 +20,11 @@ pub(crate) const USELESS_NS: f64 = MS;
 /// How a method did in a world.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Score {
-    /// Errors after [`SCORED_FROM`] that nothing warned of, ns, ascending.
+    /// Errors of the time of a tick after [`SCORED_FROM`] that nothing warned of, ns, ascending.
     pub errors: Vec<f64>,
-    /// The same for times mapped once more at the end.
+    /// The same times against the instant at which the sample was taken.
+    pub of_samples: Vec<f64>,
+    /// Like `errors`, for times mapped once more at the end.
     pub again: Vec<f64>,
     /// Samples in all, from the first.
     pub samples: usize,
@@ -71,11 +78,18 @@ impl Score {
         }
     }
 
+    fn sort(&mut self) {
+        for errors in [&mut self.errors, &mut self.of_samples, &mut self.again] {
+            errors.sort_by(f64::total_cmp);
+        }
+    }
+
     /// The same method in several worlds.
     pub(crate) fn join(scores: Vec<Self>) -> Self {
         let mut all = Self::default();
         for score in scores {
             all.errors.extend(score.errors);
+            all.of_samples.extend(score.of_samples);
             all.again.extend(score.again);
             all.samples += score.samples;
             all.flagged += score.flagged;
@@ -84,16 +98,8 @@ impl Score {
             all.worst_sigmas = all.worst_sigmas.max(score.worst_sigmas);
             all.sigma_sum += score.sigma_sum;
         }
-        all.errors.sort_by(f64::total_cmp);
-        all.again.sort_by(f64::total_cmp);
+        all.sort();
         all
-    }
-}
-
-pub(crate) fn quantile(ascending: &[f64], share: f64) -> f64 {
-    match ascending.len() {
-        0 => f64::NAN,
-        n => ascending[((n - 1) as f64 * share).round() as usize],
     }
 }
 
@@ -102,14 +108,14 @@ pub(crate) fn run(method: &mut dyn Method, samples: &[Sample]) -> Score {
     let stamps: Vec<_> = samples.iter().map(|s| method.stamp(s)).collect();
 
     let mut score = Score::default();
-    let scored_from = samples.first().map_or(0.0, |s| s.truth) + SCORED_FROM * 1e9;
+    let scored_from = samples.first().map_or(0.0, |s| s.ticked) + SCORED_FROM * 1e9;
     for (sample, stamp) in samples.iter().zip(stamps) {
         let Some(stamp) = stamp else { continue };
-        let error = (stamp.time - sample.truth).abs();
+        let error = (stamp.time - sample.ticked).abs();
         let allowed = stamp.sigma.map_or(UNCLAIMED_NS, |sigma| SIGMAS * sigma);
         let wrong = error > allowed || sample.corrupt;
         let unsure = stamp.flagged || stamp.sigma.is_some_and(|s| s > USELESS_NS);
-        let scored = sample.truth >= scored_from;
+        let scored = sample.ticked >= scored_from;
         score.silent_at_first += usize::from(wrong && !unsure);
         let flagged = unsure || method.doubtful(sample.arrival);
         if scored {
@@ -124,14 +130,47 @@ pub(crate) fn run(method: &mut dyn Method, samples: &[Sample]) -> Score {
             }
             if scored && !sample.corrupt {
                 score.errors.push(error);
+                score.of_samples.push((stamp.time - sample.taken).abs());
                 score.sigma_sum += stamp.sigma.unwrap_or(0.0);
                 if let Some(again) = method.again(sample.ticks, sample.arrival) {
-                    score.again.push((again.time - sample.truth).abs());
+                    score.again.push((again.time - sample.ticked).abs());
                 }
             }
         }
     }
-    score.errors.sort_by(f64::total_cmp);
-    score.again.sort_by(f64::total_cmp);
+    score.sort();
     score
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sync::methods::Stamp;
+    use crate::sync::world::{TICK_NS, World};
+
+    /// Knows when the counter changed, and nothing else.
+    struct Perfect;
+
+    impl Method for Perfect {
+        fn name(&self) -> &'static str {
+            "perfect"
+        }
+
+        fn stamp(&mut self, sample: &Sample) -> Option<Stamp> {
+            Some(Stamp {
+                time: sample.ticked,
+                sigma: Some(1.0),
+                flagged: false,
+            })
+        }
+    }
+
+    #[test]
+    fn a_perfect_time_of_a_tick_still_misses_the_sample_by_up_to_a_tick() {
+        let score = run(&mut Perfect, &World::new(1, 400.0, 30.0).samples());
+        assert_eq!((score.quantile(1.0), score.class()), (0.0, Class::Ok));
+        let [middle, most] = [0.5, 1.0].map(|share| quantile(&score.of_samples, share));
+        assert!((0.45..0.55).contains(&(middle / TICK_NS)), "{middle} ns");
+        assert!((0.99..1.0).contains(&(most / TICK_NS)), "{most} ns");
+    }
 }

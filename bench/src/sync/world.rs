@@ -171,9 +171,10 @@ impl World {
                 Some(at) if t >= at => UPTIME + at * S * (1.0 - self.drift_ppm * 1e-6) - 1e8,
                 _ => 0.0,
             };
-            let counter = ((device - since) / TICK_NS).ceil();
-            // The instant at which the counter got there; its rate is 1 within 1e-3.
-            let truth = START + t * S + (counter * TICK_NS - (device - since));
+            let counter = ((device - since) / TICK_NS).floor();
+            let taken = START + t * S;
+            // The counter's rate is 1 within 1e-3.
+            let ticked = taken - (device - since - counter * TICK_NS);
             let mut late = self.shape.draw(&mut random, self.jitter);
             if let Some((every, length, height)) = self.bursts {
                 if t >= burst_from {
@@ -196,11 +197,12 @@ impl World {
             if let Some(bits) = self.bits {
                 ticks &= (1 << bits) - 1;
             }
-            let arrival = (truth + LATENCY_NS as f64 + late).round() as i64;
+            let arrival = (taken + LATENCY_NS as f64 + late).round() as i64;
             let sample = Sample {
                 ticks,
                 counted,
-                truth,
+                ticked,
+                taken,
                 arrival,
                 corrupt: corrupt <= self.corrupt,
             };
@@ -234,10 +236,32 @@ pub(crate) struct Sample {
     pub ticks: i64,
     /// The same without wraps.
     pub counted: i64,
-    /// Host time at which the device's counter reached `ticks`, ns.
-    pub truth: f64,
+    /// Host time at which the device's counter reached `ticks`, ns: all that a tick can say.
+    pub ticked: f64,
+    /// Host time at which the sample was taken, less than a tick later, ns.
+    pub taken: f64,
     /// Host time at which it was read, ns.
     pub arrival: i64,
     /// The tick is wrong; nobody can say when it was, only that it was.
     pub corrupt: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sample_is_taken_within_its_tick_and_arrives_later() {
+        let samples = World::new(1, 400.0, 20.0).samples();
+        for s in &samples {
+            assert!((0.0..TICK_NS).contains(&(s.taken - s.ticked)), "{s:?}");
+            assert!(
+                s.arrival as f64 >= s.taken + LATENCY_NS as f64 - 1.0,
+                "{s:?}"
+            );
+        }
+        // The counter runs free: samples lie anywhere in their ticks.
+        let mean = samples.iter().map(|s| s.taken - s.ticked).sum::<f64>() / samples.len() as f64;
+        assert!((mean / TICK_NS - 0.5).abs() < 0.02, "{mean} ns");
+    }
 }

@@ -1,8 +1,8 @@
-//! Draws a plot: bands, grid, series, reference lines, labels on top of all, then the texts around it.
+//! Draws a plot: grid, series, reference lines, labels on top of all, then the texts around it.
 
 use super::{Chart, Layout};
-use crate::axis::Scale;
-use crate::geometry::{Point, Rect, cells, clip_line, clip_polygon, columns, thin};
+use crate::axis::{Scale, significant};
+use crate::geometry::{Point, Rect, cells, clip_line, clip_polygon, thin};
 use crate::labels::{Placer, SIZE};
 use crate::series::{Histogram, Series, Shape, Style};
 use crate::sheet::{GRID, TICK, markers, ticks_below};
@@ -56,33 +56,6 @@ impl<'a> Canvas<'a> {
         })
     }
 
-    pub(super) fn bands(&mut self) {
-        let Rect { x0, y0, x1, y1 } = self.plot;
-        let (x, y) = (&self.chart.x, &self.chart.y);
-        let bands = self.chart.references.iter().filter(|r| r.from != r.to);
-        let (of_x, of_y): (Vec<_>, Vec<_>) = bands.partition(|r| r.of_x);
-        let spans = of_x
-            .iter()
-            .filter(|r| x.usable(r.from) && x.usable(r.to))
-            .map(|r| {
-                let (a, b) = (self.x.at(r.from) - x0, self.x.at(r.to) - x0);
-                (a.min(b), a.max(b), 0)
-            });
-        let mut d = String::new();
-        for (at, len, _) in columns(spans, (x1 - x0) as usize) {
-            d.push_str(&format!("M{} {y0}h{len}V{y1}h-{len}z", x0 as usize + at));
-        }
-        if !d.is_empty() {
-            self.svg
-                .element("path", &format!("d=\"{d}\" fill=\"#f6d9c4\""));
-        }
-        for r in of_y.iter().filter(|r| y.usable(r.from) && y.usable(r.to)) {
-            let [a, b] = [r.from, r.to].map(|v| self.y.at(v).clamp(y0, y1));
-            self.svg
-                .rect(x0, a.min(b), x1 - x0, (a - b).abs(), "fill=\"#e3efe6\"");
-        }
-    }
-
     pub(super) fn grid(&mut self) {
         let Rect { x0, y0, x1, y1 } = self.plot;
         let x_ticks = if self.chart.x.category_names().is_some() {
@@ -112,10 +85,8 @@ impl<'a> Canvas<'a> {
         let bars = all().filter_map(|(s, style)| s.bar_values().map(|values| (values, style)));
         self.draw_bars(&bars.collect::<Vec<_>>());
         for (series, style) in all() {
-            match &series.shape {
-                Shape::Band(points) => self.draw_band(points, style),
-                Shape::Histogram(h) => self.draw_histogram(h, style, &series.stroke(style)),
-                _ => {}
+            if let Shape::Histogram(h) = &series.shape {
+                self.draw_histogram(h, style, &series.stroke(style));
             }
         }
         for (series, style) in all() {
@@ -136,7 +107,7 @@ impl<'a> Canvas<'a> {
         let chart = self.chart;
         let mut pieces: Vec<Vec<Point>> = Vec::new();
         for run in points
-            .split(|p| !chart.usable((p.0, p.1, p.1)))
+            .split(|p| !chart.usable(*p))
             .filter(|run| !run.is_empty())
         {
             let pixels: Vec<Point> = run.iter().map(|p| self.pixel(*p)).collect();
@@ -164,7 +135,7 @@ impl<'a> Canvas<'a> {
 
     fn draw_points(&mut self, series: &Series, points: &[Point], style: Style) {
         let (chart, x, y) = (self.chart, self.x, self.y);
-        let visible = |p: &Point| chart.usable((p.0, p.1, p.1)) && x.holds(p.0) && y.holds(p.1);
+        let visible = |p: &Point| chart.usable(*p) && x.holds(p.0) && y.holds(p.1);
         let pixels: Vec<Point> = points
             .iter()
             .filter(|p| visible(p))
@@ -225,23 +196,6 @@ impl<'a> Canvas<'a> {
         );
     }
 
-    fn draw_band(&mut self, points: &[(f64, f64, f64)], style: Style) {
-        let chart = self.chart;
-        for run in points
-            .split(|p| !chart.usable(*p))
-            .filter(|run| !run.is_empty())
-        {
-            let edge = |of: fn(&(f64, f64, f64)) -> Point| -> Vec<Point> {
-                thin(&run.iter().map(|p| self.pixel(of(p))).collect::<Vec<_>>())
-            };
-            let mut outline = edge(|p| (p.0, p.1));
-            outline.extend(edge(|p| (p.0, p.2)).into_iter().rev());
-            let look = format!("fill=\"{}\" fill-opacity=\"0.2\"", style.colour);
-            self.svg
-                .poly("polygon", &clip_polygon(outline, self.plot), &look);
-        }
-    }
-
     fn draw_histogram(&mut self, histogram: &Histogram, style: Style, stroke: &str) {
         let ground = self.ground();
         let top = |n: f64| if n > 0.0 { self.y.at(n) } else { ground };
@@ -275,7 +229,7 @@ impl<'a> Canvas<'a> {
         let ground = self.ground();
         let text = |v: &f64| {
             if axis.usable(*v) {
-                axis.value_text(*v)
+                significant(*v)
             } else {
                 "n/a".into()
             }
@@ -318,7 +272,7 @@ impl<'a> Canvas<'a> {
         }
     }
 
-    /// The lines, and the labels of lines and bands. They take their places before the labels of points.
+    /// The lines and their labels, which take their places before the labels of points.
     pub(super) fn reference_lines(&mut self) {
         let Rect { x0, y0, x1, y1 } = self.plot;
         for r in &self.chart.references {
@@ -327,21 +281,18 @@ impl<'a> Canvas<'a> {
             } else {
                 (&self.chart.y, self.y)
             };
-            let ends = [r.from, r.to];
-            if !ends.iter().all(|v| axis.usable(*v)) || !ends.iter().any(|v| scale.holds(*v)) {
+            if !axis.usable(r.at) || !scale.holds(r.at) {
                 continue;
             }
-            let [at, other] = ends.map(|v| scale.at(v.clamp(scale.range.0, scale.range.1)));
-            if r.from == r.to {
-                let (a, b) = if r.of_x {
-                    ((at, y0), (at, y1))
-                } else {
-                    ((x0, at), (x1, at))
-                };
-                let look = "stroke=\"#444\" stroke-width=\"1.2\" stroke-dasharray=\"6 3\"";
-                self.svg.line(a, b, look);
-                self.placer.avoid_line(&[a, b]);
-            }
+            let at = scale.at(r.at);
+            let (a, b) = if r.of_x {
+                ((at, y0), (at, y1))
+            } else {
+                ((x0, at), (x1, at))
+            };
+            let look = "stroke=\"#444\" stroke-width=\"1.2\" stroke-dasharray=\"6 3\"";
+            self.svg.line(a, b, look);
+            self.placer.avoid_line(&[a, b]);
             if r.label.is_empty() {
                 continue;
             }
@@ -352,7 +303,7 @@ impl<'a> Canvas<'a> {
                     .collect()
             } else {
                 let across = [x1 - wide - 5.0, x0 + 5.0, (x0 + x1 - wide) / 2.0];
-                let levels = [at - 5.0, at + SIZE + 3.0, other + SIZE + 3.0, other - 5.0];
+                let levels = [at - 5.0, at + SIZE + 3.0];
                 across
                     .into_iter()
                     .flat_map(|x| levels.map(|y| (x, y)))

@@ -8,21 +8,21 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use session_archive::manifest::{Camera, Imu, Stop};
 use session_archive::record::{Frame, ImuBatch};
 use session_archive::storage::{DiskStorage, ReadAt, Storage, WriteFile};
-use session_archive::time::{CivilTime, HostTime, TickLength};
+use session_archive::time::{CivilTime, HostTime, NS_PER_S, TickLength};
 use session_archive::writer::{SessionSpec, SessionWriter, WriteError};
 
-pub(super) const CAMERAS: [&str; 3] = ["left_shoulder", "right_shoulder", "feet"];
+pub(crate) const CAMERAS: [&str; 3] = ["left_shoulder", "right_shoulder", "feet"];
 /// Between frames, and by how much the free camera is late, ns.
 const PERIOD: i64 = 33_333_333;
 const PHASES: [i64; 3] = [0, 0, 11_000_000];
 /// IMU samples per batch of a tenth of a second.
 const BATCH: i64 = 40;
-const BATCH_NS: i64 = 100_000_000;
+pub(crate) const BATCH_NS: i64 = 100_000_000;
 
 /// When the recording begins.
-pub(super) const START: HostTime = HostTime(1_000_000_000_000);
+pub(crate) const START: HostTime = HostTime(1_000_000_000_000);
 
-pub(super) fn spec(chunk_ns: i64) -> SessionSpec {
+pub(crate) fn spec(chunk_ns: i64) -> SessionSpec {
     let camera = |name: &str| Camera {
         name: name.to_owned(),
         width: 2560,
@@ -46,7 +46,8 @@ pub(super) fn spec(chunk_ns: i64) -> SessionSpec {
         name: "benchmark".to_owned(),
         software: "bench".to_owned(),
         started: START,
-        started_civil: CivilTime(0),
+        // A library files sessions by date.
+        started_civil: CivilTime(1_790_000_000 * NS_PER_S),
         chunk_ns,
         cameras: CAMERAS.iter().map(|n| camera(n)).collect(),
         imus: CAMERAS.iter().map(|n| imu(n)).collect(),
@@ -56,7 +57,7 @@ pub(super) fn spec(chunk_ns: i64) -> SessionSpec {
 
 /// One thing that arrives.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Arrival {
+pub(crate) enum Arrival {
     /// Camera, number, time of the frame, whether it is a key frame.
     Frame(usize, u64, HostTime, bool),
     /// IMU, number of the first sample, time of the first sample.
@@ -65,7 +66,7 @@ pub(super) enum Arrival {
 
 impl Arrival {
     /// The stream and the log time.
-    pub(super) fn place(&self) -> (usize, HostTime) {
+    pub(crate) fn place(&self) -> (usize, HostTime) {
         match *self {
             Self::Frame(camera, _, time, _) => (camera, time),
             Self::Imu(imu, _, time) => (CAMERAS.len() + imu, time),
@@ -74,7 +75,7 @@ impl Arrival {
 }
 
 /// Everything that arrives in so many seconds, in order; key frames at the chunks' boundaries.
-pub(super) fn arrivals(seconds: f64, chunk_ns: i64) -> impl Iterator<Item = Arrival> {
+pub(crate) fn arrivals(seconds: f64, chunk_ns: i64) -> impl Iterator<Item = Arrival> {
     let end = (seconds * 1e9) as i64;
     let mut epochs = [i64::MIN; 3];
     (0..)
@@ -103,23 +104,42 @@ pub(super) fn arrivals(seconds: f64, chunk_ns: i64) -> impl Iterator<Item = Arri
 }
 
 /// Access units to choose from: bytes that no checksum finds easy.
-pub(super) fn units(from: usize, to: usize) -> Vec<Vec<u8>> {
-    let mut x = 0x9E37_79B9_7F4A_7C15_u64;
-    let mut next = move || {
-        x ^= x << 13;
-        x ^= x >> 7;
-        x ^= x << 17;
-        x
-    };
+pub(crate) fn units(from: usize, to: usize) -> Vec<Vec<u8>> {
+    let mut noise = Noise::new();
     (0..61)
         .map(|_| {
-            let bytes = from + next() as usize % (to - from + 1);
-            (0..bytes).map(|_| next() as u8).collect()
+            let bytes = from + noise.next() as usize % (to - from + 1);
+            noise.bytes(bytes)
         })
         .collect()
 }
 
-pub(super) fn frame(number: u64, time: HostTime) -> Frame {
+/// Xorshift (Marsaglia 2003), always from the same seed.
+pub(crate) struct Noise(u64);
+
+impl Noise {
+    pub(crate) fn new() -> Self {
+        Self(0x9E37_79B9_7F4A_7C15)
+    }
+
+    fn next(&mut self) -> u64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        self.0
+    }
+
+    pub(crate) fn bytes(&mut self, count: usize) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(count + 8);
+        while bytes.len() < count {
+            bytes.extend(self.next().to_le_bytes());
+        }
+        bytes.truncate(count);
+        bytes
+    }
+}
+
+pub(crate) fn frame(number: u64, time: HostTime) -> Frame {
     Frame {
         number,
         device_ticks: time.0,
@@ -132,7 +152,7 @@ pub(super) fn frame(number: u64, time: HostTime) -> Frame {
     }
 }
 
-pub(super) fn batch(first: u64, time: HostTime) -> ImuBatch {
+pub(crate) fn batch(first: u64, time: HostTime) -> ImuBatch {
     let step = BATCH_NS / BATCH;
     let times: Vec<i64> = (0..BATCH).map(|k| time.0 + k * step).collect();
     ImuBatch {
@@ -155,7 +175,7 @@ pub(super) fn batch(first: u64, time: HostTime) -> ImuBatch {
 }
 
 /// Hands one arrival to the writer; returns the bytes of its access unit.
-pub(super) fn put(
+pub(crate) fn put(
     writer: &mut SessionWriter,
     arrival: &Arrival,
     units: &[Vec<u8>],
@@ -174,7 +194,7 @@ pub(super) fn put(
     }
 }
 
-pub(super) fn stop(at: HostTime) -> Stop {
+pub(crate) fn stop(at: HostTime) -> Stop {
     Stop {
         at,
         reason: "benchmark".to_owned(),
@@ -183,7 +203,7 @@ pub(super) fn stop(at: HostTime) -> Stop {
 
 /// What the storage does with what it is given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Destination {
+pub(crate) enum Destination {
     /// Written and synced.
     Disk,
     /// Written; syncs are counted and left out.
@@ -193,30 +213,30 @@ pub(super) enum Destination {
 }
 
 /// A folder that counts bytes and syncs.
-pub(super) struct Counted {
+pub(crate) struct Counted {
     disk: DiskStorage,
     to: Destination,
     counts: Arc<Counts>,
 }
 
 #[derive(Default)]
-pub(super) struct Counts {
+pub(crate) struct Counts {
     bytes: AtomicU64,
     syncs: AtomicU64,
 }
 
 impl Counts {
-    pub(super) fn bytes(&self) -> u64 {
+    pub(crate) fn bytes(&self) -> u64 {
         self.bytes.load(Ordering::Relaxed)
     }
 
-    pub(super) fn syncs(&self) -> u64 {
+    pub(crate) fn syncs(&self) -> u64 {
         self.syncs.load(Ordering::Relaxed)
     }
 }
 
 impl Counted {
-    pub(super) fn new(disk: DiskStorage, to: Destination) -> (Arc<Self>, Arc<Counts>) {
+    pub(crate) fn new(disk: DiskStorage, to: Destination) -> (Arc<Self>, Arc<Counts>) {
         let counts = Arc::<Counts>::default();
         let storage = Self {
             disk,
