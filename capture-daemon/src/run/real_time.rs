@@ -257,7 +257,7 @@ fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
         }
         match popped {
             Popped::Item(In::Sample(i, sample)) => hub.sample(i, sample, now),
-            Popped::Item(In::Dropped(i, number, at)) => hub.dropped(i, number, at),
+            Popped::Item(In::Dropped(i, number, at)) => hub.dropped(i, number, at, now),
             Popped::Item(In::Ended) => {
                 running -= 1;
                 if running == 0 {
