@@ -6,7 +6,6 @@
 //! would feel that.
 
 use std::collections::BTreeMap;
-use std::error::Error;
 use std::fmt;
 use std::io;
 use std::os::unix::net::UnixStream;
@@ -18,6 +17,7 @@ use session_archive::time::HostTime;
 use video::discover::{self, Trial};
 
 use super::{Camera, Config, SourceConfig};
+use crate::causes::with_causes;
 use crate::disk;
 use crate::run::needed_speed;
 use crate::sources::replay::Replay;
@@ -352,17 +352,6 @@ fn writable(folder: &Path) -> io::Result<()> {
         folder,
         Access::WRITE_OK | Access::EXEC_OK,
     )?)
-}
-
-/// A message with those of its causes.
-fn with_causes(error: &dyn Error) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(error) = cause {
-        text = format!("{text}: {error}");
-        cause = error.source();
-    }
-    text
 }
 
 #[cfg(test)]
