@@ -321,6 +321,16 @@ impl Hub {
         });
     }
 
+    /// A camera's source has failed and will deliver no more.
+    pub fn source_failed(&self, camera: usize, error: &str, now: HostTime) {
+        (self.out)(Outgoing::Alarm {
+            at: now,
+            text: error.to_owned(),
+            stream: self.cameras[camera].setup.name.clone(),
+            active: true,
+        });
+    }
+
     /// The way to the recorder was full and a frame of this camera was dropped behind its encoder:
     /// the next frame has to stand alone.
     pub fn request_key(&mut self, camera: usize) {
