@@ -141,14 +141,6 @@ pub struct SourceInfo {
 /// Why a source cannot go on.
 #[derive(Debug, thiserror::Error)]
 pub enum SourceError {
-    /// The source is gone for now; opening it again may help.
-    #[error("{source_name} is gone: {what}")]
-    Gone {
-        /// Which source.
-        source_name: String,
-        /// What happened.
-        what: String,
-    },
     /// The data cannot be used; trying again will not help.
     #[error("{source_name} cannot be read: {what}")]
     Unusable {

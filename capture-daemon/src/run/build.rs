@@ -14,7 +14,7 @@ use session_archive::record::{
     CameraCalibration, FrameTransform, FrameTransforms, Quaternion, Vector3, timestamp,
 };
 use session_archive::time::HostTime;
-use video::{Codec, EncoderSettings};
+use video::EncoderSettings;
 
 use crate::config::{self, Config, SourceConfig};
 use crate::hub::{CameraSetup, ImuSetup};
@@ -174,10 +174,7 @@ fn describe(
         name: camera.name.clone(),
         width: info.camera.width,
         height: info.camera.height,
-        codec: match codec {
-            Codec::H264 => "h264".to_owned(),
-            Codec::H265 => "h265".to_owned(),
-        },
+        codec: codec.foxglove_format().to_owned(),
         colour: if info.camera.colour { "yuv420" } else { "grey" }.to_owned(),
         rate_hz: info.camera.rate_hz,
         tick: info.camera.tick,
