@@ -140,7 +140,8 @@ pub fn record(
     stop: &StopFlag,
     on_progress: OnProgress,
 ) -> anyhow::Result<Finished> {
-    record_built(|start| build(config, start), options, stop, on_progress)
+    let build = |start| build::build_for(config, start, options.virtual_time);
+    record_built(build, options, stop, on_progress)
 }
 
 /// As [`record`], with sources and set-ups of the caller's: `build` is given the time at which

@@ -322,11 +322,12 @@ fn encoders(config: &Config, cameras: &[SourceInfo], report: &mut Report) {
         }
     }
     for (width, height, rate_hz) in kinds {
-        let needed = needed_speed(rate_hz, config.cameras.len());
+        let needed = needed_speed(config, rate_hz);
+        let threads = config.encoder.threads;
         let trial = match &config.encoder.element {
-            Some(element) => discover::trial(element, width, height)
+            Some(element) => discover::trial_with(element, width, height, threads)
                 .map_err(|error| format!("{element} was asked for: {}", with_causes(&error))),
-            None => discover::best_encoder_at(width, height, needed)
+            None => discover::best_encoder_at(width, height, threads, needed)
                 .map(|choice| choice.trial)
                 .map_err(|error| with_causes(&error)),
         };
