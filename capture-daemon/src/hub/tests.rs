@@ -40,6 +40,7 @@ fn bench() -> Bench {
             info: ImuInfo {
                 rate_hz: 200.0,
                 tick: TickLength::NANOSECOND,
+                tick_bits: None,
                 number_bits: None,
                 scale: None,
             },

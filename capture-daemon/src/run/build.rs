@@ -200,7 +200,8 @@ fn describe(
         source: info.description.clone(),
         encoder: format!("{element}, {} dB", config.encoder.quality_db),
     };
-    let clock = |tick, latency_ns, latency_sigma_ns| ClockConfig {
+    let clock = |tick, tick_bits, latency_ns, latency_sigma_ns| ClockConfig {
+        tick_bits,
         latency_ns,
         latency_sigma_ns,
         ..ClockConfig::new(tick)
@@ -208,13 +209,23 @@ fn describe(
     let of_hub = CameraSetup {
         name: camera.name.clone(),
         rate_hz: info.camera.rate_hz,
-        clock: clock(info.camera.tick, camera.latency_ns, camera.latency_sigma_ns),
+        clock: clock(
+            info.camera.tick,
+            info.camera.tick_bits,
+            camera.latency_ns,
+            camera.latency_sigma_ns,
+        ),
         number_bits: info.camera.number_bits,
         still: info.camera.still,
         encoder,
         imu: info.imu.clone().map(|imu| ImuSetup {
             name: format!("{}/imu", camera.name),
-            clock: clock(imu.tick, camera.imu_latency_ns, camera.imu_latency_sigma_ns),
+            clock: clock(
+                imu.tick,
+                imu.tick_bits,
+                camera.imu_latency_ns,
+                camera.imu_latency_sigma_ns,
+            ),
             number_bits: imu.number_bits,
             info: imu,
         }),

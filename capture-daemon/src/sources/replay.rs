@@ -144,6 +144,7 @@ impl Replay {
                 height: eye.padded().1,
                 rate_hz: dataset.rate_hz,
                 tick: TickLength::NANOSECOND,
+                tick_bits: None,
                 number_bits: None,
                 colour: samples == Samples::Rgb8,
                 still: dataset.frames.len() == 1,
@@ -304,6 +305,7 @@ fn imu_info(samples: &[ImuSample]) -> Option<ImuInfo> {
     Some(ImuInfo {
         rate_hz: 1e9 / *median_ns as f64,
         tick: TickLength::NANOSECOND,
+        tick_bits: None,
         number_bits: None,
         scale: None,
     })
