@@ -177,7 +177,7 @@ fn encoders_that_hang_are_not_added_to_for_ever() {
 #[test]
 fn overload_drops_whole_frames_and_says_so() {
     let (mut lane, seen) = lane();
-    // Encoding one takes a thousand times as long as pushing one.
+    // Encoding one takes many times as long as pushing one.
     (lane.settings.width, lane.settings.height) = (1344, 376);
     let picture = picture(0, 1344, 376);
     for n in 0..100 {
