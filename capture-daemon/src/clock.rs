@@ -1,5 +1,5 @@
 //! Time comes in as an argument: everything that asks for it asks a [`Clock`], so that the whole
-//! daemon runs on virtual time in tests. This module is the only one that reads the real clocks.
+//! daemon runs on virtual time in tests. This module is the only one of the daemon that reads the real clocks.
 
 use std::sync::atomic::{AtomicI64, Ordering};
 

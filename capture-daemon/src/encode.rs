@@ -2,12 +2,15 @@
 //!
 //! A [`Lane`] takes frames and hands on access units with their companion records, in order. Key
 //! frames are forced where a chunk of the archive begins. An encoder that fails, or gives nothing for
-//! [`STALL_NS`], is replaced; frames that were inside it are reported as dropped, never forgotten. When
+//! [`STALL_NS`], is replaced, at once the first time and ever more slowly if that goes on; frames that
+//! were inside it are reported as dropped, never forgotten. Given-up encoders that do not let go are
+//! bounded too: with [`MAX_ENDING`] of them no other is started ([`Lane::is_failing`] tells). When
 //! the encoder is full, the new frame is dropped whole, before the encoder, so that no other frame
 //! depends on it.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
 use std::time::Duration;
 
 use bytes::Bytes;
@@ -18,8 +21,15 @@ use video::{EncodeError, Encoder, EncoderEvent, EncoderSettings, Picture};
 
 /// An encoder that holds frames and gives nothing for so long is taken to be stuck.
 pub const STALL_NS: i64 = 2_000_000_000;
-/// After an encoder could not be started, how long until the next try.
+/// How long until the next try after a second failure in a row; twice as long after each further one.
 const RETRY_NS: i64 = 1_000_000_000;
+/// The longest time between two tries.
+const MAX_RETRY_NS: i64 = 32 * RETRY_NS;
+/// A failure that comes so long after the start is the first one again.
+const FORGIVEN_NS: i64 = 10_000_000_000;
+/// Given-up encoders that may be ending at once: each holds its pictures until it is gone, and one that
+/// hangs in its driver never is.
+const MAX_ENDING: usize = 3;
 /// Virtual time waits for every frame; longer than this in real time is a stuck encoder.
 const VIRTUAL_PATIENCE: Duration = Duration::from_secs(60);
 
@@ -93,8 +103,12 @@ pub struct Lane {
     /// had last given one.
     delivered: u64,
     last_progress: HostTime,
+    /// When an encoder was last started, and failures in a row since.
+    started: HostTime,
+    failures: u32,
     retry_at: HostTime,
-    restarts: u64,
+    /// Given up, and not yet gone.
+    ending: Vec<JoinHandle<()>>,
     wants_key: bool,
 }
 
@@ -110,15 +124,18 @@ impl Lane {
             previous_pts: i64::MIN,
             delivered: 0,
             last_progress: HostTime::MIN,
+            started: HostTime::MIN,
+            failures: 0,
             retry_at: HostTime::MIN,
-            restarts: 0,
+            ending: Vec::new(),
             wants_key: false,
         }
     }
 
-    /// How often the encoder was replaced.
-    pub fn restarts(&self) -> u64 {
-        self.restarts
+    /// Whether the encoder has failed and none has worked for a while since. Looked at in
+    /// [`Self::tick`].
+    pub fn is_failing(&self) -> bool {
+        self.failures > 0
     }
 
     /// Bytes of the pictures waiting inside.
@@ -163,6 +180,7 @@ impl Lane {
 
     /// Looks after the encoder; call it a few times a second.
     pub fn tick(&mut self, now: HostTime) {
+        self.ending.retain(|thread| !thread.is_finished());
         let Some(running) = &self.running else { return };
         let state = running.inside.lock();
         let failure = state.failure.clone();
@@ -172,6 +190,9 @@ impl Lane {
         if delivered != self.delivered {
             self.delivered = delivered;
             self.last_progress = now;
+            if now.since(self.started) > FORGIVEN_NS {
+                self.failures = 0;
+            }
         }
         if let Some(reason) = failure {
             self.replace(&reason, now);
@@ -215,8 +236,16 @@ impl Lane {
                     "no encoder is running".to_owned(),
                 );
             }
+            // Virtual time waits for them instead.
+            if !wait && self.ending.len() >= MAX_ENDING {
+                return drop_it(
+                    self,
+                    Cause::EncoderRestart,
+                    format!("{MAX_ENDING} encoders hang and are not gone"),
+                );
+            }
             if let Err(e) = self.start(now) {
-                self.retry_at = now + RETRY_NS;
+                self.failed(now);
                 return drop_it(self, Cause::EncoderRestart, e.to_string());
             }
         }
@@ -257,6 +286,7 @@ impl Lane {
     }
 
     fn start(&mut self, now: HostTime) -> Result<(), EncodeError> {
+        self.started = now;
         let inside = Arc::new(Inside {
             state: Mutex::new(State::default()),
             changed: Condvar::new(),
@@ -276,17 +306,31 @@ impl Lane {
         let Some(Running { encoder, inside }) = self.running.take() else {
             return;
         };
-        self.restarts += 1;
-        log::warn!("{} is started again: {reason}", self.settings.element);
+        log::warn!("{} is given up: {reason}", self.settings.element);
+        self.failed(now);
         let left = abandon(&inside);
         // Stopping a stuck encoder takes seconds, and this thread has other cameras to serve.
         let name = "encoder-end".to_owned();
-        let _ = std::thread::Builder::new()
+        let ending = std::thread::Builder::new()
             .name(name)
             .spawn(move || drop(encoder));
+        self.ending.extend(ending);
         self.report(&left, reason);
         self.last_progress = now;
         self.wants_key = true;
+    }
+
+    /// Counts a failure and puts off the next start.
+    fn failed(&mut self, now: HostTime) {
+        if now.since(self.started) > FORGIVEN_NS {
+            self.failures = 0;
+        }
+        let pause = match self.failures {
+            0 => 0,
+            before => (RETRY_NS << (before - 1).min(10)).min(MAX_RETRY_NS),
+        };
+        self.failures += 1;
+        self.retry_at = now + pause;
     }
 
     fn report(&self, left: &[Frame], detail: &str) {

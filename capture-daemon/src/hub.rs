@@ -3,8 +3,9 @@
 //!
 //! The hub is handed samples in the order of arrival and hands on [`Outgoing`] items. It owns no
 //! thread and asks no clock. *Early*: a stream's first sample already has a time, with an honest
-//! sigma. *At a gap*: numbers are handed on as they are; the recorder turns what is missing into gap
-//! records. *When a stream falls silent or its picture freezes*: an alarm, within two periods and a
+//! sigma. *Late or repeated* samples are left out, before anything else comes to depend on them, and
+//! counted in a notice. *At a gap*: numbers are handed on as they are; the recorder turns what is missing
+//! into gap records. *When a stream falls silent or its picture freezes*: an alarm, within two periods and a
 //! second, and another item when it is over. *At the end*: [`Hub::finish`] hands on what is inside.
 
 use std::sync::Arc;
@@ -189,6 +190,7 @@ struct CameraState {
     /// Arrival of the newest frame whose picture differed from the one before it.
     changed: HostTime,
     frozen_alarm: bool,
+    encoder_alarm: bool,
 }
 
 struct ImuState {
@@ -215,6 +217,8 @@ struct StreamClock {
 struct Watch {
     received: u64,
     received_before: u64,
+    /// Late or repeated samples since the last notice of them.
+    left_out: u64,
     last: Option<HostTime>,
     period_ns: i64,
     limit_ns: i64,
@@ -274,6 +278,7 @@ impl Hub {
                 digest: None,
                 changed: HostTime::MIN,
                 frozen_alarm: false,
+                encoder_alarm: false,
                 setup,
             });
         }
@@ -290,17 +295,22 @@ impl Hub {
     pub fn sample(&mut self, camera: usize, sample: Sample, now: HostTime) {
         match sample {
             Sample::Frame(frame) => self.frame(camera, frame, now),
-            Sample::Imu(sample) => self.imu(camera, &sample),
+            Sample::Imu(sample) => self.imu(camera, &sample, now),
         }
     }
 
     /// A frame of this camera came, at this time and with the device's number, and was dropped on its
     /// way here because too many are waiting.
-    pub fn dropped(&mut self, camera: usize, number: u64, at: HostTime) {
+    pub fn dropped(&mut self, camera: usize, number: u64, at: HostTime, now: HostTime) {
         let camera = &mut self.cameras[camera];
         let name = &camera.setup.name;
-        camera.watch.seen(at, name, &self.out);
-        let number = renumber(&mut camera.numbers, number, at, name, &self.out);
+        camera.watch.seen(now, name, &self.out);
+        let Some(number) = camera
+            .watch
+            .number(&mut camera.numbers, number, at, name, &self.out)
+        else {
+            return;
+        };
         (self.out)(Outgoing::Dropped {
             at,
             stream: name.clone(),
@@ -308,6 +318,16 @@ impl Hub {
             last: number,
             cause: Cause::EncoderOverload,
             detail: "too many raw frames are waiting".to_owned(),
+        });
+    }
+
+    /// A camera's source has failed and will deliver no more.
+    pub fn source_failed(&self, camera: usize, error: &str, now: HostTime) {
+        (self.out)(Outgoing::Alarm {
+            at: now,
+            text: error.to_owned(),
+            stream: self.cameras[camera].setup.name.clone(),
+            active: true,
         });
     }
 
@@ -321,6 +341,7 @@ impl Hub {
     pub fn tick(&mut self, now: HostTime) {
         for camera in &mut self.cameras {
             camera.lane.tick(now);
+            camera.note_encoder(now, &self.out);
             camera.watch.check(&camera.setup.name, now, &self.out);
         }
         for imu in &mut self.imus {
@@ -349,28 +370,33 @@ impl Hub {
     pub fn finish(&mut self, now: HostTime) {
         for camera in &mut self.cameras {
             camera.lane.finish(FINISH_LIMIT, now);
+            camera
+                .watch
+                .tell_left_out(now, &camera.setup.name, &self.out);
         }
         for imu in &mut self.imus {
             flush(imu, &self.out);
+            imu.watch.tell_left_out(now, &imu.setup.name, &self.out);
         }
     }
 
     fn frame(&mut self, position: usize, raw: RawFrame, now: HostTime) {
         let camera = &mut self.cameras[position];
-        camera
-            .watch
-            .seen(raw.host_time, &camera.setup.name, &self.out);
-        let number = renumber(
+        let name = &camera.setup.name;
+        camera.watch.seen(now, name, &self.out);
+        let number = camera.watch.number(
             &mut camera.numbers,
             raw.number,
             raw.host_time,
-            &camera.setup.name,
+            name,
             &self.out,
         );
         let digest = crc32fast::hash(&raw.picture.data);
         let frozen = camera.digest.replace(digest) == Some(digest) && !camera.setup.still;
         camera.note_frozen(frozen, raw.host_time, &self.out);
         let (ticks, mapped) = camera.clock.map(raw.device_ticks, raw.host_time, &self.out);
+        // The recorder could not store it, and what is encoded after it would refer to it.
+        let Some(number) = number else { return };
         let frame = Frame {
             number,
             device_ticks: ticks,
@@ -391,20 +417,19 @@ impl Hub {
         }
     }
 
-    fn imu(&mut self, camera: usize, raw: &RawImu) {
+    fn imu(&mut self, camera: usize, raw: &RawImu, now: HostTime) {
         let Some(position) = self.cameras[camera].imu else {
             return;
         };
         let imu = &mut self.imus[position];
-        imu.watch.seen(raw.host_time, &imu.setup.name, &self.out);
-        let number = renumber(
-            &mut imu.numbers,
-            raw.number,
-            raw.host_time,
-            &imu.setup.name,
-            &self.out,
-        );
+        let name = &imu.setup.name;
+        imu.watch.seen(now, name, &self.out);
+        let number = imu
+            .watch
+            .number(&mut imu.numbers, raw.number, raw.host_time, name, &self.out);
         let (ticks, mapped) = imu.clock.map(raw.device_ticks, raw.host_time, &self.out);
+        // In a batch it would take good samples with it.
+        let Some(number) = number else { return };
         let n = imu.batch.times.len();
         let continues = n > 0
             && number == imu.batch.first_number + n as u64
@@ -444,6 +469,9 @@ impl Hub {
     fn health(&mut self, at: HostTime, span_ns: i64) {
         let mut streams = Vec::new();
         for camera in &mut self.cameras {
+            camera
+                .watch
+                .tell_left_out(at, &camera.setup.name, &self.out);
             let mut health = camera.watch.health(&camera.setup.name, span_ns);
             // Where every frame is waited for none is queued, although the encoder's own threads may
             // still be letting go of the last one.
@@ -454,28 +482,11 @@ impl Hub {
             streams.push(health);
         }
         for imu in &mut self.imus {
+            imu.watch.tell_left_out(at, &imu.setup.name, &self.out);
             streams.push(imu.watch.health(&imu.setup.name, span_ns));
         }
         (self.out)(Outgoing::Health { at, streams });
     }
-}
-
-/// The stream's number of the device's; a restarted counter is worth a notice.
-fn renumber(numbers: &mut Renumber, raw: u64, at: HostTime, name: &str, out: &Out) -> u64 {
-    let numbered = numbers.number(raw);
-    if numbered.restarted {
-        let text = format!(
-            "{name}: the device counts anew from {raw}, stored as {}; how many samples are missing \
-             between cannot be known",
-            numbered.number
-        );
-        out(Outgoing::Notice {
-            at,
-            text,
-            stream: name.to_owned(),
-        });
-    }
-    numbered.number
 }
 
 /// Hands on the batch in the making and leaves it empty.
@@ -499,14 +510,25 @@ impl CameraState {
         let alarm = at.since(self.changed) + self.watch.period_ns > self.watch.limit_ns;
         if alarm != self.frozen_alarm {
             self.frozen_alarm = alarm;
-            let text = format!("{}: the picture is frozen", self.setup.name);
-            out(Outgoing::Alarm {
-                at,
-                text,
-                stream: self.setup.name.clone(),
-                active: alarm,
-            });
+            self.alarm("the picture is frozen", alarm, at, out);
         }
+    }
+
+    fn note_encoder(&mut self, at: HostTime, out: &Out) {
+        let alarm = self.lane.is_failing();
+        if alarm != self.encoder_alarm {
+            self.encoder_alarm = alarm;
+            self.alarm("the encoder fails and is started again", alarm, at, out);
+        }
+    }
+
+    fn alarm(&self, what: &str, active: bool, at: HostTime, out: &Out) {
+        out(Outgoing::Alarm {
+            at,
+            text: format!("{}: {what}", self.setup.name),
+            stream: self.setup.name.clone(),
+            active,
+        });
     }
 }
 
@@ -618,6 +640,48 @@ impl Watch {
         self.set_silent(false, at, name, out);
     }
 
+    /// The stream's number of the device's, or none if the sample came late or twice. A restarted
+    /// counter is worth a notice.
+    fn number(
+        &mut self,
+        numbers: &mut Renumber,
+        raw: u64,
+        at: HostTime,
+        name: &str,
+        out: &Out,
+    ) -> Option<u64> {
+        let numbered = numbers.number(raw);
+        if numbered.late {
+            self.left_out += 1;
+            return None;
+        }
+        if numbered.restarted {
+            let text = format!(
+                "{name}: the device counts anew from {raw}, stored as {}; how many samples are \
+                 missing between cannot be known",
+                numbered.number
+            );
+            out(Outgoing::Notice {
+                at,
+                text,
+                stream: name.to_owned(),
+            });
+        }
+        Some(numbered.number)
+    }
+
+    /// Says how many samples came late or twice: all at once, for a device may repeat every one.
+    fn tell_left_out(&mut self, at: HostTime, name: &str, out: &Out) {
+        let count = std::mem::take(&mut self.left_out);
+        if count > 0 {
+            out(Outgoing::Notice {
+                at,
+                text: format!("{name}: samples that came late or twice, left out: {count}"),
+                stream: name.to_owned(),
+            });
+        }
+    }
+
     fn check(&mut self, name: &str, now: HostTime, out: &Out) {
         let last = *self.last.get_or_insert(now);
         // The next look would be too late to say it, also if it comes a little late itself.
@@ -650,3 +714,6 @@ impl Watch {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -13,11 +13,15 @@ use capture_daemon::config::{self, Config, ConfigError, DEFAULT_SOCKET, Level};
 use capture_daemon::control::{self, screen};
 use capture_daemon::recorder::OnProgress;
 use capture_daemon::run::{self, RecordOptions, StopFlag};
-use capture_daemon::status::{Progress, Request, Response, Status};
+use capture_daemon::status::{Progress, Request, Response, State, Status};
 use clap::{Args, Parser, Subcommand};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
-use video::{Codec, discover, encoder};
+use video::{discover, encoder};
+
+mod printer;
+
+use printer::{Lines, Printer, Weight};
 
 const DEFAULT_CONFIG: &str = "/etc/paws/pawsd.toml";
 /// Longest recording that can be meant, s: a week.
@@ -126,10 +130,17 @@ struct Usage(&'static str);
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    log_to_stderr(matches!(cli.command, Command::Run(_)));
+    let stderr = match Printer::start(io::stderr()) {
+        Ok(printer) => printer,
+        Err(error) => {
+            eprintln!("pawsd: {error:#}");
+            return ExitCode::FAILURE;
+        }
+    };
+    log_to(stderr.lines(), matches!(cli.command, Command::Run(_)));
     let done = match cli.command {
         Command::Check(args) => check(&args.config),
-        Command::Record(args) => record(&args),
+        Command::Record(args) => record(&args, stderr.lines()),
         Command::Run(args) => daemon(&args.config),
         Command::Start { name, control } => ask(&control, &Request::Start { name }, print_session),
         Command::Stop(control) => ask(&control, &Request::Stop, print_session),
@@ -145,6 +156,7 @@ fn main() -> ExitCode {
         }),
         Command::Encoders { size } => encoders(size),
     };
+    stderr.finish();
     done.unwrap_or_else(|error| {
         eprintln!("pawsd: {error:#}");
         let is_wrong_input = error.is::<Usage>() || error.is::<ConfigError>();
@@ -152,10 +164,11 @@ fn main() -> ExitCode {
     })
 }
 
-fn log_to_stderr(daemon: bool) {
+fn log_to(stderr: Lines, daemon: bool) {
     let level = if daemon { "info" } else { "warn" };
     let mut logger =
         env_logger::Builder::from_env(env_logger::Env::default().default_filter_or(level));
+    logger.target(env_logger::Target::Pipe(Box::new(stderr)));
     // The journal has its own time stamps.
     if std::env::var_os("JOURNAL_STREAM").is_some() {
         logger.format_timestamp(None);
@@ -184,7 +197,7 @@ fn check(path: &Path) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::from(u8::from(errors > 0)))
 }
 
-fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
+fn record(args: &RecordArgs, stderr: Lines) -> anyhow::Result<ExitCode> {
     let config = Config::read(&args.config.config)?;
     let out = args.out.clone().or_else(|| config.session.out.clone());
     let options = RecordOptions {
@@ -196,7 +209,15 @@ fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
         ))?,
     };
     let stop = stop_on_signals()?;
-    let finished = run::record(&config, &options, &stop, tell_progress(args.json))?;
+    let stdout = args
+        .json
+        .then(|| Printer::start(io::stdout()))
+        .transpose()?;
+    let json = stdout.as_ref().map(Printer::lines);
+    let finished = run::record(&config, &options, &stop, tell_progress(stderr, json))?;
+    if let Some(stdout) = stdout {
+        stdout.finish();
+    }
     if !args.json {
         print(finished.session.display())?;
     }
@@ -216,16 +237,22 @@ fn daemon(path: &Path) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Lines for people on standard error, and for programs, if asked, on standard output. A recording
-/// goes on although nobody reads them any more.
-fn tell_progress(json: bool) -> OnProgress {
+/// Lines for people, and for programs if asked. A recording goes on although nobody reads them.
+fn tell_progress(people: Lines, programs: Option<Lines>) -> OnProgress {
     let mut narrator = screen::Narrator::default();
     Box::new(move |progress: Progress| {
+        let weight = match progress {
+            Progress::Durable { .. } => Weight::Routine,
+            Progress::Started { .. } | Progress::Alarm { .. } => Weight::News,
+            Progress::Finished { .. } => Weight::Last,
+        };
         if let Some(line) = narrator.line(&progress) {
-            let _ = writeln!(io::stderr(), "{line}");
+            people.say(&line, weight);
         }
-        if json && let Ok(line) = serde_json::to_string(&progress) {
-            let _ = print(line);
+        if let Some(programs) = &programs
+            && let Ok(line) = serde_json::to_string(&progress)
+        {
+            programs.say(&line, weight);
         }
     })
 }
@@ -259,11 +286,26 @@ fn ask(
     match control::request(&control.socket, request)? {
         Response::Ok { status } => {
             show(&status)?;
-            let lost =
-                *request == Request::Stop && status.streams.iter().any(|stream| stream.missing > 0);
-            Ok(ExitCode::from(if lost { 3 } else { 0 }))
+            if *request != Request::Stop {
+                return Ok(ExitCode::SUCCESS);
+            }
+            if status.state == State::Fault {
+                for alarm in &status.alarms {
+                    eprintln!("pawsd: {alarm}");
+                }
+            }
+            Ok(ExitCode::from(code_of_stop(&status)))
         }
         Response::Error { message } => anyhow::bail!(message),
+    }
+}
+
+/// Whether what was recorded is whole.
+fn code_of_stop(status: &Status) -> u8 {
+    match status.state {
+        State::Fault => 1,
+        _ if status.streams.iter().any(|stream| stream.missing > 0) => 3,
+        _ => 0,
     }
 }
 
@@ -286,22 +328,15 @@ fn encoders((width, height): (u32, u32)) -> anyhow::Result<ExitCode> {
                 let preferred = if works { "" } else { ", preferred" };
                 works = true;
                 (
-                    name_of(trial.codec),
+                    trial.codec.to_string(),
                     format!("{:.0} pictures/s{preferred}", trial.pictures_per_s),
                 )
             }
-            Err(reason) => ("", reason.to_string()),
+            Err(reason) => (String::new(), reason.to_string()),
         };
         print(format_args!("{element:<15}{codec:<7}{result}"))?;
     }
     Ok(ExitCode::from(u8::from(!works)))
-}
-
-fn name_of(codec: Codec) -> &'static str {
-    match codec {
-        Codec::H264 => "H.264",
-        Codec::H265 => "H.265",
-    }
 }
 
 /// One line to standard output, at once.
@@ -325,4 +360,35 @@ fn parse_size(text: &str) -> Result<(u32, u32), String> {
     text.split_once('x')
         .and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)))
         .ok_or_else(|| "expected a width and a height like 1344x376".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use capture_daemon::status::StreamStatus;
+
+    use super::*;
+
+    #[test]
+    fn a_stop_tells_whether_the_recording_is_whole() {
+        let code = |state, missing| {
+            code_of_stop(&Status {
+                state,
+                session: None,
+                seconds: 1.0,
+                durable_until: None,
+                streams: vec![StreamStatus {
+                    missing,
+                    ..StreamStatus::default()
+                }],
+                free_bytes: None,
+                seconds_left: None,
+                alarms: Vec::new(),
+                encoders: Vec::new(),
+            })
+        };
+        assert_eq!(code(State::Armed, 0), 0);
+        assert_eq!(code(State::Armed, 2), 3);
+        assert_eq!(code(State::Fault, 0), 1);
+        assert_eq!(code(State::Fault, 2), 1);
+    }
 }

@@ -58,7 +58,7 @@ impl Notify {
         }
     }
 
-    /// The daemon is up: sources deliver and encoders work.
+    /// The daemon is up: sources are open and encoders work.
     pub fn ready(&self) {
         self.send("READY=1");
     }

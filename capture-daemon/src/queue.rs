@@ -1,7 +1,7 @@
 //! A queue between threads that is bounded in bytes.
 //!
 //! Order is kept. A full queue refuses ([`Queue::try_push`]) or makes the producer wait
-//! ([`Queue::push`]); which of the two is the producer's policy, and what is refused comes back, so
+//! ([`Queue::push_reserved`]); which of the two is the producer's policy, and what is refused comes back, so
 //! that it can be accounted for. One item always fits, however large. After [`Queue::close`] nothing
 //! goes in, and what is inside can still be taken out.
 
@@ -55,26 +55,14 @@ impl<T> Queue<T> {
         Ok(())
     }
 
-    /// Puts an item in, waiting until it fits.
-    ///
-    /// # Errors
-    /// The item, if the queue is closed.
-    pub fn push(&self, item: T, bytes: usize) -> Result<(), T> {
-        self.push_within(self.capacity, item, bytes)
-    }
-
-    /// As [`Self::push`], but may use as much again as the capacity: for small items that must not
+    /// Puts an item in, waiting until it fits into twice the capacity: for small items that must not
     /// be held up or dropped because large ones fill the queue.
     ///
     /// # Errors
     /// The item, if the queue is closed.
     pub fn push_reserved(&self, item: T, bytes: usize) -> Result<(), T> {
-        self.push_within(2 * self.capacity, item, bytes)
-    }
-
-    fn push_within(&self, capacity: usize, item: T, bytes: usize) -> Result<(), T> {
         let mut state = self.lock();
-        while !state.closed && !state.items.is_empty() && state.bytes + bytes > capacity {
+        while !state.closed && !state.items.is_empty() && state.bytes + bytes > 2 * self.capacity {
             state = self
                 .changed
                 .wait(state)
@@ -164,7 +152,7 @@ mod tests {
         let queue = Arc::new(Queue::new(3));
         let producer = {
             let queue = queue.clone();
-            std::thread::spawn(move || (0..100).all(|i| queue.push(i, 2).is_ok()))
+            std::thread::spawn(move || (0..100).all(|i| queue.push_reserved(i, 2).is_ok()))
         };
         let taken: Vec<i32> = (0..100)
             .map_while(|_| match queue.pop(Duration::from_secs(10)) {

@@ -10,7 +10,7 @@
 //!   from a stream's first to its last.
 //! * *At a stop* what was received before it is waited for, but not longer than [`STOP_LIMIT_NS`].
 //! * *When the disk is nearly full* it stops cleanly; *when it fails* the session is closed as far as it is
-//!   on disk, and the state says so. Nothing here panics or retries for ever.
+//!   on disk, what is not known to be there is counted as missing, and the state says so. Nothing here panics or retries for ever.
 
 use std::collections::BTreeSet;
 use std::io;
@@ -22,9 +22,10 @@ use session_archive::record::paws::event::Kind;
 use session_archive::record::paws::health;
 use session_archive::record::{CameraCalibration, ClockMap, Event, FrameTransforms, Health};
 use session_archive::storage::Storage;
-use session_archive::time::{CivilTime, HostTime};
-use session_archive::writer::{SessionSpec, SessionWriter, WriteError};
+use session_archive::time::{CivilTime, HostTime, NS_PER_S};
+use session_archive::writer::{Incident, SessionSpec, SessionWriter, WriteError};
 
+use crate::causes::with_causes;
 use crate::clock::Clock;
 use crate::disk::START_MARGIN;
 use crate::hub::{Outgoing, StreamHealth};
@@ -36,7 +37,7 @@ mod session;
 mod tests;
 mod timed;
 
-use preroll::PreRoll;
+use preroll::{LIMIT_BYTES, PreRoll};
 use session::{Session, Stopping};
 use timed::TimedStorage;
 
@@ -44,6 +45,8 @@ use timed::TimedStorage;
 pub const STOP_LIMIT_NS: i64 = 250_000_000;
 /// A warning comes when less than this can still be recorded.
 const WARN_SECONDS: f64 = 300.0;
+const DISK_LOW: &str = "disk: less than 5 minutes can still be recorded";
+const DISK_FULL: &str = "disk: too full to record";
 
 /// Where sessions go.
 pub trait SessionStore: Send {
@@ -111,6 +114,9 @@ pub struct Recorder {
     seen: Vec<bool>,
     health: Vec<StreamHealth>,
     alarms: BTreeSet<String>,
+    /// The one of the disk's alarms that is active.
+    disk_alarm: Option<&'static str>,
+    pre_roll_alarm: bool,
     fault: Option<String>,
     free_bytes: Option<u64>,
     seconds_left: Option<f64>,
@@ -140,6 +146,8 @@ impl Recorder {
             seen: vec![false; streams],
             health: Vec::new(),
             alarms: BTreeSet::new(),
+            disk_alarm: None,
+            pre_roll_alarm: false,
             fault: None,
             seconds_left: None,
             key_wishes: Vec::new(),
@@ -178,7 +186,10 @@ impl Recorder {
                 stream,
                 active,
             } => self.on_alarm(at, text, &stream, active),
-            Outgoing::Notice { at, text, stream } => self.event(Kind::Warning, at, &stream, &text),
+            Outgoing::Notice { at, text, stream } => {
+                log::warn!("{text}");
+                self.event(Kind::Warning, at, &stream, &text);
+            }
             item => self.sample(item),
         }
         self.after();
@@ -244,11 +255,15 @@ impl Recorder {
         let beginning = self
             .pre_roll
             .take(at + -self.setup.pre_roll_ns, self.setup.cameras.len());
-        let session = self.open(name, at, &beginning.items).map_err(|e| {
-            let message = format!("the session cannot be created: {}", chain(&e));
-            self.fault = Some(message.clone());
-            message
-        })?;
+        let session = match self.open(name, at, &beginning.items) {
+            Ok(session) => session,
+            Err(e) => {
+                self.pre_roll.put_back(beginning);
+                let message = format!("the session cannot be created: {}", with_causes(&e));
+                self.fault = Some(message.clone());
+                return Err(message);
+            }
+        };
         self.fault = None;
         let path = session.path.clone();
         self.last_session = Some(path.clone());
@@ -256,7 +271,12 @@ impl Recorder {
         (self.on_progress)(Progress::Started { session: path, at });
         self.statics(at, &beginning.maps);
         for item in beginning.items {
+            if let Outgoing::Clock { at, map } = &item {
+                self.pre_roll.remember(*at, map);
+            }
             self.sample(item);
+            // Tells of every chunk on the way: with a slow disk this takes a while.
+            self.after();
         }
         let without_key = self
             .session
@@ -403,7 +423,11 @@ impl Recorder {
             imus: setup.imus.clone(),
             rig: setup.rig_files.clone(),
         };
-        let writer = SessionWriter::create(timed.clone(), spec).map_err(io::Error::other)?;
+        let writer = SessionWriter::create(timed.clone(), spec).map_err(|e| {
+            // Nothing is in it yet.
+            let _ = self.store.discard(&path);
+            io::Error::other(e)
+        })?;
         Ok(Session::new(path, writer, timed, setup, started))
     }
 
@@ -433,7 +457,7 @@ impl Recorder {
     /// A sample, or the word that it will not come: into the session, or into the pre-roll.
     fn sample(&mut self, item: Outgoing) {
         let Some(session) = &mut self.session else {
-            return self.pre_roll.keep(item);
+            return self.keep(item);
         };
         if let Some(stopping) = &mut session.stopping
             && item_time(&item).is_some_and(|t| t > stopping.at)
@@ -445,16 +469,30 @@ impl Recorder {
                 }
                 _ => {}
             }
-            return self.pre_roll.keep(item);
+            return self.keep(item);
         }
         let stored = session.store(item);
         self.check(stored);
     }
 
+    fn keep(&mut self, item: Outgoing) {
+        self.pre_roll.keep(item);
+        let cut = self.pre_roll.is_cut();
+        if cut != self.pre_roll_alarm {
+            self.pre_roll_alarm = cut;
+            let text = format!(
+                "pre-roll: {} MB hold less than the {:.1} s of the configuration",
+                LIMIT_BYTES >> 20,
+                self.setup.pre_roll_ns as f64 / NS_PER_S as f64
+            );
+            self.on_alarm(self.clock.now(), text, "pre-roll", cut);
+        }
+    }
+
     /// A write went well, or ends the session.
     fn check(&mut self, result: Result<(), WriteError>) {
         if let Err(e) = result {
-            self.close(Some(chain(&e)));
+            self.close(Some(with_causes(&e)));
         }
     }
 
@@ -463,20 +501,10 @@ impl Recorder {
         let Some(session) = &mut self.session else {
             return;
         };
-        for incident in session.writer.take_incidents() {
-            let what = if incident.lost.is_empty() {
-                "nothing is lost"
-            } else {
-                "data are lost"
-            };
-            let text = format!(
-                "segment {} was given up ({}); {what}, recording goes on in a new one",
-                incident.segment, incident.error
-            );
+        session.note_incidents();
+        for incident in std::mem::take(&mut session.incidents) {
+            let text = describe(&incident);
             log::error!("{text}");
-            for gap in &incident.lost {
-                session.note_lost(gap);
-            }
             let event = Event {
                 kind: Kind::Fault.into(),
                 source: "disk".to_owned(),
@@ -484,13 +512,14 @@ impl Recorder {
             };
             let at = session.last;
             if let Err(e) = session.writer.append("", at, at, &event) {
-                return self.close(Some(chain(&e)));
+                return self.close(Some(with_causes(&e)));
             }
             (self.on_progress)(Progress::Alarm { text, active: true });
         }
         let durable = session.writer.durability();
         if durable.chunks != session.chunks_reported {
             session.chunks_reported = durable.chunks;
+            session.note_durable();
             let (until, messages) = (durable.until, durable.messages);
             (self.on_progress)(Progress::Durable { until, messages });
         }
@@ -508,16 +537,27 @@ impl Recorder {
         };
         let now = self.clock.now();
         let stopping = session.stopping.take();
+        let settled = session.settle();
+        let error = error.or_else(|| settled.err().map(|e| with_causes(&e)));
         let reason = match (&error, &stopping) {
             (Some(e), _) => format!("failure: {e}"),
             (None, Some(s)) => s.reason.clone(),
             (None, None) => "closed".to_owned(),
         };
-        let finished = if error.is_none() {
-            session.settle()
-        } else {
-            Ok(())
-        };
+        let at = stopping.map_or(now, |s| s.at);
+        let closed = session.close(Stop {
+            at,
+            reason: reason.clone(),
+        });
+        for incident in std::mem::take(&mut session.incidents) {
+            let text = describe(&incident);
+            log::error!("{text}");
+            (self.on_progress)(Progress::Alarm { text, active: true });
+        }
+        let failed = error.or_else(|| closed.err().map(|e| with_causes(&e)));
+        if failed.is_some() {
+            session.write_off();
+        }
         let seconds = session.seconds();
         self.last_totals = (
             seconds,
@@ -529,15 +569,7 @@ impl Recorder {
         );
         let stored = session.streams.iter().map(|s| s.stored).sum();
         let missing = session.streams.iter().map(|s| s.missing).sum();
-        let at = stopping.map_or(now, |s| s.at);
-        let path = session.path.clone();
-        let closed = session.close(Stop {
-            at,
-            reason: reason.clone(),
-        });
-        let failed = error
-            .or_else(|| finished.err().map(|e| chain(&e)))
-            .or_else(|| closed.err().map(|e| chain(&e)));
+        let path = session.path;
         if let Some(e) = &failed {
             let text = format!(
                 "recording ended by a failure: {e}; {seconds:.1} s are in {}",
@@ -591,7 +623,7 @@ impl Recorder {
         self.free_bytes = self.store.free_bytes();
         let temperature_c = self.store.temperature_c();
         let Some(session) = &mut self.session else {
-            return;
+            return self.guard_disk(at, None);
         };
         let (write_max_ns, sync_max_ns) = session.timed.take_longest();
         let durability = session.writer.durability();
@@ -627,38 +659,50 @@ impl Recorder {
         };
         let stored = session.writer.append("", at, at, &record);
         self.check(stored);
-        self.guard_disk(at, written);
+        self.guard_disk(at, Some(written));
     }
 
-    /// Warns when space runs low and stops, cleanly, when it has.
-    fn guard_disk(&mut self, at: HostTime, bytes_per_second: u64) {
-        let (Some(free), Some(session)) = (self.free_bytes, &mut self.session) else {
+    /// Warns when space runs low, or is too little to begin; stops, cleanly, when it has run out.
+    fn guard_disk(&mut self, at: HostTime, bytes_per_second: Option<u64>) {
+        let Some(free) = self.free_bytes else {
             return;
         };
         let usable = free.saturating_sub(self.setup.reserve_bytes);
-        let left = usable as f64 / (bytes_per_second.max(1)) as f64;
-        self.seconds_left = Some(left);
-        if usable == 0 {
-            let text = format!(
-                "the disk is full up to the reserve ({} MB free)",
-                free >> 20
-            );
-            self.event(Kind::Fault, at, "disk", &text);
-            let _ = self.stop("disk full");
-            (self.on_progress)(Progress::Alarm { text, active: true });
-            return;
+        self.seconds_left = bytes_per_second.map(|rate| usable as f64 / rate.max(1) as f64);
+        let full = match bytes_per_second {
+            Some(_) => usable == 0,
+            None => usable < START_MARGIN,
+        };
+        let alarm = match self.seconds_left {
+            _ if full => Some(DISK_FULL),
+            Some(left) if left < WARN_SECONDS => Some(DISK_LOW),
+            _ => None,
+        };
+        if alarm != self.disk_alarm {
+            if let Some(over) = std::mem::replace(&mut self.disk_alarm, alarm) {
+                self.on_alarm(at, over.to_owned(), "disk", false);
+            }
+            if let Some(text) = alarm {
+                self.on_alarm(at, text.to_owned(), "disk", true);
+            }
         }
-        let low = left < WARN_SECONDS;
-        if low != session.low_disk {
-            session.low_disk = low;
-            self.on_alarm(
-                at,
-                "disk: less than 5 minutes can still be recorded".to_owned(),
-                "disk",
-                low,
-            );
+        if full && self.session.is_some() {
+            let _ = self.stop("disk full");
         }
     }
+}
+
+/// What the writer dealt with, for people.
+fn describe(incident: &Incident) -> String {
+    let what = if incident.lost.is_empty() {
+        "nothing is lost"
+    } else {
+        "data are lost"
+    };
+    format!(
+        "segment {} was given up ({}); {what}, recording goes on in a new one",
+        incident.segment, incident.error
+    )
 }
 
 /// The time by which an item belongs before or after a stop.
@@ -669,16 +713,4 @@ fn item_time(item: &Outgoing) -> Option<HostTime> {
         Outgoing::Dropped { at, .. } => Some(*at),
         _ => None,
     }
-}
-
-/// An error with its causes, for people.
-fn chain(error: &dyn std::error::Error) -> String {
-    let mut text = error.to_string();
-    let mut source = error.source();
-    while let Some(cause) = source {
-        text.push_str(": ");
-        text.push_str(&cause.to_string());
-        source = cause.source();
-    }
-    text
 }

@@ -1,14 +1,15 @@
 //! Putting the parts together: in real time on threads, or in virtual time in a loop.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use anyhow::Context as _;
+use anyhow::{Context as _, anyhow};
 use session_archive::time::HostTime;
 
 use crate::config::Config;
 use crate::recorder::OnProgress;
+use crate::status::Progress;
 
 mod build;
 mod real_time;
@@ -39,11 +40,6 @@ impl StopFlag {
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::SeqCst)
     }
-
-    /// The flag, for signal handlers that set an atomic.
-    pub fn shared(&self) -> Arc<AtomicBool> {
-        self.0.clone()
-    }
 }
 
 /// What to record.
@@ -68,22 +64,84 @@ pub struct Finished {
     pub stored: u64,
     /// Samples missing, all streams; each is accounted for in a gap record.
     pub missing: u64,
-    /// What failed, if the session was ended by a failure.
+    /// What failed, if the session was ended by a failure or a source failed during it.
     pub error: Option<String>,
+}
+
+/// How a recording ends: what its last progress says, and the first source that failed during it.
+#[derive(Clone, Default)]
+struct Outcome(Arc<Mutex<(Option<Finished>, Option<String>)>>);
+
+impl Outcome {
+    /// A source has failed: the recording goes on without it, and ends as failed.
+    fn source_failed(&self, error: String) {
+        self.lock().1.get_or_insert(error);
+    }
+
+    /// Hands progress on and keeps the last of it.
+    fn watch(&self, mut on_progress: OnProgress) -> OnProgress {
+        let outcome = self.clone();
+        Box::new(move |mut progress| {
+            if let Progress::Finished {
+                session,
+                stored,
+                missing,
+                error,
+                ..
+            } = &mut progress
+            {
+                let mut outcome = outcome.lock();
+                if error.is_none() {
+                    error.clone_from(&outcome.1);
+                }
+                outcome.0 = Some(Finished {
+                    session: session.clone(),
+                    stored: *stored,
+                    missing: *missing,
+                    error: error.clone(),
+                });
+            }
+            on_progress(progress);
+        })
+    }
+
+    fn is_finished(&self) -> bool {
+        self.lock().0.is_some()
+    }
+
+    fn take(&self) -> anyhow::Result<Finished> {
+        let finished = self.lock().0.take();
+        finished.ok_or_else(|| anyhow!("the recording ended without a session"))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, (Option<Finished>, Option<String>)> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Why a recording is stopped when nothing failed.
+fn stop_reason(stop: &StopFlag, all_ended: bool) -> &'static str {
+    match (stop.is_set(), all_ended) {
+        (true, _) => "signal",
+        (false, true) => "sources ended",
+        (false, false) => "duration",
+    }
 }
 
 /// Records one session: starts at once, ends after the time given or when `stop` is set.
 ///
 /// # Errors
 /// The configuration cannot be put to work, or no session could be created. A session that was
-/// ended by a failure is not an error: see [`Finished::error`].
+/// ended by a failure, or went on without a source that failed, is not an error: see
+/// [`Finished::error`].
 pub fn record(
     config: &Config,
     options: &RecordOptions,
     stop: &StopFlag,
     on_progress: OnProgress,
 ) -> anyhow::Result<Finished> {
-    record_built(|start| build(config, start), options, stop, on_progress)
+    let build = |start| build::build_for(config, start, options.virtual_time);
+    record_built(build, options, stop, on_progress)
 }
 
 /// As [`record`], with sources and set-ups of the caller's: `build` is given the time at which
@@ -105,3 +163,6 @@ pub fn record_built(
         real_time::record(build, options, stop, on_progress)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -103,6 +103,8 @@ pub struct CameraInfo {
     pub rate_hz: f64,
     /// Length of a device tick.
     pub tick: TickLength,
+    /// Width of the device's tick counter, where it wraps.
+    pub tick_bits: Option<u8>,
     /// Width of the device's frame counter, where it wraps.
     pub number_bits: Option<u8>,
     /// Whether chroma means anything.
@@ -119,6 +121,8 @@ pub struct ImuInfo {
     pub rate_hz: f64,
     /// Length of a device tick.
     pub tick: TickLength,
+    /// Width of the device's tick counter, where it wraps.
+    pub tick_bits: Option<u8>,
     /// Width of the device's sample counter, where it wraps.
     pub number_bits: Option<u8>,
     /// rad/s per gyro count and m/s² per accelerometer count, where samples are counts.
@@ -141,14 +145,6 @@ pub struct SourceInfo {
 /// Why a source cannot go on.
 #[derive(Debug, thiserror::Error)]
 pub enum SourceError {
-    /// The source is gone for now; opening it again may help.
-    #[error("{source_name} is gone: {what}")]
-    Gone {
-        /// Which source.
-        source_name: String,
-        /// What happened.
-        what: String,
-    },
     /// The data cannot be used; trying again will not help.
     #[error("{source_name} cannot be read: {what}")]
     Unusable {

@@ -112,7 +112,7 @@ pub enum Progress {
         stored: u64,
         /// Samples missing, all streams; each is accounted for in a gap record.
         missing: u64,
-        /// What failed, if the session was ended by a failure.
+        /// What failed, if the session was ended by a failure or a source failed during it.
         error: Option<String>,
     },
 }

@@ -246,6 +246,36 @@ fn record_tells_progress_as_json() {
     );
 }
 
+/// More than a pipe holds is said on standard output, and read when the recording is over.
+#[test]
+fn a_recording_does_not_wait_for_its_reader() {
+    let folder = folder_with(&format!("session.chunk_ms = 100\n{CAMERA}"));
+    let args = [
+        "record",
+        "--config",
+        "pawsd.toml",
+        "--out",
+        "out",
+        "--seconds",
+        "200",
+        "--virtual",
+        "--json",
+    ];
+    let mut child = pawsd(&args, folder.path())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let told = BufReader::new(child.stderr.take().unwrap()).lines();
+    let finished = told
+        .map(|line| line.unwrap())
+        .find(|line| line.starts_with("finished after"));
+    assert!(finished.is_some());
+    let said = text(&child.wait_with_output().unwrap().stdout);
+    assert!(said.len() > 70_000, "{} bytes", said.len());
+    assert!(said.lines().last().unwrap().contains("\"finished\""));
+}
+
 #[test]
 fn a_signal_ends_a_recording_cleanly() {
     let folder = folder_with(CAMERA);

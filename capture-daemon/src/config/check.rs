@@ -6,7 +6,6 @@
 //! would feel that.
 
 use std::collections::BTreeMap;
-use std::error::Error;
 use std::fmt;
 use std::io;
 use std::os::unix::net::UnixStream;
@@ -18,6 +17,7 @@ use session_archive::time::HostTime;
 use video::discover::{self, Trial};
 
 use super::{Camera, Config, SourceConfig};
+use crate::causes::with_causes;
 use crate::disk;
 use crate::run::needed_speed;
 use crate::sources::replay::Replay;
@@ -322,11 +322,12 @@ fn encoders(config: &Config, cameras: &[SourceInfo], report: &mut Report) {
         }
     }
     for (width, height, rate_hz) in kinds {
-        let needed = needed_speed(rate_hz, config.cameras.len());
+        let needed = needed_speed(config, rate_hz);
+        let threads = config.encoder.threads;
         let trial = match &config.encoder.element {
-            Some(element) => discover::trial(element, width, height)
+            Some(element) => discover::trial_with(element, width, height, threads)
                 .map_err(|error| format!("{element} was asked for: {}", with_causes(&error))),
-            None => discover::best_encoder_at(width, height, needed)
+            None => discover::best_encoder_at(width, height, threads, needed)
                 .map(|choice| choice.trial)
                 .map_err(|error| with_causes(&error)),
         };
@@ -352,17 +353,6 @@ fn writable(folder: &Path) -> io::Result<()> {
         folder,
         Access::WRITE_OK | Access::EXEC_OK,
     )?)
-}
-
-/// A message with those of its causes.
-fn with_causes(error: &dyn Error) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(error) = cause {
-        text = format!("{text}: {error}");
-        cause = error.source();
-    }
-    text
 }
 
 #[cfg(test)]

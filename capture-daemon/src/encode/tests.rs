@@ -86,8 +86,8 @@ fn a_failed_encoder_is_replaced_and_its_frames_are_reported() {
     let (mut lane, seen) = lane();
     lane.push_and_wait(frame(0), &picture(0, 64, 32), HostTime(0));
     lane.push_and_wait(frame(1), &picture(1, 32, 32), HostTime(0)); // not what it was made for
+    assert!(lane.is_failing());
     lane.push_and_wait(frame(2), &picture(2, 64, 32), HostTime(0));
-    assert_eq!(lane.restarts(), 1);
     let seen = seen.lock().expect("seen").clone();
     assert_eq!(
         seen,
@@ -104,33 +104,98 @@ fn an_encoder_that_cannot_start_costs_frames_and_is_tried_again_later() {
     let (mut lane, seen) = lane();
     lane.settings.element = "noenc".to_owned();
     let second = 1000 * MS;
-    lane.push(frame(0), &picture(0, 64, 32), HostTime(second));
+    let push = |lane: &mut Lane, n, now| {
+        lane.push_and_wait(frame(n), &picture(n, 64, 32), HostTime(now));
+    };
+    push(&mut lane, 0, second);
+    push(&mut lane, 1, second);
     lane.settings.element = "x264enc".to_owned();
-    lane.push_and_wait(frame(1), &picture(1, 64, 32), HostTime(second + 1));
-    lane.push_and_wait(frame(2), &picture(2, 64, 32), HostTime(second + RETRY_NS));
-    let seen = seen.lock().expect("seen").clone();
+    push(&mut lane, 2, second + RETRY_NS - 1);
+    push(&mut lane, 3, second + RETRY_NS);
     let dropped = Err(Cause::EncoderRestart);
-    assert_eq!(seen, [(0, dropped), (1, dropped), (2, Ok(true))]);
+    assert_eq!(
+        *seen.lock().expect("seen"),
+        [(0, dropped), (1, dropped), (2, dropped), (3, Ok(true))]
+    );
+}
+
+/// An encoder that starts and fails at its first picture costs a pipeline for each start.
+#[test]
+fn failures_in_a_row_are_retried_ever_more_slowly_and_forgiven_in_the_end() {
+    let (mut lane, seen) = lane();
+    let bad = |lane: &mut Lane, n, now| {
+        lane.push_and_wait(frame(n), &picture(n, 32, 32), HostTime(now));
+        lane.retry_at.0 - now
+    };
+    let good = |lane: &mut Lane, n, now| {
+        lane.push_and_wait(frame(n), &picture(n, 64, 32), HostTime(now));
+    };
+    let mut now = RETRY_NS;
+    let mut pauses = Vec::new();
+    for n in 0..8 {
+        let pause = bad(&mut lane, n, now);
+        pauses.push(pause / RETRY_NS);
+        now += pause;
+    }
+    assert_eq!(pauses, [0, 1, 2, 4, 8, 16, 32, 32]);
+    good(&mut lane, 8, now);
+    lane.tick(HostTime(now));
+    assert!(lane.is_failing(), "it has only just started");
+    good(&mut lane, 9, now + FORGIVEN_NS + 1);
+    lane.tick(HostTime(now + FORGIVEN_NS + 1));
+    assert!(!lane.is_failing());
+    let seen = seen.lock().expect("seen");
+    assert_eq!(seen.iter().filter(|s| s.1.is_ok()).count(), 2);
+}
+
+#[test]
+fn encoders_that_hang_are_not_added_to_for_ever() {
+    let (mut lane, seen) = lane();
+    let (release, hang) = std::sync::mpsc::sync_channel::<()>(0);
+    let hang = Arc::new(Mutex::new(hang));
+    for _ in 0..MAX_ENDING {
+        let hang = hang.clone();
+        let ending = std::thread::spawn(move || {
+            let _ = hang.lock().expect("hang").recv();
+        });
+        lane.ending.push(ending);
+    }
+    lane.tick(HostTime(0));
+    lane.push(frame(0), &picture(0, 64, 32), HostTime(0));
+    let dropped = Err(Cause::EncoderRestart);
+    assert_eq!(*seen.lock().expect("seen"), [(0, dropped)]);
+    assert!(lane.running.is_none());
+    drop(release);
+    for ending in lane.ending.drain(..) {
+        ending.join().expect("ending");
+    }
+    lane.push_and_wait(frame(1), &picture(1, 64, 32), HostTime(0));
+    assert_eq!(seen.lock().expect("seen").last(), Some(&(1, Ok(true))));
 }
 
 /// However fast frames come: each is handed on or reported, exactly once, in order.
 #[test]
 fn overload_drops_whole_frames_and_says_so() {
     let (mut lane, seen) = lane();
-    for n in 0..500 {
-        lane.push(frame(n), &picture(n, 64, 32), HostTime(0));
+    // Encoding one takes many times as long as pushing one.
+    (lane.settings.width, lane.settings.height) = (1344, 376);
+    let picture = picture(0, 1344, 376);
+    for n in 0..100 {
+        lane.push(frame(n), &picture, HostTime(0));
     }
     lane.finish(Duration::from_secs(20), HostTime(0));
     let mut seen = seen.lock().expect("seen").clone();
     let out: Vec<u64> = seen.iter().filter(|s| s.1.is_ok()).map(|s| s.0).collect();
     assert!(out.is_sorted());
-    assert!(
-        seen.iter()
-            .all(|s| s.1.is_ok() || s.1 == Err(Cause::EncoderOverload))
-    );
+    let dropped = seen
+        .iter()
+        .filter(|s| s.1 == Err(Cause::EncoderOverload))
+        .count();
+    assert!(dropped > 0);
+    assert_eq!(out.len() + dropped, 100);
     seen.sort_unstable_by_key(|s| s.0);
     assert_eq!(
         seen.iter().map(|s| s.0).collect::<Vec<_>>(),
-        (0..500).collect::<Vec<_>>()
+        (0..100).collect::<Vec<_>>()
     );
 }

@@ -8,7 +8,7 @@ use session_archive::time::HostTime;
 use crate::hub::Outgoing;
 
 /// However long the pre-roll, no more than this is kept.
-const LIMIT_BYTES: usize = 256 << 20;
+pub(super) const LIMIT_BYTES: usize = 256 << 20;
 
 /// What was received in the last seconds, and the clock maps that its times came from.
 pub(super) struct PreRoll {
@@ -16,6 +16,9 @@ pub(super) struct PreRoll {
     bytes: usize,
     /// Kept behind the newest time: the pre-roll, and the GOP that its beginning lies in.
     span_ns: i64,
+    pre_roll_ns: i64,
+    /// What may be kept holds less than the pre-roll.
+    cut: bool,
     newest: HostTime,
     /// Maps of each clock from before the items, and when each came: the newest, and those that it
     /// replaced so lately that a sample on its way may still name one.
@@ -37,6 +40,8 @@ impl PreRoll {
             bytes: 0,
             // One GOP before the pre-roll, and one more for a camera whose key frame is late.
             span_ns: pre_roll_ns + 2 * chunk_ns,
+            pre_roll_ns,
+            cut: false,
             newest: HostTime::MIN,
             maps: BTreeMap::new(),
         }
@@ -48,11 +53,13 @@ impl PreRoll {
         }
         self.bytes += item.bytes();
         self.items.push_back(item);
+        let mut full = false;
         while let Some(front) = self.items.front() {
             let old = sample_time(front).is_none_or(|t| self.newest.since(t) > self.span_ns);
             if !old && self.bytes <= LIMIT_BYTES {
                 break;
             }
+            full |= !old;
             let Some(item) = self.items.pop_front() else {
                 break;
             };
@@ -61,9 +68,25 @@ impl PreRoll {
                 self.remember(at, &map);
             }
         }
+        if full || self.cut {
+            let oldest = self.items.front().and_then(sample_time);
+            self.cut = oldest.is_none_or(|t| self.newest.since(t) < self.pre_roll_ns);
+        }
     }
 
-    /// Takes out what a session beginning at `from` starts with.
+    /// Whether less than the pre-roll is kept because it takes too many bytes.
+    pub(super) fn is_cut(&self) -> bool {
+        self.cut
+    }
+
+    /// Takes back what [`Self::take`] gave, for the next try.
+    pub(super) fn put_back(&mut self, beginning: Beginning) {
+        self.bytes = beginning.items.iter().map(Outgoing::bytes).sum();
+        self.items = beginning.items.into();
+    }
+
+    /// Takes out what a session beginning at `from` starts with. The clock maps among the items are
+    /// the caller's to [`Self::remember`] when the session has begun.
     pub(super) fn take(&mut self, from: HostTime, cameras: usize) -> Beginning {
         for maps in self.maps.values_mut() {
             forget(maps, self.newest, self.span_ns);
@@ -105,10 +128,7 @@ impl PreRoll {
                 Outgoing::Imu { batch, .. } => {
                     batch.times.first().is_some_and(|t| *t >= earliest.0)
                 }
-                Outgoing::Clock { at, map } => {
-                    self.remember(*at, map);
-                    true
-                }
+                Outgoing::Clock { .. } => true,
                 Outgoing::Dropped { at, .. } => *at >= earliest,
                 Outgoing::Alarm { .. } | Outgoing::Notice { .. } | Outgoing::Health { .. } => false,
             };

@@ -1,5 +1,6 @@
 //! One session while it is being recorded: what goes into the archive, and the account of it.
 
+use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -7,7 +8,7 @@ use session_archive::manifest::Stop;
 use session_archive::record::paws::frame_set::Member as MemberRecord;
 use session_archive::record::{FrameSet as FrameSetRecord, Gap};
 use session_archive::time::{HostTime, NS_PER_S};
-use session_archive::writer::{SessionWriter, WriteError};
+use session_archive::writer::{Incident, SessionWriter, WriteError};
 
 use super::Setup;
 use super::timed::TimedStorage;
@@ -30,7 +31,10 @@ pub(super) struct Session {
     pub(super) last: HostTime,
     pub(super) stopping: Option<Stopping>,
     pub(super) chunks_reported: u64,
-    pub(super) low_disk: bool,
+    /// What the writer dealt with and nobody was told of yet.
+    pub(super) incidents: Vec<Incident>,
+    /// Log time, stream and number of the samples that are not known to be on disk.
+    pending: VecDeque<(HostTime, usize, u64)>,
 }
 
 /// What a stream has come to in this session.
@@ -87,14 +91,16 @@ impl Session {
             last: started,
             stopping: None,
             chunks_reported: 0,
-            low_disk: false,
+            incidents: Vec::new(),
+            pending: VecDeque::new(),
         }
     }
 
     /// Length so far, s.
     pub(super) fn seconds(&self) -> f64 {
-        self.first
-            .map_or(0.0, |first| (self.last - first) as f64 / NS_PER_S as f64)
+        self.first.map_or(0.0, |first| {
+            self.last.since(first).max(0) as f64 / NS_PER_S as f64
+        })
     }
 
     /// Puts an item into the archive, with the gap records and frame sets that follow from it.
@@ -118,6 +124,8 @@ impl Session {
                 let stream = &mut self.streams[camera];
                 stream.bytes += unit.len() as u64;
                 self.writer.append_frame(&stream.name, frame, &unit, key)?;
+                // What was lost just now must not get into a set.
+                self.note_incidents();
                 for set in self.sets.push(camera, number, time) {
                     self.frame_set(&set, host)?;
                 }
@@ -172,6 +180,7 @@ impl Session {
             return Ok(false);
         };
         tally.stored += count;
+        self.pending.push_back((start, stream, count));
         for gap in gaps {
             self.gap(stream, &gap, start, host)?;
         }
@@ -192,11 +201,31 @@ impl Session {
     }
 
     /// What the writer had to give up is missing too; it has written the gap records itself.
-    pub(super) fn note_lost(&mut self, gap: &Gap) {
-        if let Some(stream) = self.streams.iter_mut().find(|s| s.name == gap.stream) {
-            stream.missing += gap.count();
-            stream.stored = stream.stored.saturating_sub(gap.count());
+    pub(super) fn note_incidents(&mut self) {
+        for incident in self.writer.take_incidents() {
+            for gap in &incident.lost {
+                self.note_lost(gap);
+            }
+            self.incidents.push(incident);
         }
+    }
+
+    fn note_lost(&mut self, gap: &Gap) {
+        let Some(position) = self.streams.iter().position(|s| s.name == gap.stream) else {
+            return;
+        };
+        let stream = &mut self.streams[position];
+        stream.missing += gap.count();
+        stream.stored = stream.stored.saturating_sub(gap.count());
+        if position < self.cameras {
+            self.sets.forget(position, gap.first, gap.last);
+        }
+    }
+
+    /// What is on disk by now can no longer be lost.
+    pub(super) fn note_durable(&mut self) {
+        let until = self.writer.durability().until;
+        self.pending.retain(|(time, ..)| *time > until);
     }
 
     fn frame_set(&mut self, set: &FrameSet, host: HostTime) -> Result<(), WriteError> {
@@ -216,22 +245,37 @@ impl Session {
     }
 
     /// Nothing more comes: the last frame sets, and gaps for what was reported behind the last
-    /// samples.
+    /// samples. Goes through to its end even if the disk fails, for the account.
     pub(super) fn settle(&mut self) -> Result<(), WriteError> {
+        let mut result = Ok(());
         for set in self.sets.flush() {
-            self.frame_set(&set, self.last)?;
+            result = result.and(self.frame_set(&set, self.last));
         }
         for stream in 0..self.streams.len() {
             for gap in self.streams[stream].tracker.finish() {
-                self.gap(stream, &gap, self.last, self.last)?;
+                result = result.and(self.gap(stream, &gap, self.last, self.last));
             }
         }
-        Ok(())
+        result
     }
 
     /// Ends the session; whether everything is on disk.
-    pub(super) fn close(mut self, stop: Stop) -> Result<(), WriteError> {
-        self.writer.close(stop).map(|_| ())
+    pub(super) fn close(&mut self, stop: Stop) -> Result<(), WriteError> {
+        let closed = self.writer.close(stop);
+        self.note_incidents();
+        closed.map(|_| ())
+    }
+
+    /// The disk has failed for good: what is not known to be on it is missing.
+    pub(super) fn write_off(&mut self) {
+        self.note_durable();
+        for (_, stream, count) in std::mem::take(&mut self.pending) {
+            let stream = &mut self.streams[stream];
+            let lost = count.min(stream.stored);
+            stream.stored -= lost;
+            stream.missing += lost;
+        }
+        self.last = self.last.min(self.writer.durability().until);
     }
 }
 

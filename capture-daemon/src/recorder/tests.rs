@@ -7,7 +7,7 @@ use session_archive::manifest::{Camera, Imu, State as ManifestState};
 use session_archive::reader::{Entry, SessionReader};
 use session_archive::record::paws::gap::Cause;
 use session_archive::record::{Event, Frame, FrameSet, Gap, ImuBatch};
-use session_archive::storage::{Fault, FaultKind, FaultStorage};
+use session_archive::storage::{Fault, FaultKind, FaultStorage, Operation};
 use session_archive::time::TickLength;
 use session_archive::verify::verify;
 
@@ -23,14 +23,13 @@ struct Bench {
     disks: Arc<Mutex<Vec<FaultStorage>>>,
     progress: Arc<Mutex<Vec<Progress>>>,
     free: Arc<Mutex<Option<u64>>>,
-    fault: Option<Fault>,
+    /// Of the first disk.
+    faults: Vec<Fault>,
 }
 
 impl SessionStore for Bench {
     fn create(&mut self, _: CivilTime) -> io::Result<(PathBuf, Arc<dyn Storage>, String)> {
-        let disk = self
-            .fault
-            .map_or_else(FaultStorage::new, FaultStorage::with_fault);
+        let disk = FaultStorage::with_faults(std::mem::take(&mut self.faults));
         let mut disks = self.disks.lock().expect("disks");
         disks.push(disk.clone());
         let path = PathBuf::from(format!("session{}", disks.len()));
@@ -185,6 +184,29 @@ impl Rig {
                 _ => None,
             })
             .collect()
+    }
+
+    fn health(&mut self) {
+        let streams = ["left_shoulder", "feet", "feet/imu"].map(|name| StreamHealth {
+            name: name.to_owned(),
+            rate_hz: 20.0,
+            ..StreamHealth::default()
+        });
+        self.recorder.handle(Outgoing::Health {
+            at: self.now(),
+            streams: streams.to_vec(),
+        });
+    }
+
+    /// Samples stored and missing, as the user was told at the end.
+    fn account(&self) -> (u64, u64) {
+        let told = self.progress().into_iter().find_map(|p| match p {
+            Progress::Finished {
+                stored, missing, ..
+            } => Some((stored, missing)),
+            _ => None,
+        });
+        told.expect("the session ended")
     }
 
     fn progress(&self) -> Vec<Progress> {
@@ -444,13 +466,12 @@ fn a_full_disk_ends_in_a_closed_session() {
     started(&mut rig);
     rig.steps(30);
     *rig.bench.free.lock().expect("free") = Some(900 << 20);
-    rig.recorder.handle(Outgoing::Health {
-        at: rig.now(),
-        streams: Vec::new(),
-    });
+    rig.health();
     assert_eq!(rig.recorder.state(), State::Stopping);
     rig.steps(6);
     assert_eq!(rig.recorder.state(), State::Armed);
+    rig.health();
+    assert_eq!(rig.recorder.status().alarms, [DISK_FULL]);
     let reader = rig.session();
     assert_eq!(
         reader.manifest().stopped.as_ref().expect("stop").reason,
@@ -469,7 +490,7 @@ fn a_failing_disk_ends_in_a_valid_session_and_a_clear_message() {
         let mut rig = rig(
             0,
             Bench {
-                fault,
+                faults: fault.into_iter().collect(),
                 ..Bench::default()
             },
         );
@@ -494,16 +515,27 @@ fn a_failing_disk_ends_in_a_valid_session_and_a_clear_message() {
                 matches!(p, Progress::Finished { error: Some(_), .. })
                     || matches!(p, Progress::Alarm { active: true, .. })
             });
-            let disk = rig.bench.disks.lock().expect("disks")[0].clone();
-            let Ok(reader) = SessionReader::open(Arc::new(disk)) else {
+            let disk = rig.bench.disks.lock().expect("disks").first().cloned();
+            let Some(disk) = disk else {
                 assert!(
                     rig.recorder.fault.is_some(),
                     "{kind:?} at {at}: no session and no word"
                 );
                 continue;
             };
+            let reader = SessionReader::open(Arc::new(disk)).expect("open");
             let report = verify(&reader, |_| {}).expect("verify");
             assert!(report.lost.is_empty(), "{kind:?} at {at}: {report:#?}");
+            let (stored, missing) = rig.account();
+            let found: u64 = report.streams.values().map(|s| s.samples).sum();
+            assert!(
+                stored <= found,
+                "{kind:?} at {at}: {stored} of {found} stored"
+            );
+            assert!(
+                stored == found || missing > 0,
+                "{kind:?} at {at}: {stored} of {found} stored, nothing missing"
+            );
             if kind == FaultKind::InputOutput {
                 assert_eq!(
                     report.streams["feet"].gaps, 0,
@@ -549,15 +581,7 @@ fn marks_health_and_alarms_are_in_the_session() {
     };
     rig.recorder.handle(alarm(true, rig.now()));
     assert_eq!(rig.recorder.status().alarms, ["feet: no samples"]);
-    let streams = ["left_shoulder", "feet", "feet/imu"].map(|name| StreamHealth {
-        name: name.to_owned(),
-        rate_hz: 20.0,
-        ..StreamHealth::default()
-    });
-    rig.recorder.handle(Outgoing::Health {
-        at: rig.now(),
-        streams: streams.to_vec(),
-    });
+    rig.health();
     rig.recorder.handle(alarm(false, rig.now()));
     assert!(rig.recorder.status().alarms.is_empty());
     rig.recorder.close_now("button");
@@ -588,4 +612,122 @@ fn a_discarded_session_is_gone() {
     assert!(rig.bench.disks.lock().expect("disks").is_empty());
     assert_eq!(rig.recorder.state(), State::Armed);
     assert_eq!(rig.recorder.status().session, None);
+}
+
+#[test]
+fn alarms_about_the_disk_end_with_their_cause() {
+    let bench = Bench::default();
+    let free = bench.free.clone();
+    let set = |bytes| *free.lock().expect("free") = Some(bytes);
+    let mut rig = rig(0, bench);
+    set(10 << 30);
+    rig.steps(10);
+    started(&mut rig);
+    rig.steps(20);
+    set((1 << 30) + 1000);
+    rig.health();
+    assert_eq!(rig.recorder.status().alarms, [DISK_LOW]);
+    assert!(rig.recorder.status().seconds_left.is_some());
+    rig.recorder.close_now("button");
+    set(10 << 30);
+    rig.health();
+    let status = rig.recorder.status();
+    assert!(status.alarms.is_empty() && status.seconds_left.is_none());
+    set(1 << 30);
+    rig.health();
+    assert_eq!(rig.recorder.status().alarms, [DISK_FULL], "before a press");
+}
+
+/// Two failures in a row cost the last chunk; that the gap records in its place could be written must
+/// not hide it.
+#[test]
+fn what_is_lost_while_closing_is_told() {
+    let run = |faults: Vec<Fault>| {
+        let bench = Bench {
+            faults,
+            ..Bench::default()
+        };
+        let mut rig = rig(0, bench);
+        rig.steps(10);
+        started(&mut rig);
+        rig.steps(25);
+        let disk = rig.bench.disks.lock().expect("disks")[0].clone();
+        let before = disk.operations() as usize;
+        rig.recorder.close_now("button");
+        (rig, disk.log().split_off(before), before as u64)
+    };
+    let (whole, log, before) = run(Vec::new());
+    let append = log
+        .iter()
+        .position(|o| matches!(o, Operation::Append(_)))
+        .expect("a chunk") as u64;
+    // The chunk, and after cutting it back the segment that it was to go into instead.
+    let faults = [0, 2].map(|later| Fault {
+        at: before + append + later,
+        kind: FaultKind::InputOutput,
+        keep: 0,
+    });
+    let (rig, ..) = run(faults.to_vec());
+    let (all, none) = whole.account();
+    let (stored, missing) = rig.account();
+    assert_eq!(none, 0);
+    assert!(missing > 0, "{:?}", rig.progress());
+    assert_eq!(stored + missing, all);
+    let report = verify(&rig.session(), |_| {}).expect("verify");
+    let found: u64 = report.streams.values().map(|s| s.samples).sum();
+    assert_eq!(found, stored);
+    assert!(rig.progress().iter().any(
+        |p| matches!(p, Progress::Alarm { text, active: true } if text.contains("data are lost"))
+    ));
+}
+
+#[test]
+fn after_a_failed_start_the_pre_roll_is_still_there_and_the_folder_is_not() {
+    let fault = Fault {
+        at: 3,
+        kind: FaultKind::InputOutput,
+        keep: 0,
+    };
+    let bench = Bench {
+        faults: vec![fault],
+        ..Bench::default()
+    };
+    let mut rig = rig(1000 * MS, bench);
+    rig.steps(50);
+    let refused = rig.recorder.start("", "button").expect_err("the disk");
+    assert!(refused.contains("cannot be created"), "{refused}");
+    assert!(rig.bench.disks.lock().expect("disks").is_empty());
+    let press = rig.now();
+    started(&mut rig);
+    rig.recorder.close_now("button");
+    let frames: Vec<Frame> = rig.messages("feet");
+    assert!(press.0 - frames[0].time >= 1000 * MS);
+}
+
+#[test]
+fn a_pre_roll_that_takes_too_many_bytes_is_an_alarm() {
+    let mut rig = rig(10_000 * MS, Bench::default());
+    let unit = Bytes::from(vec![0; LIMIT_BYTES / 20]);
+    for number in 0..30 {
+        let time = rig.now().0;
+        let frame = Frame {
+            number,
+            time,
+            host_time: time,
+            ..Frame::default()
+        };
+        rig.recorder.handle(Outgoing::Frame {
+            camera: 0,
+            frame,
+            unit: unit.clone(),
+            key: true,
+        });
+        rig.clock.advance_to(rig.now() + PERIOD);
+    }
+    assert_eq!(
+        rig.recorder.status().alarms,
+        ["pre-roll: 256 MB hold less than the 10.0 s of the configuration"]
+    );
+    rig.steps(250);
+    assert!(rig.recorder.status().alarms.is_empty());
 }

@@ -14,7 +14,7 @@ use session_archive::record::{
     CameraCalibration, FrameTransform, FrameTransforms, Quaternion, Vector3, timestamp,
 };
 use session_archive::time::HostTime;
-use video::{Codec, EncoderSettings};
+use video::{EncoderSettings, discover};
 
 use crate::config::{self, Config, SourceConfig};
 use crate::hub::{CameraSetup, ImuSetup};
@@ -34,12 +34,22 @@ pub struct Built {
     pub setup: Setup,
 }
 
-/// Opens the sources, finds an encoder for each, reads rig and calibrations. Scheduled sources begin
-/// at `start`.
+/// Opens the sources, finds an encoder for each that can keep up, reads rig and calibrations.
+/// Scheduled sources begin at `start`.
 ///
 /// # Errors
 /// What cannot be opened, found or read, with the camera's name.
 pub fn build(config: &Config, start: HostTime) -> anyhow::Result<Built> {
+    build_for(config, start, false)
+}
+
+/// As [`build`]; for virtual time the speed of an encoder does not matter, nor may it decide which
+/// bytes come out.
+pub(super) fn build_for(
+    config: &Config,
+    start: HostTime,
+    virtual_time: bool,
+) -> anyhow::Result<Built> {
     video::init()?;
     let rig = read_rig(config.rig.as_deref())?;
     let mut sources: Vec<Box<dyn Source>> = Vec::new();
@@ -71,7 +81,10 @@ pub fn build(config: &Config, start: HostTime) -> anyhow::Result<Built> {
         let element = match elements.get(&(size, info.camera.rate_hz.to_bits())) {
             Some(element) => String::clone(element),
             None => {
-                let needed = needed_speed(info.camera.rate_hz, config.cameras.len());
+                let needed = match virtual_time {
+                    true => 0.0,
+                    false => needed_speed(config, info.camera.rate_hz),
+                };
                 let element = choose(config, size, needed).with_context(|| {
                     format!("finding an encoder for {name} ({}x{})", size.0, size.1)
                 })?;
@@ -130,24 +143,29 @@ fn open(camera: &config::Camera, start: HostTime) -> anyhow::Result<Box<dyn Sour
 
 /// The encoder that was asked for, if it works; or the best that does.
 fn choose(config: &Config, (width, height): (u32, u32), needed: f64) -> anyhow::Result<String> {
-    match &config.encoder.element {
-        Some(element) => {
-            video::discover::trial(element, width, height)
-                .with_context(|| format!("{element} was asked for"))?;
-            Ok(element.to_owned())
-        }
-        None => Ok(video::discover::best_encoder_at(width, height, needed)?
-            .trial
-            .element
-            .to_string()),
+    let threads = config.encoder.threads;
+    let trial = match &config.encoder.element {
+        Some(element) => discover::trial_with(element, width, height, threads)
+            .with_context(|| format!("{element} was asked for"))?,
+        None => discover::best_encoder_at(width, height, threads, needed)?.trial,
+    };
+    if trial.pictures_per_s < needed {
+        log::warn!(
+            "{} did {:.0} pictures/s of {width}x{height} in a trial, expected at least {needed:.0}: \
+             frames may be dropped",
+            trial.element,
+            trial.pictures_per_s
+        );
     }
+    Ok(trial.element)
 }
 
 /// Pictures per second that an encoder, tried alone, must reach to serve a camera of this rate beside the
 /// others: its share of the processors, and half as much again for everything else.
-pub(crate) fn needed_speed(rate_hz: f64, cameras: usize) -> f64 {
+pub(crate) fn needed_speed(config: &Config, rate_hz: f64) -> f64 {
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
-    1.5 * rate_hz * (cameras as f64 / processors as f64).max(1.0)
+    let of_one = processors.min(config.encoder.threads as usize);
+    1.5 * rate_hz * ((config.cameras.len() * of_one) as f64 / processors as f64).max(1.0)
 }
 
 /// A camera for the manifest, and for the hub.
@@ -174,10 +192,7 @@ fn describe(
         name: camera.name.clone(),
         width: info.camera.width,
         height: info.camera.height,
-        codec: match codec {
-            Codec::H264 => "h264".to_owned(),
-            Codec::H265 => "h265".to_owned(),
-        },
+        codec: codec.foxglove_format().to_owned(),
         colour: if info.camera.colour { "yuv420" } else { "grey" }.to_owned(),
         rate_hz: info.camera.rate_hz,
         tick: info.camera.tick,
@@ -185,7 +200,8 @@ fn describe(
         source: info.description.clone(),
         encoder: format!("{element}, {} dB", config.encoder.quality_db),
     };
-    let clock = |tick, latency_ns, latency_sigma_ns| ClockConfig {
+    let clock = |tick, tick_bits, latency_ns, latency_sigma_ns| ClockConfig {
+        tick_bits,
         latency_ns,
         latency_sigma_ns,
         ..ClockConfig::new(tick)
@@ -193,13 +209,23 @@ fn describe(
     let of_hub = CameraSetup {
         name: camera.name.clone(),
         rate_hz: info.camera.rate_hz,
-        clock: clock(info.camera.tick, camera.latency_ns, camera.latency_sigma_ns),
+        clock: clock(
+            info.camera.tick,
+            info.camera.tick_bits,
+            camera.latency_ns,
+            camera.latency_sigma_ns,
+        ),
         number_bits: info.camera.number_bits,
         still: info.camera.still,
         encoder,
         imu: info.imu.clone().map(|imu| ImuSetup {
             name: format!("{}/imu", camera.name),
-            clock: clock(imu.tick, camera.imu_latency_ns, camera.imu_latency_sigma_ns),
+            clock: clock(
+                imu.tick,
+                imu.tick_bits,
+                camera.imu_latency_ns,
+                camera.imu_latency_sigma_ns,
+            ),
             number_bits: imu.number_bits,
             info: imu,
         }),

@@ -2,12 +2,14 @@
 //!
 //! Between them are two queues bounded in bytes. When the inbox is full a frame is dropped before the
 //! hub; when the way to the recorder is full, frames are dropped behind the encoder up to the
-//! next key frame, which is asked for at once. Both are reported with their cause. IMU samples
-//! wait instead.
+//! next key frame, which is asked for until one gets through. Both are reported with their cause. IMU
+//! samples wait instead. When a source fails, everything goes on without it, with an alarm. When hub or
+//! recorder does not come round for [`STUCK_NS`], the run ends with an error; the session is closed
+//! before, if the recorder still can.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -17,7 +19,7 @@ use session_archive::time::{HostTime, NS_PER_S};
 
 use super::build::{Built, build};
 use super::store::FolderStore;
-use super::{Finished, RecordOptions, StopFlag};
+use super::{Finished, Outcome, RecordOptions, StopFlag, stop_reason};
 use crate::clock::{Clock, RealClock};
 use crate::config::Config;
 use crate::control;
@@ -46,7 +48,8 @@ enum In {
     Sample(usize, Sample),
     /// Camera, device's number and arrival.
     Dropped(usize, u64, HostTime),
-    Ended,
+    /// A source delivers no more; why, if it failed.
+    Ended(usize, Option<String>),
 }
 
 /// To the recorder.
@@ -70,6 +73,29 @@ struct Shared {
     key_wanted: Vec<AtomicBool>,
     /// Set when no source will deliver any more.
     all_ended: StopFlag,
+    outcome: Outcome,
+}
+
+impl Shared {
+    fn new(cameras: usize, outbox_bytes: usize, outcome: Outcome) -> Self {
+        let clock = Arc::new(RealClock);
+        let now = clock.now().0;
+        Self {
+            clock,
+            inbox: Queue::new(INBOX_BYTES),
+            outbox: Queue::new(outbox_bytes),
+            ending: StopFlag::new(),
+            hub_beat: AtomicI64::new(now),
+            recorder_beat: AtomicI64::new(now),
+            key_wanted: (0..cameras).map(|_| AtomicBool::new(false)).collect(),
+            all_ended: StopFlag::new(),
+            outcome,
+        }
+    }
+
+    fn beat(&self, which: &AtomicI64) {
+        which.store(self.clock.now().0, Ordering::Relaxed);
+    }
 }
 
 /// A running daemon.
@@ -83,7 +109,8 @@ impl Running {
         build: impl FnOnce(HostTime) -> anyhow::Result<Built>,
         out: std::path::PathBuf,
         record: Option<String>,
-        on_progress: OnProgress,
+        mut on_progress: OnProgress,
+        outcome: Outcome,
     ) -> anyhow::Result<Self> {
         let clock = Arc::new(RealClock);
         let Built {
@@ -97,15 +124,12 @@ impl Running {
         }
         let chunk_ns = setup.chunk_ns;
         let names: Vec<String> = cameras.iter().map(|c| c.name.clone()).collect();
-        let shared = Arc::new(Shared {
-            clock: clock.clone(),
-            inbox: Queue::new(INBOX_BYTES),
-            outbox: Queue::new(OUTBOX_BYTES),
-            ending: StopFlag::new(),
-            hub_beat: AtomicI64::new(clock.now().0),
-            recorder_beat: AtomicI64::new(clock.now().0),
-            key_wanted: cameras.iter().map(|_| AtomicBool::new(false)).collect(),
-            all_ended: StopFlag::new(),
+        let shared = Arc::new(Shared::new(cameras.len(), OUTBOX_BYTES, outcome));
+        // The pre-roll is written within one request, chunk by chunk.
+        let of_progress = shared.clone();
+        let on_progress: OnProgress = Box::new(move |progress| {
+            of_progress.beat(&of_progress.recorder_beat);
+            on_progress(progress);
         });
         let queued = shared.clone();
         let mut recorder = Recorder::new(
@@ -154,13 +178,28 @@ impl Running {
     fn stuck(&self) -> Option<&'static str> {
         let now = self.shared.clock.now();
         let late = |beat: &AtomicI64| now.0 - beat.load(Ordering::Relaxed) > STUCK_NS;
-        if late(&self.shared.hub_beat) {
-            Some("hub")
-        } else if late(&self.shared.recorder_beat) {
+        // A stuck recorder makes the hub wait, not the other way round.
+        if late(&self.shared.recorder_beat) {
             Some("recorder")
+        } else if late(&self.shared.hub_beat) {
+            Some("hub")
         } else {
             None
         }
+    }
+
+    /// Whether everything still moves. If not, and the recorder can, it closes the session first.
+    fn check(&self) -> anyhow::Result<()> {
+        let Some(thread) = self.stuck() else {
+            return Ok(());
+        };
+        if thread != "recorder" {
+            self.request(Request::Stop, "failure: the program is stuck");
+        }
+        bail!(
+            "the thread {thread} has been stuck for {} s",
+            STUCK_NS / NS_PER_S
+        )
     }
 }
 
@@ -191,12 +230,13 @@ fn ask(shared: &Shared, request: Request, source: &'static str) -> Response {
 /// A source's thread: waits for what is scheduled, hands everything to the hub.
 fn pump(i: usize, mut source: Box<dyn Source>, shared: &Shared) {
     let scheduled = source.is_scheduled();
+    let mut failure = None;
     while !shared.ending.is_set() {
         let sample = match source.next_sample() {
             Ok(Some(sample)) => sample,
             Ok(None) => break,
             Err(e) => {
-                log::error!("{e}");
+                failure = Some(e.to_string());
                 break;
             }
         };
@@ -222,7 +262,7 @@ fn pump(i: usize, mut source: Box<dyn Source>, shared: &Shared) {
             return;
         }
     }
-    let _ = shared.inbox.push_reserved(In::Ended, 0);
+    let _ = shared.inbox.push_reserved(In::Ended(i, failure), 0);
 }
 
 /// Sleeps until a time; false if the end came first.
@@ -249,7 +289,7 @@ fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
     loop {
         let popped = shared.inbox.pop(PATIENCE);
         let now = shared.clock.now();
-        shared.hub_beat.store(now.0, Ordering::Relaxed);
+        shared.beat(&shared.hub_beat);
         for (camera, wanted) in shared.key_wanted.iter().enumerate() {
             if wanted.swap(false, Ordering::Relaxed) {
                 hub.request_key(camera);
@@ -257,8 +297,12 @@ fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
         }
         match popped {
             Popped::Item(In::Sample(i, sample)) => hub.sample(i, sample, now),
-            Popped::Item(In::Dropped(i, number, at)) => hub.dropped(i, number, at),
-            Popped::Item(In::Ended) => {
+            Popped::Item(In::Dropped(i, number, at)) => hub.dropped(i, number, at, now),
+            Popped::Item(In::Ended(i, failure)) => {
+                if let Some(error) = failure {
+                    hub.source_failed(i, &error, now);
+                    shared.outcome.source_failed(error);
+                }
                 running -= 1;
                 if running == 0 {
                     hub.finish(now);
@@ -302,7 +346,8 @@ fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
             skipping[camera].store(false, Ordering::Relaxed);
             return;
         }
-        if !skipping[camera].swap(true, Ordering::Relaxed) {
+        // Again if the key frame that was asked for did not fit either.
+        if !skipping[camera].swap(true, Ordering::Relaxed) || key {
             shared.key_wanted[camera].store(true, Ordering::Relaxed);
         }
         let dropped = Outgoing::Dropped {
@@ -322,9 +367,7 @@ fn run_recorder(mut recorder: Recorder, shared: &Shared) {
     let mut stopping: Vec<SyncSender<Response>> = Vec::new();
     loop {
         let popped = shared.outbox.pop(PATIENCE);
-        shared
-            .recorder_beat
-            .store(shared.clock.now().0, Ordering::Relaxed);
+        shared.beat(&shared.recorder_beat);
         match popped {
             Popped::Item(ToRecorder::Item(item)) => recorder.handle(item),
             Popped::Item(ToRecorder::Request(request, source, reply)) => {
@@ -356,69 +399,39 @@ pub(super) fn record(
     build: impl FnOnce(HostTime) -> anyhow::Result<Built>,
     options: &RecordOptions,
     stop: &StopFlag,
-    mut on_progress: OnProgress,
+    on_progress: OnProgress,
 ) -> anyhow::Result<Finished> {
-    let finished: Arc<Mutex<Option<Finished>>> = Arc::default();
-    let seen = finished.clone();
-    let watch: OnProgress = Box::new(move |progress| {
-        if let Progress::Finished {
-            session,
-            stored,
-            missing,
-            error,
-            ..
-        } = &progress
-        {
-            let (session, error) = (session.clone(), error.clone());
-            *seen.lock().unwrap_or_else(PoisonError::into_inner) = Some(Finished {
-                session,
-                stored: *stored,
-                missing: *missing,
-                error,
-            });
-        }
-        on_progress(progress);
-    });
+    let outcome = Outcome::default();
     let running = Running::start(
         build,
         options.out.clone(),
         Some(options.name.clone()),
-        watch,
+        outcome.watch(on_progress),
+        outcome.clone(),
     )?;
     let shared = running.shared.clone();
     let end = shared.clock.now() + LEAD_NS + (options.seconds * NS_PER_S as f64) as i64;
-    let is_finished = || {
-        finished
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .is_some()
-    };
     let mut asked = false;
     let mut give_up = HostTime::MAX;
-    while !is_finished() && shared.clock.now() < give_up {
+    while !outcome.is_finished() {
         let now = shared.clock.now();
         if !asked && (stop.is_set() || now >= end || shared.all_ended.is_set()) {
             asked = true;
-            give_up = now + STUCK_NS;
-            running.request(
-                Request::Stop,
-                if stop.is_set() { "signal" } else { "duration" },
-            );
+            give_up = now + 2 * STUCK_NS;
+            let reason = stop_reason(stop, shared.all_ended.is_set());
+            running.request(Request::Stop, reason);
         }
-        if let Some(thread) = running.stuck() {
+        running.check()?;
+        if now > give_up {
             bail!(
-                "the thread {thread} has been stuck for {} s",
-                STUCK_NS / NS_PER_S
+                "the session could not be closed within {} s",
+                2 * STUCK_NS / NS_PER_S
             );
         }
         wait_until(now + PATIENCE.as_nanos() as i64, &shared);
     }
     running.end();
-    let finished = finished
-        .lock()
-        .unwrap_or_else(PoisonError::into_inner)
-        .take();
-    finished.ok_or_else(|| anyhow!("the recording ended without a session"))
+    outcome.take()
 }
 
 /// Runs the daemon until `stop` is set: armed, answering on the control socket, telling systemd how
@@ -448,7 +461,13 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         ),
         Progress::Durable { .. } | Progress::Alarm { .. } => {}
     });
-    let running = Running::start(|start| build(config, start), out, None, log_progress)?;
+    let running = Running::start(
+        |start| build(config, start),
+        out,
+        None,
+        log_progress,
+        Outcome::default(),
+    )?;
     let of_control = running.shared.clone();
     let server = control::serve(&config.control.socket, move |request| {
         ask(&of_control, request, "control")
@@ -473,11 +492,8 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         if stop.is_set() {
             break Ok(());
         }
-        if let Some(thread) = running.stuck() {
-            break Err(anyhow!(
-                "the thread {thread} has been stuck for {} s",
-                STUCK_NS / NS_PER_S
-            ));
+        if let Err(stuck) = running.check() {
+            break Err(stuck);
         }
         let now = shared.clock.now();
         if now >= next_status {
@@ -499,4 +515,47 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         running.end();
     }
     result
+}
+
+#[cfg(test)]
+mod tests {
+    use bytes::Bytes;
+    use session_archive::record::Frame;
+
+    use super::*;
+
+    /// A full outbox refuses the key frame too that was asked for: then the next one must be one.
+    #[test]
+    fn a_key_frame_is_asked_for_until_one_gets_through() {
+        let shared = Arc::new(Shared::new(1, 1000, Outcome::default()));
+        let out = to_recorder(shared.clone(), vec!["feet".to_owned()]);
+        let frame = |number, key| {
+            out(Outgoing::Frame {
+                camera: 0,
+                frame: Frame {
+                    number,
+                    ..Frame::default()
+                },
+                unit: Bytes::from(vec![0; 500]),
+                key,
+            });
+            shared.key_wanted[0].swap(false, Ordering::Relaxed)
+        };
+        assert!(!frame(0, true), "there is room");
+        assert!(frame(1, false));
+        assert!(!frame(2, false), "it was asked for");
+        assert!(frame(3, true), "it did not fit");
+        while let Popped::Item(_) = shared.outbox.pop(Duration::ZERO) {}
+        assert!(!frame(4, false), "nothing to refer to, and asked for");
+        assert!(!frame(5, true));
+        let mut numbers = Vec::new();
+        while let Popped::Item(item) = shared.outbox.pop(Duration::ZERO) {
+            match item {
+                ToRecorder::Item(Outgoing::Frame { frame, .. }) => numbers.push(Ok(frame.number)),
+                ToRecorder::Item(Outgoing::Dropped { first, .. }) => numbers.push(Err(first)),
+                _ => {}
+            }
+        }
+        assert_eq!(numbers, [Err(4), Ok(5)]);
+    }
 }

@@ -2,7 +2,7 @@
 //!
 //! Samples are taken in the order of their arrival times, the clock is set to each, and each frame is
 //! encoded before the next sample is taken. Nothing is dropped, and the same input gives the
-//! same bytes.
+//! same bytes. When a source fails, the recording goes on without it.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -11,12 +11,11 @@ use session_archive::time::{CivilTime, HostTime, NS_PER_S};
 
 use super::build::Built;
 use super::store::FolderStore;
-use super::{Finished, RecordOptions, StopFlag};
+use super::{Finished, Outcome, RecordOptions, StopFlag, stop_reason};
 use crate::clock::VirtualClock;
 use crate::hub::{Hub, Out, Outgoing, TICK_NS};
 use crate::recorder::{OnProgress, Recorder};
-use crate::sources::Sample;
-use crate::status::Progress;
+use crate::sources::{Sample, Source};
 
 /// Virtual time begins here: late enough for a pre-roll before it.
 const START: HostTime = HostTime(1000 * NS_PER_S);
@@ -27,7 +26,7 @@ pub(super) fn record(
     build: impl FnOnce(HostTime) -> anyhow::Result<Built>,
     options: &RecordOptions,
     stop: &StopFlag,
-    mut on_progress: OnProgress,
+    on_progress: OnProgress,
 ) -> anyhow::Result<Finished> {
     let Built {
         mut sources,
@@ -35,27 +34,13 @@ pub(super) fn record(
         setup,
     } = build(START)?;
     let clock = Arc::new(VirtualClock::new(START, CIVIL));
-    let finished: Arc<Mutex<Option<Finished>>> = Arc::default();
-    let seen = finished.clone();
-    let watch: OnProgress = Box::new(move |progress| {
-        if let Progress::Finished {
-            session,
-            stored,
-            missing,
-            error,
-            ..
-        } = &progress
-        {
-            let (session, error) = (session.clone(), error.clone());
-            *lock(&seen) = Some(Finished {
-                session,
-                stored: *stored,
-                missing: *missing,
-                error,
-            });
+    for source in &sources {
+        if !source.is_scheduled() {
+            bail!("{} cannot run in virtual time", source.info().description);
         }
-        on_progress(progress);
-    });
+    }
+    let outcome = Outcome::default();
+    let watch = outcome.watch(on_progress);
     let store = FolderStore::reproducible(options.out.clone());
     let chunk_ns = setup.chunk_ns;
     let recorder = Recorder::new(setup, clock.clone(), Box::new(store), Box::new(|| 0), watch);
@@ -71,14 +56,18 @@ pub(super) fn record(
 
     let end = START + (options.seconds * NS_PER_S as f64) as i64;
     let mut next_tick = START + TICK_NS;
+    let next = |i: usize, source: &mut dyn Source, hub: &Hub, now| {
+        source.next_sample().unwrap_or_else(|e| {
+            hub.source_failed(i, &e.to_string(), now);
+            outcome.source_failed(e.to_string());
+            None
+        })
+    };
     let mut waiting: Vec<Option<Sample>> = Vec::new();
-    for source in &mut sources {
-        if !source.is_scheduled() {
-            bail!("{} cannot run in virtual time", source.info().description);
-        }
-        waiting.push(source.next_sample()?);
+    for (i, source) in sources.iter_mut().enumerate() {
+        waiting.push(next(i, &mut **source, &hub, START));
     }
-    while !stop.is_set() && lock(&finished).is_none() {
+    while !stop.is_set() && !outcome.is_finished() {
         let first = waiting
             .iter()
             .enumerate()
@@ -94,18 +83,18 @@ pub(super) fn record(
             next_tick = next_tick + TICK_NS;
         }
         clock.advance_to(time);
-        let following = sources[i].next_sample()?;
+        let following = next(i, &mut *sources[i], &hub, time);
         if let Some(sample) = std::mem::replace(&mut waiting[i], following) {
             hub.sample(i, sample, time);
         }
     }
-    if waiting.iter().any(Option::is_some) && !stop.is_set() {
+    let all_ended = waiting.iter().all(Option::is_none);
+    if !all_ended && !stop.is_set() {
         clock.advance_to(end);
     }
     hub.finish(end);
-    lock(&recorder).close_now(if stop.is_set() { "signal" } else { "duration" });
-    let finished = lock(&finished).take();
-    finished.ok_or_else(|| anyhow!("the recording ended without a session"))
+    lock(&recorder).close_now(stop_reason(stop, all_ended));
+    outcome.take()
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

@@ -14,12 +14,13 @@
 //! joined at the seam they would be a motion that nobody made. So pictures may go on without an IMU,
 //! and an IMU without pictures. *On failure* the source is unusable, with the file in the message.
 
-use std::error::Error;
 use std::path::{Path, PathBuf};
 
 use calib::StereoCalibration;
 use session_archive::time::{HostTime, TickLength};
 use video::{Picture, PictureError};
+
+use crate::causes::with_causes;
 
 use super::datasets::{self, DatasetError, DatasetKind, ImuSample, Samples, StereoDataset};
 use super::{
@@ -143,6 +144,7 @@ impl Replay {
                 height: eye.padded().1,
                 rate_hz: dataset.rate_hz,
                 tick: TickLength::NANOSECOND,
+                tick_bits: None,
                 number_bits: None,
                 colour: samples == Samples::Rgb8,
                 still: dataset.frames.len() == 1,
@@ -303,6 +305,7 @@ fn imu_info(samples: &[ImuSample]) -> Option<ImuInfo> {
     Some(ImuInfo {
         rate_hz: 1e9 / *median_ns as f64,
         tick: TickLength::NANOSECOND,
+        tick_bits: None,
         number_bits: None,
         scale: None,
     })
@@ -359,17 +362,6 @@ fn describe(dataset: &StereoDataset) -> String {
     };
     let folder = dataset.root.file_name().unwrap_or_default();
     format!("replay of {kind}: {}", folder.display())
-}
-
-/// A message with those of its causes.
-fn with_causes(error: &dyn Error) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(error) = cause {
-        text = format!("{text}: {error}");
-        cause = error.source();
-    }
-    text
 }
 
 #[cfg(test)]

@@ -155,6 +155,7 @@ impl Synthetic {
                 height,
                 rate_hz,
                 tick: TickLength::NANOSECOND,
+                tick_bits: None,
                 number_bits: None,
                 colour: true,
                 still: false,
@@ -162,6 +163,7 @@ impl Synthetic {
             imu: (imu_rate_hz > 0.0).then_some(ImuInfo {
                 rate_hz: imu_rate_hz,
                 tick: TickLength::ZED_MINI,
+                tick_bits: None,
                 number_bits: None,
                 scale: Some(IMU_SCALE),
             }),

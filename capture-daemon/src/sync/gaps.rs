@@ -194,6 +194,8 @@ pub struct Numbered {
     pub number: u64,
     /// The device restarted its counter: how many samples are missing here cannot be known.
     pub restarted: bool,
+    /// Late or repeated: not above the newest.
+    pub late: bool,
 }
 
 impl Renumber {
@@ -230,6 +232,7 @@ impl Renumber {
                 return Numbered {
                     number,
                     restarted: false,
+                    late: true,
                 };
             }
         }
@@ -242,6 +245,7 @@ impl Renumber {
         Numbered {
             number: ours,
             restarted,
+            late: false,
         }
     }
 }
@@ -346,7 +350,9 @@ mod tests {
     fn renumbered(bits: Option<u8>, raw: &[u64]) -> Vec<i64> {
         let mut numbers = Renumber::new(bits);
         let number = |&raw| {
-            let Numbered { number, restarted } = numbers.number(raw);
+            let Numbered {
+                number, restarted, ..
+            } = numbers.number(raw);
             if restarted {
                 -(number as i64)
             } else {
@@ -384,9 +390,10 @@ mod tests {
             let mut numbers = Renumber::new(bits);
             let mut newest = None;
             for raw in raw {
-                let Numbered { number, restarted } = numbers.number(raw);
+                let Numbered { number, restarted, late } = numbers.number(raw);
                 if let Some(newest) = newest {
                     prop_assert!(!restarted || number == u64::saturating_add(newest, 1));
+                    prop_assert!(late == (number <= newest) || newest == u64::MAX);
                 }
                 newest = newest.max(Some(number));
             }

@@ -14,7 +14,8 @@
 //! *Early*: a set is given as soon as no nearer frame can come. *At a gap* or when a camera falls
 //! silent: after [`HORIZON_NS`], without it. *At the end*: [`FrameSetBuilder::flush`]. Sets come in
 //! the order of their time, and do not depend on the order in which the cameras' frames come in
-//! unless one is later than the horizon. Frames must come in the order of their numbers for each
+//! unless one is later than the horizon. *What turns out to be lost* before its set is given is
+//! forgotten ([`FrameSetBuilder::forget`]). Frames must come in the order of their numbers for each
 //! camera.
 
 use std::collections::VecDeque;
@@ -118,6 +119,11 @@ impl FrameSetBuilder {
         self.frames[camera].push_back((number, time));
         self.newest[camera] = self.newest[camera].max(time);
         self.take(false)
+    }
+
+    /// These frames of a camera are lost after all: no set to come names them.
+    pub fn forget(&mut self, camera: usize, first: u64, last: u64) {
+        self.frames[camera].retain(|(number, _)| !(first..=last).contains(number));
     }
 
     /// No more frames: gives all sets that are left.
@@ -301,6 +307,32 @@ mod tests {
             camera(Some("a"), 33),
         ];
         assert_eq!(FrameSetBuilder::new(triggered).reference(), 1);
+    }
+
+    #[test]
+    fn what_is_lost_is_in_no_set() {
+        let mut builder = FrameSetBuilder::new(vec![camera(None, 40), camera(None, 40)]);
+        let mut sets = Vec::new();
+        for n in 0..4 {
+            let time = HostTime(n as i64 * 40 * MS);
+            sets.extend(builder.push(0, n, time));
+        }
+        builder.forget(0, 1, 2);
+        for n in 0..4 {
+            let time = HostTime((n as i64 * 40 + 1) * MS);
+            sets.extend(builder.push(1, n, time));
+        }
+        sets.extend(builder.flush());
+        let found: Vec<_> = sets.iter().map(numbers).collect();
+        assert_eq!(
+            found,
+            [
+                vec![(0, 0), (1, 0)],
+                vec![(1, 1)],
+                vec![(1, 2)],
+                vec![(0, 3), (1, 3)]
+            ]
+        );
     }
 
     #[test]

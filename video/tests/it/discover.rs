@@ -1,7 +1,7 @@
 //! Trial encodes on this machine.
 
 use crate::elements;
-use video::discover::{TrialError, best_encoder, best_encoder_at, trial};
+use video::discover::{Choice, TrialError, best_encoder, best_encoder_at, trial};
 use video::encoder::known_elements;
 
 #[test]
@@ -46,13 +46,21 @@ fn the_best_encoder_is_the_first_that_passes() {
 
 #[test]
 fn without_a_working_encoder_every_reason_is_told() {
-    let none = best_encoder_at(160, 64, 1e9).unwrap_err();
+    let none = best_encoder(161, 64).unwrap_err();
     let named: Vec<&str> = none.refused.iter().map(|(element, _)| &**element).collect();
     assert_eq!(named, known_elements().collect::<Vec<_>>());
     assert!(none.to_string().contains("x264enc: "), "{none}");
-    assert!(
-        none.refused
-            .iter()
-            .any(|(_, reason)| matches!(reason, TrialError::Slow { .. }))
-    );
+}
+
+#[test]
+fn if_all_are_too_slow_the_fastest_is_taken() {
+    let Choice { trial, refused } = best_encoder_at(160, 64, 2, 1e9).unwrap();
+    assert_eq!(refused.len() + 1, known_elements().count());
+    for (element, reason) in refused {
+        assert_ne!(element, trial.element);
+        if let TrialError::Slow { found, needed } = reason {
+            assert_eq!(needed, 1_000_000_000);
+            assert!(f64::from(found) <= trial.pictures_per_s, "{element}");
+        }
+    }
 }

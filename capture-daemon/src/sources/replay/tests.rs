@@ -120,6 +120,7 @@ fn real_kitti_pairs() {
         height: 370,
         rate_hz: 10.0,
         tick: TickLength::NANOSECOND,
+        tick_bits: None,
         number_bits: None,
         colour: false,
         still: false,

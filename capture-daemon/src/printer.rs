@@ -1,0 +1,151 @@
+//! Lines for a terminal or a pipe that perhaps nobody reads.
+//!
+//! Contract: saying a line never waits, for a recording must not. A thread prints the lines in their
+//! order, each at once. *When nobody reads* up to [`CAPACITY`] bytes wait, of routine lines half as
+//! much; what comes then is left out, but never the last line. *When writing fails* (a closed pipe) the
+//! lines go nowhere. *At the end* [`Printer::finish`] waits until all is printed.
+
+use std::io::{self, Write};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use anyhow::Context as _;
+use capture_daemon::queue::{Popped, Queue};
+
+/// Bytes that may wait.
+const CAPACITY: usize = 1 << 20;
+
+/// How much a line matters when nobody reads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Weight {
+    /// Another one like it follows soon.
+    Routine,
+    /// Something happened.
+    News,
+    /// What all of it came to; said once.
+    Last,
+}
+
+/// Where lines are said; clones say them to the same printer.
+#[derive(Clone)]
+pub(crate) struct Lines(Arc<Queue<Vec<u8>>>);
+
+/// Prints lines on a thread of its own.
+pub(crate) struct Printer {
+    lines: Lines,
+    thread: JoinHandle<()>,
+}
+
+impl Printer {
+    /// A printer to `out`.
+    ///
+    /// # Errors
+    /// The system gives no thread.
+    pub(crate) fn start(mut out: impl Write + Send + 'static) -> anyhow::Result<Self> {
+        let lines = Lines(Arc::new(Queue::new(CAPACITY)));
+        let queue = lines.0.clone();
+        let print = move || {
+            loop {
+                match queue.pop(Duration::from_secs(60)) {
+                    Popped::Item(line) => {
+                        let _ = out.write_all(&line).and_then(|()| out.flush());
+                    }
+                    Popped::Nothing => {}
+                    Popped::Closed => break,
+                }
+            }
+        };
+        let thread = std::thread::Builder::new()
+            .name("printer".into())
+            .spawn(print)
+            .context("starting the thread that prints")?;
+        Ok(Self { lines, thread })
+    }
+
+    /// Where to say lines.
+    pub(crate) fn lines(&self) -> Lines {
+        self.lines.clone()
+    }
+
+    /// Waits until everything is printed; what is said later is not.
+    pub(crate) fn finish(self) {
+        self.lines.0.close();
+        let _ = self.thread.join();
+    }
+}
+
+impl Lines {
+    /// Says a line, given without its break.
+    pub(crate) fn say(&self, line: &str, weight: Weight) {
+        self.put(format!("{line}\n").into_bytes(), weight);
+    }
+
+    fn put(&self, bytes: Vec<u8>, weight: Weight) {
+        let len = bytes.len();
+        // Refused means: nobody reads, or the end.
+        let _ = match weight {
+            Weight::Routine if self.0.bytes() > CAPACITY / 2 => return,
+            Weight::Routine | Weight::News => self.0.try_push(bytes, len),
+            // Weighs nothing, so it always fits.
+            Weight::Last => self.0.push_reserved(bytes, 0),
+        };
+    }
+}
+
+/// For a logger, which writes whole lines.
+impl Write for Lines {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.put(bytes.to_vec(), Weight::News);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Mutex;
+    use std::sync::mpsc::{Receiver, sync_channel};
+
+    use super::*;
+
+    /// Blocks until its channel is closed.
+    struct Unread(Receiver<()>, Arc<Mutex<Vec<u8>>>);
+
+    impl Write for Unread {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            let _ = self.0.recv();
+            self.1.lock().unwrap().extend(bytes);
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn saying_never_waits_and_news_and_the_last_line_outlast_routine() {
+        let (read, unread) = sync_channel(0);
+        let printed = Arc::default();
+        let printer = Printer::start(Unread(unread, Arc::clone(&printed))).unwrap();
+        let lines = printer.lines();
+        for _ in 0..CAPACITY {
+            lines.say("routine", Weight::Routine);
+        }
+        lines.say("alarm", Weight::News);
+        for _ in 0..CAPACITY {
+            lines.say("flapping", Weight::News);
+        }
+        lines.say("finished", Weight::Last);
+        drop(read);
+        printer.finish();
+        let text = String::from_utf8(printed.lock().unwrap().clone()).unwrap();
+        assert!(text.len() < CAPACITY + 100, "{} bytes", text.len());
+        assert!(text.contains("\nalarm\n"));
+        assert!(text.ends_with("flapping\nfinished\n"));
+    }
+}

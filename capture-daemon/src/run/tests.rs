@@ -1,0 +1,111 @@
+//! Runs with sources that fail.
+
+use super::*;
+use crate::sources::{Sample, Source, SourceError, SourceInfo};
+
+/// Delivers so many samples, then fails.
+struct Failing {
+    inner: Box<dyn Source>,
+    samples: u32,
+}
+
+impl Source for Failing {
+    fn info(&self) -> &SourceInfo {
+        self.inner.info()
+    }
+
+    fn next_sample(&mut self) -> Result<Option<Sample>, SourceError> {
+        self.samples = self
+            .samples
+            .checked_sub(1)
+            .ok_or_else(|| SourceError::Unusable {
+                source_name: "feet".to_owned(),
+                what: "damaged".to_owned(),
+            })?;
+        self.inner.next_sample()
+    }
+
+    fn is_scheduled(&self) -> bool {
+        self.inner.is_scheduled()
+    }
+
+    fn begin_at(&mut self, start: HostTime) {
+        self.inner.begin_at(start);
+    }
+}
+
+const CAMERAS: [&str; 2] = ["feet", "left_shoulder"];
+
+/// Records the first `cameras` cameras, of which the first one fails after five samples.
+fn run(cameras: usize, virtual_time: bool) -> (Finished, String, Vec<Progress>) {
+    let folder = tempfile::tempdir().expect("folder");
+    let cameras = CAMERAS[..cameras].iter().map(|name| {
+        format!(
+            "[[camera]]\nname = {name:?}\nsource = {{ kind = \"synthetic\", width = 128, \
+             height = 64, rate_hz = 20, imu_rate_hz = 0 }}\n"
+        )
+    });
+    let text = format!(
+        "disk.reserve_gb = 0\nencoder.element = \"x264enc\"\n{}",
+        cameras.collect::<String>()
+    );
+    let config = Config::parse(&text, folder.path()).expect("configuration");
+    let options = RecordOptions {
+        seconds: 2.0,
+        virtual_time,
+        name: String::new(),
+        out: folder.path().to_owned(),
+    };
+    let progress: Arc<Mutex<Vec<Progress>>> = Arc::default();
+    let into = progress.clone();
+    let finished = record_built(
+        |start| {
+            let mut built = build(&config, start)?;
+            let inner = built.sources.remove(0);
+            built
+                .sources
+                .insert(0, Box::new(Failing { inner, samples: 5 }));
+            Ok(built)
+        },
+        &options,
+        &StopFlag::new(),
+        Box::new(move |p| into.lock().expect("progress").push(p)),
+    )
+    .expect("recording");
+    let manifest =
+        std::fs::read_to_string(finished.session.join("session.json")).expect("manifest");
+    let progress = progress.lock().expect("progress").clone();
+    (finished, manifest, progress)
+}
+
+fn check_failed(finished: &Finished, progress: &[Progress]) {
+    let error = "feet cannot be read: damaged";
+    assert_eq!(finished.error.as_deref(), Some(error));
+    assert!(progress.contains(&Progress::Alarm {
+        text: error.to_owned(),
+        active: true
+    }));
+    assert!(
+        matches!(progress.last(), Some(Progress::Finished { error: Some(e), .. }) if e == error),
+        "{progress:?}"
+    );
+}
+
+#[test]
+fn a_recording_whose_only_source_fails_has_failed() {
+    for virtual_time in [false, true] {
+        let (finished, manifest, progress) = run(1, virtual_time);
+        check_failed(&finished, &progress);
+        assert_eq!((finished.stored, finished.missing), (5, 0));
+        assert!(manifest.contains("\"closed\""), "{manifest}");
+        assert!(manifest.contains("\"sources ended\""), "{manifest}");
+    }
+}
+
+#[test]
+fn a_recording_goes_on_without_a_source_that_fails() {
+    let (finished, manifest, progress) = run(2, true);
+    check_failed(&finished, &progress);
+    assert_eq!(finished.stored, 5 + 40);
+    assert!(manifest.contains("\"duration\""), "{manifest}");
+}
