@@ -14,6 +14,9 @@ use crate::target::Target;
 use crate::text;
 use crate::validate::open;
 
+/// What to do with a session that is in no library.
+pub(crate) const IMPORT_FIRST: &str = "`paws import` copies it to one";
+
 /// The index of a session: the one beside it if it still fits, else a new one, which is not
 /// written.
 ///
@@ -51,6 +54,7 @@ pub fn ensure(folder: &Path, console: &Console<'_>) -> Result<(Index, bool)> {
 /// A session cannot be read, or its index cannot be written.
 pub fn run(targets: &[Target], console: &mut Console<'_>) -> Result<Outcome> {
     for target in targets {
+        target.derived(layout::INDEX, IMPORT_FIRST)?;
         let (index, new) = ensure(&target.folder, console)?;
         let frames: usize = index.cameras.iter().map(|c| c.frames.len()).sum();
         let undecodable: u64 = index.cameras.iter().map(|c| c.undecodable).sum();

@@ -283,6 +283,20 @@ fn a_session_is_never_written_over() {
     assert!(SessionWriter::create(storage, spec()).is_err());
 }
 
+/// Exports name files after streams.
+#[test]
+fn names_that_lead_elsewhere_are_refused() {
+    for name in ["..", "a/../b", "", "left_shoulder"] {
+        let mut spec = spec();
+        spec.cameras[1].name = name.to_owned();
+        let error = SessionWriter::create(Arc::new(FaultStorage::new()), spec).err();
+        assert!(
+            matches!(error, Some(WriteError::Create(_))),
+            "{name}: {error:?}"
+        );
+    }
+}
+
 #[test]
 fn wrong_calls_are_refused() {
     let mut writer = SessionWriter::create(Arc::new(FaultStorage::new()), spec()).expect("create");
