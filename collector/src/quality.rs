@@ -171,7 +171,13 @@ impl Judge<'_> {
         let sigma = median(&mut frames.iter().map(|f| f.sigma_ns).collect::<Vec<_>>());
         self.sigma(name, sigma);
         let doubtful = frames.iter().filter(|f| f.time_doubtful).count();
-        self.doubtful(name, doubtful as f64, frames.len());
+        self.find(
+            "stream.doubtful",
+            name,
+            doubtful as f64 * period,
+            period,
+            "",
+        );
         let eyes = ["left", "right"].map(|eye| format!("{name}/{eye}"));
         let without = eyes.iter().filter(|eye| {
             let calibration = self.facts.calibrations.get(*eye);
@@ -200,7 +206,9 @@ impl Judge<'_> {
         let repeated = facts.repeated_ns as f64;
         self.find("imu.repeated", name, repeated, 0.0, "");
         self.sigma(name, median(&mut facts.sigmas_ns.clone()));
-        self.doubtful(name, facts.doubtful as f64, facts.samples.len());
+        let period = period_ns(imu.rate_hz);
+        let doubtful = facts.doubtful as f64 * period;
+        self.find("stream.doubtful", name, doubtful, period, "");
     }
 
     fn stream(&self, name: &str) -> StreamReport {
@@ -249,12 +257,6 @@ impl Judge<'_> {
     fn sigma(&mut self, name: &str, sigma_ns: Option<u64>) {
         if let Some(sigma) = sigma_ns {
             self.find("stream.clock_sigma", name, sigma as f64, 0.0, "");
-        }
-    }
-
-    fn doubtful(&mut self, name: &str, doubtful: f64, samples: usize) {
-        if samples > 0 {
-            self.find("stream.doubtful", name, doubtful / samples as f64, 0.0, "");
         }
     }
 

@@ -15,7 +15,9 @@ use session_archive::scan::End;
 use session_archive::storage::{CrashKind, DiskStorage, FaultStorage, Storage};
 use session_archive::time::HostTime;
 use session_archive::verify::verify;
-use session_archive::writer::{MAX_CHUNK_BYTES, MAX_CHUNK_NS, MAX_SEGMENT_NS, SessionWriter};
+use session_archive::writer::{
+    MAX_CHUNK_BYTES, MAX_CHUNK_NS, MAX_SEGMENT_NS, SessionWriter, WriteError,
+};
 use support::{MS, START, Sample, put, record, samples, spec, stop, unit};
 
 #[test]
