@@ -12,6 +12,7 @@ use collector::{
     handoff, importing, indexing, list, prune, rebuild, recover, reporting, show, validate,
 };
 use session_archive::handoff::{Check, HandOff, HandOffError, Verdict};
+use session_archive::index::Index;
 use session_archive::storage::DiskStorage;
 
 use crate::support::{ID, Session, capture, tree};
@@ -350,8 +351,16 @@ fn nothing_is_sealed_that_changed_since_it_was_validated() {
         assert_eq!(listed().condition, Condition::Damaged);
         let (_, text) = capture(|console| show::run(&targets[0], console));
         assert!(text.contains("condition  damaged"), "{text}");
+        // An index of the damaged session does not stay once it is mended.
+        capture(|console| indexing::run(&targets, console))
+            .0
+            .unwrap();
         change(&desk.session(ID).join(file));
         assert_eq!(validate(), Outcome::Fine);
+        let (outcome, text) = capture(|console| handoff::run(&targets[0], None, console));
+        assert_eq!(outcome.unwrap(), Outcome::Fine, "{text}");
+        let reader = validate::open(&desk.session(ID)).unwrap();
+        assert_eq!(Index::read(&reader).unwrap().damaged, 0);
         assert_eq!(listed().condition, Condition::Ok);
     }
 }
