@@ -12,6 +12,7 @@ use session_archive::handoff::Verdict;
 use session_archive::reader::{ReadError, SessionReader};
 use session_archive::storage::DiskStorage;
 use session_archive::time::CivilTime;
+use session_archive::verify::Report;
 
 use crate::condition::Condition;
 use crate::import::ImportRecord;
@@ -83,8 +84,7 @@ impl Row {
         let manifest = reader.manifest();
         let record = ImportRecord::read(folder);
         let validation = Validation::read(folder).ok();
-        let report = record.as_ref().map(|r| &r.report);
-        let report = report.or(validation.as_ref().map(|v| &v.report));
+        let report = newest_report(validation.as_ref(), record.as_ref());
         let streams = || report.into_iter().flat_map(|r| r.streams.values());
         let sampled = || streams().filter(|s| s.samples > 0);
         let span = sampled()
@@ -110,6 +110,15 @@ impl Row {
             imported: record.as_ref().map(|r| r.imported),
         })
     }
+}
+
+/// What was found last: a validation comes after the import.
+pub(crate) fn newest_report<'a>(
+    validation: Option<&'a Validation>,
+    record: Option<&'a ImportRecord>,
+) -> Option<&'a Report> {
+    let validated = validation.map(|v| &v.report);
+    validated.or(record.map(|r| &r.report))
 }
 
 fn join<'a>(names: impl Iterator<Item = &'a String>) -> String {

@@ -119,8 +119,8 @@ enum Verb {
     },
     /// Remove derived files and what stopped imports left behind
     Prune {
-        /// Remove this session, recording and all, instead
-        #[arg(long, value_name = "SESSION")]
+        /// Remove the session with this whole identifier, recording and all, instead
+        #[arg(long, value_name = "ID")]
         session: Option<String>,
         /// Really remove the recording
         #[arg(long, requires = "session")]

@@ -42,6 +42,8 @@ pub struct FrameFact {
     pub key: bool,
     /// Whether its picture equals the one before.
     pub frozen: bool,
+    /// Whether its time is not to be trusted within its sigma.
+    pub time_doubtful: bool,
 }
 
 /// A run of IMU samples, without its values.
@@ -51,6 +53,8 @@ pub struct ImuFacts {
     pub samples: Vec<Sample>,
     /// Sigma of each batch, ns.
     pub sigmas_ns: Vec<u64>,
+    /// Samples whose time is not to be trusted within its sigma.
+    pub doubtful: u64,
     /// Longest time for which all six values stayed what they were, ns.
     pub repeated_ns: i64,
 }
@@ -214,6 +218,7 @@ impl Gather {
                     bytes: f.payload_bytes,
                     key: f.key_frame,
                     frozen: f.frozen,
+                    time_doubtful: f.time_doubtful,
                 });
             }
             Kind::Imu(i) => {
@@ -221,13 +226,17 @@ impl Gather {
                     return;
                 };
                 let imu = &mut facts.imus[i];
-                let samples = b.times.iter().zip(&b.device_ticks).zip(b.first_number..);
+                let numbers = (0..).map(|k| b.first_number.saturating_add(k));
+                let samples = b.times.iter().zip(&b.device_ticks).zip(numbers);
                 imu.samples.extend(samples.map(|((&time, &ticks), number)| {
                     let before = &mut self.imu_before[i];
                     let step_ns = step(before, number, ticks, self.imu_ticks[i]);
                     Sample { time, step_ns }
                 }));
                 imu.sigmas_ns.push(b.sigma_ns);
+                if b.time_doubtful {
+                    imu.doubtful += b.times.len() as u64;
+                }
                 imu.note_repeats(&b, &mut self.runs[i]);
             }
             Kind::Set => {

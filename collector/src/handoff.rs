@@ -1,20 +1,22 @@
 //! `paws handoff`: seals a session for whoever works on it next.
 //!
-//! Validate if the last validation no longer fits, index, then seal: `handoff.json` in the
-//! session's folder names every file with its hash. A session that fails its validation is not
-//! sealed, and an older hand-off of it is withdrawn.
+//! Hash every file, validate if the last validation no longer fits, index, then seal: `handoff.json`
+//! in the session's folder names every file with its hash. A validation fits if it used the limits
+//! of the table and nothing has changed since the import, byte by byte. A session that fails its
+//! validation is not sealed, and an older hand-off of it is withdrawn.
 
 use std::fs;
 use std::io;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use session_archive::handoff::{HandOff, Verdict};
+use session_archive::handoff::{HandOff, HandOffError, SealedFile, Verdict};
 use session_archive::layout;
 use session_archive::storage::DiskStorage;
 
 use crate::console::Console;
 use crate::external;
+use crate::import::ImportRecord;
 use crate::indexing;
 use crate::outcome::Outcome;
 use crate::target::Target;
@@ -28,8 +30,9 @@ use crate::validation::Validation;
 /// The session cannot be read or sealed, or the reconstruction cannot be started.
 pub fn run(target: &Target, frames: Option<&Path>, console: &mut Console<'_>) -> Result<Outcome> {
     let folder = &target.folder;
-    let validation = current_validation(target, console)?;
-    let handoff = folder.join(layout::HANDOFF);
+    let handoff = target.derived(layout::HANDOFF, indexing::IMPORT_FIRST)?;
+    let recorded = recorded(folder, console)?;
+    let validation = current_validation(target, &recorded, console)?;
     if validation.verdict == Verdict::Fail {
         match fs::remove_file(&handoff) {
             Err(e) if e.kind() != io::ErrorKind::NotFound => {
@@ -45,7 +48,7 @@ pub fn run(target: &Target, frames: Option<&Path>, console: &mut Console<'_>) ->
         return Ok(Outcome::Failed);
     }
     indexing::ensure(folder, console)?;
-    seal(folder, validation.verdict, console)?;
+    seal(folder, validation.verdict, recorded, console)?;
     console.line(handoff.display())?;
     match frames {
         Some(out) => external::start(
@@ -61,11 +64,38 @@ pub fn run(target: &Target, frames: Option<&Path>, console: &mut Console<'_>) ->
     }
 }
 
+/// The files of the recording as they are now: manifest, rig files and segments. One that should be
+/// there and is not is left out; it costs the validation.
+fn recorded(folder: &Path, console: &Console<'_>) -> Result<Vec<SealedFile>> {
+    let context = || format!("hashing the session: {}", folder.display());
+    let reader = open(folder)?;
+    let rig = reader.manifest().rig.iter();
+    let mut paths = vec![layout::MANIFEST.to_owned()];
+    paths.extend(rig.map(|f| layout::rig_file(&f.name)));
+    paths.extend(reader.segment_numbers().map(layout::segment));
+    let progress = console.progress("hashing", reader.bytes()?);
+    let mut files = Vec::new();
+    for path in paths {
+        match SealedFile::of(&**reader.storage(), &path, |bytes| progress.add(bytes)) {
+            Ok(file) => files.push(file),
+            Err(HandOffError::Io { error, .. }) if error.kind() == io::ErrorKind::NotFound => {}
+            Err(e) => return Err(e).with_context(context),
+        }
+    }
+    Ok(files)
+}
+
 /// The validation of the session as it is now; made and written if need be.
-fn current_validation(target: &Target, console: &mut Console<'_>) -> Result<Validation> {
+fn current_validation(
+    target: &Target,
+    recorded: &[SealedFile],
+    console: &mut Console<'_>,
+) -> Result<Validation> {
     let folder = &target.folder;
     if let Ok(validation) = Validation::read(folder)
+        && validation.limits.is_empty()
         && validation.is_fresh(&open(folder)?)
+        && is_as_imported(folder, recorded)
     {
         return Ok(validation);
     }
@@ -75,27 +105,37 @@ fn current_validation(target: &Target, console: &mut Console<'_>) -> Result<Vali
     Ok(validation)
 }
 
-fn seal(folder: &Path, verdict: Verdict, console: &Console<'_>) -> Result<()> {
-    let reader = open(folder)?;
-    let manifest = reader.manifest();
-    let mut paths = vec![layout::MANIFEST.to_owned()];
-    paths.extend(manifest.rig.iter().map(|f| layout::rig_file(&f.name)));
-    let basis = crate::validation::Basis::of(&reader)
-        .with_context(|| format!("sealing the session: {}", folder.display()))?;
-    paths.extend(basis.segments.iter().map(|(n, _)| layout::segment(*n)));
-    paths.extend([layout::INDEX, layout::VALIDATION].map(str::to_owned));
-    // A session whose manifest is gone is sealed without it; the segments repeat it.
-    paths.retain(|path| path != layout::MANIFEST || !basis.manifest_blake3.is_empty());
-    let progress = console.progress("sealing", reader.bytes()?);
-    HandOff::seal(
-        &DiskStorage::new(folder),
-        &manifest.session_id,
+/// Whether every file is what was imported. A validation looked at the same bytes then, or failed:
+/// lengths and times say too little of what a disk has done to them since.
+fn is_as_imported(folder: &Path, recorded: &[SealedFile]) -> bool {
+    let Some(record) = ImportRecord::read(folder) else {
+        return false;
+    };
+    record.files.iter().all(|imported| {
+        let mut recorded = recorded.iter();
+        recorded.any(|now| now.path == imported.path && now.blake3 == imported.blake3)
+    })
+}
+
+fn seal(
+    folder: &Path,
+    verdict: Verdict,
+    mut files: Vec<SealedFile>,
+    console: &Console<'_>,
+) -> Result<()> {
+    let context = || format!("sealing the session: {}", folder.display());
+    let storage = DiskStorage::new(folder);
+    for derived in [layout::INDEX, layout::VALIDATION] {
+        files.push(SealedFile::of(&storage, derived, |_| {}).with_context(context)?);
+    }
+    HandOff::seal_files(
+        &storage,
+        &open(folder)?.manifest().session_id,
         verdict,
         crate::SOFTWARE,
         (console.clock.civil)(),
-        &paths,
-        |bytes| progress.add(bytes),
+        files,
     )
-    .with_context(|| format!("sealing the session: {}", folder.display()))?;
+    .with_context(context)?;
     Ok(())
 }

@@ -213,7 +213,8 @@ pub fn import(
     let (files, skipped) = list_files(source)?;
     if library.folder(&key).exists() {
         let there = compare(library, &key, source, &files, progress)?;
-        // Left behind if an import was stopped just after its rename.
+        // Left behind if an import was stopped just after its rename, which may not be durable.
+        sync_published(library, &key)?;
         journal::remove(&library.incoming(&key))?;
         return Ok(there);
     }
@@ -299,8 +300,14 @@ fn publish(library: &Library, key: &str, hook: Hook<'_>) -> Result<(), ImportErr
     hook(&Step::Publish).map_err(failed("publishing", &to))?;
     rename_new(&from, &to).map_err(failed("publishing", &to))?;
     hook(&Step::SyncPublished).map_err(failed("publishing", &to))?;
+    sync_published(library, key)
+}
+
+/// Makes the rename into the library durable.
+fn sync_published(library: &Library, key: &str) -> Result<(), ImportError> {
     for folder in [SESSIONS, INCOMING] {
-        sync_folder(&library.root().join(folder)).map_err(failed("publishing", &to))?;
+        sync_folder(&library.root().join(folder))
+            .map_err(failed("publishing", &library.folder(key)))?;
     }
     Ok(())
 }

@@ -14,30 +14,40 @@ use crate::target::Target;
 use crate::text;
 use crate::validate::open;
 
+/// What to do with a session that is in no library.
+pub(crate) const IMPORT_FIRST: &str = "`paws import` copies it to one";
+
 /// The index of a session: the one beside it if it still fits, else a new one, which is not
 /// written.
 ///
 /// # Errors
 /// The disk says no.
 pub fn read_or_build(reader: &SessionReader, console: &Console<'_>) -> Result<Index> {
-    if let Ok(index) = Index::read(reader) {
-        return Ok(index);
+    match Index::read(reader) {
+        Ok(index) => Ok(index),
+        Err(_) => build(reader, console),
     }
+}
+
+fn build(reader: &SessionReader, console: &Console<'_>) -> Result<Index> {
     let progress = console.progress("indexing", reader.bytes()?);
     Ok(Index::build(reader, |bytes| progress.add(bytes))?)
 }
 
-/// Makes sure that the session in a folder has an index; gives it, and whether it is new.
+/// Makes sure that the session in a folder has an index; gives it, and whether it is new. One that
+/// had to leave something out is made anew, because the damage may have been mended since.
 ///
 /// # Errors
 /// The disk says no.
 pub fn ensure(folder: &Path, console: &Console<'_>) -> Result<(Index, bool)> {
     let context = || format!("indexing the session: {}", folder.display());
     let reader = open(folder)?;
-    if let Ok(index) = Index::read(&reader) {
+    if let Ok(index) = Index::read(&reader)
+        && index.damaged == 0
+    {
         return Ok((index, false));
     }
-    let index = read_or_build(&reader, console).with_context(context)?;
+    let index = build(&reader, console).with_context(context)?;
     index
         .to_bytes()
         .and_then(|bytes| storage::replace(&**reader.storage(), layout::INDEX, &bytes))
@@ -51,6 +61,7 @@ pub fn ensure(folder: &Path, console: &Console<'_>) -> Result<(Index, bool)> {
 /// A session cannot be read, or its index cannot be written.
 pub fn run(targets: &[Target], console: &mut Console<'_>) -> Result<Outcome> {
     for target in targets {
+        target.derived(layout::INDEX, IMPORT_FIRST)?;
         let (index, new) = ensure(&target.folder, console)?;
         let frames: usize = index.cameras.iter().map(|c| c.frames.len()).sum();
         let undecodable: u64 = index.cameras.iter().map(|c| c.undecodable).sum();

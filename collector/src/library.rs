@@ -20,6 +20,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use rustix::fs::{FlockOperation, flock};
 use session_archive::layout;
+use session_archive::storage::{DiskStorage, Storage};
 
 use crate::catalogue::{Catalogue, Row};
 
@@ -59,10 +60,11 @@ impl Library {
     /// # Errors
     /// The disk says no.
     pub fn create(root: &Path) -> Result<Self> {
+        let storage = DiskStorage::new(root);
         for folder in [SESSIONS, INCOMING] {
-            let folder = root.join(folder);
-            fs::create_dir_all(&folder)
-                .with_context(|| format!("making the library: {}", folder.display()))?;
+            // Unlike the system's own call it makes the names durable, the root's too.
+            (storage.create_dir(folder))
+                .with_context(|| format!("making the library: {}", root.join(folder).display()))?;
         }
         Self::open(root)
     }
@@ -193,8 +195,9 @@ impl Library {
     /// recovered copy means the copy.
     ///
     /// # Errors
-    /// None or several fit.
+    /// None or several fit, or the text is empty.
     pub fn find(&self, text: &str) -> Result<String> {
+        ensure!(!text.is_empty(), "which session? its name is empty");
         let rows = self.rows()?;
         if let Some(row) = rows.iter().find(|r| r.key == text) {
             return Ok(row.key.clone());

@@ -125,6 +125,8 @@ pub const TABLE: &[Limit] = &[
     limit!("stream.end_offset", "ends before the session", Time, 1.5 * S, 3.0 * S, None, ARIA),
     limit!("stream.clock_sigma", "uncertainty of times (median)", Time, 2.0 * MS, 10.0 * MS, None,
         "goal for a camera without trigger: its offset known to 2 ms"),
+    limit!("stream.doubtful", "times not to be trusted", Time, 10.0 * S, NEVER, Some((100.0, NEVER)),
+        "a clock has settled after 64 samples, at the start and after a step; more is one that does not"),
     limit!("rig.misalignment", "misalignment under one trigger (99.9 %)", Time, 250.0 * US, 500.0 * US, None, ARIA),
     limit!("rig.free_misalignment", "distance to its frame set (99.9 %)", Time, 0.0, 0.0, Some((0.5, 1.0)),
         "a camera without trigger is at most half a period of the slowest camera away; beyond a whole one it is in the wrong set"),
@@ -160,6 +162,18 @@ impl Limits {
     /// The row of a metric.
     pub fn of(&self, metric: &str) -> Option<&Limit> {
         self.0.iter().find(|l| l.metric == metric)
+    }
+
+    /// What [`Self::set`] was told, as far as it differs from the table.
+    pub fn moved(&self) -> Vec<String> {
+        let moved = self.0.iter().zip(TABLE).filter(|(row, table)| row != table);
+        let number = |limit: f64| match limit {
+            NEVER => "never".to_owned(),
+            limit => limit.to_string(),
+        };
+        moved
+            .map(|(row, _)| format!("{}={},{}", row.metric, number(row.warn), number(row.fail)))
+            .collect()
     }
 
     /// All rows.
@@ -274,6 +288,10 @@ mod tests {
         let mut limits = Limits::default();
         limits.set("camera.dropped=0.02,0.05").unwrap();
         limits.set("imu.longest_gap=1e7, never").unwrap();
+        assert_eq!(
+            limits.moved(),
+            ["camera.dropped=0.02,0.05", "imu.longest_gap=10000000,never"]
+        );
         let row = limits.of("imu.longest_gap").unwrap();
         assert_eq!(row.in_force(5e6), (1e7, f64::INFINITY));
         let mut fails = |text: &str, part: &str| {

@@ -1,14 +1,14 @@
 //! `paws prune`: removes what can be made again.
 //!
 //! By itself it removes derived files (indexes, validations, hand-offs, reports) and what stopped
-//! imports left behind. A recording is removed only if it is named and `--yes` is said, and then
-//! it disappears from the library at once, by one rename, before its bytes go.
+//! imports left behind; a folder that cannot be read is told of and left alone. A recording is
+//! removed only if its whole identifier is given and `--yes` is said, and then it disappears from the library at once, by one rename, before its bytes go.
 
 use std::fs;
 use std::io;
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 
 use crate::console::Console;
 use crate::import::rename_new;
@@ -36,7 +36,9 @@ pub fn derived(root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
                 }
             }
         }
-        library.refresh(&key)?;
+        if let Err(e) = library.refresh(&key) {
+            log::warn!("not listed: {e:#}");
+        }
     }
     let incoming = library.root().join(INCOMING);
     let clearing = || format!("clearing {}", incoming.display());
@@ -69,6 +71,11 @@ pub fn session(root: &Path, text: &str, sure: bool, console: &mut Console<'_>) -
     let mut library = Library::open(root)?;
     let _lock = library.lock()?;
     let key = library.find(text)?;
+    ensure!(
+        key == text,
+        "to remove a session say its whole identifier, {key}: {}",
+        library.folder(&key).display()
+    );
     let folder = library.folder(&key);
     let bytes = text::bytes(size(&folder));
     if !sure {

@@ -170,6 +170,14 @@ impl Judge<'_> {
         self.find("camera.frozen", name, longest_frozen(frames), period, "");
         let sigma = median(&mut frames.iter().map(|f| f.sigma_ns).collect::<Vec<_>>());
         self.sigma(name, sigma);
+        let doubtful = frames.iter().filter(|f| f.time_doubtful).count();
+        self.find(
+            "stream.doubtful",
+            name,
+            doubtful as f64 * period,
+            period,
+            "",
+        );
         let eyes = ["left", "right"].map(|eye| format!("{name}/{eye}"));
         let without = eyes.iter().filter(|eye| {
             let calibration = self.facts.calibrations.get(*eye);
@@ -198,6 +206,9 @@ impl Judge<'_> {
         let repeated = facts.repeated_ns as f64;
         self.find("imu.repeated", name, repeated, 0.0, "");
         self.sigma(name, median(&mut facts.sigmas_ns.clone()));
+        let period = period_ns(imu.rate_hz);
+        let doubtful = facts.doubtful as f64 * period;
+        self.find("stream.doubtful", name, doubtful, period, "");
     }
 
     fn stream(&self, name: &str) -> StreamReport {

@@ -115,7 +115,6 @@ fn beside(folder: &Path) -> PathBuf {
 }
 
 fn write(target: &Target, copy: &Path, bytes: u64, console: &Console<'_>) -> Result<Recovered> {
-    fs::create_dir_all(copy).with_context(|| format!("making {}", copy.display()))?;
     let reader = open(&target.folder)?;
     // The source is read for its report and the copy is checked; both count.
     let progress = console.progress("recovering", 2 * bytes);

@@ -8,11 +8,12 @@ use crate::console::Console;
 use crate::outcome::Outcome;
 use crate::page;
 use crate::target::Target;
-use crate::validate::{Options, outcome_of, validate};
+use crate::validate::{Options, open, outcome_of, validate};
 use crate::validation::{REPORT, Validation};
 
-/// Examines a session and writes its report. The verdict goes into the library as after
-/// `paws validate`, unless a fresh one is there that looked deeper.
+/// Examines a session and writes its report. A fresh verdict that looked as deep stays, whatever
+/// its limits, and is the one reported; else the new one goes into the library as after
+/// `paws validate`.
 ///
 /// # Errors
 /// The session cannot be read, or the report cannot be written.
@@ -22,10 +23,24 @@ pub fn run(
     out: Option<&Path>,
     console: &mut Console<'_>,
 ) -> Result<Outcome> {
-    let mut validated = validate(&target.folder, options, console)?;
-    match Validation::read(&target.folder) {
-        Ok(deeper) if deeper.deep && !options.deep && deeper.is_fresh(&validated.reader) => {
-            validated.validation = deeper;
+    let path = match out {
+        Some(out) => out.to_owned(),
+        None => target.derived(REPORT, "--out names another place for it")?,
+    };
+    let known = Validation::read(&target.folder).ok();
+    let known = known.filter(|known| {
+        known.deep >= options.deep
+            && open(&target.folder).is_ok_and(|reader| known.is_fresh(&reader))
+    });
+    let mut options = options.clone();
+    for limit in known.iter().flat_map(|known| &known.limits) {
+        options.limits.set(limit)?;
+    }
+    let mut validated = validate(&target.folder, &options, console)?;
+    match known {
+        // A check of every byte may find what lengths do not tell.
+        Some(known) if known.report == validated.validation.report => {
+            validated.validation = known;
         }
         _ if target.is_listed() => {
             validated.validation.write(&target.folder)?;
@@ -33,7 +48,6 @@ pub fn run(
         }
         _ => {}
     }
-    let path = out.map_or_else(|| target.folder.join(REPORT), Path::to_owned);
     std::fs::write(&path, page::html(&validated, &options.limits))
         .with_context(|| format!("writing the report: {}", path.display()))?;
     console.line(path.display())?;

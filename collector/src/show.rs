@@ -8,7 +8,7 @@ use session_archive::handoff::{Check, HandOff};
 use session_archive::index::Index;
 use session_archive::storage::DiskStorage;
 
-use crate::catalogue::Row;
+use crate::catalogue::{Row, newest_report};
 use crate::condition::Condition;
 use crate::console::Console;
 use crate::import::ImportRecord;
@@ -74,8 +74,7 @@ pub fn run(target: &Target, console: &mut Console<'_>) -> Result<Outcome> {
     let segments = text::count(reader.segment_numbers().count() as u64, "segment");
     line("size", format!("{} in {segments}", text::bytes(row.bytes)))?;
     line("condition", row.condition.to_string())?;
-    let report = record.as_ref().map(|r| &r.report);
-    let report = report.or(validation.as_ref().map(|v| &v.report));
+    let report = newest_report(validation.as_ref(), record.as_ref());
     if let (Condition::Damaged, Some(report)) = (row.condition, report) {
         for fault in faults(report) {
             line("", fault)?;

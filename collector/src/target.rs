@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 
 use crate::catalogue::Row;
 use crate::find::is_session;
@@ -54,6 +54,20 @@ impl Target {
     /// Whether a library lists it, so that derived files may be put beside it.
     pub fn is_listed(&self) -> bool {
         self.listed.is_some()
+    }
+
+    /// Where to put a derived file beside it.
+    ///
+    /// # Errors
+    /// No library lists it, so the folder is the recorder's or somebody else's; `otherwise` says what
+    /// to do.
+    pub fn derived(&self, file: &str, otherwise: &str) -> Result<PathBuf> {
+        ensure!(
+            self.is_listed(),
+            "{file} goes only beside sessions of a library, and this one is in none; {otherwise}: {}",
+            self.folder.display()
+        );
+        Ok(self.folder.join(file))
     }
 
     /// Its key in the library that lists it, with the library's folder.

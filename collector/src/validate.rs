@@ -82,7 +82,7 @@ pub fn validate(folder: &Path, options: &Options, console: &Console<'_>) -> Resu
     let manifest = reader.manifest();
     let findings = judge(manifest, &found, decoded.as_deref(), &options.limits);
     let basis = Basis::of(&reader).with_context(context)?;
-    let validation = Validation::new(manifest, basis, &found, findings, options.deep);
+    let validation = Validation::new(manifest, basis, &found, findings, options);
     Ok(Validated {
         reader,
         found,

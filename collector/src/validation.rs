@@ -24,6 +24,7 @@ use crate::cadence::Cadence;
 use crate::examine::Examination;
 use crate::facts::{Facts, Sample};
 use crate::quality::{Finding, overall, reasons};
+use crate::validate::Options;
 
 /// File name of the HTML report in the session's folder.
 pub const REPORT: &str = "report.html";
@@ -32,7 +33,8 @@ const VERSION: u32 = 1;
 /// Events listed in a summary; a button that chatters must not fill it.
 const MOST_EVENTS: usize = 200;
 
-/// What a validation looked at. If this is still so, it still holds.
+/// What a validation looked at. If this is still so, nobody has written to the segments since; what
+/// the disk has done to their bytes, [`crate::handoff`] finds out.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Basis {
     /// BLAKE3 of the manifest, hex; empty if there is none.
@@ -118,6 +120,9 @@ pub struct Validation {
     pub reasons: Vec<String>,
     /// Whether every picture was decoded.
     pub deep: bool,
+    /// The limits that were not those of [`crate::limits::TABLE`], as `METRIC=WARN,FAIL`.
+    #[serde(default)]
+    pub limits: Vec<String>,
     /// What was looked at.
     pub basis: Basis,
     /// The session in short.
@@ -162,7 +167,7 @@ impl Validation {
         basis: Basis,
         found: &Examination,
         findings: Vec<Finding>,
-        deep: bool,
+        options: &Options,
     ) -> Self {
         Self {
             format: FORMAT.to_owned(),
@@ -171,7 +176,8 @@ impl Validation {
             session_id: manifest.session_id.clone(),
             verdict: overall(&findings),
             reasons: reasons(&findings).iter().map(|f| f.text.clone()).collect(),
-            deep,
+            deep: options.deep,
+            limits: options.limits.moved(),
             basis,
             summary: Summary::of(manifest, found),
             findings,

@@ -2,7 +2,7 @@
 //!
 //! Contract. The folder asked for appears complete or not at all: everything is written to a folder
 //! of the same name with `.partial` behind it, which is renamed at the end. A folder that is not
-//! empty is refused and left alone. A run that fails removes what it wrote; one that is killed
+//! empty is refused and left alone, and so is one that cannot be replaced (a mount point, a link). A run that fails removes what it wrote; one that is killed
 //! leaves the `.partial` folder, which the next run refuses to touch. *At a gap* there is no row
 //! and no picture. *On failure to read* a frame or an IMU batch it is left out and counted
 //! ([`Summary::lost`]), and the rest is written; on failure to write everything stops. The same
@@ -11,9 +11,10 @@
 //! ```text
 //! DIR/CAMERA/left/NNNNNN.png    named by the frame's number, at least six digits
 //! DIR/CAMERA/right/NNNNNN.png   8 bits, grey or RGB
-//! DIR/CAMERA/times.csv          number,time_ns,sigma_ns,set; set is empty for a frame in none
+//! DIR/CAMERA/times.csv          number,time_ns,sigma_ns,time_doubtful,set; set is empty for a frame
+//!                               in none, time_doubtful 1 where sigma_ns is not to be trusted
 //! DIR/sets.csv                  set,time_ns,CAMERA,...; frame numbers, empty where there is none
-//! DIR/imu/NAME.csv              number,ticks,time_ns,gyro_x_rad_s,...,accel_x_m_s2,...
+//! DIR/imu/NAME.csv              number,ticks,time_ns,gyro_x_rad_s,...,accel_x_m_s2,...,time_doubtful
 //! DIR/calibration.json          lens of every eye, transforms of the rig
 //! ```
 //!
@@ -62,9 +63,6 @@ pub enum ExportError {
     /// Delete it: it is what an earlier run had written before it was stopped.
     #[error("an earlier run was stopped and left a folder behind; delete it: {}", .0.display())]
     LeftOver(PathBuf),
-    /// A camera or IMU whose name could lead out of the folder, or is no file name.
-    #[error("the session has a camera or an IMU named {0:?}, which cannot name a file")]
-    Name(String),
     /// The disk says no.
     #[error("writing {}", .path.display())]
     Write {
@@ -97,11 +95,6 @@ pub fn export(
     selection: &Selection,
     progress: &(dyn Fn() + Sync),
 ) -> Result<Summary, ExportError> {
-    let cameras = input.manifest().cameras.iter().map(|c| &c.name);
-    let imus = input.manifest().imus.iter().map(|i| &i.name);
-    for name in cameras.chain(imus) {
-        check_name(name)?;
-    }
     let partial = begin(out)?;
     let result = write_all(input, &partial, selection, progress).and_then(|summary| {
         fs::rename(&partial, out)
@@ -164,12 +157,12 @@ fn write_all(
 
 /// Makes the folder to write to first.
 fn begin(out: &Path) -> Result<PathBuf, ExportError> {
-    match fs::read_dir(out).map(|mut entries| entries.next().is_some()) {
+    let exists = match fs::read_dir(out).map(|mut entries| entries.next().is_some()) {
         Ok(true) => return Err(ExportError::NotEmpty(out.to_owned())),
-        Ok(false) => {}
-        Err(e) if e.kind() == io::ErrorKind::NotFound => {}
+        Ok(false) => true,
+        Err(e) if e.kind() == io::ErrorKind::NotFound => false,
         Err(error) => return Err(writing(out)(error)),
-    }
+    };
     let mut name = match out.file_name() {
         Some(name) => name.to_owned(),
         None => {
@@ -183,21 +176,19 @@ fn begin(out: &Path) -> Result<PathBuf, ExportError> {
         fs::create_dir_all(parent).map_err(writing(parent))?;
     }
     match fs::create_dir(&partial) {
-        Ok(()) => Ok(partial),
-        Err(e) if e.kind() == io::ErrorKind::AlreadyExists => Err(ExportError::LeftOver(partial)),
-        Err(error) => Err(writing(&partial)(error)),
+        Ok(()) => {}
+        Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
+            return Err(ExportError::LeftOver(partial));
+        }
+        Err(error) => return Err(writing(&partial)(error)),
     }
-}
-
-/// Names come from the session: they may not lead out of the folder.
-fn check_name(name: &str) -> Result<(), ExportError> {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
-    let part = |part: &str| !part.is_empty() && !part.starts_with('.') && part.chars().all(plain);
-    if name.split('/').all(part) {
-        Ok(())
-    } else {
-        Err(ExportError::Name(name.to_owned()))
+    // Now, and not by the rename: whether it can be replaced is to be known before the work.
+    if exists && let Err(error) = fs::remove_dir(out) {
+        // Just made, and empty.
+        let _ = fs::remove_dir(&partial);
+        return Err(writing(out)(error));
     }
+    Ok(partial)
 }
 
 fn writing(path: &Path) -> impl Fn(io::Error) -> ExportError + use<> {
@@ -205,25 +196,5 @@ fn writing(path: &Path) -> impl Fn(io::Error) -> ExportError + use<> {
     move |error| ExportError::Write {
         path: path.clone(),
         error,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_that_lead_elsewhere_are_refused() {
-        for name in ["feet", "left_shoulder", "feet/imu", "zed-2.i"] {
-            assert!(check_name(name).is_ok(), "{name}");
-        }
-        for name in [
-            "", "..", "../feet", "/feet", "feet/", "a//b", ".hidden", "a b", "a\\b", "é",
-        ] {
-            assert!(
-                matches!(check_name(name), Err(ExportError::Name(_))),
-                "{name}"
-            );
-        }
     }
 }

@@ -156,12 +156,7 @@ impl Input {
     /// # Errors
     /// Something in it cannot be read.
     pub fn set(&self, number: u64) -> Result<Option<FrameSet>, ReadError> {
-        let sets = &self.shared.index.sets;
-        // Sets are sorted by time, and nothing forces their numbers to rise with it.
-        let found = match sets.binary_search_by_key(&number, |s| s.number) {
-            Ok(position) => Some(position),
-            Err(_) => sets.iter().position(|s| s.number == number),
-        };
+        let found = self.shared.index.set(number);
         found
             .map(|position| self.set_at_position(position))
             .transpose()
@@ -172,11 +167,7 @@ impl Input {
     /// # Errors
     /// Something in it cannot be read.
     pub fn set_at(&self, time: HostTime) -> Result<Option<FrameSet>, ReadError> {
-        let sets = &self.shared.index.sets;
-        let after = sets.partition_point(|s| s.time_ns < time.0);
-        let nearest = (after.saturating_sub(1)..sets.len())
-            .take(2)
-            .min_by_key(|&position| sets[position].time_ns.abs_diff(time.0));
+        let nearest = self.shared.index.set_at(time);
         nearest
             .map(|position| self.set_at_position(position))
             .transpose()

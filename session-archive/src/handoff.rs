@@ -110,7 +110,7 @@ pub enum HandOffError {
 }
 
 impl HandOff {
-    /// Seals the files at `paths`, and writes the manifest.
+    /// Seals the files at `paths` as they are, and writes the manifest.
     ///
     /// # Errors
     /// A file is missing, or the disk says no.
@@ -123,15 +123,24 @@ impl HandOff {
         paths: &[String],
         mut progress: impl FnMut(u64),
     ) -> Result<Self, HandOffError> {
-        let mut files = Vec::new();
-        for path in paths {
-            let (bytes, blake3) = hash(storage, path, &mut progress)?;
-            files.push(SealedFile {
-                path: path.clone(),
-                bytes,
-                blake3,
-            });
-        }
+        let files = paths.iter();
+        let files = files.map(|path| SealedFile::of(storage, path, &mut progress));
+        let files = files.collect::<Result<_, _>>()?;
+        Self::seal_files(storage, session_id, verdict, software, sealed, files)
+    }
+
+    /// Seals files that were hashed before, and writes the manifest.
+    ///
+    /// # Errors
+    /// The disk says no.
+    pub fn seal_files(
+        storage: &dyn Storage,
+        session_id: &str,
+        verdict: Verdict,
+        software: &str,
+        sealed: CivilTime,
+        files: Vec<SealedFile>,
+    ) -> Result<Self, HandOffError> {
         let mut handoff = Self {
             format: FORMAT.to_owned(),
             version: VERSION,
@@ -194,6 +203,23 @@ impl HandOff {
 }
 
 impl SealedFile {
+    /// A file as it is now; `progress` is called with the bytes read.
+    ///
+    /// # Errors
+    /// The file is missing, or the disk says no.
+    pub fn of(
+        storage: &dyn Storage,
+        path: &str,
+        mut progress: impl FnMut(u64),
+    ) -> Result<Self, HandOffError> {
+        let (bytes, blake3) = hash(storage, path, &mut progress)?;
+        Ok(Self {
+            path: path.to_owned(),
+            bytes,
+            blake3,
+        })
+    }
+
     fn check(
         &self,
         storage: &dyn Storage,

@@ -18,13 +18,15 @@ use bytes::Bytes;
 use crate::layout;
 use crate::mcap::CHUNK_PREFIX;
 use crate::reader::{Entry, Message, ReadError, SessionReader};
-use crate::record::{CompressedVideo, Frame, FrameSet, ImuBatch, Protobuf, Record};
+use crate::record::paws::gap::Cause;
+use crate::record::{CompressedVideo, Frame, FrameSet, Gap, ImuBatch, Protobuf, Record};
 use crate::storage::{ReadAt, Storage};
 use crate::time::HostTime;
+use crate::verify::union;
 
-const MAGIC: [u8; 8] = *b"PAWSIDX1";
-/// No index is larger than this once unpacked: 100 bytes for each frame of a whole day.
-const UNPACKED_LIMIT: usize = 4 << 30;
+const MAGIC: [u8; 8] = *b"PAWSIDX2";
+/// No index is larger than this once unpacked; three cameras at 30 Hz take 0.6 GB in a whole day.
+const UNPACKED_LIMIT: usize = 1 << 30;
 
 /// Where one access unit is, and what is known of its frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
@@ -35,6 +37,8 @@ pub struct FrameEntry {
     pub time_ns: i64,
     /// One standard deviation of it, ns.
     pub sigma_ns: u64,
+    /// Whether the time is not to be trusted within its sigma.
+    pub time_doubtful: bool,
     /// When the daemon received it, host clock, ns.
     pub host_time_ns: i64,
     /// Device clock.
@@ -116,6 +120,8 @@ pub struct Index {
     pub imus: Vec<ImuIndex>,
     /// By time.
     pub sets: Vec<SetEntry>,
+    /// Damaged ranges and missing segments: what was in them is not here.
+    pub damaged: u64,
 }
 
 /// Why an index, or what it points to, cannot be used.
@@ -142,7 +148,7 @@ pub enum IndexError {
 
 impl Index {
     /// Builds the index by one pass; `progress` is called with the bytes of each message read.
-    /// Damaged parts are left out.
+    /// Damaged parts are left out and counted.
     ///
     /// # Errors
     /// The disk says no.
@@ -155,7 +161,10 @@ impl Index {
                     build.message(&m);
                 }
                 // What follows may refer to pictures that are lost, until the next key frame.
-                Entry::Damage { .. } | Entry::SegmentMissing { .. } => build.key.fill(None),
+                Entry::Damage { .. } | Entry::SegmentMissing { .. } => {
+                    build.key.fill(None);
+                    build.index.damaged += 1;
+                }
                 Entry::SegmentEnd { .. } => {}
             }
         }
@@ -201,7 +210,8 @@ impl Index {
             return Err(unreadable("it claims an impossible size"));
         }
         let plain = zstd::bulk::decompress(packed, size)?;
-        let config = bincode::config::standard();
+        // No length that is claimed in it is allocated before it is weighed against the limit.
+        let config = bincode::config::standard().with_limit::<UNPACKED_LIMIT>();
         let (index, _) = bincode::decode_from_slice(&plain, config)
             .map_err(|e| IndexError::Unreadable(e.to_string()))?;
         Ok(index)
@@ -238,20 +248,22 @@ impl Index {
         self.imus.iter().find(|i| i.name == name)
     }
 
-    /// The frame set with this number.
-    pub fn set(&self, number: u64) -> Option<&SetEntry> {
-        // Numbers rise with time, so sets sorted by time are sorted by number.
-        self.sets
-            .binary_search_by_key(&number, |s| s.number)
-            .ok()
-            .map(|i| &self.sets[i])
+    /// Position of the frame set with this number.
+    pub fn set(&self, number: u64) -> Option<usize> {
+        // Sets are sorted by time. Their numbers rise with it in what our recorder writes, and
+        // nothing in the format forces them to.
+        match self.sets.binary_search_by_key(&number, |s| s.number) {
+            Ok(position) => Some(position),
+            Err(_) => self.sets.iter().position(|s| s.number == number),
+        }
     }
 
-    /// The frame set nearest to a time.
-    pub fn set_at(&self, time: HostTime) -> Option<&SetEntry> {
+    /// Position of the frame set nearest to a time, the earlier one of two.
+    pub fn set_at(&self, time: HostTime) -> Option<usize> {
         let after = self.sets.partition_point(|s| s.time_ns < time.0);
-        let candidates = self.sets[after.saturating_sub(1)..].iter().take(2);
-        candidates.min_by_key(|s| s.time_ns.abs_diff(time.0))
+        (after.saturating_sub(1)..self.sets.len())
+            .take(2)
+            .min_by_key(|&position| self.sets[position].time_ns.abs_diff(time.0))
     }
 }
 
@@ -266,14 +278,6 @@ impl CameraIndex {
         self.frames.binary_search_by_key(&number, |f| f.number).ok()
     }
 
-    /// Positions of the frames that must be decoded to get the one at `position`: from its key
-    /// frame to itself.
-    pub fn run_to(&self, position: usize) -> Range<usize> {
-        self.frames
-            .get(position)
-            .map_or(0..0, |f| f.key as usize..position + 1)
-    }
-
     /// Positions of all frames that share the key frame of the one at `position`.
     pub fn gop(&self, position: usize) -> Range<usize> {
         let Some(frame) = self.frames.get(position) else {
@@ -285,12 +289,40 @@ impl CameraIndex {
     }
 }
 
-impl ImuIndex {
-    /// The batches that may hold samples in `from..=to`.
-    pub fn between(&self, from: HostTime, to: HostTime) -> &[BatchEntry] {
-        let start = self.batches.partition_point(|b| b.end_ns < from.0);
-        let length = self.batches[start..].partition_point(|b| b.start_ns <= to.0);
-        &self.batches[start..start + length]
+impl CameraIndex {
+    /// Leaves out the frames that refer to one of these numbers: those between it and the next key
+    /// frame. Gap records may come long after the frames, those of recovery last of all.
+    fn leave_out_behind(&mut self, lost: Vec<(u64, u64)>) {
+        let lost = union(lost);
+        let frames = std::mem::take(&mut self.frames);
+        let mut key = 0;
+        for (position, frame) in frames.iter().enumerate() {
+            let is_key = frame.key as usize == position;
+            if is_key {
+                key = self.frames.len() as u32;
+            }
+            let from = frames[frame.key as usize].number;
+            let next = lost.partition_point(|range| range.1 <= from);
+            let is_behind = lost.get(next).is_some_and(|range| range.0 < frame.number);
+            if is_behind && !is_key {
+                self.undecodable += 1;
+            } else {
+                self.frames.push(FrameEntry { key, ..*frame });
+            }
+        }
+    }
+}
+
+/// Whether frames that are missing for this cause were encoded, so that later ones may refer to
+/// them. Frames dropped before the encoder leave no trace in what it makes.
+fn is_behind_the_encoder(cause: Cause) -> bool {
+    match cause {
+        Cause::EncoderRestart | Cause::WriterOverload | Cause::Storage | Cause::Damaged => true,
+        Cause::Unknown
+        | Cause::Device
+        | Cause::Disconnected
+        | Cause::EncoderOverload
+        | Cause::Late => false,
     }
 }
 
@@ -372,6 +404,7 @@ enum Kind {
     Frame(usize),
     Imu(usize),
     Sets,
+    Gaps,
 }
 
 /// A frame set before its frames' positions are known.
@@ -390,6 +423,8 @@ struct Build {
     key: Vec<Option<u32>>,
     /// Number of the newest frame, per camera.
     newest: Vec<Option<u64>>,
+    /// First and last numbers of frames that the encoder had made and that are lost, per camera.
+    lost: Vec<Vec<(u64, u64)>>,
     sets: Vec<PendingSet>,
 }
 
@@ -408,6 +443,7 @@ impl Build {
                     .position(|i| i.name == stream.of)
                     .map(Kind::Imu),
                 name if name == FrameSet::SCHEMA.name => Some(Kind::Sets),
+                name if name == Gap::SCHEMA.name => Some(Kind::Gaps),
                 _ => None,
             };
             if let Some(kind) = kind {
@@ -436,10 +472,12 @@ impl Build {
                 cameras: cameras.collect(),
                 imus: imus.collect(),
                 sets: Vec::new(),
+                damaged: 0,
             },
             awaiting: vec![None; count],
             key: vec![None; count],
             newest: vec![None; count],
+            lost: vec![Vec::new(); count],
             sets: Vec::new(),
         })
     }
@@ -483,6 +521,15 @@ impl Build {
                     members,
                 });
             }
+            Some(Kind::Gaps) => {
+                let Ok(gap) = m.decode::<Gap>() else {
+                    return;
+                };
+                let camera = (self.index.cameras.iter()).position(|c| c.name == gap.stream);
+                if let (Some(camera), true) = (camera, is_behind_the_encoder(gap.cause())) {
+                    self.lost[camera].push((gap.first, gap.last));
+                }
+            }
             None => {}
         }
     }
@@ -499,9 +546,11 @@ impl Build {
             self.key[camera] = None;
             return;
         }
-        // Frames that the recorder dropped before the encoder do not break the run; frames lost
-        // behind it do, and the next key frame mends that.
-        let unit_at = video.data.as_ptr() as usize - m.data.as_ptr() as usize;
+        // An access unit without bytes lies nowhere.
+        let unit_at = match video.data.is_empty() {
+            true => 0,
+            false => video.data.as_ptr() as usize - m.data.as_ptr() as usize,
+        };
         let list = &mut self.index.cameras[camera];
         let position = list.frames.len() as u32;
         if frame.key_frame {
@@ -516,6 +565,7 @@ impl Build {
             number: frame.number,
             time_ns: frame.time,
             sigma_ns: frame.sigma_ns,
+            time_doubtful: frame.time_doubtful,
             host_time_ns: frame.host_time,
             device_ticks: frame.device_ticks,
             key,
@@ -527,6 +577,9 @@ impl Build {
     }
 
     fn finish(mut self) -> Index {
+        for (camera, lost) in self.index.cameras.iter_mut().zip(self.lost) {
+            camera.leave_out_behind(lost);
+        }
         self.sets.sort_by_key(|s| (s.time_ns, s.number));
         let cameras = &self.index.cameras;
         let sets = self.sets.into_iter().map(|set| {

@@ -30,7 +30,32 @@ pub fn is_file_name(name: &str) -> bool {
     !["", ".", ".."].contains(&name) && !name.contains(['/', '\\', '\0'])
 }
 
+/// Whether a camera or an IMU may have this name: parts of letters, digits, `_`, `-` and `.`, not
+/// beginning with a dot, with `/` between them. Names of files are made of it.
+pub fn is_stream_name(name: &str) -> bool {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
+    let part = |part: &str| !part.is_empty() && !part.starts_with('.') && part.chars().all(plain);
+    name.split('/').all(part)
+}
+
 /// Path of a file that describes the rig: `rig/NAME`.
 pub fn rig_file(name: &str) -> String {
     format!("{RIG}/{name}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_streams_lead_nowhere_else() {
+        for name in ["feet", "left_shoulder", "feet/imu", "zed-2.i"] {
+            assert!(is_stream_name(name), "{name}");
+        }
+        for name in [
+            "", "..", "../feet", "/feet", "feet/", "a//b", ".hidden", "a b", "a\\b", "\u{e9}",
+        ] {
+            assert!(!is_stream_name(name), "{name}");
+        }
+    }
 }

@@ -290,11 +290,32 @@ impl Manifest {
                 "its segments are not numbered from 0".to_owned(),
             ));
         }
+        if let Some((name, e)) = self.extents.iter().find(|(_, e)| e.first > e.last) {
+            return Err(ManifestError::Damaged(format!(
+                "its extent of {name:?} goes from {} to {}",
+                e.first, e.last
+            )));
+        }
         // The names become paths; a manifest from elsewhere must not reach out of its folder.
         if let Some(file) = self.rig.iter().find(|f| !layout::is_file_name(&f.name)) {
             return Err(ManifestError::Damaged(format!(
                 "its rig file {:?} is no file name",
                 file.name
+            )));
+        }
+        let cameras = self.cameras.iter().map(|c| &c.name);
+        let mut names: Vec<&String> = cameras.chain(self.imus.iter().map(|i| &i.name)).collect();
+        if let Some(name) = names.iter().find(|name| !layout::is_stream_name(name)) {
+            return Err(ManifestError::Damaged(format!(
+                "its camera or IMU {name:?} is no name; expected letters, digits, _, - and . \
+                 with / between parts"
+            )));
+        }
+        names.sort_unstable();
+        if let Some(same) = names.windows(2).find(|two| two[0] == two[1]) {
+            return Err(ManifestError::Damaged(format!(
+                "it has two cameras or IMUs {:?}",
+                same[0]
             )));
         }
         Ok(self)

@@ -9,6 +9,7 @@
 //! The order is the order written: each stream is in the order of its numbers, streams are
 //! interleaved to within a chunk. The heads of segments after the first repeat state; of what they
 //! repeat, only what was not seen before is passed on, because its chunk is missing or damaged.
+//! A segment that says of itself that it is another one is damage, and nothing in it is passed on.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io;
@@ -22,9 +23,13 @@ use crate::manifest::{
 };
 use crate::mcap::Record as McapRecord;
 use crate::record::{Protobuf, Record, Segment};
-use crate::scan::{Damage, End, Item, Scan, VerifiedChunk};
+use crate::scan::{Damage, DamageKind, End, Item, Scan, VerifiedChunk};
 use crate::storage::{ReadAt, Storage};
 use crate::time::HostTime;
+
+/// More segments than this are not missing in a row: a file so far beyond the others is none of the
+/// session's. One minute each, so this is most of a day.
+const MAX_HOLE: u32 = 1000;
 
 /// Why a session cannot be read at all. Damage within it is not among these.
 #[derive(Debug, thiserror::Error)]
@@ -111,6 +116,8 @@ pub struct SessionReader {
     manifest: Manifest,
     manifest_note: Option<String>,
     files: Vec<SegmentFile>,
+    /// Numbers of files in the folder of the segments that cannot be the session's.
+    strangers: Vec<u32>,
 }
 
 /// A segment file and how much of it counts.
@@ -122,6 +129,18 @@ struct SegmentFile {
     limit: Option<u64>,
     /// Bytes that must be there by what the writer noted.
     expected: u64,
+    /// Whether the writer closed it, so that it has these bytes and no more.
+    closed: bool,
+}
+
+impl SegmentFile {
+    /// What of a file of `length` bytes should not be there, or is missing.
+    fn wrong_length(&self, length: u64) -> Option<Damage> {
+        (self.closed && length != self.expected).then(|| Damage {
+            bytes: length.min(self.expected)..length.max(self.expected),
+            kind: DamageKind::Length,
+        })
+    }
 }
 
 impl SessionReader {
@@ -130,7 +149,8 @@ impl SessionReader {
     /// # Errors
     /// See [`ReadError`]; a damaged session is not an error.
     pub fn open(storage: Arc<dyn Storage>) -> Result<Self, ReadError> {
-        let found = segment_files(&*storage)?;
+        let mut found = segment_files(&*storage)?;
+        let mut strangers = Vec::new();
         let (manifest, manifest_note) = match Manifest::read(&*storage) {
             Ok(manifest) => (manifest, None),
             Err(e @ ManifestError::TooNew { .. }) => return Err(e.into()),
@@ -141,9 +161,11 @@ impl SessionReader {
                     }
                     e => e.to_string(),
                 };
+                strangers = take_strangers(&mut found, 0);
                 (rebuild_manifest(&*storage, &found)?, Some(note))
             }
         };
+        strangers.extend(take_strangers(&mut found, manifest.segments.len() as u32));
         let last = found
             .last()
             .copied()
@@ -157,6 +179,7 @@ impl SessionReader {
                     present: found.binary_search(&number).is_ok(),
                     limit: given_up.map(|e| e.bytes),
                     expected: entry.map_or(0, |e| e.bytes),
+                    closed: entry.is_some_and(|e| e.state == SegmentState::Closed),
                 }
             })
             .collect();
@@ -165,6 +188,7 @@ impl SessionReader {
             manifest,
             manifest_note,
             files,
+            strangers,
         };
         if reader.manifest.state == State::Recording {
             reader.limits_from_heads()?;
@@ -219,6 +243,7 @@ impl SessionReader {
             open: None,
             queue: VecDeque::new(),
             head_seen: false,
+            strangers: self.strangers.iter(),
             states: (self.manifest.streams.iter())
                 .filter(|s| is_state(s))
                 .map(|s| (s.id, None))
@@ -243,10 +268,10 @@ impl SessionReader {
             if !self.files[i].present {
                 continue;
             }
-            let head = self.segment(self.files[i].number)?.head()?;
+            let number = self.files[i].number;
+            let head = self.segment(number)?.head()?;
             if let Some(head) = head
-                && head.session_id == self.manifest.session_id
-                && head.number as usize == i
+                && !self.is_foreign(number, &head)
             {
                 let before = &mut self.files[i - 1];
                 before.limit = Some(head.previous_valid_bytes);
@@ -254,6 +279,25 @@ impl SessionReader {
             }
         }
         Ok(())
+    }
+
+    /// Whether the segment with this head is not what its file's name says.
+    pub(crate) fn is_foreign(&self, number: u32, head: &Segment) -> bool {
+        head.session_id != self.manifest.session_id || head.number != number
+    }
+}
+
+/// Takes the numbers out of `found` that lie beyond a hole that no session has; `next` is what comes
+/// after the manifest's last.
+fn take_strangers(found: &mut Vec<u32>, mut next: u32) -> Vec<u32> {
+    let is_far = |number: &u32| {
+        let far = *number > next.saturating_add(MAX_HOLE);
+        next = next.max(number.saturating_add(1));
+        far
+    };
+    match found.iter().position(is_far) {
+        Some(at) => found.split_off(at),
+        None => Vec::new(),
     }
 }
 
@@ -333,6 +377,15 @@ impl SegmentScan {
         &self.file
     }
 
+    /// The whole file as something that is not the session's.
+    fn foreign(&self) -> Result<Damage, ReadError> {
+        let length = self.file.len().map_err(|e| self.failed(e))?;
+        Ok(Damage {
+            bytes: 0..length,
+            kind: DamageKind::Foreign,
+        })
+    }
+
     fn failed(&self, error: io::Error) -> ReadError {
         ReadError::Io {
             path: self.path.clone(),
@@ -383,6 +436,8 @@ pub struct Entries<'a> {
     open: Option<OpenScan>,
     queue: VecDeque<Entry>,
     head_seen: bool,
+    /// Files that come last, as damage.
+    strangers: std::slice::Iter<'a, u32>,
     /// Sequence number of the newest message passed on of every stream that holds state.
     states: BTreeMap<u16, Option<u32>>,
 }
@@ -391,13 +446,14 @@ struct OpenScan {
     segment: SegmentScan,
     scan: Scan,
     at_start: bool,
+    damaged: bool,
 }
 
 impl Entries<'_> {
     /// Reads on by one chunk, one range of damage, or one segment's start or end; false at the end.
     fn advance(&mut self) -> Result<bool, ReadError> {
         let Some(file) = self.reader.files.get(self.segment) else {
-            return Ok(false);
+            return self.stranger();
         };
         let number = file.number;
         let Some(open) = &mut self.open else {
@@ -408,6 +464,7 @@ impl Entries<'_> {
                     segment,
                     scan,
                     at_start: true,
+                    damaged: false,
                 });
             } else {
                 self.segment += 1;
@@ -421,18 +478,32 @@ impl Entries<'_> {
         };
         match open.scan.next_item().map_err(|e| open.segment.failed(e))? {
             Some(Item::Damage(damage)) => {
-                self.queue.push_back(Entry::Damage {
-                    segment: number,
-                    damage,
-                });
+                open.damaged = true;
+                self.push_damage(number, damage);
             }
             Some(Item::Chunk(chunk)) => {
-                let is_head = std::mem::take(&mut open.at_start) && head_of(&chunk).is_some();
+                let head = std::mem::take(&mut open.at_start)
+                    .then(|| head_of(&chunk))
+                    .flatten();
+                if let Some(head) = &head
+                    && self.reader.is_foreign(number, head)
+                {
+                    let damage = open.segment.foreign()?;
+                    self.push_damage(number, damage);
+                    self.open = None;
+                    self.segment += 1;
+                    return Ok(true);
+                }
+                let is_head = head.is_some();
                 self.push_messages(number, &chunk, is_head);
                 self.head_seen |= is_head;
             }
             None => {
                 let end = open.scan.end().unwrap_or(End::Open);
+                let length = open.scan.position();
+                if let (false, Some(damage)) = (open.damaged, file.wrong_length(length)) {
+                    self.push_damage(number, damage);
+                }
                 self.queue.push_back(Entry::SegmentEnd {
                     segment: number,
                     end,
@@ -442,6 +513,21 @@ impl Entries<'_> {
             }
         }
         Ok(true)
+    }
+
+    /// What the session cannot have is told of once all else was read.
+    fn stranger(&mut self) -> Result<bool, ReadError> {
+        let Some(&number) = self.strangers.next() else {
+            return Ok(false);
+        };
+        let segment = SegmentScan::open(&**self.reader.storage(), number, None, 0)?;
+        let damage = segment.foreign()?;
+        self.push_damage(number, damage);
+        Ok(true)
+    }
+
+    fn push_damage(&mut self, segment: u32, damage: Damage) {
+        self.queue.push_back(Entry::Damage { segment, damage });
     }
 
     fn push_messages(&mut self, segment: u32, chunk: &VerifiedChunk, is_head: bool) {

@@ -165,7 +165,12 @@ impl<'a> Copy<'a> {
                 Some(Item::Damage(_)) => continue,
                 None => break,
             };
-            let is_head = at_start && head_of(&chunk).is_some();
+            let head = at_start.then(|| head_of(&chunk)).flatten();
+            if (head.as_ref()).is_some_and(|head| self.source.is_foreign(number, head)) {
+                // Nothing in it is the session's.
+                break;
+            }
+            let is_head = head.is_some();
             if is_head {
                 self.note_states(&chunk);
             }

@@ -50,6 +50,11 @@ pub enum DamageKind {
     DataChecksum,
     /// The summary or the footer is damaged; it is not needed.
     Summary,
+    /// The file is whole, but not as long as the manifest says: it is another one.
+    Length,
+    /// The segment says of itself that it is of another session or has another number, or its
+    /// number is far beyond the others'. It is not used.
+    Foreign,
 }
 
 /// A range of bytes of a segment that cannot be used, and why.

@@ -34,7 +34,9 @@ use crate::time::{CivilTime, HostTime};
 mod contents;
 mod video;
 
-use contents::{chunk_bounds, extents, gaps, is_sampled, messages, samples, stream_of};
+use contents::{
+    chunk_bounds, extents, gaps, is_sampled, members, messages, runs, samples, stream_of,
+};
 use video::VideoRef;
 
 /// Default chunk length: what a power cut may take, plus how far the cameras lag each other.
@@ -378,11 +380,11 @@ impl SessionWriter {
 
     /// Ends the session; the writer takes nothing more. Everything appended is on disk when this
     /// succeeds, as [`Durability`] says, and [`Self::take_incidents`] tells what went wrong on the
-    /// way. After a fatal error it still writes the manifest if the disk lets it, and returns that
-    /// error.
+    /// way. After a fatal error it still writes the manifest if the disk lets it.
     ///
     /// # Errors
-    /// See [`WriteError`]; the session can be opened all the same, up to what was durable.
+    /// See [`WriteError`]; [`WriteError::Finished`] after a fatal error, which was returned when it
+    /// happened. The session can be opened all the same, up to what was durable.
     pub fn close(&mut self, stop: Stop) -> Result<Manifest, WriteError> {
         let mut result = if self.finished {
             Err(WriteError::Finished)
@@ -675,13 +677,36 @@ impl SessionWriter {
     }
 
     /// What is written in place of a chunk that the disk refused twice: the same chunk, which is
-    /// small now because gap records stand for its samples, and an event that says so.
+    /// small now because gap records stand for its samples, and an event that says so. Numbers
+    /// that the chunk has gap records for keep those; sets that name a lost frame go with it.
     fn substitute(&mut self, bytes: &[u8], error: &io::Error) -> (Vec<Gap>, Vec<u8>) {
         let log = chunk_bounds(bytes).0.0.max(0) as u64;
         let streams = &self.manifest.streams;
+        let lost: Vec<Gap> = runs(samples(bytes, streams))
+            .into_iter()
+            .flat_map(|(stream, runs)| {
+                let mut before = self.manifest.extents.get(&stream).map(|e| e.end.0);
+                runs.into_iter().map(move |run| Gap {
+                    time_before: before.replace(run.end.0),
+                    stream: stream.clone(),
+                    first: run.first,
+                    last: run.last,
+                    cause: paws::gap::Cause::Storage.into(),
+                    time_after: None,
+                    detail: error.to_string(),
+                })
+            })
+            .collect();
+        let is_lost = |camera: &str, number: u64| {
+            let mut gaps = lost.iter();
+            gaps.any(|g| g.stream == camera && (g.first..=g.last).contains(&number))
+        };
         let mut chunk = ChunkBuilder::default();
         for m in messages(bytes) {
-            if stream_of(streams, &m).is_some_and(|s| !is_sampled(s)) {
+            let kept = stream_of(streams, &m).is_some_and(|s| {
+                !is_sampled(s) && members(s, &m).all(|(camera, number)| !is_lost(&camera, number))
+            });
+            if kept {
                 chunk.message(
                     m.channel_id,
                     m.sequence,
@@ -693,18 +718,6 @@ impl SessionWriter {
                 );
             }
         }
-        let lost: Vec<Gap> = extents(samples(bytes, streams))
-            .into_iter()
-            .map(|(stream, e)| Gap {
-                time_before: self.manifest.extents.get(&stream).map(|e| e.end.0),
-                stream,
-                first: e.first,
-                last: e.last,
-                cause: paws::gap::Cause::Storage.into(),
-                time_after: None,
-                detail: error.to_string(),
-            })
-            .collect();
         if let Some(id) = self.manifest.stream::<Gap>("").map(|s| s.id) {
             for gap in &lost {
                 let sequence = self.take_sequence(id);
@@ -715,10 +728,7 @@ impl SessionWriter {
             let event = Event {
                 kind: paws::event::Kind::Fault.into(),
                 source: "disk".to_owned(),
-                text: format!(
-                    "the samples of {} streams could not be written: {error}",
-                    lost.len()
-                ),
+                text: format!("the samples of a chunk could not be written: {error}"),
             };
             let sequence = self.take_sequence(id);
             chunk.message(id, sequence, log, log, |out| encode(&event, out));

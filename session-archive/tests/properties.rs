@@ -20,7 +20,9 @@ use session_archive::scan::{End, Item, Scan};
 use session_archive::storage::FaultStorage;
 use session_archive::time::HostTime;
 use session_archive::verify::verify;
-use session_archive::writer::SessionWriter;
+use session_archive::writer::{
+    MAX_CHUNK_BYTES, MAX_CHUNK_NS, MAX_SEGMENT_BYTES, MAX_SEGMENT_NS, SessionWriter,
+};
 use support::{MS, START, camera, messages, record, samples, spec, stop, unit};
 
 fn config(cases: u32) -> ProptestConfig {
@@ -351,6 +353,38 @@ fn call() -> impl Strategy<Value = Call> {
     ]
 }
 
+/// Every segment spans a minute at most, and every chunk what [`MAX_CHUNK_NS`] says: no message in
+/// it waited longer, by the times of those that were appended before its last sample. (That one
+/// may leap; it is what closes the chunk.)
+fn check_limits(reader: &SessionReader) {
+    let span = |times: &[u64]| {
+        let bounds = times.iter().max().zip(times.iter().min());
+        bounds.map_or(0, |(end, start)| (end - start) as i64)
+    };
+    for number in reader.segment_numbers() {
+        let mut scan = reader.segment(number).expect("open").scan().expect("scan");
+        let mut chunks: Vec<Vec<u64>> = Vec::new();
+        while let Some(item) = scan.next_item().expect("memory does not fail") {
+            let Item::Chunk(chunk) = item else {
+                panic!("{item:?}");
+            };
+            assert!(chunk.length <= 2 * MAX_CHUNK_BYTES as u64 + 4096);
+            let times = chunk.messages().map(|m| m.expect("message").log_time);
+            chunks.push(times.collect());
+        }
+        assert!(scan.position() < MAX_SEGMENT_BYTES);
+        // The first is the head.
+        let chunks = &chunks[1..];
+        for times in chunks {
+            let waited = &times[..times.len().saturating_sub(2)];
+            assert!(span(waited) < MAX_CHUNK_NS, "{times:?}");
+        }
+        if chunks.len() > 1 {
+            assert!(span(&chunks.concat()) <= MAX_SEGMENT_NS);
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(config(400))]
 
@@ -471,6 +505,7 @@ proptest! {
                 other => prop_assert!(false, "{:?}", other),
             }
         }
+        check_limits(&reader);
         let report = verify(&reader, |_| {}).expect("verify");
         for (name, s) in &report.streams {
             prop_assert_eq!(s.samples + s.gaps + s.lost, s.expected(), "{}", name);

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use session_archive::layout;
 use session_archive::manifest::{Manifest, State};
-use session_archive::mcap::{Record, RecordIter};
+use session_archive::mcap::{CHUNK_PREFIX, Record, RecordIter, sealed_chunk};
 use session_archive::reader::{Entry, Message, ReadError, SessionReader};
 use session_archive::record::{
     ClockMap, Frame, Gap, ImuBatch, Protobuf, Record as _, paws::gap::Cause,
@@ -657,4 +657,112 @@ fn damage_is_an_entry_like_any_other() {
         }
     }
     assert_eq!(damage, [(0, at.start as u64..at.end as u64)]);
+}
+
+/// Another session of the same rig: the same streams, and numbers that go on.
+fn other() -> FaultStorage {
+    let disk = FaultStorage::new();
+    let mut spec = spec();
+    spec.session_id = "0192aa00-0000-7000-8000-000000000002".to_owned();
+    let mut writer = SessionWriter::create(Arc::new(disk.clone()), spec).expect("create");
+    for sample in samples(1.0) {
+        put(&mut writer, &sample, UNIT).expect("put");
+    }
+    writer.close(stop(START)).expect("close");
+    disk
+}
+
+/// Every checksum of such a segment holds, and it is not what was recorded.
+#[test]
+fn a_segment_of_another_session_or_number_is_damage() {
+    let (_, disk) = long();
+    let mine = disk.content(&layout::segment(1)).expect("segment");
+    let theirs = other().content(&layout::segment(0)).expect("segment");
+    for (number, content) in [(0, &theirs), (1, &theirs), (0, &mine)] {
+        let disk = disk.snapshot();
+        disk.set_content(&layout::segment(number), content.clone());
+        let (result, copy) = recovered(&disk);
+        let damage = &result.source.damage;
+        assert_eq!(damage.len(), 1, "{damage:?}");
+        assert_eq!(damage[0].segment, number);
+        assert_eq!(damage[0].damage.kind, DamageKind::Foreign);
+        assert_eq!(damage[0].damage.bytes, 0..content.len() as u64);
+        assert!(result.source.streams["feet"].lost > 0);
+        assert_eq!(result.source.streams["feet"].repeated, 0);
+        // Nothing of it is in the copy: those that were in their place are.
+        let bytes = |disk: &FaultStorage| -> Vec<Vec<u8>> {
+            let messages = messages(&open(disk)).into_iter();
+            messages
+                .filter(|m| m.segment != number)
+                .map(|m| m.data.to_vec())
+                .collect()
+        };
+        let (kept, whole) = (bytes(&copy), bytes(&disk));
+        assert_eq!(kept[..whole.len()], whole);
+    }
+}
+
+/// A whole file of the same session and number, that somebody made in another way.
+#[test]
+fn a_closed_segment_has_the_length_that_the_manifest_says() {
+    let disk = clean(&samples(3.0));
+    let shorter = clean(&samples(1.0));
+    let path = layout::segment(0);
+    disk.set_content(&path, shorter.content(&path).expect("segment"));
+    let report = verify(&open(&disk), |_| {}).expect("verify");
+    let kinds: Vec<_> = report.damage.iter().map(|d| d.damage.kind).collect();
+    assert_eq!(kinds, [DamageKind::Length]);
+    let disk = clean(&samples(1.0));
+    let longer = clean(&samples(3.0));
+    disk.set_content(&path, longer.content(&path).expect("segment"));
+    let report = verify(&open(&disk), |_| {}).expect("verify");
+    let kinds: Vec<_> = report.damage.iter().map(|d| d.damage.kind).collect();
+    assert_eq!(kinds, [DamageKind::Length]);
+}
+
+/// A file with a number far away costs nothing, with the manifest and without.
+#[test]
+fn a_stray_file_does_not_make_a_million_segments() {
+    let disk = clean(&samples(1.0));
+    disk.set_content(&layout::segment(999_999), b"not ours".to_vec());
+    for manifest in [true, false] {
+        let disk = match manifest {
+            true => disk.snapshot(),
+            false => without(&disk, layout::MANIFEST),
+        };
+        assert_eq!(open(&disk).segment_numbers().count(), 1);
+        let (result, copy) = recovered(&disk);
+        let damage = &result.source.damage;
+        assert_eq!((damage.len(), damage[0].segment), (1, 999_999));
+        assert_eq!(damage[0].damage.kind, DamageKind::Foreign);
+        assert_eq!(damage[0].damage.bytes, 0..8);
+        assert_eq!(segments(&copy).len(), 1);
+    }
+}
+
+/// A message that is not what its schema says is told of, whatever it is. No recorder of ours
+/// writes one, so the chunk is made here.
+#[test]
+fn every_message_is_decoded() {
+    let disk = FaultStorage::new();
+    let mut writer = SessionWriter::create(Arc::new(disk.clone()), spec()).expect("create");
+    let map = ClockMap {
+        clock: "feet".to_owned(),
+        ..ClockMap::default()
+    };
+    writer.append("feet", START, START, &map).expect("map");
+    writer.poll(START + 2000 * MS).expect("poll");
+    let reader = open(&disk);
+    assert_eq!(verify(&reader, |_| {}).expect("verify").undecodable, 0);
+
+    let at = messages(&reader)[0].payload_offset as usize;
+    let chunk = chunks(&disk, 0).remove(1).bytes;
+    change(&disk, 0, |bytes| {
+        let mut records = bytes[chunk.start + CHUNK_PREFIX..chunk.end].to_vec();
+        // The first field becomes an integer, and is text.
+        records[at] = 0x08;
+        bytes.truncate(chunk.start);
+        bytes.extend(sealed_chunk(&records));
+    });
+    assert_eq!(verify(&open(&disk), |_| {}).expect("verify").undecodable, 1);
 }

@@ -15,7 +15,9 @@ use session_archive::scan::End;
 use session_archive::storage::{CrashKind, DiskStorage, FaultStorage, Storage};
 use session_archive::time::HostTime;
 use session_archive::verify::verify;
-use session_archive::writer::{MAX_CHUNK_BYTES, MAX_CHUNK_NS, MAX_SEGMENT_NS, SessionWriter};
+use session_archive::writer::{
+    MAX_CHUNK_BYTES, MAX_CHUNK_NS, MAX_SEGMENT_NS, SessionWriter, WriteError,
+};
 use support::{MS, START, Sample, put, record, samples, spec, stop, unit};
 
 #[test]
@@ -281,6 +283,20 @@ fn a_session_is_never_written_over() {
     let storage: Arc<dyn Storage> = Arc::new(DiskStorage::new(folder.path()));
     record(storage.clone(), &samples(1.0), 10).expect("record");
     assert!(SessionWriter::create(storage, spec()).is_err());
+}
+
+/// Exports name files after streams.
+#[test]
+fn names_that_lead_elsewhere_are_refused() {
+    for name in ["..", "a/../b", "", "left_shoulder"] {
+        let mut spec = spec();
+        spec.cameras[1].name = name.to_owned();
+        let error = SessionWriter::create(Arc::new(FaultStorage::new()), spec).err();
+        assert!(
+            matches!(error, Some(WriteError::Create(_))),
+            "{name}: {error:?}"
+        );
+    }
 }
 
 #[test]

@@ -12,6 +12,7 @@ use session_archive::record::paws::event::Kind;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, NS_PER_S};
 use session_archive::verify::verify;
+use session_archive::writer::MAX_CHUNK_NS;
 use tests::contents::{Contents, StoredFrame, open};
 use tests::rig::{Rig, in_virtual_time};
 
@@ -40,6 +41,16 @@ fn record_faulty(
         Box::new(|_| {}),
     );
     (finished.expect("recording"), began)
+}
+
+/// What a kill may take is the chunk in the making, whatever lies in front of the writer: a stage
+/// that held samples back would keep the writer's promise and break the recorder's.
+fn no_more_than_a_chunk_waits(contents: &Contents) {
+    assert!(contents.health.len() >= 9, "{}", contents.health.len());
+    for (time, health) in &contents.health {
+        let waits = time.since(HostTime(health.durable_until));
+        assert!(waits <= MAX_CHUNK_NS, "{waits} ns at {time}");
+    }
 }
 
 #[test]
@@ -134,6 +145,7 @@ fn every_fault_is_accounted_for() {
     }
 
     contents.check_times().expect("times");
+    no_more_than_a_chunk_waits(&contents);
     alarms_come_in_time(&contents, &rig, start);
     sets_are_of_stored_frames(&contents);
 }

@@ -11,15 +11,16 @@ use anyhow::{Context, Result};
 use session_archive::reader::{Entry, Message, SessionReader};
 use session_archive::record::{Event, Frame, FrameSet, Gap, ImuBatch, Record, paws};
 
-use super::file_name;
+use super::{file_name, left_out};
 use crate::console::Console;
 use crate::outcome::Outcome;
 use crate::validation::words;
 
 const FRAMES: &str = "number,time_ns,sigma_ns,host_time_ns,kernel_time_ns,device_ticks,exposure_ns,\
-                      bytes,key_frame,frozen,clock_map";
+                      bytes,key_frame,frozen,clock_map,time_doubtful";
 const IMU: &str = "number,time_ns,sigma_ns,host_time_ns,device_ticks,gyro_x_rad_s,gyro_y_rad_s,\
-                   gyro_z_rad_s,accel_x_m_s2,accel_y_m_s2,accel_z_m_s2,temperature_c";
+                   gyro_z_rad_s,accel_x_m_s2,accel_y_m_s2,accel_z_m_s2,temperature_c,\
+                   time_doubtful";
 const EVENTS: &str = "time_ns,kind,source,text";
 const GAPS: &str = "stream,first,last,samples,cause,time_before_ns,time_after_ns,detail";
 
@@ -114,7 +115,7 @@ pub(super) fn export(
         console.line(format!("{name}.csv: {} rows", table.rows))?;
     }
     if damaged > 0 {
-        console.line(format!("{damaged} damaged places were left out"))?;
+        console.line(left_out(damaged))?;
         return Ok(Outcome::Loss);
     }
     Ok(Outcome::Fine)
@@ -157,12 +158,14 @@ fn put(
             &u8::from(f.key_frame),
             &u8::from(f.frozen),
             &f.clock_map,
+            &u8::from(f.time_doubtful),
         ])
     } else if schema == ImuBatch::SCHEMA.name {
         let Ok(batch) = m.decode::<ImuBatch>() else {
             return Ok(());
         };
-        for (sample, number) in samples(&batch).zip(batch.first_number..) {
+        let numbers = (0..).map(|k| batch.first_number.saturating_add(k));
+        for (sample, number) in samples(&batch).zip(numbers) {
             let [gx, gy, gz] = sample.gyro;
             let [ax, ay, az] = sample.accel;
             table.row(&[
@@ -178,6 +181,7 @@ fn put(
                 &ay,
                 &az,
                 &maybe(sample.temperature_c),
+                &u8::from(batch.time_doubtful),
             ])?;
         }
         Ok(())

@@ -55,7 +55,7 @@ pub(super) fn export(
     for imu in &manifest.imus {
         export.imu(imu, console)?;
     }
-    Ok(outcome)
+    Ok(outcome.max(super::damage(&index, console)?))
 }
 
 struct Export<'a> {

@@ -73,5 +73,5 @@ pub(super) fn export(
         }
         console.line(line)?;
     }
-    Ok(outcome)
+    Ok(outcome.max(super::damage(&index, console)?))
 }

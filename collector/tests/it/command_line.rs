@@ -68,13 +68,14 @@ fn the_main_job() {
         "feet_imu.csv: 400 rows",
     );
     check(at, &["prune"], 0, "removed 4 derived files");
-    check(
-        at,
-        &["prune", "--session", "walk"],
-        1,
-        "repeat it with --yes",
-    );
-    check(at, &["prune", "--session", "walk", "--yes"], 0, "removed");
+    check(at, &["prune", "--session", ID], 1, "repeat it with --yes");
+    // A name, a beginning or an empty variable is not enough to remove a recording.
+    for text in ["walk", "0", ""] {
+        check(at, &["prune", "--session", text, "--yes"], 1, "session");
+        assert!(at.join(format!("library/sessions/{ID}")).is_dir());
+    }
+    check(at, &["show", ""], 1, "its name is empty");
+    check(at, &["prune", "--session", ID, "--yes"], 0, "removed");
     check(at, &["list"], 0, "no sessions");
 }
 

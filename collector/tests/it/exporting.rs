@@ -41,7 +41,7 @@ fn tables_hold_every_sample_in_si_units() {
     // Sample 21: the second of batch 1, counts 3 4 5 minus 6, scale 0.5; 100 - 3 4 5 minus 1, 0.25.
     let time = START + 21 * 5 * MS;
     let expected = format!(
-        "21,{time},10000,{},{},-1.5,-1,-0.5,24,23.75,23.5,25.12",
+        "21,{time},10000,{},{},-1.5,-1,-0.5,24,23.75,23.5,25.12,0",
         time + MS,
         21 * 128
     );
@@ -50,7 +50,7 @@ fn tables_hold_every_sample_in_si_units() {
     assert_eq!(frames.len(), 1 + 31 - 2);
     assert_eq!(
         frames[1],
-        format!("100,{START},20000,{},,0,,200,1,0,1", START + 3 * MS)
+        format!("100,{START},20000,{},,0,,200,1,0,1,0", START + 3 * MS)
     );
     let events = lines("events.csv");
     assert_eq!(
@@ -182,6 +182,52 @@ fn mp4_files_hold_the_access_units_as_they_are() {
             let found = file.windows(nal.bytes.len()).any(|w| w == nal.bytes);
             assert!(found, "a slice of frame {} is not there", p.frame.number);
         }
+    }
+}
+
+/// What is damaged cannot be exported, and that is told whatever the format.
+#[test]
+fn damage_is_told_in_every_format() {
+    let folder = tempfile::tempdir().unwrap();
+    let source = folder.path().join("s");
+    Session::decodable(2.0).write(&source);
+    let segment = source.join("segments/000000.mcap");
+    let mut bytes = fs::read(&segment).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&segment, bytes).unwrap();
+    for (format, name) in [
+        (Format::Euroc, "euroc"),
+        (Format::Mp4, "mp4"),
+        (Format::Csv, "csv"),
+    ] {
+        let (outcome, text) = export(&source, format, &folder.path().join(name));
+        assert_eq!(outcome, Outcome::Loss, "{text}");
+        assert!(text.contains("1 damaged place left out"), "{text}");
+    }
+}
+
+#[test]
+fn streams_that_would_share_a_file_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for (i, (camera, imu)) in [("feet_imu", "feet/imu"), ("feet", "events")]
+        .iter()
+        .enumerate()
+    {
+        let source = folder.path().join(format!("s{i}"));
+        let mut session = Session::good(0.1);
+        session.spec.cameras[2].name = (*camera).to_owned();
+        session.spec.imus[0].name = (*imu).to_owned();
+        session.calibrations.clear();
+        session.clocks.clear();
+        session.imu.clear();
+        session.write(&source);
+        let target = Target::find(source.to_str().unwrap(), None).unwrap();
+        let out = folder.path().join("out");
+        let refused = capture(|console| export::run(&target, Format::Csv, &out, console)).0;
+        let error = refused.unwrap_err().to_string();
+        assert!(error.contains("written to files named"), "{error}");
+        assert!(!out.exists());
     }
 }
 

@@ -76,6 +76,7 @@ fn impossible_values_are_drawn_and_judged_without_a_panic() {
         batch.gyro_counts.truncate(40);
         batch.host_times[19] = crate::support::START + i as i64;
     }
+    session.imu[19].first_number = u64::MAX - 3;
     for set in &mut session.sets {
         set.members[0].time = i64::MIN;
         for member in set.members.iter_mut().skip(1) {

@@ -342,6 +342,17 @@ fn doubtful_clocks_and_missing_descriptions() {
     let sigma = |ns: u64| beyond(2.0, move |s| s.frames(2).for_each(|f| f.sigma_ns = ns));
     expect(&sigma(3_000_000), &[(Warn, "stream.clock_sigma", "feet")]);
     expect(&sigma(30_000_000), &[(Fail, "stream.clock_sigma", "feet")]);
+    let found = beyond(12.0, |s| s.frames(1).for_each(|f| f.time_doubtful = true));
+    expect(&found, &[(Warn, "stream.doubtful", "right_shoulder")]);
+    let found = beyond(12.0, |s| {
+        s.imu.iter_mut().for_each(|b| b.time_doubtful = true)
+    });
+    expect(&found, &[(Warn, "stream.doubtful", "feet/imu")]);
+    // Until a clock has settled it may be so.
+    let found = beyond(12.0, |s| {
+        s.frames(1).take(64).for_each(|f| f.time_doubtful = true)
+    });
+    expect(&found, &[]);
     let found = beyond(2.0, |s| {
         s.calibrations.remove("feet/right");
     });

@@ -8,8 +8,11 @@ use collector::library::Library;
 use collector::outcome::Outcome;
 use collector::target::Target;
 use collector::validate::Options;
-use collector::{handoff, importing, indexing, list, prune, rebuild, recover, show, validate};
+use collector::{
+    handoff, importing, indexing, list, prune, rebuild, recover, reporting, show, validate,
+};
 use session_archive::handoff::{Check, HandOff, HandOffError, Verdict};
+use session_archive::index::Index;
 use session_archive::storage::DiskStorage;
 
 use crate::support::{ID, Session, capture, tree};
@@ -232,6 +235,8 @@ fn prune_removes_what_can_be_made_again_and_nothing_else() {
     )
     .unwrap();
     fs::write(desk.root().join(".incoming/stopped.journal"), b"{}").unwrap();
+    // Nothing that can be read, and it sorts before the session.
+    fs::create_dir(desk.root().join("sessions/0-junk")).unwrap();
     assert_eq!(tree(&desk.session(ID)).len(), recorded.len() + 2);
     let (outcome, text) = capture(|console| prune::derived(&desk.root(), console));
     assert_eq!(outcome.unwrap(), Outcome::Fine);
@@ -310,6 +315,110 @@ fn a_hand_off_is_sealed_renewed_and_withdrawn() {
     assert_eq!(outcome.unwrap(), Outcome::Failed);
     assert!(text.contains("not handed over"), "{text}");
     assert!(!path.exists());
+}
+
+/// A bit that rots after the validation, and a rig file that is edited: lengths tell of neither.
+#[test]
+fn nothing_is_sealed_that_changed_since_it_was_validated() {
+    let change = |path: &Path| {
+        let mut bytes = fs::read(path).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 1;
+        fs::write(path, bytes).unwrap();
+    };
+    for file in ["segments/000000.mcap", "rig/rig.toml"] {
+        let desk = Desk::with(&[&Session::good(2.0)]);
+        let targets = [desk.target(ID)];
+        let validate = || {
+            let options = Options::default();
+            capture(|console| validate::run(&targets, &options, console))
+                .0
+                .unwrap()
+        };
+        let listed = || {
+            Library::open(&desk.root())
+                .unwrap()
+                .rows()
+                .unwrap()
+                .remove(0)
+        };
+        assert_eq!(validate(), Outcome::Fine);
+        change(&desk.session(ID).join(file));
+        let (outcome, text) = capture(|console| handoff::run(&targets[0], None, console));
+        assert_eq!(outcome.unwrap(), Outcome::Failed, "{file}: {text}");
+        assert!(!desk.session(ID).join("handoff.json").exists());
+        // What the import found is older than that.
+        assert_eq!(listed().condition, Condition::Damaged);
+        let (_, text) = capture(|console| show::run(&targets[0], console));
+        assert!(text.contains("condition  damaged"), "{text}");
+        // An index of the damaged session does not stay once it is mended.
+        capture(|console| indexing::run(&targets, console))
+            .0
+            .unwrap();
+        change(&desk.session(ID).join(file));
+        assert_eq!(validate(), Outcome::Fine);
+        let (outcome, text) = capture(|console| handoff::run(&targets[0], None, console));
+        assert_eq!(outcome.unwrap(), Outcome::Fine, "{text}");
+        let reader = validate::open(&desk.session(ID)).unwrap();
+        assert_eq!(Index::read(&reader).unwrap().damaged, 0);
+        assert_eq!(listed().condition, Condition::Ok);
+    }
+}
+
+/// Limits of one's own are for looking; what is handed over was judged by the table.
+#[test]
+fn limits_of_ones_own_do_not_reach_a_hand_off() {
+    let desk = Desk::with(&[]);
+    let source = desk.folder.path().join("source");
+    spoilt(&source, false);
+    desk.import(&source);
+    let targets = [desk.target(ID)];
+    let mut options = Options::default();
+    for limit in [
+        "session.damage=99,99",
+        "camera.dropped=1,1",
+        "imu.dropped=1,1",
+    ] {
+        options.limits.set(limit).unwrap();
+    }
+    for metric in ["camera.longest_gap", "imu.longest_gap"] {
+        options
+            .limits
+            .set(&format!("{metric}=never,never"))
+            .unwrap();
+    }
+    let (outcome, text) = capture(|console| validate::run(&targets, &options, console));
+    assert_ne!(outcome.unwrap(), Outcome::Failed, "{text}");
+    let path = desk.session(ID).join("validation.json");
+    let moved = fs::read(&path).unwrap();
+    // A report shows what was found with them, and leaves it.
+    let default = Options::default();
+    let (outcome, _) = capture(|console| reporting::run(&targets[0], &default, None, console));
+    assert_ne!(outcome.unwrap(), Outcome::Failed);
+    assert_eq!(fs::read(&path).unwrap(), moved);
+    let (outcome, text) = capture(|console| handoff::run(&targets[0], None, console));
+    assert_eq!(outcome.unwrap(), Outcome::Failed, "{text}");
+}
+
+/// The recorder's card is only read.
+#[test]
+fn derived_files_go_into_libraries_only() {
+    let folder = tempfile::tempdir().unwrap();
+    Session::good(1.0).write(folder.path());
+    let before = tree(folder.path());
+    let target = Target::find(folder.path().to_str().unwrap(), None).unwrap();
+    let targets = [target.clone()];
+    let default = Options::default();
+    let results = [
+        capture(|console| indexing::run(&targets, console)).0,
+        capture(|console| handoff::run(&target, None, console)).0,
+        capture(|console| reporting::run(&target, &default, None, console)).0,
+    ];
+    for result in results {
+        let error = result.unwrap_err().to_string();
+        assert!(error.contains("this one is in none"), "{error}");
+    }
+    assert_eq!(tree(folder.path()), before);
 }
 
 #[test]

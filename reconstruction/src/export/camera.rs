@@ -44,7 +44,7 @@ impl CameraExport<'_> {
             fs::create_dir_all(&folder).map_err(writing(&folder))?;
         }
         let mut times = Text::create(self.folder.join("times.csv"))?;
-        times.line(format_args!("number,time_ns,sigma_ns,set"))?;
+        times.line(format_args!("number,time_ns,sigma_ns,time_doubtful,set"))?;
         let selected = selection.of_camera(self.input, self.position);
         let sets = selected
             .iter()
@@ -65,10 +65,12 @@ impl CameraExport<'_> {
                         number,
                         time,
                         sigma_ns,
+                        time_doubtful,
                         ..
                     } = view;
+                    let (time, doubtful) = (time.ns(), u8::from(time_doubtful));
                     let set = set.map_or(String::new(), |set| set.to_string());
-                    times.line(format_args!("{number},{},{sigma_ns},{set}", time.ns()))?;
+                    times.line(format_args!("{number},{time},{sigma_ns},{doubtful},{set}"))?;
                     written += 1;
                 }
                 Err(error) => lost.push(chain(&error)),

@@ -25,6 +25,8 @@ pub struct View {
     pub time: HostTime,
     /// One standard deviation of it, ns.
     pub sigma_ns: u64,
+    /// Whether the time is not to be trusted within its sigma.
+    pub time_doubtful: bool,
     /// What the left eye saw.
     pub left: Picture,
     /// What the right eye saw.
@@ -123,6 +125,7 @@ impl GopReader {
                 number: entry.number,
                 time: HostTime(entry.time_ns),
                 sigma_ns: entry.sigma_ns,
+                time_doubtful: entry.time_doubtful,
                 left,
                 right,
             }),

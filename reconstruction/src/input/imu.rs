@@ -21,6 +21,8 @@ pub struct ImuSample {
     pub ticks: i64,
     /// Host clock.
     pub time: HostTime,
+    /// Whether the time is not to be trusted within its sigma.
+    pub time_doubtful: bool,
     /// Angular rate, rad/s: the stored value, or stored counts times the stored scale.
     pub gyro: [f64; 3],
     /// Specific force, m/s²: the stored value, or stored counts times the stored scale.
@@ -79,7 +81,7 @@ pub(super) fn samples(
     let failed = |fault| ReadError::Imu {
         imu: imu.to_owned(),
         first: entry.first_number,
-        last: entry.first_number + u64::from(entry.samples.max(1)) - 1,
+        last: (entry.first_number).saturating_add(u64::from(entry.samples.max(1)) - 1),
         fault,
     };
     let bytes = |error: IndexError| failed(ImuFault::Bytes(Arc::new(error)));
@@ -112,12 +114,13 @@ fn convert(batch: &ImuBatch) -> Result<Vec<ImuSample>, ImuFault> {
     let times = batch.times.iter().zip(&batch.device_ticks);
     let samples = times
         .zip(gyro.into_iter().zip(accel))
-        .zip(batch.first_number..);
+        .zip((0..).map(|k| batch.first_number.saturating_add(k)));
     Ok(samples
         .map(|(((&time, &ticks), (gyro, accel)), number)| ImuSample {
             number,
             ticks,
             time: HostTime(time),
+            time_doubtful: batch.time_doubtful,
             gyro,
             accel,
         })
@@ -183,6 +186,7 @@ mod tests {
             times: vec![100, 200],
             gyro_counts: vec![1, -2, 3, 4, 5, -6],
             gyro_scale: 0.1,
+            time_doubtful: true,
             accel: vec![0.5, 9.81, -0.25, 0.1, 0.2, 0.3],
             ..ImuBatch::default()
         };
@@ -191,6 +195,7 @@ mod tests {
             number: 8,
             ticks: 2,
             time: HostTime(200),
+            time_doubtful: true,
             gyro: [4.0 * 0.1, 5.0 * 0.1, -6.0 * 0.1],
             accel: [0.1, 0.2, 0.3],
         };
@@ -207,6 +212,12 @@ mod tests {
             ..ImuBatch::default()
         };
         assert!(convert(&whole).is_ok());
+        // Numbers that no device comes to are odd, and no reason to panic.
+        let last = ImuBatch {
+            first_number: u64::MAX,
+            ..whole.clone()
+        };
+        assert_eq!(convert(&last).expect("convert")[1].number, u64::MAX);
         let breaks: [fn(&mut ImuBatch); 4] = [
             |b| b.times.truncate(1),
             |b| b.gyro.truncate(5),

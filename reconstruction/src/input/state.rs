@@ -1,9 +1,10 @@
 //! What a session says about the rig rather than about an instant: calibrations, transforms and
 //! clock maps.
 //!
-//! The format repeats the newest of each at the head of every segment, so the heads and the last
-//! segment are all that is read. What comes out: of calibrations and transforms the newest; of
-//! clock maps those in force at the heads and all of the last segment, which includes the newest.
+//! The format repeats the newest of each at the head of every segment, so what is read is the heads,
+//! and all from the last head on: the last segment, and the one before if that was given up or
+//! never filled. What comes out: of calibrations and transforms the newest; of clock maps those in
+//! force at the heads and all behind the last one, which includes the newest.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -11,9 +12,9 @@ use std::io;
 use session_archive::manifest::is_state;
 use session_archive::reader::{ReadError as SessionError, SessionReader};
 use session_archive::record::{
-    CameraCalibration, ClockMap, FrameTransform, FrameTransforms, Protobuf, Record,
+    CameraCalibration, ClockMap, FrameTransform, FrameTransforms, Protobuf, Record, Segment,
 };
-use session_archive::scan::Item;
+use session_archive::scan::{Item, VerifiedChunk};
 
 /// The state of a session, by the name of what it belongs to.
 #[derive(Debug, Default)]
@@ -28,33 +29,33 @@ pub(super) struct State {
 impl State {
     pub(super) fn read(reader: &SessionReader) -> Result<Self, SessionError> {
         let mut state = Self::default();
-        let numbers: Vec<u32> = reader.segment_numbers().collect();
-        let last = numbers.last().copied();
-        for number in numbers {
-            let path = || session_archive::layout::segment(number);
-            let failed = |error| SessionError::Io {
-                path: path(),
-                error,
-            };
-            let mut scan = match reader.segment(number) {
-                Ok(segment) => segment.scan()?,
-                // Known to be missing when the session was validated.
-                Err(SessionError::Io { error, .. }) if error.kind() == io::ErrorKind::NotFound => {
-                    continue;
-                }
-                Err(e) => return Err(e),
-            };
-            while let Some(item) = scan.next_item().map_err(failed)? {
-                let Item::Chunk(chunk) = item else { continue };
-                for message in chunk.messages().map_while(Result::ok) {
-                    state.take(reader, message.channel_id, message.data);
-                }
-                if Some(number) != last {
-                    break;
-                }
+        // Backwards until a head was found; from there on everything.
+        let mut numbers: Vec<u32> = reader.segment_numbers().collect();
+        let mut whole = Vec::new();
+        while let Some(number) = numbers.pop() {
+            whole.push(number);
+            if first_chunk(reader, number)?.is_some_and(|chunk| is_head(reader, &chunk)) {
+                break;
             }
         }
+        for number in numbers {
+            if let Some(chunk) = first_chunk(reader, number)? {
+                state.take_all(reader, &chunk);
+            }
+        }
+        for number in whole.into_iter().rev() {
+            each_chunk(reader, number, |chunk| {
+                state.take_all(reader, &chunk);
+                true
+            })?;
+        }
         Ok(state)
+    }
+
+    fn take_all(&mut self, reader: &SessionReader, chunk: &VerifiedChunk) {
+        for message in chunk.messages().map_while(Result::ok) {
+            self.take(reader, message.channel_id, message.data);
+        }
     }
 
     fn take(&mut self, reader: &SessionReader, channel: u16, data: &[u8]) {
@@ -85,4 +86,49 @@ impl State {
             _ => {}
         }
     }
+}
+
+/// Calls `take` with the chunks of a segment until it has enough; a segment that is not there has
+/// none.
+fn each_chunk(
+    reader: &SessionReader,
+    number: u32,
+    mut take: impl FnMut(VerifiedChunk) -> bool,
+) -> Result<(), SessionError> {
+    let failed = |error| SessionError::Io {
+        path: session_archive::layout::segment(number),
+        error,
+    };
+    let mut scan = match reader.segment(number) {
+        Ok(segment) => segment.scan()?,
+        // Known to be missing when the session was validated.
+        Err(SessionError::Io { error, .. }) if error.kind() == io::ErrorKind::NotFound => {
+            return Ok(());
+        }
+        Err(e) => return Err(e),
+    };
+    while let Some(item) = scan.next_item().map_err(failed)? {
+        if let Item::Chunk(chunk) = item
+            && !take(chunk)
+        {
+            break;
+        }
+    }
+    Ok(())
+}
+
+fn first_chunk(reader: &SessionReader, number: u32) -> Result<Option<VerifiedChunk>, SessionError> {
+    let mut first = None;
+    each_chunk(reader, number, |chunk| {
+        first = Some(chunk);
+        false
+    })?;
+    Ok(first)
+}
+
+/// Whether a chunk is a segment's head, which says who the segment is.
+fn is_head(reader: &SessionReader, chunk: &VerifiedChunk) -> bool {
+    let own = reader.manifest().stream::<Segment>("").map(|s| s.id);
+    let first = chunk.messages().next();
+    first.is_some_and(|m| m.is_ok_and(|m| Some(m.channel_id) == own))
 }

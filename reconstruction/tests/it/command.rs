@@ -81,7 +81,7 @@ fn frames_writes_all_that_the_session_holds() {
     let input = Input::open(folder.path()).expect("open");
     for camera in ["left_shoulder", "feet"] {
         let (head, rows) = csv(&out.join(camera).join("times.csv"));
-        assert_eq!(head, "number,time_ns,sigma_ns,set");
+        assert_eq!(head, "number,time_ns,sigma_ns,time_doubtful,set");
         let sources = recorded.camera(camera);
         assert_eq!(rows.len(), sources.len());
         for (row, source) in rows.iter().zip(sources) {
@@ -94,6 +94,7 @@ fn frames_writes_all_that_the_session_holds() {
                 source.number.to_string(),
                 source.time.ns().to_string(),
                 source.sigma_ns.to_string(),
+                u8::from(source.time_doubtful).to_string(),
                 set.map_or(String::new(), |s| s.number.to_string()),
             ];
             assert_eq!(row[..], expected);
@@ -144,7 +145,8 @@ fn frames_writes_all_that_the_session_holds() {
             .map(|n| n.parse().expect("integer"))
             .collect();
         assert_eq!(found, integers);
-        let found: Vec<f64> = row[3..]
+        assert_eq!(row[9], u8::from(s.time_doubtful).to_string());
+        let found: Vec<f64> = row[3..9]
             .iter()
             .map(|n| n.parse().expect("number"))
             .collect();
@@ -231,6 +233,21 @@ fn what_is_there_already_is_left_alone() {
     fs::remove_dir(&partial).expect("remove");
     check_code(&frames(folder.path(), &out, &[]), 0);
     assert!(!partial.exists());
+}
+
+/// What cannot be replaced in the end is refused before the work, and left as it was.
+#[test]
+fn a_link_to_an_empty_folder_is_refused() {
+    let (folder, _) = session();
+    let (real, out) = (folder.path().join("real"), folder.path().join("frames"));
+    fs::create_dir(&real).expect("folder");
+    std::os::unix::fs::symlink(&real, &out).expect("link");
+    let output = frames(folder.path(), &out, &[]);
+    check_code(&output, 1);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(said.contains("Not a directory"), "{said}");
+    assert!(!said.contains("stereo frames"), "{said}");
+    assert!(out.is_symlink() && !folder.path().join("frames.partial").exists());
 }
 
 #[test]

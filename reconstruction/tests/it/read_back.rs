@@ -7,7 +7,11 @@ use reconstruction::{FrameSet, ImuSample};
 use session_archive::time::HostTime;
 use video::picture::{i420_to_rgb, psnr};
 
-use crate::session::{Recorded, START, Source, hand_over, lens};
+use session_archive::handoff::Verdict;
+use session_archive::layout;
+use session_archive::manifest::{Manifest, SegmentEntry, SegmentState};
+
+use crate::session::{Recorded, START, Source, hand_over, index, lens, seal_only};
 
 fn open() -> (tempfile::TempDir, Recorded, Input) {
     let folder = tempfile::tempdir().expect("folder");
@@ -46,8 +50,13 @@ fn halves(source: &Source, colour: Colour) -> [Vec<u8>; 2] {
 
 fn check_view(view: &View, source: &Source, colour: Colour) {
     assert_eq!(
-        (view.number, view.time, view.sigma_ns),
-        (source.number, source.time, source.sigma_ns)
+        (view.number, view.time, view.sigma_ns, view.time_doubtful),
+        (
+            source.number,
+            source.time,
+            source.sigma_ns,
+            source.time_doubtful
+        )
     );
     for (found, expected) in [&view.left, &view.right]
         .into_iter()
@@ -129,6 +138,7 @@ fn imu_samples_are_bit_equal_and_come_once() {
                 number: batch.first_number + k as u64,
                 ticks: batch.device_ticks[k],
                 time: HostTime(batch.times[k]),
+                time_doubtful: batch.time_doubtful,
                 gyro: vector(&batch.gyro_counts, batch.gyro_scale, &batch.gyro),
                 accel: vector(&batch.accel_counts, batch.accel_scale, &batch.accel),
             });
@@ -257,4 +267,45 @@ fn what_is_known_of_the_rig_is_the_newest() {
     assert_eq!(versions, [1, 2]);
     assert!(input.clock_maps("left_shoulder").is_empty());
     assert_eq!(input.manifest().started, START);
+}
+
+/// The state is in the first segment only: in the one behind it nothing arrived any more.
+#[test]
+fn state_is_found_where_the_last_segments_are_empty() {
+    for there in [true, false] {
+        let folder = tempfile::tempdir().expect("folder");
+        hand_over(folder.path());
+        let path = folder.path().join(layout::MANIFEST);
+        let bytes = std::fs::read(&path).expect("manifest");
+        let mut manifest = Manifest::from_bytes(&bytes).expect("manifest");
+        let mut files = vec![
+            layout::MANIFEST.to_owned(),
+            layout::INDEX.to_owned(),
+            layout::rig_file("rig.toml"),
+            layout::segment(0),
+        ];
+        for number in [1, 2] {
+            manifest.segments.push(SegmentEntry {
+                number,
+                state: SegmentState::GivenUp,
+                bytes: 0,
+                start: None,
+                end: None,
+                messages: 0,
+            });
+            if there {
+                files.push(layout::segment(number));
+                std::fs::write(folder.path().join(layout::segment(number)), b"").expect("write");
+            }
+        }
+        std::fs::write(&path, manifest.to_bytes()).expect("write");
+        index(folder.path());
+        seal_only(folder.path(), Verdict::Pass, &files);
+        let input = Input::open(folder.path()).expect("open");
+        let eye = "left_shoulder/left";
+        assert_eq!(input.calibration(eye), Some(&lens(eye)));
+        assert_eq!(input.transforms().len(), 1);
+        let versions = input.clock_maps("feet").iter().map(|m| m.version);
+        assert_eq!(versions.collect::<Vec<_>>(), [1, 2]);
+    }
 }

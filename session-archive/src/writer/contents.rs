@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use crate::manifest::{Extent, Stream};
 use crate::mcap::{Chunk, Message, Record as McapRecord};
-use crate::record::{CompressedVideo, Frame, Gap, ImuBatch, Protobuf, Record};
+use crate::record::{CompressedVideo, Frame, FrameSet, Gap, ImuBatch, Protobuf, Record};
 use crate::time::HostTime;
 
 /// Earliest and latest log time in a chunk.
@@ -93,6 +93,33 @@ pub(super) fn gaps<'a>(
         };
         Some((gap.stream, extent))
     })
+}
+
+/// Camera and number of the frames that a message names, if it is a frame set.
+pub(super) fn members(
+    stream: &Stream,
+    message: &Message<'_>,
+) -> impl Iterator<Item = (String, u64)> + use<> {
+    let set = (stream.schema == FrameSet::SCHEMA.name)
+        .then(|| FrameSet::decode(message.data).ok())
+        .flatten();
+    let members = set.map(|set| set.members).unwrap_or_default();
+    members.into_iter().map(|m| (m.camera, m.number))
+}
+
+/// The samples of each stream, neighbours taken together.
+pub(super) fn runs(
+    samples: impl Iterator<Item = (String, Extent)>,
+) -> BTreeMap<String, Vec<Extent>> {
+    let mut runs: BTreeMap<String, Vec<Extent>> = BTreeMap::new();
+    for (name, sample) in samples {
+        let runs = runs.entry(name).or_default();
+        match runs.last_mut() {
+            Some(run) if run.last.checked_add(1) == Some(sample.first) => run.cover(sample),
+            _ => runs.push(sample),
+        }
+    }
+    runs
 }
 
 /// One extent for each stream.

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use session_archive::manifest::{Camera, Imu, Manifest, Stop, Stream};
 use session_archive::reader::{Entry, Message, SessionReader};
 use session_archive::record::{
-    CompressedVideo, Event, Frame, ImuBatch, Protobuf, Segment, paws, timestamp,
+    CompressedVideo, Event, Frame, Gap, ImuBatch, Protobuf, Segment, paws, timestamp,
 };
 use session_archive::storage::Storage;
 use session_archive::time::{CivilTime, HostTime, TickLength};
@@ -95,6 +95,12 @@ pub(crate) enum Sample {
     Mark {
         time: HostTime,
     },
+    /// A frame that is not there.
+    Gap {
+        camera: usize,
+        number: u64,
+        time: HostTime,
+    },
 }
 
 /// Two cameras (30 and 20 Hz, key frame first in every half second), one IMU (200 Hz in batches of
@@ -136,7 +142,7 @@ pub(crate) fn samples_at(periods: [i64; 2], seconds: f64) -> Vec<Sample> {
         });
     }
     out.sort_by_key(|s| match s {
-        Sample::Frame { time, .. } | Sample::Mark { time } => time.0,
+        Sample::Frame { time, .. } | Sample::Mark { time } | Sample::Gap { time, .. } => time.0,
         Sample::Imu { time, .. } => time.0 + 95 * MS,
     });
     out
@@ -146,7 +152,10 @@ impl Sample {
     /// The log time of its messages.
     pub(crate) fn time(&self) -> HostTime {
         match self {
-            Self::Frame { time, .. } | Self::Imu { time, .. } | Self::Mark { time } => *time,
+            Self::Frame { time, .. }
+            | Self::Imu { time, .. }
+            | Self::Mark { time }
+            | Self::Gap { time, .. } => *time,
         }
     }
 
@@ -204,13 +213,20 @@ impl Sample {
                 None,
                 mark().encode_to_vec(),
             )],
+            Self::Gap { camera, number, .. } => vec![expected(
+                manifest.stream::<Gap>(""),
+                None,
+                gap(*camera, *number).encode_to_vec(),
+            )],
         }
     }
 
     /// Stream and numbers, if it is numbered.
     pub(crate) fn numbers(&self) -> Option<(&'static str, u64, u64)> {
         match self {
-            Self::Frame { camera, number, .. } => Some((CAMERAS[*camera], *number, *number)),
+            Self::Frame { camera, number, .. } | Self::Gap { camera, number, .. } => {
+                Some((CAMERAS[*camera], *number, *number))
+            }
             Self::Imu { first, .. } => Some(("feet/imu", *first, *first + BATCH as u64 - 1)),
             Self::Mark { .. } => None,
         }
@@ -263,6 +279,16 @@ fn mark() -> Event {
     }
 }
 
+fn gap(camera: usize, number: u64) -> Gap {
+    Gap {
+        stream: CAMERAS[camera].to_owned(),
+        first: number,
+        last: number,
+        cause: paws::gap::Cause::EncoderOverload.into(),
+        ..Gap::default()
+    }
+}
+
 pub(crate) fn put(
     writer: &mut SessionWriter,
     sample: &Sample,
@@ -283,6 +309,11 @@ pub(crate) fn put(
             writer.append("feet/imu", *time, *time + 100 * MS, &batch)
         }
         Sample::Mark { time } => writer.append("", *time, *time, &mark()),
+        Sample::Gap {
+            camera,
+            number,
+            time,
+        } => writer.append("", *time, *time, &gap(*camera, *number)),
     }
 }
 
