@@ -5,10 +5,8 @@
 //! whether the method warned of it, and what it costs: against the number of samples, against the
 //! strength of everything that can go wrong ([`faults`]), and error against cost.
 //!
-//! Errors are given twice: of the time of a *tick*, against the instant at which the device's counter
-//! got there, which is what a clock map promises; and of the time of a *sample*, the same number
-//! against the instant at which the sample was taken, up to a tick (39 us here) later, which is
-//! what the reader of a recording has. Where nothing is said it is the tick.
+//! An error is that of a time against the instant at which the sample was taken, the device's tick
+//! (39 us) rounded down included.
 //!
 //! A method that gives a sigma is *silently wrong* where a time is off by more than 5 of them and
 //! neither was nor is flagged; one that gives none, where it is off by more than 1 ms.
@@ -85,8 +83,6 @@ struct BySamples {
     samples: usize,
     median_ns: f64,
     p99_ns: f64,
-    sample_median_ns: f64,
-    sample_p99_ns: f64,
 }
 
 /// One method at one strength of one fault.
@@ -107,10 +103,9 @@ struct Cost {
     cost_ns: f64,
 }
 
-/// The mean time from the tick to the arrival, above the least latency, which the averaging methods
-/// are told: so that they, too, say when the tick was.
+/// The mean latency above the least one, which the averaging methods are told.
 fn mean_latency(samples: &[Sample]) -> f64 {
-    let late = |s: &Sample| s.arrival as f64 - s.ticked - LATENCY_NS as f64;
+    let late = |s: &Sample| s.arrival as f64 - s.taken - LATENCY_NS as f64;
     samples.iter().map(late).sum::<f64>() / samples.len().max(1) as f64
 }
 
@@ -120,8 +115,8 @@ fn by_samples(rate_hz: f64, seeds: u64) -> Vec<BySamples> {
         .filter(|&n| n as f64 <= 110.0 * rate_hz)
         .collect();
     let last = counts.last().map_or(0, |n| n * 6 / 5);
-    // Of ticks and of samples, by method and window.
-    let mut errors: Vec<Vec<[Vec<f64>; 2]>> = Vec::new();
+    // By method and window.
+    let mut errors: Vec<Vec<Vec<f64>>> = Vec::new();
     let mut names = Vec::new();
     for seed in 0..5 * seeds {
         let samples = World::new(FIRST_SEED + seed, rate_hz, last as f64 / rate_hz + 1.0).samples();
@@ -130,7 +125,7 @@ fn by_samples(rate_hz: f64, seeds: u64) -> Vec<BySamples> {
             .enumerate()
         {
             if errors.len() == m {
-                errors.push(vec![Default::default(); counts.len()]);
+                errors.push(vec![Vec::new(); counts.len()]);
                 names.push(method.name());
             }
             for (i, s) in samples.iter().enumerate() {
@@ -140,9 +135,7 @@ fn by_samples(rate_hz: f64, seeds: u64) -> Vec<BySamples> {
                     continue;
                 };
                 if let Some(stamp) = stamp {
-                    let [of_ticks, of_samples] = &mut errors[m][window];
-                    of_ticks.push((stamp.time - s.ticked).abs());
-                    of_samples.push((stamp.time - s.taken).abs());
+                    errors[m][window].push((stamp.time - s.taken).abs());
                 }
             }
         }
@@ -150,18 +143,13 @@ fn by_samples(rate_hz: f64, seeds: u64) -> Vec<BySamples> {
     let mut rows = Vec::new();
     for (method, windows) in names.into_iter().zip(errors) {
         for (&samples, mut errors) in counts.iter().zip(windows) {
-            let [of_ticks, of_samples] = errors.each_mut().map(|errors| {
-                errors.sort_by(f64::total_cmp);
-                [0.5, 0.99].map(|share| quantile(errors, share))
-            });
+            errors.sort_by(f64::total_cmp);
             rows.push(BySamples {
                 method,
                 rate_hz,
                 samples,
-                median_ns: of_ticks[0],
-                p99_ns: of_ticks[1],
-                sample_median_ns: of_samples[0],
-                sample_p99_ns: of_samples[1],
+                median_ns: quantile(&errors, 0.5),
+                p99_ns: quantile(&errors, 0.99),
             });
         }
     }
@@ -247,9 +235,6 @@ impl Point {
             "median_us": us(s.quantile(0.5)),
             "p99_us": us(s.quantile(0.99)),
             "max_us": us(s.quantile(1.0)),
-            "sample_median_us": us(quantile(&s.of_samples, 0.5)),
-            "sample_p99_us": us(quantile(&s.of_samples, 0.99)),
-            "sample_max_us": us(quantile(&s.of_samples, 1.0)),
             "p99_mapped_again_us": us(quantile(&s.again, 0.99)),
             "mean_sigma_us": if with_sigma { us(s.mean_sigma()) } else { None },
             "worst_error_in_sigmas": with_sigma.then_some(s.worst_sigmas),

@@ -1,8 +1,7 @@
 //! One method in one world: errors and honesty.
 //!
-//! A tick says when the counter changed and not when, within the tick, the sample was taken. So what
-//! is promised of a time, and judged here, is the time of the tick; how far that is from the sample
-//! is measured beside it, in the same way for all methods.
+//! Errors are against the instant at which the sample was taken, which a tick says only to its own
+//! length: that is part of the error, and of the sigma that a method has to claim.
 
 use super::methods::Method;
 use super::world::{MS, Sample};
@@ -20,10 +19,8 @@ pub(crate) const USELESS_NS: f64 = MS;
 /// How a method did in a world.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Score {
-    /// Errors of the time of a tick after [`SCORED_FROM`] that nothing warned of, ns, ascending.
+    /// Errors after [`SCORED_FROM`] that nothing warned of, ns, ascending.
     pub errors: Vec<f64>,
-    /// The same times against the instant at which the sample was taken.
-    pub of_samples: Vec<f64>,
     /// Like `errors`, for times mapped once more at the end.
     pub again: Vec<f64>,
     /// Samples in all, from the first.
@@ -79,7 +76,7 @@ impl Score {
     }
 
     fn sort(&mut self) {
-        for errors in [&mut self.errors, &mut self.of_samples, &mut self.again] {
+        for errors in [&mut self.errors, &mut self.again] {
             errors.sort_by(f64::total_cmp);
         }
     }
@@ -89,7 +86,6 @@ impl Score {
         let mut all = Self::default();
         for score in scores {
             all.errors.extend(score.errors);
-            all.of_samples.extend(score.of_samples);
             all.again.extend(score.again);
             all.samples += score.samples;
             all.flagged += score.flagged;
@@ -108,14 +104,14 @@ pub(crate) fn run(method: &mut dyn Method, samples: &[Sample]) -> Score {
     let stamps: Vec<_> = samples.iter().map(|s| method.stamp(s)).collect();
 
     let mut score = Score::default();
-    let scored_from = samples.first().map_or(0.0, |s| s.ticked) + SCORED_FROM * 1e9;
+    let scored_from = samples.first().map_or(0.0, |s| s.taken) + SCORED_FROM * 1e9;
     for (sample, stamp) in samples.iter().zip(stamps) {
         let Some(stamp) = stamp else { continue };
-        let error = (stamp.time - sample.ticked).abs();
+        let error = (stamp.time - sample.taken).abs();
         let allowed = stamp.sigma.map_or(UNCLAIMED_NS, |sigma| SIGMAS * sigma);
         let wrong = error > allowed || sample.corrupt;
         let unsure = stamp.flagged || stamp.sigma.is_some_and(|s| s > USELESS_NS);
-        let scored = sample.ticked >= scored_from;
+        let scored = sample.taken >= scored_from;
         score.silent_at_first += usize::from(wrong && !unsure);
         let flagged = unsure || method.doubtful(sample.arrival);
         if scored {
@@ -130,10 +126,9 @@ pub(crate) fn run(method: &mut dyn Method, samples: &[Sample]) -> Score {
             }
             if scored && !sample.corrupt {
                 score.errors.push(error);
-                score.of_samples.push((stamp.time - sample.taken).abs());
                 score.sigma_sum += stamp.sigma.unwrap_or(0.0);
                 if let Some(again) = method.again(sample.ticks, sample.arrival) {
-                    score.again.push((again.time - sample.ticked).abs());
+                    score.again.push((again.time - sample.taken).abs());
                 }
             }
         }
@@ -146,31 +141,41 @@ pub(crate) fn run(method: &mut dyn Method, samples: &[Sample]) -> Score {
 mod tests {
     use super::*;
     use crate::sync::methods::Stamp;
-    use crate::sync::world::{TICK_NS, World};
+    use crate::sync::world::World;
 
-    /// Knows when the counter changed, and nothing else.
-    struct Perfect;
+    /// Knows when the sample was taken, and says another time.
+    struct Off {
+        by: f64,
+        sigma: f64,
+        flagged: bool,
+    }
 
-    impl Method for Perfect {
+    impl Method for Off {
         fn name(&self) -> &'static str {
-            "perfect"
+            "off"
         }
 
         fn stamp(&mut self, sample: &Sample) -> Option<Stamp> {
             Some(Stamp {
-                time: sample.ticked,
-                sigma: Some(1.0),
-                flagged: false,
+                time: sample.taken + self.by,
+                sigma: Some(self.sigma),
+                flagged: self.flagged,
             })
         }
     }
 
     #[test]
-    fn a_perfect_time_of_a_tick_still_misses_the_sample_by_up_to_a_tick() {
-        let score = run(&mut Perfect, &World::new(1, 400.0, 30.0).samples());
-        assert_eq!((score.quantile(1.0), score.class()), (0.0, Class::Ok));
-        let [middle, most] = [0.5, 1.0].map(|share| quantile(&score.of_samples, share));
-        assert!((0.45..0.55).contains(&(middle / TICK_NS)), "{middle} ns");
-        assert!((0.99..1.0).contains(&(most / TICK_NS)), "{most} ns");
+    fn wrong_times_are_silent_unless_sigma_or_a_flag_says_so() {
+        let samples = World::new(1, 400.0, 30.0).samples();
+        for (by, sigma, flagged, class) in [
+            (0.0, 1.0, false, Class::Ok),
+            (4.9e3, 1e3, false, Class::Ok),
+            (5.1e3, 1e3, false, Class::SilentlyWrong),
+            (5.1e3, 1e3, true, Class::Flagged),
+            (0.0, 2.0 * USELESS_NS, false, Class::Flagged),
+        ] {
+            let score = run(&mut Off { by, sigma, flagged }, &samples);
+            assert_eq!(score.class(), class, "{by} {sigma} {flagged}");
+        }
     }
 }

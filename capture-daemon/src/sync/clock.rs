@@ -603,7 +603,7 @@ impl ClockMapper {
         for (i, claim) in self.claims.iter().enumerate() {
             let (lag, sigma) = epoch.best(claim.x);
             let off = (lag - claim.line.lag(claim.x)).abs();
-            if off > WRONG_SIGMAS * claim.sigma + sigma {
+            if off > sigma.hypot(WRONG_SIGMAS * claim.sigma) {
                 // Wrong since the line was last confirmed, or since it could have been noticed.
                 let confirmed = epoch.last_touch(&claim.line, claim.x, 0.5 * off);
                 let noticed = HostTime(claim.arrival.saturating_sub(self.unnoticed(off)));

@@ -26,7 +26,10 @@ use super::hull::{Block, Point, extend};
 /// not normal, and their scale is itself estimated from few samples; with this factor an error
 /// of 5 sigma is as rare (below one in 10^5 fits) as a normal distribution would make one expect
 /// of a large deviation, at the price of a sigma that is wider than the usual error.
-const CAUTION: f64 = 2.5;
+const CAUTION: f64 = 2.8;
+
+/// The scale at the edge is taken larger by the ratio of this to the number of blocks.
+const FEW_BLOCKS: f64 = 16.0;
 
 /// Shortest window, in closed blocks; with fewer there is nothing to choose.
 pub(super) const MIN_BLOCKS: usize = 8;
@@ -191,7 +194,8 @@ impl Window<'_> {
             let heights = self.count * (self.lag_mean - height) + terms.jitter;
             heights / (self.count - 1.0).max(1.0) / self.count
         } else {
-            edge_scale(minima)
+            // The fewer blocks, the sooner a lucky few of them look like a sharp edge.
+            edge_scale(minima) * (1.0 + FEW_BLOCKS / minima.len() as f64)
         };
         let scale = scale.max(terms.floor);
         self.posterior(rate, height, scale, terms)
@@ -296,7 +300,7 @@ fn edge_scale(minima: &mut [f64]) -> f64 {
         let (low, middle, high) = (kth(n / 64), kth(n / 16), kth(n / 4));
         let growth = (high - middle) / (middle - low).max(f64::MIN_POSITIVE);
         let gap = (middle - low) * growth / (growth - 1.0).max(0.05) - middle;
-        widest = widest.max(gap / 1.5);
+        widest = widest.max(gap);
     }
     widest
 }

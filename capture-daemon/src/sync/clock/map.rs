@@ -125,9 +125,8 @@ impl ClockMap {
         let statistical = (segment.sigma_ns as f64)
             .hypot(segment.rate_sigma_ppb * device_ns as f64 * 1e-9)
             + 0.5 * self.wander_ppb_per_s * beyond * beyond;
-        // A tick says that the instant lies within a tick's length of it, before or after as the
-        // device rounds: up to that far off, evenly spread.
-        let granularity = f64::from(self.tick.num) / f64::from(self.tick.den) / 3_f64.sqrt();
+        // The instant lies anywhere in the tick; a calibrated latency counts from its middle.
+        let granularity = f64::from(self.tick.num) / f64::from(self.tick.den) / 12_f64.sqrt();
         let sigma = statistical
             .hypot(self.latency_sigma_ns as f64)
             .hypot(granularity);

@@ -151,7 +151,7 @@ impl Device {
 /// The map's own sigma: here the truth is that of the tick, not of an instant somewhere within it.
 fn without_granularity(sigma_ns: u64) -> f64 {
     let tick = S / 25_600.0;
-    ((sigma_ns as f64).powi(2) - tick * tick / 3.0)
+    ((sigma_ns as f64).powi(2) - tick * tick / 12.0)
         .max(1.0)
         .sqrt()
 }
