@@ -4,7 +4,7 @@
 //! frames are forced where a chunk of the archive begins. An encoder that fails, or gives nothing for
 //! [`STALL_NS`], is replaced, at once the first time and ever more slowly if that goes on; frames that
 //! were inside it are reported as dropped, never forgotten. Given-up encoders that do not let go are
-//! bounded too: with [`MAX_ENDING`] of them no other is started ([`Lane::is_failing`] tells). When
+//! bounded too: with `MAX_ENDING` of them no other is started ([`Lane::is_failing`] tells). When
 //! the encoder is full, the new frame is dropped whole, before the encoder, so that no other frame
 //! depends on it.
 
