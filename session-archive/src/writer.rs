@@ -471,10 +471,12 @@ impl SessionWriter {
         Ok(())
     }
 
-    /// How long the open chunk has been open on the log-time axis, ns.
+    /// How long the oldest message that is not written yet has waited on the log-time axis, ns. It may
+    /// be in the next chunk, where a camera lags behind the other streams.
     fn open_age(&self) -> i64 {
-        let start = self.open.start_time();
-        start.map_or(-1, |start| self.newest.0.saturating_sub(start as i64))
+        let starts = [&self.open, &self.next].map(|chunk| chunk.start_time());
+        let oldest = starts.into_iter().flatten().min();
+        oldest.map_or(-1, |start| self.newest.0.saturating_sub(start as i64))
     }
 
     /// Writes the open chunk; the next one becomes the open one.
