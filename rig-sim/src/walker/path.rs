@@ -1,0 +1,96 @@
+//! The way on the ground: a closed smooth curve, by distance along it.
+
+/// Distance between entries of the table, m.
+const STEP_M: f64 = 0.02;
+
+/// A closed curve with continuous curvature.
+#[derive(Clone, Debug)]
+pub struct Path {
+    /// Position and direction at every [`STEP_M`].
+    table: Vec<([f64; 2], [f64; 2])>,
+}
+
+impl Path {
+    /// The uniform cubic B-spline with these control points, closed.
+    pub fn closed(points: &[[f64; 2]]) -> Self {
+        let n = points.len();
+        let at = |u: f64| {
+            let i = u.floor() as usize;
+            let s = u - i as f64;
+            let weights = [
+                (1.0 - s).powi(3) / 6.0,
+                (4.0 - 6.0 * s * s + 3.0 * s * s * s) / 6.0,
+                (1.0 + 3.0 * s + 3.0 * s * s - 3.0 * s * s * s) / 6.0,
+                s * s * s / 6.0,
+            ];
+            let mut p = [0.0; 2];
+            for (k, w) in weights.into_iter().enumerate() {
+                let q = points[(i + k + n - 1) % n];
+                p[0] += w * q[0];
+                p[1] += w * q[1];
+            }
+            p
+        };
+        // Walks along it in short chords.
+        let fine = 400 * n;
+        let mut table: Vec<[f64; 2]> = vec![at(0.0)];
+        let (mut last, mut gone) = (at(0.0), 0.0);
+        for k in 1..=fine {
+            let next = at(n as f64 * k as f64 / fine as f64 % n as f64);
+            let chord = (next[0] - last[0]).hypot(next[1] - last[1]);
+            while gone + chord >= STEP_M * table.len() as f64 {
+                let t = (STEP_M * table.len() as f64 - gone) / chord;
+                table.push([0, 1].map(|i| last[i] + (next[i] - last[i]) * t));
+            }
+            gone += chord;
+            last = next;
+        }
+        let n = table.len();
+        let with_direction = (0..n).map(|i| {
+            let (a, b) = (table[(i + n - 1) % n], table[(i + 1) % n]);
+            let (dx, dy) = (b[0] - a[0], b[1] - a[1]);
+            let length = dx.hypot(dy);
+            (table[i], [dx / length, dy / length])
+        });
+        Self {
+            table: with_direction.collect(),
+        }
+    }
+
+    /// Length of one round, m.
+    pub fn length_m(&self) -> f64 {
+        STEP_M * self.table.len() as f64
+    }
+
+    /// Position and unit direction after a distance.
+    pub fn at(&self, distance_m: f64) -> ([f64; 2], [f64; 2]) {
+        let u = (distance_m / STEP_M).rem_euclid(self.table.len() as f64);
+        let i = u.floor() as usize;
+        let (a, b) = (
+            self.table[i % self.table.len()],
+            self.table[(i + 1) % self.table.len()],
+        );
+        let t = u - i as f64;
+        let mix = |p: [f64; 2], q: [f64; 2]| [0, 1].map(|k| p[k] + (q[k] - p[k]) * t);
+        (mix(a.0, b.0), mix(a.1, b.1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distance_is_distance_and_the_curve_closes() {
+        let path = Path::closed(&[[0.0, 0.0], [10.0, 0.0], [10.0, 6.0], [0.0, 6.0]]);
+        let length = path.length_m();
+        assert!((15.0..30.0).contains(&length), "{length}");
+        for k in 0..1000 {
+            let s = length * f64::from(k) / 1000.0;
+            let ((a, direction), (b, _)) = (path.at(s), path.at(s + 0.01));
+            let step = [b[0] - a[0], b[1] - a[1]];
+            assert!((step[0].hypot(step[1]) - 0.01).abs() < 2e-4, "{s}: {step:?}");
+            assert!(step[0] * direction[0] + step[1] * direction[1] > 0.0099, "{s}");
+        }
+    }
+}

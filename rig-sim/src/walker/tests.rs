@@ -1,0 +1,82 @@
+use super::*;
+use crate::scene::{Kind, Time};
+
+fn walk(seconds: f64) -> (Scene, Walker) {
+    let scene = Scene::new(Kind::Pavement, Time::Day, 1);
+    let walker = Walker::new(&scene, 1, seconds);
+    (scene, walker)
+}
+
+#[test]
+fn feet_rest_while_flat_and_never_sink_or_jump() {
+    let (scene, walker) = walk(40.0);
+    for side in [Side::Left, Side::Right] {
+        let mut last: Option<FootState> = None;
+        let mut flats = 0;
+        for k in 0..8000 {
+            let t = 0.005 * f64::from(k);
+            let foot = walker.foot(side, t);
+            if let Some(last) = last {
+                let moved = (foot.position - last.position).norm();
+                assert!(moved < 0.06, "{side:?} at {t}: {moved}");
+                if foot.flat && last.flat {
+                    assert!(moved < 1e-4, "{side:?} at {t}: {moved}");
+                    flats += 1;
+                }
+            }
+            for x in [HEEL_X, TOE_X] {
+                let p = foot.position + foot.rotation * Vector3::new(x, 0.0, 0.0);
+                let ground = scene.ground(p.x, p.y, p.z + 0.4).unwrap();
+                assert!(p.z - ground.height > -0.03, "{side:?} at {t}: {p}");
+            }
+            last = Some(foot);
+        }
+        assert!(flats > 2000, "{flats}");
+    }
+}
+
+#[test]
+fn one_walks_stands_jogs_and_the_rig_stays_above_the_feet() {
+    let (_, walker) = walk(60.0);
+    let (mut fastest, mut slowest) = (0.0_f64, f64::MAX);
+    for k in 100..6000 {
+        let t = 0.01 * f64::from(k);
+        let state = walker.rig(t);
+        let speed = state.velocity.xy().norm();
+        (fastest, slowest) = (fastest.max(speed), slowest.min(speed));
+        assert!(state.acceleration.norm() < 40.0, "{t}: {}", state.acceleration);
+        assert!(state.angular_rate.norm() < 4.0, "{t}: {}", state.angular_rate);
+        let feet = [Side::Left, Side::Right].map(|side| walker.foot(side, t).position);
+        let between = (feet[0] + feet[1]) * 0.5;
+        assert!((state.position - between).xy().norm() < 0.75, "{t}");
+        let height = state.position.z - feet[0].z.min(feet[1].z);
+        assert!((1.05..1.5).contains(&height), "{t}: {height}");
+    }
+    assert!(slowest < 0.05 && fastest > 2.3, "{slowest} {fastest}");
+}
+
+/// Truth shown by other means: integrating what a perfect IMU at the rig's origin measures.
+#[test]
+fn a_perfect_imu_closes_on_the_pose() {
+    let (_, walker) = walk(20.0);
+    let gravity = Vector3::new(0.0, 0.0, -9.81);
+    let (from, to, steps) = (5.0, 15.0, 100_000);
+    let dt = (to - from) / f64::from(steps);
+    let start = walker.rig(from);
+    let (mut p, mut v, mut r) = (start.position, start.velocity, start.rotation);
+    for k in 0..steps {
+        let t = from + dt * (f64::from(k) + 0.5);
+        let state = walker.rig(t);
+        let force = state.rotation.inverse() * (state.acceleration - gravity);
+        // Midpoint rule; the rotation at the middle is half a turn on.
+        let middle = r * so3::exp(state.angular_rate * (0.5 * dt));
+        let a = middle * force + gravity;
+        p += v * dt + a * (0.5 * dt * dt);
+        v += a * dt;
+        r *= so3::exp(state.angular_rate * dt);
+    }
+    let end = walker.rig(to);
+    let off = (p - end.position).norm();
+    let turned = r.angle_to(&end.rotation).to_degrees();
+    assert!(off < 1e-3 && turned < 0.01, "{off} m, {turned} degrees");
+}
