@@ -14,7 +14,9 @@ pub mod mesh;
 pub mod route;
 pub mod sky;
 pub mod surface;
+pub mod tag;
 pub mod texture;
+pub mod wearer;
 
 mod pavement;
 
@@ -27,6 +29,7 @@ use self::route::Route;
 use self::sky::Sky;
 use self::surface::Material;
 use self::texture::Texture;
+use self::wearer::Wearer;
 
 /// Which place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -88,6 +91,8 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// All that does not move.
     pub fixed: Body,
+    /// What the wearer sees of himself.
+    pub wearer: Wearer,
     /// Where light comes from.
     pub light: Light,
     /// What is seen beyond.
@@ -119,6 +124,7 @@ impl Scene {
         let made = match kind {
             Kind::Pavement => pavement::build(&mut builder),
         };
+        let wearer = Wearer::new(&mut builder);
         let light = made.lights.at(time);
         let Builder {
             materials,
@@ -148,6 +154,7 @@ impl Scene {
             solid: Bvh::new(fixed.triangles.iter().map(|t| t.corners.map(|c| c.position))),
             fixed,
             sky: made.sky.at(&light),
+            wearer: wearer.lit(&light),
             light,
             route: made.route,
             walkable,
