@@ -106,7 +106,12 @@ fn shift(k: u32) -> (f32, f32) {
 
 impl Eye {
     /// An eye with this lens and shutter.
-    pub fn new(model: &CameraModel, shutter: Shutter, sensor: SensorModel, quality: Quality) -> Self {
+    pub fn new(
+        model: &CameraModel,
+        shutter: Shutter,
+        sensor: SensorModel,
+        quality: Quality,
+    ) -> Self {
         let lens = Lens::new(model);
         // Rays of the shifted pixel centres; with one sample none is shifted.
         let most = quality.samples.max(quality.most_samples).max(1);

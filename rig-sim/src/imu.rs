@@ -57,10 +57,7 @@ impl ImuModel {
         turn_on_bias: [5e-3, 4e-2],
         scale_and_skew: [5e-3, 1e-3],
         warming: [1e-6, 1e-5],
-        range: [
-            1000.0 * std::f64::consts::PI / 180.0,
-            9.8189 * 8.0,
-        ],
+        range: [1000.0 * std::f64::consts::PI / 180.0, 9.8189 * 8.0],
         count: [
             1000.0 / 32_768.0 * std::f64::consts::PI / 180.0,
             9.8189 * 8.0 / 32_768.0,

@@ -9,6 +9,9 @@ use calib::{CameraModel, Distortion};
 /// How far beyond the picture's farthest corner the distortion is used, as a ratio of radii.
 const MARGIN: f64 = 1.05;
 
+/// Least growth of the distorted radius with the radius where the distortion is used beyond the corner.
+const STIFF: f64 = 0.2;
+
 /// A camera model, ready for projection.
 #[derive(Clone, Debug)]
 pub struct Lens {
@@ -25,12 +28,28 @@ impl Lens {
             limit: f64::INFINITY,
         };
         let (w, h) = (f64::from(model.width), f64::from(model.height));
-        let corners = [(-0.5, -0.5), (w - 0.5, -0.5), (-0.5, h - 0.5), (w - 0.5, h - 0.5)];
+        let corners = [
+            (-0.5, -0.5),
+            (w - 0.5, -0.5),
+            (-0.5, h - 0.5),
+            (w - 0.5, h - 0.5),
+        ];
         let reach = corners.map(|(u, v)| {
             let (x, y) = lens.unproject(u, v);
             x.hypot(y)
         });
-        lens.limit = MARGIN * reach.into_iter().fold(0.0, f64::max);
+        let reach = reach.into_iter().fold(0.0, f64::max);
+        // Not so far that the polynomial turns back.
+        let bent = |r: f64| {
+            let (x, y) = distort(&model.distortion, 0.8 * r, 0.6 * r);
+            x.hypot(y)
+        };
+        let steps = 20;
+        let step = (MARGIN - 1.0) * reach / f64::from(steps);
+        let grows = (0..steps)
+            .map(|k| reach + step * f64::from(k))
+            .take_while(|&r| bent(r + step) - bent(r) > STIFF * step);
+        lens.limit = grows.last().map_or(reach, |r| r + step);
         lens
     }
 
@@ -106,13 +125,10 @@ fn distort(distortion: &Distortion, x: f64, y: f64) -> (f64, f64) {
     };
     let (radial, (tx, ty)) = match *distortion {
         Distortion::None => (1.0, (0.0, 0.0)),
-        Distortion::RadTan4 { k1, k2, p1, p2 } => {
-            (1.0 + r2 * (k1 + r2 * k2), tangential(p1, p2))
+        Distortion::RadTan4 { k1, k2, p1, p2 } => (1.0 + r2 * (k1 + r2 * k2), tangential(p1, p2)),
+        Distortion::RadTan5 { k1, k2, p1, p2, k3 } => {
+            (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3)), tangential(p1, p2))
         }
-        Distortion::RadTan5 { k1, k2, p1, p2, k3 } => (
-            1.0 + r2 * (k1 + r2 * (k2 + r2 * k3)),
-            tangential(p1, p2),
-        ),
         Distortion::Rational8 {
             k1,
             k2,
@@ -195,9 +211,9 @@ mod tests {
 
     #[test]
     fn what_is_outside_stays_outside() {
-        // This polynomial turns back at a radius of 1.4 and is zero again at 2.4.
+        // This polynomial turns back at a radius of 1.8 and is zero again at 3.2.
         let lens = Lens::new(&model(Distortion::RadTan4 {
-            k1: -0.17,
+            k1: -0.1,
             k2: 0.0,
             p1: 0.0,
             p2: 0.0,

@@ -26,11 +26,7 @@ pub struct SimCamera {
 
 impl SimCamera {
     /// Pose of an eye's optical frame in the world, where the rig is so.
-    pub fn world_from_eye(
-        &self,
-        eye: usize,
-        rig: &State,
-    ) -> (Vector3<f64>, UnitQuaternion<f64>) {
+    pub fn world_from_eye(&self, eye: usize, rig: &State) -> (Vector3<f64>, UnitQuaternion<f64>) {
         let rig_from_eye = &self.rig_from_eye[eye];
         (
             rig.position + rig.rotation * rig_from_eye.translation(),
@@ -40,7 +36,13 @@ impl SimCamera {
 }
 
 /// Vertical share of a ZED's 16:9 picture.
-fn model(width: u32, height: u32, focal: f64, distortion: Distortion, off: [f64; 2]) -> CameraModel {
+fn model(
+    width: u32,
+    height: u32,
+    focal: f64,
+    distortion: Distortion,
+    off: [f64; 2],
+) -> CameraModel {
     CameraModel {
         width,
         height,
@@ -62,13 +64,16 @@ pub fn cameras(rig: &Rig, width: u32, height: u32) -> Result<Vec<SimCamera>, Rig
     let scale = f64::from(width);
     let mut cameras = Vec::new();
     for name in rig.cameras() {
-        let frame = |part| {
-            Frame::of_camera(name, part).expect("a rig names its cameras by valid names")
-        };
+        let frame =
+            |part| Frame::of_camera(name, part).expect("a rig names its cameras by valid names");
         let pose = |part| rig.transform(&Frame::rig(), &frame(part));
         let (left, right) = (pose(FramePart::Left)?, pose(FramePart::Right)?);
         let is_mini = name == "feet";
-        let focal = if is_mini { 700.0 / 1280.0 } else { 736.9 / 1920.0 } * scale;
+        let focal = if is_mini {
+            700.0 / 1280.0
+        } else {
+            736.9 / 1920.0
+        } * scale;
         let lens = |k1: f64, k2: f64, p1: f64, p2: f64| Distortion::RadTan5 {
             k1,
             k2,
@@ -78,12 +83,36 @@ pub fn cameras(rig: &Rig, width: u32, height: u32) -> Result<Vec<SimCamera>, Rig
         };
         let models = match is_mini {
             true => [
-                model(width, height, focal, lens(-0.172, 0.0255, 2.1e-4, -1.3e-4), [2.3, -3.1]),
-                model(width, height, focal * 1.0007, lens(-0.171, 0.0249, -1.1e-4, 2.2e-4), [-1.7, 1.9]),
+                model(
+                    width,
+                    height,
+                    focal,
+                    lens(-0.172, 0.0255, 2.1e-4, -1.3e-4),
+                    [2.3, -3.1],
+                ),
+                model(
+                    width,
+                    height,
+                    focal * 1.0007,
+                    lens(-0.171, 0.0249, -1.1e-4, 2.2e-4),
+                    [-1.7, 1.9],
+                ),
             ],
             false => [
-                model(width, height, focal, lens(-0.052, 0.0061, 1.2e-4, 0.8e-4), [-2.6, 1.4]),
-                model(width, height, focal * 0.9996, lens(-0.0525, 0.0063, -0.9e-4, -1.7e-4), [3.1, -0.8]),
+                model(
+                    width,
+                    height,
+                    focal,
+                    lens(-0.052, 0.0061, 1.2e-4, 0.8e-4),
+                    [-2.6, 1.4],
+                ),
+                model(
+                    width,
+                    height,
+                    focal * 0.9996,
+                    lens(-0.0525, 0.0063, -0.9e-4, -1.7e-4),
+                    [3.1, -0.8],
+                ),
             ],
         };
         cameras.push(SimCamera {

@@ -151,7 +151,12 @@ impl Scene {
             time,
             materials,
             textures,
-            solid: Bvh::new(fixed.triangles.iter().map(|t| t.corners.map(|c| c.position))),
+            solid: Bvh::new(
+                fixed
+                    .triangles
+                    .iter()
+                    .map(|t| t.corners.map(|c| c.position)),
+            ),
             fixed,
             sky: made.sky.at(&light),
             wearer: wearer.lit(&light),

@@ -150,7 +150,10 @@ mod tests {
             let t = 0.05 * f64::from(k);
             let (a, b) = (spline.at(t - 1e-9), spline.at(t + 1e-9));
             assert!((a.acceleration - b.acceleration).norm() < 1e-4, "{t}");
-            assert!((a.angular_acceleration - b.angular_acceleration).norm() < 1e-4, "{t}");
+            assert!(
+                (a.angular_acceleration - b.angular_acceleration).norm() < 1e-4,
+                "{t}"
+            );
         }
     }
 }

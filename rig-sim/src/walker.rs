@@ -12,7 +12,7 @@ pub mod progress;
 use nalgebra::{UnitQuaternion, Vector3};
 
 pub use self::gait::{Footfall, Side};
-use self::gait::{BALL_X, HEEL_X, TOE_X};
+use self::gait::{HEEL_X, TIP_X, TOE_X};
 use self::path::Path;
 use self::progress::Progress;
 use crate::random;
@@ -118,7 +118,10 @@ impl Walker {
     /// When a footfall's sole is wholly down and at rest, s; empty in a quick run.
     pub fn flat_phase(fall: &Footfall) -> (f64, f64) {
         let length = fall.off_s - fall.strike_s;
-        let (down, off) = (ROLL_DOWN_S.min(0.25 * length), ROLL_OFF_S.min(0.45 * length));
+        let (down, off) = (
+            ROLL_DOWN_S.min(0.25 * length),
+            ROLL_OFF_S.min(0.45 * length),
+        );
         (fall.strike_s + down, fall.off_s - off)
     }
 }
@@ -161,7 +164,7 @@ fn standing(fall: &Footfall, time_s: f64) -> FootState {
     } else {
         let t = (time_s - flat_to) / (fall.off_s - flat_to);
         let pitch = OFF_PITCH * vigour(fall.speed) * smooth(t);
-        let (p, r) = rolled(fall, BALL_X, pitch);
+        let (p, r) = rolled(fall, TIP_X, pitch);
         (p, r, false)
     };
     FootState {
@@ -173,7 +176,7 @@ fn standing(fall: &Footfall, time_s: f64) -> FootState {
 }
 
 fn swinging(from: &Footfall, to: &Footfall, lift: f64, t: f64) -> FootState {
-    let (p0, r0) = rolled(from, BALL_X, OFF_PITCH * vigour(from.speed));
+    let (p0, r0) = rolled(from, TIP_X, OFF_PITCH * vigour(from.speed));
     let (p1, r1) = rolled(to, HEEL_X, strike_pitch(to));
     let s = smooth(t);
     let bump = 64.0 * (t * (1.0 - t)).powi(3);

@@ -348,7 +348,10 @@ struct Cone {
 
 impl Cone {
     fn of(lens: &Lens) -> Self {
-        let (w, h) = (f64::from(lens.model().width), f64::from(lens.model().height));
+        let (w, h) = (
+            f64::from(lens.model().width),
+            f64::from(lens.model().height),
+        );
         let corners = [(-1.0, -1.0), (w, -1.0), (-1.0, h), (w, h)];
         let reach = corners.map(|(u, v)| {
             let (x, y) = lens.unproject(u, v);

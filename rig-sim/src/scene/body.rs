@@ -91,9 +91,9 @@ fn chunk<'a>(members: impl Iterator<Item = &'a Triangle>, first: u32) -> Chunk {
     let triangles = members
         .map(|t| t.corners.map(|c| index(c.position)))
         .collect();
-    let sum = corners
-        .iter()
-        .fold([0.0; 3], |sum: [f32; 3], c| [0, 1, 2].map(|i| sum[i] + c[i]));
+    let sum = corners.iter().fold([0.0; 3], |sum: [f32; 3], c| {
+        [0, 1, 2].map(|i| sum[i] + c[i])
+    });
     let centre = sum.map(|s| s / corners.len() as f32);
     let distance = |c: &[f32; 3]| {
         let d = [0, 1, 2].map(|i| c[i] - centre[i]);

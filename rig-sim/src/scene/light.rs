@@ -80,9 +80,7 @@ impl Lights {
         match (time, self.indoors) {
             (Time::Day, false) => light(sun(self.sun, 0.75), 0.3, Vec::new(), WHITE, None),
             (Time::Day, true) => light(None, 0.03, lamps(1.0), WHITE, None),
-            (Time::LowSun, false) => {
-                light(sun(self.low_sun, 0.6), 0.15, Vec::new(), WARM, None)
-            }
+            (Time::LowSun, false) => light(sun(self.low_sun, 0.6), 0.15, Vec::new(), WARM, None),
             (Time::LowSun, true) => light(sun(self.low_sun, 0.4), 0.03, lamps(0.2), WARM, None),
             (Time::Night, false) => light(None, 0.000_5, lamps(1.0), WARM, None),
             (Time::Night, true) => light(None, 0.000_5, lamps(0.02), WARM, None),
@@ -168,8 +166,7 @@ impl Light {
                 .entry((key(p), [cell.x, cell.y, cell.z]))
                 .or_insert_with(|| {
                     let start = p + flat[i] * 0.02;
-                    let blocked =
-                        |d: &Vector3<f64>, reach: f64| solid.is_hidden(&start, d, reach);
+                    let blocked = |d: &Vector3<f64>, reach: f64| solid.is_hidden(&start, d, reach);
                     self.irradiance(p, &normal, blocked) as f32
                 })
         };

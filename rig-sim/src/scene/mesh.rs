@@ -210,7 +210,12 @@ impl Mesh {
         };
         for i in 0..pieces {
             for k in 0..sides {
-                let quad = [ring(i, k + 1), ring(i, k), ring(i + 1, k), ring(i + 1, k + 1)];
+                let quad = [
+                    ring(i, k + 1),
+                    ring(i, k),
+                    ring(i + 1, k),
+                    ring(i + 1, k + 1),
+                ];
                 self.push_quad(quad, stuff);
             }
         }

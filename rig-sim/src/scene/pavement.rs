@@ -125,22 +125,106 @@ fn palette(b: &mut Builder) -> Palette {
     let smooth = b.texture(&recipe([4.0, 300.0], 0.15, 0.04, 0.3, 1.0));
     let green = b.texture(&recipe([2.0, 40.0], 0.45, 0.1, 0.5, 2.5));
     Palette {
-        slabs: b.material(Class::Pavement, stone, 1.6, [0.33, 0.31, 0.29], [0.27, 0.27, 0.28]),
-        kerb: b.material(Class::Pavement, stone, 1.0, [0.42, 0.41, 0.4], [0.36, 0.36, 0.36]),
-        asphalt: b.material(Class::Road, asphalt, 1.5, [0.1, 0.1, 0.105], [0.15, 0.14, 0.13]),
-        paint: b.material(Class::Crosswalk, asphalt, 1.2, [0.62, 0.62, 0.6], [0.45, 0.45, 0.44]),
-        brick: b.material(Class::Wall, wall, 2.5, [0.34, 0.17, 0.12], [0.42, 0.3, 0.24]),
-        plaster: b.material(Class::Wall, smooth, 2.5, [0.6, 0.55, 0.42], [0.5, 0.48, 0.42]),
-        dark: b.material(Class::Wall, smooth, 3.0, [0.05, 0.06, 0.08], [0.16, 0.17, 0.2]),
-        metal: b.material(Class::Obstacle, smooth, 1.0, [0.12, 0.16, 0.14], [0.2, 0.2, 0.2]),
+        slabs: b.material(
+            Class::Pavement,
+            stone,
+            1.6,
+            [0.33, 0.31, 0.29],
+            [0.27, 0.27, 0.28],
+        ),
+        kerb: b.material(
+            Class::Pavement,
+            stone,
+            1.0,
+            [0.42, 0.41, 0.4],
+            [0.36, 0.36, 0.36],
+        ),
+        asphalt: b.material(
+            Class::Road,
+            asphalt,
+            1.5,
+            [0.1, 0.1, 0.105],
+            [0.15, 0.14, 0.13],
+        ),
+        paint: b.material(
+            Class::Crosswalk,
+            asphalt,
+            1.2,
+            [0.62, 0.62, 0.6],
+            [0.45, 0.45, 0.44],
+        ),
+        brick: b.material(
+            Class::Wall,
+            wall,
+            2.5,
+            [0.34, 0.17, 0.12],
+            [0.42, 0.3, 0.24],
+        ),
+        plaster: b.material(
+            Class::Wall,
+            smooth,
+            2.5,
+            [0.6, 0.55, 0.42],
+            [0.5, 0.48, 0.42],
+        ),
+        dark: b.material(
+            Class::Wall,
+            smooth,
+            3.0,
+            [0.05, 0.06, 0.08],
+            [0.16, 0.17, 0.2],
+        ),
+        metal: b.material(
+            Class::Obstacle,
+            smooth,
+            1.0,
+            [0.12, 0.16, 0.14],
+            [0.2, 0.2, 0.2],
+        ),
         car: [
-            b.material(Class::Obstacle, smooth, 4.0, [0.32, 0.05, 0.05], [0.4, 0.1, 0.1]),
-            b.material(Class::Obstacle, smooth, 4.0, [0.08, 0.12, 0.25], [0.12, 0.15, 0.3]),
-            b.material(Class::Obstacle, smooth, 4.0, [0.55, 0.56, 0.57], [0.4, 0.4, 0.4]),
+            b.material(
+                Class::Obstacle,
+                smooth,
+                4.0,
+                [0.32, 0.05, 0.05],
+                [0.4, 0.1, 0.1],
+            ),
+            b.material(
+                Class::Obstacle,
+                smooth,
+                4.0,
+                [0.08, 0.12, 0.25],
+                [0.12, 0.15, 0.3],
+            ),
+            b.material(
+                Class::Obstacle,
+                smooth,
+                4.0,
+                [0.55, 0.56, 0.57],
+                [0.4, 0.4, 0.4],
+            ),
         ],
-        bark: b.material(Class::Obstacle, asphalt, 2.0, [0.16, 0.12, 0.09], [0.22, 0.18, 0.14]),
-        leaves: b.material(Class::Obstacle, green, 4.0, [0.1, 0.17, 0.05], [0.2, 0.24, 0.08]),
-        grass: b.material(Class::Grass, green, 1.5, [0.09, 0.15, 0.04], [0.2, 0.19, 0.09]),
+        bark: b.material(
+            Class::Obstacle,
+            asphalt,
+            2.0,
+            [0.16, 0.12, 0.09],
+            [0.22, 0.18, 0.14],
+        ),
+        leaves: b.material(
+            Class::Obstacle,
+            green,
+            4.0,
+            [0.1, 0.17, 0.05],
+            [0.2, 0.24, 0.08],
+        ),
+        grass: b.material(
+            Class::Grass,
+            green,
+            1.5,
+            [0.09, 0.15, 0.04],
+            [0.2, 0.19, 0.09],
+        ),
     }
 }
 
@@ -204,10 +288,15 @@ fn houses(b: &mut Builder, p: &Palette, y: f64, outwards: f64) {
     while x < LENGTH[1] - 1.0 {
         let width = b.draw(5.0, 9.0).min(LENGTH[1] - x);
         let height = b.draw(5.5, 9.0);
-        let wall = if b.draw(0.0, 1.0) < 0.5 { p.brick } else { p.plaster };
+        let wall = if b.draw(0.0, 1.0) < 0.5 {
+            p.brick
+        } else {
+            p.plaster
+        };
         let house = b.of_thing(wall);
         let depth = 0.6;
-        let middle = |x: f64, w: f64, d: f64| Vector3::new(x + 0.5 * w, y + outwards * 0.5 * d, 0.0);
+        let middle =
+            |x: f64, w: f64, d: f64| Vector3::new(x + 0.5 * w, y + outwards * 0.5 * d, 0.0);
         b.standing_box(
             middle(x, width, depth),
             Vector3::new(width, depth, height),
@@ -219,7 +308,13 @@ fn houses(b: &mut Builder, p: &Palette, y: f64, outwards: f64) {
         let proud = |b: &mut Builder, x: f64, z: f64, size: [f64; 3], material: u16| {
             let stuff = Stuff { material, ..house };
             let base = Vector3::new(x, y - outwards * 0.5 * size[1], z);
-            b.standing_box(base, Vector3::new(size[0], size[1], size[2]), 0.0, 1.0, stuff);
+            b.standing_box(
+                base,
+                Vector3::new(size[0], size[1], size[2]),
+                0.0,
+                1.0,
+                stuff,
+            );
         };
         proud(b, x + 0.5 * width, 0.0, [width - 0.02, 0.05, 0.5], p.kerb);
         let windows = (width / 1.8) as usize;
@@ -245,7 +340,11 @@ fn houses(b: &mut Builder, p: &Palette, y: f64, outwards: f64) {
 fn furniture(b: &mut Builder, p: &Palette) -> Vec<Lamp> {
     let mut lamps = Vec::new();
     for (i, x) in [-10.0, -4.5, 3.0, 10.5, 18.5, 25.0].into_iter().enumerate() {
-        let y = if i % 2 == 0 { KERB - 0.5 } else { FAR_KERB + 0.5 };
+        let y = if i % 2 == 0 {
+            KERB - 0.5
+        } else {
+            FAR_KERB + 0.5
+        };
         let post = b.of_thing(p.metal);
         let foot = Vector3::new(x, y, -0.05);
         let head = Vector3::new(x, y, 4.2);
@@ -256,7 +355,13 @@ fn furniture(b: &mut Builder, p: &Palette) -> Vec<Lamp> {
             strength: 0.06,
         });
     }
-    for (x, y) in [(-8.0, KERB - 0.6), (6.5, KERB - 0.6), (22.0, KERB - 0.6), (1.0, FAR_KERB + 0.6), (9.0, FAR_KERB + 0.6)] {
+    for (x, y) in [
+        (-8.0, KERB - 0.6),
+        (6.5, KERB - 0.6),
+        (22.0, KERB - 0.6),
+        (1.0, FAR_KERB + 0.6),
+        (9.0, FAR_KERB + 0.6),
+    ] {
         let trunk = b.of_thing(p.bark);
         let lean = Vector3::new(b.draw(-0.2, 0.2), b.draw(-0.1, 0.1), 0.0);
         let foot = Vector3::new(x, y, -0.05);
@@ -271,17 +376,33 @@ fn furniture(b: &mut Builder, p: &Palette) -> Vec<Lamp> {
             b.lump(fork + off, Vector3::new(0.8, 0.7, 0.6), 7, 0.25, crown);
         }
     }
-    for (x, y, yaw) in [(2.0, 0.45, 0.1), (9.5, 0.4, -0.2), (12.0, FAR_HOUSE - 0.4, 0.3), (5.0, FAR_HOUSE - 0.5, 0.0)] {
+    for (x, y, yaw) in [
+        (2.0, 0.45, 0.1),
+        (9.5, 0.4, -0.2),
+        (12.0, FAR_HOUSE - 0.4, 0.3),
+        (5.0, FAR_HOUSE - 0.5, 0.0),
+    ] {
         let bin = b.of_thing(p.metal);
-        b.standing_box(Vector3::new(x, y, 0.0), Vector3::new(0.5, 0.45, 0.95), yaw, 0.5, bin);
+        b.standing_box(
+            Vector3::new(x, y, 0.0),
+            Vector3::new(0.5, 0.45, 0.95),
+            yaw,
+            0.5,
+            bin,
+        );
     }
     for crossing in CROSSINGS {
         for x in crossing {
             for y in [KERB - 0.35, FAR_KERB + 0.35] {
                 let bollard = b.of_thing(p.metal);
                 let foot = Vector3::new(x, y, -0.02);
-                b.mesh
-                    .tube([foot, foot + Vector3::z() * 0.9], [0.06, 0.06], 10, 0.5, bollard);
+                b.mesh.tube(
+                    [foot, foot + Vector3::z() * 0.9],
+                    [0.06, 0.06],
+                    10,
+                    0.5,
+                    bollard,
+                );
             }
         }
     }
@@ -289,9 +410,16 @@ fn furniture(b: &mut Builder, p: &Palette) -> Vec<Lamp> {
 }
 
 fn cars(b: &mut Builder, p: &Palette) {
-    for (i, (x, y)) in [(3.0, KERB + 1.0), (8.5, KERB + 1.05), (-9.0, KERB + 1.0), (6.0, FAR_KERB - 1.0), (21.5, KERB + 1.0), (11.0, FAR_KERB - 1.05)]
-        .into_iter()
-        .enumerate()
+    for (i, (x, y)) in [
+        (3.0, KERB + 1.0),
+        (8.5, KERB + 1.05),
+        (-9.0, KERB + 1.0),
+        (6.0, FAR_KERB - 1.0),
+        (21.5, KERB + 1.0),
+        (11.0, FAR_KERB - 1.05),
+    ]
+    .into_iter()
+    .enumerate()
     {
         let body = b.of_thing(p.car[i % 3]);
         let glass = Stuff {
@@ -300,12 +428,25 @@ fn cars(b: &mut Builder, p: &Palette) {
         };
         let base = Vector3::new(x, y, -KERB_HEIGHT + 0.25);
         b.standing_box(base, Vector3::new(4.2, 1.7, 0.6), 0.0, 0.7, body);
-        b.standing_box(base + Vector3::z() * 0.6, Vector3::new(2.2, 1.5, 0.5), 0.0, 0.7, glass);
-        b.standing_box(base + Vector3::z() * 1.1, Vector3::new(2.1, 1.45, 0.06), 0.0, 0.7, body);
+        b.standing_box(
+            base + Vector3::z() * 0.6,
+            Vector3::new(2.2, 1.5, 0.5),
+            0.0,
+            0.7,
+            glass,
+        );
+        b.standing_box(
+            base + Vector3::z() * 1.1,
+            Vector3::new(2.1, 1.45, 0.06),
+            0.0,
+            0.7,
+            body,
+        );
         for (dx, dy) in [(-1.3, -0.8), (1.3, -0.8), (-1.3, 0.8), (1.3, 0.8)] {
             let hub = base + Vector3::new(dx, dy, 0.05);
             let half = Vector3::y() * 0.1;
-            b.mesh.tube([hub - half, hub + half], [0.3, 0.3], 12, 0.3, glass);
+            b.mesh
+                .tube([hub - half, hub + half], [0.3, 0.3], 12, 0.3, glass);
         }
     }
 }

@@ -31,10 +31,7 @@ impl Sky {
         let pale = (1.0 - up) * (1.0 - up);
         // A layer of clouds far above, so that it recedes towards the horizon.
         let scale = 300.0 / (up + 0.12);
-        let (cu, cv) = (
-            direction[0] / length * scale,
-            direction[1] / length * scale,
-        );
+        let (cu, cv) = (direction[0] / length * scale, direction[1] / length * scale);
         let (cloud, _) = scene.textures[self.texture as usize].sample(cu, cv, 2);
         let light = 1.0 + pale * self.horizon + self.clouds * (cloud - 1.0);
         (light.max(0.05), self.zenith)

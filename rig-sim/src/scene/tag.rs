@@ -65,7 +65,11 @@ pub fn draw(
     };
     for row in -1..=CELLS as i32 {
         for column in -1..=CELLS as i32 {
-            let stuff = if is_black(id, row, column) { black } else { white };
+            let stuff = if is_black(id, row, column) {
+                black
+            } else {
+                white
+            };
             // Seen from outside, against z: x to the right, y down.
             let corners = [
                 at(row + 1, column),
@@ -73,7 +77,11 @@ pub fn draw(
                 at(row, column + 1),
                 at(row, column),
             ];
-            mesh.quad(corners, [f64::from(column) * cell, f64::from(row) * cell], stuff);
+            mesh.quad(
+                corners,
+                [f64::from(column) * cell, f64::from(row) * cell],
+                stuff,
+            );
         }
     }
 }

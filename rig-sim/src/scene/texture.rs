@@ -137,7 +137,10 @@ fn leaves(recipe: &Recipe, seed: u64) -> (Vec<f32>, Vec<f32>) {
         let second = f32::from(u8::from((draw(4) as f32) < recipe.mixed));
         // A slope across the leaf, as of a rounded thing in slanting light.
         let slope = 0.3 * recipe.contrast * (draw(5) as f32 - 0.5) / radius;
-        let (rx, ry) = (radius * recipe.stretch.sqrt(), radius / recipe.stretch.sqrt());
+        let (rx, ry) = (
+            radius * recipe.stretch.sqrt(),
+            radius / recipe.stretch.sqrt(),
+        );
         let reach = |r: f32| r.ceil() as i32;
         for dy in -reach(ry)..=reach(ry) {
             let y = cy as i32 + dy;
@@ -234,9 +237,9 @@ mod tests {
             (0..size * size).map(band).sum::<f64>() / (size * size) as f64
         };
         let bands: Vec<f64> = (1..6).map(variance).collect();
-        let (least, most) = bands.iter().fold((f64::MAX, 0.0_f64), |(l, m), &b| {
-            (l.min(b), m.max(b))
-        });
+        let (least, most) = bands
+            .iter()
+            .fold((f64::MAX, 0.0_f64), |(l, m), &b| (l.min(b), m.max(b)));
         assert!(most / least < 4.0, "{bands:?}");
     }
 }

@@ -148,7 +148,11 @@ impl Made {
             Body::new(mesh, &mesh.triangles.iter().map(at).collect::<Vec<_>>())
         };
         Wearer {
-            parts: self.meshes.iter().map(|(part, mesh)| (*part, lit(mesh))).collect(),
+            parts: self
+                .meshes
+                .iter()
+                .map(|(part, mesh)| (*part, lit(mesh)))
+                .collect(),
             tags: self.tags,
         }
     }
@@ -156,11 +160,7 @@ impl Made {
 
 fn shoe_tag(side: Side, id: usize) -> ShoeTag {
     // x of the tag to the wearer's right, y towards the heel: upright for who looks down at it.
-    let flat = UnitQuaternion::from_basis_unchecked(&[
-        -Vector3::y(),
-        -Vector3::x(),
-        -Vector3::z(),
-    ]);
+    let flat = UnitQuaternion::from_basis_unchecked(&[-Vector3::y(), -Vector3::x(), -Vector3::z()]);
     ShoeTag {
         id,
         side,

@@ -22,8 +22,8 @@ pub enum Side {
 
 /// The sole, from its middle: x forward, m.
 pub const HEEL_X: f64 = -0.13;
-/// Where it bends at toe-off.
-pub const BALL_X: f64 = 0.07;
+/// What it turns about at the end: near the toe, since this sole does not bend.
+pub const TIP_X: f64 = 0.135;
 /// Its front end.
 pub const TOE_X: f64 = 0.15;
 /// Half its width.
@@ -70,7 +70,12 @@ pub fn running_share(speed: f64) -> f64 {
 }
 
 /// All footfalls from standing at time 0 until `seconds`, in the order of their strikes.
-pub fn plan(path: &Path, progress: &Progress, ground: &GroundFn<'_>, start_below: f64) -> Vec<Footfall> {
+pub fn plan(
+    path: &Path,
+    progress: &Progress,
+    ground: &GroundFn<'_>,
+    start_below: f64,
+) -> Vec<Footfall> {
     let seconds = progress.seconds();
     let mut level = start_below;
     let mut falls: Vec<Footfall> = Vec::new();

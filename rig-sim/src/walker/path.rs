@@ -1,13 +1,14 @@
 //! The way on the ground: a closed smooth curve, by distance along it.
 
-/// Distance between entries of the table, m.
+/// About the distance between entries of the table, m.
 const STEP_M: f64 = 0.02;
 
 /// A closed curve with continuous curvature.
 #[derive(Clone, Debug)]
 pub struct Path {
-    /// Position and direction at every [`STEP_M`].
+    /// Position and direction at every `step_m`.
     table: Vec<([f64; 2], [f64; 2])>,
+    step_m: f64,
 }
 
 impl Path {
@@ -31,40 +32,46 @@ impl Path {
             }
             p
         };
-        // Walks along it in short chords.
+        // Short chords, and then points at even distances along them.
         let fine = 400 * n;
-        let mut table: Vec<[f64; 2]> = vec![at(0.0)];
-        let (mut last, mut gone) = (at(0.0), 0.0);
-        for k in 1..=fine {
-            let next = at(n as f64 * k as f64 / fine as f64 % n as f64);
-            let chord = (next[0] - last[0]).hypot(next[1] - last[1]);
-            while gone + chord >= STEP_M * table.len() as f64 {
-                let t = (STEP_M * table.len() as f64 - gone) / chord;
-                table.push([0, 1].map(|i| last[i] + (next[i] - last[i]) * t));
+        let chain: Vec<[f64; 2]> = (0..=fine)
+            .map(|k| at((k % fine) as f64 * n as f64 / fine as f64))
+            .collect();
+        let chord = |pair: &[[f64; 2]]| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]);
+        let length: f64 = chain.windows(2).map(chord).sum();
+        let count = (length / STEP_M).ceil().max(4.0) as usize;
+        let step_m = length / count as f64;
+        let mut places = Vec::with_capacity(count);
+        let mut gone = 0.0;
+        for pair in chain.windows(2) {
+            let chord = chord(pair);
+            while places.len() < count && step_m * places.len() as f64 <= gone + chord {
+                let t = (step_m * places.len() as f64 - gone) / chord;
+                places.push([0, 1].map(|i| pair[0][i] + (pair[1][i] - pair[0][i]) * t));
             }
             gone += chord;
-            last = next;
         }
-        let n = table.len();
-        let with_direction = (0..n).map(|i| {
-            let (a, b) = (table[(i + n - 1) % n], table[(i + 1) % n]);
+        let count = places.len();
+        let with_direction = (0..count).map(|i| {
+            let (a, b) = (places[(i + count - 1) % count], places[(i + 1) % count]);
             let (dx, dy) = (b[0] - a[0], b[1] - a[1]);
             let length = dx.hypot(dy);
-            (table[i], [dx / length, dy / length])
+            (places[i], [dx / length, dy / length])
         });
         Self {
             table: with_direction.collect(),
+            step_m,
         }
     }
 
     /// Length of one round, m.
     pub fn length_m(&self) -> f64 {
-        STEP_M * self.table.len() as f64
+        self.step_m * self.table.len() as f64
     }
 
     /// Position and unit direction after a distance.
     pub fn at(&self, distance_m: f64) -> ([f64; 2], [f64; 2]) {
-        let u = (distance_m / STEP_M).rem_euclid(self.table.len() as f64);
+        let u = (distance_m / self.step_m).rem_euclid(self.table.len() as f64);
         let i = u.floor() as usize;
         let (a, b) = (
             self.table[i % self.table.len()],
@@ -89,8 +96,14 @@ mod tests {
             let s = length * f64::from(k) / 1000.0;
             let ((a, direction), (b, _)) = (path.at(s), path.at(s + 0.01));
             let step = [b[0] - a[0], b[1] - a[1]];
-            assert!((step[0].hypot(step[1]) - 0.01).abs() < 2e-4, "{s}: {step:?}");
-            assert!(step[0] * direction[0] + step[1] * direction[1] > 0.0099, "{s}");
+            assert!(
+                (step[0].hypot(step[1]) - 0.01).abs() < 2e-4,
+                "{s}: {step:?}"
+            );
+            assert!(
+                step[0] * direction[0] + step[1] * direction[1] > 0.0099,
+                "{s}"
+            );
         }
     }
 }

@@ -44,8 +44,16 @@ fn one_walks_stands_jogs_and_the_rig_stays_above_the_feet() {
         let state = walker.rig(t);
         let speed = state.velocity.xy().norm();
         (fastest, slowest) = (fastest.max(speed), slowest.min(speed));
-        assert!(state.acceleration.norm() < 40.0, "{t}: {}", state.acceleration);
-        assert!(state.angular_rate.norm() < 4.0, "{t}: {}", state.angular_rate);
+        assert!(
+            state.acceleration.norm() < 40.0,
+            "{t}: {}",
+            state.acceleration
+        );
+        assert!(
+            state.angular_rate.norm() < 4.0,
+            "{t}: {}",
+            state.angular_rate
+        );
         let feet = [Side::Left, Side::Right].map(|side| walker.foot(side, t).position);
         let between = (feet[0] + feet[1]) * 0.5;
         assert!((state.position - between).xy().norm() < 0.75, "{t}");
