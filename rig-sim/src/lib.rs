@@ -10,9 +10,13 @@
 pub mod camera;
 pub mod imu;
 pub mod lens;
+mod png_file;
+pub mod preview;
 pub mod random;
+pub mod render;
 pub mod rig;
 pub mod scene;
+pub mod simulation;
 pub mod so3;
 pub mod spline;
 pub mod walker;
