@@ -4,7 +4,8 @@
 //! would have seen is rendered, and everything that later code estimates is known exactly.
 //!
 //! The data flow: [`scene`] (geometry, light, a route) → [`walker`] (poses of rig and feet) →
-//! [`camera`] (pictures and their truth) and IMU samples. All of it is a function of names and a
+//! [`camera`] (pictures and their truth) and IMU samples; [`simulation`] puts them together, [`render`]
+//! and [`preview`] write what comes out. All of it is a function of names and a
 //! seed: nothing is loaded, no clock is read, and the same seed gives the same bytes on any machine.
 
 pub mod camera;

@@ -1,4 +1,4 @@
-//! The place from above, cut open at the height of the hips, with the way and every footprint.
+//! The place from above, cut open above the eyes, with the way and every footprint.
 
 use nalgebra::Vector3;
 
@@ -12,8 +12,8 @@ use crate::walker::{Side, Walker};
 const MARGIN_M: f64 = 2.0;
 /// The highest map for a width.
 const TALLEST: f64 = 0.5;
-/// How far below the chest the place is cut open, m.
-const CUT_M: f64 = 0.15;
+/// How far above the chest the place is cut open, m: above cars and furniture, below ceilings.
+const CUT_M: f64 = 0.4;
 /// Steps higher than this are outlined, m.
 const EDGE_M: f64 = 0.03;
 /// Most points of the way that are looked at for the height of the cut.
@@ -155,7 +155,7 @@ fn paint_place(
         let [x, y] = projection.world([(k % width) as f64, (k / width) as f64]);
         let far = |p: &Vector3<f64>| (p.x - x) * (p.x - x) + (p.y - y) * (p.y - y);
         let near = points.iter().min_by(|a, b| far(a).total_cmp(&far(b)))?;
-        let from = Vector3::new(x, y, near.z - CUT_M);
+        let from = Vector3::new(x, y, near.z + CUT_M);
         let hit = scene.first_hit(&from, &-Vector3::z())?;
         let material = scene.fixed.triangles[hit.triangle as usize].material;
         let class = scene.materials[material as usize].class;
