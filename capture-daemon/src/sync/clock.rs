@@ -601,15 +601,23 @@ impl ClockMapper {
         let mut before: Option<&Claim> = None;
         let mut doubts = Vec::new();
         for (i, claim) in self.claims.iter().enumerate() {
-            let (lag, sigma) = epoch.best(claim.x);
-            let off = (lag - claim.line.lag(claim.x)).abs();
-            if off > sigma.hypot(WRONG_SIGMAS * claim.sigma) {
+            let next = self.claims.get(i + 1);
+            // Times were given by it until the next one, so it is asked at both ends.
+            let wrong = |x: f64| {
+                let (lag, sigma) = epoch.best(x);
+                let off = (lag - claim.line.lag(x)).abs();
+                (off > sigma.hypot(WRONG_SIGMAS * claim.sigma)).then_some(off)
+            };
+            let to = HostTime(next.unwrap_or(claim).arrival);
+            if let Some(off) = wrong(claim.x) {
                 // Wrong since the line was last confirmed, or since it could have been noticed.
                 let confirmed = epoch.last_touch(&claim.line, claim.x, 0.5 * off);
                 let noticed = HostTime(claim.arrival.saturating_sub(self.unnoticed(off)));
                 let from = before.map_or(claim.arrival, |b| b.arrival);
                 let from = confirmed.max(noticed).min(HostTime(from));
-                let to = HostTime(self.claims.get(i + 1).unwrap_or(claim).arrival);
+                doubts.push(Doubt { from, to });
+            } else if next.is_some_and(|next| wrong(next.x).is_some()) {
+                let from = HostTime(claim.arrival);
                 doubts.push(Doubt { from, to });
             }
             before = Some(claim);
