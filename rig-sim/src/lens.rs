@@ -36,13 +36,13 @@ impl Lens {
         ];
         let reach = corners.map(|(u, v)| {
             let (x, y) = lens.unproject(u, v);
-            x.hypot(y)
+            (x * x + y * y).sqrt()
         });
         let reach = reach.into_iter().fold(0.0, f64::max);
         // Not so far that the polynomial turns back.
         let bent = |r: f64| {
             let (x, y) = distort(&model.distortion, 0.8 * r, 0.6 * r);
-            x.hypot(y)
+            (x * x + y * y).sqrt()
         };
         let steps = 20;
         let step = (MARGIN - 1.0) * reach / f64::from(steps);

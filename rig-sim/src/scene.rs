@@ -124,7 +124,7 @@ impl Scene {
         let made = match kind {
             Kind::Pavement => pavement::build(&mut builder),
         };
-        let wearer = Wearer::new(&mut builder);
+        let wearer = Wearer::make(&mut builder);
         let light = made.lights.at(time);
         let Builder {
             materials,

@@ -355,7 +355,7 @@ impl Cone {
         let corners = [(-1.0, -1.0), (w, -1.0), (-1.0, h), (w, h)];
         let reach = corners.map(|(u, v)| {
             let (x, y) = lens.unproject(u, v);
-            x.hypot(y)
+            (x * x + y * y).sqrt()
         });
         let tangent = reach.into_iter().fold(0.0, f64::max);
         let cosine = 1.0 / (1.0 + tangent * tangent).sqrt();

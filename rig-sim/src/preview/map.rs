@@ -5,9 +5,11 @@ use nalgebra::Vector3;
 use super::canvas::{Canvas, Colour};
 use crate::scene::surface::Class;
 use crate::simulation::{Simulation, seconds};
-use crate::walker::gait::{BALL_X, HALF_WIDTH, HEEL_X, TOE_X};
+use crate::walker::gait::{HALF_WIDTH, HEEL_X, TOE_X};
 use crate::walker::{Side, Walker};
 
+/// Where a sole is widest, m before its middle.
+const WIDEST_X: f64 = 0.07;
 /// Around the way, m.
 const MARGIN_M: f64 = 2.0;
 /// The highest map for a width.
@@ -79,7 +81,7 @@ pub(super) fn draw(simulation: &Simulation, width: usize, marks: &[i64]) -> Canv
             let outline = [
                 (HEEL_X, 0.5),
                 (HEEL_X + 0.04, 0.75),
-                (BALL_X, 1.0),
+                (WIDEST_X, 1.0),
                 (TOE_X - 0.02, 0.7),
                 (TOE_X, 0.2),
             ];

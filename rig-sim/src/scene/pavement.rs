@@ -28,11 +28,13 @@ struct Palette {
     kerb: u16,
     asphalt: u16,
     paint: u16,
+    stone: u16,
     brick: u16,
     plaster: u16,
     dark: u16,
     metal: u16,
     car: [u16; 3],
+    window: u16,
     bark: u16,
     leaves: u16,
     grass: u16,
@@ -153,6 +155,13 @@ fn palette(b: &mut Builder) -> Palette {
             [0.62, 0.62, 0.6],
             [0.45, 0.45, 0.44],
         ),
+        stone: b.material(
+            Class::Wall,
+            stone,
+            1.0,
+            [0.42, 0.41, 0.4],
+            [0.36, 0.36, 0.36],
+        ),
         brick: b.material(
             Class::Wall,
             wall,
@@ -204,6 +213,13 @@ fn palette(b: &mut Builder) -> Palette {
                 [0.4, 0.4, 0.4],
             ),
         ],
+        window: b.material(
+            Class::Obstacle,
+            smooth,
+            8.0,
+            [0.05, 0.06, 0.08],
+            [0.07, 0.08, 0.1],
+        ),
         bark: b.material(
             Class::Obstacle,
             asphalt,
@@ -316,7 +332,7 @@ fn houses(b: &mut Builder, p: &Palette, y: f64, outwards: f64) {
                 stuff,
             );
         };
-        proud(b, x + 0.5 * width, 0.0, [width - 0.02, 0.05, 0.5], p.kerb);
+        proud(b, x + 0.5 * width, 0.0, [width - 0.02, 0.05, 0.5], p.stone);
         let windows = (width / 1.8) as usize;
         for i in 0..windows {
             let at = x + (i as f64 + 0.5) * width / windows as f64;
@@ -327,7 +343,7 @@ fn houses(b: &mut Builder, p: &Palette, y: f64, outwards: f64) {
                     continue;
                 }
                 proud(b, at, sill, [0.9, 0.03, 1.3], p.dark);
-                proud(b, at, sill - 0.08, [1.1, 0.14, 0.08], p.kerb);
+                proud(b, at, sill - 0.08, [1.1, 0.14, 0.08], p.stone);
                 proud(b, at, sill + 0.62, [0.9, 0.05, 0.05], p.plaster);
                 proud(b, at, sill, [0.05, 0.05, 1.3], p.plaster);
             }
@@ -423,7 +439,7 @@ fn cars(b: &mut Builder, p: &Palette) {
     {
         let body = b.of_thing(p.car[i % 3]);
         let glass = Stuff {
-            material: p.dark,
+            material: p.window,
             ..body
         };
         let base = Vector3::new(x, y, -KERB_HEIGHT + 0.25);

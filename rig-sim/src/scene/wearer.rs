@@ -67,7 +67,7 @@ pub struct Wearer {
 }
 
 impl Wearer {
-    pub(super) fn new(b: &mut Builder) -> Made {
+    pub(super) fn make(b: &mut Builder) -> Made {
         let cloth = b.texture(&Recipe {
             radius: [1.0, 50.0],
             contrast: 0.2,

@@ -37,7 +37,10 @@ impl Path {
         let chain: Vec<[f64; 2]> = (0..=fine)
             .map(|k| at((k % fine) as f64 * n as f64 / fine as f64))
             .collect();
-        let chord = |pair: &[[f64; 2]]| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]);
+        let chord = |pair: &[[f64; 2]]| {
+            let d = [0, 1].map(|i| pair[1][i] - pair[0][i]);
+            (d[0] * d[0] + d[1] * d[1]).sqrt()
+        };
         let length: f64 = chain.windows(2).map(chord).sum();
         let count = (length / STEP_M).ceil().max(4.0) as usize;
         let step_m = length / count as f64;
@@ -55,7 +58,7 @@ impl Path {
         let with_direction = (0..count).map(|i| {
             let (a, b) = (places[(i + count - 1) % count], places[(i + 1) % count]);
             let (dx, dy) = (b[0] - a[0], b[1] - a[1]);
-            let length = dx.hypot(dy);
+            let length = (dx * dx + dy * dy).sqrt();
             (places[i], [dx / length, dy / length])
         });
         Self {
