@@ -16,10 +16,14 @@ pub mod sky;
 pub mod surface;
 pub mod texture;
 
+mod corridor;
+mod interior;
 mod pavement;
+mod room;
+mod stairs;
 
 use self::body::Body;
-use self::build::Builder;
+use self::build::{Builder, Made};
 use self::bvh::Bvh;
 use self::light::Light;
 use self::mesh::Mesh;
@@ -33,16 +37,35 @@ use self::texture::Texture;
 pub enum Kind {
     /// A pavement with a kerb, a crosswalk and a road.
     Pavement,
+    /// A staircase up and down with a landing.
+    Stairs,
+    /// A long corridor with blank walls.
+    Corridor,
+    /// A furnished room with glass and thin rails.
+    Room,
 }
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 1] = [Self::Pavement];
+    pub const ALL: [Self; 4] = [Self::Pavement, Self::Stairs, Self::Corridor, Self::Room];
+
+    /// Makes it.
+    fn build(self, builder: &mut Builder) -> Made {
+        match self {
+            Self::Pavement => pavement::build(builder),
+            Self::Stairs => stairs::build(builder),
+            Self::Corridor => corridor::build(builder),
+            Self::Room => room::build(builder),
+        }
+    }
 
     /// As the command line calls it.
     pub fn name(self) -> &'static str {
         match self {
             Self::Pavement => "pavement",
+            Self::Stairs => "stairs",
+            Self::Corridor => "corridor",
+            Self::Room => "room",
         }
     }
 }
@@ -88,6 +111,8 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// All that does not move.
     pub fixed: Body,
+    /// Panes, which one looks through. Light passes them as if they were not there.
+    pub glass: Body,
     /// Where light comes from.
     pub light: Light,
     /// What is seen beyond.
@@ -116,19 +141,22 @@ impl Scene {
     /// Makes a place.
     pub fn new(kind: Kind, time: Time, seed: u64) -> Self {
         let mut builder = Builder::new(seed);
-        let made = match kind {
-            Kind::Pavement => pavement::build(&mut builder),
-        };
+        let made = kind.build(&mut builder);
         let light = made.lights.at(time);
         let Builder {
-            materials,
+            mut materials,
             textures,
             mesh,
+            glass,
             ..
         } = builder;
+        let lit = made.lights.lamps_on(time);
+        materials.iter_mut().for_each(|m| m.glow *= lit as f32);
         let solid = bvh_of(&mesh);
         let baked = light.baked(&mesh, &solid);
         let fixed = Body::new(&mesh, &baked);
+        let baked = light.baked(&glass, &solid);
+        let glass = Body::new(&glass, &baked);
         let walkable_triangles: Vec<u32> = (0..fixed.triangles.len() as u32)
             .filter(|&i| {
                 let triangle = &fixed.triangles[i as usize];
@@ -145,8 +173,14 @@ impl Scene {
             time,
             materials,
             textures,
-            solid: Bvh::new(fixed.triangles.iter().map(|t| t.corners.map(|c| c.position))),
+            solid: Bvh::new(
+                fixed
+                    .triangles
+                    .iter()
+                    .map(|t| t.corners.map(|c| c.position)),
+            ),
             fixed,
+            glass,
             sky: made.sky.at(&light),
             light,
             route: made.route,
@@ -182,3 +216,6 @@ impl Scene {
 fn bvh_of(mesh: &Mesh) -> Bvh {
     Bvh::new(mesh.triangles.iter().map(|t| t.corners.map(|c| c.position)))
 }
+
+#[cfg(test)]
+mod tests;
