@@ -166,6 +166,12 @@ impl Visibility {
         self.projected = projected;
     }
 
+    /// Whether this sees something at a pixel, and nearer than `other` does.
+    #[inline]
+    pub fn is_nearer(&self, other: &Self, pixel: usize) -> bool {
+        self.inverse_depth[pixel] > other.inverse_depth[pixel]
+    }
+
     fn triangle(
         &mut self,
         projector: &Projector<'_>,
@@ -348,7 +354,10 @@ struct Cone {
 
 impl Cone {
     fn of(lens: &Lens) -> Self {
-        let (w, h) = (f64::from(lens.model().width), f64::from(lens.model().height));
+        let (w, h) = (
+            f64::from(lens.model().width),
+            f64::from(lens.model().height),
+        );
         let corners = [(-1.0, -1.0), (w, -1.0), (-1.0, h), (w, h)];
         let reach = corners.map(|(u, v)| {
             let (x, y) = lens.unproject(u, v);

@@ -38,6 +38,16 @@ impl Radiance {
         }
     }
 
+    /// Adds another picture of the same size.
+    pub fn add(&mut self, other: &Self) {
+        for (to, from) in self.luminance.iter_mut().zip(&other.luminance) {
+            *to += from;
+        }
+        for (to, from) in self.colour.iter_mut().zip(&other.colour) {
+            *to = [0, 1, 2].map(|k| to[k] + from[k]);
+        }
+    }
+
     /// Darkness again.
     pub fn clear(&mut self) {
         self.luminance.fill(0.0);
@@ -179,8 +189,11 @@ pub fn add(
                 let level = (0.5 * log2(footprint) + dither - 0.5).clamp(0.0, 9.0);
                 let level = level as u32;
                 let scale = 1.0 / (1_u32 << level) as f32;
-                let (tone, mix) =
-                    texture.sample(u * scale - 0.5 + 0.5 * scale, v * scale - 0.5 + 0.5 * scale, level);
+                let (tone, mix) = texture.sample(
+                    u * scale - 0.5 + 0.5 * scale,
+                    v * scale - 0.5 + 0.5 * scale,
+                    level,
+                );
                 let coarse = level.saturating_sub(3);
                 let scale = COARSER / (1_u32 << coarse) as f32;
                 let (cu, cv) = (
@@ -188,7 +201,8 @@ pub fn add(
                     u * COARSER_TURN.1 + v * COARSER_TURN.0,
                 );
                 let (broad, _) = texture.sample(cu * scale, cv * scale, coarse);
-                let light = weight * (light.max(0.0) + material.glow) * tone * (0.45 + 0.55 * broad);
+                let light =
+                    weight * (light.max(0.0) + material.glow) * tone * (0.45 + 0.55 * broad);
                 luma[i] += light * (own + (other - own) * mix);
                 if i % 2 == 0
                     && let Some(colour) = &mut colour
