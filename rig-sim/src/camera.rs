@@ -4,6 +4,7 @@
 //! before, except for the exposure, which follows the pictures before as in a device. A camera's time
 //! is the middle of the exposure of its middle row.
 
+pub mod glass;
 pub mod raster;
 pub mod sensor;
 pub mod shade;
@@ -78,7 +79,11 @@ pub struct Eye {
     rays: Vec<((f32, f32), Vec<[f32; 2]>)>,
     sensor: Sensor,
     visibility: Visibility,
+    /// The nearest panes; [`glass`].
+    panes: Visibility,
     radiance: Radiance,
+    /// One picture of those that are averaged, where panes need it by itself.
+    sample: Radiance,
 }
 
 /// What a pixel really sees, without blur and noise, at the middle of the exposure.
@@ -134,7 +139,9 @@ impl Eye {
             shutter,
             rays,
             visibility: Visibility::new(width, height),
+            panes: Visibility::new(width, height),
             radiance: Radiance::new(width, height),
+            sample: Radiance::new(width, height),
         }
     }
 
@@ -144,7 +151,7 @@ impl Eye {
     }
 
     /// The light that the sensor gathers around `time_s`. `eye_pose` is that of the optical frame in
-    /// the world.
+    /// the world; the first body is [`Scene::fixed`], at the world's origin.
     pub fn expose(
         &mut self,
         scene: &Scene,
@@ -176,15 +183,32 @@ impl Eye {
                     views,
                 })
                 .collect();
-            shade::add(
-                &mut self.radiance,
-                scene,
-                &self.visibility,
-                &seen,
-                rays,
-                1.0 / samples as f32,
-                random::bits(noise, random::SENSOR + 3, u64::from(k)),
-            );
+            let has_glass = !scene.glass.triangles.is_empty();
+            let into = match has_glass {
+                true => &mut self.sample,
+                false => &mut self.radiance,
+            };
+            let weight = 1.0 / samples as f32;
+            let noise = random::bits(noise, random::SENSOR + 3, u64::from(k));
+            if has_glass {
+                into.clear();
+            }
+            shade::add(into, scene, &self.visibility, &seen, rays, weight, noise);
+            if has_glass {
+                self.panes.clear();
+                self.panes
+                    .draw(&scene.glass, 0, &self.lens, *shift, &views[0]);
+                glass::cover(
+                    into,
+                    scene,
+                    &self.visibility,
+                    &self.panes,
+                    &views[0],
+                    rays,
+                    weight,
+                );
+                self.radiance.add(&self.sample);
+            }
         }
         self.flicker(scene, time_s, exposure);
         &self.radiance
@@ -203,7 +227,7 @@ impl Eye {
             .develop(&self.radiance, exposure, noise, luma, chroma, stride)
     }
 
-    /// What each pixel's centre sees at `time_s`.
+    /// What each pixel's centre sees at `time_s`; a pane counts as what is seen.
     pub fn truth(
         &mut self,
         scene: &Scene,
@@ -235,6 +259,19 @@ impl Eye {
             truth.depth[i] = shade::depth(surface, view, rays[i]);
             truth.class[i] = shade::class(scene, surface);
             truth.instance[i] = surface.instance;
+        }
+        self.panes.clear();
+        self.panes
+            .draw(&scene.glass, 0, &self.lens, (0.0, 0.0), &views[0]);
+        for (i, &id) in self.panes.triangle.iter().enumerate() {
+            if self.panes.is_nearer(&self.visibility, i) {
+                let surface = &scene.glass.surfaces[id as usize];
+                let row = i / self.panes.width;
+                let view = &views[0][row.min(views[0].len() - 1)];
+                truth.depth[i] = shade::depth(surface, view, rays[i]);
+                truth.class[i] = shade::class(scene, surface);
+                truth.instance[i] = surface.instance;
+            }
         }
         truth
     }

@@ -18,10 +18,14 @@ pub mod tag;
 pub mod texture;
 pub mod wearer;
 
+mod corridor;
+mod interior;
 mod pavement;
+mod room;
+mod stairs;
 
 use self::body::Body;
-use self::build::Builder;
+use self::build::{Builder, Made};
 use self::bvh::Bvh;
 use self::light::Light;
 use self::mesh::Mesh;
@@ -36,16 +40,35 @@ use self::wearer::Wearer;
 pub enum Kind {
     /// A pavement with a kerb, a crosswalk and a road.
     Pavement,
+    /// A staircase up and down with a landing.
+    Stairs,
+    /// A long corridor with blank walls.
+    Corridor,
+    /// A furnished room with glass and thin rails.
+    Room,
 }
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 1] = [Self::Pavement];
+    pub const ALL: [Self; 4] = [Self::Pavement, Self::Stairs, Self::Corridor, Self::Room];
+
+    /// Makes it.
+    fn build(self, builder: &mut Builder) -> Made {
+        match self {
+            Self::Pavement => pavement::build(builder),
+            Self::Stairs => stairs::build(builder),
+            Self::Corridor => corridor::build(builder),
+            Self::Room => room::build(builder),
+        }
+    }
 
     /// As the command line calls it.
     pub fn name(self) -> &'static str {
         match self {
             Self::Pavement => "pavement",
+            Self::Stairs => "stairs",
+            Self::Corridor => "corridor",
+            Self::Room => "room",
         }
     }
 }
@@ -93,6 +116,8 @@ pub struct Scene {
     pub fixed: Body,
     /// What the wearer sees of himself.
     pub wearer: Wearer,
+    /// Panes, which one looks through. Light passes them as if they were not there.
+    pub glass: Body,
     /// Where light comes from.
     pub light: Light,
     /// What is seen beyond.
@@ -121,20 +146,23 @@ impl Scene {
     /// Makes a place.
     pub fn new(kind: Kind, time: Time, seed: u64) -> Self {
         let mut builder = Builder::new(seed);
-        let made = match kind {
-            Kind::Pavement => pavement::build(&mut builder),
-        };
+        let made = kind.build(&mut builder);
         let wearer = Wearer::make(&mut builder);
         let light = made.lights.at(time);
         let Builder {
-            materials,
+            mut materials,
             textures,
             mesh,
+            glass,
             ..
         } = builder;
+        let lit = made.lights.lamps_on(time);
+        materials.iter_mut().for_each(|m| m.glow *= lit as f32);
         let solid = bvh_of(&mesh);
         let baked = light.baked(&mesh, &solid);
         let fixed = Body::new(&mesh, &baked);
+        let baked = light.baked(&glass, &solid);
+        let glass = Body::new(&glass, &baked);
         let walkable_triangles: Vec<u32> = (0..fixed.triangles.len() as u32)
             .filter(|&i| {
                 let triangle = &fixed.triangles[i as usize];
@@ -158,6 +186,7 @@ impl Scene {
                     .map(|t| t.corners.map(|c| c.position)),
             ),
             fixed,
+            glass,
             sky: made.sky.at(&light),
             wearer: wearer.lit(&light),
             light,
@@ -194,3 +223,6 @@ impl Scene {
 fn bvh_of(mesh: &Mesh) -> Bvh {
     Bvh::new(mesh.triangles.iter().map(|t| t.corners.map(|c| c.position)))
 }
+
+#[cfg(test)]
+mod tests;

@@ -180,8 +180,17 @@ fn swinging(from: &Footfall, to: &Footfall, lift: f64, t: f64) -> FootState {
     let (p1, r1) = rolled(to, HEEL_X, strike_pitch(to));
     let s = smooth(t);
     let bump = 64.0 * (t * (1.0 - t)).powi(3);
+    // Upstairs a foot rises before it goes ahead, downstairs it goes ahead before it sinks.
+    let way = p1 - p0;
+    let climb = (way.z / 0.25).clamp(-1.0, 1.0);
+    let early = |share: f64| smooth(t / (1.0 - share));
+    let late = |share: f64| smooth((t - share) / (1.0 - share));
+    let (over, up) = match climb > 0.0 {
+        true => (late(0.25 * climb), early(0.4 * climb)),
+        false => (early(-0.25 * climb), late(-0.4 * climb)),
+    };
     FootState {
-        position: p0 + (p1 - p0) * s + Vector3::z() * (lift * bump),
+        position: p0 + Vector3::new(way.x * over, way.y * over, way.z * up + lift * bump),
         rotation: r0 * so3::exp(so3::log(&(r0.inverse() * r1)) * s),
         contact: false,
         flat: false,
@@ -192,8 +201,8 @@ fn swinging(from: &Footfall, to: &Footfall, lift: f64, t: f64) -> FootState {
 fn lift(from: &Footfall, to: &Footfall, ground: &gait::GroundFn<'_>) -> f64 {
     let below = from.position.z.max(to.position.z) + 0.5;
     let mut lift: f64 = 0.02 + 0.03 * vigour(to.speed);
-    for k in 3..=17 {
-        let t = f64::from(k) / 20.0;
+    for k in 6..=34 {
+        let t = f64::from(k) / 40.0;
         let foot = swinging(from, to, 0.0, t);
         let bump = 64.0 * (t * (1.0 - t)).powi(3);
         for x in [HEEL_X, 0.0, TOE_X] {

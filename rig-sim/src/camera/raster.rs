@@ -166,6 +166,12 @@ impl Visibility {
         self.projected = projected;
     }
 
+    /// Whether this sees something at a pixel, and nearer than `other` does.
+    #[inline]
+    pub fn is_nearer(&self, other: &Self, pixel: usize) -> bool {
+        self.inverse_depth[pixel] > other.inverse_depth[pixel]
+    }
+
     fn triangle(
         &mut self,
         projector: &Projector<'_>,

@@ -38,6 +38,16 @@ impl Radiance {
         }
     }
 
+    /// Adds another picture of the same size.
+    pub fn add(&mut self, other: &Self) {
+        for (to, from) in self.luminance.iter_mut().zip(&other.luminance) {
+            *to += from;
+        }
+        for (to, from) in self.colour.iter_mut().zip(&other.colour) {
+            *to = [0, 1, 2].map(|k| to[k] + from[k]);
+        }
+    }
+
     /// Darkness again.
     pub fn clear(&mut self) {
         self.luminance.fill(0.0);

@@ -22,6 +22,8 @@ pub struct Builder {
     pub textures: Vec<Texture>,
     /// So far.
     pub mesh: Mesh,
+    /// Panes so far.
+    pub glass: Mesh,
     instances: u16,
     draws: u64,
 }
@@ -66,6 +68,7 @@ impl Builder {
             materials: Vec::new(),
             textures: Vec::new(),
             mesh: Mesh::default(),
+            glass: Mesh::default(),
             instances: 0,
             draws: 0,
         }
@@ -142,6 +145,12 @@ impl Builder {
         let centre = base + Vector3::z() * (0.5 * size.z);
         self.mesh
             .cuboid(centre, size, so3::exp(Vector3::z() * yaw), cell_m, stuff);
+    }
+
+    /// A pane, to be looked through from both sides.
+    pub fn pane(&mut self, [a, b, c, d]: [Vector3<f64>; 4], cell_m: f64, stuff: Stuff) {
+        self.glass.tiled_quad([a, b, c, d], [0.0; 2], cell_m, stuff);
+        self.glass.tiled_quad([b, a, d, c], [0.0; 2], cell_m, stuff);
     }
 
     /// A lump of about this radius, as a stone or a tuft: a sphere of `rings` rings with bumps.

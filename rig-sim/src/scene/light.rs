@@ -57,13 +57,27 @@ pub struct Lights {
 }
 
 impl Lights {
+    /// How bright lamps are at a time, as a multiple of their strength.
+    pub fn lamps_on(&self, time: Time) -> f64 {
+        match (time, self.indoors) {
+            (Time::Day | Time::LowSun, false) => 0.0,
+            (Time::Day, true) => 1.0,
+            (Time::LowSun, true) => 0.2,
+            (Time::Night, false) => 1.0,
+            (Time::Night, true) => 0.02,
+            (Time::Flicker, false) => 4.0,
+            (Time::Flicker, true) => 1.0,
+        }
+    }
+
     /// The light at a time.
     pub fn at(&self, time: Time) -> Light {
         const WHITE: [f32; 3] = [1.0, 1.0, 1.0];
         const WARM: [f32; 3] = [1.35, 0.95, 0.45];
         const MAINS: Option<(f64, f64)> = Some((100.0, 0.8));
         let sun = |direction: Vector3<f64>, strength| Some((direction.normalize(), strength));
-        let lamps = |factor: f64| {
+        let lamps = || {
+            let factor = self.lamps_on(time);
             let lit = |lamp: &Lamp| Lamp {
                 strength: lamp.strength * factor,
                 ..*lamp
@@ -79,14 +93,14 @@ impl Lights {
         };
         match (time, self.indoors) {
             (Time::Day, false) => light(sun(self.sun, 0.75), 0.3, Vec::new(), WHITE, None),
-            (Time::Day, true) => light(None, 0.03, lamps(1.0), WHITE, None),
+            (Time::Day, true) => light(None, 0.03, lamps(), WHITE, None),
             (Time::LowSun, false) => light(sun(self.low_sun, 0.6), 0.15, Vec::new(), WARM, None),
-            (Time::LowSun, true) => light(sun(self.low_sun, 0.4), 0.03, lamps(0.2), WARM, None),
-            (Time::Night, false) => light(None, 0.000_5, lamps(1.0), WARM, None),
-            (Time::Night, true) => light(None, 0.000_5, lamps(0.02), WARM, None),
+            (Time::LowSun, true) => light(sun(self.low_sun, 0.4), 0.03, lamps(), WARM, None),
+            (Time::Night, false) => light(None, 0.000_5, lamps(), WARM, None),
+            (Time::Night, true) => light(None, 0.000_5, lamps(), WARM, None),
             // Outdoors: a dull evening under street lamps. Indoors: tubes.
-            (Time::Flicker, false) => light(None, 0.001, lamps(4.0), WHITE, MAINS),
-            (Time::Flicker, true) => light(None, 0.01, lamps(1.0), WHITE, MAINS),
+            (Time::Flicker, false) => light(None, 0.001, lamps(), WHITE, MAINS),
+            (Time::Flicker, true) => light(None, 0.01, lamps(), WHITE, MAINS),
         }
     }
 }

@@ -177,6 +177,28 @@ impl Mesh {
         }
     }
 
+    /// A body between four corners below and the four above them, both counter-clockwise seen from
+    /// above; faces cut into cells of about `cell_m`.
+    pub fn prism(
+        &mut self,
+        [a, b, c, d]: [Vector3<f64>; 4],
+        [e, f, g, h]: [Vector3<f64>; 4],
+        cell_m: f64,
+        stuff: Stuff,
+    ) {
+        let faces = [
+            [e, f, g, h],
+            [d, c, b, a],
+            [a, b, f, e],
+            [b, c, g, f],
+            [c, d, h, g],
+            [d, a, e, h],
+        ];
+        for (i, face) in faces.into_iter().enumerate() {
+            self.tiled_quad(face, [3.7 * i as f64, 0.0], cell_m, stuff);
+        }
+    }
+
     /// A tube from `from` to `to` with these radii, of `sides` sides, cut along its length into
     /// pieces of at most `piece_m`, closed at both ends.
     pub fn tube(
@@ -292,6 +314,14 @@ mod tests {
         let turn = UnitQuaternion::from_euler_angles(0.3, 0.2, 1.0);
         mesh.cuboid(Vector3::new(5.0, 1.0, 2.0), size, turn, 0.4, STUFF);
         assert!((volume6(&mesh) / 6.0 - 6.0).abs() < 1e-9);
+
+        let mut mesh = Mesh::default();
+        let square = |z: f64| {
+            [(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.0)].map(|(x, y)| Vector3::new(x, y, z))
+        };
+        let slanted = square(1.0).map(|p| p + Vector3::z() * p.x);
+        mesh.prism(square(0.0), slanted, 0.3, STUFF);
+        assert!((volume6(&mesh) / 6.0 - 4.0).abs() < 1e-9);
 
         for to in [Vector3::new(0.0, 0.0, 2.0), Vector3::new(1.0, -2.0, 0.5)] {
             let mut mesh = Mesh::default();

@@ -73,6 +73,6 @@ pub struct Material {
     pub albedo: [f32; 3],
     /// The same where the texture's second channel is full.
     pub other_albedo: [f32; 3],
-    /// Light given off by itself, as a multiple of a white surface in daylight.
+    /// Light given off by itself while lamps are on, as a multiple of a white surface in daylight.
     pub glow: f32,
 }
