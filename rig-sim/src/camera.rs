@@ -4,6 +4,7 @@
 //! before, except for the exposure, which follows the pictures before as in a device. A camera's time
 //! is the middle of the exposure of its middle row.
 
+pub mod placed;
 pub mod raster;
 pub mod sensor;
 pub mod shade;
@@ -11,13 +12,13 @@ pub mod shade;
 use calib::CameraModel;
 use nalgebra::{UnitQuaternion, Vector3};
 
+pub use self::placed::{Motion, Placed, placed};
 use self::raster::{NOTHING, View, Visibility};
 use self::sensor::{AutoExposure, Exposure, Sensor, SensorModel};
 use self::shade::{Radiance, Seen};
 use crate::lens::Lens;
 use crate::random;
 use crate::scene::Scene;
-use crate::scene::body::Body;
 use crate::scene::surface::Class;
 
 /// When the rows of a picture are exposed.
@@ -57,16 +58,6 @@ impl Quality {
         most_samples: 12,
         noise: true,
     };
-}
-
-/// A body and where it is at any time.
-pub struct Placed<'a> {
-    /// What it looks like.
-    pub body: &'a Body,
-    /// Number of its first triangle among all that are drawn.
-    pub first: u32,
-    /// Pose in the world at a time, s.
-    pub pose: &'a (dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>) + Sync),
 }
 
 /// One of a camera's two eyes.
@@ -277,7 +268,7 @@ impl Eye {
             .map(|body| {
                 rows.iter()
                     .zip(&eyes)
-                    .map(|(&t, eye)| view(eye, &(body.pose)(t)))
+                    .map(|(&t, eye)| view(eye, &body.pose.at(t)))
                     .collect()
             })
             .collect()

@@ -11,18 +11,23 @@ pub mod build;
 pub mod bvh;
 pub mod light;
 pub mod mesh;
+pub mod people;
 pub mod route;
 pub mod sky;
 pub mod surface;
 pub mod texture;
 
 mod pavement;
+mod plaza;
+mod sweep;
+mod trail;
 
 use self::body::Body;
 use self::build::Builder;
 use self::bvh::Bvh;
 use self::light::Light;
 use self::mesh::Mesh;
+use self::people::Moving;
 use self::route::Route;
 use self::sky::Sky;
 use self::surface::Material;
@@ -33,16 +38,22 @@ use self::texture::Texture;
 pub enum Kind {
     /// A pavement with a kerb, a crosswalk and a road.
     Pavement,
+    /// A trail through a forest, with roots and stones.
+    Trail,
+    /// A square with people who walk about.
+    Plaza,
 }
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 1] = [Self::Pavement];
+    pub const ALL: [Self; 3] = [Self::Pavement, Self::Trail, Self::Plaza];
 
     /// As the command line calls it.
     pub fn name(self) -> &'static str {
         match self {
             Self::Pavement => "pavement",
+            Self::Trail => "trail",
+            Self::Plaza => "plaza",
         }
     }
 }
@@ -88,6 +99,8 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// All that does not move.
     pub fixed: Body,
+    /// All that moves.
+    pub moving: Vec<Moving>,
     /// Where light comes from.
     pub light: Light,
     /// What is seen beyond.
@@ -118,12 +131,15 @@ impl Scene {
         let mut builder = Builder::new(seed);
         let made = match kind {
             Kind::Pavement => pavement::build(&mut builder),
+            Kind::Trail => trail::build(&mut builder),
+            Kind::Plaza => plaza::build(&mut builder),
         };
         let light = made.lights.at(time);
         let Builder {
             materials,
             textures,
             mesh,
+            parts,
             ..
         } = builder;
         let solid = bvh_of(&mesh);
@@ -147,6 +163,7 @@ impl Scene {
             textures,
             solid: Bvh::new(fixed.triangles.iter().map(|t| t.corners.map(|c| c.position))),
             fixed,
+            moving: parts.into_iter().map(|part| part.lit(&light)).collect(),
             sky: made.sky.at(&light),
             light,
             route: made.route,

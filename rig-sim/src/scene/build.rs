@@ -4,6 +4,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::light::{Light, Lights};
 use super::mesh::{Mesh, Stuff};
+use super::people::Part;
 use super::route::Route;
 use super::sky::Sky;
 use super::surface::{Class, Material};
@@ -22,6 +23,8 @@ pub struct Builder {
     pub textures: Vec<Texture>,
     /// So far.
     pub mesh: Mesh,
+    /// What moves, so far.
+    pub parts: Vec<Part>,
     instances: u16,
     draws: u64,
 }
@@ -66,6 +69,7 @@ impl Builder {
             materials: Vec::new(),
             textures: Vec::new(),
             mesh: Mesh::default(),
+            parts: Vec::new(),
             instances: 0,
             draws: 0,
         }
