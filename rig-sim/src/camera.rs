@@ -5,6 +5,7 @@
 //! is the middle of the exposure of its middle row.
 
 pub mod glass;
+pub mod placed;
 pub mod raster;
 pub mod sensor;
 pub mod shade;
@@ -12,14 +13,15 @@ pub mod shade;
 use calib::CameraModel;
 use nalgebra::{UnitQuaternion, Vector3};
 
+pub use self::placed::{Motion, Placed, placed};
 use self::raster::{NOTHING, View, Visibility};
 use self::sensor::{AutoExposure, Exposure, Sensor, SensorModel};
 use self::shade::{Radiance, Seen};
 use crate::lens::Lens;
 use crate::random;
 use crate::scene::Scene;
-use crate::scene::body::Body;
 use crate::scene::surface::Class;
+use crate::so3;
 
 /// When the rows of a picture are exposed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,23 +62,13 @@ impl Quality {
     };
 }
 
-/// A body and where it is at any time.
-pub struct Placed<'a> {
-    /// What it looks like.
-    pub body: &'a Body,
-    /// Number of its first triangle among all that are drawn.
-    pub first: u32,
-    /// Pose in the world at a time, s.
-    pub pose: &'a (dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>) + Sync),
-}
-
 /// One of a camera's two eyes.
 #[derive(Debug)]
 pub struct Eye {
     lens: Lens,
     shutter: Shutter,
-    /// Directions of pixel centres, moved within the pixel, for as many shifts as there are samples.
-    rays: Vec<((f32, f32), Vec<[f32; 2]>)>,
+    /// For as many places within the pixel as there are samples.
+    grids: Vec<Grid>,
     sensor: Sensor,
     visibility: Visibility,
     /// The nearest panes; [`glass`].
@@ -84,6 +76,28 @@ pub struct Eye {
     radiance: Radiance,
     /// One picture of those that are averaged, where panes need it by itself.
     sample: Radiance,
+}
+
+/// One picture to take.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shot {
+    /// Middle of the exposure of the middle row, s.
+    pub time_s: f64,
+    /// How long and how amplified.
+    pub exposure: Exposure,
+    /// How much trouble it is worth.
+    pub quality: Quality,
+    /// Different for every picture.
+    pub noise: u64,
+}
+
+/// Directions of all pixels' centres, moved by the same part of a pixel.
+#[derive(Debug)]
+struct Grid {
+    /// px.
+    shift: (f32, f32),
+    /// Rows first.
+    rays: Vec<[f32; 2]>,
 }
 
 /// What a pixel really sees, without blur and noise, at the middle of the exposure.
@@ -120,12 +134,12 @@ impl Eye {
         let lens = Lens::new(model);
         // Rays of the shifted pixel centres; with one sample none is shifted.
         let most = quality.samples.max(quality.most_samples).max(1);
-        let rays: Vec<_> = (0..most)
-            .map(|k| {
-                let s = shift(if most == 1 { 0 } else { k + 1 });
-                (s, lens.rays((f64::from(s.0), f64::from(s.1))))
-            })
-            .collect();
+        let grid = |k: u32| {
+            let shift = shift(if most == 1 { 0 } else { k + 1 });
+            let rays = lens.rays((f64::from(shift.0), f64::from(shift.1)));
+            Grid { shift, rays }
+        };
+        let grids: Vec<Grid> = (0..most).map(grid).collect();
         let (width, height) = (model.width as usize, model.height as usize);
         Self {
             sensor: Sensor::new(
@@ -133,11 +147,11 @@ impl Eye {
                     noiseless: !quality.noise || sensor.noiseless,
                     ..sensor
                 },
-                &rays[0].1,
+                &grids[0].rays,
             ),
             lens,
             shutter,
-            rays,
+            grids,
             visibility: Visibility::new(width, height),
             panes: Visibility::new(width, height),
             radiance: Radiance::new(width, height),
@@ -150,25 +164,22 @@ impl Eye {
         &self.lens
     }
 
-    /// The light that the sensor gathers around `time_s`. `eye_pose` is that of the optical frame in
+    /// The light that the sensor gathers in a shot. `eye_pose` is that of the optical frame in
     /// the world; the first body is [`Scene::fixed`], at the world's origin.
     pub fn expose(
         &mut self,
         scene: &Scene,
         placed: &[Placed<'_>],
         eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
-        time_s: f64,
-        exposure: &Exposure,
-        quality: Quality,
-        noise: u64,
+        shot: &Shot,
     ) -> &Radiance {
-        let samples = self.samples(eye_pose, time_s, exposure, quality);
+        let samples = self.samples(eye_pose, shot);
         self.radiance.clear();
         for k in 0..samples {
             let part = (f64::from(k) + 0.5) / f64::from(samples) - 0.5;
-            let at = time_s + exposure.seconds * part;
+            let at = shot.time_s + shot.exposure.seconds * part;
             let views = self.views(placed, eye_pose, at);
-            let (shift, rays) = &self.rays[k as usize % self.rays.len()];
+            let Grid { shift, rays } = &self.grids[k as usize % self.grids.len()];
             self.visibility.clear();
             for (body, views) in placed.iter().zip(&views) {
                 self.visibility
@@ -189,7 +200,7 @@ impl Eye {
                 false => &mut self.radiance,
             };
             let weight = 1.0 / samples as f32;
-            let noise = random::bits(noise, random::SENSOR + 3, u64::from(k));
+            let noise = random::bits(shot.noise, random::SENSOR + 3, u64::from(k));
             if has_glass {
                 into.clear();
             }
@@ -210,7 +221,7 @@ impl Eye {
                 self.radiance.add(&self.sample);
             }
         }
-        self.flicker(scene, time_s, exposure);
+        self.flicker(scene, shot.time_s, &shot.exposure);
         &self.radiance
     }
 
@@ -281,15 +292,12 @@ impl Eye {
     fn samples(
         &self,
         eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
-        time_s: f64,
-        exposure: &Exposure,
-        quality: Quality,
+        shot: &Shot,
     ) -> u32 {
-        let (a, b) = (
-            eye_pose(time_s - 0.5 * exposure.seconds),
-            eye_pose(time_s + 0.5 * exposure.seconds),
-        );
-        let turned = a.1.angle_to(&b.1);
+        let half = 0.5 * shot.exposure.seconds;
+        let quality = &shot.quality;
+        let (a, b) = (eye_pose(shot.time_s - half), eye_pose(shot.time_s + half));
+        let turned = so3::log(&(a.1.inverse() * b.1)).norm();
         let moved = (a.0 - b.0).norm() / 1.5;
         let px = self.lens.model().fx * (turned + moved);
         let wanted = (px / 0.7).ceil() as u32;
@@ -319,7 +327,7 @@ impl Eye {
             .map(|body| {
                 rows.iter()
                     .zip(&eyes)
-                    .map(|(&t, eye)| view(eye, &(body.pose)(t)))
+                    .map(|(&t, eye)| view(eye, &body.pose.at(t)))
                     .collect()
             })
             .collect()

@@ -11,6 +11,7 @@ pub mod build;
 pub mod bvh;
 pub mod light;
 pub mod mesh;
+pub mod people;
 pub mod route;
 pub mod sky;
 pub mod surface;
@@ -21,14 +22,18 @@ pub mod wearer;
 mod corridor;
 mod interior;
 mod pavement;
+mod plaza;
 mod room;
 mod stairs;
+mod sweep;
+mod trail;
 
 use self::body::Body;
 use self::build::{Builder, Made};
 use self::bvh::Bvh;
 use self::light::Light;
 use self::mesh::Mesh;
+use self::people::Moving;
 use self::route::Route;
 use self::sky::Sky;
 use self::surface::Material;
@@ -46,11 +51,22 @@ pub enum Kind {
     Corridor,
     /// A furnished room with glass and thin rails.
     Room,
+    /// A trail through a forest, with roots and stones.
+    Trail,
+    /// A square with people who walk about.
+    Plaza,
 }
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Pavement, Self::Stairs, Self::Corridor, Self::Room];
+    pub const ALL: [Self; 6] = [
+        Self::Pavement,
+        Self::Stairs,
+        Self::Trail,
+        Self::Corridor,
+        Self::Plaza,
+        Self::Room,
+    ];
 
     /// Makes it.
     fn build(self, builder: &mut Builder) -> Made {
@@ -59,6 +75,8 @@ impl Kind {
             Self::Stairs => stairs::build(builder),
             Self::Corridor => corridor::build(builder),
             Self::Room => room::build(builder),
+            Self::Trail => trail::build(builder),
+            Self::Plaza => plaza::build(builder),
         }
     }
 
@@ -69,6 +87,8 @@ impl Kind {
             Self::Stairs => "stairs",
             Self::Corridor => "corridor",
             Self::Room => "room",
+            Self::Trail => "trail",
+            Self::Plaza => "plaza",
         }
     }
 }
@@ -118,6 +138,8 @@ pub struct Scene {
     pub wearer: Wearer,
     /// Panes, which one looks through. Light passes them as if they were not there.
     pub glass: Body,
+    /// All that moves.
+    pub moving: Vec<Moving>,
     /// Where light comes from.
     pub light: Light,
     /// What is seen beyond.
@@ -154,6 +176,7 @@ impl Scene {
             textures,
             mesh,
             glass,
+            parts,
             ..
         } = builder;
         let lit = made.lights.lamps_on(time);
@@ -187,6 +210,7 @@ impl Scene {
             ),
             fixed,
             glass,
+            moving: parts.into_iter().map(|part| part.lit(&light)).collect(),
             sky: made.sky.at(&light),
             wearer: wearer.lit(&light),
             light,

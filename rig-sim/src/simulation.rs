@@ -11,12 +11,13 @@ use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::rig::{Rig, RigError};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::camera::{Placed, Quality};
+use crate::camera::Quality;
+use crate::camera::placed::{Motion, Placed, placed};
 use crate::imu::{Imu, ImuModel, ImuSample};
 use crate::random;
 use crate::rig::{SimCamera, cameras};
 use crate::scene::body::Body;
-use crate::scene::wearer::Wearer;
+use crate::scene::wearer::{Part, Wearer};
 use crate::scene::{Kind, Scene, Time};
 use crate::walker::Walker;
 
@@ -234,43 +235,43 @@ impl Simulation {
         (state.position, state.rotation)
     }
 
-    /// Everything that can be seen: what stands, then the wearer.
-    fn things(&self) -> Vec<Thing<'_>> {
-        let still: PoseFn<'_> = Box::new(|_| (Vector3::zeros(), UnitQuaternion::identity()));
-        let parts = self.scene.wearer.parts.iter().map(|(part, body)| {
-            let pose: PoseFn<'_> = Box::new(|time_s| Wearer::pose(*part, &self.walker, time_s));
-            (body, pose)
-        });
-        let mut first = 0;
-        std::iter::once((&self.scene.fixed, still))
-            .chain(parts)
-            .map(|(body, pose)| {
-                let thing = Thing { body, first, pose };
-                first += body.triangles.len() as u32;
-                thing
+    /// The wearer's limbs, which move with the walk.
+    fn limbs(&self) -> Vec<Limb<'_>> {
+        let parts = self.scene.wearer.parts.iter();
+        parts
+            .map(|(part, body)| Limb {
+                body,
+                part: *part,
+                walker: &self.walker,
             })
             .collect()
     }
-}
 
-/// Pose in the world at a time, s.
-type PoseFn<'a> = Box<dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>) + Send + Sync + 'a>;
-
-/// A body and where it is.
-struct Thing<'a> {
-    body: &'a Body,
-    /// Number of its first triangle among those of all.
-    first: u32,
-    pose: PoseFn<'a>,
-}
-
-impl Thing<'_> {
-    fn placed(&self) -> Placed<'_> {
-        Placed {
-            body: self.body,
-            first: self.first,
-            pose: &*self.pose,
+    /// Everything that can be seen: the scene, then the wearer.
+    fn placed<'a>(&'a self, limbs: &'a [Limb<'a>]) -> Vec<Placed<'a>> {
+        let mut placed = placed(&self.scene);
+        for limb in limbs {
+            let first = placed.last().map_or(0, Placed::next);
+            placed.push(Placed {
+                body: limb.body,
+                first,
+                pose: limb,
+            });
         }
+        placed
+    }
+}
+
+/// A part of the wearer on his walk.
+struct Limb<'a> {
+    body: &'a Body,
+    part: Part,
+    walker: &'a Walker,
+}
+
+impl Motion for Limb<'_> {
+    fn at(&self, time_s: f64) -> (Vector3<f64>, UnitQuaternion<f64>) {
+        Wearer::pose(self.part, self.walker, time_s)
     }
 }
 

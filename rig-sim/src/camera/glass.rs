@@ -84,6 +84,7 @@ mod tests {
     use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
     use super::*;
+    use crate::camera::Shot;
     use crate::camera::sensor::{Exposure, SensorModel};
     use crate::camera::{Eye, Placed, Quality, Shutter};
     use crate::scene::body::Body;
@@ -134,7 +135,17 @@ mod tests {
                 first: 0,
                 pose: &still,
             }];
-            let seen = eye.expose(scene, &placed, &pose, 0.0, &exposure, quality, 1);
+            let seen = eye.expose(
+                scene,
+                &placed,
+                &pose,
+                &Shot {
+                    time_s: 0.0,
+                    exposure,
+                    quality,
+                    noise: 1,
+                },
+            );
             let luminance = seen.luminance.clone();
             (luminance, eye.truth(scene, &placed, &pose, 0.0))
         };

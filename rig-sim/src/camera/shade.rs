@@ -208,9 +208,9 @@ pub fn add(
                     && let Some(colour) = &mut colour
                 {
                     let to = &mut colour[i / 2];
-                    for k in 0..3 {
+                    for (k, to) in to.iter_mut().enumerate() {
                         let albedo = material.albedo[k];
-                        to[k] += light
+                        *to += light
                             * (albedo + (material.other_albedo[k] - albedo) * mix)
                             * scene.light.tint[k];
                     }

@@ -59,7 +59,8 @@ impl Body {
     pub fn new(mesh: &Mesh, light: &[[f32; 3]]) -> Self {
         let cell = |t: &Triangle| {
             let middle = t.corners.iter().map(|c| c.position).sum::<Vector3<f64>>() / 3.0;
-            let index = middle.map(|v| (v / CELL_M).floor() as i64);
+            // Cells lie about the origin, so that a small body there is one chunk.
+            let index = middle.map(|v| (v / CELL_M + 0.5).floor() as i64);
             [index.x, index.y, index.z]
         };
         let mut order: Vec<usize> = (0..mesh.triangles.len()).collect();

@@ -4,6 +4,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::light::{Light, Lights};
 use super::mesh::{Mesh, Stuff};
+use super::people::Part;
 use super::route::Route;
 use super::sky::Sky;
 use super::surface::{Class, Material};
@@ -24,6 +25,8 @@ pub struct Builder {
     pub mesh: Mesh,
     /// Panes so far.
     pub glass: Mesh,
+    /// What moves, so far.
+    pub parts: Vec<Part>,
     instances: u16,
     draws: u64,
 }
@@ -69,6 +72,7 @@ impl Builder {
             textures: Vec::new(),
             mesh: Mesh::default(),
             glass: Mesh::default(),
+            parts: Vec::new(),
             instances: 0,
             draws: 0,
         }

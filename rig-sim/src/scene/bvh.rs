@@ -121,7 +121,10 @@ impl Node {
         for axis in 0..3 {
             let a = (self.low[axis] - origin[axis]) * inverse[axis];
             let b = (self.high[axis] - origin[axis]) * inverse[axis];
-            // A ray inside a face gives NaN, which min and max leave out.
+            // A ray that runs in the plane of a face gives NaN, and is between the two faces.
+            if a.is_nan() || b.is_nan() {
+                continue;
+            }
             near = near.max(a.min(b));
             far = far.min(a.max(b));
         }
@@ -224,5 +227,23 @@ mod tests {
             hits += usize::from(found.is_some());
         }
         assert!((20..480).contains(&hits), "{hits}");
+    }
+
+    /// Rays along the edges of boxes and triangles, as the grid of a level ground has them.
+    #[test]
+    fn a_ray_in_the_plane_of_a_face_hits() {
+        let triangles = (0..64).flat_map(|i| {
+            let at =
+                |dx: i32, dy: i32| Vector3::new(f64::from(i % 8 + dx), f64::from(i / 8 + dy), 0.0);
+            [
+                [at(0, 0), at(1, 0), at(1, 1)],
+                [at(0, 0), at(1, 1), at(0, 1)],
+            ]
+        });
+        let bvh = Bvh::new(triangles);
+        for (x, y) in [(4.0, 2.3), (2.3, 4.0), (4.0, 4.0), (0.0, 8.0), (3.5, 3.5)] {
+            let hit = bvh.hit(&Vector3::new(x, y, 1.0), &-Vector3::z(), 0.0, 10.0);
+            assert_eq!(hit.map(|h| h.distance), Some(1.0), "{x} {y}");
+        }
     }
 }

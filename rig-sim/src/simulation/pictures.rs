@@ -1,11 +1,11 @@
 //! The pictures of one stereo camera, one after the other.
 
 use crate::camera::sensor::{AutoExposure, Exposure, SensorModel};
-use crate::camera::{Eye, Placed, Quality, Truth, auto_exposure};
+use crate::camera::{Eye, Quality, Shot, Truth, auto_exposure};
 use crate::random;
 use crate::rig::SimCamera;
 
-use super::{Simulation, Thing, seconds};
+use super::{Limb, Simulation, seconds};
 
 /// Seeds of cameras, and of a camera's pictures, apart from the streams that sensors use themselves.
 const CAMERA_SEEDS: u64 = random::SENSOR + 0x80;
@@ -34,7 +34,7 @@ pub struct StereoFrame {
 pub struct Pictures<'a> {
     simulation: &'a Simulation,
     camera: &'a SimCamera,
-    things: Vec<Thing<'a>>,
+    limbs: Vec<Limb<'a>>,
     seed: u64,
     eyes: [Eye; 2],
     auto: AutoExposure,
@@ -58,7 +58,7 @@ impl<'a> Pictures<'a> {
         let mut pictures = Self {
             simulation,
             camera,
-            things: simulation.things(),
+            limbs: simulation.limbs(),
             seed,
             eyes: [eye(0), eye(1)],
             auto: auto_exposure(camera.longest_exposure_s),
@@ -85,7 +85,7 @@ impl<'a> Pictures<'a> {
         let (eye_width, height) = (settings.width as usize, settings.height as usize);
         let width = 2 * eye_width;
         let exposure = self.auto.exposure();
-        let placed: Vec<Placed<'_>> = self.things.iter().map(Thing::placed).collect();
+        let placed = self.simulation.placed(&self.limbs);
         let mut i420 = vec![0; width * height * 3 / 2];
         let (luma, chroma) = i420.split_at_mut(width * height);
         let (cb, cr) = chroma.split_at_mut(width * height / 4);
@@ -100,10 +100,12 @@ impl<'a> Pictures<'a> {
                 &self.simulation.scene,
                 &placed,
                 &pose,
-                seconds(time_ns),
-                &exposure,
-                quality,
-                noise,
+                &Shot {
+                    time_s: seconds(time_ns),
+                    exposure,
+                    quality,
+                    noise,
+                },
             );
             // The right eye's columns follow the left one's in each row.
             let (x, half) = (k * eye_width, k * eye_width / 2);
@@ -127,7 +129,7 @@ impl<'a> Pictures<'a> {
             self.camera
                 .world_from_eye(eye, &self.simulation.walker.rig(t))
         };
-        let placed: Vec<Placed<'_>> = self.things.iter().map(Thing::placed).collect();
+        let placed = self.simulation.placed(&self.limbs);
         self.eyes[eye].truth(&self.simulation.scene, &placed, &pose, seconds(time_ns))
     }
 }
