@@ -125,7 +125,12 @@ impl Wardrobe {
                 instance,
             }
         };
-        let (top, skin) = (one_of(&self.tops), one_of(&self.skins));
+        let skin = one_of(&self.skins);
+        // One after the other, so that people can be told apart.
+        let top = Stuff {
+            material: self.tops[usize::from(instance) % self.tops.len()],
+            instance,
+        };
         Look {
             top,
             sleeve: if short_sleeves { skin } else { top },
@@ -171,11 +176,11 @@ pub(super) fn mesh(limb: Limb, look: &Look) -> Mesh {
                 [0.02, 0.17, 0.115, -0.01],
                 [0.12, 0.15, 0.1, 0.0],
             ];
-            skin(&hips, girth, 12, look.trousers);
+            skin(&hips, girth, 14, look.trousers);
             let trunk = [
-                [-0.02, 0.178, 0.122, -0.005],
-                [0.05, 0.17, 0.12, 0.0],
-                [0.17, 0.15, 0.108, 0.008],
+                [-0.02, 0.188, 0.132, -0.01],
+                [0.05, 0.182, 0.128, -0.006],
+                [0.17, 0.16, 0.112, 0.005],
                 [0.3, 0.165, 0.115, 0.01],
                 [0.4, 0.178, 0.115, 0.0],
                 [0.46, 0.18, 0.1, -0.01],

@@ -98,8 +98,11 @@ impl Terrain {
         // Feet have worn the trail down, and its bumps too.
         let wild = smooth((self.off_trail(x, y) - 0.25) / 1.2);
         // A hillside, and higher ground all round that hides the end of the world.
-        let beyond = smooth(((x * x + y * y).sqrt() - 20.0) / 45.0);
-        0.085 * x + 0.05 * y + sum(&self.hills, x, y) + (0.8 + wild) * sum(&self.bumps, x, y)
+        let reach = (x * x + y * y).sqrt();
+        let beyond = smooth((reach - 20.0) / 45.0);
+        // Cells far away are too wide for bumps.
+        let rough = (0.8 + wild) * (1.0 - smooth((reach - 15.0) / 8.0));
+        0.085 * x + 0.05 * y + sum(&self.hills, x, y) + rough * sum(&self.bumps, x, y)
             - 0.08 * (1.0 - wild)
             + 9.0 * beyond
     }
