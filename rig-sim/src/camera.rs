@@ -1,0 +1,379 @@
+//! A simulated stereo camera: what its two sensors see, and how they see it.
+//!
+//! Contract: a picture is a function of scene, walk, camera, seed and frame number, whatever was rendered
+//! before, except for the exposure, which follows the pictures before as in a device. A camera's time
+//! is the middle of the exposure of its middle row.
+
+pub mod glass;
+pub mod placed;
+pub mod raster;
+pub mod sensor;
+pub mod shade;
+
+use calib::CameraModel;
+use nalgebra::{UnitQuaternion, Vector3};
+
+pub use self::placed::{Motion, Placed, placed};
+use self::raster::{NOTHING, View, Visibility};
+use self::sensor::{AutoExposure, Exposure, Sensor, SensorModel};
+use self::shade::{Radiance, Seen};
+use crate::lens::Lens;
+use crate::random;
+use crate::scene::Scene;
+use crate::scene::surface::Class;
+use crate::so3;
+
+/// When the rows of a picture are exposed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shutter {
+    /// All at once.
+    Global,
+    /// One after the other.
+    Rolling {
+        /// Time from one row to the next, s.
+        line_s: f64,
+    },
+}
+
+/// How much trouble a picture is worth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quality {
+    /// Pictures averaged per picture where nothing moves: each is taken at another place within the
+    /// pixel, so edges are smooth from some 4 on.
+    pub samples: u32,
+    /// Most pictures averaged over an exposure in which things move.
+    pub most_samples: u32,
+    /// Whether sensors have noise.
+    pub noise: bool,
+}
+
+impl Quality {
+    /// For recordings in real time.
+    pub const FAST: Self = Self {
+        samples: 1,
+        most_samples: 1,
+        noise: true,
+    };
+    /// For exams.
+    pub const ACCURATE: Self = Self {
+        samples: 4,
+        most_samples: 12,
+        noise: true,
+    };
+}
+
+/// One of a camera's two eyes.
+#[derive(Debug)]
+pub struct Eye {
+    lens: Lens,
+    shutter: Shutter,
+    /// For as many places within the pixel as there are samples.
+    grids: Vec<Grid>,
+    sensor: Sensor,
+    visibility: Visibility,
+    /// The nearest panes; [`glass`].
+    panes: Visibility,
+    radiance: Radiance,
+    /// One picture of those that are averaged, where panes need it by itself.
+    sample: Radiance,
+}
+
+/// One picture to take.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shot {
+    /// Middle of the exposure of the middle row, s.
+    pub time_s: f64,
+    /// How long and how amplified.
+    pub exposure: Exposure,
+    /// How much trouble it is worth.
+    pub quality: Quality,
+    /// Different for every picture.
+    pub noise: u64,
+}
+
+/// Directions of all pixels' centres, moved by the same part of a pixel.
+#[derive(Debug)]
+struct Grid {
+    /// px.
+    shift: (f32, f32),
+    /// Rows first.
+    rays: Vec<[f32; 2]>,
+}
+
+/// What a pixel really sees, without blur and noise, at the middle of the exposure.
+#[derive(Clone, Debug)]
+pub struct Truth {
+    /// Distance along the optical axis, m; infinite for the sky.
+    pub depth: Vec<f32>,
+    /// What it is.
+    pub class: Vec<Class>,
+    /// Which thing.
+    pub instance: Vec<u16>,
+}
+
+/// Places within a pixel, spread evenly (Roberts' R2 sequence, 2018).
+fn shift(k: u32) -> (f32, f32) {
+    if k == 0 {
+        return (0.0, 0.0);
+    }
+    let part = |step: f64| {
+        let v = 0.5 + step * f64::from(k);
+        (v - v.floor() - 0.5) as f32
+    };
+    (part(0.754_877_666_246_693), part(0.569_840_290_998_053))
+}
+
+impl Eye {
+    /// An eye with this lens and shutter.
+    pub fn new(
+        model: &CameraModel,
+        shutter: Shutter,
+        sensor: SensorModel,
+        quality: Quality,
+    ) -> Self {
+        let lens = Lens::new(model);
+        // Rays of the shifted pixel centres; with one sample none is shifted.
+        let most = quality.samples.max(quality.most_samples).max(1);
+        let grid = |k: u32| {
+            let shift = shift(if most == 1 { 0 } else { k + 1 });
+            let rays = lens.rays((f64::from(shift.0), f64::from(shift.1)));
+            Grid { shift, rays }
+        };
+        let grids: Vec<Grid> = (0..most).map(grid).collect();
+        let (width, height) = (model.width as usize, model.height as usize);
+        Self {
+            sensor: Sensor::new(
+                SensorModel {
+                    noiseless: !quality.noise || sensor.noiseless,
+                    ..sensor
+                },
+                &grids[0].rays,
+            ),
+            lens,
+            shutter,
+            grids,
+            visibility: Visibility::new(width, height),
+            panes: Visibility::new(width, height),
+            radiance: Radiance::new(width, height),
+            sample: Radiance::new(width, height),
+        }
+    }
+
+    /// The lens.
+    pub fn lens(&self) -> &Lens {
+        &self.lens
+    }
+
+    /// The light that the sensor gathers in a shot. `eye_pose` is that of the optical frame in
+    /// the world; the first body is [`Scene::fixed`], at the world's origin.
+    pub fn expose(
+        &mut self,
+        scene: &Scene,
+        placed: &[Placed<'_>],
+        eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
+        shot: &Shot,
+    ) -> &Radiance {
+        let samples = self.samples(eye_pose, shot);
+        self.radiance.clear();
+        for k in 0..samples {
+            let part = (f64::from(k) + 0.5) / f64::from(samples) - 0.5;
+            let at = shot.time_s + shot.exposure.seconds * part;
+            let views = self.views(placed, eye_pose, at);
+            let Grid { shift, rays } = &self.grids[k as usize % self.grids.len()];
+            self.visibility.clear();
+            for (body, views) in placed.iter().zip(&views) {
+                self.visibility
+                    .draw(body.body, body.first, &self.lens, *shift, views);
+            }
+            let seen: Vec<Seen<'_>> = placed
+                .iter()
+                .zip(&views)
+                .map(|(p, views)| Seen {
+                    first: p.first,
+                    surfaces: &p.body.surfaces,
+                    views,
+                })
+                .collect();
+            let has_glass = !scene.glass.triangles.is_empty();
+            let into = match has_glass {
+                true => &mut self.sample,
+                false => &mut self.radiance,
+            };
+            let weight = 1.0 / samples as f32;
+            let noise = random::bits(shot.noise, random::SENSOR + 3, u64::from(k));
+            if has_glass {
+                into.clear();
+            }
+            shade::add(into, scene, &self.visibility, &seen, rays, weight, noise);
+            if has_glass {
+                self.panes.clear();
+                self.panes
+                    .draw(&scene.glass, 0, &self.lens, *shift, &views[0]);
+                glass::cover(
+                    into,
+                    scene,
+                    &self.visibility,
+                    &self.panes,
+                    &views[0],
+                    rays,
+                    weight,
+                );
+                self.radiance.add(&self.sample);
+            }
+        }
+        self.flicker(scene, shot.time_s, &shot.exposure);
+        &self.radiance
+    }
+
+    /// Numbers of the light that [`Eye::expose`] gathered last; see [`Sensor::develop`].
+    pub fn develop(
+        &self,
+        exposure: &Exposure,
+        noise: u64,
+        luma: &mut [u8],
+        chroma: [&mut [u8]; 2],
+        stride: usize,
+    ) -> f64 {
+        self.sensor
+            .develop(&self.radiance, exposure, noise, luma, chroma, stride)
+    }
+
+    /// What each pixel's centre sees at `time_s`; a pane counts as what is seen.
+    pub fn truth(
+        &mut self,
+        scene: &Scene,
+        placed: &[Placed<'_>],
+        eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
+        time_s: f64,
+    ) -> Truth {
+        let views = self.views(placed, eye_pose, time_s);
+        let rays = self.lens.rays((0.0, 0.0));
+        self.visibility.clear();
+        for (body, views) in placed.iter().zip(&views) {
+            self.visibility
+                .draw(body.body, body.first, &self.lens, (0.0, 0.0), views);
+        }
+        let count = rays.len();
+        let mut truth = Truth {
+            depth: vec![f32::INFINITY; count],
+            class: vec![Class::Sky; count],
+            instance: vec![0; count],
+        };
+        for (i, &id) in self.visibility.triangle.iter().enumerate() {
+            if id == NOTHING {
+                continue;
+            }
+            let body = placed.partition_point(|p| p.first <= id) - 1;
+            let surface = &placed[body].body.surfaces[(id - placed[body].first) as usize];
+            let row = i / self.visibility.width;
+            let view = &views[body][row.min(views[body].len() - 1)];
+            truth.depth[i] = shade::depth(surface, view, rays[i]);
+            truth.class[i] = shade::class(scene, surface);
+            truth.instance[i] = surface.instance;
+        }
+        self.panes.clear();
+        self.panes
+            .draw(&scene.glass, 0, &self.lens, (0.0, 0.0), &views[0]);
+        for (i, &id) in self.panes.triangle.iter().enumerate() {
+            if self.panes.is_nearer(&self.visibility, i) {
+                let surface = &scene.glass.surfaces[id as usize];
+                let row = i / self.panes.width;
+                let view = &views[0][row.min(views[0].len() - 1)];
+                truth.depth[i] = shade::depth(surface, view, rays[i]);
+                truth.class[i] = shade::class(scene, surface);
+                truth.instance[i] = surface.instance;
+            }
+        }
+        truth
+    }
+
+    /// How many pictures an exposure is made of: so many that nothing moves by more than some 0.7 px
+    /// between two, judged by the camera's own motion and things 1.5 m away.
+    fn samples(
+        &self,
+        eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
+        shot: &Shot,
+    ) -> u32 {
+        let half = 0.5 * shot.exposure.seconds;
+        let quality = &shot.quality;
+        let (a, b) = (eye_pose(shot.time_s - half), eye_pose(shot.time_s + half));
+        let turned = so3::log(&(a.1.inverse() * b.1)).norm();
+        let moved = (a.0 - b.0).norm() / 1.5;
+        let px = self.lens.model().fx * (turned + moved);
+        let wanted = (px / 0.7).ceil() as u32;
+        wanted.clamp(quality.samples, quality.most_samples.max(quality.samples))
+    }
+
+    /// Where the eye is in each body's frame: once, or for each row.
+    fn views(
+        &self,
+        placed: &[Placed<'_>],
+        eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
+        time_s: f64,
+    ) -> Vec<Vec<View>> {
+        let rows = match self.shutter {
+            Shutter::Global => vec![time_s],
+            Shutter::Rolling { line_s } => {
+                let height = self.visibility.height;
+                let middle = 0.5 * (height - 1) as f64;
+                (0..height)
+                    .map(|row| time_s + line_s * (row as f64 - middle))
+                    .collect()
+            }
+        };
+        let eyes: Vec<_> = rows.iter().map(|&t| eye_pose(t)).collect();
+        placed
+            .iter()
+            .map(|body| {
+                rows.iter()
+                    .zip(&eyes)
+                    .map(|(&t, eye)| view(eye, &body.pose.at(t)))
+                    .collect()
+            })
+            .collect()
+    }
+
+    /// Light that flickers is brighter in some rows, or in some frames.
+    fn flicker(&mut self, scene: &Scene, time_s: f64, exposure: &Exposure) {
+        if scene.light.flicker.is_none() {
+            return;
+        }
+        let (width, height) = (self.visibility.width, self.visibility.height);
+        for row in 0..height {
+            let off = match self.shutter {
+                Shutter::Global => 0.0,
+                Shutter::Rolling { line_s } => line_s * (row as f64 - 0.5 * (height - 1) as f64),
+            };
+            let from = time_s + off - 0.5 * exposure.seconds;
+            let factor = scene.light.flicker_factor(from, exposure.seconds) as f32;
+            for v in &mut self.radiance.luminance[row * width..(row + 1) * width] {
+                *v *= factor;
+            }
+            if row % 2 == 0 {
+                let half = width / 2;
+                for c in &mut self.radiance.colour[row / 2 * half..(row / 2 + 1) * half] {
+                    *c = c.map(|v| v * factor);
+                }
+            }
+        }
+    }
+}
+
+/// An eye's pose in the world as a view of a body with a pose in the world.
+fn view(
+    eye: &(Vector3<f64>, UnitQuaternion<f64>),
+    body: &(Vector3<f64>, UnitQuaternion<f64>),
+) -> View {
+    let origin = body.1.inverse() * (eye.0 - body.0);
+    let rotation = (eye.1.inverse() * body.1).to_rotation_matrix();
+    let m = rotation.matrix();
+    View {
+        rotation: [0, 1, 2].map(|i| [0, 1, 2].map(|j| m[(i, j)] as f32)),
+        origin: [origin.x as f32, origin.y as f32, origin.z as f32],
+    }
+}
+
+/// Exposure control of a camera; both eyes share it.
+pub fn auto_exposure(longest_s: f64) -> AutoExposure {
+    AutoExposure::new(longest_s)
+}

@@ -1,0 +1,172 @@
+//! Panes: what they mirror lies over what is behind them.
+//!
+//! Contract: only the nearest pane counts, and it neither bends nor colours what is seen through it. It
+//! mirrors its surroundings as one even colour, and lamps as bright discs: enough to be what stereo takes
+//! for a surface, or does not see at all.
+
+use crate::camera::raster::{View, Visibility};
+use crate::camera::shade::{Radiance, luminance};
+use crate::scene::Scene;
+
+/// What two faces of window glass (index 1.5) mirror, seen straight on.
+const STRAIGHT_ON: f32 = 0.08;
+/// Share of the light that is not mirrored and goes through.
+const CLEAR: f32 = 0.95;
+/// Radius of a lamp's image, m.
+const LAMP_M: f32 = 0.15;
+
+/// Share of light that a pane mirrors by the cosine of the angle to its normal (Schlick 1994).
+fn mirrored(cosine: f32) -> f32 {
+    let miss = 1.0 - cosine.min(1.0);
+    let square = miss * miss;
+    STRAIGHT_ON + (1.0 - STRAIGHT_ON) * square * square * miss
+}
+
+/// Lays panes over a picture in which they are missing and that counts `weight`. `views` are those of
+/// the world.
+pub fn cover(
+    picture: &mut Radiance,
+    scene: &Scene,
+    behind: &Visibility,
+    panes: &Visibility,
+    views: &[View],
+    rays: &[[f32; 2]],
+    weight: f32,
+) {
+    let width = panes.width;
+    for (i, &id) in panes.triangle.iter().enumerate() {
+        if !panes.is_nearer(behind, i) {
+            continue;
+        }
+        let (row, column) = (i / width, i % width);
+        let view = &views[row.min(views.len() - 1)];
+        let surface = &scene.glass.surfaces[id as usize];
+        let material = &scene.materials[surface.material as usize];
+        // All in the world's frame; the ray is as long as it takes to get 1 m deep.
+        let r = &view.rotation;
+        let [x, y] = rays[i];
+        let ray = [0, 1, 2].map(|k| r[0][k] * x + r[1][k] * y + r[2][k]);
+        let along = dot(&surface.normal, &ray);
+        let length = dot(&ray, &ray).sqrt();
+        let depth = (surface.offset - dot(&surface.normal, &view.origin)) / along;
+        let hit = [0, 1, 2].map(|k| view.origin[k] + ray[k] * depth);
+        let share = mirrored(along.abs() / length);
+        let [gx, gy, gz, constant] = surface.light;
+        let mut light = (dot(&[gx, gy, gz], &hit) + constant).max(0.0);
+        let away = [0, 1, 2].map(|k| (ray[k] - 2.0 * along * surface.normal[k]) / length);
+        for lamp in &scene.light.lamps {
+            let arm = [0, 1, 2].map(|k| lamp.position[k] as f32 - hit[k]);
+            let ahead = dot(&arm, &away);
+            if ahead > 0.0 && dot(&arm, &arm) - ahead * ahead < LAMP_M * LAMP_M {
+                // A disc this bright gives the lamp's irradiance at 1 m.
+                light += lamp.strength as f32 / (LAMP_M * LAMP_M);
+            }
+        }
+        let through = CLEAR * (1.0 - share);
+        let over = weight * share * light;
+        let luma = &mut picture.luminance[i];
+        *luma = *luma * through + over * luminance(material.albedo);
+        if row % 2 == 0 && column % 2 == 0 {
+            let colour = &mut picture.colour[row / 2 * (width / 2) + column / 2];
+            let tint = scene.light.tint;
+            *colour = [0, 1, 2].map(|k| colour[k] * through + over * material.albedo[k] * tint[k]);
+        }
+    }
+}
+
+fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[cfg(test)]
+mod tests {
+    use calib::{CameraModel, Distortion};
+    use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+
+    use super::*;
+    use crate::camera::Shot;
+    use crate::camera::sensor::{Exposure, SensorModel};
+    use crate::camera::{Eye, Placed, Quality, Shutter};
+    use crate::scene::body::Body;
+    use crate::scene::surface::Class;
+    use crate::scene::{Kind, Time};
+
+    #[test]
+    fn a_pane_mirrors_little_straight_on_and_all_along_it() {
+        assert!((mirrored(1.0) - 0.08).abs() < 1e-6);
+        assert!((mirrored(0.0) - 1.0).abs() < 1e-6);
+        // At 60 degrees two faces mirror some 0.16 (Fresnel's equations).
+        assert!((mirrored(0.5) - 0.13).abs() < 0.05, "{}", mirrored(0.5));
+    }
+
+    /// The screen in the room stands at x = 5.7 m; the eye looks at it along x.
+    #[test]
+    fn a_pane_veils_what_is_behind_and_is_seen_in_the_truth() {
+        let with = Scene::new(Kind::Room, Time::Day, 1);
+        let mut without = with.clone();
+        without.glass = Body::default();
+        let model = CameraModel {
+            width: 160,
+            height: 120,
+            fx: 100.0,
+            fy: 100.0,
+            cx: 79.5,
+            cy: 59.5,
+            distortion: Distortion::RadTan4 {
+                k1: 0.0,
+                k2: 0.0,
+                p1: 0.0,
+                p2: 0.0,
+            },
+        };
+        let quality = Quality::FAST;
+        let mut eye = Eye::new(&model, Shutter::Global, SensorModel::SMALL, quality);
+        let axes = Matrix3::from_columns(&[-Vector3::y(), -Vector3::z(), Vector3::x()]);
+        let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
+        let pose = |_: f64| (Vector3::new(4.9, 3.5, 1.2), turn);
+        let still = |_: f64| (Vector3::zeros(), UnitQuaternion::identity());
+        let exposure = Exposure {
+            seconds: 0.01,
+            gain: 1.0,
+        };
+        let mut see = |scene: &Scene| {
+            let placed = [Placed {
+                body: &scene.fixed,
+                first: 0,
+                pose: &still,
+            }];
+            let seen = eye.expose(
+                scene,
+                &placed,
+                &pose,
+                &Shot {
+                    time_s: 0.0,
+                    exposure,
+                    quality,
+                    noise: 1,
+                },
+            );
+            let luminance = seen.luminance.clone();
+            (luminance, eye.truth(scene, &placed, &pose, 0.0))
+        };
+        let ((veiled, truth), (clear, bare)) = (see(&with), see(&without));
+        let mut panes = 0;
+        for (i, class) in truth.class.iter().enumerate() {
+            let (a, b) = (veiled[i], clear[i]);
+            if *class == Class::Glass {
+                panes += 1;
+                assert!(
+                    (truth.depth[i] - 0.8).abs() < 1e-3,
+                    "{i}: {}",
+                    truth.depth[i]
+                );
+                assert!(bare.depth[i] > truth.depth[i], "{i}");
+                assert!(a > 0.7 * b && a != b, "{i}: {a} {b}");
+            } else {
+                assert_eq!((a, truth.depth[i]), (b, bare.depth[i]), "{i}");
+            }
+        }
+        assert!(panes > 10_000, "{panes}");
+        assert!(bare.class.iter().all(|c| *c != Class::Glass));
+    }
+}

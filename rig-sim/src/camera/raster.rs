@@ -1,0 +1,381 @@
+//! Which triangle each pixel sees.
+//!
+//! Contract: triangles that share corners leave no crack and claim no pixel twice; the result does not
+//! depend on the order of triangles except where two lie in the same place. Corners are projected
+//! through the full lens model. An edge that the lens bends by more than [`BEND_PX`] is cut in two, so
+//! outlines are true to that; what a pixel shows inside an outline is computed from its exact ray
+//! ([`super::shade`]), so that the approximation ends here.
+
+use nalgebra::Vector3;
+
+use crate::lens::Lens;
+use crate::scene::body::Body;
+
+/// No triangle: the sky.
+pub const NOTHING: u32 = u32::MAX;
+
+/// Nothing nearer than this is drawn, m.
+const NEAR_M: f32 = 0.03;
+/// Edges shorter than this are taken as straight, px.
+const STRAIGHT_PX: f32 = 24.0;
+/// How far an edge may bend away from its chord, px.
+const BEND_PX: f32 = 0.1;
+/// How far outside the picture a triangle may lie and still be looked at: as far as edges bend, px.
+const MARGIN_PX: f32 = 16.0;
+
+/// Where a camera is, in a body's frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// Rows of the rotation that takes vectors in the body's frame to the optical frame.
+    pub rotation: [[f32; 3]; 3],
+    /// Optical centre in the body's frame, m.
+    pub origin: [f32; 3],
+}
+
+impl View {
+    /// A point of the body in the optical frame.
+    #[inline]
+    pub fn apply(&self, p: [f32; 3]) -> [f32; 3] {
+        let d = [0, 1, 2].map(|i| p[i] - self.origin[i]);
+        self.turn(d)
+    }
+
+    /// A vector of the body in the optical frame.
+    #[inline]
+    pub fn turn(&self, d: [f32; 3]) -> [f32; 3] {
+        self.rotation
+            .map(|row| row[0] * d[0] + row[1] * d[1] + row[2] * d[2])
+    }
+}
+
+/// What each pixel sees; rows first.
+#[derive(Clone, Debug)]
+pub struct Visibility {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Number of the triangle, or [`NOTHING`].
+    pub triangle: Vec<u32>,
+    /// 1 over the depth along z, 0 for nothing.
+    inverse_depth: Vec<f32>,
+    projected: Vec<Projected>,
+}
+
+/// A corner on the picture.
+#[derive(Clone, Copy, Debug, Default)]
+struct Projected {
+    /// In the optical frame, m.
+    at: [f32; 3],
+    x: f32,
+    y: f32,
+    /// 1 / z.
+    w: f32,
+}
+
+/// Projects points of one body.
+struct Projector<'a> {
+    lens: &'a Lens,
+    shift: (f32, f32),
+    /// One for all rows, or one per row.
+    views: &'a [View],
+}
+
+impl Projector<'_> {
+    /// Point of the body.
+    fn corner(&self, p: [f32; 3]) -> Projected {
+        let mut found = self.flat(self.views[self.views.len() / 2].apply(p));
+        if self.views.len() > 1 {
+            // A rolling shutter sees each row at its own time.
+            for _ in 0..2 {
+                let last = self.views.len() - 1;
+                let row = match found.at[2] > NEAR_M {
+                    true => found.y.clamp(0.0, last as f32) as usize,
+                    false => self.views.len() / 2,
+                };
+                found = self.flat(self.views[row].apply(p));
+            }
+        }
+        found
+    }
+
+    /// Point in the optical frame.
+    fn flat(&self, at: [f32; 3]) -> Projected {
+        if at[2] < NEAR_M {
+            return Projected {
+                at,
+                ..Projected::default()
+            };
+        }
+        let w = 1.0 / at[2];
+        let (x, y) = self
+            .lens
+            .project(f64::from(at[0] * w), f64::from(at[1] * w));
+        Projected {
+            at,
+            x: x as f32 - self.shift.0,
+            y: y as f32 - self.shift.1,
+            w,
+        }
+    }
+}
+
+impl Visibility {
+    /// Nothing seen yet.
+    pub fn new(width: usize, height: usize) -> Self {
+        Self {
+            width,
+            height,
+            triangle: vec![NOTHING; width * height],
+            inverse_depth: vec![0.0; width * height],
+            projected: Vec::new(),
+        }
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        self.triangle.fill(NOTHING);
+        self.inverse_depth.fill(0.0);
+    }
+
+    /// Draws a body whose triangles are numbered from `first`. `views` is one view for all rows or one
+    /// for each; pixel centres are moved by `shift` px.
+    pub fn draw(
+        &mut self,
+        body: &Body,
+        first: u32,
+        lens: &Lens,
+        shift: (f32, f32),
+        views: &[View],
+    ) {
+        let projector = Projector { lens, shift, views };
+        let middle = &views[views.len() / 2];
+        let cone = Cone::of(lens);
+        let mut projected = std::mem::take(&mut self.projected);
+        for chunk in &body.chunks {
+            if !cone.may_see(middle.apply(chunk.centre), chunk.radius) {
+                continue;
+            }
+            projected.clear();
+            projected.extend(chunk.corners.iter().map(|&p| projector.corner(p)));
+            for (i, corners) in chunk.triangles.iter().enumerate() {
+                let [a, b, c] = corners.map(|k| projected[k as usize]);
+                self.triangle(&projector, a, b, c, first + chunk.first + i as u32);
+            }
+        }
+        self.projected = projected;
+    }
+
+    /// Whether this sees something at a pixel, and nearer than `other` does.
+    #[inline]
+    pub fn is_nearer(&self, other: &Self, pixel: usize) -> bool {
+        self.inverse_depth[pixel] > other.inverse_depth[pixel]
+    }
+
+    fn triangle(
+        &mut self,
+        projector: &Projector<'_>,
+        a: Projected,
+        b: Projected,
+        c: Projected,
+        number: u32,
+    ) {
+        let behind = [a, b, c].map(|p| p.at[2] < NEAR_M);
+        match behind {
+            [false, false, false] => self.bent(projector, a, b, c, number, 0),
+            [true, true, true] => {}
+            _ => {
+                // Sutherland and Hodgman 1974, against the near plane alone.
+                let mut kept = [Projected::default(); 4];
+                let mut count = 0;
+                for (p, q) in [(a, b), (b, c), (c, a)] {
+                    let (inside, next) = (p.at[2] >= NEAR_M, q.at[2] >= NEAR_M);
+                    if inside {
+                        kept[count] = p;
+                        count += 1;
+                    }
+                    if inside != next {
+                        let t = (NEAR_M - p.at[2]) / (q.at[2] - p.at[2]);
+                        let mut at = [0, 1, 2].map(|i| p.at[i] + (q.at[i] - p.at[i]) * t);
+                        at[2] = NEAR_M;
+                        kept[count] = projector.flat(at);
+                        count += 1;
+                    }
+                }
+                for i in 2..count {
+                    self.bent(projector, kept[0], kept[i - 1], kept[i], number, 0);
+                }
+            }
+        }
+    }
+
+    /// Cuts edges that the lens bends. Each edge is judged by itself, so neighbours agree.
+    fn bent(
+        &mut self,
+        projector: &Projector<'_>,
+        a: Projected,
+        b: Projected,
+        c: Projected,
+        number: u32,
+        depth: u32,
+    ) {
+        let (right, below) = (
+            self.width as f32 + MARGIN_PX,
+            self.height as f32 + MARGIN_PX,
+        );
+        let all = |out: fn(&Projected, f32) -> bool, limit: f32| {
+            out(&a, limit) && out(&b, limit) && out(&c, limit)
+        };
+        if all(|p, l| p.x < l, -MARGIN_PX)
+            || all(|p, l| p.x > l, right)
+            || all(|p, l| p.y < l, -MARGIN_PX)
+            || all(|p, l| p.y > l, below)
+        {
+            return;
+        }
+        let middle = |p: &Projected, q: &Projected| -> Option<Projected> {
+            let (dx, dy) = (q.x - p.x, q.y - p.y);
+            let square = dx * dx + dy * dy;
+            if square < STRAIGHT_PX * STRAIGHT_PX || depth >= 8 {
+                return None;
+            }
+            let m = projector.flat([0, 1, 2].map(|i| 0.5 * (p.at[i] + q.at[i])));
+            let off = (m.x - p.x) * dy - (m.y - p.y) * dx;
+            (off * off > BEND_PX * BEND_PX * square).then_some(m)
+        };
+        let mids = [middle(&a, &b), middle(&b, &c), middle(&c, &a)];
+        let mut next = |a, b, c| self.bent(projector, a, b, c, number, depth + 1);
+        match mids {
+            [None, None, None] => self.fill(a, b, c, number),
+            [Some(ab), None, None] => {
+                next(a, ab, c);
+                next(ab, b, c);
+            }
+            [None, Some(bc), None] => {
+                next(a, b, bc);
+                next(a, bc, c);
+            }
+            [None, None, Some(ca)] => {
+                next(a, b, ca);
+                next(ca, b, c);
+            }
+            [Some(ab), Some(bc), None] => {
+                next(ab, b, bc);
+                next(a, ab, bc);
+                next(a, bc, c);
+            }
+            [None, Some(bc), Some(ca)] => {
+                next(ca, bc, c);
+                next(a, b, bc);
+                next(a, bc, ca);
+            }
+            [Some(ab), None, Some(ca)] => {
+                next(a, ab, ca);
+                next(ab, b, c);
+                next(ab, c, ca);
+            }
+            [Some(ab), Some(bc), Some(ca)] => {
+                next(a, ab, ca);
+                next(ab, b, bc);
+                next(ca, bc, c);
+                next(ab, bc, ca);
+            }
+        }
+    }
+
+    /// Claims the pixels whose centres lie inside and that see nothing nearer.
+    fn fill(&mut self, a: Projected, b: Projected, c: Projected, number: u32) {
+        // Rows grow downwards: counter-clockwise from outside has this sign.
+        let area = (b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y);
+        if area >= 0.0 {
+            return;
+        }
+        let mut sorted = [a, b, c];
+        sorted.sort_unstable_by(|p, q| p.y.total_cmp(&q.y).then(p.x.total_cmp(&q.x)));
+        let [top, mid, low] = sorted;
+        let first = ceil(top.y).max(0);
+        let end = ceil(low.y).min(self.height as i32);
+        if first >= end {
+            return;
+        }
+        // 1/z is linear on the picture.
+        let (bw, cw) = (b.w - a.w, c.w - a.w);
+        let w_x = (bw * (c.y - a.y) - cw * (b.y - a.y)) / area;
+        let w_y = (cw * (b.x - a.x) - bw * (c.x - a.x)) / area;
+        let slope = |p: &Projected, q: &Projected| (q.x - p.x) / (q.y - p.y);
+        let long = slope(&top, &low);
+        let upper = slope(&top, &mid);
+        let lower = slope(&mid, &low);
+        let mid_row = ceil(mid.y);
+        // Which side the corner in the middle is on.
+        let is_left = (mid.x - top.x) * (low.y - top.y) < (low.x - top.x) * (mid.y - top.y);
+        for row in first..end {
+            let y = row as f32;
+            let straight = top.x + (y - top.y) * long;
+            let broken = match row < mid_row {
+                true => top.x + (y - top.y) * upper,
+                false => mid.x + (y - mid.y) * lower,
+            };
+            let (left, right) = match is_left {
+                true => (broken, straight),
+                false => (straight, broken),
+            };
+            let from = ceil(left).max(0);
+            let to = ceil(right).min(self.width as i32);
+            if from >= to {
+                continue;
+            }
+            let start = row as usize * self.width;
+            let range = start + from as usize..start + to as usize;
+            let mut w = a.w + (from as f32 - a.x) * w_x + (y - a.y) * w_y;
+            let depths = &mut self.inverse_depth[range.clone()];
+            for (depth, seen) in depths.iter_mut().zip(&mut self.triangle[range]) {
+                let nearer = w > *depth;
+                *depth = if nearer { w } else { *depth };
+                *seen = if nearer { number } else { *seen };
+                w += w_x;
+            }
+        }
+    }
+}
+
+/// `x` rounded up, saturating; without a call into the maths library.
+#[inline]
+fn ceil(x: f32) -> i32 {
+    let whole = x as i32;
+    whole.saturating_add(i32::from(whole as f32 != x && x > whole as f32))
+}
+
+/// A cone about the optical axis that holds all that the lens sees.
+struct Cone {
+    sine: f32,
+    cosine: f32,
+}
+
+impl Cone {
+    fn of(lens: &Lens) -> Self {
+        let (w, h) = (
+            f64::from(lens.model().width),
+            f64::from(lens.model().height),
+        );
+        let corners = [(-1.0, -1.0), (w, -1.0), (-1.0, h), (w, h)];
+        let reach = corners.map(|(u, v)| {
+            let (x, y) = lens.unproject(u, v);
+            (x * x + y * y).sqrt()
+        });
+        let tangent = reach.into_iter().fold(0.0, f64::max);
+        let cosine = 1.0 / (1.0 + tangent * tangent).sqrt();
+        Self {
+            sine: (tangent * cosine) as f32,
+            cosine: cosine as f32,
+        }
+    }
+
+    /// Whether a ball may be seen, `centre` in the optical frame.
+    fn may_see(&self, centre: [f32; 3], radius: f32) -> bool {
+        let c = Vector3::from(centre);
+        let aside = c.xy().norm();
+        // Distance of the centre from the cone's surface, along its normal.
+        aside * self.cosine - c.z * self.sine < radius && c.z > -radius
+    }
+}

@@ -1,0 +1,189 @@
+//! From light to the numbers that a device delivers.
+//!
+//! Photons arrive at random (shot noise), reading adds noise of its own, the amplifier multiplies both,
+//! and a tone curve brings the result to eight bits. Noise is a function of the seed, the frame and
+//! the pixel, and of nothing else.
+
+use crate::camera::shade::Radiance;
+use crate::random;
+
+/// Entries of the table of normal numbers; rows start at random places in it.
+const NORMALS: usize = 1 << 15;
+/// Steps of the tone curve's table.
+const TONES: usize = 4096;
+
+/// What turns light into numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorModel {
+    /// Electrons that white in daylight gives in 1 ms.
+    pub electrons_per_ms: f32,
+    /// Electrons at which a pixel is full, without amplification.
+    pub full_well: f32,
+    /// Noise of reading, electrons.
+    pub read_noise: f32,
+    /// How much darker the corners are: the share of the fourth power of the cosine that is kept.
+    pub vignetting: f32,
+    /// No noise at all: for truth.
+    pub noiseless: bool,
+}
+
+impl SensorModel {
+    /// A small global-shutter sensor of the AR0234's kind: 10 ke- wells, 3 e- read noise.
+    pub const SMALL: Self = Self {
+        electrons_per_ms: 9000.0,
+        full_well: 10_000.0,
+        read_noise: 3.0,
+        vignetting: 0.7,
+        noiseless: false,
+    };
+}
+
+/// Exposure of one frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exposure {
+    /// How long light is gathered, s.
+    pub seconds: f64,
+    /// Amplification, 1 or more.
+    pub gain: f64,
+}
+
+/// Develops pictures of one eye.
+#[derive(Clone, Debug)]
+pub struct Sensor {
+    model: SensorModel,
+    /// Share of the light that reaches each pixel.
+    falloff: Vec<f32>,
+    normals: Vec<f32>,
+    tones: Vec<u8>,
+}
+
+impl Sensor {
+    /// For pixels that look along `rays`.
+    pub fn new(model: SensorModel, rays: &[[f32; 2]]) -> Self {
+        let falloff = |&[x, y]: &[f32; 2]| {
+            let cosine2 = 1.0 / (1.0 + x * x + y * y);
+            1.0 - model.vignetting * (1.0 - cosine2 * cosine2)
+        };
+        // The sRGB curve, IEC 61966-2-1.
+        let tone = |i: usize| {
+            let v = i as f64 / (TONES - 1) as f64;
+            let s = match v <= 0.003_130_8 {
+                true => 12.92 * v,
+                false => 1.055 * libm::pow(v, 1.0 / 2.4) - 0.055,
+            };
+            (255.0 * s + 0.5) as u8
+        };
+        let normal = |i: usize| {
+            let draw = |k| random::uniform(0, random::SENSOR + k, i as u64);
+            // Box and Muller 1958.
+            let radius = (-2.0 * libm::log(draw(0))).sqrt();
+            (radius * libm::cos(2.0 * std::f64::consts::PI * draw(1))) as f32
+        };
+        Self {
+            model,
+            falloff: rays.iter().map(falloff).collect(),
+            normals: (0..NORMALS).map(normal).collect(),
+            tones: (0..TONES).map(tone).collect(),
+        }
+    }
+
+    /// Luma of every pixel into `luma` (rows of `stride`), and Cb, Cr of every second pixel of every
+    /// second row into `chroma` (rows of `stride / 2`), full range BT.601. `noise` is different for
+    /// every picture. Returns the mean of the exposed light, 1 being full.
+    pub fn develop(
+        &self,
+        light: &Radiance,
+        exposure: &Exposure,
+        noise: u64,
+        luma: &mut [u8],
+        chroma: [&mut [u8]; 2],
+        stride: usize,
+    ) -> f64 {
+        let model = &self.model;
+        let (width, half) = (light.width, light.width / 2);
+        let electrons = model.electrons_per_ms * (exposure.seconds * 1e3) as f32;
+        let full = model.full_well / exposure.gain as f32;
+        let to_tone = (TONES - 1) as f32 / full;
+        let read2 = model.read_noise * model.read_noise;
+        let silent = if model.noiseless { 0.0 } else { 1.0 };
+        let mut sum = 0.0;
+        for row in 0..light.height {
+            let start = row * width;
+            let skip = random::bits(noise, random::SENSOR + 2, row as u64) as usize;
+            let skip = skip % (NORMALS - width);
+            let normals = &self.normals[skip..skip + width];
+            let pixels = light.luminance[start..start + width]
+                .iter()
+                .zip(&self.falloff[start..start + width]);
+            let out = &mut luma[row * stride..row * stride + width];
+            let mut row_sum = 0.0_f32;
+            for ((out, (light, falloff)), normal) in out.iter_mut().zip(pixels).zip(normals) {
+                let e = light * falloff * electrons;
+                row_sum += e.min(full);
+                let noisy = e + silent * normal * (e + read2).sqrt();
+                let tone = (noisy * to_tone).clamp(0.0, (TONES - 1) as f32);
+                *out = self.tones[tone as usize];
+            }
+            sum += f64::from(row_sum);
+        }
+        let [cb, cr] = chroma;
+        for row in 0..light.height / 2 {
+            for x in 0..half {
+                let colour = light.colour[row * half + x];
+                let factor = self.falloff[2 * row * width + 2 * x] * electrons * to_tone;
+                let tone = |v: f32| {
+                    let i = (v * factor).clamp(0.0, (TONES - 1) as f32);
+                    f32::from(self.tones[i as usize])
+                };
+                let [r, g, b] = colour.map(tone);
+                let y = 0.299 * r + 0.587 * g + 0.114 * b;
+                let to = row * (stride / 2) + x;
+                cb[to] = (128.5 + 0.564 * (b - y)).clamp(0.0, 255.0) as u8;
+                cr[to] = (128.5 + 0.713 * (r - y)).clamp(0.0, 255.0) as u8;
+            }
+        }
+        sum / f64::from(full) / (width * light.height) as f64
+    }
+}
+
+/// Chooses the next exposure by the last picture, slowly, as devices do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AutoExposure {
+    /// Light gathered times gain, s.
+    product: f64,
+    /// Longest exposure, s.
+    longest_s: f64,
+}
+
+/// Mean of the exposed light that is aimed at, 1 being full.
+const AIM: f64 = 0.18;
+/// How much of the distance is gone per frame.
+const SPEED: f64 = 0.25;
+const SHORTEST_S: f64 = 2e-5;
+const MOST_GAIN: f64 = 16.0;
+
+impl AutoExposure {
+    /// Begins as for daylight.
+    pub fn new(longest_s: f64) -> Self {
+        Self {
+            product: 4e-4,
+            longest_s,
+        }
+    }
+
+    /// For the next frame: as long as allowed before amplifying.
+    pub fn exposure(&self) -> Exposure {
+        let seconds = self.product.clamp(SHORTEST_S, self.longest_s);
+        Exposure {
+            seconds,
+            gain: (self.product / seconds).clamp(1.0, MOST_GAIN),
+        }
+    }
+
+    /// Learns from a picture's mean.
+    pub fn learn(&mut self, mean: f64) {
+        let wish = (AIM / mean.max(1e-3)).clamp(0.2, 5.0);
+        let most = self.longest_s * MOST_GAIN;
+        self.product = (self.product * libm::pow(wish, SPEED)).clamp(SHORTEST_S, most);
+    }
+}

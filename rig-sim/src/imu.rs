@@ -1,0 +1,186 @@
+//! What an inertial sensor on the rig measures.
+//!
+//! Contract: sample `n` is a function of walk, model, seed and `n`. Without noise ([`ImuModel::PERFECT`]) it
+//! is the exact specific force and angular rate at the sensor's place, from the spline's derivatives.
+//! Biases walk at random: their steps are independent normal numbers, one per sample, summed up when
+//! the sensor is made.
+
+use cad_transforms::RigidTransform;
+use nalgebra::Vector3;
+
+use crate::random;
+use crate::walker::Walker;
+
+/// Standard gravity, m/s², along -z of the world.
+pub const GRAVITY: f64 = 9.806_65;
+
+/// How good a sensor is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImuModel {
+    /// Samples per second.
+    pub rate_hz: f64,
+    /// White noise, rad/s/√Hz and m/s²/√Hz.
+    pub noise_density: [f64; 2],
+    /// Random walk of the bias, rad/s²/√Hz and m/s³/√Hz.
+    pub random_walk: [f64; 2],
+    /// Bias when switched on, standard deviation, rad/s and m/s².
+    pub turn_on_bias: [f64; 2],
+    /// Error of scale per axis and of the angle between axes, standard deviation.
+    pub scale_and_skew: [f64; 2],
+    /// Drift of the bias per second of warming up, rad/s² and m/s³; falls by half each two minutes.
+    pub warming: [f64; 2],
+    /// Largest value, rad/s and m/s².
+    pub range: [f64; 2],
+    /// Value of one count, rad/s and m/s²; 0 for no rounding.
+    pub count: [f64; 2],
+}
+
+impl ImuModel {
+    /// No error at all.
+    pub const PERFECT: Self = Self {
+        rate_hz: 400.0,
+        noise_density: [0.0; 2],
+        random_walk: [0.0; 2],
+        turn_on_bias: [0.0; 2],
+        scale_and_skew: [0.0; 2],
+        warming: [0.0; 2],
+        range: [f64::INFINITY; 2],
+        count: [0.0; 2],
+    };
+
+    /// A sensor of the kind in a ZED Mini: its ranges and counts (zed-open-capture), noise as data sheets
+    /// of such parts give it.
+    pub const ZED_MINI: Self = Self {
+        rate_hz: 400.0,
+        noise_density: [1.2e-4, 1.6e-3],
+        random_walk: [2e-6, 3e-5],
+        turn_on_bias: [5e-3, 4e-2],
+        scale_and_skew: [5e-3, 1e-3],
+        warming: [1e-6, 1e-5],
+        range: [1000.0 * std::f64::consts::PI / 180.0, 9.8189 * 8.0],
+        count: [
+            1000.0 / 32_768.0 * std::f64::consts::PI / 180.0,
+            9.8189 * 8.0 / 32_768.0,
+        ],
+    };
+}
+
+/// One measurement.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImuSample {
+    /// When, s.
+    pub time_s: f64,
+    /// Angular rate in the sensor's frame, rad/s.
+    pub gyro: Vector3<f64>,
+    /// Specific force in the sensor's frame, m/s².
+    pub accel: Vector3<f64>,
+}
+
+/// A sensor on the rig, for as long as a walk.
+#[derive(Clone, Debug)]
+pub struct Imu {
+    model: ImuModel,
+    seed: u64,
+    imu_from_rig: RigidTransform,
+    /// Gyro and accelerometer bias at each sample.
+    biases: Vec<[Vector3<f64>; 2]>,
+    /// Scale on the diagonal, skew beside it; rows.
+    shapes: [[Vector3<f64>; 3]; 2],
+}
+
+impl Imu {
+    /// A sensor at a place for `seconds`. `seed` is its own, another for each sensor.
+    pub fn new(model: ImuModel, imu_from_rig: RigidTransform, seconds: f64, seed: u64) -> Self {
+        let normal = |k: u64, i: u64| random::bell(seed, random::IMU + k, i);
+        let vector = |k: u64, i: u64| {
+            Vector3::new(normal(k, 3 * i), normal(k, 3 * i + 1), normal(k, 3 * i + 2))
+        };
+        let shapes = [0, 1].map(|s| {
+            let [scale, skew] = model.scale_and_skew;
+            [0, 1, 2].map(|row| {
+                let mut shape = vector(s, row) * skew;
+                shape[row as usize] = 1.0 + scale * normal(2 + s, row);
+                shape
+            })
+        });
+        let count = (seconds * model.rate_hz).ceil() as usize + 2;
+        let dt = 1.0 / model.rate_hz;
+        let mut walked = [0, 1].map(|s| vector(4 + s, 0) * model.turn_on_bias[s as usize]);
+        let warming = [0, 1].map(|s| vector(6 + s, 0) * model.warming[s as usize]);
+        let mut biases = Vec::with_capacity(count);
+        for i in 0..count {
+            biases.push(walked);
+            let cooling = libm::exp2(-(i as f64) * dt / 120.0);
+            for s in 0..2 {
+                let step = vector(8 + s as u64, i as u64) * (model.random_walk[s] * dt.sqrt());
+                walked[s] += step + warming[s] * (cooling * dt);
+            }
+        }
+        Self {
+            model,
+            seed,
+            imu_from_rig,
+            biases,
+            shapes,
+        }
+    }
+
+    /// How good it is.
+    pub fn model(&self) -> &ImuModel {
+        &self.model
+    }
+
+    /// What is true at a time, s: angular rate and specific force.
+    pub fn truth(&self, walker: &Walker, time_s: f64) -> [Vector3<f64>; 2] {
+        let rig = walker.rig(time_s);
+        let arm = *self.imu_from_rig.inverse().translation();
+        let turn = self.imu_from_rig.rotation();
+        let gravity = Vector3::z() * -GRAVITY;
+        let force = rig.rotation.inverse() * (rig.acceleration - gravity)
+            + rig.angular_acceleration.cross(&arm)
+            + rig.angular_rate.cross(&rig.angular_rate.cross(&arm));
+        [turn * rig.angular_rate, turn * force]
+    }
+
+    /// Sample `n`, taken at `n / rate` of the device's seconds; `time_s` is what time that is.
+    ///
+    /// # Panics
+    /// Beyond the seconds that it was made for.
+    pub fn sample(&self, walker: &Walker, n: usize, time_s: f64) -> ImuSample {
+        let true_values = self.truth(walker, time_s);
+        let per_root = self.model.rate_hz.sqrt();
+        let [gyro, accel] = [0, 1].map(|s| {
+            let shape = &self.shapes[s];
+            let value = true_values[s];
+            let mut value = Vector3::new(
+                shape[0].dot(&value),
+                shape[1].dot(&value),
+                shape[2].dot(&value),
+            ) + self.biases[n][s];
+            for axis in 0..3 {
+                let draw = random::bell(
+                    self.seed,
+                    random::IMU + 16 + (3 * s + axis) as u64,
+                    n as u64,
+                );
+                value[axis] += draw * self.model.noise_density[s] * per_root;
+                let range = self.model.range[s];
+                value[axis] = value[axis].clamp(-range, range);
+                if self.model.count[s] > 0.0 {
+                    value[axis] = (value[axis] / self.model.count[s]).round() * self.model.count[s];
+                }
+            }
+            value
+        });
+        ImuSample {
+            time_s,
+            gyro,
+            accel,
+        }
+    }
+
+    /// The bias that sample `n` has: gyro and accelerometer.
+    pub fn bias(&self, n: usize) -> [Vector3<f64>; 2] {
+        self.biases[n]
+    }
+}

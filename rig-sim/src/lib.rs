@@ -1,0 +1,23 @@
+//! A simulated chest rig that knows the truth.
+//!
+//! A person walks through a scene with three stereo cameras and their IMUs on the chest; what the sensors
+//! would have seen is rendered, and everything that later code estimates is known exactly.
+//!
+//! The data flow: [`scene`] (geometry, light, a route) → [`walker`] (poses of rig and feet) →
+//! [`camera`] (pictures and their truth) and IMU samples; [`simulation`] puts them together, [`render`]
+//! and [`preview`] write what comes out. All of it is a function of names and a
+//! seed: nothing is loaded, no clock is read, and the same seed gives the same bytes on any machine.
+
+pub mod camera;
+pub mod imu;
+pub mod lens;
+mod png_file;
+pub mod preview;
+pub mod random;
+pub mod render;
+pub mod rig;
+pub mod scene;
+pub mod simulation;
+pub mod so3;
+pub mod spline;
+pub mod walker;

@@ -1,0 +1,262 @@
+//! The command line of `paws-rig-sim`.
+//!
+//! Results go to standard output, progress to standard error. Exit codes: 0 fine, 1 failed, 2 bad
+//! arguments.
+
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use cad_transforms::rig::Rig;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::error::ErrorKind;
+use clap::{Args, CommandFactory, Parser, Subcommand};
+use indicatif::{ProgressBar, ProgressStyle};
+use rig_sim::camera::Quality;
+use rig_sim::preview;
+use rig_sim::render::{Job, render};
+use rig_sim::scene::{Kind, Time};
+use rig_sim::simulation::{Settings, Simulation, SimulationError};
+
+/// The rig that is simulated unless another is named.
+const EXAMPLE_RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
+
+/// Simulates a walk with the chest rig, with exact ground truth.
+#[derive(Debug, Parser)]
+#[command(name = "paws-rig-sim", version)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Write what cameras and IMUs record as EuRoC/ASL folders, and what is true.
+    Render {
+        #[command(flatten)]
+        walk: Walk,
+        /// Frames per second of every camera.
+        #[arg(long, value_name = "HZ", default_value = "15")]
+        rate: f64,
+        /// Folder to write; must be new or empty.
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+        /// Also write depth and class of every pixel of the left eyes.
+        #[arg(long)]
+        truth: bool,
+        /// Cameras rendered at a time [default: all]
+        #[arg(long, value_name = "N")]
+        threads: Option<NonZeroUsize>,
+    },
+    /// Draw what the cameras see at a few instants, and the way from above, as one PNG.
+    Preview {
+        #[command(flatten)]
+        walk: Walk,
+        /// Instants to show.
+        #[arg(long, value_name = "N", default_value = "4")]
+        instants: NonZeroUsize,
+        /// PNG file to write.
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+    },
+}
+
+#[derive(Debug, Args)]
+struct Walk {
+    /// Place to walk through.
+    #[arg(long, value_name = "SCENE", value_parser = scene())]
+    scene: Kind,
+    /// Light.
+    #[arg(long, default_value = Time::Day.name(), value_parser = light())]
+    light: Time,
+    /// All randomness follows from it.
+    #[arg(long, value_name = "N", default_value = "1")]
+    seed: u64,
+    /// Length of the walk, seconds.
+    #[arg(
+        long,
+        value_name = "T",
+        default_value = "10",
+        allow_negative_numbers = true
+    )]
+    seconds: f64,
+    /// Columns of one eye.
+    #[arg(long, value_name = "PIXELS", default_value = "672")]
+    width: u32,
+    /// Rows.
+    #[arg(long, value_name = "PIXELS", default_value = "376")]
+    height: u32,
+    /// fast: one look per picture; accurate: smooth edges and motion blur.
+    #[arg(long, default_value = "accurate", value_parser = quality())]
+    quality: Quality,
+    /// Rig file [default: the example rig]
+    #[arg(long, value_name = "FILE")]
+    rig: Option<PathBuf>,
+}
+
+/// A word for each of these values.
+fn one_of<T>(values: Vec<(&'static str, T)>) -> impl TypedValueParser<Value = T>
+where
+    T: Copy + Send + Sync + 'static,
+{
+    PossibleValuesParser::new(values.iter().map(|(name, _)| *name)).map(move |word| {
+        let found = values.iter().find(|(name, _)| *name == word);
+        found.expect("the parser lets no other word pass").1
+    })
+}
+
+fn scene() -> impl TypedValueParser<Value = Kind> {
+    one_of(Kind::ALL.map(|kind| (kind.name(), kind)).to_vec())
+}
+
+fn light() -> impl TypedValueParser<Value = Time> {
+    one_of(Time::ALL.map(|time| (time.name(), time)).to_vec())
+}
+
+fn quality() -> impl TypedValueParser<Value = Quality> {
+    one_of(vec![
+        ("fast", Quality::FAST),
+        ("accurate", Quality::ACCURATE),
+    ])
+}
+
+fn main() -> ExitCode {
+    // Bad arguments end here, with 2.
+    let result = match Arguments::parse().command {
+        Command::Render {
+            walk,
+            rate,
+            out,
+            truth,
+            threads,
+        } => render_to(&walk, rate, &out, truth, threads),
+        Command::Preview {
+            walk,
+            instants,
+            out,
+        } => preview_to(&walk, instants.get(), &out),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => match error.downcast_ref() {
+            Some(SimulationError::Setting { .. }) => {
+                let message = format!("{error:#}");
+                Arguments::command()
+                    .error(ErrorKind::ValueValidation, message)
+                    .exit()
+            }
+            _ => {
+                eprintln!("error: {error:#}");
+                ExitCode::FAILURE
+            }
+        },
+    }
+}
+
+/// The simulation, and the text of the rig file.
+fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Simulation, String)> {
+    let (text, rig) = match &walk.rig {
+        Some(path) => {
+            let text = std::fs::read_to_string(path)
+                .with_context(|| format!("reading the rig file {}", path.display()))?;
+            let rig = Rig::parse(&text).with_context(|| format!("in {}", path.display()))?;
+            (text, rig)
+        }
+        None => (EXAMPLE_RIG.to_owned(), Rig::parse(EXAMPLE_RIG)?),
+    };
+    let settings = Settings {
+        kind: walk.scene,
+        time: walk.light,
+        seed: walk.seed,
+        seconds: walk.seconds,
+        rate_hz,
+        width: walk.width,
+        height: walk.height,
+        quality: walk.quality,
+    };
+    Ok((Simulation::new(&settings, &rig)?, text))
+}
+
+fn render_to(
+    walk: &Walk,
+    rate_hz: f64,
+    out: &Path,
+    truth: bool,
+    threads: Option<NonZeroUsize>,
+) -> Result<()> {
+    let (simulation, rig_text) = simulate(walk, rate_hz)?;
+    let cameras = simulation.cameras().len();
+    let frames = simulation.settings().frame_count() * cameras as u64;
+    let bar = progress_bar(frames, "stereo frames")?;
+    let job = Job {
+        rig_text: &rig_text,
+        truth,
+        threads: threads.map_or(cameras, NonZeroUsize::get),
+    };
+    render(&simulation, &job, out, &|| bar.inc(1))?;
+    bar.finish_and_clear();
+    println!(
+        "{frames} stereo frames of {cameras} cameras with IMU and truth, {} s of {}, {}, seed {}: {}",
+        walk.seconds,
+        walk.scene.name(),
+        walk.light.name(),
+        walk.seed,
+        out.display()
+    );
+    Ok(())
+}
+
+fn preview_to(walk: &Walk, instants: usize, out: &Path) -> Result<()> {
+    // The instants are those of frames; so many per second that any can be shown.
+    let (simulation, _) = simulate(walk, 30.0)?;
+    let instants = preview::instants(&simulation, instants);
+    let pictures = (instants.len() * simulation.cameras().len()) as u64;
+    let bar = progress_bar(pictures, "pictures")?;
+    let sheet = preview::sheet(&simulation, &instants, &|| bar.inc(1));
+    bar.finish_and_clear();
+    sheet
+        .save(out)
+        .with_context(|| format!("writing the sheet to {}", out.display()))?;
+    println!(
+        "{} x {} pixels: {}",
+        sheet.width,
+        sheet.height,
+        out.display()
+    );
+    Ok(())
+}
+
+/// Shown only where standard error is a terminal.
+fn progress_bar(length: u64, what: &str) -> Result<ProgressBar> {
+    let template =
+        format!("rendering {{wide_bar}} {{pos}}/{{len}} {what}, {{per_sec}}, {{eta}} left");
+    let style = ProgressStyle::with_template(&template).context("laying out the progress bar")?;
+    Ok(ProgressBar::new(length).with_style(style))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn an_unknown_scene_is_answered_with_those_there_are() {
+        let words = [
+            "paws-rig-sim",
+            "preview",
+            "--scene",
+            "moon",
+            "--out",
+            "x.png",
+        ];
+        let message = Arguments::try_parse_from(words).unwrap_err().to_string();
+        for kind in Kind::ALL {
+            assert!(message.contains(kind.name()), "{message}");
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! Pictures as PNG files.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+
+use png::{BitDepth, ColorType, Compression};
+
+/// Writes grey of eight bits, rows first.
+pub(crate) fn grey8(path: &Path, size: [usize; 2], pixels: &[u8]) -> io::Result<()> {
+    write(path, size, ColorType::Grayscale, BitDepth::Eight, pixels)
+}
+
+/// Writes grey of sixteen bits, rows first.
+pub(crate) fn grey16(
+    path: &Path,
+    size: [usize; 2],
+    pixels: impl Iterator<Item = u16>,
+) -> io::Result<()> {
+    // A PNG file has the high byte first.
+    let bytes: Vec<u8> = pixels.flat_map(u16::to_be_bytes).collect();
+    write(path, size, ColorType::Grayscale, BitDepth::Sixteen, &bytes)
+}
+
+/// Writes red, green, blue of eight bits each, rows first.
+pub(crate) fn rgb8(path: &Path, size: [usize; 2], pixels: &[[u8; 3]]) -> io::Result<()> {
+    let bytes = pixels.as_flattened();
+    write(path, size, ColorType::Rgb, BitDepth::Eight, bytes)
+}
+
+fn write(
+    path: &Path,
+    [width, height]: [usize; 2],
+    color: ColorType,
+    depth: BitDepth,
+    bytes: &[u8],
+) -> io::Result<()> {
+    let mut file = BufWriter::new(File::create(path)?);
+    let mut encoder = png::Encoder::new(&mut file, width as u32, height as u32);
+    encoder.set_color(color);
+    encoder.set_depth(depth);
+    encoder.set_compression(Compression::Fast);
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(bytes)?;
+    writer.finish()?;
+    file.flush()
+}

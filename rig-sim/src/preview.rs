@@ -1,0 +1,87 @@
+//! A simulated walk on one sheet: for a few instants what the cameras see, and below it the place from
+//! above with the way and every footprint, the left ones blue.
+//!
+//! Contract: one row per instant, one column per camera, from the wearer's left to the right, each the
+//! left eye's picture in colour. At each instant the exposure has settled. The same simulation and the same
+//! instants give the same sheet.
+
+use std::panic::resume_unwind;
+use std::thread;
+
+use crate::rig::SimCamera;
+use crate::simulation::{Simulation, seconds};
+
+pub mod canvas;
+mod map;
+
+use self::canvas::{Canvas, Colour};
+
+/// Between pictures, px.
+const GAP: usize = 4;
+const PAPER: Colour = [255, 255, 255];
+const LABEL: Colour = [255, 230, 0];
+const SHADE: Colour = [0, 0, 0];
+
+/// `count` instants, ns, spread evenly over the walk.
+pub fn instants(simulation: &Simulation, count: usize) -> Vec<i64> {
+    let settings = simulation.settings();
+    let last = settings.frame_count() as usize;
+    let frame = |k: usize| settings.frame_ns(((2 * k + 1) * last / (2 * count)) as u64);
+    (0..count).map(frame).collect()
+}
+
+/// Draws the sheet. `done` is called after each picture, from any thread.
+pub fn sheet(simulation: &Simulation, instants: &[i64], done: &(dyn Fn() + Sync)) -> Canvas {
+    let mut order: Vec<usize> = (0..simulation.cameras().len()).collect();
+    let left = |camera: &SimCamera| camera.rig_from_eye[0].translation().y;
+    order.sort_by(|&a, &b| {
+        let cameras = simulation.cameras();
+        left(&cameras[b]).total_cmp(&left(&cameras[a]))
+    });
+    let columns = thread::scope(|scope| {
+        let taken: Vec<_> = order
+            .iter()
+            .map(|&camera| scope.spawn(move || column(simulation, camera, instants, done)))
+            .collect();
+        let joined = taken.into_iter().map(|t| t.join());
+        joined
+            .map(|column| column.unwrap_or_else(|panic| resume_unwind(panic)))
+            .collect::<Vec<_>>()
+    });
+
+    let settings = simulation.settings();
+    let (width, height) = (settings.width as usize, settings.height as usize);
+    let sheet_width = columns.len() * (width + GAP) - GAP;
+    let rows_height = instants.len() * (height + GAP);
+    let map = map::draw(simulation, sheet_width, instants);
+    let mut sheet = Canvas::new(sheet_width, rows_height + map.height, PAPER);
+    for (i, column) in columns.iter().enumerate() {
+        for (j, picture) in column.iter().enumerate() {
+            sheet.paste([i * (width + GAP), j * (height + GAP)], width, picture);
+        }
+    }
+    for (j, &time_ns) in instants.iter().enumerate() {
+        let (y, text) = (j * (height + GAP) + 6, format!("{:.1} s", seconds(time_ns)));
+        sheet.text([7, y + 1], 3, &text, SHADE);
+        sheet.text([6, y], 3, &text, LABEL);
+    }
+    sheet.paste([0, rows_height], sheet_width, &map.pixels);
+    sheet
+}
+
+/// What the left eye of a camera sees at each instant.
+fn column(
+    simulation: &Simulation,
+    camera: usize,
+    instants: &[i64],
+    done: &(dyn Fn() + Sync),
+) -> Vec<Vec<Colour>> {
+    let mut pictures = simulation.pictures(camera);
+    let mut take = |(number, &time_ns)| {
+        pictures.settle(time_ns);
+        let frame = pictures.expose(number, time_ns);
+        done();
+        frame.rgb(0)
+    };
+    (0..).zip(instants).map(&mut take).collect()
+}

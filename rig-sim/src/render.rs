@@ -1,0 +1,167 @@
+//! A simulated walk as files that others read.
+//!
+//! Contract: the folder appears whole or not at all; it is built beside its place under the name
+//! `NAME.unfinished`, and a folder that holds something is never touched. The same [`Simulation`]
+//! gives the same bytes on any number of threads.
+//!
+//! ```text
+//! OUT/simulation.toml                 what was asked for
+//! OUT/rig.toml                        the rig file, as it was read
+//! OUT/rig.tum                         world_from_rig at each frame: time, position, quaternion x y z w
+//! OUT/rig.kitti.txt                   the same as rows of 3x4 matrices
+//! OUT/contacts.csv                    which foot was on the ground when and where
+//! OUT/CAMERA/mav0/cam0, cam1          left and right eye as in EuRoC (Burri et al. 2016), grey
+//! OUT/CAMERA/mav0/imu0                the camera's IMU, which is the body
+//! OUT/CAMERA/mav0/state_groundtruth_estimate0   pose and velocity of the body, biases of the IMU
+//! OUT/CAMERA/mav0/depth0, class0      what the left eye really sees, on request
+//! ```
+//!
+//! All times are ns since the beginning of the walk. The world is z up; its origin is the scene's.
+
+use std::fs;
+use std::io;
+use std::panic::resume_unwind;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+
+use crate::simulation::Simulation;
+
+mod asl;
+mod tables;
+mod yaml;
+
+/// How to render.
+#[derive(Clone, Copy, Debug)]
+pub struct Job<'a> {
+    /// Text of the rig file, which is kept beside the pictures.
+    pub rig_text: &'a str,
+    /// Also writes depth and class of every pixel of the left eyes.
+    pub truth: bool,
+    /// Cameras that are rendered at a time, at least 1.
+    pub threads: usize,
+}
+
+/// Why there is no folder.
+#[derive(Debug, thiserror::Error)]
+pub enum RenderError {
+    /// Something is there: choose another folder.
+    #[error("rendering a walk: found something in the folder, expected a new or an empty one: {}", .0.display())]
+    Occupied(PathBuf),
+    /// Another run is at work there, or one was cut off: remove it once that is known.
+    #[error("rendering a walk: found what an unfinished run has written, remove it if none is at work: {}", .0.display())]
+    Unfinished(PathBuf),
+    /// A file or folder could not be made.
+    #[error("writing a rendered walk: {}", path.display())]
+    Write {
+        /// Which.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// EuRoC files have no form for this lens: use another lens model.
+    #[error(
+        "writing the calibration of {camera}: found a lens that sensor.yaml cannot hold, expected none, radial-tangential without k3, or equidistant"
+    )]
+    Lens {
+        /// Name of the camera.
+        camera: String,
+    },
+}
+
+/// Attaches the path to what the system says.
+fn at(path: &Path) -> impl FnOnce(io::Error) -> RenderError {
+    let path = path.to_owned();
+    move |source| RenderError::Write { path, source }
+}
+
+fn write(path: &Path, text: &str) -> Result<(), RenderError> {
+    fs::write(path, text).map_err(at(path))
+}
+
+/// Renders the whole walk into the folder `out`. `done` is called after each stereo frame, from any
+/// thread.
+///
+/// # Errors
+/// [`RenderError`]; `out` is then as it was.
+pub fn render(
+    simulation: &Simulation,
+    job: &Job<'_>,
+    out: &Path,
+    done: &(dyn Fn() + Sync),
+) -> Result<(), RenderError> {
+    let unfinished = begin(out)?;
+    let result = fill(simulation, job, &unfinished, done)
+        .and_then(|()| fs::rename(&unfinished, out).map_err(at(out)));
+    if result.is_err() {
+        // What went wrong is told already; a folder that cannot be removed says so next time.
+        let _ = fs::remove_dir_all(&unfinished);
+    }
+    result
+}
+
+/// Makes the folder that becomes `out`.
+fn begin(out: &Path) -> Result<PathBuf, RenderError> {
+    match fs::read_dir(out) {
+        Ok(mut entries) => {
+            if entries.next().is_some() {
+                return Err(RenderError::Occupied(out.to_owned()));
+            }
+        }
+        Err(e) if e.kind() == io::ErrorKind::NotFound => {}
+        Err(e) => return Err(at(out)(e)),
+    }
+    let Some(name) = out.file_name() else {
+        let message = "expected a path that ends with the name of a folder";
+        return Err(at(out)(io::Error::new(
+            io::ErrorKind::InvalidInput,
+            message,
+        )));
+    };
+    let mut name = name.to_owned();
+    name.push(".unfinished");
+    let unfinished = out.with_file_name(name);
+    if let Some(parent) = out.parent() {
+        fs::create_dir_all(parent).map_err(at(parent))?;
+    }
+    match fs::create_dir(&unfinished) {
+        Ok(()) => Ok(unfinished),
+        Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
+            Err(RenderError::Unfinished(unfinished))
+        }
+        Err(e) => Err(at(&unfinished)(e)),
+    }
+}
+
+fn fill(
+    simulation: &Simulation,
+    job: &Job<'_>,
+    folder: &Path,
+    done: &(dyn Fn() + Sync),
+) -> Result<(), RenderError> {
+    let file = |name: &str, text: &str| write(&folder.join(name), text);
+    file("simulation.toml", &tables::settings(simulation.settings()))?;
+    file("rig.toml", job.rig_text)?;
+    file("rig.tum", &tables::tum(simulation))?;
+    file("rig.kitti.txt", &tables::kitti(simulation))?;
+    file("contacts.csv", &tables::contacts(simulation))?;
+    let cameras = simulation.cameras().len();
+    let next = AtomicUsize::new(0);
+    let work = || -> Result<(), RenderError> {
+        loop {
+            let camera = next.fetch_add(1, Ordering::Relaxed);
+            if camera >= cameras {
+                return Ok(());
+            }
+            asl::camera(simulation, camera, job.truth, folder, done)?;
+        }
+    };
+    thread::scope(|scope| {
+        let workers: Vec<_> = (0..job.threads.clamp(1, cameras.max(1)))
+            .map(|_| scope.spawn(work))
+            .collect();
+        workers
+            .into_iter()
+            .try_for_each(|worker| worker.join().unwrap_or_else(|panic| resume_unwind(panic)))
+    })
+}

@@ -1,0 +1,153 @@
+//! Numbers as text: trajectories, contacts, IMU samples. Every digit that an `f64` needs is written.
+
+use std::fmt::Write as _;
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::simulation::{RigImu, Settings, Simulation, seconds};
+use crate::walker::{Footfall, Side, Walker};
+
+/// What was asked for, so that it can be asked for again.
+pub(super) fn settings(settings: &Settings) -> String {
+    let quality = &settings.quality;
+    format!(
+        "# A walk made by paws-rig-sim {}.\n\
+         scene = {:?}\nlight = {:?}\nseed = {}\nseconds = {:?}\nrate_hz = {:?}\n\
+         width = {}\nheight = {}\n\n\
+         [quality]\nsamples = {}\nmost_samples = {}\nnoise = {}\n",
+        env!("CARGO_PKG_VERSION"),
+        settings.kind.name(),
+        settings.time.name(),
+        settings.seed,
+        settings.seconds,
+        settings.rate_hz,
+        settings.width,
+        settings.height,
+        quality.samples,
+        quality.most_samples,
+        quality.noise,
+    )
+}
+
+/// The rig at each frame, as the TUM RGB-D benchmark writes trajectories (Sturm et al. 2012).
+pub(super) fn tum(simulation: &Simulation) -> String {
+    let mut text = "# world_from_rig: time [s] tx ty tz [m] qx qy qz qw\n".to_owned();
+    for time_ns in frame_times(simulation) {
+        let (p, q) = simulation.world_from_rig(time_ns);
+        // Never through floating point: the digits are those of the integer.
+        let (whole, ns) = (time_ns / 1_000_000_000, time_ns % 1_000_000_000);
+        line(
+            &mut text,
+            format_args!(
+                "{whole}.{ns:09} {} {} {} {} {} {} {}",
+                p.x, p.y, p.z, q.i, q.j, q.k, q.w
+            ),
+        );
+    }
+    text
+}
+
+/// The rig at each frame, as KITTI odometry writes poses: the rows of `world_from_rig` (Geiger et al.
+/// 2012). Unlike there, the first pose is not the identity, and the body's x looks forward.
+pub(super) fn kitti(simulation: &Simulation) -> String {
+    let mut text = String::new();
+    for time_ns in frame_times(simulation) {
+        let (p, q) = simulation.world_from_rig(time_ns);
+        let rotation = q.to_rotation_matrix();
+        let rows = [0, 1, 2].map(|i| {
+            let m = rotation.matrix();
+            format!("{} {} {} {}", m[(i, 0)], m[(i, 1)], m[(i, 2)], p[i])
+        });
+        line(&mut text, format_args!("{}", rows.join(" ")));
+    }
+    text
+}
+
+/// Contacts of both feet that begin within the walk, in the order of their strikes.
+pub(super) fn contacts(simulation: &Simulation) -> String {
+    let mut text = "#side,strike [ns],off [ns],flat from [ns],flat to [ns],x [m],y [m],z [m],\
+                    q_w [],q_x [],q_y [],q_z []\n"
+        .to_owned();
+    let walker = simulation.walker();
+    let end_s = simulation.settings().seconds;
+    let mut falls: Vec<&Footfall> = [Side::Left, Side::Right]
+        .iter()
+        .flat_map(|&side| walker.contacts(side))
+        .filter(|fall| fall.strike_s <= end_s)
+        .collect();
+    falls.sort_by(|a, b| a.strike_s.total_cmp(&b.strike_s));
+    for fall in falls {
+        let side = match fall.side {
+            Side::Left => "left",
+            Side::Right => "right",
+        };
+        let (from, to) = Walker::flat_phase(fall);
+        let times = [fall.strike_s, fall.off_s, from, to].map(|time_s| match time_s.is_finite() {
+            true => format!("{}", (time_s * 1e9).round() as i64),
+            // The foot stays where it is.
+            false => String::new(),
+        });
+        let pose = pose(&fall.position, &fall.rotation);
+        line(&mut text, format_args!("{side},{},{pose}", times.join(",")));
+    }
+    text
+}
+
+/// What an IMU measured, as EuRoC writes it.
+pub(super) fn imu(simulation: &Simulation, imu: &RigImu) -> String {
+    let mut text = "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],\
+                    a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]\n"
+        .to_owned();
+    for (_, time_ns, sample) in simulation.samples(imu) {
+        let (gyro, accel) = (vector(&sample.gyro), vector(&sample.accel));
+        line(&mut text, format_args!("{time_ns},{gyro},{accel}"));
+    }
+    text
+}
+
+/// Pose and velocity of an IMU in the world and its biases, at each of its samples, as EuRoC's ground
+/// truth.
+pub(super) fn state(simulation: &Simulation, imu: &RigImu) -> String {
+    let mut text = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],\
+                    q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z [],\
+                    v_RS_R_x [m s^-1],v_RS_R_y [m s^-1],v_RS_R_z [m s^-1],\
+                    b_w_RS_S_x [rad s^-1],b_w_RS_S_y [rad s^-1],b_w_RS_S_z [rad s^-1],\
+                    b_a_RS_S_x [m s^-2],b_a_RS_S_y [m s^-2],b_a_RS_S_z [m s^-2]\n"
+        .to_owned();
+    let rig_from_imu = imu.imu_from_rig.inverse();
+    let arm = rig_from_imu.translation();
+    for (n, time_ns, _) in simulation.samples(imu) {
+        let rig = simulation.walker().rig(seconds(time_ns));
+        let pose = pose(
+            &(rig.position + rig.rotation * arm),
+            &(rig.rotation * rig_from_imu.rotation()),
+        );
+        let velocity = rig.velocity + rig.rotation * rig.angular_rate.cross(arm);
+        let [gyro, accel] = imu.imu.bias(n).map(|bias| vector(&bias));
+        let velocity = vector(&velocity);
+        line(
+            &mut text,
+            format_args!("{time_ns},{pose},{velocity},{gyro},{accel}"),
+        );
+    }
+    text
+}
+
+fn frame_times(simulation: &Simulation) -> impl Iterator<Item = i64> {
+    let settings = *simulation.settings();
+    (0..settings.frame_count()).map(move |n| settings.frame_ns(n))
+}
+
+fn vector(v: &Vector3<f64>) -> String {
+    format!("{},{},{}", v.x, v.y, v.z)
+}
+
+/// Position, then quaternion w x y z.
+fn pose(p: &Vector3<f64>, q: &UnitQuaternion<f64>) -> String {
+    format!("{},{},{},{},{}", vector(p), q.w, q.i, q.j, q.k)
+}
+
+fn line(text: &mut String, words: std::fmt::Arguments<'_>) {
+    // Writing to a string does not fail.
+    let _ = writeln!(text, "{words}");
+}

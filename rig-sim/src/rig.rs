@@ -1,0 +1,133 @@
+//! The rig that is simulated: which cameras sit where and how they are made.
+
+use cad_transforms::RigidTransform;
+use cad_transforms::frame::{Frame, FramePart};
+use cad_transforms::rig::{Rig, RigError};
+use calib::{CameraModel, Distortion};
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::camera::Shutter;
+use crate::spline::State;
+
+/// A stereo camera on the rig.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SimCamera {
+    /// `left_shoulder`, `right_shoulder`, `feet`.
+    pub name: String,
+    /// Left and right lens.
+    pub models: [CameraModel; 2],
+    /// Takes points in the left and the right optical frame to the rig's.
+    pub rig_from_eye: [RigidTransform; 2],
+    /// When rows are exposed.
+    pub shutter: Shutter,
+    /// Longest exposure, s.
+    pub longest_exposure_s: f64,
+}
+
+impl SimCamera {
+    /// Pose of an eye's optical frame in the world, where the rig is so.
+    pub fn world_from_eye(&self, eye: usize, rig: &State) -> (Vector3<f64>, UnitQuaternion<f64>) {
+        let rig_from_eye = &self.rig_from_eye[eye];
+        (
+            rig.position + rig.rotation * rig_from_eye.translation(),
+            rig.rotation * rig_from_eye.rotation(),
+        )
+    }
+}
+
+/// Vertical share of a ZED's 16:9 picture.
+fn model(
+    width: u32,
+    height: u32,
+    focal: f64,
+    distortion: Distortion,
+    off: [f64; 2],
+) -> CameraModel {
+    CameraModel {
+        width,
+        height,
+        fx: focal,
+        fy: focal,
+        cx: 0.5 * f64::from(width - 1) + off[0],
+        cy: 0.5 * f64::from(height - 1) + off[1],
+        distortion,
+    }
+}
+
+/// The cameras of a rig file: those called `feet` are ZED Minis with a rolling shutter, all others
+/// ZED X Minis with a global one. Lenses are nominal: focal lengths of the makers' example files
+/// (ZED X Mini 736.9 px at 1920 columns, ZED Mini 700 px at 1280), and distortions of their usual size.
+///
+/// # Errors
+/// [`RigError`] where the rig lacks an eye of a camera it names.
+pub fn cameras(rig: &Rig, width: u32, height: u32) -> Result<Vec<SimCamera>, RigError> {
+    let scale = f64::from(width);
+    let mut cameras = Vec::new();
+    for name in rig.cameras() {
+        let frame =
+            |part| Frame::of_camera(name, part).expect("a rig names its cameras by valid names");
+        let pose = |part| rig.transform(&Frame::rig(), &frame(part));
+        let (left, right) = (pose(FramePart::Left)?, pose(FramePart::Right)?);
+        let is_mini = name == "feet";
+        let focal = if is_mini {
+            700.0 / 1280.0
+        } else {
+            736.9 / 1920.0
+        } * scale;
+        let lens = |k1: f64, k2: f64, p1: f64, p2: f64| Distortion::RadTan5 {
+            k1,
+            k2,
+            p1,
+            p2,
+            k3: 0.0,
+        };
+        let models = match is_mini {
+            true => [
+                model(
+                    width,
+                    height,
+                    focal,
+                    lens(-0.172, 0.0255, 2.1e-4, -1.3e-4),
+                    [2.3, -3.1],
+                ),
+                model(
+                    width,
+                    height,
+                    focal * 1.0007,
+                    lens(-0.171, 0.0249, -1.1e-4, 2.2e-4),
+                    [-1.7, 1.9],
+                ),
+            ],
+            false => [
+                model(
+                    width,
+                    height,
+                    focal,
+                    lens(-0.052, 0.0061, 1.2e-4, 0.8e-4),
+                    [-2.6, 1.4],
+                ),
+                model(
+                    width,
+                    height,
+                    focal * 0.9996,
+                    lens(-0.0525, 0.0063, -0.9e-4, -1.7e-4),
+                    [3.1, -0.8],
+                ),
+            ],
+        };
+        cameras.push(SimCamera {
+            name: name.to_owned(),
+            models,
+            rig_from_eye: [left, right],
+            shutter: match is_mini {
+                // 376 rows in the time of a 100 Hz mode's frame, less a pause.
+                true => Shutter::Rolling {
+                    line_s: 0.0085 / f64::from(height),
+                },
+                false => Shutter::Global,
+            },
+            longest_exposure_s: 0.012,
+        });
+    }
+    Ok(cameras)
+}

@@ -1,0 +1,252 @@
+//! Places to walk through, made from a seed.
+//!
+//! Contract: metric, z up, the same for the same `(kind, light, seed)` on every machine; nothing is
+//! loaded from outside. Every triangle says what it is ([`surface::Class`]) and whether people walk on
+//! it. Light that does not move is computed once, at the corners of triangles ([`light`]).
+
+use nalgebra::Vector3;
+
+pub mod body;
+pub mod build;
+pub mod bvh;
+pub mod light;
+pub mod mesh;
+pub mod people;
+pub mod route;
+pub mod sky;
+pub mod surface;
+pub mod tag;
+pub mod texture;
+pub mod wearer;
+
+mod corridor;
+mod interior;
+mod pavement;
+mod plaza;
+mod room;
+mod stairs;
+mod sweep;
+mod trail;
+
+use self::body::Body;
+use self::build::{Builder, Made};
+use self::bvh::Bvh;
+use self::light::Light;
+use self::mesh::Mesh;
+use self::people::Moving;
+use self::route::Route;
+use self::sky::Sky;
+use self::surface::Material;
+use self::texture::Texture;
+use self::wearer::Wearer;
+
+/// Which place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Kind {
+    /// A pavement with a kerb, a crosswalk and a road.
+    Pavement,
+    /// A staircase up and down with a landing.
+    Stairs,
+    /// A long corridor with blank walls.
+    Corridor,
+    /// A furnished room with glass and thin rails.
+    Room,
+    /// A trail through a forest, with roots and stones.
+    Trail,
+    /// A square with people who walk about.
+    Plaza,
+}
+
+impl Kind {
+    /// All of them.
+    pub const ALL: [Self; 6] = [
+        Self::Pavement,
+        Self::Stairs,
+        Self::Trail,
+        Self::Corridor,
+        Self::Plaza,
+        Self::Room,
+    ];
+
+    /// Makes it.
+    fn build(self, builder: &mut Builder) -> Made {
+        match self {
+            Self::Pavement => pavement::build(builder),
+            Self::Stairs => stairs::build(builder),
+            Self::Corridor => corridor::build(builder),
+            Self::Room => room::build(builder),
+            Self::Trail => trail::build(builder),
+            Self::Plaza => plaza::build(builder),
+        }
+    }
+
+    /// As the command line calls it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Pavement => "pavement",
+            Self::Stairs => "stairs",
+            Self::Corridor => "corridor",
+            Self::Room => "room",
+            Self::Trail => "trail",
+            Self::Plaza => "plaza",
+        }
+    }
+}
+
+/// Which light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Time {
+    /// Sun and sky, or all lamps on.
+    Day,
+    /// A few lamps.
+    Night,
+    /// The sun low in the way, with flare.
+    LowSun,
+    /// Lamps on alternating current.
+    Flicker,
+}
+
+impl Time {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Day, Self::Night, Self::LowSun, Self::Flicker];
+
+    /// As the command line calls it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Day => "day",
+            Self::Night => "night",
+            Self::LowSun => "low-sun",
+            Self::Flicker => "flicker",
+        }
+    }
+}
+
+/// A place, lit.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// Which.
+    pub kind: Kind,
+    /// Which light.
+    pub time: Time,
+    /// What things are made of.
+    pub materials: Vec<Material>,
+    /// What they look like close up.
+    pub textures: Vec<Texture>,
+    /// All that does not move.
+    pub fixed: Body,
+    /// What the wearer sees of himself.
+    pub wearer: Wearer,
+    /// Panes, which one looks through. Light passes them as if they were not there.
+    pub glass: Body,
+    /// All that moves.
+    pub moving: Vec<Moving>,
+    /// Where light comes from.
+    pub light: Light,
+    /// What is seen beyond.
+    pub sky: Sky,
+    /// Where one walks.
+    pub route: Route,
+    /// Everything fixed, by the numbers of `fixed.triangles`.
+    solid: Bvh,
+    /// What can be walked on, by position in `walkable_triangles`.
+    walkable: Bvh,
+    walkable_triangles: Vec<u32>,
+}
+
+/// The ground under a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ground {
+    /// Height, m.
+    pub height: f64,
+    /// Upward unit normal.
+    pub normal: Vector3<f64>,
+    /// Number of the triangle in [`Scene::fixed`].
+    pub triangle: u32,
+}
+
+impl Scene {
+    /// Makes a place.
+    pub fn new(kind: Kind, time: Time, seed: u64) -> Self {
+        let mut builder = Builder::new(seed);
+        let made = kind.build(&mut builder);
+        let wearer = Wearer::make(&mut builder);
+        let light = made.lights.at(time);
+        let Builder {
+            mut materials,
+            textures,
+            mesh,
+            glass,
+            parts,
+            ..
+        } = builder;
+        let lit = made.lights.lamps_on(time);
+        materials.iter_mut().for_each(|m| m.glow *= lit as f32);
+        let solid = bvh_of(&mesh);
+        let baked = light.baked(&mesh, &solid);
+        let fixed = Body::new(&mesh, &baked);
+        let baked = light.baked(&glass, &solid);
+        let glass = Body::new(&glass, &baked);
+        let walkable_triangles: Vec<u32> = (0..fixed.triangles.len() as u32)
+            .filter(|&i| {
+                let triangle = &fixed.triangles[i as usize];
+                materials[triangle.material as usize].walkable
+            })
+            .collect();
+        let walkable = Bvh::new(
+            walkable_triangles
+                .iter()
+                .map(|&i| fixed.triangles[i as usize].corners.map(|c| c.position)),
+        );
+        Self {
+            kind,
+            time,
+            materials,
+            textures,
+            solid: Bvh::new(
+                fixed
+                    .triangles
+                    .iter()
+                    .map(|t| t.corners.map(|c| c.position)),
+            ),
+            fixed,
+            glass,
+            moving: parts.into_iter().map(|part| part.lit(&light)).collect(),
+            sky: made.sky.at(&light),
+            wearer: wearer.lit(&light),
+            light,
+            route: made.route,
+            walkable,
+            walkable_triangles,
+        }
+    }
+
+    /// The highest ground at `(x, y)` that is not above `below`, m.
+    pub fn ground(&self, x: f64, y: f64, below: f64) -> Option<Ground> {
+        let down = -Vector3::z();
+        let hit = self
+            .walkable
+            .hit(&Vector3::new(x, y, below), &down, 0.0, 100.0)?;
+        let triangle = self.walkable_triangles[hit.triangle as usize];
+        let [a, b, c] = self.fixed.triangles[triangle as usize]
+            .corners
+            .map(|c| c.position);
+        Some(Ground {
+            height: below - hit.distance,
+            normal: (b - a).cross(&(c - a)).normalize(),
+            triangle,
+        })
+    }
+
+    /// What does not move and is nearest along a ray: distance in lengths of `direction`, and number of
+    /// the triangle. The slow twin of the rasteriser.
+    pub fn first_hit(&self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<bvh::Hit> {
+        self.solid.hit(origin, direction, 1e-6, f64::INFINITY)
+    }
+}
+
+fn bvh_of(mesh: &Mesh) -> Bvh {
+    Bvh::new(mesh.triangles.iter().map(|t| t.corners.map(|c| c.position)))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,208 @@
+//! What makers of scenes share.
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::light::{Light, Lights};
+use super::mesh::{Mesh, Stuff};
+use super::people::Part;
+use super::route::Route;
+use super::sky::Sky;
+use super::surface::{Class, Material};
+use super::texture::{Recipe, Texture};
+use crate::random;
+use crate::so3;
+
+/// Gathers a scene.
+#[derive(Debug)]
+pub struct Builder {
+    /// All randomness comes from it.
+    pub seed: u64,
+    /// So far.
+    pub materials: Vec<Material>,
+    /// So far.
+    pub textures: Vec<Texture>,
+    /// So far.
+    pub mesh: Mesh,
+    /// Panes so far.
+    pub glass: Mesh,
+    /// What moves, so far.
+    pub parts: Vec<Part>,
+    instances: u16,
+    draws: u64,
+}
+
+/// What a maker of a scene hands over besides the builder.
+#[derive(Clone, Debug)]
+pub struct Made {
+    /// Where light comes from.
+    pub lights: Lights,
+    /// What is seen beyond.
+    pub sky: Backdrop,
+    /// Where one walks.
+    pub route: Route,
+}
+
+/// The sky of a scene, before the light is known.
+#[derive(Clone, Copy, Debug)]
+pub struct Backdrop {
+    /// Texture of the clouds.
+    pub texture: u16,
+}
+
+impl Backdrop {
+    /// The sky under a light.
+    pub fn at(&self, light: &Light) -> Sky {
+        // An open sky that gives this irradiance, were it even, is as bright as a white surface.
+        let bright = (2.2 * light.sky) as f32;
+        Sky {
+            zenith: [0.65, 0.85, 1.25].map(|c| c * bright),
+            horizon: 0.9,
+            clouds: 0.5,
+            texture: self.texture,
+        }
+    }
+}
+
+impl Builder {
+    /// Nothing yet.
+    pub fn new(seed: u64) -> Self {
+        Self {
+            seed,
+            materials: Vec::new(),
+            textures: Vec::new(),
+            mesh: Mesh::default(),
+            glass: Mesh::default(),
+            parts: Vec::new(),
+            instances: 0,
+            draws: 0,
+        }
+    }
+
+    /// The next random number, uniform in `from..to`.
+    pub fn draw(&mut self, from: f64, to: f64) -> f64 {
+        self.draws += 1;
+        from + (to - from) * random::uniform(self.seed, random::SCENE, self.draws)
+    }
+
+    /// A new thing's number.
+    pub fn thing(&mut self) -> u16 {
+        self.instances += 1;
+        self.instances
+    }
+
+    /// A texture of its own.
+    pub fn texture(&mut self, recipe: &Recipe) -> u16 {
+        let seed = random::bits(self.seed, random::SCENE + 1, self.textures.len() as u64);
+        self.textures.push(Texture::new(recipe, seed));
+        self.textures.len() as u16 - 1
+    }
+
+    /// A material.
+    pub fn material(
+        &mut self,
+        class: Class,
+        texture: u16,
+        texel_mm: f32,
+        albedo: [f32; 3],
+        other_albedo: [f32; 3],
+    ) -> u16 {
+        self.materials.push(Material {
+            class,
+            walkable: matches!(
+                class,
+                Class::Pavement | Class::Road | Class::Crosswalk | Class::Grass | Class::Stair
+            ),
+            texture,
+            texel_m: texel_mm * 1e-3,
+            albedo,
+            other_albedo,
+            glow: 0.0,
+        });
+        self.materials.len() as u16 - 1
+    }
+
+    /// Part of the ground.
+    pub fn on_ground(material: u16) -> Stuff {
+        Stuff {
+            material,
+            instance: 0,
+        }
+    }
+
+    /// A thing of its own.
+    pub fn of_thing(&mut self, material: u16) -> Stuff {
+        Stuff {
+            material,
+            instance: self.thing(),
+        }
+    }
+
+    /// A box that stands on `base`, turned by `yaw` rad.
+    pub fn standing_box(
+        &mut self,
+        base: Vector3<f64>,
+        size: Vector3<f64>,
+        yaw: f64,
+        cell_m: f64,
+        stuff: Stuff,
+    ) {
+        let centre = base + Vector3::z() * (0.5 * size.z);
+        self.mesh
+            .cuboid(centre, size, so3::exp(Vector3::z() * yaw), cell_m, stuff);
+    }
+
+    /// A pane, to be looked through from both sides.
+    pub fn pane(&mut self, [a, b, c, d]: [Vector3<f64>; 4], cell_m: f64, stuff: Stuff) {
+        self.glass.tiled_quad([a, b, c, d], [0.0; 2], cell_m, stuff);
+        self.glass.tiled_quad([b, a, d, c], [0.0; 2], cell_m, stuff);
+    }
+
+    /// A lump of about this radius, as a stone or a tuft: a sphere of `rings` rings with bumps.
+    pub fn lump(
+        &mut self,
+        centre: Vector3<f64>,
+        radius: Vector3<f64>,
+        rings: usize,
+        rough: f64,
+        stuff: Stuff,
+    ) {
+        let sides = 2 * rings;
+        let mut points = Vec::new();
+        for i in 0..=rings {
+            let polar = std::f64::consts::PI * i as f64 / rings as f64;
+            for k in 0..sides {
+                let angle = 2.0 * std::f64::consts::PI * k as f64 / sides as f64;
+                let bump = 1.0 + rough * self.draw(-1.0, 1.0);
+                let is_pole = i == 0 || i == rings;
+                let bump = if is_pole { 1.0 } else { bump };
+                let out = Vector3::new(
+                    libm::sin(polar) * libm::cos(angle),
+                    libm::sin(polar) * libm::sin(angle),
+                    libm::cos(polar),
+                );
+                points.push(centre + out.component_mul(&radius) * bump);
+            }
+        }
+        let at = |i: usize, k: usize| points[i * sides + k % sides];
+        for i in 0..rings {
+            for k in 0..sides {
+                let (a, b, c, d) = (at(i + 1, k), at(i + 1, k + 1), at(i, k + 1), at(i, k));
+                let uv = [radius.x * k as f64, radius.z * i as f64];
+                // At the poles one side has no length.
+                if i == 0 {
+                    self.mesh.triangle([a, b, d], uv, stuff);
+                } else if i + 1 == rings {
+                    self.mesh.triangle([a, c, d], uv, stuff);
+                } else {
+                    self.mesh.triangle([a, b, c], uv, stuff);
+                    self.mesh.triangle([a, c, d], uv, stuff);
+                }
+            }
+        }
+    }
+
+    /// A turn about the vertical, rad.
+    pub fn yaw(angle: f64) -> UnitQuaternion<f64> {
+        so3::exp(Vector3::z() * angle)
+    }
+}

@@ -1,0 +1,207 @@
+//! Where light comes from, and how much of it reaches a surface.
+//!
+//! Sun, sky and lamps, with shadows and the darkening of corners, computed once at the corners of
+//! triangles and linear between them: shadows have soft outlines as wide as a triangle. Light that
+//! bounces is part of the sky's share. Moving things neither cast nor receive shadows.
+
+use std::collections::HashMap;
+
+use nalgebra::Vector3;
+
+use super::Time;
+use super::bvh::Bvh;
+use super::mesh::Mesh;
+
+/// Directions in which the sky is looked for, per corner.
+const SKY_RAYS: usize = 14;
+/// Nothing farther than this darkens, m.
+const SKY_REACH_M: f64 = 6.0;
+/// Faces that meet at less than this angle look round; cosine.
+const ROUND: f64 = 0.8;
+
+/// A light at a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lamp {
+    /// m.
+    pub position: Vector3<f64>,
+    /// Irradiance at 1 m, relative to daylight.
+    pub strength: f64,
+}
+
+/// All light of a scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Light {
+    /// Direction to the sun, of length 1, and its irradiance on a surface that faces it.
+    pub sun: Option<(Vector3<f64>, f64)>,
+    /// Irradiance from an open sky.
+    pub sky: f64,
+    /// Lamps.
+    pub lamps: Vec<Lamp>,
+    /// Colour, luminance 1.
+    pub tint: [f32; 3],
+    /// Flicker of all light: frequency of the light's maxima, Hz, and depth (1 goes out between).
+    pub flicker: Option<(f64, f64)>,
+}
+
+/// The lights of a place at all times.
+#[derive(Clone, Debug)]
+pub struct Lights {
+    /// Direction to the sun by day.
+    pub sun: Vector3<f64>,
+    /// Direction to the sun when it is low.
+    pub low_sun: Vector3<f64>,
+    /// Lamps that are on at night.
+    pub lamps: Vec<Lamp>,
+    /// In a room the lamps are the day's light too, and the sun comes in only when it is low.
+    pub indoors: bool,
+}
+
+impl Lights {
+    /// How bright lamps are at a time, as a multiple of their strength.
+    pub fn lamps_on(&self, time: Time) -> f64 {
+        match (time, self.indoors) {
+            (Time::Day | Time::LowSun, false) => 0.0,
+            (Time::Day, true) => 1.0,
+            (Time::LowSun, true) => 0.2,
+            (Time::Night, false) => 1.0,
+            (Time::Night, true) => 0.02,
+            (Time::Flicker, false) => 4.0,
+            (Time::Flicker, true) => 1.0,
+        }
+    }
+
+    /// The light at a time.
+    pub fn at(&self, time: Time) -> Light {
+        const WHITE: [f32; 3] = [1.0, 1.0, 1.0];
+        const WARM: [f32; 3] = [1.35, 0.95, 0.45];
+        const MAINS: Option<(f64, f64)> = Some((100.0, 0.8));
+        let sun = |direction: Vector3<f64>, strength| Some((direction.normalize(), strength));
+        let lamps = || {
+            let factor = self.lamps_on(time);
+            let lit = |lamp: &Lamp| Lamp {
+                strength: lamp.strength * factor,
+                ..*lamp
+            };
+            self.lamps.iter().map(lit).collect()
+        };
+        let light = |sun, sky, lamps, tint, flicker| Light {
+            sun,
+            sky,
+            lamps,
+            tint,
+            flicker,
+        };
+        match (time, self.indoors) {
+            (Time::Day, false) => light(sun(self.sun, 0.75), 0.3, Vec::new(), WHITE, None),
+            (Time::Day, true) => light(None, 0.03, lamps(), WHITE, None),
+            (Time::LowSun, false) => light(sun(self.low_sun, 0.6), 0.15, Vec::new(), WARM, None),
+            (Time::LowSun, true) => light(sun(self.low_sun, 0.4), 0.03, lamps(), WARM, None),
+            (Time::Night, false) => light(None, 0.000_5, lamps(), WARM, None),
+            (Time::Night, true) => light(None, 0.000_5, lamps(), WARM, None),
+            // Outdoors: a dull evening under street lamps. Indoors: tubes.
+            (Time::Flicker, false) => light(None, 0.001, lamps(), WHITE, MAINS),
+            (Time::Flicker, true) => light(None, 0.01, lamps(), WHITE, MAINS),
+        }
+    }
+}
+
+impl Light {
+    /// Irradiance at a point with this normal. `blocked(direction, reach)` says whether something is
+    /// in the way.
+    pub fn irradiance(
+        &self,
+        point: &Vector3<f64>,
+        normal: &Vector3<f64>,
+        blocked: impl Fn(&Vector3<f64>, f64) -> bool,
+    ) -> f64 {
+        let mut sum = 0.0;
+        if let Some((direction, strength)) = &self.sun {
+            let cosine = normal.dot(direction);
+            if cosine > 0.0 && !blocked(direction, 200.0) {
+                sum += strength * cosine;
+            }
+        }
+        // Evenly spread over the sphere (Fibonacci), weighted by the cosine.
+        let (mut open, mut all) = (0.0, 0.0);
+        for i in 0..2 * SKY_RAYS {
+            let z = 1.0 - (2 * i + 1) as f64 / (2 * SKY_RAYS) as f64;
+            let angle = i as f64 * 2.399_963_229_728_653;
+            let r = (1.0 - z * z).sqrt();
+            let direction = Vector3::new(r * libm::cos(angle), r * libm::sin(angle), z);
+            let cosine = normal.dot(&direction);
+            if cosine > 0.05 {
+                all += cosine;
+                if !blocked(&direction, SKY_REACH_M) {
+                    // What comes from below the horizon is light that the ground throws back.
+                    open += cosine * if z > 0.0 { 1.0 } else { 0.4 };
+                }
+            }
+        }
+        sum += self.sky * (0.15 + 0.85 * open / all);
+        for lamp in &self.lamps {
+            let arm = lamp.position - point;
+            let distance = arm.norm();
+            let direction = arm / distance;
+            let cosine = normal.dot(&direction);
+            // Some of a lamp's light comes by way of walls and ground.
+            let direct = match cosine > 0.0 && !blocked(&direction, distance - 0.05) {
+                true => cosine,
+                false => 0.0,
+            };
+            sum += lamp.strength * (direct + 0.1) / (distance * distance + 0.05);
+        }
+        sum
+    }
+
+    /// Irradiance at the corners of each triangle.
+    pub fn baked(&self, mesh: &Mesh, solid: &Bvh) -> Vec<[f32; 3]> {
+        let key = |p: &Vector3<f64>| [p.x, p.y, p.z].map(f64::to_bits);
+        let flat: Vec<Vector3<f64>> = mesh
+            .triangles
+            .iter()
+            .map(|t| {
+                let [a, b, c] = t.corners.map(|c| c.position);
+                (b - a).cross(&(c - a)).normalize()
+            })
+            .collect();
+        let mut around: HashMap<[u64; 3], Vec<usize>> = HashMap::new();
+        for (i, t) in mesh.triangles.iter().enumerate() {
+            for corner in &t.corners {
+                around.entry(key(&corner.position)).or_default().push(i);
+            }
+        }
+        let mut known: HashMap<([u64; 3], [i32; 3]), f32> = HashMap::new();
+        let mut at = |i: usize, p: &Vector3<f64>| {
+            let near = around[&key(p)].iter().map(|&k| flat[k]);
+            let round: Vector3<f64> = near.filter(|n| n.dot(&flat[i]) > ROUND).sum();
+            let normal = round.normalize();
+            let cell = normal.map(|v| (v * 1000.0).round() as i32);
+            *known
+                .entry((key(p), [cell.x, cell.y, cell.z]))
+                .or_insert_with(|| {
+                    let start = p + flat[i] * 0.02;
+                    let blocked = |d: &Vector3<f64>, reach: f64| solid.is_hidden(&start, d, reach);
+                    self.irradiance(p, &normal, blocked) as f32
+                })
+        };
+        mesh.triangles
+            .iter()
+            .enumerate()
+            .map(|(i, t)| t.corners.map(|c| at(i, &c.position)))
+            .collect()
+    }
+
+    /// How bright a light that flickers is on average from `from_s` for `length_s`, relative to its
+    /// mean over all time. The light goes with the square of a sine, as of a lamp on mains.
+    pub fn flicker_factor(&self, from_s: f64, length_s: f64) -> f64 {
+        let Some((hz, depth)) = self.flicker else {
+            return 1.0;
+        };
+        let turn = 2.0 * std::f64::consts::PI * hz;
+        if length_s < 1e-9 {
+            return 1.0 - depth * libm::cos(turn * from_s);
+        }
+        let wave = libm::sin(turn * (from_s + length_s)) - libm::sin(turn * from_s);
+        1.0 - depth * wave / (turn * length_s)
+    }
+}

@@ -1,0 +1,130 @@
+use super::*;
+use crate::scene::mesh::Triangle;
+use crate::scene::surface::Class;
+
+/// Three people on a small round, under an even sky.
+fn some() -> (Builder, Vec<Moving>) {
+    let mut b = Builder::new(3);
+    let wardrobe = Wardrobe::new(&mut b);
+    for speed in [0.8, 1.2, 1.5] {
+        let stroll = Stroll {
+            points: vec![[0.0, 0.0], [6.0, 0.0], [6.0, 5.0], [0.0, 5.0]],
+            start: 0.2,
+            speed,
+        };
+        add(&mut b, &wardrobe, &stroll);
+    }
+    let light = Light {
+        sun: None,
+        sky: 1.0,
+        lamps: Vec::new(),
+        tint: [1.0; 3],
+        flicker: None,
+    };
+    let moving = std::mem::take(&mut b.parts)
+        .into_iter()
+        .map(|part| part.lit(&light))
+        .collect();
+    (b, moving)
+}
+
+fn lowest(body: &Moving, time_s: f64) -> f64 {
+    let (position, rotation) = body.pose(time_s);
+    let corners = body
+        .body
+        .triangles
+        .iter()
+        .flat_map(|t: &Triangle| &t.corners);
+    corners
+        .map(|c| (rotation * c.position + position).z)
+        .fold(f64::MAX, f64::min)
+}
+
+#[test]
+fn people_stay_upright_and_on_the_ground() {
+    let (_, moving) = some();
+    for person in moving.chunks(Limb::ALL.len()) {
+        for k in 0..200 {
+            let time = 0.037 * f64::from(k);
+            let foot = person
+                .iter()
+                .map(|limb| lowest(limb, time))
+                .fold(f64::MAX, f64::min);
+            assert!(foot.abs() < 0.02, "{time}: {foot}");
+            for limb in &person[..2] {
+                let up = limb.pose(time).1 * Vector3::z();
+                assert!(up.z > 0.98, "{:?} at {time}: {up}", limb.limb);
+            }
+            let head = person[1].pose(time).0.z;
+            assert!((1.2..1.7).contains(&head), "{time}: {head}");
+        }
+    }
+}
+
+/// Nothing jumps, a round later included, and limbs stay at their joints.
+#[test]
+fn poses_are_continuous_and_limbs_hang_together() {
+    let (_, moving) = some();
+    let step = 0.002;
+    for body in &moving {
+        let mut last = body.pose(0.0);
+        for k in 1..20_000 {
+            let time = step * f64::from(k);
+            let (position, rotation) = body.pose(time);
+            let speed = (position - last.0).norm() / step;
+            let rate = rotation.angle_to(&last.1) / step;
+            assert!(
+                speed < 6.0 && rate < 12.0,
+                "{:?} at {time}: {speed} {rate}",
+                body.limb
+            );
+            last = (position, rotation);
+        }
+    }
+    let [_, _, thigh, _, shin, ..] = &moving[..] else {
+        panic!("ten limbs each");
+    };
+    let (hip, turn) = thigh.pose(1.0);
+    let below = turn.inverse() * (shin.pose(1.0).0 - hip);
+    assert!(
+        below.xy().norm() < 1e-12 && (-0.5..-0.35).contains(&below.z),
+        "{below}"
+    );
+}
+
+/// The foot that stands slides little: for a quarter of the time it is far slower than the person.
+#[test]
+fn a_standing_foot_slides_little() {
+    let (_, moving) = some();
+    for person in moving.chunks(Limb::ALL.len()) {
+        let shin = &person[4];
+        let sole = |time: f64| {
+            let (position, rotation) = shin.pose(time);
+            position - rotation * Vector3::z() * 0.5
+        };
+        let speed = |k: u32| {
+            let time = 0.01 * f64::from(k);
+            (sole(time + 0.005) - sole(time - 0.005)).xy().norm() / 0.01
+        };
+        let walk = shin.walk.speed;
+        let standing = (0..1000).filter(|&k| speed(k) < 0.35 * walk).count();
+        assert!(standing > 250, "{standing} of 1000 at {walk} m/s");
+    }
+}
+
+#[test]
+fn everyone_is_a_thing_of_their_own() {
+    let (b, moving) = some();
+    let mut instances = Vec::new();
+    for body in &moving {
+        assert_eq!(body.body.chunks.len(), 1, "{:?}", body.limb);
+        for surface in &body.body.surfaces {
+            let material = &b.materials[surface.material as usize];
+            assert_eq!(material.class, Class::Person);
+            assert!(!material.walkable && surface.instance > 0);
+            instances.push(surface.instance);
+        }
+    }
+    instances.dedup();
+    assert_eq!(instances.len(), 3, "{instances:?}");
+}

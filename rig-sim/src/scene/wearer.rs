@@ -1,0 +1,253 @@
+//! What the wearer sees of himself: shoes with tags, and legs.
+//!
+//! Rigid parts: a shoe, a shank and a thigh on each side. Where they are follows from the walk: shoes are
+//! the feet, and the knee bends so that the leg reaches from the hip to the ankle. Bodies have their
+//! origin where they turn: shoes in the middle of the sole, shanks at the ankle, thighs at the knee, with z
+//! along the limb.
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::body::Body;
+use super::build::Builder;
+use super::light::Light;
+use super::mesh::{Mesh, Stuff};
+use super::surface::Class;
+use super::tag;
+use super::texture::Recipe;
+use crate::so3;
+use crate::walker::gait::{HEEL_X, TOE_X};
+use crate::walker::{Side, Walker};
+
+/// From the rig's datum to the hips, m: back, to each side, down.
+const HIP: [f64; 3] = [-0.14, 0.09, -0.42];
+/// From the middle of the sole to the ankle, m.
+const ANKLE: [f64; 3] = [-0.07, 0.0, 0.09];
+/// Lengths, m.
+const SHANK_M: f64 = 0.42;
+const THIGH_M: f64 = 0.43;
+/// Side of a tag's black square, m.
+const TAG_M: f64 = 0.05;
+/// Where the middle of a tag sits on its shoe, m, and how far it leans back to face the chest, rad.
+const TAG_AT: [f64; 3] = [0.045, 0.0, 0.098];
+const TAG_LEAN: f64 = 0.35;
+
+/// A rigid part of the wearer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The foot.
+    Shoe(Side),
+    /// From the ankle to the knee.
+    Shank(Side),
+    /// From the knee to the hip.
+    Thigh(Side),
+}
+
+/// A tag on a shoe.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShoeTag {
+    /// Number in the family 36h11.
+    pub id: usize,
+    /// Which shoe.
+    pub side: Side,
+    /// Side of the black square, m.
+    pub size_m: f64,
+    /// Middle of the tag in the foot's frame, m.
+    pub position: Vector3<f64>,
+    /// Takes the tag's axes (x right, y down, z into it) to the foot's.
+    pub rotation: UnitQuaternion<f64>,
+}
+
+/// The parts of the wearer that cameras on his chest can see.
+#[derive(Clone, Debug)]
+pub struct Wearer {
+    /// All parts.
+    pub parts: Vec<(Part, Body)>,
+    /// The tags on the shoes.
+    pub tags: [ShoeTag; 2],
+}
+
+impl Wearer {
+    pub(super) fn make(b: &mut Builder) -> Made {
+        let cloth = b.texture(&Recipe {
+            radius: [1.0, 50.0],
+            contrast: 0.2,
+            grain: 0.15,
+            mixed: 0.4,
+            stretch: 3.0,
+        });
+        let instance = b.thing();
+        let mut stuff = |texel_mm: f32, albedo: [f32; 3], other: [f32; 3]| Stuff {
+            material: b.material(Class::Person, cloth, texel_mm, albedo, other),
+            instance,
+        };
+        let trousers = stuff(1.0, [0.06, 0.08, 0.16], [0.1, 0.12, 0.22]);
+        let leather = stuff(0.6, [0.2, 0.11, 0.06], [0.26, 0.16, 0.1]);
+        let sole = stuff(0.6, [0.5, 0.48, 0.45], [0.4, 0.4, 0.4]);
+        // Print: its grain must not blur the edges of the cells.
+        let black = stuff(40.0, [0.03; 3], [0.03; 3]);
+        let white = stuff(40.0, [0.75; 3], [0.75; 3]);
+        let mut meshes = Vec::new();
+        let mut tags = Vec::new();
+        for (side, id) in [(Side::Left, 0), (Side::Right, 1)] {
+            let tag = shoe_tag(side, id);
+            meshes.push((Part::Shoe(side), shoe(&tag, leather, sole, [black, white])));
+            meshes.push((Part::Shank(side), limb(SHANK_M, [0.05, 0.065], trousers)));
+            meshes.push((Part::Thigh(side), limb(THIGH_M, [0.065, 0.09], trousers)));
+            tags.push(tag);
+        }
+        Made {
+            meshes,
+            tags: [tags[0], tags[1]],
+        }
+    }
+
+    /// Pose of a part in the world.
+    pub fn pose(part: Part, walker: &Walker, time_s: f64) -> (Vector3<f64>, UnitQuaternion<f64>) {
+        let side = match part {
+            Part::Shoe(side) | Part::Shank(side) | Part::Thigh(side) => side,
+        };
+        let foot = walker.foot(side, time_s);
+        if let Part::Shoe(_) = part {
+            return (foot.position, foot.rotation);
+        }
+        let rig = walker.rig(time_s);
+        let sign = match side {
+            Side::Left => 1.0,
+            Side::Right => -1.0,
+        };
+        // Hips stay level while the chest leans.
+        let ahead = rig.rotation * Vector3::x();
+        let yaw = so3::exp(Vector3::z() * libm::atan2(ahead.y, ahead.x));
+        let hip = rig.position + yaw * Vector3::new(HIP[0], sign * HIP[1], HIP[2]);
+        let ankle = foot.position + foot.rotation * Vector3::from(ANKLE);
+        let knee = knee(&hip, &ankle, &(yaw * Vector3::x()));
+        match part {
+            Part::Thigh(_) => (knee, along(&(hip - knee), &(yaw * Vector3::x()))),
+            _ => (ankle, along(&(knee - ankle), &(yaw * Vector3::x()))),
+        }
+    }
+}
+
+/// The wearer before the light is known.
+pub(super) struct Made {
+    meshes: Vec<(Part, Mesh)>,
+    tags: [ShoeTag; 2],
+}
+
+impl Made {
+    /// Under a light. What moves is lit as if nothing stood in the way.
+    pub(super) fn lit(self, light: &Light) -> Wearer {
+        let lit = |mesh: &Mesh| -> Body {
+            let at = |t: &super::mesh::Triangle| {
+                let [a, b, c] = t.corners.map(|c| c.position);
+                let normal = (b - a).cross(&(c - a)).normalize();
+                // A lamp is far from a body compared with the body's size.
+                let here = Vector3::new(0.0, 0.0, 0.5);
+                [light.irradiance(&here, &normal, |_, _| false) as f32; 3]
+            };
+            Body::new(mesh, &mesh.triangles.iter().map(at).collect::<Vec<_>>())
+        };
+        Wearer {
+            parts: self
+                .meshes
+                .iter()
+                .map(|(part, mesh)| (*part, lit(mesh)))
+                .collect(),
+            tags: self.tags,
+        }
+    }
+}
+
+fn shoe_tag(side: Side, id: usize) -> ShoeTag {
+    // x of the tag to the wearer's right, y towards the heel: upright for who looks down at it.
+    let flat = UnitQuaternion::from_basis_unchecked(&[-Vector3::y(), -Vector3::x(), -Vector3::z()]);
+    ShoeTag {
+        id,
+        side,
+        size_m: TAG_M,
+        position: Vector3::from(TAG_AT),
+        rotation: so3::exp(Vector3::y() * -TAG_LEAN) * flat,
+    }
+}
+
+fn shoe(tag: &ShoeTag, leather: Stuff, sole: Stuff, print: [Stuff; 2]) -> Mesh {
+    let mut mesh = Mesh::default();
+    let turn = UnitQuaternion::identity();
+    let length = TOE_X - HEEL_X;
+    let middle = 0.5 * (TOE_X + HEEL_X);
+    let mut block = |x: f64, z: f64, size: [f64; 3], stuff: Stuff| {
+        let [l, w, h] = size;
+        let centre = Vector3::new(x, 0.0, z + 0.5 * h);
+        mesh.cuboid(centre, Vector3::new(l, w, h), turn, 0.1, stuff);
+    };
+    block(middle, 0.0, [length, 0.095, 0.025], sole);
+    block(middle, 0.025, [length - 0.01, 0.088, 0.035], leather);
+    block(HEEL_X + 0.085, 0.06, [0.15, 0.078, 0.045], leather);
+    let place = |p: Vector3<f64>| tag.position + tag.rotation * p;
+    // The plate under the tag.
+    let plate = tag.size_m * 1.25;
+    let behind = tag.position + tag.rotation * Vector3::new(0.0, 0.0, 0.004);
+    mesh.cuboid(
+        behind,
+        Vector3::new(plate, plate, 0.006),
+        tag.rotation,
+        1.0,
+        print[1],
+    );
+    tag::draw(&mut mesh, tag.id, tag.size_m, place, print);
+    mesh
+}
+
+fn limb(length: f64, radii: [f64; 2], stuff: Stuff) -> Mesh {
+    let mut mesh = Mesh::default();
+    let ends = [Vector3::zeros(), Vector3::z() * length];
+    mesh.tube(ends, radii, 12, 0.1, stuff);
+    mesh
+}
+
+/// Where the knee is, in front of the line from hip to ankle.
+fn knee(hip: &Vector3<f64>, ankle: &Vector3<f64>, forward: &Vector3<f64>) -> Vector3<f64> {
+    let leg = ankle - hip;
+    let reach = leg.norm().clamp(0.2, (SHANK_M + THIGH_M) * 0.9995);
+    let axis = leg.normalize();
+    // From the hip along the leg to the foot of the knee's height, by the law of cosines.
+    let along = (reach * reach + THIGH_M * THIGH_M - SHANK_M * SHANK_M) / (2.0 * reach);
+    let height = (THIGH_M * THIGH_M - along * along).max(0.0).sqrt();
+    let out = (forward - axis * forward.dot(&axis)).normalize();
+    hip + axis * along + out * height
+}
+
+/// The rotation whose z runs along `axis` and whose x is as near to `forward` as it can be.
+fn along(axis: &Vector3<f64>, forward: &Vector3<f64>) -> UnitQuaternion<f64> {
+    let z = axis.normalize();
+    let x = (forward - z * forward.dot(&z)).normalize();
+    UnitQuaternion::from_basis_unchecked(&[x, z.cross(&x), z])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Kind, Scene, Time};
+
+    #[test]
+    fn legs_reach_from_hip_to_ankle_and_knees_point_forward() {
+        let scene = Scene::new(Kind::Pavement, Time::Day, 1);
+        let walker = Walker::new(&scene, 1, 20.0);
+        let mut stretched = 0;
+        for k in 0..400 {
+            let t = 0.05 * f64::from(k);
+            for side in [Side::Left, Side::Right] {
+                let (ankle, shank) = Wearer::pose(Part::Shank(side), &walker, t);
+                let (knee, thigh) = Wearer::pose(Part::Thigh(side), &walker, t);
+                let knee_of_shank = ankle + shank * Vector3::z() * SHANK_M;
+                stretched += i32::from((knee_of_shank - knee).norm() > 0.02);
+                let hip = knee + thigh * Vector3::z() * THIGH_M;
+                let ahead = walker.rig(t).rotation * Vector3::x();
+                let bend = (knee - (hip + ankle) * 0.5).dot(&ahead);
+                assert!(bend > -0.02, "{t} {side:?}: {bend}");
+            }
+        }
+        // In a long step the hip would drop or the pelvis turn, which is not modelled.
+        assert!(stretched < 80, "{stretched} of 800");
+    }
+}

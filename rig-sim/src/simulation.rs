@@ -1,0 +1,279 @@
+//! A walk with the rig on, as its sensors record it, and what is true meanwhile.
+//!
+//! Contract: everything follows from [`Settings`] and the rig. A camera's pictures depend on its own
+//! earlier ones, through the exposure, and on no other camera, so that cameras may be rendered side
+//! by side on threads without any effect on the result. Times are whole ns since the beginning of
+//! the walk: frame `n` is taken in the middle of the `n`-th period, by all cameras at one instant, and IMU
+//! sample `n` at `n` over the rate. Clocks that run differently are added by whoever plays a device.
+
+use cad_transforms::RigidTransform;
+use cad_transforms::frame::{Frame, FramePart};
+use cad_transforms::rig::{Rig, RigError};
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::camera::Quality;
+use crate::camera::placed::{Motion, Placed, placed};
+use crate::imu::{Imu, ImuModel, ImuSample};
+use crate::random;
+use crate::rig::{SimCamera, cameras};
+use crate::scene::body::Body;
+use crate::scene::wearer::{Part, Wearer};
+use crate::scene::{Kind, Scene, Time};
+use crate::walker::Walker;
+
+mod pictures;
+
+pub use self::pictures::{Pictures, StereoFrame};
+
+/// Seeds of IMUs, apart from the streams that they use themselves.
+const IMU_SEEDS: u64 = random::IMU + 0x80;
+/// Longest walk, s: the truth of a whole walk is kept in memory.
+const LONGEST_S: f64 = 3600.0;
+/// Fastest cameras, Hz: the rolling shutter reads a picture in less than this period.
+const FASTEST_HZ: f64 = 100.0;
+/// Sizes that the renderer can do, pixels per side of one eye.
+const SIZES: std::ops::RangeInclusive<u32> = 16..=4096;
+/// How much of a period light may be gathered: the rest is the device's.
+const SHUTTER_SHARE: f64 = 0.9;
+
+/// What to simulate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Which place.
+    pub kind: Kind,
+    /// Which light.
+    pub time: Time,
+    /// All randomness comes from it.
+    pub seed: u64,
+    /// Length of the walk, s.
+    pub seconds: f64,
+    /// Frames per second of every camera.
+    pub rate_hz: f64,
+    /// Columns of one eye, even.
+    pub width: u32,
+    /// Rows, even.
+    pub height: u32,
+    /// How much trouble a picture is worth.
+    pub quality: Quality,
+}
+
+/// Why nothing was simulated.
+#[derive(Debug, thiserror::Error)]
+pub enum SimulationError {
+    /// A setting that cannot be simulated: choose another.
+    #[error("preparing a simulated walk: {what} is {found}, expected {expected}")]
+    Setting {
+        /// Which.
+        what: &'static str,
+        /// Its value.
+        found: String,
+        /// What is possible.
+        expected: String,
+    },
+    /// The rig lacks an eye or the IMU of a camera: complete its file.
+    #[error("preparing the cameras of a simulated walk")]
+    Rig(#[from] RigError),
+}
+
+/// An IMU on the rig.
+#[derive(Clone, Debug)]
+pub struct RigImu {
+    /// What it measures.
+    pub imu: Imu,
+    /// Where it is.
+    pub imu_from_rig: RigidTransform,
+}
+
+/// See the module.
+#[derive(Clone, Debug)]
+pub struct Simulation {
+    settings: Settings,
+    scene: Scene,
+    walker: Walker,
+    cameras: Vec<SimCamera>,
+    /// Of each camera.
+    imus: Vec<RigImu>,
+}
+
+impl Settings {
+    fn check(&self) -> Result<(), SimulationError> {
+        let wrong = |what, found: &dyn std::fmt::Display, expected: String| {
+            Err(SimulationError::Setting {
+                what,
+                found: found.to_string(),
+                expected,
+            })
+        };
+        // Not a number is in no range.
+        if !(self.seconds > 0.0 && self.seconds <= LONGEST_S) {
+            let expected = format!("above 0 and at most {LONGEST_S} s");
+            return wrong("the length of the walk", &self.seconds, expected);
+        }
+        if !(self.rate_hz > 0.0 && self.rate_hz <= FASTEST_HZ) {
+            let expected = format!("above 0 and at most {FASTEST_HZ} Hz");
+            return wrong("the rate of the cameras", &self.rate_hz, expected);
+        }
+        for (what, size) in [
+            ("the width of an eye", self.width),
+            ("the height", self.height),
+        ] {
+            if !SIZES.contains(&size) || size % 2 == 1 {
+                let expected = format!(
+                    "an even number of pixels from {} to {}",
+                    SIZES.start(),
+                    SIZES.end()
+                );
+                return wrong(what, &size, expected);
+            }
+        }
+        if self.frame_count() == 0 {
+            let expected = format!("at least one period of {} s", 1.0 / self.rate_hz);
+            return wrong("the length of the walk", &self.seconds, expected);
+        }
+        Ok(())
+    }
+
+    /// Frames of each camera: the whole periods of the walk.
+    pub fn frame_count(&self) -> u64 {
+        // A length of whole periods may be a hair less in floating point.
+        (self.seconds * self.rate_hz + 1e-6).floor() as u64
+    }
+
+    /// When frame `n` is taken, ns.
+    pub fn frame_ns(&self, n: u64) -> i64 {
+        ((n as f64 + 0.5) / self.rate_hz * 1e9).round() as i64
+    }
+}
+
+/// Nanoseconds as the seconds that motion is a function of.
+pub fn seconds(time_ns: i64) -> f64 {
+    time_ns as f64 * 1e-9
+}
+
+impl Simulation {
+    /// Makes the place, the walk and the sensors.
+    ///
+    /// # Errors
+    /// [`SimulationError`].
+    pub fn new(settings: &Settings, rig: &Rig) -> Result<Self, SimulationError> {
+        settings.check()?;
+        let mut cameras = cameras(rig, settings.width, settings.height)?;
+        for camera in &mut cameras {
+            let period_s = 1.0 / settings.rate_hz;
+            camera.longest_exposure_s = camera.longest_exposure_s.min(SHUTTER_SHARE * period_s);
+        }
+        let imus = cameras.iter().zip(0..).map(|(camera, number)| {
+            let frame = Frame::of_camera(&camera.name, FramePart::Imu)
+                .expect("a rig names its cameras by valid names");
+            let imu_from_rig = rig.transform(&frame, &Frame::rig())?;
+            let seed = random::bits(settings.seed, IMU_SEEDS, number);
+            let imu = Imu::new(ImuModel::ZED_MINI, imu_from_rig, settings.seconds, seed);
+            Ok(RigImu { imu, imu_from_rig })
+        });
+        let imus = imus.collect::<Result<_, RigError>>()?;
+        let scene = Scene::new(settings.kind, settings.time, settings.seed);
+        let walker = Walker::new(&scene, settings.seed, settings.seconds);
+        Ok(Self {
+            settings: *settings,
+            scene,
+            walker,
+            cameras,
+            imus,
+        })
+    }
+
+    /// What was asked for.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// The place.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// The walk.
+    pub fn walker(&self) -> &Walker {
+        &self.walker
+    }
+
+    /// The cameras, by name.
+    pub fn cameras(&self) -> &[SimCamera] {
+        &self.cameras
+    }
+
+    /// The IMUs, one in each camera.
+    pub fn imus(&self) -> &[RigImu] {
+        &self.imus
+    }
+
+    /// All frames of a camera, in order.
+    pub fn pictures(&self, camera: usize) -> Pictures<'_> {
+        Pictures::new(self, camera)
+    }
+
+    /// All samples of an IMU in order, each with its number and its time in ns.
+    pub fn samples<'a>(
+        &'a self,
+        imu: &'a RigImu,
+    ) -> impl Iterator<Item = (usize, i64, ImuSample)> + 'a {
+        let rate_hz = imu.imu.model().rate_hz;
+        let last = (self.settings.seconds * rate_hz + 1e-6).floor() as usize;
+        (0..=last).map(move |n| {
+            let time_ns = (n as f64 / rate_hz * 1e9).round() as i64;
+            (
+                n,
+                time_ns,
+                imu.imu.sample(&self.walker, n, seconds(time_ns)),
+            )
+        })
+    }
+
+    /// Pose of the rig in the world.
+    pub fn world_from_rig(&self, time_ns: i64) -> (Vector3<f64>, UnitQuaternion<f64>) {
+        let state = self.walker.rig(seconds(time_ns));
+        (state.position, state.rotation)
+    }
+
+    /// The wearer's limbs, which move with the walk.
+    fn limbs(&self) -> Vec<Limb<'_>> {
+        let parts = self.scene.wearer.parts.iter();
+        parts
+            .map(|(part, body)| Limb {
+                body,
+                part: *part,
+                walker: &self.walker,
+            })
+            .collect()
+    }
+
+    /// Everything that can be seen: the scene, then the wearer.
+    fn placed<'a>(&'a self, limbs: &'a [Limb<'a>]) -> Vec<Placed<'a>> {
+        let mut placed = placed(&self.scene);
+        for limb in limbs {
+            let first = placed.last().map_or(0, Placed::next);
+            placed.push(Placed {
+                body: limb.body,
+                first,
+                pose: limb,
+            });
+        }
+        placed
+    }
+}
+
+/// A part of the wearer on his walk.
+struct Limb<'a> {
+    body: &'a Body,
+    part: Part,
+    walker: &'a Walker,
+}
+
+impl Motion for Limb<'_> {
+    fn at(&self, time_s: f64) -> (Vector3<f64>, UnitQuaternion<f64>) {
+        Wearer::pose(self.part, self.walker, time_s)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,184 @@
+//! The pictures of one stereo camera, one after the other.
+
+use crate::camera::sensor::{AutoExposure, Exposure, SensorModel};
+use crate::camera::{Eye, Quality, Shot, Truth, auto_exposure};
+use crate::random;
+use crate::rig::SimCamera;
+
+use super::{Limb, Simulation, seconds};
+
+/// Seeds of cameras, and of a camera's pictures, apart from the streams that sensors use themselves.
+const CAMERA_SEEDS: u64 = random::SENSOR + 0x80;
+const PICTURE_SEEDS: u64 = random::SENSOR + 0x81;
+/// Pictures after which the exposure has found its way from any start.
+const SETTLING: u64 = 24;
+
+/// A picture as the device delivers it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StereoFrame {
+    /// From 0.
+    pub number: u64,
+    /// Middle of the exposure of the middle row, ns since the beginning of the walk.
+    pub time_ns: i64,
+    /// Of both eyes.
+    pub exposure: Exposure,
+    /// Columns of both eyes together.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Left and right side by side as I420: luma, then Cb and Cr at half the size, full range BT.601.
+    pub i420: Vec<u8>,
+}
+
+/// Exposes and develops the pictures of one camera. As an iterator it gives all frames of the walk.
+pub struct Pictures<'a> {
+    simulation: &'a Simulation,
+    camera: &'a SimCamera,
+    limbs: Vec<Limb<'a>>,
+    seed: u64,
+    eyes: [Eye; 2],
+    auto: AutoExposure,
+    next: u64,
+}
+
+impl<'a> Pictures<'a> {
+    /// The camera has been on for a while: its exposure is that of the walk's beginning.
+    pub(super) fn new(simulation: &'a Simulation, camera: usize) -> Self {
+        let seed = random::bits(simulation.settings.seed, CAMERA_SEEDS, camera as u64);
+        let camera = &simulation.cameras[camera];
+        let quality = simulation.settings.quality;
+        let eye = |k: usize| {
+            Eye::new(
+                &camera.models[k],
+                camera.shutter,
+                SensorModel::SMALL,
+                quality,
+            )
+        };
+        let mut pictures = Self {
+            simulation,
+            camera,
+            limbs: simulation.limbs(),
+            seed,
+            eyes: [eye(0), eye(1)],
+            auto: auto_exposure(camera.longest_exposure_s),
+            next: 0,
+        };
+        pictures.settle(simulation.settings.frame_ns(0));
+        pictures
+    }
+
+    /// Lets the exposure adapt to what is seen at a time.
+    pub fn settle(&mut self, time_ns: i64) {
+        for k in 0..SETTLING {
+            self.shoot(k, time_ns, Quality::FAST);
+        }
+    }
+
+    /// Takes a picture; `number` chooses its noise.
+    pub fn expose(&mut self, number: u64, time_ns: i64) -> StereoFrame {
+        self.shoot(number, time_ns, self.simulation.settings.quality)
+    }
+
+    fn shoot(&mut self, number: u64, time_ns: i64, quality: Quality) -> StereoFrame {
+        let settings = &self.simulation.settings;
+        let (eye_width, height) = (settings.width as usize, settings.height as usize);
+        let width = 2 * eye_width;
+        let exposure = self.auto.exposure();
+        let placed = self.simulation.placed(&self.limbs);
+        let mut i420 = vec![0; width * height * 3 / 2];
+        let (luma, chroma) = i420.split_at_mut(width * height);
+        let (cb, cr) = chroma.split_at_mut(width * height / 4);
+        let mut mean = 0.0;
+        for (k, eye) in self.eyes.iter_mut().enumerate() {
+            let noise = random::bits(self.seed, PICTURE_SEEDS, 2 * number + k as u64);
+            let pose = |t: f64| {
+                self.camera
+                    .world_from_eye(k, &self.simulation.walker.rig(t))
+            };
+            eye.expose(
+                &self.simulation.scene,
+                &placed,
+                &pose,
+                &Shot {
+                    time_s: seconds(time_ns),
+                    exposure,
+                    quality,
+                    noise,
+                },
+            );
+            // The right eye's columns follow the left one's in each row.
+            let (x, half) = (k * eye_width, k * eye_width / 2);
+            let chroma = [&mut cb[half..], &mut cr[half..]];
+            mean += 0.5 * eye.develop(&exposure, noise, &mut luma[x..], chroma, width);
+        }
+        self.auto.learn(mean);
+        StereoFrame {
+            number,
+            time_ns,
+            exposure,
+            width,
+            height,
+            i420,
+        }
+    }
+
+    /// What an eye (0 left, 1 right) really sees at a time.
+    pub fn truth(&mut self, eye: usize, time_ns: i64) -> Truth {
+        let pose = |t: f64| {
+            self.camera
+                .world_from_eye(eye, &self.simulation.walker.rig(t))
+        };
+        let placed = self.simulation.placed(&self.limbs);
+        self.eyes[eye].truth(&self.simulation.scene, &placed, &pose, seconds(time_ns))
+    }
+}
+
+impl Iterator for Pictures<'_> {
+    type Item = StereoFrame;
+
+    fn next(&mut self) -> Option<StereoFrame> {
+        let settings = &self.simulation.settings;
+        let number = self.next;
+        if number >= settings.frame_count() {
+            return None;
+        }
+        let time_ns = settings.frame_ns(number);
+        self.next += 1;
+        Some(self.expose(number, time_ns))
+    }
+}
+
+impl StereoFrame {
+    /// The luma of one eye (0 left, 1 right), rows first, without gaps.
+    pub fn grey(&self, eye: usize) -> Vec<u8> {
+        let half = self.width / 2;
+        let rows = self.i420[..self.width * self.height].chunks_exact(self.width);
+        rows.flat_map(|row| &row[eye * half..(eye + 1) * half])
+            .copied()
+            .collect()
+    }
+
+    /// Red, green, blue of each pixel of one eye, rows first.
+    pub fn rgb(&self, eye: usize) -> Vec<[u8; 3]> {
+        let (width, half) = (self.width, self.width / 2);
+        let (luma, chroma) = self.i420.split_at(width * self.height);
+        let (cb, cr) = chroma.split_at(width * self.height / 4);
+        let pixel = |x: usize, y: usize| {
+            let c = y / 2 * half + x / 2;
+            let luma = f32::from(luma[y * width + x]);
+            let (b, r) = (f32::from(cb[c]) - 128.0, f32::from(cr[c]) - 128.0);
+            // The inverse of what the sensor does (BT.601).
+            [
+                luma + 1.402 * r,
+                luma - 0.344 * b - 0.714 * r,
+                luma + 1.772 * b,
+            ]
+            .map(|v| (v + 0.5).clamp(0.0, 255.0) as u8)
+        };
+        (0..self.height)
+            .flat_map(|y| (eye * half..(eye + 1) * half).map(move |x| (x, y)))
+            .map(|(x, y)| pixel(x, y))
+            .collect()
+    }
+}

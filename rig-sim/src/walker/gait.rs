@@ -1,0 +1,284 @@
+//! Which foot stands where and when.
+//!
+//! Steps are planned one after the other: how long the next one takes follows from the speed, where it
+//! lands from where the body will be, and the spot is moved a little where the sole would not rest
+//! (edges of kerbs and stairs); then the foot lands when the body is there, so that on stairs each
+//! step takes one tread and as long as that needs. Step length and cadence by speed follow Grieve's power law (1968);
+//! stance takes 62 % of a stride in walking and falls to 36 % in running (Perry 1992).
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::path::Path;
+use super::progress::Progress;
+use crate::so3;
+
+/// Left or right.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// The wearer's left.
+    Left = 0,
+    /// The wearer's right.
+    Right = 1,
+}
+
+/// The sole, from its middle: x forward, m.
+pub const HEEL_X: f64 = -0.13;
+/// What it turns about at the end: near the toe, since this sole does not bend.
+pub const TIP_X: f64 = 0.135;
+/// Its front end.
+pub const TOE_X: f64 = 0.15;
+/// Half its width.
+pub const HALF_WIDTH: f64 = 0.045;
+/// Distance of the feet from the line walked along, m.
+const HALF_STANCE_M: f64 = 0.085;
+/// Feet point outwards by this, rad.
+const TOE_OUT: f64 = 0.12;
+/// Rows in which the ground under a sole is looked at.
+const ALONG: usize = 9;
+/// Room that is kept around the ends of a sole, m.
+const MARGIN_M: f64 = 0.012;
+/// Ground deeper below the sole's highest spot than this does not carry, m.
+const EDGE_M: f64 = 0.06;
+/// Cost of a spot where a foot would not stay, m: more than any unevenness.
+const UNSTEADY: f64 = 1.0;
+/// Highest step that is taken gladly, m: one stair, not two.
+const STEP_UP_M: f64 = 0.22;
+/// Below this speed one stands, m/s.
+const STANDING: f64 = 0.15;
+
+/// One contact of a foot with the ground.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Footfall {
+    /// Which foot.
+    pub side: Side,
+    /// The heel meets the ground, s.
+    pub strike_s: f64,
+    /// The toe leaves it, s; infinite for the last one.
+    pub off_s: f64,
+    /// Middle of the sole at rest, in the world, m.
+    pub position: Vector3<f64>,
+    /// Takes the foot's axes (x forward, y left, z up from the sole) at rest to the world.
+    pub rotation: UnitQuaternion<f64>,
+    /// Speed of walking at the strike, m/s.
+    pub speed: f64,
+}
+
+/// Height of the ground under a point, looking down from a height.
+pub type GroundFn<'a> = dyn Fn(f64, f64, f64) -> Option<f64> + 'a;
+
+/// Steps per second at a speed.
+fn cadence(speed: f64) -> f64 {
+    let walking = 1.87 * libm::pow(speed.max(0.3) / 1.35, 0.42);
+    // Runners take quick steps at any speed.
+    let running = 2.6;
+    walking + (running - walking) * running_share(speed)
+}
+
+/// 0 for walking, 1 for running.
+pub fn running_share(speed: f64) -> f64 {
+    let t = ((speed - 1.8) / 0.5).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
+
+/// All footfalls from standing at time 0 until `seconds`, in the order of their strikes.
+pub fn plan(
+    path: &Path,
+    progress: &Progress,
+    ground: &GroundFn<'_>,
+    start_below: f64,
+) -> Vec<Footfall> {
+    let seconds = progress.seconds();
+    let mut level = start_below;
+    let mut falls: Vec<Footfall> = Vec::new();
+    let mut last: [Option<usize>; 2] = [None; 2];
+    let mut at_m = [0.0_f64; 2];
+    for side in [Side::Left, Side::Right] {
+        let start = progress.at(0.0).0;
+        let (_, fall) = foothold(path, side, start, level, None, ground, 0.0);
+        last[side as usize] = Some(falls.len());
+        falls.push(Footfall {
+            strike_s: -1.0,
+            ..fall
+        });
+        level = fall.position.z + 0.6;
+    }
+    let mut t = 0.05;
+    // The left foot stands first, so that even strikes after the two at the start are the right one's.
+    let mut side = Side::Right;
+    while t < seconds {
+        let speed = progress.at(t + 0.25).1;
+        let apart = (at_m[0] - at_m[1]).abs();
+        let closing = speed < STANDING && apart > 0.12;
+        if speed < STANDING && !closing {
+            t += 0.02;
+            continue;
+        }
+        let period = if closing { 0.6 } else { 1.0 / cadence(speed) };
+        let land = t + period;
+        let (gone, speed_then) = progress.at(land);
+        let stumbles = progress.stumbles().iter().any(|&s| (t..land).contains(&s));
+        let ahead = match speed_then > STANDING && !closing {
+            true => 0.5 * speed_then / cadence(speed_then),
+            false => 0.0,
+        };
+        let short = if stumbles { 0.35 } else { 1.0 };
+        let running = running_share(speed);
+        let duty = 0.62 - 0.26 * running;
+        if let Some(i) = last[side as usize] {
+            let off = t + (2.0 * duty - 1.0) * period;
+            falls[i].off_s = off.max(falls[i].strike_s + 0.15);
+        }
+        let wish = gone + short * ahead;
+        let wish = wish.max(at_m[side as usize]);
+        let other = falls.last().map(|f| f.position.z);
+        let (off, mut fall) = foothold(path, side, wish, level, other, ground, speed_then);
+        let later = off / speed_then.max(0.3);
+        let land = land + later.clamp(-0.4 * period, 0.4 * period);
+        fall.strike_s = land;
+        at_m[side as usize] = wish + off;
+        level = fall.position.z + 0.6;
+        last[side as usize] = Some(falls.len());
+        falls.push(fall);
+        side = match side {
+            Side::Left => Side::Right,
+            Side::Right => Side::Left,
+        };
+        t = land;
+    }
+    falls
+}
+
+/// The best place for a sole near a distance along the path, and how far it is from there, m. `other`
+/// is the height of the foot that stands.
+fn foothold(
+    path: &Path,
+    side: Side,
+    distance_m: f64,
+    below: f64,
+    other: Option<f64>,
+    ground: &GroundFn<'_>,
+    speed: f64,
+) -> (f64, Footfall) {
+    let mut best: Option<(f64, f64, Footfall)> = None;
+    for k in 0..17_i32 {
+        // 0, 2, -2, 4, -4 … cm
+        let off = 0.02 * f64::from((k + 1) / 2) * if k % 2 == 0 { -1.0 } else { 1.0 };
+        let Some((uneven, fall)) = rest(path, side, distance_m + off, below, ground, speed) else {
+            continue;
+        };
+        let rise = other.map_or(0.0, |z| (fall.position.z - z).abs());
+        let cost = uneven + 0.05 * off.abs() + (rise - STEP_UP_M).max(0.0);
+        if best.as_ref().is_none_or(|(least, _, _)| cost < *least) {
+            best = Some((cost, off, fall));
+        }
+    }
+    best.map_or_else(
+        || {
+            // No ground at all: a hole in the scene, which the scene's test finds.
+            let ([x, y], _) = path.at(distance_m);
+            let fall = Footfall {
+                side,
+                strike_s: 0.0,
+                off_s: f64::INFINITY,
+                position: Vector3::new(x, y, below - 0.6),
+                rotation: UnitQuaternion::identity(),
+                speed,
+            };
+            (0.0, fall)
+        },
+        |(_, off, fall)| (off, fall),
+    )
+}
+
+/// The ground under the sole: `(x, y)` in the foot's axes and the height there, m.
+type Sample = ((f64, f64), f64);
+
+/// The sole at rest there, and how badly it rests, m.
+fn rest(
+    path: &Path,
+    side: Side,
+    distance_m: f64,
+    below: f64,
+    ground: &GroundFn<'_>,
+    speed: f64,
+) -> Option<(f64, Footfall)> {
+    let ([x, y], [dx, dy]) = path.at(distance_m);
+    let sign = match side {
+        Side::Left => 1.0,
+        Side::Right => -1.0,
+    };
+    let out = sign * HALF_STANCE_M * (1.0 - 0.4 * running_share(speed));
+    let (x, y) = (x - dy * out, y + dx * out);
+    let yaw = libm::atan2(dy, dx) + sign * TOE_OUT;
+    let (s, c) = (libm::sin(yaw), libm::cos(yaw));
+    let height = |fx: f64, fy: f64| ground(x + c * fx - s * fy, y + s * fx + c * fy, below);
+    let mut samples: Vec<Sample> = Vec::with_capacity(ALONG * 3);
+    for i in 0..ALONG {
+        let (heel, toe) = (HEEL_X - MARGIN_M, TOE_X + MARGIN_M);
+        let fx = heel + (toe - heel) * i as f64 / (ALONG - 1) as f64;
+        for fy in [-HALF_WIDTH, 0.0, HALF_WIDTH] {
+            samples.push(((fx, fy), height(fx, fy)?));
+        }
+    }
+    // What lies far below the highest spot carries nothing: the sole juts out over an edge there. That
+    // is how a foot stands on a stair, unless heel or ball have too little to stand on.
+    let highest = samples.iter().map(|s| s.1).fold(f64::MIN, f64::max);
+    let mut carrying = samples.clone();
+    carrying.retain(|s| s.1 > highest - EDGE_M);
+    let share = carrying.len() as f64 / samples.len() as f64;
+    let is_carried = |fx: f64| carrying.iter().any(|s| (s.0.0 - fx).abs() < 0.03);
+    let jutting = if share > 0.6 && is_carried(-0.03) && is_carried(0.07) {
+        0.15 * (1.0 - share)
+    } else {
+        carrying = samples;
+        UNSTEADY
+    };
+    let (middle, slope_x, slope_y) = plane(&carrying);
+    // A rigid sole rests on what stands out.
+    let mut proud = 0.0_f64;
+    let mut hollow = 0.0_f64;
+    for ((fx, fy), z) in &carrying {
+        let off = z - (middle + slope_x * fx + slope_y * fy);
+        proud = proud.max(off);
+        hollow = hollow.max(-off);
+    }
+    let forward = Vector3::new(c, s, slope_x);
+    let left = Vector3::new(-s, c, slope_y);
+    let up = forward.cross(&left).normalize();
+    let tilt = Vector3::z().cross(&up);
+    let angle = libm::atan2(tilt.norm(), up.z);
+    let lean = match angle > 1e-9 {
+        true => so3::exp(tilt.normalize() * angle),
+        false => UnitQuaternion::identity(),
+    };
+    let steep = (slope_x.abs() - 0.35).max(0.0) + (slope_y.abs() - 0.35).max(0.0);
+    Some((
+        proud + hollow + 0.3 * steep + jutting,
+        Footfall {
+            side,
+            strike_s: 0.0,
+            off_s: f64::INFINITY,
+            position: Vector3::new(x, y, middle + proud),
+            rotation: lean * so3::exp(Vector3::z() * yaw),
+            speed,
+        },
+    ))
+}
+
+/// The plane through samples by least squares: height at the foot's origin, slopes along and across.
+fn plane(samples: &[Sample]) -> (f64, f64, f64) {
+    let n = samples.len() as f64;
+    let mean = |f: &dyn Fn(&Sample) -> f64| samples.iter().map(f).sum::<f64>() / n;
+    let (x, y, z) = (mean(&|s| s.0.0), mean(&|s| s.0.1), mean(&|s| s.1));
+    let about = |f: &dyn Fn(f64, f64, f64) -> f64| mean(&|s| f(s.0.0 - x, s.0.1 - y, s.1 - z));
+    let (xx, xy, yy) = (
+        about(&|x, _, _| x * x),
+        about(&|x, y, _| x * y),
+        about(&|_, y, _| y * y),
+    );
+    let (xz, yz) = (about(&|x, _, z| x * z), about(&|_, y, z| y * z));
+    let determinant = xx * yy - xy * xy;
+    let slope_x = (xz * yy - yz * xy) / determinant;
+    let slope_y = (yz * xx - xz * xy) / determinant;
+    (z - slope_x * x - slope_y * y, slope_x, slope_y)
+}

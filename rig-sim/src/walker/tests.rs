@@ -1,0 +1,157 @@
+use super::*;
+use crate::scene::{Kind, Time};
+
+fn walk_in(kind: Kind, seconds: f64) -> (Scene, Walker) {
+    let scene = Scene::new(kind, Time::Day, 1);
+    let walker = Walker::new(&scene, 1, seconds);
+    (scene, walker)
+}
+
+fn walk(seconds: f64) -> (Scene, Walker) {
+    walk_in(Kind::Pavement, seconds)
+}
+
+#[test]
+fn feet_rest_while_flat_and_never_sink_or_jump() {
+    for kind in Kind::ALL {
+        let (scene, walker) = walk_in(kind, 40.0);
+        for side in [Side::Left, Side::Right] {
+            let mut last: Option<FootState> = None;
+            let mut flats = 0;
+            for k in 0..8000 {
+                let t = 0.005 * f64::from(k);
+                let at = format!("{}, {side:?} at {t}", kind.name());
+                let foot = walker.foot(side, t);
+                if let Some(last) = last {
+                    let moved = (foot.position - last.position).norm();
+                    assert!(moved < 0.06, "{at}: {moved}");
+                    if foot.flat && last.flat {
+                        assert!(moved < 1e-4, "{at}: {moved}");
+                        flats += 1;
+                    }
+                }
+                for x in [HEEL_X, TOE_X] {
+                    let p = foot.position + foot.rotation * Vector3::new(x, 0.0, 0.0);
+                    let ground = scene.ground(p.x, p.y, p.z + 0.4).unwrap();
+                    assert!(
+                        p.z - ground.height > -0.03,
+                        "{at}: {p}, ground {}",
+                        ground.height
+                    );
+                }
+                last = Some(foot);
+            }
+            assert!(flats > 2000, "{}: {flats}", kind.name());
+        }
+    }
+}
+
+/// Most of a sole at rest is on the ground, and no ground is in the sole.
+#[test]
+fn soles_stand_on_what_carries_them() {
+    for kind in Kind::ALL {
+        let (scene, walker) = walk_in(kind, 60.0);
+        for side in [Side::Left, Side::Right] {
+            for fall in walker.contacts(side) {
+                let (mut on, mut all) = (0, 0);
+                for i in 0..=14 {
+                    for y in [-gait::HALF_WIDTH, 0.0, gait::HALF_WIDTH] {
+                        let x = HEEL_X + 0.02 * f64::from(i);
+                        let p = fall.position + fall.rotation * Vector3::new(x, y, 0.0);
+                        let ground = scene.ground(p.x, p.y, p.z + 0.4).unwrap();
+                        let gap = p.z - ground.height;
+                        // What stands out between the points that a sole is planned by sinks in.
+                        let soft = if kind == Kind::Trail { 0.02 } else { 0.005 };
+                        assert!(gap > -soft, "{}: {fall:?}: {gap}", kind.name());
+                        all += 1;
+                        on += i32::from(gap < 0.015);
+                    }
+                }
+                // On roots and stones a few points carry.
+                let share = if kind == Kind::Trail { 0 } else { 6 };
+                assert!(
+                    on * 10 > all * share,
+                    "{}: {on} of {all}: {fall:?}",
+                    kind.name()
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn each_step_takes_one_stair() {
+    let (_, walker) = walk_in(Kind::Stairs, 60.0);
+    let mut falls = [Side::Left, Side::Right]
+        .map(|s| walker.contacts(s).to_vec())
+        .concat();
+    falls.sort_by(|a, b| a.strike_s.total_cmp(&b.strike_s));
+    let (mut up, mut down) = (0, 0);
+    for pair in falls.windows(2) {
+        let rise = pair[1].position.z - pair[0].position.z;
+        assert!(rise.abs() < 0.18, "{rise}: {pair:?}");
+        up += i32::from(rise > 0.16);
+        down += i32::from(rise < -0.16);
+    }
+    // Eleven up and down in each round, of which 60 s hold at least one.
+    assert!(up >= 11 && down >= 11, "{up} {down}");
+}
+
+#[test]
+fn one_walks_stands_jogs_and_the_rig_stays_above_the_feet() {
+    for kind in Kind::ALL {
+        let (_, walker) = walk_in(kind, 60.0);
+        let (mut fastest, mut slowest) = (0.0_f64, f64::MAX);
+        for k in 100..6000 {
+            let t = 0.01 * f64::from(k);
+            let at = format!("{} at {t}", kind.name());
+            let state = walker.rig(t);
+            let speed = state.velocity.xy().norm();
+            (fastest, slowest) = (fastest.max(speed), slowest.min(speed));
+            assert!(
+                state.acceleration.norm() < 40.0,
+                "{at}: {}",
+                state.acceleration
+            );
+            assert!(
+                state.angular_rate.norm() < 4.0,
+                "{at}: {}",
+                state.angular_rate
+            );
+            let feet = [Side::Left, Side::Right].map(|side| walker.foot(side, t).position);
+            let between = (feet[0] + feet[1]) * 0.5;
+            assert!((state.position - between).xy().norm() < 0.75, "{at}");
+            let height = state.position.z - feet[0].z.min(feet[1].z);
+            assert!((1.05..1.55).contains(&height), "{at}: {height}");
+        }
+        let jogs = matches!(kind, Kind::Pavement | Kind::Corridor);
+        let expected = if jogs { 2.3 } else { 1.0 };
+        assert!(slowest < 0.05 && fastest > expected, "{slowest} {fastest}");
+    }
+}
+
+/// Truth shown by other means: integrating what a perfect IMU at the rig's origin measures.
+#[test]
+fn a_perfect_imu_closes_on_the_pose() {
+    let (_, walker) = walk(20.0);
+    let gravity = Vector3::new(0.0, 0.0, -9.81);
+    let (from, to, steps) = (5.0, 15.0, 100_000);
+    let dt = (to - from) / f64::from(steps);
+    let start = walker.rig(from);
+    let (mut p, mut v, mut r) = (start.position, start.velocity, start.rotation);
+    for k in 0..steps {
+        let t = from + dt * (f64::from(k) + 0.5);
+        let state = walker.rig(t);
+        let force = state.rotation.inverse() * (state.acceleration - gravity);
+        // Midpoint rule; the rotation at the middle is half a turn on.
+        let middle = r * so3::exp(state.angular_rate * (0.5 * dt));
+        let a = middle * force + gravity;
+        p += v * dt + a * (0.5 * dt * dt);
+        v += a * dt;
+        r *= so3::exp(state.angular_rate * dt);
+    }
+    let end = walker.rig(to);
+    let off = (p - end.position).norm();
+    let turned = r.angle_to(&end.rotation).to_degrees();
+    assert!(off < 1e-3 && turned < 0.01, "{off} m, {turned} degrees");
+}
