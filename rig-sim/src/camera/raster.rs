@@ -2,7 +2,7 @@
 //!
 //! Contract: triangles that share corners leave no crack and claim no pixel twice; the result does not
 //! depend on the order of triangles except where two lie in the same place. Corners are projected
-//! through the full lens model. An edge that the lens bends by more than [`BEND_PX`] is cut in two, so
+//! through the full lens model. An edge that the lens bends by more than `BEND_PX` is cut in two, so
 //! outlines are true to that; what a pixel shows inside an outline is computed from its exact ray
 //! ([`super::shade`]), so that the approximation ends here.
 
