@@ -5,6 +5,7 @@
 //! is the middle of the exposure of its middle row.
 
 pub mod glass;
+pub mod optics;
 pub mod placed;
 pub mod raster;
 pub mod sensor;
@@ -13,6 +14,7 @@ pub mod shade;
 use calib::CameraModel;
 use nalgebra::{UnitQuaternion, Vector3};
 
+use self::optics::Conditions;
 pub use self::placed::{Motion, Placed, placed};
 use self::raster::{NOTHING, View, Visibility};
 use self::sensor::{AutoExposure, Exposure, Sensor, SensorModel};
@@ -223,6 +225,22 @@ impl Eye {
         }
         self.flicker(scene, shot.time_s, &shot.exposure);
         &self.radiance
+    }
+
+    /// What the lens makes of the light that [`Eye::expose`] gathered last, in a shot from `eye_pose`;
+    /// `which` is 0 for a left eye, 1 for a right one.
+    pub fn spoil(
+        &mut self,
+        scene: &Scene,
+        eye_pose: &(Vector3<f64>, UnitQuaternion<f64>),
+        conditions: &Conditions,
+        which: u64,
+    ) {
+        if let Some(sun) = optics::sun(scene, eye_pose) {
+            let at = sun.place(&self.lens);
+            self.radiance.flare(&sun, &self.grids[0].rays, at);
+        }
+        self.radiance.spoil(conditions, which);
     }
 
     /// Numbers of the light that [`Eye::expose`] gathered last; see [`Sensor::develop`].

@@ -6,6 +6,7 @@
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use anyhow::{Context, Result};
 use cad_transforms::rig::Rig;
@@ -155,7 +156,7 @@ fn main() -> ExitCode {
 }
 
 /// The simulation, and the text of the rig file.
-fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Simulation, String)> {
+fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, String)> {
     let (text, rig) = match &walk.rig {
         Some(path) => {
             let text = std::fs::read_to_string(path)
@@ -175,7 +176,7 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Simulation, String)> {
         height: walk.height,
         quality: walk.quality,
     };
-    Ok((Simulation::new(&settings, &rig)?, text))
+    Ok((Arc::new(Simulation::new(&settings, &rig)?), text))
 }
 
 fn render_to(

@@ -6,6 +6,7 @@
 //! instants give the same sheet.
 
 use std::panic::resume_unwind;
+use std::sync::Arc;
 use std::thread;
 
 use crate::rig::SimCamera;
@@ -31,7 +32,7 @@ pub fn instants(simulation: &Simulation, count: usize) -> Vec<i64> {
 }
 
 /// Draws the sheet. `done` is called after each picture, from any thread.
-pub fn sheet(simulation: &Simulation, instants: &[i64], done: &(dyn Fn() + Sync)) -> Canvas {
+pub fn sheet(simulation: &Arc<Simulation>, instants: &[i64], done: &(dyn Fn() + Sync)) -> Canvas {
     let mut order: Vec<usize> = (0..simulation.cameras().len()).collect();
     let left = |camera: &SimCamera| camera.rig_from_eye[0].translation().y;
     order.sort_by(|&a, &b| {
@@ -71,7 +72,7 @@ pub fn sheet(simulation: &Simulation, instants: &[i64], done: &(dyn Fn() + Sync)
 
 /// What the left eye of a camera sees at each instant.
 fn column(
-    simulation: &Simulation,
+    simulation: &Arc<Simulation>,
     camera: usize,
     instants: &[i64],
     done: &(dyn Fn() + Sync),

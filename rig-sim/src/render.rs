@@ -22,6 +22,7 @@ use std::fs;
 use std::io;
 use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
@@ -85,7 +86,7 @@ fn write(path: &Path, text: &str) -> Result<(), RenderError> {
 /// # Errors
 /// [`RenderError`]; `out` is then as it was.
 pub fn render(
-    simulation: &Simulation,
+    simulation: &Arc<Simulation>,
     job: &Job<'_>,
     out: &Path,
     done: &(dyn Fn() + Sync),
@@ -134,7 +135,7 @@ fn begin(out: &Path) -> Result<PathBuf, RenderError> {
 }
 
 fn fill(
-    simulation: &Simulation,
+    simulation: &Arc<Simulation>,
     job: &Job<'_>,
     folder: &Path,
     done: &(dyn Fn() + Sync),

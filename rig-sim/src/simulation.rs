@@ -6,6 +6,8 @@
 //! the walk: frame `n` is taken in the middle of the `n`-th period, by all cameras at one instant, and IMU
 //! sample `n` at `n` over the rate. Clocks that run differently are added by whoever plays a device.
 
+use std::sync::Arc;
+
 use cad_transforms::RigidTransform;
 use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::rig::{Rig, RigError};
@@ -13,7 +15,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::camera::Quality;
 use crate::camera::placed::{Motion, Placed, placed};
-use crate::imu::{Imu, ImuModel, ImuSample};
+use crate::imu::{Imu, ImuModel, ImuSample, ImuTrouble};
 use crate::random;
 use crate::rig::{SimCamera, cameras};
 use crate::scene::body::Body;
@@ -23,7 +25,7 @@ use crate::walker::Walker;
 
 mod pictures;
 
-pub use self::pictures::{Pictures, StereoFrame};
+pub use self::pictures::{Painter, Pictures, StereoFrame};
 
 /// Seeds of IMUs, apart from the streams that they use themselves.
 const IMU_SEEDS: u64 = random::IMU + 0x80;
@@ -208,7 +210,7 @@ impl Simulation {
     }
 
     /// All frames of a camera, in order.
-    pub fn pictures(&self, camera: usize) -> Pictures<'_> {
+    pub fn pictures(self: &Arc<Self>, camera: usize) -> Pictures {
         Pictures::new(self, camera)
     }
 
@@ -224,7 +226,8 @@ impl Simulation {
             (
                 n,
                 time_ns,
-                imu.imu.sample(&self.walker, n, seconds(time_ns)),
+                imu.imu
+                    .sample(&self.walker, n, seconds(time_ns), &ImuTrouble::NONE),
             )
         })
     }

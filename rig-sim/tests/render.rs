@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use cad_transforms::rig::Rig;
 use calib::{Distortion, read_stereo};
@@ -16,7 +17,7 @@ const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
 /// and with the PNG encoder; a change that nobody meant is a machine or a thread that makes a difference.
 const HASH: &str = "f1770ac162c5f20dd2b658b9628ad77b5a087c98bcb979da910b33468a4b8ce2";
 
-fn simulation() -> Simulation {
+fn simulation() -> Arc<Simulation> {
     let settings = Settings {
         kind: Kind::Pavement,
         time: Time::Day,
@@ -27,7 +28,7 @@ fn simulation() -> Simulation {
         height: 36,
         quality: Quality::ACCURATE,
     };
-    Simulation::new(&settings, &Rig::parse(RIG).unwrap()).unwrap()
+    Arc::new(Simulation::new(&settings, &Rig::parse(RIG).unwrap()).unwrap())
 }
 
 fn job(threads: usize) -> Job<'static> {

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
+use std::sync::Arc;
 
 use super::{RenderError, at, tables, write, yaml};
 use crate::camera::Truth;
@@ -15,7 +16,7 @@ const PICTURES: &str = "#timestamp [ns],filename\n";
 
 /// Writes `folder/NAME/mav0`. `done` is called after each stereo frame.
 pub(super) fn camera(
-    simulation: &Simulation,
+    simulation: &Arc<Simulation>,
     number: usize,
     truth: bool,
     folder: &Path,
@@ -81,7 +82,7 @@ pub(super) fn camera(
 }
 
 fn save_truth(
-    pictures: &mut Pictures<'_>,
+    pictures: &mut Pictures,
     time_ns: i64,
     root: &Path,
     name: &str,

@@ -76,7 +76,7 @@ fn a_camera_gives_the_same_frames_again() {
         height: 18,
         ..settings()
     };
-    let simulation = Simulation::new(&short, &example()).unwrap();
+    let simulation = Arc::new(Simulation::new(&short, &example()).unwrap());
     let frames: Vec<StereoFrame> = simulation.pictures(0).collect();
     assert_eq!(frames.len(), 5);
     assert_eq!(frames, simulation.pictures(0).collect::<Vec<_>>());
@@ -91,7 +91,7 @@ fn a_camera_gives_the_same_frames_again() {
 /// which the rasteriser places to 0.1 px.
 #[test]
 fn true_depth_is_that_of_ray_casting() {
-    let simulation = Simulation::new(&settings(), &example()).unwrap();
+    let simulation = Arc::new(Simulation::new(&settings(), &example()).unwrap());
     let (width, height) = (160, 90);
     for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
         let mut pictures = simulation.pictures(camera);
@@ -112,7 +112,7 @@ fn true_depth_is_that_of_ray_casting() {
                     Shutter::Rolling { line_s } => line_s * (v as f64 - 0.5 * (height - 1) as f64),
                 };
                 let rig = simulation.walker.rig(seconds(time_ns) + row_s);
-                let (origin, rotation) = sim_camera.world_from_eye(eye, &rig);
+                let (origin, rotation) = sim_camera.world_from_eye(eye, &rig, None);
                 let inverse_depth = |du: f64, dv: f64| {
                     let (x, y) = lens.unproject(u as f64 + du, v as f64 + dv);
                     // 1 long along the optical axis, so that the distance is the depth.
@@ -151,7 +151,7 @@ fn true_depth_is_that_of_ray_casting() {
 
 #[test]
 fn the_wearer_sees_his_shoes_and_the_shoulders_do_not() {
-    let simulation = Simulation::new(&settings(), &example()).unwrap();
+    let simulation = Arc::new(Simulation::new(&settings(), &example()).unwrap());
     for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
         let truth = simulation.pictures(camera).truth(0, 4_000_000_000);
         let own = truth.class.iter().filter(|&&class| class == Class::Person);
