@@ -21,6 +21,7 @@ pub mod clock;
 mod gone;
 pub mod pixels;
 pub mod report;
+mod truth;
 
 use self::clock::DeviceClock;
 use self::gone::Absences;
@@ -335,7 +336,7 @@ impl Device {
         self.before = Some(picture.clone());
         let frame = DeviceFrame {
             number: index - self.frames.first,
-            ticks: self.ticks(Stream::Frames, taken_ns),
+            ticks: self.ticks(Stream::Frames, self.frames.epoch, taken_ns),
             arrival_ns,
             taken_ns,
             index,
@@ -374,7 +375,7 @@ impl Device {
         let warmth = cold + warmer * (1.0 - libm::exp2(-time_s / half_s));
         DeviceImu {
             number: index - self.samples.first,
-            ticks: self.ticks(Stream::Imu, taken_ns),
+            ticks: self.ticks(Stream::Imu, self.samples.epoch, taken_ns),
             arrival_ns,
             taken_ns,
             gyro,
@@ -385,11 +386,9 @@ impl Device {
         }
     }
 
-    fn ticks(&self, stream: Stream, taken_ns: i64) -> i64 {
-        let (clock, epoch) = match stream {
-            Stream::Frames => (&self.clocks[0], self.frames.epoch),
-            Stream::Imu => (&self.clocks[1], self.samples.epoch),
-        };
+    /// What a stream's clock shows at a time in an epoch of the device.
+    fn ticks(&self, stream: Stream, epoch: usize, taken_ns: i64) -> i64 {
+        let clock = &self.clocks[stream as usize];
         match epoch {
             0 => clock.ticks(taken_ns),
             _ => clock.ticks_since(self.absences.began(epoch), taken_ns),

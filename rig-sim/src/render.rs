@@ -32,6 +32,8 @@ mod asl;
 mod tables;
 mod yaml;
 
+pub(crate) use self::tables::contacts;
+
 /// How to render.
 #[derive(Clone, Copy, Debug)]
 pub struct Job<'a> {
@@ -145,7 +147,7 @@ fn fill(
     file("rig.toml", job.rig_text)?;
     file("rig.tum", &tables::tum(simulation))?;
     file("rig.kitti.txt", &tables::kitti(simulation))?;
-    file("contacts.csv", &tables::contacts(simulation))?;
+    file("contacts.csv", &contacts(simulation, 0))?;
     let cameras = simulation.cameras().len();
     let next = AtomicUsize::new(0);
     let work = || -> Result<(), RenderError> {

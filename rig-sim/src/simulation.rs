@@ -11,6 +11,7 @@ use std::sync::Arc;
 use cad_transforms::RigidTransform;
 use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::rig::{Rig, RigError};
+use calib::{ImuCalibration, ImuNoise, Provenance, StereoCalibration};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::camera::Quality;
@@ -207,6 +208,33 @@ impl Simulation {
     /// The IMUs, one in each camera.
     pub fn imus(&self) -> &[RigImu] {
         &self.imus
+    }
+
+    /// What a calibration of a camera that finds everything exactly says of it.
+    pub fn calibration(&self, camera: usize) -> StereoCalibration {
+        let (of, imu) = (&self.cameras[camera], &self.imus[camera]);
+        let [left, right] = of.rig_from_eye;
+        let model = imu.imu.model();
+        StereoCalibration {
+            left: of.models[0],
+            right: of.models[1],
+            right_from_left: right.inverse() * left,
+            imu: Some(ImuCalibration {
+                imu_from_left: imu.imu_from_rig * left,
+                rate_hz: model.rate_hz,
+                noise: Some(ImuNoise {
+                    gyro_noise_density: model.noise_density[0],
+                    gyro_random_walk: model.random_walk[0],
+                    accel_noise_density: model.noise_density[1],
+                    accel_random_walk: model.random_walk[1],
+                }),
+            }),
+            provenance: Provenance {
+                format: None,
+                files: Vec::new(),
+                part: None,
+            },
+        }
     }
 
     /// All frames of a camera, in order.

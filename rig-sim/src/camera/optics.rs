@@ -31,7 +31,7 @@ const GHOSTS: [(f32, f32, f32); 4] = [
 /// Width of the soft edge of what lies on the lens, as a share of the picture's.
 const COVER_EDGE: f32 = 0.25;
 /// Smears on a lens that is as dirty as can be.
-const SMEARS: u64 = 60;
+const SMEARS: u64 = 80;
 
 /// What acts on a camera in one frame, besides the scene.
 #[derive(Clone, Debug, PartialEq)]
