@@ -165,15 +165,7 @@ impl Simulation {
             let period_s = 1.0 / settings.rate_hz;
             camera.longest_exposure_s = camera.longest_exposure_s.min(SHUTTER_SHARE * period_s);
         }
-        let imus = cameras.iter().zip(0..).map(|(camera, number)| {
-            let frame = Frame::of_camera(&camera.name, FramePart::Imu)
-                .expect("a rig names its cameras by valid names");
-            let imu_from_rig = rig.transform(&frame, &Frame::rig())?;
-            let seed = random::bits(settings.seed, IMU_SEEDS, number);
-            let imu = Imu::new(ImuModel::ZED_MINI, imu_from_rig, settings.seconds, seed);
-            Ok(RigImu { imu, imu_from_rig })
-        });
-        let imus = imus.collect::<Result<_, RigError>>()?;
+        let imus = imus(ImuModel::ZED_MINI, &cameras, settings, rig)?;
         let scene = Scene::new(settings.kind, settings.time, settings.seed);
         let walker = Walker::new(&scene, settings.seed, settings.seconds);
         Ok(Self {
@@ -183,6 +175,15 @@ impl Simulation {
             cameras,
             imus,
         })
+    }
+
+    /// The same walk with other IMUs in the cameras.
+    ///
+    /// # Errors
+    /// [`SimulationError::Rig`].
+    pub fn with_imus(mut self, model: ImuModel, rig: &Rig) -> Result<Self, SimulationError> {
+        self.imus = imus(model, &self.cameras, &self.settings, rig)?;
+        Ok(self)
     }
 
     /// What was asked for.
@@ -291,6 +292,24 @@ impl Simulation {
         }
         placed
     }
+}
+
+/// The IMUs of cameras, each with errors of its own.
+fn imus(
+    model: ImuModel,
+    cameras: &[SimCamera],
+    settings: &Settings,
+    rig: &Rig,
+) -> Result<Vec<RigImu>, RigError> {
+    let imu = |(camera, number): (&SimCamera, u64)| {
+        let frame = Frame::of_camera(&camera.name, FramePart::Imu)
+            .expect("a rig names its cameras by valid names");
+        let imu_from_rig = rig.transform(&frame, &Frame::rig())?;
+        let seed = random::bits(settings.seed, IMU_SEEDS, number);
+        let imu = Imu::new(model, imu_from_rig, settings.seconds, seed);
+        Ok(RigImu { imu, imu_from_rig })
+    };
+    cameras.iter().zip(0..).map(imu).collect()
 }
 
 /// A part of the wearer on his walk.
