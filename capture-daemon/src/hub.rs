@@ -33,6 +33,8 @@ const BATCH_NS: i64 = 100_000_000;
 const BATCH_SAMPLES: usize = 512;
 /// How often [`Hub::tick`] wants to be called.
 pub const TICK_NS: i64 = 100_000_000;
+/// Nothing is under way from a device for so long.
+const LONGEST_WAY_NS: i64 = 60 * NS_PER_S;
 /// How long draining the encoders may take at the end.
 const FINISH_LIMIT: Duration = Duration::from_secs(5);
 
@@ -609,14 +611,16 @@ impl StreamClock {
             out(Outgoing::Clock { at: arrival, map });
         }
         let unwrapped = self.mapper.ticks(ticks);
-        // A tick beyond the range of time has no better time than its arrival.
+        // A tick beyond the range of time, or long before it came, has no better time than its arrival.
         let unknown = Mapped {
             time: arrival,
             sigma_ns: NS_PER_S as u64,
             map_version: version,
             flagged: true,
         };
-        let mapped = self.mapper.map(ticks).unwrap_or(unknown);
+        let mapped = self.mapper.map(ticks);
+        let mapped = mapped.filter(|m| arrival.since(m.time) < LONGEST_WAY_NS);
+        let mapped = mapped.unwrap_or(unknown);
         (unwrapped, self.guard.pass(unwrapped, mapped))
     }
 }

@@ -4,8 +4,12 @@
 //! The devices are those of `rig-sim`, with pictures that cost nothing. A device is a function of its seed, so a
 //! twin of it tells afterwards what really arrived, what was lost and why.
 
+use std::ops::Range;
+use std::panic::resume_unwind;
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread;
 
 use anyhow::{Context as _, Result, ensure};
 use cad_transforms::rig::Rig as RigFile;
@@ -60,6 +64,14 @@ pub struct Tally {
     pub wrong_times: u64,
 }
 
+impl Tally {
+    fn add(&mut self, other: &Self) {
+        self.stored += other.stored;
+        self.accounted += other.accounted;
+        self.wrong_times += other.wrong_times;
+    }
+}
+
 const RATE_HZ: f64 = 5.0;
 const IMU_RATE_HZ: f64 = 50.0;
 const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
@@ -90,6 +102,38 @@ impl Exam {
             walk: Arc::new(walk),
             seconds,
         })
+    }
+
+    /// Runs the schedules of these seeds on all processors, in folders below `out`. Gives what the sound ones
+    /// came to, and the seeds of all others with what is wrong.
+    pub fn run_all(&self, seeds: Range<u64>, out: &Path) -> (Tally, Vec<(u64, anyhow::Error)>) {
+        let next = AtomicU64::new(seeds.start);
+        let work = || {
+            let (mut tally, mut failures) = (Tally::default(), Vec::new());
+            loop {
+                let seed = next.fetch_add(1, Ordering::Relaxed);
+                if seed >= seeds.end {
+                    return (tally, failures);
+                }
+                match self.run(seed, out) {
+                    Ok(of_one) => tally.add(&of_one),
+                    Err(error) => failures.push((seed, error)),
+                }
+            }
+        };
+        let threads = thread::available_parallelism().map_or(1, usize::from);
+        let (mut tally, mut failures) = (Tally::default(), Vec::new());
+        thread::scope(|scope| {
+            let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+            for worker in workers {
+                let (of_worker, failed) =
+                    worker.join().unwrap_or_else(|panic| resume_unwind(panic));
+                tally.add(&of_worker);
+                failures.extend(failed);
+            }
+        });
+        failures.sort_by_key(|(seed, _)| *seed);
+        (tally, failures)
     }
 
     /// Records under the schedule of a seed, in a folder below `out`, and looks at the session.

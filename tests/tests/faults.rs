@@ -2,17 +2,14 @@
 //!
 //! `PAWS_FAULT_SEED=N cargo test --package tests --test faults` runs the schedule of one seed.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
-use std::thread;
+use tests::faults::Exam;
 
-use tests::faults::{Exam, Tally};
-
-const SCHEDULES: u64 = 40;
+const SCHEDULES: u64 = 2000;
+const SECONDS: f64 = 60.0;
 
 #[test]
 fn every_loss_is_told_with_its_cause() {
-    let exam = Exam::new(60.0).expect("a walk");
+    let exam = Exam::new(SECONDS).expect("a walk");
     let folder = tempfile::tempdir().expect("folder");
     let seeds = match std::env::var("PAWS_FAULT_SEED") {
         Ok(seed) => {
@@ -21,26 +18,11 @@ fn every_loss_is_told_with_its_cause() {
         }
         Err(_) => 0..SCHEDULES,
     };
-    let next = AtomicU64::new(seeds.start);
-    let all = Mutex::new(Tally::default());
-    thread::scope(|scope| {
-        for _ in 0..2 {
-            scope.spawn(|| {
-                loop {
-                    let seed = next.fetch_add(1, Ordering::Relaxed);
-                    if seed >= seeds.end {
-                        break;
-                    }
-                    let tally = exam.run(seed, folder.path()).unwrap_or_else(|e| {
-                        panic!("{e:#}\n\nPAWS_FAULT_SEED={seed} runs it again")
-                    });
-                    let mut all = all.lock().unwrap_or_else(PoisonError::into_inner);
-                    all.stored += tally.stored;
-                    all.accounted += tally.accounted;
-                    all.wrong_times += tally.wrong_times;
-                }
-            });
-        }
-    });
-    println!("{:?}", all.into_inner());
+    let (tally, failures) = exam.run_all(seeds, folder.path());
+    println!("{tally:?}");
+    for (seed, error) in &failures {
+        eprintln!("{error:#}\nPAWS_FAULT_SEED={seed} runs it again\n");
+    }
+    assert!(failures.is_empty(), "{} schedules failed", failures.len());
+    assert_eq!(tally.wrong_times, 0);
 }

@@ -278,7 +278,9 @@ impl ClockMapper {
             return self.observe_behind(sample, height);
         }
         self.behind.clear();
-        let low = height < -tolerance && epoch.settled();
+        // Before it has settled the least latency is not known, but no latency is longer than a burst.
+        let possible = -(self.config.burst_ns as f64);
+        let low = height < -tolerance && (epoch.settled() || height < possible);
         if low || matches!(self.suspicion, Some(Suspicion::Early { .. })) {
             return self.observe_early(
                 Early {
