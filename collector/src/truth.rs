@@ -3,7 +3,7 @@
 //! A frame is found in the truth by what its device's clock showed. Nothing here changes a verdict: a session is
 //! judged by what a session without truth is judged by.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use charts::{Axis, Cell, Chart, Series, Table};
 use session_archive::manifest::Manifest;
@@ -20,8 +20,8 @@ const MAP_HEIGHT: f64 = 700.0;
 
 /// What is true of a session.
 pub struct Truth {
-    /// Of each camera, by device ticks; none where the session does not say.
-    cameras: Vec<BTreeMap<i64, TrueFrame>>,
+    /// Of each camera, in the order of time; none where the session does not say.
+    cameras: Vec<Vec<TrueFrame>>,
     /// Where feet stood, m: left, x, y.
     footprints: Vec<(bool, f64, f64)>,
     /// What could not be read.
@@ -31,6 +31,8 @@ pub struct Truth {
 /// A frame as it was taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct TrueFrame {
+    /// What the device's clock showed; none if the device was gone.
+    ticks: Option<i64>,
     time: i64,
     /// Of the rig in the world, m.
     x: f64,
@@ -66,7 +68,7 @@ impl Truth {
             let name = format!("truth.{}.csv", camera.name);
             let rows = rows(&name, &mut truth.notes);
             let frames = rows.iter().map(|row| frame(row));
-            let read: Option<BTreeMap<i64, TrueFrame>> = frames.collect();
+            let read: Option<Vec<TrueFrame>> = frames.collect();
             if read.is_none() {
                 let note = format!("rig/{name}: expected rows of ticks, time and a pose");
                 truth.notes.push(note);
@@ -85,7 +87,8 @@ impl Truth {
         camera: usize,
         facts: &'a Facts,
     ) -> impl Iterator<Item = (&'a FrameFact, i64)> {
-        let known = &self.cameras[camera];
+        let known = self.cameras[camera].iter();
+        let known: BTreeMap<i64, &TrueFrame> = known.filter_map(|f| Some((f.ticks?, f))).collect();
         facts.cameras[camera].iter().filter_map(move |frame| {
             let taken = known.get(&frame.ticks)?;
             Some((frame, frame.sample.time.saturating_sub(taken.time)))
@@ -115,7 +118,7 @@ impl Truth {
             let taken = span.map_or(0, |(first, last)| {
                 let near = first.sample.time.saturating_sub(1_000_000)
                     ..=last.sample.time.saturating_add(1_000_000);
-                let taken = self.cameras[i].values();
+                let taken = self.cameras[i].iter();
                 taken.filter(|frame| near.contains(&frame.time)).count()
             });
             let at = |share: f64| match errors.len() {
@@ -158,11 +161,7 @@ impl Truth {
         let (start, end) = facts.span().unwrap_or((0, 0));
         let during = |frame: &&TrueFrame| (start..=end).contains(&frame.time);
         let way: Vec<(f64, f64)> = match self.cameras.iter().find(|c| !c.is_empty()) {
-            Some(frames) => {
-                let mut frames: Vec<&TrueFrame> = frames.values().filter(during).collect();
-                frames.sort_by_key(|frame| frame.time);
-                frames.iter().map(|frame| (frame.x, frame.y)).collect()
-            }
+            Some(frames) => frames.iter().filter(during).map(|f| (f.x, f.y)).collect(),
             None => Vec::new(),
         };
         let mut missing = Vec::new();
@@ -242,15 +241,18 @@ fn axis(name: &str, extent: &Extent) -> Axis {
     axis.include(extent.greatest)
 }
 
-/// Ticks, and the frame.
-fn frame(row: &[String]) -> Option<(i64, TrueFrame)> {
+fn frame(row: &[String]) -> Option<TrueFrame> {
     let number = |k: usize| row.get(k)?.parse::<f64>().ok().filter(|v| v.is_finite());
-    let frame = TrueFrame {
+    let ticks = row.first()?;
+    Some(TrueFrame {
+        ticks: match ticks.is_empty() {
+            true => None,
+            false => Some(ticks.parse().ok()?),
+        },
         time: row.get(1)?.parse().ok()?,
         x: number(2)?,
         y: number(3)?,
-    };
-    Some((row.first()?.parse().ok()?, frame))
+    })
 }
 
 /// Left, x, y.
@@ -270,12 +272,18 @@ mod tests {
     #[test]
     fn rows_are_read_or_refused() {
         let read = frame(&row("38519494173,1000033333333,0.92,1.84,1.29,1,0,0,0"));
-        let taken = TrueFrame {
+        let mut taken = TrueFrame {
+            ticks: Some(38_519_494_173),
             time: 1_000_033_333_333,
             x: 0.92,
             y: 1.84,
         };
-        assert_eq!(read, Some((38_519_494_173, taken)));
+        assert_eq!(read, Some(taken));
+        taken.ticks = None;
+        assert_eq!(
+            frame(&row(",1000033333333,0.92,1.84,1.29,1,0,0,0")),
+            Some(taken)
+        );
         assert_eq!(frame(&row("38519494173,1000033333333,0.92")), None);
         assert_eq!(frame(&row("x,1,2,3")), None);
         assert_eq!(frame(&row("1,2,NaN,3")), None);

@@ -70,6 +70,8 @@ pub struct DeviceFrame {
 pub struct DeviceImu {
     /// Sequence number, from 0 since the device is there.
     pub number: u64,
+    /// Which sample of the walk it is.
+    pub index: u64,
     /// The IMU's clock.
     pub ticks: i64,
     /// When it arrived, ns since the beginning of the walk.
@@ -190,6 +192,11 @@ impl Device {
     /// The clock that stamps frames and the one that stamps IMU samples.
     pub fn clocks(&self) -> &[DeviceClock; 2] {
         &self.clocks
+    }
+
+    /// When the device is gone: begin and end, ns since the beginning of the walk, in order.
+    pub fn absences(&self) -> &[(i64, i64)] {
+        self.absences.spans()
     }
 
     /// What was lost so far.
@@ -375,6 +382,7 @@ impl Device {
         let warmth = cold + warmer * (1.0 - libm::exp2(-time_s / half_s));
         DeviceImu {
             number: index - self.samples.first,
+            index,
             ticks: self.ticks(Stream::Imu, self.samples.epoch, taken_ns),
             arrival_ns,
             taken_ns,

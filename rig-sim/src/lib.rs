@@ -11,6 +11,7 @@
 pub mod camera;
 pub mod device;
 pub mod faults;
+pub mod film;
 pub mod imu;
 pub mod lens;
 mod png_file;

@@ -13,6 +13,7 @@
 //! OUT/CAMERA/mav0/cam0, cam1          left and right eye as in EuRoC (Burri et al. 2016), grey
 //! OUT/CAMERA/mav0/imu0                the camera's IMU, which is the body
 //! OUT/CAMERA/mav0/state_groundtruth_estimate0   pose and velocity of the body, biases of the IMU
+//! OUT/session                         a session archive, on request
 //! OUT/CAMERA/mav0/depth0, class0      what the left eye really sees, on request
 //! ```
 //!
@@ -26,9 +27,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
+use cad_transforms::rig::Rig;
+
+use crate::faults::Faults;
 use crate::simulation::Simulation;
 
 mod asl;
+pub mod session;
 mod tables;
 mod yaml;
 
@@ -37,8 +42,14 @@ pub(crate) use self::tables::contacts;
 /// How to render.
 #[derive(Clone, Copy, Debug)]
 pub struct Job<'a> {
-    /// Text of the rig file, which is kept beside the pictures.
+    /// The rig that is simulated.
+    pub rig: &'a Rig,
+    /// Text of its file, which is kept beside the pictures.
     pub rig_text: &'a str,
+    /// Also writes a session archive.
+    pub session: bool,
+    /// What goes wrong: with lenses and light in the folders, with everything in the session.
+    pub faults: &'a Faults,
     /// Also writes depth and class of every pixel of the left eyes.
     pub truth: bool,
     /// Cameras that are rendered at a time, at least 1.
@@ -62,6 +73,9 @@ pub enum RenderError {
         /// What the system said.
         source: io::Error,
     },
+    /// The session archive could not be written.
+    #[error(transparent)]
+    Session(#[from] session::SessionError),
     /// EuRoC files have no form for this lens: use another lens model.
     #[error(
         "writing the calibration of {camera}: found a lens that sensor.yaml cannot hold, expected none, radial-tangential without k3, or equidistant"
@@ -156,7 +170,7 @@ fn fill(
             if camera >= cameras {
                 return Ok(());
             }
-            asl::camera(simulation, camera, job.truth, folder, done)?;
+            asl::camera(simulation, camera, job, folder, done)?;
         }
     };
     thread::scope(|scope| {
@@ -166,5 +180,18 @@ fn fill(
         workers
             .into_iter()
             .try_for_each(|worker| worker.join().unwrap_or_else(|panic| resume_unwind(panic)))
-    })
+    })?;
+    if job.session {
+        let session = folder.join("session");
+        fs::create_dir(&session).map_err(at(&session))?;
+        session::write(
+            simulation,
+            job.rig,
+            job.rig_text,
+            job.faults,
+            &session,
+            done,
+        )?;
+    }
+    Ok(())
 }

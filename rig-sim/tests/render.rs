@@ -2,11 +2,12 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 use cad_transforms::rig::Rig;
 use calib::{Distortion, read_stereo};
 use rig_sim::camera::Quality;
+use rig_sim::faults::Faults;
 use rig_sim::render::{Job, RenderError, render};
 use rig_sim::scene::{Kind, Time};
 use rig_sim::simulation::{Settings, Simulation};
@@ -31,10 +32,17 @@ fn simulation() -> Arc<Simulation> {
     Arc::new(Simulation::new(&settings, &Rig::parse(RIG).unwrap()).unwrap())
 }
 
+/// Everything as it should be.
+static NO_FAULTS: LazyLock<Faults> = LazyLock::new(Faults::default);
+static EXAMPLE: LazyLock<Rig> = LazyLock::new(|| Rig::parse(RIG).unwrap());
+
 fn job(threads: usize) -> Job<'static> {
     Job {
+        rig: &EXAMPLE,
         rig_text: RIG,
         truth: true,
+        session: false,
+        faults: &NO_FAULTS,
         threads,
     }
 }

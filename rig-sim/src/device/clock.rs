@@ -56,6 +56,11 @@ impl DeviceClock {
         self.wrap.map(|_| WRAP_BITS)
     }
 
+    /// How much faster than it real time runs while nothing disturbs it, parts in 1e9.
+    pub fn host_rate_ppb(&self) -> f64 {
+        (1.0 / (1.0 + self.off_ppm * 1e-6) - 1.0) * 1e9
+    }
+
     /// What it shows at a time, ns since the beginning of the walk.
     pub fn ticks(&self, time_ns: i64) -> i64 {
         self.counted(self.start_ns as f64 + self.run(time_ns))

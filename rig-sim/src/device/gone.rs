@@ -38,6 +38,10 @@ impl Absences {
         }
     }
 
+    pub(super) fn spans(&self) -> &[(i64, i64)] {
+        &self.spans
+    }
+
     /// When an epoch began, ns.
     pub(super) fn began(&self, epoch: usize) -> i64 {
         match epoch {

@@ -528,6 +528,7 @@ fn pixels_come_as_the_device_lays_them_out() {
 fn a_report_has_its_fields_where_the_library_reads_them() {
     let sample = DeviceImu {
         number: 9,
+        index: 9,
         ticks: 0x0102_0304_0506_0708,
         arrival_ns: 0,
         taken_ns: 0,

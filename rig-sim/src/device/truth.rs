@@ -10,8 +10,9 @@ impl Device {
     /// Names and contents of the files, times counted from `begin_ns`, which is the beginning of the walk on the
     /// clock of the recording:
     ///
-    /// * `truth.CAMERA.csv`: every frame that was taken, lost ones too: what the device's clock showed in the
-    ///   middle of the exposure, when that was, and `world_from_rig` then (position in m, quaternion);
+    /// * `truth.CAMERA.csv`: every frame of the walk, lost ones too: what the device's clock showed in the middle
+    ///   of the exposure (nothing while the device is gone), when that was, and `world_from_rig` then
+    ///   (position in m, quaternion);
     /// * `truth.contacts.csv`: when and where feet were on the ground, the same for all cameras.
     pub fn truth(&self, begin_ns: i64) -> Vec<(String, String)> {
         let simulation = &*self.simulation;
@@ -21,10 +22,9 @@ impl Device {
                 .to_owned();
         for index in 0..settings.frame_count() {
             let taken_ns = settings.frame_ns(index);
-            let Some(epoch) = self.absences.epoch(taken_ns) else {
-                continue;
-            };
-            let ticks = self.ticks(Stream::Frames, epoch, taken_ns);
+            let epoch = self.absences.epoch(taken_ns);
+            let ticks = epoch.map(|epoch| self.ticks(Stream::Frames, epoch, taken_ns));
+            let ticks = ticks.map_or(String::new(), |ticks| ticks.to_string());
             let rig = simulation.walker().rig(seconds(taken_ns));
             let (p, q) = (rig.position, rig.rotation);
             // Writing to a string does not fail.

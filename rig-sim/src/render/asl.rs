@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
-use super::{RenderError, at, tables, write, yaml};
+use super::{Job, RenderError, at, tables, write, yaml};
 use crate::camera::Truth;
 use crate::png_file;
 use crate::scene::surface::Class;
@@ -18,7 +18,7 @@ const PICTURES: &str = "#timestamp [ns],filename\n";
 pub(super) fn camera(
     simulation: &Arc<Simulation>,
     number: usize,
-    truth: bool,
+    job: &Job<'_>,
     folder: &Path,
     done: &(dyn Fn() + Sync),
 ) -> Result<(), RenderError> {
@@ -42,7 +42,7 @@ pub(super) fn camera(
         &tables::state(simulation, imu),
     )?;
     let mut folders = EYES.to_vec();
-    if truth {
+    if job.truth {
         sensor(
             "depth0",
             &yaml::truth(
@@ -60,7 +60,8 @@ pub(super) fn camera(
     }
 
     let mut list = PICTURES.to_owned();
-    let mut pictures = simulation.pictures(number);
+    let faults = job.faults.of(&camera.name);
+    let mut pictures = simulation.pictures(number).with_faults(faults);
     while let Some(frame) = pictures.next() {
         let name = format!("{}.png", frame.time_ns);
         let size = [frame.width / 2, frame.height];
@@ -68,7 +69,7 @@ pub(super) fn camera(
             let path = root.join(eye).join("data").join(&name);
             png_file::grey8(&path, size, &frame.grey(k)).map_err(at(&path))?;
         }
-        if truth {
+        if job.truth {
             save_truth(&mut pictures, frame.time_ns, &root, &name, size)?;
         }
         // Writing to a string does not fail.
