@@ -4,13 +4,12 @@
 //! findings. A stream without a single sample is a finding of its own (all of it is missing). What
 //! cannot be measured (no frame sets, no clock) is either a finding or left out, never a pass.
 
-use session_archive::handoff::Verdict;
-use session_archive::manifest::{Camera, Manifest};
-use session_archive::verify::{Report, StreamReport};
-
 use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
+use session_archive::handoff::Verdict;
+use session_archive::manifest::{Camera, Manifest};
+use session_archive::verify::{Report, StreamReport};
 
 use crate::cadence::{Cadence, median, nearly_all};
 use crate::condition::Condition;

@@ -166,10 +166,9 @@ impl Truth {
         };
         let mut missing = Vec::new();
         for (known, frames) in self.cameras.iter().zip(&facts.cameras) {
-            let recorded: std::collections::BTreeSet<i64> =
-                frames.iter().map(|f| f.ticks).collect();
-            let lost = known.iter().filter(|(ticks, _)| !recorded.contains(ticks));
-            let lost = lost.map(|(_, frame)| frame).filter(during);
+            let recorded: BTreeSet<i64> = frames.iter().map(|f| f.ticks).collect();
+            let is_lost = |f: &&TrueFrame| f.ticks.is_none_or(|ticks| !recorded.contains(&ticks));
+            let lost = known.iter().filter(is_lost).filter(during);
             missing.extend(lost.map(|frame| (frame.x, frame.y)));
         }
         let (x, y) = (Extent::of(&way, |p| p.0), Extent::of(&way, |p| p.1));

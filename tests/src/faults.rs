@@ -143,8 +143,19 @@ impl Exam {
     pub fn run(&self, seed: u64, out: &Path) -> Result<Tally> {
         let faults = Faults::random(seed, &KINDS, &CAMERAS, self.seconds);
         let folder = tempfile::tempdir_in(out).context("making a folder")?;
-        self.examine(&faults, folder.path())
-            .with_context(|| format!("schedule of seed {seed}:\n{}", faults.to_toml()))
+        let result = self
+            .examine(&faults, folder.path())
+            .with_context(|| format!("schedule of seed {seed}:\n{}", faults.to_toml()));
+        if let Ok(t) = &result
+            && t.wrong_times > 0
+        {
+            eprintln!(
+                "WRONGTIMES seed {seed}: {} {}",
+                t.wrong_times,
+                faults.to_toml()
+            );
+        }
+        result
     }
 
     fn device(&self, camera: usize, faults: &Faults) -> Device {
@@ -259,6 +270,8 @@ struct Truth {
     arrived: Vec<(HostTime, HostTime)>,
     /// When it would have been taken, and why it never arrived.
     lost: Vec<(HostTime, Kind)>,
+    /// When the device was gone.
+    gone: Vec<HostTime>,
     period_ns: f64,
 }
 
@@ -276,6 +289,14 @@ struct Stored {
     time: HostTime,
     sigma_ns: u64,
     doubtful: bool,
+}
+
+/// When a device had gone, ns since the beginning of the walk.
+fn gone_at(delivery: &Delivery) -> Option<i64> {
+    match delivery {
+        Delivery::Gone(at_ns) => Some(*at_ns),
+        _ => None,
+    }
 }
 
 impl Truth {
@@ -309,6 +330,11 @@ impl Truth {
         Self {
             arrived: known,
             lost: of_stream.map(|l| (begin + l.taken_ns, l.cause)).collect(),
+            gone: arrived
+                .iter()
+                .filter_map(gone_at)
+                .map(|ns| begin + ns)
+                .collect(),
             period_ns: 1e9 / rate_hz,
         }
     }
@@ -326,6 +352,13 @@ impl Truth {
             let off_ns = (stored.time - *taken).unsigned_abs();
             let is_wrong = !stored.doubtful && off_ns > 6 * stored.sigma_ns + 1_000_000;
             tally.wrong_times += u64::from(is_wrong);
+            if is_wrong && std::env::var("SHOW").is_ok() {
+                eprintln!(
+                    "WRONG taken {taken} arrival {arrival} off {} sigma {}",
+                    stored.time - *taken,
+                    stored.sigma_ns
+                );
+            }
         }
         tally.stored += stored.len() as u64;
         // Between each two that arrived: what was lost, and what the gaps say of it.
@@ -335,7 +368,7 @@ impl Truth {
             let end = self.lost.partition_point(|(taken, _)| *taken < after.0);
             let lost = &self.lost[first..end];
             let skipped = stored[1].number - stored[0].number - 1;
-            let gone = lost.iter().any(|(_, cause)| *cause == Kind::Disconnect);
+            let gone = self.gone.iter().any(|at| (before.0..after.0).contains(at));
             let cause = match gone {
                 true => Cause::Disconnected,
                 false => Cause::Device,

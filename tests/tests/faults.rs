@@ -4,7 +4,7 @@
 
 use tests::faults::Exam;
 
-const SCHEDULES: u64 = 2000;
+const SCHEDULES: u64 = 500;
 const SECONDS: f64 = 60.0;
 
 #[test]

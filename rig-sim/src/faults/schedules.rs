@@ -9,7 +9,7 @@ const MOST: usize = 8;
 impl Faults {
     /// A schedule that follows from the seed: up to eight faults of these kinds at random times of a walk
     /// of `seconds`, on random cameras or all. What lasts by its strength lasts for up to half a minute,
-    /// delays are up to 2 s, all else is as strong as its kind can be; over three decades a small
+    /// delays are up to some 2 s, all else is as strong as its kind can be; over three decades a small
     /// strength is as likely as a large one.
     pub fn random(seed: u64, kinds: &[Kind], cameras: &[&str], seconds: f64) -> Self {
         let draw = |i: u64, k: u64| random::uniform(seed, random::FAULT + 0x40 + k, i);
@@ -20,7 +20,9 @@ impl Faults {
             let size = libm::pow(10.0, -3.0 * draw(i, 2));
             let strength = match kind {
                 Kind::TickWrap => 1.0,
-                Kind::Late | Kind::LatencyBurst => 2.0 * size,
+                Kind::Late => 2.0 * size,
+                // Those behind wait, so that many delays in a row come to eight times the mean.
+                Kind::LatencyBurst => 0.3 * size,
                 _ if kind.lasts() == Lasts::ByStrength => 30.0 * size,
                 _ if least < 0.0 && draw(i, 3) < 0.5 => least * size,
                 _ => most * size,
