@@ -34,14 +34,14 @@ pub struct View {
 
 impl View {
     /// A point of the body in the optical frame.
-    #[inline]
+    #[inline(always)]
     pub fn apply(&self, p: [f32; 3]) -> [f32; 3] {
         let d = [0, 1, 2].map(|i| p[i] - self.origin[i]);
         self.turn(d)
     }
 
     /// A vector of the body in the optical frame.
-    #[inline]
+    #[inline(always)]
     pub fn turn(&self, d: [f32; 3]) -> [f32; 3] {
         self.rotation
             .map(|row| row[0] * d[0] + row[1] * d[1] + row[2] * d[2])

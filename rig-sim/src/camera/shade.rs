@@ -82,7 +82,7 @@ struct Facing {
 }
 
 impl Facing {
-    #[inline]
+    #[inline(always)]
     fn new(surface: &Surface, view: &View) -> Self {
         let o = view.origin;
         let dot = |g: &[f32]| g[0] * o[0] + g[1] * o[1] + g[2] * o[2];
@@ -188,15 +188,16 @@ impl Shading<'_> {
                 let same = ids[from..].iter().position(|&other| other != id);
                 let columns = from..same.map_or(width, |same| from + same);
                 from = columns.end;
-                let material = (id != NOTHING).then(|| {
+                let mut material = None;
+                if id != NOTHING {
                     let body = &self.bodies[body_of(self.bodies, id)];
                     let view = &body.views[row.min(body.views.len() - 1)];
                     let surface = &body.surfaces[(id - body.first) as usize];
-                    let material = &self.scene.materials[surface.material as usize];
+                    let made_of = &self.scene.materials[surface.material as usize];
                     let facing = Facing::new(surface, view);
-                    line.hit(&facing, columns.clone(), rays, pixel, material);
-                    material
-                });
+                    line.hit(&facing, columns.clone(), rays, pixel, made_of);
+                    material = Some(made_of);
+                }
                 runs.push(Run { columns, material });
             }
             line.look(random::uniform(self.noise, 0, row as u64) as f32);

@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use super::Facing;
 use crate::scene::surface::Material;
-use crate::scene::texture::{MIX, Place, TONE, Texture};
+use crate::scene::texture::{MIX, Place, TONE, Texture, floor};
 
 /// How much larger and at which angle the second layer of a texture lies. It hides the tiling.
 const COARSER: f32 = 0.087;
@@ -109,7 +109,8 @@ impl Line {
         for i in 0..count {
             let moved = dither[i] + shift;
             let dither = if moved >= 1.0 { moved - 1.0 } else { moved };
-            let level = (0.5 * log2(footprint[i]) + dither - 0.5).clamp(0.0, 9.0) as i32;
+            let level = 0.5 * log2(footprint[i]) + dither - 0.5;
+            let level = floor(level.clamp(0.0, 9.0));
             let scale = power_of_half(level);
             let centre = 0.5 * scale - 0.5;
             let (u, v) = (u[i], v[i]);
