@@ -10,7 +10,7 @@ use crate::camera::raster::{NOTHING, View, Visibility};
 use crate::random;
 use crate::scene::Scene;
 use crate::scene::body::Surface;
-use crate::scene::surface::{Class, Material};
+use crate::scene::surface::Class;
 mod line;
 
 use self::line::Line;
@@ -149,13 +149,6 @@ struct Shading<'a> {
     noise: u64,
 }
 
-/// Neighbours in a row that see the same triangle.
-struct Run<'a> {
-    columns: Range<usize>,
-    /// None for the sky.
-    material: Option<&'a Material>,
-}
-
 impl Shading<'_> {
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
@@ -170,8 +163,19 @@ impl Shading<'_> {
         // Angle of a pixel at the middle of the picture.
         let middle = (height / 2) * width + half;
         let pixel = self.rays[middle + 1][0] - self.rays[middle][0];
+        let materials = &self.scene.materials;
+        let nothing = materials.len() as u16;
+        // Of each material, and of nothing.
+        let tint = self.scene.light.tint;
+        let mut paints: Vec<[[f32; 3]; 2]> = Vec::new();
+        paints.extend(materials.iter().map(|material| {
+            let own = [0, 1, 2].map(|k| material.albedo[k] * tint[k]);
+            let other = [0, 1, 2].map(|k| material.other_albedo[k] * tint[k] - own[k]);
+            [own, other]
+        }));
+        paints.push([[0.0; 3]; 2]);
         let mut line = Line::new(width);
-        let mut runs: Vec<Run<'_>> = Vec::new();
+        let mut skies: Vec<Range<usize>> = Vec::new();
         for row in 0..height {
             let here = row * width..(row + 1) * width;
             let ids = &self.visibility.triangle[here.clone()];
@@ -181,70 +185,41 @@ impl Shading<'_> {
                 0 => &mut radiance.colour[row / 2 * half..(row / 2 + 1) * half],
                 _ => &mut [],
             };
-            runs.clear();
+            line.aim(rays);
+            skies.clear();
             let mut from = 0;
             while from < width {
                 let id = ids[from];
-                let same = ids[from..].iter().position(|&other| other != id);
-                let columns = from..same.map_or(width, |same| from + same);
-                from = columns.end;
-                let mut material = None;
-                if id != NOTHING {
+                let mut to = from + 1;
+                while to < width && ids[to] == id {
+                    to += 1;
+                }
+                if id == NOTHING {
+                    line.miss(from..to, nothing);
+                    skies.push(from..to);
+                } else {
                     let body = &self.bodies[body_of(self.bodies, id)];
                     let view = &body.views[row.min(body.views.len() - 1)];
                     let surface = &body.surfaces[(id - body.first) as usize];
-                    let made_of = &self.scene.materials[surface.material as usize];
+                    let number = surface.material;
+                    let material = &materials[number as usize];
                     let facing = Facing::new(surface, view);
-                    line.hit(&facing, columns.clone(), rays, pixel, made_of);
-                    material = Some(made_of);
+                    line.hit(&facing, from..to, pixel, material, number);
                 }
-                runs.push(Run { columns, material });
+                from = to;
             }
             line.look(random::uniform(self.noise, 0, row as u64) as f32);
-            for run in &runs {
-                if let Some(material) = run.material {
-                    let texture = &self.scene.textures[material.texture as usize];
-                    line.fetch(texture, run.columns.clone());
+            line.fetch(&self.scene.textures);
+            line.reflect(luma, self.weight);
+            for (i, to) in colour.iter_mut().enumerate() {
+                let (light, mix) = (line.light[2 * i], line.mix[2 * i]);
+                let [own, other] = &paints[line.material[2 * i] as usize];
+                for k in 0..3 {
+                    to[k] += light * (own[k] + other[k] * mix);
                 }
             }
-            line.reflect();
-            for run in &runs {
-                match run.material {
-                    Some(material) => {
-                        self.collect(&line, run.columns.clone(), material, luma, colour);
-                    }
-                    None => self.sky(row, run.columns.clone(), rays, luma, colour),
-                }
-            }
-        }
-    }
-
-    /// Paints what surfaces of a material throw back.
-    #[inline(always)]
-    fn collect(
-        &self,
-        line: &Line,
-        columns: Range<usize>,
-        material: &Material,
-        luma: &mut [f32],
-        colour: &mut [[f32; 3]],
-    ) {
-        let own = self.weight * luminance(material.albedo);
-        let other = self.weight * luminance(material.other_albedo) - own;
-        let (light, mix) = (&line.light[columns.clone()], &line.mix[columns.clone()]);
-        for ((luma, light), mix) in luma[columns.clone()].iter_mut().zip(light).zip(mix) {
-            *luma += light * (own + other * mix);
-        }
-        if colour.is_empty() {
-            return;
-        }
-        let tint = self.scene.light.tint.map(|tint| tint * self.weight);
-        let own = [0, 1, 2].map(|k| material.albedo[k] * tint[k]);
-        let other = [0, 1, 2].map(|k| material.other_albedo[k] * tint[k] - own[k]);
-        for x in columns.start.div_ceil(2)..columns.end.div_ceil(2) {
-            let (light, mix) = (line.light[2 * x], line.mix[2 * x]);
-            for k in 0..3 {
-                colour[x][k] += light * (own[k] + other[k] * mix);
+            for columns in skies.drain(..) {
+                self.sky(row, columns, rays, luma, colour);
             }
         }
     }
