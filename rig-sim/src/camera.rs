@@ -8,6 +8,7 @@ pub mod glass;
 pub mod optics;
 pub mod placed;
 pub mod raster;
+mod rows;
 pub mod sensor;
 pub mod shade;
 
@@ -17,6 +18,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use self::optics::Conditions;
 pub use self::placed::{Motion, Placed, placed};
 use self::raster::{NOTHING, View, Visibility};
+use self::rows::Rows;
 use self::sensor::{AutoExposure, Exposure, Sensor, SensorModel};
 use self::shade::{Radiance, Seen};
 use crate::lens::Lens;
@@ -151,11 +153,11 @@ impl Eye {
                 },
                 &grids[0].rays,
             ),
+            visibility: Visibility::new(&lens),
+            panes: Visibility::new(&lens),
             lens,
             shutter,
             grids,
-            visibility: Visibility::new(width, height),
-            panes: Visibility::new(width, height),
             radiance: Radiance::new(width, height),
             sample: Radiance::new(width, height),
         }
@@ -180,7 +182,7 @@ impl Eye {
         for k in 0..samples {
             let part = (f64::from(k) + 0.5) / f64::from(samples) - 0.5;
             let at = shot.time_s + shot.exposure.seconds * part;
-            let views = self.views(placed, eye_pose, at);
+            let views = self.views_of_seen(placed, eye_pose, at);
             let Grid { shift, rays } = &self.grids[k as usize % self.grids.len()];
             self.visibility.clear();
             for (body, views) in placed.iter().zip(&views) {
@@ -329,26 +331,26 @@ impl Eye {
         eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
         time_s: f64,
     ) -> Vec<Vec<View>> {
-        let rows = match self.shutter {
-            Shutter::Global => vec![time_s],
-            Shutter::Rolling { line_s } => {
-                let height = self.visibility.height;
-                let middle = 0.5 * (height - 1) as f64;
-                (0..height)
-                    .map(|row| time_s + line_s * (row as f64 - middle))
-                    .collect()
+        let rows = Rows::new(self.shutter, self.visibility.height, eye_pose, time_s);
+        placed.iter().map(|body| rows.views(body.pose)).collect()
+    }
+
+    /// As [`Eye::views`], with no more than a few for what is not seen.
+    fn views_of_seen(
+        &self,
+        placed: &[Placed<'_>],
+        eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
+        time_s: f64,
+    ) -> Vec<Vec<View>> {
+        let rows = Rows::new(self.shutter, self.visibility.height, eye_pose, time_s);
+        let of = |body: &Placed<'_>| {
+            let few = rows.few(body.pose);
+            match few.len() > 1 && self.visibility.may_see(body.body, &few) {
+                true => rows.views(body.pose),
+                false => few,
             }
         };
-        let eyes: Vec<_> = rows.iter().map(|&t| eye_pose(t)).collect();
-        placed
-            .iter()
-            .map(|body| {
-                rows.iter()
-                    .zip(&eyes)
-                    .map(|(&t, eye)| view(eye, &body.pose.at(t)))
-                    .collect()
-            })
-            .collect()
+        placed.iter().map(of).collect()
     }
 
     /// Light that flickers is brighter in some rows, or in some frames.
@@ -374,20 +376,6 @@ impl Eye {
                 }
             }
         }
-    }
-}
-
-/// An eye's pose in the world as a view of a body with a pose in the world.
-fn view(
-    eye: &(Vector3<f64>, UnitQuaternion<f64>),
-    body: &(Vector3<f64>, UnitQuaternion<f64>),
-) -> View {
-    let origin = body.1.inverse() * (eye.0 - body.0);
-    let rotation = (eye.1.inverse() * body.1).to_rotation_matrix();
-    let m = rotation.matrix();
-    View {
-        rotation: [0, 1, 2].map(|i| [0, 1, 2].map(|j| m[(i, j)] as f32)),
-        origin: [origin.x as f32, origin.y as f32, origin.z as f32],
     }
 }
 

@@ -10,12 +10,39 @@ use crate::random;
 /// Width and height of a texture's finest level, texels.
 pub const SIZE: usize = 1024;
 const LEVELS: usize = 11;
+/// What a texel's low byte is in reflectance, and its high one as a share.
+pub const TONE: f32 = 1.0 / 128.0;
+/// See [`TONE`].
+pub const MIX: f32 = 1.0 / 255.0;
+
+/// Where the level of this size starts: after the sum of `n (n + 1)` over the larger sizes `n`.
+#[inline(always)]
+fn start(size: i32) -> i32 {
+    const TOP: i32 = SIZE as i32;
+    /// Times 3 it is 1 (modulo 2³²), so that exact division is a product.
+    const THIRD: i32 = -0x5555_5555;
+    (4 * (TOP * TOP - size * size)).wrapping_mul(THIRD) + 2 * (TOP - size)
+}
+
+/// Where a look at a texture falls: between four texels.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// Numbers of the two upper ones' left and of the two lower ones' left, among all levels'.
+    pub top: u32,
+    /// See `top`.
+    pub bottom: u32,
+    /// How far to the right and how far down between them, 0 to 1.
+    pub right: f32,
+    /// See `right`.
+    pub down: f32,
+}
 
 /// A tileable texture with mip levels. A texel holds, in its low byte, reflectance relative to the mean
 /// (1.0 is 128) and in its high byte how much of the second colour it has (full is 255).
 #[derive(Clone, Debug)]
 pub struct Texture {
-    /// Level `l` starts at `start(l)` and is `SIZE >> l` wide.
+    /// Levels begin at [`start`]; their rows are one texel longer than the level's size, and end with the
+    /// texel that they begin with: two neighbours lie side by side.
     texels: Vec<u16>,
 }
 
@@ -42,14 +69,18 @@ impl Texture {
         // The mean is 1 exactly, so that a surface's albedo is what its material says.
         let mean = luma.iter().sum::<f32>() / luma.len() as f32;
         luma.iter_mut().for_each(|v| *v /= mean);
-        let mut texels = Vec::with_capacity(SIZE * SIZE * 4 / 3 + 1);
+        let mut texels = Vec::with_capacity(SIZE * SIZE * 4 / 3 + 2 * SIZE);
         let mut size = SIZE;
         for _ in 0..LEVELS {
-            texels.extend(luma.iter().zip(&mix).map(|(&l, &m)| {
-                let low = (l * 128.0 + 0.5).clamp(0.0, 255.0) as u16;
-                let high = (m * 255.0 + 0.5).clamp(0.0, 255.0) as u16;
-                low | (high << 8)
-            }));
+            for (luma, mix) in luma.chunks_exact(size).zip(mix.chunks_exact(size)) {
+                let row = luma.iter().zip(mix).map(|(&l, &m)| {
+                    let low = (l * 128.0 + 0.5).clamp(0.0, 255.0) as u16;
+                    let high = (m * 255.0 + 0.5).clamp(0.0, 255.0) as u16;
+                    low | (high << 8)
+                });
+                texels.extend(row);
+                texels.push(texels[texels.len() - size]);
+            }
             if size > 1 {
                 luma = halved(&luma, size);
                 mix = halved(&mix, size);
@@ -59,50 +90,64 @@ impl Texture {
         Self { texels }
     }
 
-    /// Reflectance (1 is the mean) and share of the second colour at `u`, `v` texels of level
-    /// `level`, between the four texels around.
+    /// Reflectance (1 is the mean) and share of the second colour at `u`, `v` texels of level `level`
+    /// (0 to 10), between the four texels around.
     #[inline]
     pub fn sample(&self, u: f32, v: f32, level: u32) -> (f32, f32) {
-        let level = level.min(LEVELS as u32 - 1);
-        let shift = SIZE.trailing_zeros() - level;
-        let mask = (1_i32 << shift) - 1;
-        let (fu, fv) = (floor(u), floor(v));
-        let (a, b) = (u - fu, v - fv);
-        let (x0, y0) = (fu as i32 & mask, fv as i32 & mask);
-        let (x1, y1) = ((x0 + 1) & mask, (y0 + 1) & mask);
-        let level = &self.texels[start(level as usize)..];
-        let at = |x: i32, y: i32| u32::from(level[((y << shift) + x) as usize]);
-        let (p, q, r, s) = (at(x0, y0), at(x1, y0), at(x0, y1), at(x1, y1));
-        let weights = [(1.0 - a) * (1.0 - b), a * (1.0 - b), (1.0 - a) * b, a * b];
-        let blend = |f: fn(u32) -> u32| {
-            f(p) as f32 * weights[0]
-                + f(q) as f32 * weights[1]
-                + f(r) as f32 * weights[2]
-                + f(s) as f32 * weights[3]
-        };
-        (
-            blend(|t| t & 0xff) * (1.0 / 128.0),
-            blend(|t| t >> 8) * (1.0 / 255.0),
-        )
+        let place = Place::new(u, v, level);
+        let (top, bottom) = (self.pair(place.top), self.pair(place.bottom));
+        let blend = |shift| place.blend(top, bottom, shift);
+        (blend(0) * TONE, blend(8) * MIX)
+    }
+
+    /// A texel, and in the upper half its right neighbour.
+    #[inline(always)]
+    pub fn pair(&self, at: u32) -> u32 {
+        let pair = &self.texels[at as usize..at as usize + 2];
+        u32::from(pair[0]) | u32::from(pair[1]) << 16
     }
 }
 
-/// Without a call into the maths library, which baseline x86-64 makes for `f32::floor`.
-#[inline]
-fn floor(x: f32) -> f32 {
-    let whole = x as i32 as f32;
-    if whole > x { whole - 1.0 } else { whole }
+impl Place {
+    /// The place `u`, `v` texels of level `level` (0 to 10) from the corner; textures tile. Without
+    /// branches and memory, so that a loop over it becomes vector code.
+    #[inline(always)]
+    pub fn new(u: f32, v: f32, level: u32) -> Self {
+        let size = SIZE as i32 >> level.min(LEVELS as u32 - 1);
+        let mask = size - 1;
+        let (x, y) = (floor(u), floor(v));
+        let start = start(size) + (x & mask);
+        let row = |y: i32| (start + (y & mask) * (size + 1)) as u32;
+        Self {
+            top: row(y),
+            bottom: row(y.wrapping_add(1)),
+            right: u - x as f32,
+            down: v - y as f32,
+        }
+    }
+
+    /// One of a texel's two bytes, the one `shift` bits up, between two [`Texture::pair`]s; 0 to 255.
+    #[inline(always)]
+    pub fn blend(&self, top: u32, bottom: u32, shift: u32) -> f32 {
+        let at = |pair: u32, side: u32| (pair >> (shift + side) & 0xff) as i32 as f32;
+        let (p, q) = (at(top, 0), at(top, 16));
+        let (r, s) = (at(bottom, 0), at(bottom, 16));
+        let high = p + (q - p) * self.right;
+        let low = r + (s - r) * self.right;
+        high + (low - high) * self.down
+    }
 }
 
-const fn start(level: usize) -> usize {
-    // The sum of SIZE² / 4^l over the finer levels.
-    let mut sum = 0;
-    let mut l = 0;
-    while l < level {
-        sum += (SIZE >> l) * (SIZE >> l);
-        l += 1;
-    }
-    sum
+/// The greatest whole number that is not above `x`, for less than 2²² either way and any number
+/// otherwise. A cast would ask for a branch each.
+#[inline(always)]
+pub(crate) fn floor(x: f32) -> i32 {
+    /// Numbers of this size have no place for fractions: what is added to it is rounded, and lands in
+    /// the last bits.
+    const LARGE: f32 = 12_582_912.0;
+    let sum = x + LARGE;
+    let whole = (sum.to_bits() as i32).wrapping_sub(LARGE.to_bits() as i32);
+    whole.wrapping_sub(i32::from(sum - LARGE > x))
 }
 
 fn halved(values: &[f32], size: usize) -> Vec<f32> {
@@ -206,9 +251,18 @@ mod tests {
     };
 
     #[test]
+    fn the_short_floor_is_the_library_s() {
+        for i in -3000..3000 {
+            for x in [i as f32 * 0.25, i as f32 * 1397.7 + 0.3, i as f32] {
+                assert_eq!(floor(x), x.floor() as i32, "{x}");
+            }
+        }
+    }
+
+    #[test]
     fn levels_keep_the_mean_and_tile() {
         let texture = Texture::new(&STONES, 1);
-        assert_eq!(texture.texels.len(), start(LEVELS));
+        assert_eq!(texture.texels.len(), start(1) as usize + 2);
         let (mean, _) = texture.sample(0.5, 0.5, 10);
         assert!((mean - 1.0).abs() < 0.02, "{mean}");
         for level in [0, 3, 9] {
