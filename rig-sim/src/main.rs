@@ -42,7 +42,7 @@ enum Command {
         /// Folder to write; must be new or empty.
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
-        /// Also write depth and class of every pixel of the left eyes.
+        /// Also write what is true: depth, class, instance and flow of every pixel, tags, the scene.
         #[arg(long)]
         truth: bool,
         /// Cameras rendered at a time [default: all]

@@ -1,7 +1,7 @@
 //! The pictures of one stereo camera, one after the other.
 
 use crate::camera::sensor::{AutoExposure, Exposure, SensorModel};
-use crate::camera::{Eye, Quality, Shot, Truth, auto_exposure};
+use crate::camera::{Eye, Quality, Shot, auto_exposure};
 use crate::random;
 use crate::rig::SimCamera;
 
@@ -121,16 +121,6 @@ impl<'a> Pictures<'a> {
             height,
             i420,
         }
-    }
-
-    /// What an eye (0 left, 1 right) really sees at a time.
-    pub fn truth(&mut self, eye: usize, time_ns: i64) -> Truth {
-        let pose = |t: f64| {
-            self.camera
-                .world_from_eye(eye, &self.simulation.walker.rig(t))
-        };
-        let placed = self.simulation.placed(&self.limbs);
-        self.eyes[eye].truth(&self.simulation.scene, &placed, &pose, seconds(time_ns))
     }
 }
 
