@@ -11,20 +11,20 @@ pub mod raster;
 mod rows;
 pub mod sensor;
 pub mod shade;
+pub mod truth;
 
 use calib::CameraModel;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use self::optics::Conditions;
 pub use self::placed::{Motion, Placed, placed};
-use self::raster::{NOTHING, View, Visibility};
+use self::raster::{View, Visibility};
 use self::rows::Rows;
 use self::sensor::{AutoExposure, Exposure, Sensor, SensorModel};
 use self::shade::{Radiance, Seen};
 use crate::lens::Lens;
 use crate::random;
 use crate::scene::Scene;
-use crate::scene::surface::Class;
 use crate::so3;
 
 /// When the rows of a picture are exposed.
@@ -37,6 +37,16 @@ pub enum Shutter {
         /// Time from one row to the next, s.
         line_s: f64,
     },
+}
+
+impl Shutter {
+    /// When a row is exposed, s after the middle of the picture.
+    pub fn row_s(self, row: usize, height: usize) -> f64 {
+        match self {
+            Self::Global => 0.0,
+            Self::Rolling { line_s } => line_s * (row as f64 - 0.5 * (height - 1) as f64),
+        }
+    }
 }
 
 /// How much trouble a picture is worth.
@@ -102,17 +112,6 @@ struct Grid {
     shift: (f32, f32),
     /// Rows first.
     rays: Vec<[f32; 2]>,
-}
-
-/// What a pixel really sees, without blur and noise, at the middle of the exposure.
-#[derive(Clone, Debug)]
-pub struct Truth {
-    /// Distance along the optical axis, m; infinite for the sky.
-    pub depth: Vec<f32>,
-    /// What it is.
-    pub class: Vec<Class>,
-    /// Which thing.
-    pub instance: Vec<u16>,
 }
 
 /// Places within a pixel, spread evenly (Roberts' R2 sequence, 2018).
@@ -258,55 +257,6 @@ impl Eye {
             .develop(&self.radiance, exposure, noise, luma, chroma, stride)
     }
 
-    /// What each pixel's centre sees at `time_s`; a pane counts as what is seen.
-    pub fn truth(
-        &mut self,
-        scene: &Scene,
-        placed: &[Placed<'_>],
-        eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
-        time_s: f64,
-    ) -> Truth {
-        let views = self.views(placed, eye_pose, time_s);
-        let rays = self.lens.rays((0.0, 0.0));
-        self.visibility.clear();
-        for (body, views) in placed.iter().zip(&views) {
-            self.visibility
-                .draw(body.body, body.first, &self.lens, (0.0, 0.0), views);
-        }
-        let count = rays.len();
-        let mut truth = Truth {
-            depth: vec![f32::INFINITY; count],
-            class: vec![Class::Sky; count],
-            instance: vec![0; count],
-        };
-        for (i, &id) in self.visibility.triangle.iter().enumerate() {
-            if id == NOTHING {
-                continue;
-            }
-            let body = placed.partition_point(|p| p.first <= id) - 1;
-            let surface = &placed[body].body.surfaces[(id - placed[body].first) as usize];
-            let row = i / self.visibility.width;
-            let view = &views[body][row.min(views[body].len() - 1)];
-            truth.depth[i] = shade::depth(surface, view, rays[i]);
-            truth.class[i] = shade::class(scene, surface);
-            truth.instance[i] = surface.instance;
-        }
-        self.panes.clear();
-        self.panes
-            .draw(&scene.glass, 0, &self.lens, (0.0, 0.0), &views[0]);
-        for (i, &id) in self.panes.triangle.iter().enumerate() {
-            if self.panes.is_nearer(&self.visibility, i) {
-                let surface = &scene.glass.surfaces[id as usize];
-                let row = i / self.panes.width;
-                let view = &views[0][row.min(views[0].len() - 1)];
-                truth.depth[i] = shade::depth(surface, view, rays[i]);
-                truth.class[i] = shade::class(scene, surface);
-                truth.instance[i] = surface.instance;
-            }
-        }
-        truth
-    }
-
     /// How many pictures an exposure is made of: so many that nothing moves by more than some 0.7 px
     /// between two, judged by the camera's own motion and things 1.5 m away.
     fn samples(
@@ -324,18 +274,8 @@ impl Eye {
         wanted.clamp(quality.samples, quality.most_samples.max(quality.samples))
     }
 
-    /// Where the eye is in each body's frame: once, or for each row.
-    fn views(
-        &self,
-        placed: &[Placed<'_>],
-        eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
-        time_s: f64,
-    ) -> Vec<Vec<View>> {
-        let rows = Rows::new(self.shutter, self.visibility.height, eye_pose, time_s);
-        placed.iter().map(|body| rows.views(body.pose)).collect()
-    }
-
-    /// As [`Eye::views`], with no more than a few for what is not seen.
+    /// Where the eye is in each body's frame: once, or for each row, but no more than a few for what is not
+    /// seen.
     fn views_of_seen(
         &self,
         placed: &[Placed<'_>],

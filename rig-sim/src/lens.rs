@@ -101,6 +101,12 @@ impl Lens {
         &self.model
     }
 
+    /// Whether the model is used for the direction `(x, y, 1)`, and not what it is continued by.
+    #[inline]
+    pub fn is_known(&self, x: f64, y: f64) -> bool {
+        x * x + y * y <= self.limit * self.limit
+    }
+
     /// Pixel of the direction `(x, y, 1)` in the optical frame.
     #[inline]
     pub fn project(&self, x: f64, y: f64) -> (f64, f64) {

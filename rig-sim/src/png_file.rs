@@ -22,6 +22,16 @@ pub(crate) fn grey16(
     write(path, size, ColorType::Grayscale, BitDepth::Sixteen, &bytes)
 }
 
+/// Writes red, green, blue of sixteen bits each, rows first.
+pub(crate) fn rgb16(
+    path: &Path,
+    size: [usize; 2],
+    pixels: impl Iterator<Item = [u16; 3]>,
+) -> io::Result<()> {
+    let bytes: Vec<u8> = pixels.flatten().flat_map(u16::to_be_bytes).collect();
+    write(path, size, ColorType::Rgb, BitDepth::Sixteen, &bytes)
+}
+
 /// Writes red, green, blue of eight bits each, rows first.
 pub(crate) fn rgb8(path: &Path, size: [usize; 2], pixels: &[[u8; 3]]) -> io::Result<()> {
     let bytes = pixels.as_flattened();

@@ -14,10 +14,32 @@
 //! OUT/CAMERA/mav0/imu0                the camera's IMU, which is the body
 //! OUT/CAMERA/mav0/state_groundtruth_estimate0   pose and velocity of the body, biases of the IMU
 //! OUT/session                         a session archive, on request
-//! OUT/CAMERA/mav0/depth0, class0      what the left eye really sees, on request
 //! ```
 //!
+//! and what is true of the pictures, on request:
+//!
+//! ```text
+//! OUT/scene.ply                       all that stands in the scene, with class and whether one walks on it
+//! OUT/CAMERA/tags.csv                 corners of the tags on the shoes, in both eyes, at each frame
+//! OUT/CAMERA/mav0/depth0, depth1      what the left and the right eye really see: depth,
+//! OUT/CAMERA/mav0/class0, class1      class,
+//! OUT/CAMERA/mav0/instance0, instance1   which thing,
+//! OUT/CAMERA/mav0/flow0, flow1        and where it is in the next frame
+//! ```
+//!
+//! The PNG files hold for each row at the middle of its exposure, and for the centres of pixels: depth
+//! as 16-bit mm along the optical axis (0: none, or more than 65.535 m); class as 8-bit numbers of
+//! [`Class`]; instance as 16-bit numbers, 0 the sky; flow as KITTI's 16-bit red, green, blue (Menze and
+//! Geiger 2015): 64 times the movement in px plus 2^15, to the right and down, and 0 for no answer, 1 for
+//! shown in the next frame, 2 for hidden there or outside. In `tags.csv` a row is a tag before an eye (0
+//! left, 1 right); `visible` is 1 where all of it, with half its white margin, is in the picture and
+//! nothing is before it. Its corners are those of the black square in the order of AprilTag's detections:
+//! bottom left, bottom right, top right, top left, as who reads the tag upright has them. Whole
+//! numbers are centres of pixels; AprilTag's own coordinates are greater by 0.5.
+//!
 //! All times are ns since the beginning of the walk. The world is z up; its origin is the scene's.
+//!
+//! [`Class`]: crate::scene::surface::Class
 
 use std::fs;
 use std::io;
@@ -33,8 +55,10 @@ use crate::faults::Faults;
 use crate::simulation::Simulation;
 
 mod asl;
+mod mesh;
 pub mod session;
 mod tables;
+mod truth;
 mod yaml;
 
 pub(crate) use self::tables::contacts;
@@ -50,7 +74,7 @@ pub struct Job<'a> {
     pub session: bool,
     /// What goes wrong: with lenses and light in the folders, with everything in the session.
     pub faults: &'a Faults,
-    /// Also writes depth and class of every pixel of the left eyes.
+    /// Also writes what is true of the pictures.
     pub truth: bool,
     /// Cameras that are rendered at a time, at least 1.
     pub threads: usize,
@@ -162,6 +186,10 @@ fn fill(
     file("rig.tum", &tables::tum(simulation))?;
     file("rig.kitti.txt", &tables::kitti(simulation))?;
     file("contacts.csv", &contacts(simulation, 0))?;
+    if job.truth {
+        let path = folder.join("scene.ply");
+        fs::write(&path, mesh::ply(simulation.scene())).map_err(at(&path))?;
+    }
     let cameras = simulation.cameras().len();
     let next = AtomicUsize::new(0);
     let work = || -> Result<(), RenderError> {

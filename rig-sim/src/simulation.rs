@@ -25,8 +25,10 @@ use crate::scene::{Kind, Scene, Time};
 use crate::walker::Walker;
 
 mod pictures;
+mod truths;
 
 pub use self::pictures::{Painter, Pictures, StereoFrame};
+pub use self::truths::{SeenTag, Truths};
 
 /// Seeds of IMUs, apart from the streams that they use themselves.
 const IMU_SEEDS: u64 = random::IMU + 0x80;
@@ -241,6 +243,11 @@ impl Simulation {
     /// All frames of a camera, in order.
     pub fn pictures(self: &Arc<Self>, camera: usize) -> Pictures {
         Pictures::new(self, camera)
+    }
+
+    /// What a camera's eyes really see.
+    pub fn truths(&self, camera: usize) -> Truths<'_> {
+        Truths::new(self, camera)
     }
 
     /// All samples of an IMU in order, each with its number and its time in ns.

@@ -67,7 +67,7 @@ fn the_example_rig_is_what_it_says() {
     };
     assert_close(look("left_shoulder/left"), [cos, sin, 0.0], 1e-12);
     assert_close(look("right_shoulder/left"), [cos, -sin, 0.0], 1e-12);
-    let (sin, cos) = 75f64.to_radians().sin_cos();
+    let (sin, cos) = 80f64.to_radians().sin_cos();
     assert_close(look("feet/left"), [cos, 0.0, -sin], 1e-12);
     // The shoulders mirror each other: the camera centres, not the left lenses.
     let centre = |name: &str| {

@@ -86,6 +86,7 @@ mod tests {
     use super::*;
     use crate::camera::Shot;
     use crate::camera::sensor::{Exposure, SensorModel};
+    use crate::camera::truth::TrueEye;
     use crate::camera::{Eye, Placed, Quality, Shutter};
     use crate::scene::body::Body;
     use crate::scene::surface::Class;
@@ -121,6 +122,7 @@ mod tests {
         };
         let quality = Quality::FAST;
         let mut eye = Eye::new(&model, Shutter::Global, SensorModel::SMALL, quality);
+        let mut true_eye = TrueEye::new(&model, Shutter::Global);
         let axes = Matrix3::from_columns(&[-Vector3::y(), -Vector3::z(), Vector3::x()]);
         let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
         let pose = |_: f64| (Vector3::new(4.9, 3.5, 1.2), turn);
@@ -147,7 +149,7 @@ mod tests {
                 },
             );
             let luminance = seen.luminance.clone();
-            (luminance, eye.truth(scene, &placed, &pose, 0.0))
+            (luminance, true_eye.see(scene, &placed, &pose, 0.0))
         };
         let ((veiled, truth), (clear, bare)) = (see(&with), see(&without));
         let mut panes = 0;

@@ -100,12 +100,6 @@ impl Facing {
     }
 }
 
-/// Depth along z of a pixel's surface, m.
-pub fn depth(surface: &Surface, view: &View, [x, y]: [f32; 2]) -> f32 {
-    let facing = Facing::new(surface, view);
-    facing.over / (facing.under[0] * x + facing.under[1] * y + facing.under[2])
-}
-
 /// Which body a triangle belongs to.
 pub fn body_of(bodies: &[Seen<'_>], triangle: u32) -> usize {
     bodies.partition_point(|b| b.first <= triangle) - 1

@@ -5,11 +5,10 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
+use super::truth::TruthFiles;
 use super::{Job, RenderError, at, tables, write, yaml};
-use crate::camera::Truth;
 use crate::png_file;
-use crate::scene::surface::Class;
-use crate::simulation::{Pictures, Simulation};
+use crate::simulation::Simulation;
 
 const EYES: [&str; 2] = ["cam0", "cam1"];
 const PICTURES: &str = "#timestamp [ns],filename\n";
@@ -41,94 +40,37 @@ pub(super) fn camera(
         &root.join(state).join("data.csv"),
         &tables::state(simulation, imu),
     )?;
-    let mut folders = EYES.to_vec();
-    if job.truth {
-        sensor(
-            "depth0",
-            &yaml::truth(
-                &camera.name,
-                "depth",
-                "mm along the optical axis, 0 for none or more than 65535",
-            ),
-        )?;
-        sensor("class0", &yaml::truth(&camera.name, "class", &classes()))?;
-        folders.extend(["depth0", "class0"]);
-    }
-    for name in &folders {
+    for name in EYES {
         let data = root.join(name).join("data");
         fs::create_dir(&data).map_err(at(&data))?;
     }
+    let faults = job.faults.of(&camera.name);
+    let mut true_files = match job.truth {
+        true => Some(TruthFiles::begin(simulation, number, &faults, &root)?),
+        false => None,
+    };
 
     let mut list = PICTURES.to_owned();
-    let faults = job.faults.of(&camera.name);
-    let mut pictures = simulation.pictures(number).with_faults(faults);
-    while let Some(frame) = pictures.next() {
+    let pictures = simulation.pictures(number);
+    for frame in pictures.with_faults(faults) {
         let name = format!("{}.png", frame.time_ns);
         let size = [frame.width / 2, frame.height];
         for (k, eye) in EYES.into_iter().enumerate() {
             let path = root.join(eye).join("data").join(&name);
             png_file::grey8(&path, size, &frame.grey(k)).map_err(at(&path))?;
         }
-        if job.truth {
-            save_truth(&mut pictures, frame.time_ns, &root, &name, size)?;
+        if let Some(files) = &mut true_files {
+            files.frame(frame.number, &name)?;
         }
         // Writing to a string does not fail.
         let _ = writeln!(list, "{},{name}", frame.time_ns);
         done();
     }
-    for name in &folders {
+    for name in EYES {
         write(&root.join(name).join("data.csv"), &list)?;
     }
-    Ok(())
-}
-
-fn save_truth(
-    pictures: &mut Pictures,
-    time_ns: i64,
-    root: &Path,
-    name: &str,
-    size: [usize; 2],
-) -> Result<(), RenderError> {
-    let Truth { depth, class, .. } = pictures.truth(0, time_ns);
-    let path = root.join("depth0/data").join(name);
-    png_file::grey16(&path, size, depth.into_iter().map(millimetres)).map_err(at(&path))?;
-    let path = root.join("class0/data").join(name);
-    let classes: Vec<u8> = class.into_iter().map(|class| class as u8).collect();
-    png_file::grey8(&path, size, &classes).map_err(at(&path))
-}
-
-/// 0 where there is nothing, or nothing as near as the format can say.
-fn millimetres(depth_m: f32) -> u16 {
-    let mm = (f64::from(depth_m) * 1000.0).round();
-    match (1.0..=65_535.0).contains(&mm) {
-        true => mm as u16,
-        false => 0,
-    }
-}
-
-/// `0 sky, 1 pavement, …`
-fn classes() -> String {
-    let names = Class::ALL.map(|class| format!("{} {}", class as u8, class.name()));
-    names.join(", ")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn depth_that_cannot_be_said_is_none() {
-        let cases = [
-            (1.2345, 1235),
-            (0.0004, 0),
-            (65.535, 65_535),
-            (65.536, 0),
-            (f32::INFINITY, 0),
-            (f32::NAN, 0),
-            (-1.0, 0),
-        ];
-        for (depth_m, expected) in cases {
-            assert_eq!(millimetres(depth_m), expected, "{depth_m}");
-        }
+    match true_files {
+        Some(files) => files.end(&list),
+        None => Ok(()),
     }
 }

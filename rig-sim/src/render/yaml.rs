@@ -79,9 +79,14 @@ pub(super) fn state(camera: &str) -> String {
     text
 }
 
-/// The description of pictures of what the left eye really sees.
-pub(super) fn truth(camera: &str, kind: &str, meaning: &str) -> String {
-    head(kind, camera, meaning)
+/// The description of a layer of what an eye (0 left, 1 right) really sees.
+pub(super) fn truth(camera: &str, eye: usize, layer: &str, meaning: &str) -> String {
+    let side = ["left", "right"][eye];
+    head(
+        layer,
+        camera,
+        &format!("what the {side} eye sees: {meaning}"),
+    )
 }
 
 fn head(kind: &str, camera: &str, comment: &str) -> String {

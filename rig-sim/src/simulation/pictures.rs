@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::camera::optics::Conditions;
 use crate::camera::sensor::{AutoExposure, Exposure, SensorModel};
-use crate::camera::{Eye, Quality, Shot, Truth, auto_exposure};
+use crate::camera::{Eye, Quality, Shot, auto_exposure};
 use crate::faults::CameraFaults;
 use crate::random;
 
@@ -131,17 +131,6 @@ impl Pictures {
             height,
             i420,
         }
-    }
-
-    /// What an eye (0 left, 1 right) really sees at a time.
-    pub fn truth(&mut self, eye: usize, time_ns: i64) -> Truth {
-        let simulation = &*self.simulation;
-        let camera = &simulation.cameras[self.camera];
-        let slip = camera.slip(&Conditions::of(&self.faults, seconds(time_ns)).turned);
-        let pose = |t: f64| camera.world_from_eye(eye, &simulation.walker.rig(t), slip.as_ref());
-        let limbs = simulation.limbs();
-        let placed = simulation.placed(&limbs);
-        self.eyes[eye].truth(&simulation.scene, &placed, &pose, seconds(time_ns))
     }
 }
 

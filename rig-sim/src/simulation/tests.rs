@@ -94,10 +94,10 @@ fn true_depth_is_that_of_ray_casting() {
     let simulation = Arc::new(Simulation::new(&settings(), &example()).unwrap());
     let (width, height) = (160, 90);
     for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
-        let mut pictures = simulation.pictures(camera);
+        let mut truths = simulation.truths(camera);
         let (mut compared, mut looked) = (0, 0);
         for (eye, time_ns) in [(0, 2_000_000_000), (1, 4_700_000_000), (0, 7_300_000_000)] {
-            let truth = pictures.truth(eye, time_ns);
+            let truth = truths.see(eye, time_ns);
             let lens = Lens::new(&sim_camera.models[eye]);
             for k in 0..300 {
                 let pick = |stream, size| (random::bits(9, stream, k) % size) as usize;
@@ -149,11 +149,156 @@ fn true_depth_is_that_of_ray_casting() {
     }
 }
 
+/// Pixel at which an eye sees a moving point in the picture taken at `time_s`: the row's instant is
+/// found by trying one row after the other.
+fn slow_spot(
+    simulation: &Simulation,
+    camera: &SimCamera,
+    eye: usize,
+    time_s: f64,
+    point: &dyn Fn(f64) -> Vector3<f64>,
+) -> [f64; 2] {
+    let lens = Lens::new(&camera.models[eye]);
+    let seen = |t: f64| {
+        let (origin, rotation) = camera.world_from_eye(eye, &simulation.walker.rig(t), None);
+        let at = rotation.inverse() * (point(t) - origin);
+        lens.project(at.x / at.z, at.y / at.z)
+    };
+    let Shutter::Rolling { line_s } = camera.shutter else {
+        let (u, v) = seen(time_s);
+        return [u, v];
+    };
+    let height = f64::from(camera.models[eye].height);
+    let instant = |row: f64| time_s + line_s * (row - 0.5 * (height - 1.0));
+    // The row runs ahead of the point from some row on.
+    let (mut low, mut high) = (-height, 2.0 * height);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        match seen(instant(middle)).1 > middle {
+            true => low = middle,
+            false => high = middle,
+        }
+    }
+    let (u, v) = seen(instant(low));
+    [u, v]
+}
+
+/// True flow against its slow twin: a ray cast into the scene, its end projected into the next picture.
+#[test]
+fn true_flow_is_where_the_point_of_a_ray_goes() {
+    let simulation = Simulation::new(&settings(), &example()).unwrap();
+    let (width, height) = (160, 90);
+    for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
+        let mut truths = simulation.truths(camera);
+        let (mut compared, mut shown, mut longest) = (0, 0, 0.0_f64);
+        for (eye, time_ns) in [(0, 3_000_000_000), (1, 5_300_000_000)] {
+            let next_ns = time_ns + 66_000_000;
+            let (from, to) = (truths.see(eye, time_ns), truths.see(eye, next_ns));
+            let flow = truths.flow(eye, &from, &to);
+            let lens = Lens::new(&sim_camera.models[eye]);
+            for k in 0..500 {
+                let pick = |stream, size| (random::bits(11, stream, k) % size) as usize;
+                let (u, v) = (pick(0, width), pick(1, height));
+                let pixel = v * width as usize + u;
+                if matches!(from.class[pixel], Class::Person | Class::Glass) {
+                    continue;
+                }
+                let row_s = sim_camera.shutter.row_s(v, height as usize);
+                let rig = simulation.walker.rig(seconds(time_ns) + row_s);
+                let (origin, rotation) = sim_camera.world_from_eye(eye, &rig, None);
+                let (x, y) = lens.unproject(u as f64, v as f64);
+                let direction = rotation * Vector3::new(x, y, 1.0);
+                let Some(hit) = simulation.scene.first_hit(&origin, &direction) else {
+                    continue;
+                };
+                // At edges the rasteriser may see the other side.
+                let found = f64::from(from.depth[pixel]);
+                if (found - hit.distance).abs() > 1e-3 * found {
+                    continue;
+                }
+                let point = origin + direction * hit.distance;
+                let [du, dv] = flow.moved[pixel].map(f64::from);
+                if du.is_nan() {
+                    continue;
+                }
+                let spot = slow_spot(&simulation, sim_camera, eye, seconds(next_ns), &|_| point);
+                let (eu, ev) = (spot[0] - u as f64, spot[1] - v as f64);
+                assert!(
+                    (du - eu).abs().max((dv - ev).abs()) < 0.005,
+                    "{} {u} {v}: {du} {dv}, by its ray {eu} {ev}",
+                    sim_camera.name
+                );
+                compared += 1;
+                shown += i32::from(flow.shown[pixel]);
+                longest = longest.max(eu.hypot(ev));
+            }
+        }
+        let name = &sim_camera.name;
+        assert!(compared > 400, "{name}: {compared}");
+        assert!(
+            longest > 2.0,
+            "{name}: nothing moved by more than {longest} px"
+        );
+        assert!(
+            (compared / 2..compared).contains(&shown),
+            "{name}: {shown} of {compared}"
+        );
+    }
+}
+
+#[test]
+fn the_corners_of_tags_are_where_the_feet_take_them() {
+    let simulation = Simulation::new(&settings(), &example()).unwrap();
+    let camera = simulation
+        .cameras()
+        .iter()
+        .position(|camera| camera.name == "feet")
+        .unwrap();
+    let sim_camera = &simulation.cameras()[camera];
+    let mut truths = simulation.truths(camera);
+    let (mut compared, mut visible) = (0, 0);
+    for k in 0..40 {
+        let (eye, time_ns) = (k % 2, 2_000_000_000 + 130_000_000 * k as i64);
+        let truth = truths.see(eye, time_ns);
+        for seen in truths.tags(eye, &truth) {
+            let tag = &simulation.scene.wearer.tags[seen.id];
+            for (found, corner) in seen
+                .corners
+                .iter()
+                .zip(crate::scene::tag::corners(tag.size_m))
+            {
+                let point = |t: f64| {
+                    let foot = simulation.walker.foot(tag.side, t);
+                    foot.position + foot.rotation * (tag.position + tag.rotation * corner)
+                };
+                let expected = slow_spot(&simulation, sim_camera, eye, seconds(time_ns), &point);
+                let off = (found[0] - expected[0]).hypot(found[1] - expected[1]);
+                // Outside, the instant goes on as it is between the last rows.
+                let inside = (0.0..=159.0).contains(&found[0]) && (0.0..=89.0).contains(&found[1]);
+                let most = if inside { 0.005 } else { 0.05 };
+                assert!(off < most, "{time_ns}: {found:?}, expected {expected:?}");
+                compared += 1;
+            }
+            if seen.visible {
+                visible += 1;
+                let [a, _, c, _] = seen.corners;
+                let (u, v) = (0.5 * (a[0] + c[0]), 0.5 * (a[1] + c[1]));
+                let middle = (v + 0.5) as usize * 160 + (u + 0.5) as usize;
+                assert_eq!(truth.class[middle], Class::Person);
+            }
+        }
+    }
+    assert!(
+        compared > 100 && visible > 20,
+        "{compared} corners, {visible} tags"
+    );
+}
+
 #[test]
 fn the_wearer_sees_his_shoes_and_the_shoulders_do_not() {
     let simulation = Arc::new(Simulation::new(&settings(), &example()).unwrap());
     for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
-        let truth = simulation.pictures(camera).truth(0, 4_000_000_000);
+        let truth = simulation.truths(camera).see(0, 4_000_000_000);
         let own = truth.class.iter().filter(|&&class| class == Class::Person);
         let share = own.count() as f64 / truth.class.len() as f64;
         match sim_camera.name == "feet" {

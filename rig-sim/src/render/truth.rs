@@ -1,0 +1,195 @@
+//! What is true of a camera's pictures, as files: layers of pixels, and the tags on the shoes.
+//!
+//! Each layer is a PNG per picture under the name of the picture it belongs to, row by row:
+//!
+//! - `depth`: 16 bits, mm along the optical axis; 0 for the sky and for more than 65.535 m;
+//! - `class`: 8 bits, numbers of [`Class`];
+//! - `instance`: 16 bits, a number per thing; 0 for the sky;
+//! - `flow`: to the next picture, as KITTI has it (Menze and Geiger 2015): 16 bits red, green, blue; red
+//!   is 64 times the movement to the right in px plus 2^15, green the same downwards, to 1/64 px. Blue
+//!   is 0 where there is no answer, 1 where the next picture shows the point and 2 where it does not,
+//!   since the point is hidden or outside. The last picture's next one is not written.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::{RenderError, at, write, yaml};
+use crate::camera::truth::{Flow, Truth};
+use crate::faults::CameraFaults;
+use crate::png_file;
+use crate::scene::surface::Class;
+use crate::simulation::{Simulation, Truths};
+
+/// Layers of each eye; the eye's number follows the name.
+const LAYERS: [&str; 4] = ["depth", "class", "instance", "flow"];
+const TAGS: &str = "#frame,timestamp [ns],eye,id,visible,u0 [px],v0 [px],u1 [px],v1 [px],\
+                    u2 [px],v2 [px],u3 [px],v3 [px]\n";
+
+/// Writes what is true of a camera's frames, one after the other.
+pub(super) struct TruthFiles<'a> {
+    simulation: &'a Simulation,
+    truths: Truths<'a>,
+    root: PathBuf,
+    size: [usize; 2],
+    /// What the eyes see in the frame that comes next.
+    ahead: Option<[Truth; 2]>,
+    tags: String,
+}
+
+impl<'a> TruthFiles<'a> {
+    /// Makes the folders below `root`, a camera's `mav0`.
+    pub(super) fn begin(
+        simulation: &'a Simulation,
+        number: usize,
+        faults: &CameraFaults,
+        root: &Path,
+    ) -> Result<Self, RenderError> {
+        let camera = &simulation.cameras()[number];
+        for eye in 0..2 {
+            for layer in LAYERS {
+                let folder = root.join(format!("{layer}{eye}"));
+                let data = folder.join("data");
+                fs::create_dir_all(&data).map_err(at(&data))?;
+                let text = yaml::truth(&camera.name, eye, layer, &meaning(layer));
+                write(&folder.join("sensor.yaml"), &text)?;
+            }
+        }
+        Ok(Self {
+            simulation,
+            truths: simulation.truths(number).with_faults(faults.clone()),
+            root: root.to_owned(),
+            size: [camera.models[0].width, camera.models[0].height].map(|v| v as usize),
+            ahead: None,
+            tags: TAGS.to_owned(),
+        })
+    }
+
+    /// Writes all layers of frame `number`, whose pictures are called `name`.
+    pub(super) fn frame(&mut self, number: u64, name: &str) -> Result<(), RenderError> {
+        let settings = self.simulation.settings();
+        let (now_ns, next_ns) = (settings.frame_ns(number), settings.frame_ns(number + 1));
+        let now = match self.ahead.take() {
+            Some(now) => now,
+            None => [0, 1].map(|eye| self.truths.see(eye, now_ns)),
+        };
+        let next = [0, 1].map(|eye| self.truths.see(eye, next_ns));
+        for eye in 0..2 {
+            let flow = self.truths.flow(eye, &now[eye], &next[eye]);
+            self.layers(eye, &now[eye], &flow, name)?;
+            for tag in self.truths.tags(eye, &now[eye]) {
+                let corners = tag.corners.map(|[u, v]| format!("{u:.4},{v:.4}")).join(",");
+                // Writing to a string does not fail.
+                let _ = writeln!(
+                    self.tags,
+                    "{number},{now_ns},{eye},{},{},{corners}",
+                    tag.id,
+                    u8::from(tag.visible)
+                );
+            }
+        }
+        self.ahead = Some(next);
+        Ok(())
+    }
+
+    fn layers(
+        &self,
+        eye: usize,
+        truth: &Truth,
+        flow: &Flow,
+        name: &str,
+    ) -> Result<(), RenderError> {
+        let path = |layer: &str| self.root.join(format!("{layer}{eye}/data")).join(name);
+        let file = path("depth");
+        let depth = truth.depth.iter().copied().map(millimetres);
+        png_file::grey16(&file, self.size, depth).map_err(at(&file))?;
+        let file = path("class");
+        let class: Vec<u8> = truth.class.iter().map(|&class| class as u8).collect();
+        png_file::grey8(&file, self.size, &class).map_err(at(&file))?;
+        let file = path("instance");
+        let instance = truth.instance.iter().copied();
+        png_file::grey16(&file, self.size, instance).map_err(at(&file))?;
+        let file = path("flow");
+        let flow = flow.moved.iter().zip(&flow.shown);
+        let flow = flow.map(|(moved, shown)| kitti(*moved, *shown));
+        png_file::rgb16(&file, self.size, flow).map_err(at(&file))
+    }
+
+    /// Writes what is known only after the last frame: the pictures' `list`, and the tags, beside `mav0`.
+    pub(super) fn end(self, list: &str) -> Result<(), RenderError> {
+        for eye in 0..2 {
+            for layer in LAYERS {
+                write(&self.root.join(format!("{layer}{eye}/data.csv")), list)?;
+            }
+        }
+        write(&self.root.with_file_name("tags.csv"), &self.tags)
+    }
+}
+
+fn meaning(layer: &str) -> String {
+    match layer {
+        "depth" => "mm along the optical axis, 0 for none or more than 65535".to_owned(),
+        "class" => {
+            let names = Class::ALL.map(|class| format!("{} {}", class as u8, class.name()));
+            names.join(", ")
+        }
+        "instance" => "a number per thing, 0 sky".to_owned(),
+        _ => "64 times the movement to the next picture in px plus 32768, right and down; \
+              third channel 0 unknown, 1 shown there, 2 hidden there or outside"
+            .to_owned(),
+    }
+}
+
+/// 0 where there is nothing, or nothing as near as the format can say.
+fn millimetres(depth_m: f32) -> u16 {
+    let mm = (f64::from(depth_m) * 1000.0).round();
+    match (1.0..=65_535.0).contains(&mm) {
+        true => mm as u16,
+        false => 0,
+    }
+}
+
+/// Movement as KITTI writes it; nothing where the format cannot say it.
+fn kitti(moved: [f32; 2], shown: bool) -> [u16; 3] {
+    let [u, v] = moved.map(|px| (f64::from(px) * 64.0).round() + 32_768.0);
+    let range = 0.0..=65_535.0;
+    match range.contains(&u) && range.contains(&v) {
+        true => [u as u16, v as u16, if shown { 1 } else { 2 }],
+        false => [0; 3],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn depth_that_cannot_be_said_is_none() {
+        let cases = [
+            (1.2345, 1235),
+            (0.0004, 0),
+            (65.535, 65_535),
+            (65.536, 0),
+            (f32::INFINITY, 0),
+            (f32::NAN, 0),
+            (-1.0, 0),
+        ];
+        for (depth_m, expected) in cases {
+            assert_eq!(millimetres(depth_m), expected, "{depth_m}");
+        }
+    }
+
+    #[test]
+    fn flow_that_cannot_be_said_is_none() {
+        let cases = [
+            ([0.0, 0.0], true, [32_768, 32_768, 1]),
+            ([1.5, -0.25], false, [32_864, 32_752, 2]),
+            ([-512.0, 511.98], true, [0, 65_535, 1]),
+            ([512.1, 0.0], true, [0; 3]),
+            ([f32::NAN, f32::NAN], false, [0; 3]),
+        ];
+        for (moved, shown, expected) in cases {
+            assert_eq!(kitti(moved, shown), expected, "{moved:?}");
+        }
+    }
+}
