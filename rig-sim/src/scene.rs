@@ -20,11 +20,15 @@ pub mod texture;
 pub mod wearer;
 
 mod corridor;
+mod front;
 mod interior;
+mod palette;
 mod pavement;
+mod plants;
 mod plaza;
 mod room;
 mod stairs;
+mod street;
 mod sweep;
 mod trail;
 
@@ -170,6 +174,7 @@ impl Scene {
         let mut builder = Builder::new(seed);
         let made = kind.build(&mut builder);
         let wearer = Wearer::make(&mut builder);
+        let clouds = builder.texture(&palette::CLOUDS);
         let light = made.lights.at(time);
         let Builder {
             mut materials,
@@ -211,7 +216,7 @@ impl Scene {
             fixed,
             glass,
             moving: parts.into_iter().map(|part| part.lit(&light)).collect(),
-            sky: made.sky.at(&light),
+            sky: Sky::new(time, &light, clouds),
             wearer: wearer.lit(&light),
             light,
             route: made.route,

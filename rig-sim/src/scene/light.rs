@@ -96,7 +96,7 @@ impl Lights {
             (Time::Day, true) => light(None, 0.03, lamps(), WHITE, None),
             (Time::LowSun, false) => light(sun(self.low_sun, 0.6), 0.15, Vec::new(), WARM, None),
             (Time::LowSun, true) => light(sun(self.low_sun, 0.4), 0.03, lamps(), WARM, None),
-            (Time::Night, false) => light(None, 0.000_5, lamps(), WARM, None),
+            (Time::Night, false) => light(None, 0.000_3, lamps(), WARM, None),
             (Time::Night, true) => light(None, 0.000_5, lamps(), WARM, None),
             // Outdoors: a dull evening under street lamps. Indoors: tubes.
             (Time::Flicker, false) => light(None, 0.001, lamps(), WHITE, MAINS),
