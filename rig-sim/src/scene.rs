@@ -27,6 +27,7 @@ mod pavement;
 mod plants;
 mod plaza;
 mod room;
+mod shadow;
 mod stairs;
 mod street;
 mod sweep;
@@ -187,7 +188,7 @@ impl Scene {
         let lit = made.lights.lamps_on(time);
         materials.iter_mut().for_each(|m| m.glow *= lit as f32);
         let solid = bvh_of(&mesh);
-        let baked = light.baked(&mesh, &solid);
+        let (mesh, baked) = shadow::baked(&mesh, &materials, &light, &solid, &made.route);
         let fixed = Body::new(&mesh, &baked);
         let baked = light.baked(&glass, &solid);
         let glass = Body::new(&glass, &baked);

@@ -26,6 +26,14 @@ pub struct Triangle {
     pub instance: u16,
 }
 
+impl Triangle {
+    /// Outward unit normal.
+    pub fn normal(&self) -> Vector3<f64> {
+        let [a, b, c] = self.corners.map(|c| c.position);
+        (b - a).cross(&(c - a)).normalize()
+    }
+}
+
 /// Triangles in one frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {

@@ -214,8 +214,8 @@ fn houses(b: &mut Builder, p: &Palette) {
     for (row, length) in [
         (row([x0, HOUSE], 0.0), x1 - x0),
         (row([x1, FAR_HOUSE], 2.0), x1 - x0),
-        // Across the ends.
-        (row([x1 + 14.0, -8.0], 1.0), 30.0),
+        // Across the ends; far enough for a low sun to come over.
+        (row([x1 + 40.0, -12.0], 1.0), 38.0),
         (row([x0 - 12.0, 22.0], -1.0), 30.0),
     ] {
         row.houses(b, &p.fronts, style, length);

@@ -158,7 +158,7 @@ fn leaves(recipe: &Recipe, tossed: bool, seed: u64) -> (Vec<f32>, Vec<f32>) {
         let spread = 1.0 - (least / most) * (least / most);
         // Near the end, large leaves close what is left; small ones would take for ever.
         let wish = least / (1.0 - spread * draw(0)).sqrt();
-        let radius = wish.max(0.02 * leaf as f64 / 1000.0).min(most) as f32;
+        let radius = wish.max(0.05 * leaf as f64 / 1000.0).min(most) as f32;
         let (cx, cy) = (draw(1) as f32 * SIZE as f32, draw(2) as f32 * SIZE as f32);
         // Small things differ less from what is around them.
         let contrast = recipe.contrast * fainter(radius / recipe.radius[1]);
