@@ -20,11 +20,16 @@ pub mod texture;
 pub mod wearer;
 
 mod corridor;
+mod front;
 mod interior;
+mod palette;
 mod pavement;
+mod plants;
 mod plaza;
 mod room;
+mod shadow;
 mod stairs;
+mod street;
 mod sweep;
 mod trail;
 
@@ -170,6 +175,7 @@ impl Scene {
         let mut builder = Builder::new(seed);
         let made = kind.build(&mut builder);
         let wearer = Wearer::make(&mut builder);
+        let clouds = builder.texture(&palette::CLOUDS);
         let light = made.lights.at(time);
         let Builder {
             mut materials,
@@ -182,7 +188,7 @@ impl Scene {
         let lit = made.lights.lamps_on(time);
         materials.iter_mut().for_each(|m| m.glow *= lit as f32);
         let solid = bvh_of(&mesh);
-        let baked = light.baked(&mesh, &solid);
+        let (mesh, baked) = shadow::baked(&mesh, &materials, &light, &solid, &made.route);
         let fixed = Body::new(&mesh, &baked);
         let baked = light.baked(&glass, &solid);
         let glass = Body::new(&glass, &baked);
@@ -211,7 +217,7 @@ impl Scene {
             fixed,
             glass,
             moving: parts.into_iter().map(|part| part.lit(&light)).collect(),
-            sky: made.sky.at(&light),
+            sky: Sky::new(time, &light, clouds),
             wearer: wearer.lit(&light),
             light,
             route: made.route,

@@ -2,10 +2,15 @@
 //!
 //! A *dead leaves* picture (Matheron 1968; Lee, Mumford and Huang 2001): discs with radii by an inverse
 //! cube law cover each other. It has what natural surfaces have and noise has not: edges where one
-//! thing hides another, at every size, and an amplitude spectrum near 1/f. Blocks of value noise add
-//! grain. Textures tile, hold two channels, and come with all their mip levels.
+//! thing hides another, at every size, and an amplitude spectrum near 1/f. Outlines are bent and, for what
+//! is laid of pieces, cut ([`layout`]); blocks of value noise add grain. Textures tile, hold two channels,
+//! and come with all their mip levels.
 
 use crate::random;
+
+pub mod layout;
+
+use self::layout::Layout;
 
 /// Width and height of a texture's finest level, texels.
 pub const SIZE: usize = 1024;
@@ -47,7 +52,7 @@ pub struct Texture {
 }
 
 /// How a texture is made.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recipe {
     /// Radii of the leaves, texels.
     pub radius: [f32; 2],
@@ -62,9 +67,10 @@ pub struct Recipe {
 }
 
 impl Texture {
-    /// The texture of a recipe and a seed.
-    pub fn new(recipe: &Recipe, seed: u64) -> Self {
-        let (mut luma, mut mix) = leaves(recipe, seed);
+    /// The texture of a recipe, a layout and a seed.
+    pub fn new(recipe: &Recipe, layout: &Layout, seed: u64) -> Self {
+        let (mut luma, mut mix) = leaves(recipe, *layout == Layout::Tossed, seed);
+        layout::lay(&mut luma, &mut mix, layout, seed);
         grain(&mut luma, recipe.grain, seed);
         // The mean is 1 exactly, so that a surface's albedo is what its material says.
         let mean = luma.iter().sum::<f32>() / luma.len() as f32;
@@ -162,12 +168,34 @@ fn halved(values: &[f32], size: usize) -> Vec<f32> {
     small
 }
 
-/// Covers the tile from the front: a leaf only shows where nothing lies yet.
-fn leaves(recipe: &Recipe, seed: u64) -> (Vec<f32>, Vec<f32>) {
+/// Contrast of a leaf over that of the largest, by its size over that of the largest.
+fn fainter(size: f32) -> f32 {
+    // About the fifth root.
+    let root = size.sqrt().sqrt();
+    0.12 + 0.88 * root * (1.25 - 0.25 * root)
+}
+
+/// The first open texel of a row from `x` on, or its end.
+fn find(next: &mut [u16], x: usize) -> usize {
+    let mut end = x;
+    while usize::from(next[end]) != end {
+        end = usize::from(next[end]);
+    }
+    let mut at = x;
+    while at != end {
+        (at, next[at]) = (usize::from(next[at]), end as u16);
+    }
+    end
+}
+
+/// Covers the tile from the front: a leaf, an ellipse, only shows where nothing lies yet.
+fn leaves(recipe: &Recipe, tossed: bool, seed: u64) -> (Vec<f32>, Vec<f32>) {
     let [least, most] = recipe.radius.map(f64::from);
-    let mut luma = vec![f32::NAN; SIZE * SIZE];
+    let mut luma = vec![0.0_f32; SIZE * SIZE];
     let mut mix = vec![0.0_f32; SIZE * SIZE];
     let mut open = SIZE * SIZE;
+    // The next texel of a row that is open, from each on; kept roughly up to date.
+    let mut next: Vec<u16> = (0..SIZE).flat_map(|_| 0..=SIZE as u16).collect();
     let mut leaf = 0;
     while open > 0 {
         let draw = |k: u64| random::uniform(seed, random::TEXTURE + k, leaf);
@@ -175,36 +203,58 @@ fn leaves(recipe: &Recipe, seed: u64) -> (Vec<f32>, Vec<f32>) {
         let spread = 1.0 - (least / most) * (least / most);
         // Near the end, large leaves close what is left; small ones would take for ever.
         let wish = least / (1.0 - spread * draw(0)).sqrt();
-        let radius = wish.max(0.02 * leaf as f64 / 1000.0).min(most) as f32;
+        let radius = wish.max(0.05 * leaf as f64 / 1000.0).min(most) as f32;
         let (cx, cy) = (draw(1) as f32 * SIZE as f32, draw(2) as f32 * SIZE as f32);
-        let tone = 1.0 + recipe.contrast * random::bell(seed, random::TEXTURE + 3, leaf) as f32;
+        // Small things differ less from what is around them.
+        let contrast = recipe.contrast * fainter(radius / recipe.radius[1]);
+        let tone = 1.0 + contrast * random::bell(seed, random::TEXTURE + 3, leaf) as f32;
         let tone = tone.clamp(0.15, 1.95);
         let second = f32::from(u8::from((draw(4) as f32) < recipe.mixed));
         // A slope across the leaf, as of a rounded thing in slanting light.
-        let slope = 0.3 * recipe.contrast * (draw(5) as f32 - 0.5) / radius;
+        let slope = 0.3 * contrast * (draw(5) as f32 - 0.5) / radius;
         let (rx, ry) = (
             radius * recipe.stretch.sqrt(),
             radius / recipe.stretch.sqrt(),
         );
-        let reach = |r: f32| r.ceil() as i32;
-        for dy in -reach(ry)..=reach(ry) {
+        let angle = if tossed {
+            std::f64::consts::PI * draw(6)
+        } else {
+            0.0
+        };
+        let (sin, cos) = (libm::sin(angle) as f32, libm::cos(angle) as f32);
+        // Within `a x² + 2 b x y + c y² < 1`, `c` following from the size.
+        let (ix, iy) = (1.0 / (rx * rx), 1.0 / (ry * ry));
+        let a = cos * cos * ix + sin * sin * iy;
+        let b = sin * cos * (ix - iy);
+        let high = (a / (ix * iy)).sqrt();
+        let reach = high.ceil() as i32;
+        for dy in -reach..=reach {
             let y = cy as i32 + dy;
-            let part = (y as f32 + 0.5 - cy) / ry;
-            let chord = 1.0 - part * part;
+            let up = y as f32 + 0.5 - cy;
+            let chord = 1.0 - up * up / (high * high);
             if chord <= 0.0 {
                 continue;
             }
-            let half = rx * chord.sqrt();
-            let from = (cx - half + 0.5).floor() as i32;
-            let to = (cx + half + 0.5).floor() as i32;
-            let row = (y.rem_euclid(SIZE as i32)) as usize * SIZE;
+            let half = (chord / a).sqrt();
+            let middle = cx - b / a * up;
+            let from = (middle - half + 0.5).floor() as i32;
+            let to = (middle + half + 0.5).floor() as i32;
+            let row = y.rem_euclid(SIZE as i32) as usize;
+            let next = &mut next[row * (SIZE + 1)..(row + 1) * (SIZE + 1)];
             // Wider than the tile, it would cover itself.
-            for x in from..to.min(from + SIZE as i32) {
-                let i = row + x.rem_euclid(SIZE as i32) as usize;
-                if luma[i].is_nan() {
-                    luma[i] = tone + slope * (x as f32 + 0.5 - cx);
+            let to = to.min(from + SIZE as i32);
+            let size = SIZE as i32;
+            let beyond = from.div_euclid(size) * size;
+            for tile in [beyond, beyond + size] {
+                let (first, end) = (from.max(tile) - tile, to.min(tile + size) - tile);
+                let mut x = find(next, first.min(size) as usize);
+                while (x as i32) < end {
+                    let i = row * SIZE + x;
+                    luma[i] = tone + slope * ((x as i32 + tile) as f32 + 0.5 - cx);
                     mix[i] = second;
+                    next[x] = x as u16 + 1;
                     open -= 1;
+                    x = find(next, x + 1);
                 }
             }
         }
@@ -261,7 +311,7 @@ mod tests {
 
     #[test]
     fn levels_keep_the_mean_and_tile() {
-        let texture = Texture::new(&STONES, 1);
+        let texture = Texture::new(&STONES, &Layout::Along, 1);
         assert_eq!(texture.texels.len(), start(1) as usize + 2);
         let (mean, _) = texture.sample(0.5, 0.5, 10);
         assert!((mean - 1.0).abs() < 0.02, "{mean}");
@@ -279,7 +329,7 @@ mod tests {
     /// same variance, and so do the differences between one mip level and the next.
     #[test]
     fn octaves_have_similar_power() {
-        let texture = Texture::new(&STONES, 2);
+        let texture = Texture::new(&STONES, &Layout::Along, 2);
         let variance = |level: u32| {
             let size = SIZE >> level;
             let band = |i: usize| {

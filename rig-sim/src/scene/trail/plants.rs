@@ -6,6 +6,7 @@ use super::terrain::Terrain;
 use super::{Palette, Spot, free_place};
 use crate::scene::build::Builder;
 use crate::scene::mesh::Stuff;
+use crate::scene::plants::{Clump, bush};
 use crate::scene::sweep::{Ring, sweep};
 
 /// Trees that one passes. Returns where they stand.
@@ -76,19 +77,14 @@ fn tree(b: &mut Builder, p: &Palette, terrain: &Terrain, at: [f64; 2], radius: f
     }
     let sides = if near { 9 } else { 6 };
     sweep(&mut b.mesh, &rings, Vector3::x(), sides, trunk);
-    let lumps = if near { 4 } else { 2 };
-    for i in 0..lumps {
-        let t = 0.55 + 0.45 * (f64::from(i) + b.draw(0.0, 1.0)) / f64::from(lumps);
+    let clumps = if near { 4 } else { 2 };
+    for i in 0..clumps {
+        let t = 0.55 + 0.45 * (f64::from(i) + b.draw(0.0, 1.0)) / f64::from(clumps);
         let size = (0.22 * height * (1.45 - t)).max(0.7);
         let off = Vector3::new(b.draw(-0.5, 0.5), b.draw(-0.5, 0.5), 0.0) * size;
         let radii = Vector3::new(size, size * b.draw(0.8, 1.2), 0.75 * size);
-        b.lump(
-            axis(height * t) + off,
-            radii,
-            if near { 5 } else { 4 },
-            0.3,
-            crown,
-        );
+        let spray = if near { 0.75 * size } else { 0.9 * size };
+        Clump::new(axis(height * t) + off, radii, spray).grow(b, crown);
     }
     if near {
         branches(b, terrain, &axis, [radius, height], trunk);
@@ -129,12 +125,8 @@ pub(super) fn undergrowth(b: &mut Builder, p: &Palette, terrain: &Terrain, taken
             continue;
         };
         let foot = terrain.point(at[0], at[1]);
-        let bush = b.of_thing(p.leaves[i % 2]);
-        for _ in 0..5 {
-            let off = Vector3::new(b.draw(-0.5, 0.5), b.draw(-0.5, 0.5), b.draw(0.1, 1.3));
-            let radii = Vector3::new(0.6, 0.6, 0.5) * (size * b.draw(0.7, 1.2));
-            b.lump(foot + off * size, radii, 5, 0.35, bush);
-        }
+        let leaves = b.of_thing(p.leaves[i % 2]);
+        bush(b, leaves, foot, 2.2 * size);
     }
     for _ in 0..130 {
         let Some(at) = free_place(b, terrain, taken, 0.75, 0.1) else {
