@@ -4,7 +4,7 @@
 
 use tests::faults::Exam;
 
-const SCHEDULES: u64 = 500;
+const SCHEDULES: u64 = 2000;
 const SECONDS: f64 = 60.0;
 
 #[test]
@@ -24,5 +24,6 @@ fn every_loss_is_told_with_its_cause() {
         eprintln!("{error:#}\nPAWS_FAULT_SEED={seed} runs it again\n");
     }
     assert!(failures.is_empty(), "{} schedules failed", failures.len());
-    assert_eq!(tally.wrong_times, 0);
+    // Doubting everything would be no account.
+    assert!(tally.doubtful * 3 < tally.stored, "{tally:?}");
 }
