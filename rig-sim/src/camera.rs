@@ -80,6 +80,17 @@ pub struct Eye {
     sample: Radiance,
 }
 
+/// What taking a picture is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Where eye and bodies are.
+    Poses,
+    /// Which triangle each pixel sees.
+    Visibility,
+    /// What light comes from there.
+    Shading,
+}
+
 /// One picture to take.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shot {
@@ -175,18 +186,32 @@ impl Eye {
         eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
         shot: &Shot,
     ) -> &Radiance {
+        self.expose_in_stages(scene, placed, eye_pose, shot, &mut |_| {})
+    }
+
+    /// As [`Eye::expose`]; `done` is called after each stage of each picture that is averaged.
+    pub fn expose_in_stages(
+        &mut self,
+        scene: &Scene,
+        placed: &[Placed<'_>],
+        eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
+        shot: &Shot,
+        done: &mut dyn FnMut(Stage),
+    ) -> &Radiance {
         let samples = self.samples(eye_pose, shot);
         self.radiance.clear();
         for k in 0..samples {
             let part = (f64::from(k) + 0.5) / f64::from(samples) - 0.5;
             let at = shot.time_s + shot.exposure.seconds * part;
             let views = self.views_of_seen(placed, eye_pose, at);
+            done(Stage::Poses);
             let Grid { shift, rays } = &self.grids[k as usize % self.grids.len()];
             self.visibility.clear();
             for (body, views) in placed.iter().zip(&views) {
                 self.visibility
                     .draw(body.body, body.first, &self.lens, *shift, views);
             }
+            done(Stage::Visibility);
             let seen: Vec<Seen<'_>> = placed
                 .iter()
                 .zip(&views)
@@ -222,6 +247,7 @@ impl Eye {
                 );
                 self.radiance.add(&self.sample);
             }
+            done(Stage::Shading);
         }
         self.flicker(scene, shot.time_s, &shot.exposure);
         &self.radiance

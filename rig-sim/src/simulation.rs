@@ -182,6 +182,13 @@ impl Simulation {
         })
     }
 
+    /// The same walk in pictures of another quality.
+    #[must_use]
+    pub fn with_quality(mut self, quality: Quality) -> Self {
+        self.settings.quality = quality;
+        self
+    }
+
     /// What was asked for.
     pub fn settings(&self) -> &Settings {
         &self.settings
