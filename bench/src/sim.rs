@@ -231,7 +231,10 @@ fn stream(simulation: &Simulation, sets: u64) -> Took {
                 return;
             }
             let pictures = &cameras[job % count];
-            let frame = pictures.lock().unwrap_or_else(PoisonError::into_inner).next();
+            let frame = pictures
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .next();
             std::hint::black_box(frame);
         }
     };
@@ -318,7 +321,10 @@ mod tests {
         let points = &place.points;
         assert_eq!(points.len(), QUALITIES.len());
         assert!(points[3].rms < 0.7 * points[0].rms, "{place}");
-        assert!(points.iter().all(|p| p.rms > 0.0 && p.rms < 30.0), "{place}");
+        assert!(
+            points.iter().all(|p| p.rms > 0.0 && p.rms < 30.0),
+            "{place}"
+        );
         assert!(points.iter().all(|p| p.sets_per_s > 0.0 && p.cpu_ms > 0.0));
         assert!(points[3].cpu_ms > points[0].cpu_ms, "{place}");
         let parts = place.stages.parts();

@@ -9,8 +9,14 @@ const WIDTH: u32 = 720;
 /// Name and SVG of every chart.
 pub(super) fn draw(places: &[Place], stamp: &str) -> Vec<(String, String)> {
     vec![
-        ("sim.svg".to_owned(), quality(places, stamp).to_svg(WIDTH, 420)),
-        ("sim-stages.svg".to_owned(), stages(places, stamp).to_svg(WIDTH, 340)),
+        (
+            "sim.svg".to_owned(),
+            quality(places, stamp).to_svg(WIDTH, 420),
+        ),
+        (
+            "sim-stages.svg".to_owned(),
+            stages(places, stamp).to_svg(WIDTH, 340),
+        ),
     ]
 }
 
@@ -24,7 +30,11 @@ fn quality(places: &[Place], stamp: &str) -> Chart {
             "three stereo cameras, 672x376 per eye, day, two threads; labels: looks per picture, \
              from standing still to moving",
         )
-        .x_axis(Axis::log("frame sets per second", "1/s").include(1.0).include(100.0))
+        .x_axis(
+            Axis::log("frame sets per second", "1/s")
+                .include(1.0)
+                .include(100.0),
+        )
         .y_axis(Axis::linear("PSNR against many looks, no noise", "dB"))
         .vline(TARGET_FAST, "target, 1 look")
         .vline(TARGET_ACCURATE, "target, 4 to 12")

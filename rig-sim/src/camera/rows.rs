@@ -121,7 +121,11 @@ mod tests {
             let t = 1.3 + line_s * (row as f64 - 187.5);
             let expected = view(&eye(t), &body(t));
             let pairs = found.rotation.as_flattened().iter().chain(&found.origin);
-            let expected = expected.rotation.as_flattened().iter().chain(&expected.origin);
+            let expected = expected
+                .rotation
+                .as_flattened()
+                .iter()
+                .chain(&expected.origin);
             for (a, b) in pairs.zip(expected) {
                 assert!((a - b).abs() < 1e-6, "row {row}: {a} {b}");
             }

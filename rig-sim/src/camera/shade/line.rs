@@ -216,12 +216,16 @@ impl Line {
 
 #[inline(always)]
 fn lanes(of: &[f32], from: usize) -> &[f32; LANES] {
-    of[from..].first_chunk().expect("lines are longer than rows")
+    of[from..]
+        .first_chunk()
+        .expect("lines are longer than rows")
 }
 
 #[inline(always)]
 fn lanes_mut<T>(of: &mut [T], from: usize) -> &mut [T; LANES] {
-    of[from..].first_chunk_mut().expect("lines are longer than rows")
+    of[from..]
+        .first_chunk_mut()
+        .expect("lines are longer than rows")
 }
 
 /// A layer's arrays, all of the same length.

@@ -27,9 +27,11 @@ fn check(kind: Kind, look: impl Fn(&Shading<'_>, &Lens)) {
         let [x, y] = scene.route.points[i];
         Vector3::new(x, y, 1.3)
     });
-    let ahead = ((b - a).normalize() - 0.3 * Vector3::z()).normalize();
+    let ahead: Vector3<f64> = (b - a).normalize() - Vector3::z() * 0.3;
+    let ahead = ahead.normalize();
     let right = ahead.cross(&Vector3::z()).normalize();
-    let optical_from_world = Matrix3::from_columns(&[right, ahead.cross(&right), ahead]).transpose();
+    let optical_from_world =
+        Matrix3::from_columns(&[right, ahead.cross(&right), ahead]).transpose();
     let views = [View {
         rotation: [0, 1, 2].map(|i| [0, 1, 2].map(|j| optical_from_world[(i, j)] as f32)),
         origin: [a.x as f32, a.y as f32, a.z as f32],
@@ -80,7 +82,8 @@ fn slowly(shading: &Shading<'_>, row: usize, column: usize) -> Option<f64> {
     let pixel = f64::from(rays[middle + 1][0] - rays[middle][0]);
     let cosine = normal.dot(&ray).abs() / ray.norm();
     let area = (depth * pixel / texel_m).powi(2) / cosine;
-    let dither = column as f64 * 0.618_033_988_749_895 + random::uniform(shading.noise, 0, row as u64);
+    let dither =
+        column as f64 * 0.618_033_988_749_895 + random::uniform(shading.noise, 0, row as u64);
     let level = (0.5 * area.log2() + dither.fract() - 0.5).clamp(0.0, 9.0) as u32;
     let texture = &scene.textures[material.texture as usize];
     let at = |u: f64, v: f64, level: u32, centre: f64| {
