@@ -9,6 +9,7 @@ mod import;
 mod kills;
 mod load;
 mod meter;
+mod sim;
 mod soak;
 mod stamp;
 mod sync;
@@ -42,6 +43,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("encode", encode::run),
     ("import", import::run),
     ("kills", kills::run),
+    ("sim", sim::run),
     ("soak", soak::run),
     ("sync", sync::run),
 ];

@@ -81,7 +81,7 @@ impl Quality {
 pub struct Eye {
     lens: Lens,
     shutter: Shutter,
-    /// For as many places within the pixel as there are samples.
+    /// For the pixel's centre and as many places within it as there are samples.
     grids: Vec<Grid>,
     sensor: Sensor,
     visibility: Visibility,
@@ -90,6 +90,17 @@ pub struct Eye {
     radiance: Radiance,
     /// One picture of those that are averaged, where panes need it by itself.
     sample: Radiance,
+}
+
+/// What taking a picture is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Where eye and bodies are.
+    Poses,
+    /// Which triangle each pixel sees.
+    Visibility,
+    /// What light comes from there.
+    Shading,
 }
 
 /// One picture to take.
@@ -114,14 +125,17 @@ struct Grid {
     rays: Vec<[f32; 2]>,
 }
 
-/// Places within a pixel, spread evenly (Roberts' R2 sequence, 2018).
+/// Places within a pixel: its centre, then pairs on opposite sides of it, spread evenly (Roberts' R2
+/// sequence, 2018). The mean of an even number of them from 1 on is the centre, so that pictures do not
+/// shift with the number of samples.
 fn shift(k: u32) -> (f32, f32) {
     if k == 0 {
         return (0.0, 0.0);
     }
+    let side = if k % 2 == 1 { 1.0 } else { -1.0 };
     let part = |step: f64| {
-        let v = 0.5 + step * f64::from(k);
-        (v - v.floor() - 0.5) as f32
+        let v = 0.5 + step * f64::from(k.div_ceil(2));
+        (side * (v - v.floor() - 0.5)) as f32
     };
     (part(0.754_877_666_246_693), part(0.569_840_290_998_053))
 }
@@ -135,14 +149,16 @@ impl Eye {
         quality: Quality,
     ) -> Self {
         let lens = Lens::new(model);
-        // Rays of the shifted pixel centres; with one sample none is shifted.
-        let most = quality.samples.max(quality.most_samples).max(1);
         let grid = |k: u32| {
-            let shift = shift(if most == 1 { 0 } else { k + 1 });
+            let shift = shift(k);
             let rays = lens.rays((f64::from(shift.0), f64::from(shift.1)));
             Grid { shift, rays }
         };
-        let grids: Vec<Grid> = (0..most).map(grid).collect();
+        let shifted = match quality.samples.max(quality.most_samples) {
+            0 | 1 => 0,
+            most => most,
+        };
+        let grids: Vec<Grid> = (0..=shifted).map(grid).collect();
         let (width, height) = (model.width as usize, model.height as usize);
         Self {
             sensor: Sensor::new(
@@ -176,18 +192,38 @@ impl Eye {
         eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
         shot: &Shot,
     ) -> &Radiance {
+        self.expose_in_stages(scene, placed, eye_pose, shot, &mut |_| {})
+    }
+
+    /// As [`Eye::expose`]; `done` is called after each stage of each picture that is averaged.
+    pub fn expose_in_stages(
+        &mut self,
+        scene: &Scene,
+        placed: &[Placed<'_>],
+        eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
+        shot: &Shot,
+        done: &mut dyn FnMut(Stage),
+    ) -> &Radiance {
         let samples = self.samples(eye_pose, shot);
         self.radiance.clear();
         for k in 0..samples {
             let part = (f64::from(k) + 0.5) / f64::from(samples) - 0.5;
             let at = shot.time_s + shot.exposure.seconds * part;
             let views = self.views_of_seen(placed, eye_pose, at);
-            let Grid { shift, rays } = &self.grids[k as usize % self.grids.len()];
+            done(Stage::Poses);
+            // One sample alone is taken at the centre.
+            let grid = match self.grids.len() - 1 {
+                0 => 0,
+                _ if samples == 1 => 0,
+                shifted => 1 + k as usize % shifted,
+            };
+            let Grid { shift, rays } = &self.grids[grid];
             self.visibility.clear();
             for (body, views) in placed.iter().zip(&views) {
                 self.visibility
                     .draw(body.body, body.first, &self.lens, *shift, views);
             }
+            done(Stage::Visibility);
             let seen: Vec<Seen<'_>> = placed
                 .iter()
                 .zip(&views)
@@ -223,6 +259,7 @@ impl Eye {
                 );
                 self.radiance.add(&self.sample);
             }
+            done(Stage::Shading);
         }
         self.flicker(scene, shot.time_s, &shot.exposure);
         &self.radiance
@@ -271,7 +308,12 @@ impl Eye {
         let moved = (a.0 - b.0).norm() / 1.5;
         let px = self.lens.model().fx * (turned + moved);
         let wanted = (px / 0.7).ceil() as u32;
-        wanted.clamp(quality.samples, quality.most_samples.max(quality.samples))
+        let most = quality.most_samples.max(quality.samples).max(1);
+        match wanted.clamp(quality.samples.max(1), most) {
+            1 => 1,
+            // Of pairs: see `shift`.
+            several => several.next_multiple_of(2).min(most),
+        }
     }
 
     /// Where the eye is in each body's frame: once, or for each row, but no more than a few for what is not
@@ -322,4 +364,25 @@ impl Eye {
 /// Exposure control of a camera; both eyes share it.
 pub fn auto_exposure(longest_s: f64) -> AutoExposure {
     AutoExposure::new(longest_s)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_lie_evenly_about_the_pixel_s_centre() {
+        assert_eq!(shift(0), (0.0, 0.0));
+        for count in [2, 4, 8, 12] {
+            let all: Vec<(f32, f32)> = (1..=count).map(shift).collect();
+            let sum = all
+                .iter()
+                .fold((0.0, 0.0), |sum, s| (sum.0 + s.0, sum.1 + s.1));
+            assert_eq!(sum, (0.0, 0.0), "{count}");
+            assert!(all.iter().all(|s| s.0.abs() <= 0.5 && s.1.abs() <= 0.5));
+            // No two in one place.
+            let far = |a: &(f32, f32), b: &(f32, f32)| (a.0 - b.0).abs() + (a.1 - b.1).abs() > 0.05;
+            assert!((1..all.len()).all(|i| all[..i].iter().all(|other| far(&all[i], other))));
+        }
+    }
 }

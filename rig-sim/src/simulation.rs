@@ -188,6 +188,13 @@ impl Simulation {
         Ok(self)
     }
 
+    /// The same walk in pictures of another quality.
+    #[must_use]
+    pub fn with_quality(mut self, quality: Quality) -> Self {
+        self.settings.quality = quality;
+        self
+    }
+
     /// What was asked for.
     pub fn settings(&self) -> &Settings {
         &self.settings

@@ -250,3 +250,6 @@ impl Shading<'_> {
 pub fn class(scene: &Scene, surface: &Surface) -> Class {
     scene.materials[surface.material as usize].class
 }
+
+#[cfg(test)]
+mod tests;
