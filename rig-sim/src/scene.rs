@@ -177,6 +177,9 @@ impl Scene {
         let wearer = Wearer::make(&mut builder);
         let clouds = builder.texture(&palette::CLOUDS);
         let light = made.lights.at(time);
+        // What moves has no shadows; in a room the sun rarely reaches it.
+        let mut around = light.clone();
+        around.sun = around.sun.filter(|_| !made.lights.indoors);
         let Builder {
             mut materials,
             textures,
@@ -216,9 +219,9 @@ impl Scene {
             ),
             fixed,
             glass,
-            moving: parts.into_iter().map(|part| part.lit(&light)).collect(),
+            moving: parts.into_iter().map(|part| part.lit(&around)).collect(),
             sky: Sky::new(time, &light, clouds),
-            wearer: wearer.lit(&light),
+            wearer: wearer.lit(&around),
             light,
             route: made.route,
             walkable,

@@ -88,7 +88,7 @@ impl Lights {
     /// The light at a time.
     pub fn at(&self, time: Time) -> Light {
         const WHITE: [f32; 3] = [1.0, 1.0, 1.0];
-        const WARM: [f32; 3] = [1.35, 0.95, 0.45];
+        const WARM: [f32; 3] = [1.26, 0.97, 0.53];
         const MAINS: Option<(f64, f64)> = Some((100.0, 0.8));
         let sun = |direction: Vector3<f64>, strength| Some((direction.normalize(), strength));
         let lamps = || {

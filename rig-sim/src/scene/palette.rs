@@ -103,7 +103,7 @@ const CRUMBS: Recipe = recipe([1.2, 120.0], 0.36, 0.1, 0.3, 1.0);
 const FALLEN: Recipe = recipe([4.0, 24.0], 0.42, 0.1, 0.45, 1.9);
 const FURROWS: Recipe = recipe([2.0, 60.0], 0.42, 0.15, 0.4, 5.0);
 /// Words and pictures.
-const PRINT: Recipe = recipe([2.0, 80.0], 0.35, 0.1, 0.4, 3.0);
+const PRINT: Recipe = recipe([2.0, 14.0], 0.4, 0.05, 0.0, 6.0);
 /// What a window mirrors: large, soft, upright.
 const MIRRORED: Recipe = recipe([60.0, 500.0], 0.25, 0.01, 0.35, 0.5);
 
@@ -170,7 +170,7 @@ pub(super) const WALLPAPER: Look =
 pub(super) const PANE: Look = Look::new(MIRRORED, 3.0, [0.045, 0.055, 0.07], [0.16, 0.18, 0.2]);
 /// A window behind which a lamp is on at night.
 pub(super) const LIT_PANE: Look =
-    Look::new(MIRRORED, 3.0, [0.1, 0.085, 0.06], [0.2, 0.17, 0.12]).glowing(0.02);
+    Look::new(MIRRORED, 3.0, [0.1, 0.085, 0.06], [0.2, 0.17, 0.12]).glowing(0.012);
 
 // Things.
 
@@ -179,8 +179,8 @@ pub(super) const WOOD: Look = Look::new(GRAINED, 1.2, [0.34, 0.22, 0.12], [0.26,
 pub(super) const DOOR: Look =
     Look::new(GRAINED, 1.2, [0.2, 0.13, 0.08], [0.07, 0.05, 0.035]).laid(BOARDS);
 /// A board with sheets of paper on it, 25 cm wide.
-pub(super) const PAPERS: Look = Look::new(PRINT, 1.0, [0.62, 0.6, 0.54], [0.2, 0.16, 0.11])
-    .laid(courses(4, 3, Stagger::Half, 26.0, 0.3));
+pub(super) const PAPERS: Look = Look::new(PRINT, 1.0, [0.7, 0.69, 0.66], [0.2, 0.13, 0.07])
+    .laid(courses(4, 3, Stagger::Any, 34.0, 0.25));
 /// Varnished metal.
 pub(super) const METAL: Look = Look::new(SMOOTH, 1.0, [0.1, 0.12, 0.11], [0.16, 0.16, 0.15]);
 pub(super) const STEEL: Look = Look::new(SMOOTH, 0.6, [0.3, 0.31, 0.32], [0.24, 0.24, 0.25]);

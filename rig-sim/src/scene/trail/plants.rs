@@ -75,7 +75,7 @@ fn tree(b: &mut Builder, p: &Palette, terrain: &Terrain, at: [f64; 2], radius: f
         let z = 0.8 + (height - 0.8) * t;
         rings.push(Ring::round(axis(z), radius * (1.0 - 0.75 * t)));
     }
-    let sides = if near { 9 } else { 6 };
+    let sides = if near { 8 } else { 5 };
     sweep(&mut b.mesh, &rings, Vector3::x(), sides, trunk);
     let clumps = if near { 4 } else { 2 };
     for i in 0..clumps {
@@ -83,7 +83,7 @@ fn tree(b: &mut Builder, p: &Palette, terrain: &Terrain, at: [f64; 2], radius: f
         let size = (0.22 * height * (1.45 - t)).max(0.7);
         let off = Vector3::new(b.draw(-0.5, 0.5), b.draw(-0.5, 0.5), 0.0) * size;
         let radii = Vector3::new(size, size * b.draw(0.8, 1.2), 0.75 * size);
-        let spray = if near { 0.75 * size } else { 0.9 * size };
+        let spray = if near { 0.8 * size } else { 0.95 * size };
         Clump::new(axis(height * t) + off, radii, spray).grow(b, crown);
     }
     if near {
@@ -99,7 +99,7 @@ fn branches(
     [radius, height]: [f64; 2],
     stuff: Stuff,
 ) {
-    for _ in 0..4 {
+    for _ in 0..3 {
         let from = axis(b.draw(1.2, 0.5 * height));
         let angle = b.draw(0.0, 2.0 * std::f64::consts::PI);
         let out = Vector3::new(libm::cos(angle), libm::sin(angle), b.draw(-0.1, 0.5));
@@ -114,7 +114,7 @@ fn branches(
             Ring::round(tip, 0.03 * radius),
         ];
         let aside = Vector3::new(-out.y, out.x, 0.0);
-        sweep(&mut b.mesh, &rings, aside, 5, stuff);
+        sweep(&mut b.mesh, &rings, aside, 4, stuff);
     }
 }
 
@@ -128,7 +128,7 @@ pub(super) fn undergrowth(b: &mut Builder, p: &Palette, terrain: &Terrain, taken
         let leaves = b.of_thing(p.leaves[i % 2]);
         bush(b, leaves, foot, 2.2 * size);
     }
-    for _ in 0..130 {
+    for _ in 0..100 {
         let Some(at) = free_place(b, terrain, taken, 0.75, 0.1) else {
             continue;
         };
