@@ -110,14 +110,16 @@ struct Grid {
     rays: Vec<[f32; 2]>,
 }
 
-/// Places within a pixel, spread evenly (Roberts' R2 sequence, 2018).
+/// Places within a pixel, spread evenly (Roberts' R2 sequence, 2018). The middle, then pairs that lie
+/// opposite each other: the mean of whole pairs is the pixel's centre, or the picture would be shifted.
 fn shift(k: u32) -> (f32, f32) {
     if k == 0 {
         return (0.0, 0.0);
     }
+    let sign = if k % 2 == 1 { 1.0 } else { -1.0 };
     let part = |step: f64| {
-        let v = 0.5 + step * f64::from(k);
-        (v - v.floor() - 0.5) as f32
+        let v = 0.5 + step * f64::from(k.div_ceil(2));
+        (sign * (v - v.floor() - 0.5)) as f32
     };
     (part(0.754_877_666_246_693), part(0.569_840_290_998_053))
 }
@@ -251,7 +253,9 @@ impl Eye {
         let moved = (a.0 - b.0).norm() / 1.5;
         let px = self.lens.model().fx * (turned + moved);
         let wanted = (px / 0.7).ceil() as u32;
-        wanted.clamp(quality.samples, quality.most_samples.max(quality.samples))
+        let count = wanted.clamp(quality.samples, quality.most_samples.max(quality.samples));
+        // Whole pairs; see `shift`.
+        if count > 1 { count + count % 2 } else { count }
     }
 
     /// Where the eye is in each body's frame: once, or for each row.
@@ -326,4 +330,21 @@ fn view(
 /// Exposure control of a camera; both eyes share it.
 pub fn auto_exposure(longest_s: f64) -> AutoExposure {
     AutoExposure::new(longest_s)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_places_within_a_pixel_have_their_mean_in_its_middle() {
+        for count in [1, 4, 6, 12] {
+            let places = (0..count).map(|k| shift(if count == 1 { 0 } else { k + 1 }));
+            let sum = places.fold((0.0, 0.0), |sum, s| {
+                assert!(s.0.abs() <= 0.5 && s.1.abs() <= 0.5);
+                (sum.0 + s.0, sum.1 + s.1)
+            });
+            assert!(sum.0.abs() < 1e-6 && sum.1.abs() < 1e-6, "{count}: {sum:?}");
+        }
+    }
 }
