@@ -22,7 +22,19 @@
 //! child = "feet/left"
 //! rotation_wxyz = [0.5, -0.5, 0.5, -0.5]   # or rotation_rows = [[…], […], […]]
 //! translation_m = [0.05, 0.03, -0.10]      # origin of child, in parent
+//!
+//! [[shoe_tag]]             # as many as there are, or none
+//! family = "36h11"
+//! id = 0
+//! foot = "left_foot"       # or right_foot
+//! size_m = 0.06            # side of the black square
+//! rotation_wxyz = [0, 0.707106781186548, -0.707106781186548, 0]   # foot_from_tag
+//! translation_m = [0.08, 0.0, 0.075]       # middle of the tag, in the foot
 //! ```
+//!
+//! The frame of a foot has its origin in the middle of the shoe's sole, x to the toe, y to the left,
+//! z up from the sole. That of a tag has its origin in its middle, x to the right, y down and z into the tag,
+//! for who reads it upright. Feet move, and are no frames of the tree.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -33,6 +45,9 @@ use crate::transform::RigidTransform;
 
 mod file;
 mod table;
+mod tags;
+
+pub use self::tags::{Foot, ShoeTag, TagFamily};
 
 /// The version of the file this crate reads.
 pub const RIG_FORMAT: i64 = 1;
@@ -46,6 +61,7 @@ pub struct Rig {
     edges: Vec<Edge>,
     /// For every frame but `rig`: its neighbour on the way to `rig`.
     towards_rig: BTreeMap<Frame, Step>,
+    shoe_tags: Vec<ShoeTag>,
 }
 
 /// One entry of the file.
@@ -203,6 +219,11 @@ impl Rig {
     /// The entries as written, in the order of the file.
     pub fn edges(&self) -> &[Edge] {
         &self.edges
+    }
+
+    /// The tags on the wearer's shoes, in the order of the file.
+    pub fn shoe_tags(&self) -> &[ShoeTag] {
+        &self.shoe_tags
     }
 
     /// All frames, `rig` first, the others by name.

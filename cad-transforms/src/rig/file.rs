@@ -7,6 +7,7 @@ use std::ops::Range;
 use toml::de::DeTable;
 
 use super::table::{Log, Table, integer, line_of, list_of, numbers, rows, table_of, text_of};
+use super::tags;
 use super::{Edge, Problem, Problems, Provenance, ProvenanceKind, RIG_FORMAT, Rig, Step};
 use crate::frame::{Frame, FramePart};
 use crate::transform::RigidTransform;
@@ -38,6 +39,7 @@ pub(super) fn parse(text: &str) -> Result<Rig, Problems> {
             "revision",
             "provenance",
             "parent_from_child",
+            "shoe_tag",
         ],
         &mut log,
     );
@@ -59,6 +61,7 @@ pub(super) fn parse(text: &str) -> Result<Rig, Problems> {
     let edges = edges(&root, &mut log);
     check_cameras(&edges, &mut log);
     let towards_rig = check_tree(&edges, &mut log);
+    let shoe_tags = tags::shoe_tags(&root, &mut log);
 
     match (name, revision, provenance) {
         (Some((_, name)), Some((_, revision)), Some(provenance)) if log.problems.is_empty() => {
@@ -68,6 +71,7 @@ pub(super) fn parse(text: &str) -> Result<Rig, Problems> {
                 provenance,
                 edges: edges.into_iter().map(|(_, edge)| edge).collect(),
                 towards_rig,
+                shoe_tags,
             })
         }
         _ => {
@@ -145,6 +149,24 @@ fn edge(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Edge> {
     );
     let parent = frame(table, "parent", log);
     let child = frame(table, "child", log);
+    let transform = transform(table, log);
+    let edge = Edge {
+        parent: parent?,
+        child: child?,
+        parent_from_child: transform?,
+    };
+    if edge.parent == edge.child {
+        log.add(
+            table.at.clone(),
+            format!("{} is its own parent", edge.child),
+        );
+        return None;
+    }
+    Some(edge)
+}
+
+/// The rotation, in one of its two forms, and the translation of an entry.
+pub(super) fn transform(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<RigidTransform> {
     let translation = table.get("translation_m", log, numbers::<3>, "three finite numbers");
     let has = |key: &str| table.table.contains_key(key);
     let transform = match (has("rotation_wxyz"), has("rotation_rows")) {
@@ -195,19 +217,7 @@ fn edge(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Edge> {
     let transform = transform
         .and_then(|(at, result)| result.map_err(|error| log.add(at, error.to_string())).ok());
     translation?;
-    let edge = Edge {
-        parent: parent?,
-        child: child?,
-        parent_from_child: transform?,
-    };
-    if edge.parent == edge.child {
-        log.add(
-            table.at.clone(),
-            format!("{} is its own parent", edge.child),
-        );
-        return None;
-    }
-    Some(edge)
+    transform
 }
 
 /// A rotation is checked even where the translation is missing or misspelt.

@@ -99,6 +99,10 @@ fn number(value: &DeValue<'_>) -> Option<f64> {
     number.filter(|v: &f64| v.is_finite())
 }
 
+pub(super) fn positive(value: &DeValue<'_>) -> Option<f64> {
+    number(value).filter(|v| *v > 0.0)
+}
+
 pub(super) fn text_of(value: &DeValue<'_>) -> Option<String> {
     value
         .as_str()

@@ -69,6 +69,23 @@ fn the_example_rig_is_what_it_says() {
     assert_close(look("right_shoulder/left"), [cos, -sin, 0.0], 1e-12);
     let (sin, cos) = 80f64.to_radians().sin_cos();
     assert_close(look("feet/left"), [cos, 0.0, -sin], 1e-12);
+    // One tag on each shoe, which faces up and back and is upright for the wearer.
+    let tags: Vec<(u32, Foot)> = rig.shoe_tags().iter().map(|t| (t.id, t.foot)).collect();
+    assert_eq!(tags, [(0, Foot::Left), (1, Foot::Right)]);
+    for tag in rig.shoe_tags() {
+        let (sin, cos) = 0.1f64.sin_cos();
+        assert_close(
+            tag.foot_from_tag.rotate([0.0, 0.0, -1.0]),
+            [-sin, 0.0, cos],
+            1e-12,
+        );
+        assert_close(
+            tag.foot_from_tag.rotate([1.0, 0.0, 0.0]),
+            [0.0, -1.0, 0.0],
+            1e-12,
+        );
+        assert_eq!((tag.family, tag.size_m), (TagFamily::Tag36h11, 0.06));
+    }
     // The shoulders mirror each other: the camera centres, not the left lenses.
     let centre = |name: &str| {
         rig.transform(&Frame::rig(), &frame(name))
@@ -292,5 +309,64 @@ fn broken_toml_and_missing_files_are_named() {
     assert!(
         error.starts_with("checking a rig file: 4 problems\n  line 1: name is missing"),
         "{error}"
+    );
+}
+
+#[test]
+fn tags_on_shoes_are_checked() {
+    let tag = |what: &str| {
+        format!(
+            "{}[[shoe_tag]]\n{what}\n{PLAIN}\n",
+            file(&[("rig", "a/left", PLAIN)])
+        )
+    };
+    let good = "family = \"36h11\"\nid = 586\nfoot = \"right_foot\"\nsize_m = 0.05";
+    let rig = Rig::parse(&tag(good)).unwrap();
+    let [found] = rig.shoe_tags() else {
+        panic!("{:?}", rig.shoe_tags())
+    };
+    assert_eq!(
+        (found.id, found.foot, found.size_m),
+        (586, Foot::Right, 0.05)
+    );
+    assert_eq!(found.foot_from_tag.translation_m(), [0.1, 0.0, 0.0]);
+    // No tags are fine.
+    let none = Rig::parse(&file(&[("rig", "a/left", PLAIN)])).unwrap();
+    assert!(none.shoe_tags().is_empty());
+
+    for (from, to, expected) in [
+        ("36h11", "25h9", "family is \"25h9\", expected one of 36h11"),
+        ("586", "587", "id is 587, family 36h11 has 0 to 586"),
+        ("586", "-1", "id is -1, family 36h11 has 0 to 586"),
+        ("586", "1.5", "id in [[shoe_tag]] is not an integer"),
+        (
+            "right_foot",
+            "foot",
+            "foot is \"foot\", expected one of left_foot, right_foot",
+        ),
+        (
+            "0.05",
+            "0",
+            "size_m in [[shoe_tag]] is not a number above 0",
+        ),
+        (
+            "0.05",
+            "nan",
+            "size_m in [[shoe_tag]] is not a number above 0",
+        ),
+        ("size_m", "size", "unknown key size in [[shoe_tag]]"),
+    ] {
+        let found = problems(&tag(&good.replace(from, to)));
+        assert!(
+            found.iter().any(|p| p.contains(expected)),
+            "{to}: {found:?}"
+        );
+    }
+    let twice = tag(good) + "[[shoe_tag]]\n" + good + "\n" + PLAIN;
+    let found = problems(&twice);
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!(
+        found[0].contains("tag 586 is on a shoe already, on line"),
+        "{found:?}"
     );
 }

@@ -28,7 +28,7 @@ const THIGH_M: f64 = 0.43;
 /// A leg is never quite straight.
 const STRETCH: f64 = 0.998;
 /// Side of a tag's black square, m.
-const TAG_M: f64 = 0.05;
+const TAG_M: f64 = 0.06;
 /// Where the middle of a tag sits on its shoe, m, and how far it leans back to face the chest, rad.
 const TAG_AT: [f64; 3] = [0.08, 0.0, 0.075];
 const TAG_LEAN: f64 = 0.1;
@@ -87,7 +87,7 @@ impl Wearer {
         let sole = stuff(0.6, [0.5, 0.48, 0.45], [0.4, 0.4, 0.4]);
         // Print: its grain must not blur the edges of the cells.
         let black = stuff(40.0, [0.03; 3], [0.03; 3]);
-        let white = stuff(40.0, [0.75; 3], [0.75; 3]);
+        let white = stuff(40.0, [0.6; 3], [0.6; 3]);
         let mut meshes = Vec::new();
         let mut tags = Vec::new();
         for (side, id) in [(Side::Left, 0), (Side::Right, 1)] {
