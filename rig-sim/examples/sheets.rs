@@ -4,6 +4,7 @@
 //! `cargo run --release -p rig-sim --example sheets -- docs/images`
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use anyhow::{Context, Result};
 use cad_transforms::rig::Rig;
@@ -35,7 +36,7 @@ fn main() -> Result<()> {
                 height: SIZE[1],
                 quality: Quality::ACCURATE,
             };
-            let simulation = Simulation::new(&settings, &rig)?;
+            let simulation = Arc::new(Simulation::new(&settings, &rig)?);
             let instants = instants(&simulation, count);
             Ok(sheet(&simulation, &instants, &|| {}))
         };
