@@ -9,7 +9,7 @@ const MOST: usize = 8;
 impl Faults {
     /// A schedule that follows from the seed: up to eight faults of these kinds at random times of a walk
     /// of `seconds`, on random cameras or all. What lasts by its strength lasts for up to half a minute,
-    /// delays are up to some 2 s, all else is as strong as its kind can be; over three decades a small
+    /// delays are up to some 2 s and bursts of them over after 3 s, all else is as strong as its kind can be; over three decades a small
     /// strength is as likely as a large one.
     pub fn random(seed: u64, kinds: &[Kind], cameras: &[&str], seconds: f64) -> Self {
         let draw = |i: u64, k: u64| random::uniform(seed, random::FAULT + 0x40 + k, i);
@@ -29,6 +29,8 @@ impl Faults {
             };
             let from_s = seconds * draw(i, 4);
             let to_s = match kind.lasts() {
+                // Nobody can tell a latency that has grown for good from a clock that has stepped.
+                _ if kind == Kind::LatencyBurst => from_s + 0.05 + 3.0 * draw(i, 6),
                 Lasts::UntilEnd if draw(i, 5) < 0.8 => from_s + 0.05 + 10.0 * draw(i, 6),
                 _ => f64::INFINITY,
             };
