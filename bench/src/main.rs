@@ -9,6 +9,8 @@ mod import;
 mod kills;
 mod load;
 mod meter;
+mod sim;
+mod sim_pictures;
 mod soak;
 mod stamp;
 mod sync;
@@ -42,6 +44,8 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("encode", encode::run),
     ("import", import::run),
     ("kills", kills::run),
+    ("sim", sim::run),
+    ("sim_pictures", sim_pictures::run),
     ("soak", soak::run),
     ("sync", sync::run),
 ];

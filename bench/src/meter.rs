@@ -32,7 +32,7 @@ pub(crate) fn timed<T>(work: impl FnOnce() -> T) -> (T, Took) {
 }
 
 /// Processor time of this process so far, all threads, s.
-fn cpu_s() -> f64 {
+pub(crate) fn cpu_s() -> f64 {
     let time = clock_gettime(ClockId::ProcessCPUTime);
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }

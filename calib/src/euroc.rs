@@ -52,7 +52,7 @@ pub fn read(
         right_from_left: body_from_right.inverse() * body_from_left,
         imu,
         provenance: Provenance {
-            format: Format::Euroc,
+            format: Some(Format::Euroc),
             files,
             part: None,
         },

@@ -87,7 +87,7 @@ mod tests {
             right_from_left,
             imu: None,
             provenance: Provenance {
-                format: Format::Pair,
+                format: Some(Format::Pair),
                 files: Vec::new(),
                 part: None,
             },

@@ -83,7 +83,7 @@ pub fn read(
         right_from_left,
         imu: None,
         provenance: Provenance {
-            format: Format::Kitti,
+            format: Some(Format::Kitti),
             files: vec![path.to_owned()],
             part: Some(format!("P{l} P{r}")),
         },

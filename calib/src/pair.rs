@@ -66,7 +66,7 @@ pub fn read(
             .expect("the baseline is finite"),
         imu: None,
         provenance: Provenance {
-            format: Format::Pair,
+            format: Some(Format::Pair),
             files: vec![path.to_owned()],
             part: None,
         },

@@ -66,8 +66,8 @@ pub struct ImuNoise {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Provenance {
-    /// Kind of file.
-    pub format: Format,
+    /// Kind of file; none for a calibration that was made and not read.
+    pub format: Option<Format>,
     /// Every file that was read, in reading order. Their bytes belong into the session.
     pub files: Vec<PathBuf>,
     /// The part of the file that was used, for example the section of a resolution.

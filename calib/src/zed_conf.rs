@@ -83,7 +83,7 @@ pub fn read(
         right_from_left: right_from_left(&ini, &source, tag, &shape, &mut notes)?,
         imu: None,
         provenance: Provenance {
-            format: Format::ZedConf,
+            format: Some(Format::ZedConf),
             files: vec![path.to_owned()],
             part: Some(shape.section_tag.to_owned()),
         },

@@ -102,6 +102,8 @@ pub enum SourceConfig {
     Replay(ReplayConfig),
     /// A made-up moving picture.
     Synthetic(SyntheticConfig),
+    /// A walk with a simulated rig.
+    Simulated(SimulatedConfig),
 }
 
 /// Replay of a data set.
@@ -115,6 +117,15 @@ pub struct ReplayConfig {
     pub repeat: bool,
     /// Whether the data set's IMU is replayed too, if it has one.
     pub imu: bool,
+}
+
+/// A walk with a simulated rig.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SimulatedConfig {
+    /// Place, light, length, rate, size of an eye, quality. Cameras with the same share one walk.
+    pub walk: rig_sim::simulation::Settings,
+    /// File of what goes wrong; none for nothing.
+    pub faults: Option<PathBuf>,
 }
 
 /// A made-up moving picture with its IMU.

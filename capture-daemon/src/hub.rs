@@ -6,7 +6,9 @@
 //! sigma. *Late or repeated* samples are left out, before anything else comes to depend on them, and
 //! counted in a notice. *At a gap*: numbers are handed on as they are; the recorder turns what is missing
 //! into gap records. *When a stream falls silent or its picture freezes*: an alarm, within two periods and a
-//! second, and another item when it is over. *At the end*: [`Hub::finish`] hands on what is inside.
+//! second, and another item when it is over. *When a device is gone*: an alarm until it is back; what was missed
+//! meanwhile is dropped for that cause, counted by the device where its counter went on and by
+//! the nominal rate where it began anew. *At the end*: [`Hub::finish`] hands on what is inside.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -19,7 +21,7 @@ use session_archive::time::{HostTime, NS_PER_S, TickLength};
 use video::EncoderSettings;
 
 use crate::encode::{Encoded, Lane};
-use crate::sources::{ImuInfo, ImuValues, RawFrame, RawImu, Sample};
+use crate::sources::{Gone, ImuInfo, ImuValues, RawFrame, RawImu, Sample};
 use crate::sync::clock::{
     ClockConfig, ClockMap, ClockMapper, Mapped, Model, MonotoneGuard, Observation,
 };
@@ -31,6 +33,8 @@ const BATCH_NS: i64 = 100_000_000;
 const BATCH_SAMPLES: usize = 512;
 /// How often [`Hub::tick`] wants to be called.
 pub const TICK_NS: i64 = 100_000_000;
+/// Nothing is under way from a device for so long.
+const LONGEST_WAY_NS: i64 = 60 * NS_PER_S;
 /// How long draining the encoders may take at the end.
 const FINISH_LIMIT: Duration = Duration::from_secs(5);
 
@@ -191,6 +195,7 @@ struct CameraState {
     changed: HostTime,
     frozen_alarm: bool,
     encoder_alarm: bool,
+    gone_alarm: bool,
 }
 
 struct ImuState {
@@ -212,9 +217,20 @@ struct StreamClock {
     tick: TickLength,
 }
 
+/// What is wrong with a device that is gone.
+const IS_GONE: &str = "the device is gone";
+
+/// A stream whose device is gone, or has been since its last sample.
+struct Absence {
+    /// Arrival of the last sample.
+    last: HostTime,
+    gone: Gone,
+}
+
 /// Notices silence; counts.
 #[derive(Default)]
 struct Watch {
+    absence: Option<Absence>,
     received: u64,
     received_before: u64,
     /// Late or repeated samples since the last notice of them.
@@ -279,6 +295,7 @@ impl Hub {
                 changed: HostTime::MIN,
                 frozen_alarm: false,
                 encoder_alarm: false,
+                gone_alarm: false,
                 setup,
             });
         }
@@ -296,6 +313,20 @@ impl Hub {
         match sample {
             Sample::Frame(frame) => self.frame(camera, frame, now),
             Sample::Imu(sample) => self.imu(camera, &sample, now),
+            Sample::Gone(gone) => self.gone(camera, &gone),
+        }
+    }
+
+    fn gone(&mut self, camera: usize, gone: &Gone) {
+        let camera = &mut self.cameras[camera];
+        camera.watch.is_gone(gone);
+        if !std::mem::replace(&mut camera.gone_alarm, true) {
+            camera.alarm(IS_GONE, true, gone.host_time, &self.out);
+        }
+        if let Some(imu) = camera.imu {
+            let imu = &mut self.imus[imu];
+            flush(imu, &self.out);
+            imu.watch.is_gone(gone);
         }
     }
 
@@ -303,6 +334,7 @@ impl Hub {
     /// way here because too many are waiting.
     pub fn dropped(&mut self, camera: usize, number: u64, at: HostTime, now: HostTime) {
         let camera = &mut self.cameras[camera];
+        camera.note_return(now, &self.out);
         let name = &camera.setup.name;
         camera.watch.seen(now, name, &self.out);
         let Some(number) = camera
@@ -370,18 +402,23 @@ impl Hub {
     pub fn finish(&mut self, now: HostTime) {
         for camera in &mut self.cameras {
             camera.lane.finish(FINISH_LIMIT, now);
+            let name = &camera.setup.name;
+            camera.watch.tell_left_out(now, name, &self.out);
             camera
                 .watch
-                .tell_left_out(now, &camera.setup.name, &self.out);
+                .tell_absent(&camera.numbers, now, name, &self.out);
         }
         for imu in &mut self.imus {
             flush(imu, &self.out);
-            imu.watch.tell_left_out(now, &imu.setup.name, &self.out);
+            let name = &imu.setup.name;
+            imu.watch.tell_left_out(now, name, &self.out);
+            imu.watch.tell_absent(&imu.numbers, now, name, &self.out);
         }
     }
 
     fn frame(&mut self, position: usize, raw: RawFrame, now: HostTime) {
         let camera = &mut self.cameras[position];
+        camera.note_return(now, &self.out);
         let name = &camera.setup.name;
         camera.watch.seen(now, name, &self.out);
         let number = camera.watch.number(
@@ -421,6 +458,7 @@ impl Hub {
         let Some(position) = self.cameras[camera].imu else {
             return;
         };
+        self.cameras[camera].note_return(now, &self.out);
         let imu = &mut self.imus[position];
         let name = &imu.setup.name;
         imu.watch.seen(now, name, &self.out);
@@ -514,6 +552,12 @@ impl CameraState {
         }
     }
 
+    fn note_return(&mut self, at: HostTime, out: &Out) {
+        if std::mem::take(&mut self.gone_alarm) {
+            self.alarm(IS_GONE, false, at, out);
+        }
+    }
+
     fn note_encoder(&mut self, at: HostTime, out: &Out) {
         let alarm = self.lane.is_failing();
         if alarm != self.encoder_alarm {
@@ -567,14 +611,16 @@ impl StreamClock {
             out(Outgoing::Clock { at: arrival, map });
         }
         let unwrapped = self.mapper.ticks(ticks);
-        // A tick beyond the range of time has no better time than its arrival.
+        // A tick beyond the range of time, or long before it came, has no better time than its arrival.
         let unknown = Mapped {
             time: arrival,
             sigma_ns: NS_PER_S as u64,
             map_version: version,
             flagged: true,
         };
-        let mapped = self.mapper.map(ticks).unwrap_or(unknown);
+        let mapped = self.mapper.map(ticks);
+        let mapped = mapped.filter(|m| arrival.since(m.time) < LONGEST_WAY_NS);
+        let mapped = mapped.unwrap_or(unknown);
         (unwrapped, self.guard.pass(unwrapped, mapped))
     }
 }
@@ -650,6 +696,11 @@ impl Watch {
         name: &str,
         out: &Out,
     ) -> Option<u64> {
+        if let (Some(absence), Some(newest)) = (self.absence.take(), numbers.newest()) {
+            let number = numbers.resume(raw, self.missed(&absence, at));
+            self.tell_gone(&absence, newest + 1, number, name, out);
+            return Some(number);
+        }
         let numbered = numbers.number(raw);
         if numbered.late {
             self.left_out += 1;
@@ -668,6 +719,43 @@ impl Watch {
             });
         }
         Some(numbered.number)
+    }
+
+    fn is_gone(&mut self, gone: &Gone) {
+        // One that is gone twice without a sample between is gone since the first time.
+        self.absence.get_or_insert(Absence {
+            last: self.last.unwrap_or(gone.host_time),
+            gone: gone.clone(),
+        });
+    }
+
+    /// How many samples would have come between the last one and `at`, by the nominal rate.
+    fn missed(&self, absence: &Absence, at: HostTime) -> u64 {
+        let periods = at.since(absence.last) as f64 / (self.period_ns as f64).max(1.0);
+        (periods.round() as u64).saturating_sub(1)
+    }
+
+    /// Samples `first..next` were missed while the device was gone.
+    fn tell_gone(&self, absence: &Absence, first: u64, next: u64, name: &str, out: &Out) {
+        if next > first {
+            out(Outgoing::Dropped {
+                at: absence.gone.host_time,
+                stream: name.to_owned(),
+                first,
+                last: next - 1,
+                cause: Cause::Disconnected,
+                detail: absence.gone.detail.clone(),
+            });
+        }
+    }
+
+    /// Says what a device that is still gone has missed at the end.
+    fn tell_absent(&mut self, numbers: &Renumber, at: HostTime, name: &str, out: &Out) {
+        if let (Some(absence), Some(newest)) = (self.absence.take(), numbers.newest()) {
+            // The one that is due now may still come.
+            let missed = self.missed(&absence, at);
+            self.tell_gone(&absence, newest + 1, newest + 1 + missed, name, out);
+        }
     }
 
     /// Says how many samples came late or twice: all at once, for a device may repeat every one.

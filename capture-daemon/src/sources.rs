@@ -2,9 +2,9 @@
 //!
 //! A source delivers the samples of one camera and of the IMU in it, in the order of their arrival.
 //! Each source separates bytes → sample (pure, tested on recorded bytes) from I/O, and has fakes
-//! beside it. Here are the sources that need no hardware: [`replay`] of recorded data sets and a
-//! [`synthetic`] moving picture; both know when each sample is to arrive and leave the waiting to
-//! the runner, so that they run in real time and in virtual time alike.
+//! beside it. Here are the sources that need no hardware: [`replay`] of recorded data sets, a
+//! [`simulated`] walk and a [`synthetic`] moving picture; all know when each sample is to arrive and leave the
+//! waiting to the runner, so that they run in real time and in virtual time alike.
 
 use std::path::Path;
 
@@ -14,6 +14,7 @@ use video::Picture;
 
 pub mod datasets;
 pub mod replay;
+pub mod simulated;
 pub mod synthetic;
 
 /// One stereo frame as a source delivers it.
@@ -72,6 +73,17 @@ pub enum Sample {
     Frame(RawFrame),
     /// An IMU sample.
     Imu(RawImu),
+    /// The device is gone; samples that follow come from it after it has returned.
+    Gone(Gone),
+}
+
+/// A device that is gone.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Gone {
+    /// When that was noticed.
+    pub host_time: HostTime,
+    /// What exactly happened, for people.
+    pub detail: String,
 }
 
 impl Sample {
@@ -80,6 +92,7 @@ impl Sample {
         match self {
             Self::Frame(f) => f.host_time,
             Self::Imu(i) => i.host_time,
+            Self::Gone(g) => g.host_time,
         }
     }
 
@@ -88,6 +101,7 @@ impl Sample {
         match self {
             Self::Frame(f) => f.picture.data.len() + size_of::<RawFrame>(),
             Self::Imu(_) => size_of::<RawImu>(),
+            Self::Gone(_) => size_of::<Gone>(),
         }
     }
 }
@@ -175,6 +189,18 @@ pub trait Source: Send {
     /// has no schedule.
     fn begin_at(&mut self, start: HostTime) {
         let _ = start;
+    }
+
+    /// It is so late that samples which were to arrive before `now` cannot be made any more: a source that
+    /// makes its samples leaves frames out, as a device does that is not read in time.
+    fn hurry(&mut self, now: HostTime) {
+        let _ = now;
+    }
+
+    /// What is true, as files that the session keeps beside the rig's: name and content. Asked for when the
+    /// beginning of the schedule is known.
+    fn truth(&self) -> Vec<(String, Vec<u8>)> {
+        Vec::new()
     }
 
     /// The stereo calibration that comes with the source, where there is one.

@@ -34,6 +34,8 @@ pub struct FrameFact {
     pub sample: Sample,
     /// Number in the stream.
     pub number: u64,
+    /// What the device's clock showed, unwrapped.
+    pub ticks: i64,
     /// One standard deviation of its time, ns.
     pub sigma_ns: u64,
     /// Length of the access unit.
@@ -214,6 +216,7 @@ impl Gather {
                         step_ns,
                     },
                     number: f.number,
+                    ticks: f.device_ticks,
                     sigma_ns: f.sigma_ns,
                     bytes: f.payload_bytes,
                     key: f.key_frame,

@@ -42,5 +42,6 @@ pub mod reporting;
 pub mod show;
 pub mod target;
 pub mod text;
+pub mod truth;
 pub mod validate;
 pub mod validation;

@@ -10,6 +10,7 @@ use crate::limits::{Limit, Limits, Unit};
 use crate::plots::Plots;
 use crate::quality::{Finding, reasons};
 use crate::text;
+use crate::truth::Truth;
 use crate::validate::Validated;
 use crate::validation::Validation;
 
@@ -48,6 +49,20 @@ pub fn html(validated: &Validated, limits: &Limits) -> String {
         let imus: Vec<&str> = manifest.imus.iter().map(|i| i.name.as_str()).collect();
         page = page.table(&matrix(validation, limits, &imus));
         page = page.figure(&plots.imu_intervals(), "");
+    }
+
+    if let Some(truth) = Truth::read(&validated.reader) {
+        let facts = &validated.found.facts;
+        page = page.section("The truth beside the recording");
+        page = page.text(
+            "This rig was simulated, and the session holds what really happened. No verdict rests on it.",
+        );
+        for note in &truth.notes {
+            page = page.text(note);
+        }
+        page = page.table(&truth.table(manifest, facts));
+        page = page.figure(&truth.time_errors(manifest, facts), "");
+        page = page.figure(&truth.map(facts), "");
     }
 
     page = page.section("Session, rig and clocks");

@@ -14,9 +14,9 @@ use crate::facts::{Facts, NO_STEP, Sample};
 use crate::validation::words;
 
 /// Width of all pictures, pixels; the page is a little wider.
-const WIDTH: u32 = 820;
+pub(crate) const WIDTH: u32 = 820;
 /// Height of most pictures, pixels.
-const HEIGHT: u32 = 230;
+pub(crate) const HEIGHT: u32 = 230;
 /// Events drawn at most.
 const MOST_MARKS: usize = 60;
 /// Points kept of a long series: twice as many as there are pixels, the extremes of each part.

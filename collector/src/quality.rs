@@ -4,11 +4,12 @@
 //! findings. A stream without a single sample is a finding of its own (all of it is missing). What
 //! cannot be measured (no frame sets, no clock) is either a finding or left out, never a pass.
 
+use std::collections::BTreeSet;
+
+use serde::{Deserialize, Serialize};
 use session_archive::handoff::Verdict;
 use session_archive::manifest::{Camera, Manifest};
 use session_archive::verify::{Report, StreamReport};
-
-use serde::{Deserialize, Serialize};
 
 use crate::cadence::{Cadence, median, nearly_all};
 use crate::condition::Condition;
@@ -293,6 +294,13 @@ impl Judge<'_> {
             cameras.iter().filter_map(|c| c.trigger.as_ref()).collect();
         triggers.sort();
         triggers.dedup();
+        // Times that say themselves that they are not to be trusted are judged as such.
+        let of_camera = |(i, frames): (usize, &Vec<FrameFact>)| {
+            let doubtful = frames.iter().filter(|f| f.time_doubtful);
+            doubtful.map(|f| (i, f.sample.time)).collect::<Vec<_>>()
+        };
+        let cameras_facts = self.facts.cameras.iter().enumerate();
+        let doubtful: BTreeSet<(usize, i64)> = cameras_facts.flat_map(of_camera).collect();
         for trigger in triggers {
             let group: Vec<usize> = (0..cameras.len())
                 .filter(|i| cameras[*i].trigger.as_ref() == Some(trigger))
@@ -301,6 +309,7 @@ impl Judge<'_> {
                 .facts
                 .sets
                 .iter()
+                .filter(|set| !set.members.iter().any(|m| doubtful.contains(m)))
                 .filter_map(|set| spread(&set.members, &group))
                 .collect();
             if let Some(spread) = nearly_all(&mut spreads) {

@@ -5,8 +5,10 @@
 //! is the middle of the exposure of its middle row.
 
 pub mod glass;
+pub mod optics;
 pub mod placed;
 pub mod raster;
+mod rows;
 pub mod sensor;
 pub mod shade;
 pub mod truth;
@@ -14,8 +16,10 @@ pub mod truth;
 use calib::CameraModel;
 use nalgebra::{UnitQuaternion, Vector3};
 
+use self::optics::Conditions;
 pub use self::placed::{Motion, Placed, placed};
 use self::raster::{View, Visibility};
+use self::rows::Rows;
 use self::sensor::{AutoExposure, Exposure, Sensor, SensorModel};
 use self::shade::{Radiance, Seen};
 use crate::lens::Lens;
@@ -77,7 +81,7 @@ impl Quality {
 pub struct Eye {
     lens: Lens,
     shutter: Shutter,
-    /// For as many places within the pixel as there are samples.
+    /// For the pixel's centre and as many places within it as there are samples.
     grids: Vec<Grid>,
     sensor: Sensor,
     visibility: Visibility,
@@ -86,6 +90,17 @@ pub struct Eye {
     radiance: Radiance,
     /// One picture of those that are averaged, where panes need it by itself.
     sample: Radiance,
+}
+
+/// What taking a picture is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Where eye and bodies are.
+    Poses,
+    /// Which triangle each pixel sees.
+    Visibility,
+    /// What light comes from there.
+    Shading,
 }
 
 /// One picture to take.
@@ -110,16 +125,17 @@ struct Grid {
     rays: Vec<[f32; 2]>,
 }
 
-/// Places within a pixel, spread evenly (Roberts' R2 sequence, 2018). The middle, then pairs that lie
-/// opposite each other: the mean of whole pairs is the pixel's centre, or the picture would be shifted.
+/// Places within a pixel: its centre, then pairs on opposite sides of it, spread evenly (Roberts' R2
+/// sequence, 2018). The mean of an even number of them from 1 on is the centre, so that pictures do not
+/// shift with the number of samples.
 fn shift(k: u32) -> (f32, f32) {
     if k == 0 {
         return (0.0, 0.0);
     }
-    let sign = if k % 2 == 1 { 1.0 } else { -1.0 };
+    let side = if k % 2 == 1 { 1.0 } else { -1.0 };
     let part = |step: f64| {
         let v = 0.5 + step * f64::from(k.div_ceil(2));
-        (sign * (v - v.floor() - 0.5)) as f32
+        (side * (v - v.floor() - 0.5)) as f32
     };
     (part(0.754_877_666_246_693), part(0.569_840_290_998_053))
 }
@@ -133,14 +149,16 @@ impl Eye {
         quality: Quality,
     ) -> Self {
         let lens = Lens::new(model);
-        // Rays of the shifted pixel centres; with one sample none is shifted.
-        let most = quality.samples.max(quality.most_samples).max(1);
         let grid = |k: u32| {
-            let shift = shift(if most == 1 { 0 } else { k + 1 });
+            let shift = shift(k);
             let rays = lens.rays((f64::from(shift.0), f64::from(shift.1)));
             Grid { shift, rays }
         };
-        let grids: Vec<Grid> = (0..most).map(grid).collect();
+        let shifted = match quality.samples.max(quality.most_samples) {
+            0 | 1 => 0,
+            most => most,
+        };
+        let grids: Vec<Grid> = (0..=shifted).map(grid).collect();
         let (width, height) = (model.width as usize, model.height as usize);
         Self {
             sensor: Sensor::new(
@@ -150,11 +168,11 @@ impl Eye {
                 },
                 &grids[0].rays,
             ),
+            visibility: Visibility::new(&lens),
+            panes: Visibility::new(&lens),
             lens,
             shutter,
             grids,
-            visibility: Visibility::new(width, height),
-            panes: Visibility::new(width, height),
             radiance: Radiance::new(width, height),
             sample: Radiance::new(width, height),
         }
@@ -174,18 +192,38 @@ impl Eye {
         eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
         shot: &Shot,
     ) -> &Radiance {
+        self.expose_in_stages(scene, placed, eye_pose, shot, &mut |_| {})
+    }
+
+    /// As [`Eye::expose`]; `done` is called after each stage of each picture that is averaged.
+    pub fn expose_in_stages(
+        &mut self,
+        scene: &Scene,
+        placed: &[Placed<'_>],
+        eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
+        shot: &Shot,
+        done: &mut dyn FnMut(Stage),
+    ) -> &Radiance {
         let samples = self.samples(eye_pose, shot);
         self.radiance.clear();
         for k in 0..samples {
             let part = (f64::from(k) + 0.5) / f64::from(samples) - 0.5;
             let at = shot.time_s + shot.exposure.seconds * part;
-            let views = self.views(placed, eye_pose, at);
-            let Grid { shift, rays } = &self.grids[k as usize % self.grids.len()];
+            let views = self.views_of_seen(placed, eye_pose, at);
+            done(Stage::Poses);
+            // One sample alone is taken at the centre.
+            let grid = match self.grids.len() - 1 {
+                0 => 0,
+                _ if samples == 1 => 0,
+                shifted => 1 + k as usize % shifted,
+            };
+            let Grid { shift, rays } = &self.grids[grid];
             self.visibility.clear();
             for (body, views) in placed.iter().zip(&views) {
                 self.visibility
                     .draw(body.body, body.first, &self.lens, *shift, views);
             }
+            done(Stage::Visibility);
             let seen: Vec<Seen<'_>> = placed
                 .iter()
                 .zip(&views)
@@ -221,9 +259,26 @@ impl Eye {
                 );
                 self.radiance.add(&self.sample);
             }
+            done(Stage::Shading);
         }
         self.flicker(scene, shot.time_s, &shot.exposure);
         &self.radiance
+    }
+
+    /// What the lens makes of the light that [`Eye::expose`] gathered last, in a shot from `eye_pose`;
+    /// `which` is 0 for a left eye, 1 for a right one.
+    pub fn spoil(
+        &mut self,
+        scene: &Scene,
+        eye_pose: &(Vector3<f64>, UnitQuaternion<f64>),
+        conditions: &Conditions,
+        which: u64,
+    ) {
+        if let Some(sun) = optics::sun(scene, eye_pose) {
+            let at = sun.place(&self.lens);
+            self.radiance.flare(&sun, &self.grids[0].rays, at);
+        }
+        self.radiance.spoil(conditions, which);
     }
 
     /// Numbers of the light that [`Eye::expose`] gathered last; see [`Sensor::develop`].
@@ -253,38 +308,31 @@ impl Eye {
         let moved = (a.0 - b.0).norm() / 1.5;
         let px = self.lens.model().fx * (turned + moved);
         let wanted = (px / 0.7).ceil() as u32;
-        let count = wanted.clamp(quality.samples, quality.most_samples.max(quality.samples));
-        // Whole pairs; see `shift`.
-        if count > 1 { count + count % 2 } else { count }
+        let most = quality.most_samples.max(quality.samples).max(1);
+        match wanted.clamp(quality.samples.max(1), most) {
+            1 => 1,
+            // Of pairs: see `shift`.
+            several => several.next_multiple_of(2).min(most),
+        }
     }
 
-    /// Where the eye is in each body's frame: once, or for each row.
-    fn views(
+    /// Where the eye is in each body's frame: once, or for each row, but no more than a few for what is not
+    /// seen.
+    fn views_of_seen(
         &self,
         placed: &[Placed<'_>],
         eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
         time_s: f64,
     ) -> Vec<Vec<View>> {
-        let rows = match self.shutter {
-            Shutter::Global => vec![time_s],
-            Shutter::Rolling { line_s } => {
-                let height = self.visibility.height;
-                let middle = 0.5 * (height - 1) as f64;
-                (0..height)
-                    .map(|row| time_s + line_s * (row as f64 - middle))
-                    .collect()
+        let rows = Rows::new(self.shutter, self.visibility.height, eye_pose, time_s);
+        let of = |body: &Placed<'_>| {
+            let few = rows.few(body.pose);
+            match few.len() > 1 && self.visibility.may_see(body.body, &few) {
+                true => rows.views(body.pose),
+                false => few,
             }
         };
-        let eyes: Vec<_> = rows.iter().map(|&t| eye_pose(t)).collect();
-        placed
-            .iter()
-            .map(|body| {
-                rows.iter()
-                    .zip(&eyes)
-                    .map(|(&t, eye)| view(eye, &body.pose.at(t)))
-                    .collect()
-            })
-            .collect()
+        placed.iter().map(of).collect()
     }
 
     /// Light that flickers is brighter in some rows, or in some frames.
@@ -313,20 +361,6 @@ impl Eye {
     }
 }
 
-/// An eye's pose in the world as a view of a body with a pose in the world.
-fn view(
-    eye: &(Vector3<f64>, UnitQuaternion<f64>),
-    body: &(Vector3<f64>, UnitQuaternion<f64>),
-) -> View {
-    let origin = body.1.inverse() * (eye.0 - body.0);
-    let rotation = (eye.1.inverse() * body.1).to_rotation_matrix();
-    let m = rotation.matrix();
-    View {
-        rotation: [0, 1, 2].map(|i| [0, 1, 2].map(|j| m[(i, j)] as f32)),
-        origin: [origin.x as f32, origin.y as f32, origin.z as f32],
-    }
-}
-
 /// Exposure control of a camera; both eyes share it.
 pub fn auto_exposure(longest_s: f64) -> AutoExposure {
     AutoExposure::new(longest_s)
@@ -337,14 +371,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_places_within_a_pixel_have_their_mean_in_its_middle() {
-        for count in [1, 4, 6, 12] {
-            let places = (0..count).map(|k| shift(if count == 1 { 0 } else { k + 1 }));
-            let sum = places.fold((0.0, 0.0), |sum, s| {
-                assert!(s.0.abs() <= 0.5 && s.1.abs() <= 0.5);
-                (sum.0 + s.0, sum.1 + s.1)
-            });
-            assert!(sum.0.abs() < 1e-6 && sum.1.abs() < 1e-6, "{count}: {sum:?}");
+    fn samples_lie_evenly_about_the_pixel_s_centre() {
+        assert_eq!(shift(0), (0.0, 0.0));
+        for count in [2, 4, 8, 12] {
+            let all: Vec<(f32, f32)> = (1..=count).map(shift).collect();
+            let sum = all
+                .iter()
+                .fold((0.0, 0.0), |sum, s| (sum.0 + s.0, sum.1 + s.1));
+            assert_eq!(sum, (0.0, 0.0), "{count}");
+            assert!(all.iter().all(|s| s.0.abs() <= 0.5 && s.1.abs() <= 0.5));
+            // No two in one place.
+            let far = |a: &(f32, f32), b: &(f32, f32)| (a.0 - b.0).abs() + (a.1 - b.1).abs() > 0.05;
+            assert!((1..all.len()).all(|i| all[..i].iter().all(|other| far(&all[i], other))));
         }
     }
 }

@@ -76,6 +76,35 @@ pub struct ImuSample {
     pub accel: Vector3<f64>,
 }
 
+/// What is wrong with a sensor at a time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImuTrouble {
+    /// Values are cut off beyond this share of the range.
+    pub range_share: f64,
+    /// How its camera has slipped: [`crate::rig::SimCamera::slip`].
+    pub slip: Option<RigidTransform>,
+}
+
+impl ImuTrouble {
+    /// Nothing.
+    pub const NONE: Self = Self {
+        range_share: 1.0,
+        slip: None,
+    };
+}
+
+/// Angular rate and specific force at a place on the rig, in its frame.
+fn measured(walker: &Walker, time_s: f64, imu_from_rig: &RigidTransform) -> [Vector3<f64>; 2] {
+    let rig = walker.rig(time_s);
+    let arm = *imu_from_rig.inverse().translation();
+    let turn = imu_from_rig.rotation();
+    let gravity = Vector3::z() * -GRAVITY;
+    let force = rig.rotation.inverse() * (rig.acceleration - gravity)
+        + rig.angular_acceleration.cross(&arm)
+        + rig.angular_rate.cross(&rig.angular_rate.cross(&arm));
+    [turn * rig.angular_rate, turn * force]
+}
+
 /// A sensor on the rig, for as long as a walk.
 #[derive(Clone, Debug)]
 pub struct Imu {
@@ -103,7 +132,8 @@ impl Imu {
                 shape
             })
         });
-        let count = (seconds * model.rate_hz).ceil() as usize + 2;
+        // A little more than the walk: the oscillator of a device may run fast.
+        let count = (seconds * model.rate_hz * 1.001).ceil() as usize + 2;
         let dt = 1.0 / model.rate_hz;
         let mut walked = [0, 1].map(|s| vector(4 + s, 0) * model.turn_on_bias[s as usize]);
         let warming = [0, 1].map(|s| vector(6 + s, 0) * model.warming[s as usize]);
@@ -132,22 +162,25 @@ impl Imu {
 
     /// What is true at a time, s: angular rate and specific force.
     pub fn truth(&self, walker: &Walker, time_s: f64) -> [Vector3<f64>; 2] {
-        let rig = walker.rig(time_s);
-        let arm = *self.imu_from_rig.inverse().translation();
-        let turn = self.imu_from_rig.rotation();
-        let gravity = Vector3::z() * -GRAVITY;
-        let force = rig.rotation.inverse() * (rig.acceleration - gravity)
-            + rig.angular_acceleration.cross(&arm)
-            + rig.angular_rate.cross(&rig.angular_rate.cross(&arm));
-        [turn * rig.angular_rate, turn * force]
+        measured(walker, time_s, &self.imu_from_rig)
     }
 
     /// Sample `n`, taken at `n / rate` of the device's seconds; `time_s` is what time that is.
     ///
     /// # Panics
     /// Beyond the seconds that it was made for.
-    pub fn sample(&self, walker: &Walker, n: usize, time_s: f64) -> ImuSample {
-        let true_values = self.truth(walker, time_s);
+    pub fn sample(
+        &self,
+        walker: &Walker,
+        n: usize,
+        time_s: f64,
+        trouble: &ImuTrouble,
+    ) -> ImuSample {
+        let imu_from_rig = match &trouble.slip {
+            None => self.imu_from_rig,
+            Some(slip) => self.imu_from_rig * slip.inverse(),
+        };
+        let true_values = measured(walker, time_s, &imu_from_rig);
         let per_root = self.model.rate_hz.sqrt();
         let [gyro, accel] = [0, 1].map(|s| {
             let shape = &self.shapes[s];
@@ -164,7 +197,7 @@ impl Imu {
                     n as u64,
                 );
                 value[axis] += draw * self.model.noise_density[s] * per_root;
-                let range = self.model.range[s];
+                let range = self.model.range[s] * trouble.range_share;
                 value[axis] = value[axis].clamp(-range, range);
                 if self.model.count[s] > 0.0 {
                     value[axis] = (value[axis] / self.model.count[s]).round() * self.model.count[s];
@@ -177,6 +210,19 @@ impl Imu {
             gyro,
             accel,
         }
+    }
+
+    /// The sample in counts, gyro and accelerometer.
+    ///
+    /// # Panics
+    /// If the model has none.
+    pub fn counts(&self, sample: &ImuSample) -> [[i16; 3]; 2] {
+        let of = |values: &Vector3<f64>, count: f64| {
+            assert!(count > 0.0, "a model that is not digital has no counts");
+            [0, 1, 2].map(|k| (values[k] / count).round().clamp(-32_768.0, 32_767.0) as i16)
+        };
+        let [gyro, accel] = self.model.count;
+        [of(&sample.gyro, gyro), of(&sample.accel, accel)]
     }
 
     /// The bias that sample `n` has: gyro and accelerometer.

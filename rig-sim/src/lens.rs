@@ -2,7 +2,8 @@
 //!
 //! Contract: [`Lens::project`] is exact (f64) inside the picture and a margin around it. Farther out,
 //! where a polynomial distortion turns back and would bring the outside in, it goes on radially, so
-//! that what is outside stays outside. [`Lens::rays`] is the inverse at every pixel centre.
+//! that what is outside stays outside. [`Lens::project_f32`] is the same for drawing, to 1e-3 px within
+//! the picture. [`Lens::rays`] is the inverse at every pixel centre.
 
 use calib::{CameraModel, Distortion};
 
@@ -18,6 +19,20 @@ pub struct Lens {
     model: CameraModel,
     /// Radius on the plane z = 1 up to which the distortion is used.
     limit: f64,
+    quick: Quick,
+    bounds: [f64; 4],
+}
+
+/// A lens in f32: all distortions but the fisheye's are a ratio of polynomials.
+#[derive(Clone, Copy, Debug)]
+struct Quick {
+    limit: f32,
+    focal: [f32; 2],
+    centre: [f32; 2],
+    over: [f32; 3],
+    under: [f32; 3],
+    tangential: [f32; 2],
+    fisheye: Option<[f32; 4]>,
 }
 
 impl Lens {
@@ -26,6 +41,8 @@ impl Lens {
         let mut lens = Self {
             model: *model,
             limit: f64::INFINITY,
+            quick: Quick::of(model, f64::INFINITY),
+            bounds: [0.0; 4],
         };
         let (w, h) = (f64::from(model.width), f64::from(model.height));
         let corners = [
@@ -50,7 +67,33 @@ impl Lens {
             .map(|k| reach + step * f64::from(k))
             .take_while(|&r| bent(r + step) - bent(r) > STIFF * step);
         lens.limit = grows.last().map_or(reach, |r| r + step);
+        lens.quick = Quick::of(model, lens.limit);
+        lens.bounds = lens.border();
         lens
+    }
+
+    /// What the picture and one pixel around it see lies between these on the plane z = 1: least x and
+    /// y, greatest x and y.
+    pub fn bounds(&self) -> [f64; 4] {
+        self.bounds
+    }
+
+    fn border(&self) -> [f64; 4] {
+        let (width, height) = (self.model.width as i32, self.model.height as i32);
+        let columns = (-1..=width).flat_map(|u| [(u, -1), (u, height)]);
+        let rows = (-1..=height).flat_map(|v| [(-1, v), (width, v)]);
+        let all = columns.chain(rows);
+        let none = [f64::MAX, f64::MAX, f64::MIN, f64::MIN];
+        all.fold(none, |[x0, y0, x1, y1], (u, v)| {
+            let (x, y) = self.unproject(f64::from(u), f64::from(v));
+            [x0.min(x), y0.min(y), x1.max(x), y1.max(y)]
+        })
+    }
+
+    /// [`Lens::project`] for drawing. The same direction gives the same bits wherever it is asked for.
+    #[inline(always)]
+    pub fn project_f32(&self, x: f32, y: f32) -> (f32, f32) {
+        self.quick.project(x, y)
     }
 
     /// Size and numbers.
@@ -119,6 +162,89 @@ impl Lens {
     }
 }
 
+impl Quick {
+    fn of(model: &CameraModel, limit: f64) -> Self {
+        let (mut over, mut under, mut tangential) = ([0.0; 3], [0.0; 3], [0.0; 2]);
+        let mut fisheye = None;
+        match model.distortion {
+            Distortion::None => {}
+            Distortion::RadTan4 { k1, k2, p1, p2 } => {
+                (over, tangential) = ([k1, k2, 0.0], [p1, p2]);
+            }
+            Distortion::RadTan5 { k1, k2, p1, p2, k3 } => {
+                (over, tangential) = ([k1, k2, k3], [p1, p2]);
+            }
+            Distortion::Rational8 {
+                k1,
+                k2,
+                p1,
+                p2,
+                k3,
+                k4,
+                k5,
+                k6,
+            } => (over, under, tangential) = ([k1, k2, k3], [k4, k5, k6], [p1, p2]),
+            Distortion::KannalaBrandt4 { k1, k2, k3, k4 } => {
+                fisheye = Some([k1, k2, k3, k4].map(|k| k as f32));
+            }
+        }
+        Self {
+            limit: limit as f32,
+            focal: [model.fx as f32, model.fy as f32],
+            centre: [model.cx as f32, model.cy as f32],
+            over: over.map(|k| k as f32),
+            under: under.map(|k| k as f32),
+            tangential: tangential.map(|p| p as f32),
+            fisheye,
+        }
+    }
+
+    #[inline(always)]
+    fn project(&self, x: f32, y: f32) -> (f32, f32) {
+        // Beyond the limit the distortion is that at the limit.
+        let radius = (x * x + y * y).sqrt();
+        let beyond = match radius > self.limit {
+            true => radius / self.limit,
+            false => 1.0,
+        };
+        let (x, y) = (x / beyond, y / beyond);
+        let (x, y) = match &self.fisheye {
+            None => self.bent(x, y),
+            Some(k) => {
+                let radial = radial_f32(k, x * x + y * y);
+                (x * radial, y * radial)
+            }
+        };
+        (
+            self.focal[0] * (x * beyond) + self.centre[0],
+            self.focal[1] * (y * beyond) + self.centre[1],
+        )
+    }
+
+    #[inline(always)]
+    fn bent(&self, x: f32, y: f32) -> (f32, f32) {
+        let r2 = x * x + y * y;
+        let poly = |[a, b, c]: [f32; 3]| 1.0 + r2 * (a + r2 * (b + r2 * c));
+        let radial = poly(self.over) / poly(self.under);
+        let [p1, p2] = self.tangential;
+        (
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        )
+    }
+}
+
+/// A fisheye's stretching of the squared radius on the plane z = 1.
+fn radial_f32(k: &[f32; 4], r2: f32) -> f32 {
+    let r = r2.sqrt();
+    if r < 1e-5 {
+        return 1.0;
+    }
+    let angle = libm::atanf(r);
+    let a2 = angle * angle;
+    angle * (1.0 + a2 * (k[0] + a2 * (k[1] + a2 * (k[2] + a2 * k[3])))) / r
+}
+
 /// OpenCV's models (documentation of `calib3d` and `fisheye`).
 #[inline]
 fn distort(distortion: &Distortion, x: f64, y: f64) -> (f64, f64) {
@@ -179,10 +305,11 @@ mod tests {
         }
     }
 
-    #[test]
-    fn projection_and_its_inverse_agree_for_every_model() {
-        let (k1, k2, p1, p2, k3) = (-0.17, 0.026, 3e-4, -2e-4, 1e-3);
-        for distortion in [
+    const K: [f64; 5] = [-0.17, 0.026, 3e-4, -2e-4, 1e-3];
+
+    fn distortions() -> [Distortion; 5] {
+        let [k1, k2, p1, p2, k3] = K;
+        [
             Distortion::None,
             Distortion::RadTan4 { k1, k2, p1, p2 },
             Distortion::RadTan5 { k1, k2, p1, p2, k3 },
@@ -202,7 +329,43 @@ mod tests {
                 k3: 1e-3,
                 k4: -1e-4,
             },
-        ] {
+        ]
+    }
+
+    /// f32 has 24 bits: some 1e-4 px after the few operations that there are.
+    #[test]
+    fn the_quick_projection_is_the_exact_one_to_a_thousandth_of_a_pixel() {
+        for distortion in distortions() {
+            let lens = Lens::new(&model(distortion));
+            let [x0, y0, x1, y1] = lens.bounds();
+            for i in 0..=40 {
+                for k in 0..=40 {
+                    let part = |a: f64, b: f64, i: i32| a + (b - a) * f64::from(i) / 40.0;
+                    let (x, y) = (part(x0, x1, i) as f32, part(y0, y1, k) as f32);
+                    let (u, v) = lens.project(f64::from(x), f64::from(y));
+                    let (found_u, found_v) = lens.project_f32(x, y);
+                    let off = (f64::from(found_u) - u).hypot(f64::from(found_v) - v);
+                    assert!(off < 1e-3, "{distortion:?}: {u} {v}: {off}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_the_picture_sees_is_within_bounds() {
+        for distortion in distortions() {
+            let lens = Lens::new(&model(distortion));
+            let [x0, y0, x1, y1] = lens.bounds();
+            for ray in lens.rays((0.49, -0.49)) {
+                let (x, y) = (f64::from(ray[0]), f64::from(ray[1]));
+                assert!(x0 < x && x < x1 && y0 < y && y < y1, "{distortion:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn projection_and_its_inverse_agree_for_every_model() {
+        for distortion in distortions() {
             let lens = Lens::new(&model(distortion));
             for (u, v) in [(0.0, 0.0), (671.0, 375.0), (330.0, 190.0), (12.5, 300.25)] {
                 let (x, y) = lens.unproject(u, v);

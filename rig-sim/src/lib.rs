@@ -9,6 +9,9 @@
 //! seed: nothing is loaded, no clock is read, and the same seed gives the same bytes on any machine.
 
 pub mod camera;
+pub mod device;
+pub mod faults;
+pub mod film;
 pub mod imu;
 pub mod lens;
 mod png_file;

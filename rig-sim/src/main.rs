@@ -6,6 +6,7 @@
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use anyhow::{Context, Result};
 use cad_transforms::rig::Rig;
@@ -14,6 +15,7 @@ use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use rig_sim::camera::Quality;
+use rig_sim::faults::Faults;
 use rig_sim::preview;
 use rig_sim::render::{Job, render};
 use rig_sim::scene::{Kind, Time};
@@ -33,22 +35,7 @@ struct Arguments {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Write what cameras and IMUs record as EuRoC/ASL folders, and what is true.
-    Render {
-        #[command(flatten)]
-        walk: Walk,
-        /// Frames per second of every camera.
-        #[arg(long, value_name = "HZ", default_value = "15")]
-        rate: f64,
-        /// Folder to write; must be new or empty.
-        #[arg(long, value_name = "DIR")]
-        out: PathBuf,
-        /// Also write what is true: depth, class, instance and flow of every pixel, tags, the scene.
-        #[arg(long)]
-        truth: bool,
-        /// Cameras rendered at a time [default: all]
-        #[arg(long, value_name = "N")]
-        threads: Option<NonZeroUsize>,
-    },
+    Render(Render),
     /// Draw what the cameras see at a few instants, and the way from above, as one PNG.
     Preview {
         #[command(flatten)]
@@ -59,7 +46,37 @@ enum Command {
         /// PNG file to write.
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
+        /// Frames per second of a film; the instants are those of frames.
+        #[arg(long, value_name = "HZ", default_value = "30")]
+        rate: f64,
+        /// Also film the whole walk into this MP4 file.
+        #[arg(long, value_name = "FILE")]
+        film: Option<PathBuf>,
     },
+}
+
+#[derive(Debug, Args)]
+struct Render {
+    #[command(flatten)]
+    walk: Walk,
+    /// Frames per second of every camera.
+    #[arg(long, value_name = "HZ", default_value = "15")]
+    rate: f64,
+    /// Folder to write; must be new or empty.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Also write what every pixel really sees.
+    #[arg(long)]
+    truth: bool,
+    /// Also write a session archive, as if a recorder without fault had recorded: DIR/session.
+    #[arg(long)]
+    session: bool,
+    /// TOML file of what goes wrong: with lenses and light in the folders, with everything in the session.
+    #[arg(long, value_name = "FILE")]
+    faults: Option<PathBuf>,
+    /// Cameras rendered at a time [default: all]
+    #[arg(long, value_name = "N")]
+    threads: Option<NonZeroUsize>,
 }
 
 #[derive(Debug, Args)]
@@ -124,18 +141,14 @@ fn quality() -> impl TypedValueParser<Value = Quality> {
 fn main() -> ExitCode {
     // Bad arguments end here, with 2.
     let result = match Arguments::parse().command {
-        Command::Render {
-            walk,
-            rate,
-            out,
-            truth,
-            threads,
-        } => render_to(&walk, rate, &out, truth, threads),
+        Command::Render(arguments) => render_to(&arguments),
         Command::Preview {
             walk,
             instants,
             out,
-        } => preview_to(&walk, instants.get(), &out),
+            rate,
+            film,
+        } => preview_to(&walk, instants.get(), &out, rate, film.as_deref()),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -154,8 +167,8 @@ fn main() -> ExitCode {
     }
 }
 
-/// The simulation, and the text of the rig file.
-fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Simulation, String)> {
+/// The simulation, the rig and the text of its file.
+fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)> {
     let (text, rig) = match &walk.rig {
         Some(path) => {
             let text = std::fs::read_to_string(path)
@@ -175,26 +188,34 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Simulation, String)> {
         height: walk.height,
         quality: walk.quality,
     };
-    Ok((Simulation::new(&settings, &rig)?, text))
+    Ok((Arc::new(Simulation::new(&settings, &rig)?), rig, text))
 }
 
-fn render_to(
-    walk: &Walk,
-    rate_hz: f64,
-    out: &Path,
-    truth: bool,
-    threads: Option<NonZeroUsize>,
-) -> Result<()> {
-    let (simulation, rig_text) = simulate(walk, rate_hz)?;
+fn render_to(arguments: &Render) -> Result<()> {
+    let walk = &arguments.walk;
+    let (simulation, rig, rig_text) = simulate(walk, arguments.rate)?;
+    let faults = match &arguments.faults {
+        None => Faults::default(),
+        Some(path) => {
+            let text = std::fs::read_to_string(path)
+                .with_context(|| format!("reading the faults {}", path.display()))?;
+            Faults::parse(&text, &rig.cameras(), walk.seed)
+                .with_context(|| format!("in {}", path.display()))?
+        }
+    };
     let cameras = simulation.cameras().len();
     let frames = simulation.settings().frame_count() * cameras as u64;
-    let bar = progress_bar(frames, "stereo frames")?;
+    let times = if arguments.session { 2 } else { 1 };
+    let bar = progress_bar(times * frames, "stereo frames")?;
     let job = Job {
+        rig: &rig,
         rig_text: &rig_text,
-        truth,
-        threads: threads.map_or(cameras, NonZeroUsize::get),
+        truth: arguments.truth,
+        session: arguments.session,
+        faults: &faults,
+        threads: arguments.threads.map_or(cameras, NonZeroUsize::get),
     };
-    render(&simulation, &job, out, &|| bar.inc(1))?;
+    render(&simulation, &job, &arguments.out, &|| bar.inc(1))?;
     bar.finish_and_clear();
     println!(
         "{frames} stereo frames of {cameras} cameras with IMU and truth, {} s of {}, {}, seed {}: {}",
@@ -202,28 +223,40 @@ fn render_to(
         walk.scene.name(),
         walk.light.name(),
         walk.seed,
-        out.display()
+        arguments.out.display()
     );
     Ok(())
 }
 
-fn preview_to(walk: &Walk, instants: usize, out: &Path) -> Result<()> {
-    // The instants are those of frames; so many per second that any can be shown.
-    let (simulation, _) = simulate(walk, 30.0)?;
+fn preview_to(
+    walk: &Walk,
+    instants: usize,
+    out: &Path,
+    rate_hz: f64,
+    film: Option<&Path>,
+) -> Result<()> {
+    let (simulation, ..) = simulate(walk, rate_hz)?;
     let instants = preview::instants(&simulation, instants);
-    let pictures = (instants.len() * simulation.cameras().len()) as u64;
-    let bar = progress_bar(pictures, "pictures")?;
+    let cameras = simulation.cameras().len() as u64;
+    let filmed = film.map_or(0, |_| simulation.settings().frame_count());
+    let bar = progress_bar((instants.len() as u64 + filmed) * cameras, "pictures")?;
     let sheet = preview::sheet(&simulation, &instants, &|| bar.inc(1));
-    bar.finish_and_clear();
     sheet
         .save(out)
         .with_context(|| format!("writing the sheet to {}", out.display()))?;
+    if let Some(film) = film {
+        preview::film::film(&simulation, film, &|| bar.inc(1))?;
+    }
+    bar.finish_and_clear();
     println!(
         "{} x {} pixels: {}",
         sheet.width,
         sheet.height,
         out.display()
     );
+    if let Some(film) = film {
+        println!("{} s at {rate_hz} Hz: {}", walk.seconds, film.display());
+    }
     Ok(())
 }
 

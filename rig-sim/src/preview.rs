@@ -6,12 +6,14 @@
 //! instants give the same sheet.
 
 use std::panic::resume_unwind;
+use std::sync::Arc;
 use std::thread;
 
 use crate::rig::SimCamera;
 use crate::simulation::{Simulation, seconds};
 
 pub mod canvas;
+pub mod film;
 mod map;
 
 use self::canvas::{Canvas, Colour};
@@ -31,13 +33,8 @@ pub fn instants(simulation: &Simulation, count: usize) -> Vec<i64> {
 }
 
 /// Draws the sheet. `done` is called after each picture, from any thread.
-pub fn sheet(simulation: &Simulation, instants: &[i64], done: &(dyn Fn() + Sync)) -> Canvas {
-    let mut order: Vec<usize> = (0..simulation.cameras().len()).collect();
-    let left = |camera: &SimCamera| camera.rig_from_eye[0].translation().y;
-    order.sort_by(|&a, &b| {
-        let cameras = simulation.cameras();
-        left(&cameras[b]).total_cmp(&left(&cameras[a]))
-    });
+pub fn sheet(simulation: &Arc<Simulation>, instants: &[i64], done: &(dyn Fn() + Sync)) -> Canvas {
+    let order = left_to_right(simulation);
     let columns = thread::scope(|scope| {
         let taken: Vec<_> = order
             .iter()
@@ -53,7 +50,7 @@ pub fn sheet(simulation: &Simulation, instants: &[i64], done: &(dyn Fn() + Sync)
     let (width, height) = (settings.width as usize, settings.height as usize);
     let sheet_width = columns.len() * (width + GAP) - GAP;
     let rows_height = instants.len() * (height + GAP);
-    let map = map::draw(simulation, sheet_width, instants);
+    let (map, _) = map::draw(simulation, sheet_width, instants);
     let mut sheet = Canvas::new(sheet_width, rows_height + map.height, PAPER);
     for (i, column) in columns.iter().enumerate() {
         for (j, picture) in column.iter().enumerate() {
@@ -69,9 +66,20 @@ pub fn sheet(simulation: &Simulation, instants: &[i64], done: &(dyn Fn() + Sync)
     sheet
 }
 
+/// The cameras from the wearer's left to the right.
+fn left_to_right(simulation: &Simulation) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..simulation.cameras().len()).collect();
+    let left = |camera: &SimCamera| camera.rig_from_eye[0].translation().y;
+    order.sort_by(|&a, &b| {
+        let cameras = simulation.cameras();
+        left(&cameras[b]).total_cmp(&left(&cameras[a]))
+    });
+    order
+}
+
 /// What the left eye of a camera sees at each instant.
 fn column(
-    simulation: &Simulation,
+    simulation: &Arc<Simulation>,
     camera: usize,
     instants: &[i64],
     done: &(dyn Fn() + Sync),

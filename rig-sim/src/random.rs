@@ -10,6 +10,8 @@ pub(crate) const SCENE: u64 = 0x600;
 pub(crate) const WALK: u64 = 0x700;
 pub(crate) const SENSOR: u64 = 0x800;
 pub(crate) const IMU: u64 = 0x900;
+pub(crate) const FAULT: u64 = 0xa00;
+pub(crate) const DEVICE: u64 = 0xb00;
 
 /// 64 random bits (the finaliser of SplitMix64, Steele, Lea and Flood 2014, applied twice).
 pub fn bits(seed: u64, stream: u64, index: u64) -> u64 {

@@ -13,6 +13,7 @@
 //! OUT/CAMERA/mav0/cam0, cam1          left and right eye as in EuRoC (Burri et al. 2016), grey
 //! OUT/CAMERA/mav0/imu0                the camera's IMU, which is the body
 //! OUT/CAMERA/mav0/state_groundtruth_estimate0   pose and velocity of the body, biases of the IMU
+//! OUT/session                         a session archive, on request
 //! ```
 //!
 //! and what is true of the pictures, on request:
@@ -44,22 +45,35 @@ use std::fs;
 use std::io;
 use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
+use cad_transforms::rig::Rig;
+
+use crate::faults::Faults;
 use crate::simulation::Simulation;
 
 mod asl;
 mod mesh;
+pub mod session;
 mod tables;
 mod truth;
 mod yaml;
 
+pub(crate) use self::tables::contacts;
+
 /// How to render.
 #[derive(Clone, Copy, Debug)]
 pub struct Job<'a> {
-    /// Text of the rig file, which is kept beside the pictures.
+    /// The rig that is simulated.
+    pub rig: &'a Rig,
+    /// Text of its file, which is kept beside the pictures.
     pub rig_text: &'a str,
+    /// Also writes a session archive.
+    pub session: bool,
+    /// What goes wrong: with lenses and light in the folders, with everything in the session.
+    pub faults: &'a Faults,
     /// Also writes what is true of the pictures.
     pub truth: bool,
     /// Cameras that are rendered at a time, at least 1.
@@ -83,6 +97,9 @@ pub enum RenderError {
         /// What the system said.
         source: io::Error,
     },
+    /// The session archive could not be written.
+    #[error(transparent)]
+    Session(#[from] session::SessionError),
     /// EuRoC files have no form for this lens: use another lens model.
     #[error(
         "writing the calibration of {camera}: found a lens that sensor.yaml cannot hold, expected none, radial-tangential without k3, or equidistant"
@@ -109,7 +126,7 @@ fn write(path: &Path, text: &str) -> Result<(), RenderError> {
 /// # Errors
 /// [`RenderError`]; `out` is then as it was.
 pub fn render(
-    simulation: &Simulation,
+    simulation: &Arc<Simulation>,
     job: &Job<'_>,
     out: &Path,
     done: &(dyn Fn() + Sync),
@@ -158,7 +175,7 @@ fn begin(out: &Path) -> Result<PathBuf, RenderError> {
 }
 
 fn fill(
-    simulation: &Simulation,
+    simulation: &Arc<Simulation>,
     job: &Job<'_>,
     folder: &Path,
     done: &(dyn Fn() + Sync),
@@ -168,7 +185,7 @@ fn fill(
     file("rig.toml", job.rig_text)?;
     file("rig.tum", &tables::tum(simulation))?;
     file("rig.kitti.txt", &tables::kitti(simulation))?;
-    file("contacts.csv", &tables::contacts(simulation))?;
+    file("contacts.csv", &contacts(simulation, 0))?;
     if job.truth {
         let path = folder.join("scene.ply");
         fs::write(&path, mesh::ply(simulation.scene())).map_err(at(&path))?;
@@ -181,7 +198,7 @@ fn fill(
             if camera >= cameras {
                 return Ok(());
             }
-            asl::camera(simulation, camera, job.truth, folder, done)?;
+            asl::camera(simulation, camera, job, folder, done)?;
         }
     };
     thread::scope(|scope| {
@@ -191,5 +208,18 @@ fn fill(
         workers
             .into_iter()
             .try_for_each(|worker| worker.join().unwrap_or_else(|panic| resume_unwind(panic)))
-    })
+    })?;
+    if job.session {
+        let session = folder.join("session");
+        fs::create_dir(&session).map_err(at(&session))?;
+        session::write(
+            simulation,
+            job.rig,
+            job.rig_text,
+            job.faults,
+            &session,
+            done,
+        )?;
+    }
+    Ok(())
 }

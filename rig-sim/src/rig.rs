@@ -25,16 +25,49 @@ pub struct SimCamera {
     pub shutter: Shutter,
     /// Longest exposure, s.
     pub longest_exposure_s: f64,
+    /// How it lays out the pixels that it delivers.
+    pub format: PixelFormat,
+}
+
+/// How a device lays out pixels, left and right eye side by side.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PixelFormat {
+    /// Y Cb Y Cr for two pixels each (4:2:2): USB cameras.
+    Yuyv,
+    /// All Y, then Cb Cr for two by two pixels each (4:2:0): GMSL cameras.
+    Nv12,
 }
 
 impl SimCamera {
-    /// Pose of an eye's optical frame in the world, where the rig is so.
-    pub fn world_from_eye(&self, eye: usize, rig: &State) -> (Vector3<f64>, UnitQuaternion<f64>) {
-        let rig_from_eye = &self.rig_from_eye[eye];
+    /// Pose of an eye's optical frame in the world, where the rig is so and the camera has slipped so.
+    pub fn world_from_eye(
+        &self,
+        eye: usize,
+        rig: &State,
+        slip: Option<&RigidTransform>,
+    ) -> (Vector3<f64>, UnitQuaternion<f64>) {
+        let rig_from_eye = match slip {
+            None => self.rig_from_eye[eye],
+            Some(slip) => *slip * self.rig_from_eye[eye],
+        };
         (
             rig.position + rig.rotation * rig_from_eye.translation(),
             rig.rotation * rig_from_eye.rotation(),
         )
+    }
+
+    /// Where on the rig the parts of a camera are that has turned on its plate about its left eye: takes a point
+    /// from where the rig file has it to where it is. `turned` takes the left optical frame as it is to where it
+    /// should be; none is no turn at all.
+    pub fn slip(&self, turned: &UnitQuaternion<f64>) -> Option<RigidTransform> {
+        if *turned == UnitQuaternion::identity() {
+            return None;
+        }
+        let q = turned.quaternion();
+        let turn = RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], [0.0; 3])
+            .expect("a rotation is a rigid transform");
+        let left = self.rig_from_eye[0];
+        Some(left * turn * left.inverse())
     }
 }
 
@@ -149,6 +182,10 @@ pub fn cameras(rig: &Rig, width: u32, height: u32) -> Result<Vec<SimCamera>, Rig
                 false => Shutter::Global,
             },
             longest_exposure_s: 0.012,
+            format: match is_mini {
+                true => PixelFormat::Yuyv,
+                false => PixelFormat::Nv12,
+            },
         });
     }
     Ok(cameras)

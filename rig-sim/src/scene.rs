@@ -20,11 +20,16 @@ pub mod texture;
 pub mod wearer;
 
 mod corridor;
+mod front;
 mod interior;
+mod palette;
 mod pavement;
+mod plants;
 mod plaza;
 mod room;
+mod shadow;
 mod stairs;
+mod street;
 mod sweep;
 mod trail;
 
@@ -178,7 +183,11 @@ impl Scene {
         let mut builder = Builder::new(seed);
         let made = kind.build(&mut builder);
         let wearer = Wearer::make(&mut builder, tags);
+        let clouds = builder.texture(&palette::CLOUDS);
         let light = made.lights.at(time);
+        // What moves has no shadows; in a room the sun rarely reaches it.
+        let mut around = light.clone();
+        around.sun = around.sun.filter(|_| !made.lights.indoors);
         let Builder {
             mut materials,
             textures,
@@ -190,7 +199,7 @@ impl Scene {
         let lit = made.lights.lamps_on(time);
         materials.iter_mut().for_each(|m| m.glow *= lit as f32);
         let solid = bvh_of(&mesh);
-        let baked = light.baked(&mesh, &solid);
+        let (mesh, baked) = shadow::baked(&mesh, &materials, &light, &solid, &made.route);
         let fixed = Body::new(&mesh, &baked);
         let baked = light.baked(&glass, &solid);
         let glass = Body::new(&glass, &baked);
@@ -218,9 +227,9 @@ impl Scene {
             ),
             fixed,
             glass,
-            moving: parts.into_iter().map(|part| part.lit(&light)).collect(),
-            sky: made.sky.at(&light),
-            wearer: wearer.lit(&light),
+            moving: parts.into_iter().map(|part| part.lit(&around)).collect(),
+            sky: Sky::new(time, &light, clouds),
+            wearer: wearer.lit(&around),
             light,
             route: made.route,
             walkable,

@@ -6,14 +6,17 @@
 //! the walk: frame `n` is taken in the middle of the `n`-th period, by all cameras at one instant, and IMU
 //! sample `n` at `n` over the rate. Clocks that run differently are added by whoever plays a device.
 
+use std::sync::Arc;
+
 use cad_transforms::RigidTransform;
 use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::rig::{Rig, RigError};
+use calib::{ImuCalibration, ImuNoise, Provenance, StereoCalibration};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::camera::Quality;
 use crate::camera::placed::{Motion, Placed, placed};
-use crate::imu::{Imu, ImuModel, ImuSample};
+use crate::imu::{Imu, ImuModel, ImuSample, ImuTrouble};
 use crate::random;
 use crate::rig::{SimCamera, cameras, shoe_tags};
 use crate::scene::body::Body;
@@ -25,7 +28,7 @@ use crate::walker::Walker;
 mod pictures;
 mod truths;
 
-pub use self::pictures::{Pictures, StereoFrame};
+pub use self::pictures::{Painter, Pictures, StereoFrame};
 pub use self::truths::{SeenTag, Truths};
 
 /// Seeds of IMUs, apart from the streams that they use themselves.
@@ -173,15 +176,7 @@ impl Simulation {
             let period_s = 1.0 / settings.rate_hz;
             camera.longest_exposure_s = camera.longest_exposure_s.min(SHUTTER_SHARE * period_s);
         }
-        let imus = cameras.iter().zip(0..).map(|(camera, number)| {
-            let frame = Frame::of_camera(&camera.name, FramePart::Imu)
-                .expect("a rig names its cameras by valid names");
-            let imu_from_rig = rig.transform(&frame, &Frame::rig())?;
-            let seed = random::bits(settings.seed, IMU_SEEDS, number);
-            let imu = Imu::new(ImuModel::ZED_MINI, imu_from_rig, settings.seconds, seed);
-            Ok(RigImu { imu, imu_from_rig })
-        });
-        let imus = imus.collect::<Result<_, RigError>>()?;
+        let imus = imus(ImuModel::ZED_MINI, &cameras, settings, rig)?;
         let tags = shoe_tags(rig).map_err(|id| SimulationError::Tag {
             id,
             last: tag::COUNT - 1,
@@ -195,6 +190,22 @@ impl Simulation {
             cameras,
             imus,
         })
+    }
+
+    /// The same walk with other IMUs in the cameras.
+    ///
+    /// # Errors
+    /// [`SimulationError::Rig`].
+    pub fn with_imus(mut self, model: ImuModel, rig: &Rig) -> Result<Self, SimulationError> {
+        self.imus = imus(model, &self.cameras, &self.settings, rig)?;
+        Ok(self)
+    }
+
+    /// The same walk in pictures of another quality.
+    #[must_use]
+    pub fn with_quality(mut self, quality: Quality) -> Self {
+        self.settings.quality = quality;
+        self
     }
 
     /// What was asked for.
@@ -222,8 +233,35 @@ impl Simulation {
         &self.imus
     }
 
+    /// What a calibration of a camera that finds everything exactly says of it.
+    pub fn calibration(&self, camera: usize) -> StereoCalibration {
+        let (of, imu) = (&self.cameras[camera], &self.imus[camera]);
+        let [left, right] = of.rig_from_eye;
+        let model = imu.imu.model();
+        StereoCalibration {
+            left: of.models[0],
+            right: of.models[1],
+            right_from_left: right.inverse() * left,
+            imu: Some(ImuCalibration {
+                imu_from_left: imu.imu_from_rig * left,
+                rate_hz: model.rate_hz,
+                noise: Some(ImuNoise {
+                    gyro_noise_density: model.noise_density[0],
+                    gyro_random_walk: model.random_walk[0],
+                    accel_noise_density: model.noise_density[1],
+                    accel_random_walk: model.random_walk[1],
+                }),
+            }),
+            provenance: Provenance {
+                format: None,
+                files: Vec::new(),
+                part: None,
+            },
+        }
+    }
+
     /// All frames of a camera, in order.
-    pub fn pictures(&self, camera: usize) -> Pictures<'_> {
+    pub fn pictures(self: &Arc<Self>, camera: usize) -> Pictures {
         Pictures::new(self, camera)
     }
 
@@ -244,7 +282,8 @@ impl Simulation {
             (
                 n,
                 time_ns,
-                imu.imu.sample(&self.walker, n, seconds(time_ns)),
+                imu.imu
+                    .sample(&self.walker, n, seconds(time_ns), &ImuTrouble::NONE),
             )
         })
     }
@@ -280,6 +319,24 @@ impl Simulation {
         }
         placed
     }
+}
+
+/// The IMUs of cameras, each with errors of its own.
+fn imus(
+    model: ImuModel,
+    cameras: &[SimCamera],
+    settings: &Settings,
+    rig: &Rig,
+) -> Result<Vec<RigImu>, RigError> {
+    let imu = |(camera, number): (&SimCamera, u64)| {
+        let frame = Frame::of_camera(&camera.name, FramePart::Imu)
+            .expect("a rig names its cameras by valid names");
+        let imu_from_rig = rig.transform(&frame, &Frame::rig())?;
+        let seed = random::bits(settings.seed, IMU_SEEDS, number);
+        let imu = Imu::new(model, imu_from_rig, settings.seconds, seed);
+        Ok(RigImu { imu, imu_from_rig })
+    };
+    cameras.iter().zip(0..).map(imu).collect()
 }
 
 /// A part of the wearer on his walk.

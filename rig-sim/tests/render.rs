@@ -2,10 +2,12 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, LazyLock};
 
 use cad_transforms::rig::Rig;
 use calib::{Distortion, read_stereo};
 use rig_sim::camera::Quality;
+use rig_sim::faults::Faults;
 use rig_sim::render::{Job, RenderError, render};
 use rig_sim::scene::{Kind, Time};
 use rig_sim::simulation::{Settings, Simulation};
@@ -16,7 +18,7 @@ const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
 /// and with the PNG encoder; a change that nobody meant is a machine or a thread that makes a difference.
 const HASH: &str = "578ba141fc72c3a488ee3f26425678576abfee98a4068b5b5b3ea18803042292";
 
-fn simulation() -> Simulation {
+fn simulation() -> Arc<Simulation> {
     let settings = Settings {
         kind: Kind::Pavement,
         time: Time::Day,
@@ -27,13 +29,20 @@ fn simulation() -> Simulation {
         height: 36,
         quality: Quality::ACCURATE,
     };
-    Simulation::new(&settings, &Rig::parse(RIG).unwrap()).unwrap()
+    Arc::new(Simulation::new(&settings, &Rig::parse(RIG).unwrap()).unwrap())
 }
+
+/// Everything as it should be.
+static NO_FAULTS: LazyLock<Faults> = LazyLock::new(Faults::default);
+static EXAMPLE: LazyLock<Rig> = LazyLock::new(|| Rig::parse(RIG).unwrap());
 
 fn job(threads: usize) -> Job<'static> {
     Job {
+        rig: &EXAMPLE,
         rig_text: RIG,
         truth: true,
+        session: false,
+        faults: &NO_FAULTS,
         threads,
     }
 }

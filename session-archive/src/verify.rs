@@ -172,7 +172,7 @@ fn bad_rig_files(reader: &SessionReader) -> Vec<String> {
 }
 
 /// Content of a file in `rig/`, if it is there and what the manifest says.
-pub(crate) fn rig_file(storage: &dyn Storage, file: &RigFile) -> Option<Vec<u8>> {
+pub fn rig_file(storage: &dyn Storage, file: &RigFile) -> Option<Vec<u8>> {
     let content = storage::read_all(storage, &layout::rig_file(&file.name)).ok()?;
     (blake3::hash(&content).to_hex().as_str() == file.blake3).then_some(content)
 }

@@ -36,6 +36,10 @@ pub struct StoredSample {
     pub host_time: HostTime,
     /// Its time.
     pub time: HostTime,
+    /// One standard deviation of `time`, ns.
+    pub sigma_ns: u64,
+    /// `time` is not to be trusted within its sigma.
+    pub time_doubtful: bool,
     /// Version of the clock map that gave the time.
     pub clock_map: u32,
     /// What was measured.
@@ -336,6 +340,8 @@ fn samples(batch: &ImuBatch) -> Result<Vec<StoredSample>> {
                 ticks: batch.device_ticks[k],
                 host_time: HostTime(batch.host_times[k]),
                 time: HostTime(batch.times[k]),
+                sigma_ns: batch.sigma_ns,
+                time_doubtful: batch.time_doubtful,
                 clock_map: batch.clock_map,
                 values: values(k)?,
             })

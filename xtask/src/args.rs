@@ -19,7 +19,7 @@ cargo xtask VERB: set-up and developer verbs
         Format check, clippy, tests, documentation, cargo deny. --quick: format check, clippy
         and the unit tests only.
   bench NAME [--no-install] [ARGS...]
-        Run a benchmark (archive, sync, encode, import, soak, kills, or all) in release mode;
+        Run a benchmark (archive, sync, encode, import, soak, kills, sim, or all) in release mode;
         results go to docs/benchmarks. ARGS are handed to the benchmark.
   fuzz [SECONDS] [--no-install]
         Run each fuzz target of session-archive for SECONDS (default 60).
@@ -35,7 +35,9 @@ Exit code: 0 fine, 1 failed, 2 bad arguments.
 ";
 
 /// The benchmarks, in the order in which `bench all` runs them.
-pub(crate) const BENCHMARKS: [&str; 6] = ["archive", "sync", "encode", "import", "soak", "kills"];
+pub(crate) const BENCHMARKS: [&str; 7] = [
+    "archive", "sync", "encode", "import", "soak", "kills", "sim",
+];
 
 const VERBS: [&str; 6] = ["setup", "demo", "test", "bench", "fuzz", "help"];
 

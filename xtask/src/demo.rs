@@ -1,6 +1,6 @@
 //! `cargo xtask demo`: the main job, end to end, on this machine.
 //!
-//! Three cameras are replayed and recorded by `pawsd`; `paws` imports, validates, indexes and
+//! A walk with a simulated rig is recorded by `pawsd`; `paws` imports, validates, indexes and
 //! hands over the session; `paws-reconstruct` reads every frame back. Each stage is the program a
 //! user would start, with the command line shown. A stage that fails ends the demo with the last
 //! lines it printed and the path of its whole output; one that finished with loss, as a slow machine
@@ -87,9 +87,12 @@ impl Demo {
         let (report, verdict) = (path("report.html"), path("report.json"));
         let frames = path("frames");
 
-        let cameras = cameras::choose(process::data_folder()?.as_deref());
-        fs::write(&config, cameras.configuration()).with_context(|| format!("writing {config}"))?;
-        println!("\nThree cameras: {}.", cameras.description());
+        let rig = process::root()?.join("cad-transforms/rigs/example.toml");
+        let text = cameras::configuration(&rig, seconds);
+        fs::write(&config, text).with_context(|| format!("writing {config}"))?;
+        println!(
+            "\nA walk over a pavement with a simulated rig: three stereo cameras and their IMUs."
+        );
         println!("Recording takes {seconds} s.\n");
 
         let length = seconds.to_string();

@@ -21,6 +21,7 @@ use crate::causes::with_causes;
 use crate::disk;
 use crate::run::needed_speed;
 use crate::sources::replay::Replay;
+use crate::sources::simulated::{Simulated, Walks};
 use crate::sources::synthetic::Synthetic;
 use crate::sources::{CameraInfo, Source, SourceInfo};
 
@@ -65,9 +66,12 @@ pub fn check(config: &Config) -> Vec<Finding> {
     rig(config, &mut report);
     triggers(config, &mut report);
     let mut cameras = Vec::new();
+    // What is wrong with the file was told above.
+    let rig = config.rig.as_deref().and_then(|path| Rig::read(path).ok());
+    let mut walks = Walks::default();
     for camera in &config.cameras {
         report.about = format!("camera {}", camera.name);
-        cameras.extend(source(camera, &mut report));
+        cameras.extend(source(camera, rig.as_ref(), &mut walks, &mut report));
     }
     report.about = "encoder".to_owned();
     encoders(config, &cameras, &mut report);
@@ -226,7 +230,12 @@ fn triggers(config: &Config, report: &mut Report) {
 }
 
 /// What a source says of itself, if it can be opened.
-fn source(camera: &Camera, report: &mut Report) -> Option<SourceInfo> {
+fn source(
+    camera: &Camera,
+    rig: Option<&Rig>,
+    walks: &mut Walks,
+    report: &mut Report,
+) -> Option<SourceInfo> {
     let start = HostTime(0);
     let (info, own_calibration, mut notes) = match &camera.source {
         SourceConfig::Replay(r) => {
@@ -235,6 +244,20 @@ fn source(camera: &Camera, report: &mut Report) -> Option<SourceInfo> {
                     replay.info().clone(),
                     replay.calibration().is_some(),
                     replay.notes().to_vec(),
+                ),
+                Err(error) => {
+                    report.error(with_causes(&error));
+                    return None;
+                }
+            }
+        }
+        SourceConfig::Simulated(s) => {
+            let faults = s.faults.as_deref();
+            match Simulated::open(&camera.name, &s.walk, faults, rig, walks, start) {
+                Ok(simulated) => (
+                    simulated.info().clone(),
+                    simulated.calibration().is_some(),
+                    Vec::new(),
                 ),
                 Err(error) => {
                     report.error(with_causes(&error));

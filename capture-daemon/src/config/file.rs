@@ -1,16 +1,20 @@
 //! The keys of the configuration file, their ranges and their defaults.
 
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use cad_transforms::frame::{MAX_CAMERA_NAME, is_camera_name};
+use rig_sim::camera::Quality;
+use rig_sim::scene::{Kind, Time};
+use rig_sim::simulation::Settings;
 use toml::de::DeTable;
 use video::encoder::known_elements;
 
 use super::section::{Log, Section, nearest};
 use super::{
     Camera, Config, Control, DEFAULT_SOCKET, Disk, Encoder, Problems, ReplayConfig, Session,
-    SourceConfig, SyntheticConfig,
+    SimulatedConfig, SourceConfig, SyntheticConfig,
 };
 
 /// Longest name of a session, characters.
@@ -24,7 +28,7 @@ const MAX_RATE_HZ: f64 = 1000.0;
 /// Fastest IMU, samples per second.
 const MAX_IMU_RATE_HZ: f64 = 10_000.0;
 /// Kinds of sources that there will be: whoever names one is answered with more than "unknown".
-const LATER_KINDS: [&str; 4] = ["v4l2", "zed", "gmsl", "sim"];
+const LATER_KINDS: [&str; 3] = ["v4l2", "zed", "gmsl"];
 
 pub(super) fn parse(text: &str, folder: &Path) -> Result<Config, Problems> {
     let log = Log::new(text);
@@ -179,7 +183,7 @@ fn camera(section: &mut Section<'_>, folder: &Path, position: usize) -> Option<C
 }
 
 fn source(mut section: Section<'_>, folder: &Path, position: usize) -> Option<SourceConfig> {
-    const KINDS: &str = "\"replay\" (a recorded data set) or \"synthetic\" (a made-up picture)";
+    const KINDS: &str = "\"sim\" (a simulated walk), \"replay\" (a recorded data set) or \"synthetic\" (a made-up picture)";
     section.must_have("kind", KINDS);
     let kind = section.text("kind", KINDS, |_| true)?;
     let source = match kind.as_str() {
@@ -199,6 +203,7 @@ fn source(mut section: Section<'_>, folder: &Path, position: usize) -> Option<So
             })
         }
         "synthetic" => Some(SourceConfig::Synthetic(synthetic(&mut section, position))),
+        "sim" => Some(SourceConfig::Simulated(simulated(&mut section, folder))),
         // Its other keys are those of another kind, so nothing is said of them.
         later if LATER_KINDS.contains(&later) => {
             section.refuse(
@@ -210,7 +215,7 @@ fn source(mut section: Section<'_>, folder: &Path, position: usize) -> Option<So
             return None;
         }
         unknown => {
-            let hint = nearest(unknown, &["replay", "synthetic"]);
+            let hint = nearest(unknown, &["sim", "replay", "synthetic"]);
             section.refuse(
                 "kind",
                 format_args!("is {unknown:?}, expected {KINDS}; {hint}"),
@@ -222,20 +227,64 @@ fn source(mut section: Section<'_>, folder: &Path, position: usize) -> Option<So
     source
 }
 
+/// A whole number of pixels that is a multiple of `step`.
+fn pixels(
+    section: &mut Section<'_>,
+    key: &'static str,
+    range: RangeInclusive<i64>,
+    default: i64,
+    step: i64,
+) -> u32 {
+    let pixels = section.integer(key, range).unwrap_or(default);
+    if pixels % step != 0 {
+        section.refuse(
+            key,
+            format_args!("is {pixels}, expected a multiple of {step}"),
+        );
+    }
+    pixels as u32
+}
+
+/// One of these values, by its name.
+fn one_of<T: Copy>(section: &mut Section<'_>, key: &'static str, values: &[(&str, T)]) -> T {
+    let names: Vec<String> = values.iter().map(|(name, _)| format!("{name:?}")).collect();
+    let expected = format!("one of {}", names.join(", "));
+    let is_one = |text: &str| values.iter().any(|(name, _)| *name == text);
+    let named = section.text(key, &expected, is_one);
+    let found = values
+        .iter()
+        .find(|(name, _)| Some(*name) == named.as_deref());
+    found.unwrap_or(&values[0]).1
+}
+
+/// By default ten minutes over a pavement by day, seen by cameras of a ZED Mini's smallest size at 15 Hz.
+fn simulated(section: &mut Section<'_>, folder: &Path) -> SimulatedConfig {
+    let kind = one_of(section, "scene", &Kind::ALL.map(|kind| (kind.name(), kind)));
+    let time = one_of(section, "light", &Time::ALL.map(|time| (time.name(), time)));
+    let qualities = [("fast", Quality::FAST), ("accurate", Quality::ACCURATE)];
+    let quality = one_of(section, "quality", &qualities);
+    let walk = Settings {
+        kind,
+        time,
+        seed: section
+            .integer("seed", 0..=i64::MAX)
+            .map_or(1, i64::unsigned_abs),
+        seconds: section.number("seconds", 0.1..=3600.0).unwrap_or(600.0),
+        rate_hz: section.number("rate_hz", 0.1..=100.0).unwrap_or(15.0),
+        width: pixels(section, "width", 32..=8192, 1344, 4) / 2,
+        height: pixels(section, "height", 16..=4096, 376, 2),
+        quality,
+    };
+    SimulatedConfig {
+        walk,
+        faults: section.path("faults", folder),
+    }
+}
+
 /// By default the size and rates of a ZED Mini in its smallest mode.
 fn synthetic(section: &mut Section<'_>, position: usize) -> SyntheticConfig {
-    let mut pixels = |key, range, default, step| {
-        let pixels = section.integer(key, range).unwrap_or(default);
-        if pixels % step != 0 {
-            section.refuse(
-                key,
-                format_args!("is {pixels}, expected a multiple of {step}"),
-            );
-        }
-        pixels as u32
-    };
-    let width = pixels("width", 128..=16_384, 1344, 4);
-    let height = pixels("height", 32..=8192, 376, 2);
+    let width = pixels(section, "width", 128..=16_384, 1344, 4);
+    let height = pixels(section, "height", 32..=8192, 376, 2);
     SyntheticConfig {
         width,
         height,

@@ -365,15 +365,15 @@ fn sources_are_checked() {
     );
     check(
         &with("path = \"/data\""),
-        "line 3: kind is missing in [camera.source], expected \"replay\"",
+        "line 3: kind is missing in [camera.source], expected \"sim\"",
     );
     check(
         &with("kind = \"v4l2\"\ndevice = \"/dev/video0\""),
-        "line 4: kind in [camera.source] is \"v4l2\", which comes with a later version; this one has \"replay\"",
+        "line 4: kind in [camera.source] is \"v4l2\", which comes with a later version; this one has \"sim\"",
     );
     check(
         &with("kind = \"reply\""),
-        "line 4: kind in [camera.source] is \"reply\", expected \"replay\"",
+        "line 4: kind in [camera.source] is \"reply\", expected \"sim\"",
     );
     assert!(problems(&with("kind = \"reply\""))[0].ends_with("did you mean replay?"));
     check(
@@ -561,5 +561,38 @@ fn no_damage_makes_it_panic() {
             ));
         }
         let _ = parse(&settings[..i]);
+    }
+}
+
+#[test]
+fn a_simulated_walk_has_its_defaults_and_its_words() {
+    let camera = |source: &str| {
+        let text =
+            format!("[[camera]]\nname = \"feet\"\n[camera.source]\nkind = \"sim\"\n{source}");
+        parse(&text).map(|config| config.cameras[0].source.clone())
+    };
+    let Ok(SourceConfig::Simulated(walk)) = camera("") else {
+        panic!("no simulated walk");
+    };
+    let of = &walk.walk;
+    assert_eq!((of.kind.name(), of.time.name()), ("pavement", "day"));
+    assert_eq!((of.width, of.height, of.rate_hz), (672, 376, 15.0));
+    assert_eq!((of.seed, of.seconds, walk.faults), (1, 600.0, None));
+    let Ok(SourceConfig::Simulated(walk)) =
+        camera("scene = \"trail\"\nlight = \"low-sun\"\nwidth = 320\nfaults = \"f.toml\"")
+    else {
+        panic!("no simulated walk");
+    };
+    assert_eq!(
+        (walk.walk.kind.name(), walk.walk.time.name()),
+        ("trail", "low-sun")
+    );
+    assert_eq!(walk.walk.width, 160);
+    assert!(walk.faults.unwrap().is_absolute());
+    let message = camera("scene = \"moon\"\nwidth = 322")
+        .unwrap_err()
+        .to_string();
+    for part in ["moon", "\"pavement\"", "322, expected a multiple of 4"] {
+        assert!(message.contains(part), "{message}");
     }
 }

@@ -189,3 +189,91 @@ fn a_failing_encoder_is_an_alarm() {
         ["true feet: the encoder fails and is started again"]
     );
 }
+
+#[test]
+fn what_a_device_missed_while_it_was_gone_has_that_cause() {
+    let mut bench = bench();
+    let at = |i: i64| START + i * 50 * MS;
+    let gone = |bench: &mut Bench, i: i64| {
+        let host_time = at(i) + 10 * MS;
+        let detail = "unplugged".to_owned();
+        let gone = Sample::Gone(Gone { host_time, detail });
+        bench.hub.sample(0, gone, host_time);
+    };
+    for i in 0..10 {
+        bench.frame(i as u64, at(i));
+    }
+    gone(&mut bench, 9);
+    // Eight periods later it counts anew.
+    for i in 18..22 {
+        bench.frame(i as u64 - 18, at(i));
+    }
+    gone(&mut bench, 21);
+    // Once more, and its counter has gone on: the device knows better than the clock.
+    bench.frame(9, at(26));
+    gone(&mut bench, 26);
+    bench.hub.finish(at(30));
+    let seen = bench.seen();
+    let frames: Vec<u64> = seen
+        .iter()
+        .filter_map(|item| match item {
+            Outgoing::Frame { frame, .. } => Some(frame.number),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(
+        frames,
+        (0..10).chain(18..22).chain([27]).collect::<Vec<_>>()
+    );
+    let dropped: Vec<(u64, u64, Cause)> = seen
+        .iter()
+        .filter_map(|item| match item {
+            Outgoing::Dropped {
+                first, last, cause, ..
+            } => Some((*first, *last, *cause)),
+            _ => None,
+        })
+        .collect();
+    let expected = [(10, 17), (22, 26), (28, 30)].map(|(a, b)| (a, b, Cause::Disconnected));
+    assert_eq!(dropped, expected);
+    let alarms: Vec<bool> = seen
+        .iter()
+        .filter_map(|item| match item {
+            Outgoing::Alarm { text, active, .. } if text == "feet: the device is gone" => {
+                Some(*active)
+            }
+            _ => None,
+        })
+        .collect();
+    assert_eq!(alarms, [true, false, true, false, true]);
+}
+
+/// Else a device that is set to another day would end the recording: no message may lie before the clock's zero.
+#[test]
+fn a_tick_from_long_ago_has_no_better_time_than_its_arrival() {
+    let mut bench = bench();
+    for i in 0..80 {
+        let at = START + i * 50 * MS;
+        let raw = RawFrame {
+            number: i as u64,
+            // Two hours back, after a second.
+            device_ticks: at.0 - if i < 20 { 0 } else { 7200 * NS_PER_S },
+            kernel_time: None,
+            host_time: at,
+            exposure_ns: None,
+            picture: Picture::new(64, 32, PixelFormat::I420, vec![i as u8; 64 * 48])
+                .expect("picture"),
+        };
+        bench.hub.sample(0, Sample::Frame(raw), at);
+    }
+    bench.hub.finish(START + 4000 * MS);
+    let mut count = 0;
+    for item in bench.seen().iter() {
+        if let Outgoing::Frame { frame, .. } = item {
+            let off = frame.host_time - frame.time;
+            assert!(off.abs() < LONGEST_WAY_NS, "{frame:?}");
+            count += 1;
+        }
+    }
+    assert_eq!(count, 80);
+}

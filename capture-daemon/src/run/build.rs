@@ -20,6 +20,7 @@ use crate::config::{self, Config, SourceConfig};
 use crate::hub::{CameraSetup, ImuSetup};
 use crate::recorder::Setup;
 use crate::sources::replay::Replay;
+use crate::sources::simulated::{Simulated, Walks};
 use crate::sources::synthetic::Synthetic;
 use crate::sources::{Source, SourceInfo, rig_file_name};
 use crate::sync::clock::ClockConfig;
@@ -32,6 +33,20 @@ pub struct Built {
     pub cameras: Vec<CameraSetup>,
     /// For the recorder.
     pub setup: Setup,
+}
+
+impl Built {
+    /// Lets scheduled sources begin at `start`; from then on the session's files hold what they know to be true.
+    ///
+    /// # Errors
+    /// Two sources have different truths of one name.
+    pub(super) fn begin_at(&mut self, start: HostTime) -> anyhow::Result<()> {
+        for source in &mut self.sources {
+            source.begin_at(start);
+            add_files(&mut self.setup.rig_files, source.truth())?;
+        }
+        Ok(())
+    }
 }
 
 /// Opens the sources, finds an encoder for each that can keep up, reads rig and calibrations.
@@ -68,10 +83,11 @@ pub(super) fn build_for(
         software: concat!("pawsd ", env!("CARGO_PKG_VERSION")).to_owned(),
     };
     let mut transforms = Transforms::of(rig.rig.as_ref(), start);
+    let mut walks = Walks::default();
     for camera in &config.cameras {
         let name = &camera.name;
-        let source =
-            open(camera, start).with_context(|| format!("opening the source of {name}"))?;
+        let source = open(camera, rig.rig.as_ref(), &mut walks, start)
+            .with_context(|| format!("opening the source of {name}"))?;
         sources.push(source);
     }
     for (camera, source) in config.cameras.iter().zip(&sources) {
@@ -120,7 +136,12 @@ pub(super) fn build_for(
     })
 }
 
-fn open(camera: &config::Camera, start: HostTime) -> anyhow::Result<Box<dyn Source>> {
+fn open(
+    camera: &config::Camera,
+    rig: Option<&Rig>,
+    walks: &mut Walks,
+    start: HostTime,
+) -> anyhow::Result<Box<dyn Source>> {
     Ok(match &camera.source {
         SourceConfig::Replay(r) => {
             let replay = Replay::open(&camera.name, &r.path, r.rate_hz, r.repeat, r.imu, start)?;
@@ -129,6 +150,14 @@ fn open(camera: &config::Camera, start: HostTime) -> anyhow::Result<Box<dyn Sour
             }
             Box::new(replay)
         }
+        SourceConfig::Simulated(s) => Box::new(Simulated::open(
+            &camera.name,
+            &s.walk,
+            s.faults.as_deref(),
+            rig,
+            walks,
+            start,
+        )?),
         SourceConfig::Synthetic(s) => Box::new(Synthetic::new(
             &camera.name,
             s.width,
@@ -288,9 +317,16 @@ fn add_rig_files(
             found.push((rig_file_name(&camera.name, path, file), read(file)?));
         }
     }
+    add_files(files, found)
+}
+
+fn add_files(
+    files: &mut Vec<(String, Vec<u8>)>,
+    found: Vec<(String, Vec<u8>)>,
+) -> anyhow::Result<()> {
     for (name, content) in found {
         match files.iter().find(|(n, _)| *n == name) {
-            // The data set's own file, named as the calibration too.
+            // The data set's own file named as the calibration too, or the truth about one walk.
             Some((_, kept)) if *kept == content => {}
             Some(_) => bail!("two different files would be kept as rig/{name}"),
             None => files.push((name, content)),

@@ -38,6 +38,8 @@ const OUTBOX_BYTES: usize = 64 << 20;
 const PATIENCE: Duration = Duration::from_millis(20);
 /// Replays begin this much after the program, so that all of them are ready.
 const LEAD_NS: i64 = 200_000_000;
+/// A source that is so far behind its schedule has to leave samples out.
+const BEHIND_NS: i64 = NS_PER_S / 2;
 /// A thread that has not come round for this long is stuck.
 const STUCK_NS: i64 = 10 * NS_PER_S;
 /// How long a request may take.
@@ -113,15 +115,13 @@ impl Running {
         outcome: Outcome,
     ) -> anyhow::Result<Self> {
         let clock = Arc::new(RealClock);
+        let mut built = build(clock.now())?;
+        built.begin_at(clock.now() + LEAD_NS)?;
         let Built {
-            mut sources,
+            sources,
             cameras,
             setup,
-        } = build(clock.now())?;
-        let start = clock.now() + LEAD_NS;
-        for source in &mut sources {
-            source.begin_at(start);
-        }
+        } = built;
         let chunk_ns = setup.chunk_ns;
         let names: Vec<String> = cameras.iter().map(|c| c.name.clone()).collect();
         let shared = Arc::new(Shared::new(cameras.len(), OUTBOX_BYTES, outcome));
@@ -243,9 +243,13 @@ fn pump(i: usize, mut source: Box<dyn Source>, shared: &Shared) {
         if scheduled && !wait_until(sample.host_time(), shared) {
             return;
         }
+        let now = shared.clock.now();
+        if scheduled && now.since(sample.host_time()) > BEHIND_NS {
+            source.hurry(now);
+        }
         let bytes = sample.bytes();
         let given = match sample {
-            Sample::Imu(_) => shared
+            Sample::Imu(_) | Sample::Gone(_) => shared
                 .inbox
                 .push_reserved(In::Sample(i, sample), bytes)
                 .is_ok(),

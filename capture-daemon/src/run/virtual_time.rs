@@ -28,11 +28,13 @@ pub(super) fn record(
     stop: &StopFlag,
     on_progress: OnProgress,
 ) -> anyhow::Result<Finished> {
+    let mut built = build(START)?;
+    built.begin_at(START)?;
     let Built {
         mut sources,
         cameras,
         setup,
-    } = build(START)?;
+    } = built;
     let clock = Arc::new(VirtualClock::new(START, CIVIL));
     for source in &sources {
         if !source.is_scheduled() {

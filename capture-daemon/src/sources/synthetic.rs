@@ -16,6 +16,7 @@
 
 use std::ops::Range;
 
+use rig_sim::random;
 use session_archive::time::{HostTime, NS_PER_S, TickLength};
 use video::{Picture, PictureError, PixelFormat};
 
@@ -26,8 +27,16 @@ use super::{
 
 mod counter;
 mod motion;
-mod random;
 mod texture;
+
+/// Streams of random numbers: what they are for.
+mod streams {
+    pub(super) const TEXTURE: u64 = 0x100;
+    pub(super) const PHASES: u64 = 0x200;
+    pub(super) const CAMERA_DELAY: u64 = 0x300;
+    pub(super) const IMU_DELAY: u64 = 0x400;
+    pub(super) const IMU_NOISE: u64 = 0x500;
+}
 
 pub use counter::{COUNTER_MODULUS, read_counter, read_eye_counter};
 use motion::Motion;
@@ -233,7 +242,7 @@ impl Synthetic {
         let ticks = device_ns * i128::from(den) / i128::from(num);
         let (gyro, accel) = self.motion.measured(slot.taken_ns);
         let (gyro_scale, accel_scale) = IMU_SCALE;
-        let noise = |axis: u64| random::bell(self.seed, random::IMU_NOISE + axis, slot.number);
+        let noise = |axis: u64| random::bell(self.seed, streams::IMU_NOISE + axis, slot.number);
         // Noise of the ZED Mini's kind of IMU at some hundred Hz: 3 counts rad/s, 8 counts m/s².
         let counts = |si: [f64; 3], scale: f64, sigma: f64, axis: u64| {
             [0, 1, 2].map(|i| {
@@ -271,13 +280,13 @@ impl Source for Synthetic {
             start: self.start,
             end_ns,
         };
-        let frames = schedule(self.rate_hz, random::CAMERA_DELAY, &faults.camera_silence);
+        let frames = schedule(self.rate_hz, streams::CAMERA_DELAY, &faults.camera_silence);
         let frame = self
             .camera
             .peek(&frames, |number| faults.drop_frames.contains(&number));
         let imu = match self.info.imu {
             Some(_) => {
-                let samples = schedule(self.imu_rate_hz, random::IMU_DELAY, &faults.imu_silence);
+                let samples = schedule(self.imu_rate_hz, streams::IMU_DELAY, &faults.imu_silence);
                 self.imu.peek(&samples, |_| false)
             }
             None => None,

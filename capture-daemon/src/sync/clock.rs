@@ -118,6 +118,8 @@ pub struct Step {
 const STEP_SIGMAS: f64 = 4.0;
 /// A single sample is suspicious where it is later than the 99th percentile by this factor.
 const VERY_LATE: f64 = 3.0;
+/// A sample is on time where it is no later than this share of all.
+const ON_TIME: f64 = 0.5;
 /// Samples held at most before a few early ones are judged.
 const EARLY_HELD: usize = 16;
 /// Early ones among them that make a step.
@@ -150,6 +152,8 @@ pub struct ClockMapper {
     /// Consecutive samples behind the newest tick.
     behind: Vec<Sample>,
     last: Option<Seen>,
+    /// Arrival of the newest sample that was as early as most are: until then there was no step.
+    on_time: i64,
     map: ClockMap,
     published: Line,
     least_sigma: f64,
@@ -217,6 +221,7 @@ impl ClockMapper {
             suspicion: None,
             behind: Vec::new(),
             last: None,
+            on_time: i64::MIN,
             map,
             published: Line::default(),
             least_sigma: 0.0,
@@ -278,7 +283,9 @@ impl ClockMapper {
             return self.observe_behind(sample, height);
         }
         self.behind.clear();
-        let low = height < -tolerance && epoch.settled();
+        // Before it has settled the least latency is not known, but no latency is longer than a burst.
+        let possible = -(self.config.burst_ns as f64);
+        let low = height < -tolerance && (epoch.settled() || height < possible);
         if low || matches!(self.suspicion, Some(Suspicion::Early { .. })) {
             return self.observe_early(
                 Early {
@@ -293,6 +300,9 @@ impl ClockMapper {
             return self.observe_late(sample, alarm);
         }
         self.suspicion = None;
+        if height <= self.tail.quantile(ON_TIME) + tolerance {
+            self.on_time = arrival;
+        }
         self.tail.learn(height);
         if self.epoch.as_mut().is_some_and(|epoch| epoch.push(p)) {
             self.refit();
@@ -501,6 +511,8 @@ impl ClockMapper {
             return Observation::Suspect;
         };
         let now = HostTime(last.arrival);
+        // Samples that were all late may have come from either side of it.
+        let after = after.min(HostTime(self.on_time)).max(self.map.since);
         let doubt = Doubt {
             from: after,
             to: if next.settled() { now } else { HostTime::MAX },
@@ -520,6 +532,7 @@ impl ClockMapper {
     fn begin(&mut self, epoch: Epoch, since: HostTime) {
         self.epoch = Some(epoch);
         self.map.since = since;
+        self.on_time = since.ns();
         self.claims.clear();
         self.tail.restart();
         self.publish();

@@ -239,6 +239,24 @@ impl Renumber {
         self.goes_on(raw, newest.ours.saturating_add(1), true)
     }
 
+    /// Our number of the newest sample.
+    pub fn newest(&self) -> Option<u64> {
+        self.newest.map(|n| n.ours)
+    }
+
+    /// The stream's number of the first sample from a device that was away and missed some `missed`
+    /// samples. A counter that went on is believed, any other has begun anew.
+    pub fn resume(&mut self, raw: u64, missed: u64) -> u64 {
+        let Some(newest) = self.newest else {
+            return self.goes_on(raw, raw, false).number;
+        };
+        let skipped = raw.checked_sub(newest.raw.saturating_add(1));
+        let is_likely = |n: &u64| n.abs_diff(missed) <= 2 + missed / 10;
+        let skipped = skipped.filter(is_likely).unwrap_or(missed);
+        let ours = newest.ours.saturating_add(skipped).saturating_add(1);
+        self.goes_on(raw, ours, false).number
+    }
+
     fn goes_on(&mut self, raw: u64, ours: u64, restarted: bool) -> Numbered {
         self.newest = Some(Numbers { raw, ours });
         self.behind = None;
@@ -378,6 +396,29 @@ mod tests {
         assert_eq!(wide_wrap, [(1 << 32) - 1, 1 << 32, (1 << 32) + 1]);
         let end = renumbered(None, &[u64::MAX, 0, 1]);
         assert_eq!(end.len(), 3, "no overflow");
+    }
+
+    #[test]
+    fn after_an_absence_a_likely_counter_is_believed() {
+        let resumed = |raw, missed| {
+            let mut numbers = Renumber::new(None);
+            numbers.number(1000);
+            let first = numbers.resume(raw, missed);
+            assert_eq!(numbers.number(raw + 1).number, first + 1);
+            first
+        };
+        assert_eq!(resumed(0, 400), 1401, "counts anew");
+        assert_eq!(
+            resumed(1400, 400),
+            1400,
+            "went on, one less than by the clock"
+        );
+        assert_eq!(
+            resumed(1002, 400),
+            1401,
+            "a new count that is ahead by chance"
+        );
+        assert_eq!(resumed(0, 0), 1001);
     }
 
     proptest! {

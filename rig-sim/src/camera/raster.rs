@@ -6,8 +6,6 @@
 //! outlines are true to that; what a pixel shows inside an outline is computed from its exact ray
 //! ([`super::shade`]), so that the approximation ends here.
 
-use nalgebra::Vector3;
-
 use crate::lens::Lens;
 use crate::scene::body::Body;
 
@@ -34,14 +32,14 @@ pub struct View {
 
 impl View {
     /// A point of the body in the optical frame.
-    #[inline]
+    #[inline(always)]
     pub fn apply(&self, p: [f32; 3]) -> [f32; 3] {
         let d = [0, 1, 2].map(|i| p[i] - self.origin[i]);
         self.turn(d)
     }
 
     /// A vector of the body in the optical frame.
-    #[inline]
+    #[inline(always)]
     pub fn turn(&self, d: [f32; 3]) -> [f32; 3] {
         self.rotation
             .map(|row| row[0] * d[0] + row[1] * d[1] + row[2] * d[2])
@@ -59,6 +57,7 @@ pub struct Visibility {
     pub triangle: Vec<u32>,
     /// 1 over the depth along z, 0 for nothing.
     inverse_depth: Vec<f32>,
+    frustum: Frustum,
     projected: Vec<Projected>,
 }
 
@@ -108,28 +107,35 @@ impl Projector<'_> {
             };
         }
         let w = 1.0 / at[2];
-        let (x, y) = self
-            .lens
-            .project(f64::from(at[0] * w), f64::from(at[1] * w));
+        let (x, y) = self.lens.project_f32(at[0] * w, at[1] * w);
         Projected {
             at,
-            x: x as f32 - self.shift.0,
-            y: y as f32 - self.shift.1,
+            x: x - self.shift.0,
+            y: y - self.shift.1,
             w,
         }
     }
 }
 
 impl Visibility {
-    /// Nothing seen yet.
-    pub fn new(width: usize, height: usize) -> Self {
+    /// Nothing seen yet through a lens.
+    pub fn new(lens: &Lens) -> Self {
+        let model = lens.model();
+        let (width, height) = (model.width as usize, model.height as usize);
         Self {
+            frustum: Frustum::of(lens),
             width,
             height,
             triangle: vec![NOTHING; width * height],
             inverse_depth: vec![0.0; width * height],
             projected: Vec::new(),
         }
+    }
+
+    /// Whether any of a body may be seen.
+    pub fn may_see(&self, body: &Body, views: &[View]) -> bool {
+        let mut chunks = body.chunks.iter();
+        chunks.any(|chunk| self.frustum.may_see(views, chunk.centre, chunk.radius))
     }
 
     /// Forgets everything.
@@ -149,11 +155,9 @@ impl Visibility {
         views: &[View],
     ) {
         let projector = Projector { lens, shift, views };
-        let middle = &views[views.len() / 2];
-        let cone = Cone::of(lens);
         let mut projected = std::mem::take(&mut self.projected);
         for chunk in &body.chunks {
-            if !cone.may_see(middle.apply(chunk.centre), chunk.radius) {
+            if !self.frustum.may_see(views, chunk.centre, chunk.radius) {
                 continue;
             }
             projected.clear();
@@ -346,36 +350,41 @@ fn ceil(x: f32) -> i32 {
     whole.saturating_add(i32::from(whole as f32 != x && x > whole as f32))
 }
 
-/// A cone about the optical axis that holds all that the lens sees.
-struct Cone {
-    sine: f32,
-    cosine: f32,
+/// A pyramid about all that the lens sees: inward normals of its four sides, of length 1.
+#[derive(Clone, Copy, Debug)]
+pub struct Frustum {
+    sides: [[f32; 3]; 4],
 }
 
-impl Cone {
-    fn of(lens: &Lens) -> Self {
-        let (w, h) = (
-            f64::from(lens.model().width),
-            f64::from(lens.model().height),
-        );
-        let corners = [(-1.0, -1.0), (w, -1.0), (-1.0, h), (w, h)];
-        let reach = corners.map(|(u, v)| {
-            let (x, y) = lens.unproject(u, v);
-            (x * x + y * y).sqrt()
-        });
-        let tangent = reach.into_iter().fold(0.0, f64::max);
-        let cosine = 1.0 / (1.0 + tangent * tangent).sqrt();
+impl Frustum {
+    /// Of a lens.
+    pub fn of(lens: &Lens) -> Self {
+        let [x0, y0, x1, y1] = lens.bounds();
+        let side = |n: [f64; 3]| {
+            let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+            n.map(|v| (v / length) as f32)
+        };
         Self {
-            sine: (tangent * cosine) as f32,
-            cosine: cosine as f32,
+            sides: [
+                side([1.0, 0.0, -x0]),
+                side([-1.0, 0.0, x1]),
+                side([0.0, 1.0, -y0]),
+                side([0.0, -1.0, y1]),
+            ],
         }
     }
 
-    /// Whether a ball may be seen, `centre` in the optical frame.
-    fn may_see(&self, centre: [f32; 3], radius: f32) -> bool {
-        let c = Vector3::from(centre);
-        let aside = c.xy().norm();
-        // Distance of the centre from the cone's surface, along its normal.
-        aside * self.cosine - c.z * self.sine < radius && c.z > -radius
+    /// Whether a ball may be seen in the first, the middle or the last of some views.
+    pub fn may_see(&self, views: &[View], centre: [f32; 3], radius: f32) -> bool {
+        let last = views.len() - 1;
+        let near = |row: usize| self.may_see_in(views[row].apply(centre), radius);
+        near(last / 2) || last > 0 && (near(0) || near(last))
+    }
+
+    /// `centre` in the optical frame.
+    fn may_see_in(&self, [x, y, z]: [f32; 3], radius: f32) -> bool {
+        let ahead = z > NEAR_M - radius;
+        let inside = |n: &[f32; 3]| n[0] * x + n[1] * y + n[2] * z > -radius;
+        ahead && self.sides.iter().all(inside)
     }
 }

@@ -103,9 +103,9 @@ impl TrueEye {
         let lens = Lens::new(model);
         Self {
             rays: lens.rays((0.0, 0.0)),
+            visibility: Visibility::new(&lens),
             lens,
             shutter,
-            visibility: Visibility::new(model.width as usize, model.height as usize),
         }
     }
 

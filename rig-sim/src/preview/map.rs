@@ -27,7 +27,7 @@ const WAY: Colour = [60, 60, 60];
 const INK: Colour = [0, 0, 0];
 
 /// Where the world's points are on the map.
-struct Projection {
+pub(super) struct Projection {
     /// World coordinates of the top left pixel, m.
     corner: [f64; 2],
     /// m.
@@ -37,7 +37,7 @@ struct Projection {
 }
 
 impl Projection {
-    fn px(&self, p: &Vector3<f64>) -> [f64; 2] {
+    pub(super) fn px(&self, p: &Vector3<f64>) -> [f64; 2] {
         let (x, y) = (
             (p.x - self.corner[0]) / self.pixel,
             (self.corner[1] - p.y) / self.pixel,
@@ -61,8 +61,9 @@ impl Projection {
     }
 }
 
-/// Draws the map, `width` pixels wide. `marks` are instants to be marked on the way, ns.
-pub(super) fn draw(simulation: &Simulation, width: usize, marks: &[i64]) -> Canvas {
+/// Draws the map, `width` pixels wide, and says where the world is on it. `marks` are instants to be marked on
+/// the way, ns.
+pub(super) fn draw(simulation: &Simulation, width: usize, marks: &[i64]) -> (Canvas, Projection) {
     let end_s = simulation.settings().seconds;
     let way: Vec<Vector3<f64>> = (0..=(20.0 * end_s) as usize)
         .map(|k| simulation.walker().rig(0.05 * k as f64).position)
@@ -106,7 +107,7 @@ pub(super) fn draw(simulation: &Simulation, width: usize, marks: &[i64]) -> Canv
     let y = height as f64 - 12.0;
     canvas.line([[12.0, y], [12.0 + bar_m / projection.pixel, y]], 3.0, INK);
     canvas.text([12, height - 30], 2, &format!("{bar_m} m"), INK);
-    canvas
+    (canvas, projection)
 }
 
 const WHITE: Colour = [250, 250, 250];

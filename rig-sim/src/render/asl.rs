@@ -3,9 +3,10 @@
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
+use std::sync::Arc;
 
 use super::truth::TruthFiles;
-use super::{RenderError, at, tables, write, yaml};
+use super::{Job, RenderError, at, tables, write, yaml};
 use crate::png_file;
 use crate::simulation::Simulation;
 
@@ -14,9 +15,9 @@ const PICTURES: &str = "#timestamp [ns],filename\n";
 
 /// Writes `folder/NAME/mav0`. `done` is called after each stereo frame.
 pub(super) fn camera(
-    simulation: &Simulation,
+    simulation: &Arc<Simulation>,
     number: usize,
-    truth: bool,
+    job: &Job<'_>,
     folder: &Path,
     done: &(dyn Fn() + Sync),
 ) -> Result<(), RenderError> {
@@ -43,13 +44,15 @@ pub(super) fn camera(
         let data = root.join(name).join("data");
         fs::create_dir(&data).map_err(at(&data))?;
     }
-    let mut true_files = match truth {
-        true => Some(TruthFiles::begin(simulation, number, &root)?),
+    let faults = job.faults.of(&camera.name);
+    let mut true_files = match job.truth {
+        true => Some(TruthFiles::begin(simulation, number, &faults, &root)?),
         false => None,
     };
 
     let mut list = PICTURES.to_owned();
-    for frame in simulation.pictures(number) {
+    let pictures = simulation.pictures(number);
+    for frame in pictures.with_faults(faults) {
         let name = format!("{}.png", frame.time_ns);
         let size = [frame.width / 2, frame.height];
         for (k, eye) in EYES.into_iter().enumerate() {

@@ -63,8 +63,9 @@ pub(super) fn kitti(simulation: &Simulation) -> String {
     text
 }
 
-/// Contacts of both feet that begin within the walk, in the order of their strikes.
-pub(super) fn contacts(simulation: &Simulation) -> String {
+/// Contacts of both feet that begin within the walk, in the order of their strikes; times are counted from
+/// `begin_ns`, which is the beginning of the walk.
+pub(crate) fn contacts(simulation: &Simulation, begin_ns: i64) -> String {
     let mut text = "#side,strike [ns],off [ns],flat from [ns],flat to [ns],x [m],y [m],z [m],\
                     q_w [],q_x [],q_y [],q_z []\n"
         .to_owned();
@@ -83,7 +84,7 @@ pub(super) fn contacts(simulation: &Simulation) -> String {
         };
         let (from, to) = Walker::flat_phase(fall);
         let times = [fall.strike_s, fall.off_s, from, to].map(|time_s| match time_s.is_finite() {
-            true => format!("{}", (time_s * 1e9).round() as i64),
+            true => format!("{}", begin_ns + (time_s * 1e9).round() as i64),
             // The foot stays where it is.
             false => String::new(),
         });

@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 
 use super::{RenderError, at, write, yaml};
 use crate::camera::truth::{Flow, Truth};
+use crate::faults::CameraFaults;
 use crate::png_file;
 use crate::scene::surface::Class;
 use crate::simulation::{Simulation, Truths};
@@ -41,6 +42,7 @@ impl<'a> TruthFiles<'a> {
     pub(super) fn begin(
         simulation: &'a Simulation,
         number: usize,
+        faults: &CameraFaults,
         root: &Path,
     ) -> Result<Self, RenderError> {
         let camera = &simulation.cameras()[number];
@@ -55,7 +57,7 @@ impl<'a> TruthFiles<'a> {
         }
         Ok(Self {
             simulation,
-            truths: simulation.truths(number),
+            truths: simulation.truths(number).with_faults(faults.clone()),
             root: root.to_owned(),
             size: [camera.models[0].width, camera.models[0].height].map(|v| v as usize),
             ahead: None,

@@ -2,12 +2,12 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::light::{Light, Lights};
+use super::light::Lights;
 use super::mesh::{Mesh, Stuff};
 use super::people::Part;
 use super::route::Route;
-use super::sky::Sky;
 use super::surface::{Class, Material};
+use super::texture::layout::Layout;
 use super::texture::{Recipe, Texture};
 use crate::random;
 use crate::so3;
@@ -27,6 +27,8 @@ pub struct Builder {
     pub glass: Mesh,
     /// What moves, so far.
     pub parts: Vec<Part>,
+    /// What textures are made by.
+    recipes: Vec<(Recipe, Layout)>,
     instances: u16,
     draws: u64,
 }
@@ -36,31 +38,8 @@ pub struct Builder {
 pub struct Made {
     /// Where light comes from.
     pub lights: Lights,
-    /// What is seen beyond.
-    pub sky: Backdrop,
     /// Where one walks.
     pub route: Route,
-}
-
-/// The sky of a scene, before the light is known.
-#[derive(Clone, Copy, Debug)]
-pub struct Backdrop {
-    /// Texture of the clouds.
-    pub texture: u16,
-}
-
-impl Backdrop {
-    /// The sky under a light.
-    pub fn at(&self, light: &Light) -> Sky {
-        // An open sky that gives this irradiance, were it even, is as bright as a white surface.
-        let bright = (2.2 * light.sky) as f32;
-        Sky {
-            zenith: [0.65, 0.85, 1.25].map(|c| c * bright),
-            horizon: 0.9,
-            clouds: 0.5,
-            texture: self.texture,
-        }
-    }
 }
 
 impl Builder {
@@ -73,6 +52,7 @@ impl Builder {
             mesh: Mesh::default(),
             glass: Mesh::default(),
             parts: Vec::new(),
+            recipes: Vec::new(),
             instances: 0,
             draws: 0,
         }
@@ -90,11 +70,22 @@ impl Builder {
         self.instances
     }
 
-    /// A texture of its own.
+    /// The texture of a recipe whose leaves lie along u.
     pub fn texture(&mut self, recipe: &Recipe) -> u16 {
-        let seed = random::bits(self.seed, random::SCENE + 1, self.textures.len() as u64);
-        self.textures.push(Texture::new(recipe, seed));
-        self.textures.len() as u16 - 1
+        self.texture_laid(recipe, &Layout::Along)
+    }
+
+    /// The texture of a recipe and a layout, made when it is first asked for.
+    pub fn texture_laid(&mut self, recipe: &Recipe, layout: &Layout) -> u16 {
+        let wanted = (*recipe, *layout);
+        let known = self.recipes.iter().position(|made| *made == wanted);
+        known.unwrap_or_else(|| {
+            let index = self.textures.len();
+            let seed = random::bits(self.seed, random::SCENE + 1, index as u64);
+            self.textures.push(Texture::new(recipe, layout, seed));
+            self.recipes.push(wanted);
+            index
+        }) as u16
     }
 
     /// A material.

@@ -178,16 +178,100 @@ fn split(
     if part.len() <= LEAF {
         return;
     }
-    let axis = (high - low).imax();
-    let middle = part.len() / 2;
-    let centre = |t: &([Vector3<f64>; 3], u32)| t.0[0][axis] + t.0[1][axis] + t.0[2][axis];
-    part.select_nth_unstable_by(middle, |a, b| {
-        centre(a).total_cmp(&centre(b)).then(a.1.cmp(&b.1))
-    });
+    let middle = cut(part);
     split(nodes, triangles, first, first + middle);
     nodes[index].start = nodes.len() as u32;
     nodes[index].count = 0;
     split(nodes, triangles, first + middle, end);
+}
+
+/// What some triangles take up.
+#[derive(Clone, Copy)]
+struct Bounds {
+    low: Vector3<f64>,
+    high: Vector3<f64>,
+    count: usize,
+}
+
+impl Bounds {
+    fn nothing() -> Self {
+        let far = Vector3::repeat(f64::INFINITY);
+        Self {
+            low: far,
+            high: -far,
+            count: 0,
+        }
+    }
+
+    fn with(&self, other: &Self) -> Self {
+        Self {
+            low: self.low.inf(&other.low),
+            high: self.high.sup(&other.high),
+            count: self.count + other.count,
+        }
+    }
+
+    /// In proportion to the tests that rays will make.
+    fn cost(&self) -> f64 {
+        let size = self.high - self.low;
+        match self.count {
+            0 => 0.0,
+            n => n as f64 * (size.x * size.y + size.y * size.z + size.z * size.x),
+        }
+    }
+}
+
+/// Sorts triangles into two groups such that a ray is likely to need few of them, and returns the
+/// size of the first: the least cost over planes between evenly spaced bins (Wald 2007).
+fn cut(part: &mut [([Vector3<f64>; 3], u32)]) -> usize {
+    const BINS: usize = 12;
+    let centre = |t: &([Vector3<f64>; 3], u32)| (t.0[0] + t.0[1] + t.0[2]) / 3.0;
+    let mut centres = Bounds::nothing();
+    for t in part.iter() {
+        let at = centre(t);
+        centres = centres.with(&Bounds {
+            low: at,
+            high: at,
+            count: 1,
+        });
+    }
+    let axis = (centres.high - centres.low).imax();
+    let from = centres.low[axis];
+    let step = (centres.high[axis] - from) / BINS as f64;
+    if step <= 0.0 {
+        return part.len() / 2;
+    }
+    let bin =
+        |t: &([Vector3<f64>; 3], u32)| (((centre(t)[axis] - from) / step) as usize).min(BINS - 1);
+    let mut bins = [Bounds::nothing(); BINS];
+    for t in part.iter() {
+        let [a, b, c] = &t.0;
+        let own = Bounds {
+            low: a.inf(b).inf(c),
+            high: a.sup(b).sup(c),
+            count: 1,
+        };
+        bins[bin(t)] = bins[bin(t)].with(&own);
+    }
+    let mut above = [0.0; BINS];
+    let mut sum = Bounds::nothing();
+    for k in (1..BINS).rev() {
+        sum = sum.with(&bins[k]);
+        above[k] = sum.cost();
+    }
+    // The first and the last bin hold a triangle each, so no group is empty.
+    let (mut best, mut least) = (1, f64::INFINITY);
+    let mut sum = Bounds::nothing();
+    for k in 1..BINS {
+        sum = sum.with(&bins[k - 1]);
+        let cost = sum.cost() + above[k];
+        if cost < least {
+            (best, least) = (k, cost);
+        }
+    }
+    // Stable, so that the same triangles give the same tree.
+    part.sort_by_key(|t| bin(t) >= best);
+    part.partition_point(|t| bin(t) < best)
 }
 
 #[cfg(test)]

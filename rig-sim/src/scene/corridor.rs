@@ -5,12 +5,12 @@
 
 use nalgebra::Vector3;
 
-use super::build::{Backdrop, Builder, Made};
+use super::build::{Builder, Made};
 use super::interior::{DoorStuff, Opening, Slab, THICK, Wall, ceiling_lamp};
 use super::light::{Lamp, Lights};
+use super::plants::{self, Greens};
 use super::route::{Leg, Route, parts};
 use super::surface::Class;
-use super::texture::Recipe;
 
 const LENGTH: f64 = 26.0;
 const WIDTH: f64 = 2.4;
@@ -30,6 +30,7 @@ struct Palette {
     sign: u16,
     door: DoorStuff,
     board: u16,
+    plate: u16,
     red: u16,
     wood: u16,
     leaves: u16,
@@ -43,13 +44,6 @@ pub(super) fn build(b: &mut Builder) -> Made {
     let lamps = corridor(b, &palette);
     lobby(b, &palette);
     outside(b, &palette);
-    let clouds = b.texture(&Recipe {
-        radius: [12.0, 400.0],
-        contrast: 0.35,
-        grain: 0.0,
-        mixed: 0.0,
-        stretch: 2.0,
-    });
     let (out, home) = (0.7, WIDTH - 0.7);
     let middle = 0.5 * WIDTH;
     let points = vec![
@@ -86,10 +80,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
             [-1.2, home],
         ],
     );
-    let walk = |part: usize, speed: f64| Leg::Walk {
-        metres: cuts[part],
-        speed,
-    };
+    let walk = |part: usize, speed: f64| Leg::walk(cuts[part], speed);
     Made {
         lights: Lights {
             sun: Vector3::new(0.3, -0.5, 0.8),
@@ -97,7 +88,6 @@ pub(super) fn build(b: &mut Builder) -> Made {
             lamps,
             indoors: true,
         },
-        sky: Backdrop { texture: clouds },
         route: Route {
             legs: vec![
                 walk(0, 1.35),
@@ -116,132 +106,38 @@ pub(super) fn build(b: &mut Builder) -> Made {
 }
 
 fn palette(b: &mut Builder) -> Palette {
-    let recipe = |radius: [f32; 2], contrast: f32, grain: f32, mixed: f32, stretch: f32| Recipe {
-        radius,
-        contrast,
-        grain,
-        mixed,
-        stretch,
+    use super::palette::{
+        CEILING, DOOR, GRASS, LAMP, LEAVES, LINO, PAINT, PAPERS, PLASTER, SLABS, VARNISH, WOOD,
     };
-    let paint = b.texture(&recipe([3.0, 300.0], 0.02, 0.012, 0.3, 1.0));
-    let lino = b.texture(&recipe([1.5, 90.0], 0.1, 0.05, 0.3, 1.4));
-    let smooth = b.texture(&recipe([4.0, 300.0], 0.12, 0.04, 0.3, 1.0));
-    let grained = b.texture(&recipe([1.5, 60.0], 0.25, 0.1, 0.35, 6.0));
-    let rough = b.texture(&recipe([1.5, 60.0], 0.32, 0.15, 0.35, 1.0));
-    let green = b.texture(&recipe([2.0, 40.0], 0.45, 0.1, 0.5, 2.5));
-    let lamp = b.material(
-        Class::Obstacle,
-        paint,
-        2.0,
-        [0.9, 0.9, 0.88],
-        [0.9, 0.9, 0.88],
-    );
-    b.materials[lamp as usize].glow = 1.2;
-    let sign = b.material(
-        Class::Obstacle,
-        smooth,
-        0.6,
-        [0.05, 0.5, 0.2],
-        [0.3, 0.8, 0.5],
-    );
-    b.materials[sign as usize].glow = 0.08;
+    let grey = VARNISH.dyed([0.2, 0.21, 0.23], [0.24, 0.24, 0.25]);
+    let red = VARNISH.dyed([0.45, 0.04, 0.03], [0.5, 0.08, 0.06]);
     Palette {
-        floor: b.material(
-            Class::Pavement,
-            lino,
-            1.2,
-            [0.27, 0.28, 0.27],
-            [0.22, 0.23, 0.24],
-        ),
-        paint: b.material(
-            Class::Wall,
-            paint,
-            2.5,
-            [0.66, 0.65, 0.6],
-            [0.655, 0.645, 0.6],
-        ),
-        ceiling: b.material(
-            Class::Wall,
-            paint,
-            2.5,
-            [0.78, 0.78, 0.76],
-            [0.775, 0.775, 0.76],
-        ),
-        skirting: b.material(
-            Class::Wall,
-            smooth,
-            1.0,
-            [0.2, 0.21, 0.23],
-            [0.24, 0.24, 0.25],
-        ),
-        lamp,
-        sign,
+        floor: LINO.of(Class::Pavement, b),
+        paint: PAINT.of(Class::Wall, b),
+        ceiling: CEILING.of(Class::Wall, b),
+        skirting: grey.of(Class::Wall, b),
+        lamp: LAMP.glowing(1.2).of(Class::Obstacle, b),
+        sign: VARNISH
+            .dyed([0.05, 0.5, 0.2], [0.3, 0.8, 0.5])
+            .glowing(0.08)
+            .of(Class::Obstacle, b),
         door: DoorStuff {
-            leaf: b.material(
-                Class::Obstacle,
-                grained,
-                1.2,
-                [0.36, 0.25, 0.15],
-                [0.3, 0.2, 0.11],
-            ),
-            frame: b.material(
-                Class::Wall,
-                smooth,
-                1.0,
-                [0.3, 0.31, 0.33],
-                [0.34, 0.34, 0.35],
-            ),
-            handle: b.material(Class::Obstacle, smooth, 0.5, [0.45, 0.45, 0.45], [0.35; 3]),
+            leaf: DOOR
+                .dyed([0.36, 0.25, 0.15], [0.28, 0.19, 0.11])
+                .of(Class::Obstacle, b),
+            frame: grey.of(Class::Wall, b),
+            handle: VARNISH.dyed([0.45; 3], [0.35; 3]).of(Class::Obstacle, b),
         },
-        board: b.material(
-            Class::Obstacle,
-            grained,
-            2.0,
-            [0.5, 0.45, 0.36],
-            [0.2, 0.3, 0.42],
-        ),
-        red: b.material(
-            Class::Obstacle,
-            smooth,
-            1.0,
-            [0.45, 0.04, 0.03],
-            [0.5, 0.08, 0.06],
-        ),
-        wood: b.material(
-            Class::Obstacle,
-            grained,
-            1.2,
-            [0.3, 0.2, 0.11],
-            [0.24, 0.15, 0.08],
-        ),
-        leaves: b.material(
-            Class::Obstacle,
-            green,
-            2.0,
-            [0.08, 0.15, 0.05],
-            [0.16, 0.2, 0.07],
-        ),
-        paving: b.material(
-            Class::Pavement,
-            rough,
-            1.6,
-            [0.32, 0.31, 0.3],
-            [0.26, 0.26, 0.26],
-        ),
-        render: b.material(
-            Class::Wall,
-            rough,
-            2.5,
-            [0.5, 0.47, 0.4],
-            [0.44, 0.42, 0.38],
-        ),
-        grass: b.material(
-            Class::Grass,
-            green,
-            1.5,
-            [0.09, 0.15, 0.04],
-            [0.2, 0.19, 0.09],
-        ),
+        board: PAPERS.of(Class::Obstacle, b),
+        plate: VARNISH
+            .dyed([0.6, 0.6, 0.58], [0.1, 0.15, 0.3])
+            .of(Class::Obstacle, b),
+        red: red.of(Class::Obstacle, b),
+        wood: WOOD.of(Class::Obstacle, b),
+        leaves: LEAVES.of(Class::Obstacle, b),
+        paving: SLABS.of(Class::Pavement, b),
+        render: PLASTER.of(Class::Wall, b),
+        grass: GRASS.of(Class::Grass, b),
     }
 }
 
@@ -299,7 +195,7 @@ fn corridor(b: &mut Builder, p: &Palette) -> Vec<Lamp> {
         for door in &doors {
             wall.door(b, door, p.door);
             // A sign beside it.
-            let sign = b.of_thing(p.board);
+            let sign = b.of_thing(p.plate);
             let along = door.along[1] + 0.2;
             wall.block(b, [along, along + 0.16], [1.5, 1.62], [0.0, 0.008], sign);
         }
@@ -378,11 +274,8 @@ fn lobby(b: &mut Builder, p: &Palette) {
     let foot = Vector3::new(west + 0.4, south + 0.4, 0.0);
     let rim = foot + Vector3::z() * 0.4;
     b.mesh.tube([foot, rim], [0.15, 0.2], 14, 0.2, pot);
-    for _ in 0..9 {
-        let leaf = b.of_thing(p.leaves);
-        let off = Vector3::new(b.draw(-0.15, 0.15), b.draw(-0.15, 0.15), b.draw(0.1, 0.8));
-        b.lump(rim + off, Vector3::new(0.13, 0.13, 0.18), 5, 0.3, leaf);
-    }
+    let leaves = b.of_thing(p.leaves);
+    plants::bush(b, leaves, rim, 0.6);
 }
 
 /// The house's front around the open end, the path before it, grass and a hedge.
@@ -413,14 +306,14 @@ fn outside(b: &mut Builder, p: &Palette) {
         b.mesh
             .ground(from, to, 2.5, |_, _| -0.03, |_, _| on(p.grass));
     }
-    for k in 0..40 {
-        let hedge = b.of_thing(p.leaves);
-        // Low enough that the sun comes over it.
-        let at = Vector3::new(
-            36.0 + b.draw(-0.3, 0.3),
-            -9.0 + 0.52 * f64::from(k),
-            b.draw(0.25, 0.4),
-        );
-        b.lump(at, Vector3::new(0.5, 0.5, 0.45), 6, 0.25, hedge);
+    // Low enough that the sun comes over it.
+    let ends = [-9.0, 11.5].map(|y| Vector3::new(36.0, y, 0.0));
+    plants::hedge(b, p.leaves, ends, 0.9);
+    for [x, y] in [[44.0, -6.0], [47.0, 3.5], [43.0, 9.0]] {
+        let greens = Greens {
+            bark: p.wood,
+            leaves: p.leaves,
+        };
+        plants::street_tree(b, greens, Vector3::new(x, y, -0.05), 2.2);
     }
 }

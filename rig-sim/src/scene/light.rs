@@ -1,8 +1,9 @@
 //! Where light comes from, and how much of it reaches a surface.
 //!
 //! Sun, sky and lamps, with shadows and the darkening of corners, computed once at the corners of
-//! triangles and linear between them: shadows have soft outlines as wide as a triangle. Light that
-//! bounces is part of the sky's share. Moving things neither cast nor receive shadows.
+//! triangles and linear between them: shadows have soft outlines as wide as a triangle, and triangles
+//! are cut where that is too wide ([`super::shadow`]). Light that bounces is part of the sky's share.
+//! Moving things neither cast nor receive shadows.
 
 use std::collections::HashMap;
 
@@ -10,7 +11,7 @@ use nalgebra::Vector3;
 
 use super::Time;
 use super::bvh::Bvh;
-use super::mesh::Mesh;
+use super::mesh::{Mesh, Triangle};
 
 /// Directions in which the sky is looked for, per corner.
 const SKY_RAYS: usize = 14;
@@ -18,6 +19,20 @@ const SKY_RAYS: usize = 14;
 const SKY_REACH_M: f64 = 6.0;
 /// Faces that meet at less than this angle look round; cosine.
 const ROUND: f64 = 0.8;
+
+/// Rays start so far from a surface, m.
+pub(super) const OFF_M: f64 = 0.02;
+
+/// Light at a corner of a triangle.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lit {
+    /// That of the surface, round over small edges.
+    pub(super) normal: Vector3<f64>,
+    /// From the sun.
+    pub(super) sun: f32,
+    /// From everything else.
+    pub(super) soft: f32,
+}
 
 /// A light at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,7 +88,7 @@ impl Lights {
     /// The light at a time.
     pub fn at(&self, time: Time) -> Light {
         const WHITE: [f32; 3] = [1.0, 1.0, 1.0];
-        const WARM: [f32; 3] = [1.35, 0.95, 0.45];
+        const WARM: [f32; 3] = [1.26, 0.97, 0.53];
         const MAINS: Option<(f64, f64)> = Some((100.0, 0.8));
         let sun = |direction: Vector3<f64>, strength| Some((direction.normalize(), strength));
         let lamps = || {
@@ -96,7 +111,7 @@ impl Lights {
             (Time::Day, true) => light(None, 0.03, lamps(), WHITE, None),
             (Time::LowSun, false) => light(sun(self.low_sun, 0.6), 0.15, Vec::new(), WARM, None),
             (Time::LowSun, true) => light(sun(self.low_sun, 0.4), 0.03, lamps(), WARM, None),
-            (Time::Night, false) => light(None, 0.000_5, lamps(), WARM, None),
+            (Time::Night, false) => light(None, 0.000_3, lamps(), WARM, None),
             (Time::Night, true) => light(None, 0.000_5, lamps(), WARM, None),
             // Outdoors: a dull evening under street lamps. Indoors: tubes.
             (Time::Flicker, false) => light(None, 0.001, lamps(), WHITE, MAINS),
@@ -114,13 +129,33 @@ impl Light {
         normal: &Vector3<f64>,
         blocked: impl Fn(&Vector3<f64>, f64) -> bool,
     ) -> f64 {
-        let mut sum = 0.0;
-        if let Some((direction, strength)) = &self.sun {
-            let cosine = normal.dot(direction);
-            if cosine > 0.0 && !blocked(direction, 200.0) {
-                sum += strength * cosine;
+        self.soft(point, normal, &blocked) + self.sunlight(normal, &blocked)
+    }
+
+    /// Irradiance from the sun; see [`Light::irradiance`].
+    pub(super) fn sunlight(
+        &self,
+        normal: &Vector3<f64>,
+        blocked: impl Fn(&Vector3<f64>, f64) -> bool,
+    ) -> f64 {
+        match &self.sun {
+            Some((direction, strength)) if normal.dot(direction) > 0.0 => {
+                match blocked(direction, 200.0) {
+                    true => 0.0,
+                    false => strength * normal.dot(direction),
+                }
             }
+            _ => 0.0,
         }
+    }
+
+    /// Irradiance from sky, lamps and what surfaces throw back; see [`Light::irradiance`].
+    fn soft(
+        &self,
+        point: &Vector3<f64>,
+        normal: &Vector3<f64>,
+        blocked: impl Fn(&Vector3<f64>, f64) -> bool,
+    ) -> f64 {
         // Evenly spread over the sphere (Fibonacci), weighted by the cosine.
         let (mut open, mut all) = (0.0, 0.0);
         for i in 0..2 * SKY_RAYS {
@@ -137,10 +172,11 @@ impl Light {
                 }
             }
         }
-        sum += self.sky * (0.15 + 0.85 * open / all);
+        let mut sum = self.sky * (0.15 + 0.85 * open / all);
         for lamp in &self.lamps {
             let arm = lamp.position - point;
-            let distance = arm.norm();
+            let square = arm.norm_squared();
+            let distance = square.sqrt();
             let direction = arm / distance;
             let cosine = normal.dot(&direction);
             // Some of a lamp's light comes by way of walls and ground.
@@ -148,29 +184,30 @@ impl Light {
                 true => cosine,
                 false => 0.0,
             };
-            sum += lamp.strength * (direct + 0.1) / (distance * distance + 0.05);
+            sum += lamp.strength * (direct + 0.1) / (square + 0.05);
         }
         sum
     }
 
     /// Irradiance at the corners of each triangle.
     pub fn baked(&self, mesh: &Mesh, solid: &Bvh) -> Vec<[f32; 3]> {
+        let lit = self.lit(mesh, solid);
+        lit.iter()
+            .map(|corners| corners.map(|c| c.soft + c.sun))
+            .collect()
+    }
+
+    /// The light at the corners of each triangle, by kind.
+    pub(super) fn lit(&self, mesh: &Mesh, solid: &Bvh) -> Vec<[Lit; 3]> {
         let key = |p: &Vector3<f64>| [p.x, p.y, p.z].map(f64::to_bits);
-        let flat: Vec<Vector3<f64>> = mesh
-            .triangles
-            .iter()
-            .map(|t| {
-                let [a, b, c] = t.corners.map(|c| c.position);
-                (b - a).cross(&(c - a)).normalize()
-            })
-            .collect();
+        let flat: Vec<Vector3<f64>> = mesh.triangles.iter().map(Triangle::normal).collect();
         let mut around: HashMap<[u64; 3], Vec<usize>> = HashMap::new();
         for (i, t) in mesh.triangles.iter().enumerate() {
             for corner in &t.corners {
                 around.entry(key(&corner.position)).or_default().push(i);
             }
         }
-        let mut known: HashMap<([u64; 3], [i32; 3]), f32> = HashMap::new();
+        let mut known: HashMap<([u64; 3], [i32; 3]), Lit> = HashMap::new();
         let mut at = |i: usize, p: &Vector3<f64>| {
             let near = around[&key(p)].iter().map(|&k| flat[k]);
             let round: Vector3<f64> = near.filter(|n| n.dot(&flat[i]) > ROUND).sum();
@@ -179,9 +216,13 @@ impl Light {
             *known
                 .entry((key(p), [cell.x, cell.y, cell.z]))
                 .or_insert_with(|| {
-                    let start = p + flat[i] * 0.02;
+                    let start = p + flat[i] * OFF_M;
                     let blocked = |d: &Vector3<f64>, reach: f64| solid.is_hidden(&start, d, reach);
-                    self.irradiance(p, &normal, blocked) as f32
+                    Lit {
+                        normal,
+                        soft: self.soft(p, &normal, blocked) as f32,
+                        sun: self.sunlight(&normal, blocked) as f32,
+                    }
                 })
         };
         mesh.triangles

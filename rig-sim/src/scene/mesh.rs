@@ -26,6 +26,14 @@ pub struct Triangle {
     pub instance: u16,
 }
 
+impl Triangle {
+    /// Outward unit normal.
+    pub fn normal(&self) -> Vector3<f64> {
+        let [a, b, c] = self.corners.map(|c| c.position);
+        (b - a).cross(&(c - a)).normalize()
+    }
+}
+
 /// Triangles in one frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
@@ -200,7 +208,7 @@ impl Mesh {
     }
 
     /// A tube from `from` to `to` with these radii, of `sides` sides, cut along its length into
-    /// pieces of at most `piece_m`, closed at both ends.
+    /// pieces of at most `piece_m`, closed at both ends. Textures run along u.
     pub fn tube(
         &mut self,
         [from, to]: [Vector3<f64>; 2],
@@ -227,7 +235,7 @@ impl Mesh {
             let out = up * libm::cos(angle) - right * libm::sin(angle);
             Corner {
                 position: from + (to - from) * t + out * radius,
-                uv: [around * k as f64 / sides as f64, length * t],
+                uv: [length * t, around * k as f64 / sides as f64],
             }
         };
         for i in 0..pieces {

@@ -5,12 +5,14 @@
 
 use nalgebra::Vector3;
 
-use super::build::{Backdrop, Builder, Made};
+use super::build::{Builder, Made};
+use super::front::{self, Row, Style};
 use super::light::{Lamp, Lights};
-use super::mesh::Stuff;
+use super::palette;
+use super::plants::{self, Greens};
 use super::route::{Leg, Route};
+use super::street;
 use super::surface::Class;
-use super::texture::Recipe;
 
 const LENGTH: [f64; 2] = [-14.0, 30.0];
 /// Across: house, pavement, road, pavement, house.
@@ -21,49 +23,62 @@ const FAR_HOUSE: f64 = 13.2;
 const KERB_HEIGHT: f64 = 0.12;
 /// Crosswalks, along the street.
 const CROSSINGS: [[f64; 2]; 2] = [[-3.0, 0.0], [14.0, 17.0]];
+/// Trees on either side of the road.
+const TREES: [[f64; 2]; 5] = [
+    [-8.0, KERB - 0.75],
+    [6.5, KERB - 0.75],
+    [22.0, KERB - 0.75],
+    [1.0, FAR_KERB + 0.75],
+    [9.0, FAR_KERB + 0.75],
+];
 
 /// What is where.
 struct Palette {
     slabs: u16,
     kerb: u16,
     asphalt: u16,
+    /// Asphalt laid later, over pipes.
+    patch: u16,
     paint: u16,
-    stone: u16,
-    brick: u16,
-    plaster: u16,
-    dark: u16,
-    metal: u16,
-    car: [u16; 3],
-    window: u16,
-    bark: u16,
-    leaves: u16,
     grass: u16,
+    earth: u16,
+    greens: Greens,
+    street: street::Looks,
+    fronts: front::Looks,
 }
 
 pub(super) fn build(b: &mut Builder) -> Made {
-    let palette = palette(b);
-    ground(b, &palette);
-    houses(b, &palette, HOUSE, -1.0);
-    houses(b, &palette, FAR_HOUSE, 1.0);
-    let lamps = furniture(b, &palette);
-    cars(b, &palette);
-    let clouds = b.texture(&Recipe {
-        radius: [12.0, 400.0],
-        contrast: 0.35,
-        grain: 0.0,
-        mixed: 0.0,
-        stretch: 2.0,
-    });
+    let p = Palette {
+        slabs: palette::SLABS.of(Class::Pavement, b),
+        kerb: palette::KERB.of(Class::Pavement, b),
+        asphalt: palette::ASPHALT.of(Class::Road, b),
+        patch: palette::ASPHALT
+            .dyed([0.065, 0.065, 0.07], [0.09, 0.09, 0.09])
+            .of(Class::Road, b),
+        paint: palette::ROAD_PAINT.of(Class::Crosswalk, b),
+        grass: palette::GRASS.of(Class::Grass, b),
+        earth: palette::EARTH.of(Class::Grass, b),
+        greens: Greens {
+            bark: palette::BARK.of(Class::Obstacle, b),
+            leaves: palette::LEAVES.of(Class::Obstacle, b),
+        },
+        street: street::Looks::new(b),
+        fronts: front::Looks::new(b),
+    };
+    ground(b, &p);
+    houses(b, &p);
+    let lamps = furniture(b, &p);
+    cars(b, &p);
+    litter(b, &p);
     let (near, far) = (1.7, FAR_HOUSE - 1.7);
     let (left, right) = (-1.5, 15.5);
     Made {
         lights: Lights {
             sun: Vector3::new(0.4, 0.5, 0.9),
-            low_sun: Vector3::new(0.95, 0.12, 0.16),
+            low_sun: Vector3::new(0.95, 0.12, 0.17),
             lamps,
             indoors: false,
         },
-        sky: Backdrop { texture: clouds },
         route: Route {
             points: vec![
                 [left + 2.0, near],
@@ -86,161 +101,15 @@ pub(super) fn build(b: &mut Builder) -> Made {
             ],
             start_below: 1.5,
             legs: vec![
-                Leg::Walk {
-                    metres: 12.0,
-                    speed: 1.35,
-                },
+                Leg::walk(12.0, 1.35),
                 Leg::Stand { seconds: 1.6 },
-                Leg::Walk {
-                    metres: 14.0,
-                    speed: 1.2,
-                },
-                Leg::Walk {
-                    metres: 12.0,
-                    speed: 2.6,
-                },
-                Leg::Walk {
-                    metres: 8.0,
-                    speed: 1.3,
-                },
+                Leg::walk(14.0, 1.2),
+                Leg::walk(12.0, 2.6),
+                Leg::walk(8.0, 1.3),
                 Leg::Stumble,
-                Leg::Walk {
-                    metres: 8.0,
-                    speed: 1.1,
-                },
+                Leg::walk(8.0, 1.1),
             ],
         },
-    }
-}
-
-fn palette(b: &mut Builder) -> Palette {
-    let recipe = |radius: [f32; 2], contrast: f32, grain: f32, mixed: f32, stretch: f32| Recipe {
-        radius,
-        contrast,
-        grain,
-        mixed,
-        stretch,
-    };
-    let stone = b.texture(&recipe([1.5, 120.0], 0.28, 0.12, 0.3, 1.0));
-    let asphalt = b.texture(&recipe([1.0, 60.0], 0.4, 0.2, 0.2, 1.0));
-    let wall = b.texture(&recipe([2.0, 160.0], 0.3, 0.08, 0.4, 1.6));
-    let smooth = b.texture(&recipe([4.0, 300.0], 0.15, 0.04, 0.3, 1.0));
-    let green = b.texture(&recipe([2.0, 40.0], 0.45, 0.1, 0.5, 2.5));
-    Palette {
-        slabs: b.material(
-            Class::Pavement,
-            stone,
-            1.6,
-            [0.33, 0.31, 0.29],
-            [0.27, 0.27, 0.28],
-        ),
-        kerb: b.material(
-            Class::Pavement,
-            stone,
-            1.0,
-            [0.42, 0.41, 0.4],
-            [0.36, 0.36, 0.36],
-        ),
-        asphalt: b.material(
-            Class::Road,
-            asphalt,
-            1.5,
-            [0.1, 0.1, 0.105],
-            [0.15, 0.14, 0.13],
-        ),
-        paint: b.material(
-            Class::Crosswalk,
-            asphalt,
-            1.2,
-            [0.62, 0.62, 0.6],
-            [0.45, 0.45, 0.44],
-        ),
-        stone: b.material(
-            Class::Wall,
-            stone,
-            1.0,
-            [0.42, 0.41, 0.4],
-            [0.36, 0.36, 0.36],
-        ),
-        brick: b.material(
-            Class::Wall,
-            wall,
-            2.5,
-            [0.34, 0.17, 0.12],
-            [0.42, 0.3, 0.24],
-        ),
-        plaster: b.material(
-            Class::Wall,
-            smooth,
-            2.5,
-            [0.6, 0.55, 0.42],
-            [0.5, 0.48, 0.42],
-        ),
-        dark: b.material(
-            Class::Wall,
-            smooth,
-            3.0,
-            [0.05, 0.06, 0.08],
-            [0.16, 0.17, 0.2],
-        ),
-        metal: b.material(
-            Class::Obstacle,
-            smooth,
-            1.0,
-            [0.12, 0.16, 0.14],
-            [0.2, 0.2, 0.2],
-        ),
-        car: [
-            b.material(
-                Class::Obstacle,
-                smooth,
-                4.0,
-                [0.32, 0.05, 0.05],
-                [0.4, 0.1, 0.1],
-            ),
-            b.material(
-                Class::Obstacle,
-                smooth,
-                4.0,
-                [0.08, 0.12, 0.25],
-                [0.12, 0.15, 0.3],
-            ),
-            b.material(
-                Class::Obstacle,
-                smooth,
-                4.0,
-                [0.55, 0.56, 0.57],
-                [0.4, 0.4, 0.4],
-            ),
-        ],
-        window: b.material(
-            Class::Obstacle,
-            smooth,
-            8.0,
-            [0.05, 0.06, 0.08],
-            [0.07, 0.08, 0.1],
-        ),
-        bark: b.material(
-            Class::Obstacle,
-            asphalt,
-            2.0,
-            [0.16, 0.12, 0.09],
-            [0.22, 0.18, 0.14],
-        ),
-        leaves: b.material(
-            Class::Obstacle,
-            green,
-            4.0,
-            [0.1, 0.17, 0.05],
-            [0.2, 0.24, 0.08],
-        ),
-        grass: b.material(
-            Class::Grass,
-            green,
-            1.5,
-            [0.09, 0.15, 0.04],
-            [0.2, 0.19, 0.09],
-        ),
     }
 }
 
@@ -249,20 +118,38 @@ fn uneven(x: f64, y: f64) -> f64 {
     0.006 * libm::sin(0.9 * x + 0.4) * libm::cos(1.3 * y) + 0.003 * libm::sin(2.7 * x - 1.9 * y)
 }
 
+fn pavement(x: f64, y: f64) -> f64 {
+    0.5 * uneven(x, y)
+}
+
+/// The road has a crown for the rain.
+fn road(x: f64, y: f64) -> f64 {
+    let across = (y - KERB) / (FAR_KERB - KERB);
+    -KERB_HEIGHT + 0.16 * across * (1.0 - across) + 0.4 * uneven(x, y)
+}
+
+/// Where the road was dug up: corners.
+const PATCHES: [[[f64; 2]; 2]; 4] = [
+    [[-14.0, 7.2], [2.0, 7.8]],
+    [[1.4, 4.0], [2.0, 7.8]],
+    [[10.2, 6.0], [12.2, 7.0]],
+    [[17.4, 4.4], [30.0, 4.8]],
+];
+
 fn ground(b: &mut Builder, p: &Palette) {
     let [x0, x1] = LENGTH;
     let on = Builder::on_ground;
-    // The road has a crown for the rain.
-    let road = |x: f64, y: f64| {
-        let across = (y - KERB) / (FAR_KERB - KERB);
-        -KERB_HEIGHT + 0.08 * across * (1.0 - across) * 4.0 * 0.5 + 0.4 * uneven(x, y)
-    };
-    let pavement = |x: f64, y: f64| 0.5 * uneven(x, y);
-    let (asphalt, paint) = (p.asphalt, p.paint);
-    let striped = move |x: f64, y: f64| {
+    let striped = |x: f64, y: f64| {
         let crossing = CROSSINGS.iter().any(|c| (c[0]..c[1]).contains(&x));
         let stripe = ((y - KERB - 0.2) / 0.5).rem_euclid(2.0) < 1.0;
-        on(if crossing && stripe { paint } else { asphalt })
+        let dug_up = PATCHES
+            .iter()
+            .any(|[from, to]| (from[0]..to[0]).contains(&x) && (from[1]..to[1]).contains(&y));
+        on(match (crossing && stripe, dug_up) {
+            (true, _) => p.paint,
+            (false, true) => p.patch,
+            (false, false) => p.asphalt,
+        })
     };
     // Cells that end where stripes end.
     b.mesh
@@ -282,14 +169,28 @@ fn ground(b: &mut Builder, p: &Palette) {
             let (xa, xb) = (at(i), at(i + 1));
             let top = |x: f64| Vector3::new(x, edge, pavement(x, edge));
             let foot = |x: f64| Vector3::new(x, edge, -KERB_HEIGHT - 0.05);
-            let face = if edge > inner {
-                // Faces the road, which lies at larger y.
-                [foot(xb), foot(xa), top(xa), top(xb)]
-            } else {
-                [foot(xa), foot(xb), top(xb), top(xa)]
+            // u grows to the right of someone who looks at it.
+            let (face, u) = match edge > inner {
+                true => ([foot(xb), foot(xa), top(xa), top(xb)], -xb),
+                false => ([foot(xa), foot(xb), top(xb), top(xa)], xa),
             };
-            b.mesh.quad(face, [xa, 0.0], on(p.kerb));
+            b.mesh.quad(face, [u, 0.2], on(p.kerb));
         }
+    }
+    // Earth around the trees, in a frame.
+    for [x, y] in TREES {
+        let frame = b.of_thing(p.street.stone);
+        for (dx, dy, size) in [
+            (-0.5, 0.0, [0.06, 1.0, 0.06]),
+            (0.5, 0.0, [0.06, 1.0, 0.06]),
+            (0.0, -0.47, [0.94, 0.06, 0.06]),
+            (0.0, 0.47, [0.94, 0.06, 0.06]),
+        ] {
+            let base = Vector3::new(x + dx, y + dy, -0.05);
+            b.standing_box(base, Vector3::from(size), 0.0, 0.5, frame);
+        }
+        let earth = Vector3::new(0.94, 0.88, 0.055);
+        b.standing_box(Vector3::new(x, y, -0.05), earth, 0.0, 0.3, on(p.earth));
     }
     // Beyond the ends of the street, grass as far as one can see.
     for (from, to) in [([-60.0, -30.0], [x0, 45.0]), ([x1, -30.0], [80.0, 45.0])] {
@@ -298,57 +199,26 @@ fn ground(b: &mut Builder, p: &Palette) {
     }
 }
 
-/// A row of house fronts with plinths, windows and doors, facing the street.
-fn houses(b: &mut Builder, p: &Palette, y: f64, outwards: f64) {
-    let mut x = LENGTH[0];
-    while x < LENGTH[1] - 1.0 {
-        let width = b.draw(5.0, 9.0).min(LENGTH[1] - x);
-        let height = b.draw(5.5, 9.0);
-        let wall = if b.draw(0.0, 1.0) < 0.5 {
-            p.brick
-        } else {
-            p.plaster
-        };
-        let house = b.of_thing(wall);
-        let depth = 0.6;
-        let middle =
-            |x: f64, w: f64, d: f64| Vector3::new(x + 0.5 * w, y + outwards * 0.5 * d, 0.0);
-        b.standing_box(
-            middle(x, width, depth),
-            Vector3::new(width, depth, height),
-            0.0,
-            1.0,
-            house,
-        );
-        // What stands proud of the wall: plinth, sills, frames.
-        let proud = |b: &mut Builder, x: f64, z: f64, size: [f64; 3], material: u16| {
-            let stuff = Stuff { material, ..house };
-            let base = Vector3::new(x, y - outwards * 0.5 * size[1], z);
-            b.standing_box(
-                base,
-                Vector3::new(size[0], size[1], size[2]),
-                0.0,
-                1.0,
-                stuff,
-            );
-        };
-        proud(b, x + 0.5 * width, 0.0, [width - 0.02, 0.05, 0.5], p.stone);
-        let windows = (width / 1.8) as usize;
-        for i in 0..windows {
-            let at = x + (i as f64 + 0.5) * width / windows as f64;
-            for floor in 0..2 {
-                let sill = 1.0 + 2.8 * f64::from(floor);
-                if floor == 0 && i == windows / 2 {
-                    proud(b, at, 0.0, [1.0, 0.06, 2.1], p.dark);
-                    continue;
-                }
-                proud(b, at, sill, [0.9, 0.03, 1.3], p.dark);
-                proud(b, at, sill - 0.08, [1.1, 0.14, 0.08], p.stone);
-                proud(b, at, sill + 0.62, [0.9, 0.05, 0.05], p.plaster);
-                proud(b, at, sill, [0.05, 0.05, 1.3], p.plaster);
-            }
-        }
-        x += width;
+/// The two sides of the street, and what closes its ends.
+fn houses(b: &mut Builder, p: &Palette) {
+    let [x0, x1] = LENGTH;
+    let quarter = 0.5 * std::f64::consts::PI;
+    let row = |from: [f64; 2], quarters: f64| Row {
+        from,
+        yaw: quarters * quarter,
+    };
+    let style = Style {
+        shops: 0.3,
+        floors: [1, 2],
+    };
+    for (row, length) in [
+        (row([x0, HOUSE], 0.0), x1 - x0),
+        (row([x1, FAR_HOUSE], 2.0), x1 - x0),
+        // Across the ends; far enough for a low sun to come over.
+        (row([x1 + 40.0, -12.0], 1.0), 38.0),
+        (row([x0 - 12.0, 22.0], -1.0), 30.0),
+    ] {
+        row.houses(b, &p.fronts, style, length);
     }
 }
 
@@ -356,70 +226,32 @@ fn houses(b: &mut Builder, p: &Palette, y: f64, outwards: f64) {
 fn furniture(b: &mut Builder, p: &Palette) -> Vec<Lamp> {
     let mut lamps = Vec::new();
     for (i, x) in [-10.0, -4.5, 3.0, 10.5, 18.5, 25.0].into_iter().enumerate() {
-        let y = if i % 2 == 0 {
-            KERB - 0.5
-        } else {
-            FAR_KERB + 0.5
+        let y = match i % 2 == 0 {
+            true => KERB - 0.5,
+            false => FAR_KERB + 0.5,
         };
-        let post = b.of_thing(p.metal);
-        let foot = Vector3::new(x, y, -0.05);
-        let head = Vector3::new(x, y, 4.2);
-        b.mesh.tube([foot, head], [0.07, 0.05], 10, 0.7, post);
-        b.standing_box(head, Vector3::new(0.5, 0.2, 0.1), 0.0, 1.0, post);
-        lamps.push(Lamp {
-            position: head - Vector3::z() * 0.1,
-            strength: 0.06,
-        });
+        lamps.push(p.street.lamp(b, Vector3::new(x, y, 0.0), 4.2));
     }
-    for (x, y) in [
-        (-8.0, KERB - 0.6),
-        (6.5, KERB - 0.6),
-        (22.0, KERB - 0.6),
-        (1.0, FAR_KERB + 0.6),
-        (9.0, FAR_KERB + 0.6),
-    ] {
-        let trunk = b.of_thing(p.bark);
-        let lean = Vector3::new(b.draw(-0.2, 0.2), b.draw(-0.1, 0.1), 0.0);
-        let foot = Vector3::new(x, y, -0.05);
-        let fork = foot + lean + Vector3::z() * 2.6;
-        b.mesh.tube([foot, fork], [0.16, 0.1], 10, 0.4, trunk);
-        let crown = Stuff {
-            material: p.leaves,
-            ..trunk
-        };
-        for _ in 0..5 {
-            let off = Vector3::new(b.draw(-0.7, 0.7), b.draw(-0.5, 0.5), b.draw(0.1, 1.2));
-            b.lump(fork + off, Vector3::new(0.8, 0.7, 0.6), 7, 0.25, crown);
-        }
+    for [x, y] in TREES {
+        let foot = Vector3::new(x, y, -0.02);
+        plants::street_tree(b, p.greens, foot, 3.0);
     }
-    for (x, y, yaw) in [
+    for (i, (x, y, yaw)) in [
         (2.0, 0.45, 0.1),
-        (9.5, 0.4, -0.2),
-        (12.0, FAR_HOUSE - 0.4, 0.3),
-        (5.0, FAR_HOUSE - 0.5, 0.0),
-    ] {
-        let bin = b.of_thing(p.metal);
-        b.standing_box(
-            Vector3::new(x, y, 0.0),
-            Vector3::new(0.5, 0.45, 0.95),
-            yaw,
-            0.5,
-            bin,
-        );
+        (2.75, 0.5, -0.1),
+        (9.5, 0.45, -0.2),
+        (12.0, FAR_HOUSE - 0.45, 3.3),
+        (5.0, FAR_HOUSE - 0.5, 3.1),
+        (4.2, FAR_HOUSE - 0.45, 3.0),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        p.street.bin(b, Vector3::new(x, y, 0.0), yaw, i);
     }
-    for crossing in CROSSINGS {
-        for x in crossing {
-            for y in [KERB - 0.35, FAR_KERB + 0.35] {
-                let bollard = b.of_thing(p.metal);
-                let foot = Vector3::new(x, y, -0.02);
-                b.mesh.tube(
-                    [foot, foot + Vector3::z() * 0.9],
-                    [0.06, 0.06],
-                    10,
-                    0.5,
-                    bollard,
-                );
-            }
+    for x in CROSSINGS.into_iter().flatten() {
+        for y in [KERB - 0.35, FAR_KERB + 0.35] {
+            p.street.bollard(b, Vector3::new(x, y, 0.0));
         }
     }
     lamps
@@ -433,36 +265,39 @@ fn cars(b: &mut Builder, p: &Palette) {
         (6.0, FAR_KERB - 1.0),
         (21.5, KERB + 1.0),
         (11.0, FAR_KERB - 1.05),
+        (22.5, FAR_KERB - 1.0),
     ]
     .into_iter()
     .enumerate()
     {
-        let body = b.of_thing(p.car[i % 3]);
-        let glass = Stuff {
-            material: p.window,
-            ..body
-        };
-        let base = Vector3::new(x, y, -KERB_HEIGHT + 0.25);
-        b.standing_box(base, Vector3::new(4.2, 1.7, 0.6), 0.0, 0.7, body);
-        b.standing_box(
-            base + Vector3::z() * 0.6,
-            Vector3::new(2.2, 1.5, 0.5),
-            0.0,
-            0.7,
-            glass,
-        );
-        b.standing_box(
-            base + Vector3::z() * 1.1,
-            Vector3::new(2.1, 1.45, 0.06),
-            0.0,
-            0.7,
-            body,
-        );
-        for (dx, dy) in [(-1.3, -0.8), (1.3, -0.8), (-1.3, 0.8), (1.3, 0.8)] {
-            let hub = base + Vector3::new(dx, dy, 0.05);
-            let half = Vector3::y() * 0.1;
-            b.mesh
-                .tube([hub - half, hub + half], [0.3, 0.3], 12, 0.3, glass);
+        let half_turns = if y < 6.0 { 0.0 } else { 1.0 };
+        let yaw = std::f64::consts::PI * half_turns + b.draw(-0.03, 0.03);
+        let foot = Vector3::new(x, y, road(x, y));
+        p.street.car(b, foot, yaw, i);
+    }
+}
+
+/// Covers of drains, leaves under trees and along the kerb.
+fn litter(b: &mut Builder, p: &Palette) {
+    for (x, y) in [(4.4, 1.9), (12.6, 1.2), (7.2, FAR_HOUSE - 1.5)] {
+        p.street.cover(b, Vector3::new(x, y, pavement(x, y)), true);
+    }
+    for (x, y) in [(-1.5, 5.6), (15.7, 8.0), (18.0, 6.0)] {
+        p.street.cover(b, Vector3::new(x, y, road(x, y)), true);
+    }
+    for (x, y) in [(0.6, KERB + 0.3), (13.4, FAR_KERB - 0.3)] {
+        p.street.cover(b, Vector3::new(x, y, road(x, y)), false);
+    }
+    for at in TREES {
+        p.street.fallen_leaves(b, at, 2.6, 45, pavement);
+    }
+    for x in [-5.0, 5.0, 12.0, 19.0] {
+        for y in [KERB + 0.25, FAR_KERB - 0.25] {
+            p.street.fallen_leaves(b, [x, y], 0.22, 12, road);
         }
+    }
+    for x in [0.0, 3.0, 7.5, 10.0, 13.0] {
+        let along = [x, b.draw(0.3, 0.6)];
+        p.street.fallen_leaves(b, along, 0.28, 6, pavement);
     }
 }

@@ -1,9 +1,9 @@
 //! People who walk by.
 //!
-//! A person is ten rigid bodies: torso, head, and two each of thigh, shin with shoe, upper arm, and forearm
-//! with hand. They follow a closed path of their own at a constant speed on level ground, at the height at
-//! which the lower foot touches it. Joints swing by sines of the distance walked, so poses are
-//! continuous in time and the same for the same seed. Their light is computed once, as the mean over
+//! A person is twelve rigid bodies: torso, head, and two each of thigh, shin, foot, upper arm, and forearm
+//! with hand. They follow a closed path of their own at a constant speed on level ground at height 0; feet
+//! stand where they land ([`gait`]), legs reach from hips to feet, arms swing. Poses are functions of
+//! the distance walked, so they are continuous in time and the same for the same seed. Their light is computed once, as the mean over
 //! places along their path: it does not turn with the sun, and they neither cast nor receive shadows.
 
 use std::sync::Arc;
@@ -19,8 +19,10 @@ use crate::so3;
 use crate::walker::Side;
 use crate::walker::path::Path;
 
+mod gait;
 pub mod shape;
 
+use self::gait::Gait;
 use self::shape::Wardrobe;
 
 // Lengths of someone 1.75 m tall (Drillis and Contini 1966, rounded), m.
@@ -68,8 +70,10 @@ pub enum Limb {
     Head,
     /// Left or right.
     Thigh(Side),
-    /// With foot and shoe.
+    /// From the knee to the ankle.
     Shin(Side),
+    /// With its shoe.
+    Foot(Side),
     /// From the shoulder to the elbow.
     UpperArm(Side),
     /// With the hand.
@@ -85,14 +89,16 @@ fn sign(side: Side) -> f64 {
 }
 
 impl Limb {
-    /// All ten.
-    pub const ALL: [Self; 10] = [
+    /// All twelve.
+    pub const ALL: [Self; 12] = [
         Self::Torso,
         Self::Head,
         Self::Thigh(Side::Left),
         Self::Thigh(Side::Right),
         Self::Shin(Side::Left),
         Self::Shin(Side::Right),
+        Self::Foot(Side::Left),
+        Self::Foot(Side::Right),
         Self::UpperArm(Side::Left),
         Self::UpperArm(Side::Right),
         Self::Forearm(Side::Left),
@@ -107,12 +113,7 @@ struct Walk {
     start_m: f64,
     /// m/s.
     speed: f64,
-    /// Stature over 1.75 m.
-    scale: f64,
-    /// Length of two steps, m.
-    stride_m: f64,
-    /// Largest angle of the thighs, rad.
-    reach: f64,
+    gait: Gait,
     /// Looks around at this pace, Hz.
     look_hz: f64,
 }
@@ -152,9 +153,7 @@ pub fn add(b: &mut Builder, wardrobe: &Wardrobe, stroll: &Stroll) {
         start_m: stroll.start * path.length_m(),
         path,
         speed: stroll.speed,
-        scale,
-        stride_m,
-        reach: libm::asin(stride_m / (4.0 * scale * (THIGH + SHIN + SOLE))),
+        gait: Gait { stride_m, scale },
         look_hz: b.draw(0.05, 0.12),
     });
     let look = wardrobe.choose(b);
@@ -193,104 +192,63 @@ impl Part {
     }
 }
 
-/// Angles of a leg, rad.
-struct Leg {
-    /// How far the thigh points forward.
-    hip: f64,
-    /// How far the knee is bent.
-    knee: f64,
-}
-
-impl Leg {
-    /// How far the lowest point of the sole lies below the hip, for someone 1.75 m tall, m.
-    fn reach(&self) -> f64 {
-        let shin = self.hip - self.knee;
-        let (s, c) = (libm::sin(shin), libm::cos(shin));
-        let ankle = THIGH * libm::cos(self.hip) + SHIN * c;
-        let sole = |x: f64| ankle + SOLE * c - x * s;
-        sole(HEEL).max(sole(BALL))
-    }
-}
-
 /// A turn about the axis to the left: from forward to down.
 fn pitch(angle: f64) -> UnitQuaternion<f64> {
     so3::exp(Vector3::y() * angle)
 }
 
 impl Walk {
-    fn leg(&self, side: Side, phase: f64) -> Leg {
-        let phase = match side {
-            Side::Left => phase,
-            Side::Right => phase + std::f64::consts::PI,
-        };
-        // With this share of the third harmonic the slope hardly changes for a third of the stride, and
-        // with this amplitude it is the person's speed: a foot that stands goes back with the ground.
-        let hip = 0.76 * self.reach * (libm::sin(phase) - libm::sin(3.0 * phase) / 18.0);
-        // Bent most in the middle of the swing, a little earlier than the thigh is upright.
-        let bend = 0.5 + 0.5 * libm::cos(phase + 0.5);
-        Leg {
-            hip,
-            knee: 0.05 + 2.5 * self.reach * bend * bend,
-        }
-    }
-
     fn pose(&self, limb: Limb, time_s: f64) -> (Vector3<f64>, UnitQuaternion<f64>) {
         let gone = self.start_m + self.speed * time_s;
+        let scale = self.gait.scale;
         let ([x, y], [dx, dy]) = self.path.at(gone);
-        let phase = 2.0 * std::f64::consts::PI * gone / self.stride_m;
-        let reach = [Side::Left, Side::Right]
-            .map(|side| self.leg(side, phase).reach())
-            .into_iter()
-            .fold(0.0, f64::max);
-        let hips = Vector3::new(x, y, self.scale * reach);
+        let hips = Vector3::new(x, y, self.gait.hips(gone));
         let heading = so3::exp(Vector3::z() * libm::atan2(dy, dx));
         // Shoulders turn against the hips.
-        let twist = so3::exp(Vector3::z() * (-0.2 * self.reach * libm::sin(phase)));
-        let torso = heading * twist * pitch(0.04);
-        let arm = |side: Side| {
-            let leg = self.leg(side, phase);
-            let shoulder = hips
-                + torso * Vector3::new(0.0, sign(side) * HALF_SHOULDERS, SHOULDERS) * self.scale;
-            let away = so3::exp(Vector3::x() * (0.07 * sign(side)));
-            (shoulder, torso * pitch(0.9 * leg.hip) * away, leg.hip)
+        let turn = -0.07 * self.gait.swing(Side::Left, gone);
+        let torso = heading * so3::exp(Vector3::z() * turn) * pitch(0.04);
+        let leg = |side: Side| {
+            let joint = hips + heading * Vector3::y() * (sign(side) * HALF_HIPS * scale);
+            let foot = self.gait.foot(&self.path, side, gone);
+            let [thigh, shin] = gait::leg(&joint, &foot.ankle, &heading, scale);
+            (joint, thigh, shin, foot)
         };
-        let thigh = |side: Side| {
-            let leg = self.leg(side, phase);
-            let joint =
-                hips + heading * Vector3::new(0.0, sign(side) * HALF_HIPS, 0.0) * self.scale;
-            (joint, heading * pitch(-leg.hip), leg.knee)
+        let arm = |side: Side| {
+            let shoulder = Vector3::new(0.0, sign(side) * HALF_SHOULDERS, SHOULDERS);
+            let swing = 0.38 * self.gait.swing(side, gone);
+            let away = so3::exp(Vector3::x() * (0.07 * sign(side)));
+            let upper = torso * pitch(0.9 * swing - 0.05) * away;
+            (hips + torso * shoulder * scale, upper, swing)
         };
         match limb {
             Limb::Torso => (hips, torso),
             Limb::Head => {
                 let turn = 2.0 * std::f64::consts::PI * self.look_hz * time_s;
                 let look = so3::exp(Vector3::z() * (0.35 * libm::sin(turn + self.start_m)));
-                (
-                    hips + torso * Vector3::z() * (NECK * self.scale),
-                    heading * look,
-                )
+                (hips + torso * Vector3::z() * (NECK * scale), heading * look)
             }
             Limb::Thigh(side) => {
-                let (joint, rotation, _) = thigh(side);
-                (joint, rotation)
+                let (joint, thigh, _, _) = leg(side);
+                (joint, thigh)
             }
             Limb::Shin(side) => {
-                let (joint, rotation, knee) = thigh(side);
-                (
-                    joint - rotation * Vector3::z() * (THIGH * self.scale),
-                    rotation * pitch(knee),
-                )
+                let (joint, thigh, shin, _) = leg(side);
+                (joint - thigh * Vector3::z() * (THIGH * scale), shin)
+            }
+            Limb::Foot(side) => {
+                let (_, _, _, foot) = leg(side);
+                (foot.ankle, foot.rotation)
             }
             Limb::UpperArm(side) => {
-                let (joint, rotation, _) = arm(side);
-                (joint, rotation)
+                let (joint, upper, _) = arm(side);
+                (joint, upper)
             }
             Limb::Forearm(side) => {
-                let (joint, rotation, hip) = arm(side);
+                let (joint, upper, swing) = arm(side);
                 // Bent more while it swings forward, which it does while the leg goes back.
                 (
-                    joint - rotation * Vector3::z() * (UPPER_ARM * self.scale),
-                    rotation * pitch(-0.4 + 0.6 * hip),
+                    joint - upper * Vector3::z() * (UPPER_ARM * scale),
+                    upper * pitch(-0.4 + 0.6 * swing),
                 )
             }
         }

@@ -6,15 +6,17 @@
 
 use nalgebra::Vector3;
 
-use super::build::{Backdrop, Builder, Made};
+use super::build::{Builder, Made};
+use super::front::{self, Row, Style};
 use super::light::Lights;
+use super::palette;
 use super::people::shape::Wardrobe;
 use super::people::{self, Stroll};
+use super::plants::Greens;
 use super::route::{Leg, Route};
+use super::street;
 use super::surface::Class;
-use super::texture::Recipe;
 
-mod fronts;
 mod furniture;
 
 /// Half the sides of the square, m.
@@ -27,39 +29,46 @@ const FOUNTAIN: [f64; 2] = [-3.8, 0.0];
 
 /// What is where.
 struct Palette {
-    slabs: [u16; 3],
-    street: u16,
-    walls: [u16; 3],
-    trim: u16,
-    pane: u16,
-    door: u16,
-    awning: [u16; 2],
+    /// Two shades.
+    slabs: [u16; 2],
+    /// Bands between them, and the streets.
+    setts: u16,
     stone: u16,
     water: u16,
-    wood: u16,
-    metal: u16,
-    bark: u16,
-    leaves: u16,
     flowers: u16,
+    greens: Greens,
+    street: street::Looks,
+    fronts: front::Looks,
 }
 
 pub(super) fn build(b: &mut Builder) -> Made {
-    let p = palette(b);
+    let light = palette::SLABS.dyed([0.4, 0.37, 0.33], [0.16, 0.15, 0.13]);
+    let p = Palette {
+        slabs: [palette::SLABS, light].map(|look| look.of(Class::Pavement, b)),
+        setts: palette::SETTS.of(Class::Pavement, b),
+        stone: palette::STONES
+            .dyed([0.42, 0.41, 0.38], [0.34, 0.33, 0.31])
+            .of(Class::Obstacle, b),
+        water: palette::PANE
+            .dyed([0.06, 0.1, 0.11], [0.16, 0.22, 0.23])
+            .of(Class::Obstacle, b),
+        flowers: palette::LEAVES
+            .dyed([0.11, 0.18, 0.06], [0.42, 0.16, 0.2])
+            .of(Class::Obstacle, b),
+        greens: Greens {
+            bark: palette::BARK.of(Class::Obstacle, b),
+            leaves: palette::LEAVES.of(Class::Obstacle, b),
+        },
+        street: street::Looks::new(b),
+        fronts: front::Looks::new(b),
+    };
     ground(b, &p);
-    fronts::build(b, &p);
+    houses(b, &p);
     furniture::fountain(b, &p);
     let lamps = furniture::lamps(b, &p);
     furniture::seats_and_planters(b, &p);
     furniture::trees(b, &p);
     crowd(b);
-    let clouds = b.texture(&Recipe {
-        radius: [12.0, 400.0],
-        contrast: 0.35,
-        grain: 0.0,
-        mixed: 0.0,
-        stretch: 2.0,
-    });
-    let walk = |metres, speed| Leg::Walk { metres, speed };
     Made {
         lights: Lights {
             sun: Vector3::new(-0.35, 0.45, 0.8),
@@ -67,18 +76,17 @@ pub(super) fn build(b: &mut Builder) -> Made {
             lamps,
             indoors: false,
         },
-        sky: Backdrop { texture: clouds },
         route: Route {
             points: round(ROUND, 0.0),
             start_below: 1.5,
             legs: vec![
-                walk(16.0, 1.3),
+                Leg::walk(16.0, 1.3),
                 Leg::Stand { seconds: 2.0 },
-                walk(14.0, 1.1),
-                walk(12.0, 1.5),
+                Leg::walk(14.0, 1.1),
+                Leg::walk(12.0, 1.5),
                 Leg::Stumble,
-                walk(9.0, 1.2),
-                walk(10.0, 2.4),
+                Leg::walk(9.0, 1.2),
+                Leg::walk(10.0, 2.4),
             ],
         },
     }
@@ -103,163 +111,6 @@ fn round([x, y]: [f64; 2], outwards: f64) -> Vec<[f64; 2]> {
     points
 }
 
-fn palette(b: &mut Builder) -> Palette {
-    let recipe = |radius: [f32; 2], contrast: f32, grain: f32, mixed: f32, stretch: f32| Recipe {
-        radius,
-        contrast,
-        grain,
-        mixed,
-        stretch,
-    };
-    let stone = b.texture(&recipe([1.5, 140.0], 0.26, 0.12, 0.35, 1.0));
-    let plaster = b.texture(&recipe([2.0, 220.0], 0.2, 0.07, 0.35, 1.3));
-    let brick = b.texture(&recipe([2.0, 60.0], 0.32, 0.08, 0.45, 2.2));
-    let smooth = b.texture(&recipe([4.0, 300.0], 0.15, 0.04, 0.3, 1.0));
-    let grain = b.texture(&recipe([1.5, 60.0], 0.35, 0.1, 0.4, 5.0));
-    let green = b.texture(&recipe([2.0, 40.0], 0.45, 0.1, 0.5, 1.8));
-    Palette {
-        slabs: [
-            b.material(
-                Class::Pavement,
-                stone,
-                1.5,
-                [0.36, 0.33, 0.29],
-                [0.29, 0.28, 0.27],
-            ),
-            b.material(
-                Class::Pavement,
-                stone,
-                1.5,
-                [0.4, 0.37, 0.33],
-                [0.33, 0.31, 0.29],
-            ),
-            b.material(
-                Class::Pavement,
-                stone,
-                1.1,
-                [0.19, 0.185, 0.18],
-                [0.24, 0.22, 0.21],
-            ),
-        ],
-        street: b.material(
-            Class::Pavement,
-            stone,
-            2.0,
-            [0.27, 0.26, 0.25],
-            [0.22, 0.22, 0.22],
-        ),
-        walls: [
-            b.material(
-                Class::Wall,
-                plaster,
-                2.5,
-                [0.58, 0.45, 0.28],
-                [0.5, 0.41, 0.3],
-            ),
-            b.material(
-                Class::Wall,
-                brick,
-                2.2,
-                [0.36, 0.19, 0.13],
-                [0.43, 0.29, 0.22],
-            ),
-            b.material(
-                Class::Wall,
-                plaster,
-                2.5,
-                [0.55, 0.54, 0.5],
-                [0.45, 0.45, 0.44],
-            ),
-        ],
-        trim: b.material(
-            Class::Wall,
-            stone,
-            1.5,
-            [0.5, 0.48, 0.43],
-            [0.42, 0.4, 0.37],
-        ),
-        pane: b.material(
-            Class::Wall,
-            smooth,
-            3.0,
-            [0.05, 0.06, 0.08],
-            [0.16, 0.17, 0.2],
-        ),
-        door: b.material(
-            Class::Wall,
-            grain,
-            1.5,
-            [0.16, 0.1, 0.06],
-            [0.1, 0.07, 0.05],
-        ),
-        awning: [
-            b.material(
-                Class::Obstacle,
-                smooth,
-                2.0,
-                [0.45, 0.09, 0.08],
-                [0.38, 0.08, 0.07],
-            ),
-            b.material(
-                Class::Obstacle,
-                smooth,
-                2.0,
-                [0.1, 0.22, 0.16],
-                [0.13, 0.26, 0.2],
-            ),
-        ],
-        stone: b.material(
-            Class::Obstacle,
-            stone,
-            1.2,
-            [0.42, 0.41, 0.38],
-            [0.34, 0.33, 0.31],
-        ),
-        water: b.material(
-            Class::Obstacle,
-            smooth,
-            1.0,
-            [0.07, 0.12, 0.13],
-            [0.16, 0.22, 0.23],
-        ),
-        wood: b.material(
-            Class::Obstacle,
-            grain,
-            1.0,
-            [0.32, 0.2, 0.11],
-            [0.24, 0.15, 0.09],
-        ),
-        metal: b.material(
-            Class::Obstacle,
-            smooth,
-            1.0,
-            [0.08, 0.09, 0.09],
-            [0.14, 0.14, 0.14],
-        ),
-        bark: b.material(
-            Class::Obstacle,
-            grain,
-            1.8,
-            [0.22, 0.19, 0.15],
-            [0.15, 0.12, 0.09],
-        ),
-        leaves: b.material(
-            Class::Obstacle,
-            green,
-            4.0,
-            [0.09, 0.16, 0.05],
-            [0.18, 0.23, 0.08],
-        ),
-        flowers: b.material(
-            Class::Obstacle,
-            green,
-            1.5,
-            [0.11, 0.18, 0.06],
-            [0.42, 0.16, 0.2],
-        ),
-    }
-}
-
 /// Worn and settled: a few millimetres, none at the edge of the square.
 fn uneven(x: f64, y: f64) -> f64 {
     let inside = |v: f64, half: f64| (half - v.abs()).clamp(0.0, 1.0);
@@ -276,7 +127,7 @@ fn ground(b: &mut Builder, p: &Palette) {
     let slab = |x: f64, y: f64| {
         let (i, j) = (((x + w) / 0.4) as usize, ((y + h) / 0.4) as usize);
         if i % 11 == 5 || j % 11 == 5 {
-            return on(p.slabs[2]);
+            return on(p.setts);
         }
         on(p.slabs[usize::from(shades[(i / 2 + 61 * (j / 2)) % shades.len()])])
     };
@@ -289,8 +140,34 @@ fn ground(b: &mut Builder, p: &Palette) {
         ([-far, -h], [-w, h]),
         ([w, -h], [far, h]),
     ] {
-        b.mesh
-            .ground(from, to, 2.5, |_, _| 0.0, |_, _| on(p.street));
+        b.mesh.ground(from, to, 2.5, |_, _| 0.0, |_, _| on(p.setts));
+    }
+}
+
+/// The fronts round the square, and along the streets that leave it.
+fn houses(b: &mut Builder, p: &Palette) {
+    let [w, h] = HALF;
+    let quarter = 0.5 * std::f64::consts::PI;
+    let row = |from: [f64; 2], quarters: f64| Row {
+        from,
+        yaw: quarters * quarter,
+    };
+    let style = Style {
+        shops: 0.6,
+        floors: [2, 3],
+    };
+    for (row, length) in [
+        (row([-w, -h], 0.0), 2.0 * w - STREET_M),
+        (row([w, -h], 1.0), 2.0 * h),
+        (row([w, h], 2.0), 2.0 * w - STREET_M),
+        (row([-w, h], 3.0), 2.0 * h),
+        // The ends of the two streets, and their other sides.
+        (row([w - STREET_M - 2.0, -h - 14.0], 0.0), STREET_M + 4.0),
+        (row([STREET_M + 2.0 - w, h + 14.0], 2.0), STREET_M + 4.0),
+        (row([w, -h - 14.0], 1.0), 14.0),
+        (row([-w, h + 14.0], 3.0), 14.0),
+    ] {
+        row.houses(b, &p.fronts, style, length);
     }
 }
 

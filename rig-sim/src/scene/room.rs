@@ -5,13 +5,13 @@
 
 use nalgebra::Vector3;
 
-use super::build::{Backdrop, Builder, Made};
+use super::build::{Builder, Made};
 use super::interior::{DoorStuff, Opening, Slab, Wall, ceiling_lamp};
 use super::light::{Lamp, Lights};
 use super::mesh::Stuff;
+use super::plants::{self, Greens};
 use super::route::{Leg, Route, parts};
 use super::surface::Class;
-use super::texture::Recipe;
 
 /// In x and y, from the corner at 0.
 const SIZE: [f64; 2] = [10.0, 7.0];
@@ -40,13 +40,6 @@ pub(super) fn build(b: &mut Builder) -> Made {
     let lamps = shell(b, &palette);
     middle(b, &palette);
     along_the_walls(b, &palette);
-    let clouds = b.texture(&Recipe {
-        radius: [12.0, 400.0],
-        contrast: 0.35,
-        grain: 0.0,
-        mixed: 0.0,
-        stretch: 2.0,
-    });
     let points = vec![
         [1.9, 1.3],
         [3.2, 1.25],
@@ -67,10 +60,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
         [1.35, 2.1],
     ];
     let cuts = parts(&points, &[[6.0, 1.3], [8.7, 3.5], [4.6, 5.7]]);
-    let walk = |part: usize, speed: f64| Leg::Walk {
-        metres: cuts[part],
-        speed,
-    };
+    let walk = |part: usize, speed: f64| Leg::walk(cuts[part], speed);
     Made {
         lights: Lights {
             sun: Vector3::new(0.6, -0.3, 0.7),
@@ -79,7 +69,6 @@ pub(super) fn build(b: &mut Builder) -> Made {
             lamps,
             indoors: true,
         },
-        sky: Backdrop { texture: clouds },
         route: Route {
             legs: vec![
                 walk(0, 1.1),
@@ -96,147 +85,44 @@ pub(super) fn build(b: &mut Builder) -> Made {
 }
 
 fn palette(b: &mut Builder) -> Palette {
-    let recipe = |radius: [f32; 2], contrast: f32, grain: f32, mixed: f32, stretch: f32| Recipe {
-        radius,
-        contrast,
-        grain,
-        mixed,
-        stretch,
+    use super::palette::{
+        CEILING, CLOTH, GRASS, LAMP, LEAVES, PARQUET, RUG, STEEL, VARNISH, WALLPAPER, WHITE, WOOD,
     };
-    let grained = b.texture(&recipe([1.5, 60.0], 0.25, 0.1, 0.4, 6.0));
-    let paint = b.texture(&recipe([2.0, 200.0], 0.05, 0.02, 0.3, 1.0));
-    let smooth = b.texture(&recipe([4.0, 300.0], 0.14, 0.04, 0.3, 1.0));
-    let woven = b.texture(&recipe([1.0, 24.0], 0.3, 0.15, 0.45, 1.5));
-    let green = b.texture(&recipe([2.0, 40.0], 0.45, 0.1, 0.5, 2.5));
-    let lamp = b.material(
-        Class::Obstacle,
-        paint,
-        2.0,
-        [0.9, 0.88, 0.82],
-        [0.9, 0.88, 0.82],
-    );
-    b.materials[lamp as usize].glow = 1.0;
-    let book = |b: &mut Builder, colour: [f32; 3]| {
-        b.material(
-            Class::Obstacle,
-            smooth,
-            0.5,
-            colour,
-            colour.map(|c| 0.6 * c + 0.1),
-        )
-    };
+    let book = |colour: [f32; 3]| VARNISH.dyed(colour, colour.map(|c| 0.6 * c + 0.1));
     Palette {
-        parquet: b.material(
-            Class::Pavement,
-            grained,
-            1.2,
-            [0.34, 0.22, 0.12],
-            [0.25, 0.15, 0.08],
-        ),
-        rug: b.material(
-            Class::Pavement,
-            woven,
-            2.0,
-            [0.3, 0.1, 0.08],
-            [0.16, 0.14, 0.22],
-        ),
-        paper: b.material(
-            Class::Wall,
-            paint,
-            2.0,
-            [0.6, 0.6, 0.55],
-            [0.56, 0.57, 0.53],
-        ),
-        ceiling: b.material(
-            Class::Wall,
-            paint,
-            2.5,
-            [0.78, 0.78, 0.76],
-            [0.76, 0.76, 0.75],
-        ),
-        white: b.material(
-            Class::Wall,
-            smooth,
-            1.0,
-            [0.7, 0.7, 0.68],
-            [0.64, 0.64, 0.62],
-        ),
-        wood: b.material(
-            Class::Obstacle,
-            grained,
-            1.0,
-            [0.42, 0.28, 0.16],
-            [0.34, 0.21, 0.11],
-        ),
-        steel: b.material(
-            Class::Obstacle,
-            smooth,
-            0.6,
-            [0.34, 0.35, 0.36],
-            [0.26, 0.26, 0.27],
-        ),
+        parquet: PARQUET.of(Class::Pavement, b),
+        rug: RUG.of(Class::Pavement, b),
+        paper: WALLPAPER.of(Class::Wall, b),
+        ceiling: CEILING.of(Class::Wall, b),
+        white: WHITE.of(Class::Wall, b),
+        wood: WOOD
+            .dyed([0.42, 0.28, 0.16], [0.34, 0.21, 0.11])
+            .of(Class::Obstacle, b),
+        steel: STEEL.of(Class::Obstacle, b),
         cloth: [
-            b.material(
-                Class::Obstacle,
-                woven,
-                1.2,
-                [0.12, 0.17, 0.24],
-                [0.18, 0.22, 0.26],
-            ),
-            b.material(
-                Class::Obstacle,
-                woven,
-                1.2,
-                [0.42, 0.36, 0.26],
-                [0.34, 0.3, 0.24],
-            ),
-        ],
+            CLOTH.dyed([0.12, 0.17, 0.24], [0.18, 0.22, 0.26]),
+            CLOTH.dyed([0.42, 0.36, 0.26], [0.34, 0.3, 0.24]),
+        ]
+        .map(|look| look.of(Class::Obstacle, b)),
         books: [
-            book(b, [0.4, 0.08, 0.06]),
-            book(b, [0.08, 0.2, 0.35]),
-            book(b, [0.5, 0.45, 0.3]),
-            book(b, [0.08, 0.22, 0.12]),
-        ],
+            book([0.4, 0.08, 0.06]),
+            book([0.08, 0.2, 0.35]),
+            book([0.5, 0.45, 0.3]),
+            book([0.08, 0.22, 0.12]),
+        ]
+        .map(|look| look.of(Class::Obstacle, b)),
         door: DoorStuff {
-            leaf: b.material(
-                Class::Obstacle,
-                smooth,
-                1.2,
-                [0.62, 0.62, 0.6],
-                [0.56, 0.56, 0.55],
-            ),
-            frame: b.material(
-                Class::Wall,
-                smooth,
-                1.0,
-                [0.68, 0.68, 0.66],
-                [0.6, 0.6, 0.6],
-            ),
-            handle: b.material(Class::Obstacle, smooth, 0.5, [0.45, 0.45, 0.45], [0.35; 3]),
+            leaf: WHITE.of(Class::Obstacle, b),
+            frame: WHITE.of(Class::Wall, b),
+            handle: STEEL.of(Class::Obstacle, b),
         },
-        lamp,
-        leaves: b.material(
-            Class::Obstacle,
-            green,
-            2.0,
-            [0.08, 0.15, 0.05],
-            [0.16, 0.2, 0.07],
-        ),
+        lamp: LAMP.glowing(1.0).of(Class::Obstacle, b),
+        leaves: LEAVES.of(Class::Obstacle, b),
         // What a pane mirrors of a room is about as bright as a grey wall.
-        glass: b.material(
-            Class::Glass,
-            paint,
-            2.0,
-            [0.38, 0.42, 0.41],
-            [0.38, 0.42, 0.41],
-        ),
-        grass: b.material(
-            Class::Grass,
-            green,
-            1.5,
-            [0.09, 0.15, 0.04],
-            [0.2, 0.19, 0.09],
-        ),
+        glass: WALLPAPER
+            .dyed([0.38, 0.42, 0.41], [0.38, 0.42, 0.41])
+            .of(Class::Glass, b),
+        grass: GRASS.of(Class::Grass, b),
     }
 }
 
@@ -299,15 +185,16 @@ fn shell(b: &mut Builder, p: &Palette) -> Vec<Lamp> {
         b.mesh
             .ground(from, to, 1.5, |_, _| -0.06, |_, _| on(p.grass));
     }
-    for k in 0..26 {
-        let hedge = b.of_thing(p.leaves);
-        let side = f64::from(k) * 0.8 - 4.0;
-        let deep = b.draw(-0.3, 0.3);
-        let at = match k % 2 == 0 {
-            true => Vector3::new(17.0 + deep, side, 0.4),
-            false => Vector3::new(side, 12.5 + deep, 0.5),
+    for ends in [[[17.0, -4.0], [17.0, 16.0]], [[-4.0, 12.5], [17.0, 12.5]]] {
+        let ends = ends.map(|[x, y]| Vector3::new(x, y, -0.05));
+        plants::hedge(b, p.leaves, ends, 1.3);
+    }
+    for [x, y] in [[21.0, 1.0], [23.0, 6.5], [3.0, 17.0], [10.0, 19.0]] {
+        let greens = Greens {
+            bark: p.wood,
+            leaves: p.leaves,
         };
-        b.lump(at, Vector3::new(0.9, 0.9, 0.7), 6, 0.25, hedge);
+        plants::street_tree(b, greens, Vector3::new(x, y, -0.05), 2.4);
     }
     let mut lamps = Vec::new();
     for x in [2.2, 5.0, 7.8] {

@@ -32,6 +32,13 @@ pub enum Leg {
     Stumble,
 }
 
+impl Leg {
+    /// A walk of so many metres at so many m/s.
+    pub const fn walk(metres: f64, speed: f64) -> Self {
+        Self::Walk { metres, speed }
+    }
+}
+
 /// Lengths of the parts into which places cut a closed way, m: from its start to the point nearest to
 /// the first place, from there to that of the next, and at last back to the start. Places come in the
 /// order in which they are passed. Legs that are as long make every round the same.

@@ -1,23 +1,81 @@
-//! What is seen where nothing is in the way.
+//! What is seen where nothing is in the way: sky, clouds, the sun.
 
+use super::Time;
+use super::light::Light;
 use crate::camera::raster::View;
+use crate::camera::shade::luminance;
 use crate::scene::Scene;
 
-/// A sky: brighter and paler towards the horizon, with clouds, or a ceiling's black for rooms.
+/// `1 - cosine` of the sun's angular radius of 0.266°.
+const SUN: f32 = 1.08e-5;
+/// Solid angle of the sun, sr.
+const SUN_SR: f64 = 6.8e-5;
+/// `1 - cosine` of the angle at which the glow around the sun is half as bright, some 5°.
+const GLOW: f32 = 0.004;
+
+/// A sky: brighter and paler towards the horizon and around the sun, with clouds.
 #[derive(Clone, Copy, Debug)]
 pub struct Sky {
     /// Linear red, green, blue overhead, relative to white in daylight.
     pub zenith: [f32; 3],
+    /// Colours at the horizon and around the sun, as bright as the zenith.
+    horizon: [f32; 3],
+    warm: [f32; 3],
     /// How much brighter the horizon is.
-    pub horizon: f32,
+    pub rise: f32,
     /// How strongly clouds show.
     pub clouds: f32,
     /// The texture of the clouds.
     pub texture: u16,
+    /// Direction to the sun, and how much brighter than the zenith it is.
+    pub sun: Option<([f32; 3], f32)>,
+    /// How much brighter than the zenith it is beside the sun.
+    glow: f32,
+}
+
+/// The same colour with this luminance.
+fn bright(colour: [f32; 3], luminance_is: f32) -> [f32; 3] {
+    let factor = luminance_is / luminance(colour);
+    colour.map(|c| c * factor)
 }
 
 impl Sky {
-    /// Brightness relative to the zenith and the zenith's colour, in the direction of a ray.
+    /// At a time, with clouds of a texture.
+    pub(super) fn new(time: Time, light: &Light, texture: u16) -> Self {
+        const BLUE: [f32; 3] = [0.55, 0.86, 1.5];
+        const HAZE: [f32; 3] = [0.92, 1.0, 1.12];
+        const PEACH: [f32; 3] = [1.5, 0.95, 0.55];
+        const DUSK: [f32; 3] = [0.65, 0.85, 1.35];
+        // The light of towns on clouds.
+        const TOWN: [f32; 3] = [1.25, 0.95, 0.7];
+        // A sky that gives an irradiance of 1, were it even, is as bright as a white surface. The light
+        // that surfaces get at night comes from lamps by way of other surfaces rather than from there.
+        let (colours, share, rise, clouds, glow) = match time {
+            Time::Day => ([BLUE, HAZE, HAZE], 0.7, 1.2, 0.7, 3.0),
+            Time::LowSun => ([BLUE, PEACH, PEACH], 0.6, 1.6, 0.7, 12.0),
+            Time::Night => ([TOWN, TOWN, TOWN], 0.04, 2.0, 0.6, 0.0),
+            Time::Flicker => ([DUSK, HAZE, HAZE], 0.3, 1.0, 0.6, 0.0),
+        };
+        let overhead = (share * light.sky) as f32;
+        let sun = light.sun.map(|(direction, strength)| {
+            let radiance = (strength * std::f64::consts::PI / SUN_SR) as f32;
+            (direction.map(|v| v as f32).into(), radiance / overhead)
+        });
+        let [zenith, horizon, warm] = colours.map(|c| bright(c, overhead));
+        Self {
+            zenith,
+            horizon,
+            warm,
+            rise,
+            clouds,
+            texture,
+            sun,
+            glow,
+        }
+    }
+
+    /// Brightness relative to the zenith, and a colour as bright as the zenith, in the direction of a
+    /// ray.
     #[inline]
     pub(crate) fn seen(&self, view: &View, [x, y]: [f32; 2], scene: &Scene) -> (f32, [f32; 3]) {
         // The transpose takes optical directions back to the world.
@@ -27,13 +85,34 @@ impl Sky {
             + direction[1] * direction[1]
             + direction[2] * direction[2])
             .sqrt();
-        let up = (direction[2] / length).max(0.0);
+        let direction = direction.map(|v| v / length);
+        let up = direction[2].max(0.0);
         let pale = (1.0 - up) * (1.0 - up);
-        // A layer of clouds far above, so that it recedes towards the horizon.
-        let scale = 300.0 / (up + 0.12);
-        let (cu, cv) = (direction[0] / length * scale, direction[1] / length * scale);
-        let (cloud, _) = scene.textures[self.texture as usize].sample(cu, cv, 2);
-        let light = 1.0 + pale * self.horizon + self.clouds * (cloud - 1.0);
-        (light.max(0.05), self.zenith)
+        let pale = pale * pale;
+        // A layer of clouds far above, so that it recedes towards the horizon; soft and in tatters.
+        let clouds = &scene.textures[usize::from(self.texture)];
+        let scale = 36.0 / (up + 0.15);
+        let (cu, cv) = (direction[0] * scale, direction[1] * scale);
+        let (soft, _) = clouds.sample(cu, cv, 4);
+        let (torn, _) = clouds.sample(4.0 * cu, 4.0 * cv, 2);
+        let cloud = (0.75 * soft + 0.25 * torn - 1.0) * self.clouds;
+        let mut light = 1.0 + pale * self.rise + 2.0 * cloud.max(-0.2);
+        // Clouds are white.
+        let mut white = (pale + 2.5 * cloud.max(0.0)).min(1.0);
+        let mut warm = 0.0;
+        if let Some((sun, strength)) = &self.sun {
+            let miss = 1.0 - (0..3).map(|k| sun[k] * direction[k]).sum::<f32>();
+            let near = GLOW / (GLOW + miss.max(0.0));
+            light += self.glow * near;
+            warm = near.sqrt();
+            white *= 1.0 - warm;
+            if miss < SUN {
+                light += strength;
+            }
+        }
+        let blue = (1.0 - white - warm).max(0.0);
+        let colour = [0, 1, 2]
+            .map(|k| blue * self.zenith[k] + white * self.horizon[k] + warm * self.warm[k]);
+        (light.max(0.05), colour)
     }
 }

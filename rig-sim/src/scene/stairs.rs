@@ -6,12 +6,14 @@
 
 use nalgebra::Vector3;
 
-use super::build::{Backdrop, Builder, Made};
+use super::build::{Builder, Made};
+use super::front::{self, Row, Window};
 use super::light::{Lamp, Lights};
 use super::mesh::Stuff;
+use super::plants::{self, Greens};
 use super::route::{Leg, Route, parts};
+use super::street;
 use super::surface::Class;
-use super::texture::Recipe;
 
 const RISE: f64 = 0.17;
 const GOING: f64 = 0.29;
@@ -35,12 +37,12 @@ struct Palette {
     concrete: u16,
     brick: u16,
     plaster: u16,
-    stone: u16,
-    dark: u16,
     steel: u16,
     wood: u16,
-    leaves: u16,
     grass: u16,
+    greens: Greens,
+    street: street::Looks,
+    fronts: front::Looks,
 }
 
 /// A flight that rises from the middle of its foot in a direction.
@@ -52,7 +54,31 @@ struct Flight {
 }
 
 pub(super) fn build(b: &mut Builder) -> Made {
-    let palette = palette(b);
+    use super::palette::{
+        BARK, BRICK, CONCRETE, GRANITE, GRASS, LEAVES, PLASTER, SLABS, STEEL, WOOD,
+    };
+    let palette = Palette {
+        slabs: SLABS.of(Class::Pavement, b),
+        tread: GRANITE.of(Class::Stair, b),
+        edge: GRANITE
+            .dyed([0.16, 0.16, 0.17], [0.22, 0.22, 0.22])
+            .of(Class::Stair, b),
+        riser: GRANITE
+            .dyed([0.33, 0.32, 0.31], [0.26, 0.26, 0.27])
+            .of(Class::Stair, b),
+        concrete: CONCRETE.of(Class::Wall, b),
+        brick: BRICK.of(Class::Wall, b),
+        plaster: PLASTER.of(Class::Wall, b),
+        steel: STEEL.of(Class::Obstacle, b),
+        wood: WOOD.of(Class::Obstacle, b),
+        grass: GRASS.of(Class::Grass, b),
+        greens: Greens {
+            bark: BARK.of(Class::Obstacle, b),
+            leaves: LEAVES.of(Class::Obstacle, b),
+        },
+        street: street::Looks::new(b),
+        fronts: front::Looks::new(b),
+    };
     let flights = [
         Flight {
             foot: Vector3::new(0.0, 0.5 * WIDTH, 0.0),
@@ -72,13 +98,6 @@ pub(super) fn build(b: &mut Builder) -> Made {
     landing(b, &palette);
     houses(b, &palette);
     let lamps = yard(b, &palette);
-    let clouds = b.texture(&Recipe {
-        radius: [12.0, 400.0],
-        contrast: 0.35,
-        grain: 0.0,
-        mixed: 0.0,
-        stretch: 2.0,
-    });
     let mid = 0.5 * WIDTH;
     let right = RUN + mid;
     let points = vec![
@@ -114,10 +133,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
             [-2.0, 6.5],
         ],
     );
-    let walk = |part: usize, speed: f64| Leg::Walk {
-        metres: cuts[part],
-        speed,
-    };
+    let walk = |part: usize, speed: f64| Leg::walk(cuts[part], speed);
     Made {
         lights: Lights {
             sun: Vector3::new(-0.35, 0.55, 0.8),
@@ -125,7 +141,6 @@ pub(super) fn build(b: &mut Builder) -> Made {
             lamps,
             indoors: false,
         },
-        sky: Backdrop { texture: clouds },
         route: Route {
             legs: vec![
                 walk(0, 1.1),
@@ -139,114 +154,6 @@ pub(super) fn build(b: &mut Builder) -> Made {
             points,
             start_below: 1.5,
         },
-    }
-}
-
-fn palette(b: &mut Builder) -> Palette {
-    let recipe = |radius: [f32; 2], contrast: f32, grain: f32, mixed: f32, stretch: f32| Recipe {
-        radius,
-        contrast,
-        grain,
-        mixed,
-        stretch,
-    };
-    let granite = b.texture(&recipe([1.5, 60.0], 0.3, 0.15, 0.35, 1.0));
-    let poured = b.texture(&recipe([2.0, 240.0], 0.16, 0.08, 0.3, 1.0));
-    let wall = b.texture(&recipe([1.5, 48.0], 0.3, 0.1, 0.4, 2.5));
-    let smooth = b.texture(&recipe([4.0, 300.0], 0.15, 0.04, 0.3, 1.0));
-    let green = b.texture(&recipe([2.0, 40.0], 0.45, 0.1, 0.5, 2.5));
-    Palette {
-        slabs: b.material(
-            Class::Pavement,
-            granite,
-            1.6,
-            [0.3, 0.29, 0.28],
-            [0.24, 0.24, 0.25],
-        ),
-        tread: b.material(
-            Class::Stair,
-            granite,
-            1.0,
-            [0.38, 0.37, 0.35],
-            [0.3, 0.3, 0.31],
-        ),
-        edge: b.material(
-            Class::Stair,
-            granite,
-            1.0,
-            [0.16, 0.16, 0.17],
-            [0.22, 0.22, 0.22],
-        ),
-        riser: b.material(
-            Class::Stair,
-            granite,
-            1.0,
-            [0.33, 0.32, 0.31],
-            [0.26, 0.26, 0.27],
-        ),
-        concrete: b.material(
-            Class::Wall,
-            poured,
-            1.5,
-            [0.42, 0.41, 0.39],
-            [0.34, 0.33, 0.32],
-        ),
-        brick: b.material(
-            Class::Wall,
-            wall,
-            2.5,
-            [0.33, 0.17, 0.12],
-            [0.4, 0.28, 0.22],
-        ),
-        plaster: b.material(
-            Class::Wall,
-            smooth,
-            1.3,
-            [0.58, 0.54, 0.44],
-            [0.5, 0.47, 0.4],
-        ),
-        stone: b.material(
-            Class::Wall,
-            poured,
-            1.5,
-            [0.5, 0.49, 0.46],
-            [0.42, 0.41, 0.4],
-        ),
-        dark: b.material(
-            Class::Wall,
-            smooth,
-            3.0,
-            [0.05, 0.06, 0.08],
-            [0.08, 0.09, 0.11],
-        ),
-        steel: b.material(
-            Class::Obstacle,
-            smooth,
-            1.0,
-            [0.2, 0.21, 0.22],
-            [0.28, 0.28, 0.28],
-        ),
-        wood: b.material(
-            Class::Obstacle,
-            wall,
-            1.0,
-            [0.3, 0.19, 0.1],
-            [0.22, 0.13, 0.07],
-        ),
-        leaves: b.material(
-            Class::Obstacle,
-            green,
-            3.0,
-            [0.09, 0.16, 0.05],
-            [0.2, 0.24, 0.08],
-        ),
-        grass: b.material(
-            Class::Grass,
-            green,
-            1.5,
-            [0.09, 0.15, 0.04],
-            [0.2, 0.19, 0.09],
-        ),
     }
 }
 
@@ -383,38 +290,45 @@ fn houses(b: &mut Builder, p: &Palette) {
         0.8,
         back,
     );
-    // Windows with frames and sills; a plinth along the walls of the yard.
-    let window = |b: &mut Builder, middle: Vector3<f64>, along: Vector3<f64>| {
-        let yaw = libm::atan2(along.y, along.x);
-        let size = |w: f64, d: f64, h: f64| Vector3::new(w, d, h);
-        let (pane, stone) = (b.of_thing(p.dark), Builder::on_ground(p.stone));
-        let up = |z: f64| middle + Vector3::z() * z;
-        b.standing_box(middle, size(0.95, 0.04, 1.35), yaw, 1.0, pane);
-        b.standing_box(up(-0.09), size(1.15, 0.2, 0.09), yaw, 1.2, stone);
-        b.standing_box(up(1.35), size(1.15, 0.09, 0.14), yaw, 1.2, stone);
-        b.standing_box(up(0.85), size(0.95, 0.09, 0.05), yaw, 1.0, stone);
-        b.standing_box(middle, size(0.05, 0.1, 0.85), yaw, 1.0, stone);
+    // Windows, along the walls as one sees them: west of the stairs, east, and across the yard.
+    let quarter = 0.5 * std::f64::consts::PI;
+    let row = |from: [f64; 2], quarters: f64| Row {
+        from,
+        yaw: quarters * quarter,
     };
-    for x in [-7.5, -5.4, -3.3, -1.2] {
-        window(b, Vector3::new(x, 0.0, 1.1), Vector3::x());
-    }
-    for x in [-7.5, -5.4, -3.3, -1.2, 0.9, 3.0] {
-        window(b, Vector3::new(x, 0.0, 3.9), Vector3::x());
-        window(b, Vector3::new(x, north, 1.1), Vector3::x());
-    }
-    for y in [1.2, 3.4, 5.6, 7.8, 10.0] {
-        window(b, Vector3::new(east, y, 3.5), Vector3::y());
-    }
-    for y in [7.4, 9.4, 11.4] {
-        window(b, Vector3::new(east, y, 1.0), Vector3::y());
-    }
-    let plinth = b.of_thing(p.stone);
-    b.standing_box(
-        Vector3::new(0.5 * (west - 0.6), 0.0, -0.05),
-        Vector3::new(-0.6 - west, 0.08, 0.5),
-        0.0,
-        0.6,
-        plinth,
+    let (near, side, far) = (
+        row([0.0, 0.0], 0.0),
+        row([east, 0.0], 1.0),
+        row([0.0, north], 2.0),
+    );
+    let size = Window {
+        width: 0.95,
+        height: 1.35,
+    };
+    let mut windows = |row: &Row, wall: Stuff, up: f64, at: &[f64]| {
+        for &along in at {
+            row.window(b, &p.fronts, [along, up], size, wall);
+        }
+    };
+    windows(&near, south, 1.1, &[-7.5, -5.4, -3.3, -1.2]);
+    windows(&near, south, 3.9, &[-7.5, -5.4, -3.3, -1.2, 0.9, 3.0]);
+    windows(&far, back, 1.1, &[7.5, 5.4, 3.3, 1.2, -0.9, -3.0]);
+    windows(&side, house, 3.5, &[1.2, 3.4, 5.6, 7.8, 10.0]);
+    windows(&side, house, 1.0, &[7.4, 9.4, 11.4]);
+    let trim = |thing: Stuff| Stuff {
+        material: p.fronts.trim,
+        ..thing
+    };
+    let foot = -0.6 - west;
+    let plinth = [foot, 0.06, 0.5];
+    near.relief(b, [west + 0.5 * foot, -0.05], plinth, trim(south));
+    let band = [length, 0.08, 0.16];
+    near.relief(b, [west + 0.5 * length, 3.4], band, trim(south));
+    far.relief(
+        b,
+        [-west - 0.5 * length, -0.05],
+        [length, 0.06, 0.5],
+        trim(back),
     );
 }
 
@@ -446,54 +360,34 @@ fn yard(b: &mut Builder, p: &Palette) -> Vec<Lamp> {
         0.4,
         bed,
     );
-    for _ in 0..12 {
-        let bush = b.of_thing(p.leaves);
-        let at = Vector3::new(b.draw(-0.4, 1.2), b.draw(3.8, 4.6), b.draw(0.5, 0.75));
-        b.lump(at, Vector3::new(0.34, 0.3, 0.3), 6, 0.25, bush);
+    for k in 0..4 {
+        let leaves = b.of_thing(p.greens.leaves);
+        let foot = Vector3::new(-0.35 + 0.5 * f64::from(k), b.draw(4.05, 4.35), 0.35);
+        plants::bush(b, leaves, foot, 0.8 + 0.05 * f64::from(k % 2));
     }
-    let bench = b.of_thing(p.wood);
-    b.standing_box(
-        Vector3::new(0.4, 5.4, 0.41),
-        Vector3::new(1.7, 0.4, 0.05),
-        0.0,
-        0.4,
-        bench,
-    );
-    for x in [-0.3, 1.1] {
-        let leg = Vector3::new(x, 5.4, -0.02);
-        b.standing_box(leg, Vector3::new(0.08, 0.36, 0.43), 0.0, 0.4, bench);
-    }
-    for (x, y) in [
-        (-6.5, 4.0),
-        (-6.0, 9.5),
-        (-14.0, 2.0),
-        (-15.0, 10.0),
-        (-11.0, 17.0),
+    p.street.bench(b, Vector3::new(0.4, 5.5, 0.0), 0.0);
+    for [x, y] in [
+        [-6.5, 4.0],
+        [-6.0, 9.5],
+        [-14.0, 2.0],
+        [-15.0, 10.0],
+        [-11.0, 17.0],
     ] {
-        let trunk = b.of_thing(p.wood);
-        let foot = Vector3::new(x, y, -0.05);
-        let fork = foot + Vector3::new(b.draw(-0.2, 0.2), b.draw(-0.2, 0.2), 2.5);
-        b.mesh.tube([foot, fork], [0.15, 0.1], 10, 0.4, trunk);
-        let crown = Stuff {
-            material: p.leaves,
-            ..trunk
-        };
-        for _ in 0..5 {
-            let off = Vector3::new(b.draw(-0.7, 0.7), b.draw(-0.7, 0.7), b.draw(0.1, 1.2));
-            b.lump(fork + off, Vector3::new(0.8, 0.8, 0.6), 7, 0.25, crown);
-        }
+        plants::street_tree(b, p.greens, Vector3::new(x, y, 0.0), 2.8);
+        p.street.fallen_leaves(b, [x, y], 3.0, 40, height);
     }
+    p.street.fallen_leaves(b, [-0.6, 2.6], 0.5, 14, height);
+    for [x, y] in [[-1.8, 4.9], [2.0, 8.2]] {
+        p.street.cover(b, Vector3::new(x, y, height(x, y)), true);
+    }
+    p.street.bin(b, Vector3::new(-3.2, 0.5, 0.0), 0.1, 0);
+    p.street.bin(b, Vector3::new(-4.0, 0.5, 0.0), -0.1, 1);
+    // What one sees beyond the open end.
+    let hedge = [[-17.0, -4.0], [-17.0, 22.0]].map(|[x, y]| Vector3::new(x, y, 0.0));
+    plants::hedge(b, p.greens.leaves, hedge, 1.6);
     let mut lamps = Vec::new();
     for (x, y) in [(-1.2, 8.6), (-4.2, 2.6)] {
-        let post = b.of_thing(p.steel);
-        let head = Vector3::new(x, y, 3.8);
-        let foot = Vector3::new(x, y, -0.05);
-        b.mesh.tube([foot, head], [0.06, 0.045], 10, 0.7, post);
-        b.standing_box(head, Vector3::new(0.4, 0.4, 0.1), 0.0, 1.0, post);
-        lamps.push(Lamp {
-            position: head - Vector3::z() * 0.1,
-            strength: 0.06,
-        });
+        lamps.push(p.street.lamp(b, Vector3::new(x, y, 0.0), 3.8));
     }
     // On the wall above the landing.
     let body = b.of_thing(p.steel);

@@ -2,25 +2,57 @@
 //!
 //! A *dead leaves* picture (Matheron 1968; Lee, Mumford and Huang 2001): discs with radii by an inverse
 //! cube law cover each other. It has what natural surfaces have and noise has not: edges where one
-//! thing hides another, at every size, and an amplitude spectrum near 1/f. Blocks of value noise add
-//! grain. Textures tile, hold two channels, and come with all their mip levels.
+//! thing hides another, at every size, and an amplitude spectrum near 1/f. Outlines are bent and, for what
+//! is laid of pieces, cut ([`layout`]); blocks of value noise add grain. Textures tile, hold two channels,
+//! and come with all their mip levels.
 
 use crate::random;
+
+pub mod layout;
+
+use self::layout::Layout;
 
 /// Width and height of a texture's finest level, texels.
 pub const SIZE: usize = 1024;
 const LEVELS: usize = 11;
+/// What a texel's low byte is in reflectance, and its high one as a share.
+pub const TONE: f32 = 1.0 / 128.0;
+/// See [`TONE`].
+pub const MIX: f32 = 1.0 / 255.0;
+
+/// Where the level of this size starts: after the sum of `n (n + 1)` over the larger sizes `n`.
+#[inline(always)]
+fn start(size: i32) -> i32 {
+    const TOP: i32 = SIZE as i32;
+    /// Times 3 it is 1 (modulo 2³²), so that exact division is a product.
+    const THIRD: i32 = -0x5555_5555;
+    (4 * (TOP * TOP - size * size)).wrapping_mul(THIRD) + 2 * (TOP - size)
+}
+
+/// Where a look at a texture falls: between four texels.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// Numbers of the two upper ones' left and of the two lower ones' left, among all levels'.
+    pub top: u32,
+    /// See `top`.
+    pub bottom: u32,
+    /// How far to the right and how far down between them, 0 to 1.
+    pub right: f32,
+    /// See `right`.
+    pub down: f32,
+}
 
 /// A tileable texture with mip levels. A texel holds, in its low byte, reflectance relative to the mean
 /// (1.0 is 128) and in its high byte how much of the second colour it has (full is 255).
 #[derive(Clone, Debug)]
 pub struct Texture {
-    /// Level `l` starts at `start(l)` and is `SIZE >> l` wide.
+    /// Levels begin at [`start`]; their rows are one texel longer than the level's size, and end with the
+    /// texel that they begin with: two neighbours lie side by side.
     texels: Vec<u16>,
 }
 
 /// How a texture is made.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recipe {
     /// Radii of the leaves, texels.
     pub radius: [f32; 2],
@@ -35,21 +67,26 @@ pub struct Recipe {
 }
 
 impl Texture {
-    /// The texture of a recipe and a seed.
-    pub fn new(recipe: &Recipe, seed: u64) -> Self {
-        let (mut luma, mut mix) = leaves(recipe, seed);
+    /// The texture of a recipe, a layout and a seed.
+    pub fn new(recipe: &Recipe, layout: &Layout, seed: u64) -> Self {
+        let (mut luma, mut mix) = leaves(recipe, *layout == Layout::Tossed, seed);
+        layout::lay(&mut luma, &mut mix, layout, seed);
         grain(&mut luma, recipe.grain, seed);
         // The mean is 1 exactly, so that a surface's albedo is what its material says.
         let mean = luma.iter().sum::<f32>() / luma.len() as f32;
         luma.iter_mut().for_each(|v| *v /= mean);
-        let mut texels = Vec::with_capacity(SIZE * SIZE * 4 / 3 + 1);
+        let mut texels = Vec::with_capacity(SIZE * SIZE * 4 / 3 + 2 * SIZE);
         let mut size = SIZE;
         for _ in 0..LEVELS {
-            texels.extend(luma.iter().zip(&mix).map(|(&l, &m)| {
-                let low = (l * 128.0 + 0.5).clamp(0.0, 255.0) as u16;
-                let high = (m * 255.0 + 0.5).clamp(0.0, 255.0) as u16;
-                low | (high << 8)
-            }));
+            for (luma, mix) in luma.chunks_exact(size).zip(mix.chunks_exact(size)) {
+                let row = luma.iter().zip(mix).map(|(&l, &m)| {
+                    let low = (l * 128.0 + 0.5).clamp(0.0, 255.0) as u16;
+                    let high = (m * 255.0 + 0.5).clamp(0.0, 255.0) as u16;
+                    low | (high << 8)
+                });
+                texels.extend(row);
+                texels.push(texels[texels.len() - size]);
+            }
             if size > 1 {
                 luma = halved(&luma, size);
                 mix = halved(&mix, size);
@@ -59,50 +96,64 @@ impl Texture {
         Self { texels }
     }
 
-    /// Reflectance (1 is the mean) and share of the second colour at `u`, `v` texels of level
-    /// `level`, between the four texels around.
+    /// Reflectance (1 is the mean) and share of the second colour at `u`, `v` texels of level `level`
+    /// (0 to 10), between the four texels around.
     #[inline]
     pub fn sample(&self, u: f32, v: f32, level: u32) -> (f32, f32) {
-        let level = level.min(LEVELS as u32 - 1);
-        let shift = SIZE.trailing_zeros() - level;
-        let mask = (1_i32 << shift) - 1;
-        let (fu, fv) = (floor(u), floor(v));
-        let (a, b) = (u - fu, v - fv);
-        let (x0, y0) = (fu as i32 & mask, fv as i32 & mask);
-        let (x1, y1) = ((x0 + 1) & mask, (y0 + 1) & mask);
-        let level = &self.texels[start(level as usize)..];
-        let at = |x: i32, y: i32| u32::from(level[((y << shift) + x) as usize]);
-        let (p, q, r, s) = (at(x0, y0), at(x1, y0), at(x0, y1), at(x1, y1));
-        let weights = [(1.0 - a) * (1.0 - b), a * (1.0 - b), (1.0 - a) * b, a * b];
-        let blend = |f: fn(u32) -> u32| {
-            f(p) as f32 * weights[0]
-                + f(q) as f32 * weights[1]
-                + f(r) as f32 * weights[2]
-                + f(s) as f32 * weights[3]
-        };
-        (
-            blend(|t| t & 0xff) * (1.0 / 128.0),
-            blend(|t| t >> 8) * (1.0 / 255.0),
-        )
+        let place = Place::new(u, v, level);
+        let (top, bottom) = (self.pair(place.top), self.pair(place.bottom));
+        let blend = |shift| place.blend(top, bottom, shift);
+        (blend(0) * TONE, blend(8) * MIX)
+    }
+
+    /// A texel, and in the upper half its right neighbour.
+    #[inline(always)]
+    pub fn pair(&self, at: u32) -> u32 {
+        let pair = &self.texels[at as usize..at as usize + 2];
+        u32::from(pair[0]) | u32::from(pair[1]) << 16
     }
 }
 
-/// Without a call into the maths library, which baseline x86-64 makes for `f32::floor`.
-#[inline]
-fn floor(x: f32) -> f32 {
-    let whole = x as i32 as f32;
-    if whole > x { whole - 1.0 } else { whole }
+impl Place {
+    /// The place `u`, `v` texels of level `level` (0 to 10) from the corner; textures tile. Without
+    /// branches and memory, so that a loop over it becomes vector code.
+    #[inline(always)]
+    pub fn new(u: f32, v: f32, level: u32) -> Self {
+        let size = SIZE as i32 >> level.min(LEVELS as u32 - 1);
+        let mask = size - 1;
+        let (x, y) = (floor(u), floor(v));
+        let start = start(size) + (x & mask);
+        let row = |y: i32| (start + (y & mask) * (size + 1)) as u32;
+        Self {
+            top: row(y),
+            bottom: row(y.wrapping_add(1)),
+            right: u - x as f32,
+            down: v - y as f32,
+        }
+    }
+
+    /// One of a texel's two bytes, the one `shift` bits up, between two [`Texture::pair`]s; 0 to 255.
+    #[inline(always)]
+    pub fn blend(&self, top: u32, bottom: u32, shift: u32) -> f32 {
+        let at = |pair: u32, side: u32| (pair >> (shift + side) & 0xff) as i32 as f32;
+        let (p, q) = (at(top, 0), at(top, 16));
+        let (r, s) = (at(bottom, 0), at(bottom, 16));
+        let high = p + (q - p) * self.right;
+        let low = r + (s - r) * self.right;
+        high + (low - high) * self.down
+    }
 }
 
-const fn start(level: usize) -> usize {
-    // The sum of SIZE² / 4^l over the finer levels.
-    let mut sum = 0;
-    let mut l = 0;
-    while l < level {
-        sum += (SIZE >> l) * (SIZE >> l);
-        l += 1;
-    }
-    sum
+/// The greatest whole number that is not above `x`, for less than 2²² either way and any number
+/// otherwise. A cast would ask for a branch each.
+#[inline(always)]
+pub(crate) fn floor(x: f32) -> i32 {
+    /// Numbers of this size have no place for fractions: what is added to it is rounded, and lands in
+    /// the last bits.
+    const LARGE: f32 = 12_582_912.0;
+    let sum = x + LARGE;
+    let whole = (sum.to_bits() as i32).wrapping_sub(LARGE.to_bits() as i32);
+    whole.wrapping_sub(i32::from(sum - LARGE > x))
 }
 
 fn halved(values: &[f32], size: usize) -> Vec<f32> {
@@ -117,12 +168,34 @@ fn halved(values: &[f32], size: usize) -> Vec<f32> {
     small
 }
 
-/// Covers the tile from the front: a leaf only shows where nothing lies yet.
-fn leaves(recipe: &Recipe, seed: u64) -> (Vec<f32>, Vec<f32>) {
+/// Contrast of a leaf over that of the largest, by its size over that of the largest.
+fn fainter(size: f32) -> f32 {
+    // About the fifth root.
+    let root = size.sqrt().sqrt();
+    0.12 + 0.88 * root * (1.25 - 0.25 * root)
+}
+
+/// The first open texel of a row from `x` on, or its end.
+fn find(next: &mut [u16], x: usize) -> usize {
+    let mut end = x;
+    while usize::from(next[end]) != end {
+        end = usize::from(next[end]);
+    }
+    let mut at = x;
+    while at != end {
+        (at, next[at]) = (usize::from(next[at]), end as u16);
+    }
+    end
+}
+
+/// Covers the tile from the front: a leaf, an ellipse, only shows where nothing lies yet.
+fn leaves(recipe: &Recipe, tossed: bool, seed: u64) -> (Vec<f32>, Vec<f32>) {
     let [least, most] = recipe.radius.map(f64::from);
-    let mut luma = vec![f32::NAN; SIZE * SIZE];
+    let mut luma = vec![0.0_f32; SIZE * SIZE];
     let mut mix = vec![0.0_f32; SIZE * SIZE];
     let mut open = SIZE * SIZE;
+    // The next texel of a row that is open, from each on; kept roughly up to date.
+    let mut next: Vec<u16> = (0..SIZE).flat_map(|_| 0..=SIZE as u16).collect();
     let mut leaf = 0;
     while open > 0 {
         let draw = |k: u64| random::uniform(seed, random::TEXTURE + k, leaf);
@@ -130,36 +203,58 @@ fn leaves(recipe: &Recipe, seed: u64) -> (Vec<f32>, Vec<f32>) {
         let spread = 1.0 - (least / most) * (least / most);
         // Near the end, large leaves close what is left; small ones would take for ever.
         let wish = least / (1.0 - spread * draw(0)).sqrt();
-        let radius = wish.max(0.02 * leaf as f64 / 1000.0).min(most) as f32;
+        let radius = wish.max(0.05 * leaf as f64 / 1000.0).min(most) as f32;
         let (cx, cy) = (draw(1) as f32 * SIZE as f32, draw(2) as f32 * SIZE as f32);
-        let tone = 1.0 + recipe.contrast * random::bell(seed, random::TEXTURE + 3, leaf) as f32;
+        // Small things differ less from what is around them.
+        let contrast = recipe.contrast * fainter(radius / recipe.radius[1]);
+        let tone = 1.0 + contrast * random::bell(seed, random::TEXTURE + 3, leaf) as f32;
         let tone = tone.clamp(0.15, 1.95);
         let second = f32::from(u8::from((draw(4) as f32) < recipe.mixed));
         // A slope across the leaf, as of a rounded thing in slanting light.
-        let slope = 0.3 * recipe.contrast * (draw(5) as f32 - 0.5) / radius;
+        let slope = 0.3 * contrast * (draw(5) as f32 - 0.5) / radius;
         let (rx, ry) = (
             radius * recipe.stretch.sqrt(),
             radius / recipe.stretch.sqrt(),
         );
-        let reach = |r: f32| r.ceil() as i32;
-        for dy in -reach(ry)..=reach(ry) {
+        let angle = if tossed {
+            std::f64::consts::PI * draw(6)
+        } else {
+            0.0
+        };
+        let (sin, cos) = (libm::sin(angle) as f32, libm::cos(angle) as f32);
+        // Within `a x² + 2 b x y + c y² < 1`, `c` following from the size.
+        let (ix, iy) = (1.0 / (rx * rx), 1.0 / (ry * ry));
+        let a = cos * cos * ix + sin * sin * iy;
+        let b = sin * cos * (ix - iy);
+        let high = (a / (ix * iy)).sqrt();
+        let reach = high.ceil() as i32;
+        for dy in -reach..=reach {
             let y = cy as i32 + dy;
-            let part = (y as f32 + 0.5 - cy) / ry;
-            let chord = 1.0 - part * part;
+            let up = y as f32 + 0.5 - cy;
+            let chord = 1.0 - up * up / (high * high);
             if chord <= 0.0 {
                 continue;
             }
-            let half = rx * chord.sqrt();
-            let from = (cx - half + 0.5).floor() as i32;
-            let to = (cx + half + 0.5).floor() as i32;
-            let row = (y.rem_euclid(SIZE as i32)) as usize * SIZE;
+            let half = (chord / a).sqrt();
+            let middle = cx - b / a * up;
+            let from = (middle - half + 0.5).floor() as i32;
+            let to = (middle + half + 0.5).floor() as i32;
+            let row = y.rem_euclid(SIZE as i32) as usize;
+            let next = &mut next[row * (SIZE + 1)..(row + 1) * (SIZE + 1)];
             // Wider than the tile, it would cover itself.
-            for x in from..to.min(from + SIZE as i32) {
-                let i = row + x.rem_euclid(SIZE as i32) as usize;
-                if luma[i].is_nan() {
-                    luma[i] = tone + slope * (x as f32 + 0.5 - cx);
+            let to = to.min(from + SIZE as i32);
+            let size = SIZE as i32;
+            let beyond = from.div_euclid(size) * size;
+            for tile in [beyond, beyond + size] {
+                let (first, end) = (from.max(tile) - tile, to.min(tile + size) - tile);
+                let mut x = find(next, first.min(size) as usize);
+                while (x as i32) < end {
+                    let i = row * SIZE + x;
+                    luma[i] = tone + slope * ((x as i32 + tile) as f32 + 0.5 - cx);
                     mix[i] = second;
+                    next[x] = x as u16 + 1;
                     open -= 1;
+                    x = find(next, x + 1);
                 }
             }
         }
@@ -206,9 +301,18 @@ mod tests {
     };
 
     #[test]
+    fn the_short_floor_is_the_library_s() {
+        for i in -3000..3000 {
+            for x in [i as f32 * 0.25, i as f32 * 1397.7 + 0.3, i as f32] {
+                assert_eq!(floor(x), x.floor() as i32, "{x}");
+            }
+        }
+    }
+
+    #[test]
     fn levels_keep_the_mean_and_tile() {
-        let texture = Texture::new(&STONES, 1);
-        assert_eq!(texture.texels.len(), start(LEVELS));
+        let texture = Texture::new(&STONES, &Layout::Along, 1);
+        assert_eq!(texture.texels.len(), start(1) as usize + 2);
         let (mean, _) = texture.sample(0.5, 0.5, 10);
         assert!((mean - 1.0).abs() < 0.02, "{mean}");
         for level in [0, 3, 9] {
@@ -225,7 +329,7 @@ mod tests {
     /// same variance, and so do the differences between one mip level and the next.
     #[test]
     fn octaves_have_similar_power() {
-        let texture = Texture::new(&STONES, 2);
+        let texture = Texture::new(&STONES, &Layout::Along, 2);
         let variance = |level: u32| {
             let size = SIZE >> level;
             let band = |i: usize| {

@@ -6,12 +6,11 @@
 use nalgebra::Vector3;
 
 use self::terrain::Terrain;
-use super::build::{Backdrop, Builder, Made};
+use super::build::{Builder, Made};
 use super::light::{Lamp, Lights};
 use super::route::{Leg, Route};
 use super::surface::Class;
 use super::sweep::{Ring, sweep};
-use super::texture::Recipe;
 use crate::walker::path::Path;
 
 mod plants;
@@ -51,14 +50,6 @@ pub(super) fn build(b: &mut Builder) -> Made {
     stones(b, &p, &terrain, &path, &mut taken);
     logs(b, &p, &terrain, &mut taken);
     plants::undergrowth(b, &p, &terrain, &taken);
-    let clouds = b.texture(&Recipe {
-        radius: [12.0, 400.0],
-        contrast: 0.35,
-        grain: 0.0,
-        mixed: 0.0,
-        stretch: 2.0,
-    });
-    let walk = |metres, speed| Leg::Walk { metres, speed };
     Made {
         lights: Lights {
             sun: Vector3::new(0.35, -0.3, 0.9),
@@ -66,19 +57,18 @@ pub(super) fn build(b: &mut Builder) -> Made {
             lamps,
             indoors: false,
         },
-        sky: Backdrop { texture: clouds },
         route: Route {
             start_below: terrain.height(path.at(0.0).0[0], path.at(0.0).0[1]) + 1.0,
             points,
             legs: vec![
-                walk(14.0, 1.05),
-                walk(9.0, 0.8),
+                Leg::walk(14.0, 1.05),
+                Leg::walk(9.0, 0.8),
                 Leg::Stand { seconds: 1.5 },
-                walk(16.0, 1.2),
+                Leg::walk(16.0, 1.2),
                 Leg::Stumble,
-                walk(10.0, 1.0),
-                walk(9.0, 2.2),
-                walk(8.0, 1.1),
+                Leg::walk(10.0, 1.0),
+                Leg::walk(9.0, 2.2),
+                Leg::walk(8.0, 1.1),
             ],
         },
     }
@@ -99,108 +89,33 @@ fn loop_points(b: &mut Builder) -> Vec<[f64; 2]> {
 }
 
 fn palette(b: &mut Builder) -> Palette {
-    let recipe = |radius: [f32; 2], contrast: f32, grain: f32, mixed: f32, stretch: f32| Recipe {
-        radius,
-        contrast,
-        grain,
-        mixed,
-        stretch,
-    };
-    let crumbs = b.texture(&recipe([1.0, 90.0], 0.38, 0.2, 0.3, 1.0));
-    // Leaves 2 cm to 9 cm long at 2 mm per texel.
-    let fallen = b.texture(&recipe([4.0, 24.0], 0.42, 0.1, 0.45, 1.9));
-    let stone = b.texture(&recipe([1.5, 160.0], 0.3, 0.12, 0.35, 1.0));
-    let furrows = b.texture(&recipe([2.0, 60.0], 0.45, 0.15, 0.4, 5.0));
-    let green = b.texture(&recipe([2.0, 40.0], 0.5, 0.1, 0.5, 1.6));
+    use super::palette::{BARK, EARTH, LEAVES, LITTER, MOSS, STONES, WOOD};
     let palette = Palette {
-        earth: b.material(
-            Class::Grass,
-            crumbs,
-            1.3,
-            [0.15, 0.11, 0.075],
-            [0.22, 0.17, 0.12],
-        ),
-        litter: b.material(
-            Class::Grass,
-            fallen,
-            2.0,
-            [0.17, 0.1, 0.045],
-            [0.3, 0.2, 0.08],
-        ),
-        moss: b.material(
-            Class::Grass,
-            green,
-            1.2,
-            [0.09, 0.13, 0.035],
-            [0.16, 0.17, 0.06],
-        ),
-        root: b.material(
-            Class::Obstacle,
-            furrows,
-            0.8,
-            [0.2, 0.15, 0.1],
-            [0.13, 0.1, 0.07],
-        ),
-        flat_stone: b.material(
-            Class::Obstacle,
-            stone,
-            0.8,
-            [0.3, 0.3, 0.28],
-            [0.22, 0.23, 0.2],
-        ),
-        boulder: b.material(
-            Class::Obstacle,
-            stone,
-            1.6,
-            [0.27, 0.27, 0.25],
-            [0.13, 0.16, 0.08],
-        ),
+        earth: EARTH.of(Class::Grass, b),
+        litter: LITTER.of(Class::Grass, b),
+        moss: MOSS.of(Class::Grass, b),
+        root: BARK
+            .dyed([0.2, 0.15, 0.1], [0.13, 0.1, 0.07])
+            .of(Class::Obstacle, b),
+        flat_stone: STONES.of(Class::Obstacle, b),
+        boulder: STONES
+            .dyed([0.27, 0.27, 0.25], [0.13, 0.16, 0.08])
+            .of(Class::Obstacle, b),
         bark: [
-            b.material(
-                Class::Obstacle,
-                furrows,
-                2.0,
-                [0.17, 0.13, 0.1],
-                [0.1, 0.08, 0.06],
-            ),
-            b.material(
-                Class::Obstacle,
-                furrows,
-                1.4,
-                [0.3, 0.28, 0.24],
-                [0.16, 0.15, 0.13],
-            ),
+            BARK.of(Class::Obstacle, b),
+            BARK.dyed([0.3, 0.28, 0.24], [0.16, 0.15, 0.13])
+                .of(Class::Obstacle, b),
         ],
         leaves: [
-            b.material(
-                Class::Obstacle,
-                green,
-                5.0,
-                [0.07, 0.13, 0.035],
-                [0.15, 0.2, 0.06],
-            ),
-            b.material(
-                Class::Obstacle,
-                green,
-                6.0,
-                [0.17, 0.15, 0.04],
-                [0.26, 0.17, 0.05],
-            ),
+            LEAVES.of(Class::Obstacle, b),
+            LEAVES
+                .dyed([0.17, 0.15, 0.04], [0.26, 0.17, 0.05])
+                .of(Class::Obstacle, b),
         ],
-        fern: b.material(
-            Class::Obstacle,
-            green,
-            1.0,
-            [0.1, 0.19, 0.05],
-            [0.2, 0.25, 0.09],
-        ),
-        wood: b.material(
-            Class::Obstacle,
-            furrows,
-            1.0,
-            [0.33, 0.26, 0.18],
-            [0.24, 0.18, 0.12],
-        ),
+        fern: LEAVES
+            .dyed([0.1, 0.19, 0.05], [0.2, 0.25, 0.09])
+            .of(Class::Obstacle, b),
+        wood: WOOD.of(Class::Obstacle, b),
     };
     // Feet do stand on these.
     for low in [palette.root, palette.flat_stone] {

@@ -1,11 +1,14 @@
 //! The pictures of one stereo camera, one after the other.
 
+use std::sync::Arc;
+
+use crate::camera::optics::Conditions;
 use crate::camera::sensor::{AutoExposure, Exposure, SensorModel};
 use crate::camera::{Eye, Quality, Shot, auto_exposure};
+use crate::faults::CameraFaults;
 use crate::random;
-use crate::rig::SimCamera;
 
-use super::{Limb, Simulation, seconds};
+use super::{Simulation, seconds};
 
 /// Seeds of cameras, and of a camera's pictures, apart from the streams that sensors use themselves.
 const CAMERA_SEEDS: u64 = random::SENSOR + 0x80;
@@ -30,42 +33,49 @@ pub struct StereoFrame {
     pub i420: Vec<u8>,
 }
 
+/// Makes the pictures of a camera.
+pub trait Painter: Send {
+    /// The picture of frame `number`, taken at this time, ns since the beginning of the walk. Asked for in
+    /// order, each once.
+    fn paint(&mut self, number: u64, time_ns: i64) -> StereoFrame;
+}
+
 /// Exposes and develops the pictures of one camera. As an iterator it gives all frames of the walk.
-pub struct Pictures<'a> {
-    simulation: &'a Simulation,
-    camera: &'a SimCamera,
-    limbs: Vec<Limb<'a>>,
+pub struct Pictures {
+    simulation: Arc<Simulation>,
+    camera: usize,
+    faults: CameraFaults,
     seed: u64,
     eyes: [Eye; 2],
     auto: AutoExposure,
     next: u64,
 }
 
-impl<'a> Pictures<'a> {
+impl Pictures {
     /// The camera has been on for a while: its exposure is that of the walk's beginning.
-    pub(super) fn new(simulation: &'a Simulation, camera: usize) -> Self {
+    pub(super) fn new(simulation: &Arc<Simulation>, camera: usize) -> Self {
         let seed = random::bits(simulation.settings.seed, CAMERA_SEEDS, camera as u64);
-        let camera = &simulation.cameras[camera];
+        let of = &simulation.cameras[camera];
         let quality = simulation.settings.quality;
-        let eye = |k: usize| {
-            Eye::new(
-                &camera.models[k],
-                camera.shutter,
-                SensorModel::SMALL,
-                quality,
-            )
-        };
+        let eye = |k: usize| Eye::new(&of.models[k], of.shutter, SensorModel::SMALL, quality);
         let mut pictures = Self {
-            simulation,
+            simulation: simulation.clone(),
             camera,
-            limbs: simulation.limbs(),
+            faults: CameraFaults::default(),
             seed,
             eyes: [eye(0), eye(1)],
-            auto: auto_exposure(camera.longest_exposure_s),
+            auto: auto_exposure(of.longest_exposure_s),
             next: 0,
         };
         pictures.settle(simulation.settings.frame_ns(0));
         pictures
+    }
+
+    /// The same pictures through lenses with these faults.
+    #[must_use]
+    pub fn with_faults(mut self, faults: CameraFaults) -> Self {
+        self.faults = faults;
+        self
     }
 
     /// Lets the exposure adapt to what is seen at a time.
@@ -81,32 +91,32 @@ impl<'a> Pictures<'a> {
     }
 
     fn shoot(&mut self, number: u64, time_ns: i64, quality: Quality) -> StereoFrame {
-        let settings = &self.simulation.settings;
+        let simulation = &*self.simulation;
+        let camera = &simulation.cameras[self.camera];
+        let settings = &simulation.settings;
         let (eye_width, height) = (settings.width as usize, settings.height as usize);
         let width = 2 * eye_width;
         let exposure = self.auto.exposure();
-        let placed = self.simulation.placed(&self.limbs);
+        let limbs = simulation.limbs();
+        let placed = simulation.placed(&limbs);
+        let time_s = seconds(time_ns);
+        let conditions = Conditions::of(&self.faults, time_s);
+        let slip = camera.slip(&conditions.turned);
         let mut i420 = vec![0; width * height * 3 / 2];
         let (luma, chroma) = i420.split_at_mut(width * height);
         let (cb, cr) = chroma.split_at_mut(width * height / 4);
         let mut mean = 0.0;
         for (k, eye) in self.eyes.iter_mut().enumerate() {
             let noise = random::bits(self.seed, PICTURE_SEEDS, 2 * number + k as u64);
-            let pose = |t: f64| {
-                self.camera
-                    .world_from_eye(k, &self.simulation.walker.rig(t))
+            let pose = |t: f64| camera.world_from_eye(k, &simulation.walker.rig(t), slip.as_ref());
+            let shot = Shot {
+                time_s,
+                exposure,
+                quality,
+                noise,
             };
-            eye.expose(
-                &self.simulation.scene,
-                &placed,
-                &pose,
-                &Shot {
-                    time_s: seconds(time_ns),
-                    exposure,
-                    quality,
-                    noise,
-                },
-            );
+            eye.expose(&simulation.scene, &placed, &pose, &shot);
+            eye.spoil(&simulation.scene, &pose(time_s), &conditions, k as u64);
             // The right eye's columns follow the left one's in each row.
             let (x, half) = (k * eye_width, k * eye_width / 2);
             let chroma = [&mut cb[half..], &mut cr[half..]];
@@ -124,7 +134,13 @@ impl<'a> Pictures<'a> {
     }
 }
 
-impl Iterator for Pictures<'_> {
+impl Painter for Pictures {
+    fn paint(&mut self, number: u64, time_ns: i64) -> StereoFrame {
+        self.expose(number, time_ns)
+    }
+}
+
+impl Iterator for Pictures {
     type Item = StereoFrame;
 
     fn next(&mut self) -> Option<StereoFrame> {

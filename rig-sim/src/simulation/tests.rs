@@ -76,7 +76,7 @@ fn a_camera_gives_the_same_frames_again() {
         height: 18,
         ..settings()
     };
-    let simulation = Simulation::new(&short, &example()).unwrap();
+    let simulation = Arc::new(Simulation::new(&short, &example()).unwrap());
     let frames: Vec<StereoFrame> = simulation.pictures(0).collect();
     assert_eq!(frames.len(), 5);
     assert_eq!(frames, simulation.pictures(0).collect::<Vec<_>>());
@@ -91,7 +91,7 @@ fn a_camera_gives_the_same_frames_again() {
 /// which the rasteriser places to 0.1 px.
 #[test]
 fn true_depth_is_that_of_ray_casting() {
-    let simulation = Simulation::new(&settings(), &example()).unwrap();
+    let simulation = Arc::new(Simulation::new(&settings(), &example()).unwrap());
     let (width, height) = (160, 90);
     for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
         let mut truths = simulation.truths(camera);
@@ -112,7 +112,7 @@ fn true_depth_is_that_of_ray_casting() {
                     Shutter::Rolling { line_s } => line_s * (v as f64 - 0.5 * (height - 1) as f64),
                 };
                 let rig = simulation.walker.rig(seconds(time_ns) + row_s);
-                let (origin, rotation) = sim_camera.world_from_eye(eye, &rig);
+                let (origin, rotation) = sim_camera.world_from_eye(eye, &rig, None);
                 let inverse_depth = |du: f64, dv: f64| {
                     let (x, y) = lens.unproject(u as f64 + du, v as f64 + dv);
                     // 1 long along the optical axis, so that the distance is the depth.
@@ -160,7 +160,7 @@ fn slow_spot(
 ) -> [f64; 2] {
     let lens = Lens::new(&camera.models[eye]);
     let seen = |t: f64| {
-        let (origin, rotation) = camera.world_from_eye(eye, &simulation.walker.rig(t));
+        let (origin, rotation) = camera.world_from_eye(eye, &simulation.walker.rig(t), None);
         let at = rotation.inverse() * (point(t) - origin);
         lens.project(at.x / at.z, at.y / at.z)
     };
@@ -205,7 +205,7 @@ fn true_flow_is_where_the_point_of_a_ray_goes() {
                 }
                 let row_s = sim_camera.shutter.row_s(v, height as usize);
                 let rig = simulation.walker.rig(seconds(time_ns) + row_s);
-                let (origin, rotation) = sim_camera.world_from_eye(eye, &rig);
+                let (origin, rotation) = sim_camera.world_from_eye(eye, &rig, None);
                 let (x, y) = lens.unproject(u as f64, v as f64);
                 let direction = rotation * Vector3::new(x, y, 1.0);
                 let Some(hit) = simulation.scene.first_hit(&origin, &direction) else {
@@ -316,7 +316,7 @@ fn the_corners_of_tags_are_where_the_feet_take_them() {
 
 #[test]
 fn the_wearer_sees_his_shoes_and_the_shoulders_do_not() {
-    let simulation = Simulation::new(&settings(), &example()).unwrap();
+    let simulation = Arc::new(Simulation::new(&settings(), &example()).unwrap());
     for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
         let truth = simulation.truths(camera).see(0, 4_000_000_000);
         let own = truth.class.iter().filter(|&&class| class == Class::Person);

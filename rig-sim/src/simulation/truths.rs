@@ -1,6 +1,8 @@
 //! What is true of the pictures of one stereo camera.
 
+use crate::camera::optics::Conditions;
 use crate::camera::truth::{Flow, Pose, TrueEye, Truth};
+use crate::faults::CameraFaults;
 use crate::rig::SimCamera;
 use crate::scene::tag;
 use crate::scene::wearer::{Part, ShoeTag};
@@ -16,6 +18,7 @@ const WITH_MARGIN: f64 = 1.0;
 pub struct Truths<'a> {
     simulation: &'a Simulation,
     camera: &'a SimCamera,
+    faults: CameraFaults,
     limbs: Vec<Limb<'a>>,
     eyes: [TrueEye; 2],
 }
@@ -38,16 +41,26 @@ impl<'a> Truths<'a> {
         Self {
             simulation,
             camera,
+            faults: CameraFaults::default(),
             limbs: simulation.limbs(),
             eyes: [0, 1].map(|eye| TrueEye::new(&camera.models[eye], camera.shutter)),
         }
     }
 
+    /// The same where the camera has these faults: one that has slipped looks elsewhere.
+    #[must_use]
+    pub fn with_faults(mut self, faults: CameraFaults) -> Self {
+        self.faults = faults;
+        self
+    }
+
     /// What an eye (0 left, 1 right) really sees at a time.
     pub fn see(&mut self, eye: usize, time_ns: i64) -> Truth {
+        let turned = Conditions::of(&self.faults, seconds(time_ns)).turned;
+        let slip = self.camera.slip(&turned);
         let pose = |t: f64| -> Pose {
             let rig = self.simulation.walker.rig(t);
-            self.camera.world_from_eye(eye, &rig)
+            self.camera.world_from_eye(eye, &rig, slip.as_ref())
         };
         let placed = self.simulation.placed(&self.limbs);
         self.eyes[eye].see(&self.simulation.scene, &placed, &pose, seconds(time_ns))

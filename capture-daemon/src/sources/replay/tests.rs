@@ -97,7 +97,7 @@ fn frames(samples: &[Sample]) -> Vec<&RawFrame> {
 fn imu(samples: &[Sample]) -> Vec<RawImu> {
     let imu = |sample: &Sample| match sample {
         Sample::Imu(imu) => Some(*imu),
-        Sample::Frame(_) => None,
+        _ => None,
     };
     samples.iter().filter_map(imu).collect()
 }
@@ -306,6 +306,7 @@ fn imu_runs_once_from_the_first_picture() {
         .map(|sample| match sample {
             Sample::Imu(_) => 'i',
             Sample::Frame(_) => 'f',
+            Sample::Gone(_) => 'g',
         })
         .collect();
     assert_eq!(order, "ifiifiififff");

@@ -5,7 +5,9 @@
 
 use std::f64::consts::TAU;
 
-use super::random;
+use rig_sim::random;
+
+use super::streams;
 
 /// Standard gravity, m/s².
 const GRAVITY_M_S2: f64 = 9.806_65;
@@ -24,7 +26,7 @@ impl Motion {
         let wave = |amplitude, period_ms: i64, index| Wave {
             amplitude,
             period_ns: period_ms * 1_000_000,
-            phase: random::uniform(seed, random::PHASES, index),
+            phase: random::uniform(seed, streams::PHASES, index),
         };
         Self {
             yaw: wave(0.35, 8_000, 0),

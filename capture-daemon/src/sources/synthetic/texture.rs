@@ -3,7 +3,9 @@
 //! Contract: a tile of 1/f noise that joins at its edges, made once from integers alone; drawing only
 //! copies rows of it. Values stay away from black and white.
 
-use super::random;
+use rig_sim::random;
+
+use super::streams;
 
 /// Rows and columns of the luma tile. Chroma has half as many.
 const TILE: usize = 512;
@@ -35,7 +37,7 @@ impl Wall {
         let chroma = |which: u64| {
             noise(
                 seed,
-                random::TEXTURE + 16 * which,
+                streams::TEXTURE + 16 * which,
                 TILE / 2,
                 &CHROMA,
                 96,
@@ -45,7 +47,7 @@ impl Wall {
         Self {
             width: width as usize,
             height: height as usize,
-            luma: noise(seed, random::TEXTURE, TILE, &LUMA, 32, 224),
+            luma: noise(seed, streams::TEXTURE, TILE, &LUMA, 32, 224),
             cb: chroma(1),
             cr: chroma(2),
         }

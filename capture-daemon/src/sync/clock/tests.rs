@@ -223,6 +223,45 @@ fn leaps_of_either_sign_are_flagged_until_a_new_line_stands() {
     }
 }
 
+/// Whatever the least latency turns out to be, it is no hour.
+#[test]
+fn a_great_leap_is_noticed_before_the_first_line_stands() {
+    for rate_hz in RATES {
+        for leap in [-3600.0, -10.0, 10.0, 3600.0] {
+            let mut device = Device::new(9, rate_hz);
+            let mut verdicts = device.run(1.0);
+            device.leapt = leap * S;
+            verdicts.extend(device.run(15.0));
+            device.assert_honest_and_well(verdicts);
+            assert_eq!(device.steps.len(), 1, "{leap} s at {rate_hz} Hz");
+        }
+    }
+}
+
+/// A step among samples that all came late, at once: nobody can say which of them came before it.
+#[test]
+fn a_step_within_a_burst_puts_the_whole_burst_in_doubt() {
+    for (rate_hz, leap) in [(30.0, 0.7), (30.0, 0.3), (400.0, 0.7), (400.0, 0.3)] {
+        let mut device = Device::new(10, rate_hz);
+        let mut verdicts = device.run(20.0);
+        let mut held = Vec::new();
+        let count = (1.2 * rate_hz) as usize;
+        for n in 0..count {
+            if n == count / 2 {
+                device.leapt = leap * S;
+            }
+            held.push(device.sample());
+        }
+        let latest = held.iter().map(|h| h.2).max().unwrap();
+        for (ticks, truth, _) in held {
+            verdicts.extend(device.give(ticks, truth, latest));
+        }
+        verdicts.extend(device.run(20.0));
+        device.assert_honest_and_well(verdicts);
+        assert!(!device.steps.is_empty(), "{leap}");
+    }
+}
+
 #[test]
 fn a_restarted_counter_is_a_step() {
     for rate_hz in RATES {

@@ -39,7 +39,7 @@ impl Wardrobe {
         let recipe = |radius: [f32; 2], contrast: f32, mixed: f32, stretch: f32| Recipe {
             radius,
             contrast,
-            grain: 0.1,
+            grain: 0.05,
             mixed,
             stretch,
         };
@@ -245,8 +245,8 @@ pub(super) fn mesh(limb: Limb, look: &Look) -> Mesh {
                 [-SHIN - 0.02, 0.05, 0.056, 0.0],
             ];
             skin(&shin, girth.min(1.1), 10, look.trousers);
-            shoe(&mut mesh, look.shoe);
         }
+        Limb::Foot(_) => shoe(&mut mesh, look.shoe),
         Limb::UpperArm(_) => {
             let arm = [
                 [0.05, 0.035, 0.035, 0.0],
@@ -283,7 +283,7 @@ pub(super) fn mesh(limb: Limb, look: &Look) -> Mesh {
     mesh
 }
 
-/// From behind the heel to the toes; the sole touches the ground from [`HEEL`] to [`BALL`].
+/// From behind the heel to the toes, with a hem over the ankle; the sole touches the ground from [`HEEL`] to [`BALL`].
 fn shoe(mesh: &mut Mesh, stuff: Stuff) {
     // Forward, half the width, half the height.
     let rings: Vec<Ring> = [
@@ -304,7 +304,7 @@ fn shoe(mesh: &mut Mesh, stuff: Stuff) {
             0.008
         };
         Ring {
-            centre: Vector3::new(x, 0.0, -SHIN - SOLE + height + lift),
+            centre: Vector3::new(x, 0.0, -SOLE + height + lift),
             radii: [width, height],
         }
     })

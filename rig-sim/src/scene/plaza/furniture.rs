@@ -6,6 +6,7 @@ use super::{FOUNTAIN, HALF, Palette};
 use crate::scene::build::Builder;
 use crate::scene::light::Lamp;
 use crate::scene::mesh::Stuff;
+use crate::scene::plants::{self, Clump};
 use crate::scene::sweep::{Ring, sweep};
 
 /// A basin with a step, water, and a bowl on a stem.
@@ -78,8 +79,7 @@ pub(super) fn fountain(b: &mut Builder, p: &Palette) {
 }
 
 pub(super) fn lamps(b: &mut Builder, p: &Palette) -> Vec<Lamp> {
-    let mut lamps = Vec::new();
-    for [x, y] in [
+    [
         [-9.5, -10.6],
         [0.0, -10.6],
         [9.0, -10.6],
@@ -87,28 +87,9 @@ pub(super) fn lamps(b: &mut Builder, p: &Palette) -> Vec<Lamp> {
         [0.0, 10.6],
         [9.5, 10.6],
         [0.6, 0.0],
-    ] {
-        let post = b.of_thing(p.metal);
-        let foot = Vector3::new(x, y, -0.05);
-        let rings = [
-            (0.0, 0.14),
-            (0.3, 0.12),
-            (0.35, 0.07),
-            (2.0, 0.06),
-            (3.8, 0.045),
-        ]
-        .map(|(z, radius)| Ring::round(foot + Vector3::z() * z, radius));
-        sweep(&mut b.mesh, &rings, Vector3::x(), 10, post);
-        let head = foot + Vector3::z() * 3.8;
-        let shade = [(0.1, 0.34), (0.16, 0.3), (0.3, 0.06)]
-            .map(|(z, radius)| Ring::round(head + Vector3::z() * z, radius));
-        sweep(&mut b.mesh, &shade, Vector3::x(), 12, post);
-        lamps.push(Lamp {
-            position: head + Vector3::new(0.0, 0.12, 0.02),
-            strength: 0.06,
-        });
-    }
-    lamps
+    ]
+    .map(|[x, y]| p.street.lamp(b, Vector3::new(x, y, 0.0), 3.8))
+    .to_vec()
 }
 
 pub(super) fn seats_and_planters(b: &mut Builder, p: &Palette) {
@@ -122,7 +103,7 @@ pub(super) fn seats_and_planters(b: &mut Builder, p: &Palette) {
         [14.7, 2.5, 1.57],
         [-14.7, -2.5, -1.57],
     ] {
-        bench(b, p, Vector3::new(x, y, 0.0), yaw);
+        p.street.bench(b, Vector3::new(x, y, 0.0), yaw);
     }
     for [x, y] in [
         [-7.3, -10.7],
@@ -139,56 +120,18 @@ pub(super) fn seats_and_planters(b: &mut Builder, p: &Palette) {
         planter(b, p, Vector3::new(x, y, -0.01));
     }
     for i in 0..8 {
-        let bollard = b.of_thing(p.metal);
         let along = 0.5 + 0.85 * f64::from(i % 4);
         let (x, y) = match i < 4 {
             true => (HALF[0] - along, -HALF[1] - 0.3),
             false => (along - HALF[0], HALF[1] + 0.3),
         };
-        let foot = Vector3::new(x, y, -0.02);
-        b.mesh.tube(
-            [foot, foot + Vector3::z() * 0.95],
-            [0.07, 0.06],
-            10,
-            0.5,
-            bollard,
-        );
-    }
-}
-
-/// Planks on two stone feet, with a back; one sits facing along y.
-fn bench(b: &mut Builder, p: &Palette, foot: Vector3<f64>, yaw: f64) {
-    let wood = b.of_thing(p.wood);
-    let stone = Stuff {
-        material: p.stone,
-        ..wood
-    };
-    let turn = Builder::yaw(yaw);
-    let mut place = |at: [f64; 3], size: [f64; 3], stuff: Stuff| {
-        b.standing_box(
-            foot + turn * Vector3::from(at),
-            Vector3::from(size),
-            yaw,
-            0.6,
-            stuff,
-        );
-    };
-    for x in [-0.7, 0.7] {
-        place([x, 0.0, -0.02], [0.1, 0.42, 0.42], stone);
-        place([x, -0.24, -0.02], [0.06, 0.06, 0.88], stone);
-    }
-    for y in [-0.16, 0.0, 0.16] {
-        place([0.0, y, 0.41], [1.8, 0.13, 0.04], wood);
-    }
-    for z in [0.56, 0.72] {
-        place([0.0, -0.19, z], [1.8, 0.035, 0.12], wood);
+        p.street.bollard(b, Vector3::new(x, y, 0.0));
     }
 }
 
 fn planter(b: &mut Builder, p: &Palette, foot: Vector3<f64>) {
     let stone = b.of_thing(p.stone);
     let green = |material: u16| Stuff { material, ..stone };
-    let size = 0.45;
     let rings = [
         (0.0, 0.36),
         (0.4, 0.46),
@@ -199,11 +142,14 @@ fn planter(b: &mut Builder, p: &Palette, foot: Vector3<f64>) {
     .map(|(z, radius)| Ring::round(foot + Vector3::z() * z, radius));
     sweep(&mut b.mesh, &rings, Vector3::x(), 14, stone);
     for i in 0..6 {
-        let off = Vector3::new(b.draw(-0.45, 0.45), b.draw(-0.45, 0.45), b.draw(0.25, 0.9));
-        let radii = Vector3::new(1.0, 1.0, 0.9) * b.draw(0.16, 0.27);
-        let material = if i % 2 == 0 { p.leaves } else { p.flowers };
-        let centre = foot + Vector3::z() * 0.5 + off.component_mul(&Vector3::new(size, size, 0.6));
-        b.lump(centre, radii, 6, 0.3, green(material));
+        let off = Vector3::new(b.draw(-0.2, 0.2), b.draw(-0.2, 0.2), b.draw(0.65, 1.0));
+        let radii = Vector3::new(1.0, 1.0, 0.9) * b.draw(0.16, 0.25);
+        let material = if i % 2 == 0 {
+            p.greens.leaves
+        } else {
+            p.flowers
+        };
+        Clump::new(foot + off, radii, 0.2).grow(b, green(material));
     }
 }
 
@@ -216,25 +162,17 @@ pub(super) fn trees(b: &mut Builder, p: &Palette) {
         [7.8, 3.2],
         [7.8, -3.2],
     ] {
-        let trunk = b.of_thing(p.bark);
-        let crown = Stuff {
-            material: p.leaves,
-            ..trunk
-        };
-        let lean = [b.draw(-0.05, 0.05), b.draw(-0.05, 0.05)];
-        let at = |z: f64| Vector3::new(x + lean[0] * z, y + lean[1] * z, z);
-        let rings = [
-            (-0.1, 0.22),
-            (0.15, 0.16),
-            (1.0, 0.13),
-            (2.0, 0.12),
-            (3.4, 0.08),
-        ]
-        .map(|(z, radius)| Ring::round(at(z), radius));
-        sweep(&mut b.mesh, &rings, Vector3::x(), 10, trunk);
-        for _ in 0..7 {
-            let off = Vector3::new(b.draw(-0.9, 0.9), b.draw(-0.9, 0.9), b.draw(-0.3, 1.3));
-            b.lump(at(3.4) + off, Vector3::new(0.85, 0.85, 0.7), 7, 0.25, crown);
-        }
+        let foot = Vector3::new(x, y, 0.0);
+        plants::street_tree(b, p.greens, foot, 3.3);
+        p.street.fallen_leaves(b, [x, y], 2.5, 30, |_, _| 0.0);
+    }
+    for [x, y] in [
+        [-1.5, -7.2],
+        [9.8, -6.6],
+        [11.2, 2.0],
+        [2.0, 7.9],
+        [-11.0, -1.0],
+    ] {
+        p.street.cover(b, Vector3::new(x, y, 0.0), true);
     }
 }

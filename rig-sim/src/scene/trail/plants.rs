@@ -6,6 +6,7 @@ use super::terrain::Terrain;
 use super::{Palette, Spot, free_place};
 use crate::scene::build::Builder;
 use crate::scene::mesh::Stuff;
+use crate::scene::plants::{Clump, bush};
 use crate::scene::sweep::{Ring, sweep};
 
 /// Trees that one passes. Returns where they stand.
@@ -74,21 +75,16 @@ fn tree(b: &mut Builder, p: &Palette, terrain: &Terrain, at: [f64; 2], radius: f
         let z = 0.8 + (height - 0.8) * t;
         rings.push(Ring::round(axis(z), radius * (1.0 - 0.75 * t)));
     }
-    let sides = if near { 9 } else { 6 };
+    let sides = if near { 8 } else { 5 };
     sweep(&mut b.mesh, &rings, Vector3::x(), sides, trunk);
-    let lumps = if near { 4 } else { 2 };
-    for i in 0..lumps {
-        let t = 0.55 + 0.45 * (f64::from(i) + b.draw(0.0, 1.0)) / f64::from(lumps);
+    let clumps = if near { 4 } else { 2 };
+    for i in 0..clumps {
+        let t = 0.55 + 0.45 * (f64::from(i) + b.draw(0.0, 1.0)) / f64::from(clumps);
         let size = (0.22 * height * (1.45 - t)).max(0.7);
         let off = Vector3::new(b.draw(-0.5, 0.5), b.draw(-0.5, 0.5), 0.0) * size;
         let radii = Vector3::new(size, size * b.draw(0.8, 1.2), 0.75 * size);
-        b.lump(
-            axis(height * t) + off,
-            radii,
-            if near { 5 } else { 4 },
-            0.3,
-            crown,
-        );
+        let spray = if near { 0.8 * size } else { 0.95 * size };
+        Clump::new(axis(height * t) + off, radii, spray).grow(b, crown);
     }
     if near {
         branches(b, terrain, &axis, [radius, height], trunk);
@@ -103,7 +99,7 @@ fn branches(
     [radius, height]: [f64; 2],
     stuff: Stuff,
 ) {
-    for _ in 0..4 {
+    for _ in 0..3 {
         let from = axis(b.draw(1.2, 0.5 * height));
         let angle = b.draw(0.0, 2.0 * std::f64::consts::PI);
         let out = Vector3::new(libm::cos(angle), libm::sin(angle), b.draw(-0.1, 0.5));
@@ -118,7 +114,7 @@ fn branches(
             Ring::round(tip, 0.03 * radius),
         ];
         let aside = Vector3::new(-out.y, out.x, 0.0);
-        sweep(&mut b.mesh, &rings, aside, 5, stuff);
+        sweep(&mut b.mesh, &rings, aside, 4, stuff);
     }
 }
 
@@ -129,14 +125,10 @@ pub(super) fn undergrowth(b: &mut Builder, p: &Palette, terrain: &Terrain, taken
             continue;
         };
         let foot = terrain.point(at[0], at[1]);
-        let bush = b.of_thing(p.leaves[i % 2]);
-        for _ in 0..5 {
-            let off = Vector3::new(b.draw(-0.5, 0.5), b.draw(-0.5, 0.5), b.draw(0.1, 1.3));
-            let radii = Vector3::new(0.6, 0.6, 0.5) * (size * b.draw(0.7, 1.2));
-            b.lump(foot + off * size, radii, 5, 0.35, bush);
-        }
+        let leaves = b.of_thing(p.leaves[i % 2]);
+        bush(b, leaves, foot, 2.2 * size);
     }
-    for _ in 0..130 {
+    for _ in 0..100 {
         let Some(at) = free_place(b, terrain, taken, 0.75, 0.1) else {
             continue;
         };

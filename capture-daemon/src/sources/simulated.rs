@@ -1,0 +1,266 @@
+//! A simulated walk with the rig on: the crate [`rig_sim`] as a source.
+//!
+//! Contract: frames and IMU samples are those of [`rig_sim::device::Device`], pixels in the layout in which the
+//! device delivers them brought into I420; the same settings give the same samples. The walk begins at `start`.
+//! *When made too slowly*, in real time, frames are left out and their numbers skipped. *At the end* of the
+//! walk there is nothing more. *Truth* goes with the session: see [`Device::truth`].
+
+use std::path::Path;
+use std::sync::Arc;
+
+use cad_transforms::rig::Rig;
+use calib::StereoCalibration;
+use rig_sim::device::{Delivery, Device, DeviceFrame, DeviceImu};
+use rig_sim::faults::{FaultError, Faults};
+use rig_sim::rig::PixelFormat;
+use rig_sim::simulation::{Settings, Simulation, SimulationError};
+use session_archive::time::HostTime;
+use video::picture::{nv12_to_i420, yuyv_to_i420};
+use video::{Picture, PictureError};
+
+use super::{
+    CameraInfo, Gone, ImuInfo, ImuValues, RawFrame, RawImu, Sample, Source, SourceError, SourceInfo,
+};
+
+/// Why there is no such source. None of these goes away by trying again.
+#[derive(Debug, thiserror::Error)]
+pub enum SimulatedError {
+    /// What is simulated is a rig: name its file.
+    #[error("simulating {camera}: there is no rig file, expected one with this camera in [rig]")]
+    NoRig {
+        /// The camera.
+        camera: String,
+    },
+    /// The rig file has other cameras.
+    #[error("simulating {camera}: the rig has no such camera, expected one of {known}")]
+    NotOnRig {
+        /// The camera.
+        camera: String,
+        /// Those of the rig.
+        known: String,
+    },
+    /// The walk cannot be made.
+    #[error(transparent)]
+    Simulation(#[from] SimulationError),
+    /// The faults cannot be read.
+    #[error("in {path}")]
+    Faults {
+        /// The file.
+        path: String,
+        /// What is wrong.
+        source: FaultError,
+    },
+    /// The faults' file cannot be read.
+    #[error("reading the faults {path}")]
+    Read {
+        /// The file.
+        path: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+/// Walks that were made, so that cameras of one walk share it.
+#[derive(Debug, Default)]
+pub struct Walks(Vec<Arc<Simulation>>);
+
+impl Walks {
+    /// The walk with these settings.
+    ///
+    /// # Errors
+    /// [`SimulationError`].
+    pub fn with(
+        &mut self,
+        settings: &Settings,
+        rig: &Rig,
+    ) -> Result<Arc<Simulation>, SimulationError> {
+        if let Some(walk) = self.0.iter().find(|walk| walk.settings() == settings) {
+            return Ok(walk.clone());
+        }
+        let walk = Arc::new(Simulation::new(settings, rig)?);
+        self.0.push(walk.clone());
+        Ok(walk)
+    }
+}
+
+/// A camera of a simulated rig. See the module.
+pub struct Simulated {
+    info: SourceInfo,
+    calibration: StereoCalibration,
+    device: Device,
+    start: HostTime,
+}
+
+impl Simulated {
+    /// The camera of this name on a rig that is carried through a walk, which begins at `start`.
+    ///
+    /// # Errors
+    /// [`SimulatedError`].
+    pub fn open(
+        name: &str,
+        settings: &Settings,
+        faults: Option<&Path>,
+        rig: Option<&Rig>,
+        walks: &mut Walks,
+        start: HostTime,
+    ) -> Result<Self, SimulatedError> {
+        let camera = name.to_owned();
+        let rig = rig.ok_or(SimulatedError::NoRig { camera })?;
+        let known = rig.cameras();
+        if !known.contains(&name) {
+            return Err(SimulatedError::NotOnRig {
+                camera: name.to_owned(),
+                known: known.join(", "),
+            });
+        }
+        let faults = match faults {
+            None => Faults::default(),
+            Some(path) => {
+                let shown = || path.display().to_string();
+                let text =
+                    std::fs::read_to_string(path).map_err(|source| SimulatedError::Read {
+                        path: shown(),
+                        source,
+                    })?;
+                let parsed = Faults::parse(&text, &known, settings.seed);
+                parsed.map_err(|source| SimulatedError::Faults {
+                    path: shown(),
+                    source,
+                })?
+            }
+        };
+        let walk = walks.with(settings, rig)?;
+        let position = walk.cameras().iter().position(|c| c.name == name);
+        let position = position.expect("a simulation has the cameras of its rig");
+        let device = Device::rendered(&walk, position, faults.of(name));
+        Ok(Self::of_device(&walk, position, device, start))
+    }
+
+    /// A device of a walk, by the position of its camera.
+    pub fn of_device(
+        walk: &Arc<Simulation>,
+        position: usize,
+        device: Device,
+        start: HostTime,
+    ) -> Self {
+        let settings = walk.settings();
+        let imu = walk.imus()[position].imu.model();
+        let [camera_clock, imu_clock] = device.clocks();
+        let info = SourceInfo {
+            description: format!(
+                "simulated {}, {}, {}, seed {}",
+                walk.cameras()[position].name,
+                settings.kind.name(),
+                settings.time.name(),
+                settings.seed
+            ),
+            camera: CameraInfo {
+                width: 2 * settings.width,
+                height: settings.height,
+                rate_hz: settings.rate_hz,
+                tick: camera_clock.tick(),
+                tick_bits: camera_clock.tick_bits(),
+                number_bits: None,
+                colour: true,
+                still: false,
+            },
+            imu: Some(ImuInfo {
+                rate_hz: imu.rate_hz,
+                tick: imu_clock.tick(),
+                tick_bits: imu_clock.tick_bits(),
+                number_bits: None,
+                scale: Some((imu.count[0], imu.count[1])),
+            }),
+            calibration_files: Vec::new(),
+        };
+        Self {
+            info,
+            calibration: walk.calibration(position),
+            device,
+            start,
+        }
+    }
+
+    fn frame(&self, frame: &DeviceFrame) -> Result<RawFrame, PictureError> {
+        Ok(RawFrame {
+            number: frame.number,
+            device_ticks: frame.ticks,
+            kernel_time: None,
+            host_time: self.start + frame.arrival_ns,
+            exposure_ns: Some((frame.picture.exposure.seconds * 1e9) as u32),
+            picture: i420(frame)?,
+        })
+    }
+
+    fn imu(&self, sample: &DeviceImu) -> RawImu {
+        RawImu {
+            number: sample.number,
+            device_ticks: sample.ticks,
+            host_time: self.start + sample.arrival_ns,
+            values: ImuValues::Counts {
+                gyro: sample.gyro.map(i32::from),
+                accel: sample.accel.map(i32::from),
+            },
+        }
+    }
+}
+
+/// The picture as encoders take it, from the bytes that the device delivers.
+fn i420(frame: &DeviceFrame) -> Result<Picture, PictureError> {
+    let pixels = frame.picture.pixels(frame.format);
+    let (width, height) = (frame.picture.width as u32, frame.picture.height as u32);
+    match frame.format {
+        PixelFormat::Yuyv => yuyv_to_i420(width, height, &pixels),
+        PixelFormat::Nv12 => nv12_to_i420(width, height, &pixels),
+    }
+}
+
+impl Source for Simulated {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn next_sample(&mut self) -> Result<Option<Sample>, SourceError> {
+        let Some(delivery) = self.device.deliver() else {
+            return Ok(None);
+        };
+        let sample = match delivery {
+            Delivery::Imu(sample) => Sample::Imu(self.imu(&sample)),
+            Delivery::Gone(at_ns) => Sample::Gone(Gone {
+                host_time: self.start + at_ns,
+                detail: "the simulated device was unplugged".to_owned(),
+            }),
+            Delivery::Frame(frame) => {
+                let frame = self.frame(&frame).map_err(|error| SourceError::Unusable {
+                    source_name: self.info.description.clone(),
+                    what: error.to_string(),
+                })?;
+                Sample::Frame(frame)
+            }
+        };
+        Ok(Some(sample))
+    }
+
+    fn is_scheduled(&self) -> bool {
+        true
+    }
+
+    fn begin_at(&mut self, start: HostTime) {
+        self.start = start;
+    }
+
+    fn hurry(&mut self, now: HostTime) {
+        self.device.skip_frames_to(now - self.start);
+    }
+
+    fn truth(&self) -> Vec<(String, Vec<u8>)> {
+        let files = self.device.truth(self.start.ns()).into_iter();
+        files
+            .map(|(name, text)| (name, text.into_bytes()))
+            .collect()
+    }
+
+    fn calibration(&self) -> Option<&StereoCalibration> {
+        Some(&self.calibration)
+    }
+}

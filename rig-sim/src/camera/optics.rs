@@ -1,0 +1,458 @@
+//! What lenses do to the light besides bending it: flare, dirt, want of focus, something that covers them.
+//!
+//! Contract: what does not act changes no bit. Flare comes from the sun alone: a veil that falls with the
+//! square of the angle from it, and ghosts, which lie on the line through sun and picture centre. Everything
+//! else follows from [`Conditions`].
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::shade::Radiance;
+use crate::faults::{CameraFaults, Kind};
+use crate::lens::Lens;
+use crate::random;
+use crate::scene::Scene;
+use crate::so3;
+
+/// Light that a clean lens scatters from a source of irradiance 1 to an angle of 1 rad, relative to a white
+/// surface; over all angles some 2 percent of the light.
+const SCATTER: f32 = 0.003;
+/// Within this angle the sun's own picture is brighter than its veil, rad.
+const SUN_ANGLE: f32 = 0.01;
+/// Beyond this angle from the optical axis the sun does not reach the glass, cosine.
+const SHADED: f64 = 0.2;
+/// Ghosts: place on the line from the picture's centre to the sun (1 is the sun), radius as a share of the
+/// width, brightness under a sun of irradiance 1.
+const GHOSTS: [(f32, f32, f32); 4] = [
+    (-0.45, 0.03, 0.10),
+    (-0.9, 0.07, 0.05),
+    (0.4, 0.02, 0.12),
+    (-0.2, 0.012, 0.2),
+];
+/// Width of the soft edge of what lies on the lens, as a share of the picture's.
+const COVER_EDGE: f32 = 0.25;
+/// Smears on a lens that is as dirty as can be.
+const SMEARS: u64 = 80;
+
+/// What acts on a camera in one frame, besides the scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Conditions {
+    /// How much more light there is than there should be; 1 is as it should be.
+    pub light: f32,
+    /// Share of the picture behind something that lies on the lens.
+    pub covered: f32,
+    /// Share of the lens that is dirty.
+    pub dirty: f32,
+    /// Radius of a point's picture, as a share of the picture's width.
+    pub blur: f32,
+    /// How the camera has turned on its plate: takes its frame as it is to its frame as it should be.
+    pub turned: UnitQuaternion<f64>,
+    /// Chooses from where the lens is covered and where it is dirty.
+    pub seed: u64,
+}
+
+impl Conditions {
+    /// Everything as it should be.
+    pub const FINE: Self = Self {
+        light: 1.0,
+        covered: 0.0,
+        dirty: 0.0,
+        blur: 0.0,
+        turned: UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(1.0, 0.0, 0.0, 0.0)),
+        seed: 0,
+    };
+
+    /// Under these faults at a time, s.
+    pub fn of(faults: &CameraFaults, time_s: f64) -> Self {
+        let strength = |kind| faults.strength(kind, time_s);
+        let seed = faults.seed();
+        let axis = Vector3::new(
+            random::bell(seed, random::FAULT, 1),
+            random::bell(seed, random::FAULT, 2),
+            random::bell(seed, random::FAULT, 3),
+        );
+        let angle = strength(Kind::ShiftedCamera) * std::f64::consts::PI / 180.0;
+        let dark = libm::exp2(-strength(Kind::Darkness));
+        Self {
+            light: (dark * (1.0 + strength(Kind::Flash))) as f32,
+            covered: strength(Kind::CoveredLens) as f32,
+            dirty: strength(Kind::DirtyLens) as f32,
+            blur: strength(Kind::Blur) as f32,
+            turned: match angle == 0.0 {
+                true => UnitQuaternion::identity(),
+                false => so3::exp(axis.normalize() * angle),
+            },
+            seed,
+        }
+    }
+}
+
+/// The sun as a lens meets it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Sun {
+    /// Direction in the optical frame, of length 1.
+    direction: [f32; 3],
+    /// On the lens, relative to daylight; less where the sun is half hidden.
+    irradiance: f32,
+}
+
+/// The sun from an eye, if any of it reaches the lens.
+pub(super) fn sun(scene: &Scene, eye: &(Vector3<f64>, UnitQuaternion<f64>)) -> Option<Sun> {
+    let (direction, strength) = scene.light.sun?;
+    let seen = eye.1.inverse() * direction;
+    if seen.z < SHADED {
+        return None;
+    }
+    // A few rays within the disc and around it, so that it does not go out all at once.
+    let (side, up) = (
+        eye.1 * Vector3::x() * 0.006,
+        direction.cross(&(eye.1 * Vector3::x())) * 0.006,
+    );
+    let free = [(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
+        .into_iter()
+        .filter(|(x, y)| {
+            let towards = direction + side * *x + up * *y;
+            scene.first_hit(&eye.0, &towards).is_none()
+        })
+        .count();
+    // Less light enters from the side.
+    let irradiance = strength * free as f64 / 5.0 * seen.z;
+    (free > 0).then_some(Sun {
+        direction: [seen.x as f32, seen.y as f32, seen.z as f32],
+        irradiance: irradiance as f32,
+    })
+}
+
+impl Sun {
+    /// Where a lens shows it, px from the picture's centre; far outside where it does not.
+    pub(super) fn place(&self, lens: &Lens) -> (f32, f32) {
+        let model = lens.model();
+        let [x, y, z] = self.direction.map(f64::from);
+        let (u, v) = lens.project(x / z, y / z);
+        let middle = |size: u32| 0.5 * f64::from(size - 1);
+        let limit = |off: f64| (off as f32).clamp(-1e4, 1e4);
+        (
+            limit(u - middle(model.width)),
+            limit(v - middle(model.height)),
+        )
+    }
+}
+
+impl Radiance {
+    /// Adds what a lens makes of the sun. `rays` are those of the pixels, `at` where the lens shows the
+    /// sun, px from the picture's centre.
+    pub(super) fn flare(&mut self, sun: &Sun, rays: &[[f32; 2]], at: (f32, f32)) {
+        let (width, height) = (self.width, self.height);
+        let veil = |ray: [f32; 2]| {
+            let length2 = ray[0] * ray[0] + ray[1] * ray[1] + 1.0;
+            let dot = ray[0] * sun.direction[0] + ray[1] * sun.direction[1] + sun.direction[2];
+            // Twice 1 - cos is the square of the angle where that is small, and less where it is not.
+            let cosine = dot / length2.sqrt();
+            let angle2 = (2.0 - 2.0 * cosine).max(0.0);
+            SCATTER * sun.irradiance / (angle2 + SUN_ANGLE * SUN_ANGLE)
+        };
+        for (to, ray) in self.luminance.iter_mut().zip(rays) {
+            *to += veil(*ray);
+        }
+        for y in 0..height / 2 {
+            for x in 0..width / 2 {
+                let added = veil(rays[2 * y * width + 2 * x]);
+                let to = &mut self.colour[y * (width / 2) + x];
+                *to = to.map(|v| v + added);
+            }
+        }
+        let middle = (0.5 * (width - 1) as f32, 0.5 * (height - 1) as f32);
+        for (place, radius, bright) in GHOSTS {
+            let centre = (middle.0 + place * at.0, middle.1 + place * at.1);
+            self.disc(centre, radius * width as f32, bright * sun.irradiance);
+        }
+    }
+
+    /// Adds an evenly bright disc with an edge of a few pixels.
+    fn disc(&mut self, centre: (f32, f32), radius: f32, bright: f32) {
+        let (width, height) = (self.width, self.height);
+        let share = |x: usize, y: usize| {
+            let (dx, dy) = (x as f32 - centre.0, y as f32 - centre.1);
+            let inside = (radius - (dx * dx + dy * dy).sqrt()) / (0.15 * radius);
+            bright * inside.clamp(0.0, 1.0)
+        };
+        let range = |c: f32, limit: usize| {
+            let end = ((c + radius).ceil().max(0.0) as usize + 1).min(limit);
+            ((c - radius).floor().max(0.0) as usize).min(end)..end
+        };
+        for y in range(centre.1, height) {
+            for x in range(centre.0, width) {
+                let added = share(x, y);
+                self.luminance[y * width + x] += added;
+                if y % 2 == 0 && x % 2 == 0 && y / 2 < height / 2 && x / 2 < width / 2 {
+                    let to = &mut self.colour[y / 2 * (width / 2) + x / 2];
+                    *to = to.map(|v| v + added);
+                }
+            }
+        }
+    }
+
+    /// Applies everything but the turn. `eye` is 0 or 1: their lenses are dirty in different places.
+    pub(super) fn spoil(&mut self, conditions: &Conditions, eye: u64) {
+        if conditions.light != 1.0 {
+            self.scale(|_, _| conditions.light);
+        }
+        if conditions.dirty > 0.0 {
+            self.smear(conditions.dirty, random::bits(conditions.seed, 0, eye));
+        }
+        let radius = conditions.blur * self.width as f32;
+        if radius > 0.0 {
+            let (width, height) = (self.width, self.height);
+            self.luminance = blurred(&self.luminance, width, height, radius);
+            for k in 0..3 {
+                let plane: Vec<f32> = self.colour.iter().map(|c| c[k]).collect();
+                let plane = blurred(&plane, width / 2, height / 2, 0.5 * radius);
+                for (to, from) in self.colour.iter_mut().zip(plane) {
+                    to[k] = from;
+                }
+            }
+        }
+        if conditions.covered > 0.0 {
+            self.cover(conditions.covered, conditions.seed);
+        }
+    }
+
+    /// Multiplies every pixel by a factor of its place.
+    fn scale(&mut self, factor: impl Fn(f32, f32) -> f32) {
+        let (width, half) = (self.width, self.width / 2);
+        for (i, v) in self.luminance.iter_mut().enumerate() {
+            *v *= factor((i % width) as f32, (i / width) as f32);
+        }
+        for (i, c) in self.colour.iter_mut().enumerate() {
+            let f = factor((2 * (i % half)) as f32 + 0.5, (2 * (i / half)) as f32 + 0.5);
+            *c = c.map(|v| v * f);
+        }
+    }
+
+    /// Something dark on the lens, far out of focus, up to a line across the picture.
+    fn cover(&mut self, share: f32, seed: u64) {
+        let turn = std::f64::consts::TAU * random::uniform(seed, random::FAULT, 4);
+        let (dx, dy) = (libm::cos(turn) as f32, libm::sin(turn) as f32);
+        let (half_w, half_h) = (0.5 * self.width as f32, 0.5 * self.height as f32);
+        let edge = COVER_EDGE * self.width as f32;
+        let kept = |x: f32, y: f32, line: f32| {
+            let along = (x - half_w) * dx + (y - half_h) * dy;
+            let v = ((along - line) / edge + 0.5).clamp(0.0, 1.0);
+            v * v * (3.0 - 2.0 * v)
+        };
+        // The line that leaves the right share of light, by halving.
+        let reach = dx.abs() * half_w + dy.abs() * half_h + 0.5 * edge;
+        let (mut from, mut to) = (-reach, reach);
+        for _ in 0..20 {
+            let line = 0.5 * (from + to);
+            let mut sum = 0.0;
+            for i in 0..32 * 32 {
+                let part = |k: i32| (k as f32 + 0.5) / 32.0;
+                sum += kept(
+                    part(i % 32) * 2.0 * half_w,
+                    part(i / 32) * 2.0 * half_h,
+                    line,
+                );
+            }
+            match sum / 1024.0 > 1.0 - share {
+                true => from = line,
+                false => to = line,
+            }
+        }
+        let line = if share >= 1.0 { reach } else { to };
+        self.scale(|x, y| kept(x, y, line));
+    }
+
+    /// Smears: each takes light away where it is and spreads it over the whole picture.
+    fn smear(&mut self, share: f32, seed: u64) {
+        let (width, height) = (self.width as f32, self.height as f32);
+        let count = self.luminance.len() as f32;
+        let mean = self.luminance.iter().sum::<f32>() / count;
+        let whole = share * SMEARS as f32;
+        let mut kept = vec![1.0_f32; self.luminance.len()];
+        for i in 0..whole.ceil() as u64 {
+            let draw = |k| random::uniform(seed, random::FAULT + 8 + k, i) as f32;
+            let (cx, cy) = (draw(0) * width, draw(1) * height);
+            let radius = width * (0.02 + 0.12 * draw(2) * draw(2));
+            let takes = (whole - i as f32).min(1.0) * (0.3 + 0.6 * draw(3));
+            let rows = (cy - radius).max(0.0) as usize..((cy + radius).max(0.0) as usize + 1);
+            for y in rows.start..rows.end.min(self.height) {
+                let dy = y as f32 - cy;
+                let from = (cx - radius).max(0.0) as usize;
+                let to = ((cx + radius).max(0.0) as usize + 1).min(self.width);
+                for (x, kept) in (from..to).zip(&mut kept[y * self.width + from..]) {
+                    let dx = x as f32 - cx;
+                    let v = (1.0 - (dx * dx + dy * dy) / (radius * radius)).max(0.0);
+                    *kept *= 1.0 - takes * v;
+                }
+            }
+        }
+        let half = self.width / 2;
+        for (i, c) in self.colour.iter_mut().enumerate() {
+            let k = kept[2 * (i / half) * self.width + 2 * (i % half)];
+            *c = c.map(|v| v * k + mean * (1.0 - k));
+        }
+        for (v, k) in self.luminance.iter_mut().zip(&kept) {
+            *v = *v * k + mean * (1.0 - k);
+        }
+    }
+}
+
+/// A plane in which every point has become a disc, by sums along rows.
+fn blurred(plane: &[f32], width: usize, height: usize, radius: f32) -> Vec<f32> {
+    // Twice the widths of the disc's rows, from its upper edge to its lower.
+    let reach = radius.ceil() as i64;
+    let widths: Vec<(i64, f32)> = (-reach..=reach)
+        .filter_map(|dy| {
+            let square = radius * radius - (dy * dy) as f32;
+            (square >= 0.0).then(|| (dy, square.sqrt()))
+        })
+        .collect();
+    let mut sums = vec![0.0_f64; (width + 1) * height];
+    for y in 0..height {
+        for x in 0..width {
+            let at = y * (width + 1) + x;
+            sums[at + 1] = sums[at] + f64::from(plane[y * width + x]);
+        }
+    }
+    // The sum of a row from the left edge to a place between pixels; beyond the picture its edge goes on.
+    let until = |y: usize, x: f32| -> f64 {
+        let row = &sums[y * (width + 1)..(y + 1) * (width + 1)];
+        let first = f64::from(plane[y * width]);
+        let last = f64::from(plane[y * width + width - 1]);
+        if x <= 0.0 {
+            return first * f64::from(x);
+        }
+        if x >= width as f32 {
+            return row[width] + last * f64::from(x - width as f32);
+        }
+        let whole = x as usize;
+        row[whole] + (row[whole + 1] - row[whole]) * f64::from(x - whole as f32)
+    };
+    // Half a pixel more on each side: a disc of no radius is the pixel itself.
+    let area: f64 = widths.iter().map(|(_, w)| f64::from(2.0 * w + 1.0)).sum();
+    let mut out = Vec::with_capacity(plane.len());
+    for y in 0..height as i64 {
+        for x in 0..width {
+            let mut sum = 0.0;
+            for &(dy, w) in &widths {
+                let row = (y + dy).clamp(0, height as i64 - 1) as usize;
+                let x = x as f32;
+                sum += until(row, x + 1.0 + w) - until(row, x - w);
+            }
+            out.push((sum / area) as f32);
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::faults::{Fault, Faults};
+
+    fn picture() -> Radiance {
+        let mut light = Radiance::new(64, 32);
+        for (i, v) in light.luminance.iter_mut().enumerate() {
+            *v = random::uniform(1, 2, i as u64) as f32;
+        }
+        for (i, c) in light.colour.iter_mut().enumerate() {
+            *c = [random::uniform(1, 3, i as u64) as f32; 3];
+        }
+        light
+    }
+
+    fn spoilt(change: impl Fn(&mut Conditions)) -> Radiance {
+        let mut conditions = Conditions {
+            seed: 5,
+            ..Conditions::FINE
+        };
+        change(&mut conditions);
+        let mut light = picture();
+        light.spoil(&conditions, 0);
+        light
+    }
+
+    fn mean(plane: &[f32]) -> f32 {
+        plane.iter().sum::<f32>() / plane.len() as f32
+    }
+
+    #[test]
+    fn without_faults_no_bit_changes() {
+        let light = spoilt(|_| {});
+        assert_eq!(light.luminance, picture().luminance);
+        assert_eq!(light.colour, picture().colour);
+        assert_eq!(
+            Conditions::of(&CameraFaults::default(), 1.0),
+            Conditions {
+                seed: 0,
+                ..Conditions::FINE
+            }
+        );
+        let none = |kind| Fault {
+            kind,
+            strength: 0.0,
+            from_s: 0.0,
+            to_s: 9.0,
+            camera: None,
+        };
+        let faults = Faults {
+            list: Kind::ALL.map(none).to_vec(),
+            seed: 0,
+        };
+        let mut conditions = Conditions::of(&faults.of("feet"), 1.0);
+        conditions.seed = 0;
+        assert_eq!(conditions, Conditions::FINE);
+    }
+
+    #[test]
+    fn a_cover_takes_its_share() {
+        let whole = mean(&picture().luminance);
+        let mut before = whole;
+        for share in [0.25, 0.5, 0.75, 1.0] {
+            let light = spoilt(|c| c.covered = share);
+            let left = mean(&light.luminance);
+            assert!(
+                (left / whole - (1.0 - share)).abs() < 0.05,
+                "{share}: {left}"
+            );
+            assert!(left < before);
+            before = left;
+        }
+        assert_eq!(before, 0.0);
+    }
+
+    #[test]
+    fn blur_keeps_light_and_takes_detail() {
+        let detail = |plane: &[f32]| -> f32 { plane.windows(2).map(|w| (w[1] - w[0]).abs()).sum() };
+        let sharp = picture();
+        let soft = spoilt(|c| c.blur = 0.05);
+        assert!((mean(&soft.luminance) / mean(&sharp.luminance) - 1.0).abs() < 0.03);
+        assert!(detail(&soft.luminance) < 0.3 * detail(&sharp.luminance));
+        let same = blurred(&sharp.luminance, 64, 32, 1e-6);
+        for (a, b) in same.iter().zip(&sharp.luminance) {
+            assert!((a - b).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn dirt_takes_contrast_but_hardly_light() {
+        let spread = |plane: &[f32]| {
+            let m = mean(plane);
+            mean(&plane.iter().map(|v| (v - m) * (v - m)).collect::<Vec<_>>())
+        };
+        let clean = picture();
+        let little = spoilt(|c| c.dirty = 0.2);
+        let much = spoilt(|c| c.dirty = 1.0);
+        assert!(spread(&little.luminance) < spread(&clean.luminance));
+        assert!(spread(&much.luminance) < 0.7 * spread(&little.luminance));
+        assert!((mean(&much.luminance) / mean(&clean.luminance) - 1.0).abs() < 0.05);
+    }
+
+    #[test]
+    fn darkness_and_flash_scale_the_light() {
+        let bright = spoilt(|c| c.light = 4.0);
+        for (a, b) in bright.luminance.iter().zip(&picture().luminance) {
+            assert_eq!(*a, 4.0 * b);
+        }
+    }
+}

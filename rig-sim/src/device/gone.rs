@@ -1,0 +1,64 @@
+//! When a device is there.
+
+use crate::faults::{CameraFaults, Kind};
+
+/// Spans of time in which a device is gone, in order, none touching another.
+#[derive(Clone, Debug)]
+pub(super) struct Absences {
+    /// Begin and end, ns since the beginning of the walk.
+    spans: Vec<(i64, i64)>,
+    told: usize,
+}
+
+impl Absences {
+    pub(super) fn of(faults: &CameraFaults) -> Self {
+        let span = |from_s: f64, seconds: f64| {
+            let from = (from_s * 1e9) as i64;
+            (from, from + (seconds * 1e9) as i64)
+        };
+        let planned = faults.of_kind(Kind::Disconnect);
+        let mut all: Vec<_> = planned.map(|f| span(f.from_s, f.strength)).collect();
+        all.sort_unstable();
+        let mut spans: Vec<(i64, i64)> = Vec::new();
+        for (from, to) in all {
+            match spans.last_mut() {
+                Some(last) if from <= last.1 => last.1 = last.1.max(to),
+                _ => spans.push((from, to)),
+            }
+        }
+        Self { spans, told: 0 }
+    }
+
+    /// Which of the times that the device is there, from 0; none if it is gone.
+    pub(super) fn epoch(&self, time_ns: i64) -> Option<usize> {
+        let over = self.spans.partition_point(|(_, to)| *to <= time_ns);
+        match self.spans.get(over) {
+            Some((from, _)) if *from <= time_ns => None,
+            _ => Some(over),
+        }
+    }
+
+    pub(super) fn spans(&self) -> &[(i64, i64)] {
+        &self.spans
+    }
+
+    /// When an epoch began, ns.
+    pub(super) fn began(&self, epoch: usize) -> i64 {
+        match epoch {
+            0 => 0,
+            _ => self.spans[epoch - 1].1,
+        }
+    }
+
+    /// The next time that the device goes, told once, if it goes before something arrives at `before_ns`
+    /// or nothing arrives any more.
+    pub(super) fn next_before(&mut self, before_ns: Option<i64>) -> Option<i64> {
+        let (from, _) = *self.spans.get(self.told)?;
+        // What arrives in that nanosecond is lost.
+        if before_ns.is_some_and(|before| before < from) {
+            return None;
+        }
+        self.told += 1;
+        Some(from)
+    }
+}

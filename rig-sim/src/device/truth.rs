@@ -1,0 +1,53 @@
+//! What is true of a device's frames, as files that a recording of it can keep.
+
+use std::fmt::Write as _;
+
+use super::{Device, Stream};
+use crate::render::contacts;
+use crate::simulation::seconds;
+
+impl Device {
+    /// Names and contents of the files, times counted from `begin_ns`, which is the beginning of the walk on the
+    /// clock of the recording:
+    ///
+    /// * `truth.CAMERA.csv`: every frame of the walk, lost ones too: what the device's clock showed in the middle
+    ///   of the exposure (nothing while the device is gone), when that was, and `world_from_rig` then
+    ///   (position in m, quaternion);
+    /// * `truth.contacts.csv`: when and where feet were on the ground, the same for all cameras.
+    pub fn truth(&self, begin_ns: i64) -> Vec<(String, String)> {
+        let simulation = &*self.simulation;
+        let settings = simulation.settings();
+        let mut text =
+            "#device_ticks,time [ns],p_x [m],p_y [m],p_z [m],q_w [],q_x [],q_y [],q_z []\n"
+                .to_owned();
+        for index in 0..settings.frame_count() {
+            let taken_ns = settings.frame_ns(index);
+            let epoch = self.absences.epoch(taken_ns);
+            let ticks = epoch.map(|epoch| self.ticks(Stream::Frames, epoch, taken_ns));
+            let ticks = ticks.map_or(String::new(), |ticks| ticks.to_string());
+            let rig = simulation.walker().rig(seconds(taken_ns));
+            let (p, q) = (rig.position, rig.rotation);
+            // Writing to a string does not fail.
+            let _ = writeln!(
+                text,
+                "{ticks},{},{},{},{},{},{},{},{}",
+                begin_ns + taken_ns,
+                p.x,
+                p.y,
+                p.z,
+                q.w,
+                q.i,
+                q.j,
+                q.k
+            );
+        }
+        let name = &simulation.cameras()[self.camera].name;
+        vec![
+            (format!("truth.{name}.csv"), text),
+            (
+                "truth.contacts.csv".to_owned(),
+                contacts(simulation, begin_ns),
+            ),
+        ]
+    }
+}

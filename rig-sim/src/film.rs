@@ -1,0 +1,101 @@
+//! Pictures into compressed video, one after the other.
+
+use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::Duration;
+
+use video::picture::rgb_to_i420;
+use video::{AccessUnit, Codec, EncodeError, Encoder, EncoderEvent, EncoderSettings, Picture};
+use video::{PictureError, mp4};
+
+use crate::preview::canvas::Canvas;
+
+/// A software encoder that every machine with GStreamer's usual plugins has, so that bytes are the same.
+pub(crate) const ELEMENT: &str = "x264enc";
+/// Luma PSNR of real pictures, dB.
+pub(crate) const QUALITY_DB: f64 = 42.0;
+/// How long an encoder may think about a picture.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Why there is no video.
+#[derive(Debug, thiserror::Error)]
+pub enum FilmError {
+    /// The encoder did not start or failed: look whether GStreamer and its plugins are installed.
+    #[error("encoding pictures")]
+    Encode(#[from] EncodeError),
+    /// The encoder failed or gives nothing.
+    #[error("encoding pictures: {0}")]
+    Encoder(String),
+    /// A size that cannot be encoded.
+    #[error("encoding pictures")]
+    Picture(#[from] PictureError),
+    /// The file could not be written.
+    #[error("writing a film to {}", path.display())]
+    Write {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: mp4::Mp4Error,
+    },
+}
+
+/// An encoder whose every picture is waited for.
+pub(crate) struct Film {
+    encoder: Encoder,
+    events: Receiver<EncoderEvent>,
+}
+
+impl Film {
+    /// For pictures of this size, of which one in `keys` stands alone at the least.
+    pub(crate) fn new(size: [u32; 2], rate_hz: f64, keys: u32) -> Result<Self, FilmError> {
+        let settings = EncoderSettings {
+            element: ELEMENT.to_owned(),
+            width: size[0],
+            height: size[1],
+            rate_hz,
+            quality_db: QUALITY_DB,
+            threads: 1,
+            max_key_interval_frames: keys.max(1),
+        };
+        let (sender, events) = channel();
+        // Nobody listens any more once the film is dropped.
+        let on_output = move |event| drop(sender.send(event));
+        let encoder = Encoder::start(&settings, Box::new(on_output))?;
+        Ok(Self { encoder, events })
+    }
+
+    pub(crate) fn codec(&self) -> Codec {
+        self.encoder.codec()
+    }
+
+    /// The access unit of a picture; times rise from picture to picture.
+    pub(crate) fn encode(
+        &mut self,
+        time_ns: i64,
+        picture: &Picture,
+        key: bool,
+    ) -> Result<AccessUnit, FilmError> {
+        self.encoder.push(time_ns, picture, key)?;
+        match self.events.recv_timeout(PATIENCE) {
+            Ok(EncoderEvent::AccessUnit(unit)) => Ok(unit),
+            Ok(EncoderEvent::Failed(reason)) => Err(FilmError::Encoder(reason)),
+            Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {
+                Err(FilmError::Encoder(format!("{ELEMENT} gives nothing")))
+            }
+        }
+    }
+}
+
+impl Canvas {
+    /// As an encoder takes it; an odd row or column at the end is left out.
+    pub(crate) fn i420(&self) -> Result<Picture, PictureError> {
+        let (width, height) = (self.width & !1, self.height & !1);
+        let rows = self.pixels.chunks_exact(self.width).take(height);
+        let rgb: Vec<u8> = rows
+            .flat_map(|row| &row[..width])
+            .flatten()
+            .copied()
+            .collect();
+        rgb_to_i420(width as u32, height as u32, &rgb)
+    }
+}

@@ -1,0 +1,86 @@
+//! A simulated walk as a film: what the cameras see, side by side, above the map with where the wearer is.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::mpsc::sync_channel;
+use std::thread;
+
+use video::AccessUnit;
+use video::mp4::write_mp4;
+
+use super::canvas::{Canvas, Colour};
+use super::{GAP, LABEL, PAPER, SHADE, left_to_right, map};
+use crate::film::{Film, FilmError};
+use crate::simulation::{Simulation, seconds};
+
+const HERE: Colour = [255, 140, 0];
+/// Pictures of a camera that may wait for those of the others.
+const WAITING: usize = 4;
+
+/// Films the whole walk into an MP4 file. `done` is called after each picture of each camera, from any thread.
+///
+/// # Errors
+/// [`FilmError`]; then there is no file.
+pub fn film(
+    simulation: &Arc<Simulation>,
+    path: &Path,
+    done: &(dyn Fn() + Sync),
+) -> Result<(), FilmError> {
+    let settings = simulation.settings();
+    let (width, height) = (settings.width as usize, settings.height as usize);
+    let order = left_to_right(simulation);
+    let sheet_width = order.len() * (width + GAP) - GAP;
+    let (map, place) = map::draw(simulation, sheet_width, &[]);
+    let mut sheet = Canvas::new(sheet_width, height + GAP + map.height, PAPER);
+    let size = [sheet.width & !1, sheet.height & !1].map(|v| v as u32);
+    let mut encoder = Film::new(size, settings.rate_hz, settings.rate_hz.ceil() as u32)?;
+    let codec = encoder.codec();
+    thread::scope(|scope| {
+        let cameras: Vec<_> = order
+            .iter()
+            .map(|&camera| {
+                let (sender, receiver) = sync_channel(WAITING);
+                scope.spawn(move || {
+                    for frame in simulation.pictures(camera) {
+                        done();
+                        // Nobody listens once the film has failed.
+                        if sender.send(frame.rgb(0)).is_err() {
+                            return;
+                        }
+                    }
+                });
+                receiver
+            })
+            .collect();
+        let mut failed = None;
+        let mut picture = |number: u64| -> Result<AccessUnit, FilmError> {
+            let time_ns = settings.frame_ns(number);
+            for (i, camera) in cameras.iter().enumerate() {
+                let pixels = camera.recv();
+                let gone = |_| FilmError::Encoder("the thread of a camera ended".to_owned());
+                sheet.paste([i * (width + GAP), 0], width, &pixels.map_err(gone)?);
+            }
+            let text = format!("{:.1} s", seconds(time_ns));
+            sheet.text([7, 7], 3, &text, SHADE);
+            sheet.text([6, 6], 3, &text, LABEL);
+            sheet.paste([0, height + GAP], sheet_width, &map.pixels);
+            let [x, y] = place.px(&simulation.world_from_rig(time_ns).0);
+            sheet.dot([x, y + (height + GAP) as f64], 7.0, HERE);
+            encoder.encode(time_ns, &sheet.i420()?, number == 0)
+        };
+        let units = (0..settings.frame_count())
+            .map_while(|number| picture(number).map_err(|error| failed = Some(error)).ok());
+        let written = write_mp4(path, codec, size[0], size[1], units);
+        match failed {
+            Some(error) => {
+                // A film that ends early is none.
+                let _ = std::fs::remove_file(path);
+                Err(error)
+            }
+            None => written.map(|_| ()).map_err(|source| FilmError::Write {
+                path: path.to_owned(),
+                source,
+            }),
+        }
+    })
+}

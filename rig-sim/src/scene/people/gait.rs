@@ -1,0 +1,153 @@
+//! How a person's feet and hips move along a line, by the distance gone.
+//!
+//! Contract: a foot that stands does not move but for rolling: over the heel when it lands, over the ball
+//! before it leaves. Between it swings forward above the ground. Poses are continuous in the distance.
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::{BALL, HEEL, SHIN, SOLE, THIGH, pitch, sign};
+use crate::so3;
+use crate::walker::Side;
+use crate::walker::path::Path;
+
+/// Share of a stride for which a foot stands (Perry 1992).
+const STANCE: f64 = 0.62;
+/// It lands rolled back and leaves rolled forward by these angles, rad, and is flat between these
+/// shares of a stride.
+const LANDS: f64 = -0.3;
+const LEAVES: f64 = 0.7;
+const FLAT: [f64; 2] = [0.1, 0.38];
+/// So far behind the middle of the ground that the body covers while it stands, as a share of a stride.
+const BEHIND: f64 = 0.06;
+/// Distance of a foot from the line, m.
+const ASIDE: f64 = 0.065;
+/// How high the ankle is lifted on its way, m.
+const LIFT: f64 = 0.055;
+/// Most of the length of a leg that is used.
+const STRAIGHT: f64 = 0.985;
+/// How far hips rise and fall, m.
+const BOB: f64 = 0.042;
+
+/// Someone 1.75 m tall times `scale`, with strides of `stride_m`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Gait {
+    pub(super) stride_m: f64,
+    pub(super) scale: f64,
+}
+
+/// Where a foot is: its ankle, and the axes of the foot.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Foot {
+    pub(super) ankle: Vector3<f64>,
+    pub(super) rotation: UnitQuaternion<f64>,
+}
+
+/// From 0 to 1 as `t` does, without kinks.
+fn ease(t: f64) -> f64 {
+    let t = t.clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
+
+impl Gait {
+    /// Strides done by a foot, counted from its landings.
+    fn strides(&self, side: Side, gone: f64) -> f64 {
+        let half = match side {
+            Side::Left => 0.0,
+            Side::Right => 0.5,
+        };
+        gone / self.stride_m + half
+    }
+
+    /// Share of a stride since the foot landed.
+    pub(super) fn phase(&self, side: Side, gone: f64) -> f64 {
+        let strides = self.strides(side, gone);
+        strides - strides.floor()
+    }
+
+    /// Whether it stands.
+    #[cfg(test)]
+    pub(super) fn stands(&self, side: Side, gone: f64) -> bool {
+        self.phase(side, gone) < STANCE
+    }
+
+    /// The foot after a share of a stride's stance, standing where it stands in the stride that began
+    /// so far along the path.
+    fn standing(&self, path: &Path, side: Side, began: f64, phase: f64) -> Foot {
+        let ([x, y], [dx, dy]) = path.at(began + self.stride_m * (0.5 * STANCE - BEHIND));
+        let heading = so3::exp(Vector3::z() * libm::atan2(dy, dx));
+        let aside = Vector3::y() * (sign(side) * ASIDE);
+        let flat = Vector3::new(x, y, 0.0) + heading * (aside + Vector3::z() * SOLE) * self.scale;
+        let (pivot, roll) = if phase < FLAT[0] {
+            (HEEL, LANDS * (1.0 - ease(phase / FLAT[0])))
+        } else {
+            let late = (phase - FLAT[1]) / (STANCE - FLAT[1]);
+            (BALL, LEAVES * late.max(0.0) * late.max(0.0))
+        };
+        let rotation = heading * pitch(roll);
+        let pivot = Vector3::new(pivot, 0.0, -SOLE) * self.scale;
+        Foot {
+            ankle: flat + heading * pivot - rotation * pivot,
+            rotation,
+        }
+    }
+
+    /// The foot where the person has gone so far along the path.
+    pub(super) fn foot(&self, path: &Path, side: Side, gone: f64) -> Foot {
+        let phase = self.phase(side, gone);
+        let began = gone - self.stride_m * phase;
+        if phase < STANCE {
+            return self.standing(path, side, began, phase);
+        }
+        let from = self.standing(path, side, began, STANCE);
+        let to = self.standing(path, side, began + self.stride_m, 0.0);
+        let part = (phase - STANCE) / (1.0 - STANCE);
+        // Off and down again without a jerk, but not from a standstill.
+        let moved = 0.3 * part + 0.7 * ease(part);
+        let up = LIFT * self.scale * 4.0 * part * (1.0 - part);
+        Foot {
+            ankle: from.ankle + (to.ankle - from.ankle) * moved + Vector3::z() * up,
+            rotation: from.rotation.slerp(&to.rotation, ease(1.15 * part)),
+        }
+    }
+
+    /// Height of the hips where the person has gone so far, m: least when both feet stand, such that
+    /// the leg in front is straight.
+    pub(super) fn hips(&self, gone: f64) -> f64 {
+        let (leg, ahead) = (
+            STRAIGHT * (THIGH + SHIN),
+            self.stride_m / self.scale * (0.5 * STANCE - BEHIND),
+        );
+        let least = SOLE + (leg * leg - ahead * ahead).max(0.0).sqrt();
+        let turn = 4.0 * std::f64::consts::PI * (self.phase(Side::Left, gone) - 0.06);
+        self.scale * (least + BOB * (0.5 - 0.5 * libm::cos(turn)))
+    }
+
+    /// How far forward the leg is, from -1 to 1.
+    pub(super) fn swing(&self, side: Side, gone: f64) -> f64 {
+        libm::cos(2.0 * std::f64::consts::PI * self.phase(side, gone))
+    }
+}
+
+/// Rotations of thigh and shin between a hip joint and an ankle, the knee forward.
+pub(super) fn leg(
+    hip: &Vector3<f64>,
+    ankle: &Vector3<f64>,
+    heading: &UnitQuaternion<f64>,
+    scale: f64,
+) -> [UnitQuaternion<f64>; 2] {
+    let (thigh, shin) = (THIGH * scale, SHIN * scale);
+    let reach = ankle - hip;
+    let length = reach.norm().min(0.9999 * (thigh + shin));
+    let up = -reach.normalize();
+    let left = heading * Vector3::y();
+    let forward = left.cross(&up).normalize();
+    let axes = nalgebra::Matrix3::from_columns(&[forward, up.cross(&forward), up]);
+    let line =
+        UnitQuaternion::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(axes));
+    let corner = |a: f64, b: f64, across: f64| {
+        libm::acos(((a * a + b * b - across * across) / (2.0 * a * b)).clamp(-1.0, 1.0))
+    };
+    let thigh_turn = line * pitch(-corner(thigh, length, shin));
+    let knee = std::f64::consts::PI - corner(thigh, shin, length);
+    [thigh_turn, thigh_turn * pitch(knee)]
+}
