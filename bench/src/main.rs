@@ -10,6 +10,7 @@ mod kills;
 mod load;
 mod meter;
 mod sim;
+mod sim_pictures;
 mod soak;
 mod stamp;
 mod sync;
@@ -44,6 +45,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("import", import::run),
     ("kills", kills::run),
     ("sim", sim::run),
+    ("sim_pictures", sim_pictures::run),
     ("soak", soak::run),
     ("sync", sync::run),
 ];

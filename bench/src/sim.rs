@@ -13,7 +13,7 @@
 use std::fs;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 use anyhow::{Context, Result, bail};
@@ -179,9 +179,10 @@ fn place(plan: &Plan, kind: Kind, rig: &Rig) -> Result<Place> {
     for (name, quality) in QUALITIES {
         let (samples, most) = (quality.samples, quality.most_samples);
         let (silent, found) = pictures(simulation, silent(samples, most), plan);
-        simulation = silent.with_quality(quality);
+        let loud = Arc::new(silent.with_quality(quality));
         let sets = (plan.sets / u64::from(most)).max(2);
-        let took = stream(&simulation, sets);
+        let took = stream(&loud, sets);
+        simulation = Arc::unwrap_or_clone(loud);
         points.push(Point {
             quality: name,
             looks: [samples, most],
@@ -200,7 +201,7 @@ fn place(plan: &Plan, kind: Kind, rig: &Rig) -> Result<Place> {
 
 /// Luma of both eyes of all cameras at a few instants of the walk.
 fn pictures(simulation: Simulation, quality: Quality, plan: &Plan) -> (Simulation, Vec<Vec<u8>>) {
-    let simulation = simulation.with_quality(quality);
+    let simulation = Arc::new(simulation.with_quality(quality));
     let mut found = Vec::new();
     for camera in 0..simulation.cameras().len() {
         let mut pictures = simulation.pictures(camera);
@@ -213,12 +214,12 @@ fn pictures(simulation: Simulation, quality: Quality, plan: &Plan) -> (Simulatio
             found.push(frame.i420[..frame.width * frame.height].to_vec());
         }
     }
-    (simulation, found)
+    (Arc::unwrap_or_clone(simulation), found)
 }
 
 /// Takes so many frame sets on [`THREADS`] threads. Each camera's frames come in order, and only one
 /// thread works on it at a time.
-fn stream(simulation: &Simulation, sets: u64) -> Took {
+fn stream(simulation: &Arc<Simulation>, sets: u64) -> Took {
     let count = simulation.cameras().len();
     let cameras: Vec<_> = (0..count)
         .map(|camera| Mutex::new(simulation.pictures(camera)))

@@ -1,9 +1,9 @@
 """Statistics of simulated pictures beside those of real ones.
 
-    sim_pictures.py WALKS DATA OUT
+    sim_pictures.py WALKS DATA OUT.json
 
 WALKS holds one folder per walk, as `paws-rig-sim render --truth` writes it; DATA is the folder of real
-recordings. OUT.json gets every number, OUT.md the table.
+recordings. OUT.json gets every number, OUT.md beside it the table.
 
 What is measured, of every picture, pair or sequence, with the same code for real and simulated ones:
 
@@ -267,6 +267,15 @@ MEASURES = {
 }
 
 
+HEAD = """# Simulated pictures beside real ones
+
+Made by `cargo xtask bench sim_pictures`; what each column is stands at the head of `bench/src/sim_pictures.py`. Values are
+medians over pictures, pairs or sequences. A simulated one in bold lies outside of what all real ones span, below (<) or above (>).
+No real picture here looks down at the ground as the feet camera does. What the error of matching is, is known of one real pair only.
+
+"""
+
+
 def table(sources):
     ranges, text = {}, []
     for key in MEASURES:
@@ -312,7 +321,7 @@ def main():
     ]
     report = {"span": {k: [round(v, 5) for v in span] for k, span in ranges.items()}, "sources": rows}
     out.with_suffix(".json").write_text(json.dumps(report, indent=1) + "\n")
-    out.with_suffix(".md").write_text(text)
+    out.with_suffix(".md").write_text(HEAD + text)
     print(text)
 
 

@@ -2,12 +2,15 @@
 
 use cad_transforms::RigidTransform;
 use cad_transforms::frame::{Frame, FramePart};
-use cad_transforms::rig::{Rig, RigError};
+use cad_transforms::rig::{Foot, Rig, RigError, TagFamily};
 use calib::{CameraModel, Distortion};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::camera::Shutter;
+use crate::scene::tag;
+use crate::scene::wearer::ShoeTag;
 use crate::spline::State;
+use crate::walker::Side;
 
 /// A stereo camera on the rig.
 #[derive(Clone, Debug, PartialEq)]
@@ -85,6 +88,25 @@ fn model(
         cy: 0.5 * f64::from(height - 1) + off[1],
         distortion,
     }
+}
+
+/// The tags on the wearer's shoes, or the number of one that cannot be drawn.
+pub(crate) fn shoe_tags(rig: &Rig) -> Result<Vec<ShoeTag>, u32> {
+    let tags = rig.shoe_tags().iter().map(|tag| {
+        let TagFamily::Tag36h11 = tag.family;
+        let id = usize::try_from(tag.id).ok().filter(|id| *id < tag::COUNT);
+        Ok(ShoeTag {
+            id: id.ok_or(tag.id)?,
+            side: match tag.foot {
+                Foot::Left => Side::Left,
+                Foot::Right => Side::Right,
+            },
+            size_m: tag.size_m,
+            position: *tag.foot_from_tag.translation(),
+            rotation: *tag.foot_from_tag.rotation(),
+        })
+    });
+    tags.collect()
 }
 
 /// The cameras of a rig file: those called `feet` are ZED Minis with a rolling shutter, all others

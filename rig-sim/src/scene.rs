@@ -43,7 +43,7 @@ use self::route::Route;
 use self::sky::Sky;
 use self::surface::Material;
 use self::texture::Texture;
-use self::wearer::Wearer;
+use self::wearer::{ShoeTag, Wearer};
 
 /// Which place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -170,11 +170,19 @@ pub struct Ground {
 }
 
 impl Scene {
-    /// Makes a place.
+    /// Makes a place, for a wearer without tags on his shoes.
     pub fn new(kind: Kind, time: Time, seed: u64) -> Self {
+        Self::with_tags(kind, time, seed, &[])
+    }
+
+    /// Makes a place, for a wearer with these tags on his shoes.
+    ///
+    /// # Panics
+    /// For a tag whose `id` is not below [`tag::COUNT`].
+    pub fn with_tags(kind: Kind, time: Time, seed: u64, tags: &[ShoeTag]) -> Self {
         let mut builder = Builder::new(seed);
         let made = kind.build(&mut builder);
-        let wearer = Wearer::make(&mut builder);
+        let wearer = Wearer::make(&mut builder, tags);
         let clouds = builder.texture(&palette::CLOUDS);
         let light = made.lights.at(time);
         // What moves has no shadows; in a room the sun rarely reaches it.

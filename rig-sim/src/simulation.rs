@@ -18,8 +18,9 @@ use crate::camera::Quality;
 use crate::camera::placed::{Motion, Placed, placed};
 use crate::imu::{Imu, ImuModel, ImuSample, ImuTrouble};
 use crate::random;
-use crate::rig::{SimCamera, cameras};
+use crate::rig::{SimCamera, cameras, shoe_tags};
 use crate::scene::body::Body;
+use crate::scene::tag;
 use crate::scene::wearer::{Part, Wearer};
 use crate::scene::{Kind, Scene, Time};
 use crate::walker::Walker;
@@ -74,6 +75,14 @@ pub enum SimulationError {
         found: String,
         /// What is possible.
         expected: String,
+    },
+    /// A tag on a shoe that cannot be drawn: use one of the first of its family.
+    #[error("preparing the wearer of a simulated rig: tag {id} is on a shoe, expected 0 to {last}")]
+    Tag {
+        /// Its number.
+        id: u32,
+        /// The last one that can be drawn.
+        last: usize,
     },
     /// The rig lacks an eye or the IMU of a camera: complete its file.
     #[error("preparing the cameras of a simulated walk")]
@@ -168,7 +177,11 @@ impl Simulation {
             camera.longest_exposure_s = camera.longest_exposure_s.min(SHUTTER_SHARE * period_s);
         }
         let imus = imus(ImuModel::ZED_MINI, &cameras, settings, rig)?;
-        let scene = Scene::new(settings.kind, settings.time, settings.seed);
+        let tags = shoe_tags(rig).map_err(|id| SimulationError::Tag {
+            id,
+            last: tag::COUNT - 1,
+        })?;
+        let scene = Scene::with_tags(settings.kind, settings.time, settings.seed, &tags);
         let walker = Walker::new(&scene, settings.seed, settings.seconds);
         Ok(Self {
             settings: *settings,

@@ -16,7 +16,7 @@ const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
 
 /// BLAKE3 of all files of the walk below. It changes with everything that changes a picture or a number,
 /// and with the PNG encoder; a change that nobody meant is a machine or a thread that makes a difference.
-const HASH: &str = "1a7edb6e66e393563db2950e0b1527ef6f5ac0b91888493650292422c5a51c9a";
+const HASH: &str = "578ba141fc72c3a488ee3f26425678576abfee98a4068b5b5b3ea18803042292";
 
 fn simulation() -> Arc<Simulation> {
     let settings = Settings {

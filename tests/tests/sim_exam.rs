@@ -3,8 +3,10 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::Arc;
 
 use rig_sim::camera::Quality;
+use rig_sim::faults::Faults;
 use rig_sim::render::{Job, render};
 use rig_sim::scene::{Kind, Time};
 use rig_sim::simulation::{Settings, Simulation};
@@ -40,11 +42,14 @@ fn what_a_render_says_is_true_is_found_true_by_others() {
         height: 376,
         quality: Quality::ACCURATE,
     };
-    let simulation = Simulation::new(&settings, &rig).expect("simulation");
+    let simulation = Arc::new(Simulation::new(&settings, &rig).expect("simulation"));
     let folder = tempfile::tempdir().expect("folder");
     let walk = folder.path().join("walk");
     let job = Job {
+        rig: &rig,
         rig_text: &rig_text,
+        session: false,
+        faults: &Faults::default(),
         truth: true,
         threads: 2,
     };

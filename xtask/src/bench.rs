@@ -10,14 +10,21 @@ use anyhow::{Context, Result};
 
 use crate::process::{self, cargo, command, root};
 use crate::setup::{self, Purpose};
+use crate::test::python;
 
 /// Runs the benchmarks one after the other. The first that fails ends the run, after its charts
 /// and those of the ones before it have been turned into PNG.
 pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Result<()> {
-    setup::system_packages(
-        &[Purpose::Build, Purpose::Video, Purpose::Pictures],
-        install,
-    )?;
+    let mut purposes = vec![Purpose::Build, Purpose::Video, Purpose::Pictures];
+    if names.contains(&"sim_pictures") {
+        purposes.push(Purpose::Interoperability);
+    }
+    setup::system_packages(&purposes, install)?;
+    // It judges pictures by what OpenCV makes of them.
+    let python = match names.contains(&"sim_pictures") {
+        true => Some(python::interpreter()?),
+        false => None,
+    };
     let folder = root()?.join("docs/benchmarks");
     for name in names {
         let before = charts(&folder)?;
@@ -28,6 +35,9 @@ pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Resu
             .args(arguments);
         if let Some(data) = process::data_folder()? {
             command.env("PAWS_DATA", data);
+        }
+        if let Some(python) = &python {
+            command.env("PAWS_PYTHON", python);
         }
         println!("\n== bench {name}");
         let result = process::run(&mut command);

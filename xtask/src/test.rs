@@ -5,7 +5,7 @@
 //! print a line beginning with `skipped:`; the test runner hides the output of tests that pass, so
 //! those lines are picked out of it and shown (see [`runner`]).
 
-mod python;
+pub(crate) mod python;
 mod runner;
 
 use std::io::{BufRead, BufReader};

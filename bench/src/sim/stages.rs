@@ -58,7 +58,7 @@ pub(super) fn measure(simulation: &Simulation, instants: u64) -> Stages {
             let quality = Quality::FAST;
             let model = &camera.models[k];
             let mut eye = Eye::new(model, camera.shutter, SensorModel::SMALL, quality);
-            let pose = |t: f64| camera.world_from_eye(k, &simulation.walker().rig(t));
+            let pose = |t: f64| camera.world_from_eye(k, &simulation.walker().rig(t), None);
             for instant in 0..instants {
                 let part = (instant as f64 + 0.5) / instants as f64;
                 let shot = Shot {

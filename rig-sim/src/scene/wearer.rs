@@ -27,12 +27,6 @@ const SHANK_M: f64 = 0.42;
 const THIGH_M: f64 = 0.43;
 /// A leg is never quite straight.
 const STRETCH: f64 = 0.998;
-/// Side of a tag's black square, m.
-const TAG_M: f64 = 0.06;
-/// Where the middle of a tag sits on its shoe, m, and how far it leans back to face the chest, rad.
-const TAG_AT: [f64; 3] = [0.08, 0.0, 0.075];
-const TAG_LEAN: f64 = 0.1;
-
 /// A rigid part of the wearer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
@@ -47,7 +41,7 @@ pub enum Part {
 /// A tag on a shoe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShoeTag {
-    /// Number in the family 36h11.
+    /// Number in the family 36h11, below [`tag::COUNT`].
     pub id: usize,
     /// Which shoe.
     pub side: Side,
@@ -65,11 +59,11 @@ pub struct Wearer {
     /// All parts.
     pub parts: Vec<(Part, Body)>,
     /// The tags on the shoes.
-    pub tags: [ShoeTag; 2],
+    pub tags: Vec<ShoeTag>,
 }
 
 impl Wearer {
-    pub(super) fn make(b: &mut Builder) -> Made {
+    pub(super) fn make(b: &mut Builder, tags: &[ShoeTag]) -> Made {
         let cloth = b.texture(&Recipe {
             radius: [1.0, 50.0],
             contrast: 0.2,
@@ -89,17 +83,17 @@ impl Wearer {
         let black = stuff(40.0, [0.03; 3], [0.03; 3]);
         let white = stuff(40.0, [0.6; 3], [0.6; 3]);
         let mut meshes = Vec::new();
-        let mut tags = Vec::new();
-        for (side, id) in [(Side::Left, 0), (Side::Right, 1)] {
-            let tag = shoe_tag(side, id);
-            meshes.push((Part::Shoe(side), shoe(&tag, leather, sole, [black, white])));
+        for side in [Side::Left, Side::Right] {
+            let mut shoe = shoe(leather, sole);
+            let own = tags.iter().filter(|tag| tag.side == side);
+            own.for_each(|tag| put_on(&mut shoe, tag, [black, white]));
+            meshes.push((Part::Shoe(side), shoe));
             meshes.push((Part::Shank(side), limb(SHANK_M, [0.048, 0.06], trousers)));
             meshes.push((Part::Thigh(side), limb(THIGH_M, [0.06, 0.085], trousers)));
-            tags.push(tag);
         }
         Made {
             meshes,
-            tags: [tags[0], tags[1]],
+            tags: tags.to_vec(),
         }
     }
 
@@ -135,7 +129,7 @@ impl Wearer {
 /// The wearer before the light is known.
 pub(super) struct Made {
     meshes: Vec<(Part, Mesh)>,
-    tags: [ShoeTag; 2],
+    tags: Vec<ShoeTag>,
 }
 
 impl Made {
@@ -162,19 +156,7 @@ impl Made {
     }
 }
 
-fn shoe_tag(side: Side, id: usize) -> ShoeTag {
-    // x of the tag to the wearer's right, y towards the heel: upright for who looks down at it.
-    let flat = UnitQuaternion::from_basis_unchecked(&[-Vector3::y(), -Vector3::x(), -Vector3::z()]);
-    ShoeTag {
-        id,
-        side,
-        size_m: TAG_M,
-        position: Vector3::from(TAG_AT),
-        rotation: so3::exp(Vector3::y() * -TAG_LEAN) * flat,
-    }
-}
-
-fn shoe(tag: &ShoeTag, leather: Stuff, sole: Stuff, print: [Stuff; 2]) -> Mesh {
+fn shoe(leather: Stuff, sole: Stuff) -> Mesh {
     let mut mesh = Mesh::default();
     let turn = UnitQuaternion::identity();
     let length = TOE_X - HEEL_X;
@@ -187,8 +169,12 @@ fn shoe(tag: &ShoeTag, leather: Stuff, sole: Stuff, print: [Stuff; 2]) -> Mesh {
     block(middle, 0.0, [length, 0.095, 0.025], sole);
     block(middle, 0.025, [length - 0.01, 0.088, 0.035], leather);
     block(HEEL_X + 0.085, 0.06, [0.15, 0.078, 0.045], leather);
+    mesh
+}
+
+/// Adds a tag, and the plate under it.
+fn put_on(mesh: &mut Mesh, tag: &ShoeTag, print: [Stuff; 2]) {
     let place = |p: Vector3<f64>| tag.position + tag.rotation * p;
-    // The plate under the tag.
     let plate = tag.size_m * 1.25;
     let behind = tag.position + tag.rotation * Vector3::new(0.0, 0.0, 0.004);
     mesh.cuboid(
@@ -198,8 +184,7 @@ fn shoe(tag: &ShoeTag, leather: Stuff, sole: Stuff, print: [Stuff; 2]) -> Mesh {
         1.0,
         print[1],
     );
-    tag::draw(&mut mesh, tag.id, tag.size_m, place, print);
-    mesh
+    tag::draw(mesh, tag.id, tag.size_m, place, print);
 }
 
 fn limb(length: f64, radii: [f64; 2], stuff: Stuff) -> Mesh {
