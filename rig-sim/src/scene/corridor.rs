@@ -33,7 +33,7 @@ struct Palette {
     plate: u16,
     red: u16,
     wood: u16,
-    leaves: u16,
+    greens: Greens,
     paving: u16,
     render: u16,
     grass: u16,
@@ -107,7 +107,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
 
 fn palette(b: &mut Builder) -> Palette {
     use super::palette::{
-        CEILING, DOOR, GRASS, LAMP, LEAVES, LINO, PAINT, PAPERS, PLASTER, SLABS, VARNISH, WOOD,
+        CEILING, DOOR, GRASS, LAMP, LINO, PAINT, PAPERS, PLASTER, SLABS, VARNISH, WOOD,
     };
     let grey = VARNISH.dyed([0.2, 0.21, 0.23], [0.24, 0.24, 0.25]);
     let red = VARNISH.dyed([0.45, 0.04, 0.03], [0.5, 0.08, 0.06]);
@@ -134,7 +134,7 @@ fn palette(b: &mut Builder) -> Palette {
             .of(Class::Obstacle, b),
         red: red.of(Class::Obstacle, b),
         wood: WOOD.of(Class::Obstacle, b),
-        leaves: LEAVES.of(Class::Obstacle, b),
+        greens: Greens::new(b),
         paving: SLABS.of(Class::Pavement, b),
         render: PLASTER.of(Class::Wall, b),
         grass: GRASS.of(Class::Grass, b),
@@ -274,7 +274,7 @@ fn lobby(b: &mut Builder, p: &Palette) {
     let foot = Vector3::new(west + 0.4, south + 0.4, 0.0);
     let rim = foot + Vector3::z() * 0.4;
     b.mesh.tube([foot, rim], [0.15, 0.2], 14, 0.2, pot);
-    let leaves = b.of_thing(p.leaves);
+    let leaves = b.of_thing(p.greens.leaves);
     plants::bush(b, leaves, rim, 0.6);
 }
 
@@ -308,12 +308,8 @@ fn outside(b: &mut Builder, p: &Palette) {
     }
     // Low enough that the sun comes over it.
     let ends = [-9.0, 11.5].map(|y| Vector3::new(36.0, y, 0.0));
-    plants::hedge(b, p.leaves, ends, 0.9);
+    plants::hedge(b, p.greens.leaves, ends, 0.9);
     for [x, y] in [[44.0, -6.0], [47.0, 3.5], [43.0, 9.0]] {
-        let greens = Greens {
-            bark: p.wood,
-            leaves: p.leaves,
-        };
-        plants::street_tree(b, greens, Vector3::new(x, y, -0.05), 2.2);
+        plants::street_tree(b, p.greens, Vector3::new(x, y, -0.05), 2.2);
     }
 }

@@ -14,9 +14,9 @@ use super::surface::Class;
 /// left.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Row {
-    pub(super) from: [f64; 2],
+    from: [f64; 2],
     /// Direction of the line, rad.
-    pub(super) yaw: f64,
+    yaw: f64,
 }
 
 /// What fronts are made of.
@@ -82,6 +82,14 @@ impl Looks {
 }
 
 impl Row {
+    /// From a point, in the direction of x turned by so many quarters of a turn to the left.
+    pub(super) fn new(from: [f64; 2], quarters: f64) -> Self {
+        Self {
+            from,
+            yaw: 0.5 * std::f64::consts::PI * quarters,
+        }
+    }
+
     /// The place so far along the row, out of it, and up, m.
     pub(super) fn at(&self, along: f64, out: f64, up: f64) -> Vector3<f64> {
         let (s, c) = (libm::sin(self.yaw), libm::cos(self.yaw));
@@ -153,11 +161,18 @@ impl Row {
         let lit = usize::from(b.draw(0.0, 1.0) < AT_HOME);
         let Window { width, height } = window;
         let (pane, trim) = (of(looks.panes[lit]), of(looks.trim));
-        let frame = [width + 0.22, 0.05, height + 0.2];
-        self.relief(b, [middle, up - 0.08], frame, trim);
-        self.relief(b, [middle, up], [width, 0.07, height], pane);
-        self.relief(b, [middle, up], [0.05, 0.09, height], trim);
-        self.relief(b, [middle, up + 0.66 * height], [width, 0.085, 0.05], trim);
+        let (l, r) = (middle - 0.5 * width, middle + 0.5 * width);
+        let [a, c, d, e] = [(r, up), (l, up), (l, up + height), (r, up + height)]
+            .map(|(along, up)| self.at(along, 0.02, up));
+        b.mesh.tiled_quad([a, c, d, e], [middle, up], 1.2, pane);
+        for along in [l - 0.055, r + 0.055] {
+            self.relief(b, [along, up], [0.11, 0.09, height], trim);
+        }
+        let lintel = [width + 0.22, 0.1, 0.12];
+        self.relief(b, [middle, up + height], lintel, trim);
+        // Bars well in front of the pane, so that neither is taken for the other from afar.
+        self.relief(b, [middle, up], [0.05, 0.07, height], trim);
+        self.relief(b, [middle, up + 0.66 * height], [width, 0.075, 0.05], trim);
         self.relief(b, [middle, up - 0.08], [width + 0.38, 0.16, 0.08], trim);
     }
 
@@ -188,11 +203,30 @@ impl Row {
             [(l, -0.1), (r, -0.1), (r, height), (l, height)].map(|(x, z)| self.at(x, 0.0, z));
         // Seen from in front, the row runs to the left.
         b.mesh.tiled_quad([c, a, e, d], [along, 0.0], 1.1, wall);
-        // What is behind is hardly seen.
-        let depth = 14.0;
-        let size = Vector3::new(width, depth, height);
-        let behind = self.at(middle, -0.5 * depth - 0.03, 0.0);
-        b.standing_box(behind, size, self.yaw, 7.0, wall);
+        // Sides and a flat roof; what is behind is not seen.
+        let at = |along: f64, back: f64, up: f64| self.at(along, -14.0 * back, up);
+        for face in [
+            [
+                at(l, 0.0, -0.1),
+                at(l, 1.0, -0.1),
+                at(l, 1.0, height),
+                at(l, 0.0, height),
+            ],
+            [
+                at(r, 1.0, -0.1),
+                at(r, 0.0, -0.1),
+                at(r, 0.0, height),
+                at(r, 1.0, height),
+            ],
+            [
+                at(r, 0.0, height),
+                at(l, 0.0, height),
+                at(l, 1.0, height),
+                at(r, 1.0, height),
+            ],
+        ] {
+            b.mesh.tiled_quad(face, [along, 0.0], 3.5, wall);
+        }
         self.relief(b, [middle, -0.05], [width - 0.02, 0.05, 0.5], trim);
         let band = [width - 0.02, 0.1, 0.18];
         self.relief(b, [middle, GROUND_FLOOR - 0.2], band, trim);
@@ -236,12 +270,12 @@ impl Row {
     }
 
     fn door(&self, b: &mut Builder, at: f64, [wood, trim]: [Stuff; 2]) {
-        self.relief(b, [at, 0.0], [1.35, 0.08, 2.55], trim);
-        self.relief(b, [at, 0.1], [1.0, 0.1, 2.2], wood);
+        self.relief(b, [at, 0.0], [1.35, 0.05, 2.55], trim);
+        self.relief(b, [at, 0.1], [1.0, 0.11, 2.2], wood);
         self.relief(b, [at, -0.05], [1.3, 0.3, 0.15], trim);
         // Handle, letter slot, number.
-        self.relief(b, [at + 0.4, 1.05], [0.03, 0.15, 0.14], trim);
-        self.relief(b, [at, 0.95], [0.3, 0.11, 0.05], trim);
+        self.relief(b, [at + 0.4, 1.05], [0.03, 0.18, 0.14], trim);
+        self.relief(b, [at, 0.95], [0.3, 0.14, 0.05], trim);
         self.relief(b, [at - 0.85, 1.75], [0.16, 0.02, 0.16], trim);
     }
 

@@ -103,7 +103,7 @@ const CRUMBS: Recipe = recipe([1.2, 120.0], 0.36, 0.1, 0.3, 1.0);
 const FALLEN: Recipe = recipe([4.0, 24.0], 0.42, 0.1, 0.45, 1.9);
 const FURROWS: Recipe = recipe([2.0, 60.0], 0.42, 0.15, 0.4, 5.0);
 /// Words and pictures.
-const PRINT: Recipe = recipe([2.0, 14.0], 0.4, 0.05, 0.0, 6.0);
+const PRINT: Recipe = recipe([2.0, 10.0], 0.3, 0.02, 0.0, 5.0);
 /// What a window mirrors: large, soft, upright.
 const MIRRORED: Recipe = recipe([60.0, 500.0], 0.25, 0.01, 0.35, 0.5);
 
@@ -180,7 +180,7 @@ pub(super) const DOOR: Look =
     Look::new(GRAINED, 1.2, [0.2, 0.13, 0.08], [0.07, 0.05, 0.035]).laid(BOARDS);
 /// A board with sheets of paper on it, 25 cm wide.
 pub(super) const PAPERS: Look = Look::new(PRINT, 1.0, [0.7, 0.69, 0.66], [0.2, 0.13, 0.07])
-    .laid(courses(4, 3, Stagger::Any, 34.0, 0.25));
+    .laid(courses(4, 4, Stagger::Any, 70.0, 0.15));
 /// Varnished metal.
 pub(super) const METAL: Look = Look::new(SMOOTH, 1.0, [0.1, 0.12, 0.11], [0.16, 0.16, 0.15]);
 pub(super) const STEEL: Look = Look::new(SMOOTH, 0.6, [0.3, 0.31, 0.32], [0.24, 0.24, 0.25]);

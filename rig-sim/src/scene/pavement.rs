@@ -58,10 +58,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
         paint: palette::ROAD_PAINT.of(Class::Crosswalk, b),
         grass: palette::GRASS.of(Class::Grass, b),
         earth: palette::EARTH.of(Class::Grass, b),
-        greens: Greens {
-            bark: palette::BARK.of(Class::Obstacle, b),
-            leaves: palette::LEAVES.of(Class::Obstacle, b),
-        },
+        greens: Greens::new(b),
         street: street::Looks::new(b),
         fronts: front::Looks::new(b),
     };
@@ -202,21 +199,16 @@ fn ground(b: &mut Builder, p: &Palette) {
 /// The two sides of the street, and what closes its ends.
 fn houses(b: &mut Builder, p: &Palette) {
     let [x0, x1] = LENGTH;
-    let quarter = 0.5 * std::f64::consts::PI;
-    let row = |from: [f64; 2], quarters: f64| Row {
-        from,
-        yaw: quarters * quarter,
-    };
     let style = Style {
         shops: 0.3,
         floors: [1, 2],
     };
     for (row, length) in [
-        (row([x0, HOUSE], 0.0), x1 - x0),
-        (row([x1, FAR_HOUSE], 2.0), x1 - x0),
+        (Row::new([x0, HOUSE], 0.0), x1 - x0),
+        (Row::new([x1, FAR_HOUSE], 2.0), x1 - x0),
         // Across the ends; far enough for a low sun to come over.
-        (row([x1 + 40.0, -12.0], 1.0), 38.0),
-        (row([x0 - 12.0, 22.0], -1.0), 30.0),
+        (Row::new([x1 + 40.0, -12.0], 1.0), 38.0),
+        (Row::new([x0 - 12.0, 22.0], -1.0), 30.0),
     ] {
         row.houses(b, &p.fronts, style, length);
     }

@@ -7,6 +7,8 @@ use nalgebra::Vector3;
 
 use super::build::Builder;
 use super::mesh::Stuff;
+use super::palette;
+use super::surface::Class;
 use super::sweep::{Ring, sweep};
 
 /// A clump of leaves about a point.
@@ -23,14 +25,14 @@ pub(super) struct Clump {
 }
 
 impl Clump {
-    /// So many sprays that they cover the surface about once.
+    /// So many sprays that they hide about half of what is behind.
     pub(super) fn new(centre: Vector3<f64>, radii: Vector3<f64>, spray_m: f64) -> Self {
         let [x, y, z] = [radii.x, radii.y, radii.z];
         let surface = 4.0 * std::f64::consts::PI * (x * y + y * z + z * x) / 3.0;
         Self {
             centre,
             radii,
-            sprays: (1.6 * surface / (spray_m * spray_m)) as u32,
+            sprays: (1.1 * surface / (spray_m * spray_m)) as u32,
             spray_m,
         }
     }
@@ -61,7 +63,10 @@ impl Clump {
                 let length = self.spray_m * b.draw(0.45, 0.85);
                 at + (right * libm::cos(turn) + over * libm::sin(turn)) * length
             });
-            b.mesh.triangle(corners, [at.x + at.z, at.y], leaves);
+            // Seen from both sides.
+            let [p, q, r] = corners;
+            b.mesh.triangle([p, q, r], [at.x + at.z, at.y], leaves);
+            b.mesh.triangle([p, r, q], [at.x + at.z, at.y], leaves);
         }
     }
 }
@@ -71,6 +76,15 @@ impl Clump {
 pub(super) struct Greens {
     pub(super) bark: u16,
     pub(super) leaves: u16,
+}
+
+impl Greens {
+    pub(super) fn new(b: &mut Builder) -> Self {
+        Self {
+            bark: palette::BARK.of(Class::Obstacle, b),
+            leaves: palette::LEAVES.of(Class::Obstacle, b),
+        }
+    }
 }
 
 /// A tree of a street: a trunk of `trunk_m` and a round crown above it.

@@ -55,10 +55,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
         flowers: palette::LEAVES
             .dyed([0.11, 0.18, 0.06], [0.42, 0.16, 0.2])
             .of(Class::Obstacle, b),
-        greens: Greens {
-            bark: palette::BARK.of(Class::Obstacle, b),
-            leaves: palette::LEAVES.of(Class::Obstacle, b),
-        },
+        greens: Greens::new(b),
         street: street::Looks::new(b),
         fronts: front::Looks::new(b),
     };
@@ -147,25 +144,26 @@ fn ground(b: &mut Builder, p: &Palette) {
 /// The fronts round the square, and along the streets that leave it.
 fn houses(b: &mut Builder, p: &Palette) {
     let [w, h] = HALF;
-    let quarter = 0.5 * std::f64::consts::PI;
-    let row = |from: [f64; 2], quarters: f64| Row {
-        from,
-        yaw: quarters * quarter,
-    };
     let style = Style {
         shops: 0.6,
         floors: [2, 3],
     };
     for (row, length) in [
-        (row([-w, -h], 0.0), 2.0 * w - STREET_M),
-        (row([w, -h], 1.0), 2.0 * h),
-        (row([w, h], 2.0), 2.0 * w - STREET_M),
-        (row([-w, h], 3.0), 2.0 * h),
+        (Row::new([-w, -h], 0.0), 2.0 * w - STREET_M),
+        (Row::new([w, -h], 1.0), 2.0 * h),
+        (Row::new([w, h], 2.0), 2.0 * w - STREET_M),
+        (Row::new([-w, h], 3.0), 2.0 * h),
         // The ends of the two streets, and their other sides.
-        (row([w - STREET_M - 2.0, -h - 14.0], 0.0), STREET_M + 4.0),
-        (row([STREET_M + 2.0 - w, h + 14.0], 2.0), STREET_M + 4.0),
-        (row([w, -h - 14.0], 1.0), 14.0),
-        (row([-w, h + 14.0], 3.0), 14.0),
+        (
+            Row::new([w - STREET_M - 2.0, -h - 14.0], 0.0),
+            STREET_M + 4.0,
+        ),
+        (
+            Row::new([STREET_M + 2.0 - w, h + 14.0], 2.0),
+            STREET_M + 4.0,
+        ),
+        (Row::new([w, -h - 14.0], 1.0), 14.0),
+        (Row::new([-w, h + 14.0], 3.0), 14.0),
     ] {
         row.houses(b, &p.fronts, style, length);
     }

@@ -30,7 +30,7 @@ struct Palette {
     books: [u16; 4],
     door: DoorStuff,
     lamp: u16,
-    leaves: u16,
+    greens: Greens,
     glass: u16,
     grass: u16,
 }
@@ -86,7 +86,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
 
 fn palette(b: &mut Builder) -> Palette {
     use super::palette::{
-        CEILING, CLOTH, GRASS, LAMP, LEAVES, PARQUET, RUG, STEEL, VARNISH, WALLPAPER, WHITE, WOOD,
+        CEILING, CLOTH, GRASS, LAMP, PARQUET, RUG, STEEL, VARNISH, WALLPAPER, WHITE, WOOD,
     };
     let book = |colour: [f32; 3]| VARNISH.dyed(colour, colour.map(|c| 0.6 * c + 0.1));
     Palette {
@@ -117,7 +117,7 @@ fn palette(b: &mut Builder) -> Palette {
             handle: STEEL.of(Class::Obstacle, b),
         },
         lamp: LAMP.glowing(1.0).of(Class::Obstacle, b),
-        leaves: LEAVES.of(Class::Obstacle, b),
+        greens: Greens::new(b),
         // What a pane mirrors of a room is about as bright as a grey wall.
         glass: WALLPAPER
             .dyed([0.38, 0.42, 0.41], [0.38, 0.42, 0.41])
@@ -187,14 +187,10 @@ fn shell(b: &mut Builder, p: &Palette) -> Vec<Lamp> {
     }
     for ends in [[[17.0, -4.0], [17.0, 16.0]], [[-4.0, 12.5], [17.0, 12.5]]] {
         let ends = ends.map(|[x, y]| Vector3::new(x, y, -0.05));
-        plants::hedge(b, p.leaves, ends, 1.3);
+        plants::hedge(b, p.greens.leaves, ends, 1.3);
     }
     for [x, y] in [[21.0, 1.0], [23.0, 6.5], [3.0, 17.0], [10.0, 19.0]] {
-        let greens = Greens {
-            bark: p.wood,
-            leaves: p.leaves,
-        };
-        plants::street_tree(b, greens, Vector3::new(x, y, -0.05), 2.4);
+        plants::street_tree(b, p.greens, Vector3::new(x, y, -0.05), 2.4);
     }
     let mut lamps = Vec::new();
     for x in [2.2, 5.0, 7.8] {

@@ -54,9 +54,7 @@ struct Flight {
 }
 
 pub(super) fn build(b: &mut Builder) -> Made {
-    use super::palette::{
-        BARK, BRICK, CONCRETE, GRANITE, GRASS, LEAVES, PLASTER, SLABS, STEEL, WOOD,
-    };
+    use super::palette::{BRICK, CONCRETE, GRANITE, GRASS, PLASTER, SLABS, STEEL, WOOD};
     let palette = Palette {
         slabs: SLABS.of(Class::Pavement, b),
         tread: GRANITE.of(Class::Stair, b),
@@ -72,10 +70,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
         steel: STEEL.of(Class::Obstacle, b),
         wood: WOOD.of(Class::Obstacle, b),
         grass: GRASS.of(Class::Grass, b),
-        greens: Greens {
-            bark: BARK.of(Class::Obstacle, b),
-            leaves: LEAVES.of(Class::Obstacle, b),
-        },
+        greens: Greens::new(b),
         street: street::Looks::new(b),
         fronts: front::Looks::new(b),
     };
@@ -291,15 +286,10 @@ fn houses(b: &mut Builder, p: &Palette) {
         back,
     );
     // Windows, along the walls as one sees them: west of the stairs, east, and across the yard.
-    let quarter = 0.5 * std::f64::consts::PI;
-    let row = |from: [f64; 2], quarters: f64| Row {
-        from,
-        yaw: quarters * quarter,
-    };
     let (near, side, far) = (
-        row([0.0, 0.0], 0.0),
-        row([east, 0.0], 1.0),
-        row([0.0, north], 2.0),
+        Row::new([0.0, 0.0], 0.0),
+        Row::new([east, 0.0], 1.0),
+        Row::new([0.0, north], 2.0),
     );
     let size = Window {
         width: 0.95,
