@@ -14,7 +14,7 @@ const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
 
 /// BLAKE3 of all files of the walk below. It changes with everything that changes a picture or a number,
 /// and with the PNG encoder; a change that nobody meant is a machine or a thread that makes a difference.
-const HASH: &str = "f1770ac162c5f20dd2b658b9628ad77b5a087c98bcb979da910b33468a4b8ce2";
+const HASH: &str = "be1fbe69939cd29962f31d81662a829d2212f0a0e970d27410feae8579e537f7";
 
 fn simulation() -> Simulation {
     let settings = Settings {
