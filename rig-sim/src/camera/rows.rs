@@ -103,7 +103,7 @@ mod tests {
     use super::*;
     use crate::so3;
 
-    /// The slow twin: a pose for every row. Turns and swings are as fast as a jogger's.
+    /// The slow twin: a pose for every row. Eye and body turn with some 500 rad/s² against each other.
     #[test]
     fn views_between_poses_are_those_of_the_rows() {
         let swing = |t: f64, hz: f64, size: f64| {
@@ -127,7 +127,7 @@ mod tests {
                 .iter()
                 .chain(&expected.origin);
             for (a, b) in pairs.zip(expected) {
-                assert!((a - b).abs() < 1e-6, "row {row}: {a} {b}");
+                assert!((a - b).abs() < 2.5e-6, "row {row}: {a} {b}");
             }
         }
         let once = Rows::new(Shutter::Global, height, &eye, 1.3);
