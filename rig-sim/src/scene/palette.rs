@@ -87,7 +87,7 @@ const fn courses(across: u16, rows: u16, stagger: Stagger, joint: f32, uneven: f
 
 /// Clouds, at one step of level 2 for a third of a degree.
 pub(super) const CLOUDS: Recipe = recipe([10.0, 500.0], 0.4, 0.0, 0.0, 1.8);
-const STONE: Recipe = recipe([1.5, 160.0], 0.3, 0.06, 0.3, 1.0);
+const STONE: Recipe = recipe([1.5, 160.0], 0.25, 0.04, 0.3, 1.0);
 const CHIPPINGS: Recipe = recipe([1.2, 90.0], 0.28, 0.1, 0.15, 1.0);
 const POURED: Recipe = recipe([3.0, 320.0], 0.1, 0.03, 0.25, 1.0);
 const SMOOTH: Recipe = recipe([6.0, 400.0], 0.1, 0.015, 0.3, 1.0);
@@ -111,8 +111,8 @@ const MIRRORED: Recipe = recipe([60.0, 500.0], 0.25, 0.01, 0.35, 0.5);
 
 const SLABBED: Layout = courses(4, 4, Stagger::Half, 6.0, 0.3);
 const BONDED: Layout = courses(4, 14, Stagger::Half, 8.0, 0.35);
-const PLANKS: Layout = courses(1, 10, Stagger::Any, 1.6, 0.6);
-const BOARDS: Layout = courses(1, 6, Stagger::Any, 3.0, 0.5);
+const PLANKS: Layout = courses(1, 10, Stagger::Any, 2.4, 0.6);
+const BOARDS: Layout = courses(1, 6, Stagger::Any, 5.0, 0.5);
 
 // Ground.
 
