@@ -4,6 +4,9 @@
 //! loaded from outside. Every triangle says what it is ([`surface::Class`]) and whether people walk on
 //! it. Light that does not move is computed once, at the corners of triangles ([`light`]).
 
+use std::panic::resume_unwind;
+use std::thread;
+
 use nalgebra::Vector3;
 
 pub mod body;
@@ -190,7 +193,7 @@ impl Scene {
         around.sun = around.sun.filter(|_| !made.lights.indoors);
         let Builder {
             mut materials,
-            textures,
+            recipes,
             mesh,
             glass,
             parts,
@@ -198,11 +201,17 @@ impl Scene {
         } = builder;
         let lit = made.lights.lamps_on(time);
         materials.iter_mut().for_each(|m| m.glow *= lit as f32);
-        let solid = bvh_of(&mesh);
-        let (mesh, baked) = shadow::baked(&mesh, &materials, &light, &solid, &made.route);
-        let fixed = Body::new(&mesh, &baked);
-        let baked = light.baked(&glass, &solid);
-        let glass = Body::new(&glass, &baked);
+        // Two works of like length that know nothing of each other.
+        let (textures, fixed, glass) = thread::scope(|scope| {
+            let textures = scope.spawn(|| build::textures(&recipes, seed));
+            let solid = bvh_of(&mesh);
+            let (mesh, baked) = shadow::baked(&mesh, &materials, &light, &solid, &made.route);
+            let fixed = Body::new(&mesh, &baked);
+            let baked = light.baked(&glass, &solid);
+            let glass = Body::new(&glass, &baked);
+            let textures = textures.join().unwrap_or_else(|panic| resume_unwind(panic));
+            (textures, fixed, glass)
+        });
         let walkable_triangles: Vec<u32> = (0..fixed.triangles.len() as u32)
             .filter(|&i| {
                 let triangle = &fixed.triangles[i as usize];
@@ -259,6 +268,21 @@ impl Scene {
     pub fn first_hit(&self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<bvh::Hit> {
         self.solid.hit(origin, direction, 1e-6, f64::INFINITY)
     }
+}
+
+/// Places by day that tests share, since it takes seconds to make one.
+#[cfg(test)]
+pub(crate) fn by_day(kind: Kind, seed: u64) -> std::sync::Arc<Scene> {
+    use std::collections::BTreeMap;
+    use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+    type Made = Arc<OnceLock<Arc<Scene>>>;
+    static MADE: Mutex<BTreeMap<(&str, u64), Made>> = Mutex::new(BTreeMap::new());
+    let mut made = MADE.lock().unwrap_or_else(PoisonError::into_inner);
+    let slot = made.entry((kind.name(), seed)).or_default().clone();
+    // Others may be made meanwhile.
+    drop(made);
+    let new = || Arc::new(Scene::new(kind, Time::Day, seed));
+    slot.get_or_init(new).clone()
 }
 
 fn bvh_of(mesh: &Mesh) -> Bvh {

@@ -20,17 +20,25 @@ pub struct Builder {
     /// So far.
     pub materials: Vec<Material>,
     /// So far.
-    pub textures: Vec<Texture>,
-    /// So far.
     pub mesh: Mesh,
     /// Panes so far.
     pub glass: Mesh,
     /// What moves, so far.
     pub parts: Vec<Part>,
-    /// What textures are made by.
-    recipes: Vec<(Recipe, Layout)>,
+    /// What textures are to be made by.
+    pub recipes: Vec<(Recipe, Layout)>,
     instances: u16,
     draws: u64,
+}
+
+/// The textures of these recipes in a scene of this seed.
+pub(super) fn textures(recipes: &[(Recipe, Layout)], seed: u64) -> Vec<Texture> {
+    let numbered = recipes.iter().zip(0..);
+    let texture = |((recipe, layout), index): (&(Recipe, Layout), u64)| {
+        let seed = random::bits(seed, random::SCENE + 1, index);
+        Texture::new(recipe, layout, seed)
+    };
+    numbered.map(texture).collect()
 }
 
 /// What a maker of a scene hands over besides the builder.
@@ -48,7 +56,6 @@ impl Builder {
         Self {
             seed,
             materials: Vec::new(),
-            textures: Vec::new(),
             mesh: Mesh::default(),
             glass: Mesh::default(),
             parts: Vec::new(),
@@ -75,16 +82,13 @@ impl Builder {
         self.texture_laid(recipe, &Layout::Along)
     }
 
-    /// The texture of a recipe and a layout, made when it is first asked for.
+    /// The number of the texture of a recipe and a layout.
     pub fn texture_laid(&mut self, recipe: &Recipe, layout: &Layout) -> u16 {
         let wanted = (*recipe, *layout);
         let known = self.recipes.iter().position(|made| *made == wanted);
         known.unwrap_or_else(|| {
-            let index = self.textures.len();
-            let seed = random::bits(self.seed, random::SCENE + 1, index as u64);
-            self.textures.push(Texture::new(recipe, layout, seed));
             self.recipes.push(wanted);
-            index
+            self.recipes.len() - 1
         }) as u16
     }
 

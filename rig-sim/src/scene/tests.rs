@@ -12,7 +12,7 @@ fn made(kind: Kind, seed: u64) -> (Builder, Made) {
 fn the_whole_way_has_ground_under_it_and_nothing_in_it() {
     for kind in Kind::ALL {
         let name = kind.name();
-        let scene = Scene::new(kind, Time::Day, 1);
+        let scene = by_day(kind, 1);
         let path = Path::closed(&scene.route.points);
         let steps = (path.length_m() / 0.05) as usize;
         let mut below = scene.route.start_below;

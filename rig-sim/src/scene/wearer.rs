@@ -223,11 +223,11 @@ fn along(axis: &Vector3<f64>, forward: &Vector3<f64>) -> UnitQuaternion<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Kind, Scene, Time};
+    use crate::scene::{Kind, by_day};
 
     #[test]
     fn legs_reach_from_hip_to_ankle_and_knees_point_forward() {
-        let scene = Scene::new(Kind::Pavement, Time::Day, 1);
+        let scene = by_day(Kind::Pavement, 1);
         let walker = Walker::new(&scene, 1, 20.0);
         let mut bent = 0;
         let mut far = 0;

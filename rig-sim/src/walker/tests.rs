@@ -1,13 +1,15 @@
 use super::*;
-use crate::scene::{Kind, Time};
+use std::sync::Arc;
 
-fn walk_in(kind: Kind, seconds: f64) -> (Scene, Walker) {
-    let scene = Scene::new(kind, Time::Day, 1);
+use crate::scene::{Kind, by_day};
+
+fn walk_in(kind: Kind, seconds: f64) -> (Arc<Scene>, Walker) {
+    let scene = by_day(kind, 1);
     let walker = Walker::new(&scene, 1, seconds);
     (scene, walker)
 }
 
-fn walk(seconds: f64) -> (Scene, Walker) {
+fn walk(seconds: f64) -> (Arc<Scene>, Walker) {
     walk_in(Kind::Pavement, seconds)
 }
 

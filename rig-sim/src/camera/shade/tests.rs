@@ -3,11 +3,11 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::*;
 use crate::lens::Lens;
-use crate::scene::{Kind, Time};
+use crate::scene::{Kind, by_day};
 
 /// A scene, what an eye in it sees, and how it is shaded.
 fn check(kind: Kind, look: impl Fn(&Shading<'_>, &Lens)) {
-    let scene = Scene::new(kind, Time::Day, 2);
+    let scene = by_day(kind, 2);
     let lens = Lens::new(&CameraModel {
         width: 150,
         height: 84,

@@ -3,12 +3,12 @@ use calib::Distortion;
 use super::*;
 use crate::scene::body::Body;
 use crate::scene::mesh::{Mesh, Stuff};
-use crate::scene::{Kind, Time};
+use crate::scene::{Kind, by_day};
 
 /// A plate of half a metre, 1 m ahead, moves to the right by 0.1 m per second before a room at rest.
 #[test]
 fn flow_follows_what_moves_and_knows_what_it_hides() {
-    let scene = Scene::new(Kind::Room, Time::Day, 1);
+    let scene = by_day(Kind::Room, 1);
     let model = CameraModel {
         width: 160,
         height: 120,

@@ -2,12 +2,14 @@ use nalgebra::Vector3;
 
 use crate::camera::placed;
 use crate::scene::people::Limb;
-use crate::scene::{Kind, Scene, Time};
+use std::sync::Arc;
+
+use crate::scene::{Kind, Scene, Time, by_day};
 use crate::walker::Walker;
 use crate::walker::path::Path;
 
-fn scene() -> Scene {
-    Scene::new(Kind::Plaza, Time::Day, 1)
+fn scene() -> Arc<Scene> {
+    by_day(Kind::Plaza, 1)
 }
 
 #[test]
@@ -80,12 +82,12 @@ fn all_bodies_are_drawn_and_numbered_one_after_the_other() {
 
 #[test]
 fn the_same_seed_gives_the_same_plaza() {
-    let (a, b) = (scene(), scene());
+    let (a, b) = (scene(), Scene::new(Kind::Plaza, Time::Day, 1));
     assert_eq!(a.fixed.triangles, b.fixed.triangles);
     for (a, b) in a.moving.iter().zip(&b.moving) {
         assert_eq!(a.body.triangles, b.body.triangles);
         assert_eq!(a.pose(12.3), b.pose(12.3));
     }
-    let other = Scene::new(Kind::Plaza, Time::Day, 2);
+    let other = by_day(Kind::Plaza, 2);
     assert_ne!(a.fixed.triangles, other.fixed.triangles);
 }

@@ -1,9 +1,11 @@
-use crate::scene::{Kind, Scene, Time};
+use std::sync::Arc;
+
+use crate::scene::{Kind, Scene, Time, by_day};
 use crate::walker::path::Path;
 use crate::walker::{Side, Walker};
 
-fn scene() -> Scene {
-    Scene::new(Kind::Trail, Time::Day, 1)
+fn scene() -> Arc<Scene> {
+    by_day(Kind::Trail, 1)
 }
 
 #[test]
@@ -71,9 +73,9 @@ fn soles_rest_on_rough_ground() {
 
 #[test]
 fn the_same_seed_gives_the_same_trail() {
-    let (a, b) = (scene(), scene());
+    let (a, b) = (scene(), Scene::new(Kind::Trail, Time::Day, 1));
     assert_eq!(a.fixed.triangles, b.fixed.triangles);
     assert_eq!(a.route, b.route);
-    let other = Scene::new(Kind::Trail, Time::Day, 2);
+    let other = by_day(Kind::Trail, 2);
     assert_ne!(a.route, other.route);
 }
