@@ -278,6 +278,7 @@ impl Eye {
             let at = sun.place(&self.lens);
             self.radiance.flare(&sun, &self.grids[0].rays, at);
         }
+        self.radiance.soften();
         self.radiance.spoil(conditions, which);
     }
 

@@ -1,5 +1,6 @@
 //! Where the time of a stereo frame goes.
 
+use rig_sim::camera::optics::Conditions;
 use rig_sim::camera::sensor::{Exposure, SensorModel};
 use rig_sim::camera::{Eye, Quality, Shot, Stage, placed};
 use rig_sim::simulation::Simulation;
@@ -82,6 +83,12 @@ pub(super) fn measure(simulation: &Simulation, instants: u64) -> Stages {
                 });
                 sum.shading += passed();
                 let chroma = [&mut cb[..], &mut cr[..]];
+                eye.spoil(
+                    simulation.scene(),
+                    &pose(shot.time_s),
+                    &Conditions::FINE,
+                    k as u64,
+                );
                 eye.develop(&exposure, instant, &mut luma, chroma, width);
                 sum.developing += passed();
             }

@@ -16,6 +16,8 @@ use crate::so3;
 /// Light that a clean lens scatters from a source of irradiance 1 to an angle of 1 rad, relative to a white
 /// surface; over all angles some 2 percent of the light.
 const SCATTER: f32 = 0.003;
+/// Share of a pixel's light that each of its four neighbours gets: a spread of half a pixel's width.
+const SPREAD: f32 = 0.12;
 /// Within this angle the sun's own picture is brighter than its veil, rad.
 const SUN_ANGLE: f32 = 0.01;
 /// Beyond this angle from the optical axis the sun does not reach the glass, cosine.
@@ -138,6 +140,37 @@ impl Sun {
 }
 
 impl Radiance {
+    /// Spreads the light of each pixel a little over its neighbours, as lenses and the making of colours out of a
+    /// mosaic do. What lies beyond the edge is as what lies at it.
+    pub(super) fn soften(&mut self) {
+        let width = self.width;
+        let mut before = vec![0.0; width];
+        let mut row = vec![0.0; width + 2];
+        for pixels in self.luminance.chunks_exact_mut(width) {
+            row[1..=width].copy_from_slice(pixels);
+            row[0] = pixels[0];
+            row[width + 1] = pixels[width - 1];
+            for (to, near) in pixels.iter_mut().zip(row.windows(3)) {
+                *to = near[1] + SPREAD * (near[0] - 2.0 * near[1] + near[2]);
+            }
+        }
+        before.copy_from_slice(&self.luminance[..width]);
+        for y in 0..self.height {
+            let (upper, lower) = self.luminance.split_at_mut((y + 1) * width);
+            let pixels = &mut upper[y * width..];
+            row[..width].copy_from_slice(pixels);
+            let below = if lower.is_empty() {
+                &row[..width]
+            } else {
+                &lower[..width]
+            };
+            for (((to, now), above), below) in pixels.iter_mut().zip(&row).zip(&before).zip(below) {
+                *to = now + SPREAD * (above - 2.0 * now + below);
+            }
+            before.copy_from_slice(&row[..width]);
+        }
+    }
+
     /// Adds what a lens makes of the sun. `rays` are those of the pixels, `at` where the lens shows the
     /// sun, px from the picture's centre.
     pub(super) fn flare(&mut self, sun: &Sun, rays: &[[f32; 2]], at: (f32, f32)) {
@@ -374,6 +407,23 @@ mod tests {
 
     fn mean(plane: &[f32]) -> f32 {
         plane.iter().sum::<f32>() / plane.len() as f32
+    }
+
+    #[test]
+    fn a_lens_spreads_light_over_neighbours_and_keeps_it() {
+        let mut light = Radiance::new(8, 6);
+        light.luminance[2 * 8 + 3] = 1.0;
+        light.soften();
+        let at = |x: usize, y: usize| light.luminance[y * 8 + x];
+        assert!((light.luminance.iter().sum::<f32>() - 1.0).abs() < 1e-6);
+        assert_eq!(at(3, 2), (1.0 - 2.0 * SPREAD) * (1.0 - 2.0 * SPREAD));
+        for (x, y) in [(2, 2), (4, 2), (3, 1), (3, 3)] {
+            assert!((at(x, y) - SPREAD * (1.0 - 2.0 * SPREAD)).abs() < 1e-7);
+        }
+        let mut even = Radiance::new(8, 6);
+        even.luminance.fill(0.7);
+        even.soften();
+        assert!(even.luminance.iter().all(|v| (v - 0.7).abs() < 1e-6));
     }
 
     #[test]

@@ -23,7 +23,12 @@ pub struct SensorModel {
     pub read_noise: f32,
     /// How much darker the corners are: the share of the fourth power of the cosine that is kept.
     pub vignetting: f32,
-    /// No noise at all: for truth.
+    /// How much the pixels of a sensor, and the two sensors of a camera, differ in what they make of the same
+    /// light: standard deviation, relative.
+    pub uneven: f32,
+    /// Chooses those differences.
+    pub seed: u64,
+    /// No noise at all, and all pixels alike: for truth.
     pub noiseless: bool,
 }
 
@@ -34,6 +39,8 @@ impl SensorModel {
         full_well: 10_000.0,
         read_noise: 3.0,
         vignetting: 0.7,
+        uneven: 0.01,
+        seed: 0,
         noiseless: false,
     };
 }
@@ -60,9 +67,16 @@ pub struct Sensor {
 impl Sensor {
     /// For pixels that look along `rays`.
     pub fn new(model: SensorModel, rays: &[[f32; 2]]) -> Self {
-        let falloff = |&[x, y]: &[f32; 2]| {
+        let uneven = if model.noiseless { 0.0 } else { model.uneven };
+        let differs = |k: u64, i: u64| {
+            let draw = random::bell(model.seed, random::SENSOR + 4 + k, i);
+            1.0 + uneven * draw as f32
+        };
+        let of_all = differs(0, 0);
+        let falloff = |(&[x, y], i): (&[f32; 2], u64)| {
             let cosine2 = 1.0 / (1.0 + x * x + y * y);
-            1.0 - model.vignetting * (1.0 - cosine2 * cosine2)
+            let kept = 1.0 - model.vignetting * (1.0 - cosine2 * cosine2);
+            kept * of_all * differs(1, i)
         };
         // The sRGB curve, IEC 61966-2-1.
         let tone = |i: usize| {
@@ -81,7 +95,7 @@ impl Sensor {
         };
         Self {
             model,
-            falloff: rays.iter().map(falloff).collect(),
+            falloff: rays.iter().zip(0..).map(falloff).collect(),
             normals: (0..NORMALS).map(normal).collect(),
             tones: (0..TONES).map(tone).collect(),
         }

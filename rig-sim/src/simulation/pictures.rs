@@ -13,6 +13,7 @@ use super::{Simulation, seconds};
 /// Seeds of cameras, and of a camera's pictures, apart from the streams that sensors use themselves.
 const CAMERA_SEEDS: u64 = random::SENSOR + 0x80;
 const PICTURE_SEEDS: u64 = random::SENSOR + 0x81;
+const SENSOR_SEEDS: u64 = random::SENSOR + 0x82;
 /// Pictures after which the exposure has found its way from any start.
 const SETTLING: u64 = 24;
 
@@ -57,7 +58,13 @@ impl Pictures {
         let seed = random::bits(simulation.settings.seed, CAMERA_SEEDS, camera as u64);
         let of = &simulation.cameras[camera];
         let quality = simulation.settings.quality;
-        let eye = |k: usize| Eye::new(&of.models[k], of.shutter, SensorModel::SMALL, quality);
+        let eye = |k: usize| {
+            let sensor = SensorModel {
+                seed: random::bits(seed, SENSOR_SEEDS, k as u64),
+                ..SensorModel::SMALL
+            };
+            Eye::new(&of.models[k], of.shutter, sensor, quality)
+        };
         let mut pictures = Self {
             simulation: simulation.clone(),
             camera,
