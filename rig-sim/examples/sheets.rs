@@ -17,7 +17,7 @@ const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
 const OTHER_LIGHTS: [Time; 3] = [Time::Night, Time::LowSun, Time::Flicker];
 /// One eye by day and in other lights, pixels.
 const DAY: [u32; 2] = [256, 144];
-const OTHER: [u32; 2] = [224, 126];
+const OTHER: [u32; 2] = [216, 122];
 
 fn main() -> Result<()> {
     let folder = std::env::args_os().nth(1).context("no folder was named")?;
