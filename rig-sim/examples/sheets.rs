@@ -16,8 +16,9 @@ use rig_sim::simulation::{Settings, Simulation};
 
 const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
 const OTHER_LIGHTS: [Time; 3] = [Time::Night, Time::LowSun, Time::Flicker];
-/// One eye, pixels.
-const SIZE: [u32; 2] = [288, 162];
+/// One eye by day and in other lights, pixels.
+const DAY: [u32; 2] = [256, 144];
+const OTHER: [u32; 2] = [216, 122];
 
 fn main() -> Result<()> {
     let folder = std::env::args_os().nth(1).context("no folder was named")?;
@@ -25,15 +26,15 @@ fn main() -> Result<()> {
     std::fs::create_dir_all(&folder).with_context(|| format!("making {}", folder.display()))?;
     let rig = Rig::parse(RIG)?;
     for kind in Kind::ALL {
-        let drawn = |time: Time, count: usize| -> Result<Canvas> {
+        let drawn = |time: Time, [width, height]: [u32; 2], count: usize| -> Result<Canvas> {
             let settings = Settings {
                 kind,
                 time,
                 seed: 1,
                 seconds: 12.0,
                 rate_hz: 30.0,
-                width: SIZE[0],
-                height: SIZE[1],
+                width,
+                height,
                 quality: Quality::ACCURATE,
             };
             let simulation = Arc::new(Simulation::new(&settings, &rig)?);
@@ -46,17 +47,17 @@ fn main() -> Result<()> {
                 .save(&path)
                 .with_context(|| format!("writing {}", path.display()))
         };
-        save(&drawn(Time::Day, 2)?, "")?;
+        save(&drawn(Time::Day, DAY, 2)?, "")?;
 
         let mut rows = Vec::new();
         for time in OTHER_LIGHTS {
-            rows.push(drawn(time, 1)?);
+            rows.push(drawn(time, OTHER, 1)?);
         }
-        let (width, height) = (rows[0].width, SIZE[1] as usize + 4);
+        let (width, height) = (rows[0].width, OTHER[1] as usize + 4);
         let mut lights = Canvas::new(width, rows.len() * height - 4, [255; 3]);
         for (i, row) in rows.iter().enumerate() {
             // Without the map.
-            let pixels = &row.pixels[..width * SIZE[1] as usize];
+            let pixels = &row.pixels[..width * OTHER[1] as usize];
             lights.paste([0, i * height], width, pixels);
         }
         save(&lights, "-lights")?;

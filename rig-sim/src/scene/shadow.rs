@@ -3,7 +3,7 @@
 //! Contract: only the ground and walls are cut, the finer the nearer to the way, and a cut moves no
 //! surface. An edge is cut in its middle for both triangles that share it, so no crack opens.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 use nalgebra::Vector3;
 
@@ -91,10 +91,13 @@ pub(super) fn baked(
     let rounds = if light.sun.is_some() { ROUNDS } else { 0 };
     for _ in 0..rounds {
         let mut wanted: Vec<(u64, Edge)> = Vec::new();
+        // Two triangles share an edge: one look is enough.
+        let mut judged: HashMap<Edge, bool> = HashMap::new();
         for piece in pieces.iter_mut().filter(|p| p.is_open) {
             let corners = &piece.triangle.corners;
             let distance = away(&corners[0].position);
             let finest = FINEST_M * (distance / NEAR_M).max(1.0);
+            // What has no edge to be cut now has none later.
             piece.is_open = false;
             if distance > FAR_M {
                 continue;
@@ -107,7 +110,11 @@ pub(super) fn baked(
                 if length < 2.0 * finest {
                     continue;
                 }
-                piece.is_open = true;
+                let name = edge(a, b);
+                if let Some(&differs) = judged.get(&name) {
+                    piece.is_open |= differs;
+                    continue;
+                }
                 let (la, lb) = (&piece.lit[i], &piece.lit[j]);
                 let looks = ((length / LOOK_M) as usize).clamp(1, MOST_LOOKS);
                 let differs = (1..=looks).any(|n| {
@@ -119,8 +126,10 @@ pub(super) fn baked(
                     let level = found.max(expected) + la.soft;
                     (found - expected).abs() > TOLERANCE * level
                 });
+                judged.insert(name, differs);
+                piece.is_open |= differs;
                 if differs {
-                    wanted.push((distance.to_bits(), edge(a, b)));
+                    wanted.push((distance.to_bits(), name));
                 }
             }
         }
