@@ -76,26 +76,26 @@ fn what_a_render_says_is_true_is_found_true_by_others() {
     };
 
     // Tags: all that the truth calls visible are read, and none that it calls hidden. With the tone
-    // curve undone corners agree; as delivered the curve moves them inwards, in any camera, but nowhere
-    // on the whole.
+    // curve undone corners agree. As delivered they move inwards, but nowhere on the whole: in pictures
+    // that numpy draws the curve alone makes 0.2 px, and with a lens as soft as half a pixel 0.32 px.
     above("/tags/visible", 50.0);
     above("/tags/found", 0.95 * number("/tags/visible"));
     below("/tags/found though hidden", 3.0);
     below("/tags/linear/median", 0.1);
     below("/tags/linear/p95", 0.25);
-    below("/tags/delivered/median", 0.3);
-    for kind in ["linear", "delivered"] {
+    below("/tags/delivered/median", 0.4);
+    for (kind, most) in [("linear", 0.03), ("delivered", 0.06)] {
         for axis in [0, 1] {
-            below(&format!("/tags/{kind}/mean/{axis}"), 0.03);
-            above(&format!("/tags/{kind}/mean/{axis}"), -0.03);
+            below(&format!("/tags/{kind}/mean/{axis}"), most);
+            above(&format!("/tags/{kind}/mean/{axis}"), -most);
         }
     }
 
     // Rows that OpenCV makes level from the written calibration.
     above("/rows/count", 5000.0);
     below("/rows/median", 0.05);
-    below("/rows/mean", 0.02);
-    above("/rows/mean", -0.02);
+    below("/rows/middle", 0.02);
+    above("/rows/middle", -0.02);
 
     // Depth from eye to eye, and against the written mesh.
     for camera in ["shoulder", "feet"] {
