@@ -1,9 +1,10 @@
 //! Pictures into compressed video, one after the other.
 
 use std::path::PathBuf;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::Duration;
 
+use video::encoder::MAX_IN_FLIGHT;
 use video::picture::rgb_to_i420;
 use video::{AccessUnit, Codec, EncodeError, Encoder, EncoderEvent, EncoderSettings, Picture};
 use video::{PictureError, mp4};
@@ -57,7 +58,7 @@ impl Film {
             threads: 1,
             max_key_interval_frames: keys.max(1),
         };
-        let (sender, events) = channel();
+        let (sender, events) = sync_channel(MAX_IN_FLIGHT);
         // Nobody listens any more once the film is dropped.
         let on_output = move |event| drop(sender.send(event));
         let encoder = Encoder::start(&settings, Box::new(on_output))?;

@@ -201,8 +201,7 @@ impl Exam {
         ensure!(report.is_sound(), "the session is not sound: {report:?}");
         let contents = Contents::read(&finished.session)?;
         let mut tally = Tally::default();
-        for camera in 0..CAMERAS.len() {
-            let name = CAMERAS[camera];
+        for (camera, name) in CAMERAS.into_iter().enumerate() {
             let mut twin = self.device(camera, faults);
             let arrived: Vec<Delivery> = std::iter::from_fn(|| twin.deliver()).collect();
             for (stream, name) in [

@@ -82,10 +82,12 @@ fn counted(list: Vec<Fault>) -> (Vec<Delivery>, Vec<Loss>) {
 }
 
 fn frames(delivered: &[Delivery]) -> Vec<&DeviceFrame> {
-    let frame = |d| match d {
-        &Delivery::Frame(ref frame) => Some(frame),
-        _ => None,
-    };
+    fn frame(delivery: &Delivery) -> Option<&DeviceFrame> {
+        match delivery {
+            Delivery::Frame(frame) => Some(frame),
+            _ => None,
+        }
+    }
     delivered.iter().filter_map(frame).collect()
 }
 

@@ -300,7 +300,7 @@ impl<'a> Archive<'a> {
 
     /// Where everything sits and how lenses are.
     fn statics(&mut self, rig: &Rig) -> Result<(), WriteError> {
-        let transforms = rig.edges().into_iter().map(|edge| {
+        let transforms = rig.edges().iter().map(|edge| {
             let [w, x, y, z] = edge.parent_from_child.rotation_wxyz();
             let [tx, ty, tz] = edge.parent_from_child.translation_m();
             FrameTransform {

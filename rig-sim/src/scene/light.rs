@@ -2,7 +2,7 @@
 //!
 //! Sun, sky and lamps, with shadows and the darkening of corners, computed once at the corners of
 //! triangles and linear between them: shadows have soft outlines as wide as a triangle, and triangles
-//! are cut where that is too wide ([`super::shadow`]). Light that bounces is part of the sky's share.
+//! are cut where that is too wide (`shadow.rs`). Light that bounces is part of the sky's share.
 //! Moving things neither cast nor receive shadows.
 
 use std::collections::HashMap;

@@ -2,7 +2,7 @@
 //!
 //! A person is twelve rigid bodies: torso, head, and two each of thigh, shin, foot, upper arm, and forearm
 //! with hand. They follow a closed path of their own at a constant speed on level ground at height 0; feet
-//! stand where they land ([`gait`]), legs reach from hips to feet, arms swing. Poses are functions of
+//! stand where they land (`gait.rs`), legs reach from hips to feet, arms swing. Poses are functions of
 //! the distance walked, so they are continuous in time and the same for the same seed. Their light is computed once, as the mean over
 //! places along their path: it does not turn with the sun, and they neither cast nor receive shadows.
 
