@@ -168,7 +168,12 @@ impl Truth {
         for (known, frames) in self.cameras.iter().zip(&facts.cameras) {
             let recorded: BTreeSet<i64> = frames.iter().map(|f| f.ticks).collect();
             let is_lost = |f: &&TrueFrame| f.ticks.is_none_or(|ticks| !recorded.contains(&ticks));
-            let lost = known.iter().filter(is_lost).filter(during);
+            // What was taken before the first or after the last is not missing.
+            let (Some(first), Some(last)) = (frames.first(), frames.last()) else {
+                continue;
+            };
+            let between = |f: &&TrueFrame| (first.sample.time..last.sample.time).contains(&f.time);
+            let lost = known.iter().filter(is_lost).filter(between);
             missing.extend(lost.map(|frame| (frame.x, frame.y)));
         }
         let (x, y) = (Extent::of(&way, |p| p.0), Extent::of(&way, |p| p.1));

@@ -35,8 +35,15 @@ Exit code: 0 fine, 1 failed, 2 bad arguments.
 ";
 
 /// The benchmarks, in the order in which `bench all` runs them.
-pub(crate) const BENCHMARKS: [&str; 7] = [
-    "archive", "sync", "encode", "import", "soak", "kills", "sim",
+pub(crate) const BENCHMARKS: [&str; 8] = [
+    "archive",
+    "sync",
+    "encode",
+    "import",
+    "soak",
+    "kills",
+    "sim",
+    "sim_pictures",
 ];
 
 const VERBS: [&str; 6] = ["setup", "demo", "test", "bench", "fuzz", "help"];
