@@ -28,8 +28,7 @@ cargo xtask VERB: set-up and developer verbs
   --no-install  Install nothing; where a system package is missing, print the command and fail.
 
 Real recordings are used where they are found: in the folder that PAWS_DATA names, or in
-../shared/data beside the checkout. Without them, demo makes its own input and tests that need
-them say that they are skipped.
+../shared/data beside the checkout. Without them, tests that need them say that they are skipped.
 
 Exit code: 0 fine, 1 failed, 2 bad arguments.
 ";
