@@ -110,6 +110,9 @@ struct Walk {
     /// Rig file [default: the example rig]
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
+    /// Lenses of a camera, from a calibration file or folder; may be given for each camera [default: nominal ones]
+    #[arg(long, value_name = "CAMERA=FILE", value_parser = of_camera)]
+    calibration: Vec<(String, PathBuf)>,
 }
 
 /// A word for each of these values.
@@ -188,7 +191,26 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)>
         height: walk.height,
         quality: walk.quality,
     };
-    Ok((Arc::new(Simulation::new(&settings, &rig)?), rig, text))
+    let mut simulation = Simulation::new(&settings, &rig)?;
+    for (camera, path) in &walk.calibration {
+        let (stereo, notes) = calib::read_stereo(path, walk.width, walk.height)
+            .with_context(|| format!("reading the calibration of {camera}"))?;
+        for note in notes {
+            eprintln!("{}: {}", path.display(), note.0);
+        }
+        simulation = simulation.with_lenses(camera, &stereo)?;
+    }
+    Ok((Arc::new(simulation), rig, text))
+}
+
+/// `CAMERA=FILE`
+fn of_camera(text: &str) -> Result<(String, PathBuf), String> {
+    match text.split_once('=') {
+        Some((camera, file)) if !camera.is_empty() && !file.is_empty() => {
+            Ok((camera.to_owned(), file.into()))
+        }
+        _ => Err("expected CAMERA=FILE".to_owned()),
+    }
 }
 
 fn render_to(arguments: &Render) -> Result<()> {

@@ -84,6 +84,9 @@ pub enum SimulationError {
         /// The last one that can be drawn.
         last: usize,
     },
+    /// A calibration is of a camera that the rig does not have, or of pictures of another size.
+    #[error("giving a simulated camera the lenses of a calibration: {0}")]
+    Lenses(String),
     /// The rig lacks an eye or the IMU of a camera: complete its file.
     #[error("preparing the cameras of a simulated walk")]
     Rig(#[from] RigError),
@@ -190,6 +193,36 @@ impl Simulation {
             cameras,
             imus,
         })
+    }
+
+    /// The same walk with the lenses of a calibration in a camera; where its eyes sit is the rig file's to say.
+    ///
+    /// # Errors
+    /// [`SimulationError::Lenses`].
+    pub fn with_lenses(
+        mut self,
+        camera: &str,
+        calibration: &StereoCalibration,
+    ) -> Result<Self, SimulationError> {
+        let wanted = (self.settings.width, self.settings.height);
+        let Some(of) = self.cameras.iter_mut().find(|c| c.name == camera) else {
+            let known: Vec<&str> = self.cameras.iter().map(|c| c.name.as_str()).collect();
+            return Err(SimulationError::Lenses(format!(
+                "found {camera:?}, expected one of {}",
+                known.join(", ")
+            )));
+        };
+        let models = [calibration.left, calibration.right];
+        for model in &models {
+            if (model.width, model.height) != wanted {
+                return Err(SimulationError::Lenses(format!(
+                    "the calibration of {camera} is for {}x{}, expected {}x{}",
+                    model.width, model.height, wanted.0, wanted.1
+                )));
+            }
+        }
+        of.models = models;
+        Ok(self)
     }
 
     /// The same walk with other IMUs in the cameras.

@@ -170,6 +170,12 @@ fn camera(section: &mut Section<'_>, folder: &Path, position: usize) -> Option<C
         folder,
         position,
     );
+    if calibration.is_some() && matches!(source, Some(SourceConfig::Simulated(_))) {
+        section.refuse(
+            "calibration",
+            "is given, but a simulated camera has nominal lenses and brings their calibration along",
+        );
+    }
     Some(Camera {
         name: name?,
         trigger,

@@ -327,3 +327,27 @@ fn the_wearer_sees_his_shoes_and_the_shoulders_do_not() {
         }
     }
 }
+
+#[test]
+fn lenses_of_a_calibration_take_the_place_of_nominal_ones() {
+    let small = Settings {
+        seconds: 0.2,
+        width: 64,
+        height: 36,
+        ..settings()
+    };
+    let make = || Simulation::new(&small, &example()).unwrap();
+    let mut stereo = make().calibration(0);
+    stereo.left.fx *= 0.8;
+    let name = make().cameras()[0].name.clone();
+    let changed = make().with_lenses(&name, &stereo).unwrap();
+    assert_eq!(changed.cameras()[0].models[0].fx, stereo.left.fx);
+    assert_eq!(changed.calibration(0).left, stereo.left);
+    let first = |simulation: Simulation| Arc::new(simulation).pictures(0).next().unwrap();
+    assert_ne!(first(changed).grey(0), first(make()).grey(0));
+    let error = make().with_lenses("hat", &stereo).unwrap_err().to_string();
+    assert!(error.contains("found \"hat\", expected one of"), "{error}");
+    stereo.right.width = 100;
+    let error = make().with_lenses(&name, &stereo).unwrap_err().to_string();
+    assert!(error.contains("is for 100x36, expected 64x36"), "{error}");
+}
