@@ -14,18 +14,21 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use bytes::Bytes;
-use session_archive::record::paws::clock_map::{Doubt, Model as ModelRecord, Piece};
 use session_archive::record::paws::gap::Cause;
 use session_archive::record::{ClockMap as ClockMapRecord, Frame, ImuBatch};
-use session_archive::time::{HostTime, NS_PER_S, TickLength};
+use session_archive::time::{HostTime, NS_PER_S};
 use video::EncoderSettings;
 
 use crate::encode::{Encoded, Lane};
 use crate::sources::{Gone, ImuInfo, ImuValues, RawFrame, RawImu, Sample};
-use crate::sync::clock::{
-    ClockConfig, ClockMap, ClockMapper, Mapped, Model, MonotoneGuard, Observation,
-};
+use crate::sync::clock::ClockConfig;
 use crate::sync::gaps::Renumber;
+
+mod stream_clock;
+mod watch;
+
+use self::stream_clock::StreamClock;
+use self::watch::Watch;
 
 /// An IMU batch is handed on when it spans this much.
 const BATCH_NS: i64 = 100_000_000;
@@ -33,8 +36,6 @@ const BATCH_NS: i64 = 100_000_000;
 const BATCH_SAMPLES: usize = 512;
 /// How often [`Hub::tick`] wants to be called.
 pub const TICK_NS: i64 = 100_000_000;
-/// Nothing is under way from a device for so long.
-const LONGEST_WAY_NS: i64 = 60 * NS_PER_S;
 /// How long draining the encoders may take at the end.
 const FINISH_LIMIT: Duration = Duration::from_secs(5);
 
@@ -173,6 +174,9 @@ pub struct ImuSetup {
 /// Where the hub hands on to; also called from the encoders' threads.
 pub type Out = Arc<dyn Fn(Outgoing) + Send + Sync>;
 
+/// What is wrong with a device that is gone.
+const IS_GONE: &str = "the device is gone";
+
 /// The hub.
 pub struct Hub {
     cameras: Vec<CameraState>,
@@ -206,39 +210,6 @@ struct ImuState {
     watch: Watch,
     batch: ImuBatch,
     batch_since: HostTime,
-}
-
-/// A device clock and the times that it gives to one stream.
-struct StreamClock {
-    name: String,
-    mapper: ClockMapper,
-    guard: MonotoneGuard,
-    announced: u32,
-    tick: TickLength,
-}
-
-/// What is wrong with a device that is gone.
-const IS_GONE: &str = "the device is gone";
-
-/// A stream whose device is gone, or has been since its last sample.
-struct Absence {
-    /// Arrival of the last sample.
-    last: HostTime,
-    gone: Gone,
-}
-
-/// Notices silence; counts.
-#[derive(Default)]
-struct Watch {
-    absence: Option<Absence>,
-    received: u64,
-    received_before: u64,
-    /// Late or repeated samples since the last notice of them.
-    left_out: u64,
-    last: Option<HostTime>,
-    period_ns: i64,
-    limit_ns: i64,
-    silent: bool,
 }
 
 impl Hub {
@@ -319,14 +290,14 @@ impl Hub {
 
     fn gone(&mut self, camera: usize, gone: &Gone) {
         let camera = &mut self.cameras[camera];
-        camera.watch.is_gone(gone);
+        camera.watch.note_gone(gone);
         if !std::mem::replace(&mut camera.gone_alarm, true) {
             camera.alarm(IS_GONE, true, gone.host_time, &self.out);
         }
         if let Some(imu) = camera.imu {
             let imu = &mut self.imus[imu];
             flush(imu, &self.out);
-            imu.watch.is_gone(gone);
+            imu.watch.note_gone(gone);
         }
     }
 
@@ -387,7 +358,7 @@ impl Hub {
                 self.health_at = Some(now);
                 let cameras = self.cameras.iter_mut().map(|c| &mut c.watch);
                 for watch in cameras.chain(self.imus.iter_mut().map(|i| &mut i.watch)) {
-                    watch.received_before = watch.received;
+                    watch.begin_rates();
                 }
             }
             Some(since) if now.since(since) >= NS_PER_S => {
@@ -544,8 +515,7 @@ impl CameraState {
         if !frozen {
             self.changed = at;
         }
-        // The next frame would be too late to say it.
-        let alarm = at.since(self.changed) + self.watch.period_ns > self.watch.limit_ns;
+        let alarm = self.watch.is_too_long(at.since(self.changed));
         if alarm != self.frozen_alarm {
             self.frozen_alarm = alarm;
             self.alarm("the picture is frozen", alarm, at, out);
@@ -573,233 +543,6 @@ impl CameraState {
             stream: self.setup.name.clone(),
             active,
         });
-    }
-}
-
-impl StreamClock {
-    fn new(name: &str, config: ClockConfig) -> Self {
-        Self {
-            name: name.to_owned(),
-            mapper: ClockMapper::new(config),
-            guard: MonotoneGuard::default(),
-            announced: 0,
-            tick: config.tick,
-        }
-    }
-
-    /// Learns from a sample and maps it; the ticks come back unwrapped. Hands on the map if it has
-    /// changed.
-    fn map(&mut self, ticks: i64, arrival: HostTime, out: &Out) -> (i64, Mapped) {
-        let seen = self.mapper.observe(ticks, arrival);
-        if let Observation::Step(step) = seen {
-            self.guard.step();
-            let text = format!(
-                "{}: the device clock stepped by {} ns",
-                self.name, step.shift_ns
-            );
-            let stream = self.name.clone();
-            out(Outgoing::Notice {
-                at: arrival,
-                text,
-                stream,
-            });
-        }
-        let version = self.mapper.version();
-        if version != self.announced {
-            self.announced = version;
-            let map = clock_record(&self.name, self.tick, self.mapper.current());
-            out(Outgoing::Clock { at: arrival, map });
-        }
-        let unwrapped = self.mapper.ticks(ticks);
-        // A tick beyond the range of time, or long before it came, has no better time than its arrival.
-        let unknown = Mapped {
-            time: arrival,
-            sigma_ns: NS_PER_S as u64,
-            map_version: version,
-            flagged: true,
-        };
-        let mapped = self.mapper.map(ticks);
-        let mapped = mapped.filter(|m| arrival.since(m.time) < LONGEST_WAY_NS);
-        let mapped = mapped.unwrap_or(unknown);
-        (unwrapped, self.guard.pass(unwrapped, mapped))
-    }
-}
-
-/// A clock map as the archive stores it.
-fn clock_record(clock: &str, tick: TickLength, map: &ClockMap) -> ClockMapRecord {
-    let model = match map.model {
-        Model::Constant => ModelRecord::Constant,
-        Model::Affine => ModelRecord::Affine,
-        Model::Piecewise => ModelRecord::Piecewise,
-    };
-    let pieces = map.segments.iter().map(|s| Piece {
-        ticks_from: s.ticks_from,
-        ticks_ref: s.ticks_ref,
-        host_ref: s.host_ref.0,
-        rate_ppb: s.rate_ppb,
-        sigma_ns: s.sigma_ns,
-        rate_sigma_ppb: s.rate_sigma_ppb,
-    });
-    ClockMapRecord {
-        clock: clock.to_owned(),
-        version: map.version,
-        tick_num: tick.num,
-        tick_den: tick.den,
-        model: model.into(),
-        pieces: pieces.collect(),
-        latency_ns: map.latency_ns,
-        latency_sigma_ns: map.latency_sigma_ns,
-        samples: map.samples_used,
-        epoch: map.epoch,
-        ticks_to: map.ticks_to,
-        wander_ppb_per_s: map.wander_ppb_per_s,
-        residual_median_ns: map.residuals.median_ns,
-        residual_p99_ns: map.residuals.p99_ns,
-        doubts: map
-            .doubts
-            .iter()
-            .map(|d| Doubt {
-                from: d.from.0,
-                to: d.to.0,
-            })
-            .collect(),
-    }
-}
-
-impl Watch {
-    fn new(rate_hz: f64) -> Self {
-        let period = if rate_hz > 0.0 {
-            NS_PER_S as f64 / rate_hz
-        } else {
-            0.0
-        };
-        Self {
-            period_ns: period as i64,
-            limit_ns: 2 * period as i64 + NS_PER_S,
-            ..Self::default()
-        }
-    }
-
-    fn seen(&mut self, at: HostTime, name: &str, out: &Out) {
-        self.received += 1;
-        self.last = Some(at);
-        self.set_silent(false, at, name, out);
-    }
-
-    /// The stream's number of the device's, or none if the sample came late or twice. A restarted
-    /// counter is worth a notice.
-    fn number(
-        &mut self,
-        numbers: &mut Renumber,
-        raw: u64,
-        at: HostTime,
-        name: &str,
-        out: &Out,
-    ) -> Option<u64> {
-        if let (Some(absence), Some(newest)) = (self.absence.take(), numbers.newest()) {
-            let number = numbers.resume(raw, self.missed(&absence, at));
-            self.tell_gone(&absence, newest + 1, number, name, out);
-            return Some(number);
-        }
-        let numbered = numbers.number(raw);
-        if numbered.late {
-            self.left_out += 1;
-            return None;
-        }
-        if numbered.restarted {
-            let text = format!(
-                "{name}: the device counts anew from {raw}, stored as {}; how many samples are \
-                 missing between cannot be known",
-                numbered.number
-            );
-            out(Outgoing::Notice {
-                at,
-                text,
-                stream: name.to_owned(),
-            });
-        }
-        Some(numbered.number)
-    }
-
-    fn is_gone(&mut self, gone: &Gone) {
-        // One that is gone twice without a sample between is gone since the first time.
-        self.absence.get_or_insert(Absence {
-            last: self.last.unwrap_or(gone.host_time),
-            gone: gone.clone(),
-        });
-    }
-
-    /// How many samples would have come between the last one and `at`, by the nominal rate.
-    fn missed(&self, absence: &Absence, at: HostTime) -> u64 {
-        let periods = at.since(absence.last) as f64 / (self.period_ns as f64).max(1.0);
-        (periods.round() as u64).saturating_sub(1)
-    }
-
-    /// Samples `first..next` were missed while the device was gone.
-    fn tell_gone(&self, absence: &Absence, first: u64, next: u64, name: &str, out: &Out) {
-        if next > first {
-            out(Outgoing::Dropped {
-                at: absence.gone.host_time,
-                stream: name.to_owned(),
-                first,
-                last: next - 1,
-                cause: Cause::Disconnected,
-                detail: absence.gone.detail.clone(),
-            });
-        }
-    }
-
-    /// Says what a device that is still gone has missed at the end.
-    fn tell_absent(&mut self, numbers: &Renumber, at: HostTime, name: &str, out: &Out) {
-        if let (Some(absence), Some(newest)) = (self.absence.take(), numbers.newest()) {
-            // The one that is due now may still come.
-            let missed = self.missed(&absence, at);
-            self.tell_gone(&absence, newest + 1, newest + 1 + missed, name, out);
-        }
-    }
-
-    /// Says how many samples came late or twice: all at once, for a device may repeat every one.
-    fn tell_left_out(&mut self, at: HostTime, name: &str, out: &Out) {
-        let count = std::mem::take(&mut self.left_out);
-        if count > 0 {
-            out(Outgoing::Notice {
-                at,
-                text: format!("{name}: samples that came late or twice, left out: {count}"),
-                stream: name.to_owned(),
-            });
-        }
-    }
-
-    fn check(&mut self, name: &str, now: HostTime, out: &Out) {
-        let last = *self.last.get_or_insert(now);
-        // The next look would be too late to say it, also if it comes a little late itself.
-        let silent = now.since(last) + TICK_NS * 3 / 2 > self.limit_ns;
-        self.set_silent(silent, now, name, out);
-    }
-
-    fn set_silent(&mut self, silent: bool, at: HostTime, name: &str, out: &Out) {
-        if silent != self.silent {
-            self.silent = silent;
-            let text = format!("{name}: no samples");
-            out(Outgoing::Alarm {
-                at,
-                text,
-                stream: name.to_owned(),
-                active: silent,
-            });
-        }
-    }
-
-    fn health(&mut self, name: &str, span_ns: i64) -> StreamHealth {
-        let new = self.received - self.received_before;
-        self.received_before = self.received;
-        StreamHealth {
-            name: name.to_owned(),
-            rate_hz: new as f64 * NS_PER_S as f64 / span_ns.max(1) as f64,
-            received: self.received,
-            silent: self.silent,
-            ..StreamHealth::default()
-        }
     }
 }
 

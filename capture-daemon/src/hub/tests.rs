@@ -2,6 +2,9 @@
 
 use std::sync::{Mutex, MutexGuard};
 
+use session_archive::time::TickLength;
+
+use super::stream_clock::LONGEST_WAY_NS;
 use super::*;
 use crate::sources::RawImu;
 use video::{Picture, PixelFormat};

@@ -1,0 +1,113 @@
+//! The times of one stream: its device clock's map, announced when it has changed, and a guard that keeps
+//! times growing.
+
+use session_archive::record::ClockMap as ClockMapRecord;
+use session_archive::record::paws::clock_map::{Doubt, Model as ModelRecord, Piece};
+use session_archive::time::{HostTime, NS_PER_S, TickLength};
+
+use super::{Out, Outgoing};
+use crate::sync::clock::{
+    ClockConfig, ClockMap, ClockMapper, Mapped, Model, MonotoneGuard, Observation,
+};
+
+/// Nothing is under way from a device for so long.
+pub(super) const LONGEST_WAY_NS: i64 = 60 * NS_PER_S;
+
+/// A device clock and the times that it gives to one stream.
+pub(super) struct StreamClock {
+    name: String,
+    mapper: ClockMapper,
+    guard: MonotoneGuard,
+    announced: u32,
+    tick: TickLength,
+}
+
+impl StreamClock {
+    pub(super) fn new(name: &str, config: ClockConfig) -> Self {
+        Self {
+            name: name.to_owned(),
+            mapper: ClockMapper::new(config),
+            guard: MonotoneGuard::default(),
+            announced: 0,
+            tick: config.tick,
+        }
+    }
+
+    /// Learns from a sample and maps it; the ticks come back unwrapped. Hands on the map if it has
+    /// changed.
+    pub(super) fn map(&mut self, ticks: i64, arrival: HostTime, out: &Out) -> (i64, Mapped) {
+        let seen = self.mapper.observe(ticks, arrival);
+        if let Observation::Step(step) = seen {
+            self.guard.step();
+            let text = format!(
+                "{}: the device clock stepped by {} ns",
+                self.name, step.shift_ns
+            );
+            let stream = self.name.clone();
+            out(Outgoing::Notice {
+                at: arrival,
+                text,
+                stream,
+            });
+        }
+        let version = self.mapper.version();
+        if version != self.announced {
+            self.announced = version;
+            let map = clock_record(&self.name, self.tick, self.mapper.current());
+            out(Outgoing::Clock { at: arrival, map });
+        }
+        let unwrapped = self.mapper.ticks(ticks);
+        // A tick beyond the range of time, or long before it came, has no better time than its arrival.
+        let unknown = Mapped {
+            time: arrival,
+            sigma_ns: NS_PER_S as u64,
+            map_version: version,
+            flagged: true,
+        };
+        let mapped = self.mapper.map(ticks);
+        let mapped = mapped.filter(|m| arrival.since(m.time) < LONGEST_WAY_NS);
+        let mapped = mapped.unwrap_or(unknown);
+        (unwrapped, self.guard.pass(unwrapped, mapped))
+    }
+}
+
+/// A clock map as the archive stores it.
+fn clock_record(clock: &str, tick: TickLength, map: &ClockMap) -> ClockMapRecord {
+    let model = match map.model {
+        Model::Constant => ModelRecord::Constant,
+        Model::Affine => ModelRecord::Affine,
+        Model::Piecewise => ModelRecord::Piecewise,
+    };
+    let pieces = map.segments.iter().map(|s| Piece {
+        ticks_from: s.ticks_from,
+        ticks_ref: s.ticks_ref,
+        host_ref: s.host_ref.0,
+        rate_ppb: s.rate_ppb,
+        sigma_ns: s.sigma_ns,
+        rate_sigma_ppb: s.rate_sigma_ppb,
+    });
+    ClockMapRecord {
+        clock: clock.to_owned(),
+        version: map.version,
+        tick_num: tick.num,
+        tick_den: tick.den,
+        model: model.into(),
+        pieces: pieces.collect(),
+        latency_ns: map.latency_ns,
+        latency_sigma_ns: map.latency_sigma_ns,
+        samples: map.samples_used,
+        epoch: map.epoch,
+        ticks_to: map.ticks_to,
+        wander_ppb_per_s: map.wander_ppb_per_s,
+        residual_median_ns: map.residuals.median_ns,
+        residual_p99_ns: map.residuals.p99_ns,
+        doubts: map
+            .doubts
+            .iter()
+            .map(|d| Doubt {
+                from: d.from.0,
+                to: d.to.0,
+            })
+            .collect(),
+    }
+}

@@ -1,0 +1,177 @@
+//! What one stream is watched for: samples counted, numbers made its own, silence and absence noticed.
+
+use session_archive::record::paws::gap::Cause;
+use session_archive::time::{HostTime, NS_PER_S};
+
+use super::{Out, Outgoing, StreamHealth, TICK_NS};
+use crate::sources::Gone;
+use crate::sync::gaps::Renumber;
+
+/// A stream whose device is gone, or has been since its last sample.
+struct Absence {
+    /// Arrival of the last sample.
+    last: HostTime,
+    gone: Gone,
+}
+
+/// Notices silence; counts.
+#[derive(Default)]
+pub(super) struct Watch {
+    absence: Option<Absence>,
+    received: u64,
+    received_before: u64,
+    /// Late or repeated samples since the last notice of them.
+    left_out: u64,
+    last: Option<HostTime>,
+    period_ns: i64,
+    limit_ns: i64,
+    silent: bool,
+}
+
+impl Watch {
+    pub(super) fn new(rate_hz: f64) -> Self {
+        let period = if rate_hz > 0.0 {
+            NS_PER_S as f64 / rate_hz
+        } else {
+            0.0
+        };
+        Self {
+            period_ns: period as i64,
+            limit_ns: 2 * period as i64 + NS_PER_S,
+            ..Self::default()
+        }
+    }
+
+    pub(super) fn seen(&mut self, at: HostTime, name: &str, out: &Out) {
+        self.received += 1;
+        self.last = Some(at);
+        self.set_silent(false, at, name, out);
+    }
+
+    /// The stream's number of the device's, or none if the sample came late or twice. A restarted
+    /// counter is worth a notice.
+    pub(super) fn number(
+        &mut self,
+        numbers: &mut Renumber,
+        raw: u64,
+        at: HostTime,
+        name: &str,
+        out: &Out,
+    ) -> Option<u64> {
+        if let (Some(absence), Some(newest)) = (self.absence.take(), numbers.newest()) {
+            let number = numbers.resume(raw, self.missed(&absence, at));
+            self.tell_gone(&absence, newest + 1, number, name, out);
+            return Some(number);
+        }
+        let numbered = numbers.number(raw);
+        if numbered.late {
+            self.left_out += 1;
+            return None;
+        }
+        if numbered.restarted {
+            let text = format!(
+                "{name}: the device counts anew from {raw}, stored as {}; how many samples are \
+                 missing between cannot be known",
+                numbered.number
+            );
+            out(Outgoing::Notice {
+                at,
+                text,
+                stream: name.to_owned(),
+            });
+        }
+        Some(numbered.number)
+    }
+
+    /// The device is gone; what it misses is told when it is back, or at the end.
+    pub(super) fn note_gone(&mut self, gone: &Gone) {
+        // One that is gone twice without a sample between is gone since the first time.
+        self.absence.get_or_insert(Absence {
+            last: self.last.unwrap_or(gone.host_time),
+            gone: gone.clone(),
+        });
+    }
+
+    /// How many samples would have come between the last one and `at`, by the nominal rate.
+    fn missed(&self, absence: &Absence, at: HostTime) -> u64 {
+        let periods = at.since(absence.last) as f64 / (self.period_ns as f64).max(1.0);
+        (periods.round() as u64).saturating_sub(1)
+    }
+
+    /// Samples `first..next` were missed while the device was gone.
+    fn tell_gone(&self, absence: &Absence, first: u64, next: u64, name: &str, out: &Out) {
+        if next > first {
+            out(Outgoing::Dropped {
+                at: absence.gone.host_time,
+                stream: name.to_owned(),
+                first,
+                last: next - 1,
+                cause: Cause::Disconnected,
+                detail: absence.gone.detail.clone(),
+            });
+        }
+    }
+
+    /// Says what a device that is still gone has missed at the end.
+    pub(super) fn tell_absent(&mut self, numbers: &Renumber, at: HostTime, name: &str, out: &Out) {
+        if let (Some(absence), Some(newest)) = (self.absence.take(), numbers.newest()) {
+            // The one that is due now may still come.
+            let missed = self.missed(&absence, at);
+            self.tell_gone(&absence, newest + 1, newest + 1 + missed, name, out);
+        }
+    }
+
+    /// Says how many samples came late or twice: all at once, for a device may repeat every one.
+    pub(super) fn tell_left_out(&mut self, at: HostTime, name: &str, out: &Out) {
+        let count = std::mem::take(&mut self.left_out);
+        if count > 0 {
+            out(Outgoing::Notice {
+                at,
+                text: format!("{name}: samples that came late or twice, left out: {count}"),
+                stream: name.to_owned(),
+            });
+        }
+    }
+
+    pub(super) fn check(&mut self, name: &str, now: HostTime, out: &Out) {
+        let last = *self.last.get_or_insert(now);
+        // The next look would be too late to say it, also if it comes a little late itself.
+        let silent = now.since(last) + TICK_NS * 3 / 2 > self.limit_ns;
+        self.set_silent(silent, now, name, out);
+    }
+
+    fn set_silent(&mut self, silent: bool, at: HostTime, name: &str, out: &Out) {
+        if silent != self.silent {
+            self.silent = silent;
+            let text = format!("{name}: no samples");
+            out(Outgoing::Alarm {
+                at,
+                text,
+                stream: name.to_owned(),
+                active: silent,
+            });
+        }
+    }
+
+    /// Whether so long without a new picture is too long; the next frame would be too late to say it.
+    pub(super) fn is_too_long(&self, span_ns: i64) -> bool {
+        span_ns + self.period_ns > self.limit_ns
+    }
+
+    /// Rates are counted from now on.
+    pub(super) fn begin_rates(&mut self) {
+        self.received_before = self.received;
+    }
+
+    pub(super) fn health(&mut self, name: &str, span_ns: i64) -> StreamHealth {
+        let new = self.received - self.received_before;
+        self.received_before = self.received;
+        StreamHealth {
+            name: name.to_owned(),
+            rate_hz: new as f64 * NS_PER_S as f64 / span_ns.max(1) as f64,
+            received: self.received,
+            silent: self.silent,
+            ..StreamHealth::default()
+        }
+    }
+}
