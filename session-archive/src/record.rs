@@ -78,6 +78,32 @@ pub fn timestamp(time: HostTime) -> prost_types::Timestamp {
     }
 }
 
+impl FrameTransform {
+    /// Where the frame `child` sits: what takes points in it to `parent`, as a translation in metres and a unit
+    /// quaternion `w x y z`; true from `at` on.
+    pub fn placing(
+        child: &str,
+        parent: &str,
+        [x, y, z]: [f64; 3],
+        rotation_wxyz: [f64; 4],
+        at: HostTime,
+    ) -> Self {
+        let [w, rx, ry, rz] = rotation_wxyz;
+        Self {
+            timestamp: Some(timestamp(at)),
+            parent_frame_id: parent.to_owned(),
+            child_frame_id: child.to_owned(),
+            translation: Some(Vector3 { x, y, z }),
+            rotation: Some(Quaternion {
+                x: rx,
+                y: ry,
+                z: rz,
+                w,
+            }),
+        }
+    }
+}
+
 impl Gap {
     /// How many samples are missing: both ends are.
     pub fn count(&self) -> u64 {

@@ -10,9 +10,7 @@ use cad_transforms::transform::RigidTransform;
 use calib::foxglove::CameraInfo;
 use calib::stereo::{Eye, StereoCalibration};
 use session_archive::manifest;
-use session_archive::record::{
-    CameraCalibration, FrameTransform, FrameTransforms, Quaternion, Vector3, timestamp,
-};
+use session_archive::record::{CameraCalibration, FrameTransform, FrameTransforms, timestamp};
 use session_archive::time::HostTime;
 use video::{EncoderSettings, discover};
 
@@ -393,20 +391,14 @@ impl Transforms {
     }
 
     fn add(&mut self, parent: &Frame, child: &Frame, parent_from_child: &RigidTransform) {
-        let [w, x, y, z] = parent_from_child.rotation_wxyz();
-        let [tx, ty, tz] = parent_from_child.translation_m();
         self.known.push(child.clone());
-        self.record.push(FrameTransform {
-            timestamp: Some(timestamp(self.at)),
-            parent_frame_id: parent.as_str().to_owned(),
-            child_frame_id: child.as_str().to_owned(),
-            translation: Some(Vector3 {
-                x: tx,
-                y: ty,
-                z: tz,
-            }),
-            rotation: Some(Quaternion { x, y, z, w }),
-        });
+        self.record.push(FrameTransform::placing(
+            child.as_str(),
+            parent.as_str(),
+            parent_from_child.translation_m(),
+            parent_from_child.rotation_wxyz(),
+            self.at,
+        ));
     }
 
     fn into_record(self) -> FrameTransforms {

@@ -21,7 +21,7 @@ use session_archive::record::paws::frame_set::Member;
 use session_archive::record::paws::gap::Cause;
 use session_archive::record::{
     CameraCalibration, ClockMap, Event, Frame, FrameSet, FrameTransform, FrameTransforms, Gap,
-    ImuBatch, Quaternion, Vector3, timestamp,
+    ImuBatch, timestamp,
 };
 use session_archive::storage::DiskStorage;
 use session_archive::time::{CivilTime, HostTime, NS_PER_S, TickLength};
@@ -301,19 +301,13 @@ impl<'a> Archive<'a> {
     /// Where everything sits and how lenses are.
     fn statics(&mut self, rig: &Rig) -> Result<(), WriteError> {
         let transforms = rig.edges().iter().map(|edge| {
-            let [w, x, y, z] = edge.parent_from_child.rotation_wxyz();
-            let [tx, ty, tz] = edge.parent_from_child.translation_m();
-            FrameTransform {
-                timestamp: Some(timestamp(BEGIN)),
-                parent_frame_id: edge.parent.as_str().to_owned(),
-                child_frame_id: edge.child.as_str().to_owned(),
-                translation: Some(Vector3 {
-                    x: tx,
-                    y: ty,
-                    z: tz,
-                }),
-                rotation: Some(Quaternion { x, y, z, w }),
-            }
+            FrameTransform::placing(
+                edge.child.as_str(),
+                edge.parent.as_str(),
+                edge.parent_from_child.translation_m(),
+                edge.parent_from_child.rotation_wxyz(),
+                BEGIN,
+            )
         });
         let transforms = FrameTransforms {
             transforms: transforms.collect(),
