@@ -1,7 +1,8 @@
-//! Lens models as data. Projection comes with the estimation of calibrations.
+//! Lens models as data. How they project is in [`lens`](crate::lens).
 //!
 //! Contract: pixel coordinates have integer values at pixel centres, the top-left pixel's centre is
-//! (0, 0). Coefficients have OpenCV's meaning and order, so that they can be handed on unchanged.
+//! (0, 0). Coefficients have OpenCV's meaning and order where OpenCV has the model, so that they can
+//! be handed on unchanged.
 
 use serde::{Deserialize, Serialize};
 
@@ -31,6 +32,9 @@ pub struct CameraModel {
 pub enum Distortion {
     /// None: an ideal pinhole, as in a rectified picture.
     None,
+    /// Radial alone, with two terms.
+    #[allow(missing_docs)]
+    Radial2 { k1: f64, k2: f64 },
     /// Radial-tangential with two radial terms (Brown 1966; OpenCV with k3 = 0).
     #[allow(missing_docs)]
     RadTan4 { k1: f64, k2: f64, p1: f64, p2: f64 },
@@ -60,6 +64,24 @@ pub enum Distortion {
     /// OpenCV's `fisheye`).
     #[allow(missing_docs)]
     KannalaBrandt4 { k1: f64, k2: f64, k3: f64, k4: f64 },
+    /// Double sphere (Usenko, Demmel and Cremers 2018), with its own focal lengths.
+    #[allow(missing_docs)]
+    DoubleSphere { xi: f64, alpha: f64 },
+    /// Extended unified camera (Khomutenko, Garcia and Martinet 2016), with its own focal lengths.
+    #[allow(missing_docs)]
+    Eucm { alpha: f64, beta: f64 },
+}
+
+/// The radial-tangential models, all as the largest of them: the radial factor is
+/// `(1 + o1 r² + o2 r⁴ + o3 r⁶) / (1 + u1 r² + u2 r⁴ + u3 r⁶)`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Rational {
+    /// `o`: k1 k2 k3.
+    pub over: [f64; 3],
+    /// `u`: k4 k5 k6.
+    pub under: [f64; 3],
+    /// p1 p2.
+    pub tangential: [f64; 2],
 }
 
 impl CameraModel {
@@ -97,10 +119,43 @@ impl CameraModel {
 }
 
 impl Distortion {
-    /// The coefficients in OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6, or k1 k2 k3 k4 of a fisheye.
+    /// How many coefficients the largest model has.
+    pub const MOST: usize = 8;
+
+    /// The model as a [`Rational`] one; none for those that are not.
+    pub fn rational(&self) -> Option<Rational> {
+        let (over, under, tangential) = match *self {
+            Self::None => ([0.0; 3], [0.0; 3], [0.0; 2]),
+            Self::Radial2 { k1, k2 } => ([k1, k2, 0.0], [0.0; 3], [0.0; 2]),
+            Self::RadTan4 { k1, k2, p1, p2 } => ([k1, k2, 0.0], [0.0; 3], [p1, p2]),
+            Self::RadTan5 { k1, k2, p1, p2, k3 } => ([k1, k2, k3], [0.0; 3], [p1, p2]),
+            Self::Rational8 {
+                k1,
+                k2,
+                p1,
+                p2,
+                k3,
+                k4,
+                k5,
+                k6,
+            } => ([k1, k2, k3], [k4, k5, k6], [p1, p2]),
+            Self::KannalaBrandt4 { .. } | Self::DoubleSphere { .. } | Self::Eucm { .. } => {
+                return None;
+            }
+        };
+        Some(Rational {
+            over,
+            under,
+            tangential,
+        })
+    }
+
+    /// The coefficients in OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6, or k1 k2 k3 k4 of a fisheye, or
+    /// those of the other models in the order of their names here.
     pub fn coefficients(&self) -> Vec<f64> {
         match *self {
             Self::None => Vec::new(),
+            Self::Radial2 { k1, k2 } => vec![k1, k2],
             Self::RadTan4 { k1, k2, p1, p2 } => vec![k1, k2, p1, p2],
             Self::RadTan5 { k1, k2, p1, p2, k3 } => vec![k1, k2, p1, p2, k3],
             Self::Rational8 {
@@ -114,6 +169,121 @@ impl Distortion {
                 k6,
             } => vec![k1, k2, p1, p2, k3, k4, k5, k6],
             Self::KannalaBrandt4 { k1, k2, k3, k4 } => vec![k1, k2, k3, k4],
+            Self::DoubleSphere { xi, alpha } => vec![xi, alpha],
+            Self::Eucm { alpha, beta } => vec![alpha, beta],
+        }
+    }
+
+    /// The names of [`Self::coefficients`].
+    pub fn coefficient_names(&self) -> &'static [&'static str] {
+        match self {
+            Self::None => &[],
+            Self::Radial2 { .. } => &["k1", "k2"],
+            Self::RadTan4 { .. } => &["k1", "k2", "p1", "p2"],
+            Self::RadTan5 { .. } => &["k1", "k2", "p1", "p2", "k3"],
+            Self::Rational8 { .. } => &["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"],
+            Self::KannalaBrandt4 { .. } => &["k1", "k2", "k3", "k4"],
+            Self::DoubleSphere { .. } => &["xi", "alpha"],
+            Self::Eucm { .. } => &["alpha", "beta"],
+        }
+    }
+
+    /// The same model with other coefficients, in the order of [`Self::coefficients`].
+    ///
+    /// # Panics
+    /// When there are not as many as the model has.
+    #[must_use]
+    pub fn with_coefficients(&self, c: &[f64]) -> Self {
+        assert_eq!(c.len(), self.coefficient_names().len(), "coefficients");
+        match self {
+            Self::None => Self::None,
+            Self::Radial2 { .. } => Self::Radial2 { k1: c[0], k2: c[1] },
+            Self::RadTan4 { .. } => Self::RadTan4 {
+                k1: c[0],
+                k2: c[1],
+                p1: c[2],
+                p2: c[3],
+            },
+            Self::RadTan5 { .. } => Self::RadTan5 {
+                k1: c[0],
+                k2: c[1],
+                p1: c[2],
+                p2: c[3],
+                k3: c[4],
+            },
+            Self::Rational8 { .. } => Self::Rational8 {
+                k1: c[0],
+                k2: c[1],
+                p1: c[2],
+                p2: c[3],
+                k3: c[4],
+                k4: c[5],
+                k5: c[6],
+                k6: c[7],
+            },
+            Self::KannalaBrandt4 { .. } => Self::KannalaBrandt4 {
+                k1: c[0],
+                k2: c[1],
+                k3: c[2],
+                k4: c[3],
+            },
+            Self::DoubleSphere { .. } => Self::DoubleSphere {
+                xi: c[0],
+                alpha: c[1],
+            },
+            Self::Eucm { .. } => Self::Eucm {
+                alpha: c[0],
+                beta: c[1],
+            },
+        }
+    }
+
+    /// The model's name, as messages and files of this project have it.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Radial2 { .. } => "radial2",
+            Self::RadTan4 { .. } => "rad_tan4",
+            Self::RadTan5 { .. } => "rad_tan5",
+            Self::Rational8 { .. } => "rational8",
+            Self::KannalaBrandt4 { .. } => "kannala_brandt4",
+            Self::DoubleSphere { .. } => "double_sphere",
+            Self::Eucm { .. } => "eucm",
+        }
+    }
+}
+
+impl CameraModel {
+    /// How many numbers the largest model has: fx fy cx cy and the coefficients.
+    pub const MOST: usize = 4 + Distortion::MOST;
+
+    /// fx fy cx cy and the coefficients in the order of [`Distortion::coefficients`].
+    pub fn parameters(&self) -> Vec<f64> {
+        let mut all = vec![self.fx, self.fy, self.cx, self.cy];
+        all.extend(self.distortion.coefficients());
+        all
+    }
+
+    /// The names of [`Self::parameters`].
+    pub fn parameter_names(&self) -> Vec<&'static str> {
+        let mut all = vec!["fx", "fy", "cx", "cy"];
+        all.extend(self.distortion.coefficient_names());
+        all
+    }
+
+    /// The same model with other numbers, in the order of [`Self::parameters`].
+    ///
+    /// # Panics
+    /// When there are not as many as the model has.
+    #[must_use]
+    pub fn with_parameters(&self, p: &[f64]) -> Self {
+        Self {
+            fx: p[0],
+            fy: p[1],
+            cx: p[2],
+            cy: p[3],
+            distortion: self.distortion.with_coefficients(&p[4..]),
+            ..*self
         }
     }
 }

@@ -16,9 +16,9 @@ pub struct CameraInfo {
     pub width: u32,
     /// Picture height, pixels.
     pub height: u32,
-    /// `plumb_bob`, `rational_polynomial`, `kannala_brandt`, or empty for none.
+    /// `plumb_bob`, `rational_polynomial`, `kannala_brandt`, `double_sphere`, `eucm`, or empty for none.
     pub distortion_model: &'static str,
-    /// Coefficients: 5, 8 or 4 by model, none without one.
+    /// Coefficients: 5, 8, 4, 2 or 2 by model, none without one.
     pub d: Vec<f64>,
     /// Camera matrix, 3x3.
     pub k: [f64; 9],
@@ -35,6 +35,7 @@ impl CameraInfo {
         let (distortion_model, d) = match camera.distortion {
             Distortion::None => ("", Vec::new()),
             // plumb_bob always has five.
+            Distortion::Radial2 { k1, k2 } => ("plumb_bob", vec![k1, k2, 0.0, 0.0, 0.0]),
             Distortion::RadTan4 { k1, k2, p1, p2 } => ("plumb_bob", vec![k1, k2, p1, p2, 0.0]),
             Distortion::RadTan5 { .. } => ("plumb_bob", camera.distortion.coefficients()),
             Distortion::Rational8 { .. } => {
@@ -43,6 +44,9 @@ impl CameraInfo {
             Distortion::KannalaBrandt4 { .. } => {
                 ("kannala_brandt", camera.distortion.coefficients())
             }
+            // Not among the names that ROS fixes; readers that do not know them can say so.
+            Distortion::DoubleSphere { .. } => ("double_sphere", camera.distortion.coefficients()),
+            Distortion::Eucm { .. } => ("eucm", camera.distortion.coefficients()),
         };
         let tx = match eye {
             Eye::Right if stereo.is_rectified() => {

@@ -15,6 +15,7 @@ pub mod error;
 pub mod euroc;
 pub mod foxglove;
 pub mod kitti;
+pub mod lens;
 pub mod pair;
 pub mod read;
 pub mod stereo;
@@ -23,9 +24,10 @@ pub mod zed_conf;
 mod text;
 mod yaml;
 
-pub use camera::{CameraModel, Distortion};
+pub use camera::{CameraModel, Distortion, Rational};
 pub use error::{CalibError, Note};
 pub use foxglove::CameraInfo;
+pub use lens::Lens;
 pub use read::read_stereo;
 pub use stereo::{Eye, Format, ImuCalibration, ImuNoise, Provenance, StereoCalibration};
 

@@ -5,7 +5,7 @@
 //! that what is outside stays outside. [`Lens::project_f32`] is the same for drawing, to 1e-3 px within
 //! the picture. [`Lens::rays`] is the inverse at every pixel centre.
 
-use calib::{CameraModel, Distortion};
+use calib::{CameraModel, Distortion, Rational};
 
 /// How far beyond the picture's farthest corner the distortion is used, as a ratio of radii.
 const MARGIN: f64 = 1.05;
@@ -17,10 +17,18 @@ const STIFF: f64 = 0.2;
 #[derive(Clone, Debug)]
 pub struct Lens {
     model: CameraModel,
+    bend: Bend,
     /// Radius on the plane z = 1 up to which the distortion is used.
     limit: f64,
     quick: Quick,
     bounds: [f64; 4],
+}
+
+/// The models that can be drawn.
+#[derive(Clone, Copy, Debug)]
+enum Bend {
+    Rational(Rational),
+    Fisheye([f64; 4]),
 }
 
 /// A lens in f32: all distortions but the fisheye's are a ratio of polynomials.
@@ -36,12 +44,22 @@ struct Quick {
 }
 
 impl Lens {
+    /// Whether a lens with this distortion can be drawn.
+    pub fn can_draw(distortion: &Distortion) -> bool {
+        Bend::of(distortion).is_some()
+    }
+
     /// For a model.
+    ///
+    /// # Panics
+    /// For a distortion that [`Self::can_draw`] does not know.
     pub fn new(model: &CameraModel) -> Self {
+        let bend = Bend::of(&model.distortion).expect("a distortion that can be drawn");
         let mut lens = Self {
             model: *model,
+            bend,
             limit: f64::INFINITY,
-            quick: Quick::of(model, f64::INFINITY),
+            quick: Quick::of(model, &bend, f64::INFINITY),
             bounds: [0.0; 4],
         };
         let (w, h) = (f64::from(model.width), f64::from(model.height));
@@ -58,7 +76,7 @@ impl Lens {
         let reach = reach.into_iter().fold(0.0, f64::max);
         // Not so far that the polynomial turns back.
         let bent = |r: f64| {
-            let (x, y) = distort(&model.distortion, 0.8 * r, 0.6 * r);
+            let (x, y) = distort(&bend, 0.8 * r, 0.6 * r);
             (x * x + y * y).sqrt()
         };
         let steps = 20;
@@ -67,7 +85,7 @@ impl Lens {
             .map(|k| reach + step * f64::from(k))
             .take_while(|&r| bent(r + step) - bent(r) > STIFF * step);
         lens.limit = grows.last().map_or(reach, |r| r + step);
-        lens.quick = Quick::of(model, lens.limit);
+        lens.quick = Quick::of(model, &bend, lens.limit);
         lens.bounds = lens.border();
         lens
     }
@@ -112,10 +130,10 @@ impl Lens {
     pub fn project(&self, x: f64, y: f64) -> (f64, f64) {
         let square = x * x + y * y;
         let (x, y) = if square <= self.limit * self.limit {
-            distort(&self.model.distortion, x, y)
+            distort(&self.bend, x, y)
         } else {
             let beyond = square.sqrt() / self.limit;
-            let (x, y) = distort(&self.model.distortion, x / beyond, y / beyond);
+            let (x, y) = distort(&self.bend, x / beyond, y / beyond);
             (x * beyond, y * beyond)
         };
         (
@@ -132,15 +150,15 @@ impl Lens {
         );
         let (mut x, mut y) = (goal_x, goal_y);
         for _ in 0..30 {
-            let (dx, dy) = distort(&self.model.distortion, x, y);
+            let (dx, dy) = distort(&self.bend, x, y);
             let (ex, ey) = (goal_x - dx, goal_y - dy);
             if ex.abs().max(ey.abs()) < 1e-13 {
                 break;
             }
             // Newton's step, its derivatives by differences.
             let h = 1e-6;
-            let (ax, ay) = distort(&self.model.distortion, x + h, y);
-            let (bx, by) = distort(&self.model.distortion, x, y + h);
+            let (ax, ay) = distort(&self.bend, x + h, y);
+            let (bx, by) = distort(&self.bend, x, y + h);
             let (xx, yx) = ((ax - dx) / h, (ay - dy) / h);
             let (xy, yy) = ((bx - dx) / h, (by - dy) / h);
             let determinant = xx * yy - xy * yx;
@@ -162,39 +180,28 @@ impl Lens {
     }
 }
 
-impl Quick {
-    fn of(model: &CameraModel, limit: f64) -> Self {
-        let (mut over, mut under, mut tangential) = ([0.0; 3], [0.0; 3], [0.0; 2]);
-        let mut fisheye = None;
-        match model.distortion {
-            Distortion::None => {}
-            Distortion::RadTan4 { k1, k2, p1, p2 } => {
-                (over, tangential) = ([k1, k2, 0.0], [p1, p2]);
-            }
-            Distortion::RadTan5 { k1, k2, p1, p2, k3 } => {
-                (over, tangential) = ([k1, k2, k3], [p1, p2]);
-            }
-            Distortion::Rational8 {
-                k1,
-                k2,
-                p1,
-                p2,
-                k3,
-                k4,
-                k5,
-                k6,
-            } => (over, under, tangential) = ([k1, k2, k3], [k4, k5, k6], [p1, p2]),
-            Distortion::KannalaBrandt4 { k1, k2, k3, k4 } => {
-                fisheye = Some([k1, k2, k3, k4].map(|k| k as f32));
-            }
+impl Bend {
+    fn of(distortion: &Distortion) -> Option<Self> {
+        match *distortion {
+            Distortion::KannalaBrandt4 { k1, k2, k3, k4 } => Some(Self::Fisheye([k1, k2, k3, k4])),
+            _ => distortion.rational().map(Self::Rational),
         }
+    }
+}
+
+impl Quick {
+    fn of(model: &CameraModel, bend: &Bend, limit: f64) -> Self {
+        let (rational, fisheye) = match *bend {
+            Bend::Rational(rational) => (rational, None),
+            Bend::Fisheye(k) => (Rational::default(), Some(k.map(|k| k as f32))),
+        };
         Self {
             limit: limit as f32,
             focal: [model.fx as f32, model.fy as f32],
             centre: [model.cx as f32, model.cy as f32],
-            over: over.map(|k| k as f32),
-            under: under.map(|k| k as f32),
-            tangential: tangential.map(|p| p as f32),
+            over: rational.over.map(|k| k as f32),
+            under: rational.under.map(|k| k as f32),
+            tangential: rational.tangential.map(|p| p as f32),
             fisheye,
         }
     }
@@ -247,46 +254,29 @@ fn radial_f32(k: &[f32; 4], r2: f32) -> f32 {
 
 /// OpenCV's models (documentation of `calib3d` and `fisheye`).
 #[inline]
-fn distort(distortion: &Distortion, x: f64, y: f64) -> (f64, f64) {
+fn distort(bend: &Bend, x: f64, y: f64) -> (f64, f64) {
     let r2 = x * x + y * y;
-    let tangential = |p1: f64, p2: f64| {
-        (
-            2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-            p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-        )
-    };
-    let (radial, (tx, ty)) = match *distortion {
-        Distortion::None => (1.0, (0.0, 0.0)),
-        Distortion::RadTan4 { k1, k2, p1, p2 } => (1.0 + r2 * (k1 + r2 * k2), tangential(p1, p2)),
-        Distortion::RadTan5 { k1, k2, p1, p2, k3 } => {
-            (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3)), tangential(p1, p2))
+    match bend {
+        Bend::Rational(rational) => {
+            let poly = |[a, b, c]: [f64; 3]| 1.0 + r2 * (a + r2 * (b + r2 * c));
+            let radial = poly(rational.over) / poly(rational.under);
+            let [p1, p2] = rational.tangential;
+            (
+                x * radial + (2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)),
+                y * radial + (p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y),
+            )
         }
-        Distortion::Rational8 {
-            k1,
-            k2,
-            p1,
-            p2,
-            k3,
-            k4,
-            k5,
-            k6,
-        } => (
-            (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6))),
-            tangential(p1, p2),
-        ),
-        Distortion::KannalaBrandt4 { k1, k2, k3, k4 } => {
+        Bend::Fisheye([k1, k2, k3, k4]) => {
             let r = r2.sqrt();
             if r < 1e-9 {
-                (1.0, (0.0, 0.0))
-            } else {
-                let angle = libm::atan(r);
-                let a2 = angle * angle;
-                let bent = angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))));
-                (bent / r, (0.0, 0.0))
+                return (x, y);
             }
+            let angle = libm::atan(r);
+            let a2 = angle * angle;
+            let bent = angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))));
+            (x * (bent / r), y * (bent / r))
         }
-    };
-    (x * radial + tx, y * radial + ty)
+    }
 }
 
 #[cfg(test)]

@@ -17,6 +17,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use crate::camera::Quality;
 use crate::camera::placed::{Motion, Placed, placed};
 use crate::imu::{Imu, ImuModel, ImuSample, ImuTrouble};
+use crate::lens::Lens;
 use crate::random;
 use crate::rig::{SimCamera, cameras, shoe_tags};
 use crate::scene::body::Body;
@@ -214,6 +215,13 @@ impl Simulation {
         };
         let models = [calibration.left, calibration.right];
         for model in &models {
+            if !Lens::can_draw(&model.distortion) {
+                return Err(SimulationError::Lenses(format!(
+                    "the calibration of {camera} has a lens of model {}, expected a pinhole model or \
+                     kannala_brandt4: convert it",
+                    model.distortion.name()
+                )));
+            }
             if (model.width, model.height) != wanted {
                 return Err(SimulationError::Lenses(format!(
                     "the calibration of {camera} is for {}x{}, expected {}x{}",

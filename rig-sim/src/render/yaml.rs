@@ -19,6 +19,7 @@ pub(super) fn camera(
     let model = &camera.models[eye];
     let (name, coefficients) = match model.distortion {
         Distortion::None => ("none", Vec::new()),
+        Distortion::Radial2 { k1, k2 } => ("radial-tangential", vec![k1, k2, 0.0, 0.0]),
         Distortion::RadTan4 { k1, k2, p1, p2 }
         | Distortion::RadTan5 {
             k1,
@@ -28,7 +29,10 @@ pub(super) fn camera(
             k3: 0.0,
         } => ("radial-tangential", vec![k1, k2, p1, p2]),
         Distortion::KannalaBrandt4 { k1, k2, k3, k4 } => ("equidistant", vec![k1, k2, k3, k4]),
-        Distortion::RadTan5 { .. } | Distortion::Rational8 { .. } => {
+        Distortion::RadTan5 { .. }
+        | Distortion::Rational8 { .. }
+        | Distortion::DoubleSphere { .. }
+        | Distortion::Eucm { .. } => {
             let camera = camera.name.clone();
             return Err(RenderError::Lens { camera });
         }

@@ -1,0 +1,197 @@
+//! How a camera's lens takes points to pixels and pixels to directions.
+//!
+//! Contract: [`Lens::project`] gives a pixel for exactly those points that the model can mean: in front
+//! of the camera for pinhole models, and not beyond the radius at which a distortion turns back and
+//! would fold the outside into the picture. Everything else is `None`, as is a pixel that no direction
+//! leads to in [`Lens::unproject`]. Inside the domain the two are inverse to each other to 1e-9 px.
+//! A pixel may lie outside the picture; whether that counts is the caller's decision.
+//!
+//! Jacobians are analytic. Their order of parameters is [`CameraModel::parameters`].
+//!
+//! ```
+//! use calib::{CameraModel, Distortion, Lens};
+//! let model = CameraModel {
+//!     width: 640, height: 480, fx: 500.0, fy: 500.0, cx: 319.5, cy: 239.5,
+//!     distortion: Distortion::RadTan4 { k1: -0.2, k2: 0.03, p1: 0.0, p2: 0.0 },
+//! };
+//! let lens = Lens::new(&model);
+//! let pixel = lens.project([0.3, -0.1, 1.0]).unwrap();
+//! let [x, y, z] = lens.unproject(pixel).unwrap();
+//! assert!((x / z - 0.3).abs() < 1e-12 && (y / z + 0.1).abs() < 1e-12);
+//! ```
+
+use nalgebra::{Matrix2x3, SMatrix};
+
+use crate::camera::{CameraModel, Distortion};
+
+mod fisheye;
+mod radial;
+mod spheres;
+#[cfg(test)]
+mod tests;
+#[cfg(test)]
+mod twin;
+
+/// Derivatives of a pixel by the camera's parameters; columns beyond the model's own are 0.
+pub type ByParameters = SMatrix<f64, 2, { CameraModel::MOST }>;
+
+/// Derivatives of a point on the picture plane by the coefficients.
+type ByCoefficients = SMatrix<f64, 2, { Distortion::MOST }>;
+
+/// A camera model, ready for projection.
+#[derive(Clone, Copy, Debug)]
+pub struct Lens {
+    model: CameraModel,
+    shape: Shape,
+}
+
+/// A pixel and what it depends on.
+#[derive(Clone, Copy, Debug)]
+pub struct Projected {
+    /// x and y, pixels.
+    pub pixel: [f64; 2],
+    /// By the point, pixels per metre.
+    pub by_point: Matrix2x3<f64>,
+    /// By the parameters of the camera, in the order of [`CameraModel::parameters`].
+    pub by_parameters: ByParameters,
+}
+
+/// What a point comes to on the picture plane, before focal lengths and principal point.
+struct Bent {
+    at: [f64; 2],
+    by_point: Matrix2x3<f64>,
+    by_coefficients: ByCoefficients,
+}
+
+/// One family of models with its domain.
+#[derive(Clone, Copy, Debug)]
+enum Shape {
+    Radial(radial::Radial),
+    Fisheye(fisheye::Fisheye),
+    DoubleSphere(spheres::DoubleSphere),
+    Eucm(spheres::Eucm),
+}
+
+impl Lens {
+    /// For a model. Finds the domain.
+    pub fn new(model: &CameraModel) -> Self {
+        let shape = match model.distortion {
+            Distortion::KannalaBrandt4 { k1, k2, k3, k4 } => {
+                Shape::Fisheye(fisheye::Fisheye::new([k1, k2, k3, k4]))
+            }
+            Distortion::DoubleSphere { xi, alpha } => {
+                Shape::DoubleSphere(spheres::DoubleSphere { xi, alpha })
+            }
+            Distortion::Eucm { alpha, beta } => Shape::Eucm(spheres::Eucm { alpha, beta }),
+            ref other => {
+                let rational = other.rational().expect("all others are radial-tangential");
+                Shape::Radial(radial::Radial::new(rational, &other.coefficients()))
+            }
+        };
+        Self {
+            model: *model,
+            shape,
+        }
+    }
+
+    /// Size and numbers.
+    pub fn model(&self) -> &CameraModel {
+        &self.model
+    }
+
+    /// The pixel of a point in the optical frame, metres.
+    pub fn project(&self, x_in_camera: [f64; 3]) -> Option<[f64; 2]> {
+        let at = match &self.shape {
+            Shape::Radial(s) => s.bend(x_in_camera),
+            Shape::Fisheye(s) => s.bend(x_in_camera),
+            Shape::DoubleSphere(s) => s.bend(x_in_camera),
+            Shape::Eucm(s) => s.bend(x_in_camera),
+        }?;
+        let m = &self.model;
+        Some([m.fx * at[0] + m.cx, m.fy * at[1] + m.cy])
+    }
+
+    /// The same with its derivatives.
+    pub fn project_with_jacobians(&self, x_in_camera: [f64; 3]) -> Option<Projected> {
+        let bent = match &self.shape {
+            Shape::Radial(s) => s.bend_with_jacobians(x_in_camera),
+            Shape::Fisheye(s) => s.bend_with_jacobians(x_in_camera),
+            Shape::DoubleSphere(s) => s.bend_with_jacobians(x_in_camera),
+            Shape::Eucm(s) => s.bend_with_jacobians(x_in_camera),
+        }?;
+        let m = &self.model;
+        let mut by_point = bent.by_point;
+        let mut by_parameters = ByParameters::zeros();
+        for (row, f) in [m.fx, m.fy].into_iter().enumerate() {
+            by_point.row_mut(row).scale_mut(f);
+            by_parameters[(row, row)] = bent.at[row];
+            by_parameters[(row, 2 + row)] = 1.0;
+            for k in 0..Distortion::MOST {
+                by_parameters[(row, 4 + k)] = f * bent.by_coefficients[(row, k)];
+            }
+        }
+        Some(Projected {
+            pixel: [m.fx * bent.at[0] + m.cx, m.fy * bent.at[1] + m.cy],
+            by_point,
+            by_parameters,
+        })
+    }
+
+    /// The direction that a pixel sees, of length 1, in the optical frame.
+    pub fn unproject(&self, pixel: [f64; 2]) -> Option<[f64; 3]> {
+        let m = &self.model;
+        let at = [(pixel[0] - m.cx) / m.fx, (pixel[1] - m.cy) / m.fy];
+        match &self.shape {
+            Shape::Radial(s) => s.unbend(at),
+            Shape::Fisheye(s) => s.unbend(at),
+            Shape::DoubleSphere(s) => s.unbend(at),
+            Shape::Eucm(s) => s.unbend(at),
+        }
+    }
+
+    /// The largest angle off the axis that the model can mean, radians. Pinhole models stay below π/2.
+    pub fn widest_rad(&self) -> f64 {
+        match &self.shape {
+            Shape::Radial(s) => s.widest_rad(),
+            Shape::Fisheye(s) => s.widest_rad(),
+            Shape::DoubleSphere(s) => s.widest_rad(),
+            Shape::Eucm(s) => s.widest_rad(),
+        }
+    }
+
+    /// Whether every pixel of the picture has a direction: the corners are the farthest.
+    pub fn covers_picture(&self) -> bool {
+        let right = f64::from(self.model.width) - 0.5;
+        let bottom = f64::from(self.model.height) - 0.5;
+        [[-0.5, -0.5], [right, -0.5], [-0.5, bottom], [right, bottom]]
+            .into_iter()
+            .all(|corner| self.unproject(corner).is_some())
+    }
+}
+
+/// Where the search for the end of a domain stops, radians off the axis, and its steps.
+const SEARCH_STEPS: usize = 400;
+
+/// The largest `x` up to `end` for which `grows` holds all the way from 0, to 1e-12 of `end`.
+fn end_of_domain(end: f64, grows: impl Fn(f64) -> bool) -> f64 {
+    let step = end / SEARCH_STEPS as f64;
+    let Some(first_bad) = (1..=SEARCH_STEPS).find(|&i| !grows(step * i as f64)) else {
+        return end;
+    };
+    let (mut good, mut bad) = (step * (first_bad - 1) as f64, step * first_bad as f64);
+    for _ in 0..40 {
+        let middle = 0.5 * (good + bad);
+        if grows(middle) {
+            good = middle;
+        } else {
+            bad = middle;
+        }
+    }
+    good
+}
+
+/// A vector of length 1; none of a vector without a direction.
+fn unit([x, y, z]: [f64; 3]) -> Option<[f64; 3]> {
+    let length = (x * x + y * y + z * z).sqrt();
+    (length > 0.0 && length.is_finite()).then(|| [x / length, y / length, z / length])
+}
