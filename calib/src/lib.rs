@@ -18,6 +18,7 @@ pub mod foxglove;
 pub mod kitti;
 pub mod lens;
 pub mod pair;
+pub mod pnp;
 pub mod read;
 pub mod stereo;
 pub mod zed_conf;
