@@ -3,7 +3,7 @@
 
 use std::num::NonZero;
 
-use nalgebra::{DMatrix, DVector, Matrix6, MatrixXx6, SMatrix, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix6, MatrixXx6, SMatrix, Vector3, Vector6};
 
 use super::pose::{Pose, cross, step_between};
 use super::{PlacePrior, Prior, Problem, View};
@@ -47,6 +47,8 @@ pub(super) struct Share {
     pub(super) columns: Vec<usize>,
     /// Gradient of those with the pose eliminated: the instant's score.
     pub(super) score: DVector<f64>,
+    /// What the instant tells of those, with the pose eliminated.
+    pub(super) information: DMatrix<f64>,
 }
 
 /// The whole, with the poses eliminated.
@@ -138,6 +140,20 @@ impl Chain {
             x = pose.rotation.tr_mul(&(x - pose.translation));
         }
         x
+    }
+
+    /// Derivatives of the pixel by the point in the target, px/m.
+    pub(super) fn by_target(&self, x_in_target: [f64; 3]) -> Option<Matrix2x3<f64>> {
+        let x_in_eye = self.in_eye(x_in_target);
+        let mut by_point = self.lens.project_with_jacobians(x_in_eye.into())?.by_point;
+        for pose in self.path.iter().rev() {
+            by_point *= pose.rotation.transpose();
+        }
+        by_point *= self.rig_from_world.rotation;
+        if let Some(pose) = &self.world_from_target {
+            by_point *= pose.rotation;
+        }
+        Some(by_point)
     }
 
     pub(super) fn pixel(&self, x_in_target: [f64; 3]) -> Option<[f64; 2]> {
@@ -288,70 +304,89 @@ fn piece(
         cost: 0.0,
     };
     for instant in instants {
-        let mut columns: Vec<usize> = Vec::new();
-        let mut own = Matrix6::zeros();
-        let mut own_gradient = Vector6::zeros();
-        let mut parts = Vec::new();
-        for &v in &layout.views[instant] {
-            let view = &problem.views[v];
-            let (rows, cost) = rows(problem, layout, lenses, view, loss);
-            sum.cost += cost;
-            let touched = layout.columns(view);
-            let w = touched.len();
-            let products = &rows * rows.transpose();
-            for (i, &ci) in touched.iter().enumerate() {
-                sum.gradient[ci] += products[(i, w + 6)];
-                for (j, &cj) in touched.iter().enumerate() {
-                    sum.matrix[(ci, cj)] += products[(i, j)];
-                }
-            }
-            own += products.fixed_view::<6, 6>(w, w);
-            own_gradient += products.fixed_view::<6, 1>(w, w + 6);
-            columns.extend(&touched);
-            parts.push((touched, products));
-        }
-        columns.sort_unstable();
-        columns.dedup();
-        let mut mixed = MatrixXx6::zeros(columns.len());
-        let mut score = DVector::zeros(columns.len());
-        for (touched, products) in &parts {
-            let w = touched.len();
-            for (i, c) in touched.iter().enumerate() {
-                let row = columns
-                    .binary_search(c)
-                    .expect("every column is in the union");
-                score[row] += products[(i, w + 6)];
-                for k in 0..6 {
-                    mixed[(row, k)] += products[(i, w + k)];
-                }
+        let (share, cost) = share(problem, layout, lenses, loss, damping, instant);
+        for (i, &ci) in share.columns.iter().enumerate() {
+            sum.gradient[ci] += share.score[i];
+            for (j, &cj) in share.columns.iter().enumerate() {
+                sum.matrix[(ci, cj)] += share.information[(i, j)];
             }
         }
-        let mut damped = own;
-        for k in 0..6 {
-            damped[(k, k)] += damping * own[(k, k)] + f64::MIN_POSITIVE;
-        }
-        // An instant without a determined pose says nothing of the rest.
-        let inverse = damped
-            .cholesky()
-            .map_or_else(Matrix6::zeros, |c| c.inverse());
-        let through: MatrixXx6<f64> = &mixed * inverse;
-        score -= &through * own_gradient;
-        let taken: DMatrix<f64> = &through * mixed.transpose();
-        for (i, &ci) in columns.iter().enumerate() {
-            sum.gradient[ci] -= (through.row(i) * own_gradient)[0];
-            for (j, &cj) in columns.iter().enumerate() {
-                sum.matrix[(ci, cj)] -= taken[(i, j)];
-            }
-        }
-        sum.shares.push(Share {
-            inverse,
-            gradient: own_gradient,
-            mixed,
-            columns,
-            score,
-        });
+        sum.cost += cost;
+        sum.shares.push(share);
     }
     sum
+}
+
+/// One instant's share and its cost.
+fn share(
+    problem: &Problem,
+    layout: &Layout,
+    lenses: &[Lens],
+    loss: &Loss,
+    damping: f64,
+    instant: usize,
+) -> (Share, f64) {
+    let mut columns: Vec<usize> = Vec::new();
+    let mut own = Matrix6::zeros();
+    let mut gradient = Vector6::zeros();
+    let mut parts = Vec::new();
+    let mut cost_sum = 0.0;
+    for &v in &layout.views[instant] {
+        let view = &problem.views[v];
+        let (rows, cost) = rows(problem, layout, lenses, view, loss);
+        cost_sum += cost;
+        let touched = layout.columns(view);
+        let w = touched.len();
+        let products = &rows * rows.transpose();
+        own += products.fixed_view::<6, 6>(w, w);
+        gradient += products.fixed_view::<6, 1>(w, w + 6);
+        columns.extend(&touched);
+        parts.push((touched, products));
+    }
+    columns.sort_unstable();
+    columns.dedup();
+    let n = columns.len();
+    let mut mixed = MatrixXx6::zeros(n);
+    let mut score = DVector::zeros(n);
+    let mut information = DMatrix::zeros(n, n);
+    for (touched, products) in &parts {
+        let w = touched.len();
+        let row_of = |c: &usize| {
+            columns
+                .binary_search(c)
+                .expect("the union has every column")
+        };
+        let at: Vec<usize> = touched.iter().map(row_of).collect();
+        for (i, &row) in at.iter().enumerate() {
+            score[row] += products[(i, w + 6)];
+            for (j, &column) in at.iter().enumerate() {
+                information[(row, column)] += products[(i, j)];
+            }
+            for k in 0..6 {
+                mixed[(row, k)] += products[(i, w + k)];
+            }
+        }
+    }
+    let mut damped = own;
+    for k in 0..6 {
+        damped[(k, k)] += damping * own[(k, k)] + f64::MIN_POSITIVE;
+    }
+    // An instant without a determined pose says nothing of the rest.
+    let inverse = damped
+        .cholesky()
+        .map_or_else(Matrix6::zeros, |c| c.inverse());
+    let through: MatrixXx6<f64> = &mixed * inverse;
+    score -= &through * gradient;
+    information -= &through * mixed.transpose();
+    let share = Share {
+        inverse,
+        gradient,
+        mixed,
+        columns,
+        score,
+        information,
+    };
+    (share, cost_sum)
 }
 
 /// The normal equations at the present values. `damping` is Levenberg's and Marquardt's, and is added
