@@ -21,6 +21,7 @@ pub mod pair;
 pub mod pnp;
 pub mod read;
 pub mod stereo;
+pub mod target;
 pub mod zed_conf;
 
 mod text;
