@@ -91,7 +91,7 @@ pub(super) fn integer(value: &DeValue<'_>) -> Option<i64> {
     i64::from_str_radix(integer.as_str(), integer.radix()).ok()
 }
 
-fn number(value: &DeValue<'_>) -> Option<f64> {
+pub(super) fn number(value: &DeValue<'_>) -> Option<f64> {
     let number = match value.as_float() {
         Some(float) => float.as_str().parse().ok(),
         None => integer(value).map(|v| v as f64),

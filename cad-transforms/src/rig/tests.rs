@@ -370,3 +370,5 @@ fn tags_on_shoes_are_checked() {
         "{found:?}"
     );
 }
+
+mod written;
