@@ -33,7 +33,10 @@ mod solve;
 mod tests;
 
 pub use covariance::Covariance;
+pub(crate) use normal::in_pieces;
+pub(crate) use pose::{moved, step_between};
 pub use solve::{Settings, Solution, locate, solve};
+pub(crate) use solve::{by_points, told};
 
 /// What is to be found, with where to start.
 #[derive(Clone, Debug, Default)]

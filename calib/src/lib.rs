@@ -12,6 +12,7 @@
 
 pub mod adjust;
 pub mod camera;
+pub mod cameras;
 pub mod error;
 pub mod euroc;
 pub mod foxglove;

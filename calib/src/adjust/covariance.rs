@@ -5,7 +5,7 @@
 //! each instant really pulled ("sandwich", Huber 1967; clusters after Liang and Zeger 1986), which is right
 //! when the corners of one picture err together, as they do under blur.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Matrix6};
 
 use super::normal::{Layout, Loss, Normal, build};
 use super::solve::unit_diagonal;
@@ -34,6 +34,19 @@ impl Covariance {
     pub fn sigma(&self, parameter: Parameter) -> f64 {
         let found = self.parameters.iter().position(|p| *p == parameter);
         found.map_or(0.0, |i| self.matrix[(i, i)].sqrt())
+    }
+
+    /// The block between two places, by their numbers; 0 where one of them is held.
+    pub fn between(&self, a: usize, b: usize) -> Matrix6<f64> {
+        let begin = |place| {
+            self.parameters
+                .iter()
+                .position(|p| *p == Parameter::Place(place, 0))
+        };
+        match (begin(a), begin(b)) {
+            (Some(a), Some(b)) => self.matrix.fixed_view::<6, 6>(a, b).into_owned(),
+            _ => Matrix6::zeros(),
+        }
     }
 
     pub(super) fn of(problem: &Problem, layout: &Layout, loss: &Loss) -> Result<Self, AdjustError> {

@@ -446,7 +446,7 @@ pub(super) fn lenses(problem: &Problem) -> Vec<Lens> {
 
 /// Runs over `0..count` in a fixed number of pieces, on as many threads as there are cores; results
 /// come in order.
-pub(super) fn in_pieces<T: Send>(
+pub(crate) fn in_pieces<T: Send>(
     count: usize,
     work: impl Fn(std::ops::Range<usize>) -> T + Sync,
 ) -> Vec<T> {

@@ -24,7 +24,7 @@ impl Pose {
 }
 
 /// The pose changed by `[v, ω]`.
-pub(super) fn moved(b_from_a: &RigidTransform, step: &Vector6<f64>) -> RigidTransform {
+pub(crate) fn moved(b_from_a: &RigidTransform, step: &Vector6<f64>) -> RigidTransform {
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(step[3], step[4], step[5]));
     let rotation = turn * b_from_a.rotation();
     let t = b_from_a.translation() + Vector3::new(step[0], step[1], step[2]);
@@ -33,7 +33,7 @@ pub(super) fn moved(b_from_a: &RigidTransform, step: &Vector6<f64>) -> RigidTran
 }
 
 /// The `[v, ω]` that takes `from` to `to`.
-pub(super) fn step_between(from: &RigidTransform, to: &RigidTransform) -> Vector6<f64> {
+pub(crate) fn step_between(from: &RigidTransform, to: &RigidTransform) -> Vector6<f64> {
     let turn = (to.rotation() * from.rotation().inverse()).scaled_axis();
     let shift = to.translation() - from.translation();
     Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)

@@ -2,7 +2,7 @@
 //! 2000, "Bundle Adjustment: A Modern Synthesis").
 
 use cad_transforms::RigidTransform;
-use nalgebra::{DMatrix, DVector, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix2x3, Vector6};
 
 use super::covariance::Covariance;
 use super::normal::{Chain, Layout, Loss, Normal, build, cost, lenses};
@@ -138,6 +138,45 @@ pub fn locate(
     let solution = solve(&problem, &Settings::default())?;
     let rms = solution.rms_px(|_| true);
     Ok((solution.problem.instants[0], rms))
+}
+
+/// What one instant says of the free numbers, its pose eliminated.
+#[derive(Clone, Debug)]
+pub(crate) struct Told {
+    /// Which, by their position among [`Problem::parameters`], ascending.
+    pub(crate) columns: Vec<usize>,
+    /// Gradient of its cost.
+    pub(crate) score: DVector<f64>,
+    /// Its information.
+    pub(crate) information: DMatrix<f64>,
+}
+
+/// What every instant says at the problem's present values, when observations are `scale` of their own
+/// sigmas off.
+pub(crate) fn told(problem: &Problem, scale: f64) -> Vec<Told> {
+    let loss = Loss {
+        scale,
+        knee: Settings::default().knee,
+    };
+    let shares = build(problem, &Layout::new(problem), &loss, 0.0)
+        .shares
+        .into_iter();
+    shares
+        .map(|share| Told {
+            columns: share.columns,
+            score: share.score,
+            information: share.information,
+        })
+        .collect()
+}
+
+/// Derivatives of the pixels of a view by its points, px/m; none for points without a pixel.
+pub(crate) fn by_points(problem: &Problem, view: &View) -> Vec<Option<Matrix2x3<f64>>> {
+    let chain = Chain::new(problem, &lenses(problem), view);
+    view.points
+        .iter()
+        .map(|p| chain.by_target(p.x_in_target))
+        .collect()
 }
 
 /// Steps until the cost hardly falls any more; how many there were.
