@@ -53,7 +53,9 @@ pub(super) fn measure(image: &GreyView<'_>, borders: &[[[f64; 2]; 2]]) -> Option
         let reach = (0.35 * length).min(12.0);
         for t in [0.4, 0.5, 0.6] {
             let middle = [0, 1].map(|k| a[k] + t * along[k]);
-            let Some(width) = width(image, middle, normal, reach) else { continue };
+            let Some(width) = width(image, middle, normal, reach) else {
+                continue;
+            };
             let [x, y] = normal;
             let row = [x * x, 2.0 * x * y, y * y];
             for i in 0..3 {
@@ -73,9 +75,17 @@ pub(super) fn measure(image: &GreyView<'_>, borders: &[[[f64; 2]; 2]]) -> Option
     let half = (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
     let (major, minor) = ((mean + half).max(0.0), (mean - half).max(0.0));
     // An eigenvector of the larger eigenvalue.
-    let (u, v) = if xx >= yy { (major - yy, xy) } else { (xy, major - xx) };
+    let (u, v) = if xx >= yy {
+        (major - yy, xy)
+    } else {
+        (xy, major - xx)
+    };
     let length = (u * u + v * v).sqrt();
-    let direction = if length > 1e-12 { [u / length, v / length] } else { [1.0, 0.0] };
+    let direction = if length > 1e-12 {
+        [u / length, v / length]
+    } else {
+        [1.0, 0.0]
+    };
     Some(Blur {
         major_px: major.sqrt(),
         minor_px: minor.sqrt(),
@@ -94,7 +104,10 @@ fn width(image: &GreyView<'_>, middle: [f64; 2], normal: [f64; 2], reach: f64) -
     // The levels on both sides: the outer quarter of the profile.
     let outer = (values.len() / 4).max(2);
     let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
-    let (low, high) = (mean(&values[..outer]), mean(&values[values.len() - outer..]));
+    let (low, high) = (
+        mean(&values[..outer]),
+        mean(&values[values.len() - outer..]),
+    );
     if (high - low).abs() < 10.0 {
         return None;
     }
@@ -120,7 +133,8 @@ fn width(image: &GreyView<'_>, middle: [f64; 2], normal: [f64; 2], reach: f64) -
 /// Three equations by Cramer's rule.
 fn solve(m: [[f64; 3]; 3], b: [f64; 3]) -> Option<[f64; 3]> {
     let determinant = |m: [[f64; 3]; 3]| {
-        m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1]) - m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0])
+        m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1])
+            - m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0])
             + m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0])
     };
     let whole = determinant(m);

@@ -64,7 +64,9 @@ pub(super) fn find(scene: &Scene, target: &Target, columns: i32, rows: i32) -> F
                 ..Found::default()
             };
         }
-        found = Some(place_chessboard(target, &lattice, &places, columns, rows, low, high));
+        found = Some(place_chessboard(
+            target, &lattice, &places, columns, rows, low, high,
+        ));
     }
     found.unwrap_or(Found {
         remark,
@@ -106,11 +108,16 @@ fn fill(scene: &Scene, lattice: &mut Lattice, places: &mut Vec<[f64; 2]>) {
                 if lattice.nodes.contains_key(&(y, x)) {
                     continue;
                 }
-                let Some((guess, step)) = lattice.guess(|n| places[n], (y, x)) else { continue };
+                let Some((guess, step)) = lattice.guess(|n| places[n], (y, x)) else {
+                    continue;
+                };
                 let near = (0.2 * step).clamp(1.0, 4.0);
                 let reach = (0.4 * step).clamp(2.6, 4.0);
-                let Some(at) = refine::settle(&scene.smooth, guess, reach, near) else { continue };
-                if saddle::look_around(&scene.smooth, at, 3.0_f32.min(0.4 * step as f32)).is_some() {
+                let Some(at) = refine::settle(&scene.smooth, guess, reach, near) else {
+                    continue;
+                };
+                if saddle::look_around(&scene.smooth, at, 3.0_f32.min(0.4 * step as f32)).is_some()
+                {
                     more.push(((y, x), at));
                 }
             }
@@ -138,7 +145,11 @@ fn place_chessboard(
     let origins = [low, [high[0], low[1]], high, [low[0], high[1]]];
     let fits = |turns: usize| {
         let size = [high[0] - low[0] + 1, high[1] - low[1] + 1];
-        if turns % 2 == 0 { size == [columns, rows] } else { size == [rows, columns] }
+        if turns % 2 == 0 {
+            size == [columns, rows]
+        } else {
+            size == [rows, columns]
+        }
     };
     // The square beyond corner (0, 0) towards the board's top left is black, so the one below to the right
     // of it, across the crossing, is black too.
@@ -180,7 +191,13 @@ fn place_chessboard(
 }
 
 /// Corners and borders of a placed lattice. `room` is the share of a step that nothing else is printed in.
-fn collect(lattice: &Lattice, places: &[[f64; 2]], placement: &Placement, size: [i32; 2], room: f64) -> Found {
+fn collect(
+    lattice: &Lattice,
+    places: &[[f64; 2]],
+    placement: &Placement,
+    size: [i32; 2],
+    room: f64,
+) -> Found {
     let mut found = Found::default();
     for ((y, x), node) in &lattice.nodes {
         let [column, row] = placement.board_at([*x, *y]);
@@ -210,8 +227,21 @@ fn collect(lattice: &Lattice, places: &[[f64; 2]], placement: &Placement, size: 
 }
 
 /// A ChArUco board, whatever part of it is seen.
-pub(super) fn find_with_markers(image: &GreyView<'_>, scene: &Scene, target: &Target, settings: &Settings) -> Found {
-    let &Target::Charuco { columns, rows, square_m, marker_m, dictionary, .. } = target else {
+pub(super) fn find_with_markers(
+    image: &GreyView<'_>,
+    scene: &Scene,
+    target: &Target,
+    settings: &Settings,
+) -> Found {
+    let &Target::Charuco {
+        columns,
+        rows,
+        square_m,
+        marker_m,
+        dictionary,
+        ..
+    } = target
+    else {
         return Found::default();
     };
     let board = Board {
@@ -219,7 +249,9 @@ pub(super) fn find_with_markers(image: &GreyView<'_>, scene: &Scene, target: &Ta
         rows: rows as i32,
         book: Book::of(dictionary),
         layout: layout(dictionary, marker_m / square_m),
-        most_errors: settings.most_bit_errors.min((dictionary.distance() - 1) / 2),
+        most_errors: settings
+            .most_bit_errors
+            .min((dictionary.distance() - 1) / 2),
         own_id: own_ids(target),
     };
     let mut found = Found::default();
@@ -227,7 +259,9 @@ pub(super) fn find_with_markers(image: &GreyView<'_>, scene: &Scene, target: &Ta
     for mut lattice in lattice::grow(&scene.saddles, &scene.links, 4) {
         let mut places: Vec<[f64; 2]> = scene.saddles.iter().map(|s| s.at).collect();
         fill(scene, &mut lattice, &mut places);
-        let Some(placement) = board.vote(image, &lattice, &places) else { continue };
+        let Some(placement) = board.vote(image, &lattice, &places) else {
+            continue;
+        };
         let margin = 0.5 * (1.0 - marker_m / square_m);
         let part = collect(
             &lattice,
@@ -264,7 +298,13 @@ fn layout(dictionary: Dictionary, marker: f64) -> Layout {
 
 /// The marker of each white square of the board by (x, y); squares in rows.
 fn own_ids(target: &Target) -> Vec<((i32, i32), u32)> {
-    let &Target::Charuco { columns, rows, first_id, .. } = target else {
+    let &Target::Charuco {
+        columns,
+        rows,
+        first_id,
+        ..
+    } = target
+    else {
         return Vec::new();
     };
     (0..rows as i32)
@@ -287,19 +327,27 @@ impl Board {
     /// The placement that the markers agree on. It must have at least two markers without contradiction, or
     /// more than three for each one that says otherwise; and no square that should hold a marker may hold
     /// another one.
-    fn vote(&self, image: &GreyView<'_>, lattice: &Lattice, places: &[[f64; 2]]) -> Option<Placement> {
+    fn vote(
+        &self,
+        image: &GreyView<'_>,
+        lattice: &Lattice,
+        places: &[[f64; 2]],
+    ) -> Option<Placement> {
         let mut readings: Vec<([i32; 2], u64)> = Vec::new();
         let mut votes: Vec<(Placement, u32, u32)> = Vec::new();
         for (y, x) in lattice.nodes.keys() {
-            let corner = |dx: i32, dy: i32| lattice.nodes.get(&(y + dy, x + dx)).map(|n| places[*n]);
-            let (Some(a), Some(b), Some(c), Some(d)) = (corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)) else {
+            let corner =
+                |dx: i32, dy: i32| lattice.nodes.get(&(y + dy, x + dx)).map(|n| places[*n]);
+            let (Some(a), Some(b), Some(c), Some(d)) =
+                (corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1))
+            else {
                 continue;
             };
             if lattice_is_dark(lattice, (*y, *x)) != Some(false) {
                 continue;
             }
-            let Some(reading) =
-                Square::new([a, b, c, d]).and_then(|square| decode::read(image, &square, &self.layout))
+            let Some(reading) = Square::new([a, b, c, d])
+                .and_then(|square| decode::read(image, &square, &self.layout))
             else {
                 continue;
             };
@@ -307,9 +355,19 @@ impl Board {
             if reading.border_errors > 2 {
                 continue;
             }
-            let Some(found) = self.book.find(reading.code, self.most_errors) else { continue };
-            let Some(((column, row), _)) = self.own_id.iter().find(|(_, id)| *id == found.id) else {
-                votes.push((Placement { origin: [i32::MAX; 2], turns: 0 }, 1, 0));
+            let Some(found) = self.book.find(reading.code, self.most_errors) else {
+                continue;
+            };
+            let Some(((column, row), _)) = self.own_id.iter().find(|(_, id)| *id == found.id)
+            else {
+                votes.push((
+                    Placement {
+                        origin: [i32::MAX; 2],
+                        turns: 0,
+                    },
+                    1,
+                    0,
+                ));
                 continue;
             };
             let placement = placement(found.turns, [*x, *y], [*column, *row]);
@@ -330,7 +388,11 @@ impl Board {
         let mut wrong = 0;
         for ([x, y], code) in &readings {
             let [u, v] = square_at(&best, [*x, *y]);
-            let expected = self.own_id.iter().find(|(at, _)| *at == (u, v)).map(|(_, id)| *id);
+            let expected = self
+                .own_id
+                .iter()
+                .find(|(at, _)| *at == (u, v))
+                .map(|(_, id)| *id);
             let errors = expected.and_then(|id| self.book.errors(*code, id, best.turns));
             let many = self.layout.bits * self.layout.bits / 4;
             wrong += u32::from(errors.is_none_or(|e| e > many));
@@ -341,15 +403,13 @@ impl Board {
 
 /// As [`Lattice::is_dark`], by way of a neighbour where a crossing was filled in later.
 fn lattice_is_dark(lattice: &Lattice, (y, x): (i32, i32)) -> Option<bool> {
-    let own = lattice.nodes.get(&(y, x)).filter(|n| lattice.offset.contains_key(n));
-    match own {
-        Some(_) => lattice.is_dark((y, x)),
-        None => lattice
+    lattice.is_dark((y, x)).or_else(|| {
+        let even = |u: i32, v: i32| (x - u + y - v).rem_euclid(2) == 0;
+        lattice
             .nodes
-            .iter()
-            .find(|(_, n)| lattice.offset.contains_key(n))
-            .and_then(|(&(v, u), _)| Some(lattice.is_dark((v, u))? == ((x - u + y - v).rem_euclid(2) == 0))),
-    }
+            .keys()
+            .find_map(|&(v, u)| Some(lattice.is_dark((v, u))? == even(u, v)))
+    })
 }
 
 /// The placement that follows when the square at lattice (x, y) (its crossing of least x and y) is the

@@ -39,10 +39,13 @@ pub(super) fn read(image: &GreyView<'_>, square: &Square, layout: &Layout) -> Op
     let side = (layout.to - layout.from) / cells as f64;
     let place = |i: f64| layout.from + i * side;
     // Cells of many pixels are averaged, small ones are as blurred as they need to be.
-    let [across, down] = [[0.5 + side, 0.5], [0.5, 0.5 + side]].map(|uv| {
-        super::square::distance(square.at([0.5, 0.5]), square.at(uv))
-    });
-    let offsets: &[f64] = if across.min(down) > 3.5 { &[-0.25, 0.0, 0.25] } else { &[0.0] };
+    let [across, down] = [[0.5 + side, 0.5], [0.5, 0.5 + side]]
+        .map(|uv| super::square::distance(square.at([0.5, 0.5]), square.at(uv)));
+    let offsets: &[f64] = if across.min(down) > 3.5 {
+        &[-0.25, 0.0, 0.25]
+    } else {
+        &[0.0]
+    };
     let mut values = vec![0.0; cells * cells];
     for (i, value) in values.iter_mut().enumerate() {
         let (row, column) = ((i / cells) as f64 + 0.5, (i % cells) as f64 + 0.5);
@@ -59,15 +62,22 @@ pub(super) fn read(image: &GreyView<'_>, square: &Square, layout: &Layout) -> Op
     };
     let middle = 0.5 * (cells as f64 - 1.0);
     let uv = |i: usize| [(i % cells) as f64 - middle, (i / cells) as f64 - middle];
-    let border: Vec<([f64; 2], f64)> =
-        (0..cells * cells).filter(|i| is_border(*i)).map(|i| (uv(i), values[i])).collect();
+    let border: Vec<([f64; 2], f64)> = (0..cells * cells)
+        .filter(|i| is_border(*i))
+        .map(|i| (uv(i), values[i]))
+        .collect();
     let black = Plane::of(&border);
     // White next to the four sides. Near a picture's edge some of it may be missing.
     let mut outside = Vec::new();
     let out = 0.5 * layout.white;
     for i in 0..cells {
         let along = place(i as f64 + 0.5);
-        for at in [[along, layout.from - out], [along, layout.to + out], [layout.from - out, along], [layout.to + out, along]] {
+        for at in [
+            [along, layout.from - out],
+            [along, layout.to + out],
+            [layout.from - out, along],
+            [layout.to + out, along],
+        ] {
             if let Some(value) = image.sample(square.at(at)) {
                 outside.push((at.map(|v| (v - layout.from) / side - 0.5 - middle), value));
             }
@@ -103,7 +113,10 @@ pub(super) fn read(image: &GreyView<'_>, square: &Square, layout: &Layout) -> Op
             code = code << 1 | u64::from(is_white);
         }
     }
-    Some(Reading { code, border_errors })
+    Some(Reading {
+        code,
+        border_errors,
+    })
 }
 
 /// A level that changes evenly over the marker.
@@ -118,9 +131,9 @@ impl Plane {
         let count = values.len().max(1) as f64;
         let mean = values.iter().map(|(_, v)| v).sum::<f64>() / count;
         let slope = [0, 1].map(|k| {
-            let (up, down) = values
-                .iter()
-                .fold((0.0, 0.0), |(up, down), (at, v)| (up + at[k] * (v - mean), down + at[k] * at[k]));
+            let (up, down) = values.iter().fold((0.0, 0.0), |(up, down), (at, v)| {
+                (up + at[k] * (v - mean), down + at[k] * at[k])
+            });
             if down > 0.0 { up / down } else { 0.0 }
         });
         Self { mean, slope }

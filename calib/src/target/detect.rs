@@ -103,7 +103,10 @@ pub fn detect(image: &GreyView<'_>, target: &Target, settings: &Settings) -> Det
 pub fn detect_all(image: &GreyView<'_>, targets: &[Target], settings: &Settings) -> Vec<Detection> {
     let scene = Scene::of(Smooth::of(image));
     let noise = blur::noise(image);
-    let mut found: Vec<Found> = targets.iter().map(|t| look(image, &scene, t, settings)).collect();
+    let mut found: Vec<Found> = targets
+        .iter()
+        .map(|t| look(image, &scene, t, settings))
+        .collect();
     let complete = |found: &Found, target: &Target| found.corners.len() >= target.corners().len();
     let incomplete = targets.iter().zip(&found).any(|(t, f)| !complete(f, t));
     if settings.half_size && incomplete && image.width().min(image.height()) >= 64 {
@@ -122,7 +125,10 @@ pub fn detect_all(image: &GreyView<'_>, targets: &[Target], settings: &Settings)
             }
         }
     }
-    found.into_iter().map(|found| finish(image, &scene.smooth, found, noise, settings)).collect()
+    found
+        .into_iter()
+        .map(|found| finish(image, &scene.smooth, found, noise, settings))
+        .collect()
 }
 
 /// The crossings of a picture and what joins them.
@@ -136,7 +142,11 @@ impl Scene {
     fn of(smooth: Smooth) -> Self {
         let saddles = saddle::find(&smooth);
         let links = link::join(&smooth, &saddles);
-        Self { smooth, saddles, links }
+        Self {
+            smooth,
+            saddles,
+            links,
+        }
     }
 }
 
@@ -180,20 +190,33 @@ fn look(image: &GreyView<'_>, scene: &Scene, target: &Target, settings: &Setting
         };
     }
     match target {
-        Target::Chessboard { columns, rows, .. } => chessboard::find(scene, target, *columns as i32, *rows as i32),
+        Target::Chessboard { columns, rows, .. } => {
+            chessboard::find(scene, target, *columns as i32, *rows as i32)
+        }
         Target::Charuco { .. } => chessboard::find_with_markers(image, scene, target, settings),
         Target::AprilGrid { .. } => grid::find(image, scene, target, settings),
     }
 }
 
 /// Refines, drops what does not settle, measures blur.
-fn finish(image: &GreyView<'_>, smooth: &Smooth, found: Found, noise: f64, settings: &Settings) -> Detection {
+fn finish(
+    image: &GreyView<'_>,
+    smooth: &Smooth,
+    found: Found,
+    noise: f64,
+    settings: &Settings,
+) -> Detection {
     let mut corners: Vec<Seen> = found
         .corners
         .iter()
         .filter_map(|corner| {
-            let reach = (0.75 * corner.room).min(settings.widest_window_px).max(refine::NARROWEST);
-            let pixel = refine::settle(smooth, corner.at, reach, 1.5)?;
+            let reach = (0.75 * corner.room)
+                .min(settings.widest_window_px)
+                .max(refine::NARROWEST);
+            // Near the picture's edge a narrower window may still fit.
+            let (pixel, reach) = [reach, 0.6 * reach, refine::NARROWEST]
+                .into_iter()
+                .find_map(|reach| Some((refine::settle(smooth, corner.at, reach, 1.0)?, reach)))?;
             let sigma_px = refine::sigma(smooth, pixel, reach, noise)?;
             let inside = |v: f64, size: usize| v > 0.0 && v < size as f64 - 1.0;
             let [x, y] = pixel;

@@ -30,8 +30,20 @@ struct Tag {
     errors: u32,
 }
 
-pub(super) fn find(image: &GreyView<'_>, scene: &Scene, target: &Target, settings: &Settings) -> Found {
-    let &Target::AprilGrid { columns, rows, spacing, first_id, .. } = target else {
+pub(super) fn find(
+    image: &GreyView<'_>,
+    scene: &Scene,
+    target: &Target,
+    settings: &Settings,
+) -> Found {
+    let &Target::AprilGrid {
+        columns,
+        rows,
+        spacing,
+        first_id,
+        ..
+    } = target
+    else {
         return Found::default();
     };
     let Some((dictionary, border)) = target.dictionary() else {
@@ -43,8 +55,16 @@ pub(super) fn find(image: &GreyView<'_>, scene: &Scene, target: &Target, setting
         spacing,
         first_id,
         book: Book::of(dictionary),
-        layout: Layout { from: 0.0, to: 1.0, bits: dictionary.bits(), border, white: spacing },
-        most_errors: settings.most_bit_errors.min((dictionary.distance() - 1) / 2),
+        layout: Layout {
+            from: 0.0,
+            to: 1.0,
+            bits: dictionary.bits(),
+            border,
+            white: spacing,
+        },
+        most_errors: settings
+            .most_bit_errors
+            .min((dictionary.distance() - 1) / 2),
     };
     let (tags, doubles) = grid.consistent(scene, grid.read_squares(image, scene));
     let tags = grid.look_for_missing(image, scene, tags);
@@ -55,7 +75,9 @@ pub(super) fn find(image: &GreyView<'_>, scene: &Scene, target: &Target, setting
     for tag in &tags {
         let sides = [0, 1, 2, 3].map(|i| distance(tag.corners[i], tag.corners[(i + 1) % 4]));
         for i in 0..4 {
-            found.borders.push([tag.corners[i], tag.corners[(i + 1) % 4]]);
+            found
+                .borders
+                .push([tag.corners[i], tag.corners[(i + 1) % 4]]);
         }
         // Kalibr's order: bottom left, bottom right, top right, top left.
         for (k, i) in [3, 2, 1, 0].into_iter().enumerate() {
@@ -89,19 +111,27 @@ impl Grid {
         let mut tags = Vec::new();
         for start in 0..scene.saddles.len() {
             for ray in [0, 2] {
-                let Some(nodes) = around(scene, start, ray) else { continue };
+                let Some(nodes) = around(scene, start, ray) else {
+                    continue;
+                };
                 let mut key = nodes.map(|(n, _)| n);
                 key.sort_unstable();
                 if !seen.insert(key) {
                     continue;
                 }
                 let corners = nodes.map(|(n, _)| scene.saddles[n].at);
-                let Some(square) = Square::new(corners) else { continue };
-                let Some(reading) = decode::read(image, &square, &self.layout) else { continue };
+                let Some(square) = Square::new(corners) else {
+                    continue;
+                };
+                let Some(reading) = decode::read(image, &square, &self.layout) else {
+                    continue;
+                };
                 if reading.border_errors > MOST_BORDER_ERRORS {
                     continue;
                 }
-                let Some(found) = self.book.find(reading.code, self.most_errors) else { continue };
+                let Some(found) = self.book.find(reading.code, self.most_errors) else {
+                    continue;
+                };
                 if self.place(found.id).is_none() {
                     continue;
                 }
@@ -120,11 +150,17 @@ impl Grid {
     /// Column and row (upwards) of a tag.
     fn place(&self, id: u32) -> Option<[i64; 2]> {
         let index = id.checked_sub(self.first_id)?;
-        (index < self.columns * self.rows).then(|| [i64::from(index % self.columns), i64::from(index / self.columns)])
+        (index < self.columns * self.rows).then(|| {
+            [
+                i64::from(index % self.columns),
+                i64::from(index / self.columns),
+            ]
+        })
     }
 
     fn id_at(&self, [column, row]: [i64; 2]) -> Option<u32> {
-        let inside = (0..i64::from(self.columns)).contains(&column) && (0..i64::from(self.rows)).contains(&row);
+        let inside = (0..i64::from(self.columns)).contains(&column)
+            && (0..i64::from(self.rows)).contains(&row);
         inside.then(|| self.first_id + (row * i64::from(self.columns) + column) as u32)
     }
 
@@ -146,11 +182,17 @@ impl Grid {
         let mut agree = vec![0u32; tags.len()];
         let mut differ = vec![0u32; tags.len()];
         for (t, tag) in tags.iter().enumerate() {
-            let Some([column, row]) = self.place(tag.id) else { continue };
+            let Some([column, row]) = self.place(tag.id) else {
+                continue;
+            };
             for ((node, leaving), onward) in tag.nodes.iter().flatten().zip(ONWARD) {
                 for (turn, [dx, dy]) in [2, 3].into_iter().zip(onward) {
-                    let Some((to, _)) = scene.links[*node][(leaving + turn) % 4] else { continue };
-                    let Some(&other) = owner.get(&to) else { continue };
+                    let Some((to, _)) = scene.links[*node][(leaving + turn) % 4] else {
+                        continue;
+                    };
+                    let Some(&other) = owner.get(&to) else {
+                        continue;
+                    };
                     if Some(tags[other].id) == self.id_at([column + dx, row + dy]) {
                         agree[t] += 1;
                     } else {
@@ -175,17 +217,26 @@ impl Grid {
     }
 
     /// Looks where neighbours of the tags should be, until nothing more comes.
-    fn look_for_missing(&self, image: &GreyView<'_>, scene: &Scene, mut tags: Vec<Tag>) -> Vec<Tag> {
+    fn look_for_missing(
+        &self,
+        image: &GreyView<'_>,
+        scene: &Scene,
+        mut tags: Vec<Tag>,
+    ) -> Vec<Tag> {
         let mut known: BTreeSet<u32> = tags.iter().map(|t| t.id).collect();
         let mut next = 0;
         while next < tags.len() {
             let tag = tags[next].clone();
             next += 1;
-            let (Some([column, row]), Some(square)) = (self.place(tag.id), Square::new(tag.corners)) else {
+            let (Some([column, row]), Some(square)) =
+                (self.place(tag.id), Square::new(tag.corners))
+            else {
                 continue;
             };
             for [dx, dy] in [[1, 0], [0, 1], [-1, 0], [0, -1]] {
-                let Some(id) = self.id_at([column + dx, row + dy]) else { continue };
+                let Some(id) = self.id_at([column + dx, row + dy]) else {
+                    continue;
+                };
                 if known.contains(&id) {
                     continue;
                 }
@@ -200,10 +251,19 @@ impl Grid {
         tags
     }
 
-    fn look_at(&self, image: &GreyView<'_>, scene: &Scene, from: &Square, shift: [f64; 2], id: u32) -> Option<Tag> {
+    fn look_at(
+        &self,
+        image: &GreyView<'_>,
+        scene: &Scene,
+        from: &Square,
+        shift: [f64; 2],
+        id: u32,
+    ) -> Option<Tag> {
         let unit = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
         let guesses = unit.map(|uv| from.at([uv[0] + shift[0], uv[1] + shift[1]]));
-        let side = (0..4).map(|i| distance(guesses[i], guesses[(i + 1) % 4])).fold(f64::INFINITY, f64::min);
+        let side = (0..4)
+            .map(|i| distance(guesses[i], guesses[(i + 1) % 4]))
+            .fold(f64::INFINITY, f64::min);
         if side < 8.0 {
             return None;
         }
@@ -217,12 +277,14 @@ impl Grid {
         }
         let reading = decode::read(image, &Square::new(corners)?, &self.layout)?;
         let errors = self.book.errors(reading.code, id, 0)?;
-        (reading.border_errors <= MOST_BORDER_ERRORS && errors <= MOST_EXPECTED_ERRORS).then_some(Tag {
-            id,
-            corners,
-            nodes: None,
-            errors,
-        })
+        (reading.border_errors <= MOST_BORDER_ERRORS && errors <= MOST_EXPECTED_ERRORS).then_some(
+            Tag {
+                id,
+                corners,
+                nodes: None,
+                errors,
+            },
+        )
     }
 }
 

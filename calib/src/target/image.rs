@@ -169,7 +169,9 @@ mod tests {
     #[test]
     fn smoothing_is_the_binomial() {
         let (width, height, stride) = (13, 9, 17);
-        let pixels: Vec<u8> = (0..stride * height).map(|i| (i * i * 31 % 251) as u8).collect();
+        let pixels: Vec<u8> = (0..stride * height)
+            .map(|i| (i * i * 31 % 251) as u8)
+            .collect();
         let image = GreyView::new(width, height, stride, &pixels).unwrap();
         let smooth = Smooth::of(&image);
         let weights = [1u16, 4, 6, 4, 1];

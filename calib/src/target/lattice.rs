@@ -50,7 +50,9 @@ fn grow_from(saddles: &[Saddle], links: &Links, root: usize, taken: &mut [bool])
     while let Some((node, [x, y])) = open.pop_front() {
         let offset = lattice.offset[&node];
         for ray in 0..4 {
-            let Some((other, back)) = links[node][ray] else { continue };
+            let Some((other, back)) = links[node][ray] else {
+                continue;
+            };
             let direction = (ray + offset) % 4;
             let there = [x + STEPS[direction][0], y + STEPS[direction][1]];
             if taken[other] || lattice.nodes.contains_key(&(there[1], there[0])) {
@@ -75,20 +77,31 @@ fn alike(saddles: &[Saddle], links: &Links, node: usize, ray: usize) -> bool {
     };
     let length = distance(saddles[node].at, saddles[other].at);
     let before = links[node][(ray + 2) % 4].map(|(n, _)| distance(saddles[node].at, saddles[n].at));
-    let after = links[other][(back + 2) % 4].map(|(n, _)| distance(saddles[other].at, saddles[n].at));
-    [before, after].into_iter().flatten().all(|l| l < 1.8 * length && length < 1.8 * l)
+    let after =
+        links[other][(back + 2) % 4].map(|(n, _)| distance(saddles[other].at, saddles[n].at));
+    [before, after]
+        .into_iter()
+        .flatten()
+        .all(|l| l < 1.8 * length && length < 1.8 * l)
 }
 
 /// Leaves out crossings that are not between their neighbours, and what is then alone.
 fn without_strays(saddles: &[Saddle], mut lattice: Lattice) -> Lattice {
-    let place = |nodes: &BTreeMap<(i32, i32), usize>, y: i32, x: i32| nodes.get(&(y, x)).map(|n| saddles[*n].at);
+    let place = |nodes: &BTreeMap<(i32, i32), usize>, y: i32, x: i32| {
+        nodes.get(&(y, x)).map(|n| saddles[*n].at)
+    };
     let stray: Vec<(i32, i32)> = lattice
         .nodes
         .iter()
         .filter(|((y, x), node)| {
             [[1, 0], [0, 1]].iter().any(|[dx, dy]| {
-                let ends = (place(&lattice.nodes, y - dy, x - dx), place(&lattice.nodes, y + dy, x + dx));
-                let (Some(a), Some(b)) = ends else { return false };
+                let ends = (
+                    place(&lattice.nodes, y - dy, x - dx),
+                    place(&lattice.nodes, y + dy, x + dx),
+                );
+                let (Some(a), Some(b)) = ends else {
+                    return false;
+                };
                 let p = saddles[**node].at;
                 let bend = [0, 1].map(|k| a[k] + b[k] - 2.0 * p[k]);
                 distance(bend, [0.0; 2]) > 0.3 * distance(a, b)
@@ -108,20 +121,28 @@ impl Lattice {
         let mut low = [i32::MAX; 2];
         let mut high = [i32::MIN; 2];
         for (y, x) in self.nodes.keys() {
-            (low, high) = ([low[0].min(*x), low[1].min(*y)], [high[0].max(*x), high[1].max(*y)]);
+            (low, high) = (
+                [low[0].min(*x), low[1].min(*y)],
+                [high[0].max(*x), high[1].max(*y)],
+            );
         }
         (low, high)
     }
 
-    /// Whether the square between a crossing and its neighbour diagonally down (+x, +y) is dark.
+    /// Whether the square between a crossing and its neighbour diagonally down (+x, +y) is dark. None where
+    /// there is no crossing, or one that links do not reach.
     pub(super) fn is_dark(&self, (y, x): (i32, i32)) -> Option<bool> {
         // Sector k lies between rays k and k + 1, even ones are dark; direction 0 is ray `-offset`.
         let node = self.nodes.get(&(y, x))?;
-        Some(self.offset[node] % 2 == 0)
+        Some(self.offset.get(node)? % 2 == 0)
     }
 
     /// Where a place without a crossing should be, from the crossings around it; and the length of a step there.
-    pub(super) fn guess(&self, at: impl Fn(usize) -> [f64; 2], (y, x): (i32, i32)) -> Option<([f64; 2], f64)> {
+    pub(super) fn guess(
+        &self,
+        at: impl Fn(usize) -> [f64; 2],
+        (y, x): (i32, i32),
+    ) -> Option<([f64; 2], f64)> {
         let place = |dy: i32, dx: i32| self.nodes.get(&(y + dy, x + dx)).map(|n| at(*n));
         let mut guesses: Vec<([f64; 2], f64)> = Vec::new();
         for [dx, dy] in [[1, 0], [0, 1]] {
@@ -136,7 +157,8 @@ impl Lattice {
         }
         let count = guesses.len() as f64;
         (!guesses.is_empty()).then(|| {
-            let mean = |f: &dyn Fn(&([f64; 2], f64)) -> f64| guesses.iter().map(f).sum::<f64>() / count;
+            let mean =
+                |f: &dyn Fn(&([f64; 2], f64)) -> f64| guesses.iter().map(f).sum::<f64>() / count;
             ([mean(&|g| g.0[0]), mean(&|g| g.0[1])], mean(&|g| g.1))
         })
     }

@@ -57,7 +57,13 @@ pub(super) fn join(smooth: &Smooth, saddles: &[Saddle]) -> Links {
     links
 }
 
-fn follow(smooth: &Smooth, saddles: &[Saddle], buckets: &Buckets, from: usize, ray: usize) -> Option<End> {
+fn follow(
+    smooth: &Smooth,
+    saddles: &[Saddle],
+    buckets: &Buckets,
+    from: usize,
+    ray: usize,
+) -> Option<End> {
     let saddle = &saddles[from];
     // The dark side lies clockwise (towards larger angles) of an even ray.
     let polarity = if ray % 2 == 0 { 1.0 } else { -1.0 };
@@ -76,7 +82,10 @@ fn follow(smooth: &Smooth, saddles: &[Saddle], buckets: &Buckets, from: usize, r
         if let Some((to, distance)) = buckets.nearest(saddles, at, from)
             && distance < NEAR
         {
-            let [dx, dy] = [saddles[to].at[0] - saddle.at[0], saddles[to].at[1] - saddle.at[1]];
+            let [dx, dy] = [
+                saddles[to].at[0] - saddle.at[0],
+                saddles[to].at[1] - saddle.at[1],
+            ];
             // Not before it is clearly another one.
             if dx * dx + dy * dy > 4.0 {
                 return arrive(saddles, to, ray, direction);
@@ -84,7 +93,13 @@ fn follow(smooth: &Smooth, saddles: &[Saddle], buckets: &Buckets, from: usize, r
         }
         let normal = [-direction[1], direction[0]];
         let sample = |o: f32| smooth.sample(at[0] + o * normal[0], at[1] + o * normal[1]);
-        let values = [sample(-2.0)?, sample(-1.0)?, sample(0.0)?, sample(1.0)?, sample(2.0)?];
+        let values = [
+            sample(-2.0)?,
+            sample(-1.0)?,
+            sample(0.0)?,
+            sample(1.0)?,
+            sample(2.0)?,
+        ];
         // Falls from the bright to the dark side, between neighbouring samples.
         let falls = [0, 1, 2, 3].map(|i| (polarity * (values[i] - values[i + 1])).max(0.0));
         let contrast = polarity * (values[0] - values[4]);
@@ -124,7 +139,10 @@ fn arrive(saddles: &[Saddle], to: usize, ray: usize, direction: [f32; 2]) -> Opt
         .filter(|j| (j + ray) % 2 == 1)
         .map(|j| {
             let (sin, cos) = libm::sincos(saddles[to].rays[j]);
-            (j, -(cos * f64::from(direction[0]) + sin * f64::from(direction[1])))
+            (
+                j,
+                -(cos * f64::from(direction[0]) + sin * f64::from(direction[1])),
+            )
         })
         .max_by(|a, b| a.1.total_cmp(&b.1))?;
     (best.1 > 0.8).then_some((to, best.0))

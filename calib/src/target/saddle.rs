@@ -50,7 +50,10 @@ pub(super) fn find(smooth: &Smooth) -> Vec<Saddle> {
         let Some(at) = refine::settle(smooth, [x as f64, y as f64], NARROWEST, 2.0) else {
             continue;
         };
-        if let Some(saddle) = [3.0, 2.2].into_iter().find_map(|radius| look_around(smooth, at, radius)) {
+        if let Some(saddle) = [3.0, 2.2]
+            .into_iter()
+            .find_map(|radius| look_around(smooth, at, radius))
+        {
             saddles.push(saddle);
         }
     }
@@ -59,16 +62,27 @@ pub(super) fn find(smooth: &Smooth) -> Vec<Saddle> {
 
 /// Of crossings less than 1.5 pixels apart the one of higher contrast stays.
 fn drop_doubles(mut saddles: Vec<Saddle>) -> Vec<Saddle> {
-    saddles.sort_by(|a, b| a.at[1].total_cmp(&b.at[1]).then(a.at[0].total_cmp(&b.at[0])));
+    saddles.sort_by(|a, b| {
+        a.at[1]
+            .total_cmp(&b.at[1])
+            .then(a.at[0].total_cmp(&b.at[0]))
+    });
     let mut keep = vec![true; saddles.len()];
     for i in 0..saddles.len() {
         for j in i + 1..saddles.len() {
-            let [dx, dy] = [saddles[j].at[0] - saddles[i].at[0], saddles[j].at[1] - saddles[i].at[1]];
+            let [dx, dy] = [
+                saddles[j].at[0] - saddles[i].at[0],
+                saddles[j].at[1] - saddles[i].at[1],
+            ];
             if dy > 1.5 {
                 break;
             }
             if dx * dx + dy * dy < 1.5 * 1.5 {
-                let weaker = if saddles[j].contrast > saddles[i].contrast { i } else { j };
+                let weaker = if saddles[j].contrast > saddles[i].contrast {
+                    i
+                } else {
+                    j
+                };
                 keep[weaker] = false;
             }
         }
@@ -112,7 +126,11 @@ fn peaks(smooth: &Smooth) -> Vec<(usize, usize, f32)> {
     }
     let least = LEAST_CURVATURE * LEAST_CURVATURE / RESPONSE_UNIT;
     // Three rows of responses take turns.
-    let mut rows = [vec![0.0f32; width], vec![0.0f32; width], vec![0.0f32; width]];
+    let mut rows = [
+        vec![0.0f32; width],
+        vec![0.0f32; width],
+        vec![0.0f32; width],
+    ];
     response(smooth, 2, &mut rows[1]);
     response(smooth, 3, &mut rows[2]);
     for y in 3..height - 3 {
@@ -125,7 +143,10 @@ fn peaks(smooth: &Smooth) -> Vec<(usize, usize, f32)> {
                 continue;
             }
             // Of equals the first one counts.
-            let first = value > above[x - 1] && value > above[x] && value > above[x + 1] && value > here[x - 1];
+            let first = value > above[x - 1]
+                && value > above[x]
+                && value > above[x + 1]
+                && value > here[x - 1];
             if first && value >= here[x + 1] && below[x - 1..x + 2].iter().all(|v| value >= *v) {
                 peaks.push((x, y, value * RESPONSE_UNIT));
             }
@@ -170,7 +191,11 @@ pub(super) fn look_around(smooth: &Smooth, at: [f64; 2], radius: f32) -> Option<
     // corners is a rough guess.
     let straight = |a: f64, b: f64| (b - a - std::f64::consts::PI).abs() < 0.6;
     let apart = (0..4).all(|k| {
-        let next = if k == 3 { rays[0] + std::f64::consts::TAU } else { rays[k + 1] };
+        let next = if k == 3 {
+            rays[0] + std::f64::consts::TAU
+        } else {
+            rays[k + 1]
+        };
         next - rays[k] > 0.2
     });
     if !straight(rays[0], rays[2]) || !straight(rays[1], rays[3]) || !apart {

@@ -50,20 +50,34 @@ mod tests {
     fn corners_go_to_corners_and_lines_stay_lines() {
         let corners = [[10.0, 12.0], [50.0, 8.0], [61.0, 44.0], [7.0, 39.0]];
         let square = Square::new(corners).unwrap();
-        for (uv, corner) in [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].iter().zip(corners) {
+        for (uv, corner) in [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+            .iter()
+            .zip(corners)
+        {
             assert!(distance(square.at(*uv), corner) < 1e-12);
         }
         // The diagonals meet in the middle of the square.
         let middle = square.at([0.5, 0.5]);
-        let turn = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+        let turn = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| {
+            (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        };
         assert!(turn(corners[0], corners[2], middle).abs() < 1e-9);
         assert!(turn(corners[1], corners[3], middle).abs() < 1e-9);
     }
 
     #[test]
     fn refuses_what_is_no_square() {
-        assert!(Square::new([[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0]]).is_none(), "mirrored");
-        assert!(Square::new([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [0.0, 1.0]]).is_none(), "three on a line");
-        assert!(Square::new([[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]]).is_none(), "crossed");
+        assert!(
+            Square::new([[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0]]).is_none(),
+            "mirrored"
+        );
+        assert!(
+            Square::new([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [0.0, 1.0]]).is_none(),
+            "three on a line"
+        );
+        assert!(
+            Square::new([[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]]).is_none(),
+            "crossed"
+        );
     }
 }
