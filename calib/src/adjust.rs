@@ -30,11 +30,11 @@ mod normal;
 mod pose;
 mod solve;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 pub use covariance::Covariance;
 pub(crate) use normal::in_pieces;
-pub(crate) use pose::{moved, step_between};
+pub(crate) use pose::step_between;
 pub use solve::{Settings, Solution, locate, solve};
 pub(crate) use solve::{by_points, told};
 

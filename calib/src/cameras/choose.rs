@@ -2,8 +2,8 @@
 //!
 //! Contract: every model is fitted to the same views. A model is worth its coefficients when it predicts
 //! views that it has not seen: the views are split four ways, and of the models whose held-out error is
-//! within one standard error (over views) of the best, the one with the lowest BIC is taken (Schwarz 1978;
-//! the one-standard-error rule after Breiman and others 1984). A model that folds the picture is not
+//! at most one standard error (over views) above the best one's, the one with the lowest BIC is taken
+//! (Schwarz 1978; the one-standard-error rule after Breiman and others 1984). A model that folds the picture is not
 //! taken. Both eyes of a camera get the same model.
 
 use super::start::{Posed, factory_priors, fit, restarted, weak_priors};
@@ -167,12 +167,9 @@ pub(super) fn choose(eyes: &[EyeViews<'_>], free: bool) -> Option<(Choice, Vec<C
             tried[i].is_some() && candidates[i].remark != Some("folds inside the picture")
         }))?,
         Some(best) => {
-            let reference = errors[best].clone().expect("the best has errors");
-            lowest_bic(&mut (0..candidates.len()).filter(|&i| {
-                errors[i]
-                    .as_ref()
-                    .is_some_and(|e| within_one_standard_error(e, &reference))
-            }))?
+            let limit = one_standard_error_over(errors[best].as_ref().expect("the best has some"));
+            let near = |i: &usize| errors[*i].as_ref().is_some_and(|e| mean(e) <= limit);
+            lowest_bic(&mut (0..candidates.len()).filter(near))?
         }
     };
     let eyes = tried.into_iter().nth(chosen)??.eyes;
@@ -183,12 +180,11 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
-/// Whether the mean of paired differences is at most one of its standard errors.
-fn within_one_standard_error(errors: &[f64], reference: &[f64]) -> bool {
-    let differences: Vec<f64> = errors.iter().zip(reference).map(|(a, b)| a - b).collect();
-    let (n, mean) = (differences.len() as f64, mean(&differences));
-    let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-    mean <= (variance / n).sqrt()
+/// The mean and one of its standard errors more.
+fn one_standard_error_over(errors: &[f64]) -> f64 {
+    let (n, mean) = (errors.len() as f64, mean(errors));
+    let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    mean + (variance / n).sqrt()
 }
 
 /// Fits a model to every eye.
