@@ -26,6 +26,7 @@ use nalgebra::{Matrix6, Vector6};
 use crate::camera::CameraModel;
 
 mod covariance;
+mod locate;
 mod normal;
 mod pose;
 mod solve;
@@ -33,9 +34,10 @@ mod solve;
 pub(crate) mod tests;
 
 pub use covariance::Covariance;
+pub use locate::locate;
 pub(crate) use normal::in_pieces;
 pub(crate) use pose::step_between;
-pub use solve::{Settings, Solution, locate, solve};
+pub use solve::{Settings, Solution, solve};
 pub(crate) use solve::{by_points, told};
 
 /// What is to be found, with where to start.

@@ -14,6 +14,9 @@ use crate::lens::Lens;
 /// Directions farther off the axis than this (as depth of a unit vector) take no part in the start.
 const LEAST_DEPTH: f64 = 0.15;
 
+/// Poses that differ by less than this are the same, rad.
+const SAME_RAD: f64 = 0.02;
+
 /// A pose found from one picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Placed {
@@ -36,6 +39,8 @@ pub fn planar(model: &CameraModel, points: &[Point]) -> Option<Placed> {
             other => (found, other),
         },
     };
+    // Both starts may lead to one pose.
+    let other = other.filter(|o| (o.0.inverse() * best.0).angle_rad() > SAME_RAD);
     let floor = best.1.max(1e-9);
     let in_front = points.iter().all(|p| best.0.apply(p.x_in_target)[2] > 0.0);
     (in_front || wide(model)).then_some(Placed {

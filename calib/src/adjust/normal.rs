@@ -100,7 +100,7 @@ impl Layout {
 
 impl Loss {
     /// Half the loss and the weight of a squared residual in own sigmas.
-    fn of(&self, square: f64) -> (f64, f64) {
+    pub(super) fn of(&self, square: f64) -> (f64, f64) {
         let s = square / (self.scale * self.scale);
         if s <= self.knee * self.knee {
             (0.5 * s, 1.0)

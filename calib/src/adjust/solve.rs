@@ -1,14 +1,12 @@
 //! Levenberg's and Marquardt's method on the reduced system (Triggs, McLauchlan, Hartley and Fitzgibbon
 //! 2000, "Bundle Adjustment: A Modern Synthesis").
 
-use cad_transforms::RigidTransform;
 use nalgebra::{DMatrix, DVector, Matrix2x3, Vector6};
 
 use super::covariance::Covariance;
 use super::normal::{Chain, Layout, Loss, Normal, build, cost, lenses};
 use super::pose::moved;
-use super::{AdjustError, LensBlock, PlacePrior, Point, Prior, Problem, View};
-use crate::camera::CameraModel;
+use super::{AdjustError, PlacePrior, Prior, Problem, View};
 
 /// Damping to begin with, and where it may go.
 const DAMPING: (f64, f64, f64) = (1e-4, 1e-14, 1e10);
@@ -112,32 +110,6 @@ pub fn solve(problem: &Problem, settings: &Settings) -> Result<Solution, AdjustE
         steps,
         problem,
     })
-}
-
-/// Where an eye was when it saw these points, and the RMS of the residuals, px. Everything else stays.
-///
-/// # Errors
-/// [`AdjustError::Start`].
-pub fn locate(
-    model: &CameraModel,
-    points: &[Point],
-    start_eye_from_target: &RigidTransform,
-) -> Result<(RigidTransform, f64), AdjustError> {
-    let problem = Problem {
-        lenses: vec![LensBlock::fixed("", *model)],
-        places: Vec::new(),
-        instants: vec![*start_eye_from_target],
-        views: vec![View {
-            instant: 0,
-            lens: 0,
-            path: Vec::new(),
-            target: None,
-            points: points.to_vec(),
-        }],
-    };
-    let solution = solve(&problem, &Settings::default())?;
-    let rms = solution.rms_px(|_| true);
-    Ok((solution.problem.instants[0], rms))
 }
 
 /// What one instant says of the free numbers, its pose eliminated.
@@ -290,6 +262,16 @@ fn residuals(problem: &Problem) -> Vec<Vec<Option<[f64; 2]>>> {
     problem.views.iter().map(of).collect()
 }
 
+/// How far observations are off in sigmas, from the lengths of their residuals in sigmas; 1 for none.
+pub(super) fn median_scale(mut lengths: Vec<f64>) -> f64 {
+    if lengths.is_empty() {
+        return 1.0;
+    }
+    let middle = lengths.len() / 2;
+    let (_, median, _) = lengths.select_nth_unstable_by(middle, f64::total_cmp);
+    *median / RAYLEIGH_MEDIAN
+}
+
 /// How far observations are off, in their own sigmas.
 fn scale(problem: &Problem, layout: &Layout, residuals: &[Vec<Option<[f64; 2]>>]) -> f64 {
     let mut lengths = Vec::new();
@@ -299,11 +281,7 @@ fn scale(problem: &Problem, layout: &Layout, residuals: &[Vec<Option<[f64; 2]>>]
             lengths.push(x.hypot(y) / point.sigma_px);
         }
     }
-    if lengths.is_empty() {
-        return 1.0;
-    }
-    let middle = lengths.len() / 2;
-    let (_, median, _) = lengths.select_nth_unstable_by(middle, f64::total_cmp);
+    let median = median_scale(lengths);
     // Fitted numbers take their share of what the residuals had.
     let with_prior = |prior: &Prior| !matches!(prior, Prior::Free);
     let lens_count = problem.lenses.iter().flat_map(|lens| &lens.priors);
@@ -313,7 +291,7 @@ fn scale(problem: &Problem, layout: &Layout, residuals: &[Vec<Option<[f64; 2]>>]
         + 6 * place_count.filter(|p| p.prior == PlacePrior::Free).count();
     let equations = 2 * problem.points();
     let left = equations.saturating_sub(fitted).max(1);
-    let scale = *median / RAYLEIGH_MEDIAN * (equations as f64 / left as f64).sqrt();
+    let scale = median * (equations as f64 / left as f64).sqrt();
     // Exact observations, as tests have them, must not divide by 0.
     scale.clamp(1e-6, 1e6)
 }

@@ -14,7 +14,13 @@ use crate::lens::Lens;
 /// Into how many parts the views are split.
 const FOLDS: usize = 4;
 /// A model whose residuals are this much larger than the best one's is not looked at further.
-const HOPELESS: f64 = 1.5;
+const HOPELESS: f64 = 1.2;
+
+/// A view whose residuals are this many times the median's has a wrong pose.
+const WRONG_VIEW: f64 = 2.0;
+
+/// Why a model is not taken whose distortion turns back before the picture's corner.
+const FOLDS_PICTURE: &str = "folds inside the picture";
 
 /// How one model did.
 #[derive(Clone, Debug, PartialEq)]
@@ -99,8 +105,36 @@ fn all() -> [Distortion; 8] {
     ]
 }
 
+/// Views that a lens of the starting model explains as well as the others; one with a wrong pose would
+/// outweigh what the models differ by.
+fn explained(eye: &EyeViews<'_>) -> Vec<Posed> {
+    let priors = weak_priors(&eye.start);
+    let Some((model, _, poses)) = fit(&eye.start, &priors, &eye.views) else {
+        return eye.views.clone();
+    };
+    let misses: Vec<f64> = eye
+        .views
+        .iter()
+        .zip(&poses)
+        .map(|((_, points), pose)| locate(&model, points, pose).map_or(f64::INFINITY, |l| l.1))
+        .collect();
+    let mut sorted = misses.clone();
+    sorted.sort_by(f64::total_cmp);
+    let limit = WRONG_VIEW * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let posed = eye.views.iter().zip(poses).zip(misses);
+    posed
+        .filter(|(_, miss)| *miss <= limit)
+        .map(|(((_, points), pose), _)| (pose, points.clone()))
+        .collect()
+}
+
 /// Chooses for the eyes of one camera. None when nothing fits.
 pub(super) fn choose(eyes: &[EyeViews<'_>], free: bool) -> Option<(Choice, Vec<Chosen>)> {
+    let explained = eyes.iter().map(|eye| EyeViews {
+        views: explained(eye),
+        ..*eye
+    });
+    let eyes: &[EyeViews<'_>] = &explained.collect::<Vec<_>>();
     let factory = eyes[0].factory.map(|model| model.distortion);
     let models: Vec<Distortion> = match factory {
         Some(factory) if !free => vec![factory],
@@ -125,7 +159,7 @@ pub(super) fn choose(eyes: &[EyeViews<'_>], free: bool) -> Option<(Choice, Vec<C
                 (Some("explains the pictures worse"), None)
             }
             Some(t) if !t.eyes.iter().all(|e| Lens::new(&e.model).covers_picture()) => {
-                (Some("folds inside the picture"), None)
+                (Some(FOLDS_PICTURE), None)
             }
             Some(t) => match held_out(t) {
                 Some(errors) => (None, Some(errors)),
@@ -162,10 +196,13 @@ pub(super) fn choose(eyes: &[EyeViews<'_>], free: bool) -> Option<(Choice, Vec<C
         among.min_by(|&a, &b| candidates[a].bic.total_cmp(&candidates[b].bic))
     };
     let chosen = match best {
-        // With too few views to hold any out, BIC alone.
-        None => lowest_bic(&mut (0..candidates.len()).filter(|&i| {
-            tried[i].is_some() && candidates[i].remark != Some("folds inside the picture")
-        }))?,
+        // With too few views to hold any out, BIC alone; one that folds the picture comes last.
+        None => {
+            let fitted = |i: &usize| tried[*i].is_some();
+            let flat = |i: &usize| fitted(i) && candidates[*i].remark != Some(FOLDS_PICTURE);
+            let all = 0..candidates.len();
+            lowest_bic(&mut all.clone().filter(flat)).or(lowest_bic(&mut all.filter(fitted)))?
+        }
         Some(best) => {
             let limit = one_standard_error_over(errors[best].as_ref().expect("the best has some"));
             let near = |i: &usize| errors[*i].as_ref().is_some_and(|e| mean(e) <= limit);

@@ -20,6 +20,8 @@ pub(super) struct Posed {
     pub(super) eye: usize,
     pub(super) target: usize,
     pub(super) eye_from_target: RigidTransform,
+    /// How many corners stand for it; 0 where it may be the mirrored one.
+    pub(super) trust: usize,
 }
 
 /// What is known of where things are.
@@ -91,7 +93,7 @@ pub(super) fn connect(input: &Input, posed: &[Posed]) -> Known {
 /// `left_from_right`, from instants at which both eyes see a target; else as told.
 fn pair(camera: &Camera, posed: &[Posed]) -> Option<RigidTransform> {
     let right = camera.right?;
-    let of = |eye: usize| posed.iter().filter(move |p| p.eye == eye);
+    let of = |eye: usize| posed.iter().filter(move |p| p.eye == eye && p.trust > 0);
     let answers: Vec<RigidTransform> = of(camera.left)
         .filter_map(|l| {
             let r = of(right).find(|r| (r.instant, r.target) == (l.instant, l.target))?;
@@ -116,7 +118,10 @@ impl Known {
 /// One round; whether anything new became known.
 fn spread(input: &Input, posed: &[Posed], known: &mut Known) -> bool {
     let mut news = false;
-    for p in posed {
+    // The view with most corners says where the rig was.
+    let mut trusted: Vec<&Posed> = posed.iter().collect();
+    trusted.sort_by_key(|p| (p.instant, std::cmp::Reverse(p.trust), p.eye, p.target));
+    for p in trusted {
         if known.instants[p.instant].is_some() {
             continue;
         }
@@ -134,7 +139,7 @@ fn spread(input: &Input, posed: &[Posed], known: &mut Known) -> bool {
         }
         let answers: Vec<RigidTransform> = posed
             .iter()
-            .filter(|p| p.target == target)
+            .filter(|p| p.target == target && p.trust > 0)
             .filter_map(|p| {
                 let rig_from_world = known.instants[p.instant]?;
                 Some(rig_from_world.inverse() * known.eye(input, p.eye)? * p.eye_from_target)
@@ -150,7 +155,7 @@ fn spread(input: &Input, posed: &[Posed], known: &mut Known) -> bool {
         let left = input.cameras[number].left;
         let answers: Vec<RigidTransform> = posed
             .iter()
-            .filter(|p| p.eye == left)
+            .filter(|p| p.eye == left && p.trust > 0)
             .filter_map(|p| {
                 let rig_from_world = known.instants[p.instant]?;
                 let world_from_target = known.targets[p.target]?;

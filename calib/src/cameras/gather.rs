@@ -24,6 +24,8 @@ const LEAST_PICTURES: usize = 5;
 const START_PX: f64 = 8.0;
 /// A view whose residuals are this many times the median's is of something else.
 const WRONG_VIEW: f64 = 6.0;
+/// Where the mirrored pose misses by less than this many times the best one's, either may be right.
+const AMBIGUOUS: f64 = 1.5;
 /// Corners that move by less from one picture to the next count as still, px.
 const STILL_PX: f64 = 1.5;
 /// Pictures farther apart in time than this say nothing of movement, ns.
@@ -39,6 +41,8 @@ const ANYWHERE: (f64, f64) = (3.0, 3.0);
 struct Picture {
     posed: Posed,
     points: Vec<Point>,
+    /// Whether the pose may be the mirrored one.
+    ambiguous: bool,
     /// Movement of corners to the next or from the last picture, px; none where it is not known.
     movement_px: Option<f64>,
 }
@@ -214,7 +218,12 @@ fn eye_pictures(
                     eye,
                     target: sighting.target,
                     eye_from_target: placed.eye_from_target,
+                    trust: match placed.ambiguity < AMBIGUOUS {
+                        true => 0,
+                        false => points.len(),
+                    },
                 },
+                ambiguous: placed.ambiguity < AMBIGUOUS,
                 points,
                 movement_px: None,
             })
@@ -298,7 +307,10 @@ fn telling(
     for (lens, &eye) in eyes.iter().enumerate() {
         let model = starts[eye];
         problem.lenses.push(LensBlock::free("", model));
-        for picture in pictures.iter().filter(|p| p.posed.eye == eye) {
+        for picture in pictures
+            .iter()
+            .filter(|p| p.posed.eye == eye && !p.ambiguous)
+        {
             if instants.binary_search(&picture.posed.instant).is_err() {
                 continue;
             }
@@ -488,6 +500,7 @@ fn assemble(
             eye,
             target,
             eye_from_target,
+            ..
         } = picture.posed;
         if used.binary_search(&instant).is_err() {
             continue;
@@ -524,8 +537,12 @@ fn assemble(
                 true => known.targets[target].unwrap_or(RigidTransform::identity()),
                 false => RigidTransform::identity(),
             };
-            let from_pose = rig_from_eye * eye_from_target * world_from_target.inverse();
-            built.problem.instants.push(from_pose);
+            let by_this = rig_from_eye * eye_from_target * world_from_target.inverse();
+            let rig_from_world = match connected {
+                true => known.instants[instant].unwrap_or(by_this),
+                false => by_this,
+            };
+            built.problem.instants.push(rig_from_world);
             built.used.push(instant);
             built.problem.instants.len() - 1
         });

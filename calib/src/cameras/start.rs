@@ -108,7 +108,7 @@ pub(super) fn fit(
     };
     let settings = Settings {
         covariance: false,
-        tolerance: 1e-7,
+        tolerance: 1e-6,
         ..Settings::default()
     };
     let solution = solve(&one_eye(lens, views), &settings).ok()?;
@@ -153,6 +153,8 @@ pub(super) fn factory_priors(factory: &CameraModel) -> Vec<Prior> {
                 "cx" | "cy" => 0.01 * f64::from(factory.width),
                 "p1" | "p2" => 2e-3,
                 "k1" => 0.05,
+                "k2" => 0.03,
+                "k3" => 0.01,
                 _ => 0.1,
             };
             Prior::Near { mean, sigma }

@@ -56,31 +56,18 @@ fn real_chessboard_pairs() {
         return;
     };
     let found = calibrate(input, &Settings::default(), &mut |_, _| {}).unwrap();
-    for choice in &found.choices {
-        for (i, c) in choice.candidates.iter().enumerate() {
-            let mark = if i == choice.chosen { "*" } else { " " };
-            println!("{mark} {c:?}");
-        }
-    }
-    println!(
-        "rms {} scale {} used {}",
-        found.solution.rms_px(|_| true),
-        found.solution.scale,
-        found.used.len()
-    );
-    for eye in 0..2 {
-        println!("{:?}\n{:?}", found.lens(eye), found.lens_sigmas(eye));
-    }
-    for f in &found.findings {
-        println!("{f:?}");
-    }
+    // OpenCV over the full set: 0.23 px; tests/tests/calib_exam.rs has both in one run.
+    let rms = found.solution.rms_px(|_| true);
+    assert!(rms < 0.15, "{rms}");
+    assert!((found.lens(0).fx - found.lens(1).fx).abs() < 8.0);
+    // These files name the eyes the other way round.
+    assert!(failures(&found)[0].contains("left and right are swapped"));
 }
 
 /// A rig of three cameras before two boards, as [`crate::cameras`] would get it from a recording, and the
 /// truth.
 struct Simulated {
     input: Input,
-    lenses: Vec<CameraModel>,
     /// `rig_from_left` and `left_from_right` by camera.
     cameras: Vec<(RigidTransform, RigidTransform)>,
 }
@@ -133,8 +120,8 @@ fn simulate(seed: u64, trouble: Trouble) -> Simulated {
         cx: 335.5 + 3.0 * noise.normal(),
         cy: 187.5 + 3.0 * noise.normal(),
         distortion: Distortion::RadTan5 {
-            k1: -0.17 + 0.01 * noise.normal(),
-            k2: 0.026 + 0.004 * noise.normal(),
+            k1: -0.17 + 0.004 * noise.normal(),
+            k2: 0.026 + 0.001 * noise.normal(),
             p1: 3e-4 * noise.normal(),
             p2: 3e-4 * noise.normal(),
             k3: -1e-3,
@@ -272,11 +259,7 @@ fn simulate(seed: u64, trouble: Trouble) -> Simulated {
             }
         }
     }
-    Simulated {
-        input,
-        lenses,
-        cameras,
-    }
+    Simulated { input, cameras }
 }
 
 /// Errors of one run: places of cameras in the first one, `(m, rad, in sigmas)` per coordinate.
@@ -301,46 +284,139 @@ fn rig_errors(truth: &Simulated, found: &Calibration) -> Vec<(f64, f64)> {
     errors
 }
 
+fn quiet(input: &Input) -> Calibration {
+    let settings = Settings {
+        choose_lens: false,
+        ..Settings::default()
+    };
+    calibrate(input.clone(), &settings, &mut |_, _| {}).unwrap()
+}
+
+fn failures(found: &Calibration) -> Vec<&str> {
+    let bad = found
+        .findings
+        .iter()
+        .filter(|f| f.severity == Severity::Fail);
+    bad.map(|f| f.text.as_str()).collect()
+}
+
 #[test]
-fn a_good_recording() {
+fn a_good_recording_gives_the_rig_within_what_it_says() {
     let (mut inside, mut all) = (0, 0);
-    let mut worst = (0.0f64, 0.0f64);
-    for seed in 0..4 {
+    for seed in 0..6 {
         let truth = simulate(seed, GOOD);
-        let begin = std::time::SystemTime::now();
-        let found = calibrate(truth.input.clone(), &Settings::default(), &mut |_, _| {}).unwrap();
-        println!(
-            "took {:?} used {} rms {}",
-            begin.elapsed(),
-            found.used.len(),
-            found.solution.rms_px(|_| true)
-        );
-        for choice in &found.choices {
-            for (i, c) in choice.candidates.iter().enumerate() {
-                let mark = if i == choice.chosen { "*" } else { " " };
-                if seed == 0 {
-                    println!("{mark} {c:?}");
-                }
-            }
-        }
-        for f in &found.findings {
-            println!("{f:?}");
-        }
+        let found = quiet(&truth.input);
+        assert_eq!(failures(&found), Vec::<&str>::new(), "seed {seed}");
+        // 0.1 px in each coordinate are 0.141 px of length.
+        let rms = found.solution.rms_px(|_| true);
+        assert!((0.135..0.15).contains(&rms), "{rms}");
         for (k, (off, sigma)) in rig_errors(&truth, &found).into_iter().enumerate() {
             inside += usize::from(off.abs() <= 2.0 * sigma);
             all += 1;
-            if k >= 18 {
-                match k % 6 < 3 {
-                    true => worst.0 = worst.0.max(off.abs()),
-                    false => worst.1 = worst.1.max(off.abs()),
-                }
-            }
+            // The first 18 are of the pairs, whose turn about their own baseline the lenses blur.
+            let limit = if k % 6 < 3 {
+                1e-3
+            } else {
+                0.05f64.to_radians()
+            };
+            assert!(
+                k < 18 || off.abs() < limit,
+                "seed {seed}, {k}: {off} of {sigma}"
+            );
         }
-        let _ = &truth.lenses;
     }
-    println!(
-        "{inside} of {all}; worst {} mm {} deg",
-        1e3 * worst.0,
-        worst.1.to_degrees()
+    // 95.4 % of 180 are expected; fewer than 91 % come by chance once in 200 times.
+    let share = inside as f64 / all as f64;
+    assert!((0.91..=1.0).contains(&share), "{share}");
+}
+
+#[test]
+fn the_lens_model_is_the_simplest_that_predicts() {
+    let truth = simulate(
+        1,
+        Trouble {
+            instants: 60,
+            ..GOOD
+        },
     );
+    let found = calibrate(truth.input.clone(), &Settings::default(), &mut |_, _| {}).unwrap();
+    for choice in &found.choices {
+        let name = choice.candidates[choice.chosen].model;
+        assert!(
+            ["rad_tan4", "rad_tan5", "kannala_brandt4"].contains(&name),
+            "{choice:?}"
+        );
+        assert_eq!(choice.candidates[0].model, "none");
+        assert!(choice.candidates[0].rms_px > 1.0);
+    }
+}
+
+#[test]
+fn what_is_wrong_with_a_recording_is_found() {
+    let check = |name: &str, trouble: Trouble, expected: &str| {
+        let found = quiet(&simulate(3, trouble).input);
+        let all: Vec<&str> = found.findings.iter().map(|f| f.text.as_str()).collect();
+        assert!(all.iter().any(|t| t.contains(expected)), "{name}: {all:#?}");
+    };
+    check(
+        "size",
+        Trouble { size: 1.01, ..GOOD },
+        "is the target's size what its file says",
+    );
+    check(
+        "bent",
+        Trouble {
+            sagitta_m: 0.003,
+            ..GOOD
+        },
+        "target 0 is bent",
+    );
+    check(
+        "knocked",
+        Trouble {
+            knock_rad: 0.009,
+            ..GOOD
+        },
+        "left_shoulder moved during the recording, about 3",
+    );
+    check(
+        "straight",
+        Trouble {
+            straight: true,
+            ..GOOD
+        },
+        "tilted by more than 20 degrees",
+    );
+}
+
+#[test]
+fn too_few_pictures_are_an_error_that_names_the_eye() {
+    let mut input = simulate(
+        0,
+        Trouble {
+            instants: 30,
+            ..GOOD
+        },
+    )
+    .input;
+    input.sightings.retain(|s| s.eye != 3 || s.instant < 2);
+    let error = calibrate(input, &Settings::default(), &mut |_, _| {})
+        .map(|c| c.used)
+        .unwrap_err();
+    let text = error.to_string();
+    assert!(
+        text.starts_with("calibrating right_shoulder/right: a target was seen in"),
+        "{text}"
+    );
+}
+
+#[test]
+fn another_cameras_factory_file_is_noticed() {
+    let mut truth = simulate(5, GOOD);
+    for eye in 0..2 {
+        let factory = truth.input.eyes[eye].factory.as_mut().unwrap();
+        (factory.fx, factory.fy) = (520.0, 520.0);
+    }
+    let found = quiet(&truth.input);
+    assert!(!failures(&found).is_empty(), "{:?}", found.findings);
 }
