@@ -66,14 +66,16 @@ use crate::frame::{Frame, FramePart};
 use crate::transform::RigidTransform;
 
 mod change;
+pub mod check;
 mod devices;
-mod file;
+pub mod diff;
+pub(crate) mod file;
 mod loops;
-mod table;
+pub(crate) mod table;
 mod tags;
-mod tolerance;
+pub(crate) mod tolerance;
 mod tree;
-mod write;
+pub(crate) mod write;
 
 pub use self::change::RigParts;
 pub use self::loops::Closure;
@@ -352,6 +354,12 @@ impl Rig {
                 _ => None,
             })
             .collect()
+    }
+
+    /// Every frame but `rig`, its neighbour towards `rig`, and `neighbour_from_frame`; by name.
+    pub(crate) fn steps(&self) -> impl Iterator<Item = (&Frame, &Frame, RigidTransform)> {
+        let steps = self.towards_rig.iter();
+        steps.map(|(frame, step)| (frame, &step.next, step.next_from_this))
     }
 
     /// The steps from a frame to `rig`.

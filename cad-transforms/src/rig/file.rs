@@ -22,8 +22,6 @@ pub(super) struct Parsed {
     pub(super) edge_lines: Vec<usize>,
     /// Line of each `[[camera]]`.
     pub(super) camera_lines: Vec<usize>,
-    /// Line of `[provenance]`, 1 where it has none.
-    pub(super) provenance_line: usize,
     /// By line.
     pub(super) problems: Vec<Problem>,
 }
@@ -52,7 +50,6 @@ impl Parsed {
             },
             edge_lines: Vec::new(),
             camera_lines: Vec::new(),
-            provenance_line: 1,
             problems: vec![problem],
         }
     }
@@ -104,10 +101,6 @@ pub(super) fn read(text: &str) -> Parsed {
     }
     let name = root.get("name", &mut log, text_of, "a text that is not empty");
     let revision = root.get("revision", &mut log, text_of, "a text that is not empty");
-    let provenance_line = match root.table.get("provenance") {
-        Some(value) => log.line(&value.span()),
-        None => 1,
-    };
     let provenance = provenance(&root, &mut log);
     let edges = edges(&root, &mut log);
     tree::check_cameras(&edges, &mut log);
@@ -142,7 +135,6 @@ pub(super) fn read(text: &str) -> Parsed {
         rig,
         edge_lines,
         camera_lines,
-        provenance_line,
         problems: log.problems,
     }
 }
@@ -273,7 +265,7 @@ fn edge(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Edge> {
 }
 
 /// The rotation, in one of its two forms, and the translation of an entry.
-pub(super) fn transform(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<RigidTransform> {
+pub(crate) fn transform(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<RigidTransform> {
     let translation = table.get("translation_m", log, numbers::<3>, "three finite numbers");
     let has = |key: &str| table.table.contains_key(key);
     let transform = match (has("rotation_wxyz"), has("rotation_rows")) {
@@ -332,7 +324,7 @@ fn translation_or_zero(translation: &Option<(Range<usize>, [f64; 3])>) -> [f64; 
     translation.as_ref().map_or([0.0; 3], |(_, value)| *value)
 }
 
-pub(super) fn frame(table: &Table<'_, '_>, key: &'static str, log: &mut Log<'_>) -> Option<Frame> {
+pub(crate) fn frame(table: &Table<'_, '_>, key: &'static str, log: &mut Log<'_>) -> Option<Frame> {
     let (at, name) = table.get(key, log, text_of, "the name of a frame")?;
     match name.parse::<Frame>() {
         Ok(frame) if frame == Frame::world() => {

@@ -8,7 +8,7 @@ use super::table::{Log, Table, number, numbers};
 use crate::covariance::Covariance;
 
 /// A key that may be written in one of several units, with the factor to SI.
-pub(super) type Units = [(&'static str, f64); 2];
+pub(crate) type Units = [(&'static str, f64); 2];
 
 const SHIFT: Units = [("sigma_translation_m", 1.0), ("sigma_translation_mm", 1e-3)];
 const TURN: Units = [
@@ -17,7 +17,7 @@ const TURN: Units = [
 ];
 
 /// The tolerance of an entry, where it has one.
-pub(super) fn covariance(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Covariance> {
+pub(crate) fn covariance(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Covariance> {
     let has = |key: &str| table.table.contains_key(key);
     let any = |units: &Units| units.iter().any(|(key, _)| has(key));
     match (any(&SHIFT) || any(&TURN), has("covariance")) {
@@ -53,7 +53,7 @@ fn checked<E: ToString>(
 }
 
 /// The value under exactly one of the keys, in SI.
-pub(super) fn in_units<T: Scaled>(
+pub(crate) fn in_units<T: Scaled>(
     table: &Table<'_, '_>,
     units: &Units,
     log: &mut Log<'_>,
@@ -75,7 +75,7 @@ pub(super) fn in_units<T: Scaled>(
 }
 
 /// What can be brought to another unit.
-pub(super) trait Scaled {
+pub(crate) trait Scaled {
     /// Times a factor; a factor of 1 changes no bit.
     fn scaled(self, factor: f64) -> Self;
 }
