@@ -10,6 +10,7 @@
 //!
 //! This crate knows nothing of devices, sessions or the catalogue.
 
+pub mod allan;
 pub mod camera;
 pub mod error;
 pub mod euroc;
