@@ -109,4 +109,4 @@ fn factors(last: usize) -> Vec<usize> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -15,6 +15,7 @@ pub mod camera;
 pub mod error;
 pub mod euroc;
 pub mod foxglove;
+pub mod imu_noise;
 pub mod kitti;
 pub mod pair;
 pub mod read;
