@@ -7,6 +7,7 @@
 //!
 //! Units are SI: rad/s and m/s², noise as in [`ImuNoise`].
 
+mod bridge;
 mod file;
 mod screen;
 
@@ -39,6 +40,8 @@ pub struct Series {
     pub temperature_c: Vec<f32>,
     /// The runs of samples without a gap.
     pub runs: Vec<Range<usize>>,
+    /// What [`Series::bridged`] has to say.
+    pub bridged: Vec<Remark>,
 }
 
 /// How much a remark weighs.
@@ -58,7 +61,7 @@ pub struct Remark {
     /// How much it weighs.
     pub weight: Weight,
     /// What kind of thing, in one word: `moved`, `frozen`, `clipped`, `outliers`, `coarse`, `repeated`,
-    /// `rate`, `jitter`, `gaps`, `short`, `temperature`, `drift`, `misfit`, `filtered`, `not finite`.
+    /// `rate`, `jitter`, `gaps`, `bridged`, `short`, `temperature`, `drift`, `misfit`, `filtered`, `not finite`.
     pub kind: &'static str,
     /// What exactly.
     pub text: String,
@@ -156,6 +159,7 @@ impl Measurement {
 pub fn measure(series: &Series) -> Measurement {
     let screened = screen::screen(series);
     let mut remarks = screened.remarks;
+    remarks.extend(series.bridged.iter().cloned());
     let first = series.times_s.first().copied().unwrap_or(0.0);
     let seconds = |run: &Range<usize>| {
         let at = |i: usize| series.times_s[i] - first;

@@ -21,6 +21,7 @@ fn still(seconds: f64, seed: u64) -> Series {
         axes: [0, 1, 2, 3, 4, 5].map(axis),
         temperature_c: vec![30.0; n],
         runs: std::iter::once(0..n).collect(),
+        bridged: Vec::new(),
     }
 }
 
@@ -205,6 +206,49 @@ fn bad_times_and_gaps_are_named() {
     );
     assert_eq!(found.used_s.len(), 2);
     assert_right(&found);
+}
+
+/// Takes samples out.
+fn cut(series: &mut Series, gaps: &[std::ops::Range<usize>]) {
+    let keep = |i: usize| !gaps.iter().any(|gap| gap.contains(&i));
+    let kept: Vec<usize> = (0..series.times_s.len()).filter(|i| keep(*i)).collect();
+    series.times_s = kept.iter().map(|&i| series.times_s[i]).collect();
+    for axis in &mut series.axes {
+        *axis = kept.iter().map(|&i| axis[i]).collect();
+    }
+    series.temperature_c.truncate(kept.len());
+    let ends: Vec<usize> = (1..kept.len())
+        .filter(|&i| kept[i] != kept[i - 1] + 1)
+        .collect();
+    let starts = std::iter::once(0).chain(ends.iter().copied());
+    let stops = ends.iter().copied().chain([kept.len()]);
+    series.runs = starts.zip(stops).map(|(a, b)| a..b).collect();
+}
+
+#[test]
+fn short_gaps_are_filled_and_long_ones_are_not() {
+    let mut series = still(400.0, 1);
+    let whole = measure(&series);
+    cut(&mut series, &[5000..5003, 12_000..12_001, 30_000..30_300]);
+    assert_eq!(series.runs.len(), 4);
+    let filled = series.bridged();
+    assert_eq!(filled.runs, [0..30_000, 30_000..39_700]);
+    assert!(filled.times_s.windows(2).all(|w| w[1] > w[0]));
+    let found = measure(&filled);
+    assert_eq!(
+        text(&found, "bridged"),
+        "2 short gaps of 4 samples in all filled with the mean around"
+    );
+    assert!(kinds(&found).contains(&"gaps"));
+    assert_right(&found);
+    // Four samples of 40000 change nothing that can be seen.
+    let white = |found: &Measurement| found.axes[0].fit.as_ref().unwrap().deviation(0.1);
+    assert!((white(&found) / white(&whole) - 1.0).abs() < 0.01);
+
+    let mut many = still(400.0, 1);
+    let gaps: Vec<_> = (1..100).map(|k| 400 * k..400 * k + 2).collect();
+    cut(&mut many, &gaps);
+    assert_eq!(many.clone().bridged(), many);
 }
 
 #[test]
