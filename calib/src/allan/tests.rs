@@ -246,6 +246,14 @@ impl Tally {
     }
 }
 
+impl Tally {
+    /// Of 100 statements some 95 are to be true; fewer than 89 would be no chance.
+    fn assert_honest(&self, name: &str) {
+        let (all, right) = (self.known + self.below, self.in_interval + self.below_right);
+        assert!(right * 100 >= all * 89, "{name}: {right} of {all}");
+    }
+}
+
 fn trial(samples: usize, period: f64, truth: [f64; 3], seeds: u64) -> [Tally; 4] {
     let mut tallies: [Tally; 4] = Default::default();
     let whole = [0..samples];
@@ -271,39 +279,37 @@ fn trial(samples: usize, period: f64, truth: [f64; 3], seeds: u64) -> [Tally; 4]
 
 #[test]
 fn stated_uncertainties_hold_white_and_walk() {
-    let [q, n, b, k] = trial(40_000, 0.01, [1e-3, 0.0, 3e-4], 150);
-    assert!(
-        n.known == 150 && n.in_two_sigma >= 138,
-        "{}",
-        n.in_two_sigma
-    );
-    assert!(k.known >= 148, "{}", k.known);
-    assert!(k.in_two_sigma * 100 >= k.known * 92, "{}", k.in_two_sigma);
-    assert!(k.in_interval * 100 >= k.known * 92, "{}", k.in_interval);
-    assert!(q.known <= 6 && b.known <= 15, "{} {}", q.known, b.known);
+    let [q, n, b, k] = trial(40_000, 0.01, [1e-3, 0.0, 1e-3], 100);
+    assert!(n.known == 100 && n.in_two_sigma >= 91, "{}", n.in_two_sigma);
+    assert!(k.known >= 70, "{}", k.known);
+    k.assert_honest("K");
+    assert!(q.known <= 2 && b.known <= 2, "{} {}", q.known, b.known);
 }
 
 #[test]
 fn stated_uncertainties_hold_with_flicker() {
-    let [q, n, b, k] = trial(30_000, 0.01, [1e-3, 1e-3, 0.0], 150);
-    assert!(
-        n.known == 150 && n.in_two_sigma >= 138,
-        "{}",
-        n.in_two_sigma
-    );
-    assert!(b.known >= 135, "{}", b.known);
-    assert!(b.in_interval * 100 >= b.known * 92, "{}", b.in_interval);
-    assert!(q.known <= 6 && k.known <= 15, "{} {}", q.known, k.known);
+    let [q, n, b, k] = trial(30_000, 0.01, [1e-3, 1e-3, 0.0], 100);
+    assert!(n.known == 100 && n.in_two_sigma >= 91, "{}", n.in_two_sigma);
+    assert!(b.known >= 90, "{}", b.known);
+    b.assert_honest("B");
+    assert!(q.known <= 2 && k.known <= 2, "{} {}", q.known, k.known);
+}
+
+#[test]
+fn stated_uncertainties_hold_with_all_three() {
+    let [q, n, b, k] = trial(60_000, 0.01, [1e-3, 5e-4, 1e-4], 100);
+    assert!(n.known == 100 && n.in_two_sigma >= 91, "{}", n.in_two_sigma);
+    // Bias instability and random walk can hardly be told apart here. What is stated has to be right all the
+    // same.
+    b.assert_honest("B");
+    k.assert_honest("K");
+    assert!(q.known <= 2, "{}", q.known);
 }
 
 #[test]
 fn a_short_recording_gives_a_limit_and_no_number() {
-    let [_, n, b, k] = trial(6_000, 0.01, [1e-3, 1e-5, 1e-5], 150);
-    assert!(
-        n.known == 150 && n.in_two_sigma >= 138,
-        "{}",
-        n.in_two_sigma
-    );
+    let [_, n, b, k] = trial(6_000, 0.01, [1e-3, 1e-5, 1e-5], 100);
+    assert!(n.known == 100 && n.in_two_sigma >= 91, "{}", n.in_two_sigma);
     assert!(k.known <= 8 && b.known <= 8, "{} {}", k.known, b.known);
     assert!(k.below_right * 100 >= k.below * 97, "{}", k.below_right);
 }

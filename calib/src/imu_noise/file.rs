@@ -29,7 +29,7 @@ pub(super) fn kalibr_yaml(found: &Measurement, topic: &str, origin: &str) -> Str
             };
             let key = format!("{sensor}_{name}");
             let _ = match found.worst(index, coefficient) {
-                Worst::Known(value) => writeln!(text, "{key}: {value:e} # {unit}"),
+                Worst::Known(value) => writeln!(text, "{key}: {value:.6e} # {unit}"),
                 Worst::Below(limit) => writeln!(
                     text,
                     "# {key}: not determined by this recording; below {limit:.2e} {unit} with 95 %"

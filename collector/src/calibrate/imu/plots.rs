@@ -71,7 +71,7 @@ pub(super) fn axis(axis: &Axis) -> Option<String> {
         .series(Series::scatter("measured", measured).slot(0))
         .series(Series::line("95 %", dense(band(0).collect())).slot(5))
         .series(Series::line("", dense(band(1).collect())).slot(5))
-        .series(Series::line("model", taus(fit).map(|t| (t, fit.deviation(t)))).slot(7));
+        .series(Series::line("model", taus(fit).map(|t| (t, fit.deviation(t)))).slot(6));
     for (k, coefficient) in SHOWN.into_iter().enumerate() {
         let part = taus(fit).filter_map(|t| Some((t, fit.part(coefficient, t)?)));
         // A part far below the curve would only make the picture tall.
