@@ -273,15 +273,21 @@ fn drift(
         .map(|part| part * part)
         .sum();
     let expected = (2.0 * variance).sqrt();
+    let walks = fit.value(Coefficient::Walk).known().is_some();
     (moved.abs() > DRIFT * expected).then(|| Remark {
-        weight: Weight::Doubt,
+        weight: if walks { Weight::Doubt } else { Weight::Note },
         kind: "drift",
         text: format!(
-            "{}: the halves of the recording differ by {:.2e} {}, {:.0} times what its measured noise explains: still warming up?",
+            "{}: the halves of the recording differ by {:.2e} {}, {:.0} times what its measured noise explains: {}",
             AXES[index],
             moved,
             if index < 3 { "rad/s" } else { "m/s²" },
-            moved.abs() / expected
+            moved.abs() / expected,
+            if walks {
+                "still warming up?"
+            } else {
+                "still warming up, or a random walk that needs a longer recording"
+            }
         ),
     })
 }

@@ -137,30 +137,32 @@ fn noise_is_what_the_simulation_was_given() {
         serde_json::from_slice(&fs::read(out.join("imu-noise.json")).unwrap()).unwrap();
     let axes = json["imus"][0]["axes"].as_array().unwrap();
     let model = model();
-    let (mut all, mut inside) = (0, 0);
+    let (mut known, mut inside) = (0, 0);
     for (i, axis) in axes.iter().enumerate() {
         // Rounding to counts adds a little white noise.
         let rounding = model.count[i / 3].powi(2) / 12.0 / model.rate_hz;
         let white = (model.noise_density[i / 3].powi(2) + rounding).sqrt();
         for (key, truth, most) in [
-            ("white", white, 0.02),
-            ("walk", model.random_walk[i / 3], 0.6),
+            ("white", white, 0.002),
+            ("walk", model.random_walk[i / 3], 0.3),
         ] {
-            let value = axis[key]["value"].as_f64().expect("three hours tell both");
+            println!("{} {key}: {}, truth {truth:.4e}", axis["axis"], axis[key]);
+            let Some(value) = axis[key]["value"].as_f64() else {
+                let limit = axis[key]["below_95"].as_f64().unwrap();
+                assert!(key == "walk" && limit > truth, "{i} {key}");
+                continue;
+            };
             let sigma = axis[key]["sigma"].as_f64().unwrap();
             let off = (value - truth).abs();
-            println!(
-                "{} {key}: {value:.4e} ± {sigma:.1e}, truth {truth:.4e}",
-                axis["axis"]
-            );
             assert!(off < 3.5 * sigma && sigma < most * truth, "{i} {key}");
-            all += 1;
+            known += 1;
             inside += u32::from(off < 2.0 * sigma);
         }
     }
+    // Three hours are just enough for the walk of the gyroscope.
     assert!(
-        all == 12 && inside >= 10,
-        "{inside} of {all} within two sigma"
+        known >= 10 && inside + 2 >= known,
+        "{inside} of {known} within two sigma"
     );
 
     let yaml = fs::read_to_string(out.join("feet_imu-noise.yaml")).unwrap();
