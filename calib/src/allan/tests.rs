@@ -48,6 +48,11 @@ impl Noise {
     }
 }
 
+/// The curve of a recording without a gap.
+fn whole(rate: &[f64], period: f64) -> Curve {
+    curve(rate, std::slice::from_ref(&(0..rate.len())), period)
+}
+
 /// The Allan variance as it is defined: half the mean squared difference of neighbouring averages.
 fn slow(rate: &[f64], runs: &[Range<usize>], factor: usize) -> (f64, u64) {
     let (mut sum, mut terms) = (0.0, 0);
@@ -177,17 +182,10 @@ fn degrees_of_freedom_are_those_of_the_handbook() {
 /// The scatter of the points, and of pairs of points, against many made-up recordings.
 #[test]
 fn points_scatter_as_computed() {
-    let (samples, period, seeds) = (3000, 0.02, 400);
+    let (samples, period, seeds) = (2000, 0.02, 300);
     for truth in [[1.0, 0.0, 0.0], [0.1, 1.0, 0.0], [0.2, 0.0, 1.0]] {
-        let whole = [0..samples];
         let curves: Vec<Curve> = (0..seeds)
-            .map(|seed| {
-                curve(
-                    &Noise::new(seed).rate(samples, period, truth),
-                    &whole,
-                    period,
-                )
-            })
+            .map(|seed| whole(&Noise::new(seed).rate(samples, period, truth), period))
             .collect();
         let powers = [0.0, truth[0].powi(2), truth[1].powi(2), truth[2].powi(2)];
         let computed = Covariances::new(&curves[0]).of(&powers);
@@ -205,7 +203,7 @@ fn points_scatter_as_computed() {
                 let measured = products.sum::<f64>() / (seeds - 1) as f64;
                 let scale = (computed[(i, i)] * computed[(j, j)]).sqrt();
                 let off = (measured - computed[(i, j)]) / scale;
-                // 400 recordings tell a correlation to about 0.07; variances, skewed, to 0.1 or more.
+                // 300 recordings tell a correlation to about 0.08; variances, skewed, to 0.1 or more.
                 assert!(
                     off.abs() < 0.35,
                     "{truth:?} {i} {j}: {measured:e} {:e}",
@@ -256,11 +254,10 @@ impl Tally {
 
 fn trial(samples: usize, period: f64, truth: [f64; 3], seeds: u64) -> [Tally; 4] {
     let mut tallies: [Tally; 4] = Default::default();
-    let whole = [0..samples];
     let mut fitter = None;
     for seed in 0..seeds {
         let rate = Noise::new(1000 + seed).rate(samples, period, truth);
-        let curve = curve(&rate, &whole, period);
+        let curve = whole(&rate, period);
         let fitter = fitter.get_or_insert_with(|| fit::Fitter::new(&curve));
         let fit = fitter.fit(&curve).unwrap();
         let truths = [0.0, truth[0], truth[1], truth[2]];
@@ -279,26 +276,29 @@ fn trial(samples: usize, period: f64, truth: [f64; 3], seeds: u64) -> [Tally; 4]
 
 #[test]
 fn stated_uncertainties_hold_white_and_walk() {
-    let [q, n, b, k] = trial(40_000, 0.01, [1e-3, 0.0, 1e-3], 100);
-    assert!(n.known == 100 && n.in_two_sigma >= 91, "{}", n.in_two_sigma);
-    assert!(k.known >= 70, "{}", k.known);
+    let [q, n, b, k] = trial(40_000, 0.01, [1e-3, 0.0, 1e-3], 60);
+    n.assert_honest("N");
+    assert_eq!(n.below, 0);
+    assert!(k.known >= 45, "{}", k.known);
     k.assert_honest("K");
     assert!(q.known <= 2 && b.known <= 2, "{} {}", q.known, b.known);
 }
 
 #[test]
 fn stated_uncertainties_hold_with_flicker() {
-    let [q, n, b, k] = trial(30_000, 0.01, [1e-3, 1e-3, 0.0], 100);
-    assert!(n.known == 100 && n.in_two_sigma >= 91, "{}", n.in_two_sigma);
-    assert!(b.known >= 90, "{}", b.known);
+    let [q, n, b, k] = trial(30_000, 0.01, [1e-3, 1e-3, 0.0], 60);
+    n.assert_honest("N");
+    assert_eq!(n.below, 0);
+    assert!(b.known >= 55, "{}", b.known);
     b.assert_honest("B");
     assert!(q.known <= 2 && k.known <= 2, "{} {}", q.known, k.known);
 }
 
 #[test]
 fn stated_uncertainties_hold_with_all_three() {
-    let [q, n, b, k] = trial(60_000, 0.01, [1e-3, 5e-4, 1e-4], 100);
-    assert!(n.known == 100 && n.in_two_sigma >= 91, "{}", n.in_two_sigma);
+    let [q, n, b, k] = trial(60_000, 0.01, [1e-3, 5e-4, 1e-4], 80);
+    n.assert_honest("N");
+    assert_eq!(n.below, 0);
     // Bias instability and random walk can hardly be told apart here. What is stated has to be right all the
     // same.
     b.assert_honest("B");
@@ -308,9 +308,10 @@ fn stated_uncertainties_hold_with_all_three() {
 
 #[test]
 fn a_short_recording_gives_a_limit_and_no_number() {
-    let [_, n, b, k] = trial(6_000, 0.01, [1e-3, 1e-5, 1e-5], 100);
-    assert!(n.known == 100 && n.in_two_sigma >= 91, "{}", n.in_two_sigma);
-    assert!(k.known <= 8 && b.known <= 8, "{} {}", k.known, b.known);
+    let [_, n, b, k] = trial(6_000, 0.01, [1e-3, 1e-5, 1e-5], 60);
+    n.assert_honest("N");
+    assert_eq!(n.below, 0);
+    assert!(k.known <= 2 && b.known <= 2, "{} {}", k.known, b.known);
     assert!(k.below_right * 100 >= k.below * 97, "{}", k.below_right);
 }
 
@@ -325,7 +326,7 @@ fn coarse_counts_are_seen_as_quantisation_and_a_filter_is_passed_by() {
         .map(|x| (x * period / step).round() * step)
         .collect();
     let coarse: Vec<f64> = angle.windows(2).map(|w| (w[1] - w[0]) / period).collect();
-    let found = fit(&curve(&coarse, &[0..30_000], period)).unwrap();
+    let found = fit(&whole(&coarse, period)).unwrap();
     let q = found.value(Coefficient::Quantisation).known().unwrap();
     assert!((q / (step / 12_f64.sqrt()) - 1.0).abs() < 0.1, "{q}");
 
@@ -335,7 +336,7 @@ fn coarse_counts_are_seen_as_quantisation_and_a_filter_is_passed_by() {
         .windows(4)
         .map(|w| w.iter().sum::<f64>() / 4.0)
         .collect();
-    let found = fit(&curve(&smooth, &[0..smooth.len()], period)).unwrap();
+    let found = fit(&whole(&smooth, period)).unwrap();
     let n = found.value(Coefficient::White);
     let Value::Known { value, sigma, .. } = n else {
         panic!("{n:?}");
@@ -350,8 +351,8 @@ fn coarse_counts_are_seen_as_quantisation_and_a_filter_is_passed_by() {
 
 #[test]
 fn what_has_no_noise_has_no_fit() {
-    assert_eq!(fit(&curve(&vec![0.1; 5000], &[0..5000], 0.01)), None);
-    assert_eq!(fit(&curve(&[1.0, 2.0, 3.0], &[0..3], 0.01)), None);
+    assert_eq!(fit(&whole(&vec![0.1; 5000], 0.01)), None);
+    assert_eq!(fit(&whole(&[1.0, 2.0, 3.0], 0.01)), None);
 }
 
 /// Curves and noise of an Alphasense's IMU over 36 hours (GrandTour), against the file that was made from

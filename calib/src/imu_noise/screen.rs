@@ -395,7 +395,7 @@ impl Screen<'_> {
         };
         let (first, last) = (
             known().next().unwrap_or(least),
-            known().last().unwrap_or(least),
+            known().next_back().unwrap_or(least),
         );
         if greatest - least > WARM_K {
             let text = format!(
