@@ -11,11 +11,13 @@
 //! This crate knows nothing of devices, sessions or the catalogue.
 
 pub mod adjust;
+pub mod allan;
 pub mod camera;
 pub mod cameras;
 pub mod error;
 pub mod euroc;
 pub mod foxglove;
+pub mod imu_noise;
 pub mod kitti;
 pub mod lens;
 pub mod pair;
