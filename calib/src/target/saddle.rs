@@ -9,7 +9,7 @@
 //! does not depend on the direction of the crossing (Lucchese and Mitra 2002 use the same criterion).
 
 use super::image::{Smooth, UNIT};
-use super::refine::{self, NARROWEST};
+use super::refine::{self, NARROWEST, Window};
 
 /// Least square root of the negated determinant, grey values per square pixel: an ideal crossing of
 /// contrast A blurred by s has `A / (π s²)`, so that 20 grey values pass up to a blur of 2.5.
@@ -46,8 +46,9 @@ pub(super) fn find(smooth: &Smooth) -> Vec<Saddle> {
         peaks.sort_by_key(|&(x, y, _)| (y, x));
     }
     let mut saddles: Vec<Saddle> = Vec::new();
+    let window = Window::round(NARROWEST);
     for (x, y, _) in peaks {
-        let Some(at) = refine::settle(smooth, [x as f64, y as f64], NARROWEST, 2.0) else {
+        let Some(at) = refine::settle(smooth, [x as f64, y as f64], &window, 2.0) else {
             continue;
         };
         if let Some(saddle) = [3.0, 2.2]
