@@ -94,6 +94,28 @@ pub(super) fn settle(
     None
 }
 
+/// As [`settle`], to a few hundredths of a pixel.
+pub(super) fn settle_roughly(
+    smooth: &Smooth,
+    start: [f64; 2],
+    window: &Window,
+    furthest: f64,
+) -> Option<[f64; 2]> {
+    let mut at = start;
+    for _ in 0..6 {
+        let to = step(smooth, at, window)?.to;
+        let moved = distance(to, at);
+        at = to;
+        if distance(at, start) > furthest {
+            return None;
+        }
+        if moved < 0.04 {
+            break;
+        }
+    }
+    Some(at)
+}
+
 /// Standard deviation of the place along its worst direction, pixels, when every grey value has an
 /// independent error of `noise` grey values: the matrix of the steps on both sides of the noise's own.
 pub(super) fn sigma(smooth: &Smooth, at: [f64; 2], window: &Window, noise: f64) -> Option<f64> {
