@@ -10,10 +10,12 @@
 //!
 //! This crate knows nothing of devices, sessions or the catalogue.
 
+pub mod allan;
 pub mod camera;
 pub mod error;
 pub mod euroc;
 pub mod foxglove;
+pub mod imu_noise;
 pub mod kitti;
 pub mod pair;
 pub mod read;
