@@ -1,13 +1,15 @@
 //! Chessboards: plain ones by their size, ChArUco boards by their markers.
 
+use super::blur::Border;
 use super::board::Target;
 use super::codes::Dictionary;
 use super::decode::{self, Book, Layout};
 use super::detect::{Found, Rough, Scene, Settings};
 use super::image::GreyView;
 use super::lattice::{self, Lattice};
+use super::refine::{self, Window};
+use super::saddle;
 use super::square::{Square, distance};
-use super::{refine, saddle};
 
 /// How the board's axes lie in a lattice: `lattice = origin + turned by quarter turns (board)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,6 +49,9 @@ pub(super) fn find(scene: &Scene, target: &Target, columns: i32, rows: i32) -> F
     for mut lattice in lattice::grow(&scene.saddles, &scene.links, needed * 3 / 4) {
         let mut places: Vec<[f64; 2]> = scene.saddles.iter().map(|s| s.at).collect();
         cut_fringe(&mut lattice, columns.max(rows));
+        if lattice.nodes.len() < needed * 3 / 4 {
+            continue;
+        }
         let (low, high) = lattice.extent();
         let size = [0, 1].map(|k| high[k] - low[k] + 1);
         if size != [columns, rows] && size != [rows, columns] {
@@ -113,7 +118,8 @@ fn fill(scene: &Scene, lattice: &mut Lattice, places: &mut Vec<[f64; 2]>) {
                 };
                 let near = (0.2 * step).clamp(1.0, 4.0);
                 let reach = (0.4 * step).clamp(2.6, 4.0);
-                let Some(at) = refine::settle(&scene.smooth, guess, reach, near) else {
+                let Some(at) = refine::settle(&scene.smooth, guess, &Window::round(reach), near)
+                else {
                     continue;
                 };
                 if saddle::look_around(&scene.smooth, at, 3.0_f32.min(0.4 * step as f32)).is_some()
@@ -205,22 +211,39 @@ fn collect(
             continue;
         }
         let at = places[*node];
-        let mut shortest = f64::INFINITY;
+        // Along each axis the shorter one of the two steps.
+        let mut sides: [Option<[f64; 2]>; 2] = [None; 2];
         for (dx, dy) in [(1, 0), (0, 1), (-1, 0), (0, -1)] {
-            if let Some(other) = lattice.nodes.get(&(y + dy, x + dx)) {
-                shortest = shortest.min(distance(at, places[*other]));
-                if dx + dy > 0 {
-                    found.borders.push([at, places[*other]]);
-                }
+            let Some(other) = lattice.nodes.get(&(y + dy, x + dx)) else {
+                continue;
+            };
+            let step = [0, 1].map(|k| room * (places[*other][k] - at[k]));
+            let side = &mut sides[usize::from(dx == 0)];
+            if side.is_none_or(|s| distance(step, [0.0; 2]) < distance(s, [0.0; 2])) {
+                *side = Some(step);
+            }
+            if dx + dy > 0 {
+                let ends = [at, places[*other]];
+                let clear = room.min(0.35) * distance(at, places[*other]);
+                found.borders.push(Border { ends, clear });
             }
         }
-        if shortest.is_finite() {
-            found.corners.push(Rough {
-                id: (row * size[0] + column) as u32,
-                at,
-                room: room * shortest,
-            });
-        }
+        // A crossing with neighbours along one axis only is as far from the others as that.
+        let turned = |s: [f64; 2]| [-s[1], s[0]];
+        let sides = match sides {
+            [Some(a), Some(b)] => [a, b],
+            [Some(a), None] | [None, Some(a)] => [a, turned(a)],
+            [None, None] => continue,
+        };
+        found.corners.push(Rough {
+            id: (row * size[0] + column) as u32,
+            at,
+            sides,
+            gap: sides
+                .map(|s| distance(s, [0.0; 2]) / room)
+                .into_iter()
+                .fold(f64::INFINITY, f64::min),
+        });
     }
     found.corners.sort_by_key(|c| c.id);
     found
@@ -268,7 +291,7 @@ pub(super) fn find_with_markers(
             &places,
             &placement,
             [board.columns - 1, board.rows - 1],
-            (1.5 * margin).min(0.5),
+            (1.3 * margin).min(0.5),
         );
         for corner in part.corners {
             match found.corners.iter().any(|c: &Rough| c.id == corner.id) {

@@ -6,12 +6,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::blur::Border;
 use super::board::Target;
 use super::decode::{self, Book, Layout};
 use super::detect::{Found, Rough, Scene, Settings};
 use super::image::GreyView;
+use super::refine::{self, Window};
+use super::saddle;
 use super::square::{Square, distance};
-use super::{refine, saddle};
 
 /// Cells of the border that may look white, of 64.
 const MOST_BORDER_ERRORS: u32 = 4;
@@ -75,18 +77,22 @@ pub(super) fn find(
     for tag in &tags {
         let sides = [0, 1, 2, 3].map(|i| distance(tag.corners[i], tag.corners[(i + 1) % 4]));
         for i in 0..4 {
-            found
-                .borders
-                .push([tag.corners[i], tag.corners[(i + 1) % 4]]);
+            found.borders.push(Border {
+                ends: [tag.corners[i], tag.corners[(i + 1) % 4]],
+                // Inside two cells of border, outside the gap.
+                clear: sides[(i + 1) % 4].min(sides[(i + 3) % 4]) * spacing.min(0.2),
+            });
         }
         // Kalibr's order: bottom left, bottom right, top right, top left.
         for (k, i) in [3, 2, 1, 0].into_iter().enumerate() {
-            let shorter = sides[i].min(sides[(i + 3) % 4]);
+            // The bits begin two cells from both sides; the crossing square ends a gap away.
+            let share = spacing.min(0.28);
+            let side = |to: usize| [0, 1].map(|k| share * (tag.corners[to][k] - tag.corners[i][k]));
             found.corners.push(Rough {
                 id: 4 * tag.id + k as u32,
                 at: tag.corners[i],
-                // The bits begin two cells from both sides; the crossing square ends a gap away.
-                room: shorter * spacing.min(0.28),
+                sides: [side((i + 1) % 4), side((i + 3) % 4)],
+                gap: spacing * sides[i].min(sides[(i + 3) % 4]),
             });
         }
     }
@@ -271,7 +277,7 @@ impl Grid {
         for corner in &mut corners {
             let near = (0.09 * side).clamp(1.2, 6.0);
             let reach = (0.2 * side).clamp(2.6, 5.0);
-            *corner = refine::settle(&scene.smooth, *corner, reach, near)?;
+            *corner = refine::settle(&scene.smooth, *corner, &Window::round(reach), near)?;
             let radius = (0.15 * side as f32).clamp(2.0, 3.0);
             saddle::look_around(&scene.smooth, *corner, radius)?;
         }

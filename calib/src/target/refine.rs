@@ -15,28 +15,75 @@
 use super::image::{Smooth, UNIT};
 use super::square::distance;
 
-/// The narrowest window that still holds enough pixels around a crossing, pixels from its middle to its end.
+/// The narrowest round window that still holds enough pixels around a crossing, pixels from its middle to
+/// its end.
 pub(super) const NARROWEST: f64 = 2.6;
 /// The widest window, pixels from its middle to its end.
 pub(super) const WIDEST: f64 = 12.0;
+
+/// Which pixels around a crossing count, and how much: `(1 - |M r|²)²` for the way r from the crossing,
+/// which is smooth at its end.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Window {
+    m: [[f32; 2]; 2],
+    far: usize,
+}
+
+impl Window {
+    /// Ends `reach` pixels away in every direction.
+    pub(super) fn round(reach: f64) -> Self {
+        let reach = reach.clamp(NARROWEST, WIDEST);
+        let m = (1.0 / reach) as f32;
+        Self {
+            m: [[m, 0.0], [0.0, m]],
+            far: reach.ceil() as usize,
+        }
+    }
+
+    /// The ellipse that ends at `sides` and their opposites. A board seen at a slant has room along its one
+    /// axis where it has none along the other.
+    pub(super) fn along(sides: [[f64; 2]; 2], widest: f64) -> Self {
+        let [a, b] = sides.map(|side| {
+            let length = (side[0] * side[0] + side[1] * side[1]).sqrt();
+            let wanted = length.clamp(LEAST_ALONG, widest.clamp(NARROWEST, WIDEST));
+            side.map(|v| v * wanted / length.max(f64::MIN_POSITIVE))
+        });
+        let determinant = a[0] * b[1] - a[1] * b[0];
+        let product = ((a[0] * a[0] + a[1] * a[1]) * (b[0] * b[0] + b[1] * b[1])).sqrt();
+        // Sides nearly on one line leave no ellipse.
+        if determinant.abs() < 0.15 * product {
+            return Self::round(NARROWEST);
+        }
+        let m = [[b[1], -b[0]], [-a[1], a[0]]].map(|row| row.map(|v| (v / determinant) as f32));
+        let far = |k: usize| (a[k] * a[k] + b[k] * b[k]).sqrt();
+        Self {
+            m,
+            far: far(0).max(far(1)).min(WIDEST).ceil() as usize,
+        }
+    }
+}
+
+/// Least reach of a window along a side, pixels.
+const LEAST_ALONG: f64 = 1.9;
 /// Steps after which the place must have settled.
-const MOST_STEPS: usize = 15;
+const MOST_STEPS: usize = 20;
 /// A smaller step ends the search, pixels.
 const SETTLED: f64 = 5e-4;
 
-/// Where the crossing near `start` is, under a window that ends `reach` pixels away. None where it is
-/// further than `furthest` from the start, too near the picture's edge, or does not settle.
+/// Where the crossing near `start` is, under a window. None where it is further than `furthest` from the start, too near the picture's edge, or does not settle.
 pub(super) fn settle(
     smooth: &Smooth,
     start: [f64; 2],
-    reach: f64,
+    window: &Window,
     furthest: f64,
 ) -> Option<[f64; 2]> {
     let mut at = start;
-    for _ in 0..MOST_STEPS {
-        let to = step(smooth, at, reach)?.to;
+    for i in 0..MOST_STEPS {
+        let to = step(smooth, at, window)?.to;
         let moved = distance(to, at);
-        at = to;
+        // A step that keeps going to and fro over the place is too long.
+        let share = if i < 6 { 1.0 } else { 0.5 };
+        at = [0, 1].map(|k| at[k] + share * (to[k] - at[k]));
         if distance(at, start) > furthest {
             return None;
         }
@@ -47,14 +94,36 @@ pub(super) fn settle(
     None
 }
 
+/// As [`settle`], to a few hundredths of a pixel.
+pub(super) fn settle_roughly(
+    smooth: &Smooth,
+    start: [f64; 2],
+    window: &Window,
+    furthest: f64,
+) -> Option<[f64; 2]> {
+    let mut at = start;
+    for _ in 0..6 {
+        let to = step(smooth, at, window)?.to;
+        let moved = distance(to, at);
+        at = to;
+        if distance(at, start) > furthest {
+            return None;
+        }
+        if moved < 0.04 {
+            break;
+        }
+    }
+    Some(at)
+}
+
 /// Standard deviation of the place along its worst direction, pixels, when every grey value has an
 /// independent error of `noise` grey values: the matrix of the steps on both sides of the noise's own.
-pub(super) fn sigma(smooth: &Smooth, at: [f64; 2], reach: f64, noise: f64) -> Option<f64> {
+pub(super) fn sigma(smooth: &Smooth, at: [f64; 2], window: &Window, noise: f64) -> Option<f64> {
     let Step {
         matrix: [a, b, c],
         noise: [p, q, r],
         ..
-    } = step(smooth, at, reach)?;
+    } = step(smooth, at, window)?;
     let determinant = a * c - b * b;
     // inverse [c -b; -b a] / determinant, times [p q; q r], times the inverse
     let xx = c * c * p - 2.0 * b * c * q + b * b * r;
@@ -66,7 +135,7 @@ pub(super) fn sigma(smooth: &Smooth, at: [f64; 2], reach: f64, noise: f64) -> Op
 
 /// The binomial filter spreads a pixel's noise over its neighbours, whose gradients are nearly, not quite,
 /// the same. Measured: see the test `stated_sigma_is_what_happens`.
-const NOISE_LEFT: f64 = 0.85;
+const NOISE_LEFT: f64 = 0.8;
 
 /// What the pixels in a window say.
 struct Step {
@@ -81,9 +150,8 @@ struct Step {
 const SIDE: usize = 2 * WIDEST as usize + 1;
 
 /// One step, with the window here.
-fn step(smooth: &Smooth, at: [f64; 2], reach: f64) -> Option<Step> {
-    let reach = reach.clamp(NARROWEST, WIDEST);
-    let far = reach.ceil() as usize;
+fn step(smooth: &Smooth, at: [f64; 2], window: &Window) -> Option<Step> {
+    let far = window.far;
     let side = 2 * far + 1;
     let centre = at.map(|v| v.round() as isize);
     // The mirror image of pixel centre + d is 2 at - centre - d: one fraction of a pixel for all.
@@ -114,8 +182,6 @@ fn step(smooth: &Smooth, at: [f64; 2], reach: f64) -> Option<Step> {
             *out = (0..4).map(|k| weights[0][k] * f32::from(row[i + k])).sum();
         }
     }
-    // The window falls off as (1 - r²/R²)², which is smooth at its end.
-    let end = 1.0 / (reach * reach) as f32;
     let [ox, oy] = [0, 1].map(|k| (at[k] - centre[k] as f64) as f32);
     let (mut xx, mut xy, mut yy, mut bx, mut by) = (0.0f32, 0.0f32, 0.0f32, 0.0f32, 0.0f32);
     let (mut nxx, mut nxy, mut nyy) = (0.0f32, 0.0f32, 0.0f32);
@@ -124,7 +190,8 @@ fn step(smooth: &Smooth, at: [f64; 2], reach: f64) -> Option<Step> {
         let ry = j as f32 - far as f32 - oy;
         for i in 0..side {
             let rx = i as f32 - far as f32 - ox;
-            let w = 1.0 - (rx * rx + ry * ry) * end;
+            let [u, v] = window.m.map(|[a, b]| a * rx + b * ry);
+            let w = 1.0 - (u * u + v * v);
             if w <= 0.0 {
                 continue;
             }

@@ -9,7 +9,7 @@
 //! does not depend on the direction of the crossing (Lucchese and Mitra 2002 use the same criterion).
 
 use super::image::{Smooth, UNIT};
-use super::refine::{self, NARROWEST};
+use super::refine::{self, NARROWEST, Window};
 
 /// Least square root of the negated determinant, grey values per square pixel: an ideal crossing of
 /// contrast A blurred by s has `A / (π s²)`, so that 20 grey values pass up to a blur of 2.5.
@@ -46,8 +46,12 @@ pub(super) fn find(smooth: &Smooth) -> Vec<Saddle> {
         peaks.sort_by_key(|&(x, y, _)| (y, x));
     }
     let mut saddles: Vec<Saddle> = Vec::new();
+    let window = Window::round(NARROWEST);
     for (x, y, _) in peaks {
-        let Some(at) = refine::settle(smooth, [x as f64, y as f64], NARROWEST, 2.0) else {
+        if !may_cross(smooth, x, y) {
+            continue;
+        }
+        let Some(at) = refine::settle_roughly(smooth, [x as f64, y as f64], &window, 2.0) else {
             continue;
         };
         if let Some(saddle) = [3.0, 2.2]
@@ -58,6 +62,60 @@ pub(super) fn find(smooth: &Smooth) -> Vec<Saddle> {
         }
     }
     drop_doubles(saddles)
+}
+
+/// A first look by whole pixels: around a crossing it gets brighter and darker than its middle twice. Most
+/// of what texture and noise bring ends here.
+fn may_cross(smooth: &Smooth, x: usize, y: usize) -> bool {
+    /// Circles of 3 and 2 pixels.
+    const OUTER: [(isize, isize); 16] = [
+        (3, 0),
+        (3, 1),
+        (2, 2),
+        (1, 3),
+        (0, 3),
+        (-1, 3),
+        (-2, 2),
+        (-3, 1),
+        (-3, 0),
+        (-3, -1),
+        (-2, -2),
+        (-1, -3),
+        (0, -3),
+        (1, -3),
+        (2, -2),
+        (3, -1),
+    ];
+    const INNER: [(isize, isize); 12] = [
+        (2, 0),
+        (2, 1),
+        (1, 2),
+        (0, 2),
+        (-1, 2),
+        (-2, 1),
+        (-2, 0),
+        (-2, -1),
+        (-1, -2),
+        (0, -2),
+        (1, -2),
+        (2, -1),
+    ];
+    let middle = i32::from(smooth.values[y * smooth.width + x]);
+    let crosses = |circle: &[(isize, isize)]| {
+        let value = |&(dx, dy): &(isize, isize)| {
+            let at = y.strict_add_signed(dy) * smooth.width + x.strict_add_signed(dx);
+            i32::from(smooth.values[at]) - middle
+        };
+        let (mut low, mut high, mut changes) = (i32::MAX, i32::MIN, 0);
+        let mut last = value(&circle[circle.len() - 1]);
+        for place in circle {
+            let here = value(place);
+            changes += i32::from((here < 0) != (last < 0));
+            (low, high, last) = (low.min(here), high.max(here), here);
+        }
+        changes == 4 && (high - low) as f32 * UNIT >= 0.7 * LEAST_CONTRAST
+    };
+    crosses(&OUTER) || crosses(&INNER)
 }
 
 /// Of crossings less than 1.5 pixels apart the one of higher contrast stays.
@@ -121,7 +179,7 @@ const RESPONSE_UNIT: f32 = UNIT * UNIT / 16.0;
 fn peaks(smooth: &Smooth) -> Vec<(usize, usize, f32)> {
     let (width, height) = (smooth.width, smooth.height);
     let mut peaks = Vec::new();
-    if width < 8 || height < 8 {
+    if width < 9 || height < 9 {
         return peaks;
     }
     let least = LEAST_CURVATURE * LEAST_CURVATURE / RESPONSE_UNIT;

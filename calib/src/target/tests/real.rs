@@ -91,3 +91,85 @@ fn the_real_chessboards() {
         }
     }
 }
+
+/// Pictures without any of these boards, with the names of those that were looked at.
+#[test]
+fn other_real_pictures_give_nothing() {
+    let folders = [
+        ("02_stereo_odometry_kitti/KITTI_sequence_1", "png"),
+        ("03_stereo_imu/euroc_V1_01_micro", "png"),
+        ("05_apriltag/apriltag_nasa", "jpg"),
+        ("05_apriltag/wpilib_pose", "png"),
+        ("07_multiview/fox", "jpg"),
+        ("10_segmentation/camvid", "png"),
+    ];
+    let targets = [
+        GRID,
+        CHARUCO,
+        Target::AprilGrid {
+            columns: 24,
+            rows: 24,
+            tag_m: 0.088,
+            spacing: 0.3,
+            first_id: 0,
+        },
+        Target::Charuco {
+            columns: 12,
+            rows: 9,
+            square_m: 0.06,
+            marker_m: 0.045,
+            dictionary: Dictionary::Aruco4x4 { count: 250 },
+            first_id: 0,
+        },
+        CHESS,
+        Target::Chessboard {
+            columns: 3,
+            rows: 3,
+            square_m: 0.05,
+        },
+        Target::Chessboard {
+            columns: 4,
+            rows: 3,
+            square_m: 0.05,
+        },
+    ];
+    let mut looked_at = 0;
+    for (folder, extension) in folders {
+        let Some(folder) = shared(folder) else {
+            continue;
+        };
+        let mut files = Vec::new();
+        collect(&folder, extension, &mut files);
+        files.sort();
+        // Pictures that follow one another show the same.
+        let every = (files.len() / 12).max(1);
+        for file in files.iter().step_by(every) {
+            let picture = load(file);
+            looked_at += 1;
+            for (target, found) in
+                targets
+                    .iter()
+                    .zip(detect_all(&picture.view(), &targets, &Settings::default()))
+            {
+                assert!(
+                    found.corners.is_empty(),
+                    "{}: {target:?} {:?}",
+                    file.display(),
+                    found.corners
+                );
+            }
+        }
+    }
+    println!("{looked_at} pictures");
+}
+
+fn collect(folder: &std::path::Path, extension: &str, files: &mut Vec<std::path::PathBuf>) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            collect(&path, extension, files);
+        } else if path.extension().is_some_and(|e| e == extension) {
+            files.push(path);
+        }
+    }
+}

@@ -153,12 +153,23 @@ impl View {
             let r = view.rotation();
             for (j, row) in fine.chunks_exact_mut(fine_width).enumerate() {
                 for (i, value) in row.iter_mut().enumerate() {
-                    let pixel = [i, j].map(|n| (n as f64 + 0.5) / DENSE as f64 - 0.5 - PAD as f64);
-                    let Some(at) = view.look_at(pixel, &r) else {
+                    let look_at = |i: f64, j: f64| {
+                        view.look_at(
+                            [i, j].map(|n| (n + 0.5) / DENSE as f64 - 0.5 - PAD as f64),
+                            &r,
+                        )
+                    };
+                    let (i, j) = (i as f64, j as f64);
+                    let Some(at) = look_at(i, j) else { continue };
+                    let (Some(right), Some(below)) = (look_at(i + 1.0, j), look_at(i, j + 1.0))
+                    else {
                         continue;
                     };
-                    if let Some(black) = ink.at([0, 1].map(|k| at[k] + middle[k])) {
-                        *value = look.levels[usize::from(!black)] as f32;
+                    let half = [0, 1]
+                        .map(|k| 0.5 * (right[k] - at[k]).abs().max((below[k] - at[k]).abs()));
+                    if let Some(white) = ink.at([0, 1].map(|k| at[k] + middle[k]), half) {
+                        let [dark, bright] = look.levels.map(|v| v as f32);
+                        *value = dark + white * (bright - dark);
                     }
                 }
             }
@@ -282,20 +293,29 @@ impl Ink {
         }
     }
 
-    /// Black, white, or off the sheet.
-    fn at(&self, at: [f64; 2]) -> Option<bool> {
+    /// Share of white around a point, over a box of this half size; none off the sheet.
+    fn at(&self, at: [f64; 2], half: [f64; 2]) -> Option<f32> {
         if !(0..2).all(|k| self.sheet.min_m[k] <= at[k] && at[k] < self.sheet.max_m[k]) {
             return None;
         }
-        let [x, y] = [0, 1].map(|k| {
-            self.edges[k]
-                .partition_point(|e| *e <= at[k])
-                .checked_sub(1)
+        // Along each axis: the cell before the nearest edge, the cell behind it, and the latter's share.
+        let parts = [0, 1].map(|k| {
+            let edges = &self.edges[k];
+            let low = edges.partition_point(|e| *e <= at[k] - half[k]);
+            let high = edges.partition_point(|e| *e <= at[k] + half[k]);
+            let share = match low == high {
+                true => 0.0,
+                false => (at[k] + half[k] - edges[low]) / (2.0 * half[k]),
+            };
+            (low.checked_sub(1), high.checked_sub(1), share as f32)
         });
-        let (Some(x), Some(y)) = (x, y) else {
-            return Some(false);
+        let white = |x: Option<usize>, y: Option<usize>| match (x, y) {
+            (Some(x), Some(y)) => f32::from(u8::from(!self.black[y * self.edges[0].len() + x])),
+            _ => 1.0,
         };
-        Some(self.black[y * self.edges[0].len() + x])
+        let [(x0, x1, u), (y0, y1, v)] = parts;
+        let along = |y| (1.0 - u) * white(x0, y) + u * white(x1, y);
+        Some((1.0 - v) * along(y0) + v * along(y1))
     }
 }
 
