@@ -18,6 +18,7 @@ pub mod kitti;
 pub mod pair;
 pub mod read;
 pub mod stereo;
+pub mod target;
 pub mod zed_conf;
 
 mod text;

@@ -1,0 +1,31 @@
+impl < __Context > :: bincode :: Decode < __Context > for SetEntry
+{
+    fn decode < __D : :: bincode :: de :: Decoder < Context = __Context > >
+    (decoder : & mut __D) ->core :: result :: Result < Self, :: bincode ::
+    error :: DecodeError >
+    {
+        core :: result :: Result ::
+        Ok(Self
+        {
+            number : :: bincode :: Decode :: decode(decoder) ?, time_ns : ::
+            bincode :: Decode :: decode(decoder) ?, frames : :: bincode ::
+            Decode :: decode(decoder) ?,
+        })
+    }
+} impl < '__de, __Context > :: bincode :: BorrowDecode < '__de, __Context >
+for SetEntry
+{
+    fn borrow_decode < __D : :: bincode :: de :: BorrowDecoder < '__de,
+    Context = __Context > > (decoder : & mut __D) ->core :: result :: Result <
+    Self, :: bincode :: error :: DecodeError >
+    {
+        core :: result :: Result ::
+        Ok(Self
+        {
+            number : :: bincode :: BorrowDecode ::< '_, __Context >::
+            borrow_decode(decoder) ?, time_ns : :: bincode :: BorrowDecode ::<
+            '_, __Context >:: borrow_decode(decoder) ?, frames : :: bincode ::
+            BorrowDecode ::< '_, __Context >:: borrow_decode(decoder) ?,
+        })
+    }
+}
