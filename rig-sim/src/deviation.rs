@@ -162,7 +162,12 @@ impl Entry {
             }
         };
         check("turned_deg", &self.turned_deg, MOST.0, "degrees");
-        check("right_turned_deg", &self.right_turned_deg, MOST.0, "degrees");
+        check(
+            "right_turned_deg",
+            &self.right_turned_deg,
+            MOST.0,
+            "degrees",
+        );
         check("imu_turned_deg", &self.imu_turned_deg, MOST.0, "degrees");
         check("moved_mm", &self.moved_mm, MOST.1, "mm");
         check("right_moved_mm", &self.right_moved_mm, MOST.1, "mm");
@@ -204,7 +209,12 @@ impl CameraDeviation {
     }
 
     /// Where an eye or the IMU really is, told where it and the left eye are.
-    pub fn placed(&self, part: FramePart, rig_from_left: &RigidTransform, rig_from_part: &RigidTransform) -> RigidTransform {
+    pub fn placed(
+        &self,
+        part: FramePart,
+        rig_from_left: &RigidTransform,
+        rig_from_part: &RigidTransform,
+    ) -> RigidTransform {
         if self.is_placed_as_told() {
             return *rig_from_part;
         }

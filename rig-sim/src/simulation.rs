@@ -115,6 +115,7 @@ pub struct Simulation {
     scene: OnceLock<Scene>,
     walker: Walker,
     boards: Vec<Board>,
+    plan: Option<Plan>,
     /// As they are.
     cameras: Vec<SimCamera>,
     /// Of each camera.
@@ -221,7 +222,10 @@ impl Plan {
             ("the bend of the boards, m,", self.bend_m, 0.1),
             ("how much larger the boards are", self.larger, 0.2),
         ];
-        match ranges.iter().find(|(_, found, most)| !(found.abs() <= *most)) {
+        match ranges
+            .iter()
+            .find(|(_, found, most)| !(found.abs() <= *most))
+        {
             None => Ok(()),
             Some((what, found, most)) => Err(SimulationError::Setting {
                 what,
@@ -254,6 +258,7 @@ impl Simulation {
             scene: OnceLock::from(scene),
             walker,
             boards: Vec::new(),
+            plan: None,
             cameras,
             imus,
             told,
@@ -295,6 +300,7 @@ impl Simulation {
             scene: OnceLock::new(),
             walker: Walker::carrying(spline, seconds),
             boards,
+            plan: Some(*plan),
             cameras,
             imus,
             told,
@@ -337,7 +343,10 @@ impl Simulation {
     /// # Errors
     /// [`SimulationError::Rig`].
     pub fn with_true_rig(mut self, rig: &Rig) -> Result<Self, SimulationError> {
-        let model = self.imus.first().map_or(ImuModel::ZED_MINI, |i| *i.imu.model());
+        let model = self
+            .imus
+            .first()
+            .map_or(ImuModel::ZED_MINI, |i| *i.imu.model());
         let part = |name: &str, part| {
             let frame = Frame::of_camera(name, part).expect("the name of a camera");
             rig.transform(&Frame::rig(), &frame)
@@ -359,7 +368,11 @@ impl Simulation {
         rig: &Rig,
         deviation: &Deviation,
     ) -> Result<Self, SimulationError> {
-        let moved: Vec<_> = deviation.cameras.iter().filter(|c| !c.is_placed_as_told()).collect();
+        let moved: Vec<_> = deviation
+            .cameras
+            .iter()
+            .filter(|c| !c.is_placed_as_told())
+            .collect();
         if !moved.is_empty() {
             let text = true_rig_text(rig, &|frame, placed, left| {
                 let (camera, part) = frame.camera()?;
@@ -480,6 +493,16 @@ impl Simulation {
         &self.boards
     }
 
+    /// How the boards are shown; none on a walk.
+    pub fn plan(&self) -> Option<&Plan> {
+        self.plan.as_ref()
+    }
+
+    /// How sensors turn light into numbers.
+    pub fn imaging(&self) -> &Imaging {
+        &self.imaging
+    }
+
     /// Where corners of boards are in a camera's pictures, without a picture.
     pub fn sights(&self, camera: usize) -> Sights<'_> {
         Sights::new(self, camera)
@@ -514,7 +537,10 @@ impl Simulation {
     /// What files say of an eye: its lens, and what takes its optical frame to the IMU's.
     pub(crate) fn told_eye(&self, camera: usize, eye: usize) -> (&CameraModel, RigidTransform) {
         let told = &self.told[camera];
-        (&told.models[eye], told.imu_from_rig * told.rig_from_eye[eye])
+        (
+            &told.models[eye],
+            told.imu_from_rig * told.rig_from_eye[eye],
+        )
     }
 
     /// All frames of a camera, in order.

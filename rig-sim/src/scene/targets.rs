@@ -35,8 +35,11 @@ pub(super) fn build(b: &mut Builder) -> Made {
         frame: white,
         handle: STEEL.of(Class::Obstacle, b),
     };
-    let boxes = [[0.1, 0.2, 0.35], [0.4, 0.1, 0.08], [0.35, 0.33, 0.2]]
-        .map(|colour| VARNISH.dyed(colour, colour.map(|c| 0.7 * c)).of(Class::Obstacle, b));
+    let boxes = [[0.1, 0.2, 0.35], [0.4, 0.1, 0.08], [0.35, 0.33, 0.2]].map(|colour| {
+        VARNISH
+            .dyed(colour, colour.map(|c| 0.7 * c))
+            .of(Class::Obstacle, b)
+    });
     let slab = |height: f64, is_ceiling: bool| Slab {
         from: FROM,
         to: TO,

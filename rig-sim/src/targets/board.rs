@@ -121,11 +121,7 @@ impl Board {
                 // The middle stays; the edges come nearer.
                 let near = radius * (1.0 - libm::cos(angle));
                 let (sine, cosine) = (libm::sin(angle), libm::cos(angle));
-                Vector3::new(
-                    radius * sine + behind * sine,
-                    y,
-                    behind * cosine - near,
-                )
+                Vector3::new(radius * sine + behind * sine, y, behind * cosine - near)
             }
         };
         self.pose.0 + self.pose.1 * flat
@@ -190,7 +186,10 @@ impl Board {
             let back = [[a, -h], [b, -h], [b, h], [a, h]].map(|c| self.at(c, THICK_M));
             mesh.quad(back, [a, -h], stand);
             for (y, is_top) in [(-h, true), (h, false)] {
-                let (front, rear) = ([a, b].map(|x| self.at([x, y], 0.0)), [a, b].map(|x| self.at([x, y], THICK_M)));
+                let (front, rear) = (
+                    [a, b].map(|x| self.at([x, y], 0.0)),
+                    [a, b].map(|x| self.at([x, y], THICK_M)),
+                );
                 let edge = match is_top {
                     true => [front[0], front[1], rear[1], rear[0]],
                     false => [front[1], front[0], rear[0], rear[1]],
@@ -199,14 +198,18 @@ impl Board {
             }
         }
         for (x, is_left) in [(-w, true), (w, false)] {
-            let (front, rear) = ([-h, h].map(|y| self.at([x, y], 0.0)), [-h, h].map(|y| self.at([x, y], THICK_M)));
+            let (front, rear) = (
+                [-h, h].map(|y| self.at([x, y], 0.0)),
+                [-h, h].map(|y| self.at([x, y], THICK_M)),
+            );
             let edge = match is_left {
                 true => [front[1], front[0], rear[0], rear[1]],
                 false => [front[0], front[1], rear[1], rear[0]],
             };
             mesh.quad(edge, [x, -h], stand);
         }
-        let top = self.at([0.0, 0.0], THICK_M + 0.02);
+        // From its lower edge: higher up it would stand before a board that leans back.
+        let top = self.at([0.0, 0.9 * h], THICK_M + 0.02);
         let foot = Vector3::new(top.x, top.y, 0.0);
         mesh.tube([foot, top], [0.015; 2], 10, 0.5, stand);
     }

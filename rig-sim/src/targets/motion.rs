@@ -173,7 +173,10 @@ impl Course {
     }
 
     fn at(&self, time_s: f64) -> Pose {
-        let next = self.parts.partition_point(|(begin, _)| *begin <= time_s).max(1);
+        let next = self
+            .parts
+            .partition_point(|(begin, _)| *begin <= time_s)
+            .max(1);
         let (begin, part) = self.parts[next - 1];
         let end = self.parts.get(next).map_or(self.end_s, |(begin, _)| *begin);
         let since = time_s - begin;
@@ -214,11 +217,7 @@ impl Views<'_> {
         };
         let home = Vector3::from(HOME);
         if self.motion == Motion::Parallel {
-            let place = Vector3::new(
-                draw(0, -0.3, 0.3),
-                draw(1, -0.45, 0.45),
-                draw(2, -0.3, 0.3),
-            );
+            let place = Vector3::new(draw(0, -0.3, 0.3), draw(1, -0.45, 0.45), draw(2, -0.3, 0.3));
             return (home + place, UnitQuaternion::identity());
         }
         // Places in the picture fill it evenly: Roberts' R2 sequence, 2018.
@@ -239,28 +238,30 @@ impl Views<'_> {
                 draw(1, -0.2, 0.2),
                 draw(2, -0.1, 0.2),
             ),
-            false => Vector3::new(
-                draw(0, -0.3, 0.2),
-                draw(1, -0.3, 0.3),
-                draw(2, -0.2, 0.2),
-            ),
+            false => Vector3::new(draw(0, -0.3, 0.2), draw(1, -0.3, 0.3), draw(2, -0.2, 0.2)),
         };
         let roll = draw(3, -0.55, 0.55);
         let position = home + place;
         // The own board alone, or half-way to another one that is not too far around.
         let others = (1..self.boards.len()).map(|k| (own + k + round / 3) % self.boards.len());
         let others: Vec<usize> = others.filter(|other| *other != own).collect();
-        let pairs = others.iter().map(|&other| (0.5 * (middle(own) + middle(other)), [0.5; 2]));
+        let pairs = others
+            .iter()
+            .map(|&other| (0.5 * (middle(own) + middle(other)), [0.5; 2]));
         let alone = [(middle(own), part), (middle(own), [0.5; 2])];
         let wanted: Vec<(Vector3<f64>, [f64; 2])> = match is_pair {
             true => pairs.chain(alone).collect(),
             false => alone.to_vec(),
         };
         let aimed = wanted.iter().flat_map(|(goal, part)| {
-            [roll, 0.4 * roll, 0.0].map(|roll| (position, self.aim(camera, &position, goal, *part, roll)))
+            [roll, 0.4 * roll, 0.0]
+                .map(|roll| (position, self.aim(camera, &position, goal, *part, roll)))
         });
         let near = |pose: &Pose| pose.1.angle() <= FARTHEST;
-        aimed.into_iter().find(near).unwrap_or((position, UnitQuaternion::identity()))
+        aimed
+            .into_iter()
+            .find(near)
+            .unwrap_or((position, UnitQuaternion::identity()))
     }
 
     /// The rotation of the rig at a position that brings a point of the world to a place in a camera's picture,
@@ -276,7 +277,8 @@ impl Views<'_> {
         let camera = &self.cameras[camera];
         let model = &camera.models[0];
         let pixel = |part: f64, size: u32| part * f64::from(size) - 0.5;
-        let (x, y) = Lens::new(model).unproject(pixel(part[0], model.width), pixel(part[1], model.height));
+        let (x, y) =
+            Lens::new(model).unproject(pixel(part[0], model.width), pixel(part[1], model.height));
         let eye = camera.rig_from_eye[0];
         let ray = eye.rotation() * Vector3::new(x, y, 1.0).normalize();
         let mut rotation = UnitQuaternion::identity();
