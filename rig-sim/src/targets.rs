@@ -80,14 +80,14 @@ impl Plan {
     };
 }
 
-/// The `number`-th board of a session: an AprilGrid of 6 x 6 tags with sides of 10 cm and gaps of 3 cm, which
-/// fits on A0, and whose tags no other board has.
+/// The `number`-th board of a session: an AprilGrid of 6 x 6 tags with sides of 9.6 cm and gaps of 2.88 cm,
+/// which fits on A0, and whose tags no other board has.
 pub fn april_grid(number: usize) -> Target {
     let (columns, rows) = (6, 6);
     Target::AprilGrid {
         columns,
         rows,
-        tag_m: 0.1,
+        tag_m: 0.096,
         spacing: 0.3,
         first_id: columns * rows * number as u32,
     }

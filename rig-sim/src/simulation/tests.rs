@@ -256,7 +256,7 @@ fn tags_are_those_of_the_rig_file() {
     assert_eq!((left.id, left.size_m, right.id), (0, 0.06, 1));
     let bare = text.split("[[shoe_tag]]").next().unwrap();
     let bare = Simulation::new(&settings(), &Rig::parse(bare).unwrap()).unwrap();
-    assert!(bare.scene.wearer.tags.is_empty());
+    assert!(bare.scene().wearer.tags.is_empty());
     let unknown = Rig::parse(&text.replace("id = 1", "id = 8")).unwrap();
     let error = Simulation::new(&settings(), &unknown).unwrap_err();
     let message = error.to_string();

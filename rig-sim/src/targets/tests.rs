@@ -140,13 +140,9 @@ fn boards_are_seen_all_over_every_picture_and_tie_cameras_together() {
         }
         let cameras: BTreeSet<usize> = seen.iter().map(|(camera, _)| *camera).collect();
         together += i32::from(cameras.len() > 1);
-        for (a, one) in &seen {
-            for (b, other) in &seen {
-                if one < other {
-                    ties.insert((*one, *other));
-                }
-                assert!(a != b || one == other || a == b);
-            }
+        for (_, one) in &seen {
+            let others = seen.iter().filter(|(_, other)| one < other);
+            ties.extend(others.map(|(_, other)| (*one, *other)));
         }
     }
     for (eye, cells) in cells.iter().enumerate() {
@@ -185,16 +181,16 @@ fn tags_have_twenty_pixels_in_most_views() {
     );
 }
 
-/// A corner of a tag is a crossing of black and white: along a circle around it the picture goes up
-/// twice and down twice, and halves of the circle on opposite sides look alike. Its true place, found by
-/// moving the circle, is where they look most alike.
+/// A corner of a tag is a crossing of black and white, a saddle of the picture. Without a tone curve, with the
+/// rig not as told, at eight samples per pixel: 0.056 px in the median, of which 0.05 px stay with any number of
+/// samples, since a quadric is a crude model of a crossing.
 #[test]
 fn corners_are_where_pictures_have_them() {
     let one = Settings {
         seconds: 40.0,
         quality: Quality {
-            samples: 4,
-            most_samples: 12,
+            samples: 8,
+            most_samples: 8,
             noise: false,
         },
         ..settings(40.0)
@@ -213,9 +209,8 @@ fn corners_are_where_pictures_have_them() {
     let mut off = Vec::new();
     for camera in 0..3 {
         let mut pictures = simulation.pictures(camera);
-        for number in [31, 77, 150, 163, 239, 301] {
+        for number in [31, 163] {
             let time_ns = simulation.settings().frame_ns(number);
-            pictures.settle(time_ns);
             let frame = pictures.expose(number, time_ns);
             for eye in 0..2 {
                 let grey = frame.grey(eye);
@@ -225,13 +220,13 @@ fn corners_are_where_pictures_have_them() {
             }
         }
     }
-    assert!(off.len() > 1000, "{}", off.len());
+    assert!(off.len() > 800, "{}", off.len());
     let mean = |axis: usize| off.iter().map(|o: &[f64; 2]| o[axis]).sum::<f64>() / off.len() as f64;
     let mut far: Vec<f64> = off.iter().map(|[x, y]| x.hypot(*y)).collect();
     far.sort_by(f64::total_cmp);
     let (median, most) = (far[far.len() / 2], far[far.len() * 19 / 20]);
     assert!(
-        mean(0).abs() < 0.01 && mean(1).abs() < 0.01 && median < 0.06 && most < 0.2,
+        mean(0).abs() < 0.01 && mean(1).abs() < 0.01 && median < 0.07 && most < 0.14,
         "mean {} {}, median {median}, 95% {most}, {}",
         mean(0),
         mean(1),
