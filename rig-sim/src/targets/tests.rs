@@ -439,3 +439,66 @@ fn few_views_are_few() {
     let turned = at(1.0).rotation.angle_to(&late.rotation);
     assert!(turned > 0.05, "{turned}");
 }
+
+#[test]
+fn noise_on_corners_is_as_asked_for_and_the_same_again() {
+    let simulation = session(10.0, &Plan::GOOD);
+    let mut off = Vec::new();
+    for number in 0..100 {
+        let sights = simulation.sights(1);
+        let (exact, noisy) = (sights.frame(0, number), sights.observed(0, number, 0.3));
+        assert_eq!(noisy, simulation.sights(1).observed(0, number, 0.3));
+        for (a, b) in exact.iter().zip(&noisy) {
+            assert_eq!((a.board, a.id), (b.board, b.id));
+            off.extend([0, 1].map(|k| b.pixel[k] - a.pixel[k]));
+        }
+    }
+    let mean = off.iter().sum::<f64>() / off.len() as f64;
+    let square = off.iter().map(|v| v * v).sum::<f64>() / off.len() as f64;
+    assert!(off.len() > 5000 && mean.abs() < 0.02, "{} {mean}", off.len());
+    assert!((square.sqrt() - 0.3).abs() < 0.02, "{}", square.sqrt());
+    // Eyes and frames have noise of their own.
+    let noise = |eye: usize, number: u64| {
+        let sights = simulation.sights(1);
+        let (exact, noisy) = (sights.frame(eye, number), sights.observed(eye, number, 1.0));
+        noisy[0].pixel[0] - exact[0].pixel[0]
+    };
+    let same = (noise(0, 2) - noise(1, 2)).abs() < 1e-9 || (noise(0, 2) - noise(0, 3)).abs() < 1e-9;
+    assert!(!same);
+}
+
+/// What an eye sees it finds where it saw it, and both eyes' true depth agrees.
+#[test]
+fn landmarks_are_found_where_they_were_seen() {
+    let walk = Settings {
+        kind: Kind::Corridor,
+        width: 160,
+        height: 90,
+        ..settings(4.0)
+    };
+    let simulation = Simulation::new(&walk, &example()).unwrap();
+    let mut both = 0;
+    for camera in 0..3 {
+        let sights = simulation.sights(camera);
+        let time_ns = 2_050_000_000;
+        let depth = simulation.truths(camera).see(0, time_ns).depth;
+        let landmarks = sights.landmarks(0, time_ns, 200, 5);
+        assert!(landmarks.len() > 150);
+        let mut agree = 0;
+        for landmark in &landmarks {
+            let [u, v] = sights.find(0, time_ns, &landmark.point).unwrap();
+            let [at_u, at_v] = landmark.pixel;
+            assert!((u - at_u).hypot(v - at_v) < 1e-6, "{u} {v} {at_u} {at_v}");
+            both += i32::from(sights.find(1, time_ns, &landmark.point).is_some());
+            let far = f64::from(depth[v.round() as usize * 160 + u.round() as usize]);
+            let rig = simulation.walker().rig(seconds(time_ns));
+            let (origin, rotation) = simulation.cameras()[camera].world_from_eye(0, &rig, None);
+            let own = (rotation.inverse() * (landmark.point - origin)).z;
+            agree += i32::from((far / own - 1.0).abs() < 0.05);
+        }
+        // Not at edges, and not on the wearer's legs.
+        let least = landmarks.len() as i32 * if simulation.cameras()[camera].name == "feet" { 5 } else { 8 } / 10;
+        assert!(agree > least, "{camera}: {agree} of {}", landmarks.len());
+    }
+    assert!(both > 300, "{both}");
+}
