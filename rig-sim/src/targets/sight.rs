@@ -9,8 +9,8 @@ use nalgebra::Vector3;
 use super::board::Board;
 use crate::camera::Shutter;
 use crate::camera::optics::Conditions;
-use crate::faults::CameraFaults;
 use crate::camera::truth::Pose;
+use crate::faults::CameraFaults;
 use crate::lens::Lens;
 use crate::random;
 use crate::rig::SimCamera;
@@ -104,7 +104,11 @@ impl<'a> Sights<'a> {
         let mut corners = self.frame(eye, number);
         let camera = self.simulation.cameras().iter();
         let camera = camera.take_while(|c| c.name != self.camera.name).count();
-        let of_eye = random::bits(self.simulation.settings().seed, NOISE, (2 * camera + eye) as u64);
+        let of_eye = random::bits(
+            self.simulation.settings().seed,
+            NOISE,
+            (2 * camera + eye) as u64,
+        );
         let seed = random::bits(of_eye, NOISE, number);
         for corner in &mut corners {
             for (axis, value) in (0..).zip(&mut corner.pixel) {
