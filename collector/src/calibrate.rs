@@ -4,8 +4,11 @@
 //! the session, else wherever `--out` says. A file that is there already is overwritten only with
 //! `--force`, and whether one is in the way is known before any work is done.
 
+pub mod cameras;
 pub mod imu;
 pub mod imu_samples;
+pub mod sightings;
+pub mod told;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -23,6 +26,17 @@ pub const FOLDER: &str = "calibration";
 /// What to calibrate.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Lenses, stereo cameras and the rig, from a session in which targets were shown
+    Cameras {
+        /// The session
+        session: String,
+        /// How to do it
+        #[command(flatten)]
+        options: cameras::Options,
+        /// Where results go
+        #[command(flatten)]
+        output: Output,
+    },
     /// Noise of the IMUs, from a rig that lay still
     Imu {
         /// The session
@@ -100,6 +114,11 @@ pub fn run(
     console: &mut Console<'_>,
 ) -> Result<Outcome> {
     match command {
+        Command::Cameras {
+            session,
+            options,
+            output,
+        } => cameras::run(&Target::find(session, library)?, options, output, console),
         Command::Imu {
             session,
             options,

@@ -28,10 +28,24 @@ impl Target {
     /// # Errors
     /// [`CalibError`] naming file, line and key.
     pub fn read(path: &Path) -> Result<Self, CalibError> {
-        let source = Source::read(path)?;
-        match path.extension().and_then(|e| e.to_str()) {
-            Some("yaml" | "yml") => from_kalibr(&source),
-            _ => from_toml(&source),
+        Self::of(&Source::read(path)?)
+    }
+
+    /// The same from a text that is not in a file of its own; `path` is for messages and tells the kind.
+    ///
+    /// # Errors
+    /// [`CalibError`] naming path, line and key.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, CalibError> {
+        Self::of(&Source {
+            path: path.to_owned(),
+            text: text.to_owned(),
+        })
+    }
+
+    fn of(source: &Source) -> Result<Self, CalibError> {
+        match source.path.extension().and_then(|e| e.to_str()) {
+            Some("yaml" | "yml") => from_kalibr(source),
+            _ => from_toml(source),
         }
     }
 
