@@ -17,7 +17,7 @@ use crate::limits::Limits;
 use crate::outcome::Outcome;
 use crate::target::Target;
 use crate::{
-    external, handoff, importing, indexing, list, prune, rebuild, recover, reporting, show,
+    external, handoff, importing, indexing, list, prune, rebuild, recover, reporting, rig, show,
     validate,
 };
 
@@ -128,6 +128,9 @@ enum Verb {
     },
     /// Build the catalogue anew from the sessions' folders
     Rebuild,
+    /// Look at rig files, check, compare and convert them
+    #[command(subcommand)]
+    Rig(rig::RigVerb),
     #[command(external_subcommand)]
     External(Vec<OsString>),
 }
@@ -183,7 +186,7 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
 /// Marks errors that are about the command line.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
-struct BadArguments(String);
+pub(crate) struct BadArguments(pub(crate) String);
 
 fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
     let library = cli.library.or_else(|| {
@@ -249,6 +252,7 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
             yes,
         } => prune::session(needed(library)?, &session, yes, console),
         Verb::Rebuild => rebuild::run(needed(library)?, console),
+        Verb::Rig(verb) => rig::run(&verb, console),
         Verb::External(_) => Ok(Outcome::Failed),
     }
 }
