@@ -10,11 +10,11 @@ use super::canvas::{Colour, Sheet};
 
 /// Pixels.
 const WIDTH: usize = 1260;
-const HEIGHT: usize = 1120;
+const HEIGHT: usize = 1050;
 const MARGIN: f64 = 24.0;
 /// Height of the panels with the whole, and of those with the plate.
-const WHOLE: f64 = 520.0;
-const CLOSE: f64 = 330.0;
+const WHOLE: f64 = 440.0;
+const CLOSE: f64 = 340.0;
 
 /// How far a frustum reaches where the ground does not end it, m.
 const REACH_M: f64 = 0.6;
@@ -93,7 +93,7 @@ pub(super) fn draw(rig: &Rig, facts: &Facts) -> Sheet {
         let bounds = sides.map(|side| bounds(points, side));
         // One scale for the three, so that they can be compared.
         let fit = bounds.iter().map(|[low, high]| {
-            let room = [width - 40.0, height - 70.0];
+            let room = [width - 40.0, height - 104.0];
             (0..2)
                 .map(|i| room[i] / (high[i] - low[i]))
                 .fold(f64::INFINITY, f64::min)
@@ -256,7 +256,7 @@ impl Panel {
         [
             self.corner[0] + 0.5 * self.size[0] + self.scale * (across - self.middle[0]),
             // The title takes some of the height.
-            self.corner[1] + 0.5 * self.size[1] + 12.0 - self.scale * (up - self.middle[1]),
+            self.corner[1] + 0.5 * self.size[1] + 4.0 - self.scale * (up - self.middle[1]),
         ]
     }
 
@@ -378,26 +378,39 @@ impl Panel {
         sheet.dot(datum, 3.0, INK);
     }
 
-    /// Names of the cameras, moved down where they would lie on each other.
+    /// Names of the cameras, moved up where they would lie on each other.
     fn labels(&self, sheet: &mut Sheet, cameras: &[Drawn]) {
         const SIZE: f64 = 12.0;
         let mut taken: Vec<[f64; 4]> = Vec::new();
         for camera in cameras {
-            let at = self.place(camera.rig_from_left.translation_m());
+            // Above all that is drawn of the camera.
+            let mut points: Vec<[f64; 3]> = [Some(camera.rig_from_left), camera.rig_from_right]
+                .into_iter()
+                .flatten()
+                .map(|lens| lens.translation_m())
+                .collect();
+            let ends = frustum(camera, CLOSE_REACH_M, false).map(|(_, ends)| ends);
+            points.extend(ends.into_iter().flatten());
+            let places: Vec<[f64; 2]> = points.into_iter().map(|point| self.place(point)).collect();
+            let bound = |axis: usize, pick: fn(f64, f64) -> f64, start: f64| {
+                places.iter().map(|p| p[axis]).fold(start, pick)
+            };
+            let left = bound(0, f64::min, f64::INFINITY);
+            let right = bound(0, f64::max, f64::NEG_INFINITY);
             let width = Sheet::text_width(&camera.name, SIZE);
             let low = self.corner[0] + 6.0;
             let high = self.corner[0] + self.size[0] - width - 6.0;
-            let x = (at[0] - 0.5 * width).clamp(low, high.max(low));
-            let mut y = at[1] - 0.068 * self.scale;
+            let x = (0.5 * (left + right - width)).clamp(low, high.max(low));
+            let mut y = bound(1, f64::min, f64::INFINITY) - 8.0;
             let overlaps = |y: f64, taken: &[[f64; 4]]| {
                 taken
                     .iter()
                     .any(|[l, t, r, b]| x < *r && x + width > *l && y - SIZE < *b && y > *t)
             };
             while overlaps(y, &taken) {
-                y += 3.0;
+                y -= 3.0;
             }
-            taken.push([x, y - SIZE, x + width, y]);
+            taken.push([x, y - SIZE, x + width, y + 4.0]);
             sheet.text([x, y], SIZE, camera.colour, camera.name.clone());
         }
     }
