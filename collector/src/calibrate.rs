@@ -6,6 +6,7 @@
 
 pub mod imu;
 pub mod imu_samples;
+pub mod targets;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -34,6 +35,8 @@ pub enum Command {
         #[command(flatten)]
         output: Output,
     },
+    /// Boards to print: a PDF at true size, and the board's file
+    Targets(targets::Options),
 }
 
 /// Where results go.
@@ -105,5 +108,6 @@ pub fn run(
             options,
             output,
         } => imu::run(&Target::find(session, library)?, options, output, console),
+        Command::Targets(options) => targets::run(options, console),
     }
 }
