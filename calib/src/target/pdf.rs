@@ -308,7 +308,7 @@ fn file(paper: Paper, content: &str) -> Vec<u8> {
     let table = out.len();
     write!(out, "xref\n0 {}\n0000000000 65535 f \n", objects.len() + 1).expect("text grows");
     for begin in begins {
-        write!(out, "{begin:010} 00000 n \n").expect("text grows");
+        writeln!(out, "{begin:010} 00000 n ").expect("text grows");
     }
     let count = objects.len() + 1;
     write!(
