@@ -9,6 +9,7 @@ pub mod imu;
 pub mod imu_samples;
 pub mod sightings;
 pub mod told;
+pub mod targets;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -48,6 +49,8 @@ pub enum Command {
         #[command(flatten)]
         output: Output,
     },
+    /// Boards to print: a PDF at true size, and the board's file
+    Targets(targets::Options),
 }
 
 /// Where results go.
@@ -124,5 +127,6 @@ pub fn run(
             options,
             output,
         } => imu::run(&Target::find(session, library)?, options, output, console),
+        Command::Targets(options) => targets::run(options, console),
     }
 }
