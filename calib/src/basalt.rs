@@ -31,8 +31,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
     let placements = value.get("T_imu_cam")?;
     let lenses = value.get("intrinsics")?;
     let sizes = value.get("resolution")?;
-    let (poses, lens_items, size_items) =
-        (placements.items()?, lenses.items()?, sizes.items()?);
+    let (poses, lens_items, size_items) = (placements.items()?, lenses.items()?, sizes.items()?);
     for (at, count) in [(&lenses, lens_items.len()), (&sizes, size_items.len())] {
         if count != poses.len() {
             let expected = format!("one for each of the {} in T_imu_cam", poses.len());
@@ -79,9 +78,14 @@ fn camera(
     [width, height]: [u32; 2],
     notes: &mut Vec<Note>,
 ) -> Result<CameraModel, CalibError> {
-    let kind = at
-        .get("camera_type")?
-        .one_of(&["ds", "eucm", "ucm", "kb4", "pinhole", "pinhole-radtan8"])?;
+    let kind = at.get("camera_type")?.one_of(&[
+        "ds",
+        "eucm",
+        "ucm",
+        "kb4",
+        "pinhole",
+        "pinhole-radtan8",
+    ])?;
     let numbers = at.get("intrinsics")?;
     let number = |key: &str| numbers.get(key)?.number();
     let distortion = match kind {
@@ -178,7 +182,9 @@ fn imu(
             return Err(at.wrong("three biases and more"));
         };
         if rest.iter().any(|v| *v != 0.0) {
-            notes.push(Note(format!("{key}: scale and misalignment are not carried")));
+            notes.push(Note(format!(
+                "{key}: scale and misalignment are not carried"
+            )));
         }
         Ok(Some([x, y, z]))
     };
@@ -288,7 +294,10 @@ pub(crate) fn write(set: &CameraSet) -> Result<Written, WriteError> {
         ("gyro_noise_std", axes(|n| n.gyro_noise_density)),
         ("accel_bias_std", axes(|n| n.accel_random_walk)),
         ("gyro_bias_std", axes(|n| n.gyro_random_walk)),
-        ("cam_time_offset_ns", format!("{}", offset_ns.round() as i64)),
+        (
+            "cam_time_offset_ns",
+            format!("{}", offset_ns.round() as i64),
+        ),
     ];
     let fields: Vec<String> = fields
         .iter()

@@ -221,7 +221,9 @@ fn binary(path: &Path) -> Result<Vec<(u32, CameraModel)>, CalibError> {
             )));
         };
         let (Ok(width), Ok(height)) = (u32::try_from(width), u32::try_from(height)) else {
-            return Err(implausible(format!("camera {id} has {width}x{height} pixels")));
+            return Err(implausible(format!(
+                "camera {id} has {width}x{height} pixels"
+            )));
         };
         if cameras.iter().any(|(other, _)| *other == id) {
             return Err(implausible(format!("camera {id} comes twice")));
@@ -347,9 +349,10 @@ pub(crate) fn write(set: &CameraSet, form: Form) -> Result<Written, WriteError> 
     let mut files = Vec::new();
     match form {
         Form::Text => {
-            let mut text = "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, \
+            let mut text =
+                "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, \
                             HEIGHT, PARAMS[]\n"
-                .to_owned();
+                    .to_owned();
             text.push_str(&format!("# Number of cameras: {}\n", rows.len()));
             for (id, (name, width, height, parameters)) in (1..).zip(&rows) {
                 let parameters = written_all(parameters, " ");

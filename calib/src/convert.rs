@@ -67,7 +67,9 @@ pub struct Conversion {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ConvertError {
     /// Hardly a pixel of the picture has a direction in the source.
-    #[error("converting a lens: {directions} of {grid} pixels have a direction that {target} could mean, too few to fit")]
+    #[error(
+        "converting a lens: {directions} of {grid} pixels have a direction that {target} could mean, too few to fit"
+    )]
     TooFew {
         /// Pixels with a direction.
         directions: usize,

@@ -92,7 +92,9 @@ pub fn row_difference(
     left_px: [f64; 2],
     right_px: [f64; 2],
 ) -> Option<f64> {
-    Epipolar::new(stereo).ok()?.row_difference(left_px, right_px)
+    Epipolar::new(stereo)
+        .ok()?
+        .row_difference(left_px, right_px)
 }
 
 /// [`Epipolar::sampson_distance`] of a single match; none also for a pair that cannot be rectified.
@@ -101,7 +103,9 @@ pub fn sampson_distance(
     left_px: [f64; 2],
     right_px: [f64; 2],
 ) -> Option<f64> {
-    Epipolar::new(stereo).ok()?.sampson_distance(left_px, right_px)
+    Epipolar::new(stereo)
+        .ok()?
+        .sampson_distance(left_px, right_px)
 }
 
 /// Pixels per radian on the axis, the mean of x and y.

@@ -127,11 +127,9 @@ fn camera(
         });
     }
     let [fx, fy, cx, cy] = yaml.get("intrinsics")?.numbers()?;
-    let model = yaml.get("distortion_model")?.one_of(&[
-        "radial-tangential",
-        "equidistant",
-        "none",
-    ])?;
+    let model =
+        yaml.get("distortion_model")?
+            .one_of(&["radial-tangential", "equidistant", "none"])?;
     let distortion = if model == "none" {
         Distortion::None
     } else {

@@ -209,7 +209,9 @@ fn camera(at: &At<'_>) -> Result<CameraModel, CalibError> {
                 "none" => Distortion::None,
                 "fov" => {
                     let lens = at.get("distortion_model")?;
-                    return Err(lens.wrong("none, radtan or equidistant (the FOV model is not read)"));
+                    return Err(
+                        lens.wrong("none, radtan or equidistant (the FOV model is not read)")
+                    );
                 }
                 lens => {
                     let [a, b, c, d] = at.get("distortion_coeffs")?.numbers()?;
@@ -264,18 +266,14 @@ fn camera(at: &At<'_>) -> Result<CameraModel, CalibError> {
         _ => {
             alone("eucm")?;
             let [alpha, beta, fx, fy, cx, cy] = intrinsics.numbers()?;
-            Ok(pinhole(
-                [fx, fy, cx, cy],
-                Distortion::Eucm { alpha, beta },
-            ))
+            Ok(pinhole([fx, fy, cx, cy], Distortion::Eucm { alpha, beta }))
         }
     }
 }
 
 fn rigid(at: &At<'_>) -> Result<RigidTransform, CalibError> {
-    RigidTransform::from_rows_4x4(at.numbers()?).map_err(|error| {
-        at.wrong_because(&format!("a matrix where {error}"), "a rigid transform")
-    })
+    RigidTransform::from_rows_4x4(at.numbers()?)
+        .map_err(|error| at.wrong_because(&format!("a matrix where {error}"), "a rigid transform"))
 }
 
 pub(crate) fn write(set: &CameraSet) -> Result<Written, WriteError> {

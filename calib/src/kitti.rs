@@ -173,11 +173,7 @@ pub(crate) fn write(stereo: &StereoCalibration) -> Result<Written, WriteError> {
         format!("{label}: {}\n", written_all(p.as_flattened(), " "))
     };
     let text = row("P0", &stereo.left, [0.0; 3])
-        + &row(
-            "P1",
-            &stereo.right,
-            stereo.right_from_left.translation_m(),
-        );
+        + &row("P1", &stereo.right, stereo.right_from_left.translation_m());
     Ok(Written::file("calib.txt", text))
 }
 

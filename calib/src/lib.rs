@@ -13,14 +13,18 @@
 //!
 //! This crate knows nothing of devices, sessions or the catalogue.
 
+pub mod adjust;
+pub mod allan;
 pub mod basalt;
 pub mod camera;
+pub mod cameras;
 pub mod colmap;
 pub mod convert;
 pub mod epipolar;
 pub mod error;
 pub mod euroc;
 pub mod foxglove;
+pub mod imu_noise;
 pub mod kalibr;
 pub mod kitti;
 pub mod lens;
@@ -28,12 +32,14 @@ pub mod middlebury;
 pub mod nerfstudio;
 pub mod opencv;
 pub mod pair;
+pub mod pnp;
 pub mod read;
 pub mod rectify;
 pub mod ros;
 pub mod rosys;
 pub mod set;
 pub mod stereo;
+pub mod target;
 pub mod write;
 pub mod zed_conf;
 

@@ -140,11 +140,7 @@ fn stem(frame: &At<'_>) -> String {
 }
 
 /// One lens; what the frame does not say is said for all.
-fn camera(
-    frame: &At<'_>,
-    root: &At<'_>,
-    notes: &mut Vec<Note>,
-) -> Result<CameraModel, CalibError> {
+fn camera(frame: &At<'_>, root: &At<'_>, notes: &mut Vec<Note>) -> Result<CameraModel, CalibError> {
     let find = |key: &str| frame.find(key).or_else(|| root.find(key));
     let need = |key: &str| find(key).map_or_else(|| frame.get(key), Ok);
     let or_zero = |key: &str| find(key).map_or(Ok(0.0), |at| at.number());
@@ -158,7 +154,9 @@ fn camera(
     let mut centre = |key: &str, size: u32| match find(key) {
         Some(at) => at.number(),
         None => {
-            notes.push(Note(format!("no {key}: the middle of the picture is taken")));
+            notes.push(Note(format!(
+                "no {key}: the middle of the picture is taken"
+            )));
             Ok(0.5 * f64::from(size))
         }
     };
@@ -170,7 +168,12 @@ fn camera(
         }
         None => "OPENCV",
     };
-    let [k1, k2, k3, k4] = [or_zero("k1")?, or_zero("k2")?, or_zero("k3")?, or_zero("k4")?];
+    let [k1, k2, k3, k4] = [
+        or_zero("k1")?,
+        or_zero("k2")?,
+        or_zero("k3")?,
+        or_zero("k4")?,
+    ];
     let [p1, p2] = [or_zero("p1")?, or_zero("p2")?];
     let distortion = match model {
         "OPENCV_FISHEYE" => fisheye_of(&[k1, k2, k3, k4]),

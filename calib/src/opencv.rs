@@ -18,7 +18,7 @@ use crate::set::{CameraSet, NamedCamera};
 use crate::stereo::{Format, Provenance};
 use crate::text::{Source, written_all};
 use crate::tree::{At, yaml};
-use crate::write::{WriteError, Written, lens, placed};
+use crate::write::{WriteError, Written, lens};
 
 /// Names for the matrix and the coefficients of the one camera, the left one, the right one.
 pub(crate) const MONO: [&[&str]; 2] = [
@@ -32,12 +32,38 @@ pub(crate) const MONO: [&[&str]; 2] = [
     ],
 ];
 pub(crate) const LEFT: [&[&str]; 2] = [
-    &["K1", "M1", "cameraMatrix1", "camera_matrix_1", "camera_matrix_left", "cameraMatrixL"],
-    &["D1", "distCoeffs1", "dist_coeffs_1", "distortion_coefficients_left", "distCoeffsL"],
+    &[
+        "K1",
+        "M1",
+        "cameraMatrix1",
+        "camera_matrix_1",
+        "camera_matrix_left",
+        "cameraMatrixL",
+    ],
+    &[
+        "D1",
+        "distCoeffs1",
+        "dist_coeffs_1",
+        "distortion_coefficients_left",
+        "distCoeffsL",
+    ],
 ];
 const RIGHT: [&[&str]; 2] = [
-    &["K2", "M2", "cameraMatrix2", "camera_matrix_2", "camera_matrix_right", "cameraMatrixR"],
-    &["D2", "distCoeffs2", "dist_coeffs_2", "distortion_coefficients_right", "distCoeffsR"],
+    &[
+        "K2",
+        "M2",
+        "cameraMatrix2",
+        "camera_matrix_2",
+        "camera_matrix_right",
+        "cameraMatrixR",
+    ],
+    &[
+        "D2",
+        "distCoeffs2",
+        "dist_coeffs_2",
+        "distortion_coefficients_right",
+        "distCoeffsR",
+    ],
 ];
 const EXTRINSICS: [&str; 2] = ["extrinsics.yml", "extrinsics.yaml"];
 
@@ -45,10 +71,7 @@ const EXTRINSICS: [&str; 2] = ["extrinsics.yml", "extrinsics.yaml"];
 ///
 /// # Errors
 /// [`CalibError`].
-pub fn read(
-    path: &Path,
-    size: Option<[u32; 2]>,
-) -> Result<(CameraSet, Vec<Note>), CalibError> {
+pub fn read(path: &Path, size: Option<[u32; 2]>) -> Result<(CameraSet, Vec<Note>), CalibError> {
     let source = Source::read(path)?;
     let tree = yaml::parse(&source)?;
     let root = At::root(&source, &tree);
@@ -316,7 +339,10 @@ pub(crate) fn write(set: &CameraSet) -> Result<Written, WriteError> {
         let m = &camera.model;
         if (m.width, m.height) != (first.width, first.height) {
             return Err(refused(
-                format!("pictures of {}x{} and {}x{}", first.width, first.height, m.width, m.height),
+                format!(
+                    "pictures of {}x{} and {}x{}",
+                    first.width, first.height, m.width, m.height
+                ),
                 "one size, there is one place for it",
             ));
         }
@@ -335,10 +361,14 @@ pub(crate) fn write(set: &CameraSet) -> Result<Written, WriteError> {
         body.push_str(&matrix(k, 3, &m.k_matrix()));
         body.push_str(&matrix(d, 1, &coefficients));
     }
-    text.push_str(&format!("fisheye_model: {}\n", u8::from(fisheye == Some(true))));
+    text.push_str(&format!(
+        "fisheye_model: {}\n",
+        u8::from(fisheye == Some(true))
+    ));
     text.push_str(&body);
-    if let [_, right] = &set.cameras[..] {
-        let right_from_left = placed(right, Format::OpenCv)?;
+    if let [_, right] = &set.cameras[..]
+        && let Some(right_from_left) = right.camera_from_first
+    {
         text.push_str(&matrix("R", 3, &right_from_left.rotation_rows()));
         text.push_str(&matrix("T", 3, &right_from_left.translation_m()));
     }

@@ -12,7 +12,8 @@ use crate::stereo::{Format, StereoCalibration};
 use crate::text::Source;
 use crate::tree::{At, json, yaml};
 use crate::{
-    basalt, colmap, euroc, kalibr, kitti, middlebury, nerfstudio, opencv, pair, ros, rosys, zed_conf,
+    basalt, colmap, euroc, kalibr, kitti, middlebury, nerfstudio, opencv, pair, ros, rosys,
+    zed_conf,
 };
 
 const EXPECTED: &str = "a ZED SNnnnn.conf, an ASL folder with cam0/sensor.yaml and cam1/sensor.yaml, a KITTI \
@@ -124,9 +125,8 @@ fn of_format(
         path: path.to_owned(),
         found: found.to_owned(),
     };
-    let pair = |(stereo, notes): (StereoCalibration, Vec<Note>)| {
-        (CameraSet::of_stereo(&stereo), notes)
-    };
+    let pair =
+        |(stereo, notes): (StereoCalibration, Vec<Note>)| (CameraSet::of_stereo(&stereo), notes);
     let (set, notes) = match format {
         Format::ZedConf => {
             let Some([width, height]) = size else {
@@ -165,14 +165,17 @@ fn of_format(
             path: path.to_owned(),
             width,
             height,
-            found: format!("{}x{} ({})", other.model.width, other.model.height, other.name),
+            found: format!(
+                "{}x{} ({})",
+                other.model.width, other.model.height, other.name
+            ),
         });
     }
     Ok((set, notes))
 }
 
 /// Files by which a folder is known.
-const IN_FOLDER: [(Format, &str); 12] = [
+const IN_FOLDER: [(Format, &str); 13] = [
     (Format::Kitti, "calib.txt"),
     (Format::Pair, "K.txt"),
     (Format::Kalibr, "camchain-imucam.yaml"),
@@ -184,6 +187,7 @@ const IN_FOLDER: [(Format, &str); 12] = [
     (Format::ColmapBin, "cameras.bin"),
     (Format::Nerfstudio, "transforms.json"),
     (Format::Ros, "left.yaml"),
+    (Format::Ros, "camera.yaml"),
     (Format::Rosys, "cameras.json"),
 ];
 
@@ -382,18 +386,38 @@ mod tests {
         check("bare.txt", "1 0 0 0 0 1 0 0 0 0 1 0", Format::Kitti);
         check("K.txt", "1 0 0 0 1 0 0 0 1\n0.1\n", Format::Pair);
         check("cam0/sensor.yaml", "", Format::Euroc);
-        check("m.txt", "cam0=[999.421 0 294.182; 0 1 2; 0 0 1]\n", Format::Middlebury);
+        check(
+            "m.txt",
+            "cam0=[999.421 0 294.182; 0 1 2; 0 0 1]\n",
+            Format::Middlebury,
+        );
         check("chain.yaml", "cam0: {camera_model: ds}\n", Format::Kalibr);
-        check("b.json", "{\"value0\": {\"T_imu_cam\": []}}", Format::Basalt);
-        check("cv.yml", "%YAML:1.0\n---\nM1: !!opencv-matrix\n   rows: 3\n", Format::OpenCv);
+        check(
+            "b.json",
+            "{\"value0\": {\"T_imu_cam\": []}}",
+            Format::Basalt,
+        );
+        check(
+            "cv.yml",
+            "%YAML:1.0\n---\nM1: !!opencv-matrix\n   rows: 3\n",
+            Format::OpenCv,
+        );
         check("mono.yml", "camera_matrix: [1]\n", Format::OpenCv);
         check(
             "zed_left.yaml",
             "camera_matrix: [1]\ndistortion_model: radtan\n",
             Format::Ros,
         );
-        check("c.txt", "# Camera list\n1 PINHOLE 640 480 1 1 1 1\n", Format::Colmap);
-        check("t.json", "{\"fl_x\": 1, \"frames\": []}", Format::Nerfstudio);
+        check(
+            "c.txt",
+            "# Camera list\n1 PINHOLE 640 480 1 1 1 1\n",
+            Format::Colmap,
+        );
+        check(
+            "t.json",
+            "{\"fl_x\": 1, \"frames\": []}",
+            Format::Nerfstudio,
+        );
         check("r.json", "{\"cameras\": {}}", Format::Rosys);
         for (name, text, expected) in [
             ("x.txt", "hello world\n", "starts with \"hello world\""),

@@ -66,7 +66,9 @@ pub enum RectifyError {
     #[error("rectifying: the two pictures have no part in common on the rectified plane")]
     NothingInCommon,
     /// Not a size or a focal length.
-    #[error("rectifying: found a size of {width}x{height} and a focal length of {focal}, expected both above 0")]
+    #[error(
+        "rectifying: found a size of {width}x{height} and a focal length of {focal}, expected both above 0"
+    )]
     Impossible {
         /// Width asked for, pixels.
         width: u32,
@@ -119,9 +121,7 @@ impl Rectification {
         let (centre, focal) = match view {
             View::All => rectification.all(),
             View::Filled => rectification.filled(),
-            View::Focal(focal) => rectification
-                .middle()
-                .map(|centre| (centre, focal)),
+            View::Focal(focal) => rectification.middle().map(|centre| (centre, focal)),
         }
         .ok_or(RectifyError::NothingInCommon)?;
         if width < 2 || height < 2 || !(focal > 0.0 && focal.is_finite()) {

@@ -142,8 +142,9 @@ fn file(path: &Path, notes: &mut Vec<Note>) -> Result<File, CalibError> {
     let rectified_from_camera = match root.find("rectification_matrix") {
         Some(at) => {
             let at = data(&at, Some([3, 3]))?;
-            RigidTransform::from_rotation_rows(at.numbers()?, [0.0; 3])
-                .map_err(|error| at.wrong_because(&format!("a matrix where {error}"), "a rotation"))?
+            RigidTransform::from_rotation_rows(at.numbers()?, [0.0; 3]).map_err(|error| {
+                at.wrong_because(&format!("a matrix where {error}"), "a rotation")
+            })?
         }
         None => RigidTransform::identity(),
     };
@@ -183,48 +184,73 @@ pub(crate) fn write(set: &CameraSet) -> Result<Written, WriteError> {
     let identity = RigidTransform::identity();
     if let [camera] = &set.cameras[..] {
         let m = &camera.model;
-        let p = [m.fx, 0.0, m.cx, 0.0, 0.0, m.fy, m.cy, 0.0, 0.0, 0.0, 1.0, 0.0];
+        let p = [
+            m.fx, 0.0, m.cx, 0.0, 0.0, m.fy, m.cy, 0.0, 0.0, 0.0, 1.0, 0.0,
+        ];
         let text = text(camera, &camera.name, &identity, p)?;
         return Ok(Written::file("camera.yaml", text));
     }
-    let pair = stereo(set, Format::Ros)?;
-    // Of a pair that is rectified as delivered the new camera is the old one.
-    let (rotations, projections) = if pair.is_rectified() {
-        let p = |m: &CameraModel, x: f64| {
-            [m.fx, 0.0, m.cx, m.fx * x, 0.0, m.fy, m.cy, 0.0, 0.0, 0.0, 1.0, 0.0]
+    let files = |cameras: [&NamedCamera; 2],
+                 rotations: [RigidTransform; 2],
+                 projections: [[f64; 12]; 2]| {
+        let file = |i: usize, name: &str| {
+            let text = text(cameras[i], name, &rotations[i], projections[i])?;
+            Ok((format!("{name}.yaml"), text.into_bytes()))
         };
-        let [x, _, _] = pair.right_from_left.translation_m();
-        ([identity; 2], [p(&pair.left, 0.0), p(&pair.right, x)])
-    } else {
-        let rectified =
-            Rectification::new(&pair, View::Filled).map_err(|error| WriteError::Refused {
-                format: Format::Ros.name(),
-                found: error.to_string(),
-                expected: "a pair that can be rectified, the format holds its placement only so".to_owned(),
-            })?;
-        (
-            [rectified.rectified_from_left, rectified.rectified_from_right],
-            [rectified.left_projection(), rectified.right_projection()],
-        )
+        Ok(Written {
+            files: vec![file(0, "left")?, file(1, "right")?],
+            notes: Vec::new(),
+        })
     };
+    let own = |m: &CameraModel, x: f64| {
+        [
+            m.fx,
+            0.0,
+            m.cx,
+            m.fx * x,
+            0.0,
+            m.fy,
+            m.cy,
+            0.0,
+            0.0,
+            0.0,
+            1.0,
+            0.0,
+        ]
+    };
+    if let [left, right] = &set.cameras[..]
+        && right.camera_from_first.is_none()
+    {
+        let projections = [own(&left.model, 0.0), own(&right.model, 0.0)];
+        return files([left, right], [identity; 2], projections);
+    }
+    let pair = stereo(set, Format::Ros)?;
     let [left, right] = if set.cameras[0].model == pair.left {
         [&set.cameras[0], &set.cameras[1]]
     } else {
         [&set.cameras[1], &set.cameras[0]]
     };
-    Ok(Written {
-        files: vec![
-            (
-                "left.yaml".to_owned(),
-                text(left, "left", &rotations[0], projections[0])?.into_bytes(),
-            ),
-            (
-                "right.yaml".to_owned(),
-                text(right, "right", &rotations[1], projections[1])?.into_bytes(),
-            ),
+    // Of a pair that is rectified as delivered the new camera is the old one.
+    if pair.is_rectified() {
+        let [x, _, _] = pair.right_from_left.translation_m();
+        let projections = [own(&pair.left, 0.0), own(&pair.right, x)];
+        return files([left, right], [identity; 2], projections);
+    }
+    let rectified =
+        Rectification::new(&pair, View::Filled).map_err(|error| WriteError::Refused {
+            format: Format::Ros.name(),
+            found: error.to_string(),
+            expected: "a pair that can be rectified, the format holds its placement only so"
+                .to_owned(),
+        })?;
+    files(
+        [left, right],
+        [
+            rectified.rectified_from_left,
+            rectified.rectified_from_right,
         ],
-        notes: Vec::new(),
-    })
+        [rectified.left_projection(), rectified.right_projection()],
+    )
 }
 
 fn text(

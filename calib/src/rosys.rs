@@ -97,8 +97,10 @@ fn place(at: &At<'_>) -> Result<(String, RigidTransform), CalibError> {
     let number = |key: &str| at.get(key)?.number();
     let metres = [number("x")?, number("y")?, number("z")?];
     let rotation = at.get("rotation.R")?;
-    let transform = RigidTransform::from_rotation_rows(rotation.numbers()?, metres)
-        .map_err(|error| rotation.wrong_because(&format!("a matrix where {error}"), "a rotation"))?;
+    let transform =
+        RigidTransform::from_rotation_rows(rotation.numbers()?, metres).map_err(|error| {
+            rotation.wrong_because(&format!("a matrix where {error}"), "a rotation")
+        })?;
     let frame = match at.find("_frame_id") {
         Some(frame) => frame.text()?.to_owned(),
         None => String::new(),

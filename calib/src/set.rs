@@ -277,9 +277,15 @@ mod tests {
         let error = |result: Result<(StereoCalibration, Vec<Note>), CalibError>| {
             result.unwrap_err().to_string()
         };
-        assert!(error(three.stereo(Some(["cam1", "cam9"]), path)).contains("camera cam9 is missing"));
-        assert!(error(three.stereo(Some(["cam1", "cam0"]), path)).contains("left and right swapped"));
-        assert!(error(set(&["a"], &[0.0]).stereo(None, path)).contains("a second camera is missing"));
+        assert!(
+            error(three.stereo(Some(["cam1", "cam9"]), path)).contains("camera cam9 is missing")
+        );
+        assert!(
+            error(three.stereo(Some(["cam1", "cam0"]), path)).contains("left and right swapped")
+        );
+        assert!(
+            error(set(&["a"], &[0.0]).stereo(None, path)).contains("a second camera is missing")
+        );
         let mut unplaced = three.clone();
         unplaced.cameras[1].camera_from_first = None;
         assert!(error(unplaced.stereo(None, path)).contains("the place of camera cam1 is missing"));

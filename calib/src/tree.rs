@@ -64,7 +64,6 @@ impl<'a> At<'a> {
         }
     }
 
-    #[cfg(test)]
     pub(crate) fn line(&self) -> usize {
         self.node.line
     }

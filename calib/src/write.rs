@@ -10,13 +10,14 @@ use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use crate::convert::{LensModel, exactly};
 use crate::camera::Distortion;
+use crate::convert::{LensModel, exactly};
 use crate::error::Note;
 use crate::set::{CameraSet, NamedCamera};
 use crate::stereo::{Format, StereoCalibration};
 use crate::{
-    basalt, colmap, euroc, kalibr, kitti, middlebury, nerfstudio, opencv, pair, ros, rosys, zed_conf,
+    basalt, colmap, euroc, kalibr, kitti, middlebury, nerfstudio, opencv, pair, ros, rosys,
+    zed_conf,
 };
 
 /// Why a calibration was not written.
@@ -220,7 +221,10 @@ fn left_out(imu: &crate::set::SetImu, format: Format) -> Option<Note> {
         ("rate", imu.rate_hz.is_some()),
         ("noise", imu.noise.is_some()),
         ("time offset", imu.time_offset_s.is_some_and(|t| t != 0.0)),
-        ("biases", imu.gyro_bias.is_some() || imu.accel_bias.is_some()),
+        (
+            "biases",
+            imu.gyro_bias.is_some() || imu.accel_bias.is_some(),
+        ),
     ];
     let lost: Vec<&str> = there
         .into_iter()

@@ -46,18 +46,41 @@ fn traps() {
         assert!(good.contains(from), "{from}");
         let path = folder.file("calibration.json", &good.replacen(from, to, 1));
         let error = read(&path).unwrap_err().to_string();
-        assert!(error.contains(expected), "found {error:?}, expected {expected:?}");
+        assert!(
+            error.contains(expected),
+            "found {error:?}, expected {expected:?}"
+        );
         assert!(error.ends_with("calibration.json"), "{error}");
     };
-    check("\"ucm\"", "\"fov\"", "found \"fov\", expected value0.intrinsics[0].camera_type to be ds or");
-    check("\"alpha\"", "\"beta\"", "value0.intrinsics[0].intrinsics.alpha is missing");
+    check(
+        "\"ucm\"",
+        "\"fov\"",
+        "found \"fov\", expected value0.intrinsics[0].camera_type to be ds or",
+    );
+    check(
+        "\"alpha\"",
+        "\"beta\"",
+        "value0.intrinsics[0].intrinsics.alpha is missing",
+    );
     check("0.05", "0,05", "is there a decimal comma?");
     check("0.05", "NaN", "line 3: found");
     check("0.05", "50.0", "the IMU is 50 m from the first camera");
     check("0.7071067811865476", "0.9", "value0.T_imu_cam[0]");
-    check("[[640, 480]]", "[]", "0 elements, expected one for each of the 1 in T_imu_cam");
-    check("\"fx\": 300", "\"fx\": \"wide\"", "expected a finite number as value0.intrinsics[0].intrinsics.fx");
-    check("200", "-200", "expected a number above 0 as value0.imu_update_rate");
+    check(
+        "[[640, 480]]",
+        "[]",
+        "0 elements, expected one for each of the 1 in T_imu_cam",
+    );
+    check(
+        "\"fx\": 300",
+        "\"fx\": \"wide\"",
+        "expected a finite number as value0.intrinsics[0].intrinsics.fx",
+    );
+    check(
+        "200",
+        "-200",
+        "expected a number above 0 as value0.imu_update_rate",
+    );
 }
 
 #[test]
@@ -67,10 +90,17 @@ fn the_real_files() {
     };
     let (set, notes) = read(&path).unwrap();
     let m = &set.cameras[1].model;
-    assert_eq!((m.fx, m.cy, m.width, m.height), (361.6713883800533, 255.9772968522045, 752, 480));
+    assert_eq!(
+        (m.fx, m.cy, m.width, m.height),
+        (361.6713883800533, 255.9772968522045, 752, 480)
+    );
     let (stereo, _) = set.stereo(None, &path).unwrap();
     // EuRoC's own calibration of the same pair.
-    assert!((stereo.baseline_m() - 0.110_074).abs() < 5e-4, "{}", stereo.baseline_m());
+    assert!(
+        (stereo.baseline_m() - 0.110_074).abs() < 5e-4,
+        "{}",
+        stereo.baseline_m()
+    );
     assert!(notes.iter().any(|n| n.0.contains("vignetting")));
     assert_eq!(stereo.imu.unwrap().rate_hz, 200.0);
 }

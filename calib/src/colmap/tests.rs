@@ -20,8 +20,14 @@ fn half_a_pixel_lies_between_the_conventions() {
     assert!(notes[0].0.contains("no rigs.txt"), "{notes:?}");
     let written = write(&set, Form::Text).unwrap();
     let text = String::from_utf8(written.files[0].1.clone()).unwrap();
-    assert!(text.contains("1 RADIAL 640 480 500.0 320.0 240.0 -0.1 0.0\n"), "{text}");
-    assert!(text.contains("2 OPENCV 640 480 500.0 501.0 321.5 241.5 0.1 "), "{text}");
+    assert!(
+        text.contains("1 RADIAL 640 480 500.0 320.0 240.0 -0.1 0.0\n"),
+        "{text}"
+    );
+    assert!(
+        text.contains("2 OPENCV 640 480 500.0 501.0 321.5 241.5 0.1 "),
+        "{text}"
+    );
 }
 
 #[test]
@@ -35,13 +41,19 @@ fn a_rig_places_its_cameras() {
     );
     let (set, _) = read(&path).unwrap();
     let place = |i: usize| set.cameras[i].camera_from_first.map(|t| t.translation_m());
-    assert_eq!((place(0), place(1), place(2)), (Some([0.0; 3]), Some([-0.1, 0.0, 0.0]), None));
+    assert_eq!(
+        (place(0), place(1), place(2)),
+        (Some([0.0; 3]), Some([-0.1, 0.0, 0.0]), None)
+    );
     folder.file("rigs.txt", "2 2 CAMERA 3 CAMERA 1 1 1 0 0\n");
     let error = read(&path).unwrap_err().to_string();
     assert!(error.contains("expected QZ before the end"), "{error}");
     folder.file("rigs.txt", "2 2 CAMERA 3 CAMERA 1 1 0.9 0 0 0 0 0 0\n");
     let error = read(&path).unwrap_err().to_string();
-    assert!(error.contains("a pose of sensor 1 where the quaternion's norm"), "{error}");
+    assert!(
+        error.contains("a pose of sensor 1 where the quaternion's norm"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -63,7 +75,12 @@ fn text_and_binary_hold_the_same() {
         assert!(read(&path).is_err(), "{end} bytes");
     }
     std::fs::write(&path, [&bytes[..], &[0]].concat()).unwrap();
-    assert!(read(&path).unwrap_err().to_string().contains("1 bytes behind the last"));
+    assert!(
+        read(&path)
+            .unwrap_err()
+            .to_string()
+            .contains("1 bytes behind the last")
+    );
     std::fs::write(&path, [0xff; 80]).unwrap();
     assert!(read(&path).is_err());
 }
@@ -72,16 +89,33 @@ fn text_and_binary_hold_the_same() {
 fn traps() {
     let folder = Folder::new();
     for (text, expected) in [
-        ("1 FOV 640 480 1 1 1 1 1\n", "line 1: found \"FOV\", expected one of SIMPLE_PINHOLE"),
-        ("1 PINHOLE 640 480 500 500 320\n", "3 parameters, expected 4 of PINHOLE"),
-        ("1 PINHOLE 640 480 500 500 320,5 240\n", "expected a decimal point"),
-        ("1 PINHOLE 640 480 nan 500 320 240\n", "expected a finite number"),
+        (
+            "1 FOV 640 480 1 1 1 1 1\n",
+            "line 1: found \"FOV\", expected one of SIMPLE_PINHOLE",
+        ),
+        (
+            "1 PINHOLE 640 480 500 500 320\n",
+            "3 parameters, expected 4 of PINHOLE",
+        ),
+        (
+            "1 PINHOLE 640 480 500 500 320,5 240\n",
+            "expected a decimal point",
+        ),
+        (
+            "1 PINHOLE 640 480 nan 500 320 240\n",
+            "expected a finite number",
+        ),
         ("1 PINHOLE 640\n", "expected CAMERA_ID MODEL WIDTH HEIGHT"),
         ("1 PINHOLE 64.0 480 1 1 1 1\n", "expected a whole number"),
         ("1 PINHOLE 9 9 1 1 1 1\n1 PINHOLE 9 9 1 1 1 1\n", "line 2"),
         ("# nothing\n", "a camera is missing"),
     ] {
-        let error = read(&folder.file("cameras.txt", text)).unwrap_err().to_string();
-        assert!(error.contains(expected), "found {error:?}, expected {expected:?}");
+        let error = read(&folder.file("cameras.txt", text))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains(expected),
+            "found {error:?}, expected {expected:?}"
+        );
     }
 }

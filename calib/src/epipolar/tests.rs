@@ -167,7 +167,10 @@ fn the_sign_is_that_of_the_right_row() {
     let rows = row_difference(&rectified, [700.0, 300.0], [650.0, 302.0]).unwrap();
     let scale = Epipolar::new(&rectified).unwrap().focal_px() / rectified.left.fy;
     assert!((rows - 2.0 * scale).abs() < 1e-9, "{rows}");
-    assert_eq!(row_difference(&rectified, [f64::NAN, 0.0], [0.0, 0.0]), None);
+    assert_eq!(
+        row_difference(&rectified, [f64::NAN, 0.0], [0.0, 0.0]),
+        None
+    );
     let mut above = rectified;
     above.right_from_left = RigidTransform::from_translation_m([0.0, -0.06, 0.0]).unwrap();
     assert_eq!(row_difference(&above, [700.0, 300.0], [650.0, 302.0]), None);

@@ -230,12 +230,7 @@ fn traps() {
         "cam1 is 100.05 m from the first camera",
     );
     let far = IMU.replace("0.02", "20");
-    check(
-        LEFT.to_owned(),
-        &right,
-        Some(&far),
-        "the IMU is 20.00",
-    );
+    check(LEFT.to_owned(), &right, Some(&far), "the IMU is 20.00");
     check(
         LEFT.to_owned(),
         &right,

@@ -65,7 +65,10 @@ fn a_chain_with_its_imu() {
     ));
     // T_cn_cnm1 takes cam0's points to cam1: a point on cam0's axis lies to the left in cam1.
     let (stereo, _) = set.stereo(None, &path).unwrap();
-    assert_eq!(stereo.right_from_left.apply([0.0, 0.0, 2.0]), [-0.11, 0.0, 2.0]);
+    assert_eq!(
+        stereo.right_from_left.apply([0.0, 0.0, 2.0]),
+        [-0.11, 0.0, 2.0]
+    );
     let imu = set.imu.unwrap();
     // T_cam_imu takes the IMU's points to the camera: its x axis looks along the optical axis.
     let in_imu = imu.imu_from_first.rotate([0.0, 0.0, 1.0]);
@@ -74,7 +77,12 @@ fn a_chain_with_its_imu() {
     assert_eq!(imu.rate_hz, Some(200.0));
     assert_eq!(imu.noise.unwrap().gyro_random_walk, 2.2e-06);
     assert_eq!(set.provenance.files.len(), 2);
-    assert!(notes.iter().any(|n| n.0.contains("timeshift_cam_imu is 0.0053")), "{notes:?}");
+    assert!(
+        notes
+            .iter()
+            .any(|n| n.0.contains("timeshift_cam_imu is 0.0053")),
+        "{notes:?}"
+    );
     assert!(stereo.imu.is_some());
 }
 
@@ -105,17 +113,48 @@ fn traps() {
         assert!(CHAIN.contains(from), "{from}");
         let path = folder.file("camchain.yaml", &CHAIN.replacen(from, to, 1));
         let error = read(&path).unwrap_err().to_string();
-        assert!(error.contains(expected), "found {error:?}, expected {expected:?}");
+        assert!(
+            error.contains(expected),
+            "found {error:?}, expected {expected:?}"
+        );
         assert!(error.ends_with("camchain.yaml"), "{error}");
     };
-    check("461.487246372674,", "461,487,", "line 12: found 5 numbers (were decimal commas");
-    check("camera_model: pinhole", "camera_model: pinhole8", "expected cam0.camera_model to be");
+    check(
+        "461.487246372674,",
+        "461,487,",
+        "line 12: found 5 numbers (were decimal commas",
+    );
+    check(
+        "camera_model: pinhole",
+        "camera_model: pinhole8",
+        "expected cam0.camera_model to be",
+    );
     check("radtan", "fov", "the FOV model is not read");
-    check("  resolution: [752, 480]\n", "", "cam0.resolution is missing, found T_cam_imu");
-    check("[1.0, 0.0, 0.0, -0.03]", "[-1.0, 0.0, 0.0, -0.03]", "line 3: found a matrix where");
-    check("-0.11", "-110", "cam1 is 110 m from the first camera, expected at most 10: not in metres?");
-    check("0.0002", ".nan", "expected a finite number as cam0.distortion_coeffs[3]");
-    check("752, 480", "752, 48.5", "expected a whole number of pixels above 0");
+    check(
+        "  resolution: [752, 480]\n",
+        "",
+        "cam0.resolution is missing, found T_cam_imu",
+    );
+    check(
+        "[1.0, 0.0, 0.0, -0.03]",
+        "[-1.0, 0.0, 0.0, -0.03]",
+        "line 3: found a matrix where",
+    );
+    check(
+        "-0.11",
+        "-110",
+        "cam1 is 110 m from the first camera, expected at most 10: not in metres?",
+    );
+    check(
+        "0.00019368128471670667",
+        ".nan",
+        "expected a finite number as cam0.distortion_coeffs[3]",
+    );
+    check(
+        "752, 480",
+        "752, 48.5",
+        "expected a whole number of pixels above 0",
+    );
     check("cam0:", "cam5:", "cam0 is missing");
     let omni = "cam0: {camera_model: omni, intrinsics: [1, 2, 3, 4, 5], distortion_model: radtan, \
                 distortion_coeffs: [1, 0, 0, 0], resolution: [9, 9]}\n";
@@ -134,6 +173,9 @@ fn the_real_noise_files() {
         let imu = read_imu(&path).unwrap();
         assert_eq!((imu.rate_hz, imu.noise.gyro_noise_density), (rate_hz, gyro));
         let folder = Folder::new();
-        assert_eq!(read_imu(&folder.file("imu.yaml", &imu_text(&imu))).unwrap(), imu);
+        assert_eq!(
+            read_imu(&folder.file("imu.yaml", &imu_text(&imu))).unwrap(),
+            imu
+        );
     }
 }

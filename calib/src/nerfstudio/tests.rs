@@ -11,7 +11,14 @@ fn axes_and_half_pixels() {
     let (set, _) = read(&path).unwrap();
     let m = &set.cameras[0].model;
     assert_eq!((m.fx, m.fy, m.cx, m.cy), (500.0, 500.0, 319.5, 239.5));
-    assert!(matches!(m.distortion, Distortion::RadTan5 { k1: 0.1, k3: 0.01, .. }));
+    assert!(matches!(
+        m.distortion,
+        Distortion::RadTan5 {
+            k1: 0.1,
+            k3: 0.01,
+            ..
+        }
+    ));
     let pose = &poses(&path).unwrap()[0];
     assert_eq!(pose.file_path, "a.png");
     // This camera looks along OpenGL's -z, which the matrix takes to the world's +y, and its y (up) to
@@ -54,8 +61,14 @@ fn the_fox() {
     };
     let (set, _) = read(&path).unwrap();
     let m = &set.cameras[0].model;
-    assert_eq!((m.fx, m.fy, m.cx, m.cy), (1375.52, 1374.49, 554.058, 964.768));
-    assert!(matches!(m.distortion, Distortion::RadTan4 { k1: 0.0578421, .. }));
+    assert_eq!(
+        (m.fx, m.fy, m.cx, m.cy),
+        (1375.52, 1374.49, 554.058, 964.768)
+    );
+    assert!(matches!(
+        m.distortion,
+        Distortion::RadTan4 { k1: 0.0578421, .. }
+    ));
     let poses = poses(&path).unwrap();
     assert_eq!(poses.len(), 67);
     // Pictures taken around one thing look towards each other's middle.
@@ -73,5 +86,9 @@ fn the_fox() {
         (0..3).for_each(|i| mean[i] += a[i] / 67.0);
     }
     // Nobody photographs with the camera on its head: down in the picture is down in the world.
-    assert!(poses.iter().all(|p| p.world_from_camera.rotate([0.0, 1.0, 0.0])[2] < 0.0));
+    assert!(
+        poses
+            .iter()
+            .all(|p| p.world_from_camera.rotate([0.0, 1.0, 0.0])[2] < 0.0)
+    );
 }

@@ -49,17 +49,31 @@ fn the_files_of_the_samples() {
     let folder = Folder::new();
     let path = folder.file("intrinsics.yml", PAIR);
     let (set, notes) = read(&path, None).unwrap();
-    assert!(notes.iter().any(|n| n.0.contains("no R and T")), "{notes:?}");
+    assert!(
+        notes.iter().any(|n| n.0.contains("no R and T")),
+        "{notes:?}"
+    );
     assert_eq!(set.cameras[1].camera_from_first, None);
     folder.file("extrinsics.yml", EXTRINSICS);
     let (set, notes) = read(&path, None).unwrap();
     assert!(notes.is_empty(), "{notes:?}");
     let left = &set.cameras[0].model;
-    assert_eq!((left.fx, left.cx, left.width), (535.91573396163199, 342.28315473308373, 640));
+    assert_eq!(
+        (left.fx, left.cx, left.width),
+        (535.91573396163199, 342.28315473308373, 640)
+    );
     let Distortion::Rational8 { k1, p1, k3, k6, .. } = left.distortion else {
         panic!("{left:?}");
     };
-    assert_eq!((k1, p1, k3, k6), (-0.26637260909660682, 0.0017831947042852964, 0.23839153080878486, 0.0));
+    assert_eq!(
+        (k1, p1, k3, k6),
+        (
+            -0.26637260909660682,
+            0.0017831947042852964,
+            0.23839153080878486,
+            0.0
+        )
+    );
     assert_eq!(set.cameras[1].model.distortion, Distortion::None);
     let right = set.cameras[1].camera_from_first.unwrap();
     assert_eq!(right.translation_m(), [-0.063, 0.001, 0.0]);
@@ -75,14 +89,23 @@ fn four_coefficients_mean_what_the_file_says() {
     let check = |more: &str, fisheye: bool, noted: bool| {
         let path = folder.file("mono.yml", &format!("{MONO}{more}"));
         let (set, notes) = read(&path, Some([640, 480])).unwrap();
-        let is = matches!(set.cameras[0].model.distortion, Distortion::KannalaBrandt4 { .. });
-        assert_eq!((is, !notes.is_empty()), (fisheye, noted), "{more}: {notes:?}");
+        let is = matches!(
+            set.cameras[0].model.distortion,
+            Distortion::KannalaBrandt4 { .. }
+        );
+        assert_eq!(
+            (is, !notes.is_empty()),
+            (fisheye, noted),
+            "{more}: {notes:?}"
+        );
     };
     check("", false, true);
     check("fisheye_model: 0\n", false, false);
     check("fisheye_model: 1\n", true, false);
     check("distortion_model: equidistant\n", true, false);
-    let error = read(&folder.file("mono.yml", MONO), None).unwrap_err().to_string();
+    let error = read(&folder.file("mono.yml", MONO), None)
+        .unwrap_err()
+        .to_string();
     assert!(error.contains("no image_width and image_height"), "{error}");
 }
 
@@ -93,15 +116,41 @@ fn traps() {
         assert!(MONO.contains(from), "{from}");
         let path = folder.file("mono.yml", &MONO.replacen(from, to, 1));
         let error = read(&path, Some([640, 480])).unwrap_err().to_string();
-        assert!(error.contains(expected), "found {error:?}, expected {expected:?}");
+        assert!(
+            error.contains(expected),
+            "found {error:?}, expected {expected:?}"
+        );
     };
-    check("rows: 3", "rows: 2", "2 rows and 3 columns, expected 3 rows and 3 columns as camera_matrix");
+    check(
+        "rows: 3",
+        "rows: 2",
+        "2 rows and 3 columns, expected 3 rows and 3 columns as camera_matrix",
+    );
     check("500., 0., ", "500., 2., ", "the form fx 0 cx 0 fy cy 0 0 1");
-    check("0.4 ]", "0.4, 0.5, 0.6 ]", "6 coefficients, expected 2, 4, 5, 8, 12 or 14");
-    check("0.3", ".Nan", "expected a finite number as distortion_coefficients.data[2]");
-    check("320.", "3200.", "principal point (3200, 240) outside the picture");
-    check("distortion_coefficients", "distortion", "distortion_coefficients is missing");
-    let both = format!("{PAIR}{}", EXTRINSICS.trim_start_matches("%YAML:1.0\n---\n"));
+    check(
+        "0.4 ]",
+        "0.4, 0.5, 0.6 ]",
+        "6 coefficients, expected 2, 4, 5, 8, 12 or 14",
+    );
+    check(
+        "0.3",
+        ".Nan",
+        "expected a finite number as distortion_coefficients.data[2]",
+    );
+    check(
+        "320.",
+        "3200.",
+        "principal point (3200, 240) outside the picture",
+    );
+    check(
+        "distortion_coefficients",
+        "distortion",
+        "distortion_coefficients is missing",
+    );
+    let both = format!(
+        "{PAIR}{}",
+        EXTRINSICS.trim_start_matches("%YAML:1.0\n---\n")
+    );
     let path = folder.file("both.yml", &both.replace("-6.3e-02", "-63."));
     let error = read(&path, None).unwrap_err().to_string();
     assert!(error.contains("right is 63.0"), "{error}");
@@ -109,7 +158,13 @@ fn traps() {
     let (set, _) = read(&path, None).unwrap();
     let error = set.stereo(None, &path).unwrap_err().to_string();
     assert!(error.contains("left and right swapped"), "{error}");
-    let path = folder.file("thin.yml", &PAIR.replace("0., 0., 0., 0., 0., 0., 0., 0., 0. ]", "0., 0., 0., 0., 0., 0., 0., 0., 0.1 ]"));
+    let path = folder.file(
+        "thin.yml",
+        &PAIR.replace(
+            "0., 0., 0., 0., 0., 0., 0., 0., 0. ]",
+            "0., 0., 0., 0., 0., 0., 0., 0., 0.1 ]",
+        ),
+    );
     let error = read(&path, None).unwrap_err().to_string();
     assert!(error.contains("thin prism or tilt terms in 14"), "{error}");
 }

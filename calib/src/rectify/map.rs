@@ -84,7 +84,11 @@ impl Map {
                     let end = (begin + STEP).min(columns);
                     let span = v * columns + begin..v * columns + end;
                     if *smooth {
-                        fill(&mut map.x[span.clone()], &row.x[tile_x..tile_x + 4], &by_node);
+                        fill(
+                            &mut map.x[span.clone()],
+                            &row.x[tile_x..tile_x + 4],
+                            &by_node,
+                        );
                         fill(&mut map.y[span], &row.y[tile_x..tile_x + 4], &by_node);
                     } else {
                         for (u, i) in (begin..end).zip(span) {
@@ -155,7 +159,8 @@ fn is_smooth(
 
 fn fill(out: &mut [f32], nodes: &[f32], by_node: &[[f32; STEP]; 4]) {
     let [a, b, c, d] = [nodes[0], nodes[1], nodes[2], nodes[3]];
-    let at = |j: usize| a * by_node[0][j] + b * by_node[1][j] + c * by_node[2][j] + d * by_node[3][j];
+    let at =
+        |j: usize| a * by_node[0][j] + b * by_node[1][j] + c * by_node[2][j] + d * by_node[3][j];
     // A whole tile has a length that the compiler knows.
     if let Ok(out) = <&mut [f32; STEP]>::try_from(&mut *out) {
         for (j, out) in out.iter_mut().enumerate() {

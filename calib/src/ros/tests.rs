@@ -41,8 +41,14 @@ fn models_and_traps() {
         let path = folder.file("camera.yaml", &text(name, d, STRAIGHT, 0.0));
         read(&path).map(|(set, _)| set.cameras[0].model.distortion)
     };
-    assert!(matches!(model("plumb_bob", FIVE), Ok(Distortion::RadTan5 { .. })));
-    assert!(matches!(model("plumb_bob", "0, 0, 0, 0, 0"), Ok(Distortion::None)));
+    assert!(matches!(
+        model("plumb_bob", FIVE),
+        Ok(Distortion::RadTan5 { .. })
+    ));
+    assert!(matches!(
+        model("plumb_bob", "0, 0, 0, 0, 0"),
+        Ok(Distortion::None)
+    ));
     assert!(matches!(
         model("rational_polynomial", "1, 2, 3, 4, 5, 6, 7, 8"),
         Ok(Distortion::Rational8 { k6: 8.0, .. })
@@ -51,19 +57,35 @@ fn models_and_traps() {
         model("equidistant", "1, 2, 3, 4"),
         Ok(Distortion::KannalaBrandt4 { k4: 4.0, .. })
     ));
-    assert!(matches!(model("radtan", "1, 2, 3, 4"), Ok(Distortion::RadTan4 { p2: 4.0, .. })));
+    assert!(matches!(
+        model("radtan", "1, 2, 3, 4"),
+        Ok(Distortion::RadTan4 { p2: 4.0, .. })
+    ));
     let error = |name: &str, d: &str| model(name, d).unwrap_err().to_string();
     assert!(error("plumb_bob", "1, 2, 3").contains("3 coefficients, expected 4 or 5 of plumb_bob"));
     assert!(error("brown", FIVE).contains("expected distortion_model to be plumb_bob or"));
     assert!(error("plumb_bob", "1, x, 3, 4, 5").contains("distortion_coefficients.data[1]"));
-    let turned = text("plumb_bob", FIVE, "1., 0., 0., 0., 1., 0., 0., 0., -1.", 0.0);
-    let error = read(&folder.file("camera.yaml", &turned)).unwrap_err().to_string();
-    assert!(error.contains("left-handed") && error.contains("rectification_matrix"), "{error}");
+    let turned = text(
+        "plumb_bob",
+        FIVE,
+        "1., 0., 0., 0., 1., 0., 0., 0., -1.",
+        0.0,
+    );
+    let error = read(&folder.file("camera.yaml", &turned))
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("left-handed") && error.contains("rectification_matrix"),
+        "{error}"
+    );
 
     let left = folder.file("left.yaml", &text("plumb_bob", FIVE, STRAIGHT, 0.0));
     folder.file("right.yaml", &text("plumb_bob", FIVE, STRAIGHT, -25_200.0));
     let error = read(&left).unwrap_err().to_string();
-    assert!(error.contains("right is 63 m from the first camera"), "{error}");
+    assert!(
+        error.contains("right is 63 m from the first camera"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -74,12 +96,23 @@ fn the_real_pair_of_a_zed_2i() {
     let (set, notes) = crate::read_cameras(&path, None).unwrap();
     let (left, right) = (&set.cameras[0].model, &set.cameras[1].model);
     assert_eq!((left.fx, right.fx), (1063.605596325284, 1064.945423674698));
-    assert!(matches!(right.distortion, Distortion::RadTan4 { k1: -0.05652460911455223, .. }));
+    assert!(matches!(
+        right.distortion,
+        Distortion::RadTan4 {
+            k1: -0.05652460911455223,
+            ..
+        }
+    ));
     assert_eq!(set.cameras[1].camera_from_first, None);
     let said = |what: &str| assert!(notes.iter().any(|n| n.0.contains(what)), "{notes:?}");
     said("no baseline");
     // The file says 1280 rows; this camera's mode with 1920 columns has 1080.
     said("is the size right?");
-    let error = crate::read_stereo(&path, 1920, 1280).unwrap_err().to_string();
-    assert!(error.contains("the place of camera right is missing"), "{error}");
+    let error = crate::read_stereo(&path, 1920, 1280)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("the place of camera right is missing"),
+        "{error}"
+    );
 }

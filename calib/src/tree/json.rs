@@ -58,9 +58,10 @@ fn node(source: &Source, text: &str, raw: &str, depth: usize) -> Result<Node, Ca
 fn syntax(source: &Source, text: &str, error: &serde_json::Error) -> CalibError {
     let line = error.line().max(1);
     let content = text.lines().nth(line - 1).unwrap_or_default().trim();
-    let digits_around_comma = content.as_bytes().windows(3).any(|w| {
-        w[0].is_ascii_digit() && w[1] == b',' && w[2].is_ascii_digit()
-    });
+    let digits_around_comma = content
+        .as_bytes()
+        .windows(3)
+        .any(|w| w[0].is_ascii_digit() && w[1] == b',' && w[2].is_ascii_digit());
     let expected = match (error.is_eof(), digits_around_comma) {
         (true, _) => "the rest of the file: it is cut off".to_owned(),
         (_, true) => format!("valid JSON ({error}; is there a decimal comma?)"),
@@ -109,7 +110,8 @@ mod tests {
 
     #[test]
     fn values_know_their_lines_and_keys() {
-        let source = source("\u{feff}{\n \"a\": {\"b\": [1.5,\n  -2e-05, \"x\\n\"]},\n \"n\": null}\n");
+        let source =
+            source("\u{feff}{\n \"a\": {\"b\": [1.5,\n  -2e-05, \"x\\n\"]},\n \"n\": null}\n");
         let tree = parse(&source).unwrap();
         let root = At::root(&source, &tree);
         let items = root.get("a.b").unwrap().items().unwrap();
@@ -123,24 +125,41 @@ mod tests {
             "{error}"
         );
         let error = root.get("a.c").err().unwrap().to_string();
-        assert!(error.contains("a.c is missing, found b (line 2)"), "{error}");
+        assert!(
+            error.contains("a.c is missing, found b (line 2)"),
+            "{error}"
+        );
     }
 
     #[test]
     fn damage_is_named_with_its_line() {
         for (text, expected) in [
-            ("{\n\"a\": 1,5\n}", "line 2: found \"\\\"a\\\": 1,5\", expected valid JSON"),
+            (
+                "{\n\"a\": 1,5\n}",
+                "line 2: found \"\\\"a\\\": 1,5\", expected valid JSON",
+            ),
             ("{\n\"a\": 1,5\n}", "is there a decimal comma?"),
             ("{\"a\": [1, 2", "cut off"),
             ("", "cut off"),
             ("{\"a\": NaN}", "line 1: found"),
-            ("{\"a\": 1,\n \"a\": 2}", "line 2: found \"a\", expected each key once"),
+            (
+                "{\"a\": 1,\n \"a\": 2}",
+                "line 2: found \"a\", expected each key once",
+            ),
         ] {
             let error = parse(&source(text)).unwrap_err().to_string();
-            assert!(error.contains(expected), "found {error:?}, expected {expected:?}");
+            assert!(
+                error.contains(expected),
+                "found {error:?}, expected {expected:?}"
+            );
         }
         let deep = "[".repeat(60) + &"]".repeat(60);
-        assert!(parse(&source(&deep)).unwrap_err().to_string().contains("more than 32"));
+        assert!(
+            parse(&source(&deep))
+                .unwrap_err()
+                .to_string()
+                .contains("more than 32")
+        );
         let deeper = "[".repeat(100_000) + &"]".repeat(100_000);
         assert!(parse(&source(&deeper)).is_err());
     }

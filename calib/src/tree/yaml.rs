@@ -103,7 +103,10 @@ impl<'s> Parser<'s> {
     fn block(&mut self, indent: usize, depth: usize) -> Result<Node, CalibError> {
         let first = self.lines[self.at];
         if depth > DEEPEST {
-            return Err(self.wrong(&first, &format!("at most {DEEPEST} blocks inside each other")));
+            return Err(self.wrong(
+                &first,
+                &format!("at most {DEEPEST} blocks inside each other"),
+            ));
         }
         let value = if is_item(first.text) {
             Value::List(self.sequence(indent, depth)?)
@@ -126,9 +129,7 @@ impl<'s> Parser<'s> {
                 return Err(self.wrong(&line, "the indentation of one of the keys above"));
             }
             let Some((key, rest)) = split_key(line.text) else {
-                return Err(self
-                    .source
-                    .malformed(line.number, line.text, "key: value"));
+                return Err(self.source.malformed(line.number, line.text, "key: value"));
             };
             let value = without_tag(rest);
             let node = if value.is_empty() {
@@ -386,12 +387,9 @@ fn split_key(text: &str) -> Option<(&str, &str)> {
                 .then(|| (&inside[..end], rest.trim()));
         }
     }
-    let at = text
-        .bytes()
-        .enumerate()
-        .position(|(i, b)| {
-            b == b':' && matches!(text.as_bytes().get(i + 1), None | Some(b' ' | b'\t'))
-        })?;
+    let at = text.bytes().enumerate().position(|(i, b)| {
+        b == b':' && matches!(text.as_bytes().get(i + 1), None | Some(b' ' | b'\t'))
+    })?;
     let key = text[..at].trim_end();
     (!key.is_empty() && !key.starts_with(['[', '{'])).then(|| (key, text[at + 1..].trim()))
 }
@@ -408,9 +406,7 @@ fn without_tag(value: &str) -> &str {
 
 fn scalar(text: &str) -> Value {
     for quote in [b'"', b'\''] {
-        if text.as_bytes()[0] == quote
-            && closing_quote(&text[1..], quote) == Some(text.len() - 2)
-        {
+        if text.as_bytes()[0] == quote && closing_quote(&text[1..], quote) == Some(text.len() - 2) {
             return Value::Quoted(unescaped(&text[1..text.len() - 1], quote));
         }
     }

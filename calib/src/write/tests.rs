@@ -119,7 +119,11 @@ fn rectified() -> CameraSet {
 
 fn samples() -> Vec<CameraSet> {
     let mut all: Vec<CameraSet> = LENSES.into_iter().map(pair).collect();
-    all.extend([rectified(), with_imu(pair(LENSES[2])), with_imu(pair(LENSES[6]))]);
+    all.extend([
+        rectified(),
+        with_imu(pair(LENSES[2])),
+        with_imu(pair(LENSES[6])),
+    ]);
     all.extend(LENSES.into_iter().map(|lens| {
         let mut single = pair(lens);
         single.cameras.truncate(1);
@@ -128,9 +132,8 @@ fn samples() -> Vec<CameraSet> {
     let mut three = pair(LENSES[5]);
     let mut third = three.cameras[1].clone();
     third.name = "third".to_owned();
-    third.camera_from_first = Some(
-        RigidTransform::from_rotation_vector([0.1, 1.4, -0.2], [0.2, 0.1, -0.3]).unwrap(),
-    );
+    third.camera_from_first =
+        Some(RigidTransform::from_rotation_vector([0.1, 1.4, -0.2], [0.2, 0.1, -0.3]).unwrap());
     three.cameras.push(third);
     all.push(three);
     all
@@ -194,7 +197,11 @@ fn round_trip(set: &CameraSet, format: Format) -> bool {
         assert_eq!(lens, Some(a.model.distortion), "{}", format.name());
         let (p, q) = (a.model.parameters(), b.model.parameters());
         for (p, q) in p[..4].iter().zip(&q[..4]) {
-            assert!((p - q).abs() <= exact * p.abs(), "{} {p} {q}", format.name());
+            assert!(
+                (p - q).abs() <= exact * p.abs(),
+                "{} {p} {q}",
+                format.name()
+            );
         }
         match (a.camera_from_first, b.camera_from_first) {
             (Some(a), Some(b)) => same_place(&a, &b),
@@ -216,7 +223,10 @@ fn round_trip(set: &CameraSet, format: Format) -> bool {
 
 fn same_place(a: &RigidTransform, b: &RigidTransform) {
     let off = *a * b.inverse();
-    assert!(off.distance_m() < 1e-14 && off.angle_rad() < 1e-7, "{a:?} {b:?}");
+    assert!(
+        off.distance_m() < 1e-14 && off.angle_rad() < 1e-7,
+        "{a:?} {b:?}"
+    );
     for (p, q) in a.rotation_rows().iter().zip(b.rotation_rows()) {
         assert!((p - q).abs() < 1e-14, "{a:?} {b:?}");
     }
@@ -245,14 +255,34 @@ fn every_sample_through_every_format() {
 #[test]
 fn every_shared_file_through_every_format() {
     let files: [(&str, Option<[u32; 2]>, usize); 15] = [
-        ("01_stereo_depth/foundationstereo_demo/K.txt", Some([960, 540]), 2),
-        ("01_stereo_depth/middlebury2014_motorcycle_Q/calib.txt", None, 2),
-        ("02_stereo_odometry_kitti/KITTI_sequence_1/calib.txt", Some([1226, 370]), 2),
+        (
+            "01_stereo_depth/foundationstereo_demo/K.txt",
+            Some([960, 540]),
+            2,
+        ),
+        (
+            "01_stereo_depth/middlebury2014_motorcycle_Q/calib.txt",
+            None,
+            2,
+        ),
+        (
+            "02_stereo_odometry_kitti/KITTI_sequence_1/calib.txt",
+            Some([1226, 370]),
+            2,
+        ),
         ("03_stereo_imu/euroc_V1_01_micro/mav0", None, 2),
         ("06_calibration/basalt_calib/euroc_ds_calib.json", None, 2),
         ("06_calibration/basalt_calib/euroc_eucm_calib.json", None, 2),
-        ("06_calibration/basalt_calib/tumvi_512_ds_calib.json", None, 2),
-        ("06_calibration/basalt_calib/tumvi_512_eucm_calib.json", None, 2),
+        (
+            "06_calibration/basalt_calib/tumvi_512_ds_calib.json",
+            None,
+            2,
+        ),
+        (
+            "06_calibration/basalt_calib/tumvi_512_eucm_calib.json",
+            None,
+            2,
+        ),
         ("06_calibration/grandtour/zed2i/zed_left.yaml", None, 2),
         ("06_calibration/zed/SN10028708.conf", Some([2208, 1242]), 2),
         ("06_calibration/zed/SN10028708.conf", Some([1920, 1080]), 2),
@@ -276,7 +306,11 @@ fn every_shared_file_through_every_format() {
         println!("{}: {}", path.display(), written.join(" "));
         // Its own format is always among them.
         let own = set.provenance.format.unwrap();
-        assert!(written.contains(&own.name()) || own == Format::Ros, "{}", path.display());
+        assert!(
+            written.contains(&own.name()),
+            "{}: {written:?}",
+            path.display()
+        );
         assert!(written.len() >= 4, "{written:?}");
     }
 }
@@ -299,7 +333,12 @@ fn nothing_is_overwritten() {
     let (files, _) = write_cameras(&set, Format::Basalt, &folder.path().join("new.json")).unwrap();
     assert_eq!(files, [folder.path().join("new.json")]);
     let error = write_cameras(&set, Format::Euroc, &folder.path().join("x.yaml")).unwrap_err();
-    assert!(error.to_string().contains("cam0/sensor.yaml and cam1/sensor.yaml"), "{error}");
+    assert!(
+        error
+            .to_string()
+            .contains("cam0/sensor.yaml and cam1/sensor.yaml"),
+        "{error}"
+    );
     let error = write_cameras(&set, Format::Basalt, &folder.path().join("no/where.json"));
     assert!(matches!(error, Err(WriteError::Write { .. })));
     // Nothing half-made is left.
@@ -327,7 +366,8 @@ fn what_a_format_cannot_hold_is_said() {
     assert!(error(&pair(LENSES[6]), Format::Colmap).ends_with("is kannala_brandt4"));
     assert!(error(&pair(LENSES[0]), Format::Pair).contains("rectify it first"));
     let mut swapped = pair(LENSES[3]);
-    swapped.cameras[1].camera_from_first = swapped.cameras[1].camera_from_first.map(|t| t.inverse());
+    swapped.cameras[1].camera_from_first =
+        swapped.cameras[1].camera_from_first.map(|t| t.inverse());
     assert!(error(&swapped, Format::ZedConf).contains("left and right swapped"));
     let mut odd = pair(LENSES[3]);
     odd.cameras[0].model.width = 1000;
@@ -344,53 +384,58 @@ fn what_a_format_cannot_hold_is_said() {
     );
 }
 
-/// Every file that the writers make.
+/// Files of every format as the writers make them.
 fn all_files() -> Vec<(Format, Vec<(String, Vec<u8>)>)> {
     let mut all = Vec::new();
     for format in Format::ALL {
-        for set in [
-            pair(LENSES[3]),
-            pair(LENSES[5]),
-            rectified(),
-            with_imu(pair(LENSES[2])),
-            with_imu(pair(LENSES[7])),
-        ] {
+        for set in [pair(LENSES[5]), rectified(), with_imu(pair(LENSES[2]))] {
             if let Ok(written) = written(&set, format) {
                 all.push((format, written.files));
             }
         }
     }
-    assert!(all.len() > 30);
+    assert!(all.len() > 20);
     all
 }
 
-/// Reads files whose `which`th has other bytes. What comes of it must be possible, or an error that
+/// Reads a file with other bytes, beside sound ones. What comes of it must be possible, or an error that
 /// names a path.
 fn read_changed(folder: &Folder, files: &[(String, Vec<u8>)], which: usize, bytes: &[u8]) {
-    for (i, (name, own)) in files.iter().enumerate() {
-        let path = folder.path().join(name);
-        fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(path, if i == which { bytes } else { own }).unwrap();
-    }
-    let name = &files[0].0;
-    let path = folder.path().join(name);
+    fs::write(folder.path().join(&files[which].0), bytes).unwrap();
+    let path = folder.path().join(&files[0].0);
     match read_cameras(&path, Some([1280, 720])) {
         Ok((set, _)) => {
             assert!(set.checked(&path).is_ok());
         }
         Err(error) => {
             let text = error.to_string();
-            assert!(text.contains(&folder.path().display().to_string()), "{text}");
-            assert!(!matches!(error, CalibError::Malformed { line: 0, .. }), "{text}");
+            assert!(
+                text.contains(&folder.path().display().to_string()),
+                "{text}"
+            );
+            assert!(
+                !matches!(error, CalibError::Malformed { line: 0, .. }),
+                "{text}"
+            );
         }
     }
+}
+
+fn folder_with(files: &[(String, Vec<u8>)]) -> Folder {
+    let folder = Folder::new();
+    for (name, bytes) in files {
+        let path = folder.path().join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, bytes).unwrap();
+    }
+    folder
 }
 
 #[test]
 fn files_cut_anywhere() {
     for (_, files) in all_files() {
-        let folder = Folder::new();
         for (which, (_, bytes)) in files.iter().enumerate() {
+            let folder = folder_with(&files);
             for end in 0..bytes.len() {
                 read_changed(&folder, &files, which, &bytes[..end]);
             }
@@ -409,13 +454,13 @@ fn files_with_random_damage() {
         (state >> 11) as usize % below.max(1)
     };
     let words: [&[u8]; 16] = [
-        b"nan", b"inf", b"1e999", b",", b"-", b"[", b"]", b"{", b"}", b":", b"\n", b"\"", b"  ", b"63", b"0",
-        b"\xff",
+        b"nan", b"inf", b"1e999", b",", b"-", b"[", b"]", b"{", b"}", b":", b"\n", b"\"", b"  ",
+        b"63", b"0", b"\xff",
     ];
     for (_, files) in all_files() {
-        let folder = Folder::new();
         for (which, (_, bytes)) in files.iter().enumerate() {
-            for _ in 0..200 {
+            let folder = folder_with(&files);
+            for _ in 0..150 {
                 let mut changed = bytes.clone();
                 for _ in 0..=random(3) {
                     let at = random(changed.len());
@@ -446,25 +491,26 @@ fn decimal_commas_are_never_taken() {
         if format == Format::ColmapBin {
             continue;
         }
-        let folder = Folder::new();
         for (which, (name, bytes)) in files.iter().enumerate() {
+            let folder = folder_with(&files);
             let text = String::from_utf8(bytes.clone()).unwrap();
             let commas = text
                 .char_indices()
                 .map(|(i, c)| {
                     let digit = |i: usize| text.as_bytes().get(i).is_some_and(u8::is_ascii_digit);
                     // The format's own numbers, not the version in the first line.
-                    match c == '.' && i > 0 && digit(i - 1) && digit(i + 1) && !text[..i].ends_with("YAML:1") {
+                    match c == '.'
+                        && i > 0
+                        && digit(i - 1)
+                        && digit(i + 1)
+                        && !text[..i].ends_with("YAML:1")
+                    {
                         true => ',',
                         false => c,
                     }
                 })
                 .collect::<String>();
-            for (i, (name, own)) in files.iter().enumerate() {
-                let path = folder.path().join(name);
-                fs::create_dir_all(path.parent().unwrap()).unwrap();
-                fs::write(path, if i == which { commas.as_bytes() } else { own }).unwrap();
-            }
+            fs::write(folder.path().join(&files[which].0), commas).unwrap();
             let path = folder.path().join(&files[0].0);
             let error = read_cameras(&path, Some([1280, 720]));
             assert!(error.is_err(), "{} {name}", format.name());

@@ -16,7 +16,10 @@ fn reads_blocks_lists_and_comments() {
     let tree = parse(&source).unwrap();
     let root = At::root(&source, &tree);
     let data = root.get("T_BS.data").unwrap();
-    assert_eq!((data.line(), data.numbers::<4>().unwrap()), (5, [1.5, -2e-05, 3.0, 4.0]));
+    assert_eq!(
+        (data.line(), data.numbers::<4>().unwrap()),
+        (5, [1.5, -2e-05, 3.0, 4.0])
+    );
     assert_eq!(root.get("T_BS.rows").unwrap().number().unwrap(), 2.0);
     assert_eq!(root.get("rate_hz").unwrap().number().unwrap(), 20.0);
     let comment = root.get("comment").unwrap();
@@ -41,7 +44,10 @@ fn reads_what_other_programs_write() {
     assert_eq!(all("cam1.intrinsics"), [1.0, 2.0]);
     let text = |key: &str| root.get(key).unwrap().text().unwrap().to_owned();
     assert_eq!(text("cam0.nested.d.e"), "x, y");
-    assert_eq!((text("topic"), text("url")), ("/cam0/image_raw".to_owned(), "a:b".to_owned()));
+    assert_eq!(
+        (text("topic"), text("url")),
+        ("/cam0/image_raw".to_owned(), "a:b".to_owned())
+    );
     let items = root.get("list").unwrap().items().unwrap();
     let pairs: Vec<(String, f64)> = items
         .iter()
@@ -57,7 +63,10 @@ fn reads_what_other_programs_write() {
 #[test]
 fn refuses_what_it_does_not_know() {
     for (text, expected) in [
-        ("- item\nkey: 1\n", "line 2: found \"key: 1\", expected the indentation"),
+        (
+            "- item\nkey: 1\n",
+            "line 2: found \"key: 1\", expected the indentation",
+        ),
         (
             "a: 1\n\tb: 2\n",
             "line 2: found \"\\tb: 2\", expected indentation by spaces",
@@ -70,19 +79,31 @@ fn refuses_what_it_does_not_know() {
             "a:\n    b: 1\n  c: 2\n",
             "line 3: found \"  c: 2\", expected the indentation",
         ),
-        ("a: 1\na: 2\n", "line 2: found \"a\", expected each key once"),
-        ("a: {b: 1, b: 2}\n", "line 1: found \"b\", expected each key once"),
+        (
+            "a: 1\na: 2\n",
+            "line 2: found \"a\", expected each key once",
+        ),
+        (
+            "a: {b: 1, b: 2}\n",
+            "line 1: found \"b\", expected each key once",
+        ),
         (
             "a: [1, 2\n3]\n",
             "line 1: found \"a: [1, 2\", expected a comma or a closing bracket",
         ),
-        ("a: [1, 2,\n", "a closing bracket before the end of the file"),
+        (
+            "a: [1, 2,\n",
+            "a closing bracket before the end of the file",
+        ),
         ("a: [1,, 2]\n", "expected a number between commas"),
         ("a: [1] 2\n", "expected nothing behind the bracket"),
         ("a:1\n", "expected key: value"),
         ("a: *b\n", "anchors and text blocks are not read"),
         ("a: |\n  b\n", "anchors and text blocks are not read"),
-        ("a: 1\n---\nb: 1\n", "line 2: found \"---\", expected one document"),
+        (
+            "a: 1\n---\nb: 1\n",
+            "line 2: found \"---\", expected one document",
+        ),
         ("a: {b 1}\n", "expected key: value"),
         ("a: ['b]\n", "expected a closing quote"),
     ] {
@@ -109,7 +130,12 @@ fn wrong_values_are_named() {
     let source = source("a: [1, 2]\nb: x\nc: [1, 2,5e, 3]\nd: [458,654, 1, 2,5]\n");
     let tree = parse(&source).unwrap();
     let root = At::root(&source, &tree);
-    let error = |key: &str| root.get(key).and_then(|at| at.numbers::<3>()).unwrap_err().to_string();
+    let error = |key: &str| {
+        root.get(key)
+            .and_then(|at| at.numbers::<3>())
+            .unwrap_err()
+            .to_string()
+    };
     assert!(error("a").contains("line 1: found 2 numbers, expected a with 3 numbers"));
     assert!(error("b").contains("line 2: found \"x\", expected a list in brackets as b"));
     assert!(error("c").contains("line 3: found \"5e\", expected a finite number as c[2]"));
