@@ -5,6 +5,7 @@
 //! `--force`, and whether one is in the way is known before any work is done.
 
 pub mod cameras;
+pub mod convert;
 pub mod imu;
 pub mod imu_samples;
 pub mod sightings;
@@ -38,6 +39,8 @@ pub enum Command {
         #[command(flatten)]
         output: Output,
     },
+    /// Write a calibration file in another format
+    Convert(convert::Options),
     /// Noise of the IMUs, from a rig that lay still
     Imu {
         /// The session
@@ -122,6 +125,7 @@ pub fn run(
             options,
             output,
         } => cameras::run(&Target::find(session, library)?, options, output, console),
+        Command::Convert(options) => convert::run(options, console),
         Command::Imu {
             session,
             options,

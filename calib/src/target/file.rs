@@ -20,7 +20,7 @@ use super::board::Target;
 use super::codes::{ARUCO_NAMES, Dictionary};
 use crate::error::CalibError;
 use crate::text::Source;
-use crate::yaml::Yaml;
+use crate::tree::{At, yaml};
 
 impl Target {
     /// Reads a board: Kalibr's YAML where the name ends in `.yaml` or `.yml`, else our TOML.
@@ -292,9 +292,14 @@ impl<'a> Table<'a> {
 }
 
 fn from_kalibr(source: &Source) -> Result<Target, CalibError> {
-    let yaml = Yaml::parse(source)?;
+    let tree = yaml::parse(source)?;
+    let root = At::root(source, &tree);
+    let text_of = |key: &str| {
+        let at = root.get(key)?;
+        Ok::<_, CalibError>((at.line(), at.text()?))
+    };
     let number = |key: &str| -> Result<(usize, f64), CalibError> {
-        let (line, text) = yaml.text(key)?;
+        let (line, text) = text_of(key)?;
         // The line alone does not say which of the keys it was.
         let number = source.number(line, text).map_err(|error| match error {
             CalibError::Malformed {
@@ -316,12 +321,12 @@ fn from_kalibr(source: &Source) -> Result<Target, CalibError> {
         Ok((line, number))
     };
     let count = |key: &str| -> Result<u32, CalibError> {
-        let (line, text) = yaml.text(key)?;
+        let (line, text) = text_of(key)?;
         text.parse().map_err(|_| {
             source.malformed(line, text, &format!("{key} as a whole number, 0 or more"))
         })
     };
-    let (line, kind) = yaml.text("target_type")?;
+    let (line, kind) = text_of("target_type")?;
     // Kalibr's name for each of our keys, for errors.
     let (target, names): (Target, [(&str, &str); 4]) = match kind {
         "aprilgrid" => (
@@ -372,7 +377,7 @@ fn from_kalibr(source: &Source) -> Result<Target, CalibError> {
                 .iter()
                 .find(|(ours, _)| *ours == key)
                 .map_or("tagCols", |(_, name)| name);
-            let line = yaml.text(name).map_or(line, |(line, _)| line);
+            let line = text_of(name).map_or(line, |(line, _)| line);
             Err(source.malformed(
                 line,
                 &format!("{name}: {}", before_comma(&objection)),
