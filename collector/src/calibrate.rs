@@ -9,8 +9,8 @@ pub mod convert;
 pub mod imu;
 pub mod imu_samples;
 pub mod sightings;
-pub mod told;
 pub mod targets;
+pub mod told;
 
 use std::fs;
 use std::path::{Path, PathBuf};

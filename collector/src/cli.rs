@@ -133,6 +133,7 @@ enum Verb {
     #[command(subcommand)]
     Calib(calibrate::Command),
     /// Look at rig files, check, compare and convert them
+    #[command(subcommand)]
     Rig(rig::RigVerb),
     #[command(external_subcommand)]
     External(Vec<OsString>),
