@@ -56,9 +56,13 @@ fn from_a_step_file_to_a_checked_rig() {
         force: false,
     };
     let (text, _) = says(&list).unwrap();
-    assert!(text.contains("plate/left_mount/zed_x_mini") && text.contains("145.000"), "{text}");
+    assert!(
+        text.contains("plate/left_mount/zed_x_mini") && text.contains("145.000"),
+        "{text}"
+    );
 
-    let (text, outcome) = convert(&at("plate.step"), Some(&at("map.toml")), &at("rig.toml")).unwrap();
+    let (text, outcome) =
+        convert(&at("plate.step"), Some(&at("map.toml")), &at("rig.toml")).unwrap();
     assert!(text.starts_with("wrote 6 frames to"), "{text}");
     assert_eq!(outcome, Outcome::Fine);
     let rig = Rig::read(&at("rig.toml")).unwrap();
@@ -67,12 +71,18 @@ fn from_a_step_file_to_a_checked_rig() {
 
     let (text, outcome) = check(&at("rig.toml"), &[]);
     assert_eq!(outcome, Outcome::Fine, "{text}");
-    assert!(text.contains("good: 0 errors, 0 warnings, 3 notes"), "{text}");
+    assert!(
+        text.contains("good: 0 errors, 0 warnings, 3 notes"),
+        "{text}"
+    );
 
     // Nothing is written over, not by the same command either.
     let before = fs::read(at("rig.toml")).unwrap();
     let error = convert(&at("plate.step"), Some(&at("map.toml")), &at("rig.toml")).unwrap_err();
-    assert!(format!("{error:#}").contains("there is one already"), "{error:#}");
+    assert!(
+        format!("{error:#}").contains("there is one already"),
+        "{error:#}"
+    );
     assert_eq!(fs::read(at("rig.toml")).unwrap(), before);
 
     // Through every other format and back.
@@ -98,7 +108,10 @@ fn a_cut_off_file_leaves_nothing_behind() {
     fs::write(at("map.toml"), MAP).unwrap();
     let error = convert(&at("plate.step"), Some(&at("map.toml")), &at("rig.toml")).unwrap_err();
     let text = format!("{error:#}");
-    assert!(text.contains("cut off") && text.contains("plate.step"), "{text}");
+    assert!(
+        text.contains("cut off") && text.contains("plate.step"),
+        "{text}"
+    );
     assert!(!at("rig.toml").exists());
     let error = convert(&at("plate.step"), None, &at("rig.txt.zip")).unwrap_err();
     assert!(format!("{error:#}").contains("plate.step"), "{error:#}");
@@ -109,7 +122,11 @@ fn diff_tells_millimetres_and_degrees() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     fs::write(at("a.toml"), EXAMPLE).unwrap();
-    let moved = EXAMPLE.replacen("translation_m = [0.063, 0, 0]", "translation_m = [0.0625, 0, 0]", 1);
+    let moved = EXAMPLE.replacen(
+        "translation_m = [0.063, 0, 0]",
+        "translation_m = [0.0625, 0, 0]",
+        1,
+    );
     fs::write(at("b.toml"), moved).unwrap();
     let diff = RigVerb::Diff {
         a: at("a.toml"),
@@ -117,8 +134,14 @@ fn diff_tells_millimetres_and_degrees() {
     };
     let (text, outcome) = says(&diff).unwrap();
     assert_eq!(outcome, Outcome::Loss);
-    let line = text.lines().find(|line| line.starts_with("feet/right")).unwrap();
-    assert!(line.contains("0.500") && line.contains("[-0.500, +0.000, +0.000]"), "{line}");
+    let line = text
+        .lines()
+        .find(|line| line.starts_with("feet/right"))
+        .unwrap();
+    assert!(
+        line.contains("0.500") && line.contains("[-0.500, +0.000, +0.000]"),
+        "{line}"
+    );
     assert!(text.ends_with("1 frame changed\n"), "{text}");
 }
 
@@ -141,12 +164,18 @@ fn factory_files_are_held_against_the_rig() {
             calibration: vec![argument.to_owned()],
         };
         let error = says(&verb).unwrap_err();
-        (error.downcast_ref::<crate::cli::BadArguments>().is_some(), format!("{error:#}"))
+        (
+            error.downcast_ref::<crate::cli::BadArguments>().is_some(),
+            format!("{error:#}"),
+        )
     };
     assert!(bad("feet").0);
     assert!(bad("feet=a@1280").0);
     let (_, text) = bad("feet=no/such.conf");
-    assert!(text.contains("the calibration of feet") && text.contains("no/such.conf"), "{text}");
+    assert!(
+        text.contains("the calibration of feet") && text.contains("no/such.conf"),
+        "{text}"
+    );
 }
 
 #[test]
@@ -163,16 +192,33 @@ fn pictures_are_drawn_once() {
         })
     };
     let (text, _) = show(false).unwrap();
-    assert!(text.contains("rig        example chest plate, revision nominal-1"), "{text}");
-    let feet = text.lines().find(|line| line.trim_start().starts_with("feet/left")).unwrap();
-    assert!(feet.contains("80.000") && feet.contains("31.500") && feet.contains("-80.0"), "{feet}");
+    assert!(
+        text.contains("rig        example chest plate, revision nominal-1"),
+        "{text}"
+    );
+    let feet = text
+        .lines()
+        .find(|line| line.trim_start().starts_with("feet/left"))
+        .unwrap();
+    assert!(
+        feet.contains("80.000") && feet.contains("31.500") && feet.contains("-80.0"),
+        "{feet}"
+    );
     let svg = fs::read_to_string(at("out/rig.svg")).unwrap();
-    for expected in ["front: facing the wearer", "ground", "left_shoulder: left lens at 7.5, 161.6, 100.0 mm"] {
+    for expected in [
+        "front: facing the wearer",
+        "ground",
+        "left_shoulder: left lens at 7.5, 161.6, 100.0 mm",
+    ] {
         assert!(svg.contains(expected), "no {expected:?}");
     }
     let png = fs::read(at("out/rig.png")).unwrap();
     assert!(png.starts_with(b"\x89PNG"));
     assert!(show(false).is_err());
     show(true).unwrap();
-    assert_eq!(fs::read(at("out/rig.png")).unwrap(), png, "the same rig, the same bytes");
+    assert_eq!(
+        fs::read(at("out/rig.png")).unwrap(),
+        png,
+        "the same rig, the same bytes"
+    );
 }
