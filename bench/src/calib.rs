@@ -65,46 +65,75 @@ pub(crate) struct Point {
 }
 
 /// Kinds of trouble, their unit, and strengths from little to much.
-type Kind = (&'static str, &'static str, &'static [f64], fn(f64) -> Trouble);
+type Kind = (
+    &'static str,
+    &'static str,
+    &'static [f64],
+    fn(f64) -> Trouble,
+);
 
 const KINDS: &[Kind] = &[
-    ("noise of corners", "px", &[0.05, 0.1, 0.3, 1.0, 3.0], |s| Trouble {
-        sigma_px: s,
-        ..Trouble::default()
+    ("noise of corners", "px", &[0.05, 0.1, 0.3, 1.0, 3.0], |s| {
+        Trouble {
+            sigma_px: s,
+            ..Trouble::default()
+        }
     }),
-    ("number of views", "views", &[4.0, 8.0, 16.0, 32.0, 64.0], |s| Trouble {
-        plan: Plan {
-            views: Some(s as usize),
-            ..Plan::GOOD
+    (
+        "number of views",
+        "views",
+        &[4.0, 8.0, 16.0, 32.0, 64.0],
+        |s| Trouble {
+            plan: Plan {
+                views: Some(s as usize),
+                ..Plan::GOOD
+            },
+            ..Trouble::default()
         },
-        ..Trouble::default()
-    }),
-    ("views all fronto-parallel, number", "views", &[8.0, 32.0, 64.0], |s| Trouble {
-        plan: Plan {
-            motion: Motion::Parallel,
-            views: Some(s as usize),
-            ..Plan::GOOD
+    ),
+    (
+        "views all fronto-parallel, number",
+        "views",
+        &[8.0, 32.0, 64.0],
+        |s| Trouble {
+            plan: Plan {
+                motion: Motion::Parallel,
+                views: Some(s as usize),
+                ..Plan::GOOD
+            },
+            ..Trouble::default()
         },
-        ..Trouble::default()
+    ),
+    ("bent boards", "mm", &[0.3, 1.0, 3.0, 10.0, 30.0], |s| {
+        Trouble {
+            plan: Plan {
+                bend_m: 1e-3 * s,
+                ..Plan::GOOD
+            },
+            ..Trouble::default()
+        }
     }),
-    ("bent boards", "mm", &[0.3, 1.0, 3.0, 10.0, 30.0], |s| Trouble {
-        plan: Plan {
-            bend_m: 1e-3 * s,
-            ..Plan::GOOD
+    (
+        "boards larger than told",
+        "%",
+        &[0.1, 0.3, 1.0, 3.0, 10.0],
+        |s| Trouble {
+            plan: Plan {
+                larger: 1e-2 * s,
+                ..Plan::GOOD
+            },
+            ..Trouble::default()
         },
-        ..Trouble::default()
-    }),
-    ("boards larger than told", "%", &[0.1, 0.3, 1.0, 3.0, 10.0], |s| Trouble {
-        plan: Plan {
-            larger: 1e-2 * s,
-            ..Plan::GOOD
+    ),
+    (
+        "camera knocked half-way",
+        "degrees",
+        &[0.02, 0.05, 0.1, 0.3, 1.0, 3.0],
+        |s| Trouble {
+            knock_deg: s,
+            ..Trouble::default()
         },
-        ..Trouble::default()
-    }),
-    ("camera knocked half-way", "degrees", &[0.02, 0.05, 0.1, 0.3, 1.0, 3.0], |s| Trouble {
-        knock_deg: s,
-        ..Trouble::default()
-    }),
+    ),
 ];
 
 /// Runs the benchmark: `[--quick] [--out DIR]`.
@@ -144,7 +173,10 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     points.extend(rendered::points(quick)?);
     let good = good(if quick { 4 } else { 20 })?;
 
-    let silent = points.iter().filter(|p| p.verdict == Verdict::SilentlyWrong).count();
+    let silent = points
+        .iter()
+        .filter(|p| p.verdict == Verdict::SilentlyWrong)
+        .count();
     let document = json!({
         "stamp": stamp,
         "views": views,
@@ -154,7 +186,8 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         "good": good,
     });
     let path = out.join("calib.json");
-    fs::write(&path, format!("{document:#}\n")).with_context(|| format!("writing {}", path.display()))?;
+    fs::write(&path, format!("{document:#}\n"))
+        .with_context(|| format!("writing {}", path.display()))?;
     charts::draw(&out, &views, &models, &points)?;
     println!("{silent} of {} points silently wrong", points.len());
     println!("good sessions: {good}");
@@ -187,7 +220,13 @@ fn quiet() -> Settings {
 fn spoilt(kind: &'static str, strength: f64, seed: u64, trouble: &Trouble) -> Result<Point> {
     let recording = Recording::new(seed, trouble)?;
     let input = recording.input(trouble.sigma_px);
-    Ok(judge(kind, strength, seed, &recording, calibrate(input, &quiet(), &mut |_, _| {})))
+    Ok(judge(
+        kind,
+        strength,
+        seed,
+        &recording,
+        calibrate(input, &quiet(), &mut |_, _| {}),
+    ))
 }
 
 /// How a result ended.
@@ -237,16 +276,23 @@ pub(crate) fn judge(
 /// One stereo camera, ours and OpenCV's, by number of views.
 fn against_views(python: &Path, quick: bool) -> Result<Value> {
     let mut rows = Vec::new();
-    let counts: &[usize] = if quick { &[8, 20] } else { &[5, 8, 12, 20, 40, 80] };
+    let counts: &[usize] = if quick {
+        &[8, 20]
+    } else {
+        &[5, 8, 12, 20, 40, 80]
+    };
     for &count in counts {
         for seed in 0..if quick { 1 } else { 3 } {
             eprintln!("{count} views ...");
             let trouble = Trouble::default();
             let recording = Recording::new(100 + seed, &trouble)?;
             let input = recording.one_camera(trouble.sigma_px, count);
-            let (found, took) = timed(|| calibrate(input.clone(), &quiet(), &mut |_, _| {}))?;
+            let (found, took) = timed(|| calibrate(input.clone(), &quiet(), &mut |_, _| {}));
             let ours = match found {
-                Ok(found) => recording.pair_errors(found.lens(0), &found.place(found.places.pairs[0].expect("a pair")).0),
+                Ok(found) => recording.pair_errors(
+                    found.lens(0),
+                    &found.place(found.places.pairs[0].expect("a pair")).0,
+                ),
                 Err(_) => continue,
             };
             let theirs = opencv::calibrate(python, &input)?;
@@ -265,7 +311,11 @@ fn against_views(python: &Path, quick: bool) -> Result<Value> {
 /// Which lens model is chosen.
 fn against_distortion(quick: bool) -> Result<Value> {
     let mut rows = Vec::new();
-    let strengths: &[f64] = if quick { &[0.0, 1.0] } else { &[0.0, 0.03, 0.1, 0.3, 1.0, 1.3] };
+    let strengths: &[f64] = if quick {
+        &[0.0, 1.0]
+    } else {
+        &[0.0, 0.03, 0.1, 0.3, 1.0, 1.3]
+    };
     let counts: &[usize] = if quick { &[20] } else { &[10, 20, 40] };
     for &strength in strengths {
         for &count in counts {
