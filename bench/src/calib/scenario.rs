@@ -90,7 +90,7 @@ impl Recording {
         })?;
         let simulation = bent_lenses(simulation, trouble.distortion)?;
         let deviation = deviation(seed, &rig);
-        let simulation = simulation.with_deviation(&deviation, &rig)?;
+        let simulation = simulation.with_deviation(&rig, &deviation)?;
         let mut faults = Faults::default();
         if trouble.knock_deg > 0.0 {
             faults.list.push(Fault {

@@ -39,6 +39,9 @@ impl Finding {
 
 /// RMS length of residuals of an eye, px: worth a warning, not to be used.
 const RMS_PX: (f64, f64) = (0.5, 1.5);
+/// By how much focal lengths (of themselves) and principal points (of the picture's width) may differ from
+/// the factory's file.
+const OTHER_LENS: (f64, f64) = (0.025, 0.05);
 /// Sigma of the pixel of a given direction, anywhere in the picture, px.
 const EDGE_PX: (f64, f64) = (1.0, 4.0);
 /// Sigma of the place of the right eye in the left one: m and degrees.
@@ -95,8 +98,34 @@ pub(super) fn findings(calibration: &Calibration) -> Vec<Finding> {
     all
 }
 
+/// A lens that is another than the factory's file says.
+fn other_lens(calibration: &Calibration, eye: usize) -> Option<Finding> {
+    let description = &calibration.input.eyes[eye];
+    let factory = description.factory?.parameters();
+    let found = calibration.lens(eye).parameters();
+    let width = f64::from(description.size.0);
+    let share = |k: usize| (found[k] - factory[k]).abs() / if k < 2 { factory[k] } else { width };
+    let worst = (0..4).max_by(|&a, &b| share(a).total_cmp(&share(b)))?;
+    let (warn, fail) = OTHER_LENS;
+    let severity = match share(worst) {
+        s if s > fail => Severity::Fail,
+        s if s > warn => Severity::Warn,
+        _ => return None,
+    };
+    let name = ["fx", "fy", "cx", "cy"][worst];
+    Some(Finding::new(
+        severity,
+        format!(
+            "{}: {name} comes out as {:.1} px, the factory's file says {:.1} px: is it the file of this camera \
+             and this resolution?",
+            description.name, found[worst], factory[worst]
+        ),
+    ))
+}
+
 /// Residuals that are too large, and a lens that is not known at the border of its picture.
 fn lens(calibration: &Calibration, eye: usize, all: &mut Vec<Finding>) {
+    all.extend(other_lens(calibration, eye));
     let name = &calibration.input.eyes[eye].name;
     let rms = calibration.solution.rms_px(|view| view.lens == eye);
     let (warn, fail) = RMS_PX;

@@ -6,6 +6,10 @@
 //! standard error of the difference above it, over views (after the rule of Breiman and others 1984), or a
 //! twentieth. A model that folds the picture is not
 //! taken. Both eyes of a camera get the same model.
+//!
+//! The factory's model is kept unless another predicts better: what its file says of coefficients that the
+//! views do not determine is worth more than leaving them out, because tangential terms, principal point
+//! and the turn between eyes make up for each other.
 
 use super::start::{Posed, factory_priors, fit, restarted, weak_priors};
 use crate::adjust::{Prior, locate};
@@ -209,7 +213,13 @@ pub(super) fn choose(eyes: &[EyeViews<'_>], free: bool) -> Option<(Choice, Vec<C
         Some(best) => {
             let reference = errors[best].as_ref().expect("the best has some");
             let near = |i: &usize| errors[*i].as_ref().is_some_and(|e| as_small(e, reference));
-            lowest_bic(&mut (0..candidates.len()).filter(near))?
+            let factory = models
+                .iter()
+                .position(|m| Some(m.name()) == factory.map(|f| f.name()));
+            match factory.filter(|i| near(i)) {
+                Some(factory) => factory,
+                None => lowest_bic(&mut (0..candidates.len()).filter(near))?,
+            }
         }
     };
     let eyes = tried.into_iter().nth(chosen)??.eyes;

@@ -14,7 +14,7 @@ use super::{Calibration, CamerasError, Input, Places, Settings, points, select, 
 use crate::adjust::{
     LensBlock, PlaceBlock, PlacePrior, Point, Prior, Problem, Solution, View, solve, step_between,
 };
-use crate::camera::CameraModel;
+use crate::camera::{CameraModel, Distortion};
 
 /// A picture with fewer corners takes no part.
 const LEAST_CORNERS: usize = 8;
@@ -27,16 +27,18 @@ const WRONG_VIEW: f64 = 6.0;
 /// Where the mirrored pose misses by less than this many times the best one's, either may be right.
 const AMBIGUOUS: f64 = 1.5;
 /// Corners that move by less from one picture to the next count as still, px.
-const STILL_PX: f64 = 0.5;
+const STILL_PX: f64 = 0.25;
 /// This share of the movement to the next picture is added to the sigma of corners: rows of a rolling
 /// shutter, and eyes, are not exposed at one instant.
-const BLURRED_SHARE: f64 = 0.1;
+const BLURRED_SHARE: f64 = 0.25;
 /// Pictures farther apart in time than this say nothing of movement, ns.
 const NEXT_NS: i64 = 250_000_000;
 /// At least this share of pictures is used, the stillest, whether or not they are still.
 const STILLEST_SHARE: f64 = 0.2;
 /// How far a factory's `left_from_right` may be off, beyond what it says itself: m and rad.
 const PAIR_PRIOR: (f64, f64) = (2e-3, 0.01);
+/// How large tangential coefficients of lenses are: those of the makers' files that we have.
+const TANGENTIAL: f64 = 3e-4;
 /// Where nothing is told of a place, it is within this: m and rad.
 const ANYWHERE: (f64, f64) = (3.0, 3.0);
 
@@ -143,12 +145,24 @@ pub fn calibrate(
     Ok(calibration)
 }
 
-/// A lens that was chosen; an eye of no camera keeps what it started from.
+/// A lens that was chosen; an eye of no camera keeps what it started from. A lens without tangential terms
+/// gets them back with how large they are in lenses: one eye alone does not see them, but principal points
+/// and the turn between eyes are only as sure as they are.
 fn known_lens((chosen, start): (Option<Chosen>, &CameraModel)) -> Chosen {
-    chosen.unwrap_or_else(|| Chosen {
+    let mut lens = chosen.unwrap_or_else(|| Chosen {
         model: *start,
         priors: weak_priors(start),
-    })
+    });
+    if let Distortion::Radial2 { k1, k2 } = lens.model.distortion {
+        let (p1, p2) = (0.0, 0.0);
+        lens.model.distortion = Distortion::RadTan4 { k1, k2, p1, p2 };
+        let small = Prior::Near {
+            mean: 0.0,
+            sigma: TANGENTIAL,
+        };
+        lens.priors.extend([small; 2]);
+    }
+    lens
 }
 
 /// Pictures of one eye with poses by a lens to start from.

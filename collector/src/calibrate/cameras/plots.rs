@@ -6,7 +6,9 @@ use charts::{Axis, Bins, Chart, Series};
 use crate::plots::WIDTH;
 
 /// Residuals are drawn this many times their length.
-const ENLARGED: f64 = 200.0;
+const ENLARGED: f64 = 1000.0;
+/// One corner in so many is drawn.
+const DRAWN: usize = 5;
 /// Columns and rows of regions over which residuals are averaged.
 const REGIONS: (usize, usize) = (12, 8);
 /// Fewest residuals of a region that is drawn.
@@ -32,7 +34,10 @@ pub(super) fn regions(found: &Calibration, eye: usize) -> String {
     let (w, h) = (f64::from(width), f64::from(height));
     let all = residuals(found, eye);
     // Charts have their origin at the lower left.
-    let seen = all.iter().map(|([x, y], _)| (*x, h - 1.0 - y));
+    let seen = all
+        .iter()
+        .step_by(DRAWN)
+        .map(|([x, y], _)| (*x, h - 1.0 - y));
     let mut sums = vec![([0.0; 2], [0.0; 2], 0usize); REGIONS.0 * REGIONS.1];
     for ([x, y], [dx, dy]) in &all {
         let cell = |v: f64, n: usize| ((v.max(0.0) * n as f64) as usize).min(n - 1);
