@@ -106,7 +106,9 @@ pub fn check(text: &str, facts: &Facts) -> Vec<Finding> {
             message: message.clone(),
         })
         .collect();
-    findings.extend(of_parsed(&parsed, facts));
+    if !parsed.hopeless {
+        findings.extend(of_parsed(&parsed, facts));
+    }
     findings.sort_by(|a, b| (b.severity, a.line).cmp(&(a.severity, b.line)));
     findings
 }

@@ -57,16 +57,6 @@ impl Sheet {
         self.line(&closed, colour, thick);
     }
 
-    /// A line of dashes.
-    pub(super) fn dashes(&mut self, [a, b]: [[f64; 2]; 2], colour: Colour, thick: f64) {
-        let (dx, dy) = (b[0] - a[0], b[1] - a[1]);
-        let count = (dx.hypot(dy) / 10.0).ceil().max(1.0);
-        for i in 0..count as usize {
-            let at = |t: f64| [a[0] + dx * t / count, a[1] + dy * t / count];
-            self.line(&[at(i as f64), at(i as f64 + 0.6)], colour, thick);
-        }
-    }
-
     /// A disc.
     pub(super) fn dot(&mut self, [x, y]: [f64; 2], radius: f64, colour: Colour) {
         let corner = |i: usize| {

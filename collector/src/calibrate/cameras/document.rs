@@ -1,7 +1,9 @@
 //! The numbers: as JSON for programs, as lines for people.
 
 use anyhow::Result;
+use cad_transforms::RigidTransform;
 use calib::cameras::{Calibration, Severity};
+use nalgebra::Matrix6;
 use serde_json::{Value as Json, json};
 use session_archive::manifest::Manifest;
 
@@ -19,54 +21,72 @@ pub(super) fn word(severity: Severity) -> &'static str {
     }
 }
 
-/// The place of a camera's right eye or of a camera on the rig.
+/// The place of a camera's right eye in its left one, or of a camera in the first one.
 pub(super) struct Place {
     /// What it is.
     pub(super) what: String,
-    /// Found `parent_from_child` by its number in the problem.
-    pub(super) number: usize,
+    /// Found `parent_from_child`.
+    pub(super) parent_from_child: RigidTransform,
+    /// Of `[translation, rotation]` in the parent's axes, m and rad.
+    pub(super) covariance: Matrix6<f64>,
     /// Found less told: mm and degrees, where something was told.
     pub(super) off: Option<(f64, f64)>,
     /// Largest sigma, mm and degrees.
     pub(super) sigma: (f64, f64),
 }
 
-/// All places of cameras, pairs first.
-pub(super) fn places(found: &Calibration) -> Vec<Place> {
-    let cameras = found.input.cameras.iter().enumerate();
-    let mut all = Vec::new();
-    for (number, camera) in cameras {
-        let pair = (
-            format!("{0}/right in {0}/left", camera.name),
-            found.places.pairs[number],
-        );
-        let rig = (
-            format!("{}/left in rig", camera.name),
-            found.places.cameras[number],
-        );
-        for ((what, place), told) in [
-            (pair, &camera.left_from_right),
-            (rig, &camera.rig_from_left),
-        ] {
-            let Some(place) = place else { continue };
-            let (at, covariance) = found.place(place);
-            let off = told.as_ref().map(|told| {
-                let off = told.transform.inverse() * at;
-                let shift = at.translation() - told.transform.translation();
-                (1e3 * shift.norm(), off.angle_rad().to_degrees())
-            });
-            let sigma = |range: std::ops::Range<usize>| {
-                range
-                    .map(|k| covariance[(k, k)].max(0.0).sqrt())
-                    .fold(0.0, f64::max)
-            };
-            all.push(Place {
-                what,
-                number: place,
-                off,
-                sigma: (1e3 * sigma(0..3), sigma(3..6).to_degrees()),
-            });
+impl Place {
+    fn new(
+        what: String,
+        (parent_from_child, covariance): (RigidTransform, Matrix6<f64>),
+        told: Option<RigidTransform>,
+    ) -> Self {
+        let off = told.map(|told| {
+            let turn = told.inverse() * parent_from_child;
+            let shift = parent_from_child.translation() - told.translation();
+            (1e3 * shift.norm(), turn.angle_rad().to_degrees())
+        });
+        let sigma = |range: std::ops::Range<usize>| {
+            range
+                .map(|k| covariance[(k, k)].max(0.0).sqrt())
+                .fold(0.0, f64::max)
+        };
+        Self {
+            what,
+            parent_from_child,
+            covariance,
+            off,
+            sigma: (1e3 * sigma(0..3), sigma(3..6).to_degrees()),
         }
+    }
+}
+
+/// All places of cameras, pairs first. Cameras are told in the first one: how the rig's own frame sits on
+/// the plate is not seen by any of them.
+pub(super) fn places(found: &Calibration) -> Vec<Place> {
+    let cameras = &found.input.cameras;
+    let mut all = Vec::new();
+    for (number, camera) in cameras.iter().enumerate() {
+        if let Some(place) = found.places.pairs[number] {
+            let what = format!("{0}/right in {0}/left", camera.name);
+            let told = camera.left_from_right.as_ref().map(|t| t.transform);
+            all.push(Place::new(what, found.place(place), told));
+        }
+    }
+    let Some(first) = (0..cameras.len()).find(|&c| found.places.cameras[c].is_some()) else {
+        return all;
+    };
+    for number in first + 1..cameras.len() {
+        let Some(place) = found.left_from_left(first, number) else {
+            continue;
+        };
+        let told = |c: usize| cameras[c].rig_from_left.as_ref().map(|t| t.transform);
+        let told = told(first).zip(told(number)).map(|(a, b)| a.inverse() * b);
+        let what = format!(
+            "{}/left in {}/left",
+            cameras[number].name, cameras[first].name
+        );
+        all.push(Place::new(what, place, told));
     }
     all
 }
@@ -95,7 +115,7 @@ pub(super) fn json(manifest: &Manifest, found: &Calibration) -> Result<Vec<u8>> 
             .collect();
         json!({
             "place": place.what,
-            "parent_from_child": at,
+            "parent_from_child": place.parent_from_child,
             "covariance_in_parent": covariance,
             "off_told_mm_deg": place.off.map(|(mm, deg)| [mm, deg]),
         })
