@@ -69,6 +69,17 @@ pub struct Options {
 /// # Errors
 /// The board or the paper is impossible, the board does not fit, a file is in the way, or cannot be written.
 pub fn run(options: &Options, console: &mut Console<'_>) -> Result<Outcome> {
+    // The other files take their names from it.
+    if options
+        .out
+        .extension()
+        .is_none_or(|e| !e.eq_ignore_ascii_case("pdf"))
+    {
+        bail!(
+            "reading --out: found {}, expected a name that ends in .pdf",
+            options.out.display()
+        );
+    }
     let Some(paper) = Paper::parse(&options.paper) else {
         let expected = "A4, A3, A2, A1, A0, Letter, or WIDTHxHEIGHT in millimetres";
         bail!(

@@ -109,9 +109,8 @@ pub(super) fn json(manifest: &Manifest, found: &Calibration) -> Result<Vec<u8>> 
         })
     });
     let places = places(found).into_iter().map(|place| {
-        let (at, covariance) = found.place(place.number);
         let covariance: Vec<Vec<f64>> = (0..6)
-            .map(|i| (0..6).map(|j| covariance[(i, j)]).collect())
+            .map(|i| (0..6).map(|j| place.covariance[(i, j)]).collect())
             .collect();
         json!({
             "place": place.what,
