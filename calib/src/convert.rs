@@ -277,13 +277,14 @@ pub fn convert_within(
             ..*source
         };
         for stage in STAGES {
+            let enough = if stage < 1.0 { 1e-5 } else { 1e-11 };
             let inside: Vec<Sample> = samples
                 .iter()
                 .filter(|s| s.angle_rad <= stage * farthest)
                 .copied()
                 .collect();
             if inside.len() >= least {
-                model = fit(model, &inside);
+                model = fit(model, &inside, enough);
             }
         }
         (cost(&model, &samples), model)
@@ -345,8 +346,9 @@ fn cost(model: &CameraModel, samples: &[Sample]) -> f64 {
     samples.iter().map(distance).sum()
 }
 
-/// Levenberg and Marquardt's method with analytic derivatives.
-fn fit(start: CameraModel, samples: &[Sample]) -> CameraModel {
+/// Levenberg and Marquardt's method with analytic derivatives, until a step gains no more than a part
+/// `enough` of the sum.
+fn fit(start: CameraModel, samples: &[Sample], enough: f64) -> CameraModel {
     let mut model = start;
     let mut best = cost(&model, samples);
     let mut damping = 1e-3;
@@ -381,7 +383,7 @@ fn fit(start: CameraModel, samples: &[Sample]) -> CameraModel {
         let gain = best - value;
         (model, best) = (candidate, value);
         damping = (damping / 10.0).max(1e-12);
-        if gain <= 1e-13 * best || best < 1e-20 {
+        if gain <= enough * best || best < 1e-20 {
             break;
         }
     }

@@ -101,13 +101,14 @@ impl Map {
         map
     }
 
+    /// Of the right size; every place is still to be set.
     fn empty(width: u32, height: u32) -> Self {
         let count = width as usize * height as usize;
         Self {
             width,
             height,
-            x: vec![f32::NAN; count],
-            y: vec![f32::NAN; count],
+            x: vec![0.0; count],
+            y: vec![0.0; count],
         }
     }
 

@@ -47,7 +47,8 @@ impl Remap {
                     if !(-EDGE_PX..=last + EDGE_PX).contains(&c) {
                         return None;
                     }
-                    let fixed = (c.clamp(0.0, last) * ONE as f32).round() as u32;
+                    // Rounded: not below 0, so cutting off is enough.
+                    let fixed = (c.clamp(0.0, last) * ONE as f32 + 0.5) as u32;
                     let whole = (fixed / ONE).min(size - 2);
                     Some((whole, (fixed - whole * ONE) as u16))
                 };

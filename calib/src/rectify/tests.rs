@@ -125,6 +125,7 @@ fn views_show_what_they_say() {
         let all = Rectification::new(&pair, View::All).unwrap();
         assert!(all.camera.fx < filled.camera.fx);
         let mut at_the_border: f64 = f64::INFINITY;
+        let mut limited = false;
         for eye in [Eye::Left, Eye::Right] {
             for i in 0..=300 {
                 let part = f64::from(i) / 300.0;
@@ -139,6 +140,7 @@ fn views_show_what_they_say() {
                     let off_axis = (x - c.cx).hypot(y - c.cy) / c.fx;
                     // Just inside the limit, the picture may end between two points that were tried.
                     if off_axis > 0.95 * WIDEST_RAD.tan() {
+                        limited = true;
                         continue;
                     }
                     let inside = |c: f64, size: f64| (c + 0.5).min(size - 0.5 - c);
@@ -149,8 +151,8 @@ fn views_show_what_they_say() {
                 }
             }
         }
-        // Of the fisheye the corners are too far off the axis, and the limit lies inside the picture.
-        assert!(at_the_border < 5.0, "{at_the_border}");
+        // Of the fisheye the corners are too far off the axis, so that its border is elsewhere.
+        assert!(limited || at_the_border < 0.1, "{at_the_border}");
     }
 }
 

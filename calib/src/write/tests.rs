@@ -384,8 +384,11 @@ fn what_a_format_cannot_hold_is_said() {
     );
 }
 
+/// Names and contents.
+type Files = Vec<(String, Vec<u8>)>;
+
 /// Files of every format as the writers make them.
-fn all_files() -> Vec<(Format, Vec<(String, Vec<u8>)>)> {
+fn all_files() -> Vec<(Format, Files)> {
     let mut all = Vec::new();
     for format in Format::ALL {
         for set in [pair(LENSES[5]), rectified(), with_imu(pair(LENSES[2]))] {
