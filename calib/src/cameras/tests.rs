@@ -221,8 +221,8 @@ fn simulate(seed: u64, trouble: Trouble) -> Simulated {
                 _ => rig_from_left * left_from_right,
             };
             let eye_from_world = (world_from_rig * rig_from_eye).inverse();
-            for target in 0..2 {
-                let eye_from_board = eye_from_world * world_from_board[target];
+            for (target, board) in world_from_board.iter().enumerate() {
+                let eye_from_board = eye_from_world * *board;
                 let seen = Lens::new(&lenses[eye]);
                 let corners: Vec<Seen> = input.targets[target]
                     .corners()
