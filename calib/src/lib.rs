@@ -11,6 +11,7 @@
 //! This crate knows nothing of devices, sessions or the catalogue.
 
 pub mod camera;
+pub mod camera_imu;
 pub mod error;
 pub mod euroc;
 pub mod foxglove;
