@@ -27,6 +27,7 @@ use crate::stereo::{Eye, ImuNoise};
 
 mod chain;
 mod estimate;
+mod excite;
 mod judge;
 mod preintegrate;
 mod problem;
@@ -321,6 +322,15 @@ pub enum CameraImuError {
         expected: usize,
         /// How far was searched to both sides, s.
         searched_s: f64,
+    },
+    /// The gyroscope turns more, or less, than the camera.
+    #[error(
+        "comparing rotation rates: the gyroscope's are {ratio:.2} times those of the pictures, expected 1: \
+         gyroscope in other units, or an IMU of another camera?"
+    )]
+    Rates {
+        /// Gyroscope over pictures.
+        ratio: f64,
     },
     /// Gravity cannot be that: other units, another board.
     #[error(

@@ -8,6 +8,7 @@ use super::problem::{
     BOARD, DOWN, DRIFT, Factors, Fitted, OFFSET, Prior, Problem, ROTATION, SHAPES, SHARED, Shared,
     State, Sum, TRANSLATION,
 };
+use super::excite;
 use super::start::{self, Pulled};
 use super::track::Track;
 use super::view::{Fit, Pose, View};
@@ -136,6 +137,11 @@ impl Work<'_> {
                 searched_s: reach_s,
             });
         }
+        if let Some(ratio) = turned.rate_ratio
+            && !(0.5..2.0).contains(&ratio)
+        {
+            return Err(CameraImuError::Rates { ratio });
+        }
         let lever = self
             .told
             .imu_from_left
@@ -169,7 +175,16 @@ impl Work<'_> {
         if !(0.7 * GRAVITY..1.4 * GRAVITY).contains(&gravity) {
             return Err(CameraImuError::Gravity { found: gravity });
         }
-        let shared = Shared {
+        let held = excite::held(
+            &times,
+            self.poses,
+            self.track,
+            &turned,
+            &rotation,
+            &self.recording.noise,
+            self.told,
+        );
+        let mut shared = Shared {
             rotation,
             translation: pulled.lever,
             offset_s: turned.time_offset_s,
@@ -179,6 +194,11 @@ impl Work<'_> {
             gyro_shape: Matrix3::identity(),
             accel_shape: Matrix3::identity(),
         };
+        let prior = self.prior(&shared, held);
+        for direction in &prior.held.translation {
+            let off = direction.dot(&(shared.translation - prior.shared.translation));
+            shared.translation -= direction * off;
+        }
         let states = self.states(&shared, turned.gyro_bias, pulled.accel_bias);
         let (first, last) = (times[0], times[times.len() - 1]);
         let mut scales: Vec<f64> = self.fits.iter().map(|fit| fit.scale).collect();
@@ -190,7 +210,7 @@ impl Work<'_> {
             track: self.track,
             links: &links,
             noise: self.recording.noise,
-            prior: self.prior(&shared),
+            prior,
             corner_scale: scales[scales.len() / 2],
             factors: Factors {
                 poses: 1.0,
@@ -199,10 +219,16 @@ impl Work<'_> {
                 gyro_walk: 1.0,
                 accel_walk: 1.0,
             },
+            robust: false,
             middle_s: 0.5 * (first + last),
         };
         let no_end = |iterations| CameraImuError::NoEnd { iterations };
-        let mut fitted = problem.fit(states, shared).map_err(no_end)?;
+        let rough = problem.fit(states, shared).map_err(no_end)?;
+        problem.factors = coarse(&problem.factors, &rough.medians);
+        problem.robust = true;
+        let mut fitted = problem
+            .fit(rough.states, rough.shared)
+            .map_err(no_end)?;
         for _ in 1..ROUNDS {
             let Some(factors) = weighed(&problem.factors, &fitted.sums) else {
                 break;
@@ -253,7 +279,7 @@ impl Work<'_> {
             .collect()
     }
 
-    fn prior(&self, start: &Shared) -> Prior {
+    fn prior(&self, start: &Shared, held: excite::Held) -> Prior {
         let told = self.told;
         let mut sigmas = SVector::<f64, SHARED>::repeat(f64::INFINITY);
         let [scale, skew] = told.scale_and_skew_sigma;
@@ -279,6 +305,7 @@ impl Work<'_> {
         Prior {
             shared,
             sigmas,
+            held,
             biases: told.bias_sigma,
         }
     }
@@ -332,7 +359,22 @@ impl Work<'_> {
         correlation: Vec<[f64; 2]>,
     ) -> CameraImu {
         let shared = &fitted.shared;
-        let covariance = &fitted.covariance.shared;
+        // What is held is known as well as it was told, and says nothing of the rest.
+        let mut covariance = fitted.covariance.shared;
+        let prior = &problem.prior;
+        for (at, held) in [
+            (ROTATION, &prior.held.rotation),
+            (TRANSLATION, &prior.held.translation),
+        ] {
+            for direction in held {
+                let mut block = covariance.fixed_view_mut::<3, 3>(at, at);
+                block += direction * direction.transpose() * prior.sigmas[at].powi(2);
+            }
+        }
+        if prior.held.offset {
+            covariance[(OFFSET, OFFSET)] += prior.sigmas[OFFSET].powi(2);
+        }
+        let covariance = &covariance;
         let sigma = |k: usize| covariance[(k, k)].max(0.0).sqrt();
         let three = |k: usize| [sigma(k), sigma(k + 1), sigma(k + 2)];
         let middle = fitted.states.len() / 2;
@@ -409,6 +451,18 @@ fn transform(shared: &Shared) -> RigidTransform {
     let q = UnitQuaternion::from_rotation_matrix(&rotation);
     RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], shared.translation.into())
         .expect("a fit that ended is finite")
+}
+
+/// Before anything is taken for an outlier: noise so large that half of all residuals fit. Their median is
+/// below 1 even where all is as told, since the fit takes up a part.
+fn coarse(factors: &Factors, medians: &[f64; 3]) -> Factors {
+    let [poses, gyro, accel] = medians.map(|m| if m > 2.0 { (2.0 * m).sqrt() } else { 1.0 });
+    Factors {
+        poses: factors.poses * poses,
+        gyro: factors.gyro * gyro,
+        accel: factors.accel * accel,
+        ..*factors
+    }
 }
 
 /// Standard deviations brought to what the residuals say (variance components: Förstner 1979); none if

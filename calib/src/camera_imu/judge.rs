@@ -8,11 +8,11 @@ use super::problem::{BOARD, DRIFT, OFFSET, Prior, ROTATION, SHAPES, SHARED, Shar
 use super::{Noise, Noises};
 
 /// A direction is determined if its sigma is below this: rotation in rad (0.1°), lever arm in m, offset in s.
-pub const ROTATION_DETERMINED_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
+pub(super) const ROTATION_DETERMINED_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
 /// See [`ROTATION_DETERMINED_RAD`].
-pub const TRANSLATION_DETERMINED_M: f64 = 3e-3;
+pub(super) const TRANSLATION_DETERMINED_M: f64 = 2e-3;
 /// See [`ROTATION_DETERMINED_RAD`].
-pub const OFFSET_DETERMINED_S: f64 = 5e-4;
+pub(super) const OFFSET_DETERMINED_S: f64 = 3e-4;
 
 /// How many sigmas off what is told are still chance.
 const CHANCE: f64 = 3.5;

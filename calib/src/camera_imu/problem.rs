@@ -8,6 +8,7 @@
 use nalgebra::{Cholesky, Matrix3, SMatrix, SVector, Vector3};
 
 use super::chain::{Chain, Covariance};
+use super::excite::Held;
 use super::preintegrate::{ACCEL_SHAPE, GYRO_SHAPE, SENSOR, preintegrate};
 use super::track::{Correction, Raw, Track};
 use super::view::{Pose, Quadric, VIEW, View};
@@ -31,9 +32,15 @@ pub(super) const SHAPES: usize = 11;
 
 /// Beyond so many sigmas (of seven or nine numbers together) a picture or an interval counts less.
 const HUBER: f64 = 5.5;
+/// How hard directions are held: rad, m, s.
+const HOLD: [f64; 3] = [1e-6, 1e-6, 1e-7];
 /// No hand moves a camera faster, m/s: holds velocities that nothing measures.
 const FASTEST: f64 = 10.0;
-const MOST_ITERATIONS: usize = 60;
+const LEAST_DAMPING: f64 = 1e-9;
+const MOST_ITERATIONS: usize = 30;
+/// What a step may still promise then, squared sigmas: along directions that are not determined the way is
+/// long, flat, and of no use.
+const FLAT: f64 = 10.0;
 
 /// One instant. Coordinates of the IMU in the target's frame.
 #[derive(Clone, Copy, Debug)]
@@ -65,6 +72,8 @@ pub(super) struct Shared {
 pub(super) struct Prior {
     pub shared: Shared,
     pub sigmas: SVector<f64, SHARED>,
+    /// Directions that are held, whatever their sigma.
+    pub held: Held,
     pub biases: [f64; 2],
 }
 
@@ -91,6 +100,8 @@ pub(super) struct Problem<'a> {
     pub prior: Prior,
     pub corner_scale: f64,
     pub factors: Factors,
+    /// Whether what does not fit counts less.
+    pub robust: bool,
     /// Where the drift has no effect.
     pub middle_s: f64,
 }
@@ -151,8 +162,9 @@ pub(super) struct Fitted {
     pub covariance: Covariance<STATE, SHARED>,
     /// Poses, gyroscope, accelerometer, walk of the first, walk of the second.
     pub sums: [Sum; 5],
+    /// Medians over pictures and intervals of the mean squares of the first three kinds.
+    pub medians: [f64; 3],
     pub locals: Vec<Local>,
-    pub iterations: usize,
 }
 
 /// Residual and derivatives of one factor, divided by its noise.
@@ -167,9 +179,9 @@ struct Whitened<const M: usize> {
 
 impl<const M: usize> Whitened<M> {
     /// Applies the loss; gives its cost.
-    fn lose(&mut self) -> f64 {
+    fn lose(&mut self, robust: bool) -> f64 {
         let length = self.residual.norm();
-        if length <= HUBER {
+        if length <= HUBER || !robust {
             return length * length;
         }
         self.weight = HUBER / length;
@@ -288,11 +300,21 @@ impl Prior {
         by_shared
             .fixed_view_mut::<3, 3>(ROTATION, ROTATION)
             .copy_from(&so3::right_jacobian_inverse(&turn));
-        for k in 0..SHARED {
-            let weight = 1.0 / self.sigmas[k];
-            residual[k] *= weight;
-            by_shared.row_mut(k).scale_mut(weight);
+        let mut root = SMatrix::<f64, SHARED, SHARED>::from_diagonal(&self.sigmas.map(|s| 1.0 / s));
+        for (at, held) in [
+            (ROTATION, &self.held.rotation),
+            (TRANSLATION, &self.held.translation),
+        ] {
+            for direction in held {
+                let mut block = root.fixed_view_mut::<3, 3>(at, at);
+                block += direction * direction.transpose() * (1.0 / HOLD[usize::from(at > 0)]);
+            }
         }
+        if self.held.offset {
+            root[(OFFSET, OFFSET)] = 1.0 / HOLD[2];
+        }
+        let residual = root * residual;
+        let by_shared = root * by_shared;
         Whitened {
             residual,
             own: SMatrix::zeros(),
@@ -349,6 +371,24 @@ impl Problem<'_> {
         shared: &Shared,
         raw: &mut Vec<Raw>,
     ) -> Option<Whitened<9>> {
+        let (mut plain, covariance) = self.inertial_plain(i, states, shared, raw)?;
+        let lower = Cholesky::new(covariance)?;
+        let lower = lower.l_dirty();
+        lower.solve_lower_triangular_mut(&mut plain.residual);
+        lower.solve_lower_triangular_mut(&mut plain.own);
+        lower.solve_lower_triangular_mut(plain.next.as_mut()?);
+        lower.solve_lower_triangular_mut(&mut plain.shared);
+        Some(plain)
+    }
+
+    /// In rad, m/s and m, with its covariance.
+    fn inertial_plain(
+        &self,
+        i: usize,
+        states: &[State],
+        shared: &Shared,
+        raw: &mut Vec<Raw>,
+    ) -> Option<(Whitened<9>, SMatrix<f64, 9, 9>)> {
         let (a, b) = (&states[i], &states[i + 1]);
         let [from, to] = [i, i + 1].map(|k| shared.imu_time(self.views[k].time_s, self.middle_s));
         self.track.between(from, to, raw)?;
@@ -431,19 +471,14 @@ impl Problem<'_> {
 
         let covariance = moved.gyro_noise * self.factors.gyro.powi(2)
             + moved.accel_noise * self.factors.accel.powi(2);
-        let lower = Cholesky::new(covariance)?;
-        let lower = lower.l_dirty();
-        lower.solve_lower_triangular_mut(&mut residual);
-        lower.solve_lower_triangular_mut(&mut own);
-        lower.solve_lower_triangular_mut(&mut next);
-        lower.solve_lower_triangular_mut(&mut by_shared);
-        Some(Whitened {
+        let plain = Whitened {
             residual,
             own,
             next: Some(next),
             shared: by_shared,
             weight: 1.0,
-        })
+        };
+        Some((plain, covariance))
     }
 
     fn walk(&self, i: usize, states: &[State]) -> Whitened<6> {
@@ -512,7 +547,7 @@ impl Problem<'_> {
         let mut cost = prior.residual.norm_squared();
         for i in 0..n {
             let mut picture = self.picture(&rooted[i], &states[i], shared);
-            cost += picture.lose();
+            cost += picture.lose(self.robust);
             picture.add(i, &mut chain);
             let alone = self.alone(i, &states[i]);
             cost += alone.residual.norm_squared();
@@ -525,7 +560,7 @@ impl Problem<'_> {
             walk.add(i, &mut chain);
             if self.links[i] {
                 let mut inertial = self.inertial(i, states, shared, &mut raw)?;
-                cost += inertial.lose();
+                cost += inertial.lose(self.robust);
                 inertial.add(i, &mut chain);
             }
         }
@@ -554,7 +589,7 @@ impl Problem<'_> {
                 .collect();
             let rooted = rooted.ok_or(iterations)?;
             let promised = self.descend(&rooted, &mut states, &mut shared, &mut iterations)?;
-            if (round > 0 && promised < 1e-2) || round == 4 {
+            if (round > 0 && promised < 1e-2) || round == if self.robust { 4 } else { 1 } {
                 return self.fitted(&rooted, states, shared, iterations);
             }
         }
@@ -573,14 +608,14 @@ impl Problem<'_> {
             self.equations(rooted, states, shared).ok_or(*iterations)?;
         let mut damping = 1e-6;
         let mut first = None;
-        loop {
+        for tries in 0.. {
             *iterations += 1;
-            if *iterations > MOST_ITERATIONS {
-                return Err(*iterations);
-            }
             let stepped = chain.factor(damping).map(|factor| factor.step());
             let Some(step) = stepped else {
-                damping = (damping * 10.0_f64).max(1e-6);
+                damping *= 10.0;
+                if damping > 1e8 {
+                    return self.given_up(first, *iterations);
+                }
                 continue;
             };
             let promised = -(step.shared.dot(&chain.shared_gradient)
@@ -589,8 +624,12 @@ impl Problem<'_> {
                     .sum::<f64>());
             first.get_or_insert(promised);
             // In units of a squared sigma.
-            if promised < 1e-4 {
+            let enough = if tries < MOST_ITERATIONS { 1e-4 } else { FLAT };
+            if promised < enough {
                 return Ok(first.unwrap_or(promised));
+            }
+            if tries > MOST_ITERATIONS {
+                return self.given_up(first, *iterations);
             }
             let tried: Vec<State> = (states.iter().zip(&step.own))
                 .map(|(state, step)| state.moved(step))
@@ -601,15 +640,30 @@ impl Problem<'_> {
                     (*states, *shared, chain) = (tried, tried_shared, next);
                     let gained = cost - lower;
                     cost = lower;
-                    damping = (damping * 0.1).max(1e-12);
+                    // Steps that hold what they promised may be longer.
+                    damping *= match gained / promised {
+                        held if held > 0.75 => 0.1,
+                        held if held > 0.25 => 1.0,
+                        _ => 4.0,
+                    };
+                    damping = damping.max(LEAST_DAMPING);
                     // The loss makes the last steps small ones.
                     if gained < 1e-3 && gained < 1e-8 * cost {
                         return Ok(first.unwrap_or(promised));
                     }
                 }
-                _ if damping > 1e8 => return Err(*iterations),
-                _ => damping = (damping * 10.0).max(1e-6),
+                _ if damping > 1e8 => return self.given_up(first, *iterations),
+                _ => damping *= 10.0,
             }
+        }
+        unreachable!("the loop has no other end")
+    }
+
+    /// Without loss a fit need not end: what does not fit keeps it going. It is only a start.
+    fn given_up(&self, first: Option<f64>, iterations: usize) -> Result<f64, usize> {
+        match self.robust {
+            true => Err(iterations),
+            false => Ok(first.unwrap_or(0.0)),
         }
     }
 
@@ -632,7 +686,7 @@ impl Problem<'_> {
         for i in 0..states.len() {
             let mut local = Local::default();
             let mut picture = self.picture(&rooted[i], &states[i], &shared);
-            picture.lose();
+            picture.lose(self.robust);
             let rank = rooted[i].rank;
             let taken = picture.leverage(i, &covariance);
             let squares = picture.residual.norm_squared();
@@ -650,7 +704,7 @@ impl Problem<'_> {
             if i + 1 < states.len() && self.links[i] {
                 let inertial = self.inertial(i, &states, &shared, &mut raw);
                 let mut inertial = inertial.ok_or(iterations)?;
-                inertial.lose();
+                inertial.lose(self.robust);
                 let taken = inertial.leverage(i, &covariance);
                 let gyro = inertial.residual.rows(0, 3).norm_squared();
                 let accel = inertial.residual.rows(3, 6).norm_squared();
@@ -661,14 +715,27 @@ impl Problem<'_> {
             }
             locals.push(local);
         }
+        let median = |of: &dyn Fn(&Local) -> Option<f64>| {
+            let mut values: Vec<f64> = locals.iter().filter_map(of).collect();
+            values.sort_by(f64::total_cmp);
+            values.get(values.len() / 2).copied().unwrap_or(0.0)
+        };
+        let medians = [
+            median(&|local| Some(local.pose)),
+            median(&|local| local.gyro),
+            median(&|local| local.accel),
+        ];
         Ok(Fitted {
+            medians,
             states,
             shared,
             covariance,
             sums,
             locals,
-            iterations,
         })
     }
 }
 
+
+#[cfg(test)]
+mod tests;

@@ -31,6 +31,7 @@ struct Rates {
     /// Spread of the seen rates.
     seen: Matrix3<f64>,
     agreement: f64,
+    ratio: f64,
     count: usize,
 }
 
@@ -42,8 +43,8 @@ pub(super) struct Turned {
     pub gyro_bias: Vector3<f64>,
     /// Offset and agreement.
     pub correlation: Vec<[f64; 2]>,
-    /// Intervals that counted.
-    pub intervals: usize,
+    /// Spread of the gyroscope's rates over that of the pictures'; none if both are still.
+    pub rate_ratio: Option<f64>,
 }
 
 fn rates(times_s: &[f64], poses: &[Pose], track: &Track, offset_s: f64) -> Rates {
@@ -53,7 +54,7 @@ fn rates(times_s: &[f64], poses: &[Pose], track: &Track, offset_s: f64) -> Rates
         if b - a > LONGEST_TURN_S {
             continue;
         }
-        let Some(measured) = track.mean_rate(a + offset_s, b + offset_s) else {
+        let Some([measured, _]) = track.means(a + offset_s, b + offset_s) else {
             continue;
         };
         let turn = poses[i - 1].rotation.transpose() * poses[i].rotation;
@@ -80,6 +81,7 @@ fn rates(times_s: &[f64], poses: &[Pose], track: &Track, offset_s: f64) -> Rates
         measured_mean,
         seen,
         agreement: if most > 0.0 { agreed / most } else { 0.0 },
+        ratio: (measured / seen.trace()).sqrt(),
         count,
     }
 }
@@ -128,7 +130,7 @@ pub(super) fn from_rates(
         rotations,
         gyro_bias,
         correlation,
-        intervals: found.count,
+        rate_ratio: (spread.max().sqrt() >= STILL_RAD_S).then(|| found.ratio),
     }
 }
 

@@ -24,8 +24,8 @@ pub(super) struct Track {
     samples: Vec<Raw>,
     /// How many gaps end at or before sample `i`.
     gaps: Vec<u32>,
-    /// Integral of the angular rate up to sample `i`, rad.
-    turned: Vec<Vector3<f64>>,
+    /// Integrals of angular rate and specific force up to sample `i`.
+    sums: Vec<[Vector3<f64>; 2]>,
     /// The usual time between two samples, s.
     pub period_s: f64,
 }
@@ -52,18 +52,19 @@ impl Track {
             at_end(&s.gyro, range[0]) || at_end(&s.accel, range[1])
         };
         let mut gaps = vec![0; samples.len()];
-        let mut turned = vec![Vector3::zeros(); samples.len()];
+        let mut sums = vec![[Vector3::zeros(); 2]; samples.len()];
         for i in 1..samples.len() {
             let (a, b) = (&samples[i - 1], &samples[i]);
             let step = b.time_s - a.time_s;
             let broken = step > LONGEST_STEP * period_s || cut_off(a) || cut_off(b);
             gaps[i] = gaps[i - 1] + u32::from(broken);
-            turned[i] = turned[i - 1] + (a.gyro + b.gyro) * (0.5 * step);
+            sums[i][0] = sums[i - 1][0] + (a.gyro + b.gyro) * (0.5 * step);
+            sums[i][1] = sums[i - 1][1] + (a.accel + b.accel) * (0.5 * step);
         }
         Self {
             samples,
             gaps,
-            turned,
+            sums,
             period_s,
         }
     }
@@ -99,26 +100,22 @@ impl Track {
         Some(())
     }
 
-    /// The mean angular rate between two times, rad/s; none as in [`Self::between`].
-    pub(super) fn mean_rate(&self, from_s: f64, to_s: f64) -> Option<Vector3<f64>> {
+    /// The mean angular rate and specific force between two times; none as in [`Self::between`].
+    pub(super) fn means(&self, from_s: f64, to_s: f64) -> Option<[Vector3<f64>; 2]> {
         let (first, last) = (self.before(from_s)?, self.before(to_s)?);
         if self.gaps[first] != self.gaps[last + 1] {
             return None;
         }
-        let turned = |i: usize, time_s: f64| {
-            let end = self.at(i, time_s);
-            let start = &self.samples[i];
-            self.turned[i] + (start.gyro + end.gyro) * (0.5 * (time_s - start.time_s))
+        let up_to = |i: usize, time_s: f64| {
+            let (start, end) = (&self.samples[i], self.at(i, time_s));
+            let half = 0.5 * (time_s - start.time_s);
+            [
+                self.sums[i][0] + (start.gyro + end.gyro) * half,
+                self.sums[i][1] + (start.accel + end.accel) * half,
+            ]
         };
-        Some((turned(last, to_s) - turned(first, from_s)) / (to_s - from_s))
-    }
-
-    /// First and last time, s.
-    pub(super) fn span_s(&self) -> (f64, f64) {
-        match (self.samples.first(), self.samples.last()) {
-            (Some(a), Some(b)) => (a.time_s, b.time_s),
-            _ => (0.0, 0.0),
-        }
+        let (a, b) = (up_to(first, from_s), up_to(last, to_s));
+        Some([0, 1].map(|k| (b[k] - a[k]) / (to_s - from_s)))
     }
 }
 
