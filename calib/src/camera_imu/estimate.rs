@@ -42,13 +42,15 @@ pub fn estimate(recording: &Recording, told: &Told) -> Result<CameraImu, CameraI
     let mut poses = Vec::new();
     let mut fits = Vec::new();
     for picture in &recording.pictures {
-        let view = View {
+        let mut view = View {
             time_s: (picture.time_ns - zero_ns) as f64 * 1e-9,
             time_ns: picture.time_ns,
             corners: &picture.corners,
+            corners_kept: 0,
         };
         let found = view.pose(&recording.cameras);
         if let Some((pose, fit)) = found.filter(|(_, fit)| fit.scale < WORST_PICTURE) {
+            view.corners_kept = fit.corners;
             views.push(view);
             poses.push(pose);
             fits.push(fit);
@@ -370,6 +372,12 @@ impl Work<'_> {
                 let mut block = covariance.fixed_view_mut::<3, 3>(at, at);
                 block += direction * direction.transpose() * prior.sigmas[at].powi(2);
             }
+        }
+        for axis in &prior.held.rotation {
+            // A lever arm that pictures gave turns with the IMU's frame.
+            let turned = (shared.rotation * axis).cross(&shared.translation);
+            let mut block = covariance.fixed_view_mut::<3, 3>(TRANSLATION, TRANSLATION);
+            block += turned * turned.transpose() * prior.sigmas[ROTATION].powi(2);
         }
         if prior.held.offset {
             covariance[(OFFSET, OFFSET)] += prior.sigmas[OFFSET].powi(2);

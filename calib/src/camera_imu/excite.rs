@@ -18,9 +18,9 @@ use crate::stereo::ImuNoise;
 /// Length of a window, s.
 const WINDOW_S: f64 = 0.25;
 /// How well a picture gives the camera's turn and position, rad and m: guesses, on the good side.
-const SEEN: [f64; 2] = [2e-4, 3e-4];
+const SEEN: [f64; 2] = [1e-4, 1e-4];
 /// Beyond these sigmas a direction is held: rotation in rad, lever arm in m, offset in s.
-const HELD: [f64; 3] = [0.02, 0.015, 3e-3];
+const HELD: [f64; 3] = [0.02, 0.03, 3e-3];
 
 /// Rotation 3 (in the left optical frame), lever arm 3, offset, and what is in the way: gravity 3,
 /// accelerometer's bias 3, gyroscope's bias 3.

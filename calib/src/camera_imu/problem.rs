@@ -575,16 +575,21 @@ impl Problem<'_> {
     ) -> Result<Fitted, usize> {
         let mut iterations = 0;
         for round in 0.. {
-            // The first time around the pose that fits each picture best: far from it corners are not as a
-            // quadric has them, and look like outliers.
+            // The first time around, and wherever the motion contradicts a picture, the pose that fits it
+            // best by itself: far from it all corners would look like outliers.
             let rooted: Option<Vec<Rooted>> = (0..states.len())
                 .map(|i| {
-                    let (pose, size) = match round {
-                        0 => (self.poses[i], 1.0),
-                        _ => (shared.camera(&states[i]), shared.board_scale),
+                    let at = |pose: &Pose, size: f64| {
+                        self.views[i].linearise(self.cameras, pose, size, self.corner_scale)
                     };
-                    let view = &self.views[i];
-                    Rooted::new(&view.linearise(self.cameras, &pose, size, self.corner_scale))
+                    let own = || at(&self.poses[i], 1.0);
+                    let quadric = match round {
+                        0 => own(),
+                        _ => Some(at(&shared.camera(&states[i]), shared.board_scale))
+                            .filter(|q| 10 * q.corners >= 9 * self.views[i].corners_kept)
+                            .unwrap_or_else(own),
+                    };
+                    Rooted::new(&quadric)
                 })
                 .collect();
             let rooted = rooted.ok_or(iterations)?;
@@ -624,7 +629,10 @@ impl Problem<'_> {
                     .sum::<f64>());
             first.get_or_insert(promised);
             // In units of a squared sigma.
-            let enough = if tries < MOST_ITERATIONS { 1e-4 } else { FLAT };
+            let enough = match tries < MOST_ITERATIONS {
+                true => 1e-4,
+                false => FLAT.max(1e-3 * cost),
+            };
             if promised < enough {
                 return Ok(first.unwrap_or(promised));
             }

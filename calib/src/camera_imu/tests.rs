@@ -85,107 +85,257 @@ fn any(seed: u64, seconds: f64) -> Scene {
 
 #[test]
 fn errors_are_small_and_as_large_as_stated() {
-    let all = many(40, |seed| any(seed, 8.0));
+    let all = many(40, |seed| any(seed, 6.0));
     let mut within = 0;
     for (errors, found) in &all {
-        assert!(errors.turn_deg < 0.05, "{errors:?}");
-        assert!(errors.shift_mm < 1.5, "{errors:?}");
+        // Six seconds; the targets are for half a minute.
+        assert!(errors.turn_deg < 0.08, "{errors:?}");
+        assert!(errors.shift_mm < 2.0, "{errors:?}");
         assert!(errors.offset_ms < 0.2, "{errors:?}");
         within += errors.over_sigma.iter().filter(|z| z.abs() < 2.0).count();
         assert_ne!(found.verdict(), Verdict::Fail, "{:#?}", found.gates);
     }
     let share = within as f64 / (all.len() * 13) as f64;
-    println!("{share}");
-    for k in 0..13 {
-        let rms = (all.iter().map(|(e, _)| e.over_sigma[k].powi(2)).sum::<f64>()
-            / all.len() as f64)
-            .sqrt();
-        println!("{k} {rms}");
+    assert!(share > 0.94, "{share}");
+    // And no larger: a sigma of a kilometre would pass, too.
+    for k in 3..13 {
+        let squares = all.iter().map(|(e, _)| e.over_sigma[k].powi(2));
+        let rms = (squares.sum::<f64>() / all.len() as f64).sqrt();
+        assert!((0.7..1.4).contains(&rms), "{k}: {rms}");
     }
-    let mut mm: Vec<f64> = all.iter().map(|(e, _)| e.shift_mm).collect();
-    mm.sort_by(f64::total_cmp);
-    println!("{mm:.2?}");
-    for (_, f) in &all {
-        for g in f.gates.iter().filter(|g| g.verdict != Verdict::Pass) {
-            println!("{} {}", g.name, g.text);
-        }
-    }
-    assert!(share > 0.95, "{share}");
 }
 
+/// Sensors whose axes are askew: the frame of the IMU is only as well defined as they are.
+#[test]
+fn rotation_is_as_sure_as_the_axes_of_the_sensors() {
+    let all = many(12, |seed| Scene {
+        scale_and_skew: [5e-3, 1e-3],
+        ..any(seed, 6.0)
+    });
+    let squares = (all.iter())
+        .flat_map(|(e, _)| e.over_sigma[..3].iter().map(|z| z * z))
+        .sum::<f64>();
+    let rms = (squares / 36.0).sqrt();
+    assert!((0.6..1.4).contains(&rms), "{rms}");
+    for (errors, _) in &all {
+        assert!(errors.shift_mm < 2.0 && errors.offset_ms < 0.2, "{errors:?}");
+    }
+}
 
-fn show(name: &str, scene: &Scene, told: &Told, change: impl Fn(&mut Recording)) {
+/// A short scene, and what is told of it: all of the truth, loosely.
+fn short() -> (Scene, Told) {
+    let scene = Scene {
+        board: ([6, 5], 0.11),
+        ..Scene::lively(8.0)
+    };
+    let told = Told {
+        imu_from_left: Some(scene.imu_from_left),
+        ..Told::default()
+    };
+    (scene, told)
+}
+
+fn found(scene: &Scene, told: &Told, change: impl Fn(&mut Recording)) -> (Errors, CameraImu) {
     let mut truth = simulate(scene, 7);
     change(&mut truth.recording);
-    println!("=== {name}");
-    match estimate(&truth.recording, told) {
-        Err(error) => println!("{error}"),
-        Ok(found) => {
-            let e = errors(scene, &truth, &found);
-            println!("{e:.2?}");
-            println!("{:?}", found.pictures);
-            for g in found.gates.iter().filter(|g| g.verdict != Verdict::Pass) {
-                println!("{} {}: {}", g.verdict, g.name, g.text);
-            }
-        }
-    }
+    let found = estimate(&truth.recording, told).expect("a result");
+    (errors(scene, &truth, &found), found)
+}
+
+fn verdict(found: &CameraImu, name: &str) -> Verdict {
+    let gate = found.gates.iter().find(|gate| gate.name == name);
+    gate.unwrap_or_else(|| panic!("no gate {name}")).verdict
 }
 
 #[test]
-fn explore() {
-    let good = || Scene::lively(20.0);
-    let told = Told::default();
-    let knows = Told {
-        imu_from_left: Some(good().imu_from_left),
+fn what_a_recording_does_not_determine_is_named_and_stays() {
+    let (good, told) = short();
+    let weak = |turn_rad: [f64; 3], shift_m: [f64; 3]| {
+        let scene = Scene {
+            turn_rad,
+            shift_m,
+            ..good.clone()
+        };
+        let (errors, found) = found(&scene, &told, |_| ());
+        assert_eq!(verdict(&found, "observability"), Verdict::Warn);
+        let mut counts = [0; 3];
+        for weak in &found.weak {
+            counts[match weak {
+                Weak::Rotation { .. } => 0,
+                Weak::Translation { .. } => 1,
+                Weak::TimeOffset { .. } => 2,
+            }] += 1;
+        }
+        (counts, errors, found)
+    };
+    let still = [0.0; 3];
+    let (counts, errors, _) = weak(still, still);
+    assert_eq!(counts, [3, 3, 1]);
+    assert!(errors.turn_deg < 1e-3 && errors.shift_mm < 1e-2, "{errors:?}");
+
+    // Moved but not turned: the accelerometer gives the rotation, nothing gives the lever arm.
+    let (counts, errors, _) = weak(still, good.shift_m);
+    assert_eq!(counts[1], 3);
+    assert!(errors.shift_mm < 1e-2, "{errors:?}");
+
+    // Turned about y alone: the lever arm along y stays.
+    let (counts, errors, found) = weak([0.0, 0.4, 0.0], good.shift_m);
+    assert_eq!(counts[1], 1, "{:?}", found.weak);
+    let direction = found.weak.iter().find_map(|weak| match weak {
+        Weak::Translation { direction, .. } => Some(direction[1]),
+        _ => None,
+    });
+    assert!(direction.is_some_and(|y| y > 0.99), "{direction:?}");
+    assert!(errors.shift_mm < 2.0, "{errors:?}");
+}
+
+#[test]
+fn what_is_not_as_told_is_flagged() {
+    let (good, told) = short();
+    let check = |name: &str, scene: Scene, change: &dyn Fn(&mut Recording)| {
+        let (errors, found) = found(&scene, &told, change);
+        let worst = verdict(&found, name);
+        assert!(worst > Verdict::Pass, "{name}: {errors:?} {:#?}", found.gates);
+        worst
+    };
+    let as_it_is = |_: &mut Recording| ();
+    for stereo in [true, false] {
+        let larger = Scene {
+            board_scale: 1.015,
+            stereo,
+            ..good.clone()
+        };
+        let verdict = check("size of the board", larger, &as_it_is);
+        assert_eq!(verdict, Verdict::Fail);
+    }
+    let drifting = Scene {
+        time_drift: 2e-4,
+        ..good.clone()
+    };
+    let verdict = check("drift of the clocks", drifting, &as_it_is);
+    assert_eq!(verdict, Verdict::Fail);
+    let mut noise = simulate::ZED_NOISE;
+    noise.gyro_noise_density *= 12.0;
+    noise.accel_noise_density *= 12.0;
+    let noisy = Scene {
+        noise,
+        ..good.clone()
+    };
+    check("gyroscope noise", noisy.clone(), &as_it_is);
+    check("accelerometer noise", noisy, &as_it_is);
+    let blurred = Scene {
+        corner_px: 0.5,
+        ..good.clone()
+    };
+    check("corner noise", blurred, &as_it_is);
+    check("pictures left out", good.clone(), &|r| {
+        for picture in r.pictures.iter_mut().step_by(9) {
+            picture.time_ns += 20_000_000;
+        }
+    });
+    check("first half against second", good.clone(), &|r| {
+        for picture in &mut r.pictures[80..] {
+            picture.time_ns += 3_000_000;
+        }
+    });
+    // Cut off at a value that nobody told.
+    check("gyroscope noise", good.clone(), &|r| {
+        for sample in &mut r.imu {
+            sample.gyro = sample.gyro.map(|v| v.clamp(-0.8, 0.8));
+        }
+    });
+}
+
+#[test]
+fn holes_and_outliers_do_no_harm() {
+    let (good, _) = short();
+    let check = |change: &dyn Fn(&mut Recording)| {
+        let (errors, found) = found(&good, &Told::default(), change);
+        assert!(errors.turn_deg < 0.05 && errors.shift_mm < 2.0, "{errors:?}");
+        assert!(errors.offset_ms < 0.1, "{errors:?}");
+        assert!(found.verdict() < Verdict::Fail, "{:#?}", found.gates);
+    };
+    check(&|r| {
+        r.imu.drain(1000..1200);
+        r.imu.remove(2000);
+    });
+    check(&|r| r.pictures[60..90].iter_mut().for_each(|p| p.corners.clear()));
+    check(&|r| {
+        r.range = [1.0, 100.0];
+        for sample in &mut r.imu {
+            sample.gyro = sample.gyro.map(|v| v.clamp(-1.0, 1.0));
+        }
+    });
+    check(&|r| {
+        let mut random = Random::new(1);
+        for corner in r.pictures.iter_mut().flat_map(|p| &mut p.corners) {
+            if random.uniform() < 0.03 {
+                corner.pixel[0] += 15.0;
+            }
+        }
+    });
+}
+
+#[test]
+fn any_start_will_do() {
+    let (good, told) = short();
+    let (plain, first) = found(&good, &Told::default(), |_| ());
+    let wrong = RigidTransform::from_rotation_vector([3.1, 0.0, 0.2], [0.1, 0.0, -0.1]).unwrap();
+    let told = Told {
+        imu_from_left: told.imu_from_left.map(|t| t * wrong),
+        time_offset_s: -0.05,
         ..told
     };
-    show("still", &Scene { turn_rad: [0.0; 3], shift_m: [0.0; 3], ..good() }, &told, |_| ());
-    show("still, told", &Scene { turn_rad: [0.0; 3], shift_m: [0.0; 3], ..good() }, &knows, |_| ());
-    show("shift only", &Scene { turn_rad: [0.0; 3], ..good() }, &told, |_| ());
-    show("turn only", &Scene { shift_m: [0.0; 3], ..good() }, &told, |_| ());
-    show("one axis", &Scene { turn_rad: [0.0, 0.4, 0.0], ..good() }, &told, |_| ());
-    show("one axis told", &Scene { turn_rad: [0.0, 0.4, 0.0], ..good() }, &knows, |_| ());
-    show("one axis no shift", &Scene { turn_rad: [0.0, 0.4, 0.0], shift_m: [0.0; 3], ..good() }, &told, |_| ());
-    show("slow", &Scene { turn_rad: [0.02; 3], shift_m: [0.02; 3], ..good() }, &told, |_| ());
-    
-    if std::env::var_os("DBG").is_none() {
-    for stereo in [true, false] {
-        for scale in [1.002, 1.005, 1.01, 1.03, 1.1] {
-            show(&format!("scale {scale} {stereo}"), &Scene { board_scale: scale, stereo, ..good() }, &told, |_| ());
+    let (errors, second) = found(&good, &told, |_| ());
+    assert!(errors.turn_deg < 0.05 && errors.shift_mm < 2.0, "{errors:?}");
+    assert!((errors.offset_ms - plain.offset_ms).abs() < 1e-2);
+    let apart = first.imu_from_left.inverse() * second.imu_from_left;
+    assert!(apart.distance_m() < 1e-4, "{apart:?}");
+    // Same input, same bits.
+    let (_, again) = found(&good, &told, |_| ());
+    assert_eq!(format!("{again:?}"), format!("{second:?}"));
+}
+
+#[test]
+fn impossible_input_is_an_error() {
+    let (good, _) = short();
+    let fails = |change: &dyn Fn(&mut Recording)| {
+        let mut recording = simulate(&good, 7).recording;
+        change(&mut recording);
+        estimate(&recording, &Told::default()).expect_err("no result")
+    };
+    use CameraImuError as E;
+    let error = fails(&|r| r.imu.iter_mut().for_each(|s| s.accel = s.accel.map(|v| v / GRAVITY)));
+    assert!(matches!(error, E::Gravity { .. }), "{error}");
+    let error = fails(&|r| r.imu.iter_mut().for_each(|s| s.gyro = s.gyro.map(f64::to_degrees)));
+    assert!(matches!(error, E::Rates { .. }), "{error}");
+    let error = fails(&|r| r.pictures[3].corners[2].pixel[1] = f64::NAN);
+    assert_eq!(
+        error,
+        E::NotFinite {
+            what: "picture",
+            index: 3
         }
-    }
-    for drift in [2e-6, 1e-5, 5e-5, 2e-4] {
-        show(&format!("drift {drift}"), &Scene { time_drift: drift, ..good() }, &told, |_| ());
-    }
-    for times in [0.1, 0.33, 3.0, 10.0, 30.0] {
-        let mut noise = simulate::ZED_NOISE;
-        noise.gyro_noise_density *= times;
-        noise.accel_noise_density *= times;
-        show(&format!("noise {times}"), &Scene { noise, ..good() }, &told, |_| ());
-    }
-    for px in [0.05, 0.5, 1.5] {
-        show(&format!("corners {px}"), &Scene { corner_px: px, ..good() }, &told, |_| ());
-    }
-    show("outlier corners", &Scene { corner_outliers: 0.05, ..good() }, &told, |_| ());
-    show("shapes", &Scene { scale_and_skew: [5e-3, 1e-3], ..good() }, &told, |_| ());
-    show("shapes bad", &Scene { scale_and_skew: [3e-2, 1e-2], ..good() }, &told, |_| ());
-    }
-    show("jump 1ms", &good(), &told, |r| for p in &mut r.pictures[200..] { p.time_ns += 1_000_000 });
-    show("jump 0.2ms", &good(), &told, |r| for p in &mut r.pictures[200..] { p.time_ns += 200_000 });
-    show("pictures swapped time", &good(), &told, |r| for p in r.pictures.iter_mut().step_by(9) { p.time_ns += 20_000_000 });
-    show("gap", &good(), &told, |r| { r.imu.drain(2000..2400); r.imu.remove(4000); });
-    show("saturated", &good(), &told, |r| {
-        r.range = [1.2, 30.0];
-        for s in &mut r.imu { for v in &mut s.gyro { *v = v.clamp(-1.2, 1.2); } }
+    );
+    let error = fails(&|r| r.imu.swap(10, 11));
+    assert_eq!(
+        error,
+        E::Order {
+            what: "IMU sample",
+            index: 11
+        }
+    );
+    let error = fails(&|r| r.imu.iter_mut().for_each(|s| s.time_ns += 3_600_000_000_000));
+    assert!(matches!(error, E::NoOverlap { .. }), "{error}");
+    let error = fails(&|r| r.pictures.iter_mut().for_each(|p| p.corners.truncate(5)));
+    assert!(matches!(error, E::FewPictures { found: 0, .. }), "{error}");
+    let swap = |eye: Eye| match eye {
+        Eye::Left => Eye::Right,
+        Eye::Right => Eye::Left,
+    };
+    let error = fails(&|r| {
+        let corners = r.pictures.iter_mut().flat_map(|p| &mut p.corners);
+        corners.for_each(|c| c.eye = swap(c.eye));
     });
-    show("saturated, not told", &good(), &told, |r| {
-        for s in &mut r.imu { for v in &mut s.gyro { *v = v.clamp(-1.2, 1.2); } }
-    });
-    show("no board", &good(), &told, |r| for p in &mut r.pictures[100..150] { p.corners.clear() });
-    show("g", &good(), &told, |r| for s in &mut r.imu { s.accel = s.accel.map(|v| v / 9.80665) });
-    show("deg", &good(), &told, |r| for s in &mut r.imu { s.gyro = s.gyro.map(f64::to_degrees) });
-    show("swapped eyes", &good(), &told, |r| for p in &mut r.pictures { for c in &mut p.corners { c.eye = if c.eye == Eye::Left { Eye::Right } else { Eye::Left } } });
-    show("lefthanded", &good(), &told, |r| for s in &mut r.imu { s.accel[0] *= -1.0; s.gyro[0] *= -1.0 });
-    show("lefthanded accel", &good(), &told, |r| for s in &mut r.imu { s.accel[0] *= -1.0; });
-    show("180", &good(), &Told { imu_from_left: Some(good().imu_from_left * RigidTransform::from_rotation_vector([3.14159, 0.0, 0.0], [0.1, 0.0, -0.1]).unwrap()), time_offset_s: 0.05, ..told }, |_| ());
+    assert!(matches!(error, E::FewPictures { .. }), "{error}");
 }

@@ -36,6 +36,8 @@ pub(super) struct Quadric {
     pub board_scale: f64,
     pub information: SMatrix<f64, VIEW, VIEW>,
     pub gradient: SVector<f64, VIEW>,
+    /// Corners that counted.
+    pub corners: usize,
 }
 
 /// How the corners lie about a pose.
@@ -55,6 +57,8 @@ pub(super) struct View<'a> {
     pub time_s: f64,
     pub time_ns: i64,
     pub corners: &'a [Corner],
+    /// Corners that fit its own pose.
+    pub corners_kept: usize,
 }
 
 struct Linear {
@@ -135,6 +139,7 @@ impl View<'_> {
     ) -> Quadric {
         let mut information = SMatrix::zeros();
         let mut gradient = SVector::zeros();
+        let mut corners = 0;
         for corner in self.corners {
             let Some(linear) = self.linear(cameras, pose, board_scale, corner) else {
                 continue;
@@ -147,12 +152,14 @@ impl View<'_> {
             let turned = linear.by_view.transpose() * weight;
             information += turned * linear.by_view;
             gradient += turned * linear.residual;
+            corners += 1;
         }
         Quadric {
             pose: *pose,
             board_scale,
             information,
             gradient,
+            corners,
         }
     }
 

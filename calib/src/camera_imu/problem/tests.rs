@@ -103,6 +103,7 @@ fn derivatives_of_all_factors() {
         time_s,
         time_ns: 0,
         corners: &[],
+        corners_kept: 0,
     };
     let views = [view(0.1), view(0.15)];
     let prior = Prior {
