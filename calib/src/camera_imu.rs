@@ -10,8 +10,8 @@
 //! not be used.
 //!
 //! The time offset is Kalibr's: `t_imu = t_camera + offset`, where `t_camera` is the middle of the exposure
-//! and `t_imu` what the IMU's samples carry. Delay of the IMU's own filter is part of it. Pictures are taken
-//! as if all rows were exposed at once.
+//! and `t_imu` what the IMU's samples carry. Delay of the IMU's own filter is part of it. The time from row
+//! to row of a rolling shutter must be known ([`Cameras::with_rolling_shutter`]).
 //!
 //! Pictures without board, gaps of the IMU and values at the end of its range break the chain; what is
 //! left is used. Corners and whole pictures that do not fit count less, or not at all.
@@ -83,6 +83,8 @@ pub struct ImuSample {
 pub struct Cameras {
     left: Lens,
     right: Option<Right>,
+    /// From one row to the next, s.
+    line_s: f64,
 }
 
 #[derive(Clone, Debug)]
@@ -102,7 +104,16 @@ impl Cameras {
                 rotation: *right_from_left.rotation().to_rotation_matrix().matrix(),
                 translation: *right_from_left.translation(),
             }),
+            line_s: 0.0,
         }
+    }
+
+    /// The same where rows are exposed one after the other, `line_s` seconds from each to the next below;
+    /// the times of pictures are those of the middle row.
+    #[must_use]
+    pub fn with_rolling_shutter(mut self, line_s: f64) -> Self {
+        self.line_s = line_s;
+        self
     }
 }
 

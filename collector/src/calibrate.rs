@@ -4,6 +4,7 @@
 //! the session, else wherever `--out` says. A file that is there already is overwritten only with
 //! `--force`, and whether one is in the way is known before any work is done.
 
+pub mod camera_imu;
 pub mod imu;
 pub mod imu_samples;
 
@@ -23,6 +24,17 @@ pub const FOLDER: &str = "calibration";
 /// What to calibrate.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Place and clock of the IMUs behind their cameras, from a recording before a board
+    CameraImu {
+        /// The session
+        session: String,
+        /// How to do it
+        #[command(flatten)]
+        options: camera_imu::Options,
+        /// Where results go
+        #[command(flatten)]
+        output: Output,
+    },
     /// Noise of the IMUs, from a rig that lay still
     Imu {
         /// The session
@@ -100,6 +112,11 @@ pub fn run(
     console: &mut Console<'_>,
 ) -> Result<Outcome> {
     match command {
+        Command::CameraImu {
+            session,
+            options,
+            output,
+        } => camera_imu::run(&Target::find(session, library)?, options, output, console),
         Command::Imu {
             session,
             options,

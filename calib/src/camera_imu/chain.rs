@@ -153,7 +153,9 @@ impl<const N: usize, const B: usize> Factor<N, B> {
             if i + 1 < n {
                 right -= self.next[i] * own[i + 1];
             }
-            self.own[i].l_dirty().tr_solve_lower_triangular_mut(&mut right);
+            self.own[i]
+                .l_dirty()
+                .tr_solve_lower_triangular_mut(&mut right);
             own[i] = right;
         }
         Step { own, shared }
@@ -279,9 +281,8 @@ mod tests {
             let expected = inverse.view((row, column), found.shape());
             assert!((expected - &found).amax() < 1e-7 * inverse.amax());
         };
-        let dynamic = |m: &[f64], rows: usize, columns: usize| {
-            DMatrix::from_column_slice(rows, columns, m)
-        };
+        let dynamic =
+            |m: &[f64], rows: usize, columns: usize| DMatrix::from_column_slice(rows, columns, m);
         for i in 0..states {
             near(dynamic(found.own[i].as_slice(), N, N), i * N, i * N);
             near(dynamic(found.border[i].as_slice(), N, B), i * N, states * N);
@@ -289,6 +290,10 @@ mod tests {
                 near(dynamic(found.next[i].as_slice(), N, N), i * N, (i + 1) * N);
             }
         }
-        near(dynamic(found.shared.as_slice(), B, B), states * N, states * N);
+        near(
+            dynamic(found.shared.as_slice(), B, B),
+            states * N,
+            states * N,
+        );
     }
 }

@@ -3,18 +3,16 @@
 use cad_transforms::RigidTransform;
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 
+use super::excite;
 use super::judge::{self, Evidence};
 use super::problem::{
     BOARD, DOWN, DRIFT, Factors, Fitted, OFFSET, Prior, Problem, ROTATION, SHAPES, SHARED, Shared,
     State, Sum, TRANSLATION,
 };
-use super::excite;
 use super::start::{self, Pulled};
 use super::track::Track;
 use super::view::{Fit, Pose, View};
-use super::{
-    CameraImu, CameraImuError, GRAVITY, Noise, Noises, Recording, Residual, Sigmas, Told,
-};
+use super::{CameraImu, CameraImuError, GRAVITY, Noise, Noises, Recording, Residual, Sigmas, Told};
 
 /// Fewest pictures with a pose, and intervals between them with inertial samples.
 const FEWEST: usize = 20;
@@ -36,42 +34,93 @@ const FEWEST_IN_HALF: usize = 60;
 /// [gate](CameraImu::gates) or a [weak direction](CameraImu::weak).
 pub fn estimate(recording: &Recording, told: &Told) -> Result<CameraImu, CameraImuError> {
     check(recording)?;
-    let zero_ns = recording.pictures.first().map_or(0, |p| p.time_ns);
-    let track = Track::new(&recording.imu, zero_ns, recording.range);
-    let mut views = Vec::new();
-    let mut poses = Vec::new();
-    let mut fits = Vec::new();
-    for picture in &recording.pictures {
-        let mut view = View {
-            time_s: (picture.time_ns - zero_ns) as f64 * 1e-9,
-            time_ns: picture.time_ns,
-            corners: &picture.corners,
-            corners_kept: 0,
-        };
-        let found = view.pose(&recording.cameras);
-        if let Some((pose, fit)) = found.filter(|(_, fit)| fit.scale < WORST_PICTURE) {
-            view.corners_kept = fit.corners;
-            views.push(view);
-            poses.push(pose);
-            fits.push(fit);
-        }
-    }
-    if views.len() < FEWEST {
-        return Err(CameraImuError::FewPictures {
-            given: recording.pictures.len(),
-            found: views.len(),
-            expected: FEWEST,
-        });
-    }
+    let seen = Seen::of(recording)?;
     Work {
         recording,
         told,
-        track: &track,
-        views: &views,
-        poses: &poses,
-        fits: &fits,
+        track: &seen.track,
+        views: &seen.views,
+        poses: &seen.poses,
+        fits: &seen.fits,
     }
     .run()
+}
+
+/// The samples, and the pictures with a pose.
+struct Seen<'a> {
+    track: Track,
+    views: Vec<View<'a>>,
+    poses: Vec<Pose>,
+    fits: Vec<Fit>,
+}
+
+impl<'a> Seen<'a> {
+    fn of(recording: &'a Recording) -> Result<Self, CameraImuError> {
+        let zero_ns = recording.pictures.first().map_or(0, |p| p.time_ns);
+        let track = Track::new(&recording.imu, zero_ns, recording.range);
+        let mut views = Vec::new();
+        let mut poses = Vec::new();
+        let mut fits = Vec::new();
+        for picture in &recording.pictures {
+            let mut view = View {
+                time_s: (picture.time_ns - zero_ns) as f64 * 1e-9,
+                time_ns: picture.time_ns,
+                corners: &picture.corners,
+                corners_kept: 0,
+                motion: [Vector3::zeros(); 2],
+            };
+            let found = view.pose(&recording.cameras);
+            if let Some((pose, fit)) = found.filter(|(_, fit)| fit.scale < WORST_PICTURE) {
+                view.corners_kept = fit.corners;
+                views.push(view);
+                poses.push(pose);
+                fits.push(fit);
+            }
+        }
+        if recording.cameras.line_s != 0.0 {
+            let motions: Vec<_> = (0..views.len())
+                .map(|i| motion(&views, &poses, i))
+                .collect();
+            for (i, motion) in motions.into_iter().enumerate() {
+                views[i].motion = motion;
+                if let Some((pose, fit)) = views[i].pose(&recording.cameras) {
+                    (poses[i], fits[i]) = (pose, fit);
+                    views[i].corners_kept = fit.corners;
+                }
+            }
+        }
+        if views.len() < FEWEST {
+            return Err(CameraImuError::FewPictures {
+                given: recording.pictures.len(),
+                found: views.len(),
+                expected: FEWEST,
+            });
+        }
+        Ok(Self {
+            track,
+            views,
+            poses,
+            fits,
+        })
+    }
+}
+
+/// How the camera turns and moves at a picture, from its neighbours.
+fn motion(views: &[View<'_>], poses: &[Pose], i: usize) -> [Vector3<f64>; 2] {
+    let near = |k: &usize| (views[*k].time_s - views[i].time_s).abs() < 0.15;
+    let a = i.checked_sub(1).filter(near).unwrap_or(i);
+    let b = Some(i + 1)
+        .filter(|k| *k < views.len() && near(k))
+        .unwrap_or(i);
+    if a == b {
+        return [Vector3::zeros(); 2];
+    }
+    let seconds = views[b].time_s - views[a].time_s;
+    let turn = super::so3::log(&(poses[a].rotation.transpose() * poses[b].rotation));
+    [
+        turn / seconds,
+        (poses[b].position - poses[a].position) / seconds,
+    ]
 }
 
 fn check(recording: &Recording) -> Result<(), CameraImuError> {
@@ -97,7 +146,12 @@ fn check(recording: &Recording) -> Result<(), CameraImuError> {
             return Err(CameraImuError::Order { what, index });
         }
         last = sample.time_ns;
-        if !sample.gyro.iter().chain(&sample.accel).all(|v| v.is_finite()) {
+        if !sample
+            .gyro
+            .iter()
+            .chain(&sample.accel)
+            .all(|v| v.is_finite())
+        {
             return Err(CameraImuError::NotFinite { what, index });
         }
     }
@@ -228,17 +282,13 @@ impl Work<'_> {
         let rough = problem.fit(states, shared).map_err(no_end)?;
         problem.factors = coarse(&problem.factors, &rough.medians);
         problem.robust = true;
-        let mut fitted = problem
-            .fit(rough.states, rough.shared)
-            .map_err(no_end)?;
+        let mut fitted = problem.fit(rough.states, rough.shared).map_err(no_end)?;
         for _ in 1..ROUNDS {
             let Some(factors) = weighed(&problem.factors, &fitted.sums) else {
                 break;
             };
             problem.factors = factors;
-            fitted = problem
-                .fit(fitted.states, fitted.shared)
-                .map_err(no_end)?;
+            fitted = problem.fit(fitted.states, fitted.shared).map_err(no_end)?;
         }
         let halves = self.halves(&problem, &fitted);
         Ok(self.result(&problem, &fitted, halves, turned.correlation))
@@ -441,11 +491,7 @@ impl Work<'_> {
             noises,
             correlation,
             residuals,
-            pictures: [
-                self.recording.pictures.len(),
-                self.views.len(),
-                doubtful,
-            ],
+            pictures: [self.recording.pictures.len(), self.views.len(), doubtful],
         }
     }
 }
@@ -517,3 +563,6 @@ fn noises(problem: &Problem<'_>, sums: &[Sum; 5], fits: &[Fit]) -> Noises {
         accel_walk: noise(f.accel_walk, 4),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -56,8 +56,8 @@ pub(super) fn held(
     }
     information[(6, 6)] = told.time_offset_sigma_s.powi(-2);
     let rate_sigma = (noise.gyro_noise_density / WINDOW_S.sqrt()).hypot(1.4 * SEEN[0] / WINDOW_S);
-    let force_sigma = (noise.accel_noise_density / WINDOW_S.sqrt())
-        .hypot(2.4 * SEEN[1] / (WINDOW_S * WINDOW_S));
+    let force_sigma =
+        (noise.accel_noise_density / WINDOW_S.sqrt()).hypot(2.4 * SEEN[1] / (WINDOW_S * WINDOW_S));
 
     let mut next = f64::NEG_INFINITY;
     for (time_s, pose) in times_s.iter().zip(poses) {
@@ -68,9 +68,11 @@ pub(super) fn held(
         let middle = time_s + turned.time_offset_s;
         let half = 0.5 * WINDOW_S;
         let mean = |at: f64| track.means(at - half, at + half);
-        let (Some(now), Some(before), Some(after)) =
-            (mean(middle), mean(middle - WINDOW_S), mean(middle + WINDOW_S))
-        else {
+        let (Some(now), Some(before), Some(after)) = (
+            mean(middle),
+            mean(middle - WINDOW_S),
+            mean(middle + WINDOW_S),
+        ) else {
             continue;
         };
         let rate = now[0] - turned.gyro_bias;

@@ -178,7 +178,11 @@ pub(super) fn gates(evidence: &Evidence<'_>, weak: &[Weak]) -> Vec<Gate> {
         noise("gyroscope noise", &noises.gyro, [0.4, 2.0, 10.0]),
         noise("accelerometer noise", &noises.accel, [0.4, 2.0, 10.0]),
         noise("gyroscope bias walk", &noises.gyro_walk, [0.0, 5.0, 100.0]),
-        noise("accelerometer bias walk", &noises.accel_walk, [0.0, 5.0, 100.0]),
+        noise(
+            "accelerometer bias walk",
+            &noises.accel_walk,
+            [0.0, 5.0, 100.0],
+        ),
         board(evidence),
         drift(evidence),
         shapes(evidence),
@@ -201,7 +205,10 @@ fn observability(weak: &[Weak]) -> Gate {
         true => (Verdict::Pass, "all directions are determined".to_owned()),
         false => (
             Verdict::Warn,
-            weak.iter().map(Weak::to_string).collect::<Vec<_>>().join("; "),
+            weak.iter()
+                .map(Weak::to_string)
+                .collect::<Vec<_>>()
+                .join("; "),
         ),
     };
     gate("observability", verdict, text)
@@ -229,7 +236,11 @@ fn board(evidence: &Evidence<'_>) -> Gate {
     };
     let tolerance = evidence.prior.sigmas[BOARD];
     let off = (scale - told) / sigma.hypot(tolerance);
-    let verdict = if off.abs() > CHANCE { Verdict::Fail } else { Verdict::Pass };
+    let verdict = if off.abs() > CHANCE {
+        Verdict::Fail
+    } else {
+        Verdict::Pass
+    };
     let percent = 100.0 * (scale / told - 1.0);
     let text = format!(
         "{percent:+.2} % of what is told by the recording alone (sigma {:.2} %), expected within {:.2} %: square \
@@ -274,7 +285,10 @@ fn shapes(evidence: &Evidence<'_>) -> Gate {
                 let what = if row == column { "scale" } else { "skew" };
                 worst = (
                     (off / sigma).abs(),
-                    format!("{what} {row}{column} of the {sensor} is off by {:.2} %", 100.0 * off),
+                    format!(
+                        "{what} {row}{column} of the {sensor} is off by {:.2} %",
+                        100.0 * off
+                    ),
                 );
             }
         }
@@ -322,7 +336,11 @@ fn doubtful(evidence: &Evidence<'_>) -> Gate {
 fn joined(evidence: &Evidence<'_>) -> Gate {
     let all = evidence.pictures - 1;
     let share = evidence.linked as f64 / all as f64;
-    let verdict = if share < 0.8 { Verdict::Warn } else { Verdict::Pass };
+    let verdict = if share < 0.8 {
+        Verdict::Warn
+    } else {
+        Verdict::Pass
+    };
     let text = format!(
         "{} of {all} intervals between pictures have inertial samples all the way, expected at least 80 %",
         evidence.linked

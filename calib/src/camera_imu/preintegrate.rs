@@ -54,7 +54,8 @@ fn by_sensor(
     shape: usize,
 ) -> BySensor {
     let mut out = BySensor::zeros();
-    out.fixed_view_mut::<3, 3>(0, bias).copy_from(&-shape_inverse);
+    out.fixed_view_mut::<3, 3>(0, bias)
+        .copy_from(&-shape_inverse);
     for row in 0..3 {
         for column in 0..3 {
             let by = -shape_inverse.column(row) * value[column];
@@ -202,7 +203,11 @@ mod tests {
                 let t = k as f64 / rate_hz;
                 ImuSample {
                     time_ns: (t * 1e9).round() as i64,
-                    gyro: [(3.0 * t).sin(), 1.4 * (4.0 * t).cos(), 0.7 * (2.0 * t).sin()],
+                    gyro: [
+                        (3.0 * t).sin(),
+                        1.4 * (4.0 * t).cos(),
+                        0.7 * (2.0 * t).sin(),
+                    ],
                     accel: [3.0 * (5.0 * t).cos(), 1.0 + t, 9.0 + (6.0 * t).sin()],
                 }
             })

@@ -326,12 +326,7 @@ impl Prior {
 }
 
 impl Problem<'_> {
-    fn picture(
-        &self,
-        rooted: &Rooted,
-        state: &State,
-        shared: &Shared,
-    ) -> Whitened<VIEW> {
+    fn picture(&self, rooted: &Rooted, state: &State, shared: &Shared) -> Whitened<VIEW> {
         let camera = shared.camera(state);
         let turn = so3::log(&(rooted.pose.rotation.transpose() * camera.rotation));
         let mut x = SVector::<f64, VIEW>::zeros();
@@ -403,8 +398,7 @@ impl Problem<'_> {
         let turned = back * b.rotation;
         let turn = so3::log(&(moved.turn.transpose() * turned));
         let gained = back * (b.velocity - a.velocity - gravity * t);
-        let shifted =
-            back * (b.position - a.position - a.velocity * t - gravity * (0.5 * t * t));
+        let shifted = back * (b.position - a.position - a.velocity * t - gravity * (0.5 * t * t));
         let mut residual = SVector::<f64, 9>::zeros();
         residual.fixed_rows_mut::<3>(0).copy_from(&turn);
         residual
@@ -568,11 +562,7 @@ impl Problem<'_> {
     }
 
     /// The best fit from a start; the number of iterations if there is none.
-    pub(super) fn fit(
-        &self,
-        mut states: Vec<State>,
-        mut shared: Shared,
-    ) -> Result<Fitted, usize> {
+    pub(super) fn fit(&self, mut states: Vec<State>, mut shared: Shared) -> Result<Fitted, usize> {
         let mut iterations = 0;
         for round in 0.. {
             // The first time around, and wherever the motion contradicts a picture, the pose that fits it
@@ -609,8 +599,7 @@ impl Problem<'_> {
         shared: &mut Shared,
         iterations: &mut usize,
     ) -> Result<f64, usize> {
-        let (mut chain, mut cost) =
-            self.equations(rooted, states, shared).ok_or(*iterations)?;
+        let (mut chain, mut cost) = self.equations(rooted, states, shared).ok_or(*iterations)?;
         let mut damping = 1e-6;
         let mut first = None;
         for tries in 0.. {
@@ -744,6 +733,7 @@ impl Problem<'_> {
     }
 }
 
-
+#[cfg(test)]
+pub(super) mod spline;
 #[cfg(test)]
 mod tests;

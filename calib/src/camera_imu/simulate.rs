@@ -83,6 +83,8 @@ pub struct Scene {
     pub time_offset_s: f64,
     /// How it grows, seconds per second.
     pub time_drift: f64,
+    /// From row to row, s; 0 for a global shutter.
+    pub line_s: f64,
     /// Share of corners that are somewhere else by up to 20 px.
     pub corner_outliers: f64,
 }
@@ -120,6 +122,7 @@ impl Scene {
             .expect("finite numbers"),
             time_offset_s: 0.0042,
             time_drift: 0.0,
+            line_s: 0.0,
             corner_outliers: 0.0,
         }
     }
@@ -176,7 +179,7 @@ pub fn simulate(scene: &Scene, seed: u64) -> Simulated {
     let mut random = Random::new(seed);
     let turns = Sines::new(&mut random, scene.turn_rad, 0.15, 1.3);
     let shifts = Sines::new(&mut random, scene.shift_m, 0.2, 1.2);
-    let cameras = cameras(scene.stereo);
+    let cameras = cameras(scene.stereo).with_rolling_shutter(scene.line_s);
     let ([columns, rows], spacing) = scene.board;
     let board: Vec<Vector3<f64>> = (0..rows * columns)
         .map(|k| {
@@ -224,9 +227,8 @@ pub fn simulate(scene: &Scene, seed: u64) -> Simulated {
         let t = k as f64 * dt;
         let (_, rotation, _, acceleration, rate) = imu_at(t);
         let force = rotation.transpose() * (acceleration - gravity_in_target);
-        let gyro = shapes[0] * rate
-            + biases[0]
-            + random.vector() * (noise.gyro_noise_density / dt.sqrt());
+        let gyro =
+            shapes[0] * rate + biases[0] + random.vector() * (noise.gyro_noise_density / dt.sqrt());
         let accel = shapes[1] * force
             + biases[1]
             + random.vector() * (noise.accel_noise_density / dt.sqrt());
@@ -245,22 +247,33 @@ pub fn simulate(scene: &Scene, seed: u64) -> Simulated {
     let mut pictures = Vec::new();
     for k in 0..(scene.seconds * scene.picture_hz) as usize {
         let t = (k as f64 + 0.37) / scene.picture_hz;
-        let (position, rotation, ..) = imu_at(t);
         let mut corners = Vec::new();
         let eyes = [Eye::Left, Eye::Right];
         for eye in &eyes[..1 + usize::from(scene.stereo)] {
             for x_in_target in &board {
-                let x_in_imu =
-                    rotation.transpose() * (x_in_target * scene.board_scale - position);
-                let x_in_left = left_from_imu.apply(x_in_imu.into());
-                let (lens, x) = match (eye, &cameras.right) {
-                    (Eye::Right, Some(right)) => {
-                        let x = right.rotation * Vector3::from(x_in_left) + right.translation;
-                        (&right.lens, x.into())
+                let seen = |late_s: f64| {
+                    let (position, rotation, ..) = imu_at(t + late_s);
+                    let x_in_imu =
+                        rotation.transpose() * (x_in_target * scene.board_scale - position);
+                    let x_in_left = left_from_imu.apply(x_in_imu.into());
+                    match (eye, &cameras.right) {
+                        (Eye::Right, Some(right)) => {
+                            let x = right.rotation * Vector3::from(x_in_left) + right.translation;
+                            right.lens.project(x.into())
+                        }
+                        _ => cameras.left.project(x_in_left),
                     }
-                    _ => (&cameras.left, x_in_left),
                 };
-                let Some(pixel) = lens.project(x) else {
+                let lens = &cameras.left;
+                let middle_row = 0.5 * (f64::from(lens.model().height) - 1.0);
+                let mut pixel = seen(0.0);
+                if scene.line_s != 0.0 {
+                    // The row depends on where the corner is, which depends on the row.
+                    for _ in 0..4 {
+                        pixel = pixel.and_then(|p| seen(scene.line_s * (p[1] - middle_row)));
+                    }
+                }
+                let Some(pixel) = pixel else {
                     continue;
                 };
                 let (width, height) = (lens.model().width, lens.model().height);
@@ -270,7 +283,11 @@ pub fn simulate(scene: &Scene, seed: u64) -> Simulated {
                 }
                 let wrong = random.uniform() < scene.corner_outliers;
                 let pixel = pixel.map(|v| {
-                    let stray = if wrong { 40.0 * (random.uniform() - 0.5) } else { 0.0 };
+                    let stray = if wrong {
+                        40.0 * (random.uniform() - 0.5)
+                    } else {
+                        0.0
+                    };
                     v + scene.corner_px * random.normal() + stray
                 });
                 corners.push(Corner {

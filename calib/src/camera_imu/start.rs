@@ -162,7 +162,11 @@ fn rotations(rates: &Rates, told: Option<&Matrix3<f64>>) -> Vec<Matrix3<f64>> {
         let (sine, cosine) = (axis.norm(), turned.dot(&in_imu));
         let axis = axis.try_normalize(1e-9).unwrap_or_else(|| {
             // Parallel or opposite: any normal axis.
-            let other = if in_imu.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
+            let other = if in_imu.x.abs() < 0.9 {
+                Vector3::x()
+            } else {
+                Vector3::y()
+            };
             in_imu.cross(&other).normalize()
         });
         so3::exp(&(axis * sine.atan2(cosine))) * from

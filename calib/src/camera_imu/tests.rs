@@ -118,7 +118,10 @@ fn rotation_is_as_sure_as_the_axes_of_the_sensors() {
     let rms = (squares / 36.0).sqrt();
     assert!((0.6..1.4).contains(&rms), "{rms}");
     for (errors, _) in &all {
-        assert!(errors.shift_mm < 2.0 && errors.offset_ms < 0.2, "{errors:?}");
+        assert!(
+            errors.shift_mm < 2.0 && errors.offset_ms < 0.2,
+            "{errors:?}"
+        );
     }
 }
 
@@ -171,7 +174,10 @@ fn what_a_recording_does_not_determine_is_named_and_stays() {
     let still = [0.0; 3];
     let (counts, errors, _) = weak(still, still);
     assert_eq!(counts, [3, 3, 1]);
-    assert!(errors.turn_deg < 1e-3 && errors.shift_mm < 1e-2, "{errors:?}");
+    assert!(
+        errors.turn_deg < 1e-3 && errors.shift_mm < 1e-2,
+        "{errors:?}"
+    );
 
     // Moved but not turned: the accelerometer gives the rotation, nothing gives the lever arm.
     let (counts, errors, _) = weak(still, good.shift_m);
@@ -195,7 +201,11 @@ fn what_is_not_as_told_is_flagged() {
     let check = |name: &str, scene: Scene, change: &dyn Fn(&mut Recording)| {
         let (errors, found) = found(&scene, &told, change);
         let worst = verdict(&found, name);
-        assert!(worst > Verdict::Pass, "{name}: {errors:?} {:#?}", found.gates);
+        assert!(
+            worst > Verdict::Pass,
+            "{name}: {errors:?} {:#?}",
+            found.gates
+        );
         worst
     };
     let as_it_is = |_: &mut Recording| ();
@@ -251,7 +261,10 @@ fn holes_and_outliers_do_no_harm() {
     let (good, _) = short();
     let check = |change: &dyn Fn(&mut Recording)| {
         let (errors, found) = found(&good, &Told::default(), change);
-        assert!(errors.turn_deg < 0.05 && errors.shift_mm < 2.0, "{errors:?}");
+        assert!(
+            errors.turn_deg < 0.05 && errors.shift_mm < 2.0,
+            "{errors:?}"
+        );
         assert!(errors.offset_ms < 0.1, "{errors:?}");
         assert!(found.verdict() < Verdict::Fail, "{:#?}", found.gates);
     };
@@ -259,7 +272,11 @@ fn holes_and_outliers_do_no_harm() {
         r.imu.drain(1000..1200);
         r.imu.remove(2000);
     });
-    check(&|r| r.pictures[60..90].iter_mut().for_each(|p| p.corners.clear()));
+    check(&|r| {
+        r.pictures[60..90]
+            .iter_mut()
+            .for_each(|p| p.corners.clear())
+    });
     check(&|r| {
         r.range = [1.0, 100.0];
         for sample in &mut r.imu {
@@ -277,6 +294,24 @@ fn holes_and_outliers_do_no_harm() {
 }
 
 #[test]
+fn a_rolling_shutter_that_is_told_does_no_harm() {
+    let (good, told) = short();
+    let scene = Scene {
+        line_s: 2e-5,
+        ..good
+    };
+    let (errors, told_of) = found(&scene, &told, |_| ());
+    assert!(
+        errors.turn_deg < 0.05 && errors.shift_mm < 2.0,
+        "{errors:?}"
+    );
+    assert!(told_of.verdict() < Verdict::Fail, "{:#?}", told_of.gates);
+    // One that is not told bends the board in every picture.
+    let (_, untold) = found(&scene, &told, |r| r.cameras.line_s = 0.0);
+    assert!(untold.verdict() > Verdict::Pass, "{:#?}", untold.gates);
+}
+
+#[test]
 fn any_start_will_do() {
     let (good, told) = short();
     let (plain, first) = found(&good, &Told::default(), |_| ());
@@ -287,7 +322,10 @@ fn any_start_will_do() {
         ..told
     };
     let (errors, second) = found(&good, &told, |_| ());
-    assert!(errors.turn_deg < 0.05 && errors.shift_mm < 2.0, "{errors:?}");
+    assert!(
+        errors.turn_deg < 0.05 && errors.shift_mm < 2.0,
+        "{errors:?}"
+    );
     assert!((errors.offset_ms - plain.offset_ms).abs() < 1e-2);
     let apart = first.imu_from_left.inverse() * second.imu_from_left;
     assert!(apart.distance_m() < 1e-4, "{apart:?}");
@@ -305,9 +343,17 @@ fn impossible_input_is_an_error() {
         estimate(&recording, &Told::default()).expect_err("no result")
     };
     use CameraImuError as E;
-    let error = fails(&|r| r.imu.iter_mut().for_each(|s| s.accel = s.accel.map(|v| v / GRAVITY)));
+    let error = fails(&|r| {
+        r.imu
+            .iter_mut()
+            .for_each(|s| s.accel = s.accel.map(|v| v / GRAVITY))
+    });
     assert!(matches!(error, E::Gravity { .. }), "{error}");
-    let error = fails(&|r| r.imu.iter_mut().for_each(|s| s.gyro = s.gyro.map(f64::to_degrees)));
+    let error = fails(&|r| {
+        r.imu
+            .iter_mut()
+            .for_each(|s| s.gyro = s.gyro.map(f64::to_degrees))
+    });
     assert!(matches!(error, E::Rates { .. }), "{error}");
     let error = fails(&|r| r.pictures[3].corners[2].pixel[1] = f64::NAN);
     assert_eq!(
@@ -325,7 +371,11 @@ fn impossible_input_is_an_error() {
             index: 11
         }
     );
-    let error = fails(&|r| r.imu.iter_mut().for_each(|s| s.time_ns += 3_600_000_000_000));
+    let error = fails(&|r| {
+        r.imu
+            .iter_mut()
+            .for_each(|s| s.time_ns += 3_600_000_000_000)
+    });
     assert!(matches!(error, E::NoOverlap { .. }), "{error}");
     let error = fails(&|r| r.pictures.iter_mut().for_each(|p| p.corners.truncate(5)));
     assert!(matches!(error, E::FewPictures { found: 0, .. }), "{error}");

@@ -59,6 +59,9 @@ pub(super) struct View<'a> {
     pub corners: &'a [Corner],
     /// Corners that fit its own pose.
     pub corners_kept: usize,
+    /// How the left camera turns (its own axes, rad/s) and moves (the target's, m/s): where rows are not
+    /// exposed at once.
+    pub motion: [Vector3<f64>; 2],
 }
 
 struct Linear {
@@ -67,8 +70,22 @@ struct Linear {
 }
 
 impl View<'_> {
+    /// The pose in the middle of the exposure of a corner's row.
+    fn at_row(&self, cameras: &Cameras, pose: &Pose, c: &Corner) -> Pose {
+        if cameras.line_s == 0.0 {
+            return *pose;
+        }
+        let rows = f64::from(cameras.left.model().height);
+        let late_s = cameras.line_s * (c.pixel[1] - 0.5 * (rows - 1.0));
+        Pose {
+            rotation: pose.rotation * so3::exp(&(self.motion[0] * late_s)),
+            position: pose.position + self.motion[1] * late_s,
+        }
+    }
+
     /// The error of one corner over its sigma; none where the lens cannot see the point.
     fn error(&self, cameras: &Cameras, pose: &Pose, size: f64, c: &Corner) -> Option<Vector2<f64>> {
+        let pose = self.at_row(cameras, pose, c);
         let x_in_left =
             pose.rotation.transpose() * (Vector3::from(c.x_in_target) * size - pose.position);
         let (lens, x) = match c.eye {
@@ -83,6 +100,7 @@ impl View<'_> {
     }
 
     fn linear(&self, cameras: &Cameras, pose: &Pose, size: f64, c: &Corner) -> Option<Linear> {
+        let pose = self.at_row(cameras, pose, c);
         let x_in_target = Vector3::from(c.x_in_target);
         let back = pose.rotation.transpose();
         let x_in_left = back * (x_in_target * size - pose.position);
@@ -235,8 +253,28 @@ impl View<'_> {
         for (on_board, seen) in &pairs {
             let b = (on_board - middle) / spread;
             for row in [
-                [b.x, b.y, 1.0, 0.0, 0.0, 0.0, -seen.x * b.x, -seen.x * b.y, -seen.x],
-                [0.0, 0.0, 0.0, b.x, b.y, 1.0, -seen.y * b.x, -seen.y * b.y, -seen.y],
+                [
+                    b.x,
+                    b.y,
+                    1.0,
+                    0.0,
+                    0.0,
+                    0.0,
+                    -seen.x * b.x,
+                    -seen.x * b.y,
+                    -seen.x,
+                ],
+                [
+                    0.0,
+                    0.0,
+                    0.0,
+                    b.x,
+                    b.y,
+                    1.0,
+                    -seen.y * b.x,
+                    -seen.y * b.y,
+                    -seen.y,
+                ],
             ] {
                 let row = SVector::<f64, 9>::from(row);
                 normal += row * row.transpose();
@@ -262,7 +300,10 @@ impl View<'_> {
         let (rotation, shift) = match (eye, &cameras.right) {
             (Eye::Right, Some(right)) => {
                 let back = right.rotation.transpose();
-                (back * camera_from_target, back * (shift - right.translation))
+                (
+                    back * camera_from_target,
+                    back * (shift - right.translation),
+                )
             }
             _ => (camera_from_target, shift),
         };

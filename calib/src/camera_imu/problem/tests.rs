@@ -54,7 +54,10 @@ fn check<const M: usize>(
     let near = |column: usize, what: &str, by: SVector<f64, M>, expected: SVector<f64, M>| {
         let size = expected.amax().max(1.0);
         let error = (by - expected).amax() / size;
-        assert!(error < 2e-5, "{name} by {what} {column}: {error:e}\n{by}{expected}");
+        assert!(
+            error < 2e-5,
+            "{name} by {what} {column}: {error:e}\n{by}{expected}"
+        );
     };
     for k in 0..STATE {
         for which in 0..2 {
@@ -104,6 +107,7 @@ fn derivatives_of_all_factors() {
         time_ns: 0,
         corners: &[],
         corners_kept: 0,
+        motion: [Vector3::zeros(); 2],
     };
     let views = [view(0.1), view(0.15)];
     let prior = Prior {
