@@ -173,7 +173,7 @@ pub(super) fn gates(evidence: &Evidence<'_>, weak: &[Weak]) -> Vec<Gate> {
     let noises = evidence.noises;
     vec![
         observability(weak),
-        noise("corner noise", &noises.corners, [0.3, 2.0, 5.0]),
+        noise("corner noise", &noises.corners, [0.3, 3.0, 8.0]),
         noise("pictures against motion", &noises.poses, [0.0, 1.5, 3.0]),
         noise("gyroscope noise", &noises.gyro, [0.4, 2.0, 10.0]),
         noise("accelerometer noise", &noises.accel, [0.4, 2.0, 10.0]),

@@ -366,3 +366,6 @@ fn kalibr_noise(path: &std::path::Path) -> Result<ImuNoise> {
         accel_random_walk: number("accelerometer_random_walk")?,
     })
 }
+
+#[cfg(test)]
+mod tests;

@@ -328,7 +328,11 @@ impl Problem<'_> {
     }
 
     /// The best fit from a start, damped as the other formulation is.
-    pub(in crate::camera_imu) fn fit_spline(&self, raw: &[Raw], mut whole: Whole) -> Option<SplineFit> {
+    pub(in crate::camera_imu) fn fit_spline(
+        &self,
+        raw: &[Raw],
+        mut whole: Whole,
+    ) -> Option<SplineFit> {
         let mut iterations = 0;
         for round in 0..3 {
             let rooted: Option<Vec<Rooted>> = (0..self.views.len())

@@ -103,4 +103,4 @@ pub(super) fn find(
 }
 
 /// What lens, print and compression add to a corner whatever its sharpness, px.
-const LEAST_SIGMA_PX: f64 = 0.03;
+const LEAST_SIGMA_PX: f64 = 0.05;
