@@ -48,6 +48,24 @@ pub enum CalibError {
         /// The resolutions the file holds.
         found: String,
     },
+    /// The file does not say of which size its pictures are: give the size.
+    #[error("reading a calibration: found {found}, expected the size of a picture, which must be given: {}", path.display())]
+    SizeUnknown {
+        /// The file.
+        path: PathBuf,
+        /// What is there.
+        found: String,
+    },
+    /// The file is of another camera than expected.
+    #[error("reading a calibration: found serial {found}, expected {expected}: {}", path.display())]
+    Serial {
+        /// The file.
+        path: PathBuf,
+        /// The serial in the file's name.
+        found: String,
+        /// The serial of the camera.
+        expected: String,
+    },
     /// The numbers can be read but cannot be true.
     #[error("checking a calibration: {objection}: {}", path.display())]
     Implausible {

@@ -11,9 +11,11 @@ use cad_transforms::RigidTransform;
 
 use crate::camera::{CameraModel, Distortion};
 use crate::error::{CalibError, Note};
-use crate::stereo::{Format, ImuCalibration, ImuNoise, Provenance, StereoCalibration};
-use crate::text::Source;
-use crate::yaml::Yaml;
+use crate::set::{CameraSet, NamedCamera, SetImu};
+use crate::stereo::{Format, ImuNoise, Provenance, StereoCalibration};
+use crate::text::{Source, written, written_all};
+use crate::tree::{At, yaml};
+use crate::write::{WriteError, Written, lens, placed};
 
 /// Reads the calibration of an ASL folder for pictures of `width` x `height` pixels. `path` is the
 /// folder with `cam0` and `cam1` (`mav0`), or one of the `sensor.yaml` below it.
@@ -25,31 +27,64 @@ pub fn read(
     width: u32,
     height: u32,
 ) -> Result<(StereoCalibration, Vec<Note>), CalibError> {
-    let folder = match path.file_name() {
-        Some(name) if name == "sensor.yaml" => path
-            .parent()
-            .and_then(Path::parent)
-            .unwrap_or(Path::new("")),
-        _ => path,
-    };
-    let file = |sensor: &str| folder.join(sensor).join("sensor.yaml");
-    let mut files: Vec<PathBuf> = vec![file("cam0"), file("cam1")];
-    let (left, body_from_left) = camera(&files[0], width, height)?;
-    let (right, body_from_right) = camera(&files[1], width, height)?;
-    let mut notes = Vec::new();
-    let imu = if file("imu0").is_file() {
-        files.push(file("imu0"));
-        Some(imu(&files[2], body_from_left, &mut notes)?)
-    } else {
+    let (set, mut notes) = read_cameras(path, Some([width, height]), 2)?;
+    let folder = folder_of(path);
+    let imu = set.imu.is_some();
+    let (calibration, more) = set.stereo(Some(["cam0", "cam1"]), folder)?;
+    if !imu {
         notes.push(Note(
             "no imu0/sensor.yaml: the place of the IMU is not known".to_owned(),
         ));
+    }
+    notes.extend(more);
+    Ok((calibration, notes))
+}
+
+/// Reads `cam0`, `cam1` and so on, at least as many as said. With a size, all pictures must have it.
+///
+/// # Errors
+/// [`CalibError`].
+pub(crate) fn read_cameras(
+    path: &Path,
+    size: Option<[u32; 2]>,
+    least: usize,
+) -> Result<(CameraSet, Vec<Note>), CalibError> {
+    let folder = folder_of(path);
+    let file = |sensor: &str| folder.join(sensor).join("sensor.yaml");
+    let mut files: Vec<PathBuf> = Vec::new();
+    let mut cameras: Vec<NamedCamera> = Vec::new();
+    let mut body_from_first = RigidTransform::identity();
+    for number in 0.. {
+        let name = format!("cam{number}");
+        let path = file(&name);
+        if number >= least && !path.is_file() {
+            break;
+        }
+        let (model, body_from_camera) = camera(&path, size)?;
+        let camera_from_first = if number == 0 {
+            body_from_first = body_from_camera;
+            RigidTransform::identity()
+        } else {
+            body_from_camera.inverse() * body_from_first
+        };
+        cameras.push(NamedCamera {
+            name,
+            model,
+            camera_from_first: Some(camera_from_first),
+        });
+        files.push(path);
+    }
+    let mut notes = Vec::new();
+    let imu_file = file("imu0");
+    let imu = if imu_file.is_file() {
+        let imu = imu(&imu_file, body_from_first, &mut notes)?;
+        files.push(imu_file);
+        Some(imu)
+    } else {
         None
     };
-    let calibration = StereoCalibration {
-        left,
-        right,
-        right_from_left: body_from_right.inverse() * body_from_left,
+    let set = CameraSet {
+        cameras,
         imu,
         provenance: Provenance {
             format: Some(Format::Euroc),
@@ -57,41 +92,48 @@ pub fn read(
             part: None,
         },
     };
-    calibration
-        .checked(folder)
-        .map(|calibration| (calibration, notes))
+    Ok((set.checked(folder)?, notes))
+}
+
+/// The folder that holds `cam0`.
+fn folder_of(path: &Path) -> &Path {
+    match path.file_name() {
+        Some(name) if name == "sensor.yaml" => path
+            .parent()
+            .and_then(Path::parent)
+            .unwrap_or(Path::new("")),
+        _ => path,
+    }
 }
 
 fn camera(
     path: &Path,
-    width: u32,
-    height: u32,
+    size: Option<[u32; 2]>,
 ) -> Result<(CameraModel, RigidTransform), CalibError> {
     let source = Source::read(path)?;
-    let yaml = Yaml::parse(&source)?;
-    expect_text(&source, &yaml, "sensor_type", &["camera"])?;
-    expect_text(&source, &yaml, "camera_model", &["pinhole"])?;
-    let (_, [w, h]) = yaml.numbers("resolution")?;
-    if (w, h) != (f64::from(width), f64::from(height)) {
-        let found = format!("{w}x{h}");
+    let tree = yaml::parse(&source)?;
+    let yaml = At::root(&source, &tree);
+    yaml.get("sensor_type")?.one_of(&["camera"])?;
+    yaml.get("camera_model")?.one_of(&["pinhole"])?;
+    let [width, height] = yaml.get("resolution")?.sizes()?;
+    if let Some([w, h]) = size
+        && [w, h] != [width, height]
+    {
         return Err(CalibError::Resolution {
             path: path.to_owned(),
-            width,
-            height,
-            found,
+            width: w,
+            height: h,
+            found: format!("{width}x{height}"),
         });
     }
-    let (_, [fx, fy, cx, cy]) = yaml.numbers("intrinsics")?;
-    let model = expect_text(
-        &source,
-        &yaml,
-        "distortion_model",
-        &["radial-tangential", "equidistant", "none"],
-    )?;
+    let [fx, fy, cx, cy] = yaml.get("intrinsics")?.numbers()?;
+    let model =
+        yaml.get("distortion_model")?
+            .one_of(&["radial-tangential", "equidistant", "none"])?;
     let distortion = if model == "none" {
         Distortion::None
     } else {
-        let (_, [a, b, c, d]) = yaml.numbers("distortion_coefficients")?;
+        let [a, b, c, d] = yaml.get("distortion_coefficients")?.numbers()?;
         match model {
             "equidistant" => Distortion::KannalaBrandt4 {
                 k1: a,
@@ -117,63 +159,123 @@ fn camera(
             cy,
             distortion,
         },
-        body_from_sensor(&source, &yaml)?,
+        body_from_sensor(&yaml)?,
     ))
 }
 
 fn imu(
     path: &Path,
-    body_from_left: RigidTransform,
+    body_from_first: RigidTransform,
     notes: &mut Vec<Note>,
-) -> Result<ImuCalibration, CalibError> {
+) -> Result<SetImu, CalibError> {
     let source = Source::read(path)?;
-    let yaml = Yaml::parse(&source)?;
-    expect_text(&source, &yaml, "sensor_type", &["imu"])?;
-    let noise = if yaml.contains("gyroscope_noise_density") {
+    let tree = yaml::parse(&source)?;
+    let yaml = At::root(&source, &tree);
+    yaml.get("sensor_type")?.one_of(&["imu"])?;
+    let noise = if yaml.find("gyroscope_noise_density").is_some() {
         Some(ImuNoise {
-            gyro_noise_density: yaml.number("gyroscope_noise_density")?,
-            gyro_random_walk: yaml.number("gyroscope_random_walk")?,
-            accel_noise_density: yaml.number("accelerometer_noise_density")?,
-            accel_random_walk: yaml.number("accelerometer_random_walk")?,
+            gyro_noise_density: yaml.get("gyroscope_noise_density")?.number()?,
+            gyro_random_walk: yaml.get("gyroscope_random_walk")?.number()?,
+            accel_noise_density: yaml.get("accelerometer_noise_density")?.number()?,
+            accel_random_walk: yaml.get("accelerometer_random_walk")?.number()?,
         })
     } else {
         notes.push(Note("imu0/sensor.yaml has no noise densities".to_owned()));
         None
     };
-    let rate_hz = yaml.number("rate_hz")?;
-    if rate_hz <= 0.0 {
-        let (line, text) = yaml.text("rate_hz")?;
-        return Err(source.malformed(line, text, "a rate above 0"));
-    }
-    let imu_from_left = body_from_sensor(&source, &yaml)?.inverse() * body_from_left;
-    Ok(ImuCalibration {
-        imu_from_left,
-        rate_hz,
+    let rate_hz = yaml.get("rate_hz")?.positive()?;
+    Ok(SetImu {
+        imu_from_first: body_from_sensor(&yaml)?.inverse() * body_from_first,
+        rate_hz: Some(rate_hz),
         noise,
+        time_offset_s: None,
+        gyro_bias: None,
+        accel_bias: None,
     })
 }
 
-fn body_from_sensor(source: &Source, yaml: &Yaml<'_>) -> Result<RigidTransform, CalibError> {
-    let (line, rows) = yaml.numbers::<16>("T_BS.data")?;
-    RigidTransform::from_rows_4x4(rows).map_err(|error| CalibError::Malformed {
-        path: source.path.clone(),
-        line,
-        found: format!("a T_BS where {error}"),
-        expected: "a rigid transform".to_owned(),
-    })
+fn body_from_sensor(yaml: &At<'_>) -> Result<RigidTransform, CalibError> {
+    let at = yaml.get("T_BS.data")?;
+    RigidTransform::from_rows_4x4(at.numbers()?)
+        .map_err(|error| at.wrong_because(&format!("a T_BS where {error}"), "a rigid transform"))
 }
 
-fn expect_text<'s>(
-    source: &Source,
-    yaml: &Yaml<'s>,
-    key: &str,
-    known: &[&str],
-) -> Result<&'s str, CalibError> {
-    let (line, text) = yaml.text(key)?;
-    if known.contains(&text) {
-        return Ok(text);
+/// The body is the IMU, or without one the first camera.
+pub(crate) fn write(set: &CameraSet) -> Result<Written, WriteError> {
+    let body_from_first = set
+        .imu
+        .map_or(RigidTransform::identity(), |imu| imu.imu_from_first);
+    let mut files = Vec::new();
+    for (number, camera) in set.cameras.iter().enumerate() {
+        let m = &camera.model;
+        let distortion = lens(&camera.name, &m.distortion, Format::Euroc)?;
+        let body_from_camera = body_from_first * placed(camera, Format::Euroc)?.inverse();
+        let (model, coefficients) = match distortion {
+            Distortion::None => ("none", Vec::new()),
+            Distortion::KannalaBrandt4 { .. } => ("equidistant", distortion.coefficients()),
+            _ => ("radial-tangential", distortion.coefficients()),
+        };
+        let name = camera.name.replace(|c: char| c.is_control(), " ");
+        let text = format!(
+            "%YAML:1.0\nsensor_type: camera\ncomment: {name}\n{}resolution: [{}, {}]\ncamera_model: pinhole\n\
+             intrinsics: [{}] # fu, fv, cu, cv\ndistortion_model: {model}\ndistortion_coefficients: [{}]\n",
+            placement(&body_from_camera),
+            m.width,
+            m.height,
+            written_all(&[m.fx, m.fy, m.cx, m.cy], ", "),
+            written_all(&coefficients, ", ")
+        );
+        files.push((format!("cam{number}/sensor.yaml"), text.into_bytes()));
     }
-    Err(source.malformed(line, text, &format!("{key} to be {}", known.join(" or "))))
+    let mut notes = Vec::new();
+    if let Some(imu) = &set.imu {
+        let Some(rate_hz) = imu.rate_hz else {
+            return Err(WriteError::Refused {
+                format: Format::Euroc.name(),
+                found: "an IMU of unknown rate".to_owned(),
+                expected: "its rate".to_owned(),
+            });
+        };
+        let mut text = format!(
+            "%YAML:1.0\nsensor_type: imu\n{}rate_hz: {}\n",
+            placement(&RigidTransform::identity()),
+            written(rate_hz)
+        );
+        match &imu.noise {
+            Some(noise) => text.push_str(&format!(
+                "gyroscope_noise_density: {} # rad/s/sqrt(Hz)\ngyroscope_random_walk: {} # rad/s^2/sqrt(Hz)\n\
+                 accelerometer_noise_density: {} # m/s^2/sqrt(Hz)\naccelerometer_random_walk: {} # m/s^3/sqrt(Hz)\n",
+                written(noise.gyro_noise_density),
+                written(noise.gyro_random_walk),
+                written(noise.accel_noise_density),
+                written(noise.accel_random_walk)
+            )),
+            None => notes.push(Note("the noise of the IMU is not known".to_owned())),
+        }
+        files.push(("imu0/sensor.yaml".to_owned(), text.into_bytes()));
+    }
+    if files.len() == 1 {
+        return Err(WriteError::Refused {
+            format: Format::Euroc.name(),
+            found: "one camera without an IMU".to_owned(),
+            expected: "a stereo camera or an IMU".to_owned(),
+        });
+    }
+    Ok(Written { files, notes })
+}
+
+fn placement(body_from_sensor: &RigidTransform) -> String {
+    let (r, t) = (
+        body_from_sensor.rotation_rows(),
+        body_from_sensor.translation_m(),
+    );
+    let row = |i: usize| written_all(&[r[3 * i], r[3 * i + 1], r[3 * i + 2], t[i]], ", ");
+    format!(
+        "T_BS:\n  cols: 4\n  rows: 4\n  data: [{},\n         {},\n         {},\n         0.0, 0.0, 0.0, 1.0]\n",
+        row(0),
+        row(1),
+        row(2)
+    )
 }
 
 #[cfg(test)]

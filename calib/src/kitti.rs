@@ -13,7 +13,8 @@ use cad_transforms::RigidTransform;
 use crate::camera::{CameraModel, Distortion};
 use crate::error::{CalibError, Note};
 use crate::stereo::{Format, Provenance, StereoCalibration};
-use crate::text::Source;
+use crate::text::{Source, written_all};
+use crate::write::{WriteError, Written};
 
 /// Reads a `calib.txt` for pictures of `width` x `height` pixels.
 ///
@@ -150,6 +151,30 @@ impl Projection {
             distortion: Distortion::None,
         }
     }
+}
+
+pub(crate) fn write(stereo: &StereoCalibration) -> Result<Written, WriteError> {
+    let undistorted = [&stereo.left, &stereo.right]
+        .iter()
+        .all(|camera| camera.distortion == Distortion::None);
+    if !undistorted || stereo.right_from_left.angle_rad() > 1e-12 {
+        return Err(WriteError::Refused {
+            format: Format::Kitti.name(),
+            found: "distorted pictures, or cameras that are turned".to_owned(),
+            expected: "a rectified pair: rectify it first".to_owned(),
+        });
+    }
+    let row = |label: &str, m: &CameraModel, [x, y, z]: [f64; 3]| {
+        let p = [
+            [m.fx, 0.0, m.cx, m.fx * x + m.cx * z],
+            [0.0, m.fy, m.cy, m.fy * y + m.cy * z],
+            [0.0, 0.0, 1.0, z],
+        ];
+        format!("{label}: {}\n", written_all(p.as_flattened(), " "))
+    };
+    let text = row("P0", &stereo.left, [0.0; 3])
+        + &row("P1", &stereo.right, stereo.right_from_left.translation_m());
+    Ok(Written::file("calib.txt", text))
 }
 
 #[cfg(test)]

@@ -11,7 +11,8 @@ use cad_transforms::RigidTransform;
 use crate::camera::{CameraModel, Distortion};
 use crate::error::{CalibError, Note};
 use crate::stereo::{FARTHEST_M, Format, Provenance, StereoCalibration};
-use crate::text::Source;
+use crate::text::{Source, written, written_all};
+use crate::write::{WriteError, Written};
 
 /// Reads a `K.txt` for pictures of `width` x `height` pixels.
 ///
@@ -74,6 +75,19 @@ pub fn read(
     calibration
         .checked(path)
         .map(|calibration| (calibration, Vec::new()))
+}
+
+pub(crate) fn write(stereo: &StereoCalibration) -> Result<Written, WriteError> {
+    if !stereo.is_rectified() || stereo.left != stereo.right {
+        return Err(WriteError::Refused {
+            format: Format::Pair.name(),
+            found: "two different cameras, or a pair that is not rectified".to_owned(),
+            expected: "a rectified pair with one camera matrix: rectify it first".to_owned(),
+        });
+    }
+    let [x, ..] = stereo.right_from_left.translation_m();
+    let k = written_all(&stereo.left.k_matrix(), " ");
+    Ok(Written::file("K.txt", format!("{k}\n{}\n", written(-x))))
 }
 
 #[cfg(test)]

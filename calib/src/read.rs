@@ -5,13 +5,23 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::camera::Distortion;
 use crate::error::{CalibError, Note};
+use crate::set::{CameraSet, NamedCamera};
 use crate::stereo::{Format, StereoCalibration};
 use crate::text::Source;
-use crate::{euroc, kitti, pair, zed_conf};
+use crate::tree::{At, json, yaml};
+use crate::{
+    basalt, colmap, euroc, kalibr, kitti, middlebury, nerfstudio, opencv, pair, ros, rosys,
+    zed_conf,
+};
 
 const EXPECTED: &str = "a ZED SNnnnn.conf, an ASL folder with cam0/sensor.yaml and cam1/sensor.yaml, a KITTI \
-                        calib.txt with P0 and P1, or a K.txt with a camera matrix and a baseline";
+                        calib.txt with P0 and P1, a K.txt with a camera matrix and a baseline, or a file of Kalibr, \
+                        Basalt, OpenCV, COLMAP, nerfstudio, ROS, RoSys or Middlebury";
+
+/// A principal point farther than this part of the picture from its middle is worth a question.
+const OFF_CENTRE: f64 = 0.06;
 
 /// Reads the calibration of a stereo camera from a file, or from a folder that holds one, for pictures
 /// of `width` x `height` pixels (one eye, not side by side).
@@ -23,18 +33,163 @@ pub fn read_stereo(
     width: u32,
     height: u32,
 ) -> Result<(StereoCalibration, Vec<Note>), CalibError> {
-    let (format, path) = if path.is_dir() {
-        in_folder(path)?
-    } else {
-        (of_file(path)?, path.to_owned())
-    };
+    let (format, path) = recognised(path)?;
     match format {
         Format::ZedConf => zed_conf::read(&path, width, height),
         Format::Euroc => euroc::read(&path, width, height),
         Format::Kitti => kitti::read(&path, width, height),
         Format::Pair => pair::read(&path, width, height),
+        _ => {
+            let (set, mut notes) = of_format(format, &path, Some([width, height]))?;
+            let (stereo, more) = set.stereo(None, &path)?;
+            notes.extend(more);
+            Ok((stereo, notes))
+        }
     }
 }
+
+/// Reads all cameras of a file, or of a folder that holds one. `size` is of one picture; it is needed
+/// where the file does not say it, and must be the file's where it does.
+///
+/// # Errors
+/// [`CalibError`], naming the file and where possible line and key.
+pub fn read_cameras(
+    path: &Path,
+    size: Option<[u32; 2]>,
+) -> Result<(CameraSet, Vec<Note>), CalibError> {
+    let (format, path) = recognised(path)?;
+    let (set, mut notes) = of_format(format, &path, size)?;
+    for NamedCamera { name, model, .. } in &set.cameras {
+        let off = |c: f64, size: u32| c - 0.5 * (f64::from(size) - 1.0);
+        let (x, y) = (off(model.cx, model.width), off(model.cy, model.height));
+        let limit = |size: u32| OFF_CENTRE * f64::from(size);
+        // Cropping after rectification may put it anywhere.
+        if model.distortion != Distortion::None
+            && (x.abs() > limit(model.width) || y.abs() > limit(model.height))
+        {
+            notes.push(Note(format!(
+                "camera {name}: the principal point is ({x:.0}, {y:.0}) px off the middle of {}x{}: is the size right?",
+                model.width, model.height
+            )));
+        }
+    }
+    Ok((set, notes))
+}
+
+/// Reads one camera: the only one of a file, or the one of that name.
+///
+/// # Errors
+/// As [`read_cameras`], and [`CalibError::Missing`] where there is not exactly one.
+pub fn read_camera(
+    path: &Path,
+    name: Option<&str>,
+    size: Option<[u32; 2]>,
+) -> Result<(NamedCamera, Vec<Note>), CalibError> {
+    let (set, notes) = read_cameras(path, size)?;
+    let found = set.names().join(", ");
+    let mut fitting = set
+        .cameras
+        .into_iter()
+        .filter(|camera| name.is_none_or(|name| camera.name == name));
+    match (fitting.next(), fitting.next()) {
+        (Some(camera), None) => Ok((camera, notes)),
+        _ => Err(CalibError::Missing {
+            path: path.to_owned(),
+            what: match name {
+                Some(name) => format!("camera {name}"),
+                None => "a single camera, or the name of one,".to_owned(),
+            },
+            found: format!("cameras {found}"),
+        }),
+    }
+}
+
+/// What a path holds: its kind, and the file, or the folder of an ASL data set.
+///
+/// # Errors
+/// [`CalibError::Unrecognised`], [`CalibError::Read`].
+pub fn recognised(path: &Path) -> Result<(Format, PathBuf), CalibError> {
+    if path.is_dir() {
+        in_folder(path)
+    } else {
+        Ok((of_file(path)?, path.to_owned()))
+    }
+}
+
+fn of_format(
+    format: Format,
+    path: &Path,
+    size: Option<[u32; 2]>,
+) -> Result<(CameraSet, Vec<Note>), CalibError> {
+    let unknown = |found: &str| CalibError::SizeUnknown {
+        path: path.to_owned(),
+        found: found.to_owned(),
+    };
+    let pair =
+        |(stereo, notes): (StereoCalibration, Vec<Note>)| (CameraSet::of_stereo(&stereo), notes);
+    let (set, notes) = match format {
+        Format::ZedConf => {
+            let Some([width, height]) = size else {
+                let all: Vec<String> = zed_conf::resolutions(path)?
+                    .into_iter()
+                    .map(|(w, h, tag)| format!("{tag} {w}x{h}"))
+                    .collect();
+                return Err(unknown(&format!("sections for {}", all.join(", "))));
+            };
+            pair(zed_conf::read(path, width, height)?)
+        }
+        Format::Kitti | Format::Pair => {
+            let [width, height] = size.ok_or_else(|| unknown("camera matrices alone"))?;
+            pair(match format {
+                Format::Kitti => kitti::read(path, width, height)?,
+                _ => pair::read(path, width, height)?,
+            })
+        }
+        Format::Euroc => euroc::read_cameras(path, size, 1)?,
+        Format::Kalibr => kalibr::read(path)?,
+        Format::Basalt => basalt::read(path)?,
+        Format::OpenCv => opencv::read(path, size)?,
+        Format::Colmap | Format::ColmapBin => colmap::read(path)?,
+        Format::Nerfstudio => nerfstudio::read(path)?,
+        Format::Ros => ros::read(path)?,
+        Format::Rosys => rosys::read(path)?,
+        Format::Middlebury => middlebury::read(path)?,
+    };
+    if let Some([width, height]) = size
+        && let Some(other) = set
+            .cameras
+            .iter()
+            .find(|c| [c.model.width, c.model.height] != [width, height])
+    {
+        return Err(CalibError::Resolution {
+            path: path.to_owned(),
+            width,
+            height,
+            found: format!(
+                "{}x{} ({})",
+                other.model.width, other.model.height, other.name
+            ),
+        });
+    }
+    Ok((set, notes))
+}
+
+/// Files by which a folder is known.
+const IN_FOLDER: [(Format, &str); 13] = [
+    (Format::Kitti, "calib.txt"),
+    (Format::Pair, "K.txt"),
+    (Format::Kalibr, "camchain-imucam.yaml"),
+    (Format::Kalibr, "camchain.yaml"),
+    (Format::Basalt, "calibration.json"),
+    (Format::OpenCv, "calibration.yml"),
+    (Format::OpenCv, "intrinsics.yml"),
+    (Format::Colmap, "cameras.txt"),
+    (Format::ColmapBin, "cameras.bin"),
+    (Format::Nerfstudio, "transforms.json"),
+    (Format::Ros, "left.yaml"),
+    (Format::Ros, "camera.yaml"),
+    (Format::Rosys, "cameras.json"),
+];
 
 fn in_folder(folder: &Path) -> Result<(Format, PathBuf), CalibError> {
     let mut found = Vec::new();
@@ -43,9 +198,14 @@ fn in_folder(folder: &Path) -> Result<(Format, PathBuf), CalibError> {
             found.push((Format::Euroc, asl));
         }
     }
-    for (format, name) in [(Format::Kitti, "calib.txt"), (Format::Pair, "K.txt")] {
+    for (format, name) in IN_FOLDER {
         let file = folder.join(name);
         if file.is_file() {
+            // KITTI's and Middlebury's have one name.
+            let format = match format {
+                Format::Kitti => of_file(&file).unwrap_or(format),
+                other => other,
+            };
             found.push((format, file));
         }
     }
@@ -100,8 +260,19 @@ fn in_folder(folder: &Path) -> Result<(Format, PathBuf), CalibError> {
 }
 
 fn of_file(path: &Path) -> Result<Format, CalibError> {
-    if path.file_name().is_some_and(|name| name == "sensor.yaml") {
+    let named = |name: &str| path.file_name().is_some_and(|own| own == name);
+    let extension = |known: &[&str]| {
+        path.extension()
+            .is_some_and(|own| known.iter().any(|e| own.eq_ignore_ascii_case(e)))
+    };
+    if named("sensor.yaml") {
         return Ok(Format::Euroc);
+    }
+    if named("cameras.bin") {
+        return Ok(Format::ColmapBin);
+    }
+    if named("cameras.txt") {
+        return Ok(Format::Colmap);
     }
     let source = Source::read(path)?;
     let first = source
@@ -110,24 +281,78 @@ fn of_file(path: &Path) -> Result<Format, CalibError> {
         .find(|line| !line.is_empty() && !line.starts_with(['#', ';']));
     let first = first.unwrap_or_default();
     let words: Vec<&str> = first.split_ascii_whitespace().collect();
-    let is_conf = path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("conf"));
-    if is_conf || first.to_ascii_uppercase().starts_with("[LEFT_CAM_") {
+    if extension(&["conf"]) || first.to_ascii_uppercase().starts_with("[LEFT_CAM_") {
         return Ok(Format::ZedConf);
+    }
+    if first.starts_with('{') || extension(&["json"]) {
+        let tree = json::parse(&source)?;
+        return of_json(&At::root(&source, &tree)).ok_or_else(|| unrecognised(path, &keys(&tree)));
+    }
+    if extension(&["yaml", "yml"]) || first.starts_with("%YAML") || first == "---" {
+        let tree = yaml::parse(&source)?;
+        return of_yaml(&At::root(&source, &tree)).ok_or_else(|| unrecognised(path, &keys(&tree)));
     }
     match words.as_slice() {
         [label, ..] if kitti::is_projection_label(label) => Ok(Format::Kitti),
         [number, ..] if words.len() == 12 && is_number_like(number) => Ok(Format::Kitti),
         [number, ..] if words.len() == 9 && is_number_like(number) => Ok(Format::Pair),
-        _ => Err(CalibError::Unrecognised {
-            path: path.to_owned(),
-            found: format!(
-                "a file that starts with {:?}",
-                first.chars().take(40).collect::<String>()
-            ),
-            expected: EXPECTED.to_owned(),
-        }),
+        [_, model, ..] if colmap::is_model(model) => Ok(Format::Colmap),
+        [start, ..] if start.starts_with("cam0=[") => Ok(Format::Middlebury),
+        _ => {
+            let start: String = first.chars().take(40).collect();
+            Err(unrecognised(
+                path,
+                &format!("a file that starts with {start:?}"),
+            ))
+        }
+    }
+}
+
+fn of_json(root: &At<'_>) -> Option<Format> {
+    let has = |key: &str| root.find(key).is_some();
+    if has("value0") {
+        Some(Format::Basalt)
+    } else if has("frames") || has("fl_x") || has("camera_angle_x") {
+        Some(Format::Nerfstudio)
+    } else if has("cameras") {
+        Some(Format::Rosys)
+    } else {
+        None
+    }
+}
+
+fn of_yaml(root: &At<'_>) -> Option<Format> {
+    let has = |key: &str| root.find(key).is_some();
+    if has("cam0") {
+        Some(Format::Kalibr)
+    } else if has("camera_matrix") && (has("projection_matrix") || has("distortion_model")) {
+        Some(Format::Ros)
+    } else if root.find_any(opencv::LEFT[0]).is_some() || root.find_any(opencv::MONO[0]).is_some() {
+        Some(Format::OpenCv)
+    } else if has("sensor_type") {
+        Some(Format::Euroc)
+    } else {
+        None
+    }
+}
+
+fn keys(tree: &crate::tree::Node) -> String {
+    let mut keys = match &tree.value {
+        crate::tree::Value::Map(entries) => entries.iter().map(|(key, _)| key.as_str()).collect(),
+        _ => Vec::new(),
+    };
+    keys.truncate(8);
+    match keys.is_empty() {
+        true => "no keys".to_owned(),
+        false => format!("the keys {}", keys.join(", ")),
+    }
+}
+
+fn unrecognised(path: &Path, found: &str) -> CalibError {
+    CalibError::Unrecognised {
+        path: path.to_owned(),
+        found: found.to_owned(),
+        expected: EXPECTED.to_owned(),
     }
 }
 
@@ -161,12 +386,47 @@ mod tests {
         check("bare.txt", "1 0 0 0 0 1 0 0 0 0 1 0", Format::Kitti);
         check("K.txt", "1 0 0 0 1 0 0 0 1\n0.1\n", Format::Pair);
         check("cam0/sensor.yaml", "", Format::Euroc);
-        let middlebury = folder.file(
-            "middlebury.txt",
-            "cam0=[999.421 0 294.182; 0 999.421 252.932; 0 0 1]\n",
+        check(
+            "m.txt",
+            "cam0=[999.421 0 294.182; 0 1 2; 0 0 1]\n",
+            Format::Middlebury,
         );
-        let error = of_file(&middlebury).unwrap_err().to_string();
-        assert!(error.contains("starts with \"cam0=[999.421"), "{error}");
+        check("chain.yaml", "cam0: {camera_model: ds}\n", Format::Kalibr);
+        check(
+            "b.json",
+            "{\"value0\": {\"T_imu_cam\": []}}",
+            Format::Basalt,
+        );
+        check(
+            "cv.yml",
+            "%YAML:1.0\n---\nM1: !!opencv-matrix\n   rows: 3\n",
+            Format::OpenCv,
+        );
+        check("mono.yml", "camera_matrix: [1]\n", Format::OpenCv);
+        check(
+            "zed_left.yaml",
+            "camera_matrix: [1]\ndistortion_model: radtan\n",
+            Format::Ros,
+        );
+        check(
+            "c.txt",
+            "# Camera list\n1 PINHOLE 640 480 1 1 1 1\n",
+            Format::Colmap,
+        );
+        check(
+            "t.json",
+            "{\"fl_x\": 1, \"frames\": []}",
+            Format::Nerfstudio,
+        );
+        check("r.json", "{\"cameras\": {}}", Format::Rosys);
+        for (name, text, expected) in [
+            ("x.txt", "hello world\n", "starts with \"hello world\""),
+            ("x.yaml", "imu_topic: a\n", "found the keys imu_topic"),
+            ("x.json", "[1]", "found no keys"),
+        ] {
+            let error = of_file(&folder.file(name, text)).unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        }
     }
 
     #[test]

@@ -9,6 +9,7 @@ use cad_transforms::RigidTransform;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::{CameraModel, Distortion};
+use crate::convert::LensModel;
 use crate::error::CalibError;
 
 /// Calibration of a stereo camera at one resolution.
@@ -74,7 +75,7 @@ pub struct Provenance {
     pub part: Option<String>,
 }
 
-/// The kinds of calibration files that are read.
+/// The kinds of calibration files that are read and written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Format {
@@ -86,6 +87,85 @@ pub enum Format {
     Kitti,
     /// `K.txt` with one camera matrix and a baseline, for a rectified pair.
     Pair,
+    /// Kalibr `camchain.yaml`, with `imu.yaml` beside it.
+    Kalibr,
+    /// Basalt `calibration.json`.
+    Basalt,
+    /// OpenCV FileStorage YAML: `K1 D1 K2 D2 R T` and the like.
+    OpenCv,
+    /// COLMAP `cameras.txt`, with `rigs.txt` beside it.
+    Colmap,
+    /// COLMAP `cameras.bin`, with `rigs.txt` beside it.
+    ColmapBin,
+    /// nerfstudio and instant-ngp `transforms.json`.
+    Nerfstudio,
+    /// ROS `camera_info` YAML, one file per camera.
+    Ros,
+    /// RoSys camera JSON.
+    Rosys,
+    /// Middlebury stereo `calib.txt`.
+    Middlebury,
+}
+
+impl Format {
+    /// All of them.
+    pub const ALL: [Self; 13] = [
+        Self::ZedConf,
+        Self::Euroc,
+        Self::Kitti,
+        Self::Pair,
+        Self::Kalibr,
+        Self::Basalt,
+        Self::OpenCv,
+        Self::Colmap,
+        Self::ColmapBin,
+        Self::Nerfstudio,
+        Self::Ros,
+        Self::Rosys,
+        Self::Middlebury,
+    ];
+
+    /// Its name on command lines.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::ZedConf => "zed",
+            Self::Euroc => "euroc",
+            Self::Kitti => "kitti",
+            Self::Pair => "pair",
+            Self::Kalibr => "kalibr",
+            Self::Basalt => "basalt",
+            Self::OpenCv => "opencv",
+            Self::Colmap => "colmap",
+            Self::ColmapBin => "colmap-bin",
+            Self::Nerfstudio => "nerfstudio",
+            Self::Ros => "ros",
+            Self::Rosys => "rosys",
+            Self::Middlebury => "middlebury",
+        }
+    }
+
+    /// The format of a name on a command line.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|format| format.name() == name)
+    }
+
+    /// The lens models that the format has, the smallest of a family first.
+    pub fn models(self) -> &'static [LensModel] {
+        use LensModel::{
+            DoubleSphere, Eucm, KannalaBrandt4, None, RadTan4, RadTan5, Radial2, Rational8,
+        };
+        match self {
+            Self::Kitti | Self::Pair | Self::Middlebury => &[None],
+            Self::ZedConf => &[None, RadTan5, Rational8, KannalaBrandt4],
+            Self::Euroc => &[None, RadTan4, KannalaBrandt4],
+            Self::Kalibr => &[None, RadTan4, KannalaBrandt4, DoubleSphere, Eucm],
+            Self::Basalt => &[None, Rational8, KannalaBrandt4, DoubleSphere, Eucm],
+            Self::OpenCv | Self::Rosys => &[None, RadTan4, RadTan5, Rational8, KannalaBrandt4],
+            Self::Colmap | Self::ColmapBin => &[None, Radial2, RadTan4, Rational8, KannalaBrandt4],
+            Self::Nerfstudio => &[None, RadTan4, RadTan5, KannalaBrandt4],
+            Self::Ros => &[None, RadTan5, Rational8, KannalaBrandt4],
+        }
+    }
 }
 
 /// How far off exact a pair may be and still count as rectified: rotation in rad and offset in m.

@@ -12,6 +12,7 @@
 pub mod board;
 pub mod codes;
 pub mod detect;
+pub mod pdf;
 
 mod blur;
 mod chessboard;

@@ -21,7 +21,8 @@ use cad_transforms::RigidTransform;
 use crate::camera::{CameraModel, Distortion};
 use crate::error::{CalibError, Note};
 use crate::stereo::{Format, Provenance, StereoCalibration};
-use crate::text::Source;
+use crate::text::{Source, millimetres, written};
+use crate::write::{WriteError, Written, lens};
 use ini::{Ini, Section};
 
 mod ini;
@@ -91,6 +92,115 @@ pub fn read(
     calibration
         .checked(path)
         .map(|calibration| (calibration, notes))
+}
+
+/// The serial number in the name of a factory file, `SN10028708.conf`. The text itself holds none.
+pub fn serial_in_name(path: &Path) -> Option<&str> {
+    let stem = path.file_stem()?.to_str()?;
+    let digits = stem.strip_prefix("SN").or(stem.strip_prefix("sn"))?;
+    (!digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit())).then_some(digits)
+}
+
+/// Whether a factory file belongs to the camera of this serial number, by its name.
+///
+/// # Errors
+/// [`CalibError::Serial`] where the name holds another one.
+pub fn expect_serial(path: &Path, serial: &str) -> Result<(), CalibError> {
+    let plain = |serial: &str| {
+        let digits = serial.trim().trim_start_matches("SN");
+        digits.trim_start_matches('0').to_owned()
+    };
+    match serial_in_name(path) {
+        Some(found) if plain(found) != plain(serial) => Err(CalibError::Serial {
+            path: path.to_owned(),
+            found: found.to_owned(),
+            expected: serial.to_owned(),
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// The resolutions that a file has sections for, with their tags.
+///
+/// # Errors
+/// [`CalibError`].
+pub fn resolutions(path: &Path) -> Result<Vec<(u32, u32, &'static str)>, CalibError> {
+    let source = Source::read(path)?;
+    let ini = Ini::parse(&source)?;
+    let there = |tag: &str| ini.section(&format!("LEFT_CAM_{tag}")).is_some();
+    Ok(RESOLUTIONS
+        .into_iter()
+        .filter(|(_, _, tag)| there(tag))
+        .collect())
+}
+
+/// A factory file with the sections of one resolution, spelt as the maker's newer files are.
+pub(crate) fn write(stereo: &StereoCalibration) -> Result<Written, WriteError> {
+    let refused = |found: String, expected: &str| WriteError::Refused {
+        format: Format::ZedConf.name(),
+        found,
+        expected: expected.to_owned(),
+    };
+    let size = (stereo.left.width, stereo.left.height);
+    let tag = RESOLUTIONS
+        .iter()
+        .find(|(w, h, _)| (*w, *h) == size && size == (stereo.right.width, stereo.right.height));
+    let Some((_, _, tag)) = tag else {
+        let known = RESOLUTIONS.map(|(w, h, _)| format!("{w}x{h}")).join(", ");
+        let found = format!(
+            "{}x{} and {}x{}",
+            size.0, size.1, stereo.right.width, stereo.right.height
+        );
+        return Err(refused(found, &format!("one of {known}")));
+    };
+    let mut text = String::new();
+    for (eye, camera) in [("left", &stereo.left), ("right", &stereo.right)] {
+        let distortion = lens(eye, &camera.distortion, Format::ZedConf)?;
+        // The list of coefficients does not say its model; the reader goes by its zeros.
+        let (names, numbers) = match distortion {
+            Distortion::KannalaBrandt4 { k1, k2, k3, k4 } => {
+                if k3 == 0.0 || k4 == 0.0 {
+                    return Err(refused(
+                        format!("a fisheye with k3 = {k3} and k4 = {k4}"),
+                        "neither to be 0, by which these files tell the model",
+                    ));
+                }
+                const NAMES: [&str; 6] = ["k1", "k2", "p1", "p2", "k3", "k4"];
+                (&NAMES[..], vec![k1, k2, 0.0, 0.0, k3, k4])
+            }
+            Distortion::Rational8 {
+                p1, p2, k3, k5, k6, ..
+            } if [p1, p2, k5, k6] == [0.0; 4] && k3 != 0.0 => {
+                return Err(refused(
+                    "a rational lens with k1 to k4 alone".to_owned(),
+                    "another term, without it these files mean a fisheye",
+                ));
+            }
+            Distortion::None => (&["k1", "k2", "p1", "p2", "k3"][..], vec![0.0; 5]),
+            ref other => (other.coefficient_names(), other.coefficients()),
+        };
+        text.push_str(&format!("[{}_CAM_{tag}]\n", eye.to_ascii_uppercase()));
+        let (keys, values) = (["fx", "fy", "cx", "cy"], camera.parameters());
+        for (key, value) in keys.iter().zip(&values).chain(names.iter().zip(&numbers)) {
+            text.push_str(&format!("{key}={}\n", written(*value)));
+        }
+        text.push('\n');
+    }
+    let [x, y, z] = stereo.right_from_left.translation_m();
+    if -x * 1000.0 < SHORTEST_BASELINE_MM {
+        return Err(refused(format!("a baseline of {} m", -x), "at least 1 mm"));
+    }
+    let [rx, ry, rz] = stereo.right_from_left.rotation_vector();
+    text.push_str(&format!(
+        "[STEREO]\nBaseline={}\nTY_{tag}={}\nTZ_{tag}={}\nCV_{tag}={}\nRX_{tag}={}\nRZ_{tag}={}\n",
+        millimetres(-x),
+        millimetres(y),
+        millimetres(z),
+        written(ry),
+        written(rx),
+        written(rz)
+    ));
+    Ok(Written::file("SN0.conf", text))
 }
 
 /// From which section the intrinsics come, and how they get to the picture's size.

@@ -5,8 +5,13 @@
 //! `--force`, and whether one is in the way is known before any work is done.
 
 pub mod camera_imu;
+pub mod cameras;
+pub mod convert;
 pub mod imu;
 pub mod imu_samples;
+pub mod sightings;
+pub mod targets;
+pub mod told;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -35,6 +40,19 @@ pub enum Command {
         #[command(flatten)]
         output: Output,
     },
+    /// Lenses, stereo cameras and the rig, from a session in which targets were shown
+    Cameras {
+        /// The session
+        session: String,
+        /// How to do it
+        #[command(flatten)]
+        options: cameras::Options,
+        /// Where results go
+        #[command(flatten)]
+        output: Output,
+    },
+    /// Write a calibration file in another format
+    Convert(convert::Options),
     /// Noise of the IMUs, from a rig that lay still
     Imu {
         /// The session
@@ -46,6 +64,8 @@ pub enum Command {
         #[command(flatten)]
         output: Output,
     },
+    /// Boards to print: a PDF at true size, and the board's file
+    Targets(targets::Options),
 }
 
 /// Where results go.
@@ -117,10 +137,17 @@ pub fn run(
             options,
             output,
         } => camera_imu::run(&Target::find(session, library)?, options, output, console),
+        Command::Cameras {
+            session,
+            options,
+            output,
+        } => cameras::run(&Target::find(session, library)?, options, output, console),
+        Command::Convert(options) => convert::run(options, console),
         Command::Imu {
             session,
             options,
             output,
         } => imu::run(&Target::find(session, library)?, options, output, console),
+        Command::Targets(options) => targets::run(options, console),
     }
 }

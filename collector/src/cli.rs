@@ -18,7 +18,7 @@ use crate::limits::Limits;
 use crate::outcome::Outcome;
 use crate::target::Target;
 use crate::{
-    external, handoff, importing, indexing, list, prune, rebuild, recover, reporting, show,
+    external, handoff, importing, indexing, list, prune, rebuild, recover, reporting, rig, show,
     validate,
 };
 
@@ -132,6 +132,9 @@ enum Verb {
     /// Calibrate from a session
     #[command(subcommand)]
     Calib(calibrate::Command),
+    /// Look at rig files, check, compare and convert them
+    #[command(subcommand)]
+    Rig(rig::RigVerb),
     #[command(external_subcommand)]
     External(Vec<OsString>),
 }
@@ -187,7 +190,7 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
 /// Marks errors that are about the command line.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
-struct BadArguments(String);
+pub(crate) struct BadArguments(pub(crate) String);
 
 fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
     let library = cli.library.or_else(|| {
@@ -254,6 +257,7 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
         } => prune::session(needed(library)?, &session, yes, console),
         Verb::Rebuild => rebuild::run(needed(library)?, console),
         Verb::Calib(command) => calibrate::run(&command, library, console),
+        Verb::Rig(verb) => rig::run(&verb, console),
         Verb::External(_) => Ok(Outcome::Failed),
     }
 }

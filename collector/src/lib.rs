@@ -40,6 +40,7 @@ pub mod quality;
 pub mod rebuild;
 pub mod recover;
 pub mod reporting;
+pub mod rig;
 pub mod show;
 pub mod target;
 pub mod text;

@@ -42,8 +42,6 @@ enum Command {
     Render(Render),
     /// Draw what the cameras see at a few instants, and the way from above, as one PNG.
     Preview {
-        #[command(flatten)]
-        walk: Walk,
         /// Instants to show.
         #[arg(long, value_name = "N", default_value = "4")]
         instants: NonZeroUsize,
@@ -56,13 +54,13 @@ enum Command {
         /// Also film the whole walk into this MP4 file.
         #[arg(long, value_name = "FILE")]
         film: Option<PathBuf>,
+        #[command(flatten)]
+        walk: Walk,
     },
 }
 
 #[derive(Debug, Args)]
 struct Render {
-    #[command(flatten)]
-    walk: Walk,
     /// Frames per second of every camera.
     #[arg(long, value_name = "HZ", default_value = "15")]
     rate: f64,
@@ -84,6 +82,9 @@ struct Render {
     /// Cameras rendered at a time [default: all]
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
+    // Last: it ends with headings of its own.
+    #[command(flatten)]
+    walk: Walk,
 }
 
 #[derive(Debug, Args)]
@@ -172,7 +173,7 @@ struct Boards {
         allow_negative_numbers = true
     )]
     larger: f64,
-    /// File of a board; may be given for each that there is room for [default: AprilGrids of 6 x 6 tags]
+    /// File of a board; may be given for each camera [default: AprilGrids of 6 x 6 tags for all]
     #[arg(long, value_name = "FILE")]
     target: Vec<PathBuf>,
 }
@@ -189,6 +190,9 @@ struct Sensors {
     /// Numbers in proportion to light, without the tone curve of sRGB.
     #[arg(long)]
     linear: bool,
+    /// All rows of all cameras exposed at once; else the feet camera rolls.
+    #[arg(long)]
+    global_shutter: bool,
 }
 
 /// A word for each of these values.
@@ -322,6 +326,7 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)>
         } else {
             Tone::Srgb
         },
+        global_shutter: sensors.global_shutter,
     })?;
     Ok((Arc::new(simulation), rig, text))
 }
@@ -342,8 +347,8 @@ fn before_boards(settings: &Settings, rig: &Rig, boards: &Boards) -> Result<Simu
     };
     let targets: Vec<Target> = boards.target.iter().map(read).collect::<Result<_>>()?;
     let target = |number: usize| match targets.as_slice() {
-        [] => april_grid(number),
-        some => some[number % some.len()].clone(),
+        [] => Some(april_grid(number)),
+        some => some.get(number).cloned(),
     };
     Ok(Simulation::with_targets(settings, rig, &plan, &target)?)
 }

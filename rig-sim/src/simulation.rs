@@ -15,9 +15,9 @@ use calib::target::Target;
 use calib::{CameraModel, ImuCalibration, ImuNoise, Provenance, StereoCalibration};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::camera::Quality;
 use crate::camera::placed::{Motion, Placed, placed};
 use crate::camera::sensor::{SensorModel, Tone};
+use crate::camera::{Quality, Shutter};
 use crate::deviation::{Deviation, true_rig_text};
 use crate::imu::{Imu, ImuModel, ImuSample, ImuTrouble};
 use crate::lens::Lens;
@@ -143,6 +143,8 @@ pub struct Imaging {
     pub noise: f64,
     /// From light to numbers.
     pub tone: Tone,
+    /// Whether cameras that read their rows one after the other expose them all at once.
+    pub global_shutter: bool,
 }
 
 impl Imaging {
@@ -151,6 +153,7 @@ impl Imaging {
         exposure_s: None,
         noise: 1.0,
         tone: Tone::Srgb,
+        global_shutter: false,
     };
 
     fn sensor(&self) -> SensorModel {
@@ -223,10 +226,9 @@ impl Plan {
             ("the bend of the boards, m,", self.bend_m, 0.1),
             ("how much larger the boards are", self.larger, 0.2),
         ];
-        match ranges
-            .iter()
-            .find(|(_, found, most)| !(found.abs() <= *most))
-        {
+        // Not a number is in no range.
+        let is_wrong = |(_, found, most): &&(_, f64, f64)| !(-*most..=*most).contains(found);
+        match ranges.iter().find(is_wrong) {
             None => Ok(()),
             Some((what, found, most)) => Err(SimulationError::Setting {
                 what,
@@ -244,7 +246,8 @@ impl Simulation {
     /// [`SimulationError`].
     pub fn new(settings: &Settings, rig: &Rig) -> Result<Self, SimulationError> {
         if settings.kind == Kind::Targets {
-            return Self::with_targets(settings, rig, &Plan::GOOD, &targets::april_grid);
+            let target = |number| Some(targets::april_grid(number));
+            return Self::with_targets(settings, rig, &Plan::GOOD, &target);
         }
         let (cameras, imus) = sensors(settings, rig)?;
         let tags = shoe_tags(rig).map_err(|id| SimulationError::Tag {
@@ -268,7 +271,7 @@ impl Simulation {
     }
 
     /// Makes a room with boards, the first of which is `target(0)`, and the way on which the plate is carried
-    /// before them. [`Settings::kind`] must be [`Kind::Targets`]. The room itself is made when somebody looks at it:
+    /// before them. A camera for which there is none left looks at that of the camera beside it. [`Settings::kind`] must be [`Kind::Targets`]. The room itself is made when somebody looks at it:
     /// truth of corners and IMU samples need none.
     ///
     /// # Errors
@@ -280,7 +283,7 @@ impl Simulation {
         settings: &Settings,
         rig: &Rig,
         plan: &Plan,
-        target: &dyn Fn(usize) -> Target,
+        target: &dyn Fn(usize) -> Option<Target>,
     ) -> Result<Self, SimulationError> {
         let (cameras, imus) = sensors(settings, rig)?;
         if settings.kind != Kind::Targets {
@@ -291,8 +294,15 @@ impl Simulation {
             });
         }
         plan.check()?;
-        let sheet = |number: usize| Sheet::new(target(number));
+        let sheet = |number: usize| target(number).map(Sheet::new);
         let (boards, facing) = targets::boards(&cameras, &sheet, plan, settings.seed);
+        if boards.is_empty() {
+            return Err(SimulationError::Setting {
+                what: "the number of boards",
+                found: "0".to_owned(),
+                expected: "at least 1, and a rig with a camera".to_owned(),
+            });
+        }
         let (seed, seconds) = (settings.seed, settings.seconds);
         let spline = targets::motion::spline(&cameras, &boards, &facing, plan, seconds, seed);
         let told = told(&cameras, &imus);
@@ -427,6 +437,10 @@ impl Simulation {
                 found: imaging.noise.to_string(),
                 expected: "0 to 100 times the usual".to_owned(),
             });
+        }
+        if imaging.global_shutter {
+            let cameras = self.cameras.iter_mut();
+            cameras.for_each(|camera| camera.shutter = Shutter::Global);
         }
         self.imaging = imaging;
         Ok(self)

@@ -2,7 +2,7 @@
 //! before them.
 //!
 //! Contract: everything follows from the rig, [`Plan`], length and seed. Each camera of the rig has a board
-//! that faces it where the plate starts; cameras that look nearly the same way share one. The plate's motion is
+//! that faces it where the plate starts; cameras that look nearly the same way share one, and so do those for which there is none left. The plate's motion is
 //! a spline as a walk's is, bounded by what arms do ([`motion`]). Where corners are in pictures is exact
 //! ([`sight`]) and needs no picture: thousands of views with their truth take no longer than the projection.
 //! The carrier is never seen.
@@ -96,7 +96,7 @@ pub fn april_grid(number: usize) -> Target {
 /// Boards for the cameras of a rig at [`HOME`], each of the sheets once, and which board faces which camera.
 pub(crate) fn boards(
     cameras: &[SimCamera],
-    sheet: &dyn Fn(usize) -> Sheet,
+    sheet: &dyn Fn(usize) -> Option<Sheet>,
     plan: &Plan,
     seed: u64,
 ) -> (Vec<Board>, Vec<usize>) {
@@ -106,11 +106,18 @@ pub(crate) fn boards(
     for camera in cameras {
         let [left, right] = &camera.rig_from_eye;
         let axis = left.rotation() * Vector3::z();
-        let shared = axes.iter().position(|other| other.angle(&axis) < SHARED);
-        facing.push(shared.unwrap_or(boards.len()));
-        if shared.is_some() {
+        let angle = |other: &Vector3<f64>| other.angle(&axis);
+        let near = (0..axes.len()).min_by(|a, b| angle(&axes[*a]).total_cmp(&angle(&axes[*b])));
+        let shared = near.filter(|near| angle(&axes[*near]) < SHARED);
+        let sheet = match shared {
+            Some(_) => None,
+            None => sheet(boards.len()),
+        };
+        let Some(sheet) = sheet else {
+            facing.push(near.unwrap_or(0));
             continue;
-        }
+        };
+        facing.push(boards.len());
         axes.push(axis);
         let number = boards.len();
         let eye = Vector3::from(HOME) + 0.5 * (left.translation() + right.translation());
@@ -123,7 +130,6 @@ pub(crate) fn boards(
             _ => so3::exp(Vector3::new(draw(0), draw(1), draw(2))),
         };
         let rotation = left.rotation() * careless;
-        let sheet = sheet(number);
         let at = |distance: f64| {
             let pose = (eye + axis * distance, rotation);
             Board::new(sheet.clone(), pose, plan.bend_m, plan.larger)

@@ -12,16 +12,19 @@ use crate::process::{self, cargo, command, root};
 use crate::setup::{self, Purpose};
 use crate::test::python;
 
+/// Benchmarks beside OpenCV.
+const WITH_OPENCV: [&str; 2] = ["calib", "sim_pictures"];
+
 /// Runs the benchmarks one after the other. The first that fails ends the run, after its charts
 /// and those of the ones before it have been turned into PNG.
 pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Result<()> {
     let mut purposes = vec![Purpose::Build, Purpose::Video, Purpose::Pictures];
-    if names.contains(&"sim_pictures") {
+    let needs_python = names.iter().any(|name| WITH_OPENCV.contains(name));
+    if needs_python {
         purposes.push(Purpose::Interoperability);
     }
     setup::system_packages(&purposes, install)?;
-    // It judges pictures by what OpenCV makes of them.
-    let python = match names.contains(&"sim_pictures") {
+    let python = match needs_python {
         true => Some(python::interpreter()?),
         false => None,
     };

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use toml::de::{DeTable, DeValue};
 
 use crate::covariance::Covariance;
-use crate::rig::table::{Log, Table, line_of, list_of, numbers, positive, text_of};
+use crate::rig::table::{Log, Table, list_of, not_toml, numbers, positive, text_of};
 use crate::rig::{Problem, tolerance};
 use crate::transform::RigidTransform;
 
@@ -78,11 +78,7 @@ impl Device {
 /// # Errors
 /// Everything that is wrong, with lines.
 pub fn parse(text: &str) -> Result<Vec<Device>, Vec<Problem>> {
-    let document = DeTable::parse(text).map_err(|error| {
-        let line = line_of(text, error.span().map_or(0, |span| span.start));
-        let message = format!("not TOML: {}", error.message());
-        vec![Problem { line, message }]
-    })?;
+    let document = DeTable::parse(text).map_err(|error| vec![not_toml(text, &error)])?;
     let mut log = Log {
         text,
         problems: Vec::new(),

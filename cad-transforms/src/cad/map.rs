@@ -45,7 +45,7 @@ use super::{Cad, Part};
 use crate::covariance::Covariance;
 use crate::frame::{Frame, FramePart};
 use crate::rig::file::frame;
-use crate::rig::table::{Log, Table, integer, line_of, list_of, positive, table_of, text_of};
+use crate::rig::table::{Log, Table, integer, list_of, not_toml, positive, table_of, text_of};
 use crate::rig::tolerance;
 use crate::rig::{
     CadSource, CameraInfo, Edge, Problem, Problems, Provenance, ProvenanceKind, Rig, RigError,
@@ -85,7 +85,7 @@ struct MappedCamera {
 #[derive(Debug, thiserror::Error)]
 pub enum MapError {
     /// The map file is wrong, or does not fit the CAD file: correct everything listed.
-    #[error("reading a map of parts: {0}")]
+    #[error("mapping parts to frames: {0}")]
     Invalid(Problems),
     /// What came out is no rig.
     #[error(transparent)]
@@ -98,11 +98,8 @@ impl Map {
     /// # Errors
     /// [`MapError::Invalid`] with everything that is wrong.
     pub fn parse(text: &str) -> Result<Self, MapError> {
-        let document = DeTable::parse(text).map_err(|error| {
-            let line = line_of(text, error.span().map_or(0, |span| span.start));
-            let message = format!("not TOML: {}", error.message());
-            MapError::Invalid(Problems(vec![Problem { line, message }]))
-        })?;
+        let document = DeTable::parse(text)
+            .map_err(|error| MapError::Invalid(Problems(vec![not_toml(text, &error)])))?;
         let mut log = Log {
             text,
             problems: Vec::new(),

@@ -527,7 +527,7 @@ fn decode(bytes: &[u8]) -> Result<String, String> {
 fn wide_text(digits: &str, wide: bool) -> Result<String, String> {
     let bad = || format!("{digits:?} are not the digits of characters");
     let size = if wide { 8 } else { 4 };
-    if !digits.is_ascii() || digits.len() % size != 0 {
+    if !digits.is_ascii() || !digits.len().is_multiple_of(size) {
         return Err(bad());
     }
     let codes: Option<Vec<u32>> = (0..digits.len() / size)

@@ -25,6 +25,9 @@ mod units;
 
 use self::fields::Fields;
 
+/// Deepest assembly within an assembly.
+const DEEPEST: usize = 256;
+
 /// Parts of a STEP file.
 ///
 /// # Errors
@@ -444,8 +447,8 @@ fn walk(
         let message = format!("part {:?} is part of itself", here.name);
         return Err(Fault::new(here.place.clone(), message));
     }
-    if parts.len() >= MOST_PARTS {
-        let message = format!("more than {MOST_PARTS} parts");
+    if parts.len() >= MOST_PARTS || way.len() >= DEEPEST {
+        let message = format!("more than {MOST_PARTS} parts, or {DEEPEST} within each other");
         return Err(Fault::new(here.place.clone(), message));
     }
     let path = match above {

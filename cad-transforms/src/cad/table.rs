@@ -25,7 +25,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::{Cad, Fault, Part};
 use crate::cad::urdf::from_rpy;
-use crate::rig::table::{Log, Table, line_of, list_of, numbers, rows, text_of};
+use crate::rig::table::{Log, Table, list_of, not_toml, numbers, rows, text_of};
 use crate::transform::{RigidTransform, TransformError};
 
 /// Metres in an inch.
@@ -305,11 +305,8 @@ impl Columns {
 /// Everything that is wrong, with line and key.
 pub fn parts_of_toml(text: &str) -> Result<Cad, Vec<Fault>> {
     let document = DeTable::parse(text).map_err(|error| {
-        let line = line_of(text, error.span().map_or(0, |span| span.start));
-        vec![Fault::at_line(
-            line,
-            format!("not TOML: {}", error.message()),
-        )]
+        let problem = not_toml(text, &error);
+        vec![Fault::at_line(problem.line, problem.message)]
     })?;
     let mut log = Log {
         text,

@@ -11,6 +11,7 @@ use std::fmt;
 
 use super::file::{Parsed, read};
 use super::{Problem, Rig};
+use crate::cad::device::Device;
 use crate::frame::{Frame, FramePart};
 use crate::transform::RigidTransform;
 use crate::view::FieldOfView;
@@ -79,6 +80,20 @@ pub struct Finding {
     pub message: String,
 }
 
+/// What a camera's left lens sees, with the source of it: what the facts say, or else what is nominal for its model.
+pub fn view(rig: &Rig, camera: &str, facts: &Facts) -> Option<(String, FieldOfView)> {
+    if let Some(known) = facts.get(camera)
+        && let Some(view) = known.view
+    {
+        return Some((known.source.clone(), view));
+    }
+    let info = rig.camera_infos().iter().find(|info| info.name == camera)?;
+    let device = Device::find(info.model.as_deref()?)?;
+    let [horizontal, vertical] = device.field_of_view_deg;
+    let view = FieldOfView::from_degrees(horizontal, vertical)?;
+    Some((format!("a nominal {}", device.title), view))
+}
+
 /// Checks the text of a rig file; the worst first, then by line.
 pub fn check(text: &str, facts: &Facts) -> Vec<Finding> {
     let parsed = read(text);
@@ -91,7 +106,9 @@ pub fn check(text: &str, facts: &Facts) -> Vec<Finding> {
             message: message.clone(),
         })
         .collect();
-    findings.extend(of_parsed(&parsed, facts));
+    if !parsed.hopeless {
+        findings.extend(of_parsed(&parsed, facts));
+    }
     findings.sort_by(|a, b| (b.severity, a.line).cmp(&(a.severity, b.line)));
     findings
 }
@@ -343,10 +360,7 @@ impl Checks<'_> {
         let Some((rig_from_left, line)) = self.placed(FEET_CAMERA, FramePart::Left) else {
             return;
         };
-        let Some((source, view)) = facts
-            .get(FEET_CAMERA)
-            .and_then(|facts| Some((&facts.source, facts.view?)))
-        else {
+        let Some((source, view)) = view(self.rig(), FEET_CAMERA, facts) else {
             let message = format!(
                 "the field of view of {FEET_CAMERA} is not known (no calibration given, no model in the file), so whether it has the shoes was not checked"
             );

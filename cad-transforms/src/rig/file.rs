@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use toml::de::{DeTable, DeValue};
 
-use super::table::{Log, Table, integer, line_of, list_of, numbers, rows, table_of, text_of};
+use super::table::{Log, Table, integer, list_of, not_toml, numbers, rows, table_of, text_of};
 use super::{
     CadSource, Edge, Problem, Problems, Provenance, ProvenanceKind, RIG_FORMAT, Rig, devices,
     loops, tags, tolerance, tree,
@@ -24,6 +24,8 @@ pub(super) struct Parsed {
     pub(super) camera_lines: Vec<usize>,
     /// By line.
     pub(super) problems: Vec<Problem>,
+    /// Nothing at all could be read.
+    pub(super) hopeless: bool,
 }
 
 impl Parsed {
@@ -51,6 +53,7 @@ impl Parsed {
             edge_lines: Vec::new(),
             camera_lines: Vec::new(),
             problems: vec![problem],
+            hopeless: true,
         }
     }
 }
@@ -58,13 +61,7 @@ impl Parsed {
 pub(super) fn read(text: &str) -> Parsed {
     let document = match DeTable::parse(text) {
         Ok(document) => document,
-        Err(error) => {
-            let line = line_of(text, error.span().map_or(0, |span| span.start));
-            return Parsed::hopeless(Problem {
-                line,
-                message: format!("not TOML: {}", error.message()),
-            });
-        }
+        Err(error) => return Parsed::hopeless(not_toml(text, &error)),
     };
     let mut log = Log {
         text,
@@ -136,6 +133,7 @@ pub(super) fn read(text: &str) -> Parsed {
         edge_lines,
         camera_lines,
         problems: log.problems,
+        hopeless: false,
     }
 }
 

@@ -28,6 +28,26 @@ pub(crate) fn line_of(text: &str, offset: usize) -> usize {
     1 + text.bytes().take(offset).filter(|b| *b == b'\n').count()
 }
 
+/// Why a text is not TOML, with the line as it stands there.
+pub(crate) fn not_toml(text: &str, error: &toml::de::Error) -> Problem {
+    let line = line_of(text, error.span().map_or(0, |span| span.start));
+    let found = text.lines().nth(line - 1).unwrap_or_default().trim();
+    // As in 0,063: a list with such numbers may read as more of them, or as none.
+    let bytes = found.as_bytes();
+    let comma = bytes
+        .windows(3)
+        .any(|w| w[0].is_ascii_digit() && w[1] == b',' && w[2].is_ascii_digit());
+    let hint = if comma {
+        "; decimals are written with a point, not a comma"
+    } else {
+        ""
+    };
+    Problem {
+        line,
+        message: format!("not TOML: {} in `{found}`{hint}", error.message()),
+    }
+}
+
 /// A TOML table with what is needed to complain about it.
 pub(crate) struct Table<'a, 'i> {
     pub(crate) table: &'a DeTable<'i>,
@@ -76,10 +96,12 @@ impl<'a, 'i> Table<'a, 'i> {
         match read(value.get_ref()) {
             Some(read) => Some((value.span(), read)),
             None => {
-                log.add(
-                    value.span(),
-                    format!("{key} in {} is not {expected}", self.name),
-                );
+                let found = value.get_ref().as_array().map(|list| list.len());
+                let found = found.map_or(String::new(), |n| {
+                    format!(" (found a list of {n}; decimals are written with a point)")
+                });
+                let message = format!("{key} in {} is not {expected}{found}", self.name);
+                log.add(value.span(), message);
                 None
             }
         }

@@ -1,9 +1,10 @@
 //! Which lens model the pictures support.
 //!
 //! Contract: every model is fitted to the same views. A model is worth its coefficients when it predicts
-//! views that it has not seen: the views are split four ways, and of the models whose held-out error is
-//! at most one standard error (over views) above the best one's, the one with the lowest BIC is taken
-//! (Schwarz 1978; the one-standard-error rule after Breiman and others 1984). A model that folds the picture is not
+//! views that it has not seen: the views are split four ways, and of the models whose held-out error is as
+//! small as the best one's, the one with the lowest BIC is taken (Schwarz 1978). As small is: at most one
+//! standard error of the difference above it, over views (after the rule of Breiman and others 1984), or a
+//! twentieth. A model that folds the picture is not
 //! taken. Both eyes of a camera get the same model.
 
 use super::start::{Posed, factory_priors, fit, restarted, weak_priors};
@@ -16,6 +17,8 @@ const FOLDS: usize = 4;
 /// A model whose residuals are this much larger than the best one's is not looked at further.
 const HOPELESS: f64 = 1.2;
 
+/// Mean squares that differ by a smaller share are as small as each other.
+const NEARLY: f64 = 0.05;
 /// A view whose residuals are this many times the median's has a wrong pose.
 const WRONG_VIEW: f64 = 2.0;
 
@@ -204,8 +207,8 @@ pub(super) fn choose(eyes: &[EyeViews<'_>], free: bool) -> Option<(Choice, Vec<C
             lowest_bic(&mut all.clone().filter(flat)).or(lowest_bic(&mut all.filter(fitted)))?
         }
         Some(best) => {
-            let limit = one_standard_error_over(errors[best].as_ref().expect("the best has some"));
-            let near = |i: &usize| errors[*i].as_ref().is_some_and(|e| mean(e) <= limit);
+            let reference = errors[best].as_ref().expect("the best has some");
+            let near = |i: &usize| errors[*i].as_ref().is_some_and(|e| as_small(e, reference));
             lowest_bic(&mut (0..candidates.len()).filter(near))?
         }
     };
@@ -217,11 +220,13 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
-/// The mean and one of its standard errors more.
-fn one_standard_error_over(errors: &[f64]) -> f64 {
-    let (n, mean) = (errors.len() as f64, mean(errors));
-    let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-    mean + (variance / n).sqrt()
+/// Whether errors are as small as the best ones, view by view.
+fn as_small(errors: &[f64], best: &[f64]) -> bool {
+    let differences: Vec<f64> = errors.iter().zip(best).map(|(a, b)| a - b).collect();
+    let (n, mean_of) = (differences.len() as f64, mean(&differences));
+    let squares = differences.iter().map(|d| (d - mean_of).powi(2));
+    let variance = squares.sum::<f64>() / (n - 1.0).max(1.0);
+    mean_of <= (variance / n).sqrt() || mean_of <= NEARLY * mean(best)
 }
 
 /// Fits a model to every eye.

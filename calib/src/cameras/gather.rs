@@ -27,7 +27,10 @@ const WRONG_VIEW: f64 = 6.0;
 /// Where the mirrored pose misses by less than this many times the best one's, either may be right.
 const AMBIGUOUS: f64 = 1.5;
 /// Corners that move by less from one picture to the next count as still, px.
-const STILL_PX: f64 = 1.5;
+const STILL_PX: f64 = 0.5;
+/// This share of the movement to the next picture is added to the sigma of corners: rows of a rolling
+/// shutter, and eyes, are not exposed at one instant.
+const BLURRED_SHARE: f64 = 0.1;
 /// Pictures farther apart in time than this say nothing of movement, ns.
 const NEXT_NS: i64 = 250_000_000;
 /// At least this share of pictures is used, the stillest, whether or not they are still.
@@ -230,6 +233,12 @@ fn eye_pictures(
         })
         .collect();
     movements(input, &mut pictures);
+    for picture in &mut pictures {
+        let blurred = BLURRED_SHARE * picture.movement_px.unwrap_or(0.0);
+        for point in &mut picture.points {
+            point.sigma_px = point.sigma_px.hypot(blurred);
+        }
+    }
     Ok((model, pictures))
 }
 

@@ -207,13 +207,13 @@ fn traps() {
         change(", 1.7e-05]", "]"),
         &right,
         None,
-        "found \"3 numbers\", expected distortion_coefficients with 4",
+        "found 3 numbers, expected distortion_coefficients with 4",
     );
     check(
         change("intrinsics", "intrinsic"),
         &right,
         None,
-        "intrinsics is missing, found T_BS.cols, T_BS.data",
+        "intrinsics is missing, found sensor_type",
     );
     check(
         LEFT.to_owned(),
@@ -227,20 +227,15 @@ fn traps() {
         LEFT.to_owned(),
         &far_right,
         None,
-        "the cameras are 100.05 m apart",
+        "cam1 is 100.05 m from the first camera",
     );
     let far = IMU.replace("0.02", "20");
-    check(
-        LEFT.to_owned(),
-        &right,
-        Some(&far),
-        "IMU and left camera are 20.00",
-    );
+    check(LEFT.to_owned(), &right, Some(&far), "the IMU is 20.00");
     check(
         LEFT.to_owned(),
         &right,
         Some(&IMU.replace("200", "0")),
-        "line 9: found \"0\", expected a rate above 0",
+        "line 9: found \"0\", expected a number above 0 as rate_hz",
     );
     let half_noise = format!("{IMU}gyroscope_noise_density: 1e-4\n");
     check(

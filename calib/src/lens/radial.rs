@@ -13,7 +13,7 @@ use crate::camera::Rational;
 const WIDEST_RAD: f64 = 1.56;
 /// Newton's method has converged when the residual on the plane z = 1 is this small.
 const CONVERGED: f64 = 1e-14;
-/// A direction that Newton's method misses by more has none.
+/// A direction that Newton's method misses by more, in parts of the distance from the axis, has none.
 const MISSED: f64 = 1e-10;
 
 #[derive(Clone, Copy, Debug)]
@@ -155,7 +155,7 @@ impl Radial {
             a += (ea * yy - eb * xy) / determinant;
             b += (eb * xx - ea * yx) / determinant;
         }
-        (miss < MISSED && a * a + b * b <= self.limit)
+        (miss < MISSED * (1.0 + at[0].hypot(at[1])) && a * a + b * b <= self.limit)
             .then(|| unit([a, b, 1.0]))
             .flatten()
     }

@@ -198,8 +198,8 @@ impl Equations {
             }
             for i in k + 1..4 {
                 let share = self.matrix[i][k] / top[k];
-                for j in k..4 {
-                    self.matrix[i][j] -= share * top[j];
+                for (value, above) in self.matrix[i].iter_mut().zip(top) {
+                    *value -= share * above;
                 }
                 self.right[i] -= share * self.right[k];
             }

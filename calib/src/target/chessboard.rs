@@ -48,7 +48,7 @@ pub(super) fn find(scene: &Scene, target: &Target, columns: i32, rows: i32) -> F
     let mut remark = None;
     for mut lattice in lattice::grow(&scene.saddles, &scene.links, needed * 3 / 4) {
         let mut places: Vec<[f64; 2]> = scene.saddles.iter().map(|s| s.at).collect();
-        cut_fringe(&mut lattice, columns.max(rows));
+        cut_fringe(&mut lattice);
         if lattice.nodes.len() < needed * 3 / 4 {
             continue;
         }
@@ -80,26 +80,21 @@ pub(super) fn find(scene: &Scene, target: &Target, columns: i32, rows: i32) -> F
 }
 
 /// Rows and columns at the edge with only a crossing or two, which a shadow or a thing beside the board made.
-fn cut_fringe(lattice: &mut Lattice, longer: i32) {
+fn cut_fringe(lattice: &mut Lattice) {
     for _ in 0..8 {
         if lattice.nodes.is_empty() {
             return;
         }
         let (low, high) = lattice.extent();
-        let few = |lattice: &Lattice, on: &dyn Fn(&(i32, i32)) -> bool| {
-            let count = lattice.nodes.keys().filter(|at| on(at)).count();
-            count > 0 && count <= 2 && longer > 3
-        };
-        let edges: [Box<dyn Fn(&(i32, i32)) -> bool>; 4] = [
-            Box::new(move |at| at.1 == low[0]),
-            Box::new(move |at| at.1 == high[0]),
-            Box::new(move |at| at.0 == low[1]),
-            Box::new(move |at| at.0 == high[1]),
-        ];
-        let Some(edge) = edges.iter().find(|edge| few(lattice, edge.as_ref())) else {
+        // The least and the largest column, then row.
+        let edges = [(1, low[0]), (1, high[0]), (0, low[1]), (0, high[1])];
+        let on = |at: &(i32, i32), (axis, value): (usize, i32)| [at.0, at.1][axis] == value;
+        let few =
+            |edge: &(usize, i32)| lattice.nodes.keys().filter(|at| on(at, *edge)).count() <= 2;
+        let Some(edge) = edges.iter().copied().find(few) else {
             return;
         };
-        lattice.nodes.retain(|at, _| !edge(at));
+        lattice.nodes.retain(|at, _| !on(at, edge));
     }
 }
 
@@ -151,7 +146,7 @@ fn place_chessboard(
     let origins = [low, [high[0], low[1]], high, [low[0], high[1]]];
     let fits = |turns: usize| {
         let size = [high[0] - low[0] + 1, high[1] - low[1] + 1];
-        if turns % 2 == 0 {
+        if turns.is_multiple_of(2) {
             size == [columns, rows]
         } else {
             size == [rows, columns]

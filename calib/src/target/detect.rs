@@ -247,8 +247,8 @@ fn finish(
 /// What rounding to 8 bits and the finite window leave, pixels.
 const FLOOR: f64 = 0.005;
 /// What another corner `gap` pixels away does, pixels: `CROWDED.0 * exp(-gap / CROWDED.1)`. From rendered
-/// AprilGrids at 60 degrees: 0.15 at a gap of 3.3, 0.03 at 5.
-const CROWDED: (f64, f64) = (4.0, 1.0);
+/// AprilGrids at 60 degrees and of small tags: 0.15 at a gap of 3.3, 0.01 at 5.
+const CROWDED: (f64, f64) = (60.0, 0.55);
 
 /// How far nothing else is printed around a corner, pixels.
 fn clear(corner: &Rough) -> f64 {

@@ -20,7 +20,7 @@ use super::board::Target;
 use super::codes::{ARUCO_NAMES, Dictionary};
 use crate::error::CalibError;
 use crate::text::Source;
-use crate::yaml::Yaml;
+use crate::tree::{At, yaml};
 
 impl Target {
     /// Reads a board: Kalibr's YAML where the name ends in `.yaml` or `.yml`, else our TOML.
@@ -28,10 +28,24 @@ impl Target {
     /// # Errors
     /// [`CalibError`] naming file, line and key.
     pub fn read(path: &Path) -> Result<Self, CalibError> {
-        let source = Source::read(path)?;
-        match path.extension().and_then(|e| e.to_str()) {
-            Some("yaml" | "yml") => from_kalibr(&source),
-            _ => from_toml(&source),
+        Self::of(&Source::read(path)?)
+    }
+
+    /// The same from a text that is not in a file of its own; `path` is for messages and tells the kind.
+    ///
+    /// # Errors
+    /// [`CalibError`] naming path, line and key.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, CalibError> {
+        Self::of(&Source {
+            path: path.to_owned(),
+            text: text.to_owned(),
+        })
+    }
+
+    fn of(source: &Source) -> Result<Self, CalibError> {
+        match source.path.extension().and_then(|e| e.to_str()) {
+            Some("yaml" | "yml") => from_kalibr(source),
+            _ => from_toml(source),
         }
     }
 
@@ -278,9 +292,14 @@ impl<'a> Table<'a> {
 }
 
 fn from_kalibr(source: &Source) -> Result<Target, CalibError> {
-    let yaml = Yaml::parse(source)?;
+    let tree = yaml::parse(source)?;
+    let root = At::root(source, &tree);
+    let text_of = |key: &str| {
+        let at = root.get(key)?;
+        Ok::<_, CalibError>((at.line(), at.text()?))
+    };
     let number = |key: &str| -> Result<(usize, f64), CalibError> {
-        let (line, text) = yaml.text(key)?;
+        let (line, text) = text_of(key)?;
         // The line alone does not say which of the keys it was.
         let number = source.number(line, text).map_err(|error| match error {
             CalibError::Malformed {
@@ -302,12 +321,12 @@ fn from_kalibr(source: &Source) -> Result<Target, CalibError> {
         Ok((line, number))
     };
     let count = |key: &str| -> Result<u32, CalibError> {
-        let (line, text) = yaml.text(key)?;
+        let (line, text) = text_of(key)?;
         text.parse().map_err(|_| {
             source.malformed(line, text, &format!("{key} as a whole number, 0 or more"))
         })
     };
-    let (line, kind) = yaml.text("target_type")?;
+    let (line, kind) = text_of("target_type")?;
     // Kalibr's name for each of our keys, for errors.
     let (target, names): (Target, [(&str, &str); 4]) = match kind {
         "aprilgrid" => (
@@ -358,7 +377,7 @@ fn from_kalibr(source: &Source) -> Result<Target, CalibError> {
                 .iter()
                 .find(|(ours, _)| *ours == key)
                 .map_or("tagCols", |(_, name)| name);
-            let line = yaml.text(name).map_or(line, |(line, _)| line);
+            let line = text_of(name).map_or(line, |(line, _)| line);
             Err(source.malformed(
                 line,
                 &format!("{name}: {}", before_comma(&objection)),

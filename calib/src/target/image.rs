@@ -129,11 +129,6 @@ impl Smooth {
         }
     }
 
-    /// Value at a pixel, 1/256 of a grey value.
-    pub(super) fn at(&self, x: usize, y: usize) -> f32 {
-        f32::from(self.values[y * self.width + x])
-    }
-
     /// Grey value between pixel centres, linear; none outside.
     pub(super) fn sample(&self, x: f32, y: f32) -> Option<f32> {
         if !(x >= 0.0 && y >= 0.0) {

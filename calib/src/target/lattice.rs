@@ -156,10 +156,10 @@ impl Lattice {
             }
         }
         let count = guesses.len() as f64;
-        (!guesses.is_empty()).then(|| {
-            let mean =
-                |f: &dyn Fn(&([f64; 2], f64)) -> f64| guesses.iter().map(f).sum::<f64>() / count;
-            ([mean(&|g| g.0[0]), mean(&|g| g.0[1])], mean(&|g| g.1))
-        })
+        let sum = guesses.iter().fold([0.0; 3], |[x, y, l], (at, length)| {
+            [x + at[0], y + at[1], l + length]
+        });
+        let [x, y, length] = sum.map(|v| v / count);
+        (count > 0.0).then_some(([x, y], length))
     }
 }

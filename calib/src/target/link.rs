@@ -66,7 +66,7 @@ fn follow(
 ) -> Option<End> {
     let saddle = &saddles[from];
     // The dark side lies clockwise (towards larger angles) of an even ray.
-    let polarity = if ray % 2 == 0 { 1.0 } else { -1.0 };
+    let polarity = if ray.is_multiple_of(2) { 1.0 } else { -1.0 };
     let start = saddle.at.map(|v| v as f32);
     let (sin, cos) = libm::sincosf(saddle.rays[ray] as f32);
     let mut direction = [cos, sin];

@@ -170,7 +170,7 @@ fn accuracy() {
             let (mut squares, mut found, mut all, mut largest, mut bias) =
                 (0.0, 0, 0, 0.0f64, [0.0; 2]);
             let (mut stated, mut motion) = (0.0, 0.0);
-            for i in 0..3 {
+            for i in 0..2 {
                 let mut turn = || 0.1 * (random.uniform() - 0.5);
                 let at = [turn(), turn(), 0.66 / size];
                 let about = std::f64::consts::TAU * random.uniform();
@@ -200,7 +200,7 @@ fn accuracy() {
                     .iter()
                     .map(|c| c.sigma_px * c.sigma_px)
                     .sum::<f64>();
-                motion += detection.blur.map_or(0.0, |b| b.motion_px()) / 3.0;
+                motion += detection.blur.map_or(0.0, |b| b.motion_px()) / 2.0;
             }
             let count = found.max(1) as f64;
             row.push((
@@ -224,6 +224,18 @@ fn accuracy() {
             );
         }
         println!();
+        // What is asked of sharp pictures with little noise; the others have room for what they are.
+        let hard = ["noise 5", "noise 10", "contrast", "tilt 1.05", "blur 2"]
+            .iter()
+            .any(|h| name.starts_with(h));
+        for (found, all, rms, _, bias, ..) in row {
+            assert!(*rms < if hard { 0.07 } else { 0.03 }, "{name}: {rms}");
+            assert!(bias.iter().all(|b| b.abs() < 0.01), "{name}: {bias:?}");
+            assert!(
+                hard || name.starts_with("size 0.5") || *found + 2 >= *all,
+                "{name}: {found} of {all}"
+            );
+        }
     }
 }
 

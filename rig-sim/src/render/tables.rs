@@ -47,8 +47,8 @@ pub(super) fn settings(simulation: &Simulation) -> String {
         line(
             &mut text,
             format_args!(
-                "\n[sensors]\nnoise = {:?}\nlinear = {linear}",
-                imaging.noise
+                "\n[sensors]\nnoise = {:?}\nlinear = {linear}\nglobal_shutter = {}",
+                imaging.noise, imaging.global_shutter
             ),
         );
         if let Some(exposure_s) = imaging.exposure_s {

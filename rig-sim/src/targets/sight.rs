@@ -18,6 +18,9 @@ use crate::simulation::{Simulation, seconds};
 
 /// What is nearer to the eye than this is behind it, m.
 const NEAR_M: f64 = 0.03;
+/// What is farther outside the picture than this share of its size in the middle of the exposure, no row of a
+/// rolling shutter brings inside.
+const STRAY: f64 = 0.1;
 /// Boards seen at a flatter angle than this show nothing: sine.
 const FLATTEST: f64 = 0.05;
 
@@ -80,11 +83,12 @@ impl<'a> Sights<'a> {
     /// The corners in a picture that the camera says it took at a time, ns since the beginning.
     pub fn corners(&self, eye: usize, time_ns: i64) -> Vec<SeenCorner> {
         let boards = self.simulation.boards();
+        let middle = self.eye_at(eye, time_ns, self.camera.taken_s(time_ns));
         let mut found = Vec::new();
         for (number, board) in boards.iter().enumerate() {
             for corner in board.sheet().corners() {
                 let point = board.at(corner.at_m, 0.0);
-                if let Some((pixel, from)) = self.seen(eye, time_ns, &point)
+                if let Some((pixel, from)) = self.seen(eye, time_ns, &middle, &point)
                     && is_shown(boards, number, &point, &from)
                 {
                     found.push(SeenCorner {
@@ -149,7 +153,8 @@ impl<'a> Sights<'a> {
     /// Where an eye's picture shows a point of the world, or none where it is outside or something that stands is
     /// before it. The wearer, passers-by and panes hide nothing.
     pub fn find(&self, eye: usize, time_ns: i64, point: &Vector3<f64>) -> Option<[f64; 2]> {
-        let (pixel, from) = self.seen(eye, time_ns, point)?;
+        let middle = self.eye_at(eye, time_ns, self.camera.taken_s(time_ns));
+        let (pixel, from) = self.seen(eye, time_ns, &middle, point)?;
         let ray = point - from;
         let hit = self.simulation.scene().first_hit(&from, &ray);
         let hidden = hit.is_some_and(|hit| hit.distance < 1.0 - HIDES - 1e-4 / ray.norm());
@@ -164,32 +169,39 @@ impl<'a> Sights<'a> {
         self.camera.world_from_eye(eye, &rig, slip.as_ref())
     }
 
-    /// Where an eye has a point of the world in a picture, and where the eye is then.
+    /// Where an eye has a point of the world in a picture, and where the eye is then; `middle` is its pose in the
+    /// middle of the exposure of the middle row.
     fn seen(
         &self,
         eye: usize,
         time_ns: i64,
+        middle: &Pose,
         point: &Vector3<f64>,
     ) -> Option<([f64; 2], Vector3<f64>)> {
-        let (width, height) = (
-            f64::from(self.camera.models[eye].width),
-            f64::from(self.camera.models[eye].height),
-        );
-        let taken_s = self.camera.taken_s(time_ns);
-        let look = |time_s: f64| {
-            let (origin, rotation) = self.eye_at(eye, time_ns, time_s);
+        let model = &self.camera.models[eye];
+        let (width, height) = (f64::from(model.width), f64::from(model.height));
+        let lens = &self.lenses[eye];
+        let look = |(origin, rotation): &Pose| {
             let at = rotation.inverse() * (point - origin);
             let (x, y) = (at.x / at.z, at.y / at.z);
-            let lens = &self.lenses[eye];
-            (at.z > NEAR_M && lens.is_known(x, y)).then(|| (lens.project(x, y), origin))
+            (at.z > NEAR_M && lens.is_known(x, y)).then(|| (lens.project(x, y), *origin))
         };
-        let mut seen = look(taken_s)?;
+        let mut seen = look(middle)?;
         if let Shutter::Rolling { line_s } = self.camera.shutter {
+            let near = |v: f64, size: f64| (-STRAY * size..(1.0 + STRAY) * size).contains(&v);
+            if !near(seen.0.0, width) || !near(seen.0.1, height) {
+                return None;
+            }
             // The row that sees the point is exposed when it sees it. A picture moves by far less than a row
             // while a row is read, so that each round gains two digits.
+            let taken_s = self.camera.taken_s(time_ns);
             for _ in 0..6 {
-                let row = seen.0.1.clamp(-height, 2.0 * height);
-                seen = look(taken_s + line_s * (row - 0.5 * (height - 1.0)))?;
+                let row = seen.0.1;
+                let time_s = taken_s + line_s * (row - 0.5 * (height - 1.0));
+                seen = look(&self.eye_at(eye, time_ns, time_s))?;
+                if (seen.0.1 - row).abs() < 1e-7 {
+                    break;
+                }
             }
         }
         let ((u, v), from) = seen;

@@ -32,7 +32,10 @@ fn example() -> Rig {
 }
 
 fn session(length_s: f64, plan: &Plan) -> Simulation {
-    Simulation::with_targets(&settings(length_s), &example(), plan, &april_grid).unwrap()
+    Simulation::with_targets(&settings(length_s), &example(), plan, &|n| {
+        Some(april_grid(n))
+    })
+    .unwrap()
 }
 
 fn with_motion(motion: Motion) -> Plan {
@@ -360,7 +363,8 @@ fn what_cannot_be_a_session_is_refused() {
         bend_m: f64::NAN,
         ..Plan::GOOD
     };
-    let error = Simulation::with_targets(&settings(5.0), &example(), &bent, &april_grid);
+    let error =
+        Simulation::with_targets(&settings(5.0), &example(), &bent, &|n| Some(april_grid(n)));
     let message = error.unwrap_err().to_string();
     assert!(
         message.contains("bend of the boards, m, is NaN"),
@@ -370,7 +374,7 @@ fn what_cannot_be_a_session_is_refused() {
         kind: Kind::Room,
         ..settings(5.0)
     };
-    let error = Simulation::with_targets(&walk, &example(), &Plan::GOOD, &april_grid);
+    let error = Simulation::with_targets(&walk, &example(), &Plan::GOOD, &|n| Some(april_grid(n)));
     let message = error.unwrap_err().to_string();
     assert!(message.contains("is room, expected targets"), "{message}");
     let long = Imaging {
@@ -385,6 +389,64 @@ fn what_cannot_be_a_session_is_refused() {
         message.contains("0.2 s, expected above 0 and at most 0.09 s"),
         "{message}"
     );
+}
+
+#[test]
+fn fewer_boards_than_cameras_are_shared() {
+    for count in [1, 2] {
+        let some = |n| (n < count).then(|| april_grid(n));
+        let simulation =
+            Simulation::with_targets(&settings(30.0), &example(), &Plan::GOOD, &some).unwrap();
+        assert_eq!(simulation.boards().len(), count);
+        // The shoulders see one of the boards now and then, whichever it is.
+        let sees = |camera| (0..300).any(|n| simulation.sights(camera).frame(0, n).len() > 20);
+        assert!((0..3).filter(|camera| sees(*camera)).count() >= 2);
+    }
+    let none = Simulation::with_targets(&settings(5.0), &example(), &Plan::GOOD, &|_| None);
+    let message = none.unwrap_err().to_string();
+    assert!(
+        message.contains("number of boards is 0, expected at least 1"),
+        "{message}"
+    );
+}
+
+/// A rolling shutter bends what is seen in motion, and only then.
+#[test]
+fn a_global_shutter_sees_all_rows_at_once() {
+    let rolling = session(40.0, &Plan::GOOD);
+    let at_once = Imaging {
+        global_shutter: true,
+        ..Imaging::USUAL
+    };
+    let global = rolling.clone().with_imaging(at_once).unwrap();
+    let feet = rolling
+        .cameras()
+        .iter()
+        .position(|c| c.name == "feet")
+        .unwrap();
+    let (mut at_rest, mut moving) = (0.0_f64, 0.0_f64);
+    for number in 0..400 {
+        let rate = rolling
+            .walker()
+            .rig(seconds(rolling.settings().frame_ns(number)))
+            .angular_rate;
+        let (a, b) = (
+            rolling.sights(feet).frame(0, number),
+            global.sights(feet).frame(0, number),
+        );
+        for corner in &a {
+            let Some(other) = b.iter().find(|other| other.id == corner.id) else {
+                continue;
+            };
+            let [u, v] = [0, 1].map(|k| corner.pixel[k] - other.pixel[k]);
+            match rate.norm() {
+                r if r < 0.005 => at_rest = at_rest.max(u.hypot(v)),
+                r if r > 0.5 => moving = moving.max(u.hypot(v)),
+                _ => {}
+            }
+        }
+    }
+    assert!(at_rest < 0.05 && moving > 1.0, "{at_rest} {moving}");
 }
 
 #[test]

@@ -181,7 +181,7 @@ fn mistakes_are_all_told_with_lines() {
     let error = Map::parse("format = 2\n").unwrap_err().to_string();
     assert_eq!(
         error,
-        "reading a map of parts: line 1: format is 2, this program reads 1"
+        "mapping parts to frames: line 1: format is 2, this program reads 1"
     );
 }
 

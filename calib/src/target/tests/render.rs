@@ -151,17 +151,17 @@ impl View {
             let ink = Ink::of(target);
             let middle = Self::board_middle(target);
             let r = view.rotation();
+            let row_at = |j: usize| -> Vec<Option<[f64; 2]>> {
+                let pixel = |n: usize| (n as f64 + 0.5) / DENSE as f64 - 0.5 - PAD as f64;
+                (0..=fine_width)
+                    .map(|i| view.look_at([pixel(i), pixel(j)], &r))
+                    .collect()
+            };
+            let mut next = row_at(0);
             for (j, row) in fine.chunks_exact_mut(fine_width).enumerate() {
+                let here = std::mem::replace(&mut next, row_at(j + 1));
                 for (i, value) in row.iter_mut().enumerate() {
-                    let look_at = |i: f64, j: f64| {
-                        view.look_at(
-                            [i, j].map(|n| (n + 0.5) / DENSE as f64 - 0.5 - PAD as f64),
-                            &r,
-                        )
-                    };
-                    let (i, j) = (i as f64, j as f64);
-                    let Some(at) = look_at(i, j) else { continue };
-                    let (Some(right), Some(below)) = (look_at(i + 1.0, j), look_at(i, j + 1.0))
+                    let (Some(at), Some(right), Some(below)) = (here[i], here[i + 1], next[i])
                     else {
                         continue;
                     };

@@ -1,0 +1,374 @@
+//! `calib`: how good calibrations from targets are, and whether they say so when they are not.
+//!
+//! The rig is never quite what its files say: cameras sit a millimetre and a third of a degree off, lenses are
+//! a few pixels off the factory's. Corners are where the simulated cameras see them, with noise; a few
+//! sessions are rendered and go through detection too.
+//!
+//! 1. Error against number of views against time, for one stereo camera, ours beside OpenCV's on the same
+//!    corners in the same run.
+//! 2. Which lens model is chosen against how much distortion there is and how many views.
+//! 3. Error against the strength of everything that spoils a recording. A point is *ok* when cameras are within
+//!    1 mm and 0.05 degrees of each other's true place, or within three of the sigmas that are stated; *flagged* when
+//!    they are not and a finding warns; *silently wrong* otherwise. The third kind must not exist.
+//! 4. How many errors of good sessions are within two of the stated sigmas.
+
+use std::path::{Path, PathBuf};
+use std::{env, fs};
+
+use anyhow::{Context, Result, bail};
+use calib::cameras::{Calibration, Settings, Severity, calibrate};
+use rig_sim::targets::{Motion, Plan};
+use serde_json::{Value, json};
+
+mod charts;
+mod opencv;
+mod rendered;
+mod scenario;
+
+use crate::meter::timed;
+use crate::stamp;
+use scenario::{Recording, Trouble};
+
+/// Two cameras may be off each other's true place by this: m and degrees.
+const LIMIT: (f64, f64) = (1e-3, 0.05);
+/// Beyond this many of its own sigmas an error was not announced.
+const SIGMAS: f64 = 3.0;
+
+/// How a point ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Verdict {
+    Ok,
+    Flagged,
+    SilentlyWrong,
+}
+
+impl Verdict {
+    pub(crate) fn word(self) -> &'static str {
+        match self {
+            Self::Ok => "ok",
+            Self::Flagged => "flagged",
+            Self::SilentlyWrong => "silently wrong",
+        }
+    }
+}
+
+/// One spoilt recording.
+pub(crate) struct Point {
+    pub(crate) kind: &'static str,
+    pub(crate) strength: f64,
+    pub(crate) seed: u64,
+    /// Worst error between cameras: m, degrees; none where there was no result.
+    pub(crate) error: Option<(f64, f64)>,
+    pub(crate) verdict: Verdict,
+    pub(crate) finding: String,
+    pub(crate) rms_px: f64,
+}
+
+/// Kinds of trouble, their unit, and strengths from little to much.
+type Kind = (
+    &'static str,
+    &'static str,
+    &'static [f64],
+    fn(f64) -> Trouble,
+);
+
+const KINDS: &[Kind] = &[
+    ("noise of corners", "px", &[0.05, 0.1, 0.3, 1.0, 3.0], |s| {
+        Trouble {
+            sigma_px: s,
+            ..Trouble::default()
+        }
+    }),
+    (
+        "number of views",
+        "views",
+        &[4.0, 8.0, 16.0, 32.0, 64.0],
+        |s| Trouble {
+            plan: Plan {
+                views: Some(s as usize),
+                ..Plan::GOOD
+            },
+            ..Trouble::default()
+        },
+    ),
+    (
+        "views all fronto-parallel, number",
+        "views",
+        &[8.0, 32.0, 64.0],
+        |s| Trouble {
+            plan: Plan {
+                motion: Motion::Parallel,
+                views: Some(s as usize),
+                ..Plan::GOOD
+            },
+            ..Trouble::default()
+        },
+    ),
+    ("bent boards", "mm", &[0.3, 1.0, 3.0, 10.0, 30.0], |s| {
+        Trouble {
+            plan: Plan {
+                bend_m: 1e-3 * s,
+                ..Plan::GOOD
+            },
+            ..Trouble::default()
+        }
+    }),
+    (
+        "boards larger than told",
+        "%",
+        &[0.1, 0.3, 1.0, 3.0, 10.0],
+        |s| Trouble {
+            plan: Plan {
+                larger: 1e-2 * s,
+                ..Plan::GOOD
+            },
+            ..Trouble::default()
+        },
+    ),
+    (
+        "camera knocked half-way",
+        "degrees",
+        &[0.02, 0.05, 0.1, 0.3, 1.0, 3.0],
+        |s| Trouble {
+            knock_deg: s,
+            ..Trouble::default()
+        },
+    ),
+];
+
+/// Runs the benchmark: `[--quick] [--out DIR]`.
+///
+/// # Errors
+/// Bad arguments, no interpreter in `PAWS_PYTHON`, or a disk that says no. Wrong results are results.
+pub(crate) fn run(args: &[String]) -> Result<()> {
+    let (mut quick, mut out) = (false, PathBuf::from("docs/benchmarks"));
+    let mut rest = args.iter();
+    while let Some(argument) = rest.next() {
+        match argument.as_str() {
+            "--quick" => quick = true,
+            "--out" => out = rest.next().context("--out needs a folder")?.into(),
+            other => bail!("unknown argument {other:?}, expected --quick or --out DIR"),
+        }
+    }
+    fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;
+    let stamp = stamp::stamp("calib", args)?;
+    let python = env::var_os("PAWS_PYTHON")
+        .context("PAWS_PYTHON names no interpreter with OpenCV; `cargo xtask bench` makes one")?;
+    let seeds = if quick { 1 } else { 3 };
+
+    let views = against_views(Path::new(&python), quick)?;
+    let models = against_distortion(quick)?;
+    let mut points = Vec::new();
+    for (kind, unit, strengths, trouble) in KINDS {
+        for (i, &strength) in strengths.iter().enumerate() {
+            if quick && i % 2 == 1 {
+                continue;
+            }
+            for seed in 0..seeds {
+                eprintln!("{kind}: {strength} {unit} ...");
+                points.push(spoilt(kind, strength, seed, &trouble(strength))?);
+            }
+        }
+    }
+    points.extend(rendered::points(quick)?);
+    let good = good(if quick { 4 } else { 20 })?;
+
+    let silent = points
+        .iter()
+        .filter(|p| p.verdict == Verdict::SilentlyWrong)
+        .count();
+    let document = json!({
+        "stamp": stamp,
+        "views": views,
+        "models": models,
+        "troubles": points.iter().map(Point::json).collect::<Vec<Value>>(),
+        "silently_wrong": silent,
+        "good": good,
+    });
+    let path = out.join("calib.json");
+    fs::write(&path, format!("{document:#}\n"))
+        .with_context(|| format!("writing {}", path.display()))?;
+    charts::draw(&out, &views, &models, &points)?;
+    println!("{silent} of {} points silently wrong", points.len());
+    println!("good sessions: {good}");
+    Ok(())
+}
+
+impl Point {
+    fn json(&self) -> Value {
+        json!({
+            "kind": self.kind,
+            "strength": self.strength,
+            "seed": self.seed,
+            "error_mm": self.error.map(|e| 1e3 * e.0),
+            "error_deg": self.error.map(|e| e.1),
+            "rms_px": self.rms_px,
+            "verdict": self.verdict.word(),
+            "finding": self.finding,
+        })
+    }
+}
+
+/// Calibrates with the factory's lens model.
+fn quiet() -> Settings {
+    Settings {
+        choose_lens: false,
+        ..Settings::default()
+    }
+}
+
+fn spoilt(kind: &'static str, strength: f64, seed: u64, trouble: &Trouble) -> Result<Point> {
+    let recording = Recording::new(seed, trouble)?;
+    let input = recording.input(trouble.sigma_px);
+    Ok(judge(
+        kind,
+        strength,
+        seed,
+        &recording,
+        calibrate(input, &quiet(), &mut |_, _| {}),
+    ))
+}
+
+/// How a result ended.
+pub(crate) fn judge(
+    kind: &'static str,
+    strength: f64,
+    seed: u64,
+    recording: &Recording,
+    result: Result<Calibration, calib::cameras::CamerasError>,
+) -> Point {
+    let found = match result {
+        Ok(found) => found,
+        // An error is a flag.
+        Err(error) => {
+            return Point {
+                kind,
+                strength,
+                seed,
+                error: None,
+                verdict: Verdict::Flagged,
+                finding: error.to_string(),
+                rms_px: f64::NAN,
+            };
+        }
+    };
+    let errors = recording.errors(&found);
+    let worst = |part: fn(&scenario::Error) -> f64| errors.iter().map(part).fold(0.0, f64::max);
+    let error = (worst(|e| e.metres), worst(|e| e.degrees));
+    let within = errors.iter().all(|e| e.sigmas <= SIGMAS);
+    let flagged = found.findings.iter().find(|f| f.severity >= Severity::Warn);
+    let verdict = match (error.0 <= LIMIT.0 && error.1 <= LIMIT.1) || within {
+        true if flagged.is_none_or(|f| f.severity < Severity::Fail) => Verdict::Ok,
+        _ if flagged.is_some() => Verdict::Flagged,
+        _ => Verdict::SilentlyWrong,
+    };
+    Point {
+        kind,
+        strength,
+        seed,
+        error: Some(error),
+        verdict,
+        finding: flagged.map(|f| f.text.clone()).unwrap_or_default(),
+        rms_px: found.solution.rms_px(|_| true),
+    }
+}
+
+/// One stereo camera, ours and OpenCV's, by number of views.
+fn against_views(python: &Path, quick: bool) -> Result<Value> {
+    let mut rows = Vec::new();
+    let counts: &[usize] = if quick {
+        &[8, 20]
+    } else {
+        &[5, 8, 12, 20, 40, 80]
+    };
+    for &count in counts {
+        for seed in 0..if quick { 1 } else { 3 } {
+            eprintln!("{count} views ...");
+            let trouble = Trouble::default();
+            let recording = Recording::new(100 + seed, &trouble)?;
+            let input = recording.one_camera(trouble.sigma_px, count);
+            let (found, took) = timed(|| calibrate(input.clone(), &quiet(), &mut |_, _| {}));
+            let ours = match found {
+                Ok(found) => recording.pair_errors(
+                    found.lens(0),
+                    &found.place(found.places.pairs[0].expect("a pair")).0,
+                ),
+                Err(_) => continue,
+            };
+            let theirs = opencv::calibrate(python, &input)?;
+            let their_errors = recording.pair_errors(&theirs.left, &theirs.left_from_right);
+            rows.push(json!({
+                "views": count,
+                "seed": seed,
+                "ours": { "shift_mm": 1e3 * ours.0, "turn_deg": ours.1, "focal_px": ours.2, "seconds": took.cpu_s },
+                "opencv": { "shift_mm": 1e3 * their_errors.0, "turn_deg": their_errors.1, "focal_px": their_errors.2, "seconds": theirs.seconds },
+            }));
+        }
+    }
+    Ok(Value::Array(rows))
+}
+
+/// Which lens model is chosen.
+fn against_distortion(quick: bool) -> Result<Value> {
+    let mut rows = Vec::new();
+    let strengths: &[f64] = if quick {
+        &[0.0, 1.0]
+    } else {
+        &[0.0, 0.03, 0.1, 0.3, 1.0, 1.3]
+    };
+    let counts: &[usize] = if quick { &[20] } else { &[10, 20, 40] };
+    for &strength in strengths {
+        for &count in counts {
+            eprintln!("distortion {strength}, {count} views ...");
+            let trouble = Trouble {
+                distortion: strength,
+                ..Trouble::default()
+            };
+            let recording = Recording::new(7, &trouble)?;
+            let mut input = recording.one_camera(trouble.sigma_px, count);
+            // What the factory says would be an answer.
+            input.eyes.iter_mut().for_each(|eye| eye.factory = None);
+            let Ok(found) = calibrate(input, &Settings::default(), &mut |_, _| {}) else {
+                rows.push(json!({ "distortion": strength, "views": count, "chosen": null }));
+                continue;
+            };
+            let choice = &found.choices[0];
+            let chosen = &choice.candidates[choice.chosen];
+            rows.push(json!({
+                "distortion": strength,
+                "views": count,
+                "chosen": chosen.model,
+                "coefficients": chosen.coefficients,
+                "held_out_px": chosen.held_out_px,
+                "worst_px": recording.worst_pixel(found.lens(0)),
+            }));
+        }
+    }
+    Ok(Value::Array(rows))
+}
+
+/// Good sessions: how many errors are within two sigma, and the worst ones.
+fn good(sessions: u64) -> Result<Value> {
+    let (mut inside, mut all, mut metres, mut degrees) = (0, 0, 0.0f64, 0.0f64);
+    let mut flagged = 0;
+    for seed in 0..sessions {
+        eprintln!("good session {seed} ...");
+        let trouble = Trouble::default();
+        let recording = Recording::new(1000 + seed, &trouble)?;
+        let found = calibrate(recording.input(trouble.sigma_px), &quiet(), &mut |_, _| {})?;
+        flagged += usize::from(found.severity() == Some(Severity::Fail));
+        for error in recording.errors(&found) {
+            inside += error.inside;
+            all += 6;
+            metres = metres.max(error.metres);
+            degrees = degrees.max(error.degrees);
+        }
+    }
+    Ok(json!({
+        "sessions": sessions,
+        "failed": flagged,
+        "within_two_sigma": inside as f64 / f64::from(all),
+        "worst_mm": 1e3 * metres,
+        "worst_deg": degrees,
+    }))
+}

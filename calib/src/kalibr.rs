@@ -1,0 +1,352 @@
+//! Kalibr's `camchain.yaml` and `camchain-imucam.yaml`, with the `imu.yaml` beside them.
+//!
+//! Contract: `T_cn_cnm1` takes points from the camera before to this one, `T_cam_imu` from the IMU to
+//! the camera (its inverse, `T_imu_cam`, as OpenVINS writes it, is taken too), both rows first and in
+//! metres. `timeshift_cam_imu` is added to a camera's time to get the IMU's, seconds. Lenses: `pinhole`
+//! with `none`, `radtan` (k1 k2 p1 p2) or `equidistant`, `ds`, `eucm`, and `omni` without distortion,
+//! which is the EUCM with `alpha = xi / (1 + xi)`, `beta = 1` and the focal lengths divided by `1 + xi`
+//! (both are `x / (xi d + z)` up to that factor). `omni` with `radtan` and `fov` are refused.
+
+use std::path::Path;
+
+use cad_transforms::RigidTransform;
+
+use crate::camera::{CameraModel, Distortion};
+use crate::error::{CalibError, Note};
+use crate::set::{CameraSet, NamedCamera, SetImu};
+use crate::stereo::{Format, ImuNoise, Provenance};
+use crate::text::{Source, written, written_all};
+use crate::tree::{At, yaml};
+use crate::write::{WriteError, Written, lens, placed};
+
+/// What an `imu.yaml` holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImuFile {
+    /// Noise model.
+    pub noise: ImuNoise,
+    /// Nominal rate, Hz.
+    pub rate_hz: f64,
+}
+
+/// The names that an IMU's file beside a chain may have.
+const IMU_FILES: [&str; 2] = ["imu.yaml", "imu0.yaml"];
+
+/// Two placements of one camera may differ by this, metres and radians, before it is worth a note.
+const SAME_PLACE: f64 = 1e-6;
+
+/// Reads a chain of cameras, and the `imu.yaml` beside it where the chain places an IMU.
+///
+/// # Errors
+/// [`CalibError`].
+pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
+    let source = Source::read(path)?;
+    let tree = yaml::parse(&source)?;
+    let root = At::root(&source, &tree);
+    let mut notes = Vec::new();
+    let mut cameras: Vec<NamedCamera> = Vec::new();
+    let mut imu: Option<SetImu> = None;
+    for number in 0.. {
+        let name = format!("cam{number}");
+        let Some(at) = root.find(&name) else {
+            break;
+        };
+        let model = camera(&at)?;
+        let chained = match (number, at.find("T_cn_cnm1")) {
+            (0, _) => Some(RigidTransform::identity()),
+            (_, Some(at)) => {
+                let before = cameras.last().and_then(|c| c.camera_from_first);
+                let here_from_before = rigid(&at)?;
+                before.map(|before| here_from_before * before)
+            }
+            (_, None) => None,
+        };
+        let camera_from_imu = match (at.find("T_cam_imu"), at.find("T_imu_cam")) {
+            (Some(at), _) => Some(rigid(&at)?),
+            (None, Some(at)) => Some(rigid(&at)?.inverse()),
+            (None, None) => None,
+        };
+        let through_imu = match (&imu, camera_from_imu) {
+            (Some(imu), Some(camera_from_imu)) => Some(camera_from_imu * imu.imu_from_first),
+            _ => None,
+        };
+        if let (Some(a), Some(b)) = (chained, through_imu) {
+            let off = a * b.inverse();
+            if off.distance_m() > SAME_PLACE || off.angle_rad() > SAME_PLACE {
+                notes.push(Note(format!(
+                    "{name}: T_cn_cnm1 and T_cam_imu differ by {:.3} mm and {:.4} degrees: the chain is taken",
+                    1e3 * off.distance_m(),
+                    off.angle_rad().to_degrees()
+                )));
+            }
+        }
+        let shift = at.find("timeshift_cam_imu").map(|at| at.number());
+        let shift = shift.transpose()?;
+        if number == 0 {
+            imu = camera_from_imu.map(|camera_from_imu| SetImu {
+                imu_from_first: camera_from_imu.inverse(),
+                rate_hz: None,
+                noise: None,
+                time_offset_s: shift,
+                gyro_bias: None,
+                accel_bias: None,
+            });
+        } else if let (Some(first), Some(here)) = (imu.and_then(|i| i.time_offset_s), shift)
+            && first != here
+        {
+            notes.push(Note(format!(
+                "{name}: timeshift_cam_imu is {here} s, of cam0 {first} s: that of cam0 is taken"
+            )));
+        }
+        let camera_from_first = chained.or(through_imu);
+        if camera_from_first.is_none() {
+            notes.push(Note(format!(
+                "{name} has neither T_cn_cnm1 nor T_cam_imu: its place is not known"
+            )));
+        }
+        cameras.push(NamedCamera {
+            name,
+            model,
+            camera_from_first,
+        });
+    }
+    if cameras.is_empty() {
+        return Err(root.get("cam0").err().expect("there was no cam0"));
+    }
+    let mut files = vec![path.to_owned()];
+    let beside = IMU_FILES
+        .iter()
+        .map(|name| path.with_file_name(name))
+        .find(|file| file.is_file());
+    match (&mut imu, beside) {
+        (Some(imu), Some(file)) => {
+            let read = read_imu(&file)?;
+            imu.noise = Some(read.noise);
+            imu.rate_hz = Some(read.rate_hz);
+            files.push(file);
+        }
+        (Some(_), None) => notes.push(Note(
+            "no imu.yaml beside the chain: rate and noise of the IMU are not known".to_owned(),
+        )),
+        (None, _) => {}
+    }
+    let set = CameraSet {
+        cameras,
+        imu,
+        provenance: Provenance {
+            format: Some(Format::Kalibr),
+            files,
+            part: None,
+        },
+    };
+    Ok((set.checked(path)?, notes))
+}
+
+/// Reads an `imu.yaml`: one block, or the block `imu0` of Kalibr's result.
+///
+/// # Errors
+/// [`CalibError`].
+pub fn read_imu(path: &Path) -> Result<ImuFile, CalibError> {
+    let source = Source::read(path)?;
+    let tree = yaml::parse(&source)?;
+    let root = At::root(&source, &tree);
+    let at = root.find("imu0").unwrap_or(root);
+    let number = |key: &str| at.get(key)?.positive();
+    Ok(ImuFile {
+        noise: ImuNoise {
+            gyro_noise_density: number("gyroscope_noise_density")?,
+            gyro_random_walk: number("gyroscope_random_walk")?,
+            accel_noise_density: number("accelerometer_noise_density")?,
+            accel_random_walk: number("accelerometer_random_walk")?,
+        },
+        rate_hz: number("update_rate")?,
+    })
+}
+
+/// An `imu.yaml` for Kalibr.
+pub fn imu_text(imu: &ImuFile) -> String {
+    let n = &imu.noise;
+    format!(
+        "accelerometer_noise_density: {} # m/s^2/sqrt(Hz)\n\
+         accelerometer_random_walk: {} # m/s^3/sqrt(Hz)\n\
+         gyroscope_noise_density: {} # rad/s/sqrt(Hz)\n\
+         gyroscope_random_walk: {} # rad/s^2/sqrt(Hz)\n\
+         rostopic: /imu0\nupdate_rate: {} # Hz\n",
+        written(n.accel_noise_density),
+        written(n.accel_random_walk),
+        written(n.gyro_noise_density),
+        written(n.gyro_random_walk),
+        written(imu.rate_hz)
+    )
+}
+
+fn camera(at: &At<'_>) -> Result<CameraModel, CalibError> {
+    let [width, height] = at.get("resolution")?.sizes()?;
+    let model = at.get("camera_model")?;
+    let lens = match at.find("distortion_model") {
+        Some(lens) => lens.one_of(&["none", "radtan", "equidistant", "fov"])?,
+        None => "none",
+    };
+    let intrinsics = at.get("intrinsics")?;
+    let pinhole = |[fx, fy, cx, cy]: [f64; 4], distortion| CameraModel {
+        width,
+        height,
+        fx,
+        fy,
+        cx,
+        cy,
+        distortion,
+    };
+    let alone = |what: &str| match lens {
+        "none" => Ok(()),
+        other => Err(model.wrong_because(
+            &format!("{what} with {other}"),
+            &format!("{what} without distortion (no model here is both)"),
+        )),
+    };
+    match model.one_of(&["pinhole", "omni", "ds", "eucm"])? {
+        "pinhole" => {
+            let distortion = match lens {
+                "none" => Distortion::None,
+                "fov" => {
+                    let lens = at.get("distortion_model")?;
+                    return Err(
+                        lens.wrong("none, radtan or equidistant (the FOV model is not read)")
+                    );
+                }
+                lens => {
+                    let [a, b, c, d] = at.get("distortion_coeffs")?.numbers()?;
+                    if lens == "radtan" {
+                        Distortion::RadTan4 {
+                            k1: a,
+                            k2: b,
+                            p1: c,
+                            p2: d,
+                        }
+                    } else {
+                        Distortion::KannalaBrandt4 {
+                            k1: a,
+                            k2: b,
+                            k3: c,
+                            k4: d,
+                        }
+                    }
+                }
+            };
+            Ok(pinhole(intrinsics.numbers()?, distortion))
+        }
+        "omni" => {
+            let [xi, fx, fy, cx, cy] = intrinsics.numbers()?;
+            let bent = match at.find("distortion_coeffs") {
+                Some(coefficients) => coefficients.number_list()?.iter().any(|c| *c != 0.0),
+                None => false,
+            };
+            if bent {
+                alone("omni")?;
+            }
+            if xi < 0.0 {
+                return Err(intrinsics.wrong_because(&format!("xi = {xi}"), "xi not below 0"));
+            }
+            let distortion = Distortion::Eucm {
+                alpha: xi / (1.0 + xi),
+                beta: 1.0,
+            };
+            Ok(pinhole(
+                [fx / (1.0 + xi), fy / (1.0 + xi), cx, cy],
+                distortion,
+            ))
+        }
+        "ds" => {
+            alone("ds")?;
+            let [xi, alpha, fx, fy, cx, cy] = intrinsics.numbers()?;
+            Ok(pinhole(
+                [fx, fy, cx, cy],
+                Distortion::DoubleSphere { xi, alpha },
+            ))
+        }
+        _ => {
+            alone("eucm")?;
+            let [alpha, beta, fx, fy, cx, cy] = intrinsics.numbers()?;
+            Ok(pinhole([fx, fy, cx, cy], Distortion::Eucm { alpha, beta }))
+        }
+    }
+}
+
+fn rigid(at: &At<'_>) -> Result<RigidTransform, CalibError> {
+    RigidTransform::from_rows_4x4(at.numbers()?)
+        .map_err(|error| at.wrong_because(&format!("a matrix where {error}"), "a rigid transform"))
+}
+
+pub(crate) fn write(set: &CameraSet) -> Result<Written, WriteError> {
+    let mut text = String::new();
+    let mut before: Option<RigidTransform> = None;
+    for (number, camera) in set.cameras.iter().enumerate() {
+        let m = &camera.model;
+        let distortion = lens(&camera.name, &m.distortion, Format::Kalibr)?;
+        let here = placed(camera, Format::Kalibr)?;
+        let coefficients = distortion.coefficients();
+        let (model, own, lens, coefficients) = match distortion {
+            Distortion::DoubleSphere { .. } => ("ds", &coefficients[..], "none", &[][..]),
+            Distortion::Eucm { .. } => ("eucm", &coefficients[..], "none", &[][..]),
+            Distortion::None => ("pinhole", &[][..], "none", &[][..]),
+            Distortion::KannalaBrandt4 { .. } => {
+                ("pinhole", &[][..], "equidistant", &coefficients[..])
+            }
+            _ => ("pinhole", &[][..], "radtan", &coefficients[..]),
+        };
+        let intrinsics = [own, &[m.fx, m.fy, m.cx, m.cy]].concat();
+        let others: Vec<String> = (0..set.cameras.len())
+            .filter(|i| *i != number)
+            .map(|i| i.to_string())
+            .collect();
+        text.push_str(&format!(
+            "cam{number}: # {}\n  cam_overlaps: [{}]\n  camera_model: {model}\n  intrinsics: [{}]\n  \
+             distortion_model: {lens}\n  distortion_coeffs: [{}]\n  resolution: [{}, {}]\n  rostopic: \
+             /cam{number}/image_raw\n",
+            camera.name.replace(['\n', '\r'], " "),
+            others.join(", "),
+            written_all(&intrinsics, ", "),
+            written_all(coefficients, ", "),
+            m.width,
+            m.height
+        ));
+        if let Some(before) = before {
+            text.push_str(&matrix("T_cn_cnm1", &(here * before.inverse())));
+        }
+        if let Some(imu) = &set.imu {
+            let camera_from_imu = here * imu.imu_from_first.inverse();
+            text.push_str(&matrix("T_cam_imu", &camera_from_imu));
+            if let Some(shift) = imu.time_offset_s {
+                text.push_str(&format!("  timeshift_cam_imu: {}\n", written(shift)));
+            }
+        }
+        before = Some(here);
+    }
+    let Some(imu) = &set.imu else {
+        return Ok(Written::file("camchain.yaml", text));
+    };
+    let mut all = Written::file("camchain-imucam.yaml", text);
+    match (imu.noise, imu.rate_hz) {
+        (Some(noise), Some(rate_hz)) => {
+            let text = imu_text(&ImuFile { noise, rate_hz });
+            all.files.push(("imu.yaml".to_owned(), text.into_bytes()));
+        }
+        _ => all.notes.push(Note(
+            "noise or rate of the IMU is not known: no imu.yaml".to_owned(),
+        )),
+    }
+    Ok(all)
+}
+
+fn matrix(key: &str, b_from_a: &RigidTransform) -> String {
+    let (r, t) = (b_from_a.rotation_rows(), b_from_a.translation_m());
+    let rows: String = (0..3)
+        .map(|i| {
+            let row = [r[3 * i], r[3 * i + 1], r[3 * i + 2], t[i]];
+            format!("  - [{}]\n", written_all(&row, ", "))
+        })
+        .collect();
+    format!("  {key}:\n{rows}  - [0.0, 0.0, 0.0, 1.0]\n")
+}
+
+#[cfg(test)]
+mod tests;

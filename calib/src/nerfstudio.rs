@@ -1,0 +1,282 @@
+//! `transforms.json` of nerfstudio and instant-ngp.
+//!
+//! Contract: intrinsics are shared, or given per frame; each different one is a camera here. Pixel
+//! coordinates are COLMAP's, which nerfstudio takes over: half a pixel is subtracted on reading.
+//! `transform_matrix` takes points from the camera to the world, in OpenGL's axes (x right, y up, z
+//! backward); [`poses`] gives `world_from_camera` in optical axes. `OPENCV` has k1 k2 k3 p1 p2 (a k4 of it
+//! is refused: it is a term in r⁸ that no model here has), `OPENCV_FISHEYE` k1 to k4. A missing
+//! coefficient is 0, a missing `fl_y` is `fl_x`, a missing principal point is the middle.
+//!
+//! A file whose two frames are called `left` and `right` is a stereo camera, and the frames' poses are its
+//! placement; this is how a pair is written. In other files the poses are those of a moving camera.
+
+use std::path::Path;
+
+use cad_transforms::RigidTransform;
+
+use crate::camera::{CameraModel, Distortion};
+use crate::error::{CalibError, Note};
+use crate::opencv::{fisheye_of, radial_tangential_of};
+use crate::set::{CameraSet, NamedCamera};
+use crate::stereo::{Format, Provenance};
+use crate::text::{Source, written, written_all};
+use crate::tree::{At, json};
+use crate::write::{WriteError, Written, lens, placed};
+
+const HALF: f64 = 0.5;
+/// Both axes that point the other way in OpenGL.
+const FLIPPED: [f64; 4] = [1.0, -1.0, -1.0, 1.0];
+
+/// A picture of the file and where it was taken.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Posed {
+    /// The picture's path as the file has it.
+    pub file_path: String,
+    /// Takes points in the optical frame to the world of the file, in the file's unit of length.
+    pub world_from_camera: RigidTransform,
+}
+
+/// Reads the cameras of a file.
+///
+/// # Errors
+/// [`CalibError`].
+pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
+    let source = Source::read(path)?;
+    let tree = json::parse(&source)?;
+    let root = At::root(&source, &tree);
+    let mut notes = Vec::new();
+    let frames = match root.find("frames") {
+        Some(frames) => frames.items()?,
+        None => Vec::new(),
+    };
+    let own = |at: &At<'_>| at.find_any(&["fl_x", "w", "camera_angle_x"]).is_some();
+    let mut cameras: Vec<NamedCamera> = Vec::new();
+    if own(&root) {
+        cameras.push(NamedCamera {
+            name: "camera".to_owned(),
+            model: camera(&root, &root, &mut notes)?,
+            camera_from_first: None,
+        });
+    }
+    let is_pair = pair(&frames).is_some();
+    for frame in frames.iter().filter(|frame| own(frame)) {
+        let model = camera(frame, &root, &mut notes)?;
+        if is_pair || cameras.iter().all(|c| c.model != model) {
+            cameras.push(NamedCamera {
+                name: stem(frame),
+                model,
+                camera_from_first: None,
+            });
+        }
+    }
+    match (pair(&frames), cameras.len()) {
+        (Some(world_from), 2) => {
+            let [left, right] = world_from;
+            let right_from_left = pose(right)?.inverse() * pose(left)?;
+            cameras[1].camera_from_first = Some(right_from_left);
+        }
+        (_, 2..) => notes.push(Note(
+            "several lenses: the cameras' places on a rig are not in this kind of file".to_owned(),
+        )),
+        _ => {}
+    }
+    if let Some(first) = cameras.first_mut() {
+        first.camera_from_first = Some(RigidTransform::identity());
+    } else {
+        // Says which key is missing.
+        root.get("fl_x")?;
+    }
+    let set = CameraSet {
+        cameras,
+        imu: None,
+        provenance: Provenance {
+            format: Some(Format::Nerfstudio),
+            files: vec![path.to_owned()],
+            part: None,
+        },
+    };
+    Ok((set.checked(path)?, notes))
+}
+
+/// Reads where the pictures of a file were taken.
+///
+/// # Errors
+/// [`CalibError`].
+pub fn poses(path: &Path) -> Result<Vec<Posed>, CalibError> {
+    let source = Source::read(path)?;
+    let tree = json::parse(&source)?;
+    let frames = At::root(&source, &tree).get("frames")?.items()?;
+    frames
+        .iter()
+        .map(|frame| {
+            Ok(Posed {
+                file_path: frame.get("file_path")?.text()?.to_owned(),
+                world_from_camera: pose(frame)?,
+            })
+        })
+        .collect()
+}
+
+fn pose(frame: &At<'_>) -> Result<RigidTransform, CalibError> {
+    let at = frame.get("transform_matrix")?;
+    let rows: [f64; 16] = at.numbers()?;
+    let optical = std::array::from_fn(|i| rows[i] * FLIPPED[i % 4]);
+    RigidTransform::from_rows_4x4(optical)
+        .map_err(|error| at.wrong_because(&format!("a pose where {error}"), "a rigid transform"))
+}
+
+/// The frames of a stereo camera, left first.
+fn pair<'a, 's>(frames: &'a [At<'s>]) -> Option<[&'a At<'s>; 2]> {
+    match frames {
+        [a, b] if stem(a) == "left" && stem(b) == "right" => Some([a, b]),
+        _ => None,
+    }
+}
+
+fn stem(frame: &At<'_>) -> String {
+    let path = frame.find("file_path").and_then(|at| at.text().ok());
+    let name = Path::new(path.unwrap_or_default()).file_stem();
+    name.unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// One lens; what the frame does not say is said for all.
+fn camera(frame: &At<'_>, root: &At<'_>, notes: &mut Vec<Note>) -> Result<CameraModel, CalibError> {
+    let find = |key: &str| frame.find(key).or_else(|| root.find(key));
+    let need = |key: &str| find(key).map_or_else(|| frame.get(key), Ok);
+    let or_zero = |key: &str| find(key).map_or(Ok(0.0), |at| at.number());
+    let (width, height) = (need("w")?.size()?, need("h")?.size()?);
+    let fx = match (find("fl_x"), find("camera_angle_x")) {
+        (Some(at), _) => at.number()?,
+        (None, Some(at)) => 0.5 * f64::from(width) / (0.5 * at.positive()?).tan(),
+        (None, None) => need("fl_x")?.number()?,
+    };
+    let fy = find("fl_y").map_or(Ok(fx), |at| at.number())?;
+    let mut centre = |key: &str, size: u32| match find(key) {
+        Some(at) => at.number(),
+        None => {
+            notes.push(Note(format!(
+                "no {key}: the middle of the picture is taken"
+            )));
+            Ok(0.5 * f64::from(size))
+        }
+    };
+    let (cx, cy) = (centre("cx", width)?, centre("cy", height)?);
+    let model = match find("camera_model") {
+        Some(at) => at.one_of(&["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV_FISHEYE"])?,
+        None if find("is_fisheye").is_some_and(|at| at.text().is_ok_and(|t| t == "true")) => {
+            "OPENCV_FISHEYE"
+        }
+        None => "OPENCV",
+    };
+    let [k1, k2, k3, k4] = [
+        or_zero("k1")?,
+        or_zero("k2")?,
+        or_zero("k3")?,
+        or_zero("k4")?,
+    ];
+    let [p1, p2] = [or_zero("p1")?, or_zero("p2")?];
+    let distortion = match model {
+        "OPENCV_FISHEYE" => fisheye_of(&[k1, k2, k3, k4]),
+        "OPENCV" => {
+            if k4 != 0.0 {
+                return Err(need("k4")?.wrong("0 (no model here has a term in r to the 8th)"));
+            }
+            if k3 == 0.0 {
+                radial_tangential_of(&[k1, k2, p1, p2])
+            } else {
+                radial_tangential_of(&[k1, k2, p1, p2, k3])
+            }
+        }
+        _ => Ok(Distortion::None),
+    };
+    Ok(CameraModel {
+        width,
+        height,
+        fx,
+        fy,
+        cx: cx - HALF,
+        cy: cy - HALF,
+        distortion: distortion.expect("the number of coefficients is right"),
+    })
+}
+
+pub(crate) fn write(set: &CameraSet) -> Result<Written, WriteError> {
+    let text = match &set.cameras[..] {
+        [camera] => format!("{{\n{},\n  \"frames\": []\n}}\n", fields(camera, "  ")?),
+        [left, right] => {
+            // The world is the left camera.
+            let frames = [
+                ("left", left, RigidTransform::identity()),
+                ("right", right, placed(right, Format::Nerfstudio)?.inverse()),
+            ];
+            let frames = frames
+                .iter()
+                .map(|(name, camera, world_from_camera)| {
+                    Ok(format!(
+                        "    {{\n      \"file_path\": \"{name}.png\",\n{},\n      \"transform_matrix\": {}\n    }}",
+                        fields(camera, "      ")?,
+                        opengl(world_from_camera)
+                    ))
+                })
+                .collect::<Result<Vec<String>, WriteError>>()?;
+            format!("{{\n  \"frames\": [\n{}\n  ]\n}}\n", frames.join(",\n"))
+        }
+        more => {
+            return Err(WriteError::Refused {
+                format: Format::Nerfstudio.name(),
+                found: format!("{} cameras", more.len()),
+                expected: "one, or a pair".to_owned(),
+            });
+        }
+    };
+    Ok(Written::file("transforms.json", text))
+}
+
+fn fields(camera: &NamedCamera, indent: &str) -> Result<String, WriteError> {
+    let m = &camera.model;
+    let distortion = lens(&camera.name, &m.distortion, Format::Nerfstudio)?;
+    let model = match distortion {
+        Distortion::KannalaBrandt4 { .. } => "OPENCV_FISHEYE",
+        _ => "OPENCV",
+    };
+    let mut lines = vec![
+        format!("\"camera_model\": \"{model}\""),
+        format!("\"w\": {}", m.width),
+        format!("\"h\": {}", m.height),
+    ];
+    let numbers = [
+        ("fl_x", m.fx),
+        ("fl_y", m.fy),
+        ("cx", m.cx + HALF),
+        ("cy", m.cy + HALF),
+    ];
+    let coefficients = distortion.coefficients();
+    let coefficients = distortion
+        .coefficient_names()
+        .iter()
+        .copied()
+        .zip(coefficients);
+    for (key, number) in numbers.into_iter().chain(coefficients) {
+        lines.push(format!("\"{key}\": {}", written(number)));
+    }
+    let lines: Vec<String> = lines.iter().map(|line| format!("{indent}{line}")).collect();
+    Ok(lines.join(",\n"))
+}
+
+fn opengl(world_from_camera: &RigidTransform) -> String {
+    let (r, t) = (
+        world_from_camera.rotation_rows(),
+        world_from_camera.translation_m(),
+    );
+    let rows: Vec<String> = (0..3)
+        .map(|i| {
+            let row: [f64; 4] = [r[3 * i], r[3 * i + 1], r[3 * i + 2], t[i]];
+            let row: Vec<f64> = row.iter().zip(FLIPPED).map(|(a, b)| a * b).collect();
+            format!("[{}]", written_all(&row, ", "))
+        })
+        .collect();
+    format!("[{}, [0.0, 0.0, 0.0, 1.0]]", rows.join(", "))
+}
+
+#[cfg(test)]
+mod tests;

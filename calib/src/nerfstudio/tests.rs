@@ -1,0 +1,94 @@
+use super::*;
+use crate::test_data::{Folder, shared};
+
+#[test]
+fn axes_and_half_pixels() {
+    let folder = Folder::new();
+    let text = "{\"fl_x\": 500, \"cx\": 320, \"cy\": 240, \"w\": 640.0, \"h\": 480, \"k1\": 0.1, \"k3\": 0.01, \
+                \"frames\": [{\"file_path\": \"a.png\", \"transform_matrix\": [[1, 0, 0, 5], [0, 0, -1, 6], [0, 1, 0, \
+                7], [0, 0, 0, 1]]}]}";
+    let path = folder.file("transforms.json", text);
+    let (set, _) = read(&path).unwrap();
+    let m = &set.cameras[0].model;
+    assert_eq!((m.fx, m.fy, m.cx, m.cy), (500.0, 500.0, 319.5, 239.5));
+    assert!(matches!(
+        m.distortion,
+        Distortion::RadTan5 {
+            k1: 0.1,
+            k3: 0.01,
+            ..
+        }
+    ));
+    let pose = &poses(&path).unwrap()[0];
+    assert_eq!(pose.file_path, "a.png");
+    // This camera looks along OpenGL's -z, which the matrix takes to the world's +y, and its y (up) to
+    // the world's +z: a picture taken upright, northwards.
+    let ahead = pose.world_from_camera.apply([0.0, 0.0, 2.0]);
+    let down = pose.world_from_camera.rotate([0.0, 1.0, 0.0]);
+    for (found, expected) in [(ahead, [5.0, 8.0, 7.0]), (down, [0.0, 0.0, -1.0])] {
+        for i in 0..3 {
+            assert!((found[i] - expected[i]).abs() < 1e-12, "{found:?}");
+        }
+    }
+}
+
+#[test]
+fn lenses_per_frame_and_angles_of_view() {
+    let folder = Folder::new();
+    let text = "{\"w\": 640, \"h\": 480, \"camera_model\": \"OPENCV_FISHEYE\", \"k2\": 0.2, \"frames\": [{\"fl_x\": 300, \
+                \"file_path\": \"x/a.png\"}, {\"fl_x\": 301, \"file_path\": \"x/b.png\"}, {\"fl_x\": 300}]}";
+    let error = read(&folder.file("t.json", text)).unwrap_err().to_string();
+    assert!(error.contains("fl_x is missing"), "{error}");
+    let text = text.replacen("\"w\"", "\"camera_angle_x\": 1.5707963267948966, \"w\"", 1);
+    let (set, notes) = read(&folder.file("t.json", &text)).unwrap();
+    assert_eq!(set.names(), ["camera", "a", "b"]);
+    assert!((set.cameras[0].model.fx - 320.0).abs() < 1e-12);
+    assert!(matches!(
+        set.cameras[1].model.distortion,
+        Distortion::KannalaBrandt4 { k2: 0.2, .. }
+    ));
+    assert!(notes.iter().any(|n| n.0.contains("several lenses")));
+    assert!(notes.iter().any(|n| n.0.contains("no cx")));
+    let k4 = text.replace("OPENCV_FISHEYE", "OPENCV").replace("k2", "k4");
+    let error = read(&folder.file("t.json", &k4)).unwrap_err().to_string();
+    assert!(error.contains("r to the 8th"), "{error}");
+}
+
+#[test]
+fn the_fox() {
+    let Some(path) = shared("07_multiview/fox/transforms.json") else {
+        return;
+    };
+    let (set, _) = read(&path).unwrap();
+    let m = &set.cameras[0].model;
+    assert_eq!(
+        (m.fx, m.fy, m.cx, m.cy),
+        (1375.52, 1374.49, 554.058, 964.768)
+    );
+    assert!(matches!(
+        m.distortion,
+        Distortion::RadTan4 { k1: 0.0578421, .. }
+    ));
+    let poses = poses(&path).unwrap();
+    assert_eq!(poses.len(), 67);
+    // Pictures taken around one thing look towards each other's middle.
+    let mut middle = [0.0; 3];
+    for pose in &poses {
+        let at = pose.world_from_camera.translation_m();
+        (0..3).for_each(|i| middle[i] += at[i] / 67.0);
+    }
+    let ahead: Vec<[f64; 3]> = poses
+        .iter()
+        .map(|p| p.world_from_camera.rotate([0.0, 0.0, 1.0]))
+        .collect();
+    let mut mean = [0.0; 3];
+    for a in &ahead {
+        (0..3).for_each(|i| mean[i] += a[i] / 67.0);
+    }
+    // Nobody photographs with the camera on its head: down in the picture is down in the world.
+    assert!(
+        poses
+            .iter()
+            .all(|p| p.world_from_camera.rotate([0.0, 1.0, 0.0])[2] < 0.0)
+    );
+}

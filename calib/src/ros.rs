@@ -1,0 +1,297 @@
+//! ROS `camera_info` YAML as `camera_calibration` and `camera_calibration_parsers` write it, one file per
+//! camera.
+//!
+//! Contract: a file with `left` in its name is read together with its `right` sibling, and the other way
+//! round. The pair's placement is what its rectification says: `x_right_rect = x_left_rect + P[3] / P[0]`
+//! along x, and the two `rectification_matrix` turn each camera's points into the rectified frame. Where
+//! the right projection has no such term the placement is unknown. Models: `plumb_bob` (5, or 4),
+//! `rational_polynomial` (8), `equidistant` (4), and Kalibr's `radtan` (4), which some drivers write here.
+//! Coefficients that are all 0 are no distortion.
+
+use std::path::{Path, PathBuf};
+
+use cad_transforms::RigidTransform;
+
+use crate::camera::{CameraModel, Distortion};
+use crate::error::{CalibError, Note};
+use crate::opencv::{camera_matrix, data, fisheye_of, radial_tangential_of};
+use crate::rectify::{Rectification, View};
+use crate::set::{CameraSet, NamedCamera};
+use crate::stereo::{Format, Provenance};
+use crate::text::{Source, written_all};
+use crate::tree::{At, yaml};
+use crate::write::{WriteError, Written, lens, stereo};
+
+struct File {
+    model: CameraModel,
+    rectified_from_camera: RigidTransform,
+    projection: [f64; 12],
+}
+
+/// Reads a file and its sibling.
+///
+/// # Errors
+/// [`CalibError`].
+pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
+    let mut notes = Vec::new();
+    let provenance = |files: Vec<PathBuf>| Provenance {
+        format: Some(Format::Ros),
+        files,
+        part: None,
+    };
+    let named = |name: &str, model, camera_from_first| NamedCamera {
+        name: name.to_owned(),
+        model,
+        camera_from_first,
+    };
+    let identity = RigidTransform::identity();
+    let Some([left_path, right_path]) = pair(path) else {
+        let file = file(path, &mut notes)?;
+        let set = CameraSet {
+            cameras: vec![named("camera", file.model, Some(identity))],
+            imu: None,
+            provenance: provenance(vec![path.to_owned()]),
+        };
+        return Ok((set.checked(path)?, notes));
+    };
+    let left = file(&left_path, &mut notes)?;
+    let right = file(&right_path, &mut notes)?;
+    let p = right.projection;
+    let right_from_left = if p[3] == 0.0 {
+        notes.push(Note(
+            "the right projection matrix has no baseline: the place of the right camera is not known"
+                .to_owned(),
+        ));
+        None
+    } else {
+        let offset = RigidTransform::from_translation_m([p[3] / p[0], p[7] / p[5], 0.0]);
+        let offset = offset.map_err(|error| CalibError::Implausible {
+            path: right_path.clone(),
+            objection: format!("projection_matrix: {error}"),
+        })?;
+        Some(right.rectified_from_camera.inverse() * offset * left.rectified_from_camera)
+    };
+    let set = CameraSet {
+        cameras: vec![
+            named("left", left.model, Some(identity)),
+            named("right", right.model, right_from_left),
+        ],
+        imu: None,
+        provenance: provenance(vec![left_path, right_path]),
+    };
+    Ok((set.checked(path)?, notes))
+}
+
+/// The left and the right file where this is one of them and the other exists.
+fn pair(path: &Path) -> Option<[PathBuf; 2]> {
+    let name = path.file_name()?.to_str()?;
+    let (left, right) = if name.contains("left") {
+        (name.to_owned(), name.replacen("left", "right", 1))
+    } else if name.contains("right") {
+        (name.replacen("right", "left", 1), name.to_owned())
+    } else {
+        return None;
+    };
+    let paths = [left, right].map(|name| path.with_file_name(name));
+    paths.iter().all(|path| path.is_file()).then_some(paths)
+}
+
+fn file(path: &Path, notes: &mut Vec<Note>) -> Result<File, CalibError> {
+    let source = Source::read(path)?;
+    let tree = yaml::parse(&source)?;
+    let root = At::root(&source, &tree);
+    let [width, height] = [
+        root.get("image_width")?.size()?,
+        root.get("image_height")?.size()?,
+    ];
+    let [fx, fy, cx, cy] = camera_matrix(&data(&root.get("camera_matrix")?, Some([3, 3]))?)?;
+    let name = root.get("distortion_model")?;
+    let kind = name.one_of(&[
+        "plumb_bob",
+        "rational_polynomial",
+        "equidistant",
+        "fisheye",
+        "kannala_brandt",
+        "radtan",
+        "none",
+        "",
+    ])?;
+    let distortion = if matches!(kind, "none" | "") {
+        Distortion::None
+    } else {
+        let at = data(&root.get("distortion_coefficients")?, None)?;
+        let d = at.number_list()?;
+        let expected: &[usize] = match kind {
+            "plumb_bob" => &[4, 5],
+            "rational_polynomial" => &[8, 12, 14],
+            _ => &[4],
+        };
+        if !expected.contains(&d.len()) {
+            let expected: Vec<String> = expected.iter().map(ToString::to_string).collect();
+            return Err(at.wrong_because(
+                &format!("{} coefficients", d.len()),
+                &format!("{} of {kind}", expected.join(" or ")),
+            ));
+        }
+        match kind {
+            "equidistant" | "fisheye" | "kannala_brandt" => fisheye_of(&d),
+            _ => radial_tangential_of(&d),
+        }
+        .map_err(|(found, expected)| at.wrong_because(&found, expected))?
+    };
+    let rectified_from_camera = match root.find("rectification_matrix") {
+        Some(at) => {
+            let at = data(&at, Some([3, 3]))?;
+            RigidTransform::from_rotation_rows(at.numbers()?, [0.0; 3]).map_err(|error| {
+                at.wrong_because(&format!("a matrix where {error}"), "a rotation")
+            })?
+        }
+        None => RigidTransform::identity(),
+    };
+    let projection = match root.find("projection_matrix") {
+        Some(at) => {
+            let at = data(&at, Some([3, 4]))?;
+            let p: [f64; 12] = at.numbers()?;
+            if p[0] <= 0.0 || p[5] <= 0.0 {
+                return Err(at.wrong_because(
+                    &format!("focal lengths {} and {}", p[0], p[5]),
+                    "both above 0",
+                ));
+            }
+            p
+        }
+        None => {
+            notes.push(Note(format!("{}: no projection_matrix", path.display())));
+            [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]
+        }
+    };
+    Ok(File {
+        model: CameraModel {
+            width,
+            height,
+            fx,
+            fy,
+            cx,
+            cy,
+            distortion,
+        },
+        rectified_from_camera,
+        projection,
+    })
+}
+
+pub(crate) fn write(set: &CameraSet) -> Result<Written, WriteError> {
+    let identity = RigidTransform::identity();
+    if let [camera] = &set.cameras[..] {
+        let m = &camera.model;
+        let p = [
+            m.fx, 0.0, m.cx, 0.0, 0.0, m.fy, m.cy, 0.0, 0.0, 0.0, 1.0, 0.0,
+        ];
+        let text = text(camera, &camera.name, &identity, p)?;
+        return Ok(Written::file("camera.yaml", text));
+    }
+    let files = |cameras: [&NamedCamera; 2],
+                 rotations: [RigidTransform; 2],
+                 projections: [[f64; 12]; 2]| {
+        let file = |i: usize, name: &str| {
+            let text = text(cameras[i], name, &rotations[i], projections[i])?;
+            Ok((format!("{name}.yaml"), text.into_bytes()))
+        };
+        Ok(Written {
+            files: vec![file(0, "left")?, file(1, "right")?],
+            notes: Vec::new(),
+        })
+    };
+    let own = |m: &CameraModel, x: f64| {
+        [
+            m.fx,
+            0.0,
+            m.cx,
+            m.fx * x,
+            0.0,
+            m.fy,
+            m.cy,
+            0.0,
+            0.0,
+            0.0,
+            1.0,
+            0.0,
+        ]
+    };
+    if let [left, right] = &set.cameras[..]
+        && right.camera_from_first.is_none()
+    {
+        let projections = [own(&left.model, 0.0), own(&right.model, 0.0)];
+        return files([left, right], [identity; 2], projections);
+    }
+    let pair = stereo(set, Format::Ros)?;
+    let [left, right] = if set.cameras[0].model == pair.left {
+        [&set.cameras[0], &set.cameras[1]]
+    } else {
+        [&set.cameras[1], &set.cameras[0]]
+    };
+    // Of a pair that is rectified as delivered the new camera is the old one.
+    if pair.is_rectified() {
+        let [x, _, _] = pair.right_from_left.translation_m();
+        let projections = [own(&pair.left, 0.0), own(&pair.right, x)];
+        return files([left, right], [identity; 2], projections);
+    }
+    let rectified =
+        Rectification::new(&pair, View::Filled).map_err(|error| WriteError::Refused {
+            format: Format::Ros.name(),
+            found: error.to_string(),
+            expected: "a pair that can be rectified, the format holds its placement only so"
+                .to_owned(),
+        })?;
+    files(
+        [left, right],
+        [
+            rectified.rectified_from_left,
+            rectified.rectified_from_right,
+        ],
+        [rectified.left_projection(), rectified.right_projection()],
+    )
+}
+
+fn text(
+    camera: &NamedCamera,
+    name: &str,
+    rectified_from_camera: &RigidTransform,
+    projection: [f64; 12],
+) -> Result<String, WriteError> {
+    let m = &camera.model;
+    let distortion = lens(&camera.name, &m.distortion, Format::Ros)?;
+    let model = match distortion {
+        Distortion::Rational8 { .. } => "rational_polynomial",
+        Distortion::KannalaBrandt4 { .. } => "equidistant",
+        _ => "plumb_bob",
+    };
+    let mut d = distortion.coefficients();
+    if d.is_empty() {
+        d = vec![0.0; 5];
+    }
+    let matrix = |key: &str, rows: usize, numbers: &[f64]| {
+        format!(
+            "{key}:\n  rows: {rows}\n  cols: {}\n  data: [{}]\n",
+            numbers.len() / rows,
+            written_all(numbers, ", ")
+        )
+    };
+    Ok(format!(
+        "image_width: {}\nimage_height: {}\ncamera_name: {}\n{}distortion_model: {model}\n{}{}{}",
+        m.width,
+        m.height,
+        name.replace(|c: char| !c.is_ascii_alphanumeric(), "_"),
+        matrix("camera_matrix", 3, &m.k_matrix()),
+        matrix("distortion_coefficients", 1, &d),
+        matrix(
+            "rectification_matrix",
+            3,
+            &rectified_from_camera.rotation_rows()
+        ),
+        matrix("projection_matrix", 3, &projection),
+    ))
+}
+
+#[cfg(test)]
+mod tests;

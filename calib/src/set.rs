@@ -1,0 +1,304 @@
+//! What a calibration file of any kind holds: one or more cameras by name, where they sit, and the IMU.
+//!
+//! Contract: the first camera is the reference, so its placement is the identity. A camera whose place
+//! the file does not tell has none; nothing is assumed. Intrinsics are finite and possible, and no two
+//! sensors are farther apart than 10 m (a file in millimetres is refused, not scaled).
+
+use std::path::Path;
+
+use cad_transforms::RigidTransform;
+
+use crate::camera::CameraModel;
+use crate::error::{CalibError, Note};
+use crate::stereo::{FARTHEST_M, ImuCalibration, ImuNoise, Provenance, StereoCalibration};
+
+/// Cameras that belong together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraSet {
+    /// The cameras in the order of the file, at least one.
+    pub cameras: Vec<NamedCamera>,
+    /// The IMU, where the file holds one.
+    pub imu: Option<SetImu>,
+    /// Where all this comes from.
+    pub provenance: Provenance,
+}
+
+/// One camera of a set.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NamedCamera {
+    /// As the file calls it, for example `cam0` or `left`.
+    pub name: String,
+    /// Size and lens.
+    pub model: CameraModel,
+    /// Takes points in the first camera's optical frame to this one's, metres.
+    pub camera_from_first: Option<RigidTransform>,
+}
+
+/// The IMU of a set.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SetImu {
+    /// Takes points in the first camera's optical frame to the IMU's frame, metres.
+    pub imu_from_first: RigidTransform,
+    /// Nominal rate, Hz.
+    pub rate_hz: Option<f64>,
+    /// Noise model.
+    pub noise: Option<ImuNoise>,
+    /// What to add to a camera's time to get the IMU's, seconds (Kalibr's `timeshift_cam_imu`,
+    /// Basalt's `cam_time_offset_ns`).
+    pub time_offset_s: Option<f64>,
+    /// To be subtracted from the gyroscope's reading, rad/s.
+    pub gyro_bias: Option<[f64; 3]>,
+    /// To be subtracted from the accelerometer's reading, m/s².
+    pub accel_bias: Option<[f64; 3]>,
+}
+
+/// Wider apart than this, a stereo camera is worth a question, metres.
+const WIDE_M: f64 = 2.0;
+
+impl CameraSet {
+    /// The cameras of a stereo calibration, as `left` and `right`.
+    pub fn of_stereo(stereo: &StereoCalibration) -> Self {
+        let camera = |name: &str, model, camera_from_first| NamedCamera {
+            name: name.to_owned(),
+            model,
+            camera_from_first: Some(camera_from_first),
+        };
+        Self {
+            cameras: vec![
+                camera("left", stereo.left, RigidTransform::identity()),
+                camera("right", stereo.right, stereo.right_from_left),
+            ],
+            imu: stereo.imu.map(|imu| SetImu {
+                imu_from_first: imu.imu_from_left,
+                rate_hz: Some(imu.rate_hz),
+                noise: imu.noise,
+                time_offset_s: None,
+                gyro_bias: None,
+                accel_bias: None,
+            }),
+            provenance: stereo.provenance.clone(),
+        }
+    }
+
+    /// Two of the cameras as a stereo calibration: those named, else those with `left` and `right` in
+    /// their names, else the first two. `path` is for messages.
+    ///
+    /// # Errors
+    /// [`CalibError::Missing`] without such cameras or their placement, [`CalibError::Implausible`] where
+    /// left and right are swapped.
+    pub fn stereo(
+        &self,
+        pair: Option<[&str; 2]>,
+        path: &Path,
+    ) -> Result<(StereoCalibration, Vec<Note>), CalibError> {
+        let missing = |what: String| CalibError::Missing {
+            path: path.to_owned(),
+            what,
+            found: format!("cameras {}", self.names().join(", ")),
+        };
+        let [left, right] = match pair {
+            Some(names) => {
+                let index = |name: &str| {
+                    self.cameras
+                        .iter()
+                        .position(|c| c.name == name)
+                        .ok_or_else(|| missing(format!("camera {name}")))
+                };
+                [index(names[0])?, index(names[1])?]
+            }
+            None => self
+                .left_and_right()
+                .ok_or_else(|| missing("a second camera".to_owned()))?,
+        };
+        let from_first = |i: usize| {
+            self.cameras[i]
+                .camera_from_first
+                .ok_or_else(|| missing(format!("the place of camera {}", self.cameras[i].name)))
+        };
+        let left_from_first = from_first(left)?;
+        let right_from_first = from_first(right)?;
+        let mut notes = Vec::new();
+        if self.cameras.len() > 2 {
+            notes.push(Note(format!(
+                "of {} cameras, {} and {} are used",
+                self.cameras.len(),
+                self.cameras[left].name,
+                self.cameras[right].name
+            )));
+        }
+        // Of the first camera itself the placement is exact, without any arithmetic.
+        let from_left = |b_from_first: RigidTransform| {
+            if left == 0 {
+                b_from_first
+            } else {
+                b_from_first * left_from_first.inverse()
+            }
+        };
+        let imu = self.imu.and_then(|imu| match imu.rate_hz {
+            Some(rate_hz) => Some(ImuCalibration {
+                imu_from_left: from_left(imu.imu_from_first),
+                rate_hz,
+                noise: imu.noise,
+            }),
+            None => {
+                notes.push(Note(
+                    "the IMU's rate is not known: the IMU is left out".to_owned(),
+                ));
+                None
+            }
+        });
+        let stereo = StereoCalibration {
+            left: self.cameras[left].model,
+            right: self.cameras[right].model,
+            right_from_left: from_left(right_from_first),
+            imu,
+            provenance: self.provenance.clone(),
+        }
+        .checked(path)?;
+        let apart = stereo.baseline_m();
+        if apart > WIDE_M {
+            notes.push(Note(format!(
+                "left and right are {apart} m apart: is the file in metres?"
+            )));
+        }
+        Ok((stereo, notes))
+    }
+
+    /// The names of the cameras.
+    pub fn names(&self) -> Vec<&str> {
+        self.cameras.iter().map(|c| c.name.as_str()).collect()
+    }
+
+    fn left_and_right(&self) -> Option<[usize; 2]> {
+        let named = |word: &str| {
+            let mut with = (0..self.cameras.len())
+                .filter(|&i| self.cameras[i].name.to_ascii_lowercase().contains(word));
+            with.next().filter(|_| with.next().is_none())
+        };
+        match (named("left"), named("right")) {
+            (Some(left), Some(right)) if left != right => Some([left, right]),
+            _ => (self.cameras.len() >= 2).then_some([0, 1]),
+        }
+    }
+
+    /// The set itself if its numbers are possible, with notes on what is doubtful.
+    pub(crate) fn checked(self, path: &Path) -> Result<Self, CalibError> {
+        let implausible = |objection: String| CalibError::Implausible {
+            path: path.to_owned(),
+            objection,
+        };
+        if self.cameras.is_empty() {
+            return Err(CalibError::Missing {
+                path: path.to_owned(),
+                what: "a camera".to_owned(),
+                found: "none".to_owned(),
+            });
+        }
+        for camera in &self.cameras {
+            if let Some(objection) = camera.model.objection() {
+                return Err(implausible(format!("camera {}: {objection}", camera.name)));
+            }
+        }
+        let placed = self
+            .cameras
+            .iter()
+            .filter_map(|c| Some((c.name.as_str(), c.camera_from_first?)))
+            .chain(self.imu.map(|imu| ("the IMU", imu.imu_from_first)));
+        for (name, transform) in placed {
+            let metres = transform.distance_m();
+            if !metres.is_finite() || metres > FARTHEST_M {
+                return Err(implausible(format!(
+                    "{name} is {metres} m from the first camera, expected at most {FARTHEST_M}: not in metres?"
+                )));
+            }
+        }
+        if let Some(imu) = &self.imu {
+            let numbers = [imu.rate_hz, imu.time_offset_s].into_iter().flatten();
+            let biases = imu.gyro_bias.into_iter().chain(imu.accel_bias).flatten();
+            if numbers.chain(biases).any(|n| !n.is_finite()) {
+                return Err(implausible("a number of the IMU is not finite".to_owned()));
+            }
+        }
+        Ok(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Distortion;
+
+    fn set(names: &[&str], offsets_x: &[f64]) -> CameraSet {
+        let model = CameraModel {
+            width: 640,
+            height: 480,
+            fx: 500.0,
+            fy: 500.0,
+            cx: 320.0,
+            cy: 240.0,
+            distortion: Distortion::None,
+        };
+        CameraSet {
+            cameras: names
+                .iter()
+                .zip(offsets_x)
+                .map(|(name, x)| NamedCamera {
+                    name: (*name).to_owned(),
+                    model,
+                    camera_from_first: Some(
+                        RigidTransform::from_translation_m([*x, 0.0, 0.0]).unwrap(),
+                    ),
+                })
+                .collect(),
+            imu: None,
+            provenance: Provenance {
+                format: None,
+                files: Vec::new(),
+                part: None,
+            },
+        }
+    }
+
+    #[test]
+    fn the_pair_is_chosen_by_name_or_number() {
+        let path = Path::new("chain.yaml");
+        let by_name = set(&["cam_right", "cam_left"], &[0.0, 0.1]);
+        let (stereo, notes) = by_name.stereo(None, path).unwrap();
+        assert_eq!(stereo.right_from_left.translation_m(), [-0.1, 0.0, 0.0]);
+        assert!(notes.is_empty());
+
+        let three = set(&["cam0", "cam1", "cam2"], &[0.0, -0.1, -0.3]);
+        let (stereo, notes) = three.stereo(None, path).unwrap();
+        assert_eq!(stereo.baseline_m(), 0.1);
+        assert_eq!(notes[0].0, "of 3 cameras, cam0 and cam1 are used");
+        let (stereo, _) = three.stereo(Some(["cam1", "cam2"]), path).unwrap();
+        assert!((stereo.baseline_m() - 0.2).abs() < 1e-15);
+
+        let error = |result: Result<(StereoCalibration, Vec<Note>), CalibError>| {
+            result.unwrap_err().to_string()
+        };
+        assert!(
+            error(three.stereo(Some(["cam1", "cam9"]), path)).contains("camera cam9 is missing")
+        );
+        assert!(
+            error(three.stereo(Some(["cam1", "cam0"]), path)).contains("left and right swapped")
+        );
+        assert!(
+            error(set(&["a"], &[0.0]).stereo(None, path)).contains("a second camera is missing")
+        );
+        let mut unplaced = three.clone();
+        unplaced.cameras[1].camera_from_first = None;
+        assert!(error(unplaced.stereo(None, path)).contains("the place of camera cam1 is missing"));
+    }
+
+    #[test]
+    fn impossible_numbers_are_refused() {
+        let path = Path::new("chain.yaml");
+        let error = |set: CameraSet| set.checked(path).unwrap_err().to_string();
+        assert!(error(set(&[], &[])).contains("a camera is missing"));
+        assert!(error(set(&["a", "b"], &[0.0, -63.0])).contains("b is 63 m from the first camera"));
+        let mut bad = set(&["a"], &[0.0]);
+        bad.cameras[0].model.fx = f64::NAN;
+        assert!(error(bad).contains("camera a: an intrinsic is not a finite number"));
+    }
+}

@@ -1,0 +1,260 @@
+//! A structured text file (YAML or JSON) as a tree whose every value knows its line, and questions to it
+//! whose errors name file, line and the whole key, for example `cam0.intrinsics[2]`.
+
+use crate::error::CalibError;
+use crate::text::Source;
+
+pub(crate) mod json;
+pub(crate) mod yaml;
+
+/// How many values may lie inside each other. The files of this field need eight.
+const DEEPEST: usize = 32;
+
+/// A value and the line where it begins, from 1.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Node {
+    pub(crate) line: usize,
+    pub(crate) value: Value,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Value {
+    /// A number, a word, or nothing at all.
+    Plain(String),
+    /// Text in quotes.
+    Quoted(String),
+    List(Vec<Node>),
+    /// In the order of the file, each key once.
+    Map(Vec<(String, Node)>),
+}
+
+impl Node {
+    fn is_null(&self) -> bool {
+        matches!(&self.value, Value::Plain(text) if text.is_empty() || text == "null" || text == "~")
+    }
+
+    /// What is there, for messages.
+    fn description(&self) -> String {
+        match &self.value {
+            _ if self.is_null() => "nothing".to_owned(),
+            Value::Plain(text) | Value::Quoted(text) => {
+                let start: String = text.chars().take(60).collect();
+                format!("{start:?}")
+            }
+            Value::List(items) => format!("a list of {}", items.len()),
+            Value::Map(_) => "a block of keys".to_owned(),
+        }
+    }
+}
+
+/// A place in a file: a value and how it is reached.
+#[derive(Clone)]
+pub(crate) struct At<'a> {
+    source: &'a Source,
+    node: &'a Node,
+    path: String,
+}
+
+impl<'a> At<'a> {
+    pub(crate) fn root(source: &'a Source, node: &'a Node) -> Self {
+        Self {
+            source,
+            node,
+            path: String::new(),
+        }
+    }
+
+    pub(crate) fn line(&self) -> usize {
+        self.node.line
+    }
+
+    /// The whole key.
+    pub(crate) fn path(&self) -> &str {
+        &self.path
+    }
+
+    /// The value of a key, or of a key in a block (`T_BS.data`); none where it is absent or null.
+    pub(crate) fn find(&self, key: &str) -> Option<At<'a>> {
+        let mut at = self.clone();
+        for part in key.split('.') {
+            let Value::Map(entries) = &at.node.value else {
+                return None;
+            };
+            let (name, node) = entries.iter().find(|(name, _)| name == part)?;
+            at = at.child(node, name);
+        }
+        (!at.node.is_null()).then_some(at)
+    }
+
+    /// The same where it must be there.
+    pub(crate) fn get(&self, key: &str) -> Result<At<'a>, CalibError> {
+        self.find(key).ok_or_else(|| {
+            // The keys beside the one that is missing, not those at the top of the file.
+            let above = key.rsplit_once('.').and_then(|(above, _)| self.find(above));
+            let beside = above.as_ref().unwrap_or(self);
+            let found = match &beside.node.value {
+                Value::Map(entries) => {
+                    let keys: Vec<&str> = entries.iter().map(|(k, _)| k.as_str()).collect();
+                    keys.join(", ")
+                }
+                _ => beside.node.description(),
+            };
+            let at = if beside.path.is_empty() {
+                found
+            } else {
+                format!("{found} (line {})", beside.node.line)
+            };
+            self.source.missing(&self.name_of(key), &at)
+        })
+    }
+
+    /// The first of some names that is there.
+    pub(crate) fn find_any(&self, keys: &[&str]) -> Option<At<'a>> {
+        keys.iter().find_map(|key| self.find(key))
+    }
+
+    /// Keys and values of a block, in the order of the file.
+    pub(crate) fn entries(&self) -> Result<Vec<(&'a str, At<'a>)>, CalibError> {
+        match &self.node.value {
+            Value::Map(entries) => Ok(entries
+                .iter()
+                .map(|(key, node)| (key.as_str(), self.child(node, key)))
+                .collect()),
+            _ => Err(self.wrong("a block of keys")),
+        }
+    }
+
+    /// Elements of a list.
+    pub(crate) fn items(&self) -> Result<Vec<At<'a>>, CalibError> {
+        match &self.node.value {
+            Value::List(items) => Ok(items
+                .iter()
+                .enumerate()
+                .map(|(i, node)| Self {
+                    source: self.source,
+                    node,
+                    path: format!("{}[{i}]", self.path),
+                })
+                .collect()),
+            _ => Err(self.wrong("a list in brackets")),
+        }
+    }
+
+    pub(crate) fn is_list(&self) -> bool {
+        matches!(self.node.value, Value::List(_))
+    }
+
+    pub(crate) fn text(&self) -> Result<&'a str, CalibError> {
+        match &self.node.value {
+            Value::Plain(text) | Value::Quoted(text) => Ok(text),
+            _ => Err(self.wrong("one word or number")),
+        }
+    }
+
+    /// A finite number with a decimal point.
+    pub(crate) fn number(&self) -> Result<f64, CalibError> {
+        let text = self.text()?;
+        self.source
+            .number_for(self.node.line, text, &format!(" as {}", self.path))
+    }
+
+    /// A number above 0.
+    pub(crate) fn positive(&self) -> Result<f64, CalibError> {
+        match self.number()? {
+            number if number > 0.0 => Ok(number),
+            _ => Err(self.wrong("a number above 0")),
+        }
+    }
+
+    /// A number of pixels: whole and above 0. Also as `640.0`, which some programs write.
+    pub(crate) fn size(&self) -> Result<u32, CalibError> {
+        match self.number()? {
+            n if n >= 1.0 && n <= f64::from(1 << 20) && n.fract() == 0.0 => Ok(n as u32),
+            _ => Err(self.wrong("a whole number of pixels above 0")),
+        }
+    }
+
+    /// Width and height, in this order.
+    pub(crate) fn sizes(&self) -> Result<[u32; 2], CalibError> {
+        match &self.items()?[..] {
+            [w, h] => Ok([w.size()?, h.size()?]),
+            _ => Err(self.wrong("width and height in brackets")),
+        }
+    }
+
+    /// All numbers of a list, and of lists inside it, in reading order.
+    pub(crate) fn number_list(&self) -> Result<Vec<f64>, CalibError> {
+        let mut all = Vec::new();
+        for item in self.items()? {
+            if item.is_list() {
+                all.extend(item.number_list()?);
+            } else {
+                all.push(item.number()?);
+            }
+        }
+        Ok(all)
+    }
+
+    /// Exactly `N` numbers.
+    pub(crate) fn numbers<const N: usize>(&self) -> Result<[f64; N], CalibError> {
+        let all = self.number_list()?;
+        let count = all.len();
+        all.try_into().map_err(|_| {
+            // 458,654 in a list are two numbers.
+            let comma = if count > N && count <= 2 * N {
+                " (were decimal commas written?)"
+            } else {
+                ""
+            };
+            self.source.unexpected(
+                self.node.line,
+                &format!("{count} numbers{comma}"),
+                &format!("{} with {N} numbers in brackets", self.path),
+            )
+        })
+    }
+
+    /// One of some words.
+    pub(crate) fn one_of(&self, known: &[&str]) -> Result<&'a str, CalibError> {
+        let text = self.text()?;
+        if known.contains(&text) {
+            return Ok(text);
+        }
+        let expected = format!("{} to be {}", self.path, known.join(" or "));
+        Err(self
+            .source
+            .unexpected(self.node.line, &self.node.description(), &expected))
+    }
+
+    /// An error about this value.
+    pub(crate) fn wrong(&self, expected: &str) -> CalibError {
+        self.wrong_because(&self.node.description(), expected)
+    }
+
+    /// An error about this value, `found` in words.
+    pub(crate) fn wrong_because(&self, found: &str, expected: &str) -> CalibError {
+        let key = if self.path.is_empty() {
+            String::new()
+        } else {
+            format!(" as {}", self.path)
+        };
+        self.source
+            .unexpected(self.node.line, found, &format!("{expected}{key}"))
+    }
+
+    fn child(&self, node: &'a Node, key: &str) -> Self {
+        Self {
+            source: self.source,
+            node,
+            path: self.name_of(key),
+        }
+    }
+
+    fn name_of(&self, key: &str) -> String {
+        if self.path.is_empty() {
+            key.to_owned()
+        } else {
+            format!("{}.{key}", self.path)
+        }
+    }
+}

@@ -1,0 +1,221 @@
+//! `paws calib convert`: a calibration file of one kind as a file of another.
+//!
+//! Contract: nothing that exists is overwritten. What was read is printed as a table with every note of
+//! the reader; a lens that the new format cannot hold stops the work, naming the model to ask for with
+//! `--model`, and each conversion states its error over the whole picture. A session is not needed.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use calib::convert::convert_within;
+use calib::{CameraSet, Format, LensModel, read_cameras, write_cameras, zed_conf};
+use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+
+use crate::console::Console;
+use crate::outcome::Outcome;
+
+/// What to convert to what.
+#[derive(Clone, Debug, Args)]
+pub struct Options {
+    /// Calibration file, or a folder that holds one
+    #[arg(value_name = "SRC")]
+    pub source: PathBuf,
+    /// The format to write
+    #[arg(long, value_parser = format_parser())]
+    pub to: Format,
+    /// The file, or where the format makes several the folder; must not exist
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Fit this lens model: none, radial2, rad_tan4, rad_tan5, rational8, kannala_brandt4, double_sphere, eucm
+    #[arg(long, value_parser = model)]
+    pub model: Option<LensModel>,
+    /// Fit only up to this angle off the axis
+    #[arg(long, value_name = "DEGREES", requires = "model", value_parser = angle)]
+    pub within: Option<f64>,
+    /// Size of one picture, for files that do not say it
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub size: Option<[u32; 2]>,
+    /// The camera's serial number: refuse a ZED file of another one
+    #[arg(long, value_name = "SN")]
+    pub serial: Option<String>,
+}
+
+fn format_parser() -> impl TypedValueParser<Value = Format> {
+    PossibleValuesParser::new(Format::ALL.map(Format::name))
+        .map(|name| Format::from_name(&name).expect("only names of formats are possible"))
+}
+
+fn model(text: &str) -> Result<LensModel, String> {
+    LensModel::from_name(text).ok_or_else(|| {
+        let names = LensModel::ALL.map(LensModel::name).join(", ");
+        format!("expected one of {names}")
+    })
+}
+
+fn angle(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(degrees) if degrees > 0.0 && degrees <= 180.0 => Ok(degrees),
+        _ => Err("expected degrees above 0, at most 180".to_owned()),
+    }
+}
+
+fn size(text: &str) -> Result<[u32; 2], String> {
+    let number = |text: &str| text.parse::<u32>().ok().filter(|n| *n > 0);
+    text.split_once(['x', 'X'])
+        .and_then(|(width, height)| Some([number(width)?, number(height)?]))
+        .ok_or_else(|| "expected a width and a height, for example 1280x720".to_owned())
+}
+
+/// Does it.
+///
+/// # Errors
+/// The file cannot be read, a lens cannot be converted, or the new file cannot be written.
+pub fn run(options: &Options, console: &mut Console<'_>) -> Result<Outcome> {
+    if let Some(serial) = &options.serial {
+        zed_conf::expect_serial(&options.source, serial)?;
+    }
+    let (mut set, notes) = read_cameras(&options.source, options.size)?;
+    for line in table(&set) {
+        console.line(line)?;
+    }
+    for note in notes {
+        console.line(format!("note: {note}"))?;
+    }
+    if let Some(model) = options.model {
+        let widest_rad = options.within.unwrap_or(180.0).to_radians();
+        for camera in &mut set.cameras {
+            let conversion = convert_within(&camera.model, model, widest_rad)
+                .with_context(|| format!("camera {}", camera.name))?;
+            console.line(format!("{}: {conversion}", camera.name))?;
+            camera.model = conversion.model;
+        }
+    }
+    let (files, notes) = match write_cameras(&set, options.to, &options.out) {
+        Ok(written) => written,
+        Err(error @ calib::WriteError::Lens { nearest, .. }) => {
+            bail!("{error} (--model {nearest})")
+        }
+        Err(error) => return Err(error.into()),
+    };
+    for note in notes {
+        console.line(format!("note: {note}"))?;
+    }
+    for file in files {
+        console.line(format!("wrote {}", file.display()))?;
+    }
+    Ok(Outcome::Fine)
+}
+
+/// What was read, one line for each camera and one for the IMU.
+fn table(set: &CameraSet) -> Vec<String> {
+    let mut rows = vec![
+        [
+            "camera",
+            "size",
+            "fx",
+            "fy",
+            "cx",
+            "cy",
+            "lens",
+            "place mm",
+            "turned deg",
+        ]
+        .map(str::to_owned),
+    ];
+    for camera in &set.cameras {
+        let m = &camera.model;
+        let (place, turned) = match &camera.camera_from_first {
+            Some(t) => {
+                let [x, y, z] = t.inverse().translation_m().map(|v| 1e3 * v);
+                let degrees = t.angle_rad().to_degrees();
+                (format!("{x:.2} {y:.2} {z:.2}"), format!("{degrees:.3}"))
+            }
+            None => ("unknown".to_owned(), "unknown".to_owned()),
+        };
+        let [fx, fy, cx, cy] = [m.fx, m.fy, m.cx, m.cy].map(|v| format!("{v:.3}"));
+        rows.push([
+            camera.name.clone(),
+            format!("{}x{}", m.width, m.height),
+            fx,
+            fy,
+            cx,
+            cy,
+            m.distortion.name().to_owned(),
+            place,
+            turned,
+        ]);
+    }
+    let widths: [usize; 9] = std::array::from_fn(|i| {
+        let lengths = rows.iter().map(|row| row[i].chars().count());
+        lengths.max().unwrap_or(0)
+    });
+    let mut lines: Vec<String> = rows
+        .iter()
+        .map(|row| {
+            let cells: Vec<String> = row
+                .iter()
+                .zip(widths)
+                .map(|(cell, width)| format!("{cell:<width$}"))
+                .collect();
+            cells.join("  ").trim_end().to_owned()
+        })
+        .collect();
+    for camera in &set.cameras {
+        let lens = &camera.model.distortion;
+        let numbers: Vec<String> = lens
+            .coefficient_names()
+            .iter()
+            .zip(lens.coefficients())
+            .map(|(name, value)| format!("{name} {value:.6}"))
+            .collect();
+        if !numbers.is_empty() {
+            lines.push(format!("{}: {}", camera.name, numbers.join(", ")));
+        }
+    }
+    if let Some(imu) = &set.imu {
+        let [x, y, z] = imu
+            .imu_from_first
+            .inverse()
+            .translation_m()
+            .map(|v| 1e3 * v);
+        let mut line = format!("imu: {x:.2} {y:.2} {z:.2} mm from the first camera");
+        if let Some(rate) = imu.rate_hz {
+            line.push_str(&format!(", {rate} Hz"));
+        }
+        if let Some(offset) = imu.time_offset_s {
+            line.push_str(&format!(", {:.3} ms ahead of the cameras", 1e3 * offset));
+        }
+        if imu.noise.is_none() {
+            line.push_str(", noise unknown");
+        }
+        lines.push(line);
+    }
+    let kind = set.provenance.format.map_or("", Format::name);
+    let files: Vec<String> = set
+        .provenance
+        .files
+        .iter()
+        .map(|file: &PathBuf| shown(file))
+        .collect();
+    lines.insert(0, format!("{kind}: {}", files.join(", ")));
+    lines
+}
+
+fn shown(path: &Path) -> String {
+    path.display().to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arguments() {
+        assert_eq!(size("1280x720"), Ok([1280, 720]));
+        assert!(size("1280").is_err() && size("0x720").is_err() && size("axb").is_err());
+        assert_eq!(model("radtan4"), Ok(LensModel::RadTan4));
+        assert!(model("brown").unwrap_err().contains("rad_tan5"));
+        assert!(angle("70").is_ok() && angle("nan").is_err() && angle("0").is_err());
+    }
+}
