@@ -17,6 +17,7 @@ pub mod adjust;
 pub mod allan;
 pub mod basalt;
 pub mod camera;
+pub mod camera_imu;
 pub mod cameras;
 pub mod colmap;
 pub mod convert;

@@ -4,6 +4,7 @@
 //! the session, else wherever `--out` says. A file that is there already is overwritten only with
 //! `--force`, and whether one is in the way is known before any work is done.
 
+pub mod camera_imu;
 pub mod cameras;
 pub mod convert;
 pub mod imu;
@@ -28,6 +29,17 @@ pub const FOLDER: &str = "calibration";
 /// What to calibrate.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Place and clock of the IMUs behind their cameras, from a recording before a board
+    CameraImu {
+        /// The session
+        session: String,
+        /// How to do it
+        #[command(flatten)]
+        options: camera_imu::Options,
+        /// Where results go
+        #[command(flatten)]
+        output: Output,
+    },
     /// Lenses, stereo cameras and the rig, from a session in which targets were shown
     Cameras {
         /// The session
@@ -120,6 +132,11 @@ pub fn run(
     console: &mut Console<'_>,
 ) -> Result<Outcome> {
     match command {
+        Command::CameraImu {
+            session,
+            options,
+            output,
+        } => camera_imu::run(&Target::find(session, library)?, options, output, console),
         Command::Cameras {
             session,
             options,

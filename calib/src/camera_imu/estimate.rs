@@ -1,0 +1,568 @@
+//! From a recording to a result: check, start, fit, weigh the noise, fit again, compare the halves.
+
+use cad_transforms::RigidTransform;
+use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
+
+use super::excite;
+use super::judge::{self, Evidence};
+use super::problem::{
+    BOARD, DOWN, DRIFT, Factors, Fitted, OFFSET, Prior, Problem, ROTATION, SHAPES, SHARED, Shared,
+    State, Sum, TRANSLATION,
+};
+use super::start::{self, Pulled};
+use super::track::Track;
+use super::view::{Fit, Pose, View};
+use super::{CameraImu, CameraImuError, GRAVITY, Noise, Noises, Recording, Residual, Sigmas, Told};
+
+/// Fewest pictures with a pose, and intervals between them with inertial samples.
+const FEWEST: usize = 20;
+/// Longest time between two pictures that the IMU bridges, s.
+const LONGEST_BRIDGE_S: f64 = 1.0;
+/// How far the offset may move after the start without running into a gap, s.
+const MARGIN_S: f64 = 0.01;
+/// Error of corners, in sigmas, beyond which a picture's pose is none.
+const WORST_PICTURE: f64 = 20.0;
+/// How often the noise is weighed.
+const ROUNDS: usize = 4;
+/// Fewest intervals in a half for a comparison.
+const FEWEST_IN_HALF: usize = 60;
+
+/// Finds everything. `told` is what is known beforehand; see the [module](super).
+///
+/// # Errors
+/// What makes a result impossible: [`CameraImuError`]. A doubtful result is no error but a
+/// [gate](CameraImu::gates) or a [weak direction](CameraImu::weak).
+pub fn estimate(recording: &Recording, told: &Told) -> Result<CameraImu, CameraImuError> {
+    check(recording)?;
+    let seen = Seen::of(recording)?;
+    Work {
+        recording,
+        told,
+        track: &seen.track,
+        views: &seen.views,
+        poses: &seen.poses,
+        fits: &seen.fits,
+    }
+    .run()
+}
+
+/// The samples, and the pictures with a pose.
+struct Seen<'a> {
+    track: Track,
+    views: Vec<View<'a>>,
+    poses: Vec<Pose>,
+    fits: Vec<Fit>,
+}
+
+impl<'a> Seen<'a> {
+    fn of(recording: &'a Recording) -> Result<Self, CameraImuError> {
+        let zero_ns = recording.pictures.first().map_or(0, |p| p.time_ns);
+        let track = Track::new(&recording.imu, zero_ns, recording.range);
+        let mut views = Vec::new();
+        let mut poses = Vec::new();
+        let mut fits = Vec::new();
+        for picture in &recording.pictures {
+            let mut view = View {
+                time_s: (picture.time_ns - zero_ns) as f64 * 1e-9,
+                time_ns: picture.time_ns,
+                corners: &picture.corners,
+                corners_kept: 0,
+                motion: [Vector3::zeros(); 2],
+            };
+            let found = view.pose(&recording.cameras);
+            if let Some((pose, fit)) = found.filter(|(_, fit)| fit.scale < WORST_PICTURE) {
+                view.corners_kept = fit.corners;
+                views.push(view);
+                poses.push(pose);
+                fits.push(fit);
+            }
+        }
+        if recording.cameras.line_s != 0.0 {
+            let motions: Vec<_> = (0..views.len())
+                .map(|i| motion(&views, &poses, i))
+                .collect();
+            for (i, motion) in motions.into_iter().enumerate() {
+                views[i].motion = motion;
+                if let Some((pose, fit)) = views[i].pose(&recording.cameras) {
+                    (poses[i], fits[i]) = (pose, fit);
+                    views[i].corners_kept = fit.corners;
+                }
+            }
+        }
+        if views.len() < FEWEST {
+            return Err(CameraImuError::FewPictures {
+                given: recording.pictures.len(),
+                found: views.len(),
+                expected: FEWEST,
+            });
+        }
+        Ok(Self {
+            track,
+            views,
+            poses,
+            fits,
+        })
+    }
+}
+
+/// How the camera turns and moves at a picture, from its neighbours.
+fn motion(views: &[View<'_>], poses: &[Pose], i: usize) -> [Vector3<f64>; 2] {
+    let near = |k: &usize| (views[*k].time_s - views[i].time_s).abs() < 0.15;
+    let a = i.checked_sub(1).filter(near).unwrap_or(i);
+    let b = Some(i + 1)
+        .filter(|k| *k < views.len() && near(k))
+        .unwrap_or(i);
+    if a == b {
+        return [Vector3::zeros(); 2];
+    }
+    let seconds = views[b].time_s - views[a].time_s;
+    let turn = super::so3::log(&(poses[a].rotation.transpose() * poses[b].rotation));
+    [
+        turn / seconds,
+        (poses[b].position - poses[a].position) / seconds,
+    ]
+}
+
+fn check(recording: &Recording) -> Result<(), CameraImuError> {
+    let mut last = i64::MIN;
+    for (index, picture) in recording.pictures.iter().enumerate() {
+        let what = "picture";
+        if picture.time_ns <= last && index > 0 {
+            return Err(CameraImuError::Order { what, index });
+        }
+        last = picture.time_ns;
+        let fine = |c: &super::Corner| {
+            let finite = c.x_in_target.iter().chain(&c.pixel).all(|v| v.is_finite());
+            finite && c.sigma_px.is_finite() && c.sigma_px > 0.0
+        };
+        if !picture.corners.iter().all(fine) {
+            return Err(CameraImuError::NotFinite { what, index });
+        }
+    }
+    let mut last = i64::MIN;
+    for (index, sample) in recording.imu.iter().enumerate() {
+        let what = "IMU sample";
+        if sample.time_ns <= last && index > 0 {
+            return Err(CameraImuError::Order { what, index });
+        }
+        last = sample.time_ns;
+        if !sample
+            .gyro
+            .iter()
+            .chain(&sample.accel)
+            .all(|v| v.is_finite())
+        {
+            return Err(CameraImuError::NotFinite { what, index });
+        }
+    }
+    Ok(())
+}
+
+struct Work<'a> {
+    recording: &'a Recording,
+    told: &'a Told,
+    track: &'a Track,
+    views: &'a [View<'a>],
+    poses: &'a [Pose],
+    fits: &'a [Fit],
+}
+
+impl Work<'_> {
+    fn run(&self) -> Result<CameraImu, CameraImuError> {
+        let times: Vec<f64> = self.views.iter().map(|v| v.time_s).collect();
+        let told_rotation = self
+            .told
+            .imu_from_left
+            .map(|t| *t.rotation().to_rotation_matrix().matrix());
+        let reach_s = 3.0 * self.told.time_offset_sigma_s;
+        let turned = start::from_rates(
+            &times,
+            self.poses,
+            self.track,
+            told_rotation.as_ref(),
+            self.told.time_offset_s,
+            reach_s,
+        );
+        let links = self.links(turned.time_offset_s);
+        let linked = links.iter().filter(|&&linked| linked).count();
+        if linked < FEWEST {
+            return Err(CameraImuError::NoOverlap {
+                given: times.len() - 1,
+                found: linked,
+                expected: FEWEST,
+                searched_s: reach_s,
+            });
+        }
+        if let Some(ratio) = turned.rate_ratio
+            && !(0.5..2.0).contains(&ratio)
+        {
+            return Err(CameraImuError::Rates { ratio });
+        }
+        let lever = self
+            .told
+            .imu_from_left
+            .map_or(Vector3::zeros(), |t| *t.translation());
+        let lever_told = (lever, self.told.translation_sigma_m);
+        let pulled: Option<(Matrix3<f64>, Pulled)> = turned
+            .rotations
+            .iter()
+            .filter_map(|rotation| {
+                let pulled = start::from_forces(
+                    &times,
+                    self.poses,
+                    self.track,
+                    &turned,
+                    rotation,
+                    lever_told,
+                    self.told.bias_sigma[1],
+                )?;
+                Some((*rotation, pulled))
+            })
+            .min_by(|a, b| a.1.error.total_cmp(&b.1.error));
+        let Some((rotation, pulled)) = pulled else {
+            return Err(CameraImuError::NoOverlap {
+                given: times.len() - 1,
+                found: linked,
+                expected: FEWEST,
+                searched_s: reach_s,
+            });
+        };
+        let gravity = pulled.gravity.norm();
+        if !(0.7 * GRAVITY..1.4 * GRAVITY).contains(&gravity) {
+            return Err(CameraImuError::Gravity { found: gravity });
+        }
+        let held = excite::held(
+            &times,
+            self.poses,
+            self.track,
+            &turned,
+            &rotation,
+            &self.recording.noise,
+            self.told,
+        );
+        let mut shared = Shared {
+            rotation,
+            translation: pulled.lever,
+            offset_s: turned.time_offset_s,
+            drift: 0.0,
+            gravity: pulled.gravity * (GRAVITY / gravity),
+            board_scale: 1.0,
+            gyro_shape: Matrix3::identity(),
+            accel_shape: Matrix3::identity(),
+        };
+        let prior = self.prior(&shared, held);
+        for direction in &prior.held.translation {
+            let off = direction.dot(&(shared.translation - prior.shared.translation));
+            shared.translation -= direction * off;
+        }
+        let states = self.states(&shared, turned.gyro_bias, pulled.accel_bias);
+        let (first, last) = (times[0], times[times.len() - 1]);
+        let mut scales: Vec<f64> = self.fits.iter().map(|fit| fit.scale).collect();
+        scales.sort_by(f64::total_cmp);
+        let mut problem = Problem {
+            cameras: &self.recording.cameras,
+            views: self.views,
+            poses: self.poses,
+            track: self.track,
+            links: &links,
+            noise: self.recording.noise,
+            prior,
+            corner_scale: scales[scales.len() / 2],
+            factors: Factors {
+                poses: 1.0,
+                gyro: 1.0,
+                accel: 1.0,
+                gyro_walk: 1.0,
+                accel_walk: 1.0,
+            },
+            robust: false,
+            middle_s: 0.5 * (first + last),
+        };
+        let no_end = |iterations| CameraImuError::NoEnd { iterations };
+        let rough = problem.fit(states, shared).map_err(no_end)?;
+        problem.factors = coarse(&problem.factors, &rough.medians);
+        problem.robust = true;
+        let mut fitted = problem.fit(rough.states, rough.shared).map_err(no_end)?;
+        for _ in 1..ROUNDS {
+            let Some(factors) = weighed(&problem.factors, &fitted.sums) else {
+                break;
+            };
+            problem.factors = factors;
+            fitted = problem.fit(fitted.states, fitted.shared).map_err(no_end)?;
+        }
+        let halves = self.halves(&problem, &fitted);
+        Ok(self.result(&problem, &fitted, halves, turned.correlation))
+    }
+
+    /// Which pictures the IMU joins to the next one.
+    fn links(&self, offset_s: f64) -> Vec<bool> {
+        let mut raw = Vec::new();
+        let mut link = |pair: &[View<'_>]| {
+            let (a, b) = (pair[0].time_s + offset_s, pair[1].time_s + offset_s);
+            let near = b - a <= LONGEST_BRIDGE_S;
+            near && self
+                .track
+                .between(a - MARGIN_S, b + MARGIN_S, &mut raw)
+                .is_some()
+        };
+        self.views.windows(2).map(&mut link).collect()
+    }
+
+    /// States on the pictures' own poses; velocities from the neighbours.
+    fn states(
+        &self,
+        shared: &Shared,
+        gyro_bias: Vector3<f64>,
+        accel_bias: Vector3<f64>,
+    ) -> Vec<State> {
+        let imu: Vec<_> = self.poses.iter().map(|pose| shared.imu(pose)).collect();
+        (0..imu.len())
+            .map(|i| {
+                let (a, b) = (i.saturating_sub(1), (i + 1).min(imu.len() - 1));
+                let seconds = self.views[b].time_s - self.views[a].time_s;
+                State {
+                    rotation: imu[i].0,
+                    position: imu[i].1,
+                    velocity: (imu[b].1 - imu[a].1) / seconds,
+                    gyro_bias,
+                    accel_bias,
+                }
+            })
+            .collect()
+    }
+
+    fn prior(&self, start: &Shared, held: excite::Held) -> Prior {
+        let told = self.told;
+        let mut sigmas = SVector::<f64, SHARED>::repeat(f64::INFINITY);
+        let [scale, skew] = told.scale_and_skew_sigma;
+        for k in 0..3 {
+            sigmas[ROTATION + k] = told.rotation_sigma_rad;
+            sigmas[TRANSLATION + k] = told.translation_sigma_m;
+        }
+        sigmas[OFFSET] = told.time_offset_sigma_s;
+        sigmas[DRIFT] = told.time_drift_sigma;
+        sigmas[BOARD] = told.board_scale_sigma;
+        for k in 0..9 {
+            let sigma = if k % 4 == 0 { scale } else { skew };
+            sigmas[SHAPES + k] = sigma;
+            sigmas[SHAPES + 9 + k] = sigma;
+        }
+        let mut shared = *start;
+        shared.translation = Vector3::zeros();
+        if let Some(imu_from_left) = &told.imu_from_left {
+            shared.rotation = *imu_from_left.rotation().to_rotation_matrix().matrix();
+            shared.translation = *imu_from_left.translation();
+        }
+        shared.offset_s = told.time_offset_s;
+        Prior {
+            shared,
+            sigmas,
+            held,
+            biases: told.bias_sigma,
+        }
+    }
+
+    /// Both halves by themselves, with size of the board, drift, scale and skew as all of it has them: how
+    /// unlikely their difference is, as a squared normal vector of seven numbers.
+    fn halves(&self, problem: &Problem<'_>, fitted: &Fitted) -> Option<f64> {
+        let count = self.views.len();
+        let half = count / 2;
+        let linked = |links: &[bool]| links.iter().filter(|&&l| l).count();
+        let links = problem.links;
+        if linked(&links[..half - 1]).min(linked(&links[half..])) < FEWEST_IN_HALF {
+            return None;
+        }
+        let mut prior = problem.prior.clone();
+        prior.shared.drift = fitted.shared.drift;
+        prior.shared.board_scale = fitted.shared.board_scale;
+        prior.shared.gyro_shape = fitted.shared.gyro_shape;
+        prior.shared.accel_shape = fitted.shared.accel_shape;
+        for k in [DRIFT, BOARD].into_iter().chain(SHAPES..SHARED) {
+            prior.sigmas[k] = 1e-8;
+        }
+        let part = |range: std::ops::Range<usize>| {
+            let part = Problem {
+                views: &self.views[range.clone()],
+                poses: &self.poses[range.clone()],
+                links: &links[range.start..range.end - 1],
+                prior: prior.clone(),
+                ..*problem
+            };
+            part.fit(fitted.states[range].to_vec(), fitted.shared).ok()
+        };
+        let (a, b) = (part(0..half)?, part(half..count)?);
+        let turn = super::so3::log(&(a.shared.rotation.transpose() * b.shared.rotation));
+        let shift = b.shared.translation - a.shared.translation;
+        let mut apart = SVector::<f64, 7>::zeros();
+        apart.fixed_rows_mut::<3>(0).copy_from(&turn);
+        apart.fixed_rows_mut::<3>(3).copy_from(&shift);
+        apart[6] = b.shared.offset_s - a.shared.offset_s;
+        let of = |f: &Fitted| -> SMatrix<f64, 7, 7> {
+            f.covariance.shared.fixed_view::<7, 7>(0, 0).into()
+        };
+        Some(apart.dot(&(of(&a) + of(&b)).cholesky()?.solve(&apart)))
+    }
+
+    fn result(
+        &self,
+        problem: &Problem<'_>,
+        fitted: &Fitted,
+        halves: Option<f64>,
+        correlation: Vec<[f64; 2]>,
+    ) -> CameraImu {
+        let shared = &fitted.shared;
+        // What is held is known as well as it was told, and says nothing of the rest.
+        let mut covariance = fitted.covariance.shared;
+        let prior = &problem.prior;
+        for (at, held) in [
+            (ROTATION, &prior.held.rotation),
+            (TRANSLATION, &prior.held.translation),
+        ] {
+            for direction in held {
+                let mut block = covariance.fixed_view_mut::<3, 3>(at, at);
+                block += direction * direction.transpose() * prior.sigmas[at].powi(2);
+            }
+        }
+        for axis in &prior.held.rotation {
+            // A lever arm that pictures gave turns with the IMU's frame.
+            let turned = (shared.rotation * axis).cross(&shared.translation);
+            let mut block = covariance.fixed_view_mut::<3, 3>(TRANSLATION, TRANSLATION);
+            block += turned * turned.transpose() * prior.sigmas[ROTATION].powi(2);
+        }
+        if prior.held.offset {
+            covariance[(OFFSET, OFFSET)] += prior.sigmas[OFFSET].powi(2);
+        }
+        let covariance = &covariance;
+        let sigma = |k: usize| covariance[(k, k)].max(0.0).sqrt();
+        let three = |k: usize| [sigma(k), sigma(k + 1), sigma(k + 2)];
+        let middle = fitted.states.len() / 2;
+        let state = &fitted.states[middle];
+        let own = &fitted.covariance.own[middle];
+        let bias = |k: usize| [0, 1, 2].map(|i| own[(k + i, k + i)].max(0.0).sqrt());
+        let sigmas = Sigmas {
+            rotation_rad: three(ROTATION),
+            translation_m: three(TRANSLATION),
+            time_offset_s: sigma(OFFSET),
+            time_drift: sigma(DRIFT),
+            gravity_rad: [sigma(DOWN), sigma(DOWN + 1)],
+            gyro_bias: bias(9),
+            accel_bias: bias(12),
+            board_scale: sigma(BOARD),
+        };
+        let noises = noises(problem, &fitted.sums, self.fits);
+        let residuals: Vec<Residual> = (self.views.iter().zip(self.fits).zip(&fitted.locals))
+            .map(|((view, fit), local)| Residual {
+                time_ns: view.time_ns,
+                corners: [fit.corners, fit.outliers],
+                corner: (fit.squares / (2 * fit.corners.max(1)) as f64).sqrt(),
+                pose: local.pose.sqrt(),
+                gyro: local.gyro.map(f64::sqrt),
+                accel: local.accel.map(f64::sqrt),
+            })
+            .collect();
+        let doubtful = fitted.locals.iter().filter(|l| l.weight < 0.5).count();
+        let evidence = Evidence {
+            noises: &noises,
+            covariance,
+            prior: &problem.prior,
+            shared,
+            halves,
+            seconds: self.views[self.views.len() - 1].time_s - self.views[0].time_s,
+            pictures: self.views.len(),
+            doubtful,
+            linked: problem.links.iter().filter(|&&l| l).count(),
+        };
+        let weak = judge::weak(&evidence);
+        let gates = judge::gates(&evidence, &weak);
+        CameraImu {
+            imu_from_left: transform(shared),
+            time_offset_s: shared.offset_s,
+            time_drift: shared.drift,
+            gravity_in_target: shared.gravity.into(),
+            gyro_bias: state.gyro_bias.into(),
+            accel_bias: state.accel_bias.into(),
+            board_scale: shared.board_scale,
+            gyro_shape: rows(&shared.gyro_shape),
+            accel_shape: rows(&shared.accel_shape),
+            sigmas,
+            covariance: covariance.fixed_view::<7, 7>(0, 0).into(),
+            weak,
+            gates,
+            noises,
+            correlation,
+            residuals,
+            pictures: [self.recording.pictures.len(), self.views.len(), doubtful],
+        }
+    }
+}
+
+fn rows(m: &Matrix3<f64>) -> [[f64; 3]; 3] {
+    [0, 1, 2].map(|r| [0, 1, 2].map(|c| m[(r, c)]))
+}
+
+fn transform(shared: &Shared) -> RigidTransform {
+    let rotation = Rotation3::from_matrix_unchecked(shared.rotation);
+    let q = UnitQuaternion::from_rotation_matrix(&rotation);
+    RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], shared.translation.into())
+        .expect("a fit that ended is finite")
+}
+
+/// Before anything is taken for an outlier: noise so large that half of all residuals fit. Their median is
+/// below 1 even where all is as told, since the fit takes up a part.
+fn coarse(factors: &Factors, medians: &[f64; 3]) -> Factors {
+    let [poses, gyro, accel] = medians.map(|m| if m > 2.0 { (2.0 * m).sqrt() } else { 1.0 });
+    Factors {
+        poses: factors.poses * poses,
+        gyro: factors.gyro * gyro,
+        accel: factors.accel * accel,
+        ..*factors
+    }
+}
+
+/// Standard deviations brought to what the residuals say (variance components: Förstner 1979); none if
+/// they agree already. Walks only grow: a bias that happens not to walk proves nothing.
+fn weighed(factors: &Factors, sums: &[Sum; 5]) -> Option<Factors> {
+    let ratio = |s: usize, least: f64, factor: f64| {
+        let sum = &sums[s];
+        if sum.redundancy < 10.0 {
+            return factor;
+        }
+        let ratio = sum.squares / sum.redundancy;
+        let chance = 3.0 * (2.0 / sum.redundancy).sqrt();
+        if (ratio - 1.0).abs() < chance.max(0.04) {
+            return factor;
+        }
+        (factor * ratio.sqrt()).clamp(least, 1e3)
+    };
+    let next = Factors {
+        poses: ratio(0, 0.2, factors.poses),
+        gyro: ratio(1, 0.1, factors.gyro),
+        accel: ratio(2, 0.1, factors.accel),
+        gyro_walk: ratio(3, 1.0, factors.gyro_walk),
+        accel_walk: ratio(4, 1.0, factors.accel_walk),
+    };
+    (next != *factors).then_some(next)
+}
+
+fn noises(problem: &Problem<'_>, sums: &[Sum; 5], fits: &[Fit]) -> Noises {
+    let noise = |found_over_told: f64, s: usize| Noise {
+        found_over_told,
+        redundancy: sums[s].redundancy,
+    };
+    let corners: usize = fits.iter().map(|f| 2 * f.corners - 6).sum();
+    let f = &problem.factors;
+    Noises {
+        corners: Noise {
+            found_over_told: problem.corner_scale,
+            redundancy: corners as f64,
+        },
+        poses: noise(f.poses, 0),
+        gyro: noise(f.gyro, 1),
+        accel: noise(f.accel, 2),
+        gyro_walk: noise(f.gyro_walk, 3),
+        accel_walk: noise(f.accel_walk, 4),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,349 @@
+//! What a recording does not determine, and what speaks against the result.
+
+use std::fmt;
+
+use nalgebra::{Matrix3, SMatrix, Vector3};
+
+use super::problem::{BOARD, DRIFT, OFFSET, Prior, ROTATION, SHAPES, SHARED, Shared, TRANSLATION};
+use super::{Noise, Noises};
+
+/// A direction is determined if its sigma is below this: rotation in rad (0.1°), lever arm in m, offset in s.
+pub(super) const ROTATION_DETERMINED_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
+/// See [`ROTATION_DETERMINED_RAD`].
+pub(super) const TRANSLATION_DETERMINED_M: f64 = 2e-3;
+/// See [`ROTATION_DETERMINED_RAD`].
+pub(super) const OFFSET_DETERMINED_S: f64 = 3e-4;
+
+/// How many sigmas off what is told are still chance.
+const CHANCE: f64 = 3.5;
+/// The halves differ by chance up to this (seven numbers squared; exceeded once in a thousand), and
+/// certainly beyond the second.
+const HALVES_WARN: f64 = 24.3;
+const HALVES_FAIL: f64 = 40.0;
+
+/// How a check went. In order of badness.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Verdict {
+    /// Nothing to say.
+    Pass,
+    /// Usable, but something is not as told.
+    Warn,
+    /// Not to be used.
+    Fail,
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Pass => "PASS",
+            Self::Warn => "WARN",
+            Self::Fail => "FAIL",
+        })
+    }
+}
+
+/// One check.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gate {
+    /// What was looked at, a word or three.
+    pub name: &'static str,
+    /// How it went.
+    pub verdict: Verdict,
+    /// What was found and what was expected.
+    pub text: String,
+}
+
+/// A direction that is not determined.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Weak {
+    /// Turn about an axis of the left optical frame.
+    Rotation {
+        /// Of length 1.
+        axis: [f64; 3],
+        /// rad.
+        sigma_rad: f64,
+    },
+    /// Lever arm along a direction of the IMU's frame.
+    Translation {
+        /// Of length 1.
+        direction: [f64; 3],
+        /// m.
+        sigma_m: f64,
+    },
+    /// Time offset.
+    TimeOffset {
+        /// s.
+        sigma_s: f64,
+    },
+}
+
+impl fmt::Display for Weak {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Rotation { axis, sigma_rad } => write!(
+                f,
+                "rotation about {} of the left camera not determined by this recording (sigma {:.2} deg): turn \
+                 about other axes too",
+                named(axis),
+                sigma_rad.to_degrees()
+            ),
+            Self::Translation { direction, sigma_m } => write!(
+                f,
+                "lever arm along {} of the IMU not determined by this recording (sigma {:.1} mm): turn about axes \
+                 across it, faster",
+                named(direction),
+                1e3 * sigma_m
+            ),
+            Self::TimeOffset { sigma_s } => write!(
+                f,
+                "time offset not determined by this recording (sigma {:.2} ms): turn back and forth",
+                1e3 * sigma_s
+            ),
+        }
+    }
+}
+
+/// "x", or the numbers.
+fn named(v: &[f64; 3]) -> String {
+    let near = v.iter().position(|c| c.abs() > 0.97);
+    match near {
+        Some(k) => ["x", "y", "z"][k].to_owned(),
+        None => format!("({:.2}, {:.2}, {:.2})", v[0], v[1], v[2]),
+    }
+}
+
+/// What is judged.
+pub(super) struct Evidence<'a> {
+    pub noises: &'a Noises,
+    pub covariance: &'a SMatrix<f64, SHARED, SHARED>,
+    pub prior: &'a Prior,
+    pub shared: &'a Shared,
+    pub halves: Option<f64>,
+    pub seconds: f64,
+    pub pictures: usize,
+    pub doubtful: usize,
+    pub linked: usize,
+}
+
+/// Eigen-analysis of the covariance of each group, all others being free within what is told of them.
+pub(super) fn weak(evidence: &Evidence<'_>) -> Vec<Weak> {
+    let directions = |at: usize, most: f64| {
+        let block: Matrix3<f64> = evidence.covariance.fixed_view::<3, 3>(at, at).into();
+        let eigen = block.symmetric_eigen();
+        let mut found: Vec<([f64; 3], f64)> = (0..3)
+            .map(|k| {
+                let v: Vector3<f64> = eigen.eigenvectors.column(k).into();
+                // The sign is free; the largest part points forward.
+                let v = v * v[v.iamax()].signum();
+                (v.into(), eigen.eigenvalues[k].max(0.0).sqrt())
+            })
+            .filter(|(_, sigma)| *sigma > most)
+            .collect();
+        found.sort_by(|a, b| b.1.total_cmp(&a.1));
+        found
+    };
+    let mut out = Vec::new();
+    for (axis, sigma_rad) in directions(ROTATION, ROTATION_DETERMINED_RAD) {
+        out.push(Weak::Rotation { axis, sigma_rad });
+    }
+    for (direction, sigma_m) in directions(TRANSLATION, TRANSLATION_DETERMINED_M) {
+        out.push(Weak::Translation { direction, sigma_m });
+    }
+    let sigma_s = evidence.covariance[(OFFSET, OFFSET)].sqrt();
+    if sigma_s > OFFSET_DETERMINED_S {
+        out.push(Weak::TimeOffset { sigma_s });
+    }
+    out
+}
+
+/// What the data alone say of a parameter: estimate and sigma with what is told taken out again. None if
+/// they say nothing.
+fn data_alone(evidence: &Evidence<'_>, k: usize, found: f64, told: f64) -> Option<(f64, f64)> {
+    let sigma = evidence.prior.sigmas[k];
+    let with = 1.0 / evidence.covariance[(k, k)];
+    let alone = with - sigma.powi(-2);
+    (alone > 1e-3 * with).then(|| {
+        let value = told + (found - told) * with / alone;
+        (value, alone.powf(-0.5))
+    })
+}
+
+/// All checks.
+pub(super) fn gates(evidence: &Evidence<'_>, weak: &[Weak]) -> Vec<Gate> {
+    let noises = evidence.noises;
+    vec![
+        observability(weak),
+        noise("corner noise", &noises.corners, [0.3, 3.0, 8.0]),
+        noise("pictures against motion", &noises.poses, [0.0, 1.5, 3.0]),
+        noise("gyroscope noise", &noises.gyro, [0.4, 2.0, 10.0]),
+        noise("accelerometer noise", &noises.accel, [0.4, 2.0, 10.0]),
+        noise("gyroscope bias walk", &noises.gyro_walk, [0.0, 5.0, 100.0]),
+        noise(
+            "accelerometer bias walk",
+            &noises.accel_walk,
+            [0.0, 5.0, 100.0],
+        ),
+        board(evidence),
+        drift(evidence),
+        shapes(evidence),
+        halves(evidence),
+        doubtful(evidence),
+        joined(evidence),
+    ]
+}
+
+fn gate(name: &'static str, verdict: Verdict, text: String) -> Gate {
+    Gate {
+        name,
+        verdict,
+        text,
+    }
+}
+
+fn observability(weak: &[Weak]) -> Gate {
+    let (verdict, text) = match weak.is_empty() {
+        true => (Verdict::Pass, "all directions are determined".to_owned()),
+        false => (
+            Verdict::Warn,
+            weak.iter()
+                .map(Weak::to_string)
+                .collect::<Vec<_>>()
+                .join("; "),
+        ),
+    };
+    gate("observability", verdict, text)
+}
+
+/// `bounds`: warn below the first, warn above the second, fail above the third.
+fn noise(name: &'static str, noise: &Noise, bounds: [f64; 3]) -> Gate {
+    let found = noise.found_over_told;
+    let [low, high, worst] = bounds;
+    let verdict = match found {
+        f if f > worst || !f.is_finite() => Verdict::Fail,
+        f if f > high || f < low => Verdict::Warn,
+        _ => Verdict::Pass,
+    };
+    let text = format!("{found:.2} times what is told, expected {low} to {high}");
+    gate(name, verdict, text)
+}
+
+fn board(evidence: &Evidence<'_>) -> Gate {
+    let name = "size of the board";
+    let told = evidence.prior.shared.board_scale;
+    let Some((scale, sigma)) = data_alone(evidence, BOARD, evidence.shared.board_scale, told)
+    else {
+        return gate(name, Verdict::Pass, "not seen in this recording".to_owned());
+    };
+    let tolerance = evidence.prior.sigmas[BOARD];
+    let off = (scale - told) / sigma.hypot(tolerance);
+    let verdict = if off.abs() > CHANCE {
+        Verdict::Fail
+    } else {
+        Verdict::Pass
+    };
+    let percent = 100.0 * (scale / told - 1.0);
+    let text = format!(
+        "{percent:+.2} % of what is told by the recording alone (sigma {:.2} %), expected within {:.2} %: square \
+         size, baseline or accelerometer",
+        100.0 * sigma,
+        100.0 * CHANCE * tolerance
+    );
+    gate(name, verdict, text)
+}
+
+fn drift(evidence: &Evidence<'_>) -> Gate {
+    let drift = evidence.shared.drift;
+    let sigma = evidence.covariance[(DRIFT, DRIFT)].sqrt();
+    let over_all = drift * evidence.seconds;
+    let real = (drift / sigma).abs() > CHANCE;
+    let verdict = match over_all.abs() {
+        s if real && s > 1e-3 => Verdict::Fail,
+        s if real && s > 1e-4 => Verdict::Warn,
+        _ => Verdict::Pass,
+    };
+    let text = format!(
+        "the time offset grows by {:.3} ms over the recording (sigma {:.3} ms), expected below 0.1 ms: clocks \
+         that are not joined",
+        1e3 * over_all,
+        1e3 * sigma * evidence.seconds
+    );
+    gate("drift of the clocks", verdict, text)
+}
+
+fn shapes(evidence: &Evidence<'_>) -> Gate {
+    let shapes = [
+        (&evidence.shared.gyro_shape, "gyroscope"),
+        (&evidence.shared.accel_shape, "accelerometer"),
+    ];
+    let mut worst = (0.0_f64, String::new());
+    for (s, (shape, sensor)) in shapes.iter().enumerate() {
+        for k in 0..9 {
+            let (row, column) = (k / 3, k % 3);
+            let off = shape[(row, column)] - f64::from(u8::from(row == column));
+            let sigma = evidence.prior.sigmas[SHAPES + 9 * s + k];
+            if (off / sigma).abs() > worst.0 {
+                let what = if row == column { "scale" } else { "skew" };
+                worst = (
+                    (off / sigma).abs(),
+                    format!(
+                        "{what} {row}{column} of the {sensor} is off by {:.2} %",
+                        100.0 * off
+                    ),
+                );
+            }
+        }
+    }
+    let verdict = match worst.0 {
+        z if z > 6.0 => Verdict::Fail,
+        z if z > 4.0 => Verdict::Warn,
+        _ => Verdict::Pass,
+    };
+    let text = format!("{}, {:.1} of the sigmas told", worst.1, worst.0);
+    gate("scale and skew", verdict, text)
+}
+
+fn halves(evidence: &Evidence<'_>) -> Gate {
+    let name = "first half against second";
+    let Some(squared) = evidence.halves else {
+        return gate(name, Verdict::Warn, "too short to compare".to_owned());
+    };
+    let verdict = match squared {
+        s if s > HALVES_FAIL => Verdict::Fail,
+        s if s > HALVES_WARN => Verdict::Warn,
+        _ => Verdict::Pass,
+    };
+    let text = format!(
+        "rotation, lever arm and offset differ by {squared:.1} (chi-squared of seven), expected below {HALVES_WARN}: \
+         a camera that was knocked, or a clock that jumped"
+    );
+    gate(name, verdict, text)
+}
+
+fn doubtful(evidence: &Evidence<'_>) -> Gate {
+    let share = evidence.doubtful as f64 / evidence.pictures as f64;
+    let verdict = match share {
+        s if s > 0.2 => Verdict::Fail,
+        s if s > 0.03 => Verdict::Warn,
+        _ => Verdict::Pass,
+    };
+    let text = format!(
+        "{} of {} pictures contradict the motion, expected at most 3 %",
+        evidence.doubtful, evidence.pictures
+    );
+    gate("pictures left out", verdict, text)
+}
+
+fn joined(evidence: &Evidence<'_>) -> Gate {
+    let all = evidence.pictures - 1;
+    let share = evidence.linked as f64 / all as f64;
+    let verdict = if share < 0.8 {
+        Verdict::Warn
+    } else {
+        Verdict::Pass
+    };
+    let text = format!(
+        "{} of {all} intervals between pictures have inertial samples all the way, expected at least 80 %",
+        evidence.linked
+    );
+    gate("inertial samples", verdict, text)
+}

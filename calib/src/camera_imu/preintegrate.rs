@@ -1,0 +1,333 @@
+//! The motion between two instants as the inertial sensor alone saw it, and what it depends on.
+//!
+//! On-manifold preintegration (Forster, Carlone, Dellaert and Scaramuzza, On-Manifold Preintegration for
+//! Real-Time Visual-Inertial Odometry, 2017): turn, change of velocity and displacement in the frame of
+//! the first instant, without gravity and without the first velocity. The derivatives are exact for
+//! the sums that are made here, by biases and by scale and skew. Those by the two instants hold for the
+//! motion itself and let a time offset be estimated without shifting any sample (the idea of Qin and
+//! Shen, Online Temporal Calibration for Monocular Visual-Inertial Systems, 2018).
+//!
+//! One step: the turn to fourth order for a rate that runs straight (Bortz 1971), the specific force
+//! turned at both ends and taken to run straight between them.
+
+use nalgebra::{Matrix3, SMatrix, Vector3};
+
+use super::so3;
+use super::track::{Correction, Raw};
+
+/// Parameters of the sensor: gyroscope bias 3, accelerometer bias 3, gyroscope's scale and skew 9 (rows
+/// first), accelerometer's 9.
+pub(super) const SENSOR: usize = 24;
+/// Where they start.
+pub(super) const GYRO_BIAS: usize = 0;
+pub(super) const ACCEL_BIAS: usize = 3;
+pub(super) const GYRO_SHAPE: usize = 6;
+pub(super) const ACCEL_SHAPE: usize = 15;
+
+type BySensor = SMatrix<f64, 3, SENSOR>;
+
+/// See the module. Rows of nine: turn, velocity, displacement.
+#[derive(Clone, Debug)]
+pub(super) struct Preintegrated {
+    pub seconds: f64,
+    /// First from last.
+    pub turn: Matrix3<f64>,
+    /// m/s.
+    pub velocity: Vector3<f64>,
+    /// m.
+    pub displacement: Vector3<f64>,
+    /// Derivatives by the sensor's parameters; the turn's as a small turn on its right.
+    pub by_sensor: SMatrix<f64, 9, SENSOR>,
+    /// Derivatives by the first and by the last instant, per second.
+    pub by_time: [SMatrix<f64, 9, 1>; 2],
+    /// Covariance through the noise of the gyroscope.
+    pub gyro_noise: SMatrix<f64, 9, 9>,
+    /// Covariance through the noise of the accelerometer.
+    pub accel_noise: SMatrix<f64, 9, 9>,
+}
+
+/// Derivative of a corrected value by bias (at `bias`) and by scale and skew (at `shape`).
+fn by_sensor(
+    value: &Vector3<f64>,
+    shape_inverse: &Matrix3<f64>,
+    bias: usize,
+    shape: usize,
+) -> BySensor {
+    let mut out = BySensor::zeros();
+    out.fixed_view_mut::<3, 3>(0, bias)
+        .copy_from(&-shape_inverse);
+    for row in 0..3 {
+        for column in 0..3 {
+            let by = -shape_inverse.column(row) * value[column];
+            out.set_column(shape + 3 * row + column, &by);
+        }
+    }
+    out
+}
+
+/// Of values at two instants and at the samples between them, at least two. `densities` are those of white
+/// noise, rad/s/√Hz and m/s²/√Hz.
+pub(super) fn preintegrate(
+    raw: &[Raw],
+    correction: &Correction,
+    densities: [f64; 2],
+) -> Preintegrated {
+    let (first, last) = (&raw[0], &raw[raw.len() - 1]);
+    let mut turn = Matrix3::identity();
+    let mut velocity = Vector3::zeros();
+    let mut displacement = Vector3::zeros();
+    let mut turn_by = BySensor::zeros();
+    let mut velocity_by = BySensor::zeros();
+    let mut displacement_by = BySensor::zeros();
+    let mut gyro_noise = SMatrix::<f64, 9, 9>::zeros();
+    let mut accel_noise = SMatrix::<f64, 9, 9>::zeros();
+
+    let rate_by =
+        |w: &Vector3<f64>| by_sensor(w, &correction.gyro_shape_inverse, GYRO_BIAS, GYRO_SHAPE);
+    let force_by =
+        |a: &Vector3<f64>| by_sensor(a, &correction.accel_shape_inverse, ACCEL_BIAS, ACCEL_SHAPE);
+    let mut rate = correction.gyro(first);
+    let mut force = correction.accel(first);
+    let mut rate_changes = rate_by(&rate);
+    // The specific force in the frame of the first instant, and its derivative.
+    let mut turned = force;
+    let mut turned_by = force_by(&force);
+
+    for pair in raw.windows(2) {
+        let h = pair[1].time_s - pair[0].time_s;
+        let next_rate = correction.gyro(&pair[1]);
+        let next_force = correction.accel(&pair[1]);
+        let next_rate_changes = rate_by(&next_rate);
+
+        let angle = (rate + next_rate) * (0.5 * h) + rate.cross(&next_rate) * (h * h / 12.0);
+        let step = so3::exp(&angle);
+        let jacobian = so3::right_jacobian(&angle);
+        let half = Matrix3::identity() * (0.5 * h);
+        let bend = h * h / 12.0;
+        let angle_by = (half - so3::cross(&next_rate) * bend) * rate_changes
+            + (half + so3::cross(&rate) * bend) * next_rate_changes;
+        let next_turn = turn * step;
+        let back = step.transpose();
+        let next_turn_by = back * turn_by + jacobian * angle_by;
+        let next_turned = next_turn * next_force;
+        let lean: Matrix3<f64> = next_turn * so3::cross(&next_force);
+        let next_turned_by = next_turn * force_by(&next_force) - lean * next_turn_by;
+
+        // Noise: as if constant within a step.
+        let mut carry = SMatrix::<f64, 9, 9>::identity();
+        carry.fixed_view_mut::<3, 3>(0, 0).copy_from(&back);
+        let tilt: Matrix3<f64> = turn * so3::cross(&force);
+        let bent: Matrix3<f64> = lean * back;
+        let by_turn = -(tilt + bent) * (0.5 * h);
+        carry.fixed_view_mut::<3, 3>(3, 0).copy_from(&by_turn);
+        let by_turn = -(tilt * 2.0 + bent) * (h * h / 6.0);
+        carry.fixed_view_mut::<3, 3>(6, 0).copy_from(&by_turn);
+        carry
+            .fixed_view_mut::<3, 3>(6, 3)
+            .copy_from(&(Matrix3::identity() * h));
+        let mut of_rate = SMatrix::<f64, 9, 3>::zeros();
+        let of_angle = jacobian * h;
+        of_rate.fixed_view_mut::<3, 3>(0, 0).copy_from(&of_angle);
+        let leaning = lean * of_angle;
+        of_rate
+            .fixed_view_mut::<3, 3>(3, 0)
+            .copy_from(&(leaning * (-0.5 * h)));
+        of_rate
+            .fixed_view_mut::<3, 3>(6, 0)
+            .copy_from(&(leaning * (-h * h / 6.0)));
+        let carried = carry.transpose();
+        gyro_noise = carry * gyro_noise * carried
+            + of_rate * of_rate.transpose() * (densities[0] * densities[0] / h);
+        accel_noise = carry * accel_noise * carried;
+        let q = densities[1] * densities[1];
+        for k in 0..3 {
+            accel_noise[(3 + k, 3 + k)] += q * h;
+            accel_noise[(3 + k, 6 + k)] += q * h * h / 2.0;
+            accel_noise[(6 + k, 3 + k)] += q * h * h / 2.0;
+            accel_noise[(6 + k, 6 + k)] += q * h * h * h / 3.0;
+        }
+
+        displacement += velocity * h + (turned * 2.0 + next_turned) * (h * h / 6.0);
+        displacement_by += velocity_by * h + (turned_by * 2.0 + next_turned_by) * (h * h / 6.0);
+        velocity += (turned + next_turned) * (0.5 * h);
+        velocity_by += (turned_by + next_turned_by) * (0.5 * h);
+        turn = next_turn;
+        turn_by = next_turn_by;
+        (rate, force, rate_changes) = (next_rate, next_force, next_rate_changes);
+        (turned, turned_by) = (next_turned, next_turned_by);
+    }
+
+    let seconds = last.time_s - first.time_s;
+    let (start_rate, start_force) = (correction.gyro(first), correction.accel(first));
+    let mut by_start = SMatrix::<f64, 9, 1>::zeros();
+    by_start
+        .fixed_rows_mut::<3>(0)
+        .copy_from(&-(turn.transpose() * start_rate));
+    by_start
+        .fixed_rows_mut::<3>(3)
+        .copy_from(&(-start_force - start_rate.cross(&velocity)));
+    by_start
+        .fixed_rows_mut::<3>(6)
+        .copy_from(&(-start_force * seconds - start_rate.cross(&displacement)));
+    let mut by_end = SMatrix::<f64, 9, 1>::zeros();
+    by_end.fixed_rows_mut::<3>(0).copy_from(&rate);
+    by_end.fixed_rows_mut::<3>(3).copy_from(&turned);
+    by_end.fixed_rows_mut::<3>(6).copy_from(&velocity);
+
+    let mut by_sensor = SMatrix::<f64, 9, SENSOR>::zeros();
+    by_sensor.fixed_rows_mut::<3>(0).copy_from(&turn_by);
+    by_sensor.fixed_rows_mut::<3>(3).copy_from(&velocity_by);
+    by_sensor.fixed_rows_mut::<3>(6).copy_from(&displacement_by);
+    Preintegrated {
+        seconds,
+        turn,
+        velocity,
+        displacement,
+        by_sensor,
+        by_time: [by_start, by_end],
+        gyro_noise,
+        accel_noise,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::ImuSample;
+    use super::super::track::Track;
+    use super::*;
+
+    /// A lively motion, sampled at `rate_hz`.
+    fn track(rate_hz: f64) -> Track {
+        let samples: Vec<ImuSample> = (0..(2.0 * rate_hz) as i64)
+            .map(|k| {
+                let t = k as f64 / rate_hz;
+                ImuSample {
+                    time_ns: (t * 1e9).round() as i64,
+                    gyro: [
+                        (3.0 * t).sin(),
+                        1.4 * (4.0 * t).cos(),
+                        0.7 * (2.0 * t).sin(),
+                    ],
+                    accel: [3.0 * (5.0 * t).cos(), 1.0 + t, 9.0 + (6.0 * t).sin()],
+                }
+            })
+            .collect();
+        Track::new(&samples, 0, [f64::INFINITY; 2])
+    }
+
+    fn correction(parameters: &[f64; SENSOR]) -> Correction {
+        let shape = |k: usize| {
+            let skewed = Matrix3::from_row_slice(&parameters[k..k + 9]) + Matrix3::identity();
+            skewed.try_inverse().unwrap()
+        };
+        Correction {
+            gyro_bias: Vector3::from_row_slice(&parameters[0..3]),
+            accel_bias: Vector3::from_row_slice(&parameters[3..6]),
+            gyro_shape_inverse: shape(GYRO_SHAPE),
+            accel_shape_inverse: shape(ACCEL_SHAPE),
+        }
+    }
+
+    const DENSITIES: [f64; 2] = [1e-4, 1e-3];
+
+    fn of(track: &Track, from_s: f64, to_s: f64, parameters: &[f64; SENSOR]) -> Preintegrated {
+        let mut raw = Vec::new();
+        track.between(from_s, to_s, &mut raw).unwrap();
+        preintegrate(&raw, &correction(parameters), DENSITIES)
+    }
+
+    fn difference(a: &Preintegrated, b: &Preintegrated) -> SMatrix<f64, 9, 1> {
+        let mut out = SMatrix::<f64, 9, 1>::zeros();
+        out.fixed_rows_mut::<3>(0)
+            .copy_from(&so3::log(&(a.turn.transpose() * b.turn)));
+        out.fixed_rows_mut::<3>(3)
+            .copy_from(&(b.velocity - a.velocity));
+        out.fixed_rows_mut::<3>(6)
+            .copy_from(&(b.displacement - a.displacement));
+        out
+    }
+
+    fn parameters() -> [f64; SENSOR] {
+        std::array::from_fn(|k| 0.01 * ((k * k + 3 * k) as f64).sin())
+    }
+
+    #[test]
+    fn derivatives_by_the_sensor() {
+        let track = track(400.0);
+        let parameters = parameters();
+        let found = of(&track, 0.3012, 0.3671, &parameters);
+        for k in 0..SENSOR {
+            let h = 1e-5;
+            let (mut low, mut high) = (parameters, parameters);
+            low[k] -= h;
+            high[k] += h;
+            let by = difference(
+                &of(&track, 0.3012, 0.3671, &low),
+                &of(&track, 0.3012, 0.3671, &high),
+            ) / (2.0 * h);
+            let error = (by - found.by_sensor.column(k)).amax();
+            assert!(error < 1e-8, "{k}: {error}");
+        }
+    }
+
+    #[test]
+    fn derivatives_by_the_instants() {
+        // Straight lines between samples make steps in the derivatives; more samples, smaller ones.
+        let track = track(20_000.0);
+        let parameters = parameters();
+        let (from, to) = (0.3012, 0.3671);
+        let found = of(&track, from, to, &parameters);
+        let h = 1e-4;
+        let by_start = difference(
+            &of(&track, from - h, to, &parameters),
+            &of(&track, from + h, to, &parameters),
+        ) / (2.0 * h);
+        let by_end = difference(
+            &of(&track, from, to - h, &parameters),
+            &of(&track, from, to + h, &parameters),
+        ) / (2.0 * h);
+        assert!((by_start - found.by_time[0]).amax() < 1e-6);
+        assert!((by_end - found.by_time[1]).amax() < 1e-6);
+    }
+
+    #[test]
+    fn coarse_samples_come_near_fine_ones() {
+        let parameters = parameters();
+        let fine = of(&track(20_000.0), 0.25, 0.35, &parameters);
+        for (rate_hz, most) in [(200.0, 1e-4), (400.0, 3e-5), (800.0, 1e-5)] {
+            let coarse = of(&track(rate_hz), 0.25, 0.35, &parameters);
+            let error = difference(&fine, &coarse).amax();
+            assert!(error < most, "{rate_hz}: {error}");
+        }
+    }
+
+    #[test]
+    fn noise_is_as_large_as_that_of_many_draws() {
+        let parameters = parameters();
+        let track = track(400.0);
+        let mut raw = Vec::new();
+        // Boundaries on samples, so that a sample's weight at an end is half a step.
+        track.between(0.3, 0.4, &mut raw).unwrap();
+        let correction = correction(&parameters);
+        let clean = preintegrate(&raw, &correction, DENSITIES);
+        let expected = clean.gyro_noise + clean.accel_noise;
+        let draws = 4000;
+        let mut sum = SMatrix::<f64, 9, 9>::zeros();
+        let mut random = super::super::simulate::Random::new(3);
+        for _ in 0..draws {
+            let mut noisy = raw.clone();
+            for sample in &mut noisy {
+                for k in 0..3 {
+                    sample.gyro[k] += random.normal() * DENSITIES[0] * 20.0;
+                    sample.accel[k] += random.normal() * DENSITIES[1] * 20.0;
+                }
+            }
+            let d = difference(&clean, &preintegrate(&noisy, &correction, DENSITIES));
+            sum += d * d.transpose() / f64::from(draws);
+        }
+        for k in 0..9 {
+            let ratio = sum[(k, k)] / expected[(k, k)];
+            assert!((ratio - 1.0).abs() < 0.1, "{k}: {ratio}");
+        }
+    }
+}

@@ -1,0 +1,739 @@
+//! The joint problem: all pictures, the IMU between them, and what is told; its fit.
+//!
+//! States are the IMU's pose and velocity in the target's frame and its biases, at each picture. All else is
+//! shared: `imu_from_left`, the offset and drift of time, the direction of gravity, the size of the board,
+//! scale and skew of the sensors. Gauss-Newton with damping; each iteration integrates the IMU anew at
+//! the offset and biases it has come to, so nothing is approximated but the second derivatives.
+
+use nalgebra::{Cholesky, Matrix3, SMatrix, SVector, Vector3};
+
+use super::chain::{Chain, Covariance};
+use super::excite::Held;
+use super::preintegrate::{ACCEL_SHAPE, GYRO_SHAPE, SENSOR, preintegrate};
+use super::track::{Correction, Raw, Track};
+use super::view::{Pose, Quadric, VIEW, View};
+use super::{Cameras, GRAVITY, so3};
+use crate::stereo::ImuNoise;
+
+/// Turn 3, position 3, velocity 3, gyroscope bias 3, accelerometer bias 3.
+pub(super) const STATE: usize = 15;
+const VELOCITY: usize = 6;
+const BIAS: usize = 9;
+
+/// Shared: rotation 3, translation 3, offset, drift, gravity 2, board, shapes 9 and 9.
+pub(super) const SHARED: usize = 29;
+pub(super) const ROTATION: usize = 0;
+pub(super) const TRANSLATION: usize = 3;
+pub(super) const OFFSET: usize = 6;
+pub(super) const DRIFT: usize = 7;
+pub(super) const DOWN: usize = 8;
+pub(super) const BOARD: usize = 10;
+pub(super) const SHAPES: usize = 11;
+
+/// Beyond so many sigmas (of seven or nine numbers together) a picture or an interval counts less.
+const HUBER: f64 = 5.5;
+/// How hard directions are held: rad, m, s.
+const HOLD: [f64; 3] = [1e-6, 1e-6, 1e-7];
+/// No hand moves a camera faster, m/s: holds velocities that nothing measures.
+const FASTEST: f64 = 10.0;
+const LEAST_DAMPING: f64 = 1e-9;
+const MOST_ITERATIONS: usize = 30;
+/// What a step may still promise then, squared sigmas: along directions that are not determined the way is
+/// long, flat, and of no use.
+const FLAT: f64 = 10.0;
+
+/// One instant. Coordinates of the IMU in the target's frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct State {
+    pub rotation: Matrix3<f64>,
+    pub position: Vector3<f64>,
+    pub velocity: Vector3<f64>,
+    pub gyro_bias: Vector3<f64>,
+    pub accel_bias: Vector3<f64>,
+}
+
+/// What all instants share.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shared {
+    /// imu_from_left.
+    pub rotation: Matrix3<f64>,
+    pub translation: Vector3<f64>,
+    pub offset_s: f64,
+    pub drift: f64,
+    /// In the target's frame, m/s².
+    pub gravity: Vector3<f64>,
+    pub board_scale: f64,
+    pub gyro_shape: Matrix3<f64>,
+    pub accel_shape: Matrix3<f64>,
+}
+
+/// What is told of the shared parameters: values, and one sigma for each (infinite for none).
+#[derive(Clone, Debug)]
+pub(super) struct Prior {
+    pub shared: Shared,
+    pub sigmas: SVector<f64, SHARED>,
+    /// Directions that are held, whatever their sigma.
+    pub held: Held,
+    pub biases: [f64; 2],
+}
+
+/// Kinds of measurements, as factors on their standard deviations.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Factors {
+    pub poses: f64,
+    pub gyro: f64,
+    pub accel: f64,
+    pub gyro_walk: f64,
+    pub accel_walk: f64,
+}
+
+/// All that is given.
+pub(super) struct Problem<'a> {
+    pub cameras: &'a Cameras,
+    pub views: &'a [View<'a>],
+    /// The pose that fits each picture best by itself.
+    pub poses: &'a [Pose],
+    pub track: &'a Track,
+    /// Whether the IMU measured all the way from picture `i` to the next.
+    pub links: &'a [bool],
+    pub noise: ImuNoise,
+    pub prior: Prior,
+    pub corner_scale: f64,
+    pub factors: Factors,
+    /// Whether what does not fit counts less.
+    pub robust: bool,
+    /// Where the drift has no effect.
+    pub middle_s: f64,
+}
+
+/// A quadric as a residual: `root x + offset`.
+struct Rooted {
+    pose: Pose,
+    board_scale: f64,
+    root: SMatrix<f64, VIEW, VIEW>,
+    offset: SVector<f64, VIEW>,
+    /// Numbers that it fixes: 6 for one eye.
+    rank: usize,
+}
+
+impl Rooted {
+    fn new(quadric: &Quadric) -> Option<Self> {
+        let mut information = quadric.information;
+        let six: SMatrix<f64, 6, 6> = information.fixed_view::<6, 6>(0, 0).into();
+        let with_board: SVector<f64, 6> = information.fixed_view::<6, 1>(0, 6).into();
+        let six = Cholesky::new(six)?;
+        let alone = information[(6, 6)] - with_board.dot(&six.solve(&with_board));
+        let seen = alone > 1e-7 * information[(6, 6)];
+        information[(6, 6)] += 1e-9 * information[(6, 6)] + 1e-9;
+        let lower = Cholesky::new(information)?.unpack();
+        Some(Self {
+            pose: quadric.pose,
+            board_scale: quadric.board_scale,
+            root: lower.transpose(),
+            offset: lower.solve_lower_triangular(&quadric.gradient)?,
+            rank: if seen { 7 } else { 6 },
+        })
+    }
+}
+
+/// Sums over one kind of measurement.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Sum {
+    pub squares: f64,
+    /// Numbers, less what the fit takes up.
+    pub redundancy: f64,
+}
+
+/// Residuals in sigmas of one picture and of what follows it.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Local {
+    /// Mean squares.
+    pub pose: f64,
+    pub gyro: Option<f64>,
+    pub accel: Option<f64>,
+    /// How much the picture counts.
+    pub weight: f64,
+}
+
+/// A fit.
+pub(super) struct Fitted {
+    pub states: Vec<State>,
+    pub shared: Shared,
+    pub covariance: Covariance<STATE, SHARED>,
+    /// Poses, gyroscope, accelerometer, walk of the first, walk of the second.
+    pub sums: [Sum; 5],
+    /// Medians over pictures and intervals of the mean squares of the first three kinds.
+    pub medians: [f64; 3],
+    pub locals: Vec<Local>,
+}
+
+/// Residual and derivatives of one factor, divided by its noise.
+struct Whitened<const M: usize> {
+    residual: SVector<f64, M>,
+    own: SMatrix<f64, M, STATE>,
+    next: Option<SMatrix<f64, M, STATE>>,
+    shared: SMatrix<f64, M, SHARED>,
+    /// From the robust loss.
+    weight: f64,
+}
+
+impl<const M: usize> Whitened<M> {
+    /// Applies the loss; gives its cost.
+    fn lose(&mut self, robust: bool) -> f64 {
+        let length = self.residual.norm();
+        if length <= HUBER || !robust {
+            return length * length;
+        }
+        self.weight = HUBER / length;
+        2.0 * HUBER * length - HUBER * HUBER
+    }
+
+    fn add(&self, i: usize, chain: &mut Chain<STATE, SHARED>) {
+        let root = self.weight.sqrt();
+        let next = self.next.map(|n| n * root);
+        chain.add(
+            i,
+            &(self.residual * root),
+            &(self.own * root),
+            next.as_ref(),
+            &(self.shared * root),
+        );
+    }
+
+    fn leverage(&self, i: usize, covariance: &Covariance<STATE, SHARED>) -> [f64; M] {
+        let taken = covariance.leverage(i, &self.own, self.next.as_ref(), &self.shared);
+        taken.map(|v| v * self.weight)
+    }
+}
+
+impl Shared {
+    /// The pose of the left camera at a state.
+    pub(super) fn camera(&self, state: &State) -> Pose {
+        Pose {
+            rotation: state.rotation * self.rotation,
+            position: state.position + state.rotation * self.translation,
+        }
+    }
+
+    /// The state's pose from that of the left camera.
+    pub(super) fn imu(&self, camera: &Pose) -> (Matrix3<f64>, Vector3<f64>) {
+        let rotation = camera.rotation * self.rotation.transpose();
+        (rotation, camera.position - rotation * self.translation)
+    }
+
+    /// Two directions normal to gravity.
+    fn across(&self) -> SMatrix<f64, 3, 2> {
+        let down = self.gravity.normalize();
+        let other = match down.x.abs() < 0.7 {
+            true => Vector3::x(),
+            false => Vector3::y(),
+        };
+        let first = down.cross(&other).normalize();
+        SMatrix::<f64, 3, 2>::from_columns(&[first, down.cross(&first)])
+    }
+
+    fn moved(&self, step: &SVector<f64, SHARED>) -> Self {
+        let three = |k: usize| -> Vector3<f64> { step.fixed_rows::<3>(k).into() };
+        let nine = |k: usize| Matrix3::from_row_slice(&step.as_slice()[k..k + 9]);
+        let across = self.across() * SVector::<f64, 2>::new(step[DOWN], step[DOWN + 1]);
+        Self {
+            rotation: so3::tidy(&(self.rotation * so3::exp(&three(ROTATION)))),
+            translation: self.translation + three(TRANSLATION),
+            offset_s: self.offset_s + step[OFFSET],
+            drift: self.drift + step[DRIFT],
+            gravity: (self.gravity.normalize() + across).normalize() * GRAVITY,
+            board_scale: self.board_scale + step[BOARD],
+            gyro_shape: self.gyro_shape + nine(SHAPES),
+            accel_shape: self.accel_shape + nine(SHAPES + 9),
+        }
+    }
+
+    fn correction(&self, state: &State) -> Option<Correction> {
+        Some(Correction {
+            gyro_bias: state.gyro_bias,
+            accel_bias: state.accel_bias,
+            gyro_shape_inverse: self.gyro_shape.try_inverse()?,
+            accel_shape_inverse: self.accel_shape.try_inverse()?,
+        })
+    }
+
+    fn imu_time(&self, time_s: f64, middle_s: f64) -> f64 {
+        time_s + self.offset_s + self.drift * (time_s - middle_s)
+    }
+}
+
+impl State {
+    fn moved(&self, step: &SVector<f64, STATE>) -> Self {
+        let three = |k: usize| -> Vector3<f64> { step.fixed_rows::<3>(k).into() };
+        Self {
+            rotation: so3::tidy(&(self.rotation * so3::exp(&three(0)))),
+            position: self.position + three(3),
+            velocity: self.velocity + three(VELOCITY),
+            gyro_bias: self.gyro_bias + three(BIAS),
+            accel_bias: self.accel_bias + three(BIAS + 3),
+        }
+    }
+}
+
+impl Prior {
+    fn factor(&self, shared: &Shared) -> Whitened<SHARED> {
+        let told = &self.shared;
+        let turn = so3::log(&(told.rotation.transpose() * shared.rotation));
+        let mut residual = SVector::<f64, SHARED>::zeros();
+        residual.fixed_rows_mut::<3>(ROTATION).copy_from(&turn);
+        residual
+            .fixed_rows_mut::<3>(TRANSLATION)
+            .copy_from(&(shared.translation - told.translation));
+        residual[OFFSET] = shared.offset_s - told.offset_s;
+        residual[DRIFT] = shared.drift - told.drift;
+        residual[BOARD] = shared.board_scale - told.board_scale;
+        let shapes = [
+            shared.gyro_shape - told.gyro_shape,
+            shared.accel_shape - told.accel_shape,
+        ];
+        for (s, shape) in shapes.iter().enumerate() {
+            for k in 0..9 {
+                residual[SHAPES + 9 * s + k] = shape[(k / 3, k % 3)];
+            }
+        }
+        let mut by_shared = SMatrix::<f64, SHARED, SHARED>::identity();
+        by_shared
+            .fixed_view_mut::<3, 3>(ROTATION, ROTATION)
+            .copy_from(&so3::right_jacobian_inverse(&turn));
+        let mut root = SMatrix::<f64, SHARED, SHARED>::from_diagonal(&self.sigmas.map(|s| 1.0 / s));
+        for (at, held) in [
+            (ROTATION, &self.held.rotation),
+            (TRANSLATION, &self.held.translation),
+        ] {
+            for direction in held {
+                let mut block = root.fixed_view_mut::<3, 3>(at, at);
+                block += direction * direction.transpose() * (1.0 / HOLD[usize::from(at > 0)]);
+            }
+        }
+        if self.held.offset {
+            root[(OFFSET, OFFSET)] = 1.0 / HOLD[2];
+        }
+        let residual = root * residual;
+        let by_shared = root * by_shared;
+        Whitened {
+            residual,
+            own: SMatrix::zeros(),
+            next: None,
+            shared: by_shared,
+            weight: 1.0,
+        }
+    }
+}
+
+impl Problem<'_> {
+    fn picture(&self, rooted: &Rooted, state: &State, shared: &Shared) -> Whitened<VIEW> {
+        let camera = shared.camera(state);
+        let turn = so3::log(&(rooted.pose.rotation.transpose() * camera.rotation));
+        let mut x = SVector::<f64, VIEW>::zeros();
+        x.fixed_rows_mut::<3>(0).copy_from(&turn);
+        x.fixed_rows_mut::<3>(3)
+            .copy_from(&(camera.position - rooted.pose.position));
+        x[6] = shared.board_scale - rooted.board_scale;
+        let bent = so3::right_jacobian_inverse(&turn);
+        let mut own = SMatrix::<f64, VIEW, STATE>::zeros();
+        own.fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&(bent * shared.rotation.transpose()));
+        own.fixed_view_mut::<3, 3>(3, 0)
+            .copy_from(&-(state.rotation * so3::cross(&shared.translation)));
+        own.fixed_view_mut::<3, 3>(3, 3).fill_with_identity();
+        let mut by_shared = SMatrix::<f64, VIEW, SHARED>::zeros();
+        by_shared
+            .fixed_view_mut::<3, 3>(0, ROTATION)
+            .copy_from(&bent);
+        by_shared
+            .fixed_view_mut::<3, 3>(3, TRANSLATION)
+            .copy_from(&state.rotation);
+        by_shared[(6, BOARD)] = 1.0;
+        let weight = 1.0 / self.factors.poses;
+        Whitened {
+            residual: (rooted.root * x + rooted.offset) * weight,
+            own: rooted.root * own * weight,
+            next: None,
+            shared: rooted.root * by_shared * weight,
+            weight: 1.0,
+        }
+    }
+
+    fn inertial(
+        &self,
+        i: usize,
+        states: &[State],
+        shared: &Shared,
+        raw: &mut Vec<Raw>,
+    ) -> Option<Whitened<9>> {
+        let (mut plain, covariance) = self.inertial_plain(i, states, shared, raw)?;
+        let lower = Cholesky::new(covariance)?;
+        let lower = lower.l_dirty();
+        lower.solve_lower_triangular_mut(&mut plain.residual);
+        lower.solve_lower_triangular_mut(&mut plain.own);
+        lower.solve_lower_triangular_mut(plain.next.as_mut()?);
+        lower.solve_lower_triangular_mut(&mut plain.shared);
+        Some(plain)
+    }
+
+    /// In rad, m/s and m, with its covariance.
+    fn inertial_plain(
+        &self,
+        i: usize,
+        states: &[State],
+        shared: &Shared,
+        raw: &mut Vec<Raw>,
+    ) -> Option<(Whitened<9>, SMatrix<f64, 9, 9>)> {
+        let (a, b) = (&states[i], &states[i + 1]);
+        let [from, to] = [i, i + 1].map(|k| shared.imu_time(self.views[k].time_s, self.middle_s));
+        self.track.between(from, to, raw)?;
+        let densities = [
+            self.noise.gyro_noise_density,
+            self.noise.accel_noise_density,
+        ];
+        let moved = preintegrate(raw, &shared.correction(a)?, densities);
+        let t = moved.seconds;
+        let gravity = &shared.gravity;
+        let back = a.rotation.transpose();
+        let turned = back * b.rotation;
+        let turn = so3::log(&(moved.turn.transpose() * turned));
+        let gained = back * (b.velocity - a.velocity - gravity * t);
+        let shifted = back * (b.position - a.position - a.velocity * t - gravity * (0.5 * t * t));
+        let mut residual = SVector::<f64, 9>::zeros();
+        residual.fixed_rows_mut::<3>(0).copy_from(&turn);
+        residual
+            .fixed_rows_mut::<3>(3)
+            .copy_from(&(gained - moved.velocity));
+        residual
+            .fixed_rows_mut::<3>(6)
+            .copy_from(&(shifted - moved.displacement));
+
+        let bent = so3::right_jacobian_inverse(&turn);
+        let mut own = SMatrix::<f64, 9, STATE>::zeros();
+        let mut next = SMatrix::<f64, 9, STATE>::zeros();
+        let mut put = |row: usize, column: usize, block: Matrix3<f64>| {
+            own.fixed_view_mut::<3, 3>(row, column).copy_from(&block);
+        };
+        put(0, 0, -bent * turned.transpose());
+        put(3, 0, so3::cross(&gained));
+        put(6, 0, so3::cross(&shifted));
+        put(3, VELOCITY, -back);
+        put(6, VELOCITY, -back * t);
+        put(6, 3, -back);
+        let mut put = |row: usize, column: usize, block: Matrix3<f64>| {
+            next.fixed_view_mut::<3, 3>(row, column).copy_from(&block);
+        };
+        put(0, 0, bent);
+        put(3, VELOCITY, back);
+        put(6, 3, back);
+
+        // By what the integral depends on: a turn on its right goes through the logarithm.
+        let through = -bent * so3::exp(&turn).transpose();
+        let mut by_sensor = -moved.by_sensor;
+        let of_turn = moved.by_sensor.fixed_rows::<3>(0).into_owned();
+        by_sensor
+            .fixed_rows_mut::<3>(0)
+            .copy_from(&(through * of_turn));
+        own.fixed_columns_mut::<6>(BIAS)
+            .copy_from(&by_sensor.fixed_columns::<6>(0));
+        let mut by_shared = SMatrix::<f64, 9, SHARED>::zeros();
+        by_shared
+            .fixed_columns_mut::<{ SENSOR - GYRO_SHAPE }>(SHAPES)
+            .copy_from(&by_sensor.fixed_columns::<{ SENSOR - GYRO_SHAPE }>(GYRO_SHAPE));
+        const { assert!(ACCEL_SHAPE == GYRO_SHAPE + 9) };
+        let by_time = [0, 1].map(|end: usize| {
+            let sign = [-1.0, 1.0][end];
+            let mut by = -moved.by_time[end];
+            let of_turn: Vector3<f64> = moved.by_time[end].fixed_rows::<3>(0).into();
+            by.fixed_rows_mut::<3>(0).copy_from(&(through * of_turn));
+            let mut v = by.fixed_rows_mut::<3>(3);
+            v -= back * gravity * sign;
+            let mut p = by.fixed_rows_mut::<3>(6);
+            p -= back * (a.velocity + gravity * t) * sign;
+            by
+        });
+        by_shared.set_column(OFFSET, &(by_time[0] + by_time[1]));
+        let [from, to] = [i, i + 1].map(|k| self.views[k].time_s - self.middle_s);
+        by_shared.set_column(DRIFT, &(by_time[0] * from + by_time[1] * to));
+        let by_down = back * shared.across() * GRAVITY;
+        by_shared
+            .fixed_view_mut::<3, 2>(3, DOWN)
+            .copy_from(&(by_down * -t));
+        by_shared
+            .fixed_view_mut::<3, 2>(6, DOWN)
+            .copy_from(&(by_down * (-0.5 * t * t)));
+
+        let covariance = moved.gyro_noise * self.factors.gyro.powi(2)
+            + moved.accel_noise * self.factors.accel.powi(2);
+        let plain = Whitened {
+            residual,
+            own,
+            next: Some(next),
+            shared: by_shared,
+            weight: 1.0,
+        };
+        Some((plain, covariance))
+    }
+
+    fn walk(&self, i: usize, states: &[State]) -> Whitened<6> {
+        let (a, b) = (&states[i], &states[i + 1]);
+        let root = (self.views[i + 1].time_s - self.views[i].time_s).sqrt();
+        let gyro = 1.0 / (self.noise.gyro_random_walk * self.factors.gyro_walk * root);
+        let accel = 1.0 / (self.noise.accel_random_walk * self.factors.accel_walk * root);
+        let mut residual = SVector::<f64, 6>::zeros();
+        residual
+            .fixed_rows_mut::<3>(0)
+            .copy_from(&((b.gyro_bias - a.gyro_bias) * gyro));
+        residual
+            .fixed_rows_mut::<3>(3)
+            .copy_from(&((b.accel_bias - a.accel_bias) * accel));
+        let mut next = SMatrix::<f64, 6, STATE>::zeros();
+        for k in 0..3 {
+            next[(k, BIAS + k)] = gyro;
+            next[(3 + k, BIAS + 3 + k)] = accel;
+        }
+        Whitened {
+            residual,
+            own: -next,
+            next: Some(next),
+            shared: SMatrix::zeros(),
+            weight: 1.0,
+        }
+    }
+
+    /// What holds a state by itself: its velocity, and the biases of the first.
+    fn alone(&self, i: usize, state: &State) -> Whitened<9> {
+        let mut residual = SVector::<f64, 9>::zeros();
+        let mut own = SMatrix::<f64, 9, STATE>::zeros();
+        let [gyro, accel] = self.prior.biases;
+        for k in 0..3 {
+            residual[k] = state.velocity[k] / FASTEST;
+            own[(k, VELOCITY + k)] = 1.0 / FASTEST;
+            if i == 0 {
+                residual[3 + k] = state.gyro_bias[k] / gyro;
+                own[(3 + k, BIAS + k)] = 1.0 / gyro;
+                residual[6 + k] = state.accel_bias[k] / accel;
+                own[(6 + k, BIAS + 3 + k)] = 1.0 / accel;
+            }
+        }
+        Whitened {
+            residual,
+            own,
+            next: None,
+            shared: SMatrix::zeros(),
+            weight: 1.0,
+        }
+    }
+
+    /// Normal equations and cost; none where the IMU does not reach.
+    fn equations(
+        &self,
+        rooted: &[Rooted],
+        states: &[State],
+        shared: &Shared,
+    ) -> Option<(Chain<STATE, SHARED>, f64)> {
+        let n = states.len();
+        let mut chain = Chain::new(n);
+        let mut raw = Vec::new();
+        let prior = self.prior.factor(shared);
+        chain.shared += prior.shared.transpose() * prior.shared;
+        chain.shared_gradient += prior.shared.transpose() * prior.residual;
+        let mut cost = prior.residual.norm_squared();
+        for i in 0..n {
+            let mut picture = self.picture(&rooted[i], &states[i], shared);
+            cost += picture.lose(self.robust);
+            picture.add(i, &mut chain);
+            let alone = self.alone(i, &states[i]);
+            cost += alone.residual.norm_squared();
+            alone.add(i, &mut chain);
+            if i + 1 == n {
+                break;
+            }
+            let walk = self.walk(i, states);
+            cost += walk.residual.norm_squared();
+            walk.add(i, &mut chain);
+            if self.links[i] {
+                let mut inertial = self.inertial(i, states, shared, &mut raw)?;
+                cost += inertial.lose(self.robust);
+                inertial.add(i, &mut chain);
+            }
+        }
+        cost.is_finite().then_some((chain, cost))
+    }
+
+    /// The best fit from a start; the number of iterations if there is none.
+    pub(super) fn fit(&self, mut states: Vec<State>, mut shared: Shared) -> Result<Fitted, usize> {
+        let mut iterations = 0;
+        for round in 0.. {
+            // The first time around, and wherever the motion contradicts a picture, the pose that fits it
+            // best by itself: far from it all corners would look like outliers.
+            let rooted: Option<Vec<Rooted>> = (0..states.len())
+                .map(|i| {
+                    let at = |pose: &Pose, size: f64| {
+                        self.views[i].linearise(self.cameras, pose, size, self.corner_scale)
+                    };
+                    let own = || at(&self.poses[i], 1.0);
+                    let quadric = match round {
+                        0 => own(),
+                        _ => Some(at(&shared.camera(&states[i]), shared.board_scale))
+                            .filter(|q| 10 * q.corners >= 9 * self.views[i].corners_kept)
+                            .unwrap_or_else(own),
+                    };
+                    Rooted::new(&quadric)
+                })
+                .collect();
+            let rooted = rooted.ok_or(iterations)?;
+            let promised = self.descend(&rooted, &mut states, &mut shared, &mut iterations)?;
+            if (round > 0 && promised < 1e-2) || round == if self.robust { 4 } else { 1 } {
+                return self.fitted(&rooted, states, shared, iterations);
+            }
+        }
+        unreachable!("the loop has no other end")
+    }
+
+    /// Goes down to the minimum; gives what the first step promised to gain.
+    fn descend(
+        &self,
+        rooted: &[Rooted],
+        states: &mut Vec<State>,
+        shared: &mut Shared,
+        iterations: &mut usize,
+    ) -> Result<f64, usize> {
+        let (mut chain, mut cost) = self.equations(rooted, states, shared).ok_or(*iterations)?;
+        let mut damping = 1e-6;
+        let mut first = None;
+        for tries in 0.. {
+            *iterations += 1;
+            let stepped = chain.factor(damping).map(|factor| factor.step());
+            let Some(step) = stepped else {
+                damping *= 10.0;
+                if damping > 1e8 {
+                    return self.given_up(first, *iterations);
+                }
+                continue;
+            };
+            let promised = -(step.shared.dot(&chain.shared_gradient)
+                + (step.own.iter().zip(&chain.own_gradient))
+                    .map(|(s, g)| s.dot(g))
+                    .sum::<f64>());
+            first.get_or_insert(promised);
+            // In units of a squared sigma.
+            let enough = match tries < MOST_ITERATIONS {
+                true => 1e-4,
+                false => FLAT.max(1e-3 * cost),
+            };
+            if promised < enough {
+                return Ok(first.unwrap_or(promised));
+            }
+            if tries > MOST_ITERATIONS {
+                return self.given_up(first, *iterations);
+            }
+            let tried: Vec<State> = (states.iter().zip(&step.own))
+                .map(|(state, step)| state.moved(step))
+                .collect();
+            let tried_shared = shared.moved(&step.shared);
+            match self.equations(rooted, &tried, &tried_shared) {
+                Some((next, lower)) if lower <= cost => {
+                    (*states, *shared, chain) = (tried, tried_shared, next);
+                    let gained = cost - lower;
+                    cost = lower;
+                    // Steps that hold what they promised may be longer.
+                    damping *= match gained / promised {
+                        held if held > 0.75 => 0.1,
+                        held if held > 0.25 => 1.0,
+                        _ => 4.0,
+                    };
+                    damping = damping.max(LEAST_DAMPING);
+                    // The loss makes the last steps small ones.
+                    if gained < 1e-3 && gained < 1e-8 * cost {
+                        return Ok(first.unwrap_or(promised));
+                    }
+                }
+                _ if damping > 1e8 => return self.given_up(first, *iterations),
+                _ => damping *= 10.0,
+            }
+        }
+        unreachable!("the loop has no other end")
+    }
+
+    /// Without loss a fit need not end: what does not fit keeps it going. It is only a start.
+    fn given_up(&self, first: Option<f64>, iterations: usize) -> Result<f64, usize> {
+        match self.robust {
+            true => Err(iterations),
+            false => Ok(first.unwrap_or(0.0)),
+        }
+    }
+
+    fn fitted(
+        &self,
+        rooted: &[Rooted],
+        states: Vec<State>,
+        shared: Shared,
+        iterations: usize,
+    ) -> Result<Fitted, usize> {
+        let (chain, _) = self.equations(rooted, &states, &shared).ok_or(iterations)?;
+        let covariance = chain.factor(0.0).ok_or(iterations)?.covariance();
+        let mut sums = [Sum::default(); 5];
+        let mut locals = Vec::with_capacity(states.len());
+        let mut raw = Vec::new();
+        let sum_up = |sum: &mut Sum, squares: f64, taken: &[f64], weight: f64| {
+            sum.squares += squares * weight;
+            sum.redundancy += weight * taken.len() as f64 - taken.iter().sum::<f64>();
+        };
+        for i in 0..states.len() {
+            let mut local = Local::default();
+            let mut picture = self.picture(&rooted[i], &states[i], &shared);
+            picture.lose(self.robust);
+            let rank = rooted[i].rank;
+            let taken = picture.leverage(i, &covariance);
+            let squares = picture.residual.norm_squared();
+            sum_up(&mut sums[0], squares, &taken[..rank], picture.weight);
+            local.pose = squares / rank as f64;
+            local.weight = picture.weight;
+            if i + 1 < states.len() {
+                let walk = self.walk(i, &states);
+                let taken = walk.leverage(i, &covariance);
+                for (s, part) in [(3, 0..3), (4, 3..6)] {
+                    let squares = walk.residual.rows(part.start, 3).norm_squared();
+                    sum_up(&mut sums[s], squares, &taken[part], 1.0);
+                }
+            }
+            if i + 1 < states.len() && self.links[i] {
+                let inertial = self.inertial(i, &states, &shared, &mut raw);
+                let mut inertial = inertial.ok_or(iterations)?;
+                inertial.lose(self.robust);
+                let taken = inertial.leverage(i, &covariance);
+                let gyro = inertial.residual.rows(0, 3).norm_squared();
+                let accel = inertial.residual.rows(3, 6).norm_squared();
+                sum_up(&mut sums[1], gyro, &taken[..3], inertial.weight);
+                sum_up(&mut sums[2], accel, &taken[3..], inertial.weight);
+                local.gyro = Some(gyro / 3.0);
+                local.accel = Some(accel / 6.0);
+            }
+            locals.push(local);
+        }
+        let median = |of: &dyn Fn(&Local) -> Option<f64>| {
+            let mut values: Vec<f64> = locals.iter().filter_map(of).collect();
+            values.sort_by(f64::total_cmp);
+            values.get(values.len() / 2).copied().unwrap_or(0.0)
+        };
+        let medians = [
+            median(&|local| Some(local.pose)),
+            median(&|local| local.gyro),
+            median(&|local| local.accel),
+        ];
+        Ok(Fitted {
+            medians,
+            states,
+            shared,
+            covariance,
+            sums,
+            locals,
+        })
+    }
+}
+
+#[cfg(test)]
+pub(super) mod spline;
+#[cfg(test)]
+mod tests;

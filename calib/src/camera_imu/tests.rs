@@ -1,0 +1,408 @@
+//! The estimator on recordings whose truth is known.
+
+use std::thread;
+
+use super::simulate::{Random, Scene, Simulated, simulate};
+use super::*;
+
+/// Errors over sigmas, and the errors themselves: degrees, mm, ms.
+#[derive(Debug)]
+struct Errors {
+    turn_deg: f64,
+    shift_mm: f64,
+    offset_ms: f64,
+    /// Rotation 3, translation 3, offset, gyroscope bias 3, accelerometer bias 3.
+    over_sigma: [f64; 13],
+}
+
+fn errors(scene: &Scene, truth: &Simulated, found: &CameraImu) -> Errors {
+    let told = &scene.imu_from_left;
+    let turn = (told.rotation().inverse() * found.imu_from_left.rotation()).scaled_axis();
+    let shift = found.imu_from_left.translation() - told.translation();
+    let offset = found.time_offset_s - scene.time_offset_s;
+    let s = &found.sigmas;
+    let bias = |k: usize, i: usize| {
+        let (value, sigma) = [
+            (&found.gyro_bias, &s.gyro_bias),
+            (&found.accel_bias, &s.accel_bias),
+        ][k];
+        (value[i] - truth.biases[k][i]) / sigma[i]
+    };
+    Errors {
+        turn_deg: turn.norm().to_degrees(),
+        shift_mm: 1e3 * shift.norm(),
+        offset_ms: 1e3 * offset.abs(),
+        over_sigma: std::array::from_fn(|k| match k {
+            0..3 => turn[k] / s.rotation_rad[k],
+            3..6 => shift[k - 3] / s.translation_m[k - 3],
+            6 => offset / s.time_offset_s,
+            7..10 => bias(0, k - 7),
+            _ => bias(1, k - 10),
+        }),
+    }
+}
+
+/// Many recordings, on two threads.
+fn many(count: u64, scene: impl Fn(u64) -> Scene + Sync) -> Vec<(Errors, CameraImu)> {
+    let one = |seed: u64| {
+        let scene = scene(seed);
+        let truth = simulate(&scene, seed);
+        let found = estimate(&truth.recording, &Told::default()).expect("a good recording");
+        (errors(&scene, &truth, &found), found)
+    };
+    thread::scope(|scope| {
+        let workers: Vec<_> = (0..2)
+            .map(|worker| {
+                let one = &one;
+                scope.spawn(move || {
+                    let mine = (0..count).filter(|seed| seed % 2 == worker);
+                    mine.map(one).collect::<Vec<_>>()
+                })
+            })
+            .collect();
+        workers
+            .into_iter()
+            .flat_map(|worker| worker.join().expect("no panic"))
+            .collect()
+    })
+}
+
+/// A different camera each time: any rotation, some centimetres, some milliseconds.
+fn any(seed: u64, seconds: f64) -> Scene {
+    let mut random = Random::new(seed ^ 0xabc);
+    let mut three = |size: f64| [0, 1, 2].map(|_| size * random.normal());
+    let (turn, arm) = (three(1.5), three(0.05));
+    Scene {
+        imu_from_left: RigidTransform::from_rotation_vector(turn, arm).unwrap(),
+        time_offset_s: three(0.03)[0],
+        stereo: seed % 4 < 2,
+        imu_hz: [200.0, 400.0, 800.0][seed as usize % 3],
+        picture_hz: [15.0, 20.0, 30.0][seed as usize / 3 % 3],
+        board: ([6, 5], 0.11),
+        ..Scene::lively(seconds)
+    }
+}
+
+#[test]
+fn errors_are_small_and_as_large_as_stated() {
+    let all = many(40, |seed| any(seed, 6.0));
+    let mut within = 0;
+    for (errors, found) in &all {
+        // Six seconds; the targets are for half a minute.
+        assert!(errors.turn_deg < 0.08, "{errors:?}");
+        assert!(errors.shift_mm < 2.0, "{errors:?}");
+        assert!(errors.offset_ms < 0.2, "{errors:?}");
+        within += errors.over_sigma.iter().filter(|z| z.abs() < 2.0).count();
+        assert_ne!(found.verdict(), Verdict::Fail, "{:#?}", found.gates);
+    }
+    let share = within as f64 / (all.len() * 13) as f64;
+    assert!(share > 0.94, "{share}");
+    // And no larger: a sigma of a kilometre would pass, too.
+    for k in 3..13 {
+        let squares = all.iter().map(|(e, _)| e.over_sigma[k].powi(2));
+        let rms = (squares.sum::<f64>() / all.len() as f64).sqrt();
+        assert!((0.7..1.4).contains(&rms), "{k}: {rms}");
+    }
+}
+
+/// Sensors whose axes are askew: the frame of the IMU is only as well defined as they are.
+#[test]
+fn rotation_is_as_sure_as_the_axes_of_the_sensors() {
+    let all = many(12, |seed| Scene {
+        scale_and_skew: [5e-3, 1e-3],
+        ..any(seed, 6.0)
+    });
+    let squares = (all.iter())
+        .flat_map(|(e, _)| e.over_sigma[..3].iter().map(|z| z * z))
+        .sum::<f64>();
+    let rms = (squares / 36.0).sqrt();
+    assert!((0.6..1.4).contains(&rms), "{rms}");
+    for (errors, _) in &all {
+        assert!(
+            errors.shift_mm < 2.0 && errors.offset_ms < 0.2,
+            "{errors:?}"
+        );
+    }
+}
+
+/// A short scene, and what is told of it: all of the truth, loosely.
+fn short() -> (Scene, Told) {
+    let scene = Scene {
+        board: ([6, 5], 0.11),
+        ..Scene::lively(8.0)
+    };
+    let told = Told {
+        imu_from_left: Some(scene.imu_from_left),
+        ..Told::default()
+    };
+    (scene, told)
+}
+
+fn found(scene: &Scene, told: &Told, change: impl Fn(&mut Recording)) -> (Errors, CameraImu) {
+    let mut truth = simulate(scene, 7);
+    change(&mut truth.recording);
+    let found = estimate(&truth.recording, told).expect("a result");
+    (errors(scene, &truth, &found), found)
+}
+
+fn verdict(found: &CameraImu, name: &str) -> Verdict {
+    let gate = found.gates.iter().find(|gate| gate.name == name);
+    gate.unwrap_or_else(|| panic!("no gate {name}")).verdict
+}
+
+#[test]
+fn what_a_recording_does_not_determine_is_named_and_stays() {
+    let (good, told) = short();
+    let weak = |turn_rad: [f64; 3], shift_m: [f64; 3]| {
+        let scene = Scene {
+            turn_rad,
+            shift_m,
+            ..good.clone()
+        };
+        let (errors, found) = found(&scene, &told, |_| ());
+        assert_eq!(verdict(&found, "observability"), Verdict::Warn);
+        let mut counts = [0; 3];
+        for weak in &found.weak {
+            counts[match weak {
+                Weak::Rotation { .. } => 0,
+                Weak::Translation { .. } => 1,
+                Weak::TimeOffset { .. } => 2,
+            }] += 1;
+        }
+        (counts, errors, found)
+    };
+    let still = [0.0; 3];
+    let (counts, errors, _) = weak(still, still);
+    assert_eq!(counts, [3, 3, 1]);
+    assert!(
+        errors.turn_deg < 1e-3 && errors.shift_mm < 1e-2,
+        "{errors:?}"
+    );
+
+    // Moved but not turned: the accelerometer gives the rotation, nothing gives the lever arm.
+    let (counts, errors, _) = weak(still, good.shift_m);
+    assert_eq!(counts[1], 3);
+    assert!(errors.shift_mm < 1e-2, "{errors:?}");
+
+    // Turned about y alone: the lever arm along y stays.
+    let (counts, errors, found) = weak([0.0, 0.4, 0.0], good.shift_m);
+    assert_eq!(counts[1], 1, "{:?}", found.weak);
+    let direction = found.weak.iter().find_map(|weak| match weak {
+        Weak::Translation { direction, .. } => Some(direction[1]),
+        _ => None,
+    });
+    assert!(direction.is_some_and(|y| y > 0.99), "{direction:?}");
+    assert!(errors.shift_mm < 2.0, "{errors:?}");
+}
+
+#[test]
+fn what_is_not_as_told_is_flagged() {
+    let (good, told) = short();
+    let check = |name: &str, scene: Scene, change: &dyn Fn(&mut Recording)| {
+        let (errors, found) = found(&scene, &told, change);
+        let worst = verdict(&found, name);
+        assert!(
+            worst > Verdict::Pass,
+            "{name}: {errors:?} {:#?}",
+            found.gates
+        );
+        worst
+    };
+    let as_it_is = |_: &mut Recording| ();
+    for stereo in [true, false] {
+        let larger = Scene {
+            board_scale: 1.015,
+            stereo,
+            ..good.clone()
+        };
+        let verdict = check("size of the board", larger, &as_it_is);
+        assert_eq!(verdict, Verdict::Fail);
+    }
+    let drifting = Scene {
+        time_drift: 2e-4,
+        ..good.clone()
+    };
+    let verdict = check("drift of the clocks", drifting, &as_it_is);
+    assert_eq!(verdict, Verdict::Fail);
+    let mut noise = simulate::ZED_NOISE;
+    noise.gyro_noise_density *= 12.0;
+    noise.accel_noise_density *= 12.0;
+    let noisy = Scene {
+        noise,
+        ..good.clone()
+    };
+    check("gyroscope noise", noisy.clone(), &as_it_is);
+    check("accelerometer noise", noisy, &as_it_is);
+    let blurred = Scene {
+        corner_px: 0.5,
+        ..good.clone()
+    };
+    check("corner noise", blurred, &as_it_is);
+    check("pictures left out", good.clone(), &|r| {
+        for picture in r.pictures.iter_mut().step_by(9) {
+            picture.time_ns += 20_000_000;
+        }
+    });
+    check("first half against second", good.clone(), &|r| {
+        for picture in &mut r.pictures[80..] {
+            picture.time_ns += 3_000_000;
+        }
+    });
+    // Cut off at a value that nobody told.
+    check("gyroscope noise", good.clone(), &|r| {
+        for sample in &mut r.imu {
+            sample.gyro = sample.gyro.map(|v| v.clamp(-0.8, 0.8));
+        }
+    });
+}
+
+#[test]
+fn holes_and_outliers_do_no_harm() {
+    let (good, _) = short();
+    let check = |change: &dyn Fn(&mut Recording)| {
+        let (errors, found) = found(&good, &Told::default(), change);
+        assert!(
+            errors.turn_deg < 0.05 && errors.shift_mm < 2.0,
+            "{errors:?}"
+        );
+        assert!(errors.offset_ms < 0.1, "{errors:?}");
+        assert!(found.verdict() < Verdict::Fail, "{:#?}", found.gates);
+    };
+    check(&|r| {
+        r.imu.drain(1000..1200);
+        r.imu.remove(2000);
+    });
+    check(&|r| {
+        r.pictures[60..90]
+            .iter_mut()
+            .for_each(|p| p.corners.clear())
+    });
+    check(&|r| {
+        r.range = [1.0, 100.0];
+        for sample in &mut r.imu {
+            sample.gyro = sample.gyro.map(|v| v.clamp(-1.0, 1.0));
+        }
+    });
+    check(&|r| {
+        let mut random = Random::new(1);
+        for corner in r.pictures.iter_mut().flat_map(|p| &mut p.corners) {
+            if random.uniform() < 0.03 {
+                corner.pixel[0] += 15.0;
+            }
+        }
+    });
+}
+
+#[test]
+fn a_rolling_shutter_that_is_told_does_no_harm() {
+    let (good, told) = short();
+    let scene = Scene {
+        line_s: 2e-5,
+        ..good
+    };
+    let (errors, told_of) = found(&scene, &told, |_| ());
+    assert!(
+        errors.turn_deg < 0.05 && errors.shift_mm < 2.0,
+        "{errors:?}"
+    );
+    assert!(told_of.verdict() < Verdict::Fail, "{:#?}", told_of.gates);
+    // One that is not told bends the board in every picture.
+    let (_, untold) = found(&scene, &told, |r| r.cameras.line_s = 0.0);
+    assert!(untold.verdict() > Verdict::Pass, "{:#?}", untold.gates);
+}
+
+#[test]
+fn any_start_will_do() {
+    let (good, told) = short();
+    let (plain, first) = found(&good, &Told::default(), |_| ());
+    let wrong = RigidTransform::from_rotation_vector([3.1, 0.0, 0.2], [0.1, 0.0, -0.1]).unwrap();
+    let told = Told {
+        imu_from_left: told.imu_from_left.map(|t| t * wrong),
+        time_offset_s: -0.05,
+        ..told
+    };
+    let (errors, second) = found(&good, &told, |_| ());
+    assert!(
+        errors.turn_deg < 0.05 && errors.shift_mm < 2.0,
+        "{errors:?}"
+    );
+    assert!((errors.offset_ms - plain.offset_ms).abs() < 1e-2);
+    let apart = first.imu_from_left.inverse() * second.imu_from_left;
+    assert!(apart.distance_m() < 1e-4, "{apart:?}");
+    // Same input, same bits.
+    let (_, again) = found(&good, &told, |_| ());
+    assert_eq!(format!("{again:?}"), format!("{second:?}"));
+}
+
+#[test]
+fn impossible_input_is_an_error() {
+    let (good, _) = short();
+    let fails = |change: &dyn Fn(&mut Recording)| {
+        let mut recording = simulate(&good, 7).recording;
+        change(&mut recording);
+        estimate(&recording, &Told::default()).expect_err("no result")
+    };
+    use CameraImuError as E;
+    let error = fails(&|r| {
+        r.imu
+            .iter_mut()
+            .for_each(|s| s.accel = s.accel.map(|v| v / GRAVITY))
+    });
+    assert!(matches!(error, E::Gravity { .. }), "{error}");
+    let error = fails(&|r| {
+        r.imu
+            .iter_mut()
+            .for_each(|s| s.gyro = s.gyro.map(f64::to_degrees))
+    });
+    assert!(matches!(error, E::Rates { .. }), "{error}");
+    let error = fails(&|r| r.pictures[3].corners[2].pixel[1] = f64::NAN);
+    assert_eq!(
+        error,
+        E::NotFinite {
+            what: "picture",
+            index: 3
+        }
+    );
+    let error = fails(&|r| r.imu.swap(10, 11));
+    assert_eq!(
+        error,
+        E::Order {
+            what: "IMU sample",
+            index: 11
+        }
+    );
+    let error = fails(&|r| {
+        r.imu
+            .iter_mut()
+            .for_each(|s| s.time_ns += 3_600_000_000_000)
+    });
+    assert!(matches!(error, E::NoOverlap { .. }), "{error}");
+    let error = fails(&|r| r.pictures.iter_mut().for_each(|p| p.corners.truncate(5)));
+    assert!(matches!(error, E::FewPictures { found: 0, .. }), "{error}");
+    let swap = |eye: Eye| match eye {
+        Eye::Left => Eye::Right,
+        Eye::Right => Eye::Left,
+    };
+    let error = fails(&|r| {
+        let corners = r.pictures.iter_mut().flat_map(|p| &mut p.corners);
+        corners.for_each(|c| c.eye = swap(c.eye));
+    });
+    assert!(matches!(error, E::FewPictures { .. }), "{error}");
+}
+
+/// A minute with 144 corners in each eye: `cargo test -p calib --lib a_minute -- --ignored --nocapture`.
+#[test]
+#[ignore = "seconds; for its time"]
+#[allow(clippy::disallowed_methods)] // What is measured here is time.
+fn a_minute() {
+    let scene = Scene {
+        board: ([12, 12], 0.05),
+        ..Scene::lively(60.0)
+    };
+    let truth = simulate(&scene, 1);
+    let begun = std::time::Instant::now();
+    let found = estimate(&truth.recording, &Told::default()).expect("a result");
+    println!("{:?}", begun.elapsed());
+    println!("{:?}", errors(&scene, &truth, &found));
+    println!("{:?}", found.sigmas);
+}
