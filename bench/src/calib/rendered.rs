@@ -22,7 +22,7 @@ pub(super) fn points(quick: bool) -> Result<Vec<Point>> {
         eprintln!("{kind}: {strength} ...");
         let mut recording = Recording::new(11, &Trouble::default())?;
         recording.simulation = recording.simulation.clone().with_imaging(imaging)?;
-        let input = look(&recording, if quick { 4 } else { 1 });
+        let input = look(&recording, if quick { 2 } else { 1 });
         let result = calibrate(input, &quiet(), &mut |_, _| {});
         points.push(judge(kind, strength, 11, &recording, result));
         Ok(())

@@ -26,10 +26,12 @@ const START_PX: f64 = 8.0;
 const WRONG_VIEW: f64 = 6.0;
 /// Where the mirrored pose misses by less than this many times the best one's, either may be right.
 const AMBIGUOUS: f64 = 1.5;
-/// Corners that move by less from one picture to the next count as still, px.
+/// Movements are told as pixels in this time, ns.
+const MOVING_NS: f64 = 1e8;
+/// Corners that move by less in that time count as still, px.
 const STILL_PX: f64 = 0.25;
-/// This share of the movement to the next picture is added to the sigma of corners: rows of a rolling
-/// shutter, and eyes, are not exposed at one instant.
+/// This share of that movement is added to the sigma of corners: rows of a rolling shutter, and eyes, are not
+/// exposed at one instant.
 const BLURRED_SHARE: f64 = 0.25;
 /// Pictures farther apart in time than this say nothing of movement, ns.
 const NEXT_NS: i64 = 250_000_000;
@@ -48,7 +50,7 @@ struct Picture {
     points: Vec<Point>,
     /// Whether the pose may be the mirrored one.
     ambiguous: bool,
-    /// Movement of corners to the next or from the last picture, px; none where it is not known.
+    /// Movement of corners to the next or from the last picture, px in [`MOVING_NS`]; none where it is not known.
     movement_px: Option<f64>,
 }
 
@@ -70,6 +72,7 @@ pub fn calibrate(
         starts.push(start);
         pictures.extend(own);
     }
+    findings.extend(of_unknown_movement(&pictures));
     let mut chosen: Vec<Option<Chosen>> = vec![None; input.eyes.len()];
     let mut choices = Vec::new();
     let mut used: Vec<usize> = Vec::new();
@@ -143,6 +146,22 @@ pub fn calibrate(
     calibration.findings = findings;
     progress("checking", 1.0);
     Ok(calibration)
+}
+
+/// Pictures too far apart in time do not tell whether the rig was still when they were taken.
+fn of_unknown_movement(pictures: &[Picture]) -> Option<Finding> {
+    let unknown = pictures.iter().filter(|p| p.movement_px.is_none()).count();
+    (2 * unknown > pictures.len()).then(|| {
+        Finding::new(
+            Severity::Warn,
+            format!(
+                "whether the rig was still is not known of {unknown} of {} pictures, which follow no other within \
+                 {} s: the result is as good as they were still",
+                pictures.len(),
+                1e-9 * NEXT_NS as f64
+            ),
+        )
+    })
 }
 
 /// A lens that was chosen; an eye of no camera keeps what it started from. A lens without tangential terms
@@ -284,9 +303,10 @@ fn movements(input: &Input, pictures: &mut [Picture]) {
         });
         let mut moves: Vec<f64> = moves.collect();
         moves.sort_by(f64::total_cmp);
-        let Some(&median) = moves.get(moves.len() / 2) else {
+        let Some(median) = moves.get(moves.len() / 2) else {
             continue;
         };
+        let median = median * MOVING_NS / apart.max(1) as f64;
         for &i in pair {
             let least = pictures[i].movement_px.map_or(median, |m| m.max(median));
             pictures[i].movement_px = Some(least);

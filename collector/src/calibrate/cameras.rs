@@ -16,6 +16,9 @@ use calib::cameras::{
     Calibration, Camera, CamerasError, Eye, Input, Settings, Severity, calibrate,
 };
 use calib::target::Target as Board;
+use calib::{
+    CameraModel, CameraSet, Format, Provenance as CalibProvenance, StereoCalibration, write_cameras,
+};
 use clap::Args;
 use session_archive::manifest::Manifest;
 
@@ -98,11 +101,27 @@ pub fn run(
         let rig = calibrated(rig, &found, manifest)?;
         files.push((RIG.to_owned(), rig.to_toml().into_bytes()));
     }
+    let calibrations = match failed {
+        true => Vec::new(),
+        false => stereo(&found),
+    };
+    output.check(&folder, calibrations.iter().map(|(name, _)| name.as_str()))?;
     for line in document::lines(&found) {
         console.line(line)?;
     }
     output.write(&folder, &files)?;
-    for (name, _) in &files {
+    for (name, set) in &calibrations {
+        let path = folder.join(name);
+        if output.force && path.exists() {
+            std::fs::remove_file(&path).with_context(|| format!("replacing {}", path.display()))?;
+        }
+        write_cameras(set, format_of(set), &path)?;
+    }
+    let written = files
+        .iter()
+        .map(|f| &f.0)
+        .chain(calibrations.iter().map(|c| &c.0));
+    for name in written {
         console.line(folder.join(name).display())?;
     }
     if failed {
@@ -146,6 +165,40 @@ fn input(manifest: &Manifest, told: &ToldRig, targets: Vec<Board>, seen: Seen) -
         });
     }
     Ok(input)
+}
+
+/// OpenCV's file, which most programs read; Kalibr's for the models that OpenCV does not have.
+fn format_of(set: &CameraSet) -> Format {
+    let model = |m: &CameraModel| m.distortion.name();
+    match set
+        .cameras
+        .iter()
+        .any(|c| ["double_sphere", "eucm"].contains(&model(&c.model)))
+    {
+        true => Format::Kalibr,
+        false => Format::OpenCv,
+    }
+}
+
+/// The calibration of every camera, by the name of its file.
+fn stereo(found: &Calibration) -> Vec<(String, CameraSet)> {
+    let cameras = found.input.cameras.iter().enumerate();
+    let of = |(number, camera): (usize, &Camera)| {
+        let (right, place) = (camera.right?, found.places.pairs[number]?);
+        let set = CameraSet::of_stereo(&StereoCalibration {
+            left: *found.lens(camera.left),
+            right: *found.lens(right),
+            right_from_left: found.place(place).0.inverse(),
+            imu: None,
+            provenance: CalibProvenance {
+                format: None,
+                files: Vec::new(),
+                part: None,
+            },
+        });
+        Some((format!("{}.yaml", camera.name), set))
+    };
+    cameras.filter_map(of).collect()
 }
 
 /// The rig file with what was found, its tolerances those of the estimation.
