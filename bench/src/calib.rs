@@ -36,7 +36,7 @@ const SIGMAS: f64 = 3.0;
 
 /// How a point ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Verdict {
+enum Verdict {
     Ok,
     Flagged,
     SilentlyWrong,
@@ -53,7 +53,7 @@ impl Verdict {
 }
 
 /// One spoilt recording.
-pub(crate) struct Point {
+struct Point {
     pub(crate) kind: &'static str,
     pub(crate) strength: f64,
     pub(crate) seed: u64,
@@ -230,7 +230,7 @@ fn spoilt(kind: &'static str, strength: f64, seed: u64, trouble: &Trouble) -> Re
 }
 
 /// How a result ended.
-pub(crate) fn judge(
+fn judge(
     kind: &'static str,
     strength: f64,
     seed: u64,
