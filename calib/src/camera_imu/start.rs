@@ -130,7 +130,7 @@ pub(super) fn from_rates(
         rotations,
         gyro_bias,
         correlation,
-        rate_ratio: (spread.max().sqrt() >= STILL_RAD_S).then(|| found.ratio),
+        rate_ratio: (spread.max().sqrt() >= STILL_RAD_S).then_some(found.ratio),
     }
 }
 
