@@ -127,6 +127,14 @@ pub fn write_cameras(
     Ok((paths, notes))
 }
 
+/// Names and contents of the files, without writing any.
+///
+/// # Errors
+/// [`WriteError`].
+pub fn contents(set: &CameraSet, format: Format) -> Result<Vec<(String, Vec<u8>)>, WriteError> {
+    Ok(written(set, format)?.files)
+}
+
 /// The contents of the files, without writing any.
 pub(crate) fn written(set: &CameraSet, format: Format) -> Result<Written, WriteError> {
     match format {

@@ -3,35 +3,34 @@
 //!
 //! Each camera that has an IMU, lenses and a board in its pictures ends as a table of what was told and what was
 //! found, and as a part of `camera-imu.json` and `camera-imu.html`. What the rig file tells counts as a
-//! loose measurement. Nothing is written into a rig file here. A camera whose gates fail, or that gives no
+//! loose measurement. Where the gates allow it, Kalibr's
+//! `camchain-imucam.yaml` and `imu.yaml` are written too. Nothing is written into a rig file here. A camera whose gates fail, or that gives no
 //! result, makes the exit code 1; damage on disk makes it 3.
 
 mod document;
 mod page;
-mod sightings;
+mod pictures;
 mod table;
 
-use std::fs;
 use std::path::PathBuf;
 use std::thread;
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use cad_transforms::RigidTransform;
 use calib::camera_imu::simulate::ZED_NOISE;
 use calib::camera_imu::{CameraImu, Cameras, ImuSample, Recording, Told, Verdict, estimate};
-use calib::target::Target as Board;
-use calib::{CameraModel, Distortion, ImuNoise};
+use calib::kalibr::read_imu;
+use calib::set::{CameraSet, NamedCamera, SetImu};
+use calib::write::contents;
+use calib::{CameraModel, Format, ImuNoise, Provenance};
 use clap::Args;
 use session_archive::index::Access;
-use session_archive::reader::SessionReader;
-use session_archive::record::CameraCalibration;
-use session_archive::verify::rig_file;
 
 use crate::calibrate::Output;
 use crate::calibrate::imu_samples::{self, ImuRecording};
+use crate::calibrate::sightings;
+use crate::calibrate::told::ToldRig;
 use crate::console::Console;
-use crate::facts::Facts;
-use crate::frames::Frames;
 use crate::indexing::read_or_build;
 use crate::outcome::Outcome;
 use crate::target::Target;
@@ -49,9 +48,9 @@ pub struct Options {
     /// Only this camera
     #[arg(long, value_name = "NAME")]
     pub camera: Option<String>,
-    /// The board, TOML or Kalibr's YAML; again for more [default: rig/target.*.toml of the session]
+    /// A target that was shown, TOML or Kalibr's YAML; again for more [default: rig/target.*.toml of the session]
     #[arg(long, value_name = "FILE")]
-    pub board: Vec<PathBuf>,
+    pub target: Vec<PathBuf>,
     /// Noise of the IMU, Kalibr's imu.yaml [default: typical of such parts, then corrected by what is found]
     #[arg(long, value_name = "FILE")]
     pub noise: Option<PathBuf>,
@@ -84,6 +83,10 @@ struct Measured {
     board: Option<usize>,
     noise: ImuNoise,
     line_s: f64,
+    /// Rate of the IMU.
+    rate_hz: f64,
+    /// Lens and `eye_from_left` of each eye.
+    lenses: Vec<(CameraModel, RigidTransform)>,
     found: Result<CameraImu>,
 }
 
@@ -102,9 +105,9 @@ pub fn run(
     let reader = open(&target.folder)?;
     let folder = output.folder(target)?;
     output.check(&folder, [DOCUMENT, PAGE])?;
-    let boards = boards(&reader, options)?;
+    let boards = sightings::targets(&reader, &options.target)?;
     let noise = match &options.noise {
-        Some(path) => kalibr_noise(path)?,
+        Some(path) => read_imu(path)?.noise,
         None => ZED_NOISE,
     };
     let manifest = reader.manifest();
@@ -119,8 +122,7 @@ pub fn run(
     );
     let index = read_or_build(&reader, console)?;
     let access = Access::open(&**reader.storage(), &index).context("opening the segments")?;
-    let facts = Facts::gather(&reader, |_| {})?;
-    let frames = Frames::of(&facts.transforms.clone().unwrap_or_default());
+    let rig = ToldRig::read(&reader)?;
     let samples = imu_samples::read(
         &reader,
         |name| name.strip_suffix("/imu").is_some_and(wanted),
@@ -135,41 +137,46 @@ pub fn run(
         }
         let name = &camera.name;
         let frame = |part: &str| format!("{name}/{part}");
-        let told = frames.transform(&frame("imu"), &frame("left"));
+        let told = rig.frames.transform(&frame("imu"), &frame("left"));
         let mut measured = Measured {
             camera: name.clone(),
             told,
             board: None,
             noise,
             line_s: line_s(options, name),
+            rate_hz: 0.0,
+            lenses: Vec::new(),
             found: Err(anyhow!("not begun")),
         };
-        let ready = || -> Result<(Cameras, &ImuRecording)> {
-            let lens = |eye: &str| {
-                let of = facts.calibrations.get(&frame(eye));
-                let of =
-                    of.with_context(|| format!("the session holds no lens of {name}/{eye}"))?;
-                model(of).with_context(|| format!("reading the lens of {name}/{eye}"))
-            };
-            let right = match frames.transform(&frame("right"), &frame("left")) {
-                Some(right_from_left) => Some((lens("right")?, right_from_left)),
-                None => None,
-            };
-            let cameras = Cameras::new(&lens("left")?, right.as_ref().map(|(m, t)| (m, t)))
-                .with_rolling_shutter(measured.line_s);
+        let lens = |eye: &str| {
+            let lens = rig.lens(&frame(eye));
+            lens.with_context(|| {
+                format!("the session tells of no lens of {name}/{eye} that is known here")
+            })
+        };
+        let ready = || -> Result<(Vec<(CameraModel, RigidTransform)>, &ImuRecording)> {
+            let mut lenses = vec![(lens("left")?, RigidTransform::identity())];
+            if let Some(right) = rig.frames.transform(&frame("right"), &frame("left")) {
+                lenses.push((lens("right")?, right));
+            }
             let imu = samples.imus.iter().find(|i| i.name == frame("imu"));
             Ok((
-                cameras,
+                lenses,
                 imu.with_context(|| format!("the session has no {name}/imu"))?,
             ))
         };
         measured.found = match ready() {
             Err(error) => Err(error),
-            Ok((cameras, imu)) => {
+            Ok((lenses, imu)) => {
+                let right = lenses.get(1).map(|(model, place)| (model, place));
+                let cameras =
+                    Cameras::new(&lenses[0].0, right).with_rolling_shutter(measured.line_s);
+                measured.rate_hz = imu.rate_hz;
+                measured.lenses = lenses;
                 let bytes = pictures.frames.iter().map(|f| u64::from(f.bytes)).sum();
                 let seen = {
                     let progress = console.progress(name, bytes);
-                    sightings::find(
+                    pictures::find(
                         camera,
                         pictures,
                         &access,
@@ -200,10 +207,19 @@ pub fn run(
         table::print(&measured, console)?;
         all.push(measured);
     }
-    let files = [
+    let mut files = vec![
         (DOCUMENT.to_owned(), document::json(manifest, &all)?),
         (PAGE.to_owned(), page::html(manifest, &all).into_bytes()),
     ];
+    for measured in &all {
+        match kalibr(measured) {
+            Ok(more) => files.extend(more),
+            Err(error) => console.line(format!(
+                "{}: no file for Kalibr: {error:#}",
+                measured.camera
+            ))?,
+        }
+    }
     output.write(&folder, &files)?;
     for (name, _) in &files {
         console.line(folder.join(name).display())?;
@@ -231,37 +247,6 @@ fn line_s(options: &Options, camera: &str) -> f64 {
     found.map_or(0.0, |(_, us)| us * 1e-6)
 }
 
-/// The boards that were named, else those of the session.
-fn boards(reader: &SessionReader, options: &Options) -> Result<Vec<Board>> {
-    let mut boards = Vec::new();
-    for path in &options.board {
-        boards.push(Board::read(path)?);
-    }
-    if !boards.is_empty() {
-        return Ok(boards);
-    }
-    for file in &reader.manifest().rig {
-        let is_board = file.name.starts_with("target.") && file.name.ends_with(".toml");
-        if !is_board {
-            continue;
-        }
-        let bytes = rig_file(&**reader.storage(), file)
-            .with_context(|| format!("rig/{} is not there or not what it was", file.name))?;
-        // The reader of boards takes files: its errors name them.
-        let folder = std::env::temp_dir().join(format!("paws-board-{}", std::process::id()));
-        fs::create_dir_all(&folder).with_context(|| format!("making {}", folder.display()))?;
-        let path = folder.join(&file.name);
-        fs::write(&path, bytes).with_context(|| format!("writing {}", path.display()))?;
-        let board = Board::read(&path);
-        let _ = fs::remove_dir_all(&folder);
-        boards.push(board?);
-    }
-    if boards.is_empty() {
-        bail!("the session names no board (rig/target.*.toml); --board must say which one it was");
-    }
-    Ok(boards)
-}
-
 /// In order of time; samples that share a time with one before are left out.
 fn inertial(imu: &ImuRecording) -> Vec<ImuSample> {
     let mut last = i64::MIN;
@@ -280,91 +265,51 @@ fn inertial(imu: &ImuRecording) -> Vec<ImuSample> {
     out
 }
 
-/// The lens of a record.
-fn model(record: &CameraCalibration) -> Result<CameraModel> {
-    let k = &record.k;
-    ensure!(
-        k.len() == 9,
-        "found a camera matrix of {} numbers, expected 9",
-        k.len()
-    );
-    let d = &record.d;
-    let distortion = match (record.distortion_model.as_str(), d.len()) {
-        ("", _) | (_, 0) => Distortion::None,
-        ("plumb_bob", 5) => Distortion::RadTan5 {
-            k1: d[0],
-            k2: d[1],
-            p1: d[2],
-            p2: d[3],
-            k3: d[4],
-        },
-        ("rational_polynomial", 8) => Distortion::Rational8 {
-            k1: d[0],
-            k2: d[1],
-            p1: d[2],
-            p2: d[3],
-            k3: d[4],
-            k4: d[5],
-            k5: d[6],
-            k6: d[7],
-        },
-        ("kannala_brandt", 4) => Distortion::KannalaBrandt4 {
-            k1: d[0],
-            k2: d[1],
-            k3: d[2],
-            k4: d[3],
-        },
-        ("double_sphere", 2) => Distortion::DoubleSphere {
-            xi: d[0],
-            alpha: d[1],
-        },
-        ("eucm", 2) => Distortion::Eucm {
-            alpha: d[0],
-            beta: d[1],
-        },
-        (model, count) => bail!(
-            "found the distortion {model:?} with {count} numbers, expected plumb_bob 5, rational_polynomial 8, \
-             kannala_brandt 4, double_sphere 2 or eucm 2"
-        ),
+/// Lenses, places and noise as Kalibr's files have them; none where its lenses cannot hold ours, with the
+/// reason.
+fn kalibr(measured: &Measured) -> Result<Vec<(String, Vec<u8>)>> {
+    let Ok(found) = &measured.found else {
+        return Ok(Vec::new());
     };
-    Ok(CameraModel {
-        width: record.width,
-        height: record.height,
-        fx: k[0],
-        fy: k[4],
-        cx: k[2],
-        cy: k[5],
-        distortion,
-    })
-}
-
-/// The four numbers of Kalibr's `imu.yaml`.
-fn kalibr_noise(path: &std::path::Path) -> Result<ImuNoise> {
-    let text = fs::read_to_string(path)
-        .with_context(|| format!("reading the noise of the IMU: {}", path.display()))?;
-    let number = |key: &str| -> Result<f64> {
-        let value = text.lines().find_map(|line| {
-            let (name, value) = line.split('#').next()?.split_once(':')?;
-            (name.trim() == key).then(|| value.trim().to_owned())
+    if found.verdict() == Verdict::Fail {
+        return Ok(Vec::new());
+    }
+    let noise = &measured.noise;
+    let times = &found.noises;
+    let mut cameras = Vec::new();
+    for (eye, (model, eye_from_left)) in ["left", "right"].iter().zip(&measured.lenses) {
+        cameras.push(NamedCamera {
+            name: format!("{}/{eye}", measured.camera),
+            model: *model,
+            camera_from_first: Some(*eye_from_left),
         });
-        let value = value.with_context(|| format!("{key} is missing: {}", path.display()))?;
-        let number = value
-            .parse()
-            .ok()
-            .filter(|v: &f64| v.is_finite() && *v > 0.0);
-        number.with_context(|| {
-            format!(
-                "{key}: found {value:?}, expected a number above 0: {}",
-                path.display()
-            )
-        })
+    }
+    let set = CameraSet {
+        cameras,
+        imu: Some(SetImu {
+            imu_from_first: found.imu_from_left,
+            rate_hz: Some(measured.rate_hz),
+            noise: Some(ImuNoise {
+                gyro_noise_density: noise.gyro_noise_density * times.gyro.found_over_told,
+                gyro_random_walk: noise.gyro_random_walk * times.gyro_walk.found_over_told,
+                accel_noise_density: noise.accel_noise_density * times.accel.found_over_told,
+                accel_random_walk: noise.accel_random_walk * times.accel_walk.found_over_told,
+            }),
+            time_offset_s: Some(found.time_offset_s),
+            gyro_bias: Some(found.gyro_bias),
+            accel_bias: Some(found.accel_bias),
+        }),
+        provenance: Provenance {
+            format: None,
+            files: Vec::new(),
+            part: None,
+        },
     };
-    Ok(ImuNoise {
-        gyro_noise_density: number("gyroscope_noise_density")?,
-        gyro_random_walk: number("gyroscope_random_walk")?,
-        accel_noise_density: number("accelerometer_noise_density")?,
-        accel_random_walk: number("accelerometer_random_walk")?,
-    })
+    let files = contents(&set, Format::Kalibr)?;
+    let named = files.into_iter();
+    Ok(named
+        .map(|(name, bytes)| (format!("{}-{name}", measured.camera), bytes))
+        .collect())
 }
 
 #[cfg(test)]

@@ -35,6 +35,9 @@ pub(super) fn html(manifest: &Manifest, all: &[Measured]) -> String {
     page.to_html()
 }
 
+/// One kind of residual.
+type Of<'a> = &'a dyn Fn(&Residual) -> Option<f64>;
+
 fn badge(gate: Gate) -> Verdict {
     match gate {
         Gate::Pass => Verdict::Pass,
@@ -48,7 +51,7 @@ fn camera(mut page: Page, measured: &Measured, found: &CameraImu) -> Page {
     for row in rows(measured, found) {
         let told = row.told.map_or("".to_owned(), |t| format!("{t:.4}"));
         table = table.row([
-            Cell::from(row.name),
+            Cell::Text(row.name),
             Cell::number(told),
             Cell::number(format!("{:.4}", row.found)),
             Cell::number(format!("{:.4}", row.sigma)),
@@ -66,7 +69,7 @@ fn camera(mut page: Page, measured: &Measured, found: &CameraImu) -> Page {
     }
     page = page.table(&gates);
     let residuals = &found.residuals;
-    let kinds: [(&str, &dyn Fn(&Residual) -> Option<f64>); 4] = [
+    let kinds: [(&str, Of<'_>); 4] = [
         ("corners, in sigmas as told", &|r| Some(r.corner)),
         ("poses, in sigmas as found", &|r| Some(r.pose)),
         ("gyroscope, in sigmas as found", &|r| r.gyro),

@@ -6,110 +6,113 @@ use calib::camera_imu::{CameraImu, Verdict};
 use super::Measured;
 use crate::console::Console;
 
-/// One quantity: name, unit, told, found, sigma.
+/// One quantity, in a unit for people.
 pub(super) struct Row {
-    pub name: &'static str,
+    pub name: String,
     pub unit: &'static str,
     pub told: Option<f64>,
     pub found: f64,
     pub sigma: f64,
 }
 
-/// All quantities. Rotations are those from the told one to the found one, about the axes of the left camera; with nothing told the rotation
-/// vector of `imu_from_left`.
+/// Three axes of a quantity; `scale` takes SI to the unit.
+fn axes(
+    name: &str,
+    (unit, scale): (&'static str, f64),
+    told: Option<[f64; 3]>,
+    found: [f64; 3],
+    sigma: [f64; 3],
+) -> impl Iterator<Item = Row> {
+    ["x", "y", "z"]
+        .into_iter()
+        .enumerate()
+        .map(move |(k, axis)| Row {
+            name: format!("{name} {axis}"),
+            unit,
+            told: told.map(|t| scale * t[k]),
+            found: scale * found[k],
+            sigma: scale * sigma[k],
+        })
+}
+
+/// All quantities. Rotations are those from the told one to the found one, about the axes of the left camera;
+/// with nothing told the rotation vector of `imu_from_left`.
 pub(super) fn rows(measured: &Measured, found: &CameraImu) -> Vec<Row> {
     let s = &found.sigmas;
     let told = measured.told;
     let turn = match &told {
         Some(told) => told.rotation().inverse() * found.imu_from_left.rotation(),
         None => *found.imu_from_left.rotation(),
-    }
-    .scaled_axis();
-    let names = [
-        ["rotation about x", "rotation about y", "rotation about z"],
-        ["lever arm x", "lever arm y", "lever arm z"],
-        ["gyroscope bias x", "gyroscope bias y", "gyroscope bias z"],
-        [
-            "accelerometer bias x",
-            "accelerometer bias y",
-            "accelerometer bias z",
-        ],
-        [
-            "gravity in target x",
-            "gravity in target y",
-            "gravity in target z",
-        ],
-    ];
-    let shift = found.imu_from_left.translation_m();
-    let mut rows = Vec::new();
-    for k in 0..3 {
-        rows.push(Row {
-            name: names[0][k],
-            unit: "deg",
-            told: told.map(|_| 0.0),
-            found: turn[k].to_degrees(),
-            sigma: s.rotation_rad[k].to_degrees(),
-        });
-    }
-    for k in 0..3 {
-        rows.push(Row {
-            name: names[1][k],
-            unit: "mm",
-            told: told.map(|t| 1e3 * t.translation_m()[k]),
-            found: 1e3 * shift[k],
-            sigma: 1e3 * s.translation_m[k],
-        });
-    }
-    rows.push(Row {
-        name: "time offset",
-        unit: "ms",
-        told: Some(0.0),
-        found: 1e3 * found.time_offset_s,
-        sigma: 1e3 * s.time_offset_s,
-    });
-    rows.push(Row {
-        name: "drift of the offset",
-        unit: "us/s",
-        told: Some(0.0),
-        found: 1e6 * found.time_drift,
-        sigma: 1e6 * s.time_drift,
-    });
-    rows.push(Row {
-        name: "size of the board",
-        unit: "of told",
-        told: Some(1.0),
-        found: found.board_scale,
-        sigma: s.board_scale,
-    });
-    for k in 0..3 {
-        rows.push(Row {
-            name: names[2][k],
-            unit: "deg/s",
-            told: None,
-            found: found.gyro_bias[k].to_degrees(),
-            sigma: s.gyro_bias[k].to_degrees(),
-        });
-    }
-    for k in 0..3 {
-        rows.push(Row {
-            name: names[3][k],
-            unit: "m/s2",
-            told: None,
-            found: found.accel_bias[k],
-            sigma: s.accel_bias[k],
-        });
-    }
-    let across = s.gravity_rad[0].hypot(s.gravity_rad[1]);
-    for k in 0..3 {
-        rows.push(Row {
-            name: names[4][k],
-            unit: "m/s2",
-            told: None,
-            found: found.gravity_in_target[k],
-            // Its length is known; only its direction is not.
-            sigma: across * calib::camera_imu::GRAVITY,
-        });
-    }
+    };
+    let degrees = 1.0_f64.to_degrees();
+    let one = |name: &str, unit, told: f64, found: f64, sigma: f64| Row {
+        name: name.to_owned(),
+        unit,
+        told: Some(told),
+        found,
+        sigma,
+    };
+    let mut rows: Vec<Row> = axes(
+        "rotation about",
+        ("deg", degrees),
+        told.map(|_| [0.0; 3]),
+        turn.scaled_axis().into(),
+        s.rotation_rad,
+    )
+    .collect();
+    rows.extend(axes(
+        "lever arm",
+        ("mm", 1e3),
+        told.map(|t| t.translation_m()),
+        found.imu_from_left.translation_m(),
+        s.translation_m,
+    ));
+    rows.extend([
+        one(
+            "time offset",
+            "ms",
+            0.0,
+            1e3 * found.time_offset_s,
+            1e3 * s.time_offset_s,
+        ),
+        one(
+            "drift of the offset",
+            "us/s",
+            0.0,
+            1e6 * found.time_drift,
+            1e6 * s.time_drift,
+        ),
+        one(
+            "board over told, -1",
+            "%",
+            0.0,
+            100.0 * (found.board_scale - 1.0),
+            100.0 * s.board_scale,
+        ),
+    ]);
+    rows.extend(axes(
+        "gyroscope bias",
+        ("deg/s", degrees),
+        None,
+        found.gyro_bias,
+        s.gyro_bias,
+    ));
+    rows.extend(axes(
+        "accelerometer bias",
+        ("m/s2", 1.0),
+        None,
+        found.accel_bias,
+        s.accel_bias,
+    ));
+    // Its length is known; only its direction is not.
+    let across = s.gravity_rad[0].hypot(s.gravity_rad[1]) * calib::camera_imu::GRAVITY;
+    rows.extend(axes(
+        "gravity in target",
+        ("m/s2", 1.0),
+        None,
+        found.gravity_in_target,
+        [across; 3],
+    ));
     rows
 }
 
