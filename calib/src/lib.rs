@@ -19,6 +19,7 @@ pub mod lens;
 pub mod pair;
 pub mod read;
 pub mod stereo;
+pub mod verify;
 pub mod zed_conf;
 
 mod text;
