@@ -15,10 +15,16 @@
 //!
 //! This crate knows nothing of images, sessions or calibration of lenses.
 
+pub mod cad;
+pub mod covariance;
 pub mod frame;
+pub mod output;
 pub mod rig;
 pub mod transform;
+pub mod view;
 
+pub use covariance::{Covariance, CovarianceError};
 pub use frame::{Frame, FrameError, FramePart};
-pub use rig::{Provenance, ProvenanceKind, Rig, RigError};
+pub use rig::{Edge, Provenance, ProvenanceKind, Rig, RigError};
 pub use transform::{RigidTransform, TransformError};
+pub use view::FieldOfView;

@@ -16,12 +16,30 @@
 //! [provenance]
 //! kind = "cad"             # nominal, cad, measured or calibrated
 //! note = "assembly drawing 12, cameras in their mounts"
+//! cad_file = "plate.step"  # optional: the file the numbers were taken from
+//! cad_blake3 = "…"         # optional: its BLAKE3 hash, 64 hexadecimal digits
+//!
+//! [[camera]]               # optional: what is known of the device
+//! name = "feet"
+//! serial = "12345678"
+//! model = "ZED Mini"
 //!
 //! [[parent_from_child]]    # takes coordinates in child to coordinates in parent
 //! parent = "rig"
 //! child = "feet/left"
 //! rotation_wxyz = [0.5, -0.5, 0.5, -0.5]   # or rotation_rows = [[…], […], […]]
 //! translation_m = [0.05, 0.03, -0.10]      # origin of child, in parent
+//! sigma_translation_m = 0.0002             # optional tolerance of the joint: one number or three; or _mm
+//! sigma_rotation_rad = 0.002               # one number or three; or _deg
+//! # covariance = [[…], …]                  # or all of it: 6 rows of 6, m and rad
+//!
+//! [[closes_loop]]          # optional: a second way to the same place, as a check
+//! parent = "left_shoulder/left"
+//! child = "feet/left"
+//! rotation_wxyz = [1, 0, 0, 0]
+//! translation_m = [0.1, 0.2, 0.0]
+//! within_m = 0.001         # or within_mm
+//! within_rad = 0.005       # or within_deg
 //!
 //! [[shoe_tag]]             # as many as there are, or none
 //! family = "36h11"
@@ -32,6 +50,9 @@
 //! translation_m = [0.08, 0.0, 0.075]       # middle of the tag, in the foot
 //! ```
 //!
+//! A tolerance is a standard deviation, or the covariance, of a small motion of the child in the child's
+//! axes, translation before rotation: see [`crate::covariance`]. A file without the optional keys reads as ever.
+//!
 //! The frame of a foot has its origin in the middle of the shoe's sole, x to the toe, y to the left,
 //! z up from the sole. That of a tag has its origin in its middle, x to the right, y down and z into the tag,
 //! for who reads it upright. Feet move, and are no frames of the tree.
@@ -40,13 +61,24 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+use crate::covariance::Covariance;
 use crate::frame::{Frame, FramePart};
 use crate::transform::RigidTransform;
 
-mod file;
-mod table;
+mod change;
+pub mod check;
+mod devices;
+pub mod diff;
+pub(crate) mod file;
+mod loops;
+pub(crate) mod table;
 mod tags;
+pub(crate) mod tolerance;
+mod tree;
+pub(crate) mod write;
 
+pub use self::change::RigParts;
+pub use self::loops::Closure;
 pub use self::tags::{Foot, ShoeTag, TagFamily};
 
 /// The version of the file this crate reads.
@@ -58,7 +90,9 @@ pub struct Rig {
     name: String,
     revision: String,
     provenance: Provenance,
+    cameras: Vec<CameraInfo>,
     edges: Vec<Edge>,
+    closures: Vec<Closure>,
     /// For every frame but `rig`: its neighbour on the way to `rig`.
     towards_rig: BTreeMap<Frame, Step>,
     shoe_tags: Vec<ShoeTag>,
@@ -73,6 +107,20 @@ pub struct Edge {
     pub child: Frame,
     /// Takes coordinates in `child` to coordinates in `parent`.
     pub parent_from_child: RigidTransform,
+    /// How far the joint may be off: of a small motion of `child` in its own axes. `None` where the
+    /// file says nothing, which is not the same as exact.
+    pub covariance: Option<Covariance>,
+}
+
+/// What the file says of a camera as a device.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CameraInfo {
+    /// Name in the rig, the first part of its frames.
+    pub name: String,
+    /// Serial number, as printed on the device.
+    pub serial: Option<String>,
+    /// Maker's name of the model.
+    pub model: Option<String>,
 }
 
 /// Where the numbers come from.
@@ -82,6 +130,17 @@ pub struct Provenance {
     pub kind: ProvenanceKind,
     /// In words: drawing, method, instrument.
     pub note: String,
+    /// The file that the numbers were taken from.
+    pub cad: Option<CadSource>,
+}
+
+/// The file a rig was made from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CadSource {
+    /// Name of the file, without its folder.
+    pub file: String,
+    /// BLAKE3 hash of its bytes: 64 hexadecimal digits, lower case.
+    pub blake3: String,
 }
 
 /// How the numbers of a rig came about, from least to most trusted.
@@ -126,6 +185,23 @@ pub enum RigError {
         /// The frames it has.
         known: String,
     },
+    /// The rig has no such entry: the two frames are not neighbours.
+    #[error(
+        "changing rig {rig:?}: no entry connects {parent} and {child}, expected one of {known}"
+    )]
+    UnknownEdge {
+        /// One frame.
+        parent: Frame,
+        /// The other.
+        child: Frame,
+        /// Name of the rig.
+        rig: String,
+        /// The entries it has.
+        known: String,
+    },
+    /// The rig file could not be written; what was there before is as it was.
+    #[error(transparent)]
+    Write(#[from] crate::output::WriteError),
 }
 
 /// A list of problems, shown one per line.
@@ -135,7 +211,7 @@ pub struct Problems(pub Vec<Problem>);
 /// One thing that is wrong with a rig file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problem {
-    /// Line in the file, from 1.
+    /// Line in the file, from 1; 0 where there is no file.
     pub line: usize,
     /// What was found and what was expected.
     pub message: String,
@@ -165,10 +241,12 @@ impl Rig {
     /// # Errors
     /// [`RigError::Invalid`] with everything that is wrong.
     pub fn parse(text: &str) -> Result<Self, RigError> {
-        file::parse(text).map_err(|problems| RigError::Invalid {
-            problems,
-            path: None,
-        })
+        file::read(text)
+            .into_rig()
+            .map_err(|problems| RigError::Invalid {
+                problems,
+                path: None,
+            })
     }
 
     /// `b_from_a`, composed along the tree.
@@ -226,6 +304,42 @@ impl Rig {
         &self.shoe_tags
     }
 
+    /// What the file says of the cameras as devices, in the order of the file.
+    pub fn camera_infos(&self) -> &[CameraInfo] {
+        &self.cameras
+    }
+
+    /// Serial number of a camera, where the file has one.
+    pub fn serial(&self, camera: &str) -> Option<&str> {
+        let info = self.cameras.iter().find(|info| info.name == camera)?;
+        info.serial.as_deref()
+    }
+
+    /// Second ways to the same place, which agree with the tree.
+    pub fn closures(&self) -> &[Closure] {
+        &self.closures
+    }
+
+    /// Covariance of [`Self::transform`]: of a small motion of `a`, in its own axes, with `b` held still.
+    /// The joints are taken as independent. `None` where an entry on the way has no tolerance.
+    ///
+    /// # Errors
+    /// [`RigError::UnknownFrame`].
+    pub fn covariance(&self, b: &Frame, a: &Frame) -> Result<Option<Covariance>, RigError> {
+        let (from_a, from_b) = (self.way_to_rig(a)?, self.way_to_rig(b)?);
+        let shared = |step: &&Step, other: &[&Step]| other.iter().any(|o| std::ptr::eq(*o, *step));
+        let mut sum = Covariance::zero();
+        for (way, other) in [(&from_a, &from_b), (&from_b, &from_a)] {
+            for step in way.iter().filter(|step| !shared(step, other)) {
+                let Some(in_this) = &step.covariance else {
+                    return Ok(None);
+                };
+                sum = sum.plus(&in_this.moved(&self.transform(a, &step.this)?));
+            }
+        }
+        Ok(Some(sum))
+    }
+
     /// All frames, `rig` first, the others by name.
     pub fn frames(&self) -> impl Iterator<Item = Frame> + '_ {
         std::iter::once(Frame::rig()).chain(self.towards_rig.keys().cloned())
@@ -240,6 +354,12 @@ impl Rig {
                 _ => None,
             })
             .collect()
+    }
+
+    /// Every frame but `rig`, its neighbour towards `rig`, and `neighbour_from_frame`; by name.
+    pub(crate) fn steps(&self) -> impl Iterator<Item = (&Frame, &Frame, RigidTransform)> {
+        let steps = self.towards_rig.iter();
+        steps.map(|(frame, step)| (frame, &step.next, step.next_from_this))
     }
 
     /// The steps from a frame to `rig`.
@@ -265,8 +385,11 @@ impl Rig {
 /// One step on the way from a frame to `rig`.
 #[derive(Clone, Debug, PartialEq)]
 struct Step {
+    this: Frame,
     next: Frame,
     next_from_this: RigidTransform,
+    /// Of a small motion of `this` in its own axes.
+    covariance: Option<Covariance>,
 }
 
 impl ProvenanceKind {
@@ -299,7 +422,10 @@ impl fmt::Display for Problems {
 
 impl fmt::Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "line {}: {}", self.line, self.message)
+        match self.line {
+            0 => f.write_str(&self.message),
+            line => write!(f, "line {line}: {}", self.message),
+        }
     }
 }
 

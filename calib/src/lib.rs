@@ -10,15 +10,21 @@
 //!
 //! This crate knows nothing of devices, sessions or the catalogue.
 
+pub mod adjust;
+pub mod allan;
 pub mod camera;
+pub mod cameras;
 pub mod error;
 pub mod euroc;
 pub mod foxglove;
+pub mod imu_noise;
 pub mod kitti;
 pub mod lens;
 pub mod pair;
+pub mod pnp;
 pub mod read;
 pub mod stereo;
+pub mod target;
 pub mod verify;
 pub mod zed_conf;
 

@@ -11,6 +11,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::{CommandFactory, Parser, Subcommand};
 
+use crate::calibrate;
 use crate::console::{Clock, Console, Show};
 use crate::export::{self, Format};
 use crate::limits::Limits;
@@ -128,6 +129,9 @@ enum Verb {
     },
     /// Build the catalogue anew from the sessions' folders
     Rebuild,
+    /// Calibrate from a session
+    #[command(subcommand)]
+    Calib(calibrate::Command),
     #[command(external_subcommand)]
     External(Vec<OsString>),
 }
@@ -249,6 +253,7 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
             yes,
         } => prune::session(needed(library)?, &session, yes, console),
         Verb::Rebuild => rebuild::run(needed(library)?, console),
+        Verb::Calib(command) => calibrate::run(&command, library, console),
         Verb::External(_) => Ok(Outcome::Failed),
     }
 }

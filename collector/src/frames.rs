@@ -31,6 +31,11 @@ impl Frames {
         }
     }
 
+    /// Whether there is no transform.
+    pub fn is_empty(&self) -> bool {
+        self.edges.is_empty()
+    }
+
     /// `b_from_a`, by the shortest way there is; none if none leads from `a` to `b`.
     pub fn transform(&self, b: &str, a: &str) -> Option<RigidTransform> {
         let mut known = BTreeMap::from([(a, RigidTransform::identity())]);

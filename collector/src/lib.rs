@@ -12,6 +12,7 @@
 pub const SOFTWARE: &str = concat!("paws ", env!("CARGO_PKG_VERSION"));
 
 pub mod cadence;
+pub mod calibrate;
 pub mod catalogue;
 pub mod cli;
 pub mod condition;

@@ -9,6 +9,7 @@
 //! seed: nothing is loaded, no clock is read, and the same seed gives the same bytes on any machine.
 
 pub mod camera;
+pub mod deviation;
 pub mod device;
 pub mod faults;
 pub mod film;
@@ -23,4 +24,5 @@ pub mod scene;
 pub mod simulation;
 pub mod so3;
 pub mod spline;
+pub mod targets;
 pub mod walker;

@@ -10,16 +10,20 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result};
 use cad_transforms::rig::Rig;
+use calib::target::Target;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use rig_sim::camera::Quality;
+use rig_sim::camera::sensor::Tone;
+use rig_sim::deviation::Deviation;
 use rig_sim::faults::Faults;
 use rig_sim::preview;
-use rig_sim::render::{Job, render};
+use rig_sim::render::{Job, render, render_session};
 use rig_sim::scene::{Kind, Time};
-use rig_sim::simulation::{Settings, Simulation, SimulationError};
+use rig_sim::simulation::{Imaging, Settings, Simulation, SimulationError};
+use rig_sim::targets::{Motion, Plan, april_grid};
 
 /// The rig that is simulated unless another is named.
 const EXAMPLE_RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
@@ -71,6 +75,9 @@ struct Render {
     /// Also write a session archive, as if a recorder without fault had recorded: DIR/session.
     #[arg(long)]
     session: bool,
+    /// Write a session archive and nothing else: DIR is the session.
+    #[arg(long, conflicts_with_all = ["session", "truth"])]
+    session_only: bool,
     /// TOML file of what goes wrong: with lenses and light in the folders, with everything in the session.
     #[arg(long, value_name = "FILE")]
     faults: Option<PathBuf>,
@@ -113,6 +120,75 @@ struct Walk {
     /// Lenses of a camera, from a calibration file or folder; may be given for each camera [default: nominal ones]
     #[arg(long, value_name = "CAMERA=FILE", value_parser = of_camera)]
     calibration: Vec<(String, PathBuf)>,
+    #[command(flatten)]
+    differs: Differs,
+    #[command(flatten)]
+    boards: Boards,
+    #[command(flatten)]
+    sensors: Sensors,
+}
+
+/// What is true and not told.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "What is true and not told")]
+struct Differs {
+    /// Rig file of the rig as it is; what is recorded says --rig.
+    #[arg(long, value_name = "FILE", conflicts_with = "deviation")]
+    true_rig: Option<PathBuf>,
+    /// Lenses of a camera as they are; what is recorded says --calibration, or the nominal ones.
+    #[arg(long, value_name = "CAMERA=FILE", value_parser = of_camera)]
+    true_calibration: Vec<(String, PathBuf)>,
+    /// A camera's pictures were taken so many milliseconds earlier than they say.
+    #[arg(long, value_name = "CAMERA=MS", value_parser = late)]
+    time_offset: Vec<(String, f64)>,
+    /// TOML file of what has turned, moved and is late: see docs/rig-sim.md.
+    #[arg(long, value_name = "FILE")]
+    deviation: Option<PathBuf>,
+}
+
+/// For the scene of calibration boards.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Scene targets")]
+struct Boards {
+    /// How the plate is carried before the boards.
+    #[arg(long, default_value = Motion::Varied.name(), value_parser = motion())]
+    motion: Motion,
+    /// Views after which the plate rests for good [default: as many as there is time for]
+    #[arg(long, value_name = "N")]
+    views: Option<usize>,
+    /// How far the middle of each board is behind its edges, mm.
+    #[arg(
+        long,
+        value_name = "MM",
+        default_value = "0",
+        allow_negative_numbers = true
+    )]
+    bend: f64,
+    /// How much larger boards are than their files say, percent.
+    #[arg(
+        long,
+        value_name = "PERCENT",
+        default_value = "0",
+        allow_negative_numbers = true
+    )]
+    larger: f64,
+    /// File of a board; may be given for each that there is room for [default: AprilGrids of 6 x 6 tags]
+    #[arg(long, value_name = "FILE")]
+    target: Vec<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Sensors")]
+struct Sensors {
+    /// Milliseconds that every picture is exposed [default: by the light]
+    #[arg(long, value_name = "MS")]
+    exposure: Option<f64>,
+    /// How much noise pictures have, as a multiple of the usual.
+    #[arg(long, value_name = "X", default_value = "1")]
+    noise: f64,
+    /// Numbers in proportion to light, without the tone curve of sRGB.
+    #[arg(long)]
+    linear: bool,
 }
 
 /// A word for each of these values.
@@ -127,7 +203,12 @@ where
 }
 
 fn scene() -> impl TypedValueParser<Value = Kind> {
-    one_of(Kind::ALL.map(|kind| (kind.name(), kind)).to_vec())
+    let all = Kind::ALL.into_iter().chain([Kind::Targets]);
+    one_of(all.map(|kind| (kind.name(), kind)).collect())
+}
+
+fn motion() -> impl TypedValueParser<Value = Motion> {
+    one_of(Motion::ALL.map(|motion| (motion.name(), motion)).to_vec())
 }
 
 fn light() -> impl TypedValueParser<Value = Time> {
@@ -191,16 +272,90 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)>
         height: walk.height,
         quality: walk.quality,
     };
-    let mut simulation = Simulation::new(&settings, &rig)?;
-    for (camera, path) in &walk.calibration {
+    let mut simulation = match walk.scene {
+        Kind::Targets => before_boards(&settings, &rig, &walk.boards)?,
+        _ => Simulation::new(&settings, &rig)?,
+    };
+    let stereo = |camera: &str, path: &Path| {
         let (stereo, notes) = calib::read_stereo(path, walk.width, walk.height)
             .with_context(|| format!("reading the calibration of {camera}"))?;
         for note in notes {
             eprintln!("{}: {}", path.display(), note.0);
         }
-        simulation = simulation.with_lenses(camera, &stereo)?;
+        anyhow::Ok(stereo)
+    };
+    for (camera, path) in &walk.calibration {
+        simulation = simulation.with_lenses(camera, &stereo(camera, path)?)?;
     }
+    let differs = &walk.differs;
+    for (camera, path) in &differs.true_calibration {
+        simulation = simulation.with_true_lenses(camera, &stereo(camera, path)?)?;
+    }
+    if let Some(path) = &differs.true_rig {
+        simulation = simulation.with_true_rig(&Rig::read(path)?)?;
+    }
+    let mut deviation = match &differs.deviation {
+        None => Deviation::default(),
+        Some(path) => {
+            let text = std::fs::read_to_string(path)
+                .with_context(|| format!("reading how the rig deviates: {}", path.display()))?;
+            Deviation::parse(&text, &rig.cameras())
+                .with_context(|| format!("in {}", path.display()))?
+        }
+    };
+    for (camera, ms) in &differs.time_offset {
+        if !rig.cameras().contains(&camera.as_str()) {
+            anyhow::bail!(
+                "giving a camera a time offset: found {camera:?}, expected one of {}",
+                rig.cameras().join(", ")
+            );
+        }
+        deviation.of_mut(camera).late_ns = (ms * 1e6).round() as i64;
+    }
+    simulation = simulation.with_deviation(&rig, &deviation)?;
+    let sensors = &walk.sensors;
+    simulation = simulation.with_imaging(Imaging {
+        exposure_s: sensors.exposure.map(|ms| 1e-3 * ms),
+        noise: sensors.noise,
+        tone: if sensors.linear {
+            Tone::Linear
+        } else {
+            Tone::Srgb
+        },
+    })?;
     Ok((Arc::new(simulation), rig, text))
+}
+
+fn before_boards(settings: &Settings, rig: &Rig, boards: &Boards) -> Result<Simulation> {
+    let plan = Plan {
+        motion: boards.motion,
+        views: boards.views,
+        bend_m: 1e-3 * boards.bend,
+        larger: 1e-2 * boards.larger,
+    };
+    let read = |path: &PathBuf| {
+        let target = Target::read(path)?;
+        match target.objection() {
+            None => anyhow::Ok(target),
+            Some((key, why)) => anyhow::bail!("{key} is {why}: {}", path.display()),
+        }
+    };
+    let targets: Vec<Target> = boards.target.iter().map(read).collect::<Result<_>>()?;
+    let target = |number: usize| match targets.as_slice() {
+        [] => april_grid(number),
+        some => some[number % some.len()].clone(),
+    };
+    Ok(Simulation::with_targets(settings, rig, &plan, &target)?)
+}
+
+/// `CAMERA=MS`
+fn late(text: &str) -> Result<(String, f64), String> {
+    let parts = text
+        .split_once('=')
+        .filter(|(camera, _)| !camera.is_empty());
+    let ms = parts.and_then(|(camera, ms)| Some((camera.to_owned(), ms.parse::<f64>().ok()?)));
+    ms.filter(|(_, ms)| ms.abs() <= 500.0)
+        .ok_or_else(|| "expected CAMERA=MS, from -500 to 500 ms".to_owned())
 }
 
 /// `CAMERA=FILE`
@@ -237,7 +392,10 @@ fn render_to(arguments: &Render) -> Result<()> {
         faults: &faults,
         threads: arguments.threads.map_or(cameras, NonZeroUsize::get),
     };
-    render(&simulation, &job, &arguments.out, &|| bar.inc(1))?;
+    match arguments.session_only {
+        true => render_session(&simulation, &job, &arguments.out, &|| bar.inc(1))?,
+        false => render(&simulation, &job, &arguments.out, &|| bar.inc(1))?,
+    }
     bar.finish_and_clear();
     println!(
         "{frames} stereo frames of {cameras} cameras with IMU and truth, {} s of {}, {}, seed {}: {}",

@@ -16,6 +16,16 @@
 //! OUT/session                         a session archive, on request
 //! ```
 //!
+//! of a target session, or where the rig is not what its files say, also
+//!
+//! ```text
+//! OUT/target.N.toml                   each board as it was meant
+//! OUT/truth.targets.csv               world_from_target of each board, and where its corners really are
+//! OUT/truth.rig.toml                  the rig as it is, and
+//! OUT/truth.cameras.toml              lenses, shutters and time offsets as they are
+//! OUT/CAMERA/corners.csv              corners of boards in both eyes, at each frame; with the truth of pictures
+//! ```
+//!
 //! and what is true of the pictures, on request:
 //!
 //! ```text
@@ -57,6 +67,7 @@ use crate::simulation::Simulation;
 mod asl;
 mod mesh;
 pub mod session;
+mod special;
 mod tables;
 mod truth;
 mod yaml;
@@ -141,6 +152,28 @@ pub fn render(
     result
 }
 
+/// Writes only the session archive, into the folder `out`; as [`render`].
+///
+/// # Errors
+/// [`RenderError`]; `out` is then as it was.
+pub fn render_session(
+    simulation: &Arc<Simulation>,
+    job: &Job<'_>,
+    out: &Path,
+    done: &(dyn Fn() + Sync),
+) -> Result<(), RenderError> {
+    let unfinished = begin(out)?;
+    let (rig, text) = (job.rig, job.rig_text);
+    let result = session::write(simulation, rig, text, job.faults, &unfinished, done)
+        .map_err(RenderError::from)
+        .and_then(|()| fs::rename(&unfinished, out).map_err(at(out)));
+    if result.is_err() {
+        // See `render`.
+        let _ = fs::remove_dir_all(&unfinished);
+    }
+    result
+}
+
 /// Makes the folder that becomes `out`.
 fn begin(out: &Path) -> Result<PathBuf, RenderError> {
     match fs::read_dir(out) {
@@ -181,11 +214,14 @@ fn fill(
     done: &(dyn Fn() + Sync),
 ) -> Result<(), RenderError> {
     let file = |name: &str, text: &str| write(&folder.join(name), text);
-    file("simulation.toml", &tables::settings(simulation.settings()))?;
+    file("simulation.toml", &tables::settings(simulation))?;
     file("rig.toml", job.rig_text)?;
     file("rig.tum", &tables::tum(simulation))?;
     file("rig.kitti.txt", &tables::kitti(simulation))?;
     file("contacts.csv", &contacts(simulation, 0))?;
+    for (name, text) in special::files(simulation, job.rig) {
+        file(&name, &text)?;
+    }
     if job.truth {
         let path = folder.join("scene.ply");
         fs::write(&path, mesh::ply(simulation.scene())).map_err(at(&path))?;

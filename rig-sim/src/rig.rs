@@ -27,6 +27,8 @@ pub struct SimCamera {
     pub longest_exposure_s: f64,
     /// How it lays out the pixels that it delivers.
     pub format: PixelFormat,
+    /// How much later than the middle of the exposure it says that a picture was taken, ns.
+    pub late_ns: i64,
 }
 
 /// How a device lays out pixels, left and right eye side by side.
@@ -39,6 +41,11 @@ pub enum PixelFormat {
 }
 
 impl SimCamera {
+    /// When a picture is really taken that is said to be from a time, ns since the beginning: s.
+    pub fn taken_s(&self, said_ns: i64) -> f64 {
+        (said_ns - self.late_ns) as f64 * 1e-9
+    }
+
     /// Pose of an eye's optical frame in the world, where the rig is so and the camera has slipped so.
     pub fn world_from_eye(
         &self,
@@ -186,6 +193,7 @@ pub fn cameras(rig: &Rig, width: u32, height: u32) -> Result<Vec<SimCamera>, Rig
                 true => PixelFormat::Yuyv,
                 false => PixelFormat::Nv12,
             },
+            late_ns: 0,
         });
     }
     Ok(cameras)

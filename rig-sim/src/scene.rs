@@ -34,6 +34,7 @@ mod shadow;
 mod stairs;
 mod street;
 mod sweep;
+mod targets;
 mod trail;
 
 use self::body::Body;
@@ -47,6 +48,7 @@ use self::sky::Sky;
 use self::surface::Material;
 use self::texture::Texture;
 use self::wearer::{ShoeTag, Wearer};
+use crate::targets::board::Board;
 
 /// Which place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -63,10 +65,12 @@ pub enum Kind {
     Trail,
     /// A square with people who walk about.
     Plaza,
+    /// A room with calibration boards: not for a walk, but for [`crate::targets`].
+    Targets,
 }
 
 impl Kind {
-    /// All of them.
+    /// All that one walks through.
     pub const ALL: [Self; 6] = [
         Self::Pavement,
         Self::Stairs,
@@ -85,6 +89,7 @@ impl Kind {
             Self::Room => room::build(builder),
             Self::Trail => trail::build(builder),
             Self::Plaza => plaza::build(builder),
+            Self::Targets => targets::build(builder),
         }
     }
 
@@ -97,6 +102,7 @@ impl Kind {
             Self::Room => "room",
             Self::Trail => "trail",
             Self::Plaza => "plaza",
+            Self::Targets => "targets",
         }
     }
 }
@@ -183,8 +189,20 @@ impl Scene {
     /// # Panics
     /// For a tag whose `id` is not below [`tag::COUNT`].
     pub fn with_tags(kind: Kind, time: Time, seed: u64, tags: &[ShoeTag]) -> Self {
+        Self::make(kind, time, seed, tags, &[])
+    }
+
+    /// The room for calibration with these boards; nobody is seen in it.
+    pub fn with_boards(time: Time, seed: u64, boards: &[Board]) -> Self {
+        let mut scene = Self::make(Kind::Targets, time, seed, &[], boards);
+        scene.wearer.parts.clear();
+        scene
+    }
+
+    fn make(kind: Kind, time: Time, seed: u64, tags: &[ShoeTag], boards: &[Board]) -> Self {
         let mut builder = Builder::new(seed);
         let made = kind.build(&mut builder);
+        targets::stand(&mut builder, boards);
         let wearer = Wearer::make(&mut builder, tags);
         let clouds = builder.texture(&palette::CLOUDS);
         let light = made.lights.at(time);

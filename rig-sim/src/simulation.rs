@@ -6,16 +6,19 @@
 //! the walk: frame `n` is taken in the middle of the `n`-th period, by all cameras at one instant, and IMU
 //! sample `n` at `n` over the rate. Clocks that run differently are added by whoever plays a device.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use cad_transforms::RigidTransform;
 use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::rig::{Rig, RigError};
-use calib::{ImuCalibration, ImuNoise, Provenance, StereoCalibration};
+use calib::target::Target;
+use calib::{CameraModel, ImuCalibration, ImuNoise, Provenance, StereoCalibration};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::camera::Quality;
 use crate::camera::placed::{Motion, Placed, placed};
+use crate::camera::sensor::{SensorModel, Tone};
+use crate::deviation::{Deviation, true_rig_text};
 use crate::imu::{Imu, ImuModel, ImuSample, ImuTrouble};
 use crate::lens::Lens;
 use crate::random;
@@ -24,6 +27,9 @@ use crate::scene::body::Body;
 use crate::scene::tag;
 use crate::scene::wearer::{Part, Wearer};
 use crate::scene::{Kind, Scene, Time};
+use crate::targets::board::{Board, Sheet};
+use crate::targets::sight::Sights;
+use crate::targets::{self, Plan};
 use crate::walker::Walker;
 
 mod pictures;
@@ -106,11 +112,54 @@ pub struct RigImu {
 #[derive(Clone, Debug)]
 pub struct Simulation {
     settings: Settings,
-    scene: Scene,
+    /// Made when it is first looked at, where the walk does not need it.
+    scene: OnceLock<Scene>,
     walker: Walker,
+    boards: Vec<Board>,
+    plan: Option<Plan>,
+    /// As they are.
     cameras: Vec<SimCamera>,
     /// Of each camera.
     imus: Vec<RigImu>,
+    /// What files say of each camera.
+    told: Vec<Told>,
+    imaging: Imaging,
+}
+
+/// What files say of a camera.
+#[derive(Clone, Debug, PartialEq)]
+struct Told {
+    models: [CameraModel; 2],
+    rig_from_eye: [RigidTransform; 2],
+    imu_from_rig: RigidTransform,
+}
+
+/// How sensors turn light into numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Imaging {
+    /// How long all pictures are exposed, s; none for an exposure that follows the light.
+    pub exposure_s: Option<f64>,
+    /// How much more noise there is than usual; 1 is as usual.
+    pub noise: f64,
+    /// From light to numbers.
+    pub tone: Tone,
+}
+
+impl Imaging {
+    /// As cameras are.
+    pub const USUAL: Self = Self {
+        exposure_s: None,
+        noise: 1.0,
+        tone: Tone::Srgb,
+    };
+
+    fn sensor(&self) -> SensorModel {
+        SensorModel {
+            noise: self.noise as f32,
+            tone: self.tone,
+            ..SensorModel::SMALL
+        }
+    }
 }
 
 impl Settings {
@@ -168,31 +217,95 @@ pub fn seconds(time_ns: i64) -> f64 {
     time_ns as f64 * 1e-9
 }
 
+impl Plan {
+    fn check(&self) -> Result<(), SimulationError> {
+        let ranges = [
+            ("the bend of the boards, m,", self.bend_m, 0.1),
+            ("how much larger the boards are", self.larger, 0.2),
+        ];
+        match ranges
+            .iter()
+            .find(|(_, found, most)| !(found.abs() <= *most))
+        {
+            None => Ok(()),
+            Some((what, found, most)) => Err(SimulationError::Setting {
+                what,
+                found: found.to_string(),
+                expected: format!("{} to {most}", -most),
+            }),
+        }
+    }
+}
+
 impl Simulation {
-    /// Makes the place, the walk and the sensors.
+    /// Makes the place, the walk and the sensors; for [`Kind::Targets`] a session as it should be done.
     ///
     /// # Errors
     /// [`SimulationError`].
     pub fn new(settings: &Settings, rig: &Rig) -> Result<Self, SimulationError> {
-        settings.check()?;
-        let mut cameras = cameras(rig, settings.width, settings.height)?;
-        for camera in &mut cameras {
-            let period_s = 1.0 / settings.rate_hz;
-            camera.longest_exposure_s = camera.longest_exposure_s.min(SHUTTER_SHARE * period_s);
+        if settings.kind == Kind::Targets {
+            return Self::with_targets(settings, rig, &Plan::GOOD, &targets::april_grid);
         }
-        let imus = imus(ImuModel::ZED_MINI, &cameras, settings, rig)?;
+        let (cameras, imus) = sensors(settings, rig)?;
         let tags = shoe_tags(rig).map_err(|id| SimulationError::Tag {
             id,
             last: tag::COUNT - 1,
         })?;
         let scene = Scene::with_tags(settings.kind, settings.time, settings.seed, &tags);
         let walker = Walker::new(&scene, settings.seed, settings.seconds);
+        let told = told(&cameras, &imus);
         Ok(Self {
             settings: *settings,
-            scene,
+            scene: OnceLock::from(scene),
             walker,
+            boards: Vec::new(),
+            plan: None,
             cameras,
             imus,
+            told,
+            imaging: Imaging::USUAL,
+        })
+    }
+
+    /// Makes a room with boards, the first of which is `target(0)`, and the way on which the plate is carried
+    /// before them. [`Settings::kind`] must be [`Kind::Targets`]. The room itself is made when somebody looks at it:
+    /// truth of corners and IMU samples need none.
+    ///
+    /// # Errors
+    /// [`SimulationError`].
+    ///
+    /// # Panics
+    /// For a target that cannot be drawn.
+    pub fn with_targets(
+        settings: &Settings,
+        rig: &Rig,
+        plan: &Plan,
+        target: &dyn Fn(usize) -> Target,
+    ) -> Result<Self, SimulationError> {
+        let (cameras, imus) = sensors(settings, rig)?;
+        if settings.kind != Kind::Targets {
+            return Err(SimulationError::Setting {
+                what: "the scene of a target session",
+                found: settings.kind.name().to_owned(),
+                expected: Kind::Targets.name().to_owned(),
+            });
+        }
+        plan.check()?;
+        let sheet = |number: usize| Sheet::new(target(number));
+        let (boards, facing) = targets::boards(&cameras, &sheet, plan, settings.seed);
+        let (seed, seconds) = (settings.seed, settings.seconds);
+        let spline = targets::motion::spline(&cameras, &boards, &facing, plan, seconds, seed);
+        let told = told(&cameras, &imus);
+        Ok(Self {
+            settings: *settings,
+            scene: OnceLock::new(),
+            walker: Walker::carrying(spline, seconds),
+            boards,
+            plan: Some(*plan),
+            cameras,
+            imus,
+            told,
+            imaging: Imaging::USUAL,
         })
     }
 
@@ -205,8 +318,128 @@ impl Simulation {
         camera: &str,
         calibration: &StereoCalibration,
     ) -> Result<Self, SimulationError> {
+        let (at, models) = self.lenses(camera, calibration)?;
+        self.cameras[at].models = models;
+        self.told[at].models = models;
+        Ok(self)
+    }
+
+    /// The same recording with other lenses in a camera than its files say.
+    ///
+    /// # Errors
+    /// [`SimulationError::Lenses`].
+    pub fn with_true_lenses(
+        mut self,
+        camera: &str,
+        calibration: &StereoCalibration,
+    ) -> Result<Self, SimulationError> {
+        let (at, models) = self.lenses(camera, calibration)?;
+        self.cameras[at].models = models;
+        Ok(self)
+    }
+
+    /// The same recording of a rig that is as this one, while its files say what they did. The rig has the same cameras.
+    /// Call it after [`Simulation::with_imus`].
+    ///
+    /// # Errors
+    /// [`SimulationError::Rig`].
+    pub fn with_true_rig(mut self, rig: &Rig) -> Result<Self, SimulationError> {
+        let model = self
+            .imus
+            .first()
+            .map_or(ImuModel::ZED_MINI, |i| *i.imu.model());
+        let part = |name: &str, part| {
+            let frame = Frame::of_camera(name, part).expect("the name of a camera");
+            rig.transform(&Frame::rig(), &frame)
+        };
+        for camera in &mut self.cameras {
+            let name = &camera.name;
+            camera.rig_from_eye = [part(name, FramePart::Left)?, part(name, FramePart::Right)?];
+        }
+        self.imus = imus(model, &self.cameras, &self.settings, rig)?;
+        Ok(self)
+    }
+
+    /// The same recording of a rig that deviates from what its files say, of which `rig` was made. Call it last.
+    ///
+    /// # Errors
+    /// [`SimulationError::Rig`].
+    pub fn with_deviation(
+        mut self,
+        rig: &Rig,
+        deviation: &Deviation,
+    ) -> Result<Self, SimulationError> {
+        let moved: Vec<_> = deviation
+            .cameras
+            .iter()
+            .filter(|c| !c.is_placed_as_told())
+            .collect();
+        if !moved.is_empty() {
+            let text = true_rig_text(rig, &|frame, placed, left| {
+                let (camera, part) = frame.camera()?;
+                Some(deviation.of(camera).placed(part, left, placed))
+            });
+            self = self.with_true_rig(&Rig::parse(&text)?)?;
+        }
+        for camera in &mut self.cameras {
+            let own = deviation.of(&camera.name);
+            camera.late_ns = own.late_ns;
+            camera.models = camera.models.map(|model| own.lens(&model));
+        }
+        Ok(self)
+    }
+
+    /// Whether anything is not as files say.
+    pub fn deviates(&self) -> bool {
+        self.told != told(&self.cameras, &self.imus) || self.cameras.iter().any(|c| c.late_ns != 0)
+    }
+
+    /// The text of a rig file of the rig as it is; `told` is the one that the recording knows.
+    pub fn true_rig_text(&self, told: &Rig) -> String {
+        true_rig_text(told, &|frame, _, _| {
+            let (name, part) = frame.camera()?;
+            let at = self.cameras.iter().position(|c| c.name == name)?;
+            Some(match part {
+                FramePart::Left => self.cameras[at].rig_from_eye[0],
+                FramePart::Right => self.cameras[at].rig_from_eye[1],
+                FramePart::Imu => self.imus[at].imu_from_rig.inverse(),
+            })
+        })
+    }
+
+    /// The same recording through sensors that are so.
+    ///
+    /// # Errors
+    /// [`SimulationError::Setting`] for an exposure that is no time or longer than a period, or for noise below 0.
+    pub fn with_imaging(mut self, imaging: Imaging) -> Result<Self, SimulationError> {
+        let most = SHUTTER_SHARE / self.settings.rate_hz;
+        let is_time = |s: f64| s > 0.0 && s <= most;
+        if let Some(found) = imaging.exposure_s.filter(|s| !is_time(*s)) {
+            return Err(SimulationError::Setting {
+                what: "the exposure",
+                found: format!("{found} s"),
+                expected: format!("above 0 and at most {most} s"),
+            });
+        }
+        if !(0.0..=100.0).contains(&imaging.noise) {
+            return Err(SimulationError::Setting {
+                what: "the noise",
+                found: imaging.noise.to_string(),
+                expected: "0 to 100 times the usual".to_owned(),
+            });
+        }
+        self.imaging = imaging;
+        Ok(self)
+    }
+
+    /// Where a calibration finds its camera, and its lenses.
+    fn lenses(
+        &self,
+        camera: &str,
+        calibration: &StereoCalibration,
+    ) -> Result<(usize, [CameraModel; 2]), SimulationError> {
         let wanted = (self.settings.width, self.settings.height);
-        let Some(of) = self.cameras.iter_mut().find(|c| c.name == camera) else {
+        let Some(of) = self.cameras.iter().position(|c| c.name == camera) else {
             let known: Vec<&str> = self.cameras.iter().map(|c| c.name.as_str()).collect();
             return Err(SimulationError::Lenses(format!(
                 "found {camera:?}, expected one of {}",
@@ -229,8 +462,7 @@ impl Simulation {
                 )));
             }
         }
-        of.models = models;
-        Ok(self)
+        Ok((of, models))
     }
 
     /// The same walk with other IMUs in the cameras.
@@ -239,6 +471,9 @@ impl Simulation {
     /// [`SimulationError::Rig`].
     pub fn with_imus(mut self, model: ImuModel, rig: &Rig) -> Result<Self, SimulationError> {
         self.imus = imus(model, &self.cameras, &self.settings, rig)?;
+        for (told, imu) in self.told.iter_mut().zip(&self.imus) {
+            told.imu_from_rig = imu.imu_from_rig;
+        }
         Ok(self)
     }
 
@@ -256,7 +491,29 @@ impl Simulation {
 
     /// The place.
     pub fn scene(&self) -> &Scene {
-        &self.scene
+        let Settings { time, seed, .. } = self.settings;
+        let new = || Scene::with_boards(time, seed, &self.boards);
+        self.scene.get_or_init(new)
+    }
+
+    /// The calibration boards; none on a walk.
+    pub fn boards(&self) -> &[Board] {
+        &self.boards
+    }
+
+    /// How the boards are shown; none on a walk.
+    pub fn plan(&self) -> Option<&Plan> {
+        self.plan.as_ref()
+    }
+
+    /// How sensors turn light into numbers.
+    pub fn imaging(&self) -> &Imaging {
+        &self.imaging
+    }
+
+    /// Where corners of boards are in a camera's pictures, without a picture.
+    pub fn sights(&self, camera: usize) -> Sights<'_> {
+        Sights::new(self, camera)
     }
 
     /// The walk.
@@ -274,31 +531,24 @@ impl Simulation {
         &self.imus
     }
 
-    /// What a calibration of a camera that finds everything exactly says of it.
+    /// What files say of a camera: the truth, unless the rig deviates from it.
     pub fn calibration(&self, camera: usize) -> StereoCalibration {
-        let (of, imu) = (&self.cameras[camera], &self.imus[camera]);
-        let [left, right] = of.rig_from_eye;
-        let model = imu.imu.model();
-        StereoCalibration {
-            left: of.models[0],
-            right: of.models[1],
-            right_from_left: right.inverse() * left,
-            imu: Some(ImuCalibration {
-                imu_from_left: imu.imu_from_rig * left,
-                rate_hz: model.rate_hz,
-                noise: Some(ImuNoise {
-                    gyro_noise_density: model.noise_density[0],
-                    gyro_random_walk: model.random_walk[0],
-                    accel_noise_density: model.noise_density[1],
-                    accel_random_walk: model.random_walk[1],
-                }),
-            }),
-            provenance: Provenance {
-                format: None,
-                files: Vec::new(),
-                part: None,
-            },
-        }
+        calibration_of(&self.told[camera], self.imus[camera].imu.model())
+    }
+
+    /// What a calibration of a camera that finds everything exactly says of it.
+    pub fn true_calibration(&self, camera: usize) -> StereoCalibration {
+        let is = told(&self.cameras, &self.imus).swap_remove(camera);
+        calibration_of(&is, self.imus[camera].imu.model())
+    }
+
+    /// What files say of an eye: its lens, and what takes its optical frame to the IMU's.
+    pub(crate) fn told_eye(&self, camera: usize, eye: usize) -> (&CameraModel, RigidTransform) {
+        let told = &self.told[camera];
+        (
+            &told.models[eye],
+            told.imu_from_rig * told.rig_from_eye[eye],
+        )
     }
 
     /// All frames of a camera, in order.
@@ -337,7 +587,7 @@ impl Simulation {
 
     /// The wearer's limbs, which move with the walk.
     fn limbs(&self) -> Vec<Limb<'_>> {
-        let parts = self.scene.wearer.parts.iter();
+        let parts = self.scene().wearer.parts.iter();
         parts
             .map(|(part, body)| Limb {
                 body,
@@ -349,7 +599,7 @@ impl Simulation {
 
     /// Everything that can be seen: the scene, then the wearer.
     fn placed<'a>(&'a self, limbs: &'a [Limb<'a>]) -> Vec<Placed<'a>> {
-        let mut placed = placed(&self.scene);
+        let mut placed = placed(self.scene());
         for limb in limbs {
             let first = placed.last().map_or(0, Placed::next);
             placed.push(Placed {
@@ -359,6 +609,55 @@ impl Simulation {
             });
         }
         placed
+    }
+}
+
+/// Cameras and IMUs of a rig, once settings are known to be possible.
+fn sensors(
+    settings: &Settings,
+    rig: &Rig,
+) -> Result<(Vec<SimCamera>, Vec<RigImu>), SimulationError> {
+    settings.check()?;
+    let mut cameras = cameras(rig, settings.width, settings.height)?;
+    for camera in &mut cameras {
+        let period_s = 1.0 / settings.rate_hz;
+        camera.longest_exposure_s = camera.longest_exposure_s.min(SHUTTER_SHARE * period_s);
+    }
+    let imus = imus(ImuModel::ZED_MINI, &cameras, settings, rig)?;
+    Ok((cameras, imus))
+}
+
+/// What files say that say the truth.
+fn told(cameras: &[SimCamera], imus: &[RigImu]) -> Vec<Told> {
+    let of = |(camera, imu): (&SimCamera, &RigImu)| Told {
+        models: camera.models,
+        rig_from_eye: camera.rig_from_eye,
+        imu_from_rig: imu.imu_from_rig,
+    };
+    cameras.iter().zip(imus).map(of).collect()
+}
+
+fn calibration_of(told: &Told, model: &ImuModel) -> StereoCalibration {
+    let [left, right] = told.rig_from_eye;
+    StereoCalibration {
+        left: told.models[0],
+        right: told.models[1],
+        right_from_left: right.inverse() * left,
+        imu: Some(ImuCalibration {
+            imu_from_left: told.imu_from_rig * left,
+            rate_hz: model.rate_hz,
+            noise: Some(ImuNoise {
+                gyro_noise_density: model.noise_density[0],
+                gyro_random_walk: model.random_walk[0],
+                accel_noise_density: model.noise_density[1],
+                accel_random_walk: model.random_walk[1],
+            }),
+        }),
+        provenance: Provenance {
+            format: None,
+            files: Vec::new(),
+            part: None,
+        },
     }
 }
 

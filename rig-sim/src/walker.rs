@@ -21,11 +21,13 @@ use crate::so3;
 use crate::spline::{Spline, State};
 
 /// Distance between the spline's controls, s: motion up to some 10 Hz.
-const KNOT_S: f64 = 0.025;
+pub(crate) const KNOT_S: f64 = 0.025;
 /// Height of the rig's datum above the soles of a standing wearer, m.
 pub const CHEST_HEIGHT_M: f64 = 1.3;
 /// How far the plate is before the line of the hips, m.
 const CHEST_AHEAD_M: f64 = 0.14;
+/// Where somebody stands who carries the plate in his hands, m.
+const CARRIER_X: f64 = -0.6;
 /// From the strike until the whole sole is down, s.
 const ROLL_DOWN_S: f64 = 0.08;
 /// From the heel's lifting until the toe is off, s.
@@ -81,6 +83,25 @@ impl Walker {
             spline,
             falls,
             lifts,
+            seconds,
+        }
+    }
+
+    /// Somebody who stands on the floor behind the rig, and carries it along a spline whose second control is at
+    /// the beginning.
+    pub(crate) fn carrying(spline: Spline, seconds: f64) -> Self {
+        let standing = |side| Footfall {
+            side,
+            strike_s: -1.0,
+            off_s: f64::INFINITY,
+            position: Vector3::new(CARRIER_X, if side == Side::Left { 0.1 } else { -0.1 }, 0.0),
+            rotation: UnitQuaternion::identity(),
+            speed: 0.0,
+        };
+        Self {
+            spline,
+            falls: [Side::Left, Side::Right].map(|side| vec![standing(side)]),
+            lifts: [Vec::new(), Vec::new()],
             seconds,
         }
     }

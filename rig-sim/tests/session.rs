@@ -3,14 +3,18 @@
 use std::sync::Arc;
 
 use cad_transforms::rig::Rig;
+use calib::target::Target;
 use rig_sim::camera::Quality;
+use rig_sim::deviation::Deviation;
 use rig_sim::faults::{Fault, Faults, Kind as FaultKind};
 use rig_sim::preview::film::film;
 use rig_sim::render::session::{BEGIN, SessionError, write};
 use rig_sim::scene::{Kind, Time};
 use rig_sim::simulation::{Settings, Simulation};
 use session_archive::reader::{Entry, SessionReader};
-use session_archive::record::{Frame, FrameSet, Gap, ImuBatch, Record};
+use session_archive::record::{
+    CameraCalibration, Frame, FrameSet, FrameTransforms, Gap, ImuBatch, Record,
+};
 use session_archive::storage::DiskStorage;
 use session_archive::verify::verify;
 
@@ -163,4 +167,62 @@ fn a_film_has_every_frame() {
     let stsz = bytes.windows(4).position(|w| w == b"stsz").unwrap();
     let count = u32::from_be_bytes(bytes[stsz + 12..stsz + 16].try_into().unwrap());
     assert_eq!(count, 30);
+}
+
+#[test]
+fn a_target_session_holds_boards_and_truth_beside_what_was_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = Settings {
+        kind: Kind::Targets,
+        ..*walk().settings()
+    };
+    let mut deviation = Deviation::default();
+    deviation.of_mut("feet").late_ns = 3_000_000;
+    deviation.of_mut("left_shoulder").turned.y = 0.01;
+    let told = Simulation::new(&settings, &rig()).unwrap();
+    let simulation = Arc::new(told.clone().with_deviation(&rig(), &deviation).unwrap());
+    let faults = Faults::default();
+    write(&simulation, &rig(), RIG, &faults, folder.path(), &|| {}).unwrap();
+    let reader = SessionReader::open(Arc::new(DiskStorage::new(folder.path()))).unwrap();
+    assert!(verify(&reader, |_| {}).unwrap().is_sound());
+    let file = |name: &str| std::fs::read_to_string(folder.path().join("rig").join(name)).unwrap();
+    assert_eq!(file("rig.toml"), RIG);
+    for (number, board) in simulation.boards().iter().enumerate() {
+        let path = folder.path().join(format!("rig/target.{number}.toml"));
+        assert_eq!(Target::read(&path).unwrap(), *board.sheet().target());
+    }
+    let is = Rig::parse(&file("truth.rig.toml")).unwrap();
+    let left = "left_shoulder/left".parse().unwrap();
+    let place = |rig: &Rig| rig.transform(&"rig".parse().unwrap(), &left).unwrap();
+    let off = place(&rig()).inverse() * place(&is);
+    assert!((off.angle_rad() - 0.01).abs() < 1e-9);
+    assert!(file("truth.cameras.toml").contains("late_ns = 3000000"));
+    assert!(file("truth.targets.csv").lines().count() > 3 * 144);
+    // Frames say the usual times; truth says when they were taken.
+    let frames: Vec<Frame> = records(&reader);
+    assert_eq!(frames.len(), 90);
+    let truth = |name: &str| -> Vec<i64> {
+        let text = file(&format!("truth.{name}.csv"));
+        let rows = text
+            .lines()
+            .skip(1)
+            .map(|line| line.split(',').nth(1).unwrap().parse().unwrap());
+        rows.collect()
+    };
+    for (feet, shoulder) in truth("feet").iter().zip(truth("left_shoulder")) {
+        assert_eq!(feet + 3_000_000, shoulder);
+        assert_eq!(frames.iter().filter(|f| f.time == shoulder).count(), 3);
+    }
+    // What files say of lenses and places is what they said of the rig as told.
+    let other = tempfile::tempdir().unwrap();
+    write(&Arc::new(told), &rig(), RIG, &faults, other.path(), &|| {}).unwrap();
+    let other = SessionReader::open(Arc::new(DiskStorage::new(other.path()))).unwrap();
+    let statics = |r: &SessionReader| {
+        let lenses: Vec<CameraCalibration> = records(r);
+        let places: Vec<FrameTransforms> = records(r);
+        (lenses, places)
+    };
+    assert_eq!(statics(&reader), statics(&other));
+    let imu = |r: &SessionReader| -> Vec<ImuBatch> { records(r) };
+    assert_ne!(imu(&reader), imu(&other));
 }

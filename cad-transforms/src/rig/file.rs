@@ -1,26 +1,69 @@
 //! Reading the rig file. Goes on after every mistake, so that one run shows them all; checks of the
 //! tree as a whole come last and use the entries that could be read.
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::BTreeMap;
 use std::ops::Range;
 
-use toml::de::DeTable;
+use toml::de::{DeTable, DeValue};
 
 use super::table::{Log, Table, integer, line_of, list_of, numbers, rows, table_of, text_of};
-use super::tags;
-use super::{Edge, Problem, Problems, Provenance, ProvenanceKind, RIG_FORMAT, Rig, Step};
-use crate::frame::{Frame, FramePart};
+use super::{
+    CadSource, Edge, Problem, Problems, Provenance, ProvenanceKind, RIG_FORMAT, Rig, devices,
+    loops, tags, tolerance, tree,
+};
+use crate::frame::Frame;
 use crate::transform::RigidTransform;
 
-pub(super) fn parse(text: &str) -> Result<Rig, Problems> {
+/// What could be read of a file, and everything that is wrong with it.
+pub(super) struct Parsed {
+    /// Of what could be read; texts that are missing are empty. Its tree leaves out what is wrong.
+    pub(super) rig: Rig,
+    /// Line of each of the rig's entries.
+    pub(super) edge_lines: Vec<usize>,
+    /// Line of each `[[camera]]`.
+    pub(super) camera_lines: Vec<usize>,
+    /// By line.
+    pub(super) problems: Vec<Problem>,
+}
+
+impl Parsed {
+    /// The rig, if nothing is wrong.
+    pub(super) fn into_rig(self) -> Result<Rig, Problems> {
+        if self.problems.is_empty() {
+            Ok(self.rig)
+        } else {
+            Err(Problems(self.problems))
+        }
+    }
+
+    fn hopeless(problem: Problem) -> Self {
+        Self {
+            rig: Rig {
+                name: String::new(),
+                revision: String::new(),
+                provenance: nothing_known(),
+                cameras: Vec::new(),
+                edges: Vec::new(),
+                closures: Vec::new(),
+                towards_rig: BTreeMap::new(),
+                shoe_tags: Vec::new(),
+            },
+            edge_lines: Vec::new(),
+            camera_lines: Vec::new(),
+            problems: vec![problem],
+        }
+    }
+}
+
+pub(super) fn read(text: &str) -> Parsed {
     let document = match DeTable::parse(text) {
         Ok(document) => document,
         Err(error) => {
             let line = line_of(text, error.span().map_or(0, |span| span.start));
-            return Err(Problems(vec![Problem {
+            return Parsed::hopeless(Problem {
                 line,
                 message: format!("not TOML: {}", error.message()),
-            }]));
+            });
         }
     };
     let mut log = Log {
@@ -40,6 +83,8 @@ pub(super) fn parse(text: &str) -> Result<Rig, Problems> {
             "provenance",
             "parent_from_child",
             "shoe_tag",
+            "camera",
+            "closes_loop",
         ],
         &mut log,
     );
@@ -48,36 +93,57 @@ pub(super) fn parse(text: &str) -> Result<Rig, Problems> {
     if let Some((at, format)) = root.get("format", &mut log, integer, "an integer")
         && format != RIG_FORMAT
     {
-        log.problems.clear();
-        log.add(
-            at,
-            format!("format is {format}, this program reads {RIG_FORMAT}"),
-        );
-        return Err(Problems(log.problems));
+        let line = log.line(&at);
+        return Parsed::hopeless(Problem {
+            line,
+            message: format!("format is {format}, this program reads {RIG_FORMAT}"),
+        });
     }
     let name = root.get("name", &mut log, text_of, "a text that is not empty");
     let revision = root.get("revision", &mut log, text_of, "a text that is not empty");
     let provenance = provenance(&root, &mut log);
     let edges = edges(&root, &mut log);
-    check_cameras(&edges, &mut log);
-    let towards_rig = check_tree(&edges, &mut log);
+    tree::check_cameras(&edges, &mut log);
+    let towards_rig = tree::check(&edges, &mut log);
+    let cameras = devices::cameras(&root, &edges, &mut log);
+    let closures = loops::closures(&root, &mut log);
     let shoe_tags = tags::shoe_tags(&root, &mut log);
 
-    match (name, revision, provenance) {
-        (Some((_, name)), Some((_, revision)), Some(provenance)) if log.problems.is_empty() => {
-            Ok(Rig {
-                name,
-                revision,
-                provenance,
-                edges: edges.into_iter().map(|(_, edge)| edge).collect(),
-                towards_rig,
-                shoe_tags,
-            })
+    let lines = |places: Vec<&Range<usize>>| places.iter().map(|at| log.line(at)).collect();
+    let edge_lines = lines(edges.iter().map(|(at, _)| at).collect());
+    let camera_lines = lines(cameras.iter().map(|(at, _)| at).collect());
+    let text_or_none =
+        |found: Option<(Range<usize>, String)>| found.map_or_else(String::new, |v| v.1);
+    let mut rig = Rig {
+        name: text_or_none(name),
+        revision: text_or_none(revision),
+        provenance: provenance.unwrap_or_else(nothing_known),
+        cameras: cameras.into_iter().map(|(_, camera)| camera).collect(),
+        edges: edges.into_iter().map(|(_, edge)| edge).collect(),
+        closures: Vec::new(),
+        towards_rig,
+        shoe_tags,
+    };
+    for (at, closure) in closures {
+        if let Some(message) = loops::objection(&rig, &closure) {
+            log.add(at, message);
         }
-        _ => {
-            log.problems.sort_by_key(|problem| problem.line);
-            Err(Problems(log.problems))
-        }
+        rig.closures.push(closure);
+    }
+    log.problems.sort_by_key(|problem| problem.line);
+    Parsed {
+        rig,
+        edge_lines,
+        camera_lines,
+        problems: log.problems,
+    }
+}
+
+fn nothing_known() -> Provenance {
+    Provenance {
+        kind: ProvenanceKind::Nominal,
+        note: String::new(),
+        cad: None,
     }
 }
 
@@ -88,14 +154,16 @@ fn provenance(root: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Provenance> {
         at,
         name: "[provenance]",
     };
-    table.refuse_unknown(&["kind", "note"], log);
+    table.refuse_unknown(&["kind", "note", "cad_file", "cad_blake3"], log);
     let note = table.get("note", log, text_of, "a text that is not empty");
+    let cad = cad_source(&table, log);
     let (at, kind) = table.get("kind", log, text_of, "a text that is not empty")?;
     let known = ProvenanceKind::ALL.map(ProvenanceKind::as_str);
     match ProvenanceKind::ALL.into_iter().find(|k| k.as_str() == kind) {
         Some(kind) => Some(Provenance {
             kind,
             note: note?.1,
+            cad,
         }),
         None => {
             log.add(
@@ -105,6 +173,30 @@ fn provenance(root: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Provenance> {
             None
         }
     }
+}
+
+fn cad_source(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<CadSource> {
+    let has = |key: &str| table.table.contains_key(key);
+    if !has("cad_file") && !has("cad_blake3") {
+        return None;
+    }
+    let file = table.get("cad_file", log, text_of, "a text that is not empty");
+    let hash = |value: &DeValue<'_>| {
+        text_of(value).filter(|hash| {
+            let digit = |b: u8| b.is_ascii_digit() || (b'a'..=b'f').contains(&b);
+            hash.len() == 64 && hash.bytes().all(digit)
+        })
+    };
+    let blake3 = table.get(
+        "cad_blake3",
+        log,
+        hash,
+        "64 hexadecimal digits in lower case",
+    );
+    Some(CadSource {
+        file: file?.1,
+        blake3: blake3?.1,
+    })
 }
 
 /// The entries that could be read, each with its place.
@@ -144,16 +236,23 @@ fn edge(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Edge> {
             "rotation_wxyz",
             "rotation_rows",
             "translation_m",
+            "sigma_translation_m",
+            "sigma_translation_mm",
+            "sigma_rotation_rad",
+            "sigma_rotation_deg",
+            "covariance",
         ],
         log,
     );
     let parent = frame(table, "parent", log);
     let child = frame(table, "child", log);
     let transform = transform(table, log);
+    let covariance = tolerance::covariance(table, log);
     let edge = Edge {
         parent: parent?,
         child: child?,
         parent_from_child: transform?,
+        covariance,
     };
     if edge.parent == edge.child {
         log.add(
@@ -166,7 +265,7 @@ fn edge(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Edge> {
 }
 
 /// The rotation, in one of its two forms, and the translation of an entry.
-pub(super) fn transform(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<RigidTransform> {
+pub(crate) fn transform(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<RigidTransform> {
     let translation = table.get("translation_m", log, numbers::<3>, "three finite numbers");
     let has = |key: &str| table.table.contains_key(key);
     let transform = match (has("rotation_wxyz"), has("rotation_rows")) {
@@ -225,7 +324,7 @@ fn translation_or_zero(translation: &Option<(Range<usize>, [f64; 3])>) -> [f64; 
     translation.as_ref().map_or([0.0; 3], |(_, value)| *value)
 }
 
-fn frame(table: &Table<'_, '_>, key: &'static str, log: &mut Log<'_>) -> Option<Frame> {
+pub(crate) fn frame(table: &Table<'_, '_>, key: &'static str, log: &mut Log<'_>) -> Option<Frame> {
     let (at, name) = table.get(key, log, text_of, "the name of a frame")?;
     match name.parse::<Frame>() {
         Ok(frame) if frame == Frame::world() => {
@@ -238,105 +337,4 @@ fn frame(table: &Table<'_, '_>, key: &'static str, log: &mut Log<'_>) -> Option<
             None
         }
     }
-}
-
-fn check_cameras(edges: &[(Range<usize>, Edge)], log: &mut Log<'_>) {
-    let frames: BTreeSet<&Frame> = edges
-        .iter()
-        .flat_map(|(_, e)| [&e.parent, &e.child])
-        .collect();
-    let mut reported = BTreeSet::new();
-    for (at, edge) in edges {
-        for frame in [&edge.parent, &edge.child] {
-            let Some((camera, _)) = frame.camera() else {
-                continue;
-            };
-            let left =
-                Frame::of_camera(camera, FramePart::Left).expect("the camera's name is valid");
-            if !frames.contains(&left) && reported.insert(camera) {
-                log.add(
-                    at.clone(),
-                    format!(
-                        "{frame} is there but {left} is not: the left frame is a camera's reference"
-                    ),
-                );
-            }
-        }
-    }
-}
-
-/// Reports duplicated edges, loops and frames without a connection to `rig`; returns each frame's
-/// step towards `rig`.
-fn check_tree(edges: &[(Range<usize>, Edge)], log: &mut Log<'_>) -> BTreeMap<Frame, Step> {
-    // `group` merges as edges come in; an edge inside one group closes a loop.
-    let mut group: BTreeMap<&Frame, usize> = BTreeMap::new();
-    let mut tree: Vec<&Edge> = Vec::new();
-    for (i, (at, edge)) in edges.iter().enumerate() {
-        let same = |(_, other): &&(Range<usize>, Edge)| {
-            (&other.parent, &other.child) == (&edge.parent, &edge.child)
-                || (&other.child, &other.parent) == (&edge.parent, &edge.child)
-        };
-        if let Some((first_at, _)) = edges[..i].iter().find(same) {
-            let line = log.line(first_at);
-            log.add(
-                at.clone(),
-                format!(
-                    "{} and {} are already connected on line {line}",
-                    edge.parent, edge.child
-                ),
-            );
-            continue;
-        }
-        let next = group.len();
-        let parent = *group.entry(&edge.parent).or_insert(next);
-        let next = group.len();
-        let child = *group.entry(&edge.child).or_insert(next);
-        if parent == child {
-            log.add(
-                at.clone(),
-                format!("connecting {} and {} closes a loop: they are connected already through other frames", edge.parent, edge.child),
-            );
-            continue;
-        }
-        group
-            .values_mut()
-            .filter(|g| **g == child)
-            .for_each(|g| *g = parent);
-        tree.push(edge);
-    }
-
-    let mut towards_rig = BTreeMap::new();
-    let mut front = VecDeque::from([Frame::rig()]);
-    while let Some(here) = front.pop_front() {
-        for edge in &tree {
-            let (far, here_from_far) = if edge.parent == here {
-                (&edge.child, edge.parent_from_child)
-            } else if edge.child == here {
-                (&edge.parent, edge.parent_from_child.inverse())
-            } else {
-                continue;
-            };
-            if *far != Frame::rig() && !towards_rig.contains_key(far) {
-                towards_rig.insert(
-                    far.clone(),
-                    Step {
-                        next: here.clone(),
-                        next_from_this: here_from_far,
-                    },
-                );
-                front.push_back(far.clone());
-            }
-        }
-    }
-
-    for (at, edge) in edges {
-        let lost: Vec<&Frame> = [&edge.parent, &edge.child]
-            .into_iter()
-            .filter(|frame| **frame != Frame::rig() && !towards_rig.contains_key(*frame))
-            .collect();
-        if let [first, ..] = lost.as_slice() {
-            log.add(at.clone(), format!("{first} has no connection to rig"));
-        }
-    }
-    towards_rig
 }

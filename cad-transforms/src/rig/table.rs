@@ -8,35 +8,35 @@ use toml::de::{DeTable, DeValue};
 use super::Problem;
 
 /// Collects problems with their lines.
-pub(super) struct Log<'t> {
-    pub(super) text: &'t str,
-    pub(super) problems: Vec<Problem>,
+pub(crate) struct Log<'t> {
+    pub(crate) text: &'t str,
+    pub(crate) problems: Vec<Problem>,
 }
 
 impl Log<'_> {
-    pub(super) fn add(&mut self, at: Range<usize>, message: String) {
+    pub(crate) fn add(&mut self, at: Range<usize>, message: String) {
         let line = self.line(&at);
         self.problems.push(Problem { line, message });
     }
 
-    pub(super) fn line(&self, at: &Range<usize>) -> usize {
+    pub(crate) fn line(&self, at: &Range<usize>) -> usize {
         line_of(self.text, at.start)
     }
 }
 
-pub(super) fn line_of(text: &str, offset: usize) -> usize {
+pub(crate) fn line_of(text: &str, offset: usize) -> usize {
     1 + text.bytes().take(offset).filter(|b| *b == b'\n').count()
 }
 
 /// A TOML table with what is needed to complain about it.
-pub(super) struct Table<'a, 'i> {
-    pub(super) table: &'a DeTable<'i>,
-    pub(super) at: Range<usize>,
-    pub(super) name: &'static str,
+pub(crate) struct Table<'a, 'i> {
+    pub(crate) table: &'a DeTable<'i>,
+    pub(crate) at: Range<usize>,
+    pub(crate) name: &'static str,
 }
 
 impl<'a, 'i> Table<'a, 'i> {
-    pub(super) fn refuse_unknown(&self, known: &[&str], log: &mut Log<'_>) {
+    pub(crate) fn refuse_unknown(&self, known: &[&str], log: &mut Log<'_>) {
         for key in self.table.keys() {
             let name = key.get_ref().as_ref();
             if known.contains(&name) {
@@ -59,7 +59,7 @@ impl<'a, 'i> Table<'a, 'i> {
     }
 
     /// The value under `key`, or a problem when it is missing or is not what `read` takes.
-    pub(super) fn get<T>(
+    pub(crate) fn get<T>(
         &self,
         key: &str,
         log: &mut Log<'_>,
@@ -86,12 +86,12 @@ impl<'a, 'i> Table<'a, 'i> {
     }
 }
 
-pub(super) fn integer(value: &DeValue<'_>) -> Option<i64> {
+pub(crate) fn integer(value: &DeValue<'_>) -> Option<i64> {
     let integer = value.as_integer()?;
     i64::from_str_radix(integer.as_str(), integer.radix()).ok()
 }
 
-fn number(value: &DeValue<'_>) -> Option<f64> {
+pub(crate) fn number(value: &DeValue<'_>) -> Option<f64> {
     let number = match value.as_float() {
         Some(float) => float.as_str().parse().ok(),
         None => integer(value).map(|v| v as f64),
@@ -99,29 +99,29 @@ fn number(value: &DeValue<'_>) -> Option<f64> {
     number.filter(|v: &f64| v.is_finite())
 }
 
-pub(super) fn positive(value: &DeValue<'_>) -> Option<f64> {
+pub(crate) fn positive(value: &DeValue<'_>) -> Option<f64> {
     number(value).filter(|v| *v > 0.0)
 }
 
-pub(super) fn text_of(value: &DeValue<'_>) -> Option<String> {
+pub(crate) fn text_of(value: &DeValue<'_>) -> Option<String> {
     value
         .as_str()
         .filter(|text| !text.trim().is_empty())
         .map(str::to_owned)
 }
 
-pub(super) fn table_of<'a, 'i>(value: &'a DeValue<'i>) -> Option<&'a DeTable<'i>> {
+pub(crate) fn table_of<'a, 'i>(value: &'a DeValue<'i>) -> Option<&'a DeTable<'i>> {
     value.as_table()
 }
 
-pub(super) fn list_of<'a, 'i>(value: &'a DeValue<'i>) -> Option<Vec<&'a Spanned<DeValue<'i>>>> {
+pub(crate) fn list_of<'a, 'i>(value: &'a DeValue<'i>) -> Option<Vec<&'a Spanned<DeValue<'i>>>> {
     value
         .as_array()
         .filter(|list| !list.is_empty())
         .map(|list| list.iter().collect())
 }
 
-pub(super) fn numbers<const N: usize>(value: &DeValue<'_>) -> Option<[f64; N]> {
+pub(crate) fn numbers<const N: usize>(value: &DeValue<'_>) -> Option<[f64; N]> {
     let list: Option<Vec<f64>> = value
         .as_array()?
         .iter()
@@ -130,7 +130,7 @@ pub(super) fn numbers<const N: usize>(value: &DeValue<'_>) -> Option<[f64; N]> {
     list?.try_into().ok()
 }
 
-pub(super) fn rows(value: &DeValue<'_>) -> Option<[f64; 9]> {
+pub(crate) fn rows(value: &DeValue<'_>) -> Option<[f64; 9]> {
     let rows: Option<Vec<[f64; 3]>> = value
         .as_array()?
         .iter()

@@ -3,7 +3,7 @@ use super::*;
 const HEAD: &str = "format = 1\nname = \"plate\"\nrevision = \"A\"\nprovenance = { kind = \"nominal\", note = \"made up\" }\n";
 
 /// A file with one entry per `(parent, child, rest)`; entries of five lines start on lines 5, 10, 15, ….
-fn file(entries: &[(&str, &str, &str)]) -> String {
+pub(super) fn file(entries: &[(&str, &str, &str)]) -> String {
     let mut text = HEAD.to_owned();
     for (parent, child, rest) in entries {
         text +=
@@ -24,7 +24,7 @@ fn problems(text: &str) -> Vec<String> {
     }
 }
 
-fn frame(name: &str) -> Frame {
+pub(super) fn frame(name: &str) -> Frame {
     name.parse().unwrap()
 }
 
@@ -370,3 +370,5 @@ fn tags_on_shoes_are_checked() {
         "{found:?}"
     );
 }
+
+mod written;

@@ -4,6 +4,7 @@ mod access;
 mod command_line;
 mod exporting;
 mod importing;
+mod imu_noise;
 mod pictures;
 mod reports;
 mod support;

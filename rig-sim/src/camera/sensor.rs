@@ -30,6 +30,19 @@ pub struct SensorModel {
     pub seed: u64,
     /// No noise at all, and all pixels alike: for truth.
     pub noiseless: bool,
+    /// How much more noise there is than there should be; 1 is as it should be.
+    pub noise: f32,
+    /// How light becomes numbers.
+    pub tone: Tone,
+}
+
+/// How light becomes numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tone {
+    /// By the curve of sRGB, as cameras deliver it.
+    Srgb,
+    /// In proportion.
+    Linear,
 }
 
 impl SensorModel {
@@ -42,6 +55,8 @@ impl SensorModel {
         uneven: 0.01,
         seed: 0,
         noiseless: false,
+        noise: 1.0,
+        tone: Tone::Srgb,
     };
 }
 
@@ -50,7 +65,7 @@ impl SensorModel {
 pub struct Exposure {
     /// How long light is gathered, s.
     pub seconds: f64,
-    /// Amplification, 1 or more.
+    /// Amplification, 1 or more; less where an iris takes light away.
     pub gain: f64,
 }
 
@@ -82,6 +97,7 @@ impl Sensor {
         let tone = |i: usize| {
             let v = i as f64 / (TONES - 1) as f64;
             let s = match v <= 0.003_130_8 {
+                _ if model.tone == Tone::Linear => v,
                 true => 12.92 * v,
                 false => 1.055 * libm::pow(v, 1.0 / 2.4) - 0.055,
             };
@@ -119,7 +135,7 @@ impl Sensor {
         let full = model.full_well / exposure.gain as f32;
         let to_tone = (TONES - 1) as f32 / full;
         let read2 = model.read_noise * model.read_noise;
-        let silent = if model.noiseless { 0.0 } else { 1.0 };
+        let silent = if model.noiseless { 0.0 } else { model.noise };
         let mut sum = 0.0;
         for row in 0..light.height {
             let start = row * width;
@@ -167,6 +183,8 @@ pub struct AutoExposure {
     product: f64,
     /// Longest exposure, s.
     longest_s: f64,
+    /// The only exposure, where it is fixed, s.
+    fixed_s: Option<f64>,
 }
 
 /// Mean of the exposed light that is aimed at, 1 being full.
@@ -182,11 +200,26 @@ impl AutoExposure {
         Self {
             product: 4e-4,
             longest_s,
+            fixed_s: None,
+        }
+    }
+
+    /// Always exposes for so long, s; where that is too long for the light, less than 1 of it is let in, as by an
+    /// iris.
+    #[must_use]
+    pub fn fixed(self, seconds: Option<f64>) -> Self {
+        Self {
+            fixed_s: seconds,
+            ..self
         }
     }
 
     /// For the next frame: as long as allowed before amplifying.
     pub fn exposure(&self) -> Exposure {
+        if let Some(seconds) = self.fixed_s {
+            let gain = (self.product / seconds).min(MOST_GAIN);
+            return Exposure { seconds, gain };
+        }
         let seconds = self.product.clamp(SHORTEST_S, self.longest_s);
         Exposure {
             seconds,
@@ -197,7 +230,7 @@ impl AutoExposure {
     /// Learns from a picture's mean.
     pub fn learn(&mut self, mean: f64) {
         let wish = (AIM / mean.max(1e-3)).clamp(0.2, 5.0);
-        let most = self.longest_s * MOST_GAIN;
+        let most = self.fixed_s.unwrap_or(self.longest_s) * MOST_GAIN;
         self.product = (self.product * libm::pow(wish, SPEED)).clamp(SHORTEST_S, most);
     }
 }

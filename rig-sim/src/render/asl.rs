@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::truth::TruthFiles;
-use super::{Job, RenderError, at, tables, write, yaml};
+use super::{Job, RenderError, at, special, tables, write, yaml};
 use crate::png_file;
 use crate::simulation::Simulation;
 
@@ -49,6 +49,11 @@ pub(super) fn camera(
         true => Some(TruthFiles::begin(simulation, number, &faults, &root)?),
         false => None,
     };
+
+    if job.truth && !simulation.boards().is_empty() {
+        let text = special::corners(simulation, number, &faults);
+        write(&root.with_file_name("corners.csv"), &text)?;
+    }
 
     let mut list = PICTURES.to_owned();
     let pictures = simulation.pictures(number);

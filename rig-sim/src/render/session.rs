@@ -28,6 +28,7 @@ use session_archive::time::{CivilTime, HostTime, NS_PER_S, TickLength};
 use session_archive::writer::{DEFAULT_CHUNK_NS, SessionSpec, SessionWriter, WriteError};
 use video::{AccessUnit, Picture, PixelFormat};
 
+use super::special;
 use crate::device::clock::DeviceClock;
 use crate::device::{Delivery, Device, DeviceFrame, DeviceImu, Loss, Stream};
 use crate::faults::{Faults, Kind};
@@ -209,6 +210,8 @@ impl<'a> Archive<'a> {
     ) -> Result<Self, SessionError> {
         let settings = simulation.settings();
         let mut files = vec![("rig.toml".to_owned(), rig_text.as_bytes().to_vec())];
+        let of_kind = special::files(simulation, rig).into_iter();
+        files.extend(of_kind.map(|(name, text)| (name, text.into_bytes())));
         for device in devices {
             for (name, text) in device.truth(BEGIN.ns()) {
                 if files.iter().all(|(known, _)| *known != name) {

@@ -4,13 +4,15 @@ use std::fmt::Write as _;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::simulation::{RigImu, Settings, Simulation, seconds};
+use crate::camera::sensor::Tone;
+use crate::simulation::{Imaging, RigImu, Simulation, seconds};
 use crate::walker::{Footfall, Side, Walker};
 
 /// What was asked for, so that it can be asked for again.
-pub(super) fn settings(settings: &Settings) -> String {
+pub(super) fn settings(simulation: &Simulation) -> String {
+    let settings = simulation.settings();
     let quality = &settings.quality;
-    format!(
+    let mut text = format!(
         "# A walk made by paws-rig-sim {}.\n\
          scene = {:?}\nlight = {:?}\nseed = {}\nseconds = {:?}\nrate_hz = {:?}\n\
          width = {}\nheight = {}\n\n\
@@ -26,7 +28,34 @@ pub(super) fn settings(settings: &Settings) -> String {
         quality.samples,
         quality.most_samples,
         quality.noise,
-    )
+    );
+    if let Some(plan) = simulation.plan() {
+        let (motion, bend, larger) = (plan.motion.name(), plan.bend_m, plan.larger);
+        line(
+            &mut text,
+            format_args!(
+                "\n[targets]\nmotion = {motion:?}\nbend_m = {bend:?}\nlarger = {larger:?}"
+            ),
+        );
+        if let Some(views) = plan.views {
+            line(&mut text, format_args!("views = {views}"));
+        }
+    }
+    let imaging = simulation.imaging();
+    if *imaging != Imaging::USUAL {
+        let linear = imaging.tone == Tone::Linear;
+        line(
+            &mut text,
+            format_args!(
+                "\n[sensors]\nnoise = {:?}\nlinear = {linear}",
+                imaging.noise
+            ),
+        );
+        if let Some(exposure_s) = imaging.exposure_s {
+            line(&mut text, format_args!("exposure_s = {exposure_s:?}"));
+        }
+    }
+    text
 }
 
 /// The rig at each frame, as the TUM RGB-D benchmark writes trajectories (Sturm et al. 2012).

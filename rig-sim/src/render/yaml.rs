@@ -15,8 +15,7 @@ pub(super) fn camera(
     eye: usize,
 ) -> Result<String, RenderError> {
     let camera = &simulation.cameras()[number];
-    let imu_from_eye = simulation.imus()[number].imu_from_rig * camera.rig_from_eye[eye];
-    let model = &camera.models[eye];
+    let (model, imu_from_eye) = simulation.told_eye(number, eye);
     let (name, coefficients) = match model.distortion {
         Distortion::None => ("none", Vec::new()),
         Distortion::Radial2 { k1, k2 } => ("radial-tangential", vec![k1, k2, 0.0, 0.0]),

@@ -61,7 +61,7 @@ impl Pictures {
         let eye = |k: usize| {
             let sensor = SensorModel {
                 seed: random::bits(seed, SENSOR_SEEDS, k as u64),
-                ..SensorModel::SMALL
+                ..simulation.imaging.sensor()
             };
             Eye::new(&of.models[k], of.shutter, sensor, quality)
         };
@@ -71,7 +71,7 @@ impl Pictures {
             faults: CameraFaults::default(),
             seed,
             eyes: [eye(0), eye(1)],
-            auto: auto_exposure(of.longest_exposure_s),
+            auto: auto_exposure(of.longest_exposure_s).fixed(simulation.imaging.exposure_s),
             next: 0,
         };
         pictures.settle(simulation.settings.frame_ns(0));
@@ -106,8 +106,8 @@ impl Pictures {
         let exposure = self.auto.exposure();
         let limbs = simulation.limbs();
         let placed = simulation.placed(&limbs);
-        let time_s = seconds(time_ns);
-        let conditions = Conditions::of(&self.faults, time_s);
+        let time_s = camera.taken_s(time_ns);
+        let conditions = Conditions::of(&self.faults, seconds(time_ns));
         let slip = camera.slip(&conditions.turned);
         let mut i420 = vec![0; width * height * 3 / 2];
         let (luma, chroma) = i420.split_at_mut(width * height);
@@ -122,8 +122,8 @@ impl Pictures {
                 quality,
                 noise,
             };
-            eye.expose(&simulation.scene, &placed, &pose, &shot);
-            eye.spoil(&simulation.scene, &pose(time_s), &conditions, k as u64);
+            eye.expose(simulation.scene(), &placed, &pose, &shot);
+            eye.spoil(simulation.scene(), &pose(time_s), &conditions, k as u64);
             // The right eye's columns follow the left one's in each row.
             let (x, half) = (k * eye_width, k * eye_width / 2);
             let chroma = [&mut cb[half..], &mut cr[half..]];

@@ -117,7 +117,7 @@ fn true_depth_is_that_of_ray_casting() {
                     let (x, y) = lens.unproject(u as f64 + du, v as f64 + dv);
                     // 1 long along the optical axis, so that the distance is the depth.
                     let direction = rotation * Vector3::new(x, y, 1.0);
-                    let hit = simulation.scene.first_hit(&origin, &direction);
+                    let hit = simulation.scene().first_hit(&origin, &direction);
                     hit.map_or(0.0, |hit| 1.0 / hit.distance)
                 };
                 looked += 1;
@@ -208,7 +208,7 @@ fn true_flow_is_where_the_point_of_a_ray_goes() {
                 let (origin, rotation) = sim_camera.world_from_eye(eye, &rig, None);
                 let (x, y) = lens.unproject(u as f64, v as f64);
                 let direction = rotation * Vector3::new(x, y, 1.0);
-                let Some(hit) = simulation.scene.first_hit(&origin, &direction) else {
+                let Some(hit) = simulation.scene().first_hit(&origin, &direction) else {
                     continue;
                 };
                 // At edges the rasteriser may see the other side.
@@ -250,13 +250,13 @@ fn true_flow_is_where_the_point_of_a_ray_goes() {
 fn tags_are_those_of_the_rig_file() {
     let text = include_str!("../../../cad-transforms/rigs/example.toml");
     let simulation = Simulation::new(&settings(), &example()).unwrap();
-    let [left, right] = &simulation.scene.wearer.tags[..] else {
-        panic!("{:?}", simulation.scene.wearer.tags)
+    let [left, right] = &simulation.scene().wearer.tags[..] else {
+        panic!("{:?}", simulation.scene().wearer.tags)
     };
     assert_eq!((left.id, left.size_m, right.id), (0, 0.06, 1));
     let bare = text.split("[[shoe_tag]]").next().unwrap();
     let bare = Simulation::new(&settings(), &Rig::parse(bare).unwrap()).unwrap();
-    assert!(bare.scene.wearer.tags.is_empty());
+    assert!(bare.scene().wearer.tags.is_empty());
     let unknown = Rig::parse(&text.replace("id = 1", "id = 8")).unwrap();
     let error = Simulation::new(&settings(), &unknown).unwrap_err();
     let message = error.to_string();
@@ -281,7 +281,7 @@ fn the_corners_of_tags_are_where_the_feet_take_them() {
         let (eye, time_ns) = (k % 2, 2_000_000_000 + 130_000_000 * k as i64);
         let truth = truths.see(eye, time_ns);
         for seen in truths.tags(eye, &truth) {
-            let tag = &simulation.scene.wearer.tags[seen.id];
+            let tag = &simulation.scene().wearer.tags[seen.id];
             for (found, corner) in seen
                 .corners
                 .iter()

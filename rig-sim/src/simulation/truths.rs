@@ -63,24 +63,25 @@ impl<'a> Truths<'a> {
             self.camera.world_from_eye(eye, &rig, slip.as_ref())
         };
         let placed = self.simulation.placed(&self.limbs);
-        self.eyes[eye].see(&self.simulation.scene, &placed, &pose, seconds(time_ns))
+        let taken_s = self.camera.taken_s(time_ns);
+        self.eyes[eye].see(self.simulation.scene(), &placed, &pose, taken_s)
     }
 
     /// Where what an eye sees in one picture is in another of its pictures.
     pub fn flow(&self, eye: usize, from: &Truth, to: &Truth) -> Flow {
         let placed = self.simulation.placed(&self.limbs);
-        self.eyes[eye].flow(&self.simulation.scene, &placed, from, to)
+        self.eyes[eye].flow(self.simulation.scene(), &placed, from, to)
     }
 
     /// The tags on the wearer's shoes that are before an eye, wherever the lens is known, with those
     /// outside the picture.
     pub fn tags(&self, eye: usize, truth: &Truth) -> Vec<SeenTag> {
-        let tags = self.simulation.scene.wearer.tags.iter();
+        let tags = self.simulation.scene().wearer.tags.iter();
         tags.filter_map(|tag| self.tag(eye, truth, tag)).collect()
     }
 
     fn tag(&self, eye: usize, truth: &Truth, tag: &ShoeTag) -> Option<SeenTag> {
-        let scene = &self.simulation.scene;
+        let scene = self.simulation.scene();
         let placed = self.simulation.placed(&self.limbs);
         let limb = self
             .limbs

@@ -1,0 +1,213 @@
+//! Cameras as things that are bolted on: where the lenses are, seen from the mounting datum.
+//!
+//! Contract: the numbers are data (`devices/zed.toml`) with their source, and a map file may override each of them.
+//! The datum is the maker's mounting point with the axes of the housing: x forward, y left, z up. The optical axes
+//! are taken along the housing's x. No source states how true that is, so the sigmas are nominal and say so.
+
+use nalgebra::Vector3;
+use toml::de::{DeTable, DeValue};
+
+use crate::covariance::Covariance;
+use crate::rig::table::{Log, Table, line_of, list_of, numbers, positive, text_of};
+use crate::rig::{Problem, tolerance};
+use crate::transform::RigidTransform;
+
+/// The devices that are known.
+const DEVICES: &str = include_str!("../../devices/zed.toml");
+
+/// A model of a stereo camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Device {
+    /// As map files name it: `zed_x_mini`.
+    pub name: String,
+    /// As people name it.
+    pub title: String,
+    /// From the left optical centre to the right one, m.
+    pub baseline_m: f64,
+    /// The left optical centre in the datum, m.
+    pub datum_from_left_m: [f64; 3],
+    /// Where these numbers are from.
+    pub source: String,
+    /// Of the left optical frame in the datum; see [`crate::covariance`].
+    pub covariance: Covariance,
+    /// Of the baseline, m.
+    pub sigma_baseline_m: f64,
+    /// Horizontal and vertical field of view, degrees.
+    pub field_of_view_deg: [f64; 2],
+}
+
+/// Takes an optical frame's axes (x right, y down, z forward) to a housing's (x forward, y left, z up).
+pub fn housing_from_optical() -> RigidTransform {
+    RigidTransform::from_wxyz([0.5, -0.5, 0.5, -0.5], [0.0; 3]).expect("a unit quaternion")
+}
+
+impl Device {
+    /// The devices that are known without a map file.
+    pub fn known() -> Vec<Self> {
+        parse(DEVICES).expect("the devices that come with this crate are valid")
+    }
+
+    /// A known device, by its name or by its title, for example `zed_mini` or `ZED Mini`.
+    pub fn find(name: &str) -> Option<Self> {
+        Self::known()
+            .into_iter()
+            .find(|device| device.name == name || device.title.eq_ignore_ascii_case(name))
+    }
+
+    /// Takes coordinates in the left optical frame to the mounting datum's.
+    pub fn datum_from_left(&self) -> RigidTransform {
+        let shift = RigidTransform::from_translation_m(self.datum_from_left_m);
+        shift.expect("finite numbers") * housing_from_optical()
+    }
+
+    /// Takes coordinates in the right optical frame to the left one's.
+    pub fn left_from_right(&self) -> RigidTransform {
+        RigidTransform::from_translation_m([self.baseline_m, 0.0, 0.0]).expect("a finite number")
+    }
+
+    /// How far [`Self::left_from_right`] may be off: the baseline as stated, the turn as that of the whole camera.
+    pub fn covariance_of_right(&self) -> Covariance {
+        let turn = Vector3::from_row_slice(&self.covariance.sigmas()[3..]);
+        let shift = [self.sigma_baseline_m; 3];
+        Covariance::from_sigmas(shift, turn.into()).expect("finite sigmas")
+    }
+}
+
+/// Reads entries `[[device]]`.
+///
+/// # Errors
+/// Everything that is wrong, with lines.
+pub fn parse(text: &str) -> Result<Vec<Device>, Vec<Problem>> {
+    let document = DeTable::parse(text).map_err(|error| {
+        let line = line_of(text, error.span().map_or(0, |span| span.start));
+        let message = format!("not TOML: {}", error.message());
+        vec![Problem { line, message }]
+    })?;
+    let mut log = Log {
+        text,
+        problems: Vec::new(),
+    };
+    let root = Table {
+        table: document.get_ref(),
+        at: 0..0,
+        name: "the file of devices",
+    };
+    root.refuse_unknown(&["device"], &mut log);
+    let devices = devices(&root, &mut log);
+    if log.problems.is_empty() {
+        Ok(devices)
+    } else {
+        Err(log.problems)
+    }
+}
+
+/// All entries `[[device]]` that could be read.
+pub(super) fn devices(root: &Table<'_, '_>, log: &mut Log<'_>) -> Vec<Device> {
+    if !root.table.contains_key("device") {
+        return Vec::new();
+    }
+    let entries = root.get("device", log, list_of, "entries [[device]]");
+    let entries = entries.map(|(_, entries)| entries).unwrap_or_default();
+    let mut devices = Vec::new();
+    for entry in entries {
+        match entry.get_ref().as_table() {
+            Some(table) => {
+                let table = Table {
+                    table,
+                    at: entry.span(),
+                    name: "[[device]]",
+                };
+                devices.extend(device(&table, log));
+            }
+            None => log.add(
+                entry.span(),
+                "device holds something that is not a table".to_owned(),
+            ),
+        }
+    }
+    devices
+}
+
+fn device(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Device> {
+    table.refuse_unknown(
+        &[
+            "name",
+            "title",
+            "baseline_m",
+            "datum_from_left_m",
+            "source",
+            "sigma_translation_m",
+            "sigma_translation_mm",
+            "sigma_rotation_rad",
+            "sigma_rotation_deg",
+            "covariance",
+            "sigma_baseline_m",
+            "field_of_view_deg",
+        ],
+        log,
+    );
+    let text = "a text that is not empty";
+    let above = "a number above 0";
+    let name = table.get("name", log, text_of, text);
+    let title = table.get("title", log, text_of, text);
+    let source = table.get("source", log, text_of, text);
+    let baseline = table.get("baseline_m", log, positive, above);
+    let three = "three finite numbers";
+    let offset = table.get("datum_from_left_m", log, numbers::<3>, three);
+    let sigma_baseline = table.get("sigma_baseline_m", log, positive, above);
+    let covariance = tolerance::covariance(table, log);
+    if covariance.is_none() {
+        let message =
+            "sigma_translation_m and sigma_rotation_deg (or covariance) are needed in [[device]]";
+        log.add(table.at.clone(), message.to_owned());
+    }
+    let angles = |value: &DeValue<'_>| {
+        numbers::<2>(value).filter(|all| all.iter().all(|v| *v > 0.0 && *v < 180.0))
+    };
+    let expected = "two angles between 0 and 180, horizontal and vertical";
+    let view = table.get("field_of_view_deg", log, angles, expected);
+    Some(Device {
+        name: name?.1,
+        title: title?.1,
+        baseline_m: baseline?.1,
+        datum_from_left_m: offset?.1,
+        source: source?.1,
+        covariance: covariance?,
+        sigma_baseline_m: sigma_baseline?.1,
+        field_of_view_deg: view?.1,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_lenses_are_where_the_makers_file_has_them() {
+        let mini = Device::find("zed_mini").unwrap();
+        assert_eq!(Device::find("ZED X Mini").unwrap().baseline_m, 0.05);
+        assert_eq!(Device::find("zed"), None);
+        let datum_from_left = mini.datum_from_left();
+        assert_eq!(datum_from_left.apply([0.0; 3]), [0.0, 0.0315, 0.01325]);
+        // Looks forward, and right in the picture is right of the housing.
+        assert_eq!(datum_from_left.rotate([0.0, 0.0, 1.0]), [1.0, 0.0, 0.0]);
+        assert_eq!(datum_from_left.rotate([1.0, 0.0, 0.0]), [0.0, -1.0, 0.0]);
+        // The two lenses mirror each other about the middle.
+        let right = (datum_from_left * mini.left_from_right()).apply([0.0; 3]);
+        assert!((right[1] + 0.0315).abs() < 1e-15, "{right:?}");
+    }
+
+    #[test]
+    fn mistakes_are_told() {
+        let text = DEVICES
+            .replace("baseline_m = 0.063", "baseline_m = -0.063")
+            .replace("85, 54", "85, 540");
+        let problems = parse(&text).unwrap_err();
+        let all: Vec<String> = problems.iter().map(Problem::to_string).collect();
+        assert_eq!(all.len(), 2, "{all:?}");
+        assert!(
+            all[0].contains("baseline_m in [[device]] is not a number above 0"),
+            "{all:?}"
+        );
+    }
+}

@@ -1,0 +1,195 @@
+use super::*;
+
+const EXAMPLE: &str = include_str!("../../../rigs/example.toml");
+
+/// What the factory files of the example's cameras would say.
+fn facts() -> Facts {
+    let camera = |baseline_m: f64, view: [f64; 2]| CameraFacts {
+        source: "SN1.conf".to_owned(),
+        left_from_right: RigidTransform::from_translation_m([baseline_m, 0.0, 0.0]).ok(),
+        view: FieldOfView::from_degrees(view[0], view[1]),
+        serial: None,
+    };
+    Facts::from([
+        ("feet".to_owned(), camera(0.0631, [85.0, 54.0])),
+        ("left_shoulder".to_owned(), camera(0.0499, [105.0, 78.0])),
+        ("right_shoulder".to_owned(), camera(0.0499, [105.0, 78.0])),
+    ])
+}
+
+fn found(text: &str, facts: &Facts) -> Vec<String> {
+    check(text, facts).iter().map(Finding::to_string).collect()
+}
+
+#[test]
+fn the_example_passes() {
+    assert_eq!(found(EXAMPLE, &facts()), Vec::<String>::new());
+    // Without facts there are notes and nothing else.
+    let notes = found(EXAMPLE, &Facts::new());
+    assert_eq!(notes.len(), 4, "{notes:#?}");
+    assert!(notes.iter().all(|n| n.contains(": note: ")), "{notes:#?}");
+}
+
+/// Replaces the rotation of the entry of a child, or its translation, and gives the findings.
+fn with(child: &str, key: &str, value: &str) -> Vec<String> {
+    let at = EXAMPLE.find(&format!("child = \"{child}\"")).unwrap();
+    let start = at + EXAMPLE[at..].find(key).unwrap();
+    let end = start + EXAMPLE[start..].find('\n').unwrap();
+    let text = format!("{}{key} = {value}{}", &EXAMPLE[..start], &EXAMPLE[end..]);
+    found(&text, &facts())
+}
+
+#[test]
+fn each_mistake_is_found_with_its_line() {
+    let check = |found: Vec<String>, expected: &[&str]| {
+        assert_eq!(found.len(), expected.len(), "{found:#?}");
+        for (f, e) in found.iter().zip(expected) {
+            assert!(f.starts_with(e), "found {f:?}, expected {e:?}");
+        }
+    };
+    check(
+        with("feet/right", "translation_m", "[-0.063, 0, 0]"),
+        &["line 52: error: left and right of feet are swapped: the right lens is at x = -63.00 mm"],
+    );
+    check(
+        with("feet/right", "translation_m", "[0.0, 0.063, 0]"),
+        &["line 52: error: left and right of feet are swapped: the right lens is at x = 0.00 mm"],
+    );
+    check(
+        with("feet/right", "translation_m", "[0.06, 0.02, 0]"),
+        &[
+            "line 52: error: the right lens of feet is not beside the left one: it is at [60.00, 20.00, 0.00] mm",
+        ],
+    );
+    check(
+        with("feet/right", "translation_m", "[0.065, 0, 0]"),
+        &[
+            "line 52: error: the baseline of feet is 65.000 mm, SN1.conf has 63.100 mm: off by +1.900 mm, allowed are 0.500 mm",
+        ],
+    );
+    check(
+        with("feet/right", "translation_m", "[63, 0, 0]"),
+        &[
+            "line 52: error: the baseline of feet is 63000.00 mm, expected 10 to 300 mm: not in metres?",
+            "line 52: error: the baseline of feet is 63000.000 mm, SN1.conf has",
+        ],
+    );
+    // The optical frame written as if it were x forward, y left, z up: it looks at the sky.
+    check(
+        with("feet/left", "rotation_wxyz", "[1, 0, 0, 0]"),
+        &[
+            "line 46: error: the field of view of feet misses the feet: left toe, which is behind it, right toe, which",
+            "line 46: warning: feet is turned on its side",
+        ][..1],
+    );
+    // Turned about z by half a turn: it looks back.
+    check(
+        with(
+            "left_shoulder/left",
+            "rotation_wxyz",
+            "[0.5, -0.5, -0.5, 0.5]",
+        ),
+        &[
+            "line 19: error: left_shoulder looks into the wearer: its optical axis points 90.0 deg behind the plate",
+        ],
+    );
+    check(
+        with(
+            "left_shoulder/left",
+            "rotation_wxyz",
+            "[0.5, 0.5, 0.5, 0.5]",
+        ),
+        &["line 19: warning: left_shoulder hangs upside down"],
+    );
+    check(
+        with(
+            "left_shoulder/left",
+            "translation_m",
+            "[0.00753, -0.2616, 0.1]",
+        ),
+        &["line 19: error: left_shoulder and right_shoulder are swapped: they are at y = -283."],
+    );
+    check(
+        with("left_shoulder/left", "translation_m", "[7.53, 161.6, 100]"),
+        &[
+            "line 19: error: left_shoulder/left is 190.189 m from the rig's datum, expected at most 1 m: not in metres?",
+        ],
+    );
+    // Looking 30 degrees down only, the shoes are out of the picture.
+    let half = 60_f64.to_radians();
+    let turned = format!(
+        "[{:?}, {:?}, {:?}, {:?}]",
+        0.5 * half.cos() + 0.5 * half.sin(),
+        -0.5 * half.cos() - 0.5 * half.sin(),
+        0.5 * half.cos() - 0.5 * half.sin(),
+        0.5 * half.sin() - 0.5 * half.cos()
+    );
+    let all = with("feet/left", "rotation_wxyz", &turned);
+    assert!(
+        all.iter().any(|f| f.contains("misses the feet")),
+        "{all:#?}"
+    );
+}
+
+#[test]
+fn tolerances_widen_what_is_allowed() {
+    let text = EXAMPLE.replacen(
+        "translation_m = [0.063, 0, 0]",
+        "translation_m = [0.065, 0, 0]\nsigma_translation_mm = 0.7\nsigma_rotation_deg = 0.1",
+        1,
+    );
+    assert_eq!(found(&text, &facts()), Vec::<String>::new());
+}
+
+#[test]
+fn serials_and_strangers() {
+    let mut facts = facts();
+    facts.get_mut("feet").unwrap().serial = Some("42".to_owned());
+    let with_serial =
+        |serial: &str| format!("{EXAMPLE}\n[[camera]]\nname = \"feet\"\nserial = {serial}\n");
+    assert_eq!(found(&with_serial("42"), &facts), Vec::<String>::new());
+    let other = found(&with_serial("43"), &facts);
+    assert_eq!(other.len(), 1);
+    assert!(
+        other[0].contains("error: the serial of feet is 43, SN1.conf is for 42"),
+        "{other:?}"
+    );
+    facts.insert("belly".to_owned(), CameraFacts::default());
+    let all = found(EXAMPLE, &facts);
+    assert!(
+        all[0].starts_with("error: belly has a calibration but no frames here"),
+        "{all:?}"
+    );
+}
+
+#[test]
+fn unreadable_and_senseless_are_told_together() {
+    let text = EXAMPLE
+        .replace("revision = \"nominal-1\"", "")
+        .replacen(
+            "rotation_wxyz = [1, 0, 0, 0]",
+            "rotation_rows = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]",
+            1,
+        )
+        .replacen(
+            "translation_m = [0.063, 0, 0]",
+            "translation_m = [-0.063, 0, 0]",
+            1,
+        );
+    let all = found(&text, &facts());
+    let has = |what: &str| {
+        assert!(
+            all.iter().any(|f| f.contains(what)),
+            "no {what:?} in {all:#?}"
+        )
+    };
+    has("revision is missing");
+    has("left-handed");
+    has("left and right of feet are swapped");
+    assert_eq!(
+        found("format = \n", &facts()).len(),
+        1 + 4,
+        "{:#?}",
+        found("format = \n", &facts())
+    );
+}

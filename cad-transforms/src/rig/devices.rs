@@ -1,0 +1,77 @@
+//! What the file says of the cameras as devices.
+
+use std::ops::Range;
+
+use toml::de::DeValue;
+
+use super::table::{Log, Table, integer, list_of, text_of};
+use super::{CameraInfo, Edge};
+
+/// All entries that could be read.
+pub(super) fn cameras(
+    root: &Table<'_, '_>,
+    edges: &[(Range<usize>, Edge)],
+    log: &mut Log<'_>,
+) -> Vec<(Range<usize>, CameraInfo)> {
+    let mut cameras: Vec<(Range<usize>, CameraInfo)> = Vec::new();
+    if !root.table.contains_key("camera") {
+        return cameras;
+    }
+    let entries = root.get("camera", log, list_of, "entries [[camera]]");
+    for entry in entries.map(|(_, entries)| entries).unwrap_or_default() {
+        let Some(table) = entry.get_ref().as_table() else {
+            let message = "camera holds something that is not a table";
+            log.add(entry.span(), message.to_owned());
+            continue;
+        };
+        let table = Table {
+            table,
+            at: entry.span(),
+            name: "[[camera]]",
+        };
+        table.refuse_unknown(&["name", "serial", "model"], log);
+        let name = table.get("name", log, text_of, "the name of a camera");
+        let has = |key: &str| table.table.contains_key(key);
+        let expected = "a number or a text that is not empty";
+        let serial = has("serial").then(|| table.get("serial", log, serial, expected));
+        let expected = "a text that is not empty";
+        let model = has("model").then(|| table.get("model", log, text_of, expected));
+        let Some((at, name)) = name else { continue };
+        let of_this =
+            |frame: &crate::Frame| frame.camera().is_some_and(|(camera, _)| camera == name);
+        if !edges
+            .iter()
+            .any(|(_, e)| of_this(&e.parent) || of_this(&e.child))
+        {
+            log.add(at, format!("camera {name} has no frame in this file"));
+        } else if let Some((first_at, _)) = cameras.iter().find(|(_, c)| c.name == name) {
+            let line = log.line(first_at);
+            log.add(
+                at,
+                format!("camera {name} is described already on line {line}"),
+            );
+        }
+        let info = CameraInfo {
+            name,
+            serial: serial.flatten().map(|(_, serial)| serial),
+            model: model.flatten().map(|(_, model)| model),
+        };
+        let same = |(_, other): &&(Range<usize>, CameraInfo)| {
+            other.serial.is_some() && other.serial == info.serial && other.name != info.name
+        };
+        if let Some((_, other)) = cameras.iter().find(same) {
+            let message = format!("serial of {} is that of {} too", info.name, other.name);
+            log.add(table.at.clone(), message);
+        }
+        cameras.push((table.at, info));
+    }
+    cameras
+}
+
+fn serial(value: &DeValue<'_>) -> Option<String> {
+    text_of(value).or_else(|| {
+        integer(value)
+            .filter(|number| *number >= 0)
+            .map(|number| number.to_string())
+    })
+}

@@ -1,0 +1,145 @@
+//! One pose alone: where an eye was when it saw known points, everything else held.
+//!
+//! The same cost as the whole adjustment has, by the same method, without its bookkeeping: this runs for
+//! every picture of a recording.
+
+use cad_transforms::RigidTransform;
+use nalgebra::{Matrix6, SMatrix, Vector3, Vector6};
+
+use super::normal::Loss;
+use super::pose::{Pose, moved};
+use super::{AdjustError, Point, Settings};
+use crate::camera::CameraModel;
+use crate::lens::Lens;
+
+/// Most steps.
+const STEPS: usize = 40;
+/// A step that lowers the cost by a smaller share than this is the last.
+const TOLERANCE: f64 = 1e-9;
+/// Least share of points that must be projected from the start.
+const SEEN_SHARE: f64 = 0.6;
+/// A point that cannot be projected counts as this many sigmas off.
+const LOST: f64 = 30.0;
+/// Least scale: exact observations must not divide by 0.
+const LEAST_SCALE: f64 = 1e-6;
+
+/// Where an eye was when it saw these points, and the RMS length of the residuals, px.
+///
+/// # Errors
+/// [`AdjustError::Start`].
+pub fn locate(
+    model: &CameraModel,
+    points: &[Point],
+    start_eye_from_target: &RigidTransform,
+) -> Result<(RigidTransform, f64), AdjustError> {
+    let lens = Lens::new(model);
+    let mut pose = *start_eye_from_target;
+    let seen = residuals(&lens, points, &pose).iter().flatten().count();
+    if (seen as f64) < SEEN_SHARE * points.len() as f64 || seen == 0 {
+        let all = points.len();
+        return Err(AdjustError::Start { seen, all });
+    }
+    for _ in 0..2 {
+        let loss = Loss {
+            scale: scale(points, &residuals(&lens, points, &pose)),
+            knee: Settings::default().knee,
+        };
+        pose = descend(&lens, points, pose, &loss);
+    }
+    let left = residuals(&lens, points, &pose);
+    let (sum, count) = left
+        .iter()
+        .flatten()
+        .fold((0.0, 0usize), |(sum, n), [x, y]| {
+            (sum + x * x + y * y, n + 1)
+        });
+    Ok((pose, (sum / count.max(1) as f64).sqrt()))
+}
+
+fn residuals(lens: &Lens, points: &[Point], pose: &RigidTransform) -> Vec<Option<[f64; 2]>> {
+    let pose = Pose::new(pose);
+    let of = |p: &Point| {
+        let [x, y] = lens.project(pose.apply(&Vector3::from(p.x_in_target)).into())?;
+        Some([x - p.pixel[0], y - p.pixel[1]])
+    };
+    points.iter().map(of).collect()
+}
+
+/// How far off points are, in their own sigmas, by their median.
+fn scale(points: &[Point], residuals: &[Option<[f64; 2]>]) -> f64 {
+    let lengths = residuals.iter().zip(points);
+    let lengths = lengths.map(|(r, p)| r.map_or(f64::INFINITY, |[x, y]| x.hypot(y)) / p.sigma_px);
+    super::solve::median_scale(lengths.collect()).max(LEAST_SCALE)
+}
+
+fn cost(lens: &Lens, points: &[Point], pose: &RigidTransform, loss: &Loss) -> f64 {
+    let residuals = residuals(lens, points, pose);
+    let of = |(r, p): (Option<[f64; 2]>, &Point)| match r {
+        None => loss.of(LOST * LOST * loss.scale * loss.scale).0,
+        Some([x, y]) => loss.of((x * x + y * y) / (p.sigma_px * p.sigma_px)).0,
+    };
+    residuals.into_iter().zip(points).map(of).sum()
+}
+
+fn descend(lens: &Lens, points: &[Point], mut pose: RigidTransform, loss: &Loss) -> RigidTransform {
+    let mut present = cost(lens, points, &pose, loss);
+    let mut damping = 1e-4;
+    for _ in 0..STEPS {
+        let (matrix, gradient) = normal(lens, points, &pose, loss);
+        let next = loop {
+            let mut damped = matrix;
+            for k in 0..6 {
+                damped[(k, k)] += damping * matrix[(k, k)] + f64::MIN_POSITIVE;
+            }
+            let tried = damped
+                .cholesky()
+                .map(|c| moved(&pose, &-c.solve(&gradient)));
+            let tried = tried.map(|tried| (cost(lens, points, &tried, loss), tried));
+            match tried {
+                Some((cost, tried)) if cost <= present => break Some((cost, tried)),
+                _ if damping > 1e8 => break None,
+                _ => damping *= 10.0,
+            }
+        };
+        let Some((cost, tried)) = next else { break };
+        let fell = (present - cost) / present.max(f64::MIN_POSITIVE);
+        (pose, present) = (tried, cost);
+        damping = (0.1 * damping).max(1e-12);
+        if fell < TOLERANCE {
+            break;
+        }
+    }
+    pose
+}
+
+fn normal(
+    lens: &Lens,
+    points: &[Point],
+    pose: &RigidTransform,
+    loss: &Loss,
+) -> (Matrix6<f64>, Vector6<f64>) {
+    let pose = Pose::new(pose);
+    let (mut matrix, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
+    for point in points {
+        let turned = pose.rotation * Vector3::from(point.x_in_target);
+        let at = turned + pose.translation;
+        let Some(projected) = lens.project_with_jacobians(at.into()) else {
+            continue;
+        };
+        let (dx, dy) = (
+            projected.pixel[0] - point.pixel[0],
+            projected.pixel[1] - point.pixel[1],
+        );
+        let information = 1.0 / (point.sigma_px * point.sigma_px);
+        let weight = loss.of((dx * dx + dy * dy) * information).1;
+        let weight = weight * information / (loss.scale * loss.scale);
+        let mut by = SMatrix::<f64, 2, 6>::zeros();
+        by.fixed_view_mut::<2, 3>(0, 0)
+            .copy_from(&projected.by_point);
+        let by_turn = -projected.by_point * turned.cross_matrix();
+        by.fixed_view_mut::<2, 3>(0, 3).copy_from(&by_turn);
+        matrix += by.transpose() * by * weight;
+        gradient += by.transpose() * nalgebra::Vector2::new(dx, dy) * weight;
+    }
+    (matrix, gradient)
+}

@@ -1,0 +1,297 @@
+//! Levenberg's and Marquardt's method on the reduced system (Triggs, McLauchlan, Hartley and Fitzgibbon
+//! 2000, "Bundle Adjustment: A Modern Synthesis").
+
+use nalgebra::{DMatrix, DVector, Matrix2x3, Vector6};
+
+use super::covariance::Covariance;
+use super::normal::{Chain, Layout, Loss, Normal, build, cost, lenses};
+use super::pose::moved;
+use super::{AdjustError, PlacePrior, Prior, Problem, View};
+
+/// Damping to begin with, and where it may go.
+const DAMPING: (f64, f64, f64) = (1e-4, 1e-14, 1e10);
+/// Least share of points that must be projected from the start.
+const SEEN_SHARE: f64 = 0.6;
+/// Median of the length of a 2D residual whose coordinates have sigma 1.
+const RAYLEIGH_MEDIAN: f64 = 1.177_410_022_515_475;
+
+/// How to solve.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// From how many sigmas on an observation counts less.
+    pub knee: f64,
+    /// Most steps per round; there are three, each with a better scale.
+    pub steps: usize,
+    /// A step that lowers the cost by a smaller share than this is the last.
+    pub tolerance: f64,
+    /// Whether covariances are wanted: they cost about as much as a step.
+    pub covariance: bool,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            knee: 2.5,
+            steps: 60,
+            tolerance: 1e-10,
+            covariance: true,
+        }
+    }
+}
+
+/// What came out.
+#[derive(Clone, Debug)]
+pub struct Solution {
+    /// The problem with all values found.
+    pub problem: Problem,
+    /// Half the sum of squares of residuals in sigmas after the loss, priors included.
+    pub cost: f64,
+    /// How far observations are off in their own sigmas (median, over the median that it should be).
+    pub scale: f64,
+    /// Pixels found less pixels seen, by view and point; none for points without a pixel.
+    pub residuals: Vec<Vec<Option<[f64; 2]>>>,
+    /// Of the free numbers, if it was wanted.
+    pub covariance: Option<Covariance>,
+    /// How many steps were taken.
+    pub steps: usize,
+}
+
+impl Solution {
+    /// Root mean square of the length of residuals, pixels; over views that `of` takes.
+    pub fn rms_px(&self, of: impl Fn(&View) -> bool) -> f64 {
+        let views = self.problem.views.iter().zip(&self.residuals);
+        let chosen = views
+            .filter(|(view, _)| of(view))
+            .flat_map(|(_, r)| r)
+            .flatten();
+        let (sum, count) = chosen.fold((0.0, 0usize), |(sum, count), [x, y]| {
+            (sum + x * x + y * y, count + 1)
+        });
+        (sum / count.max(1) as f64).sqrt()
+    }
+}
+
+/// Finds the most probable values.
+///
+/// # Errors
+/// [`AdjustError`].
+pub fn solve(problem: &Problem, settings: &Settings) -> Result<Solution, AdjustError> {
+    let layout = Layout::new(problem);
+    let mut problem = problem.clone();
+    let mut loss = Loss {
+        scale: 1.0,
+        knee: settings.knee,
+    };
+    let start = residuals(&problem);
+    let all = problem.points();
+    let seen = start.iter().flatten().flatten().count();
+    if (seen as f64) < SEEN_SHARE * all as f64 {
+        return Err(AdjustError::Start { seen, all });
+    }
+    let mut steps = 0;
+    for round in 0..3 {
+        let residuals = residuals(&problem);
+        loss.scale = scale(&problem, &layout, &residuals);
+        // The first two only have to come near.
+        let tolerance = if round == 2 { settings.tolerance } else { 1e-4 };
+        steps += descend(&mut problem, &layout, &loss, settings.steps, tolerance);
+    }
+    let residuals = residuals(&problem);
+    loss.scale = scale(&problem, &layout, &residuals);
+    let covariance = match settings.covariance && layout.count > 0 {
+        true => Some(Covariance::of(&problem, &layout, &loss)?),
+        false => None,
+    };
+    Ok(Solution {
+        cost: cost(&problem, &loss),
+        scale: loss.scale,
+        residuals,
+        covariance,
+        steps,
+        problem,
+    })
+}
+
+/// What one instant says of the free numbers, its pose eliminated.
+#[derive(Clone, Debug)]
+pub(crate) struct Told {
+    /// Which, by their position among [`Problem::parameters`], ascending.
+    pub(crate) columns: Vec<usize>,
+    /// Gradient of its cost.
+    pub(crate) score: DVector<f64>,
+    /// Its information.
+    pub(crate) information: DMatrix<f64>,
+}
+
+/// What every instant says at the problem's present values, when observations are `scale` of their own
+/// sigmas off.
+pub(crate) fn told(problem: &Problem, scale: f64) -> Vec<Told> {
+    let loss = Loss {
+        scale,
+        knee: Settings::default().knee,
+    };
+    let shares = build(problem, &Layout::new(problem), &loss, 0.0)
+        .shares
+        .into_iter();
+    shares
+        .map(|share| Told {
+            columns: share.columns,
+            score: share.score,
+            information: share.information,
+        })
+        .collect()
+}
+
+/// Derivatives of the pixels of a view by its points, px/m; none for points without a pixel.
+pub(crate) fn by_points(problem: &Problem, view: &View) -> Vec<Option<Matrix2x3<f64>>> {
+    let chain = Chain::new(problem, &lenses(problem), view);
+    view.points
+        .iter()
+        .map(|p| chain.by_target(p.x_in_target))
+        .collect()
+}
+
+/// Steps until the cost hardly falls any more; how many there were.
+fn descend(
+    problem: &mut Problem,
+    layout: &Layout,
+    loss: &Loss,
+    most: usize,
+    tolerance: f64,
+) -> usize {
+    let (mut damping, least, greatest) = DAMPING;
+    let mut present = cost(problem, loss);
+    for step in 0..most {
+        let mut normal = build(problem, layout, loss, damping);
+        let next = loop {
+            let tried =
+                free_step(&normal, damping).map(|by| changed(problem, layout, &normal, &by));
+            let tried = tried.map(|tried| (cost(&tried, loss), tried));
+            match tried {
+                Some((cost, tried)) if cost <= present => break Some((cost, tried)),
+                _ if damping >= greatest => break None,
+                _ => {
+                    damping *= 10.0;
+                    normal = build(problem, layout, loss, damping);
+                }
+            }
+        };
+        let Some((cost, tried)) = next else {
+            return step;
+        };
+        let fell = (present - cost) / present.max(f64::MIN_POSITIVE);
+        *problem = tried;
+        present = cost;
+        damping = (0.1 * damping).max(least);
+        if fell < tolerance {
+            return step + 1;
+        }
+    }
+    most
+}
+
+/// The step of the free numbers; none where the equations cannot be solved.
+fn free_step(normal: &Normal, damping: f64) -> Option<DVector<f64>> {
+    let n = normal.gradient.len();
+    if n == 0 {
+        return Some(DVector::zeros(0));
+    }
+    let mut damped = normal.matrix.clone();
+    for i in 0..n {
+        damped[(i, i)] += damping * normal.matrix[(i, i)].abs() + f64::MIN_POSITIVE;
+    }
+    let (scaled, by) = unit_diagonal(&damped)?;
+    let solution = scaled
+        .cholesky()?
+        .solve(&normal.gradient.component_mul(&by));
+    Some(-solution.component_mul(&by))
+}
+
+/// The matrix with rows and columns scaled to a diagonal of ones, and by what.
+pub(super) fn unit_diagonal(matrix: &DMatrix<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
+    let diagonal = matrix.diagonal();
+    if diagonal.iter().any(|d| !(*d > 0.0 && d.is_finite())) {
+        return None;
+    }
+    let by = diagonal.map(|d| 1.0 / d.sqrt());
+    let scaled = DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| {
+        matrix[(i, j)] * by[i] * by[j]
+    });
+    Some((scaled, by))
+}
+
+/// The problem one step on.
+fn changed(problem: &Problem, layout: &Layout, normal: &Normal, by: &DVector<f64>) -> Problem {
+    let mut next = problem.clone();
+    for (lens, columns) in next.lenses.iter_mut().zip(&layout.lenses) {
+        let mut values = lens.model.parameters();
+        for (value, column) in values.iter_mut().zip(columns) {
+            *value += column.map_or(0.0, |c| by[c]);
+        }
+        lens.model = lens.model.with_parameters(&values);
+    }
+    for (place, column) in next.places.iter_mut().zip(&layout.places) {
+        if let Some(c) = *column {
+            let step = Vector6::from_fn(|k, _| by[c + k]);
+            place.parent_from_child = moved(&place.parent_from_child, &step);
+        }
+    }
+    for (pose, share) in next.instants.iter_mut().zip(&normal.shares) {
+        let mut gradient = share.gradient;
+        for (row, &c) in share.columns.iter().enumerate() {
+            gradient += share.mixed.row(row).transpose() * by[c];
+        }
+        *pose = moved(pose, &-(share.inverse * gradient));
+    }
+    next
+}
+
+/// Pixels found less pixels seen.
+fn residuals(problem: &Problem) -> Vec<Vec<Option<[f64; 2]>>> {
+    let lenses = lenses(problem);
+    let of = |view: &View| {
+        let chain = Chain::new(problem, &lenses, view);
+        let points = view.points.iter();
+        points
+            .map(|p| {
+                let [x, y] = chain.pixel(p.x_in_target)?;
+                Some([x - p.pixel[0], y - p.pixel[1]])
+            })
+            .collect()
+    };
+    problem.views.iter().map(of).collect()
+}
+
+/// How far observations are off in sigmas, from the lengths of their residuals in sigmas; 1 for none.
+pub(super) fn median_scale(mut lengths: Vec<f64>) -> f64 {
+    if lengths.is_empty() {
+        return 1.0;
+    }
+    let middle = lengths.len() / 2;
+    let (_, median, _) = lengths.select_nth_unstable_by(middle, f64::total_cmp);
+    *median / RAYLEIGH_MEDIAN
+}
+
+/// How far observations are off, in their own sigmas.
+fn scale(problem: &Problem, layout: &Layout, residuals: &[Vec<Option<[f64; 2]>>]) -> f64 {
+    let mut lengths = Vec::new();
+    for (view, residuals) in problem.views.iter().zip(residuals) {
+        for (point, residual) in view.points.iter().zip(residuals) {
+            let [x, y] = residual.unwrap_or([f64::INFINITY; 2]);
+            lengths.push(x.hypot(y) / point.sigma_px);
+        }
+    }
+    let median = median_scale(lengths);
+    // Fitted numbers take their share of what the residuals had.
+    let with_prior = |prior: &Prior| !matches!(prior, Prior::Free);
+    let lens_count = problem.lenses.iter().flat_map(|lens| &lens.priors);
+    let place_count = problem.places.iter();
+    let fitted = 6 * layout.views.iter().filter(|v| !v.is_empty()).count()
+        + lens_count.filter(|prior| !with_prior(prior)).count()
+        + 6 * place_count.filter(|p| p.prior == PlacePrior::Free).count();
+    let equations = 2 * problem.points();
+    let left = equations.saturating_sub(fitted).max(1);
+    let scale = median * (equations as f64 / left as f64).sqrt();
+    // Exact observations, as tests have them, must not divide by 0.
+    scale.clamp(1e-6, 1e6)
+}

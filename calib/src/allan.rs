@@ -1,0 +1,112 @@
+//! Allan deviation: how the noise of a sensor that does not move falls and rises with the time it is averaged
+//! over, and the noise coefficients behind it.
+//!
+//! Contract: [`curve`] takes rates at a constant period, in runs without a gap; averaging factors are whole
+//! numbers of samples, and no difference is ever taken across a gap. [`fit()`] finds the coefficients of
+//! IEEE Std 952-1997 (annex C), as few of them as the curve needs, each with its uncertainty; one that the
+//! recording cannot tell is an upper limit and never a number.
+//!
+//! With τ the averaging time, quantisation Q, white noise N, bias instability B and random walk K add up to
+//!
+//! ```text
+//! σ²(τ) = 3 Q² / τ²  +  N² / τ  +  (2 ln 2 / π) B²  +  K² τ / 3
+//! ```
+//!
+//! For a gyroscope in rad/s, N is in rad/s/√Hz, K in rad/s²/√Hz, B in rad/s and Q in rad; for an
+//! accelerometer read m/s for rad.
+//!
+//! [`deviation`] holds the estimators as they are used for clocks, on phase: they are checked against
+//! published answers.
+
+pub mod chi2;
+pub mod deviation;
+pub mod fit;
+pub mod lines;
+
+mod covariance;
+
+pub use fit::{Coefficient, Fit, Value, fit};
+
+use std::ops::Range;
+
+/// Averaging times for each doubling of τ, in a curve made by [`curve`].
+const PER_OCTAVE: f64 = 4.0;
+/// A run must be at least this many averaging times long to count for one.
+const LEAST_LENGTHS: usize = 5;
+
+/// One point of a curve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// Averaging factor: samples in each average.
+    pub factor: usize,
+    /// Averaging time, s.
+    pub tau_s: f64,
+    /// Allan variance, the square of the rate's unit.
+    pub variance: f64,
+    /// Overlapping differences that it is the mean of.
+    pub terms: u64,
+}
+
+impl Point {
+    /// Allan deviation, in the rate's unit.
+    pub fn deviation(&self) -> f64 {
+        self.variance.sqrt()
+    }
+}
+
+/// A curve of overlapping Allan variances.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Curve {
+    /// Time from sample to sample, s.
+    pub period_s: f64,
+    /// Lengths of the runs without a gap, samples.
+    pub runs: Vec<usize>,
+    /// The points, by averaging time.
+    pub points: Vec<Point>,
+}
+
+/// The overlapping Allan variance of a rate, at averaging factors four to the octave, up to a fifth of the
+/// longest run. `runs` are the runs without a gap; one that is too short for a factor does not count for
+/// it. Takes time in proportion to samples times factors, and memory of 8 bytes a sample.
+///
+/// # Panics
+/// If a run reaches beyond the samples.
+pub fn curve(rate: &[f64], runs: &[Range<usize>], period_s: f64) -> Curve {
+    let longest = runs.iter().map(Range::len).max().unwrap_or(0);
+    let factors = factors(longest / LEAST_LENGTHS);
+    let mut sums = vec![(0.0, 0_u64); factors.len()];
+    for run in runs {
+        let phase = deviation::phase(&rate[run.clone()]);
+        for (factor, (sum, terms)) in factors.iter().zip(&mut sums) {
+            if run.len() >= LEAST_LENGTHS * factor {
+                *sum += deviation::second_differences(&phase, *factor);
+                *terms += (phase.len() - 2 * factor) as u64;
+            }
+        }
+    }
+    let points = factors.into_iter().zip(sums);
+    let points = points.filter(|(_, (_, terms))| *terms > 0);
+    let points = points.map(|(factor, (sum, terms))| Point {
+        factor,
+        tau_s: factor as f64 * period_s,
+        // The phase is in units of rate times samples.
+        variance: sum / (2.0 * (factor as f64).powi(2) * terms as f64),
+        terms,
+    });
+    Curve {
+        period_s,
+        runs: runs.iter().map(Range::len).collect(),
+        points: points.collect(),
+    }
+}
+
+/// Whole factors from 1 to `last`, evenly on a log scale as far as whole numbers can be.
+fn factors(last: usize) -> Vec<usize> {
+    let steps = (0..).map(|i| (f64::from(i) / PER_OCTAVE).exp2().round() as usize);
+    let mut factors: Vec<usize> = steps.take_while(|factor| *factor <= last).collect();
+    factors.dedup();
+    factors
+}
+
+#[cfg(test)]
+pub(crate) mod tests;

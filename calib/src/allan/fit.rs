@@ -1,0 +1,516 @@
+//! The noise coefficients behind a curve of Allan variances.
+//!
+//! Method: the model is linear in Q², N², B² and K², so each choice of terms is fitted by generalised least
+//! squares to the variances, weighted by the covariance that this very model gives the points
+//! (`covariance.rs`: neighbours overlap and scatter together), a few times over until it no longer changes. Of
+//! the choices whose powers all come out positive the likeliest is taken; quantisation has to lower the Bayesian information
+//! criterion as well. Should the shortest averaging times not fit, as where a sensor filters its output,
+//! the fit begins behind them, up to 2 s. A curve that follows no such model has [`Fit::misfit`] above zero: this share
+//! of each point is then added to its uncertainty, as large as the likelihood asks for.
+//!
+//! Uncertainties: one standard deviation from the fit, and an interval of 95 % that treats each power as
+//! chi-squared with the degrees of freedom that fit its variance. They are those of the model with bias
+//! instability *and* random walk, also where one of the two came out as nothing: a short curve can be
+//! bent upwards by either, and to rule one out because the other alone will do makes the other too large and its
+//! uncertainty too small. The interval also holds two standard deviations either way. A power less than three standard deviations above zero is not determined.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::covariance::{Covariances, Powers};
+use super::{Curve, PER_OCTAVE, chi2};
+
+/// A curve needs at least this many points.
+const LEAST_POINTS: usize = 8;
+/// The fit begins no later than this.
+const LATEST_START_S: f64 = 2.0;
+/// A fit is doubted when its residuals were this unlikely.
+const DOUBT: f64 = 1e-4;
+/// Shares of misfit that are tried.
+const MISFITS: [f64; 12] = [
+    0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.8,
+];
+/// A power must be this many of its standard deviations above zero.
+const DETERMINED: f64 = 3.0;
+/// A limit is where a power would come out as small as it did with this probability, 2.6 standard deviations
+/// of a normal variable. In name that is more than the 95 % that are stated: estimates of bias
+/// instability beside a random walk are skewed downwards, and with 1.6 deviations one limit in four was too low
+/// in simulations where the two can hardly be told apart.
+const LOW: (f64, f64) = (2.6, 0.0047);
+
+/// The four kinds of noise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Coefficient {
+    /// Q, rad for a gyroscope.
+    Quantisation,
+    /// N, rad/s/√Hz.
+    White,
+    /// B, rad/s; the curve is flat at 0.664 B.
+    Instability,
+    /// K, rad/s²/√Hz.
+    Walk,
+}
+
+impl Coefficient {
+    /// All, in the order of a model's powers.
+    pub const ALL: [Self; 4] = [
+        Self::Quantisation,
+        Self::White,
+        Self::Instability,
+        Self::Walk,
+    ];
+
+    /// Allan variance at τ for a coefficient of 1.
+    pub fn variance(self, tau_s: f64) -> f64 {
+        match self {
+            Self::Quantisation => 3.0 / (tau_s * tau_s),
+            Self::White => 1.0 / tau_s,
+            Self::Instability => 2.0 * std::f64::consts::LN_2 / std::f64::consts::PI,
+            Self::Walk => tau_s / 3.0,
+        }
+    }
+}
+
+/// What a curve says of a coefficient.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Value {
+    /// It is known.
+    Known {
+        /// The best estimate.
+        value: f64,
+        /// One standard deviation.
+        sigma: f64,
+        /// Where it is with 95 %.
+        interval: [f64; 2],
+    },
+    /// It is not determined; with 95 % it is below this.
+    Below(f64),
+}
+
+impl Value {
+    /// The value, where it is known.
+    pub fn known(self) -> Option<f64> {
+        match self {
+            Self::Known { value, .. } => Some(value),
+            Self::Below(_) => None,
+        }
+    }
+}
+
+/// A point with its uncertainty.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scatter {
+    /// Averaging time, s.
+    pub tau_s: f64,
+    /// Equivalent degrees of freedom of the Allan variance, under the fitted model.
+    pub freedom: f64,
+    /// Allan deviation as measured, and where the true one is with 95 %.
+    pub deviation: f64,
+    /// The interval.
+    pub interval: [f64; 2],
+}
+
+/// A fitted model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fit {
+    values: [Value; 4],
+    powers: Powers,
+    /// The shortest averaging time that was used, s.
+    pub from_s: f64,
+    /// Share by which points are off the model beyond their scatter; 0 for a curve that follows it.
+    pub misfit: f64,
+    /// Every point of the curve with its uncertainty.
+    pub points: Vec<Scatter>,
+}
+
+impl Fit {
+    /// What the curve says of a coefficient.
+    pub fn value(&self, coefficient: Coefficient) -> Value {
+        self.values[coefficient as usize]
+    }
+
+    /// Allan deviation of the fitted model at τ.
+    pub fn deviation(&self, tau_s: f64) -> f64 {
+        model(&self.powers, tau_s).sqrt()
+    }
+
+    /// The terms of the model, each with its part of the deviation at τ; none for one that is not there.
+    pub fn part(&self, coefficient: Coefficient, tau_s: f64) -> Option<f64> {
+        let power = self.powers[coefficient as usize];
+        (power > 0.0).then(|| (power * coefficient.variance(tau_s)).sqrt())
+    }
+}
+
+/// Fits the noise model to a curve. None if there are fewer than eight points or one of them is not above
+/// zero: a sensor whose values do not change has no noise to measure.
+pub fn fit(curve: &Curve) -> Option<Fit> {
+    Fitter::new(curve).fit(curve)
+}
+
+/// Fits curves that have the same factors and runs, as the axes of one sensor have.
+pub struct Fitter {
+    covariances: Covariances,
+}
+
+impl Fitter {
+    /// For curves of this shape.
+    pub fn new(curve: &Curve) -> Self {
+        Self {
+            covariances: Covariances::new(curve),
+        }
+    }
+
+    /// As [`fit`].
+    ///
+    /// # Panics
+    /// If the curve has another number of points than the one that this was made for.
+    pub fn fit(&self, curve: &Curve) -> Option<Fit> {
+        let taus: Vec<f64> = curve.points.iter().map(|p| p.tau_s).collect();
+        let variances: Vec<f64> = curve.points.iter().map(|p| p.variance).collect();
+        let usable = |v: &f64| v.is_finite() && *v > 0.0;
+        if taus.len() < LEAST_POINTS || !variances.iter().all(usable) {
+            return None;
+        }
+        let starts = (0..=taus.len() - LEAST_POINTS).take_while(|&i| taus[i] <= LATEST_START_S);
+        let at = |from: usize| Job {
+            covariances: &self.covariances,
+            taus: &taus,
+            variances: &variances,
+            from,
+            price: (curve.runs.iter().sum::<usize>() as f64).ln(),
+        };
+        let sound = |job: &Job<'_>| job.best(&[0.0]).filter(|found| !job.is_doubtful(found));
+        let whole = at(0);
+        if let Some(solution) = sound(&whole) {
+            return Some(whole.report(&solution));
+        }
+        // Something is wrong with the shortest averages. A filter is felt far beyond its own length, so
+        // the white noise must be the same an octave later.
+        let octave = PER_OCTAVE as usize;
+        let starts: Vec<usize> = starts.collect();
+        for &from in starts
+            .iter()
+            .skip(1)
+            .take(starts.len().saturating_sub(octave + 1))
+        {
+            let (near, far) = (at(from), at(from + octave));
+            let Some((before, after)) = sound(&near).zip(sound(&far)) else {
+                continue;
+            };
+            let moved = (before.powers[1] - after.powers[1]).abs();
+            if moved <= after.white_sigma() {
+                return Some(far.report(&after));
+            }
+        }
+        let solution = whole.best(&MISFITS)?;
+        Some(whole.report(&solution))
+    }
+}
+
+/// Allan variance of a model.
+fn model(powers: &Powers, tau_s: f64) -> f64 {
+    let parts = Coefficient::ALL.iter().zip(powers);
+    parts.map(|(c, power)| power * c.variance(tau_s)).sum()
+}
+
+/// A curve, from one of its points on.
+struct Job<'a> {
+    covariances: &'a Covariances,
+    taus: &'a [f64],
+    variances: &'a [f64],
+    from: usize,
+    /// What quantisation costs: the logarithm of the number of samples (Schwarz 1978).
+    price: f64,
+}
+
+/// One choice of terms, fitted.
+struct Solution {
+    terms: Vec<usize>,
+    powers: Powers,
+    /// Covariance of the terms' powers.
+    covariance: DMatrix<f64>,
+    misfit: f64,
+    /// Sum of the squared, weighted residuals.
+    residual: f64,
+    /// What is to be least: twice the negative log likelihood, and the price of the terms.
+    criterion: f64,
+}
+
+impl Solution {
+    /// Standard deviation of N².
+    fn white_sigma(&self) -> f64 {
+        let k = self.terms.iter().position(|term| *term == 1);
+        k.map_or(0.0, |k| self.covariance[(k, k)].sqrt())
+    }
+}
+
+impl Job<'_> {
+    /// The best choice of terms, with one of these shares of misfit.
+    fn best(&self, misfits: &[f64]) -> Option<Solution> {
+        let mut best: Option<Solution> = None;
+        for subset in 0..8_usize {
+            let mut terms = vec![1];
+            terms.extend(
+                [0, 2, 3]
+                    .iter()
+                    .enumerate()
+                    .filter_map(|(bit, term)| (subset >> bit & 1 == 1).then_some(*term)),
+            );
+            terms.sort_unstable();
+            for &misfit in misfits {
+                let Some(solution) = self.solve(&terms, misfit) else {
+                    continue;
+                };
+                if best
+                    .as_ref()
+                    .is_none_or(|b| solution.criterion < b.criterion)
+                {
+                    best = Some(solution);
+                }
+            }
+        }
+        best
+    }
+
+    /// Whether the residuals of a fit are too large to be chance.
+    fn is_doubtful(&self, solution: &Solution) -> bool {
+        let freedom = (self.taus.len() - self.from - solution.terms.len()) as f64;
+        solution.residual > chi2::quantile(1.0 - DOUBT, freedom)
+    }
+
+    /// Covariance of the points under a model, with a share of misfit.
+    fn scatter(&self, powers: &Powers, misfit: f64) -> DMatrix<f64> {
+        let n = self.taus.len() - self.from;
+        let whole = self.covariances.of(powers);
+        let mut part = whole.view((self.from, self.from), (n, n)).clone_owned();
+        for i in 0..n {
+            let variance = model(powers, self.taus[self.from + i]);
+            // Shares of the deviation; the variance is off by twice as much. The tiny rest keeps the matrix
+            // positive where sums over lags were integrals.
+            part[(i, i)] += (2.0 * misfit * variance).powi(2) + 1e-6 * part[(i, i)];
+        }
+        part
+    }
+
+    /// Fits these terms; none if one of them comes out negative.
+    fn solve(&self, terms: &[usize], misfit: f64) -> Option<Solution> {
+        let (taus, n) = (&self.taus[self.from..], self.taus.len() - self.from);
+        let measured = DVector::from_row_slice(&self.variances[self.from..]);
+        let design = self.design(terms);
+        let mut powers = self.first_guess(terms);
+        for _ in 0..60 {
+            let (found, ..) = self.step(&design, &measured, &powers, misfit)?;
+            let mut next = [0.0; 4];
+            let mut change: f64 = 0.0;
+            for (k, &term) in terms.iter().enumerate() {
+                // A step to zero or below is cut short; a term that goes on falling is refused in the end.
+                next[term] = found[k].max(0.1 * powers[term]);
+                change = change.max((next[term] / powers[term] - 1.0).abs());
+            }
+            powers = next;
+            if change < 1e-7 {
+                break;
+            }
+        }
+        let (found, covariance, residual, log_determinant) =
+            self.step(&design, &measured, &powers, misfit)?;
+        let negligible = |(k, term): (usize, &usize)| {
+            // Less than a thousandth of the curve everywhere is as good as nothing.
+            let share = |i: usize| found[k] * design[(i, k)] / model(&powers, taus[i]);
+            found[k] < 0.5 * powers[*term] || (0..n).all(|i| share(i) < 1e-3)
+        };
+        if terms.iter().enumerate().any(negligible) {
+            return None;
+        }
+        Some(Solution {
+            terms: terms.to_vec(),
+            powers,
+            covariance,
+            misfit,
+            residual,
+            criterion: residual
+                + log_determinant
+                + if terms.contains(&0) { self.price } else { 0.0 },
+        })
+    }
+
+    /// Each term as large as the curve allows it alone, so that none begins from nothing.
+    fn first_guess(&self, terms: &[usize]) -> Powers {
+        let mut powers = [0.0; 4];
+        for &term in terms {
+            let of = |i: usize| self.variances[i] / Coefficient::ALL[term].variance(self.taus[i]);
+            let all = (self.from..self.taus.len()).map(of);
+            powers[term] = all.fold(f64::INFINITY, f64::min);
+        }
+        powers
+    }
+
+    /// One round of generalised least squares, weighted as `powers` say: powers, their covariance, the
+    /// weighted residual and the log determinant of the weights.
+    fn step(
+        &self,
+        design: &DMatrix<f64>,
+        measured: &DVector<f64>,
+        powers: &Powers,
+        misfit: f64,
+    ) -> Option<(DVector<f64>, DMatrix<f64>, f64, f64)> {
+        // In units of the model's value at each point, so that nothing is tiny.
+        let n = measured.len();
+        let scale: Vec<f64> = (0..n)
+            .map(|i| model(powers, self.taus[self.from + i]))
+            .collect();
+        let mut scatter = self.scatter(powers, misfit);
+        for i in 0..n {
+            for j in 0..n {
+                scatter[(i, j)] /= scale[i] * scale[j];
+            }
+        }
+        let root = scatter.cholesky()?.unpack();
+        let mut whitened = DMatrix::from_fn(n, design.ncols() + 1, |i, k| {
+            let value = if k < design.ncols() {
+                design[(i, k)]
+            } else {
+                measured[i]
+            };
+            value / scale[i]
+        });
+        if !root.solve_lower_triangular_mut(&mut whitened) {
+            return None;
+        }
+        // Columns in their own units too: Q² and K² are many powers of ten apart.
+        let terms = design.ncols();
+        let units: Vec<f64> = (0..terms).map(|k| whitened.column(k).norm()).collect();
+        let columns = DMatrix::from_fn(n, terms, |i, k| whitened[(i, k)] / units[k]);
+        let target = whitened.column(terms).clone_owned();
+        let normal = (columns.transpose() * &columns).cholesky()?;
+        let solved = normal.solve(&(columns.transpose() * &target));
+        let residual = (&target - &columns * &solved).norm_squared();
+        let inverse = normal.inverse();
+        let found = DVector::from_fn(terms, |k, _| solved[k] / units[k]);
+        let covariance =
+            DMatrix::from_fn(terms, terms, |a, b| inverse[(a, b)] / (units[a] * units[b]));
+        let log_scale: f64 = scale.iter().map(|s| s.ln()).sum();
+        let log_root: f64 = (0..n).map(|i| root[(i, i)].ln()).sum();
+        Some((found, covariance, residual, 2.0 * (log_root + log_scale)))
+    }
+
+    fn report(&self, solution: &Solution) -> Fit {
+        let values = [0, 1, 2, 3].map(|term| self.value(term, solution));
+        let whole = self.covariances.of(&solution.powers);
+        let points = self.taus.iter().zip(self.variances).enumerate();
+        let points = points.map(|(i, (&tau_s, &variance))| {
+            let expected = model(&solution.powers, tau_s);
+            let freedom = 2.0 * expected * expected / whole[(i, i)];
+            let at = |p: f64| (variance * freedom / chi2::quantile(p, freedom)).sqrt();
+            Scatter {
+                tau_s,
+                freedom,
+                deviation: variance.sqrt(),
+                interval: [at(0.975), at(0.025)],
+            }
+        });
+        Fit {
+            values,
+            powers: solution.powers,
+            from_s: self.taus[self.from],
+            misfit: solution.misfit,
+            points: points.collect(),
+        }
+    }
+
+    fn value(&self, term: usize, solution: &Solution) -> Value {
+        let power = solution.powers[term];
+        let Some((_, sigma)) = self.with_all(term, &solution.powers, solution.misfit) else {
+            return Value::Below(f64::INFINITY);
+        };
+        if power > 0.0 && power >= DETERMINED * sigma {
+            let freedom = 2.0 * (power / sigma).powi(2);
+            let at = |p: f64| (power * freedom / chi2::quantile(p, freedom)).sqrt();
+            let (value, sigma) = (power.sqrt(), sigma / (2.0 * power.sqrt()));
+            return Value::Known {
+                value,
+                sigma,
+                interval: [
+                    at(0.975).min(value - 2.0 * sigma),
+                    at(0.025).max(value + 2.0 * sigma),
+                ],
+            };
+        }
+        Value::Below(self.limit(term, solution).sqrt())
+    }
+
+    /// What the model with bias instability and random walk says of a term, with its standard deviation,
+    /// where the curve scatters as these powers say.
+    fn with_all(&self, term: usize, powers: &Powers, misfit: f64) -> Option<(f64, f64)> {
+        let mut terms = vec![1, 2, 3];
+        if term == 0 || powers[0] > 0.0 {
+            terms.insert(0, 0);
+        }
+        let measured = DVector::from_row_slice(&self.variances[self.from..]);
+        let (found, covariance, ..) = self.step(&self.design(&terms), &measured, powers, misfit)?;
+        let k = terms.iter().position(|t| *t == term)?;
+        Some((found[k].max(0.0), covariance[(k, k)].sqrt()))
+    }
+
+    /// The least power of a term that would come out larger than it did, nearly always. How an estimate scatters
+    /// depends on the power itself, so powers are tried, from one that is lost in the others upwards; each
+    /// time the others are what they would be beside it.
+    fn limit(&self, term: usize, solution: &Solution) -> f64 {
+        let misfit = solution.misfit;
+        let mut powers = solution.powers;
+        powers[term] = 0.0;
+        let Some((_, mut power)) = self.with_all(term, &powers, misfit) else {
+            return f64::INFINITY;
+        };
+        // Steps of a fifth of the power are a tenth of the coefficient; a hundred of them are 1e8.
+        for _ in 0..100 {
+            powers[term] = power;
+            self.refit_others(term, &mut powers, solution);
+            let Some((found, sigma)) = self.with_all(term, &powers, misfit) else {
+                break;
+            };
+            let freedom = 2.0 * (power / sigma).powi(2);
+            let low = if freedom > 4.0 {
+                power * chi2::quantile(LOW.1, freedom) / freedom
+            } else {
+                power - LOW.0 * sigma
+            };
+            if low >= found {
+                return power;
+            }
+            power *= 1.2;
+        }
+        f64::INFINITY
+    }
+
+    /// Fits the other terms beside one that is held; one that would be negative is nothing.
+    fn refit_others(&self, term: usize, powers: &mut Powers, solution: &Solution) {
+        let held = powers[term];
+        let rest = self.taus[self.from..]
+            .iter()
+            .zip(&self.variances[self.from..]);
+        let rest = rest.map(|(tau, v)| v - held * Coefficient::ALL[term].variance(*tau));
+        let rest = DVector::from_iterator(self.taus.len() - self.from, rest);
+        let is_other = |t: &usize| *t != term && solution.powers[*t] > 0.0;
+        let mut others: Vec<usize> = (0..4).filter(is_other).collect();
+        for _ in 0..4 {
+            let step = self.step(&self.design(&others), &rest, powers, solution.misfit);
+            let Some((found, ..)) = step else {
+                return;
+            };
+            for (k, &other) in others.iter().enumerate() {
+                // White noise never goes away, whatever is held.
+                let least = if other == 1 { 0.1 * powers[1] } else { 0.0 };
+                powers[other] = found[k].max(least);
+            }
+            others.retain(|&other| powers[other] > 0.0);
+        }
+    }
+
+    /// Allan variances at the averaging times for these terms at 1.
+    fn design(&self, terms: &[usize]) -> DMatrix<f64> {
+        let taus = &self.taus[self.from..];
+        DMatrix::from_fn(taus.len(), terms.len(), |i, k| {
+            Coefficient::ALL[terms[k]].variance(taus[i])
+        })
+    }
+}

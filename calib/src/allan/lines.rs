@@ -1,0 +1,30 @@
+//! Noise coefficients by lines of a fixed slope in the log-log plot, as they are commonly read off.
+//!
+//! N is where a line of slope -1/2 through the beginning of the curve passes τ = 1 s, K is where a line of
+//! slope +1/2 passes τ = 3 s. The ROS package `allan_variance_ros` fits the first to all points below 10 s and
+//! the second to *all* points, evenly spaced in τ, whether or not the curve has that slope there. [`mod@super::fit`] asks
+//! the curve what it holds; these are here to compare with files that were made in the common way.
+
+/// The height at `at` of the line of this slope that fits the points (τ, σ) best in the least squares of
+/// the logarithms; none without points. Those that are not above zero are left out.
+pub fn height(points: impl IntoIterator<Item = (f64, f64)>, slope: f64, at_s: f64) -> Option<f64> {
+    let usable = points
+        .into_iter()
+        .filter(|(tau, sigma)| *tau > 0.0 && *sigma > 0.0);
+    let (sum, count) = usable.fold((0.0, 0_u64), |(sum, count), (tau, sigma)| {
+        (sum + sigma.ln() - slope * tau.ln(), count + 1)
+    });
+    (count > 0).then(|| (sum / count as f64 + slope * at_s.ln()).exp())
+}
+
+/// White noise N: slope -1/2 through the points below `until_s`, at 1 s.
+pub fn white(points: &[(f64, f64)], until_s: f64) -> Option<f64> {
+    let below = points.iter().copied().filter(|(tau, _)| *tau < until_s);
+    height(below, -0.5, 1.0)
+}
+
+/// Random walk K: slope +1/2 through the points from `from_s`, at 3 s.
+pub fn walk(points: &[(f64, f64)], from_s: f64) -> Option<f64> {
+    let from = points.iter().copied().filter(|(tau, _)| *tau >= from_s);
+    height(from, 0.5, 3.0)
+}

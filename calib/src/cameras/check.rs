@@ -1,0 +1,460 @@
+//! What speaks against a calibration: the gates it has to pass before anything is written.
+//!
+//! Contract: a result whose stated sigmas cannot be trusted has a finding. What is looked for, and how it is
+//! told from chance, stands with each check; the limits are constants here and nowhere else.
+
+use nalgebra::{DVector, Matrix6, Vector6};
+
+use super::{Calibration, Camera, Input, Places};
+use crate::adjust::{
+    Parameter, PlacePrior, Problem, Settings, Solution, View, solve, step_between, told,
+};
+use crate::lens::Lens;
+
+/// How bad a finding is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Severity {
+    /// Worth knowing.
+    Note,
+    /// The result is usable with care.
+    Warn,
+    /// The result must not be used.
+    Fail,
+}
+
+/// Something that speaks against a result, or that its user must know.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Finding {
+    /// How bad.
+    pub severity: Severity,
+    /// What was found and what was expected.
+    pub text: String,
+}
+
+impl Finding {
+    pub(super) fn new(severity: Severity, text: String) -> Self {
+        Self { severity, text }
+    }
+}
+
+/// RMS length of residuals of an eye, px: worth a warning, not to be used.
+const RMS_PX: (f64, f64) = (0.5, 1.5);
+/// Sigma of the pixel of a given direction, anywhere in the picture, px.
+const EDGE_PX: (f64, f64) = (1.0, 4.0);
+/// Sigma of the place of the right eye in the left one: m and degrees.
+const PAIR: [(f64, f64); 2] = [(5e-4, 0.05), (3e-3, 0.3)];
+/// Sigma of the place of one camera in another: m and degrees.
+const RIG: [(f64, f64); 2] = [(1e-3, 0.05), (10e-3, 0.5)];
+/// By how much a length may differ from what is told before the target's size is in doubt, as a ratio.
+const LENGTH_RATIO: f64 = 0.005;
+/// From how many of its sigmas on a place that is told is not believed.
+const DISBELIEF: f64 = 4.0;
+/// How far the mean of a Brownian bridge may stray, per coordinate, in six coordinates twice over: a
+/// chance of about 1 in 1000 (Kolmogorov's distribution).
+const BRIDGE: f64 = 2.25;
+/// A movement smaller than this is not told, m and degrees.
+const MOVED: (f64, f64) = (5e-4, 0.05);
+/// Median of chi squared with six degrees of freedom.
+const CHI6_MEDIAN: f64 = 5.348;
+/// A bend beyond this is a board that should not be used, m.
+const LARGEST_SAGITTA_M: f64 = 0.01;
+
+/// Looks at everything; worst first.
+pub(super) fn findings(calibration: &Calibration) -> Vec<Finding> {
+    let mut all = Vec::new();
+    let input = &calibration.input;
+    for (eye, coverage) in calibration.coverage.iter().enumerate() {
+        let name = &input.eyes[eye].name;
+        let missing = coverage.missing().into_iter();
+        all.extend(missing.map(|m| Finding::new(Severity::Warn, format!("{name}: {m}"))));
+        lens(calibration, eye, &mut all);
+    }
+    for (number, camera) in input.cameras.iter().enumerate() {
+        pair(calibration, number, camera, &mut all);
+    }
+    rig(calibration, &mut all);
+    for (target, sagitta) in calibration.sagitta_m.iter().enumerate() {
+        if *sagitta != 0.0 {
+            let severity = match sagitta.abs() > LARGEST_SAGITTA_M {
+                true => Severity::Fail,
+                false => Severity::Warn,
+            };
+            all.push(Finding::new(
+                severity,
+                format!(
+                    "target {target} is bent: its middle is {:.1} mm {} its rim, which was taken into account; \
+                     expected a flat board",
+                    1e3 * sagitta.abs(),
+                    if *sagitta < 0.0 { "over" } else { "under" },
+                ),
+            ));
+        }
+    }
+    all.extend(moved_meanwhile(calibration));
+    all.sort_by_key(|f| std::cmp::Reverse(f.severity));
+    all
+}
+
+/// Residuals that are too large, and a lens that is not known at the border of its picture.
+fn lens(calibration: &Calibration, eye: usize, all: &mut Vec<Finding>) {
+    let name = &calibration.input.eyes[eye].name;
+    let rms = calibration.solution.rms_px(|view| view.lens == eye);
+    let (warn, fail) = RMS_PX;
+    if rms > warn {
+        let severity = if rms > fail {
+            Severity::Fail
+        } else {
+            Severity::Warn
+        };
+        all.push(Finding::new(
+            severity,
+            format!("{name}: residuals of {rms:.2} px RMS, expected below {warn} px"),
+        ));
+    }
+    let (sigma, at) = worst_pixel(calibration, eye);
+    let (warn, fail) = EDGE_PX;
+    if sigma > warn {
+        let severity = if sigma > fail {
+            Severity::Fail
+        } else {
+            Severity::Warn
+        };
+        all.push(Finding::new(
+            severity,
+            format!(
+                "{name}: the lens is known to {sigma:.1} px only at pixel ({:.0}, {:.0}), expected below {warn} px: \
+                 more views, nearer to the border and tilted",
+                at[0], at[1]
+            ),
+        ));
+    }
+}
+
+/// The largest sigma of the pixel of a given direction over the picture, and where.
+pub(super) fn worst_pixel(calibration: &Calibration, eye: usize) -> (f64, [f64; 2]) {
+    let model = calibration.lens(eye);
+    let lens = Lens::new(model);
+    let count = model.parameters().len();
+    let covariance = calibration.covariance();
+    let at = |k: usize| {
+        covariance
+            .parameters
+            .iter()
+            .position(|p| *p == Parameter::Lens(eye, k))
+    };
+    let columns: Vec<Option<usize>> = (0..count).map(at).collect();
+    let (w, h) = (f64::from(model.width - 1), f64::from(model.height - 1));
+    let mut worst = (0.0, [0.0, 0.0]);
+    for i in 0..=8 {
+        for j in 0..=6 {
+            let pixel = [w * f64::from(i) / 8.0, h * f64::from(j) / 6.0];
+            let projected = lens
+                .unproject(pixel)
+                .and_then(|d| lens.project_with_jacobians(d));
+            let Some(projected) = projected else {
+                return (f64::INFINITY, pixel);
+            };
+            for axis in 0..2 {
+                let mut variance = 0.0;
+                for (a, ca) in columns.iter().enumerate() {
+                    for (b, cb) in columns.iter().enumerate() {
+                        if let (Some(ca), Some(cb)) = (ca, cb) {
+                            variance += projected.by_parameters[(axis, a)]
+                                * covariance.matrix[(*ca, *cb)]
+                                * projected.by_parameters[(axis, b)];
+                        }
+                    }
+                }
+                let sigma = variance.max(0.0).sqrt();
+                if sigma > worst.0 {
+                    worst = (sigma, pixel);
+                }
+            }
+        }
+    }
+    worst
+}
+
+/// Largest sigma of a place: m, degrees.
+fn sigmas(covariance: &Matrix6<f64>) -> (f64, f64) {
+    let sigma = |range: std::ops::Range<usize>| {
+        range
+            .map(|k| covariance[(k, k)].max(0.0).sqrt())
+            .fold(0.0, f64::max)
+    };
+    (sigma(0..3), sigma(3..6).to_degrees())
+}
+
+fn weak(what: &str, covariance: &Matrix6<f64>, limits: &[(f64, f64); 2]) -> Option<Finding> {
+    let (metres, degrees) = sigmas(covariance);
+    let over = |(m, d): (f64, f64)| metres > m || degrees > d;
+    let severity = match (over(limits[1]), over(limits[0])) {
+        (true, _) => Severity::Fail,
+        (_, true) => Severity::Warn,
+        _ => return None,
+    };
+    Some(Finding::new(
+        severity,
+        format!(
+            "{what} is known to {:.2} mm and {degrees:.3} degrees only, expected {} mm and {} degrees: \
+             more views that both see",
+            1e3 * metres,
+            1e3 * limits[0].0,
+            limits[0].1
+        ),
+    ))
+}
+
+/// One stereo camera: swapped eyes, a baseline that is not the told one, and how sure its place is.
+fn pair(calibration: &Calibration, number: usize, camera: &Camera, all: &mut Vec<Finding>) {
+    let Some(place) = calibration.places.pairs[number] else {
+        return;
+    };
+    let (left_from_right, covariance) = calibration.place(place);
+    let name = &camera.name;
+    let what = format!("{name}: the right eye's place");
+    all.extend(weak(&what, &covariance, &PAIR));
+    let along = left_from_right.translation_m()[0];
+    let baseline = left_from_right.distance_m();
+    if along < -0.5 * baseline {
+        all.push(Finding::new(
+            Severity::Fail,
+            format!(
+                "{name}: the right eye is {:.1} mm to the left of the left one: left and right are swapped",
+                -1e3 * along
+            ),
+        ));
+    }
+    if let Some(told) = &camera.left_from_right {
+        let expected = told.transform.distance_m();
+        let off = baseline / expected - 1.0;
+        let sigma = sigmas(&covariance).0 / expected;
+        if off.abs() > LENGTH_RATIO.max(3.0 * sigma) {
+            all.push(Finding::new(
+                Severity::Fail,
+                format!(
+                    "{name}: the baseline comes out as {:.2} mm, the factory says {:.2} mm ({:+.1} %): \
+                     is the target's size what its file says?",
+                    1e3 * baseline,
+                    1e3 * expected,
+                    1e2 * off
+                ),
+            ));
+        }
+    }
+}
+
+/// How sure cameras are against each other, and which is not where the rig file has it.
+fn rig(calibration: &Calibration, all: &mut Vec<Finding>) {
+    let cameras = &calibration.input.cameras;
+    let names: Vec<&str> = (0..cameras.len())
+        .filter(|&c| calibration.places.cameras[c].is_none())
+        .map(|c| cameras[c].name.as_str())
+        .collect();
+    if !names.is_empty() && cameras.len() > 1 {
+        all.push(Finding::new(
+            Severity::Fail,
+            format!(
+                "{} could not be connected with the other cameras: never did it and another camera see \
+                 targets at the same instant",
+                names.join(", ")
+            ),
+        ));
+    }
+    let first = (0..cameras.len()).find(|&c| calibration.places.cameras[c].is_some());
+    for (number, camera) in cameras.iter().enumerate() {
+        let (Some(first), Some(place)) = (first, calibration.places.cameras[number]) else {
+            continue;
+        };
+        if number != first
+            && let Some((_, covariance)) = calibration.left_from_left(first, number)
+        {
+            let what = format!("the place of {} in {}", camera.name, cameras[first].name);
+            all.extend(weak(&what, &covariance, &RIG));
+        }
+        let Some(told) = &camera.rig_from_left else {
+            continue;
+        };
+        let found = calibration.place(place).0;
+        let off = step_between(&told.transform, &found);
+        let many = mahalanobis(&off, &told.covariance);
+        if many > DISBELIEF {
+            let turn = nalgebra::Vector3::new(off[3], off[4], off[5])
+                .norm()
+                .to_degrees();
+            let shift = 1e3 * nalgebra::Vector3::new(off[0], off[1], off[2]).norm();
+            all.push(Finding::new(
+                Severity::Warn,
+                format!(
+                    "{} is not where the rig file has it: turned by {turn:.2} degrees and moved by {shift:.1} mm, \
+                     {many:.0} times what its tolerance allows",
+                    camera.name
+                ),
+            ));
+        }
+    }
+}
+
+/// Length of a step in sigmas, per coordinate.
+pub(super) fn mahalanobis(step: &Vector6<f64>, covariance: &Matrix6<f64>) -> f64 {
+    let Some(cholesky) = covariance.cholesky() else {
+        return 0.0;
+    };
+    (step.dot(&cholesky.solve(step)) / 6.0).max(0.0).sqrt()
+}
+
+/// Places that changed while the pictures were taken. Under a place that stays, the sum of what instants
+/// pull at it wanders as a Brownian bridge over time; a change makes it stray (CUSUM; Nyblom 1989). How
+/// far instants pull by chance is taken from the median of them, so that a change does not hide itself.
+fn moved_meanwhile(calibration: &Calibration) -> Vec<Finding> {
+    let solution = &calibration.solution;
+    let problem = &solution.problem;
+    let told = told(problem, solution.scale);
+    let parameters = problem.parameters();
+    let begin = |place: usize| {
+        parameters
+            .iter()
+            .position(|p| *p == Parameter::Place(place, 0))
+    };
+    let input = &calibration.input;
+    let mut named: Vec<(String, usize)> = Vec::new();
+    for (number, camera) in input.cameras.iter().enumerate() {
+        let places = &calibration.places;
+        named
+            .extend(places.pairs[number].map(|p| (format!("the right eye of {}", camera.name), p)));
+        named.extend(places.cameras[number].map(|p| (camera.name.clone(), p)));
+    }
+    let mut worst: Option<(f64, String, usize, usize)> = None;
+    for (name, place) in named {
+        let Some(begin) = begin(place) else { continue };
+        let mut pulls: Vec<(usize, Vector6<f64>, Matrix6<f64>)> = Vec::new();
+        for (instant, told) in told.iter().enumerate() {
+            let Ok(at) = told.columns.binary_search(&begin) else {
+                continue;
+            };
+            pulls.push((
+                instant,
+                told.score.fixed_rows::<6>(at).into_owned(),
+                told.information.fixed_view::<6, 6>(at, at).into_owned(),
+            ));
+        }
+        if let Some((stray, instant)) = strays(&pulls)
+            && stray > BRIDGE
+            && worst.as_ref().is_none_or(|w| stray > w.0)
+        {
+            worst = Some((stray, name, place, instant));
+        }
+    }
+    let Some((_, name, place, instant)) = worst else {
+        return Vec::new();
+    };
+    let used = calibration.instant_of(instant);
+    let seconds = 1e-9 * (input.times_ns[used] - input.times_ns[0]) as f64;
+    let Some((metres, degrees)) = jump(solution, place, instant) else {
+        return Vec::new();
+    };
+    if metres < MOVED.0 && degrees < MOVED.1 {
+        return Vec::new();
+    }
+    vec![Finding::new(
+        Severity::Fail,
+        format!(
+            "{name} moved during the recording, about {seconds:.0} s after its first picture, by {degrees:.2} degrees \
+             and {:.1} mm: tighten it and record again",
+            1e3 * metres
+        ),
+    )]
+}
+
+/// How far the sum strays, in its own scale, and at which instant most.
+fn strays(pulls: &[(usize, Vector6<f64>, Matrix6<f64>)]) -> Option<(f64, usize)> {
+    if pulls.len() < 8 {
+        return None;
+    }
+    let chi: Vec<f64> = pulls
+        .iter()
+        .filter_map(|(_, score, information)| {
+            Some(score.dot(&information.cholesky()?.solve(score)))
+        })
+        .collect();
+    let mut sorted = chi;
+    sorted.sort_by(f64::total_cmp);
+    let excess = (sorted.get(sorted.len() / 2)? / CHI6_MEDIAN).max(1.0);
+    let total: Matrix6<f64> = pulls.iter().map(|(_, _, i)| i).sum();
+    let mean: Vector6<f64> = pulls.iter().map(|(_, s, _)| s).sum();
+    let root = total.cholesky()?.l();
+    let (mut sum, mut seen) = (Vector6::zeros(), Matrix6::zeros());
+    let mut worst = (0.0, 0);
+    let whole = total.trace();
+    for (instant, score, information) in pulls {
+        sum += score;
+        seen += information;
+        // The mean is not 0 where a prior pulls too.
+        let bridge = sum - mean * (seen.trace() / whole);
+        let whitened = root.solve_lower_triangular(&bridge)? / excess.sqrt();
+        let stray = whitened.amax();
+        if stray > worst.0 {
+            worst = (stray, *instant);
+        }
+    }
+    Some(worst)
+}
+
+/// By how much a place differs after an instant from before it, m and degrees.
+fn jump(solution: &Solution, place: usize, instant: usize) -> Option<(f64, f64)> {
+    let mut problem: Problem = solution.problem.clone();
+    let before = problem.places[place].clone();
+    for lens in &mut problem.lenses {
+        lens.priors.fill(crate::adjust::Prior::Fixed);
+    }
+    for other in &mut problem.places {
+        other.prior = PlacePrior::Fixed;
+    }
+    problem.places[place].prior = PlacePrior::Free;
+    let after = problem.places.len();
+    problem.places.push(crate::adjust::PlaceBlock {
+        prior: PlacePrior::Free,
+        ..before
+    });
+    let later = |view: &&mut View| view.instant > instant;
+    for view in problem.views.iter_mut().filter(later) {
+        view.path
+            .iter_mut()
+            .filter(|p| **p == place)
+            .for_each(|p| *p = after);
+    }
+    let settings = Settings {
+        covariance: false,
+        ..Settings::default()
+    };
+    let found = solve(&problem, &settings).ok()?;
+    let places = &found.problem.places;
+    let step = step_between(
+        &places[place].parent_from_child,
+        &places[after].parent_from_child,
+    );
+    let step = DVector::from_column_slice(step.as_slice());
+    Some((step.rows(0, 3).norm(), step.rows(3, 3).norm().to_degrees()))
+}
+
+/// Cameras that are not where the rig file has them, by how many sigmas, the worst first.
+pub(super) fn disbelieved(input: &Input, places: &Places, solution: &Solution) -> Option<usize> {
+    let off = |number: usize| {
+        let place = places.cameras[number]?;
+        let told = input.cameras[number].rig_from_left.as_ref()?;
+        let block = &solution.problem.places[place];
+        // One that is disbelieved already has another prior.
+        let PlacePrior::Near { covariance, .. } = &block.prior else {
+            return None;
+        };
+        (**covariance == told.covariance).then(|| {
+            let step = step_between(&told.transform, &block.parent_from_child);
+            (number, mahalanobis(&step, &told.covariance))
+        })
+    };
+    (0..input.cameras.len())
+        .filter_map(off)
+        .filter(|(_, many)| *many > 0.5 * DISBELIEF)
+        .max_by(|a, b| a.1.total_cmp(&b.1))
+        .map(|(number, _)| number)
+}

@@ -1,0 +1,295 @@
+//! Which lens model the pictures support.
+//!
+//! Contract: every model is fitted to the same views. A model is worth its coefficients when it predicts
+//! views that it has not seen: the views are split four ways, and of the models whose held-out error is
+//! at most one standard error (over views) above the best one's, the one with the lowest BIC is taken
+//! (Schwarz 1978; the one-standard-error rule after Breiman and others 1984). A model that folds the picture is not
+//! taken. Both eyes of a camera get the same model.
+
+use super::start::{Posed, factory_priors, fit, restarted, weak_priors};
+use crate::adjust::{Prior, locate};
+use crate::camera::{CameraModel, Distortion};
+use crate::lens::Lens;
+
+/// Into how many parts the views are split.
+const FOLDS: usize = 4;
+/// A model whose residuals are this much larger than the best one's is not looked at further.
+const HOPELESS: f64 = 1.2;
+
+/// A view whose residuals are this many times the median's has a wrong pose.
+const WRONG_VIEW: f64 = 2.0;
+
+/// Why a model is not taken whose distortion turns back before the picture's corner.
+const FOLDS_PICTURE: &str = "folds inside the picture";
+
+/// How one model did.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Candidate {
+    /// Its name.
+    pub model: &'static str,
+    /// How many coefficients it has, per eye.
+    pub coefficients: usize,
+    /// RMS length of the residuals of all views, px.
+    pub rms_px: f64,
+    /// RMS length of the residuals of views that were held out, px; none where this was not looked at.
+    pub held_out_px: Option<f64>,
+    /// Bayesian information criterion, less that of the best.
+    pub bic: f64,
+    /// Why it was not looked at further.
+    pub remark: Option<&'static str>,
+}
+
+/// The choice for one camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Choice {
+    /// All that were tried, simplest first.
+    pub candidates: Vec<Candidate>,
+    /// Which was taken.
+    pub chosen: usize,
+}
+
+/// A lens with its priors.
+#[derive(Clone, Debug)]
+pub(super) struct Chosen {
+    pub(super) model: CameraModel,
+    pub(super) priors: Vec<Prior>,
+}
+
+/// An eye as the choice sees it.
+pub(super) struct EyeViews<'a> {
+    pub(super) start: CameraModel,
+    pub(super) factory: Option<&'a CameraModel>,
+    pub(super) views: Vec<Posed>,
+}
+
+/// What a model came to, over the eyes of a camera.
+struct Tried {
+    eyes: Vec<Chosen>,
+    poses: Vec<Vec<Posed>>,
+    square_sum: f64,
+    corners: usize,
+}
+
+/// All models, simplest first, each as near to a pinhole as it can be.
+fn all() -> [Distortion; 8] {
+    let (k1, k2, k3, k4, k5, k6, p1, p2) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    [
+        Distortion::None,
+        Distortion::Radial2 { k1, k2 },
+        Distortion::Eucm {
+            alpha: 0.3,
+            beta: 1.0,
+        },
+        Distortion::DoubleSphere {
+            xi: 0.0,
+            alpha: 0.3,
+        },
+        Distortion::RadTan4 { k1, k2, p1, p2 },
+        Distortion::KannalaBrandt4 {
+            k1: 1.0 / 3.0,
+            k2: 2.0 / 15.0,
+            k3,
+            k4,
+        },
+        Distortion::RadTan5 { k1, k2, p1, p2, k3 },
+        Distortion::Rational8 {
+            k1,
+            k2,
+            p1,
+            p2,
+            k3,
+            k4,
+            k5,
+            k6,
+        },
+    ]
+}
+
+/// Views that a lens of the starting model explains as well as the others; one with a wrong pose would
+/// outweigh what the models differ by.
+fn explained(eye: &EyeViews<'_>) -> Vec<Posed> {
+    let priors = weak_priors(&eye.start);
+    let Some((model, _, poses)) = fit(&eye.start, &priors, &eye.views) else {
+        return eye.views.clone();
+    };
+    let misses: Vec<f64> = eye
+        .views
+        .iter()
+        .zip(&poses)
+        .map(|((_, points), pose)| locate(&model, points, pose).map_or(f64::INFINITY, |l| l.1))
+        .collect();
+    let mut sorted = misses.clone();
+    sorted.sort_by(f64::total_cmp);
+    let limit = WRONG_VIEW * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let posed = eye.views.iter().zip(poses).zip(misses);
+    posed
+        .filter(|(_, miss)| *miss <= limit)
+        .map(|(((_, points), pose), _)| (pose, points.clone()))
+        .collect()
+}
+
+/// Chooses for the eyes of one camera. None when nothing fits.
+pub(super) fn choose(eyes: &[EyeViews<'_>], free: bool) -> Option<(Choice, Vec<Chosen>)> {
+    let explained = eyes.iter().map(|eye| EyeViews {
+        views: explained(eye),
+        ..*eye
+    });
+    let eyes: &[EyeViews<'_>] = &explained.collect::<Vec<_>>();
+    let factory = eyes[0].factory.map(|model| model.distortion);
+    let models: Vec<Distortion> = match factory {
+        Some(factory) if !free => vec![factory],
+        _ => all().to_vec(),
+    };
+    let tried: Vec<Option<Tried>> = models.iter().map(|m| attempt(eyes, *m)).collect();
+    let rms = |t: &Tried| (t.square_sum / t.corners.max(1) as f64).sqrt();
+    let best_rms = tried.iter().flatten().map(rms).min_by(f64::total_cmp)?;
+    let bic = |t: &Tried, coefficients: usize| {
+        let parameters = eyes.len() * (4 + coefficients);
+        // The noise is that of the model that explains most.
+        let per_axis = 0.5 * best_rms * best_rms;
+        t.square_sum / per_axis + parameters as f64 * (2.0 * t.corners as f64).ln()
+    };
+    let mut candidates = Vec::new();
+    let mut errors: Vec<Option<Vec<f64>>> = Vec::new();
+    for (model, tried) in models.iter().zip(&tried) {
+        let coefficients = model.coefficient_names().len();
+        let (remark, held_out) = match tried {
+            None => (Some("could not be fitted"), None),
+            Some(t) if models.len() > 1 && rms(t) > HOPELESS * best_rms => {
+                (Some("explains the pictures worse"), None)
+            }
+            Some(t) if !t.eyes.iter().all(|e| Lens::new(&e.model).covers_picture()) => {
+                (Some(FOLDS_PICTURE), None)
+            }
+            Some(t) => match held_out(t) {
+                Some(errors) => (None, Some(errors)),
+                None => (Some("too few views to hold any out"), None),
+            },
+        };
+        let mean_square = held_out.as_ref().map(|e| mean(e));
+        candidates.push(Candidate {
+            model: model.name(),
+            coefficients,
+            rms_px: tried.as_ref().map_or(f64::INFINITY, rms),
+            held_out_px: mean_square.map(f64::sqrt),
+            bic: tried
+                .as_ref()
+                .map_or(f64::INFINITY, |t| bic(t, coefficients)),
+            remark,
+        });
+        errors.push(held_out);
+    }
+    let least = candidates
+        .iter()
+        .map(|c| c.bic)
+        .fold(f64::INFINITY, f64::min);
+    candidates.iter_mut().for_each(|c| c.bic -= least);
+    let best = (0..candidates.len())
+        .filter(|&i| errors[i].is_some())
+        .min_by(|&a, &b| {
+            candidates[a]
+                .held_out_px
+                .partial_cmp(&candidates[b].held_out_px)
+                .expect("finite")
+        });
+    let lowest_bic = |among: &mut dyn Iterator<Item = usize>| {
+        among.min_by(|&a, &b| candidates[a].bic.total_cmp(&candidates[b].bic))
+    };
+    let chosen = match best {
+        // With too few views to hold any out, BIC alone; one that folds the picture comes last.
+        None => {
+            let fitted = |i: &usize| tried[*i].is_some();
+            let flat = |i: &usize| fitted(i) && candidates[*i].remark != Some(FOLDS_PICTURE);
+            let all = 0..candidates.len();
+            lowest_bic(&mut all.clone().filter(flat)).or(lowest_bic(&mut all.filter(fitted)))?
+        }
+        Some(best) => {
+            let limit = one_standard_error_over(errors[best].as_ref().expect("the best has some"));
+            let near = |i: &usize| errors[*i].as_ref().is_some_and(|e| mean(e) <= limit);
+            lowest_bic(&mut (0..candidates.len()).filter(near))?
+        }
+    };
+    let eyes = tried.into_iter().nth(chosen)??.eyes;
+    Some((Choice { candidates, chosen }, eyes))
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+/// The mean and one of its standard errors more.
+fn one_standard_error_over(errors: &[f64]) -> f64 {
+    let (n, mean) = (errors.len() as f64, mean(errors));
+    let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    mean + (variance / n).sqrt()
+}
+
+/// Fits a model to every eye.
+fn attempt(eyes: &[EyeViews<'_>], distortion: Distortion) -> Option<Tried> {
+    let mut tried = Tried {
+        eyes: Vec::new(),
+        poses: Vec::new(),
+        square_sum: 0.0,
+        corners: 0,
+    };
+    for eye in eyes {
+        let same = |model: &&CameraModel| model.distortion.name() == distortion.name();
+        let (start, priors) = match eye.factory.filter(same) {
+            Some(factory) => (*factory, factory_priors(factory)),
+            None => {
+                let own = eye.start.distortion.name() == distortion.name();
+                let start = match own {
+                    true => eye.start,
+                    false => restarted(&eye.start, distortion),
+                };
+                (start, weak_priors(&start))
+            }
+        };
+        let (model, rms, poses) = fit(&start, &priors, &eye.views)?;
+        let corners: usize = eye.views.iter().map(|(_, points)| points.len()).sum();
+        tried.square_sum += rms * rms * corners as f64;
+        tried.corners += corners;
+        let posed = poses.into_iter().zip(&eye.views);
+        tried.poses.push(
+            posed
+                .map(|(pose, (_, points))| (pose, points.clone()))
+                .collect(),
+        );
+        tried.eyes.push(Chosen { model, priors });
+    }
+    Some(tried)
+}
+
+/// Mean squared residual of every view by a lens that was fitted without it, in the order of eyes and
+/// folds; none where there are too few views or a fit fails.
+fn held_out(tried: &Tried) -> Option<Vec<f64>> {
+    let mut errors = Vec::new();
+    for (eye, views) in tried.eyes.iter().zip(&tried.poses) {
+        if views.len() < 2 * FOLDS {
+            return None;
+        }
+        let folds = crate::adjust::in_pieces(FOLDS, |folds| {
+            folds
+                .map(|fold| one_fold(eye, views, fold))
+                .collect::<Vec<_>>()
+        });
+        for fold in folds.into_iter().flatten() {
+            errors.extend(fold?);
+        }
+    }
+    Some(errors)
+}
+
+fn one_fold(eye: &Chosen, views: &[Posed], fold: usize) -> Option<Vec<f64>> {
+    let part = |inside: bool| {
+        let numbered = views.iter().enumerate();
+        let chosen = numbered.filter(move |(i, _)| (i % FOLDS == fold) == inside);
+        chosen.map(|(_, view)| view.clone()).collect::<Vec<Posed>>()
+    };
+    let (model, ..) = fit(&eye.model, &eye.priors, &part(false))?;
+    let errors = part(true).into_iter().map(|(pose, points)| {
+        let (_, rms) = locate(&model, &points, &pose).ok()?;
+        Some(rms * rms)
+    });
+    errors.collect()
+}

@@ -1,0 +1,178 @@
+//! Where cameras and targets are, roughly, from poses of single views.
+//!
+//! Contract: what is told is taken as it is; the rest follows through instants at which something known
+//! and something unknown are seen together. Of several answers the middle one is taken (the one nearest
+//! to all others), so that single wrong poses do no harm. What cannot be reached stays unknown.
+
+use cad_transforms::RigidTransform;
+
+use super::{Camera, Input};
+
+/// How far apart two poses are when they differ by 1 rad, m: the size of a rig.
+const METRES_PER_RADIAN: f64 = 0.5;
+/// Of more answers than this every n-th is looked at.
+const MOST_ANSWERS: usize = 61;
+
+/// One target seen by one eye.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Posed {
+    pub(super) instant: usize,
+    pub(super) eye: usize,
+    pub(super) target: usize,
+    pub(super) eye_from_target: RigidTransform,
+    /// How many corners stand for it; 0 where it may be the mirrored one.
+    pub(super) trust: usize,
+}
+
+/// What is known of where things are.
+#[derive(Clone, Debug)]
+pub(super) struct Known {
+    /// `rig_from_left` by camera.
+    pub(super) cameras: Vec<Option<RigidTransform>>,
+    /// `left_from_right` by camera.
+    pub(super) pairs: Vec<Option<RigidTransform>>,
+    /// `world_from_target` by target; the world is the one that was seen most.
+    pub(super) targets: Vec<Option<RigidTransform>>,
+    /// Which target is the world.
+    pub(super) world: usize,
+    /// `rig_from_world` by instant.
+    pub(super) instants: Vec<Option<RigidTransform>>,
+}
+
+/// The answer nearest to all others.
+fn middle(answers: &[RigidTransform]) -> Option<RigidTransform> {
+    let step = answers.len().div_ceil(MOST_ANSWERS).max(1);
+    let few: Vec<&RigidTransform> = answers.iter().step_by(step).collect();
+    let apart = |a: &RigidTransform, b: &RigidTransform| {
+        let off = a.inverse() * *b;
+        (off.distance_m() + METRES_PER_RADIAN * off.angle_rad()).min(1.0)
+    };
+    let sum = |a: &RigidTransform| few.iter().map(|b| apart(a, b)).sum::<f64>();
+    let sums: Vec<f64> = few.iter().map(|a| sum(a)).collect();
+    let least = (0..few.len()).min_by(|&a, &b| sums[a].total_cmp(&sums[b]))?;
+    Some(*few[least])
+}
+
+/// Finds what can be found.
+pub(super) fn connect(input: &Input, posed: &[Posed]) -> Known {
+    let mut seen = vec![0usize; input.targets.len()];
+    for p in posed {
+        seen[p.target] += 1;
+    }
+    let world = (0..seen.len())
+        .max_by_key(|&t| (seen[t], std::cmp::Reverse(t)))
+        .unwrap_or(0);
+    let mut known = Known {
+        cameras: input
+            .cameras
+            .iter()
+            .map(|c| c.rig_from_left.as_ref().map(|t| t.transform))
+            .collect(),
+        pairs: input
+            .cameras
+            .iter()
+            .map(|camera| pair(camera, posed))
+            .collect(),
+        targets: vec![None; input.targets.len()],
+        world,
+        instants: vec![None; input.times_ns.len()],
+    };
+    if let Some(target) = known.targets.get_mut(world) {
+        *target = Some(RigidTransform::identity());
+    }
+    if known.cameras.iter().all(Option::is_none) {
+        let sees = |c: &Camera| posed.iter().any(|p| p.eye == c.left && p.target == world);
+        if let Some(first) = input.cameras.iter().position(sees) {
+            known.cameras[first] = Some(RigidTransform::identity());
+        }
+    }
+    while spread(input, posed, &mut known) {}
+    known
+}
+
+/// `left_from_right`, from instants at which both eyes see a target; else as told.
+fn pair(camera: &Camera, posed: &[Posed]) -> Option<RigidTransform> {
+    let right = camera.right?;
+    let of = |eye: usize| posed.iter().filter(move |p| p.eye == eye && p.trust > 0);
+    let answers: Vec<RigidTransform> = of(camera.left)
+        .filter_map(|l| {
+            let r = of(right).find(|r| (r.instant, r.target) == (l.instant, l.target))?;
+            Some(l.eye_from_target * r.eye_from_target.inverse())
+        })
+        .collect();
+    middle(&answers).or_else(|| camera.left_from_right.as_ref().map(|t| t.transform))
+}
+
+impl Known {
+    /// `rig_from_eye`.
+    pub(super) fn eye(&self, input: &Input, eye: usize) -> Option<RigidTransform> {
+        let number = input.camera_of(eye)?;
+        let rig_from_left = self.cameras[number]?;
+        match input.cameras[number].left == eye {
+            true => Some(rig_from_left),
+            false => Some(rig_from_left * self.pairs[number]?),
+        }
+    }
+}
+
+/// One round; whether anything new became known.
+fn spread(input: &Input, posed: &[Posed], known: &mut Known) -> bool {
+    let mut news = false;
+    // The view with most corners says where the rig was.
+    let mut trusted: Vec<&Posed> = posed.iter().collect();
+    trusted.sort_by_key(|p| (p.instant, std::cmp::Reverse(p.trust), p.eye, p.target));
+    for p in trusted {
+        if known.instants[p.instant].is_some() {
+            continue;
+        }
+        if let (Some(rig_from_eye), Some(world_from_target)) =
+            (known.eye(input, p.eye), known.targets[p.target])
+        {
+            known.instants[p.instant] =
+                Some(rig_from_eye * p.eye_from_target * world_from_target.inverse());
+            news = true;
+        }
+    }
+    for target in 0..known.targets.len() {
+        if known.targets[target].is_some() {
+            continue;
+        }
+        let answers: Vec<RigidTransform> = posed
+            .iter()
+            .filter(|p| p.target == target && p.trust > 0)
+            .filter_map(|p| {
+                let rig_from_world = known.instants[p.instant]?;
+                Some(rig_from_world.inverse() * known.eye(input, p.eye)? * p.eye_from_target)
+            })
+            .collect();
+        known.targets[target] = middle(&answers);
+        news |= known.targets[target].is_some();
+    }
+    for number in 0..known.cameras.len() {
+        if known.cameras[number].is_some() {
+            continue;
+        }
+        let left = input.cameras[number].left;
+        let answers: Vec<RigidTransform> = posed
+            .iter()
+            .filter(|p| p.eye == left && p.trust > 0)
+            .filter_map(|p| {
+                let rig_from_world = known.instants[p.instant]?;
+                let world_from_target = known.targets[p.target]?;
+                Some(rig_from_world * world_from_target * p.eye_from_target.inverse())
+            })
+            .collect();
+        known.cameras[number] = middle(&answers);
+        news |= known.cameras[number].is_some();
+    }
+    news
+}
+
+impl Input {
+    /// The camera that an eye belongs to.
+    pub(super) fn camera_of(&self, eye: usize) -> Option<usize> {
+        self.cameras
+            .iter()
+            .position(|c| c.left == eye || c.right == Some(eye))
+    }
+}

@@ -1,0 +1,422 @@
+use super::*;
+use crate::adjust::tests::Noise;
+use crate::camera::Distortion;
+use crate::lens::Lens;
+use crate::target::{self, GreyView};
+use crate::test_data::{grey, shared};
+
+/// The sightings of the real infrared pairs: 12 pairs of 640x512, 9 x 6 inner corners.
+fn chessboard_pairs() -> Option<Input> {
+    let folder = shared("06_calibration/stereo_chessboard_rigB")?;
+    let board = Target::Chessboard {
+        columns: 9,
+        rows: 6,
+        square_m: 0.05,
+    };
+    let mut input = Input {
+        eyes: ["left", "right"]
+            .map(|name| Eye {
+                name: name.to_owned(),
+                size: (640, 512),
+                factory: None,
+            })
+            .to_vec(),
+        cameras: vec![Camera {
+            name: "pair".to_owned(),
+            left: 0,
+            right: Some(1),
+            left_from_right: None,
+            rig_from_left: None,
+        }],
+        targets: vec![board],
+        times_ns: (0..12).map(|i| i * 1_000_000_000).collect(),
+        sightings: Vec::new(),
+    };
+    for instant in 0..12 {
+        for (eye, name) in ["left", "right"].into_iter().enumerate() {
+            let path = folder.join(format!("{name}{:02}.jpg", instant + 1));
+            let (width, height, pixels) = grey(&path);
+            let view = GreyView::new(width, height, width, &pixels).unwrap();
+            let found = target::detect(&view, &input.targets[0], &target::Settings::default());
+            assert_eq!(found.corners.len(), 54, "{}", path.display());
+            input.sightings.push(Sighting {
+                instant,
+                eye,
+                target: 0,
+                corners: found.corners,
+            });
+        }
+    }
+    Some(input)
+}
+
+#[test]
+fn real_chessboard_pairs() {
+    let Some(input) = chessboard_pairs() else {
+        return;
+    };
+    let found = calibrate(input, &Settings::default(), &mut |_, _| {}).unwrap();
+    // OpenCV over the full set: 0.23 px; tests/tests/calib_exam.rs has both in one run.
+    let rms = found.solution.rms_px(|_| true);
+    assert!(rms < 0.15, "{rms}");
+    assert!((found.lens(0).fx - found.lens(1).fx).abs() < 8.0);
+    // These files name the eyes the other way round.
+    assert!(failures(&found)[0].contains("left and right are swapped"));
+}
+
+/// A rig of three cameras before two boards, as [`crate::cameras`] would get it from a recording, and the
+/// truth.
+struct Simulated {
+    input: Input,
+    /// `rig_from_left` and `left_from_right` by camera.
+    cameras: Vec<(RigidTransform, RigidTransform)>,
+}
+
+/// What is different from a good recording.
+#[derive(Clone, Copy)]
+struct Trouble {
+    noise_px: f64,
+    instants: usize,
+    /// The boards are larger than told by this factor.
+    size: f64,
+    /// The middle of the first board is this much under its rim, m.
+    sagitta_m: f64,
+    /// The first camera turns by this in the middle, rad.
+    knock_rad: f64,
+    /// No tilt, no roll.
+    straight: bool,
+}
+
+const GOOD: Trouble = Trouble {
+    noise_px: 0.1,
+    instants: 120,
+    size: 1.0,
+    sagitta_m: 0.0,
+    knock_rad: 0.0,
+    straight: false,
+};
+
+fn transform(rotation: [f64; 3], at: [f64; 3]) -> RigidTransform {
+    RigidTransform::from_rotation_vector(rotation, at).unwrap()
+}
+
+/// An optical frame (x right, y down) that looks along x of the rig (z up), turned left by `yaw` and down
+/// by `pitch`.
+fn looking(yaw: f64, pitch: f64, at: [f64; 3]) -> RigidTransform {
+    let forward = RigidTransform::from_wxyz([0.5, -0.5, 0.5, -0.5], [0.0; 3]).unwrap();
+    transform([0.0; 3], at)
+        * transform([0.0, 0.0, yaw], [0.0; 3])
+        * transform([0.0, pitch, 0.0], [0.0; 3])
+        * forward
+}
+
+fn simulate(seed: u64, trouble: Trouble) -> Simulated {
+    let mut noise = Noise::new(seed);
+    let mut lens = || CameraModel {
+        width: 672,
+        height: 376,
+        fx: 340.0 + 3.0 * noise.normal(),
+        fy: 340.0 + 3.0 * noise.normal(),
+        cx: 335.5 + 3.0 * noise.normal(),
+        cy: 187.5 + 3.0 * noise.normal(),
+        distortion: Distortion::RadTan5 {
+            k1: -0.17 + 0.004 * noise.normal(),
+            k2: 0.026 + 0.001 * noise.normal(),
+            p1: 3e-4 * noise.normal(),
+            p2: 3e-4 * noise.normal(),
+            k3: -1e-3,
+        },
+    };
+    let lenses: Vec<CameraModel> = (0..6).map(|_| lens()).collect();
+    let told = [
+        looking(0.5, 0.1, [0.02, 0.15, 0.1]),
+        looking(-0.5, 0.1, [0.02, -0.15, 0.1]),
+        looking(0.0, 1.2, [0.08, 0.0, -0.12]),
+    ];
+    let mut shake = |mean: &RigidTransform, m: f64, rad: f64| {
+        let by = [0; 6].map(|_| noise.normal());
+        let turn = transform([rad * by[3], rad * by[4], rad * by[5]], [0.0; 3]);
+        *mean * turn * transform([0.0; 3], [m * by[0], m * by[1], m * by[2]])
+    };
+    let baselines = [0.05, 0.05, 0.063].map(|b| transform([0.0; 3], [b, 0.0, 0.0]));
+    let cameras: Vec<(RigidTransform, RigidTransform)> = told
+        .iter()
+        .zip(&baselines)
+        .map(|(rig_from_left, pair)| (shake(rig_from_left, 1e-3, 3e-3), shake(pair, 5e-5, 2e-3)))
+        .collect();
+    let board = |first_id: u32, tag_m: f64| Target::AprilGrid {
+        columns: 6,
+        rows: 6,
+        tag_m,
+        spacing: 0.3,
+        first_id,
+    };
+    let tolerance = |m: f64, rad: f64| {
+        Matrix6::from_diagonal(&[m * m, m * m, m * m, rad * rad, rad * rad, rad * rad].into())
+    };
+    let names = ["left_shoulder", "right_shoulder", "feet"];
+    let mut input = Input {
+        eyes: (0..6)
+            .map(|i| Eye {
+                name: format!("{}/{}", names[i / 2], ["left", "right"][i % 2]),
+                size: (672, 376),
+                factory: Some(CameraModel {
+                    fx: 340.0,
+                    fy: 340.0,
+                    cx: 335.5,
+                    cy: 187.5,
+                    distortion: Distortion::RadTan5 {
+                        k1: -0.17,
+                        k2: 0.026,
+                        p1: 0.0,
+                        p2: 0.0,
+                        k3: 0.0,
+                    },
+                    ..lenses[i]
+                }),
+            })
+            .collect(),
+        cameras: (0..3)
+            .map(|c| Camera {
+                name: names[c].to_owned(),
+                left: 2 * c,
+                right: Some(2 * c + 1),
+                left_from_right: Some(Told {
+                    transform: baselines[c],
+                    covariance: tolerance(1e-4, 2e-3),
+                }),
+                rig_from_left: Some(Told {
+                    transform: told[c],
+                    covariance: tolerance(1e-3, 3e-3),
+                }),
+            })
+            .collect(),
+        targets: vec![board(0, 0.088), board(36, 0.088)],
+        times_ns: (0..trouble.instants as i64)
+            .map(|i| i * 500_000_000)
+            .collect(),
+        sightings: Vec::new(),
+    };
+    // One board ahead, one on the floor, x of the world where the wearer looks, z up.
+    let world_from_board = [
+        looking(0.0, 0.0, [1.1, 0.0, 1.2]) * transform([0.0; 3], [-0.36, -0.36, 0.0]),
+        looking(0.0, 1.5, [0.5, 0.0, 0.15]) * transform([0.0; 3], [-0.36, -0.36, 0.0]),
+    ];
+    for instant in 0..trouble.instants {
+        let tilt = if trouble.straight { 0.0 } else { 0.3 };
+        let mut about = |sigma: f64| sigma * noise.normal().clamp(-2.0, 2.0);
+        let (yaw, pitch, roll) = (about(0.55), about(tilt), about(1.3 * tilt));
+        let at = [about(0.15), about(0.15), 1.2 + about(0.12)];
+        let world_from_rig = transform([0.0; 3], at)
+            * transform([0.0, 0.0, yaw], [0.0; 3])
+            * transform([0.0, pitch, 0.0], [0.0; 3])
+            * transform([roll, 0.0, 0.0], [0.0; 3]);
+        for eye in 0..6 {
+            let (mut rig_from_left, left_from_right) = cameras[eye / 2];
+            if eye < 2 && instant * 2 > trouble.instants {
+                rig_from_left = rig_from_left * transform([0.0, trouble.knock_rad, 0.0], [0.0; 3]);
+            }
+            let rig_from_eye = match eye % 2 {
+                0 => rig_from_left,
+                _ => rig_from_left * left_from_right,
+            };
+            let eye_from_world = (world_from_rig * rig_from_eye).inverse();
+            for target in 0..2 {
+                let eye_from_board = eye_from_world * world_from_board[target];
+                let seen = Lens::new(&lenses[eye]);
+                let corners: Vec<Seen> = input.targets[target]
+                    .corners()
+                    .iter()
+                    .filter_map(|corner| {
+                        let [x, y] = corner.at_m.map(|v| v * trouble.size);
+                        let (u, v) = (x / 0.36 - 1.0, y / 0.36 - 1.0);
+                        let bend = if target == 0 { trouble.sagitta_m } else { 0.0 };
+                        let z = bend * (1.0 - 0.5 * (u * u + v * v));
+                        let [px, py] = seen.project(eye_from_board.apply([x, y, z]))?;
+                        let inside = (2.0..669.0).contains(&px) && (2.0..373.0).contains(&py);
+                        // From behind nothing is seen.
+                        let normal = eye_from_board.rotate([0.0, 0.0, 1.0]);
+                        let at = eye_from_board.apply([x, y, z]);
+                        let front: f64 = normal.iter().zip(at).map(|(a, b)| a * b).sum();
+                        (inside && front > 0.1).then(|| Seen {
+                            id: corner.id,
+                            pixel: [
+                                px + trouble.noise_px * noise.normal(),
+                                py + trouble.noise_px * noise.normal(),
+                            ],
+                            sigma_px: 0.05,
+                        })
+                    })
+                    .collect();
+                if corners.len() >= 12 {
+                    input.sightings.push(Sighting {
+                        instant,
+                        eye,
+                        target,
+                        corners,
+                    });
+                }
+            }
+        }
+    }
+    Simulated { input, cameras }
+}
+
+/// Errors of one run: places of cameras in the first one, `(m, rad, in sigmas)` per coordinate.
+fn rig_errors(truth: &Simulated, found: &Calibration) -> Vec<(f64, f64)> {
+    let mut errors = Vec::new();
+    let mut add = |truth: RigidTransform, found: RigidTransform, covariance: Matrix6<f64>| {
+        let off = crate::adjust::step_between(&truth, &found);
+        errors.extend((0..6).map(|k| (off[k], covariance[(k, k)].sqrt())));
+    };
+    for camera in 0..3 {
+        let (place, covariance) = found.place(found.places.pairs[camera].unwrap());
+        add(truth.cameras[camera].1, place, covariance);
+    }
+    for camera in 1..3 {
+        let (place, covariance) = found.left_from_left(0, camera).unwrap();
+        add(
+            truth.cameras[0].0.inverse() * truth.cameras[camera].0,
+            place,
+            covariance,
+        );
+    }
+    errors
+}
+
+fn quiet(input: &Input) -> Calibration {
+    let settings = Settings {
+        choose_lens: false,
+        ..Settings::default()
+    };
+    calibrate(input.clone(), &settings, &mut |_, _| {}).unwrap()
+}
+
+fn failures(found: &Calibration) -> Vec<&str> {
+    let bad = found
+        .findings
+        .iter()
+        .filter(|f| f.severity == Severity::Fail);
+    bad.map(|f| f.text.as_str()).collect()
+}
+
+#[test]
+fn a_good_recording_gives_the_rig_within_what_it_says() {
+    let (mut inside, mut all) = (0, 0);
+    for seed in 0..6 {
+        let truth = simulate(seed, GOOD);
+        let found = quiet(&truth.input);
+        assert_eq!(failures(&found), Vec::<&str>::new(), "seed {seed}");
+        // 0.1 px in each coordinate are 0.141 px of length.
+        let rms = found.solution.rms_px(|_| true);
+        assert!((0.135..0.15).contains(&rms), "{rms}");
+        for (k, (off, sigma)) in rig_errors(&truth, &found).into_iter().enumerate() {
+            inside += usize::from(off.abs() <= 2.0 * sigma);
+            all += 1;
+            // The first 18 are of the pairs, whose turn about their own baseline the lenses blur.
+            let limit = if k % 6 < 3 {
+                1e-3
+            } else {
+                0.05f64.to_radians()
+            };
+            assert!(
+                k < 18 || off.abs() < limit,
+                "seed {seed}, {k}: {off} of {sigma}"
+            );
+        }
+    }
+    // 95.4 % of 180 are expected; fewer than 91 % come by chance once in 200 times.
+    let share = inside as f64 / all as f64;
+    assert!((0.91..=1.0).contains(&share), "{share}");
+}
+
+#[test]
+fn the_lens_model_is_the_simplest_that_predicts() {
+    let truth = simulate(
+        1,
+        Trouble {
+            instants: 60,
+            ..GOOD
+        },
+    );
+    let found = calibrate(truth.input.clone(), &Settings::default(), &mut |_, _| {}).unwrap();
+    for choice in &found.choices {
+        let name = choice.candidates[choice.chosen].model;
+        assert!(
+            ["rad_tan4", "rad_tan5", "kannala_brandt4"].contains(&name),
+            "{choice:?}"
+        );
+        assert_eq!(choice.candidates[0].model, "none");
+        assert!(choice.candidates[0].rms_px > 1.0);
+    }
+}
+
+#[test]
+fn what_is_wrong_with_a_recording_is_found() {
+    let check = |name: &str, trouble: Trouble, expected: &str| {
+        let found = quiet(&simulate(3, trouble).input);
+        let all: Vec<&str> = found.findings.iter().map(|f| f.text.as_str()).collect();
+        assert!(all.iter().any(|t| t.contains(expected)), "{name}: {all:#?}");
+    };
+    check(
+        "size",
+        Trouble { size: 1.01, ..GOOD },
+        "is the target's size what its file says",
+    );
+    check(
+        "bent",
+        Trouble {
+            sagitta_m: 0.003,
+            ..GOOD
+        },
+        "target 0 is bent",
+    );
+    check(
+        "knocked",
+        Trouble {
+            knock_rad: 0.009,
+            ..GOOD
+        },
+        "left_shoulder moved during the recording, about 3",
+    );
+    check(
+        "straight",
+        Trouble {
+            straight: true,
+            ..GOOD
+        },
+        "tilted by more than 20 degrees",
+    );
+}
+
+#[test]
+fn too_few_pictures_are_an_error_that_names_the_eye() {
+    let mut input = simulate(
+        0,
+        Trouble {
+            instants: 30,
+            ..GOOD
+        },
+    )
+    .input;
+    input.sightings.retain(|s| s.eye != 3 || s.instant < 2);
+    let error = calibrate(input, &Settings::default(), &mut |_, _| {})
+        .map(|c| c.used)
+        .unwrap_err();
+    let text = error.to_string();
+    assert!(
+        text.starts_with("calibrating right_shoulder/right: a target was seen in"),
+        "{text}"
+    );
+}
+
+#[test]
+fn another_cameras_factory_file_is_noticed() {
+    let mut truth = simulate(5, GOOD);
+    for eye in 0..2 {
+        let factory = truth.input.eyes[eye].factory.as_mut().unwrap();
+        (factory.fx, factory.fy) = (520.0, 520.0);
+    }
+    let found = quiet(&truth.input);
+    assert!(!failures(&found).is_empty(), "{:?}", found.findings);
+}

@@ -1,0 +1,454 @@
+//! Is this a recording of a still IMU, and which parts of it?
+//!
+//! The samples are looked at in blocks of a second. Noise is the same in all of them, so a block whose
+//! spread or mean stands out is not noise. All thresholds are against the medians of the recording itself,
+//! except for the last line: no IMU worth calibrating is as noisy as one that is carried.
+
+use std::ops::Range;
+
+use super::{AXES, LEAST_STILL_S, Remark, Series, Weight};
+
+/// Length of a block, s.
+const BLOCK_S: f64 = 1.0;
+/// A block's spread may be this many times the median spread.
+const SPREAD: f64 = 4.0;
+/// A block's mean may be off the median mean by this much, rad/s and m/s², or [`SPREAD`] times the median
+/// spread if that is more. Biases move less, attitudes more: 0.05 m/s² is a tilt of 0.3°.
+const MEANS: [f64; 2] = [0.02, 0.3];
+/// And off the mean of the block before by this much.
+const STEPS: [f64; 2] = [0.01, 0.05];
+/// Median spreads, rad/s and m/s², that only a moving IMU has.
+const CARRIED: [f64; 2] = [0.05, 0.5];
+/// Left out on both sides of a motion, s.
+const MARGIN_S: f64 = 2.0;
+/// Values this many spreads from the median of their block are wild, if there are no more than
+/// [`FEW_WILD`] in it.
+const WILD: f64 = 10.0;
+const FEW_WILD: usize = 3;
+/// A value must be repeated at least this often to count as frozen, whatever the chances.
+const LEAST_FROZEN: usize = 20;
+/// This share of values at one end of the range is clipped.
+const CLIPPED: f64 = 1e-3;
+/// Fewer levels than this between least and greatest are coarse.
+const FEW_LEVELS: usize = 12;
+/// Rates may differ from what was promised by this share.
+const RATE_OFF: f64 = 0.01;
+/// A sample this share of a period off its place is jitter, and this share of such samples a doubt.
+const JITTER: (f64, f64) = (0.2, 0.01);
+/// Temperatures may differ by this, K, over a recording.
+const WARM_K: f32 = 3.0;
+
+/// What can be used.
+pub(super) struct Screened {
+    /// Time from sample to sample, s.
+    pub(super) period_s: f64,
+    /// Runs without gap, motion or anything else.
+    pub(super) still: Vec<Range<usize>>,
+    /// Axes that never change.
+    pub(super) dead: [bool; 6],
+    pub(super) remarks: Vec<Remark>,
+}
+
+/// A span that is left out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Span {
+    from: usize,
+    to: usize,
+}
+
+struct Screen<'a> {
+    series: &'a Series,
+    period_s: f64,
+    remarks: Vec<Remark>,
+    spans: Vec<Span>,
+    dead: [bool; 6],
+}
+
+pub(super) fn screen(series: &Series) -> Screened {
+    let (mut samples, mut seconds) = (0, 0.0);
+    for run in series.runs.iter().filter(|run| run.len() > 1) {
+        samples += run.len() - 1;
+        seconds += series.times_s[run.end - 1] - series.times_s[run.start];
+    }
+    let mut screen = Screen {
+        series,
+        period_s: seconds / samples as f64,
+        remarks: Vec::new(),
+        spans: Vec::new(),
+        dead: [false; 6],
+    };
+    let usable = screen.period_s.is_finite() && screen.period_s > 0.0;
+    if !usable {
+        screen.remark(
+            Weight::Refusal,
+            "short",
+            "there are no two samples whose times differ".to_owned(),
+        );
+        screen.period_s = 1.0;
+    } else {
+        screen.rate();
+        screen.gaps();
+        screen.not_finite();
+        for axis in 0..6 {
+            screen.values(axis);
+        }
+        screen.repeats();
+        screen.motion();
+        screen.temperature();
+    }
+    let still = if usable { screen.left() } else { Vec::new() };
+    Screened {
+        period_s: screen.period_s,
+        still,
+        dead: screen.dead,
+        remarks: screen.remarks,
+    }
+}
+
+impl Screen<'_> {
+    fn remark(&mut self, weight: Weight, kind: &'static str, text: String) {
+        self.remarks.push(Remark { weight, kind, text });
+    }
+
+    fn seconds(&self, at: usize) -> f64 {
+        let times = &self.series.times_s;
+        times[at.min(times.len() - 1)] - times[0]
+    }
+
+    fn between(&self, span: Span) -> String {
+        let (from, to) = (self.seconds(span.from), self.seconds(span.to - 1));
+        format!("between {from:.1} s and {to:.1} s")
+    }
+
+    /// Whether the samples come as often and as evenly as promised.
+    fn rate(&mut self) {
+        let (rate, nominal) = (1.0 / self.period_s, self.series.nominal_rate_hz);
+        if (rate / nominal - 1.0).abs() > RATE_OFF {
+            let text = format!("samples come at {rate:.2} Hz, and {nominal:.2} Hz were promised");
+            self.remark(Weight::Note, "rate", text);
+        }
+        let (mut steps, mut off, mut worst) = (0_u64, 0_u64, 0.0_f64);
+        for run in &self.series.runs {
+            for pair in self.series.times_s[run.clone()].windows(2) {
+                let away = ((pair[1] - pair[0]) / self.period_s - 1.0).abs();
+                steps += 1;
+                off += u64::from(away > JITTER.0);
+                worst = worst.max(away);
+            }
+        }
+        let share = off as f64 / steps.max(1) as f64;
+        if share > JITTER.1 {
+            let text = format!(
+                "{:.1} % of the samples come more than a fifth of a period early or late, the worst by {:.1} \
+                 periods: averages over a fixed number of samples are not over a fixed time",
+                100.0 * share,
+                worst
+            );
+            self.remark(Weight::Doubt, "jitter", text);
+        }
+    }
+
+    fn gaps(&mut self) {
+        let runs = self.series.runs.len();
+        if runs > 1 {
+            let longest = self.series.runs.iter().map(Range::len).max().unwrap_or(0);
+            let text = format!(
+                "{} cut the recording; the longest stretch without one is {:.0} s, and averages longer than a \
+                 fifth of that cannot be made",
+                if runs == 2 {
+                    "a gap".to_owned()
+                } else {
+                    format!("{} gaps", runs - 1)
+                },
+                longest as f64 * self.period_s
+            );
+            self.remark(Weight::Note, "gaps", text);
+        }
+    }
+
+    fn not_finite(&mut self) {
+        let samples = 0..self.series.times_s.len();
+        let bad = |i: &usize| self.series.axes.iter().any(|axis| !axis[*i].is_finite());
+        let bad: Vec<usize> = samples.filter(bad).collect();
+        if let Some(first) = bad.first() {
+            let text = format!(
+                "{} samples are not finite numbers, the first at {:.1} s; left out",
+                bad.len(),
+                self.seconds(*first)
+            );
+            self.remark(Weight::Doubt, "not finite", text);
+            self.spans
+                .extend(bad.iter().map(|&i| Span { from: i, to: i + 1 }));
+        }
+    }
+
+    /// Frozen, clipped and coarse values of one axis.
+    fn values(&mut self, index: usize) {
+        let (axis, name) = (&self.series.axes[index], AXES[index]);
+        let all: Vec<f64> = axis.iter().copied().filter(|v| v.is_finite()).collect();
+        let (Some(least), Some(greatest)) = (
+            all.iter().copied().reduce(f64::min),
+            all.iter().copied().reduce(f64::max),
+        ) else {
+            return;
+        };
+        let unit = if index < 3 { "rad/s" } else { "m/s²" };
+        if least == greatest {
+            self.dead[index] = true;
+            let text = format!("{name} never changes: it is always {least} {unit}");
+            self.remark(Weight::Doubt, "frozen", text);
+            return;
+        }
+        // A repeat has some chance, which the recording itself tells; a run of n repeats has its power.
+        let equal = all.windows(2).filter(|w| w[0] == w[1]).count();
+        let chance = (equal as f64 / all.len() as f64).clamp(1e-6, 0.999_999);
+        let unlikely = ((1e6 * all.len() as f64).ln() / -chance.ln()).ceil() as usize;
+        let long = unlikely.max(LEAST_FROZEN);
+        let mut frozen: Vec<Span> = Vec::new();
+        let mut from = 0;
+        for i in 1..=axis.len() {
+            if i == axis.len() || axis[i] != axis[from] {
+                if i - from > long {
+                    frozen.push(Span { from, to: i });
+                }
+                from = i;
+            }
+        }
+        if let Some(first) = frozen.first() {
+            let samples: usize = frozen.iter().map(|s| s.to - s.from).sum();
+            let text = format!(
+                "{name} stands at one value {}{}, {:.1} s in all; left out",
+                self.between(*first),
+                match frozen.len() {
+                    1 => String::new(),
+                    n => format!(" and {} times more", n - 1),
+                },
+                samples as f64 * self.period_s
+            );
+            self.remark(Weight::Doubt, "frozen", text);
+            self.spans.extend(frozen);
+        }
+        let mut levels: Vec<f64> = Vec::new();
+        for value in &all {
+            if levels.len() > FEW_LEVELS {
+                break;
+            }
+            if !levels.contains(value) {
+                levels.push(*value);
+            }
+        }
+        if levels.len() < FEW_LEVELS {
+            let text = format!(
+                "{name} takes only {} different values: its counts are coarser than its noise",
+                levels.len()
+            );
+            self.remark(Weight::Doubt, "coarse", text);
+            return;
+        }
+        for end in [least, greatest] {
+            let there = all.iter().filter(|v| **v == end).count() as f64 / all.len() as f64;
+            if there > CLIPPED {
+                let text = format!(
+                    "{name}: {:.2} % of the values are exactly {end} {unit}, the end of its range: clipped",
+                    100.0 * there
+                );
+                self.remark(Weight::Doubt, "clipped", text);
+            }
+        }
+    }
+
+    /// Samples in which nothing is new.
+    fn repeats(&mut self) {
+        let n = self.series.times_s.len();
+        let live: Vec<&Vec<f64>> = (0..6)
+            .filter(|i| !self.dead[*i])
+            .map(|i| &self.series.axes[i])
+            .collect();
+        let same = |i: &usize| live.iter().all(|axis| axis[*i] == axis[*i - 1]);
+        let repeated = (1..n).filter(same).count() as f64 / n.max(1) as f64;
+        if !live.is_empty() && repeated > 0.2 {
+            let text = format!(
+                "{:.0} % of the samples repeat the one before: the sensor gives new values at about {:.0} Hz only",
+                100.0 * repeated,
+                (1.0 - repeated) / self.period_s
+            );
+            self.remark(Weight::Doubt, "repeated", text);
+        }
+    }
+
+    /// Blocks that are not noise.
+    fn motion(&mut self) {
+        let size = ((BLOCK_S / self.period_s).round() as usize).max(8);
+        let whole = |run: &Range<usize>| {
+            let (start, end) = (run.start, run.end);
+            (start..end)
+                .step_by(size)
+                .filter(move |at| at + size <= end)
+        };
+        let starts: Vec<usize> = self.series.runs.iter().flat_map(whole).collect();
+        let mut moved = vec![false; starts.len()];
+        let mut wild: Vec<(usize, usize)> = Vec::new();
+        for (index, axis) in self.series.axes.iter().enumerate() {
+            if self.dead[index] {
+                continue;
+            }
+            let sensor = index / 3;
+            let blocks: Vec<(f64, f64)> = starts
+                .iter()
+                .map(|&at| mean_and_spread(&axis[at..at + size]))
+                .collect();
+            let of = |pick: fn(&(f64, f64)) -> f64| median(blocks.iter().map(pick).collect());
+            let (usual_mean, usual) = (of(|b| b.0), of(|b| b.1));
+            if usual > CARRIED[sensor] {
+                let text = format!(
+                    "the IMU moved all the time: {} spreads by {usual:.2} {} within a second",
+                    AXES[index],
+                    if sensor == 0 { "rad/s" } else { "m/s²" }
+                );
+                self.remark(Weight::Refusal, "moved", text);
+                return;
+            }
+            for (i, &(mean, spread)) in blocks.iter().enumerate() {
+                let away = (mean - usual_mean).abs() > MEANS[sensor].max(SPREAD * usual);
+                // The first quiet block after a motion is a step too, and no motion.
+                let follows = i > 0 && starts[i] == starts[i - 1] + size && !moved[i - 1];
+                let step =
+                    follows && (mean - blocks[i - 1].0).abs() > STEPS[sensor].max(SPREAD * usual);
+                // Frozen values do not spread; they are found elsewhere.
+                let hot = spread > SPREAD * usual && usual > 0.0;
+                if !(away || step || hot) {
+                    continue;
+                }
+                let block = &axis[starts[i]..starts[i] + size];
+                let middle = median(block.to_vec());
+                let is_wild = |v: &&f64| (**v - middle).abs() > WILD * usual;
+                let count = block.iter().filter(is_wild).count();
+                if hot
+                    && (1..=FEW_WILD).contains(&count)
+                    && (middle - usual_mean).abs() < MEANS[sensor]
+                {
+                    wild.push((starts[i], index));
+                } else {
+                    moved[i] = true;
+                }
+            }
+        }
+        wild.retain(|(at, _)| starts.iter().zip(&moved).all(|(s, m)| s != at || !m));
+        wild.sort_unstable();
+        if let Some(&(first, index)) = wild.first() {
+            let text = format!(
+                "single values stand out by more than {WILD:.0} times the usual spread in {} s, first of {} at {:.1} s; \
+                 these seconds are left out",
+                wild.len(),
+                AXES[index],
+                self.seconds(first)
+            );
+            self.remark(Weight::Doubt, "outliers", text);
+            let spans = wild.iter().map(|&(at, _)| Span {
+                from: at,
+                to: at + size,
+            });
+            self.spans.extend(spans);
+        }
+        let margin = (MARGIN_S / self.period_s).round() as usize;
+        let end = self.series.times_s.len();
+        let mut motions: Vec<(Span, Span)> = Vec::new();
+        for (&at, _) in starts.iter().zip(&moved).filter(|(_, moved)| **moved) {
+            let exact = Span {
+                from: at,
+                to: at + size,
+            };
+            let wide = Span {
+                from: at.saturating_sub(margin),
+                to: (at + size + margin).min(end),
+            };
+            match motions.last_mut() {
+                Some((seen, left_out)) if wide.from <= left_out.to => {
+                    seen.to = exact.to;
+                    left_out.to = wide.to;
+                }
+                _ => motions.push((exact, wide)),
+            }
+        }
+        for (seen, _) in motions.iter().take(3) {
+            let text = format!("the IMU moved {}; left out", self.between(*seen));
+            self.remark(Weight::Doubt, "moved", text);
+        }
+        if motions.len() > 3 {
+            let text = format!("the IMU moved {} times more", motions.len() - 3);
+            self.remark(Weight::Doubt, "moved", text);
+        }
+        self.spans.extend(motions.iter().map(|m| m.1));
+    }
+
+    fn temperature(&mut self) {
+        let known = || {
+            self.series
+                .temperature_c
+                .iter()
+                .copied()
+                .filter(|t| t.is_finite())
+        };
+        let (Some(least), Some(greatest)) = (known().reduce(f32::min), known().reduce(f32::max))
+        else {
+            return;
+        };
+        let (first, last) = (
+            known().next().unwrap_or(least),
+            known().next_back().unwrap_or(least),
+        );
+        if greatest - least > WARM_K {
+            let text = format!(
+                "the temperature went from {first:.1} to {last:.1} °C, between {least:.1} and {greatest:.1} °C: \
+                 biases follow it, and B and K come out larger than at rest"
+            );
+            self.remark(Weight::Doubt, "temperature", text);
+        }
+    }
+
+    /// The runs without the spans that are left out.
+    fn left(&mut self) -> Vec<Range<usize>> {
+        self.spans.sort_by_key(|span| (span.from, span.to));
+        let mut still = Vec::new();
+        for run in &self.series.runs {
+            let mut from = run.start;
+            for span in self
+                .spans
+                .iter()
+                .filter(|s| s.to > run.start && s.from < run.end)
+            {
+                if span.from > from {
+                    still.push(from..span.from);
+                }
+                from = from.max(span.to);
+            }
+            if from < run.end {
+                still.push(from..run.end);
+            }
+        }
+        let longest = still.iter().map(Range::len).max().unwrap_or(0) as f64 * self.period_s;
+        if longest < LEAST_STILL_S {
+            let text = format!(
+                "the longest stretch that can be used is {longest:.1} s, and at least {LEAST_STILL_S:.0} s are needed"
+            );
+            self.remark(Weight::Refusal, "short", text);
+        }
+        still
+    }
+}
+
+fn mean_and_spread(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let squares = values.iter().map(|v| (v - mean).powi(2));
+    (mean, (squares.sum::<f64>() / n).sqrt())
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.retain(|v| v.is_finite());
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}

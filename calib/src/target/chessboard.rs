@@ -1,0 +1,457 @@
+//! Chessboards: plain ones by their size, ChArUco boards by their markers.
+
+use super::blur::Border;
+use super::board::Target;
+use super::codes::Dictionary;
+use super::decode::{self, Book, Layout};
+use super::detect::{Found, Rough, Scene, Settings};
+use super::image::GreyView;
+use super::lattice::{self, Lattice};
+use super::refine::{self, Window};
+use super::saddle;
+use super::square::{Square, distance};
+
+/// How the board's axes lie in a lattice: `lattice = origin + turned by quarter turns (board)`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Placement {
+    /// Lattice coordinates of the board's corner (0, 0).
+    origin: [i32; 2],
+    /// Quarter turns clockwise.
+    turns: usize,
+}
+
+impl Placement {
+    fn lattice_at(&self, [x, y]: [i32; 2]) -> [i32; 2] {
+        let [u, v] = turned([x, y], self.turns);
+        [self.origin[0] + u, self.origin[1] + v]
+    }
+
+    fn board_at(&self, [x, y]: [i32; 2]) -> [i32; 2] {
+        turned([x - self.origin[0], y - self.origin[1]], 4 - self.turns)
+    }
+}
+
+/// Quarter turns clockwise, x to y.
+fn turned([x, y]: [i32; 2], turns: usize) -> [i32; 2] {
+    match turns % 4 {
+        0 => [x, y],
+        1 => [-y, x],
+        2 => [-x, -y],
+        _ => [y, -x],
+    }
+}
+
+/// A chessboard as a whole.
+pub(super) fn find(scene: &Scene, target: &Target, columns: i32, rows: i32) -> Found {
+    let needed = (columns * rows) as usize;
+    let mut found: Option<Found> = None;
+    let mut remark = None;
+    for mut lattice in lattice::grow(&scene.saddles, &scene.links, needed * 3 / 4) {
+        let mut places: Vec<[f64; 2]> = scene.saddles.iter().map(|s| s.at).collect();
+        cut_fringe(&mut lattice, columns.max(rows));
+        if lattice.nodes.len() < needed * 3 / 4 {
+            continue;
+        }
+        let (low, high) = lattice.extent();
+        let size = [0, 1].map(|k| high[k] - low[k] + 1);
+        if size != [columns, rows] && size != [rows, columns] {
+            remark = Some("a chessboard of another size, or a part of one");
+            continue;
+        }
+        fill(scene, &mut lattice, &mut places);
+        if lattice.nodes.len() != needed {
+            remark = Some("a chessboard with corners missing");
+            continue;
+        }
+        if found.is_some() {
+            return Found {
+                remark: Some("two chessboards of this size"),
+                ..Found::default()
+            };
+        }
+        found = Some(place_chessboard(
+            target, &lattice, &places, columns, rows, low, high,
+        ));
+    }
+    found.unwrap_or(Found {
+        remark,
+        ..Found::default()
+    })
+}
+
+/// Rows and columns at the edge with only a crossing or two, which a shadow or a thing beside the board made.
+fn cut_fringe(lattice: &mut Lattice, longer: i32) {
+    for _ in 0..8 {
+        if lattice.nodes.is_empty() {
+            return;
+        }
+        let (low, high) = lattice.extent();
+        let few = |lattice: &Lattice, on: &dyn Fn(&(i32, i32)) -> bool| {
+            let count = lattice.nodes.keys().filter(|at| on(at)).count();
+            count > 0 && count <= 2 && longer > 3
+        };
+        let edges: [Box<dyn Fn(&(i32, i32)) -> bool>; 4] = [
+            Box::new(move |at| at.1 == low[0]),
+            Box::new(move |at| at.1 == high[0]),
+            Box::new(move |at| at.0 == low[1]),
+            Box::new(move |at| at.0 == high[1]),
+        ];
+        let Some(edge) = edges.iter().find(|edge| few(lattice, edge.as_ref())) else {
+            return;
+        };
+        lattice.nodes.retain(|at, _| !edge(at));
+    }
+}
+
+/// Looks again, with less demanded, where a corner is missing between others.
+fn fill(scene: &Scene, lattice: &mut Lattice, places: &mut Vec<[f64; 2]>) {
+    let (low, high) = lattice.extent();
+    for _ in 0..3 {
+        let mut more = Vec::new();
+        for y in low[1]..=high[1] {
+            for x in low[0]..=high[0] {
+                if lattice.nodes.contains_key(&(y, x)) {
+                    continue;
+                }
+                let Some((guess, step)) = lattice.guess(|n| places[n], (y, x)) else {
+                    continue;
+                };
+                let near = (0.2 * step).clamp(1.0, 4.0);
+                let reach = (0.4 * step).clamp(2.6, 4.0);
+                let Some(at) = refine::settle(&scene.smooth, guess, &Window::round(reach), near)
+                else {
+                    continue;
+                };
+                if saddle::look_around(&scene.smooth, at, 3.0_f32.min(0.4 * step as f32)).is_some()
+                {
+                    more.push(((y, x), at));
+                }
+            }
+        }
+        if more.is_empty() {
+            return;
+        }
+        for (key, at) in more {
+            lattice.nodes.insert(key, places.len());
+            places.push(at);
+        }
+    }
+}
+
+fn place_chessboard(
+    target: &Target,
+    lattice: &Lattice,
+    places: &[[f64; 2]],
+    columns: i32,
+    rows: i32,
+    low: [i32; 2],
+    high: [i32; 2],
+) -> Found {
+    // Where the board's corner (0, 0) can be: one for each quarter turn.
+    let origins = [low, [high[0], low[1]], high, [low[0], high[1]]];
+    let fits = |turns: usize| {
+        let size = [high[0] - low[0] + 1, high[1] - low[1] + 1];
+        if turns % 2 == 0 {
+            size == [columns, rows]
+        } else {
+            size == [rows, columns]
+        }
+    };
+    // The square beyond corner (0, 0) towards the board's top left is black, so the one below to the right
+    // of it, across the crossing, is black too.
+    let is_black = |turns: usize| {
+        // Sector of the lattice's directions between board x and board y.
+        let known = lattice.nodes.iter().find_map(|((y, x), _)| {
+            let dark = lattice.is_dark((*y, *x))?;
+            // Colour alternates with every step, and with every quarter turn.
+            let steps = (x - origins[turns][0]) + (y - origins[turns][1]) + turns as i32;
+            Some(dark == (steps.rem_euclid(2) == 0))
+        });
+        known.unwrap_or(false)
+    };
+    let all: Vec<usize> = (0..4).filter(|t| fits(*t)).collect();
+    let right: Vec<usize> = all.iter().copied().filter(|t| is_black(*t)).collect();
+    let candidates = if right.is_empty() { all } else { right };
+    // Of those that look alike the one whose diagonal points most to the right and down.
+    let at = |p: &Placement, x: i32, y: i32| {
+        let [u, v] = p.lattice_at([x, y]);
+        places[lattice.nodes[&(v, u)]]
+    };
+    let placement = candidates
+        .iter()
+        .map(|&turns| Placement {
+            origin: origins[turns],
+            turns,
+        })
+        .max_by(|a, b| {
+            let down_right = |p: &Placement| {
+                let (from, to) = (at(p, 0, 0), at(p, columns - 1, rows - 1));
+                to[0] - from[0] + to[1] - from[1]
+            };
+            down_right(a).total_cmp(&down_right(b))
+        })
+        .expect("the lattice has the board's size one way or the other");
+    let mut found = collect(lattice, places, &placement, [columns, rows], 0.5);
+    found.half_turn = target.looks_the_same_turned();
+    found
+}
+
+/// Corners and borders of a placed lattice. `room` is the share of a step that nothing else is printed in.
+fn collect(
+    lattice: &Lattice,
+    places: &[[f64; 2]],
+    placement: &Placement,
+    size: [i32; 2],
+    room: f64,
+) -> Found {
+    let mut found = Found::default();
+    for ((y, x), node) in &lattice.nodes {
+        let [column, row] = placement.board_at([*x, *y]);
+        if column < 0 || row < 0 || column >= size[0] || row >= size[1] {
+            continue;
+        }
+        let at = places[*node];
+        // Along each axis the shorter one of the two steps.
+        let mut sides: [Option<[f64; 2]>; 2] = [None; 2];
+        for (dx, dy) in [(1, 0), (0, 1), (-1, 0), (0, -1)] {
+            let Some(other) = lattice.nodes.get(&(y + dy, x + dx)) else {
+                continue;
+            };
+            let step = [0, 1].map(|k| room * (places[*other][k] - at[k]));
+            let side = &mut sides[usize::from(dx == 0)];
+            if side.is_none_or(|s| distance(step, [0.0; 2]) < distance(s, [0.0; 2])) {
+                *side = Some(step);
+            }
+            if dx + dy > 0 {
+                let ends = [at, places[*other]];
+                let clear = room.min(0.35) * distance(at, places[*other]);
+                found.borders.push(Border { ends, clear });
+            }
+        }
+        // A crossing with neighbours along one axis only is as far from the others as that.
+        let turned = |s: [f64; 2]| [-s[1], s[0]];
+        let sides = match sides {
+            [Some(a), Some(b)] => [a, b],
+            [Some(a), None] | [None, Some(a)] => [a, turned(a)],
+            [None, None] => continue,
+        };
+        found.corners.push(Rough {
+            id: (row * size[0] + column) as u32,
+            at,
+            sides,
+            gap: sides
+                .map(|s| distance(s, [0.0; 2]) / room)
+                .into_iter()
+                .fold(f64::INFINITY, f64::min),
+        });
+    }
+    found.corners.sort_by_key(|c| c.id);
+    found
+}
+
+/// A ChArUco board, whatever part of it is seen.
+pub(super) fn find_with_markers(
+    image: &GreyView<'_>,
+    scene: &Scene,
+    target: &Target,
+    settings: &Settings,
+) -> Found {
+    let &Target::Charuco {
+        columns,
+        rows,
+        square_m,
+        marker_m,
+        dictionary,
+        ..
+    } = target
+    else {
+        return Found::default();
+    };
+    let board = Board {
+        columns: columns as i32,
+        rows: rows as i32,
+        book: Book::of(dictionary),
+        layout: layout(dictionary, marker_m / square_m),
+        most_errors: settings
+            .most_bit_errors
+            .min((dictionary.distance() - 1) / 2),
+        own_id: own_ids(target),
+    };
+    let mut found = Found::default();
+    let mut twice = Vec::new();
+    for mut lattice in lattice::grow(&scene.saddles, &scene.links, 4) {
+        let mut places: Vec<[f64; 2]> = scene.saddles.iter().map(|s| s.at).collect();
+        fill(scene, &mut lattice, &mut places);
+        let Some(placement) = board.vote(image, &lattice, &places) else {
+            continue;
+        };
+        let margin = 0.5 * (1.0 - marker_m / square_m);
+        let part = collect(
+            &lattice,
+            &places,
+            &placement,
+            [board.columns - 1, board.rows - 1],
+            (1.3 * margin).min(0.5),
+        );
+        for corner in part.corners {
+            match found.corners.iter().any(|c: &Rough| c.id == corner.id) {
+                true => twice.push(corner.id),
+                false => found.corners.push(corner),
+            }
+        }
+        found.borders.extend(part.borders);
+    }
+    if !twice.is_empty() {
+        found.corners.retain(|c| !twice.contains(&c.id));
+        found.remark = Some("some ids are in the picture twice");
+    }
+    found
+}
+
+fn layout(dictionary: Dictionary, marker: f64) -> Layout {
+    let margin = 0.5 * (1.0 - marker);
+    Layout {
+        from: margin,
+        to: 1.0 - margin,
+        bits: dictionary.bits(),
+        border: 1,
+        white: margin,
+    }
+}
+
+/// The marker of each white square of the board by (x, y); squares in rows.
+fn own_ids(target: &Target) -> Vec<((i32, i32), u32)> {
+    let &Target::Charuco {
+        columns,
+        rows,
+        first_id,
+        ..
+    } = target
+    else {
+        return Vec::new();
+    };
+    (0..rows as i32)
+        .flat_map(|y| (0..columns as i32).map(move |x| (x, y)))
+        .filter(|(x, y)| (x + y) % 2 == 1)
+        .zip(first_id..)
+        .collect()
+}
+
+struct Board {
+    columns: i32,
+    rows: i32,
+    book: Book,
+    layout: Layout,
+    most_errors: u32,
+    own_id: Vec<((i32, i32), u32)>,
+}
+
+impl Board {
+    /// The placement that the markers agree on. It must have at least two markers without contradiction, or
+    /// more than three for each one that says otherwise; and no square that should hold a marker may hold
+    /// another one.
+    fn vote(
+        &self,
+        image: &GreyView<'_>,
+        lattice: &Lattice,
+        places: &[[f64; 2]],
+    ) -> Option<Placement> {
+        let mut readings: Vec<([i32; 2], u64)> = Vec::new();
+        let mut votes: Vec<(Placement, u32, u32)> = Vec::new();
+        for (y, x) in lattice.nodes.keys() {
+            let corner =
+                |dx: i32, dy: i32| lattice.nodes.get(&(y + dy, x + dx)).map(|n| places[*n]);
+            let (Some(a), Some(b), Some(c), Some(d)) =
+                (corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1))
+            else {
+                continue;
+            };
+            if lattice_is_dark(lattice, (*y, *x)) != Some(false) {
+                continue;
+            }
+            let Some(reading) = Square::new([a, b, c, d])
+                .and_then(|square| decode::read(image, &square, &self.layout))
+            else {
+                continue;
+            };
+            readings.push(([*x, *y], reading.code));
+            if reading.border_errors > 2 {
+                continue;
+            }
+            let Some(found) = self.book.find(reading.code, self.most_errors) else {
+                continue;
+            };
+            let Some(((column, row), _)) = self.own_id.iter().find(|(_, id)| *id == found.id)
+            else {
+                votes.push((
+                    Placement {
+                        origin: [i32::MAX; 2],
+                        turns: 0,
+                    },
+                    1,
+                    0,
+                ));
+                continue;
+            };
+            let placement = placement(found.turns, [*x, *y], [*column, *row]);
+            match votes.iter_mut().find(|(p, ..)| *p == placement) {
+                Some((_, count, errors)) => {
+                    *count += 1;
+                    *errors += found.errors;
+                }
+                None => votes.push((placement, 1, found.errors)),
+            }
+        }
+        let all: u32 = votes.iter().map(|(_, count, _)| count).sum();
+        let &(best, count, errors) = votes.iter().max_by_key(|(_, count, _)| *count)?;
+        if best.origin[0] == i32::MAX || count < 2 || count < 3 * (all - count) || errors > count {
+            return None;
+        }
+        // Every square that was read says whether it is the one that belongs there.
+        let mut wrong = 0;
+        for ([x, y], code) in &readings {
+            let [u, v] = square_at(&best, [*x, *y]);
+            let expected = self
+                .own_id
+                .iter()
+                .find(|(at, _)| *at == (u, v))
+                .map(|(_, id)| *id);
+            let errors = expected.and_then(|id| self.book.errors(*code, id, best.turns));
+            let many = self.layout.bits * self.layout.bits / 4;
+            wrong += u32::from(errors.is_none_or(|e| e > many));
+        }
+        (wrong <= count / 3).then_some(best)
+    }
+}
+
+/// As [`Lattice::is_dark`], by way of a neighbour where a crossing was filled in later.
+fn lattice_is_dark(lattice: &Lattice, (y, x): (i32, i32)) -> Option<bool> {
+    lattice.is_dark((y, x)).or_else(|| {
+        let even = |u: i32, v: i32| (x - u + y - v).rem_euclid(2) == 0;
+        lattice
+            .nodes
+            .keys()
+            .find_map(|&(v, u)| Some(lattice.is_dark((v, u))? == even(u, v)))
+    })
+}
+
+/// The placement that follows when the square at lattice (x, y) (its crossing of least x and y) is the
+/// board's square (column, row), turned clockwise by quarters.
+fn placement(turns: usize, [x, y]: [i32; 2], [column, row]: [i32; 2]) -> Placement {
+    // The board's inner corner (c, r) is the crossing between squares (c, r) and (c + 1, r + 1): the
+    // square's own top left crossing is corner (column - 1, row - 1). In the lattice that crossing is the
+    // corner of the square to which `turns` quarter turns bring the top left.
+    let at = [[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]][turns % 4];
+    let [u, v] = turned([column - 1, row - 1], turns);
+    Placement {
+        origin: [at[0] - u, at[1] - v],
+        turns: turns % 4,
+    }
+}
+
+/// The board's square that the lattice's square (x, y) is.
+fn square_at(placement: &Placement, [x, y]: [i32; 2]) -> [i32; 2] {
+    let corners = [[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]];
+    let [c, r] = placement.board_at(corners[placement.turns % 4]);
+    [c + 1, r + 1]
+}

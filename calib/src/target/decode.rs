@@ -1,0 +1,197 @@
+//! Reading a marker's bits out of a square in the picture.
+//!
+//! Contract: a reading is given only where the marker's border is black all around but for a few cells, and
+//! dark and bright are clearly apart. Which marker it is, is the nearest code of the dictionary in any of
+//! four rotations, when it is near enough and no other is as near. A mirrored marker reads as noise.
+
+use super::codes::{Dictionary, quarter_turn};
+use super::image::GreyView;
+use super::square::Square;
+
+/// Least grey values between the border and white.
+const LEAST_CONTRAST: f64 = 8.0;
+
+/// How a marker sits in the square that is looked at.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Layout {
+    /// The marker's edges along both axes of the unit square.
+    pub(super) from: f64,
+    pub(super) to: f64,
+    /// Bits along a side.
+    pub(super) bits: u32,
+    /// Cells of the border on each side.
+    pub(super) border: u32,
+    /// How far outside the marker's edge it is white, in units of the square.
+    pub(super) white: f64,
+}
+
+/// The bits of a square, row by row from its corner (0, 0).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reading {
+    pub(super) code: u64,
+    /// Cells of the border that look white.
+    pub(super) border_errors: u32,
+}
+
+/// Reads a square; none where there is no contrast or the square leaves the picture.
+pub(super) fn read(image: &GreyView<'_>, square: &Square, layout: &Layout) -> Option<Reading> {
+    let cells = (layout.bits + 2 * layout.border) as usize;
+    let side = (layout.to - layout.from) / cells as f64;
+    let place = |i: f64| layout.from + i * side;
+    // Cells of many pixels are averaged, small ones are as blurred as they need to be.
+    let [across, down] = [[0.5 + side, 0.5], [0.5, 0.5 + side]]
+        .map(|uv| super::square::distance(square.at([0.5, 0.5]), square.at(uv)));
+    let offsets: &[f64] = if across.min(down) > 3.5 {
+        &[-0.25, 0.0, 0.25]
+    } else {
+        &[0.0]
+    };
+    let mut values = vec![0.0; cells * cells];
+    for (i, value) in values.iter_mut().enumerate() {
+        let (row, column) = ((i / cells) as f64 + 0.5, (i % cells) as f64 + 0.5);
+        for dy in offsets {
+            for dx in offsets {
+                *value += image.sample(square.at([place(column + dx), place(row + dy)]))?;
+            }
+        }
+        *value /= (offsets.len() * offsets.len()) as f64;
+    }
+    let is_border = |i: usize| {
+        let inside = layout.border as usize..cells - layout.border as usize;
+        !inside.contains(&(i / cells)) || !inside.contains(&(i % cells))
+    };
+    let middle = 0.5 * (cells as f64 - 1.0);
+    let uv = |i: usize| [(i % cells) as f64 - middle, (i / cells) as f64 - middle];
+    let border: Vec<([f64; 2], f64)> = (0..cells * cells)
+        .filter(|i| is_border(*i))
+        .map(|i| (uv(i), values[i]))
+        .collect();
+    let black = Plane::of(&border);
+    // White next to the four sides. Near a picture's edge some of it may be missing.
+    let mut outside = Vec::new();
+    let out = 0.5 * layout.white;
+    for i in 0..cells {
+        let along = place(i as f64 + 0.5);
+        for at in [
+            [along, layout.from - out],
+            [along, layout.to + out],
+            [layout.from - out, along],
+            [layout.to + out, along],
+        ] {
+            if let Some(value) = image.sample(square.at(at)) {
+                outside.push((at.map(|v| (v - layout.from) / side - 0.5 - middle), value));
+            }
+        }
+    }
+    let complete = outside.len() == 4 * cells;
+    let mut white = Plane::of(&outside);
+    if !complete {
+        if outside.len() < cells {
+            return None;
+        }
+        white.slope = black.slope;
+    }
+    if white.mean - black.mean < LEAST_CONTRAST {
+        return None;
+    }
+    // In small cells the neighbours shine in: take a part of them out again.
+    let share = if across.min(down) < 5.0 { 0.25 } else { 0.0 };
+    let mut code = 0;
+    let mut border_errors = 0;
+    for i in 0..cells * cells {
+        let (row, column) = (i / cells, i % cells);
+        let mut value = values[i];
+        if row > 0 && column > 0 && row + 1 < cells && column + 1 < cells {
+            let around = values[i - 1] + values[i + 1] + values[i - cells] + values[i + cells];
+            value += share * (4.0 * values[i] - around);
+        }
+        let at = uv(i);
+        let is_white = value > 0.5 * (black.at(at) + white.at(at));
+        if is_border(i) {
+            border_errors += u32::from(is_white);
+        } else {
+            code = code << 1 | u64::from(is_white);
+        }
+    }
+    Some(Reading {
+        code,
+        border_errors,
+    })
+}
+
+/// A level that changes evenly over the marker.
+struct Plane {
+    mean: f64,
+    slope: [f64; 2],
+}
+
+impl Plane {
+    /// Fits places that are symmetric about the origin.
+    fn of(values: &[([f64; 2], f64)]) -> Self {
+        let count = values.len().max(1) as f64;
+        let mean = values.iter().map(|(_, v)| v).sum::<f64>() / count;
+        let slope = [0, 1].map(|k| {
+            let (up, down) = values.iter().fold((0.0, 0.0), |(up, down), (at, v)| {
+                (up + at[k] * (v - mean), down + at[k] * at[k])
+            });
+            if down > 0.0 { up / down } else { 0.0 }
+        });
+        Self { mean, slope }
+    }
+
+    fn at(&self, [u, v]: [f64; 2]) -> f64 {
+        self.mean + u * self.slope[0] + v * self.slope[1]
+    }
+}
+
+/// A marker recognised.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Match {
+    pub(super) id: u32,
+    /// Quarter turns clockwise by which the marker is turned in the square.
+    pub(super) turns: usize,
+    /// Bits that are wrong.
+    pub(super) errors: u32,
+}
+
+/// The codes of a dictionary in their four rotations.
+pub(super) struct Book {
+    codes: Vec<[u64; 4]>,
+}
+
+impl Book {
+    pub(super) fn of(dictionary: Dictionary) -> Self {
+        let bits = dictionary.bits();
+        let codes = (0..dictionary.count())
+            .filter_map(|id| dictionary.code(id))
+            .map(|code| {
+                let turn = |code| quarter_turn(code, bits);
+                [code, turn(code), turn(turn(code)), turn(turn(turn(code)))]
+            })
+            .collect();
+        Self { codes }
+    }
+
+    /// The nearest marker with at most `most` wrong bits; none where another is as near.
+    pub(super) fn find(&self, code: u64, most: u32) -> Option<Match> {
+        let mut best: Option<Match> = None;
+        let mut alone = true;
+        for (id, turned) in (0..).zip(&self.codes) {
+            for (turns, other) in turned.iter().enumerate() {
+                let errors = (other ^ code).count_ones();
+                if errors > best.map_or(most, |b| b.errors) {
+                    continue;
+                }
+                alone = best.is_none_or(|b| errors < b.errors);
+                best = Some(Match { id, turns, errors });
+            }
+        }
+        best.filter(|_| alone)
+    }
+
+    /// Wrong bits of a reading, were it this marker turned by so many quarters.
+    pub(super) fn errors(&self, code: u64, id: u32, turns: usize) -> Option<u32> {
+        let turned = self.codes.get(id as usize)?;
+        Some((turned[turns % 4] ^ code).count_ones())
+    }
+}

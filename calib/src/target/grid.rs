@@ -1,0 +1,315 @@
+//! AprilGrids: dark squares between four crossings, read as tags, held against their neighbours.
+//!
+//! Contract: a tag is taken when borders join its four crossings around a dark square, its border is black,
+//! its code is a tag of the board, and no neighbour that is reached across a gap says otherwise. Around
+//! tags that are sure, missing ones are looked for where they should be.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::blur::Border;
+use super::board::Target;
+use super::decode::{self, Book, Layout};
+use super::detect::{Found, Rough, Scene, Settings};
+use super::image::GreyView;
+use super::refine::{self, Window};
+use super::saddle;
+use super::square::{Square, distance};
+
+/// Cells of the border that may look white, of 64.
+const MOST_BORDER_ERRORS: u32 = 4;
+/// Wrong bits of a tag whose id its neighbours tell.
+const MOST_EXPECTED_ERRORS: u32 = 4;
+
+/// A tag in the picture.
+#[derive(Clone, Debug)]
+struct Tag {
+    id: u32,
+    /// Its corners top left, top right, bottom right, bottom left, as the tag itself has them.
+    corners: [[f64; 2]; 4],
+    /// The crossings at these corners, with the ray that leaves clockwise along the tag's side; none for a tag
+    /// that was looked for where it should be.
+    nodes: Option<[(usize, usize); 4]>,
+    errors: u32,
+}
+
+pub(super) fn find(
+    image: &GreyView<'_>,
+    scene: &Scene,
+    target: &Target,
+    settings: &Settings,
+) -> Found {
+    let &Target::AprilGrid {
+        columns,
+        rows,
+        spacing,
+        first_id,
+        ..
+    } = target
+    else {
+        return Found::default();
+    };
+    let Some((dictionary, border)) = target.dictionary() else {
+        return Found::default();
+    };
+    let grid = Grid {
+        columns,
+        rows,
+        spacing,
+        first_id,
+        book: Book::of(dictionary),
+        layout: Layout {
+            from: 0.0,
+            to: 1.0,
+            bits: dictionary.bits(),
+            border,
+            white: spacing,
+        },
+        most_errors: settings
+            .most_bit_errors
+            .min((dictionary.distance() - 1) / 2),
+    };
+    let (tags, doubles) = grid.consistent(scene, grid.read_squares(image, scene));
+    let tags = grid.look_for_missing(image, scene, tags);
+    let mut found = Found::default();
+    if doubles {
+        found.remark = Some("some ids are in the picture twice");
+    }
+    for tag in &tags {
+        let sides = [0, 1, 2, 3].map(|i| distance(tag.corners[i], tag.corners[(i + 1) % 4]));
+        for i in 0..4 {
+            found.borders.push(Border {
+                ends: [tag.corners[i], tag.corners[(i + 1) % 4]],
+                // Inside two cells of border, outside the gap.
+                clear: sides[(i + 1) % 4].min(sides[(i + 3) % 4]) * spacing.min(0.2),
+            });
+        }
+        // Kalibr's order: bottom left, bottom right, top right, top left.
+        for (k, i) in [3, 2, 1, 0].into_iter().enumerate() {
+            // The bits begin two cells from both sides; the crossing square ends a gap away.
+            let share = spacing.min(0.28);
+            let side = |to: usize| [0, 1].map(|k| share * (tag.corners[to][k] - tag.corners[i][k]));
+            found.corners.push(Rough {
+                id: 4 * tag.id + k as u32,
+                at: tag.corners[i],
+                sides: [side((i + 1) % 4), side((i + 3) % 4)],
+                gap: spacing * sides[i].min(sides[(i + 3) % 4]),
+            });
+        }
+    }
+    found.corners.sort_by_key(|c| c.id);
+    found
+}
+
+struct Grid {
+    columns: u32,
+    rows: u32,
+    spacing: f64,
+    first_id: u32,
+    book: Book,
+    layout: Layout,
+    most_errors: u32,
+}
+
+impl Grid {
+    /// Every dark square that reads as a tag of this board.
+    fn read_squares(&self, image: &GreyView<'_>, scene: &Scene) -> Vec<Tag> {
+        let mut seen = BTreeSet::new();
+        let mut tags = Vec::new();
+        for start in 0..scene.saddles.len() {
+            for ray in [0, 2] {
+                let Some(nodes) = around(scene, start, ray) else {
+                    continue;
+                };
+                let mut key = nodes.map(|(n, _)| n);
+                key.sort_unstable();
+                if !seen.insert(key) {
+                    continue;
+                }
+                let corners = nodes.map(|(n, _)| scene.saddles[n].at);
+                let Some(square) = Square::new(corners) else {
+                    continue;
+                };
+                let Some(reading) = decode::read(image, &square, &self.layout) else {
+                    continue;
+                };
+                if reading.border_errors > MOST_BORDER_ERRORS {
+                    continue;
+                }
+                let Some(found) = self.book.find(reading.code, self.most_errors) else {
+                    continue;
+                };
+                if self.place(found.id).is_none() {
+                    continue;
+                }
+                let own = [0, 1, 2, 3].map(|i| (i + found.turns) % 4);
+                tags.push(Tag {
+                    id: found.id,
+                    corners: own.map(|i| corners[i]),
+                    nodes: Some(own.map(|i| nodes[i])),
+                    errors: found.errors,
+                });
+            }
+        }
+        tags
+    }
+
+    /// Column and row (upwards) of a tag.
+    fn place(&self, id: u32) -> Option<[i64; 2]> {
+        let index = id.checked_sub(self.first_id)?;
+        (index < self.columns * self.rows).then(|| {
+            [
+                i64::from(index % self.columns),
+                i64::from(index / self.columns),
+            ]
+        })
+    }
+
+    fn id_at(&self, [column, row]: [i64; 2]) -> Option<u32> {
+        let inside = (0..i64::from(self.columns)).contains(&column)
+            && (0..i64::from(self.rows)).contains(&row);
+        inside.then(|| self.first_id + (row * i64::from(self.columns) + column) as u32)
+    }
+
+    /// Leaves out tags that neighbours contradict, and tags that are there twice; whether there were such.
+    fn consistent(&self, scene: &Scene, tags: Vec<Tag>) -> (Vec<Tag>, bool) {
+        let mut owner: BTreeMap<usize, usize> = BTreeMap::new();
+        for (t, tag) in tags.iter().enumerate() {
+            for (node, _) in tag.nodes.iter().flatten() {
+                owner.insert(*node, t);
+            }
+        }
+        // Left, up, right, down as (column, row upwards).
+        const LEFT: [i64; 2] = [-1, 0];
+        const UP: [i64; 2] = [0, 1];
+        const RIGHT: [i64; 2] = [1, 0];
+        const DOWN: [i64; 2] = [0, -1];
+        // From each corner of a tag two rays lead on across the gaps: the leaving ray's other end and the next.
+        const ONWARD: [[[i64; 2]; 2]; 4] = [[LEFT, UP], [UP, RIGHT], [RIGHT, DOWN], [DOWN, LEFT]];
+        let mut agree = vec![0u32; tags.len()];
+        let mut differ = vec![0u32; tags.len()];
+        for (t, tag) in tags.iter().enumerate() {
+            let Some([column, row]) = self.place(tag.id) else {
+                continue;
+            };
+            for ((node, leaving), onward) in tag.nodes.iter().flatten().zip(ONWARD) {
+                for (turn, [dx, dy]) in [2, 3].into_iter().zip(onward) {
+                    let Some((to, _)) = scene.links[*node][(leaving + turn) % 4] else {
+                        continue;
+                    };
+                    let Some(&other) = owner.get(&to) else {
+                        continue;
+                    };
+                    if Some(tags[other].id) == self.id_at([column + dx, row + dy]) {
+                        agree[t] += 1;
+                    } else {
+                        differ[t] += 1;
+                    }
+                }
+            }
+        }
+        let mut doubles = false;
+        let kept: Vec<Tag> = (0..tags.len())
+            .filter(|&t| {
+                let other = (0..tags.len()).find(|&o| o != t && tags[o].id == tags[t].id);
+                // Of two with one id the one that neighbours confirm.
+                let double = other.is_some_and(|o| agree[o] >= agree[t]);
+                doubles |= other.is_some();
+                let lone = agree[t] == 0 && tags[t].errors > 1;
+                differ[t] == 0 && !double && !lone
+            })
+            .map(|t| tags[t].clone())
+            .collect();
+        (kept, doubles)
+    }
+
+    /// Looks where neighbours of the tags should be, until nothing more comes.
+    fn look_for_missing(
+        &self,
+        image: &GreyView<'_>,
+        scene: &Scene,
+        mut tags: Vec<Tag>,
+    ) -> Vec<Tag> {
+        let mut known: BTreeSet<u32> = tags.iter().map(|t| t.id).collect();
+        let mut next = 0;
+        while next < tags.len() {
+            let tag = tags[next].clone();
+            next += 1;
+            let (Some([column, row]), Some(square)) =
+                (self.place(tag.id), Square::new(tag.corners))
+            else {
+                continue;
+            };
+            for [dx, dy] in [[1, 0], [0, 1], [-1, 0], [0, -1]] {
+                let Some(id) = self.id_at([column + dx, row + dy]) else {
+                    continue;
+                };
+                if known.contains(&id) {
+                    continue;
+                }
+                // Rows count upwards, v downwards.
+                let shift = [dx, -dy].map(|d| d as f64 * (1.0 + self.spacing));
+                if let Some(found) = self.look_at(image, scene, &square, shift, id) {
+                    known.insert(id);
+                    tags.push(found);
+                }
+            }
+        }
+        tags
+    }
+
+    fn look_at(
+        &self,
+        image: &GreyView<'_>,
+        scene: &Scene,
+        from: &Square,
+        shift: [f64; 2],
+        id: u32,
+    ) -> Option<Tag> {
+        let unit = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        let guesses = unit.map(|uv| from.at([uv[0] + shift[0], uv[1] + shift[1]]));
+        let side = (0..4)
+            .map(|i| distance(guesses[i], guesses[(i + 1) % 4]))
+            .fold(f64::INFINITY, f64::min);
+        if side < 8.0 {
+            return None;
+        }
+        let mut corners = guesses;
+        for corner in &mut corners {
+            let near = (0.09 * side).clamp(1.2, 6.0);
+            let reach = (0.2 * side).clamp(2.6, 5.0);
+            *corner = refine::settle(&scene.smooth, *corner, &Window::round(reach), near)?;
+            let radius = (0.15 * side as f32).clamp(2.0, 3.0);
+            saddle::look_around(&scene.smooth, *corner, radius)?;
+        }
+        let reading = decode::read(image, &Square::new(corners)?, &self.layout)?;
+        let errors = self.book.errors(reading.code, id, 0)?;
+        (reading.border_errors <= MOST_BORDER_ERRORS && errors <= MOST_EXPECTED_ERRORS).then_some(
+            Tag {
+                id,
+                corners,
+                nodes: None,
+                errors,
+            },
+        )
+    }
+}
+
+/// Walks around the dark square that lies clockwise of a crossing's even ray: its corners clockwise as the
+/// picture shows them, each with the ray that leaves to the next one. One of the four sides may be missing,
+/// if both its ends know of nothing else there.
+fn around(scene: &Scene, start: usize, ray: usize) -> Option<[(usize, usize); 4]> {
+    let mut corners = [(start, ray); 4];
+    for i in 1..4 {
+        let (node, leaving) = corners[i - 1];
+        let (to, arriving) = scene.links[node][leaving]?;
+        // Dark lies between the ray before the arriving one and that.
+        corners[i] = (to, (arriving + 3) % 4);
+    }
+    let (last, leaving) = corners[3];
+    let closes = match scene.links[last][leaving] {
+        Some(end) => end == (start, (ray + 1) % 4),
+        None => scene.links[start][(ray + 1) % 4].is_none(),
+    };
+    let distinct = (0..4).all(|i| (0..i).all(|j| corners[i].0 != corners[j].0));
+    (closes && distinct).then_some(corners)
+}

@@ -1,0 +1,213 @@
+//! Which crossings a border joins.
+//!
+//! Contract: from each crossing the border between dark and bright is followed along each of its four rays,
+//! staying on the border pixel by pixel, so that it may be curved as a fisheye lens makes it. Where it runs
+//! into another crossing whose own border comes back this way, with dark on the same side, the two are
+//! joined. A border is never followed through a crossing: its dark side changes there. A link is kept when
+//! both ends found each other, or one did and the other found nothing.
+
+use super::image::Smooth;
+use super::saddle::Saddle;
+
+/// The other end of a link: crossing and its ray that comes back.
+pub(super) type End = (usize, usize);
+
+/// Links of every crossing along its four rays.
+pub(super) type Links = Vec<[Option<End>; 4]>;
+
+/// How far a border is followed on faith, pixels, where blur or another corner leaves no contrast.
+const ON_FAITH: f32 = 6.5;
+/// A crossing this near to the border's way is on it, pixels.
+const NEAR: f32 = 2.0;
+/// Share of the crossing's contrast that its borders must have.
+const LEAST_SHARE: f32 = 0.3;
+
+/// Joins crossings. Rays are sharpened on the way: a border of some length has a better direction than the
+/// circle gave.
+pub(super) fn join(smooth: &Smooth, saddles: &[Saddle]) -> Links {
+    let buckets = Buckets::of(smooth, saddles);
+    let found: Links = (0..saddles.len())
+        .map(|from| [0, 1, 2, 3].map(|ray| follow(smooth, saddles, &buckets, from, ray)))
+        .collect();
+    let mut links = vec![[None; 4]; saddles.len()];
+    for (a, ends) in found.iter().enumerate() {
+        for (k, end) in ends.iter().enumerate() {
+            let Some((b, j)) = *end else { continue };
+            match found[b][j] {
+                Some(back) if back == (a, k) => links[a][k] = Some((b, j)),
+                // The other end found nothing; another border must not have claimed it first.
+                None if links[b][j].is_none() || links[b][j] == Some((a, k)) => {
+                    links[a][k] = Some((b, j));
+                    links[b][j] = Some((a, k));
+                }
+                _ => {}
+            }
+        }
+    }
+    // Two borders that ran into the same ray: neither is to be trusted.
+    for a in 0..links.len() {
+        for k in 0..4 {
+            if let Some((b, j)) = links[a][k]
+                && links[b][j] != Some((a, k))
+            {
+                links[a][k] = None;
+            }
+        }
+    }
+    links
+}
+
+fn follow(
+    smooth: &Smooth,
+    saddles: &[Saddle],
+    buckets: &Buckets,
+    from: usize,
+    ray: usize,
+) -> Option<End> {
+    let saddle = &saddles[from];
+    // The dark side lies clockwise (towards larger angles) of an even ray.
+    let polarity = if ray % 2 == 0 { 1.0 } else { -1.0 };
+    let start = saddle.at.map(|v| v as f32);
+    let (sin, cos) = libm::sincosf(saddle.rays[ray] as f32);
+    let mut direction = [cos, sin];
+    let mut at = [start[0] + 2.0 * cos, start[1] + 2.0 * sin];
+    let mut travelled = 2.0f32;
+    let mut unsure = 2.0f32;
+    // The last place that was surely on the border, and one well before it: they give the direction.
+    let mut trail = [start; 6];
+    let mut steps = 0usize;
+    let longest = smooth.width.max(smooth.height) as f32;
+    let least = LEAST_SHARE * saddle.contrast;
+    loop {
+        if let Some((to, distance)) = buckets.nearest(saddles, at, from)
+            && distance < NEAR
+        {
+            let [dx, dy] = [
+                saddles[to].at[0] - saddle.at[0],
+                saddles[to].at[1] - saddle.at[1],
+            ];
+            // Not before it is clearly another one.
+            if dx * dx + dy * dy > 4.0 {
+                return arrive(saddles, to, ray, direction);
+            }
+        }
+        let normal = [-direction[1], direction[0]];
+        let sample = |o: f32| smooth.sample(at[0] + o * normal[0], at[1] + o * normal[1]);
+        let values = [
+            sample(-2.0)?,
+            sample(-1.0)?,
+            sample(0.0)?,
+            sample(1.0)?,
+            sample(2.0)?,
+        ];
+        // Falls from the bright to the dark side, between neighbouring samples.
+        let falls = [0, 1, 2, 3].map(|i| (polarity * (values[i] - values[i + 1])).max(0.0));
+        let contrast = polarity * (values[0] - values[4]);
+        if contrast > least {
+            let sum: f32 = falls.iter().sum();
+            let offset = (-1.5 * falls[0] - 0.5 * falls[1] + 0.5 * falls[2] + 1.5 * falls[3]) / sum;
+            at = [at[0] + offset * normal[0], at[1] + offset * normal[1]];
+            unsure = 0.0;
+            // From the sixth last place, or the crossing itself.
+            let back = trail[steps % trail.len()];
+            trail[steps % trail.len()] = at;
+            steps += 1;
+            let [dx, dy] = [at[0] - back[0], at[1] - back[1]];
+            let length = (dx * dx + dy * dy).sqrt();
+            if length > 3.0 {
+                let turn = [dx / length, dy / length];
+                if turn[0] * direction[0] + turn[1] * direction[1] < 0.8 {
+                    return None;
+                }
+                direction = turn;
+            }
+        }
+        let pace = if travelled < 12.0 { 1.0 } else { 1.75 };
+        at = [at[0] + pace * direction[0], at[1] + pace * direction[1]];
+        travelled += pace;
+        unsure += pace;
+        if unsure > ON_FAITH || travelled > longest {
+            return None;
+        }
+    }
+}
+
+/// The ray of a crossing along which a border arrives that left along `ray`.
+fn arrive(saddles: &[Saddle], to: usize, ray: usize, direction: [f32; 2]) -> Option<End> {
+    let best = (0..4)
+        // Dark stays on its side: an even ray ends in an odd one.
+        .filter(|j| (j + ray) % 2 == 1)
+        .map(|j| {
+            let (sin, cos) = libm::sincos(saddles[to].rays[j]);
+            (
+                j,
+                -(cos * f64::from(direction[0]) + sin * f64::from(direction[1])),
+            )
+        })
+        .max_by(|a, b| a.1.total_cmp(&b.1))?;
+    (best.1 > 0.8).then_some((to, best.0))
+}
+
+/// Crossings by place.
+struct Buckets {
+    columns: usize,
+    rows: usize,
+    /// Where each bucket begins in `members`; one more than there are buckets.
+    begins: Vec<u32>,
+    members: Vec<u32>,
+}
+
+/// Side of a bucket as a power of two, pixels.
+const SHIFT: usize = 3;
+
+impl Buckets {
+    fn of(smooth: &Smooth, saddles: &[Saddle]) -> Self {
+        let columns = (smooth.width >> SHIFT) + 1;
+        let rows = (smooth.height >> SHIFT) + 1;
+        let bucket = |s: &Saddle| {
+            let [x, y] = s.at.map(|v| v.max(0.0) as usize >> SHIFT);
+            y.min(rows - 1) * columns + x.min(columns - 1)
+        };
+        let mut begins = vec![0u32; columns * rows + 1];
+        for saddle in saddles {
+            begins[bucket(saddle) + 1] += 1;
+        }
+        for i in 1..begins.len() {
+            begins[i] += begins[i - 1];
+        }
+        let mut next = begins.clone();
+        let mut members = vec![0; saddles.len()];
+        for (i, saddle) in saddles.iter().enumerate() {
+            let at = &mut next[bucket(saddle)];
+            members[*at as usize] = i as u32;
+            *at += 1;
+        }
+        Self {
+            columns,
+            rows,
+            begins,
+            members,
+        }
+    }
+
+    /// The nearest crossing but `except` within a few pixels, and its distance.
+    fn nearest(&self, saddles: &[Saddle], at: [f32; 2], except: usize) -> Option<(usize, f32)> {
+        let low = at.map(|v| (v - NEAR).max(0.0) as usize >> SHIFT);
+        let high = at.map(|v| (v + NEAR).max(0.0) as usize >> SHIFT);
+        let mut best: Option<(usize, f32)> = None;
+        for y in low[1]..=high[1].min(self.rows - 1) {
+            for x in low[0]..=high[0].min(self.columns - 1) {
+                let b = y * self.columns + x;
+                for &i in &self.members[self.begins[b] as usize..self.begins[b + 1] as usize] {
+                    let i = i as usize;
+                    let [dx, dy] = [0, 1].map(|k| saddles[i].at[k] as f32 - at[k]);
+                    let distance = (dx * dx + dy * dy).sqrt();
+                    if i != except && best.is_none_or(|(_, d)| distance < d) {
+                        best = Some((i, distance));
+                    }
+                }
+            }
+        }
+        best
+    }
+}

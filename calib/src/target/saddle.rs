@@ -1,0 +1,312 @@
+//! Crossings of black and white: the points where a smoothed picture is a saddle.
+//!
+//! Contract: every pixel whose Hessian has a clearly negative determinant, more so than its eight
+//! neighbours, is a candidate; a candidate is kept when a small circle around it sees dark, bright, dark,
+//! bright in turn, with both pairs of borders nearly straight through. What comes out is sorted by row,
+//! then column, and has a place good to a fraction of a pixel, four rays along the borders, and contrast.
+//!
+//! The Hessian of the picture smoothed by 1 pixel comes from differences over 2 pixels; its determinant
+//! does not depend on the direction of the crossing (Lucchese and Mitra 2002 use the same criterion).
+
+use super::image::{Smooth, UNIT};
+use super::refine::{self, NARROWEST, Window};
+
+/// Least square root of the negated determinant, grey values per square pixel: an ideal crossing of
+/// contrast A blurred by s has `A / (π s²)`, so that 20 grey values pass up to a blur of 2.5.
+const LEAST_CURVATURE: f32 = 1.0;
+
+/// Least contrast between the bright and the dark sectors, grey values.
+const LEAST_CONTRAST: f32 = 8.0;
+
+/// Candidates beyond this many are left out, weakest first: a picture of gravel must not take minutes.
+const MOST: usize = 6000;
+
+/// Samples around the circle.
+const SAMPLES: usize = 32;
+
+/// A crossing of black and white.
+#[derive(Clone, Debug)]
+pub(super) struct Saddle {
+    /// Place in the picture, pixels.
+    pub(super) at: [f64; 2],
+    /// Directions of the borders, radians from x towards y, ascending around the circle from one in
+    /// `0..2π`: between rays 0 and 1 and between 2 and 3 it is dark, between 1 and 2 and between 3 and 0 bright.
+    pub(super) rays: [f64; 4],
+    /// Grey values between dark and bright near the crossing.
+    pub(super) contrast: f32,
+}
+
+/// Finds the crossings.
+pub(super) fn find(smooth: &Smooth) -> Vec<Saddle> {
+    let mut peaks = peaks(smooth);
+    if peaks.len() > MOST {
+        // By strength, then by place, so that equals do not depend on the sort.
+        peaks.sort_by(|a, b| b.2.total_cmp(&a.2).then((a.1, a.0).cmp(&(b.1, b.0))));
+        peaks.truncate(MOST);
+        peaks.sort_by_key(|&(x, y, _)| (y, x));
+    }
+    let mut saddles: Vec<Saddle> = Vec::new();
+    let window = Window::round(NARROWEST);
+    for (x, y, _) in peaks {
+        if !may_cross(smooth, x, y) {
+            continue;
+        }
+        let Some(at) = refine::settle_roughly(smooth, [x as f64, y as f64], &window, 2.0) else {
+            continue;
+        };
+        if let Some(saddle) = [3.0, 2.2]
+            .into_iter()
+            .find_map(|radius| look_around(smooth, at, radius))
+        {
+            saddles.push(saddle);
+        }
+    }
+    drop_doubles(saddles)
+}
+
+/// A first look by whole pixels: around a crossing it gets brighter and darker than its middle twice. Most
+/// of what texture and noise bring ends here.
+fn may_cross(smooth: &Smooth, x: usize, y: usize) -> bool {
+    /// Circles of 3 and 2 pixels.
+    const OUTER: [(isize, isize); 16] = [
+        (3, 0),
+        (3, 1),
+        (2, 2),
+        (1, 3),
+        (0, 3),
+        (-1, 3),
+        (-2, 2),
+        (-3, 1),
+        (-3, 0),
+        (-3, -1),
+        (-2, -2),
+        (-1, -3),
+        (0, -3),
+        (1, -3),
+        (2, -2),
+        (3, -1),
+    ];
+    const INNER: [(isize, isize); 12] = [
+        (2, 0),
+        (2, 1),
+        (1, 2),
+        (0, 2),
+        (-1, 2),
+        (-2, 1),
+        (-2, 0),
+        (-2, -1),
+        (-1, -2),
+        (0, -2),
+        (1, -2),
+        (2, -1),
+    ];
+    let middle = i32::from(smooth.values[y * smooth.width + x]);
+    let crosses = |circle: &[(isize, isize)]| {
+        let value = |&(dx, dy): &(isize, isize)| {
+            let at = y.strict_add_signed(dy) * smooth.width + x.strict_add_signed(dx);
+            i32::from(smooth.values[at]) - middle
+        };
+        let (mut low, mut high, mut changes) = (i32::MAX, i32::MIN, 0);
+        let mut last = value(&circle[circle.len() - 1]);
+        for place in circle {
+            let here = value(place);
+            changes += i32::from((here < 0) != (last < 0));
+            (low, high, last) = (low.min(here), high.max(here), here);
+        }
+        changes == 4 && (high - low) as f32 * UNIT >= 0.7 * LEAST_CONTRAST
+    };
+    crosses(&OUTER) || crosses(&INNER)
+}
+
+/// Of crossings less than 1.5 pixels apart the one of higher contrast stays.
+fn drop_doubles(mut saddles: Vec<Saddle>) -> Vec<Saddle> {
+    saddles.sort_by(|a, b| {
+        a.at[1]
+            .total_cmp(&b.at[1])
+            .then(a.at[0].total_cmp(&b.at[0]))
+    });
+    let mut keep = vec![true; saddles.len()];
+    for i in 0..saddles.len() {
+        for j in i + 1..saddles.len() {
+            let [dx, dy] = [
+                saddles[j].at[0] - saddles[i].at[0],
+                saddles[j].at[1] - saddles[i].at[1],
+            ];
+            if dy > 1.5 {
+                break;
+            }
+            if dx * dx + dy * dy < 1.5 * 1.5 {
+                let weaker = if saddles[j].contrast > saddles[i].contrast {
+                    i
+                } else {
+                    j
+                };
+                keep[weaker] = false;
+            }
+        }
+    }
+    let mut keep = keep.iter();
+    saddles.retain(|_| *keep.next().expect("one flag for each"));
+    saddles
+}
+
+/// Negated determinants of the Hessian in (grey values per square pixel)², a row at a time.
+fn response(smooth: &Smooth, y: usize, out: &mut [f32]) {
+    let width = smooth.width;
+    let row = |y: usize| &smooth.values[y * width..(y + 1) * width];
+    let (up2, up, here, down, down2) = (row(y - 2), row(y - 1), row(y), row(y + 1), row(y + 2));
+    let count = width - 4;
+    let out = &mut out[2..2 + count];
+    // Slices of one length each, so that the loop below needs no bounds and becomes vectors.
+    let (left2, mid, right2) = (&here[..count], &here[2..2 + count], &here[4..4 + count]);
+    let (north, south) = (&up2[2..2 + count], &down2[2..2 + count]);
+    let (nw, ne) = (&up[1..1 + count], &up[3..3 + count]);
+    let (sw, se) = (&down[1..1 + count], &down[3..3 + count]);
+    for i in 0..count {
+        let v = |s: &[u16]| i32::from(s[i]);
+        let middle = 2 * v(mid);
+        let xx = (v(left2) + v(right2) - middle) as f32;
+        let yy = (v(north) + v(south) - middle) as f32;
+        let xy = (v(se) - v(sw) - v(ne) + v(nw)) as f32;
+        out[i] = xy * xy - xx * yy;
+    }
+}
+
+/// Both second differences are four times the derivative, and the values are in 1/256.
+const RESPONSE_UNIT: f32 = UNIT * UNIT / 16.0;
+
+/// Pixels with more response than their neighbours: column, row, response. Row by row.
+fn peaks(smooth: &Smooth) -> Vec<(usize, usize, f32)> {
+    let (width, height) = (smooth.width, smooth.height);
+    let mut peaks = Vec::new();
+    if width < 9 || height < 9 {
+        return peaks;
+    }
+    let least = LEAST_CURVATURE * LEAST_CURVATURE / RESPONSE_UNIT;
+    // Three rows of responses take turns.
+    let mut rows = [
+        vec![0.0f32; width],
+        vec![0.0f32; width],
+        vec![0.0f32; width],
+    ];
+    response(smooth, 2, &mut rows[1]);
+    response(smooth, 3, &mut rows[2]);
+    for y in 3..height - 3 {
+        rows.rotate_left(1);
+        response(smooth, y + 1, &mut rows[2]);
+        let [above, here, below] = &rows;
+        for x in 3..width - 3 {
+            let value = here[x];
+            if value < least {
+                continue;
+            }
+            // Of equals the first one counts.
+            let first = value > above[x - 1]
+                && value > above[x]
+                && value > above[x + 1]
+                && value > here[x - 1];
+            if first && value >= here[x + 1] && below[x - 1..x + 2].iter().all(|v| value >= *v) {
+                peaks.push((x, y, value * RESPONSE_UNIT));
+            }
+        }
+    }
+    peaks
+}
+
+/// Looks at a circle around a place. None where it is not a crossing.
+pub(super) fn look_around(smooth: &Smooth, at: [f64; 2], radius: f32) -> Option<Saddle> {
+    let (x, y) = (at[0] as f32, at[1] as f32);
+    let level = smooth.sample(x, y)?;
+    let mut values = [0.0f32; SAMPLES];
+    for (value, (cos, sin)) in values.iter_mut().zip(circle()) {
+        *value = smooth.sample(x + radius * cos, y + radius * sin)? - level;
+    }
+    let step = std::f64::consts::TAU / SAMPLES as f64;
+    let mut borders = [0.0f64; 4];
+    let mut count = 0;
+    let mut into_dark = 0;
+    for i in 0..SAMPLES {
+        let (a, b) = (values[i], values[(i + 1) % SAMPLES]);
+        if (a < 0.0) != (b < 0.0) {
+            if count == 4 {
+                return None;
+            }
+            borders[count] = (i as f64 + f64::from(a / (a - b))) * step;
+            if b < 0.0 && count < 2 {
+                into_dark = count;
+            }
+            count += 1;
+        }
+    }
+    if count != 4 {
+        return None;
+    }
+    let mut rays = [0, 1, 2, 3].map(|k| {
+        let k = into_dark + k;
+        borders[k % 4] + if k >= 4 { std::f64::consts::TAU } else { 0.0 }
+    });
+    // A border comes out on the other side: to about 35 degrees, since a ring of few pixels next to other
+    // corners is a rough guess.
+    let straight = |a: f64, b: f64| (b - a - std::f64::consts::PI).abs() < 0.6;
+    let apart = (0..4).all(|k| {
+        let next = if k == 3 {
+            rays[0] + std::f64::consts::TAU
+        } else {
+            rays[k + 1]
+        };
+        next - rays[k] > 0.2
+    });
+    if !straight(rays[0], rays[2]) || !straight(rays[1], rays[3]) || !apart {
+        return None;
+    }
+    // The extreme of each sector.
+    let mut extremes = [0.0f32; 4];
+    for (i, &value) in values.iter().enumerate() {
+        let mut angle = i as f64 * step;
+        if angle < rays[0] {
+            angle += std::f64::consts::TAU;
+        }
+        let sector = (1..4).take_while(|&k| angle >= rays[k]).count();
+        if value.abs() > extremes[sector].abs() {
+            extremes[sector] = value;
+        }
+    }
+    let bright = extremes[1].min(extremes[3]);
+    let dark = extremes[0].max(extremes[2]);
+    let contrast = bright - dark;
+    // Where one side of the level is far flatter than the other it is the end of a line, not a crossing.
+    if contrast < LEAST_CONTRAST || bright < 0.12 * contrast || -dark < 0.12 * contrast {
+        return None;
+    }
+    for ray in &mut rays {
+        if *ray >= std::f64::consts::TAU {
+            *ray -= std::f64::consts::TAU;
+        }
+    }
+    Some(Saddle { at, rays, contrast })
+}
+
+/// Cosines and sines of the samples' angles, the same on every machine.
+fn circle() -> impl Iterator<Item = (f32, f32)> {
+    /// cos(i π / 16)
+    const COSINES: [f32; 9] = [
+        1.0,
+        0.980_785_25,
+        0.923_879_5,
+        0.831_469_6,
+        std::f32::consts::FRAC_1_SQRT_2,
+        0.555_570_24,
+        0.382_683_43,
+        0.195_090_32,
+        0.0,
+    ];
+    let cosine = |i: usize| {
+        let i = i % SAMPLES;
+        let i = i.min(SAMPLES - i);
+        if i <= 8 { COSINES[i] } else { -COSINES[16 - i] }
+    };
+    (0..SAMPLES).map(move |i| (cosine(i), cosine(i + SAMPLES - 8)))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,175 @@
+use super::*;
+use crate::test_data::shared;
+
+/// A picture file as grey.
+fn load(path: &std::path::Path) -> Picture {
+    let bytes = std::fs::read(path).unwrap();
+    let (size, channels, data) = if path.extension().is_some_and(|e| e == "png") {
+        let mut decoder = png::Decoder::new(std::io::Cursor::new(bytes));
+        decoder.set_transformations(png::Transformations::normalize_to_color8());
+        let mut reader = decoder.read_info().unwrap();
+        let mut data = vec![0; reader.output_buffer_size().unwrap()];
+        let info = reader.next_frame(&mut data).unwrap();
+        data.truncate(info.buffer_size());
+        (
+            [info.width as usize, info.height as usize],
+            info.color_type.samples(),
+            data,
+        )
+    } else {
+        let mut decoder = zune_jpeg::JpegDecoder::new(std::io::Cursor::new(bytes));
+        let data = decoder.decode().unwrap();
+        let info = decoder.info().unwrap();
+        let size = [usize::from(info.width), usize::from(info.height)];
+        (size, data.len() / (size[0] * size[1]), data)
+    };
+    let grey = |p: &[u8]| match p {
+        [r, g, b, ..] => {
+            ((299 * u32::from(*r) + 587 * u32::from(*g) + 114 * u32::from(*b) + 500) / 1000) as u8
+        }
+        _ => p[0],
+    };
+    Picture {
+        size,
+        pixels: data.chunks_exact(channels).map(grey).collect(),
+    }
+}
+
+#[test]
+fn the_real_aprilgrids() {
+    let Some(folder) = shared("05_apriltag/aprilgrid_real/tests/data") else {
+        return;
+    };
+    for (name, columns, rows) in [("EuRoC.png", 6, 6), ("iphone.png", 11, 6)] {
+        let target = Target::AprilGrid {
+            columns,
+            rows,
+            tag_m: 0.088,
+            spacing: 0.3,
+            first_id: 0,
+        };
+        let picture = load(&folder.join(name));
+        let found = detect(&picture.view(), &target, &Settings::default());
+        println!(
+            "{name}: {} corners, {:?}, noise {}",
+            found.corners.len(),
+            found.blur,
+            found.noise_grey
+        );
+        let missing: Vec<u32> = target
+            .corners()
+            .iter()
+            .map(|c| c.id)
+            .filter(|id| found.corners.iter().all(|c| c.id != *id))
+            .collect();
+        println!("missing {missing:?}");
+        assert_eq!(found.corners.len(), target.corners().len(), "{name}");
+    }
+}
+
+#[test]
+fn the_real_chessboards() {
+    let Some(folder) = shared("06_calibration/stereo_chessboard_rigB") else {
+        return;
+    };
+    let target = Target::Chessboard {
+        columns: 9,
+        rows: 6,
+        square_m: 0.05,
+    };
+    for side in ["left", "right"] {
+        for i in 1..=12 {
+            let name = format!("{side}{i:02}.jpg");
+            let picture = load(&folder.join(&name));
+            let found = detect(&picture.view(), &target, &Settings::default());
+            println!(
+                "{name} {:?} {:?} {:?}",
+                found.corners.len(),
+                found.remark,
+                found.blur
+            );
+        }
+    }
+}
+
+/// Pictures without any of these boards, with the names of those that were looked at.
+#[test]
+fn other_real_pictures_give_nothing() {
+    let folders = [
+        ("02_stereo_odometry_kitti/KITTI_sequence_1", "png"),
+        ("03_stereo_imu/euroc_V1_01_micro", "png"),
+        ("05_apriltag/apriltag_nasa", "jpg"),
+        ("05_apriltag/wpilib_pose", "png"),
+        ("07_multiview/fox", "jpg"),
+        ("10_segmentation/camvid", "png"),
+    ];
+    let targets = [
+        GRID,
+        CHARUCO,
+        Target::AprilGrid {
+            columns: 24,
+            rows: 24,
+            tag_m: 0.088,
+            spacing: 0.3,
+            first_id: 0,
+        },
+        Target::Charuco {
+            columns: 12,
+            rows: 9,
+            square_m: 0.06,
+            marker_m: 0.045,
+            dictionary: Dictionary::Aruco4x4 { count: 250 },
+            first_id: 0,
+        },
+        CHESS,
+        Target::Chessboard {
+            columns: 3,
+            rows: 3,
+            square_m: 0.05,
+        },
+        Target::Chessboard {
+            columns: 4,
+            rows: 3,
+            square_m: 0.05,
+        },
+    ];
+    let mut looked_at = 0;
+    for (folder, extension) in folders {
+        let Some(folder) = shared(folder) else {
+            continue;
+        };
+        let mut files = Vec::new();
+        collect(&folder, extension, &mut files);
+        files.sort();
+        // Pictures that follow one another show the same.
+        let every = (files.len() / 12).max(1);
+        for file in files.iter().step_by(every) {
+            let picture = load(file);
+            looked_at += 1;
+            for (target, found) in
+                targets
+                    .iter()
+                    .zip(detect_all(&picture.view(), &targets, &Settings::default()))
+            {
+                assert!(
+                    found.corners.is_empty(),
+                    "{}: {target:?} {:?}",
+                    file.display(),
+                    found.corners
+                );
+            }
+        }
+    }
+    println!("{looked_at} pictures");
+}
+
+fn collect(folder: &std::path::Path, extension: &str, files: &mut Vec<std::path::PathBuf>) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            collect(&path, extension, files);
+        } else if path.extension().is_some_and(|e| e == extension) {
+            files.push(path);
+        }
+    }
+}

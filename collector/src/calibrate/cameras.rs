@@ -1,0 +1,199 @@
+//! `paws calib cameras`: lenses, stereo cameras and the rig, from a session in which targets were shown.
+//!
+//! What comes out is told on the screen and written as `cameras.json` and `cameras.html`. The rig file, `rig.toml`, and
+//! the cameras' calibrations are written only when no gate says FAIL; what says so is listed, and the exit code is 1.
+
+mod document;
+mod page;
+mod plots;
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, ensure};
+use cad_transforms::rig::{Provenance, ProvenanceKind};
+use cad_transforms::{Frame, FramePart, Rig};
+use calib::cameras::{
+    Calibration, Camera, CamerasError, Eye, Input, Settings, Severity, calibrate,
+};
+use calib::target::Target as Board;
+use clap::Args;
+use session_archive::manifest::Manifest;
+
+use super::sightings::{self, Seen};
+use super::told::{ToldRig, in_child};
+use crate::calibrate::Output;
+use crate::console::Console;
+use crate::indexing::read_or_build;
+use crate::outcome::Outcome;
+use crate::target::Target;
+use crate::text;
+use crate::validate::open;
+
+/// The JSON document.
+pub const DOCUMENT: &str = "cameras.json";
+/// The report.
+pub const PAGE: &str = "cameras.html";
+/// The calibrated rig.
+pub const RIG: &str = "rig.toml";
+
+/// How to do it.
+#[derive(Clone, Debug, Default, Args)]
+pub struct Options {
+    /// What a target is like, as `paws calib targets` writes it, or Kalibr; once for each that was shown
+    /// [default: those in the session]
+    #[arg(long = "target", value_name = "FILE")]
+    pub targets: Vec<PathBuf>,
+    /// Keep the lens model of the factory's file instead of choosing one
+    #[arg(long)]
+    pub keep_model: bool,
+}
+
+/// Calibrates the cameras of a session.
+///
+/// # Errors
+/// The session cannot be read, no target was seen often enough, a result is in the way, or it cannot be written.
+pub fn run(
+    target: &Target,
+    options: &Options,
+    output: &Output,
+    console: &mut Console<'_>,
+) -> Result<Outcome> {
+    let reader = open(&target.folder)?;
+    let folder = output.folder(target)?;
+    output.check(&folder, [DOCUMENT, PAGE, RIG])?;
+    let boards = sightings::targets(&reader, &options.targets)?;
+    let told = ToldRig::read(&reader)?;
+    let index = read_or_build(&reader, console)?;
+    let seen = sightings::look(&reader, &index, &boards, console)?;
+    ensure!(
+        !seen.sightings.is_empty(),
+        "none of {} was seen in {}: are the descriptions those of the boards? {}",
+        text::count(boards.len() as u64, "target"),
+        text::count(seen.pictures, "stereo frame"),
+        target.folder.display()
+    );
+    let missing = seen.missing;
+    let input = input(reader.manifest(), &told, boards, seen)?;
+    let settings = Settings {
+        choose_lens: !options.keep_model,
+        ..Settings::default()
+    };
+    let found = {
+        let progress = console.progress("calibrating", 1000);
+        let mut done = 0;
+        let result = calibrate(input, &settings, &mut |_, share| {
+            let now = (1000.0 * share) as u64;
+            progress.add(now.saturating_sub(done));
+            done = done.max(now);
+        });
+        result.map_err(explained)?
+    };
+    let failed = found.severity() == Some(Severity::Fail);
+    let manifest = reader.manifest();
+    let mut files = vec![
+        (DOCUMENT.to_owned(), document::json(manifest, &found)?),
+        (PAGE.to_owned(), page::html(manifest, &found).into_bytes()),
+    ];
+    if !failed && let Some((_, rig)) = &told.rig {
+        let rig = calibrated(rig, &found, manifest)?;
+        files.push((RIG.to_owned(), rig.to_toml().into_bytes()));
+    }
+    for line in document::lines(&found) {
+        console.line(line)?;
+    }
+    output.write(&folder, &files)?;
+    for (name, _) in &files {
+        console.line(folder.join(name).display())?;
+    }
+    if failed {
+        console.line("no rig file was written: see what is marked FAIL")?;
+    }
+    Ok(match (failed, missing) {
+        (true, _) => Outcome::Failed,
+        (false, 0) => Outcome::Fine,
+        (false, _) => Outcome::Loss,
+    })
+}
+
+/// Says what to do about errors of the estimation.
+fn explained(error: CamerasError) -> anyhow::Error {
+    anyhow::Error::new(error)
+}
+
+/// What the estimation is given.
+fn input(manifest: &Manifest, told: &ToldRig, targets: Vec<Board>, seen: Seen) -> Result<Input> {
+    let mut input = Input {
+        targets,
+        times_ns: seen.times_ns,
+        sightings: seen.sightings,
+        ..Input::default()
+    };
+    for (number, camera) in manifest.cameras.iter().enumerate() {
+        for side in ["left", "right"] {
+            let name = format!("{}/{side}", camera.name);
+            input.eyes.push(Eye {
+                size: (camera.width / 2, camera.height),
+                factory: told.lens(&name),
+                name,
+            });
+        }
+        input.cameras.push(Camera {
+            name: camera.name.clone(),
+            left: 2 * number,
+            right: Some(2 * number + 1),
+            left_from_right: told.left_from_right(&camera.name),
+            rig_from_left: told.rig_from_left(&camera.name),
+        });
+    }
+    Ok(input)
+}
+
+/// The rig file with what was found, its tolerances those of the estimation.
+fn calibrated(rig: &Rig, found: &Calibration, manifest: &Manifest) -> Result<Rig> {
+    let mut new = rig.clone();
+    let mut put = |parent: &Frame, child: &Frame, place: usize| -> Result<()> {
+        let (transform, covariance) = found.place(place);
+        let covariance = in_child(&covariance, &transform);
+        let direct = new.edges().iter().any(|e| {
+            (&e.parent, &e.child) == (parent, child) || (&e.parent, &e.child) == (child, parent)
+        });
+        ensure!(
+            direct,
+            "writing the calibrated rig: {child} is not placed in {parent} directly, as it must be for this"
+        );
+        new = new.with_edge(parent, child, transform, covariance)?;
+        Ok(())
+    };
+    for (number, camera) in found.input.cameras.iter().enumerate() {
+        let left = Frame::of_camera(&camera.name, FramePart::Left)?;
+        let right = Frame::of_camera(&camera.name, FramePart::Right)?;
+        if let Some(place) = found.places.cameras[number] {
+            put(&Frame::rig(), &left, place)?;
+        }
+        if let Some(place) = found.places.pairs[number] {
+            put(&left, &right, place)?;
+        }
+    }
+    let note = format!(
+        "by `paws calib cameras` of {} from session {} of {}, starting from revision {:?}",
+        crate::SOFTWARE,
+        manifest.session_id,
+        manifest.started_civil,
+        rig.revision()
+    );
+    let provenance = Provenance {
+        kind: ProvenanceKind::Calibrated,
+        note,
+        cad: rig.provenance().cad.clone(),
+    };
+    let revision = format!("{}-calibrated", rig.revision());
+    let new = new.with_provenance(provenance).with_revision(revision);
+    let open = new.open_loops();
+    ensure!(
+        open.is_empty(),
+        "checking the calibrated rig: {}",
+        open.join("; ")
+    );
+    // What is written must read back.
+    Rig::parse(&new.to_toml()).context("checking the calibrated rig")
+}

@@ -1,0 +1,194 @@
+//! The numbers: as JSON for programs, as lines for people.
+
+use anyhow::Result;
+use calib::cameras::{Calibration, Severity};
+use serde_json::{Value as Json, json};
+use session_archive::manifest::Manifest;
+
+use crate::SOFTWARE;
+
+/// Bump it when a key changes its meaning.
+const VERSION: u32 = 1;
+
+/// The word for a severity.
+pub(super) fn word(severity: Severity) -> &'static str {
+    match severity {
+        Severity::Note => "note",
+        Severity::Warn => "WARN",
+        Severity::Fail => "FAIL",
+    }
+}
+
+/// The place of a camera's right eye or of a camera on the rig.
+pub(super) struct Place {
+    /// What it is.
+    pub(super) what: String,
+    /// Found `parent_from_child` by its number in the problem.
+    pub(super) number: usize,
+    /// Found less told: mm and degrees, where something was told.
+    pub(super) off: Option<(f64, f64)>,
+    /// Largest sigma, mm and degrees.
+    pub(super) sigma: (f64, f64),
+}
+
+/// All places of cameras, pairs first.
+pub(super) fn places(found: &Calibration) -> Vec<Place> {
+    let cameras = found.input.cameras.iter().enumerate();
+    let mut all = Vec::new();
+    for (number, camera) in cameras {
+        let pair = (
+            format!("{0}/right in {0}/left", camera.name),
+            found.places.pairs[number],
+        );
+        let rig = (
+            format!("{}/left in rig", camera.name),
+            found.places.cameras[number],
+        );
+        for ((what, place), told) in [
+            (pair, &camera.left_from_right),
+            (rig, &camera.rig_from_left),
+        ] {
+            let Some(place) = place else { continue };
+            let (at, covariance) = found.place(place);
+            let off = told.as_ref().map(|told| {
+                let off = told.transform.inverse() * at;
+                let shift = at.translation() - told.transform.translation();
+                (1e3 * shift.norm(), off.angle_rad().to_degrees())
+            });
+            let sigma = |range: std::ops::Range<usize>| {
+                range
+                    .map(|k| covariance[(k, k)].max(0.0).sqrt())
+                    .fold(0.0, f64::max)
+            };
+            all.push(Place {
+                what,
+                number: place,
+                off,
+                sigma: (1e3 * sigma(0..3), sigma(3..6).to_degrees()),
+            });
+        }
+    }
+    all
+}
+
+/// The document.
+pub(super) fn json(manifest: &Manifest, found: &Calibration) -> Result<Vec<u8>> {
+    let input = &found.input;
+    let eyes = (0..input.eyes.len()).map(|eye| {
+        let model = found.lens(eye);
+        let coverage = &found.coverage[eye];
+        json!({
+            "name": input.eyes[eye].name,
+            "camera_model": model,
+            "parameters": model.parameter_names(),
+            "values": model.parameters(),
+            "sigmas": found.lens_sigmas(eye),
+            "factory": input.eyes[eye].factory,
+            "views": coverage.views,
+            "rms_px": found.solution.rms_px(|view| view.lens == eye),
+        })
+    });
+    let places = places(found).into_iter().map(|place| {
+        let (at, covariance) = found.place(place.number);
+        let covariance: Vec<Vec<f64>> = (0..6)
+            .map(|i| (0..6).map(|j| covariance[(i, j)]).collect())
+            .collect();
+        json!({
+            "place": place.what,
+            "parent_from_child": at,
+            "covariance_in_parent": covariance,
+            "off_told_mm_deg": place.off.map(|(mm, deg)| [mm, deg]),
+        })
+    });
+    let choices = found
+        .choices
+        .iter()
+        .zip(&input.cameras)
+        .map(|(choice, camera)| {
+            let candidates = choice.candidates.iter().map(|c| {
+                json!({
+                    "model": c.model,
+                    "coefficients": c.coefficients,
+                    "rms_px": finite(c.rms_px),
+                    "held_out_px": c.held_out_px,
+                    "bic_over_best": finite(c.bic),
+                    "remark": c.remark,
+                })
+            });
+            json!({
+                "camera": camera.name,
+                "chosen": choice.candidates[choice.chosen].model,
+                "candidates": candidates.collect::<Vec<Json>>(),
+            })
+        });
+    let findings = found.findings.iter();
+    let findings = findings.map(|f| json!({ "severity": word(f.severity), "text": f.text }));
+    let document = json!({
+        "format": "paws-cameras",
+        "format_version": VERSION,
+        "software": SOFTWARE,
+        "session_id": manifest.session_id,
+        "started_civil": manifest.started_civil.to_string(),
+        "units": "pixels, m, rad; sigma is one standard deviation; covariances are of [translation, rotation] in the axes of the parent",
+        "eyes": eyes.collect::<Vec<Json>>(),
+        "places": places.collect::<Vec<Json>>(),
+        "lens_models": choices.collect::<Vec<Json>>(),
+        "sagitta_m": found.sagitta_m,
+        "instants_used": found.used.len(),
+        "noise_scale": found.solution.scale,
+        "findings": findings.collect::<Vec<Json>>(),
+    });
+    let mut bytes = serde_json::to_vec_pretty(&document)?;
+    bytes.push(b'\n');
+    Ok(bytes)
+}
+
+/// JSON has no infinity.
+fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
+/// The screen.
+pub(super) fn lines(found: &Calibration) -> Vec<String> {
+    let input = &found.input;
+    let mut lines = Vec::new();
+    for finding in &found.findings {
+        lines.push(format!("{}  {}", word(finding.severity), finding.text));
+    }
+    lines.push(String::new());
+    lines.push(
+        "eye                      lens             views  RMS px  fx px             factory"
+            .to_owned(),
+    );
+    for eye in 0..input.eyes.len() {
+        let model = found.lens(eye);
+        let factory = input.eyes[eye].factory;
+        lines.push(format!(
+            "{:<24} {:<16} {:>5}  {:>6.3}  {:>8.2} \u{b1} {:<5.2}  {}",
+            input.eyes[eye].name,
+            model.distortion.name(),
+            found.coverage[eye].views,
+            found.solution.rms_px(|view| view.lens == eye),
+            model.fx,
+            2.0 * found.lens_sigmas(eye)[0],
+            factory.map_or("unknown".to_owned(), |f| format!("{:.2}", f.fx)),
+        ));
+    }
+    lines.push(String::new());
+    lines.push(
+        "place                                       off what was told        \u{b1}".to_owned(),
+    );
+    for place in places(found) {
+        let off = place.off.map_or("nothing told".to_owned(), |(mm, deg)| {
+            format!("{mm:>7.2} mm {deg:>7.3}\u{b0}")
+        });
+        lines.push(format!(
+            "{:<42} {off:<22} {:>6.2} mm {:>6.3}\u{b0}",
+            place.what,
+            2.0 * place.sigma.0,
+            2.0 * place.sigma.1
+        ));
+    }
+    lines.push(String::new());
+    lines
+}

@@ -1,0 +1,108 @@
+//! The report: may the result be used, if not why not, what is it, what is left over.
+
+use calib::cameras::{Calibration, Severity};
+use charts::{Cell, Page, Table, Verdict};
+use session_archive::manifest::Manifest;
+
+use super::document::places;
+use super::plots;
+
+pub(super) fn html(manifest: &Manifest, found: &Calibration) -> String {
+    let verdict = match found.severity() {
+        Some(Severity::Fail) => Verdict::Fail,
+        Some(Severity::Warn) => Verdict::Warn,
+        _ => Verdict::Pass,
+    };
+    let input = &found.input;
+    let session = match manifest.name.as_str() {
+        "" => manifest.session_id.clone(),
+        name => format!("\u{201c}{name}\u{201d}"),
+    };
+    let mut page = Page::new(&format!("Cameras from session {session}")).verdict(verdict);
+    page = page.text(&format!(
+        "{} instants of {} were used. \u{b1} is two standard deviations. Identifier {}, recorded {}.",
+        found.used.len(),
+        input.times_ns.len(),
+        manifest.session_id,
+        manifest.started_civil
+    ));
+    for finding in &found.findings {
+        page = match finding.severity {
+            Severity::Fail => page.finding(Verdict::Fail, &finding.text),
+            Severity::Warn => page.finding(Verdict::Warn, &finding.text),
+            Severity::Note => page.text(&finding.text),
+        };
+    }
+    page = page.section("Where eyes and cameras are");
+    let mut table = Table::new(["", "Off what was told", "", "\u{b1}", ""]);
+    for place in places(found) {
+        let off = |f: fn((f64, f64)) -> f64, unit: &str| {
+            place
+                .off
+                .map_or("-".to_owned(), |o| format!("{:.3} {unit}", f(o)))
+        };
+        table = table.row([
+            Cell::from(place.what.as_str()),
+            Cell::number(off(|o| o.0, "mm")),
+            Cell::number(off(|o| o.1, "\u{b0}")),
+            Cell::number(format!("{:.3} mm", 2.0 * place.sigma.0)),
+            Cell::number(format!("{:.4}\u{b0}", 2.0 * place.sigma.1)),
+        ]);
+    }
+    page = page.table(&table);
+    page = page.figure(
+        &plots::views(found),
+        "A view that stands out has a wrong pose, or the rig moved.",
+    );
+    page = page.figure(
+        &plots::sizes(found),
+        "Narrow and even: what is left is noise.",
+    );
+    for (number, camera) in input.cameras.iter().enumerate() {
+        page = page.section(&camera.name);
+        page = page.figure(
+            &plots::models(found, number),
+            "Lower is better; a model that only fits better predicts worse.",
+        );
+        for eye in [Some(camera.left), camera.right].into_iter().flatten() {
+            page = page.table(&parameters(found, eye));
+            page = page.figure(
+                &plots::regions(found, eye),
+                "Strokes that point the same way in a region are what the lens model leaves.",
+            );
+        }
+    }
+    page.to_html()
+}
+
+fn parameters(found: &Calibration, eye: usize) -> Table {
+    let model = found.lens(eye);
+    let factory = found.input.eyes[eye].factory;
+    let same = factory.filter(|f| f.distortion.name() == model.distortion.name());
+    let heads = [
+        found.input.eyes[eye].name.as_str(),
+        "Found",
+        "\u{b1}",
+        "Factory",
+    ];
+    let mut table = Table::new(heads);
+    let values = model
+        .parameters()
+        .into_iter()
+        .zip(found.lens_sigmas(eye))
+        .enumerate();
+    for (k, (value, sigma)) in values {
+        // Focal lengths and principal points are comparable between models.
+        let told = match same {
+            Some(factory) => Some(factory.parameters()[k]),
+            None => factory.filter(|_| k < 4).map(|f| f.parameters()[k]),
+        };
+        table = table.row([
+            Cell::from(model.parameter_names()[k]),
+            Cell::number(format!("{value:.5}")),
+            Cell::number(format!("{:.5}", 2.0 * sigma)),
+            Cell::number(told.map_or("-".to_owned(), |t| format!("{t:.5}"))),
+        ]);
+    }
+    table
+}

@@ -1,0 +1,198 @@
+//! What a session says of its rig: lenses, where eyes sit, and how far that may be off.
+//!
+//! Contract: lenses are those of the recorded calibrations, places those of the session's rig file where it
+//! has one, else those of the recorded transforms. What neither says stays unknown.
+
+use std::collections::BTreeMap;
+
+use anyhow::{Context, Result};
+use cad_transforms::{Covariance, Frame, FramePart, Rig, RigidTransform};
+use calib::cameras::Told;
+use calib::{CameraModel, Distortion};
+use nalgebra::Matrix6;
+use session_archive::reader::{Entry, SessionReader};
+use session_archive::record::{CameraCalibration, FrameTransforms, Record};
+use session_archive::verify::rig_file;
+
+use crate::frames::Frames;
+
+/// Where the rig file says nothing of tolerances: m and rad, as plates come from a workshop.
+const WORKSHOP: (f64, f64) = (1.5e-3, 5e-3);
+/// How far a maker's placement of the right eye may be off, m and rad.
+const FACTORY: (f64, f64) = (1e-4, 2e-3);
+
+/// What is known of the rig.
+pub struct ToldRig {
+    /// Newest calibration of each eye, as in `feet/left`.
+    calibrations: BTreeMap<String, CameraCalibration>,
+    /// The recorded transforms.
+    pub frames: Frames,
+    /// The rig file with its name, where the session has one that can be read.
+    pub rig: Option<(String, Rig)>,
+}
+
+impl ToldRig {
+    /// What a session says.
+    ///
+    /// # Errors
+    /// The disk says no.
+    pub fn read(reader: &SessionReader) -> Result<Self> {
+        let manifest = reader.manifest();
+        let rig = manifest.rig.iter().find_map(|file| {
+            // What is true of a simulated rig is not what is told of it.
+            if !file.name.ends_with(".toml") || file.name.starts_with("truth.") {
+                return None;
+            }
+            let bytes = rig_file(&**reader.storage(), file)?;
+            let rig = Rig::parse(std::str::from_utf8(&bytes).ok()?).ok()?;
+            Some((file.name.clone(), rig))
+        });
+        let mut told = Self {
+            calibrations: BTreeMap::new(),
+            frames: Frames::default(),
+            rig,
+        };
+        let schema = |id: u16| reader.stream(id).map(|s| s.schema.as_str());
+        for entry in reader.entries() {
+            let Entry::Message(m) = entry.context("reading the session")? else {
+                continue;
+            };
+            if schema(m.stream) == Some(CameraCalibration::SCHEMA.name) {
+                if let Ok(calibration) = m.decode::<CameraCalibration>() {
+                    told.calibrations
+                        .insert(calibration.frame_id.clone(), calibration);
+                }
+            } else if schema(m.stream) == Some(FrameTransforms::SCHEMA.name)
+                && let Ok(transforms) = m.decode::<FrameTransforms>()
+            {
+                told.frames = Frames::of(&transforms);
+            }
+            // Both are written at the beginning of every segment.
+            if told.calibrations.len() >= 2 * manifest.cameras.len() && !told.frames.is_empty() {
+                break;
+            }
+        }
+        Ok(told)
+    }
+
+    /// The lens of an eye, as in `feet/left`; none where it is not known.
+    pub fn lens(&self, eye: &str) -> Option<CameraModel> {
+        let c = self.calibrations.get(eye)?;
+        let d = |i: usize| c.d.get(i).copied().unwrap_or(0.0);
+        let distortion = match c.distortion_model.as_str() {
+            "" => Distortion::None,
+            "plumb_bob" => Distortion::RadTan5 {
+                k1: d(0),
+                k2: d(1),
+                p1: d(2),
+                p2: d(3),
+                k3: d(4),
+            },
+            "rational_polynomial" => Distortion::Rational8 {
+                k1: d(0),
+                k2: d(1),
+                p1: d(2),
+                p2: d(3),
+                k3: d(4),
+                k4: d(5),
+                k5: d(6),
+                k6: d(7),
+            },
+            "kannala_brandt" => Distortion::KannalaBrandt4 {
+                k1: d(0),
+                k2: d(1),
+                k3: d(2),
+                k4: d(3),
+            },
+            "double_sphere" => Distortion::DoubleSphere {
+                xi: d(0),
+                alpha: d(1),
+            },
+            "eucm" => Distortion::Eucm {
+                alpha: d(0),
+                beta: d(1),
+            },
+            _ => return None,
+        };
+        let k = |i: usize| c.k.get(i).copied();
+        Some(CameraModel {
+            width: c.width,
+            height: c.height,
+            fx: k(0)?,
+            fy: k(4)?,
+            cx: k(2)?,
+            cy: k(5)?,
+            distortion,
+        })
+    }
+
+    /// `rig_from_left` of a camera.
+    pub fn rig_from_left(&self, camera: &str) -> Option<Told> {
+        let left = Frame::of_camera(camera, FramePart::Left).ok()?;
+        self.told(&Frame::rig(), &left, WORKSHOP)
+    }
+
+    /// `left_from_right` of a camera: as recorded, which is the maker's calibration where there is one.
+    pub fn left_from_right(&self, camera: &str) -> Option<Told> {
+        let left = format!("{camera}/left");
+        let right = format!("{camera}/right");
+        let transform = self.frames.transform(&left, &right)?;
+        Some(Told {
+            transform,
+            covariance: even(FACTORY),
+        })
+    }
+
+    fn told(&self, parent: &Frame, child: &Frame, otherwise: (f64, f64)) -> Option<Told> {
+        if let Some((_, rig)) = &self.rig
+            && let Ok(transform) = rig.transform(parent, child)
+        {
+            let covariance = rig.covariance(parent, child).ok().flatten();
+            let covariance = covariance.map(|c| in_parent(&c, &transform));
+            return Some(Told {
+                transform,
+                covariance: covariance.unwrap_or(even(otherwise)),
+            });
+        }
+        let transform = self.frames.transform(parent.as_str(), child.as_str())?;
+        Some(Told {
+            transform,
+            covariance: even(otherwise),
+        })
+    }
+}
+
+/// A covariance with one sigma for translations and one for rotations.
+fn even((metres, radians): (f64, f64)) -> Matrix6<f64> {
+    let (v, w) = (metres * metres, radians * radians);
+    Matrix6::from_diagonal(&[v, v, v, w, w, w].into())
+}
+
+/// Blocks that turn `[v, ω]` from a child's axes to its parent's.
+fn turning(parent_from_child: &RigidTransform) -> Matrix6<f64> {
+    let rotation = parent_from_child.rotation().to_rotation_matrix();
+    let mut both = Matrix6::zeros();
+    both.fixed_view_mut::<3, 3>(0, 0)
+        .copy_from(rotation.matrix());
+    both.fixed_view_mut::<3, 3>(3, 3)
+        .copy_from(rotation.matrix());
+    both
+}
+
+/// From the child's axes, which rig files use, to the parent's, which the adjustment uses.
+fn in_parent(covariance: &Covariance, parent_from_child: &RigidTransform) -> Matrix6<f64> {
+    let turn = turning(parent_from_child);
+    turn * covariance.matrix() * turn.transpose()
+}
+
+/// From the parent's axes to the child's; none for a covariance that cannot be written.
+pub fn in_child(
+    covariance: &Matrix6<f64>,
+    parent_from_child: &RigidTransform,
+) -> Option<Covariance> {
+    let turn = turning(parent_from_child).transpose();
+    let moved = turn * covariance * turn.transpose();
+    let symmetric = 0.5 * (moved + moved.transpose());
+    let rows = std::array::from_fn(|i| std::array::from_fn(|j| symmetric[(i, j)]));
+    Covariance::from_rows(rows).ok()
+}

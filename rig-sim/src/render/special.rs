@@ -1,0 +1,105 @@
+//! What only some recordings have as files: boards, and truth that is not what was told.
+
+use std::fmt::Write as _;
+
+use cad_transforms::rig::Rig;
+use calib::foxglove::CameraInfo;
+use calib::stereo::Eye;
+
+use crate::camera::Shutter;
+use crate::faults::CameraFaults;
+use crate::simulation::Simulation;
+
+/// Names and contents; none for a walk with a rig that is as told.
+///
+/// * `target.N.toml`: each board as it was meant;
+/// * `truth.targets.csv`: a row for each board (`corner` empty; position and quaternion of `world_from_target`) and
+///   for each of its corners (where it really is in the world);
+/// * `truth.rig.toml`: the rig as it is;
+/// * `truth.cameras.toml`: lenses, shutters and time offsets as they are.
+pub(super) fn files(simulation: &Simulation, told: &Rig) -> Vec<(String, String)> {
+    let boards = simulation.boards();
+    let mut files = Vec::new();
+    for (number, board) in boards.iter().enumerate() {
+        let text = board.sheet().target().to_toml();
+        files.push((format!("target.{number}.toml"), text));
+    }
+    if !boards.is_empty() {
+        files.push(("truth.targets.csv".to_owned(), places(simulation)));
+    }
+    if !boards.is_empty() || simulation.deviates() {
+        let rig = simulation.true_rig_text(told);
+        files.push(("truth.rig.toml".to_owned(), rig));
+        files.push(("truth.cameras.toml".to_owned(), cameras(simulation)));
+    }
+    files
+}
+
+fn places(simulation: &Simulation) -> String {
+    let mut text = "#board,corner,p_x [m],p_y [m],p_z [m],q_w [],q_x [],q_y [],q_z []\n".to_owned();
+    for (number, board) in simulation.boards().iter().enumerate() {
+        let (p, q) = board.world_from_target();
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            text,
+            "{number},,{},{},{},{},{},{},{}",
+            p.x, p.y, p.z, q.w, q.i, q.j, q.k
+        );
+        for corner in board.sheet().corners() {
+            let p = board.at(corner.at_m, 0.0);
+            let _ = writeln!(text, "{number},{},{},{},{},,,,", corner.id, p.x, p.y, p.z);
+        }
+    }
+    text
+}
+
+fn cameras(simulation: &Simulation) -> String {
+    let mut text =
+        "# The cameras as they were simulated: not what the recording was told.\n".to_owned();
+    for (number, camera) in simulation.cameras().iter().enumerate() {
+        let line_s = match camera.shutter {
+            Shutter::Global => 0.0,
+            Shutter::Rolling { line_s } => line_s,
+        };
+        let _ = write!(
+            text,
+            "\n[[camera]]\nname = {:?}\nlate_ns = {} # pictures were taken so much earlier than they say\n\
+             line_s = {line_s:?} # from row to row; 0 for a global shutter\n",
+            camera.name, camera.late_ns
+        );
+        let truth = simulation.true_calibration(number);
+        for (eye, which) in [("left", Eye::Left), ("right", Eye::Right)] {
+            let (model, info) = (truth.eye(which), CameraInfo::of(&truth, which));
+            let _ = write!(
+                text,
+                "\n[camera.{eye}]\nwidth = {}\nheight = {}\nfx = {:?}\nfy = {:?}\ncx = {:?}\ncy = {:?}\n\
+                 distortion = {:?} # as ROS names it\ncoefficients = {:?}\n",
+                model.width,
+                model.height,
+                model.fx,
+                model.fy,
+                model.cx,
+                model.cy,
+                info.distortion_model,
+                info.d,
+            );
+        }
+    }
+    text
+}
+
+/// Every corner in every picture of a camera, both eyes.
+pub(super) fn corners(simulation: &Simulation, camera: usize, faults: &CameraFaults) -> String {
+    let sights = simulation.sights(camera).with_faults(faults.clone());
+    let mut text = "#frame,timestamp [ns],eye,board,corner,u [px],v [px]\n".to_owned();
+    for frame in 0..simulation.settings().frame_count() {
+        let time_ns = simulation.settings().frame_ns(frame);
+        for eye in 0..2 {
+            for seen in sights.corners(eye, time_ns) {
+                let ([u, v], board, id) = (seen.pixel, seen.board, seen.id);
+                let _ = writeln!(text, "{frame},{time_ns},{eye},{board},{id},{u:.4},{v:.4}");
+            }
+        }
+    }
+    text
+}

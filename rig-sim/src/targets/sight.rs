@@ -1,0 +1,209 @@
+//! Where corners of boards, or other points, are in pictures, without a picture.
+//!
+//! Contract: exact but for f64, or with noise as asked for, which follows from seed, camera, frame and corner. A corner is at its place in the middle of the exposure of its row, seen through the
+//! true lens from where the camera really is. It is told only where the picture shows it: inside by
+//! half a pixel, from the side of the print, and with no other board before it.
+
+use nalgebra::Vector3;
+
+use super::board::Board;
+use crate::camera::Shutter;
+use crate::camera::optics::Conditions;
+use crate::camera::truth::Pose;
+use crate::faults::CameraFaults;
+use crate::lens::Lens;
+use crate::random;
+use crate::rig::SimCamera;
+use crate::simulation::{Simulation, seconds};
+
+/// What is nearer to the eye than this is behind it, m.
+const NEAR_M: f64 = 0.03;
+/// Boards seen at a flatter angle than this show nothing: sine.
+const FLATTEST: f64 = 0.05;
+
+/// Share of a ray's length by which what is hit may be before a point and not hide it.
+const HIDES: f64 = 1e-6;
+/// Seeds of noise.
+const NOISE: u64 = random::SENSOR + 0x90;
+
+/// A point of what stands in the scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Landmark {
+    /// In the world, m.
+    pub point: Vector3<f64>,
+    /// Where the picture that it was chosen in has it, px.
+    pub pixel: [f64; 2],
+}
+
+/// A corner in a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SeenCorner {
+    /// Position of its board in [`Simulation::boards`].
+    pub board: usize,
+    /// Its number on the board: [`calib::target::Corner::id`].
+    pub id: u32,
+    /// Column and row, px, pixel centres at whole numbers.
+    pub pixel: [f64; 2],
+}
+
+/// Tells where corners are in the pictures of one camera.
+pub struct Sights<'a> {
+    simulation: &'a Simulation,
+    camera: &'a SimCamera,
+    faults: CameraFaults,
+    lenses: [Lens; 2],
+}
+
+impl<'a> Sights<'a> {
+    pub(crate) fn new(simulation: &'a Simulation, camera: usize) -> Self {
+        let camera = &simulation.cameras()[camera];
+        Self {
+            simulation,
+            camera,
+            faults: CameraFaults::default(),
+            lenses: camera.models.each_ref().map(Lens::new),
+        }
+    }
+
+    /// The same where the camera has these faults: one that has slipped looks elsewhere.
+    #[must_use]
+    pub fn with_faults(mut self, faults: CameraFaults) -> Self {
+        self.faults = faults;
+        self
+    }
+
+    /// The corners that an eye (0 left, 1 right) sees in frame `number`, by board and number.
+    pub fn frame(&self, eye: usize, number: u64) -> Vec<SeenCorner> {
+        self.corners(eye, self.simulation.settings().frame_ns(number))
+    }
+
+    /// The corners in a picture that the camera says it took at a time, ns since the beginning.
+    pub fn corners(&self, eye: usize, time_ns: i64) -> Vec<SeenCorner> {
+        let boards = self.simulation.boards();
+        let mut found = Vec::new();
+        for (number, board) in boards.iter().enumerate() {
+            for corner in board.sheet().corners() {
+                let point = board.at(corner.at_m, 0.0);
+                if let Some((pixel, from)) = self.seen(eye, time_ns, &point)
+                    && is_shown(boards, number, &point, &from)
+                {
+                    found.push(SeenCorner {
+                        board: number,
+                        id: corner.id,
+                        pixel,
+                    });
+                }
+            }
+        }
+        found
+    }
+
+    /// As [`Sights::frame`], with noise of so many pixels, standard deviation, on both axes; never more than 3.5
+    /// times as much.
+    pub fn observed(&self, eye: usize, number: u64, sigma_px: f64) -> Vec<SeenCorner> {
+        let mut corners = self.frame(eye, number);
+        let camera = self.simulation.cameras().iter();
+        let camera = camera.take_while(|c| c.name != self.camera.name).count();
+        let of_eye = random::bits(
+            self.simulation.settings().seed,
+            NOISE,
+            (2 * camera + eye) as u64,
+        );
+        let seed = random::bits(of_eye, NOISE, number);
+        for corner in &mut corners {
+            for (axis, value) in (0..).zip(&mut corner.pixel) {
+                *value += sigma_px * random::bell(seed, NOISE, 2 * u64::from(corner.id) + axis);
+            }
+        }
+        corners
+    }
+
+    /// Up to `count` points of what stands in the scene, spread evenly over an eye's picture: with
+    /// [`Sights::find`] what a perfect matcher would say on a walk. `which` chooses others.
+    pub fn landmarks(&self, eye: usize, time_ns: i64, count: usize, which: u64) -> Vec<Landmark> {
+        let model = &self.camera.models[eye];
+        let (width, height) = (f64::from(model.width), f64::from(model.height));
+        let begin = [0, 1].map(|k| random::uniform(which, NOISE + 1, k));
+        let look = |k: usize| {
+            // Roberts' R2 sequence, 2018.
+            let part = |begin: f64, step: f64| (begin + step * k as f64).fract();
+            let u = part(begin[0], 0.754_877_666_246_693) * (width - 1.0);
+            let v = part(begin[1], 0.569_840_290_998_053) * (height - 1.0);
+            let row_s = match self.camera.shutter {
+                Shutter::Global => 0.0,
+                Shutter::Rolling { line_s } => line_s * (v - 0.5 * (height - 1.0)),
+            };
+            let time_s = self.camera.taken_s(time_ns) + row_s;
+            let (origin, rotation) = self.eye_at(eye, time_ns, time_s);
+            let (x, y) = self.lenses[eye].unproject(u, v);
+            let ray = rotation * Vector3::new(x, y, 1.0);
+            let hit = self.simulation.scene().first_hit(&origin, &ray)?;
+            Some(Landmark {
+                point: origin + ray * hit.distance,
+                pixel: [u, v],
+            })
+        };
+        (0..count).filter_map(look).collect()
+    }
+
+    /// Where an eye's picture shows a point of the world, or none where it is outside or something that stands is
+    /// before it. The wearer, passers-by and panes hide nothing.
+    pub fn find(&self, eye: usize, time_ns: i64, point: &Vector3<f64>) -> Option<[f64; 2]> {
+        let (pixel, from) = self.seen(eye, time_ns, point)?;
+        let ray = point - from;
+        let hit = self.simulation.scene().first_hit(&from, &ray);
+        let hidden = hit.is_some_and(|hit| hit.distance < 1.0 - HIDES - 1e-4 / ray.norm());
+        (!hidden).then_some(pixel)
+    }
+
+    /// Pose of an eye in the world at a true time, in a picture that is said to be from `time_ns`.
+    fn eye_at(&self, eye: usize, time_ns: i64, time_s: f64) -> Pose {
+        let turned = Conditions::of(&self.faults, seconds(time_ns)).turned;
+        let slip = self.camera.slip(&turned);
+        let rig = self.simulation.walker().rig(time_s);
+        self.camera.world_from_eye(eye, &rig, slip.as_ref())
+    }
+
+    /// Where an eye has a point of the world in a picture, and where the eye is then.
+    fn seen(
+        &self,
+        eye: usize,
+        time_ns: i64,
+        point: &Vector3<f64>,
+    ) -> Option<([f64; 2], Vector3<f64>)> {
+        let (width, height) = (
+            f64::from(self.camera.models[eye].width),
+            f64::from(self.camera.models[eye].height),
+        );
+        let taken_s = self.camera.taken_s(time_ns);
+        let look = |time_s: f64| {
+            let (origin, rotation) = self.eye_at(eye, time_ns, time_s);
+            let at = rotation.inverse() * (point - origin);
+            let (x, y) = (at.x / at.z, at.y / at.z);
+            let lens = &self.lenses[eye];
+            (at.z > NEAR_M && lens.is_known(x, y)).then(|| (lens.project(x, y), origin))
+        };
+        let mut seen = look(taken_s)?;
+        if let Shutter::Rolling { line_s } = self.camera.shutter {
+            // The row that sees the point is exposed when it sees it. A picture moves by far less than a row
+            // while a row is read, so that each round gains two digits.
+            for _ in 0..6 {
+                let row = seen.0.1.clamp(-height, 2.0 * height);
+                seen = look(taken_s + line_s * (row - 0.5 * (height - 1.0)))?;
+            }
+        }
+        let ((u, v), from) = seen;
+        let inside = (0.0..=width - 1.0).contains(&u) && (0.0..=height - 1.0).contains(&v);
+        inside.then_some(([u, v], from))
+    }
+}
+
+fn is_shown(boards: &[Board], own: usize, point: &Vector3<f64>, eye: &Vector3<f64>) -> bool {
+    let arm = eye - point;
+    let normal = boards[own].pose().1 * -Vector3::z();
+    normal.dot(&arm) > FLATTEST * arm.norm()
+        && !boards
+            .iter()
+            .enumerate()
+            .any(|(k, board)| k != own && board.hides(eye, point))
+}
