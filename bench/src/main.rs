@@ -4,6 +4,7 @@
 //! `docs/benchmarks`). Each benchmark is one module with a `run` function.
 
 mod archive;
+mod calib_verify;
 mod encode;
 mod import;
 mod kills;
@@ -41,6 +42,7 @@ type Run = fn(&[String]) -> anyhow::Result<()>;
 /// Every benchmark: its name, and what runs it.
 const BENCHMARKS: &[(&str, Run)] = &[
     ("archive", archive::run),
+    ("calib_verify", calib_verify::run),
     ("encode", encode::run),
     ("import", import::run),
     ("kills", kills::run),

@@ -119,22 +119,31 @@ pub struct Verification {
     pub findings: Vec<Finding>,
 }
 
-/// Compares what is told of a rig with what it saw.
+/// Compares what is told of a rig with what it saw: [`compare`] for each camera, then [`judge`].
 pub fn verify(cameras: &[Camera<'_>], tolerances: &Tolerances) -> Verification {
-    let found: Vec<CameraFound> = cameras
-        .iter()
-        .map(|camera| {
-            let eyes = eyes::estimate(camera.told, camera.bursts);
-            let imu = eyes.as_ref().zip(camera.gyro).and_then(|(eyes, gyro)| {
-                camera_imu::estimate(camera.told, eyes, camera.line_s, gyro, camera.bursts)
-            });
-            CameraFound {
-                name: camera.name.to_owned(),
-                eyes,
-                imu,
-            }
-        })
-        .collect();
+    let found = cameras.iter().map(compare).collect();
+    judge(cameras, found, tolerances)
+}
+
+/// Compares one camera's eyes, and the camera with its own gyroscope. Where the camera sits on the rig has no part in it.
+pub fn compare(camera: &Camera<'_>) -> CameraFound {
+    let eyes = eyes::estimate(camera.told, camera.bursts);
+    let imu = eyes.as_ref().zip(camera.gyro).and_then(|(eyes, gyro)| {
+        camera_imu::estimate(camera.told, eyes, camera.line_s, gyro, camera.bursts)
+    });
+    CameraFound {
+        name: camera.name.to_owned(),
+        eyes,
+        imu,
+    }
+}
+
+/// Compares the gyroscopes, and says what all that means. `found` are the cameras' comparisons in the same order.
+pub fn judge(
+    cameras: &[Camera<'_>],
+    found: Vec<CameraFound>,
+    tolerances: &Tolerances,
+) -> Verification {
     let mut pairs = Vec::new();
     for (b, second) in cameras.iter().enumerate() {
         for (a, first) in cameras[..b].iter().enumerate() {
@@ -151,14 +160,12 @@ pub fn verify(cameras: &[Camera<'_>], tolerances: &Tolerances) -> Verification {
     }
     let findings = findings::judge(cameras, &found, &pairs, tolerances);
     let name = |i: usize| cameras[i].name.to_owned();
+    let pairs = pairs.into_iter().map(|(a, b, gyros)| PairFound {
+        of: [name(a), name(b)],
+        gyros,
+    });
     Verification {
-        pairs: pairs
-            .into_iter()
-            .map(|(a, b, gyros)| PairFound {
-                of: [name(a), name(b)],
-                gyros,
-            })
-            .collect(),
+        pairs: pairs.collect(),
         cameras: found,
         findings,
     }

@@ -7,11 +7,27 @@
 #[derive(Clone, Copy, Debug)]
 pub struct Grey<'a> {
     /// Columns.
-    pub width: usize,
+    width: usize,
     /// Rows.
-    pub height: usize,
-    /// Rows first, without gaps.
-    pub pixels: &'a [u8],
+    height: usize,
+    /// Pixels from one row to the next.
+    stride: usize,
+    /// Rows first.
+    pixels: &'a [u8],
+}
+
+impl<'a> Grey<'a> {
+    /// A picture; none if there are too few pixels, or none at all.
+    pub fn new(width: usize, height: usize, stride: usize, pixels: &'a [u8]) -> Option<Self> {
+        let needed = height.checked_sub(1)?.checked_mul(stride)?.checked_add(width)?;
+        let fits = width > 0 && width <= stride && needed <= pixels.len();
+        fits.then_some(Self {
+            width,
+            height,
+            stride,
+            pixels,
+        })
+    }
 }
 
 /// One level.
@@ -41,7 +57,13 @@ impl Pyramid {
         let mut level = Level {
             width: picture.width,
             height: picture.height,
-            data: picture.pixels.iter().map(|p| f32::from(*p)).collect(),
+            data: picture
+                .pixels
+                .chunks(picture.stride)
+                .take(picture.height)
+                .flat_map(|row| &row[..picture.width])
+                .map(|p| f32::from(*p))
+                .collect(),
         };
         let mut halved = 0;
         while level.width > WIDEST {
