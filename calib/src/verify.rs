@@ -56,8 +56,8 @@ pub struct Camera<'a> {
     pub rig_from_left: Option<RigidTransform>,
     /// Tolerance of the joint that holds the camera on the plate, rad, standard deviation per axis.
     pub joint_sigma_rad: Option<f64>,
-    /// From the exposure of a row to that of the next, s; 0 where all are exposed at once or nothing is known.
-    pub line_s: f64,
+    /// From the exposure of a row to that of the next, s; 0 where all are exposed at once. Found out where it is not told.
+    pub line_s: Option<f64>,
     /// What its pictures gave.
     pub bursts: &'a [Burst],
     /// Its gyroscope.

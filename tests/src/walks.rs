@@ -211,7 +211,8 @@ impl Walk {
                 told: &told.calibration,
                 rig_from_left: Some(told.rig_from_left),
                 joint_sigma_rad: None,
-                line_s: told.line_s,
+                // Sessions do not tell it.
+                line_s: None,
                 bursts: &told.bursts,
                 gyro: Some(gyro),
             });

@@ -44,6 +44,8 @@ pub struct CameraImu {
     pub late_sigma_s: f64,
     /// Of the gyroscope, rad/s.
     pub bias_rad_s: [f64; 3],
+    /// Time from the exposure of a row to that of the next, as told or found, s.
+    pub line_s: f64,
     /// Moves used.
     pub moves: usize,
     /// Moves looked at.
@@ -81,19 +83,25 @@ struct Camera<'a> {
     bursts: &'a [Burst],
 }
 
-/// Estimates; none with too little to see. `line_s` is the time from a row to the next.
+/// Times that a sensor may take to read a picture, s, and how much better than for a global shutter one must explain
+/// what was seen to be believed, and the moves that it is tried on.
+const READOUTS_S: [f64; 9] = [0.0, 0.004, 0.008, 0.012, 0.016, 0.02, 0.024, 0.028, 0.032];
+const BETTER: f64 = 0.97;
+const TRIED: usize = 24;
+
+/// Estimates; none with too little to see. `line_s` is the time from a row to the next, found out if it is not told.
 pub(super) fn estimate(
     told: &StereoCalibration,
     eyes: &Eyes,
-    line_s: f64,
+    line_s: Option<f64>,
     gyro: &Gyro,
     bursts: &[Burst],
 ) -> Option<CameraImu> {
     let mut pair = Pair::new(told);
     (pair.turn, pair.origin) = eyes.right_from_left;
-    let camera = Camera {
+    let mut camera = Camera {
         pair,
-        line_s,
+        line_s: line_s.unwrap_or(0.0),
         told: *told.imu.as_ref()?.imu_from_left.rotation(),
         gyro,
         bursts,
@@ -106,9 +114,12 @@ pub(super) fn estimate(
     };
     let baseline = told.right_from_left.distance_m();
     let mut offset = [0.0, YAW_RAD / baseline];
+    if line_s.is_none() {
+        camera.find_line(&state, offset);
+    }
     let mut last = None;
     for (round, off_px) in [6.0, 2.0, 2.0].into_iter().enumerate() {
-        let known = camera.known(&state, off_px, offset);
+        let known = camera.known(&state, off_px, offset, 1);
         if known.len() < FEWEST {
             return None;
         }
@@ -133,6 +144,7 @@ pub(super) fn estimate(
         late_s: state.late_s,
         late_sigma_s: covariance[(6, 6)].sqrt(),
         bias_rad_s: state.bias.into(),
+        line_s: camera.line_s,
         moves,
         of: bursts.iter().map(|b| b.moves.len()).sum(),
         rates: camera.rates(&as_told, &known),
@@ -141,12 +153,48 @@ pub(super) fn estimate(
 }
 
 impl Camera<'_> {
-    /// Turns of all moves that have one.
-    fn known(&self, state: &State, off_px: f64, offset: [f64; 2]) -> Vec<Known> {
+    /// Finds the time from a row to the next with which what was seen holds together best.
+    fn find_line(&mut self, state: &State, offset: [f64; 2]) {
+        let moves: usize = self.bursts.iter().map(|b| b.moves.len()).sum();
+        let every = moves.div_ceil(TRIED).max(1);
+        let rows = f64::from(self.pair.lenses[0].model().height);
+        let mut spread = |readout_s: f64| {
+            self.line_s = readout_s / rows;
+            let known = self.known(state, 6.0, offset, every);
+            let mut spreads: Vec<f64> = known.iter().map(|k| k.turned.spread).collect();
+            // Fewer moves that hold together are worse as well.
+            let missing = (moves.div_ceil(every) - spreads.len()) as f64;
+            match spreads.is_empty() {
+                true => f64::INFINITY,
+                false => median(&mut spreads) * (1.0 + missing / moves as f64),
+            }
+        };
+        let spreads = READOUTS_S.map(&mut spread);
+        let best = (0..spreads.len()).min_by(|a, b| spreads[*a].total_cmp(&spreads[*b]));
+        let best = best.filter(|i| spreads[*i] < BETTER * spreads[0]);
+        let step = READOUTS_S[1];
+        let readout_s = best.map_or(0.0, |i| {
+            // The vertex of the parabola through the best and its neighbours.
+            let at = |i: usize| spreads.get(i).copied().unwrap_or(f64::INFINITY);
+            let (left, middle, right) = (at(i - 1), at(i), at(i + 1));
+            let bend = left - 2.0 * middle + right;
+            let off = 0.5 * (left - right) / bend;
+            READOUTS_S[i] + step * if off.is_finite() { off } else { 0.0 }
+        });
+        self.line_s = readout_s / rows;
+    }
+
+    /// Turns of every `every`-th move, where it has one.
+    fn known(&self, state: &State, off_px: f64, offset: [f64; 2], every: usize) -> Vec<Known> {
         let gyro = self.gyro.integrate(state.scale, state.bias);
         let mut known = Vec::new();
+        let mut number = 0;
         for (group, burst) in self.bursts.iter().enumerate() {
             for of in &burst.moves {
+                number += 1;
+                if number % every != 0 {
+                    continue;
+                }
                 let times_ns = [of.from_ns, of.to_ns].map(|t| t as f64);
                 let Some(turn) = predicted(state, &gyro, times_ns) else {
                     continue;

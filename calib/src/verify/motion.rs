@@ -65,8 +65,8 @@ pub(super) struct Turned {
     pub(super) covariance: Matrix3<f64>,
     /// Offset of inverse distances, 1/m, and its variance.
     pub(super) offset: [f64; 2],
-    /// Corners that agree.
-    pub(super) agree: usize,
+    /// Spread of what corners are off, against what they were expected to be.
+    pub(super) spread: f64,
 }
 
 /// The two directions across a ray, as rows.
@@ -92,7 +92,7 @@ pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
     let mut offset = expected;
     let mut faster = Vector3::<f64>::zeros();
     let mut scale = (start.off_px / CORNER_PX / 2.0).max(1.0);
-    let mut last = None;
+    let (mut spread, mut last) = (0.0, None);
     for round in 0..ROUNDS {
         let mut information = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
         let mut gradient = SVector::<f64, PARAMETERS>::zeros();
@@ -152,7 +152,7 @@ pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
         offset += step[6];
         faster += step.fixed_rows::<3>(7);
         // The median of the length of two normal numbers is 1.177.
-        let spread = median(&mut sizes) / 1.177;
+        spread = median(&mut sizes) / 1.177;
         scale = spread.max(0.4).min(scale.max(1.0));
     }
     let (information, scale, agree) = last?;
@@ -164,7 +164,7 @@ pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
         turn,
         covariance: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
         offset: [offset, covariance[(6, 6)]],
-        agree,
+        spread,
     })
 }
 
