@@ -5,6 +5,7 @@
 
 mod archive;
 mod calib;
+mod calib_verify;
 mod encode;
 mod import;
 mod kills;
@@ -43,6 +44,7 @@ type Run = fn(&[String]) -> anyhow::Result<()>;
 const BENCHMARKS: &[(&str, Run)] = &[
     ("archive", archive::run),
     ("calib", calib::run),
+    ("calib_verify", calib_verify::run),
     ("encode", encode::run),
     ("import", import::run),
     ("kills", kills::run),

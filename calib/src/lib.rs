@@ -41,6 +41,7 @@ pub mod rosys;
 pub mod set;
 pub mod stereo;
 pub mod target;
+pub mod verify;
 pub mod write;
 pub mod zed_conf;
 

@@ -6,6 +6,7 @@
 //! - [`faults`]: random schedules of faults, and whether the session tells them.
 //! - [`kills`]: kills a recorder at random and looks at what is left.
 //! - [`soak`]: records for hours of virtual time and watches the memory.
+//! - [`walks`]: simulated walks as the verification of a calibration sees them.
 //!
 //! Everything here says what is wrong by an error; the tests turn it into a failure.
 
@@ -16,3 +17,4 @@ pub mod kills;
 pub mod program;
 pub mod rig;
 pub mod soak;
+pub mod walks;

@@ -1,0 +1,320 @@
+//! `calib_verify`: what the verification of a calibration finds in ordinary walks, and what it does not.
+//!
+//! Walks of one minute through all scenes in all lights, of seeds that nothing was tuned on, with the noise of cameras
+//! and IMUs. Each is judged as it is (what is off then is a false alarm) and with told numbers made wrong one at a time: each
+//! camera turned on the plate, right eyes turned, pictures stamped late, clocks off. Every such point is one of:
+//!
+//! - *named*: off, and the right camera;
+//! - *flagged*: off, but another camera, or one of several;
+//! - *undetermined*: verification says that this walk does not tell;
+//! - *within*: fine, and smaller than what it says would be noticed;
+//! - *silent*: fine, though larger than that. There should be none.
+//!
+//! Walks take most of the time. With `--cache DIR` what was seen of them is kept there.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use calib::verify::{CameraFound, Finding, State, Verification, What};
+use rig_sim::scene::{Kind, Time};
+use serde::Serialize;
+use serde_json::json;
+use tests::walks::{Plan, Walk, Wrong};
+
+mod charts;
+
+use crate::meter::timed;
+use crate::stamp;
+
+/// Walks of the exam; seeds begin here, far from those that were tuned on.
+const WALKS: usize = 100;
+const QUICK: usize = 6;
+const FIRST_SEED: u64 = 5000;
+/// Turns of cameras, of right eyes (degrees), delays (ms).
+const TURNS: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0];
+const EYES: [f64; 5] = [0.05, 0.1, 0.2, 0.5, 1.0];
+const DELAYS: [f64; 6] = [0.5, 1.0, 2.0, 3.0, 5.0, 10.0];
+
+/// What became of a point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Outcome {
+    Named,
+    Flagged,
+    Undetermined,
+    Within,
+    Silent,
+}
+
+/// One number made wrong in one walk.
+#[derive(Clone, Debug, Serialize)]
+struct Point {
+    walk: usize,
+    what: What,
+    camera: String,
+    /// Degrees or ms.
+    size: f64,
+    outcome: Outcome,
+}
+
+/// One walk as it is.
+#[derive(Clone, Debug, Serialize)]
+struct Clean {
+    scene: &'static str,
+    light: &'static str,
+    seed: u64,
+    /// Findings that are off: false alarms.
+    alarms: Vec<String>,
+    /// Per camera: whether its turn is determined, and whether the times of its pictures are.
+    determined: Vec<[bool; 2]>,
+    /// Errors over their sigmas: of eyes and of IMUs (three axes each), of delays.
+    scores: [Vec<f64>; 3],
+    /// Sigma of a camera's turn against its IMU (worst axis, degrees), of its delay (ms) and its error, per camera, with all, half
+    /// and a quarter of the bursts.
+    by_bursts: Vec<Vec<[f64; 3]>>,
+    seconds: f64,
+}
+
+/// Runs the benchmark: `[--quick] [--walks N] [--cache DIR] [--out DIR]`.
+///
+/// # Errors
+/// Bad arguments, or a disk that says no. What is found is a result and no error.
+pub(crate) fn run(args: &[String]) -> Result<()> {
+    let mut walks = WALKS;
+    let mut out = PathBuf::from("docs/benchmarks");
+    let mut cache = None;
+    let mut rest = args.iter();
+    while let Some(argument) = rest.next() {
+        match argument.as_str() {
+            "--quick" => walks = QUICK,
+            "--walks" => walks = rest.next().context("--walks needs a number")?.parse()?,
+            "--cache" => {
+                cache = Some(PathBuf::from(
+                    rest.next().context("--cache needs a folder")?,
+                ))
+            }
+            "--out" => out = rest.next().context("--out needs a folder")?.into(),
+            other => bail!(
+                "unknown argument {other:?}, expected --quick, --walks N, --cache DIR or --out DIR"
+            ),
+        }
+    }
+    let stamp = stamp::stamp("calib_verify", args)?;
+    let mut clean = Vec::new();
+    let mut points = Vec::new();
+    for number in 0..walks {
+        let (kind, light) = place(number);
+        let seed = FIRST_SEED + number as u64;
+        let walk = walk(kind, light, seed, cache.as_deref())?;
+        let (found, took) = timed(|| walk.compare());
+        let mut as_it_is = clean_walk(&walk, &found);
+        as_it_is.seconds = took.wall_s;
+        (as_it_is.scene, as_it_is.light, as_it_is.seed) = (kind.name(), light.name(), seed);
+        println!("{number:3} {}", as_it_is.line());
+        clean.push(as_it_is);
+        points.extend(wrong_points(&walk, &found, number));
+    }
+    let report = json!({
+        "benchmark": "calib_verify",
+        "stamp": stamp,
+        "walks": clean,
+        "false_alarms": clean.iter().filter(|c| !c.alarms.is_empty()).count(),
+        "table": table(&points),
+        "points": points,
+    });
+    for line in table(&points) {
+        println!("{line}");
+    }
+    fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;
+    let mut files = vec![("calib_verify.json".to_owned(), format!("{report:#}\n"))];
+    files.extend(charts::draw(&clean, &points, &stamp::line(&stamp)));
+    for (name, text) in files {
+        let path = out.join(name);
+        fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
+        println!("wrote {}", path.display());
+    }
+    Ok(())
+}
+
+/// Scenes and lights in turn, so that each meets each.
+fn place(number: usize) -> (Kind, Time) {
+    let kinds = Kind::ALL.len();
+    let light = (number + number / kinds) % Time::ALL.len();
+    (Kind::ALL[number % kinds], Time::ALL[light])
+}
+
+fn walk(kind: Kind, light: Time, seed: u64, cache: Option<&Path>) -> Result<Walk> {
+    let file = cache.map(|dir| dir.join(format!("{}-{}-{seed}.json", kind.name(), light.name())));
+    if let Some(path) = &file
+        && let Ok(bytes) = fs::read(path)
+    {
+        return serde_json::from_slice(&bytes)
+            .with_context(|| format!("reading {}", path.display()));
+    }
+    let walk = Walk::make(kind, light, seed, &Plan::MINUTE)?;
+    if let (Some(dir), Some(path)) = (cache, &file) {
+        fs::create_dir_all(dir).with_context(|| format!("making {}", dir.display()))?;
+        fs::write(path, serde_json::to_vec(&walk)?)
+            .with_context(|| format!("writing {}", path.display()))?;
+    }
+    Ok(walk)
+}
+
+fn clean_walk(walk: &Walk, found: &[CameraFound]) -> Clean {
+    let verification = walk.verify(&Wrong::Nothing, found);
+    let off = verification
+        .findings
+        .iter()
+        .filter(|f| f.state == State::Off);
+    let mut scores = [Vec::new(), Vec::new(), Vec::new()];
+    for camera in found {
+        if let Some(eyes) = &camera.eyes {
+            scores[0].extend((0..3).map(|k| eyes.turned_rad[k] / eyes.sigma_rad[k]));
+        }
+        if let Some(imu) = &camera.imu {
+            scores[1].extend((0..3).map(|k| imu.turned_rad[k] / imu.sigma_rad[k]));
+            scores[2].push(imu.late_s / imu.late_sigma_s);
+        }
+    }
+    let is_seen = |name: &str, what: What| {
+        let of = verification
+            .findings
+            .iter()
+            .find(|f| f.camera == name && f.what == what);
+        of.is_some_and(|f| f.state != State::Undetermined)
+    };
+    let sigmas = |found: &[CameraFound]| -> Vec<[f64; 3]> {
+        let of = |camera: &CameraFound| match &camera.imu {
+            None => [f64::NAN; 3],
+            Some(imu) => [
+                imu.sigma_rad
+                    .iter()
+                    .copied()
+                    .fold(0.0, f64::max)
+                    .to_degrees(),
+                imu.late_sigma_s * 1e3,
+                imu.late_s * 1e3,
+            ],
+        };
+        found.iter().map(of).collect()
+    };
+    let mut by_bursts = vec![sigmas(found)];
+    by_bursts.extend([2, 4].map(|every| sigmas(&walk.thinned(every).compare())));
+    Clean {
+        scene: "",
+        light: "",
+        seed: 0,
+        alarms: off.map(|f| f.text.clone()).collect(),
+        determined: walk
+            .names()
+            .iter()
+            .map(|name| [What::Camera, What::Pictures].map(|what| is_seen(name, what)))
+            .collect(),
+        scores,
+        by_bursts,
+        seconds: 0.0,
+    }
+}
+
+/// Everything that is made wrong in one walk. The axis of a turn changes from walk to walk and camera to camera.
+fn wrong_points(walk: &Walk, found: &[CameraFound], number: usize) -> Vec<Point> {
+    let mut points = Vec::new();
+    for (k, name) in walk.names().into_iter().enumerate() {
+        let axis = (number + k) % 3;
+        let sign = if number.is_multiple_of(2) { 1.0 } else { -1.0 };
+        let about = |deg: f64| {
+            let mut rad = [0.0; 3];
+            rad[axis] = sign * deg.to_radians();
+            rad
+        };
+        let turns = TURNS.map(|deg| (What::Camera, deg, Wrong::Turned(k, about(deg))));
+        let eyes = EYES.map(|deg| (What::Eyes, deg, Wrong::Eyes(k, about(deg))));
+        let late = |ms: f64| sign * ms * 1e-3;
+        let pictures = DELAYS.map(|ms| (What::Pictures, ms, Wrong::Pictures(k, late(ms))));
+        let clocks = DELAYS.map(|ms| (What::Clock, ms, Wrong::Clock(k, late(ms))));
+        let all = turns.into_iter().chain(eyes).chain(pictures).chain(clocks);
+        points.extend(all.map(|(what, size, wrong)| Point {
+            walk: number,
+            what,
+            camera: name.to_owned(),
+            size,
+            outcome: outcome(&walk.verify(&wrong, found), what, name, size),
+        }));
+    }
+    points
+}
+
+fn outcome(verification: &Verification, what: What, camera: &str, size: f64) -> Outcome {
+    let off = |f: &&Finding| f.state == State::Off;
+    let own = verification.findings.iter();
+    let own = own.clone().find(|f| f.what == what && f.camera == camera);
+    let noticed = |f: &Finding| match what.is_turn() {
+        true => f.noticed.to_degrees(),
+        false => f.noticed * 1e3,
+    };
+    match own {
+        Some(f) if f.state == State::Off && f.or.is_empty() => Outcome::Named,
+        _ if verification.findings.iter().any(|f| off(&f)) => Outcome::Flagged,
+        Some(f) if f.state == State::Fine && size > noticed(f) => Outcome::Silent,
+        Some(f) if f.state == State::Fine => Outcome::Within,
+        _ => Outcome::Undetermined,
+    }
+}
+
+/// Shares of outcomes, by what and how large.
+fn table(points: &[Point]) -> Vec<String> {
+    let mut lines = Vec::new();
+    for what in [What::Camera, What::Eyes, What::Pictures, What::Clock] {
+        let mut sizes: Vec<f64> = points
+            .iter()
+            .filter(|p| p.what == what)
+            .map(|p| p.size)
+            .collect();
+        sizes.sort_by(f64::total_cmp);
+        sizes.dedup();
+        for size in sizes {
+            let [named, flagged, open, within, silent] = counts(points, what, size);
+            let unit = if what.is_turn() { "deg" } else { "ms" };
+            lines.push(format!(
+                "{what:?} {size} {unit}: named {named}, flagged {flagged}, undetermined {open}, \
+                 within {within}, silent {silent}"
+            ));
+        }
+    }
+    lines
+}
+
+/// How many points became what, in the order of [`Outcome`].
+fn counts(points: &[Point], what: What, size: f64) -> [usize; 5] {
+    let all = [
+        Outcome::Named,
+        Outcome::Flagged,
+        Outcome::Undetermined,
+        Outcome::Within,
+        Outcome::Silent,
+    ];
+    all.map(|outcome| {
+        let of = |p: &&Point| p.what == what && p.size == size && p.outcome == outcome;
+        points.iter().filter(of).count()
+    })
+}
+
+impl Clean {
+    fn line(&self) -> String {
+        let seen: String = self
+            .determined
+            .iter()
+            .flatten()
+            .map(|seen| if *seen { '+' } else { '-' })
+            .collect();
+        format!(
+            "{:9} {:8} {} determined {seen} {:.2} s {}",
+            self.scene,
+            self.light,
+            self.seed,
+            self.seconds,
+            self.alarms.join("; ")
+        )
+    }
+}

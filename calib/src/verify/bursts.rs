@@ -1,0 +1,59 @@
+//! Which parts of a session are worth decoding.
+//!
+//! Contract: bursts are spread over the whole session, one in each of equal parts of it, and within its part each lies where the
+//! body turns most, but not so fast that pictures blur. The choice depends on the gyroscopes alone; without any, each lies
+//! in the middle of its part.
+
+use super::gyro::Gyro;
+
+/// Steps by which places are tried, and by which rates are looked at, ns.
+const STEP_NS: i64 = 100_000_000;
+const LOOK_NS: i64 = 10_000_000;
+/// Faster turns smear pictures, rad/s.
+const FAST_RAD_S: f64 = 2.0;
+
+/// First and last time of `count` bursts of a length in a session, ns; fewer where it is short.
+pub fn choose_bursts(
+    gyros: &[&Gyro],
+    span_ns: [i64; 2],
+    count: usize,
+    length_ns: i64,
+) -> Vec<[i64; 2]> {
+    let [start, end] = span_ns;
+    let fit = ((end - start) / length_ns.max(1)).max(0);
+    let count = (count as i64).min(fit);
+    let part = (end - start) / count.max(1);
+    let burst = |k: i64| {
+        let (first, last) = (start + k * part, start + (k + 1) * part - length_ns);
+        let middle = first + (last - first) / 2;
+        let places = (0..=(last - first) / STEP_NS).map(|i| first + i * STEP_NS);
+        let best = places
+            .map(|at| (richness(gyros, at, at + length_ns), at))
+            .filter(|(rich, _)| *rich > 0.0)
+            .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+        let from = best.map_or(middle, |(_, at)| at);
+        [from, from + length_ns]
+    };
+    (0..count).map(burst).collect()
+}
+
+/// How much the rate changes, (rad/s)².
+fn richness(gyros: &[&Gyro], from: i64, to: i64) -> f64 {
+    let Some(gyro) = gyros.first() else {
+        return 0.0;
+    };
+    let (mut count, mut sum, mut square, mut next) = (0.0, nalgebra::Vector3::zeros(), 0.0, from);
+    for (time, rate) in gyro.between_ns(from, to) {
+        if time >= next {
+            let rate = rate * (FAST_RAD_S / rate.norm().max(FAST_RAD_S)).powi(3);
+            count += 1.0;
+            sum += rate;
+            square += rate.norm_squared();
+            next = time + LOOK_NS;
+        }
+    }
+    if count < 2.0 {
+        return 0.0;
+    }
+    square / count - (sum / count).norm_squared()
+}

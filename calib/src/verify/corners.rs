@@ -1,0 +1,92 @@
+//! Places in a picture that can be found again: corners.
+//!
+//! The least eigenvalue of the gradients' second moments (Shi and Tomasi 1994) says how well a place is held in both
+//! directions. One corner per cell of a grid, so that they cover the picture.
+
+use super::picture::Level;
+
+/// Side of a cell, pixels.
+const CELL: usize = 22;
+/// Half the side of the window of second moments.
+const HALF: usize = 3;
+/// Corners stay away from the border so far.
+const MARGIN: usize = 10;
+/// Least eigenvalue per pixel of the window, squared grey levels per pixel.
+const LEAST: f32 = 12.0;
+/// And as a share of the strong ones of the picture.
+const SHARE: f32 = 0.01;
+
+/// Corners of a level, the strongest of each cell, at most `most`, in the order of cells.
+pub(super) fn corners(level: &Level, most: usize) -> Vec<[f32; 2]> {
+    let (width, height) = (level.width, level.height);
+    if width < 4 * MARGIN || height < 4 * MARGIN {
+        return Vec::new();
+    }
+    let moments = moments(level);
+    let side = (2 * HALF + 1) as f32;
+    let strength = |x: usize, y: usize| {
+        let [a, b, c] = moments[y * width + x].map(|m| m / (side * side));
+        0.5 * (a + c - ((a - c) * (a - c) + 4.0 * b * b).sqrt())
+    };
+    let mut found: Vec<(f32, [f32; 2])> = Vec::new();
+    for top in (MARGIN..height - MARGIN).step_by(CELL) {
+        for left in (MARGIN..width - MARGIN).step_by(CELL) {
+            let mut best = (LEAST, None);
+            for y in top..(top + CELL).min(height - MARGIN) {
+                for x in left..(left + CELL).min(width - MARGIN) {
+                    let s = strength(x, y);
+                    if s > best.0 {
+                        best = (s, Some([x as f32, y as f32]));
+                    }
+                }
+            }
+            found.extend(best.1.map(|at| (best.0, at)));
+        }
+    }
+    let mut order: Vec<f32> = found.iter().map(|f| f.0).collect();
+    order.sort_by(|a, b| b.total_cmp(a));
+    let strong = order.get(order.len() / 10).copied().unwrap_or(0.0);
+    let least = order.get(most).copied().unwrap_or(0.0).max(SHARE * strong);
+    let kept = found.into_iter().filter(|f| f.0 > least);
+    kept.map(|f| f.1).collect()
+}
+
+/// Sums of `gx²`, `gx gy` and `gy²` over the window of each pixel.
+fn moments(level: &Level) -> Vec<[f32; 3]> {
+    let (width, height) = (level.width, level.height);
+    let mut rows = vec![[0.0_f32; 3]; width * height];
+    let mut products = vec![[0.0_f32; 3]; width];
+    for y in 1..height - 1 {
+        let at = |y: usize| &level.data[y * width..(y + 1) * width];
+        let (above, row, below) = (at(y - 1), at(y), at(y + 1));
+        for x in 1..width - 1 {
+            let gx = 0.5 * (row[x + 1] - row[x - 1]);
+            let gy = 0.5 * (below[x] - above[x]);
+            products[x] = [gx * gx, gx * gy, gy * gy];
+        }
+        slide(&products, &mut rows[y * width..(y + 1) * width]);
+    }
+    let mut sums = vec![[0.0_f32; 3]; width * height];
+    for y in HALF..height - HALF {
+        for x in 0..width {
+            let mut sum = [0.0; 3];
+            for k in y - HALF..=y + HALF {
+                let row = &rows[k * width + x];
+                (0..3).for_each(|i| sum[i] += row[i]);
+            }
+            sums[y * width + x] = sum;
+        }
+    }
+    sums
+}
+
+/// Sums over `2 HALF + 1` neighbours along a row.
+fn slide(values: &[[f32; 3]], out: &mut [[f32; 3]]) {
+    for x in HALF..values.len() - HALF {
+        let mut sum = [0.0; 3];
+        for value in &values[x - HALF..=x + HALF] {
+            (0..3).for_each(|i| sum[i] += value[i]);
+        }
+        out[x] = sum;
+    }
+}

@@ -1,0 +1,144 @@
+//! Two gyroscopes on one rigid body against each other: how they are turned, and how late the one's samples are stamped
+//! against the other's. No pictures are needed.
+//!
+//! Both measure one rate: `b = exp(w) told (1 + S) a + bias + drift t`, with `a` taken `late` earlier. `S` is symmetric: scales
+//! and shears of both sensors together. Compared are rates summed up over short windows, which is linear in
+//! them and needs no common sampling.
+
+use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
+
+use serde::Serialize;
+
+use super::gyro::Gyro;
+use super::robust::{Grouped, median, sigmas_of, tukey};
+
+/// Length of a window, ns; windows of a block, whose errors may hang together; most blocks.
+const WINDOW_NS: i64 = 20_000_000;
+const PER_BLOCK: i64 = 100;
+const MOST_BLOCKS: i64 = 120;
+/// Fewest windows that say anything.
+const FEWEST: usize = 300;
+const ROUNDS: usize = 6;
+const PARAMETERS: usize = 16;
+
+/// See the module.
+#[derive(Clone, Debug, Serialize)]
+pub struct Gyros {
+    /// `w`, rad, in the frame of the second IMU.
+    pub turned_rad: [f64; 3],
+    /// Standard deviation about each axis, rad.
+    pub sigma_rad: [f64; 3],
+    /// Covariance of it, rad².
+    #[serde(skip)]
+    pub(super) covariance: Matrix3<f64>,
+    /// How much later the second one's samples are stamped, s.
+    pub late_s: f64,
+    /// Its standard deviation, s.
+    pub late_sigma_s: f64,
+}
+
+/// Compares; none if they have too little time in common. `b_from_a` is told.
+pub(super) fn estimate(b_from_a: &UnitQuaternion<f64>, a: &Gyro, b: &Gyro) -> Option<Gyros> {
+    let ([a0, a1], [b0, b1]) = (a.span_ns()?, b.span_ns()?);
+    let margin = 100_000_000;
+    let (from, to) = (a0.max(b0) + margin, a1.min(b1) - margin);
+    let block = WINDOW_NS * PER_BLOCK;
+    let whole = (to - from) / block;
+    if whole < 2 {
+        return None;
+    }
+    let blocks = whole.min(MOST_BLOCKS);
+    let one = Vector3::repeat(1.0);
+    let (sum_a, sum_b) = (
+        a.integrate(one, Vector3::zeros()),
+        b.integrate(one, Vector3::zeros()),
+    );
+    let seconds = WINDOW_NS as f64 * 1e-9;
+    let length_s = (to - from) as f64 * 1e-9;
+    let mut windows = Vec::new();
+    for group in 0..blocks {
+        let start = from + (to - from - block) / (blocks - 1).max(1) * group;
+        for k in 0..PER_BLOCK {
+            let at = (start + k * WINDOW_NS) as f64;
+            let sum = sum_b.sum(at, at + WINDOW_NS as f64);
+            windows.extend(sum.map(|sum| (group as usize, at, sum)));
+        }
+    }
+    if windows.len() < FEWEST {
+        return None;
+    }
+    let told = b_from_a.to_rotation_matrix().into_inner();
+    let (scale, shear) = (7e-3, 1.5e-3);
+    let sigmas = SVector::<f64, PARAMETERS>::from([
+        0.1, 0.1, 0.1, scale, scale, scale, shear, shear, shear, 0.03, 0.03, 0.03, 0.01, 0.01,
+        0.01, 0.05,
+    ]);
+    let mut now = SVector::<f64, PARAMETERS>::zeros();
+    let mut spread = 0.1 * seconds;
+    let mut last = None;
+    for _ in 0..ROUNDS {
+        let turn = UnitQuaternion::from_scaled_axis(now.fixed_rows::<3>(0).into_owned());
+        let shape = Matrix3::new(
+            1.0 + now[3],
+            now[6],
+            now[7], //
+            now[6],
+            1.0 + now[4],
+            now[8], //
+            now[7],
+            now[8],
+            1.0 + now[5],
+        );
+        let b_of_a = turn.to_rotation_matrix().into_inner() * told;
+        let mut sum = Grouped::<PARAMETERS>::new(blocks as usize, &sigmas, &-now);
+        let mut sizes = Vec::with_capacity(3 * windows.len());
+        for (group, at, sum_b) in &windows {
+            let (at_a, end_a) = (at - now[15] * 1e9, at - now[15] * 1e9 + WINDOW_NS as f64);
+            let Some(v) = sum_a.sum(at_a, end_a) else {
+                continue;
+            };
+            let age = (at - from as f64) * 1e-9 / length_s - 0.5;
+            let expected = b_of_a * (shape * v);
+            let bias = now.fixed_rows::<3>(9) + now.fixed_rows::<3>(12) * age;
+            let error = sum_b - expected - bias * seconds;
+            sizes.extend(error.iter().map(|e| e.abs()));
+            let kept = tukey(error.norm() / (1.7 * spread));
+            if kept == 0.0 {
+                continue;
+            }
+            let mut by = SMatrix::<f64, 3, PARAMETERS>::zeros();
+            by.fixed_columns_mut::<3>(0)
+                .copy_from(&-expected.cross_matrix());
+            by.fixed_columns_mut::<3>(3)
+                .copy_from(&(b_of_a * Matrix3::from_diagonal(&v)));
+            let shears = Matrix3::new(
+                v.y, v.z, 0.0, //
+                v.x, 0.0, v.z, //
+                0.0, v.x, v.y,
+            );
+            by.fixed_columns_mut::<3>(6).copy_from(&(b_of_a * shears));
+            by.fixed_columns_mut::<3>(9)
+                .copy_from(&(Matrix3::identity() * seconds));
+            by.fixed_columns_mut::<3>(12)
+                .copy_from(&(Matrix3::identity() * (seconds * age)));
+            let (Some(first), Some(end)) = (sum_a.rate(at_a), sum_a.rate(end_a)) else {
+                continue;
+            };
+            by.set_column(15, &(b_of_a * (shape * (first - end))));
+            let weight = Matrix3::identity() * (kept / (spread * spread));
+            sum.add(*group, &error, &by, &weight);
+        }
+        now += sum.step()?;
+        spread = (1.4826 * median(&mut sizes)).max(1e-7);
+        last = Some(sum);
+    }
+    let (covariance, larger) = last?.covariance(&[0, 1, 2, 15])?;
+    let of_turn = covariance.fixed_view::<3, 3>(0, 0).into_owned() * larger;
+    Some(Gyros {
+        turned_rad: now.fixed_rows::<3>(0).into_owned().into(),
+        sigma_rad: sigmas_of(&of_turn),
+        covariance: of_turn,
+        late_s: now[15],
+        late_sigma_s: (covariance[(15, 15)] * larger).sqrt(),
+    })
+}

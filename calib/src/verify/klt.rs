@@ -1,0 +1,164 @@
+//! Following a patch from one picture to another.
+//!
+//! Iterative image alignment by translation (Lucas and Kanade 1981, in the inverse compositional form of Baker and Matthews
+//! 2004), from coarse to fine, on patches brought to mean 0 and equal contrast, so that exposure may differ. A place is
+//! found only if following it back leads to where it came from.
+
+use super::picture::{Level, Pyramid};
+
+/// Half the side of a patch.
+const RADIUS: usize = 5;
+const SIDE: usize = 2 * RADIUS + 1;
+const AREA: usize = SIDE * SIDE;
+/// Side with one pixel more all around, for gradients.
+const WIDE: usize = SIDE + 2;
+/// Steps per level, and the step at which they end, pixels.
+const STEPS: usize = 12;
+const SMALL: f32 = 0.01;
+/// Farthest from where it came from that the way back may end, pixels of the first level.
+const BACK: f32 = 0.4;
+/// Least correlation of the two patches.
+const ALIKE: f32 = 0.8;
+
+/// A patch with what aligning to it needs.
+struct Template {
+    values: [f32; AREA],
+    gx: [f32; AREA],
+    gy: [f32; AREA],
+    /// Inverse of the second moments.
+    inverse: [f32; 3],
+    /// Root of the sum of squares.
+    norm: f32,
+}
+
+impl Template {
+    fn new(level: &Level, x: f32, y: f32) -> Option<Self> {
+        let mut wide = [0.0; WIDE * WIDE];
+        if !level.patch(x, y, RADIUS + 1, &mut wide) {
+            return None;
+        }
+        let mut new = Self {
+            values: [0.0; AREA],
+            gx: [0.0; AREA],
+            gy: [0.0; AREA],
+            inverse: [0.0; 3],
+            norm: 0.0,
+        };
+        let (mut a, mut b, mut c) = (0.0, 0.0, 0.0);
+        for row in 0..SIDE {
+            for column in 0..SIDE {
+                let (i, w) = (row * SIDE + column, (row + 1) * WIDE + column + 1);
+                new.values[i] = wide[w];
+                let gx = 0.5 * (wide[w + 1] - wide[w - 1]);
+                let gy = 0.5 * (wide[w + WIDE] - wide[w - WIDE]);
+                (new.gx[i], new.gy[i]) = (gx, gy);
+                a += gx * gx;
+                b += gx * gy;
+                c += gy * gy;
+            }
+        }
+        new.norm = centre(&mut new.values);
+        let determinant = a * c - b * b;
+        if determinant <= 1e-4 * (a + c) * (a + c) || new.norm < 1.0 {
+            return None;
+        }
+        new.inverse = [c / determinant, -b / determinant, a / determinant];
+        Some(new)
+    }
+
+    /// Aligns, starting at a place in the other level. Gives the place and the correlation there.
+    fn align(&self, level: &Level, mut x: f32, mut y: f32) -> Option<([f32; 2], f32)> {
+        let mut patch = [0.0; AREA];
+        for step in 0.. {
+            if !level.patch(x, y, RADIUS, &mut patch) {
+                return None;
+            }
+            let norm = centre(&mut patch);
+            if norm < 1e-3 {
+                return None;
+            }
+            let gain = self.norm / norm;
+            let (mut ex, mut ey, mut product) = (0.0, 0.0, 0.0);
+            for (i, (&here, &there)) in patch.iter().zip(&self.values).enumerate() {
+                let error = here * gain - there;
+                ex += self.gx[i] * error;
+                ey += self.gy[i] * error;
+                product += here * there;
+            }
+            let alike = product / (norm * self.norm);
+            let dx = self.inverse[0] * ex + self.inverse[1] * ey;
+            let dy = self.inverse[1] * ex + self.inverse[2] * ey;
+            if step == STEPS || dx * dx + dy * dy < SMALL * SMALL {
+                return Some(([x, y], alike));
+            }
+            // A step farther than the patch says only that nothing fits.
+            let length = (dx * dx + dy * dy).sqrt();
+            let most = (0.5 * RADIUS as f32 / length).min(1.0);
+            x -= dx * most;
+            y -= dy * most;
+        }
+        None
+    }
+}
+
+/// Takes the mean away; gives the root of the sum of squares.
+fn centre(values: &mut [f32; AREA]) -> f32 {
+    let mean = values.iter().sum::<f32>() / AREA as f32;
+    let mut square = 0.0;
+    for value in values {
+        *value -= mean;
+        square += *value * *value;
+    }
+    square.sqrt()
+}
+
+/// Where a place of `from` is in `to`, pixels of the first level, starting the search at `guess` on the level `coarsest`.
+pub(super) fn follow(
+    from: &Pyramid,
+    to: &Pyramid,
+    at: [f32; 2],
+    guess: [f32; 2],
+    coarsest: usize,
+) -> Option<[f32; 2]> {
+    let (found, alike) = one_way(from, to, at, guess, coarsest)?;
+    if alike < ALIKE {
+        return None;
+    }
+    // Back from near, since only a slip is to be found out; from the far guess it would cost as much again.
+    let back = [
+        at[0] + (guess[0] - found[0]).clamp(-1.0, 1.0),
+        at[1] + (guess[1] - found[1]).clamp(-1.0, 1.0),
+    ];
+    let (back, _) = one_way(to, from, found, back, 0)?;
+    let off = (back[0] - at[0]).hypot(back[1] - at[1]);
+    (off < BACK).then_some(found)
+}
+
+fn one_way(
+    from: &Pyramid,
+    to: &Pyramid,
+    at: [f32; 2],
+    guess: [f32; 2],
+    coarsest: usize,
+) -> Option<([f32; 2], f32)> {
+    let mut offset = [guess[0] - at[0], guess[1] - at[1]];
+    let mut found = None;
+    for level in (0..=coarsest.min(from.levels.len() - 1)).rev() {
+        let scale = (1_u32 << level) as f32;
+        let [x, y] = at.map(|v| v / scale);
+        // A coarse level may not reach as near to the border.
+        let aligned = Template::new(&from.levels[level], x, y).and_then(|template| {
+            let (u, v) = (x + offset[0] / scale, y + offset[1] / scale);
+            template.align(&to.levels[level], u, v)
+        });
+        match aligned {
+            Some(([u, v], alike)) => {
+                offset = [(u - x) * scale, (v - y) * scale];
+                found = (level == 0).then_some(([u, v], alike));
+            }
+            None if level == 0 => return None,
+            None => {}
+        }
+    }
+    found
+}

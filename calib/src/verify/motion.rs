@@ -1,0 +1,220 @@
+//! How a camera turned in one move, by what its two eyes saw.
+//!
+//! Corners have an inverse distance from the match of the eyes. With `x` the ray of a corner at the beginning and `r`
+//! its inverse distance, it is seen at the end along `exp(w) R x + s (r + c) t`; `R` is where the search starts,
+//! `t` the movement, `c` an offset of all inverse distances (a yaw of the right eye too small to be seen
+//! in rows makes one, and would look like a turn). For a rolling shutter `s` says how much longer or shorter the way is
+//! between rows, and a change of speed during the move adds to `t` what differs from row to row. What
+//! the distance leaves uncertain makes an observation less certain along its epipolar line and nowhere else.
+//! The movement is found first, by samples of two corners; what moves otherwise than most is left out.
+
+use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
+
+use super::robust::{median, tukey};
+
+/// Fewest corners that agree, and their least share.
+const FEWEST: usize = 30;
+const LEAST_SHARE: f64 = 0.4;
+/// Samples of two corners.
+const SAMPLES: u64 = 80;
+/// Standard deviation of a followed corner, px, and of a disparity.
+const CORNER_PX: f64 = 0.2;
+pub(super) const DISPARITY_PX: f64 = 0.2;
+const ROUNDS: usize = 10;
+/// Change of speed during a move, m/s, standard deviation: a walker's chest in a third of a second.
+const SPEED_M_S: f64 = 0.6;
+const PARAMETERS: usize = 10;
+
+/// A corner at both ends of a move.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Seen {
+    /// Ray at the beginning, as if all rows were exposed at once.
+    pub(super) ray: Vector3<f64>,
+    /// Inverse distance, 1/m, and its standard deviation.
+    pub(super) per_metre: f64,
+    pub(super) sigma_per_metre: f64,
+    /// Ray at the end.
+    pub(super) later: Vector3<f64>,
+    /// Pixels per radian there.
+    pub(super) px_per_rad: f64,
+    /// How long the corner's way was against that of the middle row.
+    pub(super) way: f64,
+    /// Mean of how much later than the middle row its two rows were exposed, s.
+    pub(super) after_s: f64,
+}
+
+/// What is known before.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Start {
+    /// `later_from_first`.
+    pub(super) turn: UnitQuaternion<f64>,
+    /// How far off that may let corners be, px.
+    pub(super) off_px: f64,
+    /// Offset of inverse distances, 1/m, and its standard deviation.
+    pub(super) offset: [f64; 2],
+}
+
+/// What a move gave.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Turned {
+    /// `later_from_first`.
+    pub(super) turn: UnitQuaternion<f64>,
+    /// Covariance of a small turn after it, rad².
+    pub(super) covariance: Matrix3<f64>,
+    /// Offset of inverse distances, 1/m, and its variance.
+    pub(super) offset: [f64; 2],
+    /// Spread of what corners are off, against what they were expected to be.
+    pub(super) spread: f64,
+}
+
+/// The two directions across a ray, as rows.
+fn across(ray: &Vector3<f64>) -> Matrix2x3<f64> {
+    let aside = if ray.x.abs() < 0.6 {
+        Vector3::x()
+    } else {
+        Vector3::y()
+    };
+    let first = ray.cross(&aside).normalize();
+    Matrix2x3::from_rows(&[first.transpose(), ray.cross(&first).transpose()])
+}
+
+/// The turn of a move; none if too few corners agree.
+pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
+    if seen.len() < FEWEST {
+        return None;
+    }
+    let bases: Vec<Matrix2x3<f64>> = seen.iter().map(|s| across(&s.later)).collect();
+    let mut shift = first_shift(seen, &bases, start);
+    let mut turn = start.turn;
+    let [expected, sigma] = start.offset;
+    let mut offset = expected;
+    let mut faster = Vector3::<f64>::zeros();
+    let mut scale = (start.off_px / CORNER_PX / 2.0).max(1.0);
+    let (mut spread, mut last) = (0.0, None);
+    for round in 0..ROUNDS {
+        let mut information = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
+        let mut gradient = SVector::<f64, PARAMETERS>::zeros();
+        information[(6, 6)] = 1.0 / (sigma * sigma);
+        gradient[6] = (expected - offset) / (sigma * sigma);
+        for k in 7..PARAMETERS {
+            information[(k, k)] = 1.0 / (SPEED_M_S * SPEED_M_S);
+            gradient[k] = -faster[k - 7] / (SPEED_M_S * SPEED_M_S);
+        }
+        let mut sizes = Vec::with_capacity(seen.len());
+        let mut agree = 0;
+        for (s, basis) in seen.iter().zip(&bases) {
+            let turned = turn * s.ray;
+            let moved = shift * s.way + faster * s.after_s;
+            let point = turned + moved * (s.per_metre + offset);
+            let length = point.norm();
+            let unit = point / length;
+            if unit.dot(&s.later) < 0.5 {
+                continue;
+            }
+            let error: Vector2<f64> = -(basis * unit);
+            let by_point = basis * (Matrix3::identity() - unit * unit.transpose()) / length;
+            let along = by_point * moved * s.sigma_per_metre;
+            let corner = CORNER_PX / s.px_per_rad;
+            let variance = Matrix2::identity() * (corner * corner) + along * along.transpose();
+            let weight = variance.try_inverse()?;
+            let size = (error.transpose() * weight * error)[0].sqrt();
+            sizes.push(size);
+            let kept = tukey(size / scale);
+            if kept == 0.0 {
+                continue;
+            }
+            agree += usize::from(size < 3.0 * scale);
+            let mut by = SMatrix::<f64, 2, PARAMETERS>::zeros();
+            by.fixed_columns_mut::<3>(0)
+                .copy_from(&(-by_point * turned.cross_matrix()));
+            by.fixed_columns_mut::<3>(3)
+                .copy_from(&(by_point * (s.way * (s.per_metre + offset))));
+            by.set_column(6, &(by_point * moved));
+            by.fixed_columns_mut::<3>(7)
+                .copy_from(&(by_point * (s.after_s * (s.per_metre + offset))));
+            let weighted = by.transpose() * weight * kept;
+            information += weighted * by;
+            gradient += weighted * error;
+        }
+        // A tenth of a metre to each side, so that a camera at rest, or one that sees only far things, has an answer.
+        for k in 3..6 {
+            information[(k, k)] += 1e-2;
+        }
+        let step = information.cholesky()?.solve(&gradient);
+        if round + 1 == ROUNDS {
+            last = Some((information, scale, agree));
+            break;
+        }
+        turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(0).into_owned()) * turn;
+        shift += step.fixed_rows::<3>(3);
+        offset += step[6];
+        faster += step.fixed_rows::<3>(7);
+        // The median of the length of two normal numbers is 1.177.
+        spread = median(&mut sizes) / 1.177;
+        scale = spread.max(0.4).min(scale.max(1.0));
+    }
+    let (information, scale, agree) = last?;
+    if agree < FEWEST || (agree as f64) < LEAST_SHARE * seen.len() as f64 {
+        return None;
+    }
+    let covariance = information.cholesky()?.inverse() * (scale * scale);
+    Some(Turned {
+        turn,
+        covariance: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
+        offset: [offset, covariance[(6, 6)]],
+        spread,
+    })
+}
+
+/// The movement that most corners agree with if the camera turned as expected, m.
+fn first_shift(seen: &[Seen], bases: &[Matrix2x3<f64>], start: &Start) -> Vector3<f64> {
+    let turned: Vec<Vector3<f64>> = seen.iter().map(|s| start.turn * s.ray).collect();
+    let cost = |shift: &Vector3<f64>| -> f64 {
+        let of = |i: usize| {
+            let s = &seen[i];
+            let point = turned[i] + shift * (s.way * s.per_metre);
+            let error = bases[i] * point / point.norm();
+            let blur = (bases[i] * shift).norm() * s.sigma_per_metre;
+            let allowed = start.off_px / s.px_per_rad + 2.0 * blur;
+            let facing = point.dot(&s.later) > 0.0;
+            if facing {
+                (error.norm_squared() / (allowed * allowed)).min(1.0)
+            } else {
+                1.0
+            }
+        };
+        (0..seen.len()).map(of).sum()
+    };
+    let mut best = (cost(&Vector3::zeros()), Vector3::zeros());
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut draw = || {
+        // An LCG of Knuth's; its high bits are good enough for choosing.
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize % seen.len()
+    };
+    for _ in 0..SAMPLES {
+        let pair = [draw(), draw()];
+        if pair[0] == pair[1] {
+            continue;
+        }
+        let (mut a, mut b) = (Matrix3::identity() * 1e-9, Vector3::zeros());
+        for i in pair {
+            let by = bases[i] * (seen[i].way * seen[i].per_metre);
+            a += by.transpose() * by;
+            b -= by.transpose() * (bases[i] * turned[i]);
+        }
+        let Some(shift) = a.cholesky().map(|c| c.solve(&b)) else {
+            continue;
+        };
+        if shift.norm() > 3.0 {
+            continue;
+        }
+        let cost = cost(&shift);
+        if cost < best.0 {
+            best = (cost, shift);
+        }
+    }
+    best.1
+}

@@ -1,0 +1,274 @@
+//! Simulated walks as the verification of a calibration sees them.
+//!
+//! Only the bursts of a walk are rendered, and what follows corners through them runs once: told numbers that are
+//! wrong afterwards ([`Wrong`]) need no new pictures. A wrong told number is the same as a rig that is not as told.
+
+use std::sync::Arc;
+use std::thread;
+
+use anyhow::{Context as _, Result};
+use cad_transforms::frame::{Frame, FramePart};
+use cad_transforms::rig::Rig;
+use cad_transforms::transform::RigidTransform;
+use calib::StereoCalibration;
+use calib::verify::{
+    Burst, Camera, CameraFound, Follower, Grey, Gyro, StereoPicture, Tolerances, Verification,
+    choose_bursts, compare, judge,
+};
+use rig_sim::camera::{Quality, Shutter};
+use rig_sim::scene::{Kind, Time};
+use rig_sim::simulation::{Settings, Simulation};
+use serde::{Deserialize, Serialize};
+
+const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
+/// Pictures before each burst that are thrown away: the exposure finds its way.
+const SETTLING: u64 = 4;
+const SIZE: (u32, u32) = (672, 376);
+
+/// How a walk is looked at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plan {
+    /// Length of the walk, s.
+    pub seconds: f64,
+    /// Pictures per second.
+    pub rate_hz: f64,
+    /// Bursts, and the length of each, s.
+    pub bursts: (usize, f64),
+    /// Looks per pixel.
+    pub quality: Quality,
+}
+
+impl Plan {
+    /// One minute, at the quality for recordings in real time.
+    pub const MINUTE: Self = Self {
+        seconds: 60.0,
+        rate_hz: 15.0,
+        bursts: (8, 1.05),
+        quality: Quality::FAST,
+    };
+}
+
+/// One walk.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Walk {
+    cameras: Vec<Told>,
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Told {
+    name: String,
+    calibration: StereoCalibration,
+    rig_from_left: RigidTransform,
+    line_s: f64,
+    bursts: Vec<Burst>,
+    /// Times in ns and rates in counts.
+    gyro: Vec<(i64, [i16; 3])>,
+    count: f64,
+}
+
+/// What is told wrongly of a camera, given by its number.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Wrong {
+    /// Nothing.
+    Nothing,
+    /// It has turned on the plate, by a rotation vector in its left optical frame, rad.
+    Turned(usize, [f64; 3]),
+    /// Its right eye has turned, by a rotation vector in the right optical frame, rad.
+    Eyes(usize, [f64; 3]),
+    /// Its pictures are stamped late, s.
+    Pictures(usize, f64),
+    /// Its samples are.
+    Samples(usize, f64),
+    /// Both are.
+    Clock(usize, f64),
+}
+
+impl Walk {
+    /// Walks, and looks.
+    ///
+    /// # Errors
+    /// There is no such walk.
+    pub fn make(kind: Kind, light: Time, seed: u64, plan: &Plan) -> Result<Self> {
+        let rig = Rig::parse(RIG).context("reading the example rig")?;
+        let settings = Settings {
+            kind,
+            time: light,
+            seed,
+            seconds: plan.seconds,
+            rate_hz: plan.rate_hz,
+            width: SIZE.0,
+            height: SIZE.1,
+            quality: plan.quality,
+        };
+        let simulation = Simulation::new(&settings, &rig).context("preparing the walk")?;
+        let simulation = Arc::new(simulation);
+        let mut cameras = Vec::new();
+        for (k, (camera, imu)) in (simulation.cameras().iter())
+            .zip(simulation.imus())
+            .enumerate()
+        {
+            let left = Frame::of_camera(&camera.name, FramePart::Left)?;
+            let samples = simulation.samples(imu);
+            cameras.push(Told {
+                name: camera.name.clone(),
+                calibration: simulation.calibration(k),
+                rig_from_left: rig.transform(&Frame::rig(), &left)?,
+                line_s: match camera.shutter {
+                    Shutter::Global => 0.0,
+                    Shutter::Rolling { line_s } => line_s,
+                },
+                bursts: Vec::new(),
+                gyro: samples
+                    .map(|(_, time, sample)| (time, imu.imu.counts(&sample)[0]))
+                    .collect(),
+                count: imu.imu.model().count[0],
+            });
+        }
+        let gyros: Vec<Gyro> = cameras.iter().map(|c| c.gyro(0.0)).collect();
+        let refs: Vec<&Gyro> = gyros.iter().collect();
+        let (count, length_s) = plan.bursts;
+        let span = [0, (plan.seconds * 1e9) as i64];
+        let times = choose_bursts(&refs, span, count, (length_s * 1e9) as i64);
+        let look = |k: usize| look(&simulation, k, &cameras[k].calibration, &gyros[k], &times);
+        let bursts: Vec<Vec<Burst>> = thread::scope(|scope| {
+            let look = &look;
+            let running: Vec<_> = (0..cameras.len())
+                .map(|k| scope.spawn(move || look(k)))
+                .collect();
+            running
+                .into_iter()
+                .map(|thread| thread.join().expect("following corners does not panic"))
+                .collect()
+        });
+        for (camera, bursts) in cameras.iter_mut().zip(bursts) {
+            camera.bursts = bursts;
+        }
+        Ok(Self { cameras })
+    }
+
+    /// Names of the cameras.
+    pub fn names(&self) -> Vec<&str> {
+        self.cameras.iter().map(|c| c.name.as_str()).collect()
+    }
+
+    /// The same with every `every`-th burst alone.
+    #[must_use]
+    pub fn thinned(&self, every: usize) -> Self {
+        let mut thin = self.clone();
+        for camera in &mut thin.cameras {
+            camera.bursts = camera.bursts.iter().step_by(every).cloned().collect();
+        }
+        thin
+    }
+
+    /// What the cameras' own comparisons give as things are.
+    pub fn compare(&self) -> Vec<CameraFound> {
+        self.with(&Wrong::Nothing, |cameras| {
+            cameras.iter().map(compare).collect()
+        })
+    }
+
+    /// What verification says if this is told wrongly. `as_it_is` is what [`Walk::compare`] gave, of which that is used
+    /// again that does not depend on it.
+    pub fn verify(&self, wrong: &Wrong, as_it_is: &[CameraFound]) -> Verification {
+        self.with(wrong, |cameras| {
+            let mut found = as_it_is.to_vec();
+            if let Wrong::Eyes(k, _) | Wrong::Pictures(k, _) | Wrong::Samples(k, _) = *wrong {
+                found[k] = compare(&cameras[k]);
+            }
+            judge(cameras, found, &Tolerances::default())
+        })
+    }
+
+    fn with<T>(&self, wrong: &Wrong, run: impl FnOnce(&[Camera<'_>]) -> T) -> T {
+        let mut told = self.cameras.clone();
+        let turn = |rad: [f64; 3]| {
+            let turn = RigidTransform::from_rotation_vector(rad, [0.0; 3]);
+            turn.expect("a finite turn is a transform").inverse()
+        };
+        let mut late_s = vec![0.0; told.len()];
+        match *wrong {
+            Wrong::Nothing => {}
+            Wrong::Turned(k, rad) => {
+                told[k].rig_from_left = told[k].rig_from_left * turn(rad);
+            }
+            Wrong::Eyes(k, rad) => {
+                let calibration = &mut told[k].calibration;
+                calibration.right_from_left = turn(rad) * calibration.right_from_left;
+            }
+            Wrong::Pictures(k, s) => told[k].stamp_pictures_late(s),
+            Wrong::Samples(k, s) => late_s[k] = s,
+            Wrong::Clock(k, s) => {
+                told[k].stamp_pictures_late(s);
+                late_s[k] = s;
+            }
+        }
+        let gyros: Vec<Gyro> = (told.iter().zip(&late_s))
+            .map(|(c, s)| c.gyro(*s))
+            .collect();
+        let mut cameras = Vec::new();
+        for (told, gyro) in told.iter().zip(&gyros) {
+            cameras.push(Camera {
+                name: &told.name,
+                told: &told.calibration,
+                rig_from_left: Some(told.rig_from_left),
+                joint_sigma_rad: None,
+                // Sessions do not tell it.
+                line_s: None,
+                bursts: &told.bursts,
+                gyro: Some(gyro),
+            });
+        }
+        run(&cameras)
+    }
+}
+
+impl Told {
+    fn gyro(&self, late_s: f64) -> Gyro {
+        let rate = |c: i16| f64::from(c) * self.count;
+        let gyro = Gyro::new(self.gyro.iter().map(|(time, c)| (*time, c.map(rate))));
+        gyro.later_by_ns((late_s * 1e9) as i64)
+    }
+
+    fn stamp_pictures_late(&mut self, late_s: f64) {
+        let late_ns = (late_s * 1e9) as i64;
+        for of in self.bursts.iter_mut().flat_map(|b| &mut b.moves) {
+            of.from_ns += late_ns;
+            of.to_ns += late_ns;
+        }
+    }
+}
+
+/// Renders the bursts of a camera and follows corners through them.
+fn look(
+    simulation: &Arc<Simulation>,
+    camera: usize,
+    calibration: &StereoCalibration,
+    gyro: &Gyro,
+    times: &[[i64; 2]],
+) -> Vec<Burst> {
+    let settings = simulation.settings();
+    let count = settings.frame_count();
+    let mut follower = Follower::new(calibration, Some(gyro));
+    let mut pictures = simulation.pictures(camera);
+    let mut burst = |[from, to]: &[i64; 2]| {
+        let first = (0..count).find(|n| settings.frame_ns(*n) >= *from);
+        let first = first.unwrap_or(count);
+        for n in first.saturating_sub(SETTLING)..first {
+            pictures.expose(n, settings.frame_ns(n));
+        }
+        for n in (first..count).take_while(|n| settings.frame_ns(*n) <= *to) {
+            let frame = pictures.expose(n, settings.frame_ns(n));
+            let (left, right) = (frame.grey(0), frame.grey(1));
+            let (width, height) = (frame.width / 2, frame.height);
+            let eye = |pixels| Grey::new(width, height, width, pixels).expect("a whole picture");
+            follower.push(&StereoPicture {
+                time_ns: frame.time_ns,
+                left: eye(&left),
+                right: eye(&right),
+            });
+        }
+        follower.end()
+    };
+    times.iter().map(&mut burst).collect()
+}
