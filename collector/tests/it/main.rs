@@ -1,6 +1,7 @@
 //! Tests of `paws` on made-up sessions, through the library and through the program.
 
 mod access;
+mod calib_cameras;
 mod command_line;
 mod exporting;
 mod importing;

@@ -1,0 +1,113 @@
+//! `paws calib cameras` on a rendered session of boards, of a rig that is not quite what its files say: what comes
+//! out is the rig as it is, within what is stated, and nothing is written over.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+use std::sync::Arc;
+
+use cad_transforms::{Frame, FramePart, Rig, RigidTransform};
+use nalgebra::Vector3;
+use rig_sim::camera::Quality;
+use rig_sim::deviation::Deviation;
+use rig_sim::faults::Faults;
+use rig_sim::render::{Job, render_session};
+use rig_sim::scene::{Kind, Time};
+use rig_sim::simulation::{Settings, Simulation};
+use serde_json::Value;
+
+const RIG: &str = include_str!("../../../cad-transforms/rigs/example.toml");
+
+/// Writes the session; gives the rig as it is.
+fn write(folder: &Path) -> Rig {
+    let rig = Rig::parse(RIG).unwrap();
+    let settings = Settings {
+        kind: Kind::Targets,
+        time: Time::Day,
+        seed: 5,
+        seconds: 45.0,
+        rate_hz: 5.0,
+        width: 672,
+        height: 376,
+        quality: Quality::FAST,
+    };
+    let mut deviation = Deviation::default();
+    deviation.of_mut("left_shoulder").turned = Vector3::new(2e-3, -3e-3, 1e-3);
+    deviation.of_mut("feet").moved = Vector3::new(5e-4, 0.0, -8e-4);
+    deviation.of_mut("right_shoulder").focal_px = [1.5, 1.5];
+    let simulation = Simulation::new(&settings, &rig).unwrap();
+    let simulation = simulation.with_deviation(&rig, &deviation).unwrap();
+    let truth = Rig::parse(&simulation.true_rig_text(&rig)).unwrap();
+    let job = Job {
+        rig: &rig,
+        rig_text: RIG,
+        session: true,
+        faults: &Faults::default(),
+        truth: false,
+        threads: 2,
+    };
+    render_session(&Arc::new(simulation), &job, folder, &|| {}).unwrap();
+    truth
+}
+
+/// Exit code, and what was printed.
+fn paws(arguments: &[&str]) -> (Option<i32>, String) {
+    let run = Command::new(env!("CARGO_BIN_EXE_paws")).args(arguments).output().unwrap();
+    let text = [run.stdout, run.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+    (run.status.code(), text.concat())
+}
+
+#[test]
+fn a_rig_is_found_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let session = folder.path().join("targets");
+    let truth = write(&session);
+    let out = folder.path().join("out");
+    let (session, out_text) = (session.to_str().unwrap(), out.to_str().unwrap());
+    let arguments = ["calib", "cameras", session, "--keep-model", "--out", out_text];
+    let (code, text) = paws(&arguments);
+    assert_eq!(code, Some(0), "{text}");
+
+    let found = Rig::read(&out.join("rig.toml")).unwrap();
+    assert!(found.provenance().note.contains("paws calib cameras"));
+    let left = |camera: &str| Frame::of_camera(camera, FramePart::Left).unwrap();
+    let between = |rig: &Rig, a: &Frame, b: &Frame| rig.transform(a, b).unwrap();
+    let check = |a: &Frame, b: &Frame, metres: f64, degrees: f64| {
+        let off: RigidTransform = between(&truth, a, b).inverse() * between(&found, a, b);
+        let (m, d) = (off.distance_m(), off.angle_rad().to_degrees());
+        assert!(m < metres && d < degrees, "{a} {b}: {m} m, {d} degrees\n{text}");
+    };
+    // Fewer views than a real recording has, at half its rate; full ones are in the benchmark.
+    for camera in ["left_shoulder", "right_shoulder", "feet"] {
+        let right = Frame::of_camera(camera, FramePart::Right).unwrap();
+        check(&left(camera), &right, 1e-3, 0.05);
+        check(&left("feet"), &left(camera), 1e-3, 0.05);
+    }
+    let document: Value = serde_json::from_slice(&fs::read(out.join("cameras.json")).unwrap()).unwrap();
+    for eye in document["eyes"].as_array().unwrap() {
+        let rms = eye["rms_px"].as_f64().unwrap();
+        assert!(rms < 0.25, "{}: {rms}", eye["name"]);
+    }
+    let page = fs::read_to_string(out.join("cameras.html")).unwrap();
+    assert!(page.contains("left_shoulder/right in left_shoulder/left") && page.contains("<svg"));
+    // The cameras' own files are calibrations that can be read again.
+    let (stereo, _) = calib::read_stereo(&out.join("feet.yaml"), 672, 376).unwrap();
+    assert!((stereo.baseline_m() - 0.063).abs() < 5e-4);
+
+    let before = fs::read(out.join("rig.toml")).unwrap();
+    let (code, text) = paws(&arguments);
+    assert_eq!(code, Some(1), "{text}");
+    assert!(text.contains("there already"), "{text}");
+    assert_eq!(fs::read(out.join("rig.toml")).unwrap(), before);
+
+    // A board that is not there.
+    let board = folder.path().join("other.toml");
+    fs::write(&board, "kind = \"chessboard\"\ncolumns = 9\nrows = 6\nsquare_m = 0.05\n").unwrap();
+    let other = folder.path().join("other");
+    let (code, text) = paws(&[
+        "calib", "cameras", session, "--target", board.to_str().unwrap(), "--out", other.to_str().unwrap(),
+    ]);
+    assert_eq!(code, Some(1), "{text}");
+    assert!(text.contains("none of 1 target was seen"), "{text}");
+    assert!(!other.exists());
+}
