@@ -9,9 +9,10 @@ use std::process::Command;
 use cad_transforms::RigidTransform;
 use calib::adjust::{self, LensBlock, PlaceBlock, PlacePrior, Point, Problem, View};
 use calib::cameras::{self, Calibration, Camera, Eye, Input, Sighting};
+use calib::epipolar::Epipolar;
 use calib::pnp;
 use calib::target::{self, GreyView, Seen, Target};
-use calib::{CameraModel, Distortion};
+use calib::{CameraModel, Distortion, Provenance, StereoCalibration};
 use serde_json::Value;
 
 const COLUMNS: u32 = 9;
@@ -196,6 +197,34 @@ fn left_over((lenses, left_from_right): &Stereo, corners: &Corners, pairs: &[usi
         .rms_px(|_| true)
 }
 
+/// Mean and 95th percentile of how far the rows of a corner differ, px.
+fn row_differences(
+    lenses: &[CameraModel; 2],
+    left_from_right: &RigidTransform,
+    corners: &Corners,
+) -> (f64, f64) {
+    let stereo = StereoCalibration {
+        left: lenses[1],
+        right: lenses[0],
+        right_from_left: *left_from_right,
+        imu: None,
+        provenance: Provenance {
+            format: None,
+            files: Vec::new(),
+            part: None,
+        },
+    };
+    let epipolar = Epipolar::new(&stereo).expect("a pair side by side");
+    let rows = corners
+        .iter()
+        .flat_map(|[left, right]| left.iter().zip(right));
+    let rows = rows.filter_map(|(l, r)| epipolar.row_difference(*r, *l));
+    let mut rows: Vec<f64> = rows.map(f64::abs).collect();
+    rows.sort_by(f64::total_cmp);
+    let mean = rows.iter().sum::<f64>() / rows.len() as f64;
+    (mean, rows[rows.len() * 95 / 100])
+}
+
 #[test]
 fn real_chessboard_pairs_beside_opencv() {
     let Some(python) = std::env::var_os("PAWS_PYTHON").map(PathBuf::from) else {
@@ -225,7 +254,7 @@ fn real_chessboard_pairs_beside_opencv() {
     let (even, odd): (Vec<usize>, Vec<usize>) = all.iter().partition(|n| **n % 2 == 0);
 
     // All pairs: what either calibrates and judges by its own corners, and ours by OpenCV's corners.
-    let (_, found) = ours(&corners, &all);
+    let (stereo, found) = ours(&corners, &all);
     let our_rms = found.solution.rms_px(|_| true);
     let their_rms = opencv["all"]["rms_px"].as_f64().expect("a number");
     println!("stereo RMS: ours {our_rms:.4} px, OpenCV {their_rms:.4} px");
@@ -235,6 +264,12 @@ fn real_chessboard_pairs_beside_opencv() {
         (judged - their_rms).abs() < 0.02 * their_rms,
         "{judged} {their_rms}"
     );
+
+    // Corners of a pair share a row after rectification. The files name the eyes the other way round.
+    let (lenses, left_from_right) = stereo;
+    let (by_rows, p95) = row_differences(&lenses, &left_from_right, &corners);
+    println!("row difference after rectification: mean {by_rows:.4} px, 95 % below {p95:.4} px");
+    assert!(by_rows <= 0.12, "{by_rows}");
 
     // Halves, judged by the other half.
     for (name, train, test) in [("even", &even, &odd), ("odd", &odd, &even)] {

@@ -52,7 +52,10 @@ fn write(folder: &Path) -> Rig {
 
 /// Exit code, and what was printed.
 fn paws(arguments: &[&str]) -> (Option<i32>, String) {
-    let run = Command::new(env!("CARGO_BIN_EXE_paws")).args(arguments).output().unwrap();
+    let run = Command::new(env!("CARGO_BIN_EXE_paws"))
+        .args(arguments)
+        .output()
+        .unwrap();
     let text = [run.stdout, run.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
     (run.status.code(), text.concat())
 }
@@ -64,7 +67,14 @@ fn a_rig_is_found_as_it_is() {
     let truth = write(&session);
     let out = folder.path().join("out");
     let (session, out_text) = (session.to_str().unwrap(), out.to_str().unwrap());
-    let arguments = ["calib", "cameras", session, "--keep-model", "--out", out_text];
+    let arguments = [
+        "calib",
+        "cameras",
+        session,
+        "--keep-model",
+        "--out",
+        out_text,
+    ];
     let (code, text) = paws(&arguments);
     assert_eq!(code, Some(0), "{text}");
 
@@ -75,7 +85,10 @@ fn a_rig_is_found_as_it_is() {
     let check = |a: &Frame, b: &Frame, metres: f64, degrees: f64| {
         let off: RigidTransform = between(&truth, a, b).inverse() * between(&found, a, b);
         let (m, d) = (off.distance_m(), off.angle_rad().to_degrees());
-        assert!(m < metres && d < degrees, "{a} {b}: {m} m, {d} degrees\n{text}");
+        assert!(
+            m < metres && d < degrees,
+            "{a} {b}: {m} m, {d} degrees\n{text}"
+        );
     };
     // Fewer views than a real recording has, at half its rate; full ones are in the benchmark.
     for camera in ["left_shoulder", "right_shoulder", "feet"] {
@@ -83,7 +96,8 @@ fn a_rig_is_found_as_it_is() {
         check(&left(camera), &right, 1e-3, 0.05);
         check(&left("feet"), &left(camera), 1e-3, 0.05);
     }
-    let document: Value = serde_json::from_slice(&fs::read(out.join("cameras.json")).unwrap()).unwrap();
+    let document: Value =
+        serde_json::from_slice(&fs::read(out.join("cameras.json")).unwrap()).unwrap();
     for eye in document["eyes"].as_array().unwrap() {
         let rms = eye["rms_px"].as_f64().unwrap();
         assert!(rms < 0.25, "{}: {rms}", eye["name"]);
@@ -102,10 +116,20 @@ fn a_rig_is_found_as_it_is() {
 
     // A board that is not there.
     let board = folder.path().join("other.toml");
-    fs::write(&board, "kind = \"chessboard\"\ncolumns = 9\nrows = 6\nsquare_m = 0.05\n").unwrap();
+    fs::write(
+        &board,
+        "kind = \"chessboard\"\ncolumns = 9\nrows = 6\nsquare_m = 0.05\n",
+    )
+    .unwrap();
     let other = folder.path().join("other");
     let (code, text) = paws(&[
-        "calib", "cameras", session, "--target", board.to_str().unwrap(), "--out", other.to_str().unwrap(),
+        "calib",
+        "cameras",
+        session,
+        "--target",
+        board.to_str().unwrap(),
+        "--out",
+        other.to_str().unwrap(),
     ]);
     assert_eq!(code, Some(1), "{text}");
     assert!(text.contains("none of 1 target was seen"), "{text}");
