@@ -9,6 +9,7 @@ pub mod imu;
 pub mod imu_samples;
 pub mod sightings;
 pub mod told;
+pub mod verify;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -36,6 +37,14 @@ pub enum Command {
         /// Where results go
         #[command(flatten)]
         output: Output,
+    },
+    /// Whether what is told of the rig is still true, from an ordinary walk
+    Verify {
+        /// The session
+        session: String,
+        /// How to do it
+        #[command(flatten)]
+        options: verify::Options,
     },
     /// Noise of the IMUs, from a rig that lay still
     Imu {
@@ -119,6 +128,9 @@ pub fn run(
             options,
             output,
         } => cameras::run(&Target::find(session, library)?, options, output, console),
+        Command::Verify { session, options } => {
+            verify::run(&Target::find(session, library)?, options, console)
+        }
         Command::Imu {
             session,
             options,
