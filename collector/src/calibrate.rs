@@ -12,6 +12,7 @@ pub mod imu_samples;
 pub mod sightings;
 pub mod targets;
 pub mod told;
+pub mod verify;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -53,6 +54,14 @@ pub enum Command {
     },
     /// Write a calibration file in another format
     Convert(convert::Options),
+    /// Whether what is told of the rig is still true, from an ordinary walk
+    Verify {
+        /// The session
+        session: String,
+        /// How to do it
+        #[command(flatten)]
+        options: verify::Options,
+    },
     /// Noise of the IMUs, from a rig that lay still
     Imu {
         /// The session
@@ -143,6 +152,9 @@ pub fn run(
             output,
         } => cameras::run(&Target::find(session, library)?, options, output, console),
         Command::Convert(options) => convert::run(options, console),
+        Command::Verify { session, options } => {
+            verify::run(&Target::find(session, library)?, options, console)
+        }
         Command::Imu {
             session,
             options,

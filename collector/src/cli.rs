@@ -54,10 +54,10 @@ enum Verb {
         /// Sessions
         #[arg(required = true, value_name = "SESSION")]
         sessions: Vec<String>,
-        /// Decode every picture
+        /// Decode every picture, and see whether the calibration is still true
         #[arg(long)]
         deep: bool,
-        /// Set a limit: METRIC=WARN,FAIL in the unit of the report (ratio, ns or count), or `never`
+        /// Set a limit: METRIC=WARN,FAIL in the unit of the report (ratio, ns, count or deg), or `never`
         #[arg(long = "limit", value_name = "LIMIT")]
         limits: Vec<String>,
         /// Also write the findings as JSON
@@ -100,7 +100,7 @@ enum Verb {
     Report {
         /// The session
         session: String,
-        /// Decode every picture
+        /// Decode every picture, and see whether the calibration is still true
         #[arg(long)]
         deep: bool,
         /// The file [default: report.html in the session's folder]

@@ -204,6 +204,52 @@ impl Group<'_> {
     }
 }
 
+/// Decodes the pictures of a run of frames, with what they refer to before it, and shows each to `visit` in order.
+/// What cannot be decoded is left out.
+///
+/// # Errors
+/// There is no decoder.
+pub(crate) fn visit_run(
+    camera: &Camera,
+    index: &CameraIndex,
+    access: &Access,
+    run: Range<usize>,
+    visit: &mut dyn FnMut(&FrameEntry, &Picture),
+) -> Result<()> {
+    let codec = Codec::from_foxglove_format(&camera.codec)
+        .with_context(|| format!("decoding {}: the codec {:?}", camera.name, camera.codec))?;
+    let mut decoder = Decoder::new(codec);
+    let mut at = run.start;
+    while at < run.end.min(index.frames.len()) {
+        let group = index.gop(at);
+        let end = group.end.min(run.end).max(at + 1);
+        let pictures = match read_units(index, group.start..end, access) {
+            Err(_) => Vec::new(),
+            Ok(units) => match decoder.decode(&units) {
+                Ok(pictures) | Err(DecodeError::Incomplete { pictures, .. }) => pictures,
+                Err(e @ (DecodeError::NoDecoder { .. } | DecodeError::Init(_))) => {
+                    return Err(e.into());
+                }
+                Err(_) => Vec::new(),
+            },
+        };
+        for (time, picture) in &pictures {
+            let position = usize::try_from(time / FRAME_NS)
+                .ok()
+                .map(|p| group.start + p);
+            let frame = position.filter(|p| *p >= at && *p < end);
+            let fits = (picture.width, picture.height) == (camera.width, camera.height);
+            if let Some(frame) = frame.and_then(|p| index.frames.get(p))
+                && fits
+            {
+                visit(frame, picture);
+            }
+        }
+        at = end;
+    }
+    Ok(())
+}
+
 /// Decoders are given positions for times, so that doubtful times do not stand in the way.
 const FRAME_NS: i64 = 1_000_000;
 

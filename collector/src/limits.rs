@@ -19,6 +19,8 @@ pub enum Unit {
     Time,
     /// A number of things.
     Count,
+    /// Degrees.
+    Angle,
     /// 1 if it is so, 0 if not.
     Flag,
 }
@@ -35,6 +37,7 @@ impl Unit {
             Self::Ratio => format!("{} %", charts::significant(value * 100.0)),
             Self::Time => charts::si(value * 1e-9, "s"),
             Self::Count => charts::significant(value),
+            Self::Angle => format!("{}\u{b0}", charts::significant(value)),
             Self::Flag if value == 0.0 => "no".to_owned(),
             Self::Flag => "yes".to_owned(),
         }
@@ -46,6 +49,7 @@ impl Unit {
             Self::Ratio => "ratio",
             Self::Time => "ns",
             Self::Count => "count",
+            Self::Angle => "deg",
             Self::Flag => "flag",
         }
     }
@@ -75,6 +79,8 @@ const US: f64 = 1e3;
 const MS: f64 = 1e6;
 const S: f64 = 1e9;
 const ARIA: &str = "Aria Gen 2 health check";
+/// Values of these are what is left beyond two sigmas of tolerance and the uncertainty of the measurement.
+const VERIFY: &str = "docs/calibration-verify.md: more than tolerance and measurement explain";
 
 macro_rules! limit {
     ($metric:literal, $title:literal, $unit:ident, $warn:expr, $fail:expr, $periods:expr, $source:expr) => {
@@ -134,6 +140,11 @@ pub const TABLE: &[Limit] = &[
         "frames of several cameras are read by set"),
     limit!("rig.transforms", "cameras without a place", Count, 0.0, NEVER, None,
         "both eyes, and the camera if a rig file tells of any; a warning, since places can be calibrated from the recording"),
+    limit!("calib.turned", "turned on the plate, beyond tolerance", Angle, 0.0, 1.0, None, VERIFY),
+    limit!("calib.imu_turned", "IMU turned in its camera, beyond tolerance", Angle, 0.0, 1.0, None, VERIFY),
+    limit!("calib.eyes", "right eye turned, beyond tolerance", Angle, 0.0, 0.5, None,
+        "docs/calibration-verify.md; half a degree moves rows by more than matching looks for"),
+    limit!("calib.late", "times off, beyond tolerance", Time, 0.0, 5.0 * MS, None, VERIFY),
 ];
 
 /// The limits in force.
@@ -182,7 +193,7 @@ impl Limits {
     }
 
     /// Sets both limits of a metric from `METRIC=WARN,FAIL`, in the unit of the table (ratio, ns,
-    /// count, flag); `never` for a limit that nothing reaches.
+    /// count, deg, flag); `never` for a limit that nothing reaches.
     ///
     /// # Errors
     /// The text does not say that.

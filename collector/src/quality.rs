@@ -35,7 +35,7 @@ pub struct Finding {
     pub warn: Option<f64>,
     /// A value above this is a failure; none where nothing is.
     pub fail: Option<f64>,
-    /// The unit: `ratio`, `ns`, `count` or `flag`.
+    /// The unit: `ratio`, `ns`, `count`, `deg` or `flag`.
     pub unit: String,
     /// The whole finding in words.
     pub text: String,
@@ -92,6 +92,48 @@ pub fn reasons(findings: &[Finding]) -> Vec<&Finding> {
     reasons
 }
 
+/// `value` against the limits of `metric` for a stream with this nominal period (ns; 0 where there is none); none for a
+/// metric that is in no table.
+pub fn finding(
+    limits: &Limits,
+    metric: &str,
+    of: &str,
+    value: f64,
+    period_ns: f64,
+    detail: &str,
+) -> Option<Finding> {
+    let limit = limits.of(metric)?;
+    let (warn, fail) = limit.in_force(period_ns);
+    // A value that is no number is beyond every limit.
+    let verdict = if value > fail || value.is_nan() {
+        Verdict::Fail
+    } else if value > warn {
+        Verdict::Warn
+    } else {
+        Verdict::Pass
+    };
+    let crossed = match verdict {
+        Verdict::Warn if warn > 0.0 => format!(", limit {}", limit.unit.show(warn)),
+        Verdict::Fail if fail > 0.0 => format!(", limit {}", limit.unit.show(fail)),
+        _ => String::new(),
+    };
+    let detail = match detail {
+        "" => String::new(),
+        detail => format!(" ({detail})"),
+    };
+    let shown = limit.unit.show(value);
+    Some(Finding {
+        metric: metric.to_owned(),
+        of: of.to_owned(),
+        verdict,
+        value,
+        warn: warn.is_finite().then_some(warn),
+        fail: fail.is_finite().then_some(fail),
+        unit: limit.unit.as_str().to_owned(),
+        text: format!("{of}: {}: {shown}{crossed}{detail}", limit.title),
+    })
+}
+
 struct Judge<'a> {
     manifest: &'a Manifest,
     facts: &'a Facts,
@@ -104,38 +146,8 @@ impl Judge<'_> {
     /// Adds a finding: `value` against the limits of `metric` for a stream with this nominal period
     /// (ns; 0 where there is none).
     fn find(&mut self, metric: &str, of: &str, value: f64, period_ns: f64, detail: &str) {
-        let Some(limit) = self.limits.of(metric) else {
-            return;
-        };
-        let (warn, fail) = limit.in_force(period_ns);
-        // A value that is no number is beyond every limit.
-        let verdict = if value > fail || value.is_nan() {
-            Verdict::Fail
-        } else if value > warn {
-            Verdict::Warn
-        } else {
-            Verdict::Pass
-        };
-        let crossed = match verdict {
-            Verdict::Warn if warn > 0.0 => format!(", limit {}", limit.unit.show(warn)),
-            Verdict::Fail if fail > 0.0 => format!(", limit {}", limit.unit.show(fail)),
-            _ => String::new(),
-        };
-        let detail = match detail {
-            "" => String::new(),
-            detail => format!(" ({detail})"),
-        };
-        let shown = limit.unit.show(value);
-        self.findings.push(Finding {
-            metric: metric.to_owned(),
-            of: of.to_owned(),
-            verdict,
-            value,
-            warn: warn.is_finite().then_some(warn),
-            fail: fail.is_finite().then_some(fail),
-            unit: limit.unit.as_str().to_owned(),
-            text: format!("{of}: {}: {shown}{crossed}{detail}", limit.title),
-        });
+        let found = finding(self.limits, metric, of, value, period_ns, detail);
+        self.findings.extend(found);
     }
 
     /// Soundness of the whole: damage, and whether the recorder closed it.

@@ -15,6 +15,7 @@ use session_archive::manifest::Manifest;
 use session_archive::reader::SessionReader;
 use session_archive::storage::DiskStorage;
 
+use crate::calibrate::verify;
 use crate::console::Console;
 use crate::deep::decode_all;
 use crate::examine::{Examination, examine};
@@ -30,7 +31,7 @@ use crate::validation::{Basis, Validation};
 /// How to validate.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// Decode every picture.
+    /// Decode every picture, and verify the calibration.
     pub deep: bool,
     /// The limits.
     pub limits: Limits,
@@ -80,7 +81,13 @@ pub fn validate(folder: &Path, options: &Options, console: &Console<'_>) -> Resu
         None
     };
     let manifest = reader.manifest();
-    let findings = judge(manifest, &found, decoded.as_deref(), &options.limits);
+    let mut findings = judge(manifest, &found, decoded.as_deref(), &options.limits);
+    if options.deep {
+        // Half a minute's work for an hour's session, on top of decoding.
+        let settings = verify::Options::default();
+        let checked = verify::check(&reader, &settings, console).with_context(context)?;
+        findings.extend(checked.findings(&options.limits));
+    }
     let basis = Basis::of(&reader).with_context(context)?;
     let validation = Validation::new(manifest, basis, &found, findings, options);
     Ok(Validated {

@@ -21,6 +21,8 @@ const FEWEST: usize = 150;
 const CENTRE_M: f64 = 3e-4;
 /// Rounds of reweighting.
 const ROUNDS: usize = 12;
+/// What all matches may have in common, px: corners are found a little off, and not alike in both eyes.
+const FLOOR_PX: f64 = 0.03;
 /// Least spread of residuals, px: less is luck.
 const LEAST_SPREAD_PX: f64 = 0.05;
 
@@ -185,7 +187,9 @@ pub(super) fn estimate(told: &StereoCalibration, bursts: &[Burst]) -> Option<Eye
         return None;
     }
     let (covariance, larger) = sum.covariance(&[0, 1, 2])?;
-    let covariance = covariance.fixed_view::<3, 3>(0, 0).into_owned() * larger;
+    let floor = FLOOR_PX / told.right.fx;
+    let covariance = covariance.fixed_view::<3, 3>(0, 0).into_owned() * larger
+        + Matrix3::identity() * (floor * floor);
     let found_placed = residuals(&pair);
     let limit = 4.685 * spread;
     let kept = |i: usize| {

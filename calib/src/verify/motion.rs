@@ -23,7 +23,7 @@ pub(super) const DISPARITY_PX: f64 = 0.2;
 const ROUNDS: usize = 10;
 /// Change of speed during a move, m/s, standard deviation: a walker's chest in a third of a second.
 const SPEED_M_S: f64 = 0.6;
-const PARAMETERS: usize = 10;
+const PARAMETERS: usize = 11;
 
 /// A corner at both ends of a move.
 #[derive(Clone, Copy, Debug)]
@@ -41,6 +41,17 @@ pub(super) struct Seen {
     pub(super) way: f64,
     /// Mean of how much later than the middle row its two rows were exposed, s.
     pub(super) after_s: f64,
+    /// How all these change with the time from a row to the next.
+    pub(super) by_line: ByLine,
+}
+
+/// Changes per second of the time from a row to the next.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ByLine {
+    pub(super) ray: Vector3<f64>,
+    pub(super) later: Vector3<f64>,
+    pub(super) way: f64,
+    pub(super) after_s: f64,
 }
 
 /// What is known before.
@@ -52,6 +63,8 @@ pub(super) struct Start {
     pub(super) off_px: f64,
     /// Offset of inverse distances, 1/m, and its standard deviation.
     pub(super) offset: [f64; 2],
+    /// By how much the time from a row to the next may be off, s, standard deviation.
+    pub(super) line_sigma_s: f64,
 }
 
 /// What a move gave.
@@ -63,8 +76,8 @@ pub(super) struct Turned {
     pub(super) covariance: Matrix3<f64>,
     /// Offset of inverse distances, 1/m, and its variance.
     pub(super) offset: [f64; 2],
-    /// Spread of what corners are off, against what they were expected to be.
-    pub(super) spread: f64,
+    /// What the time from a row to the next is longer, s, and its variance.
+    pub(super) line_s: [f64; 2],
 }
 
 /// The two directions across a ray, as rows.
@@ -85,36 +98,60 @@ pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
     }
     let bases: Vec<Matrix2x3<f64>> = seen.iter().map(|s| across(&s.later)).collect();
     let mut shift = first_shift(seen, &bases, start);
+    let mut nearness: Vec<f64> = seen.iter().map(|s| s.per_metre).collect();
     let mut turn = start.turn;
     let [expected, sigma] = start.offset;
     let mut offset = expected;
     let mut faster = Vector3::<f64>::zeros();
+    let mut line = 0.0;
     let mut scale = (start.off_px / CORNER_PX / 2.0).max(1.0);
-    let (mut spread, mut last) = (0.0, None);
+    let mut last = None;
     for round in 0..ROUNDS {
         let mut information = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
         let mut gradient = SVector::<f64, PARAMETERS>::zeros();
         information[(6, 6)] = 1.0 / (sigma * sigma);
         gradient[6] = (expected - offset) / (sigma * sigma);
-        for k in 7..PARAMETERS {
+        let line_weight = 1.0 / (start.line_sigma_s * start.line_sigma_s);
+        information[(10, 10)] = line_weight;
+        gradient[10] = -line * line_weight;
+        for k in 7..10 {
             information[(k, k)] = 1.0 / (SPEED_M_S * SPEED_M_S);
             gradient[k] = -faster[k - 7] / (SPEED_M_S * SPEED_M_S);
         }
         let mut sizes = Vec::with_capacity(seen.len());
         let mut agree = 0;
-        for (s, basis) in seen.iter().zip(&bases) {
-            let turned = turn * s.ray;
-            let moved = shift * s.way + faster * s.after_s;
-            let point = turned + moved * (s.per_metre + offset);
-            let length = point.norm();
-            let unit = point / length;
+        for ((s, basis), near) in seen.iter().zip(&bases).zip(&mut nearness) {
+            let turned = turn * (s.ray + s.by_line.ray * line);
+            let (way, after_s) = (
+                s.way + s.by_line.way * line,
+                s.after_s + s.by_line.after_s * line,
+            );
+            let moved = shift * way + faster * after_s;
+            let later = s.by_line.later * line;
+            let seen_at = |near: f64| {
+                let point = turned + moved * (near + offset);
+                let length = point.norm();
+                let unit = point / length;
+                let by_point = basis * (Matrix3::identity() - unit * unit.transpose()) / length;
+                (unit, by_point)
+            };
+            let (unit, by_point) = seen_at(*near);
             if unit.dot(&s.later) < 0.5 {
                 continue;
             }
-            let error: Vector2<f64> = -(basis * unit);
-            let by_point = basis * (Matrix3::identity() - unit * unit.transpose()) / length;
-            let along = by_point * moved * s.sigma_per_metre;
             let corner = CORNER_PX / s.px_per_rad;
+            // Both the match and the way that it went since say how near a corner is. To keep to the match alone would make
+            // movements too short, as regression on a noisy variable does.
+            let by_near = by_point * moved;
+            let [seen_weight, told_weight] =
+                [corner, s.sigma_per_metre].map(|sigma| 1.0 / (sigma * sigma));
+            let pull = by_near.dot(&(basis * (later - unit))) * seen_weight
+                + (s.per_metre - *near) * told_weight;
+            *near += pull / (by_near.norm_squared() * seen_weight + told_weight);
+            let (unit, by_point) = seen_at(*near);
+            let by_near = by_point * moved;
+            let error: Vector2<f64> = basis * (later - unit) - by_near * (s.per_metre - *near);
+            let along = by_near * s.sigma_per_metre;
             let variance = Matrix2::identity() * (corner * corner) + along * along.transpose();
             let weight = variance.try_inverse()?;
             let size = (error.transpose() * weight * error)[0].sqrt();
@@ -128,10 +165,13 @@ pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
             by.fixed_columns_mut::<3>(0)
                 .copy_from(&(-by_point * turned.cross_matrix()));
             by.fixed_columns_mut::<3>(3)
-                .copy_from(&(by_point * (s.way * (s.per_metre + offset))));
+                .copy_from(&(by_point * (way * (*near + offset))));
             by.set_column(6, &(by_point * moved));
             by.fixed_columns_mut::<3>(7)
-                .copy_from(&(by_point * (s.after_s * (s.per_metre + offset))));
+                .copy_from(&(by_point * (after_s * (*near + offset))));
+            let moved_by_line = shift * s.by_line.way + faster * s.by_line.after_s;
+            let point_by_line = turn * s.by_line.ray + moved_by_line * (*near + offset);
+            by.set_column(10, &(by_point * point_by_line - basis * s.by_line.later));
             let weighted = by.transpose() * weight * kept;
             information += weighted * by;
             gradient += weighted * error;
@@ -149,8 +189,9 @@ pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
         shift += step.fixed_rows::<3>(3);
         offset += step[6];
         faster += step.fixed_rows::<3>(7);
+        line += step[10];
         // The median of the length of two normal numbers is 1.177.
-        spread = median(&mut sizes) / 1.177;
+        let spread = median(&mut sizes) / 1.177;
         scale = spread.max(0.4).min(scale.max(1.0));
     }
     let (information, scale, agree) = last?;
@@ -162,7 +203,7 @@ pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
         turn,
         covariance: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
         offset: [offset, covariance[(6, 6)]],
-        spread,
+        line_s: [line, covariance[(10, 10)]],
     })
 }
 

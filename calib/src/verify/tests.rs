@@ -1,1 +1,516 @@
-//! tests
+//! A made-up rig that walks among points, its corners found with an error of a fifth of a pixel.
+
+use cad_transforms::RigidTransform;
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::*;
+use crate::camera::{CameraModel, Distortion};
+use crate::lens::Lens;
+use crate::stereo::{ImuCalibration, Provenance};
+
+/// The same numbers each time, from -1 to 1.
+struct Draw(u64);
+
+impl Draw {
+    fn next(&mut self) -> f64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) as f64 / f64::from(1_u32 << 30) - 1.0
+    }
+
+    /// Standard deviation 1, near normal.
+    fn bell(&mut self) -> f64 {
+        (0..6).map(|_| self.next()).sum::<f64>() / 2.0_f64.sqrt()
+    }
+
+    fn vector(&mut self) -> Vector3<f64> {
+        Vector3::new(self.bell(), self.bell(), self.bell())
+    }
+}
+
+/// How the rig moves.
+#[derive(Clone, Copy, PartialEq)]
+enum Gait {
+    /// As a walker who looks about.
+    Walk,
+    /// Straight on without a turn.
+    Glide,
+}
+
+impl Gait {
+    fn pose(self, t: f64) -> (UnitQuaternion<f64>, Vector3<f64>) {
+        let s = |hz: f64, phase: f64| (std::f64::consts::TAU * hz * t + phase).sin();
+        let turn = match self {
+            Self::Walk => Vector3::new(
+                0.04 * s(0.95, 0.0) + 0.05 * s(0.21, 1.0),
+                0.03 * s(1.9, 0.5) + 0.06 * s(0.33, 2.0),
+                0.05 * s(0.95, 1.3) + 0.6 * s(0.11, 0.3),
+            ),
+            Self::Glide => Vector3::zeros(),
+        };
+        let place = Vector3::new(1.2 * t, 0.03 * s(0.95, 0.2), 0.02 * s(1.9, 0.0));
+        (UnitQuaternion::from_scaled_axis(turn), place)
+    }
+}
+
+/// A camera as it is, and what it saw.
+struct Made {
+    name: &'static str,
+    told: StereoCalibration,
+    rig_from_left: RigidTransform,
+    bursts: Vec<Burst>,
+    gyro: Gyro,
+}
+
+fn transform(turn: [f64; 3], place: [f64; 3]) -> RigidTransform {
+    RigidTransform::from_rotation_vector(turn, place).unwrap()
+}
+
+fn stereo() -> StereoCalibration {
+    let lens = CameraModel {
+        width: 672,
+        height: 376,
+        fx: 300.0,
+        fy: 300.0,
+        cx: 336.0,
+        cy: 190.0,
+        distortion: Distortion::RadTan4 {
+            k1: -0.05,
+            k2: 0.006,
+            p1: 1e-4,
+            p2: -1e-4,
+        },
+    };
+    StereoCalibration {
+        left: lens,
+        right: lens,
+        right_from_left: transform([0.001, -0.002, 0.003], [-0.06, 0.0, 0.0]),
+        imu: Some(ImuCalibration {
+            imu_from_left: transform([0.4, 0.1, -0.2], [0.01, 0.0, 0.0]),
+            rate_hz: 400.0,
+            noise: None,
+        }),
+        provenance: Provenance {
+            format: None,
+            files: Vec::new(),
+            part: None,
+        },
+    }
+}
+
+/// Share of corners on things that move by themselves.
+fn make(gait: Gait, moving: f64, seed: u64) -> Vec<Made> {
+    // Optical axes to the rig's: x right, y down, z forward.
+    let ahead = RigidTransform::from_wxyz([0.5, -0.5, 0.5, -0.5], [0.0; 3]).unwrap();
+    let out = |yaw: f64, pitch: f64, y: f64| {
+        transform([0.0, 0.0, yaw], [0.05, y, 0.1]) * transform([0.0, pitch, 0.0], [0.0; 3]) * ahead
+    };
+    let places = [
+        ("feet", out(0.0, 1.2, 0.0)),
+        ("left_shoulder", out(0.5, 0.0, 0.15)),
+        ("right_shoulder", out(-0.5, 0.0, -0.15)),
+    ];
+    let camera = |(k, (name, rig_from_left)): (usize, (&'static str, RigidTransform))| {
+        let told = stereo();
+        let mut draw = Draw(seed * 10 + k as u64);
+        Made {
+            name,
+            gyro: gyro(gait, &told, &rig_from_left, &mut draw),
+            bursts: (0..8)
+                .map(|b| {
+                    burst(
+                        gait,
+                        &told,
+                        &rig_from_left,
+                        1.0 + 3.5 * f64::from(b),
+                        moving,
+                        &mut draw,
+                    )
+                })
+                .collect(),
+            told,
+            rig_from_left,
+        }
+    };
+    places.into_iter().enumerate().map(camera).collect()
+}
+
+fn gyro(
+    gait: Gait,
+    told: &StereoCalibration,
+    rig_from_left: &RigidTransform,
+    draw: &mut Draw,
+) -> Gyro {
+    let imu = told.imu.unwrap().imu_from_left.rotation() * rig_from_left.rotation().inverse();
+    let bias = draw.vector() * 3e-3;
+    let sample = |n: i64| {
+        let t = n as f64 / 400.0;
+        let (a, b) = (gait.pose(t - 1e-4).0, gait.pose(t + 1e-4).0);
+        let rate = imu * ((a.inverse() * b).scaled_axis() / 2e-4) + bias + draw.vector() * 2.4e-3;
+        (n * 2_500_000, rate.into())
+    };
+    Gyro::new((0..12_400).map(sample))
+}
+
+/// One second: four moves of a third of one, which overlap.
+fn burst(
+    gait: Gait,
+    told: &StereoCalibration,
+    rig_from_left: &RigidTransform,
+    start_s: f64,
+    moving: f64,
+    draw: &mut Draw,
+) -> Burst {
+    let lenses = [Lens::new(&told.left), Lens::new(&told.right)];
+    let world_from_left = |t: f64| {
+        let (turn, place) = gait.pose(t);
+        let t = rig_from_left.translation();
+        (turn * rig_from_left.rotation(), place + turn * t)
+    };
+    let moves = (0..5).map(|k| {
+        let from_ns = ((start_s + 0.15 * f64::from(k)) * 1e9) as i64;
+        let to_ns = from_ns + 300_000_000;
+        let (first, second) = (
+            world_from_left(from_ns as f64 * 1e-9),
+            world_from_left(to_ns as f64 * 1e-9),
+        );
+        let drift = draw.vector() * 0.1;
+        let mut features = Vec::new();
+        while features.len() < 150 {
+            let pixel = [336.0 + 330.0 * draw.next(), 188.0 + 180.0 * draw.next()];
+            let ray = Vector3::from(lenses[0].unproject(pixel).unwrap());
+            let x = ray * (1.0 + 6.0 * draw.next().abs());
+            let own = match draw.next().abs() < moving {
+                true => drift,
+                false => Vector3::zeros(),
+            };
+            let later = second.0.inverse() * (first.0 * x + first.1 + own - second.1);
+            let right = told.right_from_left.apply(x.into());
+            let mut seen = |lens: &Lens, x: [f64; 3]| {
+                let [u, v] = lens.project(x)?;
+                let inside = (0.0..671.0).contains(&u) && (0.0..375.0).contains(&v);
+                inside.then_some([u + 0.15 * draw.bell(), v + 0.15 * draw.bell()])
+            };
+            features.push(Feature {
+                left: pixel,
+                right: seen(&lenses[1], right),
+                later: seen(&lenses[0], later.into()),
+            });
+        }
+        Move {
+            from_ns,
+            to_ns,
+            features,
+        }
+    });
+    Burst {
+        moves: moves.collect(),
+    }
+}
+
+fn verified(made: &[Made]) -> Verification {
+    let camera = |made| {
+        let Made {
+            name,
+            told,
+            rig_from_left,
+            bursts,
+            gyro,
+        } = made;
+        Camera {
+            name,
+            told,
+            rig_from_left: Some(*rig_from_left),
+            joint_sigma_rad: None,
+            line_s: Some(0.0),
+            bursts,
+            gyro: Some(gyro),
+        }
+    };
+    let cameras: Vec<Camera<'_>> = made.iter().map(camera).collect();
+    verify(&cameras, &Tolerances::default())
+}
+
+fn off(found: &Verification) -> Vec<&Finding> {
+    let all = found.findings.iter();
+    all.filter(|f| f.state == State::Off).collect()
+}
+
+/// The one thing that is off.
+fn only<'a>(found: &'a Verification, what: What, camera: &str) -> &'a Finding {
+    let off = off(found);
+    let [one] = off[..] else {
+        panic!("expected one finding: {off:#?}");
+    };
+    assert_eq!((one.what, one.camera.as_str()), (what, camera), "{one:#?}");
+    one
+}
+
+#[test]
+fn a_true_rig_is_fine_in_every_number() {
+    let found = verified(&make(Gait::Walk, 0.0, 1));
+    for finding in &found.findings {
+        assert_eq!(finding.state, State::Fine, "{finding:#?}");
+    }
+    // Three turns and three times per camera.
+    assert_eq!(found.findings.len(), 18);
+    for camera in &found.cameras {
+        let (eyes, imu) = (camera.eyes.as_ref().unwrap(), camera.imu.as_ref().unwrap());
+        assert!(eyes.told_rms_px < 0.17, "{eyes:?}");
+        for k in 0..3 {
+            assert!(
+                eyes.turned_rad[k].abs() < 4.0 * eyes.sigma_rad[k],
+                "{eyes:?}"
+            );
+            assert!(imu.turned_rad[k].abs() < 4.0 * imu.sigma_rad[k], "{imu:?}");
+            assert!(imu.sigma_rad[k] < 1.2e-3, "{imu:?}");
+        }
+        assert!(
+            imu.late_s.abs() < 4.0 * imu.late_sigma_s && imu.late_sigma_s < 3e-4,
+            "{imu:?}"
+        );
+    }
+}
+
+#[test]
+fn a_camera_that_turned_is_named_with_its_angle_and_axis() {
+    for (k, axis, degrees) in [(0, 0, 0.6_f64), (1, 1, -0.6), (2, 2, 2.0)] {
+        let mut made = make(Gait::Walk, 0.0, 2);
+        let mut turn = [0.0; 3];
+        turn[axis] = degrees.to_radians();
+        // Told is what was before the turn.
+        made[k].rig_from_left = made[k].rig_from_left * transform(turn, [0.0; 3]).inverse();
+        let found = verified(&made);
+        let one = only(&found, What::Camera, made[k].name);
+        assert!(
+            (one.found[axis].to_degrees() - degrees).abs() < 0.15,
+            "{one:#?}"
+        );
+        assert!(one.or.is_empty(), "{one:#?}");
+        let letter = ["x", "y", "z"][axis];
+        assert!(
+            one.text.contains(letter) && one.text.contains("turned by"),
+            "{}",
+            one.text
+        );
+    }
+}
+
+#[test]
+fn of_two_cameras_nobody_knows_which_one_turned() {
+    let mut made = make(Gait::Walk, 0.0, 3);
+    made.truncate(2);
+    made[0].rig_from_left = made[0].rig_from_left * transform([0.02, 0.0, 0.0], [0.0; 3]);
+    let found = verified(&made);
+    let off = off(&found);
+    assert_eq!(off.len(), 1, "{off:#?}");
+    assert_eq!(off[0].what, What::Camera);
+    assert_eq!(off[0].or.len(), 1, "{off:#?}");
+}
+
+#[test]
+fn an_imu_that_sits_otherwise_in_its_camera_is_no_turned_camera() {
+    let mut made = make(Gait::Walk, 0.0, 4);
+    let imu = made[1].told.imu.as_mut().unwrap();
+    imu.imu_from_left = imu.imu_from_left * transform([0.0, 0.0, 0.02], [0.0; 3]);
+    let one = verified(&made);
+    let one = only(&one, What::Imu, "left_shoulder");
+    assert!((one.found[2] + 0.02).abs() < 2e-3, "{one:#?}");
+}
+
+#[test]
+fn late_pictures_late_samples_and_a_clock_that_is_off_are_told_apart() {
+    let late_ns = 3_000_000;
+    let pictures = |made: &mut Made| {
+        for of in made.bursts.iter_mut().flat_map(|b| &mut b.moves) {
+            of.from_ns += late_ns;
+            of.to_ns += late_ns;
+        }
+    };
+    let check = |made: &[Made], what: What| {
+        let found = verified(made);
+        let one = only(&found, what, "right_shoulder");
+        assert!((one.found[0] - 3e-3).abs() < 6e-4, "{one:#?}");
+        assert!(one.text.contains("late"), "{}", one.text);
+    };
+    let mut made = make(Gait::Walk, 0.0, 5);
+    pictures(&mut made[2]);
+    check(&made, What::Pictures);
+    made[2].gyro = made[2].gyro.later_by_ns(late_ns);
+    check(&made, What::Clock);
+    let mut made = make(Gait::Walk, 0.0, 5);
+    made[2].gyro = made[2].gyro.later_by_ns(late_ns);
+    check(&made, What::Samples);
+}
+
+#[test]
+fn a_turned_right_eye_is_measured() {
+    let mut made = make(Gait::Walk, 0.0, 6);
+    let turned = [0.4_f64, -0.3, 0.2].map(f64::to_radians);
+    let told = &mut made[0].told;
+    told.right_from_left = transform(turned, [0.0; 3]).inverse() * told.right_from_left;
+    let found = verified(&made);
+    let one = only(&found, What::Eyes, "feet");
+    for k in 0..3 {
+        assert!((one.found[k] - turned[k]).abs() < 1e-3, "{one:#?}");
+    }
+    let eyes = found.cameras[0].eyes.as_ref().unwrap();
+    assert!(eyes.told_rms_px > 5.0 * eyes.found_rms_px, "{eyes:?}");
+}
+
+#[test]
+fn things_that_move_by_themselves_are_left_out() {
+    let made = make(Gait::Walk, 0.3, 7);
+    let found = verified(&made);
+    assert!(off(&found).is_empty(), "{:#?}", off(&found));
+    for camera in &found.cameras {
+        let imu = camera.imu.as_ref().unwrap();
+        assert!(imu.late_s.abs() < 1e-3, "{imu:?}");
+    }
+}
+
+#[test]
+fn who_never_turns_learns_nothing_of_turns_and_times() {
+    let found = verified(&make(Gait::Glide, 0.0, 8));
+    for finding in &found.findings {
+        match finding.what {
+            What::Eyes => assert_eq!(finding.state, State::Fine, "{finding:#?}"),
+            _ => assert_eq!(finding.state, State::Undetermined, "{finding:#?}"),
+        }
+    }
+}
+
+#[test]
+fn without_pictures_or_samples_nothing_is_determined() {
+    let mut made = make(Gait::Walk, 0.0, 9);
+    for camera in &mut made {
+        camera.bursts.clear();
+        camera.gyro = Gyro::default();
+    }
+    let found = verified(&made);
+    assert!(
+        found
+            .cameras
+            .iter()
+            .all(|c| c.eyes.is_none() && c.imu.is_none())
+    );
+    assert!(found.pairs.is_empty());
+    for finding in &found.findings {
+        assert_eq!(finding.state, State::Undetermined, "{finding:#?}");
+        assert!(finding.text.contains("not determined"), "{}", finding.text);
+    }
+    assert!(verify(&[], &Tolerances::default()).findings.is_empty());
+}
+
+/// Texture without an end, from sums of waves.
+fn texture(x: f64, y: f64) -> f64 {
+    let wave = |a: f64, b: f64, c: f64| (a * x + b * y + c).sin();
+    128.0
+        + 25.0 * wave(0.31, 0.12, 0.0)
+        + 25.0 * wave(-0.17, 0.37, 1.0)
+        + 20.0 * wave(0.53, -0.41, 2.0)
+        + 20.0 * wave(0.07, 0.23, 0.7)
+        + 15.0 * wave(0.23, -0.05, 0.2)
+}
+
+fn picture(width: usize, height: usize, of: impl Fn(f64, f64) -> f64) -> Vec<u8> {
+    let pixel = |i: usize| of((i % width) as f64, (i / width) as f64).round() as u8;
+    (0..width * height).map(pixel).collect()
+}
+
+/// What is followed and matched in pictures is where it is, to a tenth of a pixel, in bright and dim ones.
+#[test]
+fn corners_are_followed_and_matched_in_pictures() {
+    let told = stereo();
+    let lens = CameraModel {
+        distortion: Distortion::None,
+        ..told.left
+    };
+    let told = StereoCalibration {
+        left: lens,
+        right: lens,
+        right_from_left: transform([0.0; 3], [-0.06, 0.0, 0.0]),
+        ..told
+    };
+    let (width, height) = (672, 376);
+    let mut follower = Follower::new(&told, None);
+    // The right eye sees 2 m away, and 3.3 rows off, as if it were turned.
+    let disparity = 0.06 * 300.0 / 2.0;
+    for n in 0..6 {
+        let (dx, dy) = (4.3 * f64::from(n), -2.6 * f64::from(n));
+        let left = picture(width, height, |x, y| texture(x - dx, y - dy));
+        let right = picture(width, height, |x, y| {
+            20.0 + 0.8 * texture(x + disparity - dx, y - 3.3 - dy)
+        });
+        follower.push(&StereoPicture {
+            time_ns: i64::from(n) * 66_666_667,
+            left: Grey::new(width, height, width, &left).unwrap(),
+            right: Grey::new(width, height, width, &right).unwrap(),
+        });
+    }
+    let burst = follower.end();
+    let first = &burst.moves[0];
+    assert_eq!(first.to_ns - first.from_ns, 5 * 66_666_667);
+    let [mut matched, mut followed] = [0, 0];
+    for feature in &first.features {
+        if let Some([u, v]) = feature.right {
+            matched += 1;
+            let off = (u - feature.left[0] + disparity).hypot(v - feature.left[1] - 3.3);
+            assert!(off < 0.15, "{feature:?}");
+        }
+        if let Some([u, v]) = feature.later {
+            followed += 1;
+            let off = (u - feature.left[0] - 21.5).hypot(v - feature.left[1] + 13.0);
+            assert!(off < 0.15, "{feature:?}");
+        }
+    }
+    assert!(
+        matched > 100 && followed > 150,
+        "{matched} {followed} of {}",
+        first.features.len()
+    );
+}
+
+#[test]
+fn blank_pictures_give_no_corners() {
+    let blank = vec![90; 672 * 376];
+    let mut follower = Follower::new(&stereo(), None);
+    let eye = Grey::new(672, 376, 672, &blank).unwrap();
+    for n in 0..6 {
+        follower.push(&StereoPicture {
+            time_ns: n * 66_666_667,
+            left: eye,
+            right: eye,
+        });
+    }
+    assert!(follower.end().moves.iter().all(|m| m.features.is_empty()));
+    assert!(Grey::new(672, 376, 600, &blank).is_none());
+    assert!(Grey::new(672, 377, 672, &blank).is_none());
+}
+
+#[test]
+fn bursts_are_spread_and_lie_where_it_turns() {
+    // It turns about at 3 to 4 s and at 13 to 14 s.
+    let rate = |n: i64| {
+        let t = n as f64 * 2.5e-3;
+        match (3.0..4.0).contains(&(t % 10.0)) {
+            true => [(6.0 * t).sin(), 0.0, 0.0],
+            false => [0.0; 3],
+        }
+    };
+    let gyro = Gyro::new((0..8000).map(|n| (n * 2_500_000, rate(n))));
+    let second = 1_000_000_000;
+    let bursts = choose_bursts(&[&gyro], [0, 20 * second], 2, second);
+    assert_eq!(bursts.len(), 2);
+    assert!((bursts[0][0] - 3 * second).abs() < second / 2, "{bursts:?}");
+    assert!(
+        (bursts[1][0] - 13 * second).abs() < second / 2,
+        "{bursts:?}"
+    );
+    let alone = choose_bursts(&[], [0, 20 * second], 4, second);
+    assert_eq!(alone[0], [2 * second, 3 * second]);
+    assert!(choose_bursts(&[], [0, second / 2], 4, second).is_empty());
+    assert!(choose_bursts(&[], [second, 0], 4, second).is_empty());
+}
