@@ -210,25 +210,19 @@ fn burst(
     }
 }
 
+fn camera(made: &Made) -> Camera<'_> {
+    Camera {
+        name: made.name,
+        told: &made.told,
+        rig_from_left: Some(made.rig_from_left),
+        joint_sigma_rad: None,
+        line_s: Some(0.0),
+        bursts: &made.bursts,
+        gyro: Some(&made.gyro),
+    }
+}
+
 fn verified(made: &[Made]) -> Verification {
-    let camera = |made| {
-        let Made {
-            name,
-            told,
-            rig_from_left,
-            bursts,
-            gyro,
-        } = made;
-        Camera {
-            name,
-            told,
-            rig_from_left: Some(*rig_from_left),
-            joint_sigma_rad: None,
-            line_s: Some(0.0),
-            bursts,
-            gyro: Some(gyro),
-        }
-    };
     let cameras: Vec<Camera<'_>> = made.iter().map(camera).collect();
     verify(&cameras, &Tolerances::default())
 }
@@ -353,6 +347,7 @@ fn a_turned_right_eye_is_measured() {
     told.right_from_left = transform(turned, [0.0; 3]).inverse() * told.right_from_left;
     let found = verified(&made);
     let one = only(&found, What::Eyes, "feet");
+    #[expect(clippy::needless_range_loop, reason = "three vectors go side by side")]
     for k in 0..3 {
         assert!((one.found[k] - turned[k]).abs() < 1e-3, "{one:#?}");
     }
