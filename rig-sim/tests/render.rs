@@ -16,7 +16,7 @@ const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
 
 /// BLAKE3 of all files of the walk below. It changes with everything that changes a picture or a number,
 /// and with the PNG encoder; a change that nobody meant is a machine or a thread that makes a difference.
-const HASH: &str = "a9f84382b0705caad1d40b6fbe4191c28617ff5bea8224bcf12faf5c182b96b8";
+const HASH: &str = "f78a9a24168429603fc147ba0829853dd0b1a6109dba0e77d2e7a828214ccaa1";
 
 fn simulation() -> Arc<Simulation> {
     let settings = Settings {

@@ -154,6 +154,13 @@ fn through_the_collector(session: &Path, library: &Path) -> PathBuf {
     let said = String::from_utf8(said).expect("text");
     println!("{said}");
     assert_eq!([validated, indexed, handed], [Outcome::Fine; 3], "{said}");
+    // The rows of the street's rectified pairs disagree in the corners by up to 1.6 px, as if the right eye were turned by
+    // 0.6 degrees: it is so in the pictures, by any matcher, and the only thing to be warned of.
+    let warnings: Vec<&str> = said.lines().filter(|l| l.starts_with("  WARN")).collect();
+    assert!(
+        matches!(warnings[..], [one] if one.contains("left_shoulder: right eye turned")),
+        "{warnings:#?}"
+    );
     targets[0].folder.clone()
 }
 
@@ -180,7 +187,7 @@ fn real_recordings_come_back_as_they_were() {
     assert_eq!((finished.error.as_deref(), finished.missing), (None, 0));
     let handed = through_the_collector(&finished.session, &folder.path().join("library"));
     let input = Input::open(&handed).expect("the hand-off");
-    assert_eq!(input.handoff().verdict, Verdict::Pass);
+    assert_eq!(input.handoff().verdict, Verdict::Warn);
 
     let recorded = Contents::read(&finished.session).expect("contents");
     let truths = BTreeMap::from([

@@ -25,6 +25,8 @@ const FLOOR_RAD: f64 = 1.5e-4;
 const ROUNDS: usize = 8;
 /// Standard deviations before anything is seen: of `w`, rad; of biases, rad/s; of `late`, s; of scales.
 const SIGMAS: [f64; 4] = [0.1, 0.03, 0.03, 0.01];
+/// Times are seen where noise makes up less of how the gyroscope's rate changes during moves.
+const LEAST_TURNED: f64 = 0.5;
 /// Offset of inverse distances, before and between moves: yaw of an eye over the baseline, rad.
 const YAW_RAD: f64 = 2e-3;
 
@@ -252,6 +254,9 @@ impl Camera<'_> {
         let [w, bias, late, scale] = SIGMAS;
         let sigmas =
             SVector::<f64, 10>::from([w, w, w, bias, bias, bias, late, scale, scale, scale]);
+        // Noise changes from sample to sample like a rate that does, and would tell of times where nothing turns.
+        let noise = 2.0 * self.gyro.noise().powi(2);
+        let mut is_late_seen = true;
         let mut limit = 4.0;
         let mut last = None;
         for _ in 0..ROUNDS {
@@ -266,6 +271,7 @@ impl Camera<'_> {
             let gyro = self.gyro.integrate(state.scale, state.bias);
             let mut sizes = Vec::with_capacity(known.len());
             let mut used = 0;
+            let (mut changes, mut by_noise) = (0.0, 0.0);
             for known in known {
                 let Some((error, by)) = residual(state, &gyro, known) else {
                     continue;
@@ -278,7 +284,10 @@ impl Camera<'_> {
                 let kept = tukey(size / limit);
                 if kept > 0.0 {
                     used += 1;
-                    sum.add(known.group, &error, &by, &(weight * kept / (limit * limit)));
+                    let weight = weight * kept / (limit * limit);
+                    changes += (by.column(6).transpose() * weight * by.column(6))[0];
+                    by_noise += noise * weight.trace();
+                    sum.add(known.group, &error, &by, &weight);
                 }
             }
             if used < FEWEST || used * 2 < known.len() {
@@ -288,7 +297,12 @@ impl Camera<'_> {
             let turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(0).into_owned());
             state.imu_from_left *= turn;
             state.bias += step.fixed_rows::<3>(3);
-            state.late_s += step[6];
+            is_late_seen = changes * LEAST_TURNED > by_noise;
+            state.late_s = if is_late_seen {
+                state.late_s + step[6]
+            } else {
+                0.0
+            };
             state.scale += step.fixed_rows::<3>(7);
             // The median of the length of three normal numbers is 1.538.
             limit = (median(&mut sizes) / 1.538).max(0.7);
@@ -296,7 +310,11 @@ impl Camera<'_> {
         }
         let (sum, used) = last?;
         let (covariance, larger) = sum.covariance(&[0, 1, 2, 6])?;
-        Some((covariance * larger, used))
+        let mut covariance = covariance * larger;
+        if !is_late_seen {
+            covariance[(6, 6)] = SIGMAS[2] * SIGMAS[2];
+        }
+        Some((covariance, used))
     }
 
     fn rates(&self, as_told: &State, known: &[Known]) -> Vec<(f64, [f64; 3], [f64; 3])> {

@@ -4,7 +4,8 @@
 //! turned by a small `w` about its own centre, and that centre moved by `d` across the baseline,
 //! `x_in_right = exp(w) (R x_in_left + t + d)`. Pitch moves all rows alike, roll rows left and right differently, yaw
 //! those in the corners, `d` those of near things: a picture with corners everywhere and at several distances
-//! tells all of them.
+//! tells all of them. A lens whose elements are off centre moves rows in the corners just as a yaw does, so that how well yaw is
+//! known is bounded by how well the lens is ([`DECENTRING`]).
 
 use nalgebra::{Matrix1, Matrix3, Matrix3x2, RowVector2, SVector, UnitQuaternion, Vector3};
 
@@ -19,6 +20,9 @@ use crate::stereo::StereoCalibration;
 const FEWEST: usize = 150;
 /// How far the right eye's centre may be from where it is told, across the baseline, m, standard deviation.
 const CENTRE_M: f64 = 3e-4;
+/// How far the decentring `p2` of the lenses, of the right one less that of the left one, may be from what is told, standard
+/// deviation. The yaw that looks the same is twice that.
+const DECENTRING: f64 = 5e-4;
 /// Rounds of reweighting.
 const ROUNDS: usize = 12;
 /// What all matches may have in common, px: corners are found a little off, and not alike in both eyes.
@@ -72,6 +76,7 @@ pub(super) struct Placed {
     /// Distance from the epipolar line, px, and its derivatives by a point in the right optical frame.
     beside: f64,
     by_point: nalgebra::RowVector3<f64>,
+    by_decentring: f64,
     /// The point over its distance.
     point: Vector3<f64>,
 }
@@ -105,11 +110,15 @@ impl Pair {
             let step = along.dot(&off) / px_per;
             if round == 6 || step.abs() < 1e-7 {
                 let across = RowVector2::new(-along.y, along.x);
+                // On the plane of the picture `p2` moves (x, y) by (r² + 2 x², 2 x y).
+                let (x, y) = (point.x / point.z, point.y / point.z);
+                let moved = Vector3::new(3.0 * x * x + y * y, 2.0 * x * y, 0.0) * point.z;
                 return Some(Placed {
                     per_metre,
                     px_per,
                     beside: (across * off)[0],
                     by_point: across * projected.by_point,
+                    by_decentring: (across * projected.by_point * moved)[0],
                     point,
                 });
             }
@@ -150,8 +159,8 @@ pub(super) fn estimate(told: &StereoCalibration, bursts: &[Burst]) -> Option<Eye
     };
     let told_placed = residuals(&pair);
 
-    let sigmas = SVector::<f64, 5>::from([0.05, 0.05, 0.05, CENTRE_M, CENTRE_M]);
-    let mut now = SVector::<f64, 5>::zeros();
+    let sigmas = SVector::<f64, 6>::from([0.05, 0.05, 0.05, CENTRE_M, CENTRE_M, DECENTRING]);
+    let mut now = SVector::<f64, 6>::zeros();
     let mut last = None;
     for _ in 0..ROUNDS {
         let turn = UnitQuaternion::from_scaled_axis(now.fixed_rows::<3>(0).into_owned());
@@ -161,23 +170,25 @@ pub(super) fn estimate(told: &StereoCalibration, bursts: &[Burst]) -> Option<Eye
         let placed = residuals(&pair);
         let mut sizes: Vec<f64> = beside(&placed).iter().map(|b| b.abs()).collect();
         let spread = (1.4826 * median(&mut sizes)).max(LEAST_SPREAD_PX);
-        let mut sum = Grouped::<5>::new(bursts.len(), &sigmas, &-now);
+        let mut sum = Grouped::<6>::new(bursts.len(), &sigmas, &-now);
         let (mut used, mut squares) = (0.0, 0.0);
         for (placed, (group, ..)) in placed.iter().zip(&matches) {
             let Some(p) = placed else { continue };
-            let weight = tukey(p.beside / spread);
+            let beside = p.beside - p.by_decentring * now[5];
+            let weight = tukey(beside / spread);
             if weight == 0.0 {
                 continue;
             }
-            let mut by = nalgebra::SMatrix::<f64, 1, 5>::zeros();
+            let mut by = nalgebra::SMatrix::<f64, 1, 6>::zeros();
             by.fixed_columns_mut::<3>(0)
                 .copy_from(&(-p.by_point * p.point.cross_matrix()));
             by.fixed_columns_mut::<2>(3)
                 .copy_from(&(p.by_point * (turn.to_rotation_matrix() * across * p.per_metre)));
+            by[5] = p.by_decentring;
             let weight = weight / (spread * spread);
-            sum.add(*group, &Matrix1::new(p.beside), &by, &Matrix1::new(weight));
+            sum.add(*group, &Matrix1::new(beside), &by, &Matrix1::new(weight));
             used += 1.0;
-            squares += p.beside * p.beside;
+            squares += beside * beside;
         }
         now += sum.step()?;
         last = Some((sum, used, squares, spread));

@@ -5,6 +5,8 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use super::robust::median;
+
 /// Longest time between two samples that is bridged, s.
 const LONGEST_GAP_S: f64 = 0.03;
 
@@ -55,6 +57,21 @@ impl Gyro {
             times_ns: self.times_ns.iter().map(|t| t + ns).collect(),
             rates: self.rates.clone(),
         }
+    }
+
+    /// Standard deviation of a sample's noise, rad/s, by how little three samples in a row lie on a line. A body is slow against
+    /// that; the median leaves out steps.
+    pub(super) fn noise(&self) -> f64 {
+        let bend = |w: &[Vector3<f64>]| {
+            (w[0] - w[1] * 2.0 + w[2])
+                .iter()
+                .map(|v| v.abs())
+                .sum::<f64>()
+                / 3.0
+        };
+        let mut bends: Vec<f64> = self.rates.windows(3).map(bend).collect();
+        // The mean of three absolute normal numbers has its median near their mean, 0.798; the bend's variance is 6.
+        median(&mut bends) / (0.798 * 6.0_f64.sqrt())
     }
 
     /// Samples from one time to another, ns.

@@ -4,12 +4,15 @@
 //! Both measure one rate: `b = exp(w) told (1 + S) a + bias + drift t`, with `a` taken `late` earlier. `S` is symmetric: scales
 //! and shears of both sensors together. Compared are rates summed up over short windows, which is linear in
 //! them and needs no common sampling.
+//!
+//! Noise turns as well: fitted to two gyroscopes at rest, a turn between them looks better known than it is. What only
+//! one of the two measured is noise, so a direction counts as seen if both tell of turns that show it ([`Seen`]).
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use serde::Serialize;
 
-use super::gyro::Gyro;
+use super::gyro::{Gyro, Integrated};
 use super::robust::{Grouped, median, sigmas_of, tukey};
 
 /// Length of a window, ns; windows of a block, whose errors may hang together; most blocks.
@@ -19,6 +22,11 @@ const MOST_BLOCKS: i64 = 120;
 /// Fewest windows that say anything.
 const FEWEST: usize = 300;
 const ROUNDS: usize = 6;
+/// Least share of the turning that one gyroscope measured which the other one measured as well.
+const SHARED: f64 = 0.5;
+/// Standard deviations before anything is seen: of `w`, rad, and of `late`, s.
+const TURN_RAD: f64 = 0.1;
+const LATE_S: f64 = 0.05;
 const PARAMETERS: usize = 16;
 
 /// See the module.
@@ -70,9 +78,10 @@ pub(super) fn estimate(b_from_a: &UnitQuaternion<f64>, a: &Gyro, b: &Gyro) -> Op
     let told = b_from_a.to_rotation_matrix().into_inner();
     let (scale, shear) = (7e-3, 1.5e-3);
     let sigmas = SVector::<f64, PARAMETERS>::from([
-        0.1, 0.1, 0.1, scale, scale, scale, shear, shear, shear, 0.03, 0.03, 0.03, 0.01, 0.01,
-        0.01, 0.05,
+        TURN_RAD, TURN_RAD, TURN_RAD, scale, scale, scale, shear, shear, shear, 0.03, 0.03, 0.03,
+        0.01, 0.01, 0.01, LATE_S,
     ]);
+    let seen = Seen::new(&told, &windows, &sum_a, &sum_b);
     let mut now = SVector::<f64, PARAMETERS>::zeros();
     let mut spread = 0.1 * seconds;
     let mut last = None;
@@ -129,16 +138,84 @@ pub(super) fn estimate(b_from_a: &UnitQuaternion<f64>, a: &Gyro, b: &Gyro) -> Op
             sum.add(*group, &error, &by, &weight);
         }
         now += sum.step()?;
+        seen.keep(&mut now);
         spread = (1.4826 * median(&mut sizes)).max(1e-7);
         last = Some(sum);
     }
     let (covariance, larger) = last?.covariance(&[0, 1, 2, 15])?;
-    let of_turn = covariance.fixed_view::<3, 3>(0, 0).into_owned() * larger;
+    let unseen = Matrix3::identity() - seen.turns;
+    let of_turn = seen.turns * covariance.fixed_view::<3, 3>(0, 0) * seen.turns * larger
+        + unseen * (TURN_RAD * TURN_RAD);
     Some(Gyros {
         turned_rad: now.fixed_rows::<3>(0).into_owned().into(),
         sigma_rad: sigmas_of(&of_turn),
         covariance: of_turn,
         late_s: now[15],
-        late_sigma_s: (covariance[(15, 15)] * larger).sqrt(),
+        late_sigma_s: match seen.is_late_seen {
+            true => (covariance[(15, 15)] * larger).sqrt(),
+            false => LATE_S,
+        },
     })
+}
+
+/// A window: its group, its beginning (ns), and what the second gyroscope turned in it, rad.
+type Window = (usize, f64, Vector3<f64>);
+
+/// What both gyroscopes tell something of.
+struct Seen {
+    /// Projects turns onto the directions that are seen, in the frame of the second IMU.
+    turns: Matrix3<f64>,
+    is_late_seen: bool,
+}
+
+impl Seen {
+    fn new(
+        told: &Matrix3<f64>,
+        windows: &[Window],
+        sum_a: &Integrated<'_>,
+        sum_b: &Integrated<'_>,
+    ) -> Self {
+        // What each turned in a window, and by how much its rate changed.
+        let both = |(_, at, b): &Window| {
+            let end = at + WINDOW_NS as f64;
+            let a = told * sum_a.sum(*at, end)?;
+            let change = |of: &Integrated<'_>| Some(of.rate(end)? - of.rate(*at)?);
+            Some(([a, *b], [told * change(sum_a)?, change(sum_b)?]))
+        };
+        let both: Vec<_> = windows.iter().filter_map(both).collect();
+        let mean = |k: usize| {
+            both.iter().map(|(turns, _)| turns[k]).sum::<Vector3<f64>>() / both.len().max(1) as f64
+        };
+        let means = [mean(0), mean(1)];
+        let (mut own, mut common) = (Matrix3::zeros(), Matrix3::zeros());
+        let (mut own_change, mut common_change) = (0.0, 0.0);
+        for (turns, [change_a, change_b]) in &both {
+            let [a, b] = [0, 1].map(|k| turns[k] - means[k]);
+            own += a * a.transpose();
+            common += a * b.transpose();
+            own_change += change_a.dot(change_a);
+            common_change += change_a.dot(change_b);
+        }
+        // A turn about an axis shows in rates across it.
+        let across = |m: Matrix3<f64>| Matrix3::identity() * m.trace() - (m + m.transpose()) * 0.5;
+        let (own, common) = (across(own), across(common));
+        let axes = own.symmetric_eigen().eigenvectors;
+        let seen = axes.column_iter().filter(|axis| {
+            let along = |m: &Matrix3<f64>| (axis.transpose() * m * axis)[0];
+            along(&common) > SHARED * along(&own)
+        });
+        Self {
+            turns: seen.map(|axis| axis * axis.transpose()).sum(),
+            is_late_seen: common_change > SHARED * own_change,
+        }
+    }
+
+    /// Leaves what is not seen where it is told.
+    fn keep(&self, now: &mut SVector<f64, PARAMETERS>) {
+        let turn = self.turns * now.fixed_rows::<3>(0);
+        now.fixed_rows_mut::<3>(0).copy_from(&turn);
+        if !self.is_late_seen {
+            now[15] = 0.0;
+        }
+    }
 }

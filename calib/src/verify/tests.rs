@@ -448,24 +448,29 @@ fn corners_are_followed_and_matched_in_pictures() {
     let burst = follower.end();
     let first = &burst.moves[0];
     assert_eq!(first.to_ns - first.from_ns, 5 * 66_666_667);
-    let [mut matched, mut followed] = [0, 0];
-    for feature in &first.features {
-        if let Some([u, v]) = feature.right {
-            matched += 1;
-            let off = (u - feature.left[0] + disparity).hypot(v - feature.left[1] - 3.3);
-            assert!(off < 0.15, "{feature:?}");
-        }
-        if let Some([u, v]) = feature.later {
-            followed += 1;
-            let off = (u - feature.left[0] - 21.5).hypot(v - feature.left[1] + 13.0);
-            assert!(off < 0.15, "{feature:?}");
-        }
-    }
+    let off = |found: fn(&Feature) -> Option<[f64; 2]>, by: [f64; 2]| -> Vec<f64> {
+        let of = |f: &Feature| {
+            let [u, v] = found(f)?;
+            Some((u - f.left[0] - by[0]).hypot(v - f.left[1] - by[1]))
+        };
+        let mut off: Vec<f64> = first.features.iter().filter_map(of).collect();
+        off.sort_by(f64::total_cmp);
+        off
+    };
+    let matched = off(|f| f.right, [-disparity, 3.3]);
+    let followed = off(|f| f.later, [21.5, -13.0]);
     assert!(
-        matched > 100 && followed > 150,
-        "{matched} {followed} of {}",
+        matched.len() > 100 && followed.len() > 150,
+        "{} {} of {}",
+        matched.len(),
+        followed.len(),
         first.features.len()
     );
+    for off in [matched, followed] {
+        // Waves nearly repeat themselves, so a few may slip.
+        let (middle, most) = (off[off.len() / 2], off[off.len() * 97 / 100]);
+        assert!(middle < 0.07 && most < 0.3, "{middle} {most}");
+    }
 }
 
 #[test]
