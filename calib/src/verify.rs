@@ -80,8 +80,8 @@ pub struct Tolerances {
 impl Default for Tolerances {
     fn default() -> Self {
         Self {
-            joint_rad: 0.1_f64.to_radians(),
-            imu_rad: 0.1_f64.to_radians(),
+            joint_rad: 0.07_f64.to_radians(),
+            imu_rad: 0.07_f64.to_radians(),
             eyes_rad: 0.04_f64.to_radians(),
             clock_s: 3e-4,
         }

@@ -257,7 +257,6 @@ impl Camera<'_> {
         // Noise changes from sample to sample like a rate that does, and would tell of times where nothing turns.
         let noise = 2.0 * self.gyro.noise().powi(2);
         let mut is_late_seen = true;
-        let mut limit = 4.0;
         let mut last = None;
         for _ in 0..ROUNDS {
             let mut towards = SVector::<f64, 10>::zeros();
@@ -269,25 +268,27 @@ impl Camera<'_> {
             towards.fixed_rows_mut::<3>(7).copy_from(&off);
             let mut sum = Grouped::<10>::new(self.bursts.len(), &sigmas, &towards);
             let gyro = self.gyro.integrate(state.scale, state.bias);
-            let mut sizes = Vec::with_capacity(known.len());
+            let compared = |known: &Known| {
+                let (error, by) = residual(state, &gyro, known)?;
+                let floor = Matrix3::identity() * (FLOOR_RAD * FLOOR_RAD);
+                let weight = (known.turned.covariance + floor).try_inverse()?;
+                let size = (error.transpose() * weight * error)[0].sqrt();
+                Some((known.group, error, by, weight, size))
+            };
+            let compared: Vec<_> = known.iter().filter_map(compared).collect();
+            let mut sizes: Vec<f64> = compared.iter().map(|c| c.4).collect();
+            // The median of the length of three normal numbers is 1.538.
+            let scale = (median(&mut sizes) / 1.538).max(0.7);
             let mut used = 0;
             let (mut changes, mut by_noise) = (0.0, 0.0);
-            for known in known {
-                let Some((error, by)) = residual(state, &gyro, known) else {
-                    continue;
-                };
-                let covariance =
-                    known.turned.covariance + Matrix3::identity() * (FLOOR_RAD * FLOOR_RAD);
-                let weight = covariance.try_inverse()?;
-                let size = (error.transpose() * weight * error)[0].sqrt();
-                sizes.push(size);
-                let kept = tukey(size / limit);
+            for (group, error, by, weight, size) in compared {
+                let kept = tukey(size / scale);
                 if kept > 0.0 {
                     used += 1;
-                    let weight = weight * kept / (limit * limit);
+                    let weight = weight * kept / (scale * scale);
                     changes += (by.column(6).transpose() * weight * by.column(6))[0];
                     by_noise += noise * weight.trace();
-                    sum.add(known.group, &error, &by, &weight);
+                    sum.add(group, &error, &by, &weight);
                 }
             }
             if used < FEWEST || used * 2 < known.len() {
@@ -304,8 +305,6 @@ impl Camera<'_> {
                 0.0
             };
             state.scale += step.fixed_rows::<3>(7);
-            // The median of the length of three normal numbers is 1.538.
-            limit = (median(&mut sizes) / 1.538).max(0.7);
             last = Some((sum, used));
         }
         let (sum, used) = last?;

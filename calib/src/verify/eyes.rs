@@ -76,7 +76,6 @@ pub(super) struct Placed {
     /// Distance from the epipolar line, px, and its derivatives by a point in the right optical frame.
     beside: f64,
     by_point: nalgebra::RowVector3<f64>,
-    by_decentring: f64,
     /// The point over its distance.
     point: Vector3<f64>,
 }
@@ -110,15 +109,11 @@ impl Pair {
             let step = along.dot(&off) / px_per;
             if round == 6 || step.abs() < 1e-7 {
                 let across = RowVector2::new(-along.y, along.x);
-                // On the plane of the picture `p2` moves (x, y) by (r² + 2 x², 2 x y).
-                let (x, y) = (point.x / point.z, point.y / point.z);
-                let moved = Vector3::new(3.0 * x * x + y * y, 2.0 * x * y, 0.0) * point.z;
                 return Some(Placed {
                     per_metre,
                     px_per,
                     beside: (across * off)[0],
                     by_point: across * projected.by_point,
-                    by_decentring: (across * projected.by_point * moved)[0],
                     point,
                 });
             }
@@ -159,8 +154,8 @@ pub(super) fn estimate(told: &StereoCalibration, bursts: &[Burst]) -> Option<Eye
     };
     let told_placed = residuals(&pair);
 
-    let sigmas = SVector::<f64, 6>::from([0.05, 0.05, 0.05, CENTRE_M, CENTRE_M, DECENTRING]);
-    let mut now = SVector::<f64, 6>::zeros();
+    let sigmas = SVector::<f64, 5>::from([0.05, 0.05, 0.05, CENTRE_M, CENTRE_M]);
+    let mut now = SVector::<f64, 5>::zeros();
     let mut last = None;
     for _ in 0..ROUNDS {
         let turn = UnitQuaternion::from_scaled_axis(now.fixed_rows::<3>(0).into_owned());
@@ -170,25 +165,23 @@ pub(super) fn estimate(told: &StereoCalibration, bursts: &[Burst]) -> Option<Eye
         let placed = residuals(&pair);
         let mut sizes: Vec<f64> = beside(&placed).iter().map(|b| b.abs()).collect();
         let spread = (1.4826 * median(&mut sizes)).max(LEAST_SPREAD_PX);
-        let mut sum = Grouped::<6>::new(bursts.len(), &sigmas, &-now);
+        let mut sum = Grouped::<5>::new(bursts.len(), &sigmas, &-now);
         let (mut used, mut squares) = (0.0, 0.0);
         for (placed, (group, ..)) in placed.iter().zip(&matches) {
             let Some(p) = placed else { continue };
-            let beside = p.beside - p.by_decentring * now[5];
-            let weight = tukey(beside / spread);
+            let weight = tukey(p.beside / spread);
             if weight == 0.0 {
                 continue;
             }
-            let mut by = nalgebra::SMatrix::<f64, 1, 6>::zeros();
+            let mut by = nalgebra::SMatrix::<f64, 1, 5>::zeros();
             by.fixed_columns_mut::<3>(0)
                 .copy_from(&(-p.by_point * p.point.cross_matrix()));
             by.fixed_columns_mut::<2>(3)
                 .copy_from(&(p.by_point * (turn.to_rotation_matrix() * across * p.per_metre)));
-            by[5] = p.by_decentring;
             let weight = weight / (spread * spread);
-            sum.add(*group, &Matrix1::new(beside), &by, &Matrix1::new(weight));
+            sum.add(*group, &Matrix1::new(p.beside), &by, &Matrix1::new(weight));
             used += 1.0;
-            squares += beside * beside;
+            squares += p.beside * p.beside;
         }
         now += sum.step()?;
         last = Some((sum, used, squares, spread));
@@ -199,8 +192,9 @@ pub(super) fn estimate(told: &StereoCalibration, bursts: &[Burst]) -> Option<Eye
     }
     let (covariance, larger) = sum.covariance(&[0, 1, 2])?;
     let floor = FLOOR_PX / told.right.fx;
-    let covariance = covariance.fixed_view::<3, 3>(0, 0).into_owned() * larger
+    let mut covariance = covariance.fixed_view::<3, 3>(0, 0).into_owned() * larger
         + Matrix3::identity() * (floor * floor);
+    covariance[(1, 1)] += (2.0 * DECENTRING).powi(2);
     let found_placed = residuals(&pair);
     let limit = 4.685 * spread;
     let kept = |i: usize| {

@@ -4,14 +4,12 @@ use nalgebra::{DMatrix, DVector, Matrix3, UnitQuaternion, Vector3};
 use serde::Serialize;
 
 use super::gyros::Gyros;
-use super::judge::{Estimate, Judged, Measured, Thing};
+use super::judge::{Estimate, Judged, Measured, SHORT, Thing};
 use super::{Camera, CameraFound, Tolerances};
 
 /// Turns and delays that a walk must be able to show, so that not having seen one says something: rad and s.
 const WANTED_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 const WANTED_S: f64 = 3e-3;
-/// Of a turn or delay just so large, a measurement falls this many sigmas short once in 20 times.
-const SHORT: f64 = 1.64;
 /// Comparisons of each two of three are not independent: each counts for two thirds, of `n` for `2 / n`.
 const SHARED: f64 = 0.5;
 
@@ -61,7 +59,7 @@ pub struct Finding {
     pub sigma: f64,
     /// Tolerance along it, one standard deviation, rad or s.
     pub tolerated: f64,
-    /// What would be noticed whatever its direction, rad or s.
+    /// What would be noticed 39 times in 40, whatever its direction, rad or s.
     pub noticed: f64,
     /// By how much it is beyond tolerance and measurement together, rad or s; 0 where it is not off.
     pub beyond: f64,
@@ -252,7 +250,7 @@ fn finding(
         Judged::Off(estimate, close) => (State::Off, Some(estimate), close),
         Judged::Within(estimate) => {
             let wanted = if what.is_turn() { WANTED_RAD } else { WANTED_S };
-            let is_seen = estimate.noticed + SHORT * estimate.largest <= wanted;
+            let is_seen = estimate.bound + SHORT * estimate.largest <= wanted;
             let state = if is_seen {
                 State::Fine
             } else {

@@ -14,6 +14,8 @@ use nalgebra::{DMatrix, DVector};
 pub const SURE: f64 = 3.3;
 /// Sigmas of tolerance that are no surprise.
 const TOLERATED: f64 = 2.0;
+/// Sigmas by which what is found falls short of what is true once in 40 times.
+pub(super) const SHORT: f64 = 2.0;
 /// Another thing explains nearly as much if its chi-squared is this close.
 const CLOSE: f64 = 6.0;
 
@@ -42,7 +44,10 @@ pub(super) struct Estimate {
     pub(super) tolerated: f64,
     /// The largest of the measurement, along any direction.
     pub(super) largest: f64,
-    /// What would be noticed, along the direction in which least is seen.
+    /// Beyond what it is off, along the direction in which least is seen.
+    pub(super) bound: f64,
+    /// What would be noticed nearly always, along that direction: so large that it is beyond the bound even where tolerance and
+    /// measurement fall short by [`SHORT`] sigma.
     pub(super) noticed: f64,
     /// How much of chi-squared it explains.
     gain: f64,
@@ -175,12 +180,14 @@ fn estimate(
         let values = matrix.clone().symmetric_eigenvalues();
         values.iter().copied().fold(0.0, f64::max).sqrt()
     };
-    let worst = largest(&measured);
+    let (worst, loosest) = (largest(&measured), largest(&tolerated));
+    let bound = TOLERATED * loosest + SURE * worst;
     Some(Estimate {
         sigma: along(&measured),
         tolerated: along(&tolerated),
         largest: worst,
-        noticed: TOLERATED * largest(&tolerated) + SURE * worst,
+        bound,
+        noticed: bound + SHORT * worst.hypot(loosest),
         off: off.iter().copied().collect(),
         gain,
     })
