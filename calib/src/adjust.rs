@@ -38,7 +38,7 @@ pub use locate::locate;
 pub(crate) use normal::in_pieces;
 pub(crate) use pose::step_between;
 pub use solve::{Settings, Solution, solve};
-pub(crate) use solve::{by_points, told};
+pub(crate) use solve::{by_points, median_scale, told};
 
 /// What is to be found, with where to start.
 #[derive(Clone, Debug, Default)]

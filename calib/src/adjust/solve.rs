@@ -263,7 +263,7 @@ fn residuals(problem: &Problem) -> Vec<Vec<Option<[f64; 2]>>> {
 }
 
 /// How far observations are off in sigmas, from the lengths of their residuals in sigmas; 1 for none.
-pub(super) fn median_scale(mut lengths: Vec<f64>) -> f64 {
+pub(crate) fn median_scale(mut lengths: Vec<f64>) -> f64 {
     if lengths.is_empty() {
         return 1.0;
     }

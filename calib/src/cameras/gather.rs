@@ -12,7 +12,8 @@ use super::coverage::Coverage;
 use super::start::{factory_priors, guess, poses, weak_priors};
 use super::{Calibration, CamerasError, Input, Places, Settings, points, select, shape};
 use crate::adjust::{
-    LensBlock, PlaceBlock, PlacePrior, Point, Prior, Problem, Solution, View, solve, step_between,
+    LensBlock, PlaceBlock, PlacePrior, Point, Prior, Problem, Solution, View, median_scale, solve,
+    step_between,
 };
 use crate::camera::{CameraModel, Distortion};
 
@@ -30,6 +31,8 @@ const AMBIGUOUS: f64 = 1.5;
 const MOVING_NS: f64 = 1e8;
 /// Corners that move by less in that time count as still, px.
 const STILL_PX: f64 = 0.25;
+/// Pictures whose corners move more than that take no part if others of their eye do not.
+const LARGEST_MOVEMENT_PX: f64 = 1.0;
 /// This share of that movement is added to the sigma of corners: rows of a rolling shutter, and eyes, are not
 /// exposed at one instant.
 const BLURRED_SHARE: f64 = 0.25;
@@ -41,6 +44,8 @@ const STILLEST_SHARE: f64 = 0.2;
 const PAIR_PRIOR: (f64, f64) = (2e-3, 0.01);
 /// How large tangential coefficients of lenses are: those of the makers' files that we have.
 const TANGENTIAL: f64 = 3e-4;
+/// What is thought of corners' sigmas before counts as much as so many corners.
+const SURE_OF_SIGMA: f64 = 20.0;
 /// Where nothing is told of a place, it is within this: m and rad.
 const ANYWHERE: (f64, f64) = (3.0, 3.0);
 
@@ -52,6 +57,13 @@ struct Picture {
     ambiguous: bool,
     /// Movement of corners to the next or from the last picture, px in [`MOVING_NS`]; none where it is not known.
     movement_px: Option<f64>,
+}
+
+impl Picture {
+    /// Movement; none if it is not known.
+    fn movement(&self) -> f64 {
+        self.movement_px.unwrap_or(0.0)
+    }
 }
 
 /// Calibrates. `progress` is told what is being done and how much of it, from 0 to 1.
@@ -114,6 +126,14 @@ pub fn calibrate(
     used.dedup();
     progress("adjusting everything", 0.65);
     let mut build = assemble(&input, &pictures, &known, &chosen, &used);
+    let quick = crate::adjust::Settings {
+        covariance: false,
+        tolerance: 1e-6,
+        ..crate::adjust::Settings::default()
+    };
+    let first = solve(&build.problem, &quick)?;
+    build.problem = first.problem.clone();
+    weigh_views(&mut build.problem, &first);
     let mut solution = solve(&build.problem, &crate::adjust::Settings::default())?;
     // A camera that is clearly not where it was told must not pull the others along.
     while let Some(camera) = check::disbelieved(&input, &build.places, &solution) {
@@ -267,7 +287,7 @@ fn eye_pictures(
         .collect();
     movements(input, &mut pictures);
     for picture in &mut pictures {
-        let blurred = BLURRED_SHARE * picture.movement_px.unwrap_or(0.0);
+        let blurred = BLURRED_SHARE * picture.movement();
         for point in &mut picture.points {
             point.sigma_px = point.sigma_px.hypot(blurred);
         }
@@ -315,15 +335,17 @@ fn movements(input: &Input, pictures: &mut [Picture]) {
 }
 
 /// Pictures that are still, or the stillest there are; those of which it is not known count as still.
-fn still<'a>(pictures: impl Iterator<Item = &'a Picture>) -> Vec<&'a Picture> {
-    let mut all: Vec<&Picture> = pictures.collect();
-    let movement = |p: &Picture| p.movement_px.unwrap_or(0.0);
-    all.sort_by(|a, b| movement(a).total_cmp(&movement(b)));
-    let still = all.partition_point(|p| movement(p) <= STILL_PX);
+fn still<'a>(pictures: impl Iterator<Item = &'a Picture> + Clone) -> Vec<&'a Picture> {
+    let limit = movement_limit(pictures.clone()).max(STILL_PX);
+    pictures.filter(|p| p.movement() <= limit).collect()
+}
+
+/// The movement that [`STILLEST_SHARE`] of some pictures stay below.
+fn movement_limit<'a>(pictures: impl Iterator<Item = &'a Picture>) -> f64 {
+    let mut all: Vec<f64> = pictures.map(Picture::movement).collect();
+    all.sort_by(f64::total_cmp);
     let least = (STILLEST_SHARE * all.len() as f64).ceil() as usize;
-    all.truncate(still.max(least));
-    all.sort_by_key(|p| (p.posed.instant, p.posed.eye, p.posed.target));
-    all
+    all.get(least.saturating_sub(1)).copied().unwrap_or(0.0)
 }
 
 /// Instants that tell most of the lenses of a camera's eyes.
@@ -424,7 +446,7 @@ fn bridges(input: &Input, pictures: &[Picture], most: usize) -> Vec<usize> {
         let key = camera * input.targets.len() + picture.posed.target;
         let entry = by_instant.entry(picture.posed.instant).or_default();
         entry.0.push(key);
-        entry.1 = entry.1.max(picture.movement_px.unwrap_or(0.0));
+        entry.1 = entry.1.max(picture.movement());
     }
     // What was seen together, and when: (movement, instant).
     let mut groups: BTreeMap<Vec<usize>, Vec<(f64, usize)>> = BTreeMap::new();
@@ -536,6 +558,8 @@ fn assemble(
         used: Vec::new(),
         targets: Vec::new(),
     };
+    let limit = |eye: usize| movement_limit(pictures.iter().filter(|p| p.posed.eye == eye));
+    let limits: Vec<f64> = (0..input.eyes.len()).map(limit).collect();
     let mut instants: BTreeMap<(usize, usize), usize> = BTreeMap::new();
     for picture in pictures {
         let Posed {
@@ -545,7 +569,8 @@ fn assemble(
             eye_from_target,
             ..
         } = picture.posed;
-        if used.binary_search(&instant).is_err() {
+        let is_blurred = picture.movement() > limits[eye].max(LARGEST_MOVEMENT_PX);
+        if used.binary_search(&instant).is_err() || is_blurred {
             continue;
         }
         let Some(number) = input.camera_of(eye) else {
@@ -619,6 +644,29 @@ fn in_order_of_time(mut built: Built) -> Built {
         view.instant = now[view.instant];
     }
     built
+}
+
+/// Gives the corners of each view the sigma that they turned out to have: pictures are blurred, dim and far in ways that
+/// nobody knows beforehand, and sigmas of results are only as right as those of corners.
+fn weigh_views(problem: &mut Problem, solution: &Solution) {
+    for (view, residuals) in problem.views.iter_mut().zip(&solution.residuals) {
+        let lengths: Vec<f64> = view
+            .points
+            .iter()
+            .zip(residuals)
+            .filter_map(|(point, r)| r.map(|[x, y]| x.hypot(y) / point.sigma_px))
+            .collect();
+        let count = lengths.len() as f64;
+        // Its pose took its share of them.
+        let left = (2.0 * count - 6.0).max(1.0);
+        let own = median_scale(lengths).powi(2) * 2.0 * count / left;
+        let all = solution.scale * solution.scale;
+        let expected = (SURE_OF_SIGMA * all + count * own) / (SURE_OF_SIGMA + count);
+        let factor = (expected / all).sqrt();
+        for point in &mut view.points {
+            point.sigma_px *= factor;
+        }
+    }
 }
 
 fn coverage(input: &Input, solution: &Solution) -> Vec<Coverage> {
