@@ -180,23 +180,6 @@ impl Walk {
         })
     }
 
-    /// tmp
-    pub fn compare_lines(&self, told: bool) -> Vec<CameraFound> {
-        self.with(&Wrong::Nothing, |cameras| {
-            cameras
-                .iter()
-                .enumerate()
-                .map(|(k, c)| {
-                    let mut c = c.clone();
-                    if told {
-                        c.line_s = Some(self.cameras[k].line_s);
-                    }
-                    compare(&c)
-                })
-                .collect()
-        })
-    }
-
     fn with<T>(&self, wrong: &Wrong, run: impl FnOnce(&[Camera<'_>]) -> T) -> T {
         let mut told = self.cameras.clone();
         let turn = |rad: [f64; 3]| {

@@ -2,6 +2,7 @@
 
 mod access;
 mod calib_cameras;
+mod calib_verify;
 mod command_line;
 mod exporting;
 mod importing;

@@ -1,0 +1,89 @@
+//! `paws calib verify` on rendered walks: of a rig as its file says, and of one with a camera that has turned since.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+use std::sync::Arc;
+
+use cad_transforms::Rig;
+use nalgebra::Vector3;
+use rig_sim::camera::Quality;
+use rig_sim::deviation::Deviation;
+use rig_sim::faults::Faults;
+use rig_sim::render::{Job, render_session};
+use rig_sim::scene::{Kind, Time};
+use rig_sim::simulation::{Settings, Simulation};
+use serde_json::Value;
+
+const RIG: &str = include_str!("../../../cad-transforms/rigs/example.toml");
+
+/// A short walk in small pictures, with the left shoulder turned by so much, rad.
+fn write(folder: &Path, turned: Vector3<f64>) {
+    let rig = Rig::parse(RIG).unwrap();
+    let settings = Settings {
+        kind: Kind::Pavement,
+        time: Time::Day,
+        seed: 3,
+        seconds: 12.0,
+        rate_hz: 15.0,
+        width: 336,
+        height: 188,
+        quality: Quality::FAST,
+    };
+    let mut deviation = Deviation::default();
+    deviation.of_mut("left_shoulder").turned = turned;
+    let simulation = Simulation::new(&settings, &rig).unwrap();
+    let simulation = simulation.with_deviation(&rig, &deviation).unwrap();
+    let job = Job {
+        rig: &rig,
+        rig_text: RIG,
+        session: true,
+        faults: &Faults::default(),
+        truth: false,
+        threads: 2,
+    };
+    render_session(&Arc::new(simulation), &job, folder, &|| {}).unwrap();
+}
+
+/// Exit code, and what was printed.
+fn verify(session: &Path, more: &[&str]) -> (Option<i32>, String) {
+    let run = Command::new(env!("CARGO_BIN_EXE_paws"))
+        .args(["calib", "verify", session.to_str().unwrap()])
+        .args(more)
+        .output()
+        .unwrap();
+    let text = [run.stdout, run.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+    (run.status.code(), text.concat())
+}
+
+#[test]
+fn a_rig_as_told_passes_and_a_turned_camera_fails() {
+    let folder = tempfile::tempdir().unwrap();
+    let [good, turned] = ["good", "turned"].map(|name| folder.path().join(name));
+    write(&good, Vector3::zeros());
+    let [json, html] = ["v.json", "v.html"].map(|name| folder.path().join(name));
+    let files = [
+        "--json",
+        json.to_str().unwrap(),
+        "--html",
+        html.to_str().unwrap(),
+    ];
+    let (code, text) = verify(&good, &files);
+    assert_eq!(code, Some(0), "{text}");
+    assert!(text.contains("PASS  "), "{text}");
+    let report: Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
+    assert_eq!(report["verdict"], "PASS");
+    assert_eq!(report["found"]["cameras"].as_array().unwrap().len(), 3);
+    let page = fs::read_to_string(&html).unwrap();
+    assert!(page.contains("left_shoulder") && page.contains("<svg"));
+
+    write(&turned, Vector3::new(0.0, 0.04, 0.0));
+    let (code, text) = verify(&turned, &[]);
+    assert_eq!(code, Some(1), "{text}");
+    let wanted = "left_shoulder on the plate: turned by 2.";
+    assert!(text.contains(wanted), "{text}");
+    assert!(text.contains("since revision nominal-1"), "{text}");
+
+    let (code, text) = verify(folder.path(), &[]);
+    assert_eq!(code, Some(2), "{text}");
+}
