@@ -11,6 +11,7 @@
 //!    1 mm and 0.05 degrees of each other's true place, or within three of the sigmas that are stated; *flagged* when
 //!    they are not and a finding warns; *silently wrong* otherwise. The third kind must not exist.
 //! 4. How many errors of good sessions are within two of the stated sigmas.
+//! 5. Rendered sessions from pictures to the rig and the places and clocks of its IMUs.
 
 use std::path::{Path, PathBuf};
 use std::{env, fs};
@@ -24,6 +25,7 @@ mod charts;
 mod opencv;
 mod rendered;
 mod scenario;
+mod whole;
 
 use crate::meter::timed;
 use crate::stamp;
@@ -172,6 +174,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     }
     points.extend(rendered::points(quick)?);
     let good = good(if quick { 4 } else { 20 })?;
+    let whole = whole::sessions(if quick { 1 } else { 4 })?;
 
     let silent = points
         .iter()
@@ -184,6 +187,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         "troubles": points.iter().map(Point::json).collect::<Vec<Value>>(),
         "silently_wrong": silent,
         "good": good,
+        "rendered": whole,
     });
     let path = out.join("calib.json");
     fs::write(&path, format!("{document:#}\n"))
@@ -191,6 +195,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     charts::draw(&out, &views, &models, &points)?;
     println!("{silent} of {} points silently wrong", points.len());
     println!("good sessions: {good}");
+    println!("rendered sessions: {whole}");
     Ok(())
 }
 

@@ -49,7 +49,7 @@ pub(super) fn points(quick: bool) -> Result<Vec<Point>> {
 }
 
 /// What detection sees in every `every`-th frame.
-fn look(recording: &Recording, every: usize) -> Input {
+pub(super) fn look(recording: &Recording, every: usize) -> Input {
     let mut input = recording.input(0.1);
     input.sightings.clear();
     let simulation = Arc::new(recording.simulation.clone());

@@ -38,6 +38,8 @@ pub(super) struct Trouble {
     pub(super) knock_deg: f64,
     /// Of the true lens, as a multiple of the usual.
     pub(super) distortion: f64,
+    /// By how much pictures of each camera are stamped late.
+    pub(super) late_ms: [f64; 3],
 }
 
 impl Default for Trouble {
@@ -47,6 +49,7 @@ impl Default for Trouble {
             plan: Plan::GOOD,
             knock_deg: 0.0,
             distortion: 1.0,
+            late_ms: [0.0; 3],
         }
     }
 }
@@ -89,7 +92,10 @@ impl Recording {
             Some(april_grid(n))
         })?;
         let simulation = bent_lenses(simulation, trouble.distortion)?;
-        let deviation = deviation(seed, &rig);
+        let mut deviation = deviation(seed, &rig);
+        for (camera, late_ms) in simulation.cameras().iter().zip(trouble.late_ms) {
+            deviation.of_mut(&camera.name).late_ns = (1e6 * late_ms) as i64;
+        }
         let simulation = simulation.with_deviation(&rig, &deviation)?;
         let mut faults = Faults::default();
         if trouble.knock_deg > 0.0 {
