@@ -119,7 +119,7 @@ fn text(path: &Path) -> Result<Vec<(u32, CameraModel)>, CalibError> {
         }
         let parameters = parameters
             .iter()
-            .map(|word| source.number(line, word))
+            .map(|word| source.number_for(line, word, &format!(" as a parameter of camera {id}")))
             .collect::<Result<Vec<f64>, _>>()?;
         let Some((_, _, count)) = MODELS.iter().find(|(name, ..)| *name == model) else {
             return Err(source.malformed(line, model, &known_models()));
@@ -288,7 +288,7 @@ fn places_in_rig(path: &Path, first: u32) -> Result<BTreeMap<u32, RigidTransform
                 .iter_mut()
                 .zip(["QW", "QX", "QY", "QZ", "TX", "TY", "TZ"])
             {
-                *number = source.number(line, word(name)?)?;
+                *number = source.number_for(line, word(name)?, &format!(" as {name}"))?;
             }
             let [w, x, y, z, tx, ty, tz] = numbers;
             let transform =

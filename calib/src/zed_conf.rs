@@ -325,11 +325,12 @@ fn right_from_left(
     notes: &mut Vec<Note>,
 ) -> Result<RigidTransform, CalibError> {
     let stereo = ini.require("STEREO")?;
-    let (line, text) = stereo.text("BASELINE")?;
-    let baseline_mm = source.number(line, text)?;
+    let baseline_mm = stereo.number("BASELINE")?;
     if baseline_mm < SHORTEST_BASELINE_MM {
-        let expected =
-            format!("a baseline in millimetres, positive, at least {SHORTEST_BASELINE_MM}");
+        let (line, text) = stereo.text("BASELINE")?;
+        let expected = format!(
+            "BASELINE in [STEREO] in millimetres, positive, at least {SHORTEST_BASELINE_MM}"
+        );
         return Err(source.malformed(line, text, &expected));
     }
     // Keys carry the resolution, in old files with a longer suffix. A derived resolution may have its

@@ -94,6 +94,7 @@ impl<'s> Section<'s> {
 
     pub(super) fn number(&self, key: &str) -> Result<f64, CalibError> {
         let (line, text) = self.text(key)?;
-        self.source.number(line, text)
+        let what = format!(" as {key} in [{}]", self.name);
+        self.source.number_for(line, text, &what)
     }
 }

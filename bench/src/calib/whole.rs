@@ -1,0 +1,191 @@
+//! The whole way: sessions that are rendered with the usual blur and noise, looked through for boards, and made into a rig with the
+//! places and clocks of its IMUs. Pictures are stamped a few milliseconds late, which has to be found.
+
+use anyhow::{Context, Result};
+use cad_transforms::frame::{Frame, FramePart};
+use cad_transforms::{Rig, RigidTransform};
+use calib::Eye;
+use calib::camera_imu::simulate::ZED_NOISE;
+use calib::camera_imu::{
+    CameraImu, Cameras, Corner, ImuSample, Picture, Recording as Moved, Told, Verdict, estimate,
+};
+use calib::cameras::{Calibration, Severity, calibrate};
+use nalgebra::Vector3;
+use rig_sim::camera::Shutter;
+use rig_sim::simulation::Simulation;
+use serde_json::{Value, json};
+
+use super::quiet;
+use super::rendered::look;
+use super::scenario::{Recording, Trouble};
+use crate::meter::timed;
+
+/// How late pictures of each camera are stamped, ms.
+const LATE_MS: [f64; 3] = [1.7, -2.6, 4.2];
+
+/// Errors of one kind: the worst one, and how many of all are within two of the stated sigmas.
+#[derive(Default)]
+struct Errors {
+    worst: f64,
+    within: u32,
+    all: u32,
+}
+
+impl Errors {
+    fn add(&mut self, size: f64, sigmas: impl IntoIterator<Item = f64>) {
+        self.worst = self.worst.max(size);
+        for sigma in sigmas {
+            self.within += u32::from(sigma.abs() <= 2.0);
+            self.all += 1;
+        }
+    }
+
+    fn json(&self) -> Value {
+        json!({ "worst": self.worst, "within_two_sigma": self.within, "of": self.all })
+    }
+}
+
+/// Some sessions: how far off everything is.
+pub(super) fn sessions(count: u64) -> Result<Value> {
+    let (mut rms_px, mut failed, mut seconds) = (0.0_f64, 0, 0.0);
+    let (mut places_mm, mut places_deg) = (Errors::default(), 0.0_f64);
+    let [mut turn_deg, mut shift_mm, mut late_ms] = [(); 3].map(|()| Errors::default());
+    for seed in 0..count {
+        eprintln!("rendered session {seed} ...");
+        let trouble = Trouble {
+            late_ms: LATE_MS,
+            ..Trouble::default()
+        };
+        let recording = Recording::new(2000 + seed, &trouble)?;
+        let input = look(&recording, 1);
+        let (found, took) = timed(|| calibrate(input, &quiet(), &mut |_, _| {}));
+        let found = found.context("calibrating cameras")?;
+        seconds += took.cpu_s;
+        failed += usize::from(found.severity() == Some(Severity::Fail));
+        rms_px = rms_px.max(found.solution.rms_px(|_| true));
+        for error in recording.errors(&found) {
+            places_mm.worst = places_mm.worst.max(1e3 * error.metres);
+            places_deg = places_deg.max(error.degrees);
+            places_mm.within += error.inside;
+            places_mm.all += 6;
+        }
+        let simulation = &recording.simulation;
+        let truth = Rig::parse(&simulation.true_rig_text(&recording.rig))?;
+        for (camera, late_ms_told) in LATE_MS.iter().enumerate() {
+            let (result, told) = behind(simulation, &recording.rig, &truth, camera, &found)?;
+            failed += usize::from(result.verdict() == Verdict::Fail);
+            let turn = (told.rotation().inverse() * result.imu_from_left.rotation()).scaled_axis();
+            let shift: Vector3<f64> = result.imu_from_left.translation() - told.translation();
+            let sigmas = &result.sigmas;
+            turn_deg.add(
+                turn.norm().to_degrees(),
+                (0..3).map(|k| turn[k] / sigmas.rotation_rad[k]),
+            );
+            shift_mm.add(
+                1e3 * shift.norm(),
+                (0..3).map(|k| shift[k] / sigmas.translation_m[k]),
+            );
+            let late = result.time_offset_s + 1e-3 * late_ms_told;
+            late_ms.add(1e3 * late.abs(), [late / sigmas.time_offset_s]);
+        }
+    }
+    Ok(json!({
+        "sessions": count,
+        "failed": failed,
+        "rms_px": rms_px,
+        "calibrating_cpu_s": seconds / count as f64,
+        "cameras_mm": places_mm.json(),
+        "cameras_worst_deg": places_deg,
+        "imu_deg": turn_deg.json(),
+        "imu_mm": shift_mm.json(),
+        "offset_ms": late_ms.json(),
+    }))
+}
+
+/// The IMU of a camera, and where it is.
+fn behind(
+    simulation: &Simulation,
+    rig: &Rig,
+    truth: &Rig,
+    camera: usize,
+    found: &Calibration,
+) -> Result<(CameraImu, RigidTransform)> {
+    let of = &simulation.cameras()[camera];
+    let [left, imu] = [FramePart::Left, FramePart::Imu]
+        .map(|part| Frame::of_camera(&of.name, part).expect("a camera of the rig"));
+    let pair = found.places.pairs[camera].context("the right eye was not found")?;
+    let right_from_left = found.place(pair).0.inverse();
+    let (lens, right) = (found.lens(2 * camera), found.lens(2 * camera + 1));
+    let line_s = match of.shutter {
+        Shutter::Global => 0.0,
+        Shutter::Rolling { line_s } => line_s,
+    };
+    let cameras = Cameras::new(lens, Some((right, &right_from_left))).with_rolling_shutter(line_s);
+    let sensor = &simulation.imus()[camera];
+    let samples = simulation
+        .samples(sensor)
+        .map(|(_, time_ns, sample)| ImuSample {
+            time_ns,
+            gyro: sample.gyro.into(),
+            accel: sample.accel.into(),
+        });
+    let recording = Moved {
+        cameras,
+        pictures: pictures(found, camera),
+        imu: samples.collect(),
+        noise: ZED_NOISE,
+        range: sensor.imu.model().range,
+    };
+    let told = Told {
+        imu_from_left: Some(rig.transform(&imu, &left)?),
+        ..Told::default()
+    };
+    let result = estimate(&recording, &told).with_context(|| format!("the IMU of {}", of.name))?;
+    Ok((result, truth.transform(&imu, &left)?))
+}
+
+/// What both eyes of a camera saw of the board that they saw most of.
+fn pictures(found: &Calibration, camera: usize) -> Vec<Picture> {
+    let input = &found.input;
+    let own = || {
+        let all = input.sightings.iter();
+        all.filter(move |s| s.eye / 2 == camera)
+    };
+    let seen = |target: usize| -> usize {
+        own()
+            .filter(|s| s.target == target)
+            .map(|s| s.corners.len())
+            .sum()
+    };
+    let board = (0..input.targets.len())
+        .max_by_key(|target| seen(*target))
+        .unwrap_or(0);
+    let known = input.targets[board].corners();
+    let mut pictures: Vec<Picture> = input
+        .times_ns
+        .iter()
+        .map(|time_ns| Picture {
+            time_ns: *time_ns,
+            corners: Vec::new(),
+        })
+        .collect();
+    for sighting in own().filter(|s| s.target == board) {
+        let eye = if sighting.eye % 2 == 0 {
+            Eye::Left
+        } else {
+            Eye::Right
+        };
+        let corners = sighting.corners.iter().filter_map(|seen| {
+            let at = known.binary_search_by_key(&seen.id, |c| c.id).ok()?;
+            let [x, y] = known[at].at_m;
+            Some(Corner {
+                x_in_target: [x, y, 0.0],
+                pixel: seen.pixel,
+                sigma_px: seen.sigma_px.max(0.05),
+                eye,
+            })
+        });
+        pictures[sighting.instant].corners.extend(corners);
+    }
+    pictures
+}
