@@ -334,12 +334,12 @@ fn traps() {
     check(
         "Baseline=62.8",
         "Baseline=0.0628",
-        "line 22: found \"0.0628\", expected a baseline in millimetres",
+        "line 22: found \"0.0628\", expected BASELINE in [STEREO] in millimetres",
     );
     check(
         "Baseline=62.8",
         "Baseline=-62.8",
-        "expected a baseline in millimetres, positive",
+        "expected BASELINE in [STEREO] in millimetres, positive",
     );
     check(
         "cx=640",
