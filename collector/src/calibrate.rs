@@ -18,6 +18,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use cad_transforms::output::{Existing, write};
 use clap::{Args, Subcommand};
 
 use crate::console::Console;
@@ -100,12 +101,13 @@ impl Output {
         }
     }
 
-    /// Makes sure that none of these files is in the way. Call it before the work.
+    /// Makes sure that none of the files that may come out is in the way, and gives where they will go. Call it before
+    /// the work.
     ///
     /// # Errors
     /// One is there, and `--force` was not said.
-    pub fn check<'a>(&self, folder: &Path, files: impl IntoIterator<Item = &'a str>) -> Result<()> {
-        for path in files.into_iter().map(|file| folder.join(file)) {
+    pub fn place(&self, folder: PathBuf, may_come: Vec<String>) -> Result<Place> {
+        for path in may_come.iter().map(|file| folder.join(file)) {
             if !self.force && path.exists() {
                 bail!(
                     "this result is there already, and --force was not said: {}",
@@ -113,19 +115,47 @@ impl Output {
                 );
             }
         }
-        Ok(())
+        let existing = match self.force {
+            true => Existing::Replace,
+            false => Existing::Refuse,
+        };
+        Ok(Place {
+            folder,
+            may_come,
+            existing,
+        })
     }
+}
 
-    /// Writes results, all of them or as many as the disk took; makes the folder.
+/// Where the results of one run go.
+pub struct Place {
+    folder: PathBuf,
+    may_come: Vec<String>,
+    existing: Existing,
+}
+
+impl Place {
+    /// Writes results in their order, each of them whole or not at all, and says where they are; makes the folder. Results
+    /// of an earlier run that did not come out this time go: beside new ones they would be taken for new.
     ///
     /// # Errors
-    /// One is in the way and `--force` was not said (then nothing is written), or the disk says no.
-    pub fn write(&self, folder: &Path, files: &[(String, Vec<u8>)]) -> Result<()> {
-        self.check(folder, files.iter().map(|(name, _)| name.as_str()))?;
+    /// One is in the way, or the disk says no.
+    pub fn write(self, files: &[(String, Vec<u8>)], console: &mut Console<'_>) -> Result<()> {
+        let folder = &self.folder;
         fs::create_dir_all(folder).with_context(|| format!("making {}", folder.display()))?;
+        let came = |name: &String| files.iter().any(|(other, _)| other == name);
+        for name in self.may_come.iter().filter(|name| !came(name)) {
+            let path = folder.join(name);
+            if self.existing == Existing::Replace && path.exists() {
+                fs::remove_file(&path)
+                    .with_context(|| format!("removing an old result: {}", path.display()))?;
+                console.line(format!("removed the old {}", path.display()))?;
+            }
+        }
         for (name, bytes) in files {
             let path = folder.join(name);
-            fs::write(&path, bytes).with_context(|| format!("writing {}", path.display()))?;
+            write(&path, bytes, self.existing)?;
+            console.line(path.display())?;
         }
         Ok(())
     }

@@ -13,7 +13,6 @@ use super::start::{factory_priors, guess, poses, weak_priors};
 use super::{Calibration, CamerasError, Input, Places, Settings, points, select, shape};
 use crate::adjust::{
     LensBlock, PlaceBlock, PlacePrior, Point, Prior, Problem, Solution, View, median_scale, solve,
-    step_between,
 };
 use crate::camera::{CameraModel, Distortion};
 
@@ -695,12 +694,5 @@ impl Calibration {
     /// The input's instant behind the problem's.
     pub fn instant_of(&self, instant: usize) -> usize {
         self.used[instant]
-    }
-
-    /// How far a camera is from where it was told, `[v, ω]` in the rig's axes.
-    pub fn off_told(&self, camera: usize) -> Option<nalgebra::Vector6<f64>> {
-        let told = self.input.cameras[camera].rig_from_left.as_ref()?;
-        let place = self.places.cameras[camera]?;
-        Some(step_between(&told.transform, &self.place(place).0))
     }
 }

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, UnitQuaternion, Vector3};
 use serde::Serialize;
 
 use super::gyros::Gyros;
-use super::judge::{Estimate, Judged, Measured, SHORT, Thing};
+use super::judge::{Estimate, Judged, Measured, SHORT, TOLERATED, Thing};
 use super::{Camera, CameraFound, Tolerances};
 
 /// Turns and delays that a walk must be able to show, so that not having seen one says something: rad and s.
@@ -249,7 +249,9 @@ fn finding(
         Judged::Unseen => (State::Undetermined, None, Vec::new()),
         Judged::Off(estimate, close) => (State::Off, Some(estimate), close),
         Judged::Within(estimate) => {
-            let wanted = if what.is_turn() { WANTED_RAD } else { WANTED_S };
+            let wanted = what.wanted();
+            // Who tolerates more wants to see less.
+            let wanted = f64::max(wanted, 2.0 * TOLERATED * estimate.loosest);
             let is_seen = estimate.bound + SHORT * estimate.largest <= wanted;
             let state = if is_seen {
                 State::Fine
@@ -290,6 +292,11 @@ impl What {
     pub fn is_turn(self) -> bool {
         matches!(self, Self::Eyes | Self::Camera | Self::Imu)
     }
+
+    /// What a walk should be able to show, rad or s.
+    fn wanted(self) -> f64 {
+        if self.is_turn() { WANTED_RAD } else { WANTED_S }
+    }
 }
 
 impl Finding {
@@ -318,6 +325,11 @@ impl Finding {
         };
         let sigma = shown(self.sigma);
         match self.state {
+            State::Fine if 2.0 * self.tolerated > self.what.wanted() => format!(
+                "{thing}: as told within {} (sigma {sigma}), and within its tolerance of {}",
+                shown(size),
+                shown(2.0 * self.tolerated)
+            ),
             State::Fine => format!("{thing}: as told within {} (sigma {sigma})", shown(size)),
             State::Undetermined => format!(
                 "{thing}: not determined by this walk, which would have shown no less than {}",

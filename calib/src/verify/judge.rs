@@ -13,7 +13,7 @@ use nalgebra::{DMatrix, DVector};
 /// edge of its tolerance, and next to never for one that is well within.
 pub const SURE: f64 = 3.3;
 /// Sigmas of tolerance that are no surprise.
-const TOLERATED: f64 = 2.0;
+pub(super) const TOLERATED: f64 = 2.0;
 /// Sigmas by which what is found falls short of what is true once in 40 times.
 pub(super) const SHORT: f64 = 2.0;
 /// Another thing explains nearly as much if its chi-squared is this close.
@@ -44,6 +44,8 @@ pub(super) struct Estimate {
     pub(super) tolerated: f64,
     /// The largest of the measurement, along any direction.
     pub(super) largest: f64,
+    /// The largest of what is tolerated, along any direction.
+    pub(super) loosest: f64,
     /// Beyond what it is off, along the direction in which least is seen.
     pub(super) bound: f64,
     /// What would be noticed nearly always, along that direction: so large that it is beyond the bound even where tolerance and
@@ -186,6 +188,7 @@ fn estimate(
         sigma: along(&measured),
         tolerated: along(&tolerated),
         largest: worst,
+        loosest,
         bound,
         noticed: bound + SHORT * worst.hypot(loosest),
         off: off.iter().copied().collect(),

@@ -139,11 +139,6 @@ impl<'a> Follower<'a> {
         }
     }
 
-    /// Begins a new burst.
-    pub fn begin(&mut self) {
-        self.before = None;
-    }
-
     /// Takes the next picture of the burst.
     pub fn push(&mut self, picture: &StereoPicture<'_>) {
         let left = Pyramid::new(&picture.left);

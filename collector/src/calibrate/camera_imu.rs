@@ -2,7 +2,7 @@
 //! session before boards.
 //!
 //! Each camera that has an IMU, lenses and a board in its pictures ends as a table of what was told and what was
-//! found, and as a part of `camera-imu.json` and `camera-imu.html`. What the rig file tells counts as a
+//! found, and as a part of `camera-imu.json` and `camera-imu.html`. The place that the session has recorded counts as a
 //! loose measurement. Where the gates allow it, Kalibr's
 //! `camchain-imucam.yaml` and `imu.yaml` are written too. Nothing is written into a rig file here. A camera whose gates fail, or that gives no
 //! result, makes the exit code 1; damage on disk makes it 3.
@@ -41,6 +41,9 @@ use crate::validate::open;
 pub const DOCUMENT: &str = "camera-imu.json";
 /// The report.
 pub const PAGE: &str = "camera-imu.html";
+
+/// What Kalibr's files are called, after the camera's name.
+const KALIBR: [&str; 2] = ["camchain-imucam.yaml", "imu.yaml"];
 
 /// How to do it.
 #[derive(Clone, Debug, Default, Args)]
@@ -103,21 +106,37 @@ pub fn run(
 ) -> Result<Outcome> {
     ensure!(options.every > 0, "--every 0: expected at least 1");
     let reader = open(&target.folder)?;
-    let folder = output.folder(target)?;
-    output.check(&folder, [DOCUMENT, PAGE])?;
+    let manifest = reader.manifest();
+    let wanted = |name: &str| options.camera.as_deref().is_none_or(|c| c == name);
+    let names = || manifest.cameras.iter().map(|c| c.name.as_str());
+    let listed = || names().collect::<Vec<_>>().join(", ");
+    for (name, _) in &options.line_us {
+        ensure!(
+            name.as_deref()
+                .is_none_or(|name| names().any(|n| n == name)),
+            "--line-us of the camera {:?}: the session has {}: {}",
+            name.as_deref().unwrap_or_default(),
+            listed(),
+            target.folder.display()
+        );
+    }
+    let mut may_come = vec![DOCUMENT.to_owned(), PAGE.to_owned()];
+    may_come.extend(
+        names()
+            .filter(|n| wanted(n))
+            .flat_map(|n| KALIBR.map(|end| format!("{n}-{end}"))),
+    );
+    let place = output.place(output.folder(target)?, may_come)?;
     let boards = sightings::targets(&reader, &options.target)?;
     let noise = match &options.noise {
         Some(path) => read_imu(path)?.noise,
         None => ZED_NOISE,
     };
-    let manifest = reader.manifest();
-    let wanted = |name: &str| options.camera.as_deref().is_none_or(|c| c == name);
-    let names = || manifest.cameras.iter().map(|c| c.name.as_str());
     ensure!(
         names().any(wanted),
         "looking for the camera {:?}: the session has {}: {}",
         options.camera.as_deref().unwrap_or("any"),
-        names().collect::<Vec<_>>().join(", "),
+        listed(),
         target.folder.display()
     );
     let index = read_or_build(&reader, console)?;
@@ -220,10 +239,7 @@ pub fn run(
             ))?,
         }
     }
-    output.write(&folder, &files)?;
-    for (name, _) in &files {
-        console.line(folder.join(name).display())?;
-    }
+    place.write(&files, console)?;
     if samples.damaged > 0 {
         let places = text::count(samples.damaged, "damaged place");
         console.line(format!("{places} of the session left out"))?;

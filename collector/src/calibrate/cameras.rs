@@ -1,7 +1,8 @@
 //! `paws calib cameras`: lenses, stereo cameras and the rig, from a session in which targets were shown.
 //!
 //! What comes out is told on the screen and written as `cameras.json` and `cameras.html`. The rig file, `rig.toml`, and
-//! the cameras' calibrations are written only when no gate says FAIL; what says so is listed, and the exit code is 1.
+//! the cameras' calibrations are written only when no gate says FAIL; what says so is listed, and the exit code is 1. What an
+//! earlier run left of them is removed then.
 
 mod document;
 mod page;
@@ -9,16 +10,13 @@ mod plots;
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use cad_transforms::rig::{Provenance, ProvenanceKind};
 use cad_transforms::{Frame, FramePart, Rig};
-use calib::cameras::{
-    Calibration, Camera, CamerasError, Eye, Input, Settings, Severity, calibrate,
-};
+use calib::cameras::{Calibration, Camera, Eye, Input, Settings, Severity, calibrate};
 use calib::target::Target as Board;
-use calib::{
-    CameraModel, CameraSet, Format, Provenance as CalibProvenance, StereoCalibration, write_cameras,
-};
+use calib::write::contents;
+use calib::{CameraModel, CameraSet, Format, Provenance as CalibProvenance, StereoCalibration};
 use clap::Args;
 use session_archive::manifest::Manifest;
 
@@ -62,8 +60,9 @@ pub fn run(
     console: &mut Console<'_>,
 ) -> Result<Outcome> {
     let reader = open(&target.folder)?;
-    let folder = output.folder(target)?;
-    output.check(&folder, [DOCUMENT, PAGE, RIG])?;
+    let mut may_come = vec![DOCUMENT.to_owned(), PAGE.to_owned(), RIG.to_owned()];
+    may_come.extend(reader.manifest().cameras.iter().map(|c| file_of(&c.name)));
+    let place = output.place(output.folder(target)?, may_come)?;
     let boards = sightings::targets(&reader, &options.targets)?;
     let told = ToldRig::read(&reader)?;
     let index = read_or_build(&reader, console)?;
@@ -89,7 +88,7 @@ pub fn run(
             progress.add(now.saturating_sub(done));
             done = done.max(now);
         });
-        result.map_err(explained)?
+        result?
     };
     let failed = found.severity() == Some(Severity::Fail);
     let manifest = reader.manifest();
@@ -97,35 +96,32 @@ pub fn run(
         (DOCUMENT.to_owned(), document::json(manifest, &found)?),
         (PAGE.to_owned(), page::html(manifest, &found).into_bytes()),
     ];
-    if !failed && let Some((_, rig)) = &told.rig {
-        let rig = calibrated(rig, &found, manifest)?;
-        files.push((RIG.to_owned(), rig.to_toml().into_bytes()));
+    let mut without_rig = None;
+    if failed {
+        without_rig = Some("see what is marked FAIL".to_owned());
+    } else {
+        for (name, set) in stereo(&found) {
+            let [(_, bytes)] = &contents(&set, format_of(&set))?[..] else {
+                bail!("writing {name}: its format has several files");
+            };
+            files.push((name, bytes.clone()));
+        }
+        // The last, since it says that the rest is there.
+        match (&told.rig, &told.unreadable) {
+            (Some((_, rig)), _) => {
+                let rig = calibrated(rig, &found, manifest)?;
+                files.push((RIG.to_owned(), rig.to_toml().into_bytes()));
+            }
+            (None, Some(problem)) => without_rig = Some(problem.clone()),
+            (None, None) => without_rig = Some("the session has none to start from".to_owned()),
+        }
     }
-    let calibrations = match failed {
-        true => Vec::new(),
-        false => stereo(&found),
-    };
-    output.check(&folder, calibrations.iter().map(|(name, _)| name.as_str()))?;
     for line in document::lines(&found) {
         console.line(line)?;
     }
-    output.write(&folder, &files)?;
-    for (name, set) in &calibrations {
-        let path = folder.join(name);
-        if output.force && path.exists() {
-            std::fs::remove_file(&path).with_context(|| format!("replacing {}", path.display()))?;
-        }
-        write_cameras(set, format_of(set), &path)?;
-    }
-    let written = files
-        .iter()
-        .map(|f| &f.0)
-        .chain(calibrations.iter().map(|c| &c.0));
-    for name in written {
-        console.line(folder.join(name).display())?;
-    }
-    if failed {
-        console.line("no rig file was written: see what is marked FAIL")?;
+    place.write(&files, console)?;
+    if let Some(reason) = without_rig {
+        console.line(format!("no rig file was written: {reason}"))?;
     }
     Ok(match (failed, missing) {
         (true, _) => Outcome::Failed,
@@ -134,9 +130,9 @@ pub fn run(
     })
 }
 
-/// Says what to do about errors of the estimation.
-fn explained(error: CamerasError) -> anyhow::Error {
-    anyhow::Error::new(error)
+/// The file of a camera's calibration.
+fn file_of(camera: &str) -> String {
+    format!("{camera}.yaml")
 }
 
 /// What the estimation is given.
@@ -196,7 +192,7 @@ fn stereo(found: &Calibration) -> Vec<(String, CameraSet)> {
                 part: None,
             },
         });
-        Some((format!("{}.yaml", camera.name), set))
+        Some((file_of(&camera.name), set))
     };
     cameras.filter_map(of).collect()
 }
@@ -206,7 +202,9 @@ fn calibrated(rig: &Rig, found: &Calibration, manifest: &Manifest) -> Result<Rig
     let mut new = rig.clone();
     let mut put = |parent: &Frame, child: &Frame, place: usize| -> Result<()> {
         let (transform, covariance) = found.place(place);
-        let covariance = in_child(&covariance, &transform);
+        let covariance = in_child(&covariance, &transform).with_context(|| {
+            format!("writing the calibrated rig: the covariance of {child} in {parent} is none")
+        })?;
         let direct = new.edges().iter().any(|e| {
             (&e.parent, &e.child) == (parent, child) || (&e.parent, &e.child) == (child, parent)
         });
@@ -214,7 +212,7 @@ fn calibrated(rig: &Rig, found: &Calibration, manifest: &Manifest) -> Result<Rig
             direct,
             "writing the calibrated rig: {child} is not placed in {parent} directly, as it must be for this"
         );
-        new = new.with_edge(parent, child, transform, covariance)?;
+        new = new.with_edge(parent, child, transform, Some(covariance))?;
         Ok(())
     };
     for (number, camera) in found.input.cameras.iter().enumerate() {

@@ -42,9 +42,15 @@ struct Measured {
 
 impl Measured {
     /// The beginning of the names of its files: `feet_imu` for `feet/imu`.
-    fn file(&self) -> String {
-        self.recording.name.replace('/', "_")
+    fn files(&self) -> [String; 3] {
+        files_of(&self.recording.name)
     }
+}
+
+/// Kalibr's file and two plots.
+fn files_of(imu: &str) -> [String; 3] {
+    let name = imu.replace('/', "_");
+    ["noise.yaml", "gyro.svg", "accel.svg"].map(|end| format!("{name}-{end}"))
 }
 
 /// Measures the noise of the IMUs of a session.
@@ -58,7 +64,6 @@ pub fn run(
     console: &mut Console<'_>,
 ) -> Result<Outcome> {
     let reader = open(&target.folder)?;
-    let folder = output.folder(target)?;
     let names: Vec<&str> = reader
         .manifest()
         .imus
@@ -77,7 +82,9 @@ pub fn run(
         },
         target.folder.display()
     );
-    output.check(&folder, [DOCUMENT, PAGE])?;
+    let mut may_come = vec![DOCUMENT.to_owned(), PAGE.to_owned()];
+    may_come.extend(names.iter().filter(|n| wanted(n)).flat_map(|n| files_of(n)));
+    let place = output.place(output.folder(target)?, may_come)?;
     let read = {
         let progress = console.progress("reading", reader.bytes()?);
         imu_samples::read(&reader, wanted, |bytes| progress.add(bytes))?
@@ -103,24 +110,20 @@ pub fn run(
         if imu.found.is_refused() {
             continue;
         }
-        let name = imu.file();
+        let [noise, gyro, accel] = imu.files();
         let yaml = imu.found.kalibr_yaml(
             &format!("/{}", imu.recording.name),
             &document::origin(manifest, imu),
         );
-        files.push((format!("{name}-noise.yaml"), yaml.into_bytes()));
-        for (sensor, what) in ["gyro", "accel"].into_iter().enumerate() {
-            let svg = plots::sensor(imu, sensor);
-            files.push((format!("{name}-{what}.svg"), svg.into_bytes()));
+        files.push((noise, yaml.into_bytes()));
+        for (sensor, name) in [gyro, accel].into_iter().enumerate() {
+            files.push((name, plots::sensor(imu, sensor).into_bytes()));
         }
     }
     for imu in &all {
         print(imu, console)?;
     }
-    output.write(&folder, &files)?;
-    for (name, _) in &files {
-        console.line(folder.join(name).display())?;
-    }
+    place.write(&files, console)?;
     let refused = all.iter().any(|imu| imu.found.is_refused());
     if read.damaged > 0 {
         let places = text::count(read.damaged, "damaged place");

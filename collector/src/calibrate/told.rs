@@ -1,7 +1,7 @@
 //! What a session says of its rig: lenses, where eyes sit, and how far that may be off.
 //!
-//! Contract: lenses are those of the recorded calibrations, places those of the session's rig file where it
-//! has one, else those of the recorded transforms. What neither says stays unknown.
+//! Contract: lenses and right eyes are those of the recorded calibrations, which are the makers', places of cameras those of the
+//! session's rig file where it has one, else those of the recorded transforms. What neither says stays unknown.
 
 use std::collections::BTreeMap;
 
@@ -23,12 +23,14 @@ const FACTORY: (f64, f64) = (1e-4, 2e-3);
 
 /// What is known of the rig.
 pub struct ToldRig {
-    /// Newest calibration of each eye, as in `feet/left`.
+    /// First calibration of each eye, as in `feet/left`.
     calibrations: BTreeMap<String, CameraCalibration>,
     /// The recorded transforms.
     pub frames: Frames,
     /// The rig file with its name, where the session has one that can be read.
     pub rig: Option<(String, Rig)>,
+    /// What is wrong with the session's rig file, where there is one that cannot be read.
+    pub unreadable: Option<String>,
 }
 
 impl ToldRig {
@@ -38,19 +40,33 @@ impl ToldRig {
     /// The disk says no.
     pub fn read(reader: &SessionReader) -> Result<Self> {
         let manifest = reader.manifest();
+        let mut unreadable = None;
         let rig = manifest.rig.iter().find_map(|file| {
-            // What is true of a simulated rig is not what is told of it.
-            if !file.name.ends_with(".toml") || file.name.starts_with("truth.") {
+            // What is true of a simulated rig is not what is told of it, and boards are no rigs.
+            let name = &file.name;
+            if !name.ends_with(".toml") || name.starts_with("truth.") || name.starts_with("target.")
+            {
                 return None;
             }
-            let bytes = rig_file(&**reader.storage(), file)?;
-            let rig = Rig::parse(std::str::from_utf8(&bytes).ok()?).ok()?;
-            Some((file.name.clone(), rig))
+            let read = || -> Result<Rig, String> {
+                let bytes = rig_file(&**reader.storage(), file)
+                    .ok_or("its bytes are not those that the manifest tells of")?;
+                let text = std::str::from_utf8(&bytes).map_err(|e| e.to_string())?;
+                Rig::parse(text).map_err(|e| e.to_string())
+            };
+            match read() {
+                Ok(rig) => Some((name.clone(), rig)),
+                Err(problem) => {
+                    unreadable = Some(format!("reading rig/{name} of the session: {problem}"));
+                    None
+                }
+            }
         });
         let mut told = Self {
             calibrations: BTreeMap::new(),
             frames: Frames::default(),
             rig,
+            unreadable,
         };
         let schema = |id: u16| reader.stream(id).map(|s| s.schema.as_str());
         for entry in reader.entries() {

@@ -2,8 +2,8 @@
 //!
 //! A few bursts of pictures, spread over the session where the gyroscopes say that much turns, are decoded; all of the
 //! gyroscopes is read. What comes out is a table of what is told against what was found, with a verdict by the limits
-//! of [`crate::limits`]. A number that this walk does not tell has no verdict. Nothing is written beside the session.
-//! FAIL ends with exit code 1, everything else with 0.
+//! of [`crate::limits`]. A number that this walk does not tell has no verdict, and a walk that tells nothing is a WARN. Nothing
+//! is written beside the session. FAIL ends with exit code 1, everything else with 0.
 
 mod page;
 
@@ -12,6 +12,7 @@ use std::sync::Mutex;
 use std::thread;
 
 use anyhow::{Context, Result, ensure};
+use cad_transforms::output::{Existing, write};
 use cad_transforms::{Frame, FramePart};
 use calib::verify::{
     Burst, Camera, Finding as Found, Follower, Grey, Gyro, State, StereoPicture, Tolerances,
@@ -46,7 +47,7 @@ const RATE_HZ: f64 = 15.0;
 #[derive(Clone, Debug, Args)]
 pub struct Options {
     /// Bursts of pictures to look at, a second each
-    #[arg(long, value_name = "N", default_value_t = 16)]
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = bursts)]
     pub bursts: usize,
     /// Also write what was found as JSON
     #[arg(long, value_name = "FILE")]
@@ -54,6 +55,14 @@ pub struct Options {
     /// Also write the report as one HTML page
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
+    /// Overwrite reports that are there
+    #[arg(long)]
+    pub force: bool,
+}
+
+fn bursts(text: &str) -> Result<usize> {
+    let number = text.parse().ok().filter(|n| (1..=1000).contains(n));
+    number.with_context(|| format!("found {text:?}, expected a number from 1 to 1000"))
 }
 
 impl Default for Options {
@@ -62,6 +71,7 @@ impl Default for Options {
             bursts: 16,
             json: None,
             html: None,
+            force: false,
         }
     }
 }
@@ -92,6 +102,13 @@ struct Known<'a> {
 /// The session cannot be read, no camera is calibrated, or a report cannot be written.
 pub fn run(target: &Target, options: &Options, console: &mut Console<'_>) -> Result<Outcome> {
     let reader = open(&target.folder)?;
+    for path in options.json.iter().chain(&options.html) {
+        ensure!(
+            options.force || !path.exists(),
+            "this report is there already, and --force was not said: {}",
+            path.display()
+        );
+    }
     let checked = check(&reader, options, console)?;
     ensure!(
         !checked.verification.cameras.is_empty(),
@@ -101,20 +118,28 @@ pub fn run(target: &Target, options: &Options, console: &mut Console<'_>) -> Res
     );
     let limits = Limits::default();
     let findings = checked.findings(&limits);
-    let verdict = overall(&findings);
+    let verdict = match findings.is_empty() {
+        true => Verdict::Warn,
+        false => overall(&findings),
+    };
     for line in checked.lines(&findings) {
         console.line(line)?;
     }
-    let write = |path: &PathBuf, bytes: Vec<u8>| {
-        std::fs::write(path, bytes)
-            .with_context(|| format!("writing the report: {}", path.display()))
+    if findings.is_empty() {
+        console.line(
+            "nothing is determined by this session: too short, too dark, or nothing turned",
+        )?;
+    }
+    let existing = match options.force {
+        true => Existing::Replace,
+        false => Existing::Refuse,
     };
     if let Some(path) = &options.json {
-        write(path, checked.json(reader.manifest(), verdict)?)?;
+        write(path, &checked.json(reader.manifest(), verdict)?, existing)?;
     }
     if let Some(path) = &options.html {
         let page = page::html(reader.manifest(), &checked, &findings, verdict);
-        write(path, page.into_bytes())?;
+        write(path, page.as_bytes(), existing)?;
     }
     console.line(format!("{verdict}  {}", target.name()))?;
     Ok(match verdict {
@@ -136,7 +161,7 @@ pub fn check(reader: &SessionReader, options: &Options, console: &Console<'_>) -
             .rig
             .as_ref()
             .map(|(name, rig)| (name.clone(), rig.revision().to_owned())),
-        left_out: Vec::new(),
+        left_out: rig.unreadable.iter().cloned().collect(),
         bursts: 0,
     };
     let mut gyros = gyros(reader, console)?;

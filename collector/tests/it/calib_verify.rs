@@ -83,5 +83,4 @@ fn a_rig_as_told_passes_and_a_turned_camera_fails() {
     let wanted = "left_shoulder on the plate: turned by 2.";
     assert!(text.contains(wanted), "{text}");
     assert!(text.contains("since revision nominal-1"), "{text}");
-
 }

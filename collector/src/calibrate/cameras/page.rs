@@ -64,6 +64,10 @@ pub(super) fn html(manifest: &Manifest, found: &Calibration) -> String {
             &plots::models(found, number),
             "Lower is better; a model that only fits better predicts worse.",
         );
+        page = page.figure(
+            &plots::sureness(found, number),
+            "At 1 nothing was learned: the parameter is what it was told to be.",
+        );
         for eye in [Some(camera.left), camera.right].into_iter().flatten() {
             page = page.table(&parameters(found, eye));
             page = page.figure(

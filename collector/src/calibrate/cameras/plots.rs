@@ -1,5 +1,6 @@
 //! Plots of a calibration: what of the picture was seen, and what is left over, by region, view and size.
 
+use calib::adjust::Prior;
 use calib::cameras::Calibration;
 use charts::{Axis, Bins, Chart, Series};
 
@@ -112,7 +113,30 @@ pub(super) fn sizes(found: &Calibration) -> String {
         .to_svg(WIDTH, 260)
 }
 
-/// How sure parameters are: sigma over what the factory's value may be off, or over the value itself.
+/// How sure each parameter of a camera's lenses is, as a share of how far it might have been off before.
+pub(super) fn sureness(found: &Calibration, camera: usize) -> String {
+    let camera = &found.input.cameras[camera];
+    let names = found.lens(camera.left).parameter_names();
+    let mut chart = Chart::new(&format!(
+        "What was learned of the lenses of {}",
+        camera.name
+    ))
+    .x_axis(Axis::categories("parameter", names))
+    .y_axis(Axis::log("sigma now over sigma before", ""));
+    for eye in [Some(camera.left), camera.right].into_iter().flatten() {
+        let priors = &found.solution.problem.lenses[eye].priors;
+        let sigmas = found.lens_sigmas(eye).into_iter().zip(priors);
+        let shares = sigmas.map(|(sigma, prior)| match prior {
+            Prior::Near { sigma: before, .. } => sigma / before,
+            Prior::Free | Prior::Fixed => f64::NAN,
+        });
+        let name = &found.input.eyes[eye].name;
+        chart = chart.series(Series::bars(name, shares.collect::<Vec<_>>()));
+    }
+    chart.to_svg(WIDTH, 280)
+}
+
+/// How well each lens model explains what it was fitted to, and what it was not.
 pub(super) fn models(found: &Calibration, camera: usize) -> String {
     let choice = &found.choices[camera];
     let names = choice.candidates.iter().map(|c| c.model);

@@ -25,7 +25,7 @@ pub(super) fn html(
         Page::new(&format!("Calibration against session {session}")).verdict(badge(verdict));
     let against = match &checked.revision {
         Some((file, revision)) => format!("{file}, revision {revision}"),
-        None => "what was recorded with the session; there is no rig file".to_owned(),
+        None => "what was recorded with the session; no rig file was read".to_owned(),
     };
     page = page.text(&format!(
         "Against {against}. {} bursts of pictures, and all samples of the gyroscopes. A number is off where it differs \
