@@ -10,7 +10,7 @@ use super::choose::{self, Chosen, EyeViews};
 use super::connect::{Known, Posed, connect};
 use super::coverage::Coverage;
 use super::start::{factory_priors, guess, poses, weak_priors};
-use super::{Calibration, CamerasError, Input, Places, Settings, points, select, shape};
+use super::{Calibration, CamerasError, Input, Places, Settings, points, select, shape, stays};
 use crate::adjust::{
     LensBlock, PlaceBlock, PlacePrior, Point, Prior, Problem, Solution, View, median_scale, solve,
 };
@@ -49,9 +49,9 @@ const SURE_OF_SIGMA: f64 = 20.0;
 const ANYWHERE: (f64, f64) = (3.0, 3.0);
 
 /// A sighting with its points and its pose.
-struct Picture {
-    posed: Posed,
-    points: Vec<Point>,
+pub(super) struct Picture {
+    pub(super) posed: Posed,
+    pub(super) points: Vec<Point>,
     /// Whether the pose may be the mirrored one.
     ambiguous: bool,
     /// Movement of corners to the next or from the last picture, px in [`MOVING_NS`]; none where it is not known.
@@ -60,7 +60,7 @@ struct Picture {
 
 impl Picture {
     /// Movement; none if it is not known.
-    fn movement(&self) -> f64 {
+    pub(super) fn movement(&self) -> f64 {
         self.movement_px.unwrap_or(0.0)
     }
 }
@@ -84,6 +84,8 @@ pub fn calibrate(
         pictures.extend(own);
     }
     findings.extend(of_unknown_movement(&pictures));
+    let kept = stays::one_of_each(&pictures);
+    pictures.retain(|p| kept.contains(&p.posed.instant));
     let mut chosen: Vec<Option<Chosen>> = vec![None; input.eyes.len()];
     let mut choices = Vec::new();
     let mut used: Vec<usize> = Vec::new();
@@ -316,13 +318,7 @@ fn movements(input: &Input, pictures: &mut [Picture]) {
         if a.posed.target != b.posed.target || apart > NEXT_NS {
             continue;
         }
-        let moves = a.points.iter().filter_map(|p| {
-            let q = b.points.iter().find(|q| q.x_in_target == p.x_in_target)?;
-            Some((p.pixel[0] - q.pixel[0]).hypot(p.pixel[1] - q.pixel[1]))
-        });
-        let mut moves: Vec<f64> = moves.collect();
-        moves.sort_by(f64::total_cmp);
-        let Some(median) = moves.get(moves.len() / 2) else {
+        let Some(median) = moved_px(a, b) else {
             continue;
         };
         let median = median * MOVING_NS / apart.max(1) as f64;
@@ -331,6 +327,17 @@ fn movements(input: &Input, pictures: &mut [Picture]) {
             pictures[i].movement_px = Some(least);
         }
     }
+}
+
+/// How far the corners that two pictures of one target share have moved, px: the median.
+pub(super) fn moved_px(a: &Picture, b: &Picture) -> Option<f64> {
+    let moves = a.points.iter().filter_map(|p| {
+        let q = b.points.iter().find(|q| q.x_in_target == p.x_in_target)?;
+        Some((p.pixel[0] - q.pixel[0]).hypot(p.pixel[1] - q.pixel[1]))
+    });
+    let mut moves: Vec<f64> = moves.collect();
+    moves.sort_by(f64::total_cmp);
+    moves.get(moves.len() / 2).copied()
 }
 
 /// Pictures that are still, or the stillest there are; those of which it is not known count as still.
