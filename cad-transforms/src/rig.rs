@@ -51,7 +51,8 @@
 //! ```
 //!
 //! A tolerance is a standard deviation, or the covariance, of a small motion of the child in the child's
-//! axes, translation before rotation: see [`crate::covariance`]. A file without the optional keys reads as ever.
+//! axes, translation before rotation: see [`crate::covariance`]. It is above 0: what is not known is left out. A file
+//! without the optional keys reads as ever.
 //!
 //! The frame of a foot has its origin in the middle of the shoe's sole, x to the toe, y to the left,
 //! z up from the sole. That of a tag has its origin in its middle, x to the right, y down and z into the tag,
@@ -78,6 +79,7 @@ mod tree;
 pub(crate) mod write;
 
 pub use self::change::RigParts;
+pub use self::devices::same_serial;
 pub use self::loops::Closure;
 pub use self::tags::{Foot, ShoeTag, TagFamily};
 

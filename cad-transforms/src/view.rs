@@ -53,11 +53,6 @@ impl FieldOfView {
         })
     }
 
-    /// Whether a point in the optical frame, m, is before the camera and within the edges.
-    pub fn sees(&self, point: [f64; 3]) -> bool {
-        self.beyond(point).is_some_and(|angle| angle <= 0.0)
-    }
-
     /// How far outside the nearest edge the point lies, rad, below 0 for a point inside; `None` behind the camera.
     pub fn beyond(&self, [x, y, z]: [f64; 3]) -> Option<f64> {
         let over = |v: f64, low: f64, high: f64| {
@@ -106,8 +101,10 @@ mod tests {
     #[test]
     fn edges_are_where_they_should_be() {
         let view = FieldOfView::from_degrees(90.0, 60.0).unwrap();
-        assert!(view.sees([0.99, 0.5, 1.0]) && !view.sees([1.01, 0.5, 1.0]));
-        assert!(!view.sees([0.0, 0.6, 1.0]) && !view.sees([0.0, 0.0, -1.0]));
+        assert!(view.beyond([0.99, 0.5, 1.0]).unwrap() < 0.0);
+        assert!(view.beyond([1.01, 0.5, 1.0]).unwrap() > 0.0);
+        assert!(view.beyond([0.0, 0.6, 1.0]).unwrap() > 0.0);
+        assert_eq!(view.beyond([0.0, 0.0, -1.0]), None);
         let beyond = view
             .beyond([2.0, 0.0, 2.0 / 50_f64.to_radians().tan() * 1.0])
             .unwrap();

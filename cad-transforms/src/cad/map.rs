@@ -62,7 +62,7 @@ pub struct Map {
     name: String,
     revision: String,
     note: Option<String>,
-    root: Option<String>,
+    root: Option<(String, usize)>,
     rig_from_root: RigidTransform,
     cameras: Vec<MappedCamera>,
     frames: Vec<(Frame, String, usize)>,
@@ -78,6 +78,7 @@ struct MappedCamera {
     baseline_m: Option<f64>,
     covariance: Option<Covariance>,
     part_from_datum: RigidTransform,
+    /// Line of `part`.
     line: usize,
 }
 
@@ -123,26 +124,30 @@ impl Map {
     /// [`MapError`]: a part is not there or fits several; the frames are no rig.
     pub fn rig(&self, cad: &Cad, source: CadSource) -> Result<Rig, MapError> {
         let mut problems = Vec::new();
-        let mut find = |part: &str, line: usize| match cad.find(part) {
+        let mut find = |key: &str, part: &str, line: usize| match cad.find(part) {
             Ok(part) => Some(part.root_from_part),
             Err(message) => {
+                let message = format!("{key}: {message}");
                 problems.push(Problem { line, message });
                 None
             }
         };
         let root_from_datum = match &self.root {
-            Some(part) => find(part, 1),
+            Some((part, line)) => find("root in the map file", part, *line),
             None => Some(RigidTransform::identity()),
         };
         let cameras: Vec<_> = self
             .cameras
             .iter()
-            .map(|camera| (camera, find(&camera.part, camera.line)))
+            .map(|camera| {
+                let part = find("part in [[camera]]", &camera.part, camera.line);
+                (camera, part)
+            })
             .collect();
         let frames: Vec<_> = self
             .frames
             .iter()
-            .map(|(frame, part, line)| (frame, find(part, *line)))
+            .map(|(frame, part, line)| (frame, find("part in [[frame]]", part, *line)))
             .collect();
         if !problems.is_empty() {
             return Err(MapError::Invalid(Problems(problems)));
@@ -325,8 +330,7 @@ fn read(root: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Map> {
     let text = "a text that is not empty";
     let optional = |key: &str, log: &mut Log<'_>| {
         let has = root.table.contains_key(key);
-        let value = has.then(|| root.get(key, log, text_of, text)).flatten();
-        value.map(|(_, value)| value)
+        has.then(|| root.get(key, log, text_of, text)).flatten()
     };
     let name = root.get("name", log, text_of, text);
     let revision = root.get("revision", log, text_of, text);
@@ -350,8 +354,8 @@ fn read(root: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Map> {
         table.refuse_unknown(&["frame", "part"], log);
         let frame = frame(&table, "frame", log);
         let part = table.get("part", log, text_of, "the path of a part");
-        if let (Some(frame), Some((_, part))) = (frame, part) {
-            frames.push((frame, part, log.line(&table.at)));
+        if let (Some(frame), Some((at, part))) = (frame, part) {
+            frames.push((frame, part, log.line(&at)));
         }
     }
     if cameras.is_empty() && frames.is_empty() && log.problems.is_empty() {
@@ -361,8 +365,8 @@ fn read(root: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Map> {
     Some(Map {
         name: name?.1,
         revision: revision?.1,
-        note,
-        root: datum,
+        note: note.map(|(_, note)| note),
+        root: datum.map(|(at, part)| (part, log.line(&at))),
         rig_from_root: rig_from_root?,
         cameras,
         frames,
@@ -423,15 +427,16 @@ fn camera(table: &Table<'_, '_>, devices: &[Device], log: &mut Log<'_>) -> Optio
         has("baseline_m").then(|| table.get("baseline_m", log, positive, "a number above 0"));
     let covariance = tolerance::covariance(table, log);
     let offset = inner_placement(table, "part_from_datum", "[camera.part_from_datum]", log);
+    let (part_at, part) = part?;
     Some(MappedCamera {
         name: name?.1,
-        part: part?.1,
+        part,
         model: model?.1,
         serial: serial.flatten().map(|(_, serial)| serial),
         baseline_m: baseline.flatten().map(|(_, metres)| metres),
         covariance,
         part_from_datum: offset?,
-        line: log.line(&table.at),
+        line: log.line(&part_at),
     })
 }
 

@@ -329,7 +329,7 @@ impl<'e, 'b> Model<'e, 'b> {
                     if !name.is_empty() && name != "NONE" {
                         let metre = self.units.metres(shape)?;
                         let transform = placement::axes(self.exchange, item, metre)?;
-                        axes.push((name, transform, instance.place(), shape, item));
+                        axes.push((name, transform, instance.place(), item));
                     }
                 }
             }
@@ -401,8 +401,7 @@ impl<'e, 'b> Model<'e, 'b> {
                 place: item.place,
             });
         }
-        for (name, parent_from_child, place, shape, item) in axes {
-            let _ = shape;
+        for (name, parent_from_child, place, item) in axes {
             // No shape has the number of an axis, so it has no children.
             found.push(Child {
                 name,

@@ -404,7 +404,7 @@ pub(crate) fn placement(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Rigi
         _ => 1.0,
     };
     let three = "three finite numbers";
-    let translation = table.get(length, log, numbers::<3>, three);
+    let translation = table.get_list(length, log, numbers::<3>, three, 3);
     let translation = translation.map(|(_, t)| t.map(|v| v * metres));
     let t = translation.unwrap_or([0.0; 3]);
     let radians = if rotation.ends_with("_deg") {
@@ -422,12 +422,12 @@ pub(crate) fn placement(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Rigi
             _ => RigidTransform::from_rotation_vector(angles()?, t),
         })
     };
-    let expected = match rotation {
-        "rotation_wxyz" => "four finite numbers, w first",
-        "rotation_rows" => "three rows of three finite numbers",
-        _ => three,
+    let (expected, count) = match rotation {
+        "rotation_wxyz" => ("four finite numbers, w first", 4),
+        "rotation_rows" => ("three rows of three finite numbers", 3),
+        _ => (three, 3),
     };
-    let (at, found) = table.get(rotation, log, read, expected)?;
+    let (at, found) = table.get_list(rotation, log, read, expected, count)?;
     let found = found.map_err(|error| log.add(at, error.to_string())).ok()?;
     translation.map(|_| found)
 }

@@ -134,24 +134,6 @@ impl Rig {
         self
     }
 
-    /// This rig with a serial number for one of its cameras.
-    ///
-    /// # Errors
-    /// [`RigError::Invalid`] when it has no such camera or the number is empty.
-    pub fn with_serial(&self, camera: &str, serial: impl Into<String>) -> Result<Self, RigError> {
-        let mut parts = self.to_parts();
-        let serial = Some(serial.into());
-        match parts.cameras.iter_mut().find(|info| info.name == camera) {
-            Some(info) => info.serial = serial,
-            None => parts.cameras.push(CameraInfo {
-                name: camera.to_owned(),
-                serial,
-                model: None,
-            }),
-        }
-        Self::from_parts(parts)
-    }
-
     /// Errors of this rig that only an exchange can have brought in.
     pub(super) fn closed(&self) -> Result<(), RigError> {
         let problems = Problems(loops::problems(self));

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use super::file::{Parsed, read};
-use super::{Problem, Rig};
+use super::{Problem, Rig, same_serial};
 use crate::cad::device::Device;
 use crate::frame::{Frame, FramePart};
 use crate::transform::RigidTransform;
@@ -54,7 +54,7 @@ pub struct CameraFacts {
     pub left_from_right: Option<RigidTransform>,
     /// What the left lens sees.
     pub view: Option<FieldOfView>,
-    /// Serial number.
+    /// Serial number, as the source has it; see [`super::same_serial`].
     pub serial: Option<String>,
 }
 
@@ -288,10 +288,9 @@ impl Checks<'_> {
         }
     }
 
+    /// Whether the facts are of this camera.
     fn serial(&mut self, camera: &str, facts: Option<&CameraFacts>) {
-        let Some((source, known)) =
-            facts.and_then(|facts| Some((&facts.source, facts.serial.as_ref()?)))
-        else {
+        let Some(CameraFacts { source, serial, .. }) = facts else {
             return;
         };
         let at = self
@@ -303,21 +302,26 @@ impl Checks<'_> {
             .and_then(|at| self.parsed.camera_lines.get(at))
             .copied()
             .unwrap_or(0);
-        match self.rig().serial(camera) {
-            Some(serial) if serial != known => {
-                let message = format!(
+        let (severity, message) = match (self.rig().serial(camera), serial) {
+            (Some(serial), Some(known)) if same_serial(serial, known) => return,
+            (Some(serial), Some(known)) => (
+                Severity::Error,
+                format!(
                     "the serial of {camera} is {serial}, {source} is for {known}: another camera's file?"
-                );
-                self.add(line, Severity::Error, message);
-            }
-            Some(_) => {}
-            None => {
-                let message = format!(
-                    "{camera} has no serial here, so whose file {source} is was not checked"
-                );
-                self.add(line, Severity::Note, message);
-            }
-        }
+                ),
+            ),
+            (None, Some(_)) => (
+                Severity::Note,
+                format!(
+                    "serial of {camera} not checked: it has none here, so whose file {source} is is not known"
+                ),
+            ),
+            (_, None) => (
+                Severity::Note,
+                format!("serial of {camera} not checked: {source} tells none"),
+            ),
+        };
+        self.add(line, severity, message);
     }
 
     /// `left_X` is to the left of `right_X`.

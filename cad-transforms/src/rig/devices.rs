@@ -7,6 +7,17 @@ use toml::de::DeValue;
 use super::table::{Log, Table, integer, list_of, text_of};
 use super::{CameraInfo, Edge};
 
+/// Whether two serial numbers are of one device: they may be written with or without `SN` and leading zeros, as in
+/// the names of factory files.
+pub fn same_serial(a: &str, b: &str) -> bool {
+    let plain = |serial: &str| {
+        let serial = serial.trim();
+        let digits = serial.strip_prefix("SN").unwrap_or(serial);
+        digits.trim_start_matches('0').to_owned()
+    };
+    plain(a) == plain(b)
+}
+
 /// All entries that could be read.
 pub(super) fn cameras(
     root: &Table<'_, '_>,
@@ -57,7 +68,8 @@ pub(super) fn cameras(
             model: model.flatten().map(|(_, model)| model),
         };
         let same = |(_, other): &&(Range<usize>, CameraInfo)| {
-            other.serial.is_some() && other.serial == info.serial && other.name != info.name
+            let serials = other.serial.as_deref().zip(info.serial.as_deref());
+            serials.is_some_and(|(a, b)| same_serial(a, b)) && other.name != info.name
         };
         if let Some((_, other)) = cameras.iter().find(same) {
             let message = format!("serial of {} is that of {} too", info.name, other.name);

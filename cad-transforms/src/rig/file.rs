@@ -264,7 +264,13 @@ fn edge(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Edge> {
 
 /// The rotation, in one of its two forms, and the translation of an entry.
 pub(crate) fn transform(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<RigidTransform> {
-    let translation = table.get("translation_m", log, numbers::<3>, "three finite numbers");
+    let translation = table.get_list(
+        "translation_m",
+        log,
+        numbers::<3>,
+        "three finite numbers",
+        3,
+    );
     let has = |key: &str| table.table.contains_key(key);
     let transform = match (has("rotation_wxyz"), has("rotation_rows")) {
         (true, true) | (false, false) => {
@@ -283,11 +289,12 @@ pub(crate) fn transform(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Rigi
             None
         }
         (true, false) => {
-            let rotation = table.get(
+            let rotation = table.get_list(
                 "rotation_wxyz",
                 log,
                 numbers::<4>,
                 "four finite numbers, w first",
+                4,
             );
             rotation.map(|(at, wxyz)| {
                 (
@@ -297,11 +304,12 @@ pub(crate) fn transform(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Rigi
             })
         }
         (false, true) => {
-            let rotation = table.get(
+            let rotation = table.get_list(
                 "rotation_rows",
                 log,
                 rows,
                 "three rows of three finite numbers",
+                3,
             );
             rotation.map(|(at, rows)| {
                 (

@@ -86,8 +86,8 @@ fn closure(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Closure> {
     let child = frame(table, "child", log);
     let transform = transform(table, log);
     let expected = "a number above 0";
-    let within_m = in_units(table, &WITHIN_M, log, positive, expected);
-    let within_rad = in_units(table, &WITHIN_RAD, log, positive, expected);
+    let within_m = in_units(table, &WITHIN_M, log, positive, expected, None);
+    let within_rad = in_units(table, &WITHIN_RAD, log, positive, expected, None);
     Some(Closure {
         parent: parent?,
         child: child?,

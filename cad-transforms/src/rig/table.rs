@@ -7,6 +7,9 @@ use toml::de::{DeTable, DeValue};
 
 use super::Problem;
 
+/// How much of a value a message shows, characters.
+const MOST_FOUND: usize = 60;
+
 /// Collects problems with their lines.
 pub(crate) struct Log<'t> {
     pub(crate) text: &'t str,
@@ -17,6 +20,17 @@ impl Log<'_> {
     pub(crate) fn add(&mut self, at: Range<usize>, message: String) {
         let line = self.line(&at);
         self.problems.push(Problem { line, message });
+    }
+
+    /// What the file has there, on one line and not too long.
+    pub(crate) fn found(&self, at: &Range<usize>) -> String {
+        let text = self.text.get(at.clone()).unwrap_or_default();
+        let words: Vec<&str> = text.split_whitespace().collect();
+        let text = words.join(" ");
+        match text.char_indices().nth(MOST_FOUND) {
+            Some((end, _)) => format!("{}…", &text[..end]),
+            None => text,
+        }
     }
 
     pub(crate) fn line(&self, at: &Range<usize>) -> usize {
@@ -86,6 +100,18 @@ impl<'a, 'i> Table<'a, 'i> {
         read: impl Fn(&'a DeValue<'i>) -> Option<T>,
         expected: &str,
     ) -> Option<(Range<usize>, T)> {
+        self.get_list(key, log, read, expected, None)
+    }
+
+    /// As [`Self::get`], for a list of `count` numbers, or of such lists.
+    pub(crate) fn get_list<T>(
+        &self,
+        key: &str,
+        log: &mut Log<'_>,
+        read: impl Fn(&'a DeValue<'i>) -> Option<T>,
+        expected: &str,
+        count: impl Into<Option<usize>>,
+    ) -> Option<(Range<usize>, T)> {
         let Some(value) = self.table.get(key) else {
             log.add(
                 self.at.clone(),
@@ -96,16 +122,32 @@ impl<'a, 'i> Table<'a, 'i> {
         match read(value.get_ref()) {
             Some(read) => Some((value.span(), read)),
             None => {
-                let found = value.get_ref().as_array().map(|list| list.len());
-                let found = found.map_or(String::new(), |n| {
-                    format!(" (found a list of {n}; decimals are written with a point)")
-                });
-                let message = format!("{key} in {} is not {expected}{found}", self.name);
+                let found = log.found(&value.span());
+                let counts = count.into().map(|count| miscounted(value.get_ref(), count));
+                let hint = match counts.flatten() {
+                    Some(n) => format!(", a list of {n}; decimals are written with a point"),
+                    None => String::new(),
+                };
+                let message = format!(
+                    "{key} in {} is not {expected} (found {found}{hint})",
+                    self.name
+                );
                 log.add(value.span(), message);
                 None
             }
         }
     }
+}
+
+/// Length of the first list of values that has not `count` of them.
+fn miscounted(value: &DeValue<'_>, count: usize) -> Option<usize> {
+    let list = value.as_array()?;
+    if list.iter().any(|value| value.get_ref().is_array()) {
+        return list
+            .iter()
+            .find_map(|value| miscounted(value.get_ref(), count));
+    }
+    (list.len() != count).then_some(list.len())
 }
 
 pub(crate) fn integer(value: &DeValue<'_>) -> Option<i64> {

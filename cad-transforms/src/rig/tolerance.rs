@@ -1,4 +1,7 @@
 //! Reading how far a joint may be off.
+//!
+//! Contract: every variance is above 0. Nothing is mounted exactly, and a covariance with a 0 has no inverse, which
+//! whoever weighs with it would take for no tolerance at all. What is not known is left out.
 
 use std::ops::Range;
 
@@ -29,26 +32,67 @@ pub(crate) fn covariance(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Cov
         }
         (false, true) => {
             let expected = "six rows of six finite numbers";
-            let (at, rows) = table.get("covariance", log, rows_of_six, expected)?;
-            checked(at, Covariance::from_rows(rows), log)
+            let (at, rows) = table.get_list("covariance", log, rows_of_six, expected, 6)?;
+            let covariance = valid(&at, Covariance::from_rows(rows), log)?;
+            let variance = (0..6).find(|&i| covariance.rows()[i][i] == 0.0);
+            match variance {
+                None => Some(covariance),
+                Some(i) => {
+                    let what = format!("entry {i} of the diagonal of covariance");
+                    zero(&what, "0", table, at, log);
+                    None
+                }
+            }
         }
         (true, false) => {
-            let expected = "one or three numbers of 0 or more";
-            let shift = in_units(table, &SHIFT, log, sigmas, expected);
-            let turn = in_units(table, &TURN, log, sigmas, expected);
+            let expected = "one or three numbers above 0";
+            let shift = in_units(table, &SHIFT, log, sigmas, expected, 3);
+            let turn = in_units(table, &TURN, log, sigmas, expected, 3);
+            let (shift, turn) = (
+                shift.and_then(|found| above_zero(found, &SHIFT, table, log)),
+                turn.and_then(|found| above_zero(found, &TURN, table, log)),
+            );
             let ((at, shift), (_, turn)) = (shift?, turn?);
-            checked(at, Covariance::from_sigmas(shift.0, turn.0), log)
+            valid(&at, Covariance::from_sigmas(shift.0, turn.0), log)
         }
     }
 }
 
-fn checked<E: ToString>(
-    at: Range<usize>,
+/// Sigmas whose squares are above 0, or a problem.
+fn above_zero(
+    (at, sigmas): (Range<usize>, Sigmas),
+    units: &Units,
+    table: &Table<'_, '_>,
+    log: &mut Log<'_>,
+) -> Option<(Range<usize>, Sigmas)> {
+    if sigmas.0.iter().all(|sigma| sigma * sigma > 0.0) {
+        return Some((at, sigmas));
+    }
+    let key = units
+        .iter()
+        .find(|(key, _)| table.table.contains_key(*key))
+        .map_or(units[0].0, |(key, _)| key);
+    let found = log.found(&at);
+    zero(key, &found, table, at, log);
+    None
+}
+
+/// The problem of a joint that is said to be exact.
+fn zero(what: &str, found: &str, table: &Table<'_, '_>, at: Range<usize>, log: &mut Log<'_>) {
+    let message = format!(
+        "{what} in {}: found {found}, expected above 0: leave the tolerance out where it is not known",
+        table.name
+    );
+    log.add(at, message);
+}
+
+fn valid<E: ToString>(
+    at: &Range<usize>,
     covariance: Result<Covariance, E>,
     log: &mut Log<'_>,
 ) -> Option<Covariance> {
     covariance
-        .map_err(|error| log.add(at, error.to_string()))
+        .map_err(|error| log.add(at.clone(), error.to_string()))
         .ok()
 }
 
@@ -59,6 +103,7 @@ pub(crate) fn in_units<T: Scaled>(
     log: &mut Log<'_>,
     read: fn(&DeValue<'_>) -> Option<T>,
     expected: &str,
+    count: impl Into<Option<usize>>,
 ) -> Option<(Range<usize>, T)> {
     let mut present = units
         .iter()
@@ -70,7 +115,7 @@ pub(crate) fn in_units<T: Scaled>(
         return None;
     }
     let (key, factor) = first.unwrap_or(&units[0]);
-    let (at, value) = table.get(key, log, read, expected)?;
+    let (at, value) = table.get_list(key, log, read, expected, count)?;
     Some((at, value.scaled(*factor)))
 }
 

@@ -2,16 +2,13 @@
 
 use anyhow::Result;
 use cad_transforms::Rig;
-use cad_transforms::rig::diff::{Change, Motion, diff};
+use cad_transforms::rig::diff::{Change, Motion, diff, other_changes};
 
 use crate::console::Console;
 use crate::outcome::Outcome;
 use crate::text::count;
 
-/// What is less than this is rounding, m and rad.
-const ROUNDING: f64 = 1e-9;
-
-/// Prints what changed, frame by frame.
+/// Prints what changed: frame by frame where they are, then all else in words.
 pub(super) fn run(a: &Rig, b: &Rig, console: &mut Console<'_>) -> Result<Outcome> {
     for (name, rig) in [("a", a), ("b", b)] {
         console.line(format!(
@@ -49,12 +46,8 @@ pub(super) fn run(a: &Rig, b: &Rig, console: &mut Console<'_>) -> Result<Outcome
                 in_rig,
                 in_neighbour,
             } => {
-                let moved = |m: &Motion| {
-                    m.motion.distance_m() > ROUNDING || m.motion.angle_rad() > ROUNDING
-                };
-                changed += u64::from(
-                    moved(in_rig) || in_neighbour.as_ref().is_some_and(|(_, m)| moved(m)),
-                );
+                let joint = in_neighbour.as_ref();
+                changed += u64::from(in_rig.is_one() || joint.is_some_and(|(_, m)| m.is_one()));
                 let joint = match in_neighbour {
                     Some((_, motion)) => figures(motion),
                     None => format!("{:>27}", "hung elsewhere"),
@@ -67,21 +60,19 @@ pub(super) fn run(a: &Rig, b: &Rig, console: &mut Console<'_>) -> Result<Outcome
             }
         }
     }
-    for camera in b.cameras() {
-        if let (Some(was), Some(is)) = (a.serial(camera), b.serial(camera))
-            && was != is
-        {
-            changed += 1;
-            console.line(format!(
-                "{camera} is another device: serial {was}, then {is}"
-            ))?;
-        }
+    let others = other_changes(a, b);
+    for other in &others {
+        console.line(other)?;
     }
-    console.line(match changed {
-        0 => "nothing changed".to_owned(),
-        n => format!("{} changed", count(n, "frame")),
+    let frames = count(changed, "frame");
+    let more = count(others.len() as u64, "other change");
+    console.line(match (changed, others.len()) {
+        (0, 0) => "nothing changed".to_owned(),
+        (_, 0) => format!("{frames} changed"),
+        (0, _) => format!("no frame changed, {more}"),
+        _ => format!("{frames} changed, {more}"),
     })?;
-    Ok(if changed == 0 {
+    Ok(if changed == 0 && others.is_empty() {
         Outcome::Fine
     } else {
         Outcome::Loss

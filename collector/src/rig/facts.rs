@@ -5,41 +5,46 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use cad_transforms::FieldOfView;
 use cad_transforms::rig::check::{CameraFacts, Facts};
+use calib::read::recognised;
+use calib::{CalibError, Format, StereoCalibration, zed_conf};
 
 use crate::cli::BadArguments;
 
-/// Sizes of one picture, tried in this order where none is given: a calibration file may be for one size only.
-const SIZES: [[u32; 2]; 7] = [
+/// Sizes of one picture, tried in this order where none is given: a ZED file holds some of them.
+const SIZES: [[u32; 2]; 6] = [
     [1280, 720],
     [1920, 1200],
     [1920, 1080],
     [960, 600],
     [2208, 1242],
     [672, 376],
-    [752, 480],
 ];
 
 /// Reads the calibrations of `--calibration`.
 pub(super) fn read(arguments: &[String]) -> Result<Facts> {
     let mut facts = Facts::new();
     for argument in arguments {
-        let bad = || {
+        let Some((camera, file)) = argument.split_once('=') else {
             let what = format!(
                 "--calibration {argument:?} is not CAMERA=FILE or CAMERA=FILE@WIDTHxHEIGHT"
             );
-            BadArguments(what)
+            return Err(BadArguments(what).into());
         };
-        let (camera, file) = argument.split_once('=').ok_or_else(bad)?;
+        // Anything else behind an @ is part of the path.
         let (file, size) = match file.rsplit_once('@') {
-            Some((file, size)) => {
-                let (width, height) = size.split_once('x').ok_or_else(bad)?;
-                let number = |text: &str| text.parse::<u32>().map_err(|_| bad());
-                (file, Some([number(width)?, number(height)?]))
-            }
-            None => (file, None),
+            Some((file, size)) if size_of(size).is_some() => (file, size_of(size)),
+            _ => (file, None),
         };
-        let known = of_camera(Path::new(file), size)
-            .with_context(|| format!("reading the calibration of {camera}"))?;
+        let known = match of_camera(Path::new(file), size) {
+            Err(CalibError::SizeUnknown { found, .. }) => {
+                let what = format!(
+                    "--calibration {argument}: found {found}, expected the size of a picture, which the file \
+                     does not say: give it as {camera}={file}@WIDTHxHEIGHT"
+                );
+                return Err(BadArguments(what).into());
+            }
+            other => other.with_context(|| format!("reading the calibration of {camera}"))?,
+        };
         if facts.insert(camera.to_owned(), known).is_some() {
             let what = format!("--calibration names {camera} twice");
             return Err(BadArguments(what).into());
@@ -48,40 +53,65 @@ pub(super) fn read(arguments: &[String]) -> Result<Facts> {
     Ok(facts)
 }
 
-fn of_camera(path: &Path, size: Option<[u32; 2]>) -> Result<CameraFacts> {
-    let sizes = size.map_or(SIZES.to_vec(), |size| vec![size]);
-    let mut first_error = None;
-    for [width, height] in sizes {
-        let calibration = match calib::read_stereo(path, width, height) {
-            Ok((calibration, _)) => calibration,
-            Err(error) => {
-                first_error.get_or_insert(error);
-                continue;
-            }
-        };
-        let left = &calibration.left;
-        let view = FieldOfView::from_pinhole(
-            [left.width, left.height],
-            [left.fx, left.fy],
-            [left.cx, left.cy],
-        );
-        let file = path
-            .file_name()
-            .unwrap_or(path.as_os_str())
-            .to_string_lossy();
-        return Ok(CameraFacts {
-            source: format!("{file} at {width}x{height}"),
-            left_from_right: Some(calibration.right_from_left.inverse()),
-            view,
-            serial: serial(&file),
-        });
-    }
-    Err(first_error.expect("there is a size").into())
+/// `WIDTHxHEIGHT`.
+fn size_of(text: &str) -> Option<[u32; 2]> {
+    let (width, height) = text.split_once('x')?;
+    Some([width.parse().ok()?, height.parse().ok()?])
 }
 
-/// The number in `SN12345678.conf`.
-fn serial(file: &str) -> Option<String> {
-    let digits = file.strip_prefix("SN")?.strip_suffix(".conf")?;
-    let all_digits = !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit());
-    all_digits.then(|| digits.to_owned())
+fn of_camera(path: &Path, size: Option<[u32; 2]>) -> Result<CameraFacts, CalibError> {
+    let (format, file) = recognised(path)?;
+    let calibration = calibration(path, format, size)?;
+    let left = &calibration.left;
+    let view = FieldOfView::from_pinhole(
+        [left.width, left.height],
+        [left.fx, left.fy],
+        [left.cx, left.cy],
+    );
+    // Of a data set of many files, the folder that was named.
+    let named = if file.is_file() { &file } else { path };
+    let name = named.file_name().unwrap_or(named.as_os_str());
+    let serial = match format {
+        Format::ZedConf => zed_conf::serial_in_name(&file).map(str::to_owned),
+        _ => None,
+    };
+    Ok(CameraFacts {
+        source: format!(
+            "{} at {}x{}",
+            name.to_string_lossy(),
+            left.width,
+            left.height
+        ),
+        left_from_right: Some(calibration.right_from_left.inverse()),
+        view,
+        serial,
+    })
+}
+
+/// The calibration for pictures of a size. Where none is given, it is the file's own, and for a ZED file the first of
+/// [`SIZES`] that the file has; a file that is damaged there is not read at another.
+fn calibration(
+    path: &Path,
+    format: Format,
+    size: Option<[u32; 2]>,
+) -> Result<StereoCalibration, CalibError> {
+    let read = |[width, height]: [u32; 2]| {
+        calib::read_stereo(path, width, height).map(|(calibration, _)| calibration)
+    };
+    if let Some(size) = size {
+        return read(size);
+    }
+    if format != Format::ZedConf {
+        let (set, _) = calib::read_cameras(path, None)?;
+        let own = set.cameras.first();
+        return read(own.map_or([0, 0], |own| [own.model.width, own.model.height]));
+    }
+    let mut found = read(SIZES[0]);
+    for size in &SIZES[1..] {
+        match found {
+            Err(CalibError::Resolution { .. }) => found = read(*size),
+            _ => break,
+        }
+    }
+    found
 }

@@ -95,8 +95,13 @@ fn from_a_step_file_to_a_checked_rig() {
             b: back,
         };
         let (text, outcome) = says(&diff).unwrap();
-        assert!(text.ends_with("nothing changed\n"), "{name}: {text}");
-        assert_eq!(outcome, Outcome::Fine);
+        // What only a rig file holds is lost, and told.
+        assert!(text.contains("\nno frame changed, "), "{name}: {text}");
+        assert!(
+            text.contains("\nserial of feet: \"7\" in a only\n"),
+            "{name}: {text}"
+        );
+        assert_eq!(outcome, Outcome::Loss);
     }
 }
 
@@ -115,6 +120,29 @@ fn a_cut_off_file_leaves_nothing_behind() {
     assert!(!at("rig.toml").exists());
     let error = convert(&at("plate.step"), None, &at("rig.txt.zip")).unwrap_err();
     assert!(format!("{error:#}").contains("plate.step"), "{error:#}");
+}
+
+#[test]
+fn diff_tells_all_that_changed() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    fs::write(at("a.toml"), EXAMPLE).unwrap();
+    let diff = |b: &str| {
+        fs::write(at("b.toml"), b).unwrap();
+        let verb = RigVerb::Diff {
+            a: at("a.toml"),
+            b: at("b.toml"),
+        };
+        says(&verb).unwrap()
+    };
+    let (text, outcome) = diff(EXAMPLE);
+    assert!(text.ends_with("\nnothing changed\n"), "{text}");
+    assert_eq!(outcome, Outcome::Fine);
+    let model = "model = \"ZED Mini\"\n";
+    let (text, outcome) = diff(&EXAMPLE.replace(model, &format!("{model}serial = 7\n")));
+    let expected = "\nserial of feet: \"7\" in b only\nno frame changed, 1 other change\n";
+    assert!(text.ends_with(expected), "{text}");
+    assert_eq!(outcome, Outcome::Loss);
 }
 
 #[test]
@@ -170,10 +198,103 @@ fn factory_files_are_held_against_the_rig() {
         )
     };
     assert!(bad("feet").0);
-    assert!(bad("feet=a@1280").0);
+    // No size, so a part of the path.
+    let (arguments, text) = bad("feet=a@1280");
+    assert!(!arguments && text.contains("a@1280"), "{text}");
     let (_, text) = bad("feet=no/such.conf");
     assert!(
         text.contains("the calibration of feet") && text.contains("no/such.conf"),
+        "{text}"
+    );
+}
+
+/// A factory file with these sections; the focal length is that of the section's name.
+fn conf(sections: &[(&str, &str)]) -> String {
+    let mut text = "[STEREO]\nBaseline=63\nTY=0\nTZ=0\nRX_HD=0\nCV_HD=0\nRZ_HD=0\n".to_owned();
+    for tag in ["FHD", "FHD1200"] {
+        text += &format!("RX_{tag}=0\nCV_{tag}=0\nRZ_{tag}=0\n");
+    }
+    for (tag, fx) in sections {
+        for eye in ["LEFT", "RIGHT"] {
+            text += &format!(
+                "[{eye}_CAM_{tag}]\nfx={fx}\nfy=700\ncx=640\ncy=360\nk1=0.1\nk2=0\np1=0\np2=0\nk3=0\n"
+            );
+        }
+    }
+    text
+}
+
+#[test]
+fn sizes_are_not_guessed() {
+    let folder = tempfile::tempdir().unwrap();
+    let read = |name: &str, text: &str, size: &str| {
+        let path = folder.path().join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(&path, text).unwrap();
+        facts::read(&[format!("feet={}{size}", path.display())])
+    };
+    let source =
+        |name: &str, text: &str, size: &str| read(name, text, size).unwrap()["feet"].source.clone();
+    let refused = |name: &str, text: &str| {
+        let error = read(name, text, "").unwrap_err();
+        let arguments = error.downcast_ref::<crate::cli::BadArguments>().is_some();
+        (arguments, format!("{error:#}"))
+    };
+    let both = conf(&[("HD", "700"), ("FHD", "1400")]);
+    assert_eq!(source("SN1.conf", &both, ""), "SN1.conf at 1280x720");
+    assert_eq!(
+        source("SN1.conf", &both, "@1920x1080"),
+        "SN1.conf at 1920x1080"
+    );
+    let gmsl = conf(&[("FHD1200", "700")]);
+    assert_eq!(source("SN2.conf", &gmsl, ""), "SN2.conf at 1920x1200");
+    // A path may hold an @.
+    assert_eq!(source("a@b/SN1.conf", &both, ""), "SN1.conf at 1280x720");
+
+    // The error is that of the section that is there.
+    let (_, text) = refused("SN2.conf", &conf(&[("FHD1200", "nan")]));
+    assert!(
+        text.contains("nan") && !text.contains("no section for HD"),
+        "{text}"
+    );
+    let (_, text) = refused("SN1.conf", &conf(&[("HD", "nan"), ("FHD", "1400")]));
+    assert!(text.contains("nan"), "{text}");
+
+    let pair = "1000 0 640 0 1000 360 0 0 1\n0.06\n";
+    let (arguments, text) = refused("K.txt", pair);
+    assert!(
+        arguments && text.contains("give it as feet=") && text.contains("K.txt@WIDTHxHEIGHT"),
+        "{text}"
+    );
+    // A file that says its size needs none.
+    let middlebury = "cam0=[1000 0 400; 0 1000 300; 0 0 1]\ncam1=[1000 0 400; 0 1000 300; 0 0 1]\n\
+                      doffs=0\nbaseline=60\nwidth=800\nheight=600\nndisp=64\n";
+    assert_eq!(source("m.txt", middlebury, ""), "m.txt at 800x600");
+}
+
+#[test]
+fn serials_are_of_the_file_that_was_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    fs::create_dir(at("SN9")).unwrap();
+    fs::write(at("SN9/SN00123.conf"), conf(&[("HD", "700")])).unwrap();
+    let argument = format!("feet={}", at("SN9").display());
+    let serial = |serial: &str| {
+        let model = "model = \"ZED Mini\"";
+        let text = EXAMPLE.replace(model, &format!("{model}\nserial = {serial}"));
+        fs::write(at("rig.toml"), text).unwrap();
+        check(&at("rig.toml"), &[&argument]).0
+    };
+    let text = serial("123");
+    assert!(!text.contains("serial"), "{text}");
+    let text = serial("124");
+    let expected =
+        "the serial of feet is 124, SN00123.conf at 1280x720 is for 00123: another camera's file?";
+    assert!(text.contains(expected), "{text}");
+    fs::rename(at("SN9/SN00123.conf"), at("SN9/factory.conf")).unwrap();
+    let text = serial("123");
+    assert!(
+        text.contains("note: serial of feet not checked: factory.conf at"),
         "{text}"
     );
 }

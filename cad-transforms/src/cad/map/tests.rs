@@ -156,13 +156,28 @@ fn mistakes_are_all_told_with_lines() {
         .rig(&cad, source())
         .unwrap_err()
         .to_string();
-    assert!(error.contains("line 7: \"zed_x_mini\" fits 2 parts, write more of the path: plate/left_mount/zed_x_mini, plate/right"), "{error}");
+    assert!(error.contains("line 9: part in [[camera]]: \"zed_x_mini\" fits 2 parts, write more of the path: plate/left_mount/zed_x_mini, plate/right"), "{error}");
     assert!(
         error.contains(
-            "line 21: no part is called \"foot_mount\" among 6; the nearest is \"plate/feet_mount\""
+            "line 23: part in [[camera]]: no part is called \"foot_mount\" among 6; the nearest is \"plate/feet_mount\""
         ),
         "{error}"
     );
+
+    let text = MAP
+        .replace("root = \"plate\"", "root = \"x\"")
+        .replace("imu\"\npart = \"feet_mount", "imu\"\npart = \"imu");
+    let error = Map::parse(&text)
+        .unwrap()
+        .rig(&cad, source())
+        .unwrap_err()
+        .to_string();
+    for expected in [
+        "line 5: root in the map file: no part is called \"x\"",
+        "line 31: part in [[frame]]: no part is called \"imu\"",
+    ] {
+        assert!(error.contains(expected), "no {expected:?} in {error}");
+    }
 
     let text = MAP
         .replace("model = \"zed_mini\"", "model = \"zed_nano\"")

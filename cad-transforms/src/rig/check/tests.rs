@@ -17,8 +17,11 @@ fn facts() -> Facts {
     ])
 }
 
+/// All findings, but for notes that serials were not checked: the example has none.
 fn found(text: &str, facts: &Facts) -> Vec<String> {
-    check(text, facts).iter().map(Finding::to_string).collect()
+    let findings = check(text, facts).into_iter();
+    let others = findings.filter(|finding| !finding.message.starts_with("serial of"));
+    others.map(|finding| finding.to_string()).collect()
 }
 
 #[test]
@@ -165,6 +168,24 @@ fn serials_and_strangers() {
         other[0].contains("error: the serial of feet is 43, SN1.conf is for 42"),
         "{other:?}"
     );
+    let with_text = |serial: &str| check(&with_serial(&format!("\"{serial}\"")), &facts);
+    for same in ["0042", "SN00042"] {
+        assert!(with_text(same).iter().all(|f| f.severity == Severity::Note));
+    }
+    let notes = |text: &str| {
+        let notes: Vec<String> = check(text, &facts).iter().map(Finding::to_string).collect();
+        assert!(
+            notes.iter().all(|n| n.contains("note: serial of ")),
+            "{notes:?}"
+        );
+        notes
+    };
+    let notes = [notes(EXAMPLE), notes(&with_serial("42"))].map(|notes| notes.join("\n"));
+    let expected =
+        "serial of feet not checked: it has none here, so whose file SN1.conf is is not known";
+    assert!(notes[0].contains(expected), "{notes:?}");
+    assert!(!notes[1].contains("serial of feet"), "{notes:?}");
+    assert!(notes[1].contains("serial of left_shoulder not checked: SN1.conf tells none"));
     facts.insert("belly".to_owned(), CameraFacts::default());
     let all = found(EXAMPLE, &facts);
     assert!(
@@ -204,6 +225,6 @@ fn unreadable_and_senseless_are_told_together() {
     assert_eq!(all, [expected]);
     let text = EXAMPLE.replacen("[0.063, 0, 0]", "[0,63, 0, 0]", 1);
     let all = found(&text, &facts());
-    let expected = "line 56: error: translation_m in [[parent_from_child]] is not three finite numbers (found a list of 4; decimals";
+    let expected = "line 56: error: translation_m in [[parent_from_child]] is not three finite numbers (found [0,63, 0, 0], a list of 4; decimals";
     assert!(all.iter().any(|f| f.starts_with(expected)), "{all:#?}");
 }

@@ -14,7 +14,7 @@ fn full(loop_turn_deg: f64) -> String {
          [[parent_from_child]]\nparent = \"rig\"\nchild = \"a/left\"\nrotation_wxyz = [0.5, -0.5, 0.5, -0.5]\n\
          translation_m = [0.1, 0.2, 0.3]\nsigma_translation_mm = 0.2\nsigma_rotation_deg = [0.1, 0.2, 0.3]\n\
          [[parent_from_child]]\nparent = \"b/left\"\nchild = \"rig\"\nrotation_rows = [[0, -1, 0], [0, 0, -1], [1, 0, 0]]\n\
-         translation_m = [0, 0.1, -0.2]\nsigma_translation_m = [1e-3, 2e-3, 0]\nsigma_rotation_rad = 0.01\n\
+         translation_m = [0, 0.1, -0.2]\nsigma_translation_m = [1e-3, 2e-3, 3e-3]\nsigma_rotation_rad = 0.01\n\
          [[parent_from_child]]\nparent = \"a/left\"\nchild = \"a/right\"\n{PLAIN}\n\
          [[closes_loop]]\nparent = \"a/right\"\nchild = \"a/left\"\nrotation_wxyz = [{:?}, 0, 0, {:?}]\n\
          translation_m = [-0.1, 0, 0]\nwithin_mm = 0.5\nwithin_deg = 0.1\n",
@@ -157,18 +157,6 @@ fn writing_keeps_what_is_there() {
 }
 
 #[test]
-fn serials_are_set() {
-    let rig = Rig::parse(&full(0.0)).unwrap();
-    let rig = rig.with_serial("b", "99").unwrap();
-    assert_eq!(rig.serial("b"), Some("99"));
-    let error = rig.with_serial("c", "1").unwrap_err().to_string();
-    assert_eq!(
-        error,
-        "checking a rig file: camera c has no frame in this file"
-    );
-}
-
-#[test]
 fn mistakes_in_optional_keys_are_all_told() {
     let text = full(0.0)
         .replace("cad_blake3 = \"0a", "cad_blake3 = \"xy")
@@ -181,7 +169,7 @@ fn mistakes_in_optional_keys_are_all_told() {
     for expected in [
         "line 8: cad_blake3 in [provenance] is not 64 hexadecimal digits in lower case",
         "line 13: serial of b is that of a too",
-        "line 21: sigma_translation_mm in [[parent_from_child]] is not one or three numbers of 0 or more",
+        "line 21: sigma_translation_mm in [[parent_from_child]] is not one or three numbers above 0 (found -0.2)",
         "line 23: sigma_rotation_rad is missing in [[parent_from_child]]",
         "line 35: both within_m and within_mm in [[closes_loop]], expected one",
     ] {
@@ -195,5 +183,70 @@ fn mistakes_in_optional_keys_are_all_told() {
     assert_eq!(
         found,
         ["line 35: d/left is in no [[parent_from_child]] connected to rig"]
+    );
+}
+
+#[test]
+fn a_joint_is_never_exact() {
+    let wide = "covariance = [[0, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], \
+                [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, 1]]";
+    let sigmas = "sigma_translation_mm = 0.2\nsigma_rotation_deg = [0.1, 0.2, 0.3]";
+    let place = "in [[parent_from_child]]";
+    let after = "expected above 0: leave the tolerance out where it is not known";
+    for (to, expected) in [
+        (
+            "sigma_translation_mm = 0.2\nsigma_rotation_deg = 0",
+            format!("line 22: sigma_rotation_deg {place}: found 0, {after}"),
+        ),
+        (
+            "sigma_translation_mm = [1, 0, 1]\nsigma_rotation_deg = 1",
+            format!("line 21: sigma_translation_mm {place}: found [1, 0, 1], {after}"),
+        ),
+        (
+            "sigma_translation_m = 1e-170\nsigma_rotation_deg = 1",
+            format!("line 21: sigma_translation_m {place}: found 1e-170, {after}"),
+        ),
+        (
+            wide,
+            format!("line 21: entry 0 of the diagonal of covariance {place}: found 0, {after}"),
+        ),
+    ] {
+        assert_eq!(problems(&full(0.0).replace(sigmas, to)), [expected]);
+    }
+    // A program cannot write such a file either.
+    let rig = Rig::parse(&full(0.0)).unwrap();
+    let exact = Some(Covariance::zero());
+    let rig = rig
+        .with_edge(
+            &frame("a/left"),
+            &frame("a/right"),
+            RigidTransform::from_translation_m([0.1, 0.0, 0.0]).unwrap(),
+            exact,
+        )
+        .unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rig.toml");
+    let error = rig.write(&path, Existing::Refuse).unwrap_err().to_string();
+    assert!(error.contains("found 0.0, expected above 0"), "{error}");
+    assert!(!path.exists());
+}
+
+#[test]
+fn only_a_wrong_count_is_taken_for_decimal_commas() {
+    let with = |value: &str| {
+        let text = full(0.0).replace("[0.1, 0.2, 0.3]\nsigma", &format!("{value}\nsigma"));
+        problems(&text)
+    };
+    let found = with("[0,1, 0,2, 0,3]");
+    let expected = "line 20: translation_m in [[parent_from_child]] is not three finite numbers \
+                    (found [0,1, 0,2, 0,3], a list of 6; decimals are written with a point)";
+    assert_eq!(found[0], expected);
+    let found = with("[0,\n 0,\n \"0.1\"]");
+    let expected = "line 20: translation_m in [[parent_from_child]] is not three finite numbers (found [0, 0, \"0.1\"])";
+    assert_eq!(found[0], expected);
+    let long = with(&format!("\"{}\"", "x".repeat(99)));
+    assert!(
+        long[0].ends_with(&format!("(found \"{}…)", "x".repeat(59))),
+        "{long:?}"
     );
 }
