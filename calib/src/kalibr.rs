@@ -57,6 +57,16 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         at.entries()?;
         let model = camera(&at)?;
         at.get("intrinsics")?.refuse_impossible(&model)?;
+        if let Some(overlaps) = at.find("cam_overlaps") {
+            for other in overlaps.number_list()? {
+                if other >= count as f64 {
+                    notes.push(Note(format!(
+                        "{} names cam{other}, which the file does not have: was it cut off?",
+                        overlaps.path()
+                    )));
+                }
+            }
+        }
         let chained = match (number, at.find("T_cn_cnm1")) {
             (0, _) => Some(RigidTransform::identity()),
             (_, Some(at)) => {

@@ -232,6 +232,15 @@ fn a_camera_is_never_dropped() {
         cut.contains("line 16: found nothing, expected a block of keys as cam1"),
         "{cut}"
     );
+    // Cut before it, only the other camera tells.
+    let (set, notes) = read(&folder.file("camchain.yaml", first)).unwrap();
+    assert_eq!(set.names(), ["cam0"]);
+    assert!(
+        notes.iter().any(|n| n
+            .0
+            .contains("cam0.cam_overlaps names cam1, which the file does not have")),
+        "{notes:?}"
+    );
     let gap = error(&CHAIN.replace("cam1:", "cam2:"));
     assert!(gap.contains("cam1 is missing, found cam0, cam2"), "{gap}");
     let twice = error(&format!("{CHAIN}cam01: {{}}\n"));
