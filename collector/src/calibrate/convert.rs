@@ -246,7 +246,7 @@ mod tests {
                 serial: Some(serial.to_owned()),
             })
         };
-        for source in [folder.path(), &file] {
+        for source in [folder.path(), file.as_path()] {
             let error = read(source, "41234567").unwrap_err().to_string();
             assert!(
                 error.contains("found serial 999, expected 41234567"),
@@ -256,7 +256,7 @@ mod tests {
         }
         let renamed = folder.path().join("left.conf");
         std::fs::rename(&file, &renamed).unwrap();
-        for source in [folder.path(), &renamed] {
+        for source in [folder.path(), renamed.as_path()] {
             let (_, notes) = read(source, "41234567").unwrap();
             assert_eq!(notes, [Note(SERIAL_NOT_CHECKED.to_owned())]);
         }
