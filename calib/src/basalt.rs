@@ -13,7 +13,7 @@ use cad_transforms::RigidTransform;
 
 use crate::camera::{CameraModel, Distortion};
 use crate::error::{CalibError, Note};
-use crate::set::{CameraSet, NamedCamera, SetImu};
+use crate::set::{CameraSet, NamedCamera, SetImu, too_far};
 use crate::stereo::{Format, ImuNoise, Provenance};
 use crate::text::{Source, written, written_all};
 use crate::tree::{At, json};
@@ -43,17 +43,19 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
     let mut imu_from_first = RigidTransform::identity();
     for (i, ((pose, lens), size)) in poses.iter().zip(&lens_items).zip(&size_items).enumerate() {
         let imu_from_camera = rigid(pose)?;
-        if i == 0 {
+        let name = format!("cam{i}");
+        let camera_from_first = if i == 0 {
             imu_from_first = imu_from_camera;
-        }
+            pose.refuse_if(too_far("the IMU", &imu_from_first))?;
+            RigidTransform::identity()
+        } else {
+            imu_from_camera.inverse() * imu_from_first
+        };
+        pose.refuse_if(too_far(&name, &camera_from_first))?;
         cameras.push(NamedCamera {
-            name: format!("cam{i}"),
+            name,
             model: camera(lens, size.sizes()?, &mut notes)?,
-            camera_from_first: Some(if i == 0 {
-                RigidTransform::identity()
-            } else {
-                imu_from_camera.inverse() * imu_from_first
-            }),
+            camera_from_first: Some(camera_from_first),
         });
     }
     let imu = imu(&value, imu_from_first, &mut notes)?;
@@ -127,7 +129,7 @@ fn camera(
             }
         }
     };
-    Ok(CameraModel {
+    let model = CameraModel {
         width,
         height,
         fx: number("fx")?,
@@ -135,7 +137,9 @@ fn camera(
         cx: number("cx")?,
         cy: number("cy")?,
         distortion,
-    })
+    };
+    numbers.refuse_impossible(&model)?;
+    Ok(model)
 }
 
 fn imu(

@@ -93,28 +93,30 @@ impl CameraModel {
     /// What makes these numbers impossible for a camera of this size, if anything does. Catches a
     /// calibration of another resolution where its principal point falls outside the picture.
     pub(crate) fn objection(&self) -> Option<String> {
-        let numbers = [self.fx, self.fy, self.cx, self.cy];
-        if numbers
-            .iter()
-            .chain(&self.distortion.coefficients())
-            .any(|v| !v.is_finite())
-        {
-            return Some("an intrinsic is not a finite number".to_owned());
+        self.objection_to().map(|(_, objection)| objection)
+    }
+
+    /// The same with the number in question, as [`Self::parameter_names`] has it.
+    pub(crate) fn objection_to(&self) -> Option<(&'static str, String)> {
+        let numbers = self.parameters();
+        let names = self.parameter_names();
+        if let Some(i) = numbers.iter().position(|v| !v.is_finite()) {
+            return Some((names[i], "an intrinsic is not a finite number".to_owned()));
         }
-        if self.fx <= 0.0 || self.fy <= 0.0 {
-            return Some(format!(
-                "focal lengths {} and {}, expected both above 0",
-                self.fx, self.fy
-            ));
+        let focal = [("fx", self.fx), ("fy", self.fy)];
+        if let Some((name, _)) = focal.into_iter().find(|(_, f)| *f <= 0.0) {
+            let (fx, fy) = (self.fx, self.fy);
+            let objection = format!("focal lengths {fx} and {fy}, expected both above 0");
+            return Some((name, objection));
         }
-        let inside = |c: f64, size: u32| c > -0.5 && c < f64::from(size) - 0.5;
-        if !inside(self.cx, self.width) || !inside(self.cy, self.height) {
-            return Some(format!(
-                "principal point ({}, {}) outside the picture of {}x{}: a calibration of another resolution?",
-                self.cx, self.cy, self.width, self.height
-            ));
-        }
-        None
+        let centre = [("cx", self.cx, self.width), ("cy", self.cy, self.height)];
+        let outside = |c: f64, size: u32| c <= -0.5 || c >= f64::from(size) - 0.5;
+        let (name, ..) = centre.into_iter().find(|(_, c, size)| outside(*c, *size))?;
+        let objection = format!(
+            "principal point ({}, {}) outside the picture of {}x{}: a calibration of another resolution?",
+            self.cx, self.cy, self.width, self.height
+        );
+        Some((name, objection))
     }
 }
 

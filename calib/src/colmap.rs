@@ -54,13 +54,13 @@ pub(crate) fn is_model(word: &str) -> bool {
 /// [`CalibError`].
 pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
     let is_binary = path.extension().is_some_and(|e| e == "bin");
+    let mut notes = Vec::new();
     let found = if is_binary {
         binary(path)?
     } else {
-        text(path)?
+        text(path, &mut notes)?
     };
     let mut files = vec![path.to_owned()];
-    let mut notes = Vec::new();
     let mut places = BTreeMap::new();
     let rigs = path.with_file_name("rigs.txt");
     if let Some((first, _)) = found.first() {
@@ -68,6 +68,17 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         if rigs.is_file() {
             places.extend(places_in_rig(&rigs, *first)?);
             files.push(rigs);
+            let without: Vec<String> = found
+                .iter()
+                .filter(|(id, _)| !places.contains_key(id))
+                .map(|(id, _)| id.to_string())
+                .collect();
+            if !without.is_empty() {
+                notes.push(Note(format!(
+                    "rigs.txt does not say where camera {} is beside camera {first}",
+                    without.join(", ")
+                )));
+            }
         } else if found.len() > 1 {
             notes.push(Note(
                 "no rigs.txt beside the cameras: their places are not known".to_owned(),
@@ -97,10 +108,14 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
     Ok((set.checked(path)?, notes))
 }
 
-fn text(path: &Path) -> Result<Vec<(u32, CameraModel)>, CalibError> {
+fn text(path: &Path, notes: &mut Vec<Note>) -> Result<Vec<(u32, CameraModel)>, CalibError> {
     let source = Source::read(path)?;
     let mut cameras: Vec<(u32, CameraModel)> = Vec::new();
+    let mut announced = None;
     for (line, text) in source.lines() {
+        if let Some(count) = text.strip_prefix("# Number of cameras:") {
+            announced = count.trim().parse::<usize>().ok();
+        }
         if text.is_empty() || text.starts_with('#') {
             continue;
         }
@@ -130,6 +145,12 @@ fn text(path: &Path) -> Result<Vec<(u32, CameraModel)>, CalibError> {
         }
         let size = [whole(width)?, whole(height)?];
         cameras.push((id, camera(model, size, &parameters)));
+    }
+    if let Some(announced) = announced.filter(|count| *count != cameras.len()) {
+        notes.push(Note(format!(
+            "the file says that it has {announced} cameras, found {}: was it cut off?",
+            cameras.len()
+        )));
     }
     Ok(cameras)
 }

@@ -97,17 +97,6 @@ pub fn row_difference(
         .row_difference(left_px, right_px)
 }
 
-/// [`Epipolar::sampson_distance`] of a single match; none also for a pair that cannot be rectified.
-pub fn sampson_distance(
-    stereo: &StereoCalibration,
-    left_px: [f64; 2],
-    right_px: [f64; 2],
-) -> Option<f64> {
-    Epipolar::new(stereo)
-        .ok()?
-        .sampson_distance(left_px, right_px)
-}
-
 /// Pixels per radian on the axis, the mean of x and y.
 fn near_axis(model: &CameraModel) -> f64 {
     let shrunk = match model.distortion {

@@ -131,6 +131,9 @@ fn camera(
         yaml.get("distortion_model")?
             .one_of(&["radial-tangential", "equidistant", "none"])?;
     let distortion = if model == "none" {
+        if let Some(coefficients) = yaml.find("distortion_coefficients") {
+            coefficients.only_zeros("distortion_model none")?;
+        }
         Distortion::None
     } else {
         let [a, b, c, d] = yaml.get("distortion_coefficients")?.numbers()?;
@@ -149,18 +152,17 @@ fn camera(
             },
         }
     };
-    Ok((
-        CameraModel {
-            width,
-            height,
-            fx,
-            fy,
-            cx,
-            cy,
-            distortion,
-        },
-        body_from_sensor(&yaml)?,
-    ))
+    let model = CameraModel {
+        width,
+        height,
+        fx,
+        fy,
+        cx,
+        cy,
+        distortion,
+    };
+    yaml.get("intrinsics")?.refuse_impossible(&model)?;
+    Ok((model, body_from_sensor(&yaml)?))
 }
 
 fn imu(

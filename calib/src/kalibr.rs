@@ -5,7 +5,9 @@
 //! metres. `timeshift_cam_imu` is added to a camera's time to get the IMU's, seconds. Lenses: `pinhole`
 //! with `none`, `radtan` (k1 k2 p1 p2) or `equidistant`, `ds`, `eucm`, and `omni` without distortion,
 //! which is the EUCM with `alpha = xi / (1 + xi)`, `beta = 1` and the focal lengths divided by `1 + xi`
-//! (both are `x / (xi d + z)` up to that factor). `omni` with `radtan` and `fov` are refused.
+//! (both are `x / (xi d + z)` up to that factor). `omni` with `radtan` and `fov` are refused. A pinhole must
+//! say its `distortion_model`, and coefficients beside `none` must be 0. All `cam0`, `cam1` and so on of the
+//! file are read; a number that is left out or a block without keys is an error.
 
 use std::path::Path;
 
@@ -13,7 +15,7 @@ use cad_transforms::RigidTransform;
 
 use crate::camera::{CameraModel, Distortion};
 use crate::error::{CalibError, Note};
-use crate::set::{CameraSet, NamedCamera, SetImu};
+use crate::set::{CameraSet, NamedCamera, SetImu, too_far};
 use crate::stereo::{Format, ImuNoise, Provenance};
 use crate::text::{Source, written, written_all};
 use crate::tree::{At, yaml};
@@ -45,26 +47,48 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
     let mut notes = Vec::new();
     let mut cameras: Vec<NamedCamera> = Vec::new();
     let mut imu: Option<SetImu> = None;
-    for number in 0.. {
+    let blocks = root.entries()?;
+    let count = blocks.iter().filter(|(key, _)| is_camera(key)).count();
+    for number in 0..count {
         let name = format!("cam{number}");
-        let Some(at) = root.find(&name) else {
-            break;
-        };
+        let block = blocks.iter().find(|(key, _)| *key == name);
+        let at = block.map_or_else(|| root.get(&name), |(_, at)| Ok(at.clone()))?;
+        // Nothing behind a camera's name is a file that was cut off.
+        at.entries()?;
         let model = camera(&at)?;
+        at.get("intrinsics")?.refuse_impossible(&model)?;
+        if let Some(overlaps) = at.find("cam_overlaps") {
+            for other in overlaps.number_list()? {
+                if other >= count as f64 {
+                    notes.push(Note(format!(
+                        "{} names cam{other}, which the file does not have: was it cut off?",
+                        overlaps.path()
+                    )));
+                }
+            }
+        }
         let chained = match (number, at.find("T_cn_cnm1")) {
             (0, _) => Some(RigidTransform::identity()),
             (_, Some(at)) => {
                 let before = cameras.last().and_then(|c| c.camera_from_first);
                 let here_from_before = rigid(&at)?;
-                before.map(|before| here_from_before * before)
+                let here = before.map(|before| here_from_before * before);
+                at.refuse_if(here.as_ref().and_then(|here| too_far(&name, here)))?;
+                here
             }
             (_, None) => None,
         };
+        let imu_place = at.find_any(&["T_cam_imu", "T_imu_cam"]);
         let camera_from_imu = match (at.find("T_cam_imu"), at.find("T_imu_cam")) {
             (Some(at), _) => Some(rigid(&at)?),
             (None, Some(at)) => Some(rigid(&at)?.inverse()),
             (None, None) => None,
         };
+        if let (Some(at), Some(camera_from_imu)) = (imu_place, &camera_from_imu)
+            && number == 0
+        {
+            at.refuse_if(too_far("the IMU", &camera_from_imu.inverse()))?;
+        }
         let through_imu = match (&imu, camera_from_imu) {
             (Some(imu), Some(camera_from_imu)) => Some(camera_from_imu * imu.imu_from_first),
             _ => None,
@@ -141,6 +165,11 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
     Ok((set.checked(path)?, notes))
 }
 
+fn is_camera(key: &str) -> bool {
+    key.strip_prefix("cam")
+        .is_some_and(|number| !number.is_empty() && number.bytes().all(|b| b.is_ascii_digit()))
+}
+
 /// Reads an `imu.yaml`: one block, or the block `imu0` of Kalibr's result.
 ///
 /// # Errors
@@ -182,10 +211,18 @@ pub fn imu_text(imu: &ImuFile) -> String {
 fn camera(at: &At<'_>) -> Result<CameraModel, CalibError> {
     let [width, height] = at.get("resolution")?.sizes()?;
     let model = at.get("camera_model")?;
-    let lens = match at.find("distortion_model") {
+    // What is only a pinhole is told from one whose lens was lost by this key.
+    let said = match model.text()? {
+        "pinhole" => Some(at.get("distortion_model")?),
+        _ => at.find("distortion_model"),
+    };
+    let lens = match said {
         Some(lens) => lens.one_of(&["none", "radtan", "equidistant", "fov"])?,
         None => "none",
     };
+    if let ("none", Some(coefficients)) = (lens, at.find("distortion_coeffs")) {
+        coefficients.only_zeros("distortion_model none")?;
+    }
     let intrinsics = at.get("intrinsics")?;
     let pinhole = |[fx, fy, cx, cy]: [f64; 4], distortion| CameraModel {
         width,

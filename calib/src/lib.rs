@@ -53,7 +53,7 @@ pub use convert::{Conversion, LensModel, convert};
 pub use error::{CalibError, Note};
 pub use foxglove::CameraInfo;
 pub use lens::Lens;
-pub use read::{read_camera, read_cameras, read_stereo};
+pub use read::{read_cameras, read_stereo};
 pub use rectify::{Rectification, View};
 pub use set::{CameraSet, NamedCamera, SetImu};
 pub use stereo::{Eye, Format, ImuCalibration, ImuNoise, Provenance, StereoCalibration};

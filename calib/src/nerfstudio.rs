@@ -3,12 +3,14 @@
 //! Contract: intrinsics are shared, or given per frame; each different one is a camera here. Pixel
 //! coordinates are COLMAP's, which nerfstudio takes over: half a pixel is subtracted on reading.
 //! `transform_matrix` takes points from the camera to the world, in OpenGL's axes (x right, y up, z
-//! backward); [`poses`] gives `world_from_camera` in optical axes. `OPENCV` has k1 k2 k3 p1 p2 (a k4 of it
+//! backward). `OPENCV` has k1 k2 k3 p1 p2 (a k4 of it
 //! is refused: it is a term in r⁸ that no model here has), `OPENCV_FISHEYE` k1 to k4. A missing
-//! coefficient is 0, a missing `fl_y` is `fl_x`, a missing principal point is the middle.
+//! coefficient is 0, a missing `fl_y` is `fl_x`, a missing principal point is the middle. Coefficients that
+//! the model does not have must be 0.
 //!
-//! A file whose two frames are called `left` and `right` is a stereo camera, and the frames' poses are its
-//! placement; this is how a pair is written. In other files the poses are those of a moving camera.
+//! A file whose two frames are called `left` and `right` is a stereo camera, and the frames' poses, in
+//! metres, are its placement; this is how a pair is written. What a frame does not say of its lens is said
+//! for both. In other files the poses are those of a moving camera.
 
 use std::path::Path;
 
@@ -17,8 +19,8 @@ use cad_transforms::RigidTransform;
 use crate::camera::{CameraModel, Distortion};
 use crate::error::{CalibError, Note};
 use crate::opencv::{fisheye_of, radial_tangential_of};
-use crate::set::{CameraSet, NamedCamera};
-use crate::stereo::{Format, Provenance};
+use crate::set::{CameraSet, NamedCamera, too_far};
+use crate::stereo::{Format, Provenance, swapped};
 use crate::text::{Source, written, written_all};
 use crate::tree::{At, json};
 use crate::write::{WriteError, Written, lens, placed};
@@ -26,15 +28,6 @@ use crate::write::{WriteError, Written, lens, placed};
 const HALF: f64 = 0.5;
 /// Both axes that point the other way in OpenGL.
 const FLIPPED: [f64; 4] = [1.0, -1.0, -1.0, 1.0];
-
-/// A picture of the file and where it was taken.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Posed {
-    /// The picture's path as the file has it.
-    pub file_path: String,
-    /// Takes points in the optical frame to the world of the file, in the file's unit of length.
-    pub world_from_camera: RigidTransform,
-}
 
 /// Reads the cameras of a file.
 ///
@@ -51,34 +44,35 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
     };
     let own = |at: &At<'_>| at.find_any(&["fl_x", "w", "camera_angle_x"]).is_some();
     let mut cameras: Vec<NamedCamera> = Vec::new();
-    if own(&root) {
-        cameras.push(NamedCamera {
-            name: "camera".to_owned(),
-            model: camera(&root, &root, &mut notes)?,
-            camera_from_first: None,
-        });
-    }
-    let is_pair = pair(&frames).is_some();
-    for frame in frames.iter().filter(|frame| own(frame)) {
-        let model = camera(frame, &root, &mut notes)?;
-        if is_pair || cameras.iter().all(|c| c.model != model) {
-            cameras.push(NamedCamera {
-                name: stem(frame),
-                model,
-                camera_from_first: None,
-            });
+    let named = |name: &str, model, camera_from_first| NamedCamera {
+        name: name.to_owned(),
+        model,
+        camera_from_first,
+    };
+    if let Some([left, right]) = pair(&frames) {
+        let right_from_left = pose(right)?.inverse() * pose(left)?;
+        right
+            .get("transform_matrix")?
+            .refuse_if(too_far("right", &right_from_left).or_else(|| swapped(&right_from_left)))?;
+        cameras.push(named("left", camera(left, &root, &mut notes)?, None));
+        let model = camera(right, &root, &mut notes)?;
+        cameras.push(named("right", model, Some(right_from_left)));
+    } else {
+        if own(&root) {
+            cameras.push(named("camera", camera(&root, &root, &mut notes)?, None));
         }
-    }
-    match (pair(&frames), cameras.len()) {
-        (Some(world_from), 2) => {
-            let [left, right] = world_from;
-            let right_from_left = pose(right)?.inverse() * pose(left)?;
-            cameras[1].camera_from_first = Some(right_from_left);
+        for frame in frames.iter().filter(|frame| own(frame)) {
+            let model = camera(frame, &root, &mut notes)?;
+            if cameras.iter().all(|c| c.model != model) {
+                cameras.push(named(&stem(frame), model, None));
+            }
         }
-        (_, 2..) => notes.push(Note(
-            "several lenses: the cameras' places on a rig are not in this kind of file".to_owned(),
-        )),
-        _ => {}
+        if cameras.len() > 1 {
+            notes.push(Note(
+                "several lenses: the cameras' places on a rig are not in this kind of file"
+                    .to_owned(),
+            ));
+        }
     }
     if let Some(first) = cameras.first_mut() {
         first.camera_from_first = Some(RigidTransform::identity());
@@ -98,25 +92,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
     Ok((set.checked(path)?, notes))
 }
 
-/// Reads where the pictures of a file were taken.
-///
-/// # Errors
-/// [`CalibError`].
-pub fn poses(path: &Path) -> Result<Vec<Posed>, CalibError> {
-    let source = Source::read(path)?;
-    let tree = json::parse(&source)?;
-    let frames = At::root(&source, &tree).get("frames")?.items()?;
-    frames
-        .iter()
-        .map(|frame| {
-            Ok(Posed {
-                file_path: frame.get("file_path")?.text()?.to_owned(),
-                world_from_camera: pose(frame)?,
-            })
-        })
-        .collect()
-}
-
+/// Takes points in the optical frame to the world of the file, in the file's unit of length.
 fn pose(frame: &At<'_>) -> Result<RigidTransform, CalibError> {
     let at = frame.get("transform_matrix")?;
     let rows: [f64; 16] = at.numbers()?;
@@ -129,6 +105,7 @@ fn pose(frame: &At<'_>) -> Result<RigidTransform, CalibError> {
 fn pair<'a, 's>(frames: &'a [At<'s>]) -> Option<[&'a At<'s>; 2]> {
     match frames {
         [a, b] if stem(a) == "left" && stem(b) == "right" => Some([a, b]),
+        [a, b] if stem(a) == "right" && stem(b) == "left" => Some([b, a]),
         _ => None,
     }
 }
@@ -175,6 +152,17 @@ fn camera(frame: &At<'_>, root: &At<'_>, notes: &mut Vec<Note>) -> Result<Camera
         or_zero("k4")?,
     ];
     let [p1, p2] = [or_zero("p1")?, or_zero("p2")?];
+    // Coefficients that the model does not have are not dropped.
+    let foreign: &[&str] = match model {
+        "OPENCV_FISHEYE" => &["p1", "p2"],
+        "OPENCV" => &[],
+        _ => &["k1", "k2", "k3", "k4", "p1", "p2"],
+    };
+    for key in foreign {
+        if or_zero(key)? != 0.0 {
+            return Err(need(key)?.wrong(&format!("0 of {model}")));
+        }
+    }
     let distortion = match model {
         "OPENCV_FISHEYE" => fisheye_of(&[k1, k2, k3, k4]),
         "OPENCV" => {
@@ -189,7 +177,7 @@ fn camera(frame: &At<'_>, root: &At<'_>, notes: &mut Vec<Note>) -> Result<Camera
         }
         _ => Ok(Distortion::None),
     };
-    Ok(CameraModel {
+    let model = CameraModel {
         width,
         height,
         fx,
@@ -197,7 +185,18 @@ fn camera(frame: &At<'_>, root: &At<'_>, notes: &mut Vec<Note>) -> Result<Camera
         cx: cx - HALF,
         cy: cy - HALF,
         distortion: distortion.expect("the number of coefficients is right"),
-    })
+    };
+    if let Some((name, objection)) = model.objection_to() {
+        let keys: &[&str] = match name {
+            "fx" => &["fl_x", "camera_angle_x"],
+            "fy" => &["fl_y", "fl_x", "camera_angle_x"],
+            other => &[other],
+        };
+        let at = keys.iter().find_map(|key| find(key));
+        at.map_or_else(|| need("w"), Ok)?
+            .refuse_if(Some(objection))?;
+    }
+    Ok(model)
 }
 
 pub(crate) fn write(set: &CameraSet) -> Result<Written, WriteError> {

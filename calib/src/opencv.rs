@@ -14,8 +14,8 @@ use cad_transforms::RigidTransform;
 
 use crate::camera::{CameraModel, Distortion};
 use crate::error::{CalibError, Note};
-use crate::set::{CameraSet, NamedCamera};
-use crate::stereo::{Format, Provenance};
+use crate::set::{CameraSet, NamedCamera, too_far};
+use crate::stereo::{Format, Provenance, swapped};
 use crate::text::{Source, written_all};
 use crate::tree::{At, yaml};
 use crate::write::{WriteError, Written, lens};
@@ -163,7 +163,8 @@ fn camera(
     let matrix = root
         .find_any(matrices)
         .map_or_else(|| root.get(matrices[0]), Ok)?;
-    let [fx, fy, cx, cy] = camera_matrix(&data(&matrix, Some([3, 3]))?)?;
+    let matrix = data(&matrix, Some([3, 3]))?;
+    let [fx, fy, cx, cy] = camera_matrix(&matrix)?;
     let at = root
         .find_any(coefficients)
         .map_or_else(|| root.get(coefficients[0]), Ok)?;
@@ -197,7 +198,7 @@ fn camera(
     } else {
         radial_tangential_of(&d)
     };
-    Ok(CameraModel {
+    let model = CameraModel {
         width,
         height,
         fx,
@@ -205,7 +206,9 @@ fn camera(
         cx,
         cy,
         distortion: distortion.map_err(|(found, expected)| at.wrong_because(&found, expected))?,
-    })
+    };
+    matrix.refuse_impossible(&model)?;
+    Ok(model)
 }
 
 /// The numbers of a matrix: its `data`, or itself where it is a plain list. Checks rows and columns.
@@ -305,16 +308,18 @@ fn placement(root: &At<'_>) -> Result<Option<RigidTransform>, CalibError> {
     let (Some(r), Some(t)) = (root.find("R"), root.find("T")) else {
         return Ok(None);
     };
-    let translation: [f64; 3] = data(&t, None)?.numbers()?;
+    let t = data(&t, None)?;
+    let translation: [f64; 3] = t.numbers()?;
     let rotation = data(&r, None)?;
     let numbers = rotation.number_list()?;
     let transform = match *numbers {
         [x, y, z] => RigidTransform::from_rotation_vector([x, y, z], translation),
         _ => RigidTransform::from_rotation_rows(rotation.numbers()?, translation),
     };
-    transform
-        .map(Some)
-        .map_err(|error| r.wrong_because(&format!("R and T where {error}"), "a rigid transform"))
+    let transform = transform
+        .map_err(|error| r.wrong_because(&format!("R and T where {error}"), "a rigid transform"))?;
+    t.refuse_if(too_far("right", &transform).or_else(|| swapped(&transform)))?;
+    Ok(Some(transform))
 }
 
 pub(crate) fn write(set: &CameraSet) -> Result<Written, WriteError> {

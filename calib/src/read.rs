@@ -12,7 +12,7 @@ use crate::stereo::{Format, StereoCalibration};
 use crate::text::Source;
 use crate::tree::{At, json, yaml};
 use crate::{
-    basalt, colmap, euroc, kalibr, kitti, middlebury, nerfstudio, opencv, pair, ros, rosys,
+    basalt, colmap, euroc, kalibr, kitti, middlebury, nerfstudio, opencv, pair, ros, rosys, set,
     zed_conf,
 };
 
@@ -34,18 +34,20 @@ pub fn read_stereo(
     height: u32,
 ) -> Result<(StereoCalibration, Vec<Note>), CalibError> {
     let (format, path) = recognised(path)?;
-    match format {
-        Format::ZedConf => zed_conf::read(&path, width, height),
-        Format::Euroc => euroc::read(&path, width, height),
-        Format::Kitti => kitti::read(&path, width, height),
-        Format::Pair => pair::read(&path, width, height),
+    let (stereo, mut notes) = match format {
+        Format::ZedConf => zed_conf::read(&path, width, height)?,
+        Format::Kitti => kitti::read(&path, width, height)?,
+        Format::Pair => pair::read(&path, width, height)?,
+        Format::Euroc => return euroc::read(&path, width, height),
         _ => {
             let (set, mut notes) = of_format(format, &path, Some([width, height]))?;
             let (stereo, more) = set.stereo(None, &path)?;
             notes.extend(more);
-            Ok((stereo, notes))
+            return Ok((stereo, notes));
         }
-    }
+    };
+    notes.extend(set::wide(&stereo));
+    Ok((stereo, notes))
 }
 
 /// Reads all cameras of a file, or of a folder that holds one. `size` is of one picture; it is needed
@@ -59,6 +61,7 @@ pub fn read_cameras(
 ) -> Result<(CameraSet, Vec<Note>), CalibError> {
     let (format, path) = recognised(path)?;
     let (set, mut notes) = of_format(format, &path, size)?;
+    notes.extend(set.doubts(&path)?);
     for NamedCamera { name, model, .. } in &set.cameras {
         let off = |c: f64, size: u32| c - 0.5 * (f64::from(size) - 1.0);
         let (x, y) = (off(model.cx, model.width), off(model.cy, model.height));
@@ -74,34 +77,6 @@ pub fn read_cameras(
         }
     }
     Ok((set, notes))
-}
-
-/// Reads one camera: the only one of a file, or the one of that name.
-///
-/// # Errors
-/// As [`read_cameras`], and [`CalibError::Missing`] where there is not exactly one.
-pub fn read_camera(
-    path: &Path,
-    name: Option<&str>,
-    size: Option<[u32; 2]>,
-) -> Result<(NamedCamera, Vec<Note>), CalibError> {
-    let (set, notes) = read_cameras(path, size)?;
-    let found = set.names().join(", ");
-    let mut fitting = set
-        .cameras
-        .into_iter()
-        .filter(|camera| name.is_none_or(|name| camera.name == name));
-    match (fitting.next(), fitting.next()) {
-        (Some(camera), None) => Ok((camera, notes)),
-        _ => Err(CalibError::Missing {
-            path: path.to_owned(),
-            what: match name {
-                Some(name) => format!("camera {name}"),
-                None => "a single camera, or the name of one,".to_owned(),
-            },
-            found: format!("cameras {found}"),
-        }),
-    }
 }
 
 /// What a path holds: its kind, and the file, or the folder of an ASL data set.
@@ -451,6 +426,71 @@ mod tests {
         assert!(
             error.contains("found K.txt and calib.txt, expected exactly one"),
             "{error}"
+        );
+    }
+
+    #[test]
+    fn pairs_of_any_kind_are_questioned() {
+        let folder = Folder::new();
+        let chain = |x: &str| {
+            let camera = "camera_model: pinhole, intrinsics: [500, 500, 320, 240], distortion_model: none, resolution: \
+                          [640, 480]";
+            let text = format!(
+                "cam0: {{{camera}}}\ncam1: {{{camera}, T_cn_cnm1: [[1, 0, 0, {x}], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, \
+                 0, 1]]}}\n"
+            );
+            let (_, notes) = read_cameras(&folder.file("chain.yaml", &text), None).unwrap();
+            notes.into_iter().map(|note| note.0).collect::<Vec<_>>()
+        };
+        assert_eq!(chain("-0.063"), [""; 0]);
+        // Two cameras without names may sit anywhere.
+        let swapped = chain("0.063");
+        assert!(
+            swapped.len() == 1
+                && swapped[0].contains("cam0 sits to the right of cam1: are they swapped?"),
+            "{swapped:?}"
+        );
+        let wide = chain("-6.3");
+        assert!(
+            wide.len() == 1
+                && wide[0].contains("cam1 is 6.3 m from the first camera: is the file in metres?"),
+            "{wide:?}"
+        );
+
+        let rosys = |x: &str| {
+            let camera = |name: &str, x: &str| {
+                format!(
+                    "\"{name}\": {{\"calibration\": {{\"intrinsics\": {{\"matrix\": [[500, 0, 320], [0, 500, 240], [0, 0, \
+                     1]], \"distortion\": [0, 0, 0, 0, 0], \"size\": {{\"width\": 640, \"height\": 480}}}}, \
+                     \"extrinsics\": {{\"x\": {x}, \"y\": 0, \"z\": 0, \"rotation\": {{\"R\": [[1, 0, 0], [0, 1, 0], \
+                     [0, 0, 1]]}}, \"_frame_id\": \"rig\"}}}}}}"
+                )
+            };
+            let text = format!(
+                "{{\"cameras\": {{{}, {}}}}}",
+                camera("left", "0"),
+                camera("right", x)
+            );
+            read_cameras(&folder.file("cameras.json", &text), None)
+        };
+        assert!(rosys("0.063").unwrap().1.is_empty());
+        let error = rosys("-0.063").unwrap_err().to_string();
+        assert!(error.contains("left and right swapped"), "{error}");
+
+        // Formats of pairs alone, in whichever way they are read.
+        let zed = "[LEFT_CAM_HD]\nfx=700\nfy=700\ncx=640\ncy=360\nk1=0.1\nk2=0\np1=0\np2=0\nk3=0\n[RIGHT_CAM_HD]\n\
+                   fx=700\nfy=700\ncx=640\ncy=360\nk1=0.1\nk2=0\np1=0\np2=0\nk3=0\n[STEREO]\nBaseline=6300\nTY=0\nTZ=0\n\
+                   CV_HD=0\nRX_HD=0\nRZ_HD=0\n";
+        let path = folder.file("SN1.conf", zed);
+        let (_, notes) = read_stereo(&path, 1280, 720).unwrap();
+        assert!(
+            notes.len() == 1 && notes[0].0.contains("6.3 m"),
+            "{notes:?}"
+        );
+        let (_, notes) = read_cameras(&path, Some([1280, 720])).unwrap();
+        assert!(
+            notes.len() == 1 && notes[0].0.contains("6.3 m"),
+            "{notes:?}"
         );
     }
 

@@ -1,12 +1,12 @@
 //! ROS `camera_info` YAML as `camera_calibration` and `camera_calibration_parsers` write it, one file per
 //! camera.
 //!
-//! Contract: a file with `left` in its name is read together with its `right` sibling, and the other way
-//! round. The pair's placement is what its rectification says: `x_right_rect = x_left_rect + P[3] / P[0]`
+//! Contract: a file whose name is `left`, or ends in `_left` or `-left`, is read together with its `right`
+//! sibling, and the other way round. The pair's placement is what its rectification says: `x_right_rect = x_left_rect + P[3] / P[0]`
 //! along x, and the two `rectification_matrix` turn each camera's points into the rectified frame. Where
 //! the right projection has no such term the placement is unknown. Models: `plumb_bob` (5, or 4),
 //! `rational_polynomial` (8), `equidistant` (4), and Kalibr's `radtan` (4), which some drivers write here.
-//! Coefficients that are all 0 are no distortion.
+//! Coefficients that are all 0 are no distortion; those beside `none` or an empty model must be.
 
 use std::path::{Path, PathBuf};
 
@@ -16,8 +16,8 @@ use crate::camera::{CameraModel, Distortion};
 use crate::error::{CalibError, Note};
 use crate::opencv::{camera_matrix, data, fisheye_of, radial_tangential_of};
 use crate::rectify::{Rectification, View};
-use crate::set::{CameraSet, NamedCamera};
-use crate::stereo::{Format, Provenance};
+use crate::set::{CameraSet, NamedCamera, too_far};
+use crate::stereo::{Format, Provenance, swapped};
 use crate::text::{Source, written_all};
 use crate::tree::{At, yaml};
 use crate::write::{WriteError, Written, lens, stereo};
@@ -26,6 +26,8 @@ struct File {
     model: CameraModel,
     rectified_from_camera: RigidTransform,
     projection: [f64; 12],
+    /// Line and key, for messages.
+    projection_at: String,
 }
 
 /// Reads a file and its sibling.
@@ -65,11 +67,16 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         None
     } else {
         let offset = RigidTransform::from_translation_m([p[3] / p[0], p[7] / p[5], 0.0]);
-        let offset = offset.map_err(|error| CalibError::Implausible {
+        let implausible = |objection: String| CalibError::Implausible {
             path: right_path.clone(),
-            objection: format!("projection_matrix: {error}"),
-        })?;
-        Some(right.rectified_from_camera.inverse() * offset * left.rectified_from_camera)
+            objection: format!("{}: {objection}", right.projection_at),
+        };
+        let offset = offset.map_err(|error| implausible(error.to_string()))?;
+        let place = right.rectified_from_camera.inverse() * offset * left.rectified_from_camera;
+        if let Some(objection) = too_far("right", &place).or_else(|| swapped(&place)) {
+            return Err(implausible(objection));
+        }
+        Some(place)
     };
     let set = CameraSet {
         cameras: vec![
@@ -82,17 +89,22 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
     Ok((set.checked(path)?, notes))
 }
 
-/// The left and the right file where this is one of them and the other exists.
+/// The left and the right file where this is one of them and the other exists. The last word of the name
+/// tells: `left_shoulder_right.yaml` belongs to `left_shoulder_left.yaml`.
 fn pair(path: &Path) -> Option<[PathBuf; 2]> {
-    let name = path.file_name()?.to_str()?;
-    let (left, right) = if name.contains("left") {
-        (name.to_owned(), name.replacen("left", "right", 1))
-    } else if name.contains("right") {
-        (name.replacen("right", "left", 1), name.to_owned())
-    } else {
+    let stem = path.file_stem()?.to_str()?;
+    let before = &stem[..stem.rfind(['_', '-']).map_or(0, |at| at + 1)];
+    if !["left", "right"].contains(&&stem[before.len()..]) {
         return None;
-    };
-    let paths = [left, right].map(|name| path.with_file_name(name));
+    }
+    let paths = ["left", "right"].map(|eye| {
+        let mut name = std::ffi::OsString::from(format!("{before}{eye}"));
+        if let Some(extension) = path.extension() {
+            name.push(".");
+            name.push(extension);
+        }
+        path.with_file_name(name)
+    });
     paths.iter().all(|path| path.is_file()).then_some(paths)
 }
 
@@ -104,7 +116,8 @@ fn file(path: &Path, notes: &mut Vec<Note>) -> Result<File, CalibError> {
         root.get("image_width")?.size()?,
         root.get("image_height")?.size()?,
     ];
-    let [fx, fy, cx, cy] = camera_matrix(&data(&root.get("camera_matrix")?, Some([3, 3]))?)?;
+    let matrix = data(&root.get("camera_matrix")?, Some([3, 3]))?;
+    let [fx, fy, cx, cy] = camera_matrix(&matrix)?;
     let name = root.get("distortion_model")?;
     let kind = name.one_of(&[
         "plumb_bob",
@@ -117,6 +130,9 @@ fn file(path: &Path, notes: &mut Vec<Note>) -> Result<File, CalibError> {
         "",
     ])?;
     let distortion = if matches!(kind, "none" | "") {
+        if let Some(at) = root.find("distortion_coefficients") {
+            data(&at, None)?.only_zeros("no distortion_model")?;
+        }
         Distortion::None
     } else {
         let at = data(&root.get("distortion_coefficients")?, None)?;
@@ -148,7 +164,7 @@ fn file(path: &Path, notes: &mut Vec<Note>) -> Result<File, CalibError> {
         }
         None => RigidTransform::identity(),
     };
-    let projection = match root.find("projection_matrix") {
+    let (projection, projection_at) = match root.find("projection_matrix") {
         Some(at) => {
             let at = data(&at, Some([3, 4]))?;
             let p: [f64; 12] = at.numbers()?;
@@ -158,25 +174,29 @@ fn file(path: &Path, notes: &mut Vec<Note>) -> Result<File, CalibError> {
                     "both above 0",
                 ));
             }
-            p
+            (p, at.place())
         }
         None => {
             notes.push(Note(format!("{}: no projection_matrix", path.display())));
-            [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]
+            let own = [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0];
+            (own, matrix.place())
         }
     };
+    let model = CameraModel {
+        width,
+        height,
+        fx,
+        fy,
+        cx,
+        cy,
+        distortion,
+    };
+    matrix.refuse_impossible(&model)?;
     Ok(File {
-        model: CameraModel {
-            width,
-            height,
-            fx,
-            fy,
-            cx,
-            cy,
-            distortion,
-        },
+        model,
         rectified_from_camera,
         projection,
+        projection_at,
     })
 }
 

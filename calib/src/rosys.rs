@@ -74,14 +74,15 @@ fn camera(at: &At<'_>) -> Result<CameraModel, CalibError> {
         Some(model) => model.one_of(&["pinhole", "fisheye"])?,
         None => "pinhole",
     };
-    let [fx, fy, cx, cy] = camera_matrix(&at.get("matrix")?)?;
+    let matrix = at.get("matrix")?;
+    let [fx, fy, cx, cy] = camera_matrix(&matrix)?;
     let d = at.get("distortion")?;
     let coefficients = d.number_list()?;
     let distortion = match model {
         "fisheye" => fisheye_of(&coefficients),
         _ => radial_tangential_of(&coefficients),
     };
-    Ok(CameraModel {
+    let model = CameraModel {
         width: at.get("size.width")?.size()?,
         height: at.get("size.height")?.size()?,
         fx,
@@ -89,7 +90,9 @@ fn camera(at: &At<'_>) -> Result<CameraModel, CalibError> {
         cx,
         cy,
         distortion: distortion.map_err(|(found, expected)| d.wrong_because(&found, expected))?,
-    })
+    };
+    matrix.refuse_impossible(&model)?;
+    Ok(model)
 }
 
 /// The frame and `frame_from_camera`.

@@ -10,7 +10,7 @@ use cad_transforms::RigidTransform;
 
 use crate::camera::CameraModel;
 use crate::error::{CalibError, Note};
-use crate::stereo::{FARTHEST_M, ImuCalibration, ImuNoise, Provenance, StereoCalibration};
+use crate::stereo::{FARTHEST_M, ImuCalibration, ImuNoise, Provenance, StereoCalibration, swapped};
 
 /// Cameras that belong together.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,6 +54,24 @@ pub struct SetImu {
 
 /// Wider apart than this, a stereo camera is worth a question, metres.
 const WIDE_M: f64 = 2.0;
+
+/// What is wrong with a sensor that is too far from the first camera to be in metres.
+pub(crate) fn too_far(name: &str, from_first: &RigidTransform) -> Option<String> {
+    let metres = from_first.distance_m();
+    (!metres.is_finite() || metres > FARTHEST_M).then(|| {
+        format!("{name} is {metres} m from the first camera, expected at most {FARTHEST_M}: not in metres?")
+    })
+}
+
+/// A question about a pair that is very wide.
+pub(crate) fn wide(stereo: &StereoCalibration) -> Option<Note> {
+    let apart = stereo.baseline_m();
+    (apart > WIDE_M).then(|| {
+        Note(format!(
+            "left and right are {apart} m apart: is the file in metres?"
+        ))
+    })
+}
 
 impl CameraSet {
     /// The cameras of a stereo calibration, as `left` and `right`.
@@ -155,12 +173,7 @@ impl CameraSet {
             provenance: self.provenance.clone(),
         }
         .checked(path)?;
-        let apart = stereo.baseline_m();
-        if apart > WIDE_M {
-            notes.push(Note(format!(
-                "left and right are {apart} m apart: is the file in metres?"
-            )));
-        }
+        notes.extend(wide(&stereo));
         Ok((stereo, notes))
     }
 
@@ -170,6 +183,12 @@ impl CameraSet {
     }
 
     fn left_and_right(&self) -> Option<[usize; 2]> {
+        self.named_pair()
+            .or((self.cameras.len() >= 2).then_some([0, 1]))
+    }
+
+    /// The one camera with `left` and the one with `right` in its name.
+    fn named_pair(&self) -> Option<[usize; 2]> {
         let named = |word: &str| {
             let mut with = (0..self.cameras.len())
                 .filter(|&i| self.cameras[i].name.to_ascii_lowercase().contains(word));
@@ -177,8 +196,50 @@ impl CameraSet {
         };
         match (named("left"), named("right")) {
             (Some(left), Some(right)) if left != right => Some([left, right]),
-            _ => (self.cameras.len() >= 2).then_some([0, 1]),
+            _ => None,
         }
+    }
+
+    /// Questions about where the cameras are. `path` is for messages.
+    ///
+    /// # Errors
+    /// [`CalibError::Implausible`] where cameras that are called left and right are swapped. Two cameras
+    /// with other names may sit anywhere, so with them it is a question.
+    pub(crate) fn doubts(&self, path: &Path) -> Result<Vec<Note>, CalibError> {
+        let mut notes = Vec::new();
+        for NamedCamera {
+            name,
+            camera_from_first,
+            ..
+        } in &self.cameras
+        {
+            let metres = camera_from_first.map_or(0.0, |t| t.distance_m());
+            if metres > WIDE_M {
+                notes.push(Note(format!(
+                    "{name} is {metres} m from the first camera: is the file in metres?"
+                )));
+            }
+        }
+        let b_from_a = |a: usize, b: usize| {
+            let [a, b] = [a, b].map(|i| self.cameras[i].camera_from_first);
+            Some(b? * a?.inverse())
+        };
+        if let Some([left, right]) = self.named_pair() {
+            if let Some(objection) = b_from_a(left, right).as_ref().and_then(swapped) {
+                return Err(CalibError::Implausible {
+                    path: path.to_owned(),
+                    objection,
+                });
+            }
+        } else if let [first, second] = &self.cameras[..]
+            && b_from_a(0, 1).as_ref().and_then(swapped).is_some()
+        {
+            notes.push(Note(format!(
+                "{} sits to the right of {}: are they swapped?",
+                first.name, second.name
+            )));
+        }
+        Ok(notes)
     }
 
     /// The set itself if its numbers are possible, with notes on what is doubtful.
@@ -205,11 +266,8 @@ impl CameraSet {
             .filter_map(|c| Some((c.name.as_str(), c.camera_from_first?)))
             .chain(self.imu.map(|imu| ("the IMU", imu.imu_from_first)));
         for (name, transform) in placed {
-            let metres = transform.distance_m();
-            if !metres.is_finite() || metres > FARTHEST_M {
-                return Err(implausible(format!(
-                    "{name} is {metres} m from the first camera, expected at most {FARTHEST_M}: not in metres?"
-                )));
+            if let Some(objection) = too_far(name, &transform) {
+                return Err(implausible(objection));
             }
         }
         if let Some(imu) = &self.imu {

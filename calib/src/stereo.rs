@@ -175,6 +175,17 @@ const RECTIFIED_TOLERANCE: f64 = 1e-12;
 /// Farthest two sensors of one camera can be apart, metres. Beyond it the numbers are millimetres.
 pub(crate) const FARTHEST_M: f64 = 10.0;
 
+/// What is wrong with the place of a right eye that sits to the left of the left one.
+pub(crate) fn swapped(right_from_left: &RigidTransform) -> Option<String> {
+    let [x, ..] = right_from_left.translation_m();
+    (x >= 0.0).then(|| {
+        format!(
+            "the left camera's origin is at x = {x} m in the right camera's frame, expected below 0: are left and \
+             right swapped?"
+        )
+    })
+}
+
 impl StereoCalibration {
     /// The model of one eye.
     pub fn eye(&self, eye: Eye) -> &CameraModel {
@@ -208,23 +219,14 @@ impl StereoCalibration {
         let lens = cameras
             .iter()
             .find_map(|(name, camera)| Some(format!("{name} camera: {}", camera.objection()?)));
-        let [x, ..] = self.right_from_left.translation_m();
         let apart = |what: &str, b_from_a: &RigidTransform| {
             let metres = b_from_a.distance_m();
             (!metres.is_finite() || metres > FARTHEST_M).then(|| {
                 format!("{what} {metres} m apart, expected at most {FARTHEST_M}: not in metres?")
             })
         };
-        let swapped = || {
-            (x >= 0.0).then(|| {
-                format!(
-                    "the left camera's origin is at x = {x} m in the right camera's frame, expected below 0: \
-                     are left and right swapped?"
-                )
-            })
-        };
         let placement = apart("the cameras are", &self.right_from_left)
-            .or_else(swapped)
+            .or_else(|| swapped(&self.right_from_left))
             .or_else(|| apart("IMU and left camera are", &self.imu.as_ref()?.imu_from_left));
         match lens.or(placement) {
             None => Ok(self),

@@ -1,6 +1,7 @@
 //! A structured text file (YAML or JSON) as a tree whose every value knows its line, and questions to it
 //! whose errors name file, line and the whole key, for example `cam0.intrinsics[2]`.
 
+use crate::camera::CameraModel;
 use crate::error::CalibError;
 use crate::text::Source;
 
@@ -240,6 +241,43 @@ impl<'a> At<'a> {
         };
         self.source
             .unexpected(self.node.line, found, &format!("{expected}{key}"))
+    }
+
+    /// An error about numbers that can be read but cannot be true, where there is an objection to them.
+    pub(crate) fn refuse_if(&self, objection: Option<String>) -> Result<(), CalibError> {
+        objection.map_or(Ok(()), |objection| {
+            Err(CalibError::Implausible {
+                path: self.source.path.clone(),
+                objection: format!("{}: {objection}", self.place()),
+            })
+        })
+    }
+
+    /// The same for intrinsics; a block of keys is asked for the number in question.
+    pub(crate) fn refuse_impossible(&self, model: &CameraModel) -> Result<(), CalibError> {
+        model.objection_to().map_or(Ok(()), |(name, objection)| {
+            let number = self.find(name);
+            number.as_ref().unwrap_or(self).refuse_if(Some(objection))
+        })
+    }
+
+    /// Line and key, for messages.
+    pub(crate) fn place(&self) -> String {
+        format!("line {}: {}", self.node.line, self.path)
+    }
+
+    /// Refuses coefficients that are not 0 beside a model (`beside`) that has none.
+    pub(crate) fn only_zeros(&self, beside: &str) -> Result<(), CalibError> {
+        match self
+            .number_list()?
+            .into_iter()
+            .find(|number| *number != 0.0)
+        {
+            Some(number) => {
+                Err(self.wrong_because(&format!("{number} beside {beside}"), "only zeros"))
+            }
+            None => Ok(()),
+        }
     }
 
     fn child(&self, node: &'a Node, key: &str) -> Self {

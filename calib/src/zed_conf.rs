@@ -20,7 +20,7 @@ use cad_transforms::RigidTransform;
 
 use crate::camera::{CameraModel, Distortion};
 use crate::error::{CalibError, Note};
-use crate::stereo::{Format, Provenance, StereoCalibration};
+use crate::stereo::{FARTHEST_M, Format, Provenance, StereoCalibration};
 use crate::text::{Source, millimetres, written};
 use crate::write::{WriteError, Written, lens};
 use ini::{Ini, Section};
@@ -253,7 +253,7 @@ fn camera(
     } else {
         ini.require(&format!("{eye}_DISTO"))?
     };
-    Ok(CameraModel {
+    let model = CameraModel {
         width,
         height,
         fx: section.number("FX")? * shape.scale,
@@ -261,7 +261,11 @@ fn camera(
         cx: section.number("CX")? * shape.scale,
         cy: (section.number("CY")? - shape.cut_rows) * shape.scale,
         distortion: distortion(lens, notes)?,
-    })
+    };
+    match model.objection_to() {
+        Some((name, objection)) => Err(section.implausible(&name.to_ascii_uppercase(), &objection)),
+        None => Ok(model),
+    }
 }
 
 /// The section holds one list of coefficients for three models; which one is told by its zeros.
@@ -326,10 +330,11 @@ fn right_from_left(
 ) -> Result<RigidTransform, CalibError> {
     let stereo = ini.require("STEREO")?;
     let baseline_mm = stereo.number("BASELINE")?;
-    if baseline_mm < SHORTEST_BASELINE_MM {
+    let farthest_mm = FARTHEST_M * 1000.0;
+    if !(SHORTEST_BASELINE_MM..=farthest_mm).contains(&baseline_mm) {
         let (line, text) = stereo.text("BASELINE")?;
         let expected = format!(
-            "BASELINE in [STEREO] in millimetres, positive, at least {SHORTEST_BASELINE_MM}"
+            "BASELINE in [STEREO] in millimetres, positive, at least {SHORTEST_BASELINE_MM}, at most {farthest_mm}"
         );
         return Err(source.malformed(line, text, &expected));
     }
@@ -341,14 +346,23 @@ fn right_from_left(
             .flat_map(|tag| [format!("{name}_{tag}"), format!("{name}_RESOLUTION_{tag}")])
             .find(|key| stereo.has(key))
     };
-    let mut offset_mm =
-        |name: &str| match per_resolution(name).or(stereo.has(name).then(|| name.to_owned())) {
-            Some(key) => stereo.number(&key),
-            None => {
-                notes.push(Note(format!("[STEREO] has no {name}: taken as 0")));
-                Ok(0.0)
+    let mut offset_mm = |name: &str| match per_resolution(name)
+        .or(stereo.has(name).then(|| name.to_owned()))
+    {
+        Some(key) => match stereo.number(&key)? {
+            mm if mm.abs() <= farthest_mm => Ok(mm),
+            _ => {
+                let (line, text) = stereo.text(&key)?;
+                let expected =
+                    format!("{key} in [STEREO] in millimetres, at most {farthest_mm} either way");
+                Err(source.malformed(line, text, &expected))
             }
-        };
+        },
+        None => {
+            notes.push(Note(format!("[STEREO] has no {name}: taken as 0")));
+            Ok(0.0)
+        }
+    };
     let (ty_mm, tz_mm) = (offset_mm("TY")?, offset_mm("TZ")?);
     let angle =
         |name: &str| stereo.number(&per_resolution(name).unwrap_or(format!("{name}_{tag}")));
@@ -357,7 +371,7 @@ fn right_from_left(
     RigidTransform::from_rotation_vector(rotation_rad, translation_m).map_err(|error| {
         CalibError::Implausible {
             path: source.path.clone(),
-            objection: format!("RX, CV, RZ of {rotation_rad:?}: {error}"),
+            objection: format!("RX, CV, RZ in [STEREO] of {rotation_rad:?}: {error}"),
         }
     })
 }

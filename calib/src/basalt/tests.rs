@@ -104,3 +104,29 @@ fn the_real_files() {
     assert!(notes.iter().any(|n| n.0.contains("vignetting")));
     assert_eq!(stereo.imu.unwrap().rate_hz, 200.0);
 }
+
+#[test]
+fn what_cannot_be_is_named_by_its_key() {
+    let folder = Folder::new();
+    let check = |from: &str, to: &str, expected: &str| {
+        let path = folder.file("calibration.json", &text(UCM).replacen(from, to, 1));
+        let error = read(&path).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    };
+    let of_lens = "line 5: value0.intrinsics[0].intrinsics";
+    check(
+        "\"fy\": 300",
+        "\"fy\": -300",
+        &format!("{of_lens}.fy: focal lengths 300 and -300"),
+    );
+    check(
+        "\"cx\": 320",
+        "\"cx\": 3200",
+        &format!("{of_lens}.cx: principal point (3200, 240)"),
+    );
+    check(
+        "0.05",
+        "50.0",
+        "line 3: value0.T_imu_cam[0]: the IMU is 50 m from the first camera",
+    );
+}

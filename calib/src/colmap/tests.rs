@@ -119,3 +119,27 @@ fn traps() {
         );
     }
 }
+
+#[test]
+fn a_file_that_was_cut_off_is_noted() {
+    let folder = Folder::new();
+    let camera = |id: u32| format!("{id} PINHOLE 640 480 500 500 320 240\n");
+    let text = format!("# Number of cameras: 2\n{}", camera(1));
+    let path = folder.file("cameras.txt", &text);
+    let notes = |path: &Path| -> Vec<String> {
+        let (_, notes) = read(path).unwrap();
+        notes.into_iter().map(|note| note.0).collect()
+    };
+    assert_eq!(
+        notes(&path),
+        ["the file says that it has 2 cameras, found 1: was it cut off?"]
+    );
+    folder.file("rigs.txt", "# Number of rigs: 1\n");
+    folder.file("cameras.txt", &format!("{text}{}", camera(2)));
+    assert_eq!(
+        notes(&path),
+        ["rigs.txt does not say where camera 2 is beside camera 1"]
+    );
+    folder.file("rigs.txt", "1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 -0.1 0 0\n");
+    assert_eq!(notes(&path), [""; 0]);
+}

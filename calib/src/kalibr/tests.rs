@@ -179,3 +179,111 @@ fn the_real_noise_files() {
         );
     }
 }
+
+/// Of the first camera with these lines for its lens.
+fn with_lens(lens: &str) -> Result<Distortion, String> {
+    let folder = Folder::new();
+    let text = format!(
+        "cam0:\n  camera_model: pinhole\n  intrinsics: [460.5, 459.1, 380.0, 255.0]\n  resolution: [752, 480]\n{lens}"
+    );
+    match read(&folder.file("camchain.yaml", &text)) {
+        Ok((set, _)) => Ok(set.cameras[0].model.distortion),
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+#[test]
+fn a_lens_is_never_dropped() {
+    let refused = |lens: &str, expected: &str| {
+        let error = with_lens(lens).unwrap_err();
+        assert!(error.contains(expected), "{error}");
+    };
+    let coefficients = "  distortion_coeffs: [-0.29, 0.08, -0.0003, 0.0002]\n";
+    refused(coefficients, "cam0.distortion_model is missing");
+    refused(
+        &format!("  distorsion_model: radtan\n{coefficients}"),
+        "cam0.distortion_model is missing",
+    );
+    refused(
+        &format!("  distortion_model: none\n{coefficients}"),
+        "line 6: found -0.29 beside distortion_model none, expected only zeros as cam0.distortion_coeffs",
+    );
+    for none in ["[]", "[0.0, 0.0, 0.0, 0.0]"] {
+        let lens = format!("  distortion_model: none\n  distortion_coeffs: {none}\n");
+        assert_eq!(with_lens(&lens), Ok(Distortion::None));
+    }
+    assert_eq!(
+        with_lens("  distortion_model: none\n"),
+        Ok(Distortion::None)
+    );
+}
+
+#[test]
+fn a_camera_is_never_dropped() {
+    let folder = Folder::new();
+    let error = |text: &str| {
+        read(&folder.file("camchain.yaml", text))
+            .unwrap_err()
+            .to_string()
+    };
+    let (first, _) = CHAIN.split_once("cam1:").unwrap();
+    let cut = error(&format!("{first}cam1:\n"));
+    assert!(
+        cut.contains("line 16: found nothing, expected a block of keys as cam1"),
+        "{cut}"
+    );
+    // Cut before it, only the other camera tells.
+    let (set, notes) = read(&folder.file("camchain.yaml", first)).unwrap();
+    assert_eq!(set.names(), ["cam0"]);
+    assert!(
+        notes.iter().any(|n| n
+            .0
+            .contains("cam0.cam_overlaps names cam1, which the file does not have")),
+        "{notes:?}"
+    );
+    let gap = error(&CHAIN.replace("cam1:", "cam2:"));
+    assert!(gap.contains("cam1 is missing, found cam0, cam2"), "{gap}");
+    let twice = error(&format!("{CHAIN}cam01: {{}}\n"));
+    assert!(twice.contains("cam2 is missing"), "{twice}");
+    // The order in the file does not matter, other keys are not cameras.
+    let turned = format!(
+        "calibrated: true\ncam1:{}{first}",
+        CHAIN.split_once("cam1:").unwrap().1
+    );
+    let (set, _) = read(&folder.file("camchain.yaml", &turned)).unwrap();
+    assert_eq!(set.names(), ["cam0", "cam1"]);
+    assert_eq!(
+        set.cameras[1].camera_from_first.unwrap().translation_m(),
+        [-0.11, 0.0, 0.0]
+    );
+}
+
+#[test]
+fn what_cannot_be_is_named_by_its_key() {
+    let folder = Folder::new();
+    let check = |from: &str, to: &str, expected: &str| {
+        let path = folder.file("camchain.yaml", &CHAIN.replacen(from, to, 1));
+        let error = read(&path).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    };
+    check(
+        "[461.4",
+        "[-461.4",
+        "line 12: cam0.intrinsics: focal lengths -461.487246372674 and",
+    );
+    check(
+        "255.0",
+        "2550.0",
+        "line 31: cam1.intrinsics: principal point (380, 2550)",
+    );
+    check(
+        "-0.11",
+        "-110",
+        "line 23: cam1.T_cn_cnm1: cam1 is 110 m from",
+    );
+    check(
+        "-0.03]",
+        "-30.0]",
+        "line 3: cam0.T_cam_imu: the IMU is 30.0",
+    );
+}

@@ -1,6 +1,15 @@
 use super::*;
 use crate::test_data::{Folder, shared};
 
+/// `world_from_camera` of each frame.
+fn poses(path: &Path) -> Vec<RigidTransform> {
+    let source = Source::read(path).unwrap();
+    let tree = json::parse(&source).unwrap();
+    let frames = At::root(&source, &tree).get("frames").unwrap();
+    let frames = frames.items().unwrap();
+    frames.iter().map(|frame| pose(frame).unwrap()).collect()
+}
+
 #[test]
 fn axes_and_half_pixels() {
     let folder = Folder::new();
@@ -19,12 +28,11 @@ fn axes_and_half_pixels() {
             ..
         }
     ));
-    let pose = &poses(&path).unwrap()[0];
-    assert_eq!(pose.file_path, "a.png");
+    let world_from_camera = poses(&path)[0];
     // This camera looks along OpenGL's -z, which the matrix takes to the world's +y, and its y (up) to
     // the world's +z: a picture taken upright, northwards.
-    let ahead = pose.world_from_camera.apply([0.0, 0.0, 2.0]);
-    let down = pose.world_from_camera.rotate([0.0, 1.0, 0.0]);
+    let ahead = world_from_camera.apply([0.0, 0.0, 2.0]);
+    let down = world_from_camera.rotate([0.0, 1.0, 0.0]);
     for (found, expected) in [(ahead, [5.0, 8.0, 7.0]), (down, [0.0, 0.0, -1.0])] {
         for i in 0..3 {
             assert!((found[i] - expected[i]).abs() < 1e-12, "{found:?}");
@@ -69,26 +77,88 @@ fn the_fox() {
         m.distortion,
         Distortion::RadTan4 { k1: 0.0578421, .. }
     ));
-    let poses = poses(&path).unwrap();
+    let poses = poses(&path);
     assert_eq!(poses.len(), 67);
     // Pictures taken around one thing look towards each other's middle.
     let mut middle = [0.0; 3];
     for pose in &poses {
-        let at = pose.world_from_camera.translation_m();
+        let at = pose.translation_m();
         (0..3).for_each(|i| middle[i] += at[i] / 67.0);
     }
-    let ahead: Vec<[f64; 3]> = poses
-        .iter()
-        .map(|p| p.world_from_camera.rotate([0.0, 0.0, 1.0]))
-        .collect();
+    let ahead: Vec<[f64; 3]> = poses.iter().map(|p| p.rotate([0.0, 0.0, 1.0])).collect();
     let mut mean = [0.0; 3];
     for a in &ahead {
         (0..3).for_each(|i| mean[i] += a[i] / 67.0);
     }
     // Nobody photographs with the camera on its head: down in the picture is down in the world.
+    assert!(poses.iter().all(|p| p.rotate([0.0, 1.0, 0.0])[2] < 0.0));
+}
+
+/// A pair whose lens is said once for both.
+const SHARED_LENS: &str = "{\"fl_x\": 500, \"fl_y\": 501, \"cx\": 320, \"cy\": 240, \"w\": 640, \"h\": 480, \"k1\": 0.1,
+ \"frames\": [
+ {\"file_path\": \"left.png\", \"transform_matrix\": [[1, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
+ {\"file_path\": \"right.png\", \"transform_matrix\": [[1, 0, 0, 0.625], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}]}";
+
+#[test]
+fn a_pair_may_share_its_lens() {
+    let folder = Folder::new();
+    let (set, notes) = read(&folder.file("t.json", SHARED_LENS)).unwrap();
+    assert!(notes.is_empty(), "{notes:?}");
+    assert_eq!(set.names(), ["left", "right"]);
+    assert_eq!(set.cameras[0].model, set.cameras[1].model);
+    let placed = set.cameras[1].camera_from_first.unwrap();
+    assert_eq!(placed.translation_m(), [-0.125, 0.0, 0.0]);
+    // What a frame says itself counts more.
+    let own = SHARED_LENS.replace("\"right.png\"", "\"right.png\", \"fl_x\": 510, \"k1\": 0.2");
+    let (set, _) = read(&folder.file("t.json", &own)).unwrap();
+    let right = &set.cameras[1].model;
+    assert_eq!(
+        (set.cameras[0].model.fx, right.fx, right.fy),
+        (500.0, 510.0, 501.0)
+    );
+    assert!(matches!(
+        right.distortion,
+        Distortion::RadTan4 { k1: 0.2, .. }
+    ));
+}
+
+#[test]
+fn what_cannot_be_is_named_by_its_key() {
+    let folder = Folder::new();
+    let check = |from: &str, to: &str, expected: &str| {
+        let path = folder.file("t.json", &SHARED_LENS.replacen(from, to, 1));
+        let error = read(&path).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    };
+    check("500", "-500", "line 1: fl_x: focal lengths -500 and 501");
+    check("320", "3200", "line 1: cx: principal point (3199.5, 239.5)");
+    check(
+        "0.625",
+        "62.5",
+        "line 4: frames[1].transform_matrix: right is 62 m from",
+    );
+    check(
+        "0.625",
+        "0.25",
+        "line 4: frames[1].transform_matrix: the left camera's origin is at x = 0.25 m",
+    );
+    let model = |name: &str| {
+        SHARED_LENS.replace(
+            "{\"fl_x\"",
+            &format!("{{\"camera_model\": \"{name}\", \"fl_x\""),
+        )
+    };
+    let error = read(&folder.file("t.json", &model("PINHOLE")))
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("expected 0 of PINHOLE as k1"), "{error}");
+    let fisheye = model("OPENCV_FISHEYE").replace("k1", "p1");
+    let error = read(&folder.file("t.json", &fisheye))
+        .unwrap_err()
+        .to_string();
     assert!(
-        poses
-            .iter()
-            .all(|p| p.world_from_camera.rotate([0.0, 1.0, 0.0])[2] < 0.0)
+        error.contains("expected 0 of OPENCV_FISHEYE as p1"),
+        "{error}"
     );
 }

@@ -155,8 +155,7 @@ fn traps() {
     let error = read(&path, None).unwrap_err().to_string();
     assert!(error.contains("right is 63.0"), "{error}");
     let path = folder.file("both.yml", &both.replace("-6.3e-02", "6.3e-02"));
-    let (set, _) = read(&path, None).unwrap();
-    let error = set.stereo(None, &path).unwrap_err().to_string();
+    let error = read(&path, None).unwrap_err().to_string();
     assert!(error.contains("left and right swapped"), "{error}");
     let path = folder.file(
         "thin.yml",
@@ -167,4 +166,37 @@ fn traps() {
     );
     let error = read(&path, None).unwrap_err().to_string();
     assert!(error.contains("thin prism or tilt terms in 14"), "{error}");
+}
+
+#[test]
+fn what_cannot_be_is_named_by_its_key() {
+    let folder = Folder::new();
+    folder.file("extrinsics.yml", EXTRINSICS);
+    let error = |name: &str, text: &str| {
+        folder.file(name, text);
+        let path = folder.path().join("intrinsics.yml");
+        read(&path, None).unwrap_err().to_string()
+    };
+    let found = error(
+        "intrinsics.yml",
+        &PAIR.replace("5.36e+02, 2.5e+02", "-5.36e+02, 2.5e+02"),
+    );
+    assert!(
+        found.contains("line 22: M2.data: focal lengths 536 and -536"),
+        "{found}"
+    );
+    folder.file("intrinsics.yml", PAIR);
+    for (x, expected) in [
+        ("-63.", "T.data: right is 63.0"),
+        (
+            "6.3e-02",
+            "T.data: the left camera's origin is at x = 0.063 m",
+        ),
+    ] {
+        let found = error("extrinsics.yml", &EXTRINSICS.replace("-6.3e-02", x));
+        assert!(
+            found.contains(&format!("line 12: {expected}")) && found.ends_with("extrinsics.yml"),
+            "{found}"
+        );
+    }
 }

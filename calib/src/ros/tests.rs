@@ -116,3 +116,81 @@ fn the_real_pair_of_a_zed_2i() {
         "{error}"
     );
 }
+
+#[test]
+fn no_model_is_no_way_to_lose_coefficients() {
+    let folder = Folder::new();
+    for name in ["none", "\"\""] {
+        let model = |d: &str| {
+            let path = folder.file("camera.yaml", &text(name, d, STRAIGHT, 0.0));
+            read(&path).map(|(set, _)| set.cameras[0].model.distortion)
+        };
+        assert!(matches!(model("0, 0, 0, 0"), Ok(Distortion::None)));
+        let error = model(FIVE).unwrap_err().to_string();
+        assert!(
+            error.contains("expected only zeros as distortion_coefficients.data"),
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn siblings_differ_in_the_last_word_of_their_names() {
+    let folder = Folder::new();
+    let sound = text("plumb_bob", FIVE, STRAIGHT, 0.0);
+    let cameras = |name: &str| read(&folder.path().join(name)).unwrap().0.cameras.len();
+    for name in [
+        "left_shoulder_left",
+        "right_shoulder_left",
+        "leftover",
+        "rightover",
+    ] {
+        folder.file(&format!("{name}.yaml"), &sound);
+    }
+    assert_eq!(cameras("left_shoulder_left.yaml"), 1);
+    assert_eq!(cameras("leftover.yaml"), 1);
+    let sibling = text("plumb_bob", FIVE, STRAIGHT, -25.2);
+    folder.file("left_shoulder_right.yaml", &sibling);
+    let (set, _) = read(&folder.path().join("left_shoulder_right.yaml")).unwrap();
+    assert_eq!(
+        set.provenance.files,
+        ["left_shoulder_left.yaml", "left_shoulder_right.yaml"]
+            .map(|name| folder.path().join(name))
+    );
+    for [left, right] in [["left", "right"], ["zed-left", "zed-right"]] {
+        folder.file(&format!("{left}.yaml"), &sound);
+        folder.file(&format!("{right}.yaml"), &sibling);
+        assert_eq!(cameras(&format!("{left}.yaml")), 2);
+        assert_eq!(cameras(&format!("{right}.yaml")), 2);
+    }
+}
+
+#[test]
+fn what_cannot_be_is_named_by_its_key() {
+    let folder = Folder::new();
+    let sound = text("plumb_bob", FIVE, STRAIGHT, 0.0);
+    let path = folder.file("camera.yaml", &sound.replace("311.71339", "3117.1339"));
+    let error = read(&path).unwrap_err().to_string();
+    assert!(
+        error.contains("line 7: camera_matrix.data: principal point (3117.1339, "),
+        "{error}"
+    );
+    let left = folder.file("left.yaml", &sound);
+    for (x, expected) in [
+        (
+            -25_200.0,
+            "line 20: projection_matrix.data: right is 63 m from",
+        ),
+        (
+            25.2,
+            "line 20: projection_matrix.data: the left camera's origin is at x = 0.063 m",
+        ),
+    ] {
+        folder.file("right.yaml", &text("plumb_bob", FIVE, STRAIGHT, x));
+        let error = read(&left).unwrap_err().to_string();
+        assert!(
+            error.contains(expected) && error.ends_with("right.yaml"),
+            "{error}"
+        );
+    }
+}

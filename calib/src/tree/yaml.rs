@@ -226,8 +226,29 @@ impl<'s> Parser<'s> {
         self.at += 1;
         Ok(Node {
             line: line.number,
-            value: scalar(value),
+            value: self.scalar(&line, value)?,
         })
+    }
+}
+
+impl Parser<'_> {
+    fn scalar(&self, line: &Line<'_>, text: &str) -> Result<Value, CalibError> {
+        for quote in ['"', '\''] {
+            let Some(inside) = text.strip_prefix(quote) else {
+                continue;
+            };
+            return match closing_quote(inside, quote as u8) {
+                Some(end) if end + 1 == inside.len() => {
+                    Ok(Value::Quoted(unescaped(&inside[..end], quote as u8)))
+                }
+                _ => Err(self.source.malformed(
+                    line.number,
+                    text,
+                    "a closing quote at the end of the line",
+                )),
+            };
+        }
+        Ok(Value::Plain(text.to_owned()))
     }
 }
 
@@ -402,15 +423,6 @@ fn without_tag(value: &str) -> &str {
             .map_or("", |(_, rest)| rest.trim()),
         None => value,
     }
-}
-
-fn scalar(text: &str) -> Value {
-    for quote in [b'"', b'\''] {
-        if text.as_bytes()[0] == quote && closing_quote(&text[1..], quote) == Some(text.len() - 2) {
-            return Value::Quoted(unescaped(&text[1..text.len() - 1], quote));
-        }
-    }
-    Value::Plain(text.to_owned())
 }
 
 /// Where a quotation ends.

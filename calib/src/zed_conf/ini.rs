@@ -92,6 +92,15 @@ impl<'s> Section<'s> {
         })
     }
 
+    /// An error about a number that can be read but cannot be true.
+    pub(super) fn implausible(&self, key: &str, objection: &str) -> CalibError {
+        let line = self.values.get(key).map_or(0, |(line, _)| *line);
+        CalibError::Implausible {
+            path: self.source.path.clone(),
+            objection: format!("line {line}: {key} in [{}]: {objection}", self.name),
+        }
+    }
+
     pub(super) fn number(&self, key: &str) -> Result<f64, CalibError> {
         let (line, text) = self.text(key)?;
         let what = format!(" as {key} in [{}]", self.name);

@@ -344,7 +344,7 @@ fn traps() {
     check(
         "cx=640",
         "cx=1400",
-        "left camera: principal point (1400, 360) outside the picture of 1280x720",
+        "line 4: CX in [LEFT_CAM_HD]: principal point (1400, 360) outside the picture of 1280x720",
     );
     check(
         "fy=701",
@@ -369,9 +369,13 @@ fn traps() {
     check(
         "CV_HD=0.01",
         "CV_HD=1e200",
-        "RX, CV, RZ of [0.002, 1e200, -0.003]: a component is not",
+        "RX, CV, RZ in [STEREO] of [0.002, 1e200, -0.003]: a component is not",
     );
-    check("TZ=-0.03", "TZ=1e9", "the cameras are 1000000");
+    check(
+        "TZ=-0.03",
+        "TZ=1e9",
+        "expected TZ in [STEREO] in millimetres",
+    );
 }
 
 #[test]
@@ -384,4 +388,48 @@ fn a_file_cut_anywhere_is_no_panic() {
             let _ = read(&path, 1920, 1080);
         }
     }
+}
+
+#[test]
+fn what_cannot_be_is_named_by_section_and_key() {
+    let check = |text: &str, from: &str, to: &str, size: (u32, u32), expected: &str| {
+        assert!(text.contains(from), "{from}");
+        let error = read_text(&text.replacen(from, to, 1), size.0, size.1).unwrap_err();
+        let error = error.to_string();
+        assert!(error.contains(expected), "{error}");
+    };
+    let usb = |from, to, expected| check(USB, from, to, (1280, 720), expected);
+    usb(
+        "fx=700",
+        "fx=-700",
+        "line 2: FX in [LEFT_CAM_HD]: focal lengths -700 and 701",
+    );
+    usb(
+        "fy=703",
+        "fy=0",
+        "line 13: FY in [RIGHT_CAM_HD]: focal lengths 702 and 0",
+    );
+    usb(
+        "cy=361",
+        "cy=3610",
+        "line 15: CY in [RIGHT_CAM_HD]: principal point (641, 3610)",
+    );
+    usb(
+        "Baseline=62.8",
+        "Baseline=62966",
+        "line 22: found \"62966\", expected BASELINE in [STEREO]",
+    );
+    usb(
+        "TZ=-0.03",
+        "TZ=-30000",
+        "line 24: found \"-30000\", expected TZ in [STEREO]",
+    );
+    // Of a derived resolution the key is the one in the file.
+    check(
+        GMSL,
+        "cy = 630.481",
+        "cy = 30.481",
+        (1920, 1080),
+        "CY in [RIGHT_CAM_FHD1200]: principal point",
+    );
 }

@@ -8,12 +8,15 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use calib::convert::convert_within;
-use calib::{CameraSet, Format, LensModel, read_cameras, write_cameras, zed_conf};
+use calib::read::recognised;
+use calib::{CameraSet, Format, LensModel, Note, read_cameras, write_cameras, zed_conf};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use crate::console::Console;
 use crate::outcome::Outcome;
+
+const SERIAL_NOT_CHECKED: &str = "serial not checked: the file's name has none";
 
 /// What to convert to what.
 #[derive(Clone, Debug, Args)]
@@ -36,7 +39,7 @@ pub struct Options {
     /// Size of one picture, for files that do not say it
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub size: Option<[u32; 2]>,
-    /// The camera's serial number: refuse a ZED file of another one
+    /// The camera's serial number: refuse a file with another one in its name
     #[arg(long, value_name = "SN")]
     pub serial: Option<String>,
 }
@@ -72,10 +75,7 @@ fn size(text: &str) -> Result<[u32; 2], String> {
 /// # Errors
 /// The file cannot be read, a lens cannot be converted, or the new file cannot be written.
 pub fn run(options: &Options, console: &mut Console<'_>) -> Result<Outcome> {
-    if let Some(serial) = &options.serial {
-        zed_conf::expect_serial(&options.source, serial)?;
-    }
-    let (mut set, notes) = read_cameras(&options.source, options.size)?;
+    let (mut set, notes) = read(options)?;
     for line in table(&set) {
         console.line(line)?;
     }
@@ -105,6 +105,21 @@ pub fn run(options: &Options, console: &mut Console<'_>) -> Result<Outcome> {
         console.line(format!("wrote {}", file.display()))?;
     }
     Ok(Outcome::Fine)
+}
+
+/// Reads the cameras; the serial number is that of the file itself, not of the folder it is in.
+fn read(options: &Options) -> Result<(CameraSet, Vec<Note>)> {
+    let mut unchecked = None;
+    if let Some(serial) = &options.serial {
+        let (_, file) = recognised(&options.source)?;
+        match zed_conf::serial_in_name(&file) {
+            Some(_) => zed_conf::expect_serial(&file, serial)?,
+            None => unchecked = Some(Note(SERIAL_NOT_CHECKED.to_owned())),
+        }
+    }
+    let (set, mut notes) = read_cameras(&options.source, options.size)?;
+    notes.extend(unchecked);
+    Ok((set, notes))
 }
 
 /// What was read, one line for each camera and one for the IMU.
@@ -209,6 +224,43 @@ fn shown(path: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_serial_is_that_of_the_file_that_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let camera = "fx=700\nfy=700\ncx=640\ncy=360\nk1=0.1\nk2=0\np1=0\np2=0\nk3=0\n";
+        let text = format!(
+            "[LEFT_CAM_HD]\n{camera}[RIGHT_CAM_HD]\n{camera}[STEREO]\nBaseline=63\nTY=0\nTZ=0\nCV_HD=0\nRX_HD=0\n\
+             RZ_HD=0\n"
+        );
+        let file = folder.path().join("SN999.conf");
+        std::fs::write(&file, &text).unwrap();
+        let read = |source: &Path, serial: &str| {
+            read(&Options {
+                source: source.to_owned(),
+                to: Format::Kalibr,
+                out: PathBuf::new(),
+                model: None,
+                within: None,
+                size: Some([1280, 720]),
+                serial: Some(serial.to_owned()),
+            })
+        };
+        for source in [folder.path(), file.as_path()] {
+            let error = read(source, "41234567").unwrap_err().to_string();
+            assert!(
+                error.contains("found serial 999, expected 41234567"),
+                "{error}"
+            );
+            assert!(read(source, "999").unwrap().1.is_empty());
+        }
+        let renamed = folder.path().join("left.conf");
+        std::fs::rename(&file, &renamed).unwrap();
+        for source in [folder.path(), renamed.as_path()] {
+            let (_, notes) = read(source, "41234567").unwrap();
+            assert_eq!(notes, [Note(SERIAL_NOT_CHECKED.to_owned())]);
+        }
+    }
 
     #[test]
     fn arguments() {

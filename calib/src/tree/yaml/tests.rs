@@ -142,3 +142,28 @@ fn wrong_values_are_named() {
     assert!(error("d").contains("found 5 numbers (were decimal commas written?)"));
     assert!(error("e").contains("e is missing, found a, b, c"));
 }
+
+#[test]
+fn quotes_must_be_closed() {
+    for text in [
+        "a: 1\nb: \"\n",
+        "a: 1\nb: '\n",
+        "a: 1\nb: \"x\n",
+        "a: 1\nb: 'it''s\n",
+        "a: 1\nb: \"x\" y\n",
+        "- a\n- '\n",
+    ] {
+        let error = parse(&source(text)).unwrap_err().to_string();
+        assert!(
+            error.contains("line 2: found") && error.contains("closing quote"),
+            "{text:?}: {error}"
+        );
+    }
+    let text = "a: ''\nb: \"\"\nc: 'it''s'\n";
+    let source = source(text);
+    let tree = parse(&source).unwrap();
+    let root = At::root(&source, &tree);
+    assert_eq!(root.get("a").unwrap().text().unwrap(), "");
+    assert_eq!(root.get("b").unwrap().text().unwrap(), "");
+    assert_eq!(root.get("c").unwrap().text().unwrap(), "it's");
+}
