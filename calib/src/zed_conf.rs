@@ -17,6 +17,7 @@
 use std::path::Path;
 
 use cad_transforms::RigidTransform;
+use cad_transforms::rig::same_serial;
 
 use crate::camera::{CameraModel, Distortion};
 use crate::error::{CalibError, Note};
@@ -106,12 +107,8 @@ pub fn serial_in_name(path: &Path) -> Option<&str> {
 /// # Errors
 /// [`CalibError::Serial`] where the name holds another one.
 pub fn expect_serial(path: &Path, serial: &str) -> Result<(), CalibError> {
-    let plain = |serial: &str| {
-        let digits = serial.trim().trim_start_matches("SN");
-        digits.trim_start_matches('0').to_owned()
-    };
     match serial_in_name(path) {
-        Some(found) if plain(found) != plain(serial) => Err(CalibError::Serial {
+        Some(found) if !same_serial(found, serial) => Err(CalibError::Serial {
             path: path.to_owned(),
             found: found.to_owned(),
             expected: serial.to_owned(),
