@@ -49,6 +49,8 @@ pub struct Problem {
     pub places: Vec<PlaceBlock>,
     /// Where the rig is: `rig_from_world` of every instant.
     pub instants: Vec<RigidTransform>,
+    /// Number of the stay that each instant is of; instants of one stay may err together. Empty where each is its own.
+    pub stays: Vec<usize>,
     /// What was seen.
     pub views: Vec<View>,
 }

@@ -6,7 +6,7 @@
 //! be used. What the views do not determine stays where it was told, with the sigma that says so; what is
 //! neither told nor seen is an error that names it. The same input gives the same bytes.
 //!
-//! The way there: one view of each stay ([`stays`]), and of these those that are still and tell much ([`select`]); a lens to start from
+//! The way there: views that are still and tell much are chosen ([`select`]); a lens to start from
 //! ([`start`]); a lens model per stereo camera ([`choose`]); where everything is, roughly ([`connect`]);
 //! everything at once ([`crate::adjust`]); the shape of the targets ([`shape`]); and what speaks against the
 //! result ([`check`]).
@@ -272,6 +272,7 @@ fn one_eye(lens: adjust::LensBlock, views: &[(RigidTransform, Vec<adjust::Point>
         lenses: vec![lens],
         places: Vec::new(),
         instants: views.iter().map(|(pose, _)| *pose).collect(),
+        stays: Vec::new(),
         views: views
             .iter()
             .enumerate()

@@ -2,8 +2,11 @@
 //!
 //! Contract: two estimates are made and of each number the larger variance is told. The first is the
 //! inverse of the information, which is right when all corners err independently. The second sums what
-//! each instant really pulled ("sandwich", Huber 1967; clusters after Liang and Zeger 1986), which is right
-//! when the corners of one picture err together, as they do under blur.
+//! each stay really pulled ("sandwich", Huber 1967; clusters after Liang and Zeger 1986), which is right
+//! when the corners of one picture err together, as they do under blur, and pictures of one view alike, as they do by pixels and
+//! compression.
+
+use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector, Matrix6};
 
@@ -55,17 +58,22 @@ impl Covariance {
         let inverse = invert(problem, &parameters, &normal)?;
         let n = layout.count;
         let mut pulls = DMatrix::zeros(n, n);
-        let mut instants = 0;
-        for share in &normal.shares {
-            instants += usize::from(!share.columns.is_empty());
-            for (i, &ci) in share.columns.iter().enumerate() {
-                for (j, &cj) in share.columns.iter().enumerate() {
-                    pulls[(ci, cj)] += share.score[i] * share.score[j];
-                }
+        let mut by_stay: BTreeMap<usize, DVector<f64>> = BTreeMap::new();
+        for (instant, share) in normal.shares.iter().enumerate() {
+            if share.columns.is_empty() {
+                continue;
+            }
+            let stay = problem.stays.get(instant).copied().unwrap_or(instant);
+            let sum = by_stay.entry(stay).or_insert_with(|| DVector::zeros(n));
+            for (i, &column) in share.columns.iter().enumerate() {
+                sum[column] += share.score[i];
             }
         }
-        let k = instants as f64;
-        if instants > 1 {
+        for score in by_stay.values() {
+            pulls.ger(1.0, score, score, 1.0);
+        }
+        let k = by_stay.len() as f64;
+        if by_stay.len() > 1 {
             pulls *= k / (k - 1.0);
         }
         add_prior_information(problem, layout, &mut pulls);

@@ -67,6 +67,7 @@ fn stereo(instants: usize, sigma: f64, seed: u64) -> Problem {
             prior: PlacePrior::Free,
         }],
         instants: Vec::new(),
+        stays: Vec::new(),
         views: Vec::new(),
     };
     for instant in 0..instants {

@@ -84,8 +84,6 @@ pub fn calibrate(
         pictures.extend(own);
     }
     findings.extend(of_unknown_movement(&pictures));
-    let kept = stays::one_of_each(&pictures);
-    pictures.retain(|p| kept.contains(&p.posed.instant));
     let mut chosen: Vec<Option<Chosen>> = vec![None; input.eyes.len()];
     let mut choices = Vec::new();
     let mut used: Vec<usize> = Vec::new();
@@ -127,6 +125,8 @@ pub fn calibrate(
     used.dedup();
     progress("adjusting everything", 0.65);
     let mut build = assemble(&input, &pictures, &known, &chosen, &used);
+    let stays = stays::numbers(&pictures);
+    build.problem.stays = build.used.iter().map(|instant| stays[instant]).collect();
     let quick = crate::adjust::Settings {
         covariance: false,
         tolerance: 1e-6,

@@ -1,43 +1,34 @@
-//! One instant of each stay.
+//! Which instants show the same view.
 //!
 //! Contract: while the rig rests, every picture repeats the last one, and with it where print, pixels and compression put its corners
-//! wrongly. Taken as independent views they would make results look surer than they are. Of instants that follow each other
-//! with corners less than [`STAY_PX`] from where they were at the first of them, only the stillest is used. Recordings of views that
-//! are all different lose nothing.
+//! wrongly. Taken as independent they would make results look surer than they are; numbers of stays tell which are not. Instants
+//! that follow each other with corners less than [`STAY_PX`] from where they were at the first of them are one stay.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use super::gather::{Picture, moved_px};
 
 /// Corners that are no farther from where they were show the same view, px.
 const STAY_PX: f64 = 3.0;
 
-/// The instants that are used.
-pub(super) fn one_of_each(pictures: &[Picture]) -> BTreeSet<usize> {
+/// The number of the stay of each instant of which there are pictures.
+pub(super) fn numbers(pictures: &[Picture]) -> BTreeMap<usize, usize> {
     let mut instants: BTreeMap<usize, Vec<&Picture>> = BTreeMap::new();
     for picture in pictures {
         let of = instants.entry(picture.posed.instant).or_default();
         of.push(picture);
     }
-    let movement = |of: &[&Picture]| of.iter().map(|p| p.movement()).fold(0.0, f64::max);
-    let mut kept = BTreeSet::new();
-    // The first instant of the stay, and the stillest so far with its movement.
-    let mut stay: Option<(&[&Picture], usize, f64)> = None;
+    let mut numbers = BTreeMap::new();
+    let mut first: Option<&Vec<&Picture>> = None;
+    let mut stay = 0;
     for (instant, of) in &instants {
-        let moving = movement(of);
-        stay = match stay {
-            Some((first, stillest, least)) if is_same_view(first, of) => match moving < least {
-                true => Some((first, *instant, moving)),
-                false => Some((first, stillest, least)),
-            },
-            other => {
-                kept.extend(other.map(|(_, stillest, _)| stillest));
-                Some((of, *instant, moving))
-            }
-        };
+        if !first.is_some_and(|first| is_same_view(first, of)) {
+            first = Some(of);
+            stay += 1;
+        }
+        numbers.insert(*instant, stay);
     }
-    kept.extend(stay.map(|(_, stillest, _)| stillest));
-    kept
+    numbers
 }
 
 /// Whether no eye sees anything elsewhere than before.
