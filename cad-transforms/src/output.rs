@@ -3,7 +3,7 @@
 //! Contract: a file that exists stays as it is unless the caller said otherwise, and then it is exchanged in one step.
 //! The bytes are written beside the file, under a hidden name that nobody has (`.paws-PROCESS-NUMBER.part`), and
 //! appear under the name itself when they are whole: whoever reads it finds the old bytes or the new ones. After
-//! [`write`] returned, the bytes and the name are on disk. A program that is killed may leave a hidden file behind.
+//! [`write()`] returned, the bytes and the name are on disk. A program that is killed may leave a hidden file behind.
 //!
 //! On file systems without hard links (exFAT and the like), a new file is made as an empty one that is exchanged
 //! at once: a reader may find it empty for a moment, never in part.

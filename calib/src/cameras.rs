@@ -6,9 +6,9 @@
 //! be used. What the views do not determine stays where it was told, with the sigma that says so; what is
 //! neither told nor seen is an error that names it. The same input gives the same bytes.
 //!
-//! The way there: views that are still and tell much are chosen ([`select`]); a lens to start from
-//! ([`start`]); a lens model per stereo camera ([`choose`]); where everything is, roughly ([`connect`]);
-//! everything at once ([`crate::adjust`]); the shape of the targets ([`shape`]); and what speaks against the
+//! The way there: views that are still and tell much are chosen (`select`); a lens to start from
+//! (`start`); a lens model per stereo camera ([`choose`]); where everything is, roughly (`connect`);
+//! everything at once ([`crate::adjust`]); the shape of the targets (`shape`); and what speaks against the
 //! result ([`check`]).
 //!
 //! Frames: the world is the first target that was seen. What is told of a camera's place on the rig is a
