@@ -81,7 +81,7 @@ pub(super) fn settings(seed: u64) -> Settings {
         rate_hz: RATE_HZ,
         width: 672,
         height: 376,
-        quality: Quality::FAST,
+        quality: Quality::ACCURATE,
     }
 }
 
