@@ -34,6 +34,7 @@ mod solve;
 pub(crate) mod tests;
 
 pub use covariance::Covariance;
+pub(crate) use covariance::place_by;
 pub use locate::locate;
 pub(crate) use normal::in_pieces;
 pub(crate) use pose::step_between;

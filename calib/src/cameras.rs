@@ -17,7 +17,7 @@
 use cad_transforms::RigidTransform;
 use nalgebra::Matrix6;
 
-use crate::adjust::{self, AdjustError, Covariance, Parameter, Problem, Solution};
+use crate::adjust::{self, AdjustError, Covariance, Parameter, Problem, Solution, place_by};
 use crate::camera::CameraModel;
 use crate::target::{Seen, Target};
 
@@ -203,7 +203,7 @@ impl Calibration {
     /// A place and its covariance, `[v, ω]` in the parent's axes; zero for one that was held.
     pub fn place(&self, number: usize) -> (RigidTransform, Matrix6<f64>) {
         let place = &self.solution.problem.places[number];
-        let sigma = self.covariance().between(number, number);
+        let sigma = self.covariance().of_place(number);
         (place.parent_from_child, sigma)
     }
 
@@ -227,12 +227,8 @@ impl Calibration {
         by_a.fixed_view_mut::<3, 3>(3, 3).copy_from(&-a_from_rig);
         by_a.fixed_view_mut::<3, 3>(0, 3)
             .copy_from(&(a_from_rig * arm.cross_matrix()));
-        let c = self.covariance();
-        let cross = c.between(pa, pb);
-        let covariance = by_a * c.between(pa, pa) * by_a.transpose()
-            + by_b * c.between(pb, pb) * by_b.transpose()
-            + by_a * cross * by_b.transpose()
-            + by_b * cross.transpose() * by_a.transpose();
+        let by = [place_by(pa, &by_a), place_by(pb, &by_b)].concat();
+        let covariance = self.covariance().of(&by);
         Some((rig_from_a.inverse() * rig_from_b, covariance))
     }
 

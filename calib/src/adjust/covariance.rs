@@ -1,14 +1,18 @@
 //! How sure the found numbers are.
 //!
-//! Contract: two estimates are made and of each number the larger variance is told. The first is the
-//! inverse of the information, which is right when all corners err independently. The second sums what
-//! each stay really pulled ("sandwich", Huber 1967; clusters after Liang and Zeger 1986), which is right
-//! when the corners of one picture err together, as they do under blur, and pictures of one view alike, as they do by pixels and
-//! compression.
+//! Contract: two estimates are made, and of what is asked for the larger variance is told. The first is the
+//! inverse of the information, which is right when all corners err independently. The second leaves out each stay in turn and
+//! sees how far the result moves (the jackknife of Quenouille and Tukey, one linear step for each stay), which is right when
+//! the corners of one picture err together, as they do under blur, and pictures of one view alike, as they do by
+//! pixels and compression. Few stays carry much of what joins cameras: summing their pulls without leaving them out
+//! (Huber's sandwich) takes errors for small that they have fitted away.
+//!
+//! The larger one is taken of what is asked for, such as the place of one camera in another, not of the numbers that it
+//! follows from: where the rig's frame is, is known from the rig file alone and hides what the places say of each other.
 
 use std::collections::BTreeMap;
 
-use nalgebra::{DMatrix, DVector, Matrix6};
+use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, SVector, Vector6};
 
 use super::normal::{Layout, Loss, Normal, build};
 use super::solve::unit_diagonal;
@@ -21,74 +25,117 @@ const LEAST_EIGENVALUE: f64 = 1e-13;
 /// lens; of focal lengths and principal points it is the width of the picture.
 const UNDETERMINED: (f64, f64, f64) = (10.0, 1.0, 100.0);
 
-/// Covariance of the free numbers of a problem.
+/// How sure the free numbers of a problem are.
 #[derive(Clone, Debug)]
 pub struct Covariance {
     /// Which numbers, in the order of rows and columns.
     pub parameters: Vec<Parameter>,
-    /// Their covariance; of places `[v, ω]`, m and rad.
-    pub matrix: DMatrix<f64>,
-    /// By how much the second estimate of each sigma exceeds the first; 1 where it does not.
-    pub inflation: Vec<f64>,
+    /// Where all corners err independently.
+    independent: DMatrix<f64>,
+    /// Where those of a stay err together.
+    by_stay: DMatrix<f64>,
 }
 
 impl Covariance {
     /// Standard deviation of a number; 0 for one that is fixed.
     pub fn sigma(&self, parameter: Parameter) -> f64 {
-        let found = self.parameters.iter().position(|p| *p == parameter);
-        found.map_or(0.0, |i| self.matrix[(i, i)].sqrt())
+        let variance = |i| self.independent[(i, i)].max(self.by_stay[(i, i)]);
+        self.column(parameter).map_or(0.0, |i| variance(i).sqrt())
     }
 
-    /// The block between two places, by their numbers; 0 where one of them is held.
-    pub fn between(&self, a: usize, b: usize) -> Matrix6<f64> {
-        let begin = |place| {
-            self.parameters
-                .iter()
-                .position(|p| *p == Parameter::Place(place, 0))
+    /// Covariance of `N` numbers, each parameter with how they change with it. What is fixed does not change.
+    pub fn of<const N: usize>(&self, by: &[(Parameter, SVector<f64, N>)]) -> SMatrix<f64, N, N> {
+        let columns: Vec<(usize, &SVector<f64, N>)> = by
+            .iter()
+            .filter_map(|(parameter, by)| Some((self.column(*parameter)?, by)))
+            .collect();
+        let carried = |matrix: &DMatrix<f64>| {
+            let mut sum = SMatrix::<f64, N, N>::zeros();
+            for (i, by_i) in &columns {
+                for (j, by_j) in &columns {
+                    sum += *by_i * by_j.transpose() * matrix[(*i, *j)];
+                }
+            }
+            sum
         };
-        match (begin(a), begin(b)) {
-            (Some(a), Some(b)) => self.matrix.fixed_view::<6, 6>(a, b).into_owned(),
-            _ => Matrix6::zeros(),
-        }
+        let (independent, by_stay) = (carried(&self.independent), carried(&self.by_stay));
+        // Correlations are those of the first estimate, which is never singular.
+        let inflation = SVector::<f64, N>::from_fn(|i, _| {
+            let ratio = by_stay[(i, i)] / independent[(i, i)];
+            if ratio > 1.0 { ratio.sqrt() } else { 1.0 }
+        });
+        SMatrix::from_fn(|i, j| independent[(i, j)] * inflation[i] * inflation[j])
     }
 
-    pub(super) fn of(problem: &Problem, layout: &Layout, loss: &Loss) -> Result<Self, AdjustError> {
+    /// Covariance `[v, ω]` of a place, by its number; 0 for one that is held.
+    pub fn of_place(&self, place: usize) -> Matrix6<f64> {
+        self.of(&place_by(place, &Matrix6::identity()))
+    }
+
+    fn column(&self, parameter: Parameter) -> Option<usize> {
+        self.parameters.iter().position(|p| *p == parameter)
+    }
+
+    pub(super) fn estimated(
+        problem: &Problem,
+        layout: &Layout,
+        loss: &Loss,
+    ) -> Result<Self, AdjustError> {
         let normal = build(problem, layout, loss, 0.0);
         let parameters = problem.parameters();
-        let inverse = invert(problem, &parameters, &normal)?;
-        let n = layout.count;
-        let mut pulls = DMatrix::zeros(n, n);
-        let mut by_stay: BTreeMap<usize, DVector<f64>> = BTreeMap::new();
-        for (instant, share) in normal.shares.iter().enumerate() {
-            if share.columns.is_empty() {
-                continue;
-            }
-            let stay = problem.stays.get(instant).copied().unwrap_or(instant);
-            let sum = by_stay.entry(stay).or_insert_with(|| DVector::zeros(n));
-            for (i, &column) in share.columns.iter().enumerate() {
-                sum[column] += share.score[i];
-            }
-        }
-        for score in by_stay.values() {
-            pulls.ger(1.0, score, score, 1.0);
-        }
-        let k = by_stay.len() as f64;
-        if by_stay.len() > 1 {
-            pulls *= k / (k - 1.0);
-        }
-        add_prior_information(problem, layout, &mut pulls);
-        let clustered = &inverse * pulls * &inverse;
-        let inflation: Vec<f64> = (0..n)
-            .map(|i| (clustered[(i, i)] / inverse[(i, i)]).max(1.0).sqrt())
-            .collect();
-        let by = DVector::from_vec(inflation.clone());
-        let matrix = DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] * by[i] * by[j]);
+        let independent = invert(problem, &parameters, &normal)?;
+        let by_stay = jackknife(problem, layout, &normal, &independent);
         Ok(Self {
             parameters,
-            matrix,
-            inflation,
+            independent,
+            by_stay,
         })
     }
+}
+
+/// What [`Covariance::of`] takes of numbers that change by `by` times the `[v, ω]` of a place.
+pub(crate) fn place_by(place: usize, by: &Matrix6<f64>) -> [(Parameter, Vector6<f64>); 6] {
+    std::array::from_fn(|k| (Parameter::Place(place, k), by.column(k).into_owned()))
+}
+
+/// How far the numbers spread that would be found without one stay, for each stay; with what priors leave open.
+fn jackknife(
+    problem: &Problem,
+    layout: &Layout,
+    normal: &Normal,
+    independent: &DMatrix<f64>,
+) -> DMatrix<f64> {
+    let n = layout.count;
+    let mut stays: BTreeMap<usize, (DVector<f64>, DMatrix<f64>)> = BTreeMap::new();
+    for (instant, share) in normal.shares.iter().enumerate() {
+        if share.columns.is_empty() {
+            continue;
+        }
+        let stay = problem.stays.get(instant).copied().unwrap_or(instant);
+        let (score, information) = stays
+            .entry(stay)
+            .or_insert_with(|| (DVector::zeros(n), DMatrix::zeros(n, n)));
+        for (i, &row) in share.columns.iter().enumerate() {
+            score[row] += share.score[i];
+            for (j, &column) in share.columns.iter().enumerate() {
+                information[(row, column)] += share.information[(i, j)];
+            }
+        }
+    }
+    let mut prior = DMatrix::zeros(n, n);
+    add_prior_information(problem, layout, &mut prior);
+    let mut spread = independent * prior * independent;
+    let k = stays.len() as f64;
+    for (score, information) in stays.values() {
+        let rest = unit_diagonal(&(&normal.matrix - information));
+        let step = match rest.and_then(|(rest, by)| Some((rest.cholesky()?, by))) {
+            Some((rest, by)) => rest.solve(&score.component_mul(&by)).component_mul(&by),
+            // Without this stay there would be no result.
+            _ => independent * score,
+        };
+        spread.ger((k - 1.0) / k, &step, &step, 1.0);
+    }
+    spread
 }
 
 fn invert(

@@ -99,7 +99,7 @@ pub fn solve(problem: &Problem, settings: &Settings) -> Result<Solution, AdjustE
     let residuals = residuals(&problem);
     loss.scale = scale(&problem, &layout, &residuals);
     let covariance = match settings.covariance && layout.count > 0 {
-        true => Some(Covariance::of(&problem, &layout, &loss)?),
+        true => Some(Covariance::estimated(&problem, &layout, &loss)?),
         false => None,
     };
     Ok(Solution {

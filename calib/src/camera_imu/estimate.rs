@@ -11,8 +11,11 @@ use super::problem::{
 };
 use super::start::{self, Pulled};
 use super::track::Track;
-use super::view::{Fit, Pose, View};
-use super::{CameraImu, CameraImuError, GRAVITY, Noise, Noises, Recording, Residual, Sigmas, Told};
+use super::view::{Fit, Moving, Pose, View};
+use super::{
+    CameraImu, CameraImuError, Cameras, GRAVITY, Noise, Noises, Recording, Residual, Sigmas, Told,
+    so3,
+};
 
 /// Fewest pictures with a pose, and intervals between them with inertial samples.
 const FEWEST: usize = 20;
@@ -25,7 +28,10 @@ const WORST_PICTURE: f64 = 20.0;
 /// How often the noise is weighed.
 const ROUNDS: usize = 4;
 /// Fewest intervals in a half for a comparison.
-const FEWEST_IN_HALF: usize = 60;
+const FEWEST_IN_PART: usize = 60;
+
+/// What calibration leaves of the errors of a lens, px: all pictures share it.
+const LENS_PX: f64 = 0.03;
 
 /// Finds everything. `told` is what is known beforehand; see the [module](super).
 ///
@@ -34,16 +40,16 @@ const FEWEST_IN_HALF: usize = 60;
 /// [gate](CameraImu::gates) or a [weak direction](CameraImu::weak).
 pub fn estimate(recording: &Recording, told: &Told) -> Result<CameraImu, CameraImuError> {
     check(recording)?;
-    let seen = Seen::of(recording)?;
-    Work {
-        recording,
-        told,
-        track: &seen.track,
-        views: &seen.views,
-        poses: &seen.poses,
-        fits: &seen.fits,
+    let mut seen = Seen::of(recording)?;
+    if recording.cameras.line_s == 0.0 {
+        return Ok(seen.work(recording, told).run()?.0);
     }
-    .run()
+    // How a camera moves while rows are read is not known well from its pictures alone: at 10 Hz a swing of 1 Hz seems
+    // slower by a tenth. With an IMU found it is.
+    seen.set_motions(&recording.cameras, &seen.motions());
+    let (_, motions) = seen.work(recording, told).run()?;
+    seen.set_motions(&recording.cameras, &motions);
+    Ok(seen.work(recording, told).run()?.0)
 }
 
 /// The samples, and the pictures with a pose.
@@ -67,7 +73,7 @@ impl<'a> Seen<'a> {
                 time_ns: picture.time_ns,
                 corners: &picture.corners,
                 corners_kept: 0,
-                motion: [Vector3::zeros(); 2],
+                motion: Moving::NONE,
             };
             let found = view.pose(&recording.cameras);
             if let Some((pose, fit)) = found.filter(|(_, fit)| fit.scale < WORST_PICTURE) {
@@ -75,18 +81,6 @@ impl<'a> Seen<'a> {
                 views.push(view);
                 poses.push(pose);
                 fits.push(fit);
-            }
-        }
-        if recording.cameras.line_s != 0.0 {
-            let motions: Vec<_> = (0..views.len())
-                .map(|i| motion(&views, &poses, i))
-                .collect();
-            for (i, motion) in motions.into_iter().enumerate() {
-                views[i].motion = motion;
-                if let Some((pose, fit)) = views[i].pose(&recording.cameras) {
-                    (poses[i], fits[i]) = (pose, fit);
-                    views[i].corners_kept = fit.corners;
-                }
             }
         }
         if views.len() < FEWEST {
@@ -103,24 +97,49 @@ impl<'a> Seen<'a> {
             fits,
         })
     }
-}
 
-/// How the camera turns and moves at a picture, from its neighbours.
-fn motion(views: &[View<'_>], poses: &[Pose], i: usize) -> [Vector3<f64>; 2] {
-    let near = |k: &usize| (views[*k].time_s - views[i].time_s).abs() < 0.15;
-    let a = i.checked_sub(1).filter(near).unwrap_or(i);
-    let b = Some(i + 1)
-        .filter(|k| *k < views.len() && near(k))
-        .unwrap_or(i);
-    if a == b {
-        return [Vector3::zeros(); 2];
+    fn work(&'a self, recording: &'a Recording, told: &'a Told) -> Work<'a> {
+        Work {
+            recording,
+            told,
+            track: &self.track,
+            views: &self.views,
+            poses: &self.poses,
+            fits: &self.fits,
+        }
     }
-    let seconds = views[b].time_s - views[a].time_s;
-    let turn = super::so3::log(&(poses[a].rotation.transpose() * poses[b].rotation));
-    [
-        turn / seconds,
-        (poses[b].position - poses[a].position) / seconds,
-    ]
+
+    /// How the camera moves at each picture, from its neighbours.
+    fn motions(&self) -> Vec<Moving> {
+        let time_s = |i: usize| self.views[i].time_s;
+        let of = |i: usize| {
+            let near = |k: &usize| (time_s(*k) - time_s(i)).abs() < 0.15;
+            let a = i.checked_sub(1).filter(near).unwrap_or(i);
+            let b = (i + 1..self.views.len()).next().filter(near).unwrap_or(i);
+            if a == b {
+                return Moving::NONE;
+            }
+            let seconds = time_s(b) - time_s(a);
+            let (from, to) = (&self.poses[a], &self.poses[b]);
+            Moving {
+                rate: so3::log(&(from.rotation.transpose() * to.rotation)) / seconds,
+                velocity: (to.position - from.position) / seconds,
+            }
+        };
+        (0..self.views.len()).map(of).collect()
+    }
+
+    /// The poses of a camera that moves like this, from what they were.
+    fn set_motions(&mut self, cameras: &Cameras, motions: &[Moving]) {
+        for (i, motion) in motions.iter().enumerate() {
+            self.views[i].motion = *motion;
+            let refined = self.views[i].refine(cameras, self.poses[i]);
+            if let Some((pose, fit)) = refined.filter(|(_, fit)| fit.scale < WORST_PICTURE) {
+                (self.poses[i], self.fits[i]) = (pose, fit);
+                self.views[i].corners_kept = fit.corners;
+            }
+        }
+    }
 }
 
 fn check(recording: &Recording) -> Result<(), CameraImuError> {
@@ -168,7 +187,8 @@ struct Work<'a> {
 }
 
 impl Work<'_> {
-    fn run(&self) -> Result<CameraImu, CameraImuError> {
+    /// The result, and how the camera moves at each picture.
+    fn run(&self) -> Result<(CameraImu, Vec<Moving>), CameraImuError> {
         let times: Vec<f64> = self.views.iter().map(|v| v.time_s).collect();
         let told_rotation = self
             .told
@@ -291,7 +311,11 @@ impl Work<'_> {
             fitted = problem.fit(fitted.states, fitted.shared).map_err(no_end)?;
         }
         let halves = self.halves(&problem, &fitted);
-        Ok(self.result(&problem, &fitted, halves, turned.correlation))
+        let motions = problem.motions(&fitted);
+        Ok((
+            self.result(&problem, &fitted, halves, turned.correlation),
+            motions,
+        ))
     }
 
     /// Which pictures the IMU joins to the next one.
@@ -362,16 +386,15 @@ impl Work<'_> {
         }
     }
 
-    /// Both halves by themselves, with size of the board, drift, scale and skew as all of it has them: how
-    /// unlikely their difference is, as a squared normal vector of seven numbers.
-    fn halves(&self, problem: &Problem<'_>, fitted: &Fitted) -> Option<f64> {
-        let count = self.views.len();
-        let half = count / 2;
-        let linked = |links: &[bool]| links.iter().filter(|&&l| l).count();
+    /// Parts of the recording by themselves, with size of the board, drift, scale and skew as all of it has them: rotation,
+    /// translation and offset of each, less those of all, with their covariance. None where a part says too little.
+    fn parts(
+        &self,
+        problem: &Problem<'_>,
+        fitted: &Fitted,
+        count: usize,
+    ) -> Option<Vec<(SVector<f64, 7>, SMatrix<f64, 7, 7>)>> {
         let links = problem.links;
-        if linked(&links[..half - 1]).min(linked(&links[half..])) < FEWEST_IN_HALF {
-            return None;
-        }
         let mut prior = problem.prior.clone();
         prior.shared.drift = fitted.shared.drift;
         prior.shared.board_scale = fitted.shared.board_scale;
@@ -380,27 +403,55 @@ impl Work<'_> {
         for k in [DRIFT, BOARD].into_iter().chain(SHAPES..SHARED) {
             prior.sigmas[k] = 1e-8;
         }
-        let part = |range: std::ops::Range<usize>| {
+        let part = |k: usize| {
+            let [begin, end] = [k, k + 1].map(|k| k * self.views.len() / count);
+            let links = &links[begin..end - 1];
+            if links.iter().filter(|linked| **linked).count() < FEWEST_IN_PART {
+                return None;
+            }
             let part = Problem {
-                views: &self.views[range.clone()],
-                poses: &self.poses[range.clone()],
-                links: &links[range.start..range.end - 1],
+                views: &self.views[begin..end],
+                poses: &self.poses[begin..end],
+                links,
                 prior: prior.clone(),
                 ..*problem
             };
-            part.fit(fitted.states[range].to_vec(), fitted.shared).ok()
+            let found = part
+                .fit(fitted.states[begin..end].to_vec(), fitted.shared)
+                .ok()?;
+            let mut off = SVector::<f64, 7>::zeros();
+            let turn = so3::log(&(fitted.shared.rotation.transpose() * found.shared.rotation));
+            off.fixed_rows_mut::<3>(0).copy_from(&turn);
+            let shift = found.shared.translation - fitted.shared.translation;
+            off.fixed_rows_mut::<3>(3).copy_from(&shift);
+            off[6] = found.shared.offset_s - fitted.shared.offset_s;
+            Some((off, found.covariance.shared.fixed_view::<7, 7>(0, 0).into()))
         };
-        let (a, b) = (part(0..half)?, part(half..count)?);
-        let turn = super::so3::log(&(a.shared.rotation.transpose() * b.shared.rotation));
-        let shift = b.shared.translation - a.shared.translation;
-        let mut apart = SVector::<f64, 7>::zeros();
-        apart.fixed_rows_mut::<3>(0).copy_from(&turn);
-        apart.fixed_rows_mut::<3>(3).copy_from(&shift);
-        apart[6] = b.shared.offset_s - a.shared.offset_s;
-        let of = |f: &Fitted| -> SMatrix<f64, 7, 7> {
-            f.covariance.shared.fixed_view::<7, 7>(0, 0).into()
+        (0..count).map(part).collect()
+    }
+
+    /// How unlikely the difference of both halves is, as a squared normal vector of seven numbers.
+    fn halves(&self, problem: &Problem<'_>, fitted: &Fitted) -> Option<f64> {
+        let [(a, of_a), (b, of_b)] = self.parts(problem, fitted, 2)?.try_into().ok()?;
+        let apart = b - a;
+        Some(apart.dot(&(of_a + of_b).cholesky()?.solve(&apart)))
+    }
+
+    /// Variance of a turn and of a shift that lenses leave, rad² and m².
+    fn of_lenses(&self) -> [f64; 2] {
+        let model = self.recording.cameras.left.model();
+        let angle = LENS_PX / (0.5 * (model.fx + model.fy));
+        let distance_m = |(view, pose): (&View<'_>, &Pose)| {
+            let sum: Vector3<f64> = view
+                .corners
+                .iter()
+                .map(|c| Vector3::from(c.x_in_target))
+                .sum();
+            (sum / view.corners.len() as f64 - pose.position).norm()
         };
-        Some(apart.dot(&(of(&a) + of(&b)).cholesky()?.solve(&apart)))
+        let mut distances: Vec<f64> = self.views.iter().zip(self.poses).map(distance_m).collect();
+        distances.sort_by(f64::total_cmp);
+        [angle, angle * distances[distances.len() / 2]].map(|sigma| sigma * sigma)
     }
 
     fn result(
@@ -431,6 +482,11 @@ impl Work<'_> {
         }
         if prior.held.offset {
             covariance[(OFFSET, OFFSET)] += prior.sigmas[OFFSET].powi(2);
+        }
+        for (at, variance) in [ROTATION, TRANSLATION].into_iter().zip(self.of_lenses()) {
+            for k in at..at + 3 {
+                covariance[(k, k)] += variance;
+            }
         }
         let covariance = &covariance;
         let sigma = |k: usize| covariance[(k, k)].max(0.0).sqrt();

@@ -11,7 +11,7 @@ use super::chain::{Chain, Covariance};
 use super::excite::Held;
 use super::preintegrate::{ACCEL_SHAPE, GYRO_SHAPE, SENSOR, preintegrate};
 use super::track::{Correction, Raw, Track};
-use super::view::{Pose, Quadric, VIEW, View};
+use super::view::{Moving, Pose, Quadric, VIEW, View};
 use super::{Cameras, GRAVITY, so3};
 use crate::stereo::ImuNoise;
 
@@ -326,6 +326,32 @@ impl Prior {
 }
 
 impl Problem<'_> {
+    /// How the left camera moves at each picture of a fit, by the IMU where it measured then.
+    pub(super) fn motions(&self, fitted: &Fitted) -> Vec<Moving> {
+        let shared = &fitted.shared;
+        let readout_s = self.cameras.line_s.abs() * f64::from(self.cameras.left.model().height);
+        let half_s = (0.5 * readout_s).max(self.track.period_s);
+        let of = |(view, state): (&View<'_>, &State)| {
+            let middle_s = shared.imu_time(view.time_s, self.middle_s);
+            let measured = self.track.means(middle_s - half_s, middle_s + half_s);
+            let (Some([gyro, accel]), Some(correction)) = (measured, shared.correction(state))
+            else {
+                return view.motion;
+            };
+            let raw = Raw {
+                time_s: middle_s,
+                gyro,
+                accel,
+            };
+            let rate = correction.gyro(&raw);
+            Moving {
+                rate: shared.rotation.transpose() * rate,
+                velocity: state.velocity + state.rotation * rate.cross(&shared.translation),
+            }
+        };
+        self.views.iter().zip(&fitted.states).map(of).collect()
+    }
+
     fn picture(&self, rooted: &Rooted, state: &State, shared: &Shared) -> Whitened<VIEW> {
         let camera = shared.camera(state);
         let turn = so3::log(&(rooted.pose.rotation.transpose() * camera.rotation));

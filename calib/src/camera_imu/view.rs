@@ -59,9 +59,24 @@ pub(super) struct View<'a> {
     pub corners: &'a [Corner],
     /// Corners that fit its own pose.
     pub corners_kept: usize,
-    /// How the left camera turns (its own axes, rad/s) and moves (the target's, m/s): where rows are not
-    /// exposed at once.
-    pub motion: [Vector3<f64>; 2],
+    /// Where rows are not exposed at once.
+    pub motion: Moving,
+}
+
+/// How the left camera moves.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Moving {
+    /// In its own axes, rad/s.
+    pub rate: Vector3<f64>,
+    /// In the target's, m/s.
+    pub velocity: Vector3<f64>,
+}
+
+impl Moving {
+    pub(super) const NONE: Self = Self {
+        rate: Vector3::new(0.0, 0.0, 0.0),
+        velocity: Vector3::new(0.0, 0.0, 0.0),
+    };
 }
 
 struct Linear {
@@ -78,8 +93,8 @@ impl View<'_> {
         let rows = f64::from(cameras.left.model().height);
         let late_s = cameras.line_s * (c.pixel[1] - 0.5 * (rows - 1.0));
         Pose {
-            rotation: pose.rotation * so3::exp(&(self.motion[0] * late_s)),
-            position: pose.position + self.motion[1] * late_s,
+            rotation: pose.rotation * so3::exp(&(self.motion.rate * late_s)),
+            position: pose.position + self.motion.velocity * late_s,
         }
     }
 
@@ -202,7 +217,8 @@ impl View<'_> {
         (best.1.corners >= FEWEST_CORNERS && best.1.outliers <= most_outliers).then_some(best)
     }
 
-    fn refine(&self, cameras: &Cameras, mut pose: Pose) -> Option<(Pose, Fit)> {
+    /// The pose that fits best, from one that is near.
+    pub(super) fn refine(&self, cameras: &Cameras, mut pose: Pose) -> Option<(Pose, Fit)> {
         let mut fit = self.fit(cameras, &pose, 1.0, f64::INFINITY);
         for _ in 0..12 {
             let scale = fit.scale.max(1e-3);

@@ -3,7 +3,7 @@
 //! Contract: a result whose stated sigmas cannot be trusted has a finding. What is looked for, and how it is
 //! told from chance, stands with each check; the limits are constants here and nowhere else.
 
-use nalgebra::{DVector, Matrix6, Vector6};
+use nalgebra::{DVector, Matrix6, Vector2, Vector6};
 
 use super::{Calibration, Camera, Input, Places};
 use crate::adjust::{
@@ -165,13 +165,6 @@ pub(super) fn worst_pixel(calibration: &Calibration, eye: usize) -> (f64, [f64; 
     let lens = Lens::new(model);
     let count = model.parameters().len();
     let covariance = calibration.covariance();
-    let at = |k: usize| {
-        covariance
-            .parameters
-            .iter()
-            .position(|p| *p == Parameter::Lens(eye, k))
-    };
-    let columns: Vec<Option<usize>> = (0..count).map(at).collect();
     let (w, h) = (f64::from(model.width - 1), f64::from(model.height - 1));
     let mut worst = (0.0, [0.0, 0.0]);
     for i in 0..=8 {
@@ -183,21 +176,16 @@ pub(super) fn worst_pixel(calibration: &Calibration, eye: usize) -> (f64, [f64; 
             let Some(projected) = projected else {
                 return (f64::INFINITY, pixel);
             };
-            for axis in 0..2 {
-                let mut variance = 0.0;
-                for (a, ca) in columns.iter().enumerate() {
-                    for (b, cb) in columns.iter().enumerate() {
-                        if let (Some(ca), Some(cb)) = (ca, cb) {
-                            variance += projected.by_parameters[(axis, a)]
-                                * covariance.matrix[(*ca, *cb)]
-                                * projected.by_parameters[(axis, b)];
-                        }
-                    }
-                }
-                let sigma = variance.max(0.0).sqrt();
-                if sigma > worst.0 {
-                    worst = (sigma, pixel);
-                }
+            let by: Vec<(Parameter, Vector2<f64>)> = (0..count)
+                .map(|k| {
+                    let by = projected.by_parameters.column(k).into_owned();
+                    (Parameter::Lens(eye, k), by)
+                })
+                .collect();
+            let variances = covariance.of(&by).diagonal();
+            let sigma = variances.max().max(0.0).sqrt();
+            if sigma > worst.0 {
+                worst = (sigma, pixel);
             }
         }
     }

@@ -107,7 +107,7 @@ fn derivatives_of_all_factors() {
         time_ns: 0,
         corners: &[],
         corners_kept: 0,
-        motion: [Vector3::zeros(); 2],
+        motion: Moving::NONE,
     };
     let views = [view(0.1), view(0.15)];
     let prior = Prior {
