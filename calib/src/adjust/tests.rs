@@ -1,3 +1,4 @@
+use nalgebra::Vector3;
 use proptest::prelude::*;
 
 use super::pose::{moved, step_between};
@@ -185,6 +186,62 @@ fn ninety_five_of_a_hundred_errors_are_within_two_sigma() {
     // 440 numbers, correlated within a run: 95.4 % are expected, 3 % is three of their deviations.
     let share = inside as f64 / all as f64;
     assert!((0.92..=0.995).contains(&share), "{share} of {all}");
+}
+
+/// Pictures of a rig that rests repeat each other with their errors: here six of them, in each of twelve stays. Where
+/// the rig is, is known from priors alone, and must not hide how far its eyes are turned from each other.
+#[test]
+fn stays_count_once() {
+    let share_inside = |told: bool| {
+        let mut inside = 0;
+        for seed in 0..30 {
+            let mut truth = stereo(12, 0.15, 300 + seed);
+            let on_the_rig = |name: &str, at: RigidTransform| PlaceBlock {
+                name: name.to_owned(),
+                parent_from_child: at,
+                prior: PlacePrior::near(at, 1e-3, 5e-3),
+            };
+            let right = truth.places[0].parent_from_child;
+            let left = RigidTransform::identity();
+            truth.places = vec![on_the_rig("right", right), on_the_rig("left", left)];
+            for view in &mut truth.views {
+                view.path = vec![1 - view.lens];
+            }
+            let once = truth.clone();
+            for copy in 1..6 {
+                truth.instants.extend(&once.instants);
+                truth
+                    .views
+                    .extend(once.views.iter().cloned().map(|view| View {
+                        instant: view.instant + 12 * copy,
+                        ..view
+                    }));
+            }
+            if told {
+                truth.stays = (0..truth.instants.len()).map(|i| i % 12).collect();
+            }
+            let found = solve(&disturbed(&truth, seed), &Settings::default()).unwrap();
+            let turned = |place: usize| -> Vector3<f64> {
+                let at = |problem: &Problem| problem.places[place].parent_from_child;
+                let step = step_between(&at(&truth), &at(&found.problem));
+                step.fixed_rows::<3>(3).into()
+            };
+            let off = turned(0) - turned(1);
+            let by: Vec<(Parameter, Vector3<f64>)> = [(0, 1.0), (1, -1.0)]
+                .into_iter()
+                .flat_map(|(place, sign)| {
+                    (0..3).map(move |k| (Parameter::Place(place, 3 + k), Vector3::ith(k, sign)))
+                })
+                .collect();
+            let covariance = found.covariance.as_ref().unwrap().of(&by);
+            let is_inside = |k: &usize| off[*k].abs() <= 2.0 * covariance[(*k, *k)].sqrt();
+            inside += (0..3).filter(is_inside).count();
+        }
+        inside as f64 / 90.0
+    };
+    let (told, untold) = (share_inside(true), share_inside(false));
+    assert!(told > 0.9, "{told}");
+    assert!(untold < 0.8, "{untold}");
 }
 
 #[test]

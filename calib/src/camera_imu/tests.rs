@@ -298,7 +298,7 @@ fn a_rolling_shutter_that_is_told_does_no_harm() {
     let (good, told) = short();
     let scene = Scene {
         line_s: 2e-5,
-        ..good
+        ..good.clone()
     };
     let (errors, told_of) = found(&scene, &told, |_| ());
     assert!(
@@ -306,9 +306,46 @@ fn a_rolling_shutter_that_is_told_does_no_harm() {
         "{errors:?}"
     );
     assert!(told_of.verdict() < Verdict::Fail, "{:#?}", told_of.gates);
+    // With few pictures a second they alone do not say how the camera moves while rows are read.
+    let slow = Scene {
+        picture_hz: 8.0,
+        line_s: 2.3e-5,
+        seconds: 16.0,
+        ..good
+    };
+    let (errors, _) = found(&slow, &told, |_| ());
+    let over = errors.over_sigma[..7]
+        .iter()
+        .fold(0.0, |most: f64, z| most.max(z.abs()));
+    assert!(over < 3.0 && errors.offset_ms < 0.05, "{errors:?}");
     // One that is not told bends the board in every picture.
     let (_, untold) = found(&scene, &told, |r| r.cameras.line_s = 0.0);
     assert!(untold.verdict() > Verdict::Pass, "{:#?}", untold.gates);
+}
+
+/// A board that is nearly out of the picture has no pose to speak of; the rest of the recording has.
+#[test]
+fn pictures_of_one_row_do_no_harm() {
+    let (good, told) = short();
+    for line_s in [0.0, 2e-5] {
+        let scene = Scene {
+            line_s,
+            board: ([12, 5], 0.06),
+            ..good.clone()
+        };
+        let (errors, _) = found(&scene, &told, |r| {
+            for (n, picture) in r.pictures.iter_mut().enumerate().step_by(3) {
+                let rows = [0.0, 0.06 * (n % 2) as f64];
+                picture
+                    .corners
+                    .retain(|c| rows.iter().any(|y| (c.x_in_target[1] - y).abs() < 1e-6));
+            }
+        });
+        assert!(
+            errors.turn_deg < 0.05 && errors.shift_mm < 2.0,
+            "{errors:?}"
+        );
+    }
 }
 
 #[test]
