@@ -174,7 +174,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     }
     points.extend(rendered::points(quick)?);
     let good = good(if quick { 4 } else { 20 })?;
-    let whole = whole::sessions(if quick { 1 } else { 4 })?;
+    let whole = whole::sessions(if quick { 1 } else { 8 })?;
 
     let silent = points
         .iter()
