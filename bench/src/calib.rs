@@ -13,10 +13,9 @@
 //! 4. How many errors of good sessions are within two of the stated sigmas.
 //! 5. Rendered sessions from pictures to the rig and the places and clocks of its IMUs.
 
-use std::path::{Path, PathBuf};
-use std::{env, fs};
+use std::fs;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use calib::cameras::{Calibration, Settings, Severity, calibrate};
 use rig_sim::targets::{Motion, Plan};
 use serde_json::{Value, json};
@@ -27,8 +26,9 @@ mod rendered;
 mod scenario;
 mod whole;
 
+use crate::arguments::Arguments;
 use crate::meter::timed;
-use crate::stamp;
+use crate::{python, stamp};
 use scenario::{Recording, Trouble};
 
 /// Two cameras may be off each other's true place by this: m and degrees.
@@ -143,22 +143,14 @@ const KINDS: &[Kind] = &[
 /// # Errors
 /// Bad arguments, no interpreter in `PAWS_PYTHON`, or a disk that says no. Wrong results are results.
 pub(crate) fn run(args: &[String]) -> Result<()> {
-    let (mut quick, mut out) = (false, PathBuf::from("docs/benchmarks"));
-    let mut rest = args.iter();
-    while let Some(argument) = rest.next() {
-        match argument.as_str() {
-            "--quick" => quick = true,
-            "--out" => out = rest.next().context("--out needs a folder")?.into(),
-            other => bail!("unknown argument {other:?}, expected --quick or --out DIR"),
-        }
-    }
+    let Arguments { quick, out } = Arguments::parse(args)?;
     fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;
     let stamp = stamp::stamp("calib", args)?;
-    let python = env::var_os("PAWS_PYTHON")
-        .context("PAWS_PYTHON names no interpreter with OpenCV; `cargo xtask bench` makes one")?;
+    // Before the long part, not after it.
+    python::interpreter()?;
     let seeds = if quick { 1 } else { 3 };
 
-    let views = against_views(Path::new(&python), quick)?;
+    let views = against_views(quick)?;
     let models = against_distortion(quick)?;
     let mut points = Vec::new();
     for (kind, unit, strengths, trouble) in KINDS {
@@ -279,7 +271,7 @@ fn judge(
 }
 
 /// One stereo camera, ours and OpenCV's, by number of views.
-fn against_views(python: &Path, quick: bool) -> Result<Value> {
+fn against_views(quick: bool) -> Result<Value> {
     let mut rows = Vec::new();
     let counts: &[usize] = if quick {
         &[8, 20]
@@ -300,7 +292,7 @@ fn against_views(python: &Path, quick: bool) -> Result<Value> {
                 ),
                 Err(_) => continue,
             };
-            let theirs = opencv::calibrate(python, &input)?;
+            let theirs = opencv::calibrate(&input)?;
             let their_errors = recording.pair_errors(&theirs.left, &theirs.left_from_right);
             rows.push(json!({
                 "views": count,

@@ -4,13 +4,17 @@
 //! `docs/benchmarks`). Each benchmark is one module with a `run` function.
 
 mod archive;
+mod arguments;
 mod calib;
 mod calib_verify;
+mod camera_imu;
 mod encode;
 mod import;
 mod kills;
 mod load;
 mod meter;
+mod python;
+mod rectify;
 mod sim;
 mod sim_pictures;
 mod soak;
@@ -45,9 +49,11 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("archive", archive::run),
     ("calib", calib::run),
     ("calib_verify", calib_verify::run),
+    ("camera_imu", camera_imu::run),
     ("encode", encode::run),
     ("import", import::run),
     ("kills", kills::run),
+    ("rectify", rectify::run),
     ("sim", sim::run),
     ("sim_pictures", sim_pictures::run),
     ("soak", soak::run),

@@ -11,12 +11,11 @@
 //! Frame sets per second are wall time and need a quiet machine; processor time stands a busy one better.
 
 use std::fs;
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use cad_transforms::rig::Rig;
 use rig_sim::camera::Quality;
 use rig_sim::scene::{Kind, Time};
@@ -26,6 +25,7 @@ use serde_json::{Value, json};
 mod charts;
 mod stages;
 
+use crate::arguments::Arguments;
 use crate::meter::{Took, timed};
 use crate::stamp;
 use stages::Stages;
@@ -106,16 +106,8 @@ struct Place {
 /// # Errors
 /// Bad arguments, or a disk that says no. A target that is missed is a result and no error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
-    let mut plan = FULL;
-    let mut out = PathBuf::from("docs/benchmarks");
-    let mut rest = args.iter();
-    while let Some(argument) = rest.next() {
-        match argument.as_str() {
-            "--quick" => plan = QUICK,
-            "--out" => out = rest.next().context("--out needs a folder")?.into(),
-            other => bail!("unknown argument {other:?}, expected --quick or --out DIR"),
-        }
-    }
+    let Arguments { quick, out } = Arguments::parse(args)?;
+    let plan = if quick { QUICK } else { FULL };
     let stamp = stamp::stamp("sim", args)?;
     let places = measure(&plan)?;
     fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;

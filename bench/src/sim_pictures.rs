@@ -7,11 +7,11 @@
 //! simulated ones lie within what the real ones span.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use cad_transforms::rig::Rig;
 use rig_sim::camera::Quality;
 use rig_sim::faults::Faults;
@@ -20,7 +20,8 @@ use rig_sim::scene::{Kind, Time};
 use rig_sim::simulation::{Settings, Simulation};
 use serde_json::Value;
 
-use crate::stamp;
+use crate::arguments::Arguments;
+use crate::{python, stamp};
 
 const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
 
@@ -30,19 +31,10 @@ const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
 /// Bad arguments, no interpreter in `PAWS_PYTHON`, no real pictures in `PAWS_DATA`, or a disk that says
 /// no. Pictures unlike real ones are a result and no error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
-    let mut seconds = 2.0;
-    let mut out = PathBuf::from("docs/benchmarks");
-    let mut rest = args.iter();
-    while let Some(argument) = rest.next() {
-        match argument.as_str() {
-            // As many frames as features are followed through.
-            "--quick" => seconds = 0.67,
-            "--out" => out = rest.next().context("--out needs a folder")?.into(),
-            other => bail!("unknown argument {other:?}, expected --quick or --out DIR"),
-        }
-    }
-    let python = std::env::var_os("PAWS_PYTHON")
-        .context("PAWS_PYTHON names no interpreter with OpenCV; `cargo xtask bench` makes one")?;
+    let Arguments { quick, out } = Arguments::parse(args)?;
+    // Quick is as many frames as features are followed through.
+    let seconds = if quick { 0.67 } else { 2.0 };
+    let python = python::interpreter()?;
     let data = std::env::var_os("PAWS_DATA")
         .context("PAWS_DATA names no folder of real recordings to compare with")?;
     fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;

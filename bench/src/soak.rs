@@ -6,14 +6,14 @@
 //! memory of the process is looked at with every chunk.
 
 use std::fs;
-use std::path::PathBuf;
 
-use anyhow::{Context as _, Result, bail, ensure};
+use anyhow::{Context as _, Result, ensure};
 use charts::{Axis, Chart, Series};
 use serde_json::json;
 use tests::rig::Rig;
 use tests::soak::{Soaked, soak};
 
+use crate::arguments::Arguments;
 use crate::stamp;
 
 /// By how much the peak of the memory may grow after the first minute, bytes.
@@ -24,15 +24,8 @@ const GROWTH_LIMIT: u64 = 10 << 20;
 /// # Errors
 /// Bad arguments, the recording fails, a sample is missing, or the memory grows beyond the limit.
 pub(crate) fn run(args: &[String]) -> Result<()> {
-    let (mut seconds, mut out) = (3600, PathBuf::from("docs/benchmarks"));
-    let mut rest = args.iter();
-    while let Some(argument) = rest.next() {
-        match argument.as_str() {
-            "--quick" => seconds = 300,
-            "--out" => out = rest.next().context("--out needs a folder")?.into(),
-            other => bail!("unknown argument {other:?}, expected --quick or --out DIR"),
-        }
-    }
+    let Arguments { quick, out } = Arguments::parse(args)?;
+    let seconds = if quick { 300 } else { 3600 };
     let stamp = stamp::stamp("soak", args)?;
     let rig = Rig::small(3);
     let folder = tempfile::tempdir().context("making a folder")?;

@@ -40,6 +40,7 @@ mod track;
 mod view;
 
 pub use estimate::estimate;
+pub use estimate::twin::{Formulated, Formulations};
 pub use judge::{Gate, Verdict, Weak};
 
 /// Gravity that is assumed, m/s² (the standard's; on earth it lies between 9.764 and 9.834).

@@ -19,7 +19,8 @@ cargo xtask VERB: set-up and developer verbs
         Format check, clippy, tests, documentation, cargo deny. --quick: format check, clippy
         and the unit tests only.
   bench NAME [--no-install] [ARGS...]
-        Run a benchmark (archive, sync, encode, import, soak, kills, sim, or all) in release mode;
+        Run a benchmark (archive, sync, encode, import, soak, kills, sim, sim_pictures, calib,
+        camera_imu, rectify, calib_verify, or all) in release mode;
         results go to docs/benchmarks. ARGS are handed to the benchmark.
   fuzz [SECONDS] [--no-install]
         Run each fuzz target of session-archive for SECONDS (default 60).
@@ -34,7 +35,7 @@ Exit code: 0 fine, 1 failed, 2 bad arguments.
 ";
 
 /// The benchmarks, in the order in which `bench all` runs them.
-pub(crate) const BENCHMARKS: [&str; 8] = [
+pub(crate) const BENCHMARKS: [&str; 12] = [
     "archive",
     "sync",
     "encode",
@@ -43,6 +44,10 @@ pub(crate) const BENCHMARKS: [&str; 8] = [
     "kills",
     "sim",
     "sim_pictures",
+    "calib",
+    "camera_imu",
+    "rectify",
+    "calib_verify",
 ];
 
 const VERBS: [&str; 6] = ["setup", "demo", "test", "bench", "fuzz", "help"];
@@ -264,6 +269,22 @@ mod tests {
             panic!("bench all is not understood");
         };
         assert_eq!(names, BENCHMARKS);
+    }
+
+    #[test]
+    fn every_benchmark_has_its_name_here() {
+        let program = include_str!("../../bench/src/main.rs");
+        let there = program.lines().filter_map(|line| {
+            let name = line.trim().strip_prefix("(\"")?;
+            name.strip_suffix("::run),")?
+                .split_once('"')
+                .map(|(name, _)| name)
+        });
+        let mut there: Vec<&str> = there.collect();
+        there.sort_unstable();
+        let mut here = BENCHMARKS.to_vec();
+        here.sort_unstable();
+        assert_eq!(there, here);
     }
 
     #[test]

@@ -1,14 +1,12 @@
 //! OpenCV on the same corners.
 
-use std::io::Write;
-use std::path::Path;
-use std::process::{Command, Stdio};
-
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use cad_transforms::RigidTransform;
 use calib::cameras::Input;
 use calib::{CameraModel, Distortion};
-use serde_json::{Value, json};
+use serde_json::json;
+
+use crate::python;
 
 /// What it found.
 pub(super) struct Found {
@@ -19,7 +17,7 @@ pub(super) struct Found {
 }
 
 /// Calibrates the first two eyes of an input, starting from their factory values.
-pub(super) fn calibrate(python: &Path, input: &Input) -> Result<Found> {
+pub(super) fn calibrate(input: &Input) -> Result<Found> {
     let known = input.targets[0].corners();
     let mut views = Vec::new();
     for left in input.sightings.iter().filter(|s| s.eye == 0) {
@@ -51,21 +49,7 @@ pub(super) fn calibrate(python: &Path, input: &Input) -> Result<Found> {
         anyhow::Ok(json!({ "k": model.k_matrix(), "d": d }))
     };
     let job = json!({ "size": input.eyes[0].size, "views": views, "left": guess(0)?, "right": guess(1)? });
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/calib/opencv.py");
-    let mut child = Command::new(python)
-        .arg(script)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .context("starting python")?;
-    let mut stdin = child.stdin.take().context("python's standard input")?;
-    stdin
-        .write_all(job.to_string().as_bytes())
-        .context("writing to python")?;
-    drop(stdin);
-    let output = child.wait_with_output().context("waiting for python")?;
-    ensure!(output.status.success(), "OpenCV's calibration failed");
-    let found: Value = serde_json::from_slice(&output.stdout).context("reading OpenCV's answer")?;
+    let found = python::ask("calib/opencv.py", &job)?;
     let numbers = |key: &str| -> Result<Vec<f64>> {
         serde_json::from_value(found[key].clone()).with_context(|| format!("reading {key}"))
     };

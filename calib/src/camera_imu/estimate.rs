@@ -620,5 +620,4 @@ fn noises(problem: &Problem<'_>, sums: &[Sum; 5], fits: &[Fit]) -> Noises {
     }
 }
 
-#[cfg(test)]
-mod tests;
+pub(super) mod twin;

@@ -759,7 +759,6 @@ impl Problem<'_> {
     }
 }
 
-#[cfg(test)]
 pub(super) mod spline;
 #[cfg(test)]
 mod tests;

@@ -426,20 +426,3 @@ fn impossible_input_is_an_error() {
     });
     assert!(matches!(error, E::FewPictures { .. }), "{error}");
 }
-
-/// A minute with 144 corners in each eye: `cargo test -p calib --lib a_minute -- --ignored --nocapture`.
-#[test]
-#[ignore = "seconds; for its time"]
-#[allow(clippy::disallowed_methods)] // What is measured here is time.
-fn a_minute() {
-    let scene = Scene {
-        board: ([12, 12], 0.05),
-        ..Scene::lively(60.0)
-    };
-    let truth = simulate(&scene, 1);
-    let begun = std::time::Instant::now();
-    let found = estimate(&truth.recording, &Told::default()).expect("a result");
-    println!("{:?}", begun.elapsed());
-    println!("{:?}", errors(&scene, &truth, &found));
-    println!("{:?}", found.sigmas);
-}

@@ -1,6 +1,3 @@
-use std::path::Path;
-use std::time::Duration;
-
 use super::*;
 use crate::test_data::shared;
 
@@ -275,44 +272,4 @@ fn the_factory_file_of_a_zed_mini() {
     let (l, right) = ([640.0, 382.0], [600.0, 334.0]);
     let rows = crate::epipolar::row_difference(&pair, l, right).unwrap();
     assert!(rows.abs() < 3.0, "{rows}");
-}
-
-/// For the figures in `docs/calibration-files.md`: `cargo test --release -p calib --lib
-/// rectify::tests::speed -- --ignored --nocapture`.
-#[test]
-#[ignore = "prints times"]
-fn speed() {
-    let Some(path) = shared("06_calibration/zed/SN10028708.conf") else {
-        return;
-    };
-    for (width, height) in [(672, 376), (1280, 720)] {
-        let (pair, _) = crate::read_stereo(Path::new(&path), width, height).unwrap();
-        let r = Rectification::new(&pair, View::Filled).unwrap();
-        let old = picture(width as usize, height as usize);
-        let map = r.map(Eye::Left);
-        let remap = Remap::new(&map, width, height);
-        let mut new = vec![0; old.len()];
-        let ms = |best: Duration| best.as_secs_f64() * 1e3;
-        println!(
-            "{width}x{height}: rectification {:.3} ms, map {:.3} ms, exact map {:.3} ms, preparing {:.3} ms, remap {:.3} ms, exact remap {:.3} ms",
-            ms(best(|| drop(Rectification::new(&pair, View::Filled)))),
-            ms(best(|| drop(r.map(Eye::Left)))),
-            ms(best(|| drop(r.exact_map(Eye::Left)))),
-            ms(best(|| drop(Remap::new(&map, width, height)))),
-            ms(best(|| remap.apply_to(&old, 0, &mut new))),
-            ms(best(|| drop(remap_exact(&map, &old, [width, height], 0)))),
-        );
-    }
-}
-
-#[allow(clippy::disallowed_methods)] // A test that prints times needs a clock.
-fn best(mut work: impl FnMut()) -> Duration {
-    (0..30)
-        .map(|_| {
-            let start = std::time::Instant::now();
-            work();
-            start.elapsed()
-        })
-        .min()
-        .unwrap()
 }

@@ -117,7 +117,6 @@ pub(in crate::camera_imu) struct Whole {
 pub(in crate::camera_imu) struct SplineFit {
     pub(in crate::camera_imu) whole: Whole,
     pub(in crate::camera_imu) covariance: SMatrix<f64, SPLINE_SHARED, SPLINE_SHARED>,
-    pub(in crate::camera_imu) iterations: usize,
     /// Cost per measurement.
     pub(in crate::camera_imu) misfit: f64,
 }
@@ -333,7 +332,6 @@ impl Problem<'_> {
         raw: &[Raw],
         mut whole: Whole,
     ) -> Option<SplineFit> {
-        let mut iterations = 0;
         for round in 0..3 {
             let rooted: Option<Vec<Rooted>> = (0..self.views.len())
                 .map(|i| {
@@ -357,7 +355,6 @@ impl Problem<'_> {
             let mut damping = 1e-6;
             let (mut chain, mut cost, mut count) = self.spline_equations(&rooted, raw, &whole);
             for _ in 0..30 {
-                iterations += 1;
                 let step = chain.factor(damping)?.step();
                 let promised = -(step.shared.dot(&chain.shared_gradient)
                     + (step.own.iter().zip(&chain.own_gradient))
@@ -379,7 +376,6 @@ impl Problem<'_> {
                 return Some(SplineFit {
                     covariance: chain.factor(0.0)?.covariance().shared,
                     whole,
-                    iterations,
                     misfit: cost / count as f64,
                 });
             }
