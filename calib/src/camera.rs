@@ -85,6 +85,23 @@ pub struct Rational {
 }
 
 impl CameraModel {
+    /// Width and height, pixels; fx, fy, cx, cy, pixels; distortion.
+    pub fn new(
+        (width, height): (u32, u32),
+        [fx, fy, cx, cy]: [f64; 4],
+        distortion: Distortion,
+    ) -> Self {
+        Self {
+            width,
+            height,
+            fx,
+            fy,
+            cx,
+            cy,
+            distortion,
+        }
+    }
+
     /// The camera matrix, rows first.
     pub fn k_matrix(&self) -> [f64; 9] {
         [self.fx, 0.0, self.cx, 0.0, self.fy, self.cy, 0.0, 0.0, 1.0]

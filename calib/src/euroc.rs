@@ -152,15 +152,7 @@ fn camera(
             },
         }
     };
-    let model = CameraModel {
-        width,
-        height,
-        fx,
-        fy,
-        cx,
-        cy,
-        distortion,
-    };
+    let model = CameraModel::new((width, height), [fx, fy, cx, cy], distortion);
     yaml.get("intrinsics")?.refuse_impossible(&model)?;
     Ok((model, body_from_sensor(&yaml)?))
 }

@@ -224,14 +224,8 @@ fn camera(at: &At<'_>) -> Result<CameraModel, CalibError> {
         coefficients.only_zeros("distortion_model none")?;
     }
     let intrinsics = at.get("intrinsics")?;
-    let pinhole = |[fx, fy, cx, cy]: [f64; 4], distortion| CameraModel {
-        width,
-        height,
-        fx,
-        fy,
-        cx,
-        cy,
-        distortion,
+    let pinhole = |[fx, fy, cx, cy]: [f64; 4], distortion| {
+        CameraModel::new((width, height), [fx, fy, cx, cy], distortion)
     };
     let alone = |what: &str| match lens {
         "none" => Ok(()),

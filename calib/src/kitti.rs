@@ -141,15 +141,7 @@ impl Projection {
 
     fn camera(&self, width: u32, height: u32) -> CameraModel {
         let Self { fx, fy, cx, cy, .. } = *self;
-        CameraModel {
-            width,
-            height,
-            fx,
-            fy,
-            cx,
-            cy,
-            distortion: Distortion::None,
-        }
+        CameraModel::new((width, height), [fx, fy, cx, cy], Distortion::None)
     }
 }
 

@@ -63,15 +63,11 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         if (skew, zero, a, b, c) != (0.0, 0.0, 0.0, 0.0, 1.0) {
             return Err(source.malformed(line, text, &expected));
         }
-        Ok(CameraModel {
-            width,
-            height,
-            fx,
-            fy,
-            cx,
-            cy,
-            distortion: Distortion::None,
-        })
+        Ok(CameraModel::new(
+            (width, height),
+            [fx, fy, cx, cy],
+            Distortion::None,
+        ))
     };
     let (left, right) = (camera("cam0")?, camera("cam1")?);
     let doffs = number("doffs")?;

@@ -198,15 +198,11 @@ fn camera(
     } else {
         radial_tangential_of(&d)
     };
-    let model = CameraModel {
-        width,
-        height,
-        fx,
-        fy,
-        cx,
-        cy,
-        distortion: distortion.map_err(|(found, expected)| at.wrong_because(&found, expected))?,
-    };
+    let model = CameraModel::new(
+        (width, height),
+        [fx, fy, cx, cy],
+        distortion.map_err(|(found, expected)| at.wrong_because(&found, expected))?,
+    );
     matrix.refuse_impossible(&model)?;
     Ok(model)
 }

@@ -51,15 +51,7 @@ pub fn read(
         let expected = format!("a baseline in metres, above 0 and at most {FARTHEST_M}");
         return Err(source.malformed(baseline_line, baseline_text, &expected));
     }
-    let camera = CameraModel {
-        width,
-        height,
-        fx,
-        fy,
-        cx,
-        cy,
-        distortion: Distortion::None,
-    };
+    let camera = CameraModel::new((width, height), [fx, fy, cx, cy], Distortion::None);
     let calibration = StereoCalibration {
         left: camera,
         right: camera,

@@ -182,15 +182,7 @@ fn file(path: &Path, notes: &mut Vec<Note>) -> Result<File, CalibError> {
             (own, matrix.place())
         }
     };
-    let model = CameraModel {
-        width,
-        height,
-        fx,
-        fy,
-        cx,
-        cy,
-        distortion,
-    };
+    let model = CameraModel::new((width, height), [fx, fy, cx, cy], distortion);
     matrix.refuse_impossible(&model)?;
     Ok(File {
         model,

@@ -288,13 +288,7 @@ impl Work<'_> {
             noise: self.recording.noise,
             prior,
             corner_scale: scales[scales.len() / 2],
-            factors: Factors {
-                poses: 1.0,
-                gyro: 1.0,
-                accel: 1.0,
-                gyro_walk: 1.0,
-                accel_walk: 1.0,
-            },
+            factors: Factors::ONE,
             robust: false,
             middle_s: 0.5 * (first + last),
         };

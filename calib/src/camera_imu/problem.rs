@@ -87,6 +87,16 @@ pub(super) struct Factors {
     pub accel_walk: f64,
 }
 
+impl Factors {
+    pub(super) const ONE: Self = Self {
+        poses: 1.0,
+        gyro: 1.0,
+        accel: 1.0,
+        gyro_walk: 1.0,
+        accel_walk: 1.0,
+    };
+}
+
 /// All that is given.
 pub(super) struct Problem<'a> {
     pub cameras: &'a Cameras,

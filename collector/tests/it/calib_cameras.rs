@@ -3,24 +3,19 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::Command;
-use std::sync::Arc;
 
 use cad_transforms::{Frame, FramePart, Rig, RigidTransform};
 use nalgebra::Vector3;
 use rig_sim::camera::Quality;
 use rig_sim::deviation::Deviation;
-use rig_sim::faults::Faults;
-use rig_sim::render::{Job, render_session};
 use rig_sim::scene::{Kind, Time};
-use rig_sim::simulation::{Settings, Simulation};
+use rig_sim::simulation::Settings;
 use serde_json::Value;
 
-const RIG: &str = include_str!("../../../cad-transforms/rigs/example.toml");
+use crate::rendered::{self, paws};
 
 /// Writes the session; gives the rig as it is.
 fn write(folder: &Path) -> Rig {
-    let rig = Rig::parse(RIG).unwrap();
     let settings = Settings {
         kind: Kind::Targets,
         time: Time::Day,
@@ -35,29 +30,7 @@ fn write(folder: &Path) -> Rig {
     deviation.of_mut("left_shoulder").turned = Vector3::new(2e-3, -3e-3, 1e-3);
     deviation.of_mut("feet").moved = Vector3::new(5e-4, 0.0, -8e-4);
     deviation.of_mut("right_shoulder").focal_px = [1.5, 1.5];
-    let simulation = Simulation::new(&settings, &rig).unwrap();
-    let simulation = simulation.with_deviation(&rig, &deviation).unwrap();
-    let truth = Rig::parse(&simulation.true_rig_text(&rig)).unwrap();
-    let job = Job {
-        rig: &rig,
-        rig_text: RIG,
-        session: true,
-        faults: &Faults::default(),
-        truth: false,
-        threads: 2,
-    };
-    render_session(&Arc::new(simulation), &job, folder, &|| {}).unwrap();
-    truth
-}
-
-/// Exit code, and what was printed.
-fn paws(arguments: &[&str]) -> (Option<i32>, String) {
-    let run = Command::new(env!("CARGO_BIN_EXE_paws"))
-        .args(arguments)
-        .output()
-        .unwrap();
-    let text = [run.stdout, run.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
-    (run.status.code(), text.concat())
+    rendered::write(folder, &settings, &deviation)
 }
 
 #[test]

@@ -2,24 +2,18 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::Command;
-use std::sync::Arc;
 
-use cad_transforms::Rig;
 use nalgebra::Vector3;
 use rig_sim::camera::Quality;
 use rig_sim::deviation::Deviation;
-use rig_sim::faults::Faults;
-use rig_sim::render::{Job, render_session};
 use rig_sim::scene::{Kind, Time};
-use rig_sim::simulation::{Settings, Simulation};
+use rig_sim::simulation::Settings;
 use serde_json::Value;
 
-const RIG: &str = include_str!("../../../cad-transforms/rigs/example.toml");
+use crate::rendered::{self, paws};
 
 /// A short walk in small pictures, with the left shoulder turned by so much, rad.
 fn write(folder: &Path, turned: Vector3<f64>) {
-    let rig = Rig::parse(RIG).unwrap();
     let settings = Settings {
         kind: Kind::Pavement,
         time: Time::Day,
@@ -32,28 +26,12 @@ fn write(folder: &Path, turned: Vector3<f64>) {
     };
     let mut deviation = Deviation::default();
     deviation.of_mut("left_shoulder").turned = turned;
-    let simulation = Simulation::new(&settings, &rig).unwrap();
-    let simulation = simulation.with_deviation(&rig, &deviation).unwrap();
-    let job = Job {
-        rig: &rig,
-        rig_text: RIG,
-        session: true,
-        faults: &Faults::default(),
-        truth: false,
-        threads: 2,
-    };
-    render_session(&Arc::new(simulation), &job, folder, &|| {}).unwrap();
+    rendered::write(folder, &settings, &deviation);
 }
 
 /// Exit code, and what was printed.
 fn verify(session: &Path, more: &[&str]) -> (Option<i32>, String) {
-    let run = Command::new(env!("CARGO_BIN_EXE_paws"))
-        .args(["calib", "verify", session.to_str().unwrap()])
-        .args(more)
-        .output()
-        .unwrap();
-    let text = [run.stdout, run.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
-    (run.status.code(), text.concat())
+    paws(&[&["calib", "verify", session.to_str().unwrap()], more].concat())
 }
 
 #[test]

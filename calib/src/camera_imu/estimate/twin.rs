@@ -116,13 +116,7 @@ impl<'a> Formulations<'a> {
             noise: self.recording.noise,
             prior: work.prior(&self.shared, excite::Held::default()),
             corner_scale: 1.0,
-            factors: Factors {
-                poses: 1.0,
-                gyro: 1.0,
-                accel: 1.0,
-                gyro_walk: 1.0,
-                accel_walk: 1.0,
-            },
+            factors: Factors::ONE,
             robust: true,
             middle_s: 0.5 * views[views.len() - 1].time_s,
         })
