@@ -4,10 +4,12 @@
 //! Each camera that has an IMU, lenses and a board in its pictures ends as a table of what was told and what was
 //! found, and as a part of `camera-imu.json` and `camera-imu.html`. The place that the session has recorded counts as a
 //! loose measurement. Where the gates allow it, Kalibr's
-//! `camchain-imucam.yaml` and `imu.yaml` are written too. Nothing is written into a rig file here. A camera whose gates fail, or that gives no
-//! result, makes the exit code 1; damage on disk makes it 3.
+//! `camchain-imucam.yaml` and `imu.yaml` are written too, and `rig-imu.toml`: the rig file with the IMUs where they were found. A
+//! camera whose gates fail, or that gives no result, keeps its IMU where it was told and makes the exit code 1; damage on
+//! disk makes it 3.
 
 mod document;
+mod given;
 mod page;
 mod pictures;
 mod table;
@@ -16,7 +18,7 @@ use std::path::PathBuf;
 use std::thread;
 
 use anyhow::{Context, Result, anyhow, ensure};
-use cad_transforms::RigidTransform;
+use cad_transforms::{Frame, FramePart, RigidTransform};
 use calib::camera_imu::simulate::ZED_NOISE;
 use calib::camera_imu::{CameraImu, Cameras, ImuSample, Recording, Told, Verdict, estimate};
 use calib::kalibr::read_imu;
@@ -24,10 +26,12 @@ use calib::set::{CameraSet, NamedCamera, SetImu};
 use calib::write::contents;
 use calib::{CameraModel, Format, ImuNoise, Provenance};
 use clap::Args;
+use nalgebra::{Matrix3, SMatrix};
 use session_archive::index::Access;
 
 use crate::calibrate::Output;
 use crate::calibrate::imu_samples::{self, ImuRecording};
+use crate::calibrate::rig_file::{Joint, revised};
 use crate::calibrate::sightings;
 use crate::calibrate::told::ToldRig;
 use crate::console::Console;
@@ -36,11 +40,15 @@ use crate::outcome::Outcome;
 use crate::target::Target;
 use crate::text;
 use crate::validate::open;
+use given::Given;
 
 /// The JSON document.
 pub const DOCUMENT: &str = "camera-imu.json";
 /// The report.
 pub const PAGE: &str = "camera-imu.html";
+
+/// The rig with its IMUs.
+pub const RIG: &str = "rig-imu.toml";
 
 /// What Kalibr's files are called, after the camera's name.
 const KALIBR: [&str; 2] = ["camchain-imucam.yaml", "imu.yaml"];
@@ -54,6 +62,9 @@ pub struct Options {
     /// A target that was shown, TOML or Kalibr's YAML; again for more [default: rig/target.*.toml of the session]
     #[arg(long, value_name = "FILE")]
     pub target: Vec<PathBuf>,
+    /// What `paws calib cameras` wrote: lenses, eyes and the rig file to start from [default: the session's]
+    #[arg(long, value_name = "DIR")]
+    pub calibration: Option<PathBuf>,
     /// Noise of the IMU, Kalibr's imu.yaml [default: typical of such parts, then corrected by what is found]
     #[arg(long, value_name = "FILE")]
     pub noise: Option<PathBuf>,
@@ -93,6 +104,14 @@ struct Measured {
     found: Result<CameraImu>,
 }
 
+impl Measured {
+    /// What was found, where no gate fails.
+    fn trusted(&self) -> Option<&CameraImu> {
+        let found = self.found.as_ref().ok()?;
+        (found.verdict() != Verdict::Fail).then_some(found)
+    }
+}
+
 /// Calibrates the cameras of a session.
 ///
 /// # Errors
@@ -120,7 +139,7 @@ pub fn run(
             target.folder.display()
         );
     }
-    let mut may_come = vec![DOCUMENT.to_owned(), PAGE.to_owned()];
+    let mut may_come = vec![DOCUMENT.to_owned(), PAGE.to_owned(), RIG.to_owned()];
     may_come.extend(
         names()
             .filter(|n| wanted(n))
@@ -141,7 +160,8 @@ pub fn run(
     );
     let index = read_or_build(&reader, console)?;
     let access = Access::open(&**reader.storage(), &index).context("opening the segments")?;
-    let rig = ToldRig::read(&reader)?;
+    let told = ToldRig::read(&reader)?;
+    let given = Given::read(&told, options.calibration.as_deref(), manifest)?;
     let samples = imu_samples::read(
         &reader,
         |name| name.strip_suffix("/imu").is_some_and(wanted),
@@ -156,7 +176,7 @@ pub fn run(
         }
         let name = &camera.name;
         let frame = |part: &str| format!("{name}/{part}");
-        let told = rig.frames.transform(&frame("imu"), &frame("left"));
+        let told = given.imu_from_left(name);
         let mut measured = Measured {
             camera: name.clone(),
             told,
@@ -167,22 +187,10 @@ pub fn run(
             lenses: Vec::new(),
             found: Err(anyhow!("not begun")),
         };
-        let lens = |eye: &str| {
-            let lens = rig.lens(&frame(eye));
-            lens.with_context(|| {
-                format!("the session tells of no lens of {name}/{eye} that is known here")
-            })
-        };
         let ready = || -> Result<(Vec<(CameraModel, RigidTransform)>, &ImuRecording)> {
-            let mut lenses = vec![(lens("left")?, RigidTransform::identity())];
-            if let Some(right) = rig.frames.transform(&frame("right"), &frame("left")) {
-                lenses.push((lens("right")?, right));
-            }
             let imu = samples.imus.iter().find(|i| i.name == frame("imu"));
-            Ok((
-                lenses,
-                imu.with_context(|| format!("the session has no {name}/imu"))?,
-            ))
+            let imu = imu.with_context(|| format!("the session has no {name}/imu"))?;
+            Ok((given.lenses(name)?, imu))
         };
         measured.found = match ready() {
             Err(error) => Err(error),
@@ -239,17 +247,26 @@ pub fn run(
             ))?,
         }
     }
+    let joints: Vec<Joint> = all.iter().filter_map(joint).collect();
+    let without_rig = match given.rig() {
+        _ if joints.is_empty() => Some("no IMU was found"),
+        Ok(rig) => {
+            let rig = revised(rig, &joints, "camera-imu", "imu", manifest)?;
+            files.push((RIG.to_owned(), rig.to_toml().into_bytes()));
+            None
+        }
+        Err(reason) => Some(reason),
+    };
     place.write(&files, console)?;
+    if let Some(reason) = without_rig {
+        console.line(format!("no rig file was written: {reason}"))?;
+    }
     if samples.damaged > 0 {
         let places = text::count(samples.damaged, "damaged place");
         console.line(format!("{places} of the session left out"))?;
         outcome = outcome.max(Outcome::Loss);
     }
-    let failed = |m: &Measured| match &m.found {
-        Ok(found) => found.verdict() == Verdict::Fail,
-        Err(_) => true,
-    };
-    if all.iter().any(failed) {
+    if all.iter().any(|m| m.trusted().is_none()) {
         outcome = Outcome::Failed;
     }
     Ok(outcome)
@@ -281,15 +298,33 @@ fn inertial(imu: &ImuRecording) -> Vec<ImuSample> {
     out
 }
 
+/// Where an IMU was found, as rig files have it.
+fn joint(measured: &Measured) -> Option<Joint> {
+    let found = measured.trusted()?;
+    let parent_from_child = found.imu_from_left.inverse();
+    // A turn δ in the left frame and a shift τ in the IMU's turn left_from_imu by -δ and move it by p × δ - Rᵀ τ.
+    let back = parent_from_child.rotation().to_rotation_matrix();
+    let mut by = SMatrix::<f64, 6, 6>::zeros();
+    by.fixed_view_mut::<3, 3>(0, 0)
+        .copy_from(&parent_from_child.translation().cross_matrix());
+    by.fixed_view_mut::<3, 3>(0, 3).copy_from(&-back.matrix());
+    by.fixed_view_mut::<3, 3>(3, 0)
+        .copy_from(&-Matrix3::identity());
+    let covariance = by * found.covariance.fixed_view::<6, 6>(0, 0) * by.transpose();
+    Some(Joint {
+        parent: Frame::of_camera(&measured.camera, FramePart::Left).ok()?,
+        child: Frame::of_camera(&measured.camera, FramePart::Imu).ok()?,
+        parent_from_child,
+        covariance,
+    })
+}
+
 /// Lenses, places and noise as Kalibr's files have them; none where its lenses cannot hold ours, with the
 /// reason.
 fn kalibr(measured: &Measured) -> Result<Vec<(String, Vec<u8>)>> {
-    let Ok(found) = &measured.found else {
+    let Some(found) = measured.trusted() else {
         return Ok(Vec::new());
     };
-    if found.verdict() == Verdict::Fail {
-        return Ok(Vec::new());
-    }
     let noise = &measured.noise;
     let times = &found.noises;
     let mut cameras = Vec::new();

@@ -30,6 +30,7 @@ fn write(folder: &Path) -> Rig {
     deviation.of_mut("left_shoulder").turned = Vector3::new(2e-3, -3e-3, 1e-3);
     deviation.of_mut("feet").moved = Vector3::new(5e-4, 0.0, -8e-4);
     deviation.of_mut("right_shoulder").focal_px = [1.5, 1.5];
+    deviation.of_mut("left_shoulder").imu_turned = Vector3::new(0.01, -0.02, 0.0);
     rendered::write(folder, &settings, &deviation)
 }
 
@@ -81,6 +82,8 @@ fn a_rig_is_found_as_it_is() {
     let (stereo, _) = calib::read_stereo(&out.join("feet.yaml"), 672, 376).unwrap();
     assert!((stereo.baseline_m() - 0.063).abs() < 5e-4);
 
+    imus_are_found(&folder.path().join("imus"), session, &out, &truth);
+
     let before = fs::read(out.join("rig.toml")).unwrap();
     let (code, text) = paws(&arguments);
     assert_eq!(code, Some(1), "{text}");
@@ -107,4 +110,55 @@ fn a_rig_is_found_as_it_is() {
     assert_eq!(code, Some(1), "{text}");
     assert!(text.contains("none of 1 target was seen"), "{text}");
     assert!(!other.exists());
+}
+
+/// `paws calib camera-imu` with what `paws calib cameras` found: its rig file has the cameras from there and the IMUs as they are.
+fn imus_are_found(out: &Path, session: &str, calibration: &Path, truth: &Rig) {
+    let (code, text) = paws(&[
+        "calib",
+        "camera-imu",
+        session,
+        "--calibration",
+        calibration.to_str().unwrap(),
+        "--line-us",
+        "feet=22.606",
+        "--out",
+        out.to_str().unwrap(),
+    ]);
+    assert_eq!(code, Some(0), "{text}");
+    let given = Rig::read(&calibration.join("rig.toml")).unwrap();
+    let found = Rig::read(&out.join("rig-imu.toml")).unwrap();
+    assert_eq!(found.revision(), format!("{}-imu", given.revision()));
+    for camera in ["left_shoulder", "right_shoulder", "feet"] {
+        let [left, right, imu] = [FramePart::Left, FramePart::Right, FramePart::Imu]
+            .map(|part| Frame::of_camera(camera, part).unwrap());
+        let imu_in = |rig: &Rig| rig.transform(&left, &imu).unwrap();
+        let off = imu_in(truth).inverse() * imu_in(&found);
+        let (m, d) = (off.distance_m(), off.angle_rad().to_degrees());
+        assert!(m < 2e-3 && d < 0.2, "{camera}: {m} m, {d} degrees\n{text}");
+        let sigmas = found.covariance(&left, &imu).unwrap().unwrap().sigmas();
+        assert!(
+            sigmas.iter().all(|s| (1e-5..3e-3).contains(s)),
+            "{sigmas:?}"
+        );
+        for (a, b) in [(&Frame::rig(), &left), (&left, &right)] {
+            let between = |rig: &Rig| rig.transform(a, b).unwrap();
+            assert_eq!(between(&found), between(&given));
+        }
+    }
+    // A folder that holds no calibration.
+    let (code, text) = paws(&[
+        "calib",
+        "camera-imu",
+        session,
+        "--calibration",
+        session,
+        "--out",
+        out.join("other").to_str().unwrap(),
+    ]);
+    assert_eq!(code, Some(1), "{text}");
+    assert!(
+        text.contains("expected what `paws calib cameras` writes"),
+        "{text}"
+    );
 }
