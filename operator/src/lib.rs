@@ -1,0 +1,1 @@
+//! Button, light and beeper: how a person without a screen starts, stops and knows.

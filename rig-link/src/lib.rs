@@ -1,0 +1,1 @@
+//! The way to the rig: the phone's page, pulling sessions, TLS, both ends.

@@ -1,0 +1,1 @@
+//! ZED cameras over USB: the microcontroller's reports, frame sync, serial numbers.
