@@ -1,0 +1,177 @@
+//! The clocks: how far civil time can be believed, and whether it was stepped.
+//!
+//! Recorded time is on `CLOCK_MONOTONIC`, which nobody can set. Civil time is known through the offset
+//! `CLOCK_REALTIME - CLOCK_MONOTONIC`. Slewing (chrony, NTP, PTP at work) speeds both clocks alike and leaves
+//! the offset as it is; it changes only when somebody sets the clock, at a leap second, and when the
+//! machine was suspended. So any change beyond what reading the clocks costs is an event, however small.
+//!
+//! Contract: [`ClockWatch::judge`] is pure. It reports each step once, at the first look after it, with its
+//! size; two steps between two looks are one. A suspension is told apart by `CLOCK_BOOTTIME`, which goes on
+//! through it. [`read`] reads the clocks, [`StepAlarm`] wakes a thread at the very step, and a machine whose
+//! kernel refuses either only tells less.
+
+use serde::Serialize;
+
+mod read;
+
+pub use read::{Discipline, StepAlarm, discipline, look};
+
+/// Smaller changes are not told, ns: the clocks are read one after the other.
+pub const LEAST_STEP_NS: i64 = 10_000;
+
+/// What the clocks said at one look.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Look {
+    /// `CLOCK_MONOTONIC`, ns.
+    pub monotonic_ns: i64,
+    /// `CLOCK_REALTIME` at that instant, ns since 1970, UTC.
+    pub realtime_ns: i64,
+    /// `CLOCK_BOOTTIME` at that instant, ns.
+    pub boottime_ns: i64,
+    /// By how much the three may be apart in time, ns.
+    pub apart_ns: i64,
+    /// What the kernel knows of its clock's quality, where it tells.
+    pub kernel: Option<Kernel>,
+}
+
+/// The kernel's account of its civil clock (adjtimex(2)).
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Kernel {
+    /// Whether somebody keeps it right.
+    pub synchronised: bool,
+    /// What is still to be corrected, ns. Always 0 under chrony, which keeps its own account.
+    pub offset_ns: i64,
+    /// Estimated error, ns.
+    pub estimated_error_ns: i64,
+    /// Largest possible error, ns; grows by 500 µs per second that nobody corrects it.
+    pub max_error_ns: i64,
+    /// Correction of the crystal's frequency, parts per 10⁹.
+    pub frequency_ppb: i64,
+    /// TAI minus UTC, s; 0 where nobody told the kernel.
+    pub tai_offset_s: i32,
+    /// A leap second that is due or under way.
+    pub leap: Leap,
+}
+
+/// Leap seconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Leap {
+    /// None is due.
+    None,
+    /// One will be inserted at the end of the day.
+    Insert,
+    /// One will be left out at the end of the day.
+    Delete,
+    /// It is being inserted now.
+    Now,
+    /// It has just been.
+    Done,
+}
+
+/// The clocks, once a second.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ClockState {
+    /// When, on `CLOCK_MONOTONIC`, ns.
+    pub at_ns: i64,
+    /// Civil time is this plus `CLOCK_MONOTONIC`, ns.
+    pub civil_offset_ns: i64,
+    /// How long the machine has been suspended since it booted, ns.
+    pub suspended_ns: i64,
+    /// By how much the offset may be off for the way it was read, ns.
+    pub apart_ns: i64,
+    /// Whether somebody keeps the clock right; `None` where the kernel does not tell.
+    pub synchronised: Option<bool>,
+    /// The kernel's account.
+    pub kernel: Option<Kernel>,
+}
+
+/// Something happened to the clocks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ClockEvent {
+    /// Civil time was set by this much, ns; positive is forward.
+    Step {
+        /// By how much, ns.
+        by_ns: i64,
+    },
+    /// The machine was suspended for this long, ns.
+    Suspended {
+        /// How long, ns.
+        for_ns: i64,
+    },
+    /// The clock is kept right from now on, or no longer.
+    Synchronised {
+        /// Which.
+        now: bool,
+    },
+}
+
+impl std::fmt::Display for ClockEvent {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let seconds = |ns: i64| ns as f64 / crate::NS_PER_S as f64;
+        match *self {
+            Self::Step { by_ns } => write!(
+                f,
+                "civil time was set by {:+.6} s; recorded time is untouched",
+                seconds(by_ns)
+            ),
+            Self::Suspended { for_ns } => {
+                write!(f, "the machine was suspended for {:.3} s", seconds(for_ns))
+            }
+            Self::Synchronised { now: true } => f.write_str("civil time is kept right"),
+            Self::Synchronised { now: false } => f.write_str("civil time is no longer kept right"),
+        }
+    }
+}
+
+/// Compares looks.
+#[derive(Clone, Debug, Default)]
+pub struct ClockWatch {
+    last: Option<Look>,
+}
+
+impl ClockWatch {
+    /// One that has seen nothing yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// What a look means, and what happened since the one before.
+    pub fn judge(&mut self, look: &Look) -> (ClockState, Vec<ClockEvent>) {
+        let state = ClockState {
+            at_ns: look.monotonic_ns,
+            civil_offset_ns: look.realtime_ns.saturating_sub(look.monotonic_ns),
+            suspended_ns: look.boottime_ns.saturating_sub(look.monotonic_ns),
+            apart_ns: look.apart_ns,
+            synchronised: look.kernel.as_ref().map(|kernel| kernel.synchronised),
+            kernel: look.kernel.clone(),
+        };
+        let mut events = Vec::new();
+        if let Some(last) = self.last.replace(look.clone()) {
+            let noise = LEAST_STEP_NS
+                .saturating_add(last.apart_ns)
+                .saturating_add(look.apart_ns);
+            let change = |of: fn(&Look) -> i64| of(look).saturating_sub(of(&last));
+            // Both clocks go on through a suspension, so that only a step parts them.
+            let by_ns = change(|l| l.realtime_ns.saturating_sub(l.boottime_ns));
+            let for_ns = change(|l| l.boottime_ns.saturating_sub(l.monotonic_ns));
+            if for_ns > noise {
+                events.push(ClockEvent::Suspended { for_ns });
+            }
+            if by_ns.saturating_abs() > noise {
+                events.push(ClockEvent::Step { by_ns });
+            }
+            let synchronised = |l: &Look| l.kernel.as_ref().map(|k| k.synchronised);
+            if let (Some(before), Some(now)) = (synchronised(&last), synchronised(look))
+                && before != now
+            {
+                events.push(ClockEvent::Synchronised { now });
+            }
+        }
+        (state, events)
+    }
+}
+
+#[cfg(test)]
+mod tests;
