@@ -5,6 +5,8 @@
 use std::ffi::OsString;
 use std::path::PathBuf;
 
+use crate::deb::Architecture;
+
 /// What `cargo xtask help` prints.
 pub(crate) const HELP: &str = "\
 cargo xtask VERB: set-up and developer verbs
@@ -24,6 +26,11 @@ cargo xtask VERB: set-up and developer verbs
         results go to docs/benchmarks. ARGS are handed to the benchmark.
   fuzz [SECONDS] [--no-install]
         Run each fuzz target of session-archive for SECONDS (default 60).
+  deb [--no-install] [--arch amd64|arm64] [--out DIR] [--check]
+        Build the Debian package of the recorder, for this machine or for the other architecture,
+        into DIR (default target/deb). --check: also lintian, the symbols that the program asks
+        for, and a recording by the installed package in a root folder of its architecture,
+        emulated where it is not this machine's. docs/packaging.md
   help  This text.
 
   --no-install  Install nothing; where a system package is missing, print the command and fail.
@@ -50,7 +57,7 @@ pub(crate) const BENCHMARKS: [&str; 12] = [
     "calib_verify",
 ];
 
-const VERBS: [&str; 6] = ["setup", "demo", "test", "bench", "fuzz", "help"];
+const VERBS: [&str; 7] = ["setup", "demo", "test", "bench", "fuzz", "deb", "help"];
 
 /// What the command line asks for.
 #[derive(Debug, PartialEq)]
@@ -77,6 +84,14 @@ pub(crate) enum Verb {
     Fuzz {
         install: bool,
         seconds: u32,
+    },
+    Deb {
+        install: bool,
+        /// `None` is this machine's.
+        architecture: Option<Architecture>,
+        /// Where the package goes; `None` is `deb` in the target folder.
+        out: Option<PathBuf>,
+        check: bool,
     },
 }
 
@@ -150,6 +165,22 @@ pub(crate) fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Verb, S
             words.end("fuzz", &["--no-install"])?;
             Ok(Verb::Fuzz { install, seconds })
         }
+        "deb" => {
+            let install = !words.take_flag("--no-install");
+            let check = words.take_flag("--check");
+            let architecture = match words.take_value("--arch")? {
+                Some(value) => Some(named_architecture(&value)?),
+                None => None,
+            };
+            let out = words.take_value("--out")?.map(PathBuf::from);
+            words.end("deb", &["--no-install", "--arch", "--out", "--check"])?;
+            Ok(Verb::Deb {
+                install,
+                architecture,
+                out,
+                check,
+            })
+        }
         _ => Err(unknown("verb", &verb.to_string_lossy(), &VERBS)),
     }
 }
@@ -195,6 +226,17 @@ fn whole_seconds(word: &OsString, what: &str) -> Result<u32, String> {
                 "{what}: found {:?}, expected a whole number of seconds above zero.",
                 word.to_string_lossy()
             )
+        })
+}
+
+fn named_architecture(word: &OsString) -> Result<Architecture, String> {
+    let word = word.to_string_lossy();
+    Architecture::ALL
+        .into_iter()
+        .find(|architecture| architecture.name() == word)
+        .ok_or_else(|| {
+            let known = Architecture::ALL.map(Architecture::name);
+            unknown("architecture", &word, &known)
         })
 }
 
@@ -256,6 +298,19 @@ mod tests {
     }
 
     #[test]
+    fn a_package_is_for_the_named_architecture() {
+        assert_eq!(
+            parse_line("deb --check --arch arm64 --out there"),
+            Ok(Verb::Deb {
+                install: true,
+                architecture: Some(Architecture::Arm64),
+                out: Some("there".into()),
+                check: true,
+            })
+        );
+    }
+
+    #[test]
     fn benchmark_arguments_pass_through_untouched() {
         assert_eq!(
             parse_line("bench sync --no-install --seconds 3"),
@@ -295,6 +350,8 @@ mod tests {
             ("bench arhive", "archive"),
             ("demo --second 5", "--seconds"),
             ("test --quik", "--quick"),
+            ("deb --arch arm46", "arm64"),
+            ("deb --chek", "--check"),
         ] {
             let message = parse_line(line).expect_err(line);
             let named = format!("nearest known one is {nearest:?}");
@@ -313,6 +370,7 @@ mod tests {
             "bench",
             "fuzz soon",
             "fuzz 5 5",
+            "deb --arch",
         ] {
             assert!(parse_line(line).is_err(), "{line:?} was taken");
         }

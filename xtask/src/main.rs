@@ -13,6 +13,7 @@
 
 mod args;
 mod bench;
+mod deb;
 mod demo;
 mod fuzz;
 mod process;
@@ -63,5 +64,11 @@ fn run(verb: Verb) -> anyhow::Result<()> {
             arguments,
         } => bench::run(install, &names, &arguments),
         Verb::Fuzz { install, seconds } => fuzz::run(install, seconds),
+        Verb::Deb {
+            install,
+            architecture,
+            out,
+            check,
+        } => deb::run(install, architecture, out, check),
     }
 }

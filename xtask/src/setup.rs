@@ -26,6 +26,16 @@ pub(crate) enum Purpose {
     Pictures,
     /// The fuzz targets.
     Fuzzing,
+    /// Building a Debian package.
+    Packaging,
+    /// Compiling for arm64 on another machine.
+    CrossArm64,
+    /// The same, where the Rust toolchain at hand cannot be completed for arm64.
+    DebianRust,
+    /// Checking a Debian package.
+    PackageCheck,
+    /// Running programs of another processor.
+    Emulation,
 }
 
 struct Package {
@@ -43,7 +53,7 @@ const fn package(name: &'static str, purpose: Purpose, reason: &'static str) -> 
     }
 }
 
-const PACKAGES: [Package; 15] = [
+const PACKAGES: [Package; 22] = [
     package(
         "gcc",
         Purpose::Build,
@@ -103,6 +113,41 @@ const PACKAGES: [Package; 15] = [
         "the text on the charts",
     ),
     package("g++", Purpose::Fuzzing, "libFuzzer"),
+    package(
+        "dpkg-dev",
+        Purpose::Packaging,
+        "readelf and strip beside dpkg",
+    ),
+    package(
+        "gcc-aarch64-linux-gnu",
+        Purpose::CrossArm64,
+        "C code and linking for arm64",
+    ),
+    package(
+        "rustc-web",
+        Purpose::DebianRust,
+        "a Rust compiler with an arm64 standard library beside it",
+    ),
+    package(
+        "lintian",
+        Purpose::PackageCheck,
+        "Debian's rules for packages",
+    ),
+    package(
+        "man-db",
+        Purpose::PackageCheck,
+        "lintian's look at the manual page",
+    ),
+    package(
+        "proot",
+        Purpose::PackageCheck,
+        "running programs in a root folder without being root",
+    ),
+    package(
+        "qemu-user-static",
+        Purpose::Emulation,
+        "running programs of another processor",
+    ),
 ];
 
 /// Makes sure that the packages for these purposes are there. Prints nothing when they all are,
@@ -307,6 +352,23 @@ fn trials(purpose: Purpose) -> &'static [Trial] {
         Purpose::Fuzzing => &[(
             "a C++ compiler that answers to `c++`",
             "c++",
+            &["--version"],
+        )],
+        // Packages of Debian are made of Debian: without its tools and archives there is no way.
+        Purpose::Packaging => &[("Debian's packaging tools", "dpkg-deb", &["--version"])],
+        Purpose::CrossArm64 => &[("GCC for arm64", "aarch64-linux-gnu-gcc", &["--version"])],
+        Purpose::DebianRust => &[(
+            "a Rust toolchain with the target aarch64-unknown-linux-gnu",
+            "/usr/bin/rustc",
+            &["--version"],
+        )],
+        Purpose::PackageCheck => &[
+            ("lintian", "lintian", &["--version"]),
+            ("proot", "proot", &["--version"]),
+        ],
+        Purpose::Emulation => &[(
+            "QEMU's user-mode emulation of arm64",
+            "qemu-aarch64-static",
             &["--version"],
         )],
     }

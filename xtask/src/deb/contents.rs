@@ -1,0 +1,151 @@
+//! What is in the package, and where it goes.
+//!
+//! The layout for Debian 12 and Ubuntu 22.04: units and udev rules below `/lib`, where both look.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+
+use super::files::{make_folder, read, set_mode, write};
+
+/// Where `deploy/README.md` installs the program by hand; Debian keeps that folder for the administrator.
+const BY_HAND: &str = "/usr/local/bin/pawsd";
+const PACKAGED: &str = "/usr/bin/pawsd";
+
+/// Pages for whoever runs the recorder; a folder stands for the pages in it.
+const PAGES: [&str; 2] = ["deploy/README.md", "CHANGELOG.md"];
+
+/// The folder that becomes the package.
+pub(super) struct Contents<'a> {
+    pub(super) folder: &'a Path,
+    /// The checkout.
+    pub(super) source: &'a Path,
+}
+
+impl Contents<'_> {
+    /// Everything but the program, the changelogs and the notice of other people's code.
+    pub(super) fn put_files(&self) -> Result<()> {
+        let unit = read(&self.source.join("deploy/pawsd.service"))?;
+        self.put("lib/systemd/system/pawsd.service", packaged_unit(&unit)?)?;
+        for (from, to) in [
+            ("deploy/70-paws.rules", "lib/udev/rules.d/70-paws.rules"),
+            ("deploy/paws.sysusers.conf", "usr/lib/sysusers.d/pawsd.conf"),
+            ("deploy/paws.tmpfiles.conf", "usr/lib/tmpfiles.d/pawsd.conf"),
+            ("deploy/pawsd.toml", "etc/paws/pawsd.toml"),
+            (
+                "deploy/pawsd.toml",
+                "usr/share/doc/pawsd/examples/pawsd.toml",
+            ),
+            (
+                "deploy/debian/lintian-overrides",
+                "usr/share/lintian/overrides/pawsd",
+            ),
+        ] {
+            self.put(to, read(&self.source.join(from))?)?;
+        }
+        for folder in ["deploy/rigs", "cad-transforms/rigs"] {
+            for path in files_of(&self.source.join(folder))? {
+                self.put_under("usr/share/doc/pawsd/examples/rigs", &path)?;
+            }
+        }
+        for page in PAGES {
+            let page = self.source.join(page);
+            let pages = if page.is_dir() {
+                files_of(&page)?
+            } else {
+                vec![page]
+            };
+            for page in pages {
+                self.put_under("usr/share/doc/pawsd", &page)?;
+            }
+        }
+        let copyright = read(&self.source.join("deploy/debian/copyright"))?;
+        let ours = read(&self.source.join("LICENSE-MIT"))?;
+        self.put(
+            "usr/share/doc/pawsd/copyright",
+            copyright.replace("@MIT@", &as_field(&ours)),
+        )?;
+        self.put_compressed(
+            "usr/share/man/man1/pawsd.1",
+            read(&self.source.join("deploy/debian/pawsd.1"))?,
+        )
+    }
+
+    /// A file that all may read.
+    pub(super) fn put(&self, path: &str, bytes: impl AsRef<[u8]>) -> Result<()> {
+        let to = self.folder.join(path);
+        make_folder(to.parent().context("a file has a folder")?)?;
+        write(&to, bytes)?;
+        set_mode(&to, 0o644)
+    }
+
+    /// The same, compressed as Debian wants its documents: with the ending `.gz`, the same bytes every time.
+    pub(super) fn put_compressed(&self, path: &str, bytes: impl AsRef<[u8]>) -> Result<()> {
+        self.put(path, bytes)?;
+        let mut gzip = crate::process::command("gzip")?;
+        crate::process::run(gzip.args(["-9", "--no-name"]).arg(self.folder.join(path)))
+    }
+
+    fn put_under(&self, folder: &str, path: &Path) -> Result<()> {
+        let name = path.file_name().context("a file has a name")?;
+        let to = Path::new(folder).join(name);
+        let bytes = fs::read(path).with_context(|| format!("reading {}", path.display()))?;
+        self.put(to.to_str().context("a name that is no text")?, bytes)
+    }
+}
+
+/// The unit with the program where the package has it.
+fn packaged_unit(unit: &str) -> Result<String> {
+    let unit = unit.replace(BY_HAND, PACKAGED);
+    let starts = format!("ExecStart={PACKAGED} ");
+    ensure!(
+        unit.contains(&starts),
+        "deploy/pawsd.service should start {BY_HAND}, and has no line that begins with {starts:?}"
+    );
+    Ok(unit)
+}
+
+/// A text as a field of a control file: indented, with a dot for every empty line.
+fn as_field(text: &str) -> String {
+    text.lines()
+        .map(|line| match line.trim_end() {
+            "" => " .".to_owned(),
+            line => format!(" {line}"),
+        })
+        .collect::<Vec<_>>()
+        .join("\n")
+}
+
+/// The files of a folder, in their order.
+fn files_of(folder: &Path) -> Result<Vec<PathBuf>> {
+    let reading = || format!("reading {}", folder.display());
+    let mut files = Vec::new();
+    for entry in fs::read_dir(folder).with_context(reading)? {
+        let path = entry.with_context(reading)?.path();
+        if path.is_file() {
+            files.push(path);
+        }
+    }
+    files.sort();
+    Ok(files)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_packaged_unit_starts_the_packaged_program() -> Result<()> {
+        let unit = packaged_unit(include_str!("../../../deploy/pawsd.service"))?;
+        assert!(unit.contains("ExecStart=/usr/bin/pawsd run"));
+        assert!(!unit.contains("/usr/local"));
+        assert!(packaged_unit("ExecStart=/opt/pawsd run").is_err());
+        Ok(())
+    }
+
+    #[test]
+    fn empty_lines_of_a_field_are_dots() {
+        assert_eq!(as_field("one\n\ntwo\n"), " one\n .\n two");
+    }
+}
