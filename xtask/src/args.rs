@@ -24,6 +24,10 @@ cargo xtask VERB: set-up and developer verbs
         Run a benchmark (archive, sync, encode, import, soak, kills, sim, sim_pictures, calib,
         camera_imu, rectify, calib_verify, or all) in release mode;
         results go to docs/benchmarks. ARGS are handed to the benchmark.
+  vm-test [--no-install] [--quick] [--qemu] [--cached] [NAMES...]
+        Run the tests on real kernel drivers, in virtual machines (docs/vm-tests.md): the cases named,
+        or all. --quick: the short form. --qemu: on the system's own kernel, which is slow. --cached:
+        skip them if the kernel was not built before; building takes some five minutes.
   fuzz [SECONDS] [--no-install]
         Run each fuzz target of session-archive for SECONDS (default 60).
   deb [--no-install] [--arch amd64|arm64] [--out DIR] [--check]
@@ -57,7 +61,9 @@ pub(crate) const BENCHMARKS: [&str; 12] = [
     "calib_verify",
 ];
 
-const VERBS: [&str; 7] = ["setup", "demo", "test", "bench", "fuzz", "deb", "help"];
+const VERBS: [&str; 8] = [
+    "setup", "demo", "test", "bench", "vm-test", "fuzz", "deb", "help",
+];
 
 /// What the command line asks for.
 #[derive(Debug, PartialEq)]
@@ -80,6 +86,13 @@ pub(crate) enum Verb {
         install: bool,
         names: Vec<&'static str>,
         arguments: Vec<OsString>,
+    },
+    VmTest {
+        install: bool,
+        quick: bool,
+        qemu: bool,
+        cached: bool,
+        names: Vec<OsString>,
     },
     Fuzz {
         install: bool,
@@ -152,6 +165,24 @@ pub(crate) fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Verb, S
                 install,
                 names,
                 arguments: words.0,
+            })
+        }
+        "vm-test" => {
+            let install = !words.take_flag("--no-install");
+            let quick = words.take_flag("--quick");
+            let qemu = words.take_flag("--qemu");
+            let cached = words.take_flag("--cached");
+            let known = ["--no-install", "--quick", "--qemu", "--cached"];
+            // Names are known to the program that has the cases.
+            let is_name = |word: &OsString| !word.to_string_lossy().starts_with('-');
+            let (names, others) = words.0.into_iter().partition(is_name);
+            Words(others).end("vm-test", &known)?;
+            Ok(Verb::VmTest {
+                install,
+                quick,
+                qemu,
+                cached,
+                names,
             })
         }
         "fuzz" => {
@@ -349,6 +380,7 @@ mod tests {
             ("demos", "demo"),
             ("bench arhive", "archive"),
             ("demo --second 5", "--seconds"),
+            ("vm-test --quik", "--quick"),
             ("test --quik", "--quick"),
             ("deb --arch arm46", "arm64"),
             ("deb --chek", "--check"),

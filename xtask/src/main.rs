@@ -19,6 +19,7 @@ mod fuzz;
 mod process;
 mod setup;
 mod test;
+mod vm;
 
 use std::process::ExitCode;
 
@@ -63,6 +64,13 @@ fn run(verb: Verb) -> anyhow::Result<()> {
             names,
             arguments,
         } => bench::run(install, &names, &arguments),
+        Verb::VmTest {
+            install,
+            quick,
+            qemu,
+            cached,
+            names,
+        } => vm::run(install, quick, qemu, cached, &names),
         Verb::Fuzz { install, seconds } => fuzz::run(install, seconds),
         Verb::Deb {
             install,

@@ -36,6 +36,10 @@ pub(crate) enum Purpose {
     PackageCheck,
     /// Running programs of another processor.
     Emulation,
+    /// The kernel of the virtual machines, and their disks.
+    Machines,
+    /// Virtual machines with the system's own kernel.
+    Qemu,
 }
 
 struct Package {
@@ -53,7 +57,7 @@ const fn package(name: &'static str, purpose: Purpose, reason: &'static str) -> 
     }
 }
 
-const PACKAGES: [Package; 22] = [
+const PACKAGES: [Package; 35] = [
     package(
         "gcc",
         Purpose::Build,
@@ -148,6 +152,27 @@ const PACKAGES: [Package; 22] = [
         Purpose::Emulation,
         "running programs of another processor",
     ),
+    package("make", Purpose::Machines, "building the guests' kernel"),
+    package("flex", Purpose::Machines, "building the guests' kernel"),
+    package("bison", Purpose::Machines, "building the guests' kernel"),
+    package("bc", Purpose::Machines, "building the guests' kernel"),
+    package(
+        "xz-utils",
+        Purpose::Machines,
+        "unpacking the kernel's source",
+    ),
+    package("e2fsprogs", Purpose::Machines, "disks with ext4"),
+    package("f2fs-tools", Purpose::Machines, "disks with F2FS"),
+    package("dmsetup", Purpose::Machines, "disks that fail"),
+    package("v4l-utils", Purpose::Machines, "setting up the cameras"),
+    package("qemu-system-x86", Purpose::Qemu, "running a stock kernel"),
+    package(
+        "busybox-static",
+        Purpose::Qemu,
+        "the stock kernel's first root",
+    ),
+    package("cpio", Purpose::Qemu, "the stock kernel's first root"),
+    package("kmod", Purpose::Qemu, "the stock kernel's modules"),
 ];
 
 /// Makes sure that the packages for these purposes are there. Prints nothing when they all are,
@@ -349,6 +374,17 @@ fn trials(purpose: Purpose) -> &'static [Trial] {
             &["-m", "venv", "--help"],
         )],
         Purpose::Pictures => &[("rsvg-convert (librsvg)", "rsvg-convert", &["--version"])],
+        Purpose::Machines => &[
+            ("mkfs.ext4 (e2fsprogs)", "mkfs.ext4", &["-V"]),
+            ("mkfs.f2fs (f2fs-tools)", "mkfs.f2fs", &["-V"]),
+            ("dmsetup", "dmsetup", &["--version"]),
+            ("v4l2-ctl (v4l-utils)", "v4l2-ctl", &["--version"]),
+        ],
+        Purpose::Qemu => &[
+            ("QEMU for x86-64", "qemu-system-x86_64", &["--version"]),
+            ("a static busybox", "busybox", &["true"]),
+            ("cpio", "cpio", &["--version"]),
+        ],
         Purpose::Fuzzing => &[(
             "a C++ compiler that answers to `c++`",
             "c++",
