@@ -10,8 +10,13 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 mod check;
+mod device;
 mod file;
+mod operator;
 mod section;
+
+pub use device::{DeviceChoice, GstreamerConfig, PixelLayout, V4l2Config, ZedImuConfig};
+pub use operator::{Beeper, Button, Light, Line, Operator, Page};
 
 pub use check::{Finding, Level, check};
 
@@ -29,6 +34,10 @@ pub struct Config {
     pub encoder: Encoder,
     /// `[control]`
     pub control: Control,
+    /// `[[button]]`, `[[light]]`, `[[beeper]]`
+    pub operator: Operator,
+    /// `[page]`: none without the section.
+    pub page: Option<Page>,
     /// `[rig] file`: where the cameras sit on the plate.
     pub rig: Option<PathBuf>,
     /// `[[camera]]`: at least one, each name once.
@@ -104,6 +113,10 @@ pub enum SourceConfig {
     Synthetic(SyntheticConfig),
     /// A walk with a simulated rig.
     Simulated(SimulatedConfig),
+    /// A camera on the kernel's video interface: any, or a ZED over USB.
+    V4l2(V4l2Config),
+    /// A camera behind GStreamer elements.
+    Gstreamer(GstreamerConfig),
 }
 
 /// Replay of a data set.

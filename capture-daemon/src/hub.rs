@@ -20,7 +20,9 @@ use session_archive::time::{HostTime, NS_PER_S};
 use video::EncoderSettings;
 
 use crate::encode::{Encoded, Lane};
-use crate::sources::{Gone, ImuInfo, ImuValues, RawFrame, RawImu, Sample};
+use crate::sources::{
+    FrameSync, Gone, ImuInfo, ImuValues, Lost, Part, RawFrame, RawImu, Sample, Stamped,
+};
 use crate::sync::clock::ClockConfig;
 use crate::sync::gaps::Renumber;
 
@@ -137,6 +139,8 @@ pub struct StreamHealth {
     pub silent: bool,
     /// The same picture for too long.
     pub frozen: bool,
+    /// How the clocks of an IMU and its camera lie to each other, if that was found anew.
+    pub frame_sync: Option<FrameSync>,
 }
 
 /// A camera, as the hub needs to know it.
@@ -152,6 +156,8 @@ pub struct CameraSetup {
     pub number_bits: Option<u8>,
     /// A frozen picture is no fault.
     pub still: bool,
+    /// Where its frames carry the host's own stamps.
+    pub stamped: Option<Stamped>,
     /// How it is encoded.
     pub encoder: EncoderSettings,
     /// Its IMU.
@@ -210,6 +216,8 @@ struct ImuState {
     watch: Watch,
     batch: ImuBatch,
     batch_since: HostTime,
+    gone_alarm: bool,
+    frame_sync: Option<FrameSync>,
 }
 
 impl Hub {
@@ -248,10 +256,12 @@ impl Hub {
                 imus.push(ImuState {
                     position: imus.len(),
                     numbers: Renumber::new(imu.number_bits),
-                    clock: StreamClock::new(&imu.name, imu.clock),
+                    clock: StreamClock::new(&imu.name, imu.clock, None),
                     watch: Watch::new(imu.info.rate_hz),
                     batch: ImuBatch::default(),
                     batch_since: HostTime::MIN,
+                    gone_alarm: false,
+                    frame_sync: None,
                     setup: imu,
                 });
                 imus.len() - 1
@@ -259,7 +269,7 @@ impl Hub {
             cameras.push(CameraState {
                 lane: Lane::new(setup.encoder.clone(), chunk_ns, sink),
                 numbers: Renumber::new(setup.number_bits),
-                clock: StreamClock::new(&setup.name, setup.clock),
+                clock: StreamClock::new(&setup.name, setup.clock, setup.stamped),
                 watch: Watch::new(setup.rate_hz),
                 imu,
                 digest: None,
@@ -285,25 +295,68 @@ impl Hub {
             Sample::Frame(frame) => self.frame(camera, frame, now),
             Sample::Imu(sample) => self.imu(camera, &sample, now),
             Sample::Gone(gone) => self.gone(camera, &gone),
+            Sample::Lost(lost) => self.lost(camera, lost, now),
+            Sample::Notice(notice) => (self.out)(Outgoing::Notice {
+                at: notice.host_time,
+                text: format!("{}: {}", self.name(camera, notice.part), notice.text),
+                stream: self.name(camera, notice.part).to_owned(),
+            }),
+            Sample::FrameSync(sync) => {
+                if let Some(imu) = self.cameras[camera].imu {
+                    self.imus[imu].frame_sync = Some(sync);
+                }
+            }
+        }
+    }
+
+    fn name(&self, camera: usize, part: Part) -> &str {
+        let camera = &self.cameras[camera];
+        match (part, camera.imu) {
+            (Part::Imu, Some(imu)) => &self.imus[imu].setup.name,
+            _ => &camera.setup.name,
         }
     }
 
     fn gone(&mut self, camera: usize, gone: &Gone) {
         let camera = &mut self.cameras[camera];
-        camera.watch.note_gone(gone);
-        if !std::mem::replace(&mut camera.gone_alarm, true) {
-            camera.alarm(IS_GONE, true, gone.host_time, &self.out);
+        let has_camera = gone.part != Part::Imu;
+        if has_camera {
+            camera.watch.note_gone(gone);
+            if !std::mem::replace(&mut camera.gone_alarm, true) {
+                camera.alarm(IS_GONE, true, gone.host_time, &self.out);
+            }
         }
-        if let Some(imu) = camera.imu {
+        if let (Some(imu), Part::Imu | Part::Both) = (camera.imu, gone.part) {
             let imu = &mut self.imus[imu];
             flush(imu, &self.out);
             imu.watch.note_gone(gone);
+            // The alarm of one device stands for both.
+            if !has_camera && !std::mem::replace(&mut imu.gone_alarm, true) {
+                imu.alarm(IS_GONE, true, gone.host_time, &self.out);
+            }
         }
     }
 
     /// A frame of this camera came, at this time and with the device's number, and was dropped on its
     /// way here because too many are waiting.
     pub fn dropped(&mut self, camera: usize, number: u64, at: HostTime, now: HostTime) {
+        let lost = Lost {
+            number,
+            host_time: at,
+            cause: Cause::EncoderOverload,
+            detail: "too many raw frames are waiting".to_owned(),
+        };
+        self.lost(camera, lost, now);
+    }
+
+    /// A frame came and cannot be used.
+    fn lost(&mut self, camera: usize, lost: Lost, now: HostTime) {
+        let Lost {
+            number,
+            host_time: at,
+            cause,
+            detail,
+        } = lost;
         let camera = &mut self.cameras[camera];
         camera.note_return(now, &self.out);
         let name = &camera.setup.name;
@@ -319,8 +372,8 @@ impl Hub {
             stream: name.clone(),
             first: number,
             last: number,
-            cause: Cause::EncoderOverload,
-            detail: "too many raw frames are waiting".to_owned(),
+            cause,
+            detail,
         });
     }
 
@@ -429,8 +482,8 @@ impl Hub {
         let Some(position) = self.cameras[camera].imu else {
             return;
         };
-        self.cameras[camera].note_return(now, &self.out);
         let imu = &mut self.imus[position];
+        imu.note_return(now, &self.out);
         let name = &imu.setup.name;
         imu.watch.seen(now, name, &self.out);
         let number = imu
@@ -455,10 +508,18 @@ impl Hub {
                 time_doubtful: mapped.flagged,
                 gyro_scale: imu.setup.info.scale.map_or(0.0, |s| s.0),
                 accel_scale: imu.setup.info.scale.map_or(0.0, |s| s.1),
+                temperature_scale_c: imu.setup.info.temperature_scale_c.unwrap_or(0.0),
                 ..ImuBatch::default()
             };
         }
         let batch = &mut imu.batch;
+        if raw.frame_sync {
+            batch.frame_sync.push(batch.times.len() as u32);
+        }
+        // All samples have one or none: a list with holes would give it to others.
+        if imu.setup.info.temperature_scale_c.is_some() {
+            batch.temperature_counts.push(raw.temperature.unwrap_or(0));
+        }
         batch.device_ticks.push(ticks);
         batch.host_times.push(raw.host_time.0);
         batch.times.push(mapped.time.0);
@@ -492,7 +553,9 @@ impl Hub {
         }
         for imu in &mut self.imus {
             imu.watch.tell_left_out(at, &imu.setup.name, &self.out);
-            streams.push(imu.watch.health(&imu.setup.name, span_ns));
+            let mut health = imu.watch.health(&imu.setup.name, span_ns);
+            health.frame_sync = imu.frame_sync.take();
+            streams.push(health);
         }
         (self.out)(Outgoing::Health { at, streams });
     }
@@ -537,13 +600,29 @@ impl CameraState {
     }
 
     fn alarm(&self, what: &str, active: bool, at: HostTime, out: &Out) {
-        out(Outgoing::Alarm {
-            at,
-            text: format!("{}: {what}", self.setup.name),
-            stream: self.setup.name.clone(),
-            active,
-        });
+        alarm(&self.setup.name, what, active, at, out);
     }
+}
+
+impl ImuState {
+    fn note_return(&mut self, at: HostTime, out: &Out) {
+        if std::mem::take(&mut self.gone_alarm) {
+            self.alarm(IS_GONE, false, at, out);
+        }
+    }
+
+    fn alarm(&self, what: &str, active: bool, at: HostTime, out: &Out) {
+        alarm(&self.setup.name, what, active, at, out);
+    }
+}
+
+fn alarm(stream: &str, what: &str, active: bool, at: HostTime, out: &Out) {
+    out(Outgoing::Alarm {
+        at,
+        text: format!("{stream}: {what}"),
+        stream: stream.to_owned(),
+        active,
+    });
 }
 
 #[cfg(test)]

@@ -20,6 +20,7 @@ pub mod disk;
 pub mod encode;
 pub mod hub;
 pub mod notify;
+pub mod preview;
 pub mod queue;
 pub mod recorder;
 pub mod run;

@@ -364,7 +364,7 @@ fn parse_size(text: &str) -> Result<(u32, u32), String> {
 
 #[cfg(test)]
 mod tests {
-    use capture_daemon::status::StreamStatus;
+    use capture_daemon::status::{MachineStatus, StreamStatus};
 
     use super::*;
 
@@ -384,6 +384,8 @@ mod tests {
                 seconds_left: None,
                 alarms: Vec::new(),
                 encoders: Vec::new(),
+                machine: MachineStatus::default(),
+                sparing: String::new(),
             })
         };
         assert_eq!(code(State::Armed, 0), 0);

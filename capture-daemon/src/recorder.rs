@@ -19,7 +19,7 @@ use std::sync::Arc;
 
 use session_archive::manifest::{Camera, Imu, Stop};
 use session_archive::record::paws::event::Kind;
-use session_archive::record::paws::health;
+use session_archive::record::paws::health::Stream as StreamRecord;
 use session_archive::record::{CameraCalibration, ClockMap, Event, FrameTransforms, Health};
 use session_archive::storage::Storage;
 use session_archive::time::{CivilTime, HostTime, NS_PER_S};
@@ -29,14 +29,16 @@ use crate::causes::with_causes;
 use crate::clock::Clock;
 use crate::disk::START_MARGIN;
 use crate::hub::{Outgoing, StreamHealth};
-use crate::status::{Progress, Request, Response, State, Status, StreamStatus};
+use crate::status::{MachineStatus, Progress, Request, Response, State, Status, StreamStatus};
 
+mod health;
 mod preroll;
 mod session;
 #[cfg(test)]
 mod tests;
 mod timed;
 
+use health::{battery_record, clock_record, frame_sync_record};
 use preroll::{LIMIT_BYTES, PreRoll};
 use session::{Session, Stopping};
 use timed::TimedStorage;
@@ -65,8 +67,8 @@ pub trait SessionStore: Send {
     /// Free space, bytes.
     fn free_bytes(&self) -> Option<u64>;
 
-    /// Temperature of the machine, °C.
-    fn temperature_c(&self) -> Option<f64>;
+    /// What the machine says of itself; asked once a second.
+    fn machine(&mut self, now: HostTime) -> MachineStatus;
 }
 
 /// Everything about the rig and the recording that does not change while the daemon runs.
@@ -120,6 +122,8 @@ pub struct Recorder {
     fault: Option<String>,
     free_bytes: Option<u64>,
     seconds_left: Option<f64>,
+    machine: MachineStatus,
+    sparing: String,
     key_wishes: Vec<usize>,
 }
 
@@ -150,6 +154,8 @@ impl Recorder {
             pre_roll_alarm: false,
             fault: None,
             seconds_left: None,
+            machine: MachineStatus::default(),
+            sparing: String::new(),
             key_wishes: Vec::new(),
             setup,
         }
@@ -394,6 +400,8 @@ impl Recorder {
                 .iter()
                 .map(|c| c.encoder.clone())
                 .collect(),
+            machine: self.machine.clone(),
+            sparing: self.sparing.clone(),
         }
     }
 
@@ -621,7 +629,7 @@ impl Recorder {
     fn on_health(&mut self, at: HostTime, streams: Vec<StreamHealth>) {
         self.health = streams;
         self.free_bytes = self.store.free_bytes();
-        let temperature_c = self.store.temperature_c();
+        self.machine = self.store.machine(at);
         let Some(session) = &mut self.session else {
             return self.guard_disk(at, None);
         };
@@ -636,7 +644,7 @@ impl Recorder {
                 let bytes = tally.bytes - tally.bytes_before;
                 tally.bytes_before = tally.bytes;
                 written += bytes;
-                health::Stream {
+                StreamRecord {
                     name: health.name.clone(),
                     rate_hz: health.rate_hz,
                     received: health.received,
@@ -646,6 +654,7 @@ impl Recorder {
                     bitrate: 8.0 * bytes as f64,
                     silent: health.silent,
                     frozen: health.frozen,
+                    frame_sync: health.frame_sync.map(frame_sync_record),
                 }
             });
         let record = Health {
@@ -654,8 +663,12 @@ impl Recorder {
             write_max_ns,
             sync_max_ns,
             free_bytes: self.free_bytes.unwrap_or(0),
-            temperature_c,
+            temperature_c: self.machine.temperature_c,
             durable_until: durability.until.0,
+            clock: self.machine.clock.as_ref().map(clock_record),
+            battery: self.machine.battery.as_ref().map(battery_record),
+            throttled: self.machine.throttled,
+            sparing: self.sparing.clone(),
         };
         let stored = session.writer.append("", at, at, &record);
         self.check(stored);

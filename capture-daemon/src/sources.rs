@@ -2,17 +2,23 @@
 //!
 //! A source delivers the samples of one camera and of the IMU in it, in the order of their arrival.
 //! Each source separates bytes → sample (pure, tested on recorded bytes) from I/O, and has fakes
-//! beside it. Here are the sources that need no hardware: [`replay`] of recorded data sets, a
-//! [`simulated`] walk and a [`synthetic`] moving picture; all know when each sample is to arrive and leave the
-//! waiting to the runner, so that they run in real time and in virtual time alike.
+//! beside it. There are two kinds:
+//!
+//! * [`Source`]s need no hardware: [`replay`] of recorded data sets, a [`simulated`] walk and a [`synthetic`]
+//!   moving picture. They know when each sample is to arrive and leave the waiting to the runner, so that they
+//!   run in real time and in virtual time alike.
+//! * [`Live`] sources wait for devices, each on threads of its own. A device that is not there yet, or no
+//!   longer, is waited for: see [`Live::run`].
 
 use std::path::Path;
 
 use calib::StereoCalibration;
+use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, TickLength};
 use video::Picture;
 
 pub mod datasets;
+pub mod device;
 pub mod replay;
 pub mod simulated;
 pub mod synthetic;
@@ -45,6 +51,10 @@ pub struct RawImu {
     pub host_time: HostTime,
     /// What was measured.
     pub values: ImuValues,
+    /// Temperature of the IMU, in counts of [`ImuInfo::temperature_scale_c`].
+    pub temperature: Option<i32>,
+    /// Whether the device says that a frame was taken with it.
+    pub frame_sync: bool,
 }
 
 /// A measurement, in the numbers in which the source has it; never converted.
@@ -75,6 +85,23 @@ pub enum Sample {
     Imu(RawImu),
     /// The device is gone; samples that follow come from it after it has returned.
     Gone(Gone),
+    /// A frame that came and cannot be used.
+    Lost(Lost),
+    /// Something happened that is worth keeping.
+    Notice(Notice),
+    /// How the clocks of camera and IMU lie to each other, as the device itself tells it.
+    FrameSync(FrameSync),
+}
+
+/// Which of a source's devices is meant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The camera alone.
+    Camera,
+    /// The IMU alone.
+    Imu,
+    /// Both, for they are one device.
+    Both,
 }
 
 /// A device that is gone.
@@ -82,8 +109,53 @@ pub enum Sample {
 pub struct Gone {
     /// When that was noticed.
     pub host_time: HostTime,
+    /// What is gone.
+    pub part: Part,
     /// What exactly happened, for people.
     pub detail: String,
+}
+
+/// A frame that the device counted and that cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Lost {
+    /// The device's own sequence number.
+    pub number: u64,
+    /// When it arrived.
+    pub host_time: HostTime,
+    /// Why it cannot be used.
+    pub cause: Cause,
+    /// What exactly happened, for people.
+    pub detail: String,
+}
+
+/// Something that happened to a device.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Notice {
+    /// When.
+    pub host_time: HostTime,
+    /// To which device.
+    pub part: Part,
+    /// What, for people.
+    pub text: String,
+}
+
+/// Clocks of a camera and its IMU, tied by samples that the device marks as taken with a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameSync {
+    /// When this was found.
+    pub host_time: HostTime,
+    /// Marked samples that belong to a frame, used for it.
+    pub pairs: u32,
+    /// Time of a marked sample less that of its frame, by the clock maps in force, ns.
+    pub offset_ns: i64,
+    /// One standard deviation of the offset, ns.
+    pub sigma_ns: u64,
+    /// Median distance of a pair from the line through all, ns.
+    pub residual_median_ns: u64,
+    /// The distance that 99 of 100 pairs do not exceed, ns.
+    pub residual_p99_ns: u64,
+    /// Number of the device's sync counter less that of the frame.
+    pub count_minus_number: i64,
 }
 
 impl Sample {
@@ -93,6 +165,9 @@ impl Sample {
             Self::Frame(f) => f.host_time,
             Self::Imu(i) => i.host_time,
             Self::Gone(g) => g.host_time,
+            Self::Lost(l) => l.host_time,
+            Self::Notice(n) => n.host_time,
+            Self::FrameSync(s) => s.host_time,
         }
     }
 
@@ -101,7 +176,11 @@ impl Sample {
         match self {
             Self::Frame(f) => f.picture.data.len() + size_of::<RawFrame>(),
             Self::Imu(_) => size_of::<RawImu>(),
-            Self::Gone(_) => size_of::<Gone>(),
+            Self::Gone(Gone { detail, .. }) | Self::Lost(Lost { detail, .. }) => {
+                size_of::<Lost>() + detail.len()
+            }
+            Self::Notice(notice) => size_of::<Notice>() + notice.text.len(),
+            Self::FrameSync(_) => size_of::<FrameSync>(),
         }
     }
 }
@@ -126,6 +205,17 @@ pub struct CameraInfo {
     /// Whether the same picture again and again is what the source is meant to deliver, so that a
     /// frozen picture is no fault.
     pub still: bool,
+    /// Where ticks are ns of the host clock, as drivers stamp them: then there is no clock to be learned.
+    pub stamped: Option<Stamped>,
+}
+
+/// How the host's own stamps lie to the instants that they stand for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stamped {
+    /// From the instant to the stamp, as far as it is known and constant, ns.
+    pub latency_ns: i64,
+    /// One standard deviation of what remains, ns.
+    pub sigma_ns: u64,
 }
 
 /// What is known of a source's IMU before the first sample.
@@ -141,6 +231,8 @@ pub struct ImuInfo {
     pub number_bits: Option<u8>,
     /// rad/s per gyro count and m/s² per accelerometer count, where samples are counts.
     pub scale: Option<(f64, f64)>,
+    /// °C per count, where samples have a temperature: all of them or none.
+    pub temperature_scale_c: Option<f64>,
 }
 
 /// What is known of a source before the first sample.
@@ -169,24 +261,19 @@ pub enum SourceError {
     },
 }
 
-/// A source of samples.
+/// A source of samples that knows beforehand when they are to arrive.
 pub trait Source: Send {
     /// What it delivers.
     fn info(&self) -> &SourceInfo;
 
-    /// The next sample, in the order of arrival; none when there will be no more. A scheduled source
-    /// returns at once with an arrival time that may lie in the future; a live one returns when
-    /// the sample has arrived.
+    /// The next sample, in the order of arrival; none when there will be no more. It returns at once, with
+    /// an arrival time that may lie in the future and that the caller has to wait for.
     ///
     /// # Errors
     /// See [`SourceError`].
     fn next_sample(&mut self) -> Result<Option<Sample>, SourceError>;
 
-    /// Whether arrival times are a schedule that the caller has to wait for.
-    fn is_scheduled(&self) -> bool;
-
-    /// Moves the schedule so that it begins at `start`; only before the first sample. A live source
-    /// has no schedule.
+    /// Moves the schedule so that it begins at `start`; only before the first sample.
     fn begin_at(&mut self, start: HostTime) {
         let _ = start;
     }
@@ -206,6 +293,57 @@ pub trait Source: Send {
     /// The stereo calibration that comes with the source, where there is one.
     fn calibration(&self) -> Option<&StereoCalibration> {
         None
+    }
+}
+
+/// Where a live source puts its samples; used from several threads.
+pub trait Sink: Sync {
+    /// Now, on the host clock.
+    fn now(&self) -> HostTime;
+
+    /// Takes a sample. IMU samples wait for room; a frame for which there is none is dropped and accounted for.
+    fn put(&self, sample: Sample);
+
+    /// Whether the source is to end: looked at several times a second.
+    fn is_ending(&self) -> bool;
+}
+
+/// A source that waits for a device.
+pub trait Live: Send {
+    /// What it delivers. Known from the configuration, before the device is there.
+    fn info(&self) -> &SourceInfo;
+
+    /// Delivers until the sink says that it is to end. A device that is not there, or that goes away, is told
+    /// once as [`Sample::Gone`] and waited for; its samples follow when it is there.
+    ///
+    /// # Errors
+    /// [`SourceError`] when waiting and trying again cannot help.
+    fn run(self: Box<Self>, sink: &dyn Sink) -> Result<(), SourceError>;
+}
+
+/// A source of either kind.
+pub enum AnySource {
+    /// Knows beforehand when its samples are to arrive.
+    Scheduled(Box<dyn Source>),
+    /// Waits for a device.
+    Live(Box<dyn Live>),
+}
+
+impl AnySource {
+    /// What it delivers.
+    pub fn info(&self) -> &SourceInfo {
+        match self {
+            Self::Scheduled(source) => source.info(),
+            Self::Live(source) => source.info(),
+        }
+    }
+
+    /// The stereo calibration that comes with the source, where there is one.
+    pub fn calibration(&self) -> Option<&StereoCalibration> {
+        match self {
+            Self::Scheduled(source) => source.calibration(),
+            Self::Live(_) => None,
+        }
     }
 }
 

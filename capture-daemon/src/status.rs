@@ -52,6 +52,49 @@ pub struct StreamStatus {
     pub frozen: bool,
 }
 
+/// The machine's battery.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct BatteryStatus {
+    /// Charge left, 0 to 100.
+    pub percent: f64,
+    /// Whether it is being charged.
+    pub charging: bool,
+    /// How long it lasts at the present load, minutes.
+    pub minutes_left: Option<f64>,
+}
+
+/// The machine's civil clock; no time in a session comes from it.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ClockStatus {
+    /// Civil time when this was looked at, ns UTC.
+    pub civil: i64,
+    /// Whether the system says that its clock follows a reference.
+    pub synchronised: bool,
+    /// What keeps it right, as in `chrony`; empty where that is not known.
+    pub source: String,
+    /// Offset that is still being slewed away, ns.
+    pub offset_ns: i64,
+    /// Error that the system estimates, ns.
+    pub error_ns: u64,
+    /// Error that the system does not expect to exceed, ns.
+    pub max_error_ns: u64,
+    /// By how much civil time has leapt since it was last looked at, ns.
+    pub step_ns: i64,
+}
+
+/// What the machine says of itself.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct MachineStatus {
+    /// Hottest sensor, °C.
+    pub temperature_c: Option<f64>,
+    /// Whether it has slowed itself down because of heat.
+    pub throttled: Option<bool>,
+    /// The battery.
+    pub battery: Option<BatteryStatus>,
+    /// The civil clock.
+    pub clock: Option<ClockStatus>,
+}
+
 /// Everything worth knowing now.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Status {
@@ -73,6 +116,12 @@ pub struct Status {
     pub alarms: Vec<String>,
     /// The encoder of each camera.
     pub encoders: Vec<String>,
+    /// What the machine says of itself.
+    #[serde(default)]
+    pub machine: MachineStatus,
+    /// What the recorder does to spare the machine; `normal` for nothing.
+    #[serde(default)]
+    pub sparing: String,
 }
 
 /// Something that just happened, for whoever watches a recording.

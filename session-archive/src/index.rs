@@ -322,7 +322,8 @@ fn is_behind_the_encoder(cause: Cause) -> bool {
         | Cause::Device
         | Cause::Disconnected
         | Cause::EncoderOverload
-        | Cause::Late => false,
+        | Cause::Late
+        | Cause::Spared => false,
     }
 }
 

@@ -14,7 +14,7 @@ use std::thread;
 use anyhow::{Context as _, Result, ensure};
 use cad_transforms::rig::Rig as RigFile;
 use capture_daemon::run::{StopFlag, build, record_built};
-use capture_daemon::sources::Source;
+use capture_daemon::sources::{AnySource, Source};
 use capture_daemon::sources::simulated::Simulated;
 use capture_daemon::sync::clock::ClockConfig;
 use rig_sim::camera::Quality;
@@ -187,7 +187,7 @@ impl Exam {
                 setup.encoder.height = info.camera.height;
                 built.setup.cameras[camera].width = info.camera.width;
                 built.setup.cameras[camera].height = info.camera.height;
-                built.sources[camera] = Box::new(source);
+                built.sources[camera] = AnySource::Scheduled(Box::new(source));
             }
             Ok(built)
         };

@@ -407,7 +407,7 @@ fn samples_are_right(contents: &Contents, camera: usize) -> Result<u64> {
                 );
                 compared += 1;
             }
-            Sample::Gone(gone) => anyhow::bail!("{name}: a made-up device is gone: {gone:?}"),
+            other => anyhow::bail!("{name}: a made-up device told something else: {other:?}"),
         }
     }
     ensure!(

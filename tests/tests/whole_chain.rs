@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use capture_daemon::run::{Finished, StopFlag, build, record_built};
-use capture_daemon::sources::Source;
+use capture_daemon::sources::{AnySource, Source};
 use capture_daemon::sources::synthetic::{FaultPlan, read_counter};
 use session_archive::record::paws::event::Kind;
 use session_archive::record::paws::gap::Cause;
@@ -30,7 +30,7 @@ fn record_faulty(
         let mut built = build(&config, start)?;
         for (camera, faults) in faults.into_iter().enumerate() {
             let source: Box<dyn Source> = Box::new(rig.source(camera, start)?.with_faults(faults));
-            built.sources[camera] = source;
+            built.sources[camera] = AnySource::Scheduled(source);
         }
         Ok(built)
     };

@@ -99,7 +99,7 @@ fn clip(
             .with_context(|| format!("reading {name}"))?
         {
             Some(Sample::Frame(frame)) => pictures.push(frame.picture),
-            Some(Sample::Imu(_) | Sample::Gone(_)) => {}
+            Some(_) => {}
             None => break,
         }
     }

@@ -20,10 +20,13 @@ use super::{Camera, Config, SourceConfig};
 use crate::causes::with_causes;
 use crate::disk;
 use crate::run::needed_speed;
+use crate::sources::device::Device;
 use crate::sources::replay::Replay;
 use crate::sources::simulated::{Simulated, Walks};
 use crate::sources::synthetic::Synthetic;
-use crate::sources::{CameraInfo, Source, SourceInfo};
+use crate::sources::{CameraInfo, Live, Source, SourceInfo};
+
+mod device;
 
 /// How bad a finding is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -72,6 +75,10 @@ pub fn check(config: &Config) -> Vec<Finding> {
     for camera in &config.cameras {
         report.about = format!("camera {}", camera.name);
         cameras.extend(source(camera, rig.as_ref(), &mut walks, &mut report));
+    }
+    report.about = "usb".to_owned();
+    for (level, message) in device::usb_budget(config) {
+        report.add(level, message);
     }
     report.about = "encoder".to_owned();
     encoders(config, &cameras, &mut report);
@@ -287,6 +294,14 @@ fn source(
                 }
             }
         }
+        SourceConfig::V4l2(config) => {
+            let found = device::look(config);
+            for (level, message) in found {
+                report.add(level, message);
+            }
+            (Device::new(config).info().clone(), false, Vec::new())
+        }
+        SourceConfig::Gstreamer(_) => return None,
     };
     let of = &info.camera;
     let imu = info.imu.as_ref().map_or("no IMU".to_owned(), |imu| {

@@ -16,6 +16,7 @@ use super::{
     Camera, Config, Control, DEFAULT_SOCKET, Disk, Encoder, Problems, ReplayConfig, Session,
     SimulatedConfig, SourceConfig, SyntheticConfig,
 };
+use super::{device, operator};
 
 /// Longest name of a session, characters.
 const MAX_SESSION_NAME: usize = 80;
@@ -24,11 +25,9 @@ const MAX_SOCKET_PATH: usize = 107;
 /// Longest latency that can be meant, ms.
 const MAX_LATENCY_MS: f64 = 1000.0;
 /// Fastest camera, pictures per second.
-const MAX_RATE_HZ: f64 = 1000.0;
+pub(super) const MAX_RATE_HZ: f64 = 1000.0;
 /// Fastest IMU, samples per second.
-const MAX_IMU_RATE_HZ: f64 = 10_000.0;
-/// Kinds of sources that there will be: whoever names one is answered with more than "unknown".
-const LATER_KINDS: [&str; 3] = ["v4l2", "zed", "gmsl"];
+pub(super) const MAX_IMU_RATE_HZ: f64 = 10_000.0;
 
 pub(super) fn parse(text: &str, folder: &Path) -> Result<Config, Problems> {
     let log = Log::new(text);
@@ -57,6 +56,8 @@ fn config(mut root: Section<'_>, folder: &Path) -> Option<Config> {
     let disk = disk(root.section("disk", "[disk]"));
     let encoder = encoder(root.section("encoder", "[encoder]"));
     let control = control(root.section("control", "[control]"), folder);
+    let operator = operator::operator(&mut root, folder);
+    let page = operator::page(root.section("page", "[page]"), folder);
     let mut rig_section = root.section("rig", "[rig]");
     let rig = rig_section.path("file", folder);
     rig_section.finish();
@@ -68,6 +69,8 @@ fn config(mut root: Section<'_>, folder: &Path) -> Option<Config> {
         disk,
         encoder,
         control,
+        operator,
+        page,
         rig,
         cameras: cameras?,
     })
@@ -189,7 +192,8 @@ fn camera(section: &mut Section<'_>, folder: &Path, position: usize) -> Option<C
 }
 
 fn source(mut section: Section<'_>, folder: &Path, position: usize) -> Option<SourceConfig> {
-    const KINDS: &str = "\"sim\" (a simulated walk), \"replay\" (a recorded data set) or \"synthetic\" (a made-up picture)";
+    const KINDS: &str = "\"zed\" (a ZED Mini over USB), \"v4l2\" (a camera of the kernel's), \"gstreamer\" (elements), \
+         \"sim\" (a simulated walk), \"replay\" (a recorded data set) or \"synthetic\" (a made-up picture)";
     section.must_have("kind", KINDS);
     let kind = section.text("kind", KINDS, |_| true)?;
     let source = match kind.as_str() {
@@ -210,18 +214,15 @@ fn source(mut section: Section<'_>, folder: &Path, position: usize) -> Option<So
         }
         "synthetic" => Some(SourceConfig::Synthetic(synthetic(&mut section, position))),
         "sim" => Some(SourceConfig::Simulated(simulated(&mut section, folder))),
+        "v4l2" => device::v4l2(&mut section, folder).map(SourceConfig::V4l2),
+        "zed" => device::zed(&mut section).map(SourceConfig::V4l2),
+        "gstreamer" => device::gstreamer(&mut section).map(SourceConfig::Gstreamer),
         // Its other keys are those of another kind, so nothing is said of them.
-        later if LATER_KINDS.contains(&later) => {
-            section.refuse(
-                "kind",
-                format_args!(
-                    "is {later:?}, which comes with a later version; this one has {KINDS}"
-                ),
-            );
-            return None;
-        }
         unknown => {
-            let hint = nearest(unknown, &["sim", "replay", "synthetic"]);
+            let hint = nearest(
+                unknown,
+                &["zed", "v4l2", "gstreamer", "sim", "replay", "synthetic"],
+            );
             section.refuse(
                 "kind",
                 format_args!("is {unknown:?}, expected {KINDS}; {hint}"),
@@ -234,7 +235,7 @@ fn source(mut section: Section<'_>, folder: &Path, position: usize) -> Option<So
 }
 
 /// A whole number of pixels that is a multiple of `step`.
-fn pixels(
+pub(super) fn pixels(
     section: &mut Section<'_>,
     key: &'static str,
     range: RangeInclusive<i64>,
@@ -251,16 +252,27 @@ fn pixels(
     pixels as u32
 }
 
+/// One of these values, by its name; the first where the key is absent.
+pub(super) fn one_of<T: Copy>(
+    section: &mut Section<'_>,
+    key: &'static str,
+    values: &[(&str, T)],
+) -> T {
+    choice(section, key, values).unwrap_or(values[0].1)
+}
+
 /// One of these values, by its name.
-fn one_of<T: Copy>(section: &mut Section<'_>, key: &'static str, values: &[(&str, T)]) -> T {
+pub(super) fn choice<T: Copy>(
+    section: &mut Section<'_>,
+    key: &'static str,
+    values: &[(&str, T)],
+) -> Option<T> {
     let names: Vec<String> = values.iter().map(|(name, _)| format!("{name:?}")).collect();
     let expected = format!("one of {}", names.join(", "));
     let is_one = |text: &str| values.iter().any(|(name, _)| *name == text);
-    let named = section.text(key, &expected, is_one);
-    let found = values
-        .iter()
-        .find(|(name, _)| Some(*name) == named.as_deref());
-    found.unwrap_or(&values[0]).1
+    let named = section.text(key, &expected, is_one)?;
+    let found = values.iter().find(|(name, _)| *name == named);
+    found.map(|(_, value)| *value)
 }
 
 /// By default ten minutes over a pavement by day, seen by cameras of a ZED Mini's smallest size at 15 Hz.
@@ -308,6 +320,6 @@ fn synthetic(section: &mut Section<'_>, position: usize) -> SyntheticConfig {
 }
 
 /// A time given in another unit, of which `unit_ns` is the length. Ranges keep it exact.
-fn ns(unit_ns: f64, value: f64) -> i64 {
+pub(super) fn ns(unit_ns: f64, value: f64) -> i64 {
     (value * unit_ns).round() as i64
 }

@@ -53,6 +53,8 @@ pub(super) struct Section<'d> {
     name: String,
     /// The keys asked for so far.
     known: Vec<&'static str>,
+    /// Any key is known.
+    is_open: bool,
 }
 
 impl<'d> Section<'d> {
@@ -64,6 +66,7 @@ impl<'d> Section<'d> {
             at: 0,
             name,
             known: Vec::new(),
+            is_open: false,
         }
     }
 
@@ -78,6 +81,7 @@ impl<'d> Section<'d> {
             table: found.map(|(_, table)| table),
             name: name.to_owned(),
             known: Vec::new(),
+            is_open: false,
         }
     }
 
@@ -97,6 +101,7 @@ impl<'d> Section<'d> {
             table: Some(table),
             name: name.to_owned(),
             known: Vec::new(),
+            is_open: false,
         };
         tables
             .unwrap_or_default()
@@ -121,6 +126,29 @@ impl<'d> Section<'d> {
 
     pub(super) fn flag(&mut self, key: &'static str) -> Option<bool> {
         self.read(key, "true or false", |_, value| value.as_bool())
+    }
+
+    /// Every key of this table with its integer: for tables whose keys are another's names.
+    pub(super) fn integers(mut self) -> Vec<(String, i64)> {
+        self.is_open = true;
+        let mut found = Vec::new();
+        for (key, value) in self.table.into_iter().flatten() {
+            let name = key.get_ref().as_ref();
+            match integer(value.get_ref()) {
+                Some(value) => found.push((name.to_owned(), value)),
+                None => self.refuse(
+                    name,
+                    format_args!("is {}, expected an integer", self::found(value.get_ref())),
+                ),
+            }
+        }
+        self.finish();
+        found
+    }
+
+    /// Whether the file has this key.
+    pub(super) fn has(&self, key: &str) -> bool {
+        self.value(key).is_some()
     }
 
     /// A text of which `is_valid` holds.
@@ -167,7 +195,7 @@ impl<'d> Section<'d> {
     pub(super) fn finish(self) {
         for key in self.table.into_iter().flat_map(DeTable::keys) {
             let name = key.get_ref().as_ref();
-            if !self.known.contains(&name) {
+            if !self.is_open && !self.known.contains(&name) {
                 let hint = nearest(name, &self.known);
                 self.log.add(
                     key.span().start,

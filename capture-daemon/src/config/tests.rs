@@ -84,6 +84,8 @@ fn what_is_left_out_has_its_default() {
         control: Control {
             socket: "/run/paws/pawsd.sock".into(),
         },
+        operator: Operator::default(),
+        page: None,
         rig: None,
         cameras: vec![Camera {
             name: "feet".into(),
@@ -365,15 +367,15 @@ fn sources_are_checked() {
     );
     check(
         &with("path = \"/data\""),
-        "line 3: kind is missing in [camera.source], expected \"sim\"",
+        "line 3: kind is missing in [camera.source], expected \"zed\"",
     );
     check(
-        &with("kind = \"v4l2\"\ndevice = \"/dev/video0\""),
-        "line 4: kind in [camera.source] is \"v4l2\", which comes with a later version; this one has \"sim\"",
+        &with("kind = \"v4l3\"\ndevice = \"/dev/video0\""),
+        "line 4: kind in [camera.source] is \"v4l3\", expected \"zed\"",
     );
     check(
         &with("kind = \"reply\""),
-        "line 4: kind in [camera.source] is \"reply\", expected \"sim\"",
+        "line 4: kind in [camera.source] is \"reply\", expected \"zed\"",
     );
     assert!(problems(&with("kind = \"reply\""))[0].ends_with("did you mean replay?"));
     check(
@@ -461,7 +463,7 @@ fn unknown_keys_name_the_nearest() {
     );
     check(
         &format!("colour = 1\n{CAMERA}"),
-        "line 1: unknown key colour in the configuration; known are session, disk, encoder, control, rig, camera",
+        "line 1: unknown key colour in the configuration; known are session, disk, encoder, control, button, light, beeper, page, rig, camera",
     );
     check(
         "[[camera]]\nname = \"feet\"\ntriger = \"chest\"\nsource = { kind = \"synthetic\" }",
@@ -595,4 +597,156 @@ fn a_simulated_walk_has_its_defaults_and_its_words() {
     for part in ["moon", "\"pavement\"", "322, expected a multiple of 4"] {
         assert!(message.contains(part), "{message}");
     }
+}
+
+fn source(keys: &str) -> String {
+    format!("[[camera]]\nname = \"feet\"\n[camera.source]\n{keys}")
+}
+
+#[test]
+fn cameras_that_are_devices() {
+    let of = |keys: &str| match parse(&source(keys)).unwrap().cameras.remove(0).source {
+        SourceConfig::V4l2(config) => config,
+        other => panic!("{other:?}"),
+    };
+    let text = "kind = \"v4l2\"\ndevice = \"/dev/video2\"\nwidth = 640\nheight = 240\nrate_hz = 29.97\n\
+                format = \"NV12\"\nbuffers = 4\nimu = \"zed\"\nimu_serial = \"17\"\nimu_rate_hz = 800\n\
+                controls = { gain = 3, exposure_auto = -1 }";
+    let expected = V4l2Config {
+        device: DeviceChoice::Path("/dev/video2".into()),
+        width: 640,
+        height: 240,
+        rate_hz: 29.97,
+        format: PixelLayout::Nv12,
+        buffers: 4,
+        controls: vec![("exposure_auto".into(), -1), ("gain".into(), 3)],
+        imu: Some(ZedImuConfig {
+            serial: Some("17".into()),
+            rate_hz: 800.0,
+        }),
+    };
+    let mut found = of(text);
+    found.controls.sort();
+    assert_eq!(found, expected);
+
+    // A ZED Mini: its size and rates follow from the mode.
+    let zed = of("kind = \"zed\"\nserial = 12345678\nmode = \"VGA\"\nrate_hz = 100");
+    assert_eq!((zed.width, zed.height, zed.rate_hz), (1344, 376, 100.0));
+    assert_eq!(zed.imu.unwrap().serial.as_deref(), Some("12345678"));
+    assert_eq!(of("kind = \"zed\"\nmode = \"HD2K\"").rate_hz, 15.0);
+    assert_eq!(of("kind = \"zed\"\nimu = false").imu, None);
+
+    let usb = of("kind = \"v4l2\"\nusb = \"2b03:F682\"\nusb_serial = \"x\"");
+    let expected = DeviceChoice::Usb {
+        vendor: 0x2b03,
+        product: 0xf682,
+        serial: Some("x".into()),
+    };
+    assert_eq!(usb.device, expected);
+
+    let check = |keys: &str, expected: &str| check(&source(keys), expected);
+    check(
+        "kind = \"v4l2\"",
+        "line 3: device is missing in [camera.source]",
+    );
+    check(
+        "kind = \"v4l2\"\nusb = \"2b03\"",
+        "line 5: usb in [camera.source] is \"2b03\", expected vendor and product",
+    );
+    check(
+        "kind = \"v4l2\"\nusb = \"2b03:f682\"\ndevice = \"/dev/video0\"",
+        "line 5: usb in [camera.source] is given beside device",
+    );
+    check(
+        "kind = \"zed\"\nmode = \"HD2K\"\nrate_hz = 30",
+        "line 6: rate_hz in [camera.source] is 30, expected one of 15",
+    );
+    check(
+        "kind = \"v4l2\"\ndevice = \"/dev/video0\"\ncontrols = { gain = \"high\" }",
+        "line 6: gain in controls is \"high\", expected an integer",
+    );
+    check(
+        "kind = \"gstreamer\"",
+        "line 3: chain is missing in [camera.source]",
+    );
+}
+
+#[test]
+fn what_a_person_without_a_screen_has() {
+    let text = format!(
+        "{CAMERA}[[button]]\nkind = \"gpio\"\nchip = \"/dev/gpiochip1\"\nline = 3\nactive_low = true\n\
+         [[button]]\nkind = \"key\"\ndevice = \"keypad\"\n\
+         [[button]]\nkind = \"hid\"\nusb = \"1234:abcd\"\nbyte = 2\nmask = 1\n\
+         [[light]]\nkind = \"gpio\"\nchip = \"/dev/gpiochip1\"\nred = 1\ngreen = 2\nblue = 3\n\
+         [[light]]\nkind = \"led\"\nname = \"pwr\"\n\
+         [[beeper]]\nkind = \"tone\"\ndevice = \"/dev/input/event3\"\n\
+         [page]\nlisten = \"0.0.0.0:8077\"\ntoken_file = \"token\"\n"
+    );
+    let config = parse(&text).unwrap();
+    let line = |offset, active_low| Line {
+        chip: "/dev/gpiochip1".into(),
+        offset,
+        active_low,
+    };
+    let expected = Operator {
+        buttons: vec![
+            Button::Gpio {
+                line: line(3, true),
+                debounce_ms: 10,
+            },
+            Button::Key {
+                device: "keypad".into(),
+                key: "KEY_RECORD".into(),
+            },
+            Button::Hid {
+                vendor: 0x1234,
+                product: 0xabcd,
+                byte: 2,
+                mask: 1,
+            },
+        ],
+        lights: vec![
+            Light::GpioRgb([line(1, false), line(2, false), line(3, false)]),
+            Light::Led("pwr".into()),
+        ],
+        beepers: vec![Beeper::Tone("/dev/input/event3".into())],
+    };
+    assert_eq!(config.operator, expected);
+    let page = config.page.unwrap();
+    assert_eq!(
+        page.token_file.as_deref(),
+        Some(Path::new("/etc/paws/token"))
+    );
+    assert_eq!(page.folder, Path::new("/var/lib/paws/page"));
+
+    let check = |keys: &str, expected: &str| check(&format!("{CAMERA}{keys}"), expected);
+    check(
+        "[page]\nlisten = \"0.0.0.0:8077\"",
+        "line 6: listen in [page] is 0.0.0.0:8077, which others can reach, expected token_file",
+    );
+    check("[page]\n", "line 5: listen is missing in [page]");
+    check(
+        "[[button]]\nkind = \"lever\"\n",
+        "line 6: kind in [[button]] is \"lever\", expected one of",
+    );
+    check(
+        "[[light]]\nkind = \"led\"\nname = \"../x\"\n",
+        "line 7: name in [[light]] is \"../x\", expected a name in /sys/class/leds",
+    );
+}
+
+#[test]
+fn the_rigs_that_come_along_can_be_read() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/rigs");
+    let mut names = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|e| e == "toml") && !path.ends_with("simulated-rig.toml") {
+            let config = Config::read(&path).unwrap_or_else(|error| panic!("{error}"));
+            assert_eq!(config.cameras.len(), 3, "{}", path.display());
+            names.push(path.file_name().unwrap().to_owned());
+        }
+    }
+    names.sort();
+    assert_eq!(names, ["bench.toml", "paws.toml", "simulated.toml"]);
 }

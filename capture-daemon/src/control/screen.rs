@@ -184,6 +184,8 @@ mod tests {
                 "feet is frozen".into(),
             ],
             encoders: vec!["left_shoulder: x264enc".into(), "feet: x264enc".into()],
+            machine: crate::status::MachineStatus::default(),
+            sparing: String::new(),
         };
         let expected = "\
 pawsd is recording, 1 min 23 s so far
@@ -209,6 +211,8 @@ feet                   30.0        1234        1200         3  FROZEN
             seconds_left: None,
             alarms: Vec::new(),
             encoders: Vec::new(),
+            machine: crate::status::MachineStatus::default(),
+            sparing: String::new(),
             ..full
         };
         assert_eq!(status(&empty), "pawsd is idle\n");

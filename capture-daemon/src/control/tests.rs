@@ -2,7 +2,7 @@ use std::sync::Barrier;
 use std::sync::mpsc::sync_channel;
 
 use super::*;
-use crate::status::{State, Status};
+use crate::status::{MachineStatus, State, Status};
 
 fn status(state: State) -> Response {
     Response::Ok {
@@ -16,6 +16,8 @@ fn status(state: State) -> Response {
             seconds_left: None,
             alarms: Vec::new(),
             encoders: Vec::new(),
+            machine: MachineStatus::default(),
+            sparing: String::new(),
         }),
     }
 }

@@ -1,11 +1,12 @@
 //! The times of one stream: its device clock's map, announced when it has changed, and a guard that keeps
-//! times growing.
+//! times growing. Where a driver stamps with the host's own clock nothing is learned: stamps are times.
 
 use session_archive::record::ClockMap as ClockMapRecord;
 use session_archive::record::paws::clock_map::{Doubt, Model as ModelRecord, Piece};
 use session_archive::time::{HostTime, NS_PER_S, TickLength};
 
 use super::{Out, Outgoing};
+use crate::sources::Stamped;
 use crate::sync::clock::{
     ClockConfig, ClockMap, ClockMapper, Mapped, Model, MonotoneGuard, Observation,
 };
@@ -13,20 +14,32 @@ use crate::sync::clock::{
 /// Nothing is under way from a device for so long.
 pub(super) const LONGEST_WAY_NS: i64 = 60 * NS_PER_S;
 
-/// A device clock and the times that it gives to one stream.
+/// A stamp that lies this much after the arrival is none: it was taken before.
+const FUTURE_NS: i64 = 1_000_000;
+/// The version of the map of a stream with the host's stamps.
+const STAMPS_VERSION: u32 = 1;
+
+/// A clock and the times that it gives to one stream.
 pub(super) struct StreamClock {
     name: String,
     mapper: ClockMapper,
+    stamped: Option<Stamped>,
     guard: MonotoneGuard,
     announced: u32,
     tick: TickLength,
 }
 
 impl StreamClock {
-    pub(super) fn new(name: &str, config: ClockConfig) -> Self {
+    /// `stamped`: ticks are ns of the host's clock.
+    pub(super) fn new(name: &str, config: ClockConfig, stamped: Option<Stamped>) -> Self {
+        let stamped = stamped.map(|stamped| Stamped {
+            latency_ns: stamped.latency_ns + config.latency_ns,
+            sigma_ns: (stamped.sigma_ns as f64).hypot(config.latency_sigma_ns as f64) as u64,
+        });
         Self {
             name: name.to_owned(),
             mapper: ClockMapper::new(config),
+            stamped,
             guard: MonotoneGuard::default(),
             announced: 0,
             tick: config.tick,
@@ -36,6 +49,38 @@ impl StreamClock {
     /// Learns from a sample and maps it; the ticks come back unwrapped. Hands on the map if it has
     /// changed.
     pub(super) fn map(&mut self, ticks: i64, arrival: HostTime, out: &Out) -> (i64, Mapped) {
+        match self.stamped {
+            Some(stamped) => (ticks, self.stamp(stamped, ticks, arrival, out)),
+            None => self.learn(ticks, arrival, out),
+        }
+    }
+
+    fn stamp(&mut self, stamped: Stamped, ticks: i64, arrival: HostTime, out: &Out) -> Mapped {
+        if self.announced != STAMPS_VERSION {
+            self.announced = STAMPS_VERSION;
+            let map = stamps_record(&self.name, self.tick, stamped, ticks);
+            out(Outgoing::Clock { at: arrival, map });
+        }
+        let way_ns = arrival.0.saturating_sub(ticks);
+        let is_believed = (-FUTURE_NS..LONGEST_WAY_NS).contains(&way_ns);
+        let mapped = Mapped {
+            time: if is_believed {
+                HostTime(ticks.saturating_sub(stamped.latency_ns))
+            } else {
+                arrival
+            },
+            sigma_ns: if is_believed {
+                stamped.sigma_ns
+            } else {
+                NS_PER_S as u64
+            },
+            map_version: STAMPS_VERSION,
+            flagged: !is_believed,
+        };
+        self.guard.pass(ticks, mapped)
+    }
+
+    fn learn(&mut self, ticks: i64, arrival: HostTime, out: &Out) -> (i64, Mapped) {
         let seen = self.mapper.observe(ticks, arrival);
         if let Observation::Step(step) = seen {
             self.guard.step();
@@ -68,6 +113,24 @@ impl StreamClock {
         let mapped = mapped.filter(|m| arrival.since(m.time) < LONGEST_WAY_NS);
         let mapped = mapped.unwrap_or(unknown);
         (unwrapped, self.guard.pass(unwrapped, mapped))
+    }
+}
+
+/// The map of stamps to times: they are the same but for the latency.
+fn stamps_record(clock: &str, tick: TickLength, stamped: Stamped, since: i64) -> ClockMapRecord {
+    ClockMapRecord {
+        clock: clock.to_owned(),
+        version: STAMPS_VERSION,
+        tick_num: tick.num,
+        tick_den: tick.den,
+        model: ModelRecord::Constant.into(),
+        pieces: vec![Piece {
+            ticks_from: since,
+            ..Piece::default()
+        }],
+        latency_ns: stamped.latency_ns,
+        latency_sigma_ns: stamped.sigma_ns,
+        ..ClockMapRecord::default()
     }
 }
 

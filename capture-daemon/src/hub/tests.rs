@@ -6,7 +6,7 @@ use session_archive::time::TickLength;
 
 use super::stream_clock::LONGEST_WAY_NS;
 use super::*;
-use crate::sources::RawImu;
+use crate::sources::{Part, RawImu};
 use video::{Picture, PixelFormat};
 
 const MS: i64 = 1_000_000;
@@ -29,6 +29,7 @@ fn bench() -> Bench {
         clock,
         number_bits: None,
         still: true,
+        stamped: None,
         encoder: EncoderSettings {
             element: "x264enc".to_owned(),
             width: 64,
@@ -46,6 +47,7 @@ fn bench() -> Bench {
                 tick_bits: None,
                 number_bits: None,
                 scale: None,
+                temperature_scale_c: None,
             },
             clock,
             number_bits: None,
@@ -81,6 +83,8 @@ impl Bench {
                 gyro: [0.0; 3],
                 accel: [9.8; 3],
             },
+            temperature: None,
+            frame_sync: false,
         };
         self.hub.sample(0, Sample::Imu(sample), now);
     }
@@ -200,7 +204,12 @@ fn what_a_device_missed_while_it_was_gone_has_that_cause() {
     let gone = |bench: &mut Bench, i: i64| {
         let host_time = at(i) + 10 * MS;
         let detail = "unplugged".to_owned();
-        let gone = Sample::Gone(Gone { host_time, detail });
+        let part = Part::Both;
+        let gone = Sample::Gone(Gone {
+            host_time,
+            part,
+            detail,
+        });
         bench.hub.sample(0, gone, host_time);
     };
     for i in 0..10 {

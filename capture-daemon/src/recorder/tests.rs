@@ -45,8 +45,11 @@ impl SessionStore for Bench {
         *self.free.lock().expect("free")
     }
 
-    fn temperature_c(&self) -> Option<f64> {
-        Some(41.5)
+    fn machine(&mut self, _: HostTime) -> MachineStatus {
+        MachineStatus {
+            temperature_c: Some(41.5),
+            ..MachineStatus::default()
+        }
     }
 }
 

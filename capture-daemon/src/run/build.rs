@@ -17,16 +17,17 @@ use video::{EncoderSettings, discover};
 use crate::config::{self, Config, SourceConfig};
 use crate::hub::{CameraSetup, ImuSetup};
 use crate::recorder::Setup;
+use crate::sources::device::Device;
 use crate::sources::replay::Replay;
 use crate::sources::simulated::{Simulated, Walks};
 use crate::sources::synthetic::Synthetic;
-use crate::sources::{Source, SourceInfo, rig_file_name};
+use crate::sources::{AnySource, Source, SourceInfo, rig_file_name};
 use crate::sync::clock::ClockConfig;
 
 /// Everything that a run needs.
 pub struct Built {
     /// One source per camera, in the order of the configuration.
-    pub sources: Vec<Box<dyn Source>>,
+    pub sources: Vec<AnySource>,
     /// For the hub.
     pub cameras: Vec<CameraSetup>,
     /// For the recorder.
@@ -40,8 +41,10 @@ impl Built {
     /// Two sources have different truths of one name.
     pub(super) fn begin_at(&mut self, start: HostTime) -> anyhow::Result<()> {
         for source in &mut self.sources {
-            source.begin_at(start);
-            add_files(&mut self.setup.rig_files, source.truth())?;
+            if let AnySource::Scheduled(source) = source {
+                source.begin_at(start);
+                add_files(&mut self.setup.rig_files, source.truth())?;
+            }
         }
         Ok(())
     }
@@ -65,7 +68,7 @@ pub(super) fn build_for(
 ) -> anyhow::Result<Built> {
     video::init()?;
     let rig = read_rig(config.rig.as_deref())?;
-    let mut sources: Vec<Box<dyn Source>> = Vec::new();
+    let mut sources = Vec::new();
     let mut elements = BTreeMap::new();
     let mut cameras = Vec::new();
     let mut setup = Setup {
@@ -139,8 +142,8 @@ fn open(
     rig: Option<&Rig>,
     walks: &mut Walks,
     start: HostTime,
-) -> anyhow::Result<Box<dyn Source>> {
-    Ok(match &camera.source {
+) -> anyhow::Result<AnySource> {
+    let scheduled: Box<dyn Source> = match &camera.source {
         SourceConfig::Replay(r) => {
             let replay = Replay::open(&camera.name, &r.path, r.rate_hz, r.repeat, r.imu, start)?;
             for note in replay.notes() {
@@ -165,7 +168,10 @@ fn open(
             s.seed,
             start,
         )?),
-    })
+        SourceConfig::V4l2(config) => return Ok(AnySource::Live(Box::new(Device::new(config)))),
+        SourceConfig::Gstreamer(_) => bail!("not yet"),
+    };
+    Ok(AnySource::Scheduled(scheduled))
 }
 
 /// The encoder that was asked for, if it works; or the best that does.
@@ -244,6 +250,7 @@ fn describe(
         ),
         number_bits: info.camera.number_bits,
         still: info.camera.still,
+        stamped: info.camera.stamped,
         encoder,
         imu: info.imu.clone().map(|imu| ImuSetup {
             name: format!("{}/imu", camera.name),

@@ -20,6 +20,7 @@ use session_archive::time::{HostTime, NS_PER_S};
 use super::build::{Built, build};
 use super::store::FolderStore;
 use super::{Finished, Outcome, RecordOptions, StopFlag, stop_reason};
+use crate::causes::with_causes;
 use crate::clock::{Clock, RealClock};
 use crate::config::Config;
 use crate::control;
@@ -27,7 +28,7 @@ use crate::hub::{Hub, Out, Outgoing, TICK_NS};
 use crate::notify::Notify;
 use crate::queue::{Popped, Queue};
 use crate::recorder::{OnProgress, Recorder};
-use crate::sources::{Sample, Source};
+use crate::sources::{AnySource, Sample, Sink, Source, SourceError};
 use crate::status::{Progress, Request, Response, State};
 
 /// Raw frames waiting for the hub.
@@ -227,46 +228,60 @@ fn ask(shared: &Shared, request: Request, source: &'static str) -> Response {
         .unwrap_or_else(|_| failed("the recorder does not answer"))
 }
 
-/// A source's thread: waits for what is scheduled, hands everything to the hub.
-fn pump(i: usize, mut source: Box<dyn Source>, shared: &Shared) {
-    let scheduled = source.is_scheduled();
-    let mut failure = None;
-    while !shared.ending.is_set() {
-        let sample = match source.next_sample() {
-            Ok(Some(sample)) => sample,
-            Ok(None) => break,
-            Err(e) => {
-                failure = Some(e.to_string());
-                break;
-            }
-        };
-        if scheduled && !wait_until(sample.host_time(), shared) {
-            return;
+/// A source's thread: hands everything to the hub.
+fn pump(i: usize, source: AnySource, shared: &Shared) {
+    let inlet = Inlet { source: i, shared };
+    let ended = match source {
+        AnySource::Scheduled(source) => replay(source, &inlet),
+        AnySource::Live(source) => source.run(&inlet),
+    };
+    let failure = ended.err().map(|error| with_causes(&error));
+    let _ = shared.inbox.push_reserved(In::Ended(i, failure), 0);
+}
+
+/// Waits for each sample until it is to arrive.
+fn replay(mut source: Box<dyn Source>, inlet: &Inlet<'_>) -> Result<(), SourceError> {
+    while let Some(sample) = source.next_sample()? {
+        if !wait_until(sample.host_time(), inlet.shared) {
+            break;
         }
-        let now = shared.clock.now();
-        if scheduled && now.since(sample.host_time()) > BEHIND_NS {
+        let now = inlet.now();
+        if now.since(sample.host_time()) > BEHIND_NS {
             source.hurry(now);
         }
-        let bytes = sample.bytes();
-        let given = match sample {
-            Sample::Imu(_) | Sample::Gone(_) => shared
-                .inbox
-                .push_reserved(In::Sample(i, sample), bytes)
-                .is_ok(),
-            Sample::Frame(ref frame) => {
-                let (number, at) = (frame.number, frame.host_time);
-                shared.inbox.try_push(In::Sample(i, sample), bytes).is_ok()
-                    || shared
-                        .inbox
-                        .push_reserved(In::Dropped(i, number, at), 0)
-                        .is_ok()
-            }
-        };
-        if !given {
-            return;
-        }
+        inlet.put(sample);
     }
-    let _ = shared.inbox.push_reserved(In::Ended(i, failure), 0);
+    Ok(())
+}
+
+/// The way of one source's samples to the hub.
+struct Inlet<'a> {
+    source: usize,
+    shared: &'a Shared,
+}
+
+impl Sink for Inlet<'_> {
+    fn now(&self) -> HostTime {
+        self.shared.clock.now()
+    }
+
+    fn put(&self, sample: Sample) {
+        let (i, inbox, bytes) = (self.source, &self.shared.inbox, sample.bytes());
+        // Nothing is refused but at the end.
+        let _ = match &sample {
+            Sample::Frame(frame) => {
+                let dropped = In::Dropped(i, frame.number, frame.host_time);
+                inbox
+                    .try_push(In::Sample(i, sample), bytes)
+                    .or_else(|_| inbox.push_reserved(dropped, 0))
+            }
+            _ => inbox.push_reserved(In::Sample(i, sample), bytes),
+        };
+    }
+
+    fn is_ending(&self) -> bool {
+        self.shared.ending.is_set()
+    }
 }
 
 /// Sleeps until a time; false if the end came first.

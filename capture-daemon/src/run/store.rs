@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use session_archive::storage::{DiskStorage, Storage};
-use session_archive::time::CivilTime;
+use session_archive::time::{CivilTime, HostTime};
 
 use crate::disk;
 use crate::recorder::SessionStore;
+use crate::status::MachineStatus;
 
 /// Makes session folders named by their time: `2026-11-21T02-03-17Z_1a2b3c4d`.
 pub struct FolderStore {
@@ -72,7 +73,10 @@ impl SessionStore for FolderStore {
             .flatten()
     }
 
-    fn temperature_c(&self) -> Option<f64> {
-        (!self.reproducible).then(disk::hottest_c).flatten()
+    fn machine(&mut self, _: HostTime) -> MachineStatus {
+        MachineStatus {
+            temperature_c: (!self.reproducible).then(disk::hottest_c).flatten(),
+            ..MachineStatus::default()
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! Runs with sources that fail.
 
 use super::*;
-use crate::sources::{Sample, Source, SourceError, SourceInfo};
+use crate::sources::{AnySource, Sample, Source, SourceError, SourceInfo};
 
 /// Delivers so many samples, then fails.
 struct Failing {
@@ -23,10 +23,6 @@ impl Source for Failing {
                 what: "damaged".to_owned(),
             })?;
         self.inner.next_sample()
-    }
-
-    fn is_scheduled(&self) -> bool {
-        self.inner.is_scheduled()
     }
 
     fn begin_at(&mut self, start: HostTime) {
@@ -61,10 +57,11 @@ fn run(cameras: usize, virtual_time: bool) -> (Finished, String, Vec<Progress>) 
     let finished = record_built(
         |start| {
             let mut built = build(&config, start)?;
-            let inner = built.sources.remove(0);
-            built
-                .sources
-                .insert(0, Box::new(Failing { inner, samples: 5 }));
+            let AnySource::Scheduled(inner) = built.sources.remove(0) else {
+                panic!("a made-up camera has a schedule");
+            };
+            let failing = Box::new(Failing { inner, samples: 5 });
+            built.sources.insert(0, AnySource::Scheduled(failing));
             Ok(built)
         },
         &options,

@@ -15,7 +15,7 @@ use super::{Finished, Outcome, RecordOptions, StopFlag, stop_reason};
 use crate::clock::VirtualClock;
 use crate::hub::{Hub, Out, Outgoing, TICK_NS};
 use crate::recorder::{OnProgress, Recorder};
-use crate::sources::{Sample, Source};
+use crate::sources::{AnySource, Sample, Source};
 
 /// Virtual time begins here: late enough for a pre-roll before it.
 const START: HostTime = HostTime(1000 * NS_PER_S);
@@ -31,16 +31,21 @@ pub(super) fn record(
     let mut built = build(START)?;
     built.begin_at(START)?;
     let Built {
-        mut sources,
+        sources,
         cameras,
         setup,
     } = built;
     let clock = Arc::new(VirtualClock::new(START, CIVIL));
-    for source in &sources {
-        if !source.is_scheduled() {
-            bail!("{} cannot run in virtual time", source.info().description);
+    let mut scheduled = Vec::new();
+    for source in sources {
+        match source {
+            AnySource::Scheduled(source) => scheduled.push(source),
+            AnySource::Live(source) => {
+                bail!("{} cannot run in virtual time", source.info().description)
+            }
         }
     }
+    let mut sources = scheduled;
     let outcome = Outcome::default();
     let watch = outcome.watch(on_progress);
     let store = FolderStore::reproducible(options.out.clone());

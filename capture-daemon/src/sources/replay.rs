@@ -148,6 +148,7 @@ impl Replay {
                 number_bits: None,
                 colour: samples == Samples::Rgb8,
                 still: dataset.frames.len() == 1,
+                stamped: None,
             },
             imu: imu_info,
             calibration_files: calibration_files(name, &dataset)?,
@@ -251,6 +252,8 @@ impl Source for Replay {
                         gyro: imu.gyro_rad_s,
                         accel: imu.accel_m_s2,
                     },
+                    temperature: None,
+                    frame_sync: false,
                 })));
             }
         }
@@ -258,10 +261,6 @@ impl Source for Replay {
             .map(|(position, round, offset_ns)| self.frame(position, round, offset_ns))
             .transpose()
             .map(|frame| frame.map(Sample::Frame))
-    }
-
-    fn is_scheduled(&self) -> bool {
-        true
     }
 
     fn begin_at(&mut self, start: HostTime) {
@@ -308,6 +307,7 @@ fn imu_info(samples: &[ImuSample]) -> Option<ImuInfo> {
         tick_bits: None,
         number_bits: None,
         scale: None,
+        temperature_scale_c: None,
     })
 }
 

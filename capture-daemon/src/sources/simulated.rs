@@ -19,7 +19,8 @@ use video::picture::{nv12_to_i420, yuyv_to_i420};
 use video::{Picture, PictureError};
 
 use super::{
-    CameraInfo, Gone, ImuInfo, ImuValues, RawFrame, RawImu, Sample, Source, SourceError, SourceInfo,
+    CameraInfo, Gone, ImuInfo, ImuValues, Part, RawFrame, RawImu, Sample, Source, SourceError,
+    SourceInfo,
 };
 
 /// Why there is no such source. None of these goes away by trying again.
@@ -163,6 +164,7 @@ impl Simulated {
                 number_bits: None,
                 colour: true,
                 still: false,
+                stamped: None,
             },
             imu: Some(ImuInfo {
                 rate_hz: imu.rate_hz,
@@ -170,6 +172,7 @@ impl Simulated {
                 tick_bits: imu_clock.tick_bits(),
                 number_bits: None,
                 scale: Some((imu.count[0], imu.count[1])),
+                temperature_scale_c: Some(0.01),
             }),
             calibration_files: Vec::new(),
         };
@@ -201,6 +204,8 @@ impl Simulated {
                 gyro: sample.gyro.map(i32::from),
                 accel: sample.accel.map(i32::from),
             },
+            temperature: Some(sample.temperature.into()),
+            frame_sync: sample.frame_sync,
         }
     }
 }
@@ -228,6 +233,7 @@ impl Source for Simulated {
             Delivery::Imu(sample) => Sample::Imu(self.imu(&sample)),
             Delivery::Gone(at_ns) => Sample::Gone(Gone {
                 host_time: self.start + at_ns,
+                part: Part::Both,
                 detail: "the simulated device was unplugged".to_owned(),
             }),
             Delivery::Frame(frame) => {
@@ -239,10 +245,6 @@ impl Source for Simulated {
             }
         };
         Ok(Some(sample))
-    }
-
-    fn is_scheduled(&self) -> bool {
-        true
     }
 
     fn begin_at(&mut self, start: HostTime) {

@@ -168,6 +168,7 @@ impl Synthetic {
                 number_bits: None,
                 colour: true,
                 still: false,
+                stamped: None,
             },
             imu: (imu_rate_hz > 0.0).then_some(ImuInfo {
                 rate_hz: imu_rate_hz,
@@ -175,6 +176,7 @@ impl Synthetic {
                 tick_bits: None,
                 number_bits: None,
                 scale: Some(IMU_SCALE),
+                temperature_scale_c: None,
             }),
             calibration_files: Vec::new(),
         };
@@ -258,6 +260,8 @@ impl Synthetic {
                 gyro: counts(gyro, gyro_scale, 3.0, 0),
                 accel: counts(accel, accel_scale, 8.0, 3),
             },
+            temperature: None,
+            frame_sync: false,
         }
     }
 }
@@ -306,10 +310,6 @@ impl Source for Synthetic {
             }
             (None, _) => Ok(None),
         }
-    }
-
-    fn is_scheduled(&self) -> bool {
-        true
     }
 
     fn begin_at(&mut self, start: HostTime) {

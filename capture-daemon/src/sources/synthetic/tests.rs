@@ -29,7 +29,7 @@ fn take(source: &mut Synthetic, count: usize) -> (Vec<RawFrame>, Vec<RawImu>) {
         match sample {
             Sample::Frame(frame) => frames.push(frame),
             Sample::Imu(sample) => imu.push(sample),
-            Sample::Gone(gone) => panic!("{gone:?}"),
+            other => panic!("{other:?}"),
         }
     }
     (frames, imu)

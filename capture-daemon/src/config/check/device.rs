@@ -1,0 +1,138 @@
+//! Looking at cameras that are devices, without starting them.
+
+use std::path::Path;
+
+use v4l2::usb::{self, Demand};
+use v4l2::{Camera, Fourcc, Mode};
+
+use super::Level;
+use crate::causes::with_causes;
+use crate::config::{Config, SourceConfig, V4l2Config, ZedImuConfig};
+use crate::sources::device::camera::{find_node, interval, key};
+
+/// What is found of a camera and its IMU.
+pub(super) fn look(config: &V4l2Config) -> Vec<(Level, String)> {
+    let mut findings = Vec::new();
+    match find_node(&config.device) {
+        Err(error) => findings.push((
+            Level::Warning,
+            format!("{}; it will be waited for", with_causes(&error)),
+        )),
+        Ok(path) => camera(config, &path, &mut findings),
+    }
+    if let Some(config) = &config.imu {
+        findings.push(imu(config));
+    }
+    findings
+}
+
+fn camera(config: &V4l2Config, path: &Path, findings: &mut Vec<(Level, String)>) {
+    let camera = match Camera::open(path) {
+        Ok(camera) => camera,
+        Err(error) => {
+            let level = if error.is_gone() {
+                Level::Warning
+            } else {
+                Level::Error
+            };
+            return findings.push((level, with_causes(&error)));
+        }
+    };
+    let wanted = mode(config);
+    match camera.modes() {
+        Err(error) => findings.push((Level::Error, with_causes(&error))),
+        Ok(modes) if modes.iter().any(|m| m.offers(&wanted)) => findings.push((
+            Level::Ok,
+            format!(
+                "{} offers {wanted}: {}",
+                camera.capability().card,
+                path.display()
+            ),
+        )),
+        // Some drivers scale to more sizes than they list, so it is for the start to find out.
+        Ok(_) => findings.push((
+            Level::Warning,
+            format!(
+                "{} does not list {wanted}; `pawsd devices` shows what it does: {}",
+                camera.capability().card,
+                path.display()
+            ),
+        )),
+    }
+    match camera.controls() {
+        Err(error) => findings.push((Level::Error, with_causes(&error))),
+        Ok(known) => {
+            for (name, _) in &config.controls {
+                if !known.iter().any(|control| key(&control.name) == *name) {
+                    let names: Vec<String> = known.iter().map(|c| key(&c.name)).collect();
+                    let text = format!(
+                        "no control is called {name}; there are {}",
+                        names.join(", ")
+                    );
+                    findings.push((Level::Error, text));
+                }
+            }
+        }
+    }
+}
+
+fn imu(config: &ZedImuConfig) -> (Level, String) {
+    let fits = |serial: &Option<String>| config.serial.is_none() || *serial == config.serial;
+    match zed::imu::list() {
+        Err(error) => (Level::Error, with_causes(&error)),
+        Ok(found) => match found.iter().filter(|f| fits(&f.serial)).collect::<Vec<_>>()[..] {
+            [] => (
+                Level::Warning,
+                "its IMU is not there; it will be waited for".to_owned(),
+            ),
+            [one] => (Level::Ok, format!("its IMU is {}", one.path)),
+            [..] => (
+                Level::Error,
+                "there are several ZED IMUs, expected imu_serial in the configuration to say which"
+                    .to_owned(),
+            ),
+        },
+    }
+}
+
+/// Whether the cameras fit on the USB controllers that they hang on.
+pub(super) fn usb_budget(config: &Config) -> Vec<(Level, String)> {
+    let loads = usb::check(&demands(config));
+    let finding = |load: &usb::Load| {
+        let level = if load.fits() { Level::Ok } else { Level::Error };
+        (level, load.to_string())
+    };
+    loads.iter().map(finding).collect()
+}
+
+/// What the configured cameras need of USB, as far as they are plugged in.
+pub(crate) fn demands(config: &Config) -> Vec<Demand> {
+    let nodes = v4l2::node::list(Path::new("/sys"), Path::new("/dev")).unwrap_or_default();
+    let of = |camera: &crate::config::Camera| {
+        let SourceConfig::V4l2(config) = &camera.source else {
+            return None;
+        };
+        let path = find_node(&config.device).ok()?;
+        let path = path.canonicalize().ok()?;
+        let device = nodes.iter().find(|node| node.path == path)?.usb.clone()?;
+        let mode = mode(config);
+        let bits = u64::from(mode.fourcc.bits_per_pixel()?);
+        let picture = u64::from(mode.width) * u64::from(mode.height) * bits / 8;
+        Some(Demand {
+            camera: camera.name.clone(),
+            mode: mode.to_string(),
+            needs: usb::budget::bytes_per_second(picture, mode.interval)?,
+            device,
+        })
+    };
+    config.cameras.iter().filter_map(of).collect()
+}
+
+fn mode(config: &V4l2Config) -> Mode {
+    Mode {
+        fourcc: Fourcc(config.format.fourcc()),
+        width: config.width,
+        height: config.height,
+        interval: interval(config.rate_hz),
+    }
+}

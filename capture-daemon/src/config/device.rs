@@ -1,0 +1,261 @@
+//! Settings of cameras that are devices, and how the file writes them.
+
+use std::path::{Path, PathBuf};
+
+use super::file::{MAX_IMU_RATE_HZ, MAX_RATE_HZ, ns, one_of, pixels};
+use super::section::Section;
+
+/// A camera on the kernel's video interface, both eyes side by side in its picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct V4l2Config {
+    /// Which one.
+    pub device: DeviceChoice,
+    /// Width of the stereo frame (both eyes), pixels, a multiple of 4.
+    pub width: u32,
+    /// Height, pixels, even.
+    pub height: u32,
+    /// Pictures per second.
+    pub rate_hz: f64,
+    /// Layout of the pixels.
+    pub format: PixelLayout,
+    /// Pictures that the driver can fill before one has been taken.
+    pub buffers: u32,
+    /// Controls to be written at the start, by the driver's names, and read back.
+    pub controls: Vec<(String, i64)>,
+    /// The microcontroller with the IMU that belongs to the camera.
+    pub imu: Option<ZedImuConfig>,
+}
+
+/// How a device is found.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum DeviceChoice {
+    /// By its node.
+    Path(PathBuf),
+    /// By what it says on the bus.
+    Usb {
+        /// Vendor.
+        vendor: u16,
+        /// Product.
+        product: u16,
+        /// Serial number, where several may be plugged in.
+        serial: Option<String>,
+    },
+}
+
+/// Layout of a video device's pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PixelLayout {
+    /// Y U Y V, 4:2:2.
+    Yuyv,
+    /// Luma, then U and V in turn, 4:2:0.
+    Nv12,
+    /// Luma alone.
+    Grey,
+}
+
+impl PixelLayout {
+    /// The four letters that the kernel has for it.
+    pub fn fourcc(self) -> [u8; 4] {
+        match self {
+            Self::Yuyv => *b"YUYV",
+            Self::Nv12 => *b"NV12",
+            Self::Grey => *b"GREY",
+        }
+    }
+}
+
+/// The microcontroller of a Stereolabs USB camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ZedImuConfig {
+    /// Serial number; none takes the only one there is.
+    pub serial: Option<String>,
+    /// Samples per second that are to be expected, until they have been counted.
+    pub rate_hz: f64,
+}
+
+/// Cameras behind GStreamer elements.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GstreamerConfig {
+    /// Elements as for gst-launch-1.0, without a sink: of the stereo frame, or of the left eye.
+    pub chain: String,
+    /// The right eye, where it is a stream of its own.
+    pub right_chain: Option<String>,
+    /// Width of the stereo frame (both eyes), pixels, a multiple of 4.
+    pub width: u32,
+    /// Height, pixels, even.
+    pub height: u32,
+    /// Pictures per second.
+    pub rate_hz: f64,
+    /// Wait before the start, ns: cameras behind one driver may have to be started one after another.
+    pub start_after_ns: i64,
+    /// The microcontroller with the IMU that belongs to the camera.
+    pub imu: Option<ZedImuConfig>,
+}
+
+/// USB vendor of Stereolabs.
+const STEREOLABS: u16 = 0x2b03;
+/// Video side of the ZED Mini, with firmware that is not too old to be used.
+const ZED_MINI_VIDEO: u16 = 0xf682;
+
+pub(super) fn v4l2(section: &mut Section<'_>, folder: &Path) -> Option<V4l2Config> {
+    let device = device(section, folder);
+    let formats = [
+        ("YUYV", PixelLayout::Yuyv),
+        ("NV12", PixelLayout::Nv12),
+        ("GREY", PixelLayout::Grey),
+    ];
+    Some(V4l2Config {
+        width: pixels(section, "width", 32..=16_384, 1344, 4),
+        height: pixels(section, "height", 16..=8192, 376, 2),
+        rate_hz: rate(section),
+        format: one_of(section, "format", &formats),
+        buffers: buffers(section),
+        controls: section.section("controls", "controls").integers(),
+        imu: zed_imu(section, "imu", None),
+        device: device?,
+    })
+}
+
+/// Sizes and rates of the ZED Mini (Stereolabs' zed-open-capture, `videocapture_def.hpp`): name, width of
+/// both eyes, height, highest rate.
+const ZED_MODES: [(&str, (u32, u32, f64)); 4] = [
+    ("HD720", (2560, 720, 60.0)),
+    ("VGA", (1344, 376, 100.0)),
+    ("HD1080", (3840, 1080, 30.0)),
+    ("HD2K", (4416, 1242, 15.0)),
+];
+/// The rates that its modes have, as far as each reaches.
+const ZED_RATES: [f64; 4] = [15.0, 30.0, 60.0, 100.0];
+
+/// A ZED Mini is a video device and a microcontroller with the IMU.
+pub(super) fn zed(section: &mut Section<'_>) -> Option<V4l2Config> {
+    let serial = section
+        .integer("serial", 1..=99_999_999)
+        .map(|serial| serial.to_string());
+    let (width, height, fastest) = one_of(section, "mode", &ZED_MODES);
+    let rate_hz = section
+        .number("rate_hz", 1.0..=100.0)
+        .unwrap_or(fastest.min(30.0));
+    if !ZED_RATES.contains(&rate_hz) || rate_hz > fastest {
+        section.refuse(
+            "rate_hz",
+            format_args!(
+                "is {rate_hz}, expected one of 15, 30, 60, 100 and for this mode at most {fastest}"
+            ),
+        );
+    }
+    let imu_rate_hz = imu_rate(section);
+    Some(V4l2Config {
+        device: DeviceChoice::Usb {
+            vendor: STEREOLABS,
+            product: ZED_MINI_VIDEO,
+            // The video side has no serial number of its own on the bus.
+            serial: None,
+        },
+        width,
+        height,
+        rate_hz,
+        format: PixelLayout::Yuyv,
+        buffers: buffers(section),
+        controls: section.section("controls", "controls").integers(),
+        imu: section.flag("imu").unwrap_or(true).then_some(ZedImuConfig {
+            serial,
+            rate_hz: imu_rate_hz,
+        }),
+    })
+}
+
+pub(super) fn gstreamer(section: &mut Section<'_>) -> Option<GstreamerConfig> {
+    let a_chain = "elements as for gst-launch-1.0, without a sink";
+    section.must_have("chain", a_chain);
+    let is_chain = |text: &str| !text.trim().is_empty();
+    let chain = section.text("chain", a_chain, is_chain);
+    Some(GstreamerConfig {
+        right_chain: section.text("right_chain", a_chain, is_chain),
+        width: pixels(section, "width", 32..=16_384, 1344, 4),
+        height: pixels(section, "height", 16..=8192, 376, 2),
+        rate_hz: rate(section),
+        start_after_ns: ns(
+            1e9,
+            section.number("start_after_s", 0.0..=60.0).unwrap_or(0.0),
+        ),
+        imu: zed_imu(section, "imu", None),
+        chain: chain?,
+    })
+}
+
+fn rate(section: &mut Section<'_>) -> f64 {
+    section
+        .number("rate_hz", 0.01..=MAX_RATE_HZ)
+        .unwrap_or(30.0)
+}
+
+fn imu_rate(section: &mut Section<'_>) -> f64 {
+    section
+        .number("imu_rate_hz", 1.0..=MAX_IMU_RATE_HZ)
+        .unwrap_or(400.0)
+}
+
+fn buffers(section: &mut Section<'_>) -> u32 {
+    section.integer("buffers", 2..=32).unwrap_or(8) as u32
+}
+
+/// `imu = "zed"`, with its serial number where several are plugged in.
+fn zed_imu(
+    section: &mut Section<'_>,
+    key: &'static str,
+    default: Option<&str>,
+) -> Option<ZedImuConfig> {
+    let kind = section.text(key, "\"zed\" or \"none\"", |kind| {
+        matches!(kind, "zed" | "none")
+    });
+    let serial = section.text(
+        "imu_serial",
+        "the serial number of the microcontroller",
+        |s| !s.is_empty(),
+    );
+    let rate_hz = imu_rate(section);
+    (kind.as_deref().or(default) == Some("zed")).then_some(ZedImuConfig { serial, rate_hz })
+}
+
+/// `device = "/dev/video0"`, or `usb = "2b03:f682"`, and `usb_serial` where several are plugged in.
+fn device(section: &mut Section<'_>, folder: &Path) -> Option<DeviceChoice> {
+    let path = section.path("device", folder);
+    let usb = section.text("usb", A_USB_ID, |text| usb_id(text).is_some());
+    let serial = section.text("usb_serial", "the serial number on the bus", |s| {
+        !s.is_empty()
+    });
+    match (path, usb.as_deref().and_then(usb_id)) {
+        (Some(path), None) => Some(DeviceChoice::Path(path)),
+        (None, Some((vendor, product))) => Some(DeviceChoice::Usb {
+            vendor,
+            product,
+            serial,
+        }),
+        (Some(_), Some(_)) => {
+            section.refuse("usb", "is given beside device, expected one of the two");
+            None
+        }
+        (None, None) => {
+            if !section.has("usb") {
+                section.must_have(
+                    "device",
+                    "a node like /dev/video0, or usb = \"VENDOR:PRODUCT\"",
+                );
+            }
+            None
+        }
+    }
+}
+
+pub(super) const A_USB_ID: &str = "vendor and product as in \"2b03:f682\"";
+
+/// Vendor and product, hexadecimal, four digits each.
+pub(super) fn usb_id(text: &str) -> Option<(u16, u16)> {
+    let (vendor, product) = text.split_once(':')?;
+    let id = |text: &str| {
+        let is_id = text.len() == 4 && text.bytes().all(|b| b.is_ascii_hexdigit());
+        is_id.then(|| u16::from_str_radix(text, 16).ok()).flatten()
+    };
+    Some((id(vendor)?, id(product)?))
+}

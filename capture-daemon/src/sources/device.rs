@@ -1,0 +1,126 @@
+//! A camera of the kernel's, with the IMU of a ZED's microcontroller where it has one.
+//!
+//! Contract: frames carry the driver's own sequence number and its time stamp on the host's clock; what the driver
+//! calls damaged, or is shorter than a picture, is lost with its number and a cause. Camera and IMU are waited for
+//! on a thread each, so that neither holds up the other. *A device that is not there* yet, or no longer, is told
+//! once and waited for; its settings are written again when it is back. *A mode that the camera does not
+//! have* ends the source. IMU and camera are tied by the samples that the IMU marks as taken with a frame, once a
+//! second ([`FrameSync`](super::FrameSync)). Run on the kernel's own drivers in a virtual machine (docs/vm-tests.md),
+//! never with a real camera.
+
+use std::sync::Mutex;
+
+use session_archive::time::TickLength;
+
+use zed::report::{ACCEL_M_PER_S2, GYRO_DEG_PER_S, TEMPERATURE_C};
+
+use super::{CameraInfo, ImuInfo, Live, Sink, SourceError, SourceInfo, Stamped};
+use crate::config::{DeviceChoice, PixelLayout, V4l2Config};
+
+pub(crate) mod camera;
+mod imu;
+mod tie;
+
+use tie::Ties;
+
+/// A driver's stamp is taken in an interrupt; this is how far it may be off.
+const STAMP_SIGMA_NS: u64 = 50_000;
+
+/// A camera of the kernel's. See the module.
+pub struct Device {
+    info: SourceInfo,
+    config: V4l2Config,
+}
+
+impl Device {
+    /// The camera of these settings, which need not be there yet.
+    pub fn new(config: &V4l2Config) -> Self {
+        let camera = CameraInfo {
+            width: config.width,
+            height: config.height,
+            rate_hz: config.rate_hz,
+            tick: TickLength::NANOSECOND,
+            tick_bits: None,
+            number_bits: Some(32),
+            colour: config.format != PixelLayout::Grey,
+            still: false,
+            stamped: Some(Stamped {
+                latency_ns: 0,
+                sigma_ns: STAMP_SIGMA_NS,
+            }),
+        };
+        let imu = config.imu.as_ref().map(|imu| imu_info(imu.rate_hz));
+        Self {
+            info: SourceInfo {
+                description: describe(config),
+                camera,
+                imu,
+                calibration_files: Vec::new(),
+            },
+            config: config.clone(),
+        }
+    }
+}
+
+impl Live for Device {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn run(self: Box<Self>, sink: &dyn Sink) -> Result<(), SourceError> {
+        let ties = Mutex::new(Ties::default());
+        std::thread::scope(|scope| {
+            let with_imu = self.config.imu.as_ref().map(|imu| {
+                let run = || imu::run(imu, &ties, sink);
+                std::thread::Builder::new()
+                    .name("imu".to_owned())
+                    .spawn_scoped(scope, run)
+            });
+            if let Some(Err(error)) = with_imu {
+                return Err(self.unusable(format!("its IMU gets no thread: {error}")));
+            }
+            let ties = self.config.imu.is_some().then_some(&ties);
+            camera::run(&self.config, ties, sink).map_err(|what| self.unusable(what))
+        })
+    }
+}
+
+impl Device {
+    fn unusable(&self, what: String) -> SourceError {
+        SourceError::Unusable {
+            source_name: self.info.description.clone(),
+            what,
+        }
+    }
+}
+
+/// What is known of a ZED's IMU before it is there.
+pub(super) fn imu_info(rate_hz: f64) -> ImuInfo {
+    ImuInfo {
+        rate_hz,
+        tick: TickLength::ZED_MINI,
+        tick_bits: None,
+        number_bits: None,
+        scale: Some((GYRO_DEG_PER_S.to_radians(), ACCEL_M_PER_S2)),
+        temperature_scale_c: Some(TEMPERATURE_C),
+    }
+}
+
+fn describe(config: &V4l2Config) -> String {
+    let what = match &config.device {
+        DeviceChoice::Path(path) => path.display().to_string(),
+        DeviceChoice::Usb {
+            vendor,
+            product,
+            serial,
+        } => {
+            let serial = serial.as_ref().map(|s| format!(" {s}")).unwrap_or_default();
+            format!("USB camera {vendor:04x}:{product:04x}{serial}")
+        }
+    };
+    match config.imu.as_ref().map(|imu| &imu.serial) {
+        Some(Some(serial)) => format!("{what} with ZED IMU {serial}"),
+        Some(None) => format!("{what} with ZED IMU"),
+        None => what,
+    }
+}

@@ -1,0 +1,287 @@
+//! The camera of a device: found, set, read, lost, waited for.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+use session_archive::record::paws::gap::Cause;
+use session_archive::time::HostTime;
+use v4l2::hotplug::Watch;
+use v4l2::node::{self, FindError, Wanted};
+use v4l2::{Camera, CameraError, Fourcc, Interval, Mode, Next, Stream};
+use video::picture::{grey_to_i420, nv12_to_i420, yuyv_to_i420};
+use video::{Picture, PictureError, PixelFormat};
+
+use super::tie::Ties;
+use crate::causes::with_causes;
+use crate::config::{DeviceChoice, PixelLayout, V4l2Config};
+use crate::sources::{Gone, Lost, Notice, Part, RawFrame, Sample, Sink};
+
+/// Longest wait before the end is looked for.
+const PATIENCE: Duration = Duration::from_millis(100);
+/// A device that is there and cannot be used is tried again so often.
+const RETRY: Duration = Duration::from_secs(1);
+
+/// Delivers frames until the sink says that it is to end.
+///
+/// # Errors
+/// The camera is another one than the configuration says.
+pub(super) fn run(
+    config: &V4l2Config,
+    ties: Option<&Mutex<Ties>>,
+    sink: &dyn Sink,
+) -> Result<(), String> {
+    let mut told = None;
+    while !sink.is_ending() {
+        let before = Watch::new(["/dev"]);
+        match start(config, sink) {
+            Ok(stream) => {
+                let began = sink.now();
+                let reason = read(stream, config, ties, sink);
+                if let Some(ties) = ties {
+                    lock(ties).camera_restarted();
+                }
+                tell_gone(&mut None, reason, sink);
+                // One that fails as soon as it is started is given time.
+                if sink.now().since(began) < RETRY.as_nanos() as i64 {
+                    wait(before, RETRY, sink);
+                }
+                told = None;
+            }
+            Err(error) if error.is_final() => return Err(with_causes(&error)),
+            Err(error) => {
+                tell_gone(&mut told, with_causes(&error), sink);
+                // One that is there may be let go by another program, which nothing tells of.
+                wait(before, RETRY, sink);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Why there is no stream.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum StartError {
+    #[error(transparent)]
+    Find(#[from] FindError),
+    #[error("looking for cameras")]
+    List(#[from] std::io::Error),
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+}
+
+impl StartError {
+    /// Whether waiting and trying again cannot help.
+    fn is_final(&self) -> bool {
+        matches!(
+            self,
+            Self::Camera(CameraError::Refused { .. } | CameraError::NotACamera { .. })
+        )
+    }
+}
+
+/// Says once why there is no camera, and again when the reason changes.
+fn tell_gone(told: &mut Option<String>, reason: String, sink: &dyn Sink) {
+    if sink.is_ending() || told.as_ref() == Some(&reason) {
+        return;
+    }
+    sink.put(Sample::Gone(Gone {
+        host_time: sink.now(),
+        part: Part::Camera,
+        detail: reason.clone(),
+    }));
+    *told = Some(reason);
+}
+
+/// Waits until something changes in the folder of devices, or `limit` is over, or the end.
+pub(super) fn wait(watch: std::io::Result<Watch>, limit: Duration, sink: &dyn Sink) {
+    let until = sink.now() + limit.as_nanos() as i64;
+    let Ok(mut watch) = watch else { return };
+    while !sink.is_ending() && sink.now() < until {
+        match watch.next(PATIENCE) {
+            Ok(None) => {}
+            Ok(Some(_)) | Err(_) => return,
+        }
+    }
+}
+
+/// The node that is meant.
+pub(crate) fn find_node(choice: &DeviceChoice) -> Result<PathBuf, StartError> {
+    let (vendor, product, serial) = match choice {
+        DeviceChoice::Path(path) => return Ok(path.clone()),
+        DeviceChoice::Usb {
+            vendor,
+            product,
+            serial,
+        } => (*vendor, *product, serial.clone()),
+    };
+    let nodes = node::list(Path::new("/sys"), Path::new("/dev"))?;
+    let wanted = Wanted::Usb {
+        vendor,
+        product,
+        serial,
+    };
+    Ok(node::find(&nodes, &wanted)?.path.clone())
+}
+
+fn start(config: &V4l2Config, sink: &dyn Sink) -> Result<Stream, StartError> {
+    let camera = Camera::open(&find_node(&config.device)?)?;
+    camera.set_mode(&Mode {
+        fourcc: Fourcc(config.format.fourcc()),
+        width: config.width,
+        height: config.height,
+        interval: interval(config.rate_hz),
+    })?;
+    set_controls(&camera, &config.controls, sink)?;
+    let stream = Stream::start(&camera, config.buffers)?;
+    if stream.buffers() < config.buffers as usize {
+        notice(
+            sink,
+            format!(
+                "the driver gives {} buffers, asked for {}",
+                stream.buffers(),
+                config.buffers
+            ),
+        );
+    }
+    Ok(stream)
+}
+
+/// The rate as a fraction: exact for whole ones and for thousandths of 1001.
+pub(crate) fn interval(rate_hz: f64) -> Interval {
+    let whole = rate_hz.round();
+    if (rate_hz - whole).abs() < 1e-9 {
+        return Interval::of_rate(whole as u32);
+    }
+    Interval {
+        numerator: 1001,
+        denominator: (rate_hz * 1001.0).round() as u32,
+    }
+}
+
+/// Writes controls by the driver's names for them, and says what did not take.
+fn set_controls(
+    camera: &Camera,
+    wanted: &[(String, i64)],
+    sink: &dyn Sink,
+) -> Result<(), CameraError> {
+    if wanted.is_empty() {
+        return Ok(());
+    }
+    let known = camera.controls()?;
+    let mut values = Vec::new();
+    for (name, value) in wanted {
+        match known.iter().find(|control| key(&control.name) == *name) {
+            Some(control) => values.push((control.id, *value)),
+            None => {
+                let names: Vec<String> = known.iter().map(|c| key(&c.name)).collect();
+                notice(
+                    sink,
+                    format!(
+                        "no control is called {name}; there are {}",
+                        names.join(", ")
+                    ),
+                );
+            }
+        }
+    }
+    for refused in camera.write_and_check(&values)? {
+        let name = known.iter().find(|control| control.id == refused.id);
+        let name = name.map_or_else(|| "a control".to_owned(), |control| key(&control.name));
+        notice(sink, format!("{name}: {refused}"));
+    }
+    Ok(())
+}
+
+/// A driver's name of a control as the configuration writes it: `White Balance, Automatic` as
+/// `white_balance_automatic`, like v4l2-ctl.
+pub(crate) fn key(name: &str) -> String {
+    let mut key = String::new();
+    for c in name.chars() {
+        if c.is_ascii_alphanumeric() {
+            key.push(c.to_ascii_lowercase());
+        } else if !key.ends_with('_') {
+            key.push('_');
+        }
+    }
+    key.trim_matches('_').to_owned()
+}
+
+fn notice(sink: &dyn Sink, text: String) {
+    sink.put(Sample::Notice(Notice {
+        host_time: sink.now(),
+        part: Part::Camera,
+        text,
+    }));
+}
+
+/// Hands frames on until the camera is gone or fails; why.
+fn read(
+    mut stream: Stream,
+    config: &V4l2Config,
+    ties: Option<&Mutex<Ties>>,
+    sink: &dyn Sink,
+) -> String {
+    while !sink.is_ending() {
+        let sample = match stream.next(PATIENCE) {
+            Ok(Next::Nothing) => continue,
+            Ok(Next::Frame(buffer)) => {
+                let arrival = sink.now();
+                let info = *buffer.info();
+                let lost = |detail| lost(info.sequence, arrival, detail);
+                if info.corrupt {
+                    lost("the driver says that the picture is damaged".to_owned())
+                } else if info.short {
+                    lost(format!("only {} bytes of a picture came", info.bytes_used))
+                } else {
+                    let kernel_time = HostTime(info.time_ns);
+                    if let Some(ties) = ties {
+                        let tied = lock(ties).frame(info.sequence, kernel_time, arrival);
+                        if let Some(sync) = tied {
+                            sink.put(Sample::FrameSync(sync));
+                        }
+                    }
+                    match picture(config, buffer.bytes()) {
+                        Ok(picture) => Sample::Frame(RawFrame {
+                            number: info.sequence.into(),
+                            device_ticks: info.time_ns,
+                            kernel_time: Some(kernel_time),
+                            host_time: arrival,
+                            exposure_ns: None,
+                            picture,
+                        }),
+                        Err(error) => lost(error.to_string()),
+                    }
+                }
+            }
+            Err(error) => return with_causes(&error),
+        };
+        sink.put(sample);
+    }
+    "the daemon ends".to_owned()
+}
+
+fn lost(sequence: u32, host_time: HostTime, detail: String) -> Sample {
+    Sample::Lost(Lost {
+        number: sequence.into(),
+        host_time,
+        cause: Cause::Device,
+        detail,
+    })
+}
+
+fn picture(config: &V4l2Config, bytes: &[u8]) -> Result<Picture, PictureError> {
+    let (width, height) = (config.width, config.height);
+    match config.format {
+        PixelLayout::Yuyv => yuyv_to_i420(width, height, bytes),
+        PixelLayout::Nv12 => nv12_to_i420(width, height, bytes),
+        PixelLayout::Grey => {
+            let grey = Picture::new(width, height, PixelFormat::Grey8, bytes.to_vec())?;
+            grey_to_i420(&grey)
+        }
+    }
+}
+
+fn lock(ties: &Mutex<Ties>) -> std::sync::MutexGuard<'_, Ties> {
+    ties.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,122 @@
+//! The IMU of a device: a ZED's microcontroller.
+
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+use session_archive::time::{HostTime, NS_PER_S};
+use v4l2::hotplug::Watch;
+use zed::imu::{Arrival, Event, HidPort, Imu};
+
+use super::camera::wait;
+use super::tie::Ties;
+use crate::causes::with_causes;
+use crate::config::ZedImuConfig;
+use crate::sources::{Gone, ImuValues, Notice, Part, RawImu, Sample, Sink};
+
+/// Longest wait before the end is looked for, ns.
+const PATIENCE_NS: i64 = 100_000_000;
+/// A device that is there and cannot be used is tried again so often.
+const RETRY: Duration = Duration::from_secs(1);
+/// Damaged reports are told at most so often.
+const TELL_NS: i64 = NS_PER_S;
+
+/// Delivers samples until the sink says that it is to end.
+pub(super) fn run(config: &ZedImuConfig, ties: &Mutex<Ties>, sink: &dyn Sink) {
+    let port = HidPort {
+        model: None,
+        serial: config.serial.clone(),
+    };
+    let mut told = None;
+    let mut imu = loop {
+        if sink.is_ending() {
+            return;
+        }
+        let before = Watch::new(["/dev"]);
+        match Imu::open(port.clone(), sink.now().0) {
+            Ok(imu) => break imu,
+            Err(error) => {
+                tell_gone(&mut told, with_causes(&error), sink);
+                wait(before, RETRY, sink);
+            }
+        }
+    };
+    let mut told_malformed = HostTime::MIN;
+    while !sink.is_ending() {
+        let event = imu.next(&|| sink.now().0, sink.now().0 + PATIENCE_NS);
+        match event {
+            Event::Nothing => {}
+            Event::Sample(arrival) => {
+                told = None;
+                take(&arrival, ties, sink);
+            }
+            Event::Malformed(error) => {
+                if sink.now().since(told_malformed) >= TELL_NS {
+                    told_malformed = sink.now();
+                    notice(sink, format!("a report that is none: {error}"));
+                }
+            }
+            Event::Silent { .. } => notice(sink, "silent for half a second".to_owned()),
+            Event::Restarted { .. } => {
+                notice(
+                    sink,
+                    "stopped and started, because it was silent".to_owned(),
+                );
+            }
+            Event::Reopened => notice(sink, "closed and opened, because it was silent".to_owned()),
+            Event::Gone { detail } => {
+                tell_gone(&mut told, detail, sink);
+                lock(ties).imu_restarted();
+                let before = Watch::new(["/dev"]);
+                if imu.try_reopen(sink.now().0).is_err() {
+                    wait(before, RETRY, sink);
+                }
+            }
+        }
+    }
+}
+
+fn take(arrival: &Arrival, ties: &Mutex<Ties>, sink: &dyn Sink) {
+    let sample = &arrival.sample;
+    let host_time = HostTime(arrival.host_ns);
+    lock(ties).imu(sample, host_time);
+    if !sample.valid {
+        // It has a number of its own, so the hole that it leaves is seen.
+        return;
+    }
+    sink.put(Sample::Imu(RawImu {
+        number: arrival.numbered.number,
+        device_ticks: i64::try_from(sample.ticks).unwrap_or(i64::MAX),
+        host_time,
+        values: ImuValues::Counts {
+            gyro: sample.gyro.map(i32::from),
+            accel: sample.accel.map(i32::from),
+        },
+        temperature: Some(sample.temperature.into()),
+        frame_sync: sample.frame_sync,
+    }));
+}
+
+/// Says once why there is no IMU, and again when the reason changes.
+fn tell_gone(told: &mut Option<String>, detail: String, sink: &dyn Sink) {
+    if told.as_ref() == Some(&detail) {
+        return;
+    }
+    sink.put(Sample::Gone(Gone {
+        host_time: sink.now(),
+        part: Part::Imu,
+        detail: detail.clone(),
+    }));
+    *told = Some(detail);
+}
+
+fn notice(sink: &dyn Sink, text: String) {
+    sink.put(Sample::Notice(Notice {
+        host_time: sink.now(),
+        part: Part::Imu,
+        text,
+    }));
+}
+
+fn lock(ties: &Mutex<Ties>) -> std::sync::MutexGuard<'_, Ties> {
+    ties.lock().unwrap_or_else(PoisonError::into_inner)
+}
