@@ -16,8 +16,8 @@
 pub mod battery;
 pub mod clock;
 pub mod disk;
-//LADDER
-//RT
+pub mod ladder;
+pub mod realtime;
 mod sysfs;
 pub mod thermal;
 
