@@ -1,1 +1,42 @@
 //! Button, light and beeper: how a person without a screen starts, stops and knows.
+//!
+//! Two halves that know nothing of one another, nor of recording:
+//!
+//! - **In**: a [`button`] gives edges with their times, a [`gesture::Gesture`] makes wishes of them, and a
+//!   [`listener::Listener`] does both on a thread, through unplugging and return.
+//! - **Out**: what there is to tell is a [`signal::Signal`]; a [`pattern`] says how it blinks and beeps; a
+//!   [`panel::Panel`] shows it on every [`light`] and [`beeper`].
+//!
+//! What each light means, to print: [`table`], and `docs/led-table.md` that is made from it.
+//!
+//! Contract: nothing here stops a recording or waits for one. A wish is told once, with the time of the
+//! press that began it. A button that goes away is told and waited for; a light that fails is logged once
+//! and tried again. Times are integer nanoseconds on CLOCK_MONOTONIC and come in from a [`Clock`].
+//!
+//! Run in a virtual machine on the kernel's simulated GPIO lines and input devices; never yet on the pins
+//! of a Jetson.
+
+use std::sync::Arc;
+
+pub mod beeper;
+pub mod button;
+mod error;
+pub mod gesture;
+mod gpio;
+pub mod light;
+pub mod listener;
+pub mod panel;
+pub mod pattern;
+pub mod signal;
+pub mod spec;
+pub mod table;
+mod wait;
+
+pub use error::DeviceError;
+pub use wait::Waker;
+
+/// Now on CLOCK_MONOTONIC, nanoseconds. Handed in, so that tests run on a time of their own.
+pub type Clock = Arc<dyn Fn() -> i64 + Send + Sync>;
+
+/// Nanoseconds in a millisecond.
+pub(crate) const NS_PER_MS: i64 = 1_000_000;

@@ -1,0 +1,334 @@
+use proptest::prelude::*;
+
+use super::*;
+
+const MS: i64 = NS_PER_MS;
+
+/// Presses as (down, up) in milliseconds up to `end`, looked at whenever the machine asks for it and at the end.
+fn wishes(recording: bool, presses: &[(i64, i64)], end: i64) -> Vec<(i64, Wish)> {
+    let edges = presses
+        .iter()
+        .flat_map(|&(down, up)| [(down, true), (up, false)]);
+    let edges: Vec<Edge> = edges
+        .filter(|(ms, _)| *ms <= end)
+        .map(|(ms, pressed)| Edge {
+            at_ns: ms * MS,
+            pressed,
+        })
+        .collect();
+    let wished = play(&edges, end * MS, |_| recording);
+    wished.iter().map(|w| (w.at_ns / MS, w.wish)).collect()
+}
+
+/// Plays edges with a look at every deadline. `recording` is asked at each time.
+fn play(edges: &[Edge], end_ns: i64, recording: impl Fn(i64) -> bool) -> Vec<Wished> {
+    let mut gesture = Gesture::new(Settings::default());
+    let mut wished = Vec::new();
+    let idle_until = |gesture: &mut Gesture, wished: &mut Vec<Wished>, to: i64| {
+        while let Some(due) = gesture.deadline().filter(|due| *due < to) {
+            wished.extend(gesture.look(due, recording(due)));
+        }
+    };
+    for &edge in edges {
+        idle_until(&mut gesture, &mut wished, edge.at_ns);
+        wished.extend(gesture.edge(edge, recording(edge.at_ns)));
+    }
+    idle_until(&mut gesture, &mut wished, end_ns);
+    wished.extend(gesture.look(end_ns, recording(end_ns)));
+    wished
+}
+
+#[test]
+fn a_short_press_starts_at_its_release() {
+    let mut gesture = Gesture::new(Settings {
+        debounce_ns: 0,
+        ..Settings::default()
+    });
+    let edge = |ms: i64, pressed| Edge {
+        at_ns: ms * MS,
+        pressed,
+    };
+    assert_eq!(gesture.edge(edge(100, true), false), []);
+    let start = Wished {
+        at_ns: 100 * MS,
+        wish: Wish::Start,
+    };
+    assert_eq!(gesture.edge(edge(250, false), false), [start]);
+    assert_eq!(gesture.deadline(), None);
+}
+
+#[test]
+fn a_press_while_recording_stops_after_the_window_with_the_time_of_the_press() {
+    assert_eq!(wishes(true, &[(100, 250)], 599), []);
+    assert_eq!(wishes(true, &[(100, 250)], 600), [(100, Wish::Stop)]);
+}
+
+#[test]
+fn two_presses_mark_at_the_first_and_a_third_means_nothing() {
+    let mark = [(100, Wish::Mark)];
+    assert_eq!(wishes(true, &[(100, 200), (400, 500)], 9000), mark);
+    assert_eq!(
+        wishes(true, &[(100, 200), (400, 500), (700, 800)], 9000),
+        mark
+    );
+    // Later it is a gesture of its own.
+    assert_eq!(
+        wishes(true, &[(100, 200), (400, 500), (900, 1000)], 9000),
+        [(100, Wish::Mark), (900, Wish::Stop)]
+    );
+    // The second press began too late.
+    assert_eq!(
+        wishes(true, &[(100, 200), (550, 600)], 9000),
+        [(100, Wish::Stop), (550, Wish::Stop)]
+    );
+}
+
+#[test]
+fn a_double_press_by_habit_does_not_stop_what_it_started() {
+    let edges: Vec<Edge> = [(100, true), (200, false), (300, true), (400, false)]
+        .map(|(ms, pressed)| Edge {
+            at_ns: ms * MS,
+            pressed,
+        })
+        .into();
+    let wished = play(&edges, 9000 * MS, |at| at >= 220 * MS);
+    assert_eq!(
+        wished.iter().map(|w| w.wish).collect::<Vec<_>>(),
+        [Wish::Start]
+    );
+}
+
+#[test]
+fn a_long_press_asks_while_held_and_a_short_one_confirms() {
+    assert_eq!(wishes(false, &[(0, 9000)], 1499), []);
+    assert_eq!(
+        wishes(false, &[(0, 9000)], 1500),
+        [(0, Wish::Ask(Target::Last))]
+    );
+    assert_eq!(
+        wishes(false, &[(0, 1600), (3000, 3200)], 20_000),
+        [
+            (0, Wish::Ask(Target::Last)),
+            (3000, Wish::Discard(Target::Last))
+        ]
+    );
+    assert_eq!(
+        wishes(true, &[(0, 1600), (3000, 3200)], 20_000),
+        [
+            (0, Wish::Ask(Target::This)),
+            (3000, Wish::Discard(Target::This))
+        ]
+    );
+}
+
+#[test]
+fn a_question_without_an_answer_is_cancelled() {
+    let ask = (0, Wish::Ask(Target::Last));
+    assert_eq!(
+        wishes(false, &[(0, 1600)], 20_000),
+        [ask, (6600, Wish::Cancelled)]
+    );
+    // An answer as long as the question is none.
+    assert_eq!(
+        wishes(false, &[(0, 1600), (3000, 5000)], 20_000),
+        [ask, (4500, Wish::Cancelled)]
+    );
+    // A finger that bounces off the long press does not answer.
+    assert_eq!(
+        wishes(false, &[(0, 1600), (1700, 1800)], 20_000),
+        [ask, (6600, Wish::Cancelled)]
+    );
+    // Too late: a gesture of its own.
+    assert_eq!(
+        wishes(false, &[(0, 1600), (6600, 6700)], 20_000),
+        [ask, (6600, Wish::Cancelled), (6600, Wish::Start)]
+    );
+}
+
+#[test]
+fn a_question_about_a_recording_is_void_when_that_changed() {
+    let edges: Vec<Edge> = [(0, true), (1600, false), (3000, true), (3200, false)]
+        .map(|(ms, pressed)| Edge {
+            at_ns: ms * MS,
+            pressed,
+        })
+        .into();
+    let wished = play(&edges, 20_000 * MS, |at| at < 2000 * MS);
+    assert_eq!(
+        wished.iter().map(|w| w.wish).collect::<Vec<_>>(),
+        [Wish::Ask(Target::This), Wish::Cancelled]
+    );
+}
+
+#[test]
+fn bouncing_is_no_press_and_a_bounced_press_is_one() {
+    assert_eq!(wishes(false, &[(100, 110)], 9000), []);
+    assert_eq!(
+        wishes(false, &[(100, 103), (105, 109), (111, 300)], 9000),
+        [(111, Wish::Start)]
+    );
+    // A contact that opens for a moment while held.
+    assert_eq!(
+        wishes(true, &[(100, 200), (210, 400)], 9000),
+        [(100, Wish::Stop)]
+    );
+}
+
+#[test]
+fn a_press_on_trial_at_the_end_of_the_window_still_marks() {
+    // The window ends at 550; the press began at 545 and is sure at 565.
+    assert_eq!(
+        wishes(true, &[(100, 200), (545, 700)], 9000),
+        [(100, Wish::Mark)]
+    );
+    // The same, but it was only bouncing.
+    assert_eq!(
+        wishes(true, &[(100, 200), (545, 550)], 9000),
+        [(100, Wish::Stop)]
+    );
+}
+
+#[test]
+fn a_stuck_button_is_told_once_and_ignored_until_released() {
+    assert_eq!(
+        wishes(true, &[(0, 60_000), (61_000, 61_100)], 70_000),
+        [
+            (0, Wish::Ask(Target::This)),
+            (0, Wish::Stuck),
+            (60_000, Wish::Freed),
+            (61_000, Wish::Stop)
+        ]
+    );
+}
+
+#[test]
+fn unplugging_forgets_presses_and_questions_but_not_a_stop() {
+    let edge = |ms: i64, pressed| Edge {
+        at_ns: ms * MS,
+        pressed,
+    };
+    let mut gesture = Gesture::new(Settings::default());
+    assert_eq!(gesture.edge(edge(0, true), false), []);
+    assert_eq!(gesture.look(1500 * MS, false).len(), 1);
+    let cancelled = Wished {
+        at_ns: 1600 * MS,
+        wish: Wish::Cancelled,
+    };
+    assert_eq!(gesture.gone(1600 * MS), [cancelled]);
+    assert_eq!(gesture.deadline(), None);
+
+    gesture.edge(edge(2000, true), true);
+    gesture.edge(edge(2100, false), true);
+    gesture.look(2130 * MS, true);
+    assert_eq!(gesture.gone(2200 * MS), []);
+    let stop = Wished {
+        at_ns: 2000 * MS,
+        wish: Wish::Stop,
+    };
+    assert_eq!(gesture.look(2450 * MS, true), [stop]);
+}
+
+/// Random presses: gaps from bouncing to boredom, levels that may repeat, recording that changes by itself.
+fn edges() -> impl Strategy<Value = Vec<(Edge, bool)>> {
+    let gap = prop_oneof![
+        0..30 * MS,
+        0..400 * MS,
+        1_000 * MS..2_000 * MS,
+        0..12_000 * MS
+    ];
+    prop::collection::vec((gap, any::<bool>(), any::<bool>()), 0..60).prop_map(|steps| {
+        let mut at_ns = 0;
+        let mut level = false;
+        steps
+            .into_iter()
+            .map(|(gap, repeats, recording)| {
+                at_ns += gap;
+                // One in four repeats its level, as after lost edges.
+                level ^= !(repeats && gap % 2 == 0);
+                let pressed = level;
+                (Edge { at_ns, pressed }, recording)
+            })
+            .collect()
+    })
+}
+
+proptest! {
+    #[test]
+    fn nothing_is_discarded_without_a_standing_question(steps in edges()) {
+        let mut gesture = Gesture::new(Settings::default());
+        let mut asked = None;
+        let mut presses = 0;
+        let mut wished = 0;
+        for (edge, recording) in steps {
+            presses += usize::from(edge.pressed);
+            for w in gesture.edge(edge, recording) {
+                match w.wish {
+                    Wish::Ask(target) => {
+                        prop_assert_eq!(asked.replace((w.at_ns, target)), None);
+                    }
+                    Wish::Discard(target) => {
+                        let (at, of) = asked.take().expect("a question");
+                        prop_assert_eq!(of, target);
+                        prop_assert!(at < w.at_ns);
+                        // It was asked about what is the case now.
+                        prop_assert_eq!(target == Target::This, recording);
+                    }
+                    Wish::Cancelled => prop_assert!(asked.take().is_some()),
+                    Wish::Start | Wish::Stop | Wish::Mark => prop_assert_eq!(asked, None),
+                    Wish::Stuck => asked = None,
+                    Wish::Freed => {}
+                }
+                wished += usize::from(!matches!(
+                    w.wish,
+                    Wish::Cancelled | Wish::Stuck | Wish::Freed
+                ));
+            }
+        }
+        // At most one wish per press, so at most one per gesture.
+        prop_assert!(wished <= presses, "{} wishes of {} presses", wished, presses);
+    }
+
+    #[test]
+    fn looking_more_often_changes_nothing(steps in edges(), recording: bool, period in 1..900i64) {
+        let edges: Vec<Edge> = steps.into_iter().map(|(edge, _)| edge).collect();
+        let end = edges.last().map_or(0, |e| e.at_ns) + 20_000 * MS;
+        let expected = play(&edges, end, |_| recording);
+
+        let mut gesture = Gesture::new(Settings::default());
+        let mut wished = Vec::new();
+        let mut now = 0;
+        for edge in edges {
+            while now < edge.at_ns {
+                wished.extend(gesture.look(now, recording));
+                now += period * MS;
+            }
+            wished.extend(gesture.edge(edge, recording));
+            now = now.max(edge.at_ns);
+        }
+        wished.extend(gesture.look(end, recording));
+        prop_assert_eq!(wished, expected);
+    }
+
+    #[test]
+    fn every_gesture_ends(steps in edges(), recording: bool) {
+        let mut gesture = Gesture::new(Settings::default());
+        let mut now = 0;
+        for (edge, _) in steps {
+            gesture.edge(edge, recording);
+            now = edge.at_ns;
+        }
+        let release = Edge { at_ns: now, pressed: false };
+        gesture.edge(release, recording);
+        gesture.look(now + 20_000 * MS, recording);
+        prop_assert_eq!(gesture.deadline(), None);
+    }
+
+    #[test]
+    fn no_time_is_too_odd(times in prop::collection::vec((any::<i64>(), any::<bool>(), any::<bool>()), 0..20)) {
+        let mut gesture = Gesture::new(Settings::default());
+        for (at_ns, pressed, recording) in times {
+            gesture.edge(Edge { at_ns, pressed }, recording);
+            gesture.look(at_ns, !recording);
+        }
+    }
+}

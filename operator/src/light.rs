@@ -1,0 +1,40 @@
+//! Where light goes: GPIO lines, LEDs of the kernel.
+//!
+//! Contract of a [`Light`]: it shows what it was told last until it is told otherwise, and goes dark when it
+//! is dropped. Showing takes no longer than the system call. An error leaves the light usable: the next call
+//! tries again. Who reports errors once is the [`panel`](crate::panel).
+
+use std::io;
+
+use crate::DeviceError;
+use crate::pattern::Look;
+use crate::spec::LightSpec;
+
+pub mod fake;
+pub mod gpio;
+pub mod sysfs;
+
+/// A light.
+pub trait Light: Send {
+    /// Shows this from now on.
+    ///
+    /// # Errors
+    /// What the system said.
+    fn show(&mut self, look: Look) -> io::Result<()>;
+
+    /// Which light it is, in words.
+    fn describe(&self) -> &str;
+}
+
+/// Opens a light of this machine; it is dark.
+///
+/// # Errors
+/// See [`DeviceError`].
+pub fn open(spec: &LightSpec) -> Result<Box<dyn Light>, DeviceError> {
+    Ok(match spec {
+        LightSpec::Gpio { lines, active_low } => {
+            Box::new(gpio::GpioLight::open(lines, *active_low)?)
+        }
+        LightSpec::Sysfs(names) => Box::new(sysfs::SysfsLight::open(names)?),
+    })
+}

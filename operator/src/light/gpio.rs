@@ -1,0 +1,87 @@
+//! A light on one GPIO line, or on three as red, green and blue.
+
+use std::io;
+
+use gpiocdev::Request;
+use gpiocdev::line::Value;
+
+use super::Light;
+use crate::DeviceError;
+use crate::gpio::{describe, find, from_gpio};
+use crate::pattern::Look;
+use crate::spec::{Channels, Line};
+
+/// Lines that are held as outputs.
+#[derive(Debug)]
+pub struct GpioLight {
+    lines: Channels<OutputLine>,
+    what: String,
+}
+
+/// One line that is held as an output. Off when it is dropped.
+#[derive(Debug)]
+pub(crate) struct OutputLine(Request);
+
+impl OutputLine {
+    pub(crate) fn open(line: &Line, active_low: bool) -> Result<Self, DeviceError> {
+        let (chip, offset) = find(line)?;
+        let mut builder = Request::builder();
+        builder
+            .on_chip(chip)
+            .with_consumer("paws-signal")
+            .with_line(offset)
+            .as_output(Value::Inactive);
+        if active_low {
+            builder.as_active_low();
+        }
+        let request = builder
+            .request()
+            .map_err(|e| from_gpio("taking", &describe(line), e))?;
+        Ok(Self(request))
+    }
+
+    pub(crate) fn set(&self, on: bool) -> io::Result<()> {
+        let value = if on { Value::Active } else { Value::Inactive };
+        self.0.set_lone_value(value).map_err(io::Error::other)?;
+        Ok(())
+    }
+}
+
+impl Drop for OutputLine {
+    fn drop(&mut self) {
+        // Most drivers leave a released line at its last level.
+        let _ = self.set(false);
+    }
+}
+
+impl GpioLight {
+    /// Takes the lines.
+    ///
+    /// # Errors
+    /// See [`DeviceError`].
+    pub fn open(lines: &Channels<Line>, active_low: bool) -> Result<Self, DeviceError> {
+        let what = format!("light on GPIO {lines}");
+        let open = |line| OutputLine::open(line, active_low);
+        let lines = match lines {
+            Channels::One(line) => Channels::One(open(line)?),
+            Channels::Three([r, g, b]) => Channels::Three([open(r)?, open(g)?, open(b)?]),
+        };
+        Ok(Self { lines, what })
+    }
+}
+
+impl Light for GpioLight {
+    fn show(&mut self, look: Look) -> io::Result<()> {
+        match &self.lines {
+            Channels::One(line) => line.set(look.lit),
+            Channels::Three(lines) => lines
+                .iter()
+                .zip(look.colour.lines())
+                .try_for_each(|(line, on)| line.set(on)),
+        }
+    }
+
+    fn describe(&self) -> &str {
+        &self.what
+    }
+}

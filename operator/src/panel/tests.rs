@@ -1,0 +1,154 @@
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use super::*;
+use crate::NS_PER_MS;
+use crate::light::fake::Recorded;
+use crate::pattern::Colour;
+use crate::signal::Warning;
+
+const MS: i64 = NS_PER_MS;
+
+fn status(phase: Phase) -> Status {
+    Status {
+        phase,
+        ..Status::default()
+    }
+}
+
+/// What shows from `from` to `to`, at each change: milliseconds, colour, whether it beeps.
+fn film(face: &mut Face, from: i64, to: i64) -> Vec<(i64, Colour, bool)> {
+    let mut film = Vec::new();
+    let mut now = from * MS;
+    loop {
+        let showing = face.at(now);
+        film.push((now / MS, showing.look.colour, showing.tone_hz.is_some()));
+        match showing.next_ns.filter(|next| *next < to * MS) {
+            Some(next) => {
+                assert!(next > now, "it would never sleep");
+                now = next;
+            }
+            None => return film,
+        }
+    }
+}
+
+#[test]
+fn a_recording_begins_with_a_blink_and_a_beep_and_is_then_steady() {
+    use Colour::{Off, White};
+    let mut face = Face::new(0);
+    face.set(&status(Phase::Ready), 0);
+    face.set(&status(Phase::Recording), 5000 * MS);
+    assert_eq!(
+        film(&mut face, 5000, 60_000),
+        [
+            (5000, White, true),
+            (5200, Off, true),
+            (5300, Off, false),
+            (5400, White, false),
+            (6000, White, false),
+        ]
+    );
+    assert_eq!(face.at(6000 * MS).next_ns, None);
+}
+
+#[test]
+fn what_stays_the_same_keeps_its_rhythm() {
+    let mut face = Face::new(0);
+    let mut now = status(Phase::Ready);
+    now.warnings.insert(Warning::Storage);
+    face.set(&now, 0);
+    let before = face.at(50 * MS);
+    // A less urgent warning changes nothing.
+    now.warnings.insert(Warning::Heat);
+    face.set(&now, 50 * MS);
+    assert_eq!(face.at(50 * MS), before);
+    now.warnings.insert(Warning::Stream);
+    face.set(&now, 50 * MS);
+    assert_ne!(face.at(50 * MS).next_ns, before.next_ns);
+}
+
+#[test]
+fn an_answer_comes_first_for_a_second_and_the_newest_counts() {
+    let mut face = Face::new(0);
+    face.set(&status(Phase::Recording), 0);
+    face.at(2000 * MS);
+    face.play(Once::Marked, 3000 * MS);
+    face.play(Once::Refused, 3100 * MS);
+    assert_eq!(face.at(3100 * MS).look.colour, Colour::Red);
+    assert_eq!(face.at(4099 * MS).look.colour, Colour::Off);
+    assert_eq!(face.at(4100 * MS).look.colour, Colour::White);
+}
+
+#[test]
+fn warnings_keep_white_while_recording_and_come_back_with_their_beep() {
+    let mut face = Face::new(0);
+    let mut now = status(Phase::Recording);
+    face.set(&now, 0);
+    now.warnings.insert(Warning::Heat);
+    face.set(&now, 10_000 * MS);
+    let film = film(&mut face, 10_000, 41_000);
+    assert!(film.iter().all(|(_, colour, _)| *colour != Colour::Off));
+    let beeps: Vec<i64> = film.iter().filter(|f| f.2).map(|f| f.0 / 1000).collect();
+    assert!(beeps.contains(&10) && beeps.contains(&40));
+    assert!(!beeps.iter().any(|s| (12..40).contains(s)));
+}
+
+fn next(looks: &std::sync::mpsc::Receiver<Look>) -> Colour {
+    looks.recv_timeout(Duration::from_secs(60)).unwrap().colour
+}
+
+#[test]
+fn a_steady_light_wakes_nobody() {
+    let (light, looks) = Recorded::new(0);
+    let time = crate::button::fake::Time::default();
+    let reads = Arc::new(AtomicUsize::new(0));
+    let clock: Clock = {
+        let (time, reads) = (time.clone(), reads.clone());
+        Arc::new(move || {
+            reads.fetch_add(1, Ordering::SeqCst);
+            time.now_ns()
+        })
+    };
+    let panel = Panel::start(clock, vec![Box::new(light)], Vec::new()).unwrap();
+    assert_eq!(next(&looks), Colour::Blue);
+    panel.set(status(Phase::Recording));
+    assert_eq!(next(&looks), Colour::White);
+    // The answer is over, and what follows is steady.
+    time.advance_to(5_000 * MS);
+    panel.set(status(Phase::Recording));
+    panel.play(Once::Refused);
+    assert_eq!(next(&looks), Colour::Red);
+    time.advance_to(10_000 * MS);
+    assert_eq!(next(&looks), Colour::White);
+    let before = reads.load(Ordering::SeqCst);
+    drop(panel);
+    // Read once more, for being told to end; nothing woke it meanwhile.
+    assert_eq!(reads.load(Ordering::SeqCst), before + 1);
+    assert_eq!(next(&looks), Colour::Off);
+}
+
+#[test]
+fn a_failing_light_is_tried_again_and_does_not_disturb_the_other() {
+    let (bad, bad_looks) = Recorded::new(2);
+    let (good, good_looks) = Recorded::new(0);
+    let clock: Clock = Arc::new(|| 0);
+    let panel = Panel::start(clock, vec![Box::new(bad), Box::new(good)], Vec::new()).unwrap();
+    assert_eq!(next(&good_looks), Colour::Blue);
+    panel.set(status(Phase::Ready));
+    assert_eq!(next(&good_looks), Colour::Green);
+    let fault = Status {
+        fault: true,
+        ..Status::default()
+    };
+    panel.set(fault);
+    assert_eq!(next(&good_looks), Colour::Red);
+    drop(panel);
+    assert_eq!(next(&good_looks), Colour::Off);
+    let mut tried: Vec<Colour> = bad_looks.iter().map(|look| look.colour).collect();
+    tried.dedup();
+    assert_eq!(
+        tried,
+        [Colour::Blue, Colour::Green, Colour::Red, Colour::Off]
+    );
+}
