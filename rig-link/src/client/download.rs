@@ -1,0 +1,121 @@
+//! One file of a session into one file of the host.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
+use std::path::Path;
+
+use super::{Client, LinkError};
+use crate::link::FileEntry;
+
+/// Bytes written and hashed at a time.
+const BLOCK: usize = 1 << 20;
+
+/// What a download did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Downloaded {
+    /// Bytes that came over the network.
+    pub fetched: u64,
+    /// Bytes that an earlier, interrupted download had left.
+    pub resumed: u64,
+    /// Bytes that were fetched and thrown away because they did not have the right hash.
+    pub wasted: u64,
+}
+
+impl Client {
+    /// Makes the file at `path` the rig's: what an earlier download left in it is kept, the rest fetched, the
+    /// whole compared with its hash and made durable (the file; not its name). If the hash is wrong, the file is
+    /// fetched once more from the start. `progress` is told of every byte once, those kept too.
+    ///
+    /// # Errors
+    /// See [`LinkError`]; what came stays in the file and is resumed by the next call.
+    pub fn download(
+        &mut self,
+        session: &str,
+        entry: &FileEntry,
+        path: &Path,
+        mut progress: impl FnMut(u64),
+    ) -> Result<Downloaded, LinkError> {
+        let failed = |doing| {
+            move |source| LinkError::Disk {
+                doing,
+                source,
+                path: path.to_owned(),
+            }
+        };
+        let mut file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(path)
+            .map_err(failed("opening"))?;
+        let mut done = Downloaded::default();
+        // Progress that was told already and is not told again for the second try.
+        let mut told = 0;
+        for again in [false, true] {
+            let mut hasher = blake3::Hasher::new();
+            let there = file.metadata().map_err(failed("reading"))?.len();
+            if there > entry.bytes || again {
+                file.set_len(0).map_err(failed("emptying"))?;
+            }
+            let kept = keep(&mut file, &mut hasher).map_err(failed("reading"))?;
+            let mut at = kept;
+            let mut tell = |at: u64| {
+                if at > told {
+                    progress(at - told);
+                    told = at;
+                }
+            };
+            tell(at);
+            let mut out = BufWriter::with_capacity(BLOCK, &file);
+            let fetched = self.fetch(session, &entry.path, kept, entry.bytes, |piece| {
+                hasher.update(piece);
+                out.write_all(piece).map_err(failed("writing"))?;
+                at += piece.len() as u64;
+                tell(at);
+                Ok(())
+            });
+            // What came before the connection was lost is worth keeping.
+            let flushed = out.flush().map_err(failed("writing"));
+            drop(out);
+            done.fetched += at - kept;
+            fetched?;
+            flushed?;
+            let found = hasher.finalize().to_hex().to_string();
+            if found == entry.blake3 {
+                file.sync_data().map_err(failed("syncing"))?;
+                done.resumed = kept;
+                return Ok(done);
+            }
+            done.wasted += at - kept;
+            log::warn!("{} of {session} came with a wrong hash", entry.path);
+            if again {
+                file.set_len(0).map_err(failed("emptying"))?;
+                return Err(LinkError::Corrupt {
+                    path: entry.path.clone(),
+                    found,
+                    expected: entry.blake3.clone(),
+                });
+            }
+        }
+        Ok(done)
+    }
+}
+
+/// Hashes what is in the file, and leaves it at its end.
+fn keep(file: &mut File, hasher: &mut blake3::Hasher) -> io::Result<u64> {
+    file.seek(SeekFrom::Start(0))?;
+    let mut block = vec![0; BLOCK];
+    let mut kept = 0;
+    loop {
+        match file.read(&mut block) {
+            Ok(0) => return Ok(kept),
+            Ok(n) => {
+                hasher.update(&block[..n]);
+                kept += n as u64;
+            }
+            Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+            Err(e) => return Err(e),
+        }
+    }
+}

@@ -1,0 +1,295 @@
+//! The server: the phone's page, and sessions for hosts.
+//!
+//! Contract. On a loopback address it may speak plain HTTP and ask for no token; on every other address it
+//! needs an [`Identity`] (TLS 1.3) and a [`Token`], and without them does not start. It runs on one thread
+//! of its own, at low priority, with a few more for what may block (disk, recorder); the recorder never waits
+//! for it. Whoever connects is limited in connections, in requests per second, in the time that a head, a
+//! body or a pause may take, and in wrong tokens ([`Limits`]); beyond that he is answered with an error or cut off,
+//! and the others are served as before. A fault in one request ends that request. Dropping the server
+//! ends it at once; what it was sending is cut off.
+//!
+//! Which requests there are: [`route`]. Who may ask: [`guard`]. What a session's files are: [`crate::store`].
+
+mod actions;
+mod answer;
+mod body;
+mod connections;
+mod guard;
+mod limits;
+mod pace;
+mod page;
+mod patient;
+mod route;
+mod sessions;
+
+use std::io;
+use std::net::{SocketAddr, TcpListener};
+use std::sync::Arc;
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use tokio::runtime;
+use tokio::sync::{Semaphore, oneshot};
+use tokio::time::Instant;
+use tokio_rustls::TlsAcceptor;
+
+use self::guard::Guard;
+use self::pace::Pace;
+use crate::identity::{Fingerprint, Identity};
+use crate::rig::Rig;
+use crate::store::Store;
+use crate::token::Token;
+
+/// Where the server listens unless told otherwise.
+pub const DEFAULT_BIND: SocketAddr =
+    SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::LOCALHOST), 8077);
+/// How much less urgent than others the server's threads are (nice).
+const NICE: i32 = 10;
+/// Threads for what may block.
+const BLOCKING: usize = 16;
+/// Files read at once, for sending and for hashing.
+const READS: usize = 4;
+/// Files hashed at once.
+const HASHES: usize = 2;
+/// Actions and looks at the recorder at once.
+const ASKS: usize = 8;
+
+/// How the server is to listen.
+#[derive(Debug)]
+pub struct Settings {
+    /// Address and port; port 0 takes a free one.
+    pub bind: SocketAddr,
+    /// For TLS. None: plain HTTP, on loopback only.
+    pub identity: Option<Identity>,
+    /// Who asks must know it. None: everybody on this machine may, on loopback only.
+    pub token: Option<Token>,
+    /// What whoever connects is limited to.
+    pub limits: Limits,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            bind: DEFAULT_BIND,
+            identity: None,
+            token: None,
+            limits: Limits::default(),
+        }
+    }
+}
+
+/// What whoever connects is limited to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Connections at once.
+    pub connections: usize,
+    /// Connections at once from one address (of IPv6: from one /64 network).
+    pub connections_per_peer: usize,
+    /// Time for the TLS handshake, for the head of a request (from the end of the one before), and for a
+    /// body.
+    pub head_time: Duration,
+    /// How long a peer may take nothing of what is sent to it.
+    pub stall_time: Duration,
+    /// Requests per second from one address, in the long run.
+    pub requests_per_s: u32,
+    /// Requests at once from one address.
+    pub request_burst: u32,
+    /// Longest body of a request, bytes.
+    pub body_bytes: usize,
+    /// First pause after a wrong token; it doubles with each further one, up to five minutes.
+    pub wrong_token_pause: Duration,
+    /// Wrong tokens in a row from all addresses together before those that never gave the right one wait;
+    /// one is forgiven each ten pauses.
+    pub wrong_tokens: u32,
+    /// Bytes read from disk per second while the rig records.
+    pub recording_bytes_per_s: u64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            connections: 48,
+            connections_per_peer: 16,
+            head_time: Duration::from_secs(10),
+            stall_time: Duration::from_secs(60),
+            requests_per_s: 50,
+            request_burst: 200,
+            body_bytes: 16 << 10,
+            wrong_token_pause: Duration::from_secs(1),
+            wrong_tokens: 30,
+            recording_bytes_per_s: 20_000_000,
+        }
+    }
+}
+
+/// Why the server does not start.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// Configure a token, or stay on loopback.
+    #[error(
+        "serving on {bind}, which others can reach, needs a token; set one, or serve on 127.0.0.1"
+    )]
+    NoToken {
+        /// Address.
+        bind: SocketAddr,
+    },
+    /// Give an identity, or stay on loopback.
+    #[error(
+        "serving on {bind}, which others can reach, needs TLS; give it an identity, or serve on 127.0.0.1"
+    )]
+    NoIdentity {
+        /// Address.
+        bind: SocketAddr,
+    },
+    /// The identity cannot be used: remove it, so that a new one is made.
+    #[error("setting up TLS")]
+    Tls(#[from] rustls::Error),
+    /// The address is taken, not ours, or the system refuses.
+    #[error("listening on {bind}")]
+    Listen {
+        /// Address.
+        bind: SocketAddr,
+        /// What the system said.
+        #[source]
+        source: io::Error,
+    },
+}
+
+/// A running server. Dropping it ends it.
+#[derive(Debug)]
+pub struct Server {
+    address: SocketAddr,
+    fingerprint: Option<Fingerprint>,
+    stop: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Server {
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// The fingerprint that phones and hosts find; none with plain HTTP.
+    pub fn fingerprint(&self) -> Option<Fingerprint> {
+        self.fingerprint
+    }
+
+    /// The address to type into a phone.
+    pub fn url(&self) -> String {
+        let scheme = if self.fingerprint.is_some() {
+            "https"
+        } else {
+            "http"
+        };
+        format!("{scheme}://{}", self.address)
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.stop = None;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// What every request needs.
+struct Shared {
+    rig: Arc<dyn Rig>,
+    store: Store,
+    guard: Guard,
+    limits: Limits,
+    pace: Pace,
+    reads: Semaphore,
+    hashes: Semaphore,
+    asks: Semaphore,
+    /// Time of the server is counted from here.
+    start: Instant,
+}
+
+impl Shared {
+    /// Time since the server started.
+    fn now(&self) -> Duration {
+        self.start.elapsed()
+    }
+}
+
+/// Starts a server.
+///
+/// # Errors
+/// See [`ServeError`].
+pub fn serve(settings: Settings, rig: Arc<dyn Rig>) -> Result<Server, ServeError> {
+    let Settings {
+        bind,
+        identity,
+        token,
+        limits,
+    } = settings;
+    if !bind.ip().to_canonical().is_loopback() {
+        if token.is_none() {
+            return Err(ServeError::NoToken { bind });
+        }
+        if identity.is_none() {
+            return Err(ServeError::NoIdentity { bind });
+        }
+    }
+    let listen = |source| ServeError::Listen { bind, source };
+    let tls = identity.as_ref().map(Identity::server_config).transpose()?;
+    let tls = tls.map(|config| TlsAcceptor::from(Arc::new(config)));
+    let listener = TcpListener::bind(bind).map_err(listen)?;
+    listener.set_nonblocking(true).map_err(listen)?;
+    let address = listener.local_addr().map_err(listen)?;
+    let runtime = runtime::Builder::new_current_thread()
+        .enable_all()
+        .max_blocking_threads(BLOCKING)
+        .thread_name("rig-link-disk")
+        .on_thread_start(less_urgent)
+        .build()
+        .map_err(listen)?;
+    let (stop, stopped) = oneshot::channel();
+    let serving = move || {
+        less_urgent();
+        let ended = runtime.block_on(async {
+            let shared = Arc::new(Shared {
+                store: Store::new(rig.sessions_root()),
+                guard: Guard::new(token, tls.is_some(), address.ip(), &limits),
+                pace: Pace::new(limits.recording_bytes_per_s),
+                reads: Semaphore::new(READS),
+                hashes: Semaphore::new(HASHES),
+                asks: Semaphore::new(ASKS),
+                start: Instant::now(),
+                rig,
+                limits,
+            });
+            tokio::select! {
+                ended = connections::accept(listener, tls, shared) => ended,
+                _ = stopped => Ok(()),
+            }
+        });
+        if let Err(e) = ended {
+            log::error!("serving the rig's page: {e}");
+        }
+        // What blocks may be waiting for whoever drops the server.
+        runtime.shutdown_background();
+    };
+    let thread = thread::Builder::new()
+        .name("rig-link".into())
+        .spawn(serving)
+        .map_err(listen)?;
+    Ok(Server {
+        address,
+        fingerprint: identity.as_ref().map(Identity::fingerprint),
+        stop: Some(stop),
+        thread: Some(thread),
+    })
+}
+
+/// Makes the calling thread less urgent than those that record. Only matters under load, so a refusal
+/// is no error.
+fn less_urgent() {
+    if let Err(e) = rustix::process::setpriority_process(None, NICE) {
+        log::debug!("lowering the priority of the page's threads: {e}");
+    }
+}

@@ -1,0 +1,217 @@
+//! Accepting connections, and the requests on each.
+
+use std::collections::HashMap;
+use std::convert::Infallible;
+use std::io;
+use std::net::{IpAddr, SocketAddr};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use hyper::body::Incoming;
+use hyper::header::{CONTENT_LENGTH, TRANSFER_ENCODING};
+use hyper::server::conn::http1;
+use hyper::service::service_fn;
+use hyper::{Method, Request, Response, StatusCode, Version};
+use hyper_util::rt::{TokioIo, TokioTimer};
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::time::{sleep, timeout};
+use tokio_rustls::TlsAcceptor;
+
+use super::body::Body;
+use super::limits::network;
+use super::patient::Patient;
+use super::route::Route;
+use super::{Shared, actions, answer, page, sessions};
+use crate::link::Code;
+use crate::store::problem;
+
+/// Pause after the system refused to accept a connection (out of file descriptors, say).
+const RETRY: Duration = Duration::from_millis(200);
+/// Longest head of a request, bytes.
+const MAX_HEAD: usize = 16 << 10;
+/// Most headers of a request.
+const MAX_HEADERS: usize = 64;
+/// Longest address of a request, bytes.
+const MAX_ADDRESS: usize = 4 << 10;
+
+/// Open connections by peer.
+#[derive(Default)]
+struct Open(Mutex<HashMap<IpAddr, usize>>);
+
+/// One connection's place among those that are open.
+struct Place {
+    open: Arc<Open>,
+    peer: IpAddr,
+}
+
+impl Open {
+    fn admit(self: &Arc<Self>, peer: IpAddr, shared: &Shared) -> Option<Place> {
+        let peer = network(peer);
+        let mut open = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let all: usize = open.values().sum();
+        let own = open.entry(peer).or_default();
+        if all >= shared.limits.connections || *own >= shared.limits.connections_per_peer {
+            if *own == 0 {
+                open.remove(&peer);
+            }
+            return None;
+        }
+        *own += 1;
+        Some(Place {
+            open: self.clone(),
+            peer,
+        })
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let mut open = self.open.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(own) = open.get_mut(&self.peer) {
+            *own -= 1;
+            if *own == 0 {
+                open.remove(&self.peer);
+            }
+        }
+    }
+}
+
+/// Accepts connections for ever.
+pub(super) async fn accept(
+    listener: std::net::TcpListener,
+    tls: Option<TlsAcceptor>,
+    shared: Arc<Shared>,
+) -> io::Result<()> {
+    let listener = TcpListener::from_std(listener)?;
+    let open = Arc::new(Open::default());
+    loop {
+        let (stream, peer) = match listener.accept().await {
+            Ok(accepted) => accepted,
+            Err(e) => {
+                log::warn!("accepting a connection: {e}");
+                sleep(RETRY).await;
+                continue;
+            }
+        };
+        let Some(place) = open.admit(peer.ip(), &shared) else {
+            log::debug!("too many connections: {peer} is sent away");
+            continue;
+        };
+        let (tls, shared) = (tls.clone(), shared.clone());
+        tokio::spawn(async move {
+            let _place = place;
+            if let Err(e) = converse(stream, peer, tls, shared).await {
+                log::debug!("a connection from {peer} ended: {e}");
+            }
+        });
+    }
+}
+
+async fn converse(
+    stream: TcpStream,
+    peer: SocketAddr,
+    tls: Option<TlsAcceptor>,
+    shared: Arc<Shared>,
+) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+    stream.set_nodelay(true)?;
+    let stream = Patient::new(stream, shared.limits.stall_time);
+    match tls {
+        None => serve(stream, peer.ip(), shared).await?,
+        Some(tls) => {
+            let handshake = timeout(shared.limits.head_time, tls.accept(stream)).await;
+            serve(handshake??, peer.ip(), shared).await?;
+        }
+    }
+    Ok(())
+}
+
+async fn serve(
+    stream: impl AsyncRead + AsyncWrite + Unpin,
+    peer: IpAddr,
+    shared: Arc<Shared>,
+) -> hyper::Result<()> {
+    let head_time = shared.limits.head_time;
+    let service = service_fn(move |request| {
+        let shared = shared.clone();
+        async move {
+            let response = answer(request, peer, &shared).await;
+            Ok::<_, Infallible>(answer::finish(response))
+        }
+    });
+    http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(head_time)
+        .max_buf_size(MAX_HEAD)
+        .max_headers(MAX_HEADERS)
+        .serve_connection(TokioIo::new(stream), service)
+        .await
+}
+
+/// Answers one request.
+async fn answer(request: Request<Incoming>, peer: IpAddr, shared: &Arc<Shared>) -> Response<Body> {
+    let now = shared.now();
+    let (head, body) = request.into_parts();
+    let malformed = |why| answer::closing(answer::error(problem(Code::BadRequest, why)));
+    if head.version != Version::HTTP_11 {
+        return answer::closing(answer::plain(StatusCode::HTTP_VERSION_NOT_SUPPORTED));
+    }
+    if let Err(refusal) = shared.guard.admit(peer, &head.headers, now) {
+        return answer::refusal(&refusal);
+    }
+    if head.uri.scheme().is_some() || head.uri.authority().is_some() {
+        return malformed("this server is no proxy");
+    }
+    let address = head.uri.path_and_query().map_or(0, |a| a.as_str().len());
+    if address > MAX_ADDRESS {
+        return answer::closing(answer::plain(StatusCode::URI_TOO_LONG));
+    }
+    let route = match Route::of(&head.method, head.uri.path()) {
+        Ok(route) => route,
+        Err(no_route) => return answer::closing(answer::no_route(no_route)),
+    };
+    let has_body = head.headers.contains_key(TRANSFER_ENCODING)
+        || head.headers.get(CONTENT_LENGTH).is_some_and(|v| v != "0");
+    if !route.changes() && has_body {
+        return malformed("a request that changes nothing has no body");
+    }
+    let allowed = if route.changes() {
+        shared.guard.change(&head.headers)
+    } else if matches!(route, Route::Page(_)) {
+        Ok(())
+    } else {
+        shared.guard.look(&head.headers)
+    };
+    let allowed = allowed.and_then(|()| {
+        if route.is_open() {
+            return Ok(());
+        }
+        shared.guard.authenticate(peer, &head.headers, now)
+    });
+    if let Err(refusal) = allowed {
+        let response = answer::refusal(&refusal);
+        // A body that nobody reads must not be taken for the next request.
+        return if has_body {
+            answer::closing(response)
+        } else {
+            response
+        };
+    }
+    let result = match route {
+        Route::Page(position) => Ok(page::file(position)),
+        Route::Status => actions::status(shared).await,
+        Route::Preview(camera) => actions::preview(shared, camera, head.uri.query()).await,
+        Route::Act => actions::act(shared, &head, body).await,
+        Route::Login => actions::login(shared, peer, &head, body).await,
+        Route::Logout => actions::logout(shared),
+        Route::Sessions => sessions::list(shared).await,
+        Route::Manifest(name) => sessions::manifest(shared, name).await,
+        Route::File(name, path) => {
+            let empty = head.method == Method::HEAD;
+            sessions::file(shared, name, path, &head.headers, empty).await
+        }
+        Route::Receipt(name) => sessions::receipt(shared, name, &head, body).await,
+        Route::Free(name) => sessions::free(shared, name).await,
+    };
+    result.unwrap_or_else(answer::error)
+}

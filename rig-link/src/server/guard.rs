@@ -1,0 +1,243 @@
+//! Who may ask.
+//!
+//! * On loopback the `Host` must be this machine's, so that a page elsewhere whose name was made to lead
+//!   here (DNS rebinding) gets nothing.
+//! * What comes from another site's page is refused: by `Sec-Fetch-Site` and `Origin` where a browser sends
+//!   them; a program that sends neither must send [`HEADER`], which a page can send to its own site only.
+//! * With a token everything but the page itself needs it: as `Authorization: Bearer`, or as the cookie
+//!   that a login with it gave.
+//!
+//! Nothing here looks at a clock or a socket.
+
+use std::net::IpAddr;
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+use hyper::header::{AUTHORIZATION, COOKIE, HOST, HeaderMap, HeaderName, ORIGIN};
+
+use super::Limits;
+use super::limits::{Peers, Rate};
+use crate::link::HEADER;
+use crate::token::Token;
+
+const FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
+
+/// The rules of one server.
+#[derive(Debug)]
+pub(super) struct Guard {
+    token: Option<Token>,
+    tls: bool,
+    loopback: bool,
+    peers: Mutex<Peers>,
+}
+
+/// Why a request is refused.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Refusal {
+    /// The head is not one of a proper client.
+    Malformed(&'static str),
+    /// It is for another host, or from another site.
+    Foreign(&'static str),
+    /// The token is missing or wrong.
+    Unauthorised(&'static str),
+    /// Come back later.
+    TooMany(Duration),
+}
+
+impl Guard {
+    pub(super) fn new(token: Option<Token>, tls: bool, address: IpAddr, limits: &Limits) -> Self {
+        let every = Duration::from_secs(1) / limits.requests_per_s.max(1);
+        let requests = Rate::new(every, limits.request_burst.max(1));
+        let peers = Peers::new(
+            requests,
+            limits.wrong_token_pause,
+            limits.wrong_tokens.max(1),
+        );
+        Self {
+            token,
+            tls,
+            loopback: address.to_canonical().is_loopback(),
+            peers: Mutex::new(peers),
+        }
+    }
+
+    fn peers<T>(&self, f: impl FnOnce(&mut Peers) -> Result<T, Duration>) -> Result<T, Refusal> {
+        let mut peers = self.peers.lock().unwrap_or_else(PoisonError::into_inner);
+        f(&mut peers).map_err(Refusal::TooMany)
+    }
+
+    /// What every request must pass: it is not one too many, and it is for this host.
+    pub(super) fn admit(
+        &self,
+        peer: IpAddr,
+        headers: &HeaderMap,
+        now: Duration,
+    ) -> Result<(), Refusal> {
+        self.peers(|peers| peers.request(peer, now))?;
+        let host = one(headers, &HOST).map_err(Refusal::Malformed)?;
+        let host = host.ok_or(Refusal::Malformed("the request has no Host"))?;
+        let name = host_name(host).ok_or(Refusal::Malformed("the Host is no host"))?;
+        let here = || {
+            let address = name.trim_matches(['[', ']']).parse::<IpAddr>();
+            name.eq_ignore_ascii_case("localhost")
+                || address.is_ok_and(|a| a.to_canonical().is_loopback())
+        };
+        if self.loopback && !here() {
+            return Err(Refusal::Foreign("this server answers to localhost only"));
+        }
+        Ok(())
+    }
+
+    /// What a request to look at something must pass: no other site's page may show it.
+    pub(super) fn look(&self, headers: &HeaderMap) -> Result<(), Refusal> {
+        match one(headers, &FETCH_SITE).map_err(Refusal::Malformed)? {
+            None | Some("same-origin" | "none") => Ok(()),
+            Some(_) => Err(Refusal::Foreign("this is not for other sites' pages")),
+        }
+    }
+
+    /// What a request to do something must pass: it comes from our own page, or from no page.
+    pub(super) fn change(&self, headers: &HeaderMap) -> Result<(), Refusal> {
+        let foreign = Refusal::Foreign("this comes from another site's page");
+        let site = one(headers, &FETCH_SITE).map_err(Refusal::Malformed)?;
+        let origin = one(headers, &ORIGIN).map_err(Refusal::Malformed)?;
+        if site.is_some_and(|site| site != "same-origin") {
+            return Err(foreign);
+        }
+        match origin {
+            Some(origin) if Some(origin) == self.origin(headers).as_deref() => Ok(()),
+            Some(_) => Err(foreign),
+            None if site.is_some() || headers.contains_key(HEADER) => Ok(()),
+            None => Err(Refusal::Foreign(
+                "a program that changes something must send the header X-Rig-Link: 1",
+            )),
+        }
+    }
+
+    /// What a browser sends as the origin of our own page.
+    fn origin(&self, headers: &HeaderMap) -> Option<String> {
+        let host = one(headers, &HOST).ok()??;
+        let scheme = if self.tls { "https" } else { "http" };
+        Some(format!("{scheme}://{host}"))
+    }
+
+    /// Whether the request knows the token, where there is one.
+    pub(super) fn authenticate(
+        &self,
+        peer: IpAddr,
+        headers: &HeaderMap,
+        now: Duration,
+    ) -> Result<(), Refusal> {
+        let Some(token) = &self.token else {
+            return Ok(());
+        };
+        if let Some(given) = one(headers, &AUTHORIZATION).map_err(Refusal::Malformed)? {
+            let given = given
+                .split_once(' ')
+                .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"))
+                .map(|(_, given)| given.trim());
+            let given = given.ok_or(Refusal::Unauthorised(
+                "expected Authorization: Bearer TOKEN",
+            ))?;
+            return self.check(token, peer, given.as_bytes(), now);
+        }
+        let name = self.cookie_name();
+        let cookies = headers.get_all(COOKIE).iter();
+        let mut cookies = cookies
+            .filter_map(|v| v.to_str().ok())
+            .flat_map(|v| v.split(';'))
+            .filter_map(|c| c.trim().split_once('='));
+        // Guessing a cookie is guessing 256 bits, so wrong ones, as after a change of the token, do not
+        // count against a peer.
+        match cookies.any(|(n, value)| n == name && token.is_cookie(value.as_bytes())) {
+            true => Ok(()),
+            false => Err(Refusal::Unauthorised("the token is needed")),
+        }
+    }
+
+    /// The cookie for whoever gives the right token.
+    pub(super) fn login(
+        &self,
+        peer: IpAddr,
+        given: &[u8],
+        now: Duration,
+    ) -> Result<Option<String>, Refusal> {
+        let Some(token) = &self.token else {
+            return Ok(None);
+        };
+        self.check(token, peer, given, now)?;
+        Ok(Some(self.cookie(&token.cookie(), 90 * 24 * 3600)))
+    }
+
+    /// The cookie that makes a browser forget.
+    pub(super) fn logout(&self) -> String {
+        self.cookie("", 0)
+    }
+
+    fn check(
+        &self,
+        token: &Token,
+        peer: IpAddr,
+        given: &[u8],
+        now: Duration,
+    ) -> Result<(), Refusal> {
+        self.peers(|peers| peers.may_try(peer, now))?;
+        let right = token.is(given);
+        self.peers(|peers| {
+            if right {
+                peers.right(peer, now);
+            } else {
+                peers.wrong(peer, now);
+            }
+            Ok(())
+        })?;
+        if right {
+            Ok(())
+        } else {
+            log::warn!("a wrong token from {peer}");
+            Err(Refusal::Unauthorised("the token is wrong"))
+        }
+    }
+
+    /// With TLS the name makes browsers insist on what the cookie says (RFC 6265bis, section 4.1.3).
+    fn cookie_name(&self) -> &'static str {
+        if self.tls { "__Host-rig" } else { "rig" }
+    }
+
+    fn cookie(&self, value: &str, seconds: u32) -> String {
+        let secure = if self.tls { "; Secure" } else { "" };
+        format!(
+            "{}={value}; Path=/; Max-Age={seconds}; HttpOnly; SameSite=Strict{secure}",
+            self.cookie_name()
+        )
+    }
+}
+
+/// The only value of a header; none if there is none.
+fn one<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Result<Option<&'a str>, &'static str> {
+    let mut values = headers.get_all(name).iter();
+    let first = values.next().map(|v| v.to_str());
+    match (first, values.next()) {
+        (None, _) => Ok(None),
+        (Some(Ok(value)), None) => Ok(Some(value)),
+        (Some(Err(_)), _) => Err("a header is not ASCII"),
+        (Some(_), Some(_)) => Err("a header that may be there once is there twice"),
+    }
+}
+
+/// The name in a `Host`, without the port; none if it is neither a name nor an address.
+fn host_name(host: &str) -> Option<&str> {
+    let (name, port) = match host.rfind(']') {
+        Some(end) => host.split_at(end + 1),
+        None => host.split_at(host.find(':').unwrap_or(host.len())),
+    };
+    let plain = |b: u8| b.is_ascii_alphanumeric() || b"-._[]:".contains(&b);
+    let port_ok = port.is_empty()
+        || port
+            .strip_prefix(':')
+            .is_some_and(|p| p.parse::<u16>().is_ok() && p.bytes().all(|b| b.is_ascii_digit()));
+    (!name.is_empty() && name.bytes().all(plain) && port_ok).then_some(name)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,224 @@
+//! Counting what peers do. Plain code: the time is an argument, counted from the server's start.
+
+use std::collections::HashMap;
+use std::net::IpAddr;
+use std::time::Duration;
+
+/// Peers that are remembered at once; the one not seen for longest is forgotten.
+const PEERS: usize = 1024;
+/// Longest pause after wrong tokens.
+pub(super) const LONGEST_PAUSE: Duration = Duration::from_secs(300);
+
+/// Lets through `burst` at once and one per `every` in the long run (the generic cell rate algorithm of
+/// ITU-T I.371, which needs to remember one time only).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rate {
+    every: Duration,
+    burst: u32,
+    /// When the next one would be due if they came evenly.
+    due: Duration,
+}
+
+impl Rate {
+    pub(super) fn new(every: Duration, burst: u32) -> Self {
+        Self {
+            every,
+            burst,
+            due: Duration::ZERO,
+        }
+    }
+
+    /// Takes one; if there is none, how long until there is.
+    pub(super) fn take(&mut self, now: Duration) -> Result<(), Duration> {
+        self.wait(now).map_or(Ok(()), Err)?;
+        self.due = self.due.max(now) + self.every;
+        Ok(())
+    }
+
+    /// How long until there is one; none if there is.
+    pub(super) fn wait(&self, now: Duration) -> Option<Duration> {
+        let ahead = self.due.saturating_sub(now) + self.every;
+        let wait = ahead.saturating_sub(self.every * self.burst);
+        (!wait.is_zero()).then_some(wait)
+    }
+}
+
+/// One peer.
+#[derive(Clone, Copy, Debug)]
+struct Peer {
+    seen: Duration,
+    requests: Rate,
+    /// Wrong tokens in a row.
+    wrong: u32,
+    /// Until when its tokens are not even looked at.
+    blocked: Duration,
+    /// Whether it has given the right token.
+    known: bool,
+}
+
+/// All peers, by address; of IPv6 by network, because whoever has one address there has 2⁶⁴.
+#[derive(Debug)]
+pub(super) struct Peers {
+    peers: HashMap<IpAddr, Peer>,
+    requests: Rate,
+    pause: Duration,
+    /// Wrong tokens of all together.
+    wrong: Rate,
+}
+
+impl Peers {
+    pub(super) fn new(requests: Rate, pause: Duration, wrong_tokens: u32) -> Self {
+        Self {
+            peers: HashMap::new(),
+            requests,
+            pause,
+            wrong: Rate::new(pause * 10, wrong_tokens),
+        }
+    }
+
+    fn peer(&mut self, address: IpAddr, now: Duration) -> &mut Peer {
+        let address = network(address);
+        if self.peers.len() >= PEERS && !self.peers.contains_key(&address) {
+            let oldest = self.peers.iter().min_by_key(|(_, p)| (p.known, p.seen));
+            if let Some(oldest) = oldest.map(|(address, _)| *address) {
+                self.peers.remove(&oldest);
+            }
+        }
+        let peer = self.peers.entry(address).or_insert(Peer {
+            seen: now,
+            requests: self.requests,
+            wrong: 0,
+            blocked: Duration::ZERO,
+            known: false,
+        });
+        peer.seen = now;
+        peer
+    }
+
+    /// Counts a request; if it is one too many, how long to wait.
+    pub(super) fn request(&mut self, address: IpAddr, now: Duration) -> Result<(), Duration> {
+        self.peer(address, now).requests.take(now)
+    }
+
+    /// Whether a token of this peer may be looked at; if not, how long to wait.
+    pub(super) fn may_try(&mut self, address: IpAddr, now: Duration) -> Result<(), Duration> {
+        let all = self.wrong.wait(now);
+        let peer = self.peer(address, now);
+        let own = peer.blocked.saturating_sub(now);
+        if !own.is_zero() {
+            return Err(own);
+        }
+        match all {
+            // Strangers must not be able to keep out those who know the token.
+            Some(wait) if !peer.known => Err(wait),
+            _ => Ok(()),
+        }
+    }
+
+    /// The peer gave a wrong token.
+    pub(super) fn wrong(&mut self, address: IpAddr, now: Duration) {
+        let _ = self.wrong.take(now);
+        let pause = self.pause;
+        let peer = self.peer(address, now);
+        let doubled = pause.saturating_mul(1 << peer.wrong.min(16));
+        peer.wrong = peer.wrong.saturating_add(1);
+        peer.blocked = now + doubled.min(LONGEST_PAUSE);
+    }
+
+    /// The peer gave the right token.
+    pub(super) fn right(&mut self, address: IpAddr, now: Duration) {
+        let peer = self.peer(address, now);
+        (peer.wrong, peer.known) = (0, true);
+    }
+}
+
+/// What stands for a peer.
+pub(super) fn network(address: IpAddr) -> IpAddr {
+    match address.to_canonical() {
+        IpAddr::V6(v6) if !v6.is_loopback() => {
+            let network = u128::from(v6) & !u128::from(u64::MAX);
+            IpAddr::V6(network.into())
+        }
+        address => address,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const S: Duration = Duration::from_secs(1);
+
+    fn address(text: &str) -> IpAddr {
+        text.parse().unwrap()
+    }
+
+    #[test]
+    fn a_rate_lets_a_burst_through_and_then_one_at_a_time() {
+        let mut rate = Rate::new(S / 10, 5);
+        let now = 100 * S;
+        for _ in 0..5 {
+            assert_eq!(rate.take(now), Ok(()));
+        }
+        assert_eq!(rate.take(now), Err(S / 10));
+        assert_eq!(rate.take(now), Err(S / 10));
+        assert_eq!(rate.take(now + S / 10), Ok(()));
+        assert!(rate.take(now + S / 10).is_err());
+        // After a pause the whole burst is there again, and no more than that.
+        for _ in 0..5 {
+            assert_eq!(rate.take(now + 100 * S), Ok(()));
+        }
+        assert!(rate.take(now + 100 * S).is_err());
+    }
+
+    #[test]
+    fn wrong_tokens_cost_time_that_doubles() {
+        let mut peers = Peers::new(Rate::new(S, 1), S, 1000);
+        let (a, b) = (address("10.0.0.1"), address("10.0.0.2"));
+        let mut now = Duration::ZERO;
+        for n in 0..12 {
+            assert_eq!(peers.may_try(a, now), Ok(()));
+            peers.wrong(a, now);
+            let pause = (S * (1 << n)).min(LONGEST_PAUSE);
+            assert_eq!(peers.may_try(a, now), Err(pause));
+            assert_eq!(peers.may_try(b, now), Ok(()));
+            now += pause;
+        }
+        peers.right(a, now);
+        peers.wrong(a, now);
+        assert_eq!(peers.may_try(a, now), Err(S));
+    }
+
+    #[test]
+    fn many_peers_together_are_slowed_but_those_who_know_the_token_are_not() {
+        let mut peers = Peers::new(Rate::new(S, 1), S, 30);
+        let friend = address("10.0.0.1");
+        peers.right(friend, S);
+        for i in 0..30_u32 {
+            let stranger = IpAddr::V4((0x0a01_0000 + i).into());
+            assert_eq!(peers.may_try(stranger, S), Ok(()));
+            peers.wrong(stranger, S);
+        }
+        assert!(peers.may_try(address("10.2.0.1"), S).is_err());
+        assert_eq!(peers.may_try(friend, S), Ok(()));
+        assert_eq!(peers.may_try(address("10.2.0.1"), 11 * S), Ok(()));
+        // Not even many thousand addresses make it forget the friend, or grow.
+        for i in 0..5000_u32 {
+            peers.wrong(IpAddr::V4((0x0b00_0000 + i).into()), 2 * S);
+        }
+        assert_eq!(peers.peers.len(), PEERS);
+        assert_eq!(peers.may_try(friend, 2 * S), Ok(()));
+    }
+
+    #[test]
+    fn a_network_counts_as_one() {
+        for (one, other, same) in [
+            ("2001:db8::1", "2001:db8::ffff:1", true),
+            ("2001:db8::1", "2001:db8:0:1::1", false),
+            ("10.0.0.1", "::ffff:10.0.0.1", true),
+            ("10.0.0.1", "10.0.0.2", false),
+        ] {
+            assert_eq!(network(address(one)) == network(address(other)), same);
+        }
+    }
+}

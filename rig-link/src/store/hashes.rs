@@ -1,0 +1,89 @@
+//! Hashes of files, made by reading them once.
+
+use std::collections::BTreeMap;
+use std::io::{self, Read};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use super::Session;
+use super::listing::{self, Listed, Stamp};
+use crate::link::FileEntry;
+
+/// Bytes read and hashed at a time.
+const BLOCK: usize = 1 << 20;
+
+/// What is known, by session and path. A file that changed since counts as not known.
+#[derive(Default)]
+pub(super) struct Hashes(Mutex<BTreeMap<String, Known>>);
+
+/// Hashes of one session's files, by path, and what the file was like then.
+type Known = BTreeMap<String, (Stamp, String)>;
+
+impl Hashes {
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<String, Known>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Forgets sessions that are gone.
+    pub(super) fn keep(&self, sessions: &[Session]) {
+        let there = |name: &str| {
+            let found = sessions.binary_search_by(|s| s.name.as_str().cmp(name));
+            found.is_ok()
+        };
+        self.lock().retain(|name, _| there(name));
+    }
+
+    /// A file with its hash, if that is known.
+    pub(super) fn known(&self, session: &Session, listed: &Listed) -> Option<FileEntry> {
+        let lock = self.lock();
+        let (stamp, blake3) = lock.get(&session.name)?.get(&listed.path)?;
+        (*stamp == listed.stamp).then(|| entry(listed, blake3.clone()))
+    }
+
+    /// A file with its hash; the file is read unless that is known.
+    pub(super) fn of(
+        &self,
+        session: &Session,
+        listed: &Listed,
+        pace: &dyn Fn(usize),
+    ) -> io::Result<FileEntry> {
+        if let Some(known) = self.known(session, listed) {
+            return Ok(known);
+        }
+        let changed = || io::Error::other(format!("{} changes while it is read", listed.path));
+        let (mut file, before) = listing::open(&session.folder, &listed.path)?;
+        if before != listed.stamp {
+            return Err(changed());
+        }
+        let mut hasher = blake3::Hasher::new();
+        let mut block = vec![0; BLOCK];
+        loop {
+            match file.read(&mut block) {
+                Ok(0) => break,
+                Ok(n) => {
+                    hasher.update(&block[..n]);
+                    pace(n);
+                }
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
+                Err(e) => return Err(e),
+            }
+        }
+        let blake3 = hasher.finalize().to_hex().to_string();
+        let (_, after) = listing::open(&session.folder, &listed.path)?;
+        if after != before {
+            return Err(changed());
+        }
+        let files = &mut *self.lock();
+        let files = files.entry(session.name.clone()).or_default();
+        files.insert(listed.path.clone(), (after, blake3.clone()));
+        Ok(entry(listed, blake3))
+    }
+}
+
+fn entry(listed: &Listed, blake3: String) -> FileEntry {
+    FileEntry {
+        path: listed.path.clone(),
+        bytes: listed.stamp.bytes,
+        modified_ns: listed.stamp.modified_ns,
+        blake3,
+    }
+}

@@ -1,0 +1,159 @@
+//! The secret that phone and host share with the rig.
+//!
+//! It is compared in constant time, over hashes, so that neither length nor content leaks through
+//! time. It is never printed and never logged.
+
+use std::fmt;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use subtle::ConstantTimeEq;
+
+/// Fewest characters.
+pub const MIN_LENGTH: usize = 16;
+/// Most characters.
+pub const MAX_LENGTH: usize = 256;
+/// Fewest different characters: `aaaaaaaaaaaaaaaa` is no secret.
+const MIN_DIFFERENT: usize = 6;
+
+/// A secret of [`MIN_LENGTH`] to [`MAX_LENGTH`] visible ASCII characters.
+#[derive(Clone)]
+pub struct Token(String);
+
+/// Why a text is no token. The text is not repeated.
+#[derive(Debug, thiserror::Error)]
+pub enum TokenError {
+    /// Make a longer one, as with `openssl rand -hex 16`.
+    #[error(
+        "the token has {found} characters, expected {MIN_LENGTH} to {MAX_LENGTH} (`openssl rand -hex 16` makes one)"
+    )]
+    Length {
+        /// Characters found.
+        found: usize,
+    },
+    /// It holds a space, a control character or a letter outside ASCII.
+    #[error("the token has a character at position {position} that is not visible ASCII")]
+    Character {
+        /// Position, from 1.
+        position: usize,
+    },
+    /// Make a better one, as with `openssl rand -hex 16`.
+    #[error(
+        "the token is made of {found} different characters, expected at least {MIN_DIFFERENT} (`openssl rand -hex 16` makes one)"
+    )]
+    Simple {
+        /// Different characters found.
+        found: usize,
+    },
+    /// The file cannot be read.
+    #[error("reading the token: {}", .path.display())]
+    Io {
+        /// What failed.
+        #[source]
+        source: io::Error,
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+impl Token {
+    /// The token in a text; line breaks and spaces around it do not count.
+    ///
+    /// # Errors
+    /// See [`TokenError`].
+    pub fn new(text: &str) -> Result<Self, TokenError> {
+        let text = text.trim();
+        if let Some(at) = text.chars().position(|c| !c.is_ascii_graphic()) {
+            return Err(TokenError::Character { position: at + 1 });
+        }
+        if !(MIN_LENGTH..=MAX_LENGTH).contains(&text.len()) {
+            return Err(TokenError::Length { found: text.len() });
+        }
+        let mut different: Vec<u8> = text.bytes().collect();
+        different.sort_unstable();
+        different.dedup();
+        if different.len() < MIN_DIFFERENT {
+            return Err(TokenError::Simple {
+                found: different.len(),
+            });
+        }
+        Ok(Self(text.to_owned()))
+    }
+
+    /// The token in a file.
+    ///
+    /// # Errors
+    /// See [`TokenError`].
+    pub fn read(path: &Path) -> Result<Self, TokenError> {
+        let text = fs::read_to_string(path).map_err(|source| TokenError::Io {
+            source,
+            path: path.to_owned(),
+        })?;
+        Self::new(&text)
+    }
+
+    /// Whether `given` is this token.
+    pub fn is(&self, given: &[u8]) -> bool {
+        let hash = |bytes: &[u8]| *blake3::hash(bytes).as_bytes();
+        hash(self.0.as_bytes()).ct_eq(&hash(given)).into()
+    }
+
+    /// What stands for the token in a browser's cookie: derived from it, so that it lives as long as the
+    /// token, and the token cannot be had from it.
+    pub(crate) fn cookie(&self) -> String {
+        let key = blake3::derive_key("rig link v1, cookie of the page", self.0.as_bytes());
+        blake3::Hash::from(key).to_hex().to_string()
+    }
+
+    /// Whether `given` is [`Self::cookie`].
+    pub(crate) fn is_cookie(&self, given: &[u8]) -> bool {
+        self.cookie().as_bytes().ct_eq(given).into()
+    }
+
+    /// The secret itself, to be sent over a connection whose other end is known.
+    pub(crate) fn secret(&self) -> &str {
+        &self.0
+    }
+}
+
+impl fmt::Debug for Token {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Token(not shown)")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tokens_are_long_and_visible_and_kept_to_themselves() {
+        let good = "0123456789abcdef";
+        let token = Token::new(&format!(" {good}\n")).unwrap();
+        assert!(token.is(good.as_bytes()));
+        for wrong in [
+            "",
+            "0123456789abcde",
+            "0123456789abcdeF",
+            "0123456789abcdef\n",
+        ] {
+            assert!(!token.is(wrong.as_bytes()), "{wrong:?}");
+        }
+        assert!(token.is_cookie(token.cookie().as_bytes()));
+        assert!(!token.is_cookie(good.as_bytes()));
+        assert!(!token.is_cookie(b""));
+        assert!(!format!("{token:?}").contains("0123"));
+        for (bad, part) in [
+            ("short", "5 characters"),
+            ("", "0 characters"),
+            ("0123456789 abcdef", "position 11"),
+            ("0123456789abcde\u{e9}", "position 16"),
+            ("abababababababababab", "2 different"),
+            (&"0123456789abcdef".repeat(17), "272 characters"),
+        ] {
+            let error = Token::new(bad).unwrap_err().to_string();
+            assert!(error.contains(part), "{error}");
+        }
+    }
+}
