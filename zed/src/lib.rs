@@ -1,1 +1,22 @@
-//! ZED cameras over USB: the microcontroller's reports, frame sync, serial numbers.
+//! ZED cameras over USB: what Stereolabs' USB cameras have that other cameras do not.
+//!
+//! A ZED Mini is two USB devices: a camera, which any V4L2 program can read, and a microcontroller with an IMU, which speaks
+//! HID. Here is the second one, and what ties the two together:
+//!
+//! * [`report`], [`command`]: the microcontroller's bytes, pure;
+//! * [`number`]: numbers for samples that come without one, so that a lost one is seen;
+//! * [`imu`]: the driver: start, keep alive, watch, restart, reopen;
+//! * [`frame_sync`]: what the IMU's clock means on the camera's, from frame-sync flags;
+//! * [`camera`]: modes, USB identities, settings, serial number, the switch of frame sync.
+//!
+//! Time comes in as an argument everywhere, in nanoseconds of CLOCK_MONOTONIC.
+//!
+//! Nothing here was ever run on a real camera. What it is tested on: recorded facts of the protocol, a simulated
+//! device in this process, and one behind the kernel's own HID drivers in a virtual machine.
+
+pub mod camera;
+pub mod command;
+pub mod frame_sync;
+pub mod imu;
+pub mod number;
+pub mod report;
