@@ -332,7 +332,9 @@ impl Client {
                 if response.status() != StatusCode::PARTIAL_CONTENT || found != expected {
                     return Err(LinkError::Garbled {
                         doing: doing.clone(),
-                        reason: format!("Content-Range is {found:?}, expected {expected:?}"),
+                        reason: format!(
+                            "the rig sends {found:?}, expected {expected:?}; did the file change?"
+                        ),
                         address: self.address.clone(),
                     }
                     .into());
@@ -455,7 +457,7 @@ impl Client {
             .saturating_mul(1 << (tries.0 - 1).min(16));
         let pause = doubled.min(self.patience.longest_pause);
         let pause = pause.max(asked.unwrap_or_default().min(MAX_RETRY_AFTER));
-        self.runtime.block_on(sleep(pause));
+        self.runtime.block_on(async { sleep(pause).await });
         Ok(())
     }
 

@@ -1,0 +1,769 @@
+//! Clients that mean harm, and clients that are broken. Whatever they do, they get an error or are cut
+//! off, and the next one is served.
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+
+use rig_link::identity::Identity;
+use rig_link::rig::Action;
+use rig_link::server::{Limits, ServeError, Settings, serve};
+
+use crate::support::{Options, Setup, TOKEN, bearer, read, start, status, token};
+
+/// Any of these, and nothing of the file.
+fn refused(setup: &Setup, what: &str, answer: &str) {
+    let status = status(answer);
+    assert!(matches!(status, 0 | 400..=499 | 505), "{what}: {answer}");
+    assert!(
+        !answer.contains("the secret") && !answer.contains("root:"),
+        "{what}: {answer}"
+    );
+    setup.is_well();
+}
+
+#[test]
+fn off_loopback_it_starts_with_tls_and_token_only() {
+    let setup = start(Options::default());
+    let identity = || Some(Identity::load_or_create(&setup.identity).unwrap());
+    for bind in [
+        "0.0.0.0:0",
+        "[::]:0",
+        "10.1.2.3:0",
+        "[2001:db8::1]:0",
+        "[::ffff:10.0.0.1]:0",
+    ] {
+        let bind = bind.parse().unwrap();
+        let start = |identity, token| {
+            let settings = Settings {
+                bind,
+                identity,
+                token,
+                ..Settings::default()
+            };
+            serve(settings, setup.rig.clone())
+        };
+        let error = start(identity(), None).unwrap_err();
+        assert!(matches!(error, ServeError::NoToken { .. }), "{error}");
+        let error = start(None, Some(token())).unwrap_err();
+        assert!(matches!(error, ServeError::NoIdentity { .. }), "{error}");
+        assert!(start(None, None).is_err());
+    }
+    // On loopback neither is needed, and the mapped form of it is loopback, too.
+    for bind in ["127.0.0.1:0", "[::ffff:127.0.0.1]:0"] {
+        let settings = Settings {
+            bind: bind.parse().unwrap(),
+            ..Settings::default()
+        };
+        assert!(serve(settings, setup.rig.clone()).is_ok(), "{bind}");
+    }
+    let all = Settings {
+        bind: "0.0.0.0:0".parse().unwrap(),
+        identity: identity(),
+        token: Some(token()),
+        ..Settings::default()
+    };
+    assert!(
+        serve(all, setup.rig.clone())
+            .unwrap()
+            .url()
+            .starts_with("https://")
+    );
+}
+
+#[test]
+fn no_path_leads_out_of_a_session() {
+    let setup = start(Options::default());
+    let good = setup.get("/api/sessions/walk-1/files/rig/rig.toml");
+    assert_eq!(status(&good), 200);
+    assert!(good.ends_with("revision = 1\n"), "{good}");
+    let outside = [
+        "../../secret",
+        "..%2f..%2fsecret",
+        "..%2F..%2Fsecret",
+        "%2e%2e/%2e%2e/secret",
+        "%2e%2e%2f%2e%2e%2fsecret",
+        "%252e%252e%252f%252e%252e%252fsecret",
+        "..%252f..%252fsecret",
+        "....//....//secret",
+        "..;/..;/secret",
+        "..\\..\\secret",
+        "..%5c..%5csecret",
+        "%c0%ae%c0%ae/%c0%ae%c0%ae/secret",
+        "%e0%80%ae%e0%80%ae/secret",
+        "..%c0%af..%c0%afsecret",
+        "%uff0e%uff0e/secret",
+        "rig/../../../secret",
+        "rig/..%2f..%2f..%2fsecret",
+        "/etc/passwd",
+        "%2fetc%2fpasswd",
+        "//etc/passwd",
+        "file:///etc/passwd",
+        "rig/rig.toml%00",
+        "%00",
+        "rig%00/rig.toml",
+        "rig/rig.toml/",
+        "rig/./rig.toml",
+        "./rig/rig.toml",
+        "rig//rig.toml",
+        "RIG/rig.toml",
+        "rig",
+        "",
+        ".",
+        "..",
+        "~/secret",
+        "rig/rig.toml%0d%0aX: y",
+        "rig/rig.toml#x",
+        "rig/rig.toml;x",
+        "rig%2frig.toml%2f..",
+        "index.bin",
+        "%e2%80%a5/secret",
+    ];
+    for path in outside {
+        for address in [
+            format!("/api/sessions/walk-1/files/{path}"),
+            format!("/api/sessions/{path}/manifest"),
+            format!("/api/sessions/{path}/files/rig/rig.toml"),
+            format!("/{path}"),
+        ] {
+            refused_or_page(&setup, &address);
+        }
+    }
+}
+
+/// Nothing outside the sessions; `/` and the like may be the page.
+fn refused_or_page(setup: &Setup, address: &str) {
+    let answer = setup.get(address);
+    assert!(
+        !answer.contains("the secret") && !answer.contains("root:"),
+        "{address}: {answer}"
+    );
+    let page = ["/", "/#", "/."].contains(&address);
+    let anchor = address.contains('#');
+    assert!(
+        page || anchor || matches!(status(&answer), 0 | 400..=499),
+        "{address}: {answer}"
+    );
+}
+
+#[test]
+fn heads_that_are_none_or_too_much() {
+    let setup = start(Options::default());
+    let host = setup.server.address();
+    let line = |line: &str| format!("{line}\r\nHost: {host}\r\nConnection: close\r\n\r\n");
+    let many: String = (0..200).map(|i| format!("X-{i}: y\r\n")).collect();
+    let cases: Vec<(&str, Vec<u8>)> = vec![
+        ("HTTP/0.9", b"GET /\r\n".to_vec()),
+        ("HTTP/0.9 without CR", b"GET /\n\n".to_vec()),
+        ("HTTP/1.0", line("GET /api/status HTTP/1.0").into()),
+        ("HTTP/2 preface", b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n".to_vec()),
+        ("HTTP/9.9", line("GET / HTTP/9.9").into()),
+        ("no Host", b"GET /api/status HTTP/1.1\r\n\r\n".to_vec()),
+        ("two Hosts", format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\nHost: {host}\r\n\r\n").into()),
+        ("another Host", b"GET /api/status HTTP/1.1\r\nHost: evil.example\r\n\r\n".to_vec()),
+        ("Host of a neighbour", b"GET /api/status HTTP/1.1\r\nHost: 10.0.0.1:8077\r\n\r\n".to_vec()),
+        ("a proxy", line("GET http://127.0.0.1/api/status HTTP/1.1").into()),
+        ("a tunnel", line("CONNECT 127.0.0.1:22 HTTP/1.1").into()),
+        ("the star", line("OPTIONS * HTTP/1.1").into()),
+        ("TRACE", line("TRACE /api/status HTTP/1.1").into()),
+        ("PUT", line("PUT /api/sessions HTTP/1.1").into()),
+        ("DELETE", line("DELETE /api/sessions/walk-1 HTTP/1.1").into()),
+        ("lower case", line("get /api/status HTTP/1.1").into()),
+        ("a null in the path", line("GET /api/\0status HTTP/1.1").into()),
+        ("a null in a header", format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\nX: a\0b\r\n\r\n").into()),
+        ("a long path", line(&format!("GET /{} HTTP/1.1", "a".repeat(8000))).into()),
+        ("a huge path", line(&format!("GET /{} HTTP/1.1", "a".repeat(1 << 20))).into()),
+        ("a huge header", format!("GET / HTTP/1.1\r\nHost: {host}\r\nX: {}\r\n\r\n", "a".repeat(1 << 20)).into()),
+        ("many headers", format!("GET / HTTP/1.1\r\nHost: {host}\r\n{many}\r\n").into()),
+        ("a folded header", format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\nX: a\r\n b\r\n\r\n").into()),
+        ("a space before the colon", format!("GET /api/status HTTP/1.1\r\nHost : {host}\r\n\r\n").into()),
+        ("no header at all", b"GET /api/status HTTP/1.1\r\n\r\n\r\n\r\n".to_vec()),
+        ("garbage", (0..=255).cycle().take(100_000).collect()),
+        ("nulls", vec![0; 100_000]),
+        ("TLS", b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03".to_vec()),
+        ("SSH", b"SSH-2.0-OpenSSH_9.2\r\n".to_vec()),
+        ("a body with GET", format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\nContent-Length: 5\r\n\r\nhello").into()),
+        (
+            "smuggled lengths",
+            format!("POST /api/act HTTP/1.1\r\nHost: {host}\r\nX-Rig-Link: 1\r\nContent-Type: application/json\r\nContent-Length: 5\r\nContent-Length: 6\r\n\r\nhello").into(),
+        ),
+        (
+            "two kinds of length",
+            format!("POST /api/act HTTP/1.1\r\nHost: {host}\r\nContent-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n").into(),
+        ),
+        (
+            "a negative length",
+            format!("POST /api/act HTTP/1.1\r\nHost: {host}\r\nContent-Length: -1\r\n\r\n").into(),
+        ),
+        (
+            "a bad chunk",
+            format!("POST /api/act HTTP/1.1\r\nHost: {host}\r\nX-Rig-Link: 1\r\nContent-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\nffffffffffffffffff\r\nx").into(),
+        ),
+    ];
+    for (what, bytes) in cases {
+        refused(&setup, what, &setup.raw(&bytes));
+    }
+    assert_eq!(setup.rig.actions(), []);
+}
+
+#[test]
+fn what_follows_garbage_is_not_answered() {
+    let setup = start(Options::default());
+    let host = setup.server.address();
+    let stop = "{\"do\":\"stop\"}";
+    let hidden = format!(
+        "POST /api/act HTTP/1.1\r\nHost: {host}\r\nX-Rig-Link: 1\r\nContent-Type: application/json\r\nContent-Length: {}\r\n\r\n{stop}",
+        stop.len()
+    );
+    for first in [
+        // A body that nobody asked for must not be read as a request.
+        format!(
+            "GET /api/status HTTP/1.1\r\nHost: {host}\r\nContent-Length: {}\r\n\r\n",
+            hidden.len()
+        ),
+        format!(
+            "GET /nothing HTTP/1.1\r\nHost: {host}\r\nContent-Length: {}\r\n\r\n",
+            hidden.len()
+        ),
+        format!(
+            "GET /api/status HTTP/1.1\r\nHost: evil.example\r\nContent-Length: {}\r\n\r\n",
+            hidden.len()
+        ),
+        "\0\0garbage\r\n\r\n".to_owned(),
+        format!("BREW /api/status HTTP/1.1\r\nHost: {host}\r\n\r\n"),
+    ] {
+        setup.raw(format!("{first}{hidden}"));
+        assert_eq!(setup.rig.actions(), [], "{first}");
+    }
+    // Pipelining itself is fine.
+    let one = format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\n\r\n");
+    let last = format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n");
+    let answers = setup.raw(format!("{}{last}", one.repeat(20)));
+    assert_eq!(answers.matches("HTTP/1.1 200").count(), 21);
+}
+
+#[test]
+fn bodies_that_are_no_orders() {
+    let setup = start(Options::default());
+    let link = "X-Rig-Link: 1\r\n";
+    for body in [
+        "",
+        "{",
+        "[]",
+        "null",
+        "{}",
+        "{\"do\":\"explode\"}",
+        "{\"do\":\"start\",\"name\":5}",
+        "{\"do\":\"start\",\"name\":\"a\\u0000b\"}",
+        "{\"do\":\"mark\",\"text\":\"a\\nb\"}",
+        "\u{0}",
+        "{\"do\":\"stop\"}{\"do\":\"stop\"}",
+        &format!("{{\"do\":\"mark\",\"text\":\"{}\"}}", "x".repeat(201)),
+        &format!("{{\"do\":\"mark\",\"text\":\"{}\"}}", "x".repeat(100_000)),
+        &"[".repeat(10_000),
+    ] {
+        refused(&setup, body, &setup.post("/api/act", link, body));
+    }
+    let form =
+        "X-Rig-Link: 1\r\nContent-Type: application/x-www-form-urlencoded\r\nContent-Length: 7\r\n";
+    refused(
+        &setup,
+        "a form",
+        &setup.request("POST /api/act", form, "do=stop"),
+    );
+    let endless =
+        "X-Rig-Link: 1\r\nContent-Type: application/json\r\nContent-Length: 99999999999\r\n";
+    refused(
+        &setup,
+        "endless",
+        &setup.request("POST /api/act", endless, &" ".repeat(200_000)),
+    );
+    assert_eq!(setup.rig.actions(), []);
+    let mark = setup.post(
+        "/api/act",
+        link,
+        "{\"do\":\"mark\",\"text\":\"stairs \u{e4}\"}",
+    );
+    assert_eq!(status(&mark), 409, "{mark}");
+    assert!(mark.contains("nothing is being recorded"), "{mark}");
+    assert_eq!(
+        setup.rig.actions(),
+        [Action::Mark {
+            text: "stairs \u{e4}".to_owned()
+        }]
+    );
+}
+
+#[test]
+fn other_sites_pages_can_do_and_see_nothing() {
+    let setup = start(Options::default());
+    let host = setup.server.address();
+    let stop = "{\"do\":\"stop\"}";
+    for headers in [
+        "",
+        "Origin: https://evil.example\r\n",
+        "Origin: https://evil.example\r\nX-Rig-Link: 1\r\n",
+        "Origin: null\r\n",
+        &format!("Origin: https://{host}\r\n"),
+        &format!("Origin: http://{host}\r\nSec-Fetch-Site: cross-site\r\n"),
+        "Sec-Fetch-Site: same-site\r\nX-Rig-Link: 1\r\n",
+        "Sec-Fetch-Site: none\r\n",
+    ] {
+        let answer = setup.post("/api/act", headers, stop);
+        assert_eq!(status(&answer), 403, "{headers}: {answer}");
+    }
+    assert_eq!(setup.rig.actions(), []);
+    for path in [
+        "/api/status",
+        "/api/preview/0",
+        "/api/sessions",
+        "/api/sessions/walk-1/manifest",
+    ] {
+        for site in ["cross-site", "same-site"] {
+            let answer = setup.request(
+                &format!("GET {path}"),
+                &format!("Sec-Fetch-Site: {site}\r\n"),
+                "",
+            );
+            assert_eq!(status(&answer), 403, "{path}");
+        }
+        let answer = setup.get(path);
+        assert_eq!(status(&answer), 200, "{path}");
+        assert!(
+            !answer.to_lowercase().contains("access-control-allow"),
+            "{path}"
+        );
+    }
+    let preflight = setup.request(
+        "OPTIONS /api/act",
+        "Origin: https://evil.example\r\nAccess-Control-Request-Method: POST\r\n",
+        "",
+    );
+    assert_eq!(status(&preflight), 405);
+    // Our own page may.
+    let own = format!("Origin: http://{host}\r\nSec-Fetch-Site: same-origin\r\n");
+    setup.post("/api/act", &own, stop);
+    assert_eq!(setup.rig.actions(), [Action::Stop]);
+}
+
+#[test]
+fn every_answer_has_the_headers_that_keep_browsers_in_check() {
+    let setup = start(Options {
+        token: true,
+        ..Options::default()
+    });
+    for path in [
+        "/",
+        "/app.js",
+        "/style.css",
+        "/icon.svg",
+        "/nothing",
+        "/api/status",
+        "/api/preview/0",
+    ] {
+        let answer = setup.get(path).to_lowercase();
+        for header in [
+            "content-security-policy: default-src 'none'; script-src 'self';",
+            "frame-ancestors 'none'",
+            "x-content-type-options: nosniff",
+            "x-frame-options: deny",
+            "referrer-policy: no-referrer",
+            "cache-control: no-store",
+            "cross-origin-resource-policy: same-origin",
+            "cross-origin-opener-policy: same-origin",
+        ] {
+            assert!(answer.contains(header), "{path} lacks {header}: {answer}");
+        }
+    }
+}
+
+#[test]
+fn without_the_token_there_is_the_page_and_nothing_else() {
+    let limits = Limits {
+        wrong_token_pause: Duration::from_millis(300),
+        ..Limits::default()
+    };
+    let setup = start(Options {
+        token: true,
+        limits,
+        ..Options::default()
+    });
+    for path in ["/", "/app.js", "/style.css", "/icon.svg"] {
+        assert_eq!(status(&setup.get(path)), 200, "{path}");
+    }
+    for path in [
+        "/api/status",
+        "/api/preview/0",
+        "/api/sessions",
+        "/api/sessions/walk-1/manifest",
+        "/api/sessions/walk-1/files/session.json",
+        "/api/sessions/none/manifest",
+    ] {
+        let answer = setup.get(path);
+        assert_eq!(status(&answer), 401, "{path}");
+        assert!(answer.to_lowercase().contains("www-authenticate: bearer"));
+    }
+    for path in [
+        "/api/act",
+        "/api/sessions/walk-1/receipt",
+        "/api/sessions/walk-1/free",
+    ] {
+        let answer = setup.post(path, "X-Rig-Link: 1\r\n", "{\"do\":\"stop\"}");
+        assert_eq!(status(&answer), 401, "{path}");
+    }
+    assert_eq!(setup.rig.actions(), []);
+
+    let login = |token: &str| {
+        setup.post(
+            "/api/login",
+            "X-Rig-Link: 1\r\n",
+            &format!("{{\"token\":\"{token}\"}}"),
+        )
+    };
+    let answer = login(TOKEN);
+    assert_eq!(status(&answer), 204, "{answer}");
+    let cookie = answer
+        .lines()
+        .find_map(|l| l.strip_prefix("set-cookie: "))
+        .unwrap();
+    assert!(
+        cookie.contains("HttpOnly") && cookie.contains("SameSite=Strict"),
+        "{cookie}"
+    );
+    let cookie = format!("Cookie: {}\r\n", cookie.split(';').next().unwrap());
+    assert_eq!(status(&setup.request("GET /api/status", &cookie, "")), 200);
+    // The cookie alone does not let another site's page in.
+    let answer = setup.post(
+        "/api/act",
+        &format!("{cookie}Origin: https://evil.example\r\n"),
+        "{\"do\":\"stop\"}",
+    );
+    assert_eq!(status(&answer), 403);
+
+    // A wrong token costs time; meanwhile not even the right one is looked at.
+    assert_eq!(status(&login("wrong-wrong-wrong-wrong")), 401);
+    let answer = login(TOKEN);
+    assert_eq!(status(&answer), 429, "{answer}");
+    assert!(answer.to_lowercase().contains("retry-after: 1"), "{answer}");
+    assert_eq!(
+        status(&setup.request("GET /api/status", &bearer(TOKEN), "")),
+        429
+    );
+    // Who has the cookie is not disturbed.
+    assert_eq!(status(&setup.request("GET /api/status", &cookie, "")), 200);
+    std::thread::sleep(Duration::from_millis(350));
+    assert_eq!(
+        status(&setup.request("GET /api/status", &bearer(TOKEN), "")),
+        200
+    );
+    let out = setup.post("/api/logout", "X-Rig-Link: 1\r\n", "");
+    assert!(out.contains("Max-Age=0"), "{out}");
+}
+
+#[test]
+fn guessing_tokens_gets_slower_and_slower() {
+    let limits = Limits {
+        wrong_token_pause: Duration::from_millis(50),
+        ..Limits::default()
+    };
+    let setup = start(Options {
+        token: true,
+        limits,
+        ..Options::default()
+    });
+    let begin = Instant::now();
+    let mut looked_at = 0;
+    while begin.elapsed() < Duration::from_secs(2) {
+        let answer = setup.request("GET /api/status", &bearer("wrong-wrong-wrong-wrong"), "");
+        match status(&answer) {
+            401 => looked_at += 1,
+            429 => {}
+            _ => panic!("{answer}"),
+        }
+    }
+    // Pauses of 50, 100, 200, 400, 800, 1600 ms: at most six in two seconds.
+    assert!((3..=6).contains(&looked_at), "{looked_at}");
+}
+
+#[test]
+fn too_many_requests_are_refused_and_then_served_again() {
+    let limits = Limits {
+        requests_per_s: 10,
+        request_burst: 20,
+        ..Limits::default()
+    };
+    let setup = start(Options {
+        limits,
+        ..Options::default()
+    });
+    let statuses: Vec<u16> = (0..60).map(|_| status(&setup.get("/"))).collect();
+    assert!(statuses[..20].iter().all(|s| *s == 200), "{statuses:?}");
+    assert!(statuses.contains(&429), "{statuses:?}");
+    std::thread::sleep(Duration::from_millis(300));
+    setup.is_well();
+}
+
+#[test]
+fn slow_heads_and_bodies_are_cut_off_and_hold_nobody_up() {
+    let limits = Limits {
+        head_time: Duration::from_millis(700),
+        connections_per_peer: 40,
+        ..Limits::default()
+    };
+    let setup = start(Options {
+        limits,
+        ..Options::default()
+    });
+    let host = setup.server.address();
+    let head = format!(
+        "POST /api/act HTTP/1.1\r\nHost: {host}\r\nX-Rig-Link: 1\r\nContent-Type: application/json\r\nContent-Length: 100\r\n\r\n"
+    );
+    let mut slow: Vec<TcpStream> = Vec::new();
+    for i in 0..30 {
+        let mut stream = TcpStream::connect(host).unwrap();
+        let begin = match i % 3 {
+            0 => "",
+            1 => "GET /api/status HTTP/1.1\r\nX-Slow: ",
+            _ => head.as_str(),
+        };
+        stream.write_all(begin.as_bytes()).unwrap();
+        slow.push(stream);
+    }
+    let begin = Instant::now();
+    while begin.elapsed() < Duration::from_millis(1500) {
+        for stream in &mut slow {
+            let _ = stream.write_all(b" ");
+        }
+        setup.is_well();
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    for mut stream in slow {
+        stream
+            .set_read_timeout(Some(Duration::from_secs(2)))
+            .unwrap();
+        let text = String::from_utf8_lossy(&read(&mut stream)).into_owned();
+        assert!(matches!(status(&text), 0 | 400 | 408), "{text}");
+        // It is closed, not only silent.
+        assert!(!matches!(stream.read(&mut [0]), Ok(1)), "{text}");
+    }
+    assert_eq!(setup.rig.actions(), []);
+}
+
+#[test]
+fn an_idle_connection_is_closed() {
+    let limits = Limits {
+        head_time: Duration::from_millis(500),
+        ..Limits::default()
+    };
+    let setup = start(Options {
+        limits,
+        ..Options::default()
+    });
+    let host = setup.server.address();
+    let mut stream = TcpStream::connect(host).unwrap();
+    stream
+        .set_read_timeout(Some(Duration::from_secs(5)))
+        .unwrap();
+    let request = format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\n\r\n");
+    stream.write_all(request.as_bytes()).unwrap();
+    let begin = Instant::now();
+    let answer = read(&mut stream);
+    assert!(answer.starts_with(b"HTTP/1.1 200"));
+    assert!(
+        begin.elapsed() < Duration::from_secs(3),
+        "{:?}",
+        begin.elapsed()
+    );
+}
+
+#[test]
+fn who_takes_nothing_is_cut_off() {
+    let limits = Limits {
+        stall_time: Duration::from_millis(700),
+        ..Limits::default()
+    };
+    let setup = start(Options {
+        limits,
+        ..Options::default()
+    });
+    let path = setup.root.join("walk-2/rig/large.bin");
+    std::fs::write(&path, vec![7; 64 << 20]).unwrap();
+    let host = setup.server.address();
+    let request =
+        format!("GET /api/sessions/walk-2/files/rig/large.bin HTTP/1.1\r\nHost: {host}\r\n\r\n");
+    let mut streams: Vec<TcpStream> = (0..8)
+        .map(|_| {
+            let mut stream = TcpStream::connect(host).unwrap();
+            stream.write_all(request.as_bytes()).unwrap();
+            stream
+        })
+        .collect();
+    for _ in 0..15 {
+        setup.is_well();
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    for stream in &mut streams {
+        stream
+            .set_read_timeout(Some(Duration::from_secs(2)))
+            .unwrap();
+        let got = read(stream).len();
+        assert!(got < 64 << 20, "{got} bytes came, so it was never cut off");
+    }
+}
+
+#[test]
+fn many_connections_leave_room_for_others() {
+    let limits = Limits {
+        connections: 12,
+        connections_per_peer: 12,
+        head_time: Duration::from_secs(3),
+        ..Limits::default()
+    };
+    let setup = start(Options {
+        limits,
+        ..Options::default()
+    });
+    let host = setup.server.address();
+    let begin = Instant::now();
+    let mut held: Vec<TcpStream> = (0..200)
+        .filter_map(|_| TcpStream::connect(host).ok())
+        .collect();
+    // Full: the next one is sent away, not left waiting.
+    let asked = Instant::now();
+    let answer = setup.get("/api/status");
+    if begin.elapsed() < Duration::from_secs(3) {
+        assert_eq!(status(&answer), 0);
+        assert!(asked.elapsed() < Duration::from_secs(1));
+    }
+    // The silent ones are cut off before long.
+    eventually(|| status(&setup.get("/api/status")) == 200);
+    held.clear();
+    eventually(|| status(&setup.get("/api/status")) == 200);
+
+    let limits = Limits {
+        connections: 12,
+        connections_per_peer: 4,
+        ..Limits::default()
+    };
+    let setup = start(Options {
+        limits,
+        ..Options::default()
+    });
+    let held: Vec<TcpStream> = (0..8)
+        .map(|_| TcpStream::connect(setup.server.address()).unwrap())
+        .collect();
+    assert_eq!(
+        status(&setup.get("/api/status")),
+        0,
+        "one peer has more than its share"
+    );
+    drop(held);
+    eventually(|| status(&setup.get("/api/status")) == 200);
+}
+
+/// Within ten seconds.
+fn eventually(done: impl Fn() -> bool) {
+    let begin = Instant::now();
+    while !done() {
+        assert!(begin.elapsed() < Duration::from_secs(10));
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+#[test]
+fn ranges_are_within_the_file_or_nothing() {
+    let setup = start(Options::default());
+    let path = "GET /api/sessions/walk-1/files/rig/rig.toml";
+    let whole = "revision = 1\n";
+    for (range, expected, body) in [
+        ("bytes=0-", 206, whole),
+        ("bytes=0-3", 206, "revi"),
+        ("bytes=11-", 206, "1\n"),
+        ("bytes=-2", 206, "1\n"),
+        ("bytes=-999", 206, whole),
+        ("bytes=5-99999999999999999999999", 206, "ion = 1\n"),
+        ("bytes=13-", 416, ""),
+        ("bytes=18446744073709551615-", 416, ""),
+        ("bytes=-0", 416, ""),
+        ("bytes=3-1", 200, whole),
+        ("bytes=0-0,2-2,4-4", 200, whole),
+        (&format!("bytes={}", "0-,".repeat(1000)), 200, whole),
+        ("lines=1-2", 200, whole),
+        ("bytes=0x1-0x2", 200, whole),
+        ("bytes=-1-2", 200, whole),
+    ] {
+        let answer = setup.request(path, &format!("Range: {range}\r\n"), "");
+        assert_eq!(status(&answer), expected, "{range}: {answer}");
+        if expected != 416 {
+            assert_eq!(answer.split("\r\n\r\n").nth(1), Some(body), "{range}");
+        } else {
+            assert!(
+                answer.to_lowercase().contains("content-range: bytes */13"),
+                "{answer}"
+            );
+        }
+    }
+    let answer = setup.request(path, "Range: bytes=3-\r\nIf-Range: \"old\"\r\n", "");
+    assert_eq!(status(&answer), 200, "{answer}");
+    let head = setup.request(&path.replace("GET", "HEAD"), "", "");
+    assert!(head.to_lowercase().contains("content-length: 13"), "{head}");
+    assert!(!head.contains("revision"), "{head}");
+}
+
+#[test]
+fn what_is_being_recorded_is_seen_and_not_served() {
+    let setup = start(Options::default());
+    setup.rig.record(Some("walk-1"));
+    let list = setup.get("/api/sessions");
+    assert!(list.contains("\"state\":\"recording\""), "{list}");
+    for path in [
+        "manifest",
+        "files/session.json",
+        "files/segments/000000.mcap",
+        "files/nothing",
+    ] {
+        let answer = setup.get(&format!("/api/sessions/walk-1/{path}"));
+        assert_eq!(status(&answer), 409, "{path}");
+        assert!(answer.contains("\"code\":\"recording\""), "{answer}");
+    }
+    for path in ["receipt", "free"] {
+        let body = "{\"format\":\"rig-link-receipt\",\"version\":1,\"session_id\":\"x\",\"list\":\"x\",\"files\":1,\"bytes\":1,\"host\":\"x\",\"verified_ns\":1}";
+        let answer = setup.post(
+            &format!("/api/sessions/walk-1/{path}"),
+            "X-Rig-Link: 1\r\n",
+            body,
+        );
+        assert_eq!(status(&answer), 409, "{path}");
+        assert!(answer.contains("\"code\":\"recording\""), "{answer}");
+    }
+    assert_eq!(status(&setup.get("/api/sessions/walk-2/manifest")), 200);
+    setup.rig.record(None);
+    assert_eq!(status(&setup.get("/api/sessions/walk-1/manifest")), 200);
+}
+
+#[test]
+fn who_speaks_no_tls_to_a_tls_server_gets_nothing() {
+    let limits = Limits {
+        head_time: Duration::from_millis(500),
+        ..Limits::default()
+    };
+    let setup = start(Options {
+        tls: true,
+        token: true,
+        limits,
+        ..Options::default()
+    });
+    for bytes in [
+        &b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"[..],
+        b"",
+        b"\x16\x03\x01",
+        &[0; 50_000],
+    ] {
+        let answer = setup.raw(bytes);
+        assert!(
+            !answer.contains("HTTP/1.1") && !answer.contains("html"),
+            "{answer}"
+        );
+    }
+    assert_eq!(setup.client().sessions().unwrap().len(), 2);
+}

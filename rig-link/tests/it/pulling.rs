@@ -1,0 +1,401 @@
+//! Sessions over connections that break, and bytes that are not what they should be.
+
+use std::fs;
+use std::io::{Read, Write};
+use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use rig_link::client::{Client, LinkError, Patience};
+use rig_link::link::{Code, RECEIPT_FORMAT, Receipt, SessionState, Total, VERSION};
+use rig_link::server::Limits;
+
+use crate::support::{Options, Setup, impatient, start, token};
+
+/// Hands on what goes by, and does harm to what the server sends.
+struct Proxy {
+    address: SocketAddr,
+    connections: Arc<AtomicUsize>,
+}
+
+/// What happens on connection number `n`: cut off after so many bytes of the server's, or the bytes changed.
+type Harm = dyn Fn(usize) -> (usize, Option<usize>) + Send + Sync;
+
+impl Proxy {
+    fn new(to: SocketAddr, harm: Box<Harm>) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        let connections = Arc::new(AtomicUsize::new(0));
+        let count = connections.clone();
+        std::thread::spawn(move || {
+            for client in listener.incoming() {
+                let Ok(client) = client else { return };
+                let n = count.fetch_add(1, Ordering::SeqCst);
+                let (cut, flip) = harm(n);
+                std::thread::spawn(move || carry(client, to, cut, flip));
+            }
+        });
+        Self {
+            address,
+            connections,
+        }
+    }
+
+    fn client(&self) -> Client {
+        let address = format!("http://{}", self.address).parse().unwrap();
+        Client::new(address, None, Some(token()), impatient()).unwrap()
+    }
+}
+
+fn carry(client: TcpStream, to: SocketAddr, mut cut: usize, mut flip: Option<usize>) {
+    let server = TcpStream::connect(to).unwrap();
+    let (mut from, mut into) = (client.try_clone().unwrap(), server.try_clone().unwrap());
+    std::thread::spawn(move || {
+        let _ = std::io::copy(&mut from, &mut into);
+        let _ = into.shutdown(Shutdown::Both);
+    });
+    let (mut from, mut into) = (server, client);
+    let mut block = [0; 10_000];
+    while let Ok(n) = from.read(&mut block) {
+        let n = n.min(cut);
+        cut -= n;
+        if let Some(at) = &mut flip {
+            if *at < n {
+                block[*at] ^= 1;
+                flip = None;
+            } else {
+                *at -= n;
+            }
+        }
+        if n == 0 || into.write_all(&block[..n]).is_err() || cut == 0 {
+            break;
+        }
+    }
+    let _ = into.shutdown(Shutdown::Both);
+    let _ = from.shutdown(Shutdown::Both);
+}
+
+fn receipt(session_id: &str, total: &Total) -> Receipt {
+    Receipt {
+        format: RECEIPT_FORMAT.to_owned(),
+        version: VERSION,
+        session_id: session_id.to_owned(),
+        list: total.list.clone(),
+        files: total.files,
+        bytes: total.bytes,
+        host: "desk".to_owned(),
+        verified_ns: 1_790_000_000_000_000_000,
+    }
+}
+
+/// Fetches every file of `walk-2` and compares it.
+fn pull(setup: &Setup, client: &mut Client) -> Total {
+    let folder = tempfile::tempdir().unwrap();
+    let manifest = client.manifest("walk-2", |_| {}).unwrap();
+    for (i, entry) in manifest.files.iter().enumerate() {
+        let path = folder.path().join(i.to_string());
+        let mut told = 0;
+        client
+            .download("walk-2", entry, &path, |n| told += n)
+            .unwrap();
+        let expected = fs::read(setup.root.join("walk-2").join(&entry.path)).unwrap();
+        assert!(fs::read(&path).unwrap() == expected, "{}", entry.path);
+        assert_eq!(told, entry.bytes);
+    }
+    manifest.total
+}
+
+#[test]
+fn a_session_is_fetched_received_and_freed() {
+    for tls in [false, true] {
+        let setup = start(Options {
+            tls,
+            token: true,
+            ..Options::default()
+        });
+        fs::write(setup.root.join("walk-2/rig/empty"), "").unwrap();
+        fs::write(setup.root.join("walk-2/rig/odd name%2f\u{e4}#?.yaml"), "x").unwrap();
+        let mut client = setup.client();
+        let sessions = client.sessions().unwrap();
+        let names: Vec<_> = sessions.iter().map(|s| s.name.as_str()).collect();
+        assert_eq!(names, ["walk-1", "walk-2"]);
+        assert_eq!(
+            (sessions[1].state, &sessions[1].receipt),
+            (SessionState::Closed, &None)
+        );
+        let total = pull(&setup, &mut client);
+        assert_eq!(
+            (total.bytes, total.files),
+            (sessions[1].bytes, sessions[1].files)
+        );
+
+        let refused = |result: Result<(), LinkError>| match result {
+            Err(LinkError::Refused { problem, .. }) => problem.code,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(refused(client.free("walk-2")), Code::NoReceipt);
+        let id = sessions[1].session_id.clone().unwrap();
+        let mut wrong = receipt(&id, &total);
+        wrong.list = "0".repeat(64);
+        assert_eq!(
+            refused(client.put_receipt("walk-2", &wrong)),
+            Code::ListDiffers
+        );
+        client.put_receipt("walk-2", &receipt(&id, &total)).unwrap();
+        let listed = client.sessions().unwrap().remove(1);
+        assert_eq!(listed.receipt, Some(receipt(&id, &total)));
+        // Something is added on the rig: the receipt is no longer for what is there.
+        let notes = setup.root.join("walk-2/rig/notes.txt");
+        fs::write(&notes, "rain").unwrap();
+        assert_eq!(refused(client.free("walk-2")), Code::ManifestFirst);
+        client.manifest("walk-2", |_| {}).unwrap();
+        assert_eq!(refused(client.free("walk-2")), Code::ListDiffers);
+        fs::remove_file(&notes).unwrap();
+        client.free("walk-2").unwrap();
+        assert!(!setup.root.join("walk-2").exists());
+        assert!(setup.root.join("walk-1").exists());
+        assert!(setup.root.join("receipts/walk-2.json").exists());
+        assert_eq!(refused(client.free("walk-2")), Code::NotFound);
+    }
+}
+
+#[test]
+fn a_connection_that_breaks_again_and_again_is_no_hindrance() {
+    let setup = start(Options::default());
+    // Every connection carries a little more, so that at last even the longest answer passes.
+    let proxy = Proxy::new(setup.server.address(), Box::new(|n| (700 + n * 9000, None)));
+    let mut client = proxy.client();
+    pull(&setup, &mut client);
+    let connections = proxy.connections.load(Ordering::SeqCst);
+    assert!(connections > 5, "{connections}");
+}
+
+#[test]
+fn a_connection_that_never_carries_anything_is_given_up() {
+    let setup = start(Options::default());
+    let proxy = Proxy::new(setup.server.address(), Box::new(|_| (0, None)));
+    let error = proxy.client().manifest("walk-2", |_| {}).unwrap_err();
+    assert!(matches!(error, LinkError::Lost { tries: 4, .. }), "{error}");
+    // Half an answer, always the same half: no progress either.
+    let proxy = Proxy::new(setup.server.address(), Box::new(|_| (900, None)));
+    let error = proxy.client().manifest("walk-2", |_| {}).unwrap_err();
+    assert!(matches!(error, LinkError::Lost { tries: 4, .. }), "{error}");
+}
+
+#[test]
+fn what_an_interrupted_download_left_is_used_if_it_is_right() {
+    let setup = start(Options::default());
+    let mut client = setup.client();
+    let manifest = client.manifest("walk-2", |_| {}).unwrap();
+    let entry = manifest
+        .files
+        .iter()
+        .find(|f| f.path.ends_with("mcap"))
+        .unwrap();
+    let whole = fs::read(setup.root.join("walk-2").join(&entry.path)).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("segment");
+    let half = whole.len() / 2;
+    let mut damaged = whole[..half].to_vec();
+    damaged[1000] ^= 1;
+    let longer = [&whole[..], b"more"].concat();
+    let length = whole.len() as u64;
+    for (there, resumed, fetched, wasted) in [
+        (&whole[..half], half as u64, length - half as u64, 0),
+        (&whole[..], length, 0, 0),
+        (&[][..], 0, length, 0),
+        // Wrong bytes in the first half: all over again.
+        (
+            &damaged[..],
+            0,
+            length - half as u64 + length,
+            length - half as u64,
+        ),
+        // Longer than it can be.
+        (&longer[..], 0, length, 0),
+    ] {
+        fs::write(&path, there).unwrap();
+        let done = client.download("walk-2", entry, &path, |_| {}).unwrap();
+        assert!(fs::read(&path).unwrap() == whole);
+        assert_eq!(
+            (done.resumed, done.fetched, done.wasted),
+            (resumed, fetched, wasted)
+        );
+    }
+}
+
+#[test]
+fn a_changed_byte_is_noticed_and_fetched_again_and_then_an_error() {
+    let setup = start(Options::default());
+    let mut client = setup.client();
+    let manifest = client.manifest("walk-2", |_| {}).unwrap();
+    let entry = manifest
+        .files
+        .iter()
+        .find(|f| f.path.ends_with("mcap"))
+        .unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("segment");
+    // On the first connection one byte is wrong; the second is cut off; the third is fine.
+    let harm = |n: usize| match n {
+        0 => (100_000, Some(50_000)),
+        _ => (usize::MAX, None),
+    };
+    let proxy = Proxy::new(setup.server.address(), Box::new(harm));
+    let done = proxy
+        .client()
+        .download("walk-2", entry, &path, |_| {})
+        .unwrap();
+    assert!(done.wasted > 0);
+    let whole = fs::read(setup.root.join("walk-2").join(&entry.path)).unwrap();
+    assert!(fs::read(&path).unwrap() == whole);
+
+    fs::remove_file(&path).unwrap();
+    let mut wrong = entry.clone();
+    wrong.blake3 = "0".repeat(64);
+    let error = client
+        .download("walk-2", &wrong, &path, |_| {})
+        .unwrap_err();
+    assert!(
+        matches!(&error, LinkError::Corrupt { found, .. } if *found == entry.blake3),
+        "{error}"
+    );
+    assert_eq!(fs::metadata(&path).unwrap().len(), 0);
+}
+
+#[test]
+fn a_file_that_changes_on_the_rig_is_told_apart() {
+    let setup = start(Options::default());
+    let mut client = setup.client();
+    let manifest = client.manifest("walk-2", |_| {}).unwrap();
+    let entry = manifest
+        .files
+        .iter()
+        .find(|f| f.path == "rig/rig.toml")
+        .unwrap();
+    fs::write(setup.root.join("walk-2/rig/rig.toml"), "revision = 22\n").unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rig.toml");
+    let error = client.download("walk-2", entry, &path, |_| {}).unwrap_err();
+    assert!(matches!(error, LinkError::Garbled { .. }), "{error}");
+    // The manifest is made anew for what changed.
+    let again = client.manifest("walk-2", |_| {}).unwrap();
+    assert_ne!(again.total, manifest.total);
+}
+
+#[test]
+fn what_is_being_recorded_cannot_be_pulled() {
+    let setup = start(Options::default());
+    setup.rig.record(Some("walk-2"));
+    let mut client = setup.client();
+    assert_eq!(client.sessions().unwrap()[1].state, SessionState::Recording);
+    match client.manifest("walk-2", |_| {}).unwrap_err() {
+        LinkError::Refused { problem, .. } => assert_eq!(problem.code, Code::Recording),
+        error => panic!("{error}"),
+    }
+}
+
+#[test]
+fn while_the_rig_records_the_disk_is_read_slowly() {
+    let limits = Limits {
+        recording_bytes_per_s: 400_000,
+        ..Limits::default()
+    };
+    let setup = start(Options {
+        limits,
+        scene: rig_link::fake::Scene::Recording,
+        ..Options::default()
+    });
+    let start = std::time::Instant::now();
+    pull(&setup, &mut setup.client());
+    // Half a megabyte, once for the hashes and once for the files.
+    let elapsed = start.elapsed();
+    assert!(elapsed > Duration::from_millis(1500), "{elapsed:?}");
+    setup.rig.show(rig_link::fake::Scene::Armed);
+    let start = std::time::Instant::now();
+    pull(&setup, &mut setup.client());
+    assert!(
+        start.elapsed() < Duration::from_secs(1),
+        "{:?}",
+        start.elapsed()
+    );
+}
+
+#[test]
+fn a_server_that_is_no_rig_is_told_apart() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let answers = [
+        "HTTP/1.1 200 OK\r\nContent-Length: 5\r\n\r\nhello",
+        "HTTP/1.1 200 OK\r\nContent-Length: 49\r\n\r\n{\"format\":\"other\",\"version\":1,\"sessions\":[]}     ",
+        "HTTP/1.1 200 OK\r\nContent-Length: 53\r\n\r\n{\"format\":\"rig-link\",\"version\":9,\"sessions\":[]}       ",
+        "HTTP/1.1 418 Teapot\r\nContent-Length: 2\r\n\r\nno",
+    ];
+    std::thread::spawn(move || {
+        for answer in answers {
+            let (mut stream, _) = listener.accept().unwrap();
+            let _ = stream.read(&mut [0; 4096]);
+            let _ = stream.write_all(answer.as_bytes());
+        }
+    });
+    for _ in 0..3 {
+        let address = format!("http://{address}").parse().unwrap();
+        let mut client = Client::new(
+            address,
+            None,
+            None,
+            Patience {
+                tries: 1,
+                ..impatient()
+            },
+        )
+        .unwrap();
+        let error = client.sessions().unwrap_err();
+        assert!(matches!(error, LinkError::Garbled { .. }), "{error:?}");
+    }
+    let address = format!("http://{address}").parse().unwrap();
+    let mut client = Client::new(address, None, None, impatient()).unwrap();
+    let error = client.sessions().unwrap_err();
+    assert!(error.to_string().contains("418"), "{error}");
+}
+
+#[test]
+fn manifests_that_reach_out_of_the_folder_are_refused() {
+    let line = |path: &str| {
+        let hash = "a".repeat(64);
+        let total = rig_link::link::list_hash([(path, 1, hash.as_str())]);
+        format!(
+            "{{\"file\":{{\"path\":{path:?},\"bytes\":1,\"modified_ns\":0,\"blake3\":\"{hash}\"}}}}\n\n{{\"total\":{{\"list\":\"{total}\",\"files\":1,\"bytes\":1}}}}\n"
+        )
+    };
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let bad = ["../x", "/etc/cron.d/x", "a/../../x", "", "import.json"];
+    let bodies: Vec<String> = bad.iter().map(|p| line(p)).chain([line("rig/x")]).collect();
+    std::thread::spawn(move || {
+        for body in bodies {
+            let (mut stream, _) = listener.accept().unwrap();
+            let _ = stream.read(&mut [0; 4096]);
+            let head = format!(
+                "HTTP/1.1 200 OK\r\nContent-Length: {}\r\nConnection: close\r\n\r\n",
+                body.len()
+            );
+            let _ = stream.write_all(format!("{head}{body}").as_bytes());
+        }
+    });
+    let ask = || {
+        let address = format!("http://{address}").parse().unwrap();
+        Client::new(address, None, None, impatient())
+            .unwrap()
+            .manifest("x", |_| {})
+    };
+    for path in bad {
+        let error = ask().unwrap_err();
+        assert!(
+            error.to_string().contains("no path of a session's file"),
+            "{path}: {error}"
+        );
+    }
+    assert_eq!(ask().unwrap().files.len(), 1);
+}

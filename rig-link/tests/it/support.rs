@@ -1,0 +1,171 @@
+//! A server with a fake rig, and a client that says whatever it is told to.
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use rig_link::client::{Client, Patience};
+use rig_link::fake::{FakeRig, Scene, write_session};
+use rig_link::identity::{Fingerprint, Identity};
+use rig_link::server::{Limits, Server, Settings, serve};
+use rig_link::token::Token;
+
+pub(crate) const TOKEN: &str = "correct-horse-battery";
+
+/// A server with the sessions `walk-1` (being recorded if the test says so) and `walk-2`.
+pub(crate) struct Setup {
+    pub(crate) server: Server,
+    pub(crate) rig: Arc<FakeRig>,
+    pub(crate) root: PathBuf,
+    pub(crate) identity: PathBuf,
+    _folder: tempfile::TempDir,
+}
+
+pub(crate) struct Options {
+    pub(crate) tls: bool,
+    pub(crate) token: bool,
+    pub(crate) limits: Limits,
+    pub(crate) scene: Scene,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            tls: false,
+            token: false,
+            limits: Limits::default(),
+            scene: Scene::Armed,
+        }
+    }
+}
+
+pub(crate) fn token() -> Token {
+    Token::new(TOKEN).unwrap()
+}
+
+pub(crate) fn start(options: Options) -> Setup {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path().join("sessions");
+    let identity = folder.path().join("identity");
+    std::fs::write(folder.path().join("secret"), "the secret").unwrap();
+    write_session(&root, "walk-1", 1, 1);
+    write_session(&root, "walk-2", 2, 8);
+    let start = Instant::now();
+    let rig = Arc::new(FakeRig::new(&root, options.scene, move || start.elapsed()));
+    let settings = Settings {
+        bind: "127.0.0.1:0".parse().unwrap(),
+        identity: options
+            .tls
+            .then(|| Identity::load_or_create(&identity).unwrap()),
+        token: options.token.then(token),
+        limits: options.limits,
+    };
+    Setup {
+        server: serve(settings, rig.clone()).unwrap(),
+        rig,
+        root,
+        identity,
+        _folder: folder,
+    }
+}
+
+impl Setup {
+    pub(crate) fn client(&self) -> Client {
+        self.client_with(self.server.fingerprint(), Some(token()), impatient())
+    }
+
+    pub(crate) fn client_with(
+        &self,
+        fingerprint: Option<Fingerprint>,
+        token: Option<Token>,
+        patience: Patience,
+    ) -> Client {
+        let address = self.server.url().parse().unwrap();
+        Client::new(address, fingerprint, token, patience).unwrap()
+    }
+
+    /// Sends these bytes and gives what comes back until the connection ends or is silent for a second.
+    pub(crate) fn raw(&self, bytes: impl AsRef<[u8]>) -> String {
+        raw(self.server.address(), bytes.as_ref())
+    }
+
+    /// A well-formed request with these headers, on a connection of its own.
+    pub(crate) fn request(&self, line: &str, headers: &str, body: &str) -> String {
+        self.raw(format!(
+            "{line} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n{headers}\r\n{body}",
+            self.server.address()
+        ))
+    }
+
+    pub(crate) fn get(&self, path: &str) -> String {
+        self.request(&format!("GET {path}"), "", "")
+    }
+
+    /// A POST with JSON, as a program sends it.
+    pub(crate) fn post(&self, path: &str, headers: &str, body: &str) -> String {
+        let length = body.len();
+        let headers =
+            format!("{headers}Content-Type: application/json\r\nContent-Length: {length}\r\n");
+        self.request(&format!("POST {path}"), &headers, body)
+    }
+
+    /// The server still answers, at once.
+    pub(crate) fn is_well(&self) {
+        let start = Instant::now();
+        let answer = self.request("GET /api/status", &bearer(TOKEN), "");
+        assert_eq!(status(&answer), 200, "{answer}");
+        assert!(answer.contains("\"state\""), "{answer}");
+        assert!(
+            start.elapsed() < Duration::from_secs(2),
+            "{:?}",
+            start.elapsed()
+        );
+    }
+}
+
+pub(crate) fn bearer(token: &str) -> String {
+    format!("Authorization: Bearer {token}\r\n")
+}
+
+/// Gives up soon.
+pub(crate) fn impatient() -> Patience {
+    Patience {
+        connect: Duration::from_secs(2),
+        silence: Duration::from_secs(5),
+        tries: 4,
+        pause: Duration::from_millis(10),
+        longest_pause: Duration::from_millis(100),
+    }
+}
+
+pub(crate) fn raw(address: SocketAddr, bytes: &[u8]) -> String {
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream
+        .set_read_timeout(Some(Duration::from_secs(1)))
+        .unwrap();
+    // The server may hang up before it has read everything.
+    let _ = stream.write_all(bytes);
+    String::from_utf8_lossy(&read(&mut stream)).into_owned()
+}
+
+/// Everything until the end, an error, or a pause.
+pub(crate) fn read(stream: &mut TcpStream) -> Vec<u8> {
+    let mut all = Vec::new();
+    let mut block = [0; 65536];
+    loop {
+        match stream.read(&mut block) {
+            Ok(0) => return all,
+            Ok(n) => all.extend_from_slice(&block[..n]),
+            Err(e) if e.kind() == ErrorKind::Interrupted => {}
+            Err(_) => return all,
+        }
+    }
+}
+
+/// The status of an answer; 0 if there was none.
+pub(crate) fn status(answer: &str) -> u16 {
+    let status = answer.strip_prefix("HTTP/1.1 ").and_then(|a| a.get(..3));
+    status.and_then(|s| s.parse().ok()).unwrap_or(0)
+}
