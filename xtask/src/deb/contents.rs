@@ -13,8 +13,23 @@ use super::files::{make_folder, read, set_mode, write};
 const BY_HAND: &str = "/usr/local/bin/pawsd";
 const PACKAGED: &str = "/usr/bin/pawsd";
 
-/// Pages for whoever runs the recorder; a folder stands for the pages in it.
-const PAGES: [&str; 2] = ["deploy/README.md", "CHANGELOG.md"];
+/// Pages for whoever runs the recorder; a folder stands for the files in it. They keep their places to one
+/// another, so that their links hold.
+const PAGES: [&str; 6] = [
+    "deploy/README.md",
+    "deploy/runbooks",
+    "docs/led-table.md",
+    "docs/images/led-table.png",
+    "docs/images/led-table.svg",
+    "session-archive/FORMAT.md",
+];
+
+/// Configurations to start from; folders, and where their files go.
+const EXAMPLES: [(&str, &str); 3] = [
+    ("deploy/examples", "usr/share/doc/pawsd/examples"),
+    ("deploy/rigs", "usr/share/doc/pawsd/examples/rigs"),
+    ("cad-transforms/rigs", "usr/share/doc/pawsd/examples/rigs"),
+];
 
 /// The folder that becomes the package.
 pub(super) struct Contents<'a> {
@@ -44,20 +59,17 @@ impl Contents<'_> {
         ] {
             self.put(to, read(&self.source.join(from))?)?;
         }
-        for folder in ["deploy/rigs", "cad-transforms/rigs"] {
-            for path in files_of(&self.source.join(folder))? {
-                self.put_under("usr/share/doc/pawsd/examples/rigs", &path)?;
+        for (folder, to) in EXAMPLES {
+            for file in files_of(&self.source.join(folder))? {
+                let name = file.file_name().context("a file has a name")?;
+                self.put(Path::new(to).join(name), bytes_of(&file)?)?;
             }
         }
         for page in PAGES {
-            let page = self.source.join(page);
-            let pages = if page.is_dir() {
-                files_of(&page)?
-            } else {
-                vec![page]
-            };
-            for page in pages {
-                self.put_under("usr/share/doc/pawsd", &page)?;
+            for file in files_of(&self.source.join(page))? {
+                let place = file.strip_prefix(self.source).context("a page of ours")?;
+                let to = Path::new("usr/share/doc/pawsd").join(place);
+                self.put(to, bytes_of(&file)?)?;
             }
         }
         let copyright = read(&self.source.join("deploy/debian/copyright"))?;
@@ -73,7 +85,7 @@ impl Contents<'_> {
     }
 
     /// A file that all may read.
-    pub(super) fn put(&self, path: &str, bytes: impl AsRef<[u8]>) -> Result<()> {
+    pub(super) fn put(&self, path: impl AsRef<Path>, bytes: impl AsRef<[u8]>) -> Result<()> {
         let to = self.folder.join(path);
         make_folder(to.parent().context("a file has a folder")?)?;
         write(&to, bytes)?;
@@ -85,13 +97,6 @@ impl Contents<'_> {
         self.put(path, bytes)?;
         let mut gzip = crate::process::command("gzip")?;
         crate::process::run(gzip.args(["-9", "--no-name"]).arg(self.folder.join(path)))
-    }
-
-    fn put_under(&self, folder: &str, path: &Path) -> Result<()> {
-        let name = path.file_name().context("a file has a name")?;
-        let to = Path::new(folder).join(name);
-        let bytes = fs::read(path).with_context(|| format!("reading {}", path.display()))?;
-        self.put(to.to_str().context("a name that is no text")?, bytes)
     }
 }
 
@@ -117,11 +122,14 @@ fn as_field(text: &str) -> String {
         .join("\n")
 }
 
-/// The files of a folder, in their order.
-fn files_of(folder: &Path) -> Result<Vec<PathBuf>> {
-    let reading = || format!("reading {}", folder.display());
+/// The files of a folder, in their order; of a file, itself.
+fn files_of(path: &Path) -> Result<Vec<PathBuf>> {
+    if !path.is_dir() {
+        return Ok(vec![path.to_owned()]);
+    }
+    let reading = || format!("reading {}", path.display());
     let mut files = Vec::new();
-    for entry in fs::read_dir(folder).with_context(reading)? {
+    for entry in fs::read_dir(path).with_context(reading)? {
         let path = entry.with_context(reading)?.path();
         if path.is_file() {
             files.push(path);
@@ -129,6 +137,10 @@ fn files_of(folder: &Path) -> Result<Vec<PathBuf>> {
     }
     files.sort();
     Ok(files)
+}
+
+fn bytes_of(path: &Path) -> Result<Vec<u8>> {
+    fs::read(path).with_context(|| format!("reading {}", path.display()))
 }
 
 #[cfg(test)]

@@ -68,7 +68,7 @@ pub(super) fn faults(listing: &str) -> Vec<&'static str> {
             "it looks for libraries in a folder of the machine that built it (RPATH)",
         ),
         (
-            has(".symtab") || has(".debug_"),
+            has(".symtab") || has(".debug_info"),
             "it is not stripped of its symbols",
         ),
         (

@@ -90,7 +90,7 @@ impl Root {
         process::run(
             self.apt
                 .get()?
-                .args(["--quiet", "download", package])
+                .args(["-qq", "download", package])
                 .current_dir(folder),
         )?;
         for archive in packages_in(folder)? {
@@ -122,18 +122,27 @@ impl Root {
         Ok(self.architecture != Architecture::here()?)
     }
 
+    /// Makes ready for [`command`](Self::command): compiles `older_kernel.c`, which tells why it is needed.
+    pub(super) fn make_runnable(&self) -> Result<()> {
+        let source = process::root()?.join("xtask/src/deb/older_kernel.c");
+        process::run(
+            command("cc")?
+                .args(["-O2", "-Wall", "-Wextra", "-o"])
+                .args([&self.older_kernel(), &source]),
+        )
+    }
+
     /// A program inside the root, as a user that it takes for root, with a plain environment.
     pub(super) fn command(&self, program: &str) -> Result<Command> {
-        let mut proot = command("proot")?;
+        let mut here = command(self.older_kernel())?;
+        here.arg("proot");
         if self.is_emulated()? {
-            proot.arg(format!(
+            here.arg(format!(
                 "--qemu=qemu-{}-static",
                 self.architecture.machine()
             ));
         }
-        proot
-            .arg("--rootfs")
-            .arg(&self.folder)
+        here.arg(format!("--rootfs={}", self.folder.display()))
             .args(["--root-id", "--bind=/proc", "--bind=/dev", "--cwd=/"])
             .arg(program)
             .env_clear()
@@ -141,7 +150,11 @@ impl Root {
             .env("HOME", "/root")
             .env("LC_ALL", "C.UTF-8")
             .env("DEBIAN_FRONTEND", "noninteractive");
-        Ok(proot)
+        Ok(here)
+    }
+
+    fn older_kernel(&self) -> PathBuf {
+        self.folder.with_file_name("older-kernel")
     }
 
     fn unpack(&self, archives: &[PathBuf]) -> Result<()> {
@@ -263,7 +276,7 @@ impl Apt {
 
     /// Fetches the packages and all that they depend on.
     fn fetch(&self, packages: &[&str]) -> Result<Vec<PathBuf>> {
-        process::run(self.get()?.args(["--quiet", "update"])).context(
+        process::run(self.get()?.args(["-qq", "update"])).context(
             "reading the package lists; the root is made from this machine's apt sources",
         )?;
         // Only what is wanted now may lie there: all of it is unpacked.
@@ -274,7 +287,7 @@ impl Apt {
         make_folder(&self.archives.join("partial"))?;
         process::run(
             self.get()?
-                .args(["--quiet", "--yes", "--download-only", "install"])
+                .args(["-qq", "--yes", "--download-only", "install"])
                 .args(packages)
                 .stdout(Stdio::null()),
         )
