@@ -74,7 +74,7 @@ pub enum Signal {
     },
     /// Recording has failed, or cannot be done.
     Fault,
-    /// Shall the recording be discarded?
+    /// Discard the recording?
     Question,
     /// An answer.
     Once(Once),
@@ -163,10 +163,10 @@ impl Signal {
             Self::Phase(Phase::Starting) => "Starting up",
             Self::Phase(Phase::Ready) => "Ready, not recording",
             Self::Phase(Phase::Recording) => "RECORDING, all is well",
-            Self::Phase(Phase::Saving) => "Stopped, saving the recording",
+            Self::Phase(Phase::Saving) => "Stopped, saving",
             Self::Warning { what, recording } => match (what, recording) {
-                (Warning::Stream, true) => "RECORDING, a camera or IMU is missing",
-                (Warning::Stream, false) => "Ready, a camera or IMU is missing",
+                (Warning::Stream, true) => "RECORDING, a sensor fails",
+                (Warning::Stream, false) => "Ready, a sensor fails",
                 (Warning::Storage, true) => "RECORDING, disk nearly full",
                 (Warning::Storage, false) => "Ready, disk nearly full",
                 (Warning::Battery, true) => "RECORDING, battery low",
@@ -175,7 +175,7 @@ impl Signal {
                 (Warning::Heat, false) => "Ready, too hot",
             },
             Self::Fault => "FAULT, it does not record",
-            Self::Question => "Shall the recording be discarded?",
+            Self::Question => "Discard the recording?",
             Self::Once(Once::Started) => "The recording has begun",
             Self::Once(Once::Marked) => "Moment marked",
             Self::Once(Once::Discarded) => "The recording is discarded",

@@ -56,13 +56,13 @@ const HEIGHT: u32 = 1050;
 const ROW: u32 = 40;
 /// Left edges of the columns.
 const SAYS_X: u32 = 36;
-const COLOUR_X: u32 = 400;
-const LIT_X: u32 = 708;
-const BEEP_X: u32 = 1012;
-const DO_X: u32 = 1128;
+const COLOUR_X: u32 = 366;
+const LIT_X: u32 = 626;
+const BEEP_X: u32 = 886;
+const DO_X: u32 = 1018;
 /// A bar shows so much time, at so many units per second.
 const SHOWN_MS: u32 = 4_000;
-const PER_SECOND: u32 = 70;
+const PER_SECOND: u32 = 60;
 const BAR: u32 = SHOWN_MS * PER_SECOND / 1000;
 
 const INK: &str = "#1b1b1b";
@@ -77,9 +77,9 @@ pub fn svg() -> String {
         r#"<svg xmlns="http://www.w3.org/2000/svg" width="297mm" height="210mm" viewBox="0 0 {WIDTH} {HEIGHT}" font-family="Liberation Sans, Arial, Helvetica, sans-serif">"#
     );
     page.rect((0, 0), (WIDTH, HEIGHT), "#ffffff");
-    page.text((SAYS_X, 58), 34, INK, true, "What the light says");
-    page.text((COLOUR_X, 56), 19, INK, false, HOW);
-    let mut y = 84;
+    page.text((SAYS_X, 56), 34, INK, true, "What the light says");
+    page.text((SAYS_X, 88), 18, INK, false, HOW);
+    let mut y = 104;
     page.heads(y);
     y += 34;
     for (heading, signals) in sections() {
@@ -126,21 +126,15 @@ impl Page {
         for (x, head) in [
             (SAYS_X, "Meaning"),
             (COLOUR_X, "Coloured light"),
-            (LIT_X, "Light of one colour"),
+            (LIT_X, "One colour"),
             (BEEP_X, "Beeps"),
             (DO_X, "What to do"),
         ] {
             self.text((x, base), 17, INK, true, head);
         }
         for x in [COLOUR_X, LIT_X] {
-            for second in 1..=SHOWN_MS / 1000 {
-                let at = x + second * PER_SECOND;
-                let label = format!("{second} s");
-                // Not over the heading of its column.
-                if second > 2 {
-                    self.text((at - 24, base), 14, FAINT, false, &label);
-                }
-            }
+            let label = format!("{} s", SHOWN_MS / 1000);
+            self.text((x + BAR - 24, base), 15, FAINT, false, &label);
         }
         self.rect((SAYS_X, y + 24), (WIDTH - 2 * SAYS_X, 2), INK);
     }
@@ -313,7 +307,7 @@ mod tests {
     #[test]
     fn no_text_is_longer_than_its_column() {
         for signal in Signal::all() {
-            assert!(signal.says().len() <= 38, "{:?}", signal.says());
+            assert!(signal.says().len() <= 29, "{:?}", signal.says());
             assert!(signal.do_what().len() <= 40, "{:?}", signal.do_what());
         }
     }
