@@ -294,8 +294,10 @@ impl Session {
         elements.push(sink.upcast());
         let failing = Arc::downgrade(&shared);
         let running = Running::start(&elements, move |news| {
-            if let (News::Failed(reason), Some(shared)) = (news, failing.upgrade()) {
-                lock(&shared.state).failure.get_or_insert(reason);
+            if let (News::Failed(failure), Some(shared)) = (news, failing.upgrade()) {
+                let mut state = lock(&shared.state);
+                state.failure.get_or_insert_with(|| failure.to_string());
+                drop(state);
                 shared.changed.notify_all();
             }
         })?;

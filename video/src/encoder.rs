@@ -28,18 +28,25 @@ use gstreamer_video as gst_video;
 use thiserror::Error;
 
 use crate::pipeline::{self, InitError, News, Running, lock, wait_while};
-use crate::{Codec, Picture, PictureError, PixelFormat, layout};
-use delivery::Shared;
+use crate::{Codec, NativeFormat, PictureError, PixelFormat};
+use delivery::{Inside, Shared};
 use kinds::{Force, Kind};
 
 mod chain;
 mod delivery;
+mod input;
 pub(crate) mod kinds;
 mod quality;
+
+pub use input::Input;
 
 /// Pictures that may be inside an encoder at once: waiting, being encoded, or not yet delivered.
 /// With I420 that is `12 * width * height` bytes, 22 MB for 2560x720.
 pub const MAX_IN_FLIGHT: usize = 8;
+
+/// As [`MAX_IN_FLIGHT`], of native frames: they are their camera's buffers, which it needs back
+/// (nvarguscamerasrc has eight, and stands still when they are all out).
+pub const MAX_NATIVE_IN_FLIGHT: usize = 4;
 
 /// How long a full encoder may give nothing before [`Encoder::push`] calls it stalled.
 pub const STALL: Duration = Duration::from_secs(10);
@@ -130,6 +137,25 @@ pub enum EncodeError {
         /// Rows of the settings.
         height: u32,
     },
+    /// The frame is not what the encoder was started for. Start another one.
+    #[error("the encoder was given {found}, expected {expected}")]
+    WrongInput {
+        /// What was given.
+        found: String,
+        /// What it was started for.
+        expected: String,
+    },
+    /// A native frame's own time is not after the one before: the capture was started anew, or its
+    /// source repeats itself. [`Encoder::finish`] this encoder and start another one.
+    #[error(
+        "native frame with own time {found} ns after one at {previous} ns, expected rising times"
+    )]
+    Discontinuity {
+        /// The time found.
+        found: i64,
+        /// The one before.
+        previous: i64,
+    },
     /// Times must rise from picture to picture and not be negative.
     #[error("picture time {found} ns, expected one that is not negative and after {previous:?} ns")]
     Time {
@@ -180,11 +206,22 @@ pub struct Encoder {
     source: gst_app::AppSrc,
     shared: Arc<Shared>,
     kind: &'static Kind,
+    element: gst::Element,
     quantiser: u32,
-    width: u32,
-    height: u32,
+    expected: Expected,
+    max_in_flight: usize,
+    frame_bytes: usize,
     previous_ns: Option<i64>,
+    previous_stamp_ns: Option<i64>,
     keys_forced: u32,
+}
+
+/// What an encoder was started for.
+#[derive(Debug)]
+enum Expected {
+    /// I420 pictures, columns and rows.
+    Pictures(u32, u32),
+    Native(NativeFormat),
 }
 
 impl Encoder {
@@ -196,7 +233,40 @@ impl Encoder {
     /// [`EncodeError::Settings`], [`EncodeError::Picture`] for a size that cannot be,
     /// [`EncodeError::Start`], [`EncodeError::Init`].
     pub fn start(settings: &EncoderSettings, on_output: OnOutput) -> Result<Encoder, EncodeError> {
+        Encoder::start_for(settings, None, on_output)
+    }
+
+    /// As [`Encoder::start`], for native frames of one format. They go into the encoder as they
+    /// are, without a copy, where it takes their layout and memory (NV12 in NVMM into the nvv4l2
+    /// encoders, NV12 in system memory into x264enc); else through a converter.
+    ///
+    /// # Errors
+    /// As [`Encoder::start`], and [`EncodeError::WrongSize`] if format and settings differ.
+    pub fn start_native(
+        settings: &EncoderSettings,
+        format: &NativeFormat,
+        on_output: OnOutput,
+    ) -> Result<Encoder, EncodeError> {
+        Encoder::start_for(settings, Some(format), on_output)
+    }
+
+    fn start_for(
+        settings: &EncoderSettings,
+        native: Option<&NativeFormat>,
+        on_output: OnOutput,
+    ) -> Result<Encoder, EncodeError> {
         check(settings)?;
+        let (width, height) = (settings.width, settings.height);
+        if let Some(format) = native
+            && (format.width(), format.height()) != (width, height)
+        {
+            return Err(EncodeError::WrongSize {
+                found_width: format.width(),
+                found_height: format.height(),
+                width,
+                height,
+            });
+        }
         pipeline::init()?;
         let element = settings.element.clone();
         let started = |reason| EncodeError::Start {
@@ -208,30 +278,45 @@ impl Encoder {
         let quantiser = quality::quantiser(kind, settings.quality_db);
         let shared = Arc::new(Shared::new(kind.codec, on_output));
         let source = gst_app::AppSrc::builder()
-            .caps(&chain::input_caps(settings))
+            .caps(&chain::input_caps(settings, native))
             .format(gst::Format::Time)
             // The bound is ours (MAX_IN_FLIGHT): it counts what is inside the encoder as well.
             .max_bytes(0)
             .max_buffers(0)
             .build();
-        let elements =
-            chain::chain(settings, kind, quantiser, &source, &shared).map_err(&started)?;
+        let chain::Chain { elements, encoder } =
+            chain::chain(settings, kind, quantiser, native, &source, &shared).map_err(&started)?;
         let failing = Arc::downgrade(&shared);
         let running = Running::start(&elements, move |news| {
-            if let (News::Failed(reason), Some(shared)) = (news, failing.upgrade()) {
-                shared.fail(reason);
+            if let (News::Failed(failure), Some(shared)) = (news, failing.upgrade()) {
+                shared.fail(failure.to_string());
             }
         })
         .map_err(&started)?;
+        let (expected, max_in_flight, frame_bytes) = match native {
+            Some(format) => (
+                Expected::Native(format.clone()),
+                MAX_NATIVE_IN_FLIGHT,
+                format.bytes(),
+            ),
+            None => (
+                Expected::Pictures(width, height),
+                MAX_IN_FLIGHT,
+                PixelFormat::I420.bytes(width, height)?,
+            ),
+        };
         Ok(Encoder {
             _running: running,
             source,
             shared,
             kind,
+            element: encoder,
             quantiser,
-            width: settings.width,
-            height: settings.height,
+            expected,
+            max_in_flight,
+            frame_bytes,
             previous_ns: None,
+            previous_stamp_ns: None,
             keys_forced: 0,
         })
     }
@@ -246,24 +331,47 @@ impl Encoder {
         self.quantiser
     }
 
+    /// Asks for another quality of the pictures that follow, at once and without a key frame.
+    /// Whether that can be is the element's word: with a constant quantiser, x264enc, x265enc,
+    /// openh264enc and the nvv4l2 encoders read it only at the start. `false`: nothing has changed;
+    /// finish this encoder where the next key frame is due anyway and start another one.
+    ///
+    /// (A lower *rate* needs nothing: push fewer pictures.)
+    ///
+    /// # Errors
+    /// [`EncodeError::Settings`] for a quality that no encoder can have; [`EncodeError::Failed`] if
+    /// the element refuses what it said it takes.
+    pub fn set_quality(&mut self, quality_db: f64) -> Result<bool, EncodeError> {
+        check_quality(quality_db)?;
+        let quantiser = quality::quantiser(self.kind, quality_db);
+        let changed =
+            chain::adjust(&self.element, self.kind, quantiser).map_err(EncodeError::Failed)?;
+        if changed {
+            self.quantiser = quantiser;
+        }
+        Ok(quantiser == self.quantiser)
+    }
+
     /// Hands in a picture, waiting while the encoder is full. `pts_ns` must rise from call to
     /// call. With `force_key` exactly this picture becomes a key frame.
     ///
     /// The picture is shared, not copied, where its rows need no padding (width a multiple of
-    /// eight), and is released when its access unit comes out.
+    /// eight), and is released when its access unit comes out. A native frame is never copied; what
+    /// its own time is does not matter, as long as it rises.
     ///
     /// # Errors
-    /// All but `Full`. A refused picture (`Picture`, `WrongSize`, `Time`) leaves the encoder as it
-    /// was; after `Stalled` or `Failed` start a new one.
-    pub fn push(
+    /// All but `Full`. A refused picture (`Picture`, `WrongSize`, `WrongInput`, `Time`,
+    /// `Discontinuity`) leaves the encoder as it was; after `Stalled` or `Failed` start a new one.
+    pub fn push<'a>(
         &mut self,
         pts_ns: i64,
-        picture: &Picture,
+        input: impl Into<Input<'a>>,
         force_key: bool,
     ) -> Result<(), EncodeError> {
-        self.check_picture(pts_ns, picture)?;
+        let input = input.into();
+        self.check_input(pts_ns, input)?;
         let mut state = lock(&self.shared.state);
-        while state.failure.is_none() && state.in_flight.len() >= MAX_IN_FLIGHT {
+        while state.failure.is_none() && state.in_flight.len() >= self.max_in_flight {
             let delivered = state.delivered;
             let (after, stalled) = wait_while(&self.shared.changed, state, STALL, |state| {
                 state.failure.is_none() && state.delivered == delivered
@@ -278,36 +386,35 @@ impl Encoder {
             }
         }
         drop(state);
-        self.submit(pts_ns, picture, force_key)
+        self.submit(pts_ns, input, force_key)
     }
 
     /// As [`Encoder::push`], but never waits.
     ///
     /// # Errors
     /// [`EncodeError::Full`] instead of waiting or `Stalled`; the picture was not taken.
-    pub fn try_push(
+    pub fn try_push<'a>(
         &mut self,
         pts_ns: i64,
-        picture: &Picture,
+        input: impl Into<Input<'a>>,
         force_key: bool,
     ) -> Result<(), EncodeError> {
-        self.check_picture(pts_ns, picture)?;
+        let input = input.into();
+        self.check_input(pts_ns, input)?;
         let state = lock(&self.shared.state);
-        if state.failure.is_none() && state.in_flight.len() >= MAX_IN_FLIGHT {
+        if state.failure.is_none() && state.in_flight.len() >= self.max_in_flight {
             return Err(EncodeError::Full {
                 pictures: state.in_flight.len(),
             });
         }
         drop(state);
-        self.submit(pts_ns, picture, force_key)
+        self.submit(pts_ns, input, force_key)
     }
 
-    /// Bytes of the pictures inside: at most [`MAX_IN_FLIGHT`] pictures' worth.
+    /// Bytes of the pictures inside: at most [`MAX_IN_FLIGHT`] pictures' worth, or
+    /// [`MAX_NATIVE_IN_FLIGHT`].
     pub fn queued_bytes(&self) -> usize {
-        let bytes = PixelFormat::I420
-            .bytes(self.width, self.height)
-            .unwrap_or(0);
-        lock(&self.shared.state).in_flight.len() * bytes
+        lock(&self.shared.state).in_flight.len() * self.frame_bytes
     }
 
     /// Drains the encoder: returns when the access unit of every accepted picture has been
@@ -337,48 +444,41 @@ impl Encoder {
         }
     }
 
-    fn check_picture(&self, pts_ns: i64, picture: &Picture) -> Result<(), EncodeError> {
-        if (picture.width, picture.height) != (self.width, self.height) {
-            return Err(EncodeError::WrongSize {
-                found_width: picture.width,
-                found_height: picture.height,
-                width: self.width,
-                height: self.height,
-            });
-        }
-        if picture.format != PixelFormat::I420 {
-            let (found, expected) = (picture.format, PixelFormat::I420);
-            return Err(PictureError::WrongFormat { found, expected }.into());
-        }
-        picture.check()?;
+    fn check_input(&self, pts_ns: i64, input: Input<'_>) -> Result<(), EncodeError> {
+        input.check(&self.expected)?;
         if pts_ns < 0 || self.previous_ns.is_some_and(|previous| pts_ns <= previous) {
             return Err(EncodeError::Time {
                 found: pts_ns,
                 previous: self.previous_ns,
             });
         }
+        let found = input.stamp_ns(pts_ns);
+        if let Some(previous) = self.previous_stamp_ns
+            && found <= previous
+        {
+            return Err(EncodeError::Discontinuity { found, previous });
+        }
         Ok(())
     }
 
-    fn submit(&mut self, pts_ns: i64, picture: &Picture, key: bool) -> Result<(), EncodeError> {
-        let mut buffer = layout::to_buffer(picture).map_err(EncodeError::Failed)?;
-        let time = gst::ClockTime::from_nseconds(pts_ns as u64);
-        if let Some(buffer) = buffer.get_mut() {
-            buffer.set_pts(time);
-        }
+    fn submit(&mut self, pts_ns: i64, input: Input<'_>, key: bool) -> Result<(), EncodeError> {
+        let buffer = input.to_buffer(pts_ns).map_err(EncodeError::Failed)?;
+        let stamp_ns = input.stamp_ns(pts_ns);
+        let time = gst::ClockTime::from_nseconds(stamp_ns as u64);
         let mut state = lock(&self.shared.state);
         if let Some(reason) = &state.failure {
             return Err(EncodeError::Failed(reason.clone()));
         }
         // Before the buffer goes in: its access unit may come out at once.
-        state.in_flight.push_back(pts_ns);
+        state.in_flight.push_back(Inside { stamp_ns, pts_ns });
         // The first picture is a key frame anyway. An event in front of it would overtake the
         // segment, and GStreamer 1.22 would then take the first picture's time to be 1000 h and
         // ignore every later request as too soon.
         let key = key && self.previous_ns.is_some();
         self.previous_ns = Some(pts_ns);
+        self.previous_stamp_ns = Some(stamp_ns);
         if key && matches!(self.kind.force, Force::Signal(_)) {
-            state.to_force.insert(pts_ns);
+            state.to_force.insert(stamp_ns);
         }
         drop(state);
         if key && self.kind.force == Force::Event {
@@ -421,12 +521,7 @@ fn check(settings: &EncoderSettings) -> Result<(), EncodeError> {
             settings.rate_hz
         ));
     }
-    if !(20.0..=60.0).contains(&settings.quality_db) {
-        return refuse(format!(
-            "quality {} dB, expected 20 to 60",
-            settings.quality_db
-        ));
-    }
+    check_quality(settings.quality_db)?;
     if !(1..=64).contains(&settings.threads) {
         return refuse(format!("{} threads, expected 1 to 64", settings.threads));
     }
@@ -438,3 +533,15 @@ fn check(settings: &EncoderSettings) -> Result<(), EncodeError> {
     }
     Ok(())
 }
+
+fn check_quality(quality_db: f64) -> Result<(), EncodeError> {
+    if (20.0..=60.0).contains(&quality_db) {
+        return Ok(());
+    }
+    Err(EncodeError::Settings(format!(
+        "quality {quality_db} dB, expected 20 to 60"
+    )))
+}
+
+#[cfg(test)]
+mod tests;

@@ -7,8 +7,11 @@ use gstreamer as gst;
 use gstreamer_video as gst_video;
 use gstreamer_video::prelude::*;
 
-use crate::picture::nv12_to_i420;
+use crate::picture::rows::{self, Layout as Source, Strided, Window};
 use crate::{Picture, PixelFormat};
+
+/// GStreamer's names of the layouts that can be made into a [`Picture`].
+pub(crate) const READABLE: [&str; 5] = ["I420", "NV12", "YUY2", "UYVY", "GRAY8"];
 
 /// Where a plane begins, the distance between its rows, and how much of a row is picture.
 struct Rows {
@@ -51,40 +54,83 @@ pub(crate) fn from_sample(sample: &gst::Sample) -> Result<Picture, String> {
     let caps = sample.caps().ok_or("decoded picture without caps")?;
     let info = gst_video::VideoInfo::from_caps(caps).map_err(|error| error.to_string())?;
     let buffer = sample.buffer().ok_or("decoded picture without data")?;
-    let frame = gst_video::VideoFrameRef::from_buffer_ref_readable(buffer, &info)
-        .map_err(|error| format!("reading a decoded picture: {error}"))?;
-    let (width, height) = (frame.width(), frame.height());
-    let length = PixelFormat::I420
-        .bytes(width, height)
-        .map_err(|error| error.to_string())?;
-    let luma = (width as usize, height as usize);
-    let half = (luma.0 / 2, luma.1 / 2);
-    let sizes = match frame.format() {
-        gst_video::VideoFormat::I420 => vec![luma, half, half],
-        gst_video::VideoFormat::Nv12 => vec![luma, (luma.0, half.1)],
-        gst_video::VideoFormat::Gray8 => vec![luma],
+    to_picture(buffer, &info)
+}
+
+/// A buffer of raw video in system memory as an I420 picture, with one copy.
+pub(crate) fn to_picture(
+    buffer: &gst::BufferRef,
+    info: &gst_video::VideoInfo,
+) -> Result<Picture, String> {
+    let (width, height) = (info.width(), info.height());
+    let mut data = blank(width, height)?;
+    copy_into(buffer, info, Window::whole(&mut data, width, height))?;
+    Picture::new(width, height, PixelFormat::I420, data).map_err(|error| error.to_string())
+}
+
+/// Two buffers of the same size beside each other as one I420 picture, with one copy of each.
+pub(crate) fn to_side_by_side(
+    left: (&gst::BufferRef, &gst_video::VideoInfo),
+    right: (&gst::BufferRef, &gst_video::VideoInfo),
+) -> Result<Picture, String> {
+    let size = |info: &gst_video::VideoInfo| (info.width(), info.height());
+    if size(left.1) != size(right.1) {
+        let (left, right) = (size(left.1), size(right.1));
+        return Err(format!(
+            "the left eye is {}x{} and the right {}x{}, expected the same",
+            left.0, left.1, right.0, right.1
+        ));
+    }
+    let (columns, height) = size(left.1);
+    let width = columns.checked_mul(2).ok_or("two eyes that are too wide")?;
+    let mut data = blank(width, height)?;
+    for ((buffer, info), x) in [(left, 0), (right, columns)] {
+        let window = Window {
+            data: &mut data,
+            width,
+            height,
+            x,
+            columns,
+        };
+        copy_into(buffer, info, window)?;
+    }
+    Picture::new(width, height, PixelFormat::I420, data).map_err(|error| error.to_string())
+}
+
+fn blank(width: u32, height: u32) -> Result<Vec<u8>, String> {
+    let length = PixelFormat::I420.bytes(width, height);
+    Ok(vec![0; length.map_err(|error| error.to_string())?])
+}
+
+/// Writes a buffer into a window of an I420 picture. Where its rows are is said by its own
+/// metadata, if it has any, else by the caps.
+fn copy_into(
+    buffer: &gst::BufferRef,
+    info: &gst_video::VideoInfo,
+    window: Window<'_>,
+) -> Result<(), String> {
+    let frame = gst_video::VideoFrameRef::from_buffer_ref_readable(buffer, info)
+        .map_err(|error| format!("reading a picture of {}: {error}", info.format()))?;
+    let plane = |number: u32| -> Result<Strided<'_>, String> {
+        let data = frame
+            .plane_data(number)
+            .map_err(|error| error.to_string())?;
+        let stride = usize::try_from(frame.plane_stride()[number as usize])
+            .map_err(|_| "a picture that is stored upside down")?;
+        Ok(Strided { data, stride })
+    };
+    let source = match frame.format() {
+        gst_video::VideoFormat::I420 => Source::I420([plane(0)?, plane(1)?, plane(2)?]),
+        gst_video::VideoFormat::Nv12 => Source::Nv12([plane(0)?, plane(1)?]),
+        gst_video::VideoFormat::Gray8 => Source::Grey(plane(0)?),
+        gst_video::VideoFormat::Yuy2 => Source::Yuyv(plane(0)?),
+        gst_video::VideoFormat::Uyvy => Source::Uyvy(plane(0)?),
         other => {
             return Err(format!(
-                "decoder gave {other} pictures, expected I420 or NV12"
+                "pictures are {other}, expected one of {}",
+                READABLE.join(", ")
             ));
         }
     };
-    let mut data = Vec::with_capacity(length);
-    for (plane, (width, height)) in sizes.into_iter().enumerate() {
-        let bytes = frame
-            .plane_data(plane as u32)
-            .map_err(|error| error.to_string())?;
-        let stride = frame.plane_stride()[plane] as usize;
-        for row in bytes.chunks(stride.max(1)).take(height) {
-            data.extend_from_slice(row.get(..width).ok_or("decoded picture with short rows")?);
-        }
-    }
-    match frame.format() {
-        gst_video::VideoFormat::Nv12 => nv12_to_i420(width, height, &data),
-        _ => {
-            data.resize(length, 128);
-            Picture::new(width, height, PixelFormat::I420, data)
-        }
-    }
-    .map_err(|error| error.to_string())
+    rows::write(source, window).map_err(|error| error.to_string())
 }

@@ -6,6 +6,9 @@
 //! - [`picture`]: uncompressed pictures, colour layouts, PSNR.
 //! - [`annexb`]: looking at compressed bytes without decoding them.
 //! - [`references`]: whether a compressed picture's references are there, without decoding.
+//! - [`capture`]: cameras that come through GStreamer, with times on the clock of the host.
+//! - [`native`]: their frames in their own buffers, for encoding without a copy.
+//! - [`preview`]: small JPEGs of those.
 //! - [`encoder`]: pictures in, access units out, with exact times and key frames on demand.
 //! - [`discover`]: which encoder works on this machine.
 //! - [`decoder`]: access units in, pictures out.
@@ -54,18 +57,23 @@
 //! Everything here reports failure as a value: no plugin, stream or device makes it panic or hang.
 
 pub mod annexb;
+pub mod capture;
 mod codec;
 pub mod decoder;
 pub mod discover;
 pub mod encoder;
 mod layout;
 pub mod mp4;
+pub mod native;
 pub mod picture;
 mod pipeline;
+pub mod preview;
 pub mod references;
 
+pub use capture::{Capture, CaptureEvent, CaptureSettings, CapturedFrame};
 pub use codec::Codec;
 pub use decoder::{DecodeError, Decoder};
-pub use encoder::{AccessUnit, EncodeError, Encoder, EncoderEvent, EncoderSettings};
+pub use encoder::{AccessUnit, EncodeError, Encoder, EncoderEvent, EncoderSettings, Input};
+pub use native::{NativeError, NativeFormat, NativeFrame};
 pub use picture::{Picture, PictureError, PixelFormat};
 pub use pipeline::{InitError, init};

@@ -164,8 +164,8 @@ fn write_part(
     let mut running = Running::start(&elements, move |news| {
         let mut state = lock(&listening.state);
         match news {
-            News::Failed(reason) => {
-                state.failure.get_or_insert(reason);
+            News::Failed(failure) => {
+                state.failure.get_or_insert_with(|| failure.to_string());
             }
             News::Ended => state.ended = true,
         }

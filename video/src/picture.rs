@@ -13,6 +13,7 @@ use thiserror::Error;
 
 mod colour;
 mod psnr;
+pub(crate) mod rows;
 
 pub use colour::{i420_to_rgb, nv12_to_i420, rgb_to_i420, yuyv_to_i420};
 pub use psnr::{psnr, psnr_all};

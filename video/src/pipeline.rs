@@ -6,6 +6,7 @@
 //! stuck driver, an encoder that never returns) the pipeline is left to a thread of its own and a
 //! warning is logged: a leak is better than a daemon that hangs.
 
+use std::fmt;
 use std::sync::mpsc;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread;
@@ -108,17 +109,41 @@ pub(crate) fn has_action(element: &gst::Element, signal: &str) -> bool {
     })
 }
 
-/// One line out of an error message of the bus.
-pub(crate) fn error_text(error: &gst::message::Error) -> String {
-    let source = error
-        .src()
-        .map_or_else(|| "pipeline".into(), |source| source.name());
-    match error.debug() {
-        Some(detail) => {
-            let detail = detail.lines().last().unwrap_or_default().to_owned();
-            format!("{source}: {} ({detail})", error.error())
+/// What an element said when it failed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Failure {
+    /// The element's name in the pipeline.
+    pub(crate) element: String,
+    /// Its own words, in one line.
+    pub(crate) reason: String,
+    /// Whether it is about a device, which may come back.
+    pub(crate) device: bool,
+}
+
+impl Failure {
+    fn new(error: &gst::message::Error) -> Failure {
+        let element = error
+            .src()
+            .map_or_else(|| "pipeline".into(), |source| source.name());
+        let told = error.error();
+        let reason = match error.debug() {
+            Some(detail) => {
+                let detail = detail.lines().last().unwrap_or_default().to_owned();
+                format!("{told} ({detail})")
+            }
+            None => told.to_string(),
+        };
+        Failure {
+            element: element.into(),
+            reason,
+            device: told.is::<gst::ResourceError>(),
         }
-        None => format!("{source}: {}", error.error()),
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.element, self.reason)
     }
 }
 
@@ -145,14 +170,15 @@ pub(crate) fn wait_while<'a, T>(
 #[derive(Debug)]
 pub(crate) struct Running {
     pipeline: gst::Pipeline,
+    first_error: Arc<Mutex<Option<String>>>,
     stopped: bool,
 }
 
 /// What a pipeline says about itself.
 #[derive(Debug)]
 pub(crate) enum News {
-    /// An element failed, for this reason.
-    Failed(String),
+    /// An element failed.
+    Failed(Failure),
     /// Everything has arrived at the sink.
     Ended,
 }
@@ -164,8 +190,23 @@ impl Running {
         elements: &[gst::Element],
         on_news: impl Fn(News) + Send + Sync + 'static,
     ) -> Result<Running, String> {
+        let running = Running::prepare(elements, on_news)?;
+        match running.pipeline.set_state(gst::State::Playing) {
+            Ok(_) => Ok(running),
+            Err(_) => Err(lock(&running.first_error)
+                .take()
+                .unwrap_or_else(|| "it would not start".into())),
+        }
+    }
+
+    /// As [`Running::start`], but leaves the starting to the caller.
+    pub(crate) fn prepare(
+        elements: &[gst::Element],
+        on_news: impl Fn(News) + Send + Sync + 'static,
+    ) -> Result<Running, String> {
         let running = Running {
             pipeline: gst::Pipeline::new(),
+            first_error: Arc::default(),
             stopped: false,
         };
         running
@@ -173,17 +214,16 @@ impl Running {
             .add_many(elements)
             .map_err(|error| error.to_string())?;
         gst::Element::link_many(elements).map_err(|error| error.to_string())?;
-        let first_error = Arc::new(Mutex::new(None));
         let bus = running.pipeline.bus().ok_or("the pipeline has no bus")?;
         bus.set_sync_handler({
-            let first_error = first_error.clone();
+            let first_error = running.first_error.clone();
             move |_, message| {
                 // Nobody reads the bus, so nothing may stay on it.
                 match message.view() {
                     gst::MessageView::Error(error) => {
-                        let text = error_text(error);
-                        lock(&first_error).get_or_insert_with(|| text.clone());
-                        on_news(News::Failed(text));
+                        let failure = Failure::new(error);
+                        lock(&first_error).get_or_insert_with(|| failure.to_string());
+                        on_news(News::Failed(failure));
                     }
                     gst::MessageView::Eos(_) => on_news(News::Ended),
                     _ => {}
@@ -191,12 +231,12 @@ impl Running {
                 gst::BusSyncReply::Drop
             }
         });
-        match running.pipeline.set_state(gst::State::Playing) {
-            Ok(_) => Ok(running),
-            Err(_) => Err(lock(&first_error)
-                .take()
-                .unwrap_or_else(|| "it would not start".into())),
-        }
+        Ok(running)
+    }
+
+    /// The pipeline itself.
+    pub(crate) fn pipeline(&self) -> &gst::Pipeline {
+        &self.pipeline
     }
 
     /// Stops the pipeline and says whether it did stop; files are closed then. Waits at most

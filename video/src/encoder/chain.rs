@@ -10,6 +10,7 @@ use gstreamer_app as gst_app;
 use super::EncoderSettings;
 use super::delivery::Shared;
 use super::kinds::{Force, Input, Kind, Need};
+use crate::native::{NVMM, NativeFormat};
 use crate::pipeline::{self, lock};
 
 /// Before a key frame is forced by signal, how long to wait for earlier pictures to come out.
@@ -18,14 +19,17 @@ const SIGNAL_WAIT: Duration = Duration::from_millis(200);
 /// Full-range BT.601 as in a JPEG file, so that a decoder that converts gives back the same luma.
 const COLORIMETRY: &str = "1:4:7:1";
 
+/// Thousandths of a hertz, at least one: never 0/1, with which x265enc hangs.
+fn rate(settings: &EncoderSettings) -> gst::Fraction {
+    gst::Fraction::new(((settings.rate_hz * 1000.0).round() as i32).max(1), 1000)
+}
+
 fn raw_caps(settings: &EncoderSettings, format: &str) -> gst::Caps {
-    // Thousandths of a hertz, at least one: never 0/1.
-    let rate = ((settings.rate_hz * 1000.0).round() as i32).max(1);
     gst::Caps::builder("video/x-raw")
         .field("format", format)
         .field("width", settings.width as i32)
         .field("height", settings.height as i32)
-        .field("framerate", gst::Fraction::new(rate, 1000))
+        .field("framerate", rate(settings))
         .field("pixel-aspect-ratio", gst::Fraction::new(1, 1))
         .field("interlace-mode", "progressive")
         .field("colorimetry", COLORIMETRY)
@@ -33,39 +37,91 @@ fn raw_caps(settings: &EncoderSettings, format: &str) -> gst::Caps {
         .build()
 }
 
-pub(super) fn input_caps(settings: &EncoderSettings) -> gst::Caps {
-    raw_caps(settings, "I420")
+/// What the source of the pipeline is going to give.
+pub(super) fn input_caps(settings: &EncoderSettings, native: Option<&NativeFormat>) -> gst::Caps {
+    let Some(format) = native else {
+        return raw_caps(settings, "I420");
+    };
+    // The camera's own, with what it says of its colours.
+    let mut caps = format.caps().clone();
+    caps.make_mut().set("framerate", rate(settings));
+    caps
 }
 
-/// All elements from the source to the sink, ready to be linked.
+/// Layout, size and memory alone: a converter keeps the colours as they are.
+fn plain_caps(settings: &EncoderSettings, format: &str, memory: Option<&str>) -> gst::Caps {
+    let mut caps = gst::Caps::builder("video/x-raw")
+        .field("format", format)
+        .field("width", settings.width as i32)
+        .field("height", settings.height as i32)
+        .build();
+    let features = memory.map(|memory| gst::CapsFeatures::new([memory]));
+    caps.make_mut().set_features_simple(features);
+    caps
+}
+
+/// A pipeline's elements, ready to be linked.
+pub(super) struct Chain {
+    /// From the source to the sink.
+    pub(super) elements: Vec<gst::Element>,
+    /// The one that encodes.
+    pub(super) encoder: gst::Element,
+}
+
+/// What has to stand between the source and the encoder.
+fn converters(
+    settings: &EncoderSettings,
+    kind: &Kind,
+    native: Option<&NativeFormat>,
+    encoder: &gst::Element,
+) -> Result<Vec<gst::Element>, String> {
+    let (converter, caps) = match native {
+        None => match kind.input {
+            Input::I420 => return Ok(Vec::new()),
+            Input::Nv12 => ("videoconvert", raw_caps(settings, "NV12")),
+            Input::NvmmNv12 => ("nvvidconv", plain_caps(settings, "NV12", Some(NVMM))),
+        },
+        Some(format) => {
+            let takes = encoder
+                .static_pad("sink")
+                .ok_or("the encoder has no input")?
+                .pad_template_caps();
+            if takes.can_intersect(&input_caps(settings, native)) {
+                return Ok(Vec::new());
+            }
+            let in_nvmm = format.device_memory().is_some_and(|memory| memory == NVMM);
+            let converter = if in_nvmm || kind.input == Input::NvmmNv12 {
+                "nvvidconv"
+            } else {
+                "videoconvert"
+            };
+            let caps = match kind.input {
+                Input::I420 => plain_caps(settings, "I420", None),
+                Input::Nv12 => plain_caps(settings, "NV12", None),
+                Input::NvmmNv12 => plain_caps(settings, "NV12", Some(NVMM)),
+            };
+            (converter, caps)
+        }
+    };
+    Ok(vec![
+        pipeline::make(converter)?,
+        pipeline::caps_filter(&caps)?,
+    ])
+}
+
+/// All elements from the source to the sink.
 pub(super) fn chain(
     settings: &EncoderSettings,
     kind: &Kind,
     quantiser: u32,
+    native: Option<&NativeFormat>,
     source: &gst_app::AppSrc,
     shared: &Arc<Shared>,
-) -> Result<Vec<gst::Element>, String> {
+) -> Result<Chain, String> {
     let encoder = pipeline::make(kind.element)?;
     set_properties(&encoder, settings, kind, quantiser)?;
     let mut elements = vec![source.clone().upcast()];
-    match kind.input {
-        Input::I420 => {}
-        Input::Nv12 => {
-            elements.push(pipeline::make("videoconvert")?);
-            elements.push(pipeline::caps_filter(&raw_caps(settings, "NV12"))?);
-        }
-        Input::NvmmNv12 => {
-            elements.push(pipeline::make("nvvidconv")?);
-            let mut caps = gst::Caps::builder("video/x-raw")
-                .field("format", "NV12")
-                .field("width", settings.width as i32)
-                .field("height", settings.height as i32)
-                .build();
-            caps.make_mut()
-                .set_features_simple(Some(gst::CapsFeatures::new(["memory:NVMM"])));
-            elements.push(pipeline::caps_filter(&caps)?);
-        }
-    }
+    elements.extend(converters(settings, kind, native, &encoder)?);
     if let Force::Signal(signal) = kind.force {
         if !pipeline::has_action(&encoder, signal) {
             return Err(format!("it has no signal {signal}"));
@@ -82,7 +138,7 @@ pub(super) fn chain(
             gst::PadProbeReturn::Ok
         });
     }
-    elements.push(encoder);
+    elements.push(encoder.clone());
     let parser = pipeline::make(kind.codec.parser())?;
     // -1: parameter sets in front of every IDR picture.
     pipeline::set_property(&parser, "config-interval", "-1")?;
@@ -112,7 +168,30 @@ pub(super) fn chain(
         )
         .build();
     elements.push(sink.upcast());
-    Ok(elements)
+    Ok(Chain { elements, encoder })
+}
+
+/// Gives a running encoder another quantiser. `false` if it cannot take one now.
+pub(super) fn adjust(encoder: &gst::Element, kind: &Kind, quantiser: u32) -> Result<bool, String> {
+    let properties = kind.properties.iter();
+    let of_quantiser: Vec<&str> = properties
+        .filter(|property| property.value == "{qp}")
+        .filter_map(|property| {
+            let mut names = property.names.iter().copied();
+            names.find(|name| encoder.has_property(name))
+        })
+        .collect();
+    let mutable = |name: &&str| {
+        let spec = encoder.find_property(name);
+        spec.is_some_and(|spec| spec.flags().contains(gst::PARAM_FLAG_MUTABLE_PLAYING))
+    };
+    if of_quantiser.is_empty() || !of_quantiser.iter().all(mutable) {
+        return Ok(false);
+    }
+    for name in of_quantiser {
+        pipeline::set_property(encoder, name, &quantiser.to_string())?;
+    }
+    Ok(true)
 }
 
 fn set_properties(

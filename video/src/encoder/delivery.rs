@@ -30,11 +30,20 @@ pub(super) struct Shared {
     on_output: Mutex<OnOutput>,
 }
 
+/// A picture inside the encoder.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Inside {
+    /// The time that its buffer carries, ns.
+    pub(super) stamp_ns: i64,
+    /// The time that its access unit is to have, ns.
+    pub(super) pts_ns: i64,
+}
+
 #[derive(Debug, Default)]
 pub(super) struct State {
-    /// Times of the pictures inside, oldest first.
-    pub(super) in_flight: VecDeque<i64>,
-    /// Times of pictures to be made key frames by signal.
+    /// The pictures inside, oldest first.
+    pub(super) in_flight: VecDeque<Inside>,
+    /// Stamps of pictures to be made key frames by signal.
     pub(super) to_force: HashSet<i64>,
     /// Access units delivered so far.
     pub(super) delivered: u64,
@@ -115,11 +124,12 @@ impl Shared {
             .ok_or("it gave an access unit without a time")?
             .nseconds();
         let oldest = lock(&self.state).in_flight.front().copied();
-        let pts_ns =
+        let Inside { stamp_ns, pts_ns } =
             oldest.ok_or_else(|| format!("it gave one access unit too many, at {running} ns"))?;
-        if running.abs_diff(pts_ns as u64) > TIME_SLACK_NS {
+        if running.abs_diff(stamp_ns as u64) > TIME_SLACK_NS {
             return Err(format!(
-                "it gave an access unit for {running} ns, expected the one of the picture at {pts_ns} ns"
+                "it gave an access unit for {running} ns, expected the one of the picture at \
+                 {stamp_ns} ns"
             ));
         }
         let key = annexb::is_key(self.codec, &data);
@@ -151,7 +161,8 @@ impl Shared {
         // picture only when the next one is there: then the key frame may be early, which the trial
         // encode notices.
         let (state, _) = wait_while(&self.changed, state, limit, |state| {
-            state.failure.is_none() && state.in_flight.front().is_some_and(|&oldest| oldest < time)
+            let oldest = state.in_flight.front();
+            state.failure.is_none() && oldest.is_some_and(|oldest| oldest.stamp_ns < time)
         });
         drop(state);
         encoder.emit_by_name::<()>(signal, &[]);
@@ -170,6 +181,10 @@ mod tests {
         let (send, receive) = sync_channel(10);
         let on_output: OnOutput = Box::new(move |event| send.send(event).unwrap());
         let shared = Arc::new(Shared::new(Codec::H264, on_output));
+        let in_flight = in_flight.iter().map(|&pts_ns| Inside {
+            stamp_ns: pts_ns,
+            pts_ns,
+        });
         lock(&shared.state).in_flight.extend(in_flight);
         (shared, receive)
     }
@@ -254,7 +269,10 @@ mod tests {
             let waiting = scope.spawn(|| {
                 let (time, limit) = (gst::ClockTime::from_nseconds(9), Duration::from_secs(60));
                 shared.force_by_signal(&element, "split-now", Some(time), limit);
-                lock(&shared.state).in_flight.front().copied()
+                lock(&shared.state)
+                    .in_flight
+                    .front()
+                    .map(|oldest| oldest.pts_ns)
             });
             shared.deliver(&sample(5, DELTA)).unwrap();
             assert_eq!(waiting.join().unwrap(), Some(9));

@@ -12,6 +12,7 @@
 //! taken before rounding; the way back repeats it, so the chroma site is the middle of the block,
 //! as in JPEG.
 
+use super::rows::{self, Layout, Strided, Window};
 use super::{Picture, PictureError, PixelFormat};
 
 /// Fractional bits of the coefficients.
@@ -103,13 +104,13 @@ pub fn i420_to_rgb(picture: &Picture) -> Result<Vec<u8>, PictureError> {
 pub fn nv12_to_i420(width: u32, height: u32, nv12: &[u8]) -> Result<Picture, PictureError> {
     let mut data = blank(width, height)?;
     expect_length(nv12, data.len())?;
-    let (luma, cb, cr) = planes_mut(&mut data);
-    let (source, chroma) = nv12.split_at(luma.len());
-    luma.copy_from_slice(source);
-    for (pair, (cb, cr)) in chroma.chunks_exact(2).zip(cb.iter_mut().zip(cr)) {
-        *cb = pair[0];
-        *cr = pair[1];
-    }
+    let stride = width as usize;
+    let (luma, chroma) = nv12.split_at(stride * height as usize);
+    let planes = [luma, chroma].map(|data| Strided { data, stride });
+    rows::write(
+        Layout::Nv12(planes),
+        Window::whole(&mut data, width, height),
+    )?;
     Picture::new(width, height, PixelFormat::I420, data)
 }
 
@@ -121,22 +122,11 @@ pub fn nv12_to_i420(width: u32, height: u32, nv12: &[u8]) -> Result<Picture, Pic
 pub fn yuyv_to_i420(width: u32, height: u32, yuyv: &[u8]) -> Result<Picture, PictureError> {
     let mut data = blank(width, height)?;
     expect_length(yuyv, data.len() / 3 * 4)?;
-    let width_ = width as usize;
-    let (luma, cb, cr) = planes_mut(&mut data);
-    for (pair, luma) in yuyv.chunks_exact(2).zip(luma) {
-        *luma = pair[0];
-    }
-    let chroma_rows = cb
-        .chunks_exact_mut(width_ / 2)
-        .zip(cr.chunks_exact_mut(width_ / 2));
-    for (rows, (cb, cr)) in yuyv.chunks_exact(4 * width_).zip(chroma_rows) {
-        let (upper, lower) = rows.split_at(2 * width_);
-        let blocks = upper.chunks_exact(4).zip(lower.chunks_exact(4));
-        for ((upper, lower), (cb, cr)) in blocks.zip(cb.iter_mut().zip(cr)) {
-            *cb = (u16::from(upper[1]) + u16::from(lower[1])).div_ceil(2) as u8;
-            *cr = (u16::from(upper[3]) + u16::from(lower[3])).div_ceil(2) as u8;
-        }
-    }
+    let plane = Strided {
+        data: yuyv,
+        stride: 2 * width as usize,
+    };
+    rows::write(Layout::Yuyv(plane), Window::whole(&mut data, width, height))?;
     Picture::new(width, height, PixelFormat::I420, data)
 }
 

@@ -1,5 +1,6 @@
 //! The crate as its users see it: through GStreamer, with the software encoders of this machine.
 
+mod capture;
 mod decode;
 mod discover;
 mod encode;

@@ -1,0 +1,177 @@
+//! Numbers of frames: the device's own, or inferred from times.
+//!
+//! Contract: numbers rise, and a hole in them is a frame that was lost before it reached us. *By
+//! offset*, the number is the buffer's offset, holes and all. *By time*, a frame is as many numbers
+//! after the one before as periods have passed since that one was due: a phase is followed, so
+//! that one late frame does not make a hole, nor a rate that is a little off the nominal one. A
+//! frame that is more than half a period later than due has a hole in front. *A time that does not
+//! rise* marks a frame as repeated; by time, it keeps the number of the one before.
+
+use super::policy::Numbers;
+
+/// How fast the phase follows: an eighth of what a frame is early or late. A rate that is off by
+/// 1 % is then followed 8 % of a period late.
+const FOLLOW: i64 = 8;
+
+/// One stream's numbering.
+#[derive(Debug)]
+pub(super) struct Numbering {
+    by: Numbers,
+    period_ns: i64,
+    last: Option<Last>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Last {
+    number: u64,
+    time_ns: i64,
+    /// When it was due.
+    due_ns: i64,
+}
+
+/// What is known of a frame from its time and offset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Numbered {
+    pub(super) number: u64,
+    /// Frames that are missing in front of it.
+    pub(super) missing: u64,
+    /// Its time is not after the one before.
+    pub(super) repeated: bool,
+}
+
+impl Numbering {
+    pub(super) fn new(by: Numbers, rate_hz: f64) -> Numbering {
+        Numbering {
+            by,
+            period_ns: (1e9 / rate_hz).round().max(1.0) as i64,
+            last: None,
+        }
+    }
+
+    /// The next frame. An element that should count but does not is followed by time from its
+    /// first frame on.
+    pub(super) fn next(&mut self, time_ns: i64, offset: Option<u64>) -> Numbered {
+        if offset.is_none() {
+            self.by = Numbers::Times;
+        }
+        let first = self.last.is_none();
+        let last = self.last.unwrap_or(Last {
+            number: 0,
+            time_ns: i64::MIN,
+            due_ns: time_ns,
+        });
+        let repeated = time_ns <= last.time_ns;
+        let mut due_ns = time_ns;
+        let (number, missing) = match (self.by, offset) {
+            (Numbers::Offset, Some(offset)) if first => (offset, 0),
+            (Numbers::Offset, Some(offset)) => {
+                // One that does not rise: the device counts anew, which is for the caller to see.
+                (offset, offset.saturating_sub(last.number.saturating_add(1)))
+            }
+            _ if first => (0, 0),
+            _ if repeated => {
+                due_ns = last.due_ns;
+                (last.number, 0)
+            }
+            _ => {
+                let since = time_ns.saturating_sub(last.due_ns);
+                let steps = since.saturating_add(self.period_ns / 2) / self.period_ns;
+                if steps > 0 {
+                    let due = last.due_ns.saturating_add(steps * self.period_ns);
+                    due_ns = due + (time_ns - due) / FOLLOW;
+                }
+                let steps = steps.max(1) as u64;
+                (last.number + steps, steps - 1)
+            }
+        };
+        self.last = Some(Last {
+            number,
+            time_ns: time_ns.max(last.time_ns),
+            due_ns,
+        });
+        Numbered {
+            number,
+            missing,
+            repeated,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: i64 = 1_000_000;
+
+    fn numbers(by: Numbers, frames: &[(i64, Option<u64>)]) -> Vec<(u64, u64, bool)> {
+        let mut numbering = Numbering::new(by, 100.0);
+        let frames = frames.iter().map(|&(ms, offset)| {
+            let Numbered {
+                number,
+                missing,
+                repeated,
+            } = numbering.next(5_000_000_000 + ms * MS, offset);
+            (number, missing, repeated)
+        });
+        frames.collect()
+    }
+
+    #[test]
+    fn the_device_s_own_numbers_are_kept() {
+        let frames = [(0, 7), (10, 8), (40, 11), (50, 12), (60, 3), (70, 4)];
+        let frames = frames.map(|(ms, offset)| (ms, Some(offset)));
+        let found = numbers(Numbers::Offset, &frames);
+        let expected = [7, 8, 11, 12, 3, 4].map(|number| (number, 0, false));
+        let mut expected = expected.to_vec();
+        expected[2].1 = 2;
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn holes_and_repeats_are_seen_in_times() {
+        let frames = [0, 10, 21, 51, 59, 59, 70, 95].map(|ms| (ms, None));
+        let expected = [
+            (0, 0, false),
+            (1, 0, false),
+            (2, 0, false),
+            (5, 2, false),
+            (6, 0, false),
+            (6, 0, true),
+            (7, 0, false),
+            // 2.5 periods after the one before, 2.4 after it was due.
+            (9, 1, false),
+        ];
+        assert_eq!(numbers(Numbers::Times, &frames), expected);
+        // An element without offsets is numbered by its times whatever the table says.
+        assert_eq!(numbers(Numbers::Offset, &frames), expected);
+    }
+
+    #[test]
+    fn one_late_frame_makes_no_hole() {
+        // 4 ms late, then on time: 14 and 6 ms apart.
+        let frames = [0, 10, 20, 34, 40, 50].map(|ms| (ms, None));
+        let found = numbers(Numbers::Times, &frames);
+        assert!(found.iter().all(|frame| frame.1 == 0), "{found:?}");
+        assert_eq!(found.last().unwrap().0, 5);
+    }
+
+    #[test]
+    fn a_rate_that_is_off_is_followed() {
+        for period_us in [9_900, 9_990, 10_010, 10_100] {
+            let mut numbering = Numbering::new(Numbers::Times, 100.0);
+            for number in 0..100_000 {
+                let found = numbering.next(number * period_us * 1_000, None);
+                assert_eq!(found.number, number as u64, "period {period_us} us");
+            }
+        }
+    }
+
+    #[test]
+    fn a_rate_that_is_twice_the_nominal_one_still_rises() {
+        let mut numbering = Numbering::new(Numbers::Times, 100.0);
+        for number in 0..1_000 {
+            let found = numbering.next(number * 5 * MS, None);
+            assert_eq!((found.number, found.missing), (number as u64, 0));
+        }
+    }
+}
