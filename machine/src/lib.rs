@@ -7,7 +7,7 @@
 //! in a test, and an hour of heat takes a millisecond.
 //!
 //! [`thermal`], [`battery`], [`disk`] and [`clock`] tell the state, [`ladder`] turns the first three into
-//! measures, [`realtime`] asks the kernel for what a recorder needs. `cargo run -p machine --example look`
+//! measures, [`realtime`] asks the kernel for what a recorder needs. `cargo run -p machine --example look_at_machine`
 //! prints all of it.
 //!
 //! Times are integer nanoseconds on `CLOCK_MONOTONIC`. **Nothing here has run on a Jetson**: its sensors

@@ -1,9 +1,9 @@
 //! Prints what this machine says of itself.
 //!
 //! ```sh
-//! cargo run -p machine --example look              # once, as text
-//! cargo run -p machine --example look -- --json    # once, as JSON
-//! cargo run -p machine --example look -- --watch 60   # clocks, and each step, for 60 s
+//! cargo run -p machine --example look_at_machine              # once, as text
+//! cargo run -p machine --example look_at_machine -- --json    # once, as JSON
+//! cargo run -p machine --example look_at_machine -- --watch 60   # clocks, and each step, for 60 s
 //! ```
 
 use std::path::Path;
