@@ -16,7 +16,7 @@ mod operator;
 mod section;
 
 pub use device::{DeviceChoice, GstreamerConfig, PixelLayout, V4l2Config, ZedImuConfig};
-pub use operator::{Beeper, Button, Light, Line, Operator, Page};
+pub use operator::{Operator, Page};
 
 pub use check::{Finding, Level, check};
 
@@ -34,7 +34,7 @@ pub struct Config {
     pub encoder: Encoder,
     /// `[control]`
     pub control: Control,
-    /// `[[button]]`, `[[light]]`, `[[beeper]]`
+    /// `[operator]`
     pub operator: Operator,
     /// `[page]`: none without the section.
     pub page: Option<Page>,

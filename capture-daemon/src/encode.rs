@@ -110,6 +110,8 @@ pub struct Lane {
     /// Given up, and not yet gone.
     ending: Vec<JoinHandle<()>>,
     wants_key: bool,
+    /// Fewer bits are to be made.
+    sparing: bool,
 }
 
 impl Lane {
@@ -129,6 +131,7 @@ impl Lane {
             retry_at: HostTime::MIN,
             ending: Vec::new(),
             wants_key: false,
+            sparing: false,
         }
     }
 
@@ -143,6 +146,11 @@ impl Lane {
         self.running
             .as_ref()
             .map_or(0, |r| r.encoder.queued_bytes())
+    }
+
+    /// Encodes with fewer bits from now on, or again with as many as configured.
+    pub fn spare(&mut self, sparing: bool) {
+        self.sparing = sparing;
     }
 
     /// Makes the next frame a key frame.

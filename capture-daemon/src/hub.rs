@@ -14,12 +14,14 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use bytes::Bytes;
+use machine::ladder::Measures;
 use session_archive::record::paws::gap::Cause;
 use session_archive::record::{ClockMap as ClockMapRecord, Frame, ImuBatch};
 use session_archive::time::{HostTime, NS_PER_S};
 use video::EncoderSettings;
 
 use crate::encode::{Encoded, Lane};
+use crate::preview::Previews;
 use crate::sources::{
     FrameSync, Gone, ImuInfo, ImuValues, Lost, Part, RawFrame, RawImu, Sample, Stamped,
 };
@@ -139,8 +141,8 @@ pub struct StreamHealth {
     pub silent: bool,
     /// The same picture for too long.
     pub frozen: bool,
-    /// How the clocks of an IMU and its camera lie to each other, if that was found anew.
-    pub frame_sync: Option<FrameSync>,
+    /// What ties an IMU to its camera if that was found anew, and by how many ns its times are later.
+    pub frame_sync: Option<(FrameSync, i64)>,
 }
 
 /// A camera, as the hub needs to know it.
@@ -190,6 +192,8 @@ pub struct Hub {
     out: Out,
     waits: bool,
     health_at: Option<HostTime>,
+    previews: Option<Arc<Previews>>,
+    measures: Measures,
 }
 
 struct CameraState {
@@ -217,7 +221,8 @@ struct ImuState {
     batch: ImuBatch,
     batch_since: HostTime,
     gone_alarm: bool,
-    frame_sync: Option<FrameSync>,
+    /// What ties it to its camera, and by how much its times are later.
+    frame_sync: Option<(FrameSync, i64)>,
 }
 
 impl Hub {
@@ -286,7 +291,24 @@ impl Hub {
             out: out.clone(),
             waits,
             health_at: None,
+            previews: None,
+            measures: Measures::default(),
         }
+    }
+
+    /// Keeps the newest pictures here from now on.
+    pub fn show(&mut self, previews: Arc<Previews>) {
+        self.previews = Some(previews);
+    }
+
+    /// Does this to spare the machine from now on.
+    pub fn spare(&mut self, measures: Measures) {
+        if measures.lower_bitrate != self.measures.lower_bitrate {
+            for camera in &mut self.cameras {
+                camera.lane.spare(measures.lower_bitrate);
+            }
+        }
+        self.measures = measures;
     }
 
     /// Takes the next sample of a camera's source.
@@ -303,7 +325,9 @@ impl Hub {
             }),
             Sample::FrameSync(sync) => {
                 if let Some(imu) = self.cameras[camera].imu {
-                    self.imus[imu].frame_sync = Some(sync);
+                    let imu = &mut self.imus[imu];
+                    let time = imu.clock.time_of(sync.ticks);
+                    imu.frame_sync = time.map(|time| (sync, time - sync.stamp));
                 }
             }
         }
@@ -458,6 +482,19 @@ impl Hub {
         let (ticks, mapped) = camera.clock.map(raw.device_ticks, raw.host_time, &self.out);
         // The recorder could not store it, and what is encoded after it would refer to it.
         let Some(number) = number else { return };
+        if let Some(previews) = &self.previews {
+            previews.offer(position, &raw.picture, now, self.measures.lower_preview);
+        }
+        if self.measures.lower_frame_rate && number % 2 == 1 {
+            return (self.out)(Outgoing::Dropped {
+                at: mapped.time,
+                stream: camera.setup.name.clone(),
+                first: number,
+                last: number,
+                cause: Cause::Spared,
+                detail: "every other picture is left out, to spare the machine".to_owned(),
+            });
+        }
         let frame = Frame {
             number,
             device_ticks: ticks,

@@ -144,7 +144,9 @@ fn main() -> ExitCode {
         Command::Run(args) => daemon(&args.config),
         Command::Start { name, control } => ask(&control, &Request::Start { name }, print_session),
         Command::Stop(control) => ask(&control, &Request::Stop, print_session),
-        Command::Mark { text, control } => ask(&control, &Request::Mark { text }, |_| Ok(())),
+        Command::Mark { text, control } => {
+            ask(&control, &Request::Mark { text, at: None }, |_| Ok(()))
+        }
         Command::Discard(control) => ask(&control, &Request::Discard, |_| Ok(())),
         Command::Status { json, control } => ask(&control, &Request::Status, |status| {
             let text = if json {
@@ -383,6 +385,7 @@ mod tests {
                 free_bytes: None,
                 seconds_left: None,
                 alarms: Vec::new(),
+                concerns: Default::default(),
                 encoders: Vec::new(),
                 machine: MachineStatus::default(),
                 sparing: String::new(),

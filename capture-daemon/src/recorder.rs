@@ -12,11 +12,12 @@
 //! * *When the disk is nearly full* it stops cleanly; *when it fails* the session is closed as far as it is
 //!   on disk, what is not known to be there is counted as missing, and the state says so. Nothing here panics or retries for ever.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use machine::ladder::{Cause, Change, Ladder, Measures, Pressure, Step};
 use session_archive::manifest::{Camera, Imu, Stop};
 use session_archive::record::paws::event::Kind;
 use session_archive::record::paws::health::Stream as StreamRecord;
@@ -29,7 +30,9 @@ use crate::causes::with_causes;
 use crate::clock::Clock;
 use crate::disk::START_MARGIN;
 use crate::hub::{Outgoing, StreamHealth};
-use crate::status::{MachineStatus, Progress, Request, Response, State, Status, StreamStatus};
+use crate::status::{
+    Concern, MachineStatus, Progress, Request, Response, State, Status, StreamStatus,
+};
 
 mod health;
 mod preroll;
@@ -67,8 +70,19 @@ pub trait SessionStore: Send {
     /// Free space, bytes.
     fn free_bytes(&self) -> Option<u64>;
 
-    /// What the machine says of itself; asked once a second.
-    fn machine(&mut self, now: HostTime) -> MachineStatus;
+    /// What the machine says of itself; asked once a second. `recording`: the disk fills.
+    fn machine(&mut self, now: HostTime, recording: bool) -> MachineLook;
+}
+
+/// One look at the machine.
+#[derive(Clone, Debug, Default)]
+pub struct MachineLook {
+    /// For records, page and screen.
+    pub status: MachineStatus,
+    /// For the ladder of measures.
+    pub pressure: Pressure,
+    /// What has happened to its clocks.
+    pub events: Vec<String>,
 }
 
 /// Everything about the rig and the recording that does not change while the daemon runs.
@@ -115,7 +129,8 @@ pub struct Recorder {
     /// Streams that have delivered.
     seen: Vec<bool>,
     health: Vec<StreamHealth>,
-    alarms: BTreeSet<String>,
+    /// What is wrong, and what that is about.
+    alarms: BTreeMap<String, Concern>,
     /// The one of the disk's alarms that is active.
     disk_alarm: Option<&'static str>,
     pre_roll_alarm: bool,
@@ -123,7 +138,9 @@ pub struct Recorder {
     free_bytes: Option<u64>,
     seconds_left: Option<f64>,
     machine: MachineStatus,
-    sparing: String,
+    ladder: Ladder,
+    /// What the ladder's causes are said to be.
+    tight: BTreeMap<Cause, String>,
     key_wishes: Vec<usize>,
 }
 
@@ -149,13 +166,14 @@ impl Recorder {
             last_totals: (0.0, Vec::new()),
             seen: vec![false; streams],
             health: Vec::new(),
-            alarms: BTreeSet::new(),
+            alarms: BTreeMap::new(),
             disk_alarm: None,
             pre_roll_alarm: false,
             fault: None,
             seconds_left: None,
             machine: MachineStatus::default(),
-            sparing: String::new(),
+            ladder: Ladder::default(),
+            tight: BTreeMap::new(),
             key_wishes: Vec::new(),
             setup,
         }
@@ -216,9 +234,11 @@ impl Recorder {
         let done = match request {
             Request::Start { name } => self.start(&name, source),
             Request::Stop => self.stop(source),
-            Request::Mark { text } => match &self.session {
-                Some(_) => {
-                    self.event(Kind::Mark, self.clock.now(), source, &text);
+            Request::Mark { text, at } => match &self.session {
+                Some(session) => {
+                    let now = self.clock.now();
+                    let at = at.unwrap_or(now).clamp(session.started, now);
+                    self.event(Kind::Mark, at, source, &text);
                     Ok(())
                 }
                 None => Err(format!(
@@ -227,6 +247,7 @@ impl Recorder {
                 )),
             },
             Request::Discard => self.discard(source),
+            Request::DiscardLast => self.discard_last(source),
             Request::Status => Ok(()),
         };
         match done {
@@ -257,7 +278,17 @@ impl Recorder {
                 self.setup.reserve_bytes >> 20
             ));
         }
+        if self.ladder.measures().stop {
+            let reasons = self.ladder.reasons().into_iter();
+            let reasons: Vec<String> = reasons
+                .filter(|(_, step, _)| *step == Step::StopCleanly)
+                .map(|(_, _, text)| text)
+                .collect();
+            return Err(format!("not now: {}", reasons.join("; ")));
+        }
         let at = self.clock.now();
+        let changes = self.ladder.begin_recording(at.0);
+        self.tell_changes(at, changes);
         let beginning = self
             .pre_roll
             .take(at + -self.setup.pre_roll_ns, self.setup.cameras.len());
@@ -358,6 +389,21 @@ impl Recorder {
             .map_err(|e| format!("deleting {}: {e}", path.display()))
     }
 
+    /// Deletes the last session.
+    fn discard_last(&mut self, source: &str) -> Result<(), String> {
+        if let Some(session) = &self.session {
+            return Err(format!("still recording {}", session.path.display()));
+        }
+        let Some(path) = self.last_session.take() else {
+            return Err("there is no last recording that could be discarded".to_owned());
+        };
+        log::info!("{} discarded by {source}", path.display());
+        self.last_totals = (0.0, Vec::new());
+        self.store
+            .discard(&path)
+            .map_err(|e| format!("deleting {}: {e}", path.display()))
+    }
+
     /// Everything worth knowing now.
     pub fn status(&self) -> Status {
         let session = self.session.as_ref();
@@ -390,10 +436,11 @@ impl Recorder {
             seconds_left: self.seconds_left,
             alarms: self
                 .alarms
-                .iter()
+                .keys()
                 .cloned()
                 .chain(self.fault.clone())
                 .collect(),
+            concerns: self.alarms.values().copied().collect(),
             encoders: self
                 .setup
                 .cameras
@@ -401,7 +448,7 @@ impl Recorder {
                 .map(|c| c.encoder.clone())
                 .collect(),
             machine: self.machine.clone(),
-            sparing: self.sparing.clone(),
+            sparing: step_name(self.ladder.step()).to_owned(),
         }
     }
 
@@ -612,7 +659,7 @@ impl Recorder {
     fn on_alarm(&mut self, at: HostTime, text: String, stream: &str, active: bool) {
         if active {
             log::warn!("{text}");
-            self.alarms.insert(text.clone());
+            self.alarms.insert(text.clone(), concern_of(stream));
         } else {
             log::info!("over: {text}");
             self.alarms.remove(&text);
@@ -629,7 +676,7 @@ impl Recorder {
     fn on_health(&mut self, at: HostTime, streams: Vec<StreamHealth>) {
         self.health = streams;
         self.free_bytes = self.store.free_bytes();
-        self.machine = self.store.machine(at);
+        self.look_at_machine(at);
         let Some(session) = &mut self.session else {
             return self.guard_disk(at, None);
         };
@@ -668,11 +715,47 @@ impl Recorder {
             clock: self.machine.clock.as_ref().map(clock_record),
             battery: self.machine.battery.as_ref().map(battery_record),
             throttled: self.machine.throttled,
-            sparing: self.sparing.clone(),
+            sparing: step_name(self.ladder.step()).to_owned(),
         };
         let stored = session.writer.append("", at, at, &record);
         self.check(stored);
         self.guard_disk(at, Some(written));
+    }
+
+    /// Asks the machine how it is, and takes the measures that follow.
+    fn look_at_machine(&mut self, at: HostTime) {
+        let look = self.store.machine(at, self.session.is_some());
+        self.machine = look.status;
+        for text in look.events {
+            log::warn!("{text}");
+            self.event(Kind::Warning, at, "clock", &text);
+        }
+        let changes = self.ladder.look(at.0, &look.pressure);
+        self.tell_changes(at, changes);
+        if self.ladder.measures().stop && self.session.is_some() {
+            let _ = self.stop("the machine cannot go on");
+        }
+    }
+
+    /// Says what is tight, each cause in one alarm whose text follows what is done about it.
+    fn tell_changes(&mut self, at: HostTime, changes: Vec<Change>) {
+        for change in changes {
+            let source = cause_name(change.cause);
+            if let Some(over) = self.tight.remove(&change.cause) {
+                self.on_alarm(at, over, source, false);
+            }
+            // That space runs low is said by the disk's own alarm.
+            let is_said = change.cause == Cause::Disk && change.to == Step::Warn;
+            if change.to > Step::Normal && !is_said {
+                self.on_alarm(at, change.text.clone(), source, true);
+                self.tight.insert(change.cause, change.text);
+            }
+        }
+    }
+
+    /// What is to be done to spare the machine.
+    pub fn measures(&self) -> Measures {
+        self.ladder.measures()
     }
 
     /// Warns when space runs low, or is too little to begin; stops, cleanly, when it has run out.
@@ -702,6 +785,38 @@ impl Recorder {
         if full && self.session.is_some() {
             let _ = self.stop("disk full");
         }
+    }
+}
+
+fn step_name(step: Step) -> &'static str {
+    match step {
+        Step::Normal => "normal",
+        Step::Warn => "warn",
+        Step::LowerPreview => "lower preview",
+        Step::LowerBitrate => "lower bitrate",
+        Step::LowerFrameRate => "lower frame rate",
+        Step::StopCleanly => "stop",
+    }
+}
+
+fn cause_name(cause: Cause) -> &'static str {
+    match cause {
+        Cause::Heat => "heat",
+        Cause::Throttling => "throttling",
+        Cause::Battery => "battery",
+        Cause::Supply => "supply",
+        Cause::Disk => "disk",
+        Cause::Encoder => "encoder",
+    }
+}
+
+/// What an alarm of this source is about.
+fn concern_of(source: &str) -> Concern {
+    match source {
+        "disk" => Concern::Storage,
+        "battery" | "supply" => Concern::Battery,
+        "heat" | "throttling" => Concern::Heat,
+        _ => Concern::Stream,
     }
 }
 

@@ -12,12 +12,16 @@ use crate::recorder::OnProgress;
 use crate::status::Progress;
 
 mod build;
+mod look;
+mod operator;
+mod page;
 mod real_time;
 mod store;
 mod virtual_time;
 
 pub(crate) use build::needed_speed;
 pub use build::{Built, build};
+pub use page::fingerprint;
 pub use real_time::daemon;
 pub use store::FolderStore;
 

@@ -146,13 +146,15 @@ pub struct FrameSync {
     pub host_time: HostTime,
     /// Marked samples that belong to a frame, used for it.
     pub pairs: u32,
-    /// Time of a marked sample less that of its frame, by the clock maps in force, ns.
-    pub offset_ns: i64,
-    /// One standard deviation of the offset, ns.
+    /// An instant on the IMU's clock.
+    pub ticks: i64,
+    /// The same instant as the camera's driver would stamp it.
+    pub stamp: HostTime,
+    /// One standard deviation of that, ns.
     pub sigma_ns: u64,
-    /// Median distance of a pair from the line through all, ns.
+    /// By how much the stamps lie above the line through all, ns: half of them by less.
     pub residual_median_ns: u64,
-    /// The distance that 99 of 100 pairs do not exceed, ns.
+    /// The same; 99 of 100 by less.
     pub residual_p99_ns: u64,
     /// Number of the device's sync counter less that of the frame.
     pub count_minus_number: i64,

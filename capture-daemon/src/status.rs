@@ -1,5 +1,6 @@
 //! What the recorder tells about itself: to `pawsd status`, to a button's light, to a log.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
@@ -50,6 +51,20 @@ pub struct StreamStatus {
     pub silent: bool,
     /// The same picture for too long.
     pub frozen: bool,
+}
+
+/// What a person can do something about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Concern {
+    /// A camera or an IMU is silent, gone, frozen or cannot be encoded.
+    Stream,
+    /// The disk is slow, or little is free.
+    Storage,
+    /// The battery or the supply is low.
+    Battery,
+    /// The machine is hot, or has slowed itself.
+    Heat,
 }
 
 /// The machine's battery.
@@ -114,6 +129,9 @@ pub struct Status {
     pub seconds_left: Option<f64>,
     /// What is wrong now.
     pub alarms: Vec<String>,
+    /// What the alarms are about.
+    #[serde(default)]
+    pub concerns: BTreeSet<Concern>,
     /// The encoder of each camera.
     pub encoders: Vec<String>,
     /// What the machine says of itself.
@@ -183,9 +201,14 @@ pub enum Request {
         /// What to write beside it.
         #[serde(default)]
         text: String,
+        /// When; now, if it is left out.
+        #[serde(default)]
+        at: Option<HostTime>,
     },
     /// Stop and delete the session.
     Discard,
+    /// Delete the last session, while nothing is being recorded.
+    DiscardLast,
     /// Tell the state.
     Status,
 }

@@ -117,6 +117,7 @@ fn a_press_records_at_once_and_a_stop_ends_soon() {
         daemon
             .ask(Request::Mark {
                 text: "here".to_owned(),
+                at: None,
             })
             .expect("mark");
 

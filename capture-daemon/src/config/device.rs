@@ -248,10 +248,10 @@ fn device(section: &mut Section<'_>, folder: &Path) -> Option<DeviceChoice> {
     }
 }
 
-pub(super) const A_USB_ID: &str = "vendor and product as in \"2b03:f682\"";
+const A_USB_ID: &str = "vendor and product as in \"2b03:f682\"";
 
 /// Vendor and product, hexadecimal, four digits each.
-pub(super) fn usb_id(text: &str) -> Option<(u16, u16)> {
+fn usb_id(text: &str) -> Option<(u16, u16)> {
     let (vendor, product) = text.split_once(':')?;
     let id = |text: &str| {
         let is_id = text.len() == 4 && text.bytes().all(|b| b.is_ascii_hexdigit());

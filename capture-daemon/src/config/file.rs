@@ -56,7 +56,7 @@ fn config(mut root: Section<'_>, folder: &Path) -> Option<Config> {
     let disk = disk(root.section("disk", "[disk]"));
     let encoder = encoder(root.section("encoder", "[encoder]"));
     let control = control(root.section("control", "[control]"), folder);
-    let operator = operator::operator(&mut root, folder);
+    let operator = operator::operator(root.section("operator", "[operator]"));
     let page = operator::page(root.section("page", "[page]"), folder);
     let mut rig_section = root.section("rig", "[rig]");
     let rig = rig_section.path("file", folder);

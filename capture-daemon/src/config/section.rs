@@ -8,6 +8,7 @@ use std::cell::RefCell;
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -164,6 +165,29 @@ impl<'d> Section<'d> {
                 .filter(|text| is_valid(text))
                 .map(str::to_owned)
         })
+    }
+
+    /// A list of texts, each of which can be read as a `T`; empty where the key is absent.
+    pub(super) fn parsed<T>(&mut self, key: &'static str, expected: &str) -> Vec<T>
+    where
+        T: FromStr<Err: Display>,
+    {
+        let expected = format!("a list of {expected}");
+        let texts = self.read(key, expected, |_, value| {
+            let texts = value.as_array()?.iter();
+            let text = |text: &'d Spanned<DeValue<'d>>| {
+                Some((text.span().start, text.get_ref().as_str()?))
+            };
+            texts.map(text).collect::<Option<Vec<_>>>()
+        });
+        let mut all = Vec::new();
+        for (at, text) in texts.unwrap_or_default() {
+            match text.parse() {
+                Ok(parsed) => all.push(parsed),
+                Err(error) => self.log.add(at, format!("{key} in {}: {error}", self.name)),
+            }
+        }
+        all
     }
 
     /// A path; a relative one is relative to `folder`.

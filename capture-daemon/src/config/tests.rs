@@ -463,7 +463,7 @@ fn unknown_keys_name_the_nearest() {
     );
     check(
         &format!("colour = 1\n{CAMERA}"),
-        "line 1: unknown key colour in the configuration; known are session, disk, encoder, control, button, light, beeper, page, rig, camera",
+        "line 1: unknown key colour in the configuration; known are session, disk, encoder, control, operator, page, rig, camera",
     );
     check(
         "[[camera]]\nname = \"feet\"\ntriger = \"chest\"\nsource = { kind = \"synthetic\" }",
@@ -674,42 +674,18 @@ fn cameras_that_are_devices() {
 #[test]
 fn what_a_person_without_a_screen_has() {
     let text = format!(
-        "{CAMERA}[[button]]\nkind = \"gpio\"\nchip = \"/dev/gpiochip1\"\nline = 3\nactive_low = true\n\
-         [[button]]\nkind = \"key\"\ndevice = \"keypad\"\n\
-         [[button]]\nkind = \"hid\"\nusb = \"1234:abcd\"\nbyte = 2\nmask = 1\n\
-         [[light]]\nkind = \"gpio\"\nchip = \"/dev/gpiochip1\"\nred = 1\ngreen = 2\nblue = 3\n\
-         [[light]]\nkind = \"led\"\nname = \"pwr\"\n\
-         [[beeper]]\nkind = \"tone\"\ndevice = \"/dev/input/event3\"\n\
+        "{CAMERA}[operator]\nbuttons = [\"gpio:/dev/gpiochip1:3,active-low\", \"evdev:name=keypad\"]\n\
+         lights = [\"gpio:red+green+blue\"]\nbeepers = [\"evdev:name=PC Speaker\"]\n\
          [page]\nlisten = \"0.0.0.0:8077\"\ntoken_file = \"token\"\n"
     );
     let config = parse(&text).unwrap();
-    let line = |offset, active_low| Line {
-        chip: "/dev/gpiochip1".into(),
-        offset,
-        active_low,
-    };
     let expected = Operator {
         buttons: vec![
-            Button::Gpio {
-                line: line(3, true),
-                debounce_ms: 10,
-            },
-            Button::Key {
-                device: "keypad".into(),
-                key: "KEY_RECORD".into(),
-            },
-            Button::Hid {
-                vendor: 0x1234,
-                product: 0xabcd,
-                byte: 2,
-                mask: 1,
-            },
+            "gpio:/dev/gpiochip1:3,active-low".parse().unwrap(),
+            "evdev:name=keypad".parse().unwrap(),
         ],
-        lights: vec![
-            Light::GpioRgb([line(1, false), line(2, false), line(3, false)]),
-            Light::Led("pwr".into()),
-        ],
-        beepers: vec![Beeper::Tone("/dev/input/event3".into())],
+        lights: vec!["gpio:red+green+blue".parse().unwrap()],
+        beepers: vec!["evdev:name=PC Speaker".parse().unwrap()],
     };
     assert_eq!(config.operator, expected);
     let page = config.page.unwrap();
@@ -726,12 +702,12 @@ fn what_a_person_without_a_screen_has() {
     );
     check("[page]\n", "line 5: listen is missing in [page]");
     check(
-        "[[button]]\nkind = \"lever\"\n",
-        "line 6: kind in [[button]] is \"lever\", expected one of",
+        "[operator]\nbuttons = [\n\"evdev:key=KEY_RECORD\",\n\"lever:3\"]\n",
+        "line 8: buttons in [operator]: reading \"lever:3\"",
     );
     check(
-        "[[light]]\nkind = \"led\"\nname = \"../x\"\n",
-        "line 7: name in [[light]] is \"../x\", expected a name in /sys/class/leds",
+        "[operator]\nlights = \"sysfs:status\"\n",
+        "line 6: lights in [operator] is \"sysfs:status\", expected a list of texts",
     );
 }
 

@@ -15,6 +15,7 @@ fn status(state: State) -> Response {
             free_bytes: None,
             seconds_left: None,
             alarms: Vec::new(),
+            concerns: Default::default(),
             encoders: Vec::new(),
             machine: MachineStatus::default(),
             sparing: String::new(),
@@ -28,11 +29,11 @@ fn echo(request: Request) -> Response {
         Request::Start { name } => Response::Error {
             message: format!("start {name}"),
         },
-        Request::Mark { text } => Response::Error {
+        Request::Mark { text, .. } => Response::Error {
             message: format!("mark {text}"),
         },
         Request::Stop => status(State::Stopping),
-        Request::Discard => status(State::Idle),
+        Request::Discard | Request::DiscardLast => status(State::Idle),
         Request::Status => status(State::Armed),
     }
 }
@@ -73,6 +74,7 @@ fn every_request_arrives_and_is_answered() {
         },
         Request::Mark {
             text: "stairs ↑".into(),
+            at: None,
         },
         Request::Stop,
         Request::Discard,

@@ -55,6 +55,11 @@ impl StreamClock {
         }
     }
 
+    /// The time of an instant on the device's clock, by the map in force.
+    pub(super) fn time_of(&self, ticks: i64) -> Option<HostTime> {
+        self.mapper.map(ticks).map(|mapped| mapped.time)
+    }
+
     fn stamp(&mut self, stamped: Stamped, ticks: i64, arrival: HostTime, out: &Out) -> Mapped {
         if self.announced != STAMPS_VERSION {
             self.announced = STAMPS_VERSION;

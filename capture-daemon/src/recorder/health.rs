@@ -25,9 +25,9 @@ pub(super) fn battery_record(battery: &BatteryStatus) -> Battery {
     }
 }
 
-pub(super) fn frame_sync_record(sync: FrameSync) -> FrameSyncRecord {
+pub(super) fn frame_sync_record((sync, offset_ns): (FrameSync, i64)) -> FrameSyncRecord {
     FrameSyncRecord {
-        offset_ns: sync.offset_ns,
+        offset_ns,
         sigma_ns: sync.sigma_ns,
         residual_median_ns: sync.residual_median_ns,
         residual_p99_ns: sync.residual_p99_ns,

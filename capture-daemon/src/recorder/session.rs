@@ -27,6 +27,8 @@ pub(super) struct Session {
     sets: FrameSetBuilder,
     /// Cameras without a key frame so far: what comes before it could not be decoded.
     pub(super) without_key: Vec<bool>,
+    /// When recording began, pre-roll included.
+    pub(super) started: HostTime,
     pub(super) first: Option<HostTime>,
     pub(super) last: HostTime,
     pub(super) stopping: Option<Stopping>,
@@ -87,6 +89,7 @@ impl Session {
             cameras: setup.cameras.len(),
             sets: FrameSetBuilder::new(specs.collect()),
             without_key: vec![true; setup.cameras.len()],
+            started,
             first: None,
             last: started,
             stopping: None,

@@ -23,6 +23,7 @@ struct Bench {
     disks: Arc<Mutex<Vec<FaultStorage>>>,
     progress: Arc<Mutex<Vec<Progress>>>,
     free: Arc<Mutex<Option<u64>>>,
+    machine: Arc<Mutex<MachineLook>>,
     /// Of the first disk.
     faults: Vec<Fault>,
 }
@@ -45,11 +46,10 @@ impl SessionStore for Bench {
         *self.free.lock().expect("free")
     }
 
-    fn machine(&mut self, _: HostTime) -> MachineStatus {
-        MachineStatus {
-            temperature_c: Some(41.5),
-            ..MachineStatus::default()
-        }
+    fn machine(&mut self, _: HostTime, _: bool) -> MachineLook {
+        let mut look = self.machine.lock().expect("machine").clone();
+        look.status.temperature_c = Some(41.5);
+        look
     }
 }
 
@@ -561,7 +561,8 @@ fn marks_health_and_alarms_are_in_the_session() {
     assert!(matches!(
         rig.recorder.request(
             Request::Mark {
-                text: "early".to_owned()
+                text: "early".to_owned(),
+                at: None,
             },
             "button"
         ),
@@ -573,6 +574,7 @@ fn marks_health_and_alarms_are_in_the_session() {
     rig.recorder.request(
         Request::Mark {
             text: "stairs".to_owned(),
+            at: None,
         },
         "button",
     );

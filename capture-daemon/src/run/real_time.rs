@@ -7,17 +7,21 @@
 //! recorder does not come round for [`STUCK_NS`], the run ends with an error; the session is closed
 //! before, if the recorder still can.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow, bail};
+use machine::ladder::Measures;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, NS_PER_S};
+use video::Picture;
 
 use super::build::{Built, build};
+use super::operator::Operator;
+use super::page;
 use super::store::FolderStore;
 use super::{Finished, Outcome, RecordOptions, StopFlag, stop_reason};
 use crate::causes::with_causes;
@@ -26,10 +30,11 @@ use crate::config::Config;
 use crate::control;
 use crate::hub::{Hub, Out, Outgoing, TICK_NS};
 use crate::notify::Notify;
+use crate::preview::Previews;
 use crate::queue::{Popped, Queue};
 use crate::recorder::{OnProgress, Recorder};
 use crate::sources::{AnySource, Sample, Sink, Source, SourceError};
-use crate::status::{Progress, Request, Response, State};
+use crate::status::{Progress, Request, Response, State, Status};
 
 /// Raw frames waiting for the hub.
 const INBOX_BYTES: usize = 128 << 20;
@@ -43,6 +48,8 @@ const LEAD_NS: i64 = 200_000_000;
 const BEHIND_NS: i64 = NS_PER_S / 2;
 /// A thread that has not come round for this long is stuck.
 const STUCK_NS: i64 = 10 * NS_PER_S;
+/// How old what others know of the recorder may be.
+const NOTE_NS: i64 = 200_000_000;
 /// How long a request may take.
 const REQUEST_LIMIT: Duration = Duration::from_secs(5);
 
@@ -63,7 +70,7 @@ enum ToRecorder {
 }
 
 /// What all threads share.
-struct Shared {
+pub(super) struct Shared {
     clock: Arc<RealClock>,
     inbox: Queue<In>,
     outbox: Queue<ToRecorder>,
@@ -76,6 +83,14 @@ struct Shared {
     key_wanted: Vec<AtomicBool>,
     /// Set when no source will deliver any more.
     all_ended: StopFlag,
+    /// How the recorder was when it last changed, for whoever must not wait for it.
+    latest: Mutex<Option<Arc<Status>>>,
+    /// Whether a session is open.
+    recording: AtomicBool,
+    /// What is done to spare the machine.
+    measures: Mutex<Measures>,
+    /// The newest picture of each camera.
+    previews: Arc<Previews>,
     outcome: Outcome,
 }
 
@@ -92,8 +107,37 @@ impl Shared {
             recorder_beat: AtomicI64::new(now),
             key_wanted: (0..cameras).map(|_| AtomicBool::new(false)).collect(),
             all_ended: StopFlag::new(),
+            latest: Mutex::default(),
+            recording: AtomicBool::new(false),
+            measures: Mutex::default(),
+            previews: Arc::new(Previews::new(cameras)),
             outcome,
         }
+    }
+
+    /// How the recorder was a moment ago; none before it has come round once.
+    pub(super) fn latest(&self) -> Option<Arc<Status>> {
+        lock(&self.latest).clone()
+    }
+
+    pub(super) fn is_recording(&self) -> bool {
+        self.recording.load(Ordering::SeqCst)
+    }
+
+    pub(super) fn now(&self) -> HostTime {
+        self.clock.now()
+    }
+
+    pub(super) fn preview(&self, camera: usize) -> Option<(u64, Picture)> {
+        self.previews.newest(camera)
+    }
+
+    /// Keeps what others are to know of the recorder.
+    fn note(&self, recorder: &Recorder) {
+        let is_recording = matches!(recorder.state(), State::Recording | State::Stopping);
+        self.recording.store(is_recording, Ordering::SeqCst);
+        *lock(&self.measures) = recorder.measures();
+        *lock(&self.latest) = Some(Arc::new(recorder.status()));
     }
 
     fn beat(&self, which: &AtomicI64) {
@@ -102,8 +146,10 @@ impl Shared {
 }
 
 /// A running daemon.
-struct Running {
-    shared: Arc<Shared>,
+pub(super) struct Running {
+    pub(super) shared: Arc<Shared>,
+    /// Name and nominal rate of each camera.
+    pub(super) cameras: Vec<(String, f64)>,
     threads: Vec<JoinHandle<()>>,
 }
 
@@ -124,6 +170,10 @@ impl Running {
             setup,
         } = built;
         let chunk_ns = setup.chunk_ns;
+        let listed = cameras
+            .iter()
+            .map(|c| (c.name.clone(), c.rate_hz))
+            .collect();
         let names: Vec<String> = cameras.iter().map(|c| c.name.clone()).collect();
         let shared = Arc::new(Shared::new(cameras.len(), OUTBOX_BYTES, outcome));
         // The pre-roll is written within one request, chunk by chunk.
@@ -133,10 +183,11 @@ impl Running {
             on_progress(progress);
         });
         let queued = shared.clone();
+        let store = FolderStore::random(out, setup.reserve_bytes);
         let mut recorder = Recorder::new(
             setup,
             clock,
-            Box::new(FolderStore::random(out)),
+            Box::new(store),
             Box::new(move || queued.outbox.bytes() as u64),
             on_progress,
         );
@@ -144,7 +195,8 @@ impl Running {
             recorder.start(&name, "control").map_err(|e| anyhow!(e))?;
         }
         let out = to_recorder(shared.clone(), names.clone());
-        let hub = Hub::new(cameras, chunk_ns, false, &out);
+        let mut hub = Hub::new(cameras, chunk_ns, false, &out);
+        hub.show(shared.previews.clone());
         let mut threads = Vec::new();
         let count = sources.len();
         for (i, source) in sources.into_iter().enumerate() {
@@ -159,7 +211,11 @@ impl Running {
         threads.push(spawn("recorder", move || {
             run_recorder(recorder, &of_recorder)
         })?);
-        Ok(Self { shared, threads })
+        Ok(Self {
+            shared,
+            cameras: listed,
+            threads,
+        })
     }
 
     fn request(&self, request: Request, source: &'static str) -> Response {
@@ -204,6 +260,10 @@ impl Running {
     }
 }
 
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> anyhow::Result<JoinHandle<()>> {
     std::thread::Builder::new()
         .name(name.to_owned())
@@ -211,7 +271,7 @@ fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> anyhow::Result<Join
         .with_context(|| format!("starting the thread {name}"))
 }
 
-fn ask(shared: &Shared, request: Request, source: &'static str) -> Response {
+pub(super) fn ask(shared: &Shared, request: Request, source: &'static str) -> Response {
     let failed = |message: &str| Response::Error {
         message: message.to_owned(),
     };
@@ -309,6 +369,7 @@ fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
         let popped = shared.inbox.pop(PATIENCE);
         let now = shared.clock.now();
         shared.beat(&shared.hub_beat);
+        hub.spare(*lock(&shared.measures));
         for (camera, wanted) in shared.key_wanted.iter().enumerate() {
             if wanted.swap(false, Ordering::Relaxed) {
                 hub.request_key(camera);
@@ -384,6 +445,7 @@ fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
 fn run_recorder(mut recorder: Recorder, shared: &Shared) {
     // Whoever asked to stop is answered when the session is closed.
     let mut stopping: Vec<SyncSender<Response>> = Vec::new();
+    let mut noted: Option<(HostTime, State)> = None;
     loop {
         let popped = shared.outbox.pop(PATIENCE);
         shared.beat(&shared.recorder_beat);
@@ -406,6 +468,12 @@ fn run_recorder(mut recorder: Recorder, shared: &Shared) {
             for reply in stopping.drain(..) {
                 let _ = reply.try_send(recorder.request(Request::Status, "control"));
             }
+        }
+        let (now, state) = (shared.clock.now(), recorder.state());
+        let is_new = noted.is_none_or(|(at, was)| was != state || now.since(at) >= NOTE_NS);
+        if is_new {
+            noted = Some((now, state));
+            shared.note(&recorder);
         }
         for camera in recorder.take_key_wishes() {
             shared.key_wanted[camera].store(true, Ordering::Relaxed);
@@ -480,6 +548,7 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         ),
         Progress::Durable { .. } | Progress::Alarm { .. } => {}
     });
+    let out_folder = out.clone();
     let running = Running::start(
         |start| build(config, start),
         out,
@@ -497,6 +566,12 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
             config.control.socket.display()
         )
     })?;
+    let operator = Operator::start(&config.operator, &running.shared)?;
+    let page = config
+        .page
+        .as_ref()
+        .map(|page| page::serve(page, &out_folder, &running))
+        .transpose()?;
     let notify = Notify::from_env();
     notify.ready();
     let shared = running.shared.clone();
@@ -515,6 +590,7 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
             break Err(stuck);
         }
         let now = shared.clock.now();
+        operator.show();
         if now >= next_status {
             next_status = now + NS_PER_S;
             if let Response::Ok { status } = running.request(Request::Status, "supervisor") {
@@ -528,6 +604,8 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         wait_until(now + watchdog_ns.min(PATIENCE.as_nanos() as i64), &shared);
     };
     notify.stopping();
+    drop(page);
+    drop(operator);
     drop(server);
     if result.is_ok() {
         running.request(Request::Stop, "signal");

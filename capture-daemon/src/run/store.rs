@@ -8,39 +8,37 @@ use std::sync::Arc;
 use session_archive::storage::{DiskStorage, Storage};
 use session_archive::time::{CivilTime, HostTime};
 
+use super::look::Looker;
 use crate::disk;
-use crate::recorder::SessionStore;
-use crate::status::MachineStatus;
+use crate::recorder::{MachineLook, SessionStore};
 
 /// Makes session folders named by their time: `2026-11-21T02-03-17Z_1a2b3c4d`.
 pub struct FolderStore {
     out: PathBuf,
-    /// The same input gives the same session, byte for byte.
-    reproducible: bool,
+    /// None where the same input is to give the same session, byte for byte.
+    looker: Option<Looker>,
 }
 
 impl FolderStore {
-    /// Sessions go into `out`; identifiers are made from their time and the machine's randomness.
-    pub fn random(out: PathBuf) -> Self {
+    /// Sessions go into `out` and leave `reserve_bytes` free; identifiers are made from their time and the
+    /// machine's randomness.
+    pub fn random(out: PathBuf, reserve_bytes: u64) -> Self {
         Self {
+            looker: Some(Looker::new(out.clone(), reserve_bytes)),
             out,
-            reproducible: false,
         }
     }
 
-    /// Sessions go into `out`; identifiers are made from their time alone, and neither free space nor
-    /// temperature is known: nothing that changes from run to run gets into a session.
+    /// Sessions go into `out`; identifiers are made from their time alone, and nothing of the machine
+    /// is known: nothing that changes from run to run gets into a session.
     pub fn reproducible(out: PathBuf) -> Self {
-        Self {
-            out,
-            reproducible: true,
-        }
+        Self { out, looker: None }
     }
 
     /// What makes an identifier one of its kind.
     fn ten_bytes(&self) -> io::Result<[u8; 10]> {
         let mut bytes = [0; 10];
-        if !self.reproducible {
+        if self.looker.is_some() {
             fs::File::open("/dev/urandom")?.read_exact(&mut bytes)?;
         }
         Ok(bytes)
@@ -68,15 +66,16 @@ impl SessionStore for FolderStore {
     }
 
     fn free_bytes(&self) -> Option<u64> {
-        (!self.reproducible)
+        self.looker
+            .is_some()
             .then(|| disk::free_bytes(&self.out).ok())
             .flatten()
     }
 
-    fn machine(&mut self, _: HostTime) -> MachineStatus {
-        MachineStatus {
-            temperature_c: (!self.reproducible).then(disk::hottest_c).flatten(),
-            ..MachineStatus::default()
+    fn machine(&mut self, now: HostTime, recording: bool) -> MachineLook {
+        match &mut self.looker {
+            Some(looker) => looker.look(now, recording),
+            None => MachineLook::default(),
         }
     }
 }

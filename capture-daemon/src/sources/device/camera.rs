@@ -39,7 +39,7 @@ pub(super) fn run(
                 let began = sink.now();
                 let reason = read(stream, config, ties, sink);
                 if let Some(ties) = ties {
-                    lock(ties).camera_restarted();
+                    lock(ties).restart();
                 }
                 tell_gone(&mut None, reason, sink);
                 // One that fails as soon as it is started is given time.

@@ -65,7 +65,7 @@ pub(super) fn run(config: &ZedImuConfig, ties: &Mutex<Ties>, sink: &dyn Sink) {
             Event::Reopened => notice(sink, "closed and opened, because it was silent".to_owned()),
             Event::Gone { detail } => {
                 tell_gone(&mut told, detail, sink);
-                lock(ties).imu_restarted();
+                lock(ties).restart();
                 let before = Watch::new(["/dev"]);
                 if imu.try_reopen(sink.now().0).is_err() {
                     wait(before, RETRY, sink);

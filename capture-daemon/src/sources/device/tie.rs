@@ -1,19 +1,63 @@
-//! Ties the clocks of a camera and its IMU.
+//! Ties the clocks of a camera and its IMU, fed from both of their threads.
 
-use session_archive::time::HostTime;
+use session_archive::time::{HostTime, NS_PER_S};
+use zed::frame_sync::{self, Bounds};
 use zed::report::Sample;
 
 use crate::sources::FrameSync;
 
+/// A tie is told so often.
+const TELL_NS: i64 = NS_PER_S;
+
 /// Collects what both sides say.
-#[derive(Debug, Default)]
-pub(super) struct Ties {}
+#[derive(Debug)]
+pub(super) struct Ties {
+    sync: frame_sync::FrameSync,
+    told: HostTime,
+}
+
+impl Default for Ties {
+    fn default() -> Self {
+        Self {
+            sync: frame_sync::FrameSync::new(Bounds::default()),
+            told: HostTime::MIN,
+        }
+    }
+}
 
 impl Ties {
-    pub(super) fn frame(&mut self, _: u32, _: HostTime, _: HostTime) -> Option<FrameSync> {
-        None
+    /// Takes a sample, whether it is marked or not.
+    pub(super) fn imu(&mut self, sample: &Sample, arrival: HostTime) {
+        self.sync.sample(sample, arrival.0);
     }
-    pub(super) fn imu(&mut self, _: &Sample, _: HostTime) {}
-    pub(super) fn camera_restarted(&mut self) {}
-    pub(super) fn imu_restarted(&mut self) {}
+
+    /// Takes a frame; once a second what ties the two, if that is known.
+    pub(super) fn frame(
+        &mut self,
+        sequence: u32,
+        stamp: HostTime,
+        arrival: HostTime,
+    ) -> Option<FrameSync> {
+        self.sync.frame(sequence, stamp.0);
+        if arrival.since(self.told) < TELL_NS {
+            return None;
+        }
+        let tie = self.sync.tie().ok()?;
+        self.told = arrival;
+        Some(FrameSync {
+            host_time: arrival,
+            pairs: u32::try_from(tie.pairs).unwrap_or(u32::MAX),
+            ticks: i64::try_from(tie.at_ticks).ok()?,
+            stamp: HostTime(tie.host_ns),
+            sigma_ns: tie.sigma_ns,
+            residual_median_ns: tie.residual_median_ns,
+            residual_p99_ns: tie.residual_p99_ns,
+            count_minus_number: tie.sync_minus_sequence,
+        })
+    }
+
+    /// One of the devices begins anew.
+    pub(super) fn restart(&mut self) {
+        *self = Self::default();
+    }
 }

@@ -1,0 +1,115 @@
+//! Looking at the machine once a second: heat, power, disk, clock.
+
+use std::path::PathBuf;
+
+use machine::Roots;
+use machine::battery::{self, Power, Status};
+use machine::clock::{self, ClockEvent, ClockWatch};
+use machine::disk::{self, DiskWatch};
+use machine::ladder::Pressure;
+use machine::thermal::{self, Thermometer};
+use session_archive::time::{HostTime, NS_PER_S};
+
+use crate::recorder::MachineLook;
+use crate::status::{BatteryStatus, ClockStatus, MachineStatus};
+
+/// Remembers what it saw, for what can only be told from two looks.
+pub(super) struct Looker {
+    roots: Roots,
+    folder: PathBuf,
+    thermometer: Thermometer,
+    disk: DiskWatch,
+    was_recording: bool,
+    clock: ClockWatch,
+    /// What keeps the clock right, and when that was looked up.
+    source: (String, Option<HostTime>),
+}
+
+/// Who keeps the clock right is asked so often: it means going through all processes.
+const DISCIPLINE_NS: i64 = 30 * NS_PER_S;
+
+impl Looker {
+    /// Sessions go into `folder`, and never leave less than `reserve_bytes` free.
+    pub(super) fn new(folder: PathBuf, reserve_bytes: u64) -> Self {
+        Self {
+            roots: Roots::default(),
+            folder,
+            thermometer: Thermometer::new(),
+            disk: DiskWatch::new(reserve_bytes),
+            was_recording: false,
+            clock: ClockWatch::new(),
+            source: (String::new(), None),
+        }
+    }
+
+    fn clock_source(&mut self, now: HostTime) -> String {
+        if self
+            .source
+            .1
+            .is_none_or(|at| now.since(at) >= DISCIPLINE_NS)
+        {
+            let programs = clock::discipline(&self.roots).programs;
+            self.source = (programs.join(" "), Some(now));
+        }
+        self.source.0.clone()
+    }
+
+    pub(super) fn look(&mut self, now: HostTime, recording: bool) -> MachineLook {
+        let heat = self
+            .thermometer
+            .judge(&thermal::Readings::read(&self.roots));
+        let readings = battery::Readings::read(&self.roots);
+        let power = battery::judge(&readings, None);
+        if recording && !self.was_recording {
+            self.disk.begin_recording();
+        }
+        self.was_recording = recording;
+        let disk = self.disk.judge(now.0, &disk::look(&self.folder));
+        let looked = clock::look();
+        let (state, clock_events) = self.clock.judge(&looked);
+        let step_ns = clock_events.iter().find_map(|event| match event {
+            ClockEvent::Step { by_ns } => Some(*by_ns),
+            _ => None,
+        });
+        let source = self.clock_source(now);
+        let kernel = state.kernel.as_ref();
+        let error = |of: fn(&clock::Kernel) -> i64| kernel.map_or(0, of).unsigned_abs();
+        let status = MachineStatus {
+            temperature_c: heat.hottest_c,
+            throttled: heat.throttled,
+            battery: battery_status(&power, &readings),
+            clock: Some(ClockStatus {
+                civil: looked.realtime_ns,
+                synchronised: state.synchronised == Some(true),
+                source,
+                offset_ns: kernel.map_or(0, |k| k.offset_ns),
+                error_ns: error(|k| k.estimated_error_ns),
+                max_error_ns: error(|k| k.max_error_ns),
+                step_ns: step_ns.unwrap_or(0),
+            }),
+        };
+        let pressure = Pressure {
+            heat: Some(heat),
+            power: Some(power),
+            disk: Some(disk),
+            encoder_fill: None,
+        };
+        let events = clock_events.iter().map(ToString::to_string).collect();
+        MachineLook {
+            status,
+            pressure,
+            events,
+        }
+    }
+}
+
+fn battery_status(power: &Power, readings: &battery::Readings) -> Option<BatteryStatus> {
+    Some(BatteryStatus {
+        percent: power.percent?,
+        charging: readings
+            .batteries
+            .iter()
+            .any(|b| b.status == Status::Charging),
+        minutes_left: power.minutes_left,
+    })
+}

@@ -1,0 +1,187 @@
+//! The operator's button, light and beeper, and what they have to do with the recorder.
+//!
+//! Contract: a wish is carried out as soon as it is made; what came of it is shown at once. What lasts is shown
+//! whenever [`Operator::show`] is called. A light that fails or a button that is gone is logged and waited for; neither
+//! stops a recording.
+
+use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use anyhow::Context as _;
+use operator::button::DevPort;
+use operator::gesture::{Settings, Target, Wish, Wished};
+use operator::listener::{Heard, Listener};
+use operator::panel::Panel;
+use operator::signal::{Once, Phase, Status as Shown, Warning};
+use operator::{Clock, beeper, light};
+use session_archive::time::HostTime;
+
+use super::real_time::{Shared, ask};
+use crate::causes::with_causes;
+use crate::config;
+use crate::status::{Concern, Request, Response, State, Status};
+
+/// Who asks, in sessions.
+const SOURCE: &str = "button";
+
+/// Everything that the operator has.
+pub(super) struct Operator {
+    hand: Arc<Hand>,
+    /// They listen until they are dropped.
+    _listeners: Vec<Listener>,
+}
+
+/// What the buttons' threads share.
+struct Hand {
+    shared: Arc<Shared>,
+    panel: Panel,
+    /// It was asked whether to discard.
+    question: AtomicBool,
+    shown: Mutex<Option<Shown>>,
+}
+
+impl Operator {
+    /// Opens lights and beepers, and listens to the buttons.
+    ///
+    /// # Errors
+    /// The system has no thread left.
+    pub(super) fn start(config: &config::Operator, shared: &Arc<Shared>) -> anyhow::Result<Self> {
+        let clock: Clock = {
+            let shared = shared.clone();
+            Arc::new(move || shared.now().0)
+        };
+        let lights = config.lights.iter().filter_map(|spec| {
+            let opened = light::open(spec);
+            opened
+                .inspect_err(|error| log::error!("the light {spec}: {}", with_causes(error)))
+                .ok()
+        });
+        let beepers = config.beepers.iter().filter_map(|spec| {
+            let opened = beeper::open(spec);
+            opened
+                .inspect_err(|error| log::error!("the beeper {spec}: {}", with_causes(error)))
+                .ok()
+        });
+        let panel = Panel::start(clock.clone(), lights.collect(), beepers.collect())
+            .context("starting the lights")?;
+        let hand = Arc::new(Hand {
+            shared: shared.clone(),
+            panel,
+            question: AtomicBool::new(false),
+            shown: Mutex::default(),
+        });
+        let mut listeners = Vec::new();
+        for spec in &config.buttons {
+            let port = DevPort::new(spec.clone(), clock.clone())
+                .with_context(|| format!("watching for the button {spec}"))?;
+            let (of_state, of_hand, name) = (shared.clone(), hand.clone(), spec.to_string());
+            let listener = Listener::start(
+                Box::new(port),
+                Settings::default(),
+                clock.clone(),
+                move || of_state.is_recording(),
+                move |heard| of_hand.hear(&name, heard),
+            );
+            listeners.push(listener.with_context(|| format!("listening to the button {spec}"))?);
+        }
+        Ok(Self {
+            hand,
+            _listeners: listeners,
+        })
+    }
+
+    /// Shows how the recorder is now.
+    pub(super) fn show(&self) {
+        self.hand.show();
+    }
+}
+
+impl Hand {
+    fn hear(&self, button: &str, heard: Heard) {
+        match heard {
+            Heard::Wished(wished) => self.fulfil(wished),
+            Heard::Gone(error) => {
+                log::warn!("the button {button} is gone: {}", with_causes(&error));
+            }
+            Heard::Back(device) => log::info!("the button {button} is {device}"),
+        }
+        self.show();
+    }
+
+    fn fulfil(&self, wished: Wished) {
+        let at = HostTime(wished.at_ns);
+        self.question
+            .store(matches!(wished.wish, Wish::Ask(_)), Ordering::SeqCst);
+        let (request, done) = match wished.wish {
+            Wish::Start => (
+                Request::Start {
+                    name: String::new(),
+                },
+                Some(Once::Started),
+            ),
+            Wish::Stop => (Request::Stop, None),
+            Wish::Mark => (
+                Request::Mark {
+                    text: String::new(),
+                    at: Some(at),
+                },
+                Some(Once::Marked),
+            ),
+            Wish::Discard(Target::This) => (Request::Discard, Some(Once::Discarded)),
+            Wish::Discard(Target::Last) => (Request::DiscardLast, Some(Once::Discarded)),
+            Wish::Ask(_) | Wish::Cancelled | Wish::Freed => return,
+            Wish::Stuck => return log::warn!("the button is held down, or stuck"),
+        };
+        match ask(&self.shared, request, SOURCE) {
+            Response::Ok { .. } => {
+                if let Some(done) = done {
+                    self.panel.play(done);
+                }
+            }
+            Response::Error { message } => {
+                log::warn!("the button was pressed in vain: {message}");
+                self.panel.play(Once::Refused);
+            }
+        }
+    }
+
+    fn show(&self) {
+        let Some(status) = self.shared.latest() else {
+            return;
+        };
+        let shown = shown(&status, self.question.load(Ordering::SeqCst));
+        let mut last = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
+        if last.as_ref() != Some(&shown) {
+            self.panel.set(shown.clone());
+            *last = Some(shown);
+        }
+    }
+}
+
+/// What lights say of a recorder in this state.
+fn shown(status: &Status, question: bool) -> Shown {
+    let warnings: BTreeSet<Warning> = status.concerns.iter().map(warning).collect();
+    let phase = match status.state {
+        // A camera that is missing is a warning, not a start that takes long.
+        State::Idle if !warnings.contains(&Warning::Stream) => Phase::Starting,
+        State::Idle | State::Armed | State::Fault => Phase::Ready,
+        State::Recording => Phase::Recording,
+        State::Stopping => Phase::Saving,
+    };
+    Shown {
+        phase,
+        warnings,
+        fault: status.state == State::Fault,
+        question,
+    }
+}
+
+fn warning(concern: &Concern) -> Warning {
+    match concern {
+        Concern::Stream => Warning::Stream,
+        Concern::Storage => Warning::Storage,
+        Concern::Battery => Warning::Battery,
+        Concern::Heat => Warning::Heat,
+    }
+}

@@ -1,0 +1,183 @@
+//! The phone's page and the host's way to the sessions: the recorder as [`rig_link`] wants to see it.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::{Context as _, anyhow};
+use rig_link::identity::Identity;
+use rig_link::preview::{Eyes, Planes, jpeg};
+use rig_link::rig::{
+    Action, Battery, ClockStatus, PageStatus, Preview, Rig, State as PageState, StreamStatus,
+};
+use rig_link::server::{Limits, Server, Settings, serve as listen};
+use rig_link::token::Token;
+
+use super::real_time::{Running, Shared, ask};
+use crate::config;
+use crate::status::{Request, Response, State, Status};
+
+/// Who asks, in sessions.
+const SOURCE: &str = "page";
+/// Width of the small pictures, pixels.
+const PREVIEW_WIDTH: u32 = 320;
+
+/// Serves the page until the server is dropped.
+///
+/// # Errors
+/// The certificate cannot be kept, the token cannot be read, or the address is taken.
+pub(super) fn serve(page: &config::Page, out: &Path, running: &Running) -> anyhow::Result<Server> {
+    let is_loopback = page.listen.ip().is_loopback();
+    let identity = match is_loopback {
+        true => None,
+        false => Some(Identity::load_or_create(&page.folder).context("making the certificate")?),
+    };
+    let token = page.token_file.as_deref().map(Token::read).transpose();
+    let settings = Settings {
+        bind: page.listen,
+        identity,
+        token: token.context("reading the token of the page")?,
+        limits: Limits::default(),
+    };
+    let rig = PageRig {
+        shared: running.shared.clone(),
+        cameras: running.cameras.clone(),
+        out: out.to_owned(),
+    };
+    let server = listen(settings, Arc::new(rig)).context("serving the page")?;
+    match server.fingerprint() {
+        Some(fingerprint) => log::info!(
+            "the page is at {}, its certificate's fingerprint is {fingerprint}",
+            server.url()
+        ),
+        None => log::info!("the page is at {}", server.url()),
+    }
+    Ok(server)
+}
+
+/// The recorder behind the page.
+struct PageRig {
+    shared: Arc<Shared>,
+    /// Name and nominal rate of each camera.
+    cameras: Vec<(String, f64)>,
+    out: PathBuf,
+}
+
+impl Rig for PageRig {
+    fn status(&self) -> PageStatus {
+        match self.shared.latest() {
+            Some(status) => page_status(&status, &self.cameras),
+            None => PageStatus::new(PageState::Idle),
+        }
+    }
+
+    fn act(&self, action: Action) -> Result<(), String> {
+        let is_recording = self.shared.is_recording();
+        let request = match action {
+            Action::Start { name } => Request::Start { name },
+            Action::Stop => Request::Stop,
+            Action::Mark { text } => Request::Mark { text, at: None },
+            Action::Discard if is_recording => Request::Discard,
+            Action::Discard => Request::DiscardLast,
+        };
+        match ask(&self.shared, request, SOURCE) {
+            Response::Ok { .. } => Ok(()),
+            Response::Error { message } => Err(message),
+        }
+    }
+
+    fn preview(&self, camera: usize) -> Option<Preview> {
+        let (sequence, picture) = self.shared.preview(camera)?;
+        let planes = Planes {
+            width: picture.width,
+            height: picture.height,
+            data: &picture.data,
+        };
+        let small = jpeg(planes, Eyes::Left, PREVIEW_WIDTH)
+            .inspect_err(|error| log::debug!("making a small picture: {error}"))
+            .ok()?;
+        Some(Preview {
+            jpeg: small.into(),
+            sequence,
+        })
+    }
+
+    fn sessions_root(&self) -> PathBuf {
+        self.out.clone()
+    }
+
+    fn is_recording(&self, session: &str) -> bool {
+        // A session that has just been asked for has no name yet, so while one is begun or ended none is free.
+        self.shared.latest().is_none_or(|status| {
+            let is_open = matches!(status.state, State::Recording | State::Stopping);
+            (is_open || self.shared.is_recording())
+                && status
+                    .session
+                    .as_deref()
+                    .and_then(Path::file_name)
+                    .is_none_or(|name| name == session || !is_open)
+        })
+    }
+}
+
+fn page_status(status: &Status, cameras: &[(String, f64)]) -> PageStatus {
+    let machine = &status.machine;
+    let nominal = |name: &str| cameras.iter().find(|(camera, _)| camera == name);
+    PageStatus {
+        state: match status.state {
+            State::Idle => PageState::Idle,
+            State::Armed => PageState::Armed,
+            State::Recording => PageState::Recording,
+            State::Stopping => PageState::Stopping,
+            State::Fault => PageState::Fault,
+        },
+        session: status
+            .session
+            .as_deref()
+            .and_then(Path::file_name)
+            .map(|name| name.to_string_lossy().into_owned()),
+        seconds: status.seconds,
+        cameras: cameras.iter().map(|(name, _)| name.clone()).collect(),
+        streams: status
+            .streams
+            .iter()
+            .map(|stream| StreamStatus {
+                name: stream.name.clone(),
+                rate_hz: stream.rate_hz,
+                nominal_hz: nominal(&stream.name).map(|(_, rate)| *rate),
+                received: stream.received,
+                stored: stream.stored,
+                missing: stream.missing,
+                silent: stream.silent,
+                frozen: stream.frozen,
+            })
+            .collect(),
+        free_bytes: status.free_bytes,
+        seconds_left: status.seconds_left,
+        temperature_c: machine.temperature_c,
+        battery: machine.battery.as_ref().map(|battery| Battery {
+            percent: battery.percent,
+            charging: battery.charging,
+            minutes_left: battery.minutes_left,
+        }),
+        clock: machine.clock.as_ref().map(|clock| ClockStatus {
+            synchronised: clock.synchronised,
+            offset_ns: Some(clock.offset_ns),
+            source: clock.source.clone(),
+        }),
+        alarms: status.alarms.clone(),
+        encoders: status.encoders.clone(),
+    }
+}
+
+/// The fingerprint of the certificate with which the page is served, made if there is none yet.
+///
+/// # Errors
+/// It cannot be kept, or the configuration has no page.
+pub fn fingerprint(config: &config::Config) -> anyhow::Result<String> {
+    let page = config
+        .page
+        .as_ref()
+        .ok_or_else(|| anyhow!("the configuration has no [page]"))?;
+    let identity = Identity::load_or_create(&page.folder).context("making the certificate")?;
+    Ok(identity.fingerprint().to_string())
+}
