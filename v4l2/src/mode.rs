@@ -90,8 +90,9 @@ impl FromStr for Fourcc {
     }
 }
 
-/// Time from one frame to the next, as a fraction of seconds.
-#[derive(Clone, Copy, Debug)]
+/// Time from one frame to the next, as a fraction of seconds. Equal ones are written equally; whether two are
+/// the same rate says [`is_about`](Self::is_about).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Interval {
     /// Seconds times the denominator.
     pub numerator: u32,
@@ -146,7 +147,7 @@ impl fmt::Display for Interval {
 }
 
 /// What a camera is asked for.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mode {
     /// Pixel format.
     pub fourcc: Fourcc,
@@ -171,7 +172,7 @@ impl fmt::Display for Mode {
 }
 
 /// What a camera is set to, read back from it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Format {
     /// Pixel format.
     pub fourcc: Fourcc,
@@ -256,7 +257,7 @@ impl fmt::Display for Sizes {
 }
 
 /// Intervals of a size.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Intervals {
     /// This one.
     Discrete(Interval),
@@ -299,7 +300,7 @@ impl fmt::Display for Intervals {
 }
 
 /// Sizes with their intervals.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SizeModes {
     /// Sizes.
     pub sizes: Sizes,
@@ -308,7 +309,7 @@ pub struct SizeModes {
 }
 
 /// A pixel format with its sizes.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Modes {
     /// Pixel format.
     pub fourcc: Fourcc,

@@ -101,14 +101,16 @@ impl Stream {
     /// [`Gone`](CameraError::Gone), or [`Io`](CameraError::Io): no memory, no bandwidth on the bus
     /// (`ENOSPC`), or the driver fails.
     pub fn start(camera: &Camera, buffers: u32) -> Result<Self, CameraError> {
+        let format = camera.format()?;
+        let given = request(camera, buffers.max(1))?;
+        // Dropping this gives the buffers back, so it must not exist before they are ours: they may be those
+        // of another stream of this camera.
         let mut stream = Self {
             camera: camera.clone(),
-            format: camera.format()?,
+            format,
             maps: Vec::new(),
             not_queued: None,
         };
-        let given = stream.request(buffers.max(1))?;
-        // From here on, dropping it gives the buffers back.
         for index in 0..given {
             let mut told = buffer(index);
             sys::query_buffer(stream.camera.fd(), &mut told)
@@ -186,18 +188,6 @@ impl Stream {
         &self.camera
     }
 
-    fn request(&self, count: u32) -> Result<u32, CameraError> {
-        let mut request = sys::RequestBuffers {
-            count,
-            kind: sys::CAPTURE,
-            memory: sys::MMAP,
-            ..Default::default()
-        };
-        sys::request_buffers(self.camera.fd(), &mut request)
-            .map_err(|e| self.failed("asking for buffers", e))?;
-        Ok(request.count)
-    }
-
     fn begin(&mut self) -> Result<(), CameraError> {
         for index in 0..self.maps.len() as u32 {
             self.queue(index)
@@ -238,7 +228,7 @@ impl Drop for Stream {
         let ended = self.end();
         // A buffer that is mapped cannot be given back.
         self.maps.clear();
-        let given_back = self.request(0);
+        let given_back = request(&self.camera, 0);
         if let (Err(error), _) | (Ok(()), Err(CameraError::Io { source: error, .. })) =
             (ended.map_err(io::Error::from), given_back)
         {
@@ -276,6 +266,19 @@ impl Drop for Buffer<'_> {
         // Told by the next call of `next`: there is no one here to tell.
         self.stream.not_queued = self.stream.queue(self.index).err();
     }
+}
+
+/// Asks for so many buffers, 0 to give them back; says how many there are.
+fn request(camera: &Camera, count: u32) -> Result<u32, CameraError> {
+    let mut request = sys::RequestBuffers {
+        count,
+        kind: sys::CAPTURE,
+        memory: sys::MMAP,
+        ..Default::default()
+    };
+    sys::request_buffers(camera.fd(), &mut request)
+        .map_err(|e| CameraError::of("asking for buffers", e, camera.path()))?;
+    Ok(request.count)
 }
 
 /// A mapped capture buffer, as calls want it.

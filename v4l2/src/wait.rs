@@ -71,3 +71,71 @@ pub(crate) fn readable(
         }
     }
 }
+
+#[cfg(test)]
+#[expect(clippy::disallowed_methods, reason = "what is tested is real time")]
+mod tests {
+    use std::io::Write;
+    use std::os::fd::AsFd;
+    use std::os::unix::net::UnixStream;
+    use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+    use std::thread;
+    use std::time::Instant;
+
+    use super::*;
+
+    const LIMIT: Duration = Duration::from_millis(300);
+
+    #[test]
+    fn what_a_descriptor_says() {
+        let (mut ours, theirs) = UnixStream::pair().unwrap();
+        let wait = |limit| readable(theirs.as_fd(), &mut Remaining::new(limit)).unwrap();
+        assert_eq!(wait(Duration::ZERO), None);
+        ours.write_all(b"x").unwrap();
+        let ready = wait(Duration::MAX).unwrap();
+        assert!(ready.readable && !ready.error && !ready.hang_up);
+        drop(ours);
+        assert!(wait(Duration::MAX).unwrap().hang_up);
+    }
+
+    static SIGNALS: AtomicU32 = AtomicU32::new(0);
+
+    extern "C" fn count(_: libc::c_int) {
+        SIGNALS.fetch_add(1, Ordering::Relaxed);
+    }
+
+    #[test]
+    fn signals_do_not_make_it_longer_or_shorter() {
+        // SAFETY: all fields of `sigaction` may be zero, and the handler only counts. No one else in
+        // this program uses the signal.
+        unsafe {
+            let mut action: libc::sigaction = std::mem::zeroed();
+            action.sa_sigaction = count as *const () as usize;
+            let set = libc::sigaction(libc::SIGUSR2, &raw const action, std::ptr::null_mut());
+            assert_eq!(set, 0);
+        }
+        let (_ours, theirs) = UnixStream::pair().unwrap();
+        // SAFETY: no more than a number.
+        let waiting = unsafe { libc::pthread_self() };
+        let over = AtomicBool::new(false);
+        let waited = thread::scope(|scope| {
+            scope.spawn(|| {
+                while !over.load(Ordering::Relaxed) {
+                    // SAFETY: the thread outlives this scope.
+                    unsafe { libc::pthread_kill(waiting, libc::SIGUSR2) };
+                    thread::sleep(Duration::from_millis(20));
+                }
+            });
+            let mut remaining = Remaining::new(LIMIT);
+            let begun = Instant::now();
+            let ready = readable(theirs.as_fd(), &mut remaining);
+            let waited = begun.elapsed();
+            over.store(true, Ordering::Relaxed);
+            assert_eq!(ready, Ok(None));
+            waited
+        });
+        assert!(SIGNALS.load(Ordering::Relaxed) >= 3);
+        assert!(waited >= LIMIT, "{waited:?}");
+        assert!(waited < LIMIT + Duration::from_secs(5), "{waited:?}");
+    }
+}
