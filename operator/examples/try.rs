@@ -5,7 +5,7 @@
 //! ```
 //!
 //! `for=SECONDS` ends it; otherwise it runs until it is interrupted. What can be written after each word:
-//! `operator::spec`.
+//! `operator::spec`. Without any word it lists what this machine has.
 
 use std::error::Error;
 use std::sync::Arc;
@@ -66,6 +66,16 @@ fn main() -> Result<(), Box<dyn Error>> {
                 .into());
             }
         }
+    }
+    if std::env::args().len() == 1 {
+        for device in operator::found::all() {
+            let problem = device.problem.map_or(String::new(), |p| format!(": {p}"));
+            println!(
+                "{:?} {} {}{problem}",
+                device.as_what, device.spec, device.name
+            );
+        }
+        return Ok(());
     }
     let button = button.ok_or("reading the command line: found no button=SPEC")?;
 

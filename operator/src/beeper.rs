@@ -67,10 +67,11 @@ impl Beeper for LineBeeper {
     }
 }
 
-/// An input device with `SND_TONE`, like the PC speaker or a PWM beeper.
+/// An input device with `SND_TONE`, like the PC speaker or a PWM beeper. After an error it is opened anew.
 #[derive(Debug)]
 pub struct ToneBeeper {
-    device: RawDevice,
+    spec: InputDevice,
+    device: Option<RawDevice>,
     what: String,
 }
 
@@ -79,22 +80,34 @@ impl ToneBeeper {
     ///
     /// # Errors
     /// See [`DeviceError`].
-    pub fn open(device: &InputDevice) -> Result<Self, DeviceError> {
-        let plays = |device: &RawDevice| {
-            let sounds = device.supported_sounds();
-            sounds.is_some_and(|s| s.contains(SoundCode::SND_TONE))
-        };
-        let (path, device) = find(device, "tones (SND_TONE)", plays)?;
-        let what = format!("beeper {}", path.display());
-        Ok(Self { device, what })
+    pub fn open(spec: &InputDevice) -> Result<Self, DeviceError> {
+        Ok(Self {
+            spec: spec.clone(),
+            device: Some(open_tone(spec)?),
+            what: format!("beeper {spec}"),
+        })
     }
+}
+
+fn open_tone(spec: &InputDevice) -> Result<RawDevice, DeviceError> {
+    let plays = |device: &RawDevice| {
+        let sounds = device.supported_sounds();
+        sounds.is_some_and(|s| s.contains(SoundCode::SND_TONE))
+    };
+    Ok(find(spec, "tones (SND_TONE)", plays)?.1)
 }
 
 impl Beeper for ToneBeeper {
     fn sound(&mut self, hz: Option<u16>) -> io::Result<()> {
+        let mut device = match self.device.take() {
+            Some(device) => device,
+            None => open_tone(&self.spec).map_err(io::Error::other)?,
+        };
         let hz = i32::from(hz.unwrap_or(0));
         let tone = InputEvent::new(EventType::SOUND.0, SoundCode::SND_TONE.0, hz);
-        self.device.send_events(&[tone])
+        device.send_events(&[tone])?;
+        self.device = Some(device);
+        Ok(())
     }
 
     fn describe(&self) -> &str {
@@ -104,6 +117,8 @@ impl Beeper for ToneBeeper {
 
 impl Drop for ToneBeeper {
     fn drop(&mut self) {
-        let _ = self.sound(None);
+        if self.device.is_some() {
+            let _ = self.sound(None);
+        }
     }
 }

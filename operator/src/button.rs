@@ -131,9 +131,9 @@ impl Port for DevPort {
     fn wait(&mut self, timeout: Duration, waker: &Waker) -> io::Result<Next> {
         use std::os::fd::AsFd;
         Ok(
-            match wait(Some(self.arrivals.as_fd()), waker, Some(timeout))? {
+            match wait(&[self.arrivals.as_fd()], waker, Some(timeout))? {
                 Woke::Called => Next::Called,
-                Woke::Ready | Woke::Time => Next::Time,
+                Woke::Ready(_) | Woke::Time => Next::Time,
             },
         )
     }

@@ -7,7 +7,8 @@
 //! - **Out**: what there is to tell is a [`signal::Signal`]; a [`pattern`] says how it blinks and beeps; a
 //!   [`panel::Panel`] shows it on every [`light`] and [`beeper`].
 //!
-//! What each light means, to print: [`table`], and `docs/led-table.md` that is made from it.
+//! What each light means, to print: [`table`], and `docs/led-table.md` that is made from it. What a machine
+//! has to offer: [`found`].
 //!
 //! Contract: nothing here stops a recording or waits for one. A wish is told once, with the time of the
 //! press that began it. A button that goes away is told and waited for; a light that fails is logged once
@@ -21,6 +22,7 @@ use std::sync::Arc;
 pub mod beeper;
 pub mod button;
 mod error;
+pub mod found;
 pub mod gesture;
 mod gpio;
 pub mod light;

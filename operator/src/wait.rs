@@ -1,4 +1,4 @@
-//! Waiting for a device, for a time, or to be called, whichever is first. No sleeping, no looking again.
+//! Waiting for devices, for a time, or to be called, whichever is first. No sleeping, no looking again.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -14,8 +14,8 @@ pub struct Waker(Arc<OwnedFd>);
 /// Why a wait ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Woke {
-    /// The device has something to read, or an error to tell.
-    Ready,
+    /// The first of the devices that has something to read, or an error to tell.
+    Ready(usize),
     /// The time may be over: look at the clock.
     Time,
     /// Somebody called.
@@ -43,10 +43,10 @@ impl Waker {
     }
 }
 
-/// Waits for `device`, for `timeout` (for ever if none) or for `waker`. A signal to the process ends it
+/// Waits for `devices`, for `timeout` (for ever if none) or for `waker`. A signal to the process ends it
 /// early as [`Woke::Time`].
 pub(crate) fn wait(
-    device: Option<BorrowedFd<'_>>,
+    devices: &[BorrowedFd<'_>],
     waker: &Waker,
     timeout: Option<Duration>,
 ) -> io::Result<Woke> {
@@ -54,16 +54,21 @@ pub(crate) fn wait(
         tv_sec: t.as_secs().try_into().unwrap_or(i64::MAX),
         tv_nsec: t.subsec_nanos().into(),
     });
-    let call = PollFd::from_borrowed_fd(waker.0.as_fd(), PollFlags::IN);
-    let mut fds = vec![call];
-    fds.extend(device.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)));
+    let mut fds: Vec<PollFd<'_>> = [waker.0.as_fd()]
+        .iter()
+        .chain(devices)
+        .map(|fd| PollFd::from_borrowed_fd(*fd, PollFlags::IN))
+        .collect();
     match poll(&mut fds, timeout.as_ref()) {
         Ok(0) | Err(rustix::io::Errno::INTR) => Ok(Woke::Time),
         Ok(_) if !fds[0].revents().is_empty() => {
             waker.clear();
             Ok(Woke::Called)
         }
-        Ok(_) => Ok(Woke::Ready),
+        Ok(_) => {
+            let ready = fds[1..].iter().position(|fd| !fd.revents().is_empty());
+            Ok(ready.map_or(Woke::Time, Woke::Ready))
+        }
         Err(error) => Err(error.into()),
     }
 }
@@ -77,9 +82,9 @@ mod tests {
         let waker = Waker::new().unwrap();
         waker.call();
         waker.call();
-        assert_eq!(wait(None, &waker, None).unwrap(), Woke::Called);
+        assert_eq!(wait(&[], &waker, None).unwrap(), Woke::Called);
         let none = Some(Duration::ZERO);
-        assert_eq!(wait(None, &waker, none).unwrap(), Woke::Time);
+        assert_eq!(wait(&[], &waker, none).unwrap(), Woke::Time);
     }
 
     #[test]
@@ -87,14 +92,11 @@ mod tests {
         let waker = Waker::new().unwrap();
         let (reader, mut writer) = io::pipe().unwrap();
         let none = Some(Duration::ZERO);
-        assert_eq!(
-            wait(Some(reader.as_fd()), &waker, none).unwrap(),
-            Woke::Time
-        );
+        assert_eq!(wait(&[reader.as_fd()], &waker, none).unwrap(), Woke::Time);
         io::Write::write_all(&mut writer, b"x").unwrap();
         assert_eq!(
-            wait(Some(reader.as_fd()), &waker, None).unwrap(),
-            Woke::Ready
+            wait(&[reader.as_fd()], &waker, None).unwrap(),
+            Woke::Ready(0)
         );
         drop((writer, reader));
     }

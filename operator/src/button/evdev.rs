@@ -145,12 +145,12 @@ impl Button for Key {
             }
             DeviceError::from_io(doing, what, MEND, e)
         };
-        match wait(Some(self.device.as_fd()), waker, timeout)
+        match wait(&[self.device.as_fd()], waker, timeout)
             .map_err(|e| failed("waiting for", &self.what, e))?
         {
             Woke::Called => return Ok(Next::Called),
             Woke::Time => return Ok(Next::Time),
-            Woke::Ready => {}
+            Woke::Ready(_) => {}
         }
         self.read().map_err(|e| failed("reading", &self.what, e))?;
         Ok(self.ready.pop_front().map_or(Next::Time, Next::Edge))
@@ -214,7 +214,7 @@ pub(crate) fn find(
 }
 
 /// The nodes of input devices, by their numbers.
-fn event_nodes() -> Vec<PathBuf> {
+pub(crate) fn event_nodes() -> Vec<PathBuf> {
     let mut nodes: Vec<(u32, PathBuf)> = std::fs::read_dir("/dev/input")
         .into_iter()
         .flatten()

@@ -121,7 +121,7 @@ impl Port for Scripted {
 
     fn wait(&mut self, timeout: Duration, waker: &Waker) -> io::Result<Next> {
         let Some(next) = self.peek() else {
-            wait(None, waker, None)?;
+            wait(&[], waker, None)?;
             return Ok(Next::Called);
         };
         // The step itself is left for `open` to take.
@@ -143,7 +143,7 @@ impl Button for Scripted {
             None if timeout.is_some() => Ok(Next::Time),
             None => {
                 let what = "scripted button";
-                wait(None, waker, None)
+                wait(&[], waker, None)
                     .map_err(|e| DeviceError::from_io("waiting for", what, "", e))?;
                 Ok(Next::Called)
             }

@@ -3,14 +3,17 @@
 //! The kernel debounces: in the chip where it can, in its own timers elsewhere. An edge then carries the
 //! time at which the level had lasted long enough, so it is late by the debounce time. A kernel that
 //! refuses leaves debouncing to us. Edges beyond the kernel's buffer are lost, oldest first; the level
-//! is asked after every gap in their numbers.
+//! is asked after every gap in their numbers. Before Linux 6.6 a line says nothing when its chip is unplugged,
+//! so the chip's node is watched.
 
-use std::os::fd::AsFd;
+use std::os::fd::{AsFd, OwnedFd};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use gpiocdev::Request;
 use gpiocdev::line::{EdgeDetection, EdgeKind, EventClock, Value};
 use gpiocdev::request::Builder;
+use rustix::fs::inotify;
 
 use super::{Button, Edge, Next};
 use crate::DeviceError;
@@ -26,6 +29,9 @@ const KERNEL_EDGES: u32 = 256;
 #[derive(Debug)]
 pub struct GpioLine {
     request: Request,
+    chip: PathBuf,
+    /// Says when something happens to the chip's node.
+    node: OwnedFd,
     what: String,
     debounced: bool,
     buffer: Vec<u64>,
@@ -77,6 +83,9 @@ impl GpioLine {
     pub fn open(spec: &GpioButton) -> Result<Self, DeviceError> {
         let what = describe(&spec.line);
         let (chip, offset) = find(&spec.line)?;
+        // Before the line is taken, so that the chip cannot go unseen.
+        let node = watch(&chip)
+            .map_err(|e| DeviceError::from_io("watching the chip of", &what, MEND, e))?;
         let build = |debounce: Duration| -> Builder {
             let mut builder = Request::builder();
             builder
@@ -112,19 +121,24 @@ impl GpioLine {
         Ok(Self {
             buffer: vec![0; request.edge_event_u64_size()],
             request,
+            chip,
+            node,
             what,
             debounced,
             order,
         })
     }
 
+    fn gone(&self) -> DeviceError {
+        let what = self.what.clone();
+        DeviceError::Gone { what }
+    }
+
     /// One event. Called when there is one.
     fn read(&mut self) -> Result<Worth, DeviceError> {
         let failed = |error: std::io::Error| {
             if is_gone(&error) {
-                DeviceError::Gone {
-                    what: self.what.clone(),
-                }
+                self.gone()
             } else {
                 DeviceError::from_io("reading", &self.what, MEND, error)
             }
@@ -133,9 +147,7 @@ impl GpioLine {
         let mut bytes = vec![0u8; self.buffer.len() * 8];
         let n = rustix::io::read(self.request.as_fd(), &mut bytes).map_err(|e| failed(e.into()))?;
         if n != bytes.len() {
-            return Err(DeviceError::Gone {
-                what: self.what.clone(),
-            });
+            return Err(self.gone());
         }
         for (word, chunk) in self.buffer.iter_mut().zip(bytes.as_chunks::<8>().0) {
             *word = u64::from_ne_bytes(*chunk);
@@ -157,6 +169,14 @@ impl GpioLine {
     }
 }
 
+/// Tells when the node is removed, which for one that is open counts as a change of its links.
+fn watch(chip: &PathBuf) -> std::io::Result<OwnedFd> {
+    let watch = inotify::init(inotify::CreateFlags::CLOEXEC | inotify::CreateFlags::NONBLOCK)?;
+    let flags = inotify::WatchFlags::ATTRIB | inotify::WatchFlags::DELETE_SELF;
+    inotify::add_watch(&watch, chip, flags)?;
+    Ok(watch)
+}
+
 fn read_level(request: &Request, what: &str) -> Result<bool, DeviceError> {
     let value = request
         .lone_value()
@@ -166,12 +186,20 @@ fn read_level(request: &Request, what: &str) -> Result<bool, DeviceError> {
 
 impl Button for GpioLine {
     fn next(&mut self, timeout: Option<Duration>, waker: &Waker) -> Result<Next, DeviceError> {
-        let woke = wait(Some(self.request.as_fd()), waker, timeout)
+        let devices = [self.request.as_fd(), self.node.as_fd()];
+        let woke = wait(&devices, waker, timeout)
             .map_err(|e| DeviceError::from_io("waiting for", &self.what, MEND, e))?;
         Ok(match woke {
             Woke::Called => Next::Called,
             Woke::Time => Next::Time,
-            Woke::Ready => match self.read()? {
+            Woke::Ready(1) => {
+                while rustix::io::read(&self.node, &mut [0u8; 1024]).is_ok_and(|n| n > 0) {}
+                if !self.chip.exists() {
+                    return Err(self.gone());
+                }
+                Next::Time
+            }
+            Woke::Ready(_) => match self.read()? {
                 Worth::Edge(edge) => Next::Edge(edge),
                 Worth::Nothing | Worth::Ask { .. } => Next::Time,
             },

@@ -99,12 +99,12 @@ impl HidBit {
 
 impl Button for HidBit {
     fn next(&mut self, timeout: Option<Duration>, waker: &Waker) -> Result<Next, DeviceError> {
-        let woke = wait(Some(self.node.as_fd()), waker, timeout)
+        let woke = wait(&[self.node.as_fd()], waker, timeout)
             .map_err(|e| self.failed("waiting for", e))?;
         match woke {
             Woke::Called => return Ok(Next::Called),
             Woke::Time => return Ok(Next::Time),
-            Woke::Ready => {}
+            Woke::Ready(_) => {}
         }
         // One read is one report.
         let n = io::Read::read(&mut &self.node, &mut self.buffer)

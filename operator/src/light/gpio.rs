@@ -18,39 +18,59 @@ pub struct GpioLight {
     what: String,
 }
 
-/// One line that is held as an output. Off when it is dropped.
+/// One line that is held as an output. Off when it is dropped. After an error it is taken anew, for its
+/// chip may have been unplugged.
 #[derive(Debug)]
-pub(crate) struct OutputLine(Request);
+pub(crate) struct OutputLine {
+    line: Line,
+    active_low: bool,
+    request: Option<Request>,
+}
 
 impl OutputLine {
     pub(crate) fn open(line: &Line, active_low: bool) -> Result<Self, DeviceError> {
-        let (chip, offset) = find(line)?;
-        let mut builder = Request::builder();
-        builder
-            .on_chip(chip)
-            .with_consumer("paws-signal")
-            .with_line(offset)
-            .as_output(Value::Inactive);
-        if active_low {
-            builder.as_active_low();
-        }
-        let request = builder
-            .request()
-            .map_err(|e| from_gpio("taking", &describe(line), e))?;
-        Ok(Self(request))
+        Ok(Self {
+            line: line.clone(),
+            active_low,
+            request: Some(take(line, active_low)?),
+        })
     }
 
-    pub(crate) fn set(&self, on: bool) -> io::Result<()> {
+    pub(crate) fn set(&mut self, on: bool) -> io::Result<()> {
         let value = if on { Value::Active } else { Value::Inactive };
-        self.0.set_lone_value(value).map_err(io::Error::other)?;
+        let request = match self.request.take() {
+            Some(request) => request,
+            None => take(&self.line, self.active_low).map_err(io::Error::other)?,
+        };
+        request.set_lone_value(value).map_err(io::Error::other)?;
+        self.request = Some(request);
         Ok(())
     }
+}
+
+/// Takes a line as an output that is off.
+fn take(line: &Line, active_low: bool) -> Result<Request, DeviceError> {
+    let (chip, offset) = find(line)?;
+    let mut builder = Request::builder();
+    builder
+        .on_chip(chip)
+        .with_consumer("paws-signal")
+        .with_line(offset)
+        .as_output(Value::Inactive);
+    if active_low {
+        builder.as_active_low();
+    }
+    builder
+        .request()
+        .map_err(|e| from_gpio("taking", &describe(line), e))
 }
 
 impl Drop for OutputLine {
     fn drop(&mut self) {
         // Most drivers leave a released line at its last level.
-        let _ = self.set(false);
+        if self.request.is_some() {
+            let _ = self.set(false);
+        }
     }
 }
 
@@ -72,10 +92,10 @@ impl GpioLight {
 
 impl Light for GpioLight {
     fn show(&mut self, look: Look) -> io::Result<()> {
-        match &self.lines {
+        match &mut self.lines {
             Channels::One(line) => line.set(look.lit),
             Channels::Three(lines) => lines
-                .iter()
+                .iter_mut()
                 .zip(look.colour.lines())
                 .try_for_each(|(line, on)| line.set(on)),
         }

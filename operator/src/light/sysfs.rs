@@ -17,7 +17,7 @@ use crate::spec::Channels;
 /// Where the kernel keeps its LEDs.
 const LEDS: &str = "/sys/class/leds";
 /// Who may set them.
-const MEND: &str =
+pub(crate) const MEND: &str =
     "the daemon's user must be able to write brightness and trigger, see the udev rules in deploy/";
 
 /// LEDs that are ours for now.

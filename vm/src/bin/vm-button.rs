@@ -171,3 +171,26 @@ fn main() -> anyhow::Result<()> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_become_acts_at_their_times() {
+        let acts = |text: &str| text.parse::<Step>().map(|step| step.0);
+        let ms = |n: i64| n * NS_PER_MS;
+        assert_eq!(
+            acts("double@1.5").unwrap(),
+            [
+                (ms(1500), Act::Down),
+                (ms(1580), Act::Up),
+                (ms(1700), Act::Down),
+                (ms(1780), Act::Up)
+            ]
+        );
+        for odd in ["press", "press@x", "press@-1", "press@nan", "push@1"] {
+            assert!(acts(odd).is_err(), "{odd}");
+        }
+    }
+}
