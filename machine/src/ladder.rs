@@ -8,7 +8,7 @@
 //! so that a single glitch does nothing. A missing reading is no news for [`STALE_NS`]; then its sensor
 //! counts as gone, and what it had asked for is given back. More pressure never leads to a lower step.
 //!
-//! Each cause goes only as far as helps against it (the table in [`limits`]):
+//! Each cause goes only as far as helps against it (the table is in `ladder/limits.rs`):
 //!
 //! - **Heat** lowers the preview, then the frame rate, and stops just before the kernel would switch off.
 //!   It skips the bitrate, which hardly changes what an encoder computes.

@@ -77,8 +77,10 @@ fn kernel() -> io::Result<Kernel> {
 pub(super) fn meaning(state: libc::c_int, timex: &libc::timex) -> Kernel {
     let has = |bit| timex.status & bit != 0;
     let unit_ns = if has(libc::STA_NANO) { 1 } else { 1000 };
-    // c_long is 32 bits on some machines.
-    #[allow(clippy::useless_conversion)]
+    #[expect(
+        clippy::useless_conversion,
+        reason = "c_long has 32 bits on some machines"
+    )]
     let wide = |value: libc::c_long| i64::from(value);
     Kernel {
         synchronised: !has(libc::STA_UNSYNC) && state != libc::TIME_ERROR,
