@@ -12,7 +12,7 @@
 //! * *Silent, restarted, reopened, gone.* Each is an [`Event`]; recovery begins before the next call waits.
 //! * *Gone.* When a read fails the device is closed. [`Imu::try_reopen`] finds it again, whatever node it has then; the
 //!   caller knows when to try: at each hotplug event, or each second. Numbers go on.
-//! * *At the end.* Dropping the driver stops the stream.
+//! * *At the end.* [`Imu::finish`] stops the stream and takes what still waits; dropping the driver only stops it.
 //!
 //! A command that the device leaves unanswered blocks for as long as the kernel waits (5 s on USB). Never run on a real device.
 
@@ -36,6 +36,11 @@ use watchdog::{Duty, Watchdog};
 
 /// Longest read: a report with a number in front, and room to notice that it is longer.
 const READ_BYTES: usize = 80;
+
+/// What may wait after the stream was stopped: the kernel's queue, and what was on the way.
+const MOST_LEFT: usize = 256;
+/// After so long without a report nothing more comes from a stopped stream, ns.
+const LAST_WAIT_NS: i64 = 20_000_000;
 
 /// A sample as it arrived.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -158,6 +163,25 @@ impl<P: Port> Imu<P> {
             self.counters.reopens += 1;
         }
         Ok(())
+    }
+
+    /// Stops the stream and takes what still waits, which nobody shall lose; with what was counted in all.
+    pub fn finish(mut self, clock: &dyn Fn() -> i64) -> (Vec<Arrival>, Counters) {
+        let mut left = Vec::new();
+        if let Some(link) = &mut self.link
+            && link.set_feature(Command::Stop.report()).is_ok()
+        {
+            // A device that does not stop must not hold us.
+            while left.len() < MOST_LEFT
+                && let Some(event) = self.read(clock, LAST_WAIT_NS)
+            {
+                if let Event::Sample(arrival) = event {
+                    left.push(arrival);
+                }
+            }
+            self.link = None;
+        }
+        (left, self.counters)
     }
 
     /// Whether the device is there, as far as is known.

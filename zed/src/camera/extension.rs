@@ -1,7 +1,7 @@
 //! Registers and flash of the camera's video chip, through its UVC extension unit.
 //!
 //! One control carries everything: a request is written to it, and the answer read from it a little later. Building and
-//! reading the bytes is pure; [`Unit`] is the I/O, which [`Uvc`] does on a real camera. Layout and waits: zed-open-capture,
+//! reading the bytes is pure; [`Unit`] is the I/O, by [`v4l2::Camera`]. Layout and waits: zed-open-capture,
 //! `videocapture.cpp` at 9373915. **Never run on a real camera.**
 
 use std::time::Duration;
@@ -53,7 +53,31 @@ pub trait Unit {
     ///
     /// # Errors
     /// The camera refused.
-    fn get(&mut self, bytes: &mut [u8]) -> Result<(), UnitError>;
+    fn get(&mut self) -> Result<Vec<u8>, UnitError>;
+}
+
+impl Unit for v4l2::Camera {
+    fn length(&mut self) -> Result<usize, UnitError> {
+        let length = self.extension_length(UNIT, SELECTOR);
+        length.map_err(|e| refused("asking for the length of what goes", &e))
+    }
+
+    fn set(&mut self, bytes: &[u8]) -> Result<(), UnitError> {
+        let set = self.extension_set(UNIT, SELECTOR, bytes);
+        set.map_err(|e| refused("sending a request", &e))
+    }
+
+    fn get(&mut self) -> Result<Vec<u8>, UnitError> {
+        let answer = self.extension_get(UNIT, SELECTOR);
+        answer.map_err(|e| refused("reading an answer", &e))
+    }
+}
+
+fn refused(doing: &'static str, error: &v4l2::CameraError) -> UnitError {
+    UnitError::Refused {
+        doing,
+        reason: error.to_string(),
+    }
 }
 
 /// Time for the exchange: the caller has the clock, and waits.
@@ -255,10 +279,13 @@ fn exchange(
     time: &mut impl Time,
     request: &[u8; CONTROL_BYTES],
 ) -> Result<Vec<u8>, UnitError> {
-    let mut answer = vec![0; send(unit, request)?];
+    let asked = send(unit, request)?;
     time.wait(ANSWER_AFTER);
-    unit.get(&mut answer)?;
-    Ok(answer)
+    let answer = unit.get()?;
+    match answer.len() {
+        found if found < asked => Err(UnitError::Length { found }),
+        _ => Ok(answer),
+    }
 }
 
 #[cfg(test)]
@@ -307,8 +334,9 @@ mod tests {
             Ok(())
         }
 
-        fn get(&mut self, bytes: &mut [u8]) -> Result<(), UnitError> {
+        fn get(&mut self) -> Result<Vec<u8>, UnitError> {
             let chip = self.0.borrow();
+            let mut bytes = vec![0; chip.length];
             let register =
                 u32::from_be_bytes([chip.asked[5], chip.asked[6], chip.asked[7], chip.asked[8]]);
             if chip.asked[1] != 0xa1 {
@@ -320,7 +348,7 @@ mod tests {
             } else if register == 0x18000 && chip.now_ns >= chip.ready_ns {
                 bytes[17..23].copy_from_slice(&chip.serial);
             }
-            Ok(())
+            Ok(bytes)
         }
     }
 

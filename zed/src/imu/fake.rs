@@ -48,6 +48,8 @@ pub(super) struct State {
     on: i64,
     /// Counts openings: a link of an earlier one is dead.
     opening: u32,
+    /// What was sent before the stream was stopped, and not yet read.
+    waiting: std::collections::VecDeque<i64>,
     /// Samples sent.
     pub(super) sent: u64,
     pub(super) commands: Vec<(i64, Vec<u8>)>,
@@ -75,6 +77,7 @@ pub(super) fn world(rate_hz: i64, faults: &[Fault]) -> Rc<World> {
             next: 0,
             on: 0,
             opening: 0,
+            waiting: Default::default(),
             sent: 0,
             commands: Vec::new(),
         }),
@@ -181,6 +184,11 @@ impl Link for FakeLink {
                 report[..3].copy_from_slice(&[9, 9, 9]);
                 return Ok(3);
             }
+            if let Some(at) = state.waiting.pop_front() {
+                let bytes = state.report(at);
+                report[..REPORT_BYTES].copy_from_slice(&bytes);
+                return Ok(REPORT_BYTES);
+            }
             if state.streaming && state.next <= now {
                 let at = state.next;
                 state.next += state.period;
@@ -223,7 +231,15 @@ impl Link for FakeLink {
                     None => (state.streaming, state.pinged, state.next) = (true, now, now),
                 }
             }
-            [0x32, 0] => state.streaming = false,
+            [0x32, 0] => {
+                while state.streaming && state.next <= now {
+                    let at = state.next;
+                    state.waiting.push_back(at);
+                    state.next += state.period;
+                    state.sent += 1;
+                }
+                state.streaming = false;
+            }
             [0x21, 0xf2] => {
                 let refuses = |f: &Fault| matches!(*f, Fault::Refusing(from, to) if (from..to).contains(&now));
                 if state.faults.iter().any(refuses) {

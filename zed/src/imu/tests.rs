@@ -211,6 +211,22 @@ fn a_short_silence_is_nobodys_business() {
 }
 
 #[test]
+fn what_waits_at_the_end_is_not_lost() {
+    let world = world(800, &[]);
+    let clock = || world.now.get();
+    let mut imu = Imu::open(FakePort(world.clone()), clock()).expect("it is there");
+    let Event::Sample(first) = imu.next(&clock, clock() + S) else {
+        panic!("a sample")
+    };
+    assert_eq!(first.numbered.number, 0);
+    // The reader was away for a twentieth of a second.
+    world.now.set(clock() + 50 * MS);
+    let (left, counters) = imu.finish(&clock);
+    assert_eq!((left.len(), counters.samples, counters.lost), (40, 41, 0));
+    assert_eq!(world.state.borrow().sent, 41);
+}
+
+#[test]
 fn what_is_not_there_is_not_opened() {
     let world = world(800, &[Fault::Gone(0, 200 * S)]);
     let error = Imu::open(FakePort(world), 0).expect_err("it is not there");
