@@ -79,9 +79,7 @@ pub fn promise(marks: impl IntoIterator<Item = Mark>) -> Promise {
     for mark in marks {
         match mark {
             Mark::Started => promise.started = true,
-            Mark::Durable { until, messages } => {
-                (promise.until, promise.messages) = (until, messages);
-            }
+            Mark::Durable { messages, .. } => promise.messages = messages,
             Mark::Now(_) | Mark::Finished => {}
         }
     }
@@ -122,7 +120,6 @@ mod tests {
             last,
             Promise {
                 started: true,
-                until: 77,
                 messages: 9
             }
         );

@@ -26,7 +26,7 @@ enum Cli {
         recorder: Vec<String>,
     },
     /// Examine what is left in folders of sessions, one line of JSON for each line of standard input:
-    /// "IMAGE STARTED UNTIL MESSAGES"; each image is mounted on the folder
+    /// "IMAGE STARTED MESSAGES"; each image is mounted on the folder
     Exam {
         /// The whole recording
         #[arg(long)]
@@ -106,12 +106,11 @@ fn exam(reference: Option<&Path>, on: &Path) -> Result<ExitCode> {
     for line in std::io::stdin().lines() {
         let line = line.context("reading standard input")?;
         let words: Vec<&str> = line.split_whitespace().collect();
-        let [image, started, until, messages] = words[..] else {
-            anyhow::bail!("found {line:?}, expected IMAGE STARTED UNTIL MESSAGES");
+        let [image, started, messages] = words[..] else {
+            anyhow::bail!("found {line:?}, expected IMAGE STARTED MESSAGES");
         };
         let promise = Promise {
             started: started.parse().context("STARTED")?,
-            until: until.parse().context("UNTIL")?,
             messages: messages.parse().context("MESSAGES")?,
         };
         let found = mounted(Path::new(image), on, || {

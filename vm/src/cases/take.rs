@@ -36,7 +36,7 @@ mkdir sessions && cp -r /run/archive/*-* sessions/ && umount /run/archive
 fn run(bench: &Bench) -> Result<Report> {
     let job = bench.folder("job")?;
     let disk = bench.folder.join("disk.img");
-    image::formatted(&disk, 256 << 20, FileSystem::Ext4)?;
+    image::formatted(&disk, 512 << 20, FileSystem::Ext4)?;
     fs::write(job.join("pawsd.toml"), config::synthetic(500))?;
     let guest = Guest::new(&job, SCRIPT).disk(&disk);
     guest

@@ -11,6 +11,7 @@ fn row(time: i64, digest: u64) -> Row {
 fn contents(rows: &[Row]) -> Contents {
     Contents {
         messages: [(3, rows.to_vec())].into(),
+        order: vec![3; rows.len()],
         ..Contents::default()
     }
 }
@@ -34,12 +35,17 @@ fn anything_else_than_a_beginning_is_found() {
 
 #[test]
 fn what_was_promised_must_be_there() {
-    let whole = contents(&[row(1, 7), row(2, 8), row(3, 9)]);
+    let mut whole = contents(&[row(1, 7), row(2, 8), row(3, 9)]);
+    whole.messages.insert(4, vec![row(2, 1)]);
+    whole.order = vec![3, 4, 3, 3];
     let left = contents(&[row(1, 7), row(2, 8)]);
-    assert!(has_all_until(&left, &whole, 2).is_ok());
-    assert!(has_all_until(&left, &whole, 3).is_err());
-    assert!(has_all_until(&Contents::default(), &whole, 0).is_ok());
-    assert!(has_all_until(&Contents::default(), &whole, 1).is_err());
+    let has = |messages| has_the_first(&left, &whole, messages);
+    assert!(has(1).is_ok());
+    let message = has(2).unwrap_err().to_string();
+    assert_eq!(message, "channel 4: 1 messages were promised, 0 are left");
+    whole.order = vec![3, 3, 3, 4];
+    assert!(has_the_first(&left, &whole, 2).is_ok());
+    assert!(has_the_first(&left, &whole, 3).is_err());
 }
 
 #[test]

@@ -19,7 +19,7 @@ use crate::image::{self, FileSystem};
 use crate::marks::{Mark, promise};
 use crate::random::Random;
 
-const DISK_BYTES: u64 = 256 << 20;
+const DISK_BYTES: u64 = 512 << 20;
 /// The earliest and the latest cut after the recorder said that it began, ms.
 const AFTER_MS: (u64, u64) = (50, 4000);
 /// How long a guest may take to begin.

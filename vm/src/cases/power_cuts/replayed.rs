@@ -19,7 +19,7 @@ use crate::image::{self, FileSystem};
 use crate::marks::{Mark, promise};
 use crate::write_log::{Torn, WriteLog};
 
-const DISK_BYTES: u64 = 256 << 20;
+const DISK_BYTES: u64 = 512 << 20;
 const LOG_BYTES: u64 = 2 << 30;
 /// Images that lie on the host's disk at the same time.
 const BATCH: usize = 25;
@@ -194,13 +194,9 @@ pub(super) fn examine(
     let mut list = String::new();
     for (image, promise) in states {
         let image = image.file_name().context("an image without a name")?;
-        let Promise {
-            started,
-            until,
-            messages,
-        } = promise;
+        let Promise { started, messages } = promise;
         let image = image.to_string_lossy();
-        let _ = writeln!(list, "/run/job/{image} {started} {until} {messages}");
+        let _ = writeln!(list, "/run/job/{image} {started} {messages}");
     }
     fs::write(job.join("states.txt"), list)?;
     let mut script = "vm-guest exam ".to_owned();
