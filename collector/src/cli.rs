@@ -18,8 +18,8 @@ use crate::limits::Limits;
 use crate::outcome::Outcome;
 use crate::target::Target;
 use crate::{
-    external, handoff, importing, indexing, list, prune, rebuild, recover, reporting, rig, show,
-    validate,
+    external, handoff, importing, indexing, list, prune, pull, rebuild, recover, reporting, rig,
+    show, validate,
 };
 
 /// Names the library when `--library` does not.
@@ -48,6 +48,27 @@ enum Verb {
         /// Session folders, or folders and mounted disks to search for sessions
         #[arg(required = true, value_name = "SRC")]
         sources: Vec<PathBuf>,
+    },
+    /// Fetch sessions from a rig over the network, checked and on disk
+    Pull {
+        /// The rig, as in https://RIG:8077
+        #[arg(value_name = "RIG")]
+        rig: String,
+        /// Sessions of the rig: names or identifiers, or beginnings of them [default: all]
+        #[arg(value_name = "SESSION")]
+        sessions: Vec<String>,
+        /// SHA-256 of the rig's certificate, as `pawsd` shows it; needed with https
+        #[arg(long, value_name = "AA:BB:..")]
+        fingerprint: Option<String>,
+        /// File with the token that the rig asks for
+        #[arg(long, value_name = "FILE")]
+        token_file: Option<PathBuf>,
+        /// Sessions at a time
+        #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=pull::MAX_JOBS as i64))]
+        jobs: u8,
+        /// Ask the rig to free what the library holds
+        #[arg(long)]
+        free: bool,
     },
     /// Judge sessions: PASS, WARN or FAIL, with the reasons
     Validate {
@@ -204,6 +225,22 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
     };
     match cli.verb {
         Verb::Import { sources } => importing::run(&sources, needed(library)?, console),
+        Verb::Pull {
+            rig,
+            sessions,
+            fingerprint,
+            token_file,
+            jobs,
+            free,
+        } => {
+            let options = pull::Options {
+                jobs: jobs.into(),
+                free,
+                sessions,
+                ..pull::Options::parse(&rig, fingerprint.as_deref(), token_file)?
+            };
+            pull::run(&options, needed(library)?, console)
+        }
         Verb::Validate {
             sessions,
             deep,

@@ -15,6 +15,7 @@
 //!
 //! Nothing is ever written to the source.
 
+pub(crate) mod adopt;
 mod copy;
 mod following;
 mod journal;
@@ -115,6 +116,16 @@ pub enum ImportError {
         /// The identifier.
         id: String,
         /// The source.
+        path: PathBuf,
+    },
+    /// The session is another one than was announced: look at what announced it.
+    #[error("it is session {found}, announced as {expected}: {}", .path.display())]
+    Another {
+        /// Its identifier.
+        found: String,
+        /// The identifier that it was said to have.
+        expected: String,
+        /// Where it lies.
         path: PathBuf,
     },
     /// A session with this identifier and other content is there. To replace it, remove it first:

@@ -72,7 +72,7 @@ pub fn run(sources: &[PathBuf], root: &Path, console: &mut Console<'_>) -> Resul
 }
 
 /// One line about a session that is in the library now.
-fn summary(imported: &Imported) -> String {
+pub(crate) fn summary(imported: &Imported) -> String {
     let Imported { key, report, .. } = imported;
     let start = report.streams.values().filter(|s| s.samples > 0);
     let end = start.clone().map(|s| s.end).max();

@@ -36,6 +36,7 @@ pub mod page;
 pub mod plots;
 pub mod progress;
 pub mod prune;
+pub mod pull;
 pub mod quality;
 pub mod rebuild;
 pub mod recover;

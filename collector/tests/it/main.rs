@@ -8,6 +8,7 @@ mod exporting;
 mod importing;
 mod imu_noise;
 mod pictures;
+mod pulling;
 mod rendered;
 mod reports;
 mod support;

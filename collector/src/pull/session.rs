@@ -1,0 +1,202 @@
+//! Pulling one session.
+
+use std::fs;
+use std::path::Path;
+use std::sync::Mutex;
+
+use anyhow::{Context, Result, bail, ensure};
+use rig_link::client::{Client, LinkError};
+use rig_link::link::{
+    Code, FileEntry, Manifest, RECEIPT_FORMAT, Receipt, SessionSummary, Total, VERSION, list_hash,
+};
+
+use super::{locked, of_session};
+use crate::condition::Condition;
+use crate::console::Clock;
+use crate::import::{FileRecord, ImportRecord, Imported, adopt};
+use crate::library::{Library, is_key};
+use crate::progress::Progress;
+
+/// What all pulls share.
+pub(super) struct Puller<'a> {
+    pub(super) library: Mutex<Library>,
+    pub(super) clock: Clock,
+    pub(super) progress: &'a Progress,
+    /// Name of this host.
+    pub(super) host: String,
+    pub(super) free: bool,
+}
+
+/// A session that is in the library now.
+pub(super) struct Pulled {
+    pub(super) imported: Imported,
+    /// What the rig was told, in words; an error if it did not take it.
+    pub(super) rig: Result<&'static str>,
+}
+
+impl Puller<'_> {
+    /// Pulls a session, sends the receipt, and has it freed if that is wanted.
+    pub(super) fn pull(&self, client: &mut Client, summary: &SessionSummary) -> Result<Pulled> {
+        let name = &summary.name;
+        let key = summary.session_id.as_deref().unwrap_or_default();
+        ensure!(
+            is_key(key),
+            "pulling {name}: its identifier {key:?} cannot be the name of a folder"
+        );
+        let folder = locked(&self.library).folder(key);
+        let imported = if folder.exists() {
+            of_session(name, self.there_already(client, summary, key, &folder))?
+        } else {
+            of_session(name, self.fetch(client, summary, key))?
+        };
+        let rig = self.settle(client, summary, key, &imported);
+        Ok(Pulled { imported, rig })
+    }
+
+    /// Fetches all files, has the session checked and published.
+    fn fetch(&self, client: &mut Client, summary: &SessionSummary, key: &str) -> Result<Imported> {
+        let name = &summary.name;
+        let manifest = client.manifest(name, |_| {})?;
+        let incoming = locked(&self.library).incoming(key);
+        let records: Vec<FileRecord> = manifest.files.iter().map(record).collect();
+        adopt::prepare(&incoming, &records)?;
+        let (mut fetched, mut resumed) = (0, 0);
+        for entry in &manifest.files {
+            let path = incoming.join(&entry.path);
+            if let Some(folder) = path.parent() {
+                fs::create_dir_all(folder)
+                    .with_context(|| format!("making the folder: {}", folder.display()))?;
+            }
+            let done = client.download(name, entry, &path, |n| self.progress.add(n))?;
+            fetched += done.fetched;
+            resumed += done.resumed;
+        }
+        let source = format!("{}/{name}", client.address());
+        let checked = adopt::check(&incoming, key, Path::new(&source), self.clock, records)?;
+        let mut imported = adopt::publish(&mut locked(&self.library), checked)?;
+        (imported.copied, imported.resumed) = (fetched, resumed);
+        Ok(imported)
+    }
+
+    /// The session is in the library: is it the same one, and still whole?
+    fn there_already(
+        &self,
+        client: &mut Client,
+        summary: &SessionSummary,
+        key: &str,
+        folder: &Path,
+    ) -> Result<Imported> {
+        let record = ImportRecord::read(folder).with_context(|| {
+            format!(
+                "session {key} is in the library already and has no import record: {}",
+                folder.display()
+            )
+        })?;
+        let held = total(&record.files);
+        let receipt = summary.receipt.as_ref();
+        // A receipt for the same content was given when the library's copy was compared.
+        if receipt.is_none_or(|r| r.list != held.list) {
+            let manifest = client.manifest(&summary.name, |_| {})?;
+            if let Some(what) = difference(&manifest, &record.files) {
+                bail!(
+                    "session {key} is in the library already and differs ({what}); nothing was changed: {}",
+                    folder.display()
+                );
+            }
+            adopt::still_there(folder, &record.files, self.progress)?;
+        } else {
+            self.progress.add(held.bytes);
+        }
+        Ok(adopt::already(&locked(&self.library), key, record)?)
+    }
+
+    /// Gives the rig its receipt, and asks it to free the session.
+    fn settle(
+        &self,
+        client: &mut Client,
+        summary: &SessionSummary,
+        key: &str,
+        imported: &Imported,
+    ) -> Result<&'static str> {
+        if imported.condition == Condition::Damaged {
+            return Ok("no receipt, the rig keeps it");
+        }
+        let name = &summary.name;
+        let folder = locked(&self.library).folder(key);
+        let record = ImportRecord::read(&folder)
+            .with_context(|| format!("reading the import record: {}", folder.display()))?;
+        let held = total(&record.files);
+        if summary.receipt.as_ref().is_none_or(|r| r.list != held.list) {
+            let receipt = Receipt {
+                format: RECEIPT_FORMAT.to_owned(),
+                version: VERSION,
+                session_id: key.to_owned(),
+                list: held.list,
+                files: held.files,
+                bytes: held.bytes,
+                host: self.host.clone(),
+                verified_ns: (self.clock.civil)().0,
+            };
+            hashed(client, name, |client| client.put_receipt(name, &receipt))?;
+        }
+        if !self.free {
+            return Ok("receipt sent");
+        }
+        hashed(client, name, |client| client.free(name))?;
+        Ok("freed on the rig")
+    }
+}
+
+/// Asks for something for which the rig must know the hashes of the session; a rig that was started
+/// anew makes them again with the manifest.
+fn hashed(
+    client: &mut Client,
+    session: &str,
+    ask: impl Fn(&mut Client) -> Result<(), LinkError>,
+) -> Result<(), LinkError> {
+    match ask(client) {
+        Err(LinkError::Refused { problem, .. }) if problem.code == Code::ManifestFirst => {
+            client.manifest(session, |_| {})?;
+            ask(client)
+        }
+        other => other,
+    }
+}
+
+fn record(entry: &FileEntry) -> FileRecord {
+    FileRecord {
+        path: entry.path.clone(),
+        bytes: entry.bytes,
+        modified_ns: entry.modified_ns,
+        blake3: entry.blake3.clone(),
+    }
+}
+
+/// What stands for these files in a receipt.
+fn total(files: &[FileRecord]) -> Total {
+    let lines = files
+        .iter()
+        .map(|f| (f.path.as_str(), f.bytes, f.blake3.as_str()));
+    Total {
+        list: list_hash(lines),
+        files: files.len() as u64,
+        bytes: files.iter().map(|f| f.bytes).sum(),
+    }
+}
+
+/// The first way in which the rig's session is not the library's.
+fn difference(rig: &Manifest, library: &[FileRecord]) -> Option<String> {
+    for entry in &rig.files {
+        match library.iter().find(|f| f.path == entry.path) {
+            None => return Some(format!("{} is not in the library", entry.path)),
+            Some(known) if known.blake3 != entry.blake3 => {
+                return Some(format!("{} has another content", entry.path));
+            }
+            Some(_) => {}
+        }
+    }
+    let gone = library
+        .iter()
+        .find(|known| rig.files.iter().all(|f| f.path != known.path));
+    gone.map(|gone| format!("{} is only in the library", gone.path))
+}

@@ -1,0 +1,503 @@
+//! `paws pull` from a rig that is a server in this process, over connections that break.
+
+#![expect(
+    clippy::disallowed_methods,
+    reason = "processes are killed and connections cut after real time"
+)]
+
+use std::fs;
+use std::io::{Read, Write};
+use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use collector::library::Library;
+use collector::outcome::Outcome;
+use collector::pull::{self, Options};
+use rig_link::client::Patience;
+use rig_link::fake::{FakeRig, Scene};
+use rig_link::identity::Identity;
+use rig_link::server::{Limits, Server, Settings, serve};
+use rig_link::token::Token;
+
+use crate::support::{ID, Session, capture, tree};
+
+const OTHER: &str = "0192aa00-0000-7000-8000-000000000002";
+const TOKEN: &str = "correct-horse-battery";
+
+/// A rig with two sessions, and a place for a library.
+struct Rig {
+    folder: tempfile::TempDir,
+    rig: Arc<FakeRig>,
+    server: Server,
+}
+
+impl Rig {
+    fn new() -> Self {
+        Self::with(Settings::default(), 20_000)
+    }
+
+    fn with(settings: Settings, unit_bytes: usize) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let sessions = folder.path().join("rig");
+        Session::with_units(2.0, unit_bytes).write(&sessions.join("walk-1"));
+        let mut other = Session::good(1.0);
+        other.spec.session_id = OTHER.to_owned();
+        other.spec.name = "run".to_owned();
+        other.write(&sessions.join("run-1"));
+        let start = Instant::now();
+        let rig = Arc::new(FakeRig::new(&sessions, Scene::Armed, move || {
+            start.elapsed()
+        }));
+        let settings = Settings {
+            bind: "127.0.0.1:0".parse().unwrap(),
+            ..settings
+        };
+        let server = serve(settings, rig.clone()).unwrap();
+        Self {
+            folder,
+            rig,
+            server,
+        }
+    }
+
+    fn sessions(&self) -> PathBuf {
+        self.folder.path().join("rig")
+    }
+
+    fn library(&self) -> PathBuf {
+        self.folder.path().join("library")
+    }
+
+    fn options(&self) -> Options {
+        options(self.server.address())
+    }
+
+    /// Pulls, and gives how it ended and what it said.
+    fn pull(&self, options: &Options) -> (Outcome, String) {
+        let (result, text) = capture(|console| pull::run(options, &self.library(), console));
+        (result.unwrap(), text)
+    }
+
+    /// The library holds the session byte for byte, and the rig's receipt is for it.
+    fn assert_pulled(&self, name: &str, key: &str) {
+        let mut copy = tree(&self.library().join("sessions").join(key));
+        assert!(copy.remove("import.json").is_some());
+        assert!(copy == tree(&self.sessions().join(name)), "{name} differs");
+        let library = Library::open(&self.library()).unwrap();
+        assert!(library.rows().unwrap().iter().any(|row| row.key == key));
+        assert_eq!(tree(&self.library().join(".incoming")).len(), 0);
+        let receipt = fs::read_to_string(self.receipt(name)).unwrap();
+        assert!(receipt.contains(key), "{receipt}");
+    }
+
+    fn receipt(&self, name: &str) -> PathBuf {
+        self.sessions().join(format!("receipts/{name}.json"))
+    }
+
+    fn listed(&self) -> usize {
+        match Library::open(&self.library()) {
+            Ok(library) => library.rows().unwrap().len(),
+            Err(_) => 0,
+        }
+    }
+
+    fn paws(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_paws"));
+        command
+            .arg("pull")
+            .args(arguments)
+            .env("PAWS_LIBRARY", self.library());
+        command
+    }
+}
+
+fn options(address: SocketAddr) -> Options {
+    Options {
+        patience: Patience {
+            connect: Duration::from_secs(5),
+            silence: Duration::from_secs(10),
+            tries: 5,
+            pause: Duration::from_millis(10),
+            longest_pause: Duration::from_millis(100),
+        },
+        ..Options::parse(&format!("http://{address}"), None, None).unwrap()
+    }
+}
+
+fn text(output: &Output) -> String {
+    let [out, err] = [&output.stdout, &output.stderr].map(|t| String::from_utf8_lossy(t));
+    format!("{out}{err}")
+}
+
+/// Hands on what goes by; cuts the connection after `cut` bytes of the server's, and changes every
+/// `spoil`-th byte of them.
+fn proxy(to: SocketAddr, cut: usize, spoil: usize) -> SocketAddr {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    std::thread::spawn(move || {
+        while let Ok((client, _)) = listener.accept() {
+            std::thread::spawn(move || carry(client, to, cut, spoil));
+        }
+    });
+    address
+}
+
+fn carry(mut client: TcpStream, to: SocketAddr, cut: usize, spoil: usize) {
+    let mut server = TcpStream::connect(to).unwrap();
+    let (mut from, mut into) = (client.try_clone().unwrap(), server.try_clone().unwrap());
+    std::thread::spawn(move || {
+        let _ = std::io::copy(&mut from, &mut into);
+        let _ = into.shutdown(Shutdown::Both);
+    });
+    let (mut block, mut at) = ([0; 10_000], 0);
+    while let Ok(n) = server.read(&mut block) {
+        let n = n.min(cut - at);
+        for i in 0..n {
+            if (at + i + 1) % spoil == 0 {
+                block[i] ^= 1;
+            }
+        }
+        at += n;
+        if n == 0 || client.write_all(&block[..n]).is_err() || at == cut {
+            break;
+        }
+    }
+    let _ = client.shutdown(Shutdown::Both);
+    let _ = server.shutdown(Shutdown::Both);
+}
+
+#[test]
+fn sessions_are_pulled_received_and_freed() {
+    let rig = Rig::new();
+    let (outcome, text) = rig.pull(&rig.options());
+    assert_eq!(outcome, Outcome::Fine, "{text}");
+    for line in [
+        format!("walk-1 {ID}: imported, 2.0 s"),
+        format!("run-1 {OTHER}: imported, 1.0 s"),
+    ] {
+        assert!(text.contains(&line), "{text}");
+    }
+    assert_eq!(text.matches("; receipt sent").count(), 2, "{text}");
+    rig.assert_pulled("walk-1", ID);
+    rig.assert_pulled("run-1", OTHER);
+
+    // Again: nothing is fetched. Then the rig may free them, one by one.
+    let sessions = tree(&rig.library().join("sessions"));
+    let (outcome, text) = rig.pull(&rig.options());
+    assert_eq!(outcome, Outcome::Fine);
+    assert_eq!(text.matches("imported already").count(), 2, "{text}");
+    let free = Options {
+        free: true,
+        sessions: vec!["walk".to_owned()],
+        ..rig.options()
+    };
+    let (outcome, text) = rig.pull(&free);
+    assert_eq!(outcome, Outcome::Fine);
+    assert!(text.ends_with("; freed on the rig\n"), "{text}");
+    assert!(!rig.sessions().join("walk-1").exists());
+    assert!(rig.sessions().join("run-1").exists());
+    assert!(tree(&rig.library().join("sessions")) == sessions);
+}
+
+#[test]
+fn several_at_a_time_over_connections_that_break() {
+    let rig = Rig::new();
+    let address = proxy(rig.server.address(), 400_000, usize::MAX);
+    let options = Options {
+        jobs: 4,
+        ..options(address)
+    };
+    let (outcome, text) = rig.pull(&options);
+    assert_eq!(outcome, Outcome::Fine, "{text}");
+    rig.assert_pulled("walk-1", ID);
+    rig.assert_pulled("run-1", OTHER);
+}
+
+#[test]
+fn killed_again_and_again_it_is_whole_or_not_there_and_goes_on() {
+    let limits = Limits {
+        recording_bytes_per_s: 4_000_000,
+        ..Limits::default()
+    };
+    let settings = Settings {
+        limits,
+        ..Settings::default()
+    };
+    let rig = Rig::with(settings, 30_000);
+    let url = rig.server.url();
+    // Slow enough to be killed in the middle of it.
+    rig.rig.show(Scene::Recording);
+    let mut killed = 0;
+    for n in 0_u64.. {
+        assert!(n < 60, "it never came to an end");
+        let mut child = rig
+            .paws(&[&url])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let limit = Duration::from_millis(150 + 97 * n);
+        let start = Instant::now();
+        while start.elapsed() < limit && child.try_wait().unwrap().is_none() {
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        let ended = child.try_wait().unwrap();
+        let _ = child.kill();
+        let output = child.wait_with_output().unwrap();
+        for (name, key) in [("walk-1", ID), ("run-1", OTHER)] {
+            let there = rig.library().join("sessions").join(key);
+            if there.exists() {
+                let mut copy = tree(&there);
+                assert!(copy.remove("import.json").is_some());
+                assert!(copy == tree(&rig.sessions().join(name)));
+            } else {
+                assert!(
+                    !rig.receipt(name).exists(),
+                    "a receipt for what is not there"
+                );
+            }
+        }
+        match ended {
+            None => killed += 1,
+            Some(status) => {
+                assert!(status.success(), "{}", text(&output));
+                break;
+            }
+        }
+    }
+    assert!(killed >= 3, "{killed}");
+    rig.assert_pulled("walk-1", ID);
+    rig.assert_pulled("run-1", OTHER);
+}
+
+#[test]
+fn bytes_that_change_on_the_way_are_noticed() {
+    let rig = Rig::new();
+    let address = proxy(rig.server.address(), usize::MAX, 100_000);
+    let (outcome, text) = rig.pull(&options(address));
+    assert_eq!(outcome, Outcome::Failed);
+    assert!(text.contains("not pulled: walk-1"), "{text}");
+    assert!(!rig.receipt("walk-1").exists());
+    assert!(!rig.library().join("sessions").join(ID).exists());
+    // Over a good connection it goes on.
+    let (outcome, _) = rig.pull(&rig.options());
+    assert_eq!(outcome, Outcome::Fine);
+    rig.assert_pulled("walk-1", ID);
+}
+
+#[test]
+fn the_one_that_is_being_recorded_is_left_alone() {
+    let rig = Rig::new();
+    rig.rig.record(Some("walk-1"));
+    let (outcome, text) = rig.pull(&rig.options());
+    assert_eq!(outcome, Outcome::Fine);
+    assert!(text.contains("run-1") && !text.contains("walk-1"), "{text}");
+    let named = Options {
+        sessions: vec!["walk-1".to_owned()],
+        ..rig.options()
+    };
+    assert_eq!(rig.pull(&named).0, Outcome::Failed);
+    assert_eq!(rig.listed(), 1);
+    rig.rig.record(None);
+    assert_eq!(rig.pull(&named).0, Outcome::Fine);
+    rig.assert_pulled("walk-1", ID);
+}
+
+#[test]
+fn what_is_cut_off_is_pulled_as_such_and_what_is_damaged_stays_on_the_rig() {
+    let rig = Rig::new();
+    let mut cut = Session::good(2.0);
+    cut.closed = false;
+    let at = rig.sessions().join("walk-1");
+    fs::remove_dir_all(&at).unwrap();
+    cut.write(&at);
+    let free = Options {
+        free: true,
+        ..rig.options()
+    };
+    let segment = rig.sessions().join("run-1/segments/000000.mcap");
+    let mut bytes = fs::read(&segment).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&segment, bytes).unwrap();
+
+    let (outcome, text) = rig.pull(&free);
+    assert_eq!(outcome, Outcome::Loss, "{text}");
+    assert!(
+        text.contains("unclosed") && text.contains("; freed on the rig"),
+        "{text}"
+    );
+    assert!(
+        text.contains("damaged") && text.contains("; no receipt, the rig keeps it"),
+        "{text}"
+    );
+    assert!(!at.exists());
+    assert!(rig.sessions().join("run-1").exists() && !rig.receipt("run-1").exists());
+    assert_eq!(rig.listed(), 2);
+}
+
+#[test]
+fn a_session_that_differs_is_refused_on_both_sides() {
+    let rig = Rig::new();
+    rig.pull(&rig.options());
+    let before = tree(&rig.library().join("sessions"));
+    // The rig has more than what was pulled: no receipt for that, and nothing is freed.
+    fs::write(rig.sessions().join("run-1/notes.txt"), "rain").unwrap();
+    fs::remove_file(rig.receipt("run-1")).unwrap();
+    let free = Options {
+        free: true,
+        sessions: vec!["run-1".to_owned()],
+        ..rig.options()
+    };
+    let (outcome, text) = rig.pull(&free);
+    assert_eq!(outcome, Outcome::Failed);
+    assert!(text.contains("not pulled: run-1"), "{text}");
+    // With the old receipt still there the rig itself sees that it does not fit.
+    fs::remove_file(rig.sessions().join("run-1/notes.txt")).unwrap();
+    assert_eq!(rig.pull(&rig.options()).0, Outcome::Fine);
+    fs::write(rig.sessions().join("run-1/notes.txt"), "rain").unwrap();
+    let (outcome, text) = rig.pull(&free);
+    assert_eq!(outcome, Outcome::Failed);
+    assert!(text.contains("; the rig keeps it"), "{text}");
+    assert!(rig.sessions().join("run-1/notes.txt").exists());
+    assert!(tree(&rig.library().join("sessions")) == before);
+}
+
+#[test]
+fn a_library_that_lost_something_sends_no_receipt() {
+    let rig = Rig::new();
+    rig.pull(&rig.options());
+    fs::remove_file(rig.receipt("run-1")).unwrap();
+    let segment = rig
+        .library()
+        .join(format!("sessions/{OTHER}/segments/000000.mcap"));
+    let mut bytes = fs::read(&segment).unwrap();
+    bytes[5000] ^= 1;
+    fs::write(&segment, bytes).unwrap();
+    let (outcome, text) = rig.pull(&rig.options());
+    assert_eq!(outcome, Outcome::Failed, "{text}");
+    assert!(!rig.receipt("run-1").exists());
+}
+
+#[test]
+fn import_and_pull_take_over_from_each_other() {
+    let rig = Rig::new();
+    // Pulled as far as the connection carries, then imported from the rig's disk.
+    let address = proxy(rig.server.address(), 1_000_000, usize::MAX);
+    let hopeless = Options {
+        sessions: vec!["walk-1".to_owned()],
+        patience: Patience {
+            tries: 1,
+            ..rig.options().patience
+        },
+        ..options(address)
+    };
+    assert_eq!(rig.pull(&hopeless).0, Outcome::Failed);
+    let incoming = rig.library().join(".incoming").join(ID);
+    let left: usize = tree(&incoming).values().map(Vec::len).sum();
+    assert!(left > 500_000, "{left}");
+    let disk = rig.sessions().join("walk-1");
+    let library = rig.library();
+    let import = |source: &Path| {
+        let sources = [source.to_owned()];
+        capture(|console| collector::importing::run(&sources, &library, console)).0
+    };
+    assert_eq!(import(&disk).unwrap(), Outcome::Fine);
+    let (outcome, text) = rig.pull(&rig.options());
+    assert_eq!(outcome, Outcome::Fine);
+    assert!(
+        text.contains(&format!("walk-1 {ID}: imported already")),
+        "{text}"
+    );
+    rig.assert_pulled("walk-1", ID);
+}
+
+#[test]
+fn over_tls_the_rig_is_known_by_its_fingerprint() {
+    let folder = tempfile::tempdir().unwrap();
+    let identity = Identity::load_or_create(folder.path()).unwrap();
+    let right = identity.fingerprint().to_string();
+    let settings = Settings {
+        identity: Some(identity),
+        token: Some(Token::new(TOKEN).unwrap()),
+        ..Settings::default()
+    };
+    let rig = Rig::with(settings, 200);
+    let url = rig.server.url();
+    let file = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let (token, wrong, short) = (
+        file("token", &format!("{TOKEN}\n")),
+        file("wrong", "another-token-than-that"),
+        file("short", "short"),
+    );
+    let check = |arguments: &[&str], code: i32, part: &str| {
+        let output = rig.paws(arguments).output().unwrap();
+        let text = text(&output);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {text}");
+        assert!(
+            text.contains(part),
+            "{arguments:?}: {part:?} is not in {text}"
+        );
+    };
+    let other = format!("{}00", &right[..right.len() - 2]);
+    check(
+        &[&url, "--token-file", &token],
+        1,
+        &format!("has the fingerprint {right}"),
+    );
+    check(
+        &[&url, "--fingerprint", &other, "--token-file", &token],
+        1,
+        &format!("expected {other}"),
+    );
+    check(&[&url, "--fingerprint", &right], 1, "the token is needed");
+    check(
+        &[&url, "--fingerprint", &right, "--token-file", &wrong],
+        1,
+        "the token is wrong",
+    );
+    check(
+        &[&url, "--fingerprint", "AA:BB", "--token-file", &token],
+        2,
+        "no fingerprint",
+    );
+    check(
+        &[&url, "--fingerprint", &right, "--token-file", &short],
+        1,
+        "5 characters",
+    );
+    check(&["rig:8077"], 2, "no address of a rig");
+    check(&["http://192.0.2.1:8077"], 1, "with https only");
+    check(&[&url, "--jobs", "0"], 2, "jobs");
+    assert_eq!(rig.listed(), 0);
+    std::thread::sleep(Duration::from_millis(1100));
+    let good = [
+        &url,
+        "--fingerprint",
+        &right,
+        "--token-file",
+        &token,
+        "--jobs",
+        "2",
+    ];
+    check(&good, 0, "; receipt sent");
+    rig.assert_pulled("walk-1", ID);
+    rig.assert_pulled("run-1", OTHER);
+    check(
+        &[&good[..], &["jog"]].concat(),
+        1,
+        "none of the 2 on the rig",
+    );
+    check(
+        &[&good[..], &["run-1", "--free"]].concat(),
+        0,
+        "freed on the rig",
+    );
+}
