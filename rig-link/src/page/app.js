@@ -1,1 +1,469 @@
+// The phone's page. It asks the rig for its state once a second and for pictures twice a second, only while
+// somebody looks. What it shows is what the last answer said; when answers stop, it says so within seconds and
+// greys everything that may no longer be true. Texts from the rig are only ever set as text.
+"use strict";
 
+const STATUS_EVERY = 1000;
+const PREVIEW_EVERY = 500;
+const SESSIONS_EVERY = 20000;
+const ANSWER_LIMIT = 4000;
+// Without an answer for so long, what is shown counts as old.
+const LOST_AFTER = 3500;
+
+const $ = (id) => document.getElementById(id);
+const NONE = "–";
+
+let status = null;
+let heardAt = 0;
+let refused = false;
+let busy = "";
+let sequences = [];
+let sessionsAt = 0;
+let lastState = "";
+let toastTimer = 0;
+let spokenLast = "";
+
+// ---- asking ----------------------------------------------------------------------------------------
+
+class Refused extends Error {}
+
+async function ask(path, { limit = ANSWER_LIMIT, ...options } = {}) {
+  const response = await fetch(path, {
+    cache: "no-store",
+    credentials: "same-origin",
+    signal: AbortSignal.timeout(limit),
+    ...options,
+  });
+  if (response.ok) return response;
+  const said = await response.json().catch(() => ({}));
+  const error = new Refused(said.error?.message ?? `the rig answers with status ${response.status}`);
+  error.status = response.status;
+  throw error;
+}
+
+function post(path, body) {
+  return ask(path, {
+    method: "POST",
+    headers: { "Content-Type": "application/json" },
+    body: JSON.stringify(body),
+    // Stopping waits for the last pictures.
+    limit: 30000,
+  });
+}
+
+async function askStatus() {
+  try {
+    status = await (await ask("/api/status")).json();
+    heardAt = performance.now();
+    if (refused) closeLogin();
+    show();
+  } catch (error) {
+    if (error.status === 401) openLogin();
+    else show();
+  }
+}
+
+async function askPreviews() {
+  if (!status || isLost()) return;
+  await Promise.all(status.cameras.map(async (_, i) => {
+    try {
+      const have = sequences[i] === undefined ? "" : `?have=${sequences[i]}`;
+      const response = await ask(`/api/preview/${i}${have}`);
+      if (response.status === 204) return old(i);
+      sequences[i] = Number(response.headers.get("X-Sequence"));
+      picture(i, await response.blob());
+    } catch (error) {
+      if (error.status === 404) picture(i, null);
+    }
+  }));
+}
+
+async function askSessions() {
+  try {
+    const list = await (await ask("/api/sessions")).json();
+    sessionsAt = performance.now();
+    showSessions(list.sessions);
+  } catch { /* The state tells that the connection is lost. */ }
+}
+
+// Runs for ever, never twice at once, and not while nobody looks.
+async function every(pause, work) {
+  for (;;) {
+    const begun = performance.now();
+    if (!document.hidden && !$("login").open) await work();
+    const left = Math.max(50, pause - (performance.now() - begun));
+    await new Promise((done) => setTimeout(done, left));
+  }
+}
+
+// ---- showing ---------------------------------------------------------------------------------------
+
+const age = () => (performance.now() - heardAt) / 1000;
+const isLost = () => status !== null && age() * 1000 > LOST_AFTER;
+
+const WORDS = {
+  idle: ["Waiting", "Not every stream delivers yet."],
+  armed: ["Ready", "Start records at once."],
+  recording: ["Recording", ""],
+  stopping: ["Stopping", "The last pictures are being written."],
+  fault: ["Fault", "It cannot record."],
+};
+
+function show() {
+  if (status === null) {
+    if (performance.now() > LOST_AFTER && !refused) panel("lost", "lost", "No signal", "", "The rig does not answer. Is it on, and the phone in its network?");
+    return;
+  }
+  const { state, alarms, session, seconds } = status;
+  const [word, what] = WORDS[state] ?? [state, ""];
+  const recording = state === "recording" || state === "stopping";
+  const does = state === "recording" ? "stop" : "start";
+  document.body.dataset.does = does;
+  const time = recording ? clockTime(seconds) : "";
+  if (isLost()) {
+    const since = `Last heard ${span(age())} ago: ${word.toLowerCase()}${time ? ` ${time}` : ""}.`;
+    panel("lost", "lost", "No signal", "", since);
+  } else {
+    const warned = alarms.length > 0 && state !== "fault" && state !== "idle";
+    let detail = what;
+    if (alarms.length) detail = alarms[0];
+    else if (recording && session) detail = `All streams arrive. ${session}`;
+    panel(warned ? "warning" : state, warned ? "warning" : state, word, time, detail);
+  }
+  buttons(state, does);
+  showAlarms(alarms);
+  showPreviews();
+  showTiles();
+  showStreams();
+  text($("encoders"), status.encoders.length ? `Encoders: ${status.encoders.join(", ")}` : "");
+  if (state !== lastState) {
+    lastState = state;
+    sessionsAt = 0;
+  }
+}
+
+function panel(state, sign, word, time, detail) {
+  const body = document.body.dataset;
+  if (body.state !== state) body.state = state;
+  if (body.sign !== sign) body.sign = sign;
+  text($("word"), word);
+  text($("time"), time);
+  text($("detail"), detail);
+  // Spoken once, not every second.
+  const spoken = state === "lost" ? word : `${word}. ${detail}`;
+  if (spoken !== spokenLast) text($("spoken"), (spokenLast = spoken));
+  document.title = time ? `${word} ${time}` : word;
+  const colour = getComputedStyle(document.body).getPropertyValue("--panel").trim();
+  document.querySelector("meta[name=theme-color]").content = colour;
+}
+
+function buttons(state, does) {
+  const main = $("main");
+  const can = does === "stop" || state === "armed";
+  const words = { start: "Starting…", stop: "Stopping…" };
+  text(main.firstElementChild, words[busy] ?? (does === "stop" ? "Stop" : "Start"));
+  main.setAttribute("aria-label", does === "stop" ? "Stop recording" : "Start recording");
+  main.disabled = !can || busy !== "" || isLost();
+  $("mark").disabled = state !== "recording" || busy !== "" || isLost();
+  const last = state === "armed" && status.session;
+  $("discard").disabled = !(state === "recording" || last) || busy !== "" || isLost();
+  text($("discard"), last ? "Discard the last recording…" : "Discard the recording…");
+  text($("next-title"), status.session && state === "recording" ? "This recording" : "Recording");
+}
+
+function showAlarms(alarms) {
+  const section = $("alarms");
+  // The first one stands above.
+  const rest = isLost() ? alarms : alarms.slice(1);
+  section.hidden = rest.length === 0;
+  list(section.firstElementChild, rest, (alarm) => element("li", {}, alarm));
+}
+
+function showPreviews() {
+  const place = $("previews");
+  if (place.childElementCount !== status.cameras.length) {
+    sequences = [];
+    place.replaceChildren(...status.cameras.map((camera, i) => {
+      const label = element("span", { className: "label" }, plain(camera));
+      const button = element("button", { type: "button", className: "preview" }, element("span", { className: "none" }, "No picture"), label);
+      button.setAttribute("aria-pressed", "false");
+      button.setAttribute("aria-label", `${plain(camera)}: show large`);
+      button.addEventListener("click", () => enlarge(i));
+      return button;
+    }));
+  }
+}
+
+function enlarge(chosen) {
+  [...$("previews").children].forEach((button, i) => {
+    const large = i === chosen && button.getAttribute("aria-pressed") !== "true";
+    button.setAttribute("aria-pressed", String(large));
+  });
+}
+
+function picture(i, blob) {
+  const button = $("previews").children[i];
+  if (!button) return;
+  const shown = button.firstElementChild;
+  button.classList.remove("old");
+  button.dataset.since = performance.now();
+  if (blob === null) {
+    sequences[i] = undefined;
+    if (shown.tagName === "IMG") {
+      URL.revokeObjectURL(shown.src);
+      shown.replaceWith(element("span", { className: "none" }, "No picture"));
+    }
+    return;
+  }
+  const url = URL.createObjectURL(blob);
+  if (shown.tagName === "IMG") {
+    const before = shown.src;
+    shown.src = url;
+    URL.revokeObjectURL(before);
+  } else {
+    const img = element("img", { src: url, alt: "" });
+    shown.replaceWith(img);
+  }
+}
+
+// The rig had nothing newer; after a while the picture counts as old.
+function old(i) {
+  const button = $("previews").children[i];
+  if (button && performance.now() - Number(button.dataset.since) > 3000) button.classList.add("old");
+}
+
+function showTiles() {
+  const { seconds_left: left, free_bytes: free, battery, temperature_c: heat, clock } = status;
+  tile("disk", left === null ? (free === null ? NONE : bytes(free)) : hours(left), "h:mm", left === null || free === null ? "" : `${bytes(free)} free`, left !== null && left < 1800);
+  if (left === null) unit("disk", "");
+  const percent = battery === null ? null : Math.round(battery.percent);
+  const charge = battery === null ? "not readable" : battery.charging ? "charging" : battery.minutes_left === null ? "" : `${hours(battery.minutes_left * 60)} left`;
+  tile("battery", percent === null ? NONE : String(percent), percent === null ? "" : "%", charge, percent !== null && !battery.charging && percent < 25);
+  tile("heat", heat === null ? NONE : heat.toFixed(0), heat === null ? "" : "°C", heat === null ? "not readable" : heat >= 85 ? "too hot" : "", heat !== null && heat >= 85);
+  if (clock === null) return tile("clock", NONE, "", "not known", false);
+  const offset = clock.offset_ns === null ? "" : nanoseconds(clock.offset_ns);
+  tile("clock", clock.synchronised ? "right" : "not set", "", clock.synchronised ? [clock.source, offset].filter(Boolean).join(", ") : "recording is not affected", !clock.synchronised);
+}
+
+function tile(id, value, suffix, note, bad) {
+  const place = $(id);
+  const shown = place.querySelector(".value");
+  if (shown.dataset.value !== `${value} ${suffix}`) {
+    shown.dataset.value = `${value} ${suffix}`;
+    shown.replaceChildren(value, ...(suffix ? [" ", element("small", {}, suffix)] : []));
+  }
+  text(place.querySelector(".note"), note || "\u00a0");
+  place.classList.toggle("bad", bad);
+}
+
+function unit(id, suffix) {
+  const small = $(id).querySelector(".value small");
+  if (small) text(small, suffix);
+}
+
+function showStreams() {
+  list($("streams").tBodies[0], status.streams, (stream) => {
+    const wrong = stream.silent ? "silent" : stream.frozen ? "frozen" : "";
+    const slow = stream.nominal_hz !== null && stream.rate_hz < 0.95 * stream.nominal_hz;
+    const rate = element("td", {}, rateText(stream.rate_hz), element("small", {}, stream.nominal_hz === null ? " Hz" : ` of ${rateText(stream.nominal_hz)} Hz`));
+    const all = stream.stored + stream.missing;
+    const share = stream.missing === 0 ? "" : ` ${percentText(stream.missing, all)}`;
+    const missing = element("td", {}, String(stream.missing), element("small", {}, share));
+    const name = element("th", { scope: "row" }, plain(stream.name), wrong ? ` – ${wrong}` : "");
+    const row = element("tr", {}, name, rate, missing);
+    row.classList.toggle("bad", wrong !== "" || slow || stream.missing > 0);
+    return row;
+  });
+}
+
+const STATES = {
+  recording: "being recorded",
+  closed: "",
+  recovered: "rebuilt after a cut",
+  interrupted: "cut off",
+  damaged: "damaged",
+};
+
+function showSessions(sessions) {
+  const place = $("sessions");
+  if (sessions.length === 0) {
+    place.replaceChildren(element("li", { className: "empty" }, "None yet."));
+    return;
+  }
+  // The newest first.
+  const rows = [...sessions].sort((a, b) => (b.started_ns ?? 0) - (a.started_ns ?? 0));
+  place.replaceChildren(...rows.map((s) => {
+    const when = s.started_ns === null ? s.name : new Date(s.started_ns / 1e6).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
+    const what = [s.title, STATES[s.state] ?? s.state, s.receipt ? `also on ${s.receipt.host}` : s.state === "recording" ? "" : "only here"];
+    return element("li", {},
+      element("span", { className: "when" }, when),
+      element("span", { className: "size" }, bytes(s.bytes)),
+      element("span", { className: "where" }, what.filter(Boolean).join(" · ")));
+  }));
+}
+
+// ---- doing -----------------------------------------------------------------------------------------
+
+async function act(action, done) {
+  busy = action.do;
+  show();
+  try {
+    status = await (await post("/api/act", action)).json();
+    heardAt = performance.now();
+    navigator.vibrate?.(60);
+    if (done) toast(done);
+  } catch (error) {
+    navigator.vibrate?.([80, 60, 80]);
+    if (error.status === 401) openLogin();
+    else toast(error instanceof Refused ? `Not done: ${error.message}` : "Not done: the rig does not answer.", true);
+  }
+  busy = "";
+  show();
+  askSessions();
+}
+
+function toast(what, error = false) {
+  const place = $("toast");
+  text(place, what);
+  place.classList.toggle("error", error);
+  place.hidden = false;
+  clearTimeout(toastTimer);
+  toastTimer = setTimeout(() => { place.hidden = true; }, error ? 8000 : 2500);
+}
+
+$("main").addEventListener("click", () => {
+  if (status?.state === "recording") {
+    act({ do: "stop" }, "Stopped. The recording is on the rig.");
+  } else {
+    act({ do: "start", name: $("name").value.trim() });
+  }
+});
+
+$("mark").addEventListener("click", () => {
+  const at = clockTime(status.seconds);
+  act({ do: "mark", text: "" }, `Marked at ${at}.`);
+});
+
+$("discard").addEventListener("click", () => {
+  const length = status.seconds > 0 ? ` of ${span(status.seconds)}` : "";
+  text($("sure-what"), `The recording${length} will be deleted. It cannot be brought back.`);
+  $("sure").showModal();
+  $("keep").focus();
+});
+$("keep").addEventListener("click", () => $("sure").close());
+$("really").addEventListener("click", () => {
+  $("sure").close();
+  act({ do: "discard" }, "Discarded.");
+});
+
+// ---- the way in ------------------------------------------------------------------------------------
+
+function openLogin() {
+  refused = true;
+  $("logout").hidden = true;
+  if (!$("login").open) $("login").showModal();
+  panel("unknown", "idle", "Locked", "", "The rig asks for its token.");
+}
+
+function closeLogin() {
+  refused = false;
+  $("logout").hidden = false;
+  if ($("login").open) $("login").close();
+}
+
+$("login").addEventListener("cancel", (event) => event.preventDefault());
+$("login-form").addEventListener("submit", async (event) => {
+  event.preventDefault();
+  try {
+    await post("/api/login", { token: $("token").value });
+    $("token").value = "";
+    text($("login-error"), "");
+    closeLogin();
+    await askStatus();
+    askSessions();
+  } catch (error) {
+    text($("login-error"), error instanceof Refused ? error.message : "The rig does not answer.");
+  }
+});
+$("logout").addEventListener("click", async () => {
+  await post("/api/logout", {}).catch(() => {});
+  location.reload();
+});
+
+// ---- numbers and elements --------------------------------------------------------------------------
+
+const two = (n) => String(n).padStart(2, "0");
+
+// Seconds as m:ss or h:mm:ss.
+function clockTime(seconds) {
+  const s = Math.max(0, Math.floor(seconds));
+  const [h, m] = [Math.floor(s / 3600), Math.floor(s / 60) % 60];
+  return h > 0 ? `${h}:${two(m)}:${two(s % 60)}` : `${m}:${two(s % 60)}`;
+}
+
+// Seconds as h:mm.
+function hours(seconds) {
+  const m = Math.max(0, Math.floor(seconds / 60));
+  return `${Math.floor(m / 60)}:${two(m % 60)}`;
+}
+
+// Seconds in words.
+function span(seconds) {
+  const s = Math.round(seconds);
+  if (s < 90) return `${s} s`;
+  if (s < 5400) return `${Math.round(s / 60)} min`;
+  return `${Math.round(s / 3600)} h`;
+}
+
+function bytes(n) {
+  const units = ["B", "kB", "MB", "GB", "TB"];
+  let i = 0;
+  while (n >= 999.5 && i < units.length - 1) { n /= 1000; i += 1; }
+  return `${n >= 100 || i === 0 ? n.toFixed(0) : n.toFixed(1)} ${units[i]}`;
+}
+
+function nanoseconds(n) {
+  const far = Math.abs(n);
+  if (far < 1e3) return `${n} ns off`;
+  if (far < 1e6) return `${(n / 1e3).toFixed(0)} µs off`;
+  if (far < 1e9) return `${(n / 1e6).toFixed(0)} ms off`;
+  return `${(n / 1e9).toFixed(0)} s off`;
+}
+
+const rateText = (hz) => (hz === null ? NONE : hz >= 99.95 ? hz.toFixed(0) : hz.toFixed(1));
+const percentText = (part, whole) => {
+  const p = 100 * part / Math.max(1, whole);
+  return p < 0.01 ? "<0.01 %" : `${p.toFixed(p < 1 ? 2 : 1)} %`;
+};
+const plain = (name) => name.replaceAll("_", " ");
+
+function text(place, what) {
+  if (place.textContent !== what) place.textContent = what;
+}
+
+function element(tag, properties, ...children) {
+  const made = Object.assign(document.createElement(tag), properties);
+  made.append(...children);
+  return made;
+}
+
+// Replaces the children only if something changed, so that a screen reader is not disturbed.
+function list(place, items, make) {
+  const key = JSON.stringify(items);
+  if (place.dataset.key === key) return;
+  place.dataset.key = key;
+  place.replaceChildren(...items.map(make));
+}
+
+// ---- going -----------------------------------------------------------------------------------------
+
+every(STATUS_EVERY, askStatus);
+every(PREVIEW_EVERY, askPreviews);
+every(500, async () => { show(); });
+every(1000, async () => {
+  const due = sessionsAt === 0 || performance.now() - sessionsAt > SESSIONS_EVERY;
+  if (status && !isLost() && due) await askSessions();
+});
+document.addEventListener("visibilitychange", () => {
+  if (!document.hidden && !$("login").open) askStatus();
+});

@@ -5,6 +5,7 @@
     reason = "sockets and browsers need a real clock, and hostile clients wait"
 )]
 
+mod browser;
 mod hostile;
 mod page;
 mod pinning;

@@ -1,1 +1,353 @@
-//! The page in a browser.
+//! The page in a browser: it fits, it says what is so, its buttons do what they say, and it knows when the rig
+//! is gone. `RIG_LINK_SCREENSHOTS=FOLDER` keeps pictures of it.
+
+use std::time::Duration;
+
+use rig_link::fake::Scene;
+use rig_link::rig::Action;
+use rig_link::server::{Settings, serve};
+use serde_json::json;
+
+use crate::browser::Browser;
+use crate::support::{Options, Setup, TOKEN, start};
+
+/// A page that shows a scene, pictures and all.
+fn open(browser: &mut Browser, scene: Scene) -> Setup {
+    let setup = start(Options {
+        scene,
+        ..Options::default()
+    });
+    browser.open(&setup.server.url());
+    browser.until("document.readyState === 'complete' && document.querySelectorAll('#streams tbody tr').length === 6");
+    let pictures = if scene == Scene::Fault { 2 } else { 3 };
+    browser.until(&format!(
+        "document.querySelectorAll('.preview img').length === {pictures} && \
+         [...document.querySelectorAll('.preview img')].every(i => i.complete && i.naturalWidth > 0)"
+    ));
+    browser.until("document.querySelectorAll('#sessions .when').length === 2");
+    setup
+}
+
+/// What does not fit, in words.
+const MISFITS: &str = "(() => {
+    const wrong = [];
+    const root = document.documentElement;
+    if (root.scrollWidth > innerWidth) wrong.push(`the page is ${root.scrollWidth} wide`);
+    for (const e of document.querySelectorAll('body *')) {
+        const r = e.getBoundingClientRect();
+        if (r.width === 0 || r.height === 0 || e.closest('svg') && e.tagName !== 'svg') continue;
+        const name = `${e.tagName} ${e.id} ${e.className} ${e.textContent.slice(0, 30)}`;
+        if (r.left < -0.5 || r.right > innerWidth + 0.5) wrong.push(`${name} reaches from ${r.left} to ${r.right}`);
+        if (['BUTTON', 'INPUT', 'A', 'SELECT'].includes(e.tagName) && (r.width < 48 || r.height < 48)) {
+            wrong.push(`${name} is ${r.width} x ${r.height}`);
+        }
+        if (['H1', 'SPAN', 'P', 'TD', 'TH', 'SMALL'].includes(e.tagName) && e.scrollWidth > e.clientWidth + 1 && e.clientWidth > 1
+            && getComputedStyle(e).display !== 'inline') wrong.push(`${name} is cut off`);
+    }
+    return wrong;
+})()";
+
+/// The least contrast of any text with what is behind it (WCAG 2.2).
+const CONTRAST: &str = "(() => {
+    const numbers = (c) => (c.match(/[\\d.]+/g) ?? []).map(Number);
+    const light = ([r, g, b]) => [r, g, b]
+        .map((v) => v / 255).map((v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+        .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+    let least = [99, ''];
+    for (const e of document.querySelectorAll('body *')) {
+        const own = [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim());
+        if (!own || !e.checkVisibility() || e.closest('button:disabled') && !e.closest('#actions')) continue;
+        let behind = e, back = [];
+        while (behind) {
+            back = numbers(getComputedStyle(behind).backgroundColor);
+            if (back.length && back[3] !== 0) break;
+            behind = behind.parentElement;
+        }
+        const [a, b] = [light(numbers(getComputedStyle(e).color)), light(behind ? back : [255, 255, 255])];
+        const contrast = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+        if (contrast < least[0]) least = [contrast, `${e.tagName} ${e.id} ${e.className} ${e.textContent}`];
+    }
+    return least;
+})()";
+
+#[test]
+fn it_fits_a_small_phone_and_a_thumb_and_can_be_read() {
+    let Some(mut browser) = Browser::start(360, 780) else {
+        return;
+    };
+    for scene in Scene::ALL {
+        let _setup = open(&mut browser, scene);
+        for width in [320, 360, 412, 800] {
+            browser.resize(width, 780);
+            assert_eq!(browser.value(MISFITS), json!([]), "{scene:?} at {width}");
+        }
+        for dark in [false, true] {
+            browser.dark(dark);
+            let least = browser.value(CONTRAST);
+            let limit = 4.5;
+            assert!(
+                least[0].as_f64().unwrap() >= limit,
+                "{scene:?}, dark {dark}: {least}"
+            );
+        }
+        let panel = browser.value(
+            "(() => { const s = getComputedStyle(document.getElementById('panel')); return [s.color, s.backgroundColor]; })()",
+        );
+        assert!(panel[0] != panel[1]);
+        browser.dark(false);
+    }
+}
+
+#[test]
+fn each_state_has_its_own_word_sign_and_colour() {
+    let Some(mut browser) = Browser::start(360, 780) else {
+        return;
+    };
+    let mut colours = std::collections::BTreeSet::new();
+    for (scene, word, main, enabled) in [
+        (Scene::Idle, "WAITING", "Start", false),
+        (Scene::Armed, "READY", "Start", true),
+        (Scene::Recording, "RECORDING", "Stop", true),
+        (Scene::Stopping, "STOPPING", "Start", false),
+        (Scene::Warning, "RECORDING", "Stop", true),
+        (Scene::Fault, "FAULT", "Start", false),
+    ] {
+        let _setup = open(&mut browser, scene);
+        let body = browser.value("document.body.dataset.state");
+        assert_eq!(body, json!(scene.word()));
+        assert_eq!(
+            browser.value("document.getElementById('word').innerText"),
+            json!(word)
+        );
+        assert_eq!(
+            browser.value("document.getElementById('main').innerText.trim()"),
+            json!(main)
+        );
+        assert_eq!(
+            browser.value("!document.getElementById('main').disabled"),
+            json!(enabled)
+        );
+        let signs = browser.value(
+            "[...document.querySelectorAll('.sign > *')].filter(e => getComputedStyle(e).display !== 'none').length",
+        );
+        assert_eq!(signs, json!(1));
+        let colour =
+            browser.value("getComputedStyle(document.getElementById('panel')).backgroundColor");
+        assert!(
+            colours.insert(colour.to_string()),
+            "{scene:?} looks like another"
+        );
+        let text = browser.value("document.body.innerText").to_string();
+        if scene == Scene::Warning {
+            for part in [
+                "disk: 21 minutes left",
+                "143 frames dropped",
+                "86 °C",
+                "0:20",
+                "h:mm",
+                "18 %",
+                "45:1",
+                "27.4 of 30.0 Hz",
+            ] {
+                assert!(text.contains(part), "{part} is not in {text}");
+            }
+        }
+        if scene == Scene::Fault {
+            for part in ["camera is gone", "silent", "No picture", "not set"] {
+                assert!(text.contains(part), "{part} is not in {text}");
+            }
+        }
+    }
+}
+
+#[test]
+fn its_buttons_do_what_they_say() {
+    let Some(mut browser) = Browser::start(360, 780) else {
+        return;
+    };
+    let setup = open(&mut browser, Scene::Armed);
+    browser.value("document.getElementById('name').value = ' stairs '");
+    browser.tap("#main");
+    browser.until("document.body.dataset.state === 'recording'");
+    browser.tap("#mark");
+    browser.until("!document.getElementById('toast').hidden && document.getElementById('toast').innerText.startsWith('Marked at')");
+    // Discarding asks first, and what is under the thumb keeps it.
+    browser.until("!document.getElementById('discard').disabled");
+    browser.tap("#discard");
+    browser.until("document.getElementById('sure').open");
+    assert_eq!(browser.value(MISFITS), json!([]));
+    assert_eq!(browser.value("document.activeElement.id"), json!("keep"));
+    browser.tap("#keep");
+    browser.until("!document.getElementById('sure').open");
+    browser.tap("#main");
+    browser.until("document.body.dataset.state === 'armed'");
+    let mark = Action::Mark {
+        text: String::new(),
+    };
+    let start = Action::Start {
+        name: "stairs".to_owned(),
+    };
+    assert_eq!(setup.rig.actions(), [start, mark, Action::Stop]);
+    browser.until("document.getElementById('discard').innerText.includes('last') && !document.getElementById('discard').disabled");
+    browser.tap("#discard");
+    browser.until("document.getElementById('sure').open");
+    browser.tap("#really");
+    browser.until("document.getElementById('toast').innerText === 'Discarded.'");
+    assert_eq!(setup.rig.actions().last(), Some(&Action::Discard));
+    // What the rig refuses is said.
+    setup.rig.refuse(Some("the disk is full"));
+    browser.tap("#main");
+    browser.until("document.getElementById('toast').innerText === 'Not done: the disk is full'");
+    // A touch makes a picture large, another makes it small.
+    browser.tap(".preview:nth-child(3)");
+    browser.until("document.querySelector('.preview:nth-child(3)').offsetWidth > 300");
+    browser.tap(".preview:nth-child(3)");
+    browser.until("document.querySelector('.preview:nth-child(3)').offsetWidth < 120");
+}
+
+#[test]
+fn it_says_when_the_rig_is_gone_and_when_it_is_back() {
+    let Some(mut browser) = Browser::start(360, 780) else {
+        return;
+    };
+    let Setup { server, rig, .. } = open(&mut browser, Scene::Recording);
+    let bind = server.address();
+    drop(server);
+    browser.until("document.body.dataset.state === 'lost'");
+    assert_eq!(
+        browser.value("document.getElementById('word').innerText"),
+        json!("NO SIGNAL")
+    );
+    let detail = browser
+        .value("document.getElementById('detail').innerText")
+        .to_string();
+    assert!(detail.contains("ago: recording 12:"), "{detail}");
+    assert_eq!(
+        browser.value("document.getElementById('main').disabled"),
+        json!(true)
+    );
+    assert_eq!(
+        browser.value("getComputedStyle(document.querySelector('main')).filter"),
+        json!("grayscale(1)")
+    );
+    assert_eq!(browser.value(MISFITS), json!([]));
+    picture(&mut browser, "lost");
+    let settings = Settings {
+        bind,
+        ..Settings::default()
+    };
+    let _server = serve(settings, rig).unwrap();
+    browser.until("document.body.dataset.state === 'recording'");
+    assert_eq!(
+        browser.value("document.getElementById('main').disabled"),
+        json!(false)
+    );
+}
+
+#[test]
+fn it_asks_for_the_token() {
+    let Some(mut browser) = Browser::start(360, 780) else {
+        return;
+    };
+    let setup = start(Options {
+        token: true,
+        ..Options::default()
+    });
+    browser.open(&setup.server.url());
+    browser.until(
+        "document.readyState === 'complete' && document.getElementById('login')?.open === true",
+    );
+    assert_eq!(browser.value(MISFITS), json!([]));
+    let enter = |browser: &mut Browser, token: &str| {
+        browser.value(&format!(
+            "document.getElementById('token').value = {token:?}"
+        ));
+        browser.tap("#login-form button");
+    };
+    enter(&mut browser, "wrong-wrong-wrong-wrong");
+    browser.until("document.getElementById('login-error').innerText === 'the token is wrong'");
+    picture(&mut browser, "login");
+    enter(&mut browser, TOKEN);
+    browser.until("document.getElementById('login-error').innerText.startsWith('too often')");
+    std::thread::sleep(Duration::from_millis(1100));
+    enter(&mut browser, TOKEN);
+    browser
+        .until("document.body.dataset.state === 'armed' && !document.getElementById('login').open");
+    // Scripts cannot see the cookie.
+    assert_eq!(browser.value("document.cookie"), json!(""));
+    browser.tap("#logout");
+    browser.until("document.getElementById('login')?.open === true");
+}
+
+#[test]
+fn it_takes_nothing_from_elsewhere_breaks_no_rule_and_rests_when_nobody_looks() {
+    let Some(mut browser) = Browser::start(360, 780) else {
+        return;
+    };
+    let setup = open(&mut browser, Scene::Warning);
+    std::thread::sleep(Duration::from_millis(1500));
+    browser.value("1");
+    let own = format!("{}/", setup.server.url());
+    let blobs = format!("blob:{}", setup.server.url());
+    let mut previews = 0;
+    for event in &browser.events {
+        let text = event.to_string();
+        match event["method"].as_str() {
+            Some("Network.requestWillBeSent") => {
+                let url = event["params"]["request"]["url"].as_str().unwrap();
+                previews += usize::from(url.contains("/api/preview/"));
+                assert!(
+                    url.starts_with(&own) || url.starts_with(&blobs) || url == "about:blank",
+                    "{url}"
+                );
+            }
+            Some("Log.entryAdded" | "Runtime.exceptionThrown") => panic!("{text}"),
+            Some("Runtime.consoleAPICalled") => panic!("{text}"),
+            _ => {}
+        }
+    }
+    assert!(previews >= 6, "{previews}");
+
+    browser.value(
+        "Object.defineProperty(document, 'hidden', { get: () => true, configurable: true })",
+    );
+    std::thread::sleep(Duration::from_millis(700));
+    browser.value("1");
+    browser.events.clear();
+    std::thread::sleep(Duration::from_millis(2500));
+    browser.value("1");
+    let asked = |e: &&serde_json::Value| e["method"] == "Network.requestWillBeSent";
+    assert_eq!(browser.events.iter().filter(asked).count(), 0);
+    browser.value("delete document.hidden");
+    browser.until("document.body.dataset.state === 'warning'");
+}
+
+#[test]
+fn pictures_of_it() {
+    if std::env::var_os("RIG_LINK_SCREENSHOTS").is_none() {
+        println!("skipped: RIG_LINK_SCREENSHOTS names no folder");
+        return;
+    }
+    let Some(mut browser) = Browser::start(360, 780) else {
+        return;
+    };
+    for scene in Scene::ALL {
+        let _setup = open(&mut browser, scene);
+        picture(&mut browser, scene.word());
+        browser.dark(true);
+        picture(&mut browser, &format!("{}-dark", scene.word()));
+        browser.dark(false);
+        browser.resize(360, 1700);
+        picture(&mut browser, &format!("{}-whole", scene.word()));
+        browser.resize(360, 780);
+    }
+}
+
+/// Keeps a picture of what is in sight, if that is wanted.
+fn picture(browser: &mut Browser, name: &str) {
+    if let Some(folder) = std::env::var_os("RIG_LINK_SCREENSHOTS") {
+        std::thread::sleep(Duration::from_millis(300));
+        let path = std::path::Path::new(&folder).join(format!("phone-{name}.png"));
+        std::fs::write(path, browser.screenshot(false)).unwrap();
+    }
+}
