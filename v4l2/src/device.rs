@@ -95,6 +95,16 @@ pub enum CameraError {
         /// The node.
         path: PathBuf,
     },
+    /// Lower size or rate, or use another controller (see [`usb::budget`](crate::usb::budget)).
+    #[error(
+        "the USB bus has no bandwidth left for this camera in this mode; lower its size or rate, or \
+         plug it in at another controller: {}",
+        path.display()
+    )]
+    NoBandwidth {
+        /// The node.
+        path: PathBuf,
+    },
     /// The driver failed.
     #[error("{doing}: {}", path.display())]
     Io {

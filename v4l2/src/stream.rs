@@ -98,8 +98,7 @@ impl Stream {
     ///
     /// # Errors
     /// [`Busy`](CameraError::Busy) when anyone streams from it, this program included;
-    /// [`Gone`](CameraError::Gone), or [`Io`](CameraError::Io): no memory, no bandwidth on the bus
-    /// (`ENOSPC`), or the driver fails.
+    /// [`NoBandwidth`](CameraError::NoBandwidth), [`Gone`](CameraError::Gone), or [`Io`](CameraError::Io).
     pub fn start(camera: &Camera, buffers: u32) -> Result<Self, CameraError> {
         let format = camera.format()?;
         let given = request(camera, buffers.max(1))?;
@@ -193,8 +192,13 @@ impl Stream {
             self.queue(index)
                 .map_err(|e| self.failed("queueing a buffer", e))?;
         }
-        sys::stream_on(self.camera.fd(), &mut { sys::CAPTURE })
-            .map_err(|e| self.failed("starting the stream", e))
+        sys::stream_on(self.camera.fd(), &mut { sys::CAPTURE }).map_err(|errno| match errno {
+            // What the USB core says when no periodic transfer of that size fits.
+            Errno::NOSPC => CameraError::NoBandwidth {
+                path: self.camera.path().to_owned(),
+            },
+            _ => self.failed("starting the stream", errno),
+        })
     }
 
     /// The driver lets go of all buffers.
