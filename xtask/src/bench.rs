@@ -23,6 +23,9 @@ pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Resu
     if needs_python {
         purposes.push(Purpose::Interoperability);
     }
+    if names.contains(&"power_cuts") {
+        purposes.push(Purpose::Machines);
+    }
     setup::system_packages(&purposes, install)?;
     let python = match needs_python {
         true => Some(python::interpreter()?),

@@ -13,15 +13,16 @@ use super::files::{make_folder, read, set_mode, write};
 const BY_HAND: &str = "/usr/local/bin/pawsd";
 const PACKAGED: &str = "/usr/bin/pawsd";
 
-/// Pages for whoever runs the recorder; a folder stands for the files in it. They keep their places to one
-/// another, so that their links hold.
-const PAGES: [&str; 6] = [
+/// Pages for whoever runs the recorder; a folder stands for the files in it. What is below `deploy` goes to the
+/// top of the package's documents, the rest keeps its place.
+const PAGES: [&str; 7] = [
     "deploy/README.md",
     "deploy/runbooks",
-    "docs/led-table.md",
+    "docs/hardware.md",
     "docs/images/led-table.png",
     "docs/images/led-table.svg",
-    "session-archive/FORMAT.md",
+    "docs/led-table.md",
+    "docs/packaging.md",
 ];
 
 /// Configurations to start from; folders, and where their files go.
@@ -68,8 +69,16 @@ impl Contents<'_> {
         for page in PAGES {
             for file in files_of(&self.source.join(page))? {
                 let place = file.strip_prefix(self.source).context("a page of ours")?;
-                let to = Path::new("usr/share/doc/pawsd").join(place);
-                self.put(to, bytes_of(&file)?)?;
+                let bytes = bytes_of(&file)?;
+                let doc = Path::new("usr/share/doc/pawsd");
+                match place.strip_prefix("deploy") {
+                    Ok(place) => {
+                        let text = String::from_utf8(bytes)
+                            .with_context(|| format!("reading {}", file.display()))?;
+                        self.put(doc.join(place), one_folder_up(&text))?;
+                    }
+                    Err(_) => self.put(doc.join(place), bytes)?,
+                }
             }
         }
         let copyright = read(&self.source.join("deploy/debian/copyright"))?;
@@ -109,6 +118,12 @@ fn packaged_unit(unit: &str) -> Result<String> {
         "deploy/pawsd.service should start {BY_HAND}, and has no line that begins with {starts:?}"
     );
     Ok(unit)
+}
+
+/// A page of `deploy` with its links to `docs` for a place one folder up.
+fn one_folder_up(page: &str) -> String {
+    page.replace("](../docs/", "](docs/")
+        .replace("](../../docs/", "](../docs/")
 }
 
 /// A text as a field of a control file: indented, with a dot for every empty line.
@@ -154,6 +169,14 @@ mod tests {
         assert!(!unit.contains("/usr/local"));
         assert!(packaged_unit("ExecStart=/opt/pawsd run").is_err());
         Ok(())
+    }
+
+    #[test]
+    fn links_of_pages_follow_their_new_place() {
+        assert_eq!(
+            one_folder_up("[a](../docs/a.md) [b](../../docs/b.md) [c](runbooks/c.md)"),
+            "[a](docs/a.md) [b](../docs/b.md) [c](runbooks/c.md)"
+        );
     }
 
     #[test]

@@ -7,6 +7,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
@@ -49,7 +50,7 @@ pub(super) fn run(root: &Root, package: &Path) -> Result<()> {
 
     let dpkg = |name: &str, arguments: &[&str]| -> Result<()> {
         step(name, || {
-            output(root.command("dpkg")?.args(arguments)).map(|_| String::new())
+            quiet(root.command("dpkg")?.args(arguments)).map(|_| String::new())
         })
     };
     dpkg("install", &["--install", "/tmp/package.deb"])?;
@@ -120,7 +121,7 @@ fn commands(help: &str) -> Vec<&str> {
 
 fn record(root: &Root) -> Result<()> {
     step("check", || {
-        output(root.command("pawsd")?.arg("check")).map(last_line)
+        quiet(root.command("pawsd")?.arg("check")).map(last_line)
     })?;
     let size = "width = 320, height = 96";
     record_one(
@@ -148,16 +149,16 @@ fn record_one(root: &Root, name: &str, source: &str, how: &[&str]) -> Result<()>
             .args(["--seconds", SECONDS, "--name", name])
             .args(how);
         let ended = record.output().context("starting the recording")?;
-        let said = last_line(String::from_utf8_lossy(&ended.stderr).into_owned());
+        let messages = String::from_utf8_lossy(&ended.stderr);
         let with_loss = ended.status.code() == Some(WITH_LOSS);
         ensure!(
             ended.status.success() || (with_loss && how.is_empty() && root.is_emulated()?),
-            "`{}` ended with {}:\n{}",
+            "`{}` ended with {}:\n{messages}",
             process::line(&record),
-            ended.status,
-            String::from_utf8_lossy(&ended.stderr)
+            ended.status
         );
-        Ok(said)
+        let said = messages.lines().rfind(|line| line.starts_with("finished"));
+        Ok(said.unwrap_or_default().to_owned())
     })
 }
 
@@ -186,6 +187,23 @@ fn step(name: &str, work: impl FnOnce() -> Result<String>) -> Result<()> {
     let said = work().with_context(|| format!("the step `{name}`"))?;
     println!("  {name:10} {:>8}  {said}", human(start.elapsed()));
     Ok(())
+}
+
+/// What the program prints; its messages only if it fails.
+fn quiet(command: &mut Command) -> Result<String> {
+    let ended = command
+        .output()
+        .with_context(|| format!("starting `{}`", process::line(command)))?;
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    ensure!(
+        ended.status.success(),
+        "`{}` ended with {}:\n{}{}",
+        process::line(command),
+        ended.status,
+        text(&ended.stdout),
+        text(&ended.stderr)
+    );
+    Ok(text(&ended.stdout))
 }
 
 fn last_line(text: String) -> String {
