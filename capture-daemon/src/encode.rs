@@ -17,7 +17,8 @@ use bytes::Bytes;
 use session_archive::record::Frame;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::HostTime;
-use video::{EncodeError, Encoder, EncoderEvent, EncoderSettings, Picture};
+use video::encoder::Input;
+use video::{EncodeError, Encoder, EncoderEvent, EncoderSettings};
 
 /// An encoder that holds frames and gives nothing for so long is taken to be stuck.
 pub const STALL_NS: i64 = 2_000_000_000;
@@ -32,6 +33,13 @@ const FORGIVEN_NS: i64 = 10_000_000_000;
 const MAX_ENDING: usize = 3;
 /// Virtual time waits for every frame; longer than this in real time is a stuck encoder.
 const VIRTUAL_PATIENCE: Duration = Duration::from_secs(60);
+
+/// By how much coarser pictures are encoded to make fewer bits: half as many, about.
+const SPARED_DB: f64 = 4.0;
+/// But no coarser than this.
+const LEAST_DB: f64 = 30.0;
+/// How long an encoder may take to give what is inside when it is ended for another quality.
+const CHANGE_LIMIT: Duration = Duration::from_millis(500);
 
 /// What a lane hands on.
 #[derive(Debug)]
@@ -88,6 +96,8 @@ impl Inside {
 struct Running {
     encoder: Encoder,
     inside: Arc<Inside>,
+    /// What it was last asked for.
+    quality_db: f64,
 }
 
 /// One camera's way through its encoder.
@@ -159,14 +169,19 @@ impl Lane {
     }
 
     /// Takes a frame; never waits. What cannot be encoded is reported as dropped.
-    pub fn push(&mut self, frame: Frame, picture: &Picture, now: HostTime) {
-        self.submit(frame, picture, now, false);
+    pub fn push<'a>(&mut self, frame: Frame, picture: impl Into<Input<'a>>, now: HostTime) {
+        self.submit(frame, picture.into(), now, false);
     }
 
     /// Takes a frame and waits until it has come out: virtual time drops nothing, and the order of
     /// everything is the order of the calls.
-    pub fn push_and_wait(&mut self, frame: Frame, picture: &Picture, now: HostTime) {
-        self.submit(frame, picture, now, true);
+    pub fn push_and_wait<'a>(
+        &mut self,
+        frame: Frame,
+        picture: impl Into<Input<'a>>,
+        now: HostTime,
+    ) {
+        self.submit(frame, picture.into(), now, true);
         let Some(running) = &self.running else { return };
         let state = running.inside.lock();
         let waiting = |s: &mut State| !s.frames.is_empty() && s.failure.is_none();
@@ -213,7 +228,10 @@ impl Lane {
 
     /// Drains the encoder: everything taken is handed on or reported when this returns.
     pub fn finish(&mut self, limit: Duration, now: HostTime) {
-        let Some(Running { encoder, inside }) = self.running.take() else {
+        let Some(Running {
+            encoder, inside, ..
+        }) = self.running.take()
+        else {
             return;
         };
         let ended = encoder.finish(limit);
@@ -225,7 +243,7 @@ impl Lane {
         self.last_progress = now;
     }
 
-    fn submit(&mut self, frame: Frame, picture: &Picture, now: HostTime, wait: bool) {
+    fn submit(&mut self, frame: Frame, picture: Input<'_>, now: HostTime, wait: bool) {
         let (number, at) = (frame.number, HostTime(frame.time));
         let drop_it = |lane: &Self, cause, detail: String| {
             (lane.sink)(Encoded::Dropped {
@@ -252,15 +270,25 @@ impl Lane {
                     format!("{MAX_ENDING} encoders hang and are not gone"),
                 );
             }
-            if let Err(e) = self.start(now) {
+            if let Err(e) = self.start(picture, now) {
                 self.failed(now);
                 return drop_it(self, Cause::EncoderRestart, e.to_string());
             }
         }
         let epoch = frame.time.div_euclid(self.chunk_ns);
+        if self.epoch.is_some_and(|e| epoch > e) {
+            self.follow_quality(picture, now);
+        }
         let key = self.wants_key || self.epoch.is_none_or(|e| epoch > e);
         let pts = frame.time.max(self.previous_pts.saturating_add(1));
-        let Some(Running { encoder, inside }) = &mut self.running else {
+        if self.running.is_none() {
+            let detail = "no encoder is running".to_owned();
+            return drop_it(self, Cause::EncoderRestart, detail);
+        }
+        let Some(Running {
+            encoder, inside, ..
+        }) = &mut self.running
+        else {
             return;
         };
         inside.lock().frames.push_back((pts, frame));
@@ -293,25 +321,71 @@ impl Lane {
         }
     }
 
-    fn start(&mut self, now: HostTime) -> Result<(), EncodeError> {
+    fn start(&mut self, picture: Input<'_>, now: HostTime) -> Result<(), EncodeError> {
         self.started = now;
+        let settings = EncoderSettings {
+            quality_db: self.quality_db(),
+            ..self.settings.clone()
+        };
         let inside = Arc::new(Inside {
             state: Mutex::new(State::default()),
             changed: Condvar::new(),
         });
         let (sink, shared) = (self.sink.clone(), inside.clone());
         let on_output = Box::new(move |event| deliver(event, &shared, &sink));
-        let encoder = Encoder::start(&self.settings, on_output)?;
-        self.running = Some(Running { encoder, inside });
+        let encoder = match picture {
+            Input::Picture(_) => Encoder::start(&settings, on_output)?,
+            Input::Native(frame) => Encoder::start_native(&settings, frame.format(), on_output)?,
+        };
+        self.running = Some(Running {
+            encoder,
+            inside,
+            quality_db: settings.quality_db,
+        });
         self.delivered = 0;
         self.last_progress = now;
         self.epoch = None;
         Ok(())
     }
 
+    /// What is asked of encoders now.
+    fn quality_db(&self) -> f64 {
+        match self.sparing {
+            true => (self.settings.quality_db - SPARED_DB).max(LEAST_DB),
+            false => self.settings.quality_db,
+        }
+    }
+
+    /// A chunk begins, and with it a key frame: an encoder that was asked for another quality and cannot change it
+    /// is ended here and another one started.
+    fn follow_quality(&mut self, picture: Input<'_>, now: HostTime) {
+        let wanted = self.quality_db();
+        let Some(running) = &mut self.running else {
+            return;
+        };
+        if running.quality_db == wanted {
+            return;
+        }
+        running.quality_db = wanted;
+        match running.encoder.set_quality(wanted) {
+            Ok(true) => {}
+            Ok(false) => {
+                self.finish(CHANGE_LIMIT, now);
+                if let Err(error) = self.start(picture, now) {
+                    log::warn!("starting {} again: {error}", self.settings.element);
+                    self.failed(now);
+                }
+            }
+            Err(error) => self.replace(&error.to_string(), now),
+        }
+    }
+
     /// Gives the encoder up and reports what was inside; the next frame starts another.
     fn replace(&mut self, reason: &str, now: HostTime) {
-        let Some(Running { encoder, inside }) = self.running.take() else {
+        let Some(Running {
+            encoder, inside, ..
+        }) = self.running.take()
+        else {
             return;
         };
         log::warn!("{} is given up: {reason}", self.settings.element);

@@ -23,7 +23,7 @@ use video::EncoderSettings;
 use crate::encode::{Encoded, Lane};
 use crate::preview::Previews;
 use crate::sources::{
-    FrameSync, Gone, ImuInfo, ImuValues, Lost, Part, RawFrame, RawImu, Sample, Stamped,
+    FrameSync, Gone, ImuInfo, ImuValues, Lost, Part, Pixels, RawFrame, RawImu, Sample, Stamped,
 };
 use crate::sync::clock::ClockConfig;
 use crate::sync::gaps::Renumber;
@@ -204,7 +204,7 @@ struct CameraState {
     watch: Watch,
     /// Position of its IMU among all IMUs.
     imu: Option<usize>,
-    digest: Option<u32>,
+    digest: Option<u64>,
     /// Arrival of the newest frame whose picture differed from the one before it.
     changed: HostTime,
     frozen_alarm: bool,
@@ -315,6 +315,7 @@ impl Hub {
     pub fn sample(&mut self, camera: usize, sample: Sample, now: HostTime) {
         match sample {
             Sample::Frame(frame) => self.frame(camera, frame, now),
+            Sample::Native(frame) => self.frame(camera, frame, now),
             Sample::Imu(sample) => self.imu(camera, &sample, now),
             Sample::Gone(gone) => self.gone(camera, &gone),
             Sample::Lost(lost) => self.lost(camera, lost, now),
@@ -464,7 +465,7 @@ impl Hub {
         }
     }
 
-    fn frame(&mut self, position: usize, raw: RawFrame, now: HostTime) {
+    fn frame<P: Pixels>(&mut self, position: usize, raw: RawFrame<P>, now: HostTime) {
         let camera = &mut self.cameras[position];
         camera.note_return(now, &self.out);
         let name = &camera.setup.name;
@@ -476,14 +477,21 @@ impl Hub {
             name,
             &self.out,
         );
-        let digest = crc32fast::hash(&raw.picture.data);
-        let frozen = camera.digest.replace(digest) == Some(digest) && !camera.setup.still;
+        let digest = raw.picture.digest();
+        let is_same = digest.is_some() && camera.digest == digest;
+        camera.digest = digest;
+        let frozen = is_same && !camera.setup.still;
         camera.note_frozen(frozen, raw.host_time, &self.out);
         let (ticks, mapped) = camera.clock.map(raw.device_ticks, raw.host_time, &self.out);
         // The recorder could not store it, and what is encoded after it would refer to it.
         let Some(number) = number else { return };
         if let Some(previews) = &self.previews {
-            previews.offer(position, &raw.picture, now, self.measures.lower_preview);
+            previews.offer(
+                position,
+                raw.picture.shown(),
+                now,
+                self.measures.lower_preview,
+            );
         }
         if self.measures.lower_frame_rate && number % 2 == 1 {
             return (self.out)(Outgoing::Dropped {
@@ -509,9 +517,9 @@ impl Hub {
             ..Frame::default()
         };
         if self.waits {
-            camera.lane.push_and_wait(frame, &raw.picture, now);
+            camera.lane.push_and_wait(frame, raw.picture.input(), now);
         } else {
-            camera.lane.push(frame, &raw.picture, now);
+            camera.lane.push(frame, raw.picture.input(), now);
         }
     }
 

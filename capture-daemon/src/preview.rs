@@ -1,17 +1,26 @@
 //! The newest picture of each camera, for whoever wants to look.
 //!
 //! Contract: keeping a picture costs a reference to it, a few times a second; nothing is copied or
-//! compressed for it here, and a reader who holds on to a picture holds up nobody.
+//! compressed for it here, and a reader who holds on to a picture holds up nobody. Pixels in a camera's own buffer
+//! are made small by GStreamer beside the recording, one at a time and only while somebody looks.
 
 use std::sync::{Mutex, PoisonError};
 
+use bytes::Bytes;
 use session_archive::time::{HostTime, NS_PER_S};
-use video::Picture;
+use video::preview::{Preview, PreviewSettings};
+use video::{NativeFormat, Picture};
+
+use crate::sources::Shown;
 
 /// How often a picture is kept, unless the machine is to be spared.
 const PERIOD_NS: i64 = NS_PER_S / 4;
 /// And then.
 const SPARING_PERIOD_NS: i64 = 2 * NS_PER_S;
+/// Nobody looks any more when nobody has for so long.
+const INTEREST_NS: i64 = 5 * NS_PER_S;
+/// Height of what GStreamer makes small, pixels.
+const SMALL_HEIGHT: u32 = 180;
 
 /// The newest pictures.
 #[derive(Debug)]
@@ -19,12 +28,26 @@ pub struct Previews {
     cameras: Vec<Mutex<Kept>>,
 }
 
+/// The newest picture of a camera.
+#[derive(Clone, Debug)]
+pub enum Newest {
+    /// As it was recorded.
+    Picture(Picture),
+    /// A small one, as a JPEG file.
+    Jpeg(Bytes),
+}
+
 #[derive(Debug, Default)]
 struct Kept {
-    picture: Option<Picture>,
+    newest: Option<Newest>,
     /// Counts the pictures that were kept.
     number: u64,
     next: Option<HostTime>,
+    /// When somebody last looked.
+    asked: Option<HostTime>,
+    /// Of a camera whose pixels are in its own buffers.
+    native: Option<NativeFormat>,
+    small: Option<Preview>,
 }
 
 impl Previews {
@@ -35,7 +58,7 @@ impl Previews {
     }
 
     /// Keeps a picture, if it is time for one.
-    pub fn offer(&self, camera: usize, picture: &Picture, now: HostTime, sparing: bool) {
+    pub fn offer(&self, camera: usize, shown: Shown<'_>, now: HostTime, sparing: bool) {
         // Whoever is looking at the old one may have it a little longer.
         let Some(Ok(mut kept)) = self.cameras.get(camera).map(Mutex::try_lock) else {
             return;
@@ -49,15 +72,54 @@ impl Previews {
             PERIOD_NS
         };
         kept.next = Some(now + period);
-        kept.number += 1;
-        kept.picture = Some(picture.clone());
+        match shown {
+            Shown::Picture(picture) => {
+                kept.number += 1;
+                kept.newest = Some(Newest::Picture(picture.clone()));
+            }
+            Shown::Native(frame) => {
+                if kept.native.as_ref() != Some(frame.format()) {
+                    kept.native = Some(frame.format().clone());
+                    kept.small = None;
+                }
+                if kept.asked.is_none_or(|at| now.since(at) > INTEREST_NS) {
+                    kept.small = None;
+                } else if let Some(small) = &kept.small {
+                    small.offer(now.0, frame);
+                }
+            }
+        }
     }
 
     /// The newest picture of a camera and its number, which grows.
-    pub fn newest(&self, camera: usize) -> Option<(u64, Picture)> {
+    pub fn newest(&self, camera: usize, now: HostTime) -> Option<(u64, Newest)> {
         let kept = self.cameras.get(camera)?;
-        let kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
-        Some((kept.number, kept.picture.clone()?))
+        let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.asked = Some(now);
+        if kept.small.is_none()
+            && let Some(format) = &kept.native
+        {
+            kept.small = Preview::start(&small(format), format)
+                .inspect_err(|error| log::warn!("making small pictures: {error}"))
+                .ok();
+        }
+        if let Some(jpeg) = kept.small.as_ref().and_then(Preview::take) {
+            kept.number += 1;
+            kept.newest = Some(Newest::Jpeg(jpeg.data));
+        }
+        Some((kept.number, kept.newest.clone()?))
+    }
+}
+
+/// Both eyes, in their own shape.
+fn small(format: &NativeFormat) -> PreviewSettings {
+    let width =
+        u64::from(format.width()) * u64::from(SMALL_HEIGHT) / u64::from(format.height().max(1));
+    PreviewSettings {
+        width: (width as u32).next_multiple_of(4).clamp(4, 1280),
+        height: SMALL_HEIGHT,
+        rate_hz: NS_PER_S as f64 / PERIOD_NS as f64,
+        quality: 60,
     }
 }
 
@@ -79,19 +141,28 @@ mod tests {
     #[test]
     fn keeps_a_few_pictures_a_second() {
         let previews = Previews::new(1);
-        assert!(previews.newest(0).is_none());
+        assert!(previews.newest(0, HostTime(0)).is_none());
         let kept = |at: i64, sparing| {
-            let before = previews.newest(0).map_or(0, |(number, _)| number);
-            previews.offer(0, &picture(at as u8), HostTime(at * 10_000_000), sparing);
-            previews.newest(0).expect("a picture").0 > before
+            let before = previews
+                .newest(0, HostTime(0))
+                .map_or(0, |(number, _)| number);
+            previews.offer(
+                0,
+                Shown::Picture(&picture(at as u8)),
+                HostTime(at * 10_000_000),
+                sparing,
+            );
+            previews.newest(0, HostTime(0)).expect("a picture").0 > before
         };
         let times: Vec<i64> = (0..100).filter(|at| kept(*at, false)).collect();
         assert_eq!(times, [0, 25, 50, 75]);
         let times: Vec<i64> = (100..500).filter(|at| kept(*at, true)).collect();
         assert_eq!(times, [100, 300]);
-        let (number, newest) = previews.newest(0).expect("a picture");
+        let Some((number, Newest::Picture(newest))) = previews.newest(0, HostTime(0)) else {
+            panic!("a picture");
+        };
         assert_eq!((number, newest.data[0]), (6, 300_i64 as u8));
-        previews.offer(7, &picture(0), HostTime(0), false);
-        assert!(previews.newest(7).is_none());
+        previews.offer(7, Shown::Picture(&picture(0)), HostTime(0), false);
+        assert!(previews.newest(7, HostTime(0)).is_none());
     }
 }

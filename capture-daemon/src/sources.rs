@@ -15,17 +15,19 @@ use std::path::Path;
 use calib::StereoCalibration;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, TickLength};
-use video::Picture;
+use video::encoder::Input;
+use video::{NativeFrame, Picture};
 
 pub mod datasets;
 pub mod device;
+pub mod gstreamer;
 pub mod replay;
 pub mod simulated;
 pub mod synthetic;
 
-/// One stereo frame as a source delivers it.
+/// One stereo frame as a source delivers it: as a [`Picture`], or in its camera's own buffer.
 #[derive(Clone, Debug)]
-pub struct RawFrame {
+pub struct RawFrame<P = Picture> {
     /// The device's own sequence number.
     pub number: u64,
     /// Device clock at the instant that the device stamps.
@@ -36,8 +38,58 @@ pub struct RawFrame {
     pub host_time: HostTime,
     /// Exposure time where the device tells it, ns.
     pub exposure_ns: Option<u32>,
-    /// Left and right side by side, I420 (grey pictures with neutral chroma).
-    pub picture: Picture,
+    /// Left and right side by side; a [`Picture`] is I420 (grey ones with neutral chroma).
+    pub picture: P,
+}
+
+/// The pixels of a frame, in the form in which they go into an encoder.
+pub trait Pixels {
+    /// What goes into the encoder.
+    fn input(&self) -> Input<'_>;
+
+    /// A number that tells whether the picture is the same as the one before it; none where the pixels cannot be
+    /// looked at.
+    fn digest(&self) -> Option<u64>;
+
+    /// What can be shown small.
+    fn shown(&self) -> Shown<'_>;
+}
+
+/// Pixels that are to be shown small.
+#[derive(Clone, Copy, Debug)]
+pub enum Shown<'a> {
+    /// In memory.
+    Picture(&'a Picture),
+    /// In a camera's own buffer.
+    Native(&'a NativeFrame),
+}
+
+impl Pixels for Picture {
+    fn input(&self) -> Input<'_> {
+        self.into()
+    }
+
+    fn digest(&self) -> Option<u64> {
+        Some(crc32fast::hash(&self.data).into())
+    }
+
+    fn shown(&self) -> Shown<'_> {
+        Shown::Picture(self)
+    }
+}
+
+impl Pixels for NativeFrame {
+    fn input(&self) -> Input<'_> {
+        self.into()
+    }
+
+    fn digest(&self) -> Option<u64> {
+        NativeFrame::digest(self)
+    }
+
+    fn shown(&self) -> Shown<'_> {
+        Shown::Native(self)
+    }
 }
 
 /// One IMU sample as a source delivers it.
@@ -81,6 +133,8 @@ pub enum ImuValues {
 pub enum Sample {
     /// A stereo frame.
     Frame(RawFrame),
+    /// A stereo frame in its camera's own buffer.
+    Native(RawFrame<NativeFrame>),
     /// An IMU sample.
     Imu(RawImu),
     /// The device is gone; samples that follow come from it after it has returned.
@@ -165,6 +219,7 @@ impl Sample {
     pub fn host_time(&self) -> HostTime {
         match self {
             Self::Frame(f) => f.host_time,
+            Self::Native(f) => f.host_time,
             Self::Imu(i) => i.host_time,
             Self::Gone(g) => g.host_time,
             Self::Lost(l) => l.host_time,
@@ -177,6 +232,7 @@ impl Sample {
     pub fn bytes(&self) -> usize {
         match self {
             Self::Frame(f) => f.picture.data.len() + size_of::<RawFrame>(),
+            Self::Native(f) => f.picture.bytes() + size_of::<RawFrame<NativeFrame>>(),
             Self::Imu(_) => size_of::<RawImu>(),
             Self::Gone(Gone { detail, .. }) | Self::Lost(Lost { detail, .. }) => {
                 size_of::<Lost>() + detail.len()

@@ -322,6 +322,30 @@ impl CaptureEvent {
     }
 }
 
+/// Whether a capture of these settings could be built: its elements are there and fit together. Starts nothing.
+///
+/// # Errors
+/// See [`CaptureError`].
+pub fn check(settings: &CaptureSettings) -> Result<(), CaptureError> {
+    settings.check()?;
+    pipeline::init()?;
+    let intake = Arc::new(Intake::new(Arc::new(|| 0), 1, settings.rate_hz));
+    for chain in [Some(&settings.chain), settings.right_chain.as_ref()] {
+        let Some(chain) = chain else { continue };
+        let port = |_: &str| Port {
+            eye: None,
+            numbering: Mutex::new(Numbering::new(policy::UNKNOWN.numbers, settings.rate_hz)),
+        };
+        Feed::build(chain, settings.wanted(), &intake, port).map_err(|reason| {
+            CaptureError::Chain {
+                reason,
+                chain: chain.clone(),
+            }
+        })?;
+    }
+    Ok(())
+}
+
 /// A running camera.
 #[derive(Debug)]
 pub struct Capture {

@@ -21,6 +21,7 @@ use crate::causes::with_causes;
 use crate::disk;
 use crate::run::needed_speed;
 use crate::sources::device::Device;
+use crate::sources::gstreamer::Gstreamer;
 use crate::sources::replay::Replay;
 use crate::sources::simulated::{Simulated, Walks};
 use crate::sources::synthetic::Synthetic;
@@ -301,7 +302,14 @@ fn source(
             }
             (Device::new(config).info().clone(), false, Vec::new())
         }
-        SourceConfig::Gstreamer(_) => return None,
+        SourceConfig::Gstreamer(config) => {
+            let camera = Gstreamer::new(config);
+            if let Err(error) = camera.check() {
+                report.error(with_causes(&error));
+                return None;
+            }
+            (camera.info().clone(), false, Vec::new())
+        }
     };
     let of = &info.camera;
     let imu = info.imu.as_ref().map_or("no IMU".to_owned(), |imu| {

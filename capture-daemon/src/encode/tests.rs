@@ -1,7 +1,7 @@
 //! Lanes with a real encoder at a small size.
 
 use super::*;
-use video::PixelFormat;
+use video::{Picture, PixelFormat};
 
 const MS: i64 = 1_000_000;
 

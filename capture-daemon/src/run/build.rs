@@ -18,6 +18,7 @@ use crate::config::{self, Config, SourceConfig};
 use crate::hub::{CameraSetup, ImuSetup};
 use crate::recorder::Setup;
 use crate::sources::device::Device;
+use crate::sources::gstreamer::Gstreamer;
 use crate::sources::replay::Replay;
 use crate::sources::simulated::{Simulated, Walks};
 use crate::sources::synthetic::Synthetic;
@@ -169,7 +170,9 @@ fn open(
             start,
         )?),
         SourceConfig::V4l2(config) => return Ok(AnySource::Live(Box::new(Device::new(config)))),
-        SourceConfig::Gstreamer(_) => bail!("not yet"),
+        SourceConfig::Gstreamer(config) => {
+            return Ok(AnySource::Live(Box::new(Gstreamer::new(config))));
+        }
     };
     Ok(AnySource::Scheduled(scheduled))
 }

@@ -14,6 +14,7 @@ use rig_link::token::Token;
 
 use super::real_time::{Running, Shared, ask};
 use crate::config;
+use crate::preview::Newest;
 use crate::status::{Request, Response, State, Status};
 
 /// Who asks, in sessions.
@@ -86,7 +87,16 @@ impl Rig for PageRig {
     }
 
     fn preview(&self, camera: usize) -> Option<Preview> {
-        let (sequence, picture) = self.shared.preview(camera)?;
+        let (sequence, newest) = self.shared.preview(camera)?;
+        let picture = match newest {
+            Newest::Picture(picture) => picture,
+            Newest::Jpeg(bytes) => {
+                return Some(Preview {
+                    jpeg: bytes[..].into(),
+                    sequence,
+                });
+            }
+        };
         let planes = Planes {
             width: picture.width,
             height: picture.height,

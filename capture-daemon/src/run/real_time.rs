@@ -17,7 +17,6 @@ use anyhow::{Context as _, anyhow, bail};
 use machine::ladder::Measures;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, NS_PER_S};
-use video::Picture;
 
 use super::build::{Built, build};
 use super::operator::Operator;
@@ -30,10 +29,10 @@ use crate::config::Config;
 use crate::control;
 use crate::hub::{Hub, Out, Outgoing, TICK_NS};
 use crate::notify::Notify;
-use crate::preview::Previews;
+use crate::preview::{Newest, Previews};
 use crate::queue::{Popped, Queue};
 use crate::recorder::{OnProgress, Recorder};
-use crate::sources::{AnySource, Sample, Sink, Source, SourceError};
+use crate::sources::{AnySource, RawFrame, Sample, Sink, Source, SourceError};
 use crate::status::{Progress, Request, Response, State, Status};
 
 /// Raw frames waiting for the hub.
@@ -128,8 +127,8 @@ impl Shared {
         self.clock.now()
     }
 
-    pub(super) fn preview(&self, camera: usize) -> Option<(u64, Picture)> {
-        self.previews.newest(camera)
+    pub(super) fn preview(&self, camera: usize) -> Option<(u64, Newest)> {
+        self.previews.newest(camera, self.clock.now())
     }
 
     /// Keeps what others are to know of the recorder.
@@ -329,8 +328,13 @@ impl Sink for Inlet<'_> {
         let (i, inbox, bytes) = (self.source, &self.shared.inbox, sample.bytes());
         // Nothing is refused but at the end.
         let _ = match &sample {
-            Sample::Frame(frame) => {
-                let dropped = In::Dropped(i, frame.number, frame.host_time);
+            Sample::Frame(RawFrame {
+                number, host_time, ..
+            })
+            | Sample::Native(RawFrame {
+                number, host_time, ..
+            }) => {
+                let dropped = In::Dropped(i, *number, *host_time);
                 inbox
                     .try_push(In::Sample(i, sample), bytes)
                     .or_else(|_| inbox.push_reserved(dropped, 0))

@@ -8,23 +8,30 @@
 //! second ([`FrameSync`](super::FrameSync)). Run on the kernel's own drivers in a virtual machine (docs/vm-tests.md),
 //! never with a real camera.
 
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use session_archive::time::TickLength;
+use v4l2::hotplug::Watch;
 
 use zed::report::{ACCEL_M_PER_S2, GYRO_DEG_PER_S, TEMPERATURE_C};
 
-use super::{CameraInfo, ImuInfo, Live, Sink, SourceError, SourceInfo, Stamped};
+use super::{
+    CameraInfo, Gone, ImuInfo, Live, Part, Sample, Sink, SourceError, SourceInfo, Stamped,
+};
 use crate::config::{DeviceChoice, PixelLayout, V4l2Config};
 
 pub(crate) mod camera;
-mod imu;
+pub(super) mod imu;
 mod tie;
 
-use tie::Ties;
+pub(super) use tie::Ties;
 
 /// A driver's stamp is taken in an interrupt; this is how far it may be off.
 const STAMP_SIGMA_NS: u64 = 50_000;
+
+/// Longest wait before the end is looked for.
+const PATIENCE: Duration = Duration::from_millis(100);
 
 /// A camera of the kernel's. See the module.
 pub struct Device {
@@ -123,4 +130,33 @@ fn describe(config: &V4l2Config) -> String {
         Some(None) => format!("{what} with ZED IMU"),
         None => what,
     }
+}
+
+/// Says once why a device is not there, and again when the reason changes.
+pub(super) fn tell_gone(told: &mut Option<String>, part: Part, detail: String, sink: &dyn Sink) {
+    if sink.is_ending() || told.as_ref() == Some(&detail) {
+        return;
+    }
+    sink.put(Sample::Gone(Gone {
+        host_time: sink.now(),
+        part,
+        detail: detail.clone(),
+    }));
+    *told = Some(detail);
+}
+
+/// Waits until something changes in the folder of devices, or `limit` is over, or the end.
+pub(super) fn wait(watch: std::io::Result<Watch>, limit: Duration, sink: &dyn Sink) {
+    let until = sink.now() + limit.as_nanos() as i64;
+    let Ok(mut watch) = watch else { return };
+    while !sink.is_ending() && sink.now() < until {
+        match watch.next(PATIENCE) {
+            Ok(None) => {}
+            Ok(Some(_)) | Err(_) => return,
+        }
+    }
+}
+
+pub(super) fn lock(ties: &Mutex<Ties>) -> MutexGuard<'_, Ties> {
+    ties.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,7 +1,7 @@
 //! The camera of a device: found, set, read, lost, waited for.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 use std::time::Duration;
 
 use session_archive::record::paws::gap::Cause;
@@ -12,13 +12,11 @@ use v4l2::{Camera, CameraError, Fourcc, Interval, Mode, Next, Stream};
 use video::picture::{grey_to_i420, nv12_to_i420, yuyv_to_i420};
 use video::{Picture, PictureError, PixelFormat};
 
-use super::tie::Ties;
+use super::{PATIENCE, Ties, lock, tell_gone, wait};
 use crate::causes::with_causes;
 use crate::config::{DeviceChoice, PixelLayout, V4l2Config};
-use crate::sources::{Gone, Lost, Notice, Part, RawFrame, Sample, Sink};
+use crate::sources::{Lost, Notice, Part, RawFrame, Sample, Sink};
 
-/// Longest wait before the end is looked for.
-const PATIENCE: Duration = Duration::from_millis(100);
 /// A device that is there and cannot be used is tried again so often.
 const RETRY: Duration = Duration::from_secs(1);
 
@@ -41,7 +39,7 @@ pub(super) fn run(
                 if let Some(ties) = ties {
                     lock(ties).restart();
                 }
-                tell_gone(&mut None, reason, sink);
+                tell_gone(&mut None, Part::Camera, reason, sink);
                 // One that fails as soon as it is started is given time.
                 if sink.now().since(began) < RETRY.as_nanos() as i64 {
                     wait(before, RETRY, sink);
@@ -50,7 +48,7 @@ pub(super) fn run(
             }
             Err(error) if error.is_final() => return Err(with_causes(&error)),
             Err(error) => {
-                tell_gone(&mut told, with_causes(&error), sink);
+                tell_gone(&mut told, Part::Camera, with_causes(&error), sink);
                 // One that is there may be let go by another program, which nothing tells of.
                 wait(before, RETRY, sink);
             }
@@ -77,31 +75,6 @@ impl StartError {
             self,
             Self::Camera(CameraError::Refused { .. } | CameraError::NotACamera { .. })
         )
-    }
-}
-
-/// Says once why there is no camera, and again when the reason changes.
-fn tell_gone(told: &mut Option<String>, reason: String, sink: &dyn Sink) {
-    if sink.is_ending() || told.as_ref() == Some(&reason) {
-        return;
-    }
-    sink.put(Sample::Gone(Gone {
-        host_time: sink.now(),
-        part: Part::Camera,
-        detail: reason.clone(),
-    }));
-    *told = Some(reason);
-}
-
-/// Waits until something changes in the folder of devices, or `limit` is over, or the end.
-pub(super) fn wait(watch: std::io::Result<Watch>, limit: Duration, sink: &dyn Sink) {
-    let until = sink.now() + limit.as_nanos() as i64;
-    let Ok(mut watch) = watch else { return };
-    while !sink.is_ending() && sink.now() < until {
-        match watch.next(PATIENCE) {
-            Ok(None) => {}
-            Ok(Some(_)) | Err(_) => return,
-        }
     }
 }
 
@@ -280,8 +253,4 @@ fn picture(config: &V4l2Config, bytes: &[u8]) -> Result<Picture, PictureError> {
             grey_to_i420(&grey)
         }
     }
-}
-
-fn lock(ties: &Mutex<Ties>) -> std::sync::MutexGuard<'_, Ties> {
-    ties.lock().unwrap_or_else(PoisonError::into_inner)
 }

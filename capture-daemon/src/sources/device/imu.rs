@@ -1,17 +1,16 @@
 //! The IMU of a device: a ZED's microcontroller.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 use std::time::Duration;
 
 use session_archive::time::{HostTime, NS_PER_S};
 use v4l2::hotplug::Watch;
 use zed::imu::{Arrival, Event, HidPort, Imu};
 
-use super::camera::wait;
-use super::tie::Ties;
+use super::{Ties, lock, tell_gone, wait};
 use crate::causes::with_causes;
 use crate::config::ZedImuConfig;
-use crate::sources::{Gone, ImuValues, Notice, Part, RawImu, Sample, Sink};
+use crate::sources::{ImuValues, Notice, Part, RawImu, Sample, Sink};
 
 /// Longest wait before the end is looked for, ns.
 const PATIENCE_NS: i64 = 100_000_000;
@@ -21,7 +20,7 @@ const RETRY: Duration = Duration::from_secs(1);
 const TELL_NS: i64 = NS_PER_S;
 
 /// Delivers samples until the sink says that it is to end.
-pub(super) fn run(config: &ZedImuConfig, ties: &Mutex<Ties>, sink: &dyn Sink) {
+pub(in crate::sources) fn run(config: &ZedImuConfig, ties: &Mutex<Ties>, sink: &dyn Sink) {
     let port = HidPort {
         model: None,
         serial: config.serial.clone(),
@@ -35,7 +34,7 @@ pub(super) fn run(config: &ZedImuConfig, ties: &Mutex<Ties>, sink: &dyn Sink) {
         match Imu::open(port.clone(), sink.now().0) {
             Ok(imu) => break imu,
             Err(error) => {
-                tell_gone(&mut told, with_causes(&error), sink);
+                tell_gone(&mut told, Part::Imu, with_causes(&error), sink);
                 wait(before, RETRY, sink);
             }
         }
@@ -64,7 +63,7 @@ pub(super) fn run(config: &ZedImuConfig, ties: &Mutex<Ties>, sink: &dyn Sink) {
             }
             Event::Reopened => notice(sink, "closed and opened, because it was silent".to_owned()),
             Event::Gone { detail } => {
-                tell_gone(&mut told, detail, sink);
+                tell_gone(&mut told, Part::Imu, detail, sink);
                 lock(ties).restart();
                 let before = Watch::new(["/dev"]);
                 if imu.try_reopen(sink.now().0).is_err() {
@@ -96,27 +95,10 @@ fn take(arrival: &Arrival, ties: &Mutex<Ties>, sink: &dyn Sink) {
     }));
 }
 
-/// Says once why there is no IMU, and again when the reason changes.
-fn tell_gone(told: &mut Option<String>, detail: String, sink: &dyn Sink) {
-    if told.as_ref() == Some(&detail) {
-        return;
-    }
-    sink.put(Sample::Gone(Gone {
-        host_time: sink.now(),
-        part: Part::Imu,
-        detail: detail.clone(),
-    }));
-    *told = Some(detail);
-}
-
 fn notice(sink: &dyn Sink, text: String) {
     sink.put(Sample::Notice(Notice {
         host_time: sink.now(),
         part: Part::Imu,
         text,
     }));
-}
-
-fn lock(ties: &Mutex<Ties>) -> std::sync::MutexGuard<'_, Ties> {
-    ties.lock().unwrap_or_else(PoisonError::into_inner)
 }

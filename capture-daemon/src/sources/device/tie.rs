@@ -11,7 +11,7 @@ const TELL_NS: i64 = NS_PER_S;
 
 /// Collects what both sides say.
 #[derive(Debug)]
-pub(super) struct Ties {
+pub(crate) struct Ties {
     sync: frame_sync::FrameSync,
     told: HostTime,
 }
@@ -27,12 +27,12 @@ impl Default for Ties {
 
 impl Ties {
     /// Takes a sample, whether it is marked or not.
-    pub(super) fn imu(&mut self, sample: &Sample, arrival: HostTime) {
+    pub(crate) fn imu(&mut self, sample: &Sample, arrival: HostTime) {
         self.sync.sample(sample, arrival.0);
     }
 
     /// Takes a frame; once a second what ties the two, if that is known.
-    pub(super) fn frame(
+    pub(crate) fn frame(
         &mut self,
         sequence: u32,
         stamp: HostTime,
@@ -57,7 +57,7 @@ impl Ties {
     }
 
     /// One of the devices begins anew.
-    pub(super) fn restart(&mut self) {
+    pub(crate) fn restart(&mut self) {
         *self = Self::default();
     }
 }

@@ -1,0 +1,225 @@
+//! A camera behind GStreamer elements, with the IMU of a ZED's microcontroller where it has one.
+//!
+//! Contract: frames carry the numbers and times that [`video::capture`] finds, on the host's clock; what their times are
+//! worth follows from the element ([`video::capture::policy`]). Frames of one stream go to the encoder in
+//! the camera's own buffers, without a copy; those of two eyes are joined. *A camera that is gone*, or a chain that
+//! fails or ends, is told once and started again every few seconds. *A chain that cannot be built* ends the
+//! source. Run with GStreamer's own test source and with `v4l2src` in a virtual machine, never on a Jetson.
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use session_archive::record::paws::gap;
+use session_archive::time::{HostTime, TickLength};
+use v4l2::hotplug::Watch;
+use video::capture::{CaptureError, Cause, Content, Delivery, Eye, Lost as LostFrames, policy};
+use video::{Capture, CaptureEvent, CaptureSettings, CapturedFrame};
+
+use super::device::{Ties, imu, imu_info, lock, tell_gone, wait};
+use super::{
+    CameraInfo, Live, Lost, Part, RawFrame, Sample, Sink, SourceError, SourceInfo, Stamped,
+};
+use crate::causes::with_causes;
+use crate::clock::{Clock as _, RealClock};
+use crate::config::GstreamerConfig;
+
+/// Longest wait before the end is looked for.
+const PATIENCE: Duration = Duration::from_millis(100);
+/// A chain that failed is started again after so long, or when a device appears.
+const RETRY: Duration = Duration::from_secs(3);
+
+/// A camera behind GStreamer elements. See the module.
+pub struct Gstreamer {
+    info: SourceInfo,
+    config: GstreamerConfig,
+}
+
+impl Gstreamer {
+    /// The camera of these settings, which need not be there yet.
+    pub fn new(config: &GstreamerConfig) -> Self {
+        let worth = worth(&config.chain);
+        let camera = CameraInfo {
+            width: config.width,
+            height: config.height,
+            rate_hz: config.rate_hz,
+            tick: TickLength::NANOSECOND,
+            tick_bits: None,
+            number_bits: None,
+            colour: true,
+            still: false,
+            stamped: Some(Stamped {
+                latency_ns: worth.latency_ns,
+                sigma_ns: worth.sigma_ns,
+            }),
+        };
+        let eyes = config.right_chain.as_ref().map_or("", |_| ", two eyes");
+        Self {
+            info: SourceInfo {
+                description: format!("GStreamer: {}{eyes}", config.chain.trim()),
+                camera,
+                imu: config.imu.as_ref().map(|imu| imu_info(imu.rate_hz)),
+                calibration_files: Vec::new(),
+            },
+            config: config.clone(),
+        }
+    }
+
+    fn settings(&self) -> CaptureSettings {
+        let config = &self.config;
+        CaptureSettings {
+            right_chain: config.right_chain.clone(),
+            // Two eyes are joined in memory; one stream stays where its camera put it.
+            delivery: match config.right_chain {
+                Some(_) => Delivery::Pictures,
+                None => Delivery::Native,
+            },
+            start_delay: Duration::from_nanos(config.start_after_ns.unsigned_abs()),
+            ..CaptureSettings::new(&config.chain, config.width, config.height, config.rate_hz)
+        }
+    }
+
+    /// Whether the chain can be built here.
+    ///
+    /// # Errors
+    /// What stands in the way.
+    pub fn check(&self) -> Result<(), CaptureError> {
+        video::capture::check(&self.settings())
+    }
+}
+
+/// What the times of the first known element of a chain are worth.
+fn worth(chain: &str) -> policy::Policy {
+    let mut words = chain.split_whitespace();
+    words
+        .find_map(|word| policy::ROWS.iter().find(|row| row.element == word))
+        .map_or(policy::UNKNOWN, |row| row.policy)
+}
+
+impl Live for Gstreamer {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn run(self: Box<Self>, sink: &dyn Sink) -> Result<(), SourceError> {
+        let ties = self.config.imu.is_some().then(Mutex::<Ties>::default);
+        std::thread::scope(|scope| {
+            if let (Some(imu), Some(ties)) = (&self.config.imu, &ties) {
+                let run = || imu::run(imu, ties, sink);
+                let spawned = std::thread::Builder::new()
+                    .name("imu".to_owned())
+                    .spawn_scoped(scope, run);
+                spawned
+                    .map_err(|error| self.unusable(format!("its IMU gets no thread: {error}")))?;
+            }
+            self.frames(ties.as_ref(), sink)
+        })
+    }
+}
+
+impl Gstreamer {
+    fn frames(&self, ties: Option<&Mutex<Ties>>, sink: &dyn Sink) -> Result<(), SourceError> {
+        let settings = self.settings();
+        let mut told = None;
+        while !sink.is_ending() {
+            let before = Watch::new(["/dev"]);
+            let reason = match Capture::start(&settings, Arc::new(host_clock)) {
+                Ok(capture) => self.read(capture, ties, sink, &mut told),
+                Err(error) => return Err(self.unusable(with_causes(&error))),
+            };
+            tell_gone(&mut told, Part::Camera, reason, sink);
+            if let Some(ties) = ties {
+                lock(ties).restart();
+            }
+            wait(before, RETRY, sink);
+        }
+        Ok(())
+    }
+
+    /// Hands frames on until the chain ends; why it did.
+    fn read(
+        &self,
+        mut capture: Capture,
+        ties: Option<&Mutex<Ties>>,
+        sink: &dyn Sink,
+        told: &mut Option<String>,
+    ) -> String {
+        while !sink.is_ending() {
+            match capture.next(PATIENCE) {
+                None => {}
+                Some(CaptureEvent::Frame(frame)) => {
+                    *told = None;
+                    if let Some(ties) = ties {
+                        let (stamp, arrival) =
+                            (HostTime(frame.clock_time_ns), HostTime(frame.host_time_ns));
+                        // The counter of the driver, which is what wraps.
+                        let tied = lock(ties).frame(frame.number as u32, stamp, arrival);
+                        if let Some(sync) = tied {
+                            sink.put(Sample::FrameSync(sync));
+                        }
+                    }
+                    sink.put(sample(frame));
+                }
+                Some(CaptureEvent::Lost(lost)) => tell_lost(&lost, sink),
+                Some(
+                    CaptureEvent::Gone { element, reason }
+                    | CaptureEvent::Failed { element, reason },
+                ) => return format!("{element}: {reason}"),
+                Some(CaptureEvent::Ended) => return "the chain has come to its end".to_owned(),
+            }
+        }
+        "the daemon ends".to_owned()
+    }
+
+    fn unusable(&self, what: String) -> SourceError {
+        SourceError::Unusable {
+            source_name: self.info.description.clone(),
+            what,
+        }
+    }
+}
+
+/// The capture asks for the time on the camera's own thread.
+fn host_clock() -> i64 {
+    RealClock.now().0
+}
+
+fn sample(frame: CapturedFrame) -> Sample {
+    fn raw<P>(frame: &CapturedFrame, picture: P) -> RawFrame<P> {
+        RawFrame {
+            number: frame.number,
+            device_ticks: frame.clock_time_ns,
+            kernel_time: None,
+            host_time: HostTime(frame.host_time_ns),
+            exposure_ns: None,
+            picture,
+        }
+    }
+    match frame.content.clone() {
+        Content::Picture(picture) => Sample::Frame(raw(&frame, picture)),
+        Content::Native(native) => Sample::Native(raw(&frame, native)),
+    }
+}
+
+fn tell_lost(lost: &LostFrames, sink: &dyn Sink) {
+    let (cause, detail) = match lost.cause {
+        Cause::Overrun => (
+            gap::Cause::EncoderOverload,
+            "they were not taken fast enough".to_owned(),
+        ),
+        Cause::NoPartner(eye) => (
+            gap::Cause::Device,
+            match eye {
+                Eye::Left => "the left eye's picture did not come".to_owned(),
+                Eye::Right => "the right eye's picture did not come".to_owned(),
+            },
+        ),
+    };
+    for number in lost.first..=lost.last {
+        sink.put(Sample::Lost(Lost {
+            number,
+            host_time: sink.now(),
+            cause,
+            detail: detail.clone(),
+        }));
+    }
+}
