@@ -168,16 +168,15 @@ impl Rig for FakeRig {
 
     fn preview(&self, camera: usize) -> Option<Preview> {
         let scene = self.lock().scene;
-        // The camera that does not deliver has no picture.
-        if camera >= CAMERAS.len() || (camera == 1 && scene == Scene::Fault) {
+        let missing = match scene {
+            Scene::Fault => Some(1),
+            Scene::Idle => Some(2),
+            _ => None,
+        };
+        if camera >= CAMERAS.len() || missing == Some(camera) {
             return None;
         }
         let tick = ((self.clock)().as_millis() / 200) as usize;
-        let tick = if camera == 2 && scene == Scene::Idle {
-            0
-        } else {
-            tick
-        };
         let data = picture(camera, tick);
         let planes = Planes {
             width: EYE.0 as u32,

@@ -127,9 +127,10 @@ function show() {
     const warned = alarms.length > 0 && state !== "fault" && state !== "idle";
     let detail = what;
     if (alarms.length) detail = alarms[0];
-    else if (recording && session) detail = `All streams arrive. ${session}`;
+    else if (state === "recording") detail = "All streams arrive.";
     panel(warned ? "warning" : state, warned ? "warning" : state, word, time, detail);
   }
+  text($("session"), recording && session ? session : "");
   buttons(state, does);
   showAlarms(alarms);
   showPreviews();
@@ -234,15 +235,14 @@ function old(i) {
 
 function showTiles() {
   const { seconds_left: left, free_bytes: free, battery, temperature_c: heat, clock } = status;
-  tile("disk", left === null ? (free === null ? NONE : bytes(free)) : hours(left), "h:mm", left === null || free === null ? "" : `${bytes(free)} free`, left !== null && left < 1800);
-  if (left === null) unit("disk", "");
+  tile("disk", left === null ? NONE : hours(left), "", free === null ? "" : `${bytes(free)} free`, left !== null && left < 1800);
   const percent = battery === null ? null : Math.round(battery.percent);
   const charge = battery === null ? "not readable" : battery.charging ? "charging" : battery.minutes_left === null ? "" : `${hours(battery.minutes_left * 60)} left`;
   tile("battery", percent === null ? NONE : String(percent), percent === null ? "" : "%", charge, percent !== null && !battery.charging && percent < 25);
   tile("heat", heat === null ? NONE : heat.toFixed(0), heat === null ? "" : "°C", heat === null ? "not readable" : heat >= 85 ? "too hot" : "", heat !== null && heat >= 85);
   if (clock === null) return tile("clock", NONE, "", "not known", false);
   const offset = clock.offset_ns === null ? "" : nanoseconds(clock.offset_ns);
-  tile("clock", clock.synchronised ? "right" : "not set", "", clock.synchronised ? [clock.source, offset].filter(Boolean).join(", ") : "recording is not affected", !clock.synchronised);
+  tile("clock", clock.synchronised ? "in sync" : "no sync", "", clock.synchronised ? [clock.source, offset].filter(Boolean).join(", ") : "recording is not affected", !clock.synchronised);
 }
 
 function tile(id, value, suffix, note, bad) {
@@ -256,16 +256,11 @@ function tile(id, value, suffix, note, bad) {
   place.classList.toggle("bad", bad);
 }
 
-function unit(id, suffix) {
-  const small = $(id).querySelector(".value small");
-  if (small) text(small, suffix);
-}
-
 function showStreams() {
   list($("streams").tBodies[0], status.streams, (stream) => {
     const wrong = stream.silent ? "silent" : stream.frozen ? "frozen" : "";
     const slow = stream.nominal_hz !== null && stream.rate_hz < 0.95 * stream.nominal_hz;
-    const rate = element("td", {}, rateText(stream.rate_hz), element("small", {}, stream.nominal_hz === null ? " Hz" : ` of ${rateText(stream.nominal_hz)} Hz`));
+    const rate = element("td", {}, rateText(stream.rate_hz), element("small", {}, stream.nominal_hz === null ? "" : ` of ${+stream.nominal_hz.toFixed(1)}`));
     const all = stream.stored + stream.missing;
     const share = stream.missing === 0 ? "" : ` ${percentText(stream.missing, all)}`;
     const missing = element("td", {}, String(stream.missing), element("small", {}, share));
@@ -424,10 +419,11 @@ function bytes(n) {
 
 function nanoseconds(n) {
   const far = Math.abs(n);
-  if (far < 1e3) return `${n} ns off`;
-  if (far < 1e6) return `${(n / 1e3).toFixed(0)} µs off`;
-  if (far < 1e9) return `${(n / 1e6).toFixed(0)} ms off`;
-  return `${(n / 1e9).toFixed(0)} s off`;
+  const sign = n < 0 ? "−" : "+";
+  if (far < 1e3) return `${sign}${far} ns`;
+  if (far < 1e6) return `${sign}${(far / 1e3).toFixed(0)} µs`;
+  if (far < 1e9) return `${sign}${(far / 1e6).toFixed(0)} ms`;
+  return `${sign}${(far / 1e9).toFixed(0)} s`;
 }
 
 const rateText = (hz) => (hz === null ? NONE : hz >= 99.95 ? hz.toFixed(0) : hz.toFixed(1));
@@ -435,7 +431,7 @@ const percentText = (part, whole) => {
   const p = 100 * part / Math.max(1, whole);
   return p < 0.01 ? "<0.01 %" : `${p.toFixed(p < 1 ? 2 : 1)} %`;
 };
-const plain = (name) => name.replaceAll("_", " ");
+const plain = (name) => name.replaceAll("_", " ").replace(/\/imu$/, " IMU");
 
 function text(place, what) {
   if (place.textContent !== what) place.textContent = what;

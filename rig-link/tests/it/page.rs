@@ -19,7 +19,11 @@ fn open(browser: &mut Browser, scene: Scene) -> Setup {
     });
     browser.open(&setup.server.url());
     browser.until("document.readyState === 'complete' && document.querySelectorAll('#streams tbody tr').length === 6");
-    let pictures = if scene == Scene::Fault { 2 } else { 3 };
+    let pictures = if matches!(scene, Scene::Fault | Scene::Idle) {
+        2
+    } else {
+        3
+    };
     browser.until(&format!(
         "document.querySelectorAll('.preview img').length === {pictures} && \
          [...document.querySelectorAll('.preview img')].every(i => i.complete && i.naturalWidth > 0)"
@@ -41,7 +45,7 @@ const MISFITS: &str = "(() => {
         if (['BUTTON', 'INPUT', 'A', 'SELECT'].includes(e.tagName) && (r.width < 48 || r.height < 48)) {
             wrong.push(`${name} is ${r.width} x ${r.height}`);
         }
-        if (['H1', 'SPAN', 'P', 'TD', 'TH', 'SMALL'].includes(e.tagName) && e.scrollWidth > e.clientWidth + 1 && e.clientWidth > 1
+        if (['H1', 'SPAN', 'P', 'TD', 'TH', 'SMALL'].includes(e.tagName) && e.scrollWidth > e.clientWidth + 1 && e.clientWidth > 1 && getComputedStyle(e).textOverflow !== 'ellipsis'
             && getComputedStyle(e).display !== 'inline') wrong.push(`${name} is cut off`);
     }
     return wrong;
@@ -84,7 +88,7 @@ fn it_fits_a_small_phone_and_a_thumb_and_can_be_read() {
         for dark in [false, true] {
             browser.dark(dark);
             let least = browser.value(CONTRAST);
-            let limit = 4.5;
+            let limit = 7.0;
             assert!(
                 least[0].as_f64().unwrap() >= limit,
                 "{scene:?}, dark {dark}: {least}"
@@ -147,13 +151,13 @@ fn each_state_has_its_own_word_sign_and_colour() {
                 "h:mm",
                 "18 %",
                 "45:1",
-                "27.4 of 30.0 Hz",
+                "27.4 of 30",
             ] {
                 assert!(text.contains(part), "{part} is not in {text}");
             }
         }
         if scene == Scene::Fault {
-            for part in ["camera is gone", "silent", "No picture", "not set"] {
+            for part in ["camera is gone", "silent", "No picture", "no sync"] {
                 assert!(text.contains(part), "{part} is not in {text}");
             }
         }
