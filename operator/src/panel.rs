@@ -101,15 +101,9 @@ impl Face {
 
     /// What shows now.
     pub fn at(&mut self, now_ns: i64) -> Showing {
-        if let Some(once) = &self.once {
-            let end = once.since_ns + i64::from(once.light.length_ms()) * crate::NS_PER_MS;
-            match once.at(now_ns) {
-                Some(mut showing) => {
-                    showing.next_ns = Some(showing.next_ns.map_or(end, |next| next.min(end)));
-                    return showing;
-                }
-                None => self.once = None,
-            }
+        match self.once.as_ref().and_then(|once| once.at(now_ns)) {
+            Some(showing) => return showing,
+            None => self.once = None,
         }
         // Patterns that last never end.
         self.lasting.at(now_ns).unwrap_or(Showing {

@@ -161,6 +161,16 @@ fn a_question_about_a_recording_is_void_when_that_changed() {
 }
 
 #[test]
+fn a_long_press_during_which_a_recording_begins_asks_nothing() {
+    let press = |pressed, ms: i64| Edge {
+        at_ns: ms * MS,
+        pressed,
+    };
+    let edges = [press(true, 0), press(false, 2000)];
+    assert_eq!(play(&edges, 9000 * MS, |at| at > 1000 * MS), []);
+}
+
+#[test]
 fn bouncing_is_no_press_and_a_bounced_press_is_one() {
     assert_eq!(wishes(false, &[(100, 110)], 9000), []);
     assert_eq!(
