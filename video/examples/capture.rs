@@ -128,7 +128,7 @@ impl Way {
         });
         preview.offer(time, frame);
         self.previews += u64::from(preview.take().is_some());
-        match encoder.try_push(time, frame, self.given.len() % 30 == 0) {
+        match encoder.try_push(time, frame, self.given.len().is_multiple_of(30)) {
             Ok(()) => self.given.push(time),
             Err(video::EncodeError::Full { .. }) => self.full += 1,
             Err(error) => println!("{error}"),
@@ -207,7 +207,7 @@ fn listen() -> Driver {
     gst::log::set_threshold_for_name("v4l2bufferpool", gst::DebugLevel::Log);
     gst::log::add_log_function(move |_, _, _, _, _, _, message| {
         let text = message.get().unwrap_or_default();
-        if let Some((sequence, time)) = dequeued(&text) {
+        if let Some((sequence, time)) = dequeued(text.as_str()) {
             noting.lock().unwrap().insert(sequence, time);
         }
     });

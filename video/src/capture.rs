@@ -72,6 +72,10 @@ pub const QUEUE: usize = 4;
 /// As [`QUEUE`], of native frames: they are their camera's buffers, which it needs back.
 pub const NATIVE_QUEUE: usize = 2;
 
+/// What should lie between the starts of two cameras of a Jetson: with less, a rig of eleven Argus
+/// cameras had surfaces mixed up between them (docs/gstreamer-sources.md).
+pub const STAGGER: Duration = Duration::from_secs(1);
+
 /// The host's clock, CLOCK_MONOTONIC in ns. It is asked when a frame arrives, on the camera's
 /// thread.
 pub type HostClock = Arc<dyn Fn() -> i64 + Send + Sync>;
@@ -108,7 +112,7 @@ pub struct CaptureSettings {
     /// How long to wait before the camera is started. Several Argus cameras must not be started at
     /// the same moment.
     pub start_delay: Duration,
-    /// How much later the right eye's chain is started.
+    /// How much later the right eye's chain is started; [`STAGGER`] unless said otherwise.
     pub eye_delay: Duration,
 }
 
@@ -124,7 +128,7 @@ impl CaptureSettings {
             delivery: Delivery::Pictures,
             policy: None,
             start_delay: Duration::ZERO,
-            eye_delay: Duration::ZERO,
+            eye_delay: STAGGER,
         }
     }
 
@@ -210,6 +214,9 @@ pub enum CaptureError {
         /// The chain.
         chain: String,
     },
+    /// The machine has no thread to spare.
+    #[error("starting a camera's thread: {0}")]
+    Thread(String),
 }
 
 /// A time of another clock that came with a frame (GstReferenceTimestampMeta).
@@ -322,28 +329,49 @@ impl CaptureEvent {
     }
 }
 
-/// Whether a capture of these settings could be built: its elements are there and fit together. Starts nothing.
+/// Whether a capture of these settings could be built: its elements are there and fit together.
+/// Starts nothing.
 ///
 /// # Errors
 /// See [`CaptureError`].
 pub fn check(settings: &CaptureSettings) -> Result<(), CaptureError> {
+    build(settings, Arc::new(|| 0)).map(drop)
+}
+
+/// The chains of `settings` in front of one intake, with their delays; nothing runs yet.
+fn build(settings: &CaptureSettings, clock: HostClock) -> Result<Built, CaptureError> {
     settings.check()?;
     pipeline::init()?;
-    let intake = Arc::new(Intake::new(Arc::new(|| 0), 1, settings.rate_hz));
-    for chain in [Some(&settings.chain), settings.right_chain.as_ref()] {
-        let Some(chain) = chain else { continue };
-        let port = |_: &str| Port {
-            eye: None,
-            numbering: Mutex::new(Numbering::new(policy::UNKNOWN.numbers, settings.rate_hz)),
+    let limit = match settings.delivery {
+        Delivery::Pictures => QUEUE,
+        Delivery::Native => NATIVE_QUEUE,
+    };
+    let intake = Arc::new(Intake::new(clock, limit, settings.rate_hz));
+    let two = settings.right_chain.is_some();
+    let feed = |eye, chain: &str| {
+        let port = |element: &str| Port {
+            eye: two.then_some(eye),
+            numbering: Mutex::new(Numbering::new(
+                feed::policy(element, settings.policy).numbers,
+                settings.rate_hz,
+            )),
         };
-        Feed::build(chain, settings.wanted(), &intake, port).map_err(|reason| {
-            CaptureError::Chain {
-                reason,
-                chain: chain.clone(),
-            }
-        })?;
+        Feed::build(chain, settings.wanted(), &intake, port).map_err(|reason| CaptureError::Chain {
+            reason,
+            chain: chain.to_owned(),
+        })
+    };
+    let mut feeds = vec![(feed(Eye::Left, &settings.chain)?, settings.start_delay)];
+    if let Some(chain) = &settings.right_chain {
+        let delay = settings.start_delay.saturating_add(settings.eye_delay);
+        feeds.push((feed(Eye::Right, chain)?, delay));
     }
-    Ok(())
+    Ok(Built { intake, feeds })
+}
+
+struct Built {
+    intake: Arc<Intake>,
+    feeds: Vec<(Feed, Duration)>,
 }
 
 /// A running camera.
@@ -372,51 +400,19 @@ impl Capture {
         clock: HostClock,
         mut look: impl FnMut(&gst::Bin),
     ) -> Result<Capture, CaptureError> {
-        settings.check()?;
-        pipeline::init()?;
-        let native = settings.delivery == Delivery::Native;
-        let limit = if native { NATIVE_QUEUE } else { QUEUE };
-        let intake = Arc::new(Intake::new(clock, limit, settings.rate_hz));
-        let chains = [
-            (Some(&settings.chain), Eye::Left, settings.start_delay),
-            (
-                settings.right_chain.as_ref(),
-                Eye::Right,
-                settings.start_delay.saturating_add(settings.eye_delay),
-            ),
-        ];
-        let mut feeds = Vec::new();
-        for (chain, eye, delay) in chains {
-            let Some(chain) = chain else { continue };
-            let refuse = |reason| CaptureError::Chain {
-                reason,
-                chain: chain.clone(),
-            };
-            let port = |element: &str| Port {
-                eye: settings.right_chain.is_some().then_some(eye),
-                numbering: Mutex::new(Numbering::new(
-                    feed::policy(element, settings.policy).numbers,
-                    settings.rate_hz,
-                )),
-            };
-            let feed = Feed::build(chain, settings.wanted(), &intake, port).map_err(refuse)?;
+        let Built { intake, feeds } = build(settings, clock)?;
+        for (feed, delay) in &feeds {
             look(feed.pipeline());
-            feeds.push((feed, delay, chain));
-        }
-        for (feed, delay, chain) in &feeds {
             if let Err(reason) = feed.start(*delay, &intake) {
                 intake.abandon();
-                return Err(CaptureError::Chain {
-                    reason,
-                    chain: chain.to_string(),
-                });
+                return Err(CaptureError::Thread(reason));
             }
         }
-        let feeds: Vec<Feed> = feeds.into_iter().map(|(feed, ..)| feed).collect();
+        let feeds: Vec<Feed> = feeds.into_iter().map(|(feed, _)| feed).collect();
         let element = feeds.first().map_or("", |feed| &feed.element);
         Ok(Capture {
             policy: feed::policy(element, settings.policy),
-            native,
+            native: settings.delivery == Delivery::Native,
             intake,
             feeds,
         })

@@ -76,4 +76,4 @@ pub use decoder::{DecodeError, Decoder};
 pub use encoder::{AccessUnit, EncodeError, Encoder, EncoderEvent, EncoderSettings, Input};
 pub use native::{NativeError, NativeFormat, NativeFrame};
 pub use picture::{Picture, PictureError, PixelFormat};
-pub use pipeline::{InitError, init};
+pub use pipeline::{InitError, init, version};

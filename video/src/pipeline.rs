@@ -38,6 +38,14 @@ pub fn init() -> Result<(), InitError> {
         .clone()
 }
 
+/// What GStreamer calls itself: `GStreamer 1.20.3`.
+pub fn version() -> String {
+    match init() {
+        Ok(()) => gst::version_string().to_string(),
+        Err(error) => error.to_string(),
+    }
+}
+
 /// Makes an element, or says that this machine has none of that name or that it would not start.
 pub(crate) fn make(element: &str) -> Result<gst::Element, String> {
     let factory = gst::ElementFactory::find(element)

@@ -134,7 +134,7 @@ fn play(pipeline: &gst::Pipeline) -> Result<(), &'static str> {
 fn take_off(pad: &gst::Pad, port: Port, wanted: &Wanted, intake: &Arc<Intake>) {
     let (intake, native) = (Arc::downgrade(intake), wanted.native);
     let held = wanted.held;
-    let format = Mutex::new(None);
+    let newest = Mutex::new(Newest::default());
     let mask = gst::PadProbeType::BUFFER
         | gst::PadProbeType::BUFFER_LIST
         | gst::PadProbeType::QUERY_DOWNSTREAM;
@@ -152,7 +152,7 @@ fn take_off(pad: &gst::Pad, port: Port, wanted: &Wanted, intake: &Arc<Intake>) {
         };
         for buffer in buffers {
             let host_ns = intake.now();
-            let arrival = arrival(pad, buffer, native, &format);
+            let arrival = arrival(pad, buffer, native, &mut lock(&newest));
             intake.arrived(&port, host_ns, arrival);
         }
         gst::PadProbeReturn::Handled
@@ -184,20 +184,27 @@ pub(super) struct Arrival {
     pub(super) pts_running_ns: i64,
     pub(super) clock_time_ns: i64,
     pub(super) references: Vec<super::Reference>,
-    /// In native delivery, its own time is `clock_time_ns`.
+    /// In native delivery, its own time is `clock_time_ns`, or a little more if that did not rise.
     pub(super) frame: NativeFrame,
+}
+
+/// What is known of the frame before.
+#[derive(Default)]
+struct Newest {
+    format: Option<NativeFormat>,
+    stamp: gst::ClockTime,
 }
 
 fn arrival(
     pad: &gst::Pad,
     buffer: gst::Buffer,
     native: bool,
-    format: &Mutex<Option<NativeFormat>>,
+    newest: &mut Newest,
 ) -> Result<Arrival, String> {
     let caps = pad.current_caps().ok_or("a frame without caps")?;
-    let known = lock(format).take().filter(|known| *known.caps() == caps);
+    let known = newest.format.take().filter(|known| *known.caps() == caps);
     let known = known.map_or_else(|| NativeFormat::new(&caps), Ok)?;
-    let format = lock(format).insert(known).clone();
+    let format = newest.format.insert(known).clone();
     let pts = buffer
         .pts()
         .ok_or("a frame without a time (if the source gives none, do-timestamp=true may help)")?;
@@ -223,7 +230,10 @@ fn arrival(
     // All ones is GStreamer's "none".
     let offset = Some(buffer.offset()).filter(|&offset| offset != u64::MAX);
     let buffer = if native {
-        restamp(buffer, clock)?
+        // An encoder needs times that rise, also where the source repeats itself.
+        let next = newest.stamp + gst::ClockTime::from_nseconds(1);
+        newest.stamp = clock.max(next);
+        restamp(buffer, newest.stamp)?
     } else {
         buffer
     };

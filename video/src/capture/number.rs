@@ -1,7 +1,9 @@
 //! Numbers of frames: the device's own, or inferred from times.
 //!
 //! Contract: numbers rise, and a hole in them is a frame that was lost before it reached us. *By
-//! offset*, the number is the buffer's offset, holes and all. *By time*, a frame is as many numbers
+//! offset*, the number is the buffer's offset, holes and all, but for one between the first two
+//! frames for which there was no time: v4l2src (seen with GStreamer 1.22) gives its first frame
+//! offset 0 and the second one 2, and counts on from there. *By time*, a frame is as many numbers
 //! after the one before as periods have passed since that one was due: a phase is followed, so
 //! that one late frame does not make a hole, nor a rate that is a little off the nominal one. A
 //! frame that is more than half a period later than due has a hole in front. *A time that does not
@@ -19,6 +21,8 @@ pub(super) struct Numbering {
     by: Numbers,
     period_ns: i64,
     last: Option<Last>,
+    /// By how much offsets are ahead of the numbers, known from the second frame on.
+    ahead: Option<u64>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -45,7 +49,14 @@ impl Numbering {
             by,
             period_ns: (1e9 / rate_hz).round().max(1.0) as i64,
             last: None,
+            ahead: None,
         }
+    }
+
+    /// How many periods lie between two times, rounded.
+    fn periods(&self, from_ns: i64, to_ns: i64) -> i64 {
+        let since = to_ns.saturating_sub(from_ns);
+        since.saturating_add(self.period_ns / 2) / self.period_ns
     }
 
     /// The next frame. An element that should count but does not is followed by time from its
@@ -65,8 +76,15 @@ impl Numbering {
         let (number, missing) = match (self.by, offset) {
             (Numbers::Offset, Some(offset)) if first => (offset, 0),
             (Numbers::Offset, Some(offset)) => {
+                let ahead = self.ahead.unwrap_or_else(|| {
+                    let counted = offset.saturating_sub(last.number);
+                    let there_was_time = self.periods(last.time_ns, time_ns).max(1) as u64;
+                    counted.saturating_sub(there_was_time)
+                });
+                self.ahead = Some(ahead);
+                let number = offset.saturating_sub(ahead);
                 // One that does not rise: the device counts anew, which is for the caller to see.
-                (offset, offset.saturating_sub(last.number.saturating_add(1)))
+                (number, number.saturating_sub(last.number.saturating_add(1)))
             }
             _ if first => (0, 0),
             _ if repeated => {
@@ -74,8 +92,7 @@ impl Numbering {
                 (last.number, 0)
             }
             _ => {
-                let since = time_ns.saturating_sub(last.due_ns);
-                let steps = since.saturating_add(self.period_ns / 2) / self.period_ns;
+                let steps = self.periods(last.due_ns, time_ns);
                 if steps > 0 {
                     let due = last.due_ns.saturating_add(steps * self.period_ns);
                     due_ns = due + (time_ns - due) / FOLLOW;
@@ -125,6 +142,27 @@ mod tests {
         let mut expected = expected.to_vec();
         expected[2].1 = 2;
         assert_eq!(found, expected);
+    }
+
+    /// As v4l2src of GStreamer 1.22 counts.
+    #[test]
+    fn a_hole_behind_the_first_frame_needs_time() {
+        let count = |second_ms: i64, offsets: [u64; 4]| {
+            let times = [0, second_ms, second_ms + 10, second_ms + 40];
+            let frames: Vec<_> = times.into_iter().zip(offsets.map(Some)).collect();
+            let found = numbers(Numbers::Offset, &frames);
+            found
+                .into_iter()
+                .map(|(n, missing, _)| (n, missing))
+                .collect::<Vec<_>>()
+        };
+        let expected = [(0, 0), (1, 0), (2, 0), (5, 2)];
+        assert_eq!(count(10, [0, 2, 3, 6]), expected);
+        assert_eq!(count(10, [0, 1, 2, 5]), expected);
+        // One was really lost there.
+        let expected = [(0, 0), (2, 1), (3, 0), (6, 2)];
+        assert_eq!(count(20, [0, 3, 4, 7]), expected);
+        assert_eq!(count(20, [0, 2, 3, 6]), expected);
     }
 
     #[test]

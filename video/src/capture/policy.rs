@@ -78,8 +78,8 @@ const fn delivery(sigma_ns: u64) -> Policy {
 pub static ROWS: &[Row] = &[
     Row {
         element: "v4l2src",
-        // GStreamer itself adds microseconds (measured); the rest is what a driver's stamp may be
-        // off from the exposure.
+        // GStreamer itself takes away microseconds (measured); the rest is what a driver's stamp may
+        // be off from the exposure.
         policy: Policy {
             stamp: Stamp::Driver,
             latency_ns: 0,
@@ -87,7 +87,8 @@ pub static ROWS: &[Row] = &[
             numbers: Numbers::Offset,
         },
         source: "gst-plugins-good, gstv4l2src.c: clock time less the age of the driver's stamp, \
-                 offset = the driver's sequence; measured with vivid",
+                 offset = the driver's sequence, off by one from the second frame on (1.22); measured \
+                 with vivid",
     },
     Row {
         element: "nvarguscamerasrc",

@@ -70,6 +70,24 @@ fn repeated_times_are_marked_and_missing_ones_end_it() {
         })
         .collect();
     assert_eq!(repeated, [false, false, true, false]);
+    // An encoder that is given the buffers does not mind.
+    let native = CaptureSettings {
+        delivery: Delivery::Native,
+        ..settings()
+    };
+    let stamps: Vec<i64> = changed(&native, |_, buffer| {
+        buffer.make_mut().set_pts(gst::ClockTime::from_mseconds(40));
+    })
+    .iter()
+    .filter_map(|event| match event {
+        CaptureEvent::Frame(frame) => match &frame.content {
+            Content::Native(native) => Some(native.stamp_ns() - frame.clock_time_ns),
+            Content::Picture(_) => None,
+        },
+        _ => None,
+    })
+    .collect();
+    assert_eq!(stamps, [0, 1, 2, 3]);
     let events = changed(&settings(), |number, buffer| {
         if number == 2 {
             buffer.make_mut().set_pts(gst::ClockTime::NONE);
