@@ -18,7 +18,7 @@ mod section;
 pub use device::{DeviceChoice, GstreamerConfig, PixelLayout, V4l2Config, ZedImuConfig};
 pub use operator::{Operator, Page};
 
-pub use check::{Finding, Level, check};
+pub use check::{Finding, Level, check, usb_budget};
 
 /// Where the control socket is unless the configuration says otherwise.
 pub const DEFAULT_SOCKET: &str = "/run/paws/pawsd.sock";

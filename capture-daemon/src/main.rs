@@ -14,6 +14,7 @@ use capture_daemon::control::{self, screen};
 use capture_daemon::recorder::OnProgress;
 use capture_daemon::run::{self, RecordOptions, StopFlag};
 use capture_daemon::status::{Progress, Request, Response, State, Status};
+use capture_daemon::{devices, selftest};
 use clap::{Args, Parser, Subcommand};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
@@ -29,6 +30,7 @@ const MAX_SECONDS: f64 = 7.0 * 86_400.0;
 
 const FIRST_STEPS: &str = "\
 First steps:
+  pawsd devices                                              what is plugged in
   pawsd check  --config pawsd.toml                           what is wrong with the configuration
   pawsd record --config pawsd.toml --out DIR --seconds 10    one recording
   pawsd run    --config pawsd.toml                           the daemon, for `pawsd start` and `pawsd stop`
@@ -80,6 +82,28 @@ enum Command {
         #[command(flatten)]
         control: ControlArgs,
     },
+    /// List cameras, IMUs, buttons and lights: what each can do, and what is wrong with it
+    Devices {
+        /// As JSON
+        #[arg(long)]
+        json: bool,
+        /// Also say whether the cameras of this configuration fit on their USB controllers
+        #[arg(long, value_name = "FILE")]
+        config: Option<PathBuf>,
+    },
+    /// Try everything once, and write a report to send back
+    Selftest {
+        #[command(flatten)]
+        config: ConfigArgs,
+        /// Length of the recording
+        #[arg(long, value_name = "N", value_parser = parse_seconds, default_value = "10")]
+        seconds: f64,
+        /// Where the report goes; must not be there yet
+        #[arg(long, value_name = "FILE", default_value = "pawsd-selftest.txt")]
+        report: PathBuf,
+    },
+    /// Show the fingerprint of the phone page's certificate
+    Fingerprint(ConfigArgs),
     /// Try the video encoders of this machine
     Encoders {
         /// Size of the stereo frame
@@ -156,6 +180,17 @@ fn main() -> ExitCode {
             };
             print(text.trim_end())
         }),
+        Command::Devices { json, config } => devices(json, config.as_deref()),
+        Command::Selftest {
+            config,
+            seconds,
+            report,
+        } => selftest(&config.config, seconds, &report),
+        Command::Fingerprint(args) => Config::read(&args.config)
+            .map_err(Into::into)
+            .and_then(|config| run::fingerprint(&config))
+            .and_then(|fingerprint| print(fingerprint))
+            .map(|()| ExitCode::SUCCESS),
         Command::Encoders { size } => encoders(size),
     };
     stderr.finish();
@@ -197,6 +232,41 @@ fn check(path: &Path) -> anyhow::Result<ExitCode> {
         path.display()
     ))?;
     Ok(ExitCode::from(u8::from(errors > 0)))
+}
+
+/// 0: nothing is wrong; 1: something is.
+fn devices(json: bool, config: Option<&Path>) -> anyhow::Result<ExitCode> {
+    let config = config.map(Config::read).transpose()?;
+    let inventory = devices::look();
+    let mut is_wrong = inventory.has_problems();
+    if json {
+        print(serde_json::to_string_pretty(&inventory)?)?;
+    } else {
+        print(inventory.to_string().trim_end())?;
+    }
+    for finding in config.as_ref().map(config::usb_budget).unwrap_or_default() {
+        is_wrong |= finding.level == Level::Error;
+        print(finding)?;
+    }
+    Ok(ExitCode::from(u8::from(is_wrong)))
+}
+
+/// 0: everything works; 1: something does not.
+fn selftest(path: &Path, seconds: f64, report: &Path) -> anyhow::Result<ExitCode> {
+    let config = Config::read(path)?;
+    let folder = config.session.out.clone().ok_or(Usage(
+        "where may the recording be made? Set out in [session]",
+    ))?;
+    // First, so that nothing is done in vain.
+    let mut file = std::fs::File::create_new(report)
+        .with_context(|| format!("creating the report {}", report.display()))?;
+    eprintln!("this takes about {:.0} s", seconds + 15.0);
+    let done = selftest::run(&config, &folder, seconds, &stop_on_signals()?);
+    file.write_all(done.text.as_bytes())
+        .with_context(|| format!("writing the report {}", report.display()))?;
+    print(done.text.trim())?;
+    print(format_args!("\nThe report is in {}", report.display()))?;
+    Ok(ExitCode::from(u8::from(!done.failures.is_empty())))
 }
 
 fn record(args: &RecordArgs, stderr: Lines) -> anyhow::Result<ExitCode> {

@@ -50,6 +50,8 @@ use timed::TimedStorage;
 pub const STOP_LIMIT_NS: i64 = 250_000_000;
 /// A warning comes when less than this can still be recorded.
 const WARN_SECONDS: f64 = 300.0;
+/// What alarms about earlier recordings come from: they stand until the next recording begins.
+pub(crate) const RECOVERY: &str = "recovery";
 const DISK_LOW: &str = "disk: less than 5 minutes can still be recorded";
 const DISK_FULL: &str = "disk: too full to record";
 
@@ -133,6 +135,8 @@ pub struct Recorder {
     alarms: BTreeMap<String, Concern>,
     /// The one of the disk's alarms that is active.
     disk_alarm: Option<&'static str>,
+    /// What was told of earlier recordings.
+    recovered: Vec<String>,
     pre_roll_alarm: bool,
     fault: Option<String>,
     free_bytes: Option<u64>,
@@ -168,6 +172,7 @@ impl Recorder {
             health: Vec::new(),
             alarms: BTreeMap::new(),
             disk_alarm: None,
+            recovered: Vec::new(),
             pre_roll_alarm: false,
             fault: None,
             seconds_left: None,
@@ -287,6 +292,9 @@ impl Recorder {
             return Err(format!("not now: {}", reasons.join("; ")));
         }
         let at = self.clock.now();
+        for text in std::mem::take(&mut self.recovered) {
+            self.on_alarm(at, text, RECOVERY, false);
+        }
         let changes = self.ladder.begin_recording(at.0);
         self.tell_changes(at, changes);
         let beginning = self
@@ -660,6 +668,9 @@ impl Recorder {
         if active {
             log::warn!("{text}");
             self.alarms.insert(text.clone(), concern_of(stream));
+            if stream == RECOVERY {
+                self.recovered.push(text.clone());
+            }
         } else {
             log::info!("over: {text}");
             self.alarms.remove(&text);
@@ -813,7 +824,7 @@ fn cause_name(cause: Cause) -> &'static str {
 /// What an alarm of this source is about.
 fn concern_of(source: &str) -> Concern {
     match source {
-        "disk" => Concern::Storage,
+        "disk" | RECOVERY => Concern::Storage,
         "battery" | "supply" => Concern::Battery,
         "heat" | "throttling" => Concern::Heat,
         _ => Concern::Stream,

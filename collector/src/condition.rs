@@ -4,7 +4,6 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 use session_archive::manifest::State;
-use session_archive::scan::DamageKind;
 use session_archive::verify::Report;
 
 /// In what condition a session is.
@@ -31,7 +30,7 @@ impl Condition {
                 State::Recovered => Self::Recovered,
                 _ => Self::Ok,
             }
-        } else if is_only_unclosed(report) {
+        } else if report.is_only_cut_off() {
             Self::Unclosed
         } else {
             Self::Damaged
@@ -69,21 +68,9 @@ impl fmt::Display for Condition {
     }
 }
 
-/// Whether all that is wrong is that the recorder was cut off: the last segment ends in the middle
-/// of a chunk, as it must.
-fn is_only_unclosed(report: &Report) -> bool {
-    let last = report.damage.iter().map(|d| d.segment).max();
-    let mut closed = report.clone();
-    closed.closed = true;
-    closed
-        .damage
-        .retain(|d| d.damage.kind != DamageKind::CutOff || Some(d.segment) != last);
-    !report.closed && closed.is_sound()
-}
-
 #[cfg(test)]
 mod tests {
-    use session_archive::scan::Damage;
+    use session_archive::scan::{Damage, DamageKind};
     use session_archive::verify::SegmentDamage;
 
     use super::*;

@@ -8,6 +8,9 @@
 //! Where nothing is damaged and only the end is cut off, the segments are, byte for byte, those
 //! that a clean close of the same chunks would have left. A chunk that was only partly written is not
 //! salvaged: its checksum is over the whole.
+//!
+//! [`close_cut_off`] does the same in place, for the recorder that finds its own session cut off: where nothing
+//! is damaged, the segments that were open are written anew beside themselves and put in their place at once.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -34,6 +37,11 @@ pub enum RecoverError {
     /// an empty one.
     #[error("writing the recovered copy")]
     Write(#[source] io::Error),
+    /// More than the end is missing: recover it into another folder.
+    #[error(
+        "more than the end is missing or damaged; `paws recover` makes a copy of what can be used"
+    )]
+    Damaged(Box<Report>),
     /// The copy is not sound; it must not be used. A defect of this program.
     #[error("the recovered copy did not pass verification")]
     NotSound(Box<Report>),
@@ -74,6 +82,50 @@ pub fn recover(
     })
 }
 
+/// Closes a session that was cut off and is damaged nowhere else, in place; none if it was closed already. What
+/// it holds is what was found in it. Cut off itself at any point, it can be done again.
+///
+/// # Errors
+/// [`RecoverError::Damaged`], and then nothing has been changed; or see [`RecoverError`].
+pub fn close_cut_off(storage: Arc<dyn Storage>) -> Result<Option<Report>, RecoverError> {
+    let source = SessionReader::open(storage.clone())?;
+    if source.manifest().state != State::Recording {
+        return Ok(None);
+    }
+    let report = verify(&source, |_| {})?;
+    if !report.is_only_cut_off() {
+        return Err(RecoverError::Damaged(Box::new(report)));
+    }
+    let closed: BTreeMap<u32, SegmentEntry> = source
+        .manifest()
+        .segments
+        .iter()
+        .filter(|entry| entry.state == SegmentState::Closed)
+        .map(|entry| (entry.number, entry.clone()))
+        .collect();
+    let mut copy = Copy::in_place(&source, &*storage);
+    let mut written = Vec::new();
+    for number in source.segment_numbers() {
+        match closed.get(&number) {
+            Some(entry) => copy.keep(entry.clone())?,
+            None => {
+                // What an earlier try left.
+                let _ = storage.remove(&copy.path(number));
+                copy.segment(number)?;
+                written.push(number);
+            }
+        }
+    }
+    copy.end_segment().map_err(RecoverError::Write)?;
+    for number in written {
+        storage
+            .rename(&copy.path(number), &layout::segment(number))
+            .map_err(RecoverError::Write)?;
+    }
+    copy.finish(&report)?;
+    Ok(Some(report))
+}
+
 /// Whether the copy has a fault that the source did not have: what was recorded wrongly (a number
 /// twice, an undecodable message) with a checksum that holds is copied as it is.
 fn has_new_faults(source: &Report, copy: &Report) -> bool {
@@ -96,6 +148,8 @@ struct Copy<'a> {
     source: &'a SessionReader,
     target: &'a dyn Storage,
     manifest: Manifest,
+    /// Appended to the segments' names.
+    suffix: &'static str,
     /// Bytes of the last segment in the source and in the copy, to see whether heads still hold.
     copied_bytes: u64,
     /// The newest message of every stream that holds state, for segments whose head is gone.
@@ -116,6 +170,7 @@ impl<'a> Copy<'a> {
         let mut copy = Self {
             source,
             target,
+            suffix: "",
             copied_bytes: 0,
             states: BTreeMap::new(),
             open: None,
@@ -124,6 +179,38 @@ impl<'a> Copy<'a> {
         };
         copy.rig().map_err(RecoverError::Write)?;
         Ok(copy)
+    }
+
+    /// Segments go beside those of the source; everything else stays.
+    fn in_place(source: &'a SessionReader, storage: &'a dyn Storage) -> Self {
+        let manifest = Manifest {
+            state: State::Recovered,
+            segments: Vec::new(),
+            ..source.manifest().clone()
+        };
+        Self {
+            source,
+            target: storage,
+            suffix: ".closing",
+            copied_bytes: 0,
+            states: BTreeMap::new(),
+            open: None,
+            newest: manifest.started,
+            manifest,
+        }
+    }
+
+    fn path(&self, number: u32) -> String {
+        layout::segment(number) + self.suffix
+    }
+
+    /// A segment that stays as it is.
+    fn keep(&mut self, entry: SegmentEntry) -> Result<(), RecoverError> {
+        self.end_segment().map_err(RecoverError::Write)?;
+        self.copied_bytes = entry.bytes;
+        self.newest = self.newest.max(entry.end.unwrap_or(self.newest));
+        self.manifest.segments.push(entry);
+        Ok(())
     }
 
     /// Copies the rig's files; one that is missing or altered is left out, and its entry with it.
@@ -151,7 +238,10 @@ impl<'a> Copy<'a> {
             Err(ReadError::Io { error, .. }) if error.kind() == io::ErrorKind::NotFound => None,
             Err(e) => return Err(e.into()),
         };
-        let mut file = self.target.create(&path).map_err(RecoverError::Write)?;
+        let mut file = self
+            .target
+            .create(&self.path(number))
+            .map_err(RecoverError::Write)?;
         let (mut encoder, start) = SegmentEncoder::start(PROFILE, LIBRARY);
         file.append(&start).map_err(RecoverError::Write)?;
         let mut at_start = true;

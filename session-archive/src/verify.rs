@@ -16,7 +16,7 @@ use crate::record::{
     CameraCalibration, ClockMap, CompressedVideo, Event, Frame, FrameSet, FrameTransforms, Gap,
     Health, ImuBatch, Record, Segment,
 };
-use crate::scan::{Damage, End};
+use crate::scan::{Damage, DamageKind, End};
 use crate::storage::{self, Storage};
 use crate::time::HostTime;
 
@@ -111,6 +111,17 @@ pub struct Report {
 }
 
 impl Report {
+    /// Whether only the end is missing, as after a power cut: nothing else is wrong with it.
+    pub fn is_only_cut_off(&self) -> bool {
+        let last = self.damage.iter().map(|d| d.segment).max();
+        let mut closed = self.clone();
+        closed.closed = true;
+        closed
+            .damage
+            .retain(|d| d.damage.kind != DamageKind::CutOff || Some(d.segment) != last);
+        !self.closed && closed.is_sound()
+    }
+
     /// Whether everything that was recorded is there and accounted for. Loss that the recorder
     /// noted does not make a session unsound; an unclosed one is not sound.
     pub fn is_sound(&self) -> bool {

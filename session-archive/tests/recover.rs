@@ -14,7 +14,7 @@ use session_archive::reader::{Entry, Message, ReadError, SessionReader};
 use session_archive::record::{
     ClockMap, Frame, Gap, ImuBatch, Protobuf, Record as _, paws::gap::Cause,
 };
-use session_archive::recover::{Recovered, recover};
+use session_archive::recover::{RecoverError, Recovered, close_cut_off, recover};
 use session_archive::scan::DamageKind;
 use session_archive::storage::{CrashKind, Fault, FaultKind, FaultStorage, Operation};
 use session_archive::time::HostTime;
@@ -68,6 +68,86 @@ fn held(disk: &FaultStorage, samples: &[Sample]) -> Vec<Sample> {
         found.iter().any(|m| expected[0].is(m))
     };
     samples.iter().filter(is_there).cloned().collect()
+}
+
+/// A disk with these files, which fails like this.
+fn disk_with(files: &BTreeMap<String, Vec<u8>>, fault: Option<Fault>) -> FaultStorage {
+    let disk = FaultStorage::with_faults(fault);
+    for (path, content) in files {
+        disk.set_content(path, content.clone());
+    }
+    disk
+}
+
+/// Closed in place it is what recovery makes beside it, also if the closing is cut off itself, at any point, and done again.
+#[test]
+fn closing_in_place_is_recovery_and_can_be_cut_off_anywhere() {
+    let samples = samples(3.0);
+    let log = clean(&samples).log();
+    let appends = (0..)
+        .zip(&log)
+        .filter_map(|(at, operation)| match operation {
+            Operation::Append(n) => Some((at, n / 2)),
+            _ => None,
+        });
+    let mut cuts = 0;
+    for (at, keep) in appends {
+        let kind = FaultKind::PowerCut;
+        let disk = FaultStorage::with_fault(Fault { at, kind, keep });
+        record(Arc::new(disk.clone()), &samples, UNIT).expect_err("cut");
+        let cut = disk.crash(CrashKind::ProcessKilled);
+        if SessionReader::open(Arc::new(cut.clone())).is_err() {
+            continue;
+        }
+        let cut = files(&cut);
+        let closed = disk_with(&cut, None);
+        close_cut_off(Arc::new(closed.clone()))
+            .expect("closing")
+            .expect("it was open");
+        let (_, beside) = recovered(&disk_with(&cut, None));
+        assert!(files(&closed) == files(&beside), "cut at {at}");
+        assert!(
+            close_cut_off(Arc::new(closed.clone()))
+                .expect("again")
+                .is_none(),
+            "it is closed"
+        );
+        for step in 0.. {
+            let disk = disk_with(
+                &cut,
+                Some(Fault {
+                    at: step,
+                    kind,
+                    keep: 3,
+                }),
+            );
+            if close_cut_off(Arc::new(disk.clone())).is_ok() {
+                break;
+            }
+            let again = disk.crash(CrashKind::ProcessKilled);
+            close_cut_off(Arc::new(again.clone())).expect("closing again");
+            assert!(files(&again) == files(&closed), "cut at {at}, then {step}");
+        }
+        cuts += 1;
+    }
+    assert!(cuts > 5, "{cuts}");
+}
+
+#[test]
+fn what_is_damaged_is_not_closed_in_place() {
+    let disk = clean(&samples(2.0));
+    let path = layout::segment(0);
+    let mut content = disk.content(&path).expect("segment");
+    let middle = content.len() / 2;
+    content[middle] ^= 1;
+    disk.set_content(&path, content);
+    let mut manifest = open(&disk).manifest().clone();
+    manifest.state = State::Recording;
+    disk.set_content(layout::MANIFEST, manifest.to_bytes());
+    let before = files(&disk);
+    let error = close_cut_off(Arc::new(disk.clone())).expect_err("damaged");
+    assert!(matches!(error, RecoverError::Damaged(_)), "{error}");
+    assert!(files(&disk) == before, "it was touched");
 }
 
 /// Cut off at any chunk, with any part of the next behind it: what recovery makes is byte for

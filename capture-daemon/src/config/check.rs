@@ -77,13 +77,22 @@ pub fn check(config: &Config) -> Vec<Finding> {
         report.about = format!("camera {}", camera.name);
         cameras.extend(source(camera, rig.as_ref(), &mut walks, &mut report));
     }
-    report.about = "usb".to_owned();
-    for (level, message) in device::usb_budget(config) {
-        report.add(level, message);
-    }
+    report.findings.extend(usb_budget(config));
     report.about = "encoder".to_owned();
     encoders(config, &cameras, &mut report);
     report.findings
+}
+
+/// Whether the cameras of a configuration, as far as they are plugged in, fit on their USB controllers.
+pub fn usb_budget(config: &Config) -> Vec<Finding> {
+    let findings = device::usb_budget(config).into_iter();
+    findings
+        .map(|(level, message)| Finding {
+            level,
+            about: "usb".to_owned(),
+            message,
+        })
+        .collect()
 }
 
 #[derive(Default)]

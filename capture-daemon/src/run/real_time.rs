@@ -19,6 +19,7 @@ use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, NS_PER_S};
 
 use super::build::{Built, build};
+use super::leftovers;
 use super::operator::Operator;
 use super::page;
 use super::store::FolderStore;
@@ -31,9 +32,10 @@ use crate::hub::{Hub, Out, Outgoing, TICK_NS};
 use crate::notify::Notify;
 use crate::preview::{Newest, Previews};
 use crate::queue::{Popped, Queue};
-use crate::recorder::{OnProgress, Recorder};
+use crate::recorder::{OnProgress, RECOVERY, Recorder};
 use crate::sources::{AnySource, RawFrame, Sample, Sink, Source, SourceError};
 use crate::status::{Progress, Request, Response, State, Status};
+use crate::urgent;
 
 /// Raw frames waiting for the hub.
 const INBOX_BYTES: usize = 128 << 20;
@@ -292,7 +294,10 @@ fn pump(i: usize, source: AnySource, shared: &Shared) {
     let inlet = Inlet { source: i, shared };
     let ended = match source {
         AnySource::Scheduled(source) => replay(source, &inlet),
-        AnySource::Live(source) => source.run(&inlet),
+        AnySource::Live(source) => {
+            urgent::this_thread();
+            source.run(&inlet)
+        }
     };
     let failure = ended.err().map(|error| with_causes(&error));
     let _ = shared.inbox.push_reserved(In::Ended(i, failure), 0);
@@ -553,6 +558,8 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         Progress::Durable { .. } | Progress::Alarm { .. } => {}
     });
     let out_folder = out.clone();
+    // Before the first press could begin a new one.
+    let cut_off = leftovers::find(&out);
     let running = Running::start(
         |start| build(config, start),
         out,
@@ -570,12 +577,26 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
             config.control.socket.display()
         )
     })?;
+    if !cut_off.is_empty() {
+        let shared = running.shared.clone();
+        let tell = move |text: String| {
+            let alarm = Outgoing::Alarm {
+                at: shared.clock.now(),
+                text,
+                stream: RECOVERY.to_owned(),
+                active: true,
+            };
+            let _ = shared.outbox.push_reserved(ToRecorder::Item(alarm), 0);
+        };
+        leftovers::close(cut_off, tell).context("looking after earlier recordings")?;
+    }
     let operator = Operator::start(&config.operator, &running.shared)?;
     let page = config
         .page
         .as_ref()
         .map(|page| page::serve(page, &out_folder, &running))
         .transpose()?;
+    urgent::lock_memory();
     let notify = Notify::from_env();
     notify.ready();
     let shared = running.shared.clone();

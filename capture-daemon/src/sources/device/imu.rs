@@ -11,6 +11,7 @@ use super::{Ties, lock, tell_gone, wait};
 use crate::causes::with_causes;
 use crate::config::ZedImuConfig;
 use crate::sources::{ImuValues, Notice, Part, RawImu, Sample, Sink};
+use crate::urgent;
 
 /// Longest wait before the end is looked for, ns.
 const PATIENCE_NS: i64 = 100_000_000;
@@ -21,6 +22,7 @@ const TELL_NS: i64 = NS_PER_S;
 
 /// Delivers samples until the sink says that it is to end.
 pub(in crate::sources) fn run(config: &ZedImuConfig, ties: &Mutex<Ties>, sink: &dyn Sink) {
+    urgent::this_thread();
     let port = HidPort {
         model: None,
         serial: config.serial.clone(),

@@ -1,0 +1,139 @@
+//! Recordings that were cut off, by a power cut or a crash: found when the daemon starts, and closed.
+//!
+//! Contract: what is in such a session stays as it is; only what a clean end would have added is
+//! added ([`close_cut_off`]). A session that is damaged otherwise is left alone and told. The work is done beside the recorder, at
+//! the lowest priority, and never on the session that is being recorded.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use session_archive::recover::{RecoverError, close_cut_off};
+use session_archive::storage::DiskStorage;
+use session_archive::time::NS_PER_S;
+use session_archive::verify::Report;
+use session_archive::{layout, manifest::Manifest, manifest::State};
+
+use crate::causes::with_causes;
+
+/// How much less urgent than everything else (nice).
+const NICE: i32 = 19;
+
+/// The sessions in `folder` that were never closed. To be asked before a session is begun there.
+pub(super) fn find(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let is_open = |path: &PathBuf| {
+        std::fs::read(path.join(layout::MANIFEST))
+            .ok()
+            .and_then(|bytes| Manifest::from_bytes(&bytes).ok())
+            .is_some_and(|manifest| manifest.state == State::Recording)
+    };
+    let mut found: Vec<PathBuf> = entries.map(|e| e.path()).filter(is_open).collect();
+    found.sort();
+    found
+}
+
+/// Closes them one after another on a thread of its own; what is to be told of each.
+///
+/// # Errors
+/// The system has no thread left.
+pub(super) fn close(
+    sessions: Vec<PathBuf>,
+    tell: impl Fn(String) + Send + 'static,
+) -> std::io::Result<()> {
+    let work = move || {
+        // Of this thread alone, as Linux counts threads.
+        let _ = rustix::process::nice(NICE);
+        for session in sessions {
+            tell(close_one(&session));
+        }
+    };
+    std::thread::Builder::new()
+        .name("leftovers".to_owned())
+        .spawn(work)
+        .map(|_| ())
+}
+
+fn close_one(session: &Path) -> String {
+    let path = session.display();
+    match close_cut_off(Arc::new(DiskStorage::new(session.to_owned()))) {
+        Ok(Some(report)) => format!(
+            "an earlier recording was cut off; the {:.1} s that were safe are closed: {path}",
+            seconds(&report)
+        ),
+        Ok(None) => format!("an earlier recording was closed meanwhile: {path}"),
+        Err(error @ RecoverError::Damaged(_)) => {
+            format!("an earlier recording was cut off and cannot be closed here: {error}: {path}")
+        }
+        Err(error) => format!(
+            "an earlier recording was cut off and could not be closed: {}: {path}",
+            with_causes(&error)
+        ),
+    }
+}
+
+/// From the first sample to the last.
+fn seconds(report: &Report) -> f64 {
+    let streams = || report.streams.values().filter(|s| s.samples > 0);
+    let start = streams().map(|s| s.start).min();
+    let end = streams().map(|s| s.end).max();
+    match (start, end) {
+        (Some(start), Some(end)) => end.since(start) as f64 / NS_PER_S as f64,
+        _ => 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::sync_channel;
+    use std::time::Duration;
+
+    use super::*;
+    use crate::config::Config;
+    use crate::run::{RecordOptions, StopFlag, record};
+
+    #[test]
+    fn a_session_that_was_never_closed_is_closed() {
+        let folder = tempfile::tempdir().expect("folder");
+        let text = "disk.reserve_gb = 0\nencoder.element = \"x264enc\"\n[[camera]]\nname = \"feet\"\n\
+                    source = { kind = \"synthetic\", width = 128, height = 64, rate_hz = 20, imu_rate_hz = 0 }\n";
+        let config = Config::parse(text, folder.path()).expect("configuration");
+        let options = RecordOptions {
+            seconds: 2.0,
+            virtual_time: true,
+            name: String::new(),
+            out: folder.path().to_owned(),
+        };
+        let done =
+            record(&config, &options, &StopFlag::new(), Box::new(|_| {})).expect("recording");
+        assert!(find(folder.path()).is_empty());
+        // As it was before it ended: the manifest says so, and the summary is not there yet.
+        let path = done.session.join(layout::MANIFEST);
+        let mut manifest =
+            Manifest::from_bytes(&std::fs::read(&path).expect("manifest")).expect("manifest");
+        manifest.state = State::Recording;
+        manifest.stopped = None;
+        manifest.extents.clear();
+        for segment in &mut manifest.segments {
+            segment.state = session_archive::manifest::SegmentState::Open;
+        }
+        std::fs::write(&path, manifest.to_bytes()).expect("manifest");
+        let segment = done.session.join(layout::segment(0));
+        let length = std::fs::metadata(&segment).expect("segment").len();
+        let file = std::fs::OpenOptions::new()
+            .write(true)
+            .open(&segment)
+            .expect("segment");
+        file.set_len(length * 3 / 4).expect("cut");
+
+        let found = find(folder.path());
+        assert_eq!(found, [done.session]);
+        let (told, text) = sync_channel(4);
+        close(found, move |text| told.send(text).expect("told")).expect("thread");
+        let text = text.recv_timeout(Duration::from_secs(60)).expect("told");
+        assert!(
+            text.starts_with("an earlier recording was cut off; the 1."),
+            "{text}"
+        );
+        assert!(find(folder.path()).is_empty());
+    }
+}
