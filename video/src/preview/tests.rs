@@ -66,6 +66,18 @@ fn frames_become_jpegs_at_a_low_rate() {
 }
 
 #[test]
+fn a_frozen_camera_shows() {
+    let preview = Preview::start(&SETTINGS, frame(0).format()).unwrap();
+    let jpeg = |time_ns: i64, number: u64| {
+        assert!(preview.offer(time_ns, &frame(number)));
+        wait(&preview).data
+    };
+    let (first, again) = (jpeg(0, 90), jpeg(200_000_000, 90));
+    assert_eq!(first, again);
+    assert_ne!(first, jpeg(400_000_000, 91));
+}
+
+#[test]
 fn a_preview_that_is_stuck_takes_nothing_and_holds_nobody_up() {
     let preview = Preview::start(&SETTINGS, frame(0).format()).unwrap();
     // The pipeline stands still while this lock is held.
