@@ -31,6 +31,11 @@ pub struct V4l2Config {
 pub enum DeviceChoice {
     /// By its node.
     Path(PathBuf),
+    /// A ZED over USB.
+    Zed {
+        /// Serial number; none takes the only one there is.
+        serial: Option<String>,
+    },
     /// By what it says on the bus.
     Usb {
         /// Vendor.
@@ -92,11 +97,6 @@ pub struct GstreamerConfig {
     pub imu: Option<ZedImuConfig>,
 }
 
-/// USB vendor of Stereolabs.
-const STEREOLABS: u16 = 0x2b03;
-/// Video side of the ZED Mini, with firmware that is not too old to be used.
-const ZED_MINI_VIDEO: u16 = 0xf682;
-
 pub(super) fn v4l2(section: &mut Section<'_>, folder: &Path) -> Option<V4l2Config> {
     let device = device(section, folder);
     let formats = [
@@ -116,44 +116,43 @@ pub(super) fn v4l2(section: &mut Section<'_>, folder: &Path) -> Option<V4l2Confi
     })
 }
 
-/// Sizes and rates of the ZED Mini (Stereolabs' zed-open-capture, `videocapture_def.hpp`): name, width of
-/// both eyes, height, highest rate.
-const ZED_MODES: [(&str, (u32, u32, f64)); 4] = [
-    ("HD720", (2560, 720, 60.0)),
-    ("VGA", (1344, 376, 100.0)),
-    ("HD1080", (3840, 1080, 30.0)),
-    ("HD2K", (4416, 1242, 15.0)),
-];
-/// The rates that its modes have, as far as each reaches.
-const ZED_RATES: [f64; 4] = [15.0, 30.0, 60.0, 100.0];
-
 /// A ZED Mini is a video device and a microcontroller with the IMU.
 pub(super) fn zed(section: &mut Section<'_>) -> Option<V4l2Config> {
     let serial = section
         .integer("serial", 1..=99_999_999)
         .map(|serial| serial.to_string());
-    let (width, height, fastest) = one_of(section, "mode", &ZED_MODES);
+    let mut modes: Vec<(&str, zed::camera::Mode)> = zed::camera::MODES
+        .iter()
+        .map(|mode| (mode.name, *mode))
+        .collect();
+    // The one that is meant where none is named comes first.
+    modes.sort_by_key(|(name, _)| *name != "HD720");
+    let mode = one_of(section, "mode", &modes);
+    let fastest = mode
+        .rates_hz
+        .iter()
+        .max()
+        .map_or(0.0, |rate| f64::from(*rate));
     let rate_hz = section
         .number("rate_hz", 1.0..=100.0)
         .unwrap_or(fastest.min(30.0));
-    if !ZED_RATES.contains(&rate_hz) || rate_hz > fastest {
+    if !mode.rates_hz.iter().any(|rate| f64::from(*rate) == rate_hz) {
+        let rates: Vec<String> = mode.rates_hz.iter().map(ToString::to_string).collect();
         section.refuse(
             "rate_hz",
             format_args!(
-                "is {rate_hz}, expected one of 15, 30, 60, 100 and for this mode at most {fastest}"
+                "is {rate_hz}, expected one of {} in this mode",
+                rates.join(", ")
             ),
         );
     }
     let imu_rate_hz = imu_rate(section);
     Some(V4l2Config {
-        device: DeviceChoice::Usb {
-            vendor: STEREOLABS,
-            product: ZED_MINI_VIDEO,
-            // The video side has no serial number of its own on the bus.
-            serial: None,
+        device: DeviceChoice::Zed {
+            serial: serial.clone(),
         },
-        width,
-        height,
+        width: mode.width,
+        height: mode.height,
         rate_hz,
         format: PixelLayout::Yuyv,
         buffers: buffers(section),

@@ -659,7 +659,7 @@ fn cameras_that_are_devices() {
     );
     check(
         "kind = \"zed\"\nmode = \"HD2K\"\nrate_hz = 30",
-        "line 6: rate_hz in [camera.source] is 30, expected one of 15",
+        "line 6: rate_hz in [camera.source] is 30, expected one of 15 in this mode",
     );
     check(
         "kind = \"v4l2\"\ndevice = \"/dev/video0\"\ncontrols = { gain = \"high\" }",

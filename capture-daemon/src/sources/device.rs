@@ -24,6 +24,7 @@ use crate::config::{DeviceChoice, PixelLayout, V4l2Config};
 pub(crate) mod camera;
 pub(super) mod imu;
 mod tie;
+mod zed_camera;
 
 pub(super) use tie::Ties;
 
@@ -116,6 +117,10 @@ pub(super) fn imu_info(rate_hz: f64) -> ImuInfo {
 fn describe(config: &V4l2Config) -> String {
     let what = match &config.device {
         DeviceChoice::Path(path) => path.display().to_string(),
+        DeviceChoice::Zed { serial } => match serial {
+            Some(serial) => format!("ZED {serial}"),
+            None => "ZED".to_owned(),
+        },
         DeviceChoice::Usb {
             vendor,
             product,
@@ -126,6 +131,7 @@ fn describe(config: &V4l2Config) -> String {
         }
     };
     match config.imu.as_ref().map(|imu| &imu.serial) {
+        _ if matches!(config.device, DeviceChoice::Zed { .. }) => what,
         Some(Some(serial)) => format!("{what} with ZED IMU {serial}"),
         Some(None) => format!("{what} with ZED IMU"),
         None => what,

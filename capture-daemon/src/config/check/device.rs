@@ -13,7 +13,7 @@ use crate::sources::device::camera::{find_node, interval, key};
 /// What is found of a camera and its IMU.
 pub(super) fn look(config: &V4l2Config) -> Vec<(Level, String)> {
     let mut findings = Vec::new();
-    match find_node(&config.device) {
+    match find_node(&config.device, None) {
         Err(error) => findings.push((
             Level::Warning,
             format!("{}; it will be waited for", with_causes(&error)),
@@ -112,7 +112,7 @@ pub(crate) fn demands(config: &Config) -> Vec<Demand> {
         let SourceConfig::V4l2(config) = &camera.source else {
             return None;
         };
-        let path = find_node(&config.device).ok()?;
+        let path = find_node(&config.device, None).ok()?;
         let path = path.canonicalize().ok()?;
         let device = nodes.iter().find(|node| node.path == path)?.usb.clone()?;
         let mode = mode(config);

@@ -12,6 +12,7 @@ use v4l2::{Camera, CameraError, Fourcc, Interval, Mode, Next, Stream};
 use video::picture::{grey_to_i420, nv12_to_i420, yuyv_to_i420};
 use video::{Picture, PictureError, PixelFormat};
 
+use super::zed_camera::{self, FindZedError};
 use super::{PATIENCE, Ties, lock, tell_gone, wait};
 use crate::causes::with_causes;
 use crate::config::{DeviceChoice, PixelLayout, V4l2Config};
@@ -62,6 +63,8 @@ pub(super) fn run(
 pub(crate) enum StartError {
     #[error(transparent)]
     Find(#[from] FindError),
+    #[error(transparent)]
+    FindZed(#[from] FindZedError),
     #[error("looking for cameras")]
     List(#[from] std::io::Error),
     #[error(transparent)]
@@ -78,10 +81,16 @@ impl StartError {
     }
 }
 
-/// The node that is meant.
-pub(crate) fn find_node(choice: &DeviceChoice) -> Result<PathBuf, StartError> {
+/// The node that is meant. Without a sink no camera is asked for its number.
+pub(crate) fn find_node(
+    choice: &DeviceChoice,
+    sink: Option<&dyn Sink>,
+) -> Result<PathBuf, StartError> {
     let (vendor, product, serial) = match choice {
         DeviceChoice::Path(path) => return Ok(path.clone()),
+        DeviceChoice::Zed { serial } => {
+            return zed_camera::find_plugged(serial.as_deref(), sink);
+        }
         DeviceChoice::Usb {
             vendor,
             product,
@@ -98,15 +107,26 @@ pub(crate) fn find_node(choice: &DeviceChoice) -> Result<PathBuf, StartError> {
 }
 
 fn start(config: &V4l2Config, sink: &dyn Sink) -> Result<Stream, StartError> {
-    let camera = Camera::open(&find_node(&config.device)?)?;
+    let camera = Camera::open(&find_node(&config.device, Some(sink))?)?;
     camera.set_mode(&Mode {
         fourcc: Fourcc(config.format.fourcc()),
         width: config.width,
         height: config.height,
         interval: interval(config.rate_hz),
     })?;
+    let is_zed = matches!(config.device, DeviceChoice::Zed { .. });
+    if is_zed {
+        for text in zed_camera::prepare(&camera, sink)? {
+            notice(sink, text);
+        }
+    }
     set_controls(&camera, &config.controls, sink)?;
     let stream = Stream::start(&camera, config.buffers)?;
+    if is_zed && config.imu.is_some() {
+        if let Some(text) = zed_camera::tie(&camera, sink) {
+            notice(sink, text);
+        }
+    }
     if stream.buffers() < config.buffers as usize {
         notice(
             sink,
