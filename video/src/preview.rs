@@ -4,9 +4,10 @@
 //! wanted rate at most and only if nothing is inside, so a preview holds one of the camera's
 //! buffers at a time; everything else it lets go by. It has a pipeline of its own, so that what
 //! fails in it (no `jpegenc`, a converter that gives up) ends the preview and nothing else. Of
-//! pictures that nobody takes only the newest is kept. Equal frames give equal files, so a camera that
-//! is frozen shows here even where its frames cannot be looked at. The way from a Jetson's device memory
-//! (`nvvidconv`) has never been run on hardware by this project.
+//! pictures that nobody takes only the newest is kept. Equal frames give equal files, so a frozen
+//! camera shows here even where its frames cannot be looked at (and so does a scene in which less
+//! moves than the JPEG keeps). The way from a Jetson's device memory (`nvvidconv`) has never been
+//! run on hardware by this project.
 
 use std::sync::{Arc, Mutex};
 
