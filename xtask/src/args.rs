@@ -21,7 +21,7 @@ cargo xtask VERB: set-up and developer verbs
         Format check, clippy, tests, documentation, cargo deny. --quick: format check, clippy
         and the unit tests only.
   bench NAME [--no-install] [ARGS...]
-        Run a benchmark (archive, sync, encode, import, soak, kills, power_cuts, sim, sim_pictures, calib,
+        Run a benchmark (archive, sync, frame_sync, encode, import, soak, kills, power_cuts, sim, sim_pictures, calib,
         camera_imu, rectify, calib_verify, or all) in release mode;
         results go to docs/benchmarks. ARGS are handed to the benchmark.
   vm-test [--no-install] [--quick] [--qemu] [--cached] [NAMES...]
@@ -46,9 +46,10 @@ Exit code: 0 fine, 1 failed, 2 bad arguments.
 ";
 
 /// The benchmarks, in the order in which `bench all` runs them.
-pub(crate) const BENCHMARKS: [&str; 13] = [
+pub(crate) const BENCHMARKS: [&str; 14] = [
     "archive",
     "sync",
+    "frame_sync",
     "encode",
     "import",
     "soak",
