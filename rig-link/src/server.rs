@@ -8,7 +8,8 @@
 //! and the others are served as before. A fault in one request ends that request. Dropping the server
 //! ends it at once; what it was sending is cut off.
 //!
-//! Which requests there are: [`route`]. Who may ask: [`guard`]. What a session's files are: [`crate::store`].
+//! Which requests there are: `server/route.rs`. Who may ask: `server/guard.rs`. What a session's files are:
+//! [`crate::store`].
 
 mod actions;
 mod answer;

@@ -155,9 +155,9 @@ fn carry(mut client: TcpStream, to: SocketAddr, cut: usize, spoil: usize) {
     let (mut block, mut at) = ([0; 10_000], 0);
     while let Ok(n) = server.read(&mut block) {
         let n = n.min(cut - at);
-        for i in 0..n {
+        for (i, byte) in block[..n].iter_mut().enumerate() {
             if (at + i + 1) % spoil == 0 {
-                block[i] ^= 1;
+                *byte ^= 1;
             }
         }
         at += n;
@@ -184,15 +184,21 @@ fn sessions_are_pulled_received_and_freed() {
     rig.assert_pulled("walk-1", ID);
     rig.assert_pulled("run-1", OTHER);
 
-    // Again: nothing is fetched. Then the rig may free them, one by one.
+    // Again: nothing is fetched. Then the rig may free them, one by one, even if it was started anew and
+    // knows no hashes any more.
     let sessions = tree(&rig.library().join("sessions"));
     let (outcome, text) = rig.pull(&rig.options());
     assert_eq!(outcome, Outcome::Fine);
     assert_eq!(text.matches("imported already").count(), 2, "{text}");
+    let settings = Settings {
+        bind: "127.0.0.1:0".parse().unwrap(),
+        ..Settings::default()
+    };
+    let again = serve(settings, rig.rig.clone()).unwrap();
     let free = Options {
         free: true,
         sessions: vec!["walk".to_owned()],
-        ..rig.options()
+        ..options(again.address())
     };
     let (outcome, text) = rig.pull(&free);
     assert_eq!(outcome, Outcome::Fine);
@@ -500,4 +506,11 @@ fn over_tls_the_rig_is_known_by_its_fingerprint() {
         0,
         "freed on the rig",
     );
+}
+
+#[test]
+fn what_a_host_makes_is_the_same_on_both_ends() {
+    for name in collector::library::DERIVED {
+        assert!(rig_link::link::DERIVED.contains(&name), "{name}");
+    }
 }

@@ -380,7 +380,7 @@ fn every_answer_has_the_headers_that_keep_browsers_in_check() {
 #[test]
 fn without_the_token_there_is_the_page_and_nothing_else() {
     let limits = Limits {
-        wrong_token_pause: Duration::from_millis(300),
+        wrong_token_pause: Duration::from_secs(3),
         ..Limits::default()
     };
     let setup = start(Options {
@@ -444,14 +444,14 @@ fn without_the_token_there_is_the_page_and_nothing_else() {
     assert_eq!(status(&login("wrong-wrong-wrong-wrong")), 401);
     let answer = login(TOKEN);
     assert_eq!(status(&answer), 429, "{answer}");
-    assert!(answer.to_lowercase().contains("retry-after: 1"), "{answer}");
+    assert!(answer.to_lowercase().contains("retry-after: "), "{answer}");
     assert_eq!(
         status(&setup.request("GET /api/status", &bearer(TOKEN), "")),
         429
     );
     // Who has the cookie is not disturbed.
     assert_eq!(status(&setup.request("GET /api/status", &cookie, "")), 200);
-    std::thread::sleep(Duration::from_millis(350));
+    std::thread::sleep(Duration::from_millis(3050));
     assert_eq!(
         status(&setup.request("GET /api/status", &bearer(TOKEN), "")),
         200
@@ -488,7 +488,7 @@ fn guessing_tokens_gets_slower_and_slower() {
 #[test]
 fn too_many_requests_are_refused_and_then_served_again() {
     let limits = Limits {
-        requests_per_s: 10,
+        requests_per_s: 2,
         request_burst: 20,
         ..Limits::default()
     };
@@ -499,8 +499,7 @@ fn too_many_requests_are_refused_and_then_served_again() {
     let statuses: Vec<u16> = (0..60).map(|_| status(&setup.get("/"))).collect();
     assert!(statuses[..20].iter().all(|s| *s == 200), "{statuses:?}");
     assert!(statuses.contains(&429), "{statuses:?}");
-    std::thread::sleep(Duration::from_millis(300));
-    setup.is_well();
+    eventually(|| status(&setup.get("/")) == 200);
 }
 
 #[test]
@@ -766,4 +765,71 @@ fn who_speaks_no_tls_to_a_tls_server_gets_nothing() {
         );
     }
     assert_eq!(setup.client().sessions().unwrap().len(), 2);
+}
+
+#[test]
+fn requests_with_random_mistakes_harm_nobody() {
+    let limits = Limits {
+        requests_per_s: 10_000,
+        request_burst: 10_000,
+        ..Limits::default()
+    };
+    let setup = start(Options {
+        limits,
+        ..Options::default()
+    });
+    let host = setup.server.address();
+    let seeds = [
+        format!(
+            "GET /api/sessions/walk-1/files/rig/rig.toml HTTP/1.1\r\nHost: {host}\r\nRange: bytes=1-5\r\nConnection: close\r\n\r\n"
+        ),
+        format!(
+            "GET /api/preview/1?have=3 HTTP/1.1\r\nHost: {host}\r\nCookie: rig=1; a=b\r\nConnection: close\r\n\r\n"
+        ),
+        format!(
+            "POST /api/act HTTP/1.1\r\nHost: {host}\r\nX-Rig-Link: 1\r\nContent-Type: application/json\r\nContent-Length: 26\r\n\r\n{{\"do\":\"mark\",\"text\":\"abc\"}}"
+        ),
+        format!(
+            "POST /api/login HTTP/1.1\r\nHost: {host}\r\nX-Rig-Link: 1\r\nContent-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n5\r\n{{\"tok\r\n9\r\nen\":\"x\"}}  \r\n0\r\n\r\n"
+        ),
+    ];
+    let mut random = 0x2545_F491_4F6C_DD1D_u64;
+    let mut next = |below: usize| {
+        random ^= random << 13;
+        random ^= random >> 7;
+        random ^= random << 17;
+        (random % below as u64) as usize
+    };
+    for round in 0..1500 {
+        let mut bytes = seeds[round % seeds.len()].clone().into_bytes();
+        for _ in 0..1 + next(4) {
+            let at = next(bytes.len());
+            match next(5) {
+                0 => bytes[at] = next(256) as u8,
+                1 if bytes.len() > 1 => _ = bytes.remove(at),
+                1 => {}
+                2 => bytes.insert(at, next(256) as u8),
+                3 => bytes.truncate(at.max(1)),
+                _ => {
+                    let piece: Vec<u8> = bytes[at..].iter().copied().take(1 + next(40)).collect();
+                    let to = next(bytes.len());
+                    bytes.splice(to..to, piece);
+                }
+            }
+        }
+        let mut stream = TcpStream::connect(host).unwrap();
+        stream
+            .set_read_timeout(Some(Duration::from_secs(20)))
+            .unwrap();
+        let _ = stream.write_all(&bytes);
+        let _ = stream.shutdown(std::net::Shutdown::Write);
+        let answer = String::from_utf8_lossy(&read(&mut stream)).into_owned();
+        let known = [
+            0, 200, 204, 206, 400, 401, 403, 404, 405, 409, 414, 416, 431, 501, 505,
+        ];
+        let sent = String::from_utf8_lossy(&bytes);
+        assert!(known.contains(&status(&answer)), "{sent:?}: {answer}");
+        assert!(!answer.contains("the secret"), "{sent:?}: {answer}");
+    }
+    setup.is_well();
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use rig_link::fake::Scene;
 use rig_link::rig::Action;
-use rig_link::server::{Settings, serve};
+use rig_link::server::{Limits, Settings, serve};
 use serde_json::json;
 
 use crate::browser::Browser;
@@ -255,6 +255,10 @@ fn it_asks_for_the_token() {
     };
     let setup = start(Options {
         token: true,
+        limits: Limits {
+            wrong_token_pause: Duration::from_secs(4),
+            ..Limits::default()
+        },
         ..Options::default()
     });
     browser.open(&setup.server.url());
@@ -273,7 +277,7 @@ fn it_asks_for_the_token() {
     picture(&mut browser, "login");
     enter(&mut browser, TOKEN);
     browser.until("document.getElementById('login-error').innerText.startsWith('too often')");
-    std::thread::sleep(Duration::from_millis(1100));
+    std::thread::sleep(Duration::from_millis(4100));
     enter(&mut browser, TOKEN);
     browser
         .until("document.body.dataset.state === 'armed' && !document.getElementById('login').open");
