@@ -9,6 +9,7 @@ mod calib;
 mod calib_verify;
 mod camera_imu;
 mod encode;
+mod frame_sync;
 mod import;
 mod kills;
 mod load;
@@ -51,6 +52,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("calib_verify", calib_verify::run),
     ("camera_imu", camera_imu::run),
     ("encode", encode::run),
+    ("frame_sync", frame_sync::run),
     ("import", import::run),
     ("kills", kills::run),
     ("rectify", rectify::run),
