@@ -19,6 +19,10 @@ struct Bench {
 
 /// A hub for one camera at 20 Hz with an IMU at 200 Hz.
 fn bench() -> Bench {
+    bench_with(None)
+}
+
+fn bench_with(stamped: Option<Stamped>) -> Bench {
     let seen: Arc<Mutex<Vec<Outgoing>>> = Arc::default();
     let into = seen.clone();
     let out: Out = Arc::new(move |item| into.lock().expect("seen").push(item));
@@ -29,7 +33,7 @@ fn bench() -> Bench {
         clock,
         number_bits: None,
         still: true,
-        stamped: None,
+        stamped,
         encoder: EncoderSettings {
             element: "x264enc".to_owned(),
             width: 64,
@@ -61,11 +65,15 @@ fn bench() -> Bench {
 
 impl Bench {
     fn frame(&mut self, number: u64, at: HostTime) {
+        self.stamped_frame(number, at, at);
+    }
+
+    fn stamped_frame(&mut self, number: u64, stamp: HostTime, at: HostTime) {
         let bytes = PixelFormat::I420.bytes(64, 32).expect("even");
         let data = vec![number as u8; bytes];
         let frame = RawFrame {
             number,
-            device_ticks: at.0,
+            device_ticks: stamp.0,
             kernel_time: None,
             host_time: at,
             exposure_ns: None,
@@ -288,4 +296,104 @@ fn a_tick_from_long_ago_has_no_better_time_than_its_arrival() {
         }
     }
     assert_eq!(count, 80);
+}
+
+/// What a driver stamps with the host's clock is a time, unless it cannot be one.
+#[test]
+fn stamps_of_the_host_are_times() {
+    let mut bench = bench_with(Some(Stamped {
+        latency_ns: 2 * MS,
+        sigma_ns: 50_000,
+    }));
+    let arrival = |i: i64| START + i * 50 * MS;
+    for (i, age) in [(0, 8 * MS), (1, 30 * MS), (2, -5 * MS), (3, 9 * MS)] {
+        let stamp = arrival(i) + -age;
+        bench.stamped_frame(i as u64, stamp, arrival(i));
+    }
+    let seen = bench.seen();
+    let times: Vec<(i64, u64, bool)> = seen
+        .iter()
+        .filter_map(|item| match item {
+            Outgoing::Frame { frame, .. } => {
+                Some((frame.time - START.0, frame.sigma_ns, frame.time_doubtful))
+            }
+            _ => None,
+        })
+        .collect();
+    assert_eq!(times[0], (-10 * MS, 50_000, false));
+    assert_eq!(times[1], (50 * MS - 32 * MS, 50_000, false));
+    // It cannot have been stamped after it came.
+    assert!(times[2].2 && times[2].0 == 100 * MS, "{times:?}");
+    assert_eq!((times[3].0, times[3].2), (150 * MS - 11 * MS, false));
+    let maps = seen
+        .iter()
+        .filter(|item| matches!(item, Outgoing::Clock { map, .. } if map.latency_ns == 2 * MS));
+    assert_eq!(maps.count(), 1, "the map is told once");
+}
+
+#[test]
+fn a_machine_is_spared_by_leaving_out_every_other_picture() {
+    let mut bench = bench();
+    let at = |i: i64| START + i * 50 * MS;
+    for i in 0..10 {
+        bench.hub.spare(Measures {
+            lower_frame_rate: i >= 4,
+            ..Measures::default()
+        });
+        bench.frame(i as u64, at(i));
+    }
+    let mut kept = Vec::new();
+    let mut spared = Vec::new();
+    for item in bench.seen().iter() {
+        match item {
+            Outgoing::Frame { frame, .. } => kept.push(frame.number),
+            Outgoing::Dropped {
+                first,
+                cause: Cause::Spared,
+                ..
+            } => spared.push(*first),
+            _ => {}
+        }
+    }
+    assert_eq!(kept, [0, 1, 2, 3, 4, 6, 8]);
+    assert_eq!(spared, [5, 7, 9]);
+}
+
+/// The camera goes on while its IMU is gone, and the other way round.
+#[test]
+fn camera_and_imu_are_gone_each_by_itself() {
+    let mut bench = bench();
+    let at = |i: i64| START + i * 50 * MS;
+    let gone = |bench: &mut Bench, part, i: i64| {
+        let gone = Sample::Gone(Gone {
+            host_time: at(i),
+            part,
+            detail: "unplugged".to_owned(),
+        });
+        bench.hub.sample(0, gone, at(i));
+    };
+    bench.frame(0, at(0));
+    bench.imu(0, at(0), at(0));
+    gone(&mut bench, Part::Imu, 1);
+    bench.frame(1, at(1));
+    gone(&mut bench, Part::Camera, 2);
+    bench.imu(20, at(2), at(2));
+    bench.frame(3, at(3));
+    let alarms: Vec<String> = bench
+        .seen()
+        .iter()
+        .filter_map(|item| match item {
+            Outgoing::Alarm { text, active, .. } => Some(format!("{active} {text}")),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(
+        alarms,
+        [
+            "true feet/imu: the device is gone",
+            "true feet: the device is gone",
+            "false feet/imu: the device is gone",
+            "false feet: the device is gone",
+        ]
+    );
 }

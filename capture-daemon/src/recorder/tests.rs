@@ -11,6 +11,8 @@ use session_archive::storage::{Fault, FaultKind, FaultStorage, Operation};
 use session_archive::time::TickLength;
 use session_archive::verify::verify;
 
+use machine::thermal::Heat;
+
 use super::*;
 use crate::clock::VirtualClock;
 
@@ -735,4 +737,72 @@ fn a_pre_roll_that_takes_too_many_bytes_is_an_alarm() {
     );
     rig.steps(250);
     assert!(rig.recorder.status().alarms.is_empty());
+}
+
+#[test]
+fn the_last_recording_can_be_discarded_once() {
+    let mut rig = rig(0, Bench::default());
+    let discard = |rig: &mut Rig| rig.recorder.request(Request::DiscardLast, "button");
+    assert!(
+        matches!(discard(&mut rig), Response::Error { .. }),
+        "none was made"
+    );
+    rig.steps(5);
+    started(&mut rig);
+    rig.steps(5);
+    assert!(
+        matches!(discard(&mut rig), Response::Error { .. }),
+        "it is being made"
+    );
+    rig.recorder.close_now("button");
+    assert_eq!(rig.bench.disks.lock().expect("disks").len(), 1);
+    assert!(matches!(discard(&mut rig), Response::Ok { .. }));
+    assert!(rig.bench.disks.lock().expect("disks").is_empty());
+    assert!(
+        matches!(discard(&mut rig), Response::Error { .. }),
+        "it is gone"
+    );
+}
+
+/// A hot machine is told, spared, stopped before the kernel switches it off, and does not start again.
+#[test]
+fn a_machine_that_gets_too_hot_is_spared_and_then_stopped() {
+    let mut rig = rig(0, Bench::default());
+    rig.steps(5);
+    started(&mut rig);
+    let mut seen = Vec::new();
+    for second in 0..240 {
+        let margin_c = 20.0 - f64::from(second) * 0.2;
+        rig.bench.machine.lock().expect("machine").pressure.heat = Some(Heat {
+            hottest_c: Some(95.0 - margin_c),
+            margin_c: Some(margin_c),
+            critical_margin_c: Some(margin_c + 8.0),
+            ..Heat::default()
+        });
+        rig.steps(20);
+        let at = rig.now();
+        rig.recorder.handle(Outgoing::Health {
+            at,
+            streams: Vec::new(),
+        });
+        let status = rig.recorder.status();
+        if seen.last() != Some(&status.sparing) {
+            seen.push(status.sparing.clone());
+        }
+        let is_hot = status.concerns.contains(&Concern::Heat);
+        assert_eq!(is_hot, status.sparing != "normal", "{status:?}");
+    }
+    assert_eq!(
+        seen,
+        [
+            "normal",
+            "warn",
+            "lower preview",
+            "lower frame rate",
+            "stop"
+        ]
+    );
+    assert_eq!(rig.recorder.state(), State::Armed, "it was stopped");
+    let refused = rig.recorder.start("", "button").expect_err("too hot");
+    assert!(refused.starts_with("not now: "), "{refused}");
 }

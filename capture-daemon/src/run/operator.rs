@@ -114,11 +114,12 @@ impl Hand {
         self.question
             .store(matches!(wished.wish, Wish::Ask(_)), Ordering::SeqCst);
         let (request, done) = match wished.wish {
+            // That it began is shown by the state.
             Wish::Start => (
                 Request::Start {
                     name: String::new(),
                 },
-                Some(Once::Started),
+                None,
             ),
             Wish::Stop => (Request::Stop, None),
             Wish::Mark => (
@@ -183,5 +184,39 @@ fn warning(concern: &Concern) -> Warning {
         Concern::Storage => Warning::Storage,
         Concern::Battery => Warning::Battery,
         Concern::Heat => Warning::Heat,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_missing_camera_is_a_warning_and_no_long_start() {
+        let status = |state, concerns: &[Concern]| Status {
+            state,
+            session: None,
+            seconds: 0.0,
+            durable_until: None,
+            streams: Vec::new(),
+            free_bytes: None,
+            seconds_left: None,
+            alarms: Vec::new(),
+            concerns: concerns.iter().copied().collect(),
+            encoders: Vec::new(),
+            machine: crate::status::MachineStatus::default(),
+            sparing: String::new(),
+        };
+        let phase = |state, concerns: &[Concern]| shown(&status(state, concerns), false).phase;
+        assert_eq!(phase(State::Idle, &[]), Phase::Starting);
+        assert_eq!(phase(State::Idle, &[Concern::Heat]), Phase::Starting);
+        assert_eq!(phase(State::Idle, &[Concern::Stream]), Phase::Ready);
+        assert_eq!(
+            phase(State::Recording, &[Concern::Stream]),
+            Phase::Recording
+        );
+        let shown = shown(&status(State::Fault, &[Concern::Storage]), true);
+        assert!(shown.fault && shown.question);
+        assert_eq!(shown.warnings, [Warning::Storage].into());
     }
 }

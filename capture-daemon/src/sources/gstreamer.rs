@@ -223,3 +223,110 @@ fn tell_lost(lost: &LostFrames, sink: &dyn Sink) {
         }));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    use super::*;
+
+    /// Keeps what it is given, and ends after so many frames.
+    struct Kept {
+        samples: Mutex<Vec<Sample>>,
+        ending: AtomicBool,
+        frames: usize,
+    }
+
+    impl Sink for Kept {
+        fn now(&self) -> HostTime {
+            RealClock.now()
+        }
+
+        fn put(&self, sample: Sample) {
+            let mut samples = self.samples.lock().expect("samples");
+            samples.push(sample);
+            let is_frame =
+                |s: &&Sample| matches!(s, Sample::Frame(_) | Sample::Native(_) | Sample::Gone(_));
+            if samples.iter().filter(is_frame).count() >= self.frames {
+                self.ending.store(true, Ordering::SeqCst);
+            }
+        }
+
+        fn is_ending(&self) -> bool {
+            self.ending.load(Ordering::SeqCst)
+        }
+    }
+
+    fn run(chain: &str, right: Option<&str>, frames: usize) -> Result<Vec<Sample>, SourceError> {
+        let config = GstreamerConfig {
+            chain: chain.to_owned(),
+            right_chain: right.map(str::to_owned),
+            width: 64,
+            height: 32,
+            rate_hz: 30.0,
+            start_after_ns: 0,
+            imu: None,
+        };
+        let sink = Kept {
+            samples: Mutex::default(),
+            ending: AtomicBool::new(false),
+            frames,
+        };
+        Box::new(Gstreamer::new(&config)).run(&sink)?;
+        Ok(sink.samples.into_inner().expect("samples"))
+    }
+
+    #[test]
+    fn frames_come_with_the_hosts_own_times() {
+        let caps = "video/x-raw,format=NV12,width=64,height=32,framerate=30/1";
+        let samples = run(&format!("videotestsrc is-live=true ! {caps}"), None, 5).expect("frames");
+        let mut before = None;
+        for sample in &samples {
+            let Sample::Native(frame) = sample else {
+                panic!("{sample:?}");
+            };
+            assert!(frame.device_ticks <= frame.host_time.0, "{frame:?}");
+            assert!(
+                frame.host_time.0 - frame.device_ticks < 1_000_000_000,
+                "{frame:?}"
+            );
+            assert!(before < Some(frame.number), "{frame:?}");
+            before = Some(frame.number);
+        }
+        assert_eq!(samples.len(), 5);
+    }
+
+    #[test]
+    fn two_eyes_are_one_picture() {
+        let eye =
+            "videotestsrc is-live=true ! video/x-raw,format=I420,width=32,height=32,framerate=30/1";
+        let samples = run(eye, Some(eye), 3).expect("frames");
+        let frames = samples.iter().filter_map(|sample| match sample {
+            Sample::Frame(frame) => Some(frame.picture.width),
+            _ => None,
+        });
+        assert_eq!(frames.collect::<Vec<_>>(), [64; 3]);
+    }
+
+    #[test]
+    fn a_chain_that_ends_is_told_and_one_that_cannot_be_is_an_error() {
+        let samples = run("videotestsrc num-buffers=0 is-live=true", None, 1).expect("an end");
+        assert!(
+            matches!(&samples[..], [Sample::Gone(gone)] if gone.detail == "the chain has come to its end"),
+            "{samples:?}"
+        );
+        let error = run("nosuchelement", None, 1)
+            .expect_err("no such element")
+            .to_string();
+        assert!(error.contains("nosuchelement"), "{error}");
+    }
+
+    #[test]
+    fn the_first_known_element_says_what_times_are_worth() {
+        assert_eq!(
+            worth("foo ! zedsrc camera-sn=1 ! x"),
+            policy::Policy::of("zedsrc")
+        );
+        assert_eq!(worth("foo ! bar"), policy::UNKNOWN);
+    }
+}

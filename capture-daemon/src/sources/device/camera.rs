@@ -274,3 +274,32 @@ fn picture(config: &V4l2Config, bytes: &[u8]) -> Result<Picture, PictureError> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_are_fractions() {
+        let of = |rate| {
+            let interval = interval(rate);
+            (interval.numerator, interval.denominator)
+        };
+        assert_eq!(of(30.0), (1, 30));
+        assert_eq!(of(30_000.0 / 1001.0), (1001, 30_000));
+        assert_eq!(of(29.97), (1001, 30_000));
+    }
+
+    /// As v4l2-ctl has them.
+    #[test]
+    fn controls_are_called_as_in_the_configuration() {
+        for (name, expected) in [
+            ("Brightness", "brightness"),
+            ("White Balance, Automatic", "white_balance_automatic"),
+            ("Exposure Time, Absolute", "exposure_time_absolute"),
+            ("(odd) name ", "odd_name"),
+        ] {
+            assert_eq!(key(name), expected);
+        }
+    }
+}
