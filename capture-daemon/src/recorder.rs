@@ -49,10 +49,10 @@ use timed::TimedStorage;
 /// How long a stop waits for frames that were received before it.
 pub const STOP_LIMIT_NS: i64 = 250_000_000;
 /// A warning comes when less than this can still be recorded.
-const WARN_SECONDS: f64 = 300.0;
+const WARN_SECONDS: f64 = 600.0;
 /// What alarms about earlier recordings come from: they stand until the next recording begins.
 pub(crate) const RECOVERY: &str = "recovery";
-const DISK_LOW: &str = "disk: less than 5 minutes can still be recorded";
+const DISK_LOW: &str = "disk: less than 10 minutes can still be recorded";
 const DISK_FULL: &str = "disk: too full to record";
 
 /// Where sessions go.
