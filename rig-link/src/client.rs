@@ -10,14 +10,14 @@
 mod address;
 mod connection;
 mod download;
+mod error;
+mod manifest;
 mod pin;
 
-use std::io;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use bytes::{Buf, Bytes, BytesMut};
+use bytes::Bytes;
 use http_body_util::{BodyExt, Limited};
 use hyper::body::Incoming;
 use hyper::header::{CONTENT_RANGE, RETRY_AFTER};
@@ -27,21 +27,21 @@ use tokio::runtime::{self, Runtime};
 use tokio::time::{sleep, timeout};
 
 use self::connection::Connection;
+use self::manifest::{Lines, ManifestFailure, check, read_manifest};
 use self::pin::Tls;
 use crate::identity::Fingerprint;
 use crate::link::{
-    self, Code, ErrorBody, FORMAT, FileEntry, Line, MAX_LINE, Manifest, Problem, Receipt,
-    SessionSummary, Sessions, VERSION,
+    self, Code, ErrorBody, FORMAT, FileEntry, Manifest, Problem, Receipt, SessionSummary, Sessions,
+    VERSION,
 };
 use crate::token::Token;
 
 pub use self::address::Address;
 pub use self::download::Downloaded;
+pub use self::error::LinkError;
 
 /// Longest answer other than a file or a manifest, bytes.
 const MAX_ANSWER: usize = 16 << 20;
-/// Most files of a session.
-const MAX_FILES: usize = 1 << 20;
 /// Longest pause that a rig may ask for.
 const MAX_RETRY_AFTER: Duration = Duration::from_secs(60);
 
@@ -70,103 +70,6 @@ impl Default for Patience {
             longest_pause: Duration::from_secs(15),
         }
     }
-}
-
-/// Why a rig could not be asked, or did not do what was asked.
-#[derive(Debug, thiserror::Error)]
-pub enum LinkError {
-    /// Write it as `https://HOST:8077`.
-    #[error("{found:?} is no address of a rig: {reason}; expected https://HOST[:PORT]")]
-    Address {
-        /// What was given.
-        found: String,
-        /// What is wrong with it.
-        reason: &'static str,
-    },
-    /// Use https.
-    #[error("{address} is not on this machine; over a network a rig is asked with https only")]
-    PlainText {
-        /// The address.
-        address: Address,
-    },
-    /// Compare it with what `pawsd` shows on the rig, then give it.
-    #[error(
-        "the rig's certificate has the fingerprint {found}; if that is what `pawsd` shows on the rig, give it with --fingerprint: {address}"
-    )]
-    NoFingerprint {
-        /// The fingerprint that the rig showed.
-        found: Fingerprint,
-        /// The address.
-        address: Address,
-    },
-    /// Something else answers at this address, or the rig has a new identity. Look at what `pawsd` shows
-    /// on the rig.
-    #[error(
-        "this is not the rig that is meant: its certificate has the fingerprint {found}, expected {expected}: {address}"
-    )]
-    WrongFingerprint {
-        /// The fingerprint that was shown.
-        found: Fingerprint,
-        /// The one that was given.
-        expected: Fingerprint,
-        /// The address.
-        address: Address,
-    },
-    /// Is the rig on, and in the same network?
-    #[error("{doing}: no answer after {tries} tries ({reason}): {address}")]
-    Lost {
-        /// What was being done.
-        doing: String,
-        /// Tries in a row that brought nothing.
-        tries: u32,
-        /// How the last one ended.
-        reason: String,
-        /// The address.
-        address: Address,
-    },
-    /// The rig says no; its code says what to do.
-    #[error("{doing}: the rig says: {}", .problem.message)]
-    Refused {
-        /// What was being done.
-        doing: String,
-        /// What the rig says.
-        problem: Problem,
-    },
-    /// What answers is no rig, or one of another version.
-    #[error("{doing}: the answer is not one of rig link v{VERSION}: {reason}: {address}")]
-    Garbled {
-        /// What was being done.
-        doing: String,
-        /// What is wrong with it.
-        reason: String,
-        /// The address.
-        address: Address,
-    },
-    /// The file is not what the manifest said, even when fetched again from the start: fetch the manifest
-    /// again. If it happens again, the rig's disk or memory is at fault.
-    #[error("{path} came with the hash {found}, the rig's manifest says {expected}")]
-    Corrupt {
-        /// The file's path in the session.
-        path: String,
-        /// Hash of what came.
-        found: String,
-        /// Hash in the manifest.
-        expected: String,
-    },
-    /// The host's disk says no.
-    #[error("{doing}: {}", .path.display())]
-    Disk {
-        /// What was being done.
-        doing: &'static str,
-        /// What failed.
-        #[source]
-        source: io::Error,
-        /// The file.
-        path: PathBuf,
-    },
-    /// The system gives no thread, socket or randomness.
-    #[error("preparing to ask a rig")]
-    System(#[source] io::Error),
 }
 
 /// How one try ended.
@@ -561,110 +464,4 @@ async fn whole(body: Incoming, patience: &Patience) -> Result<Bytes, Failure> {
         Ok(Err(e)) => Err(Failure::Again(e.to_string(), None)),
         Ok(Ok(body)) => Ok(body.to_bytes()),
     }
-}
-
-enum ManifestFailure {
-    Failure(Failure),
-    Garbled(String),
-    Refused(Problem),
-}
-
-impl From<Failure> for ManifestFailure {
-    fn from(failure: Failure) -> Self {
-        Self::Failure(failure)
-    }
-}
-
-/// The lines of a body. An empty one says that the rig is still at it.
-struct Lines {
-    body: Incoming,
-    buffer: BytesMut,
-    silence: Duration,
-}
-
-impl Lines {
-    fn new(body: Incoming, silence: Duration) -> Self {
-        Self {
-            body,
-            buffer: BytesMut::new(),
-            silence,
-        }
-    }
-
-    async fn next(&mut self) -> Result<Option<Line>, ManifestFailure> {
-        loop {
-            if let Some(end) = self.buffer.iter().position(|b| *b == b'\n') {
-                let line = self.buffer.split_to(end);
-                self.buffer.advance(1);
-                if line.is_empty() {
-                    continue;
-                }
-                let line = serde_json::from_slice(&line);
-                return line
-                    .map(Some)
-                    .map_err(|e| ManifestFailure::Garbled(e.to_string()));
-            }
-            if self.buffer.len() > MAX_LINE {
-                let reason = format!("a line of the manifest is longer than {MAX_LINE} bytes");
-                return Err(ManifestFailure::Garbled(reason));
-            }
-            match next(&mut self.body, self.silence).await? {
-                Some(piece) => self.buffer.extend_from_slice(&piece),
-                None => return Ok(None),
-            }
-        }
-    }
-}
-
-async fn read_manifest(
-    mut lines: Lines,
-    on_file: &mut impl FnMut(&FileEntry),
-) -> Result<Manifest, ManifestFailure> {
-    let mut files = Vec::new();
-    loop {
-        match lines.next().await? {
-            Some(Line::File(entry)) if files.len() < MAX_FILES => {
-                on_file(&entry);
-                files.push(entry);
-            }
-            Some(Line::File(_)) => {
-                return Err(ManifestFailure::Garbled(format!(
-                    "more than {MAX_FILES} files"
-                )));
-            }
-            Some(Line::Total(total)) => return Ok(Manifest { files, total }),
-            Some(Line::Error(problem)) => return Err(ManifestFailure::Refused(problem)),
-            None => {
-                let cut = Failure::Again("the manifest was cut off".to_owned(), None);
-                return Err(cut.into());
-            }
-        }
-    }
-}
-
-/// A manifest that can be worked with: paths that stay in the folder, each once, and the sums are right.
-fn check(manifest: Manifest) -> Result<Manifest, String> {
-    let mut paths: Vec<&str> = manifest.files.iter().map(|f| f.path.as_str()).collect();
-    if let Some(odd) = paths.iter().find(|path| !link::is_file_path(path)) {
-        return Err(format!("{odd:?} is no path of a session's file"));
-    }
-    paths.sort_unstable();
-    if let Some(twice) = paths.windows(2).find(|two| two[0] == two[1]) {
-        return Err(format!("{:?} is there twice", twice[0]));
-    }
-    if let Some(odd) = manifest.files.iter().find(|f| !link::is_hash(&f.blake3)) {
-        return Err(format!("{:?} is no hash", odd.blake3));
-    }
-    let mut bytes = manifest.files.iter().map(|f| f.bytes);
-    if bytes.try_fold(0_u64, |sum, b| sum.checked_add(b)).is_none() {
-        return Err("its files are longer than any disk".to_owned());
-    }
-    let total = link::total(&manifest.files);
-    if total != manifest.total {
-        return Err(format!(
-            "its last line says {:?}, its files make {total:?}",
-            manifest.total
-        ));
-    }
-    Ok(manifest)
 }
