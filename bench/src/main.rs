@@ -14,6 +14,7 @@ mod import;
 mod kills;
 mod load;
 mod meter;
+mod power_cuts;
 mod python;
 mod rectify;
 mod sim;
@@ -21,6 +22,7 @@ mod sim_pictures;
 mod soak;
 mod stamp;
 mod sync;
+mod vm_cost;
 
 use std::process::ExitCode;
 
@@ -55,11 +57,13 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("frame_sync", frame_sync::run),
     ("import", import::run),
     ("kills", kills::run),
+    ("power_cuts", power_cuts::run),
     ("rectify", rectify::run),
     ("sim", sim::run),
     ("sim_pictures", sim_pictures::run),
     ("soak", soak::run),
     ("sync", sync::run),
+    ("vm_cost", vm_cost::run),
 ];
 
 fn names() -> String {

@@ -32,3 +32,9 @@ gpio_chip() {
 press() { echo pull-up >"$GPIO_LINES/sim_gpio3/pull"; sleep "${1:-.08}"; echo pull-down >"$GPIO_LINES/sim_gpio3/pull"; }
 # light: 1 or 0, what the program drives the light's line to.
 light() { cat "$GPIO_LINES/sim_gpio5/value"; }
+# imu [ARGUMENTS of vm-imu]: the IMU of a ZED Mini at /dev/hidraw0; what it says goes into imu.txt.
+imu() { module uhid; module hid-generic; vm-imu "$@" >imu.txt 2>&1 & imu=$!; until_true test -e /dev/hidraw0; }
+# daemon: pawsd with the job's configuration, until it is armed; what it says goes into daemon.txt.
+daemon() { pawsd run --config pawsd.toml 2>>daemon.txt & daemon=$!; until_state armed; }
+state() { pawsd status --json | grep -qE "\"state\":\"($1)\""; }
+until_state() { until_true state "$1"; }

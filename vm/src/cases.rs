@@ -1,10 +1,23 @@
 //! The test cases.
 
 mod config;
+pub mod cost;
+mod devices;
+mod faults;
 pub mod power_cuts;
-mod take;
 
 use crate::case::Case;
 
 /// All of them, in the order in which they run.
-pub const ALL: &[Case] = &[take::CASE, power_cuts::CASE];
+pub fn all() -> impl Iterator<Item = &'static Case> {
+    WHOLE.iter().chain(&faults::CASES)
+}
+
+const WHOLE: [Case; 6] = [
+    devices::DEVICES,
+    devices::GOLDEN,
+    devices::SOAK,
+    devices::REAL_TIME,
+    cost::CASE,
+    power_cuts::CASE,
+];

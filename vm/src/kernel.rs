@@ -206,6 +206,22 @@ fn is_met(wanted: &str, taken: &str) -> bool {
     }
 }
 
+/// What the folders of builds are called, in front of the process that builds.
+const BUILD: &str = "build-";
+
+/// Builds whose process was killed leave a gigabyte.
+fn remove_abandoned(cache: &Path) {
+    for entry in fs::read_dir(cache).into_iter().flatten().flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let process = name
+            .strip_prefix(BUILD)
+            .and_then(|id| id.parse::<u32>().ok());
+        if process.is_some_and(|id| !Path::new(&format!("/proc/{id}")).exists()) {
+            let _ = fs::remove_dir_all(entry.path());
+        }
+    }
+}
+
 /// A build in a folder of its own, which is removed in the end.
 struct Build {
     work: PathBuf,
@@ -214,7 +230,8 @@ struct Build {
 
 impl Build {
     fn new(cache: &Path, version: &str) -> Result<Self, KernelError> {
-        let name = format!("build-{}", std::process::id());
+        remove_abandoned(cache);
+        let name = format!("{BUILD}{}", std::process::id());
         let build = Self {
             work: cache.join(name),
             log: cache.join(format!("build-{}-{version}.log", recipe())),

@@ -1,5 +1,6 @@
 //! Tests on real kernel drivers: virtual machines with cameras, an IMU, a button and faulty disks.
 
+pub mod account;
 pub mod case;
 pub mod cases;
 pub mod device_mapper;

@@ -95,7 +95,9 @@ impl StockKernel {
     /// The first root: busybox, modules in the order in which they are loaded, and the first program.
     fn make_initrd(&self, version: &str) -> Result<(), KernelError> {
         let root = self.folder.join("initrd");
-        for name in ["bin", "modules", "proc", "sys", "dev", "host", "upper", "root"] {
+        for name in [
+            "bin", "modules", "proc", "sys", "dev", "host", "upper", "root",
+        ] {
             fs::create_dir_all(root.join(name)).map_err(|e| self.io(e))?;
         }
         let busybox = ["/bin/busybox", "/usr/bin/busybox"].map(Path::new);
@@ -107,7 +109,8 @@ impl StockKernel {
         for module in MODULES {
             let mut modprobe = Command::new("modprobe");
             modprobe.arg("-d").arg(&self.folder).args(["-S", version]);
-            let said = run(modprobe.args(["--show-depends", module])).map_err(|e| self.failed(e))?;
+            let said =
+                run(modprobe.args(["--show-depends", module])).map_err(|e| self.failed(e))?;
             let files = said.lines().filter_map(|line| line.strip_prefix("insmod "));
             for file in files.map(|file| PathBuf::from(file.trim())) {
                 if !order.contains(&file) {
@@ -116,7 +119,10 @@ impl StockKernel {
             }
         }
         for (i, file) in order.iter().enumerate() {
-            let name = file.file_name().unwrap_or(OsStr::new("module")).to_string_lossy();
+            let name = file
+                .file_name()
+                .unwrap_or(OsStr::new("module"))
+                .to_string_lossy();
             let to = root.join(format!("modules/{i:02}-{name}"));
             fs::copy(file, to).map_err(|e| self.io(e))?;
         }
@@ -137,7 +143,11 @@ impl StockKernel {
         build
             .arg("-ec")
             .arg(include_str!("../kernel/gpio-sim.sh"))
-            .args(["gpio-sim.sh".as_ref(), headers.as_os_str(), self.folder.as_os_str()]);
+            .args([
+                "gpio-sim.sh".as_ref(),
+                headers.as_os_str(),
+                self.folder.as_os_str(),
+            ]);
         if let Err(said) = run(&mut build) {
             log::warn!("building gpio-sim for Debian's kernel: {said}");
         }

@@ -23,7 +23,7 @@ pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Resu
     if needs_python {
         purposes.push(Purpose::Interoperability);
     }
-    if names.contains(&"power_cuts") {
+    if names.contains(&"power_cuts") || names.contains(&"vm_cost") {
         purposes.push(Purpose::Machines);
     }
     setup::system_packages(&purposes, install)?;

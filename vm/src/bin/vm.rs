@@ -85,8 +85,8 @@ struct ScriptArgs {
 fn main() -> ExitCode {
     let done = vm::leftovers::end_with_signals().and_then(|()| match Cli::parse().command {
         Command::List => {
-            for case in cases::ALL {
-                println!("{:16} {}", case.name, case.shows);
+            for case in cases::all() {
+                println!("{:24} {}", case.name, case.shows);
             }
             Ok(ExitCode::SUCCESS)
         }
@@ -154,7 +154,7 @@ fn run(args: &RunArgs) -> Result<ExitCode> {
             Ok(report) => ("PASS", report.line.clone()),
             Err(error) => ("FAIL", format!("{error:#}")),
         };
-        println!("{word} {:14} {took_s:6.1} s  {line}", case.name);
+        println!("{word} {:22} {took_s:6.1} s  {line}", case.name);
         let report = json!({
             "case": case.name,
             "passed": result.is_ok(),
@@ -187,14 +187,14 @@ fn run(args: &RunArgs) -> Result<ExitCode> {
 
 fn chosen(names: &[String], quick: bool, qemu: bool) -> Result<Vec<&'static Case>> {
     if names.is_empty() {
-        let all = cases::ALL.iter();
+        let all = cases::all();
         let fits = |case: &&Case| (case.quick || !quick) && (case.on_qemu || !qemu);
         return Ok(all.filter(fits).collect());
     }
     let find = |name: &String| {
-        let found = cases::ALL.iter().find(|case| case.name == name);
+        let found = cases::all().find(|case| case.name == name);
         found.with_context(|| {
-            let known: Vec<&str> = cases::ALL.iter().map(|case| case.name).collect();
+            let known: Vec<&str> = cases::all().map(|case| case.name).collect();
             format!("there is no case {name:?}; there are: {}", known.join(", "))
         })
     };

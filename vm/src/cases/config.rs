@@ -1,5 +1,10 @@
 //! Configurations of `pawsd` for guests.
 
+/// The cameras of every rig here.
+pub(crate) const CAMERAS: [&str; 3] = ["left_shoulder", "right_shoulder", "feet"];
+/// The IMU of the rig with devices.
+pub(crate) const IMU: &str = "left_shoulder/imu";
+
 /// Three small made-up cameras with IMUs, and the program's own encoder in software.
 pub(crate) fn synthetic(chunk_ms: u32) -> String {
     let mut text = format!(
@@ -8,11 +13,36 @@ pub(crate) fn synthetic(chunk_ms: u32) -> String {
          [encoder]\nelement = \"x264enc\"\n\
          [control]\nsocket = \"/run/paws/pawsd.sock\"\n"
     );
-    for name in ["left_shoulder", "right_shoulder", "feet"] {
+    for name in CAMERAS {
         text += &format!(
             "[[camera]]\nname = \"{name}\"\n[camera.source]\nkind = \"synthetic\"\n\
              width = 320\nheight = 96\nrate_hz = 30\nimu_rate_hz = 400\n"
         );
+    }
+    text
+}
+
+/// Three small V4L2 cameras, an IMU behind hidraw that belongs to the first, the buttons and the light of `rig.sh`.
+pub(crate) fn devices(gpio: bool) -> String {
+    let mut text = "[session]\nout = \"/run/archive\"\npre_roll_s = 0\n\
+         [disk]\nreserve_gb = 0\n\
+         [encoder]\nelement = \"x264enc\"\n\
+         [control]\nsocket = \"/run/paws/pawsd.sock\"\n"
+        .to_owned();
+    text += if gpio {
+        "[operator]\nbuttons = [\"gpio:/dev/gpiochip0:3\", \"evdev:name=vm-button,key=KEY_RECORD\"]\n\
+         lights = [\"gpio:/dev/gpiochip0:5\"]\n"
+    } else {
+        "[operator]\nbuttons = [\"evdev:name=vm-button,key=KEY_RECORD\"]\n"
+    };
+    for (i, name) in CAMERAS.into_iter().enumerate() {
+        text += &format!(
+            "[[camera]]\nname = \"{name}\"\n[camera.source]\nkind = \"v4l2\"\ndevice = \"/dev/video{i}\"\n\
+             width = 320\nheight = 96\nrate_hz = 30\n"
+        );
+        if i == 0 {
+            text += "imu = \"zed\"\nimu_rate_hz = 800\n";
+        }
     }
     text
 }

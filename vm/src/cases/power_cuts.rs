@@ -70,7 +70,7 @@ impl Cut {
 }
 
 /// What went wrong, of cuts.
-fn wrong(cuts: &[Cut]) -> Vec<String> {
+pub fn wrong(cuts: &[Cut]) -> Vec<String> {
     cuts.iter().filter_map(Cut::wrong).collect()
 }
 
