@@ -182,8 +182,10 @@ pub struct ImuSetup {
 /// Where the hub hands on to; also called from the encoders' threads.
 pub type Out = Arc<dyn Fn(Outgoing) + Send + Sync>;
 
-/// What is wrong with a device that is gone.
-const IS_GONE: &str = "the device is gone";
+/// What is wrong with a device that is gone, and why.
+fn is_gone(detail: &str) -> String {
+    format!("the device is gone ({detail})")
+}
 
 /// The hub.
 pub struct Hub {
@@ -209,7 +211,8 @@ struct CameraState {
     changed: HostTime,
     frozen_alarm: bool,
     encoder_alarm: bool,
-    gone_alarm: bool,
+    /// What was said of a device that is gone.
+    gone_alarm: Option<String>,
 }
 
 struct ImuState {
@@ -220,7 +223,8 @@ struct ImuState {
     watch: Watch,
     batch: ImuBatch,
     batch_since: HostTime,
-    gone_alarm: bool,
+    /// What was said of a device that is gone.
+    gone_alarm: Option<String>,
     /// What ties it to its camera, and by how much its times are later.
     frame_sync: Option<(FrameSync, i64)>,
 }
@@ -265,7 +269,7 @@ impl Hub {
                     watch: Watch::new(imu.info.rate_hz),
                     batch: ImuBatch::default(),
                     batch_since: HostTime::MIN,
-                    gone_alarm: false,
+                    gone_alarm: None,
                     frame_sync: None,
                     setup: imu,
                 });
@@ -281,7 +285,7 @@ impl Hub {
                 changed: HostTime::MIN,
                 frozen_alarm: false,
                 encoder_alarm: false,
-                gone_alarm: false,
+                gone_alarm: None,
                 setup,
             });
         }
@@ -347,8 +351,10 @@ impl Hub {
         let has_camera = gone.part != Part::Imu;
         if has_camera {
             camera.watch.note_gone(gone);
-            if !std::mem::replace(&mut camera.gone_alarm, true) {
-                camera.alarm(IS_GONE, true, gone.host_time, &self.out);
+            if camera.gone_alarm.is_none() {
+                let what = is_gone(&gone.detail);
+                camera.alarm(&what, true, gone.host_time, &self.out);
+                camera.gone_alarm = Some(what);
             }
         }
         if let (Some(imu), Part::Imu | Part::Both) = (camera.imu, gone.part) {
@@ -356,8 +362,10 @@ impl Hub {
             flush(imu, &self.out);
             imu.watch.note_gone(gone);
             // The alarm of one device stands for both.
-            if !has_camera && !std::mem::replace(&mut imu.gone_alarm, true) {
-                imu.alarm(IS_GONE, true, gone.host_time, &self.out);
+            if !has_camera && imu.gone_alarm.is_none() {
+                let what = is_gone(&gone.detail);
+                imu.alarm(&what, true, gone.host_time, &self.out);
+                imu.gone_alarm = Some(what);
             }
         }
     }
@@ -423,10 +431,16 @@ impl Hub {
         for camera in &mut self.cameras {
             camera.lane.tick(now);
             camera.note_encoder(now, &self.out);
-            camera.watch.check(&camera.setup.name, now, &self.out);
+            let name = &camera.setup.name;
+            camera.watch.check(name, now, &self.out);
+            camera
+                .watch
+                .tell_absent(&camera.numbers, now, name, &self.out);
         }
         for imu in &mut self.imus {
-            imu.watch.check(&imu.setup.name, now, &self.out);
+            let name = &imu.setup.name;
+            imu.watch.check(name, now, &self.out);
+            imu.watch.tell_absent(&imu.numbers, now, name, &self.out);
             if !imu.batch.times.is_empty() && now.since(imu.batch_since) >= BATCH_NS {
                 flush(imu, &self.out);
             }
@@ -452,16 +466,12 @@ impl Hub {
         for camera in &mut self.cameras {
             camera.lane.finish(FINISH_LIMIT, now);
             let name = &camera.setup.name;
-            camera.watch.tell_left_out(now, name, &self.out);
-            camera
-                .watch
-                .tell_absent(&camera.numbers, now, name, &self.out);
+            camera.watch.end(&camera.numbers, now, name, &self.out);
         }
         for imu in &mut self.imus {
             flush(imu, &self.out);
             let name = &imu.setup.name;
-            imu.watch.tell_left_out(now, name, &self.out);
-            imu.watch.tell_absent(&imu.numbers, now, name, &self.out);
+            imu.watch.end(&imu.numbers, now, name, &self.out);
         }
     }
 
@@ -631,8 +641,8 @@ impl CameraState {
     }
 
     fn note_return(&mut self, at: HostTime, out: &Out) {
-        if std::mem::take(&mut self.gone_alarm) {
-            self.alarm(IS_GONE, false, at, out);
+        if let Some(what) = self.gone_alarm.take() {
+            self.alarm(&what, false, at, out);
         }
     }
 
@@ -651,8 +661,8 @@ impl CameraState {
 
 impl ImuState {
     fn note_return(&mut self, at: HostTime, out: &Out) {
-        if std::mem::take(&mut self.gone_alarm) {
-            self.alarm(IS_GONE, false, at, out);
+        if let Some(what) = self.gone_alarm.take() {
+            self.alarm(&what, false, at, out);
         }
     }
 

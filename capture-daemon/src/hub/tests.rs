@@ -259,13 +259,48 @@ fn what_a_device_missed_while_it_was_gone_has_that_cause() {
     let alarms: Vec<bool> = seen
         .iter()
         .filter_map(|item| match item {
-            Outgoing::Alarm { text, active, .. } if text == "feet: the device is gone" => {
+            Outgoing::Alarm { text, active, .. } if text.starts_with("feet: the device is gone (") => {
                 Some(*active)
             }
             _ => None,
         })
         .collect();
     assert_eq!(alarms, [true, false, true, false, true]);
+}
+
+/// Else a recording that ends before the device is back would not know why there is nothing.
+#[test]
+fn what_a_device_misses_is_told_while_it_is_gone() {
+    let mut bench = bench();
+    let at = |i: i64| START + i * 50 * MS;
+    for i in 0..10 {
+        bench.frame(i as u64, at(i));
+    }
+    let gone = Sample::Gone(Gone {
+        host_time: at(9),
+        part: Part::Camera,
+        detail: "unplugged".to_owned(),
+    });
+    bench.hub.sample(0, gone, at(9));
+    bench.hub.tick(at(10));
+    bench.hub.tick(at(15));
+    bench.hub.tick(at(20));
+    bench.frame(0, at(22));
+    bench.hub.tick(at(24));
+    let dropped: Vec<(HostTime, u64, u64)> = bench
+        .seen()
+        .iter()
+        .filter_map(|item| match item {
+            Outgoing::Dropped {
+                at, first, last, ..
+            } => Some((*at, *first, *last)),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(
+        dropped,
+        [(at(15), 10, 14), (at(20), 10, 19), (at(9), 10, 21)]
+    );
 }
 
 /// Else a device that is set to another day would end the recording: no message may lie before the clock's zero.
@@ -390,10 +425,10 @@ fn camera_and_imu_are_gone_each_by_itself() {
     assert_eq!(
         alarms,
         [
-            "true feet/imu: the device is gone",
-            "true feet: the device is gone",
-            "false feet/imu: the device is gone",
-            "false feet: the device is gone",
+            "true feet/imu: the device is gone (unplugged)",
+            "true feet: the device is gone (unplugged)",
+            "false feet/imu: the device is gone (unplugged)",
+            "false feet: the device is gone (unplugged)",
         ]
     );
 }

@@ -60,7 +60,8 @@ impl Watch {
     ) -> Option<u64> {
         if let (Some(absence), Some(newest)) = (self.absence.take(), numbers.newest()) {
             let number = numbers.resume(raw, self.missed(&absence, at));
-            self.tell_gone(&absence, newest + 1, number, name, out);
+            let gone = absence.gone.host_time;
+            tell_gone(&absence, newest + 1, number, gone, name, out);
             return Some(number);
         }
         let numbered = numbers.number(raw);
@@ -83,7 +84,7 @@ impl Watch {
         Some(numbered.number)
     }
 
-    /// The device is gone; what it misses is told when it is back, or at the end.
+    /// The device is gone; what it misses is told again and again until it is back.
     pub(super) fn note_gone(&mut self, gone: &Gone) {
         // One that is gone twice without a sample between is gone since the first time.
         self.absence.get_or_insert(Absence {
@@ -98,27 +99,20 @@ impl Watch {
         (periods.round() as u64).saturating_sub(1)
     }
 
-    /// Samples `first..next` were missed while the device was gone.
-    fn tell_gone(&self, absence: &Absence, first: u64, next: u64, name: &str, out: &Out) {
-        if next > first {
-            out(Outgoing::Dropped {
-                at: absence.gone.host_time,
-                stream: name.to_owned(),
-                first,
-                last: next - 1,
-                cause: Cause::Disconnected,
-                detail: absence.gone.detail.clone(),
-            });
+    /// Says what a device that is gone has missed so far: a recording that ends meanwhile has to know.
+    pub(super) fn tell_absent(&self, numbers: &Renumber, at: HostTime, name: &str, out: &Out) {
+        if let (Some(absence), Some(newest)) = (&self.absence, numbers.newest()) {
+            // The one that is due now may still come.
+            let next = newest + 1 + self.missed(absence, at);
+            tell_gone(absence, newest + 1, next, at, name, out);
         }
     }
 
-    /// Says what a device that is still gone has missed at the end.
-    pub(super) fn tell_absent(&mut self, numbers: &Renumber, at: HostTime, name: &str, out: &Out) {
-        if let (Some(absence), Some(newest)) = (self.absence.take(), numbers.newest()) {
-            // The one that is due now may still come.
-            let missed = self.missed(&absence, at);
-            self.tell_gone(&absence, newest + 1, newest + 1 + missed, name, out);
-        }
+    /// Nothing comes any more: says what a device that is still gone has missed, for the last time.
+    pub(super) fn end(&mut self, numbers: &Renumber, at: HostTime, name: &str, out: &Out) {
+        self.tell_left_out(at, name, out);
+        self.tell_absent(numbers, at, name, out);
+        self.absence = None;
     }
 
     /// Says how many samples came late or twice: all at once, for a device may repeat every one.
@@ -173,5 +167,19 @@ impl Watch {
             silent: self.silent,
             ..StreamHealth::default()
         }
+    }
+}
+
+/// Samples `first..next` were missed while the device was gone, as was seen at `at`.
+fn tell_gone(absence: &Absence, first: u64, next: u64, at: HostTime, name: &str, out: &Out) {
+    if next > first {
+        out(Outgoing::Dropped {
+            at,
+            stream: name.to_owned(),
+            first,
+            last: next - 1,
+            cause: Cause::Disconnected,
+            detail: absence.gone.detail.clone(),
+        });
     }
 }

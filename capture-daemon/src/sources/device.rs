@@ -8,10 +8,11 @@
 //! second ([`FrameSync`](super::FrameSync)). Run on the kernel's own drivers in a virtual machine (docs/vm-tests.md),
 //! never with a real camera.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use session_archive::time::TickLength;
+use session_archive::time::{HostTime, TickLength};
 use v4l2::hotplug::Watch;
 
 use zed::report::{ACCEL_M_PER_S2, GYRO_DEG_PER_S, TEMPERATURE_C};
@@ -19,10 +20,10 @@ use zed::report::{ACCEL_M_PER_S2, GYRO_DEG_PER_S, TEMPERATURE_C};
 use super::{
     CameraInfo, Gone, ImuInfo, Live, Part, Sample, Sink, SourceError, SourceInfo, Stamped,
 };
-use crate::config::{DeviceChoice, PixelLayout, V4l2Config};
+use crate::config::{DeviceChoice, PixelLayout, V4l2Config, ZedImuConfig};
 
 pub(crate) mod camera;
-pub(super) mod imu;
+mod imu;
 mod tie;
 mod zed_camera;
 
@@ -76,20 +77,11 @@ impl Live for Device {
     }
 
     fn run(self: Box<Self>, sink: &dyn Sink) -> Result<(), SourceError> {
-        let ties = Mutex::new(Ties::default());
-        std::thread::scope(|scope| {
-            let with_imu = self.config.imu.as_ref().map(|imu| {
-                let run = || imu::run(imu, &ties, sink);
-                std::thread::Builder::new()
-                    .name("imu".to_owned())
-                    .spawn_scoped(scope, run)
-            });
-            if let Some(Err(error)) = with_imu {
-                return Err(self.unusable(format!("its IMU gets no thread: {error}")));
-            }
-            let ties = self.config.imu.is_some().then_some(&ties);
-            camera::run(&self.config, ties, sink).map_err(|what| self.unusable(what))
-        })
+        let camera = |ties: Option<&Mutex<Ties>>| camera::run(&self.config, ties, sink);
+        match beside_imu(self.config.imu.as_ref(), sink, camera) {
+            Ok(ended) => ended.map_err(|what| self.unusable(what)),
+            Err(error) => Err(self.unusable(no_thread(&error))),
+        }
     }
 }
 
@@ -99,6 +91,58 @@ impl Device {
             source_name: self.info.description.clone(),
             what,
         }
+    }
+}
+
+/// Runs a camera and beside it, on a thread of its own, its IMU if it has one, which ends when the camera does.
+///
+/// # Errors
+/// The system gives no thread.
+pub(super) fn beside_imu<T>(
+    imu: Option<&ZedImuConfig>,
+    sink: &dyn Sink,
+    camera: impl FnOnce(Option<&Mutex<Ties>>) -> T,
+) -> std::io::Result<T> {
+    let Some(imu) = imu else {
+        return Ok(camera(None));
+    };
+    let ties = Mutex::default();
+    let until = Until {
+        sink,
+        is_over: AtomicBool::new(false),
+    };
+    std::thread::scope(|scope| {
+        std::thread::Builder::new()
+            .name("imu".to_owned())
+            .spawn_scoped(scope, || imu::run(imu, &ties, &until))?;
+        let ended = camera(Some(&ties));
+        until.is_over.store(true, Ordering::Relaxed);
+        Ok(ended)
+    })
+}
+
+/// Why a source has no IMU.
+pub(super) fn no_thread(error: &std::io::Error) -> String {
+    format!("its IMU gets no thread: {error}")
+}
+
+/// A sink that is to end sooner than others.
+struct Until<'a> {
+    sink: &'a dyn Sink,
+    is_over: AtomicBool,
+}
+
+impl Sink for Until<'_> {
+    fn now(&self) -> HostTime {
+        self.sink.now()
+    }
+
+    fn put(&self, sample: Sample) {
+        self.sink.put(sample);
+    }
+
+    fn is_ending(&self) -> bool {
+        self.is_over.load(Ordering::Relaxed) || self.sink.is_ending()
     }
 }
 

@@ -15,7 +15,7 @@ use v4l2::hotplug::Watch;
 use video::capture::{CaptureError, Cause, Content, Delivery, Eye, Lost as LostFrames, policy};
 use video::{Capture, CaptureEvent, CaptureSettings, CapturedFrame};
 
-use super::device::{Ties, imu, imu_info, lock, tell_gone, wait};
+use super::device::{Ties, beside_imu, imu_info, lock, no_thread, tell_gone, wait};
 use super::{
     CameraInfo, Live, Lost, Part, RawFrame, Sample, Sink, SourceError, SourceInfo, Stamped,
 };
@@ -101,18 +101,11 @@ impl Live for Gstreamer {
     }
 
     fn run(self: Box<Self>, sink: &dyn Sink) -> Result<(), SourceError> {
-        let ties = self.config.imu.is_some().then(Mutex::<Ties>::default);
-        std::thread::scope(|scope| {
-            if let (Some(imu), Some(ties)) = (&self.config.imu, &ties) {
-                let run = || imu::run(imu, ties, sink);
-                let spawned = std::thread::Builder::new()
-                    .name("imu".to_owned())
-                    .spawn_scoped(scope, run);
-                spawned
-                    .map_err(|error| self.unusable(format!("its IMU gets no thread: {error}")))?;
-            }
-            self.frames(ties.as_ref(), sink)
-        })
+        let frames = |ties: Option<&Mutex<Ties>>| self.frames(ties, sink);
+        match beside_imu(self.config.imu.as_ref(), sink, frames) {
+            Ok(ended) => ended,
+            Err(error) => Err(self.unusable(no_thread(&error))),
+        }
     }
 }
 

@@ -21,7 +21,8 @@ use crate::sources::{Lost, Notice, Part, RawFrame, Sample, Sink};
 /// A device that is there and cannot be used is tried again so often.
 const RETRY: Duration = Duration::from_secs(1);
 
-/// Delivers frames until the sink says that it is to end.
+/// Delivers frames until the sink says that it is to end. A camera that has delivered and comes back with other
+/// modes, as behind a slower port, is waited for like one that is gone.
 ///
 /// # Errors
 /// The camera is another one than the configuration says.
@@ -31,10 +32,12 @@ pub(super) fn run(
     sink: &dyn Sink,
 ) -> Result<(), String> {
     let mut told = None;
+    let mut is_right = false;
     while !sink.is_ending() {
         let before = Watch::new(["/dev"]);
         match start(config, sink) {
             Ok(stream) => {
+                is_right = true;
                 let began = sink.now();
                 let reason = read(stream, config, ties, sink);
                 if let Some(ties) = ties {
@@ -47,7 +50,7 @@ pub(super) fn run(
                 }
                 told = None;
             }
-            Err(error) if error.is_final() => return Err(with_causes(&error)),
+            Err(error) if error.is_final() && !is_right => return Err(with_causes(&error)),
             Err(error) => {
                 tell_gone(&mut told, Part::Camera, with_causes(&error), sink);
                 // One that is there may be let go by another program, which nothing tells of.

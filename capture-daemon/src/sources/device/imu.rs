@@ -21,7 +21,7 @@ const RETRY: Duration = Duration::from_secs(1);
 const TELL_NS: i64 = NS_PER_S;
 
 /// Delivers samples until the sink says that it is to end.
-pub(in crate::sources) fn run(config: &ZedImuConfig, ties: &Mutex<Ties>, sink: &dyn Sink) {
+pub(super) fn run(config: &ZedImuConfig, ties: &Mutex<Ties>, sink: &dyn Sink) {
     urgent::this_thread();
     let port = HidPort {
         model: None,
