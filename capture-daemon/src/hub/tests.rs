@@ -259,7 +259,9 @@ fn what_a_device_missed_while_it_was_gone_has_that_cause() {
     let alarms: Vec<bool> = seen
         .iter()
         .filter_map(|item| match item {
-            Outgoing::Alarm { text, active, .. } if text.starts_with("feet: the device is gone (") => {
+            Outgoing::Alarm { text, active, .. }
+                if text.starts_with("feet: the device is gone (") =>
+            {
                 Some(*active)
             }
             _ => None,
