@@ -12,6 +12,7 @@ use crate::recorder::OnProgress;
 use crate::status::Progress;
 
 mod build;
+mod claim;
 mod leftovers;
 mod look;
 mod operator;

@@ -2,7 +2,7 @@
 //!
 //! Contract: what is in such a session stays as it is; only what a clean end would have added is
 //! added ([`close_cut_off`]). A session that is damaged otherwise is left alone and told. The work is done beside the recorder, at
-//! the lowest priority, and never on the session that is being recorded.
+//! the lowest priority, and never on a session that is being recorded, by this program or by another.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,12 +13,13 @@ use session_archive::time::NS_PER_S;
 use session_archive::verify::Report;
 use session_archive::{layout, manifest::Manifest, manifest::State};
 
+use super::claim::{Claim, is_claimed};
 use crate::causes::with_causes;
 
 /// How much less urgent than everything else (nice).
 const NICE: i32 = 19;
 
-/// The sessions in `folder` that were never closed. To be asked before a session is begun there.
+/// The sessions in `folder` that were never closed and that nobody records. To be asked before a session is begun there.
 pub(super) fn find(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let is_open = |path: &PathBuf| {
@@ -27,7 +28,8 @@ pub(super) fn find(folder: &Path) -> Vec<PathBuf> {
             .and_then(|bytes| Manifest::from_bytes(&bytes).ok())
             .is_some_and(|manifest| manifest.state == State::Recording)
     };
-    let mut found: Vec<PathBuf> = entries.map(|e| e.path()).filter(is_open).collect();
+    let is_left = |path: &PathBuf| is_open(path) && !is_claimed(path);
+    let mut found: Vec<PathBuf> = entries.map(|e| e.path()).filter(is_left).collect();
     found.sort();
     found
 }
@@ -55,6 +57,8 @@ pub(super) fn close(
 
 fn close_one(session: &Path) -> String {
     let path = session.display();
+    // Without locks there is no other program to wait for either.
+    let _claim = Claim::wait(session);
     match close_cut_off(Arc::new(DiskStorage::new(session.to_owned()))) {
         Ok(Some(report)) => format!(
             "an earlier recording was cut off; the {:.1} s that were safe are closed: {path}",
@@ -125,6 +129,9 @@ mod tests {
             .expect("segment");
         file.set_len(length * 3 / 4).expect("cut");
 
+        let claim = Claim::wait(&done.session).expect("claim");
+        assert!(find(folder.path()).is_empty(), "another one records it");
+        drop(claim);
         let found = find(folder.path());
         assert_eq!(found, [done.session]);
         let (told, text) = sync_channel(4);

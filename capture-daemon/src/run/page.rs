@@ -12,6 +12,7 @@ use rig_link::rig::{
 use rig_link::server::{Limits, Server, Settings, serve as listen};
 use rig_link::token::Token;
 
+use super::claim::is_claimed;
 use super::real_time::{Running, Shared, ask};
 use crate::config;
 use crate::preview::Newest;
@@ -117,7 +118,7 @@ impl Rig for PageRig {
 
     fn is_recording(&self, session: &str) -> bool {
         // A session that has just been asked for has no name yet, so while one is begun or ended none is free.
-        self.shared.latest().is_none_or(|status| {
+        let is_ours = self.shared.latest().is_none_or(|status| {
             let is_open = matches!(status.state, State::Recording | State::Stopping);
             (is_open || self.shared.is_recording())
                 && status
@@ -125,7 +126,9 @@ impl Rig for PageRig {
                     .as_deref()
                     .and_then(Path::file_name)
                     .is_none_or(|name| name == session || !is_open)
-        })
+        });
+        // `pawsd record` may write one into the same folder, and one that was cut off may be about to be closed.
+        is_ours || is_claimed(&self.out.join(session))
     }
 }
 

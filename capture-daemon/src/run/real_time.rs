@@ -462,6 +462,11 @@ fn run_recorder(mut recorder: Recorder, shared: &Shared) {
             Popped::Item(ToRecorder::Item(item)) => recorder.handle(item),
             Popped::Item(ToRecorder::Request(request, source, reply)) => {
                 let is_stop = request == Request::Stop;
+                if matches!(request, Request::Start { .. }) {
+                    // Before there is a folder that could be taken for one that has ended.
+                    shared.recording.store(true, Ordering::SeqCst);
+                }
+                noted = None;
                 let answer = recorder.request(request, source);
                 if is_stop && recorder.state() == State::Stopping {
                     stopping.push(reply);

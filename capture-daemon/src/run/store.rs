@@ -5,9 +5,10 @@ use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use session_archive::storage::{DiskStorage, Storage};
+use session_archive::storage::Storage;
 use session_archive::time::{CivilTime, HostTime};
 
+use super::claim::Claimed;
 use super::look::Looker;
 use crate::disk;
 use crate::recorder::{MachineLook, SessionStore};
@@ -56,9 +57,10 @@ impl SessionStore for FolderStore {
             .out
             .join(format!("{time}Z_{}", &text[text.len() - 8..]));
         fs::create_dir(&path)?;
+        let storage = Claimed::new(&path);
         // The session is found after a power cut only if its name is on disk.
         fs::File::open(&self.out)?.sync_all()?;
-        Ok((path.clone(), Arc::new(DiskStorage::new(path)), text))
+        Ok((path, Arc::new(storage), text))
     }
 
     fn discard(&mut self, path: &Path) -> io::Result<()> {

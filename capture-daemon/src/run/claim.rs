@@ -1,0 +1,101 @@
+//! Whose a session is while it is written: a lock on its folder, for programs that know nothing of each other.
+//!
+//! Contract: whoever records or closes a session holds its [`Claim`], from before there is anything in it until the
+//! last byte is written. The system lets it go when the program ends, however that ends. A file system without
+//! locks has no claims: then sessions are safe from each other only within one program.
+
+use std::fs::File;
+use std::io;
+use std::path::Path;
+
+use session_archive::storage::{DiskStorage, ReadAt, Storage, WriteFile};
+
+/// A session's folder is ours until this is dropped.
+#[derive(Debug)]
+pub(super) struct Claim {
+    _folder: File,
+}
+
+impl Claim {
+    /// Claims the session in this folder; waits for whoever has it.
+    ///
+    /// # Errors
+    /// The folder is not there, or its file system has no locks.
+    pub(super) fn wait(session: &Path) -> io::Result<Self> {
+        let folder = File::open(session)?;
+        folder.lock()?;
+        Ok(Self { _folder: folder })
+    }
+}
+
+/// Whether somebody has claimed the session in this folder.
+pub(super) fn is_claimed(session: &Path) -> bool {
+    // Shared, so that those who look do not see each other.
+    let looked = File::open(session).map(|folder| folder.try_lock_shared());
+    matches!(looked, Ok(Err(std::fs::TryLockError::WouldBlock)))
+}
+
+/// A session's folder with the claim to it.
+pub(super) struct Claimed {
+    storage: DiskStorage,
+    _claim: Option<Claim>,
+}
+
+impl Claimed {
+    /// A folder that is new, so that nobody can have claimed it for longer than a look takes.
+    pub(super) fn new(session: &Path) -> Self {
+        let claim = Claim::wait(session)
+            .inspect_err(|error| log::warn!("claiming a session: {error}: {}", session.display()));
+        Self {
+            storage: DiskStorage::new(session),
+            _claim: claim.ok(),
+        }
+    }
+}
+
+impl Storage for Claimed {
+    fn create(&self, path: &str) -> io::Result<Box<dyn WriteFile>> {
+        self.storage.create(path)
+    }
+
+    fn open(&self, path: &str) -> io::Result<Box<dyn ReadAt>> {
+        self.storage.open(path)
+    }
+
+    fn list(&self, dir: &str) -> io::Result<Vec<String>> {
+        self.storage.list(dir)
+    }
+
+    fn create_dir(&self, dir: &str) -> io::Result<()> {
+        self.storage.create_dir(dir)
+    }
+
+    fn rename(&self, from: &str, to: &str) -> io::Result<()> {
+        self.storage.rename(from, to)
+    }
+
+    fn remove(&self, path: &str) -> io::Result<()> {
+        self.storage.remove(path)
+    }
+
+    fn sync_dir(&self, dir: &str) -> io::Result<()> {
+        self.storage.sync_dir(dir)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_session_is_claimed_until_its_storage_is_gone() {
+        let folder = tempfile::tempdir().expect("folder");
+        assert!(!is_claimed(folder.path()));
+        let claimed = Claimed::new(folder.path());
+        assert!(is_claimed(folder.path()) && is_claimed(folder.path()));
+        drop(claimed);
+        assert!(!is_claimed(folder.path()));
+        assert!(!is_claimed(&folder.path().join("absent")));
+        assert!(Claim::wait(&folder.path().join("absent")).is_err());
+    }
+}
