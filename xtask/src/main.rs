@@ -70,7 +70,7 @@ fn run(verb: Verb) -> anyhow::Result<()> {
             qemu,
             cached,
             names,
-        } => vm::run(install, quick, qemu, cached, &names),
+        } => vm::run(install, quick, qemu, cached, &names).map(|_| ()),
         Verb::Fuzz { install, seconds } => fuzz::run(install, seconds),
         Verb::Deb {
             install,

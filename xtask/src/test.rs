@@ -16,6 +16,7 @@ use anyhow::{Context, Result, bail};
 
 use crate::process::{self, cargo, human};
 use crate::setup::{self, Purpose};
+use crate::vm;
 use runner::Report;
 
 /// How a step ended; the text is what the table says beside it.
@@ -61,6 +62,7 @@ pub(crate) fn run(install: bool, quick: bool) -> Result<()> {
     }
     steps.push(step("tests", || tests(quick, python, &mut report)));
     if !quick {
+        steps.push(step("real kernel drivers", || machines(install)));
         steps.push(step("documentation", documentation));
         steps.push(step("cargo deny", deny));
     }
@@ -135,6 +137,14 @@ fn tests(quick: bool, python: Option<std::path::PathBuf>, report: &mut Report) -
         bail!("`{}` ended with {status}", process::line(&command));
     }
     Ok(Ending::Passed(report.counts()))
+}
+
+/// The short form of the tests in virtual machines; their kernel is built if it is not there.
+fn machines(install: bool) -> Result<Ending> {
+    Ok(match vm::run(install, true, false, false, &[])? {
+        vm::Ran::Passed => Ending::Passed(String::new()),
+        vm::Ran::Skipped => Ending::LeftOut("no virtual machine here, see above".into()),
+    })
 }
 
 fn documentation() -> Result<Ending> {
