@@ -27,6 +27,9 @@ use crate::time::HostTime;
 use crate::verify::{Lost, Report, rig_file, verify};
 use crate::writer::{LIBRARY, PROFILE, head_chunk};
 
+/// Appended to the name of a segment that is written anew.
+const CLOSING: &str = ".closing";
+
 /// Why a session could not be recovered. The source is as it was.
 #[derive(Debug, thiserror::Error)]
 pub enum RecoverError {
@@ -83,7 +86,8 @@ pub fn recover(
 }
 
 /// Closes a session that was cut off and is damaged nowhere else, in place; none if it was closed already. What
-/// it holds is what was found in it. Cut off itself at any point, it can be done again.
+/// it holds is what was found in it. Cut off itself at any point, it can be done again; where it fails, it leaves
+/// nothing behind that takes up space.
 ///
 /// # Errors
 /// [`RecoverError::Damaged`], and then nothing has been changed; or see [`RecoverError`].
@@ -96,6 +100,20 @@ pub fn close_cut_off(storage: Arc<dyn Storage>) -> Result<Option<Report>, Recove
     if !report.is_only_cut_off() {
         return Err(RecoverError::Damaged(Box::new(report)));
     }
+    let done = close_in_place(&source, &*storage, &report);
+    if done.is_err() {
+        for number in source.segment_numbers() {
+            let _ = storage.remove(&beside(number));
+        }
+    }
+    done.map(|()| Some(report))
+}
+
+fn close_in_place(
+    source: &SessionReader,
+    storage: &dyn Storage,
+    report: &Report,
+) -> Result<(), RecoverError> {
     let closed: BTreeMap<u32, SegmentEntry> = source
         .manifest()
         .segments
@@ -103,14 +121,14 @@ pub fn close_cut_off(storage: Arc<dyn Storage>) -> Result<Option<Report>, Recove
         .filter(|entry| entry.state == SegmentState::Closed)
         .map(|entry| (entry.number, entry.clone()))
         .collect();
-    let mut copy = Copy::in_place(&source, &*storage);
+    let mut copy = Copy::in_place(source, storage);
     let mut written = Vec::new();
     for number in source.segment_numbers() {
         match closed.get(&number) {
             Some(entry) => copy.keep(entry.clone())?,
             None => {
                 // What an earlier try left.
-                let _ = storage.remove(&copy.path(number));
+                let _ = storage.remove(&beside(number));
                 copy.segment(number)?;
                 written.push(number);
             }
@@ -119,11 +137,15 @@ pub fn close_cut_off(storage: Arc<dyn Storage>) -> Result<Option<Report>, Recove
     copy.end_segment().map_err(RecoverError::Write)?;
     for number in written {
         storage
-            .rename(&copy.path(number), &layout::segment(number))
+            .rename(&beside(number), &layout::segment(number))
             .map_err(RecoverError::Write)?;
     }
-    copy.finish(&report)?;
-    Ok(Some(report))
+    copy.finish(report)
+}
+
+/// Where a segment is written anew before it takes its place.
+fn beside(number: u32) -> String {
+    layout::segment(number) + CLOSING
 }
 
 /// Whether the copy has a fault that the source did not have: what was recorded wrongly (a number
@@ -191,7 +213,7 @@ impl<'a> Copy<'a> {
         Self {
             source,
             target: storage,
-            suffix: ".closing",
+            suffix: CLOSING,
             copied_bytes: 0,
             states: BTreeMap::new(),
             open: None,

@@ -133,6 +133,29 @@ fn closing_in_place_is_recovery_and_can_be_cut_off_anywhere() {
     assert!(cuts > 5, "{cuts}");
 }
 
+/// A full disk is where a recording often ends: closing it must not make it fuller.
+#[test]
+fn closing_in_place_without_space_leaves_nothing_behind() {
+    let samples = samples(2.0);
+    let at = clean(&samples).log().len() as u64 / 2;
+    let kind = FaultKind::PowerCut;
+    let disk = FaultStorage::with_fault(Fault { at, kind, keep: 0 });
+    record(Arc::new(disk.clone()), &samples, UNIT).expect_err("cut");
+    let cut = files(&disk.crash(CrashKind::ProcessKilled));
+    let kind = FaultKind::NoSpace;
+    let full = disk_with(
+        &cut,
+        Some(Fault {
+            at: 0,
+            kind,
+            keep: 100,
+        }),
+    );
+    let error = close_cut_off(Arc::new(full.clone())).expect_err("no space");
+    assert!(matches!(error, RecoverError::Write(_)), "{error}");
+    assert!(files(&full) == cut, "something was left");
+}
+
 #[test]
 fn what_is_damaged_is_not_closed_in_place() {
     let disk = clean(&samples(2.0));
