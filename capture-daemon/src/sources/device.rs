@@ -198,15 +198,52 @@ pub(super) fn tell_gone(told: &mut Option<String>, part: Part, detail: String, s
 /// Waits until something changes in the folder of devices, or `limit` is over, or the end.
 pub(super) fn wait(watch: std::io::Result<Watch>, limit: Duration, sink: &dyn Sink) {
     let until = sink.now() + limit.as_nanos() as i64;
-    let Ok(mut watch) = watch else { return };
+    let mut watch = watch.ok();
     while !sink.is_ending() && sink.now() < until {
-        match watch.next(PATIENCE) {
-            Ok(None) => {}
-            Ok(Some(_)) | Err(_) => return,
+        match watch.as_mut().map(|watch| watch.next(PATIENCE)) {
+            Some(Ok(None)) => {}
+            Some(Ok(Some(_))) => return,
+            Some(Err(_)) | None => {
+                watch = None;
+                #[expect(
+                    clippy::disallowed_methods,
+                    reason = "the system has no watches left to give, and trying again at once would never end"
+                )]
+                std::thread::sleep(PATIENCE);
+            }
         }
     }
 }
 
 pub(super) fn lock(ties: &Mutex<Ties>) -> MutexGuard<'_, Ties> {
     ties.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::{Clock as _, RealClock};
+
+    struct Clock;
+
+    impl Sink for Clock {
+        fn now(&self) -> HostTime {
+            RealClock.now()
+        }
+
+        fn put(&self, _: Sample) {}
+
+        fn is_ending(&self) -> bool {
+            false
+        }
+    }
+
+    /// Else a thread that goes before all others would try without end.
+    #[test]
+    fn without_a_watch_time_is_waited_for_all_the_same() {
+        let before = Clock.now();
+        let limit = Duration::from_millis(150);
+        wait(Err(std::io::ErrorKind::Other.into()), limit, &Clock);
+        assert!(Clock.now() - before >= 150_000_000);
+    }
 }

@@ -41,6 +41,7 @@ pub(super) fn run(config: &ZedImuConfig, ties: &Mutex<Ties>, sink: &dyn Sink) {
             }
         }
     };
+    let mut opened = sink.now();
     let mut told_malformed = HostTime::MIN;
     while !sink.is_ending() {
         let event = imu.next(&|| sink.now().0, sink.now().0 + PATIENCE_NS);
@@ -67,9 +68,14 @@ pub(super) fn run(config: &ZedImuConfig, ties: &Mutex<Ties>, sink: &dyn Sink) {
             Event::Gone { detail } => {
                 tell_gone(&mut told, Part::Imu, detail, sink);
                 lock(ties).restart();
+                // One that fails as soon as it is opened is given time.
+                if sink.now().since(opened) < RETRY.as_nanos() as i64 {
+                    wait(Watch::new(["/dev"]), RETRY, sink);
+                }
                 let before = Watch::new(["/dev"]);
-                if imu.try_reopen(sink.now().0).is_err() {
-                    wait(before, RETRY, sink);
+                match imu.try_reopen(sink.now().0) {
+                    Ok(()) => opened = sink.now(),
+                    Err(_) => wait(before, RETRY, sink),
                 }
             }
         }
