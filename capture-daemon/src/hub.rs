@@ -29,9 +29,11 @@ use crate::sync::clock::ClockConfig;
 use crate::sync::gaps::Renumber;
 
 mod stream_clock;
+mod turns;
 mod watch;
 
 use self::stream_clock::StreamClock;
+use self::turns::Turns;
 use self::watch::Watch;
 
 /// An IMU batch is handed on when it spans this much.
@@ -150,6 +152,8 @@ pub struct StreamHealth {
 pub struct CameraSetup {
     /// Its name.
     pub name: String,
+    /// Cameras with the same one expose together; none is free-running.
+    pub trigger: Option<String>,
     /// Nominal rate.
     pub rate_hz: f64,
     /// Its device clock.
@@ -206,6 +210,9 @@ struct CameraState {
     watch: Watch,
     /// Position of its IMU among all IMUs.
     imu: Option<usize>,
+    /// Position of the first camera that exposes together with it, whose turns are its own.
+    together_with: usize,
+    turns: Turns,
     digest: Option<u64>,
     /// Arrival of the newest frame whose picture differed from the one before it.
     changed: HostTime,
@@ -233,7 +240,7 @@ impl Hub {
     /// A hub for these cameras. With `waits`, every frame is waited for until it is encoded: for
     /// virtual time. `chunk_ns` is the archive's chunk length.
     pub fn new(setups: Vec<CameraSetup>, chunk_ns: i64, waits: bool, out: &Out) -> Self {
-        let mut cameras = Vec::new();
+        let mut cameras: Vec<CameraState> = Vec::new();
         let mut imus = Vec::new();
         for (camera, setup) in setups.into_iter().enumerate() {
             let (hand_on, name) = (out.clone(), setup.name.clone());
@@ -275,7 +282,12 @@ impl Hub {
                 });
                 imus.len() - 1
             });
+            let is_same = |other: &CameraState| {
+                setup.trigger.is_some() && other.setup.trigger == setup.trigger
+            };
             cameras.push(CameraState {
+                together_with: cameras.iter().position(is_same).unwrap_or(camera),
+                turns: Turns::default(),
                 lane: Lane::new(setup.encoder.clone(), chunk_ns, sink),
                 numbers: Renumber::new(setup.number_bits),
                 clock: StreamClock::new(&setup.name, setup.clock, setup.stamped),
@@ -503,16 +515,17 @@ impl Hub {
                 self.measures.lower_preview,
             );
         }
-        if self.measures.lower_frame_rate && number % 2 == 1 {
+        if self.measures.lower_frame_rate && !self.is_kept(position, mapped.time) {
             return (self.out)(Outgoing::Dropped {
                 at: mapped.time,
-                stream: camera.setup.name.clone(),
+                stream: self.cameras[position].setup.name.clone(),
                 first: number,
                 last: number,
                 cause: Cause::Spared,
                 detail: "every other picture is left out, to spare the machine".to_owned(),
             });
         }
+        let camera = &mut self.cameras[position];
         let frame = Frame {
             number,
             device_ticks: ticks,
@@ -531,6 +544,14 @@ impl Hub {
         } else {
             camera.lane.push(frame, raw.picture.input(), now);
         }
+    }
+
+    /// Whether it is this camera's turn where every other picture is left out.
+    fn is_kept(&mut self, camera: usize, time: HostTime) -> bool {
+        let camera = &self.cameras[camera];
+        let period_ns = (NS_PER_S as f64 / camera.setup.rate_hz.max(0.001)) as i64;
+        let first = camera.together_with;
+        self.cameras[first].turns.is_kept(time, period_ns)
     }
 
     fn imu(&mut self, camera: usize, raw: &RawImu, now: HostTime) {

@@ -29,6 +29,7 @@ fn bench_with(stamped: Option<Stamped>) -> Bench {
     let clock = ClockConfig::new(TickLength::NANOSECOND);
     let camera = CameraSetup {
         name: "feet".to_owned(),
+        trigger: None,
         rate_hz: 20.0,
         clock,
         number_bits: None,

@@ -244,6 +244,7 @@ fn describe(
     };
     let of_hub = CameraSetup {
         name: camera.name.clone(),
+        trigger: camera.trigger.clone(),
         rate_hz: info.camera.rate_hz,
         clock: clock(
             info.camera.tick,
