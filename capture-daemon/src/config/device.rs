@@ -147,6 +147,10 @@ pub(super) fn zed(section: &mut Section<'_>) -> Option<V4l2Config> {
         );
     }
     let imu_rate_hz = imu_rate(section);
+    let has_imu = section.flag("imu").unwrap_or(true);
+    if !has_imu {
+        refuse_without(section, &["imu_rate_hz"], "imu = true");
+    }
     Some(V4l2Config {
         device: DeviceChoice::Zed {
             serial: serial.clone(),
@@ -157,7 +161,7 @@ pub(super) fn zed(section: &mut Section<'_>) -> Option<V4l2Config> {
         format: PixelLayout::Yuyv,
         buffers: buffers(section),
         controls: section.section("controls", "controls").integers(),
-        imu: section.flag("imu").unwrap_or(true).then_some(ZedImuConfig {
+        imu: has_imu.then_some(ZedImuConfig {
             serial,
             rate_hz: imu_rate_hz,
         }),
@@ -214,7 +218,18 @@ fn zed_imu(
         |s| !s.is_empty(),
     );
     let rate_hz = imu_rate(section);
-    (kind.as_deref().or(default) == Some("zed")).then_some(ZedImuConfig { serial, rate_hz })
+    let is_zed = kind.as_deref().or(default) == Some("zed");
+    if !is_zed {
+        refuse_without(section, &["imu_serial", "imu_rate_hz"], "imu = \"zed\"");
+    }
+    is_zed.then_some(ZedImuConfig { serial, rate_hz })
+}
+
+/// Keys that say nothing without another one.
+fn refuse_without(section: &Section<'_>, keys: &[&str], expected: &str) {
+    for key in keys.iter().filter(|key| section.has(key)) {
+        section.refuse(key, format_args!("is given, expected {expected} beside it"));
+    }
 }
 
 /// `device = "/dev/video0"`, or `usb = "2b03:f682"`, and `usb_serial` where several are plugged in.
@@ -225,7 +240,10 @@ fn device(section: &mut Section<'_>, folder: &Path) -> Option<DeviceChoice> {
         !s.is_empty()
     });
     match (path, usb.as_deref().and_then(usb_id)) {
-        (Some(path), None) => Some(DeviceChoice::Path(path)),
+        (Some(path), None) => {
+            refuse_without(section, &["usb_serial"], "usb, and not device,");
+            Some(DeviceChoice::Path(path))
+        }
         (None, Some((vendor, product))) => Some(DeviceChoice::Usb {
             vendor,
             product,

@@ -658,6 +658,18 @@ fn cameras_that_are_devices() {
         "line 5: usb in [camera.source] is given beside device",
     );
     check(
+        "kind = \"v4l2\"\ndevice = \"/dev/video0\"\nusb_serial = \"x\"",
+        "line 6: usb_serial in [camera.source] is given, expected usb, and not device, beside it",
+    );
+    check(
+        "kind = \"gstreamer\"\nchain = \"a\"\nimu_serial = \"17\"",
+        "line 6: imu_serial in [camera.source] is given, expected imu = \"zed\" beside it",
+    );
+    check(
+        "kind = \"zed\"\nimu = false\nimu_rate_hz = 400",
+        "line 6: imu_rate_hz in [camera.source] is given, expected imu = true beside it",
+    );
+    check(
         "kind = \"zed\"\nmode = \"HD2K\"\nrate_hz = 30",
         "line 6: rate_hz in [camera.source] is 30, expected one of 15 in this mode",
     );
