@@ -257,6 +257,13 @@ fn selftest(path: &Path, seconds: f64, report: &Path) -> anyhow::Result<ExitCode
     let folder = config.session.out.clone().ok_or(Usage(
         "where may the recording be made? Set out in [session]",
     ))?;
+    if std::os::unix::net::UnixStream::connect(&config.control.socket).is_ok() {
+        anyhow::bail!(
+            "the daemon has the cameras, and its recording would feel a test beside it: stop it first, as with \
+             `systemctl stop pawsd`: {}",
+            config.control.socket.display()
+        );
+    }
     // First, so that nothing is done in vain.
     let mut file = std::fs::File::create_new(report)
         .with_context(|| format!("creating the report {}", report.display()))?;
@@ -293,10 +300,11 @@ fn record(args: &RecordArgs, stderr: Lines) -> anyhow::Result<ExitCode> {
     if !args.json {
         print(finished.session.display())?;
     }
-    Ok(ExitCode::from(match (finished.error, finished.missing) {
+    let is_whole = finished.missing == 0 && finished.absent.is_empty();
+    Ok(ExitCode::from(match (finished.error, is_whole) {
         (Some(_), _) => 1,
-        (None, 0) => 0,
-        (None, _) => 3,
+        (None, true) => 0,
+        (None, false) => 3,
     }))
 }
 
@@ -376,7 +384,14 @@ fn ask(
 fn code_of_stop(status: &Status) -> u8 {
     match status.state {
         State::Fault => 1,
-        _ if status.streams.iter().any(|stream| stream.missing > 0) => 3,
+        // One of which nothing came is as bad as one with holes.
+        _ if status
+            .streams
+            .iter()
+            .any(|s| s.missing > 0 || s.stored == 0) =>
+        {
+            3
+        }
         _ => 0,
     }
 }
@@ -442,13 +457,14 @@ mod tests {
 
     #[test]
     fn a_stop_tells_whether_the_recording_is_whole() {
-        let code = |state, missing| {
+        let code = |state, stored, missing| {
             code_of_stop(&Status {
                 state,
                 session: None,
                 seconds: 1.0,
                 durable_until: None,
                 streams: vec![StreamStatus {
+                    stored,
                     missing,
                     ..StreamStatus::default()
                 }],
@@ -461,9 +477,10 @@ mod tests {
                 sparing: String::new(),
             })
         };
-        assert_eq!(code(State::Armed, 0), 0);
-        assert_eq!(code(State::Armed, 2), 3);
-        assert_eq!(code(State::Fault, 0), 1);
-        assert_eq!(code(State::Fault, 2), 1);
+        assert_eq!(code(State::Armed, 9, 0), 0);
+        assert_eq!(code(State::Armed, 9, 2), 3);
+        assert_eq!(code(State::Armed, 0, 0), 3, "nothing came of it");
+        assert_eq!(code(State::Fault, 9, 0), 1);
+        assert_eq!(code(State::Fault, 9, 2), 1);
     }
 }

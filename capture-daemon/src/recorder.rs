@@ -402,14 +402,19 @@ impl Recorder {
         if let Some(session) = &self.session {
             return Err(format!("still recording {}", session.path.display()));
         }
-        let Some(path) = self.last_session.take() else {
+        let Some(path) = self.last_session.clone() else {
             return Err("there is no last recording that could be discarded".to_owned());
         };
+        let discarded = self.store.discard(&path);
+        // One that could not be deleted can be tried again; one that a host has freed meanwhile is gone.
+        let is_left = matches!(&discarded, Err(e) if e.kind() != io::ErrorKind::NotFound);
+        if !is_left {
+            self.last_session = None;
+            self.last_totals = (0.0, Vec::new());
+        }
+        discarded.map_err(|e| format!("deleting {}: {e}", path.display()))?;
         log::info!("{} discarded by {source}", path.display());
-        self.last_totals = (0.0, Vec::new());
-        self.store
-            .discard(&path)
-            .map_err(|e| format!("deleting {}: {e}", path.display()))
+        Ok(())
     }
 
     /// Everything worth knowing now.
@@ -632,6 +637,7 @@ impl Recorder {
         );
         let stored = session.streams.iter().map(|s| s.stored).sum();
         let missing = session.streams.iter().map(|s| s.missing).sum();
+        let absent = session.absent();
         let path = session.path;
         if let Some(e) = &failed {
             let text = format!(
@@ -647,6 +653,7 @@ impl Recorder {
             seconds,
             stored,
             missing,
+            absent,
             error: failed,
         });
     }

@@ -70,6 +70,8 @@ pub struct Finished {
     pub stored: u64,
     /// Samples missing, all streams; each is accounted for in a gap record.
     pub missing: u64,
+    /// Streams of which nothing came at all.
+    pub absent: Vec<String>,
     /// What failed, if the session was ended by a failure or a source failed during it.
     pub error: Option<String>,
 }
@@ -92,6 +94,7 @@ impl Outcome {
                 session,
                 stored,
                 missing,
+                absent,
                 error,
                 ..
             } = &mut progress
@@ -104,6 +107,7 @@ impl Outcome {
                     session: session.clone(),
                     stored: *stored,
                     missing: *missing,
+                    absent: absent.clone(),
                     error: error.clone(),
                 });
             }

@@ -173,6 +173,9 @@ fn record(config: &Config, folder: &Path, seconds: f64, stop: &StopFlag, report:
     if let Some(error) = &finished.error {
         report.fail(error.clone());
     }
+    for stream in &finished.absent {
+        report.fail(format!("{stream} delivered nothing"));
+    }
     if finished.missing > 0 {
         report.fail(format!("{} samples are missing", finished.missing));
     }
@@ -206,9 +209,6 @@ fn examine(config: &Config, reader: &SessionReader, seconds: f64, report: &mut W
                     frames as f64 / seconds,
                     samples as f64 / seconds
                 ));
-                if frames == 0 {
-                    report.fail(format!("{} delivered no frame", camera.name));
-                }
             }
         }
     }

@@ -179,6 +179,9 @@ pub enum Progress {
         stored: u64,
         /// Samples missing, all streams; each is accounted for in a gap record.
         missing: u64,
+        /// Streams of which nothing came at all, so that nobody knows how many samples are missing.
+        #[serde(default)]
+        absent: Vec<String>,
         /// What failed, if the session was ended by a failure or a source failed during it.
         error: Option<String>,
     },

@@ -368,3 +368,16 @@ fn the_daemon_is_controlled_through_its_socket() {
     assert_eq!(daemon.wait().unwrap().code(), Some(0));
     assert!(!here.join("s").exists(), "the socket is left behind");
 }
+
+/// It would take the cameras from a recording, or find them taken.
+#[test]
+fn a_selftest_leaves_a_daemon_alone() {
+    let folder = folder_with(&format!(
+        "session.out = \"out\"\ncontrol.socket = \"socket\"\n{CAMERA}"
+    ));
+    let _daemon = std::os::unix::net::UnixListener::bind(folder.path().join("socket")).unwrap();
+    let args = ["selftest", "--config", "pawsd.toml"];
+    let told = text(&run(&args, folder.path(), 1).stderr);
+    assert!(told.contains("stop it first"), "{told}");
+    assert!(!folder.path().join("pawsd-selftest.txt").exists());
+}

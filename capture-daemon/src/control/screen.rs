@@ -133,12 +133,17 @@ impl Narrator {
                 seconds,
                 stored,
                 missing,
+                absent,
                 error,
                 ..
             } => {
                 let failure = error.as_ref().map(|error| format!("\nFAILED: {error}"));
+                let nothing = match absent.as_slice() {
+                    [] => String::new(),
+                    names => format!(", nothing at all of {}", names.join(", ")),
+                };
                 format!(
-                    "finished after {} ({reason}): {stored} samples stored, {missing} missing{}",
+                    "finished after {} ({reason}): {stored} samples stored, {missing} missing{nothing}{}",
                     duration(*seconds),
                     failure.unwrap_or_default()
                 )
@@ -267,10 +272,11 @@ feet                   30.0        1234        1200         3  FROZEN
             seconds: 12.0,
             stored: 240,
             missing: 1,
+            absent: vec!["feet".into()],
             error: Some("no space left".into()),
         };
-        let expected =
-            "finished after 12.0 s (disk): 240 samples stored, 1 missing\nFAILED: no space left";
+        let expected = "finished after 12.0 s (disk): 240 samples stored, 1 missing, nothing at all of feet\n\
+                        FAILED: no space left";
         assert_eq!(narrator.line(&finished).unwrap(), expected);
     }
 }

@@ -106,6 +106,12 @@ impl Session {
         })
     }
 
+    /// Streams of which nothing came.
+    pub(super) fn absent(&self) -> Vec<String> {
+        let absent = self.streams.iter().filter(|s| s.stored + s.missing == 0);
+        absent.map(|s| s.name.clone()).collect()
+    }
+
     /// Puts an item into the archive, with the gap records and frame sets that follow from it.
     pub(super) fn store(&mut self, item: Outgoing) -> Result<(), WriteError> {
         match item {

@@ -26,6 +26,8 @@ struct Bench {
     progress: Arc<Mutex<Vec<Progress>>>,
     free: Arc<Mutex<Option<u64>>>,
     machine: Arc<Mutex<MachineLook>>,
+    /// Nothing can be deleted.
+    keeps: Arc<Mutex<bool>>,
     /// Of the first disk.
     faults: Vec<Fault>,
 }
@@ -40,6 +42,9 @@ impl SessionStore for Bench {
     }
 
     fn discard(&mut self, _: &Path) -> io::Result<()> {
+        if *self.keeps.lock().expect("keeps") {
+            return Err(io::ErrorKind::PermissionDenied.into());
+        }
         self.disks.lock().expect("disks").pop();
         Ok(())
     }
@@ -739,6 +744,26 @@ fn a_pre_roll_that_takes_too_many_bytes_is_an_alarm() {
     assert!(rig.recorder.status().alarms.is_empty());
 }
 
+/// Else a camera that was never there would leave a recording of which nothing is missing.
+#[test]
+fn streams_of_which_nothing_came_are_named() {
+    let mut rig = rig(0, Bench::default());
+    let absent = |rig: &Rig| {
+        let progress = rig.bench.progress.lock().expect("progress");
+        match progress.last() {
+            Some(Progress::Finished { absent, .. }) => absent.clone(),
+            other => panic!("{other:?}"),
+        }
+    };
+    started(&mut rig);
+    rig.recorder.close_now("button");
+    assert_eq!(absent(&rig), ["left_shoulder", "feet", "feet/imu"]);
+    started(&mut rig);
+    rig.steps(20);
+    rig.recorder.close_now("button");
+    assert!(absent(&rig).is_empty());
+}
+
 #[test]
 fn the_last_recording_can_be_discarded_once() {
     let mut rig = rig(0, Bench::default());
@@ -756,7 +781,13 @@ fn the_last_recording_can_be_discarded_once() {
     );
     rig.recorder.close_now("button");
     assert_eq!(rig.bench.disks.lock().expect("disks").len(), 1);
-    assert!(matches!(discard(&mut rig), Response::Ok { .. }));
+    *rig.bench.keeps.lock().expect("keeps") = true;
+    assert!(matches!(discard(&mut rig), Response::Error { .. }));
+    *rig.bench.keeps.lock().expect("keeps") = false;
+    assert!(
+        matches!(discard(&mut rig), Response::Ok { .. }),
+        "it can be tried again"
+    );
     assert!(rig.bench.disks.lock().expect("disks").is_empty());
     assert!(
         matches!(discard(&mut rig), Response::Error { .. }),
