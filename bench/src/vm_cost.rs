@@ -1,0 +1,137 @@
+//! `vm_cost`: wake-ups and processor time of the daemon's threads, against cameras, IMU, operator's devices and page.
+//!
+//! `pawsd` runs in virtual machines with the kernel's own drivers; see [`vm::cases::cost`] for what is counted, and how far the
+//! processor time can be believed. The load of the host before and after is kept beside it.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context as _, Result};
+use charts::{Axis, Chart, Series};
+use serde_json::{Value, json};
+use vm::case::Bench;
+use vm::cases::cost::{Cost, Rate, SETUPS, Window, measure};
+use vm::kernel::{Kernel, KernelError};
+use vm::machine::Machine;
+
+use crate::arguments::Arguments;
+use crate::{power_cuts, stamp};
+
+/// Kinds of threads as they stand in the table.
+const KINDS: [&str; 10] = [
+    "source", "imu", "hub", "encoder", "recorder", "main", "light", "button", "page", "control",
+];
+/// Rigs in the chart.
+const DRAWN: usize = 5;
+
+/// Runs the benchmark: `[--quick] [--out DIR]`.
+///
+/// # Errors
+/// Bad arguments, or a machine that fails.
+pub(crate) fn run(args: &[String]) -> Result<()> {
+    let arguments = Arguments::parse(args)?;
+    let mut stamp = stamp::stamp("vm_cost", args)?;
+    let kernel = match Kernel::get(|what| println!("{what}")) {
+        Err(error @ KernelError::Unavailable(_)) => {
+            println!("skipped: {error}");
+            return Ok(());
+        }
+        kernel => kernel?,
+    };
+    let folder = tempfile::tempdir().context("making a folder")?;
+    let bench = Bench {
+        machine: Machine::user_mode(kernel, &power_cuts::programs()?)?,
+        folder: folder.path().to_owned(),
+        quick: arguments.quick,
+        seed: 1,
+    };
+    let (setups, window_s) = if arguments.quick {
+        (&SETUPS[..2], 5)
+    } else {
+        (&SETUPS[..], 20)
+    };
+    let before = load();
+    let mut costs = Vec::new();
+    for setup in setups {
+        let cost = measure(&bench, *setup, window_s)?;
+        print(&cost);
+        costs.push(cost);
+    }
+    stamp["host_load"] = json!({ "before": before, "after": load() });
+    write(&arguments.out, &costs, window_s, &stamp)
+}
+
+/// The host's load averages over 1, 5 and 15 minutes.
+fn load() -> Vec<f64> {
+    let text = fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    let words = text.split(' ').take(3);
+    words.filter_map(|word| word.parse().ok()).collect()
+}
+
+/// A row of the table for each state: wake-ups per second, in all and by kind, and the share of a processor.
+fn print(cost: &Cost) {
+    let row = |state: &str, window: &Window| {
+        let kinds = KINDS.map(|kind| format!("{kind} {:.1}", window.of(kind).wakes));
+        let total = window.total();
+        println!(
+            "{:20} {state:9} wakes/s {:7.1}  cpu {:5.1} %  [{}]",
+            cost.setup.name,
+            total.wakes,
+            total.cpu_percent,
+            kinds.join(", ")
+        );
+    };
+    row("armed", &cost.armed);
+    if let Some(window) = &cost.recording {
+        row("recording", window);
+    }
+}
+
+fn write(out: &Path, costs: &[Cost], window_s: u32, stamp: &Value) -> Result<()> {
+    let report = json!({
+        "benchmark": "vm_cost",
+        "stamp": stamp,
+        "window_s": window_s,
+        "rigs": costs.iter().map(Cost::figures).collect::<Vec<_>>(),
+    });
+    fs::create_dir_all(out).with_context(|| format!("making {}", out.display()))?;
+    for (name, text) in [
+        ("vm_cost.json", format!("{report:#}\n")),
+        ("vm_cost.svg", chart(costs, stamp)),
+    ] {
+        let path = out.join(name);
+        fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
+        println!("wrote {}", path.display());
+    }
+    Ok(())
+}
+
+/// Wake-ups while it records, the thread behind each on its own. Where nothing is recorded, those of waiting.
+fn chart(costs: &[Cost], stamp: &Value) -> String {
+    let drawn = || {
+        let costs = costs.iter().filter(|cost| cost.setup.size.0 < 1000);
+        costs.filter(|cost| !cost.setup.operator).take(DRAWN)
+    };
+    let names = drawn().map(|cost| cost.setup.name);
+    let mut chart = Chart::new("How often the daemon's threads wake up")
+        .subtitle("while it records: 30 frames per second and camera, 800 samples per second of the IMU")
+        .x_axis(Axis::categories("", names))
+        .y_axis(Axis::linear("wake-ups", "1/s").include(0.0))
+        .footnote(&stamp::line(stamp));
+    let parts: [(&str, &[&str]); 5] = [
+        ("cameras, IMU", &["source", "imu"]),
+        ("hub", &["hub"]),
+        ("encoders", &["encoder"]),
+        ("recorder", &["recorder"]),
+        ("all others", &["main", "light", "button", "page", "control", "rest"]),
+    ];
+    for (name, kinds) in parts {
+        let wakes = drawn().map(|cost| {
+            let window = cost.recording.as_ref().unwrap_or(&cost.armed);
+            let of = |kind: &&str| -> Rate { window.of(kind) };
+            kinds.iter().map(of).map(|rate| rate.wakes).sum()
+        });
+        chart = chart.series(Series::bars(name, wakes));
+    }
+    chart.to_svg(760, 380)
+}
