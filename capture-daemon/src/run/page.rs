@@ -11,6 +11,7 @@ use rig_link::rig::{
 };
 use rig_link::server::{Limits, Server, Settings, serve as listen};
 use rig_link::token::Token;
+use session_archive::time::{HostTime, NS_PER_S};
 
 use super::claim::is_claimed;
 use super::real_time::{Running, Shared, ask};
@@ -23,11 +24,60 @@ const SOURCE: &str = "page";
 /// Width of the small pictures, pixels.
 const PREVIEW_WIDTH: u32 = 320;
 
+/// How long until the next try to serve it.
+const RETRY_NS: i64 = 10 * NS_PER_S;
+
+/// The page as soon as it can be served, until this is dropped. Nobody waits for it: an address that comes with a
+/// network that is not there yet must not keep the rig from recording.
+pub(super) struct Keeper<'a> {
+    page: Option<&'a config::Page>,
+    out: PathBuf,
+    server: Option<Server>,
+    next: HostTime,
+    /// Why it is not served, as was last said.
+    told: String,
+}
+
+impl<'a> Keeper<'a> {
+    /// Of this page, where there is to be one, with the sessions in `out`.
+    pub(super) fn new(page: Option<&'a config::Page>, out: &Path) -> Self {
+        Self {
+            page,
+            out: out.to_owned(),
+            server: None,
+            next: HostTime::MIN,
+            told: String::new(),
+        }
+    }
+
+    /// Serves it if it is not served and it is time for another try.
+    pub(super) fn look(&mut self, running: &Running) {
+        let now = running.shared.now();
+        let (Some(page), None) = (self.page, &self.server) else {
+            return;
+        };
+        if now < self.next {
+            return;
+        }
+        self.next = now + RETRY_NS;
+        match serve(page, &self.out, running) {
+            Ok(server) => self.server = Some(server),
+            Err(error) => {
+                let text = format!("no page, trying again: {error:#}");
+                if text != self.told {
+                    log::error!("{text}");
+                    self.told = text;
+                }
+            }
+        }
+    }
+}
+
 /// Serves the page until the server is dropped.
 ///
 /// # Errors
 /// The certificate cannot be kept, the token cannot be read, or the address is taken.
-pub(super) fn serve(page: &config::Page, out: &Path, running: &Running) -> anyhow::Result<Server> {
+fn serve(page: &config::Page, out: &Path, running: &Running) -> anyhow::Result<Server> {
     let is_loopback = page.listen.ip().is_loopback();
     let identity = match is_loopback {
         true => None,
@@ -193,4 +243,33 @@ pub fn fingerprint(config: &config::Config) -> anyhow::Result<String> {
         .ok_or_else(|| anyhow!("the configuration has no [page]"))?;
     let identity = Identity::load_or_create(&page.folder).context("making the certificate")?;
     Ok(identity.fingerprint().to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::TcpListener;
+
+    use super::*;
+
+    /// Else a daemon that starts before its network could not record.
+    #[test]
+    fn a_page_that_cannot_be_served_yet_is_served_later() {
+        let taken = TcpListener::bind("127.0.0.1:0").expect("an address");
+        let page = config::Page {
+            listen: taken.local_addr().expect("address"),
+            token_file: None,
+            folder: PathBuf::new(),
+        };
+        let running = Running::idle();
+        let folder = tempfile::tempdir().expect("folder");
+        let mut keeper = Keeper::new(Some(&page), folder.path());
+        keeper.look(&running);
+        assert!(keeper.told.contains("listening on"), "{}", keeper.told);
+        drop(taken);
+        keeper.look(&running);
+        assert!(keeper.server.is_none(), "not yet");
+        keeper.next = HostTime::MIN;
+        keeper.look(&running);
+        assert!(keeper.server.is_some());
+    }
 }

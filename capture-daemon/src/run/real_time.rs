@@ -64,7 +64,6 @@ enum In {
 }
 
 /// To the recorder.
-#[expect(clippy::large_enum_variant, reason = "nearly all of them are items")]
 enum ToRecorder {
     Item(Outgoing),
     Request(Request, &'static str, SyncSender<Response>),
@@ -217,6 +216,16 @@ impl Running {
             cameras: listed,
             threads,
         })
+    }
+
+    /// One in which nothing runs.
+    #[cfg(test)]
+    pub(super) fn idle() -> Self {
+        Self {
+            shared: Arc::new(Shared::new(0, OUTBOX_BYTES, Outcome::default())),
+            cameras: Vec::new(),
+            threads: Vec::new(),
+        }
     }
 
     fn request(&self, request: Request, source: &'static str) -> Response {
@@ -596,11 +605,8 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         leftovers::close(cut_off, tell).context("looking after earlier recordings")?;
     }
     let operator = Operator::start(&config.operator, &running.shared)?;
-    let page = config
-        .page
-        .as_ref()
-        .map(|page| page::serve(page, &out_folder, &running))
-        .transpose()?;
+    let mut page = page::Keeper::new(config.page.as_ref(), &out_folder);
+    page.look(&running);
     urgent::lock_memory();
     let notify = Notify::from_env();
     notify.ready();
@@ -621,6 +627,7 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         }
         let now = shared.clock.now();
         operator.show();
+        page.look(&running);
         if now >= next_status {
             next_status = now + NS_PER_S;
             if let Response::Ok { status } = running.request(Request::Status, "supervisor") {
