@@ -189,7 +189,7 @@ fn main() -> ExitCode {
         Command::Fingerprint(args) => Config::read(&args.config)
             .map_err(Into::into)
             .and_then(|config| run::fingerprint(&config))
-            .and_then(|fingerprint| print(fingerprint))
+            .and_then(print)
             .map(|()| ExitCode::SUCCESS),
         Command::Encoders { size } => encoders(size),
     };

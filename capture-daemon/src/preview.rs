@@ -80,10 +80,10 @@ impl Previews {
             Shown::Native(frame) => {
                 if kept.native.as_ref() != Some(frame.format()) {
                     kept.native = Some(frame.format().clone());
-                    kept.small = None;
+                    let_go(kept.small.take());
                 }
                 if kept.asked.is_none_or(|at| now.since(at) > INTEREST_NS) {
-                    kept.small = None;
+                    let_go(kept.small.take());
                 } else if let Some(small) = &kept.small {
                     small.offer(now.0, frame);
                 }
@@ -108,6 +108,15 @@ impl Previews {
             kept.newest = Some(Newest::Jpeg(jpeg.data));
         }
         Some((kept.number, kept.newest.clone()?))
+    }
+}
+
+/// Ends what makes small pictures on a thread of its own: one that is stuck takes seconds, and frames are waiting.
+fn let_go(small: Option<Preview>) {
+    if let Some(small) = small {
+        let ending = std::thread::Builder::new().name("preview-end".to_owned());
+        // Without a thread it ends here.
+        let _ = ending.spawn(move || drop(small));
     }
 }
 

@@ -125,10 +125,11 @@ fn start(config: &V4l2Config, sink: &dyn Sink) -> Result<Stream, StartError> {
     }
     set_controls(&camera, &config.controls, sink)?;
     let stream = Stream::start(&camera, config.buffers)?;
-    if is_zed && config.imu.is_some() {
-        if let Some(text) = zed_camera::tie(&camera, sink) {
-            notice(sink, text);
-        }
+    if is_zed
+        && config.imu.is_some()
+        && let Some(text) = zed_camera::tie(&camera, sink)
+    {
+        notice(sink, text);
     }
     if stream.buffers() < config.buffers as usize {
         notice(
