@@ -114,7 +114,9 @@ fn chart(costs: &[Cost], stamp: &Value) -> String {
     };
     let names = drawn().map(|cost| cost.setup.name);
     let mut chart = Chart::new("How often the daemon's threads wake up")
-        .subtitle("while it records: 30 frames per second and camera, 800 samples per second of the IMU")
+        .subtitle(
+            "while it records: 30 frames per second and camera, 800 samples per second of the IMU",
+        )
         .x_axis(Axis::categories("", names))
         .y_axis(Axis::linear("wake-ups", "1/s").include(0.0))
         .footnote(&stamp::line(stamp));
@@ -123,7 +125,10 @@ fn chart(costs: &[Cost], stamp: &Value) -> String {
         ("hub", &["hub"]),
         ("encoders", &["encoder"]),
         ("recorder", &["recorder"]),
-        ("all others", &["main", "light", "button", "page", "control", "rest"]),
+        (
+            "all others",
+            &["main", "light", "button", "page", "control", "rest"],
+        ),
     ];
     for (name, kinds) in parts {
         let wakes = drawn().map(|cost| {

@@ -21,7 +21,7 @@ use crate::image;
 use crate::random::Random;
 
 /// "jsfwrhj" of dm-log-writes.
-const MAGIC: u64 = 0x6a73_6677_7368_72;
+const MAGIC: u64 = 0x006a_7366_7773_6872;
 const VERSION: u64 = 1;
 /// Bytes of an entry in front of its mark.
 const ENTRY: usize = 32;
