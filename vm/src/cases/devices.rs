@@ -1,8 +1,8 @@
 //! The whole daemon on real drivers: three V4L2 cameras, an IMU behind hidraw, a GPIO button and a key.
 //!
 //! In virtual time, where nothing depends on the machine: `devices`, `golden` and `soak`. In real time on ext4: `real-time`, and
-//! `devices` under QEMU, which has no virtual time. There a host that is busy with other things loses frames, and the case
-//! asks only that each is accounted for.
+//! `devices` under QEMU, which has no virtual time. There a host that is busy with other things loses frames and IMU samples in
+//! front of the daemon, and the case asks only that each is accounted for.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -34,7 +34,7 @@ pub(super) const DEVICES: Case = Case {
 /// The same on a disk.
 pub(super) const REAL_TIME: Case = Case {
     name: "real-time",
-    shows: "the same in real time, on ext4; needs a host that is not busy",
+    shows: "the same in real time, on ext4; on a busy host samples are missing, and accounted for",
     quick: false,
     on_qemu: false,
     run: |bench| Rig::new(bench, 20, false).show(bench),
@@ -161,18 +161,20 @@ impl Rig {
                 "camera.period_deviation=never,never",
                 "camera.dropped=never,never",
                 "camera.longest_gap=never,never",
+                "imu.dropped=never,never",
+                "imu.longest_gap=never,never",
+                "stream.clock_sigma=never,never",
             ]
         }
     }
 
-    /// No IMU sample is missing, and every frame is accounted for: in virtual time it is there.
+    /// Everything is accounted for; in virtual time it is there.
     fn is_whole(&self, session: &Account) -> Result<()> {
         session.is_accounted_for()?;
         ensure!(session.closed, "not closed: {}", session.folder.display());
         for (name, stream) in &session.streams {
-            let may_miss = !self.virtual_time && name != IMU;
             ensure!(
-                may_miss || stream.gaps == 0,
+                !self.virtual_time || stream.gaps == 0,
                 "{name}: {stream:?}: {:?}",
                 session.gaps
             );
@@ -211,21 +213,20 @@ fn report(line: String, sessions: &[Account]) -> Report {
 
 /// Frames, samples and the fit of the frame sync.
 fn in_words(session: &Account) -> Result<String> {
-    let mut frames = Vec::new();
-    for camera in CAMERAS {
-        let stream = session.stream(camera)?;
-        frames.push(match stream.gaps {
+    let count = |name: &str| -> Result<String> {
+        let stream = session.stream(name)?;
+        Ok(match stream.gaps {
             0 => stream.samples.to_string(),
-            gaps => format!("{} ({gaps} in gaps)", stream.samples),
-        });
-    }
-    let imu = session.stream(IMU)?;
+            gaps => format!("{} ({gaps} missing)", stream.samples),
+        })
+    };
+    let frames = CAMERAS.into_iter().map(count);
+    let frames = frames.collect::<Result<Vec<_>>>()?.join("+");
+    let samples = count(IMU)?;
     let tie = session.ties.get(IMU);
     let tie = tie.context("no frame sync was recorded")?;
     Ok(format!(
-        "{} frames, {} IMU samples, 0 lost, frame sync of {} pairs, residuals {} us (median) and {} us (p99)",
-        frames.join("+"),
-        imu.samples,
+        "{frames} frames, {samples} IMU samples, frame sync of {} pairs, residuals {} us (median) and {} us (p99)",
         tie.pairs,
         tie.residual_median_ns / 1000,
         tie.residual_p99_ns / 1000,
@@ -233,7 +234,10 @@ fn in_words(session: &Account) -> Result<String> {
 }
 
 fn golden(bench: &Bench) -> Result<Report> {
-    let rig = Rig::new(bench, if bench.quick { 4 } else { 20 }, true);
+    let rig = Rig {
+        with_key: !bench.quick,
+        ..Rig::new(bench, if bench.quick { 4 } else { 20 }, true)
+    };
     let sessions = rig.record(bench, "first")?;
     rig.record(bench, "second")?;
     let [one, other] = ["first", "second"].map(|run| bench.folder.join(run).join("sessions"));

@@ -1,6 +1,7 @@
 //! Faults of cameras, IMU, button, clock and of the daemon itself.
 
 use anyhow::{Result, ensure};
+use session_archive::record::paws::event::Kind;
 use session_archive::record::paws::gap::Cause;
 
 use super::{Fault, Left};
@@ -51,13 +52,29 @@ pub(super) const DROPPED: Case = case(
     },
 );
 
+/// The stream is begun anew at once, so that hardly a picture is missing. The event stays.
 pub(super) const IO_ERROR: Case = case(
     "fault-camera-error",
     "a camera's stream ends with an I/O error",
     |bench| {
         let during = "v4l2-ctl -d /dev/video0 -c inject_fatal_streaming_error=1; sleep 5";
         let left = happen(bench, "", during)?;
-        one_stream(&left, CAMERA, Cause::Disconnected)
+        left.others_are_whole(&[CAMERA])?;
+        left.is_back(CAMERA)?;
+        let session = left.session()?;
+        for kind in [Kind::Fault, Kind::Cleared] {
+            let events = session.events.iter();
+            let mut of_camera = events.filter(|(_, source, _)| source == CAMERA);
+            ensure!(
+                of_camera.any(|(found, ..)| *found == kind),
+                "no event {kind:?} of {CAMERA}: {:?}",
+                session.events
+            );
+        }
+        let missing = session.stream(CAMERA)?.gaps;
+        left.report(format!(
+            "{CAMERA} misses {missing} and is back; the error is an event"
+        ))
     },
 );
 

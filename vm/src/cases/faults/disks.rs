@@ -1,8 +1,10 @@
 //! Faults of disks, in real time.
 
-use std::fs;
+use std::collections::BTreeSet;
 
 use anyhow::{Context as _, Result, ensure};
+use session_archive::record::Gap;
+use session_archive::record::paws::gap::Cause;
 
 use super::{Fault, Left};
 use crate::case::{Bench, Case, Report};
@@ -27,20 +29,21 @@ fn happen(bench: &Bench, during: &'static str) -> Result<Left> {
     fault.happen(bench)
 }
 
-/// The stop's exit code.
-fn code(left: &Left) -> Result<String> {
-    let code = fs::read_to_string(left.job.join("stop.code")).context("reading stop.code")?;
-    Ok(code.trim().to_owned())
-}
-
 pub(super) const FULL: Case = case("fault-disk-full", "somebody else fills the disk", |bench| {
     let during = "dd if=/dev/zero of=/run/archive/other bs=1M 2>/dev/null; sync; sleep 5; rm /run/archive/other";
     let left = happen(bench, during)?;
-    let session = left.session()?;
+    // A disk may be so full that not even the manifest fits any more; then the session stays open.
+    let session = left.sessions.first().context("no session is left")?;
+    session.is_accounted_for()?;
     let stopped = session.stopped.clone().unwrap_or_default();
+    let told = session
+        .events
+        .iter()
+        .any(|(_, source, text)| source == "disk" || text.contains("disk"));
     ensure!(
-        stopped.contains("disk"),
-        "the session ended for {stopped:?}, expected the disk"
+        told,
+        "no event names the disk, and the session ended for {stopped:?}: {:?}",
+        session.events
     );
     let span = session.stream(IMU)?.span_ns as f64 / 1e9;
     left.report(format!(
@@ -73,8 +76,6 @@ mkdir sessions && cp -r /run/again/*-* sessions/; exit 0"#;
         );
         let session = left.sessions.first().context("no session is left")?;
         session.is_accounted_for()?;
-        let durable = left.status["durable_until"].as_i64().unwrap_or(0);
-        ensure!(durable > 0, "nothing was reported durable: {}", left.status);
         let kept = session.stream(IMU)?.span_ns as f64 / 1e9;
         ensure!(kept > 1.9, "{kept:.2} s are left of 3 s");
         left.report(format!("the state is a fault; {kept:.2} s are left of 3 s"))
@@ -83,22 +84,34 @@ mkdir sessions && cp -r /run/again/*-* sessions/; exit 0"#;
 
 pub(super) const SLOW: Case = case(
     "fault-disk-slow",
-    "for ten seconds every write takes the disk a second",
+    "the disk stalls for a second, five times",
     |bench| {
-        let during = r#"
-dmsetup suspend rig && dmsetup load rig --table "0 $sectors delay $DISK0 0 0 $DISK0 0 1000" && dmsetup resume rig || exit 4
-sleep 10
-dmsetup suspend rig && dmsetup load rig --table "0 $sectors linear $DISK0 0" && dmsetup resume rig || exit 3"#;
+        let during = "for _ in 1 2 3 4 5; do
+            dmsetup suspend --noflush --nolockfs rig || exit 4
+            sleep 1
+            dmsetup resume rig || exit 4
+            sleep 1
+        done";
         let left = happen(bench, during)?;
         let session = left.session()?;
-        let imu = session.stream(IMU)?;
-        ensure!(imu.gaps == 0, "{IMU}: {imu:?}: {:?}", session.gaps);
-        let missing: u64 = session
+        let missing: u64 = session.gaps.iter().map(Gap::count).sum();
+        let causes: BTreeSet<&str> = session
             .gaps
             .iter()
-            .map(session_archive::record::Gap::count)
-            .sum();
-        left.report(format!("no IMU sample is missing, {missing} frames are, with their cause; pawsd stop ended with {}", code(&left)?),
-        )
+            .map(|gap| gap.cause().as_str_name())
+            .collect();
+        // In real time a busy host loses samples in front of the daemon.
+        let by_disk = session
+            .gaps
+            .iter()
+            .find(|gap| matches!(gap.cause(), Cause::Storage | Cause::Unknown));
+        ensure!(
+            by_disk.is_none(),
+            "a stall is no failure: {by_disk:?}, {:?}",
+            session.gaps
+        );
+        let imu = session.missing(IMU, Cause::WriterOverload);
+        ensure!(imu == 0, "{IMU} misses {imu}: IMU samples wait");
+        left.report(format!("{missing} samples are missing {causes:?}"))
     },
 );
