@@ -505,7 +505,7 @@ impl SessionWriter {
             Ok(()) => return Ok(()),
             Err(e) => e,
         };
-        let segment = self.give_up();
+        let segment = self.give_up(&first);
         let again = self.try_commit(bytes);
         let Err(second) = again else {
             self.incidents.push(Incident {
@@ -515,10 +515,10 @@ impl SessionWriter {
             });
             return Ok(());
         };
-        let segment = self.give_up();
+        let segment = self.give_up(&second);
         let (lost, substitute) = self.substitute(bytes, &first);
         if let Err(error) = self.try_commit(&substitute) {
-            let segment = self.give_up();
+            let segment = self.give_up(&error);
             self.finished = true;
             return Err(WriteError::Storage { segment, error });
         }
@@ -593,8 +593,10 @@ impl SessionWriter {
             .and_then(|()| file.sync_data())
             .and_then(|()| self.storage.sync_dir(layout::SEGMENTS));
         if let Err(error) = started {
-            // Nothing in it counts; on a full disk the room is needed.
-            let _ = file.truncate(0);
+            // Nothing in it counts.
+            if is_full(&error) {
+                let _ = file.truncate(0);
+            }
             return Err(error);
         }
         self.segment = Some(OpenSegment {
@@ -630,7 +632,7 @@ impl SessionWriter {
                 self.segment = None;
             }
             Err(error) => {
-                self.give_up();
+                self.give_up(&error);
                 self.incidents.push(Incident {
                     segment: number,
                     error,
@@ -641,8 +643,10 @@ impl SessionWriter {
     }
 
     /// Ends the open segment after a failure: only what was synced counts, and nothing if that is
-    /// but its head. Returns its number.
-    fn give_up(&mut self) -> u32 {
+    /// but its head. Returns its number. What readers are to pass over they know from the next segment's head and from
+    /// the manifest, so the doubtful bytes may stay: a file system that got back a bad place on the disk would
+    /// give it to the next segment. Only a full disk needs the room.
+    fn give_up(&mut self, error: &io::Error) -> u32 {
         let segment = self.segment.take();
         let Some(entry) = self.manifest.segments.last_mut() else {
             return 0;
@@ -656,9 +660,9 @@ impl SessionWriter {
                 (entry.bytes, entry.messages) = (0, 0);
                 (entry.start, entry.end) = (None, None);
             }
-            // Frees the disk and spares readers the doubtful bytes; they know without it, from
-            // the next segment's head and from the manifest.
-            let _ = file.truncate(entry.bytes);
+            if is_full(error) {
+                let _ = file.truncate(entry.bytes);
+            }
         }
         entry.number
     }
@@ -777,6 +781,14 @@ pub(crate) fn head_chunk<'a>(
         head.message(id, sequence, log, log, |out| out.extend(data));
     }
     head.finish()
+}
+
+/// Whether there is no room left, rather than something broken.
+fn is_full(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded
+    )
 }
 
 /// Appends a protobuf message; a `Vec` grows, so encoding into it cannot fail.
