@@ -19,7 +19,6 @@ pub(super) struct Looker {
     folder: PathBuf,
     thermometer: Thermometer,
     disk: DiskWatch,
-    was_recording: bool,
     clock: ClockWatch,
     /// What keeps the clock right, and when that was looked up.
     source: (String, Option<HostTime>),
@@ -36,7 +35,6 @@ impl Looker {
             folder,
             thermometer: Thermometer::new(),
             disk: DiskWatch::new(reserve_bytes),
-            was_recording: false,
             clock: ClockWatch::new(),
             source: (String::new(), None),
         }
@@ -60,10 +58,10 @@ impl Looker {
             .judge(&thermal::Readings::read(&self.roots));
         let readings = battery::Readings::read(&self.roots);
         let power = battery::judge(&readings, None);
-        if recording && !self.was_recording {
+        if !recording {
+            // What others write now says nothing about a recording that may begin.
             self.disk.begin_recording();
         }
-        self.was_recording = recording;
         let disk = self.disk.judge(now.0, &disk::look(&self.folder));
         let looked = clock::look();
         let (state, clock_events) = self.clock.judge(&looked);
