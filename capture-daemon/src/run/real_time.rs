@@ -39,6 +39,8 @@ use crate::urgent;
 
 /// Raw frames waiting for the hub.
 const INBOX_BYTES: usize = 128 << 20;
+/// Of those, frames in their cameras' own buffers, of all cameras together.
+const NATIVE_WAITING: usize = 6;
 /// Encoded frames and IMU samples waiting for the recorder.
 const OUTBOX_BYTES: usize = 64 << 20;
 /// Longest wait of a thread before it looks at the time again.
@@ -339,7 +341,12 @@ impl Sink for Inlet<'_> {
     }
 
     fn put(&self, sample: Sample) {
-        let (i, inbox, bytes) = (self.source, &self.shared.inbox, sample.bytes());
+        let (i, inbox) = (self.source, &self.shared.inbox);
+        // Cameras lend few of their own buffers: so many may wait, however small they are.
+        let bytes = match &sample {
+            Sample::Native(_) => sample.bytes().max(INBOX_BYTES / NATIVE_WAITING),
+            _ => sample.bytes(),
+        };
         // Nothing is refused but at the end.
         let _ = match &sample {
             Sample::Frame(RawFrame {

@@ -4,7 +4,7 @@
 //! calls damaged, or is shorter than a picture, is lost with its number and a cause. Camera and IMU are waited for
 //! on a thread each, so that neither holds up the other. *A device that is not there* yet, or no longer, is told
 //! once and waited for; its settings are written again when it is back. *A mode that the camera does not
-//! have* ends the source. IMU and camera are tied by the samples that the IMU marks as taken with a frame, once a
+//! have* is told in the same way. IMU and camera are tied by the samples that the IMU marks as taken with a frame, once a
 //! second ([`FrameSync`](super::FrameSync)). Run on the kernel's own drivers in a virtual machine (docs/vm-tests.md),
 //! never with a real camera.
 
@@ -79,17 +79,11 @@ impl Live for Device {
     fn run(self: Box<Self>, sink: &dyn Sink) -> Result<(), SourceError> {
         let camera = |ties: Option<&Mutex<Ties>>| camera::run(&self.config, ties, sink);
         match beside_imu(self.config.imu.as_ref(), sink, camera) {
-            Ok(ended) => ended.map_err(|what| self.unusable(what)),
-            Err(error) => Err(self.unusable(no_thread(&error))),
-        }
-    }
-}
-
-impl Device {
-    fn unusable(&self, what: String) -> SourceError {
-        SourceError::Unusable {
-            source_name: self.info.description.clone(),
-            what,
+            Ok(()) => Ok(()),
+            Err(error) => Err(SourceError::Unusable {
+                source_name: self.info.description.clone(),
+                what: no_thread(&error),
+            }),
         }
     }
 }

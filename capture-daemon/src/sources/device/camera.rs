@@ -21,23 +21,14 @@ use crate::sources::{Lost, Notice, Part, RawFrame, Sample, Sink};
 /// A device that is there and cannot be used is tried again so often.
 const RETRY: Duration = Duration::from_secs(1);
 
-/// Delivers frames until the sink says that it is to end. A camera that has delivered and comes back with other
-/// modes, as behind a slower port, is waited for like one that is gone.
-///
-/// # Errors
-/// The camera is another one than the configuration says.
-pub(super) fn run(
-    config: &V4l2Config,
-    ties: Option<&Mutex<Ties>>,
-    sink: &dyn Sink,
-) -> Result<(), String> {
+/// Delivers frames until the sink says that it is to end. A camera that does not do what is asked of it, as behind a
+/// slower port, is told and waited for like one that is gone.
+pub(super) fn run(config: &V4l2Config, ties: Option<&Mutex<Ties>>, sink: &dyn Sink) {
     let mut told = None;
-    let mut is_right = false;
     while !sink.is_ending() {
         let before = Watch::new(["/dev"]);
         match start(config, sink) {
             Ok(stream) => {
-                is_right = true;
                 let began = sink.now();
                 let reason = read(stream, config, ties, sink);
                 if let Some(ties) = ties {
@@ -50,7 +41,6 @@ pub(super) fn run(
                 }
                 told = None;
             }
-            Err(error) if error.is_final() && !is_right => return Err(with_causes(&error)),
             Err(error) => {
                 tell_gone(&mut told, Part::Camera, with_causes(&error), sink);
                 // One that is there may be let go by another program, which nothing tells of.
@@ -58,7 +48,6 @@ pub(super) fn run(
             }
         }
     }
-    Ok(())
 }
 
 /// Why there is no stream.
@@ -72,16 +61,6 @@ pub(crate) enum StartError {
     List(#[from] std::io::Error),
     #[error(transparent)]
     Camera(#[from] CameraError),
-}
-
-impl StartError {
-    /// Whether waiting and trying again cannot help.
-    fn is_final(&self) -> bool {
-        matches!(
-            self,
-            Self::Camera(CameraError::Refused { .. } | CameraError::NotACamera { .. })
-        )
-    }
 }
 
 /// The node that is meant. Without a sink no camera is asked for its number.
