@@ -30,6 +30,7 @@ use anyhow::{Context, Result, bail, ensure};
 
 pub(crate) use architecture::Architecture;
 use files::{output, read};
+use package::Commit;
 use root::Root;
 use symbols::{Libraries, Need, OLDEST_SYSTEM};
 
@@ -53,6 +54,7 @@ pub(crate) fn run(
         None => work.clone(),
     };
 
+    let commit = Commit::read()?;
     let root = Root::prepare(architecture, &work)?;
     let built = program::build(architecture, &root, &work, install)?;
     let stripped = work.join(architecture.name()).join("pawsd");
@@ -62,7 +64,9 @@ pub(crate) fn run(
             .args([&stripped, &built]),
     )?;
     let needs = examine(&stripped, &root)?;
-    let package = package::assemble(architecture, &stripped, &needs, &work, &out)?;
+    let assemble =
+        |out: &Path| package::assemble(architecture, &commit, &stripped, &needs, &work, out);
+    let package = assemble(&out)?;
     println!(
         "\n{}\n  {:.1} MB; the program {:.1} MB, with its symbols {:.1} MB: {}",
         package.display(),
@@ -76,15 +80,10 @@ pub(crate) fn run(
     }
     if check {
         println!();
-        same_bytes(&package, || {
-            package::assemble(
-                architecture,
-                &stripped,
-                &needs,
-                &work,
-                &work.join(architecture.name()).join("again"),
-            )
-        })?;
+        same_bytes(
+            &package,
+            &assemble(&work.join(architecture.name()).join("again"))?,
+        )?;
         lintian(&package)?;
         println!(
             "The package in a Debian root, {}:",
@@ -162,11 +161,10 @@ fn examine(program: &Path, root: &Root) -> Result<Vec<Need>> {
 }
 
 /// Whether making the package once more gives the same file.
-fn same_bytes(package: &Path, again: impl FnOnce() -> Result<PathBuf>) -> Result<()> {
-    let again = again()?;
+fn same_bytes(package: &Path, again: &Path) -> Result<()> {
     let bytes = |path: &Path| fs::read(path).with_context(|| format!("reading {}", path.display()));
     ensure!(
-        bytes(package)? == bytes(&again)?,
+        bytes(package)? == bytes(again)?,
         "made twice, the package is not the same: {} and {}",
         package.display(),
         again.display()

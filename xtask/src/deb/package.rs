@@ -21,7 +21,7 @@ const MAINTAINER: &str = "The PAWS toolkit authors <maintainers@paws.invalid>";
 /// The commit that is packaged.
 pub(super) struct Commit {
     /// Seconds since 1970.
-    pub(super) seconds: String,
+    seconds: String,
     /// As Debian's changelogs write it.
     date: String,
     /// `202611221232.gb5e2e6c`, with `.changed` where files differ from the commit.
@@ -66,6 +66,7 @@ fn debian_date(date: &str) -> Result<String> {
 /// Makes the package of the program, which still has its symbols, in the folder `out`.
 pub(super) fn assemble(
     architecture: Architecture,
+    commit: &Commit,
     program: &Path,
     needs: &[Need],
     work: &Path,
@@ -80,7 +81,6 @@ pub(super) fn assemble(
         folder: &folder,
         source: &source,
     };
-    let commit = Commit::read()?;
     let markdown = read(&source.join("CHANGELOG.md"))?;
     let version = commit.version(&markdown)?;
 
