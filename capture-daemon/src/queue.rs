@@ -1,13 +1,16 @@
 //! A queue between threads that is bounded in bytes.
 //!
 //! Order is kept. A full queue refuses ([`Queue::try_push`]) or makes the producer wait
-//! ([`Queue::push_reserved`]); which of the two is the producer's policy, and what is refused comes back, so
-//! that it can be accounted for. One item always fits, however large. After [`Queue::close`] nothing
-//! goes in, and what is inside can still be taken out.
+//! ([`Queue::push_reserved`], [`Queue::push_gathered`]); which of the two is the producer's policy, and what is refused
+//! comes back, so that it can be accounted for. One item always fits, however large. After [`Queue::close`] nothing
+//! goes in, and what is inside can still be taken out. Nobody is woken who does not wait.
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
+
+/// So many items that came by [`Queue::push_gathered`] wake the consumer together.
+pub const GATHERED: usize = 16;
 
 /// A queue of items that each weigh some bytes.
 #[derive(Debug)]
@@ -22,6 +25,8 @@ struct State<T> {
     items: VecDeque<(T, usize)>,
     bytes: usize,
     closed: bool,
+    /// Threads that wait for a change.
+    waiting: usize,
 }
 
 impl<T> Queue<T> {
@@ -31,6 +36,7 @@ impl<T> Queue<T> {
             items: VecDeque::new(),
             bytes: 0,
             closed: false,
+            waiting: 0,
         };
         Self {
             state: Mutex::new(state),
@@ -48,10 +54,8 @@ impl<T> Queue<T> {
         if state.closed || (!state.items.is_empty() && state.bytes + bytes > self.capacity) {
             return Err(item);
         }
-        state.items.push_back((item, bytes));
-        state.bytes += bytes;
-        drop(state);
-        self.changed.notify_all();
+        state.put(item, bytes);
+        self.tell(state);
         Ok(())
     }
 
@@ -61,36 +65,67 @@ impl<T> Queue<T> {
     /// # Errors
     /// The item, if the queue is closed.
     pub fn push_reserved(&self, item: T, bytes: usize) -> Result<(), T> {
+        let state = self.put_reserved(item, bytes)?;
+        self.tell(state);
+        Ok(())
+    }
+
+    /// As [`Self::push_reserved`], for small items that come often and are in no hurry: a consumer that waits is woken for
+    /// [`GATHERED`] of them, or by another item, or finds them when its time is over.
+    ///
+    /// # Errors
+    /// The item, if the queue is closed.
+    pub fn push_gathered(&self, item: T, bytes: usize) -> Result<(), T> {
+        let state = self.put_reserved(item, bytes)?;
+        // While the consumer waits the queue holds nothing else.
+        if state.items.len() >= GATHERED {
+            self.tell(state);
+        }
+        Ok(())
+    }
+
+    fn put_reserved(&self, item: T, bytes: usize) -> Result<MutexGuard<'_, State<T>>, T> {
         let mut state = self.lock();
         while !state.closed && !state.items.is_empty() && state.bytes + bytes > 2 * self.capacity {
+            state.waiting += 1;
             state = self
                 .changed
                 .wait(state)
                 .unwrap_or_else(PoisonError::into_inner);
+            state.waiting -= 1;
         }
         if state.closed {
             return Err(item);
         }
-        state.items.push_back((item, bytes));
-        state.bytes += bytes;
+        state.put(item, bytes);
+        Ok(state)
+    }
+
+    /// Wakes who waits, if anybody does: to wake nobody would be a system call too.
+    fn tell(&self, state: MutexGuard<'_, State<T>>) {
+        let is_waited_for = state.waiting > 0;
         drop(state);
-        self.changed.notify_all();
-        Ok(())
+        if is_waited_for {
+            self.changed.notify_all();
+        }
     }
 
     /// Takes the oldest item, waiting up to `limit` for one.
     pub fn pop(&self, limit: Duration) -> Popped<T> {
-        let state = self.lock();
-        let waiting = |s: &mut State<T>| s.items.is_empty() && !s.closed;
-        let (mut state, _) = self
-            .changed
-            .wait_timeout_while(state, limit, waiting)
-            .unwrap_or_else(PoisonError::into_inner);
+        let mut state = self.lock();
+        let empty = |s: &mut State<T>| s.items.is_empty() && !s.closed;
+        if empty(&mut state) {
+            state.waiting += 1;
+            (state, _) = self
+                .changed
+                .wait_timeout_while(state, limit, empty)
+                .unwrap_or_else(PoisonError::into_inner);
+            state.waiting -= 1;
+        }
         match state.items.pop_front() {
             Some((item, bytes)) => {
                 state.bytes -= bytes;
-                drop(state);
-                self.changed.notify_all();
+                self.tell(state);
                 Popped::Item(item)
             }
             None if state.closed => Popped::Closed,
@@ -111,6 +146,13 @@ impl<T> Queue<T> {
 
     fn lock(&self) -> MutexGuard<'_, State<T>> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl<T> State<T> {
+    fn put(&mut self, item: T, bytes: usize) {
+        self.items.push_back((item, bytes));
+        self.bytes += bytes;
     }
 }
 
@@ -163,5 +205,66 @@ mod tests {
         assert_eq!(taken, (0..100).collect::<Vec<_>>());
         assert!(producer.join().expect("producer"));
         assert_eq!(queue.pop(Duration::ZERO), Popped::Nothing);
+    }
+
+    /// Waits until a thread waits at the queue.
+    fn until_waited_for<T>(queue: &Queue<T>) {
+        while queue.lock().waiting == 0 {
+            std::thread::yield_now();
+        }
+    }
+
+    #[test]
+    fn a_waiting_consumer_is_woken_for_many_gathered_items_or_for_any_other() {
+        const LONG: Duration = Duration::from_secs(3600);
+        for other in [false, true] {
+            let queue = Arc::new(Queue::new(1 << 20));
+            let consumer = {
+                let queue = queue.clone();
+                std::thread::spawn(move || queue.pop(LONG))
+            };
+            until_waited_for(&queue);
+            for i in 1..GATHERED {
+                assert_eq!(queue.push_gathered(i, 8), Ok(()));
+            }
+            assert_eq!(queue.lock().items.len(), GATHERED - 1, "nobody woke up");
+            if other {
+                assert_eq!(queue.try_push(99, 8), Ok(()));
+            } else {
+                assert_eq!(queue.push_gathered(99, 8), Ok(()));
+            }
+            let first = consumer.join().expect("consumer");
+            assert_eq!(first, Popped::Item(1), "in their order");
+        }
+    }
+
+    #[test]
+    fn gathered_items_are_found_when_the_time_is_over() {
+        let queue = Arc::new(Queue::new(100));
+        let consumer = {
+            let queue = queue.clone();
+            std::thread::spawn(move || queue.pop(Duration::from_millis(200)))
+        };
+        until_waited_for(&queue);
+        assert_eq!(queue.push_gathered("a sample", 8), Ok(()));
+        assert_eq!(consumer.join().expect("it"), Popped::Item("a sample"));
+        assert_eq!(queue.bytes(), 0);
+    }
+
+    /// Gathering is no way around the bound.
+    #[test]
+    fn a_gathered_item_waits_for_room() {
+        let queue = Arc::new(Queue::new(3));
+        assert_eq!(queue.push_reserved(0, 6), Ok(()));
+        let producer = {
+            let queue = queue.clone();
+            std::thread::spawn(move || queue.push_gathered(1, 6))
+        };
+        until_waited_for(&queue);
+        assert_eq!(queue.pop(Duration::ZERO), Popped::Item(0));
+        assert_eq!(producer.join().expect("producer"), Ok(()));
+        assert_eq!(queue.pop(Duration::ZERO), Popped::Item(1));
+        queue.close();
+        assert_eq!(queue.push_gathered(2, 0), Err(2));
     }
 }

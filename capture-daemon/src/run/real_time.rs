@@ -3,13 +3,14 @@
 //! Between them are two queues bounded in bytes. When the inbox is full a frame is dropped before the
 //! hub; when the way to the recorder is full, frames are dropped behind the encoder up to the
 //! next key frame, which is asked for until one gets through. Both are reported with their cause. IMU
-//! samples wait instead. When a source fails, everything goes on without it, with an alarm. When hub or
+//! samples wait instead, and gather on the way so that the hub is not woken for each. Hub, recorder and the daemon's
+//! own loop sleep until something comes or is due. When a source fails, everything goes on without it, with an alarm. When hub or
 //! recorder does not come round for [`STUCK_NS`], the run ends with an error; the session is closed
 //! before, if the recorder still can.
 
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -43,7 +44,7 @@ const INBOX_BYTES: usize = 128 << 20;
 const NATIVE_WAITING: usize = 6;
 /// Encoded frames and IMU samples waiting for the recorder.
 const OUTBOX_BYTES: usize = 64 << 20;
-/// Longest wait of a thread before it looks at the time again.
+/// Longest wait before a thread looks whether the end was asked for, and the recorder what the disk has done.
 const PATIENCE: Duration = Duration::from_millis(20);
 /// Replays begin this much after the program, so that all of them are ready.
 const LEAD_NS: i64 = 200_000_000;
@@ -87,6 +88,8 @@ pub(super) struct Shared {
     all_ended: StopFlag,
     /// How the recorder was when it last changed, for whoever must not wait for it.
     latest: Mutex<Option<Arc<Status>>>,
+    /// Told when that changes.
+    noted: Condvar,
     /// Whether a session is open.
     recording: AtomicBool,
     /// What is done to spare the machine.
@@ -110,6 +113,7 @@ impl Shared {
             key_wanted: (0..cameras).map(|_| AtomicBool::new(false)).collect(),
             all_ended: StopFlag::new(),
             latest: Mutex::default(),
+            noted: Condvar::new(),
             recording: AtomicBool::new(false),
             measures: Mutex::default(),
             previews: Arc::new(Previews::new(cameras)),
@@ -140,6 +144,19 @@ impl Shared {
         self.recording.store(is_recording, Ordering::SeqCst);
         *lock(&self.measures) = recorder.measures();
         *lock(&self.latest) = Some(Arc::new(recorder.status()));
+        self.noted.notify_all();
+    }
+
+    /// Waits for something newer than `seen` of the recorder, up to `limit`.
+    fn wait_for_news(&self, seen: Option<&Arc<Status>>, limit: Duration) {
+        let is_seen = |latest: &mut Option<Arc<Status>>| match (latest, seen) {
+            (Some(latest), Some(seen)) => Arc::ptr_eq(latest, seen),
+            (latest, seen) => latest.is_none() && seen.is_none(),
+        };
+        let waited = self
+            .noted
+            .wait_timeout_while(lock(&self.latest), limit, is_seen);
+        drop(waited);
     }
 
     fn beat(&self, which: &AtomicI64) {
@@ -360,6 +377,8 @@ impl Sink for Inlet<'_> {
                     .try_push(In::Sample(i, sample), bytes)
                     .or_else(|_| inbox.push_reserved(dropped, 0))
             }
+            // Their times are taken, and the hub gathers them anyway.
+            Sample::Imu(_) => inbox.push_gathered(In::Sample(i, sample), bytes),
             _ => inbox.push_reserved(In::Sample(i, sample), bytes),
         };
     }
@@ -387,12 +406,18 @@ fn wait_until(time: HostTime, shared: &Shared) -> bool {
     }
 }
 
+/// From now until then; nothing if it has come.
+fn span(now: HostTime, then: HostTime) -> Duration {
+    Duration::from_nanos(then.since(now).max(0) as u64)
+}
+
 fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
     let mut running = sources;
-    let mut next_tick = shared.clock.now();
+    let mut now = shared.clock.now();
+    let mut next_tick = now;
     loop {
-        let popped = shared.inbox.pop(PATIENCE);
-        let now = shared.clock.now();
+        let popped = shared.inbox.pop(span(now, next_tick));
+        now = shared.clock.now();
         shared.beat(&shared.hub_beat);
         hub.spare(*lock(&shared.measures));
         for (camera, wanted) in shared.key_wanted.iter().enumerate() {
@@ -472,7 +497,13 @@ fn run_recorder(mut recorder: Recorder, shared: &Shared) {
     let mut stopping: Vec<SyncSender<Response>> = Vec::new();
     let mut noted: Option<(HostTime, State)> = None;
     loop {
-        let popped = shared.outbox.pop(PATIENCE);
+        let patience = match noted {
+            Some((at, state)) if !matches!(state, State::Recording | State::Stopping) => {
+                span(shared.clock.now(), at + NOTE_NS)
+            }
+            _ => PATIENCE,
+        };
+        let popped = shared.outbox.pop(patience);
         shared.beat(&shared.recorder_beat);
         match popped {
             Popped::Item(ToRecorder::Item(item)) => recorder.handle(item),
@@ -633,11 +664,12 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
             break Err(stuck);
         }
         let now = shared.clock.now();
+        let seen = shared.latest();
         operator.show();
         page.look(&running);
         if now >= next_status {
             next_status = now + NS_PER_S;
-            if let Response::Ok { status } = running.request(Request::Status, "supervisor") {
+            if let Some(status) = &seen {
                 notify.status(&format!("{}, {:.0} s", status.state, status.seconds));
             }
         }
@@ -645,7 +677,9 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
             next_watchdog = now + watchdog_ns;
             notify.watchdog();
         }
-        wait_until(now + watchdog_ns.min(PATIENCE.as_nanos() as i64), &shared);
+        // It comes five times a second while the recorder moves, so the end is seen soon.
+        let due = next_status.min(next_watchdog);
+        shared.wait_for_news(seen.as_ref(), span(now, due));
     };
     notify.stopping();
     drop(page);
@@ -664,6 +698,27 @@ mod tests {
     use session_archive::record::Frame;
 
     use super::*;
+
+    /// Neither is something new missed that came before the waiting, nor does the wait end for what was seen.
+    #[test]
+    fn news_of_the_recorder_end_the_wait() {
+        const LONG: Duration = Duration::from_secs(3600);
+        const STATUS: &str = r#"{"state": "idle", "seconds": 0, "streams": [], "alarms": [], "encoders": []}"#;
+        let status = || Arc::new(serde_json::from_str(STATUS).expect("a status"));
+        let shared = Arc::new(Shared::new(0, 0, Outcome::default()));
+        shared.wait_for_news(None, Duration::from_millis(1));
+        *lock(&shared.latest) = Some(status());
+        shared.wait_for_news(None, LONG);
+        let seen = shared.latest();
+        shared.wait_for_news(seen.as_ref(), Duration::from_millis(1));
+        let waiting = {
+            let shared = shared.clone();
+            std::thread::spawn(move || shared.wait_for_news(seen.as_ref(), LONG))
+        };
+        *lock(&shared.latest) = Some(status());
+        shared.noted.notify_all();
+        waiting.join().expect("it ends");
+    }
 
     /// A full outbox refuses the key frame too that was asked for: then the next one must be one.
     #[test]
