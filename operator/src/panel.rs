@@ -4,7 +4,7 @@
 //! [`Panel`] runs one on a thread. [`Panel::set`] and [`Panel::play`] never wait for a device. Only the latest
 //! status and the latest answer are kept, so nothing queues up and nothing newer is lost behind something
 //! older. The thread wakes when it is told something and when a pattern steps: never while the light is
-//! steady and the beeper silent. A light or beeper that fails is logged once, tried again at every change,
+//! steady and the beeper silent, nor where there is neither. A light or beeper that fails is logged once, tried again at every change,
 //! and logged once more when it works; the others go on. Dropping the panel leaves it dark and silent.
 
 use std::io;
@@ -258,6 +258,7 @@ impl<D: ?Sized, T: Copy + PartialEq> Output<D, T> {
 fn run(told: &Told, clock: &Clock, lights: Vec<Box<dyn Light>>, beepers: Vec<Box<dyn Beeper>>) {
     let mut lights: Vec<_> = lights.into_iter().map(Output::new).collect();
     let mut beepers: Vec<_> = beepers.into_iter().map(Output::new).collect();
+    let has_some = !(lights.is_empty() && beepers.is_empty());
     let mut show = |look: Look, tone: Option<u16>| {
         for light in &mut lights {
             light.show(look, |l, look| l.show(look), |l| l.describe());
@@ -271,7 +272,7 @@ fn run(told: &Told, clock: &Clock, lights: Vec<Box<dyn Light>>, beepers: Vec<Box
     loop {
         let showing = face.at(now);
         show(showing.look, showing.tone_hz);
-        let timeout = showing.next_ns.map(|next| {
+        let timeout = showing.next_ns.filter(|_| has_some).map(|next| {
             let left = next.saturating_sub(clock()).max(0);
             Duration::from_nanos(left.unsigned_abs())
         });

@@ -139,3 +139,21 @@ fn a_failing_light_is_tried_again_and_does_not_disturb_the_other() {
         [Colour::Blue, Colour::Green, Colour::Red, Colour::Off]
     );
 }
+
+/// The clock runs so fast that the next step of a pattern is always due.
+#[test]
+fn a_panel_without_devices_sleeps() {
+    let (looked, looks) = std::sync::mpsc::sync_channel(8);
+    let now = std::sync::atomic::AtomicI64::new(0);
+    let clock: Clock = Arc::new(move || {
+        let _ = looked.try_send(());
+        now.fetch_add(3_600_000_000_000, std::sync::atomic::Ordering::SeqCst)
+    });
+    let panel = Panel::start(clock, Vec::new(), Vec::new()).unwrap();
+    panel.set(status(Phase::Starting));
+    let pause = Duration::from_millis(200);
+    let count = std::iter::from_fn(|| looks.recv_timeout(pause).ok())
+        .take(8)
+        .count();
+    assert!(count < 4, "it looked at the clock {count} times");
+}
