@@ -146,7 +146,7 @@ fn write(out: &Path, losses: &[Loss], stamp: &Value) -> Result<()> {
             quantile(&loss.cameras, 0.5)
         }))
         .series(line("IMUs, most", |loss| quantile(&loss.imus, 1.0)))
-        .footnote(stamp::line(stamp));
+        .footnote(&stamp::line(stamp));
     let report = json!({
         "benchmark": "power_cuts",
         "stamp": stamp,

@@ -38,6 +38,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         }
         kernel => kernel?,
     };
+    vm::leftovers::end_with_signals()?;
     let folder = tempfile::tempdir().context("making a folder")?;
     let bench = Bench {
         machine: Machine::user_mode(kernel, &power_cuts::programs()?)?,

@@ -21,8 +21,8 @@ cargo xtask VERB: set-up and developer verbs
         Format check, clippy, tests, documentation, cargo deny. --quick: format check, clippy
         and the unit tests only.
   bench NAME [--no-install] [ARGS...]
-        Run a benchmark (archive, sync, frame_sync, encode, import, soak, kills, power_cuts, sim, sim_pictures, calib,
-        camera_imu, rectify, calib_verify, or all) in release mode;
+        Run a benchmark (archive, sync, frame_sync, encode, import, soak, kills, power_cuts, vm_cost, sim, sim_pictures,
+        calib, camera_imu, rectify, calib_verify, or all) in release mode;
         results go to docs/benchmarks. ARGS are handed to the benchmark.
   vm-test [--no-install] [--quick] [--qemu] [--cached] [NAMES...]
         Run the tests on real kernel drivers, in virtual machines (docs/vm-tests.md): the cases named,
@@ -55,6 +55,7 @@ pub(crate) const BENCHMARKS: [&str; 14] = [
     "soak",
     "kills",
     "power_cuts",
+    "vm_cost",
     "sim",
     "sim_pictures",
     "calib",
