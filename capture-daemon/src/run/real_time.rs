@@ -44,7 +44,7 @@ const INBOX_BYTES: usize = 128 << 20;
 const NATIVE_WAITING: usize = 6;
 /// Encoded frames and IMU samples waiting for the recorder.
 const OUTBOX_BYTES: usize = 64 << 20;
-/// Longest wait before a thread looks whether the end was asked for, and the recorder what the disk has done.
+/// Longest wait before a thread looks whether the end was asked for, and the recorder whether a session is closed.
 const PATIENCE: Duration = Duration::from_millis(20);
 /// Replays begin this much after the program, so that all of them are ready.
 const LEAD_NS: i64 = 200_000_000;
@@ -498,9 +498,8 @@ fn run_recorder(mut recorder: Recorder, shared: &Shared) {
     let mut noted: Option<(HostTime, State)> = None;
     loop {
         let patience = match noted {
-            Some((at, state)) if !matches!(state, State::Recording | State::Stopping) => {
-                span(shared.clock.now(), at + NOTE_NS)
-            }
+            // What the disk has done is looked for as often as samples come.
+            Some((at, state)) if state != State::Stopping => span(shared.clock.now(), at + NOTE_NS),
             _ => PATIENCE,
         };
         let popped = shared.outbox.pop(patience);
@@ -703,7 +702,8 @@ mod tests {
     #[test]
     fn news_of_the_recorder_end_the_wait() {
         const LONG: Duration = Duration::from_secs(3600);
-        const STATUS: &str = r#"{"state": "idle", "seconds": 0, "streams": [], "alarms": [], "encoders": []}"#;
+        const STATUS: &str =
+            r#"{"state": "idle", "seconds": 0, "streams": [], "alarms": [], "encoders": []}"#;
         let status = || Arc::new(serde_json::from_str(STATUS).expect("a status"));
         let shared = Arc::new(Shared::new(0, 0, Outcome::default()));
         shared.wait_for_news(None, Duration::from_millis(1));
