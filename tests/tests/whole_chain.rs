@@ -6,8 +6,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use capture_daemon::run::{Finished, StopFlag, build, record_built};
-use capture_daemon::sources::{AnySource, Source};
 use capture_daemon::sources::synthetic::{FaultPlan, read_counter};
+use capture_daemon::sources::{AnySource, Source};
 use session_archive::record::paws::event::Kind;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, NS_PER_S};
