@@ -5,7 +5,7 @@ pub(crate) const CAMERAS: [&str; 3] = ["left_shoulder", "right_shoulder", "feet"
 /// The IMU of the rig with devices.
 pub(crate) const IMU: &str = "left_shoulder/imu";
 
-/// Three small made-up cameras with IMUs, and the program's own encoder in software.
+/// Three made-up cameras with IMUs, so small and slow that a guest on a busy host keeps up.
 pub(crate) fn synthetic(chunk_ms: u32) -> String {
     let mut text = format!(
         "[session]\nout = \"/run/archive\"\nchunk_ms = {chunk_ms}\npre_roll_s = 0\n\
@@ -16,7 +16,7 @@ pub(crate) fn synthetic(chunk_ms: u32) -> String {
     for name in CAMERAS {
         text += &format!(
             "[[camera]]\nname = \"{name}\"\n[camera.source]\nkind = \"synthetic\"\n\
-             width = 320\nheight = 96\nrate_hz = 30\nimu_rate_hz = 400\n"
+             width = 160\nheight = 64\nrate_hz = 15\nimu_rate_hz = 200\n"
         );
     }
     text
@@ -30,8 +30,8 @@ pub(crate) fn devices(gpio: bool) -> String {
          [control]\nsocket = \"/run/paws/pawsd.sock\"\n"
         .to_owned();
     text += if gpio {
-        "[operator]\nbuttons = [\"gpio:/dev/gpiochip0:3\", \"evdev:name=vm-button,key=KEY_RECORD\"]\n\
-         lights = [\"gpio:/dev/gpiochip0:5\"]\n"
+        "[operator]\nbuttons = [\"gpio:record-button\", \"evdev:name=vm-button,key=KEY_RECORD\"]\n\
+         lights = [\"gpio:record-light\"]\n"
     } else {
         "[operator]\nbuttons = [\"evdev:name=vm-button,key=KEY_RECORD\"]\n"
     };

@@ -1,54 +1,87 @@
-//! `fault-…`: something breaks while the daemon records. The recording goes on where it can, every hole has its cause, and
-//! nothing hangs.
+//! `fault-…`: something breaks while the daemon records. The recording goes on where it can, every hole has its cause, alarms
+//! begin and end, and nothing hangs.
 //!
-//! Every fault is one guest: the rig of `devices`, a recording, the fault in its midst, an end by command. Faults of devices and
-//! clocks come in virtual time, where whatever is missing is missing because of the fault. Faults of disks come in real time, on
-//! ext4 over the device mapper.
+//! Every fault is one guest in virtual time: the rig of `devices`, a recording, the fault in its midst, an end by command. So whatever
+//! is missing is missing because of the fault. Faults of disks have ext4 over the device mapper on a file in memory, which,
+//! unlike a disk of the guest's, does not move the clock.
 
 use std::fs;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::{Context as _, Result, ensure};
 use serde_json::{Value, json};
+use session_archive::record::paws::event::Kind;
 use session_archive::record::paws::gap::Cause;
 
 use super::config::{self, CAMERAS, IMU};
-use crate::account::Account;
+use crate::account::{Account, validate};
 use crate::case::{Bench, Case, Report};
 use crate::guest::Guest;
-use crate::image::{self, FileSystem};
 
-mod devices;
+mod cameras;
+mod daemon;
 mod disks;
+mod imus;
+mod operator;
 
 /// All of them.
-pub(super) const CASES: [Case; 12] = [
-    devices::DROPPED,
-    devices::IO_ERROR,
-    devices::UNPLUGGED,
-    devices::IMU_SILENT,
-    devices::IMU_STOPPED,
-    devices::IMU_GONE,
-    devices::BUTTON_GONE,
-    devices::CLOCK_STEP,
-    devices::KILLED,
+pub(super) const CASES: [Case; 23] = [
+    cameras::DROPPED,
+    cameras::DAMAGED,
+    cameras::ERROR,
+    cameras::UNPLUGGED,
+    cameras::AWAY,
+    cameras::ALL_GONE,
+    imus::SILENT,
+    imus::STOPPED,
+    imus::LATE_PINGS,
+    imus::DEAF,
+    imus::GONE,
+    operator::BUTTON_GONE,
+    operator::KEY_GONE,
+    operator::CLOCK_STEP,
+    daemon::HELD_UP,
+    daemon::KILLED,
     disks::FULL,
+    disks::NO_SPACE,
     disks::ERRORS,
+    disks::BAD_PLACE,
+    disks::STALLS,
     disks::SLOW,
+    disks::HANGS,
 ];
 
+/// A camera, for faults that hit one.
+const CAMERA: &str = CAMERAS[0];
+
+const fn case(name: &'static str, shows: &'static str, run: fn(&Bench) -> Result<Report>) -> Case {
+    Case {
+        name,
+        shows,
+        quick: false,
+        on_qemu: false,
+        run,
+    }
+}
+
 /// What breaks, and how.
+#[derive(Clone, Copy, Default)]
 struct Fault {
-    /// On a disk and in real time, or in memory and in virtual time.
+    /// On ext4, or in memory.
     on_disk: bool,
-    /// Arguments of the IMU.
-    imu: &'static str,
+    /// Settings of the shell's variables IMU (arguments of the IMU) and RESERVE_GB.
+    given: &'static str,
     /// Runs between start and stop, three seconds after the one and before the other.
     during: &'static str,
+    /// Metrics of `paws validate` with other limits.
+    limits: &'static [&'static str],
 }
 
 /// What it left.
 struct Left {
+    fault: Fault,
+    job: PathBuf,
     sessions: Vec<Account>,
     /// What `pawsd status --json` said just before the stop.
     status: Value,
@@ -56,13 +89,19 @@ struct Left {
 
 const BEGIN: &str = r#"
 mkdir -p /run/archive
-if [ -n "$DISK0" ]; then
-  sectors=$(blockdev --getsz $DISK0)
-  dmsetup create rig --table "0 $sectors linear $DISK0 0" && dmsetup mknodes || exit 9
-  mount /dev/mapper/rig /run/archive || exit 9
+now() { cut -d' ' -f1 /proc/uptime; }
+if [ -n "$ON_DISK" ]; then
+  mkdir -p /run/memory && mount -t tmpfs -o size=700M tmpfs /run/memory && truncate -s 2G /run/memory/disk &&
+    mkfs.ext4 -q -E lazy_itable_init=0,lazy_journal_init=0 /run/memory/disk || exit 9
+  disk=$(losetup -f --show /run/memory/disk) && sectors=$(blockdev --getsz $disk)
+  dmsetup create rig --table "0 $sectors linear $disk 0" && dmsetup mknodes && mount /dev/mapper/rig /run/archive || exit 9
+  # disk_becomes TABLE: from now on the disk is another one.
+  disk_becomes() { dmsetup suspend --noflush --nolockfs rig && dmsetup load rig --table "$1" && dmsetup resume rig; }
+  available() { df --output=avail -B1 /run/archive | tail -1; }
 else
   mount -t tmpfs -o size=512M tmpfs /run/archive || exit 9
 fi
+sed -i "s/^reserve_gb = .*/reserve_gb = ${RESERVE_GB:-0}/" pawsd.toml
 cameras 30 || exit 8
 imu --rate 800 --frames 30 $IMU
 gpio_chip || exit 7
@@ -75,7 +114,7 @@ const END: &str = r"
 sleep 3
 pawsd status --json >status.json
 pawsd stop >/dev/null 2>stop.txt
-kill $daemon; wait $daemon
+kill $daemon; wait $daemon; echo $? >daemon.code
 kill -INT $imu; wait $imu
 mkdir sessions && cp -r /run/archive/*-* sessions/
 ";
@@ -83,45 +122,48 @@ mkdir sessions && cp -r /run/archive/*-* sessions/
 impl Fault {
     /// Lets it happen.
     fn happen(&self, bench: &Bench) -> Result<Left> {
-        self.happen_without_end(bench, "status.json")
-    }
-
-    /// The same, where the fault's own script may not come to the end; `status` is the file in which it left the daemon's state.
-    fn happen_without_end(&self, bench: &Bench, status: &str) -> Result<Left> {
         let job = bench.folder("job")?;
         fs::write(job.join("pawsd.toml"), config::devices(true))?;
-        let script = format!("IMU='{}'\n{BEGIN}\n{}\n{END}", self.imu, self.during);
-        let mut guest = Guest::new(&job, script).error_injection().memory_mb(1536);
-        if self.on_disk {
-            let disk = bench.folder.join("disk.img");
-            image::formatted(&disk, 1 << 30, FileSystem::Ext4)?;
-            guest = guest.disk(disk);
-        } else {
-            guest = guest.virtual_time();
-        }
-        let ended = guest.run(&bench.machine, Duration::from_secs(600));
+        let on_disk = if self.on_disk { "1" } else { "" };
+        let script = format!(
+            "ON_DISK={on_disk}\n{}\n{BEGIN}\n{}\n{END}",
+            self.given, self.during
+        );
+        let guest = Guest::new(&job, script).error_injection().memory_mb(1536);
+        let ended = guest
+            .virtual_time()
+            .run(&bench.machine, Duration::from_secs(600));
         ended?.success()?;
-        let read = fs::read(job.join(status));
-        let read = read.with_context(|| format!("reading {status}"))?;
-        Ok(Left {
+        let left = Left {
+            fault: *self,
             sessions: Account::read_all(&job.join("sessions"))?,
-            status: serde_json::from_slice(&read).with_context(|| format!("reading {status}"))?,
+            status: Value::Null,
+            job,
+        };
+        let status = serde_json::from_str(&left.file("status.json")?);
+        Ok(Left {
+            status: status.context("reading status.json")?,
+            ..left
         })
     }
 }
 
 impl Left {
-    /// The only session, closed, with every sample accounted for.
+    /// A file that the script wrote.
+    fn file(&self, name: &str) -> Result<String> {
+        let path = self.job.join(name);
+        fs::read_to_string(&path).with_context(|| format!("reading {}", path.display()))
+    }
+
+    /// The only session, closed, with every sample accounted for and every hole with its cause.
     fn session(&self) -> Result<&Account> {
         ensure!(
             self.sessions.len() == 1,
             "{} sessions, expected one",
             self.sessions.len()
         );
-        let session = &self.sessions[0];
-        session.is_accounted_for()?;
-        ensure!(session.closed, "the session was not closed");
-        Ok(session)
+        is_accounted_for(&self.sessions[0])?;
+        Ok(&self.sessions[0])
     }
 
     /// Streams that were not hit have everything.
@@ -143,7 +185,7 @@ impl Left {
         let session = self.session()?;
         let (missing, all) = (session.missing(stream, cause), session.stream(stream)?.gaps);
         ensure!(
-            missing > 0 && missing == all,
+            missing == all,
             "{stream}: {missing} samples are missing for {}, {all} in all: {:?}",
             cause.as_str_name(),
             session.gaps
@@ -151,17 +193,28 @@ impl Left {
         Ok(missing)
     }
 
-    /// The stream delivered at the end again.
+    /// The stream delivered at the end again, and nothing is said to be wrong any more.
     fn is_back(&self, stream: &str) -> Result<()> {
         let streams = self.status["streams"].as_array();
         let streams = streams.context("a status without streams")?;
         let found = streams.iter().find(|s| s["name"] == stream);
         let rate = found.and_then(|s| s["rate_hz"].as_f64()).unwrap_or(0.0);
         ensure!(rate > 1.0, "{stream} has not come back: {}", self.status);
+        ensure!(
+            self.status["alarms"].as_array().is_some_and(Vec::is_empty),
+            "alarms at the end: {}",
+            self.status["alarms"]
+        );
         Ok(())
     }
 
-    fn report(&self, line: String) -> Result<Report> {
+    /// Checks what is true of every fault, and reports. In the session, alarms end that began, but for those whose text
+    /// begins with one of `standing`.
+    fn report(&self, bench: &Bench, standing: &[&str], line: String) -> Result<Report> {
+        for session in &self.sessions {
+            alarms_end(session, standing)?;
+        }
+        validate(&bench.machine.host_program("paws"), &self.sessions, &LIMITS)?;
         Ok(Report {
             line,
             figures: json!({
@@ -170,4 +223,42 @@ impl Left {
             }),
         })
     }
+}
+
+/// `paws validate` is to find fault with nothing but what is missing; vivid's pictures come by ticks of 1 ms.
+const LIMITS: [&str; 7] = [
+    "camera.period_deviation=1500000,2000000",
+    "camera.dropped=never,never",
+    "camera.longest_gap=never,never",
+    "imu.dropped=never,never",
+    "imu.longest_gap=never,never",
+    "stream.start_offset=never,never",
+    "stream.end_offset=never,never",
+];
+
+/// Closed, or recovered; every sample is there or in a gap record, and every gap record has a cause and says what happened.
+fn is_accounted_for(session: &Account) -> Result<()> {
+    session.is_accounted_for()?;
+    ensure!(session.closed, "not closed: {}", session.folder.display());
+    let silent = |gap: &&session_archive::record::Gap| {
+        gap.cause() == Cause::Unknown || gap.detail.is_empty()
+    };
+    let without = session.gaps.iter().find(silent);
+    ensure!(without.is_none(), "a gap without a cause: {without:?}");
+    Ok(())
+}
+
+fn alarms_end(session: &Account, standing: &[&str]) -> Result<()> {
+    for (i, (kind, _, text)) in session.events.iter().enumerate() {
+        let ends =
+            |(kind, _, other): &(Kind, String, String)| *kind == Kind::Cleared && other == text;
+        ensure!(
+            *kind != Kind::Fault
+                || standing.iter().any(|begin| text.starts_with(begin))
+                || session.events[i..].iter().any(ends),
+            "the alarm {text:?} does not end: {:?}",
+            session.events
+        );
+    }
+    Ok(())
 }
