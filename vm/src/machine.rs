@@ -48,7 +48,7 @@ impl Machine {
         Ok(Self {
             kind,
             programs: programs.to_owned(),
-            scripts: Path::new(env!("CARGO_MANIFEST_DIR")).join("guest"),
+            scripts: scripts()?,
             gst_registry: gst_registry()?,
         })
     }
@@ -111,7 +111,7 @@ impl Machine {
             "starting a guest: the project's path has a blank in it, which a kernel's command line cannot carry: {scripts}"
         );
         match &self.kind {
-            Kind::UserMode(kernel) => Ok(user_mode(kernel, guest, job, &words)),
+            Kind::UserMode(kernel) => Ok(user_mode(kernel, guest, &self.scripts, job, &words)),
             Kind::Qemu(_) if guest.is_in_virtual_time() => {
                 bail!("virtual time needs User-Mode Linux")
             }
@@ -120,7 +120,7 @@ impl Machine {
     }
 }
 
-fn user_mode(kernel: &Kernel, guest: &Guest, job: &Path, words: &str) -> Command {
+fn user_mode(kernel: &Kernel, guest: &Guest, scripts: &Path, job: &Path, words: &str) -> Command {
     let mut command = Command::new(kernel.path());
     if guest.is_in_virtual_time() {
         command.arg("time-travel=inf-cpu");
@@ -128,7 +128,7 @@ fn user_mode(kernel: &Kernel, guest: &Guest, job: &Path, words: &str) -> Command
     command
         .arg(format!("mem={}M", guest.memory()))
         .args(["root=/dev/root", "rootfstype=hostfs", "rootflags=/", "ro"])
-        .arg(format!("init={}/guest/init.sh", env!("CARGO_MANIFEST_DIR")))
+        .arg(format!("init={}/init.sh", scripts.display()))
         .args(["con=null", "con0=fd:0,fd:1", "quiet"])
         .arg(format!("uml_dir={}/", job.join("machine").display()))
         .args(words.split(' '))
@@ -181,6 +181,13 @@ fn qemu(kernel: &StockKernel, guest: &Guest, job: &Path, words: &str) -> Command
         ));
     }
     command
+}
+
+/// The folder of the guests' scripts. Without links: a guest looks for it below another root.
+fn scripts() -> Result<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("guest");
+    std::fs::canonicalize(&folder)
+        .with_context(|| format!("looking for the guests' scripts {}", folder.display()))
 }
 
 /// GStreamer's list of its plugins, where it keeps it; made if it is not there.

@@ -172,6 +172,11 @@ impl Rig {
     fn is_whole(&self, session: &Account) -> Result<()> {
         session.is_accounted_for()?;
         ensure!(session.closed, "not closed: {}", session.folder.display());
+        ensure!(
+            !self.virtual_time || session.ties.contains_key(IMU),
+            "no frame sync was recorded: {}",
+            session.folder.display()
+        );
         for (name, stream) in &session.streams {
             ensure!(
                 !self.virtual_time || stream.gaps == 0,
@@ -223,14 +228,16 @@ fn in_words(session: &Account) -> Result<String> {
     let frames = CAMERAS.into_iter().map(count);
     let frames = frames.collect::<Result<Vec<_>>>()?.join("+");
     let samples = count(IMU)?;
-    let tie = session.ties.get(IMU);
-    let tie = tie.context("no frame sync was recorded")?;
-    Ok(format!(
-        "{frames} frames, {samples} IMU samples, frame sync of {} pairs, residuals {} us (median) and {} us (p99)",
-        tie.pairs,
-        tie.residual_median_ns / 1000,
-        tie.residual_p99_ns / 1000,
-    ))
+    let sync = match session.ties.get(IMU) {
+        Some(tie) => format!(
+            "frame sync of {} pairs, residuals {} us (median) and {} us (p99)",
+            tie.pairs,
+            tie.residual_median_ns / 1000,
+            tie.residual_p99_ns / 1000,
+        ),
+        None => "no frame sync".to_owned(),
+    };
+    Ok(format!("{frames} frames, {samples} IMU samples, {sync}"))
 }
 
 fn golden(bench: &Bench) -> Result<Report> {
