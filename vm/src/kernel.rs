@@ -1,7 +1,7 @@
 //! The kernel of the guests: User-Mode Linux, built once from Debian's source and kept.
 //!
 //! It is a program like any other: it needs no root and no help from the processor. The source is Debian's
-//! package `linux-source-6.1`, with the options in `kernel/uml.config` and the changes in [`EDITS`].
+//! package `linux-source-6.1`, with the options in `kernel/uml.config` and the changes in `EDITS`.
 //! What was built lies in `$PAWS_VM_CACHE`, or `paws/vm` in the user's cache folder, in a folder that is named
 //! by options, changes and version of the source; another one of these is another kernel.
 //!
