@@ -10,7 +10,7 @@ use anyhow::{Context as _, Result};
 use charts::{Axis, Chart, Series};
 use serde_json::{Value, json};
 use vm::case::Bench;
-use vm::cases::cost::{Cost, Rate, SETUPS, Window, measure};
+use vm::cases::cost::{Cost, Rate, SETUPS, Setup, Window, measure};
 use vm::kernel::{Kernel, KernelError};
 use vm::machine::Machine;
 
@@ -22,7 +22,10 @@ const KINDS: [&str; 10] = [
     "source", "imu", "hub", "encoder", "recorder", "main", "light", "button", "page", "control",
 ];
 /// Rigs in the chart.
-const DRAWN: usize = 5;
+const DRAWN: usize = 6;
+/// A rig that got less of its samples is measured again, so often at most: the host was too busy.
+const SERVED: f64 = 0.95;
+const TRIES: usize = 4;
 
 /// Runs the benchmark: `[--quick] [--out DIR]`.
 ///
@@ -54,12 +57,28 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let before = load();
     let mut costs = Vec::new();
     for setup in setups {
-        let cost = measure(&bench, *setup, window_s)?;
+        let cost = best(&bench, *setup, window_s)?;
         print(&cost);
         costs.push(cost);
     }
     stamp["host_load"] = json!({ "before": before, "after": load() });
     write(&arguments.out, &costs, window_s, &stamp)
+}
+
+/// The first measurement in which the guest had its time, or else the best.
+fn best(bench: &Bench, setup: Setup, window_s: u32) -> Result<Cost> {
+    let mut best = measure(bench, setup, window_s)?;
+    for _ in 1..TRIES {
+        if best.served() >= SERVED {
+            break;
+        }
+        println!("{}: served {:.2}, again", setup.name, best.served());
+        let again = measure(bench, setup, window_s)?;
+        if again.served() > best.served() {
+            best = again;
+        }
+    }
+    Ok(best)
 }
 
 /// The host's load averages over 1, 5 and 15 minutes.

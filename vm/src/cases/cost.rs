@@ -254,6 +254,19 @@ pub struct Cost {
 }
 
 impl Cost {
+    /// How many of the samples that the rig should have made the daemon woke up for, in the worse window: 1 for all. Much less,
+    /// and the host was too busy for the guest.
+    pub fn served(&self) -> f64 {
+        let windows = [Some(&self.armed), self.recording.as_ref()];
+        let shares = windows.into_iter().flatten().flat_map(|window| {
+            let frames = 30.0 * self.setup.cameras as f64;
+            let samples = if self.setup.imu { 800.0 } else { 0.0 };
+            let share = |kind: &str, of: f64| (of > 0.0).then(|| window.of(kind).wakes / of);
+            [share("source", frames), share("imu", samples)]
+        });
+        shares.flatten().fold(1.0, f64::min)
+    }
+
     /// Everything, for programs.
     pub fn figures(&self) -> Value {
         let setup = &self.setup;
@@ -264,6 +277,7 @@ impl Cost {
             "imu": setup.imu,
             "operator": setup.operator,
             "page": format!("{:?}", setup.page).to_lowercase(),
+            "served": (self.served() * 1000.0).round() / 1000.0,
             "system_call_us": (self.call_us * 100.0).round() / 100.0,
             "armed": self.armed.figures(),
             "recording": self.recording.as_ref().map(Window::figures),
@@ -478,6 +492,26 @@ mod tests {
         assert_eq!(window.of("encoder").wakes, 2.0, "a new one");
         assert_eq!(window.total().wakes, 68.0);
         assert_eq!(window.total().threads, 4);
+    }
+
+    #[test]
+    fn a_rig_is_served_as_badly_as_its_worst_stream() {
+        let rate = |wakes| Rate {
+            wakes,
+            ..Rate::default()
+        };
+        let window = |imu| Window([("source", rate(57.0)), ("imu", rate(imu))].into());
+        let mut cost = Cost {
+            setup: Setup::new("", 2).with_imu(),
+            call_us: 1.0,
+            armed: window(810.0),
+            recording: None,
+        };
+        assert_eq!(cost.served(), 0.95);
+        cost.recording = Some(window(400.0));
+        assert_eq!(cost.served(), 0.5);
+        cost.setup = Setup::new("", 0);
+        assert_eq!(cost.served(), 1.0, "nothing to serve");
     }
 
     #[test]
