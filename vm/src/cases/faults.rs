@@ -95,8 +95,8 @@ if [ -n "$ON_DISK" ]; then
     mkfs.ext4 -q -E lazy_itable_init=0,lazy_journal_init=0 /run/memory/disk || exit 9
   disk=$(losetup -f --show /run/memory/disk) && sectors=$(blockdev --getsz $disk)
   dmsetup create rig --table "0 $sectors linear $disk 0" && dmsetup mknodes && mount /dev/mapper/rig /run/archive || exit 9
-  # disk_becomes TABLE: from now on the disk is another one.
-  disk_becomes() { dmsetup suspend --noflush --nolockfs rig && dmsetup load rig --table "$1" && dmsetup resume rig; }
+  # disk_becomes TABLE [OPTIONS of suspend]: from now on the disk is another one.
+  disk_becomes() { dmsetup suspend ${@:2} rig && dmsetup load rig --table "$1" && dmsetup resume rig; }
   available() { df --output=avail -B1 /run/archive | tail -1; }
 else
   mount -t tmpfs -o size=512M tmpfs /run/archive || exit 9
@@ -214,7 +214,8 @@ impl Left {
         for session in &self.sessions {
             alarms_end(session, standing)?;
         }
-        validate(&bench.machine.host_program("paws"), &self.sessions, &LIMITS)?;
+        let limits = [&LIMITS, self.fault.limits].concat();
+        validate(&bench.machine.host_program("paws"), &self.sessions, &limits)?;
         Ok(Report {
             line,
             figures: json!({

@@ -109,10 +109,10 @@ pub(super) const ERRORS: Case = case(
     "fault-disk-errors",
     "the disk fails every read and write, and is mended",
     |bench| {
-        let during = r#"disk_becomes "0 $sectors error" || exit 4
+        let during = r#"disk_becomes "0 $sectors error" --noflush --nolockfs || exit 4
             sleep 5; pawsd status --json >broken.json
             kill $daemon; wait $daemon; umount -l /run/archive
-            disk_becomes "0 $sectors linear $disk 0" || exit 4
+            disk_becomes "0 $sectors linear $disk 0" --noflush --nolockfs || exit 4
             dmsetup create again --table "0 $sectors linear $disk 0" && dmsetup mknodes && mount /dev/mapper/again /run/archive || exit 4
             daemon || exit 3
             sleep 1; pawsd status --json >again.json; pawsd start >/dev/null || exit 2"#;
@@ -136,7 +136,7 @@ pub(super) const BAD_PLACE: Case = case(
             from=$(((last + 1) * 8)) n=128
             disk_becomes "0 $from linear $disk 0
             $from $n error
-            $((from + n)) $((sectors - from - n)) linear $disk $((from + n))" || exit 4
+            $((from + n)) $((sectors - from - n)) linear $disk $((from + n))" --noflush --nolockfs || exit 4
             sleep 6"#;
         let left = happen(bench, during)?;
         let session = left.session()?;
