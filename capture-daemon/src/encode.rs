@@ -41,6 +41,9 @@ const LEAST_DB: f64 = 30.0;
 /// How long an encoder may take to give what is inside when it is ended for another quality.
 const CHANGE_LIMIT: Duration = Duration::from_millis(500);
 
+/// What is told of frames that an encoder was given and did not give back.
+const ENDED_EARLY: &str = "the encoder ended without giving them";
+
 /// What a lane hands on.
 #[derive(Debug)]
 pub enum Encoded {
@@ -85,6 +88,8 @@ struct State {
     delivered: u64,
     failure: Option<String>,
     abandoned: bool,
+    /// The encoder that made way for this one and may not have given everything yet.
+    before: Option<Arc<Inside>>,
 }
 
 impl Inside {
@@ -234,12 +239,10 @@ impl Lane {
         else {
             return;
         };
-        let ended = encoder.finish(limit);
-        let left = abandon(&inside);
-        if let Err(e) = ended {
+        if let Err(e) = encoder.finish(limit) {
             log::warn!("ending the encoder: {e}");
         }
-        self.report(&left, "the encoder ended without giving them");
+        settle(&inside, &self.sink, ENDED_EARLY);
         self.last_progress = now;
     }
 
@@ -270,7 +273,7 @@ impl Lane {
                     format!("{MAX_ENDING} encoders hang and are not gone"),
                 );
             }
-            if let Err(e) = self.start(picture, now) {
+            if let Err(e) = self.start(picture, None, now) {
                 self.failed(now);
                 return drop_it(self, Cause::EncoderRestart, e.to_string());
             }
@@ -321,14 +324,23 @@ impl Lane {
         }
     }
 
-    fn start(&mut self, picture: Input<'_>, now: HostTime) -> Result<(), EncodeError> {
+    /// Starts an encoder, which hands on nothing until everything of the one `before` it is told.
+    fn start(
+        &mut self,
+        picture: Input<'_>,
+        before: Option<Arc<Inside>>,
+        now: HostTime,
+    ) -> Result<(), EncodeError> {
         self.started = now;
         let settings = EncoderSettings {
             quality_db: self.quality_db(),
             ..self.settings.clone()
         };
         let inside = Arc::new(Inside {
-            state: Mutex::new(State::default()),
+            state: Mutex::new(State {
+                before,
+                ..State::default()
+            }),
             changed: Condvar::new(),
         });
         let (sink, shared) = (self.sink.clone(), inside.clone());
@@ -357,7 +369,7 @@ impl Lane {
     }
 
     /// A chunk begins, and with it a key frame: an encoder that was asked for another quality and cannot change it
-    /// is ended here and another one started.
+    /// makes way for another one. It gives what it has on a thread of its own: other cameras' frames are waiting.
     fn follow_quality(&mut self, picture: Input<'_>, now: HostTime) {
         let wanted = self.quality_db();
         let Some(running) = &mut self.running else {
@@ -370,9 +382,22 @@ impl Lane {
         match running.encoder.set_quality(wanted) {
             Ok(true) => {}
             Ok(false) => {
-                self.finish(CHANGE_LIMIT, now);
-                if let Err(error) = self.start(picture, now) {
+                let Some(Running {
+                    encoder, inside, ..
+                }) = self.running.take()
+                else {
+                    return;
+                };
+                let (shared, sink) = (inside.clone(), self.sink.clone());
+                self.end_beside(move || {
+                    if let Err(e) = encoder.finish(CHANGE_LIMIT) {
+                        log::warn!("ending the encoder: {e}");
+                    }
+                    settle(&shared, &sink, ENDED_EARLY);
+                });
+                if let Err(error) = self.start(picture, Some(inside.clone()), now) {
                     log::warn!("starting {} again: {error}", self.settings.element);
+                    settle(&inside, &self.sink, ENDED_EARLY);
                     self.failed(now);
                 }
             }
@@ -390,16 +415,19 @@ impl Lane {
         };
         log::warn!("{} is given up: {reason}", self.settings.element);
         self.failed(now);
-        let left = abandon(&inside);
-        // Stopping a stuck encoder takes seconds, and this thread has other cameras to serve.
-        let name = "encoder-end".to_owned();
-        let ending = std::thread::Builder::new()
-            .name(name)
-            .spawn(move || drop(encoder));
-        self.ending.extend(ending);
-        self.report(&left, reason);
+        settle(&inside, &self.sink, reason);
+        self.end_beside(move || drop(encoder));
         self.last_progress = now;
         self.wants_key = true;
+    }
+
+    /// Ends an encoder on a thread of its own: one that is stuck takes seconds, and this thread has other cameras to
+    /// serve.
+    fn end_beside(&mut self, end: impl FnOnce() + Send + 'static) {
+        let name = "encoder-end".to_owned();
+        // Without a thread what was handed over is dropped here, and so ended.
+        self.ending
+            .extend(std::thread::Builder::new().name(name).spawn(end));
     }
 
     /// Counts a failure and puts off the next start.
@@ -414,25 +442,36 @@ impl Lane {
         self.failures += 1;
         self.retry_at = now + pause;
     }
-
-    fn report(&self, left: &[Frame], detail: &str) {
-        for frame in left {
-            (self.sink)(Encoded::Dropped {
-                at: HostTime(frame.time),
-                first: frame.number,
-                last: frame.number,
-                cause: Cause::EncoderRestart,
-                detail: detail.to_owned(),
-            });
-        }
-    }
 }
 
-/// Takes what is inside a given-up encoder; whatever it still says is ignored from here on.
-fn abandon(inside: &Inside) -> Vec<Frame> {
+/// Reports what is inside an encoder that has ended or is given up; whatever it still says is ignored from here on. In
+/// the order of the frames: what an encoder before it has left comes first, and all under the lock, so that nobody
+/// hands on a later frame meanwhile.
+fn settle(inside: &Inside, sink: &Sink, detail: &str) {
     let mut state = inside.lock();
+    if let Some(before) = state.before.take() {
+        settle(&before, sink, ENDED_EARLY);
+    }
     state.abandoned = true;
-    state.frames.drain(..).map(|(_, frame)| frame).collect()
+    for (_, frame) in state.frames.drain(..) {
+        sink(Encoded::Dropped {
+            at: HostTime(frame.time),
+            first: frame.number,
+            last: frame.number,
+            cause: Cause::EncoderRestart,
+            detail: detail.to_owned(),
+        });
+    }
+    inside.changed.notify_all();
+}
+
+/// Waits until an encoder that is ending has given everything; after [`CHANGE_LIMIT`] the rest is reported as dropped.
+fn wait_for_end(before: &Inside, sink: &Sink) {
+    let ending = before
+        .changed
+        .wait_timeout_while(before.lock(), CHANGE_LIMIT, |state| !state.abandoned);
+    drop(ending.unwrap_or_else(PoisonError::into_inner));
+    settle(before, sink, ENDED_EARLY);
 }
 
 /// An encoder said something.
@@ -445,8 +484,14 @@ fn deliver(event: EncoderEvent, inside: &Inside, sink: &Sink) {
             return;
         }
     };
+    let before = inside.lock().before.clone();
+    if let Some(before) = before {
+        // Without the lock: the next frame is pushed meanwhile.
+        wait_for_end(&before, sink);
+    }
     // Handed on under the lock: a frame is either handed on or still inside, never both.
     let mut state = inside.lock();
+    state.before = None;
     if state.abandoned {
         return;
     }

@@ -19,6 +19,8 @@ const PERIOD_NS: i64 = NS_PER_S / 4;
 const SPARING_PERIOD_NS: i64 = 2 * NS_PER_S;
 /// Nobody looks any more when nobody has for so long.
 const INTEREST_NS: i64 = 5 * NS_PER_S;
+/// What makes small pictures and has failed is started again after so long, if somebody still looks.
+const RETRY_NS: i64 = 10 * NS_PER_S;
 /// Height of what GStreamer makes small, pixels.
 const SMALL_HEIGHT: u32 = 180;
 
@@ -48,6 +50,8 @@ struct Kept {
     /// Of a camera whose pixels are in its own buffers.
     native: Option<NativeFormat>,
     small: Option<Preview>,
+    /// Not before then is another one started.
+    retry_at: Option<HostTime>,
 }
 
 impl Previews {
@@ -96,18 +100,35 @@ impl Previews {
         let kept = self.cameras.get(camera)?;
         let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
         kept.asked = Some(now);
-        if kept.small.is_none()
-            && let Some(format) = &kept.native
-        {
-            kept.small = Preview::start(&small(format), format)
-                .inspect_err(|error| log::warn!("making small pictures: {error}"))
-                .ok();
-        }
+        kept.look_after_small(now);
         if let Some(jpeg) = kept.small.as_ref().and_then(Preview::take) {
             kept.number += 1;
             kept.newest = Some(Newest::Jpeg(jpeg.data));
         }
         Some((kept.number, kept.newest.clone()?))
+    }
+}
+
+impl Kept {
+    /// Starts what makes small pictures, where it is needed and has not failed a moment ago.
+    fn look_after_small(&mut self, now: HostTime) {
+        let Some(format) = &self.native else { return };
+        let failure = match &self.small {
+            Some(small) => small.failure(),
+            None if self.retry_at.is_some_and(|at| now < at) => return,
+            None => match Preview::start(&small(format), format) {
+                Ok(small) => {
+                    self.small = Some(small);
+                    return;
+                }
+                Err(error) => Some(error.to_string()),
+            },
+        };
+        if let Some(failure) = failure {
+            log::warn!("making small pictures: {failure}");
+            let_go(self.small.take());
+            self.retry_at = Some(now + RETRY_NS);
+        }
     }
 }
 

@@ -17,7 +17,7 @@ use crate::deep::Decoded;
 use crate::examine::Examination;
 use crate::facts::{Facts, FrameFact};
 use crate::frames::Frames;
-use crate::limits::Limits;
+use crate::limits::{Limits, Unit};
 use crate::text;
 
 /// One metric of one stream, measured and judged.
@@ -134,6 +134,9 @@ pub fn finding(
     })
 }
 
+/// Between two health records, ns.
+const HEALTH_PERIOD_NS: f64 = 1e9;
+
 struct Judge<'a> {
     manifest: &'a Manifest,
     facts: &'a Facts,
@@ -169,6 +172,21 @@ impl Judge<'_> {
         };
         let open = f64::from(u8::from(!self.report.closed));
         self.find("session.unclosed", "session", open, 0.0, detail);
+        self.spared();
+    }
+
+    /// For how long the recorder made do with less than configured. Left out where it does not say.
+    fn spared(&mut self) {
+        let steps = self.facts.health.iter().map(|(_, h)| h.sparing.as_str());
+        let told: Vec<&str> = steps.filter(|step| !step.is_empty()).collect();
+        let lowered = |step: &&str| matches!(*step, "lower bitrate" | "lower frame rate" | "stop");
+        let spared: Vec<&str> = told.iter().copied().filter(lowered).collect();
+        let kinds: BTreeSet<&str> = spared.iter().copied().collect();
+        let detail = kinds.into_iter().collect::<Vec<_>>().join(", ");
+        if !told.is_empty() {
+            let time = spared.len() as f64 * HEALTH_PERIOD_NS;
+            self.find("session.spared", "session", time, 0.0, &detail);
+        }
     }
 
     fn camera(&mut self, i: usize, camera: &Camera) {
@@ -222,6 +240,27 @@ impl Judge<'_> {
         let period = period_ns(imu.rate_hz);
         let doubtful = facts.doubtful as f64 * period;
         self.find("stream.doubtful", name, doubtful, period, "");
+        self.frame_sync(name);
+    }
+
+    /// How an IMU's clock lies to that of its camera. Left out where the device does not tell.
+    fn frame_sync(&mut self, name: &str) {
+        let streams = self.facts.health.iter().flat_map(|(_, h)| &h.streams);
+        let ties = streams.filter(|s| s.name == name).filter_map(|s| s.frame_sync.as_ref());
+        let mut ties: Vec<_> = ties.collect();
+        ties.sort_by_key(|tie| tie.offset_ns);
+        let Some(middle) = ties.get(ties.len() / 2) else {
+            return;
+        };
+        let show = |ns: f64| Unit::Time.show(ns);
+        let side = if middle.offset_ns < 0 { "early" } else { "late" };
+        let detail = format!(
+            "{side}, sigma {}; stamps are above their line by {} (99 %)",
+            show(middle.sigma_ns as f64),
+            show(middle.residual_p99_ns as f64),
+        );
+        let offset = middle.offset_ns.unsigned_abs() as f64;
+        self.find("imu.frame_sync", name, offset, 0.0, &detail);
     }
 
     fn stream(&self, name: &str) -> StreamReport {

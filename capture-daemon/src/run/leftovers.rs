@@ -4,6 +4,7 @@
 //! added ([`close_cut_off`]). A session that is damaged otherwise is left alone and told. The work is done beside the recorder, at
 //! the lowest priority, and never on a session that is being recorded, by this program or by another.
 
+use std::fs::DirEntry;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -14,6 +15,7 @@ use session_archive::verify::Report;
 use session_archive::{layout, manifest::Manifest, manifest::State};
 
 use super::claim::{Claim, is_claimed};
+use super::store::finish_discards;
 use crate::causes::with_causes;
 
 /// How much less urgent than everything else (nice).
@@ -29,16 +31,21 @@ pub(super) fn find(folder: &Path) -> Vec<PathBuf> {
             .is_some_and(|manifest| manifest.state == State::Recording)
     };
     let is_left = |path: &PathBuf| is_open(path) && !is_claimed(path);
-    let mut found: Vec<PathBuf> = entries.map(|e| e.path()).filter(is_left).collect();
+    // Hidden ones are being deleted.
+    let is_hidden = |e: &DirEntry| e.file_name().as_encoded_bytes().starts_with(b".");
+    let entries = entries.filter(|e| !is_hidden(e)).map(|e| e.path());
+    let mut found: Vec<PathBuf> = entries.filter(is_left).collect();
     found.sort();
     found
 }
 
-/// Closes them one after another on a thread of its own; what is to be told of each.
+/// Closes them one after another on a thread of its own; what is to be told of each. Then it deletes what is left of
+/// discarded sessions in `folder`.
 ///
 /// # Errors
 /// The system has no thread left.
 pub(super) fn close(
+    folder: PathBuf,
     sessions: Vec<PathBuf>,
     tell: impl Fn(String) + Send + 'static,
 ) -> std::io::Result<()> {
@@ -48,6 +55,7 @@ pub(super) fn close(
         for session in sessions {
             tell(close_one(&session));
         }
+        finish_discards(&folder);
     };
     std::thread::Builder::new()
         .name("leftovers".to_owned())
@@ -135,7 +143,7 @@ mod tests {
         let found = find(folder.path());
         assert_eq!(found, [done.session]);
         let (told, text) = sync_channel(4);
-        close(found, move |text| told.send(text).expect("told")).expect("thread");
+        close(folder.path().to_owned(), found, move |text| told.send(text).expect("told")).expect("thread");
         let text = text.recv_timeout(Duration::from_secs(60)).expect("told");
         assert!(
             text.starts_with("an earlier recording was cut off; the 1."),

@@ -628,19 +628,18 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
             config.control.socket.display()
         )
     })?;
-    if !cut_off.is_empty() {
-        let shared = running.shared.clone();
-        let tell = move |text: String| {
-            let alarm = Outgoing::Alarm {
-                at: shared.clock.now(),
-                text,
-                stream: RECOVERY.to_owned(),
-                active: true,
-            };
-            let _ = shared.outbox.push_reserved(ToRecorder::Item(alarm), 0);
+    let shared = running.shared.clone();
+    let tell = move |text: String| {
+        let alarm = Outgoing::Alarm {
+            at: shared.clock.now(),
+            text,
+            stream: RECOVERY.to_owned(),
+            active: true,
         };
-        leftovers::close(cut_off, tell).context("looking after earlier recordings")?;
-    }
+        let _ = shared.outbox.push_reserved(ToRecorder::Item(alarm), 0);
+    };
+    leftovers::close(out_folder.clone(), cut_off, tell)
+        .context("looking after earlier recordings")?;
     let operator = Operator::start(&config.operator, &running.shared)?;
     let mut page = page::Keeper::new(config.page.as_ref(), &out_folder);
     page.look(&running);

@@ -1,5 +1,6 @@
 //! Sessions as folders below one folder.
 
+use std::ffi::OsString;
 use std::fs;
 use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
@@ -12,6 +13,9 @@ use super::claim::Claimed;
 use super::look::Looker;
 use crate::disk;
 use crate::recorder::{MachineLook, SessionStore};
+
+/// What the folder of a session is called while it is being deleted.
+const DISCARDED: &str = ".discarded-";
 
 /// Makes session folders named by their time: `2026-11-21T02-03-17Z_1a2b3c4d`.
 pub struct FolderStore {
@@ -63,8 +67,18 @@ impl SessionStore for FolderStore {
         Ok((path, Arc::new(storage), text))
     }
 
+    /// The session disappears by one rename; an hour of video takes its time to go, which nobody waits for.
     fn discard(&mut self, path: &Path) -> io::Result<()> {
-        fs::remove_dir_all(path)
+        let name = path.file_name().unwrap_or_default();
+        let mut gone = OsString::from(DISCARDED);
+        gone.push(name);
+        let gone = path.with_file_name(gone);
+        fs::rename(path, &gone)?;
+        fs::File::open(&self.out)?.sync_all()?;
+        let removing = std::thread::Builder::new().name("discard".to_owned());
+        // Without a thread it goes at the next start.
+        let _ = removing.spawn(move || remove(&gone));
+        Ok(())
     }
 
     fn free_bytes(&self) -> Option<u64> {
@@ -79,5 +93,49 @@ impl SessionStore for FolderStore {
             Some(looker) => looker.look(now, recording),
             None => MachineLook::default(),
         }
+    }
+}
+
+/// Deletes what is left of discarded sessions, as by a power cut in the middle.
+pub(super) fn finish_discards(out: &Path) {
+    let entries = fs::read_dir(out).into_iter().flatten().flatten();
+    for entry in entries {
+        let name = entry.file_name();
+        if name.as_encoded_bytes().starts_with(DISCARDED.as_bytes())
+            && entry.file_type().is_ok_and(|kind| kind.is_dir())
+        {
+            remove(&entry.path());
+        }
+    }
+}
+
+fn remove(gone: &Path) {
+    match fs::remove_dir_all(gone) {
+        Err(e) if e.kind() != io::ErrorKind::NotFound => {
+            log::warn!("deleting {}: {e}", gone.display());
+        }
+        _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_discarded_session_is_gone_at_once_and_its_rest_later() {
+        let folder = tempfile::tempdir().expect("folder");
+        let mut store = FolderStore::random(folder.path().to_owned(), 0);
+        let (path, storage, _) = store.create(CivilTime(0)).expect("session");
+        drop(storage);
+        fs::write(path.join("video"), b"a walk").expect("file");
+        store.discard(&path).expect("discarded");
+        assert!(!path.exists());
+        assert!(store.discard(&path).is_err(), "it is gone already");
+
+        let cut = folder.path().join(".discarded-walk");
+        fs::create_dir_all(cut.join("segments")).expect("folder");
+        finish_discards(folder.path());
+        assert!(!cut.exists());
     }
 }

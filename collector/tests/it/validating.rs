@@ -340,6 +340,40 @@ fn streams_that_start_late_or_end_early() {
 }
 
 #[test]
+fn what_the_recorder_told_each_second() {
+    let spared = |step: &'static str| {
+        beyond(4.0, move |s| {
+            for (_, health) in &mut s.health {
+                health.sparing = "normal".to_owned();
+            }
+            s.health[2].1.sparing = step.to_owned();
+        })
+    };
+    expect(&spared("normal"), &[]);
+    // Only the phone sees less.
+    expect(&spared("lower preview"), &[]);
+    for step in ["lower bitrate", "lower frame rate"] {
+        expect(&spared(step), &[(Warn, "session.spared", "session")]);
+    }
+    let tied = |offset_ns: i64| {
+        beyond(4.0, move |s| {
+            for (_, health) in &mut s.health {
+                health.streams[3].frame_sync = Some(paws::health::FrameSync {
+                    offset_ns,
+                    sigma_ns: 20_000,
+                    residual_p99_ns: 100_000,
+                    pairs: 900,
+                    ..Default::default()
+                });
+            }
+        })
+    };
+    expect(&tied(-3_000_000), &[]);
+    expect(&tied(9_000_000), &[(Warn, "imu.frame_sync", "feet/imu")]);
+    expect(&tied(-33_000_000), &[(Warn, "imu.frame_sync", "feet/imu")]);
+}
+
+#[test]
 fn doubtful_clocks_and_missing_descriptions() {
     let sigma = |ns: u64| beyond(2.0, move |s| s.frames(2).for_each(|f| f.sigma_ns = ns));
     expect(&sigma(3_000_000), &[(Warn, "stream.clock_sigma", "feet")]);

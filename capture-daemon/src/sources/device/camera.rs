@@ -1,7 +1,8 @@
 //! The camera of a device: found, set, read, lost, waited for.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use session_archive::record::paws::gap::Cause;
@@ -25,9 +26,13 @@ const RETRY: Duration = Duration::from_secs(1);
 /// slower port, is told and waited for like one that is gone.
 pub(super) fn run(config: &V4l2Config, ties: Option<&Mutex<Ties>>, sink: &dyn Sink) {
     let mut told = None;
+    let starting = Once {
+        sink,
+        told: Mutex::default(),
+    };
     while !sink.is_ending() {
         let before = Watch::new(["/dev"]);
-        match start(config, sink) {
+        match start(config, &starting) {
             Ok(stream) => {
                 let began = sink.now();
                 let reason = read(stream, config, ties, sink);
@@ -38,6 +43,8 @@ pub(super) fn run(config: &V4l2Config, ties: Option<&Mutex<Ties>>, sink: &dyn Si
                 // One that fails as soon as it is started is given time.
                 if sink.now().since(began) < RETRY.as_nanos() as i64 {
                     wait(before, RETRY, sink);
+                } else {
+                    starting.forget();
                 }
                 told = None;
             }
@@ -47,6 +54,39 @@ pub(super) fn run(config: &V4l2Config, ties: Option<&Mutex<Ties>>, sink: &dyn Si
                 wait(before, RETRY, sink);
             }
         }
+    }
+}
+
+/// Passes each notice on once: a camera that fails as soon as it is started is started each second.
+struct Once<'a> {
+    sink: &'a dyn Sink,
+    told: Mutex<BTreeSet<String>>,
+}
+
+impl Once<'_> {
+    fn told(&self) -> MutexGuard<'_, BTreeSet<String>> {
+        self.told.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn forget(&self) {
+        self.told().clear();
+    }
+}
+
+impl Sink for Once<'_> {
+    fn now(&self) -> HostTime {
+        self.sink.now()
+    }
+
+    fn put(&self, sample: Sample) {
+        match &sample {
+            Sample::Notice(notice) if !self.told().insert(notice.text.clone()) => {}
+            _ => self.sink.put(sample),
+        }
+    }
+
+    fn is_ending(&self) -> bool {
+        self.sink.is_ending()
     }
 }
 
