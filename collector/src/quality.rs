@@ -246,14 +246,20 @@ impl Judge<'_> {
     /// How an IMU's clock lies to that of its camera. Left out where the device does not tell.
     fn frame_sync(&mut self, name: &str) {
         let streams = self.facts.health.iter().flat_map(|(_, h)| &h.streams);
-        let ties = streams.filter(|s| s.name == name).filter_map(|s| s.frame_sync.as_ref());
+        let ties = streams
+            .filter(|s| s.name == name)
+            .filter_map(|s| s.frame_sync.as_ref());
         let mut ties: Vec<_> = ties.collect();
         ties.sort_by_key(|tie| tie.offset_ns);
         let Some(middle) = ties.get(ties.len() / 2) else {
             return;
         };
         let show = |ns: f64| Unit::Time.show(ns);
-        let side = if middle.offset_ns < 0 { "early" } else { "late" };
+        let side = if middle.offset_ns < 0 {
+            "early"
+        } else {
+            "late"
+        };
         let detail = format!(
             "{side}, sigma {}; stamps are above their line by {} (99 %)",
             show(middle.sigma_ns as f64),

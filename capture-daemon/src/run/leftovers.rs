@@ -143,7 +143,10 @@ mod tests {
         let found = find(folder.path());
         assert_eq!(found, [done.session]);
         let (told, text) = sync_channel(4);
-        close(folder.path().to_owned(), found, move |text| told.send(text).expect("told")).expect("thread");
+        close(folder.path().to_owned(), found, move |text| {
+            told.send(text).expect("told")
+        })
+        .expect("thread");
         let text = text.recv_timeout(Duration::from_secs(60)).expect("told");
         assert!(
             text.starts_with("an earlier recording was cut off; the 1."),

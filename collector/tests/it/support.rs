@@ -411,7 +411,16 @@ fn health(second: i64) -> Health {
             stream("left_shoulder", 30.0),
             stream("right_shoulder", 30.0),
             stream("feet", 15.0),
-            stream("feet/imu", 200.0),
+            paws::health::Stream {
+                frame_sync: Some(paws::health::FrameSync {
+                    offset_ns: 2 * MS,
+                    sigma_ns: 20_000,
+                    residual_p99_ns: 100_000,
+                    pairs: 900,
+                    ..Default::default()
+                }),
+                ..stream("feet/imu", 200.0)
+            },
         ],
         writer_queue_bytes: 100_000,
         write_max_ns: 2 * MS as u64,
@@ -419,6 +428,7 @@ fn health(second: i64) -> Health {
         free_bytes: 100_000_000_000,
         temperature_c: Some(55.0),
         durable_until: START + second * NS_PER_S,
+        sparing: "normal".to_owned(),
         ..Health::default()
     }
 }
