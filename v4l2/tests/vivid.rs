@@ -1,10 +1,6 @@
 //! Against the kernel's own test cameras: `vivid` with three HDMI inputs at 1280x720p30 (which scale to any
 //! size), errors allowed (`vivid.no_error_inj=0`), as /dev/video0, 1 and 2. Faults are produced by vivid's
-//! own controls, found by name. Not run without such a machine; there:
-//!
-//! ```text
-//! cargo test -p v4l2 --test vivid -- --ignored --test-threads=1
-//! ```
+//! own controls, found by name. `cargo xtask vm-test drivers` runs them in such a machine.
 
 #![expect(
     clippy::disallowed_methods,

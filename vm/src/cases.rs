@@ -3,6 +3,7 @@
 mod config;
 pub mod cost;
 mod devices;
+mod drivers;
 mod faults;
 pub mod power_cuts;
 
@@ -13,7 +14,8 @@ pub fn all() -> impl Iterator<Item = &'static Case> {
     WHOLE.iter().chain(&faults::CASES)
 }
 
-const WHOLE: [Case; 6] = [
+const WHOLE: [Case; 7] = [
+    drivers::CASE,
     devices::DEVICES,
     devices::GOLDEN,
     devices::SOAK,

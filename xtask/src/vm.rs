@@ -4,6 +4,7 @@
 //! reason, which is no failure.
 
 use std::ffi::OsString;
+use std::process::Stdio;
 
 use anyhow::{Context, Result, bail};
 
@@ -35,11 +36,11 @@ pub(crate) fn run(
     }
     setup::system_packages(&purposes, install)?;
     let mut build = cargo()?;
-    build.args(["build", "--locked", "--bins"]);
-    for package in ["vm", "capture-daemon", "collector"] {
-        build.args(["--package", package]);
-    }
+    // All of the workspace: with some of its packages alone Cargo would choose other features for what they depend on,
+    // and compile most of it again.
+    build.args(["build", "--locked", "--workspace", "--bins"]);
     process::run(&mut build)?;
+    driver_tests()?;
 
     let mut vm = command(program_folder()?.join("vm"))?;
     vm.arg("run").arg("--out").arg(target_folder()?.join("vm"));
@@ -57,4 +58,31 @@ pub(crate) fn run(
         Some(NO_KERNEL) => Ok(Ran::Skipped),
         _ => bail!("`{}` ended with {status}", process::line(&vm)),
     }
+}
+
+/// Builds the tests of the crate `v4l2` that need real cameras, and puts them where the guests find them.
+fn driver_tests() -> Result<()> {
+    let mut build = cargo()?;
+    build.args(["test", "--locked", "--no-run", "--package", "v4l2"]);
+    build.args([
+        "--test",
+        "vivid",
+        "--message-format=json-render-diagnostics",
+    ]);
+    let told = build
+        .stderr(Stdio::inherit())
+        .output()
+        .with_context(|| format!("starting `{}`", process::line(&build)))?;
+    let text = String::from_utf8_lossy(&told.stdout);
+    let built = text
+        .lines()
+        .filter_map(|line| line.split_once(r#""executable":""#)?.1.split_once('"'))
+        .next_back();
+    let Some((built, _)) = built.filter(|_| told.status.success()) else {
+        bail!("`{}` ended with {}", process::line(&build), told.status);
+    };
+    let program = program_folder()?.join("v4l2-vivid");
+    std::fs::copy(built, &program)
+        .with_context(|| format!("copying {built} to {}", program.display()))?;
+    Ok(())
 }
