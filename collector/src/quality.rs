@@ -179,7 +179,7 @@ impl Judge<'_> {
     fn spared(&mut self) {
         let steps = self.facts.health.iter().map(|(_, h)| h.sparing.as_str());
         let told: Vec<&str> = steps.filter(|step| !step.is_empty()).collect();
-        let lowered = |step: &&str| matches!(*step, "lower bitrate" | "lower frame rate" | "stop");
+        let lowered = |step: &&str| matches!(*step, "lower bitrate" | "lower frame rate");
         let spared: Vec<&str> = told.iter().copied().filter(lowered).collect();
         let kinds: BTreeSet<&str> = spared.iter().copied().collect();
         let detail = kinds.into_iter().collect::<Vec<_>>().join(", ");

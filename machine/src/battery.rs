@@ -120,6 +120,7 @@ impl Readings {
                         // Some drivers give the direction as a sign, most do not.
                         power_w: or_charge("power_now", "current_now").map(f64::abs),
                         own_minutes: integer(folder.join("time_to_empty_now"))
+                            .or_else(|| integer(folder.join("time_to_empty_avg")))
                             .filter(|seconds| *seconds > 0)
                             .map(|seconds| seconds as f64 / 60.0),
                         name,

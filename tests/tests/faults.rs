@@ -23,7 +23,10 @@ fn every_loss_is_told_with_its_cause() {
     let folder = folder.expect("folder");
     let number = |name| {
         let text = std::env::var(name).ok()?;
-        Some(text.parse::<u64>().unwrap_or_else(|e| panic!("{name}={text}: {e}")))
+        Some(
+            text.parse::<u64>()
+                .unwrap_or_else(|e| panic!("{name}={text}: {e}")),
+        )
     };
     let seeds = match number("PAWS_FAULT_SEED") {
         Some(seed) => seed..seed + 1,

@@ -38,3 +38,9 @@ imu() { module uhid; module hid-generic; vm-imu "$@" >imu.txt 2>&1 & imu=$!; unt
 daemon() { pawsd run --config pawsd.toml 2>>daemon.txt & daemon=$!; until_state armed; }
 state() { pawsd status --json | grep -qE "\"state\":\"($1)\""; }
 until_state() { until_true state "$1"; }
+# battery STATUS PERCENT: the machine's battery, discharging, charging or full; with a plug unless it is being emptied.
+battery() {
+  local plug=on; [ "$1" != discharging ] || plug=off
+  echo $plug >/sys/module/test_power/parameters/ac_online && echo $plug >/sys/module/test_power/parameters/usb_online &&
+    echo "$2" >/sys/module/test_power/parameters/battery_capacity && echo "$1" >/sys/module/test_power/parameters/battery_status
+}

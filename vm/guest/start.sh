@@ -12,6 +12,8 @@ mount -t configfs configfs /sys/kernel/config 2>/dev/null || { modprobe configfs
 mount -t debugfs debugfs /sys/kernel/debug 2>/dev/null
 hostname rig
 ip link set lo up
+# The kernel's test battery begins as one that is being emptied.
+echo full >/sys/module/test_power/parameters/battery_status 2>/dev/null
 echo "guest: up $(cut -d' ' -f1 /proc/uptime)"
 bash /run/job/script.sh
 echo "guest: exit $?"

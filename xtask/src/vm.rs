@@ -63,7 +63,7 @@ pub(crate) fn run(
 /// Builds the tests of the crate `v4l2` that need real cameras, and puts them where the guests find them.
 fn driver_tests() -> Result<()> {
     let mut build = cargo()?;
-    build.args(["test", "--locked", "--no-run", "--package", "v4l2"]);
+    build.args(["test", "--locked", "--no-run", "--workspace"]);
     build.args([
         "--test",
         "vivid",

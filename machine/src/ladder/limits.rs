@@ -9,6 +9,8 @@ use crate::battery::Power;
 
 /// Free space above the reserve with which a recording may begin after the disk was full, bytes.
 const START_AGAIN_BYTES: f64 = (256_u64 << 20) as f64;
+/// With more than this in the batteries, %, minutes that are said to be left are not believed so far as to stop.
+const MUCH_PERCENT: f64 = 20.0;
 
 /// Thresholds. The defaults suit a rig on the body; the supply has none, since a voltage means
 /// nothing without the pack that gives it.
@@ -113,6 +115,8 @@ pub(super) enum Quantity {
     Throttled,
     BatteryPercent,
     BatteryMinutes,
+    /// Minutes while the charge agrees that little is left: a gauge that lies is no reason to stop.
+    LastBatteryMinutes,
     SupplyVolts,
     DiskSeconds,
     DiskUsable,
@@ -126,7 +130,9 @@ impl Quantity {
         match self {
             Self::HeatMargin | Self::CriticalMargin => Cause::Heat,
             Self::Throttled => Cause::Throttling,
-            Self::BatteryPercent | Self::BatteryMinutes => Cause::Battery,
+            Self::BatteryPercent | Self::BatteryMinutes | Self::LastBatteryMinutes => {
+                Cause::Battery
+            }
             Self::SupplyVolts => Cause::Supply,
             Self::DiskSeconds | Self::DiskUsable | Self::DiskInodes | Self::DiskTrouble => {
                 Cause::Disk
@@ -152,6 +158,10 @@ impl Quantity {
             Self::Throttled => Some(yes(heat?.throttled?)),
             Self::BatteryPercent => Some(-battery(|p| p.percent)?),
             Self::BatteryMinutes => Some(-battery(|p| p.minutes_left)?),
+            Self::LastBatteryMinutes => Some(-battery(|p| match p.percent {
+                Some(percent) if percent > MUCH_PERCENT => Some(f64::INFINITY),
+                _ => p.minutes_left,
+            })?),
             Self::SupplyVolts => Some(-power?.supply_volts?),
             Self::DiskSeconds => match (disk?.seconds_left, disk?.bytes_per_s) {
                 (Some(left), _) => Some(-left),
@@ -421,7 +431,7 @@ impl Limits {
                 minute,
             ),
             below(
-                BatteryMinutes,
+                LastBatteryMinutes,
                 StopCleanly,
                 self.battery_stop_minutes,
                 30 * S,

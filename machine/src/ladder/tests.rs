@@ -108,9 +108,13 @@ fn each_cause_goes_as_far_as_helps_against_it() {
     assert_eq!(measures(battery(4.0, 60.0, true)), "wp--s");
     assert_eq!(
         measures(battery(50.0, 2.0, true)),
-        "w---s",
-        "a gauge that lies"
+        "w----",
+        "a gauge that lies: what is recorded outlives a battery that ends"
     );
+    assert_eq!(measures(battery(15.0, 2.0, true)), "w---s");
+    let mut only_minutes = battery(50.0, 2.0, true);
+    only_minutes.power.as_mut().unwrap().percent = None;
+    assert_eq!(measures(only_minutes), "w---s");
     assert_eq!(
         measures(battery(1.0, 0.0, false)),
         "-----",

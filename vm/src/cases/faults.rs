@@ -24,9 +24,10 @@ mod daemon;
 mod disks;
 mod imus;
 mod operator;
+mod power;
 
 /// All of them.
-pub(super) const CASES: [Case; 23] = [
+pub(super) const CASES: [Case; 24] = [
     cameras::DROPPED,
     cameras::DAMAGED,
     cameras::ERROR,
@@ -41,6 +42,7 @@ pub(super) const CASES: [Case; 23] = [
     operator::BUTTON_GONE,
     operator::KEY_GONE,
     operator::CLOCK_STEP,
+    power::BATTERY,
     daemon::HELD_UP,
     daemon::KILLED,
     disks::FULL,

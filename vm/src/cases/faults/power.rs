@@ -1,0 +1,51 @@
+//! A battery that runs down. The kernel's test battery says that minutes are left, whatever its charge.
+
+use anyhow::{Result, ensure};
+
+use super::{Fault, case, is_accounted_for};
+use crate::case::{Bench, Case, Report};
+
+pub(super) const BATTERY: Case = case(
+    "fault-battery",
+    "the battery says that a minute is left at 50 %, then it has 4 %, where the recording ends by itself; plugged in, the next one begins",
+    battery,
+);
+
+fn battery(bench: &Bench) -> Result<Report> {
+    let fault = Fault {
+        during: "battery discharging 50 && sleep 15 && battery discharging 4 || exit 4
+            until_state armed || until_state armed || exit 3
+            pawsd start 2>refused.txt && exit 2
+            battery charging 30 && sleep 90
+            pawsd start >/dev/null",
+        ..Fault::default()
+    };
+    let left = fault.happen(bench)?;
+    ensure!(
+        left.sessions.len() == 2,
+        "{} sessions, expected two",
+        left.sessions.len()
+    );
+    for session in &left.sessions {
+        is_accounted_for(session)?;
+        ensure!(session.gaps.is_empty(), "{:?}", session.gaps);
+    }
+    let stopped = left.sessions[0].stopped.clone().unwrap_or_default();
+    ensure!(
+        stopped == "the machine cannot go on",
+        "stopped by {stopped:?}"
+    );
+    let told = |what: &str| {
+        let mut events = left.sessions[0].events.iter();
+        events.any(|(_, _, text)| text.contains(what))
+    };
+    ensure!(told("battery: 50 %"), "{:?}", left.sessions[0].events);
+    let refused = left.file("refused.txt")?;
+    ensure!(refused.contains("battery: 4 %"), "{refused:?}");
+    left.report(
+        bench,
+        &["battery"],
+        "warned at once, stopped cleanly at 4 %, refused until plugged in; nothing is missing"
+            .into(),
+    )
+}
