@@ -13,7 +13,7 @@ pub(super) const BATTERY: Case = case(
 
 fn battery(bench: &Bench) -> Result<Report> {
     let fault = Fault {
-        during: "battery discharging 50 && sleep 15 && battery discharging 4 || exit 4
+        during: "battery discharging 50 && sleep 40 && battery discharging 4 || exit 4
             until_state armed || until_state armed || exit 3
             pawsd start 2>refused.txt && exit 2
             battery charging 30 && sleep 90
