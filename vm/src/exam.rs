@@ -41,6 +41,9 @@ pub struct Found {
     pub newest: BTreeMap<String, i64>,
     /// Places that hold something else than a cut leaves at the end.
     pub damage: u64,
+    /// Whether the file system had to be repaired before it could be mounted.
+    #[serde(default)]
+    pub repaired: bool,
 }
 
 /// A sample of the reference.
@@ -221,6 +224,7 @@ pub fn examine(
         damage: damage
             .filter(|d| d.damage.kind != DamageKind::CutOff)
             .count() as u64,
+        repaired: false,
     })
 }
 

@@ -9,7 +9,7 @@ use anyhow::{Context as _, Result};
 use clap::Parser;
 use serde_json::json;
 use vm::device_mapper::Device;
-use vm::exam::{self, Contents, Promise};
+use vm::exam::{self, Contents, Found, Promise};
 use vm::marks::{Mark, TICK};
 
 /// What scripts in a guest need and no shell has.
@@ -113,8 +113,9 @@ fn exam(reference: Option<&Path>, on: &Path) -> Result<ExitCode> {
             started: started.parse().context("STARTED")?,
             messages: messages.parse().context("MESSAGES")?,
         };
-        let found = mounted(Path::new(image), on, || {
-            exam::examine(on, reference.as_ref(), promise, scratch)
+        let found = mounted(Path::new(image), on, |repaired| {
+            let found = exam::examine(on, reference.as_ref(), promise, scratch)?;
+            Ok(Found { repaired, ..found })
         });
         let _ = std::fs::remove_dir_all(scratch);
         let said = match found {
@@ -126,16 +127,24 @@ fn exam(reference: Option<&Path>, on: &Path) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Does something while an image is mounted; the kernel replays its journal.
-fn mounted<T>(image: &Path, on: &Path, work: impl FnOnce() -> Result<T>) -> Result<T> {
+/// Does something while an image is mounted; the kernel replays its journal. One that cannot be mounted is repaired as a
+/// person would, which `work` is told.
+fn mounted<T>(image: &Path, on: &Path, work: impl FnOnce(bool) -> Result<T>) -> Result<T> {
     std::fs::create_dir_all(on)?;
-    run(Command::new("mount")
-        .arg("-o")
-        .arg("loop")
-        .arg(image)
-        .arg(on))
-    .context("mounting after the power cut")?;
-    let done = work();
+    let mount = || {
+        run(Command::new("mount")
+            .args(["-o", "loop"])
+            .arg(image)
+            .arg(on))
+    };
+    let first = mount();
+    let repaired = first.is_err();
+    if let Err(error) = first {
+        // Its exit code is 1 when it has mended something; whether it has is for the second mount to tell.
+        let _ = run(Command::new("e2fsck").arg("-fy").arg(image));
+        mount().map_err(|_| error.context("mounting after the power cut"))?;
+    }
+    let done = work(repaired);
     run(Command::new("umount").arg(on))?;
     done
 }

@@ -45,6 +45,8 @@ pub struct Cut {
     pub lost: BTreeMap<String, i64>,
     /// Places that hold something else than a cut leaves at the end.
     pub damage: u64,
+    /// Whether the file system had to be repaired before it could be mounted.
+    pub repaired: bool,
     /// What must not be.
     pub error: Option<String>,
 }
@@ -103,11 +105,16 @@ fn run(bench: &Bench) -> Result<Report> {
             let wrong = wrong(cuts);
             let _ = write!(
                 line,
-                "{name}: {} of {} {kind} cuts good, most lost {} ms; ",
+                "{name}: {} of {} {kind} cuts good, most lost {} ms",
                 cuts.len() - wrong.len(),
                 cuts.len(),
                 most_lost_ms(cuts)
             );
+            let repaired = cuts.iter().filter(|cut| cut.repaired).count();
+            if repaired > 0 {
+                let _ = write!(line, ", {repaired} after a repair by e2fsck");
+            }
+            line.push_str("; ");
             all_wrong.extend(
                 wrong
                     .into_iter()

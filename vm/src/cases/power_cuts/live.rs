@@ -64,12 +64,14 @@ pub fn cuts(bench: &Bench, name: &str, file_system: FileSystem, count: u32) -> R
                 torn: false,
                 lost: BTreeMap::new(),
                 damage: 0,
+                repaired: false,
                 error: None,
             };
             match found {
                 Err(error) => cut.error = Some(error),
                 Ok(found) => {
                     cut.damage = found.damage;
+                    cut.repaired = found.repaired;
                     let newest = found.newest.into_iter();
                     cut.lost = newest
                         .filter_map(|(stream, time)| Some((stream, ((*now)? - time).max(0))))

@@ -166,12 +166,14 @@ exit $code
             torn,
             lost: BTreeMap::new(),
             damage: 0,
+            repaired: false,
             error: None,
         };
         match found {
             Err(error) => cut.error = Some(error),
             Ok(found) => {
                 cut.damage = found.damage;
+                cut.repaired = found.repaired;
                 // The time at the cut lies between two marks of it; the later one makes more of what is lost.
                 let now = self.marks.iter().find_map(|(place, mark)| match mark {
                     Mark::Now(now) if *place >= at => Some(*now),
