@@ -10,7 +10,7 @@ use anyhow::{Context as _, Result};
 use charts::{Axis, Chart, Series};
 use serde_json::{Value, json};
 use vm::case::Bench;
-use vm::cases::cost::{Cost, Rate, SETUPS, Setup, Window, measure};
+use vm::cases::cost::{Cost, SETUPS, Setup, Window, measure};
 use vm::kernel::{Kernel, KernelError};
 use vm::machine::Machine;
 
@@ -117,7 +117,8 @@ fn write(out: &Path, costs: &[Cost], window_s: u32, stamp: &Value) -> Result<()>
     fs::create_dir_all(out).with_context(|| format!("making {}", out.display()))?;
     for (name, text) in [
         ("vm_cost.json", format!("{report:#}\n")),
-        ("vm_cost.svg", chart(costs, stamp)),
+        ("vm_cost-wakes.svg", chart(&report, &WAKES)),
+        ("vm_cost-cpu.svg", chart(&report, &CPU)),
     ] {
         let path = out.join(name);
         fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
@@ -126,20 +127,45 @@ fn write(out: &Path, costs: &[Cost], window_s: u32, stamp: &Value) -> Result<()>
     Ok(())
 }
 
-/// Wake-ups while it records, the thread behind each on its own. Where nothing is recorded, those of waiting.
-fn chart(costs: &[Cost], stamp: &Value) -> String {
-    let drawn = || {
-        let costs = costs.iter().filter(|cost| cost.setup.size.0 < 1000);
-        costs.filter(|cost| !cost.setup.operator).take(DRAWN)
+/// What is drawn.
+struct Drawn {
+    /// As it stands in the report.
+    key: &'static str,
+    title: &'static str,
+    quantity: &'static str,
+    unit: &'static str,
+}
+
+const WAKES: Drawn = Drawn {
+    key: "wakes_per_s",
+    title: "How often the daemon's threads wake up",
+    quantity: "wake-ups",
+    unit: "1/s",
+};
+
+/// System calls are slow in a guest, so these are bounds.
+const CPU: Drawn = Drawn {
+    key: "cpu_percent",
+    title: "Processor time of the daemon's threads, in a guest",
+    quantity: "of one processor",
+    unit: "%",
+};
+
+/// What a report says of each kind of thread while it records. Where nothing is recorded, while it waits.
+fn chart(report: &Value, drawn: &Drawn) -> String {
+    let rigs = || {
+        let rigs = report["rigs"].as_array().into_iter().flatten();
+        let rigs = rigs.filter(|rig| rig["size"][0].as_u64().is_some_and(|width| width < 1000));
+        rigs.filter(|rig| rig["operator"] == false).take(DRAWN)
     };
-    let names = drawn().map(|cost| cost.setup.name);
-    let mut chart = Chart::new("How often the daemon's threads wake up")
+    let names = rigs().map(|rig| rig["name"].as_str().unwrap_or_default());
+    let mut chart = Chart::new(drawn.title)
         .subtitle(
             "while it records: 30 frames per second and camera, 800 samples per second of the IMU",
         )
         .x_axis(Axis::categories("", names))
-        .y_axis(Axis::linear("wake-ups", "1/s").include(0.0))
-        .footnote(&stamp::line(stamp));
+        .y_axis(Axis::linear(drawn.quantity, drawn.unit).include(0.0))
+        .footnote(&stamp::line(&report["stamp"]));
     let parts: [(&str, &[&str]); 5] = [
         ("cameras, IMU", &["source", "imu"]),
         ("hub", &["hub"]),
@@ -151,12 +177,17 @@ fn chart(costs: &[Cost], stamp: &Value) -> String {
         ),
     ];
     for (name, kinds) in parts {
-        let wakes = drawn().map(|cost| {
-            let window = cost.recording.as_ref().unwrap_or(&cost.armed);
-            let of = |kind: &&str| -> Rate { window.of(kind) };
-            kinds.iter().map(of).map(|rate| rate.wakes).sum()
+        let values = rigs().map(|rig| {
+            let recording = &rig["recording"];
+            let window = if recording.is_null() {
+                &rig["armed"]
+            } else {
+                recording
+            };
+            let of = |kind: &&str| window["threads"][kind][drawn.key].as_f64().unwrap_or(0.0);
+            kinds.iter().map(of).sum()
         });
-        chart = chart.series(Series::bars(name, wakes));
+        chart = chart.series(Series::bars(name, values));
     }
-    chart.to_svg(760, 380)
+    chart.to_svg(960, 380)
 }
