@@ -81,6 +81,30 @@ fn key_frames_stand_where_chunks_begin() {
     );
 }
 
+/// x264enc takes another quality only at its start. Frames that are inside the old one come first.
+#[test]
+fn an_encoder_makes_way_for_one_of_another_quality() {
+    let (mut lane, seen) = lane();
+    for n in 0..40 {
+        lane.spare((8..24).contains(&n));
+        let picture = picture(n, 64, 32);
+        // Two are still inside when the chunk ends.
+        if matches!(n, 14..=16 | 29..=31) {
+            lane.push(frame(n), &picture, HostTime(0));
+        } else {
+            lane.push_and_wait(frame(n), &picture, HostTime(0));
+        }
+        let quality = lane.running.as_ref().map(|r| r.quality_db);
+        let spared = 16..31;
+        assert_eq!(quality, Some(if spared.contains(&n) { 36.0 } else { 40.0 }));
+    }
+    lane.finish(Duration::from_secs(10), HostTime(0));
+    assert!(!lane.is_failing());
+    let keys = [0, 16, 31];
+    let expected: Vec<_> = (0..40).map(|n| (n, Ok(keys.contains(&n)))).collect();
+    assert_eq!(*seen.lock().expect("seen"), expected);
+}
+
 #[test]
 fn a_failed_encoder_is_replaced_and_its_frames_are_reported() {
     let (mut lane, seen) = lane();
