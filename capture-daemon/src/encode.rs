@@ -233,16 +233,10 @@ impl Lane {
 
     /// Drains the encoder: everything taken is handed on or reported when this returns.
     pub fn finish(&mut self, limit: Duration, now: HostTime) {
-        let Some(Running {
-            encoder, inside, ..
-        }) = self.running.take()
-        else {
+        let Some(running) = self.running.take() else {
             return;
         };
-        if let Err(e) = encoder.finish(limit) {
-            log::warn!("ending the encoder: {e}");
-        }
-        settle(&inside, &self.sink, ENDED_EARLY);
+        end(running, &self.sink, limit);
         self.last_progress = now;
     }
 
@@ -382,19 +376,11 @@ impl Lane {
         match running.encoder.set_quality(wanted) {
             Ok(true) => {}
             Ok(false) => {
-                let Some(Running {
-                    encoder, inside, ..
-                }) = self.running.take()
-                else {
+                let Some(running) = self.running.take() else {
                     return;
                 };
-                let (shared, sink) = (inside.clone(), self.sink.clone());
-                self.end_beside(move || {
-                    if let Err(e) = encoder.finish(CHANGE_LIMIT) {
-                        log::warn!("ending the encoder: {e}");
-                    }
-                    settle(&shared, &sink, ENDED_EARLY);
-                });
+                let (inside, sink) = (running.inside.clone(), self.sink.clone());
+                self.end_beside(move || end(running, &sink, CHANGE_LIMIT));
                 if let Err(error) = self.start(picture, Some(inside.clone()), now) {
                     log::warn!("starting {} again: {error}", self.settings.element);
                     settle(&inside, &self.sink, ENDED_EARLY);
@@ -442,6 +428,14 @@ impl Lane {
         self.failures += 1;
         self.retry_at = now + pause;
     }
+}
+
+/// Lets an encoder give what is inside, for so long; the rest is reported as dropped.
+fn end(running: Running, sink: &Sink, limit: Duration) {
+    if let Err(e) = running.encoder.finish(limit) {
+        log::warn!("ending the encoder: {e}");
+    }
+    settle(&running.inside, sink, ENDED_EARLY);
 }
 
 /// Reports what is inside an encoder that has ended or is given up; whatever it still says is ignored from here on. In

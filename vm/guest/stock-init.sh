@@ -9,10 +9,10 @@ for word in $($b cat /proc/cmdline); do case $word in
 esac; done
 over9p=trans=virtio,version=9p2000.L,msize=1048576
 $b mount -t 9p -o ro,cache=loose,$over9p host /host && $b mount -t tmpfs -o size=75% tmpfs /upper && $b mkdir /upper/upper /upper/work &&
-  $b mount -t overlay -o lowerdir=/host,upperdir=/upper/upper,workdir=/upper/work overlay /root || exec $b echo "guest: no root"
-$b mount -t tmpfs tmpfs /root/run; $b mkdir -p /root/run/guest /root/run/job
-$b mount --bind "/host$guest" /root/run/guest && $b mount -t 9p -o cache=none,$over9p job /root/run/job || exec $b echo "guest: no job"
+  $b mount -t overlay -o lowerdir=/host,upperdir=/upper/upper,workdir=/upper/work overlay /system || exec $b echo "guest: no root"
+$b mount -t tmpfs tmpfs /system/run; $b mkdir -p /system/run/guest /system/run/job
+$b mount --bind "/host$guest" /system/run/guest && $b mount -t 9p -o cache=none,$over9p job /system/run/job || exec $b echo "guest: no job"
 modules=lib/modules/$($b uname -r)
-$b mkdir -p /root/usr/$modules; $b mount --bind "/host$kernel/$modules" /root/usr/$modules
-$b mount --move /proc /root/proc; $b mount --move /sys /root/sys; $b mount --move /dev /root/dev
-exec $b switch_root /root /bin/bash /run/guest/start.sh
+$b mkdir -p /system/usr/$modules; $b mount --bind "/host$kernel/$modules" /system/usr/$modules
+$b mount --move /proc /system/proc; $b mount --move /sys /system/sys; $b mount --move /dev /system/dev
+exec $b switch_root /system /bin/bash /run/guest/start.sh

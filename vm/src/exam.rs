@@ -42,7 +42,6 @@ pub struct Found {
     /// Places that hold something else than a cut leaves at the end.
     pub damage: u64,
     /// Whether the file system had to be repaired before it could be mounted.
-    #[serde(default)]
     pub repaired: bool,
 }
 

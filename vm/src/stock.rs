@@ -96,7 +96,7 @@ impl StockKernel {
     fn make_initrd(&self, version: &str) -> Result<(), KernelError> {
         let root = self.folder.join("initrd");
         for name in [
-            "bin", "modules", "proc", "sys", "dev", "host", "upper", "root",
+            "bin", "modules", "proc", "sys", "dev", "host", "upper", "system",
         ] {
             fs::create_dir_all(root.join(name)).map_err(|e| self.io(e))?;
         }

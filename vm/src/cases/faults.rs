@@ -168,6 +168,22 @@ impl Left {
         Ok(&self.sessions[0])
     }
 
+    /// Two sessions with nothing missing, the first one stopped by this.
+    fn two_whole_sessions(&self, stopped_by: &str) -> Result<()> {
+        ensure!(
+            self.sessions.len() == 2,
+            "{} sessions, expected two",
+            self.sessions.len()
+        );
+        for session in &self.sessions {
+            is_accounted_for(session)?;
+            ensure!(session.gaps.is_empty(), "{:?}", session.gaps);
+        }
+        let stopped = self.sessions[0].stopped.clone().unwrap_or_default();
+        ensure!(stopped == stopped_by, "stopped by {stopped:?}");
+        Ok(())
+    }
+
     /// Streams that were not hit have everything.
     fn others_are_whole(&self, hit: &[&str]) -> Result<()> {
         let session = self.session()?;

@@ -2,7 +2,7 @@
 
 use anyhow::{Result, ensure};
 
-use super::{Fault, Left, case, is_accounted_for};
+use super::{Fault, Left, case};
 use crate::case::{Bench, Case, Report};
 
 fn happen(bench: &Bench, during: &'static str) -> Result<Left> {
@@ -15,17 +15,7 @@ fn happen(bench: &Bench, during: &'static str) -> Result<Left> {
 
 /// Two sessions, both whole; the first one was stopped by a button.
 fn two_takes(bench: &Bench, left: &Left, line: &str) -> Result<Report> {
-    ensure!(
-        left.sessions.len() == 2,
-        "{} sessions, expected two",
-        left.sessions.len()
-    );
-    for session in &left.sessions {
-        is_accounted_for(session)?;
-        ensure!(session.gaps.is_empty(), "{:?}", session.gaps);
-    }
-    let stopped = left.sessions[0].stopped.clone().unwrap_or_default();
-    ensure!(stopped == "button", "stopped by {stopped:?}");
+    left.two_whole_sessions("button")?;
     left.report(bench, &[], line.to_owned())
 }
 

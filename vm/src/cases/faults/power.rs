@@ -2,7 +2,7 @@
 
 use anyhow::{Result, ensure};
 
-use super::{Fault, case, is_accounted_for};
+use super::{Fault, case};
 use crate::case::{Bench, Case, Report};
 
 pub(super) const BATTERY: Case = case(
@@ -21,20 +21,7 @@ fn battery(bench: &Bench) -> Result<Report> {
         ..Fault::default()
     };
     let left = fault.happen(bench)?;
-    ensure!(
-        left.sessions.len() == 2,
-        "{} sessions, expected two",
-        left.sessions.len()
-    );
-    for session in &left.sessions {
-        is_accounted_for(session)?;
-        ensure!(session.gaps.is_empty(), "{:?}", session.gaps);
-    }
-    let stopped = left.sessions[0].stopped.clone().unwrap_or_default();
-    ensure!(
-        stopped == "the machine cannot go on",
-        "stopped by {stopped:?}"
-    );
+    left.two_whole_sessions("the machine cannot go on")?;
     let told = |what: &str| {
         let mut events = left.sessions[0].events.iter();
         events.any(|(_, _, text)| text.contains(what))
