@@ -1,0 +1,97 @@
+//! What can go wrong with a bundle.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Why a bundle could not be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum BundleError {
+    /// The disk says no: check the path, its permissions, and the room.
+    #[error("{doing}: {}", path.display())]
+    Io {
+        /// What was being done.
+        doing: &'static str,
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        #[source]
+        error: io::Error,
+    },
+    /// There is no bundle, or not one that this version reads.
+    #[error("opening a scene bundle: found {found}, expected {expected}: {}", path.display())]
+    NotABundle {
+        /// The folder or its manifest.
+        path: PathBuf,
+        /// What is there.
+        found: String,
+        /// What belongs there.
+        expected: String,
+    },
+    /// Another program is writing to it: wait for that one.
+    #[error("opening a scene bundle for writing: another program is writing to it; wait for it to end: {}", path.display())]
+    Locked {
+        /// The bundle.
+        path: PathBuf,
+    },
+    /// The bundle was made out of something else: write to another folder.
+    #[error("opening a scene bundle for writing: it is of {found}, expected {expected}; name another folder: {}", path.display())]
+    OtherSource {
+        /// The bundle.
+        path: PathBuf,
+        /// What it was made of.
+        found: String,
+        /// What is to be written to it.
+        expected: String,
+    },
+    /// A defect of the caller: a name, a hash or a number that the format does not allow.
+    #[error("writing to a scene bundle: found {found}, expected {expected}: {}", path.display())]
+    Refused {
+        /// The bundle or the file in it.
+        path: PathBuf,
+        /// What was given.
+        found: String,
+        /// What the format allows.
+        expected: String,
+    },
+    /// No stage has written this output yet.
+    #[error("reading a scene bundle: it has no output {name}, only {found}: {}", path.display())]
+    NoOutput {
+        /// The bundle.
+        path: PathBuf,
+        /// What was asked for.
+        name: String,
+        /// The outputs that are there.
+        found: String,
+    },
+    /// A file is not what was written: make the output again.
+    #[error("reading a scene bundle: found {found}, expected {expected}: {}", path.display())]
+    Changed {
+        /// The file.
+        path: PathBuf,
+        /// What is there.
+        found: String,
+        /// What was written.
+        expected: String,
+    },
+    /// A file is as it was written, and does not follow its format.
+    #[error("reading a scene bundle: {place}: found {found}, expected {expected}: {}", path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// Where in it.
+        place: String,
+        /// What is there.
+        found: String,
+        /// What belongs there.
+        expected: String,
+    },
+}
+
+/// Adds what was being done, to what.
+pub(crate) fn doing(
+    doing: &'static str,
+    path: impl AsRef<Path>,
+) -> impl FnOnce(io::Error) -> BundleError {
+    let path = path.as_ref().to_owned();
+    move |error| BundleError::Io { doing, path, error }
+}

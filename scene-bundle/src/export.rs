@@ -1,0 +1,271 @@
+//! A bundle in the formats of others.
+//!
+//! Contract: nothing that exists is overwritten. A file appears whole or not at all; a folder is made under its name with
+//! `.partial` behind it and renamed when it is whole. What cannot be in the format is told ([`Summary::notes`]), and what
+//! should have been and could not be is counted ([`Summary::lost`]). The same bundle gives the same bytes.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use cad_transforms::output::{Existing, WriteError, write};
+
+use crate::error::BundleError;
+use crate::formats::{euroc, kitti, tum};
+use crate::outputs::{self, cloud};
+use crate::scene::Scene;
+use crate::trajectory::{Status, Trajectory};
+
+mod colmap;
+mod folder;
+mod las;
+mod lenses;
+mod nerfstudio;
+mod redraw;
+mod shots;
+
+use folder::NewFolder;
+
+/// What to write.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// One file, a line per pose of the rig.
+    Tum,
+    /// A folder with `poses.txt` and `times.txt`, of the rig.
+    Kitti,
+    /// One CSV file, a line per pose of the rig.
+    Euroc,
+    /// A folder with `transforms.json` of the keyframes, points, masks and depth.
+    Nerfstudio,
+    /// A folder with `cameras.txt`, `images.txt` and `points3D.txt`.
+    ColmapText,
+    /// A folder with `cameras.bin`, `images.bin` and `points3D.bin`.
+    ColmapBinary,
+    /// One file, the points.
+    Ply,
+    /// One file, the points.
+    Las,
+    /// One file, the points, compressed.
+    Laz,
+}
+
+impl Format {
+    /// All of them.
+    pub const ALL: [Self; 9] = [
+        Self::Tum,
+        Self::Kitti,
+        Self::Euroc,
+        Self::Nerfstudio,
+        Self::ColmapText,
+        Self::ColmapBinary,
+        Self::Ply,
+        Self::Las,
+        Self::Laz,
+    ];
+
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tum => "tum",
+            Self::Kitti => "kitti",
+            Self::Euroc => "euroc",
+            Self::Nerfstudio => "nerfstudio",
+            Self::ColmapText => "colmap-text",
+            Self::ColmapBinary => "colmap-binary",
+            Self::Ply => "ply",
+            Self::Las => "las",
+            Self::Laz => "laz",
+        }
+    }
+
+    /// The format of a name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|format| format.name() == name)
+    }
+}
+
+/// How to write it.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Options {
+    /// The causal trajectory in place of the offline one. Of no effect on keyframes, which have poses of their own.
+    pub causal: bool,
+    /// Where the pictures lie, as `paws-reconstruct frames` writes them: `CAMERA/left/NNNNNN.png`, named by the number of
+    /// the frame. With it, keyframes without a picture are left out.
+    pub pictures: Option<PathBuf>,
+    /// Right pictures too.
+    pub right: bool,
+    /// Only these cameras; all where it is empty.
+    pub cameras: Vec<String>,
+}
+
+/// What was written.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Summary {
+    /// What it is, in words.
+    pub written: String,
+    /// What the format has no place for, and what was changed to fit it.
+    pub notes: Vec<String>,
+    /// What should have been written and was not.
+    pub lost: Vec<String>,
+}
+
+/// Why nothing was written.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// The bundle cannot be read.
+    #[error(transparent)]
+    Bundle(#[from] BundleError),
+    /// There is something at this path, or the disk says no.
+    #[error(transparent)]
+    File(#[from] WriteError),
+    /// There is something at this path: give another.
+    #[error("writing an export: it exists already and is not overwritten: {}", .0.display())]
+    Exists(PathBuf),
+    /// Delete it: it is what an earlier run had written before it was stopped.
+    #[error("writing an export: an earlier run was stopped and left a folder behind; delete it: {}", .0.display())]
+    LeftOver(PathBuf),
+    /// The disk says no.
+    #[error("writing an export: {}", path.display())]
+    Write {
+        /// What was being written.
+        path: PathBuf,
+        /// What failed.
+        #[source]
+        error: io::Error,
+    },
+    /// The format cannot hold what there is.
+    #[error("writing {format}: found {found}, expected {expected}")]
+    Refused {
+        /// The format.
+        format: &'static str,
+        /// What there is.
+        found: String,
+        /// What the format needs.
+        expected: String,
+    },
+}
+
+/// Writes a bundle in a format to `out`, a new file or folder.
+///
+/// # Errors
+/// [`ExportError`]; then nothing was written.
+pub fn export(
+    scene: &Scene,
+    format: Format,
+    options: &Options,
+    out: &Path,
+) -> Result<Summary, ExportError> {
+    // Known before the work.
+    if out.symlink_metadata().is_ok() {
+        return Err(ExportError::Exists(out.to_owned()));
+    }
+    match format {
+        Format::Tum | Format::Kitti | Format::Euroc => trajectory(scene, format, options, out),
+        Format::Nerfstudio => nerfstudio::export(scene, options, out),
+        Format::ColmapText => colmap::export(scene, colmap::Form::Text, options, out),
+        Format::ColmapBinary => colmap::export(scene, colmap::Form::Binary, options, out),
+        Format::Ply => {
+            let bytes = cloud::read_file(&scene.output(outputs::CLOUD)?)?;
+            write(out, &bytes, Existing::Refuse)?;
+            Ok(Summary {
+                written: "the points as they are".to_owned(),
+                ..Summary::default()
+            })
+        }
+        Format::Las | Format::Laz => las::export(scene, format == Format::Laz, out),
+    }
+}
+
+fn trajectory(
+    scene: &Scene,
+    format: Format,
+    options: &Options,
+    out: &Path,
+) -> Result<Summary, ExportError> {
+    let name = if options.causal {
+        outputs::TRAJECTORY_CAUSAL
+    } else {
+        outputs::TRAJECTORY
+    };
+    let trajectory = outputs::trajectory::read(&scene.output(name)?)?;
+    match format {
+        Format::Kitti => {
+            let (poses, times) = kitti::written(&trajectory);
+            let folder = NewFolder::begin(out)?;
+            folder.write("poses.txt", poses.as_bytes())?;
+            folder.write("times.txt", times.as_bytes())?;
+            folder.finish()?;
+        }
+        Format::Euroc => write(
+            out,
+            euroc::written(&trajectory, None).as_bytes(),
+            Existing::Refuse,
+        )?,
+        _ => write(out, tum::written(&trajectory).as_bytes(), Existing::Refuse)?,
+    }
+    Ok(Summary {
+        written: format!("{} poses of the rig", trajectory.usable().count()),
+        notes: unsaid(&trajectory, format),
+        lost: Vec::new(),
+    })
+}
+
+/// What the text formats do not say.
+fn unsaid(trajectory: &Trajectory, format: Format) -> Vec<String> {
+    let has = |what: &str, there: bool| there.then(|| what.to_owned());
+    let poses = trajectory.poses();
+    let lost = trajectory.len() - trajectory.usable().count();
+    let velocities = poses
+        .iter()
+        .filter(|p| p.velocity_in_world.is_some())
+        .count();
+    let velocities_written =
+        format == Format::Euroc && trajectory.usable().all(|p| p.velocity_in_world.is_some());
+    let left_out = [
+        has("covariances", poses.iter().any(|p| p.covariance.is_some())),
+        has("velocities", velocities > 0 && !velocities_written),
+        has(
+            "statuses",
+            poses.iter().any(|p| p.status != Status::Tracked),
+        ),
+    ];
+    let left_out: Vec<String> = left_out.into_iter().flatten().collect();
+    let mut notes = Vec::new();
+    if !left_out.is_empty() {
+        notes.push(format!(
+            "{} has no place for {}",
+            format.name(),
+            left_out.join(", ")
+        ));
+    }
+    if lost > 0 {
+        notes.push(format!("{lost} poses where the rig was lost are left out"));
+    }
+    notes
+}
+
+fn writing(path: &Path) -> impl FnOnce(io::Error) -> ExportError + use<> {
+    let path = path.to_owned();
+    move |error| ExportError::Write { path, error }
+}
+
+/// The folder of the pictures as a program sees it that reads a file in `out`: a relative path where the two have one.
+fn seen_from(out: &Path, pictures: &Path) -> Result<PathBuf, ExportError> {
+    let parent = match out.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    fs::create_dir_all(parent).map_err(writing(parent))?;
+    let whole = |path: &Path| fs::canonicalize(path).map_err(writing(path));
+    let (parent, pictures) = (whole(parent)?, whole(pictures)?);
+    let out = parent.join(out.file_name().unwrap_or_default());
+    let common = out
+        .components()
+        .zip(pictures.components())
+        .take_while(|(a, b)| a == b)
+        .count();
+    let up = out.components().skip(common).map(|_| "..");
+    let mut path: PathBuf = up.collect();
+    path.extend(pictures.components().skip(common));
+    Ok(path)
+}

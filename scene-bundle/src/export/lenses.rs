@@ -1,0 +1,84 @@
+//! A lens in a model that a format has.
+
+use calib::convert::exactly;
+use calib::{CameraModel, Format, LensModel, convert};
+
+use super::ExportError;
+
+/// A fitted lens that is farther off than this is a loss, pixels. *Why:* features are matched to about a tenth of a
+/// pixel.
+const NEAR_PX: f64 = 0.1;
+
+/// A lens as the format has it.
+pub(super) struct Fitted {
+    pub(super) model: CameraModel,
+    /// How far it is off, where it is not exact.
+    pub(super) note: Option<String>,
+    /// What can no longer be said to be the same lens.
+    pub(super) lost: Option<String>,
+}
+
+/// The camera with a lens model of the format: exactly where the format has one that means the same, else the nearest of
+/// its kind, fitted over the whole picture.
+pub(super) fn fitted(
+    name: &str,
+    model: &CameraModel,
+    format: Format,
+) -> Result<Fitted, ExportError> {
+    let held = format.models();
+    let exact = held
+        .iter()
+        .find_map(|target| exactly(&model.distortion, *target));
+    if let Some(distortion) = exact {
+        return Ok(Fitted {
+            model: CameraModel {
+                distortion,
+                ..*model
+            },
+            note: None,
+            lost: None,
+        });
+    }
+    let refused = |found: String| ExportError::Refused {
+        format: format.name(),
+        found,
+        expected: "a lens that it can hold".to_owned(),
+    };
+    let what = model.distortion.name();
+    let is_narrow = model.distortion.rational().is_some();
+    // The largest of its kind comes nearest.
+    let target = if is_narrow {
+        held.iter().rev().find(|m| {
+            ![
+                LensModel::KannalaBrandt4,
+                LensModel::DoubleSphere,
+                LensModel::Eucm,
+            ]
+            .contains(m)
+        })
+    } else {
+        held.iter().find(|m| **m == LensModel::KannalaBrandt4)
+    };
+    let target = *target.ok_or_else(|| refused(format!("the lens {what} of {name}")))?;
+    let found = convert(model, target)
+        .map_err(|e| refused(format!("the lens {what} of {name}, where {e}")))?;
+    let text = format!(
+        "the lens {what} of {name} is written as {}, off by at most {:.3} px, {:.3} px root mean square",
+        target.name(),
+        found.max_px,
+        found.rms_px
+    );
+    let outside = (found.lost > 0.0).then(|| {
+        format!(
+            "{:.1} % of the picture of {name} cannot be in {}",
+            100.0 * found.lost,
+            target.name()
+        )
+    });
+    let far = (found.max_px > NEAR_PX).then(|| text.clone());
+    Ok(Fitted {
+        model: found.model,
+        note: (found.max_px <= NEAR_PX).then_some(text),
+        lost: outside.or(far),
+    })
+}

@@ -1,0 +1,247 @@
+//! `transforms.json` of nerfstudio, with points, masks and depth beside it.
+//!
+//! Contract: `transform_matrix` takes points in the camera to the world of the bundle (z up, metres), in OpenGL's axes: x
+//! right, y up, z backward. Every frame has its own intrinsics, in COLMAP's pixel coordinates (half a pixel more than
+//! ours). nerfstudio has one kind of lens for all frames, and wants depth for all frames or for none.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use calib::{CameraModel, Distortion, Eye, Format};
+use serde_json::{Map, Value, json};
+
+use super::folder::NewFolder;
+use super::lenses::fitted;
+use super::redraw::Redraw;
+use super::shots::{Shot, Shots, collect};
+use super::{ExportError, Options, Summary, seen_from};
+use crate::outputs::depth::{self, DepthIndex, DepthKey};
+use crate::outputs::masks::{self, Mask};
+use crate::outputs::picture::{encode8, encode16};
+use crate::outputs::{self, cloud};
+use crate::scene::{OutputReader, Scene};
+
+const NAME: &str = "nerfstudio";
+/// What COLMAP's and so nerfstudio's pixel coordinates have more than ours.
+const HALF: f64 = 0.5;
+/// Where pictures are looked for when nothing was said.
+const PICTURES: &str = "images";
+const POINTS: &str = "points.ply";
+
+pub(super) fn export(scene: &Scene, options: &Options, out: &Path) -> Result<Summary, ExportError> {
+    let shots = collect(scene, options, NAME)?;
+    let pictures = match &options.pictures {
+        None => PICTURES.to_owned(),
+        Some(folder) => seen_from(out, folder)?.to_string_lossy().into_owned(),
+    };
+    let mut summary = Summary::default();
+    let mut models = Vec::new();
+    for camera in &shots.cameras {
+        let lens = fitted(&camera.name, &camera.model, Format::Nerfstudio)?;
+        summary.notes.extend(lens.note);
+        summary.lost.extend(lens.lost);
+        models.push(lens.model);
+    }
+    let kind = kind_for_all(&shots, &models)?;
+
+    let folder = NewFolder::begin(out)?;
+    let masks = write_masks(scene, &shots, &folder)?;
+    let depth = write_depth(scene, &shots, &folder, &mut summary)?;
+    let mut root = Map::new();
+    root.insert("camera_model".to_owned(), json!(kind));
+    if scene.has(outputs::CLOUD) {
+        folder.write(POINTS, &cloud::read_file(&scene.output(outputs::CLOUD)?)?)?;
+        root.insert("ply_file_path".to_owned(), json!(POINTS));
+    } else {
+        summary
+            .notes
+            .push("the bundle has no points: ply_file_path is left out".to_owned());
+    }
+    let frames = shots.shots.iter().map(|shot| {
+        let mut frame = intrinsics(&models[shot.camera]);
+        frame.insert(
+            "file_path".to_owned(),
+            json!(format!("{pictures}/{}", shot.picture)),
+        );
+        frame.insert("transform_matrix".to_owned(), opengl(shot));
+        if let Some(masks) = &masks {
+            frame.insert("mask_path".to_owned(), json!(masks[shot.camera]));
+        }
+        if depth {
+            frame.insert("depth_file_path".to_owned(), json!(depth_path(shot)));
+        }
+        Value::Object(frame)
+    });
+    // A line per frame: thousands of them are still readable.
+    let frames: Vec<String> = frames.map(|frame| format!("  {frame}")).collect();
+    let head: Vec<String> = root
+        .iter()
+        .map(|(key, value)| format!(" \"{key}\": {value},\n"))
+        .collect();
+    let text = format!(
+        "{{\n{} \"frames\": [\n{}\n ]\n}}\n",
+        head.concat(),
+        frames.join(",\n")
+    );
+    folder.write("transforms.json", text.as_bytes())?;
+    folder.finish()?;
+    summary.written = format!(
+        "{} pictures of {} cameras",
+        shots.shots.len(),
+        shots.cameras.len()
+    );
+    summary.lost.extend(shots.lost);
+    Ok(summary)
+}
+
+fn kind_for_all(shots: &Shots, models: &[CameraModel]) -> Result<&'static str, ExportError> {
+    let is_fisheye =
+        |model: &CameraModel| matches!(model.distortion, Distortion::KannalaBrandt4 { .. });
+    let all = models.iter().zip(&shots.cameras);
+    let (wide, narrow): (Vec<_>, Vec<_>) = all.partition(|(model, _)| is_fisheye(model));
+    match (&wide[..], &narrow[..]) {
+        ([], _) => Ok("OPENCV"),
+        (_, []) => Ok("OPENCV_FISHEYE"),
+        ([(_, wide), ..], [(_, narrow), ..]) => Err(ExportError::Refused {
+            format: NAME,
+            found: format!(
+                "a fisheye lens of {} and another one of {}",
+                wide.name, narrow.name
+            ),
+            expected: "one kind for all: export cameras of one kind with --camera".to_owned(),
+        }),
+    }
+}
+
+fn intrinsics(model: &CameraModel) -> Map<String, Value> {
+    let mut keys: BTreeMap<&str, f64> = BTreeMap::from([
+        ("fl_x", model.fx),
+        ("fl_y", model.fy),
+        ("cx", model.cx + HALF),
+        ("cy", model.cy + HALF),
+        ("k1", 0.0),
+        ("k2", 0.0),
+        ("p1", 0.0),
+        ("p2", 0.0),
+    ]);
+    let names = model.distortion.coefficient_names().iter().copied();
+    keys.extend(names.zip(model.distortion.coefficients()));
+    let mut map: Map<String, Value> = keys
+        .into_iter()
+        .map(|(k, v)| (k.to_owned(), json!(v)))
+        .collect();
+    map.insert("w".to_owned(), json!(model.width));
+    map.insert("h".to_owned(), json!(model.height));
+    map
+}
+
+fn opengl(shot: &Shot) -> Value {
+    let r = shot.world_from_camera.rotation_rows();
+    let t = shot.world_from_camera.translation_m();
+    // y and z point the other way in OpenGL.
+    let row = |i: usize| json!([r[3 * i], -r[3 * i + 1], -r[3 * i + 2], t[i]]);
+    json!([row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]])
+}
+
+/// Path of the mask of each camera, where the bundle has masks; one that has none there gets a white one.
+fn write_masks(
+    scene: &Scene,
+    shots: &Shots,
+    folder: &NewFolder,
+) -> Result<Option<Vec<String>>, ExportError> {
+    if !scene.has(outputs::MASKS) {
+        return Ok(None);
+    }
+    let reader = scene.output(outputs::MASKS)?;
+    let mut paths = Vec::new();
+    for camera in &shots.cameras {
+        let name = &shots.rig.cameras[camera.of_rig].name;
+        let (width, height) = (camera.model.width, camera.model.height);
+        let white = || Mask {
+            width,
+            height,
+            pixels: vec![255; width as usize * height as usize],
+        };
+        let mask = masks::read(&reader, name, camera.eye)?.unwrap_or_else(white);
+        if (mask.width, mask.height) != (width, height) {
+            return Err(ExportError::Refused {
+                format: NAME,
+                found: format!(
+                    "a mask of {} of {}x{}",
+                    camera.name, mask.width, mask.height
+                ),
+                expected: format!("{width}x{height}, as its pictures have"),
+            });
+        }
+        let path = format!("masks/{}", masks::path(name, camera.eye));
+        folder.write(&path, &encode8(width, height, &mask.pixels))?;
+        paths.push(path);
+    }
+    Ok(Some(paths))
+}
+
+fn depth_path(shot: &Shot) -> String {
+    format!("depth/{}", shot.picture)
+}
+
+/// Whether all frames have depth; then it is written, for the pictures as they were recorded.
+fn write_depth(
+    scene: &Scene,
+    shots: &Shots,
+    folder: &NewFolder,
+    summary: &mut Summary,
+) -> Result<bool, ExportError> {
+    if !scene.has(outputs::DEPTH) {
+        return Ok(false);
+    }
+    let reader = scene.output(outputs::DEPTH)?;
+    let index = depth::read_index(&reader)?;
+    let found: Vec<Option<&DepthKey>> = shots
+        .shots
+        .iter()
+        .map(|shot| key_of(&index, shots, shot))
+        .collect();
+    let without = found.iter().filter(|key| key.is_none()).count();
+    if without > 0 {
+        summary.notes.push(format!(
+            "{without} of {} pictures have no depth, and nerfstudio takes it for all or none: depth is left out",
+            found.len()
+        ));
+        return Ok(false);
+    }
+    let mut redraws: BTreeMap<usize, Redraw> = BTreeMap::new();
+    for (shot, key) in shots.shots.iter().zip(found.into_iter().flatten()) {
+        let model = &shots.cameras[shot.camera].model;
+        let redraw = redraws
+            .entry(shot.camera)
+            .or_insert_with(|| Redraw::new(&index.views[key.view], model));
+        write_one(&reader, &index, key, redraw, folder, &depth_path(shot))?;
+    }
+    Ok(true)
+}
+
+fn key_of<'a>(index: &'a DepthIndex, shots: &Shots, shot: &Shot) -> Option<&'a DepthKey> {
+    let camera = &shots.cameras[shot.camera];
+    if camera.eye == Eye::Right {
+        return None;
+    }
+    let name = &shots.rig.cameras[camera.of_rig].name;
+    let view = index.views.iter().position(|view| view.camera == *name)?;
+    index
+        .pictures
+        .iter()
+        .find(|key| key.view == view && key.frame == shot.keyframe.frame)
+}
+
+fn write_one(
+    reader: &OutputReader,
+    index: &DepthIndex,
+    key: &DepthKey,
+    redraw: &Redraw,
+    folder: &NewFolder,
+    path: &str,
+) -> Result<(), ExportError> {
+    let picture = depth::read(reader, index, key)?;
+    let (width, height) = redraw.size();
+    folder.write(path, &encode16(width, height, &redraw.depth(&picture)))
+}

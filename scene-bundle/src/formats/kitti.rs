@@ -1,0 +1,196 @@
+//! KITTI odometry: a line of 12 numbers per picture, `[R | t]` rows first, metres (Geiger et al. 2012); the times, in
+//! seconds, one per line, are a file of their own (`times.txt`).
+//!
+//! Contract: as of [`formats`](super). A row is a transform to the first picture's frame from this picture's; of which
+//! camera is for the caller to say. A matrix's digits are those of the quaternion's products, so a rotation comes back
+//! within 1e-15, not to the bit. Velocities are not kept.
+
+use std::path::Path;
+
+use cad_transforms::RigidTransform;
+
+use super::seconds::{parse_seconds, written_seconds};
+use super::text::{FormatError, Source, read as text_of, written_all};
+use crate::trajectory::{Pose, Trajectory};
+
+const KIND: &str = "KITTI";
+
+/// Reads poses and their times.
+///
+/// # Errors
+/// [`FormatError`]; [`FormatError::Counts`] when they are not equally many.
+pub fn read(poses: &Path, times: &Path) -> Result<Trajectory, FormatError> {
+    let rows = parse_poses(&text_of(poses)?, poses)?;
+    let text = text_of(times)?;
+    let source = Source {
+        kind: KIND,
+        path: times,
+        text: &text,
+    };
+    let stamps = times_of(&source)?;
+    if stamps.len() != rows.len() {
+        return Err(FormatError::Counts {
+            kind: KIND,
+            path: times.to_owned(),
+            found: stamps.len(),
+            expected: rows.len(),
+        });
+    }
+    let poses = stamps.into_iter().zip(rows);
+    source.trajectory(
+        poses
+            .map(|((line, time_ns), pose)| (line, Pose::new(time_ns, pose)))
+            .collect(),
+    )
+}
+
+/// Reads the poses alone; `path` is for messages.
+///
+/// # Errors
+/// [`FormatError::Malformed`].
+pub fn parse_poses(text: &str, path: &Path) -> Result<Vec<RigidTransform>, FormatError> {
+    let source = Source {
+        kind: KIND,
+        path,
+        text,
+    };
+    let mut poses = Vec::new();
+    for (line, text) in source.lines() {
+        let words: Vec<&str> = text.split_ascii_whitespace().collect();
+        if words.len() != 12 {
+            let found = format!("{} numbers", words.len());
+            return Err(source.malformed(line, found, "12: a matrix [R | t] of 3x4, rows first"));
+        }
+        let mut rows = [0.0; 12];
+        for (number, word) in rows.iter_mut().zip(words) {
+            *number = source.number(line, word)?;
+        }
+        let pose = RigidTransform::from_rows_3x4(rows)
+            .map_err(|e| source.malformed(line, e.to_string(), "a rotation matrix"))?;
+        poses.push(pose);
+    }
+    Ok(poses)
+}
+
+/// Reads times alone, in nanoseconds; `path` is for messages. Nothing is said of their order.
+///
+/// # Errors
+/// [`FormatError::Malformed`].
+pub fn parse_times(text: &str, path: &Path) -> Result<Vec<i64>, FormatError> {
+    let source = Source {
+        kind: KIND,
+        path,
+        text,
+    };
+    Ok(times_of(&source)?.into_iter().map(|(_, ns)| ns).collect())
+}
+
+fn times_of(source: &Source<'_>) -> Result<Vec<(usize, i64)>, FormatError> {
+    let time = |(line, text): (usize, &str)| {
+        parse_seconds(text)
+            .map(|ns| (line, ns))
+            .ok_or_else(|| source.malformed(line, format!("{text:?}"), "a time in seconds"))
+    };
+    source.lines().map(time).collect()
+}
+
+/// The texts of the two files, poses and times. Lost poses are left out of both.
+pub fn written(trajectory: &Trajectory) -> (String, String) {
+    let (mut poses, mut times) = (String::new(), String::new());
+    for pose in trajectory.usable() {
+        let r = pose.world_from_rig.rotation_rows();
+        let t = pose.world_from_rig.translation_m();
+        let rows: [f64; 12] = std::array::from_fn(|i| match i % 4 {
+            3 => t[i / 4],
+            column => r[i / 4 * 3 + column],
+        });
+        poses += &written_all(&rows, " ");
+        poses.push('\n');
+        times += &written_seconds(pose.time_ns);
+        times.push('\n');
+    }
+    (poses, times)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::formats::tests::{bare, shared, walk};
+
+    #[test]
+    fn what_is_written_reads_back() {
+        let trajectory = walk();
+        let folder = tempfile::tempdir().unwrap();
+        let [poses, times] = ["poses.txt", "times.txt"].map(|name| folder.path().join(name));
+        let texts = written(&trajectory);
+        std::fs::write(&poses, &texts.0).unwrap();
+        std::fs::write(&times, &texts.1).unwrap();
+        let back = read(&poses, &times).unwrap();
+        let expected = bare(&trajectory);
+        assert_eq!(back.len(), expected.len());
+        for (found, expected) in back.poses().iter().zip(expected.poses()) {
+            assert_eq!(found.time_ns, expected.time_ns);
+            let off = found.world_from_rig.inverse() * expected.world_from_rig;
+            // The angle of a rotation this near to none is computed from the quaternion's vector part: no cancellation.
+            assert!(off.angle_rad() < 1e-14, "{}", off.angle_rad());
+            let [a, b] = [found, expected].map(|p| p.world_from_rig.translation_m());
+            assert_eq!(a, b);
+        }
+
+        std::fs::write(&times, "0.5\n").unwrap();
+        let error = read(&poses, &times).unwrap_err().to_string();
+        let expected = format!(
+            "found 1 times, expected one for each of the {} poses",
+            expected.len()
+        );
+        assert!(error.contains(&expected), "{error}");
+    }
+
+    #[test]
+    fn rows_come_first() {
+        // A quarter turn to the left about z, then a shift.
+        let text = "0 -1 0 5 1 0 0 6 0 0 1 7\n";
+        let poses = parse_poses(text, Path::new("p.txt")).unwrap();
+        assert_eq!(poses[0].apply([1.0, 0.0, 0.0]), [5.0, 7.0, 7.0]);
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        let path = Path::new("p.txt");
+        let message = |error: FormatError| error.to_string();
+        assert_eq!(
+            message(parse_poses("1 0 0 0 0 1 0 0 0 0 1 0\n1 2 3\n", path).unwrap_err()),
+            "reading a KITTI trajectory: line 2: found 3 numbers, expected 12: a matrix [R | t] of 3x4, rows first: p.txt"
+        );
+        let mirrored = message(parse_poses("-1 0 0 0 0 1 0 0 0 0 1 0\n", path).unwrap_err());
+        assert!(
+            mirrored.contains("line 1: found the rotation matrix is left-handed"),
+            "{mirrored}"
+        );
+        assert_eq!(
+            message(parse_times("0.0\nsoon\n", path).unwrap_err()),
+            "reading a KITTI trajectory: line 2: found \"soon\", expected a time in seconds: p.txt"
+        );
+        let times = parse_times("0.000000e+00\n1.037300e-01\n", path).unwrap();
+        assert_eq!(times, [0, 103_730_000]);
+    }
+
+    #[test]
+    fn the_real_files_are_read() {
+        let Some(folder) = shared("04_trajectories/evo") else {
+            return;
+        };
+        for name in ["KITTI_00_gt.txt", "KITTI_00_ORB.txt"] {
+            let path = folder.join(name);
+            let text = std::fs::read_to_string(&path).unwrap();
+            let poses = parse_poses(&text, &path).unwrap();
+            assert_eq!(poses.len(), text.lines().count());
+            let steps = poses.windows(2);
+            let length: f64 = steps.map(|p| (p[0].inverse() * p[1]).distance_m()).sum();
+            // Sequence 00 is 3.7 km long (Geiger et al. 2012, table 1: 3,724 m); a monocular estimate has its own scale.
+            if name == "KITTI_00_gt.txt" {
+                assert!((3700.0..3750.0).contains(&length), "{length}");
+            }
+        }
+    }
+}

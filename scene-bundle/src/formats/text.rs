@@ -1,0 +1,156 @@
+//! A trajectory file as text, and errors that name the line.
+
+use std::path::{Path, PathBuf};
+
+use cad_transforms::RigidTransform;
+
+use crate::trajectory::{Pose, Trajectory};
+
+/// How far a printed quaternion's norm may be from 1: four decimals per component, as in the ground truth of the TUM
+/// RGB-D data, move it by up to 1e-4. Nearer ones that are off by more than a transform allows are normalised.
+pub(super) const NORM_TOLERANCE: f64 = 1e-3;
+
+/// Why a trajectory could not be read.
+#[derive(Debug, thiserror::Error)]
+pub enum FormatError {
+    /// The file could not be read: check the path and its permissions.
+    #[error("reading a trajectory: {}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A line is not what this kind of file has there.
+    #[error("reading a {kind} trajectory: line {line}: found {found}, expected {expected}: {}", path.display())]
+    Malformed {
+        /// Kind of file.
+        kind: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// What is there.
+        found: String,
+        /// What belongs there.
+        expected: String,
+    },
+    /// Two files that belong together have different lengths.
+    #[error("reading a {kind} trajectory: found {found} times, expected one for each of the {expected} poses: {}", path.display())]
+    Counts {
+        /// Kind of file.
+        kind: &'static str,
+        /// The file with the times.
+        path: PathBuf,
+        /// Times found.
+        found: usize,
+        /// Poses found.
+        expected: usize,
+    },
+}
+
+/// The text of one file and where it came from, for messages.
+pub(super) struct Source<'a> {
+    pub(super) kind: &'static str,
+    pub(super) path: &'a Path,
+    pub(super) text: &'a str,
+}
+
+pub(super) fn read(path: &Path) -> Result<String, FormatError> {
+    std::fs::read_to_string(path).map_err(|source| FormatError::Read {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+impl<'a> Source<'a> {
+    /// Lines that say something, with their numbers from 1: not empty, not a comment (`#`).
+    pub(super) fn lines(&self) -> impl Iterator<Item = (usize, &'a str)> {
+        let text = self.text.trim_start_matches('\u{feff}');
+        let lines = text.lines().enumerate();
+        lines
+            .map(|(i, line)| (i + 1, line.trim()))
+            .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
+    }
+
+    pub(super) fn malformed(
+        &self,
+        line: usize,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> FormatError {
+        FormatError::Malformed {
+            kind: self.kind,
+            path: self.path.to_owned(),
+            line,
+            found: found.into(),
+            expected: expected.into(),
+        }
+    }
+
+    pub(super) fn number(&self, line: usize, word: &str) -> Result<f64, FormatError> {
+        match word.parse::<f64>() {
+            Ok(number) if number.is_finite() => Ok(number),
+            _ => Err(self.malformed(
+                line,
+                format!("{word:?}"),
+                "a finite number with a decimal point",
+            )),
+        }
+    }
+
+    /// A transform of a printed quaternion `w x y z` and a translation in metres.
+    pub(super) fn transform(
+        &self,
+        line: usize,
+        wxyz: [f64; 4],
+        translation_m: [f64; 3],
+    ) -> Result<RigidTransform, FormatError> {
+        let norm = wxyz.iter().map(|v| v * v).sum::<f64>().sqrt();
+        let printed = (norm - 1.0).abs() > cad_transforms::transform::UNIT_TOLERANCE
+            && (norm - 1.0).abs() <= NORM_TOLERANCE;
+        let wxyz = if printed {
+            wxyz.map(|v| v / norm)
+        } else {
+            wxyz
+        };
+        RigidTransform::from_wxyz(wxyz, translation_m).map_err(|_| {
+            self.malformed(
+                line,
+                format!("a quaternion of norm {norm}"),
+                format!("norm 1 within {NORM_TOLERANCE}"),
+            )
+        })
+    }
+
+    /// Puts poses with their lines together; times must rise from line to line.
+    pub(super) fn trajectory(&self, poses: Vec<(usize, Pose)>) -> Result<Trajectory, FormatError> {
+        let mut trajectory = Trajectory::default();
+        let mut before: Option<(usize, i64)> = None;
+        for (line, pose) in poses {
+            let time_ns = pose.time_ns;
+            trajectory.push(pose).map_err(|_| {
+                // Numbers of a file are finite, so only the time is left to be wrong.
+                let (line_before, time_before) = before.unwrap_or_default();
+                self.malformed(
+                    line,
+                    format!("the time {time_ns} ns"),
+                    format!("a later one than the {time_before} ns of line {line_before}"),
+                )
+            })?;
+            before = Some((line, time_ns));
+        }
+        Ok(trajectory)
+    }
+}
+
+/// A number with as many digits as read back to the same bits.
+pub(super) fn written(number: f64) -> String {
+    format!("{number:?}")
+}
+
+/// Several, with a separator.
+pub(super) fn written_all(numbers: &[f64], separator: &str) -> String {
+    let words: Vec<String> = numbers.iter().map(|n| written(*n)).collect();
+    words.join(separator)
+}

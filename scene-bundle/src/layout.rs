@@ -1,0 +1,109 @@
+//! Every path and file name of a bundle, and which names are allowed.
+
+/// The manifest.
+pub const MANIFEST: &str = "scene.json";
+/// Held by whoever writes to the bundle.
+pub const LOCK: &str = "lock";
+/// In an output's folder: files with their hashes that are too many for the manifest.
+pub const LISTING: &str = "files.b3";
+
+/// Begins the names of folders in the making.
+const DRAFT: &str = ".draft-";
+/// Digits of the hash in a folder's name.
+const DIGITS: usize = 16;
+
+/// Folder of an output of this content: `NAME.` and the first 16 digits of its hash.
+pub fn folder(name: &str, hash: &str) -> String {
+    format!("{name}.{}", hash.get(..DIGITS).unwrap_or(hash))
+}
+
+/// Folder in which an output is made.
+pub fn draft(name: &str) -> String {
+    format!("{DRAFT}{name}")
+}
+
+/// Whether a name in the bundle's folder is one that only a writer makes: a draft, a version of an output, or a
+/// manifest that was being written.
+pub fn is_ours(name: &str) -> bool {
+    let is_hash = |text: &str| text.len() == DIGITS && is_hex(text);
+    name == temporary(MANIFEST)
+        || name.strip_prefix(DRAFT).is_some_and(is_output_name)
+        || name
+            .split_once('.')
+            .is_some_and(|(output, hash)| is_output_name(output) && is_hash(hash))
+}
+
+/// What a file is called while it is written beside the old one.
+pub fn temporary(path: &str) -> String {
+    format!("{path}.tmp")
+}
+
+/// Whether an output may have this name: lower-case letters, digits and `-`, beginning with a letter.
+pub fn is_output_name(name: &str) -> bool {
+    let plain = |b: u8| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-';
+    name.as_bytes().first().is_some_and(u8::is_ascii_lowercase) && name.bytes().all(plain)
+}
+
+/// Whether a file of an output may have this path: parts of ASCII letters, digits, `_`, `-` and `.`, none beginning
+/// with a dot, with `/` between them.
+pub fn is_file_path(path: &str) -> bool {
+    let plain = |b: u8| b.is_ascii_alphanumeric() || b"_-.".contains(&b);
+    let part = |part: &str| !part.is_empty() && !part.starts_with('.') && part.bytes().all(plain);
+    path.split('/').all(part)
+}
+
+/// Whether this is a BLAKE3 hash in lower-case hex.
+pub fn is_hash(text: &str) -> bool {
+    text.len() == 64 && is_hex(text)
+}
+
+fn is_hex(text: &str) -> bool {
+    text.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_lead_nowhere_else() {
+        for name in ["rig", "trajectory-causal", "depth2"] {
+            assert!(is_output_name(name), "{name}");
+        }
+        for name in ["", "-rig", "2d", "Rig", "a.b", "a/b", "..", "a b", "\u{e9}"] {
+            assert!(!is_output_name(name), "{name}");
+        }
+        for path in ["a.npy", "left_shoulder/left/000001.png", "A-b_c.2"] {
+            assert!(is_file_path(path), "{path}");
+        }
+        for path in [
+            "", "/a", "a/", "a//b", "../a", "a/../b", ".a", "a b", "a\\b", "a\n",
+        ] {
+            assert!(!is_file_path(path), "{path}");
+        }
+    }
+
+    #[test]
+    fn only_what_a_writer_makes_is_ours_to_remove() {
+        let hash = "0123456789abcdef".repeat(4);
+        for name in [
+            folder("trajectory-causal", &hash),
+            draft("rig"),
+            temporary(MANIFEST),
+        ] {
+            assert!(is_ours(&name), "{name}");
+        }
+        for name in [
+            MANIFEST,
+            LOCK,
+            "notes.txt",
+            "rig",
+            "rig.0123456789abcde",
+            "rig.0123456789abcdeg",
+            ".draft-",
+            "Rig.0123456789abcdef",
+        ] {
+            assert!(!is_ours(name), "{name}");
+        }
+    }
+}

@@ -1,0 +1,281 @@
+//! `scene.json`: what the bundle was made of, and its outputs with their hashes.
+//!
+//! Contract: a manifest that was read is of this version and leads to no file outside the bundle. Unknown fields are an
+//! error, so that writing a manifest again never loses anything of it.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::BundleError;
+use crate::layout;
+
+/// Value of [`Manifest::format`].
+pub const FORMAT: &str = "paws-scene";
+/// The version that this crate writes and reads.
+pub const VERSION: u32 = 1;
+
+/// The manifest of a bundle.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// [`FORMAT`].
+    pub format: String,
+    /// [`VERSION`].
+    pub version: u32,
+    /// What it was made of, and by what.
+    pub provenance: Provenance,
+    /// Outputs by name.
+    pub outputs: BTreeMap<String, Output>,
+}
+
+/// What a bundle was made of, and by what.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Provenance {
+    /// The session.
+    pub session_id: String,
+    /// BLAKE3 that stands for all of the session's files, hex: the seal of its hand-off.
+    pub handoff_blake3: String,
+    /// The rig that recorded it.
+    pub rig: RigRevision,
+    /// The program that last wrote to the bundle, and its version.
+    pub program: String,
+    /// Version of the program.
+    pub program_version: String,
+    /// When that program began, ns of UTC since 1970, as well as the host knew.
+    pub started_civil_ns: i64,
+    /// When it was done; nothing while it runs, and after it was stopped.
+    pub ended_civil_ns: Option<i64>,
+}
+
+/// A rig, as its file calls it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigRevision {
+    /// Its name.
+    pub name: String,
+    /// Which build of it.
+    pub revision: String,
+}
+
+/// How an output was made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Record {
+    /// The stage that made it.
+    pub stage: String,
+    /// The stage's version. A stage counts it up when the same input gives another output.
+    pub stage_version: u32,
+    /// All settings that the output depends on, defaults included.
+    pub settings: serde_json::Value,
+    /// Hashes of what went in, by name: outputs of this bundle, or what the provenance names. BLAKE3, hex.
+    pub inputs: BTreeMap<String, String>,
+}
+
+/// An output: how it was made and what it holds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Output {
+    /// As [`Record::stage`].
+    pub stage: String,
+    /// As [`Record::stage_version`].
+    pub stage_version: u32,
+    /// As [`Record::settings`].
+    pub settings: serde_json::Value,
+    /// As [`Record::inputs`].
+    pub inputs: BTreeMap<String, String>,
+    /// Its files, sorted by path.
+    pub files: Vec<FileEntry>,
+    /// [`content_hash`] of the files.
+    pub hash: String,
+}
+
+/// A file of an output.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FileEntry {
+    /// Path in the output's folder.
+    pub path: String,
+    /// Length, bytes.
+    pub bytes: u64,
+    /// BLAKE3 of the content, hex.
+    pub blake3: String,
+}
+
+impl Output {
+    pub(crate) fn new(record: Record, files: Vec<FileEntry>) -> Self {
+        Self {
+            stage: record.stage,
+            stage_version: record.stage_version,
+            settings: record.settings,
+            inputs: record.inputs,
+            hash: content_hash(&files),
+            files,
+        }
+    }
+
+    /// Whether it was made just so, and making it again would give the same.
+    pub fn was_made_by(&self, record: &Record) -> bool {
+        self.stage == record.stage
+            && self.stage_version == record.stage_version
+            && self.settings == record.settings
+            && self.inputs == record.inputs
+    }
+}
+
+/// The hash that stands for the content of an output: BLAKE3, hex, of a line `HASH BYTES PATH\n` for each file, in the
+/// order of the bytes of their paths.
+pub fn content_hash(files: &[FileEntry]) -> String {
+    let mut files: Vec<&FileEntry> = files.iter().collect();
+    files.sort_by(|a, b| a.path.cmp(&b.path));
+    let mut hasher = blake3::Hasher::new();
+    for file in files {
+        hasher.update(format!("{} {} {}\n", file.blake3, file.bytes, file.path).as_bytes());
+    }
+    hasher.finalize().to_hex().to_string()
+}
+
+impl Manifest {
+    pub(crate) fn new(provenance: Provenance) -> Self {
+        Self {
+            format: FORMAT.to_owned(),
+            version: VERSION,
+            provenance,
+            outputs: BTreeMap::new(),
+        }
+    }
+
+    /// Of the bytes of a file. `path` is for messages.
+    pub(crate) fn parse(bytes: &[u8], path: &Path) -> Result<Self, BundleError> {
+        #[derive(Deserialize)]
+        struct Which {
+            format: String,
+            version: u32,
+        }
+        let wrong = |found: String, expected: &str| BundleError::NotABundle {
+            path: path.to_owned(),
+            found,
+            expected: expected.to_owned(),
+        };
+        let expected = format!("a manifest of {FORMAT} version {VERSION}");
+        let which: Which = serde_json::from_slice(bytes)
+            .map_err(|e| wrong(format!("JSON where {e}"), &expected))?;
+        if which.format != FORMAT || which.version != VERSION {
+            let found = format!("{} version {}", which.format, which.version);
+            return Err(wrong(found, &format!("{FORMAT} version {VERSION}")));
+        }
+        let manifest: Self = serde_json::from_slice(bytes)
+            .map_err(|e| wrong(format!("JSON where {e}"), &expected))?;
+        for (name, output) in &manifest.outputs {
+            if !layout::is_output_name(name) {
+                return Err(wrong(
+                    format!("an output called {name:?}"),
+                    "a name of the format",
+                ));
+            }
+            if let Some(file) = output.files.iter().find(|f| !layout::is_file_path(&f.path)) {
+                let found = format!("a file {:?} of output {name}", file.path);
+                return Err(wrong(found, "a path in the output's folder"));
+            }
+            if output.hash != content_hash(&output.files) {
+                let found = format!("the hash {} of output {name}", output.hash);
+                return Err(wrong(
+                    found,
+                    "the hash of its files (the manifest was edited)",
+                ));
+            }
+        }
+        Ok(manifest)
+    }
+
+    pub(crate) fn written(&self) -> Vec<u8> {
+        let mut text = serde_json::to_vec_pretty(self).unwrap_or_default();
+        text.push(b'\n');
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bundle::tests::provenance;
+
+    fn entry(path: &str, content: &[u8]) -> FileEntry {
+        FileEntry {
+            path: path.to_owned(),
+            bytes: content.len() as u64,
+            blake3: blake3::hash(content).to_hex().to_string(),
+        }
+    }
+
+    fn manifest() -> Manifest {
+        let record = Record {
+            stage: "odometry".to_owned(),
+            stage_version: 3,
+            settings: serde_json::json!({ "rate_hz": 0.1 }),
+            inputs: BTreeMap::new(),
+        };
+        let mut manifest = Manifest::new(provenance());
+        let files = vec![entry("a", b"1"), entry("b/c", b"")];
+        manifest
+            .outputs
+            .insert("rig".to_owned(), Output::new(record, files));
+        manifest
+    }
+
+    #[test]
+    fn the_hash_is_of_sorted_lines() {
+        let (a, b) = (entry("a", b"1"), entry("b", b""));
+        let text = format!("{} 1 a\n{} 0 b\n", a.blake3, b.blake3);
+        let expected = blake3::hash(text.as_bytes()).to_hex().to_string();
+        assert_eq!(content_hash(&[a.clone(), b.clone()]), expected);
+        assert_eq!(content_hash(&[b, a]), expected);
+    }
+
+    #[test]
+    fn what_is_written_reads_back() {
+        let manifest = manifest();
+        let path = Path::new("scene.json");
+        assert_eq!(
+            Manifest::parse(&manifest.written(), path).unwrap(),
+            manifest
+        );
+    }
+
+    #[test]
+    fn what_is_wrong_is_refused_and_named() {
+        let good = String::from_utf8(manifest().written()).unwrap();
+        let check = |from: &str, to: &str, expected: &str| {
+            assert!(good.contains(from), "{from}");
+            let text = good.replacen(from, to, 1);
+            let error = Manifest::parse(text.as_bytes(), Path::new("scene.json")).unwrap_err();
+            let error = error.to_string();
+            assert!(error.contains(expected), "{error}");
+            assert!(error.ends_with(": scene.json"), "{error}");
+        };
+        check(
+            "\"version\": 1",
+            "\"version\": 2",
+            "found paws-scene version 2, expected paws-scene version 1",
+        );
+        check("paws-scene", "paws-session", "found paws-session version 1");
+        check(
+            "\"outputs\"",
+            "\"more\": 1, \"outputs\"",
+            "unknown field `more`",
+        );
+        check(
+            "\"rig\": {\n      \"stage\"",
+            "\"../rig\": {\n      \"stage\"",
+            "an output called \"../rig\"",
+        );
+        check(
+            "\"b/c\"",
+            "\"b/../../c\"",
+            "a file \"b/../../c\" of output rig",
+        );
+        check("\"bytes\": 1", "\"bytes\": 2", "the manifest was edited");
+        check("{", "", "found JSON where");
+    }
+}

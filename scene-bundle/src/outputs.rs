@@ -1,0 +1,70 @@
+//! The outputs that the format defines, each with its writer and reader.
+//!
+//! Contract: a writer puts the files of its output into a [`Draft`] and leaves the commit to the caller; a
+//! reader takes an [`OutputReader`], so every byte was checked against its hash before it is
+//! looked at. `FORMAT.md` has the layouts.
+
+pub mod cloud;
+pub mod depth;
+pub mod keyframes;
+pub mod masks;
+pub mod rig;
+pub mod tracks;
+pub mod trajectory;
+
+pub(crate) mod picture;
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::draft::Draft;
+use crate::error::BundleError;
+use crate::scene::OutputReader;
+
+/// The rig: lenses and places of cameras and IMUs.
+pub const RIG: &str = "rig";
+/// Poses of the rig, each computed with knowledge of the whole recording.
+pub const TRAJECTORY: &str = "trajectory";
+/// Poses of the rig, each computed from what was before it alone, as a robot would have them.
+pub const TRAJECTORY_CAUSAL: &str = "trajectory-causal";
+/// What odometry followed from keyframe to keyframe.
+pub const TRACKS: &str = "tracks";
+/// Frames that stand for the others, with their poses.
+pub const KEYFRAMES: &str = "keyframes";
+/// Which pixels of each camera do not show the person who wears it.
+pub const MASKS: &str = "masks";
+/// Depth of keyframes.
+pub const DEPTH: &str = "depth";
+/// Points of the world.
+pub const CLOUD: &str = "cloud";
+
+pub(crate) fn write_json(
+    draft: &Draft,
+    path: &str,
+    value: &impl Serialize,
+) -> Result<(), BundleError> {
+    let mut text = serde_json::to_vec_pretty(value).unwrap_or_default();
+    text.push(b'\n');
+    draft.write(path, &text)
+}
+
+pub(crate) fn read_json<T: DeserializeOwned>(
+    reader: &OutputReader,
+    path: &str,
+) -> Result<T, BundleError> {
+    serde_json::from_slice(&reader.read(path)?).map_err(|e| BundleError::Malformed {
+        path: reader.place(path),
+        place: format!("line {}", e.line()),
+        found: format!("JSON where {e}"),
+        expected: format!("what the format has in {path}"),
+    })
+}
+
+/// A value that the caller gave and the format does not allow.
+pub(crate) fn refused(draft: &Draft, file: &str, found: String, expected: &str) -> BundleError {
+    BundleError::Refused {
+        path: draft.place(file),
+        found,
+        expected: expected.to_owned(),
+    }
+}

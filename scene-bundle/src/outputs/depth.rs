@@ -1,0 +1,340 @@
+//! Output `depth`: for each keyframe that has it a picture of depth and one of its standard deviation, 16-bit grey, and
+//! `depth.json`, which says of which view they are and which there are.
+//!
+//! Contract. Depth is along the view's z axis, not along the ray, in units of 1 mm: 1 to 65535 are 1 mm to 65.535 m, 0 is
+//! no depth (nothing seen, or farther). Sigma is of the depth, one standard deviation, in units of 0.1 mm: 65535 is
+//! 6.5535 m or more, or not known; 0 goes with no depth. The view of a camera is that of its left picture, turned so that
+//! rows fit the right one's: the same centre, its own pinhole model. There are too many pictures for the manifest; the
+//! listing has their hashes.
+
+use std::sync::{Mutex, PoisonError};
+
+use cad_transforms::RigidTransform;
+use calib::CameraModel;
+use serde::{Deserialize, Serialize};
+
+use super::picture::{Grey, decode, encode16};
+use super::{read_json, refused, write_json};
+use crate::draft::Draft;
+use crate::error::BundleError;
+use crate::layout;
+use crate::scene::OutputReader;
+
+const INDEX: &str = "depth.json";
+/// Metres in a unit of depth.
+pub const DEPTH_UNIT_M: f64 = 1e-3;
+/// Metres in a unit of sigma. *Why finer than depth:* near the feet sigma is a few millimetres, and two digits of it are
+/// wanted.
+pub const SIGMA_UNIT_M: f64 = 1e-4;
+
+/// Of which view the pictures of a camera are.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DepthView {
+    /// The camera's name in the output `rig`.
+    pub camera: String,
+    /// Size and lens of the pictures of depth, without distortion.
+    pub model: CameraModel,
+    /// Takes points in the left optical frame to the view's. A rotation alone.
+    pub view_from_left: RigidTransform,
+}
+
+/// A keyframe that has depth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DepthKey {
+    /// The view: its place in [`DepthIndex::views`], from 0.
+    pub view: usize,
+    /// Time of the frame, ns.
+    pub time_ns: i64,
+    /// Number of the frame among those of its camera.
+    pub frame: u64,
+    /// Number of the frame set that it belongs to.
+    pub set: u64,
+}
+
+/// What depth there is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DepthIndex {
+    /// Always [`DEPTH_UNIT_M`]; for readers that look only here.
+    pub depth_unit_m: f64,
+    /// Always [`SIGMA_UNIT_M`].
+    pub sigma_unit_m: f64,
+    /// One view per camera at most.
+    pub views: Vec<DepthView>,
+    /// Sorted by view and time.
+    pub pictures: Vec<DepthKey>,
+}
+
+/// Depth of one keyframe as it is stored. Row by row from the top.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DepthPicture {
+    /// Width, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// Along the view's z axis, in [`DEPTH_UNIT_M`]; 0 is none.
+    pub depth: Vec<u16>,
+    /// One standard deviation of it, in [`SIGMA_UNIT_M`].
+    pub sigma: Vec<u16>,
+}
+
+/// Paths of depth and sigma of a frame in the output's folder.
+pub fn paths(camera: &str, frame: u64) -> [String; 2] {
+    ["depth", "sigma"].map(|what| format!("{camera}/{what}/{frame:06}.png"))
+}
+
+/// Depth in metres as it is stored. What is not a number, not above 0, or too far is none.
+pub fn stored_depth(depth_m: f32) -> u16 {
+    let units = (f64::from(depth_m) / DEPTH_UNIT_M).round();
+    // Of less than half a millimetre nothing is left, which is none.
+    if (1.0..=65535.0).contains(&units) {
+        units as u16
+    } else {
+        0
+    }
+}
+
+/// Sigma in metres as it is stored with a depth.
+pub fn stored_sigma(sigma_m: f32) -> u16 {
+    let units = (f64::from(sigma_m) / SIGMA_UNIT_M).round();
+    if units.is_nan() || units < 0.0 {
+        u16::MAX
+    } else {
+        units.clamp(1.0, 65535.0) as u16
+    }
+}
+
+impl DepthPicture {
+    /// Of values in metres, none where depth is not a number or not above 0.
+    ///
+    /// # Panics
+    /// When there are not as many values as pixels.
+    pub fn from_metres(width: u32, height: u32, depth_m: &[f32], sigma_m: &[f32]) -> Self {
+        let pixels = width as usize * height as usize;
+        assert_eq!((depth_m.len(), sigma_m.len()), (pixels, pixels), "values");
+        let depth: Vec<u16> = depth_m.iter().map(|d| stored_depth(*d)).collect();
+        let sigma = depth.iter().zip(sigma_m);
+        let sigma = sigma
+            .map(|(d, s)| if *d == 0 { 0 } else { stored_sigma(*s) })
+            .collect();
+        Self {
+            width,
+            height,
+            depth,
+            sigma,
+        }
+    }
+
+    /// Depth of a pixel in metres.
+    pub fn depth_m(&self, column: u32, row: u32) -> Option<f64> {
+        match self.depth[self.place(column, row)] {
+            0 => None,
+            units => Some(f64::from(units) * DEPTH_UNIT_M),
+        }
+    }
+
+    /// One standard deviation of the depth of a pixel in metres.
+    pub fn sigma_m(&self, column: u32, row: u32) -> Option<f64> {
+        match self.sigma[self.place(column, row)] {
+            0 => None,
+            units => Some(f64::from(units) * SIGMA_UNIT_M),
+        }
+    }
+
+    fn place(&self, column: u32, row: u32) -> usize {
+        row as usize * self.width as usize + column as usize
+    }
+}
+
+/// Writes depth, picture by picture, from any number of threads.
+pub struct DepthWriter<'a> {
+    draft: &'a Draft,
+    views: Vec<DepthView>,
+    pictures: Mutex<Vec<DepthKey>>,
+}
+
+impl<'a> DepthWriter<'a> {
+    /// Begins.
+    ///
+    /// # Errors
+    /// [`BundleError::Refused`] for a view with distortion or another centre, a name that is no folder name, or a camera
+    /// that comes twice.
+    pub fn new(draft: &'a Draft, views: Vec<DepthView>) -> Result<Self, BundleError> {
+        if let Some(found) = objection(&views) {
+            let expected =
+                "one pinhole view per camera, turned about the centre of its left picture";
+            return Err(refused(draft, INDEX, found, expected));
+        }
+        Ok(Self {
+            draft,
+            views,
+            pictures: Mutex::default(),
+        })
+    }
+
+    /// Writes the two pictures of a keyframe.
+    ///
+    /// # Errors
+    /// [`BundleError::Refused`] for another size than the view's, a view that is none, or a frame that is there already;
+    /// [`BundleError::Io`].
+    pub fn write(&self, key: DepthKey, picture: &DepthPicture) -> Result<(), BundleError> {
+        let Some(view) = self.views.get(key.view) else {
+            let found = format!("depth of view {}", key.view);
+            return Err(refused(
+                self.draft,
+                INDEX,
+                found,
+                &format!("one of {} views", self.views.len()),
+            ));
+        };
+        let [depth, sigma] = paths(&view.camera, key.frame);
+        let (width, height) = (view.model.width, view.model.height);
+        let pixels = width as usize * height as usize;
+        let found = (
+            picture.width,
+            picture.height,
+            picture.depth.len(),
+            picture.sigma.len(),
+        );
+        if found != (width, height, pixels, pixels) {
+            let found = format!("a picture of {}x{}", picture.width, picture.height);
+            return Err(refused(
+                self.draft,
+                &depth,
+                found,
+                &format!("{width}x{height}, as the view has"),
+            ));
+        }
+        for (path, samples) in [(depth, &picture.depth), (sigma, &picture.sigma)] {
+            let file = encode16(width, height, samples);
+            self.draft.write_listed(&path, &file)?;
+        }
+        self.pictures
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .push(key);
+        Ok(())
+    }
+
+    /// Writes the index. The draft is not committed by this.
+    ///
+    /// # Errors
+    /// [`BundleError::Io`].
+    pub fn finish(self) -> Result<(), BundleError> {
+        let mut pictures = self
+            .pictures
+            .into_inner()
+            .unwrap_or_else(PoisonError::into_inner);
+        pictures.sort();
+        let index = DepthIndex {
+            depth_unit_m: DEPTH_UNIT_M,
+            sigma_unit_m: SIGMA_UNIT_M,
+            views: self.views,
+            pictures,
+        };
+        write_json(self.draft, INDEX, &index)
+    }
+}
+
+fn objection(views: &[DepthView]) -> Option<String> {
+    for (place, view) in views.iter().enumerate() {
+        let camera = &view.camera;
+        if !layout::is_file_path(camera) {
+            return Some(format!("a view of a camera called {camera:?}"));
+        }
+        if view.view_from_left.distance_m() != 0.0 {
+            let apart = view.view_from_left.distance_m();
+            return Some(format!(
+                "a view of {camera} that is {apart} m from its left picture's centre"
+            ));
+        }
+        if view.model.distortion != calib::Distortion::None {
+            return Some(format!(
+                "a view of {camera} with distortion {}",
+                view.model.distortion.name()
+            ));
+        }
+        if views[..place].iter().any(|other| other.camera == *camera) {
+            return Some(format!("two views of {camera}"));
+        }
+    }
+    None
+}
+
+/// Reads what depth there is.
+///
+/// # Errors
+/// As [`OutputReader::read`]; [`BundleError::Malformed`].
+pub fn read_index(reader: &OutputReader) -> Result<DepthIndex, BundleError> {
+    let index: DepthIndex = read_json(reader, INDEX)?;
+    let wrong = |found: String, expected: &str| BundleError::Malformed {
+        path: reader.place(INDEX),
+        place: "content".to_owned(),
+        found,
+        expected: expected.to_owned(),
+    };
+    if let Some(found) = objection(&index.views) {
+        return Err(wrong(found, "one pinhole view per camera"));
+    }
+    let units = [index.depth_unit_m, index.sigma_unit_m];
+    if units != [DEPTH_UNIT_M, SIGMA_UNIT_M] {
+        let expected = format!("{DEPTH_UNIT_M} and {SIGMA_UNIT_M}");
+        return Err(wrong(
+            format!("units of {} and {} m", units[0], units[1]),
+            &expected,
+        ));
+    }
+    if let Some(key) = index
+        .pictures
+        .iter()
+        .find(|key| key.view >= index.views.len())
+    {
+        let found = format!("frame {} of view {}", key.frame, key.view);
+        return Err(wrong(found, &format!("one of {} views", index.views.len())));
+    }
+    Ok(index)
+}
+
+/// Reads the depth of one keyframe of the index.
+///
+/// # Errors
+/// As [`OutputReader::read`]; [`BundleError::Malformed`].
+///
+/// # Panics
+/// When the key is of another index, with more views.
+pub fn read(
+    reader: &OutputReader,
+    index: &DepthIndex,
+    key: &DepthKey,
+) -> Result<DepthPicture, BundleError> {
+    let view = &index.views[key.view];
+    let size = (view.model.width, view.model.height);
+    let samples = |path: &str| {
+        let place = reader.place(path);
+        match decode(&reader.read(path)?, &place)? {
+            (width, height, Grey::Bits16(samples)) if (width, height) == size => Ok(samples),
+            (width, height, samples) => Err(BundleError::Malformed {
+                path: place,
+                place: "picture".to_owned(),
+                found: format!(
+                    "{width}x{height} of {} bits",
+                    if matches!(samples, Grey::Bits8(_)) {
+                        8
+                    } else {
+                        16
+                    }
+                ),
+                expected: format!("{}x{} of 16 bits", size.0, size.1),
+            }),
+        }
+    };
+    let [depth, sigma] = paths(&view.camera, key.frame);
+    Ok(DepthPicture {
+        width: size.0,
+        height: size.1,
+        depth: samples(&depth)?,
+        sigma: samples(&sigma)?,
+    })
+}

@@ -1,0 +1,66 @@
+//! Grey pictures as PNG, in memory.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use crate::error::BundleError;
+
+/// Sample values of a grey picture, row by row from the top.
+pub(crate) enum Grey {
+    Bits8(Vec<u8>),
+    Bits16(Vec<u16>),
+}
+
+/// The file of a picture of 8 bits. Samples are as many as pixels.
+pub(crate) fn encode8(width: u32, height: u32, samples: &[u8]) -> Vec<u8> {
+    encode(width, height, png::BitDepth::Eight, samples)
+}
+
+/// The file of a picture of 16 bits. Samples are as many as pixels.
+pub(crate) fn encode16(width: u32, height: u32, samples: &[u16]) -> Vec<u8> {
+    // PNG is big-endian.
+    let bytes: Vec<u8> = samples.iter().flat_map(|s| s.to_be_bytes()).collect();
+    encode(width, height, png::BitDepth::Sixteen, &bytes)
+}
+
+fn encode(width: u32, height: u32, depth: png::BitDepth, bytes: &[u8]) -> Vec<u8> {
+    let mut file = Vec::new();
+    let mut encoder = png::Encoder::new(&mut file, width, height);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.set_depth(depth);
+    // Half the time of the default, and a tenth more bytes.
+    encoder.set_compression(png::Compression::Fast);
+    let written = encoder.write_header().and_then(|mut writer| {
+        writer.write_image_data(bytes)?;
+        writer.finish()
+    });
+    written.expect("memory takes all, and the caller gave as many samples as pixels");
+    file
+}
+
+/// Width, height and samples of a grey picture. `path` is for messages.
+pub(crate) fn decode(bytes: &[u8], path: &Path) -> Result<(u32, u32, Grey), BundleError> {
+    let wrong = |found: String| BundleError::Malformed {
+        path: path.to_owned(),
+        place: "picture".to_owned(),
+        found,
+        expected: "a grey PNG of 8 or 16 bits".to_owned(),
+    };
+    let decoder = png::Decoder::new(Cursor::new(bytes));
+    let mut reader = decoder.read_info().map_err(|e| wrong(e.to_string()))?;
+    let size = reader.output_buffer_size();
+    let mut data = vec![0; size.ok_or_else(|| wrong("a size beyond memory".to_owned()))?];
+    let info = reader
+        .next_frame(&mut data)
+        .map_err(|e| wrong(e.to_string()))?;
+    data.truncate(info.buffer_size());
+    let samples = match (info.color_type, info.bit_depth) {
+        (png::ColorType::Grayscale, png::BitDepth::Eight) => Grey::Bits8(data),
+        (png::ColorType::Grayscale, png::BitDepth::Sixteen) => {
+            let pairs = data.chunks_exact(2);
+            Grey::Bits16(pairs.map(|p| u16::from_be_bytes([p[0], p[1]])).collect())
+        }
+        (colour, depth) => return Err(wrong(format!("{colour:?} of {depth:?} bits"))),
+    };
+    Ok((info.width, info.height, samples))
+}

@@ -1,0 +1,134 @@
+//! Output `rig`: `rig.json`, lenses and places of cameras and IMUs as the stages took them.
+//!
+//! Contract: names of cameras are folder names, each once; likewise IMUs.
+
+use std::collections::BTreeSet;
+
+use cad_transforms::{Covariance, RigidTransform};
+use calib::{CameraModel, ImuNoise};
+use serde::{Deserialize, Serialize};
+
+use super::{read_json, refused, write_json};
+use crate::draft::Draft;
+use crate::error::BundleError;
+use crate::layout;
+use crate::scene::OutputReader;
+
+const FILE: &str = "rig.json";
+
+/// A rig.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigModel {
+    /// Its name.
+    pub name: String,
+    /// Which build of it.
+    pub revision: String,
+    /// Its stereo cameras. Other outputs call a camera by its place here, from 0.
+    pub cameras: Vec<RigCamera>,
+    /// Its IMUs.
+    pub imus: Vec<RigImu>,
+}
+
+/// A stereo camera.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigCamera {
+    /// Its name.
+    pub name: String,
+    /// Lens of the left picture as it was recorded.
+    pub left: CameraModel,
+    /// Lens of the right picture as it was recorded.
+    pub right: CameraModel,
+    /// Takes points in the left optical frame to the rig's, metres.
+    pub rig_from_left: RigidTransform,
+    /// How far that may be off: of a small motion of the left optical frame in its own axes.
+    pub rig_from_left_covariance: Option<Covariance>,
+    /// Takes points in the left optical frame to the right one, metres.
+    pub right_from_left: RigidTransform,
+    /// How far that may be off: of a small motion of the left optical frame in its own axes.
+    pub right_from_left_covariance: Option<Covariance>,
+    /// Time from one row's exposure to the next one's, s; 0 for a global shutter.
+    pub line_s: f64,
+}
+
+/// An IMU.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigImu {
+    /// Its name.
+    pub name: String,
+    /// Takes points in the IMU's frame to the rig's, metres.
+    pub rig_from_imu: RigidTransform,
+    /// How far that may be off: of a small motion of the IMU in its own axes.
+    pub rig_from_imu_covariance: Option<Covariance>,
+    /// Nominal rate, Hz.
+    pub rate_hz: Option<f64>,
+    /// Noise model.
+    pub noise: Option<ImuNoise>,
+    /// Largest turn rate and specific force that it can tell, rad/s and m/s².
+    pub range: Option<[f64; 2]>,
+}
+
+impl RigModel {
+    /// A camera by its name, with its place.
+    pub fn camera(&self, name: &str) -> Option<(usize, &RigCamera)> {
+        self.cameras
+            .iter()
+            .enumerate()
+            .find(|(_, c)| c.name == name)
+    }
+
+    fn objection(&self) -> Option<String> {
+        let cameras: Vec<&str> = self.cameras.iter().map(|c| c.name.as_str()).collect();
+        let imus: Vec<&str> = self.imus.iter().map(|i| i.name.as_str()).collect();
+        for (what, names) in [("camera", &cameras), ("IMU", &imus)] {
+            if let Some(name) = names.iter().find(|name| !layout::is_file_path(name)) {
+                return Some(format!("a {what} called {name:?}"));
+            }
+            if names.iter().collect::<BTreeSet<_>>().len() < names.len() {
+                return Some(format!("{what}s called {}", names.join(", ")));
+            }
+        }
+        for camera in &self.cameras {
+            if !(camera.line_s.is_finite() && camera.line_s >= 0.0) {
+                return Some(format!(
+                    "{} s from row to row of {}",
+                    camera.line_s, camera.name
+                ));
+            }
+        }
+        // A camera's number is a byte in other outputs.
+        (cameras.len() > 256).then(|| format!("{} cameras", cameras.len()))
+    }
+}
+
+/// Writes the rig.
+///
+/// # Errors
+/// [`BundleError::Refused`] for names that are no folder names or come twice, [`BundleError::Io`].
+pub fn write(draft: &Draft, rig: &RigModel) -> Result<(), BundleError> {
+    if let Some(found) = rig.objection() {
+        let expected = "up to 256 different names of ASCII letters, digits, _, - and ., and times of 0 or more";
+        return Err(refused(draft, FILE, found, expected));
+    }
+    write_json(draft, FILE, rig)
+}
+
+/// Reads the rig.
+///
+/// # Errors
+/// As [`OutputReader::read`]; [`BundleError::Malformed`].
+pub fn read(reader: &OutputReader) -> Result<RigModel, BundleError> {
+    let rig: RigModel = read_json(reader, FILE)?;
+    match rig.objection() {
+        None => Ok(rig),
+        Some(found) => Err(BundleError::Malformed {
+            path: reader.place(FILE),
+            place: "names and times".to_owned(),
+            found,
+            expected: "different names of ASCII letters, digits, _, - and ., times of 0 or more"
+                .to_owned(),
+        }),
+    }
+}

@@ -1,0 +1,241 @@
+//! Output `tracks`: what odometry keeps of its keyframes for the adjustment of the whole.
+//!
+//! Three tables: `keyframes.npy`, a row per keyframe in order of time with the state of the body; `seen.npy`, corners that were
+//! followed through it; `marks.npy`, corners to find the place again by. Rows of the latter two are in the order of the
+//! keyframes, whose table says how many each has.
+//!
+//! Contract: written keyframe by keyframe in any amount of memory; read whole.
+
+use cad_transforms::RigidTransform;
+
+use crate::draft::Draft;
+use crate::error::BundleError;
+use crate::npy::{Column, Kind, TableWriter, rows};
+use crate::scene::OutputReader;
+
+/// Most cameras of a rig.
+pub const CAMERAS: usize = 8;
+
+const KEYFRAMES: &str = "keyframes.npy";
+const SEEN: &str = "seen.npy";
+const MARKS: &str = "marks.npy";
+
+const KEYFRAME_COLUMNS: [Column; 11] = [
+    Column("set", Kind::U64, 1),
+    Column("time_ns", Kind::I64, 1),
+    Column("position_m", Kind::F64, 3),
+    Column("rotation_wxyz", Kind::F64, 4),
+    Column("velocity_m_s", Kind::F64, 3),
+    Column("gyro_bias", Kind::F64, 3),
+    Column("accel_bias", Kind::F64, 3),
+    Column("read_rate", Kind::F64, 3),
+    Column("after_s", Kind::F64, CAMERAS),
+    Column("seen", Kind::U64, 1),
+    Column("marks", Kind::U64, 1),
+];
+const SEEN_COLUMNS: [Column; 4] = [
+    Column("track", Kind::U64, 1),
+    Column("camera", Kind::U8, 1),
+    Column("left_px", Kind::F32, 2),
+    Column("right_px", Kind::F32, 2),
+];
+const MARK_COLUMNS: [Column; 4] = [
+    Column("camera", Kind::U8, 1),
+    Column("left_px", Kind::F32, 2),
+    Column("inverse_range", Kind::F32, 1),
+    Column("looks", Kind::U64, 4),
+];
+
+/// One keyframe. The body is the IMU that odometry used, or the rig where it used none.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrackedKeyframe {
+    /// Number of the frame set, counted from 1 by odometry.
+    pub set: u64,
+    /// Time of the set, ns.
+    pub time_ns: i64,
+    /// World from body.
+    pub world_from_body: RigidTransform,
+    /// In the world, m/s.
+    pub velocity: [f64; 3],
+    /// rad/s.
+    pub gyro_bias: [f64; 3],
+    /// m/s².
+    pub accel_bias: [f64; 3],
+    /// Rate about the body's own axes as the gyroscope read it, rad/s.
+    pub read_rate: [f64; 3],
+    /// How much later than the set each camera's middle row was exposed, s; at most [`CAMERAS`].
+    pub after_s: Vec<f64>,
+    /// Corners that were followed through it.
+    pub seen: Vec<SeenCorner>,
+    /// Corners to find the place again by.
+    pub marks: Vec<MarkedCorner>,
+}
+
+/// A corner that was followed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SeenCorner {
+    /// The same in every keyframe.
+    pub track: u64,
+    /// Place of the camera in the output `rig`.
+    pub camera: u8,
+    /// In the left picture, px.
+    pub left_px: [f32; 2],
+    /// In the right one; not a number in the file where it was not found.
+    pub right_px: Option<[f32; 2]>,
+}
+
+/// A corner to find again.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MarkedCorner {
+    /// Place of the camera in the output `rig`.
+    pub camera: u8,
+    /// In the left picture, px.
+    pub left_px: [f32; 2],
+    /// From the left eye, 1/m; 0 where it is not known.
+    pub inverse_range: f32,
+    /// How it looks: 256 bits.
+    pub looks: [u64; 4],
+}
+
+/// Writes keyframes one after another.
+pub struct TracksWriter {
+    keyframes: TableWriter,
+    seen: TableWriter,
+    marks: TableWriter,
+}
+
+impl TracksWriter {
+    /// Begins the tables.
+    ///
+    /// # Errors
+    /// [`BundleError::Io`].
+    pub fn new(draft: &Draft) -> Result<Self, BundleError> {
+        Ok(Self {
+            keyframes: TableWriter::create(draft, KEYFRAMES, &KEYFRAME_COLUMNS)?,
+            seen: TableWriter::create(draft, SEEN, &SEEN_COLUMNS)?,
+            marks: TableWriter::create(draft, MARKS, &MARK_COLUMNS)?,
+        })
+    }
+
+    /// Writes one.
+    ///
+    /// # Errors
+    /// [`BundleError::Io`].
+    ///
+    /// # Panics
+    /// With more than [`CAMERAS`] cameras.
+    pub fn push(&mut self, keyframe: &TrackedKeyframe) -> Result<(), BundleError> {
+        let mut after_s = [0.0; CAMERAS];
+        after_s[..keyframe.after_s.len()].copy_from_slice(&keyframe.after_s);
+        self.keyframes.row(|row| {
+            row.u64(keyframe.set);
+            row.i64(keyframe.time_ns);
+            row.f64(&keyframe.world_from_body.translation_m());
+            row.f64(&keyframe.world_from_body.rotation_wxyz());
+            row.f64(&keyframe.velocity);
+            row.f64(&keyframe.gyro_bias);
+            row.f64(&keyframe.accel_bias);
+            row.f64(&keyframe.read_rate);
+            row.f64(&after_s);
+            row.u64(keyframe.seen.len() as u64);
+            row.u64(keyframe.marks.len() as u64);
+        })?;
+        for seen in &keyframe.seen {
+            self.seen.row(|row| {
+                row.u64(seen.track);
+                row.u8(seen.camera);
+                row.f32(&seen.left_px);
+                row.f32(&seen.right_px.unwrap_or([f32::NAN; 2]));
+            })?;
+        }
+        for mark in &keyframe.marks {
+            self.marks.row(|row| {
+                row.u8(mark.camera);
+                row.f32(&mark.left_px);
+                row.f32(&[mark.inverse_range]);
+                mark.looks.iter().for_each(|bits| row.u64(*bits));
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Ends the tables.
+    ///
+    /// # Errors
+    /// [`BundleError::Io`].
+    pub fn finish(self) -> Result<(), BundleError> {
+        self.keyframes.finish()?;
+        self.seen.finish()?;
+        self.marks.finish()
+    }
+}
+
+/// Reads all keyframes of a rig with so many cameras.
+///
+/// # Errors
+/// As [`OutputReader::read`]; [`BundleError::Malformed`].
+pub fn read(reader: &OutputReader, cameras: usize) -> Result<Vec<TrackedKeyframe>, BundleError> {
+    let [keyframe_bytes, seen_bytes, mark_bytes] = [
+        reader.read(KEYFRAMES)?,
+        reader.read(SEEN)?,
+        reader.read(MARKS)?,
+    ];
+    let places = [KEYFRAMES, SEEN, MARKS].map(|path| reader.place(path));
+    let mut seen = rows(&seen_bytes, &SEEN_COLUMNS, &places[1])?.map(|mut fields| {
+        let (track, camera) = (fields.u64(), fields.u8());
+        let (left_px, right_px) = (fields.f32(), fields.f32());
+        SeenCorner {
+            track,
+            camera,
+            left_px,
+            right_px: right_px.iter().all(|v| !v.is_nan()).then_some(right_px),
+        }
+    });
+    let mut marks = rows(&mark_bytes, &MARK_COLUMNS, &places[2])?.map(|mut fields| {
+        let camera = fields.u8();
+        let left_px = fields.f32();
+        let [inverse_range] = fields.f32();
+        MarkedCorner {
+            camera,
+            left_px,
+            inverse_range,
+            looks: std::array::from_fn(|_| fields.u64()),
+        }
+    });
+    let mut keyframes = Vec::new();
+    for (row, mut fields) in rows(&keyframe_bytes, &KEYFRAME_COLUMNS, &places[0])?.enumerate() {
+        let malformed = |found: String, expected: &str| BundleError::Malformed {
+            path: places[0].clone(),
+            place: format!("row {row}"),
+            found,
+            expected: expected.to_owned(),
+        };
+        let (set, time_ns) = (fields.u64(), fields.i64());
+        let position: [f64; 3] = fields.f64();
+        let rotation: [f64; 4] = fields.f64();
+        let world_from_body = RigidTransform::from_wxyz(rotation, position)
+            .map_err(|error| malformed(error.to_string(), "a pose"))?;
+        let (velocity, gyro_bias) = (fields.f64(), fields.f64());
+        let (accel_bias, read_rate) = (fields.f64(), fields.f64());
+        let after_s: [f64; CAMERAS] = fields.f64();
+        let (seen_count, mark_count) = (fields.u64() as usize, fields.u64() as usize);
+        let keyframe = TrackedKeyframe {
+            set,
+            time_ns,
+            world_from_body,
+            velocity,
+            gyro_bias,
+            accel_bias,
+            read_rate,
+            after_s: after_s[..cameras.min(CAMERAS)].to_vec(),
+            seen: seen.by_ref().take(seen_count).collect(),
+            marks: marks.by_ref().take(mark_count).collect(),
+        };
+        if keyframe.seen.len() != seen_count || keyframe.marks.len() != mark_count {
+            let found = format!("{seen_count} corners and {mark_count} marks");
+            return Err(malformed(found, "as many as the other tables still have"));
+        }
+        keyframes.push(keyframe);
+    }
+    Ok(keyframes)
+}

@@ -1,0 +1,199 @@
+//! What a bundle holds, for people and as JSON.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+use anyhow::{Context, Result};
+use scene_bundle::outputs::{self, cloud, depth, keyframes, rig, trajectory};
+use scene_bundle::{BundleError, Scene, Status, Trajectory};
+use serde_json::{Value, json};
+
+/// What a bundle holds.
+pub(crate) struct Shown<'a> {
+    scene: &'a Scene,
+    /// Of each output what is worth telling, as JSON; nothing of outputs that only later versions know.
+    facts: BTreeMap<&'a str, Value>,
+    /// What could not be read.
+    pub(crate) problems: Vec<String>,
+}
+
+impl<'a> Shown<'a> {
+    pub(crate) fn of(scene: &'a Scene) -> Self {
+        let (mut facts, mut problems) = (BTreeMap::new(), Vec::new());
+        for name in scene.manifest().outputs.keys() {
+            match facts_of(scene, name) {
+                Ok(Value::Null) => {}
+                Ok(found) => {
+                    facts.insert(name.as_str(), found);
+                }
+                Err(error) => problems.push(format!("{:#}", anyhow::Error::from(error))),
+            }
+        }
+        Self {
+            scene,
+            facts,
+            problems,
+        }
+    }
+
+    pub(crate) fn json(&self) -> Result<String> {
+        let manifest =
+            serde_json::to_value(self.scene.manifest()).context("writing the manifest as JSON")?;
+        let shown = json!({ "manifest": manifest, "facts": self.facts, "problems": self.problems });
+        Ok(format!("{shown:#}\n"))
+    }
+
+    pub(crate) fn text(&self) -> String {
+        let manifest = self.scene.manifest();
+        let from = &manifest.provenance;
+        let mut text = String::new();
+        let mut line = |name: &str, what: String| {
+            // Writing to a string does not fail.
+            let _ = writeln!(text, "{}", format!("{name:18} {what}").trim_end());
+        };
+        line("bundle", self.scene.path().display().to_string());
+        line("session", from.session_id.clone());
+        line("hand-off", from.handoff_blake3.clone());
+        line(
+            "rig",
+            format!("{}, revision {}", from.rig.name, from.rig.revision),
+        );
+        line(
+            "made by",
+            format!("{} {}", from.program, from.program_version),
+        );
+        let ended = from
+            .ended_civil_ns
+            .map_or_else(|| "not finished".to_owned(), civil);
+        line(
+            "begun, ended",
+            format!("{}, {ended}", civil(from.started_civil_ns)),
+        );
+        for (name, output) in &manifest.outputs {
+            let bytes: u64 = output.files.iter().map(|f| f.bytes).sum();
+            let (files, short) = (
+                output.files.len(),
+                output.hash.get(..16).unwrap_or_default(),
+            );
+            line("", String::new());
+            line(
+                name,
+                format!(
+                    "{} {}, {files} files, {bytes} bytes, {short}",
+                    output.stage, output.stage_version
+                ),
+            );
+            match self.facts.get(name.as_str()) {
+                Some(Value::Object(facts)) => {
+                    for (key, value) in facts {
+                        let value = value
+                            .as_str()
+                            .map_or_else(|| value.to_string(), str::to_owned);
+                        line("", format!("{}: {value}", key.replace('_', " ")));
+                    }
+                }
+                _ => line("", "nothing more is known of it here".to_owned()),
+            }
+        }
+        let _ = writeln!(
+            text,
+            "\n{} outputs, {} problems",
+            manifest.outputs.len(),
+            self.problems.len()
+        );
+        text
+    }
+}
+
+fn facts_of(scene: &Scene, name: &str) -> Result<Value, BundleError> {
+    let reader = scene.output(name)?;
+    Ok(match name {
+        outputs::RIG => {
+            let rig = rig::read(&reader)?;
+            let cameras: Vec<&str> = rig.cameras.iter().map(|c| c.name.as_str()).collect();
+            let imus: Vec<&str> = rig.imus.iter().map(|i| i.name.as_str()).collect();
+            json!({ "cameras": cameras.join(", "), "imus": imus.join(", ") })
+        }
+        outputs::TRAJECTORY | outputs::TRAJECTORY_CAUSAL => {
+            of_trajectory(&trajectory::read(&reader)?)
+        }
+        outputs::KEYFRAMES => {
+            let mut of_camera: BTreeMap<u8, u64> = BTreeMap::new();
+            let keyframes = keyframes::read(&reader)?;
+            for keyframe in &keyframes {
+                *of_camera.entry(keyframe.camera).or_default() += 1;
+            }
+            let counts: Vec<String> = of_camera.values().map(u64::to_string).collect();
+            json!({ "keyframes": keyframes.len(), "by_camera": counts.join(", ") })
+        }
+        outputs::MASKS => json!({ "masks": reader.paths().count() }),
+        outputs::DEPTH => {
+            let index = depth::read_index(&reader)?;
+            let views = index
+                .views
+                .iter()
+                .map(|v| format!("{} {}x{}", v.camera, v.model.width, v.model.height));
+            json!({ "pictures": index.pictures.len(), "views": views.collect::<Vec<_>>().join(", ") })
+        }
+        outputs::CLOUD => json!({ "points": cloud::read(&reader)?.len() }),
+        _ => Value::Null,
+    })
+}
+
+fn of_trajectory(trajectory: &Trajectory) -> Value {
+    let mut by_status: BTreeMap<Status, usize> = BTreeMap::new();
+    for pose in trajectory.poses() {
+        *by_status.entry(pose.status).or_default() += 1;
+    }
+    let by_status: Vec<String> = by_status
+        .iter()
+        .map(|(status, count)| format!("{count} {}", status.name().replace('_', " ")))
+        .collect();
+    json!({
+        "poses": trajectory.len(),
+        "seconds": trajectory.duration_ns() as f64 * 1e-9,
+        "path_length_m": (trajectory.path_length_m() * 1e3).round() / 1e3,
+        "statuses": by_status.join(", "),
+        "spans": trajectory.spans().len(),
+    })
+}
+
+/// Civil time as RFC 3339 to the second. The days of the proleptic Gregorian calendar are counted from 1 March of the
+/// year 0, so that the leap day is the last of its year.
+fn civil(ns: i64) -> String {
+    let seconds = ns.div_euclid(1_000_000_000);
+    let (days, of_day) = (
+        seconds.div_euclid(86_400) + 719_468,
+        seconds.rem_euclid(86_400),
+    );
+    let era = days.div_euclid(146_097);
+    let day_of_era = days.rem_euclid(146_097);
+    let year_of_era =
+        (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month_from_march = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
+    let month = (month_from_march + 2) % 12 + 1;
+    let year = year_of_era + 400 * era + i64::from(month <= 2);
+    let (h, m, s) = (of_day / 3600, of_day / 60 % 60, of_day % 60);
+    format!("{year:04}-{month:02}-{day:02}T{h:02}:{m:02}:{s:02}Z")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn civil_times_are_those_of_the_calendar() {
+        // As `date -u -d @SECONDS` prints them.
+        for (seconds, text) in [
+            (0, "1970-01-01T00:00:00Z"),
+            (-1, "1969-12-31T23:59:59Z"),
+            (951_782_400, "2000-02-29T00:00:00Z"),
+            (1_709_251_199, "2024-02-29T23:59:59Z"),
+            (1_795_233_797, "2026-11-21T04:03:17Z"),
+        ] {
+            assert_eq!(civil(seconds * 1_000_000_000 + 999_999_999), text);
+        }
+    }
+}

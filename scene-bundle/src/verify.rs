@@ -1,0 +1,120 @@
+//! Checking every byte of a bundle against its hashes.
+
+use std::collections::BTreeSet;
+
+use crate::error::BundleError;
+use crate::layout;
+use crate::scene::{OutputReader, Scene};
+
+/// What was found.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Checked {
+    /// Every output, by name.
+    pub outputs: Vec<CheckedOutput>,
+    /// Files and folders that nothing names: drafts and old versions that a writer left, or somebody's own. No harm is
+    /// done by them.
+    pub unnamed: Vec<String>,
+}
+
+/// What was found of one output.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CheckedOutput {
+    /// Its name.
+    pub name: String,
+    /// Files that are as they were written.
+    pub files: u64,
+    /// Their bytes.
+    pub bytes: u64,
+    /// What is wrong with the others, a sentence each.
+    pub problems: Vec<String>,
+}
+
+impl Checked {
+    /// Whether everything is as it was written.
+    pub fn is_whole(&self) -> bool {
+        self.outputs.iter().all(|o| o.problems.is_empty())
+    }
+}
+
+/// Checks every file of every output, those in listings too. `progress` is called with the bytes read.
+///
+/// # Errors
+/// [`BundleError::Io`] when the bundle's folder cannot be listed. What is wrong with files is in the result.
+pub fn verify(scene: &Scene, mut progress: impl FnMut(u64)) -> Result<Checked, BundleError> {
+    let mut checked = Checked::default();
+    let mut named = BTreeSet::from([layout::MANIFEST.to_owned(), layout::LOCK.to_owned()]);
+    for (name, output) in &scene.manifest().outputs {
+        let mut found = CheckedOutput {
+            name: name.clone(),
+            files: 0,
+            bytes: 0,
+            problems: Vec::new(),
+        };
+        let folder = layout::folder(name, &output.hash);
+        match scene.output(name) {
+            Ok(reader) => {
+                check(&reader, &mut found, &mut progress);
+                named.extend(reader.paths().map(|path| format!("{folder}/{path}")));
+            }
+            Err(error) => {
+                found.problems.push(chain(&error));
+                // Its files cannot be told from others.
+                named.insert(folder);
+            }
+        }
+        checked.outputs.push(found);
+    }
+    find_unnamed(scene, "", &named, &mut checked.unnamed)?;
+    Ok(checked)
+}
+
+fn check(reader: &OutputReader, found: &mut CheckedOutput, progress: &mut dyn FnMut(u64)) {
+    for path in reader.paths() {
+        match reader.check(path, progress) {
+            Ok(bytes) => {
+                found.files += 1;
+                found.bytes += bytes;
+            }
+            Err(error) => found.problems.push(chain(&error)),
+        }
+    }
+}
+
+/// Of a folder that holds nothing that is named, the folder alone is given.
+fn find_unnamed(
+    scene: &Scene,
+    dir: &str,
+    named: &BTreeSet<String>,
+    unnamed: &mut Vec<String>,
+) -> Result<(), BundleError> {
+    for (name, is_dir) in scene.list(dir)? {
+        let path = if dir.is_empty() {
+            name
+        } else {
+            format!("{dir}/{name}")
+        };
+        if named.contains(&path) {
+            continue;
+        }
+        let inside = format!("{path}/");
+        let leads_to_named = named.range(inside.clone()..).next();
+        if is_dir && leads_to_named.is_some_and(|next| next.starts_with(&inside)) {
+            find_unnamed(scene, &path, named, unnamed)?;
+        } else {
+            unnamed.push(path);
+        }
+    }
+    Ok(())
+}
+
+/// An error and its causes in one line.
+fn chain(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut next = error.source();
+    while let Some(cause) = next {
+        text.push_str(": ");
+        text.push_str(&cause.to_string());
+        next = cause.source();
+    }
+    text
+}

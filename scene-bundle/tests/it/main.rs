@@ -1,0 +1,9 @@
+//! The crate from outside: outputs written and read, exports read by other readers, the command line.
+
+mod colmap;
+mod command;
+mod export;
+mod interop;
+mod outputs;
+mod sample;
+mod version1;
