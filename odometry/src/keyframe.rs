@@ -1,0 +1,66 @@
+//! What odometry keeps of a keyframe for everything that comes after it.
+//!
+//! Plain numbers, so that they can be written down and read again: corners that were followed through it, and corners that are
+//! easy to find again with a description of how they look. A keyframe takes some 40 kB for three cameras.
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// The state of the body; see [`crate::odometry`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BodyState {
+    /// ns.
+    pub time_ns: i64,
+    /// In the world, m.
+    pub position: Vector3<f64>,
+    /// World from body.
+    pub turn: UnitQuaternion<f64>,
+    /// In the world, m/s.
+    pub velocity: Vector3<f64>,
+    /// rad/s.
+    pub gyro_bias: Vector3<f64>,
+    /// m/s².
+    pub accel_bias: Vector3<f64>,
+    /// Rate of the body about its own axes as the gyroscope read it, rad/s.
+    pub read_rate: Vector3<f64>,
+}
+
+/// See the module.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Keyframe {
+    /// Number of the frame set, from 1.
+    pub number: u64,
+    /// As the window saw it last.
+    pub state: BodyState,
+    /// How much later than the state each camera's middle row was exposed, s; 0 where it has no picture.
+    pub after_s: Vec<f64>,
+    /// Corners that were followed through it.
+    pub seen: Vec<Seen>,
+    /// Corners to find it again by.
+    pub marks: Vec<Mark>,
+}
+
+/// A corner that was followed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seen {
+    /// The same in every keyframe that saw it.
+    pub id: u64,
+    /// Place of the camera in the rig.
+    pub camera: u8,
+    /// In the left picture, px.
+    pub left: [f32; 2],
+    /// In the right one, where it was found.
+    pub right: Option<[f32; 2]>,
+}
+
+/// A corner to find again.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mark {
+    /// Place of the camera in the rig.
+    pub camera: u8,
+    /// In the left picture, px.
+    pub left: [f32; 2],
+    /// Inverse range from the left eye, 1/m; 0 where the eyes do not tell.
+    pub rho: f32,
+    /// How it looks; see [`crate::describe`].
+    pub looks: [u64; 4],
+}

@@ -1,0 +1,301 @@
+//! The whole session at once: all keyframes, all that they saw, what the IMU felt between them, and places seen again.
+//!
+//! Contract. [`Mapping`] is fed with samples and keyframes in order of time, as odometry gave them, and solved once. Poses come
+//! out for every keyframe, in the world of the first; [`between`] carries the frame sets between keyframes along. It is no
+//! part of causal results: a pose depends on everything that came later. Memory grows with the session: some 40 kB for each keyframe
+//! and as much again while it is solved. Same input, same bytes, on any number of threads.
+
+use std::collections::BTreeMap;
+
+use cad_transforms::RigidTransform;
+use calib::Eye as Side;
+use nalgebra::Matrix6;
+
+use crate::input::ImuSample;
+use crate::keyframe::{BodyState, Keyframe};
+use crate::odometry::{ImuInUse, Rates, leap};
+use crate::rig::Rig;
+use crate::settings::Settings;
+use crate::sight::{Camera, Sight};
+use crate::solve::LEAST_RHO;
+use crate::start::sigmas_of_first;
+use crate::state::{State, TURN};
+use crate::window::{Frame, Landmark, Motion, Prior, Window};
+
+mod adjust;
+mod loops;
+
+pub use adjust::Progress;
+
+/// Landmarks that fewer keyframes saw tell nothing that the window did not.
+const FEWEST_SIGHTS: usize = 2;
+
+/// A keyframe's pose with everything known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AdjustedPose {
+    /// Number of the frame set.
+    pub number: u64,
+    /// ns.
+    pub time_ns: i64,
+    /// In the world of the first pose.
+    pub world_from_rig: RigidTransform,
+    /// Of a small motion of the rig in its own axes against the first pose: shift m, turn rad.
+    pub covariance: Matrix6<f64>,
+}
+
+/// Two keyframes that show the same place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Loop {
+    /// Numbers of the frame sets, the earlier one first.
+    pub frames: [u64; 2],
+    /// Marks that agree.
+    pub marks: usize,
+    /// How far the poses were from closing it before they were adjusted, m and rad.
+    pub off: [f64; 2],
+}
+
+/// What came out.
+#[derive(Clone, Debug)]
+pub struct Adjusted {
+    /// One for each keyframe.
+    pub poses: Vec<AdjustedPose>,
+    /// The places seen again that were used.
+    pub loops: Vec<Loop>,
+    /// Linearisations.
+    pub rounds: usize,
+    /// Landmarks.
+    pub landmarks: usize,
+}
+
+/// See the module.
+pub struct Mapping {
+    cameras: Vec<Camera>,
+    body_from_rig: RigidTransform,
+    imu: Option<ImuInUse>,
+    sigma_px: f64,
+    keyframes: Vec<Keyframe>,
+    motions: Vec<Option<Motion>>,
+}
+
+impl Mapping {
+    /// For the rig and the settings of the odometry.
+    pub fn new(rig: &Rig, settings: &Settings) -> Self {
+        let (cameras, body_from_rig, imu) = ImuInUse::of(rig);
+        Self {
+            cameras,
+            body_from_rig,
+            imu,
+            sigma_px: settings.sigma_px,
+            keyframes: Vec::new(),
+            motions: Vec::new(),
+        }
+    }
+
+    /// Takes a sample of an IMU, given by its place in the rig.
+    pub fn add_imu(&mut self, imu: usize, sample: &ImuSample) {
+        if let Some(own) = self.imu.as_mut().filter(|own| own.index == imu) {
+            own.samples.push(sample, own.range);
+        }
+    }
+
+    /// Takes a keyframe, after the samples up to its time.
+    pub fn add_keyframe(&mut self, keyframe: Keyframe) {
+        let to = &keyframe.state;
+        let motion = self.keyframes.last().map(|from| {
+            let from = state(&from.state);
+            let felt = self
+                .imu
+                .as_ref()
+                .and_then(|imu| imu.felt(&from, to.time_ns));
+            let seconds = (to.time_ns - from.time_ns) as f64 * 1e-9;
+            Motion {
+                has_gravity: felt.is_some(),
+                walk: self.imu.as_ref().map_or([1e-6; 2], ImuInUse::walk),
+                felt: felt.unwrap_or_else(|| {
+                    let turned = from.turn.inverse() * to.turn;
+                    let rate = crate::so3::log(&turned) / seconds.max(1e-3);
+                    leap(&from, &Rates { rate }, to.time_ns)
+                }),
+            }
+        });
+        if let Some(imu) = &mut self.imu {
+            imu.samples.forget_before(to.time_ns - 50_000_000);
+        }
+        self.motions.push(motion);
+        self.keyframes.push(keyframe);
+    }
+
+    /// How many keyframes there are.
+    pub fn len(&self) -> usize {
+        self.keyframes.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.keyframes.is_empty()
+    }
+
+    /// Adjusts everything. `progress` is told what is being done.
+    pub fn solve(&self, mut progress: impl FnMut(Progress)) -> Adjusted {
+        let Some(first) = self.keyframes.first() else {
+            return Adjusted {
+                poses: Vec::new(),
+                loops: Vec::new(),
+                rounds: 0,
+                landmarks: 0,
+            };
+        };
+        let mut window = self.window(&state(&first.state));
+        // Once without loops, so that candidates are judged by the best poses there are.
+        let mut rounds = adjust::adjust(&mut window, &[], 6, &mut progress);
+        adjust::prune(&mut window);
+        let found = loops::find(&self.keyframes, &window, &mut progress);
+        rounds += adjust::adjust(&mut window, &found, 12, &mut progress);
+        adjust::prune(&mut window);
+        rounds += adjust::adjust(&mut window, &found, 4, &mut progress);
+        let covariances = adjust::covariances(&window, &found);
+        let poses = window.frames.iter().zip(&covariances);
+        Adjusted {
+            poses: poses
+                .map(|(frame, covariance)| AdjustedPose {
+                    number: frame.number,
+                    time_ns: frame.state.time_ns,
+                    world_from_rig: crate::odometry::rig_pose(&frame.state, &self.body_from_rig),
+                    covariance: crate::odometry::own_covariance(
+                        &frame.state,
+                        &self.body_from_rig,
+                        covariance,
+                    ),
+                })
+                .collect(),
+            loops: found.iter().map(loops::Closure::told).collect(),
+            rounds,
+            landmarks: window.landmarks.len(),
+        }
+    }
+
+    /// Everything as a window of all keyframes.
+    fn window(&self, first: &State) -> Window {
+        let mut prior = Prior::of(
+            self.keyframes[0].number,
+            *first,
+            &sigmas_of_first(self.imu.is_some()),
+        );
+        let up = first.turn.inverse() * nalgebra::Vector3::z();
+        let mut view = prior.information.fixed_view_mut::<3, 3>(TURN, TURN);
+        view += up * up.transpose() * 1e8;
+        let mut frames = Vec::with_capacity(self.keyframes.len());
+        let mut sights: BTreeMap<u64, Vec<(u64, Sight)>> = BTreeMap::new();
+        for (keyframe, motion) in self.keyframes.iter().zip(&self.motions) {
+            frames.push(Frame {
+                number: keyframe.number,
+                state: state(&keyframe.state),
+                motion: motion.clone(),
+            });
+            for seen in &keyframe.seen {
+                let index = usize::from(seen.camera);
+                let camera = &self.cameras[index];
+                let Some(left) = camera.bearing(Side::Left, seen.left) else {
+                    continue;
+                };
+                let right = seen.right.and_then(|at| camera.bearing(Side::Right, at));
+                let sight = Sight {
+                    camera: index,
+                    left,
+                    right,
+                    after_s: keyframe.after_s[index] + camera.row_after_s(Side::Left, seen.left[1]),
+                };
+                sights
+                    .entry(seen.id)
+                    .or_default()
+                    .push((keyframe.number, sight));
+            }
+        }
+        let mut landmarks = BTreeMap::new();
+        for (id, mut sights) in sights {
+            // The first that both eyes saw is the host; what was seen before is given up.
+            let Some(host) = sights.iter().position(|(_, s)| s.right.is_some()) else {
+                continue;
+            };
+            sights.drain(..host);
+            if sights.len() < FEWEST_SIGHTS {
+                continue;
+            }
+            let sight = &sights[0].1;
+            let Some(right) = &sight.right else { continue };
+            let (rho, _) = self.cameras[sight.camera].triangulate(&sight.left, right);
+            let landmark = Landmark {
+                rho: rho.max(LEAST_RHO),
+                sights,
+            };
+            landmarks.insert(id, landmark);
+        }
+        Window {
+            cameras: self.cameras.clone(),
+            frames,
+            landmarks,
+            prior,
+            sigma_px: self.sigma_px,
+        }
+    }
+}
+
+/// As odometry has it.
+pub(crate) fn state(told: &BodyState) -> State {
+    State {
+        time_ns: told.time_ns,
+        position: told.position,
+        turn: told.turn,
+        velocity: told.velocity,
+        gyro_bias: told.gyro_bias,
+        accel_bias: told.accel_bias,
+        read_rate: told.read_rate,
+    }
+}
+
+/// Poses at all times from those of keyframes that were adjusted: each frame set keeps its place between its two keyframes.
+/// `causal` are the times and poses of all frame sets, `adjusted` those of some of them, both rising. Before the first and behind the
+/// last keyframe a pose keeps its place to the nearest one. Keyframes that are no frame set are left out.
+pub fn between(
+    causal: &[(i64, RigidTransform)],
+    adjusted: &[(i64, RigidTransform)],
+) -> Vec<RigidTransform> {
+    let place = |time: i64| causal.binary_search_by_key(&time, |c| c.0).ok();
+    let keys: Vec<(usize, &RigidTransform)> = adjusted
+        .iter()
+        .filter_map(|(time, pose)| Some((place(*time)?, pose)))
+        .collect();
+    let mut out = Vec::with_capacity(causal.len());
+    let mut next = 0;
+    for (k, (time, pose)) in causal.iter().enumerate() {
+        while next < keys.len() && keys[next].0 <= k {
+            next += 1;
+        }
+        let carried = |(at, adjusted): &(usize, &RigidTransform)| {
+            **adjusted * (causal[*at].1.inverse() * *pose)
+        };
+        let before = next.checked_sub(1).map(|b| &keys[b]);
+        let behind = keys.get(next);
+        out.push(match (before, behind) {
+            (None, None) => *pose,
+            (Some(one), None) | (None, Some(one)) => carried(one),
+            (Some(a), Some(b)) => {
+                let (from, to) = (causal[a.0].0, causal[b.0].0);
+                let share = (time - from) as f64 / (to - from) as f64;
+                blended(&carried(a), &carried(b), share)
+            }
+        });
+    }
+    out
+}
+
+fn blended(a: &RigidTransform, b: &RigidTransform, share: f64) -> RigidTransform {
+    let off = a.inverse() * *b;
+    let turn = off.rotation().scaled_axis() * share;
+    let shift = off.translation() * share;
+    let part = RigidTransform::from_rotation_vector(turn.into(), shift.into());
+    part.map_or(*a, |part| *a * part)
+}
+
+#[cfg(test)]
+mod tests;

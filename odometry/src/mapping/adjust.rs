@@ -1,0 +1,302 @@
+//! Bundle adjustment of all keyframes: sparse, landmarks eliminated, robust.
+//!
+//! The same terms as in a window ([`crate::solve`]), summed into blocks of a sparse matrix, and loops as ties of two poses. What is
+//! left is solved by a sparse Cholesky decomposition.
+
+use std::collections::BTreeMap;
+
+use faer::linalg::solvers::Solve as _;
+use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
+use faer::sparse::{SparseColMat, Triplet};
+use faer::{Mat, Side};
+use nalgebra::{DVector, Matrix6, SMatrix};
+use rayon::prelude::*;
+
+use super::loops::Closure;
+use crate::motion;
+use crate::solve::{
+    Blocks, Eliminated, POSE, Piece, PoseMatrix, apply, for_each_residual, landmark_cost, piece,
+    prior_cost, prior_error,
+};
+use crate::state::SIZE;
+use crate::window::{Landmark, Window};
+
+/// Landmarks per piece.
+const PIECE: usize = 1024;
+/// Residual, in standard deviations, from which a sight is wrong.
+const WRONG: f64 = 5.0;
+/// Keyframes for which a covariance is computed; those between are interpolated.
+const COVARIANCES: usize = 120;
+
+/// What is being done.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Progress {
+    /// A linearisation of the whole was solved.
+    Adjusted {
+        /// How many so far in this go.
+        rounds: usize,
+        /// Of at most.
+        most: usize,
+    },
+    /// Places seen again are looked for.
+    Looked {
+        /// Keyframes so far.
+        done: usize,
+        /// Of all.
+        all: usize,
+    },
+}
+
+type Square = SMatrix<f64, SIZE, SIZE>;
+
+/// Blocks of poses by place.
+#[derive(Default)]
+struct Sparse(BTreeMap<(usize, usize), PoseMatrix>);
+
+impl Blocks for Sparse {
+    fn add(&mut self, row: usize, column: usize, block: &PoseMatrix) {
+        *self
+            .0
+            .entry((row, column))
+            .or_insert_with(PoseMatrix::zeros) += block;
+    }
+}
+
+/// The problem at a place.
+struct Linear {
+    /// Blocks on and above the diagonal.
+    blocks: BTreeMap<(usize, usize), Square>,
+    gradient: DVector<f64>,
+    cost: f64,
+    eliminated: Vec<Vec<Eliminated>>,
+}
+
+fn linearise(window: &Window, loops: &[Closure], damping: f64) -> Linear {
+    let landmarks: Vec<&Landmark> = window.landmarks.values().collect();
+    let pieces: Vec<Piece<Sparse>> = landmarks
+        .par_chunks(PIECE)
+        .map(|landmarks| piece(window, landmarks, damping, Sparse::default()))
+        .collect();
+    let mut linear = Linear {
+        blocks: BTreeMap::new(),
+        gradient: DVector::zeros(window.frames.len() * SIZE),
+        cost: 0.0,
+        eliminated: Vec::with_capacity(pieces.len()),
+    };
+    for piece in pieces {
+        for ((a, b), block) in piece.information.0 {
+            add_pose(&mut linear.blocks, a, b, &block);
+        }
+        for k in 0..window.frames.len() {
+            let rows = piece.gradient.fixed_rows::<POSE>(k * POSE);
+            let mut view = linear.gradient.fixed_rows_mut::<POSE>(k * SIZE);
+            view += rows;
+        }
+        linear.cost += piece.cost;
+        linear.eliminated.push(piece.eliminated);
+    }
+    for k in 1..window.frames.len() {
+        let Some(motion) = &window.frames[k].motion else {
+            continue;
+        };
+        let term = motion::linearise(motion, &window.frames[k - 1].state, &window.frames[k].state);
+        linear.cost += term.cost;
+        for (a, b, row, column) in [
+            (k - 1, k - 1, 0, 0),
+            (k - 1, k, 0, SIZE),
+            (k, k, SIZE, SIZE),
+        ] {
+            let part = term.information.fixed_view::<SIZE, SIZE>(row, column);
+            *linear.blocks.entry((a, b)).or_insert_with(Square::zeros) += part;
+        }
+        let mut rows = linear.gradient.rows_mut((k - 1) * SIZE, 2 * SIZE);
+        rows += term.gradient;
+    }
+    let error = prior_error(window);
+    linear.cost += prior_cost(window, &error);
+    *linear.blocks.entry((0, 0)).or_insert_with(Square::zeros) +=
+        window.prior.information.fixed_view::<SIZE, SIZE>(0, 0);
+    let pull = &window.prior.information * error + &window.prior.gradient;
+    let mut rows = linear.gradient.rows_mut(0, SIZE);
+    rows += pull;
+    for closure in loops {
+        let term = closure.linearise(window);
+        linear.cost += term.cost;
+        let [a, b] = closure.frames;
+        add_pose(&mut linear.blocks, a, a, &term.own);
+        add_pose(&mut linear.blocks, a, b, &term.across);
+        add_pose(&mut linear.blocks, b, b, &term.other);
+        for (frame, pull) in [(a, term.pull_own), (b, term.pull_other)] {
+            let mut rows = linear.gradient.fixed_rows_mut::<POSE>(frame * SIZE);
+            rows += pull;
+        }
+    }
+    linear
+}
+
+fn add_pose(blocks: &mut BTreeMap<(usize, usize), Square>, a: usize, b: usize, block: &PoseMatrix) {
+    let entry = blocks.entry((a, b)).or_insert_with(Square::zeros);
+    let mut view = entry.fixed_view_mut::<POSE, POSE>(0, 0);
+    view += block;
+}
+
+fn cost(window: &Window, loops: &[Closure]) -> f64 {
+    let landmarks: Vec<&Landmark> = window.landmarks.values().collect();
+    let pieces: Vec<f64> = landmarks
+        .par_chunks(PIECE)
+        .map(|landmarks| landmarks.iter().map(|l| landmark_cost(window, l)).sum())
+        .collect();
+    let mut sum: f64 = pieces.iter().sum();
+    for pair in window.frames.windows(2) {
+        if let Some(motion) = &pair[1].motion {
+            sum += motion::cost(motion, &pair[0].state, &pair[1].state);
+        }
+    }
+    sum += loops.iter().map(|l| l.cost(window)).sum::<f64>();
+    sum + prior_cost(window, &prior_error(window))
+}
+
+/// The sparse matrix, diagonal enlarged.
+fn matrix(linear: &Linear, damping: f64, size: usize) -> Option<SparseColMat<usize, f64>> {
+    let mut entries = Vec::with_capacity(linear.blocks.len() * SIZE * SIZE);
+    for ((a, b), block) in &linear.blocks {
+        for i in 0..SIZE {
+            // Of blocks on the diagonal the lower half alone: the sparse matrix is lower, blocks are upper.
+            for j in 0..SIZE {
+                let (row, column) = (b * SIZE + j, a * SIZE + i);
+                if row < column {
+                    continue;
+                }
+                let mut value = block[(i, j)];
+                if row == column {
+                    value += damping * value.max(1e-6);
+                } else if value == 0.0 {
+                    continue;
+                }
+                entries.push(Triplet::new(row, column, value));
+            }
+        }
+    }
+    SparseColMat::try_new_from_triplets(size, size, &entries).ok()
+}
+
+fn factor(linear: &Linear, damping: f64, size: usize) -> Option<Llt<usize, f64>> {
+    let matrix = matrix(linear, damping, size)?;
+    let symbolic = SymbolicLlt::try_new(matrix.symbolic(), Side::Lower).ok()?;
+    Llt::try_new_with_symbolic(symbolic, matrix.as_ref(), Side::Lower).ok()
+}
+
+/// Brings everything to where it fits best, in at most `most` linearisations; gives how many it took.
+pub(super) fn adjust(
+    window: &mut Window,
+    loops: &[Closure],
+    most: usize,
+    progress: &mut impl FnMut(Progress),
+) -> usize {
+    let size = window.frames.len() * SIZE;
+    let mut damping = 1e-6;
+    let mut now = None;
+    for round in 0..most {
+        progress(Progress::Adjusted {
+            rounds: round,
+            most,
+        });
+        let linear = linearise(window, loops, damping);
+        let before = *now.get_or_insert(linear.cost);
+        let Some(factor) = factor(&linear, damping, size) else {
+            damping = (damping * 100.0).max(1e-4);
+            continue;
+        };
+        let right = Mat::from_fn(size, 1, |i, _| -linear.gradient[i]);
+        let solved = factor.solve(&right);
+        let step = DVector::from_fn(size, |i, _| solved[(i, 0)]);
+        if !step.iter().all(|v| v.is_finite()) {
+            damping = (damping * 100.0).max(1e-4);
+            continue;
+        }
+        let states: Vec<_> = window.frames.iter().map(|f| f.state).collect();
+        let rhos: Vec<f64> = window.landmarks.values().map(|l| l.rho).collect();
+        apply(window, &step, linear.eliminated.iter().flatten());
+        let after = cost(window, loops);
+        if after <= before * (1.0 + 1e-12) {
+            now = Some(after);
+            damping = (damping * 0.1).max(1e-8);
+            if before - after < 1e-4 * before.max(1.0) {
+                return round + 1;
+            }
+        } else {
+            for (frame, state) in window.frames.iter_mut().zip(states) {
+                frame.state = state;
+            }
+            for (landmark, rho) in window.landmarks.values_mut().zip(rhos) {
+                landmark.rho = rho;
+            }
+            damping = (damping * 30.0).max(1e-4);
+        }
+    }
+    most
+}
+
+/// Takes away sights that do not fit, and landmarks with too few left.
+pub(super) fn prune(window: &mut Window) {
+    let landmarks: Vec<(&u64, &Landmark)> = window.landmarks.iter().collect();
+    let bad: Vec<(u64, Vec<(usize, usize)>)> = landmarks
+        .par_iter()
+        .filter_map(|(id, landmark)| {
+            let mut places = Vec::new();
+            for_each_residual(window, landmark, |sight, eye, square| {
+                if square > WRONG * WRONG {
+                    places.push((sight, eye));
+                }
+            });
+            (!places.is_empty()).then_some((**id, places))
+        })
+        .collect();
+    for (id, places) in bad {
+        let Some(landmark) = window.landmarks.get_mut(&id) else {
+            continue;
+        };
+        landmark.drop_sights(&places);
+        if landmark.sights.len() < super::FEWEST_SIGHTS || landmark.sights[0].1.right.is_none() {
+            window.landmarks.remove(&id);
+        }
+    }
+}
+
+/// Covariances of poses (position in the world, turn in the body), one for each keyframe.
+pub(super) fn covariances(window: &Window, loops: &[Closure]) -> Vec<Matrix6<f64>> {
+    let count = window.frames.len();
+    let size = count * SIZE;
+    let linear = linearise(window, loops, 0.0);
+    let Some(factor) = factor(&linear, 1e-9, size) else {
+        // Nothing can be said, and that is said.
+        return vec![Matrix6::identity() * 1e6; count];
+    };
+    let step = count.div_ceil(COVARIANCES).max(1);
+    let mut places: Vec<usize> = (0..count).step_by(step).collect();
+    if places.last() != Some(&(count - 1)) {
+        places.push(count - 1);
+    }
+    let found: Vec<Matrix6<f64>> = places
+        .par_iter()
+        .map(|place| {
+            let at = place * SIZE;
+            let right = Mat::from_fn(size, POSE, |i, j| f64::from(u8::from(i == at + j)));
+            let solved = factor.solve(&right);
+            let block = Matrix6::from_fn(|i, j| solved[(at + i, j)]);
+            (block + block.transpose()) * 0.5
+        })
+        .collect();
+    let mut out = Vec::with_capacity(count);
+    for k in 0..count {
+        let next = places.partition_point(|p| *p < k);
+        if places[next] == k {
+            out.push(found[next]);
+            continue;
+        }
+        let (a, b) = (places[next - 1], places[next]);
+        let share = (k - a) as f64 / (b - a) as f64;
+        out.push(found[next - 1] * (1.0 - share) + found[next] * share);
+    }
+    out
+}

@@ -1,0 +1,373 @@
+//! Places seen again.
+//!
+//! Candidates are keyframes that by their poses may show the same: near, looking the same way, far apart in time. Marks are
+//! matched by their looks; the relative pose that most matches agree with is found from the one that is expected, by least squares
+//! whose reach shrinks. What would move the poses farther than they can have drifted is a place that looks like another, and is
+//! left out. A loop enters the adjustment as a tie of two poses with the covariance of its own solution.
+
+use calib::Eye as Side;
+use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
+use rayon::prelude::*;
+
+use super::Loop;
+use super::adjust::Progress;
+use crate::describe::unlike;
+use crate::keyframe::{Keyframe, Mark};
+use crate::sight::{Bearing, Camera};
+use crate::so3;
+use crate::solve::{PoseMatrix, PoseVector};
+use crate::window::Window;
+
+/// Least time between the two, s.
+const APART_S: f64 = 12.0;
+/// How near they must be, m, and how much farther for each metre gone between them.
+const NEAR_M: f64 = 1.5;
+const DRIFT: f64 = 0.01;
+/// Largest angle between the views of two cameras, rad.
+const SAME_VIEW: f64 = 0.6;
+/// A keyframe is looked at if the one looked at before is so far away, m.
+const EVERY_M: f64 = 0.6;
+/// Candidates tried for each.
+const TRIED: usize = 3;
+/// Most bits in which two looks of the same may differ, and how much better than any other it must be.
+const ALIKE: u32 = 72;
+const BETTER: f64 = 0.85;
+/// How far off a mark may be expected, rad: what the poses may be off at near things.
+const EXPECTED: f64 = 0.6;
+/// Marks that must agree, and their share of all matches.
+const FEWEST: usize = 24;
+const LEAST_SHARE: f64 = 0.3;
+/// Reach of the least squares, px, one round each, and the standard deviation of a mark's place.
+const REACH: [f64; 10] = [60.0, 45.0, 32.0, 24.0, 16.0, 12.0, 9.0, 7.0, 6.0, 6.0];
+const SIGMA_PX: f64 = 2.0;
+/// How far a loop may move things: m, per metre gone, and rad.
+const MOST_M: f64 = 0.3;
+const MOST_RAD: f64 = 0.12;
+/// Residual of a loop, in standard deviations, from which it counts less (Cauchy).
+const CAUCHY: f64 = 3.0;
+
+/// A tie of two keyframes, by place in the window.
+#[derive(Clone, Debug)]
+pub(super) struct Closure {
+    pub(super) frames: [usize; 2],
+    numbers: [u64; 2],
+    /// First body from second.
+    turn: UnitQuaternion<f64>,
+    shift: Vector3<f64>,
+    information: PoseMatrix,
+    marks: usize,
+    off: [f64; 2],
+}
+
+/// A tie as a term of the least squares problem.
+pub(super) struct Term {
+    pub(super) own: PoseMatrix,
+    pub(super) across: PoseMatrix,
+    pub(super) other: PoseMatrix,
+    pub(super) pull_own: PoseVector,
+    pub(super) pull_other: PoseVector,
+    pub(super) cost: f64,
+}
+
+impl Closure {
+    /// For whoever reads the result.
+    pub(super) fn told(&self) -> Loop {
+        Loop {
+            frames: self.numbers,
+            marks: self.marks,
+            off: self.off,
+        }
+    }
+
+    /// Shift and turn by which two poses fail to close it.
+    fn residual(&self, window: &Window) -> PoseVector {
+        let [a, b] = self.frames.map(|f| &window.frames[f].state);
+        let shift = a.turn.inverse() * (b.position - a.position);
+        let turn = a.turn.inverse() * b.turn;
+        let mut r = PoseVector::zeros();
+        r.fixed_rows_mut::<3>(0).copy_from(&(shift - self.shift));
+        r.fixed_rows_mut::<3>(3)
+            .copy_from(&so3::log(&(self.turn.inverse() * turn)));
+        r
+    }
+
+    pub(super) fn cost(&self, window: &Window) -> f64 {
+        let r = self.residual(window);
+        let square = (r.transpose() * self.information * r)[0];
+        CAUCHY * CAUCHY * (1.0 + square / (CAUCHY * CAUCHY)).ln()
+    }
+
+    pub(super) fn linearise(&self, window: &Window) -> Term {
+        let [a, b] = self.frames.map(|f| &window.frames[f].state);
+        let r = self.residual(window);
+        let square = (r.transpose() * self.information * r)[0];
+        let weight = self.information / (1.0 + square / (CAUCHY * CAUCHY));
+        let back: Matrix3<f64> = a.turn.inverse().to_rotation_matrix().into_inner();
+        let shift = back * (b.position - a.position);
+        let inverse = so3::right_jacobian_inverse(&r.fixed_rows::<3>(3).into_owned());
+        let relative = back * b.turn.to_rotation_matrix().into_inner();
+        let mut by_a = PoseMatrix::zeros();
+        let mut by_b = PoseMatrix::zeros();
+        by_a.fixed_view_mut::<3, 3>(0, 0).copy_from(&-back);
+        by_b.fixed_view_mut::<3, 3>(0, 0).copy_from(&back);
+        by_a.fixed_view_mut::<3, 3>(0, 3)
+            .copy_from(&so3::cross(&shift));
+        by_a.fixed_view_mut::<3, 3>(3, 3)
+            .copy_from(&(-inverse * relative.transpose()));
+        by_b.fixed_view_mut::<3, 3>(3, 3).copy_from(&inverse);
+        let (weighted_a, weighted_b) = (by_a.transpose() * weight, by_b.transpose() * weight);
+        Term {
+            own: weighted_a * by_a,
+            across: weighted_a * by_b,
+            other: weighted_b * by_b,
+            pull_own: weighted_a * r,
+            pull_other: weighted_b * r,
+            cost: self.cost(window),
+        }
+    }
+}
+
+/// All places seen again.
+pub(super) fn find(
+    keyframes: &[Keyframe],
+    window: &Window,
+    progress: &mut impl FnMut(Progress),
+) -> Vec<Closure> {
+    // How far was gone up to each.
+    let mut gone = vec![0.0];
+    for pair in window.frames.windows(2) {
+        let step = (pair[1].state.position - pair[0].state.position).norm();
+        gone.push(gone[gone.len() - 1] + step);
+    }
+    let mut looked = Vec::new();
+    let mut last: Option<usize> = None;
+    for k in 0..keyframes.len() {
+        let far = |l: usize| {
+            let (a, b) = (&window.frames[l].state, &window.frames[k].state);
+            (a.position - b.position).norm() > EVERY_M || a.turn.angle_to(&b.turn) > 0.3
+        };
+        if last.is_none_or(far) {
+            looked.push(k);
+            last = Some(k);
+        }
+    }
+    let mut closures = Vec::new();
+    const AT_ONCE: usize = 64;
+    for (n, some) in looked.chunks(AT_ONCE).enumerate() {
+        progress(Progress::Looked {
+            done: n * AT_ONCE,
+            all: looked.len(),
+        });
+        let found: Vec<Vec<Closure>> = some
+            .par_iter()
+            .map(|b| {
+                let candidates = candidates(*b, window, &gone, &looked);
+                let tried = candidates
+                    .iter()
+                    .filter_map(|a| close(&keyframes[*a], &keyframes[*b], [*a, *b], window, &gone));
+                tried.take(1).collect()
+            })
+            .collect();
+        closures.extend(found.into_iter().flatten());
+    }
+    closures
+}
+
+/// Earlier keyframes that may show the same, the nearest first.
+fn candidates(b: usize, window: &Window, gone: &[f64], looked: &[usize]) -> Vec<usize> {
+    let now = &window.frames[b].state;
+    let mut near: Vec<(f64, usize)> = looked
+        .iter()
+        .take_while(|a| **a < b)
+        .filter_map(|a| {
+            let then = &window.frames[*a].state;
+            let seconds = (now.time_ns - then.time_ns) as f64 * 1e-9;
+            let far = (now.position - then.position).norm();
+            let turned = then.turn.angle_to(&now.turn);
+            let fits = seconds > APART_S && far < NEAR_M + DRIFT * (gone[b] - gone[*a]);
+            fits.then_some((far + turned, *a))
+        })
+        .collect();
+    near.sort_by(|x, y| x.0.total_cmp(&y.0));
+    near.truncate(TRIED);
+    near.into_iter().map(|(_, a)| a).collect()
+}
+
+/// A mark of one keyframe that another one sees: a point of the first body, times inverse range, and where the other
+/// body's camera saw it.
+struct Match<'a> {
+    x: Vector3<f64>,
+    rho: f64,
+    camera: &'a Camera,
+    seen: Bearing,
+    /// Whether the point is of the later keyframe and seen by the earlier.
+    is_back: bool,
+}
+
+fn close(
+    from: &Keyframe,
+    to: &Keyframe,
+    frames: [usize; 2],
+    window: &Window,
+    gone: &[f64],
+) -> Option<Closure> {
+    let [a, b] = frames.map(|f| &window.frames[f].state);
+    let mut turn = a.turn.inverse() * b.turn;
+    let mut shift = a.turn.inverse() * (b.position - a.position);
+    let expected = (turn, shift);
+    let matches = matches(from, to, window, &expected);
+    if matches.len() < FEWEST {
+        return None;
+    }
+    let mut information = PoseMatrix::zeros();
+    let mut agree = 0;
+    for reach in REACH {
+        let mut h = SMatrix::<f64, 6, 6>::identity() * 1e-6;
+        let mut g = SVector::<f64, 6>::zeros();
+        agree = 0;
+        let r: Matrix3<f64> = turn.to_rotation_matrix().into_inner();
+        for m in &matches {
+            // Forth: first to second body. Back: second to first.
+            let (eye, arm) = &m.camera.body_from_left;
+            let (in_body, by_shift, by_turn) = if m.is_back {
+                let turned = r * m.x;
+                (
+                    turned + shift * m.rho,
+                    Matrix3::identity() * m.rho,
+                    -r * so3::cross(&m.x),
+                )
+            } else {
+                let back = r.transpose() * (m.x - shift * m.rho);
+                (back, -r.transpose() * m.rho, so3::cross(&back))
+            };
+            let x = eye.transpose() * (in_body - arm * m.rho);
+            let Some((off, by)) = m.seen.off(&x) else {
+                continue;
+            };
+            let size = off.norm() / reach;
+            if size >= 1.0 {
+                continue;
+            }
+            agree += 1;
+            let weight = (1.0 - size * size).powi(2) / (SIGMA_PX * SIGMA_PX);
+            let by_body = by * eye.transpose();
+            let mut j = SMatrix::<f64, 2, 6>::zeros();
+            j.fixed_columns_mut::<3>(0).copy_from(&(by_body * by_shift));
+            j.fixed_columns_mut::<3>(3).copy_from(&(by_body * by_turn));
+            let weighted = j.transpose() * weight;
+            h += weighted * j;
+            g += weighted * off;
+        }
+        let step = -h.cholesky()?.solve(&g);
+        shift += step.fixed_rows::<3>(0);
+        turn *= so3::exp(&step.fixed_rows::<3>(3).into_owned());
+        information = h;
+    }
+    let gone = gone[frames[1]] - gone[frames[0]];
+    let off = [(shift - expected.1).norm(), turn.angle_to(&expected.0)];
+    let is_plausible = off[0] < MOST_M + DRIFT * gone && off[1] < MOST_RAD;
+    let is_agreed = agree >= FEWEST && agree as f64 >= LEAST_SHARE * matches.len() as f64;
+    // The shift is that of the second body in the first one's axes; a turn of the first is not in it.
+    (is_plausible && is_agreed).then_some(Closure {
+        frames,
+        numbers: [from.number, to.number],
+        turn,
+        shift,
+        information,
+        marks: agree,
+        off,
+    })
+}
+
+fn matches<'a>(
+    from: &Keyframe,
+    to: &Keyframe,
+    window: &'a Window,
+    (turn, shift): &(UnitQuaternion<f64>, Vector3<f64>),
+) -> Vec<Match<'a>> {
+    let mut out = Vec::new();
+    let r: Matrix3<f64> = turn.to_rotation_matrix().into_inner();
+    for (i, camera_a) in window.cameras.iter().enumerate() {
+        for (j, camera_b) in window.cameras.iter().enumerate() {
+            let axis_a = camera_a.body_from_left.0.column(2).into_owned();
+            let axis_b: Vector3<f64> = r * camera_b.body_from_left.0.column(2);
+            if axis_a.dot(&axis_b) < SAME_VIEW.cos() {
+                continue;
+            }
+            let of = |marks: &[Mark], camera: &Camera, index: usize| {
+                marks
+                    .iter()
+                    .filter(|m| usize::from(m.camera) == index)
+                    .filter_map(|m| Some((*m, camera.bearing(Side::Left, m.left)?)))
+                    .collect::<Vec<_>>()
+            };
+            let (seen_a, seen_b) = (of(&from.marks, camera_a, i), of(&to.marks, camera_b, j));
+            // Where a mark of the first is expected in the second.
+            let relative = camera_b.body_from_left.0.transpose() * r.transpose();
+            let expected: Vec<Vector3<f64>> = seen_a
+                .iter()
+                .map(|(mark, bearing)| {
+                    let rho = f64::from(mark.rho);
+                    let (eye, arm) = &camera_a.body_from_left;
+                    let x = eye * bearing.ray + (arm - shift) * rho;
+                    let there = relative * x
+                        - camera_b.body_from_left.0.transpose() * camera_b.body_from_left.1 * rho;
+                    there.normalize()
+                })
+                .collect();
+            let best = |look: &[u64; 4], among: &mut dyn Iterator<Item = (usize, &[u64; 4])>| {
+                let (mut best, mut second) = ((u32::MAX, usize::MAX), u32::MAX);
+                for (k, other) in among {
+                    let bits = unlike(look, other);
+                    if bits < best.0 {
+                        second = best.0;
+                        best = (bits, k);
+                    } else if bits < second {
+                        second = bits;
+                    }
+                }
+                let sure = best.0 <= ALIKE && f64::from(best.0) < BETTER * f64::from(second);
+                sure.then_some(best.1)
+            };
+            for (q, (mark_b, bearing_b)) in seen_b.iter().enumerate() {
+                let mut near = seen_a
+                    .iter()
+                    .enumerate()
+                    .filter(|(p, _)| expected[*p].dot(&bearing_b.ray) > EXPECTED.cos())
+                    .map(|(p, (m, _))| (p, &m.looks));
+                let Some(p) = best(&mark_b.looks, &mut near) else {
+                    continue;
+                };
+                let (mark_a, bearing_a) = &seen_a[p];
+                let mut all = seen_b.iter().enumerate().map(|(q, (m, _))| (q, &m.looks));
+                if best(&mark_a.looks, &mut all) != Some(q) {
+                    continue;
+                }
+                let point = |camera: &Camera, bearing: &Bearing, rho: f64| {
+                    camera.body_from_left.0 * bearing.ray + camera.body_from_left.1 * rho
+                };
+                if mark_a.rho > 0.0 {
+                    let rho = f64::from(mark_a.rho);
+                    out.push(Match {
+                        x: point(camera_a, bearing_a, rho),
+                        rho,
+                        camera: camera_b,
+                        seen: *bearing_b,
+                        is_back: false,
+                    });
+                }
+                if mark_b.rho > 0.0 {
+                    let rho = f64::from(mark_b.rho);
+                    out.push(Match {
+                        x: point(camera_b, bearing_b, rho),
+                        rho,
+                        camera: camera_a,
+                        seen: *bearing_a,
+                        is_back: true,
+                    });
+                }
+            }
+        }
+    }
+    out
+}

@@ -1,0 +1,236 @@
+//! A made-up walk twice around a ring of points, told with errors: the adjustment finds the truth, and the second lap finds
+//! the first.
+
+use calib::{CameraModel, Distortion};
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::*;
+use crate::keyframe::{Mark, Seen};
+use crate::rig::StereoCamera;
+use crate::settings::Preset;
+
+fn rig() -> Rig {
+    let model = CameraModel {
+        width: 672,
+        height: 376,
+        fx: 350.0,
+        fy: 350.0,
+        cx: 335.5,
+        cy: 187.5,
+        distortion: Distortion::None,
+    };
+    // Looking outwards: optical z along the rig's y, optical x along its x.
+    let rows = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -1.0, 0.0];
+    Rig {
+        cameras: vec![StereoCamera {
+            name: "side".to_owned(),
+            left: model,
+            right: model,
+            rig_from_left: RigidTransform::from_rotation_rows(rows, [0.0, 0.1, 0.05]).unwrap(),
+            right_from_left: RigidTransform::from_translation_m([-0.06, 0.0, 0.0]).unwrap(),
+            line_s: 0.0,
+        }],
+        imus: Vec::new(),
+    }
+}
+
+const STEPS: usize = 60;
+const RADIUS: f64 = 2.0;
+
+/// On a circle about the middle of the ring, which lies to its right, so that the camera looks outwards.
+fn truth(k: usize) -> (UnitQuaternion<f64>, Vector3<f64>) {
+    let angle = -(k as f64) * std::f64::consts::TAU / STEPS as f64;
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.0, 0.0, angle));
+    (
+        turn,
+        turn * Vector3::new(0.0, RADIUS, 0.0) - Vector3::new(0.0, RADIUS, 0.0),
+    )
+}
+
+/// Points all around, each with looks of its own.
+fn points() -> Vec<(Vector3<f64>, [u64; 4])> {
+    let mut state = 7_u64;
+    let mut draw = || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        state
+    };
+    (0..900)
+        .map(|_| {
+            let angle = draw() as f64 / u64::MAX as f64 * std::f64::consts::TAU;
+            let far = RADIUS + 1.5 + 2.5 * (draw() as f64 / u64::MAX as f64);
+            let up = 1.6 * (draw() as f64 / u64::MAX as f64) - 0.7;
+            let x = Vector3::new(far * angle.sin(), far * angle.cos() - RADIUS, up);
+            (x, [draw(), draw(), draw(), draw()])
+        })
+        .collect()
+}
+
+/// Keyframes of `laps` laps; each pose is told with a drift.
+fn keyframes(laps: usize, drift_m: f64, with_marks: bool) -> Vec<Keyframe> {
+    let rig = rig();
+    let (cameras, _, _) = ImuInUse::of(&rig);
+    let camera = &cameras[0];
+    let points = points();
+    let count = laps * STEPS;
+    // A point that was out of sight is another one to whoever follows corners.
+    let mut ids: Vec<Option<u64>> = vec![None; points.len()];
+    let mut next = 0;
+    (0..count)
+        .map(|k| {
+            let (turn, position) = truth(k);
+            let mut seen = Vec::new();
+            let mut marks = Vec::new();
+            for (n, (x, looks)) in points.iter().enumerate() {
+                let in_body = turn.inverse() * (x - position);
+                let (eye, arm) = &camera.body_from_left;
+                let in_left = eye.transpose() * (in_body - arm);
+                let pixel = camera.left.project(in_left.into()).filter(|p| {
+                    in_left.z > 0.3 && (1.0..671.0).contains(&p[0]) && (1.0..375.0).contains(&p[1])
+                });
+                let Some(left) = pixel else {
+                    ids[n] = None;
+                    continue;
+                };
+                let (turn_right, origin) = &camera.right_from_left;
+                let right = camera.right.project((turn_right * in_left + origin).into());
+                let id = *ids[n].get_or_insert_with(|| {
+                    next += 1;
+                    next
+                });
+                let left = left.map(|v| v as f32);
+                seen.push(Seen {
+                    id,
+                    camera: 0,
+                    left,
+                    right: right.map(|r| r.map(|v| v as f32)),
+                });
+                if with_marks {
+                    marks.push(Mark {
+                        camera: 0,
+                        left,
+                        rho: (1.0 / in_left.norm()) as f32,
+                        looks: *looks,
+                    });
+                }
+            }
+            let gone = k as f64 / STEPS as f64;
+            let off = Vector3::new(drift_m * gone, -0.5 * drift_m * gone, 0.2 * drift_m * gone);
+            Keyframe {
+                number: k as u64 + 1,
+                state: BodyState {
+                    time_ns: k as i64 * 400_000_000,
+                    position: position + off,
+                    turn,
+                    velocity: Vector3::zeros(),
+                    gyro_bias: Vector3::zeros(),
+                    accel_bias: Vector3::zeros(),
+                    read_rate: Vector3::zeros(),
+                },
+                after_s: vec![0.0],
+                seen,
+                marks,
+            }
+        })
+        .collect()
+}
+
+fn solved(keyframes: Vec<Keyframe>) -> Adjusted {
+    let mut mapping = Mapping::new(&rig(), &Settings::preset(Preset::Balanced));
+    for keyframe in keyframes {
+        mapping.add_keyframe(keyframe);
+    }
+    mapping.solve(|_| {})
+}
+
+fn farthest(adjusted: &Adjusted) -> f64 {
+    let off = |pose: &AdjustedPose| {
+        let (_, position) = truth(pose.number as usize - 1);
+        (Vector3::from(pose.world_from_rig.translation_m()) - position).norm()
+    };
+    adjusted.poses.iter().map(off).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_drifted_lap_is_straightened() {
+    let adjusted = solved(keyframes(1, 0.3, false));
+    assert_eq!(adjusted.poses.len(), STEPS);
+    assert!(adjusted.loops.is_empty());
+    // Pixels are single precision: some 1e-5 px, over sixty keyframes.
+    assert!(farthest(&adjusted) < 1e-3, "{}", farthest(&adjusted));
+}
+
+#[test]
+fn the_second_lap_finds_the_first() {
+    let frames = keyframes(2, 0.15, true);
+    let adjusted = solved(frames.clone());
+    assert!(adjusted.loops.len() > 10, "{}", adjusted.loops.len());
+    for found in &adjusted.loops {
+        let [a, b] = found.frames.map(|n| n as usize - 1);
+        // The same place is one lap apart, give or take what the view still shows.
+        assert!((b - a).abs_diff(STEPS) < 12, "{found:?}");
+    }
+    assert!(farthest(&adjusted) < 5e-3, "{}", farthest(&adjusted));
+    // A loop makes the end as certain as the beginning, nearly.
+    let spread = |a: &Adjusted| {
+        a.poses
+            .last()
+            .unwrap()
+            .covariance
+            .fixed_view::<3, 3>(0, 0)
+            .trace()
+    };
+    let mut without = frames;
+    for keyframe in &mut without {
+        keyframe.marks.clear();
+    }
+    assert!(spread(&adjusted) < spread(&solved(without)));
+}
+
+#[test]
+fn a_place_that_looks_like_another_is_no_loop() {
+    // The second lap is a floor higher, reached by a way on which nothing was seen: no drift explains that.
+    let mut frames = keyframes(2, 0.0, true);
+    for keyframe in &mut frames[STEPS..] {
+        keyframe.state.position.z += 3.0;
+        keyframe.state.time_ns += 20_000_000_000;
+        for seen in &mut keyframe.seen {
+            seen.id += 1_000_000;
+        }
+    }
+    let adjusted = solved(frames);
+    // What is left is the lap's own end before its own beginning.
+    let across = |l: &&Loop| (l.frames[0] <= STEPS as u64) != (l.frames[1] <= STEPS as u64);
+    assert_eq!(adjusted.loops.iter().filter(across).count(), 0);
+}
+
+#[test]
+fn threads_do_not_matter() {
+    let frames = keyframes(1, 0.1, true);
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| solved(frames.clone()).poses)
+    };
+    assert_eq!(on(1), on(3));
+}
+
+#[test]
+fn frames_between_keyframes_go_along() {
+    let pose = |x: f64| RigidTransform::from_translation_m([x, 0.0, 0.0]).unwrap();
+    let causal: Vec<_> = (0..7).map(|k| (k * 10, pose(k as f64))).collect();
+    // The second keyframe was 1 m short.
+    let adjusted = [(10, pose(1.0)), (50, pose(6.0)), (55, pose(0.0))];
+    let all = between(&causal, &adjusted);
+    let x: Vec<f64> = all.iter().map(|p| p.translation_m()[0]).collect();
+    for (found, expected) in x.iter().zip([0.0, 1.0, 2.25, 3.5, 4.75, 6.0, 7.0]) {
+        assert!((found - expected).abs() < 1e-9, "{x:?}");
+    }
+    assert_eq!(
+        between(&causal, &[]),
+        causal.iter().map(|c| c.1).collect::<Vec<_>>()
+    );
+}

@@ -1,0 +1,873 @@
+//! Poses as they become known: the causal estimator.
+//!
+//! Contract: [`Odometry::add_imu`] takes samples in order of time, [`Odometry::add_frames`] frame sets in order of time, after
+//! the samples up to their time (what comes later is used for what comes later). Each set gives one [`Estimate`] that
+//! depends on what came before it alone. A set whose pictures show too little is carried by the IMU while its sigma stays
+//! small; a pose that nothing supports is called lost, and its covariance says how much.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use cad_transforms::RigidTransform;
+use calib::ImuNoise;
+use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3};
+use rayon::prelude::*;
+
+use crate::imu::{Coverage, Preintegrated, Reading, Samples};
+use crate::input::{FrameSet, ImuSample};
+use crate::keyframe::{BodyState, Keyframe, Seen};
+use crate::marginal::marginalise;
+use crate::pyramid::Pyramid;
+use crate::rig::Rig;
+use crate::settings::Settings;
+use crate::sight::{Camera, Placed};
+use crate::solve::{LEAST_RHO, for_each_residual, solve, solve_newest};
+use crate::start::{LOOK_NS, start};
+use crate::state::{SIZE, State, TURN};
+use crate::tracker::{Expected, Track, Tracker, moved};
+use crate::wearer::Wearer;
+use crate::window::{Frame, Landmark, Motion, Prior, Window};
+
+/// Longest time from one keyframe to the next, s: what the IMU felt is integrated anew from the last one.
+const LONGEST_S: f64 = 0.6;
+/// Share of a keyframe's corners that must still be followed.
+const LEAST_SHARE: f64 = 0.65;
+/// Residual, in standard deviations, from which a sight is wrong.
+const WRONG: f64 = 5.0;
+/// Frame sets in the beginning for which everything is solved: biases and tilt are still to be found.
+const SETTLING: u64 = 12;
+/// Share of sights that agree below which what was felt is put in doubt, and that must agree without it.
+const DOUBTFUL: f64 = 0.35;
+const CLEAR: f64 = 0.6;
+/// Keyframes after which the wearer is looked for anew.
+const MASK_EVERY: u64 = 10;
+/// Sights that a pose needs, and their share of all.
+const FEWEST: usize = 12;
+const LEAST_AGREED: f64 = 0.3;
+/// How fast a body may change speed and turn where nothing was felt, m/s²/√Hz and rad/s/√Hz.
+const LEAP: [f64; 2] = [3.0, 0.7];
+/// Sensors differ from their data sheets: scale, skew, warming. Noise is taken to be so many times as large.
+const WORSE: f64 = 2.0;
+/// See [`honest`].
+const LARGER: f64 = 3.0;
+const LEAST_M: f64 = 0.003;
+const OFF_SCALE: f64 = 1.5e-3;
+const LEAST_RAD: f64 = 1e-3;
+/// Sigma of a position along its worst direction from which it is no longer known, m beyond that of the last one seen.
+const LOST_M: f64 = 0.5;
+
+/// How a pose is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Status {
+    /// Cameras saw enough.
+    Tracked,
+    /// The IMU alone, or very few sights.
+    DeadReckoned,
+    /// Nothing supports it.
+    Lost,
+}
+
+/// One pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// Of the frame set, ns.
+    pub time_ns: i64,
+    /// The world has z up, and its origin and heading are those of the first rig pose.
+    pub world_from_rig: RigidTransform,
+    /// Of a small motion of the rig in its own axes against the first pose: shift m, turn rad.
+    pub covariance: Matrix6<f64>,
+    /// Of the rig's origin in the world, m/s.
+    pub velocity: Vector3<f64>,
+    /// How it is known.
+    pub status: Status,
+    /// Sights that agree.
+    pub sights: usize,
+    /// Whether it is a keyframe.
+    pub is_keyframe: bool,
+    /// Bias of the gyroscope in use, rad/s.
+    pub gyro_bias: Vector3<f64>,
+    /// Bias of the accelerometer in use, m/s².
+    pub accel_bias: Vector3<f64>,
+}
+
+/// See the module.
+pub struct Odometry {
+    settings: Settings,
+    cameras: Vec<Camera>,
+    body_from_rig: RigidTransform,
+    imu: Option<ImuInUse>,
+    trackers: Vec<Tracker>,
+    /// Where corners are not looked for: the wearer, as far as was found out.
+    masks: Vec<Option<Vec<u8>>>,
+    wearers: Vec<Wearer>,
+    window: Option<Window>,
+    /// Whether the newest frame of the window is a keyframe.
+    newest_stays: bool,
+    /// Covariance of the last keyframe's state.
+    kept: SMatrix<f64, SIZE, SIZE>,
+    last: Option<State>,
+    number: u64,
+    keyframes: u64,
+    next_track: u64,
+    /// Corners of the last keyframe: camera, number, ray then.
+    reference: Vec<(usize, u64, Vector3<f64>)>,
+    unseen_since_ns: Option<i64>,
+    /// Keyframes that are still in the window, and those that have left it.
+    pending: BTreeMap<u64, Keyframe>,
+    ready: Vec<Keyframe>,
+}
+
+/// The IMU that motion is felt with.
+pub(crate) struct ImuInUse {
+    pub(crate) index: usize,
+    pub(crate) noise: ImuNoise,
+    pub(crate) range: [f64; 2],
+    pub(crate) samples: Samples,
+}
+
+impl ImuInUse {
+    /// Cameras, body and IMU of a rig: the body is the first IMU, or the rig itself where there is none.
+    pub(crate) fn of(rig: &Rig) -> (Vec<Camera>, RigidTransform, Option<Self>) {
+        let body_from_rig = rig
+            .imus
+            .first()
+            .map_or_else(RigidTransform::identity, |imu| imu.rig_from_imu.inverse());
+        let cameras = rig.cameras.iter();
+        let imu = rig.imus.first().map(|imu| Self {
+            index: 0,
+            noise: ImuNoise {
+                gyro_noise_density: imu.noise.gyro_noise_density * WORSE,
+                accel_noise_density: imu.noise.accel_noise_density * WORSE,
+                gyro_random_walk: imu.noise.gyro_random_walk * WORSE,
+                accel_random_walk: imu.noise.accel_random_walk * WORSE,
+            },
+            range: imu.range,
+            samples: Samples::new(imu.rate_hz),
+        });
+        let cameras = cameras.map(|c| Camera::new(c, &body_from_rig)).collect();
+        (cameras, body_from_rig, imu)
+    }
+
+    /// What was felt from a state to a time; none where samples are missing or clipped.
+    pub(crate) fn felt(&self, from: &State, to_ns: i64) -> Option<Preintegrated> {
+        let mut readings = Vec::new();
+        let coverage = self.samples.between(from.time_ns, to_ns, &mut readings);
+        (coverage == Coverage::Whole)
+            .then(|| Preintegrated::new(&readings, &from.gyro_bias, &from.accel_bias, &self.noise))
+    }
+
+    /// Densities of the biases' walks.
+    pub(crate) fn walk(&self) -> [f64; 2] {
+        [self.noise.gyro_random_walk, self.noise.accel_random_walk]
+    }
+}
+
+/// How a body that feels nothing is taken to go on.
+pub(crate) struct Rates {
+    /// About its own axes, rad/s.
+    pub(crate) rate: Vector3<f64>,
+}
+
+/// Nothing was felt: the body goes on as it went, more or less.
+pub(crate) fn leap(from: &State, rates: &Rates, to_ns: i64) -> Preintegrated {
+    let reading = |time_ns: i64| Reading {
+        time_ns,
+        gyro: rates.rate,
+        accel: Vector3::zeros(),
+        clipped: false,
+    };
+    let noise = ImuNoise {
+        gyro_noise_density: LEAP[1],
+        gyro_random_walk: 0.0,
+        accel_noise_density: LEAP[0],
+        accel_random_walk: 0.0,
+    };
+    let zero = Vector3::zeros();
+    let ends = [reading(from.time_ns), reading(to_ns)];
+    let mut felt = Preintegrated::new(&ends, &zero, &zero, &noise);
+    // It does not depend on biases.
+    felt.by_bias = SMatrix::zeros();
+    felt
+}
+
+impl Odometry {
+    /// For a rig.
+    pub fn new(rig: &Rig, settings: Settings) -> Self {
+        let (cameras, body_from_rig, imu) = ImuInUse::of(rig);
+        Self {
+            settings,
+            cameras,
+            body_from_rig,
+            imu,
+            trackers: vec![Tracker::default(); rig.cameras.len()],
+            masks: vec![None; rig.cameras.len()],
+            wearers: (rig.cameras.iter())
+                .map(|c| Wearer::new(c.left.width as usize, c.left.height as usize))
+                .collect(),
+            window: None,
+            newest_stays: true,
+            kept: SMatrix::zeros(),
+            last: None,
+            number: 0,
+            keyframes: 0,
+            next_track: 0,
+            reference: Vec::new(),
+            unseen_since_ns: None,
+            pending: BTreeMap::new(),
+            ready: Vec::new(),
+        }
+    }
+
+    /// Where a camera's left pictures show the wearer, as far as was found out so far: rows first, one byte per pixel, 0
+    /// there and 255 elsewhere; none if nowhere.
+    pub fn wearer_mask(&self, camera: usize) -> Option<Vec<u8>> {
+        self.wearers[camera].mask()
+    }
+
+    /// Takes a sample of an IMU, given by its place in the rig.
+    pub fn add_imu(&mut self, imu: usize, sample: &ImuSample) {
+        if let Some(own) = self.imu.as_mut().filter(|own| own.index == imu) {
+            own.samples.push(sample, own.range);
+        }
+    }
+
+    /// Takes a frame set.
+    pub fn add_frames(&mut self, set: &FrameSet<'_>) -> Estimate {
+        let time_ns = set.time_ns;
+        self.number += 1;
+        let pyramids: Vec<Option<(Pyramid, Pyramid)>> = (set.views.par_iter())
+            .map(|view| {
+                let view = view.as_ref()?;
+                Some(rayon::join(
+                    || Pyramid::new(&view.left),
+                    || Pyramid::new(&view.right),
+                ))
+            })
+            .collect();
+        let after_s: Vec<f64> = (set.views.iter())
+            .map(|view| {
+                view.as_ref()
+                    .map_or(0.0, |v| (v.time_ns - time_ns) as f64 * 1e-9)
+            })
+            .collect();
+        let Some(mut window) = self.window.take() else {
+            return self.begin(time_ns, pyramids, &after_s);
+        };
+        if !self.newest_stays {
+            window.drop_newest();
+        }
+        let (motion, guess) = self.predict(&window, time_ns);
+        // Corners are expected where the last pose, whether or not it stays, and the guess put them.
+        let last = self.last.unwrap_or(window.newest().state);
+        for (k, (tracker, pyramids)) in self.trackers.iter_mut().zip(pyramids).enumerate() {
+            let Some((left, right)) = pyramids else {
+                tracker.clear();
+                continue;
+            };
+            let camera = &self.cameras[k];
+            let (then, now) = (
+                left_eye(camera, &Placed::new(&last, after_s[k])),
+                left_eye(camera, &Placed::new(&guess, after_s[k])),
+            );
+            let back = now.0.transpose();
+            let now_from_then = (back * then.0, back * (then.1 - now.1));
+            tracker.follow(camera, left, right, |track| {
+                let rho = track.rho.unwrap_or(0.0);
+                let expected = moved(camera, &now_from_then, &track.left.ray, rho);
+                expected.map_or(
+                    Expected {
+                        at: track.at,
+                        rho: track.rho,
+                    },
+                    |e| Expected {
+                        rho: track.rho.and(e.rho),
+                        ..e
+                    },
+                )
+            });
+        }
+        window.frames.push(Frame {
+            number: self.number,
+            state: guess,
+            motion: Some(motion),
+        });
+        self.look(&mut window, &after_s);
+        let mut information = self.locate(&mut window);
+        let (_, looked) = agreeing(&window);
+        let sights = self.reject(&mut window);
+        let is_seen = sights >= FEWEST && sights as f64 >= LEAST_AGREED * looked as f64;
+        if !is_seen {
+            // A few that agree by chance would be believed: the frame goes by what was felt.
+            self.overlook(&mut window, guess);
+            information = solve_newest(&mut window, &self.kept, 1);
+        }
+        let is_keyframe = self.is_keyframe(&window, is_seen);
+        let mut own = information.and_then(|h| h.cholesky()).map(|c| c.inverse());
+        let mut joint = None;
+        if is_keyframe || self.settings.every || self.number <= SETTLING {
+            joint = solve(&mut window, self.settings.rounds).1;
+        }
+        if let Some(joint) = joint {
+            if is_keyframe {
+                self.kept = joint;
+            }
+            own = None;
+        }
+        let covariance = match (joint, own) {
+            (Some(joint), _) => joint.fixed_view::<6, 6>(0, 0).into_owned(),
+            (None, Some(own)) => self.moved_covariance(&window) + own.fixed_view::<6, 6>(0, 0),
+            (None, None) => self.moved_covariance(&window) + Matrix6::identity(),
+        };
+        if is_keyframe {
+            self.prune(&mut window);
+            self.keep(&mut window, &after_s);
+        }
+        self.newest_stays = is_keyframe;
+        let estimate = self.estimate(&window, &covariance, sights, is_seen, is_keyframe);
+        let mut state = window.newest().state;
+        if self.imu.is_none() {
+            // A body without a gyroscope goes on as it went.
+            let seconds = (state.time_ns - last.time_ns) as f64 * 1e-9;
+            let turned = crate::so3::log(&(last.turn.inverse() * state.turn));
+            state.read_rate = turned / seconds.max(1e-3);
+            if let Some(newest) = window.frames.last_mut() {
+                newest.state.read_rate = state.read_rate;
+            }
+        }
+        self.last = Some(state);
+        if let (Some(imu), Some(first)) = (&mut self.imu, window.frames.last()) {
+            // The window integrates anew from its last keyframe.
+            let from = if self.newest_stays {
+                first.state.time_ns
+            } else {
+                window.frames[window.frames.len() - 2].state.time_ns
+            };
+            imu.samples.forget_before(from.min(time_ns) - 50_000_000);
+        }
+        self.window = Some(window);
+        estimate
+    }
+
+    /// The first frame set.
+    fn begin(
+        &mut self,
+        time_ns: i64,
+        pyramids: Vec<Option<(Pyramid, Pyramid)>>,
+        after_s: &[f64],
+    ) -> Estimate {
+        let mut readings = Vec::new();
+        if let Some(imu) = &self.imu {
+            imu.samples
+                .between(time_ns - LOOK_NS, time_ns, &mut readings);
+            // The made reading at the beginning may stand for a time before there were any.
+            if readings.len() > 2 {
+                readings.remove(0);
+            }
+        }
+        let (state, sigmas) = start(time_ns, &readings, self.imu.is_some());
+        let mut prior = Prior::of(self.number, state, &sigmas);
+        // Heading is zero by definition.
+        let up = state.turn.inverse() * Vector3::z();
+        let pinned = up * up.transpose() * (1e8 - 1.0 / (sigmas[TURN] * sigmas[TURN])).max(0.0);
+        let mut view = prior.information.fixed_view_mut::<3, 3>(TURN, TURN);
+        view += pinned;
+        let mut window = Window {
+            cameras: self.cameras.clone(),
+            frames: vec![Frame {
+                number: self.number,
+                state,
+                motion: None,
+            }],
+            landmarks: std::collections::BTreeMap::new(),
+            prior,
+            sigma_px: self.settings.sigma_px,
+        };
+        for (k, (tracker, pyramids)) in self.trackers.iter_mut().zip(pyramids).enumerate() {
+            if let Some((left, right)) = pyramids {
+                tracker.follow(&self.cameras[k], left, right, |track| Expected {
+                    at: track.at,
+                    rho: None,
+                });
+            }
+        }
+        self.keep(&mut window, after_s);
+        self.newest_stays = true;
+        self.last = Some(state);
+        let inverse = window.prior.information.clone().try_inverse();
+        self.kept = inverse.map_or(SMatrix::identity(), |i| {
+            i.fixed_view::<SIZE, SIZE>(0, 0).into_owned()
+        });
+        let covariance = self.kept.fixed_view::<6, 6>(0, 0).into_owned();
+        let sights = window.landmarks.len();
+        let estimate = self.estimate(&window, &covariance, sights, sights >= FEWEST, true);
+        self.window = Some(window);
+        estimate
+    }
+
+    /// What lies between the newest frame of the window and now, and where that puts the body.
+    fn predict(&self, window: &Window, time_ns: i64) -> (Motion, State) {
+        let from = &window.newest().state;
+        let seconds = (time_ns - from.time_ns) as f64 * 1e-9;
+        let felt = self.imu.as_ref().and_then(|imu| imu.felt(from, time_ns));
+        let has_gravity = felt.is_some();
+        let felt = felt.unwrap_or_else(|| leap(from, &self.rates(), time_ns));
+        let gravity = if has_gravity {
+            Vector3::new(0.0, 0.0, -crate::state::GRAVITY)
+        } else {
+            Vector3::zeros()
+        };
+        let read_rate = match &self.imu {
+            Some(imu) => imu
+                .samples
+                .at(time_ns)
+                .map_or(from.read_rate, |(r, _)| r.gyro),
+            None => from.read_rate,
+        };
+        let guess = State {
+            time_ns,
+            position: from.position
+                + from.velocity * seconds
+                + gravity * (0.5 * seconds * seconds)
+                + from.turn * felt.displacement,
+            turn: from.turn * felt.turn,
+            velocity: from.velocity + gravity * seconds + from.turn * felt.velocity,
+            read_rate,
+            ..*from
+        };
+        let walk = self.imu.as_ref().map_or([1e-6; 2], ImuInUse::walk);
+        let motion = Motion {
+            felt,
+            has_gravity,
+            walk,
+        };
+        (motion, guess)
+    }
+
+    /// As it went last.
+    fn rates(&self) -> Rates {
+        Rates {
+            rate: self.last.as_ref().map_or(Vector3::zeros(), State::rate),
+        }
+    }
+
+    /// Finds the newest pose. Where what was felt contradicts most of what is seen, and what is seen agrees with itself, the
+    /// feeling was wrong: a bias that was not known, a shock, a sensor that clips without saying so.
+    fn locate(&self, window: &mut Window) -> Option<SMatrix<f64, SIZE, SIZE>> {
+        let last = window.frames.len() - 1;
+        let guess = window.frames[last].clone();
+        let information = solve_newest(window, &self.kept, 4);
+        let (good, all) = agreeing(window);
+        let has_gravity = guess.motion.as_ref().is_some_and(|m| m.has_gravity);
+        if !has_gravity || all < FEWEST || good as f64 >= DOUBTFUL * all as f64 {
+            return information;
+        }
+        let felt = window.frames[last].clone();
+        let from = window.frames[last - 1].state;
+        window.frames[last] = Frame {
+            motion: Some(Motion {
+                felt: leap(&from, &self.rates(), guess.state.time_ns),
+                has_gravity: false,
+                walk: guess.motion.as_ref().map_or([1e-6; 2], |m| m.walk),
+            }),
+            ..guess
+        };
+        let seen = solve_newest(window, &self.kept, 4);
+        let (now, _) = agreeing(window);
+        if (now as f64) >= CLEAR * all as f64 && now > 2 * good {
+            return seen;
+        }
+        window.frames[last] = felt;
+        information
+    }
+
+    /// Enters what the newest frame sees of landmarks.
+    fn look(&self, window: &mut Window, after_s: &[f64]) {
+        for (k, tracker) in self.trackers.iter().enumerate() {
+            for track in &tracker.tracks {
+                if let Some(landmark) = window.landmarks.get_mut(&track.id) {
+                    let sight = track.sight(k, &self.cameras[k], after_s[k]);
+                    landmark.sights.push((self.number, sight));
+                }
+            }
+        }
+    }
+
+    /// Takes back sights of the newest frame that cannot be right, and their corners. Gives the number of those that can.
+    fn reject(&mut self, window: &mut Window) -> usize {
+        let number = self.number;
+        let mut wrong = BTreeSet::new();
+        let mut right_wrong = BTreeSet::new();
+        let mut good = 0;
+        for (id, landmark) in &window.landmarks {
+            let last = landmark.sights.len() - 1;
+            if landmark.sights[last].0 != number {
+                continue;
+            }
+            let mut is_good = true;
+            for_each_residual(window, landmark, |sight, eye, square| {
+                if sight == last && square > WRONG * WRONG {
+                    if eye == 0 {
+                        wrong.insert(*id);
+                        is_good = false;
+                    } else {
+                        right_wrong.insert(*id);
+                    }
+                }
+            });
+            good += usize::from(is_good);
+        }
+        for id in right_wrong.difference(&wrong) {
+            if let Some((_, sight)) = window
+                .landmarks
+                .get_mut(id)
+                .and_then(|l| l.sights.last_mut())
+            {
+                sight.right = None;
+            }
+        }
+        for id in &wrong {
+            if let Some(landmark) = window.landmarks.get_mut(id) {
+                landmark.sights.pop();
+            }
+        }
+        // Where most is refused the pose is in doubt, not the corners.
+        let is_sure = wrong.len() <= good;
+        for (tracker, wearer) in self.trackers.iter_mut().zip(&mut self.wearers) {
+            let gone = tracker.tracks.iter().filter(|t| wrong.contains(&t.id));
+            if is_sure {
+                gone.for_each(|t| wearer.refused(t.at));
+            }
+            tracker.tracks.retain(|t| !wrong.contains(&t.id));
+        }
+        good
+    }
+
+    /// Takes back everything that the newest frame saw. Where nothing was felt either, nothing ties what comes to what was.
+    fn overlook(&mut self, window: &mut Window, guess: State) {
+        let number = self.number;
+        let last = window.frames.len() - 1;
+        window.frames[last].state = guess;
+        let felt = window.frames[last]
+            .motion
+            .as_ref()
+            .is_some_and(|m| m.has_gravity);
+        if felt {
+            for landmark in window.landmarks.values_mut() {
+                landmark.sights.retain(|(n, _)| *n != number);
+            }
+        } else {
+            window.landmarks.clear();
+            for tracker in &mut self.trackers {
+                tracker.tracks.clear();
+            }
+        }
+    }
+
+    /// Takes away sights that do not fit after all has been solved, and landmarks with too few left.
+    fn prune(&mut self, window: &mut Window) {
+        let mut bad: Vec<(u64, Vec<(usize, usize)>)> = Vec::new();
+        for (id, landmark) in &window.landmarks {
+            let mut places = Vec::new();
+            for_each_residual(window, landmark, |sight, eye, square| {
+                if square > WRONG * WRONG {
+                    places.push((sight, eye));
+                }
+            });
+            if !places.is_empty() {
+                bad.push((*id, places));
+            }
+        }
+        let mut gone = BTreeSet::new();
+        for (id, places) in bad {
+            let Some(landmark) = window.landmarks.get_mut(&id) else {
+                continue;
+            };
+            // The host's right eye made the inverse range: if it is wrong, so was that.
+            if places.contains(&(0, 1)) || 3 * places.len() > landmark.sights.len() {
+                window.landmarks.remove(&id);
+                gone.insert(id);
+                continue;
+            }
+            landmark.drop_sights(&places);
+        }
+        for tracker in &mut self.trackers {
+            tracker.tracks.retain(|t| !gone.contains(&t.id));
+        }
+    }
+
+    /// Whether the newest frame is to stay.
+    fn is_keyframe(&self, window: &Window, is_seen: bool) -> bool {
+        let n = window.frames.len();
+        let (newest, before) = (&window.frames[n - 1].state, &window.frames[n - 2].state);
+        let seconds = (newest.time_ns - before.time_ns) as f64 * 1e-9;
+        if seconds >= LONGEST_S || !is_seen {
+            return true;
+        }
+        let turn = newest.turn.inverse() * before.turn;
+        let mut shifts = Vec::new();
+        let mut at = 0;
+        for (k, tracker) in self.trackers.iter().enumerate() {
+            let camera = &self.cameras[k];
+            let (eye, _) = &camera.body_from_left;
+            let turn: Matrix3<f64> = eye.transpose() * turn.to_rotation_matrix().into_inner() * eye;
+            let scale = camera.left.model().fx * 672.0 / f64::from(camera.left.model().width);
+            // Both are in the order of their numbers.
+            for track in &tracker.tracks {
+                while self
+                    .reference
+                    .get(at)
+                    .is_some_and(|r| (r.0, r.1) < (k, track.id))
+                {
+                    at += 1;
+                }
+                if let Some((c, id, ray)) = self.reference.get(at)
+                    && (*c, *id) == (k, track.id)
+                {
+                    shifts.push((turn * ray - track.left.ray).norm() * scale);
+                }
+            }
+        }
+        if (shifts.len() as f64) < LEAST_SHARE * self.reference.len() as f64 || shifts.is_empty() {
+            return true;
+        }
+        let middle = shifts.len() / 2;
+        let (_, median, _) = shifts.select_nth_unstable_by(middle, f64::total_cmp);
+        *median >= self.settings.parallax_px
+    }
+
+    /// The newest frame becomes a keyframe: new corners, new landmarks, and room in the window.
+    fn keep(&mut self, window: &mut Window, after_s: &[f64]) {
+        let settings = &self.settings;
+        self.keyframes += 1;
+        for (k, (tracker, wearer)) in self.trackers.iter().zip(&mut self.wearers).enumerate() {
+            let known = tracker.tracks.iter();
+            for track in known.filter(|t| window.landmarks.contains_key(&t.id)) {
+                wearer.agreed(track.at);
+            }
+            if self.keyframes.is_multiple_of(MASK_EVERY) {
+                self.masks[k] = wearer.mask();
+            }
+        }
+        self.reference.clear();
+        for (k, tracker) in self.trackers.iter_mut().enumerate() {
+            let camera = &self.cameras[k];
+            let mask = self.masks[k].as_deref();
+            tracker.refill(camera, mask, settings.corners, &mut self.next_track);
+            for track in &tracker.tracks {
+                self.reference.push((k, track.id, track.left.ray));
+                if let (None, Some(rho)) = (window.landmarks.get(&track.id), track.rho) {
+                    let sight = track.sight(k, camera, after_s[k]);
+                    let landmark = Landmark {
+                        rho: rho.max(LEAST_RHO),
+                        sights: vec![(self.number, sight)],
+                    };
+                    window.landmarks.insert(track.id, landmark);
+                }
+            }
+        }
+        let mut kept = Keyframe {
+            number: self.number,
+            state: told(&window.newest().state),
+            after_s: after_s.to_vec(),
+            seen: Vec::new(),
+            marks: Vec::new(),
+        };
+        for (k, tracker) in self.trackers.iter().enumerate() {
+            kept.seen.extend(tracker.tracks.iter().map(|t| Seen {
+                id: t.id,
+                camera: k as u8,
+                left: t.at,
+                right: t.right_at,
+            }));
+            let mask = self.masks[k].as_deref();
+            kept.marks.extend(tracker.marks(&self.cameras[k], k, mask));
+        }
+        self.pending.insert(self.number, kept);
+        while window.frames.len() > settings.frames {
+            let leaving = leaving(window);
+            let frame = &window.frames[leaving];
+            if let Some(keyframe) = self.pending.remove(&frame.number) {
+                self.ready.push(Keyframe {
+                    state: told(&frame.state),
+                    ..keyframe
+                });
+            }
+            marginalise(window, leaving);
+        }
+    }
+
+    /// Keyframes that will not change any more, in order of time, each once. Behind the last frame set, `all` gives the rest.
+    pub fn take_keyframes(&mut self, all: bool) -> Vec<Keyframe> {
+        if let (true, Some(window)) = (all, &self.window) {
+            for frame in &window.frames {
+                if let Some(keyframe) = self.pending.remove(&frame.number) {
+                    self.ready.push(Keyframe {
+                        state: told(&frame.state),
+                        ..keyframe
+                    });
+                }
+            }
+        }
+        // One that hardly moved leaves before older ones do.
+        let oldest = self.pending.keys().next().copied().unwrap_or(u64::MAX);
+        self.ready.sort_by_key(|k| k.number);
+        let count = self.ready.partition_point(|k| k.number < oldest);
+        self.ready.drain(..count).collect()
+    }
+
+    /// The last keyframe's covariance, carried rigidly to the newest frame.
+    fn moved_covariance(&self, window: &Window) -> Matrix6<f64> {
+        let n = window.frames.len();
+        let (newest, before) = (&window.frames[n - 1].state, &window.frames[n - 2].state);
+        let mut by = Matrix6::identity();
+        let turn = before.turn.to_rotation_matrix().into_inner();
+        let arm = before.turn.inverse() * (newest.position - before.position);
+        by.fixed_view_mut::<3, 3>(0, 3)
+            .copy_from(&(-turn * crate::so3::cross(&arm)));
+        let relative = newest.turn.inverse() * before.turn;
+        by.fixed_view_mut::<3, 3>(3, 3)
+            .copy_from(&relative.to_rotation_matrix().into_inner());
+        by * self.kept.fixed_view::<6, 6>(0, 0) * by.transpose()
+    }
+
+    fn estimate(
+        &mut self,
+        window: &Window,
+        covariance: &Matrix6<f64>,
+        sights: usize,
+        is_seen: bool,
+        is_keyframe: bool,
+    ) -> Estimate {
+        let state = &window.newest().state;
+        let covariance = own_covariance(state, &self.body_from_rig, covariance);
+        let status = if is_seen {
+            self.unseen_since_ns = None;
+            Status::Tracked
+        } else {
+            let since = *self.unseen_since_ns.get_or_insert(state.time_ns);
+            let seconds = (state.time_ns - since) as f64 * 1e-9;
+            let unsure = covariance
+                .fixed_view::<3, 3>(0, 0)
+                .symmetric_eigenvalues()
+                .amax();
+            let known = self
+                .kept
+                .fixed_view::<3, 3>(0, 0)
+                .symmetric_eigenvalues()
+                .amax();
+            let _ = (seconds, known);
+            if unsure.sqrt() < LOST_M + 0.02 * state.position.norm() {
+                Status::DeadReckoned
+            } else {
+                Status::Lost
+            }
+        };
+        let arm = self.body_from_rig.translation();
+        let velocity = state.velocity + state.turn * state.rate().cross(arm);
+        Estimate {
+            time_ns: state.time_ns,
+            world_from_rig: rig_pose(state, &self.body_from_rig),
+            covariance,
+            velocity,
+            status,
+            sights,
+            is_keyframe,
+            gyro_bias: state.gyro_bias,
+            accel_bias: state.accel_bias,
+        }
+    }
+
+    /// What is followed now in one camera's left picture: number and place, for pictures of how it goes.
+    pub fn followed(&self, camera: usize) -> Vec<(u64, [f32; 2])> {
+        let tracks = &self.trackers[camera].tracks;
+        tracks.iter().map(|t: &Track| (t.id, t.at)).collect()
+    }
+}
+
+/// As it is kept.
+fn told(state: &State) -> BodyState {
+    BodyState {
+        time_ns: state.time_ns,
+        position: state.position,
+        turn: state.turn,
+        velocity: state.velocity,
+        gyro_bias: state.gyro_bias,
+        accel_bias: state.accel_bias,
+        read_rate: state.read_rate,
+    }
+}
+
+/// How many landmarks the newest frame sees where they should be, and how many it sees at all.
+fn agreeing(window: &Window) -> (usize, usize) {
+    let number = window.newest().number;
+    let (mut good, mut all) = (0, 0);
+    for landmark in window.landmarks.values() {
+        let last = landmark.sights.len() - 1;
+        if last == 0 || landmark.sights[last].0 != number {
+            continue;
+        }
+        all += 1;
+        for_each_residual(window, landmark, |sight, eye, square| {
+            good += usize::from(sight == last && eye == 0 && square <= WRONG * WRONG);
+        });
+    }
+    (good, all)
+}
+
+/// Which frame is to leave: the newest but one if hardly anything moved from it to the newest, else the oldest.
+fn leaving(window: &Window) -> usize {
+    let n = window.frames.len();
+    let (a, b) = (&window.frames[n - 2].state, &window.frames[n - 1].state);
+    let still = (a.position - b.position).norm() < 0.01 && a.turn.angle_to(&b.turn) < 0.01;
+    if still { n - 2 } else { 0 }
+}
+
+/// What a solution's covariance does not know: sights of one corner are wrong alike from frame to frame, and calibrations are a
+/// little wrong for good. Sigmas are so many times as large, and what a scale error makes of the distance from the start is
+/// added. Measured on simulated walks; see docs/odometry.md.
+pub(crate) fn honest(state: &State, covariance: &Matrix6<f64>) -> Matrix6<f64> {
+    let mut out = covariance * (LARGER * LARGER);
+    let off = LEAST_M + OFF_SCALE * state.position.norm();
+    for k in 0..3 {
+        out[(k, k)] += off * off;
+        out[(k + 3, k + 3)] += LEAST_RAD * LEAST_RAD;
+    }
+    out
+}
+
+/// World from rig.
+pub(crate) fn rig_pose(state: &State, body_from_rig: &RigidTransform) -> RigidTransform {
+    let q = state.turn;
+    let world_from_body = RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], state.position.into())
+        .expect("a state is finite, since steps that are not are not taken");
+    world_from_body * *body_from_rig
+}
+
+/// From errors of the body's position in the world and its turn to those of a small motion of the rig in its own axes.
+pub(crate) fn own_covariance(
+    state: &State,
+    body_from_rig: &RigidTransform,
+    covariance: &Matrix6<f64>,
+) -> Matrix6<f64> {
+    let mut to_own = Matrix6::identity();
+    to_own
+        .fixed_view_mut::<3, 3>(0, 0)
+        .copy_from(&state.turn.inverse().to_rotation_matrix().into_inner());
+    let rig_from_body = body_from_rig.inverse();
+    let turn = rig_from_body.rotation().to_rotation_matrix().into_inner();
+    let mut adjoint = Matrix6::zeros();
+    adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(&turn);
+    adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn);
+    let arm = crate::so3::cross(rig_from_body.translation());
+    adjoint
+        .fixed_view_mut::<3, 3>(0, 3)
+        .copy_from(&(arm * turn));
+    let by = adjoint * to_own;
+    let own = by * honest(state, covariance) * by.transpose();
+    (own + own.transpose()) * 0.5
+}
+
+/// World from left eye.
+fn left_eye(camera: &Camera, placed: &Placed) -> (Matrix3<f64>, Vector3<f64>) {
+    let (turn, arm) = &camera.body_from_left;
+    (placed.turn * turn, placed.position + placed.turn * arm)
+}

@@ -1,0 +1,190 @@
+//! What an eye saw of a landmark, and how well a guess explains it.
+//!
+//! A landmark is a ray of the left eye of the camera that it was first kept in (its host), and an inverse range. Seen by
+//! another eye at another time it is at `R ray + rho t`, which holds for far things too. A residual is the angle between
+//! where that is and where it was seen, along two directions across the ray, times the lens's pixels per radian there:
+//! pixels for any lens, without projecting again.
+//!
+//! Every sight has a time of its own against the state's: cameras that are not synchronised and the rows of rolling shutters
+//! alike. Between the two the body is taken to move at constant rate and velocity.
+
+use calib::{Eye as Side, Lens};
+use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
+
+use crate::rig::StereoCamera;
+use crate::state::State;
+
+/// The geometry of one stereo camera, body being the frame of states.
+#[derive(Clone, Debug)]
+pub(crate) struct Camera {
+    pub(crate) left: Lens,
+    pub(crate) right: Lens,
+    pub(crate) body_from_left: (Matrix3<f64>, Vector3<f64>),
+    pub(crate) right_from_left: (Matrix3<f64>, Vector3<f64>),
+    pub(crate) line_s: f64,
+}
+
+impl Camera {
+    pub(crate) fn new(
+        camera: &StereoCamera,
+        body_from_rig: &cad_transforms::RigidTransform,
+    ) -> Self {
+        let parts = |t: &cad_transforms::RigidTransform| {
+            (
+                t.rotation().to_rotation_matrix().into_inner(),
+                *t.translation(),
+            )
+        };
+        Self {
+            left: Lens::new(&camera.left),
+            right: Lens::new(&camera.right),
+            body_from_left: parts(&(*body_from_rig * camera.rig_from_left)),
+            right_from_left: parts(&camera.right_from_left),
+            line_s: camera.line_s,
+        }
+    }
+
+    fn lens(&self, side: Side) -> &Lens {
+        match side {
+            Side::Left => &self.left,
+            Side::Right => &self.right,
+        }
+    }
+
+    /// Where an eye saw something; none if the lens cannot have.
+    pub(crate) fn bearing(&self, side: Side, pixel: [f32; 2]) -> Option<Bearing> {
+        let lens = self.lens(side);
+        let ray = Vector3::from(lens.unproject(pixel.map(f64::from))?);
+        let ray = ray.normalize();
+        let projected = lens.project_with_jacobians(ray.into())?;
+        let aside = if ray.x.abs() < 0.6 {
+            Vector3::x()
+        } else {
+            Vector3::y()
+        };
+        let first = ray.cross(&aside).normalize();
+        let basis = Matrix2x3::from_rows(&[first.transpose(), ray.cross(&first).transpose()]);
+        let by = projected.by_point * basis.transpose();
+        Some(Bearing {
+            ray,
+            basis: basis * by.determinant().abs().sqrt(),
+        })
+    }
+
+    /// How much later than the middle row a row is exposed, s.
+    pub(crate) fn row_after_s(&self, side: Side, y: f32) -> f64 {
+        let rows = f64::from(self.lens(side).model().height);
+        (f64::from(y) - 0.5 * (rows - 1.0)) * self.line_s
+    }
+
+    /// Inverse range along the left ray that fits both rays best, and by how much the right one is then off, px.
+    pub(crate) fn triangulate(&self, left: &Bearing, right: &Bearing) -> (f64, f64) {
+        let (turn, origin) = &self.right_from_left;
+        let ray = turn * left.ray;
+        // Across the right ray: basis (ray + rho origin) = 0.
+        let (a, b) = (right.basis * origin, right.basis * ray);
+        let rho = -a.dot(&b) / a.norm_squared();
+        let x = ray + origin * rho;
+        (rho, (right.basis * x / x.norm()).norm())
+    }
+}
+
+/// Where something was seen: a unit ray, and the two directions across it, times pixels per radian.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Bearing {
+    pub(crate) ray: Vector3<f64>,
+    pub(crate) basis: Matrix2x3<f64>,
+}
+
+impl Bearing {
+    /// How far off, px, a point in this eye's frame is, and the derivatives by the point; none behind the eye.
+    #[inline]
+    pub(crate) fn off(&self, x: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
+        let range = x.norm();
+        let unit = x / range;
+        if unit.dot(&self.ray) < 0.2 {
+            return None;
+        }
+        let off = self.basis * unit;
+        let by = (self.basis - off * unit.transpose()) / range;
+        Some((off, by))
+    }
+}
+
+/// A landmark as one camera saw it in one frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Sight {
+    pub(crate) camera: usize,
+    pub(crate) left: Bearing,
+    pub(crate) right: Option<Bearing>,
+    /// How much later than its state it was seen, s.
+    pub(crate) after_s: f64,
+}
+
+/// A camera at the time of a sight: what takes rays to the world and back.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Placed {
+    /// World from body then.
+    pub(crate) turn: Matrix3<f64>,
+    pub(crate) position: Vector3<f64>,
+    /// Body then from body of the state.
+    pub(crate) since: Matrix3<f64>,
+}
+
+impl Placed {
+    #[inline]
+    pub(crate) fn new(state: &State, after_s: f64) -> Self {
+        let (turn, position) = state.pose_after(after_s);
+        let turn = turn.to_rotation_matrix().into_inner();
+        let since = if after_s == 0.0 {
+            Matrix3::identity()
+        } else {
+            turn.transpose() * state.turn.to_rotation_matrix().into_inner()
+        };
+        Self {
+            turn,
+            position,
+            since,
+        }
+    }
+}
+
+/// A point in the left frame of a sight's camera, times the landmark's inverse range, and what it depends on.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Carried {
+    /// In the target's left frame.
+    pub(crate) x: Vector3<f64>,
+    /// By the inverse range.
+    pub(crate) by_rho: Vector3<f64>,
+    /// Target's left frame from world.
+    pub(crate) left_from_world: Matrix3<f64>,
+    /// In the host's body, times the inverse range.
+    pub(crate) in_host: Vector3<f64>,
+    /// In the target's body, times the inverse range.
+    pub(crate) in_target: Vector3<f64>,
+}
+
+/// Takes a landmark from its host to another sight.
+#[inline]
+pub(crate) fn carry(
+    ray: &Vector3<f64>,
+    rho: f64,
+    from: (&Camera, &Placed),
+    to: (&Camera, &Placed),
+) -> Carried {
+    let (host_turn, host_arm) = &from.0.body_from_left;
+    let (turn, arm) = &to.0.body_from_left;
+    let in_host = host_turn * ray + host_arm * rho;
+    let body_from_world = to.1.turn.transpose();
+    let shift = from.1.position - to.1.position;
+    let in_target = body_from_world * (from.1.turn * in_host + shift * rho);
+    let left_from_body = turn.transpose();
+    let by_rho = left_from_body * (body_from_world * (from.1.turn * host_arm + shift) - arm);
+    Carried {
+        x: left_from_body * (in_target - arm * rho),
+        by_rho,
+        left_from_world: left_from_body * body_from_world,
+        in_host,
+        in_target,
+    }
+}

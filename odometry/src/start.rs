@@ -1,0 +1,113 @@
+//! The first state, from what the IMU felt before the first pictures.
+//!
+//! At rest the specific force is gravity and the rate is the gyroscope's bias. In motion the mean force still says roughly where
+//! up is; how roughly goes into the standard deviations, and the window finds out the rest.
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::imu::Reading;
+use crate::state::{ACCEL_BIAS, GYRO_BIAS, POSITION, SIZE, State, TURN, VELOCITY};
+
+/// How long before the first pictures is looked at, ns.
+pub(crate) const LOOK_NS: i64 = 600_000_000;
+/// Shortest time for which rest is believed, s.
+const LEAST_S: f64 = 0.2;
+/// Standard deviations within which a body is at rest, rad/s and m/s²; and the most that it may turn, rad/s.
+const REST: [f64; 2] = [0.03, 0.25];
+const MOST_BIAS: f64 = 0.06;
+/// What biases are before anything is known, rad/s and m/s².
+const BIAS: [f64; 2] = [0.05, 0.15];
+
+/// Standard deviations of the first state when only its position and heading are known, by definition.
+pub(crate) fn sigmas_of_first(has_imu: bool) -> [f64; SIZE] {
+    let mut sigmas = [1e-4; SIZE];
+    let mut set = |at: usize, sigma: f64| sigmas[at..at + 3].fill(sigma);
+    set(POSITION, 1e-4);
+    if has_imu {
+        set(TURN, 0.15);
+        set(VELOCITY, 1.5);
+        set(GYRO_BIAS, BIAS[0]);
+        set(ACCEL_BIAS, BIAS[1]);
+    } else {
+        // The world is the first rig; how fast it goes is not known.
+        set(TURN, 1e-5);
+        set(VELOCITY, 20.0);
+        set(GYRO_BIAS, 1e-6);
+        set(ACCEL_BIAS, 1e-6);
+    }
+    sigmas
+}
+
+/// The first state and its standard deviations. Position and heading are zero by definition.
+pub(crate) fn start(time_ns: i64, readings: &[Reading], has_imu: bool) -> (State, [f64; SIZE]) {
+    let mut state = State::at_rest(time_ns);
+    let mut sigmas = sigmas_of_first(has_imu);
+    if !has_imu {
+        return (state, sigmas);
+    }
+    let mut set = |at: usize, sigma: f64| sigmas[at..at + 3].fill(sigma);
+    let n = readings.len() as f64;
+    if readings.is_empty() {
+        return (state, sigmas);
+    }
+    let mean = |of: &dyn Fn(&Reading) -> Vector3<f64>| {
+        let mean = readings.iter().map(of).sum::<Vector3<f64>>() / n;
+        let square: f64 = readings.iter().map(|r| (of(r) - mean).norm_squared()).sum();
+        (mean, (square / n).sqrt())
+    };
+    let (gyro, gyro_spread) = mean(&|r| r.gyro);
+    let (accel, accel_spread) = mean(&|r| r.accel);
+    let seconds = (readings[readings.len() - 1].time_ns - readings[0].time_ns) as f64 * 1e-9;
+    let at_rest = seconds >= LEAST_S
+        && gyro_spread < REST[0]
+        && accel_spread < REST[1]
+        && gyro.norm() < MOST_BIAS;
+    if at_rest {
+        state.gyro_bias = gyro;
+        set(GYRO_BIAS, 0.004);
+        set(VELOCITY, 0.02);
+        set(TURN, 0.02);
+    }
+    if accel.norm() > 1.0 {
+        state.turn = UnitQuaternion::rotation_between(&accel, &Vector3::z()).unwrap_or_else(|| {
+            UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI)
+        });
+    }
+    state.read_rate = readings[readings.len() - 1].gyro;
+    (state, sigmas)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn readings(sway: f64) -> Vec<Reading> {
+        (0..200)
+            .map(|k| {
+                let t = f64::from(k) * 0.002;
+                Reading {
+                    time_ns: k as i64 * 2_000_000,
+                    gyro: Vector3::new(0.01, -0.005, 0.002 + sway * (9.0 * t).sin()),
+                    accel: Vector3::new(0.0, 9.8, 0.3),
+                    clipped: false,
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn rest_gives_up_and_bias() {
+        let (state, sigmas) = start(0, &readings(0.0), true);
+        let up = state.turn * Vector3::new(0.0, 9.8, 0.3).normalize();
+        assert!((up - Vector3::z()).norm() < 1e-12);
+        assert!((state.gyro_bias - Vector3::new(0.01, -0.005, 0.002)).norm() < 1e-12);
+        assert!(sigmas[GYRO_BIAS] < 0.01);
+    }
+
+    #[test]
+    fn motion_gives_up_alone() {
+        let (state, sigmas) = start(0, &readings(0.5), true);
+        assert_eq!(state.gyro_bias, Vector3::zeros());
+        assert!(sigmas[TURN] > 0.1 && sigmas[VELOCITY] > 1.0);
+    }
+}

@@ -1,0 +1,306 @@
+//! Corners of one camera, followed from picture to picture and matched between its eyes.
+//!
+//! Contract: [`Tracker::follow`] takes the next picture; what cannot be found for sure is lost and never comes back under the
+//! same number. [`Tracker::refill`] looks for new corners where there are none. A match between the eyes keeps to the epipolar line of
+//! the calibration; without one a corner is followed all the same.
+
+use calib::Eye as Side;
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+
+use crate::corners::{Search, corners};
+use crate::describe::describe;
+use crate::follow::{follow, signature};
+use crate::keyframe::Mark;
+use crate::pyramid::Pyramid;
+use crate::sight::{Bearing, Camera, Sight};
+
+/// Coarsest level on which corners are followed in time, and between the eyes.
+const IN_TIME: usize = 3;
+const BETWEEN: usize = 1;
+/// Level on which a match between the eyes is searched.
+const SEARCH: usize = 1;
+/// Nearest thing that eyes are matched on, m.
+const NEAREST_M: f64 = 0.3;
+/// How far off the epipolar line a match may lie, px.
+const OFF_LINE: f64 = 1.5;
+/// Cells of the grid for each corner that is wanted.
+const CELLS: f64 = 1.3;
+/// Corners kept to find a place again by, and the cells of which each gives one, pixels.
+const MARKS: usize = 160;
+const MARK_CELL: usize = 20;
+/// Least correlation of a match on the coarse level, and by how much it must be better than any other not beside it.
+const ALIKE: f32 = 0.75;
+const BETTER: f32 = 0.05;
+
+/// A corner that is followed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Track {
+    pub(crate) id: u64,
+    /// In the left picture.
+    pub(crate) at: [f32; 2],
+    pub(crate) left: Bearing,
+    /// In the right one, if it was found there: where, and in which direction.
+    pub(crate) right_at: Option<[f32; 2]>,
+    pub(crate) right: Option<Bearing>,
+    /// Inverse range from the left eye as the eyes tell it, 1/m.
+    pub(crate) rho: Option<f64>,
+}
+
+/// Where a corner is expected.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Expected {
+    /// In the left picture.
+    pub(crate) at: [f32; 2],
+    /// Inverse range then, 1/m.
+    pub(crate) rho: Option<f64>,
+}
+
+/// See the module.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Tracker {
+    left: Pyramid,
+    right: Pyramid,
+    pub(crate) tracks: Vec<Track>,
+}
+
+impl Tracker {
+    /// Follows all corners into the next picture, starting where they are expected.
+    pub(crate) fn follow(
+        &mut self,
+        camera: &Camera,
+        left: Pyramid,
+        right: Pyramid,
+        expect: impl Fn(&Track) -> Expected + Sync,
+    ) {
+        let before = std::mem::replace(&mut self.left, left);
+        self.right = right;
+        let (left, right) = (&self.left, &self.right);
+        let followed = self.tracks.par_iter().with_min_len(8).map(|track| {
+            let expected = expect(track);
+            let at = follow(&before, left, track.at, expected.at, IN_TIME)?;
+            let bearing = camera.bearing(Side::Left, at)?;
+            let mut track = Track {
+                at,
+                left: bearing,
+                right_at: None,
+                right: None,
+                rho: None,
+                ..*track
+            };
+            match_eyes(&mut track, camera, left, right, expected.rho);
+            Some(track)
+        });
+        let followed: Vec<Option<Track>> = followed.collect();
+        self.tracks = followed.into_iter().flatten().collect();
+        self.part();
+    }
+
+    /// Of corners that have run together the newer ones are given up.
+    fn part(&mut self) {
+        const NEAR: f32 = 4.0;
+        let mut kept: Vec<Track> = Vec::with_capacity(self.tracks.len());
+        for track in &self.tracks {
+            let near = |k: &Track| {
+                (k.at[0] - track.at[0]).abs() < NEAR && (k.at[1] - track.at[1]).abs() < NEAR
+            };
+            if !kept.iter().any(near) {
+                kept.push(*track);
+            }
+        }
+        self.tracks = kept;
+    }
+
+    /// Looks for new corners until there are `most`; they get the numbers from `next` on.
+    pub(crate) fn refill(
+        &mut self,
+        camera: &Camera,
+        mask: Option<&[u8]>,
+        most: usize,
+        next: &mut u64,
+    ) {
+        let Some(level) = self.left.levels.first() else {
+            return;
+        };
+        let taken: Vec<[f32; 2]> = self.tracks.iter().map(|t| t.at).collect();
+        // Somewhat more cells than corners, since some are blank.
+        let area = (level.width * level.height) as f64;
+        let cell = (area / (CELLS * most.max(1) as f64)).sqrt() as usize;
+        let search = Search {
+            cell: cell.max(8),
+            taken: &taken,
+            mask,
+            most: most.saturating_sub(taken.len()),
+        };
+        let found = corners(level, &search);
+        let (left, right) = (&self.left, &self.right);
+        let made = found.par_iter().with_min_len(8).map(|at| {
+            let mut track = Track {
+                id: 0,
+                at: *at,
+                left: camera.bearing(Side::Left, *at)?,
+                right_at: None,
+                right: None,
+                rho: None,
+            };
+            match_eyes(&mut track, camera, left, right, None);
+            Some(track)
+        });
+        let made: Vec<Option<Track>> = made.collect();
+        for mut track in made.into_iter().flatten() {
+            track.id = *next;
+            *next += 1;
+            self.tracks.push(track);
+        }
+    }
+
+    /// Corners to find the place again by: the strongest there are, whether or not they are followed.
+    pub(crate) fn marks(&self, camera: &Camera, index: usize, mask: Option<&[u8]>) -> Vec<Mark> {
+        let (Some(level), Some(half)) = (self.left.levels.first(), self.left.levels.get(1)) else {
+            return Vec::new();
+        };
+        let search = Search {
+            cell: MARK_CELL,
+            taken: &[],
+            mask,
+            most: MARKS,
+        };
+        let (left, right) = (&self.left, &self.right);
+        let found = corners(level, &search);
+        let made = found.par_iter().with_min_len(8).map(|at| {
+            let mut track = Track {
+                id: 0,
+                at: *at,
+                left: camera.bearing(Side::Left, *at)?,
+                right_at: None,
+                right: None,
+                rho: None,
+            };
+            let looks = describe(half, 0.5 * at[0], 0.5 * at[1])?;
+            match_eyes(&mut track, camera, left, right, None);
+            Some(Mark {
+                camera: index as u8,
+                left: *at,
+                rho: track.rho.map_or(0.0, |rho| rho as f32),
+                looks,
+            })
+        });
+        let made: Vec<Option<Mark>> = made.collect();
+        made.into_iter().flatten().collect()
+    }
+
+    /// Forgets everything.
+    pub(crate) fn clear(&mut self) {
+        *self = Self::default();
+    }
+}
+
+impl Track {
+    /// As it enters the window, seen by a camera `after_s` later than its frame.
+    pub(crate) fn sight(&self, index: usize, camera: &Camera, after_s: f64) -> Sight {
+        Sight {
+            camera: index,
+            left: self.left,
+            right: self.right,
+            after_s: after_s + camera.row_after_s(Side::Left, self.at[1]),
+        }
+    }
+}
+
+/// Pixel of the right eye for a left ray at an inverse range.
+fn seen_right(camera: &Camera, ray: &Vector3<f64>, rho: f64) -> Option<[f32; 2]> {
+    let (turn, origin) = &camera.right_from_left;
+    let x = turn * ray + origin * rho;
+    camera
+        .right
+        .project(x.into())
+        .map(|pixel| pixel.map(|v| v as f32))
+}
+
+fn match_eyes(
+    track: &mut Track,
+    camera: &Camera,
+    left: &Pyramid,
+    right: &Pyramid,
+    expected: Option<f64>,
+) {
+    let from = |guess: [f32; 2], coarsest: usize| {
+        let found = follow(left, right, track.at, guess, coarsest)?;
+        let bearing = camera.bearing(Side::Right, found)?;
+        let (rho, off) = camera.triangulate(&track.left, &bearing);
+        // A far thing may seem to be a little behind infinity.
+        let fits = off < OFF_LINE && rho < 1.0 / NEAREST_M && rho > -0.05;
+        fits.then_some((found, bearing, rho))
+    };
+    let tried = expected
+        .and_then(|rho| seen_right(camera, &track.left.ray, rho))
+        .and_then(|guess| from(guess, BETWEEN));
+    let found = tried.or_else(|| {
+        let guess = search(camera, &track.left.ray, track.at, left, right)?;
+        from(guess, SEARCH)
+    });
+    if let Some((at, bearing, rho)) = found {
+        track.right_at = Some(at);
+        track.right = Some(bearing);
+        track.rho = Some(rho.max(crate::solve::LEAST_RHO));
+    }
+}
+
+/// The best place along the epipolar line on a coarse level.
+fn search(
+    camera: &Camera,
+    ray: &Vector3<f64>,
+    at: [f32; 2],
+    left: &Pyramid,
+    right: &Pyramid,
+) -> Option<[f32; 2]> {
+    let level = SEARCH.min(left.levels.len() - 1);
+    let scale = (1_u32 << level) as f32;
+    let template = signature(&left.levels[level], at[0] / scale, at[1] / scale)?;
+    let far = seen_right(camera, ray, 0.0)?;
+    let near = seen_right(camera, ray, 1.0 / NEAREST_M)?;
+    let length = (near[0] - far[0]).hypot(near[1] - far[1]) / scale;
+    // A step beyond either end, so that a best place at an end is one.
+    let steps = length.ceil() as i32;
+    let mut scores = Vec::with_capacity(steps as usize + 3);
+    for k in -1..=steps + 1 {
+        let rho = f64::from(k) / f64::from(steps.max(1)) / NEAREST_M;
+        let score = seen_right(camera, ray, rho).and_then(|[x, y]| {
+            let there = signature(&right.levels[level], x / scale, y / scale)?;
+            Some(template.iter().zip(&there).map(|(a, b)| a * b).sum::<f32>())
+        });
+        scores.push((score.unwrap_or(-1.0), rho));
+    }
+    let (best, top) = scores
+        .iter()
+        .enumerate()
+        .max_by(|a, b| a.1.0.total_cmp(&b.1.0))?;
+    if top.0 < ALIKE {
+        return None;
+    }
+    let other = scores
+        .iter()
+        .enumerate()
+        .filter(|(k, _)| k.abs_diff(best) > 2)
+        .map(|(_, s)| s.0)
+        .fold(-1.0, f32::max);
+    if top.0 < other + BETTER {
+        return None;
+    }
+    seen_right(camera, ray, top.1)
+}
+
+/// Where a point at a ray and inverse range is seen after a move of the left eye: `now_from_then`.
+pub(crate) fn moved(
+    camera: &Camera,
+    now_from_then: &(Matrix3<f64>, Vector3<f64>),
+    ray: &Vector3<f64>,
+    rho: f64,
+) -> Option<Expected> {
+    let x = now_from_then.0 * ray + now_from_then.1 * rho;
+    let at = camera.left.project(x.into())?;
+    Some(Expected {
+        at: at.map(|v| v as f32),
+        rho: Some(rho / x.norm()),
+    })
+}

@@ -1,0 +1,112 @@
+//! The frames and landmarks that are being estimated together, and all that is known of them.
+//!
+//! Frames are in order of time. Between neighbours lies what the IMU felt; where it felt nothing, that a body does not leap.
+//! What was known of frames that have left is in the prior.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::imu::Preintegrated;
+use crate::sight::{Camera, Sight};
+use crate::state::{SIZE, State};
+
+/// One frame.
+#[derive(Clone, Debug)]
+pub(crate) struct Frame {
+    /// Counts all frame sets.
+    pub(crate) number: u64,
+    pub(crate) state: State,
+    /// From the frame before it in the window; none for the first.
+    pub(crate) motion: Option<Motion>,
+}
+
+/// What is known of the way from one frame to the next.
+#[derive(Clone, Debug)]
+pub(crate) struct Motion {
+    pub(crate) felt: Preintegrated,
+    /// 1 where specific force was felt, 0 where only that bodies do not leap is known.
+    pub(crate) has_gravity: bool,
+    /// Densities of the biases' walks, rad/s²/√Hz and m/s³/√Hz.
+    pub(crate) walk: [f64; 2],
+}
+
+/// A landmark. The first of its sights is the host's.
+#[derive(Clone, Debug)]
+pub(crate) struct Landmark {
+    /// Inverse range from the host's left eye, 1/m.
+    pub(crate) rho: f64,
+    /// By frame number, rising.
+    pub(crate) sights: Vec<(u64, Sight)>,
+}
+
+/// What is known of frames through those that have left: a quadratic in the errors against where it was made.
+#[derive(Clone, Debug)]
+pub(crate) struct Prior {
+    /// Frames by number, rising, with the states at which the prior was made.
+    pub(crate) at: Vec<(u64, State)>,
+    pub(crate) information: DMatrix<f64>,
+    /// Gradient there.
+    pub(crate) gradient: DVector<f64>,
+}
+
+/// See the module.
+#[derive(Clone, Debug)]
+pub(crate) struct Window {
+    pub(crate) cameras: Vec<Camera>,
+    pub(crate) frames: Vec<Frame>,
+    pub(crate) landmarks: BTreeMap<u64, Landmark>,
+    pub(crate) prior: Prior,
+    /// Standard deviation of a sight, px.
+    pub(crate) sigma_px: f64,
+}
+
+impl Prior {
+    /// Independent standard deviations of one state.
+    pub(crate) fn of(number: u64, state: State, sigmas: &[f64; SIZE]) -> Self {
+        let diagonal = DVector::from_iterator(SIZE, sigmas.iter().map(|s| 1.0 / (s * s)));
+        Self {
+            at: vec![(number, state)],
+            information: DMatrix::from_diagonal(&diagonal),
+            gradient: DVector::zeros(SIZE),
+        }
+    }
+}
+
+impl Landmark {
+    /// Takes back sights that were wrong, by place and eye (1 the right one), in rising order.
+    pub(crate) fn drop_sights(&mut self, places: &[(usize, usize)]) {
+        for (sight, eye) in places.iter().rev() {
+            if *eye == 0 {
+                self.sights.remove(*sight);
+            } else if let Some((_, sight)) = self.sights.get_mut(*sight) {
+                sight.right = None;
+            }
+        }
+    }
+}
+
+impl Window {
+    /// Where a frame is in the window.
+    pub(crate) fn position(&self, number: u64) -> Option<usize> {
+        self.frames.binary_search_by_key(&number, |f| f.number).ok()
+    }
+
+    /// The newest frame.
+    pub(crate) fn newest(&self) -> &Frame {
+        &self.frames[self.frames.len() - 1]
+    }
+
+    /// Takes the newest frame away, with all that it saw.
+    pub(crate) fn drop_newest(&mut self) {
+        let Some(frame) = self.frames.pop() else {
+            return;
+        };
+        self.landmarks.retain(|_, landmark| {
+            landmark
+                .sights
+                .retain(|(number, _)| *number != frame.number);
+            !landmark.sights.is_empty()
+        });
+    }
+}
