@@ -1,0 +1,406 @@
+//! From two pictures to the winner of each pixel.
+//!
+//! Contract: the sums of all paths through a pixel, and of them the winner in the left picture and in the right one, the same on any
+//! number of threads and at any [`Level`].
+//!
+//! Two sweeps run at the same time, one from the top and one from the bottom. Each goes over the rows of its own half first
+//! and keeps, for every pixel there, the sum of the paths that came from its side. Then each goes on into the other half, where
+//! the paths from the other side have been kept, adds its own and those along the row, and lets the least win. So every
+//! path runs over the whole picture, costs are computed twice and never kept, and of the volume of sums each byte is
+//! written once and read once. With [`Paths::Three`] the sweeps end at the middle and nothing is kept at all.
+
+use crate::census::{Census, Codes, Layout, Padded};
+use crate::cost::{CostRow, OUT};
+use crate::lanes::{Kernel, Lanes, Level};
+use crate::picture::Picture;
+
+mod back;
+mod path;
+
+use back::{Back, OUT_SUM, RightWinners};
+pub(crate) use back::{NONE, Winner};
+use path::{Down, Front, Steps};
+
+/// Which paths lead to a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Paths {
+    /// Both ways along the row, and straight from the nearer of the upper and the lower border.
+    Three,
+    /// Both ways along the row and the column.
+    Four,
+    /// Those and the diagonals.
+    Eight,
+}
+
+/// Costs of the way from one pixel to the next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Penalties {
+    /// For a disparity that changes by 1.
+    pub small: u8,
+    /// For one that changes by more, where the picture is even.
+    pub large: u8,
+    /// How much less the large one is per grey level between the two pixels.
+    pub slope: u8,
+    /// The least it becomes.
+    pub large_least: u8,
+}
+
+/// How pictures are compared and paths are weighed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Weights {
+    pub(crate) census: Census,
+    pub(crate) grey: u8,
+    pub(crate) paths: Paths,
+    pub(crate) penalties: Penalties,
+}
+
+/// Disparities that are looked for: from `first` on, `count` of them, and in each row those from `rows[y][0]` up to before
+/// `rows[y][1]`, counted from `first`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Range<'a> {
+    pub(crate) first: i32,
+    pub(crate) count: usize,
+    pub(crate) rows: &'a [[u16; 2]],
+}
+
+/// Lanes that are computed: whole vectors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Span {
+    start: usize,
+    lanes: usize,
+}
+
+impl Span {
+    fn end(self) -> usize {
+        self.start + self.lanes
+    }
+
+    /// Enough for the lanes from `low` to before `high` and one more at either side, of which vectors of other lengths
+    /// must not see more or less.
+    fn around([low, high]: [u16; 2], stride: usize, vector: usize) -> Self {
+        let start = usize::from(low).saturating_sub(1) / 16 * 16;
+        let end = (usize::from(high) + 1).min(stride);
+        let lanes = (end - start).next_multiple_of(vector);
+        Self {
+            start: start.min(stride - lanes),
+            lanes,
+        }
+    }
+}
+
+/// Calls a method for a number of vectors that the compiler knows.
+macro_rules! with_vectors {
+    ($V:ident, $count:expr, $self:ident.$method:ident) => {
+        match $count {
+            1 => $self.$method::<$V, 1>(),
+            2 => $self.$method::<$V, 2>(),
+            3 => $self.$method::<$V, 3>(),
+            4 => $self.$method::<$V, 4>(),
+            5 => $self.$method::<$V, 5>(),
+            6 => $self.$method::<$V, 6>(),
+            7 => $self.$method::<$V, 7>(),
+            8 => $self.$method::<$V, 8>(),
+            count => unreachable!("{count} vectors are more than {} disparities", super::MOST),
+        }
+    };
+}
+use with_vectors;
+
+/// Most disparities.
+pub(crate) const MOST: usize = 256;
+
+/// What is kept from picture to picture.
+#[derive(Debug, Default)]
+pub(crate) struct Aggregation {
+    codes: [Codes; 2],
+    kept: Vec<u8>,
+    sweeps: [Sweep; 2],
+    /// Of each pixel.
+    pub(crate) winners: Vec<Winner>,
+    /// The lane that wins in each pixel of the right picture; [`NONE`] where none can.
+    pub(crate) right: Vec<u16>,
+}
+
+#[derive(Debug, Default)]
+struct Sweep {
+    before: Front,
+    after: Front,
+    costs: Vec<u8>,
+    sum: Vec<u8>,
+    large: [Vec<u8>; 4],
+    out: Vec<u8>,
+    right: RightWinners,
+    upwards: bool,
+}
+
+/// What both sweeps look at.
+struct Job<'a> {
+    level: Level,
+    weights: Weights,
+    range: Range<'a>,
+    codes: &'a [Codes; 2],
+    grey: &'a Padded,
+    width: usize,
+    stride: usize,
+    origin: usize,
+}
+
+/// Free columns of the codes at the right border of the right picture: sky may lie a little behind infinity.
+pub(crate) const BEHIND: usize = 32;
+
+impl Aggregation {
+    /// Finds the winners. Pictures are of one size, and `range` has a row for each of theirs.
+    pub(crate) fn run(
+        &mut self,
+        level: Level,
+        weights: Weights,
+        [left, right]: [&Picture<'_>; 2],
+        range: Range<'_>,
+    ) {
+        let (width, height) = (left.width(), left.height());
+        let stride = range.count.next_multiple_of(level.lanes());
+        debug_assert!(range.first >= -(BEHIND as i32) && range.count <= MOST);
+        let [of_left, of_right] = &mut self.codes;
+        let mirrored = Layout {
+            before: BEHIND,
+            behind: stride + range.first.max(0) as usize,
+            mirrored: true,
+        };
+        rayon::join(
+            || of_left.compute(level, weights.census, left, Layout::default()),
+            || of_right.compute(level, weights.census, right, mirrored),
+        );
+        self.winners.resize(width * height, Winner::default());
+        self.right.resize(width * height, NONE);
+        let keeps = weights.paths != Paths::Three;
+        self.kept
+            .resize(if keeps { width * height * stride } else { 0 }, 0);
+        for (sweep, upwards) in self.sweeps.iter_mut().zip([false, true]) {
+            sweep.begin(width, stride, level.lanes());
+            sweep.upwards = upwards;
+        }
+        let job = Job {
+            level,
+            weights,
+            range,
+            codes: &self.codes,
+            grey: &Padded::new(left, 1, level.lanes()),
+            width,
+            stride,
+            origin: (BEHIND as i32 + width as i32 - 1 + range.first) as usize,
+        };
+        let middle = height / 2;
+        let [from_top, from_bottom] = &mut self.sweeps;
+        let (upper_winners, lower_winners) = self.winners.split_at_mut(middle * width);
+        let (upper_right, lower_right) = self.right.split_at_mut(middle * width);
+        let upper = (upper_winners, upper_right);
+        let lower = (lower_winners, lower_right);
+        if !keeps {
+            rayon::join(
+                || job.finish(from_top, (0..middle).collect(), None, upper),
+                || job.finish(from_bottom, (middle..height).rev().collect(), None, lower),
+            );
+            return;
+        }
+        let (kept_above, kept_below) = self.kept.split_at_mut(middle * width * stride);
+        rayon::join(
+            || job.keep(from_top, (0..middle).collect(), kept_above),
+            || job.keep(from_bottom, (middle..height).rev().collect(), kept_below),
+        );
+        let (kept_above, kept_below) = (&*kept_above, &*kept_below);
+        rayon::join(
+            || {
+                job.finish(
+                    from_top,
+                    (middle..height).collect(),
+                    Some(kept_below),
+                    lower,
+                )
+            },
+            || {
+                let rows = (0..middle).rev().collect();
+                job.finish(from_bottom, rows, Some(kept_above), upper);
+            },
+        );
+    }
+}
+
+impl Sweep {
+    fn begin(&mut self, width: usize, stride: usize, lanes: usize) {
+        self.before.begin(width, stride);
+        self.after.begin(width, stride);
+        for buffer in [&mut self.costs, &mut self.sum] {
+            buffer.resize(width * stride, 0);
+        }
+        for row in &mut self.large {
+            row.resize(width.next_multiple_of(lanes), 0);
+        }
+        self.out.resize(stride, 0);
+        for row in [&mut self.right.sums, &mut self.right.lanes] {
+            row.resize(width + stride + BEHIND, NONE);
+        }
+    }
+}
+
+impl Job<'_> {
+    /// Goes over rows that follow each other and keeps the sums of the paths that come with them. `kept` holds those rows in
+    /// the order of the picture.
+    fn keep(&self, sweep: &mut Sweep, rows: Vec<usize>, kept: &mut [u8]) {
+        let first = rows.iter().copied().min().unwrap_or(0);
+        for y in rows {
+            let span = self.cost(sweep, y);
+            let to = (y - first) * self.width * self.stride;
+            let sum = &mut kept[to..to + self.width * self.stride];
+            self.down(sweep, y, span, false, Some(sum));
+        }
+    }
+
+    /// Goes over rows that follow each other and finds the winners.
+    fn finish(
+        &self,
+        sweep: &mut Sweep,
+        rows: Vec<usize>,
+        kept: Option<&[u8]>,
+        (winners, right): (&mut [Winner], &mut [u16]),
+    ) {
+        let (width, stride) = (self.width, self.stride);
+        let first = rows.iter().copied().min().unwrap_or(0);
+        for y in rows {
+            let span = self.cost(sweep, y);
+            self.down(sweep, y, span, true, None);
+            // Along the row from the right.
+            self.large(&mut sweep.large[3], y, (1, 0));
+            let k = y - first;
+            let of_row = k * width..(k + 1) * width;
+            self.level.run(Back {
+                width,
+                stride,
+                span,
+                costs: &sweep.costs,
+                sums: [
+                    Some(&sweep.sum),
+                    kept.map(|kept| &kept[k * width * stride..(k + 1) * width * stride]),
+                ],
+                small: self.weights.penalties.small,
+                large: &sweep.large[3],
+                winners: &mut winners[of_row.clone()],
+                right: &mut sweep.right,
+            });
+            let out = OUT_SUM * if kept.is_some() { 3 } else { 2 };
+            for (x, to) in right[of_row].iter_mut().enumerate() {
+                let place = (width - 1 - x) as i64 - i64::from(self.range.first);
+                let place = usize::try_from(place).unwrap_or(usize::MAX);
+                *to = match sweep.right.sums.get(place) {
+                    Some(sum) if *sum < out => sweep.right.lanes[place],
+                    _ => NONE,
+                };
+            }
+        }
+    }
+
+    fn cost(&self, sweep: &mut Sweep, y: usize) -> Span {
+        let [low, high] = self.range.rows[y];
+        for (lane, out) in sweep.out.iter_mut().enumerate() {
+            let is_in = (usize::from(low)..usize::from(high)).contains(&lane);
+            *out = if is_in { 0 } else { OUT };
+        }
+        let span = Span::around([low, high], self.stride, self.level.lanes());
+        self.level.run(CostRow {
+            left: &self.codes[0],
+            right: &self.codes[1],
+            planes: self.weights.census.planes(),
+            grey: self.weights.grey,
+            y,
+            origin: self.origin,
+            first: self.range.first,
+            width: self.width,
+            stride: self.stride,
+            start: span.start,
+            lanes: span.lanes,
+            out: &sweep.out,
+            costs: &mut sweep.costs,
+        });
+        span
+    }
+
+    /// Brings the paths of a sweep down by one row; their sum goes to `kept`, or stays with the sweep.
+    fn down(&self, sweep: &mut Sweep, y: usize, span: Span, along: bool, kept: Option<&mut [u8]>) {
+        let aslant = self.weights.paths == Paths::Eight;
+        let from = if sweep.upwards { 1 } else { -1 };
+        let steps = [(0, from), (-1, from), (1, from), (-1, 0)];
+        let wanted = [true, aslant, aslant, along];
+        for ((row, step), wanted) in sweep.large.iter_mut().zip(steps).zip(wanted) {
+            if wanted {
+                self.large(row, y, step);
+            }
+        }
+        let [straight, left, right, beside] = &sweep.large;
+        self.level.run(Down {
+            width: self.width,
+            stride: self.stride,
+            span,
+            costs: &sweep.costs,
+            before: &mut sweep.before,
+            after: &mut sweep.after,
+            aslant,
+            along,
+            steps: Steps {
+                small: self.weights.penalties.small,
+                large: [straight, left, right, beside],
+            },
+            sum: kept.unwrap_or(&mut sweep.sum),
+        });
+        std::mem::swap(&mut sweep.before, &mut sweep.after);
+    }
+
+    /// The large penalties of a row for a path that comes from a neighbour.
+    fn large(&self, row: &mut [u8], y: usize, from: (i32, i32)) {
+        self.level.run(Large {
+            here: self.grey.row(y, (0, 0)),
+            there: self.grey.row(y, from),
+            penalties: self.weights.penalties,
+            row,
+        });
+    }
+}
+
+/// Large penalties by how much two rows of the picture differ. The row that is written is whole vectors long.
+struct Large<'a> {
+    here: &'a [u8],
+    there: &'a [u8],
+    penalties: Penalties,
+    row: &'a mut [u8],
+}
+
+impl Kernel for Large<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let count = self.row.len();
+        assert!(
+            count.is_multiple_of(V::COUNT) && self.here.len() >= count && self.there.len() >= count
+        );
+        let most = V::splat(self.penalties.large);
+        let least = V::splat(self.penalties.large_least);
+        for at in (0..count).step_by(V::COUNT) {
+            // SAFETY: all three are long enough.
+            let [a, b] = unsafe {
+                let load = [self.here.as_ptr().add(at), self.there.as_ptr().add(at)];
+                [V::load(load[0]), V::load(load[1])]
+            };
+            let apart = a.sub(b).or(b.sub(a));
+            let mut large = most;
+            for _ in 0..self.penalties.slope {
+                large = large.sub(apart);
+            }
+            // Not below the least.
+            let large = least.add(large.sub(least));
+            // SAFETY: as above.
+            unsafe { large.store(self.row.as_mut_ptr().add(at)) };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

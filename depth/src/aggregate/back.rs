@@ -1,0 +1,176 @@
+//! The way back along a row, and which disparity wins.
+
+use super::Span;
+use super::path::{load, step_along};
+use crate::cost::OUT;
+use crate::lanes::{Kernel, Lanes, Words};
+
+/// What is known of a pixel when its paths have come together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Winner {
+    /// The lane whose sum is least; of equals the first. [`NONE`] where no disparity can be.
+    pub(crate) lane: u16,
+    /// Its sum.
+    pub(crate) least: u16,
+    /// The least sum among lanes that are neither it nor beside it.
+    pub(crate) second: u16,
+    /// The sums of the lane before and behind.
+    pub(crate) beside: [u16; 2],
+}
+
+/// The winners of the columns of the right picture in a row, the last column first: lane 0 of the last column of the left picture
+/// is at place 0.
+#[derive(Clone, Debug, Default)]
+pub(super) struct RightWinners {
+    /// Least sums, and the lanes they are of; one of equals is that of the column farthest to the right.
+    pub(super) sums: Vec<u16>,
+    pub(super) lanes: Vec<u16>,
+}
+
+/// No lane, no sum.
+pub(crate) const NONE: u16 = u16::MAX;
+/// What a disparity that cannot be adds to a sum for each vector of sums that goes into it; others add less.
+pub(super) const OUT_SUM: u16 = OUT as u16;
+
+/// One row.
+pub(super) struct Back<'a> {
+    pub(super) width: usize,
+    pub(super) stride: usize,
+    pub(super) span: Span,
+    pub(super) costs: &'a [u8],
+    /// Sums of paths so far, of which there may be one or two.
+    pub(super) sums: [Option<&'a [u8]>; 2],
+    pub(super) small: u8,
+    pub(super) large: &'a [u8],
+    pub(super) winners: &'a mut [Winner],
+    pub(super) right: &'a mut RightWinners,
+}
+
+impl Kernel for Back<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        super::with_vectors!(V, self.span.lanes / V::COUNT, self.vectors)
+    }
+}
+
+/// Words before the sums of a pixel, so that there is something beside the first.
+const BEFORE: usize = 32;
+/// Most lanes of a pixel.
+const MOST: usize = 512;
+
+impl Back<'_> {
+    #[inline(always)]
+    fn vectors<V: Lanes, const N: usize>(self) {
+        let (width, stride, start) = (self.width, self.stride, self.span.start);
+        assert!(self.span.lanes == N * V::COUNT && self.span.end() <= stride && stride <= MOST);
+        assert!(self.costs.len() >= width * stride);
+        let mut sums = self.sums.iter().flatten();
+        assert!(sums.all(|sum| sum.len() >= width * stride));
+        assert!(self.winners.len() >= width && self.large.len() >= width);
+        let small = V::splat(self.small);
+        let none = V::Words::splat(NONE);
+        let zero = V::Words::splat(0);
+        let half = V::Words::COUNT;
+        let right = self.right;
+        assert!(right.sums.len() >= width + stride && right.lanes.len() >= width + stride);
+        // What the right picture has found so far in the columns that this one's disparities lead to. From column to column they
+        // move on by one; where they have been is written, with more behind it that later writes replace.
+        let mut kept = [[none; 2]; N];
+        let mut kept_lanes = [[none; 2]; N];
+        right.sums[..start].fill(NONE);
+        right.sums[width - 1 + self.span.end()..].fill(NONE);
+        let out = OUT_SUM * (1 + self.sums.iter().flatten().count() as u16);
+        let mut path = [V::splat(0); N];
+        let mut least = V::splat(0);
+        let mut sums = [NONE; MOST + 2 * BEFORE];
+        for x in (0..width).rev() {
+            // SAFETY: here and below: costs and sums are columns times stride long, and the span is within the stride.
+            let (costs, large): ([V; N], u8) = unsafe {
+                let from = self.costs.as_ptr().add(x * stride + start);
+                (load(from), *self.large.get_unchecked(x))
+            };
+            step_along(&costs, &mut path, &mut least, small, large);
+            let mut total = [[zero; 2]; N];
+            let mut best = none;
+            for c in 0..N {
+                total[c] = path[c].widen();
+                for sum in self.sums {
+                    let Some(sum) = sum else {
+                        continue;
+                    };
+                    // SAFETY: as above.
+                    let more = unsafe {
+                        let from = x * stride + start + c * V::COUNT;
+                        V::load(sum.as_ptr().add(from)).widen()
+                    };
+                    total[c] = [total[c][0].add(more[0]), total[c][1].add(more[1])];
+                }
+                best = best.min(total[c][0]).min(total[c][1]);
+                for h in 0..2 {
+                    let to = BEFORE + (2 * c + h) * half;
+                    // SAFETY: there are at most `MOST` lanes.
+                    unsafe { total[c][h].store(sums.as_mut_ptr().add(to)) };
+                }
+            }
+            let best = best.least();
+            let all = V::Words::splat(best);
+            let mut lane = none;
+            for c in 0..N {
+                for h in 0..2 {
+                    let number = V::Words::counting((start + (2 * c + h) * half) as u16);
+                    lane = lane.min(total[c][h].pick_equal(all, number, none));
+                }
+            }
+            let lane = lane.least();
+            let above = V::Words::splat(lane + 1);
+            let below = V::Words::splat(lane.saturating_sub(1));
+            let mut second = none;
+            for c in 0..N {
+                for h in 0..2 {
+                    let at = start + (2 * c + h) * half;
+                    let number = V::Words::counting(at as u16);
+                    let away = number.sub(above).or(below.sub(number));
+                    let masked = total[c][h].or(away.pick_equal(zero, none, zero));
+                    second = second.min(masked);
+                    let old = kept[c][h];
+                    kept[c][h] = old.min(total[c][h]);
+                    // Of equals the one that was there stays.
+                    kept_lanes[c][h] = kept[c][h].pick_equal(old, kept_lanes[c][h], number);
+                }
+            }
+            // The columns of the right picture, mirrored, follow each other as lanes do.
+            let place = width - 1 - x + start;
+            for c in 0..N {
+                for h in 0..2 {
+                    let at = place + (2 * c + h) * half;
+                    if x == 0 || (c, h) == (0, 0) {
+                        // SAFETY: places are below columns and a stride, as asserted above.
+                        unsafe {
+                            kept[c][h].store(right.sums.as_mut_ptr().add(at));
+                            kept_lanes[c][h].store(right.lanes.as_mut_ptr().add(at));
+                        }
+                    }
+                }
+            }
+            for c in 0..N {
+                let after = if c + 1 < N {
+                    [kept[c + 1][0], kept_lanes[c + 1][0]]
+                } else {
+                    [none; 2]
+                };
+                let second = [kept[c][1], kept_lanes[c][1]];
+                kept[c] = [kept[c][0].down(second[0]), second[0].down(after[0])];
+                kept_lanes[c] = [kept_lanes[c][0].down(second[1]), second[1].down(after[1])];
+            }
+            let here = BEFORE + usize::from(lane) - start;
+            self.winners[x] = Winner {
+                lane: if best < out { lane } else { NONE },
+                least: best,
+                second: second.least(),
+                beside: [sums[here - 1], sums[here + 1]],
+            };
+        }
+    }
+}

@@ -1,0 +1,112 @@
+use super::*;
+use crate::twin::Random;
+
+const NONE: Margin = Margin {
+    px: 0,
+    share: 0.0,
+    rows: 0,
+};
+
+#[test]
+fn a_plan_holds_all_that_was_added() {
+    let full = Band::full(0, 64, 24).unwrap();
+    let mut plan = Plan::new(&full);
+    assert_eq!(plan.finish(&NONE).unwrap(), full);
+    for y in 0..24 {
+        plan.add(y, [10, 12]);
+    }
+    plan.add(9, [30, 31]);
+    plan.add(99, [0, 63]);
+    let band = plan.finish(&NONE).unwrap();
+    assert_eq!(
+        [0, 8, 15, 16].map(|y| band.row(y)),
+        [[10, 12], [10, 31], [10, 31], [10, 12]]
+    );
+    let margin = Margin {
+        px: 2,
+        share: 0.1,
+        rows: 2,
+    };
+    let wide = plan.finish(&margin).unwrap();
+    // 10 - 2 - 1 to 12 + 2 + 2, and 31 + 2 + 4 where the ninth row is near.
+    assert_eq!([0, 8, 16].map(|y| wide.row(y)), [[7, 37], [7, 37], [7, 16]]);
+    plan.add(3, [-50, 500]);
+    assert_eq!(plan.finish(&margin).unwrap().row(3), [0, 63]);
+}
+
+#[test]
+fn a_plane_is_where_its_rays_meet_it() {
+    let geometry = Geometry {
+        focal_px: 300.0,
+        centre: [159.5, 79.5],
+        baseline_m: 0.1,
+        offset_px: 0.0,
+    };
+    // The ground 1.5 m below a camera that looks ahead and is rolled a little.
+    let roll: f64 = 0.05;
+    let plane = Plane {
+        normal: [roll.sin(), roll.cos(), 0.0],
+        distance_m: 1.5,
+    };
+    let mut plan = Plan::new(&Band::full(0, 64, 160).unwrap());
+    for y in 0..160 {
+        plan.add(y, [1, 1]);
+    }
+    plan.add_plane(&geometry, 320, &plane);
+    let band = plan.finish(&NONE).unwrap();
+    for (x, y) in [(0, 150), (319, 150), (200, 100), (319, 95)] {
+        // Where the ray of this pixel meets the ground.
+        let ray = [
+            (f64::from(x) - 159.5) / 300.0,
+            (f64::from(y) - 79.5) / 300.0,
+        ];
+        let depth = 1.5 / (ray[0] * roll.sin() + ray[1] * roll.cos());
+        let disparity = geometry.disparity_px(depth);
+        let [low, high] = band.row(y as usize).map(f64::from);
+        assert!(
+            low <= disparity && disparity <= high,
+            "{x} {y} {disparity} {low} {high}"
+        );
+        assert!(high <= disparity + 3.0, "{high} {disparity}");
+    }
+    // Above the horizon there is none.
+    assert_eq!(band.row(20), [1, 1]);
+}
+
+#[test]
+fn a_probe_finds_what_came_in() {
+    let mut random = Random(61);
+    let (width, height) = (256, 96);
+    let wide = width + 80;
+    let (back, front) = (random.scene(wide, height), random.scene(wide, height));
+    let mut eyes = [vec![0; width * height], vec![0; width * height]];
+    for (eye, pixels) in eyes.iter_mut().enumerate() {
+        for (i, pixel) in pixels.iter_mut().enumerate() {
+            let (x, y) = (i % width, i / width);
+            // All at 6 px, but for a box of 40 x 32 pixels at 48 px.
+            let of_box = x + 48 * eye;
+            *pixel = match (100..140).contains(&of_box) && (30..62).contains(&y) {
+                true => front[y * wide + of_box],
+                false => back[y * wide + x + 6 * eye],
+            };
+        }
+    }
+    let full = Band::full(0, 128, height).unwrap();
+    let mut probe = Probe::new(&full, width).unwrap().unwrap();
+    let pictures = [0, 1].map(|eye| Picture::new(width, height, &eyes[eye]).unwrap());
+    let mut plan = Plan::new(&full);
+    probe.look(&pictures[0], &pictures[1], &mut plan).unwrap();
+    let band = plan.finish(&Margin::WALK).unwrap();
+    let holds = |y: usize, d: i32| band.row(y)[0] <= d && d <= band.row(y)[1];
+    assert!((0..height).all(|y| holds(y, 6)), "{band:?}");
+    assert!((34..58).all(|y| holds(y, 48)), "{band:?}");
+    assert!(band.row(0)[1] < 48, "{band:?}");
+    let other = Picture::new(128, 64, &eyes[0][..128 * 64]).unwrap();
+    assert!(probe.look(&other, &other, &mut plan).is_err());
+}
+
+#[test]
+fn small_pictures_have_no_coarse_look() {
+    let full = Band::full(0, 16, 40).unwrap();
+    assert!(Probe::new(&full, 300).unwrap().is_none());
+}

@@ -1,0 +1,323 @@
+//! Sums over cells of 4x4 pixels and over the 3x3 cells around each: what is near a pixel, at little cost.
+//!
+//! Contract: a pixel's surroundings are the 12x12 pixels of its cell and the eight cells around it, as far as they are in the picture.
+
+use rayon::prelude::*;
+
+use crate::picture::Picture;
+
+/// Side of a cell, px.
+pub(crate) const SIDE: usize = 4;
+
+/// Something for each cell, rows first.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Cells<T> {
+    columns: usize,
+    cells: Vec<T>,
+}
+
+impl<T: Copy + Default + Send + Sync> Cells<T> {
+    /// Of a picture of this size: `of` says what is in a cell, given the ranges of its columns and rows.
+    fn each(
+        &mut self,
+        [width, height]: [usize; 2],
+        of: impl Fn(std::ops::Range<usize>, std::ops::Range<usize>) -> T + Sync,
+    ) {
+        self.columns = width.div_ceil(SIDE);
+        let rows = height.div_ceil(SIDE);
+        self.cells.resize(self.columns * rows, T::default());
+        let cells = self.cells.par_chunks_exact_mut(self.columns).enumerate();
+        cells.for_each(|(row, cells)| {
+            let ys = row * SIDE..((row + 1) * SIDE).min(height);
+            for (column, cell) in cells.iter_mut().enumerate() {
+                let xs = column * SIDE..((column + 1) * SIDE).min(width);
+                *cell = of(xs, ys.clone());
+            }
+        });
+    }
+
+    /// Puts each cell together with its neighbours: `join` puts two together.
+    fn around(&self, joined: &mut Self, join: impl Fn(T, T) -> T + Sync) {
+        let columns = self.columns;
+        joined.columns = columns;
+        joined.cells.resize(self.cells.len(), T::default());
+        let rows = self.cells.len() / columns.max(1);
+        let cells = joined
+            .cells
+            .par_chunks_exact_mut(columns.max(1))
+            .enumerate();
+        cells.for_each_init(Vec::new, |column, (row, cells)| {
+            column.clear();
+            column.extend_from_slice(&self.cells[row * columns..(row + 1) * columns]);
+            for other in [row.wrapping_sub(1), row + 1] {
+                if other < rows {
+                    let other = &self.cells[other * columns..(other + 1) * columns];
+                    for (a, b) in column.iter_mut().zip(other) {
+                        *a = join(*a, *b);
+                    }
+                }
+            }
+            for (x, cell) in cells.iter_mut().enumerate() {
+                *cell = column[x];
+                for other in [x.wrapping_sub(1), x + 1] {
+                    if let Some(other) = column.get(other) {
+                        *cell = join(*cell, *other);
+                    }
+                }
+            }
+        });
+    }
+
+    /// The cell of a pixel.
+    pub(crate) fn at(&self, x: usize, y: usize) -> T {
+        self.cells[y / SIDE * self.columns + x / SIDE]
+    }
+}
+
+/// What a map has near a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Near {
+    /// The least and the greatest disparity, px.
+    pub(crate) least: f32,
+    pub(crate) greatest: f32,
+    /// Pixels with one.
+    pub(crate) found: u16,
+    /// Pixels.
+    pub(crate) all: u16,
+}
+
+impl Default for Near {
+    fn default() -> Self {
+        Self {
+            least: f32::INFINITY,
+            greatest: f32::NEG_INFINITY,
+            found: 0,
+            all: 0,
+        }
+    }
+}
+
+/// Surroundings of every pixel of a map; NaN is absent.
+#[derive(Debug, Default)]
+pub(crate) struct Surroundings {
+    own: Cells<Near>,
+    pub(crate) near: Cells<Near>,
+}
+
+impl Surroundings {
+    pub(crate) fn look(&mut self, width: usize, map: &[f32]) {
+        let height = map.len() / width;
+        self.own.each([width, height], |xs, ys| {
+            let mut near = Near::default();
+            for y in ys {
+                for value in &map[y * width + xs.start..y * width + xs.end] {
+                    near.all += 1;
+                    // Not for NaN.
+                    if *value >= f32::NEG_INFINITY {
+                        near.found += 1;
+                        near.least = near.least.min(*value);
+                        near.greatest = near.greatest.max(*value);
+                    }
+                }
+            }
+            near
+        });
+        self.own.around(&mut self.near, |a, b| Near {
+            least: a.least.min(b.least),
+            greatest: a.greatest.max(b.greatest),
+            found: a.found + b.found,
+            all: a.all + b.all,
+        });
+    }
+}
+
+/// What two pictures have in common: sums over pixels of one and those that they lead to in the other.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Likeness {
+    count: u32,
+    sums: [u32; 2],
+    squares: [u32; 2],
+    product: u32,
+}
+
+/// With less pixels nothing is alike.
+const FEWEST: u32 = 24;
+/// Grey levels of both that are as good as even, multiplied: they do not make anything alike.
+const EVEN: f32 = 0.1;
+
+impl Likeness {
+    fn add(&mut self, left: u8, right: u8) {
+        let pair = [left, right].map(u32::from);
+        self.count += 1;
+        for (k, value) in pair.into_iter().enumerate() {
+            self.sums[k] += value;
+            self.squares[k] += value * value;
+        }
+        self.product += pair[0] * pair[1];
+    }
+
+    fn join(self, other: Self) -> Self {
+        let add = |a: [u32; 2], b: [u32; 2]| [a[0] + b[0], a[1] + b[1]];
+        Self {
+            count: self.count + other.count,
+            sums: add(self.sums, other.sums),
+            squares: add(self.squares, other.squares),
+            product: self.product + other.product,
+        }
+    }
+
+    /// Correlation of the two, -1 to 1.
+    pub(crate) fn correlation(self) -> f32 {
+        if self.count < FEWEST {
+            return 0.0;
+        }
+        // Whole numbers up to the last step: sums of squares are far larger than what is left of them.
+        let [n, a, b] = [self.count, self.sums[0], self.sums[1]].map(i64::from);
+        let spread = |square: u32, sum: i64| (n * i64::from(square) - sum * sum) as f32;
+        let spreads = spread(self.squares[0], a) * spread(self.squares[1], b);
+        let common = (n * i64::from(self.product) - a * b) as f32;
+        common / (spreads.max(0.0).sqrt() + EVEN * (n * n) as f32)
+    }
+}
+
+/// How much alike two pictures are around every pixel of the left one, as a map relates them.
+#[derive(Debug, Default)]
+pub(crate) struct Alike {
+    own: Cells<Likeness>,
+    joined: Cells<Likeness>,
+    /// Correlations.
+    pub(crate) near: Cells<f32>,
+}
+
+impl Alike {
+    pub(crate) fn look(&mut self, left: &Picture<'_>, right: &Picture<'_>, map: &[f32]) {
+        let width = left.width();
+        self.own.each([width, left.height()], |xs, ys| {
+            let mut likeness = Likeness::default();
+            for y in ys {
+                let (left, right) = (left.row(y), right.row(y));
+                for x in xs.clone() {
+                    // Not a number becomes 0, and is left out after that.
+                    let disparity = map[y * width + x];
+                    let there = x as i32 - (disparity + 0.5).floor() as i32;
+                    let other = usize::try_from(there).ok().and_then(|x| right.get(x));
+                    if let (Some(other), false) = (other, disparity.is_nan()) {
+                        likeness.add(left[x], *other);
+                    }
+                }
+            }
+            likeness
+        });
+        self.own.around(&mut self.joined, Likeness::join);
+        self.near.columns = self.joined.columns;
+        self.near.cells.clear();
+        let correlations = self.joined.cells.par_iter().map(|l| l.correlation());
+        self.near.cells.par_extend(correlations);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::twin::Random;
+
+    /// The pixels around a pixel.
+    fn around(width: usize, height: usize, x: usize, y: usize) -> Vec<(usize, usize)> {
+        let reach = |v: usize, most: usize| {
+            let cell = v / SIDE * SIDE;
+            cell.saturating_sub(SIDE)..(cell + 2 * SIDE).min(most)
+        };
+        let columns = reach(x, width);
+        let row = |y| columns.clone().map(move |x| (x, y));
+        reach(y, height).flat_map(row).collect()
+    }
+
+    #[test]
+    fn surroundings_are_twelve_by_twelve() {
+        let mut random = Random(41);
+        for (width, height) in [(1, 1), (9, 13), (33, 18)] {
+            let map: Vec<f32> = (0..width * height)
+                .map(|_| match random.below(3) {
+                    0 => f32::NAN,
+                    _ => random.below(50) as f32,
+                })
+                .collect();
+            let mut surroundings = Surroundings::default();
+            surroundings.look(width, &map);
+            for (x, y) in [(0, 0), (width - 1, height - 1), (width / 2, height / 2)] {
+                let near = around(width, height, x, y);
+                let values: Vec<f32> = near.iter().map(|(x, y)| map[y * width + x]).collect();
+                let found: Vec<f32> = values.iter().copied().filter(|v| !v.is_nan()).collect();
+                let seen = surroundings.near.at(x, y);
+                assert_eq!(usize::from(seen.all), values.len());
+                assert_eq!(usize::from(seen.found), found.len());
+                assert_eq!(
+                    seen.least,
+                    found.iter().copied().fold(f32::INFINITY, f32::min)
+                );
+                let greatest = found.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+                assert_eq!(seen.greatest, greatest);
+            }
+        }
+    }
+
+    #[test]
+    fn correlations_are_those_of_the_pixels() {
+        let mut random = Random(42);
+        let (width, height) = (37, 22);
+        let left = random.picture(width, height);
+        let noise = random.picture(width, height);
+        let right: Vec<u8> = left
+            .iter()
+            .zip(&noise)
+            .map(|(a, b)| a / 2 + b / 4)
+            .collect();
+        let map: Vec<f32> = (0..width * height)
+            .map(|_| match random.below(4) {
+                0 => f32::NAN,
+                k => k as f32 * 3.0 - 2.7,
+            })
+            .collect();
+        let pictures = [&left, &right].map(|eye| Picture::new(width, height, eye).unwrap());
+        let mut alike = Alike::default();
+        alike.look(&pictures[0], &pictures[1], &map);
+        for (x, y) in [(0, 0), (7, 5), (18, 11), (30, 15)] {
+            let mut pairs = Vec::new();
+            for (x, y) in around(width, height, x, y) {
+                let disparity = map[y * width + x];
+                let there = x as f32 - disparity.round();
+                if !disparity.is_nan() && there >= 0.0 && there < width as f32 {
+                    let at = |eye: &[u8], x: usize| f64::from(eye[y * width + x]);
+                    pairs.push([at(&left, x), at(&right, there as usize)]);
+                }
+            }
+            let count = pairs.len() as f64;
+            let mean = [0, 1].map(|k| pairs.iter().map(|p| p[k]).sum::<f64>() / count);
+            let common = |a: usize, b: usize| {
+                let of = pairs.iter().map(|p| (p[a] - mean[a]) * (p[b] - mean[b]));
+                of.sum::<f64>() / count
+            };
+            let whole = (common(0, 0) * common(1, 1)).sqrt() + 0.1;
+            let enough = f64::from(u8::from(count >= f64::from(FEWEST)));
+            let expected = enough * common(0, 1) / whole;
+            let found = f64::from(alike.near.at(x, y));
+            assert!((found - expected).abs() < 1e-3, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn what_is_even_is_not_alike() {
+        let even = vec![70; 30 * 20];
+        let picture = Picture::new(30, 20, &even).unwrap();
+        let mut alike = Alike::default();
+        alike.look(&picture, &picture, &vec![0.0; 30 * 20]);
+        assert_eq!(alike.near.at(9, 9), 0.0);
+        let mut random = Random(43);
+        let scene = random.scene(30, 20);
+        let picture = Picture::new(30, 20, &scene).unwrap();
+        alike.look(&picture, &picture, &vec![0.0; 30 * 20]);
+        assert!(alike.near.at(9, 9) > 0.99);
+        alike.look(&picture, &picture, &vec![f32::NAN; 30 * 20]);
+        assert_eq!(alike.near.at(9, 9), 0.0);
+    }
+}

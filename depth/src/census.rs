@@ -1,0 +1,268 @@
+//! What of a picture is compared: census codes, and grey levels.
+//!
+//! A census code says of several pairs of pixels near a place which one is the brighter. It does not change with exposure or gain of an
+//! eye, which is why it is compared rather than grey levels alone (Zabih and Woodfill, "Non-parametric local transforms for
+//! computing visual correspondence", ECCV 1994). [`Census::Opposite9x7`] compares opposite pixels of a window and needs half as
+//! many bits for as much of it (Spangenberg, Langner and Rojas, "Weighted semi-global matching and center-symmetric census
+//! transform for robust driver assistance", CAIP 2013). Beyond the picture its border goes on.
+//!
+//! Codes lie as bytes, one plane after the other for each row, so that a vector holds one byte of the codes of many columns.
+//! The last plane is the grey level, halved: steps of less than two levels are noise.
+
+use rayon::prelude::*;
+
+use crate::lanes::{Kernel, Lanes, Level};
+use crate::picture::Picture;
+
+/// Which pixels are compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Census {
+    /// The middle with the 24 others of 5x5 pixels.
+    Full5x5,
+    /// The middle with the 48 others of 7x7 pixels.
+    Full7x7,
+    /// Opposite pixels of 9 columns x 7 rows: 31 bits. For pictures with much noise.
+    Opposite9x7,
+}
+
+/// From the middle to one pixel and to the other: columns and rows.
+pub(crate) type Pair = [(i32, i32); 2];
+
+impl Census {
+    /// A bit is set where the first of a pair is the brighter one. Eight pairs make a byte, the first one its highest bit.
+    pub(crate) fn pairs(self) -> Vec<Pair> {
+        let window = |columns: i32, rows: i32| {
+            let columns = move |y| (-columns..=columns).map(move |x| (x, y));
+            (-rows..=rows).flat_map(columns)
+        };
+        let full = |reach: i32| -> Vec<Pair> {
+            let others = window(reach, reach).filter(|p| *p != (0, 0));
+            others.map(|p| [p, (0, 0)]).collect()
+        };
+        match self {
+            Self::Full5x5 => full(2),
+            Self::Full7x7 => full(3),
+            Self::Opposite9x7 => {
+                let half = window(4, 3).filter(|(x, y)| (*y, *x) < (0, 0));
+                half.map(|(x, y)| [(x, y), (-x, -y)]).collect()
+            }
+        }
+    }
+
+    /// How far the pixels are from the middle, at most.
+    pub(crate) fn reach(self) -> usize {
+        match self {
+            Self::Full5x5 => 2,
+            Self::Full7x7 => 3,
+            Self::Opposite9x7 => 4,
+        }
+    }
+
+    /// Bits of a code.
+    pub(crate) fn bits(self) -> u8 {
+        match self {
+            Self::Full5x5 => 24,
+            Self::Full7x7 => 48,
+            Self::Opposite9x7 => 31,
+        }
+    }
+
+    /// Bytes of a code.
+    pub(crate) fn planes(self) -> usize {
+        usize::from(self.bits()).div_ceil(8)
+    }
+}
+
+/// How codes lie in memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Layout {
+    /// Free bytes before the columns of each row.
+    pub(crate) before: usize,
+    /// Free bytes behind them.
+    pub(crate) behind: usize,
+    /// Whether columns come in falling order.
+    pub(crate) mirrored: bool,
+}
+
+/// The codes of a picture. Free bytes are 0.
+#[derive(Debug, Default)]
+pub(crate) struct Codes {
+    bytes: Vec<u8>,
+    planes: usize,
+    stride: usize,
+}
+
+impl Codes {
+    /// One plane of a row with its free bytes.
+    pub(crate) fn plane(&self, y: usize, plane: usize) -> &[u8] {
+        let at = (y * (self.planes + 1) + plane) * self.stride;
+        &self.bytes[at..at + self.stride]
+    }
+
+    /// The halved grey levels of a row.
+    pub(crate) fn grey(&self, y: usize) -> &[u8] {
+        self.plane(y, self.planes)
+    }
+
+    /// Computes them anew.
+    pub(crate) fn compute(
+        &mut self,
+        level: Level,
+        census: Census,
+        picture: &Picture<'_>,
+        layout: Layout,
+    ) {
+        let (width, height) = (picture.width(), picture.height());
+        let reach = census.reach();
+        let pairs = census.pairs();
+        let columns = width.next_multiple_of(level.lanes());
+        let padded = Padded::new(picture, reach, columns - width);
+        self.planes = census.planes();
+        self.stride = layout.before + width + layout.behind;
+        self.bytes.clear();
+        self.bytes
+            .resize(height * (self.planes + 1) * self.stride, 0);
+        let of_row = (self.planes + 1) * self.stride;
+        let rows = self.bytes.par_chunks_mut(of_row).enumerate();
+        rows.for_each_init(
+            || vec![0; columns],
+            |row, (y, codes)| {
+                let planes = codes.chunks_mut(self.stride);
+                // The last plane has no pairs: it is the grey level.
+                let bits = pairs.chunks(8).chain([&[][..]]);
+                for (pairs, plane) in bits.zip(planes) {
+                    let plane = &mut plane[layout.before..layout.before + width];
+                    if pairs.is_empty() {
+                        let halved = picture.row(y).iter().map(|v| v / 2);
+                        plane.iter_mut().zip(halved).for_each(|(to, v)| *to = v);
+                    } else {
+                        level.run(Bits {
+                            padded: &padded,
+                            y,
+                            pairs,
+                            row,
+                        });
+                        plane.copy_from_slice(&row[..width]);
+                    }
+                    if layout.mirrored {
+                        plane.reverse();
+                    }
+                }
+            },
+        );
+    }
+}
+
+/// A picture with its border repeated `reach` times at each side, and `more` at the right.
+pub(crate) struct Padded {
+    pixels: Vec<u8>,
+    stride: usize,
+    reach: usize,
+}
+
+impl Padded {
+    pub(crate) fn new(picture: &Picture<'_>, reach: usize, more: usize) -> Self {
+        let (width, height) = (picture.width(), picture.height());
+        let stride = width + 2 * reach + more;
+        let mut pixels = Vec::with_capacity(stride * (height + 2 * reach));
+        for y in 0..height + 2 * reach {
+            let row = picture.row(y.saturating_sub(reach).min(height - 1));
+            pixels.extend(std::iter::repeat_n(row[0], reach));
+            pixels.extend_from_slice(row);
+            pixels.extend(std::iter::repeat_n(row[width - 1], reach + more));
+        }
+        Self {
+            pixels,
+            stride,
+            reach,
+        }
+    }
+
+    /// The row `dy` below `y` from `dx` to the right of the first column on.
+    #[inline(always)]
+    pub(crate) fn row(&self, y: usize, (dx, dy): (i32, i32)) -> &[u8] {
+        let y = (y + self.reach).wrapping_add_signed(dy as isize);
+        let x = self.reach.wrapping_add_signed(dx as isize);
+        &self.pixels[y * self.stride + x..(y + 1) * self.stride]
+    }
+}
+
+/// One byte of the codes of a row; its length is whole vectors.
+struct Bits<'a> {
+    padded: &'a Padded,
+    y: usize,
+    pairs: &'a [Pair],
+    row: &'a mut [u8],
+}
+
+impl Kernel for Bits<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let none: (&[u8], &[u8]) = (&[], &[]);
+        let mut rows = [none; 8];
+        let count = self.pairs.len();
+        for (rows, pair) in rows.iter_mut().zip(self.pairs) {
+            *rows = (
+                self.padded.row(self.y, pair[0]),
+                self.padded.row(self.y, pair[1]),
+            );
+            assert!(rows.0.len() >= self.row.len() && rows.1.len() >= self.row.len());
+        }
+        assert!(self.row.len().is_multiple_of(V::COUNT));
+        let one = V::splat(1);
+        for at in (0..self.row.len()).step_by(V::COUNT) {
+            let mut code = V::splat(0);
+            for (a, b) in &rows[..count] {
+                // SAFETY: all rows are at least as long as the one that is written, which is whole vectors long.
+                let brighter =
+                    unsafe { V::load(a.as_ptr().add(at)).sub(V::load(b.as_ptr().add(at))) };
+                code = code.add(code).add(brighter.min(one));
+            }
+            // A last byte with fewer bits has them at the low end; both eyes do.
+            // SAFETY: as above.
+            unsafe { code.store(self.row.as_mut_ptr().add(at)) };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::twin::{self, Random};
+
+    #[test]
+    fn codes_are_those_of_the_twin() {
+        let mut random = Random(3);
+        for (width, height) in [(1, 1), (5, 3), (70, 9), (131, 7)] {
+            let pixels = random.picture(width, height);
+            let picture = Picture::new(width, height, &pixels).unwrap();
+            for census in [Census::Full5x5, Census::Full7x7, Census::Opposite9x7] {
+                assert_eq!(census.pairs().len(), usize::from(census.bits()));
+                for (level, mirrored) in twin::with_levels([false, true]) {
+                    let mut codes = Codes::default();
+                    let layout = Layout {
+                        before: 3,
+                        behind: 2,
+                        mirrored,
+                    };
+                    codes.compute(level, census, &picture, layout);
+                    for y in 0..height {
+                        for x in 0..width {
+                            let at = if mirrored { width - 1 - x } else { x };
+                            let expected = twin::code(&picture, census, x, y);
+                            // The last byte may have fewer bits.
+                            let found = (0..census.planes()).fold(0u64, |code, p| {
+                                let bits = census.pairs()[8 * p..].len().min(8);
+                                code << bits | u64::from(codes.plane(y, p)[3 + at])
+                            });
+                            assert_eq!(found, expected, "{census:?} {level:?} {x} {y}");
+                            assert_eq!(codes.grey(y)[3 + at], pixels[y * width + x] / 2);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}

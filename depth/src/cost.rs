@@ -1,0 +1,179 @@
+//! What it costs to take two pixels for the same place.
+//!
+//! The number of bits in which their census codes differ, and the difference of their halved grey levels up to a limit
+//! ([`crate::Settings::grey`]). Disparities that lead out of the right picture, or out of the band, cost [`OUT`], which
+//! no path makes cheaper, so that they never win.
+
+use crate::census::Codes;
+use crate::lanes::{Kernel, Lanes};
+
+/// What cannot be.
+pub(crate) const OUT: u8 = u8::MAX;
+
+/// The costs of a row: those of column `x` from `x * stride` on, of which lanes `start` to `start + lanes` are computed.
+pub(crate) struct CostRow<'a> {
+    pub(crate) left: &'a Codes,
+    /// Mirrored, with at least `stride` free bytes beyond the left end of the picture.
+    pub(crate) right: &'a Codes,
+    pub(crate) planes: usize,
+    /// Most that grey levels may cost.
+    pub(crate) grey: u8,
+    pub(crate) y: usize,
+    /// Where in the right rows the first disparity of column 0 is; that of column `x` is `x` before it.
+    pub(crate) origin: usize,
+    /// Columns of the right picture that the first disparity of column 0 lies to the left of its first one.
+    pub(crate) first: i32,
+    pub(crate) width: usize,
+    pub(crate) stride: usize,
+    pub(crate) start: usize,
+    pub(crate) lanes: usize,
+    /// For each lane of a column: [`OUT`] where it is out of the band, else 0.
+    pub(crate) out: &'a [u8],
+    pub(crate) costs: &'a mut [u8],
+}
+
+impl Kernel for CostRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        match (self.planes, self.grey > 0) {
+            (3, false) => self.planes::<V, 3, false>(),
+            (3, true) => self.planes::<V, 3, true>(),
+            (4, false) => self.planes::<V, 4, false>(),
+            (4, true) => self.planes::<V, 4, true>(),
+            (6, false) => self.planes::<V, 6, false>(),
+            (6, true) => self.planes::<V, 6, true>(),
+            (planes, _) => unreachable!("no census has codes of {planes} bytes"),
+        }
+    }
+}
+
+impl CostRow<'_> {
+    #[inline(always)]
+    fn planes<V: Lanes, const P: usize, const GREY: bool>(self) {
+        let (width, stride) = (self.width, self.stride);
+        let none: &[u8] = &[];
+        let (mut left, mut right) = ([none; P], [none; P]);
+        for p in 0..P {
+            left[p] = self.left.plane(self.y, p);
+            right[p] = self.right.plane(self.y, p);
+        }
+        let (left_grey, right_grey) = (self.left.grey(self.y), self.right.grey(self.y));
+        assert!(left_grey.len() >= width && self.origin + 1 >= width);
+        assert!(right_grey.len() >= self.origin + stride);
+        assert!(left.iter().all(|row| row.len() == left_grey.len()));
+        assert!(right.iter().all(|row| row.len() == right_grey.len()));
+        assert!(self.costs.len() >= width * stride && self.out.len() >= stride);
+        assert!(self.start + self.lanes <= stride && self.lanes.is_multiple_of(V::COUNT));
+        let most = V::splat(self.grey);
+        for x in 0..width {
+            let mut code = [V::splat(0); P];
+            for p in 0..P {
+                code[p] = V::splat(left[p][x]);
+            }
+            let grey = V::splat(left_grey[x]);
+            let mut lane = self.start;
+            while lane < self.start + self.lanes {
+                let at = self.origin - x + lane;
+                // SAFETY: rows of the right picture reach a stride beyond the origin, and `x` is at most the origin; the
+                // lanes are within a stride, and the costs are as many as columns times the stride.
+                unsafe {
+                    let mut cost = V::load(self.out.as_ptr().add(lane));
+                    for p in 0..P {
+                        let other = V::load(right[p].as_ptr().add(at));
+                        cost = cost.add(code[p].xor(other).count_ones());
+                    }
+                    if GREY {
+                        let other = V::load(right_grey.as_ptr().add(at));
+                        let apart = grey.sub(other).or(other.sub(grey));
+                        cost = cost.add(apart.min(most));
+                    }
+                    cost.store(self.costs.as_mut_ptr().add(x * stride + lane));
+                }
+                lane += V::COUNT;
+            }
+        }
+        // Disparity lane d of column x is column x - first - d of the right picture.
+        let (start, end) = (self.start, self.start + self.lanes);
+        for x in 0..width {
+            let zero = x as i64 - i64::from(self.first);
+            let last = (zero + 1).clamp(start as i64, end as i64) as usize;
+            let begin = (zero - width as i64 + 1).clamp(start as i64, end as i64) as usize;
+            if last < end {
+                self.costs[x * stride..][last..end].fill(OUT);
+            }
+            if begin > start {
+                self.costs[x * stride..][start..begin].fill(OUT);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::census::{Census, Layout};
+    use crate::picture::Picture;
+    use crate::twin::{self, Random};
+
+    #[test]
+    fn costs_are_those_of_the_twin() {
+        let mut random = Random(5);
+        let (width, height) = (53, 4);
+        let (a, b) = (random.picture(width, height), random.picture(width, height));
+        let left = Picture::new(width, height, &a).unwrap();
+        let right = Picture::new(width, height, &b).unwrap();
+        for (level, first) in twin::with_levels([-3, 0, 7]) {
+            for (census, grey) in [
+                (Census::Full5x5, 0),
+                (Census::Full7x7, 8),
+                (Census::Opposite9x7, 20),
+            ] {
+                let stride = 128;
+                let before = 3;
+                let layout = Layout {
+                    before,
+                    behind: 7 + stride,
+                    mirrored: true,
+                };
+                let mut codes = [Codes::default(), Codes::default()];
+                codes[0].compute(level, census, &left, Layout::default());
+                codes[1].compute(level, census, &right, layout);
+                let mut out = vec![0; stride];
+                out[..5].fill(OUT);
+                out[90..].fill(OUT);
+                for y in 0..height {
+                    let mut costs = vec![77; width * stride];
+                    level.run(CostRow {
+                        left: &codes[0],
+                        right: &codes[1],
+                        planes: census.planes(),
+                        grey,
+                        y,
+                        origin: (before as i32 + width as i32 - 1 + first) as usize,
+                        first,
+                        width,
+                        stride,
+                        start: 64,
+                        lanes: 64,
+                        out: &out,
+                        costs: &mut costs,
+                    });
+                    for (i, found) in costs.into_iter().enumerate() {
+                        let (x, lane) = (i % (width * stride) / stride, i % stride);
+                        let expected = match (lane >= 64, out[lane]) {
+                            (false, _) => 77,
+                            (true, OUT) => OUT,
+                            _ => {
+                                let disparity = first + lane as i32;
+                                twin::cost(&left, &right, census, grey, x, y, disparity)
+                            }
+                        };
+                        assert_eq!(found, expected, "{level:?} {census:?} {x} {lane}");
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,166 @@
+//! How good a map is, where the truth is known.
+//!
+//! Contract: only pixels count that both eyes see and whose truth is known. A map that says nothing where it is hard looks good in the
+//! share of errors among its answers ([`Scores::bad`]), so that is never told without the density, and
+//! [`Scores::bad_of_all`] counts what is absent as an error.
+
+use crate::error::DepthError;
+use crate::map::DisparityMap;
+
+/// What is true of a left picture; rows first.
+#[derive(Clone, Copy, Debug)]
+pub struct Truth<'a> {
+    /// px; NaN where it is not known.
+    pub disparity: &'a [f32],
+    /// Whether the right eye sees the same place.
+    pub visible: &'a [bool],
+}
+
+/// Errors above which a pixel is bad, px.
+pub const BAD_PX: [f32; 4] = [0.5, 1.0, 2.0, 3.0];
+
+/// Counts, from which shares follow; those of several pictures can be added.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Scores {
+    /// Pixels that count.
+    pub pixels: u64,
+    /// Those that have a disparity.
+    pub found: u64,
+    /// Those that are off by more than each of [`BAD_PX`].
+    pub off: [u64; BAD_PX.len()],
+    /// Sum of errors of those found, px.
+    pub error_px: f64,
+    /// Those found whose error is at most two sigma.
+    pub inside: u64,
+}
+
+impl Scores {
+    /// Compares a map with the truth.
+    ///
+    /// # Errors
+    /// [`DepthError::Size`] where they are not of one size.
+    pub fn of(map: &DisparityMap, truth: Truth<'_>) -> Result<Self, DepthError> {
+        let count = map.disparity.len();
+        for found in [truth.disparity.len(), truth.visible.len(), map.sigma.len()] {
+            if found != count {
+                return Err(DepthError::Size {
+                    eye: "true",
+                    found: [found / map.width.max(1), map.width],
+                    expected: [map.height, map.width],
+                });
+            }
+        }
+        let mut scores = Self::default();
+        for i in 0..count {
+            if !truth.visible[i] || truth.disparity[i].is_nan() {
+                continue;
+            }
+            scores.pixels += 1;
+            if map.disparity[i].is_nan() {
+                continue;
+            }
+            scores.found += 1;
+            let error = (map.disparity[i] - truth.disparity[i]).abs();
+            for (off, limit) in scores.off.iter_mut().zip(BAD_PX) {
+                *off += u64::from(error > limit);
+            }
+            scores.error_px += f64::from(error);
+            scores.inside += u64::from(error <= 2.0 * map.sigma[i]);
+        }
+        Ok(scores)
+    }
+
+    /// Adds those of another picture.
+    pub fn add(&mut self, other: &Self) {
+        self.pixels += other.pixels;
+        self.found += other.found;
+        for (off, other) in self.off.iter_mut().zip(other.off) {
+            *off += other;
+        }
+        self.error_px += other.error_px;
+        self.inside += other.inside;
+    }
+
+    /// Share of pixels that have a disparity.
+    pub fn density(&self) -> f64 {
+        share(self.found, self.pixels)
+    }
+
+    /// Share of the disparities that are off by more than the `k`-th of [`BAD_PX`].
+    pub fn bad(&self, k: usize) -> f64 {
+        share(self.off[k], self.found)
+    }
+
+    /// Share of all pixels that are off by more, or absent.
+    pub fn bad_of_all(&self, k: usize) -> f64 {
+        share(self.off[k] + self.pixels - self.found, self.pixels)
+    }
+
+    /// Mean error of the disparities, px.
+    pub fn mean_error_px(&self) -> f64 {
+        self.error_px / self.found.max(1) as f64
+    }
+
+    /// Share of the disparities that are within two sigma of the truth.
+    pub fn inside(&self) -> f64 {
+        share(self.inside, self.found)
+    }
+}
+
+fn share(part: u64, all: u64) -> f64 {
+    part as f64 / all.max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn map(disparity: Vec<f32>, sigma: f32) -> DisparityMap {
+        DisparityMap {
+            width: disparity.len(),
+            height: 1,
+            sigma: vec![sigma; disparity.len()],
+            disparity,
+        }
+    }
+
+    #[test]
+    fn shares_are_those_of_visible_pixels_with_truth() {
+        let nan = f32::NAN;
+        let truth = Truth {
+            disparity: &[10.0, 10.0, 10.0, 10.0, nan, 10.0],
+            visible: &[true, true, true, true, true, false],
+        };
+        let map = map(vec![10.4, 11.5, nan, 14.0, 99.0, 99.0], 0.8);
+        let scores = Scores::of(&map, truth).unwrap();
+        assert_eq!((scores.pixels, scores.found), (4, 3));
+        assert_eq!(scores.off, [2, 2, 1, 1]);
+        assert_eq!(scores.density(), 0.75);
+        assert_eq!(scores.bad(2), 1.0 / 3.0);
+        assert_eq!(scores.bad_of_all(2), 0.5);
+        assert!((scores.mean_error_px() - 5.9 / 3.0).abs() < 1e-6);
+        assert_eq!(scores.inside(), 2.0 / 3.0);
+        let mut twice = scores;
+        twice.add(&scores);
+        assert_eq!((twice.pixels, twice.density()), (8, 0.75));
+    }
+
+    #[test]
+    fn nothing_is_no_division() {
+        let truth = Truth {
+            disparity: &[],
+            visible: &[],
+        };
+        let scores = Scores::of(&map(vec![], 1.0), truth).unwrap();
+        assert_eq!((scores.density(), scores.mean_error_px()), (0.0, 0.0));
+    }
+
+    #[test]
+    fn other_sizes_are_refused() {
+        let truth = Truth {
+            disparity: &[1.0],
+            visible: &[true],
+        };
+        assert!(Scores::of(&map(vec![1.0, 2.0], 1.0), truth).is_err());
+    }
+}

@@ -1,0 +1,152 @@
+//! What comes out: a disparity and its sigma for each pixel, and how far away that is.
+
+use crate::error::DepthError;
+
+/// Disparities of the left picture, rows first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DisparityMap {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// How far to the left of its place in the left picture a point is in the right one, px; NaN where nothing can be told.
+    pub disparity: Vec<f32>,
+    /// Half of the error that 95 % of such disparities stay below, px; NaN with the disparity.
+    pub sigma: Vec<f32>,
+}
+
+/// Distances along the optical axis, rows first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DepthMap {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// m; NaN where nothing can be told.
+    pub depth_m: Vec<f32>,
+    /// m, to first order of the disparity's; NaN with the depth.
+    pub sigma_m: Vec<f32>,
+}
+
+/// A rectified pair of cameras.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Geometry {
+    /// Focal length of both, px.
+    pub focal_px: f64,
+    /// Principal point of the left camera, px.
+    pub centre: [f64; 2],
+    /// Distance of the two, m.
+    pub baseline_m: f64,
+    /// Principal point of the right camera less that of the left one along x, px; 0 for most pairs.
+    pub offset_px: f64,
+}
+
+impl Geometry {
+    /// # Errors
+    /// [`DepthError::Geometry`] for a focal length or baseline that is not above 0, or what is not finite.
+    pub fn check(&self) -> Result<(), DepthError> {
+        let lengths = [self.focal_px, self.baseline_m];
+        let others = [self.centre[0], self.centre[1], self.offset_px];
+        let fine = lengths.iter().all(|v| *v > 0.0 && v.is_finite());
+        if fine && others.iter().all(|v| v.is_finite()) {
+            return Ok(());
+        }
+        Err(DepthError::Geometry {
+            focal_px: self.focal_px,
+            baseline_m: self.baseline_m,
+        })
+    }
+
+    /// Depth of a disparity, m; infinite or below 0 for what is farther than infinity.
+    pub fn depth_m(&self, disparity_px: f64) -> f64 {
+        self.focal_px * self.baseline_m / (disparity_px + self.offset_px)
+    }
+
+    /// Disparity of a depth, px.
+    pub fn disparity_px(&self, depth_m: f64) -> f64 {
+        self.focal_px * self.baseline_m / depth_m - self.offset_px
+    }
+
+    /// Depths of a map. What is so far away that its sigma is more than `most_relative` of its depth is absent: nobody knows
+    /// how far away it is.
+    ///
+    /// # Errors
+    /// [`DepthError::Geometry`].
+    pub fn depth(&self, map: &DisparityMap, most_relative: f64) -> Result<DepthMap, DepthError> {
+        self.check()?;
+        let of = |(disparity, sigma): (&f32, &f32)| {
+            let apart = f64::from(*disparity) + self.offset_px;
+            let relative = f64::from(*sigma) / apart;
+            // Also false for NaN.
+            if apart > 0.0 && relative <= most_relative {
+                let depth = self.depth_m(f64::from(*disparity));
+                (depth as f32, (depth * relative) as f32)
+            } else {
+                (f32::NAN, f32::NAN)
+            }
+        };
+        let pixels = map.disparity.iter().zip(&map.sigma).map(of);
+        let (depth_m, sigma_m) = pixels.unzip();
+        Ok(DepthMap {
+            width: map.width,
+            height: map.height,
+            depth_m,
+            sigma_m,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GEOMETRY: Geometry = Geometry {
+        focal_px: 400.0,
+        centre: [319.5, 239.5],
+        baseline_m: 0.1,
+        offset_px: 2.0,
+    };
+
+    #[test]
+    fn depth_has_the_sigma_of_its_disparity() {
+        let map = DisparityMap {
+            width: 5,
+            height: 1,
+            disparity: vec![18.0, f32::NAN, -1.0, -2.0, -5.0],
+            sigma: vec![0.2, f32::NAN, 0.2, 0.2, 0.2],
+        };
+        let depth = GEOMETRY.depth(&map, 0.25).unwrap();
+        // 400 * 0.1 / 20; the sigma is 1 % of it, since that of the disparity is 1 % of 20.
+        assert!((depth.depth_m[0] - 2.0).abs() < 1e-6);
+        assert!((depth.sigma_m[0] - 0.02).abs() < 1e-6);
+        let moved = GEOMETRY.depth_m(18.2) - GEOMETRY.depth_m(18.0);
+        assert!((moved.abs() - 0.02).abs() < 5e-4, "{moved}");
+        assert!((depth.depth_m[2] - 40.0).abs() < 1e-4);
+        // At infinity and beyond it, and absent.
+        assert!([1, 3, 4].iter().all(|i| depth.depth_m[*i].is_nan()));
+        assert!([1, 3, 4].iter().all(|i| depth.sigma_m[*i].is_nan()));
+        // 0.2 px of 1 px is too much for who wants a tenth.
+        assert!(GEOMETRY.depth(&map, 0.1).unwrap().depth_m[2].is_nan());
+    }
+
+    #[test]
+    fn depth_and_disparity_are_inverse() {
+        for depth in [0.2, 3.0, 80.0] {
+            let there = GEOMETRY.depth_m(GEOMETRY.disparity_px(depth));
+            assert!((there - depth).abs() < 1e-9 * depth);
+        }
+    }
+
+    #[test]
+    fn impossible_geometry_is_refused() {
+        let map = DisparityMap::default();
+        for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let geometry = Geometry {
+                baseline_m: bad,
+                ..GEOMETRY
+            };
+            let error = geometry.depth(&map, 1.0).unwrap_err();
+            assert!(error.to_string().contains("baseline"), "{error}");
+        }
+    }
+}

@@ -1,0 +1,136 @@
+//! The median of a disparity and its eight neighbours.
+//!
+//! Absent neighbours, and those beyond the picture, count as the disparity itself; what is absent stays absent.
+
+use rayon::prelude::*;
+
+use crate::lanes::{Kernel, Lanes, Level};
+
+/// Writes the medians of `map` to `filtered`; NaN is absent.
+pub(crate) fn median(level: Level, width: usize, map: &[f32], filtered: &mut Vec<f32>) {
+    filtered.resize(map.len(), f32::NAN);
+    let height = map.len() / width;
+    let rows = filtered.par_chunks_exact_mut(width).enumerate();
+    rows.for_each_init(
+        || [0; 3].map(|_| vec![f32::NAN; width.next_multiple_of(AT_ONCE) + 2]),
+        |near, (y, to)| {
+            for (k, row) in near.iter_mut().enumerate() {
+                let inside = (y + k).checked_sub(1).filter(|y| *y < height);
+                match inside {
+                    Some(y) => row[1..=width].copy_from_slice(&map[y * width..(y + 1) * width]),
+                    None => row.fill(f32::NAN),
+                }
+            }
+            let [above, here, below] = near;
+            level.run(Row {
+                near: [above, here, below],
+                to,
+            });
+        },
+    );
+}
+
+/// One row; its neighbours begin one before it and end one behind it, or behind the last [`AT_ONCE`] pixels that it begins.
+struct Row<'a> {
+    near: [&'a [f32]; 3],
+    to: &'a mut [f32],
+}
+
+/// Pixels at a time.
+const AT_ONCE: usize = 128;
+
+impl Kernel for Row<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let width = self.to.len();
+        let mut nine = [[0.0; AT_ONCE]; 9];
+        for from in (0..width).step_by(AT_ONCE) {
+            let at = |k: usize| &self.near[k / 3][from + k % 3..][..AT_ONCE];
+            let middle = at(4);
+            for (k, values) in nine.iter_mut().enumerate() {
+                let row = at(k);
+                for i in 0..AT_ONCE {
+                    values[i] = if row[i].is_nan() { middle[i] } else { row[i] };
+                }
+            }
+            sort_to_middle(&mut nine);
+            let count = AT_ONCE.min(width - from);
+            self.to[from..][..count].copy_from_slice(&nine[4][..count]);
+        }
+    }
+}
+
+/// The middle one of nine, for several pixels: three columns sorted, then the greatest of the least, the middle of the middle
+/// ones and the least of the greatest, of which it is the middle one. It comes to 4.
+#[inline(always)]
+fn sort_to_middle(nine: &mut [[f32; AT_ONCE]; 9]) {
+    for column in 0..3 {
+        sort(nine, column, column + 3);
+        sort(nine, column + 3, column + 6);
+        sort(nine, column, column + 3);
+    }
+    // The greatest of the three least comes to 2, the least of the three greatest to 6.
+    sort(nine, 0, 1);
+    sort(nine, 1, 2);
+    sort(nine, 7, 8);
+    sort(nine, 6, 7);
+    // The middle of the three middle ones comes to 4.
+    sort(nine, 3, 4);
+    sort(nine, 4, 5);
+    sort(nine, 3, 4);
+    sort(nine, 2, 4);
+    sort(nine, 4, 6);
+    sort(nine, 2, 4);
+}
+
+/// Puts the lesser one first. NaN is with NaN only: a pixel without disparity has nine of them.
+#[inline(always)]
+fn sort(nine: &mut [[f32; AT_ONCE]; 9], first: usize, second: usize) {
+    for i in 0..AT_ONCE {
+        let (a, b) = (nine[first][i], nine[second][i]);
+        nine[first][i] = if b < a { b } else { a };
+        nine[second][i] = if b < a { a } else { b };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::twin::{self, Random};
+
+    #[test]
+    fn medians_are_the_middle_of_nine() {
+        let mut random = Random(21);
+        for (level, (width, height)) in twin::with_levels([(1, 1), (3, 2), (40, 9)]) {
+            let map: Vec<f32> = (0..width * height)
+                .map(|_| match random.below(4) {
+                    0 => f32::NAN,
+                    _ => random.below(100) as f32 / 4.0,
+                })
+                .collect();
+            let mut found = Vec::new();
+            median(level, width, &map, &mut found);
+            for (i, found) in found.into_iter().enumerate() {
+                let (x, y) = ((i % width) as i32, (i / width) as i32);
+                let here = map[i];
+                let mut nine: Vec<f32> = (0..9)
+                    .map(|k| {
+                        let (x, y) = (x + k % 3 - 1, y + k / 3 - 1);
+                        let inside = x >= 0 && y >= 0 && x < width as i32 && y < height as i32;
+                        let value = |(): ()| map[y as usize * width + x as usize];
+                        let value = inside.then_some(()).map_or(f32::NAN, value);
+                        if value.is_nan() { here } else { value }
+                    })
+                    .collect();
+                nine.sort_by(f32::total_cmp);
+                if here.is_nan() {
+                    assert!(found.is_nan());
+                } else {
+                    assert_eq!(found, nine[4], "{level:?} {x} {y}");
+                }
+            }
+        }
+    }
+}

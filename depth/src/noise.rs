@@ -1,0 +1,148 @@
+//! How noisy a picture is, and taking some of it away.
+//!
+//! The noise is what is left of a picture when every surface that bends by less than a pixel is gone: Immerkær's mask ("Fast noise
+//! variance estimation", CVIU 1996), whose mean size over noise of a standard deviation s is `6 s sqrt(2 / pi)`. Texture
+//! adds to it, so it is taken over blocks, and a quarter of the blocks have less than what is told; one block in four is looked at. Blocks that are black or
+//! blown out have no noise to tell of and do not count.
+
+use rayon::prelude::*;
+
+use crate::picture::Picture;
+
+/// Side of a block, px.
+const BLOCK: usize = 16;
+/// Mean grey levels of blocks that count.
+const LIT: std::ops::Range<u32> = 4..250;
+
+/// Standard deviation of the noise, grey levels; none where no block tells of it.
+pub fn estimate(picture: &Picture<'_>) -> Option<f64> {
+    let (width, height) = (picture.width(), picture.height());
+    // Every second one both ways.
+    let columns = width.saturating_sub(2 + BLOCK).div_ceil(2 * BLOCK);
+    let rows = height.saturating_sub(2 + BLOCK).div_ceil(2 * BLOCK);
+    let block = |k: usize| {
+        let (left, top) = (2 * (k % columns) * BLOCK + 1, 2 * (k / columns) * BLOCK + 1);
+        let (mut sum, mut grey) = (0, 0);
+        for y in top..top + BLOCK {
+            let near = [y - 1, y, y + 1].map(|y| &picture.row(y)[left - 1..left + BLOCK + 1]);
+            for x in 1..=BLOCK {
+                let second = |row: &[u8]| {
+                    let [a, b, c] = [row[x - 1], row[x], row[x + 1]].map(i32::from);
+                    a - 2 * b + c
+                };
+                let [above, here, below] = near.map(second);
+                sum += (above - 2 * here + below).unsigned_abs();
+                grey += u32::from(near[1][x]);
+            }
+        }
+        let size = (BLOCK * BLOCK) as u32;
+        LIT.contains(&(grey / size)).then_some(sum)
+    };
+    let blocks = (0..columns * rows).into_par_iter();
+    let mut sums: Vec<u32> = blocks.filter_map(block).collect();
+    sums.sort_unstable();
+    let quarter = *sums.get(sums.len() / 4)?;
+    let mean = f64::from(quarter) / (BLOCK * BLOCK) as f64;
+    Some(mean / 6.0 * (std::f64::consts::PI / 2.0).sqrt())
+}
+
+/// The picture under a binomial window of 3x3 pixels, rounded; its border goes on.
+pub(crate) fn smooth(picture: &Picture<'_>, smoothed: &mut Vec<u8>) {
+    let (width, height) = (picture.width(), picture.height());
+    smoothed.resize(width * height, 0);
+    let rows = smoothed.par_chunks_exact_mut(width).enumerate();
+    rows.for_each_init(
+        || vec![0u16; width],
+        |column, (y, to)| {
+            let near = [y.saturating_sub(1), y, (y + 1).min(height - 1)];
+            let [above, here, below] = near.map(|y| picture.row(y));
+            for x in 0..width {
+                let [a, b, c] = [above[x], here[x], below[x]].map(u16::from);
+                column[x] = a + 2 * b + c;
+            }
+            let rounded = |a: u16, b: u16, c: u16| ((a + 2 * b + c + 8) / 16) as u8;
+            for (k, three) in column.windows(3).enumerate() {
+                to[k + 1] = rounded(three[0], three[1], three[2]);
+            }
+            let last = width - 1;
+            to[0] = rounded(column[0], column[0], column[1.min(last)]);
+            to[last] = rounded(column[last.saturating_sub(1)], column[last], column[last]);
+        },
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::twin::Random;
+
+    /// Even grey with noise of a known size, which is about normal: the sum of twelve even ones.
+    fn noisy(random: &mut Random, sigma: f64) -> Vec<u8> {
+        let mut normal = || {
+            (0..12)
+                .map(|_| random.below(1000) as f64 / 1000.0)
+                .sum::<f64>()
+                - 6.0
+        };
+        (0..160 * 120)
+            .map(|_| (120.0 + sigma * normal()).round() as u8)
+            .collect()
+    }
+
+    #[test]
+    fn the_noise_of_an_even_picture_is_found() {
+        let mut random = Random(7);
+        for sigma in [1.0, 2.0, 5.0] {
+            let pixels = noisy(&mut random, sigma);
+            let found = estimate(&Picture::new(160, 120, &pixels).unwrap()).unwrap();
+            // A quarter of the blocks have less; rounding to grey levels adds a little.
+            assert!((0.85..1.1).contains(&(found / sigma)), "{sigma}: {found}");
+        }
+    }
+
+    #[test]
+    fn texture_on_a_part_of_the_picture_is_no_noise() {
+        let mut random = Random(8);
+        let mut pixels = noisy(&mut random, 1.0);
+        for (i, pixel) in pixels.iter_mut().enumerate() {
+            if i % 160 < 90 {
+                *pixel = if (i % 160 / 3 + i / 480) % 2 == 0 {
+                    60
+                } else {
+                    200
+                };
+            }
+        }
+        let found = estimate(&Picture::new(160, 120, &pixels).unwrap()).unwrap();
+        assert!(found < 1.3, "{found}");
+    }
+
+    #[test]
+    fn darkness_tells_nothing() {
+        let pixels = vec![0; 160 * 120];
+        assert_eq!(estimate(&Picture::new(160, 120, &pixels).unwrap()), None);
+        assert_eq!(estimate(&Picture::new(4, 4, &pixels[..16]).unwrap()), None);
+    }
+
+    #[test]
+    fn smoothing_is_a_weighted_mean() {
+        let mut random = Random(9);
+        for (width, height) in [(1, 1), (2, 5), (9, 4)] {
+            let pixels = random.picture(width, height);
+            let mut found = Vec::new();
+            smooth(&Picture::new(width, height, &pixels).unwrap(), &mut found);
+            for y in 0..height as i32 {
+                for x in 0..width as i32 {
+                    let mut sum = 8;
+                    for (dx, dy) in (-1..2).flat_map(|y| (-1..2).map(move |x| (x, y))) {
+                        let column = (x + dx).clamp(0, width as i32 - 1);
+                        let row = (y + dy).clamp(0, height as i32 - 1);
+                        let weight = (2 - dx.abs()) * (2 - dy.abs());
+                        sum += weight * i32::from(pixels[row as usize * width + column as usize]);
+                    }
+                    assert_eq!(i32::from(found[y as usize * width + x as usize]), sum / 16);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! From winners to disparities: what both pictures agree on, between whole pixels.
+//!
+//! A pixel keeps its winner when the pixel of the right picture that it leads to has the same winner or one beside it. Between
+//! whole pixels, the place of the least sum is that of two straight lines of equal slope through the three sums around it,
+//! which fits costs that count differences (Haller, Pantilie, Oniga and Nedevschi, "Real-time semi-global dense stereo
+//! solution with improved sub-pixel accuracy", IV 2010, call it symmetric V).
+
+use rayon::prelude::*;
+
+use crate::aggregate::{NONE, Winner};
+
+/// What the two pictures say of each other.
+pub(crate) struct Winners<'a> {
+    pub(crate) width: usize,
+    pub(crate) first: i32,
+    pub(crate) left: &'a [Winner],
+    pub(crate) right: &'a [u16],
+    /// How far the two winners may be apart.
+    pub(crate) apart: u16,
+    /// How much less the winner must be than others that are not beside it, percent.
+    pub(crate) unique: u16,
+}
+
+impl Winners<'_> {
+    /// Disparity of each pixel, px; NaN where there is none.
+    pub(crate) fn settle(&self, map: &mut Vec<f32>) {
+        map.resize(self.left.len(), f32::NAN);
+        let width = self.width;
+        let rows = map.par_chunks_exact_mut(width).enumerate();
+        rows.for_each(|(y, to)| {
+            let left = &self.left[y * width..(y + 1) * width];
+            let right = &self.right[y * width..(y + 1) * width];
+            for (x, (winner, to)) in left.iter().zip(to).enumerate() {
+                let there = x as i64 - i64::from(self.first) - i64::from(winner.lane);
+                let other = usize::try_from(there).ok().and_then(|x| right.get(x));
+                let agree = other.is_some_and(|lane| lane.abs_diff(winner.lane) <= self.apart);
+                let unique = u32::from(winner.second) * 100
+                    >= u32::from(winner.least) * u32::from(100 + self.unique);
+                let is_one = winner.lane != NONE && agree && unique;
+                *to = match is_one {
+                    true => self.first as f32 + f32::from(winner.lane) + between(winner),
+                    false => f32::NAN,
+                };
+            }
+        });
+    }
+}
+
+/// Where between the winner and its neighbours the least sum is, from -0.5 to 0.5.
+fn between(winner: &Winner) -> f32 {
+    let [before, behind] = winner
+        .beside
+        .map(|sum| f32::from(sum) - f32::from(winner.least));
+    let steep = before.max(behind);
+    if steep <= 0.0 {
+        return 0.0;
+    }
+    0.5 * (before - behind) / steep
+}

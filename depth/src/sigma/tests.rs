@@ -1,0 +1,88 @@
+use super::*;
+use crate::twin::Random;
+
+/// Errors whose size two kinds of evidence tell of, with a heavy tail: one in twenty is more than three times as large as half of
+/// them.
+fn samples(random: &mut Random, count: usize) -> Vec<Sample> {
+    (0..count)
+        .map(|_| {
+            let mut part = || random.below(1_000_000) as f32 / 1e6;
+            let evidence = Evidence {
+                lead: 5.0 * part(),
+                rise: 3.0 * part(),
+                range: 0.0,
+                share: part(),
+            };
+            let error_px = error(&evidence, part());
+            Sample { evidence, error_px }
+        })
+        .collect()
+}
+
+/// The error that so large a part of all is below.
+fn error(evidence: &Evidence, part: f32) -> f32 {
+    let size = if evidence.lead < 1.0 { 2.0 } else { 0.5 };
+    let more = if evidence.share < 0.3 { 4.0 } else { 1.0 };
+    size * more * ((1.0 - part).powf(-0.5) - 1.0)
+}
+
+/// The share of errors that are within two sigma, of samples that a condition chooses.
+fn inside(model: &Model, samples: &[Sample], of: impl Fn(&Evidence) -> bool) -> f64 {
+    let chosen: Vec<&Sample> = samples.iter().filter(|s| of(&s.evidence)).collect();
+    assert!(chosen.len() > 1000);
+    let is_in = |s: &&&Sample| s.error_px <= 2.0 * model.sigma_px(&s.evidence);
+    chosen.iter().filter(is_in).count() as f64 / chosen.len() as f64
+}
+
+#[test]
+fn a_fitted_model_covers_what_it_has_not_seen() {
+    let mut random = Random(51);
+    let model = Model::fit(&samples(&mut random, 80_000)).unwrap();
+    let others = samples(&mut random, 80_000);
+    assert!((0.945..0.955).contains(&inside(&model, &others, |_| true)));
+    let parts: [fn(&Evidence) -> bool; 4] = [
+        |e| e.lead < 0.9 && e.share < 0.25,
+        |e| e.lead < 0.9 && e.share > 0.35,
+        |e| e.lead > 1.1 && e.share < 0.25,
+        |e| e.lead > 1.1 && e.share > 0.35,
+    ];
+    for part in parts {
+        let share = inside(&model, &others, part);
+        assert!((0.93..0.97).contains(&share), "{share}");
+    }
+    let clear = Evidence {
+        lead: 4.0,
+        rise: 2.0,
+        range: 0.0,
+        share: 0.9,
+    };
+    for evidence in [
+        clear,
+        Evidence {
+            share: 0.1,
+            ..clear
+        },
+    ] {
+        let sigma = f64::from(model.sigma_px(&evidence));
+        let expected = 0.5 * f64::from(error(&evidence, 0.95));
+        assert!((sigma / expected - 1.0).abs() < 0.1, "{sigma} {expected}");
+    }
+}
+
+#[test]
+fn few_samples_tell_nothing() {
+    assert_eq!(Model::fit(&samples(&mut Random(52), 100)), None);
+}
+
+#[test]
+fn what_is_not_a_number_is_doubtful() {
+    // Infinite ranges come from surroundings without a disparity.
+    let model = Model::fit(&samples(&mut Random(53), 60_000)).unwrap();
+    let evidence = Evidence {
+        lead: 0.0,
+        rise: 0.0,
+        range: f32::NEG_INFINITY,
+        share: 0.0,
+    };
+    assert!(model.sigma_px(&evidence).is_finite());
+}

@@ -1,0 +1,164 @@
+//! Small islands of disparity are taken out.
+//!
+//! Contract: pixels that touch by a side and whose disparities differ by at most a step belong together; what belongs together
+//! and is less than so many pixels becomes absent. The upper and the lower half are looked through at the same time and put
+//! together after that, which gives the same islands as one look at the whole.
+
+use rayon::prelude::*;
+
+/// Pixels of islands, as trees: each pixel names one of its own island that lies before it, the first names itself.
+#[derive(Debug, Default)]
+pub(crate) struct Islands {
+    parents: Vec<u32>,
+    sizes: Vec<u32>,
+}
+
+impl Islands {
+    /// Takes the islands of less than `least` pixels out of a map; NaN is absent.
+    pub(crate) fn remove(&mut self, width: usize, map: &mut [f32], step: f32, least: usize) {
+        if least <= 1 || map.is_empty() {
+            return;
+        }
+        let count = map.len();
+        self.parents.resize(count, 0);
+        self.sizes.resize(count, 0);
+        let middle = count / width / 2 * width;
+        let (upper, lower) = self.parents.split_at_mut(middle);
+        let (upper_sizes, lower_sizes) = self.sizes.split_at_mut(middle);
+        let seen = &*map;
+        rayon::join(
+            || grow(width, 0, upper, upper_sizes, &seen[..middle], step),
+            || grow(width, middle, lower, lower_sizes, &seen[middle..], step),
+        );
+        // Across the seam. Only the first pixels of islands change.
+        if middle > 0 {
+            for i in middle..middle + width {
+                if (seen[i] - seen[i - width]).abs() <= step {
+                    let (first, second) = join(&mut self.parents, 0, i, i - width);
+                    if first != second {
+                        self.sizes[first] += self.sizes[second];
+                    }
+                }
+            }
+        }
+        let (parents, sizes) = (&self.parents, &self.sizes);
+        let rows = map.par_chunks_mut(width).zip(parents.par_chunks(width));
+        rows.for_each(|(row, of_row)| {
+            for (value, parent) in row.iter_mut().zip(of_row) {
+                let mut root = *parent as usize;
+                while parents[root] as usize != root {
+                    root = parents[root] as usize;
+                }
+                if (sizes[root] as usize) < least {
+                    *value = f32::NAN;
+                }
+            }
+        });
+    }
+}
+
+/// Finds the islands of rows that follow each other, of which the first pixel has the number `base`; every pixel names the first of
+/// its island, which has the size.
+fn grow(width: usize, base: usize, parents: &mut [u32], sizes: &mut [u32], map: &[f32], step: f32) {
+    join_rows(width, base, parents, map, step);
+    sizes.fill(0);
+    for i in 0..parents.len() {
+        // Those before name the first of their island already.
+        let root = parents[parents[i] as usize - base];
+        parents[i] = root;
+        sizes[root as usize - base] += 1;
+    }
+}
+
+/// Joins the pixels of rows that follow each other, of which the first has the number `base`.
+fn join_rows(width: usize, base: usize, parents: &mut [u32], map: &[f32], step: f32) {
+    for (i, value) in map.iter().enumerate() {
+        parents[i] = (base + i) as u32;
+        if i % width > 0 && (value - map[i - 1]).abs() <= step {
+            // The pixel before is of its island, and nobody names this one yet.
+            parents[i] = parents[i - 1];
+        }
+        if i >= width && (value - map[i - width]).abs() <= step {
+            join(parents, base, base + i, base + i - width);
+        }
+    }
+}
+
+/// Makes two islands one. The one that begins later becomes part of the other, so that parents lie before. Gives the first pixels of
+/// both.
+fn join(parents: &mut [u32], base: usize, a: usize, b: usize) -> (usize, usize) {
+    let (a, b) = (root(parents, base, a), root(parents, base, b));
+    let (first, second) = (a.min(b), a.max(b));
+    parents[second - base] = first as u32;
+    (first, second)
+}
+
+/// The first pixel of an island; ways there become shorter.
+fn root(parents: &mut [u32], base: usize, of: usize) -> usize {
+    let mut at = of;
+    loop {
+        let parent = parents[at - base] as usize;
+        if parent == at {
+            return at;
+        }
+        let above = parents[parent - base];
+        parents[at - base] = above;
+        at = above as usize;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::twin::Random;
+
+    /// Grows every island from every pixel.
+    fn twin(width: usize, map: &[f32], step: f32, least: usize) -> Vec<f32> {
+        let height = map.len() / width;
+        let island = |from: usize| {
+            let mut seen = vec![false; map.len()];
+            let mut open = vec![from];
+            seen[from] = true;
+            let mut size = 0;
+            while let Some(i) = open.pop() {
+                size += 1;
+                let (x, y) = (i % width, i / width);
+                let mut near = Vec::new();
+                near.extend((x > 0).then(|| i - 1));
+                near.extend((x + 1 < width).then_some(i + 1));
+                near.extend((y > 0).then(|| i - width));
+                near.extend((y + 1 < height).then_some(i + width));
+                for k in near {
+                    if !seen[k] && (map[k] - map[i]).abs() <= step {
+                        seen[k] = true;
+                        open.push(k);
+                    }
+                }
+            }
+            size
+        };
+        let kept = |i: usize| if island(i) >= least { map[i] } else { f32::NAN };
+        (0..map.len()).map(kept).collect()
+    }
+
+    #[test]
+    fn islands_are_those_that_grow() {
+        let mut random = Random(31);
+        let mut islands = Islands::default();
+        for (width, height) in [(1, 1), (1, 7), (17, 1), (24, 19), (30, 30)] {
+            for least in [0, 2, 6, 20] {
+                let map: Vec<f32> = (0..width * height)
+                    .map(|_| match random.below(8) {
+                        0 => f32::NAN,
+                        v => (v / 3) as f32,
+                    })
+                    .collect();
+                let mut found = map.clone();
+                islands.remove(width, &mut found, 1.0, least);
+                let expected = twin(width, &map, 1.0, least);
+                let same = |(a, b): (&f32, &f32)| a == b || (a.is_nan() && b.is_nan());
+                assert!(found.iter().zip(&expected).all(same), "{width} {least}");
+            }
+        }
+    }
+}
