@@ -14,6 +14,7 @@ mod import;
 mod kills;
 mod load;
 mod meter;
+mod odometry;
 mod power_cuts;
 mod python;
 mod rectify;
@@ -57,6 +58,10 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("frame_sync", frame_sync::run),
     ("import", import::run),
     ("kills", kills::run),
+    ("odometry", odometry::run),
+    ("odometry_encoding", odometry::encoding::run),
+    ("odometry_faults", odometry::faults::run),
+    ("odometry_length", odometry::length::run),
     ("power_cuts", power_cuts::run),
     ("rectify", rectify::run),
     ("sim", sim::run),

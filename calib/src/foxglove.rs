@@ -6,7 +6,7 @@
 //! right camera is told by its transform alone. Only a pair that is rectified already carries its
 //! baseline in `p`.
 
-use crate::camera::Distortion;
+use crate::camera::{CameraModel, Distortion};
 use crate::stereo::{Eye, StereoCalibration};
 
 /// One camera's calibration as plain arrays, matrices rows first.
@@ -65,6 +65,64 @@ impl CameraInfo {
             p: [fx, 0.0, cx, tx, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
         }
     }
+}
+
+/// The lens of such arrays: size of the picture, name of the model, coefficients, camera matrix. Coefficients that are
+/// not there are 0. None for a model of another name and for a matrix that is none.
+pub fn lens(
+    [width, height]: [u32; 2],
+    distortion_model: &str,
+    d: &[f64],
+    k: &[f64],
+) -> Option<CameraModel> {
+    let d = |i: usize| d.get(i).copied().unwrap_or(0.0);
+    let distortion = match distortion_model {
+        "" => Distortion::None,
+        "plumb_bob" => Distortion::RadTan5 {
+            k1: d(0),
+            k2: d(1),
+            p1: d(2),
+            p2: d(3),
+            k3: d(4),
+        },
+        "rational_polynomial" => Distortion::Rational8 {
+            k1: d(0),
+            k2: d(1),
+            p1: d(2),
+            p2: d(3),
+            k3: d(4),
+            k4: d(5),
+            k5: d(6),
+            k6: d(7),
+        },
+        "kannala_brandt" => Distortion::KannalaBrandt4 {
+            k1: d(0),
+            k2: d(1),
+            k3: d(2),
+            k4: d(3),
+        },
+        "double_sphere" => Distortion::DoubleSphere {
+            xi: d(0),
+            alpha: d(1),
+        },
+        "eucm" => Distortion::Eucm {
+            alpha: d(0),
+            beta: d(1),
+        },
+        _ => return None,
+    };
+    let [fx, _, cx, _, fy, cy, ..] = *k else {
+        return None;
+    };
+    Some(CameraModel {
+        width,
+        height,
+        fx,
+        fy,
+        cx,
+        cy,
+        distortion,
+    })
 }
 
 #[cfg(test)]
@@ -149,9 +207,41 @@ mod tests {
     fn models_have_their_names_and_lengths() {
         let straight = RigidTransform::from_translation_m([-0.12, 0.0, 0.0]).unwrap();
         let check = |distortion, name: &str, d: &[f64]| {
-            let info = CameraInfo::of(&stereo(distortion, straight), Eye::Left);
+            let stereo = stereo(distortion, straight);
+            let info = CameraInfo::of(&stereo, Eye::Left);
             assert_eq!((info.distortion_model, info.d.as_slice()), (name, d));
+            // Back again, but that four coefficients of a plumb bob have become five.
+            let back = lens([info.width, info.height], name, d, &info.k).unwrap();
+            match distortion {
+                Distortion::RadTan4 { k1, k2, p1, p2 } => {
+                    let five = Distortion::RadTan5 {
+                        k1,
+                        k2,
+                        p1,
+                        p2,
+                        k3: 0.0,
+                    };
+                    assert_eq!(
+                        back,
+                        CameraModel {
+                            distortion: five,
+                            ..stereo.left
+                        }
+                    );
+                }
+                _ => assert_eq!(back, stereo.left),
+            }
+            assert_eq!(lens([640, 480], "fisheye", d, &info.k), None);
+            assert_eq!(lens([640, 480], name, d, &info.k[..4]), None);
         };
+        check(Distortion::None, "", &[]);
+        let (xi, alpha, beta) = (0.1, 0.5, 1.1);
+        check(
+            Distortion::DoubleSphere { xi, alpha },
+            "double_sphere",
+            &[0.1, 0.5],
+        );
+        check(Distortion::Eucm { alpha, beta }, "eucm", &[0.5, 1.1]);
         let (k1, k2, p1, p2, k3, k4, k5, k6) = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0);
         check(
             Distortion::RadTan4 { k1, k2, p1, p2 },

@@ -12,7 +12,7 @@
 //!
 //! Bytes are checked once more as they are read, against the checksums of the sealed index.
 
-use std::ops::RangeBounds;
+use std::ops::{Range, RangeBounds};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::{io, thread};
@@ -25,6 +25,7 @@ use session_archive::time::HostTime;
 
 mod camera;
 mod error;
+mod greys;
 mod imu;
 mod open;
 mod sequence;
@@ -32,6 +33,7 @@ mod state;
 
 pub use camera::View;
 pub use error::{FrameFault, ImuFault, InputError, ReadError};
+pub use greys::{GreySet, GreySets};
 pub use imu::ImuSample;
 pub use sequence::{Frames, Sets};
 pub use session_archive::handoff::Check;
@@ -145,10 +147,24 @@ impl Input {
     /// # Errors
     /// [`ReadError::Thread`].
     pub fn sets_in(&self, times: impl RangeBounds<HostTime>) -> Result<Sets, ReadError> {
+        Sets::start(self.shared.clone(), self.positions_of(times))
+    }
+
+    /// Positions of the sets with a time in `times`.
+    fn positions_of(&self, times: impl RangeBounds<HostTime>) -> Range<usize> {
         let sets = &self.shared.index.sets;
         let start = sets.partition_point(|s| is_before(HostTime(s.time_ns), &times));
         let length = sets[start..].partition_point(|s| times.contains(&HostTime(s.time_ns)));
-        Sets::start(self.shared.clone(), start..start + length)
+        start..start + length
+    }
+
+    /// The frame sets with a time in `times`, in order, for estimating motion: pictures of luma alone, IMU samples that
+    /// reach to the last picture of each set, and what cannot be read beside what can.
+    ///
+    /// # Errors
+    /// [`ReadError::Thread`].
+    pub fn grey_sets(&self, times: impl RangeBounds<HostTime>) -> Result<GreySets, ReadError> {
+        GreySets::start(self.shared.clone(), self.positions_of(times))
     }
 
     /// The frame set with this number.

@@ -3,6 +3,8 @@
 //! - [`input`]: opens a hand-off, refuses what is not as it was validated, and gives its content
 //!   in order of time or by number.
 //! - [`picture`]: the decoded pictures.
+//! - [`pipeline`]: a hand-off to a scene bundle, stage by stage.
+//! - [`evaluate`]: how far an estimated trajectory is from the truth.
 //! - [`export`]: writes them as PNG with their times, for programs in other languages.
 //!
 //! ```no_run
@@ -20,9 +22,11 @@
 //!
 //! It knows the hand-off and nothing of the catalogue, of devices, or of how a session came about.
 
+pub mod evaluate;
 pub mod export;
 pub mod input;
 pub mod picture;
+pub mod pipeline;
 
 pub use input::{FrameSet, ImuSample, Input, InputError, ReadError, View};
 pub use picture::Picture;

@@ -4,18 +4,17 @@
 //! standard error. Exit codes: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss.
 
 use std::num::NonZeroU64;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context, Result};
 use clap::{CommandFactory, Parser, Subcommand};
-use indicatif::{ProgressBar, ProgressStyle};
-use reconstruction::export::{self, Selection};
-use reconstruction::input::{Check, Input};
+use reconstruction::export::Selection;
 
+mod commands;
 mod info;
+mod machine;
 
-/// Reads a session that was handed over by `paws handoff`.
+/// Reads and reconstructs a session that was handed over by `paws handoff`.
 #[derive(Parser)]
 #[command(name = "paws-reconstruct", version)]
 struct Arguments {
@@ -47,13 +46,17 @@ enum Command {
         #[arg(long, value_name = "SECONDS", value_parser = nanoseconds, allow_negative_numbers = true)]
         to: Option<i64>,
     },
+    /// Reconstruct a hand-off: write a scene bundle, stage by stage, or go on with one.
+    Run(commands::run::Arguments),
+    /// Say how far trajectories are from the truth.
+    Evaluate(commands::evaluate::Arguments),
 }
 
 fn main() -> ExitCode {
     env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
     // Bad arguments end here, with 2.
     let result = match Arguments::parse().command {
-        Command::Info { handoff } => print_info(&handoff),
+        Command::Info { handoff } => commands::print_info(&handoff),
         Command::Frames {
             handoff,
             out,
@@ -73,74 +76,15 @@ fn main() -> ExitCode {
                 from_ns: from,
                 to_ns: to,
             };
-            frames(&handoff, &out, &selection)
+            commands::frames(&handoff, &out, &selection)
         }
+        Command::Run(arguments) => commands::run::run(&arguments),
+        Command::Evaluate(arguments) => commands::evaluate::run(&arguments),
     };
     result.unwrap_or_else(|error| {
         eprintln!("error: {error:#}");
         ExitCode::FAILURE
     })
-}
-
-fn print_info(handoff: &Path) -> Result<ExitCode> {
-    print!("{}", info::text(&open(handoff)?));
-    Ok(ExitCode::SUCCESS)
-}
-
-fn frames(handoff: &Path, out: &Path, selection: &Selection) -> Result<ExitCode> {
-    let input = open(handoff)?;
-    let bar = progress_bar(
-        export::count(&input, selection),
-        "writing  {wide_bar} {pos}/{len} frames, {per_sec}, {eta} left",
-    )?;
-    let summary = export::export(&input, out, selection, &|| bar.inc(1))
-        .with_context(|| format!("writing the pictures to {}", out.display()))?;
-    bar.finish_and_clear();
-
-    for (name, count) in &summary.cameras {
-        println!("{name}: {count} stereo frames");
-    }
-    for (name, count) in &summary.imus {
-        println!("{name}: {count} samples");
-    }
-    const SHOWN: usize = 20;
-    for lost in summary.lost.iter().take(SHOWN) {
-        eprintln!("lost: {lost}");
-    }
-    if summary.lost.len() > SHOWN {
-        eprintln!("lost: {} more", summary.lost.len() - SHOWN);
-    }
-    let frames: u64 = summary.cameras.iter().map(|(_, count)| count).sum();
-    let samples: u64 = summary.imus.iter().map(|(_, count)| count).sum();
-    let loss = match summary.lost.len() {
-        0 => "nothing lost".to_owned(),
-        count => format!("{count} losses"),
-    };
-    println!(
-        "{frames} stereo frames in {} sets, {samples} IMU samples, {loss}: {}",
-        summary.sets,
-        out.display()
-    );
-    Ok(ExitCode::from(if summary.lost.is_empty() { 0 } else { 3 }))
-}
-
-fn open(handoff: &Path) -> Result<Input> {
-    let bar = progress_bar(
-        0,
-        "checking {wide_bar} {bytes}/{total_bytes}, {bytes_per_sec}, {eta} left",
-    )?;
-    let input = Input::open_with(handoff, Check::Content, |done, total| {
-        bar.set_length(total);
-        bar.set_position(done);
-    })?;
-    bar.finish_and_clear();
-    Ok(input)
-}
-
-/// Shown only where standard error is a terminal.
-fn progress_bar(length: u64, template: &str) -> Result<ProgressBar> {
-    let style = ProgressStyle::with_template(template).context("laying out the progress bar")?;
-    Ok(ProgressBar::new(length).with_style(style))
 }
 
 /// Decimal seconds as integer nanoseconds, exactly.

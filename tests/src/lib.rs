@@ -5,7 +5,9 @@
 //! - [`data`], [`program`]: where the real recordings and the built programs are.
 //! - [`faults`]: random schedules of faults, and whether the session tells them.
 //! - [`kills`]: kills a recorder at random and looks at what is left.
+//! - [`sequences`]: frame sets with their truth for odometry: real recordings and simulated walks.
 //! - [`soak`]: records for hours of virtual time and watches the memory.
+//! - [`tracking`]: odometry over a sequence, as poses that can be compared with the truth.
 //! - [`walks`]: simulated walks as the verification of a calibration sees them.
 //!
 //! Everything here says what is wrong by an error; the tests turn it into a failure.
@@ -16,5 +18,7 @@ pub mod faults;
 pub mod kills;
 pub mod program;
 pub mod rig;
+pub mod sequences;
 pub mod soak;
+pub mod tracking;
 pub mod walks;

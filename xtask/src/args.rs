@@ -15,7 +15,7 @@ cargo xtask VERB: set-up and developer verbs
         Install the system packages that building and testing need (Debian, Ubuntu).
   demo [--no-install] [--seconds N] [--keep DIR]
         Run the main job: record N seconds (default 20) from three replayed cameras, import,
-        validate, index, hand off, read back. Works in target/demo, emptied first, or in DIR,
+        validate, index, hand off, read back, reconstruct. Works in target/demo, emptied first, or in DIR,
         which must be new or empty.
   test [--no-install] [--quick]
         Format check, clippy, tests, documentation, cargo deny. --quick: format check, clippy

@@ -1,7 +1,8 @@
 //! `cargo xtask demo`: the main job, end to end, on this machine.
 //!
 //! A walk with a simulated rig is recorded by `pawsd`; `paws` imports, validates, indexes and
-//! hands over the session; `paws-reconstruct` reads every frame back. Each stage is the program a
+//! hands over the session; `paws-reconstruct` reads every frame back and finds out where the rig was, which is
+//! compared with the simulated truth. Each stage is the program a
 //! user would start, with the command line shown. A stage that fails ends the demo with the last
 //! lines it printed and the path of its whole output; one that finished with loss, as a slow machine
 //! may, is marked and the demo goes on. Nothing is written outside the demo's folder
@@ -85,7 +86,7 @@ impl Demo {
         let path = |name: &str| self.folder.join(name).display().to_string();
         let (config, recorded, library) = (path("pawsd.toml"), path("recorded"), path("library"));
         let (report, verdict) = (path("report.html"), path("report.json"));
-        let frames = path("frames");
+        let (frames, scene) = (path("frames"), path("walk.scene"));
 
         let rig = process::root()?.join("cad-transforms/rigs/example.toml");
         let text = cameras::configuration(&rig, seconds);
@@ -132,6 +133,17 @@ impl Demo {
             "paws-reconstruct",
             &["frames", &handoff, "--out", &frames],
         )?;
+        self.stage(
+            "reconstruct",
+            "paws-reconstruct",
+            &["run", &handoff, "--out", &scene],
+        )?;
+        let truth = Path::new(&handoff).with_file_name("rig/truth.left_shoulder.csv");
+        let off = self.stage(
+            "evaluate",
+            "paws-reconstruct",
+            &["evaluate", &scene, "--truth", &truth.display().to_string()],
+        )?;
 
         println!();
         println!(
@@ -148,6 +160,8 @@ impl Demo {
             "  pictures  {} PNG files in {frames}",
             count_png(Path::new(&frames))?
         );
+        println!("  scene     {scene}");
+        println!("  poses     {off}");
         println!("  library   {library}");
         println!("  report    {report}");
         Ok(())
@@ -156,7 +170,7 @@ impl Demo {
     /// Runs one program to its end with its output in `logs/`, and shows one line about it: the
     /// last line of its standard output that is not empty, which is returned.
     fn stage(&self, name: &str, program: &str, arguments: &[&str]) -> Result<String> {
-        print!("  {name:10} ");
+        print!("  {name:11} ");
         std::io::stdout()
             .flush()
             .context("writing to the terminal")?;

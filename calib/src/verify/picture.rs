@@ -31,6 +31,19 @@ impl<'a> Grey<'a> {
             pixels,
         })
     }
+
+    /// Columns and rows.
+    pub fn size(&self) -> (usize, usize) {
+        (self.width, self.height)
+    }
+
+    /// One row of pixels.
+    ///
+    /// # Panics
+    /// There is no such row.
+    pub fn row(&self, y: usize) -> &'a [u8] {
+        &self.pixels[y * self.stride..][..self.width]
+    }
 }
 
 /// One level.

@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 
 use anyhow::{Context, Result};
 use cad_transforms::{Covariance, Frame, FramePart, Rig, RigidTransform};
+use calib::CameraModel;
 use calib::cameras::Told;
-use calib::{CameraModel, Distortion};
 use nalgebra::Matrix6;
 use session_archive::reader::{Entry, SessionReader};
 use session_archive::record::{CameraCalibration, FrameTransforms, Record};
@@ -94,52 +94,7 @@ impl ToldRig {
     /// The lens of an eye, as in `feet/left`; none where it is not known.
     pub fn lens(&self, eye: &str) -> Option<CameraModel> {
         let c = self.calibrations.get(eye)?;
-        let d = |i: usize| c.d.get(i).copied().unwrap_or(0.0);
-        let distortion = match c.distortion_model.as_str() {
-            "" => Distortion::None,
-            "plumb_bob" => Distortion::RadTan5 {
-                k1: d(0),
-                k2: d(1),
-                p1: d(2),
-                p2: d(3),
-                k3: d(4),
-            },
-            "rational_polynomial" => Distortion::Rational8 {
-                k1: d(0),
-                k2: d(1),
-                p1: d(2),
-                p2: d(3),
-                k3: d(4),
-                k4: d(5),
-                k5: d(6),
-                k6: d(7),
-            },
-            "kannala_brandt" => Distortion::KannalaBrandt4 {
-                k1: d(0),
-                k2: d(1),
-                k3: d(2),
-                k4: d(3),
-            },
-            "double_sphere" => Distortion::DoubleSphere {
-                xi: d(0),
-                alpha: d(1),
-            },
-            "eucm" => Distortion::Eucm {
-                alpha: d(0),
-                beta: d(1),
-            },
-            _ => return None,
-        };
-        let k = |i: usize| c.k.get(i).copied();
-        Some(CameraModel {
-            width: c.width,
-            height: c.height,
-            fx: k(0)?,
-            fy: k(4)?,
-            cx: k(2)?,
-            cy: k(5)?,
-            distortion,
-        })
+        calib::foxglove::lens([c.width, c.height], &c.distortion_model, &c.d, &c.k)
     }
 
     /// `rig_from_left` of a camera.

@@ -77,6 +77,7 @@ impl Camera {
 pub(super) struct GopReader {
     shared: Arc<Shared>,
     camera: usize,
+    colour: Colour,
     decoder: Decoder,
     gop: Option<Gop>,
 }
@@ -95,6 +96,7 @@ impl GopReader {
         let codec = shared.cameras[camera].codec;
         let decoder = Decoder::with_threads(codec, shared.threads_per_camera);
         Self {
+            colour: shared.cameras[camera].colour,
             shared,
             camera,
             decoder,
@@ -102,12 +104,18 @@ impl GopReader {
         }
     }
 
+    /// The same with pictures of luma alone, whatever the camera delivers.
+    pub(super) fn grey(mut self) -> Self {
+        self.colour = Colour::Grey;
+        self
+    }
+
     /// The frame at a position of the camera's index; the position must exist.
     pub(super) fn view(&mut self, position: usize) -> Result<View, ReadError> {
         let camera = &self.shared.cameras[self.camera];
         let entry = self.shared.index.cameras[self.camera].frames[position];
         let name = camera.name.clone();
-        let (width, height, colour) = (camera.width, camera.height, camera.colour);
+        let (width, height, colour) = (camera.width, camera.height, self.colour);
         let halves = self.picture(position).and_then(|both| {
             if (both.width, both.height) != (width, height) {
                 return Err(FrameFault::Size {

@@ -37,8 +37,27 @@ impl Frames {
         camera: usize,
         positions: Arc<[usize]>,
     ) -> Result<Self, ReadError> {
+        let reader = GopReader::new(shared.clone(), camera);
+        Self::of(reader, shared, camera, positions)
+    }
+
+    /// The same, of luma alone.
+    pub(super) fn start_grey(
+        shared: Arc<Shared>,
+        camera: usize,
+        positions: Arc<[usize]>,
+    ) -> Result<Self, ReadError> {
+        let reader = GopReader::new(shared.clone(), camera).grey();
+        Self::of(reader, shared, camera, positions)
+    }
+
+    fn of(
+        mut reader: GopReader,
+        shared: Arc<Shared>,
+        camera: usize,
+        positions: Arc<[usize]>,
+    ) -> Result<Self, ReadError> {
         let (send, views) = sync_channel(AHEAD);
-        let mut reader = GopReader::new(shared.clone(), camera);
         let wanted = positions.clone();
         let worker = thread::Builder::new()
             .name(format!("decode-{}", shared.cameras[camera].name))

@@ -2,6 +2,9 @@
 //! indexed and sealed by the crates that do it in earnest.
 
 mod command;
+mod evaluate;
+mod feed;
 mod read_back;
 mod refuse;
 mod session;
+mod stages;

@@ -1,0 +1,174 @@
+//! OpenCV's matchers, in a process of their own that lives as long as the benchmark, so that both sides keep their buffers.
+
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+
+use anyhow::{Context, Result, ensure};
+use depth::DisparityMap;
+use serde::Serialize;
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+use super::frames::Frame;
+use crate::python;
+
+/// A matcher with its parameters.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct Config {
+    /// `BM`, or a mode of SGBM: `SGBM`, `HH`, `SGBM_3WAY`, `HH4`.
+    pub(super) mode: &'static str,
+    /// Side of the window, px.
+    pub(super) block: u32,
+    /// Uniqueness ratio, percent.
+    pub(super) unique: u32,
+    /// Greatest step within a speckle, px.
+    pub(super) speckle: u32,
+    /// Whether pictures are smoothed by 3x3 pixels first.
+    pub(super) smooth: bool,
+}
+
+/// The modes of SGBM.
+pub(super) const MODES: [&str; 4] = ["SGBM", "HH", "SGBM_3WAY", "HH4"];
+
+impl Config {
+    /// As in OpenCV's samples: ten percent of uniqueness.
+    pub(super) fn usual(mode: &'static str, block: u32) -> Self {
+        Self {
+            mode,
+            block,
+            unique: 10,
+            speckle: 2,
+            smooth: false,
+        }
+    }
+
+    pub(super) fn name(&self) -> String {
+        let smooth = if self.smooth { " smoothed" } else { "" };
+        format!("{} {} u{}{smooth}", self.mode, self.block, self.unique)
+    }
+}
+
+/// The process.
+pub(super) struct Peers {
+    child: Child,
+    input: Option<ChildStdin>,
+    output: BufReader<ChildStdout>,
+    folder: TempDir,
+    pub(super) version: String,
+    threads: usize,
+}
+
+impl Peers {
+    /// Starts it with as many threads as the machine has processors.
+    ///
+    /// # Errors
+    /// There is no Python with OpenCV.
+    pub(super) fn start(threads: usize) -> Result<Self> {
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/depth.py");
+        let mut child = Command::new(python::interpreter()?)
+            .arg(script)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .context("starting python")?;
+        let input = child.stdin.take().context("python's standard input")?;
+        let output = child.stdout.take().context("python's standard output")?;
+        let mut peers = Self {
+            child,
+            input: Some(input),
+            output: BufReader::new(output),
+            folder: tempfile::tempdir().context("making a folder for pictures")?,
+            version: String::new(),
+            threads,
+        };
+        let hello = peers.read()?;
+        peers.version = hello["version"].as_str().context("OpenCV's version")?.to_owned();
+        Ok(peers)
+    }
+
+    fn read(&mut self) -> Result<Value> {
+        let mut line = String::new();
+        let count = self.output.read_line(&mut line).context("reading from python")?;
+        ensure!(count > 0, "python ended early");
+        serde_json::from_str(&line).context("reading what python says")
+    }
+
+    /// Lets these pictures be the pair.
+    ///
+    /// # Errors
+    /// A disk that says no.
+    pub(super) fn show(&self, frame: &Frame) -> Result<()> {
+        for (name, pixels) in ["left", "right"].iter().zip(&frame.eyes) {
+            fs::write(self.folder.path().join(name), pixels).context("writing a picture")?;
+        }
+        Ok(())
+    }
+
+    /// Runs each matcher once on the pair that is shown; gives the times in ms, and on request what was found.
+    ///
+    /// # Errors
+    /// Python fails.
+    pub(super) fn run(
+        &mut self,
+        frame: &Frame,
+        configs: &[Config],
+        threads: usize,
+        wants_maps: bool,
+    ) -> Result<(Vec<f64>, Vec<DisparityMap>)> {
+        let folder = self.folder.path().to_owned();
+        let job = json!({
+            "left": folder.join("left"),
+            "right": folder.join("right"),
+            "size": [frame.width, frame.height],
+            "range": frame.range,
+            "threads": threads,
+            "out": wants_maps.then_some(&folder),
+            "configs": configs,
+        });
+        let input = self.input.as_mut().context("python has been told to end")?;
+        writeln!(input, "{job}").context("writing to python")?;
+        let answer = self.read()?;
+        let times: Vec<f64> =
+            serde_json::from_value(answer["ms"].clone()).context("reading times")?;
+        ensure!(times.len() == configs.len(), "a time for each matcher");
+        let mut maps = Vec::new();
+        if wants_maps {
+            for k in 0..configs.len() {
+                let path = folder.join(format!("{k}.raw"));
+                let bytes = fs::read(&path).with_context(|| format!("reading {}", path.display()))?;
+                maps.push(map(frame, &bytes)?);
+            }
+        }
+        Ok((times, maps))
+    }
+
+    /// Threads that all of its modes may use.
+    pub(super) fn threads(&self) -> usize {
+        self.threads
+    }
+}
+
+impl Drop for Peers {
+    fn drop(&mut self) {
+        // Its input ends, and so does it.
+        self.input = None;
+        drop(self.child.wait());
+    }
+}
+
+/// Sixteenths of a pixel as a map; there is no sigma, so nothing is within it.
+fn map(frame: &Frame, bytes: &[u8]) -> Result<DisparityMap> {
+    ensure!(bytes.len() == 2 * frame.width * frame.height, "a map of another size");
+    let sixteenths = bytes.chunks_exact(2).map(|b| i16::from_le_bytes([b[0], b[1]]));
+    let disparity: Vec<f32> = sixteenths
+        .map(|d| if d < 0 { f32::NAN } else { f32::from(d) / 16.0 })
+        .collect();
+    Ok(DisparityMap {
+        width: frame.width,
+        height: frame.height,
+        sigma: vec![0.0; disparity.len()],
+        disparity,
+    })
+}

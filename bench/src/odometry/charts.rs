@@ -1,0 +1,265 @@
+//! The pictures of `odometry`.
+
+use charts::{Axis, Chart, Series};
+
+use super::figures::Figures;
+use super::results::{Results, Row};
+use super::sweeps::{self, CAMERAS, CAMERAS_SETS, PRESETS, SETTINGS_SETS, SWEEPS, balanced_with};
+use super::table::{ADJUSTED_PERCENT, CAUSAL_PERCENT, PAIR_MS, exam};
+
+const WIDTH: u32 = 760;
+const HEIGHT: u32 = 400;
+
+/// Causal poses, or those that were adjusted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Poses {
+    Causal,
+    Adjusted,
+}
+
+impl Poses {
+    const ALL: [Self; 2] = [Self::Causal, Self::Adjusted];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Causal => "causal",
+            Self::Adjusted => "adjusted",
+        }
+    }
+
+    fn target(self) -> f64 {
+        match self {
+            Self::Causal => CAUSAL_PERCENT,
+            Self::Adjusted => ADJUSTED_PERCENT,
+        }
+    }
+
+    fn figures(self, row: &Row) -> Option<&Figures> {
+        match self {
+            Self::Causal => Some(&row.ran.figures),
+            Self::Adjusted => Some(&row.adjusted.as_ref()?.figures),
+        }
+    }
+
+    /// Of a stereo pair, ms; processor time, which bears a busy machine.
+    fn cpu_ms(self, row: &Row) -> f64 {
+        let adjusting = row.adjusted.as_ref().map_or(0.0, |a| a.cpu_s);
+        match self {
+            Self::Causal => row.ran.cpu_ms,
+            Self::Adjusted => row.ran.cpu_ms + 1e3 * adjusting / row.ran.pairs as f64,
+        }
+    }
+}
+
+/// Names and texts of all pictures that there are results for.
+pub(crate) fn draw(results: &Results, stamp: &str) -> Vec<(String, String)> {
+    let mut files = Vec::new();
+    let mut add = |name: String, chart: Option<Chart>| {
+        if let Some(chart) = chart {
+            let svg = chart.footnote(stamp).to_svg(WIDTH, HEIGHT);
+            files.push((format!("odometry-{name}.svg"), svg));
+        }
+    };
+    for poses in Poses::ALL {
+        add(format!("walks-{}", poses.name()), walks(results, poses));
+        add(
+            format!("settings-{}", poses.name()),
+            settings(results, poses),
+        );
+        add(format!("cameras-{}", poses.name()), cameras(results, poses));
+    }
+    add("time".to_owned(), time(results));
+    add("sigmas".to_owned(), sigmas(results));
+    files
+}
+
+/// Error of each walk.
+fn walks(results: &Results, poses: Poses) -> Option<Chart> {
+    let rows = exam(results, "balanced");
+    let names: Vec<&str> = rows.iter().map(|r| r.job.walk.as_str()).collect();
+    let lost = rows
+        .iter()
+        .filter_map(|r| poses.figures(r))
+        .filter(|f| f.is_lost());
+    let mut chart = Chart::new(&format!("Error over the way, {} poses", poses.name()))
+        .subtitle(&format!(
+            "{} simulated walks of {:.0} to {:.0} m, three stereo cameras, best fit without scale; {} lost",
+            rows.len(),
+            rows.iter().map(|r| r.ran.path_m).fold(f64::INFINITY, f64::min),
+            rows.iter().map(|r| r.ran.path_m).fold(0.0, f64::max),
+            lost.count()
+        ))
+        .x_axis(Axis::categories("", names.clone()))
+        .y_axis(Axis::linear("ATE", "% of the way").include(0.0))
+        .hline(poses.target(), "target");
+    for preset in PRESETS {
+        let rows = exam(results, preset);
+        if rows.is_empty() {
+            continue;
+        }
+        let value = |name: &&str| {
+            let row = rows.iter().find(|r| r.job.walk == *name);
+            let figures = row.and_then(|r| poses.figures(r));
+            figures.and_then(|f| f.ate_percent).unwrap_or(f64::NAN)
+        };
+        chart = chart.series(Series::bars(preset, names.iter().map(value)));
+    }
+    (!names.is_empty()).then_some(chart)
+}
+
+/// Time of a stereo pair on each walk.
+fn time(results: &Results) -> Option<Chart> {
+    let rows = exam(results, "balanced");
+    let names: Vec<&str> = rows.iter().map(|r| r.job.walk.as_str()).collect();
+    let of = |of: &dyn Fn(&Row) -> f64| rows.iter().map(|r| of(r)).collect::<Vec<_>>();
+    let chart = Chart::new("Time of a stereo pair, balanced, causal poses")
+        .subtitle("two threads; wall time counts what else the machine did")
+        .x_axis(Axis::categories("", names.clone()))
+        .y_axis(Axis::linear("mean time of a stereo pair", "ms").include(0.0))
+        .series(Series::bars("wall time", of(&|r| r.ran.wall_ms)))
+        .series(Series::bars(
+            "processor time of all threads",
+            of(&|r| r.ran.cpu_ms),
+        ))
+        .hline(PAIR_MS, "target for wall time");
+    (!names.is_empty()).then_some(chart)
+}
+
+/// Errors in stated sigmas.
+fn sigmas(results: &Results) -> Option<Chart> {
+    let rows = exam(results, "balanced");
+    let names: Vec<&str> = rows.iter().map(|r| r.job.walk.as_str()).collect();
+    let of = |poses: Poses, k: usize| {
+        let value = |row: &&Row| {
+            let sigmas = poses.figures(row).and_then(|f| f.sigmas);
+            sigmas.map_or(f64::NAN, |s| s[k])
+        };
+        rows.iter().map(value).collect::<Vec<_>>()
+    };
+    let chart = Chart::new("Errors in stated sigmas, balanced")
+        .subtitle("root of the mean square over the poses of a walk; above 1 the stated covariance is too small")
+        .x_axis(Axis::categories("", names.clone()))
+        .y_axis(Axis::log("error over sigma", ""))
+        .series(Series::bars("place, causal", of(Poses::Causal, 0)))
+        .series(Series::bars("turn, causal", of(Poses::Causal, 1)))
+        .series(Series::bars("place, adjusted", of(Poses::Adjusted, 0)))
+        .series(Series::bars("turn, adjusted", of(Poses::Adjusted, 1)))
+        .hline(1.0, "right");
+    (!names.is_empty()).then_some(chart)
+}
+
+/// Mean error and time of some rows; none where one is lost or there is none.
+fn mean(rows: &[&Row], poses: Poses) -> Option<(f64, f64)> {
+    let count = rows.len() as f64;
+    let errors = rows.iter().map(|row| {
+        let figures = poses.figures(row)?;
+        figures.ate_percent.filter(|_| !figures.is_lost())
+    });
+    let error = errors.sum::<Option<f64>>()?;
+    let ms: f64 = rows.iter().map(|r| poses.cpu_ms(r)).sum();
+    (!rows.is_empty()).then_some((ms / count, error / count))
+}
+
+/// Mean error against mean time, over settings.
+fn settings(results: &Results, poses: Poses) -> Option<Chart> {
+    let rows_of = |name: &str| -> Vec<&Row> {
+        let is_it = |r: &&Row| {
+            r.job.sets == Some(SETTINGS_SETS)
+                && r.job.settings == name
+                && r.job.cameras.is_empty()
+                && r.job.with_imu
+        };
+        results.rows.iter().filter(is_it).collect()
+    };
+    let walks = rows_of("balanced").len();
+    let of = |name: &str| {
+        let rows = rows_of(name);
+        mean(&rows, poses).filter(|_| rows.len() == walks)
+    };
+    let mut lost = Vec::new();
+    let mut point = |name: &str| match of(name) {
+        Some(point) => point,
+        None => {
+            lost.push(name.to_owned());
+            (f64::NAN, f64::NAN)
+        }
+    };
+    let presets = PRESETS.map(&mut point);
+    let mut series = vec![Series::scatter("presets", presets).labels(PRESETS).slot(3)];
+    for (k, (key, values)) in SWEEPS.into_iter().enumerate() {
+        let points: Vec<_> = (values.iter())
+            .map(|value| point(&balanced_with(key, *value)))
+            .collect();
+        let labels = values.iter().map(usize::to_string);
+        series.push(Series::line(key, points).labels(labels).slot(k));
+    }
+    let missing = match lost.is_empty() {
+        true => String::new(),
+        false => format!("; lost or not run: {}", lost.join(", ")),
+    };
+    let chart = Chart::new(&format!(
+        "Error against time over settings, {} poses",
+        poses.name()
+    ))
+    .subtitle(&format!(
+        "means over the first 40 s of {walks} walks ({}); one setting of balanced changed at a time{missing}",
+        sweeps::SETTINGS_ON.join(", ")
+    ))
+    .x_axis(Axis::log("processor time of a stereo pair", "ms"))
+    .y_axis(Axis::linear("ATE", "% of the way").include(0.0));
+    let chart = series.into_iter().fold(chart, Chart::series);
+    (walks > 0).then_some(chart)
+}
+
+/// Error by cameras, with and without IMU: mean and worst.
+fn cameras(results: &Results, poses: Poses) -> Option<Chart> {
+    let names = CAMERAS.map(|(name, _)| name);
+    let rows_of = |cameras: &[&str], with_imu: bool| -> Vec<&Row> {
+        let is_it = |r: &&Row| {
+            r.job.sets == Some(CAMERAS_SETS)
+                && r.job.cameras == cameras
+                && r.job.with_imu == with_imu
+        };
+        results.rows.iter().filter(is_it).collect()
+    };
+    let mut chart = Chart::new(&format!(
+        "Error over cameras and IMU, {} poses",
+        poses.name()
+    ))
+    .x_axis(Axis::categories("", names))
+    .y_axis(Axis::log("ATE", "% of the way"));
+    let mut notes = Vec::new();
+    let mut walks = 0;
+    for (with_imu, label) in [(true, "with IMU"), (false, "without IMU")] {
+        let (mut means, mut worst) = (Vec::new(), Vec::new());
+        for (name, cameras) in CAMERAS {
+            let rows = rows_of(cameras, with_imu);
+            walks = walks.max(rows.len());
+            let errors = rows.iter().filter_map(|r| poses.figures(r));
+            let errors: Vec<f64> = errors
+                .filter(|f| !f.is_lost())
+                .filter_map(|f| f.ate_percent)
+                .collect();
+            let lost = rows.len() - errors.len();
+            if lost > 0 {
+                notes.push(format!("{name} {label}: {lost} lost"));
+            }
+            let is_whole = lost == 0 && !errors.is_empty();
+            let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+            means.push(if is_whole { mean } else { f64::NAN });
+            let most = errors.iter().copied().fold(f64::NAN, f64::max);
+            worst.push(if is_whole { most } else { f64::NAN });
+        }
+        chart = chart
+            .series(Series::bars(&format!("mean, {label}"), means))
+            .series(Series::bars(&format!("worst, {label}"), worst));
+    }
+    let notes = match notes.is_empty() {
+        true => String::new(),
+        false => format!("; left out: {}", notes.join(", ")),
+    };
+    let chart = chart.subtitle(&format!(
+        "the first 60 s of {walks} walks, one in each place, balanced{notes}"
+    ));
+    (walks > 0).then_some(chart)
+}

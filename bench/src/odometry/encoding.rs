@@ -1,0 +1,167 @@
+//! `odometry_encoding`: what the recording's compression costs in poses.
+//!
+//! Two simulated walks are rendered in colour at the quality of exams, encoded as the daemon encodes them (left and right side
+//! by side, one thread, a key frame each half second), decoded, and tracked. Beside the daemon's encoder at several quality
+//! targets stand the same element at slower speed presets, which the daemon does not offer, through `gst-launch-1.0` with
+//! the daemon's other properties, and the other software encoders that the daemon knows. Errors are against the truth;
+//! pictures that were never encoded stand beside. Errors of single walks jump about from one quality to the next, since any change
+//! of pictures changes which corners are followed; so the sights that agree are told too, which do not.
+//!
+//! Pictures lie in the folder of rendered walks (2 GB).
+
+use std::sync::Arc;
+
+use anyhow::{Context, Result};
+use serde::Serialize;
+use serde_json::json;
+use tests::sequences::{OwnedFrameSet, Sequence};
+use tests::tracking::{self, Tracking};
+
+mod charts;
+mod codec;
+mod material;
+
+use super::figures::Figures;
+use super::options::Options;
+use super::{results, settings};
+use crate::stamp;
+use codec::{Encoding, Made};
+use material::Material;
+
+/// Walks, of 40 s.
+const WALKS: [&str; 2] = ["pavement-day-21-40", "corridor-flicker-22-40"];
+/// Those of a trial.
+const QUICK: [&str; 1] = ["pavement-day-21-8"];
+/// Quality targets of the daemon's encoder, dB; it offers 30 and above.
+const TARGETS_DB: [f64; 10] = [21.0, 24.0, 27.0, 30.0, 33.0, 36.0, 39.0, 42.0, 45.0, 48.0];
+/// Those of the others.
+const OTHERS_DB: [f64; 4] = [33.0, 36.0, 39.0, 45.0];
+
+/// One encoding of one walk, or none.
+#[derive(Clone, Debug, Serialize)]
+struct Point {
+    walk: &'static str,
+    /// As it is called in charts; `not encoded` for the pictures themselves.
+    encoding: String,
+    /// Quality asked for, dB.
+    target_db: Option<f64>,
+    /// What encoding gave and took.
+    made: Option<Made>,
+    /// Sights that agree, mean of all sets.
+    sights: f64,
+    causal: Figures,
+    adjusted: Figures,
+}
+
+/// Runs the benchmark: `[--quick] [--only PART,...] [--walks DIR] [--out DIR]`; parts are `daemon`, `presets`, `encoders`.
+///
+/// # Errors
+/// Bad arguments, an encoder that fails, or a disk that says no.
+pub(crate) fn run(args: &[String]) -> Result<()> {
+    let options = Options::parse(args, &["daemon", "presets", "encoders"])?;
+    let stamp = stamp::stamp("odometry_encoding", args)?;
+    let mut points: Vec<Point> = Vec::new();
+    let walks: &[&'static str] = if options.quick { &QUICK } else { &WALKS };
+    for walk in walks.iter().copied().filter(|w| options.takes(w)) {
+        let (material, sequence) = Material::of(walk, &options.walks)?;
+        let sets = Arc::new(material.sets()?);
+        points.push(point(walk, &sequence, &sets, None)?);
+        for encoding in encodings(&options) {
+            let (decoded, made) = (codec::pass(&material, &encoding))
+                .with_context(|| format!("{} on {walk}", encoding.name()))?;
+            points.push(point(
+                walk,
+                &sequence,
+                &Arc::new(decoded),
+                Some((&encoding, made)),
+            )?);
+        }
+    }
+    let report = json!({
+        "benchmark": "odometry_encoding",
+        "stamp": stamp,
+        "settings": "balanced",
+        "points": points,
+    });
+    let mut files = vec![("odometry_encoding.json".to_owned(), format!("{report:#}\n"))];
+    files.extend(charts::draw(&points, &stamp::line(&stamp)));
+    results::write(&options.out, files)
+}
+
+/// What is tried on each walk.
+fn encodings(options: &Options) -> Vec<Encoding> {
+    let mut encodings = Vec::new();
+    let of = |target_db: &f64, element: &'static str, preset: Option<&'static str>| Encoding {
+        element,
+        preset,
+        target_db: *target_db,
+    };
+    for part in &options.parts {
+        match part.as_str() {
+            "daemon" => {
+                encodings.extend(TARGETS_DB.iter().map(|db| of(db, codec::DAEMONS, None)));
+            }
+            "presets" => {
+                for preset in ["superfast", "medium"] {
+                    let others = OTHERS_DB.iter();
+                    encodings.extend(others.map(|db| of(db, codec::DAEMONS, Some(preset))));
+                }
+            }
+            _ => {
+                for element in ["x265enc", "openh264enc"] {
+                    encodings.extend(OTHERS_DB.iter().map(|db| of(db, element, None)));
+                }
+            }
+        }
+    }
+    if options.quick {
+        encodings.retain(|e| [33.0, 42.0].contains(&e.target_db));
+    }
+    encodings
+}
+
+fn point(
+    walk: &'static str,
+    sequence: &Sequence,
+    sets: &Arc<Vec<OwnedFrameSet>>,
+    encoded: Option<(&Encoding, Made)>,
+) -> Result<Point> {
+    let sequence = sequence.clone().with_pictures(sets)?;
+    let mut tracking = Tracking::new(sequence.rig(), settings::parse("balanced")?, true);
+    let mut sights = 0;
+    sequence.for_each(|set| {
+        sights += tracking.add(&set)?.sights;
+        Ok(())
+    })?;
+    let truth = tracking::truth(&sequence)?;
+    let causal = Figures::of(tracking.causal(), &truth)?;
+    let adjusted = tracking.adjust()?.context("there is a mapping")?;
+    let point = Point {
+        walk,
+        encoding: encoded
+            .as_ref()
+            .map_or("not encoded".to_owned(), |(e, _)| e.name()),
+        target_db: encoded.as_ref().map(|(e, _)| e.target_db),
+        made: encoded.map(|(_, made)| made),
+        sights: sights as f64 / sequence.len() as f64,
+        causal,
+        adjusted: Figures::of(&adjusted.trajectory, &truth)?,
+    };
+    let percent = |f: &Figures| {
+        f.ate_percent
+            .map_or("lost".to_owned(), |p| format!("{p:.3} %"))
+    };
+    println!(
+        "{walk:24} {:18} {:>5} dB: {} causal {}, adjusted {}, {:.0} sights",
+        point.encoding,
+        point.target_db.map_or(String::new(), |db| db.to_string()),
+        point.made.as_ref().map_or(String::new(), |m| format!(
+            "{:.2} Mbit/s, PSNR {:.1} dB, {:.1} ms CPU;",
+            m.mbit_s, m.psnr_db, m.cpu_ms
+        )),
+        percent(&point.causal),
+        percent(&point.adjusted),
+        point.sights
+    );
+    Ok(point)
+}

@@ -1,0 +1,74 @@
+//! The pictures of `odometry_encoding`.
+
+use charts::{Axis, Chart, Series};
+
+use super::Point;
+use crate::odometry::figures::Figures;
+
+/// Names and texts of all pictures.
+pub(super) fn draw(points: &[Point], stamp: &str) -> Vec<(String, String)> {
+    let mut files = Vec::new();
+    let mut add = |name: String, chart: Chart| {
+        let svg = chart.footnote(stamp).to_svg(760, 400);
+        files.push((format!("odometry_encoding-{name}.svg"), svg));
+    };
+    let mut walks: Vec<&str> = points.iter().map(|p| p.walk).collect();
+    walks.dedup();
+    let percent = |figures: &Figures| figures.ate_percent.unwrap_or(f64::NAN);
+    for walk in walks {
+        let own: Vec<&Point> = points.iter().filter(|p| p.walk == walk).collect();
+        let error = |name: &str, of: &dyn Fn(&Point) -> f64| {
+            let y = Axis::linear("ATE", "% of the way").include(0.0);
+            chart(
+                &format!("Error against bit rate, {name} poses"),
+                walk,
+                &own,
+                y,
+                of,
+            )
+        };
+        add(
+            format!("causal-{walk}"),
+            error("causal", &|p| percent(&p.causal)),
+        );
+        add(
+            format!("adjusted-{walk}"),
+            error("adjusted", &|p| percent(&p.adjusted)),
+        );
+        let y = Axis::linear("sights that agree, mean of a set", "");
+        let sights = chart("Corners followed against bit rate", walk, &own, y, &|p| {
+            p.sights
+        });
+        add(format!("sights-{walk}"), sights);
+    }
+    files
+}
+
+fn chart(title: &str, walk: &str, points: &[&Point], y: Axis, of: &dyn Fn(&Point) -> f64) -> Chart {
+    let mut chart = Chart::new(title)
+        .subtitle(&format!(
+            "{walk}, three stereo cameras of 2x672x376 at 15 Hz, balanced; labels: quality asked for, dB"
+        ))
+        .x_axis(Axis::log("bit rate of all three cameras", "Mbit/s"))
+        .y_axis(y);
+    let mut names: Vec<&str> = Vec::new();
+    for point in points {
+        if point.made.is_some() && !names.contains(&point.encoding.as_str()) {
+            names.push(&point.encoding);
+        }
+    }
+    for name in names {
+        let own = points.iter().filter(|p| p.encoding == name);
+        let own: Vec<_> = own
+            .filter_map(|p| Some((p.made.as_ref()?.mbit_s, of(p), p.target_db?)))
+            .collect();
+        let labels = own.iter().map(|(_, _, db)| db.to_string());
+        let line = Series::line(name, own.iter().map(|(x, y, _)| (*x, *y)));
+        chart = chart.series(line.labels(labels));
+    }
+    let bare = points.iter().find(|p| p.made.is_none());
+    match bare {
+        Some(bare) => chart.hline(of(bare), "not encoded"),
+        None => chart,
+    }
+}

@@ -1,0 +1,291 @@
+//! `odometry_length`: an hour. Does a pose cost as much at its end as in the beginning, and what does adjusting all of it cost?
+//!
+//! One simulated walk of an hour, round after round of the same closed way among people who go on their own, with all three
+//! stereo cameras and their IMUs. Every picture is rendered (none is used twice), but small and with little trouble: 336x188,
+//! since an hour at full size takes most of a day. Times of single pictures are therefore not those of full size; whether
+//! they grow is the question. Another process renders ([`pipe`]); a minute of its pictures is read and then tracked.
+//!
+//! Memory is the most that was resident within a minute beyond what was there before the first pose, less what this benchmark
+//! itself keeps: the minute of pictures, and the poses and keyframes that odometry has handed over. At some minutes all keyframes so far are adjusted, in a mapping
+//! that is made anew and thrown away.
+
+use std::mem::size_of;
+
+use ::odometry::keyframe::{Mark, Seen};
+use ::odometry::{Estimate, ImuSample, Keyframe, Mapping, Odometry};
+use anyhow::{Context, Result};
+use cad_transforms::RigidTransform;
+use rig_sim::camera::Quality;
+use scene_bundle::{Pose, Status, Trajectory};
+use serde::Serialize;
+use serde_json::json;
+use tests::sequences::{self, OwnedFrameSet, Sequence, WalkSettings, named};
+
+mod charts;
+mod pipe;
+
+use super::figures::Figures;
+use super::options::Options;
+use super::run::forget_peak;
+use super::{results, settings};
+use crate::meter::{median, timed};
+use crate::stamp;
+use pipe::Pipe;
+
+const WALK: &str = "plaza-day-51-3600";
+const QUICK: &str = "plaza-day-51-120";
+/// Columns and rows of one eye.
+const SIZE: [u32; 2] = [336, 188];
+/// Minutes after which everything so far is adjusted.
+const MARKS: [usize; 7] = [1, 2, 5, 10, 20, 40, 60];
+/// By how much time and memory of causal poses may grow.
+const GROWTH: f64 = 1.10;
+/// Minutes in the beginning that are not compared: maps fill, the window too.
+const SETTLING: usize = 1;
+
+/// One minute of causal poses.
+#[derive(Clone, Debug, Serialize)]
+struct Minute {
+    /// From 1.
+    minute: usize,
+    /// Time and processor time of tracking it, s.
+    wall_s: f64,
+    cpu_s: f64,
+    /// Most memory of odometry in it, MB.
+    memory_mb: f64,
+    /// Keyframes in it.
+    keyframes: usize,
+}
+
+/// Everything so far, adjusted.
+#[derive(Clone, Debug, Serialize)]
+struct Whole {
+    minutes: usize,
+    keyframes: usize,
+    /// What keyframes take, MB.
+    keyframes_mb: f64,
+    landmarks: usize,
+    loops: usize,
+    rounds: usize,
+    wall_s: f64,
+    cpu_s: f64,
+    /// The most that adjusting took beyond the keyframes, MB.
+    peak_mb: f64,
+    causal: Figures,
+    adjusted: Figures,
+}
+
+/// Runs the benchmark: `[--quick] [--out DIR]`.
+///
+/// # Errors
+/// Bad arguments, or a disk that says no. Growth is a result and no error.
+pub(crate) fn run(args: &[String]) -> Result<()> {
+    if let Some(answer) = pipe::answer(args, sequence) {
+        return answer;
+    }
+    let options = Options::parse(args, &[])?;
+    let stamp = stamp::stamp("odometry_length", args)?;
+    let name = if options.quick { QUICK } else { WALK };
+    let walk = named::settings(name)?;
+    let minutes = (walk.seconds / 60.0) as usize;
+    let per_minute = (60.0 * walk.rate_hz) as usize;
+    let sequence = sequence(name)?;
+    let mut hour = Hour::new(&sequence)?;
+    let mut pipe = Pipe::new(name, &sequence)?;
+    let (mut each, mut marks) = (Vec::new(), Vec::new());
+    for minute in 1..=minutes {
+        let pictures = pipe.take(per_minute)?;
+        let done = hour.track(minute, &pictures)?;
+        drop(pictures);
+        println!(
+            "minute {minute:2}: {:.2} s, {:.2} s CPU, {:.1} MB, {} keyframes",
+            done.wall_s, done.cpu_s, done.memory_mb, done.keyframes
+        );
+        each.push(done);
+        if MARKS.contains(&minute) {
+            let mark = hour.adjust(minute)?;
+            println!(
+                "  {minute} min adjusted: {} keyframes, {} landmarks, {} loops, {} rounds: {:.1} s, {:.1} s CPU, {:.0} MB beyond {:.0} MB; error {:?} % before, {:?} % after",
+                mark.keyframes,
+                mark.landmarks,
+                mark.loops,
+                mark.rounds,
+                mark.wall_s,
+                mark.cpu_s,
+                mark.peak_mb,
+                mark.keyframes_mb,
+                mark.causal.ate_percent,
+                mark.adjusted.ate_percent
+            );
+            marks.push(mark);
+        }
+    }
+    let growth = [
+        ("cpu_time", growth(&each, |m| m.cpu_s)),
+        ("wall_time", growth(&each, |m| m.wall_s)),
+        ("memory", growth(&each, |m| m.memory_mb)),
+    ];
+    for (what, grown) in growth {
+        println!("{what}: last third over first {grown:.3}");
+    }
+    let report = json!({
+        "benchmark": "odometry_length",
+        "stamp": stamp,
+        "walk": name,
+        "size": SIZE,
+        "growth": growth.map(|(what, grown)| json!({ "of": what, "last_third_over_first": grown, "within_limit": grown <= GROWTH })),
+        "minutes": each,
+        "adjusted": marks,
+    });
+    let mut files = vec![("odometry_length.json".to_owned(), format!("{report:#}\n"))];
+    files.extend(charts::draw(name, &each, &marks, &stamp::line(&stamp)));
+    results::write(&options.out, files)
+}
+
+/// The walk, small and quick to render.
+fn sequence(name: &str) -> Result<Sequence> {
+    sequences::walk(&WalkSettings {
+        quality: Quality::FAST,
+        size: SIZE,
+        ..named::settings(name)?
+    })
+}
+
+/// Median of the last third of the minutes over that of the first, but for the very first minutes.
+fn growth(minutes: &[Minute], of: impl Fn(&Minute) -> f64) -> f64 {
+    let used = &minutes[SETTLING.min(minutes.len())..];
+    let third = used.len().div_ceil(3);
+    let (first, last) = (&used[..third], &used[used.len() - third..]);
+    median(last.iter().map(&of)) / median(first.iter().map(&of))
+}
+
+struct Hour<'a> {
+    sequence: &'a Sequence,
+    odometry: Odometry,
+    keyframes: Vec<Keyframe>,
+    causal: Vec<Pose>,
+    truth: Vec<Pose>,
+    /// Resident memory with the first pictures there and nothing else, bytes.
+    base: Option<u64>,
+}
+
+impl<'a> Hour<'a> {
+    fn new(sequence: &'a Sequence) -> Result<Self> {
+        let balanced = settings::parse("balanced")?;
+        Ok(Self {
+            sequence,
+            odometry: Odometry::new(sequence.rig(), balanced),
+            // With room for all, so that they never move.
+            keyframes: Vec::with_capacity(sequence.len()),
+            causal: Vec::with_capacity(sequence.len()),
+            truth: Vec::with_capacity(sequence.len()),
+            base: None,
+        })
+    }
+
+    /// Tracks the pictures of a minute.
+    fn track(&mut self, minute: usize, sets: &[OwnedFrameSet]) -> Result<Minute> {
+        let resident = forget_peak()?;
+        let base = *self.base.get_or_insert(resident);
+        let before = self.keyframes.len();
+        let (estimates, took) = timed(|| -> Vec<Estimate> {
+            let estimates = sets.iter().map(|set| {
+                for (k, samples) in set.imu.iter().enumerate() {
+                    for sample in samples {
+                        self.odometry.add_imu(k, sample);
+                    }
+                }
+                let estimate = self.odometry.add_frames(&set.borrowed());
+                self.keyframes.extend(self.odometry.take_keyframes(false));
+                estimate
+            });
+            estimates.collect()
+        });
+        let peak = tests::soak::memory()?.peak;
+        // What lies here is what lay at the base, and what is kept.
+        let kept = self.keyframes.iter().map(bytes).sum::<usize>()
+            + 2 * self.causal.len() * size_of::<Pose>()
+            + estimates.len() * size_of::<Estimate>();
+        for estimate in estimates {
+            let status = match estimate.status {
+                ::odometry::Status::Tracked => Status::Tracked,
+                ::odometry::Status::DeadReckoned => Status::DeadReckoned,
+                ::odometry::Status::Lost => Status::Lost,
+            };
+            self.causal.push(Pose {
+                status,
+                ..Pose::new(estimate.time_ns, estimate.world_from_rig)
+            });
+            let truth = self.sequence.world_from_rig(estimate.time_ns);
+            let truth = truth.context("the truth ends before the pictures")?;
+            self.truth.push(Pose::new(estimate.time_ns, truth));
+        }
+        Ok(Minute {
+            minute,
+            wall_s: took.wall_s,
+            cpu_s: took.cpu_s,
+            memory_mb: (peak as f64 - base as f64 - kept as f64) * 1e-6,
+            keyframes: self.keyframes.len() - before,
+        })
+    }
+
+    /// Adjusts all keyframes so far.
+    fn adjust(&self, minutes: usize) -> Result<Whole> {
+        let balanced = settings::parse("balanced")?;
+        let before = forget_peak()?;
+        let mut mapping = Mapping::new(self.sequence.rig(), &balanced);
+        let (adjusted, took) = timed(|| {
+            let mut next = 0;
+            for keyframe in &self.keyframes {
+                feed(&mut mapping, &self.sequence.imu()[0], &mut next, keyframe);
+                mapping.add_keyframe(keyframe.clone());
+            }
+            mapping.solve(|_| {})
+        });
+        let peak = tests::soak::memory()?.peak.saturating_sub(before);
+        let causal: Vec<(i64, RigidTransform)> = (self.causal.iter())
+            .map(|p| (p.time_ns, p.world_from_rig))
+            .collect();
+        let own: Vec<_> = (adjusted.poses.iter())
+            .map(|p| (p.time_ns, p.world_from_rig))
+            .collect();
+        let carried = ::odometry::mapping::between(&causal, &own).into_iter();
+        let carried = carried.zip(&self.causal).map(|(pose, of)| Pose {
+            world_from_rig: pose,
+            ..of.clone()
+        });
+        let carried = Trajectory::new(carried.collect())?;
+        let truth = Trajectory::new(self.truth.clone())?;
+        Ok(Whole {
+            minutes,
+            keyframes: self.keyframes.len(),
+            keyframes_mb: self.keyframes.iter().map(bytes).sum::<usize>() as f64 * 1e-6,
+            landmarks: adjusted.landmarks,
+            loops: adjusted.loops.len(),
+            rounds: adjusted.rounds,
+            wall_s: took.wall_s,
+            cpu_s: took.cpu_s,
+            peak_mb: peak as f64 * 1e-6,
+            causal: Figures::of(&Trajectory::new(self.causal.clone())?, &truth)?,
+            adjusted: Figures::of(&carried, &truth)?,
+        })
+    }
+}
+
+/// Hands over the samples up to a keyframe's time, and one more.
+fn feed(mapping: &mut Mapping, samples: &[ImuSample], next: &mut usize, keyframe: &Keyframe) {
+    let older = samples.partition_point(|s| s.time_ns < keyframe.state.time_ns);
+    let until = (older + 1).min(samples.len()).max(*next);
+    for sample in &samples[*next..until] {
+        mapping.add_imu(0, sample);
+    }
+    *next = until;
+}
+
+/// What a keyframe takes.
+fn bytes(keyframe: &Keyframe) -> usize {
+    size_of::<Keyframe>()
+        + keyframe.after_s.capacity() * size_of::<f64>()
+        + keyframe.seen.capacity() * size_of::<Seen>()
+        + keyframe.marks.capacity() * size_of::<Mark>()
+}

@@ -1,0 +1,191 @@
+//! The real recordings at hand: a short drive, and a second of standing still.
+
+use anyhow::{Context, Result};
+use serde::{Deserialize, Serialize};
+use tests::sequences;
+use tests::tracking::{self, drive, still};
+
+use super::settings;
+use crate::meter::timed;
+
+/// Poses of KITTI in the beginning whose truth was not measured but interpolated.
+pub(crate) const INTERPOLATED: usize = 12;
+/// Presets that are compared.
+const PRESETS: [&str; 3] = ["fast", "balanced", "accurate"];
+
+/// Drift at the end of KITTI's drive.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Drive {
+    /// Stereo pairs.
+    pub(crate) pairs: usize,
+    /// How far the turns between the first true poses differ from their mean, rad.
+    pub(crate) first_turns_differ_rad: f64,
+    /// The same of the first turns behind them, of as many poses.
+    pub(crate) later_turns_differ_rad: f64,
+    /// One for each preset.
+    pub(crate) runs: Vec<DriveRun>,
+}
+
+/// With one preset.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct DriveRun {
+    /// Preset.
+    pub(crate) settings: String,
+    /// Time of a stereo pair, ms, and processor time.
+    pub(crate) wall_ms: f64,
+    pub(crate) cpu_ms: f64,
+    /// Causal drift: laid on by the first pose, by the best fit, and by the first pose that was measured.
+    pub(crate) causal: [Off; 3],
+    /// The same after everything was adjusted.
+    pub(crate) adjusted: [Off; 3],
+}
+
+/// Drift at the last pose.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(crate) struct Off {
+    /// Of how long a way, m.
+    pub(crate) path_m: f64,
+    /// Percent of the way.
+    pub(crate) percent: f64,
+    /// Degrees.
+    pub(crate) turn_deg: f64,
+}
+
+impl From<drive::Drift> for Off {
+    fn from(of: drive::Drift) -> Self {
+        Self {
+            path_m: of.path_m,
+            percent: of.percent,
+            turn_deg: of.turn_deg,
+        }
+    }
+}
+
+/// Standing still, EuRoC.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Stand {
+    /// Stereo pairs, and for how long, s.
+    pub(crate) pairs: usize,
+    pub(crate) seconds: f64,
+    /// The truth's two ways to tell what is up against one another, degrees.
+    pub(crate) truth_off_itself_deg: f64,
+    /// How far the true poses move, mm.
+    pub(crate) truth_moved_mm: f64,
+    /// One for each preset.
+    pub(crate) runs: Vec<StandRun>,
+}
+
+/// With one preset.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct StandRun {
+    /// Preset.
+    pub(crate) settings: String,
+    /// Bias of the gyroscope against the truth's, rad/s.
+    pub(crate) gyro_bias_off: f64,
+    /// Bias of the accelerometer against the truth's, m/s².
+    pub(crate) accel_bias_off: f64,
+    /// Up against the truth's orientation, and against the specific force less the true bias, degrees.
+    pub(crate) up_off_orientation_deg: f64,
+    pub(crate) up_off_force_deg: f64,
+    /// The farthest that a pose is from the first one, mm.
+    pub(crate) moved_mm: f64,
+}
+
+/// KITTI; none, with a line that says why, where its pictures are not there.
+///
+/// # Errors
+/// Pictures that cannot be read.
+pub(crate) fn kitti() -> Result<Option<Drive>> {
+    let [folder] = match tests::data::sets(["02_stereo_odometry_kitti/KITTI_sequence_1"]) {
+        Ok(sets) => sets,
+        Err(reason) => {
+            eprintln!("{reason}");
+            return Ok(None);
+        }
+    };
+    let sequence = sequences::kitti(&folder)?;
+    let truth = tracking::truth(&sequence)?;
+    let later = scene_bundle::Trajectory::new(truth.poses()[INTERPOLATED..].to_vec())?;
+    let mut runs = Vec::new();
+    for name in PRESETS {
+        let mut tracking = tracking::Tracking::new(sequence.rig(), settings::parse(name)?, true);
+        let (mut wall_s, mut cpu_s) = (0.0, 0.0);
+        sequence.for_each(|set| {
+            let (estimate, took) = timed(|| tracking.add(&set));
+            wall_s += took.wall_s;
+            cpu_s += took.cpu_s;
+            estimate.map(drop)
+        })?;
+        let causal = tracking.causal().clone();
+        let adjusted = tracking.adjust()?.context("there is a mapping")?.trajectory;
+        let off = |of: &scene_bundle::Trajectory| -> Result<[Off; 3]> {
+            Ok([
+                drive::from_pose(of, &truth, 0)?.into(),
+                drive::best_fit(of, &truth)?.into(),
+                drive::from_pose(of, &truth, INTERPOLATED)?.into(),
+            ])
+        };
+        let each = |seconds: f64| 1e3 * seconds / sequence.len() as f64;
+        let run = DriveRun {
+            settings: name.to_owned(),
+            wall_ms: each(wall_s),
+            cpu_ms: each(cpu_s),
+            causal: off(&causal)?,
+            adjusted: off(&adjusted)?,
+        };
+        let [first, fit, measured] = run.causal.map(|o| o.percent);
+        println!(
+            "KITTI {name:9} drift {first:.3} % from pose 0, {fit:.3} % by best fit, {measured:.3} % from pose {INTERPOLATED}; {:.1} ms",
+            run.wall_ms
+        );
+        runs.push(run);
+    }
+    Ok(Some(Drive {
+        pairs: sequence.len(),
+        first_turns_differ_rad: drive::unevenness(&truth, INTERPOLATED),
+        later_turns_differ_rad: drive::unevenness(&later, INTERPOLATED),
+        runs,
+    }))
+}
+
+/// EuRoC; none, with a line that says why, where it is not there.
+///
+/// # Errors
+/// Files that cannot be read.
+pub(crate) fn euroc() -> Result<Option<Stand>> {
+    let [folder, truth] = match tests::data::sets([
+        "03_stereo_imu/euroc_V1_01_micro",
+        "03_stereo_imu/euroc_groundtruth/V1_01_easy.csv",
+    ]) {
+        Ok(sets) => sets,
+        Err(reason) => {
+            eprintln!("{reason}");
+            return Ok(None);
+        }
+    };
+    let mut stand: Option<Stand> = None;
+    for name in PRESETS {
+        let found = still::still(&folder, &truth, settings::parse(name)?)?;
+        let run = StandRun {
+            settings: name.to_owned(),
+            gyro_bias_off: found.gyro_bias_off,
+            accel_bias_off: found.accel_bias_off,
+            up_off_orientation_deg: found.up_off_orientation_deg,
+            up_off_force_deg: found.up_off_force_deg,
+            moved_mm: 1e3 * found.moved_m,
+        };
+        println!(
+            "EuRoC {name:9} gyroscope's bias off {:.5} rad/s, up off {:.3} and {:.3} deg, moved {:.2} mm",
+            run.gyro_bias_off, run.up_off_orientation_deg, run.up_off_force_deg, run.moved_mm
+        );
+        let stand = stand.get_or_insert_with(|| Stand {
+            pairs: found.sets,
+            seconds: found.seconds,
+            truth_off_itself_deg: found.truth_off_itself_deg,
+            truth_moved_mm: 1e3 * found.truth_moved_m,
+            runs: Vec::new(),
+        });
+        stand.runs.push(run);
+    }
+    Ok(stand)
+}

@@ -1,0 +1,108 @@
+//! What was found so far: a file that parts of the benchmark add to.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::real::{Drive, Stand};
+use super::run::{AdjustedRun, Job, Ran};
+use super::{charts, table};
+use crate::stamp;
+
+const FILE: &str = "odometry.json";
+
+/// See the module.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(crate) struct Results {
+    /// Of the last part that was run.
+    pub(crate) stamp: Value,
+    /// KITTI, if its pictures were there.
+    pub(crate) kitti: Option<Drive>,
+    /// EuRoC.
+    pub(crate) euroc: Option<Stand>,
+    /// Walks.
+    pub(crate) rows: Vec<Row>,
+}
+
+/// One run on a walk.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Row {
+    #[serde(flatten)]
+    pub(crate) job: Job,
+    #[serde(flatten)]
+    pub(crate) ran: Ran,
+    /// What came of adjusting everything, where it was done.
+    pub(crate) adjusted: Option<AdjustedRun>,
+    /// Source that was run.
+    pub(crate) commit: String,
+    /// Day of the run.
+    pub(crate) date: String,
+    /// Processes that wanted to run when it began, mean of a minute, over the number of processors.
+    pub(crate) load: f64,
+}
+
+impl Results {
+    /// What the folder holds; nothing where there is no file.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub(crate) fn read(folder: &Path) -> Result<Self> {
+        let path = folder.join(FILE);
+        match fs::read_to_string(&path) {
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(Self::default()),
+            Err(e) => Err(e).with_context(|| format!("reading {}", path.display())),
+            Ok(text) => serde_json::from_str(&text).with_context(|| {
+                format!("reading earlier results: remove or mend {}", path.display())
+            }),
+        }
+    }
+
+    /// Takes a row in place of an earlier one of the same job.
+    pub(crate) fn add(&mut self, row: Row) {
+        match self.rows.iter_mut().find(|r| r.job == row.job) {
+            Some(old) => *old = row,
+            None => self.rows.push(row),
+        }
+    }
+
+    /// Writes results, tables and charts.
+    ///
+    /// # Errors
+    /// A disk that says no.
+    pub(crate) fn write(&self, folder: &Path) -> Result<()> {
+        let mut report = serde_json::to_value(self)?;
+        report["benchmark"] = "odometry".into();
+        let stamp = stamp::line(&self.stamp);
+        let mut files = vec![
+            (FILE.to_owned(), format!("{report:#}\n")),
+            ("odometry.md".to_owned(), table::text(self)),
+        ];
+        files.extend(charts::draw(self, &stamp));
+        write(folder, files)
+    }
+}
+
+/// Writes files into a folder.
+///
+/// # Errors
+/// A disk that says no.
+pub(crate) fn write(folder: &Path, files: Vec<(String, String)>) -> Result<()> {
+    fs::create_dir_all(folder).with_context(|| format!("making {}", folder.display()))?;
+    for (name, text) in files {
+        let path = folder.join(name);
+        fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
+    }
+    Ok(())
+}
+
+/// How busy the machine is: processes that want to run, mean of the last minute, over the number of processors.
+pub(crate) fn load() -> f64 {
+    let text = fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    let first = text.split_whitespace().next();
+    let load: f64 = first.and_then(|t| t.parse().ok()).unwrap_or(f64::NAN);
+    let processors = std::thread::available_parallelism().map_or(1, usize::from);
+    load / processors as f64
+}

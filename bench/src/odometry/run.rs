@@ -1,0 +1,292 @@
+//! One run, in a process of its own: this program, started again.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use anyhow::{Context, Result, ensure};
+use rig_sim::camera::Quality;
+use scene_bundle::Trajectory;
+use serde::{Deserialize, Serialize};
+use tests::sequences::{self, Sequence, named};
+use tests::tracking::{self, Tracking};
+
+use super::figures::Figures;
+use super::settings;
+use crate::meter::timed;
+
+/// First argument of the process; the job follows as JSON.
+const RUN: &str = "--run";
+/// Threads of a run.
+const THREADS: &str = "2";
+
+/// What to run on, and how.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Job {
+    /// Name of a walk.
+    pub(crate) walk: String,
+    /// Cameras in use; none for all.
+    pub(crate) cameras: Vec<String>,
+    /// Whether their IMUs are.
+    pub(crate) with_imu: bool,
+    /// Whether the pictures are those of a short trial, rendered with less trouble.
+    pub(crate) is_trial: bool,
+    /// Frame sets; none for all.
+    pub(crate) sets: Option<usize>,
+    /// As [`settings::parse`] has it.
+    pub(crate) settings: String,
+}
+
+impl Job {
+    /// A whole walk with everything that the rig has.
+    pub(crate) fn whole(walk: &str, settings: &str, is_trial: bool) -> Self {
+        Self {
+            walk: walk.to_owned(),
+            cameras: Vec::new(),
+            with_imu: true,
+            is_trial,
+            sets: None,
+            settings: settings.to_owned(),
+        }
+    }
+
+    /// The walk, with its pictures in a folder; they are rendered where they are not there.
+    ///
+    /// # Errors
+    /// There is no such walk, or the folder cannot be written.
+    pub(crate) fn sequence(&self, walks: &Path) -> Result<Sequence> {
+        let mut walk = named::settings(&self.walk)?;
+        walk.cameras = self.cameras.clone();
+        walk.with_imu = self.with_imu;
+        if self.is_trial {
+            walk.quality = Quality::FAST;
+        }
+        let sequence = sequences::walk(&walk)?.cached(walks)?;
+        Ok(match self.sets {
+            Some(sets) => sequence.first(sets),
+            None => sequence,
+        })
+    }
+}
+
+/// What the process is told.
+#[derive(Serialize, Deserialize)]
+struct Order {
+    job: Job,
+    walks: PathBuf,
+    with_mapping: bool,
+}
+
+/// What came out of one process.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Answer {
+    ran: Ran,
+    /// Checksum of all causal poses.
+    poses: u32,
+    adjusted: Option<AdjustedRun>,
+}
+
+/// What a run gave and took.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Ran {
+    /// Stereo cameras.
+    pub(crate) cameras: usize,
+    /// Stereo pairs.
+    pub(crate) pairs: usize,
+    /// From the first set to the last, s.
+    pub(crate) seconds: f64,
+    /// Length of the way, m.
+    pub(crate) path_m: f64,
+    /// Keyframes.
+    pub(crate) keyframes: usize,
+    /// Time of a stereo pair, mean, ms.
+    pub(crate) wall_ms: f64,
+    /// Processor time of a stereo pair, all threads, mean, ms.
+    pub(crate) cpu_ms: f64,
+    /// The longest that a set took, ms.
+    pub(crate) longest_set_ms: f64,
+    /// Most memory beyond what was there before, bytes.
+    pub(crate) peak_bytes: u64,
+    /// How far off the causal poses are.
+    pub(crate) figures: Figures,
+}
+
+/// What adjusting everything gave and took.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct AdjustedRun {
+    /// Of the adjustment, s.
+    pub(crate) wall_s: f64,
+    /// Processor time of it, s.
+    pub(crate) cpu_s: f64,
+    /// Most memory of tracking and adjustment beyond what was there before, bytes.
+    pub(crate) peak_bytes: u64,
+    /// Keyframes.
+    pub(crate) keyframes: usize,
+    /// Places seen again.
+    pub(crate) loops: usize,
+    /// Linearisations.
+    pub(crate) rounds: usize,
+    /// Landmarks.
+    pub(crate) landmarks: usize,
+    /// How far off the adjusted poses are.
+    pub(crate) figures: Figures,
+}
+
+/// How often a job is run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Passes {
+    /// Once, with everything kept and adjusted at the end: causal memory is with what is kept.
+    One,
+    /// Once without keeping anything and once more with.
+    Two,
+}
+
+/// Runs a job.
+///
+/// # Errors
+/// A process fails, or two give different causal poses.
+pub(crate) fn run(job: &Job, walks: &Path, passes: Passes) -> Result<(Ran, Option<AdjustedRun>)> {
+    let order = |with_mapping| Order {
+        job: job.clone(),
+        walks: walks.to_owned(),
+        with_mapping,
+    };
+    let second = start(&order(true))?;
+    if passes == Passes::One {
+        return Ok((second.ran, second.adjusted));
+    }
+    let first = start(&order(false))?;
+    ensure!(
+        first.poses == second.poses,
+        "running {} in {} twice: found checksums {:08x} and {:08x} of the poses, expected the same",
+        job.walk,
+        job.settings,
+        first.poses,
+        second.poses
+    );
+    let mut ran = first.ran;
+    ran.wall_ms = ran.wall_ms.min(second.ran.wall_ms);
+    ran.cpu_ms = ran.cpu_ms.min(second.ran.cpu_ms);
+    ran.longest_set_ms = ran.longest_set_ms.min(second.ran.longest_set_ms);
+    Ok((ran, second.adjusted))
+}
+
+fn start(order: &Order) -> Result<Answer> {
+    let program = std::env::current_exe().context("finding this program")?;
+    let output = Command::new(program)
+        .args(["odometry", RUN])
+        .arg(serde_json::to_string(order)?)
+        .env("RAYON_NUM_THREADS", THREADS)
+        .stderr(Stdio::inherit())
+        .output()
+        .context("starting a run")?;
+    let job = &order.job;
+    ensure!(
+        output.status.success(),
+        "the run of {} in {} ended with {}",
+        job.walk,
+        job.settings,
+        output.status
+    );
+    serde_json::from_slice(&output.stdout).context("reading what a run gave")
+}
+
+/// Does what another process asked for; none where none did.
+pub(crate) fn answer(args: &[String]) -> Option<Result<()>> {
+    let [first, order] = args else { return None };
+    (first == RUN).then(|| {
+        let order: Order = serde_json::from_str(order).context("reading what is to be run")?;
+        let answer = serde_json::to_vec(&work(&order)?)?;
+        std::io::stdout().write_all(&answer)?;
+        Ok(())
+    })
+}
+
+fn work(order: &Order) -> Result<Answer> {
+    let sequence = order.job.sequence(&order.walks)?;
+    let settings = settings::parse(&order.job.settings)?;
+    let truth = tracking::truth(&sequence)?;
+    let before = forget_peak()?;
+    let mut tracking = Tracking::new(sequence.rig(), settings, order.with_mapping);
+    let (mut wall_s, mut cpu_s, mut longest_s, mut pairs) = (0.0, 0.0, 0.0_f64, 0);
+    sequence.for_each(|set| {
+        let (estimate, took) = timed(|| tracking.add(&set));
+        estimate?;
+        wall_s += took.wall_s;
+        cpu_s += took.cpu_s;
+        longest_s = longest_s.max(took.wall_s);
+        pairs += set.views.iter().flatten().count();
+        Ok(())
+    })?;
+    let peak = || -> Result<u64> { Ok(tests::soak::memory()?.peak.saturating_sub(before)) };
+    let causal = tracking.causal().clone();
+    let each = |seconds: f64| 1e3 * seconds / pairs.max(1) as f64;
+    let steps = truth.poses().windows(2);
+    let ran = Ran {
+        cameras: sequence.rig().cameras.len(),
+        pairs,
+        seconds: causal.duration_ns() as f64 * 1e-9,
+        path_m: steps
+            .map(|p| p[0].world_from_rig.translation() - p[1].world_from_rig.translation())
+            .map(|step| step.norm())
+            .sum(),
+        keyframes: tracking.keyframes(),
+        wall_ms: each(wall_s),
+        cpu_ms: each(cpu_s),
+        longest_set_ms: 1e3 * longest_s,
+        peak_bytes: peak()?,
+        figures: Figures::of(&causal, &truth)?,
+    };
+    let (adjusted, took) = timed(|| tracking.adjust());
+    let adjusted = match adjusted? {
+        None => None,
+        Some(adjusted) => Some(AdjustedRun {
+            wall_s: took.wall_s,
+            cpu_s: took.cpu_s,
+            peak_bytes: peak()?,
+            keyframes: adjusted.keyframes,
+            loops: adjusted.loops,
+            rounds: adjusted.rounds,
+            landmarks: adjusted.landmarks,
+            figures: Figures::of(&adjusted.trajectory, &truth)?,
+        }),
+    };
+    Ok(Answer {
+        ran,
+        poses: checksum(&causal),
+        adjusted,
+    })
+}
+
+/// Gives free memory back to the system, sets the peak of the resident memory to what is resident now, and says how much
+/// that is, bytes: what was made and thrown away before is not there to be used again without being counted.
+///
+/// # Errors
+/// The system does not tell.
+pub(crate) fn forget_peak() -> Result<u64> {
+    #[cfg(target_env = "gnu")]
+    {
+        unsafe extern "C" {
+            /// malloc_trim(3).
+            safe fn malloc_trim(pad: usize) -> i32;
+        }
+        malloc_trim(0);
+    }
+    // proc_pid_clear_refs(5).
+    std::fs::write("/proc/self/clear_refs", "5").context("forgetting the peak of the memory")?;
+    Ok(tests::soak::memory()?.resident)
+}
+
+/// Of all numbers of all poses.
+pub(crate) fn checksum(trajectory: &Trajectory) -> u32 {
+    let mut hasher = crc32fast::Hasher::new();
+    for pose in trajectory.poses() {
+        let q = pose.world_from_rig.rotation().quaternion();
+        let place = pose.world_from_rig.translation_m();
+        for value in [q.w, q.i, q.j, q.k].into_iter().chain(place) {
+            hasher.update(&value.to_le_bytes());
+        }
+        hasher.update(&[pose.status.code()]);
+    }
+    hasher.finalize()
+}

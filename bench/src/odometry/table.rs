@@ -1,0 +1,218 @@
+//! The results as tables for people: causal and adjusted poses apart.
+
+use std::fmt::Write as _;
+
+use tests::sequences::named::ODOMETRY_EXAM;
+
+use super::figures::Figures;
+use super::real::{Drive, INTERPOLATED, Stand};
+use super::results::{Results, Row};
+use super::run::Job;
+use super::sweeps::PRESETS;
+use crate::stamp;
+
+/// What is asked for: causal and adjusted errors, percent of the way, and time of a stereo pair, ms.
+pub(crate) const CAUSAL_PERCENT: f64 = 0.3;
+pub(crate) const ADJUSTED_PERCENT: f64 = 0.1;
+pub(crate) const PAIR_MS: f64 = 20.0;
+
+/// Markdown.
+pub(crate) fn text(results: &Results) -> String {
+    let mut text = format!(
+        "# Odometry, measured\n\nWritten by `cargo xtask bench odometry`; what it means stands in [odometry.md](../odometry.md). \
+         Last part: {}.\n",
+        stamp::line(&results.stamp)
+    );
+    if let Some(drive) = &results.kitti {
+        kitti(&mut text, drive);
+    }
+    if let Some(stand) = &results.euroc {
+        euroc(&mut text, stand);
+    }
+    for preset in PRESETS {
+        let rows = exam(results, preset);
+        if rows.is_empty() {
+            continue;
+        }
+        let title = format!("\n## Ten walks, `{preset}`: causal poses\n");
+        walks(&mut text, &title, &rows, CAUSAL_PERCENT, &|row| {
+            Some(Entry {
+                figures: &row.ran.figures,
+                ms: row.ran.wall_ms,
+                cpu_ms: row.ran.cpu_ms,
+                bytes: row.ran.peak_bytes,
+                more: format!("{:.0} ms", row.ran.longest_set_ms),
+            })
+        });
+        let title = format!("\n## Ten walks, `{preset}`: adjusted afterwards\n");
+        walks(&mut text, &title, &rows, ADJUSTED_PERCENT, &|row| {
+            let adjusted = row.adjusted.as_ref()?;
+            let each = |seconds: f64| 1e3 * seconds / row.ran.pairs as f64;
+            Some(Entry {
+                figures: &adjusted.figures,
+                ms: row.ran.wall_ms + each(adjusted.wall_s),
+                cpu_ms: row.ran.cpu_ms + each(adjusted.cpu_s),
+                bytes: adjusted.peak_bytes,
+                more: format!("{:.1} s, {} loops", adjusted.wall_s, adjusted.loops),
+            })
+        });
+    }
+    text
+}
+
+/// Rows of whole walks with a preset, in the order of the exam.
+pub(crate) fn exam<'a>(results: &'a Results, preset: &str) -> Vec<&'a Row> {
+    let is_whole = |r: &&Row| r.job == Job::whole(&r.job.walk, preset, r.job.is_trial);
+    let mut rows: Vec<&Row> = results.rows.iter().filter(is_whole).collect();
+    rows.sort_by_key(|r| {
+        let place = ODOMETRY_EXAM.iter().position(|walk| *walk == r.job.walk);
+        place.unwrap_or(usize::MAX)
+    });
+    rows
+}
+
+struct Entry<'a> {
+    figures: &'a Figures,
+    ms: f64,
+    cpu_ms: f64,
+    bytes: u64,
+    more: String,
+}
+
+fn walks<'a>(
+    text: &mut String,
+    title: &str,
+    rows: &[&'a Row],
+    target: f64,
+    of: &dyn Fn(&'a Row) -> Option<Entry<'a>>,
+) {
+    text.push_str(title);
+    text.push_str(
+        "\n| walk | way, m | error (ATE), m | % of the way | turn, ° | drift over 10 m, % | farthest off | ms per pair | CPU ms | longest set, or adjustment | peak MB | completion | tracked / carried / lost | errors in sigmas, place / turn | silently wrong | load | commit |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
+    );
+    let entries: Vec<_> = rows.iter().filter_map(|r| Some((*r, of(r)?))).collect();
+    for (row, entry) in &entries {
+        let f = entry.figures;
+        let number = |value: Option<f64>, digits: usize| {
+            value.map_or("lost".to_owned(), |v| format!("{v:.digits$}"))
+        };
+        let pair = |pair: Option<[f64; 2]>| {
+            pair.map_or(String::new(), |[a, b]| format!("{a:.1} / {b:.1}"))
+        };
+        let mark = if f.ate_percent.is_some_and(|p| p <= target) {
+            ""
+        } else {
+            " (missed)"
+        };
+        let worst = f
+            .worst
+            .map_or(String::new(), |[m, s]| format!("{m:.2} m at {s:.0} s"));
+        let [tracked, carried, lost] = f.poses;
+        let _ = writeln!(
+            text,
+            "| {} | {:.0} | {} | {}{mark} | {} | {} | {worst} | {:.1} | {:.1} | {} | {:.0} | {:.2} % | {tracked} / {carried} / {lost} | {} | {} | {:.1} | {} |",
+            row.job.walk,
+            row.ran.path_m,
+            number(f.ate_m, 3),
+            number(f.ate_percent, 3),
+            number(f.turn_deg, 2),
+            number(f.drift_percent, 2),
+            entry.ms,
+            entry.cpu_ms,
+            entry.more,
+            entry.bytes as f64 * 1e-6,
+            100.0 * f.completion,
+            pair(f.sigmas),
+            f.silently_wrong,
+            row.load,
+            row.commit,
+        );
+    }
+    summary(text, &entries, target);
+}
+
+/// The worst run, and means where none is lost.
+fn summary(text: &mut String, entries: &[(&Row, Entry<'_>)], target: f64) {
+    let error = |e: &Entry<'_>| match e.figures.is_lost() {
+        true => f64::INFINITY,
+        false => e.figures.ate_percent.unwrap_or(f64::INFINITY),
+    };
+    let worst = (entries.iter()).max_by(|a, b| error(&a.1).total_cmp(&error(&b.1)));
+    let Some((row, entry)) = worst else { return };
+    let lost = entries.iter().filter(|(_, e)| e.figures.is_lost()).count();
+    let met = entries.iter().filter(|(_, e)| error(e) <= target).count();
+    let slow = entries.iter().filter(|(_, e)| e.ms > PAIR_MS).count();
+    let count = entries.len();
+    let _ = write!(
+        text,
+        "\nWorst: **{}**, {}. {met} of {count} within {target} % of the way; {slow} of {count} above {PAIR_MS} ms per pair; {lost} lost",
+        row.job.walk,
+        entry
+            .figures
+            .ate_percent
+            .filter(|_| !entry.figures.is_lost())
+            .map_or("lost".to_owned(), |p| format!("{p:.3} %")),
+    );
+    if lost == 0 {
+        let mean = |of: &dyn Fn(&Entry<'_>) -> f64| {
+            entries.iter().map(|(_, e)| of(e)).sum::<f64>() / count as f64
+        };
+        let _ = write!(
+            text,
+            ". Means: {:.3} %, {:.1} ms per pair, {:.1} ms CPU",
+            mean(&error),
+            mean(&|e| e.ms),
+            mean(&|e| e.cpu_ms)
+        );
+    }
+    text.push_str(".\n");
+}
+
+fn kitti(text: &mut String, drive: &Drive) {
+    let _ = write!(
+        text,
+        "\n## KITTI, {} stereo pairs, no IMU: drift at the end\n\nLaid on by the first pose / the best fit / pose {INTERPOLATED}. The turns between the first {INTERPOLATED} true \
+         poses differ by {:.1e} rad from their mean, those of the next {INTERPOLATED} by {:.1e}: the first were not measured but interpolated. A best fit to a nearly straight way leaves the turn about it open, so none is told.\n\n\
+         | preset | poses | from the first, % | best fit, % | from pose {INTERPOLATED}, % | turn from the first / pose {INTERPOLATED}, ° | ms per pair | CPU ms |\n|---|---|---|---|---|---|---|---|\n",
+        drive.pairs, drive.first_turns_differ_rad, drive.later_turns_differ_rad
+    );
+    for run in &drive.runs {
+        for (poses, of) in [("causal", &run.causal), ("adjusted", &run.adjusted)] {
+            let [first, fit, measured] = of;
+            let _ = writeln!(
+                text,
+                "| {} | {poses} | {:.3} | {:.3} | {:.3} | {:.2} / {:.2} | {:.1} | {:.1} |",
+                run.settings,
+                first.percent,
+                fit.percent,
+                measured.percent,
+                first.turn_deg,
+                measured.turn_deg,
+                run.wall_ms,
+                run.cpu_ms
+            );
+        }
+    }
+}
+
+fn euroc(text: &mut String, stand: &Stand) {
+    let _ = write!(
+        text,
+        "\n## EuRoC V1_01: {:.2} s of standing still, {} stereo pairs\n\nUp against the truth's orientation / against the specific force less the true bias; these two are {:.2}° apart \
+         themselves. The true poses move by {:.2} mm.\n\n\
+         | preset | gyroscope's bias off, rad/s | accelerometer's bias off, m/s² | up off, ° | moved, mm |\n|---|---|---|---|---|\n",
+        stand.seconds, stand.pairs, stand.truth_off_itself_deg, stand.truth_moved_mm
+    );
+    for run in &stand.runs {
+        let _ = writeln!(
+            text,
+            "| {} | {:.5} | {:.3} | {:.3} / {:.3} | {:.2} |",
+            run.settings,
+            run.gyro_bias_off,
+            run.accel_bias_off,
+            run.up_off_orientation_deg,
+            run.up_off_force_deg,
+            run.moved_mm
+        );
+    }
+}

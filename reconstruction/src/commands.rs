@@ -1,0 +1,80 @@
+//! What the commands do.
+
+use std::fmt::Display;
+use std::path::Path;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use indicatif::{ProgressBar, ProgressStyle};
+use reconstruction::export::{self, Selection};
+use reconstruction::input::{Check, Input};
+
+pub(crate) mod evaluate;
+pub(crate) mod run;
+
+/// Losses that are shown one by one.
+const SHOWN: usize = 20;
+
+pub(crate) fn print_info(handoff: &Path) -> Result<ExitCode> {
+    print!("{}", crate::info::text(&open(handoff)?));
+    Ok(ExitCode::SUCCESS)
+}
+
+pub(crate) fn frames(handoff: &Path, out: &Path, selection: &Selection) -> Result<ExitCode> {
+    let input = open(handoff)?;
+    let bar = progress_bar(
+        export::count(&input, selection),
+        "writing  {wide_bar} {pos}/{len} frames, {per_sec}, {eta} left",
+    )?;
+    let summary = export::export(&input, out, selection, &|| bar.inc(1))
+        .with_context(|| format!("writing the pictures to {}", out.display()))?;
+    bar.finish_and_clear();
+
+    for (name, count) in &summary.cameras {
+        println!("{name}: {count} stereo frames");
+    }
+    for (name, count) in &summary.imus {
+        println!("{name}: {count} samples");
+    }
+    print_losses(&summary.lost);
+    let frames: u64 = summary.cameras.iter().map(|(_, count)| count).sum();
+    let samples: u64 = summary.imus.iter().map(|(_, count)| count).sum();
+    let loss = match summary.lost.len() {
+        0 => "nothing lost".to_owned(),
+        count => format!("{count} losses"),
+    };
+    println!(
+        "{frames} stereo frames in {} sets, {samples} IMU samples, {loss}: {}",
+        summary.sets,
+        out.display()
+    );
+    Ok(ExitCode::from(if summary.lost.is_empty() { 0 } else { 3 }))
+}
+
+fn open(handoff: &Path) -> Result<Input> {
+    let bar = progress_bar(
+        0,
+        "checking {wide_bar} {bytes}/{total_bytes}, {bytes_per_sec}, {eta} left",
+    )?;
+    let input = Input::open_with(handoff, Check::Content, |done, total| {
+        bar.set_length(total);
+        bar.set_position(done);
+    })?;
+    bar.finish_and_clear();
+    Ok(input)
+}
+
+/// Shown only where standard error is a terminal.
+fn progress_bar(length: u64, template: &str) -> Result<ProgressBar> {
+    let style = ProgressStyle::with_template(template).context("laying out the progress bar")?;
+    Ok(ProgressBar::new(length).with_style(style))
+}
+
+fn print_losses(losses: &[impl Display]) {
+    for lost in losses.iter().take(SHOWN) {
+        eprintln!("lost: {lost}");
+    }
+    if losses.len() > SHOWN {
+        eprintln!("lost: {} more", losses.len() - SHOWN);
+    }
+}

@@ -1,0 +1,152 @@
+//! `paws-reconstruct evaluate`.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use clap::{Args, CommandFactory, ValueEnum};
+use reconstruction::evaluate::runs::{Cost, Run, Runs};
+use reconstruction::evaluate::{Alignment, Delta, Settings, evaluate, files};
+use serde_json::Value;
+
+#[derive(Args)]
+pub(crate) struct Arguments {
+    /// Trajectories: TUM, KITTI or EuRoC files, or scene bundles.
+    #[arg(required = true, value_name = "ESTIMATE")]
+    estimates: Vec<PathBuf>,
+    /// The true one, or the truth of a simulated session (truth.CAMERA.csv).
+    #[arg(long, value_name = "FILE")]
+    truth: PathBuf,
+    /// How an estimate is laid onto the truth.
+    #[arg(long, value_enum, default_value_t = AlignmentName::Se3)]
+    align: AlignmentName,
+    /// How far apart in time poses may be that are compared, milliseconds.
+    #[arg(long, value_name = "MS", default_value_t = 10.0, value_parser = positive)]
+    tolerance_ms: f64,
+    /// Longest time from pose to pose that is no gap, milliseconds.
+    #[arg(long, value_name = "MS", default_value_t = 250.0, value_parser = positive)]
+    longest_step_ms: f64,
+    /// Part of the truth's time below which a run counts as lost, percent.
+    #[arg(long, value_name = "PERCENT", default_value_t = 95.0, value_parser = positive)]
+    least_completion: f64,
+    /// Lengths over which drift is measured, as in 10m or 5s.
+    #[arg(long, value_name = "LENGTH", value_delimiter = ',', default_value = "10m,5s", value_parser = delta)]
+    over: Vec<Delta>,
+    /// Measure drift from where the last stretch ended, as evo does, not from every pose on.
+    #[arg(long)]
+    consecutive: bool,
+    /// Which trajectory of a bundle: `trajectory`, `trajectory-causal`. Default: the first of these that is there.
+    #[arg(long, value_name = "OUTPUT")]
+    output: Option<String>,
+    /// What `run --json` printed when a trajectory was made, for time and memory; one for each, in the same order.
+    #[arg(long, value_name = "FILE")]
+    cost: Vec<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum AlignmentName {
+    /// Best rigid fit.
+    Se3,
+    /// Best fit with scale.
+    Sim3,
+    /// Not at all.
+    None,
+    /// By the first poses.
+    First,
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|n: &f64| *n >= 0.0 && *n <= 1e9);
+    number.ok_or_else(|| "expected a number from 0 to 1e9".to_owned())
+}
+
+fn delta(text: &str) -> Result<Delta, String> {
+    let number = |text: &str| {
+        text.parse()
+            .ok()
+            .filter(|n: &f64| *n > 0.0 && n.is_finite())
+    };
+    let metres = || Some(Delta::Metres(number(text.strip_suffix('m')?)?));
+    let seconds = || Some(Delta::Seconds(number(text.strip_suffix('s')?)?));
+    let found = metres().or_else(seconds);
+    found.ok_or_else(|| "expected metres or seconds, as in 10m or 5s".to_owned())
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
+    let (costs, estimates) = (arguments.cost.len(), arguments.estimates.len());
+    if costs != 0 && costs != estimates {
+        let message =
+            format!("found {costs} --cost, expected none or {estimates}, one for each estimate");
+        let kind = clap::error::ErrorKind::WrongNumberOfValues;
+        crate::Arguments::command().error(kind, message).exit();
+    }
+    let settings = Settings {
+        alignment: match arguments.align {
+            AlignmentName::Se3 => Alignment::Se3,
+            AlignmentName::Sim3 => Alignment::Sim3,
+            AlignmentName::None => Alignment::None,
+            AlignmentName::First => Alignment::First,
+        },
+        tolerance_ns: (1e6 * arguments.tolerance_ms).round() as i64,
+        longest_step_ns: (1e6 * arguments.longest_step_ms).round() as i64,
+        deltas: arguments.over.clone(),
+        overlapping: !arguments.consecutive,
+    };
+    let truth = files::load(&arguments.truth, arguments.output.as_deref())?;
+    let mut runs = Vec::new();
+    for (k, path) in arguments.estimates.iter().enumerate() {
+        let estimate = files::load(path, arguments.output.as_deref())?;
+        files::check(&estimate, &truth, path)?;
+        let cost = arguments.cost.get(k).map(|path| cost(path)).transpose()?;
+        runs.push(Run {
+            name: name(path, &arguments.estimates),
+            evaluation: evaluate(&estimate.trajectory, &truth.trajectory, &settings),
+            cost: cost.unwrap_or_default(),
+        });
+    }
+    let runs = Runs::new(runs, 0.01 * arguments.least_completion);
+    if arguments.json {
+        println!("{}", serde_json::to_string_pretty(&runs)?);
+    } else {
+        print!("{}", runs.table());
+        println!("{}", runs.summary());
+    }
+    Ok(ExitCode::from(if runs.lost == 0 { 0 } else { 3 }))
+}
+
+/// The name of its file or folder, where no other has the same; else the path.
+fn name(path: &Path, all: &[PathBuf]) -> String {
+    let same = all.iter().filter(|p| p.file_name() == path.file_name());
+    let short = path.file_name().filter(|_| same.count() == 1);
+    short
+        .unwrap_or(path.as_os_str())
+        .to_string_lossy()
+        .into_owned()
+}
+
+/// Time and memory of the stages that make trajectories, of lines of JSON.
+fn cost(path: &Path) -> Result<Cost> {
+    let shown = path.display();
+    let text = std::fs::read_to_string(path).with_context(|| format!("reading {shown}"))?;
+    let (mut seconds, mut peak_bytes) = (None, None);
+    for line in text.lines().filter(|line| !line.trim().is_empty()) {
+        let stage: Value = serde_json::from_str(line)
+            .with_context(|| format!("expected what run --json prints in {shown}"))?;
+        let is_made = stage["state"] == "made";
+        if !is_made || !matches!(stage["stage"].as_str(), Some("odometry" | "mapping")) {
+            continue;
+        }
+        seconds = stage["seconds"]
+            .as_f64()
+            .map(|s| s + seconds.unwrap_or(0.0))
+            .or(seconds);
+        peak_bytes = stage["peak_bytes"].as_u64().max(peak_bytes);
+    }
+    Ok(Cost {
+        seconds,
+        peak_bytes,
+    })
+}

@@ -1,0 +1,216 @@
+//! `paws-reconstruct run`.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::builder::PossibleValuesParser;
+use clap::{Args, CommandFactory, ValueEnum};
+use indicatif::ProgressBar;
+use reconstruction::Input;
+use reconstruction::pipeline::stages::{self, Options, Preset, rig};
+use reconstruction::pipeline::{Outcome, Selection, Sources, State, Watch};
+use scene_bundle::{Bundle, Provenance};
+
+use super::{open, print_losses, progress_bar};
+use crate::machine;
+
+#[derive(Args)]
+pub(crate) struct Arguments {
+    /// The session's folder, or the handoff.json in it.
+    handoff: PathBuf,
+    /// Folder of the bundle; new, empty, or a bundle of the same hand-off.
+    #[arg(long, value_name = "BUNDLE")]
+    out: PathBuf,
+    /// How much work to do.
+    #[arg(long, value_enum, default_value_t = PresetName::Balanced)]
+    preset: PresetName,
+    /// First stage; what those before made is taken as it is.
+    #[arg(long, value_name = "STAGE", value_parser = PossibleValuesParser::new(stages::NAMES))]
+    from: Option<String>,
+    /// Last stage.
+    #[arg(long, value_name = "STAGE", value_parser = PossibleValuesParser::new(stages::NAMES))]
+    to: Option<String>,
+    /// Make stages again whose outputs are there and up to date.
+    #[arg(long)]
+    again: bool,
+    /// A rig file instead of the session's, for example of `paws calib cameras`.
+    #[arg(long, value_name = "FILE")]
+    rig: Option<PathBuf>,
+    /// A calibration instead of the recorded one; may be given for each camera.
+    #[arg(long, value_name = "CAMERA=FILE", value_parser = named)]
+    calibration: Vec<(String, String)>,
+    /// Time from row to row of a rolling shutter, microseconds; may be given for each camera.
+    #[arg(long, value_name = "CAMERA=US", value_parser = named)]
+    line_us: Vec<(String, String)>,
+    /// Print a JSON object per stage, one in a line, and no progress.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum PresetName {
+    Fast,
+    Balanced,
+    Accurate,
+}
+
+fn named(text: &str) -> Result<(String, String), String> {
+    let pair = text
+        .split_once('=')
+        .filter(|(name, value)| !name.is_empty() && !value.is_empty());
+    let pair = pair.map(|(name, value)| (name.to_owned(), value.to_owned()));
+    pair.ok_or_else(|| "expected a name and a value, as in feet=VALUE".to_owned())
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
+    let place = |stage: &Option<String>| {
+        let stage = stage.as_deref()?;
+        stages::NAMES.iter().position(|name| *name == stage)
+    };
+    if let (Some(from), Some(to)) = (place(&arguments.from), place(&arguments.to))
+        && from > to
+    {
+        let message = "the stage of --from has to come before that of --to";
+        let kind = clap::error::ErrorKind::ValueValidation;
+        crate::Arguments::command().error(kind, message).exit();
+    }
+    let input = open(&arguments.handoff)?;
+    let told = told(arguments, &input)?;
+    let provenance = Provenance {
+        session_id: input.handoff().session_id.clone(),
+        handoff_blake3: input.handoff().seal.clone(),
+        rig: rig::revision(&input, &told),
+        program: env!("CARGO_BIN_NAME").to_owned(),
+        program_version: env!("CARGO_PKG_VERSION").to_owned(),
+        started_civil_ns: machine::civil_ns(),
+        ended_civil_ns: None,
+    };
+    let sources = Sources {
+        source: &input,
+        hashes: BTreeMap::from([(stages::HANDOFF.to_owned(), input.handoff().seal.clone())]),
+    };
+    let options = Options {
+        preset: match arguments.preset {
+            PresetName::Fast => Preset::Fast,
+            PresetName::Balanced => Preset::Balanced,
+            PresetName::Accurate => Preset::Accurate,
+        },
+        told,
+    };
+    let pipeline = stages::pipeline(options)?;
+    let selection = Selection {
+        from: arguments.from.clone(),
+        to: arguments.to.clone(),
+        again: arguments.again,
+    };
+    let bundle = Bundle::create_or_open(&arguments.out, provenance)?;
+    let watch = Shown {
+        bar: match arguments.json {
+            true => ProgressBar::hidden(),
+            false => progress_bar(0, "{prefix:>20}  {wide_bar} {pos}/{len}, {eta} left")?,
+        },
+        is_json: arguments.json,
+    };
+    let outcomes = pipeline.run(&sources, &bundle, &selection, &watch, &machine::METER);
+    watch.bar.finish_and_clear();
+    let outcomes =
+        outcomes.with_context(|| format!("reconstructing into {}", arguments.out.display()))?;
+    bundle.finish(machine::civil_ns())?;
+
+    let losses: usize = outcomes.iter().map(|o| o.report.losses.len()).sum();
+    if !arguments.json {
+        let made = outcomes.iter().filter(|o| o.state == State::Made).count();
+        let loss = match losses {
+            0 => "nothing lost".to_owned(),
+            count => format!("{count} losses"),
+        };
+        println!(
+            "{made} stages made, {} kept, {loss}: {}",
+            outcomes.len() - made,
+            arguments.out.display()
+        );
+    }
+    Ok(ExitCode::from(if losses == 0 { 0 } else { 3 }))
+}
+
+fn told(arguments: &Arguments, input: &Input) -> Result<rig::Told> {
+    let mut told = rig::Told::default();
+    if let Some(path) = &arguments.rig {
+        let text = std::fs::read_to_string(path);
+        told.rig = Some(text.with_context(|| format!("reading {}", path.display()))?);
+    }
+    for (camera, path) in &arguments.calibration {
+        let cameras = &input.manifest().cameras;
+        let Some(recorded) = cameras.iter().find(|c| c.name == *camera) else {
+            let known: Vec<&str> = cameras.iter().map(|c| c.name.as_str()).collect();
+            bail!(
+                "taking a calibration: the session has no camera {camera:?}, expected one of {}",
+                known.join(", ")
+            );
+        };
+        let (width, height) = (recorded.width / 2, recorded.height);
+        let (calibration, notes) = calib::read_stereo(path.as_ref(), width, height)?;
+        for note in notes {
+            log::warn!("{path}: {}", note.0);
+        }
+        ensure!(
+            told.calibrations
+                .insert(camera.clone(), calibration)
+                .is_none(),
+            "taking a calibration: camera {camera} has two, expected one"
+        );
+    }
+    for (camera, us) in &arguments.line_us {
+        let line_us = us
+            .parse()
+            .ok()
+            .filter(|us: &f64| *us >= 0.0 && us.is_finite());
+        let line_us = line_us.with_context(|| {
+            format!(
+                "taking the time from row to row of {camera}: found {us:?}, expected microseconds"
+            )
+        })?;
+        told.lines_s.insert(camera.clone(), 1e-6 * line_us);
+    }
+    Ok(told)
+}
+
+/// Progress for people, or a line of JSON per stage.
+struct Shown {
+    bar: ProgressBar,
+    is_json: bool,
+}
+
+impl Watch for Shown {
+    fn begin(&self, stage: &str, number: usize, of: usize) {
+        self.bar.reset();
+        self.bar.set_position(0);
+        self.bar.set_length(0);
+        self.bar.set_prefix(format!("{number}/{of} {stage}"));
+    }
+
+    fn progress(&self, done: u64, total: u64) {
+        self.bar.set_length(total);
+        self.bar.set_position(done);
+    }
+
+    fn end(&self, outcome: &Outcome) {
+        if self.is_json {
+            println!("{}", serde_json::to_string(outcome).unwrap_or_default());
+            return;
+        }
+        self.bar.suspend(|| {
+            for note in &outcome.report.notes {
+                eprintln!("note: {note}");
+            }
+            print_losses(&outcome.report.losses);
+            let Outcome { stage, seconds, .. } = outcome;
+            match outcome.state {
+                State::Made => println!("{stage}: made in {seconds:.1} s"),
+                State::Kept => println!("{stage}: there already"),
+            }
+        });
+    }
+}

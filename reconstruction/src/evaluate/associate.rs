@@ -1,0 +1,43 @@
+//! Which estimated and true poses belong together.
+//!
+//! Contract, as evo has it: each pose of the shorter trajectory goes with the nearest in time of the longer one (of two
+//! as near the earlier), if it is within the tolerance. Of the longer one a pose may go with two.
+
+use scene_bundle::{Pose, Trajectory};
+
+use super::Pair;
+
+/// Pairs in the order of time. Lost poses of the estimate are left out before anything else.
+pub(crate) fn pairs(estimate: &Trajectory, truth: &Trajectory, tolerance_ns: i64) -> Vec<Pair> {
+    let estimated: Vec<&Pose> = estimate.usable().collect();
+    let truth: Vec<&Pose> = truth.poses().iter().collect();
+    let pair = |estimated: &Pose, truth: &Pose| Pair {
+        time_ns: estimated.time_ns,
+        estimated: estimated.world_from_rig,
+        truth: truth.world_from_rig,
+    };
+    let near = |of: &[&Pose], time_ns: i64| {
+        let near = nearest(of, time_ns)?;
+        (of[near].time_ns.abs_diff(time_ns) <= tolerance_ns.unsigned_abs()).then_some(near)
+    };
+    if estimated.len() > truth.len() {
+        let found = |t: &&Pose| Some(pair(estimated[near(&estimated, t.time_ns)?], t));
+        truth.iter().filter_map(found).collect()
+    } else {
+        let found = |e: &&Pose| Some(pair(e, truth[near(&truth, e.time_ns)?]));
+        estimated.iter().filter_map(found).collect()
+    }
+}
+
+/// The pose nearest in time, the earlier of two; none of none.
+fn nearest(poses: &[&Pose], time_ns: i64) -> Option<usize> {
+    let after = poses.partition_point(|p| p.time_ns <= time_ns);
+    let distance = |k: usize| poses[k].time_ns.abs_diff(time_ns);
+    match (after.checked_sub(1), after < poses.len()) {
+        (None, false) => None,
+        (None, true) => Some(after),
+        (Some(before), false) => Some(before),
+        (Some(before), true) if distance(before) <= distance(after) => Some(before),
+        (Some(_), true) => Some(after),
+    }
+}

@@ -1,0 +1,166 @@
+//! Whether stated covariances are true.
+//!
+//! Contract: an estimate's world is laid onto the truth's by place and heading of its first usable pose, from which its
+//! doubt is counted; tilt is not given away. True poses between two of the truth's are interpolated, since a walker moves a
+//! centimetre in the time that matching allows. The error of a pose is what takes it to the true one, in the rig's axes,
+//! as [`cad_transforms::covariance`] has it; its square in sigmas (NEES; Bar-Shalom et al., Estimation with Applications to
+//! Tracking and Navigation, section 5.4) is on the average the number of its dimensions where the covariances are right:
+//! much more is over-confident, much less is timid. *Silently wrong* is a pose that is not lost and off by more than 3
+//! sigmas, in place or in turn, in the sense that a right covariance is exceeded as rarely as 3 sigmas in one dimension.
+
+use cad_transforms::{Covariance, RigidTransform};
+use nalgebra::{UnitQuaternion, Vector3};
+use scene_bundle::{Pose, Status, Trajectory};
+use serde::Serialize;
+
+use super::align::transform;
+
+/// What the chi-square distribution exceeds with a probability of 0.27 %, as a normal one does 3 sigmas: for three
+/// dimensions and for six.
+const THREE_SIGMAS: [f64; 2] = [14.156_413_609_126_7, 20.062_086_165_714_0];
+/// True poses further apart are not interpolated, ns.
+const LONGEST_NS: i64 = 150_000_000;
+
+/// Whether stated covariances are true.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Consistency {
+    /// Poses with a covariance that were compared.
+    pub count: usize,
+    /// Usable poses that state none.
+    pub without: usize,
+    /// Mean of squares in sigmas of place; 3 is right.
+    pub nees_translation: f64,
+    /// Of turn; 3 is right.
+    pub nees_rotation: f64,
+    /// Of both; 6 is right.
+    pub nees: f64,
+    /// Share of poses whose place is within 3 sigmas; 0.9973 is right.
+    pub within_translation: f64,
+    /// Of turn.
+    pub within_rotation: f64,
+    /// Of both.
+    pub within: f64,
+    /// Poses beyond 3 sigmas in place or in turn though they are not lost.
+    pub silently_wrong: usize,
+    /// Of which the cameras saw nothing.
+    pub silently_wrong_dead_reckoned: usize,
+    /// Time of the first of them, ns.
+    pub first_wrong_ns: Option<i64>,
+}
+
+/// None where no pose states a covariance or none can be compared.
+pub(crate) fn consistency(
+    estimate: &Trajectory,
+    truth: &Trajectory,
+    tolerance_ns: i64,
+) -> Option<Consistency> {
+    let true_at = |pose: &Pose| interpolated(truth.poses(), pose.time_ns, tolerance_ns);
+    let mut poses = (estimate.usable()).filter_map(|pose| Some((pose, true_at(pose)?)));
+    let (first, first_truth) = poses.next()?;
+    let anchor = upright(&first_truth) * upright(&first.world_from_rig).inverse();
+    let mut sums = [0.0; 3];
+    let mut within = [0_usize; 3];
+    let (mut count, mut without, mut wrong, mut reckoned) = (0, 0, 0, 0);
+    let mut first_wrong_ns = None;
+    for (pose, truth) in std::iter::once((first, first_truth)).chain(poses) {
+        let Some(covariance) = &pose.covariance else {
+            without += 1;
+            continue;
+        };
+        count += 1;
+        let error = (anchor * pose.world_from_rig).inverse() * truth;
+        let squares = squares(&error, covariance);
+        let [few, many] = THREE_SIGMAS;
+        let limits = [few, few, many];
+        for k in 0..3 {
+            sums[k] += squares[k];
+            within[k] += usize::from(squares[k] <= limits[k]);
+        }
+        if squares[0] > few || squares[1] > few {
+            wrong += 1;
+            reckoned += usize::from(pose.status == Status::DeadReckoned);
+            first_wrong_ns = first_wrong_ns.or(Some(pose.time_ns));
+        }
+    }
+    if count == 0 {
+        return None;
+    }
+    let mean = |k: usize| sums[k] / count as f64;
+    let share = |k: usize| within[k] as f64 / count as f64;
+    Some(Consistency {
+        count,
+        without,
+        nees_translation: mean(0),
+        nees_rotation: mean(1),
+        nees: mean(2),
+        within_translation: share(0),
+        within_rotation: share(1),
+        within: share(2),
+        silently_wrong: wrong,
+        silently_wrong_dead_reckoned: reckoned,
+        first_wrong_ns,
+    })
+}
+
+/// Squares in sigmas: of place alone, of turn alone, of both.
+fn squares(error: &RigidTransform, covariance: &Covariance) -> [f64; 3] {
+    let ([x, y, z], [a, b, c]) = (error.translation_m(), error.rotation_vector());
+    let motions = [
+        [x, y, z, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, a, b, c],
+        [x, y, z, a, b, c],
+    ];
+    let parts = [0..3, 3..6, 0..6];
+    std::array::from_fn(|k| {
+        // A direction that is left out has no variance and no motion.
+        let is_used = |i: usize| parts[k].contains(&i);
+        let rows = covariance.rows();
+        let rows = std::array::from_fn(|i| {
+            std::array::from_fn(|j| {
+                if is_used(i) && is_used(j) {
+                    rows[i][j]
+                } else {
+                    0.0
+                }
+            })
+        });
+        let part = Covariance::from_rows(rows).expect("a part of a covariance is one");
+        part.distance(motions[k]).powi(2)
+    })
+}
+
+/// Place and heading of a pose: the turn about the vertical that is nearest to its turn.
+fn upright(pose: &RigidTransform) -> RigidTransform {
+    let q = pose.rotation().quaternion();
+    let heading = match q.w.hypot(q.k) > 1e-12 {
+        true => UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 2.0 * q.k.atan2(q.w)),
+        false => UnitQuaternion::identity(),
+    };
+    transform(heading, *pose.translation())
+}
+
+/// The true pose at a time, or, where it is between two that are far apart, the nearest one within the tolerance.
+fn interpolated(truth: &[Pose], time_ns: i64, tolerance_ns: i64) -> Option<RigidTransform> {
+    let after = truth.partition_point(|p| p.time_ns < time_ns);
+    let to = truth.get(after);
+    if let Some(to) = to.filter(|to| to.time_ns == time_ns) {
+        return Some(to.world_from_rig);
+    }
+    let from = after.checked_sub(1).map(|before| &truth[before]);
+    if let (Some(from), Some(to)) = (from, to)
+        && to.time_ns - from.time_ns <= LONGEST_NS
+    {
+        let share = (time_ns - from.time_ns) as f64 / (to.time_ns - from.time_ns) as f64;
+        let [a, b] = [from, to].map(|p| &p.world_from_rig);
+        // Half a turn in that time has no way between.
+        let turn = a.rotation().try_slerp(b.rotation(), share, 1e-9)?;
+        return Some(transform(
+            turn,
+            a.translation().lerp(b.translation(), share),
+        ));
+    }
+    let near = [from, to].into_iter().flatten();
+    let nearest = near.min_by_key(|p| p.time_ns.abs_diff(time_ns))?;
+    let is_near = nearest.time_ns.abs_diff(time_ns) <= tolerance_ns.unsigned_abs();
+    is_near.then_some(nearest.world_from_rig)
+}

@@ -1,0 +1,108 @@
+//! Drift: how wrong motion is over a distance or a time.
+//!
+//! Contract: a stretch goes from one matched pose to the first one that is at least the delta further, by the length of
+//! the true way or by time; its error is what takes the true motion to the estimated one (RPE; Sturm et al. 2012, Geiger et
+//! al. 2012). The next stretch begins where the last one ended, as evo has it (`pairs_from_reference`), or, overlapping,
+//! at every pose. A stretch may lead over poses that were lost: the way on then counts as well.
+
+use serde::Serialize;
+
+use super::{Pair, Statistics};
+
+/// How long a stretch is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Delta {
+    /// Of the true way, m.
+    Metres(f64),
+    /// Of time, s.
+    Seconds(f64),
+    /// Matched poses.
+    Poses(usize),
+}
+
+impl std::fmt::Display for Delta {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Metres(metres) => write!(f, "{metres} m"),
+            Self::Seconds(seconds) => write!(f, "{seconds} s"),
+            Self::Poses(poses) => write!(f, "{poses} poses"),
+        }
+    }
+}
+
+/// Drift over stretches of one length. All statistics are none where no stretch is as long.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Relative {
+    /// How long.
+    pub delta: Delta,
+    /// m.
+    pub translation_m: Option<Statistics>,
+    /// rad.
+    pub rotation_rad: Option<Statistics>,
+    /// Of the true way's length, 1 is all of it; stretches on which nothing moved are left out.
+    pub share: Option<Statistics>,
+}
+
+/// Length of the true way up to each pair, m.
+pub(crate) fn path_m(pairs: &[Pair]) -> Vec<f64> {
+    let steps = pairs.windows(2).map(|pair| {
+        let [from, to] = [&pair[0], &pair[1]].map(|p| p.truth.translation());
+        (to - from).norm()
+    });
+    let mut path = vec![0.0; pairs.len().min(1)];
+    for step in steps {
+        path.push(path[path.len() - 1] + step);
+    }
+    path
+}
+
+/// Drift of aligned pairs.
+pub(crate) fn relative(pairs: &[Pair], delta: Delta, overlapping: bool) -> Relative {
+    let path = path_m(pairs);
+    let stretches = stretches(pairs, &path, delta, overlapping);
+    let error = |&(from, to): &(usize, usize)| {
+        let (from, to) = (&pairs[from], &pairs[to]);
+        let truth = from.truth.inverse() * to.truth;
+        truth.inverse() * (from.estimated.inverse() * to.estimated)
+    };
+    let shares = stretches.iter().filter_map(|&(from, to)| {
+        let length = path[to] - path[from];
+        (length > 0.0).then(|| error(&(from, to)).distance_m() / length)
+    });
+    let of = |measure: &dyn Fn(&(usize, usize)) -> f64| {
+        Statistics::of(stretches.iter().map(measure).collect())
+    };
+    Relative {
+        delta,
+        translation_m: of(&|stretch| error(stretch).distance_m()),
+        rotation_rad: of(&|stretch| error(stretch).angle_rad()),
+        share: Statistics::of(shares.collect()),
+    }
+}
+
+fn stretches(pairs: &[Pair], path: &[f64], delta: Delta, overlapping: bool) -> Vec<(usize, usize)> {
+    let reached = |from: usize, to: usize| match delta {
+        Delta::Metres(metres) => path[to] - path[from] >= metres,
+        Delta::Seconds(seconds) => {
+            // Half a microsecond of rounding in the recording's times is no reason to take a whole pose more.
+            (pairs[to].time_ns - pairs[from].time_ns) as f64 * 1e-9 >= seconds - 5e-7
+        }
+        Delta::Poses(poses) => to - from >= poses,
+    };
+    let mut stretches = Vec::new();
+    let (mut from, mut to) = (0, 0);
+    while from < pairs.len() {
+        // Reached later from a later start, so that the end only goes forward.
+        to = to.max(from + 1);
+        while to < pairs.len() && !reached(from, to) {
+            to += 1;
+        }
+        if to >= pairs.len() {
+            break;
+        }
+        stretches.push((from, to));
+        from = if overlapping { from + 1 } else { to };
+    }
+    stretches
+}

@@ -1,0 +1,123 @@
+//! Runs as a table of text.
+
+use super::super::{Delta, Statistics};
+use super::{Run, Runs};
+
+/// Shown where there is no number.
+const NOTHING: &str = "-";
+
+pub(super) fn text(runs: &Runs) -> String {
+    let deltas: Vec<Delta> = (runs.runs.iter().take(1))
+        .flat_map(|run| run.evaluation.relative.iter().map(|r| r.delta))
+        .collect();
+    let mut rows = vec![heads(&deltas)];
+    rows.extend(runs.runs.iter().map(|run| cells(runs, run, &deltas)));
+    let widths: Vec<usize> = (0..rows[0].len())
+        .map(|k| rows.iter().map(|r| r[k].chars().count()).max().unwrap_or(0))
+        .collect();
+    let mut text = String::new();
+    for row in &rows {
+        let line: Vec<String> = (row.iter().zip(&widths).enumerate())
+            // Names to the left, numbers to the right.
+            .map(|(k, (cell, width))| match k {
+                0 => format!("{cell:<width$}"),
+                _ => format!("{cell:>width$}"),
+            })
+            .collect();
+        text += line.join("  ").trim_end();
+        text.push('\n');
+    }
+    text + &summary(runs)
+}
+
+fn heads(deltas: &[Delta]) -> Vec<String> {
+    let mut heads: Vec<String> = ["run", "ATE m", "max m", "turn deg"]
+        .map(str::to_owned)
+        .into();
+    for delta in deltas {
+        let unit = if is_way(*delta) { "%" } else { "m" };
+        heads.push(format!("{delta}: {unit}"));
+        heads.push(format!("{delta}: deg"));
+    }
+    let rest = [
+        "complete",
+        "longest gap s",
+        "poses",
+        "NEES/6",
+        "> 3 sigma",
+        "time s",
+        "memory MB",
+    ];
+    heads.extend(rest.map(str::to_owned));
+    heads
+}
+
+fn is_way(delta: Delta) -> bool {
+    matches!(delta, Delta::Metres(_))
+}
+
+fn cells(runs: &Runs, run: &Run, deltas: &[Delta]) -> Vec<String> {
+    let evaluation = &run.evaluation;
+    let absolute = evaluation.absolute.as_ref();
+    let rotation = absolute.and_then(|a| a.rotation_rad);
+    let lost = if run.is_lost(runs.least_completion) {
+        " (lost)"
+    } else {
+        ""
+    };
+    let mut cells = vec![
+        format!("{}{lost}", run.name),
+        shown(absolute.map(|a| a.translation_m.rmse), 4),
+        shown(absolute.map(|a| a.translation_m.max), 4),
+        shown(rotation.map(|r| r.rmse.to_degrees()), 3),
+    ];
+    for delta in deltas {
+        let relative = run.relative(*delta);
+        let rmse = |of: Option<Statistics>, factor: f64| of.map(|s| factor * s.rmse);
+        let translation = match is_way(*delta) {
+            true => relative.and_then(|r| rmse(r.share, 100.0)),
+            false => relative.and_then(|r| rmse(r.translation_m, 1.0)),
+        };
+        cells.push(shown(translation, 3));
+        let rotation = relative.and_then(|r| rmse(r.rotation_rad, 1f64.to_degrees()));
+        cells.push(shown(rotation, 3));
+    }
+    let consistency = evaluation.consistency.as_ref();
+    let wrong = consistency.map(|c| format!("{} of {}", c.silently_wrong, c.count));
+    cells.extend([
+        format!("{:.1} %", 100.0 * evaluation.completion.share),
+        shown(Some(evaluation.completion.longest_gap_s()), 2),
+        evaluation.matched.to_string(),
+        shown(consistency.map(|c| c.nees / 6.0), 2),
+        wrong.unwrap_or_else(|| NOTHING.to_owned()),
+        shown(run.cost.seconds, 1),
+        shown(run.cost.peak_bytes.map(|b| b as f64 * 1e-6), 0),
+    ]);
+    cells
+}
+
+fn shown(number: Option<f64>, digits: usize) -> String {
+    number.map_or_else(|| NOTHING.to_owned(), |n| format!("{n:.digits$}"))
+}
+
+fn summary(runs: &Runs) -> String {
+    let count = runs.runs.len();
+    let worst = runs.worst.as_deref().unwrap_or(NOTHING);
+    let mean = match &runs.mean {
+        Some(mean) => {
+            let turn = mean.rotation_rmse_rad.map(f64::to_degrees);
+            format!(
+                "mean of {count}: ATE {:.4} m, turn {} deg, complete {:.1} %",
+                mean.translation_rmse_m,
+                shown(turn, 3),
+                100.0 * mean.completion
+            )
+        }
+        None if runs.lost > 0 => format!("mean: none, lost {} of {count}", runs.lost),
+        None => "no runs".to_owned(),
+    };
+    match count {
+        1 if runs.lost == 0 => String::new(),
+        _ => format!("worst: {worst}; {mean}\n"),
+    }
+}

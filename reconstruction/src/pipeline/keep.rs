@@ -1,0 +1,53 @@
+//! Whether what a stage would make is there already.
+
+use std::collections::BTreeMap;
+
+use scene_bundle::{Manifest, Record, Scene};
+
+use super::Stage;
+
+/// How the stage's outputs would be made now. An input that is not there has no hash, so that nothing is like it.
+pub(super) fn record<S: ?Sized>(
+    stage: &dyn Stage<S>,
+    manifest: &Manifest,
+    sources: &BTreeMap<String, String>,
+) -> Record {
+    let hash = |name: &&str| {
+        let output = manifest.outputs.get(*name).map(|o| &o.hash);
+        let hash = output.or_else(|| sources.get(*name))?;
+        Some(((*name).to_owned(), hash.clone()))
+    };
+    Record {
+        stage: stage.name().to_owned(),
+        stage_version: stage.version(),
+        settings: stage.settings(),
+        inputs: stage.inputs().iter().filter_map(hash).collect(),
+    }
+}
+
+/// Whether all outputs of a stage were made so and all their files are there, of the right length where it is known. What a
+/// file holds is checked when it is read.
+pub(super) fn is_done<S: ?Sized>(stage: &dyn Stage<S>, scene: &Scene, record: &Record) -> bool {
+    stage.outputs().iter().all(|name| {
+        let Ok(output) = scene.output(name) else {
+            return false;
+        };
+        let lengths: BTreeMap<&str, u64> = (output.output().files.iter())
+            .map(|file| (file.path.as_str(), file.bytes))
+            .collect();
+        let is_there = |path: &str| {
+            let found = std::fs::metadata(output.place(path)).map(|m| m.len());
+            found.is_ok_and(|bytes| lengths.get(path).is_none_or(|expected| *expected == bytes))
+        };
+        output.output().was_made_by(record) && output.paths().all(is_there)
+    })
+}
+
+/// Hashes of a stage's outputs.
+pub(super) fn hashes<S: ?Sized>(
+    stage: &dyn Stage<S>,
+    manifest: &Manifest,
+) -> BTreeMap<&'static str, String> {
+    let hash = |name: &&'static str| Some((*name, manifest.outputs.get(*name)?.hash.clone()));
+    stage.outputs().iter().filter_map(hash).collect()
+}

@@ -1,0 +1,66 @@
+//! The stages from a hand-off to a scene bundle, in order.
+//!
+//! | stage | reads | makes |
+//! |---|---|---|
+//! | `rig` | hand-off, files given instead | `rig` |
+//! | `odometry` | hand-off, `rig` | `trajectory-causal`, `tracks`, `masks` |
+//! | `mapping` | hand-off, `rig`, `trajectory-causal`, `tracks` | `trajectory` |
+
+use super::{Pipeline, PipelineError, Stage};
+use crate::input::Input;
+
+pub mod feed;
+mod mapping;
+mod odometry;
+pub mod rig;
+
+/// Names of the stages, in order.
+pub const NAMES: [&str; 3] = ["rig", "odometry", "mapping"];
+/// Name of the hand-off among the sources; its hash is its seal.
+pub const HANDOFF: &str = "handoff";
+
+/// How much work is done: points on the curve of error against time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Preset {
+    /// Least time.
+    Fast,
+    /// The knee of the curve.
+    #[default]
+    Balanced,
+    /// Least error.
+    Accurate,
+}
+
+/// What the stages are told.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// How much work is done.
+    pub preset: Preset,
+    /// What is told of the rig instead of what the session says.
+    pub told: rig::Told,
+}
+
+/// The table.
+///
+/// # Errors
+/// [`PipelineError::Table`].
+pub fn pipeline(options: Options) -> Result<Pipeline<Input>, PipelineError> {
+    let preset = options.preset;
+    let stages: Vec<Box<dyn Stage<Input>>> = vec![
+        Box::new(rig::RigStage { told: options.told }),
+        Box::new(odometry::OdometryStage { preset }),
+        Box::new(mapping::MappingStage { preset }),
+    ];
+    Pipeline::new(stages, &[HANDOFF])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_is_good_and_its_names_are_known() {
+        let pipeline = pipeline(Options::default()).expect("a good table");
+        assert_eq!(pipeline.names(), NAMES);
+    }
+}

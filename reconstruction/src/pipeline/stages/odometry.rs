@@ -1,0 +1,211 @@
+//! Stage `odometry`: poses from what came before alone, and what the adjustment of the whole needs.
+//!
+//! Contract: a pose for every frame set of the session, in order of time, each a function of what came before it; sets that
+//! cannot be read are losses and are carried by the IMU. Where left eyes see the wearer is found on the way; a camera that never does
+//! has no mask. Memory does not grow with the session.
+
+use ::odometry::{Odometry, Settings, Status};
+use cad_transforms::{Covariance, RigidTransform};
+use calib::Eye;
+use scene_bundle::outputs::masks::{self, Mask};
+use scene_bundle::outputs::tracks::{MarkedCorner, SeenCorner, TrackedKeyframe, TracksWriter};
+use scene_bundle::outputs::trajectory::TrajectoryWriter;
+use scene_bundle::outputs::{MASKS, RIG, TRACKS, TRAJECTORY_CAUSAL};
+use scene_bundle::{Pose, outputs, trajectory};
+use serde_json::{Value, json};
+
+use super::feed::Feed;
+use super::{HANDOFF, Preset, rig};
+use crate::input::Input;
+use crate::pipeline::{Stage, StageError, Work};
+
+/// See the module.
+pub(super) struct OdometryStage {
+    pub(super) preset: Preset,
+}
+
+/// Settings of odometry for a preset of the pipeline.
+pub(super) fn settings(preset: Preset) -> Settings {
+    Settings::preset(match preset {
+        Preset::Fast => ::odometry::Preset::Fast,
+        Preset::Balanced => ::odometry::Preset::Balanced,
+        Preset::Accurate => ::odometry::Preset::Accurate,
+    })
+}
+
+/// The same as numbers, for the manifest.
+pub(super) fn told(settings: &Settings) -> Value {
+    json!({
+        "corners": settings.corners,
+        "frames": settings.frames,
+        "rounds": settings.rounds,
+        "every": settings.every,
+        "parallax_px": settings.parallax_px,
+        "sigma_px": settings.sigma_px,
+    })
+}
+
+impl Stage<Input> for OdometryStage {
+    fn name(&self) -> &'static str {
+        "odometry"
+    }
+
+    fn version(&self) -> u32 {
+        1
+    }
+
+    fn inputs(&self) -> &'static [&'static str] {
+        &[HANDOFF, RIG]
+    }
+
+    fn outputs(&self) -> &'static [&'static str] {
+        &[TRAJECTORY_CAUSAL, TRACKS, MASKS]
+    }
+
+    fn settings(&self) -> Value {
+        told(&settings(self.preset))
+    }
+
+    fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
+        let model = outputs::rig::read(&work.read(RIG)?)?;
+        if model.cameras.len() > outputs::tracks::CAMERAS {
+            let found = model.cameras.len();
+            let most = outputs::tracks::CAMERAS;
+            return Err(format!("found {found} cameras, expected at most {most}").into());
+        }
+        let mut odometry = Odometry::new(&rig::of_odometry(&model), settings(self.preset));
+        let mut poses = TrajectoryWriter::new(work.draft(TRAJECTORY_CAUSAL))?;
+        let mut tracks = TracksWriter::new(work.draft(TRACKS))?;
+        let feed = Feed::new(work.source(), &model)?;
+        let all = feed.len() as u64;
+        let (mut reckoned, mut lost) = (0_u64, 0_u64);
+        for (done, set) in feed.enumerate() {
+            for loss in &set.losses {
+                work.lose(loss.to_string());
+            }
+            for (imu, samples) in set.imu.iter().enumerate() {
+                for sample in samples {
+                    odometry.add_imu(imu, sample);
+                }
+            }
+            let estimate = odometry.add_frames(&set.borrowed());
+            match estimate.status {
+                Status::Tracked => {}
+                Status::DeadReckoned => reckoned += 1,
+                Status::Lost => lost += 1,
+            }
+            poses.push(&pose(&estimate))?;
+            for keyframe in odometry.take_keyframes(false) {
+                tracks.push(&written(&keyframe))?;
+            }
+            work.progress(done as u64 + 1, all);
+        }
+        for keyframe in odometry.take_keyframes(true) {
+            tracks.push(&written(&keyframe))?;
+        }
+        for (k, camera) in model.cameras.iter().enumerate() {
+            if let Some(pixels) = odometry.wearer_mask(k) {
+                let mask = Mask {
+                    width: camera.left.width,
+                    height: camera.left.height,
+                    pixels,
+                };
+                masks::write(work.draft(MASKS), &camera.name, Eye::Left, &mask)?;
+            }
+        }
+        if reckoned > 0 {
+            work.note(format!("{reckoned} of {all} poses are dead reckoned"));
+        }
+        if lost > 0 {
+            work.lose(format!("{lost} of {all} poses are not known"));
+        }
+        poses.finish()?;
+        tracks.finish()?;
+        Ok(())
+    }
+}
+
+fn pose(estimate: &::odometry::Estimate) -> Pose {
+    Pose {
+        covariance: covariance(&estimate.covariance),
+        velocity_in_world: Some(estimate.velocity.into()),
+        status: match estimate.status {
+            Status::Tracked => trajectory::Status::Tracked,
+            Status::DeadReckoned => trajectory::Status::DeadReckoned,
+            Status::Lost => trajectory::Status::Lost,
+        },
+        ..Pose::new(estimate.time_ns, estimate.world_from_rig)
+    }
+}
+
+/// As files have it; none if it is none, by rounding.
+pub(super) fn covariance(matrix: &nalgebra::Matrix6<f64>) -> Option<Covariance> {
+    let rows = std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)]));
+    Covariance::from_rows(rows).ok()
+}
+
+fn written(keyframe: &::odometry::Keyframe) -> TrackedKeyframe {
+    let state = &keyframe.state;
+    let q = state.turn;
+    let world_from_body = RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], state.position.into())
+        .expect("the state of a keyframe is a pose");
+    TrackedKeyframe {
+        set: keyframe.number,
+        time_ns: state.time_ns,
+        world_from_body,
+        velocity: state.velocity.into(),
+        gyro_bias: state.gyro_bias.into(),
+        accel_bias: state.accel_bias.into(),
+        read_rate: state.read_rate.into(),
+        after_s: keyframe.after_s.clone(),
+        seen: (keyframe.seen.iter())
+            .map(|s| SeenCorner {
+                track: s.id,
+                camera: s.camera,
+                left_px: s.left,
+                right_px: s.right,
+            })
+            .collect(),
+        marks: (keyframe.marks.iter())
+            .map(|m| MarkedCorner {
+                camera: m.camera,
+                left_px: m.left,
+                inverse_range: m.rho,
+                looks: m.looks,
+            })
+            .collect(),
+    }
+}
+
+/// As odometry had it.
+pub(super) fn read(keyframe: TrackedKeyframe) -> ::odometry::Keyframe {
+    ::odometry::Keyframe {
+        number: keyframe.set,
+        state: ::odometry::keyframe::BodyState {
+            time_ns: keyframe.time_ns,
+            position: *keyframe.world_from_body.translation(),
+            turn: *keyframe.world_from_body.rotation(),
+            velocity: keyframe.velocity.into(),
+            gyro_bias: keyframe.gyro_bias.into(),
+            accel_bias: keyframe.accel_bias.into(),
+            read_rate: keyframe.read_rate.into(),
+        },
+        after_s: keyframe.after_s,
+        seen: (keyframe.seen.iter())
+            .map(|s| ::odometry::keyframe::Seen {
+                id: s.track,
+                camera: s.camera,
+                left: s.left_px,
+                right: s.right_px,
+            })
+            .collect(),
+        marks: (keyframe.marks.iter())
+            .map(|m| ::odometry::keyframe::Mark {
+                camera: m.camera,
+                left: m.left_px,
+                rho: m.inverse_range,
+                looks: m.looks,
+            })
+            .collect(),
+    }
+}

@@ -1,0 +1,329 @@
+//! Stage `rig`: the rig as later stages take it.
+//!
+//! Contract: lenses are those of the recorded calibrations, places those of the session's rig file, and of what that does
+//! not name or where there is none that can be read, of the recorded transforms, which have the makers' calibrations; what
+//! is told on the command line goes before both. A
+//! camera whose lens or place nobody knows is a loss, an IMU without a place too; a rig without any camera is an error. What
+//! sessions do not hold (noise and range of IMUs, rolling shutters) is told, or that of known devices, with a note.
+
+use std::collections::BTreeMap;
+
+use cad_transforms::frame::FramePart;
+use cad_transforms::{Covariance, Rig, RigidTransform};
+use calib::{CameraModel, ImuNoise, StereoCalibration, foxglove};
+use scene_bundle::outputs::rig::{RigCamera, RigImu, RigModel};
+use scene_bundle::outputs::{self, RIG};
+use serde_json::{Value, json};
+use session_archive::layout;
+
+use super::HANDOFF;
+use crate::input::Input;
+use crate::pipeline::{Report, Stage, StageError, Work};
+
+mod devices;
+mod places;
+
+use self::places::Places;
+
+/// What is told of the rig instead of what the session says.
+#[derive(Clone, Debug, Default)]
+pub struct Told {
+    /// A rig file: its text.
+    pub rig: Option<String>,
+    /// Calibrations of cameras, by name.
+    pub calibrations: BTreeMap<String, StereoCalibration>,
+    /// Times from row to row of cameras, s, by name.
+    pub lines_s: BTreeMap<String, f64>,
+    /// Noise of IMUs, by name.
+    pub noises: BTreeMap<String, ImuNoise>,
+}
+
+/// See the module.
+pub(super) struct RigStage {
+    pub(super) told: Told,
+}
+
+impl Stage<Input> for RigStage {
+    fn name(&self) -> &'static str {
+        "rig"
+    }
+
+    fn version(&self) -> u32 {
+        1
+    }
+
+    fn inputs(&self) -> &'static [&'static str] {
+        &[HANDOFF]
+    }
+
+    fn outputs(&self) -> &'static [&'static str] {
+        &[RIG]
+    }
+
+    fn settings(&self) -> Value {
+        let Told {
+            rig,
+            calibrations,
+            lines_s,
+            noises,
+        } = &self.told;
+        // Where a calibration was read from is of no consequence.
+        let lenses: BTreeMap<&String, Value> = (calibrations.iter())
+            .map(|(name, c)| {
+                let place = json!({
+                    "left": c.left,
+                    "right": c.right,
+                    "right_from_left": c.right_from_left,
+                    "imu": c.imu,
+                });
+                (name, place)
+            })
+            .collect();
+        json!({
+            "rig": rig,
+            "calibrations": lenses,
+            "lines_s": lines_s,
+            "noises": noises,
+        })
+    }
+
+    fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
+        let (model, report) = model(work.source(), &self.told)?;
+        report.notes.into_iter().for_each(|note| work.note(note));
+        report.losses.into_iter().for_each(|loss| work.lose(loss));
+        outputs::rig::write(work.draft(RIG), &model)?;
+        Ok(())
+    }
+}
+
+/// Why there is no rig.
+#[derive(Debug, thiserror::Error)]
+pub enum RigStageError {
+    /// The file told of is no rig: correct it.
+    #[error("reading the rig file that was told")]
+    Told(#[source] cad_transforms::rig::RigError),
+    /// A camera or IMU is told of that the session does not have: correct the name.
+    #[error("taking what was told: the session has no {what} {found:?}, expected one of {known}")]
+    Unknown {
+        /// `camera` or `IMU`.
+        what: &'static str,
+        /// The name.
+        found: String,
+        /// All names.
+        known: String,
+    },
+    /// A lens is for pictures of another size: calibrate at this one.
+    #[error("the lens of {eye} is for {found}, expected {expected}, as the pictures are")]
+    Size {
+        /// Which eye.
+        eye: String,
+        /// Size of the lens.
+        found: String,
+        /// Size of the pictures.
+        expected: String,
+    },
+    /// Of no camera both lenses and places are known: give calibrations, or record with them.
+    #[error("no camera of the session has lenses and a place on the rig: {0}")]
+    NoCamera(String),
+}
+
+/// The name and revision of the session's rig, or of the rig that is told.
+pub fn revision(input: &Input, told: &Told) -> scene_bundle::RigRevision {
+    let parsed = told.rig.as_deref().and_then(|text| Rig::parse(text).ok());
+    let rig = parsed.or_else(|| rig_file(input, &mut Report::default()));
+    let of = |text: fn(&Rig) -> &str| rig.as_ref().map_or("unknown", text).to_owned();
+    scene_bundle::RigRevision {
+        name: of(Rig::name),
+        revision: of(Rig::revision),
+    }
+}
+
+/// The rig of a session, and what is to be said of it.
+///
+/// # Errors
+/// [`RigStageError`].
+pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageError> {
+    check_names(input, told)?;
+    let mut report = Report::default();
+    let parse = |text: &String| Rig::parse(text).map_err(RigStageError::Told);
+    let rig = match told.rig.as_ref().map(parse).transpose()? {
+        Some(rig) => Some(rig),
+        None => rig_file(input, &mut report),
+    };
+    let places = Places::new(rig.as_ref(), input, &mut report);
+    let mut cameras = Vec::new();
+    for camera in &input.manifest().cameras {
+        let name = camera.name.as_str();
+        let size = [camera.width / 2, camera.height];
+        let calibration = told.calibrations.get(name);
+        let eye = |eye: &str, told: Option<CameraModel>| {
+            let recorded = || {
+                let c = input.calibration(&format!("{name}/{eye}"))?;
+                foxglove::lens([c.width, c.height], &c.distortion_model, &c.d, &c.k)
+            };
+            told.or_else(recorded)
+        };
+        let left = eye("left", calibration.map(|c| c.left));
+        let right = eye("right", calibration.map(|c| c.right));
+        let right_from_left = match calibration {
+            Some(calibration) => Some(calibration.right_from_left),
+            None => places.transform(name, FramePart::Right, FramePart::Left),
+        };
+        let rig_from_left = places.on_rig(name, FramePart::Left);
+        let (Some(left), Some(right)) = (left, right) else {
+            report
+                .losses
+                .push(format!("camera {name}: its lenses are not known"));
+            continue;
+        };
+        let (Some(right_from_left), Some((rig_from_left, covariance))) =
+            (right_from_left, rig_from_left)
+        else {
+            let loss = format!("camera {name}: it is not known where its eyes sit on the rig");
+            report.losses.push(loss);
+            continue;
+        };
+        for (eye, lens) in [("left", &left), ("right", &right)] {
+            check_size(&format!("{name}/{eye}"), lens, size)?;
+        }
+        let line_s = told.lines_s.get(name).copied();
+        let line_s = line_s
+            .unwrap_or_else(|| devices::line_s(device(rig.as_ref(), name), camera, &mut report));
+        cameras.push(RigCamera {
+            name: name.to_owned(),
+            left,
+            right,
+            rig_from_left,
+            rig_from_left_covariance: covariance,
+            right_from_left,
+            right_from_left_covariance: None,
+            line_s,
+        });
+    }
+    if cameras.is_empty() {
+        return Err(RigStageError::NoCamera(report.losses.join("; ")));
+    }
+    let mut imus = Vec::new();
+    for imu in &input.manifest().imus {
+        let name = imu.name.as_str();
+        let (camera, _) = name.rsplit_once('/').unwrap_or((name, ""));
+        let told_imu = told.calibrations.get(camera).and_then(|c| c.imu);
+        let placed = match told_imu {
+            Some(imu) => places
+                .on_rig(camera, FramePart::Left)
+                .map(|(rig_from_left, _)| (rig_from_left * imu.imu_from_left.inverse(), None)),
+            None => places.on_rig(camera, FramePart::Imu),
+        };
+        let Some((rig_from_imu, covariance)) = placed else {
+            let loss = format!("IMU {name}: it is not known where it sits on the rig");
+            report.losses.push(loss);
+            continue;
+        };
+        let known = devices::imu(device(rig.as_ref(), camera), &imu.source);
+        let noise = (told.noises.get(name).copied()).or(told_imu.and_then(|imu| imu.noise));
+        imus.push(RigImu {
+            name: name.to_owned(),
+            rig_from_imu,
+            rig_from_imu_covariance: covariance,
+            rate_hz: (imu.rate_hz > 0.0).then_some(imu.rate_hz),
+            noise: Some(noise.unwrap_or_else(|| known.noise(name, &mut report))),
+            range: known.range,
+        });
+    }
+    let revision = revision(input, told);
+    let model = RigModel {
+        name: revision.name,
+        revision: revision.revision,
+        cameras,
+        imus,
+    };
+    Ok((model, report))
+}
+
+/// As odometry takes it.
+pub fn of_odometry(model: &RigModel) -> odometry::Rig {
+    let camera = |camera: &RigCamera| odometry::rig::StereoCamera {
+        name: camera.name.clone(),
+        left: camera.left,
+        right: camera.right,
+        rig_from_left: camera.rig_from_left,
+        right_from_left: camera.right_from_left,
+        line_s: camera.line_s,
+    };
+    let imu = |imu: &RigImu| odometry::rig::Imu {
+        name: imu.name.clone(),
+        rig_from_imu: imu.rig_from_imu,
+        noise: imu.noise.unwrap_or(devices::UNKNOWN_NOISE),
+        rate_hz: imu.rate_hz.unwrap_or(devices::UNKNOWN_RATE_HZ),
+        range: imu.range.unwrap_or([f64::INFINITY; 2]),
+    };
+    odometry::Rig {
+        cameras: model.cameras.iter().map(camera).collect(),
+        imus: model.imus.iter().map(imu).collect(),
+    }
+}
+
+/// A place on the rig and how far it may be off.
+type Placed = (RigidTransform, Option<Covariance>);
+
+/// The maker's name of a camera's model, as the rig file has it.
+fn device<'a>(rig: Option<&'a Rig>, camera: &str) -> Option<&'a str> {
+    let infos = rig?.camera_infos();
+    let info = infos.iter().find(|info| info.name == camera)?;
+    info.model.as_deref()
+}
+
+/// The rig file that was in force when the session was recorded.
+fn rig_file(input: &Input, report: &mut Report) -> Option<Rig> {
+    for file in &input.manifest().rig {
+        let name = &file.name;
+        // What is true of a simulated rig is not what is told of it, and boards are no rigs.
+        let is_other = name.starts_with("truth.") || name.starts_with("target.");
+        if !name.ends_with(".toml") || is_other {
+            continue;
+        }
+        match Rig::read(&input.root().join(layout::rig_file(name))) {
+            Ok(rig) => return Some(rig),
+            Err(error) => {
+                let error = error.to_string().replace('\n', " ");
+                let note = format!("rig/{name} of the session cannot be read: {error}");
+                report.notes.push(note);
+            }
+        }
+    }
+    None
+}
+
+fn check_names(input: &Input, told: &Told) -> Result<(), RigStageError> {
+    let manifest = input.manifest();
+    let cameras: Vec<&str> = manifest.cameras.iter().map(|c| c.name.as_str()).collect();
+    let imus: Vec<&str> = manifest.imus.iter().map(|i| i.name.as_str()).collect();
+    let of_cameras = told.calibrations.keys().chain(told.lines_s.keys());
+    let names = (of_cameras.map(|name| ("camera", name, &cameras)))
+        .chain(told.noises.keys().map(|name| ("IMU", name, &imus)));
+    for (what, name, known) in names {
+        if !known.contains(&name.as_str()) {
+            return Err(RigStageError::Unknown {
+                what,
+                found: name.clone(),
+                known: known.join(", "),
+            });
+        }
+    }
+    Ok(())
+}
+
+fn check_size(
+    eye: &str,
+    lens: &CameraModel,
+    [width, height]: [u32; 2],
+) -> Result<(), RigStageError> {
+    match (lens.width, lens.height) == (width, height) {
+        true => Ok(()),
+        false => Err(RigStageError::Size {
+            eye: eye.to_owned(),
+            found: format!("{}x{}", lens.width, lens.height),
+            expected: format!("{width}x{height}"),
+        }),
+    }
+}

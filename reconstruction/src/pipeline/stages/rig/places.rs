@@ -1,0 +1,107 @@
+//! Where the parts of a rig sit.
+//!
+//! Contract: a rig file is asked first, then the recorded transforms. A session of one camera that nothing ties to a rig
+//! gets one: the rig looks forward with the left eye and sits in it.
+
+use cad_transforms::frame::{Frame, FramePart};
+use cad_transforms::{Rig, RigidTransform};
+use session_archive::record::FrameTransform;
+
+use super::Placed;
+use crate::input::Input;
+use crate::pipeline::Report;
+
+/// The optical axes as rig axes: forward is optical z, left is -x, up is -y. Rows.
+const RIG_FROM_OPTICAL: [f64; 9] = [0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0];
+
+pub(super) struct Places<'a> {
+    rig: Option<&'a Rig>,
+    /// Parent, child, `parent_from_child`.
+    recorded: Vec<(String, String, RigidTransform)>,
+}
+
+impl<'a> Places<'a> {
+    pub(super) fn new(rig: Option<&'a Rig>, input: &Input, report: &mut Report) -> Self {
+        let mut places = Self {
+            rig,
+            recorded: input.transforms().iter().filter_map(read).collect(),
+        };
+        if let [camera] = &input.manifest().cameras[..]
+            && places.on_rig(&camera.name, FramePart::Left).is_none()
+        {
+            let forward = RigidTransform::from_rotation_rows(RIG_FROM_OPTICAL, [0.0; 3]);
+            let forward = forward.expect("an exchange of axes is a rotation");
+            let left = format!("{}/left", camera.name);
+            places
+                .recorded
+                .push((Frame::rig().to_string(), left, forward));
+            let note = format!(
+                "no rig: it is taken to sit in the left eye of {}",
+                camera.name
+            );
+            report.notes.push(note);
+        }
+        places
+    }
+
+    /// A part of a camera on the rig.
+    pub(super) fn on_rig(&self, camera: &str, part: FramePart) -> Option<Placed> {
+        let part = Frame::of_camera(camera, part).ok()?;
+        if let Some(rig) = self.rig
+            && let Ok(place) = rig.transform(&Frame::rig(), &part)
+        {
+            let covariance = rig.covariance(&Frame::rig(), &part).ok().flatten();
+            return Some((place, covariance));
+        }
+        let place = self.recorded(Frame::rig().as_str(), part.as_str())?;
+        Some((place, None))
+    }
+
+    /// `b_from_a` of two parts of a camera.
+    pub(super) fn transform(
+        &self,
+        camera: &str,
+        b: FramePart,
+        a: FramePart,
+    ) -> Option<RigidTransform> {
+        let b = Frame::of_camera(camera, b).ok()?;
+        let a = Frame::of_camera(camera, a).ok()?;
+        let of_file = self.rig.and_then(|rig| rig.transform(&b, &a).ok());
+        of_file.or_else(|| self.recorded(b.as_str(), a.as_str()))
+    }
+
+    /// `b_from_a` by recorded transforms. There are few, so the search is the simplest one: on from frames that are
+    /// known until nothing new comes.
+    fn recorded(&self, b: &str, a: &str) -> Option<RigidTransform> {
+        let mut known = vec![(a, RigidTransform::identity())];
+        let mut next = 0;
+        while let Some((at, at_from_a)) = known.get(next).copied() {
+            if at == b {
+                return Some(at_from_a);
+            }
+            for (parent, child, parent_from_child) in &self.recorded {
+                let (to, to_from_at) = if child == at {
+                    (parent.as_str(), *parent_from_child)
+                } else if parent == at {
+                    (child.as_str(), parent_from_child.inverse())
+                } else {
+                    continue;
+                };
+                if known.iter().all(|(name, _)| *name != to) {
+                    known.push((to, to_from_at * at_from_a));
+                }
+            }
+            next += 1;
+        }
+        None
+    }
+}
+
+/// None for what is no rigid transform.
+fn read(t: &FrameTransform) -> Option<(String, String, RigidTransform)> {
+    let q = t.rotation.as_ref()?;
+    let p = t.translation.as_ref()?;
+    // The message names the components; the transform takes w first.
+    let place = RigidTransform::from_wxyz([q.w, q.x, q.y, q.z], [p.x, p.y, p.z]).ok()?;
+    Some((t.parent_frame_id.clone(), t.child_frame_id.clone(), place))
+}

@@ -1,0 +1,467 @@
+use std::cell::{Cell, RefCell};
+use std::path::Path;
+use std::rc::Rc;
+
+use scene_bundle::{Provenance, RigRevision};
+use serde_json::json;
+
+use super::*;
+
+/// What a toy does besides writing its outputs.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Trouble {
+    #[default]
+    None,
+    /// Fails before it writes anything.
+    AtOnce,
+    /// Fails after its first file.
+    HalfWay,
+    /// Leaves a file unfinished, so that its first output cannot be committed though others are.
+    Unfinished,
+}
+
+/// Concatenates its inputs and its setting into each of its outputs.
+struct Toy {
+    name: &'static str,
+    version: u32,
+    inputs: &'static [&'static str],
+    outputs: &'static [&'static str],
+    setting: String,
+    trouble: Trouble,
+    runs: Rc<Cell<usize>>,
+}
+
+impl Stage<str> for Toy {
+    fn name(&self) -> &'static str {
+        self.name
+    }
+    fn version(&self) -> u32 {
+        self.version
+    }
+    fn inputs(&self) -> &'static [&'static str] {
+        self.inputs
+    }
+    fn outputs(&self) -> &'static [&'static str] {
+        self.outputs
+    }
+    fn settings(&self) -> Value {
+        json!({ "setting": self.setting })
+    }
+    fn run(&self, work: &Work<'_, str>) -> Result<(), StageError> {
+        self.runs.set(self.runs.get() + 1);
+        if self.trouble == Trouble::AtOnce {
+            return Err("it was to fail".into());
+        }
+        let mut text = self.setting.clone();
+        for input in self.inputs {
+            text += "+";
+            text += &match *input {
+                "handoff" => work.source().to_owned(),
+                input => String::from_utf8(work.read(input)?.read("text")?)?,
+            };
+        }
+        for output in self.outputs {
+            work.draft(output)
+                .write("text", format!("{output}({text})").as_bytes())?;
+            work.progress(1, 2);
+            if self.trouble == Trouble::HalfWay {
+                return Err("it was to fail half-way".into());
+            }
+        }
+        if self.trouble == Trouble::Unfinished {
+            drop(work.draft(self.outputs[0]).create("more")?);
+        }
+        work.note(format!("{} ran", self.name));
+        if self.setting == "lossy" {
+            work.lose("a frame");
+        }
+        Ok(())
+    }
+}
+
+/// Three stages: `rig` of the hand-off, `odometry` of both with two outputs, `depth` of one of these.
+struct Bench {
+    folder: tempfile::TempDir,
+    settings: [String; 3],
+    versions: [u32; 3],
+    trouble: [Trouble; 3],
+    source: String,
+    again: bool,
+}
+
+const STAGES: [(&str, &[&str], &[&str]); 3] = [
+    ("rig", &["handoff"], &["rig"]),
+    (
+        "odometry",
+        &["handoff", "rig"],
+        &["trajectory-causal", "keyframes"],
+    ),
+    ("depth", &["keyframes"], &["depth"]),
+];
+
+impl Bench {
+    fn new() -> Self {
+        Self {
+            folder: tempfile::tempdir().expect("a folder"),
+            settings: ["a", "b", "c"].map(str::to_owned),
+            versions: [1; 3],
+            trouble: [Trouble::None; 3],
+            source: "walk".to_owned(),
+            again: false,
+        }
+    }
+
+    fn path(&self) -> std::path::PathBuf {
+        self.folder.path().join("bundle")
+    }
+
+    fn bundle(&self) -> Bundle {
+        let provenance = Provenance {
+            session_id: "s".to_owned(),
+            handoff_blake3: "0".repeat(64),
+            rig: RigRevision {
+                name: "rig".to_owned(),
+                revision: "1".to_owned(),
+            },
+            program: "test".to_owned(),
+            program_version: "0".to_owned(),
+            started_civil_ns: 0,
+            ended_civil_ns: None,
+        };
+        Bundle::create_or_open(&self.path(), provenance).expect("a bundle")
+    }
+
+    /// Runs, and gives how often each stage ran.
+    fn run_only(
+        &self,
+        from: Option<&str>,
+        to: Option<&str>,
+    ) -> (Result<Vec<Outcome>, PipelineError>, [usize; 3]) {
+        let runs: [Rc<Cell<usize>>; 3] = Default::default();
+        let stages = (0..3).map(|k| {
+            let (name, inputs, outputs) = STAGES[k];
+            let toy: Box<dyn Stage<str>> = Box::new(Toy {
+                name,
+                version: self.versions[k],
+                inputs,
+                outputs,
+                setting: self.settings[k].clone(),
+                trouble: self.trouble[k],
+                runs: runs[k].clone(),
+            });
+            toy
+        });
+        let pipeline = Pipeline::new(stages.collect(), &["handoff"]).expect("a good table");
+        let hash = blake3_of(&self.source);
+        let sources = Sources {
+            source: self.source.as_str(),
+            hashes: BTreeMap::from([("handoff".to_owned(), hash)]),
+        };
+        let selection = Selection {
+            from: from.map(str::to_owned),
+            to: to.map(str::to_owned),
+            again: self.again,
+        };
+        let bundle = self.bundle();
+        let found = pipeline.run(
+            &sources,
+            &bundle,
+            &selection,
+            &watch::Unwatched,
+            &Meter::STILL,
+        );
+        (found, runs.map(|r| r.get()))
+    }
+
+    fn run(&self) -> [usize; 3] {
+        let (found, runs) = self.run_only(None, None);
+        found.expect("a run without trouble");
+        runs
+    }
+
+    /// What every output holds.
+    fn content(&self) -> BTreeMap<String, String> {
+        let scene = self.bundle().scene();
+        let outputs = scene.manifest().outputs.keys().cloned();
+        let text = |name: String| {
+            let text = scene.output(&name).expect("an output").read("text");
+            (
+                name,
+                String::from_utf8(text.expect("a file")).expect("text"),
+            )
+        };
+        outputs.map(text).collect()
+    }
+
+    /// What a bundle holds that was made at once, without any trouble.
+    fn expected(&self) -> BTreeMap<String, String> {
+        let mut fresh = Self::new();
+        fresh.settings.clone_from(&self.settings);
+        fresh.source.clone_from(&self.source);
+        fresh.versions = self.versions;
+        fresh.run();
+        fresh.content()
+    }
+}
+
+fn blake3_of(text: &str) -> String {
+    // Stands for a hash: 64 digits that differ with the text.
+    let sum = text.bytes().fold(7_u64, |sum, b| {
+        sum.wrapping_mul(31).wrapping_add(u64::from(b))
+    });
+    format!("{sum:064x}")
+}
+
+#[test]
+fn what_is_done_is_not_done_again() {
+    let bench = Bench::new();
+    let (first, runs) = bench.run_only(None, None);
+    let first = first.expect("a run");
+    assert_eq!(runs, [1, 1, 1]);
+    assert!(first.iter().all(|o| o.state == State::Made));
+    let content = bench.content();
+    assert_eq!(content["depth"], "depth(c+keyframes(b+walk+rig(a+walk)))");
+
+    let (second, runs) = bench.run_only(None, None);
+    let second = second.expect("a run");
+    assert_eq!(runs, [0, 0, 0]);
+    for (before, after) in first.iter().zip(&second) {
+        assert_eq!(after.state, State::Kept);
+        assert_eq!(
+            (&before.outputs, &before.report),
+            (&after.outputs, &after.report)
+        );
+    }
+    assert_eq!(second[0].report.notes, ["rig ran"]);
+    assert_eq!(bench.content(), content);
+}
+
+#[test]
+fn a_changed_setting_or_version_makes_a_stage_and_what_depends_on_it_again() {
+    let mut bench = Bench::new();
+    bench.run();
+    bench.settings[2] = "d".to_owned();
+    assert_eq!(bench.run(), [0, 0, 1]);
+    bench.settings[1] = "e".to_owned();
+    assert_eq!(bench.run(), [0, 1, 1]);
+    bench.settings[0] = "f".to_owned();
+    assert_eq!(bench.run(), [1, 1, 1]);
+    assert_eq!(bench.content(), bench.expected());
+    // The same bytes come out of another version of the rig, so nothing after it changes.
+    bench.versions[0] = 2;
+    assert_eq!(bench.run(), [1, 0, 0]);
+    bench.again = true;
+    assert_eq!(bench.run(), [1, 1, 1]);
+}
+
+#[test]
+fn a_changed_input_makes_what_reads_it_again() {
+    let mut bench = Bench::new();
+    bench.run();
+    bench.source = "another walk".to_owned();
+    assert_eq!(bench.run(), [1, 1, 1]);
+    assert_eq!(bench.content(), bench.expected());
+}
+
+#[test]
+fn an_output_whose_files_are_gone_or_cut_is_made_again() {
+    let bench = Bench::new();
+    bench.run();
+    let content = bench.content();
+    let place = |output: &str, file: &str| {
+        let scene = bench.bundle().scene();
+        scene.output(output).expect("an output").place(file)
+    };
+    std::fs::remove_file(place("keyframes", "text")).expect("a file");
+    assert_eq!(bench.run(), [0, 1, 0]);
+    std::fs::write(place("rig", "text"), "").expect("a file");
+    assert_eq!(bench.run(), [1, 0, 0]);
+    assert_eq!(bench.content(), content);
+}
+
+#[test]
+fn a_failure_costs_the_stage_in_progress_alone() {
+    for trouble in [Trouble::AtOnce, Trouble::HalfWay, Trouble::Unfinished] {
+        for (k, (name, _, outputs)) in STAGES.iter().enumerate() {
+            let mut bench = Bench::new();
+            bench.trouble[k] = trouble;
+            let (found, runs) = bench.run_only(None, None);
+            let error = found.expect_err("trouble");
+            assert!(error.to_string().contains(name), "{error}");
+            assert!(matches!(
+                (&error, trouble),
+                (PipelineError::Bundle { .. }, Trouble::Unfinished)
+                    | (
+                        PipelineError::Stage { .. },
+                        Trouble::AtOnce | Trouble::HalfWay
+                    )
+            ));
+            assert_eq!(runs, std::array::from_fn(|i| usize::from(i <= k)));
+            assert_eq!(no_drafts(&bench.path()), 0, "{trouble:?} in stage {k}");
+            // Its first output is the one that is not there.
+            let content = bench.content();
+            assert!(!content.contains_key(outputs[0]), "{trouble:?} {content:?}");
+
+            bench.trouble[k] = Trouble::None;
+            assert_eq!(bench.run(), std::array::from_fn(|i| usize::from(i >= k)));
+            assert_eq!(bench.content(), bench.expected());
+        }
+    }
+}
+
+/// Folders of drafts that are left.
+fn no_drafts(path: &Path) -> usize {
+    let entries = std::fs::read_dir(path).expect("a bundle");
+    let names = entries.map(|e| e.expect("an entry").file_name());
+    names
+        .filter(|n| n.to_string_lossy().starts_with(".draft"))
+        .count()
+}
+
+#[test]
+fn a_failure_leaves_what_was_there_before() {
+    let mut bench = Bench::new();
+    bench.run();
+    let content = bench.content();
+    bench.settings[1] = "new".to_owned();
+    bench.trouble[1] = Trouble::HalfWay;
+    assert!(bench.run_only(None, None).0.is_err());
+    assert_eq!(bench.content(), content);
+    bench.trouble[1] = Trouble::None;
+    assert_eq!(bench.run(), [0, 1, 1]);
+    assert_eq!(bench.content(), bench.expected());
+}
+
+#[test]
+fn stages_are_chosen_by_name() {
+    let mut bench = Bench::new();
+    let error = |from, to| {
+        let (found, runs) = bench.run_only(from, to);
+        assert_eq!(runs, [0; 3]);
+        found.expect_err("a wrong choice").to_string()
+    };
+    assert_eq!(
+        error(Some("mapping"), None),
+        "choosing stages: found \"mapping\", expected one of rig, odometry, depth"
+    );
+    assert_eq!(
+        error(Some("depth"), Some("rig")),
+        "choosing stages: depth comes after rig, expected the other order"
+    );
+    assert_eq!(
+        error(Some("depth"), None),
+        "beginning with stage depth: output keyframes is not there, expected it of stage odometry"
+    );
+    assert_eq!(bench.run_only(None, Some("odometry")).1, [1, 1, 0]);
+    // What is before the first is taken as it is, changed settings or not.
+    bench.settings[0] = "changed".to_owned();
+    assert_eq!(bench.run_only(Some("depth"), Some("depth")).1, [0, 0, 1]);
+    assert_eq!(bench.run_only(Some("odometry"), None).1, [0, 0, 0]);
+    assert_eq!(bench.run(), [1, 1, 1]);
+}
+
+#[test]
+fn losses_are_told_whether_or_not_a_stage_runs() {
+    let mut bench = Bench::new();
+    bench.settings[1] = "lossy".to_owned();
+    for state in [State::Made, State::Kept] {
+        let outcomes = bench.run_only(None, None).0.expect("a run");
+        assert_eq!(outcomes[1].state, state);
+        assert_eq!(outcomes[1].report.losses, ["a frame"]);
+        assert!(outcomes[0].report.losses.is_empty());
+    }
+}
+
+#[test]
+fn a_table_that_contradicts_itself_is_refused() {
+    let toy = |name, inputs, outputs| -> Box<dyn Stage<str>> {
+        Box::new(Toy {
+            name,
+            version: 1,
+            inputs,
+            outputs,
+            setting: String::new(),
+            trouble: Trouble::None,
+            runs: Rc::default(),
+        })
+    };
+    let check = |stages, expected: &str| {
+        let error = Pipeline::new(stages, &["handoff"])
+            .err()
+            .expect("wrong")
+            .to_string();
+        assert_eq!(
+            error,
+            format!("the table of stages is wrong: stage {expected}")
+        );
+    };
+    check(
+        vec![toy("a", &["b"], &["a"])],
+        "a reads b, which nothing before it makes",
+    );
+    check(vec![toy("a", &[], &[])], "a makes nothing");
+    check(
+        vec![toy("a", &[], &["A"])],
+        "a makes \"A\", which is no name of an output",
+    );
+    check(
+        vec![toy("a", &[], &["a"]), toy("a", &[], &["b"])],
+        "a is there twice",
+    );
+    check(
+        vec![toy("a", &[], &["a"]), toy("b", &["a"], &["handoff"])],
+        "b makes handoff, which is there already",
+    );
+}
+
+#[test]
+fn progress_is_told_in_order() {
+    #[derive(Default)]
+    struct Told(std::sync::Mutex<RefCell<Vec<String>>>);
+    impl Told {
+        fn tell(&self, what: String) {
+            self.0.lock().expect("told").borrow_mut().push(what);
+        }
+    }
+    impl Watch for Told {
+        fn begin(&self, stage: &str, number: usize, of: usize) {
+            self.tell(format!("{number}/{of} {stage}"));
+        }
+        fn progress(&self, done: u64, total: u64) {
+            self.tell(format!("{done}/{total}"));
+        }
+        fn end(&self, outcome: &Outcome) {
+            self.tell(format!("{:?} {}", outcome.state, outcome.outputs.len()));
+        }
+    }
+    let bench = Bench::new();
+    bench.run_only(None, Some("rig")).0.expect("a run");
+    let stages = STAGES[..2].iter().map(|(name, inputs, outputs)| {
+        let toy: Box<dyn Stage<str>> = Box::new(Toy {
+            name,
+            version: 1,
+            inputs,
+            outputs,
+            setting: if *name == "rig" { "a" } else { "b" }.to_owned(),
+            trouble: Trouble::None,
+            runs: Rc::default(),
+        });
+        toy
+    });
+    let pipeline = Pipeline::new(stages.collect(), &["handoff"]).expect("a good table");
+    let sources = Sources {
+        source: "walk",
+        hashes: BTreeMap::from([("handoff".to_owned(), blake3_of("walk"))]),
+    };
+    let told = Told::default();
+    let selection = Selection::default();
+    let meter = Meter::STILL;
+    pipeline
+        .run(&sources, &bench.bundle(), &selection, &told, &meter)
+        .expect("a run");
+    let told = told.0.into_inner().expect("told").into_inner();
+    assert_eq!(
+        told,
+        ["1/2 rig", "Kept 1", "2/2 odometry", "1/2", "1/2", "Made 2"]
+    );
+}

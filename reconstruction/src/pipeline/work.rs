@@ -1,0 +1,92 @@
+//! What a running stage has in its hands.
+
+use std::sync::{Mutex, PoisonError};
+
+use scene_bundle::{Bundle, BundleError, Draft, OutputReader, Scene};
+
+use super::{Report, Stage, Watch};
+
+/// What a running stage has in its hands: its source, outputs of earlier stages, and drafts of its own. May be used from
+/// several threads.
+pub struct Work<'a, S: ?Sized> {
+    source: &'a S,
+    scene: Scene,
+    inputs: &'static [&'static str],
+    outputs: &'static [&'static str],
+    drafts: Vec<Draft>,
+    report: Mutex<Report>,
+    watch: &'a dyn Watch,
+}
+
+impl<'a, S: ?Sized> Work<'a, S> {
+    pub(super) fn begin(
+        stage: &dyn Stage<S>,
+        source: &'a S,
+        bundle: &Bundle,
+        watch: &'a dyn Watch,
+    ) -> Result<Self, BundleError> {
+        let drafts = stage.outputs().iter().map(|output| bundle.begin(output));
+        Ok(Self {
+            source,
+            scene: bundle.scene(),
+            inputs: stage.inputs(),
+            outputs: stage.outputs(),
+            drafts: drafts.collect::<Result<_, _>>()?,
+            report: Mutex::default(),
+            watch,
+        })
+    }
+
+    /// What all stages read.
+    pub fn source(&self) -> &'a S {
+        self.source
+    }
+
+    /// An output of an earlier stage.
+    ///
+    /// # Errors
+    /// As [`Scene::output`].
+    ///
+    /// # Panics
+    /// If the table does not name it as an input of this stage: what it depends on would not be known.
+    pub fn read(&self, output: &str) -> Result<OutputReader, BundleError> {
+        assert!(
+            self.inputs.contains(&output),
+            "{output} is not an input of this stage"
+        );
+        self.scene.output(output)
+    }
+
+    /// The draft of an output of this stage.
+    ///
+    /// # Panics
+    /// If the table does not name it as one.
+    pub fn draft(&self, output: &str) -> &Draft {
+        let position = self.outputs.iter().position(|name| *name == output);
+        &self.drafts[position.expect("an output of this stage")]
+    }
+
+    /// Something worth knowing that was assumed or found. Sentences are kept in their order: say them from one thread.
+    pub fn note(&self, sentence: impl Into<String>) {
+        self.report(|report| report.notes.push(sentence.into()));
+    }
+
+    /// Something of the input that could not be used. The program ends with 3 then.
+    pub fn lose(&self, sentence: impl Into<String>) {
+        self.report(|report| report.losses.push(sentence.into()));
+    }
+
+    /// So much is done, of so much.
+    pub fn progress(&self, done: u64, total: u64) {
+        self.watch.progress(done, total);
+    }
+
+    fn report(&self, change: impl FnOnce(&mut Report)) {
+        change(&mut self.report.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+
+    pub(super) fn end(self) -> (Vec<Draft>, Report) {
+        let report = self.report.into_inner();
+        (self.drafts, report.unwrap_or_else(PoisonError::into_inner))
+    }
+}

@@ -1,0 +1,146 @@
+//! Frame sets for odometry: the same pictures and samples, in another way.
+
+use std::collections::BTreeMap;
+
+use reconstruction::input::Input;
+use reconstruction::picture::Colour;
+use reconstruction::pipeline::stages::feed::Feed;
+use reconstruction::pipeline::stages::rig::{self, Told};
+use session_archive::time::HostTime;
+
+use crate::session::{hand_over, hand_over_with};
+
+/// A rig file in which both cameras and the IMU have places.
+pub(crate) const RIG: &str = include_str!("../../../cad-transforms/rigs/example.toml");
+
+/// The session has no lenses of this camera.
+pub(crate) fn told(folder: &std::path::Path) -> Told {
+    let file = folder.join("K.txt");
+    std::fs::write(&file, "60 0 36.5 0 60 24.5 0 0 1\n0.063\n").expect("a file");
+    let (calibration, _) = calib::read_stereo(&file, 74, 50).expect("a calibration");
+    Told {
+        rig: Some(RIG.to_owned()),
+        calibrations: BTreeMap::from([("feet".to_owned(), calibration)]),
+        ..Told::default()
+    }
+}
+
+#[test]
+fn grey_sets_are_luma_with_samples_up_to_the_last_picture() {
+    let folder = tempfile::tempdir().expect("folder");
+    let recorded = hand_over(folder.path());
+    let input = Input::open(folder.path()).expect("open");
+    let all = input.imu("feet/imu", ..).expect("imu");
+    let mut given = Vec::new();
+    let sets = input.sets().expect("sets");
+    let greys = input.grey_sets(..).expect("sets");
+    assert_eq!(greys.len(), recorded.sets.len());
+    for (set, grey) in sets.zip(greys) {
+        let set = set.expect("a set");
+        assert_eq!((set.number, set.time), (grey.number, grey.time));
+        assert!(grey.losses.is_empty());
+        for (view, grey) in set.views.iter().zip(&grey.views) {
+            assert_eq!(view.is_some(), grey.is_some());
+            let (Some(view), Some(grey)) = (view, grey) else {
+                continue;
+            };
+            assert_eq!((view.number, view.time), (grey.number, grey.time));
+            assert_eq!(grey.left.colour, Colour::Grey);
+            assert_eq!(
+                grey.right.data.len(),
+                (grey.right.width * grey.right.height) as usize
+            );
+            match view.left.colour {
+                Colour::Grey => assert_eq!((&view.left, &view.right), (&grey.left, &grey.right)),
+                Colour::Rgb => {
+                    // Luma of full-range BT.601 out of rounded RGB is within a level or so.
+                    let luma = |p: &[u8]| {
+                        0.299 * f64::from(p[0]) + 0.587 * f64::from(p[1]) + 0.114 * f64::from(p[2])
+                    };
+                    let pixels = view.left.data.chunks_exact(3).map(luma);
+                    let apart = pixels
+                        .zip(&*grey.left.data)
+                        .map(|(a, b)| (a - f64::from(*b)).abs());
+                    let mean = apart.sum::<f64>() / grey.left.data.len() as f64;
+                    assert!(mean < 1.0, "{mean}");
+                }
+            }
+        }
+        let latest = grey.views.iter().flatten().map(|v| v.time).max();
+        let latest = latest.map_or(grey.time, |t| t.max(grey.time));
+        given.extend(grey.imu[0].iter().copied());
+        let [.., before, last] = &given[..] else {
+            panic!("no samples");
+        };
+        assert!(before.time < latest && latest <= last.time);
+    }
+    // Each once, and nothing left out.
+    assert_eq!(given[..], all[..given.len()]);
+    assert!(given.len() > 480);
+
+    // From the middle on, samples begin behind the set before.
+    let from = HostTime(recorded.sets[20].time);
+    let mut part = input.grey_sets(from..).expect("sets");
+    let first = part.next().expect("a set");
+    assert_eq!(first.number, 20);
+    assert!(first.imu[0][0].time.0 > recorded.sets[19].time);
+    assert!(first.imu[0].len() < 40, "{}", first.imu[0].len());
+}
+
+#[test]
+fn a_frame_that_cannot_be_read_is_a_loss_and_the_rest_of_its_set_is_there() {
+    let folder = tempfile::tempdir().expect("folder");
+    let recorded = hand_over_with(folder.path(), |camera, number, mut unit| {
+        if camera == "feet" && number == 110 {
+            unit.data = vec![0; 30].into();
+        }
+        unit
+    });
+    let input = Input::open(folder.path()).expect("open");
+    let greys: Vec<_> = input.grey_sets(..).expect("sets").collect();
+    assert_eq!(greys.len(), recorded.sets.len());
+    let losses: Vec<String> = greys
+        .iter()
+        .flat_map(|set| &set.losses)
+        .map(|e| e.to_string())
+        .collect();
+    assert!(
+        losses.contains(&"reading frame 110 of feet".to_owned()),
+        "{losses:?}"
+    );
+    let lossy = greys
+        .iter()
+        .find(|set| !set.losses.is_empty())
+        .expect("a loss");
+    assert!(lossy.views[0].is_some() && lossy.views[1].is_none());
+}
+
+#[test]
+fn odometry_is_fed_with_what_the_rig_has_in_its_order() {
+    let folder = tempfile::tempdir().expect("folder");
+    let recorded = hand_over(folder.path());
+    let input = Input::open(folder.path()).expect("open");
+    let (mut model, _) = rig::model(&input, &told(folder.path())).expect("a rig");
+    model.cameras.reverse();
+    let feed = Feed::new(&input, &model).expect("a feed");
+    assert_eq!(feed.len(), recorded.sets.len());
+    for (set, expected) in feed.zip(&recorded.sets) {
+        assert_eq!(set.time_ns, expected.time);
+        let borrowed = set.borrowed();
+        assert!(borrowed.views[1].is_some());
+        assert_eq!(
+            borrowed.views[0].is_none(),
+            expected.missing.contains(&"feet".to_owned())
+        );
+        assert!(set.imu[0].windows(2).all(|w| w[0].time_ns < w[1].time_ns));
+    }
+    model.cameras.truncate(1);
+    model.imus.clear();
+    let set = Feed::new(&input, &model)
+        .expect("a feed")
+        .next()
+        .expect("a set");
+    assert_eq!((set.views.len(), set.imu.len()), (1, 0));
+    model.cameras[0].name = "head".to_owned();
+    assert!(Feed::new(&input, &model).is_err());
+}

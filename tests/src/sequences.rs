@@ -1,0 +1,303 @@
+//! Sequences for odometry with their truth: real recordings and simulated walks, behind one face.
+//!
+//! Contract: a [`Sequence`] knows its rig as files tell of it, all IMU samples, and the true pose of the rig at any time
+//! that it covers. Pictures come in frame sets, in order of time, a few at once in memory ([`Sequence::frame_sets`]).
+//! *Early*: what an IMU measured before the first set comes with it. *Late*: with a set come all samples up to
+//! the first one that is not older than the set and its pictures, so that motion is known to the last picture.
+//! *At a gap*: a camera that has no picture is `None`; a set without any picture is given all the same. *At the
+//! end*: IMU samples after the last set are in [`Sequence::imu`] alone. Same settings, same bytes.
+//!
+//! - [`kitti`], [`euroc`]: the real recordings at hand.
+//! - [`walk`]: simulated walks; rendering is slower than tracking, [`Sequence::cached`] renders once.
+//! - [`named`]: walks that are used in more than one place.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::{Context as _, Result, ensure};
+use cad_transforms::RigidTransform;
+use calib::verify::Grey;
+use odometry::input::{FrameSet, ImuSample, View};
+use odometry::rig::Rig;
+
+mod cache;
+mod datasets;
+mod kept;
+pub mod named;
+mod truth;
+mod walk;
+
+pub use self::datasets::{euroc, kitti};
+pub use self::truth::Truth;
+pub use self::walk::{WalkSettings, walk};
+
+/// See the module.
+#[derive(Clone, Debug)]
+pub struct Sequence {
+    name: String,
+    rig: Rig,
+    imu: Vec<Vec<ImuSample>>,
+    truth: Truth,
+    sets: Vec<Planned>,
+    pictures: Pictures,
+}
+
+/// A set before its pictures are read.
+#[derive(Clone, Debug, PartialEq)]
+struct Planned {
+    time_ns: i64,
+    /// Times of the pictures, one entry for each camera.
+    views: Vec<Option<i64>>,
+}
+
+/// Where pictures come from.
+#[derive(Clone, Debug)]
+enum Pictures {
+    /// Left and right picture files of each camera, in order.
+    Files(Vec<Vec<[PathBuf; 2]>>),
+    /// They are rendered.
+    Rendered(walk::Walk),
+    /// They were.
+    Cached(Vec<cache::Stored>),
+}
+
+/// Gives the pictures of one camera in order: left and right.
+type Reader = Box<dyn FnMut() -> Result<[Vec<u8>; 2]> + Send>;
+
+/// A frame set with its pictures.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OwnedFrameSet {
+    /// Time of the set, ns.
+    pub time_ns: i64,
+    /// One entry for each camera of the rig.
+    pub views: Vec<Option<OwnedView>>,
+    /// Of each IMU of the rig, what was measured since the set before.
+    pub imu: Vec<Vec<ImuSample>>,
+}
+
+/// The stereo picture of one camera.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OwnedView {
+    /// Middle of the exposure of the middle row, ns.
+    pub time_ns: i64,
+    /// Columns of one eye.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Left eye, rows first, without gaps.
+    pub left: Vec<u8>,
+    /// Right eye.
+    pub right: Vec<u8>,
+}
+
+impl OwnedFrameSet {
+    /// As odometry takes it.
+    pub fn borrowed(&self) -> FrameSet<'_> {
+        let views = self.views.iter();
+        FrameSet {
+            time_ns: self.time_ns,
+            views: views.map(|v| v.as_ref().map(View::from)).collect(),
+        }
+    }
+}
+
+/// As odometry takes it.
+impl<'a> From<&'a OwnedView> for View<'a> {
+    fn from(view: &'a OwnedView) -> Self {
+        let grey = |pixels: &'a [u8]| {
+            Grey::new(view.width, view.height, view.width, pixels).expect("a whole picture")
+        };
+        View {
+            time_ns: view.time_ns,
+            left: grey(&view.left),
+            right: grey(&view.right),
+        }
+    }
+}
+
+impl Sequence {
+    /// For tables: where it comes from.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// What files tell of the rig, which need not be true.
+    pub fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    /// All samples of each IMU.
+    pub fn imu(&self) -> &[Vec<ImuSample>] {
+        &self.imu
+    }
+
+    /// What is true.
+    pub fn truth(&self) -> &Truth {
+        &self.truth
+    }
+
+    /// `world_from_rig` as it truly was; none beyond the truth's ends.
+    pub fn world_from_rig(&self, time_ns: i64) -> Option<RigidTransform> {
+        self.truth.at(time_ns)
+    }
+
+    /// Times of the sets, ns.
+    pub fn times(&self) -> impl ExactSizeIterator<Item = i64> + '_ {
+        self.sets.iter().map(|set| set.time_ns)
+    }
+
+    /// How many sets there are.
+    pub fn len(&self) -> usize {
+        self.sets.len()
+    }
+
+    /// Whether there is no set at all.
+    pub fn is_empty(&self) -> bool {
+        self.sets.is_empty()
+    }
+
+    /// The truth at the times of all sets that it covers.
+    pub fn truth_at_sets(&self) -> Vec<(i64, RigidTransform)> {
+        let at = |time_ns: i64| Some((time_ns, self.truth.at(time_ns)?));
+        self.times().filter_map(at).collect()
+    }
+
+    /// The first sets alone.
+    #[must_use]
+    pub fn first(mut self, sets: usize) -> Self {
+        self.sets.truncate(sets);
+        self
+    }
+
+    /// The same with the pictures of a walk kept below a folder: rendered now unless they are there already, on two
+    /// threads. Anything else stays as it is.
+    ///
+    /// # Errors
+    /// The folder cannot be written, or what is there is no whole file of this walk.
+    pub fn cached(mut self, folder: &Path) -> Result<Self> {
+        if let Pictures::Rendered(walk) = &self.pictures {
+            let stored = cache::store(walk, folder)
+                .with_context(|| format!("keeping the pictures of {}", self.name))?;
+            self.pictures = Pictures::Cached(stored);
+        }
+        Ok(self)
+    }
+
+    /// The same walk with pictures that were taken already, of a sequence of it in which every camera sees every instant.
+    /// What devices do to pictures (lost, late, frozen, torn) is done to these; what light and lenses do is not. Exposure
+    /// goes on while a device is gone, as it would not. Anything but a walk that is not cached stays as it is.
+    ///
+    /// # Errors
+    /// A picture is absent.
+    pub fn with_pictures(mut self, sets: &Arc<Vec<OwnedFrameSet>>) -> Result<Self> {
+        if let Pictures::Rendered(walk) = &mut self.pictures {
+            let whole = |set: &OwnedFrameSet| {
+                set.views.len() == self.rig.cameras.len() && set.views.iter().all(Option::is_some)
+            };
+            let found = sets.iter().take_while(|set| whole(set)).count();
+            let expected = walk.simulation.settings().frame_count() as usize;
+            ensure!(
+                found >= expected,
+                "taking pictures over: found {found} whole sets, expected {expected}"
+            );
+            walk.kept = Some(sets.clone());
+        }
+        Ok(self)
+    }
+
+    /// Reads or renders all sets, in order.
+    ///
+    /// # Errors
+    /// Files that cannot be read. Each set has an error of its own.
+    pub fn frame_sets(&self) -> Result<FrameSets<'_>> {
+        let readers = match &self.pictures {
+            Pictures::Files(files) => files.iter().cloned().map(datasets::reader).collect(),
+            Pictures::Rendered(walk) => walk.readers(),
+            Pictures::Cached(stored) => {
+                let readers = stored.iter().map(cache::Stored::reader);
+                readers.collect::<Result<_>>()?
+            }
+        };
+        Ok(FrameSets {
+            sequence: self,
+            next: 0,
+            readers,
+            given: vec![0; self.imu.len()],
+        })
+    }
+
+    /// Hands out all sets, in order, until `each` fails.
+    ///
+    /// # Errors
+    /// Of [`Sequence::frame_sets`], or of `each`.
+    pub fn for_each(&self, mut each: impl FnMut(OwnedFrameSet) -> Result<()>) -> Result<()> {
+        self.frame_sets()?.try_for_each(|set| each(set?))
+    }
+}
+
+/// The sets of a sequence. See [`Sequence::frame_sets`].
+pub struct FrameSets<'a> {
+    sequence: &'a Sequence,
+    next: usize,
+    readers: Vec<Reader>,
+    /// How many samples of each IMU were given.
+    given: Vec<usize>,
+}
+
+impl Iterator for FrameSets<'_> {
+    type Item = Result<OwnedFrameSet>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let planned = self.sequence.sets.get(self.next)?;
+        self.next += 1;
+        Some(self.read(planned))
+    }
+}
+
+impl FrameSets<'_> {
+    fn read(&mut self, planned: &Planned) -> Result<OwnedFrameSet> {
+        let mut views = Vec::with_capacity(planned.views.len());
+        for (camera, time_ns) in planned.views.iter().enumerate() {
+            let Some(time_ns) = *time_ns else {
+                views.push(None);
+                continue;
+            };
+            let model = &self.sequence.rig.cameras[camera];
+            let [left, right] = (self.readers[camera])()
+                .with_context(|| format!("reading the pictures of {}", model.name))?;
+            let (width, height) = (model.left.width as usize, model.left.height as usize);
+            for (eye, pixels) in [("left", &left), ("right", &right)] {
+                let (found, expected) = (pixels.len(), width * height);
+                ensure!(
+                    found == expected,
+                    "the {eye} picture of {} at {time_ns} ns has {found} pixels, expected {expected}",
+                    model.name
+                );
+            }
+            views.push(Some(OwnedView {
+                time_ns,
+                width,
+                height,
+                left,
+                right,
+            }));
+        }
+        let latest = planned.views.iter().flatten().copied();
+        let latest = latest.fold(planned.time_ns, i64::max);
+        let mut imu = Vec::with_capacity(self.given.len());
+        for (samples, given) in self.sequence.imu.iter().zip(&mut self.given) {
+            let older = samples.partition_point(|s| s.time_ns < latest);
+            let until = (older + 1).min(samples.len()).max(*given);
+            imu.push(samples[*given..until].to_vec());
+            *given = until;
+        }
+        Ok(OwnedFrameSet {
+            time_ns: planned.time_ns,
+            views,
+            imu,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,86 @@
+//! Walks by name, `PLACE-LIGHT-SEED-SECONDS`: `plaza-low-sun-7-60`.
+
+use anyhow::{Context as _, Result};
+use rig_sim::scene::{Kind, Time};
+
+use super::WalkSettings;
+
+/// Walks to tune a method on: every place, and every light somewhere.
+pub const TUNING: [&str; 8] = [
+    "pavement-day-1-60",
+    "stairs-day-1-60",
+    "trail-day-1-60",
+    "corridor-day-1-60",
+    "plaza-day-1-60",
+    "room-day-1-60",
+    "pavement-low-sun-2-60",
+    "corridor-flicker-2-60",
+];
+
+/// Walks to examine it on, which nobody tunes on: other seeds are other places.
+pub const EXAM: [&str; 8] = [
+    "pavement-day-11-60",
+    "stairs-day-11-60",
+    "trail-day-11-60",
+    "corridor-day-11-60",
+    "plaza-day-11-60",
+    "room-day-11-60",
+    "plaza-night-12-60",
+    "trail-low-sun-12-60",
+];
+
+/// Walks to examine odometry on: 100 to 300 m each, all places, by day and at night, under a low sun and lamps that
+/// flicker. Nobody tunes on them: other seeds are other places.
+pub const ODOMETRY_EXAM: [&str; 10] = [
+    "pavement-day-21-110",
+    "room-day-21-140",
+    "stairs-day-21-140",
+    "corridor-day-21-110",
+    "plaza-night-22-110",
+    "trail-low-sun-22-110",
+    "plaza-day-21-110",
+    "trail-day-21-110",
+    "corridor-flicker-22-110",
+    "pavement-night-22-110",
+];
+
+/// The settings that a name stands for; all else is as [`WalkSettings::new`] has it.
+///
+/// # Errors
+/// It is no such name.
+pub fn settings(name: &str) -> Result<WalkSettings> {
+    let parsed = || {
+        let kind = Kind::ALL.into_iter().find(|k| name.starts_with(k.name()))?;
+        let rest = name[kind.name().len()..].strip_prefix('-')?;
+        let light = Time::ALL.into_iter().find(|t| rest.starts_with(t.name()))?;
+        let rest = rest[light.name().len()..].strip_prefix('-')?;
+        let (seed, seconds) = rest.split_once('-')?;
+        let (seed, seconds) = (seed.parse().ok()?, seconds.parse().ok()?);
+        Some(WalkSettings::new(kind, light, seed, seconds))
+    };
+    parsed().with_context(|| {
+        format!(
+            "found a walk {name:?}, expected PLACE-LIGHT-SEED-SECONDS, for example {}",
+            TUNING[0]
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_walks_and_exams_are_in_other_places() {
+        let seed = |name: &&str| settings(name).expect("a walk's name").seed;
+        let tuned: Vec<u64> = TUNING.iter().map(seed).collect();
+        for name in EXAM.iter().chain(&ODOMETRY_EXAM) {
+            assert!(!tuned.contains(&seed(name)), "{name}");
+        }
+        for kind in Kind::ALL {
+            let own = |name: &&str| settings(name).is_ok_and(|s| s.kind == kind);
+            assert!(ODOMETRY_EXAM.iter().any(own), "{kind:?}");
+        }
+        assert!(settings("attic-day-1-60").is_err());
+    }
+}

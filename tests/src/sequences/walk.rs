@@ -1,0 +1,334 @@
+//! Simulated walks as sequences.
+//!
+//! What goes wrong goes through [`rig_sim::device`], as in the recorder's simulated source: frames and samples are lost
+//! there, repeated, torn and late. What the recorder sorts out is taken as sorted out: times are the true ones of the device's
+//! samples (its clocks are mapped without error, whatever they show), and the second of a frame that came
+//! twice is left out. A frame that arrives later than [`HORIZON_NS`] is in no set, as in the recorder.
+
+use std::sync::Arc;
+use std::sync::mpsc::sync_channel;
+use std::thread;
+
+use anyhow::{Context as _, Result, ensure};
+use cad_transforms::RigidTransform;
+use cad_transforms::frame::{Frame, FramePart};
+use odometry::input::ImuSample;
+use odometry::rig::{Imu, Rig, StereoCamera};
+use rig_sim::camera::sensor::Exposure;
+use rig_sim::camera::{Quality, Shutter};
+use rig_sim::deviation::Deviation;
+use rig_sim::device::{Delivery, Device, DeviceFrame};
+use rig_sim::faults::Faults;
+use rig_sim::scene::{Kind, Time};
+use rig_sim::simulation::{Imaging, Painter, Settings, Simulation, StereoFrame};
+
+use super::kept::Kept;
+use super::{OwnedFrameSet, Pictures, Planned, Reader, Sequence, Truth};
+
+/// The rig of walks that name no other.
+const EXAMPLE_RIG: &str = include_str!("../../../cad-transforms/rigs/example.toml");
+/// How long the recorder waits for a camera (`capture-daemon/src/sync/sets.rs`).
+const HORIZON_NS: i64 = capture_daemon::sync::sets::HORIZON_NS;
+/// Rendered pictures that wait, for each camera.
+const WAITING: usize = 3;
+
+/// What to walk through, and what goes wrong.
+#[derive(Clone, Debug)]
+pub struct WalkSettings {
+    /// Which place.
+    pub kind: Kind,
+    /// Which light.
+    pub light: Time,
+    /// All randomness comes from it.
+    pub seed: u64,
+    /// Length, s.
+    pub seconds: f64,
+    /// Pictures per second.
+    pub rate_hz: f64,
+    /// Columns and rows of one eye.
+    pub size: [u32; 2],
+    /// How much trouble a picture is worth.
+    pub quality: Quality,
+    /// How sensors turn light into numbers.
+    pub imaging: Imaging,
+    /// What goes wrong.
+    pub faults: Faults,
+    /// How the rig is not as told.
+    pub deviation: Deviation,
+    /// Names of the cameras that are used, in this order; none for all. Rendering does not depend on it.
+    pub cameras: Vec<String>,
+    /// Whether these cameras' IMUs are used.
+    pub with_imu: bool,
+    /// Text of the rig file.
+    pub rig: String,
+}
+
+impl WalkSettings {
+    /// A faultless walk of the example rig with everything that sensors do: at the quality for exams, 15 Hz, 672x376.
+    pub fn new(kind: Kind, light: Time, seed: u64, seconds: f64) -> Self {
+        Self {
+            kind,
+            light,
+            seed,
+            seconds,
+            rate_hz: 15.0,
+            size: [672, 376],
+            quality: Quality::ACCURATE,
+            imaging: Imaging::USUAL,
+            faults: Faults::default(),
+            deviation: Deviation::default(),
+            cameras: Vec::new(),
+            with_imu: true,
+            rig: EXAMPLE_RIG.to_owned(),
+        }
+    }
+
+    fn settings(&self) -> Settings {
+        Settings {
+            kind: self.kind,
+            time: self.light,
+            seed: self.seed,
+            seconds: self.seconds,
+            rate_hz: self.rate_hz,
+            width: self.size[0],
+            height: self.size[1],
+            quality: self.quality,
+        }
+    }
+
+    /// Everything that a picture depends on, as text.
+    fn key(&self) -> String {
+        format!(
+            "{:?}\n{:?}\n{:?}\n{:?}\n{}",
+            self.settings(),
+            self.imaging,
+            self.faults,
+            self.deviation,
+            self.rig
+        )
+    }
+}
+
+/// A walk that can be rendered.
+#[derive(Clone, Debug)]
+pub(super) struct Walk {
+    pub(super) simulation: Arc<Simulation>,
+    pub(super) key: String,
+    faults: Faults,
+    pub(super) cameras: Vec<WalkCamera>,
+    /// Pictures that are there already.
+    pub(super) kept: Option<Arc<Vec<OwnedFrameSet>>>,
+}
+
+/// One camera of a walk.
+#[derive(Clone, Debug)]
+pub(super) struct WalkCamera {
+    pub(super) name: String,
+    /// In the simulation.
+    position: usize,
+    /// In the sequence.
+    number: usize,
+    /// Which frames of the walk are in sets, in order.
+    pub(super) frames: Vec<u64>,
+}
+
+/// A simulated walk.
+///
+/// # Errors
+/// Settings that cannot be simulated.
+pub fn walk(settings: &WalkSettings) -> Result<Sequence> {
+    let rig = cad_transforms::rig::Rig::parse(&settings.rig)?;
+    let simulation = Simulation::new(&settings.settings(), &rig)?
+        .with_imaging(settings.imaging)?
+        .with_deviation(&rig, &settings.deviation)?;
+    let simulation = Arc::new(simulation);
+    let all: Vec<&str> = simulation
+        .cameras()
+        .iter()
+        .map(|c| c.name.as_str())
+        .collect();
+    let used: Vec<&str> = match settings.cameras.is_empty() {
+        true => all.clone(),
+        false => settings.cameras.iter().map(String::as_str).collect(),
+    };
+    let frames = simulation.settings().frame_count() as usize;
+    let mut sets: Vec<Planned> = (0..frames as u64)
+        .map(|n| Planned {
+            time_ns: simulation.settings().frame_ns(n),
+            views: vec![None; used.len()],
+        })
+        .collect();
+    let (mut cameras, mut imu, mut seen) = (Vec::new(), Vec::new(), Vec::new());
+    let mut told = Rig {
+        cameras: Vec::new(),
+        imus: Vec::new(),
+    };
+    for (number, name) in used.iter().enumerate() {
+        let position = all.iter().position(|other| other == name);
+        let position = position.with_context(|| {
+            let known = all.join(", ");
+            format!("choosing cameras of a walk: found {name:?}, expected one of {known}")
+        })?;
+        ensure!(!seen.contains(name), "camera {name} is chosen twice");
+        seen.push(*name);
+        let calibration = simulation.calibration(position);
+        let part = |part| -> Result<RigidTransform> {
+            Ok(rig.transform(&Frame::rig(), &Frame::of_camera(name, part)?)?)
+        };
+        told.cameras.push(StereoCamera {
+            name: (*name).to_owned(),
+            left: calibration.left,
+            right: calibration.right,
+            rig_from_left: part(FramePart::Left)?,
+            right_from_left: calibration.right_from_left,
+            line_s: match simulation.cameras()[position].shutter {
+                Shutter::Global => 0.0,
+                Shutter::Rolling { line_s } => line_s,
+            },
+        });
+        let (taken, samples) = dry_run(&simulation, position, &settings.faults);
+        for index in &taken {
+            let planned = &mut sets[*index as usize];
+            planned.views[number] = Some(planned.time_ns);
+        }
+        cameras.push(WalkCamera {
+            name: (*name).to_owned(),
+            position,
+            number,
+            frames: taken,
+        });
+        if settings.with_imu {
+            let model = simulation.imus()[position].imu.model();
+            let noise = calibration.imu.and_then(|imu| imu.noise);
+            told.imus.push(Imu {
+                name: Frame::of_camera(name, FramePart::Imu)?.as_str().to_owned(),
+                rig_from_imu: part(FramePart::Imu)?,
+                noise: noise.context("a simulated calibration has the IMU's noise")?,
+                rate_hz: model.rate_hz,
+                range: model.range,
+            });
+            imu.push(samples);
+        }
+    }
+    let name = format!(
+        "{}, {}, seed {}",
+        settings.kind.name(),
+        settings.light.name(),
+        settings.seed
+    );
+    Ok(Sequence {
+        name,
+        rig: told,
+        imu,
+        truth: Truth::Walk(simulation.clone()),
+        sets,
+        pictures: Pictures::Rendered(Walk {
+            simulation,
+            key: settings.key(),
+            faults: settings.faults.clone(),
+            cameras,
+            kept: None,
+        }),
+    })
+}
+
+/// Paints nothing: what a device delivers and when does not depend on what its pictures show.
+struct Blank;
+
+impl Painter for Blank {
+    fn paint(&mut self, number: u64, time_ns: i64) -> StereoFrame {
+        StereoFrame {
+            number,
+            time_ns,
+            exposure: Exposure {
+                seconds: 0.0,
+                gain: 1.0,
+            },
+            width: 0,
+            height: 0,
+            i420: Vec::new(),
+        }
+    }
+}
+
+/// Whether a frame is in the set of its instant; `last` is the frame of the walk that came before it.
+fn is_used(frame: &DeviceFrame, last: Option<u64>) -> bool {
+    last.is_none_or(|last| frame.index > last) && frame.arrival_ns - frame.taken_ns <= HORIZON_NS
+}
+
+/// The frames that get into sets, and the IMU's samples, without any picture.
+fn dry_run(
+    simulation: &Arc<Simulation>,
+    camera: usize,
+    faults: &Faults,
+) -> (Vec<u64>, Vec<ImuSample>) {
+    let name = &simulation.cameras()[camera].name;
+    let mut device = Device::new(simulation, camera, faults.of(name), Box::new(Blank));
+    let scales = simulation.imus()[camera].imu.model().count;
+    let (mut frames, mut samples) = (Vec::new(), Vec::new());
+    while let Some(delivery) = device.deliver() {
+        match delivery {
+            Delivery::Frame(frame) => {
+                if is_used(&frame, frames.last().copied()) {
+                    frames.push(frame.index);
+                }
+            }
+            Delivery::Imu(sample) => {
+                let si = sample.si(scales, 0.0);
+                samples.push(ImuSample {
+                    time_ns: sample.taken_ns,
+                    gyro: si.gyro.into(),
+                    accel: si.accel.into(),
+                });
+            }
+            Delivery::Gone(_) => {}
+        }
+    }
+    (frames, samples)
+}
+
+impl Walk {
+    /// Renders the frames of a camera that get into sets, in order: left and right.
+    pub(super) fn frames(&self, camera: &WalkCamera) -> impl Iterator<Item = [Vec<u8>; 2]> + use<> {
+        let faults = self.faults.of(&camera.name);
+        let mut device = match &self.kept {
+            None => Device::rendered(&self.simulation, camera.position, faults),
+            Some(sets) => {
+                let painter = Kept {
+                    sets: sets.clone(),
+                    camera: camera.number,
+                };
+                Device::new(&self.simulation, camera.position, faults, Box::new(painter))
+            }
+        };
+        let mut last = None;
+        std::iter::from_fn(move || {
+            loop {
+                if let Delivery::Frame(frame) = device.deliver()?
+                    && is_used(&frame, last)
+                {
+                    last = Some(frame.index);
+                    return Some([frame.picture.grey(0), frame.picture.grey(1)]);
+                }
+            }
+        })
+    }
+
+    /// Renders each camera on a thread of its own, a few pictures ahead.
+    pub(super) fn readers(&self) -> Vec<Reader> {
+        let reader = |camera: &WalkCamera| -> Reader {
+            let (walk, camera) = (self.clone(), camera.clone());
+            let (sender, receiver) = sync_channel(WAITING);
+            thread::spawn(move || {
+                // Nobody listens any more once the sets are dropped.
+                let mut frames = walk.frames(&camera);
+                while frames
+                    .next()
+                    .is_some_and(|frame| sender.send(frame).is_ok())
+                {}
+            });
+            Box::new(move || receiver.recv().context("the walk has no further picture"))
+        };
+        self.cameras.iter().map(reader).collect()
+    }
+}

@@ -1,0 +1,172 @@
+//! Odometry over a sequence, as poses that can be compared with the truth: what tests and benchmarks share.
+//!
+//! Contract: [`Tracking`] is fed set by set, so that a caller can measure what each set takes; reading its pictures is
+//! not part of that. Causal poses never change once they are there. What is adjusted afterwards is apart
+//! ([`Tracking::adjust`]): the two are never mixed. *A pose that cannot be written down* (a covariance that is none) is an
+//! error and no pose.
+//!
+//! - [`drive`]: drift at the end of a drive (KITTI).
+//! - [`still`]: what is found while nothing moves (EuRoC).
+
+use anyhow::{Context as _, Result};
+use cad_transforms::{Covariance, RigidTransform};
+use nalgebra::Matrix6;
+use odometry::{Estimate, Mapping, Odometry, Rig, Settings};
+use scene_bundle::{Pose, Status, Trajectory};
+
+use crate::sequences::{OwnedFrameSet, Sequence};
+
+pub mod drive;
+pub mod still;
+
+/// See the module.
+pub struct Tracking {
+    odometry: Odometry,
+    mapping: Option<Mapping>,
+    causal: Trajectory,
+    keyframes: usize,
+}
+
+/// A whole session after everything was seen.
+#[derive(Clone, Debug)]
+pub struct Adjusted {
+    /// A pose for each causal one. Keyframes alone have a covariance; the status is that of the causal pose.
+    pub trajectory: Trajectory,
+    /// Keyframes.
+    pub keyframes: usize,
+    /// Places seen again that were used.
+    pub loops: usize,
+    /// Linearisations.
+    pub rounds: usize,
+    /// Landmarks.
+    pub landmarks: usize,
+}
+
+impl Tracking {
+    /// For a rig. Without mapping, keyframes are thrown away as they come, and nothing can be adjusted.
+    pub fn new(rig: &Rig, settings: Settings, with_mapping: bool) -> Self {
+        Self {
+            odometry: Odometry::new(rig, settings),
+            mapping: with_mapping.then(|| Mapping::new(rig, &settings)),
+            causal: Trajectory::default(),
+            keyframes: 0,
+        }
+    }
+
+    /// Takes the next set with its samples.
+    ///
+    /// # Errors
+    /// The pose is none that a trajectory can hold.
+    pub fn add(&mut self, set: &OwnedFrameSet) -> Result<Estimate> {
+        for (k, samples) in set.imu.iter().enumerate() {
+            for sample in samples {
+                self.odometry.add_imu(k, sample);
+                if let Some(mapping) = &mut self.mapping {
+                    mapping.add_imu(k, sample);
+                }
+            }
+        }
+        let estimate = self.odometry.add_frames(&set.borrowed());
+        self.take_keyframes(false);
+        self.keyframes += usize::from(estimate.is_keyframe);
+        let pose = pose(&estimate);
+        let pose = pose.with_context(|| format!("looking at the pose at {} ns", set.time_ns))?;
+        self.causal.push(pose)?;
+        Ok(estimate)
+    }
+
+    fn take_keyframes(&mut self, all: bool) {
+        for keyframe in self.odometry.take_keyframes(all) {
+            if let Some(mapping) = &mut self.mapping {
+                mapping.add_keyframe(keyframe);
+            }
+        }
+    }
+
+    /// The poses as they became known.
+    pub fn causal(&self) -> &Trajectory {
+        &self.causal
+    }
+
+    /// How many keyframes there were.
+    pub fn keyframes(&self) -> usize {
+        self.keyframes
+    }
+
+    /// Adjusts everything; none without mapping.
+    ///
+    /// # Errors
+    /// A pose is none that a trajectory can hold.
+    pub fn adjust(mut self) -> Result<Option<Adjusted>> {
+        self.take_keyframes(true);
+        let Some(mapping) = &self.mapping else {
+            return Ok(None);
+        };
+        let adjusted = mapping.solve(|_| {});
+        let causal: Vec<(i64, RigidTransform)> = (self.causal.poses().iter())
+            .map(|p| (p.time_ns, p.world_from_rig))
+            .collect();
+        let keyframes: Vec<(i64, RigidTransform)> = (adjusted.poses.iter())
+            .map(|p| (p.time_ns, p.world_from_rig))
+            .collect();
+        let carried = odometry::mapping::between(&causal, &keyframes);
+        let mut poses = Vec::with_capacity(causal.len());
+        for (pose, world_from_rig) in self.causal.poses().iter().zip(carried) {
+            let own = (adjusted.poses).binary_search_by_key(&pose.time_ns, |p| p.time_ns);
+            let own = own.ok().map(|k| covariance(&adjusted.poses[k].covariance));
+            poses.push(Pose {
+                world_from_rig,
+                covariance: own.transpose()?,
+                velocity_in_world: None,
+                ..pose.clone()
+            });
+        }
+        Ok(Some(Adjusted {
+            trajectory: Trajectory::new(poses)?,
+            keyframes: adjusted.poses.len(),
+            loops: adjusted.loops.len(),
+            rounds: adjusted.rounds,
+            landmarks: adjusted.landmarks,
+        }))
+    }
+}
+
+/// All sets of a sequence.
+///
+/// # Errors
+/// Pictures that cannot be read, or of [`Tracking::add`].
+pub fn track(sequence: &Sequence, settings: Settings, with_mapping: bool) -> Result<Tracking> {
+    let mut tracking = Tracking::new(sequence.rig(), settings, with_mapping);
+    sequence.for_each(|set| tracking.add(&set).map(drop))?;
+    Ok(tracking)
+}
+
+/// The true poses at the times of the sets.
+///
+/// # Errors
+/// Times that do not rise.
+pub fn truth(sequence: &Sequence) -> Result<Trajectory> {
+    let poses = sequence.truth_at_sets().into_iter();
+    Ok(Trajectory::new(
+        poses.map(|(t, pose)| Pose::new(t, pose)).collect(),
+    )?)
+}
+
+fn pose(estimate: &Estimate) -> Result<Pose> {
+    Ok(Pose {
+        time_ns: estimate.time_ns,
+        world_from_rig: estimate.world_from_rig,
+        covariance: Some(covariance(&estimate.covariance)?),
+        velocity_in_world: Some(estimate.velocity.into()),
+        status: match estimate.status {
+            odometry::Status::Tracked => Status::Tracked,
+            odometry::Status::DeadReckoned => Status::DeadReckoned,
+            odometry::Status::Lost => Status::Lost,
+        },
+    })
+}
+
+fn covariance(of: &Matrix6<f64>) -> Result<Covariance> {
+    let rows = std::array::from_fn(|i| std::array::from_fn(|j| of[(i, j)]));
+    Covariance::from_rows(rows).context("the covariance that odometry states")
+}

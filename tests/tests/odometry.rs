@@ -1,0 +1,85 @@
+//! A slice of `cargo xtask bench odometry`: one short walk, causal and adjusted, and the two real recordings.
+//!
+//! Bounds are three times what was measured when they were set, so that they catch what breaks and not what drifts.
+
+use odometry::{Preset, Settings};
+use reconstruction::evaluate::{self, Evaluation, evaluate};
+use rig_sim::camera::Quality;
+use rig_sim::scene::{Kind, Time};
+use scene_bundle::Trajectory;
+use tests::data;
+use tests::sequences::{self, WalkSettings, walk};
+use tests::tracking::{self, drive, still, track};
+
+fn balanced() -> Settings {
+    Settings::preset(Preset::Balanced)
+}
+
+fn evaluated(estimate: &Trajectory, truth: &Trajectory) -> Evaluation {
+    evaluate(estimate, truth, &evaluate::Settings::default())
+}
+
+fn percent(of: &Evaluation) -> f64 {
+    let absolute = of.absolute.as_ref().expect("poses that can be compared");
+    100.0 * absolute.translation_m.rmse / of.path_m
+}
+
+#[test]
+fn a_walk_is_followed_and_adjusted_better() {
+    let settings = WalkSettings {
+        quality: Quality::FAST,
+        ..WalkSettings::new(Kind::Pavement, Time::Day, 41, 12.0)
+    };
+    let sequence = walk(&settings).expect("a walk");
+    let truth = tracking::truth(&sequence).expect("rising times");
+    let tracking = track(&sequence, balanced(), true).expect("poses");
+    let causal = evaluated(tracking.causal(), &truth);
+    let adjusted = tracking.adjust().expect("poses").expect("with mapping");
+    let adjusted = evaluated(&adjusted.trajectory, &truth);
+    println!(
+        "causal {:.4} %, adjusted {:.4} % of {:.1} m",
+        percent(&causal),
+        percent(&adjusted),
+        causal.path_m
+    );
+    assert!(causal.path_m > 8.0, "{}", causal.path_m);
+    assert_eq!(causal.completion.share, 1.0);
+    assert_eq!(causal.poses.lost, 0);
+    assert!(percent(&causal) < 0.2, "{causal:?}");
+    assert!(percent(&adjusted) < 0.2, "{adjusted:?}");
+}
+
+#[test]
+fn a_drive_without_imu_ends_where_it_should() {
+    let [folder] = match data::sets(["02_stereo_odometry_kitti/KITTI_sequence_1"]) {
+        Ok(sets) => sets,
+        Err(reason) => return eprintln!("{reason}"),
+    };
+    let sequence = sequences::kitti(&folder).expect("a sequence");
+    let truth = tracking::truth(&sequence).expect("rising times");
+    let tracking = track(&sequence, balanced(), false).expect("poses");
+    let from = |pose| drive::from_pose(tracking.causal(), &truth, pose).expect("as many poses");
+    let fit = drive::best_fit(tracking.causal(), &truth).expect("as many poses");
+    println!("{:?} {fit:?} {:?}", from(0), from(12));
+    // The first poses of the truth were interpolated: laid on by the first, its error counts with the way.
+    assert!(from(0).percent < 3.3 && fit.percent < 0.75 && from(12).percent < 1.9);
+}
+
+#[test]
+fn standing_still_shows_biases_and_what_is_up() {
+    let [folder, truth] = match data::sets([
+        "03_stereo_imu/euroc_V1_01_micro",
+        "03_stereo_imu/euroc_groundtruth/V1_01_easy.csv",
+    ]) {
+        Ok(sets) => sets,
+        Err(reason) => return eprintln!("{reason}"),
+    };
+    let found = still::still(&folder, &truth, balanced()).expect("a sequence");
+    println!("{found:?}");
+    assert!(found.gyro_bias_off < 2e-3, "{found:?}");
+    assert!(found.moved_m < 5e-3, "{found:?}");
+    // The accelerometer's bias cannot be seen at rest and tilts what is up by as much as it is large: 0.08 m/s² of
+    // 9.81 are half a degree.
+    assert!(found.up_off_orientation_deg < 1.0 && found.up_off_force_deg < 1.0);
+    assert!(found.truth_off_itself_deg < 0.5, "{found:?}");
+}
