@@ -112,7 +112,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         println!("{}", serde_json::to_string_pretty(&runs)?);
     } else {
         print!("{}", runs.table());
-        println!("{}", runs.summary());
     }
     Ok(ExitCode::from(if runs.lost == 0 { 0 } else { 3 }))
 }

@@ -98,8 +98,8 @@ impl Runs {
         }
     }
 
-    /// One line: how far off the worst run is, and how many are lost.
-    pub fn summary(&self) -> String {
+    /// One line: how far off the worst run is.
+    pub(super) fn summary(&self) -> String {
         let worst = self
             .runs
             .iter()
@@ -115,11 +115,7 @@ impl Runs {
             ),
             None => "not comparable".to_owned(),
         };
-        let which = match self.runs.len() {
-            1 => String::new(),
-            count => format!("{} of {count} lost, worst {}: ", self.lost, worst.name),
-        };
-        format!("{which}{off}, {complete:.1} % complete")
+        format!("{off}, {complete:.1} % complete")
     }
 
     /// As text: a row per run, then the worst and the mean.

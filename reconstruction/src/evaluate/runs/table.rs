@@ -117,7 +117,7 @@ fn summary(runs: &Runs) -> String {
         None => "no runs".to_owned(),
     };
     match count {
-        1 if runs.lost == 0 => String::new(),
+        1 if runs.lost == 0 => runs.summary() + "\n",
         _ => format!("worst: {worst}; {mean}\n"),
     }
 }

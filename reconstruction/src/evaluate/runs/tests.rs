@@ -80,7 +80,7 @@ fn rows_have_error_time_memory_and_completion() {
     let runs = Runs::new(vec![whole], 0.95);
     let table = runs.table();
     let lines: Vec<&str> = table.lines().collect();
-    let [head, row] = lines[..] else {
+    let [head, row, last] = lines[..] else {
         panic!("{table}");
     };
     for (title, cell) in [
@@ -92,4 +92,5 @@ fn rows_have_error_time_memory_and_completion() {
         let end = head.find(title).expect("a column") + title.len();
         assert!(row[..end].ends_with(cell), "{title}\n{table}");
     }
+    assert!(last.starts_with("0.0123 m off"), "{table}");
 }
