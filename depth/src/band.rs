@@ -2,7 +2,7 @@
 //!
 //! Contract: a [`Band`] has a range for each row. What lies outside is never an answer: pixels whose place is there are
 //! absent or wrong. So a band that is narrower than all there can be is made of what is known of the scene ([`plan`]),
-//! and [`crate::Tracker`] checks each time that nothing was cut off.
+//! and [`crate::Banded`] checks each time that nothing was cut off.
 
 pub mod plan;
 

@@ -52,8 +52,10 @@ const LARGER: f64 = 3.0;
 const LEAST_M: f64 = 0.003;
 const OFF_SCALE: f64 = 1.5e-3;
 const LEAST_RAD: f64 = 1e-3;
-/// Sigma of a position along its worst direction from which it is no longer known, m beyond that of the last one seen.
+/// Sigma of a position along its worst direction from which it is no longer known: m, and share of the distance from the
+/// start.
 const LOST_M: f64 = 0.5;
+const OF_WAY: f64 = 0.02;
 
 /// How a pose is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -110,7 +112,6 @@ pub struct Odometry {
     next_track: u64,
     /// Corners of the last keyframe: camera, number, ray then.
     reference: Vec<(usize, u64, Vector3<f64>)>,
-    unseen_since_ns: Option<i64>,
     /// Keyframes that are still in the window, and those that have left it.
     pending: BTreeMap<u64, Keyframe>,
     ready: Vec<Keyframe>,
@@ -211,7 +212,6 @@ impl Odometry {
             keyframes: 0,
             next_track: 0,
             reference: Vec::new(),
-            unseen_since_ns: None,
             pending: BTreeMap::new(),
             ready: Vec::new(),
         }
@@ -730,7 +730,7 @@ impl Odometry {
     }
 
     fn estimate(
-        &mut self,
+        &self,
         window: &Window,
         covariance: &Matrix6<f64>,
         sights: usize,
@@ -740,22 +740,13 @@ impl Odometry {
         let state = &window.newest().state;
         let covariance = own_covariance(state, &self.body_from_rig, covariance);
         let status = if is_seen {
-            self.unseen_since_ns = None;
             Status::Tracked
         } else {
-            let since = *self.unseen_since_ns.get_or_insert(state.time_ns);
-            let seconds = (state.time_ns - since) as f64 * 1e-9;
             let unsure = covariance
                 .fixed_view::<3, 3>(0, 0)
                 .symmetric_eigenvalues()
                 .amax();
-            let known = self
-                .kept
-                .fixed_view::<3, 3>(0, 0)
-                .symmetric_eigenvalues()
-                .amax();
-            let _ = (seconds, known);
-            if unsure.sqrt() < LOST_M + 0.02 * state.position.norm() {
+            if unsure.sqrt() < LOST_M + OF_WAY * state.position.norm() {
                 Status::DeadReckoned
             } else {
                 Status::Lost

@@ -1,14 +1,15 @@
 //! Stage `mapping`: poses with everything known.
 //!
-//! Contract: one pose for each pose of the causal trajectory, at the same time; its status stays that of odometry, but for a
-//! span without sight between keyframes that the adjustment holds on both sides. Pictures are not read again.
+//! Contract: one pose for each pose of the causal trajectory, at the same time. Its status stays that of odometry, but what was
+//! tracked after a loss is *relocalised* where a place that was seen before the loss was seen again: that alone ties it to
+//! the rest. Pictures are not read again.
 
 use ::odometry::mapping::{Progress, between};
 use ::odometry::{ImuSample, Mapping};
 use cad_transforms::RigidTransform;
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
 use scene_bundle::outputs::{self, RIG, TRACKS, TRAJECTORY, TRAJECTORY_CAUSAL};
-use scene_bundle::{Pose, Trajectory};
+use scene_bundle::{Pose, Status, Trajectory};
 use serde_json::Value;
 
 use super::{HANDOFF, Preset, odometry as before, rig};
@@ -26,7 +27,7 @@ impl Stage<Input> for MappingStage {
     }
 
     fn version(&self) -> u32 {
-        1
+        2
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -79,7 +80,8 @@ impl Stage<Input> for MappingStage {
             adjusted.landmarks,
             adjusted.loops.len()
         ));
-        let poses = finished(&causal, &adjusted);
+        let mut poses = finished(&causal, &adjusted);
+        relocalise(&mut poses, &loops(&adjusted));
         let mut writer = TrajectoryWriter::new(work.draft(TRAJECTORY))?;
         for pose in &poses {
             writer.push(pose)?;
@@ -113,4 +115,96 @@ fn finished(causal: &Trajectory, adjusted: &::odometry::Adjusted) -> Vec<Pose> {
             }
         })
         .collect()
+}
+
+/// Times of the places seen again, the earlier one first, ns.
+fn loops(adjusted: &::odometry::Adjusted) -> Vec<[i64; 2]> {
+    let time = |number: u64| {
+        let at = (adjusted.poses).binary_search_by_key(&number, |p| p.number);
+        Some(adjusted.poses[at.ok()?].time_ns)
+    };
+    let both = adjusted.loops.iter().filter_map(|l| {
+        let [earlier, later] = l.frames.map(time);
+        Some([earlier?, later?])
+    });
+    both.collect()
+}
+
+/// Says of what was tracked after a loss whether places seen again tie it to what was before.
+fn relocalise(poses: &mut [Pose], loops: &[[i64; 2]]) {
+    // Spans between losses: where each begins and ends, ns.
+    let mut spans: Vec<[i64; 2]> = Vec::new();
+    let mut is_lost = true;
+    for pose in poses.iter() {
+        match (pose.status == Status::Lost, is_lost) {
+            (false, true) => spans.push([pose.time_ns; 2]),
+            (false, false) => {
+                if let Some(span) = spans.last_mut() {
+                    span[1] = pose.time_ns;
+                }
+            }
+            (true, _) => {}
+        }
+        is_lost = pose.status == Status::Lost;
+    }
+    let of = |time: i64| spans.iter().position(|s| (s[0]..=s[1]).contains(&time));
+    let mut is_tied = vec![false; spans.len()];
+    if let Some(first) = is_tied.first_mut() {
+        *first = true;
+    }
+    let pairs: Vec<(usize, usize)> = (loops.iter())
+        .filter_map(|[a, b]| Some((of(*a)?, of(*b)?)))
+        .collect();
+    // A tie may go by way of others: each round ties at least one more, or it is over.
+    for _ in 0..spans.len() {
+        for (a, b) in &pairs {
+            let either = is_tied[*a] || is_tied[*b];
+            is_tied[*a] = either;
+            is_tied[*b] = either;
+        }
+    }
+    for pose in poses.iter_mut().filter(|p| p.status == Status::Tracked) {
+        if of(pose.time_ns).is_some_and(|k| k > 0 && is_tied[k]) {
+            pose.status = Status::Relocalised;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_places_seen_again_tie_what_was_tracked_after_a_loss() {
+        let statuses = [
+            Status::Tracked,
+            Status::Lost,
+            Status::Tracked,
+            Status::DeadReckoned,
+            Status::Lost,
+            Status::Lost,
+            Status::Tracked,
+            Status::Lost,
+            Status::Tracked,
+        ];
+        let poses = |loops: &[[i64; 2]]| {
+            let mut poses: Vec<Pose> = (statuses.iter().enumerate())
+                .map(|(k, status)| Pose {
+                    status: *status,
+                    ..Pose::new(k as i64, RigidTransform::identity())
+                })
+                .collect();
+            relocalise(&mut poses, loops);
+            poses.iter().map(|p| p.status).collect::<Vec<_>>()
+        };
+        assert_eq!(poses(&[]), statuses);
+        // The last span is tied by way of the second, the third by nothing.
+        let found = poses(&[[3, 8], [0, 2]]);
+        let mut expected = statuses;
+        expected[2] = Status::Relocalised;
+        expected[8] = Status::Relocalised;
+        assert_eq!(found, expected);
+        // A tie to what is itself not tied is none.
+        assert_eq!(poses(&[[6, 8]]), statuses);
+    }
 }
