@@ -1,0 +1,152 @@
+//! A picture as a tensor: 1 x channels x rows x columns.
+
+use std::path::Path;
+
+use ort::value::{DynValue, Outlet, Tensor, TensorElementType, ValueType};
+
+use crate::error::LearnedError;
+use crate::network::{describe, mismatch};
+use crate::picture::Picture;
+use crate::settings::{InputSettings, Text};
+
+const EXPECTED: &str = "f32 or u8 of [1, 1 or 3 channels, rows, columns]";
+
+/// What a network takes of one picture.
+#[derive(Clone, Debug)]
+pub(crate) struct Input {
+    pub(crate) name: String,
+    bytes: bool,
+    channels: usize,
+    /// Columns and rows, where the network is made for one size only.
+    size: [Option<usize>; 2],
+}
+
+impl Input {
+    /// # Errors
+    /// [`LearnedError::Tensor`] for what is no picture.
+    pub(crate) fn new(outlet: &Outlet, file: &Path) -> Result<Self, LearnedError> {
+        let wrong = || {
+            let tensor = format!("input `{}`", outlet.name());
+            mismatch(file, tensor, describe(outlet.dtype()), EXPECTED.to_owned())
+        };
+        let ValueType::Tensor { ty, shape, .. } = outlet.dtype() else {
+            return Err(wrong());
+        };
+        let bytes = match ty {
+            TensorElementType::Float32 => false,
+            TensorElementType::Uint8 => true,
+            _ => return Err(wrong()),
+        };
+        let &[-1 | 1, channels @ (1 | 3), rows, columns] = &shape[..] else {
+            return Err(wrong());
+        };
+        Ok(Self {
+            name: outlet.name().to_owned(),
+            bytes,
+            channels: channels as usize,
+            size: [columns, rows].map(|length| usize::try_from(length).ok()),
+        })
+    }
+
+    /// # Errors
+    /// [`LearnedError::Settings`] for numbers that do not suit the channels.
+    pub(crate) fn suits(&self, settings: &InputSettings, text: &Text) -> Result<(), LearnedError> {
+        let plain = InputSettings {
+            multiple: settings.multiple,
+            ..InputSettings::default()
+        };
+        if self.bytes && *settings != plain {
+            let expected = "no `white`, `mean` or `std`: the network takes bytes as they are";
+            return Err(text.wrong("numbers for `[input]`".to_owned(), expected));
+        }
+        for (key, numbers) in [("mean", &settings.mean), ("std", &settings.std)] {
+            if !numbers.is_empty() && numbers.len() != self.channels {
+                let found = format!("{key} = {numbers:?}");
+                return Err(text.wrong(
+                    found,
+                    &format!("one number for each of {} channels", self.channels),
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether two pictures of one size fit both.
+    pub(crate) fn same_size(&self, other: &Self) -> bool {
+        self.size == other.size
+    }
+
+    /// Columns and rows of the tensor for a picture.
+    ///
+    /// # Errors
+    /// [`LearnedError::Picture`] for one that is larger than what the network takes.
+    pub(crate) fn padded(
+        &self,
+        picture: &Picture<'_>,
+        multiple: usize,
+    ) -> Result<[usize; 2], LearnedError> {
+        let [width, height] = [picture.width(), picture.height()];
+        let [columns, rows] = self.size;
+        if columns.is_some_and(|c| c < width) || rows.is_some_and(|r| r < height) {
+            let most = |length: Option<usize>| length.map_or("any".to_owned(), |l| l.to_string());
+            return Err(LearnedError::Picture {
+                found: format!("{width} x {height} pixels"),
+                expected: format!(
+                    "at most what the network takes, {} x {}",
+                    most(columns),
+                    most(rows)
+                ),
+            });
+        }
+        Ok([
+            columns.unwrap_or(width.next_multiple_of(multiple)),
+            rows.unwrap_or(height.next_multiple_of(multiple)),
+        ])
+    }
+
+    /// The tensor, `size` columns and rows; what is right of the picture and below it repeats its edge.
+    pub(crate) fn tensor(
+        &self,
+        picture: &Picture<'_>,
+        size: [usize; 2],
+        settings: &InputSettings,
+    ) -> ort::Result<DynValue> {
+        let [columns, rows] = size;
+        let shape = [1, self.channels, rows, columns];
+        if self.bytes {
+            let values = self.values(picture, size, |_, value| value);
+            return Ok(Tensor::from_array((shape, values))?.into_dyn());
+        }
+        let scale = |channel: usize, value: u8| {
+            let mean = settings.mean.get(channel).copied().unwrap_or(0.0);
+            let std = settings.std.get(channel).copied().unwrap_or(1.0);
+            (f32::from(value) / 255.0 * settings.white - mean) / std
+        };
+        let tables: Vec<[f32; 256]> = (0..self.channels)
+            .map(|channel| std::array::from_fn(|value| scale(channel, value as u8)))
+            .collect();
+        let values = self.values(picture, size, |channel, value| {
+            tables[channel][usize::from(value)]
+        });
+        Ok(Tensor::from_array((shape, values))?.into_dyn())
+    }
+
+    fn values<T>(
+        &self,
+        picture: &Picture<'_>,
+        [columns, rows]: [usize; 2],
+        number: impl Fn(usize, u8) -> T,
+    ) -> Vec<T> {
+        let mut values = Vec::with_capacity(self.channels * rows * columns);
+        for channel in 0..self.channels {
+            for y in 0..rows {
+                let y = y.min(picture.height() - 1);
+                values.extend((0..columns).map(|x| {
+                    let x = x.min(picture.width() - 1);
+                    number(channel, picture.value(x, y, channel, self.channels))
+                }));
+            }
+        }
+        values
+    }
+}

@@ -1,0 +1,150 @@
+//! A network that takes a rectified pair and gives disparities.
+
+use std::path::Path;
+
+use depth::DisparityMap;
+use ort::value::TensorElementType;
+
+use crate::answer::Numbers;
+use crate::error::LearnedError;
+use crate::input::Input;
+use crate::network::Network;
+use crate::picture::Picture;
+use crate::runtime::Runtime;
+use crate::settings::{InputSettings, StereoFile, StereoSettings, Text};
+use crate::sigma;
+
+const EXPECTED: &str = "f32 of [1, 1, rows, columns] or [1, rows, columns], as large as the inputs";
+
+/// A stereo network, opened and checked.
+#[derive(Debug)]
+pub struct StereoNetwork {
+    network: Network,
+    left: Input,
+    right: Input,
+    pictures: InputSettings,
+    settings: StereoSettings,
+}
+
+impl StereoNetwork {
+    /// Opens the network of a file, with the settings of the file beside it that ends in `.toml` instead of `.onnx`.
+    ///
+    /// # Errors
+    /// [`LearnedError::Read`], [`LearnedError::Model`], [`LearnedError::Toml`], [`LearnedError::Settings`],
+    /// [`LearnedError::Tensor`].
+    pub fn open(runtime: &Runtime, file: &Path) -> Result<Self, LearnedError> {
+        let text = Text::beside(file)?;
+        let StereoFile {
+            input: pictures,
+            stereo: settings,
+        } = text.parse()?;
+        pictures.check(&text)?;
+        settings.check(&text)?;
+        let network = Network::open(runtime, file, &text, settings.output.as_deref())?;
+        let inputs = network.inputs(2)?;
+        let named = |name: &Option<String>| name.as_deref().map(|n| network.input(n)).transpose();
+        let (left, right) = match (named(&settings.left)?, named(&settings.right)?) {
+            (None, None) => (0, 1),
+            (Some(left), None) => (left, 1 - left),
+            (None, Some(right)) => (1 - right, right),
+            (Some(left), Some(right)) => (left, right),
+        };
+        if left == right {
+            let found = "one name for both `left` and `right`".to_owned();
+            return Err(text.wrong(found, "two names"));
+        }
+        let [left, right] = [left, right].map(|input| inputs[input].clone());
+        if !left.same_size(&right) {
+            let found = format!("two sizes, of `{}` and `{}`", left.name, right.name);
+            return Err(crate::network::mismatch(
+                file,
+                "the size of the inputs".to_owned(),
+                found,
+                "one".to_owned(),
+            ));
+        }
+        left.suits(&pictures, &text)?;
+        right.suits(&pictures, &text)?;
+        let (kind, shape) = network.output(EXPECTED)?;
+        let fits = matches!(shape[..], [] | [-1 | 1, _, _] | [-1 | 1, -1 | 1, _, _]);
+        if kind != TensorElementType::Float32 || !fits {
+            return Err(network.unfit(EXPECTED));
+        }
+        Ok(Self {
+            network,
+            left,
+            right,
+            pictures,
+            settings,
+        })
+    }
+
+    /// BLAKE3 of the network's file and its settings, hexadecimal: another one may give other disparities.
+    pub fn hash(&self) -> &str {
+        self.network.hash()
+    }
+
+    /// What the file beside the network says.
+    pub fn settings(&self) -> &StereoSettings {
+        &self.settings
+    }
+
+    /// Disparities of the left picture of a rectified pair, and their sigmas as `docs/learned.md` tells.
+    ///
+    /// # Errors
+    /// [`LearnedError::Picture`], [`LearnedError::Run`], and [`LearnedError::Tensor`] for an answer of another size.
+    pub fn run(
+        &mut self,
+        left: &Picture<'_>,
+        right: &Picture<'_>,
+    ) -> Result<DisparityMap, LearnedError> {
+        let size = |p: &Picture<'_>| format!("{} x {} pixels", p.width(), p.height());
+        if [left.width(), left.height()] != [right.width(), right.height()] {
+            return Err(LearnedError::Picture {
+                found: format!("a right one of {}", size(right)),
+                expected: format!("{} as the left one", size(left)),
+            });
+        }
+        let width = left.width();
+        let found = self.one_way(left, right)?;
+        if !self.settings.both_ways {
+            return Ok(sigma::stated(width, found, &self.settings));
+        }
+        // In a mirror, the right picture is the left one of a pair.
+        let mut back = self.one_way(&right.mirrored(), &left.mirrored())?;
+        back.chunks_exact_mut(width).for_each(<[f32]>::reverse);
+        Ok(sigma::checked(width, found, &back, &self.settings))
+    }
+
+    /// Disparities as they come, px.
+    fn one_way(
+        &mut self,
+        left: &Picture<'_>,
+        right: &Picture<'_>,
+    ) -> Result<Vec<f32>, LearnedError> {
+        let size = self.left.padded(left, self.pictures.multiple)?;
+        let tensors = [(&self.left, left), (&self.right, right)].map(|(input, picture)| {
+            let tensor = input.tensor(picture, size, &self.pictures);
+            (input.name.as_str(), tensor)
+        });
+        let answer = self.network.run(tensors.into())?;
+        let [columns, rows] = size;
+        let fits =
+            matches!(answer.shape[..], [1, r, c] | [1, 1, r, c] if [r, c] == [rows, columns]);
+        let Numbers::Real(numbers) = &answer.numbers else {
+            return Err(self.network.unfit(EXPECTED));
+        };
+        if !fits {
+            let found = format!(
+                "{:?} for inputs of {rows} rows and {columns} columns",
+                answer.shape
+            );
+            return Err(self.network.wrong_output(found, EXPECTED));
+        }
+        let rows = numbers.chunks_exact(columns).take(left.height());
+        Ok(rows
+            .flat_map(|row| &row[..left.width()])
+            .map(|number| number * self.settings.factor)
+            .collect())
+    }
+}
