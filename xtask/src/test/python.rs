@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail};
 use crate::process::{self, command, root, target_folder};
 
 const IMPORTS: &str = "import mcap, mcap_protobuf, av, numpy, cv2, pupil_apriltags, \
-                       plyfile, laspy, lazrs, pycolmap";
+                       plyfile, laspy, lazrs, pycolmap, onnxruntime";
 
 /// An interpreter that has the packages. The error says why there is none.
 pub(crate) fn interpreter() -> Result<PathBuf> {
