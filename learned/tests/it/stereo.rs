@@ -116,7 +116,7 @@ const HEIGHT: usize = 50;
 
 /// Whether a pixel of the left picture is on the near wall.
 fn near(x: usize, y: usize) -> bool {
-    (40..70).contains(&x) && (12..38).contains(&y)
+    (50..80).contains(&x) && (12..38).contains(&y)
 }
 
 /// A wall with noise on it at 4 px, and a near one before it at 11 px.
@@ -216,7 +216,7 @@ fn both_ways_leave_out_what_only_one_camera_sees() {
     }
     assert!(right * 100 > compared * 98, "{right} of {compared}");
     // The strip left of the near wall is hidden from the right camera.
-    let hidden = (14..36).flat_map(|y| (33..40).map(move |x| (x, y)));
+    let hidden = (14..36).flat_map(|y| (43..50).map(move |x| (x, y)));
     let invented = hidden
         .filter(|(x, y)| !map.disparity[y * WIDTH + x].is_nan())
         .count();
@@ -277,6 +277,41 @@ fn numbers_go_in_as_the_settings_say() {
         }
     }
     assert_eq!(map.disparity.iter().filter(|d| !d.is_nan()).count(), 9);
+}
+
+#[test]
+fn pictures_are_padded_by_their_edge() {
+    let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
+        return;
+    };
+    // The mean over 5x5 pixels of the left picture; the right one is black.
+    let network = Graph::default()
+        .input("left", F32, &[1, 1, -1, -1])
+        .input("right", F32, &[1, 1, -1, -1])
+        .output("out", F32, &[1, 1, -1, -1])
+        .node("Sub", &["left", "right"], "difference", &[])
+        .node(
+            "AveragePool",
+            &["difference"],
+            "out",
+            &[
+                Attribute::Numbers("kernel_shape", &[5, 5]),
+                Attribute::Numbers("pads", &[2, 2, 2, 2]),
+            ],
+        )
+        .write(folder.path(), "mean.onnx");
+    with_settings(
+        &network,
+        "input = { multiple = 8 }\nstereo = { factor = 0.5, both_ways = false }",
+    );
+    let mut network = StereoNetwork::open(&runtime, &network).unwrap();
+    let left: Vec<u8> = (0..3).flat_map(|y| (0..9).map(move |x| x + y)).collect();
+    let black = [0; 9 * 3];
+    let [l, r] = [&left[..], &black[..]].map(|p| Picture::grey(9, 3, p).unwrap());
+    let map = network.run(&l, &r).unwrap();
+    // Of columns 6, 7, 8, 8, 8 and rows 0, 1, 2, 2, 2.
+    let corner = map.disparity[9 * 3 - 1];
+    assert!((corner - 0.5 * (7.4 + 1.4)).abs() < 1e-5, "{corner}");
 }
 
 #[test]
