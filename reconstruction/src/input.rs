@@ -221,9 +221,27 @@ impl Input {
         mut keep: impl FnMut(usize) -> bool,
     ) -> Result<Frames, ReadError> {
         let camera = self.camera(camera)?;
-        let all = 0..self.shared.index.cameras[camera].frames.len();
-        let positions = all.filter(|&position| keep(position)).collect();
+        let positions = self.positions_where(camera, &mut keep);
         Frames::start(self.shared.clone(), camera, positions)
+    }
+
+    /// As [`Self::frames_where`], with pictures of luma alone, whatever the camera delivers.
+    ///
+    /// # Errors
+    /// [`ReadError::NoSuch`], [`ReadError::Thread`].
+    pub fn grey_frames_where(
+        &self,
+        camera: &str,
+        mut keep: impl FnMut(usize) -> bool,
+    ) -> Result<Frames, ReadError> {
+        let camera = self.camera(camera)?;
+        let positions = self.positions_where(camera, &mut keep);
+        Frames::start_grey(self.shared.clone(), camera, positions)
+    }
+
+    fn positions_where(&self, camera: usize, keep: &mut dyn FnMut(usize) -> bool) -> Arc<[usize]> {
+        let all = 0..self.shared.index.cameras[camera].frames.len();
+        all.filter(|&position| keep(position)).collect()
     }
 
     /// The samples of one IMU with a time in `times`, in the order of their numbers. They are all

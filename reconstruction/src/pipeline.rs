@@ -15,10 +15,11 @@ use std::collections::BTreeMap;
 use std::error::Error;
 use std::time::Duration;
 
-use scene_bundle::{Bundle, BundleError};
+use scene_bundle::{Bundle, BundleError, Scene};
 use serde_json::Value;
 
 mod keep;
+pub mod made;
 mod report;
 pub mod stages;
 mod table;
@@ -232,6 +233,14 @@ impl<S: ?Sized> Pipeline<S> {
         }
         Ok(())
     }
+}
+
+/// What the stage that made an output had to say; nothing where the output is not its first one.
+///
+/// # Errors
+/// The output cannot be read.
+pub fn report_of(scene: &Scene, output: &str) -> Result<Report, BundleError> {
+    report::read(scene, output)
 }
 
 /// Runs a stage and commits what it made.

@@ -10,7 +10,7 @@ use clap::{Args, CommandFactory, ValueEnum};
 use indicatif::ProgressBar;
 use reconstruction::Input;
 use reconstruction::pipeline::stages::{self, Options, Preset, rig};
-use reconstruction::pipeline::{Outcome, Selection, Sources, State, Watch};
+use reconstruction::pipeline::{Outcome, Selection, Sources, State, Watch, made};
 use scene_bundle::{Bundle, Provenance};
 
 use super::{open, print_losses, progress_bar};
@@ -117,6 +117,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     watch.bar.finish_and_clear();
     let outcomes =
         outcomes.with_context(|| format!("reconstructing into {}", arguments.out.display()))?;
+    made::write(&bundle.path(), &outcomes)
+        .with_context(|| format!("writing what stages took to {}", arguments.out.display()))?;
     bundle.finish(machine::civil_ns())?;
 
     let losses: usize = outcomes.iter().map(|o| o.report.losses.len()).sum();

@@ -5,17 +5,21 @@
 //! | `rig` | hand-off, files given instead | `rig` |
 //! | `odometry` | hand-off, `rig` | `trajectory-causal`, `tracks`, `masks` |
 //! | `mapping` | hand-off, `rig`, `trajectory-causal`, `tracks` | `trajectory` |
+//! | `depth` | hand-off, `rig`, `trajectory`, `masks` | `keyframes`, `depth` |
+//! | `cloud` | hand-off, `rig`, `keyframes`, `depth` | `cloud` |
 
 use super::{Pipeline, PipelineError, Stage};
 use crate::input::Input;
 
+mod cloud;
+mod depth;
 pub mod feed;
 mod mapping;
 mod odometry;
 pub mod rig;
 
 /// Names of the stages, in order.
-pub const NAMES: [&str; 3] = ["rig", "odometry", "mapping"];
+pub const NAMES: [&str; 5] = ["rig", "odometry", "mapping", "depth", "cloud"];
 /// Name of the hand-off among the sources; its hash is its seal.
 pub const HANDOFF: &str = "handoff";
 
@@ -50,6 +54,8 @@ pub fn pipeline(options: Options) -> Result<Pipeline<Input>, PipelineError> {
         Box::new(rig::RigStage { told: options.told }),
         Box::new(odometry::OdometryStage { preset }),
         Box::new(mapping::MappingStage { preset }),
+        Box::new(depth::DepthStage { preset }),
+        Box::new(cloud::CloudStage),
     ];
     Pipeline::new(stages, &[HANDOFF])
 }

@@ -1,0 +1,203 @@
+//! Stage `cloud`: coloured points of what stood still.
+//!
+//! Contract: a point is where the depth of a keyframe says that something is, if it says so closely enough, another keyframe of another
+//! instant says the same, and hardly any sees what is behind it ([`look`]): what moved is not there, nor what one view alone makes
+//! up. All that is in a voxel becomes one point ([`voxels`]). Colour is that of the left picture; grey pictures give grey.
+//! A picture that cannot be read is a loss. Memory is that of the depth of some keyframes and of a line per voxel of the scene,
+//! however long somebody walked about in it. Any number of threads gives the same.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use calib::Lens;
+use rayon::prelude::*;
+use scene_bundle::OutputReader;
+use scene_bundle::outputs::depth::DepthIndex;
+use scene_bundle::outputs::rig::RigModel;
+use scene_bundle::outputs::{self, CLOUD, DEPTH, KEYFRAMES, RIG};
+use serde_json::{Value, json};
+
+use self::look::{Look, Shot};
+use self::voxels::{Point, Voxels};
+use super::HANDOFF;
+use crate::input::{Frames, Input, ReadError};
+use crate::picture::Picture;
+use crate::pipeline::{Stage, StageError, Work};
+
+mod look;
+mod voxels;
+
+/// See the module.
+pub(super) struct CloudStage;
+
+/// So many instants before and behind that of a keyframe are asked whether they see the same: as far as people see ahead on a
+/// walk, and as much as is held in memory.
+const REACH: usize = 4;
+/// A depth that is more uncertain makes no point, m. Half a metre would fill streets with fog.
+const LARGEST_SIGMA_M: f64 = 0.15;
+
+impl Stage<Input> for CloudStage {
+    fn name(&self) -> &'static str {
+        "cloud"
+    }
+
+    fn version(&self) -> u32 {
+        1
+    }
+
+    fn inputs(&self) -> &'static [&'static str] {
+        &[HANDOFF, RIG, KEYFRAMES, DEPTH]
+    }
+
+    fn outputs(&self) -> &'static [&'static str] {
+        &[CLOUD]
+    }
+
+    fn settings(&self) -> Value {
+        json!({
+            "reach": REACH,
+            "largest_sigma_m": LARGEST_SIGMA_M,
+            "agree_sigma": look::AGREE_SIGMA,
+            "through_sigma": look::THROUGH_SIGMA,
+            "confirmed_per_through": look::CONFIRMED_PER_THROUGH,
+            "voxel_m": voxels::EDGE_M,
+        })
+    }
+
+    fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
+        let rig = outputs::rig::read(&work.read(RIG)?)?;
+        let depth = work.read(DEPTH)?;
+        let index = outputs::depth::read_index(&depth)?;
+        let instants = instants(&rig, &index, &work.read(KEYFRAMES)?)?;
+        let mut pictures = Vec::new();
+        let mut lenses = Vec::new();
+        for view in &index.views {
+            let camera = rig.camera(&view.camera);
+            let (_, camera) = camera.ok_or_else(|| ReadError::NoSuch(view.camera.clone()))?;
+            lenses.push(Lens::new(&camera.left));
+            pictures.push(frames(work.source(), &index, &view.camera)?);
+        }
+        let all: usize = instants.iter().map(Vec::len).sum();
+        let (mut done, mut voxels) = (0, Voxels::default());
+        // The instants that are in memory, and how many were there before them.
+        let (mut near, mut gone): (VecDeque<Vec<Look>>, usize) = (VecDeque::new(), 0);
+        for (now, shots) in instants.iter().enumerate() {
+            while gone + near.len() < instants.len().min(now + REACH + 1) {
+                let shots = &instants[gone + near.len()];
+                let looks = shots
+                    .par_iter()
+                    .map(|shot| Look::read(&depth, &index, shot));
+                near.push_back(looks.collect::<Result<_, _>>()?);
+            }
+            while gone + REACH < now {
+                near.pop_front();
+                gone += 1;
+            }
+            for (place, shot) in shots.iter().enumerate() {
+                let picture = pictures[shot.key.view].next();
+                match picture {
+                    Some(Ok(view)) => {
+                        let lens = &lenses[shot.key.view];
+                        voxels.add(&points(&near, (now - gone, place), lens, &view.left));
+                    }
+                    Some(Err(loss)) => work.lose(loss.to_string()),
+                    None => work.lose(format!("there is no picture of frame {}", shot.key.frame)),
+                }
+                done += 1;
+                work.progress(done, all as u64);
+            }
+        }
+        let points = voxels.into_points();
+        work.note(format!("{} points", points.len()));
+        outputs::cloud::write(work.draft(CLOUD), &points)?;
+        Ok(())
+    }
+}
+
+/// What was seen at each instant, in order.
+fn instants(
+    rig: &RigModel,
+    index: &DepthIndex,
+    keyframes: &OutputReader,
+) -> Result<Vec<Vec<Shot>>, StageError> {
+    let mut poses = BTreeMap::new();
+    for keyframe in outputs::keyframes::read(keyframes)? {
+        let camera = rig.cameras.get(usize::from(keyframe.camera));
+        let name = camera.map_or("", |camera| camera.name.as_str());
+        poses.insert((name, keyframe.frame), keyframe.world_from_left);
+    }
+    let mut instants: BTreeMap<u64, Vec<Shot>> = BTreeMap::new();
+    for key in &index.pictures {
+        let view = &index.views[key.view];
+        let Some(world_from_left) = poses.get(&(view.camera.as_str(), key.frame)) else {
+            let (frame, camera) = (key.frame, &view.camera);
+            return Err(format!("frame {frame} of {camera} has depth and is no keyframe").into());
+        };
+        let world_from_view = *world_from_left * view.view_from_left.inverse();
+        let shot = Shot {
+            key: *key,
+            world_from_view,
+        };
+        instants.entry(key.set).or_default().push(shot);
+    }
+    Ok(instants.into_values().collect())
+}
+
+/// The pictures of all keyframes of a camera that have depth, in their order.
+fn frames(input: &Input, index: &DepthIndex, camera: &str) -> Result<Frames, ReadError> {
+    let entries = input.index().camera(camera);
+    let entries = entries.ok_or_else(|| ReadError::NoSuch(camera.to_owned()))?;
+    let keys = index.pictures.iter();
+    let of_camera = keys.filter(|key| index.views[key.view].camera == camera);
+    let positions: Vec<usize> = of_camera
+        .filter_map(|key| entries.position(key.frame))
+        .collect();
+    input.frames_where(camera, |p| positions.binary_search(&p).is_ok())
+}
+
+/// What one look adds: `near` are the instants around it, `at` says which of them and which of its looks.
+fn points(
+    near: &VecDeque<Vec<Look>>,
+    at: (usize, usize),
+    lens: &Lens,
+    picture: &Picture,
+) -> Vec<Point> {
+    let look = &near[at.0][at.1];
+    let others: Vec<(bool, &Look)> = near
+        .iter()
+        .enumerate()
+        .flat_map(|(k, looks)| looks.iter().map(move |look| (k != at.0, look)))
+        .filter(|(_, other)| !std::ptr::eq(*other, look))
+        .filter(|(_, other)| look.may_share(other))
+        .collect();
+    let rows = (0..look.height()).into_par_iter().flat_map_iter(|row| {
+        let others = &others;
+        (0..look.width()).filter_map(move |column| {
+            let surface = look.surface(column, row, LARGEST_SIGMA_M)?;
+            if !surface.stands(others) {
+                return None;
+            }
+            Some(Point {
+                x_in_world: surface.x_in_world,
+                sigma_m: surface.sigma_m,
+                colour: colour(picture, lens.project(look.ray_in_left(column, row))?)?,
+            })
+        })
+    });
+    rows.collect()
+}
+
+/// Of the nearest pixel.
+fn colour(picture: &Picture, [x, y]: [f64; 2]) -> Option<[u8; 3]> {
+    let inside = |c: f64, size: u32| (c > -0.5 && c < f64::from(size) - 0.5).then(|| c.round());
+    let (x, y) = (inside(x, picture.width)?, inside(y, picture.height)?);
+    let pixel = y as usize * picture.width as usize + x as usize;
+    let channels = picture.colour.channels();
+    match picture.data.get(channels * pixel..channels * (pixel + 1))? {
+        [grey] => Some([*grey; 3]),
+        [red, green, blue] => Some([*red, *green, *blue]),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,132 @@
+use cad_transforms::RigidTransform;
+use calib::{CameraModel, Distortion};
+use scene_bundle::outputs::cloud::CloudPoint;
+use scene_bundle::outputs::depth::{DepthPicture, DepthView};
+
+use super::*;
+use crate::picture::Colour;
+
+const WIDTH: u32 = 60;
+const HEIGHT: u32 = 40;
+/// Depth of the wall, m.
+const WALL_M: f32 = 3.0;
+const SIGMA_M: f32 = 0.02;
+
+fn view() -> DepthView {
+    DepthView {
+        camera: "front".to_owned(),
+        model: CameraModel {
+            width: WIDTH,
+            height: HEIGHT,
+            fx: 50.0,
+            fy: 50.0,
+            cx: 29.5,
+            cy: 19.5,
+            distortion: Distortion::None,
+        },
+        view_from_left: RigidTransform::identity(),
+    }
+}
+
+/// A look along z, from so far to the right, at a wall, with something else in a few pixels.
+fn look(right_m: f64, else_m: impl Fn(u32, u32) -> Option<f32>) -> Look {
+    let pixels = (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
+    let depth: Vec<f32> = pixels
+        .map(|(x, y)| else_m(x, y).unwrap_or(WALL_M))
+        .collect();
+    let sigma = vec![SIGMA_M; depth.len()];
+    let picture = DepthPicture::from_metres(WIDTH, HEIGHT, &depth, &sigma);
+    let place = RigidTransform::from_translation_m([right_m, 0.0, 0.0]).expect("finite");
+    Look::new(picture, &view(), &place)
+}
+
+fn nothing_else(_: u32, _: u32) -> Option<f32> {
+    None
+}
+
+fn cloud(looks: Vec<Look>) -> Vec<CloudPoint> {
+    let near: VecDeque<Vec<Look>> = looks.into_iter().map(|look| vec![look]).collect();
+    let picture = Picture {
+        width: WIDTH,
+        height: HEIGHT,
+        colour: Colour::Rgb,
+        data: [9, 80, 200].repeat((WIDTH * HEIGHT) as usize).into(),
+    };
+    let lens = Lens::new(&view().model);
+    let mut voxels = Voxels::default();
+    for k in 0..near.len() {
+        voxels.add(&points(&near, (k, 0), &lens, &picture));
+    }
+    voxels.into_points()
+}
+
+#[test]
+fn a_wall_that_two_looks_see_is_a_wall() {
+    let points = cloud(vec![look(0.0, nothing_else), look(0.3, nothing_else)]);
+    // Pixels are 6 cm apart on the wall: about one voxel for each that both see.
+    assert!(points.len() > 1500, "{}", points.len());
+    for point in &points {
+        assert!((point.x_in_world[2] - WALL_M).abs() < 1e-3, "{point:?}");
+        assert_eq!(point.colour, [9, 80, 200]);
+        assert!(point.sigma_m <= SIGMA_M + 1e-6);
+    }
+    // What only the left look sees is not there: the right one begins 0.3 m farther to the right.
+    let leftmost = points
+        .iter()
+        .map(|p| p.x_in_world[0])
+        .fold(f32::MAX, f32::min);
+    assert!((leftmost - (0.3 - 29.5 * 0.06)).abs() < 0.07, "{leftmost}");
+}
+
+#[test]
+fn one_look_alone_makes_no_point() {
+    assert!(cloud(vec![look(0.0, nothing_else)]).is_empty());
+    // Two cameras at the same instant do not tell what stands from what moves.
+    let near = VecDeque::from([vec![look(0.0, nothing_else), look(0.3, nothing_else)]]);
+    let picture = Picture {
+        width: WIDTH,
+        height: HEIGHT,
+        colour: Colour::Grey,
+        data: vec![7; (WIDTH * HEIGHT) as usize].into(),
+    };
+    let lens = Lens::new(&view().model);
+    assert!(points(&near, (0, 0), &lens, &picture).is_empty());
+}
+
+#[test]
+fn who_walks_by_leaves_nothing() {
+    // Somebody at 2 m who is elsewhere each time.
+    let somebody = |from: u32| move |x: u32, _| (from..from + 6).contains(&x).then_some(2.0);
+    let looks = [10, 22, 34, 46].map(|from| look(0.0, somebody(from)));
+    let points = cloud(looks.into());
+    assert!(points.len() > 1500, "{}", points.len());
+    for point in &points {
+        assert!((point.x_in_world[2] - WALL_M).abs() < 1e-3, "{point:?}");
+    }
+    // Who stands still stays.
+    let points = cloud([0; 3].map(|_| look(0.0, somebody(20))).into());
+    assert!(points.iter().any(|p| (p.x_in_world[2] - 2.0).abs() < 1e-3));
+}
+
+#[test]
+fn what_is_uncertain_makes_no_point() {
+    let vague = |right_m: f64| {
+        let mut look = look(right_m, nothing_else);
+        look.blur(LARGEST_SIGMA_M + 0.01);
+        look
+    };
+    assert!(cloud(vec![vague(0.0), vague(0.2)]).is_empty());
+}
+
+#[test]
+fn grey_pictures_give_grey() {
+    let picture = Picture {
+        width: 3,
+        height: 2,
+        colour: Colour::Grey,
+        data: vec![1, 2, 3, 4, 5, 6].into(),
+    };
+    assert_eq!(colour(&picture, [1.4, 0.6]), Some([5; 3]));
+    assert_eq!(colour(&picture, [2.6, 0.0]), None);
+    assert_eq!(colour(&picture, [-0.6, 0.0]), None);
+}

@@ -1,0 +1,147 @@
+//! Stage `depth`: depth of keyframes.
+//!
+//! Contract: keyframes are frames of each stereo camera that are apart by motion ([`choose`]), each with its pose at its own
+//! time. Each that can be read has depth with a sigma ([`pair`]); pixels of the wearer, and what is too far to tell, have none. A
+//! frame that cannot be read, and a camera whose pair cannot be rectified, are losses and have no keyframe. Pictures are decoded
+//! a few at a time, one camera after the other; memory does not grow with the session but by a line per keyframe.
+
+use std::collections::BTreeMap;
+
+use calib::Eye;
+use scene_bundle::outputs::depth::{DepthKey, DepthView, DepthWriter};
+use scene_bundle::outputs::{self, DEPTH, KEYFRAMES, MASKS, RIG, TRAJECTORY};
+use serde_json::{Value, json};
+
+use self::choose::Apart;
+use self::pair::Pair;
+use super::{HANDOFF, Preset};
+use crate::input::{Input, ReadError};
+use crate::pipeline::{Stage, StageError, Work};
+
+mod choose;
+mod pair;
+
+/// See the module.
+pub(super) struct DepthStage {
+    pub(super) preset: Preset,
+}
+
+/// How far keyframes are apart: by half of a person's step at most, by a step, by two.
+fn apart(preset: Preset) -> Apart {
+    let (moved_m, turned_deg) = match preset {
+        Preset::Fast => (1.0, 30.0),
+        Preset::Balanced => (0.5, 20.0),
+        Preset::Accurate => (0.25, 10.0),
+    };
+    Apart {
+        moved_m,
+        turned_deg,
+    }
+}
+
+fn matching(preset: Preset) -> ::depth::Preset {
+    match preset {
+        Preset::Fast => ::depth::Preset::Fast,
+        Preset::Balanced => ::depth::Preset::Balanced,
+        Preset::Accurate => ::depth::Preset::Accurate,
+    }
+}
+
+impl Stage<Input> for DepthStage {
+    fn name(&self) -> &'static str {
+        "depth"
+    }
+
+    fn version(&self) -> u32 {
+        1
+    }
+
+    fn inputs(&self) -> &'static [&'static str] {
+        &[HANDOFF, RIG, TRAJECTORY, MASKS]
+    }
+
+    fn outputs(&self) -> &'static [&'static str] {
+        &[KEYFRAMES, DEPTH]
+    }
+
+    fn settings(&self) -> Value {
+        let Apart {
+            moved_m,
+            turned_deg,
+        } = apart(self.preset);
+        json!({
+            "matching": matching(self.preset).name(),
+            "moved_m": moved_m,
+            "turned_deg": turned_deg,
+            "nearest_m": pair::NEAREST_M,
+            "most_relative_sigma": pair::MOST_RELATIVE_SIGMA,
+        })
+    }
+
+    fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
+        let rig = outputs::rig::read(&work.read(RIG)?)?;
+        let trajectory = outputs::trajectory::read(&work.read(TRAJECTORY)?)?;
+        let masks = work.read(MASKS)?;
+        let input = work.source();
+        let (mut pairs, mut views, mut chosen) = (Vec::new(), Vec::new(), Vec::new());
+        for (place, camera) in rig.cameras.iter().enumerate() {
+            let mask = outputs::masks::read(&masks, &camera.name, Eye::Left)?;
+            match Pair::new(camera, mask.as_ref(), matching(self.preset)) {
+                Ok(pair) => {
+                    views.push(DepthView {
+                        camera: camera.name.clone(),
+                        model: pair.model(),
+                        view_from_left: pair.view_from_left(),
+                    });
+                    let of_camera = |c: &scene_bundle::outputs::rig::RigCamera| c.name.clone();
+                    let index = input.index();
+                    let number = index.cameras.iter().position(|c| c.name == camera.name);
+                    let number = number.ok_or_else(|| ReadError::NoSuch(of_camera(camera)))?;
+                    chosen.push(choose::keyframes(
+                        index,
+                        number,
+                        (place, camera),
+                        &trajectory,
+                        apart(self.preset),
+                    ));
+                    pairs.push((camera, pair));
+                }
+                Err(error) => work.lose(format!("camera {}: {error}", camera.name)),
+            }
+        }
+        let writer = DepthWriter::new(work.draft(DEPTH), views)?;
+        let all: usize = chosen.iter().map(BTreeMap::len).sum();
+        let (mut done, mut keyframes, mut share) = (0, Vec::new(), 0.0);
+        for (view, ((camera, mut pair), chosen)) in pairs.into_iter().zip(chosen).enumerate() {
+            let frames = input.grey_frames_where(&camera.name, |p| chosen.contains_key(&p))?;
+            for (frame, keyframe) in frames.zip(chosen.values()) {
+                match frame {
+                    Ok(frame) => {
+                        let picture = pair.depth(&frame.left.data, &frame.right.data)?;
+                        share += picture.depth.iter().filter(|d| **d > 0).count() as f64
+                            / picture.depth.len().max(1) as f64;
+                        let key = DepthKey {
+                            view,
+                            time_ns: keyframe.time_ns,
+                            frame: keyframe.frame,
+                            set: keyframe.set,
+                        };
+                        writer.write(key, &picture)?;
+                        keyframes.push(*keyframe);
+                    }
+                    Err(loss) => work.lose(loss.to_string()),
+                }
+                done += 1;
+                work.progress(done, all as u64);
+            }
+        }
+        writer.finish()?;
+        outputs::keyframes::write(work.draft(KEYFRAMES), &keyframes)?;
+        work.note(format!(
+            "{} keyframes, of whose pixels {:.0} % have depth",
+            keyframes.len(),
+            100.0 * share / keyframes.len().max(1) as f64
+        ));
+        Ok(())
+    }
+}

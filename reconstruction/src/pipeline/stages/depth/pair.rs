@@ -1,0 +1,209 @@
+//! From the two pictures of a stereo frame to depth.
+//!
+//! Contract: depth is that of the rectified left picture, the largest part in which both are filled. Pixels that show the wearer
+//! have none, nor those whose sigma is more than [`MOST_RELATIVE_SIGMA`] of their depth. Disparities are looked for up
+//! to that of [`NEAREST_M`], as far as the matcher can. [`Pair::disparity`] is the one place where disparity is made.
+
+use cad_transforms::RigidTransform;
+use calib::rectify::{Rectification, Remap, View};
+use calib::stereo::Provenance;
+use calib::{CameraModel, Eye, StereoCalibration};
+use depth::{Band, Banded, DisparityMap, Geometry, Preset, Settings};
+use scene_bundle::outputs::depth::DepthPicture;
+use scene_bundle::outputs::masks::Mask;
+use scene_bundle::outputs::rig::RigCamera;
+
+use crate::pipeline::StageError;
+
+/// What is nearer than this is not looked for, m: the wearer's hands and knees.
+pub(super) const NEAREST_M: f64 = 0.25;
+/// What is more uncertain than this, as a share of its depth, has none: to first order nothing can be said of it.
+pub(super) const MOST_RELATIVE_SIGMA: f64 = 0.2;
+/// Disparities that the matcher can look for at once.
+const MOST_DISPARITIES: usize = 256;
+/// A rectified pixel is usable when all that is mixed into it is.
+const USABLE: u8 = 255;
+
+/// A stereo camera, ready for its pictures.
+pub(super) struct Pair {
+    rectification: Rectification,
+    remaps: [Remap; 2],
+    matcher: Banded,
+    /// Of the rectified left picture; none where all can be used.
+    usable: Option<Vec<u8>>,
+    rectified: [Vec<u8>; 2],
+}
+
+impl Pair {
+    /// `mask` is of the recorded left picture.
+    pub(super) fn new(
+        camera: &RigCamera,
+        mask: Option<&Mask>,
+        preset: Preset,
+    ) -> Result<Self, StageError> {
+        let rectification = Rectification::new(&calibration(camera), View::Filled)?;
+        let remaps = [(Eye::Left, camera.left), (Eye::Right, camera.right)]
+            .map(|(eye, old)| Remap::new(&rectification.map(eye), old.width, old.height));
+        let model = rectification.camera;
+        let (width, height) = (model.width as usize, model.height as usize);
+        let nearest = (model.fx * rectification.baseline_m / NEAREST_M).ceil() as usize + 1;
+        let band = Band::full(0, nearest.min(MOST_DISPARITIES), height)?;
+        let size = (camera.left.width, camera.left.height);
+        let mask = mask.filter(|mask| (mask.width, mask.height) == size);
+        Ok(Self {
+            usable: mask.map(|mask| remaps[0].apply(&mask.pixels, 0)),
+            rectified: [(); 2].map(|()| vec![0; width * height]),
+            matcher: Banded::new(Settings::preset(preset), width, band)?,
+            remaps,
+            rectification,
+        })
+    }
+
+    /// Lens of the pictures of depth.
+    pub(super) fn model(&self) -> CameraModel {
+        self.rectification.camera
+    }
+
+    /// Turns points in the recorded left optical frame into that of the pictures of depth.
+    pub(super) fn view_from_left(&self) -> RigidTransform {
+        self.rectification.rectified_from_left
+    }
+
+    /// Depth of the next frame; pictures are luma as recorded.
+    pub(super) fn depth(&mut self, left: &[u8], right: &[u8]) -> Result<DepthPicture, StageError> {
+        let [to_left, to_right] = &mut self.rectified;
+        rayon::join(
+            || self.remaps[0].apply_to(left, 0, to_left),
+            || self.remaps[1].apply_to(right, 0, to_right),
+        );
+        let model = self.rectification.camera;
+        let geometry = Geometry {
+            focal_px: model.fx,
+            centre: [model.cx, model.cy],
+            baseline_m: self.rectification.baseline_m,
+            offset_px: 0.0,
+        };
+        let mut depth = geometry.depth(self.disparity()?, MOST_RELATIVE_SIGMA)?;
+        if let Some(usable) = &self.usable {
+            for (depth, usable) in depth.depth_m.iter_mut().zip(usable) {
+                if *usable != USABLE {
+                    *depth = f32::NAN;
+                }
+            }
+        }
+        Ok(DepthPicture::from_metres(
+            model.width,
+            model.height,
+            &depth.depth_m,
+            &depth.sigma_m,
+        ))
+    }
+
+    /// Disparity of the rectified pictures.
+    fn disparity(&mut self) -> Result<&DisparityMap, StageError> {
+        let model = self.rectification.camera;
+        let picture =
+            |pixels| depth::Picture::new(model.width as usize, model.height as usize, pixels);
+        let [left, right] = &self.rectified;
+        let (map, _) = self.matcher.run(&picture(left)?, &picture(right)?, None)?;
+        Ok(map)
+    }
+}
+
+fn calibration(camera: &RigCamera) -> StereoCalibration {
+    StereoCalibration {
+        left: camera.left,
+        right: camera.right,
+        right_from_left: camera.right_from_left,
+        imu: None,
+        provenance: Provenance {
+            format: None,
+            files: Vec::new(),
+            part: None,
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use calib::Distortion;
+
+    use super::*;
+
+    const WIDTH: usize = 320;
+    const HEIGHT: usize = 160;
+    const FOCAL: f64 = 200.0;
+    const BASELINE_M: f64 = 0.1;
+
+    fn camera() -> RigCamera {
+        let lens = CameraModel {
+            width: WIDTH as u32,
+            height: HEIGHT as u32,
+            fx: FOCAL,
+            fy: FOCAL,
+            cx: 0.5 * (WIDTH - 1) as f64,
+            cy: 0.5 * (HEIGHT - 1) as f64,
+            distortion: Distortion::None,
+        };
+        let beside = RigidTransform::from_translation_m([-BASELINE_M, 0.0, 0.0]);
+        RigCamera {
+            name: "front".to_owned(),
+            left: lens,
+            right: lens,
+            rig_from_left: RigidTransform::identity(),
+            rig_from_left_covariance: None,
+            right_from_left: beside.expect("finite"),
+            right_from_left_covariance: None,
+            line_s: 0.0,
+        }
+    }
+
+    /// A rough wall at so many pixels of disparity.
+    fn wall(shift: usize) -> Vec<u8> {
+        let pixel = |i: usize| {
+            let (x, y) = ((i % WIDTH + shift) as u64, (i / WIDTH) as u64);
+            let mixed = (x / 2 * 7919 + y / 2 * 104_729).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+            (mixed >> 57) as u8 + 60
+        };
+        (0..WIDTH * HEIGHT).map(pixel).collect()
+    }
+
+    #[test]
+    fn a_wall_has_its_depth_and_the_wearer_has_none() {
+        let mut pixels = vec![255; WIDTH * HEIGHT];
+        // The lower quarter shows the wearer.
+        pixels[WIDTH * HEIGHT * 3 / 4..].fill(0);
+        let mask = Mask {
+            width: WIDTH as u32,
+            height: HEIGHT as u32,
+            pixels,
+        };
+        let shift = 10;
+        for (mask, lowest) in [(None, HEIGHT), (Some(&mask), HEIGHT * 3 / 4)] {
+            let mut pair = Pair::new(&camera(), mask, Preset::Fast).expect("a pair");
+            let scale = pair.model().fx / FOCAL;
+            let found = pair.depth(&wall(0), &wall(shift)).expect("depth");
+            let middle = found.depth[WIDTH * HEIGHT / 2 + WIDTH / 2];
+            let expected_mm = 1e3 * FOCAL * BASELINE_M / shift as f64;
+            assert!(
+                (f64::from(middle) - expected_mm).abs() < 0.02 * expected_mm,
+                "{middle}"
+            );
+            assert!((scale - 1.0).abs() < 0.01, "{scale}");
+            let rows = found.depth.chunks_exact(WIDTH);
+            let with_depth = rows
+                .map(|row| row.iter().any(|d| *d > 0))
+                .collect::<Vec<_>>();
+            let last = with_depth.iter().rposition(|any| *any).expect("some depth");
+            assert!(last < lowest && last + 12 > lowest, "{last}");
+        }
+    }
+
+    #[test]
+    fn pictures_without_texture_have_no_depth() {
+        let mut pair = Pair::new(&camera(), None, Preset::Balanced).expect("a pair");
+        let flat = vec![120; WIDTH * HEIGHT];
+        let found = pair.depth(&flat, &flat).expect("a picture");
+        assert!(found.depth.iter().all(|d| *d == 0));
+    }
+}
