@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use ort::environment::Environment;
+use ort::logging::LogLevel;
 
 use crate::error::LearnedError;
 
@@ -51,6 +52,8 @@ impl Runtime {
             .with_telemetry(false)
             .build()
             .map_err(|e| unusable(Box::new(e)))?;
+        // What goes wrong is returned, and not printed as well.
+        environment.set_log_level(LogLevel::Fatal);
         let runtime = Self {
             library,
             environment,
