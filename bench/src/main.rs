@@ -8,6 +8,7 @@ mod arguments;
 mod calib;
 mod calib_verify;
 mod camera_imu;
+mod depth;
 mod encode;
 mod frame_sync;
 mod import;
@@ -54,6 +55,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("calib", calib::run),
     ("calib_verify", calib_verify::run),
     ("camera_imu", camera_imu::run),
+    ("depth", depth::run),
     ("encode", encode::run),
     ("frame_sync", frame_sync::run),
     ("import", import::run),

@@ -59,7 +59,7 @@ impl Census {
     }
 
     /// Bits of a code.
-    pub(crate) fn bits(self) -> u8 {
+    pub fn bits(self) -> u8 {
         match self {
             Self::Full5x5 => 24,
             Self::Full7x7 => 48,

@@ -101,7 +101,7 @@ impl Settings {
             island: 100,
             island_step: 1.5,
             least_alike: 0.25,
-            largest_sigma: 3.0,
+            largest_sigma: 6.0,
             level: None,
         }
     }

@@ -4,7 +4,8 @@
 //! told by four things ([`Evidence`]); the logarithm of the error is the sum of one number for each of them ([`Model`]).
 //! So a sigma is honest about heavy tails: where one in ten is far off, it is large.
 //!
-//! The tables of the presets are one number each until they are fitted on simulated walks. Who has truth of his own can fit a model to it: [`Model::fit`].
+//! The tables of the presets were fitted on simulated walks; `docs/depth.md` says how well they hold on others. Who has truth of
+//! his own can fit a model to it: [`Model::fit`].
 
 mod fit;
 mod tables;

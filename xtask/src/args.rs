@@ -22,7 +22,8 @@ cargo xtask VERB: set-up and developer verbs
         and the unit tests only.
   bench NAME [--no-install] [ARGS...]
         Run a benchmark (archive, sync, frame_sync, encode, import, soak, kills, power_cuts, vm_cost, sim, sim_pictures,
-        calib, camera_imu, rectify, calib_verify, or all) in release mode;
+        calib, camera_imu, rectify, calib_verify, depth, odometry, odometry_faults, odometry_encoding, odometry_length,
+        or all) in release mode;
         results go to docs/benchmarks. ARGS are handed to the benchmark.
   vm-test [--no-install] [--quick] [--qemu] [--cached] [NAMES...]
         Run the tests on real kernel drivers, in virtual machines (docs/vm-tests.md): the cases named,
@@ -46,7 +47,7 @@ Exit code: 0 fine, 1 failed, 2 bad arguments.
 ";
 
 /// The benchmarks, in the order in which `bench all` runs them.
-pub(crate) const BENCHMARKS: [&str; 15] = [
+pub(crate) const BENCHMARKS: [&str; 20] = [
     "archive",
     "sync",
     "frame_sync",
@@ -62,6 +63,11 @@ pub(crate) const BENCHMARKS: [&str; 15] = [
     "camera_imu",
     "rectify",
     "calib_verify",
+    "depth",
+    "odometry",
+    "odometry_faults",
+    "odometry_encoding",
+    "odometry_length",
 ];
 
 const VERBS: [&str; 8] = [

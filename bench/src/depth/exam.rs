@@ -42,8 +42,20 @@ pub(super) fn held_out(quick: bool) -> Vec<Place> {
     let kinds = [Kind::Stairs, Kind::Plaza, Kind::Room];
     let lights = [Time::Day, Time::Night];
     let mut places = of(&kinds, &lights, 8, SIZE, &[90, 210]);
-    places.extend(of(&[Kind::Stairs, Kind::Room], &[Time::LowSun, Time::Flicker], 8, SIZE, &[150]));
-    places.extend(of(&[Kind::Stairs, Kind::Plaza], &[Time::Day], 8, LARGE, &[150]));
+    places.extend(of(
+        &[Kind::Stairs, Kind::Room],
+        &[Time::LowSun, Time::Flicker],
+        8,
+        SIZE,
+        &[150],
+    ));
+    places.extend(of(
+        &[Kind::Stairs, Kind::Plaza],
+        &[Time::Day],
+        8,
+        LARGE,
+        &[150],
+    ));
     places
 }
 
@@ -54,7 +66,9 @@ fn of(
     size: [u32; 2],
     numbers: &'static [u64],
 ) -> Vec<Place> {
-    let places = kinds.iter().flat_map(|kind| lights.iter().map(move |light| (*kind, *light)));
+    let places = kinds
+        .iter()
+        .flat_map(|kind| lights.iter().map(move |light| (*kind, *light)));
     places
         .map(|(kind, light)| Place {
             kind,
@@ -104,7 +118,10 @@ pub(super) fn render(places: &[Place]) -> Result<Vec<Found>> {
                 Quality::ACCURATE,
             )
             .and_then(|walk| walk.frames(job % cameras, place.numbers));
-            found.lock().expect("nobody panics with the list").push((job, frames));
+            found
+                .lock()
+                .expect("nobody panics with the list")
+                .push((job, frames));
         }
     };
     let threads = thread::available_parallelism().map_or(1, usize::from);

@@ -158,8 +158,7 @@ impl Walk {
             let (position, rotation) =
                 self.simulation.cameras()[camera].world_from_eye(0, &rig, None);
             let q = rotation.quaternion();
-            let world_from_eye =
-                RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], position.into())?;
+            let world_from_eye = RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], position.into())?;
             frames.push(Frame {
                 name: format!("{}-{name}-{number}", self.name),
                 width: width as usize,

@@ -33,6 +33,35 @@ pub(super) struct Config {
 pub(super) const MODES: [&str; 4] = ["SGBM", "HH", "SGBM_3WAY", "HH4"];
 
 impl Config {
+    /// All of their modes, strict and not, on pictures as they are and smoothed, with windows of these sides.
+    fn with_windows(bm: &[u32], sgbm: &[u32]) -> Vec<Self> {
+        let mut all = Vec::new();
+        for smooth in [false, true] {
+            for unique in [0, 10] {
+                let simple = bm.iter().map(|block| ("BM", *block));
+                let modes = MODES
+                    .iter()
+                    .flat_map(|mode| sgbm.iter().map(|block| (*mode, *block)));
+                all.extend(simple.chain(modes).map(|(mode, block)| Self {
+                    unique,
+                    smooth,
+                    ..Self::usual(mode, block)
+                }));
+            }
+        }
+        all
+    }
+
+    /// With windows from small to large.
+    pub(super) fn many() -> Vec<Self> {
+        Self::with_windows(&[7, 11, 15, 21], &[3, 5, 9])
+    }
+
+    /// With those that do best on a real pair.
+    pub(super) fn few() -> Vec<Self> {
+        Self::with_windows(&[11, 15], &[5])
+    }
+
     /// As in OpenCV's samples: ten percent of uniqueness.
     pub(super) fn usual(mode: &'static str, block: u32) -> Self {
         Self {
@@ -57,15 +86,14 @@ pub(super) struct Peers {
     output: BufReader<ChildStdout>,
     folder: TempDir,
     pub(super) version: String,
-    threads: usize,
 }
 
 impl Peers {
-    /// Starts it with as many threads as the machine has processors.
+    /// Starts it.
     ///
     /// # Errors
     /// There is no Python with OpenCV.
-    pub(super) fn start(threads: usize) -> Result<Self> {
+    pub(super) fn start() -> Result<Self> {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/depth.py");
         let mut child = Command::new(python::interpreter()?)
             .arg(script)
@@ -81,16 +109,21 @@ impl Peers {
             output: BufReader::new(output),
             folder: tempfile::tempdir().context("making a folder for pictures")?,
             version: String::new(),
-            threads,
         };
         let hello = peers.read()?;
-        peers.version = hello["version"].as_str().context("OpenCV's version")?.to_owned();
+        peers.version = hello["version"]
+            .as_str()
+            .context("OpenCV's version")?
+            .to_owned();
         Ok(peers)
     }
 
     fn read(&mut self) -> Result<Value> {
         let mut line = String::new();
-        let count = self.output.read_line(&mut line).context("reading from python")?;
+        let count = self
+            .output
+            .read_line(&mut line)
+            .context("reading from python")?;
         ensure!(count > 0, "python ended early");
         serde_json::from_str(&line).context("reading what python says")
     }
@@ -137,16 +170,12 @@ impl Peers {
         if wants_maps {
             for k in 0..configs.len() {
                 let path = folder.join(format!("{k}.raw"));
-                let bytes = fs::read(&path).with_context(|| format!("reading {}", path.display()))?;
+                let bytes =
+                    fs::read(&path).with_context(|| format!("reading {}", path.display()))?;
                 maps.push(map(frame, &bytes)?);
             }
         }
         Ok((times, maps))
-    }
-
-    /// Threads that all of its modes may use.
-    pub(super) fn threads(&self) -> usize {
-        self.threads
     }
 }
 
@@ -160,8 +189,13 @@ impl Drop for Peers {
 
 /// Sixteenths of a pixel as a map; there is no sigma, so nothing is within it.
 fn map(frame: &Frame, bytes: &[u8]) -> Result<DisparityMap> {
-    ensure!(bytes.len() == 2 * frame.width * frame.height, "a map of another size");
-    let sixteenths = bytes.chunks_exact(2).map(|b| i16::from_le_bytes([b[0], b[1]]));
+    ensure!(
+        bytes.len() == 2 * frame.width * frame.height,
+        "a map of another size"
+    );
+    let sixteenths = bytes
+        .chunks_exact(2)
+        .map(|b| i16::from_le_bytes([b[0], b[1]]));
     let disparity: Vec<f32> = sixteenths
         .map(|d| if d < 0 { f32::NAN } else { f32::from(d) / 16.0 })
         .collect();

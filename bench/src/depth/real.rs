@@ -26,17 +26,24 @@ pub(crate) fn motorcycle(folder: &Path) -> Result<Frame> {
     let [left, right] = &cameras.cameras[..] else {
         bail!("not a pair: {}", calibration.display());
     };
-    let right_from_left = right.camera_from_first.context("a pair without a baseline")?;
+    let right_from_left = right
+        .camera_from_first
+        .context("a pair without a baseline")?;
     let (left, right) = (&left.model, &right.model);
     let (width, height) = (left.width as usize, left.height as usize);
     let grey = |name: &str| {
         let path = folder.join(name);
         let pixels = grey_png(&path).with_context(|| format!("reading {}", path.display()))?;
-        ensure!(pixels.len() == width * height, "another size: {}", path.display());
+        ensure!(
+            pixels.len() == width * height,
+            "another size: {}",
+            path.display()
+        );
         anyhow::Ok(pixels)
     };
     let path = folder.join("disp0GT.pfm");
-    let truth = pfm(&path, [width, height]).with_context(|| format!("reading {}", path.display()))?;
+    let truth =
+        pfm(&path, [width, height]).with_context(|| format!("reading {}", path.display()))?;
     let mask = grey("mask0nocc.png")?;
     let known = mask.iter().zip(&truth);
     let visible = known.map(|(mask, truth)| *mask == 255 && truth.is_finite());
@@ -46,7 +53,10 @@ pub(crate) fn motorcycle(folder: &Path) -> Result<Frame> {
         height,
         eyes: [grey("im0.png")?, grey("im1.png")?],
         visible: visible.collect(),
-        truth: truth.into_iter().map(|d| if d.is_finite() { d } else { f32::NAN }).collect(),
+        truth: truth
+            .into_iter()
+            .map(|d| if d.is_finite() { d } else { f32::NAN })
+            .collect(),
         range: MOTORCYCLE_RANGE,
         geometry: Geometry {
             focal_px: left.fx,
@@ -63,7 +73,12 @@ fn grey_png(path: &Path) -> Result<Vec<u8>> {
     let mut decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(path)?));
     decoder.set_transformations(png::Transformations::normalize_to_color8());
     let mut reader = decoder.read_info()?;
-    let mut data = vec![0; reader.output_buffer_size().context("a picture without a size")?];
+    let mut data = vec![
+        0;
+        reader
+            .output_buffer_size()
+            .context("a picture without a size")?
+    ];
     let info = reader.next_frame(&mut data)?;
     data.truncate(info.buffer_size());
     let samples = info.color_type.samples();
@@ -86,11 +101,25 @@ fn pfm(path: &Path, [width, height]: [usize; 2]) -> Result<Vec<f32>> {
     };
     let (kind, size, scale) = (line()?, line()?, line()?);
     ensure!(kind == "Pf", "found {kind:?}, expected Pf");
-    ensure!(size == format!("{width} {height}"), "found a size of {size}, expected {width} {height}");
-    ensure!(scale.parse::<f64>()? < 0.0, "found big-endian numbers, expected little-endian ones");
+    ensure!(
+        size == format!("{width} {height}"),
+        "found a size of {size}, expected {width} {height}"
+    );
+    ensure!(
+        scale.parse::<f64>()? < 0.0,
+        "found big-endian numbers, expected little-endian ones"
+    );
     let data = lines.next().context("the file is too short")?;
-    ensure!(data.len() == width * height * 4, "found {} bytes", data.len());
-    let rows = data.chunks_exact(width * 4).rev().flat_map(|row| row.chunks_exact(4));
-    Ok(rows.map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect())
+    ensure!(
+        data.len() == width * height * 4,
+        "found {} bytes",
+        data.len()
+    );
+    let rows = data
+        .chunks_exact(width * 4)
+        .rev()
+        .flat_map(|row| row.chunks_exact(4));
+    Ok(rows
+        .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+        .collect())
 }
-

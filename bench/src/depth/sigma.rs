@@ -27,21 +27,26 @@ pub(super) fn fit() -> Result<String> {
             }
         }
         let model = Model::fit(&samples).context("too few samples")?;
-        text += &format!("// {} samples\npub(super) const {name}: Model = {};\n", samples.len(), model.source());
+        text += &format!(
+            "// {} samples\npub(super) const {name}: Model = {};\n",
+            samples.len(),
+            model.source()
+        );
     }
     Ok(text)
 }
 
 fn samples_of(preset: Preset, frame: &Frame, number: usize) -> Result<Vec<Sample>> {
     let [left, right] = frame.pictures();
-    let mut matcher = Matcher::new(Settings::preset(preset), frame.width, frame.height)?.with_evidence();
+    let mut matcher =
+        Matcher::new(Settings::preset(preset), frame.width, frame.height)?.with_evidence();
     matcher.run(&left, &right, &Band::full(0, frame.range, frame.height)?)?;
     let map = matcher.map();
     // Every so many pixels, not the same columns in each row.
-    let chosen = (0..map.disparity.len()).filter(|i| (i * 7 + i / frame.width * 3 + number) % ONE_IN == 0);
-    let known = chosen.filter(|i| {
-        frame.visible[*i] && !frame.truth[*i].is_nan() && !map.disparity[*i].is_nan()
-    });
+    let chosen =
+        (0..map.disparity.len()).filter(|i| (i * 7 + i / frame.width * 3 + number) % ONE_IN == 0);
+    let known = chosen
+        .filter(|i| frame.visible[*i] && !frame.truth[*i].is_nan() && !map.disparity[*i].is_nan());
     let sample = |i: usize| Sample {
         evidence: matcher.evidence()[i],
         error_px: (map.disparity[i] - frame.truth[i]).abs(),
@@ -71,6 +76,21 @@ impl Group {
     }
 }
 
+/// All of them.
+pub(super) fn json(groups: &[Group]) -> Value {
+    for group in groups {
+        println!(
+            "sigma: {:24} {:9} {:.1} % within two, density {:.3}, bad-2 {:.2} %",
+            group.name,
+            group.preset.name(),
+            100.0 * group.scores.inside(),
+            group.scores.density(),
+            100.0 * group.scores.bad(2)
+        );
+    }
+    Value::Array(groups.iter().map(Group::json).collect())
+}
+
 /// What each preset does at each place.
 pub(super) fn check(places: &[Place], frames: &[Found]) -> Result<Vec<Group>> {
     let mut groups = Vec::new();
@@ -96,4 +116,19 @@ pub(super) fn score(preset: Preset, frame: &Frame) -> Result<Scores> {
     let mut matcher = Matcher::new(Settings::preset(preset), frame.width, frame.height)?;
     let map = matcher.run(&left, &right, &Band::full(0, frame.range, frame.height)?)?;
     Ok(Scores::of(map, frame.truth())?)
+}
+
+/// What each preset does on one frame.
+///
+/// # Errors
+/// A frame that cannot be matched.
+pub(super) fn alone(frame: &Frame) -> Result<Vec<Group>> {
+    let group = |preset: Preset| {
+        Ok(Group {
+            name: frame.name.clone(),
+            preset,
+            scores: score(preset, frame)?,
+        })
+    };
+    Preset::ALL.into_iter().map(group).collect()
 }

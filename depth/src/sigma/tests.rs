@@ -86,3 +86,24 @@ fn what_is_not_a_number_is_doubtful() {
     };
     assert!(model.sigma_px(&evidence).is_finite());
 }
+
+#[test]
+fn the_models_of_the_presets_tell_good_from_bad() {
+    let good = Evidence {
+        lead: 4.0,
+        rise: 2.0,
+        range: 0.5,
+        share: 1.0,
+    };
+    let bad = Evidence {
+        lead: 0.1,
+        rise: 0.1,
+        range: 5.0,
+        share: 0.2,
+    };
+    for paths in [Paths::Three, Paths::Eight] {
+        let model = Model::of(paths);
+        assert!(model.sigma_px(&good) < 0.4, "{}", model.sigma_px(&good));
+        assert!(model.sigma_px(&bad) > 3.0, "{}", model.sigma_px(&bad));
+    }
+}

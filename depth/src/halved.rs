@@ -1,0 +1,263 @@
+//! A matcher on smaller pictures, for who has little time: half the rows are half the work, half of both sides an eighth.
+//!
+//! Contract: as [`Matcher`], but pictures are made smaller first, and the map is made as large as they were again: between four
+//! neighbours that lie on one surface it is interpolated, elsewhere the nearest one counts. What has less than some ten
+//! pixels left is lost, and edges are as coarse as two pixels along the sides that are halved.
+
+use rayon::prelude::*;
+
+use crate::band::Band;
+use crate::error::DepthError;
+use crate::map::DisparityMap;
+use crate::matcher::Matcher;
+use crate::picture::Picture;
+use crate::settings::Settings;
+
+/// What is halved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Half {
+    /// The number of rows: disparities stay as fine as they are.
+    Rows,
+    /// That of columns as well.
+    Both,
+}
+
+/// See the module.
+#[derive(Debug)]
+pub struct Halved {
+    /// By what columns and rows are divided.
+    by: [usize; 2],
+    matcher: Matcher,
+    small: [Vec<u8>; 2],
+    map: DisparityMap,
+}
+
+/// Neighbours that differ by at most this are of one surface, px of the smaller picture.
+const STEP: f32 = 1.0;
+
+impl Halved {
+    /// For pictures of `width` x `height` pixels.
+    ///
+    /// # Errors
+    /// [`DepthError::Settings`], also for pictures that are too small to be halved.
+    pub fn new(
+        settings: Settings,
+        half: Half,
+        width: usize,
+        height: usize,
+    ) -> Result<Self, DepthError> {
+        let by = match half {
+            Half::Rows => [1, 2],
+            Half::Both => [2, 2],
+        };
+        let settings = Settings {
+            // An island of the same size has less pixels.
+            island: settings.island / (by[0] * by[1]),
+            ..settings
+        };
+        Ok(Self {
+            by,
+            matcher: Matcher::new(settings, width / by[0], height / by[1])?,
+            small: [Vec::new(), Vec::new()],
+            map: DisparityMap {
+                width,
+                height,
+                disparity: vec![f32::NAN; width * height],
+                sigma: vec![f32::NAN; width * height],
+            },
+        })
+    }
+
+    /// Matches a rectified pair.
+    ///
+    /// # Errors
+    /// As [`Matcher::run`].
+    pub fn run(
+        &mut self,
+        left: &Picture<'_>,
+        right: &Picture<'_>,
+        band: &Band,
+    ) -> Result<&DisparityMap, DepthError> {
+        let expected = [self.map.width, self.map.height];
+        for (eye, picture) in [("left", left), ("right", right)] {
+            let found = [picture.width(), picture.height()];
+            if found != expected {
+                return Err(DepthError::Size {
+                    eye,
+                    found,
+                    expected,
+                });
+            }
+        }
+        let by = self.by;
+        let [a, b] = &mut self.small;
+        rayon::join(|| shrink(left, by, a), || shrink(right, by, b));
+        let [width, height] = [0, 1].map(|side| expected[side] / by[side]);
+        let left = Picture::new(width, height, &self.small[0])?;
+        let right = Picture::new(width, height, &self.small[1])?;
+        let small = self
+            .matcher
+            .run(&left, &right, &halved(band, by, height)?)?;
+        enlarge(small, by, &mut self.map);
+        Ok(&self.map)
+    }
+
+    /// The last map; nothing is in it before the first pair.
+    pub fn map(&self) -> &DisparityMap {
+        &self.map
+    }
+}
+
+/// The band of the smaller pictures: all that the two rows of one row need.
+fn halved(band: &Band, by: [usize; 2], height: usize) -> Result<Band, DepthError> {
+    let rows: Vec<[i32; 2]> = (0..height)
+        .map(|y| {
+            let pair = [band.row(2 * y), band.row(2 * y + 1)];
+            let low = pair[0][0].min(pair[1][0]);
+            let high = pair[0][1].max(pair[1][1]);
+            match by[0] {
+                1 => [low, high],
+                _ => [low.div_euclid(2), (high + 1).div_euclid(2)],
+            }
+        })
+        .collect();
+    Band::rows(&rows)
+}
+
+/// Means of two rows, or of 2x2 pixels.
+fn shrink(picture: &Picture<'_>, by: [usize; 2], small: &mut Vec<u8>) {
+    let (width, height) = (picture.width() / by[0], picture.height() / by[1]);
+    small.resize(width * height, 0);
+    for (y, to) in small.chunks_exact_mut(width.max(1)).enumerate() {
+        let (upper, lower) = (picture.row(2 * y), picture.row(2 * y + 1));
+        if by[0] == 1 {
+            for (to, (a, b)) in to.iter_mut().zip(upper.iter().zip(lower)) {
+                *to = (u16::from(*a) + u16::from(*b)).div_ceil(2) as u8;
+            }
+            continue;
+        }
+        let pairs = upper.chunks_exact(2).zip(lower.chunks_exact(2));
+        for (to, (a, b)) in to.iter_mut().zip(pairs) {
+            let sum = u16::from(a[0]) + u16::from(a[1]) + u16::from(b[0]) + u16::from(b[1]);
+            *to = ((sum + 2) / 4) as u8;
+        }
+    }
+}
+
+/// As large as it was; where columns were halved, disparities are twice as long.
+fn enlarge(small: &DisparityMap, by: [usize; 2], map: &mut DisparityMap) {
+    let (width, height) = (small.width, small.height);
+    let longer = by[0] as f32;
+    let rows = map.disparity.par_chunks_exact_mut(map.width);
+    let rows = rows.zip(map.sigma.par_chunks_exact_mut(map.width));
+    rows.enumerate().for_each(|(y, (disparities, sigmas))| {
+        // The parent, and the neighbour on the side of the pixel, of which it has a quarter.
+        let parents = |k: usize, by: usize, count: usize| {
+            let own = (k / by).min(count - 1);
+            let other = match (by, k % 2) {
+                (1, _) => own,
+                (_, 0) => own.wrapping_sub(1),
+                (_, _) => own + 1,
+            };
+            (own, if other < count { other } else { own })
+        };
+        let (row, other_row) = parents(y, by[1], height);
+        for x in 0..disparities.len() {
+            let (column, other_column) = parents(x, by[0], width);
+            let own = row * width + column;
+            let of = [
+                small.disparity[own],
+                small.disparity[row * width + other_column],
+                small.disparity[other_row * width + column],
+                small.disparity[other_row * width + other_column],
+            ];
+            let most = of.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+            let least = of.iter().copied().fold(f32::INFINITY, f32::min);
+            let is_whole = of.iter().all(|d| !d.is_nan()) && most - least <= STEP;
+            let value = match is_whole {
+                true => 0.5625 * of[0] + 0.1875 * (of[1] + of[2]) + 0.0625 * of[3],
+                false => of[0],
+            };
+            disparities[x] = longer * value;
+            sigmas[x] = longer * small.sigma[own];
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::Preset;
+    use crate::twin::Random;
+
+    #[test]
+    fn a_wall_is_found_at_its_disparity() {
+        const WIDTH: usize = 161;
+        const HEIGHT: usize = 97;
+        const SHIFT: usize = 14;
+        let mut random = Random(3);
+        // Dots of 3x3 pixels: what is smaller does not outlive the halving.
+        let wide = WIDTH + SHIFT;
+        let dots: Vec<u8> = (0..wide * HEIGHT)
+            .map(|_| random.below(256) as u8)
+            .collect();
+        let at = |x: usize, y: usize| dots[(y / 3) * wide + x / 3];
+        let eye = |from: usize| -> Vec<u8> {
+            let all = (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
+            all.map(|(x, y)| at(x + from, y)).collect()
+        };
+        let (left, right) = (eye(0), eye(SHIFT));
+        let left = Picture::new(WIDTH, HEIGHT, &left).unwrap();
+        let right = Picture::new(WIDTH, HEIGHT, &right).unwrap();
+        let band = Band::full(0, 32, HEIGHT).unwrap();
+        for half in [Half::Rows, Half::Both] {
+            let settings = Settings::preset(Preset::Fast);
+            let mut halved = Halved::new(settings, half, WIDTH, HEIGHT).unwrap();
+            let map = halved.run(&left, &right, &band).unwrap();
+            let found = map.disparity.iter().filter(|d| !d.is_nan());
+            let close = found.clone().filter(|d| (**d - SHIFT as f32).abs() < 1.0);
+            let (found, close) = (found.count(), close.count());
+            assert!(found > WIDTH * HEIGHT * 3 / 4, "{half:?}: {found}");
+            assert!(close > found * 99 / 100, "{half:?}: {close} of {found}");
+            let both = map.sigma.iter().zip(&map.disparity);
+            assert!(both.clone().all(|(s, d)| s.is_nan() == d.is_nan()));
+        }
+    }
+
+    #[test]
+    fn surfaces_are_smooth_and_edges_stay_edges() {
+        let small = DisparityMap {
+            width: 3,
+            height: 1,
+            disparity: vec![4.0, 5.0, 20.0],
+            sigma: vec![0.1, 0.2, 0.3],
+        };
+        let mut map = DisparityMap {
+            width: 7,
+            height: 2,
+            disparity: vec![0.0; 14],
+            sigma: vec![0.0; 14],
+        };
+        enlarge(&small, [2, 2], &mut map);
+        assert_eq!(map.disparity[..7], [8.0, 8.5, 9.5, 10.0, 40.0, 40.0, 40.0]);
+        assert_eq!(map.sigma[..7], [0.2, 0.2, 0.4, 0.4, 0.6, 0.6, 0.6]);
+        // Of rows alone nothing becomes longer.
+        let mut map = DisparityMap {
+            width: 3,
+            height: 3,
+            disparity: vec![0.0; 9],
+            sigma: vec![0.0; 9],
+        };
+        enlarge(&small, [1, 2], &mut map);
+        assert_eq!(map.disparity, [4.0, 5.0, 20.0].repeat(3));
+    }
+
+    #[test]
+    fn other_sizes_are_refused() {
+        let mut halved = Halved::new(Settings::preset(Preset::Fast), Half::Both, 40, 30).unwrap();
+        let pixels = vec![0; 40 * 31];
+        let picture = Picture::new(40, 31, &pixels).unwrap();
+        let band = Band::full(0, 8, 30).unwrap();
+        assert!(halved.run(&picture, &picture, &band).is_err());
+    }
+}
