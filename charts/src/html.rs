@@ -182,6 +182,21 @@ impl Page {
         self
     }
 
+    /// A picture of pixels: a PNG file, put in whole. `name` is read out to who cannot see it.
+    pub fn picture(mut self, png: &[u8], name: &str, caption: &str) -> Self {
+        let _ = writeln!(
+            self.body,
+            "<figure><img src=\"data:image/png;base64,{}\" alt=\"{}\">",
+            base64(png),
+            escape(name)
+        );
+        if !caption.is_empty() {
+            let _ = writeln!(self.body, "<figcaption>{}</figcaption>", escape(caption));
+        }
+        self.body.push_str("</figure>\n");
+        self
+    }
+
     /// The whole file.
     pub fn to_html(&self) -> String {
         let title = escape(&self.title);
@@ -198,6 +213,26 @@ impl Page {
     }
 }
 
+/// RFC 4648, with padding.
+fn base64(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for three in bytes.chunks(3) {
+        let bits = (0..3).fold(0, |bits, k| {
+            bits << 8 | u32::from(*three.get(k).unwrap_or(&0))
+        });
+        for digit in 0..4 {
+            let place = (bits >> (18 - 6 * digit)) as usize % 64;
+            text.push(if digit <= three.len() {
+                DIGITS[place] as char
+            } else {
+                '='
+            });
+        }
+    }
+    text
+}
+
 const STYLE: &str = "\
 :root { color-scheme: light }
 body { font: 15px/1.5 \"DejaVu Sans\", system-ui, sans-serif; color: #222; background: #fff;
@@ -207,10 +242,35 @@ p { margin: 8px 0 }
 .wide { overflow-x: auto; margin: 12px 0 } table { border-collapse: collapse; font-size: 13px }
 th, td { text-align: left; padding: 4px 20px 4px 0; border-bottom: 1px solid #ddd; vertical-align: top }
 th { border-bottom-color: #888; overflow-wrap: normal } .n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap }
-figure { margin: 16px 0 } figure svg { max-width: 100%; height: auto; display: block }
+figure { margin: 16px 0 } figure svg, figure img { max-width: 100%; height: auto; display: block }
 figcaption { font-size: 13px; color: #595959 }
 .badge { display: inline-block; padding: 0 8px; border-radius: 4px; font-size: 12px; line-height: 20px; font-weight: bold;
   vertical-align: middle; -webkit-print-color-adjust: exact; print-color-adjust: exact }
 .pass { background: #00734f; color: #fff } .warn { background: #E69F00; color: #000 } .fail { background: #a83c00; color: #fff }
 @media print { body { margin: 0; max-width: none } figure, tr { break-inside: avoid } h2 { break-after: avoid } }
 ";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_are_put_in_whole() {
+        // The vectors of RFC 4648.
+        for (bytes, text) in [
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foob", "Zm9vYg=="),
+        ] {
+            assert_eq!(base64(bytes.as_bytes()), text);
+        }
+        assert_eq!(base64(&[0xfb, 0xff, 0xfe]), "+//+");
+        let page = Page::new("p").picture(b"foo", "a < b", "below").to_html();
+        assert!(
+            page.contains("data:image/png;base64,Zm9v\" alt=\"a &lt; b\""),
+            "{page}"
+        );
+    }
+}

@@ -10,6 +10,8 @@ use reconstruction::export::{self, Selection};
 use reconstruction::input::{Check, Input};
 
 pub(crate) mod evaluate;
+pub(crate) mod evaluate_depth;
+pub(crate) mod report;
 pub(crate) mod run;
 
 /// Losses that are shown one by one.

@@ -12,6 +12,7 @@
 //! - [`relative`]: drift over distances and times.
 //! - [`completion`]: how much of the truth's time has a pose.
 //! - [`consistency`]: whether stated covariances are true.
+//! - [`depth`]: depth of keyframes against that of a simulated walk.
 //! - [`files`]: trajectories by the content of their files.
 //! - [`runs`]: tables of several runs.
 
@@ -23,6 +24,7 @@ pub mod align;
 pub mod associate;
 pub mod completion;
 pub mod consistency;
+pub mod depth;
 pub mod files;
 pub mod relative;
 pub mod runs;

@@ -50,6 +50,10 @@ enum Command {
     Run(commands::run::Arguments),
     /// Say how far trajectories are from the truth.
     Evaluate(commands::evaluate::Arguments),
+    /// Say how far depth is from the truth of a simulated walk.
+    EvaluateDepth(commands::evaluate_depth::Arguments),
+    /// Write a page of HTML: where the rig was, the cloud, what the stages took.
+    Report(commands::report::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -80,6 +84,8 @@ fn main() -> ExitCode {
         }
         Command::Run(arguments) => commands::run::run(&arguments),
         Command::Evaluate(arguments) => commands::evaluate::run(&arguments),
+        Command::EvaluateDepth(arguments) => commands::evaluate_depth::run(&arguments),
+        Command::Report(arguments) => commands::report::run(&arguments),
     };
     result.unwrap_or_else(|error| {
         eprintln!("error: {error:#}");

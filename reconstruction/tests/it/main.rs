@@ -8,3 +8,4 @@ mod read_back;
 mod refuse;
 mod session;
 mod stages;
+mod walk;

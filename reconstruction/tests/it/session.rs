@@ -94,6 +94,30 @@ pub(crate) fn seal(folder: &Path, verdict: Verdict) {
     seal_only(folder, verdict, &files);
 }
 
+/// Seals a session that was made elsewhere, with all files of its rig and all segments.
+pub(crate) fn seal_session(folder: &Path, verdict: Verdict) {
+    let storage: Arc<dyn Storage> = Arc::new(DiskStorage::new(folder));
+    let reader = SessionReader::open(storage.clone()).expect("open");
+    let manifest = reader.manifest();
+    let rig = manifest.rig.iter().map(|file| layout::rig_file(&file.name));
+    let files: Vec<String> = [layout::MANIFEST.to_owned(), layout::INDEX.to_owned()]
+        .into_iter()
+        .chain(rig)
+        .chain(reader.segment_numbers().map(layout::segment))
+        .collect();
+    let id = &manifest.session_id;
+    HandOff::seal(
+        &*storage,
+        id,
+        verdict,
+        "tests",
+        CivilTime(7),
+        &files,
+        |_| {},
+    )
+    .expect("seal");
+}
+
 pub(crate) fn seal_only(folder: &Path, verdict: Verdict, files: &[String]) {
     let storage = DiskStorage::new(folder);
     let id = spec().session_id;

@@ -58,6 +58,7 @@ impl Stage<Input> for CloudStage {
             "largest_sigma_m": LARGEST_SIGMA_M,
             "agree_sigma": look::AGREE_SIGMA,
             "through_sigma": look::THROUGH_SIGMA,
+            "least_confirmed": look::LEAST_CONFIRMED,
             "confirmed_per_through": look::CONFIRMED_PER_THROUGH,
             "voxel_m": voxels::EDGE_M,
         })

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 
 use cad_transforms::frame::FramePart;
 use cad_transforms::{Covariance, Rig, RigidTransform};
-use calib::{CameraModel, ImuNoise, StereoCalibration, foxglove};
+use calib::{CameraModel, ImuNoise, Provenance, StereoCalibration, foxglove};
 use scene_bundle::outputs::rig::{RigCamera, RigImu, RigModel};
 use scene_bundle::outputs::{self, RIG};
 use serde_json::{Value, json};
@@ -260,6 +260,21 @@ pub fn of_odometry(model: &RigModel) -> odometry::Rig {
     odometry::Rig {
         cameras: model.cameras.iter().map(camera).collect(),
         imus: model.imus.iter().map(imu).collect(),
+    }
+}
+
+/// A stereo camera of it by itself.
+pub fn calibration(camera: &RigCamera) -> StereoCalibration {
+    StereoCalibration {
+        left: camera.left,
+        right: camera.right,
+        right_from_left: camera.right_from_left,
+        imu: None,
+        provenance: Provenance {
+            format: None,
+            files: Vec::new(),
+            part: None,
+        },
     }
 }
 

@@ -6,14 +6,14 @@
 
 use cad_transforms::RigidTransform;
 use calib::rectify::{Rectification, Remap, View};
-use calib::stereo::Provenance;
-use calib::{CameraModel, Eye, StereoCalibration};
+use calib::{CameraModel, Eye};
 use depth::{Band, Banded, DisparityMap, Geometry, Preset, Settings};
 use scene_bundle::outputs::depth::DepthPicture;
 use scene_bundle::outputs::masks::Mask;
 use scene_bundle::outputs::rig::RigCamera;
 
 use crate::pipeline::StageError;
+use crate::pipeline::stages::rig;
 
 /// What is nearer than this is not looked for, m: the wearer's hands and knees.
 pub(super) const NEAREST_M: f64 = 0.25;
@@ -41,7 +41,7 @@ impl Pair {
         mask: Option<&Mask>,
         preset: Preset,
     ) -> Result<Self, StageError> {
-        let rectification = Rectification::new(&calibration(camera), View::Filled)?;
+        let rectification = Rectification::new(&rig::calibration(camera), View::Filled)?;
         let remaps = [(Eye::Left, camera.left), (Eye::Right, camera.right)]
             .map(|(eye, old)| Remap::new(&rectification.map(eye), old.width, old.height));
         let model = rectification.camera;
@@ -107,20 +107,6 @@ impl Pair {
         let [left, right] = &self.rectified;
         let (map, _) = self.matcher.run(&picture(left)?, &picture(right)?, None)?;
         Ok(map)
-    }
-}
-
-fn calibration(camera: &RigCamera) -> StereoCalibration {
-    StereoCalibration {
-        left: camera.left,
-        right: camera.right,
-        right_from_left: camera.right_from_left,
-        imu: None,
-        provenance: Provenance {
-            format: None,
-            files: Vec::new(),
-            part: None,
-        },
     }
 }
 

@@ -1,0 +1,50 @@
+//! `paws-reconstruct report`.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use clap::Args;
+use reconstruction::evaluate::files::{self, Loaded};
+use reconstruction::report::report;
+use scene_bundle::Scene;
+use scene_bundle::outputs::{TRAJECTORY, TRAJECTORY_CAUSAL};
+
+#[derive(Args)]
+pub(crate) struct Arguments {
+    /// The scene bundle.
+    scene: PathBuf,
+    /// The true trajectory: TUM, KITTI or EuRoC, or the truth of a simulated session (truth.CAMERA.csv).
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+    /// The page to write. Default: report.html in the bundle.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
+    let scene = Scene::open(&arguments.scene)?;
+    let truth = match &arguments.truth {
+        Some(path) => {
+            let truth = files::load(path, None)?;
+            // A bundle has times; a truth without any cannot be compared with it.
+            if scene.has(TRAJECTORY) || scene.has(TRAJECTORY_CAUSAL) {
+                let estimate = Loaded {
+                    trajectory: scene_bundle::Trajectory::default(),
+                    is_numbered: false,
+                };
+                files::check(&estimate, &truth, &arguments.scene)?;
+            }
+            Some(truth.trajectory)
+        }
+        None => None,
+    };
+    let page = report(&scene, truth.as_ref())?;
+    let out = match &arguments.out {
+        Some(out) => out.clone(),
+        None => scene.path().join("report.html"),
+    };
+    std::fs::write(&out, page.html).with_context(|| format!("writing {}", out.display()))?;
+    println!("{}: {}", page.summary, out.display());
+    Ok(ExitCode::SUCCESS)
+}

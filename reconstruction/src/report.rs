@@ -1,0 +1,453 @@
+//! A scene bundle as one page of HTML that opens without a network.
+//!
+//! Contract: the page shows the way from above, coloured by its distance from the truth after the best rigid fit, or without truth by
+//! what the poses say of themselves, and says which; when the rig was tracked; the cloud from two sides; each stage with what it
+//! took; and all that stages noted or lost. What the bundle lacks is named and left out. Its text is a function of the bundle, of
+//! the truth and of what stages took.
+
+use std::io;
+use std::path::PathBuf;
+
+use charts::{Axis, Cell, Chart, Page, Series, Span, Table, Timeline, si};
+use scene_bundle::outputs::cloud::CloudPoint;
+use scene_bundle::outputs::{self, CLOUD, KEYFRAMES, TRAJECTORY, TRAJECTORY_CAUSAL};
+use scene_bundle::{BundleError, Scene, Status, Trajectory};
+
+use crate::evaluate::{self, Alignment, Evaluation, Settings, align, associate};
+use crate::pipeline::{self, made, stages};
+use colours::{UNKNOWN, ramp};
+use way::Step;
+
+mod colours;
+mod sights;
+mod splat;
+mod way;
+
+/// Why there is no page.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// The bundle cannot be read.
+    #[error(transparent)]
+    Bundle(#[from] BundleError),
+    /// What stages took cannot be read.
+    #[error("reading what stages took: {}", path.display())]
+    Made {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A picture is none: a defect of the program.
+    #[error("encoding a picture of the cloud")]
+    Picture(#[from] png::EncodingError),
+}
+
+/// A page and what it says in a line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// The file.
+    pub html: String,
+    /// The most important of it.
+    pub summary: String,
+}
+
+/// How large points are drawn, m: a little more than the edge of a voxel, so that surfaces are closed.
+const POINT_M: f64 = 0.06;
+
+/// Makes the page of a bundle. `truth` is the true trajectory, on the same clock.
+///
+/// # Errors
+/// [`ReportError`].
+pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, ReportError> {
+    let shown = match scene.has(TRAJECTORY) {
+        true => TRAJECTORY,
+        false => TRAJECTORY_CAUSAL,
+    };
+    let read = |name: &str| -> Result<Option<Trajectory>, BundleError> {
+        let output = scene.has(name).then(|| scene.output(name)).transpose()?;
+        output.map(|o| outputs::trajectory::read(&o)).transpose()
+    };
+    let trajectory = read(shown)?.unwrap_or_default();
+    let causal = read(TRAJECTORY_CAUSAL)?;
+    let mut cloud = match scene.has(CLOUD) {
+        true => Some(outputs::cloud::read(&scene.output(CLOUD)?)?),
+        false => None,
+    };
+    let (steps, evaluation) = steps(&trajectory, truth);
+    if let Some(fit) = evaluation.as_ref().and_then(|e| e.true_from_estimated) {
+        for point in cloud.iter_mut().flatten() {
+            let moved = fit.rigid.apply(point.x_in_world.map(f64::from));
+            point.x_in_world = moved.map(|c| c as f32);
+        }
+    }
+    let causal_off = causal
+        .as_ref()
+        .zip(truth)
+        .map(|(causal, truth)| evaluate::evaluate(causal, truth, &Settings::default()));
+
+    let name = scene.path();
+    let name = name
+        .file_name()
+        .unwrap_or(name.as_os_str())
+        .to_string_lossy();
+    let mut page = Page::new(&format!("Reconstruction: {name}"));
+    page = page.table(&facts(scene, &trajectory, cloud.as_deref())?);
+    page = page.section("Where the rig was");
+    page = page.text(&how_far(truth.is_some(), evaluation.as_ref()));
+    if let Some(evaluation) = &evaluation {
+        let both = [
+            Some((shown, evaluation)),
+            causal_off.as_ref().map(|e| (TRAJECTORY_CAUSAL, e)),
+        ];
+        let rows: Vec<_> = both.into_iter().flatten().collect();
+        let rows = if shown == TRAJECTORY {
+            &rows[..]
+        } else {
+            &rows[..1]
+        };
+        page = page.table(&errors(rows));
+    }
+    page = way_section(page, &steps, truth, evaluation.as_ref());
+    page = page.figure(&spans(&trajectory, causal.as_ref()).to_svg(760), "");
+    page = cloud_section(page, cloud.as_deref(), &steps)?;
+    page = stages_section(page, scene)?;
+    Ok(Report {
+        summary: summary(evaluation.as_ref(), cloud.as_deref()),
+        html: page.to_html(),
+    })
+}
+
+/// All poses that are not lost, with what they are coloured by.
+fn steps(trajectory: &Trajectory, truth: Option<&Trajectory>) -> (Vec<Step>, Option<Evaluation>) {
+    let settings = Settings::default();
+    let evaluation = truth.map(|truth| evaluate::evaluate(trajectory, truth, &settings));
+    let pairs = truth.map(|truth| associate::pairs(trajectory, truth, settings.tolerance_ns));
+    let pairs = pairs.unwrap_or_default();
+    let aligned = align::align(&pairs, Alignment::Se3);
+    let first_ns = trajectory.poses().first().map_or(0, |p| p.time_ns);
+    let mut follows = false;
+    let mut steps = Vec::new();
+    for pose in trajectory.poses() {
+        if pose.status == Status::Lost {
+            follows = false;
+            continue;
+        }
+        let moved = aligned.map_or(pose.world_from_rig, |a| a.apply(&pose.world_from_rig));
+        let value_m = match truth {
+            None => pose.covariance.as_ref().map(|c| {
+                let [x, y, z, ..] = c.sigmas();
+                (x * x + y * y + z * z).sqrt()
+            }),
+            Some(_) => pairs
+                .binary_search_by_key(&pose.time_ns, |p| p.time_ns)
+                .ok()
+                .filter(|_| aligned.is_some())
+                .map(|k| (moved.translation() - pairs[k].truth.translation()).norm()),
+        };
+        steps.push(Step {
+            time_s: (pose.time_ns - first_ns) as f64 * 1e-9,
+            x_in_world: moved.translation_m(),
+            value_m,
+            follows,
+        });
+        follows = true;
+    }
+    (steps, evaluation)
+}
+
+fn facts(
+    scene: &Scene,
+    trajectory: &Trajectory,
+    cloud: Option<&[CloudPoint]>,
+) -> Result<Table, ReportError> {
+    let provenance = &scene.manifest().provenance;
+    let keyframes = match scene.has(KEYFRAMES) {
+        true => Some(outputs::keyframes::read(&scene.output(KEYFRAMES)?)?.len()),
+        false => None,
+    };
+    let none = || "none".to_owned();
+    let rows = [
+        ("session", provenance.session_id.clone()),
+        (
+            "rig",
+            format!("{}, {}", provenance.rig.name, provenance.rig.revision),
+        ),
+        (
+            "program",
+            format!("{} {}", provenance.program, provenance.program_version),
+        ),
+        (
+            "way",
+            format!(
+                "{:.1} m in {:.1} s, {} poses",
+                trajectory.path_length_m(),
+                trajectory.duration_ns() as f64 * 1e-9,
+                trajectory.len()
+            ),
+        ),
+        (
+            "keyframes with depth",
+            keyframes.map_or_else(none, |n| n.to_string()),
+        ),
+        ("points", cloud.map_or_else(none, |c| c.len().to_string())),
+    ];
+    let table = Table::new(Vec::<String>::new());
+    Ok(rows.into_iter().fold(table, |table, (what, value)| {
+        table.row([what.into(), value.into()])
+    }))
+}
+
+fn how_far(has_truth: bool, evaluation: Option<&Evaluation>) -> String {
+    let text = match (has_truth, evaluation.and_then(|e| e.absolute.as_ref())) {
+        (true, Some(_)) => {
+            "Errors are distances from the truth after the best rigid fit of the whole (SE(3))."
+        }
+        (true, None) => {
+            "The truth that was given has too little in common with these poses to compare them."
+        }
+        (false, _) => {
+            "No truth was given. Colours are one standard deviation of the place that the poses state themselves, against the \
+             first one; how far off they are is not known."
+        }
+    };
+    text.to_owned()
+}
+
+fn errors(rows: &[(&str, &Evaluation)]) -> Table {
+    let heads = [
+        "trajectory",
+        "error, RMS",
+        "largest",
+        "of the way",
+        "turn, RMS",
+        "complete",
+        "beyond 3 sigma",
+    ];
+    rows.iter()
+        .fold(Table::new(heads), |table, (name, evaluation)| {
+            let absolute = evaluation.absolute.as_ref();
+            let shown =
+                |value: Option<String>| Cell::number(value.unwrap_or_else(|| "-".to_owned()));
+            let translation = absolute.map(|a| a.translation_m);
+            let turn = absolute.and_then(|a| a.rotation_rad);
+            let share = translation.filter(|_| evaluation.path_m > 0.0);
+            let wrong = evaluation.consistency.as_ref();
+            table.row([
+                (*name).into(),
+                shown(translation.map(|t| si(t.rmse, "m"))),
+                shown(translation.map(|t| si(t.max, "m"))),
+                shown(share.map(|t| format!("{:.3} %", 100.0 * t.rmse / evaluation.path_m))),
+                shown(turn.map(|t| format!("{:.2}°", t.rmse.to_degrees()))),
+                shown(Some(format!(
+                    "{:.1} %",
+                    100.0 * evaluation.completion.share
+                ))),
+                shown(wrong.map(|c| format!("{} of {}", c.silently_wrong, c.count))),
+            ])
+        })
+}
+
+/// The largest value on the way; 0 where there is none.
+fn largest(steps: &[Step]) -> f64 {
+    steps.iter().filter_map(|s| s.value_m).fold(0.0, f64::max)
+}
+
+fn way_section(
+    page: Page,
+    steps: &[Step],
+    truth: Option<&Trajectory>,
+    evaluation: Option<&Evaluation>,
+) -> Page {
+    let what = match truth {
+        Some(_) => "distance from the truth",
+        None => "stated sigma of the place",
+    };
+    // Where nothing could be laid onto the truth, the two are in different worlds.
+    let fits = evaluation.is_some_and(|e| e.true_from_estimated.is_some());
+    let truth = truth.filter(|_| fits).map(|truth| {
+        let places = truth
+            .poses()
+            .iter()
+            .map(|p| p.world_from_rig.translation_m());
+        places.collect::<Vec<_>>()
+    });
+    let caption = match truth {
+        Some(_) => "From above, laid onto the truth; the truth in light grey below it.",
+        None => "From above.",
+    };
+    let map = way::svg(
+        steps,
+        truth.as_deref().unwrap_or_default(),
+        largest(steps),
+        what,
+    );
+    let line = steps
+        .iter()
+        .map(|s| (s.time_s, s.value_m.map_or(f64::NAN, |v| 100.0 * v)));
+    let chart = Chart::new(what)
+        .x_axis(Axis::time("time"))
+        .y_axis(Axis::linear(what, "cm").include(0.0))
+        .series(Series::line("", line));
+    page.figure(&map, caption)
+        .figure(&chart.to_svg(760, 240), "")
+}
+
+fn spans(trajectory: &Trajectory, causal: Option<&Trajectory>) -> Timeline {
+    let kind = |status: Status| match status {
+        Status::Tracked => 0,
+        Status::Relocalised => 1,
+        Status::DeadReckoned => 2,
+        Status::Lost => 3,
+    };
+    let start_ns = trajectory.poses().first().map_or(0, |p| p.time_ns);
+    let seconds = |ns: i64| (ns - start_ns) as f64 * 1e-9;
+    let row = |timeline: Timeline, name: &str, of: &Trajectory| {
+        let good = of
+            .poses()
+            .iter()
+            .filter(|p| p.status == Status::Tracked)
+            .count();
+        let share = 100.0 * good as f64 / of.len().max(1) as f64;
+        let spans = of.spans().into_iter().map(|span| Span {
+            from: seconds(span.from_ns),
+            to: seconds(span.to_ns),
+            kind: kind(span.status),
+        });
+        timeline.row(name, &format!("{share:.1} % tracked"), spans)
+    };
+    let timeline = Timeline::new("How poses were come by", Axis::time("time")).kinds([
+        "tracked",
+        "relocalised",
+        "dead reckoned",
+        "lost",
+    ]);
+    let timeline = row(timeline, "with everything known", trajectory);
+    match causal {
+        Some(causal) => row(timeline, "as known then", causal),
+        None => timeline,
+    }
+}
+
+fn cloud_section(
+    page: Page,
+    cloud: Option<&[CloudPoint]>,
+    steps: &[Step],
+) -> Result<Page, ReportError> {
+    let page = page.section("The cloud of points");
+    let Some(cloud) = cloud.filter(|cloud| !cloud.is_empty()) else {
+        return Ok(page.text("There is none."));
+    };
+    let way: Vec<[f64; 3]> = steps.iter().map(|s| s.x_in_world).collect();
+    let largest = largest(steps).max(f64::MIN_POSITIVE);
+    let dots: Vec<([f64; 3], [u8; 3])> = steps
+        .iter()
+        .map(|s| {
+            (
+                s.x_in_world,
+                s.value_m.map_or(UNKNOWN, |v| ramp(v / largest)),
+            )
+        })
+        .collect();
+    let shown = sights::shown(cloud, &way);
+    let views = [
+        (
+            sights::aslant(&shown, &way),
+            "aslant",
+            format!(
+                "Aslant, up to {} m around the middle of the way, which is coloured as above.",
+                sights::AROUND_M
+            ),
+        ),
+        (
+            sights::above(&shown, &way),
+            "from above",
+            "From above.".to_owned(),
+        ),
+    ];
+    let mut page = page;
+    for (sight, name, caption) in views {
+        let Some(sight) = sight else { continue };
+        let rgb = splat::draw(&shown, POINT_M, &dots, &sight);
+        let caption = format!(
+            "{caption} What is higher than {} m above the rig is left out.",
+            sights::ABOVE_M
+        );
+        page = page.picture(
+            &png(sight.size, &rgb)?,
+            &format!("the cloud {name}"),
+            &caption,
+        );
+    }
+    Ok(page)
+}
+
+fn png([width, height]: [usize; 2], rgb: &[u8]) -> Result<Vec<u8>, ReportError> {
+    let mut file = Vec::new();
+    let mut encoder = png::Encoder::new(&mut file, width as u32, height as u32);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(rgb)?;
+    writer.finish()?;
+    Ok(file)
+}
+
+fn stages_section(page: Page, scene: &Scene) -> Result<Page, ReportError> {
+    let folder = scene.path();
+    let made = made::read(&folder).map_err(|source| ReportError::Made {
+        path: folder.join(made::FILE),
+        source,
+    })?;
+    let outputs = &scene.manifest().outputs;
+    let mut table = Table::new(["stage", "version", "time", "most memory", "made"]);
+    let mut said = Vec::new();
+    for stage in stages::NAMES {
+        let of_stage: Vec<_> = outputs.iter().filter(|(_, o)| o.stage == stage).collect();
+        let Some((_, first)) = of_stage.first() else {
+            table = table.row([
+                stage.into(),
+                "".into(),
+                "".into(),
+                "".into(),
+                "nothing".into(),
+            ]);
+            continue;
+        };
+        let took = made.iter().find(|m| m.stage == stage);
+        let memory = took.and_then(|m| m.peak_bytes);
+        let unknown = || "not known".to_owned();
+        let names: Vec<&str> = of_stage.iter().map(|(name, _)| name.as_str()).collect();
+        table = table.row([
+            stage.into(),
+            Cell::number(first.stage_version),
+            Cell::number(took.map_or_else(unknown, |m| format!("{:.1} s", m.seconds))),
+            Cell::number(memory.map_or_else(unknown, |b| format!("{:.0} MB", b as f64 * 1e-6))),
+            names.join(", ").into(),
+        ]);
+        for (name, _) in &of_stage {
+            let report = pipeline::report_of(scene, name)?;
+            said.extend(report.notes.into_iter().map(|note| (stage, "note", note)));
+            said.extend(report.losses.into_iter().map(|loss| (stage, "lost", loss)));
+        }
+    }
+    let mut page = page.section("Stages").table(&table);
+    if !said.is_empty() {
+        let rows = said
+            .into_iter()
+            .fold(Table::new(["stage", "", ""]), |table, row| {
+                let (stage, kind, sentence) = row;
+                table.row([stage.into(), kind.into(), sentence.into()])
+            });
+        page = page.table(&rows);
+    }
+    Ok(page)
+}
+
+fn summary(evaluation: Option<&Evaluation>, cloud: Option<&[CloudPoint]>) -> String {
+    let off = match evaluation.map(|e| e.absolute.as_ref()) {
+        None => "no truth".to_owned(),
+        Some(None) => "not comparable with the truth".to_owned(),
+        Some(Some(absolute)) => format!("{} off", si(absolute.translation_m.rmse, "m")),
+    };
+    format!("{off}, {} points", cloud.map_or(0, <[_]>::len))
+}

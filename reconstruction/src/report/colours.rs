@@ -1,0 +1,45 @@
+//! Values as colours: blue for the least, over green and yellow to dark red. Told apart on white, in print, and by who sees
+//! no difference between red and green.
+
+/// The colours that others are mixed of, at even steps.
+const ANCHORS: [[u8; 3]; 5] = [
+    [27, 79, 138],
+    [42, 157, 143],
+    [233, 180, 76],
+    [209, 73, 60],
+    [110, 12, 30],
+];
+/// Of what has no value.
+pub(super) const UNKNOWN: [u8; 3] = [140, 140, 140];
+
+/// The colour of a share from 0 to 1; shares beyond count as the nearest.
+pub(super) fn ramp(share: f64) -> [u8; 3] {
+    let place = share.clamp(0.0, 1.0) * (ANCHORS.len() - 1) as f64;
+    let below = (place as usize).min(ANCHORS.len() - 2);
+    let part = place - below as f64;
+    [0, 1, 2].map(|k| {
+        let [a, b] = [ANCHORS[below][k], ANCHORS[below + 1][k]].map(f64::from);
+        (a + (b - a) * part).round() as u8
+    })
+}
+
+/// As SVG writes it.
+pub(super) fn hex([red, green, blue]: [u8; 3]) -> String {
+    format!("#{red:02x}{green:02x}{blue:02x}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ramp_goes_through_its_anchors() {
+        for (k, anchor) in ANCHORS.iter().enumerate() {
+            assert_eq!(ramp(k as f64 / 4.0), *anchor);
+        }
+        assert_eq!(ramp(7.0), ANCHORS[4]);
+        assert_eq!(ramp(-1.0), ANCHORS[0]);
+        assert_eq!(ramp(f64::NAN), ANCHORS[0]);
+        assert_eq!(hex([1, 171, 16]), "#01ab10");
+    }
+}

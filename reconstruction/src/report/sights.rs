@@ -1,0 +1,161 @@
+//! From where to look at a cloud, found from the cloud and the way through it.
+//!
+//! Contract: both views leave out what is higher than [`ABOVE_M`] above the rig, so that one looks into rooms and under trees. From above,
+//! y is up, and all of the way is in the picture. The other view looks at the middle of the way, or at so much around it as is
+//! still seen well, from behind and from the side.
+
+use scene_bundle::outputs::cloud::CloudPoint;
+
+use super::splat::{Scale, Sight, dot};
+
+/// What is higher above the highest place of the rig is left out, m.
+pub(super) const ABOVE_M: f64 = 1.0;
+/// How far from the middle of the way one still looks, m.
+pub(super) const AROUND_M: f64 = 12.0;
+/// Columns of both pictures.
+const WIDTH: usize = 1000;
+/// Rows of the view aslant.
+const HEIGHT: usize = 600;
+/// Rows of the map.
+const MAP_HEIGHTS: [f64; 2] = [300.0, 1000.0];
+/// px of the view aslant.
+const FOCAL_PX: f64 = 900.0;
+/// How steeply it looks down, and how far to the side of the way, degrees.
+const DOWN_DEG: f64 = 35.0;
+const ASIDE_DEG: f64 = 35.0;
+/// Points beyond this share at either end do not count for what is to be in the picture.
+const OUTSIDE: f64 = 0.01;
+/// Around what is to be in the picture, as a share of it.
+const FRAME: f64 = 1.04;
+
+/// The points that are shown.
+pub(super) fn shown(points: &[CloudPoint], way: &[[f64; 3]]) -> Vec<CloudPoint> {
+    let top = way.iter().map(|x| x[2]).fold(f64::NEG_INFINITY, f64::max) + ABOVE_M;
+    let is_low = |p: &&CloudPoint| f64::from(p.x_in_world[2]) <= top || top.is_infinite();
+    points.iter().filter(is_low).copied().collect()
+}
+
+/// From above.
+pub(super) fn above(points: &[CloudPoint], way: &[[f64; 3]]) -> Option<Sight> {
+    let range = |k: usize| {
+        let (low, high) = range(points.iter().map(|p| f64::from(p.x_in_world[k])))?;
+        let of_way = way.iter().map(|x| x[k]);
+        Some((
+            of_way.clone().fold(low, f64::min),
+            of_way.fold(high, f64::max),
+        ))
+    };
+    let [x, y, z] = [range(0)?, range(1)?, range(2)?];
+    let [across, up] = [x, y].map(|(low, high)| FRAME * (high - low).max(0.5));
+    let height = (WIDTH as f64 * up / across).clamp(MAP_HEIGHTS[0], MAP_HEIGHTS[1]);
+    let px_per_m = (WIDTH as f64 / across).min(height / up);
+    Some(Sight {
+        size: [WIDTH, height as usize],
+        eye: [0.5 * (x.0 + x.1), 0.5 * (y.0 + y.1), z.1 + 10.0],
+        axes: [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]],
+        scale: Scale::Map(px_per_m),
+    })
+}
+
+/// Aslant.
+pub(super) fn aslant(points: &[CloudPoint], way: &[[f64; 3]]) -> Option<Sight> {
+    let middle = *way.get(way.len() / 2)?;
+    let beside = |x: &[f64; 3]| (x[0] - middle[0]).hypot(x[1] - middle[1]) <= AROUND_M;
+    let near: Vec<[f64; 3]> = points
+        .iter()
+        .map(|p| p.x_in_world.map(f64::from))
+        .filter(beside)
+        .collect();
+    let along = direction(&way.iter().copied().filter(beside).collect::<Vec<_>>());
+    let heading = along + ASIDE_DEG.to_radians();
+    let (steep, flat) = DOWN_DEG.to_radians().sin_cos();
+    let (sin, cos) = heading.sin_cos();
+    let forward = [flat * cos, flat * sin, -steep];
+    let right = [sin, -cos, 0.0];
+    let down = [-steep * cos, -steep * sin, -flat];
+    let axes = [right, down, forward];
+    let [u, v, w] = axes.map(|axis| range(near.iter().map(|x| dot(axis, *x))));
+    let ranges = [u?, v?, w?];
+    let centre = ranges.map(|(low, high)| 0.5 * (low + high));
+    let half = ranges.map(|(low, high)| 0.5 * FRAME * (high - low));
+    // Far enough away for its sides, measured in the middle, and not within it.
+    let for_side = |k: usize, px: usize| half[k] * FOCAL_PX / (0.5 * px as f64);
+    let back = for_side(0, WIDTH)
+        .max(for_side(1, HEIGHT))
+        .max(half[2] + 0.5);
+    let eye = [0, 1, 2].map(|k| {
+        let at = (0..3).map(|a| centre[a] * axes[a][k]).sum::<f64>();
+        at - back * forward[k]
+    });
+    Some(Sight {
+        size: [WIDTH, HEIGHT],
+        eye,
+        axes,
+        scale: Scale::Perspective(FOCAL_PX),
+    })
+}
+
+/// From where to where nearly all values are; none of no values.
+fn range(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+    let mut values: Vec<f64> = values.collect();
+    let last = values.len().checked_sub(1)?;
+    let outside = (OUTSIDE * last as f64) as usize;
+    let low = *values.select_nth_unstable_by(outside, f64::total_cmp).1;
+    let high = *values
+        .select_nth_unstable_by(last - outside, f64::total_cmp)
+        .1;
+    Some((low, high))
+}
+
+/// Where a way leads, as an angle from x: from its first place to its last one, or where it ends where it began, to the farthest.
+fn direction(way: &[[f64; 3]]) -> f64 {
+    let Some(first) = way.first() else {
+        return 0.0;
+    };
+    let away = |x: &&[f64; 3]| (x[0] - first[0]).hypot(x[1] - first[1]);
+    let farthest = way.iter().max_by(|a, b| away(a).total_cmp(&away(b)));
+    farthest.map_or(0.0, |x| (x[1] - first[1]).atan2(x[0] - first[0]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::splat::draw;
+
+    /// Ground along a way of 10 m, and a ceiling.
+    fn room() -> (Vec<CloudPoint>, Vec<[f64; 3]>) {
+        let point = |x: i32, y: i32, z: f32| CloudPoint {
+            x_in_world: [0.1 * x as f32, 0.1 * y as f32, z],
+            colour: [10, 120, 10],
+            sigma_m: 0.01,
+        };
+        let places = (0..100).flat_map(|x| (-20..20).map(move |y| (x, y)));
+        let points = places.flat_map(|(x, y)| [point(x, y, -1.3), point(x, y, 1.5)]);
+        let way = (0..100).map(|x| [0.1 * f64::from(x), 0.0, 0.0]);
+        (points.collect(), way.collect())
+    }
+
+    #[test]
+    fn the_ground_fills_both_pictures() {
+        let (points, way) = room();
+        let shown = shown(&points, &way);
+        assert_eq!(shown.len(), points.len() / 2);
+        for sight in [above(&shown, &way), aslant(&shown, &way)] {
+            let sight = sight.expect("a sight");
+            let picture = draw(&shown, 0.12, &[], &sight);
+            let white = picture.chunks(3).filter(|c| *c == [255; 3]).count();
+            let share = white as f64 / (picture.len() / 3) as f64;
+            assert!(share < 0.75, "{share} is empty: {sight:?}");
+            // And its middle is there.
+            let middle = sight.size[1] / 2 * sight.size[0] + sight.size[0] / 2;
+            assert_ne!(picture[3 * middle..3 * middle + 3], [255; 3], "{sight:?}");
+        }
+    }
+
+    #[test]
+    fn nothing_is_no_panic() {
+        assert_eq!(above(&[], &[]), None);
+        assert_eq!(aslant(&[], &[]), None);
+        assert_eq!(aslant(&[], &[[0.0; 3]]), None);
+    }
+}

@@ -1,0 +1,231 @@
+//! Pictures of a cloud of points: each point a square of the size that it has there, the nearest in front.
+//!
+//! Contract: the same points give the same picture. It is drawn at twice its size and made smaller, and darkened beside what is
+//! nearer, so that edges and steps can be seen (after Boucheny's eye-dome lighting, 2009). What is not seen is white.
+
+use scene_bundle::outputs::cloud::CloudPoint;
+
+/// Pixels drawn for each that is shown, along each side.
+const FINER: usize = 2;
+/// Largest square, px drawn: points just before the camera would hide the rest.
+const LARGEST_SQUARE: i64 = 40;
+/// How far away neighbours are looked at for shade, px drawn.
+const SHADE_REACH: usize = 3;
+const BACKGROUND: [u8; 3] = [255; 3];
+/// Radius of the dots of a way, px drawn.
+const DOT: i64 = 4;
+
+/// From where to look.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Sight {
+    /// Columns and rows of the picture.
+    pub(super) size: [usize; 2],
+    /// Where the eye is, m.
+    pub(super) eye: [f64; 3],
+    /// To the right, down, forward, in the world; of length 1.
+    pub(super) axes: [[f64; 3]; 3],
+    /// How large things are.
+    pub(super) scale: Scale,
+}
+
+/// How large things are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Scale {
+    /// Smaller the farther away they are; the focal length is in px.
+    Perspective(f64),
+    /// Everywhere the same, px per m.
+    Map(f64),
+}
+
+/// A place in the picture: column and row drawn, depth, px drawn per m.
+struct Place {
+    at: [f64; 2],
+    depth: f64,
+    px_per_m: f64,
+}
+
+impl Sight {
+    fn place(&self, x_in_world: [f64; 3]) -> Option<Place> {
+        let away = [0, 1, 2].map(|k| x_in_world[k] - self.eye[k]);
+        let [right, down, depth] = self.axes.map(|axis| dot(axis, away));
+        let px_per_m = FINER as f64
+            * match self.scale {
+                Scale::Perspective(focal_px) => focal_px / depth,
+                Scale::Map(px_per_m) => px_per_m,
+            };
+        let middle = self.size.map(|n| 0.5 * (n * FINER) as f64);
+        (depth > 0.1).then(|| Place {
+            at: [middle[0] + right * px_per_m, middle[1] + down * px_per_m],
+            depth,
+            px_per_m,
+        })
+    }
+}
+
+pub(super) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// What is being drawn.
+struct Canvas {
+    width: usize,
+    height: usize,
+    colours: Vec<[u8; 3]>,
+    depths: Vec<f32>,
+}
+
+/// Rows of RGB. `edge_m` is how large a point is; dots of `way` are put on top.
+pub(super) fn draw(
+    points: &[CloudPoint],
+    edge_m: f64,
+    way: &[([f64; 3], [u8; 3])],
+    sight: &Sight,
+) -> Vec<u8> {
+    let [width, height] = sight.size.map(|n| n * FINER);
+    let mut canvas = Canvas {
+        width,
+        height,
+        colours: vec![BACKGROUND; width * height],
+        depths: vec![f32::INFINITY; width * height],
+    };
+    for point in points {
+        if let Some(place) = sight.place(point.x_in_world.map(f64::from)) {
+            canvas.square(&place, edge_m, point.colour);
+        }
+    }
+    canvas.shade(matches!(sight.scale, Scale::Map(_)));
+    for (x_in_world, colour) in way {
+        if let Some(place) = sight.place(*x_in_world) {
+            canvas.dot(&place, *colour);
+        }
+    }
+    canvas.smaller()
+}
+
+impl Canvas {
+    fn square(&mut self, place: &Place, edge_m: f64, colour: [u8; 3]) {
+        let side = ((edge_m * place.px_per_m).ceil() as i64).clamp(1, LARGEST_SQUARE);
+        let from = place.at.map(|c| (c - 0.5 * side as f64).round() as i64);
+        let columns = from[0].max(0)..(from[0] + side).min(self.width as i64);
+        let depth = place.depth as f32;
+        for y in from[1].max(0)..(from[1] + side).min(self.height as i64) {
+            for x in columns.clone() {
+                let i = y as usize * self.width + x as usize;
+                if depth < self.depths[i] {
+                    (self.depths[i], self.colours[i]) = (depth, colour);
+                }
+            }
+        }
+    }
+
+    fn dot(&mut self, place: &Place, colour: [u8; 3]) {
+        let [x, y] = place.at.map(|c| c.round() as i64);
+        for (dx, dy) in (-DOT..=DOT).flat_map(|dx| (-DOT..=DOT).map(move |dy| (dx, dy))) {
+            let (x, y) = (x + dx, y + dy);
+            let inside =
+                (0..self.width as i64).contains(&x) && (0..self.height as i64).contains(&y);
+            if inside && dx * dx + dy * dy <= DOT * DOT {
+                self.colours[y as usize * self.width + x as usize] = colour;
+            }
+        }
+    }
+
+    /// Darkens what has something nearer beside it. On a map nearer is higher, by metres; else by a share of the depth.
+    fn shade(&mut self, is_map: bool) {
+        let near = |a: f32, b: f32| match is_map {
+            true => (a - b).clamp(0.0, 0.6),
+            false => (8.0 * (a / b).ln()).clamp(0.0, 0.6),
+        };
+        for y in SHADE_REACH..self.height.saturating_sub(SHADE_REACH) {
+            for x in SHADE_REACH..self.width.saturating_sub(SHADE_REACH) {
+                let i = y * self.width + x;
+                let depth = self.depths[i];
+                if !depth.is_finite() {
+                    continue;
+                }
+                let around = [
+                    i - SHADE_REACH,
+                    i + SHADE_REACH,
+                    i - SHADE_REACH * self.width,
+                    i + SHADE_REACH * self.width,
+                ];
+                let dark: f32 = around.iter().map(|k| near(depth, self.depths[*k])).sum();
+                let light = (-0.5 * dark).exp();
+                self.colours[i] = self.colours[i].map(|c| (f32::from(c) * light) as u8);
+            }
+        }
+    }
+
+    /// The mean of each block of pixels drawn.
+    fn smaller(&self) -> Vec<u8> {
+        let (columns, rows) = (self.width / FINER, self.height / FINER);
+        let mut out = Vec::with_capacity(3 * columns * rows);
+        for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |c| (row, c))) {
+            let mut sum = [0_usize; 3];
+            for k in 0..FINER * FINER {
+                let (y, x) = (row * FINER + k / FINER, column * FINER + k % FINER);
+                let colour = self.colours[y * self.width + x];
+                for (sum, part) in sum.iter_mut().zip(colour) {
+                    *sum += usize::from(part);
+                }
+            }
+            out.extend(sum.map(|sum| (sum / (FINER * FINER)) as u8));
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(x: [f32; 3], colour: [u8; 3]) -> CloudPoint {
+        CloudPoint {
+            x_in_world: x,
+            colour,
+            sigma_m: 0.01,
+        }
+    }
+
+    /// Looks along x, with z up.
+    fn ahead() -> Sight {
+        Sight {
+            size: [40, 30],
+            eye: [0.0; 3],
+            axes: [[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]],
+            scale: Scale::Perspective(40.0),
+        }
+    }
+
+    fn pixel(picture: &[u8], x: usize, y: usize) -> [u8; 3] {
+        let i = 3 * (y * 40 + x);
+        [picture[i], picture[i + 1], picture[i + 2]]
+    }
+
+    #[test]
+    fn the_nearest_is_in_front_whatever_the_order() {
+        let near = point([2.0, 0.0, 0.0], [200, 0, 0]);
+        let far = point([4.0, 0.0, 0.0], [0, 200, 0]);
+        for points in [[near, far], [far, near]] {
+            let picture = draw(&points, 0.3, &[], &ahead());
+            assert_eq!(pixel(&picture, 20, 15), [200, 0, 0]);
+            assert_eq!(pixel(&picture, 2, 2), BACKGROUND);
+        }
+    }
+
+    #[test]
+    fn places_are_where_they_are_seen() {
+        // To the left and up.
+        let picture = draw(&[point([4.0, 1.0, 0.5], [0, 0, 200])], 0.3, &[], &ahead());
+        assert_eq!(pixel(&picture, 10, 10), [0, 0, 200]);
+        // Behind the eye.
+        let picture = draw(&[point([-4.0, 0.0, 0.0], [0; 3])], 0.3, &[], &ahead());
+        assert!(picture.iter().all(|c| *c == 255));
+        let map = Sight {
+            scale: Scale::Map(10.0),
+            ..ahead()
+        };
+        let picture = draw(&[], 0.3, &[([7.0, -1.0, 0.0], [9; 3])], &map);
+        assert_eq!(pixel(&picture, 30, 15), [9; 3]);
+    }
+}

@@ -1,0 +1,258 @@
+//! A way from above, coloured by a value, as SVG with a scale of colours and a bar of metres.
+//!
+//! Contract: metres are as long along as across. Steps shorter than a pixel are drawn together, so that a long walk is no long text. The
+//! line is broken where nothing is known of where the rig was.
+
+use std::fmt::Write as _;
+
+use super::colours::{UNKNOWN, hex, ramp};
+
+/// Where the rig was at one time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Step {
+    /// s since the beginning.
+    pub(super) time_s: f64,
+    /// In the world that is drawn, m: that of the truth where there is one.
+    pub(super) x_in_world: [f64; 3],
+    /// What it is coloured by, m; none where it is not known.
+    pub(super) value_m: Option<f64>,
+    /// Whether the line goes on from the step before.
+    pub(super) follows: bool,
+}
+
+const WIDTH: f64 = 760.0;
+const LARGEST_HEIGHT: f64 = 700.0;
+const LEAST_HEIGHT: f64 = 150.0;
+const MARGIN: f64 = 24.0;
+/// Below the map: the bar of metres and the scale of colours.
+const FOOT: f64 = 58.0;
+/// Colours that are told apart.
+const LEVELS: usize = 24;
+/// Steps shorter than this are drawn together, px.
+const SHORTEST_PX: f64 = 0.7;
+
+/// From metres to pixels of the map.
+struct Sheet {
+    low: [f64; 2],
+    px_per_m: f64,
+    height: f64,
+}
+
+impl Sheet {
+    fn of(places: impl Iterator<Item = [f64; 3]> + Clone) -> Self {
+        let end = |k: usize, start: f64, pick: fn(f64, f64) -> f64| {
+            let end = places.clone().map(|x| x[k]).fold(start, pick);
+            if end.is_finite() { end } else { 0.0 }
+        };
+        let low = [0, 1].map(|k| end(k, f64::INFINITY, f64::min));
+        let high = [0, 1].map(|k| end(k, f64::NEG_INFINITY, f64::max));
+        // Who stands still walks about in a metre.
+        let size = [0, 1].map(|k| (high[k] - low[k]).max(1.0));
+        let room = [WIDTH - 2.0 * MARGIN, LARGEST_HEIGHT - 2.0 * MARGIN];
+        let px_per_m = (room[0] / size[0]).min(room[1] / size[1]);
+        let height = (size[1] * px_per_m + 2.0 * MARGIN).max(LEAST_HEIGHT);
+        // In the middle of the sheet.
+        let spare = [WIDTH, height].map(|length| length / px_per_m);
+        Self {
+            low: [0, 1].map(|k| 0.5 * (low[k] + high[k] - spare[k])),
+            px_per_m,
+            height,
+        }
+    }
+
+    fn px(&self, x: [f64; 3]) -> [f64; 2] {
+        [
+            (x[0] - self.low[0]) * self.px_per_m,
+            self.height - (x[1] - self.low[1]) * self.px_per_m,
+        ]
+    }
+}
+
+/// The picture. `truth` is drawn below it, in grey; `largest_m` has the last colour; `caption` names the values.
+pub(super) fn svg(steps: &[Step], truth: &[[f64; 3]], largest_m: f64, caption: &str) -> String {
+    let drawn = steps.iter().map(|s| s.x_in_world);
+    let sheet = Sheet::of(drawn.chain(truth.iter().copied()));
+    let height = sheet.height + FOOT;
+    let mut out = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{WIDTH}\" height=\"{height:.0}\" \
+         viewBox=\"0 0 {WIDTH} {height:.0}\" font-family=\"DejaVu Sans, sans-serif\" font-size=\"12\" fill=\"#222\">\n\
+         <rect width=\"{WIDTH}\" height=\"{height:.0}\" fill=\"#fff\"/>\n"
+    );
+    line(
+        &mut out,
+        &sheet,
+        truth.iter().map(|x| (*x, true)),
+        "#c8c8c8",
+        7.0,
+    );
+    coloured(&mut out, &sheet, steps, largest_m);
+    for (step, text) in [(steps.first(), "start"), (steps.last(), "end")] {
+        let Some(step) = step else { continue };
+        let [x, y] = sheet.px(step.x_in_world);
+        let fill = if text == "start" { "#fff" } else { "#222" };
+        let (anchor, beside) = match x > 0.85 * WIDTH {
+            true => ("end", x - 9.0),
+            false => ("start", x + 9.0),
+        };
+        let _ = writeln!(
+            out,
+            "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4.5\" fill=\"{fill}\" stroke=\"#222\" stroke-width=\"1.5\"/>\
+             <text x=\"{beside:.1}\" y=\"{:.1}\" text-anchor=\"{anchor}\">{text}</text>",
+            y + if text == "start" { 16.0 } else { -8.0 }
+        );
+    }
+    metres(&mut out, &sheet);
+    scale(&mut out, &sheet, largest_m, caption);
+    out.push_str("</svg>");
+    out
+}
+
+/// One line; each place says whether the line goes on to it.
+fn line(
+    out: &mut String,
+    sheet: &Sheet,
+    places: impl Iterator<Item = ([f64; 3], bool)>,
+    colour: &str,
+    width: f64,
+) {
+    let mut path = String::new();
+    let mut last: Option<[f64; 2]> = None;
+    for (place, follows) in places {
+        let [x, y] = sheet.px(place);
+        let is_short = last.is_some_and(|[a, b]| (x - a).hypot(y - b) < SHORTEST_PX);
+        if follows && is_short {
+            continue;
+        }
+        let go = if follows && last.is_some() { 'L' } else { 'M' };
+        let _ = write!(path, "{go}{x:.1} {y:.1}");
+        last = Some([x, y]);
+    }
+    let _ = writeln!(
+        out,
+        "<path d=\"{path}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\" \
+         stroke-linecap=\"round\" stroke-linejoin=\"round\"/>"
+    );
+}
+
+/// Stretches of one colour, each as one line.
+fn coloured(out: &mut String, sheet: &Sheet, steps: &[Step], largest_m: f64) {
+    let level = |step: &Step| {
+        let share = step.value_m? / largest_m.max(f64::MIN_POSITIVE);
+        Some(((share * LEVELS as f64) as usize).min(LEVELS - 1))
+    };
+    let mut from = 0;
+    while from < steps.len() {
+        let of = level(&steps[from]);
+        let same = steps[from..].iter().take_while(|s| level(s) == of).count();
+        // The last stretch's end is where this one begins.
+        let begin = if steps[from].follows {
+            from.saturating_sub(1)
+        } else {
+            from
+        };
+        let stretch = steps[begin..from + same].iter().enumerate();
+        let places = stretch.map(|(k, step)| (step.x_in_world, k > 0 && step.follows));
+        let colour = of.map_or(UNKNOWN, |of| ramp((of as f64 + 0.5) / LEVELS as f64));
+        line(out, sheet, places, &hex(colour), 3.0);
+        from += same;
+    }
+}
+
+/// 1, 2 or 5 times a power of ten, about a fifth of the sheet.
+fn round_length(room_m: f64) -> f64 {
+    let power = 10_f64.powf(room_m.log10().floor());
+    let fits = [5.0, 2.0, 1.0].into_iter().find(|k| k * power <= room_m);
+    fits.unwrap_or(1.0) * power
+}
+
+fn metres(out: &mut String, sheet: &Sheet) {
+    let length = round_length(0.25 * WIDTH / sheet.px_per_m);
+    let (left, y) = (MARGIN, sheet.height + 22.0);
+    let right = left + length * sheet.px_per_m;
+    let _ = writeln!(
+        out,
+        "<path d=\"M{left} {:.1}V{y:.1}H{right:.1}V{:.1}\" fill=\"none\" stroke=\"#222\" stroke-width=\"1.5\"/>\
+         <text x=\"{left}\" y=\"{:.1}\">{length} m</text>",
+        y - 5.0,
+        y - 5.0,
+        y + 17.0
+    );
+}
+
+fn scale(out: &mut String, sheet: &Sheet, largest_m: f64, caption: &str) {
+    let (left, width, y) = (0.5 * WIDTH, 0.5 * WIDTH - MARGIN, sheet.height + 10.0);
+    let step = width / LEVELS as f64;
+    for level in 0..LEVELS {
+        let colour = hex(ramp((level as f64 + 0.5) / LEVELS as f64));
+        let x = left + level as f64 * step;
+        // A little wider, so that no line shows between two.
+        let wide = step + 0.5;
+        let _ = write!(
+            out,
+            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{wide:.1}\" height=\"12\" fill=\"{colour}\"/>"
+        );
+    }
+    let (right, below) = (left + width, y + 29.0);
+    let _ = writeln!(
+        out,
+        "\n<text x=\"{left}\" y=\"{below:.1}\">0</text>\
+         <text x=\"{:.1}\" y=\"{below:.1}\" text-anchor=\"middle\">{caption}</text>\
+         <text x=\"{right:.1}\" y=\"{below:.1}\" text-anchor=\"end\">{}</text>",
+        left + 0.5 * width,
+        charts::si(largest_m, "m")
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn step(x: f64, y: f64, value_m: f64) -> Step {
+        Step {
+            time_s: 0.0,
+            x_in_world: [x, y, 0.0],
+            value_m: Some(value_m),
+            follows: true,
+        }
+    }
+
+    #[test]
+    fn the_bar_is_a_round_length_and_true_to_scale() {
+        for (room, length) in [(1.0, 1.0), (4.9, 2.0), (23.0, 20.0), (0.07, 0.05)] {
+            assert!((round_length(room) - length).abs() < 1e-9, "{room}");
+        }
+        let sheet = Sheet::of([[0.0, 0.0, 0.0], [30.0, 4.0, 0.0]].into_iter());
+        let [a, b] = [[0.0; 3], [10.0, 0.0, 0.0]].map(|x| sheet.px(x));
+        assert!((b[0] - a[0] - 10.0 * sheet.px_per_m).abs() < 1e-9);
+        // North is up.
+        assert!(sheet.px([0.0, 1.0, 0.0])[1] < sheet.px([0.0; 3])[1]);
+    }
+
+    #[test]
+    fn a_long_walk_is_no_long_text() {
+        let long: Vec<Step> = (0..50_000)
+            .map(|k| {
+                let s = f64::from(k) * 1e-3;
+                step(20.0 * s.cos(), 20.0 * s.sin(), 0.01)
+            })
+            .collect();
+        let text = svg(&long, &[], 0.02, "error");
+        assert!(text.len() < 120_000, "{}", text.len());
+        // One value is one line.
+        assert_eq!(text.matches("stroke-width=\"3\"").count(), 1);
+    }
+
+    #[test]
+    fn lines_are_broken_where_the_rig_was_lost() {
+        let mut steps: Vec<Step> = (0..10).map(|k| step(f64::from(k), 0.0, 0.01)).collect();
+        steps[5].follows = false;
+        let text = svg(&steps, &[], 0.02, "error");
+        let path = text
+            .lines()
+            .find(|l| l.contains("stroke-width=\"3\""))
+            .expect("a line");
+        assert_eq!(path.matches('M').count(), 2, "{path}");
+        // Nothing at all is no panic.
+        assert!(svg(&[], &[], 0.0, "error").ends_with("</svg>"));
+    }
+}

@@ -1,0 +1,274 @@
+//! A simulated walk through the whole program: every stage, what they make against what is true, and that neither the number of
+//! threads nor a second run changes anything.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::{Arc, OnceLock};
+
+use cad_transforms::{Rig, RigidTransform};
+use calib::Lens;
+use nalgebra::Vector3;
+use reconstruction::evaluate::{Evaluation, Settings, evaluate, files};
+use rig_sim::camera::Quality;
+use rig_sim::faults::Faults;
+use rig_sim::render::{Job, render_session};
+use rig_sim::scene::{Kind, Time};
+use rig_sim::simulation::{self, Simulation};
+use scene_bundle::outputs::cloud::CloudPoint;
+use scene_bundle::{Scene, outputs};
+use serde_json::Value;
+use session_archive::handoff::Verdict;
+
+use crate::feed::RIG;
+use crate::session::{index, seal_session};
+
+const STAGES: [&str; 5] = ["rig", "odometry", "mapping", "depth", "cloud"];
+
+struct Walk {
+    simulation: Arc<Simulation>,
+    session: PathBuf,
+    /// The bundle that one thread made.
+    scene: PathBuf,
+    _folder: tempfile::TempDir,
+}
+
+/// Four seconds on a plaza where people walk about, reconstructed once for all tests.
+fn walk() -> &'static Walk {
+    static WALK: OnceLock<Walk> = OnceLock::new();
+    WALK.get_or_init(|| {
+        let folder = tempfile::tempdir().expect("folder");
+        let settings = simulation::Settings {
+            kind: Kind::Plaza,
+            time: Time::Day,
+            seed: 3,
+            seconds: 4.0,
+            rate_hz: 15.0,
+            width: 480,
+            height: 268,
+            quality: Quality::FAST,
+        };
+        let rig = Rig::parse(RIG).expect("a rig file");
+        let simulation = Arc::new(Simulation::new(&settings, &rig).expect("a walk"));
+        let job = Job {
+            rig: &rig,
+            rig_text: RIG,
+            faults: &Faults::default(),
+            truth: false,
+            session: true,
+            threads: 2,
+        };
+        let session = folder.path().join("session");
+        render_session(&simulation, &job, &session, &|| {}).expect("a session");
+        index(&session);
+        seal_session(&session, Verdict::Pass);
+        let scene = folder.path().join("one.scene");
+        let states = run(&session, &scene, "1");
+        assert_eq!(
+            states,
+            STAGES.map(|stage| (stage.to_owned(), "made".to_owned()))
+        );
+        Walk {
+            simulation,
+            session,
+            scene,
+            _folder: folder,
+        }
+    })
+}
+
+/// Runs all stages; gives each with its state.
+fn run(session: &Path, scene: &Path, threads: &str) -> Vec<(String, String)> {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_paws-reconstruct"));
+    command.arg("run").arg(session).arg("--out").arg(scene);
+    command.args(["--preset", "fast", "--json"]);
+    let output = command.env("RAYON_NUM_THREADS", threads).output();
+    let output = output.expect("run");
+    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(0), "{errors}");
+    let text = String::from_utf8(output.stdout).expect("UTF-8");
+    let lines = text
+        .lines()
+        .map(|line| serde_json::from_str(line).expect("JSON"));
+    let word = |value: &Value| value.as_str().expect("a word").to_owned();
+    lines
+        .map(|line: Value| (word(&line["stage"]), word(&line["state"])))
+        .collect()
+}
+
+fn hashes(scene: &Path) -> BTreeMap<String, String> {
+    let scene = Scene::open(scene).expect("a bundle");
+    let outputs = scene.manifest().outputs.iter();
+    outputs
+        .map(|(name, output)| (name.clone(), output.hash.clone()))
+        .collect()
+}
+
+fn truth(walk: &Walk) -> PathBuf {
+    walk.session.join("rig/truth.left_shoulder.csv")
+}
+
+fn evaluation(walk: &Walk) -> Evaluation {
+    let estimate = files::load(&walk.scene, Some("trajectory")).expect("a trajectory");
+    let truth = files::load(&truth(walk), None).expect("the truth");
+    evaluate(
+        &estimate.trajectory,
+        &truth.trajectory,
+        &Settings::default(),
+    )
+}
+
+#[test]
+fn threads_and_second_runs_change_nothing() {
+    let walk = walk();
+    let two = walk.scene.with_file_name("two.scene");
+    run(&walk.session, &two, "2");
+    let expected = hashes(&walk.scene);
+    assert_eq!(hashes(&two), expected);
+    let again = run(&walk.session, &two, "2");
+    assert_eq!(
+        again,
+        STAGES.map(|stage| (stage.to_owned(), "kept".to_owned()))
+    );
+    assert_eq!(hashes(&two), expected);
+}
+
+#[test]
+fn poses_are_near_the_truth() {
+    let evaluation = evaluation(walk());
+    let absolute = evaluation.absolute.expect("something to compare");
+    assert!(absolute.translation_m.rmse < 0.03, "{absolute:?}");
+    assert_eq!(evaluation.completion.share, 1.0);
+}
+
+/// How far points are from the surface that is truly there, m: from the plane of the pixels that show it, for each the least of all
+/// looks that could have seen it; and the sigma of the point, m.
+fn off_surface(
+    walk: &Walk,
+    points: &[CloudPoint],
+    true_from_estimated: RigidTransform,
+) -> Vec<[f64; 2]> {
+    let mut off = vec![f64::INFINITY; points.len()];
+    let settings = walk.simulation.settings();
+    let [width, height] = [settings.width as usize, settings.height as usize];
+    // Cameras whose rows are all exposed at once.
+    for camera in ["left_shoulder", "right_shoulder"] {
+        let cameras = walk.simulation.cameras();
+        let number = cameras
+            .iter()
+            .position(|c| c.name == camera)
+            .expect("a camera");
+        let lens = Lens::new(&walk.simulation.calibration(number).left);
+        let mut truths = walk.simulation.truths(number);
+        for frame in (0..settings.frame_count()).step_by(6) {
+            let time_ns = settings.frame_ns(frame);
+            let rig = walk.simulation.walker().rig(time_ns as f64 * 1e-9);
+            let (place, turn) = cameras[number].world_from_eye(0, &rig, None);
+            let q = turn.quaternion();
+            let world_from_eye = RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], place.into());
+            let eye_from_estimated =
+                world_from_eye.expect("a pose").inverse() * true_from_estimated;
+            let depth = truths.see(0, time_ns).depth;
+            let seen = |x: usize, y: usize| {
+                let z = f64::from(depth[y * width + x]);
+                let ray = Vector3::from(lens.unproject([x as f64, y as f64])?);
+                z.is_finite().then(|| ray * (z / ray.z))
+            };
+            for (off, point) in off.iter_mut().zip(points) {
+                let x = Vector3::from(eye_from_estimated.apply(point.x_in_world.map(f64::from)));
+                let Some([u, v]) = lens.project(x.into()).filter(|_| x.z > 0.0) else {
+                    continue;
+                };
+                let inside = |c: f64, n: usize| c >= 0.0 && c.round() < (n - 1) as f64;
+                if !(inside(u, width) && inside(v, height)) {
+                    continue;
+                }
+                let (u, v) = (u.round() as usize, v.round() as usize);
+                let (Some(a), Some(b), Some(c)) = (seen(u, v), seen(u + 1, v), seen(u, v + 1))
+                else {
+                    continue;
+                };
+                // Beyond an edge is another surface.
+                if (a.z - b.z).abs().max((a.z - c.z).abs()) < 0.2 * a.z {
+                    let normal = (b - a).cross(&(c - a)).normalize();
+                    *off = off.min(normal.dot(&(x - a)).abs());
+                }
+            }
+        }
+    }
+    let both = off
+        .iter()
+        .zip(points)
+        .map(|(off, p)| [*off, f64::from(p.sigma_m)]);
+    both.filter(|[off, _]| off.is_finite()).collect()
+}
+
+#[test]
+fn the_cloud_lies_on_what_is_there() {
+    let walk = walk();
+    let scene = Scene::open(&walk.scene).expect("a bundle");
+    let points = outputs::cloud::read(&scene.output("cloud").expect("a cloud")).expect("points");
+    assert!(points.len() > 10_000, "{}", points.len());
+    // In colour.
+    let is_coloured = |p: &&CloudPoint| p.colour[0].abs_diff(p.colour[2]) > 8;
+    assert!(points.iter().filter(is_coloured).count() > points.len() / 20);
+    let fit = evaluation(walk).true_from_estimated.expect("an alignment");
+    let mut off = off_surface(walk, &points, fit.rigid);
+    assert!(
+        off.len() > points.len() / 2,
+        "{} of {}",
+        off.len(),
+        points.len()
+    );
+    off.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let share = |part: f64| off[(part * off.len() as f64) as usize][0];
+    let inside = off
+        .iter()
+        .filter(|[off, sigma]| off <= &(2.0 * sigma))
+        .count() as f64;
+    let inside = inside / off.len() as f64;
+    let [half, most] = [share(0.5), share(0.95)];
+    println!(
+        "{} points, off by {half:.3} m (half), {most:.3} m (95 %), {inside:.3} inside",
+        points.len()
+    );
+    assert!(half < 0.05 && most < 0.2, "{half} m, {most} m");
+    assert!(inside > 0.9, "{inside}");
+}
+
+#[test]
+fn the_report_says_whether_it_knows_the_truth() {
+    let walk = walk();
+    let report = |arguments: &[&Path]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_paws-reconstruct"));
+        let out = walk.scene.with_file_name("page.html");
+        command
+            .arg("report")
+            .arg(&walk.scene)
+            .arg("--out")
+            .arg(&out);
+        let output = command.args(arguments).output().expect("run");
+        assert!(output.status.success(), "{output:?}");
+        let line = String::from_utf8(output.stdout).expect("UTF-8");
+        (line, fs::read_to_string(out).expect("a page"))
+    };
+    let (line, page) = report(&[]);
+    assert!(line.starts_with("no truth, "), "{line}");
+    assert!(page.contains("No truth was given"), "no word of the truth");
+    let truth = truth(walk);
+    let (line, page) = report(&[Path::new("--truth"), &truth]);
+    assert!(line.contains(" mm off, "), "{line}");
+    for expected in [
+        "distance from the truth",
+        "<h2>Stages</h2>",
+        "keyframes, of whose pixels",
+    ] {
+        assert!(page.contains(expected), "{expected}");
+    }
+    // Two pictures of the cloud, in the page itself; nothing is fetched from elsewhere.
+    assert_eq!(page.matches("data:image/png;base64,").count(), 2);
+    let elsewhere =
+        page.matches("http").count() - page.matches("http://www.w3.org/2000/svg").count();
+    assert_eq!(elsewhere, 0);
+}
