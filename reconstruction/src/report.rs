@@ -54,7 +54,8 @@ pub struct Report {
 /// How large points are drawn, m: a little more than the edge of a voxel, so that surfaces are closed.
 const POINT_M: f64 = 0.06;
 
-/// Makes the page of a bundle. `truth` is the true trajectory, on the same clock.
+/// Makes the page of a bundle. `truth` is the true trajectory, on the same clock; what it says of times before and after the
+/// session counts for nothing.
 ///
 /// # Errors
 /// [`ReportError`].
@@ -73,6 +74,8 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
         true => Some(outputs::cloud::read(&scene.output(CLOUD)?)?),
         false => None,
     };
+    let truth = truth.map(|truth| within(truth, &trajectory));
+    let truth = truth.as_ref();
     let (steps, evaluation) = steps(&trajectory, truth);
     if let Some(fit) = evaluation.as_ref().and_then(|e| e.true_from_estimated) {
         for point in cloud.iter_mut().flatten() {
@@ -115,6 +118,18 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
         summary: summary(evaluation.as_ref(), cloud.as_deref()),
         html: page.to_html(),
     })
+}
+
+/// The poses of the truth from the first to the last row of a trajectory, which has one for every frame set, also where the rig was
+/// lost.
+fn within(truth: &Trajectory, trajectory: &Trajectory) -> Trajectory {
+    let (Some(first), Some(last)) = (trajectory.poses().first(), trajectory.poses().last()) else {
+        return truth.clone();
+    };
+    let tolerance_ns = Settings::default().tolerance_ns;
+    let times = first.time_ns - tolerance_ns..=last.time_ns + tolerance_ns;
+    let poses = truth.poses().iter().filter(|p| times.contains(&p.time_ns));
+    Trajectory::new(poses.cloned().collect()).unwrap_or_default()
 }
 
 /// All poses that are not lost, with what they are coloured by.
@@ -447,7 +462,15 @@ fn summary(evaluation: Option<&Evaluation>, cloud: Option<&[CloudPoint]>) -> Str
     let off = match evaluation.map(|e| e.absolute.as_ref()) {
         None => "no truth".to_owned(),
         Some(None) => "not comparable with the truth".to_owned(),
-        Some(Some(absolute)) => format!("{} off", si(absolute.translation_m.rmse, "m")),
+        Some(Some(absolute)) => format!(
+            "{} off (root mean square), at most {}",
+            si(absolute.translation_m.rmse, "m"),
+            si(absolute.translation_m.max, "m")
+        ),
+    };
+    let off = match evaluation {
+        Some(e) => format!("{off}, {:.1} % complete", 100.0 * e.completion.share),
+        None => off,
     };
     format!("{off}, {} points", cloud.map_or(0, <[_]>::len))
 }

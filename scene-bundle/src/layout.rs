@@ -4,6 +4,10 @@
 pub const MANIFEST: &str = "scene.json";
 /// Held by whoever writes to the bundle.
 pub const LOCK: &str = "lock";
+/// How long stages took; no part of the bundle.
+pub const MADE: &str = "made.jsonl";
+/// A page about the bundle; no part of it.
+pub const PAGE: &str = "report.html";
 /// In an output's folder: files with their hashes that are too many for the manifest.
 pub const LISTING: &str = "files.b3";
 

@@ -42,7 +42,8 @@ impl Checked {
 /// [`BundleError::Io`] when the bundle's folder cannot be listed. What is wrong with files is in the result.
 pub fn verify(scene: &Scene, mut progress: impl FnMut(u64)) -> Result<Checked, BundleError> {
     let mut checked = Checked::default();
-    let mut named = BTreeSet::from([layout::MANIFEST.to_owned(), layout::LOCK.to_owned()]);
+    let known = [layout::MANIFEST, layout::LOCK, layout::MADE, layout::PAGE];
+    let mut named = BTreeSet::from(known.map(str::to_owned));
     for (name, output) in &scene.manifest().outputs {
         let mut found = CheckedOutput {
             name: name.clone(),
@@ -55,6 +56,10 @@ pub fn verify(scene: &Scene, mut progress: impl FnMut(u64)) -> Result<Checked, B
             Ok(reader) => {
                 check(&reader, &mut found, &mut progress);
                 named.extend(reader.paths().map(|path| format!("{folder}/{path}")));
+                // An output may be of no files.
+                if reader.paths().next().is_none() {
+                    named.insert(folder);
+                }
             }
             Err(error) => {
                 found.problems.push(chain(&error));

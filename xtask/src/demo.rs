@@ -1,8 +1,8 @@
 //! `cargo xtask demo`: the main job, end to end, on this machine.
 //!
 //! A walk with a simulated rig is recorded by `pawsd`; `paws` imports, validates, indexes and
-//! hands over the session; `paws-reconstruct` reads every frame back and finds out where the rig was, which is
-//! compared with the simulated truth. Each stage is the program a
+//! hands over the session; `paws-reconstruct` reads every frame back, finds out where the rig was and makes a cloud of
+//! points of what it saw, which is compared with the simulated truth and shown on a page. Each stage is the program a
 //! user would start, with the command line shown. A stage that fails ends the demo with the last
 //! lines it printed and the path of its whole output; one that finished with loss, as a slow machine
 //! may, is marked and the demo goes on. Nothing is written outside the demo's folder
@@ -87,6 +87,7 @@ impl Demo {
         let (config, recorded, library) = (path("pawsd.toml"), path("recorded"), path("library"));
         let (report, verdict) = (path("report.html"), path("report.json"));
         let (frames, scene) = (path("frames"), path("walk.scene"));
+        let page = path("reconstruction.html");
 
         let rig = process::root()?.join("cad-transforms/rigs/example.toml");
         let text = cameras::configuration(&rig, seconds);
@@ -139,10 +140,11 @@ impl Demo {
             &["run", &handoff, "--out", &scene],
         )?;
         let truth = Path::new(&handoff).with_file_name("rig/truth.left_shoulder.csv");
+        let truth = truth.display().to_string();
         let off = self.stage(
-            "evaluate",
+            "report",
             "paws-reconstruct",
-            &["evaluate", &scene, "--truth", &truth.display().to_string()],
+            &["report", &scene, "--truth", &truth, "--out", &page],
         )?;
 
         println!();
@@ -160,10 +162,11 @@ impl Demo {
             "  pictures  {} PNG files in {frames}",
             count_png(Path::new(&frames))?
         );
-        println!("  scene     {scene}");
-        println!("  poses     {off}");
         println!("  library   {library}");
-        println!("  report    {report}");
+        println!("  recording {report}");
+        println!("  scene     {scene}");
+        // The line ends with the page.
+        println!("  report    {off}");
         Ok(())
     }
 

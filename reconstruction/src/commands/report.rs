@@ -7,8 +7,8 @@ use anyhow::{Context, Result};
 use clap::Args;
 use reconstruction::evaluate::files::{self, Loaded};
 use reconstruction::report::report;
-use scene_bundle::Scene;
 use scene_bundle::outputs::{TRAJECTORY, TRAJECTORY_CAUSAL};
+use scene_bundle::{Scene, layout};
 
 #[derive(Args)]
 pub(crate) struct Arguments {
@@ -42,7 +42,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     let page = report(&scene, truth.as_ref())?;
     let out = match &arguments.out {
         Some(out) => out.clone(),
-        None => scene.path().join("report.html"),
+        None => scene.path().join(layout::PAGE),
     };
     std::fs::write(&out, page.html).with_context(|| format!("writing {}", out.display()))?;
     println!("{}: {}", page.summary, out.display());

@@ -365,7 +365,7 @@ mod tests {
     fn what_the_right_eye_does_not_see_does_not_count() {
         let right = [5.0, 5.0, 2.0, 2.0, 2.0];
         assert!(is_seen(&right, 4, 2.3));
-        assert!(!is_seen(&right, 4, 4.0), "hidden");
+        assert!(!is_seen(&right, 4, 3.5), "hidden");
         assert!(!is_seen(&right, 1, 5.0), "outside");
     }
 }

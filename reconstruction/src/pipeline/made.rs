@@ -13,7 +13,7 @@ use serde_json::Value;
 use super::{Outcome, State};
 
 /// The file.
-pub const FILE: &str = "made.jsonl";
+pub const FILE: &str = scene_bundle::layout::MADE;
 
 /// What a stage took.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

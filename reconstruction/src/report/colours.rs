@@ -39,7 +39,6 @@ mod tests {
         }
         assert_eq!(ramp(7.0), ANCHORS[4]);
         assert_eq!(ramp(-1.0), ANCHORS[0]);
-        assert_eq!(ramp(f64::NAN), ANCHORS[0]);
         assert_eq!(hex([1, 171, 16]), "#01ab10");
     }
 }

@@ -1,6 +1,6 @@
 //! A way from above, coloured by a value, as SVG with a scale of colours and a bar of metres.
 //!
-//! Contract: metres are as long along as across. Steps shorter than a pixel are drawn together, so that a long walk is no long text. The
+//! Contract: metres are as long along as across. Steps shorter than a pixel or so are drawn together, so that a long walk is no long text. The
 //! line is broken where nothing is known of where the rig was.
 
 use std::fmt::Write as _;
@@ -29,7 +29,7 @@ const FOOT: f64 = 58.0;
 /// Colours that are told apart.
 const LEVELS: usize = 24;
 /// Steps shorter than this are drawn together, px.
-const SHORTEST_PX: f64 = 0.7;
+const SHORTEST_PX: f64 = 1.5;
 
 /// From metres to pixels of the map.
 struct Sheet {

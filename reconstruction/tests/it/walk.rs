@@ -258,7 +258,10 @@ fn the_report_says_whether_it_knows_the_truth() {
     assert!(page.contains("No truth was given"), "no word of the truth");
     let truth = truth(walk);
     let (line, page) = report(&[Path::new("--truth"), &truth]);
-    assert!(line.contains(" mm off, "), "{line}");
+    assert!(
+        line.contains(" mm off (root mean square), ") && line.contains("100.0 % complete"),
+        "{line}"
+    );
     for expected in [
         "distance from the truth",
         "<h2>Stages</h2>",

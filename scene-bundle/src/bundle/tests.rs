@@ -258,6 +258,8 @@ fn one_writer_at_a_time_and_one_source_per_bundle() {
     // Reading needs no lock; the manifest can be named itself.
     let scene = Scene::open(&path.join("scene.json")).unwrap();
     assert_eq!(table(&scene, "rig").unwrap(), "goodoneone");
+    // An output of no files.
+    bundle.begin("masks").unwrap().commit(record(1)).unwrap();
     drop(bundle);
 
     let other = Provenance {
@@ -272,6 +274,10 @@ fn one_writer_at_a_time_and_one_source_per_bundle() {
     std::fs::write(stale.join("file"), "left over").unwrap();
     std::fs::create_dir(path.join(".draft-depth")).unwrap();
     std::fs::write(path.join("notes.txt"), "mine").unwrap();
+    // Known, though no part of the bundle.
+    for beside in [layout::MADE, layout::PAGE] {
+        std::fs::write(path.join(beside), "").unwrap();
+    }
     let found = verify(&Scene::open(&path).unwrap(), |_| {}).unwrap();
     assert_eq!(
         found.unnamed,

@@ -1,7 +1,7 @@
 //! Stage `cloud`: coloured points of what stood still.
 //!
-//! Contract: a point is where the depth of a keyframe says that something is, if it says so closely enough, another keyframe of another
-//! instant says the same, and hardly any sees what is behind it ([`look`]): what moved is not there, nor what one view alone makes
+//! Contract: a point is where the depth of a keyframe says that something is, if it says so closely enough, keyframes of other
+//! instants say the same, and hardly any sees what is behind it ([`look`]): what moved is not there, nor what one view alone makes
 //! up. All that is in a voxel becomes one point ([`voxels`]). Colour is that of the left picture; grey pictures give grey.
 //! A picture that cannot be read is a loss. Memory is that of the depth of some keyframes and of a line per voxel of the scene,
 //! however long somebody walked about in it. Any number of threads gives the same.

@@ -8,7 +8,8 @@ use scene_bundle::{BundleError, OutputReader};
 pub(super) const AGREE_SIGMA: f64 = 2.0;
 /// A view sees through a place when all that it sees there is farther by more than so many sigma of both together.
 pub(super) const THROUGH_SIGMA: f64 = 3.0;
-/// So many views of other instants must confirm a surface.
+/// So many views of other instants must confirm a surface. With one, feet that stand for a moment and people who walk along the line
+/// of sight stay.
 pub(super) const LEAST_CONFIRMED: u32 = 2;
 /// So many views must confirm a surface for each that sees through it: matchers err, and two in four err less often alike.
 pub(super) const CONFIRMED_PER_THROUGH: u32 = 3;

@@ -61,16 +61,20 @@ fn cloud(looks: Vec<Look>) -> Vec<CloudPoint> {
 }
 
 #[test]
-fn a_wall_that_two_looks_see_is_a_wall() {
-    let points = cloud(vec![look(0.0, nothing_else), look(0.3, nothing_else)]);
-    // Pixels are 6 cm apart on the wall: about one voxel for each that both see.
+fn a_wall_that_several_looks_see_is_a_wall() {
+    let points = cloud(
+        [0.0, 0.15, 0.3]
+            .map(|right_m| look(right_m, nothing_else))
+            .into(),
+    );
+    // Pixels are 6 cm apart on the wall: about one voxel for each that all see.
     assert!(points.len() > 1500, "{}", points.len());
     for point in &points {
         assert!((point.x_in_world[2] - WALL_M).abs() < 1e-3, "{point:?}");
         assert_eq!(point.colour, [9, 80, 200]);
         assert!(point.sigma_m <= SIGMA_M + 1e-6);
     }
-    // What only the left look sees is not there: the right one begins 0.3 m farther to the right.
+    // What not all looks see is not there: the last one begins 0.3 m farther to the right.
     let leftmost = points
         .iter()
         .map(|p| p.x_in_world[0])
@@ -79,10 +83,15 @@ fn a_wall_that_two_looks_see_is_a_wall() {
 }
 
 #[test]
-fn one_look_alone_makes_no_point() {
+fn too_few_looks_make_no_point() {
     assert!(cloud(vec![look(0.0, nothing_else)]).is_empty());
+    assert!(cloud(vec![look(0.0, nothing_else), look(0.1, nothing_else)]).is_empty());
     // Two cameras at the same instant do not tell what stands from what moves.
-    let near = VecDeque::from([vec![look(0.0, nothing_else), look(0.3, nothing_else)]]);
+    let near = VecDeque::from([vec![
+        look(0.0, nothing_else),
+        look(0.1, nothing_else),
+        look(0.2, nothing_else),
+    ]]);
     let picture = Picture {
         width: WIDTH,
         height: HEIGHT,
@@ -115,7 +124,7 @@ fn what_is_uncertain_makes_no_point() {
         look.blur(LARGEST_SIGMA_M + 0.01);
         look
     };
-    assert!(cloud(vec![vague(0.0), vague(0.2)]).is_empty());
+    assert!(cloud(vec![vague(0.0), vague(0.1), vague(0.2)]).is_empty());
 }
 
 #[test]
