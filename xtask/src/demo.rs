@@ -165,8 +165,9 @@ impl Demo {
         println!("  library   {library}");
         println!("  recording {report}");
         println!("  scene     {scene}");
-        // The line ends with the page.
-        println!("  report    {off}");
+        let off = off.strip_suffix(&format!(": {page}")).unwrap_or(&off);
+        println!("  error     {off}");
+        println!("  report    {page}");
         Ok(())
     }
 

@@ -2,7 +2,7 @@
 //!
 //! Contract: both views leave out what is higher than [`ABOVE_M`] above the rig, so that one looks into rooms and under trees. From above,
 //! y is up, and all of the way is in the picture. The other view looks at the middle of the way, or at so much around it as is
-//! still seen well, from behind and from the side.
+//! still seen well, from behind and from the side on which less stands before it.
 
 use scene_bundle::outputs::cloud::CloudPoint;
 
@@ -10,6 +10,8 @@ use super::splat::{Scale, Sight, dot};
 
 /// What is higher above the highest place of the rig is left out, m.
 pub(super) const ABOVE_M: f64 = 1.0;
+/// What is not lower than this below the rig may hide the way, m.
+const BELOW_M: f64 = 0.5;
 /// How far from the middle of the way one still looks, m.
 pub(super) const AROUND_M: f64 = 12.0;
 /// Columns of both pictures.
@@ -67,7 +69,7 @@ pub(super) fn aslant(points: &[CloudPoint], way: &[[f64; 3]]) -> Option<Sight> {
         .filter(beside)
         .collect();
     let along = direction(&way.iter().copied().filter(beside).collect::<Vec<_>>());
-    let heading = along + ASIDE_DEG.to_radians();
+    let heading = along + side(&near, middle, along) * ASIDE_DEG.to_radians();
     let (steep, flat) = DOWN_DEG.to_radians().sin_cos();
     let (sin, cos) = heading.sin_cos();
     let forward = [flat * cos, flat * sin, -steep];
@@ -93,6 +95,16 @@ pub(super) fn aslant(points: &[CloudPoint], way: &[[f64; 3]]) -> Option<Sight> {
         axes,
         scale: Scale::Perspective(FOCAL_PX),
     })
+}
+
+/// 1 to look from the right of the way, -1 from its left: from where less stands that is nearly as high as the rig.
+fn side(points: &[[f64; 3]], middle: [f64; 3], along: f64) -> f64 {
+    let (sin, cos) = along.sin_cos();
+    let is_tall = |x: &&[f64; 3]| x[2] > middle[2] - BELOW_M;
+    let is_left = |x: &&[f64; 3]| cos * (x[1] - middle[1]) > sin * (x[0] - middle[0]);
+    let tall: Vec<&[f64; 3]> = points.iter().filter(is_tall).collect();
+    let left = tall.iter().filter(|x| is_left(x)).count();
+    if tall.len() - left <= left { 1.0 } else { -1.0 }
 }
 
 /// From where to where nearly all values are; none of no values.
@@ -149,6 +161,27 @@ mod tests {
             // And its middle is there.
             let middle = sight.size[1] / 2 * sight.size[0] + sight.size[0] / 2;
             assert_ne!(picture[3 * middle..3 * middle + 3], [255; 3], "{sight:?}");
+        }
+    }
+
+    #[test]
+    fn one_looks_over_the_way_from_where_no_wall_is() {
+        let (mut points, way) = room();
+        let wall = |y: f32| {
+            let places = (0..100).flat_map(|x| (0..20).map(move |z| (x, z)));
+            places.map(move |(x, z)| CloudPoint {
+                x_in_world: [0.1 * x as f32, y, -1.3 + 0.1 * z as f32],
+                colour: [90; 3],
+                sigma_m: 0.01,
+            })
+        };
+        for (y, is_behind) in [(-2.0, 1.0), (2.0, -1.0)] {
+            let ground = points.len();
+            points.extend(wall(y));
+            let sight = aslant(&points, &way).expect("a sight");
+            // The eye is on the other side of the way.
+            assert!(sight.eye[1] * is_behind > 0.0, "{y}: {sight:?}");
+            points.truncate(ground);
         }
     }
 

@@ -70,7 +70,8 @@ impl Stage<Input> for DepthStage {
             turned_deg,
         } = apart(self.preset);
         json!({
-            "matching": matching(self.preset).name(),
+            // All of them, so that depth is made anew when what a preset means has changed.
+            "matching": format!("{:?}", ::depth::Settings::preset(matching(self.preset))),
             "moved_m": moved_m,
             "turned_deg": turned_deg,
             "nearest_m": pair::NEAREST_M,
