@@ -237,6 +237,90 @@ fn the_cloud_lies_on_what_is_there() {
     assert!(inside > 0.9, "{inside}");
 }
 
+/// Writes what is true of the frames that have depth, as `paws-rig-sim render --truth` writes it of all frames.
+fn write_true_depth(walk: &Walk, scene: &Scene, folder: &Path) {
+    let settings = walk.simulation.settings();
+    let reader = scene.output("depth").expect("depth");
+    let index = outputs::depth::read_index(&reader).expect("an index");
+    for (number, camera) in walk.simulation.cameras().iter().enumerate() {
+        let view = index.views.iter().position(|v| v.camera == camera.name);
+        let keys = index.pictures.iter().filter(|key| Some(key.view) == view);
+        let mut truths = walk.simulation.truths(number);
+        let root = folder.join(&camera.name).join("mav0");
+        for eye in 0..2 {
+            fs::create_dir_all(root.join(format!("depth{eye}/data"))).expect("a folder");
+        }
+        let names = (0..settings.frame_count()).map(|frame| settings.frame_ns(frame));
+        let list: String = names.map(|ns| format!("{ns},{ns}.png\n")).collect();
+        fs::write(
+            root.join("depth0/data.csv"),
+            format!("#timestamp [ns],filename\n{list}"),
+        )
+        .expect("a list");
+        for key in keys {
+            let time_ns = settings.frame_ns(key.frame);
+            for eye in 0..2 {
+                let truth = truths.see(eye, time_ns);
+                let millimetres = |depth: &f32| match (1e3 * depth).round() {
+                    mm if mm <= 65535.0 => mm as u16,
+                    _ => 0,
+                };
+                let samples = truth.depth.iter().map(millimetres);
+                let bytes: Vec<u8> = samples.flat_map(u16::to_be_bytes).collect();
+                let path = root.join(format!("depth{eye}/data/{time_ns}.png"));
+                let file = fs::File::create(path).expect("a file");
+                let mut encoder = png::Encoder::new(file, settings.width, settings.height);
+                encoder.set_color(png::ColorType::Grayscale);
+                encoder.set_depth(png::BitDepth::Sixteen);
+                let mut writer = encoder.write_header().expect("a header");
+                writer.write_image_data(&bytes).expect("a picture");
+            }
+        }
+    }
+}
+
+#[test]
+fn depth_is_near_the_truth_and_says_how_near() {
+    let walk = walk();
+    let scene = Scene::open(&walk.scene).expect("a bundle");
+    let folder = walk.scene.with_file_name("truth");
+    write_true_depth(walk, &scene, &folder);
+    let mut command = Command::new(env!("CARGO_BIN_EXE_paws-reconstruct"));
+    command
+        .arg("evaluate-depth")
+        .arg(&walk.scene)
+        .arg("--truth")
+        .arg(&folder);
+    let output = command.arg("--json").output().expect("run");
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    let rows: Vec<Value> = serde_json::from_slice(&output.stdout).expect("JSON");
+    let names: Vec<&str> = rows
+        .iter()
+        .filter_map(|row| row["camera"].as_str())
+        .collect();
+    assert_eq!(names, ["feet", "left_shoulder", "right_shoulder", "all"]);
+    let all = rows.last().expect("a row");
+    let number = |name: &str| all[name].as_f64().expect("a number");
+    println!("{all}");
+    assert!(number("density") > 0.5, "{all}");
+    assert!(all["bad"][1].as_f64().expect("a number") < 0.05, "{all}");
+    assert!(number("mean_error_px") < 0.6, "{all}");
+    assert!(number("within_2_sigma") > 0.9, "{all}");
+
+    // Without truth it says what it looked for.
+    let mut command = Command::new(env!("CARGO_BIN_EXE_paws-reconstruct"));
+    command
+        .arg("evaluate-depth")
+        .arg(&walk.scene)
+        .arg("--truth")
+        .arg(&walk.session);
+    let output = command.output().expect("run");
+    assert_eq!(output.status.code(), Some(1));
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(errors.contains("reading the truth of depth: "), "{errors}");
+}
+
 #[test]
 fn the_report_says_whether_it_knows_the_truth() {
     let walk = walk();
