@@ -28,7 +28,7 @@ mod sigma;
 
 use crate::stamp;
 use frames::Frame;
-use peers::Peers;
+use peers::{Config, Peers};
 use race::Race;
 
 const PARTS: [&str; 5] = ["motorcycle", "simulated", "rate", "bands", "sigma"];
@@ -60,13 +60,18 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         let found = match part.as_str() {
             "motorcycle" => {
                 let Some(frame) = motorcycle()? else { continue };
-                let race = Race::run(&mut Peers::start()?, &[&frame], options.runs())?;
+                let race = Race::run(
+                    &mut Peers::start()?,
+                    &Config::many(),
+                    &[&frame],
+                    options.runs(),
+                )?;
                 race.print(part);
                 race.json()
             }
             "simulated" => {
                 let frames: Vec<&Frame> = held_out.iter().map(|(_, frame)| frame).collect();
-                let race = Race::run(&mut Peers::start()?, &frames, 1)?;
+                let race = Race::run(&mut Peers::start()?, &Config::few(), &frames, 1)?;
                 race.print(part);
                 race.json()
             }

@@ -39,7 +39,6 @@ mod solve;
 mod start;
 mod state;
 mod tracker;
-mod wearer;
 mod window;
 
 pub use input::{FrameSet, ImuSample, View};

@@ -24,7 +24,6 @@ use crate::solve::{LEAST_RHO, for_each_residual, solve, solve_newest};
 use crate::start::{LOOK_NS, start};
 use crate::state::{SIZE, State, TURN};
 use crate::tracker::{Expected, Track, Tracker, moved};
-use crate::wearer::Wearer;
 use crate::window::{Frame, Landmark, Motion, Prior, Window};
 
 /// Longest time from one keyframe to the next, s: what the IMU felt is integrated anew from the last one.
@@ -38,8 +37,6 @@ const SETTLING: u64 = 12;
 /// Share of sights that agree below which what was felt is put in doubt, and that must agree without it.
 const DOUBTFUL: f64 = 0.35;
 const CLEAR: f64 = 0.6;
-/// Keyframes after which the wearer is looked for anew.
-const MASK_EVERY: u64 = 10;
 /// Sights that a pose needs, and their share of all.
 const FEWEST: usize = 12;
 const LEAST_AGREED: f64 = 0.3;
@@ -98,9 +95,6 @@ pub struct Odometry {
     body_from_rig: RigidTransform,
     imu: Option<ImuInUse>,
     trackers: Vec<Tracker>,
-    /// Where corners are not looked for: the wearer, as far as was found out.
-    masks: Vec<Option<Vec<u8>>>,
-    wearers: Vec<Wearer>,
     window: Option<Window>,
     /// Whether the newest frame of the window is a keyframe.
     newest_stays: bool,
@@ -108,7 +102,6 @@ pub struct Odometry {
     kept: SMatrix<f64, SIZE, SIZE>,
     last: Option<State>,
     number: u64,
-    keyframes: u64,
     next_track: u64,
     /// Corners of the last keyframe: camera, number, ray then.
     reference: Vec<(usize, u64, Vector3<f64>)>,
@@ -200,27 +193,16 @@ impl Odometry {
             body_from_rig,
             imu,
             trackers: vec![Tracker::default(); rig.cameras.len()],
-            masks: vec![None; rig.cameras.len()],
-            wearers: (rig.cameras.iter())
-                .map(|c| Wearer::new(c.left.width as usize, c.left.height as usize))
-                .collect(),
             window: None,
             newest_stays: true,
             kept: SMatrix::zeros(),
             last: None,
             number: 0,
-            keyframes: 0,
             next_track: 0,
             reference: Vec::new(),
             pending: BTreeMap::new(),
             ready: Vec::new(),
         }
-    }
-
-    /// Where a camera's left pictures show the wearer, as far as was found out so far: rows first, one byte per pixel, 0
-    /// there and 255 elsewhere; none if nowhere.
-    pub fn wearer_mask(&self, camera: usize) -> Option<Vec<u8>> {
-        self.wearers[camera].mask()
     }
 
     /// Takes a sample of an IMU, given by its place in the rig.
@@ -243,6 +225,9 @@ impl Odometry {
                 ))
             })
             .collect();
+        for (tracker, view) in self.trackers.iter_mut().zip(&set.views) {
+            tracker.may_use(view.as_ref().and_then(|v| v.usable));
+        }
         let after_s: Vec<f64> = (set.views.iter())
             .map(|view| {
                 view.as_ref()
@@ -529,13 +514,7 @@ impl Odometry {
                 landmark.sights.pop();
             }
         }
-        // Where most is refused the pose is in doubt, not the corners.
-        let is_sure = wrong.len() <= good;
-        for (tracker, wearer) in self.trackers.iter_mut().zip(&mut self.wearers) {
-            let gone = tracker.tracks.iter().filter(|t| wrong.contains(&t.id));
-            if is_sure {
-                gone.for_each(|t| wearer.refused(t.at));
-            }
+        for tracker in &mut self.trackers {
             tracker.tracks.retain(|t| !wrong.contains(&t.id));
         }
         good
@@ -637,21 +616,10 @@ impl Odometry {
     /// The newest frame becomes a keyframe: new corners, new landmarks, and room in the window.
     fn keep(&mut self, window: &mut Window, after_s: &[f64]) {
         let settings = &self.settings;
-        self.keyframes += 1;
-        for (k, (tracker, wearer)) in self.trackers.iter().zip(&mut self.wearers).enumerate() {
-            let known = tracker.tracks.iter();
-            for track in known.filter(|t| window.landmarks.contains_key(&t.id)) {
-                wearer.agreed(track.at);
-            }
-            if self.keyframes.is_multiple_of(MASK_EVERY) {
-                self.masks[k] = wearer.mask();
-            }
-        }
         self.reference.clear();
         for (k, tracker) in self.trackers.iter_mut().enumerate() {
             let camera = &self.cameras[k];
-            let mask = self.masks[k].as_deref();
-            tracker.refill(camera, mask, settings.corners, &mut self.next_track);
+            tracker.refill(camera, settings.corners, &mut self.next_track);
             for track in &tracker.tracks {
                 self.reference.push((k, track.id, track.left.ray));
                 if let (None, Some(rho)) = (window.landmarks.get(&track.id), track.rho) {
@@ -678,8 +646,7 @@ impl Odometry {
                 left: t.at,
                 right: t.right_at,
             }));
-            let mask = self.masks[k].as_deref();
-            kept.marks.extend(tracker.marks(&self.cameras[k], k, mask));
+            kept.marks.extend(tracker.marks(&self.cameras[k], k));
         }
         self.pending.insert(self.number, kept);
         while window.frames.len() > settings.frames {

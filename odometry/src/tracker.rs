@@ -61,10 +61,22 @@ pub(crate) struct Expected {
 pub(crate) struct Tracker {
     left: Pyramid,
     right: Pyramid,
+    /// See [`crate::View::usable`]; empty for all.
+    usable: Vec<u8>,
     pub(crate) tracks: Vec<Track>,
 }
 
 impl Tracker {
+    /// Says which pixels of the next picture may be followed.
+    pub(crate) fn may_use(&mut self, usable: Option<&[u8]>) {
+        self.usable.clear();
+        self.usable.extend_from_slice(usable.unwrap_or_default());
+    }
+
+    fn mask(&self) -> Option<&[u8]> {
+        (!self.usable.is_empty()).then_some(&self.usable[..])
+    }
+
     /// Follows all corners into the next picture, starting where they are expected.
     pub(crate) fn follow(
         &mut self,
@@ -76,9 +88,15 @@ impl Tracker {
         let before = std::mem::replace(&mut self.left, left);
         self.right = right;
         let (left, right) = (&self.left, &self.right);
+        let width = left.levels.first().map_or(0, |level| level.width);
+        let mask = self.mask();
         let followed = self.tracks.par_iter().with_min_len(8).map(|track| {
             let expected = expect(track);
             let at = follow(&before, left, track.at, expected.at, IN_TIME)?;
+            let pixel = at[1].round() as usize * width + at[0].round() as usize;
+            if mask.is_some_and(|mask| mask.get(pixel) == Some(&0)) {
+                return None;
+            }
             let bearing = camera.bearing(Side::Left, at)?;
             let mut track = Track {
                 at,
@@ -112,13 +130,7 @@ impl Tracker {
     }
 
     /// Looks for new corners until there are `most`; they get the numbers from `next` on.
-    pub(crate) fn refill(
-        &mut self,
-        camera: &Camera,
-        mask: Option<&[u8]>,
-        most: usize,
-        next: &mut u64,
-    ) {
+    pub(crate) fn refill(&mut self, camera: &Camera, most: usize, next: &mut u64) {
         let Some(level) = self.left.levels.first() else {
             return;
         };
@@ -129,7 +141,7 @@ impl Tracker {
         let search = Search {
             cell: cell.max(8),
             taken: &taken,
-            mask,
+            mask: self.mask(),
             most: most.saturating_sub(taken.len()),
         };
         let found = corners(level, &search);
@@ -155,14 +167,14 @@ impl Tracker {
     }
 
     /// Corners to find the place again by: the strongest there are, whether or not they are followed.
-    pub(crate) fn marks(&self, camera: &Camera, index: usize, mask: Option<&[u8]>) -> Vec<Mark> {
+    pub(crate) fn marks(&self, camera: &Camera, index: usize) -> Vec<Mark> {
         let (Some(level), Some(half)) = (self.left.levels.first(), self.left.levels.get(1)) else {
             return Vec::new();
         };
         let search = Search {
             cell: MARK_CELL,
             taken: &[],
-            mask,
+            mask: self.mask(),
             most: MARKS,
         };
         let (left, right) = (&self.left, &self.right);

@@ -111,6 +111,7 @@ impl<'a> From<&'a OwnedView> for View<'a> {
             time_ns: view.time_ns,
             left: grey(&view.left),
             right: grey(&view.right),
+            usable: None,
         }
     }
 }

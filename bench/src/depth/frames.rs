@@ -106,7 +106,8 @@ impl Walk {
         Ok(Self {
             simulation: Arc::new(simulation),
             name: format!("{}-{}-{seed}", kind.name(), light.name()),
-            range: RANGE * size[0] as usize / 672,
+            // OpenCV takes multiples of 16.
+            range: (RANGE * size[0] as usize / 672).next_multiple_of(16),
         })
     }
 

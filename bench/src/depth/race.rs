@@ -100,18 +100,22 @@ fn ours() -> Vec<Named> {
 }
 
 impl Race {
-    /// Lets all of them match all frames, `runs` times each.
+    /// Lets ours and these of OpenCV's match all frames, `runs` times each, and once before that.
     ///
     /// # Errors
     /// Python fails.
-    pub(super) fn run(peers: &mut Peers, frames: &[&Frame], runs: usize) -> Result<Self> {
-        let configs = Config::all();
+    pub(super) fn run(
+        peers: &mut Peers,
+        configs: &[Config],
+        frames: &[&Frame],
+        runs: usize,
+    ) -> Result<Self> {
         let ours = ours();
         let mut theirs: Vec<(f64, Scores)> = vec![Default::default(); configs.len()];
         let mut own: Vec<(f64, Scores, Vec<(f32, bool)>)> = vec![Default::default(); ours.len()];
         for frame in frames {
             peers.show(frame)?;
-            let (_, maps) = peers.run(frame, &configs, THREADS, true)?;
+            let (_, maps) = peers.run(frame, configs, THREADS, true)?;
             for ((_, scores), map) in theirs.iter_mut().zip(&maps) {
                 scores.add(&Scores::of(map, frame.truth())?);
             }
@@ -143,7 +147,7 @@ impl Race {
                     result?;
                     times.push(1e3 * took.wall_s);
                 }
-                let (ms, _) = peers.run(frame, &configs, THREADS, false)?;
+                let (ms, _) = peers.run(frame, configs, THREADS, false)?;
                 for (ms, times) in ms.iter().zip(&mut times[ours.len()..]) {
                     times.push(*ms);
                 }

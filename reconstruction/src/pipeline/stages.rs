@@ -3,10 +3,10 @@
 //! | stage | reads | makes |
 //! |---|---|---|
 //! | `rig` | hand-off, files given instead | `rig` |
-//! | `odometry` | hand-off, `rig` | `trajectory-causal`, `tracks`, `masks` |
+//! | `odometry` | hand-off, `rig` | `trajectory-causal`, `tracks` |
 //! | `mapping` | hand-off, `rig`, `trajectory-causal`, `tracks` | `trajectory` |
-//! | `depth` | hand-off, `rig`, `trajectory`, `masks` | `keyframes`, `depth` |
-//! | `cloud` | hand-off, `rig`, `keyframes`, `depth` | `cloud` |
+//! | `depth` | hand-off, `rig`, `trajectory` | `keyframes`, `depth` |
+//! | `cloud` | hand-off, `rig`, `keyframes`, `depth` | `cloud`, `masks` |
 
 use super::{Pipeline, PipelineError, Stage};
 use crate::input::Input;

@@ -57,7 +57,7 @@ pub(super) fn export(scene: &Scene, options: &Options, out: &Path) -> Result<Sum
             .notes
             .push("the bundle has no points: ply_file_path is left out".to_owned());
     }
-    let frames = shots.shots.iter().map(|shot| {
+    let frames = shots.shots.iter().enumerate().map(|(k, shot)| {
         let mut frame = intrinsics(&models[shot.camera]);
         frame.insert(
             "file_path".to_owned(),
@@ -65,7 +65,7 @@ pub(super) fn export(scene: &Scene, options: &Options, out: &Path) -> Result<Sum
         );
         frame.insert("transform_matrix".to_owned(), opengl(shot));
         if let Some(masks) = &masks {
-            frame.insert("mask_path".to_owned(), json!(masks[shot.camera]));
+            frame.insert("mask_path".to_owned(), json!(masks[k]));
         }
         if depth {
             frame.insert("depth_file_path".to_owned(), json!(depth_path(shot)));
@@ -143,7 +143,8 @@ fn opengl(shot: &Shot) -> Value {
     json!([row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]])
 }
 
-/// Path of the mask of each camera, where the bundle has masks; one that has none there gets a white one.
+/// Path of the mask of each picture, where the bundle has masks: that of its camera, which is white where there is none, and of what
+/// moves in the picture, if anything does.
 fn write_masks(
     scene: &Scene,
     shots: &Shots,
@@ -153,7 +154,7 @@ fn write_masks(
         return Ok(None);
     }
     let reader = scene.output(outputs::MASKS)?;
-    let mut paths = Vec::new();
+    let mut of_cameras = Vec::new();
     for camera in &shots.cameras {
         let name = &shots.rig.cameras[camera.of_rig].name;
         let (width, height) = (camera.model.width, camera.model.height);
@@ -163,21 +164,45 @@ fn write_masks(
             pixels: vec![255; width as usize * height as usize],
         };
         let mask = masks::read(&reader, name, camera.eye)?.unwrap_or_else(white);
-        if (mask.width, mask.height) != (width, height) {
-            return Err(ExportError::Refused {
-                format: NAME,
-                found: format!(
-                    "a mask of {} of {}x{}",
-                    camera.name, mask.width, mask.height
-                ),
-                expected: format!("{width}x{height}, as its pictures have"),
-            });
-        }
+        checked(&mask, &camera.name, (width, height))?;
         let path = format!("masks/{}", masks::path(name, camera.eye));
         folder.write(&path, &encode8(width, height, &mask.pixels))?;
+        of_cameras.push((mask, path));
+    }
+    let mut paths = Vec::new();
+    for shot in &shots.shots {
+        let camera = &shots.cameras[shot.camera];
+        let (of_camera, path) = &of_cameras[shot.camera];
+        let name = &shots.rig.cameras[camera.of_rig].name;
+        let frame = shot.keyframe.frame;
+        let moving = match camera.eye {
+            Eye::Left => masks::read_moving(&reader, name, frame)?,
+            Eye::Right => None,
+        };
+        let Some(mut mask) = moving else {
+            paths.push(path.clone());
+            continue;
+        };
+        checked(&mask, &camera.name, (of_camera.width, of_camera.height))?;
+        for (pixel, of_camera) in mask.pixels.iter_mut().zip(&of_camera.pixels) {
+            *pixel &= of_camera;
+        }
+        let path = format!("masks/{}", masks::moving_path(name, frame));
+        folder.write(&path, &encode8(mask.width, mask.height, &mask.pixels))?;
         paths.push(path);
     }
     Ok(Some(paths))
+}
+
+fn checked(mask: &Mask, camera: &str, (width, height): (u32, u32)) -> Result<(), ExportError> {
+    if (mask.width, mask.height) == (width, height) {
+        return Ok(());
+    }
+    Err(ExportError::Refused {
+        format: NAME,
+        found: format!("a mask of {camera} of {}x{}", mask.width, mask.height),
+        expected: format!("{width}x{height}, as its pictures have"),
+    })
 }
 
 fn depth_path(shot: &Shot) -> String {

@@ -1,7 +1,9 @@
 //! Output `masks`: `CAMERA/left.png` and `CAMERA/right.png`, 8-bit grey of the size of the recorded picture, 255 where a
-//! pixel can be used and 0 where it shows the wearer.
+//! pixel can be used and 0 where it may show the wearer; `CAMERA/left/000123.png`, the same of one keyframe, 0 where
+//! something moves in it, the wearer or others.
 //!
-//! Contract: a camera or eye without a file has no mask; all its pixels can be used.
+//! Contract: a camera or eye without a file has no mask; all its pixels can be used. Nothing was seen to move in a keyframe
+//! without a file. There are too many of those for the manifest; the listing has their hashes.
 
 use calib::Eye;
 
@@ -30,31 +32,52 @@ pub fn path(camera: &str, eye: Eye) -> String {
     }
 }
 
+/// Path of the mask of a keyframe's left picture in the output's folder.
+pub fn moving_path(camera: &str, frame: u64) -> String {
+    format!("{camera}/left/{frame:06}.png")
+}
+
 /// Writes the mask of one eye of a camera.
 ///
 /// # Errors
 /// [`BundleError::Refused`] for values other than 0 and 255 or a wrong number of pixels, [`BundleError::Io`].
 pub fn write(draft: &Draft, camera: &str, eye: Eye, mask: &Mask) -> Result<(), BundleError> {
     let path = path(camera, eye);
+    let file = file(draft, &path, mask)?;
+    draft.write(&path, &file)
+}
+
+/// Writes what moves in the left picture of a keyframe.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_moving(
+    draft: &Draft,
+    camera: &str,
+    frame: u64,
+    mask: &Mask,
+) -> Result<(), BundleError> {
+    let path = moving_path(camera, frame);
+    let file = file(draft, &path, mask)?;
+    draft.write_listed(&path, &file)
+}
+
+fn file(draft: &Draft, path: &str, mask: &Mask) -> Result<Vec<u8>, BundleError> {
     let expected = u64::from(mask.width) * u64::from(mask.height);
     if mask.pixels.len() as u64 != expected || expected == 0 {
         let found = format!("{} pixels", mask.pixels.len());
-        return Err(refused(
-            draft,
-            &path,
-            found,
-            &format!("{}x{}", mask.width, mask.height),
-        ));
+        let expected = format!("{}x{}", mask.width, mask.height);
+        return Err(refused(draft, path, found, &expected));
     }
     if let Some(other) = mask.pixels.iter().find(|p| ![0, 255].contains(*p)) {
         return Err(refused(
             draft,
-            &path,
+            path,
             format!("a pixel of {other}"),
             "0 or 255",
         ));
     }
-    draft.write(&path, &encode8(mask.width, mask.height, &mask.pixels))
+    Ok(encode8(mask.width, mask.height, &mask.pixels))
 }
 
 /// Reads the mask of one eye of a camera, where there is one.
@@ -62,12 +85,27 @@ pub fn write(draft: &Draft, camera: &str, eye: Eye, mask: &Mask) -> Result<(), B
 /// # Errors
 /// As [`OutputReader::read`]; [`BundleError::Malformed`].
 pub fn read(reader: &OutputReader, camera: &str, eye: Eye) -> Result<Option<Mask>, BundleError> {
-    let path = path(camera, eye);
+    read_at(reader, &path(camera, eye))
+}
+
+/// Reads what moves in the left picture of a keyframe; none where nothing was seen to.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_moving(
+    reader: &OutputReader,
+    camera: &str,
+    frame: u64,
+) -> Result<Option<Mask>, BundleError> {
+    read_at(reader, &moving_path(camera, frame))
+}
+
+fn read_at(reader: &OutputReader, path: &str) -> Result<Option<Mask>, BundleError> {
     if !reader.paths().any(|p| p == path) {
         return Ok(None);
     }
-    let place = reader.place(&path);
-    match decode(&reader.read(&path)?, &place)? {
+    let place = reader.place(path);
+    match decode(&reader.read(path)?, &place)? {
         (width, height, Grey::Bits8(pixels)) => Ok(Some(Mask {
             width,
             height,

@@ -212,6 +212,19 @@ fn nerfstudio_reads_back() {
         let mask = out.join(frame["mask_path"].as_str().unwrap());
         assert!(mask.is_file());
     }
+    // What moves in one picture is masked there, together with what the camera's mask has.
+    let paths = frames.iter().map(|f| f["mask_path"].as_str().unwrap());
+    let own: Vec<&str> = paths.filter(|p| p.contains("/left/")).collect();
+    let [own] = own[..] else { panic!("{own:?}") };
+    let both = sample::moving()
+        .pixels
+        .into_iter()
+        .zip(match own.contains("feet") {
+            true => sample::mask().pixels,
+            false => vec![255; 64 * 48],
+        });
+    let both: Vec<u8> = both.map(|(a, b)| a & b).collect();
+    assert_eq!(png_grey8(&out.join(own)), both);
     // A camera without a mask gets a white one.
     let white = png_grey8(&out.join("masks/left_shoulder/left.png"));
     assert!(white.iter().all(|p| *p == 255) && white.len() == 64 * 48);

@@ -37,6 +37,11 @@ fn all_outputs_read_back_as_they_were() {
         (mask("feet", Eye::Right), mask("left_shoulder", Eye::Left)),
         (None, None)
     );
+    let first = &sample::keyframe_table(&sample::rig_model())[0];
+    let camera = &sample::rig_model().cameras[usize::from(first.camera)].name;
+    let moving = |frame| masks::read_moving(&of(outputs::MASKS), camera, frame).unwrap();
+    assert_eq!(moving(first.frame), Some(sample::moving()));
+    assert_eq!(moving(first.frame + 1), None);
     assert_eq!(cloud::read(&of(outputs::CLOUD)).unwrap(), sample::points());
 
     let reader = of(outputs::DEPTH);

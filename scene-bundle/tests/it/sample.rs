@@ -48,7 +48,9 @@ impl Sample {
             keyframes::write(d, &keyframe_table(rig_model)).unwrap()
         });
         put(outputs::MASKS, &|d| {
-            masks::write(d, "feet", Eye::Left, &mask()).unwrap()
+            masks::write(d, "feet", Eye::Left, &mask()).unwrap();
+            let frame = keyframe_table(rig_model)[0].frame;
+            masks::write_moving(d, &rig_model.cameras[0].name, frame, &moving()).unwrap();
         });
         put(outputs::CLOUD, &|d| cloud::write(d, &points()).unwrap());
         put(outputs::DEPTH, &|d| {
@@ -241,6 +243,16 @@ pub(crate) fn mask() -> Mask {
         pixels: (0..64 * 48)
             .map(|i| if i / 64 > 40 { 0 } else { 255 })
             .collect(),
+    }
+}
+
+/// Something moves on the left.
+pub(crate) fn moving() -> Mask {
+    Mask {
+        pixels: (0..64 * 48)
+            .map(|i| if i % 64 < 20 { 0 } else { 255 })
+            .collect(),
+        ..mask()
     }
 }
 

@@ -1,22 +1,23 @@
-//! Stage `cloud`: coloured points of what stood still.
+//! Stage `cloud`: coloured points of what stood still, and masks of what did not.
 //!
 //! Contract: a point is where the depth of a keyframe says that something is, if it says so closely enough, keyframes of other
 //! instants say the same, and hardly any sees what is behind it ([`look`]): what moved is not there, nor what one view alone makes
-//! up. All that is in a voxel becomes one point ([`voxels`]). Colour is that of the left picture; grey pictures give grey.
+//! up. All that is in a voxel becomes one point ([`voxels`]). What others see through moves; it is masked ([`moving`]). Colour is that of the left picture; grey pictures give grey.
 //! A picture that cannot be read is a loss. Memory is that of the depth of some keyframes and of a line per voxel of the scene,
 //! however long somebody walked about in it. Any number of threads gives the same.
 
 use std::collections::{BTreeMap, VecDeque};
 
-use calib::Lens;
+use calib::{Eye, Lens};
 use rayon::prelude::*;
 use scene_bundle::OutputReader;
 use scene_bundle::outputs::depth::DepthIndex;
 use scene_bundle::outputs::rig::RigModel;
-use scene_bundle::outputs::{self, CLOUD, DEPTH, KEYFRAMES, RIG};
+use scene_bundle::outputs::{self, CLOUD, DEPTH, KEYFRAMES, MASKS, RIG};
 use serde_json::{Value, json};
 
-use self::look::{Look, Shot};
+use self::look::{Look, Shot, Verdict};
+use self::moving::{Moving, Pixel};
 use self::voxels::{Point, Voxels};
 use super::HANDOFF;
 use crate::input::{Frames, Input, ReadError};
@@ -24,6 +25,7 @@ use crate::picture::Picture;
 use crate::pipeline::{Stage, StageError, Work};
 
 mod look;
+mod moving;
 mod voxels;
 
 /// See the module.
@@ -34,6 +36,8 @@ pub(super) struct CloudStage;
 const REACH: usize = 4;
 /// A depth that is more uncertain makes no point, m. Half a metre would fill streets with fog.
 const LARGEST_SIGMA_M: f64 = 0.15;
+/// Nor is anything known of whether it moves from here on, m.
+const MOVING_SIGMA_M: f64 = 0.5;
 
 impl Stage<Input> for CloudStage {
     fn name(&self) -> &'static str {
@@ -41,7 +45,7 @@ impl Stage<Input> for CloudStage {
     }
 
     fn version(&self) -> u32 {
-        1
+        2
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -49,7 +53,7 @@ impl Stage<Input> for CloudStage {
     }
 
     fn outputs(&self) -> &'static [&'static str] {
-        &[CLOUD]
+        &[CLOUD, MASKS]
     }
 
     fn settings(&self) -> Value {
@@ -57,6 +61,9 @@ impl Stage<Input> for CloudStage {
             "reach": REACH,
             "largest_sigma_m": LARGEST_SIGMA_M,
             "agree_sigma": look::AGREE_SIGMA,
+            "moving_sigma_m": MOVING_SIGMA_M,
+            "wearer_share": moving::WEARER_SHARE,
+            "wearer_least_looks": moving::LEAST_LOOKS,
             "through_sigma": look::THROUGH_SIGMA,
             "least_confirmed": look::LEAST_CONFIRMED,
             "confirmed_per_through": look::CONFIRMED_PER_THROUGH,
@@ -71,10 +78,12 @@ impl Stage<Input> for CloudStage {
         let instants = instants(&rig, &index, &work.read(KEYFRAMES)?)?;
         let mut pictures = Vec::new();
         let mut lenses = Vec::new();
+        let mut moving = Vec::new();
         for view in &index.views {
             let camera = rig.camera(&view.camera);
             let (_, camera) = camera.ok_or_else(|| ReadError::NoSuch(view.camera.clone()))?;
             lenses.push(Lens::new(&camera.left));
+            moving.push(Moving::new(view, &camera.left));
             pictures.push(frames(work.source(), &index, &view.camera)?);
         }
         let all: usize = instants.iter().map(Vec::len).sum();
@@ -98,7 +107,13 @@ impl Stage<Input> for CloudStage {
                 match picture {
                     Some(Ok(view)) => {
                         let lens = &lenses[shot.key.view];
-                        voxels.add(&points(&near, (now - gone, place), lens, &view.left));
+                        let (points, pixels) = points(&near, (now - gone, place), lens, &view.left);
+                        voxels.add(&points);
+                        if let Some(mask) = moving[shot.key.view].add(&pixels) {
+                            let camera = &index.views[shot.key.view].camera;
+                            let frame = shot.key.frame;
+                            outputs::masks::write_moving(work.draft(MASKS), camera, frame, &mask)?;
+                        }
                     }
                     Some(Err(loss)) => work.lose(loss.to_string()),
                     None => work.lose(format!("there is no picture of frame {}", shot.key.frame)),
@@ -110,6 +125,11 @@ impl Stage<Input> for CloudStage {
         let points = voxels.into_points();
         work.note(format!("{} points", points.len()));
         outputs::cloud::write(work.draft(CLOUD), &points)?;
+        for (view, moving) in index.views.iter().zip(&moving) {
+            if let Some(mask) = moving.wearer() {
+                outputs::masks::write(work.draft(MASKS), &view.camera, Eye::Left, &mask)?;
+            }
+        }
         Ok(())
     }
 }
@@ -155,13 +175,14 @@ fn frames(input: &Input, index: &DepthIndex, camera: &str) -> Result<Frames, Rea
     input.frames_where(camera, |p| positions.binary_search(&p).is_ok())
 }
 
-/// What one look adds: `near` are the instants around it, `at` says which of them and which of its looks.
+/// What one look adds, and what moves in it, pixel by pixel: `near` are the instants around it, `at` says which of them and which
+/// of its looks.
 fn points(
     near: &VecDeque<Vec<Look>>,
     at: (usize, usize),
     lens: &Lens,
     picture: &Picture,
-) -> Vec<Point> {
+) -> (Vec<Point>, Vec<Pixel>) {
     let look = &near[at.0][at.1];
     let others: Vec<(bool, &Look)> = near
         .iter()
@@ -170,21 +191,29 @@ fn points(
         .filter(|(_, other)| !std::ptr::eq(*other, look))
         .filter(|(_, other)| look.may_share(other))
         .collect();
-    let rows = (0..look.height()).into_par_iter().flat_map_iter(|row| {
-        let others = &others;
-        (0..look.width()).filter_map(move |column| {
-            let surface = look.surface(column, row, LARGEST_SIGMA_M)?;
-            if !surface.stands(others) {
-                return None;
-            }
-            Some(Point {
-                x_in_world: surface.x_in_world,
-                sigma_m: surface.sigma_m,
-                colour: colour(picture, lens.project(look.ray_in_left(column, row))?)?,
-            })
-        })
-    });
-    rows.collect()
+    let pixel = |column: u32, row: u32| {
+        let Some(surface) = look.surface(column, row, MOVING_SIGMA_M) else {
+            return (None, Pixel::Unknown);
+        };
+        let verdict = surface.judged(&others);
+        let pixel = Pixel::of(verdict == Verdict::Moves, surface.depth_m);
+        if verdict != Verdict::Stands || surface.sigma_m > LARGEST_SIGMA_M {
+            return (None, pixel);
+        }
+        let at = lens.project(look.ray_in_left(column, row));
+        let colour = at.and_then(|at| colour(picture, at));
+        let point = colour.map(|colour| Point {
+            x_in_world: surface.x_in_world,
+            sigma_m: surface.sigma_m,
+            colour,
+        });
+        (point, pixel)
+    };
+    let rows = (0..look.height()).into_par_iter();
+    let all = rows.flat_map_iter(|row| (0..look.width()).map(move |column| (column, row)));
+    let (points, pixels): (Vec<Option<Point>>, Vec<Pixel>) =
+        all.map(|(column, row)| pixel(column, row)).unzip();
+    (points.into_iter().flatten().collect(), pixels)
 }
 
 /// Of the nearest pixel.

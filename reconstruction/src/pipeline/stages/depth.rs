@@ -1,15 +1,14 @@
 //! Stage `depth`: depth of keyframes.
 //!
 //! Contract: keyframes are frames of each stereo camera that are apart by motion ([`choose`]), each with its pose at its own
-//! time. Each that can be read has depth with a sigma ([`pair`]); pixels of the wearer, and what is too far to tell, have none. A
+//! time. Each that can be read has depth with a sigma ([`pair`]); what is too far to tell has none. A
 //! frame that cannot be read, and a camera whose pair cannot be rectified, are losses and have no keyframe. Pictures are decoded
 //! a few at a time, one camera after the other; memory does not grow with the session but by a line per keyframe.
 
 use std::collections::BTreeMap;
 
-use calib::Eye;
 use scene_bundle::outputs::depth::{DepthKey, DepthView, DepthWriter};
-use scene_bundle::outputs::{self, DEPTH, KEYFRAMES, MASKS, RIG, TRAJECTORY};
+use scene_bundle::outputs::{self, DEPTH, KEYFRAMES, RIG, TRAJECTORY};
 use serde_json::{Value, json};
 
 use self::choose::Apart;
@@ -57,7 +56,7 @@ impl Stage<Input> for DepthStage {
     }
 
     fn inputs(&self) -> &'static [&'static str] {
-        &[HANDOFF, RIG, TRAJECTORY, MASKS]
+        &[HANDOFF, RIG, TRAJECTORY]
     }
 
     fn outputs(&self) -> &'static [&'static str] {
@@ -82,12 +81,10 @@ impl Stage<Input> for DepthStage {
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
         let rig = outputs::rig::read(&work.read(RIG)?)?;
         let trajectory = outputs::trajectory::read(&work.read(TRAJECTORY)?)?;
-        let masks = work.read(MASKS)?;
         let input = work.source();
         let (mut pairs, mut views, mut chosen) = (Vec::new(), Vec::new(), Vec::new());
         for (place, camera) in rig.cameras.iter().enumerate() {
-            let mask = outputs::masks::read(&masks, &camera.name, Eye::Left)?;
-            match Pair::new(camera, mask.as_ref(), matching(self.preset)) {
+            match Pair::new(camera, matching(self.preset)) {
                 Ok(pair) => {
                     views.push(DepthView {
                         camera: camera.name.clone(),

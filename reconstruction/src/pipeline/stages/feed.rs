@@ -42,6 +42,7 @@ fn borrowed(view: &input::View) -> View<'_> {
         time_ns: view.time.ns(),
         left: grey(&view.left),
         right: grey(&view.right),
+        usable: None,
     }
 }
 

@@ -1,16 +1,14 @@
 //! Stage `odometry`: poses from what came before alone, and what the adjustment of the whole needs.
 //!
 //! Contract: a pose for every frame set of the session, in order of time, each a function of what came before it; sets that
-//! cannot be read are losses and are carried by the IMU. Where left eyes see the wearer is found on the way; a camera that never does
-//! has no mask. Memory does not grow with the session.
+//! cannot be read are losses and are carried by the IMU. Memory does not grow with the
+//! session.
 
 use ::odometry::{Odometry, Settings, Status};
 use cad_transforms::{Covariance, RigidTransform};
-use calib::Eye;
-use scene_bundle::outputs::masks::{self, Mask};
 use scene_bundle::outputs::tracks::{MarkedCorner, SeenCorner, TrackedKeyframe, TracksWriter};
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
-use scene_bundle::outputs::{MASKS, RIG, TRACKS, TRAJECTORY_CAUSAL};
+use scene_bundle::outputs::{RIG, TRACKS, TRAJECTORY_CAUSAL};
 use scene_bundle::{Pose, outputs, trajectory};
 use serde_json::{Value, json};
 
@@ -51,7 +49,7 @@ impl Stage<Input> for OdometryStage {
     }
 
     fn version(&self) -> u32 {
-        1
+        2
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -59,7 +57,7 @@ impl Stage<Input> for OdometryStage {
     }
 
     fn outputs(&self) -> &'static [&'static str] {
-        &[TRAJECTORY_CAUSAL, TRACKS, MASKS]
+        &[TRAJECTORY_CAUSAL, TRACKS]
     }
 
     fn settings(&self) -> Value {
@@ -102,16 +100,6 @@ impl Stage<Input> for OdometryStage {
         }
         for keyframe in odometry.take_keyframes(true) {
             tracks.push(&written(&keyframe))?;
-        }
-        for (k, camera) in model.cameras.iter().enumerate() {
-            if let Some(pixels) = odometry.wearer_mask(k) {
-                let mask = Mask {
-                    width: camera.left.width,
-                    height: camera.left.height,
-                    pixels,
-                };
-                masks::write(work.draft(MASKS), &camera.name, Eye::Left, &mask)?;
-            }
         }
         if reckoned > 0 {
             work.note(format!("{reckoned} of {all} poses are dead reckoned"));

@@ -13,6 +13,8 @@ pub(super) const THROUGH_SIGMA: f64 = 3.0;
 pub(super) const LEAST_CONFIRMED: u32 = 2;
 /// So many views must confirm a surface for each that sees through it: matchers err, and two in four err less often alike.
 pub(super) const CONFIRMED_PER_THROUGH: u32 = 3;
+/// So many views of other instants must see through what moves.
+const LEAST_THROUGH: u32 = 2;
 
 /// A picture of depth, and from where it was taken.
 #[derive(Clone, Copy, Debug)]
@@ -44,10 +46,23 @@ struct Motion {
 pub(super) struct Surface {
     /// m.
     pub(super) x_in_world: [f64; 3],
+    /// Along the view's axis, m.
+    pub(super) depth_m: f64,
     /// One standard deviation along the view's axis, m.
     pub(super) sigma_m: f64,
     /// The axis of the view along which sigma is, of length 1.
     axis_in_world: [f64; 3],
+}
+
+/// What all others together say of a surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Verdict {
+    /// It is there and stands still.
+    Stands,
+    /// It was there, and was not at other times.
+    Moves,
+    /// Too few say anything, or they do not agree.
+    Unknown,
 }
 
 /// What a look says of a surface that another one saw.
@@ -147,6 +162,7 @@ impl Look {
         let x_in_view = self.ray(column, row).map(|v| v * depth);
         (sigma_m <= largest_sigma_m).then(|| Surface {
             x_in_world: self.world_from_view.apply(x_in_view),
+            depth_m: depth,
             sigma_m,
             axis_in_world: self.world_from_view.turn([0.0, 0.0, 1.0]),
         })
@@ -192,17 +208,26 @@ impl Look {
 }
 
 impl Surface {
-    /// Whether it is there and stands still, after what others say; of each is known whether it looked at another instant: what
-    /// moves is confirmed by those who look at the same one.
-    pub(super) fn stands(&self, others: &[(bool, &Look)]) -> bool {
-        let (mut confirmed, mut through) = (0, 0);
+    /// What others say of it; of each is known whether it looked at another instant: what moves is confirmed by those who look
+    /// at the same one.
+    pub(super) fn judged(&self, others: &[(bool, &Look)]) -> Verdict {
+        let (mut confirmed, mut through, mut through_later) = (0, 0, 0);
         for (is_later, other) in others {
             match other.say(self) {
                 Said::Confirms => confirmed += u32::from(*is_later),
-                Said::SeesThrough => through += 1,
+                Said::SeesThrough => {
+                    through += 1;
+                    through_later += u32::from(*is_later);
+                }
                 Said::Nothing => {}
             }
         }
-        confirmed >= LEAST_CONFIRMED && confirmed >= CONFIRMED_PER_THROUGH * through
+        if confirmed >= LEAST_CONFIRMED && confirmed >= CONFIRMED_PER_THROUGH * through {
+            Verdict::Stands
+        } else if through_later >= LEAST_THROUGH && through_later > confirmed {
+            Verdict::Moves
+        } else {
+            Verdict::Unknown
+        }
     }
 }

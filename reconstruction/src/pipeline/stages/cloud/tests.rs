@@ -55,7 +55,7 @@ fn cloud(looks: Vec<Look>) -> Vec<CloudPoint> {
     let lens = Lens::new(&view().model);
     let mut voxels = Voxels::default();
     for k in 0..near.len() {
-        voxels.add(&points(&near, (k, 0), &lens, &picture));
+        voxels.add(&points(&near, (k, 0), &lens, &picture).0);
     }
     voxels.into_points()
 }
@@ -99,7 +99,7 @@ fn too_few_looks_make_no_point() {
         data: vec![7; (WIDTH * HEIGHT) as usize].into(),
     };
     let lens = Lens::new(&view().model);
-    assert!(points(&near, (0, 0), &lens, &picture).is_empty());
+    assert!(points(&near, (0, 0), &lens, &picture).0.is_empty());
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! From the two pictures of a stereo frame to depth.
 //!
-//! Contract: depth is that of the rectified left picture, the largest part in which both are filled. Pixels that show the wearer
-//! have none, nor those whose sigma is more than [`MOST_RELATIVE_SIGMA`] of their depth. Disparities are looked for up
+//! Contract: depth is that of the rectified left picture, the largest part in which both are filled. Pixels whose
+//! sigma is more than [`MOST_RELATIVE_SIGMA`] of their depth have none. Disparities are looked for up
 //! to that of [`NEAREST_M`], as far as the matcher can. [`Pair::disparity`] is the one place where disparity is made.
 
 use cad_transforms::RigidTransform;
@@ -9,7 +9,6 @@ use calib::rectify::{Rectification, Remap, View};
 use calib::{CameraModel, Eye};
 use depth::{Band, Banded, DisparityMap, Geometry, Preset, Settings};
 use scene_bundle::outputs::depth::DepthPicture;
-use scene_bundle::outputs::masks::Mask;
 use scene_bundle::outputs::rig::RigCamera;
 
 use crate::pipeline::StageError;
@@ -21,26 +20,17 @@ pub(super) const NEAREST_M: f64 = 0.25;
 pub(super) const MOST_RELATIVE_SIGMA: f64 = 0.2;
 /// Disparities that the matcher can look for at once.
 const MOST_DISPARITIES: usize = 256;
-/// A rectified pixel is usable when all that is mixed into it is.
-const USABLE: u8 = 255;
 
 /// A stereo camera, ready for its pictures.
 pub(super) struct Pair {
     rectification: Rectification,
     remaps: [Remap; 2],
     matcher: Banded,
-    /// Of the rectified left picture; none where all can be used.
-    usable: Option<Vec<u8>>,
     rectified: [Vec<u8>; 2],
 }
 
 impl Pair {
-    /// `mask` is of the recorded left picture.
-    pub(super) fn new(
-        camera: &RigCamera,
-        mask: Option<&Mask>,
-        preset: Preset,
-    ) -> Result<Self, StageError> {
+    pub(super) fn new(camera: &RigCamera, preset: Preset) -> Result<Self, StageError> {
         let rectification = Rectification::new(&rig::calibration(camera), View::Filled)?;
         let remaps = [(Eye::Left, camera.left), (Eye::Right, camera.right)]
             .map(|(eye, old)| Remap::new(&rectification.map(eye), old.width, old.height));
@@ -48,10 +38,7 @@ impl Pair {
         let (width, height) = (model.width as usize, model.height as usize);
         let nearest = (model.fx * rectification.baseline_m / NEAREST_M).ceil() as usize + 1;
         let band = Band::full(0, nearest.min(MOST_DISPARITIES), height)?;
-        let size = (camera.left.width, camera.left.height);
-        let mask = mask.filter(|mask| (mask.width, mask.height) == size);
         Ok(Self {
-            usable: mask.map(|mask| remaps[0].apply(&mask.pixels, 0)),
             rectified: [(); 2].map(|()| vec![0; width * height]),
             matcher: Banded::new(Settings::preset(preset), width, band)?,
             remaps,
@@ -83,14 +70,7 @@ impl Pair {
             baseline_m: self.rectification.baseline_m,
             offset_px: 0.0,
         };
-        let mut depth = geometry.depth(self.disparity()?, MOST_RELATIVE_SIGMA)?;
-        if let Some(usable) = &self.usable {
-            for (depth, usable) in depth.depth_m.iter_mut().zip(usable) {
-                if *usable != USABLE {
-                    *depth = f32::NAN;
-                }
-            }
-        }
+        let depth = geometry.depth(self.disparity()?, MOST_RELATIVE_SIGMA)?;
         Ok(DepthPicture::from_metres(
             model.width,
             model.height,
@@ -155,39 +135,23 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_has_its_depth_and_the_wearer_has_none() {
-        let mut pixels = vec![255; WIDTH * HEIGHT];
-        // The lower quarter shows the wearer.
-        pixels[WIDTH * HEIGHT * 3 / 4..].fill(0);
-        let mask = Mask {
-            width: WIDTH as u32,
-            height: HEIGHT as u32,
-            pixels,
-        };
+    fn a_wall_has_its_depth() {
         let shift = 10;
-        for (mask, lowest) in [(None, HEIGHT), (Some(&mask), HEIGHT * 3 / 4)] {
-            let mut pair = Pair::new(&camera(), mask, Preset::Fast).expect("a pair");
-            let scale = pair.model().fx / FOCAL;
-            let found = pair.depth(&wall(0), &wall(shift)).expect("depth");
-            let middle = found.depth[WIDTH * HEIGHT / 2 + WIDTH / 2];
-            let expected_mm = 1e3 * FOCAL * BASELINE_M / shift as f64;
-            assert!(
-                (f64::from(middle) - expected_mm).abs() < 0.02 * expected_mm,
-                "{middle}"
-            );
-            assert!((scale - 1.0).abs() < 0.01, "{scale}");
-            let rows = found.depth.chunks_exact(WIDTH);
-            let with_depth = rows
-                .map(|row| row.iter().any(|d| *d > 0))
-                .collect::<Vec<_>>();
-            let last = with_depth.iter().rposition(|any| *any).expect("some depth");
-            assert!(last < lowest && last + 12 > lowest, "{last}");
-        }
+        let mut pair = Pair::new(&camera(), Preset::Fast).expect("a pair");
+        let scale = pair.model().fx / FOCAL;
+        let found = pair.depth(&wall(0), &wall(shift)).expect("depth");
+        let middle = found.depth[WIDTH * HEIGHT / 2 + WIDTH / 2];
+        let expected_mm = 1e3 * FOCAL * BASELINE_M / shift as f64;
+        assert!(
+            (f64::from(middle) - expected_mm).abs() < 0.02 * expected_mm,
+            "{middle}"
+        );
+        assert!((scale - 1.0).abs() < 0.01, "{scale}");
     }
 
     #[test]
     fn pictures_without_texture_have_no_depth() {
-        let mut pair = Pair::new(&camera(), None, Preset::Balanced).expect("a pair");
+        let mut pair = Pair::new(&camera(), Preset::Balanced).expect("a pair");
         let flat = vec![120; WIDTH * HEIGHT];
         let found = pair.depth(&flat, &flat).expect("a picture");
         assert!(found.depth.iter().all(|d| *d == 0));

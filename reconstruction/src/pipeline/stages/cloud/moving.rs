@@ -1,0 +1,268 @@
+//! Where pictures show what does not belong to the scene: who walks by, and the wearer.
+//!
+//! Contract: a pixel of a keyframe *moves* when at least two keyframes of other instants see through what it shows, and more than
+//! confirm it ([`super::look`]), and most of what is around it does, too: matchers make edges a little too wide, and those are
+//! seen through as well. What has no depth says nothing; beside what moves it is taken to move, too: matchers find nothing where one eye
+//! alone sees. The wearer is where near things move again and again at the same place of the picture. Masks are of the recorded
+//! left picture.
+
+use calib::{CameraModel, Lens};
+use scene_bundle::outputs::depth::DepthView;
+use scene_bundle::outputs::masks::Mask;
+
+/// Nearer than this a person sees himself: from the chest to the tips of shoes that step forward, m.
+const WEARER_M: f64 = 1.8;
+/// Share of looks in which a part of the picture shows the wearer from which on it is his, and the looks that tell.
+pub(super) const WEARER_SHARE: f64 = 0.04;
+pub(super) const LEAST_LOOKS: u32 = 20;
+/// Side of a part of the picture, px of the view.
+const CELL: usize = 8;
+/// Share of a part that must move nearby in a look.
+const CELL_SHARE: f64 = 0.3;
+/// Around a pixel: half the side of the square of which most must move, and by how much what moves is taken to be larger, px.
+const AROUND: usize = 2;
+const LARGER: usize = 2;
+/// By how much where nothing is known, px.
+const LARGER_UNKNOWN: usize = 10;
+/// So far beyond the view a picture is taken to go on as at its border, px.
+const BEYOND_PX: f64 = 16.0;
+
+/// What was found of one camera.
+pub(super) struct Moving {
+    width: usize,
+    height: usize,
+    columns: usize,
+    looks: u32,
+    /// Looks in which each cell showed the wearer.
+    counts: Vec<u32>,
+    /// For each pixel of the recorded left picture its pixel of the view, or the nearest one; none far outside.
+    places: Vec<Option<usize>>,
+    recorded: [u32; 2],
+}
+
+/// What a look says of one of its pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Pixel {
+    /// Nobody knows what is there.
+    Unknown,
+    /// Nothing moves there, as far as anybody knows.
+    Still,
+    /// Something moves, far away or nearby.
+    Far,
+    Near,
+}
+
+impl Pixel {
+    /// Something at a depth, m, which moves or does not.
+    pub(super) fn of(moves: bool, depth_m: f64) -> Self {
+        match moves {
+            false => Self::Still,
+            true if depth_m < WEARER_M => Self::Near,
+            true => Self::Far,
+        }
+    }
+}
+
+impl Moving {
+    /// For a camera whose left pictures were recorded through a lens.
+    pub(super) fn new(view: &DepthView, recorded: &CameraModel) -> Self {
+        let (width, height) = (view.model.width as usize, view.model.height as usize);
+        let columns = width.div_ceil(CELL);
+        let (eye, straight) = (Lens::new(recorded), Lens::new(&view.model));
+        let pixels = (0..recorded.height).flat_map(|y| (0..recorded.width).map(move |x| (x, y)));
+        let place = |(x, y): (u32, u32)| {
+            let ray = eye.unproject([f64::from(x), f64::from(y)])?;
+            let [x, y] = straight.project(view.view_from_left.rotate(ray))?;
+            let near = |v: f64, count: usize| {
+                let most = (count - 1) as f64;
+                (v > -BEYOND_PX && v < most + BEYOND_PX).then(|| v.round().clamp(0.0, most))
+            };
+            let (x, y) = (near(x, width)?, near(y, height)?);
+            Some(y as usize * width + x as usize)
+        };
+        Self {
+            width,
+            height,
+            columns,
+            looks: 0,
+            counts: vec![0; columns * height.div_ceil(CELL)],
+            places: pixels.map(place).collect(),
+            recorded: [recorded.width, recorded.height],
+        }
+    }
+
+    /// Takes what a look says of its pixels, rows first; gives the mask of that look, none if nothing moves.
+    pub(super) fn add(&mut self, pixels: &[Pixel]) -> Option<Mask> {
+        self.looks += 1;
+        let (width, height) = (self.width, self.height);
+        let mut near = vec![0_usize; self.counts.len()];
+        for (i, pixel) in pixels.iter().enumerate() {
+            let cell = i / width / CELL * self.columns + i % width / CELL;
+            near[cell] += usize::from(*pixel == Pixel::Near);
+        }
+        for (count, near) in self.counts.iter_mut().zip(near) {
+            *count += u32::from(near as f64 >= CELL_SHARE * (CELL * CELL) as f64);
+        }
+        let moves = pixels.iter().map(|p| [Pixel::Near, Pixel::Far].contains(p));
+        let moves: Vec<bool> = moves.collect();
+        let half = (2 * AROUND + 1).pow(2) / 2;
+        let most = around(&moves, [width, height], AROUND, |count| count > half);
+        let mut larger = around(&most, [width, height], LARGER, |count| count > 0);
+        let reached = around(&most, [width, height], LARGER_UNKNOWN, |count| count > 0);
+        for ((larger, reached), pixel) in larger.iter_mut().zip(reached).zip(pixels) {
+            *larger |= reached && *pixel == Pixel::Unknown;
+        }
+        larger.contains(&true).then(|| self.mask(&larger))
+    }
+
+    /// Where the wearer is; none if nowhere.
+    pub(super) fn wearer(&self) -> Option<Mask> {
+        if self.looks < LEAST_LOOKS {
+            return None;
+        }
+        let fewest = WEARER_SHARE * f64::from(self.looks);
+        let is_his: Vec<bool> = self
+            .counts
+            .iter()
+            .map(|c| f64::from(*c) >= fewest)
+            .collect();
+        let rows = self.height.div_ceil(CELL);
+        // Cells beside his are at least in part.
+        let larger = around(&is_his, [self.columns, rows], 1, |count| count > 0);
+        let pixel = |i: usize| larger[i / self.width / CELL * self.columns + i % self.width / CELL];
+        let view: Vec<bool> = (0..self.width * self.height).map(pixel).collect();
+        is_his.contains(&true).then(|| self.mask(&view))
+    }
+
+    /// From the view to the recorded picture; what the view is far from showing can be used.
+    fn mask(&self, moves: &[bool]) -> Mask {
+        let value = |place: &Option<usize>| match place.is_some_and(|place| moves[place]) {
+            true => 0,
+            false => 255,
+        };
+        Mask {
+            width: self.recorded[0],
+            height: self.recorded[1],
+            pixels: self.places.iter().map(value).collect(),
+        }
+    }
+}
+
+/// For each place whether the number of those around it that are true, up to `reach` away both ways, is as it should be.
+fn around(
+    of: &[bool],
+    [width, height]: [usize; 2],
+    reach: usize,
+    fits: impl Fn(usize) -> bool,
+) -> Vec<bool> {
+    // Sums of all that is above and to the left.
+    let mut sums = vec![0_usize; (width + 1) * (height + 1)];
+    for y in 0..height {
+        let mut row = 0;
+        for x in 0..width {
+            row += usize::from(of[y * width + x]);
+            sums[(y + 1) * (width + 1) + x + 1] = sums[y * (width + 1) + x + 1] + row;
+        }
+    }
+    let mut out = Vec::with_capacity(of.len());
+    for y in 0..height {
+        let (top, bottom) = (y.saturating_sub(reach), (y + reach + 1).min(height));
+        for x in 0..width {
+            let (left, right) = (x.saturating_sub(reach), (x + reach + 1).min(width));
+            let at = |x: usize, y: usize| sums[y * (width + 1) + x];
+            let count = at(right, bottom) + at(left, top) - at(left, bottom) - at(right, top);
+            out.push(fits(count));
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use cad_transforms::RigidTransform;
+    use calib::Distortion;
+
+    use super::*;
+
+    const WIDTH: u32 = 64;
+    const HEIGHT: u32 = 48;
+
+    fn moving() -> Moving {
+        let model = CameraModel {
+            width: WIDTH,
+            height: HEIGHT,
+            fx: 50.0,
+            fy: 50.0,
+            cx: 31.5,
+            cy: 23.5,
+            distortion: Distortion::None,
+        };
+        let view = DepthView {
+            camera: "feet".to_owned(),
+            model,
+            view_from_left: RigidTransform::identity(),
+        };
+        Moving::new(&view, &model)
+    }
+
+    /// Something that moves in a rectangle of columns and rows.
+    fn pixels(
+        columns: std::ops::Range<usize>,
+        rows: std::ops::Range<usize>,
+        depth_m: f64,
+    ) -> Vec<Pixel> {
+        let all = (0..HEIGHT as usize).flat_map(|y| (0..WIDTH as usize).map(move |x| (x, y)));
+        all.map(|(x, y)| Pixel::of(columns.contains(&x) && rows.contains(&y), depth_m))
+            .collect()
+    }
+
+    fn masked(mask: &Mask) -> usize {
+        mask.pixels.iter().filter(|p| **p == 0).count()
+    }
+
+    #[test]
+    fn what_moves_is_masked_and_thin_edges_are_not() {
+        let mut moving = moving();
+        let mask = moving.add(&pixels(20..32, 10..30, 4.0)).expect("a mask");
+        // A little larger on all sides, with round corners.
+        assert!(
+            (12 * 20..16 * 24 + 1).contains(&masked(&mask)),
+            "{}",
+            masked(&mask)
+        );
+        assert_eq!(mask.pixels[20 * WIDTH as usize + 25], 0);
+        assert_eq!(mask.pixels[20 * WIDTH as usize + 40], 255);
+        // Beside it what is not known is masked, elsewhere not.
+        let mut partly = pixels(20..32, 10..30, 4.0);
+        let at = |x: usize, y: usize| y * WIDTH as usize + x;
+        partly[at(38, 20)] = Pixel::Unknown;
+        partly[at(60, 20)] = Pixel::Unknown;
+        let mask = moving.add(&partly).expect("a mask");
+        assert_eq!(
+            [at(38, 20), at(39, 20), at(60, 20)].map(|i| mask.pixels[i]),
+            [0, 255, 255]
+        );
+        assert_eq!(moving.add(&pixels(20..22, 10..30, 4.0)), None);
+        assert_eq!(moving.add(&pixels(0..0, 0..0, 4.0)), None);
+    }
+
+    #[test]
+    fn the_wearer_is_who_comes_back_to_the_same_place() {
+        let mut moving = moving();
+        for k in 0..100 {
+            // A shoe in one look of five; somebody near who crosses once; somebody far who stays.
+            moving.add(&match k % 5 {
+                0 => pixels(16..32, 32..48, 1.2),
+                1 if k < 50 => pixels(k..k + 9, 0..9, 1.5),
+                _ => pixels(48..60, 0..20, 5.0),
+            });
+            if k < 15 {
+                assert_eq!(moving.wearer(), None);
+            }
+        }
+        let mask = moving.wearer().expect("a mask");
+        let at = |x: usize, y: usize| mask.pixels[y * WIDTH as usize + x];
+        assert_eq!([at(20, 40), at(31, 47), at(36, 40)], [0; 3]);
+        assert_eq!([at(50, 10), at(5, 5), at(20, 10), at(50, 40)], [255; 4]);
+    }
+}
