@@ -1,15 +1,15 @@
-//! A matcher on smaller pictures, for who has little time: half the rows are half the work, half of both sides an eighth.
+//! Matching smaller pictures, for who has little time: half the rows are half the work, half of both sides an eighth.
 //!
-//! Contract: as [`Matcher`], but pictures are made smaller first, and the map is made as large as they were again: between four
-//! neighbours that lie on one surface it is interpolated, elsewhere the nearest one counts. What has less than some ten
-//! pixels left is lost, and edges are as coarse as two pixels along the sides that are halved.
+//! Contract: pictures are made smaller, matched, and the map is made as large as they were: between four neighbours that lie on one
+//! surface it is interpolated, elsewhere the nearest one counts. What has less than some ten pixels left is lost, and edges
+//! are as coarse as two pixels along the sides that are halved.
 
 use rayon::prelude::*;
 
 use crate::band::Band;
 use crate::error::DepthError;
 use crate::map::DisparityMap;
-use crate::matcher::Matcher;
+use crate::matcher::{Matcher, Seen};
 use crate::picture::Picture;
 use crate::settings::Settings;
 
@@ -22,25 +22,24 @@ pub enum Half {
     Both,
 }
 
-/// See the module.
+/// A matcher of smaller pictures.
 #[derive(Debug)]
-pub struct Halved {
+pub(crate) struct Halved {
     /// By what columns and rows are divided.
     by: [usize; 2],
-    matcher: Matcher,
+    pub(crate) matcher: Matcher,
     small: [Vec<u8>; 2],
-    map: DisparityMap,
 }
 
 /// Neighbours that differ by at most this are of one surface, px of the smaller picture.
 const STEP: f32 = 1.0;
 
 impl Halved {
-    /// For pictures of `width` x `height` pixels.
+    /// For pictures of `width` x `height` pixels, with all else as the settings say.
     ///
     /// # Errors
     /// [`DepthError::Settings`], also for pictures that are too small to be halved.
-    pub fn new(
+    pub(crate) fn new(
         settings: Settings,
         half: Half,
         width: usize,
@@ -51,6 +50,7 @@ impl Halved {
             Half::Both => [2, 2],
         };
         let settings = Settings {
+            half: None,
             // An island of the same size has less pixels.
             island: settings.island / (by[0] * by[1]),
             ..settings
@@ -59,52 +59,34 @@ impl Halved {
             by,
             matcher: Matcher::new(settings, width / by[0], height / by[1])?,
             small: [Vec::new(), Vec::new()],
-            map: DisparityMap {
-                width,
-                height,
-                disparity: vec![f32::NAN; width * height],
-                sigma: vec![f32::NAN; width * height],
-            },
         })
     }
 
-    /// Matches a rectified pair.
-    ///
-    /// # Errors
-    /// As [`Matcher::run`].
-    pub fn run(
+    /// Matches a rectified pair of the size of the map. What was seen is told for rows of the map.
+    pub(crate) fn run(
         &mut self,
         left: &Picture<'_>,
         right: &Picture<'_>,
         band: &Band,
-    ) -> Result<&DisparityMap, DepthError> {
-        let expected = [self.map.width, self.map.height];
-        for (eye, picture) in [("left", left), ("right", right)] {
-            let found = [picture.width(), picture.height()];
-            if found != expected {
-                return Err(DepthError::Size {
-                    eye,
-                    found,
-                    expected,
-                });
-            }
-        }
+        (map, seen): (&mut DisparityMap, &mut Seen),
+    ) -> Result<(), DepthError> {
         let by = self.by;
         let [a, b] = &mut self.small;
         rayon::join(|| shrink(left, by, a), || shrink(right, by, b));
-        let [width, height] = [0, 1].map(|side| expected[side] / by[side]);
+        let [width, height] = [map.width / by[0], map.height / by[1]];
         let left = Picture::new(width, height, &self.small[0])?;
         let right = Picture::new(width, height, &self.small[1])?;
         let small = self
             .matcher
             .run(&left, &right, &halved(band, by, height)?)?;
-        enlarge(small, by, &mut self.map);
-        Ok(&self.map)
-    }
-
-    /// The last map; nothing is in it before the first pair.
-    pub fn map(&self) -> &DisparityMap {
-        &self.map
+        enlarge(small, by, map);
+        let found = self.matcher.seen();
+        seen.noise = found.noise;
+        seen.is_noisy = found.is_noisy;
+        let columns = by[0] as u32;
+        let of = |y: usize| found.at_end[(y / by[1]).min(height - 1)].map(|count| count * columns);
+        seen.at_end = (0..map.height).map(of).collect();
+        Ok(())
     }
 }
 
@@ -211,9 +193,12 @@ mod tests {
         let right = Picture::new(WIDTH, HEIGHT, &right).unwrap();
         let band = Band::full(0, 32, HEIGHT).unwrap();
         for half in [Half::Rows, Half::Both] {
-            let settings = Settings::preset(Preset::Fast);
-            let mut halved = Halved::new(settings, half, WIDTH, HEIGHT).unwrap();
-            let map = halved.run(&left, &right, &band).unwrap();
+            let settings = Settings {
+                half: Some(half),
+                ..Settings::preset(Preset::Fast)
+            };
+            let mut matcher = Matcher::new(settings, WIDTH, HEIGHT).unwrap();
+            let map = matcher.run(&left, &right, &band).unwrap();
             let found = map.disparity.iter().filter(|d| !d.is_nan());
             let close = found.clone().filter(|d| (**d - SHIFT as f32).abs() < 1.0);
             let (found, close) = (found.count(), close.count());
@@ -221,6 +206,7 @@ mod tests {
             assert!(close > found * 99 / 100, "{half:?}: {close} of {found}");
             let both = map.sigma.iter().zip(&map.disparity);
             assert!(both.clone().all(|(s, d)| s.is_nan() == d.is_nan()));
+            assert_eq!(matcher.seen().at_end.len(), HEIGHT);
         }
     }
 
@@ -253,11 +239,11 @@ mod tests {
     }
 
     #[test]
-    fn other_sizes_are_refused() {
-        let mut halved = Halved::new(Settings::preset(Preset::Fast), Half::Both, 40, 30).unwrap();
-        let pixels = vec![0; 40 * 31];
-        let picture = Picture::new(40, 31, &pixels).unwrap();
-        let band = Band::full(0, 8, 30).unwrap();
-        assert!(halved.run(&picture, &picture, &band).is_err());
+    fn what_cannot_be_halved_is_refused() {
+        let settings = Settings {
+            half: Some(Half::Rows),
+            ..Settings::preset(Preset::Fast)
+        };
+        assert!(Matcher::new(settings, 40, 1).is_err());
     }
 }

@@ -32,7 +32,7 @@ pub use band::Band;
 pub use banded::{Banded, Spared};
 pub use census::Census;
 pub use error::DepthError;
-pub use halved::{Half, Halved};
+pub use halved::Half;
 pub use lanes::Level;
 pub use map::{DepthMap, DisparityMap, Geometry};
 pub use matcher::{Matcher, Seen};

@@ -6,6 +6,7 @@ use crate::aggregate::{Aggregation, NONE, Range, Weights};
 use crate::band::Band;
 use crate::cells::{Alike, Surroundings};
 use crate::error::DepthError;
+use crate::halved::Halved;
 use crate::lanes::Level;
 use crate::map::DisparityMap;
 use crate::median::median;
@@ -23,6 +24,8 @@ use crate::speckle::Islands;
 pub struct Matcher {
     settings: Settings,
     level: Level,
+    /// What matches instead, if pictures are made smaller.
+    halved: Option<Box<Halved>>,
     model: Model,
     aggregation: Aggregation,
     smoothed: [Vec<u8>; 2],
@@ -61,7 +64,11 @@ impl Matcher {
                 expected: "at least 1 x 1".to_owned(),
             });
         }
+        let halved = settings
+            .half
+            .map(|half| Halved::new(settings, half, width, height));
         Ok(Self {
+            halved: halved.transpose()?.map(Box::new),
             settings,
             level: settings.level.unwrap_or_else(Level::best),
             model: *Model::of(settings.paths),
@@ -87,6 +94,9 @@ impl Matcher {
     #[must_use]
     pub fn with_model(mut self, model: Model) -> Self {
         self.model = model;
+        if let Some(halved) = &mut self.halved {
+            halved.matcher.model = model;
+        }
         self
     }
 
@@ -94,12 +104,18 @@ impl Matcher {
     #[must_use]
     pub fn with_evidence(mut self) -> Self {
         self.keeps_evidence = true;
+        if let Some(halved) = &mut self.halved {
+            halved.matcher.keeps_evidence = true;
+        }
         self
     }
 
-    /// The evidence of each pixel of the last map; empty unless asked for.
+    /// The evidence of each pixel of the last map, of the smaller one where pictures are made smaller; empty unless asked for.
     pub fn evidence(&self) -> &[Evidence] {
-        &self.evidence
+        match &self.halved {
+            Some(halved) => halved.matcher.evidence(),
+            None => &self.evidence,
+        }
     }
 
     /// The last map; nothing is in it before the first pair.
@@ -143,6 +159,10 @@ impl Matcher {
                 found: format!("{} rows", band.height()),
                 expected: format!("{}, as the pictures have", left.height()),
             });
+        }
+        if let Some(halved) = &mut self.halved {
+            halved.run(left, right, band, (&mut self.map, &mut self.seen))?;
+            return Ok(&self.map);
         }
         self.aggregate(left, right, band)?;
         self.settle(band);

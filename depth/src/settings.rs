@@ -3,6 +3,7 @@
 use crate::aggregate::{Paths, Penalties};
 use crate::census::Census;
 use crate::error::DepthError;
+use crate::halved::Half;
 use crate::lanes::Level;
 
 /// How a pair of pictures is compared.
@@ -21,6 +22,8 @@ pub struct Matching {
 /// See the fields.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
+    /// Whether pictures are made smaller first.
+    pub half: Option<Half>,
     /// For pictures with little noise.
     pub clear: Matching,
     /// For the others.
@@ -75,12 +78,13 @@ impl Preset {
 impl Settings {
     /// The settings of a preset.
     pub fn preset(preset: Preset) -> Self {
-        let (census, paths) = match preset {
-            Preset::Fast => (Census::Full5x5, Paths::Three),
-            Preset::Balanced => (Census::Full5x5, Paths::Eight),
-            Preset::Accurate => (Census::Full7x7, Paths::Eight),
+        let (half, census, paths) = match preset {
+            Preset::Fast => (Some(Half::Rows), Census::Full5x5, Paths::Three),
+            Preset::Balanced => (None, Census::Full5x5, Paths::Eight),
+            Preset::Accurate => (None, Census::Full7x7, Paths::Eight),
         };
         Self {
+            half,
             clear: Matching {
                 census,
                 grey: 8,

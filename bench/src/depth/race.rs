@@ -2,10 +2,7 @@
 
 use anyhow::{Result, ensure};
 use depth::evaluate::{BAD_PX, Scores};
-use depth::{
-    Band, Census, DepthError, DisparityMap, Half, Halved, Matcher, Matching, Paths, Penalties,
-    Picture, Preset, Settings,
-};
+use depth::{Band, Census, Half, Matcher, Matching, Paths, Penalties, Preset, Settings};
 use rig_sim::camera::Quality;
 use rig_sim::scene::{Kind, Time};
 use serde_json::{Value, json};
@@ -45,55 +42,35 @@ pub(super) struct Race {
     frames: usize,
 }
 
-/// One of ours, on pictures as they are or halved.
-enum Ours {
-    Full(Matcher),
-    Half(Halved),
-}
-
-impl Ours {
-    fn run(
-        &mut self,
-        [left, right]: &[Picture<'_>; 2],
-        band: &Band,
-    ) -> Result<&DisparityMap, DepthError> {
-        match self {
-            Self::Full(matcher) => matcher.run(left, right, band),
-            Self::Half(matcher) => matcher.run(left, right, band),
-        }
-    }
-}
-
-/// A name, settings, and whether pictures are made smaller first.
-type Named = (String, Settings, Option<Half>);
-
 /// Our presets, and what lies beside and between them.
-fn ours() -> Vec<Named> {
-    let mut all: Vec<Named> = (Preset::ALL.iter())
-        .map(|preset| (preset.name().to_owned(), Settings::preset(*preset), None))
+fn ours() -> Vec<(String, Settings)> {
+    let mut all: Vec<(String, Settings)> = (Preset::ALL.iter())
+        .map(|preset| (preset.name().to_owned(), Settings::preset(*preset)))
         .collect();
-    for (name, census, paths) in [
-        ("5x5, 4 paths", Census::Full5x5, Paths::Four),
-        ("7x7, 3 paths", Census::Full7x7, Paths::Three),
-        ("7x7, 4 paths", Census::Full7x7, Paths::Four),
-    ] {
-        let preset = Settings::preset(Preset::Balanced);
-        let clear = Matching {
-            census,
-            penalties: Penalties::for_costs_up_to(census.bits() + preset.clear.grey),
-            ..preset.clear
-        };
-        let settings = Settings {
-            paths,
-            clear,
-            ..preset
-        };
-        all.push((name.to_owned(), settings, None));
-    }
-    for preset in Preset::ALL {
-        for (half, what) in [(Half::Rows, "half the rows"), (Half::Both, "halved")] {
-            let name = format!("{}, {what}", preset.name());
-            all.push((name, Settings::preset(preset), Some(half)));
+    for (windows, census) in [("5x5", Census::Full5x5), ("7x7", Census::Full7x7)] {
+        for (count, paths) in [(3, Paths::Three), (4, Paths::Four), (8, Paths::Eight)] {
+            for (half, what) in [
+                (None, ""),
+                (Some(Half::Rows), ", half the rows"),
+                (Some(Half::Both), ", halved"),
+            ] {
+                let preset = Settings::preset(Preset::Balanced);
+                let clear = Matching {
+                    census,
+                    penalties: Penalties::for_costs_up_to(census.bits() + preset.clear.grey),
+                    ..preset.clear
+                };
+                let settings = Settings {
+                    half,
+                    paths,
+                    clear,
+                    ..preset
+                };
+                // The presets are there already.
+                if all.iter().all(|(_, other)| *other != settings) {
+                    all.push((format!("{windows}, {count} paths{what}"), settings));
+                }
+            }
         }
     }
     all
@@ -119,17 +96,13 @@ impl Race {
             for ((_, scores), map) in theirs.iter_mut().zip(&maps) {
                 scores.add(&Scores::of(map, frame.truth())?);
             }
-            let pair = frame.pictures();
+            let [left, right] = frame.pictures();
             let band = Band::full(0, frame.range, frame.height)?;
             let mut matchers = Vec::new();
-            for ((_, settings, half), (_, scores, answers)) in ours.iter().zip(&mut own) {
-                let (width, height) = (frame.width, frame.height);
-                let mut matcher = match half {
-                    None => Ours::Full(Matcher::new(*settings, width, height)?),
-                    Some(half) => Ours::Half(Halved::new(*settings, *half, width, height)?),
-                };
+            for ((_, settings), (_, scores, answers)) in ours.iter().zip(&mut own) {
+                let mut matcher = Matcher::new(*settings, frame.width, frame.height)?;
                 // The first run fills buffers.
-                let map = matcher.run(&pair, &band)?;
+                let map = matcher.run(&left, &right, &band)?;
                 scores.add(&Scores::of(map, frame.truth())?);
                 let counted = (0..map.disparity.len()).filter(|i| {
                     frame.visible[*i] && !frame.truth[*i].is_nan() && !map.disparity[*i].is_nan()
@@ -143,7 +116,7 @@ impl Race {
             let mut times = vec![Vec::new(); ours.len() + configs.len()];
             for _ in 0..runs {
                 for (matcher, times) in matchers.iter_mut().zip(&mut times) {
-                    let (result, took) = timed(|| matcher.run(&pair, &band).map(drop));
+                    let (result, took) = timed(|| matcher.run(&left, &right, &band).map(drop));
                     result?;
                     times.push(1e3 * took.wall_s);
                 }
@@ -163,7 +136,7 @@ impl Race {
         }
         let own = ours.into_iter().zip(own);
         let mut points: Vec<Point> = own
-            .map(|((name, ..), (ms, scores, answers))| Point {
+            .map(|((name, _), (ms, scores, answers))| Point {
                 name,
                 kind: "ours",
                 ms,

@@ -38,8 +38,12 @@ pub(super) fn fit() -> Result<String> {
 
 fn samples_of(preset: Preset, frame: &Frame, number: usize) -> Result<Vec<Sample>> {
     let [left, right] = frame.pictures();
-    let mut matcher =
-        Matcher::new(Settings::preset(preset), frame.width, frame.height)?.with_evidence();
+    // What smaller pictures give is judged by the same model.
+    let settings = Settings {
+        half: None,
+        ..Settings::preset(preset)
+    };
+    let mut matcher = Matcher::new(settings, frame.width, frame.height)?.with_evidence();
     matcher.run(&left, &right, &Band::full(0, frame.range, frame.height)?)?;
     let map = matcher.map();
     // Every so many pixels, not the same columns in each row.
