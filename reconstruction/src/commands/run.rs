@@ -9,6 +9,7 @@ use clap::builder::PossibleValuesParser;
 use clap::{Args, CommandFactory, ValueEnum};
 use indicatif::ProgressBar;
 use reconstruction::Input;
+use reconstruction::pipeline::stages::networks::Networks;
 use reconstruction::pipeline::stages::{self, Options, Preset, rig};
 use reconstruction::pipeline::{Outcome, Selection, Sources, State, Watch, made};
 use scene_bundle::{Bundle, Provenance};
@@ -44,6 +45,12 @@ pub(crate) struct Arguments {
     /// Time from row to row of a rolling shutter, microseconds; may be given for each camera.
     #[arg(long, value_name = "CAMERA=US", value_parser = named)]
     line_us: Vec<(String, String)>,
+    /// A stereo network in place of our matcher (docs/learned.md); ORT_DYLIB_PATH names ONNX Runtime.
+    #[arg(long, value_name = "MODEL.onnx")]
+    depth_network: Option<PathBuf>,
+    /// A segmentation network; what can move has no depth (docs/learned.md).
+    #[arg(long, value_name = "MODEL.onnx")]
+    segmentation_network: Option<PathBuf>,
     /// Print a JSON object per stage, one in a line, and no progress.
     #[arg(long)]
     json: bool,
@@ -98,6 +105,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
             PresetName::Accurate => Preset::Accurate,
         },
         told,
+        networks: Networks::open(
+            arguments.depth_network.as_deref(),
+            arguments.segmentation_network.as_deref(),
+        )?,
     };
     let pipeline = stages::pipeline(options)?;
     let selection = Selection {

@@ -15,6 +15,7 @@ mod cloud;
 mod depth;
 pub mod feed;
 mod mapping;
+pub mod networks;
 mod odometry;
 pub mod rig;
 
@@ -42,6 +43,8 @@ pub struct Options {
     pub preset: Preset,
     /// What is told of the rig instead of what the session says.
     pub told: rig::Told,
+    /// Networks of the user's.
+    pub networks: networks::Networks,
 }
 
 /// The table.
@@ -54,8 +57,13 @@ pub fn pipeline(options: Options) -> Result<Pipeline<Input>, PipelineError> {
         Box::new(rig::RigStage { told: options.told }),
         Box::new(odometry::OdometryStage { preset }),
         Box::new(mapping::MappingStage { preset }),
-        Box::new(depth::DepthStage { preset }),
-        Box::new(cloud::CloudStage),
+        Box::new(depth::DepthStage {
+            preset,
+            networks: options.networks.clone(),
+        }),
+        Box::new(cloud::CloudStage {
+            networks: options.networks,
+        }),
     ];
     Pipeline::new(stages, &[HANDOFF])
 }

@@ -2,7 +2,7 @@
 //!
 //! Contract: a point is where the depth of a keyframe says that something is, if it says so closely enough, keyframes of other
 //! instants say the same, and hardly any sees what is behind it ([`look`]): what moved is not there, nor what one view alone makes
-//! up. All that is in a voxel becomes one point ([`voxels`]). What others see through moves; it is masked ([`moving`]). Colour is that of the left picture; grey pictures give grey.
+//! up, nor what a network of the user's says can move. All that is in a voxel becomes one point ([`voxels`]). What others see through moves; it is masked ([`moving`]). Colour is that of the left picture; grey pictures give grey.
 //! A picture that cannot be read is a loss. Memory is that of the depth of some keyframes and of a line per voxel of the scene,
 //! however long somebody walked about in it. Any number of threads gives the same.
 
@@ -20,6 +20,7 @@ use self::look::{Look, Shot, Verdict};
 use self::moving::{Moving, Pixel};
 use self::voxels::{Point, Voxels};
 use super::HANDOFF;
+use super::networks::Networks;
 use crate::input::{Frames, Input, ReadError};
 use crate::picture::Picture;
 use crate::pipeline::{Stage, StageError, Work};
@@ -29,7 +30,9 @@ mod moving;
 mod voxels;
 
 /// See the module.
-pub(super) struct CloudStage;
+pub(super) struct CloudStage {
+    pub(super) networks: Networks,
+}
 
 /// So many instants before and behind that of a keyframe are asked whether they see the same: as far as people see ahead on a
 /// walk, and as much as is held in memory.
@@ -58,6 +61,7 @@ impl Stage<Input> for CloudStage {
 
     fn settings(&self) -> Value {
         json!({
+            "network": self.networks.segmentation_hash(),
             "reach": REACH,
             "largest_sigma_m": LARGEST_SIGMA_M,
             "agree_sigma": look::AGREE_SIGMA,
@@ -106,10 +110,16 @@ impl Stage<Input> for CloudStage {
                 let picture = pictures[shot.key.view].next();
                 match picture {
                     Some(Ok(view)) => {
-                        let lens = &lenses[shot.key.view];
-                        let (points, pixels) = points(&near, (now - gone, place), lens, &view.left);
+                        let movable = self.networks.movable(&view.left)?;
+                        let eye = EyePicture {
+                            lens: &lenses[shot.key.view],
+                            picture: &view.left,
+                            movable: movable.as_deref(),
+                        };
+                        let (points, pixels) = points(&near, (now - gone, place), &eye);
                         voxels.add(&points);
-                        if let Some(mask) = moving[shot.key.view].add(&pixels) {
+                        let moving = &mut moving[shot.key.view];
+                        if let Some(mask) = moving.add(&pixels, movable.as_deref()) {
                             let camera = &index.views[shot.key.view].camera;
                             let frame = shot.key.frame;
                             outputs::masks::write_moving(work.draft(MASKS), camera, frame, &mask)?;
@@ -180,8 +190,7 @@ fn frames(input: &Input, index: &DepthIndex, camera: &str) -> Result<Frames, Rea
 fn points(
     near: &VecDeque<Vec<Look>>,
     at: (usize, usize),
-    lens: &Lens,
-    picture: &Picture,
+    eye: &EyePicture<'_>,
 ) -> (Vec<Point>, Vec<Pixel>) {
     let look = &near[at.0][at.1];
     let others: Vec<(bool, &Look)> = near
@@ -200,8 +209,7 @@ fn points(
         if verdict != Verdict::Stands || surface.sigma_m > LARGEST_SIGMA_M {
             return (None, pixel);
         }
-        let at = lens.project(look.ray_in_left(column, row));
-        let colour = at.and_then(|at| colour(picture, at));
+        let colour = eye.colour(look.ray_in_left(column, row));
         let point = colour.map(|colour| Point {
             x_in_world: surface.x_in_world,
             sigma_m: surface.sigma_m,
@@ -216,16 +224,31 @@ fn points(
     (points.into_iter().flatten().collect(), pixels)
 }
 
-/// Of the nearest pixel.
-fn colour(picture: &Picture, [x, y]: [f64; 2]) -> Option<[u8; 3]> {
-    let inside = |c: f64, size: u32| (c > -0.5 && c < f64::from(size) - 0.5).then(|| c.round());
-    let (x, y) = (inside(x, picture.width)?, inside(y, picture.height)?);
-    let pixel = y as usize * picture.width as usize + x as usize;
-    let channels = picture.colour.channels();
-    match picture.data.get(channels * pixel..channels * (pixel + 1))? {
-        [grey] => Some([*grey; 3]),
-        [red, green, blue] => Some([*red, *green, *blue]),
-        _ => None,
+/// A left picture as it was recorded.
+struct EyePicture<'a> {
+    lens: &'a Lens,
+    picture: &'a Picture,
+    /// Pixels that a network says can move, if there is one.
+    movable: Option<&'a [bool]>,
+}
+
+impl EyePicture<'_> {
+    /// Of the pixel that is nearest to where a ray is seen, if that stands still for all the network knows.
+    fn colour(&self, ray: [f64; 3]) -> Option<[u8; 3]> {
+        let [x, y] = self.lens.project(ray)?;
+        let picture = self.picture;
+        let inside = |c: f64, size: u32| (c > -0.5 && c < f64::from(size) - 0.5).then(|| c.round());
+        let (x, y) = (inside(x, picture.width)?, inside(y, picture.height)?);
+        let pixel = y as usize * picture.width as usize + x as usize;
+        if self.movable.is_some_and(|movable| movable[pixel]) {
+            return None;
+        }
+        let channels = picture.colour.channels();
+        match picture.data.get(channels * pixel..channels * (pixel + 1))? {
+            [grey] => Some([*grey; 3]),
+            [red, green, blue] => Some([*red, *green, *blue]),
+            _ => None,
+        }
     }
 }
 

@@ -13,6 +13,7 @@ use serde_json::{Value, json};
 
 use self::choose::Apart;
 use self::pair::Pair;
+use super::networks::Networks;
 use super::{HANDOFF, Preset};
 use crate::input::{Input, ReadError};
 use crate::pipeline::{Stage, StageError, Work};
@@ -23,6 +24,7 @@ mod pair;
 /// See the module.
 pub(super) struct DepthStage {
     pub(super) preset: Preset,
+    pub(super) networks: Networks,
 }
 
 /// How far keyframes are apart: by half of a person's step at most, by a step, by two.
@@ -75,6 +77,7 @@ impl Stage<Input> for DepthStage {
             "turned_deg": turned_deg,
             "nearest_m": pair::NEAREST_M,
             "most_relative_sigma": pair::MOST_RELATIVE_SIGMA,
+            "network": self.networks.stereo_hash(),
         })
     }
 
@@ -115,7 +118,8 @@ impl Stage<Input> for DepthStage {
             for (frame, keyframe) in frames.zip(chosen.values()) {
                 match frame {
                     Ok(frame) => {
-                        let picture = pair.depth(&frame.left.data, &frame.right.data)?;
+                        let picture =
+                            pair.depth(&frame.left.data, &frame.right.data, &self.networks)?;
                         share += picture.depth.iter().filter(|d| **d > 0).count() as f64
                             / picture.depth.len().max(1) as f64;
                         let key = DepthKey {

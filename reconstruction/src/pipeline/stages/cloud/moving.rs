@@ -91,8 +91,9 @@ impl Moving {
         }
     }
 
-    /// Takes what a look says of its pixels, rows first; gives the mask of that look, none if nothing moves.
-    pub(super) fn add(&mut self, pixels: &[Pixel]) -> Option<Mask> {
+    /// Takes what a look says of its pixels, rows first, and what a network says can move in the recorded left picture, if there is
+    /// one; gives the mask of that look, none if nothing moves.
+    pub(super) fn add(&mut self, pixels: &[Pixel], movable: Option<&[bool]>) -> Option<Mask> {
         self.looks += 1;
         let (width, height) = (self.width, self.height);
         let mut near = vec![0_usize; self.counts.len()];
@@ -112,7 +113,17 @@ impl Moving {
         for ((larger, reached), pixel) in larger.iter_mut().zip(reached).zip(pixels) {
             *larger |= reached && *pixel == Pixel::Unknown;
         }
-        larger.contains(&true).then(|| self.mask(&larger))
+        let movable = movable.filter(|movable| movable.contains(&true));
+        if !larger.contains(&true) && movable.is_none() {
+            return None;
+        }
+        let mut mask = self.mask(&larger);
+        for (pixel, movable) in mask.pixels.iter_mut().zip(movable.unwrap_or_default()) {
+            if *movable {
+                *pixel = 0;
+            }
+        }
+        Some(mask)
     }
 
     /// Where the wearer is; none if nowhere.
@@ -223,7 +234,9 @@ mod tests {
     #[test]
     fn what_moves_is_masked_and_thin_edges_are_not() {
         let mut moving = moving();
-        let mask = moving.add(&pixels(20..32, 10..30, 4.0)).expect("a mask");
+        let mask = moving
+            .add(&pixels(20..32, 10..30, 4.0), None)
+            .expect("a mask");
         // A little larger on all sides, with round corners.
         assert!(
             (12 * 20..16 * 24 + 1).contains(&masked(&mask)),
@@ -237,13 +250,24 @@ mod tests {
         let at = |x: usize, y: usize| y * WIDTH as usize + x;
         partly[at(38, 20)] = Pixel::Unknown;
         partly[at(60, 20)] = Pixel::Unknown;
-        let mask = moving.add(&partly).expect("a mask");
+        let mask = moving.add(&partly, None).expect("a mask");
         assert_eq!(
             [at(38, 20), at(39, 20), at(60, 20)].map(|i| mask.pixels[i]),
             [0, 255, 255]
         );
-        assert_eq!(moving.add(&pixels(20..22, 10..30, 4.0)), None);
-        assert_eq!(moving.add(&pixels(0..0, 0..0, 4.0)), None);
+        assert_eq!(moving.add(&pixels(20..22, 10..30, 4.0), None), None);
+        assert_eq!(moving.add(&pixels(0..0, 0..0, 4.0), None), None);
+    }
+
+    #[test]
+    fn what_a_network_says_can_move_is_masked_as_well() {
+        let mut moving = moving();
+        let mut movable = vec![false; (WIDTH * HEIGHT) as usize];
+        let nothing = pixels(0..0, 0..0, 4.0);
+        assert_eq!(moving.add(&nothing, Some(&movable)), None);
+        movable[77] = true;
+        let mask = moving.add(&nothing, Some(&movable)).expect("a mask");
+        assert_eq!((masked(&mask), mask.pixels[77]), (1, 0));
     }
 
     #[test]
@@ -251,11 +275,12 @@ mod tests {
         let mut moving = moving();
         for k in 0..100 {
             // A shoe in one look of five; somebody near who crosses once; somebody far who stays.
-            moving.add(&match k % 5 {
+            let pixels = match k % 5 {
                 0 => pixels(16..32, 32..48, 1.2),
                 1 if k < 50 => pixels(k..k + 9, 0..9, 1.5),
                 _ => pixels(48..60, 0..20, 5.0),
-            });
+            };
+            moving.add(&pixels, None);
             if k < 15 {
                 assert_eq!(moving.wearer(), None);
             }

@@ -44,6 +44,14 @@ fn nothing_else(_: u32, _: u32) -> Option<f32> {
     None
 }
 
+fn eye<'a>(lens: &'a Lens, picture: &'a Picture) -> EyePicture<'a> {
+    EyePicture {
+        lens,
+        picture,
+        movable: None,
+    }
+}
+
 fn cloud(looks: Vec<Look>) -> Vec<CloudPoint> {
     let near: VecDeque<Vec<Look>> = looks.into_iter().map(|look| vec![look]).collect();
     let picture = Picture {
@@ -55,7 +63,7 @@ fn cloud(looks: Vec<Look>) -> Vec<CloudPoint> {
     let lens = Lens::new(&view().model);
     let mut voxels = Voxels::default();
     for k in 0..near.len() {
-        voxels.add(&points(&near, (k, 0), &lens, &picture).0);
+        voxels.add(&points(&near, (k, 0), &eye(&lens, &picture)).0);
     }
     voxels.into_points()
 }
@@ -99,7 +107,7 @@ fn too_few_looks_make_no_point() {
         data: vec![7; (WIDTH * HEIGHT) as usize].into(),
     };
     let lens = Lens::new(&view().model);
-    assert!(points(&near, (0, 0), &lens, &picture).0.is_empty());
+    assert!(points(&near, (0, 0), &eye(&lens, &picture)).0.is_empty());
 }
 
 #[test]
@@ -128,14 +136,29 @@ fn what_is_uncertain_makes_no_point() {
 }
 
 #[test]
-fn grey_pictures_give_grey() {
+fn grey_pictures_give_grey_and_what_can_move_gives_nothing() {
     let picture = Picture {
         width: 3,
         height: 2,
         colour: Colour::Grey,
         data: vec![1, 2, 3, 4, 5, 6].into(),
     };
-    assert_eq!(colour(&picture, [1.4, 0.6]), Some([5; 3]));
-    assert_eq!(colour(&picture, [2.6, 0.0]), None);
-    assert_eq!(colour(&picture, [-0.6, 0.0]), None);
+    // Pixel (x, y) is where the ray (x, y, 1) is seen.
+    let lens = Lens::new(&CameraModel {
+        width: 3,
+        height: 2,
+        fx: 1.0,
+        fy: 1.0,
+        cx: 0.0,
+        cy: 0.0,
+        distortion: Distortion::None,
+    });
+    let mut eye = eye(&lens, &picture);
+    assert_eq!(eye.colour([1.4, 0.6, 1.0]), Some([5; 3]));
+    assert_eq!(eye.colour([2.6, 0.0, 1.0]), None);
+    assert_eq!(eye.colour([-0.6, 0.0, 1.0]), None);
+    let movable = [false, false, false, false, true, false];
+    eye.movable = Some(&movable);
+    assert_eq!(eye.colour([1.4, 0.6, 1.0]), None);
+    assert_eq!(eye.colour([2.0, 1.0, 1.0]), Some([6; 3]));
 }

@@ -2,7 +2,10 @@
 //!
 //! Contract: depth is that of the rectified left picture, the largest part in which both are filled. Pixels whose
 //! sigma is more than [`MOST_RELATIVE_SIGMA`] of their depth have none. Disparities are looked for up
-//! to that of [`NEAREST_M`], as far as the matcher can. [`Pair::disparity`] is the one place where disparity is made.
+//! to that of [`NEAREST_M`], as far as the matcher can. [`Pair::disparity`] is the one place where disparity is made, by a network of the
+//! user's where there is one.
+
+use std::borrow::Cow;
 
 use cad_transforms::RigidTransform;
 use calib::rectify::{Rectification, Remap, View};
@@ -12,6 +15,7 @@ use scene_bundle::outputs::depth::DepthPicture;
 use scene_bundle::outputs::rig::RigCamera;
 
 use crate::pipeline::StageError;
+use crate::pipeline::stages::networks::Networks;
 use crate::pipeline::stages::rig;
 
 /// What is nearer than this is not looked for, m: the wearer's hands and knees.
@@ -57,7 +61,12 @@ impl Pair {
     }
 
     /// Depth of the next frame; pictures are luma as recorded.
-    pub(super) fn depth(&mut self, left: &[u8], right: &[u8]) -> Result<DepthPicture, StageError> {
+    pub(super) fn depth(
+        &mut self,
+        left: &[u8],
+        right: &[u8],
+        networks: &Networks,
+    ) -> Result<DepthPicture, StageError> {
         let [to_left, to_right] = &mut self.rectified;
         rayon::join(
             || self.remaps[0].apply_to(left, 0, to_left),
@@ -70,7 +79,8 @@ impl Pair {
             baseline_m: self.rectification.baseline_m,
             offset_px: 0.0,
         };
-        let depth = geometry.depth(self.disparity()?, MOST_RELATIVE_SIGMA)?;
+        let disparity = self.disparity(networks)?;
+        let depth = geometry.depth(&disparity, MOST_RELATIVE_SIGMA)?;
         Ok(DepthPicture::from_metres(
             model.width,
             model.height,
@@ -80,13 +90,17 @@ impl Pair {
     }
 
     /// Disparity of the rectified pictures.
-    fn disparity(&mut self) -> Result<&DisparityMap, StageError> {
+    fn disparity(&mut self, networks: &Networks) -> Result<Cow<'_, DisparityMap>, StageError> {
         let model = self.rectification.camera;
         let picture =
             |pixels| depth::Picture::new(model.width as usize, model.height as usize, pixels);
         let [left, right] = &self.rectified;
-        let (map, _) = self.matcher.run(&picture(left)?, &picture(right)?, None)?;
-        Ok(map)
+        let (left, right) = (picture(left)?, picture(right)?);
+        if let Some(map) = networks.disparity(left, right)? {
+            return Ok(Cow::Owned(map));
+        }
+        let (map, _) = self.matcher.run(&left, &right, None)?;
+        Ok(Cow::Borrowed(map))
     }
 }
 
@@ -139,7 +153,9 @@ mod tests {
         let shift = 10;
         let mut pair = Pair::new(&camera(), Preset::Fast).expect("a pair");
         let scale = pair.model().fx / FOCAL;
-        let found = pair.depth(&wall(0), &wall(shift)).expect("depth");
+        let found = pair
+            .depth(&wall(0), &wall(shift), &Networks::default())
+            .expect("depth");
         let middle = found.depth[WIDTH * HEIGHT / 2 + WIDTH / 2];
         let expected_mm = 1e3 * FOCAL * BASELINE_M / shift as f64;
         assert!(
@@ -153,7 +169,9 @@ mod tests {
     fn pictures_without_texture_have_no_depth() {
         let mut pair = Pair::new(&camera(), Preset::Balanced).expect("a pair");
         let flat = vec![120; WIDTH * HEIGHT];
-        let found = pair.depth(&flat, &flat).expect("a picture");
+        let found = pair
+            .depth(&flat, &flat, &Networks::default())
+            .expect("a picture");
         assert!(found.depth.iter().all(|d| *d == 0));
     }
 }

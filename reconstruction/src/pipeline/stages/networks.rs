@@ -1,0 +1,252 @@
+//! Networks of the user's: one in place of our matcher, one that tells what can move (`docs/learned.md`).
+//!
+//! Contract: they are opened and checked before the first stage. Their hashes are settings of the stage that uses them, so that another
+//! network makes it anew. A program that was built without the feature `onnx` has none, and says so when it is asked for one.
+
+use std::path::Path;
+#[cfg(feature = "onnx")]
+use std::sync::{Arc, Mutex, PoisonError};
+
+use depth::DisparityMap;
+#[cfg(feature = "onnx")]
+use learned::{LearnedError, Runtime, SegmentationNetwork, StereoNetwork};
+use serde_json::{Value, json};
+
+#[cfg(feature = "onnx")]
+use crate::picture::Colour;
+use crate::picture::Picture;
+use crate::pipeline::StageError;
+
+/// Why there is no such network.
+#[derive(Debug, thiserror::Error)]
+pub enum NetworksError {
+    /// Build with `--features onnx`.
+    #[error(
+        "using a network: found a program built without networks, expected one built with `--features onnx`: {0}"
+    )]
+    NotBuilt(String),
+    /// What the network or ONNX Runtime is not.
+    #[cfg(feature = "onnx")]
+    #[error(transparent)]
+    Learned(#[from] LearnedError),
+}
+
+/// The networks that were given.
+#[derive(Clone, Debug, Default)]
+pub struct Networks {
+    #[cfg(feature = "onnx")]
+    stereo: Option<Arc<Mutex<StereoNetwork>>>,
+    #[cfg(feature = "onnx")]
+    segmentation: Option<Arc<Mutex<SegmentationNetwork>>>,
+}
+
+#[cfg(feature = "onnx")]
+impl Networks {
+    /// Opens what is given; ONNX Runtime is loaded only if something is.
+    ///
+    /// # Errors
+    /// [`NetworksError::Learned`].
+    pub fn open(stereo: Option<&Path>, segmentation: Option<&Path>) -> Result<Self, NetworksError> {
+        if stereo.is_none() && segmentation.is_none() {
+            return Ok(Self::default());
+        }
+        let runtime = Runtime::load(None)?;
+        let stereo = stereo.map(|file| StereoNetwork::open(&runtime, file));
+        let segmentation = segmentation.map(|file| SegmentationNetwork::open(&runtime, file));
+        Ok(Self {
+            stereo: stereo.transpose()?.map(|n| Arc::new(Mutex::new(n))),
+            segmentation: segmentation.transpose()?.map(|n| Arc::new(Mutex::new(n))),
+        })
+    }
+
+    /// Of that for disparities, for the settings of a stage; null without one.
+    pub(super) fn stereo_hash(&self) -> Value {
+        json!(self.stereo.as_deref().map(|n| lock(n).hash().to_owned()))
+    }
+
+    /// Of that for segmentation.
+    pub(super) fn segmentation_hash(&self) -> Value {
+        json!(
+            self.segmentation
+                .as_deref()
+                .map(|n| lock(n).hash().to_owned())
+        )
+    }
+
+    /// Disparities of a rectified pair, where there is a network for them.
+    pub(super) fn disparity(
+        &self,
+        left: depth::Picture<'_>,
+        right: depth::Picture<'_>,
+    ) -> Result<Option<DisparityMap>, StageError> {
+        let run = |network: &Mutex<StereoNetwork>| lock(network).run(&left.into(), &right.into());
+        Ok(self.stereo.as_deref().map(run).transpose()?)
+    }
+
+    /// Where things that can move are in a picture, rows first, where there is a network for them.
+    pub(super) fn movable(&self, picture: &Picture) -> Result<Option<Vec<bool>>, StageError> {
+        let Some(network) = self.segmentation.as_deref() else {
+            return Ok(None);
+        };
+        let (width, height) = (picture.width as usize, picture.height as usize);
+        let picture = match picture.colour {
+            Colour::Grey => learned::Picture::grey(width, height, &picture.data)?,
+            Colour::Rgb => learned::Picture::rgb(width, height, &picture.data)?,
+        };
+        Ok(Some(lock(network).run(&picture)?.movable))
+    }
+}
+
+#[cfg(feature = "onnx")]
+fn lock<T>(network: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    network.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(not(feature = "onnx"))]
+impl Networks {
+    /// Nothing, if nothing is given.
+    ///
+    /// # Errors
+    /// [`NetworksError::NotBuilt`].
+    pub fn open(stereo: Option<&Path>, segmentation: Option<&Path>) -> Result<Self, NetworksError> {
+        match stereo.or(segmentation) {
+            Some(file) => Err(NetworksError::NotBuilt(file.display().to_string())),
+            None => Ok(Self::default()),
+        }
+    }
+
+    /// Null.
+    pub(super) fn stereo_hash(&self) -> Value {
+        json!(null)
+    }
+
+    /// Null.
+    pub(super) fn segmentation_hash(&self) -> Value {
+        json!(null)
+    }
+
+    /// None.
+    pub(super) fn disparity(
+        &self,
+        _left: depth::Picture<'_>,
+        _right: depth::Picture<'_>,
+    ) -> Result<Option<DisparityMap>, StageError> {
+        Ok(None)
+    }
+
+    /// None.
+    pub(super) fn movable(&self, _picture: &Picture) -> Result<Option<Vec<bool>>, StageError> {
+        Ok(None)
+    }
+}
+
+/// The writer of small networks that the tests of `learned` use.
+#[cfg(all(test, feature = "onnx"))]
+#[allow(dead_code, unreachable_pub, reason = "it has more than is used here")]
+#[path = "../../../../learned/tests/it/onnx.rs"]
+mod onnx;
+
+#[cfg(test)]
+mod tests {
+    #[cfg(feature = "onnx")]
+    use super::onnx::{Attribute, F32, Graph};
+    use super::*;
+
+    #[test]
+    fn without_networks_there_are_no_answers() {
+        let networks = Networks::open(None, None).expect("nothing");
+        let [left, right] = [rectified(&[0; 6]), rectified(&[0; 6])];
+        assert!(networks.disparity(left, right).expect("none").is_none());
+        assert!(
+            networks
+                .movable(&recorded(&[0; 6]))
+                .expect("none")
+                .is_none()
+        );
+        assert_eq!(networks.stereo_hash(), Value::Null);
+        assert_eq!(networks.segmentation_hash(), Value::Null);
+    }
+
+    fn rectified(pixels: &[u8; 6]) -> depth::Picture<'_> {
+        depth::Picture::new(3, 2, pixels).expect("a picture")
+    }
+
+    fn recorded(pixels: &[u8; 6]) -> Picture {
+        Picture {
+            width: 3,
+            height: 2,
+            colour: crate::picture::Colour::Grey,
+            data: pixels.to_vec().into(),
+        }
+    }
+
+    #[test]
+    fn a_network_that_cannot_be_used_is_an_error() {
+        for (stereo, segmentation) in [
+            (Some(Path::new("a.onnx")), None),
+            (None, Some(Path::new("a.onnx"))),
+        ] {
+            let error = Networks::open(stereo, segmentation).expect_err("no such network");
+            let said = error.to_string();
+            let without = said.ends_with("--features onnx`: a.onnx");
+            assert_eq!(without, cfg!(not(feature = "onnx")), "{said}");
+        }
+    }
+
+    #[cfg(feature = "onnx")]
+    #[test]
+    fn networks_answer_instead() {
+        if std::env::var_os(learned::VARIABLE).is_none() {
+            eprintln!("skipped: {} names no ONNX Runtime", learned::VARIABLE);
+            return;
+        }
+        let folder = tempfile::tempdir().expect("a folder");
+        let picture: [i64; 4] = [1, 1, -1, -1];
+        let stereo = Graph::default()
+            .input("left", F32, &picture)
+            .input("right", F32, &picture)
+            .output("out", F32, &picture)
+            .node("Sub", &["left", "right"], "out", &[])
+            .write(folder.path(), "stereo.onnx");
+        std::fs::write(
+            stereo.with_extension("toml"),
+            "stereo = { factor = 1.0, both_ways = false }",
+        )
+        .expect("settings");
+        // Class 1 is where the picture is brighter than 0.
+        let segmentation = Graph::default()
+            .input("image", F32, &picture)
+            .output("out", F32, &[1, 2, -1, -1])
+            .node("Sub", &["image", "image"], "zero", &[])
+            .node(
+                "Concat",
+                &["zero", "image"],
+                "out",
+                &[Attribute::Number("axis", 1)],
+            )
+            .write(folder.path(), "segmentation.onnx");
+        std::fs::write(
+            segmentation.with_extension("toml"),
+            "segmentation = { enlarge = 'nearest', masked = { person = 1 } }",
+        )
+        .expect("settings");
+        let networks = Networks::open(Some(&stereo), Some(&segmentation)).expect("both");
+        let (left, right) = ([9, 9, 9, 0, 9, 9], [9, 8, 7, 0, 9, 9]);
+        let found = networks
+            .disparity(rectified(&left), rectified(&right))
+            .expect("ran")
+            .expect("a map");
+        assert_eq!(found.disparity, [0.0, 1.0, 2.0, 0.0, 0.0, 0.0]);
+        let movable = networks.movable(&recorded(&left));
+        let movable = movable.expect("ran").expect("a mask");
+        assert_eq!(movable, [true, true, true, false, true, true]);
+        std::fs::write(
+            stereo.with_extension("toml"),
+            "stereo = { factor = 2.0, both_ways = false }",
+        )
+        .expect("settings");
+        let other = Networks::open(Some(&stereo), Some(&segmentation)).expect("both");
+        assert_ne!(other.stereo_hash(), networks.stereo_hash());
+        assert_eq!(other.segmentation_hash(), networks.segmentation_hash());
+    }
+}
