@@ -62,26 +62,28 @@ impl Halved {
         })
     }
 
-    /// Matches a rectified pair of the size of the map. What was seen is told for rows of the map.
+    /// Matches a rectified pair of the size of the map, with so much noise. What was seen is told for rows of the map.
     pub(crate) fn run(
         &mut self,
         left: &Picture<'_>,
         right: &Picture<'_>,
         band: &Band,
+        noise: Option<f64>,
         (map, seen): (&mut DisparityMap, &mut Seen),
     ) -> Result<(), DepthError> {
         let by = self.by;
+        // That of means. Looked for in them, fine texture would pass for noise.
+        let of_means = noise.map(|noise| noise / ((by[0] * by[1]) as f64).sqrt());
         let [a, b] = &mut self.small;
         rayon::join(|| shrink(left, by, a), || shrink(right, by, b));
         let [width, height] = [map.width / by[0], map.height / by[1]];
         let left = Picture::new(width, height, &self.small[0])?;
         let right = Picture::new(width, height, &self.small[1])?;
-        let small = self
-            .matcher
-            .run(&left, &right, &halved(band, by, height)?)?;
-        enlarge(small, by, map);
+        let band = halved(band, by, height)?;
+        self.matcher.run_through(&left, &right, &band, of_means)?;
+        enlarge(self.matcher.map(), by, map);
         let found = self.matcher.seen();
-        seen.noise = found.noise;
+        seen.noise = noise;
         seen.is_noisy = found.is_noisy;
         let columns = by[0] as u32;
         let of = |y: usize| found.at_end[(y / by[1]).min(height - 1)].map(|count| count * columns);

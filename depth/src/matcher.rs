@@ -160,14 +160,30 @@ impl Matcher {
                 expected: format!("{}, as the pictures have", left.height()),
             });
         }
-        if let Some(halved) = &mut self.halved {
-            halved.run(left, right, band, (&mut self.map, &mut self.seen))?;
-            return Ok(&self.map);
+        let noise = noise::estimate(left);
+        match &mut self.halved {
+            None => self.run_through(left, right, band, noise)?,
+            Some(halved) => {
+                let to = (&mut self.map, &mut self.seen);
+                halved.run(left, right, band, noise, to)?;
+            }
         }
+        Ok(&self.map)
+    }
+
+    /// Matches a pair of the right size, with so much noise.
+    pub(crate) fn run_through(
+        &mut self,
+        left: &Picture<'_>,
+        right: &Picture<'_>,
+        band: &Band,
+        noise: Option<f64>,
+    ) -> Result<(), DepthError> {
+        self.seen.noise = noise;
         self.aggregate(left, right, band)?;
         self.settle(band);
         self.judge(left, right);
-        Ok(&self.map)
+        Ok(())
     }
 
     fn aggregate(
@@ -177,7 +193,6 @@ impl Matcher {
         band: &Band,
     ) -> Result<(), DepthError> {
         let settings = &self.settings;
-        self.seen.noise = noise::estimate(left);
         self.seen.is_noisy = self.seen.noise.is_some_and(|noise| noise >= settings.noise);
         let matching = match self.seen.is_noisy {
             true => settings.noisy,

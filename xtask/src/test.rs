@@ -69,6 +69,9 @@ pub(crate) fn run(install: bool, quick: bool) -> Result<()> {
     conclude(&steps, &report)
 }
 
+/// What is not built unless it is asked for, and is tested all the same.
+const FEATURES: &str = "reconstruction/onnx";
+
 fn step(name: &'static str, work: impl FnOnce() -> Result<Ending>) -> Step {
     println!("\n== {name}");
     let start = Instant::now();
@@ -93,6 +96,8 @@ fn clippy() -> Result<Ending> {
     process::run(cargo()?.args([
         "clippy",
         "--workspace",
+        "--features",
+        FEATURES,
         "--all-targets",
         "--locked",
         "--",
@@ -104,7 +109,8 @@ fn clippy() -> Result<Ending> {
 
 fn tests(quick: bool, python: Option<std::path::PathBuf>, report: &mut Report) -> Result<Ending> {
     let mut command = cargo()?;
-    command.args(["test", "--workspace", "--locked", "--no-fail-fast"]);
+    command.args(["test", "--workspace", "--features", FEATURES]);
+    command.args(["--locked", "--no-fail-fast"]);
     if quick {
         command.args(["--lib", "--bins"]);
     }

@@ -357,7 +357,9 @@ fn the_report_says_whether_it_knows_the_truth() {
     let mut parts = page.split("data:image/png;base64,");
     let first = parts.next().expect("a beginning").to_owned();
     // What is behind each picture: its own text may hold anything.
-    let behind: Vec<&str> = parts.filter_map(|part| Some(part.split_once('"')?.1)).collect();
+    let behind: Vec<&str> = parts
+        .filter_map(|part| Some(part.split_once('"')?.1))
+        .collect();
     assert_eq!(behind.len(), 2);
     let text = first + &behind.concat();
     let elsewhere =

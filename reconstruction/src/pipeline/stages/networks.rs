@@ -50,9 +50,16 @@ impl Networks {
         if stereo.is_none() && segmentation.is_none() {
             return Ok(Self::default());
         }
-        let runtime = Runtime::load(None)?;
-        let stereo = stereo.map(|file| StereoNetwork::open(&runtime, file));
-        let segmentation = segmentation.map(|file| SegmentationNetwork::open(&runtime, file));
+        Self::open_with(&Runtime::load(None)?, stereo, segmentation)
+    }
+
+    fn open_with(
+        runtime: &Runtime,
+        stereo: Option<&Path>,
+        segmentation: Option<&Path>,
+    ) -> Result<Self, NetworksError> {
+        let stereo = stereo.map(|file| StereoNetwork::open(runtime, file));
+        let segmentation = segmentation.map(|file| SegmentationNetwork::open(runtime, file));
         Ok(Self {
             stereo: stereo.transpose()?.map(|n| Arc::new(Mutex::new(n))),
             segmentation: segmentation.transpose()?.map(|n| Arc::new(Mutex::new(n))),
@@ -146,6 +153,11 @@ impl Networks {
 #[path = "../../../../learned/tests/it/onnx.rs"]
 mod onnx;
 
+/// Where they find ONNX Runtime.
+#[cfg(all(test, feature = "onnx"))]
+#[path = "../../../../learned/tests/it/library.rs"]
+mod library;
+
 #[cfg(test)]
 mod tests {
     #[cfg(feature = "onnx")]
@@ -196,10 +208,9 @@ mod tests {
     #[cfg(feature = "onnx")]
     #[test]
     fn networks_answer_instead() {
-        if std::env::var_os(learned::VARIABLE).is_none() {
-            eprintln!("skipped: {} names no ONNX Runtime", learned::VARIABLE);
+        let Some(runtime) = super::library::runtime() else {
             return;
-        }
+        };
         let folder = tempfile::tempdir().expect("a folder");
         let picture: [i64; 4] = [1, 1, -1, -1];
         let stereo = Graph::default()
@@ -230,7 +241,8 @@ mod tests {
             "segmentation = { enlarge = 'nearest', masked = { person = 1 } }",
         )
         .expect("settings");
-        let networks = Networks::open(Some(&stereo), Some(&segmentation)).expect("both");
+        let networks =
+            Networks::open_with(&runtime, Some(&stereo), Some(&segmentation)).expect("both");
         let (left, right) = ([9, 9, 9, 0, 9, 9], [9, 8, 7, 0, 9, 9]);
         let found = networks
             .disparity(rectified(&left), rectified(&right))
@@ -245,7 +257,8 @@ mod tests {
             "stereo = { factor = 2.0, both_ways = false }",
         )
         .expect("settings");
-        let other = Networks::open(Some(&stereo), Some(&segmentation)).expect("both");
+        let other =
+            Networks::open_with(&runtime, Some(&stereo), Some(&segmentation)).expect("both");
         assert_ne!(other.stereo_hash(), networks.stereo_hash());
         assert_eq!(other.segmentation_hash(), networks.segmentation_hash());
     }
