@@ -35,6 +35,9 @@ struct Point {
     curve: Vec<[f64; 2]>,
 }
 
+/// Time, scores, and of each answer that counts its sigma and whether it is bad.
+type Own = (f64, Scores, Vec<(f32, bool)>);
+
 /// All of them.
 pub(super) struct Race {
     points: Vec<Point>,
@@ -89,7 +92,7 @@ impl Race {
     ) -> Result<Self> {
         let ours = ours();
         let mut theirs: Vec<(f64, Scores)> = vec![Default::default(); configs.len()];
-        let mut own: Vec<(f64, Scores, Vec<(f32, bool)>)> = vec![Default::default(); ours.len()];
+        let mut own: Vec<Own> = vec![Default::default(); ours.len()];
         for frame in frames {
             peers.show(frame)?;
             let (_, maps) = peers.run(frame, configs, THREADS, true)?;

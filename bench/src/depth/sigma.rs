@@ -47,8 +47,8 @@ fn samples_of(preset: Preset, frame: &Frame, number: usize) -> Result<Vec<Sample
     matcher.run(&left, &right, &Band::full(0, frame.range, frame.height)?)?;
     let map = matcher.map();
     // Every so many pixels, not the same columns in each row.
-    let chosen =
-        (0..map.disparity.len()).filter(|i| (i * 7 + i / frame.width * 3 + number) % ONE_IN == 0);
+    let chosen = (0..map.disparity.len())
+        .filter(|i| (i * 7 + i / frame.width * 3 + number).is_multiple_of(ONE_IN));
     let known = chosen
         .filter(|i| frame.visible[*i] && !frame.truth[*i].is_nan() && !map.disparity[*i].is_nan());
     let sample = |i: usize| Sample {

@@ -235,7 +235,23 @@ pub fn read(reader: &OutputReader, cameras: usize) -> Result<Vec<TrackedKeyframe
             let found = format!("{seen_count} corners and {mark_count} marks");
             return Err(malformed(found, "as many as the other tables still have"));
         }
+        let of_seen = keyframe.seen.iter().map(|s| s.camera);
+        let mut all = of_seen.chain(keyframe.marks.iter().map(|m| m.camera));
+        if let Some(camera) = all.find(|camera| usize::from(*camera) >= cameras) {
+            let found = format!("a corner of camera {camera}");
+            return Err(malformed(found, &format!("one of {cameras}, from 0 on")));
+        }
         keyframes.push(keyframe);
+    }
+    for (rest, place) in [(seen.count(), &places[1]), (marks.count(), &places[2])] {
+        if rest > 0 {
+            return Err(BundleError::Malformed {
+                path: place.clone(),
+                place: "end".to_owned(),
+                found: format!("{rest} corners that no keyframe has"),
+                expected: "none".to_owned(),
+            });
+        }
     }
     Ok(keyframes)
 }

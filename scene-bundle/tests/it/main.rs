@@ -6,4 +6,5 @@ mod export;
 mod interop;
 mod outputs;
 mod sample;
+mod tracks;
 mod version1;

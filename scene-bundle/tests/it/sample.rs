@@ -125,7 +125,7 @@ pub(crate) fn provenance() -> Provenance {
     }
 }
 
-fn record(name: &str) -> Record {
+pub(crate) fn record(name: &str) -> Record {
     Record {
         stage: format!("make-{name}"),
         stage_version: 1,
