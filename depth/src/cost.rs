@@ -1,7 +1,7 @@
 //! What it costs to take two pixels for the same place.
 //!
 //! The number of bits in which their census codes differ, and the difference of their halved grey levels up to a limit
-//! ([`crate::Settings::grey`]). Disparities that lead out of the right picture, or out of the band, cost [`OUT`], which
+//! ([`crate::Matching::grey`]). Disparities that lead out of the right picture, or out of the band, cost [`OUT`], which
 //! no path makes cheaper, so that they never win.
 
 use crate::census::Codes;

@@ -61,6 +61,6 @@ pub struct Mark {
     pub left: [f32; 2],
     /// Inverse range from the left eye, 1/m; 0 where the eyes do not tell.
     pub rho: f32,
-    /// How it looks; see [`crate::describe`].
+    /// How it looks: 256 comparisons of grey levels around it, upright as the picture is.
     pub looks: [u64; 4],
 }

@@ -50,7 +50,7 @@ pub fn write(draft: &Draft, camera: &str, eye: Eye, mask: &Mask) -> Result<(), B
 /// Writes what moves in the left picture of a keyframe.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn write_moving(
     draft: &Draft,
     camera: &str,
