@@ -33,6 +33,7 @@ mod imu;
 mod marginal;
 mod motion;
 mod pyramid;
+mod shown;
 mod sight;
 mod so3;
 mod solve;

@@ -19,6 +19,7 @@ use crate::marginal::marginalise;
 use crate::pyramid::Pyramid;
 use crate::rig::Rig;
 use crate::settings::Settings;
+use crate::shown::Shown;
 use crate::sight::{Camera, Placed};
 use crate::solve::{LEAST_RHO, for_each_residual, solve, solve_newest};
 use crate::start::{LOOK_NS, start};
@@ -95,6 +96,8 @@ pub struct Odometry {
     body_from_rig: RigidTransform,
     imu: Option<ImuInUse>,
     trackers: Vec<Tracker>,
+    /// What each camera's left eye showed last that was new.
+    shown: Vec<Option<Shown>>,
     window: Option<Window>,
     /// Whether the newest frame of the window is a keyframe.
     newest_stays: bool,
@@ -193,6 +196,7 @@ impl Odometry {
             body_from_rig,
             imu,
             trackers: vec![Tracker::default(); rig.cameras.len()],
+            shown: vec![None; rig.cameras.len()],
             window: None,
             newest_stays: true,
             kept: SMatrix::zeros(),
@@ -244,11 +248,13 @@ impl Odometry {
         // Corners are expected where the last pose, whether or not it stays, and the guess put them.
         let last = self.last.unwrap_or(window.newest().state);
         for (k, (tracker, pyramids)) in self.trackers.iter_mut().zip(pyramids).enumerate() {
-            let Some((left, right)) = pyramids else {
+            let camera = &self.cameras[k];
+            let shown = &mut self.shown[k];
+            let fresh = pyramids.filter(|(left, _)| Shown::take(shown, left, &guess, camera));
+            let Some((left, right)) = fresh else {
                 tracker.clear();
                 continue;
             };
-            let camera = &self.cameras[k];
             let (then, now) = (
                 left_eye(camera, &Placed::new(&last, after_s[k])),
                 left_eye(camera, &Placed::new(&guess, after_s[k])),
@@ -368,6 +374,7 @@ impl Odometry {
         };
         for (k, (tracker, pyramids)) in self.trackers.iter_mut().zip(pyramids).enumerate() {
             if let Some((left, right)) = pyramids {
+                Shown::take(&mut self.shown[k], &left, &state, &self.cameras[k]);
                 tracker.follow(&self.cameras[k], left, right, |track| Expected {
                     at: track.at,
                     rho: None,
