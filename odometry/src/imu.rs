@@ -26,12 +26,21 @@ pub(crate) struct Reading {
     pub(crate) clipped: bool,
 }
 
+/// So many samples in a row that are the same are an end of an axis: where no axis can be at rest, rad/s and m/s², and where one may
+/// be, but for noise; what is smaller is no end.
+const STANDS: [usize; 2] = [4, 12];
+const MOVING: [f64; 2] = [0.3, 12.0];
+const LEAST_END: [f64; 2] = [0.05, 2.0];
+
 /// The newest samples, in order of time.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(crate) struct Samples {
     readings: VecDeque<Reading>,
     /// Samples further apart are a gap, ns.
     gap_ns: i64,
+    /// For each axis, those of the gyroscope first: how many samples in a row have been the same, and where it seems to end.
+    same: [usize; 6],
+    ends: [f64; 6],
 }
 
 /// What a stretch of samples is good for.
@@ -50,6 +59,8 @@ impl Samples {
             readings: VecDeque::new(),
             // Three lost in a row are bridged by a straight line.
             gap_ns: (4.5e9 / rate_hz) as i64,
+            same: [0; 6],
+            ends: [f64::INFINITY; 6],
         }
     }
 
@@ -70,6 +81,40 @@ impl Samples {
             accel: sample.accel.into(),
             clipped: at_end(&sample.gyro, range[0]) || at_end(&sample.accel, range[1]),
         });
+        self.find_ends();
+    }
+
+    /// Marks what seems to be clipped below the range that was told: an axis that stands still at a value at which it cannot be
+    /// at rest.
+    fn find_ends(&mut self) {
+        let count = self.readings.len();
+        let axis = |reading: &Reading, k: usize| match k {
+            0..3 => reading.gyro[k],
+            _ => reading.accel[k - 3],
+        };
+        for k in 0..6 {
+            let value = axis(&self.readings[count - 1], k);
+            let before = count.checked_sub(2).map(|i| axis(&self.readings[i], k));
+            let may_end = value.abs() >= LEAST_END[k / 3];
+            let stands = STANDS[usize::from(value.abs() < MOVING[k / 3])];
+            // Noise makes the same number again unlikely, and four times all the more.
+            self.same[k] = match before {
+                Some(before) if may_end && before.to_bits() == value.to_bits() => self.same[k] + 1,
+                _ => 0,
+            };
+            if value.abs() > 1.01 * self.ends[k] {
+                self.ends[k] = f64::INFINITY;
+            }
+            if self.same[k] + 1 >= stands {
+                self.ends[k] = value.abs();
+                for reading in self.readings.iter_mut().rev().take(self.same[k] + 1) {
+                    reading.clipped = true;
+                }
+            }
+            if value.abs() >= 0.999 * self.ends[k] {
+                self.readings[count - 1].clipped = true;
+            }
+        }
     }
 
     /// Forgets what lies before, but for the last sample before.
@@ -315,6 +360,34 @@ mod tests {
         out.fixed_rows_mut::<3>(6)
             .copy_from(&(b.displacement - a.displacement));
         out
+    }
+
+    #[test]
+    fn an_axis_that_stands_still_where_it_cannot_is_at_its_end() {
+        let range = [10.0, 80.0];
+        let clip = |most: f64| {
+            let mut samples = Samples::new(400.0);
+            let mut clipped = Vec::new();
+            for k in 0..400_i64 {
+                let t = k as f64 / 400.0;
+                let gyro = [(2.0 * (9.0 * t).sin()).clamp(-most, most), 0.1, 0.0];
+                // Gravity with a little noise in the last digit.
+                let sample = ImuSample {
+                    time_ns: k,
+                    gyro: [gyro[0], gyro[1] + 1e-3 * (k % 3) as f64, gyro[2]],
+                    accel: [0.0, 0.0, 9.8 + 0.002 * (k % 7 / 3) as f64],
+                };
+                samples.push(&sample, range);
+            }
+            clipped.extend(samples.readings.iter().map(|r| r.clipped));
+            let beyond = |r: &Reading| (2.0 * (9.0 * r.time_ns as f64 / 400.0).sin()).abs() > most;
+            let all = samples.readings.iter().filter(|r| beyond(r)).count();
+            (all, clipped.iter().filter(|c| **c).count())
+        };
+        let (all, found) = clip(1.0);
+        assert!(all > 200 && found.abs_diff(all) < 8, "{found} of {all}");
+        // At rest the same comes again and again.
+        assert_eq!(clip(5.0), (0, 0));
     }
 
     #[test]
