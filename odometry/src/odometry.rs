@@ -788,7 +788,7 @@ fn leaving(window: &Window) -> usize {
 
 /// What a solution's covariance does not know: sights of one corner are wrong alike from frame to frame, and calibrations are a
 /// little wrong for good. Sigmas are so many times as large, and what a scale error makes of the distance from the start is
-/// added. Measured on simulated walks; see docs/odometry.md.
+/// added. Measured on simulated walks; see docs/decisions/0010-odometry.md.
 pub(crate) fn honest(state: &State, covariance: &Matrix6<f64>) -> Matrix6<f64> {
     let mut out = covariance * (LARGER * LARGER);
     let off = LEAST_M + OFF_SCALE * state.position.norm();

@@ -19,7 +19,7 @@ pub(crate) const PAIR_MS: f64 = 20.0;
 /// Markdown.
 pub(crate) fn text(results: &Results) -> String {
     let mut text = format!(
-        "# Odometry, measured\n\nWritten by `cargo xtask bench odometry`; what it means stands in [odometry.md](../odometry.md). \
+        "# Odometry, measured\n\nWritten by `cargo xtask bench odometry`; how poses are found stands in [decisions/0010](../decisions/0010-odometry.md). \
          Last part: {}.\n",
         stamp::line(&results.stamp)
     );
