@@ -14,7 +14,7 @@
 //! Contract. *Early*: the first pose comes with the first frame set that shows anything; until gravity has been
 //! felt its tilt is uncertain and its covariance says so. *Late*: frame sets come in order of time; a camera's
 //! pictures may be earlier or later than their set by half a frame. *At a gap* of pictures the IMU carries on, as long
-//! as it is sure; at one of the IMU pictures do. *On failure*: a pose that is not known is not given; what is given
+//! as it is sure; at one of the IMU pictures do. *On failure*: a pose that is not known is given as lost; every one
 //! carries a covariance and a status. Same input, same bytes, on any number of threads.
 //!
 //! This crate knows nothing of sessions, files, or devices.
@@ -28,6 +28,8 @@ pub mod settings;
 
 mod corners;
 mod describe;
+mod doubt;
+mod felt;
 mod follow;
 mod imu;
 mod marginal;

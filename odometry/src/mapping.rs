@@ -11,9 +11,10 @@ use cad_transforms::RigidTransform;
 use calib::Eye as Side;
 use nalgebra::Matrix6;
 
+use crate::doubt::own_covariance;
+use crate::felt::{ImuInUse, leap};
 use crate::input::ImuSample;
 use crate::keyframe::{BodyState, Keyframe};
-use crate::odometry::{ImuInUse, Rates, leap};
 use crate::rig::Rig;
 use crate::settings::Settings;
 use crate::sight::{Camera, Sight};
@@ -114,7 +115,7 @@ impl Mapping {
                 felt: felt.unwrap_or_else(|| {
                     let turned = from.turn.inverse() * to.turn;
                     let rate = crate::so3::log(&turned) / seconds.max(1e-3);
-                    leap(&from, &Rates { rate }, to.time_ns)
+                    leap(&from, rate, to.time_ns)
                 }),
             }
         });
@@ -160,12 +161,8 @@ impl Mapping {
                 .map(|(frame, covariance)| AdjustedPose {
                     number: frame.number,
                     time_ns: frame.state.time_ns,
-                    world_from_rig: crate::odometry::rig_pose(&frame.state, &self.body_from_rig),
-                    covariance: crate::odometry::own_covariance(
-                        &frame.state,
-                        &self.body_from_rig,
-                        covariance,
-                    ),
+                    world_from_rig: frame.state.world_from_rig(&self.body_from_rig),
+                    covariance: own_covariance(&frame.state, &self.body_from_rig, covariance),
                 })
                 .collect(),
             loops: found.iter().map(loops::Closure::told).collect(),

@@ -8,11 +8,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use cad_transforms::RigidTransform;
-use calib::ImuNoise;
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3};
 use rayon::prelude::*;
 
-use crate::imu::{Coverage, Preintegrated, Reading, Samples};
+use crate::doubt::{carried, own_covariance};
+use crate::felt::{ImuInUse, leap};
 use crate::input::{FrameSet, ImuSample};
 use crate::keyframe::{BodyState, Keyframe, Seen};
 use crate::marginal::marginalise;
@@ -41,15 +41,6 @@ const CLEAR: f64 = 0.6;
 /// Sights that a pose needs, and their share of all.
 const FEWEST: usize = 12;
 const LEAST_AGREED: f64 = 0.3;
-/// How fast a body may change speed and turn where nothing was felt, m/s²/√Hz and rad/s/√Hz.
-const LEAP: [f64; 2] = [3.0, 0.7];
-/// Sensors differ from their data sheets: scale, skew, warming. Noise is taken to be so many times as large.
-const WORSE: f64 = 2.0;
-/// See [`honest`].
-const LARGER: f64 = 3.0;
-const LEAST_M: f64 = 0.003;
-const OFF_SCALE: f64 = 1.5e-3;
-const LEAST_RAD: f64 = 1e-3;
 /// Sigma of a position along its worst direction from which it is no longer known: m, and share of the distance from the
 /// start.
 const LOST_M: f64 = 0.5;
@@ -111,79 +102,6 @@ pub struct Odometry {
     /// Keyframes that are still in the window, and those that have left it.
     pending: BTreeMap<u64, Keyframe>,
     ready: Vec<Keyframe>,
-}
-
-/// The IMU that motion is felt with.
-pub(crate) struct ImuInUse {
-    pub(crate) index: usize,
-    pub(crate) noise: ImuNoise,
-    pub(crate) range: [f64; 2],
-    pub(crate) samples: Samples,
-}
-
-impl ImuInUse {
-    /// Cameras, body and IMU of a rig: the body is the first IMU, or the rig itself where there is none.
-    pub(crate) fn of(rig: &Rig) -> (Vec<Camera>, RigidTransform, Option<Self>) {
-        let body_from_rig = rig
-            .imus
-            .first()
-            .map_or_else(RigidTransform::identity, |imu| imu.rig_from_imu.inverse());
-        let cameras = rig.cameras.iter();
-        let imu = rig.imus.first().map(|imu| Self {
-            index: 0,
-            noise: ImuNoise {
-                gyro_noise_density: imu.noise.gyro_noise_density * WORSE,
-                accel_noise_density: imu.noise.accel_noise_density * WORSE,
-                gyro_random_walk: imu.noise.gyro_random_walk * WORSE,
-                accel_random_walk: imu.noise.accel_random_walk * WORSE,
-            },
-            range: imu.range,
-            samples: Samples::new(imu.rate_hz),
-        });
-        let cameras = cameras.map(|c| Camera::new(c, &body_from_rig)).collect();
-        (cameras, body_from_rig, imu)
-    }
-
-    /// What was felt from a state to a time; none where samples are missing or clipped.
-    pub(crate) fn felt(&self, from: &State, to_ns: i64) -> Option<Preintegrated> {
-        let mut readings = Vec::new();
-        let coverage = self.samples.between(from.time_ns, to_ns, &mut readings);
-        (coverage == Coverage::Whole)
-            .then(|| Preintegrated::new(&readings, &from.gyro_bias, &from.accel_bias, &self.noise))
-    }
-
-    /// Densities of the biases' walks.
-    pub(crate) fn walk(&self) -> [f64; 2] {
-        [self.noise.gyro_random_walk, self.noise.accel_random_walk]
-    }
-}
-
-/// How a body that feels nothing is taken to go on.
-pub(crate) struct Rates {
-    /// About its own axes, rad/s.
-    pub(crate) rate: Vector3<f64>,
-}
-
-/// Nothing was felt: the body goes on as it went, more or less.
-pub(crate) fn leap(from: &State, rates: &Rates, to_ns: i64) -> Preintegrated {
-    let reading = |time_ns: i64| Reading {
-        time_ns,
-        gyro: rates.rate,
-        accel: Vector3::zeros(),
-        clipped: false,
-    };
-    let noise = ImuNoise {
-        gyro_noise_density: LEAP[1],
-        gyro_random_walk: 0.0,
-        accel_noise_density: LEAP[0],
-        accel_random_walk: 0.0,
-    };
-    let zero = Vector3::zeros();
-    let ends = [reading(from.time_ns), reading(to_ns)];
-    let mut felt = Preintegrated::new(&ends, &zero, &zero, &noise);
-    // It does not depend on biases.
-    felt.by_bias = SMatrix::zeros();
-    felt
 }
 
 impl Odometry {
@@ -303,10 +221,15 @@ impl Odometry {
             }
             own = None;
         }
+        let kept = || {
+            let from = &window.frames[window.frames.len() - 2].state;
+            let covariance = self.kept.fixed_view::<6, 6>(0, 0).into_owned();
+            carried(from, &window.newest().state, &covariance)
+        };
         let covariance = match (joint, own) {
             (Some(joint), _) => joint.fixed_view::<6, 6>(0, 0).into_owned(),
-            (None, Some(own)) => self.moved_covariance(&window) + own.fixed_view::<6, 6>(0, 0),
-            (None, None) => self.moved_covariance(&window) + Matrix6::identity(),
+            (None, Some(own)) => kept() + own.fixed_view::<6, 6>(0, 0),
+            (None, None) => kept() + Matrix6::identity(),
         };
         if is_keyframe {
             self.prune(&mut window);
@@ -401,7 +324,7 @@ impl Odometry {
         let seconds = (time_ns - from.time_ns) as f64 * 1e-9;
         let felt = self.imu.as_ref().and_then(|imu| imu.felt(from, time_ns));
         let has_gravity = felt.is_some();
-        let felt = felt.unwrap_or_else(|| leap(from, &self.rates(), time_ns));
+        let felt = felt.unwrap_or_else(|| leap(from, self.rate(), time_ns));
         let gravity = if has_gravity {
             Vector3::new(0.0, 0.0, -crate::state::GRAVITY)
         } else {
@@ -434,11 +357,9 @@ impl Odometry {
         (motion, guess)
     }
 
-    /// As it went last.
-    fn rates(&self) -> Rates {
-        Rates {
-            rate: self.last.as_ref().map_or(Vector3::zeros(), State::rate),
-        }
+    /// How it turned last, about its own axes, rad/s.
+    fn rate(&self) -> Vector3<f64> {
+        self.last.as_ref().map_or(Vector3::zeros(), State::rate)
     }
 
     /// Finds the newest pose. Where what was felt contradicts most of what is seen, and what is seen agrees with itself, the
@@ -456,7 +377,7 @@ impl Odometry {
         let from = window.frames[last - 1].state;
         window.frames[last] = Frame {
             motion: Some(Motion {
-                felt: leap(&from, &self.rates(), guess.state.time_ns),
+                felt: leap(&from, self.rate(), guess.state.time_ns),
                 has_gravity: false,
                 walk: guess.motion.as_ref().map_or([1e-6; 2], |m| m.walk),
             }),
@@ -688,21 +609,6 @@ impl Odometry {
         self.ready.drain(..count).collect()
     }
 
-    /// The last keyframe's covariance, carried rigidly to the newest frame.
-    fn moved_covariance(&self, window: &Window) -> Matrix6<f64> {
-        let n = window.frames.len();
-        let (newest, before) = (&window.frames[n - 1].state, &window.frames[n - 2].state);
-        let mut by = Matrix6::identity();
-        let turn = before.turn.to_rotation_matrix().into_inner();
-        let arm = before.turn.inverse() * (newest.position - before.position);
-        by.fixed_view_mut::<3, 3>(0, 3)
-            .copy_from(&(-turn * crate::so3::cross(&arm)));
-        let relative = newest.turn.inverse() * before.turn;
-        by.fixed_view_mut::<3, 3>(3, 3)
-            .copy_from(&relative.to_rotation_matrix().into_inner());
-        by * self.kept.fixed_view::<6, 6>(0, 0) * by.transpose()
-    }
-
     fn estimate(
         &self,
         window: &Window,
@@ -730,7 +636,7 @@ impl Odometry {
         let velocity = state.velocity + state.turn * state.rate().cross(arm);
         Estimate {
             time_ns: state.time_ns,
-            world_from_rig: rig_pose(state, &self.body_from_rig),
+            world_from_rig: state.world_from_rig(&self.body_from_rig),
             covariance,
             velocity,
             status,
@@ -784,51 +690,6 @@ fn leaving(window: &Window) -> usize {
     let (a, b) = (&window.frames[n - 2].state, &window.frames[n - 1].state);
     let still = (a.position - b.position).norm() < 0.01 && a.turn.angle_to(&b.turn) < 0.01;
     if still { n - 2 } else { 0 }
-}
-
-/// What a solution's covariance does not know: sights of one corner are wrong alike from frame to frame, and calibrations are a
-/// little wrong for good. Sigmas are so many times as large, and what a scale error makes of the distance from the start is
-/// added. Measured on simulated walks; see docs/decisions/0010-odometry.md.
-pub(crate) fn honest(state: &State, covariance: &Matrix6<f64>) -> Matrix6<f64> {
-    let mut out = covariance * (LARGER * LARGER);
-    let off = LEAST_M + OFF_SCALE * state.position.norm();
-    for k in 0..3 {
-        out[(k, k)] += off * off;
-        out[(k + 3, k + 3)] += LEAST_RAD * LEAST_RAD;
-    }
-    out
-}
-
-/// World from rig.
-pub(crate) fn rig_pose(state: &State, body_from_rig: &RigidTransform) -> RigidTransform {
-    let q = state.turn;
-    let world_from_body = RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], state.position.into())
-        .expect("a state is finite, since steps that are not are not taken");
-    world_from_body * *body_from_rig
-}
-
-/// From errors of the body's position in the world and its turn to those of a small motion of the rig in its own axes.
-pub(crate) fn own_covariance(
-    state: &State,
-    body_from_rig: &RigidTransform,
-    covariance: &Matrix6<f64>,
-) -> Matrix6<f64> {
-    let mut to_own = Matrix6::identity();
-    to_own
-        .fixed_view_mut::<3, 3>(0, 0)
-        .copy_from(&state.turn.inverse().to_rotation_matrix().into_inner());
-    let rig_from_body = body_from_rig.inverse();
-    let turn = rig_from_body.rotation().to_rotation_matrix().into_inner();
-    let mut adjoint = Matrix6::zeros();
-    adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(&turn);
-    adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn);
-    let arm = crate::so3::cross(rig_from_body.translation());
-    adjoint
-        .fixed_view_mut::<3, 3>(0, 3)
-        .copy_from(&(arm * turn));
-    let by = adjoint * to_own;
-    let own = by * honest(state, covariance) * by.transpose();
-    (own + own.transpose()) * 0.5
 }
 
 /// World from left eye.

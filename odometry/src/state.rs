@@ -4,6 +4,7 @@
 //! the first body was. Errors are `[position in the world, turn on the right, velocity, gyroscope bias, accelerometer
 //! bias]`, 15 numbers.
 
+use cad_transforms::RigidTransform;
 use nalgebra::{SVector, UnitQuaternion, Vector3};
 
 use crate::so3;
@@ -82,6 +83,14 @@ impl State {
         set(GYRO_BIAS, self.gyro_bias - other.gyro_bias);
         set(ACCEL_BIAS, self.accel_bias - other.accel_bias);
         error
+    }
+
+    /// Where the rig is.
+    pub(crate) fn world_from_rig(&self, body_from_rig: &RigidTransform) -> RigidTransform {
+        let q = self.turn;
+        let world_from_body = RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], self.position.into())
+            .expect("a state is finite, since steps that are not are not taken");
+        world_from_body * *body_from_rig
     }
 
     /// Rate about its own axes, rad/s.

@@ -1,0 +1,63 @@
+//! How sure a pose is: from what a solution says of itself to what is told.
+
+use cad_transforms::RigidTransform;
+use nalgebra::Matrix6;
+
+use crate::so3::cross;
+use crate::state::State;
+
+/// See [`honest`].
+const LARGER: f64 = 3.0;
+const LEAST_M: f64 = 0.003;
+const OFF_SCALE: f64 = 1.5e-3;
+const LEAST_RAD: f64 = 1e-3;
+
+/// What a solution's covariance does not know: sights of one corner are wrong alike from frame to frame, and calibrations are a
+/// little wrong for good. Sigmas are so many times as large, and what a scale error makes of the distance from the start is
+/// added. Measured on simulated walks; see docs/decisions/0010-odometry.md.
+fn honest(state: &State, covariance: &Matrix6<f64>) -> Matrix6<f64> {
+    let mut out = covariance * (LARGER * LARGER);
+    let off = LEAST_M + OFF_SCALE * state.position.norm();
+    for k in 0..3 {
+        out[(k, k)] += off * off;
+        out[(k + 3, k + 3)] += LEAST_RAD * LEAST_RAD;
+    }
+    out
+}
+
+/// From errors of the body's position in the world and its turn to those of a small motion of the rig in its own axes.
+pub(crate) fn own_covariance(
+    state: &State,
+    body_from_rig: &RigidTransform,
+    covariance: &Matrix6<f64>,
+) -> Matrix6<f64> {
+    let mut to_own = Matrix6::identity();
+    to_own
+        .fixed_view_mut::<3, 3>(0, 0)
+        .copy_from(&state.turn.inverse().to_rotation_matrix().into_inner());
+    let rig_from_body = body_from_rig.inverse();
+    let turn = rig_from_body.rotation().to_rotation_matrix().into_inner();
+    let mut adjoint = Matrix6::zeros();
+    adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(&turn);
+    adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn);
+    let arm = cross(rig_from_body.translation());
+    adjoint
+        .fixed_view_mut::<3, 3>(0, 3)
+        .copy_from(&(arm * turn));
+    let by = adjoint * to_own;
+    let own = by * honest(state, covariance) * by.transpose();
+    (own + own.transpose()) * 0.5
+}
+
+/// The covariance of one state's pose, carried rigidly to another one.
+pub(crate) fn carried(from: &State, to: &State, covariance: &Matrix6<f64>) -> Matrix6<f64> {
+    let mut by = Matrix6::identity();
+    let turn = from.turn.to_rotation_matrix().into_inner();
+    let arm = from.turn.inverse() * (to.position - from.position);
+    by.fixed_view_mut::<3, 3>(0, 3)
+        .copy_from(&(-turn * cross(&arm)));
+    let relative = to.turn.inverse() * from.turn;
+    by.fixed_view_mut::<3, 3>(3, 3)
+        .copy_from(&relative.to_rotation_matrix().into_inner());
+    by * covariance * by.transpose()
+}
