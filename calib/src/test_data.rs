@@ -1,5 +1,7 @@
 //! Files for tests: made-up ones in a temporary folder, real ones outside the project.
 
+pub(crate) use ::test_data::shared;
+
 use std::path::{Path, PathBuf};
 
 /// A folder that goes away with the test.
@@ -22,21 +24,6 @@ impl Folder {
         std::fs::write(&path, text).expect("a file can be written");
         path
     }
-}
-
-/// A path in the real data: the folder that `PAWS_DATA` names, or `../shared/data` from the project's
-/// root. `None`, with the reason printed, when it is not there.
-pub(crate) fn shared(path: &str) -> Option<PathBuf> {
-    let root = match std::env::var_os("PAWS_DATA") {
-        Some(root) => PathBuf::from(root),
-        None => Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
-    };
-    let path = root.join(path);
-    if !path.exists() {
-        eprintln!("skipped: no real data at {}", path.display());
-        return None;
-    }
-    Some(path)
 }
 
 /// A picture file as grey: width, height, pixels.

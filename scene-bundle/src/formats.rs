@@ -19,8 +19,6 @@ pub use text::FormatError;
 
 #[cfg(test)]
 mod tests {
-    use std::path::{Path, PathBuf};
-
     use cad_transforms::{Covariance, RigidTransform};
 
     use crate::trajectory::{Pose, Status, Trajectory};
@@ -51,20 +49,5 @@ mod tests {
                 .collect(),
         )
         .unwrap()
-    }
-
-    /// A path in the real data: the folder that `PAWS_DATA` names, or `../shared/data` from the project's root.
-    /// `None`, with the reason printed, when it is not there.
-    pub(super) fn shared(path: &str) -> Option<PathBuf> {
-        let root = match std::env::var_os("PAWS_DATA") {
-            Some(root) => PathBuf::from(root),
-            None => Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
-        };
-        let path = root.join(path);
-        if !path.exists() {
-            eprintln!("skipped: no real data at {}", path.display());
-            return None;
-        }
-        Some(path)
     }
 }

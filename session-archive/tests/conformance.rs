@@ -166,7 +166,7 @@ fn mcap_files(folder: &Path) -> Vec<PathBuf> {
 
 #[test]
 fn every_conformance_file_is_what_its_json_says() {
-    let Some(folder) = support::data("09_containers_video/mcap_conformance") else {
+    let Some(folder) = test_data::shared("09_containers_video/mcap_conformance") else {
         return;
     };
     let files = mcap_files(&folder);
@@ -194,7 +194,7 @@ fn every_conformance_file_is_what_its_json_says() {
 /// Chunks with a compression that we do not read are refused by name.
 #[test]
 fn compressed_chunks_of_others_are_a_clear_error() {
-    let Some(folder) = support::data("09_containers_video/rosbag2") else {
+    let Some(folder) = test_data::shared("09_containers_video/rosbag2") else {
         return;
     };
     let files = mcap_files(&folder);

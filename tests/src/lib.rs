@@ -13,7 +13,7 @@
 //! Everything here says what is wrong by an error; the tests turn it into a failure.
 
 pub mod contents;
-pub mod data;
+pub use test_data as data;
 pub mod faults;
 pub mod kills;
 pub mod program;

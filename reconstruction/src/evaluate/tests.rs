@@ -1,7 +1,8 @@
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use cad_transforms::Covariance;
 use scene_bundle::{Pose, Status};
+use test_data::shared;
 
 use super::*;
 
@@ -34,20 +35,6 @@ fn with(alignment: Alignment) -> Settings {
         alignment,
         ..Settings::default()
     }
-}
-
-/// A path in the real data, or the reason why it is not there printed.
-fn shared(path: &str) -> Option<PathBuf> {
-    let root = match std::env::var_os("PAWS_DATA") {
-        Some(root) => PathBuf::from(root),
-        None => Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
-    };
-    let path = root.join(path);
-    if !path.exists() {
-        eprintln!("skipped: no real data at {}", path.display());
-        return None;
-    }
-    Some(path)
 }
 
 #[test]

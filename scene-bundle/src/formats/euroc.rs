@@ -148,7 +148,9 @@ pub fn written(trajectory: &Trajectory, biases: Option<&[Biases]>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::formats::tests::{bare, shared, walk};
+    use test_data::shared;
+
+    use crate::formats::tests::{bare, walk};
     use crate::trajectory::Status;
 
     fn parsed(text: &str) -> Result<Estimate, FormatError> {

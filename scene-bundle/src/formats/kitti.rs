@@ -115,7 +115,9 @@ pub fn written(trajectory: &Trajectory) -> (String, String) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::formats::tests::{bare, shared, walk};
+    use test_data::shared;
+
+    use crate::formats::tests::{bare, walk};
 
     #[test]
     fn what_is_written_reads_back() {

@@ -2,7 +2,6 @@
 
 #![allow(dead_code, reason = "every test program uses a part of this")]
 
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use session_archive::manifest::{Camera, Imu, Manifest, Stop, Stream};
@@ -327,20 +326,6 @@ pub(crate) fn messages(reader: &SessionReader) -> Vec<Message> {
             _ => None,
         })
         .collect()
-}
-
-/// A folder of the shared test data; says that the test is skipped if it is not there.
-pub(crate) fn data(folder: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("PAWS_DATA").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
-        PathBuf::from,
-    );
-    let path = root.join(folder);
-    if !path.is_dir() {
-        eprintln!("skipped: no test data at {}", path.display());
-        return None;
-    }
-    Some(path)
 }
 
 pub(crate) fn stop(at: HostTime) -> Stop {

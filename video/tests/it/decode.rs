@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::material::{shared_data, texture};
+use crate::material::texture;
 use crate::{elements, encode, odd_times, settings};
 use gstreamer::glib;
 use video::annexb::{self, Nal};
@@ -190,8 +190,9 @@ fn opens(nal: &Nal<'_>) -> bool {
 
 #[test]
 fn published_streams_decode_to_the_published_pictures() {
-    let Some(root) = shared_data() else { return };
-    let folder = root.join("09_containers_video/h264_openh264");
+    let Some(folder) = test_data::shared("09_containers_video/h264_openh264") else {
+        return;
+    };
     let list = fs::read_to_string(folder.join("expected_decoded_sha1_shared.csv")).unwrap();
     let mut decoder = Decoder::new(Codec::H264);
     for line in list.lines().filter(|line| !line.trim().is_empty()) {

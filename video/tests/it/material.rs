@@ -79,23 +79,6 @@ pub(crate) fn texture(width: u32, height: u32, count: usize) -> Vec<Picture> {
         .collect()
 }
 
-/// The shared data set, or a line that says why something was skipped.
-pub(crate) fn shared_data() -> Option<PathBuf> {
-    let root = std::env::var_os("PAWS_DATA").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
-        PathBuf::from,
-    );
-    if root.is_dir() {
-        Some(root)
-    } else {
-        eprintln!(
-            "skipped: no shared data at {} (set PAWS_DATA)",
-            root.display()
-        );
-        None
-    }
-}
-
 /// One PNG file as I420.
 fn png(path: &Path) -> Picture {
     let file = BufReader::new(File::open(path).unwrap());
@@ -125,7 +108,7 @@ fn folder(path: &Path) -> Vec<PathBuf> {
 
 /// Real stereo recordings, side by side: a name and the pictures of each. Empty without the data.
 pub(crate) fn recordings(count: usize) -> Vec<(&'static str, Vec<Picture>)> {
-    let Some(root) = shared_data() else {
+    let Some(root) = test_data::shared("") else {
         return Vec::new();
     };
     let pairs = |left: &str, right: &str| -> Vec<Picture> {

@@ -1,5 +1,7 @@
 use std::fs;
 
+use test_data::shared;
+
 use super::*;
 
 /// A folder of made-up files.
@@ -23,20 +25,6 @@ impl Folder {
         }
         self
     }
-}
-
-/// The real data, or `None` with the reason printed.
-fn shared(path: &str) -> Option<PathBuf> {
-    let root = match std::env::var_os("PAWS_DATA") {
-        Some(root) => PathBuf::from(root),
-        None => Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
-    };
-    let path = root.join(path);
-    if !path.exists() {
-        eprintln!("skipped: no real data at {}", path.display());
-        return None;
-    }
-    Some(path)
 }
 
 fn message(result: Result<StereoDataset, DatasetError>) -> String {

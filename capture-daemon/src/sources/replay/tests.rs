@@ -1,5 +1,7 @@
 use std::fs;
 
+use test_data::shared;
+
 use super::*;
 
 const START: HostTime = HostTime(5_000_000_000);
@@ -60,20 +62,6 @@ impl Folder {
     fn replay(&self, rate_hz: Option<f64>, repeat: bool) -> Replay {
         Replay::open("cam", self.path(), rate_hz, repeat, true, START).unwrap()
     }
-}
-
-/// The real data, or `None` with the reason printed.
-fn shared(path: &str) -> Option<PathBuf> {
-    let root = match std::env::var_os("PAWS_DATA") {
-        Some(root) => PathBuf::from(root),
-        None => Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
-    };
-    let path = root.join(path);
-    if !path.exists() {
-        eprintln!("skipped: no real data at {}", path.display());
-        return None;
-    }
-    Some(path)
 }
 
 /// At most `count` samples, in order.

@@ -11,6 +11,17 @@ pub fn folder() -> Option<PathBuf> {
     folder.canonicalize().ok().filter(|folder| folder.is_dir())
 }
 
+/// What has this path in the data folder, which is all of it for an empty one; none, with a line that says why, where it is absent.
+pub fn shared(path: &str) -> Option<PathBuf> {
+    match sets([path]) {
+        Ok([path]) => Some(path),
+        Err(reason) => {
+            eprintln!("{reason}");
+            None
+        }
+    }
+}
+
 /// The data sets with these paths in the data folder, or the reason why the test is to be skipped.
 ///
 /// # Errors
