@@ -150,6 +150,24 @@ impl Samples {
         }
     }
 
+    /// Since when there have been samples without a gap and within their range, up to a time; none where there are none.
+    pub(crate) fn heard_since(&self, until_ns: i64) -> Option<i64> {
+        let end = self.readings.partition_point(|r| r.time_ns <= until_ns);
+        let mut since = until_ns;
+        for reading in self.readings.range(..end).rev() {
+            if reading.clipped || since - reading.time_ns > self.gap_ns {
+                break;
+            }
+            since = reading.time_ns;
+        }
+        (end > 0).then_some(since)
+    }
+
+    /// Time of the last sample, ns.
+    pub(crate) fn last_ns(&self) -> Option<i64> {
+        self.readings.back().map(|r| r.time_ns)
+    }
+
     /// The reading at an instant; whether it is one between near neighbours. Up to a gap beyond the last sample that one
     /// goes on.
     pub(crate) fn at(&self, time_ns: i64) -> Option<(Reading, bool)> {

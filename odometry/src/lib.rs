@@ -26,6 +26,7 @@ pub mod odometry;
 pub mod rig;
 pub mod settings;
 
+mod anew;
 mod corners;
 mod describe;
 mod doubt;

@@ -11,6 +11,7 @@ use cad_transforms::RigidTransform;
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3};
 use rayon::prelude::*;
 
+use crate::anew::{self, Doubt, HEARD_NS, SILENT_NS};
 use crate::doubt::{carried, own_covariance};
 use crate::felt::{ImuInUse, leap};
 use crate::input::{FrameSet, ImuSample};
@@ -95,6 +96,9 @@ pub struct Odometry {
     /// Covariance of the last keyframe's state.
     kept: SMatrix<f64, SIZE, SIZE>,
     last: Option<State>,
+    /// Whether the way is lost until the window has begun anew, and what was in doubt when it last did.
+    is_adrift: bool,
+    doubt: Option<Doubt>,
     number: u64,
     next_track: u64,
     /// Corners of the last keyframe: camera, number, ray then.
@@ -119,6 +123,8 @@ impl Odometry {
             newest_stays: true,
             kept: SMatrix::zeros(),
             last: None,
+            is_adrift: false,
+            doubt: None,
             number: 0,
             next_track: 0,
             reference: Vec::new(),
@@ -168,11 +174,14 @@ impl Odometry {
         for (k, (tracker, pyramids)) in self.trackers.iter_mut().zip(pyramids).enumerate() {
             let camera = &self.cameras[k];
             let shown = &mut self.shown[k];
-            let fresh = pyramids.filter(|(left, _)| Shown::take(shown, left, &guess, camera));
-            let Some((left, right)) = fresh else {
+            let fresh = pyramids
+                .as_ref()
+                .map_or(0, |(left, _)| Shown::take(shown, left, &guess, camera));
+            let (Some((left, right)), 1..) = (pyramids, fresh) else {
                 tracker.clear();
                 continue;
             };
+            tracker.may_use_rows(fresh, left.levels[0].width, left.levels[0].height);
             let (then, now) = (
                 left_eye(camera, &Placed::new(&last, after_s[k])),
                 left_eye(camera, &Placed::new(&guess, after_s[k])),
@@ -203,10 +212,12 @@ impl Odometry {
         let mut information = self.locate(&mut window);
         let (_, looked) = agreeing(&window);
         let sights = self.reject(&mut window);
-        let is_seen = sights >= FEWEST && sights as f64 >= LEAST_AGREED * looked as f64;
+        let is_enough = sights >= FEWEST && sights as f64 >= LEAST_AGREED * looked as f64;
+        let is_seen = is_enough && !self.is_adrift;
+        let mut is_tied = true;
         if !is_seen {
             // A few that agree by chance would be believed: the frame goes by what was felt.
-            self.overlook(&mut window, guess);
+            is_tied = self.overlook(&mut window, guess);
             information = solve_newest(&mut window, &self.kept, 1);
         }
         let is_keyframe = self.is_keyframe(&window, is_seen);
@@ -237,6 +248,10 @@ impl Odometry {
         }
         self.newest_stays = is_keyframe;
         let estimate = self.estimate(&window, &covariance, sights, is_seen, is_keyframe);
+        self.is_adrift |= !is_tied && anew::is_lost(&covariance);
+        if self.is_adrift {
+            self.begin_again(&mut window, &covariance);
+        }
         let mut state = window.newest().state;
         if self.imu.is_none() {
             // A body without a gyroscope goes on as it went.
@@ -255,7 +270,7 @@ impl Odometry {
             } else {
                 window.frames[window.frames.len() - 2].state.time_ns
             };
-            imu.samples.forget_before(from.min(time_ns) - 50_000_000);
+            imu.samples.forget_before(from.min(time_ns) - LOOK_NS);
         }
         self.window = Some(window);
         estimate
@@ -278,23 +293,7 @@ impl Odometry {
             }
         }
         let (state, sigmas) = start(time_ns, &readings, self.imu.is_some());
-        let mut prior = Prior::of(self.number, state, &sigmas);
-        // Heading is zero by definition.
-        let up = state.turn.inverse() * Vector3::z();
-        let pinned = up * up.transpose() * (1e8 - 1.0 / (sigmas[TURN] * sigmas[TURN])).max(0.0);
-        let mut view = prior.information.fixed_view_mut::<3, 3>(TURN, TURN);
-        view += pinned;
-        let mut window = Window {
-            cameras: self.cameras.clone(),
-            frames: vec![Frame {
-                number: self.number,
-                state,
-                motion: None,
-            }],
-            landmarks: std::collections::BTreeMap::new(),
-            prior,
-            sigma_px: self.settings.sigma_px,
-        };
+        let mut window = self.window_of(state, &sigmas);
         for (k, (tracker, pyramids)) in self.trackers.iter_mut().zip(pyramids).enumerate() {
             if let Some((left, right)) = pyramids {
                 Shown::take(&mut self.shown[k], &left, &state, &self.cameras[k]);
@@ -307,15 +306,79 @@ impl Odometry {
         self.keep(&mut window, after_s);
         self.newest_stays = true;
         self.last = Some(state);
-        let inverse = window.prior.information.clone().try_inverse();
-        self.kept = inverse.map_or(SMatrix::identity(), |i| {
-            i.fixed_view::<SIZE, SIZE>(0, 0).into_owned()
-        });
+        self.kept = window.prior.covariance();
         let covariance = self.kept.fixed_view::<6, 6>(0, 0).into_owned();
         let sights = window.landmarks.len();
         let estimate = self.estimate(&window, &covariance, sights, sights >= FEWEST, true);
         self.window = Some(window);
         estimate
+    }
+
+    /// A window of the newest frame alone. Its place and heading are known, by definition.
+    fn window_of(&self, state: State, sigmas: &[f64; SIZE]) -> Window {
+        let mut prior = Prior::of(self.number, state, sigmas);
+        let up = state.turn.inverse() * Vector3::z();
+        let pinned = up * up.transpose() * (1e8 - 1.0 / (sigmas[TURN] * sigmas[TURN])).max(0.0);
+        let mut view = prior.information.fixed_view_mut::<3, 3>(TURN, TURN);
+        view += pinned;
+        Window {
+            cameras: self.cameras.clone(),
+            frames: vec![Frame {
+                number: self.number,
+                state,
+                motion: None,
+            }],
+            landmarks: BTreeMap::new(),
+            prior,
+            sigma_px: self.settings.sigma_px,
+        }
+    }
+
+    /// The newest frame begins a window of its own, once enough is seen and felt; see [`anew`]. `covariance` is that of its pose
+    /// in the window so far, which nothing that it sees is tied to.
+    fn begin_again(&mut self, window: &mut Window, covariance: &Matrix6<f64>) {
+        let guess = window.newest().state;
+        let mut readings = Vec::new();
+        if let Some(imu) = &self.imu {
+            let until = guess.time_ns;
+            let heard = imu.samples.heard_since(until);
+            let is_silent = (imu.samples.last_ns()).is_none_or(|last| until - last > SILENT_NS);
+            match heard {
+                Some(since) if until - since >= HEARD_NS => {
+                    let from = since.max(until - LOOK_NS);
+                    imu.samples.between(from, until, &mut readings);
+                }
+                _ if is_silent => {}
+                _ => return,
+            }
+        }
+        if window.landmarks.len() < FEWEST {
+            return;
+        }
+        let covariance = self.with_doubt(&guess, *covariance);
+        let (state, sigmas, doubt) =
+            anew::begin(&guess, &covariance, &readings, self.imu.is_some());
+        for frame in &window.frames[..window.frames.len() - 1] {
+            self.ready.extend(leave(&mut self.pending, frame));
+        }
+        if let Some(keyframe) = self.pending.get_mut(&self.number) {
+            keyframe.state = told(&state);
+        }
+        // All landmarks are the newest frame's own.
+        let landmarks = std::mem::take(&mut window.landmarks);
+        *window = Window {
+            landmarks,
+            ..self.window_of(state, &sigmas)
+        };
+        self.kept = window.prior.covariance();
+        self.doubt = Some(doubt);
+        self.is_adrift = false;
+    }
+
+    /// A covariance of a pose in the window with what was in doubt when the window began.
+    fn with_doubt(&self, state: &State, covariance: Matrix6<f64>) -> Matrix6<f64> {
+        self.doubt
+            .map_or(covariance, |doubt| covariance + doubt.at(state))
     }
 
     /// What lies between the newest frame of the window and now, and where that puts the body.
@@ -448,8 +511,9 @@ impl Odometry {
         good
     }
 
-    /// Takes back everything that the newest frame saw. Where nothing was felt either, nothing ties what comes to what was.
-    fn overlook(&mut self, window: &mut Window, guess: State) {
+    /// Takes back everything that the newest frame saw. Where nothing was felt either, nothing ties what comes to what was:
+    /// false.
+    fn overlook(&mut self, window: &mut Window, guess: State) -> bool {
         let number = self.number;
         let last = window.frames.len() - 1;
         window.frames[last].state = guess;
@@ -457,7 +521,8 @@ impl Odometry {
             .motion
             .as_ref()
             .is_some_and(|m| m.has_gravity);
-        if felt {
+        let is_tied = felt && !self.is_adrift;
+        if is_tied {
             for landmark in window.landmarks.values_mut() {
                 landmark.sights.retain(|(n, _)| *n != number);
             }
@@ -467,6 +532,7 @@ impl Odometry {
                 tracker.tracks.clear();
             }
         }
+        is_tied
     }
 
     /// Takes away sights that do not fit after all has been solved, and landmarks with too few left.
@@ -579,13 +645,7 @@ impl Odometry {
         self.pending.insert(self.number, kept);
         while window.frames.len() > settings.frames {
             let leaving = leaving(window);
-            let frame = &window.frames[leaving];
-            if let Some(keyframe) = self.pending.remove(&frame.number) {
-                self.ready.push(Keyframe {
-                    state: told(&frame.state),
-                    ..keyframe
-                });
-            }
+            (self.ready).extend(leave(&mut self.pending, &window.frames[leaving]));
             marginalise(window, leaving);
         }
     }
@@ -594,12 +654,7 @@ impl Odometry {
     pub fn take_keyframes(&mut self, all: bool) -> Vec<Keyframe> {
         if let (true, Some(window)) = (all, &self.window) {
             for frame in &window.frames {
-                if let Some(keyframe) = self.pending.remove(&frame.number) {
-                    self.ready.push(Keyframe {
-                        state: told(&frame.state),
-                        ..keyframe
-                    });
-                }
+                self.ready.extend(leave(&mut self.pending, frame));
             }
         }
         // One that hardly moved leaves before older ones do.
@@ -618,7 +673,8 @@ impl Odometry {
         is_keyframe: bool,
     ) -> Estimate {
         let state = &window.newest().state;
-        let covariance = own_covariance(state, &self.body_from_rig, covariance);
+        let covariance = self.with_doubt(state, *covariance);
+        let covariance = own_covariance(state, &self.body_from_rig, &covariance);
         let status = if is_seen {
             Status::Tracked
         } else {
@@ -652,6 +708,14 @@ impl Odometry {
         let tracks = &self.trackers[camera].tracks;
         tracks.iter().map(|t: &Track| (t.id, t.at)).collect()
     }
+}
+
+/// A frame's keyframe, if it is one, as it is kept when the frame leaves the window.
+fn leave(pending: &mut BTreeMap<u64, Keyframe>, frame: &Frame) -> Option<Keyframe> {
+    Some(Keyframe {
+        state: told(&frame.state),
+        ..pending.remove(&frame.number)?
+    })
 }
 
 /// As it is kept.

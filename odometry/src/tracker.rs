@@ -73,6 +73,15 @@ impl Tracker {
         self.usable.extend_from_slice(usable.unwrap_or_default());
     }
 
+    /// Says how many rows of it, from the top, may be followed.
+    pub(crate) fn may_use_rows(&mut self, rows: usize, width: usize, height: usize) {
+        if rows >= height {
+            return;
+        }
+        self.usable.resize(width * height, 1);
+        self.usable[rows * width..].fill(0);
+    }
+
     fn mask(&self) -> Option<&[u8]> {
         (!self.usable.is_empty()).then_some(&self.usable[..])
     }

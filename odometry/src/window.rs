@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, SMatrix};
 
 use crate::imu::Preintegrated;
 use crate::sight::{Camera, Sight};
@@ -70,6 +70,14 @@ impl Prior {
             information: DMatrix::from_diagonal(&diagonal),
             gradient: DVector::zeros(SIZE),
         }
+    }
+
+    /// Of its first frame, once it is of one alone; wide where it has none.
+    pub(crate) fn covariance(&self) -> SMatrix<f64, SIZE, SIZE> {
+        let inverse = self.information.clone().try_inverse();
+        inverse.map_or(SMatrix::identity(), |inverse| {
+            inverse.fixed_view::<SIZE, SIZE>(0, 0).into_owned()
+        })
     }
 }
 
