@@ -35,6 +35,7 @@ mod follow;
 mod imu;
 mod marginal;
 mod motion;
+mod mount;
 mod pyramid;
 mod shown;
 mod sight;

@@ -9,18 +9,19 @@ use std::collections::BTreeMap;
 
 use cad_transforms::RigidTransform;
 use calib::Eye as Side;
-use nalgebra::Matrix6;
+use nalgebra::{Matrix6, UnitQuaternion};
 
 use crate::doubt::own_covariance;
 use crate::felt::{ImuInUse, leap};
 use crate::input::ImuSample;
 use crate::keyframe::{BodyState, Keyframe};
+use crate::mount::Mount;
 use crate::rig::Rig;
 use crate::settings::Settings;
 use crate::sight::{Camera, Sight};
 use crate::solve::LEAST_RHO;
 use crate::start::sigmas_of_first;
-use crate::state::{State, TURN};
+use crate::state::{POSE, State, TURN};
 use crate::window::{Frame, Landmark, Motion, Prior, Window};
 
 mod adjust;
@@ -66,11 +67,27 @@ pub struct Adjusted {
     pub rounds: usize,
     /// Landmarks.
     pub landmarks: usize,
+    /// Where cameras were found to sit, one for each of the rig.
+    pub mounts: Vec<AdjustedMount>,
+}
+
+/// Where a camera was found to sit on the rig.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AdjustedMount {
+    /// m.
+    pub rig_from_left: RigidTransform,
+    /// Of a small motion of the left optical frame in its own axes: shift m, turn rad.
+    pub covariance: Matrix6<f64>,
+    /// How far that is from where it was told to sit, m and rad.
+    pub off: [f64; 2],
+    /// Whether that is farther than three sigmas of what was told: the camera was moved, or its calibration is another rig's.
+    pub is_moved: bool,
 }
 
 /// See the module.
 pub struct Mapping {
     cameras: Vec<Camera>,
+    mounts: Vec<Mount>,
     body_from_rig: RigidTransform,
     imu: Option<ImuInUse>,
     sigma_px: f64,
@@ -82,7 +99,11 @@ impl Mapping {
     /// For the rig and the settings of the odometry.
     pub fn new(rig: &Rig, settings: &Settings) -> Self {
         let (cameras, body_from_rig, imu) = ImuInUse::of(rig);
+        let told = rig.cameras.iter().zip(&cameras);
         Self {
+            mounts: told
+                .map(|(told, camera)| Mount::new(told, camera))
+                .collect(),
             cameras,
             body_from_rig,
             imu,
@@ -144,6 +165,7 @@ impl Mapping {
                 loops: Vec::new(),
                 rounds: 0,
                 landmarks: 0,
+                mounts: Vec::new(),
             };
         };
         let mut window = self.window(&state(&first.state));
@@ -151,11 +173,13 @@ impl Mapping {
         let mut rounds = adjust::adjust(&mut window, &[], 6, &mut progress);
         adjust::prune(&mut window);
         let found = loops::find(&self.keyframes, &window, &mut progress);
+        // And from here on with the mounts of the cameras.
+        window.mounts.clone_from(&self.mounts);
         rounds += adjust::adjust(&mut window, &found, 12, &mut progress);
         adjust::prune(&mut window);
         rounds += adjust::adjust(&mut window, &found, 4, &mut progress);
         let covariances = adjust::covariances(&window, &found);
-        let poses = window.frames.iter().zip(&covariances);
+        let poses = window.frames.iter().zip(&covariances.poses);
         Adjusted {
             poses: poses
                 .map(|(frame, covariance)| AdjustedPose {
@@ -168,7 +192,30 @@ impl Mapping {
             loops: found.iter().map(loops::Closure::told).collect(),
             rounds,
             landmarks: window.landmarks.len(),
+            mounts: self.found_mounts(&window, &covariances.mounts),
         }
+    }
+
+    fn found_mounts(&self, window: &Window, covariances: &[Matrix6<f64>]) -> Vec<AdjustedMount> {
+        let rig_from_body = self.body_from_rig.inverse();
+        let each = self.mounts.iter().zip(&window.cameras).zip(covariances);
+        each.map(|((mount, camera), covariance)| {
+            let off = mount.off(camera);
+            let sigmas = mount.sigmas();
+            let is_beyond = |k: usize| off[k].abs() > 3.0 * sigmas[k];
+            let (turn, arm) = &camera.body_from_left;
+            let turn = UnitQuaternion::from_matrix(turn);
+            let body_from_left =
+                RigidTransform::from_wxyz([turn.w, turn.i, turn.j, turn.k], (*arm).into())
+                    .expect("a mount is finite, since steps that are not are not taken");
+            AdjustedMount {
+                rig_from_left: rig_from_body * body_from_left,
+                covariance: *covariance,
+                off: [off.fixed_rows::<3>(0).norm(), off.fixed_rows::<3>(3).norm()],
+                is_moved: (0..POSE).any(is_beyond),
+            }
+        })
+        .collect()
     }
 
     /// Everything as a window of all keyframes.
@@ -229,6 +276,7 @@ impl Mapping {
         }
         Window {
             cameras: self.cameras.clone(),
+            mounts: Vec::new(),
             frames,
             landmarks,
             prior,

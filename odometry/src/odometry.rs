@@ -323,6 +323,7 @@ impl Odometry {
         view += pinned;
         Window {
             cameras: self.cameras.clone(),
+            mounts: Vec::new(),
             frames: vec![Frame {
                 number: self.number,
                 state,

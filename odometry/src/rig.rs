@@ -2,6 +2,7 @@
 
 use cad_transforms::RigidTransform;
 use calib::{CameraModel, ImuNoise};
+use nalgebra::Matrix6;
 
 /// Stereo cameras and IMUs on one rigid plate.
 #[derive(Clone, Debug)]
@@ -23,6 +24,8 @@ pub struct StereoCamera {
     pub right: CameraModel,
     /// Where the left eye sits, m.
     pub rig_from_left: RigidTransform,
+    /// How far that may be off, if it is known: of a small motion of the left optical frame in its own axes, shift m and turn rad.
+    pub covariance: Option<Matrix6<f64>>,
     /// Takes points in the left optical frame to the right one, m.
     pub right_from_left: RigidTransform,
     /// Time from one row's exposure to the next one's, s; 0 for a global shutter.

@@ -109,6 +109,7 @@ mod tests {
             left: lens,
             right: lens,
             rig_from_left: RigidTransform::identity(),
+            covariance: None,
             right_from_left: RigidTransform::from_translation_m([-0.1, 0.0, 0.0]).expect("finite"),
             line_s: 0.0,
         };

@@ -8,17 +8,16 @@ use nalgebra::{DMatrix, DVector, SMatrix, SVector, Vector2, Vector3};
 use rayon::prelude::*;
 
 use crate::motion;
+use crate::mount::{by_mount, move_by};
 use crate::sight::{Camera, Placed, Sight, carry};
 use crate::so3;
-use crate::state::{Error, SIZE, State};
+use crate::state::{Error, POSE, SIZE, State};
 use crate::window::{Landmark, Window};
 
 /// Landmarks per piece.
 const PIECE: usize = 48;
 /// Residual, in standard deviations, from which Huber's function is straight.
 const HUBER: f64 = 1.5;
-/// Numbers of a pose's error, the first of a state's.
-pub(crate) const POSE: usize = 6;
 /// Least inverse range, 1/m: farther is as good as infinitely far.
 pub(crate) const LEAST_RHO: f64 = 1e-4;
 
@@ -40,7 +39,7 @@ pub(crate) struct Linear {
 pub(crate) struct Eliminated {
     information: f64,
     gradient: f64,
-    /// By frames' poses.
+    /// By frames' poses and the camera's mount, in the order of [`Window::blocks`].
     by: Vec<(usize, PoseVector)>,
 }
 
@@ -55,7 +54,7 @@ pub(crate) fn huber(square: f64) -> (f64, f64) {
     }
 }
 
-/// Where blocks of poses are summed: by the frames' places, of each pair the one on or above the diagonal.
+/// Where blocks are summed: by the frames' places, mounts behind them, of each pair the one on or above the diagonal.
 pub(crate) trait Blocks {
     /// Adds a block.
     fn add(&mut self, row: usize, column: usize, block: &PoseMatrix);
@@ -125,6 +124,28 @@ fn residuals(
     [left, right]
 }
 
+/// What a landmark adds to the mount of its camera.
+#[derive(Default)]
+struct Mounted {
+    own: PoseMatrix,
+    gradient: PoseVector,
+    by_rho: PoseVector,
+    /// Between the poses of the host and of the target and the mount, of one sight.
+    by_host: PoseMatrix,
+    by_target: PoseMatrix,
+}
+
+impl Mounted {
+    fn add(&mut self, r: &Residual, j: &ByPose, j_host: &ByPose, j_target: &ByPose) {
+        let weighted = j * r.weight;
+        self.own += weighted.transpose() * j;
+        self.gradient += weighted.transpose() * r.off;
+        self.by_rho += weighted.transpose() * r.by_rho;
+        self.by_host += j_host.transpose() * weighted;
+        self.by_target += j_target.transpose() * weighted;
+    }
+}
+
 /// Adds one landmark to a piece, whose frames are those of the window in order.
 fn add<B: Blocks>(window: &Window, landmark: &Landmark, piece: &mut Piece<B>) -> Part {
     let mut part = Part {
@@ -138,6 +159,7 @@ fn add<B: Blocks>(window: &Window, landmark: &Landmark, piece: &mut Piece<B>) ->
     let host_camera = &window.cameras[host.camera];
     let host_placed = Placed::new(&window.frames[host_frame].state, host.after_s);
     let mut by_host = PoseVector::zeros();
+    let mut mount = Mounted::default();
     for (k, (number, sight)) in landmark.sights.iter().enumerate() {
         let camera = &window.cameras[sight.camera];
         if k == 0 {
@@ -189,6 +211,16 @@ fn add<B: Blocks>(window: &Window, landmark: &Landmark, piece: &mut Piece<B>) ->
             false,
             window.sigma_px,
         );
+        let by_camera = (!window.mounts.is_empty()).then(|| {
+            debug_assert_eq!(host.camera, sight.camera, "a landmark is one camera's");
+            by_mount(
+                camera,
+                &host.left.ray,
+                landmark.rho,
+                &host_placed.turn,
+                &carried,
+            )
+        });
         for r in found.into_iter().flatten() {
             part.cost += r.cost;
             part.own.information += r.weight * r.by_rho.norm_squared();
@@ -204,6 +236,9 @@ fn add<B: Blocks>(window: &Window, landmark: &Landmark, piece: &mut Piece<B>) ->
             j_target
                 .fixed_columns_mut::<3>(3)
                 .copy_from(&(r.by_x * own_turn));
+            if let Some(by) = &by_camera {
+                mount.add(&r, &(r.by_x * by), &j_host, &j_target);
+            }
             if same {
                 // Another camera in the host's own frame: both poses are one.
                 j_host += j_target;
@@ -224,6 +259,13 @@ fn add<B: Blocks>(window: &Window, landmark: &Landmark, piece: &mut Piece<B>) ->
             by_target += target_weighted * r.by_rho;
         }
         let (h, t) = (host_frame, frame);
+        if by_camera.is_some() {
+            let block = window.frames.len() + host.camera;
+            piece.information.add(h, block, &mount.by_host);
+            piece.information.add(t, block, &mount.by_target);
+            mount.by_host.fill(0.0);
+            mount.by_target.fill(0.0);
+        }
         piece.information.add(h, h, &h_host);
         add_rows(&mut piece.gradient, h * POSE, &g_host);
         if !same {
@@ -242,6 +284,12 @@ fn add<B: Blocks>(window: &Window, landmark: &Landmark, piece: &mut Piece<B>) ->
         }
     }
     part.own.by.push((host_frame, by_host));
+    if !window.mounts.is_empty() {
+        let block = window.frames.len() + host.camera;
+        piece.information.add(block, block, &mount.own);
+        add_rows(&mut piece.gradient, block * POSE, &mount.gradient);
+        part.own.by.push((block, mount.by_rho));
+    }
     part.own.by.sort_by_key(|(frame, _)| *frame);
     part
 }
@@ -260,7 +308,7 @@ pub(crate) fn piece<B: Blocks>(
 ) -> Piece<B> {
     let mut piece = Piece {
         information: empty,
-        gradient: DVector::zeros(window.frames.len() * POSE),
+        gradient: DVector::zeros(window.blocks() * POSE),
         cost: 0.0,
         eliminated: Vec::with_capacity(landmarks.len()),
     };
@@ -563,17 +611,24 @@ pub(crate) fn apply<'a>(
     step: &DVector<f64>,
     eliminated: impl IntoIterator<Item = &'a Eliminated>,
 ) {
-    for (k, frame) in window.frames.iter_mut().enumerate() {
-        let error: Error = step.fixed_rows::<SIZE>(k * SIZE).into_owned();
+    let rows: Vec<usize> = (0..window.blocks()).map(|k| window.row_of(k)).collect();
+    for (frame, row) in window.frames.iter_mut().zip(&rows) {
+        let error: Error = step.fixed_rows::<SIZE>(*row).into_owned();
         frame.state = frame.state.plus(&error);
+    }
+    if !window.mounts.is_empty() {
+        let rows = &rows[window.frames.len()..];
+        for (camera, row) in window.cameras.iter_mut().zip(rows) {
+            move_by(camera, &step.fixed_rows::<POSE>(*row).into_owned());
+        }
     }
     for (landmark, own) in window.landmarks.values_mut().zip(eliminated) {
         if own.information <= 0.0 {
             continue;
         }
         let mut right = own.gradient;
-        for (frame, by) in &own.by {
-            right += by.dot(&step.fixed_rows::<POSE>(frame * SIZE));
+        for (block, by) in &own.by {
+            right += by.dot(&step.fixed_rows::<POSE>(rows[*block]));
         }
         landmark.rho = (landmark.rho - right / own.information).max(LEAST_RHO);
     }

@@ -11,6 +11,8 @@ use crate::so3;
 
 /// Numbers of a state's error.
 pub(crate) const SIZE: usize = 15;
+/// Numbers of a pose's error, the first of a state's.
+pub(crate) const POSE: usize = 6;
 /// Where they begin.
 pub(crate) const POSITION: usize = 0;
 pub(crate) const TURN: usize = 3;

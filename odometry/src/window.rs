@@ -8,8 +8,9 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector, SMatrix};
 
 use crate::imu::Preintegrated;
+use crate::mount::Mount;
 use crate::sight::{Camera, Sight};
-use crate::state::{SIZE, State};
+use crate::state::{POSE, SIZE, State};
 
 /// One frame.
 #[derive(Clone, Debug)]
@@ -54,6 +55,8 @@ pub(crate) struct Prior {
 #[derive(Clone, Debug)]
 pub(crate) struct Window {
     pub(crate) cameras: Vec<Camera>,
+    /// Of each camera, where mounts are estimated too; else empty.
+    pub(crate) mounts: Vec<Mount>,
     pub(crate) frames: Vec<Frame>,
     pub(crate) landmarks: BTreeMap<u64, Landmark>,
     pub(crate) prior: Prior,
@@ -98,6 +101,17 @@ impl Window {
     /// Where a frame is in the window.
     pub(crate) fn position(&self, number: u64) -> Option<usize> {
         self.frames.binary_search_by_key(&number, |f| f.number).ok()
+    }
+
+    /// Blocks of unknowns that sights depend on: poses of frames, and behind them mounts of cameras.
+    pub(crate) fn blocks(&self) -> usize {
+        self.frames.len() + self.mounts.len()
+    }
+
+    /// Where a block begins in a step of the whole window, in which frames have all their numbers.
+    pub(crate) fn row_of(&self, block: usize) -> usize {
+        let frames = self.frames.len();
+        block.min(frames) * SIZE + block.saturating_sub(frames) * POSE
     }
 
     /// The newest frame.

@@ -108,7 +108,7 @@ impl<'a> Shown<'a> {
 fn facts_of(scene: &Scene, name: &str) -> Result<Value, BundleError> {
     let reader = scene.output(name)?;
     Ok(match name {
-        outputs::RIG => {
+        outputs::RIG | outputs::RIG_ADJUSTED => {
             let rig = rig::read(&reader)?;
             let cameras: Vec<&str> = rig.cameras.iter().map(|c| c.name.as_str()).collect();
             let imus: Vec<&str> = rig.imus.iter().map(|i| i.name.as_str()).collect();

@@ -170,6 +170,13 @@ impl Sequence {
         self
     }
 
+    /// The same with another idea of the rig.
+    #[must_use]
+    pub fn told(mut self, change: impl FnOnce(&mut Rig)) -> Self {
+        change(&mut self.rig);
+        self
+    }
+
     /// The same with the pictures of a walk kept below a folder: rendered now unless they are there already, on two
     /// threads. Anything else stays as it is.
     ///

@@ -11,6 +11,7 @@
 use anyhow::{Context as _, Result};
 use cad_transforms::{Covariance, RigidTransform};
 use nalgebra::Matrix6;
+use odometry::mapping::AdjustedMount;
 use odometry::{Estimate, Mapping, Odometry, Rig, Settings};
 use scene_bundle::{Pose, Status, Trajectory};
 
@@ -40,6 +41,8 @@ pub struct Adjusted {
     pub rounds: usize,
     /// Landmarks.
     pub landmarks: usize,
+    /// Where cameras were found to sit.
+    pub mounts: Vec<AdjustedMount>,
 }
 
 impl Tracking {
@@ -127,6 +130,7 @@ impl Tracking {
             loops: adjusted.loops.len(),
             rounds: adjusted.rounds,
             landmarks: adjusted.landmarks,
+            mounts: adjusted.mounts,
         }))
     }
 }

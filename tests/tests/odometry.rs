@@ -2,6 +2,8 @@
 //!
 //! Bounds are three times what was measured when they were set, so that they catch what breaks and not what drifts.
 
+use cad_transforms::RigidTransform;
+use odometry::mapping::AdjustedMount;
 use odometry::{Preset, Settings};
 use reconstruction::evaluate::{self, Evaluation, evaluate};
 use rig_sim::camera::Quality;
@@ -35,6 +37,12 @@ fn a_walk_is_followed_and_adjusted_better() {
     let tracking = track(&sequence, balanced(), true).expect("poses");
     let causal = evaluated(tracking.causal(), &truth);
     let adjusted = tracking.adjust().expect("poses").expect("with mapping");
+    let is_moved = |m: &AdjustedMount| m.is_moved;
+    assert!(
+        !adjusted.mounts.iter().any(is_moved),
+        "{:?}",
+        adjusted.mounts
+    );
     let adjusted = evaluated(&adjusted.trajectory, &truth);
     println!(
         "causal {:.4} %, adjusted {:.4} % of {:.1} m",
@@ -47,6 +55,29 @@ fn a_walk_is_followed_and_adjusted_better() {
     assert_eq!(causal.poses.lost, 0);
     assert!(percent(&causal) < 0.2, "{causal:?}");
     assert!(percent(&adjusted) < 0.2, "{adjusted:?}");
+}
+
+#[test]
+fn a_camera_that_was_moved_since_it_was_calibrated_is_told() {
+    let settings = WalkSettings {
+        quality: Quality::FAST,
+        ..WalkSettings::new(Kind::Pavement, Time::Day, 41, 8.0)
+    };
+    let off = RigidTransform::from_rotation_vector([0.02, -0.015, 0.01], [0.0; 3]).expect("finite");
+    let sequence = walk(&settings).expect("a walk").told(|rig| {
+        let camera = &mut rig.cameras[2];
+        camera.rig_from_left = camera.rig_from_left * off;
+    });
+    let tracking = track(&sequence, balanced(), true).expect("poses");
+    let adjusted = tracking.adjust().expect("poses").expect("with mapping");
+    let moved: Vec<bool> = adjusted.mounts.iter().map(|m| m.is_moved).collect();
+    assert_eq!(moved, [false, false, true], "{:?}", adjusted.mounts);
+    let told = &sequence.rig().cameras[2];
+    let right = told.rig_from_left * off.inverse();
+    let left = adjusted.mounts[2].rig_from_left.inverse() * right;
+    println!("{:.3} of {:.3} rad left", left.angle_rad(), off.angle_rad());
+    // What a turn about the way makes of a straight walk of 8 s is little.
+    assert!(left.angle_rad() < 0.5 * off.angle_rad());
 }
 
 #[test]

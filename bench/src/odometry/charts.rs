@@ -4,7 +4,9 @@ use charts::{Axis, Chart, Series};
 
 use super::figures::Figures;
 use super::results::{Results, Row};
-use super::sweeps::{self, CAMERAS, CAMERAS_SETS, PRESETS, SETTINGS_SETS, SWEEPS, balanced_with};
+use super::sweeps::{
+    self, CAMERAS, CAMERAS_SETS, MOUNTS_SETS, PRESETS, SETTINGS_SETS, SWEEPS, balanced_with,
+};
 use super::table::{ADJUSTED_PERCENT, CAUSAL_PERCENT, PAIR_MS, exam};
 
 const WIDTH: u32 = 760;
@@ -69,6 +71,7 @@ pub(crate) fn draw(results: &Results, stamp: &str) -> Vec<(String, String)> {
         add(format!("cameras-{}", poses.name()), cameras(results, poses));
     }
     add("time".to_owned(), time(results));
+    add("mounts".to_owned(), mounts(results));
     add("sigmas".to_owned(), sigmas(results));
     files
 }
@@ -209,6 +212,39 @@ fn settings(results: &Results, poses: Poses) -> Option<Chart> {
     .y_axis(Axis::linear("ATE", "% of the way").include(0.0));
     let chart = series.into_iter().fold(chart, Chart::series);
     (walks > 0).then_some(chart)
+}
+
+/// Error against how far off a camera was told.
+fn mounts(results: &Results) -> Option<Chart> {
+    let rows: Vec<&Row> = (results.rows.iter())
+        .filter(|r| r.job.sets == Some(MOUNTS_SETS))
+        .collect();
+    let mut walks: Vec<&str> = rows.iter().map(|r| r.job.walk.as_str()).collect();
+    walks.dedup();
+    let told = rows
+        .iter()
+        .filter(|r| r.adjusted.as_ref().is_some_and(|a| !a.moved.is_empty()));
+    let least = told
+        .map(|r| r.job.told_off_deg)
+        .fold(f64::INFINITY, f64::min);
+    let mut chart = Chart::new("Error over how far off a camera's turn was told")
+        .subtitle(&format!(
+            "the first 40 s, balanced, camera feet; told as moved from {least} degrees on"
+        ))
+        .x_axis(Axis::linear("told off by", "degrees"))
+        .y_axis(Axis::log("ATE", "% of the way"));
+    for (k, walk) in walks.iter().enumerate() {
+        for poses in Poses::ALL {
+            let points = rows.iter().filter(|r| r.job.walk == *walk).map(|row| {
+                let error = poses.figures(row).and_then(|f| f.ate_percent);
+                (row.job.told_off_deg, error.unwrap_or(f64::NAN))
+            });
+            let label = format!("{walk}, {}", poses.name());
+            let slot = 2 * k + usize::from(poses == Poses::Adjusted);
+            chart = chart.series(Series::line(&label, points).slot(slot));
+        }
+    }
+    (!rows.is_empty()).then_some(chart)
 }
 
 /// Error by cameras, with and without IMU: mean and worst.

@@ -45,6 +45,12 @@ pub(crate) const CAMERAS: [(&str, &[&str]); 5] = [
     ("all three", &[]),
 ];
 
+/// How far off one camera's turn is told, degrees, and on which walks.
+pub(crate) const TOLD_OFF_DEG: [f64; 8] = [0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0];
+pub(crate) const MOUNTS_ON: [&str; 2] = ["pavement-day-21-110", "corridor-day-21-110"];
+/// Their first sets: 40 s, one more than settings are compared on, so that rows differ.
+pub(crate) const MOUNTS_SETS: usize = 601;
+
 /// The name of `balanced` with one setting changed.
 pub(crate) fn balanced_with(key: &str, value: usize) -> String {
     format!("balanced {key}={value}")
@@ -64,6 +70,23 @@ pub(crate) fn settings(options: &Options, results: &mut Results) -> Result<()> {
         for name in &names {
             let mut job = Job::whole(walk, name, options.quick);
             job.sets = Some(SETTINGS_SETS);
+            add(&job, options, Passes::One, results)?;
+        }
+    }
+    Ok(())
+}
+
+/// A camera whose calibration is off.
+///
+/// # Errors
+/// Of a run.
+pub(crate) fn mounts(options: &Options, results: &mut Results) -> Result<()> {
+    let walks = exam::chosen(options).into_iter();
+    for walk in walks.filter(|w| options.quick || MOUNTS_ON.contains(w)) {
+        for told_off_deg in TOLD_OFF_DEG {
+            let mut job = Job::whole(walk, "balanced", options.quick);
+            job.sets = Some(MOUNTS_SETS);
+            job.told_off_deg = told_off_deg;
             add(&job, options, Passes::One, results)?;
         }
     }

@@ -15,10 +15,10 @@ use rayon::prelude::*;
 use super::loops::Closure;
 use crate::motion;
 use crate::solve::{
-    Blocks, Eliminated, POSE, Piece, PoseMatrix, apply, for_each_residual, landmark_cost, piece,
+    Blocks, Eliminated, Piece, PoseMatrix, apply, for_each_residual, landmark_cost, piece,
     prior_cost, prior_error,
 };
-use crate::state::SIZE;
+use crate::state::{POSE, SIZE};
 use crate::window::{Landmark, Window};
 
 /// Landmarks per piece.
@@ -49,7 +49,7 @@ pub enum Progress {
 
 type Square = SMatrix<f64, SIZE, SIZE>;
 
-/// Blocks of poses by place.
+/// Blocks of poses and mounts by place.
 #[derive(Default)]
 struct Sparse(BTreeMap<(usize, usize), PoseMatrix>);
 
@@ -64,7 +64,7 @@ impl Blocks for Sparse {
 
 /// The problem at a place.
 struct Linear {
-    /// Blocks on and above the diagonal.
+    /// Blocks on and above the diagonal; of mounts the first [`POSE`] numbers alone.
     blocks: BTreeMap<(usize, usize), Square>,
     gradient: DVector<f64>,
     cost: f64,
@@ -79,7 +79,7 @@ fn linearise(window: &Window, loops: &[Closure], damping: f64) -> Linear {
         .collect();
     let mut linear = Linear {
         blocks: BTreeMap::new(),
-        gradient: DVector::zeros(window.frames.len() * SIZE),
+        gradient: DVector::zeros(window.row_of(window.blocks())),
         cost: 0.0,
         eliminated: Vec::with_capacity(pieces.len()),
     };
@@ -87,9 +87,9 @@ fn linearise(window: &Window, loops: &[Closure], damping: f64) -> Linear {
         for ((a, b), block) in piece.information.0 {
             add_pose(&mut linear.blocks, a, b, &block);
         }
-        for k in 0..window.frames.len() {
+        for k in 0..window.blocks() {
             let rows = piece.gradient.fixed_rows::<POSE>(k * POSE);
-            let mut view = linear.gradient.fixed_rows_mut::<POSE>(k * SIZE);
+            let mut view = (linear.gradient).fixed_rows_mut::<POSE>(window.row_of(k));
             view += rows;
         }
         linear.cost += piece.cost;
@@ -119,6 +119,15 @@ fn linearise(window: &Window, loops: &[Closure], damping: f64) -> Linear {
     let pull = &window.prior.information * error + &window.prior.gradient;
     let mut rows = linear.gradient.rows_mut(0, SIZE);
     rows += pull;
+    for (k, (mount, camera)) in window.mounts.iter().zip(&window.cameras).enumerate() {
+        let block = window.frames.len() + k;
+        let off = mount.off(camera);
+        let pull = mount.information * off;
+        linear.cost += off.dot(&pull);
+        add_pose(&mut linear.blocks, block, block, &mount.information);
+        let mut rows = linear.gradient.fixed_rows_mut::<POSE>(window.row_of(block));
+        rows += pull;
+    }
     for closure in loops {
         let term = closure.linearise(window);
         linear.cost += term.cost;
@@ -153,17 +162,28 @@ fn cost(window: &Window, loops: &[Closure]) -> f64 {
         }
     }
     sum += loops.iter().map(|l| l.cost(window)).sum::<f64>();
+    for (mount, camera) in window.mounts.iter().zip(&window.cameras) {
+        let off = mount.off(camera);
+        sum += off.dot(&(mount.information * off));
+    }
     sum + prior_cost(window, &prior_error(window))
 }
 
 /// The sparse matrix, diagonal enlarged.
-fn matrix(linear: &Linear, damping: f64, size: usize) -> Option<SparseColMat<usize, f64>> {
+fn matrix(linear: &Linear, damping: f64, window: &Window) -> Option<SparseColMat<usize, f64>> {
     let mut entries = Vec::with_capacity(linear.blocks.len() * SIZE * SIZE);
+    let numbers = |block: usize| {
+        if block < window.frames.len() {
+            SIZE
+        } else {
+            POSE
+        }
+    };
     for ((a, b), block) in &linear.blocks {
-        for i in 0..SIZE {
+        for i in 0..numbers(*a) {
             // Of blocks on the diagonal the lower half alone: the sparse matrix is lower, blocks are upper.
-            for j in 0..SIZE {
-                let (row, column) = (b * SIZE + j, a * SIZE + i);
+            for j in 0..numbers(*b) {
+                let (row, column) = (window.row_of(*b) + j, window.row_of(*a) + i);
                 if row < column {
                     continue;
                 }
@@ -177,11 +197,12 @@ fn matrix(linear: &Linear, damping: f64, size: usize) -> Option<SparseColMat<usi
             }
         }
     }
+    let size = linear.gradient.len();
     SparseColMat::try_new_from_triplets(size, size, &entries).ok()
 }
 
-fn factor(linear: &Linear, damping: f64, size: usize) -> Option<Llt<usize, f64>> {
-    let matrix = matrix(linear, damping, size)?;
+fn factor(linear: &Linear, damping: f64, window: &Window) -> Option<Llt<usize, f64>> {
+    let matrix = matrix(linear, damping, window)?;
     let symbolic = SymbolicLlt::try_new(matrix.symbolic(), Side::Lower).ok()?;
     Llt::try_new_with_symbolic(symbolic, matrix.as_ref(), Side::Lower).ok()
 }
@@ -193,7 +214,7 @@ pub(super) fn adjust(
     most: usize,
     progress: &mut impl FnMut(Progress),
 ) -> usize {
-    let size = window.frames.len() * SIZE;
+    let size = window.row_of(window.blocks());
     let mut damping = 1e-6;
     let mut now = None;
     for round in 0..most {
@@ -203,7 +224,7 @@ pub(super) fn adjust(
         });
         let linear = linearise(window, loops, damping);
         let before = *now.get_or_insert(linear.cost);
-        let Some(factor) = factor(&linear, damping, size) else {
+        let Some(factor) = factor(&linear, damping, window) else {
             damping = (damping * 100.0).max(1e-4);
             continue;
         };
@@ -216,6 +237,7 @@ pub(super) fn adjust(
         }
         let states: Vec<_> = window.frames.iter().map(|f| f.state).collect();
         let rhos: Vec<f64> = window.landmarks.values().map(|l| l.rho).collect();
+        let cameras = (!window.mounts.is_empty()).then(|| window.cameras.clone());
         apply(window, &step, linear.eliminated.iter().flatten());
         let after = cost(window, loops);
         if after <= before * (1.0 + 1e-12) {
@@ -230,6 +252,9 @@ pub(super) fn adjust(
             }
             for (landmark, rho) in window.landmarks.values_mut().zip(rhos) {
                 landmark.rho = rho;
+            }
+            if let Some(cameras) = cameras {
+                window.cameras = cameras;
             }
             damping = (damping * 30.0).max(1e-4);
         }
@@ -263,30 +288,40 @@ pub(super) fn prune(window: &mut Window) {
     }
 }
 
-/// Covariances of poses (position in the world, turn in the body), one for each keyframe.
-pub(super) fn covariances(window: &Window, loops: &[Closure]) -> Vec<Matrix6<f64>> {
+/// How sure everything is.
+pub(super) struct Covariances {
+    /// Of poses (position in the world, turn in the body), one for each keyframe.
+    pub(super) poses: Vec<Matrix6<f64>>,
+    /// Of mounts, one for each that was estimated.
+    pub(super) mounts: Vec<Matrix6<f64>>,
+}
+
+/// See [`Covariances`].
+pub(super) fn covariances(window: &Window, loops: &[Closure]) -> Covariances {
     let count = window.frames.len();
-    let size = count * SIZE;
+    let size = window.row_of(window.blocks());
     let linear = linearise(window, loops, 0.0);
-    let Some(factor) = factor(&linear, 1e-9, size) else {
+    let Some(factor) = factor(&linear, 1e-9, window) else {
         // Nothing can be said, and that is said.
-        return vec![Matrix6::identity() * 1e6; count];
+        let unknown = Matrix6::identity() * 1e6;
+        return Covariances {
+            poses: vec![unknown; count],
+            mounts: vec![unknown; window.mounts.len()],
+        };
+    };
+    let of = |block: usize| {
+        let at = window.row_of(block);
+        let right = Mat::from_fn(size, POSE, |i, j| f64::from(u8::from(i == at + j)));
+        let solved = factor.solve(&right);
+        let block = Matrix6::from_fn(|i, j| solved[(at + i, j)]);
+        (block + block.transpose()) * 0.5
     };
     let step = count.div_ceil(COVARIANCES).max(1);
     let mut places: Vec<usize> = (0..count).step_by(step).collect();
     if places.last() != Some(&(count - 1)) {
         places.push(count - 1);
     }
-    let found: Vec<Matrix6<f64>> = places
-        .par_iter()
-        .map(|place| {
-            let at = place * SIZE;
-            let right = Mat::from_fn(size, POSE, |i, j| f64::from(u8::from(i == at + j)));
-            let solved = factor.solve(&right);
-            let block = Matrix6::from_fn(|i, j| solved[(at + i, j)]);
-            (block + block.transpose()) * 0.5
-        })
-        .collect();
+    let found: Vec<Matrix6<f64>> = places.par_iter().map(|place| of(*place)).collect();
     let mut out = Vec::with_capacity(count);
     for k in 0..count {
         let next = places.partition_point(|p| *p < k);
@@ -298,5 +333,8 @@ pub(super) fn covariances(window: &Window, loops: &[Closure]) -> Vec<Matrix6<f64
         let share = (k - a) as f64 / (b - a) as f64;
         out.push(found[next - 1] * (1.0 - share) + found[next] * share);
     }
-    out
+    Covariances {
+        poses: out,
+        mounts: (count..window.blocks()).map(of).collect(),
+    }
 }

@@ -27,6 +27,7 @@ fn rig() -> Rig {
             left: model,
             right: model,
             rig_from_left: RigidTransform::from_rotation_rows(rows, [0.0, 0.1, 0.05]).unwrap(),
+            covariance: None,
             right_from_left: RigidTransform::from_translation_m([-0.06, 0.0, 0.0]).unwrap(),
             line_s: 0.0,
         }],
@@ -37,13 +38,15 @@ fn rig() -> Rig {
 const STEPS: usize = 60;
 const RADIUS: f64 = 2.0;
 
-/// On a circle about the middle of the ring, which lies to its right, so that the camera looks outwards.
+/// On a circle about the middle of the ring, which lies to its right, so that the camera looks outwards; swaying.
 fn truth(k: usize) -> (UnitQuaternion<f64>, Vector3<f64>) {
     let angle = -(k as f64) * std::f64::consts::TAU / STEPS as f64;
-    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.0, 0.0, angle));
+    let sway = Vector3::new(0.15 * (4.0 * angle).sin(), 0.1 * (6.0 * angle).sin(), 0.0);
+    let heading = UnitQuaternion::from_scaled_axis(Vector3::new(0.0, 0.0, angle));
+    let turn = heading * UnitQuaternion::from_scaled_axis(sway);
     (
         turn,
-        turn * Vector3::new(0.0, RADIUS, 0.0) - Vector3::new(0.0, RADIUS, 0.0),
+        heading * Vector3::new(0.0, RADIUS, 0.0) - Vector3::new(0.0, RADIUS, 0.0),
     )
 }
 
@@ -69,20 +72,24 @@ fn points() -> Vec<(Vector3<f64>, [u64; 4])> {
 
 /// Keyframes of `laps` laps; each pose is told with a drift.
 fn keyframes(laps: usize, drift_m: f64, with_marks: bool) -> Vec<Keyframe> {
-    let rig = rig();
-    let (cameras, _, _) = ImuInUse::of(&rig);
-    let camera = &cameras[0];
+    keyframes_of(&rig(), laps, drift_m, with_marks)
+}
+
+fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_marks: bool) -> Vec<Keyframe> {
+    let (cameras, _, _) = ImuInUse::of(rig);
     let points = points();
     let count = laps * STEPS;
     // A point that was out of sight is another one to whoever follows corners.
-    let mut ids: Vec<Option<u64>> = vec![None; points.len()];
+    let mut ids: Vec<Option<u64>> = vec![None; cameras.len() * points.len()];
     let mut next = 0;
     (0..count)
         .map(|k| {
             let (turn, position) = truth(k);
             let mut seen = Vec::new();
             let mut marks = Vec::new();
-            for (n, (x, looks)) in points.iter().enumerate() {
+            let each = cameras.iter().enumerate();
+            let both = each.flat_map(|camera| points.iter().map(move |point| (camera, point)));
+            for (n, ((index, camera), (x, looks))) in both.enumerate() {
                 let in_body = turn.inverse() * (x - position);
                 let (eye, arm) = &camera.body_from_left;
                 let in_left = eye.transpose() * (in_body - arm);
@@ -102,13 +109,13 @@ fn keyframes(laps: usize, drift_m: f64, with_marks: bool) -> Vec<Keyframe> {
                 let left = left.map(|v| v as f32);
                 seen.push(Seen {
                     id,
-                    camera: 0,
+                    camera: index as u8,
                     left,
                     right: right.map(|r| r.map(|v| v as f32)),
                 });
                 if with_marks {
                     marks.push(Mark {
-                        camera: 0,
+                        camera: index as u8,
                         left,
                         rho: (1.0 / in_left.norm()) as f32,
                         looks: *looks,
@@ -128,7 +135,7 @@ fn keyframes(laps: usize, drift_m: f64, with_marks: bool) -> Vec<Keyframe> {
                     accel_bias: Vector3::zeros(),
                     read_rate: Vector3::zeros(),
                 },
-                after_s: vec![0.0],
+                after_s: vec![0.0; cameras.len()],
                 seen,
                 marks,
             }
@@ -137,7 +144,11 @@ fn keyframes(laps: usize, drift_m: f64, with_marks: bool) -> Vec<Keyframe> {
 }
 
 fn solved(keyframes: Vec<Keyframe>) -> Adjusted {
-    let mut mapping = Mapping::new(&rig(), &Settings::preset(Preset::Balanced));
+    solved_on(&rig(), keyframes)
+}
+
+fn solved_on(rig: &Rig, keyframes: Vec<Keyframe>) -> Adjusted {
+    let mut mapping = Mapping::new(rig, &Settings::preset(Preset::Balanced));
     for keyframe in keyframes {
         mapping.add_keyframe(keyframe);
     }
@@ -203,6 +214,42 @@ fn a_place_that_looks_like_another_is_no_loop() {
     // What is left is the lap's own end before its own beginning.
     let across = |l: &&Loop| (l.frames[0] <= STEPS as u64) != (l.frames[1] <= STEPS as u64);
     assert_eq!(adjusted.loops.iter().filter(across).count(), 0);
+}
+
+#[test]
+fn a_camera_that_was_moved_is_put_back_and_told() {
+    let mut rig = rig();
+    let sure = nalgebra::Vector6::from_element(1e-8);
+    rig.cameras[0].covariance = Some(Matrix6::from_diagonal(&sure));
+    let mut second = rig.cameras[0].clone();
+    let aside = RigidTransform::from_rotation_vector([0.0, 0.5, 0.1], [0.1, 0.05, -0.1]).unwrap();
+    second.rig_from_left = second.rig_from_left * aside;
+    second.covariance = None;
+    rig.cameras.push(second);
+    let frames = keyframes_of(&rig, 1, 0.1, false);
+    let right = solved_on(&rig, frames.clone());
+    assert!(
+        right.mounts.iter().all(|m| !m.is_moved),
+        "{:?}",
+        right.mounts
+    );
+    assert!(
+        right
+            .mounts
+            .iter()
+            .all(|m| m.off[0] < 1e-4 && m.off[1] < 1e-5)
+    );
+    // Told two degrees off.
+    let mut told = rig.clone();
+    let off = RigidTransform::from_rotation_vector([0.02, -0.024, 0.016], [0.0; 3]).unwrap();
+    told.cameras[1].rig_from_left = told.cameras[1].rig_from_left * off;
+    let found = solved_on(&told, frames);
+    let mounts = &found.mounts;
+    assert!(!mounts[0].is_moved && mounts[1].is_moved, "{mounts:?}");
+    let left = mounts[1].rig_from_left.inverse() * rig.cameras[1].rig_from_left;
+    let share = left.angle_rad() / off.angle_rad();
+    assert!(share < 0.15, "{share} of it left");
+    assert!(farthest(&found) < 5e-3, "{}", farthest(&found));
 }
 
 #[test]

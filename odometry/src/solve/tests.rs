@@ -35,6 +35,7 @@ fn camera(yaw: f64, line_s: f64) -> Camera {
             left: model,
             right: model,
             rig_from_left: turn.unwrap(),
+            covariance: None,
             right_from_left: shift(-0.06),
             line_s,
         },
@@ -133,6 +134,7 @@ fn window(frames: usize, line_s: f64) -> Window {
             })
             .collect(),
         landmarks,
+        mounts: Vec::new(),
         prior: Prior::of(0, truth(0), &[1e-4; SIZE]),
         cameras,
         sigma_px: 0.5,

@@ -4,8 +4,8 @@
 //! |---|---|---|
 //! | `rig` | hand-off, files given instead | `rig` |
 //! | `odometry` | hand-off, `rig` | `trajectory-causal`, `tracks` |
-//! | `mapping` | hand-off, `rig`, `trajectory-causal`, `tracks` | `trajectory` |
-//! | `depth` | hand-off, `rig`, `trajectory` | `keyframes`, `depth` |
+//! | `mapping` | hand-off, `rig`, `trajectory-causal`, `tracks` | `trajectory`, `rig-adjusted` |
+//! | `depth` | hand-off, `rig-adjusted`, `trajectory` | `keyframes`, `depth` |
 //! | `cloud` | hand-off, `rig`, `keyframes`, `depth` | `cloud`, `masks` |
 
 use super::{Pipeline, PipelineError, Stage};

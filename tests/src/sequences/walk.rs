@@ -180,6 +180,7 @@ pub fn walk(settings: &WalkSettings) -> Result<Sequence> {
             left: calibration.left,
             right: calibration.right,
             rig_from_left: part(FramePart::Left)?,
+            covariance: None,
             right_from_left: calibration.right_from_left,
             line_s: match simulation.cameras()[position].shutter {
                 Shutter::Global => 0.0,

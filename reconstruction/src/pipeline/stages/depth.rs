@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 
 use scene_bundle::outputs::depth::{DepthKey, DepthView, DepthWriter};
-use scene_bundle::outputs::{self, DEPTH, KEYFRAMES, RIG, TRAJECTORY};
+use scene_bundle::outputs::{self, DEPTH, KEYFRAMES, RIG_ADJUSTED, TRAJECTORY};
 use serde_json::{Value, json};
 
 use self::choose::Apart;
@@ -58,7 +58,7 @@ impl Stage<Input> for DepthStage {
     }
 
     fn inputs(&self) -> &'static [&'static str] {
-        &[HANDOFF, RIG, TRAJECTORY]
+        &[HANDOFF, RIG_ADJUSTED, TRAJECTORY]
     }
 
     fn outputs(&self) -> &'static [&'static str] {
@@ -82,7 +82,7 @@ impl Stage<Input> for DepthStage {
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
-        let rig = outputs::rig::read(&work.read(RIG)?)?;
+        let rig = outputs::rig::read(&work.read(RIG_ADJUSTED)?)?;
         let trajectory = outputs::trajectory::read(&work.read(TRAJECTORY)?)?;
         let input = work.source();
         let (mut pairs, mut views, mut chosen) = (Vec::new(), Vec::new(), Vec::new());

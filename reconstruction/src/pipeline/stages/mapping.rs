@@ -2,13 +2,15 @@
 //!
 //! Contract: one pose for each pose of the causal trajectory, at the same time. Its status stays that of odometry, but what was
 //! tracked after a loss is *relocalised* where a place that was seen before the loss was seen again: that alone ties it to
-//! the rest. Pictures are not read again.
+//! the rest. Cameras are put where they are found to sit; one that is far from where it was told to be was moved, which is said.
+//! Pictures are not read again.
 
 use ::odometry::mapping::{Progress, between};
-use ::odometry::{ImuSample, Mapping};
+use ::odometry::{Adjusted, ImuSample, Mapping};
 use cad_transforms::RigidTransform;
+use scene_bundle::outputs::rig::RigModel;
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
-use scene_bundle::outputs::{self, RIG, TRACKS, TRAJECTORY, TRAJECTORY_CAUSAL};
+use scene_bundle::outputs::{self, RIG, RIG_ADJUSTED, TRACKS, TRAJECTORY, TRAJECTORY_CAUSAL};
 use scene_bundle::{Pose, Status, Trajectory};
 use serde_json::Value;
 
@@ -27,7 +29,7 @@ impl Stage<Input> for MappingStage {
     }
 
     fn version(&self) -> u32 {
-        2
+        3
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -35,7 +37,7 @@ impl Stage<Input> for MappingStage {
     }
 
     fn outputs(&self) -> &'static [&'static str] {
-        &[TRAJECTORY]
+        &[TRAJECTORY, RIG_ADJUSTED]
     }
 
     fn settings(&self) -> Value {
@@ -80,6 +82,8 @@ impl Stage<Input> for MappingStage {
             adjusted.landmarks,
             adjusted.loops.len()
         ));
+        let rig = found_rig(model, &adjusted, work);
+        outputs::rig::write(work.draft(RIG_ADJUSTED), &rig)?;
         let mut poses = finished(&causal, &adjusted);
         relocalise(&mut poses, &loops(&adjusted));
         let mut writer = TrajectoryWriter::new(work.draft(TRAJECTORY))?;
@@ -91,8 +95,30 @@ impl Stage<Input> for MappingStage {
     }
 }
 
+/// The rig with its cameras where they were found.
+fn found_rig(mut rig: RigModel, adjusted: &Adjusted, work: &Work<'_, Input>) -> RigModel {
+    for (camera, mount) in rig.cameras.iter_mut().zip(&adjusted.mounts) {
+        let place = format!(
+            "{:.1} mm and {:.2} degrees from where its calibration puts it",
+            1e3 * mount.off[0],
+            mount.off[1].to_degrees()
+        );
+        if mount.is_moved {
+            work.lose(format!(
+                "camera {} sits {place}: it was moved since, or the calibration is another rig's; poses and depth go by where it was found",
+                camera.name
+            ));
+        } else {
+            work.note(format!("camera {} was found {place}", camera.name));
+        }
+        camera.rig_from_left = mount.rig_from_left;
+        camera.rig_from_left_covariance = before::covariance(&mount.covariance);
+    }
+    rig
+}
+
 /// Every pose of the causal trajectory where the adjustment puts it.
-fn finished(causal: &Trajectory, adjusted: &::odometry::Adjusted) -> Vec<Pose> {
+fn finished(causal: &Trajectory, adjusted: &Adjusted) -> Vec<Pose> {
     let times: Vec<(i64, RigidTransform)> = (causal.poses().iter())
         .map(|p| (p.time_ns, p.world_from_rig))
         .collect();
@@ -118,7 +144,7 @@ fn finished(causal: &Trajectory, adjusted: &::odometry::Adjusted) -> Vec<Pose> {
 }
 
 /// Times of the places seen again, the earlier one first, ns.
-fn loops(adjusted: &::odometry::Adjusted) -> Vec<[i64; 2]> {
+fn loops(adjusted: &Adjusted) -> Vec<[i64; 2]> {
     let time = |number: u64| {
         let at = (adjusted.poses).binary_search_by_key(&number, |p| p.number);
         Some(adjusted.poses[at.ok()?].time_ns)

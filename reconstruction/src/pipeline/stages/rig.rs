@@ -247,6 +247,7 @@ pub fn of_odometry(model: &RigModel) -> odometry::Rig {
         left: camera.left,
         right: camera.right,
         rig_from_left: camera.rig_from_left,
+        covariance: (camera.rig_from_left_covariance.as_ref()).map(|c| *c.matrix()),
         right_from_left: camera.right_from_left,
         line_s: camera.line_s,
     };

@@ -1,0 +1,81 @@
+//! Where cameras sit on the body, when that is estimated along with everything else.
+//!
+//! An error of a mount is a small motion of the left optical frame in its own axes, `[shift, turn]`. A mount that nothing moves stays
+//! where calibration put it: what calibration said is a prior.
+
+use nalgebra::{Matrix3, Matrix6, Rotation3, SMatrix, Vector3, Vector6};
+
+use crate::rig::StereoCamera;
+use crate::sight::{Camera, Carried};
+use crate::so3;
+
+/// Sigmas of a mount of which calibration told none, m and rad: measured with a ruler and by construction.
+const UNTOLD: [f64; 2] = [5e-3, 3.5e-3];
+/// What is added to what calibration told, m and rad: plates bend and warm, and the IMU's own mount has errors too.
+const BESIDES: [f64; 2] = [5e-4, 5e-4];
+
+/// What is known of a mount beforehand.
+#[derive(Clone, Debug)]
+pub(crate) struct Mount {
+    /// Body from left eye.
+    at: (Matrix3<f64>, Vector3<f64>),
+    pub(crate) information: Matrix6<f64>,
+}
+
+impl Mount {
+    /// Of a camera of the rig, as it sits on the body.
+    pub(crate) fn new(of: &StereoCamera, camera: &Camera) -> Self {
+        let squares = |sigmas: [f64; 2]| {
+            let of = |k: usize| sigmas[k / 3] * sigmas[k / 3];
+            Matrix6::from_diagonal(&Vector6::from_fn(|k, _| of(k)))
+        };
+        let told = of.covariance.unwrap_or_else(|| squares(UNTOLD));
+        let covariance = told + squares(BESIDES);
+        let inverse = covariance.try_inverse();
+        Self {
+            at: camera.body_from_left,
+            information: inverse
+                .unwrap_or_else(|| Matrix6::from_diagonal(&Vector6::from_element(1e12))),
+        }
+    }
+
+    /// Standard deviations beforehand.
+    pub(crate) fn sigmas(&self) -> Vector6<f64> {
+        let covariance = self.information.try_inverse();
+        covariance.map_or(Vector6::zeros(), |c| c.diagonal().map(f64::sqrt))
+    }
+
+    /// By which error a camera is off.
+    pub(crate) fn off(&self, camera: &Camera) -> Vector6<f64> {
+        let (turn, arm) = &self.at;
+        let (now, to) = &camera.body_from_left;
+        let shift = turn.transpose() * (to - arm);
+        let turned = Rotation3::from_matrix_unchecked(turn.transpose() * now).scaled_axis();
+        Vector6::from_fn(|k, _| if k < 3 { shift[k] } else { turned[k - 3] })
+    }
+}
+
+/// Moves a camera by an error.
+pub(crate) fn move_by(camera: &mut Camera, error: &Vector6<f64>) {
+    let (turn, arm) = &mut camera.body_from_left;
+    *arm += *turn * error.fixed_rows::<3>(0);
+    let by = so3::exp(&error.fixed_rows::<3>(3).into_owned());
+    *turn *= by.to_rotation_matrix().into_inner();
+}
+
+/// Derivative of a point in the target's left frame by the error of the mount of its camera, which is also the host's.
+pub(crate) fn by_mount(
+    camera: &Camera,
+    ray: &Vector3<f64>,
+    rho: f64,
+    host_turn: &Matrix3<f64>,
+    carried: &Carried,
+) -> SMatrix<f64, 3, 6> {
+    let now_from_then = carried.left_from_world * host_turn * camera.body_from_left.0;
+    let mut by = SMatrix::<f64, 3, 6>::zeros();
+    by.fixed_columns_mut::<3>(0)
+        .copy_from(&((now_from_then - Matrix3::identity()) * rho));
+    by.fixed_columns_mut::<3>(3)
+        .copy_from(&(so3::cross(&carried.x) - now_from_then * so3::cross(ray)));
+    by
+}
