@@ -23,7 +23,7 @@ const ANY_TILT: f64 = 1.0;
 /// By how much biases may have changed, rad/s and m/s².
 const BIAS: [f64; 2] = [0.01, 0.15];
 
-/// Where a window began, and how well that was known.
+/// A pose, and what has not been known of it since.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Doubt {
     at: State,
@@ -31,6 +31,15 @@ pub(crate) struct Doubt {
 }
 
 impl Doubt {
+    /// Of the turn alone, about any axis, rad.
+    pub(crate) fn of_turn(at: State, sigma: f64) -> Self {
+        let mut covariance = Matrix6::zeros();
+        covariance
+            .fixed_view_mut::<3, 3>(TURN, TURN)
+            .fill_diagonal(sigma * sigma);
+        Self { at, covariance }
+    }
+
     /// What it makes of a later pose's covariance.
     pub(crate) fn at(&self, later: &State) -> Matrix6<f64> {
         carried(&self.at, later, &self.covariance)

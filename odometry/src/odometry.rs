@@ -20,6 +20,7 @@ use crate::marginal::marginalise;
 use crate::pyramid::Pyramid;
 use crate::rig::Rig;
 use crate::settings::Settings;
+use crate::shift::{self, Shift};
 use crate::shown::Shown;
 use crate::sight::{Camera, Placed};
 use crate::solve::{LEAST_RHO, for_each_residual, solve, solve_newest};
@@ -42,6 +43,9 @@ const CLEAR: f64 = 0.6;
 /// Sights that a pose needs, and their share of all.
 const FEWEST: usize = 12;
 const LEAST_AGREED: f64 = 0.3;
+/// Share of the turn of a camera that was moved by which poses may be turned: it is one of several, and sigmas are told larger
+/// than this.
+const SHIFT_SHARE: f64 = 0.1;
 /// Sigma of a position along its worst direction from which it is no longer known: m, and share of the distance from the
 /// start.
 const LOST_M: f64 = 0.5;
@@ -96,9 +100,11 @@ pub struct Odometry {
     /// Covariance of the last keyframe's state.
     kept: SMatrix<f64, SIZE, SIZE>,
     last: Option<State>,
-    /// Whether the way is lost until the window has begun anew, and what was in doubt when it last did.
+    /// Whether the way is lost until the window has begun anew.
     is_adrift: bool,
-    doubt: Option<Doubt>,
+    /// What is in doubt beyond what the window says.
+    doubts: Vec<Doubt>,
+    shifts: Vec<Shift>,
     number: u64,
     next_track: u64,
     /// Corners of the last keyframe: camera, number, ray then.
@@ -124,7 +130,8 @@ impl Odometry {
             kept: SMatrix::zeros(),
             last: None,
             is_adrift: false,
-            doubt: None,
+            doubts: Vec::new(),
+            shifts: Vec::new(),
             number: 0,
             next_track: 0,
             reference: Vec::new(),
@@ -210,6 +217,12 @@ impl Odometry {
         });
         self.look(&mut window, &after_s);
         let mut information = self.locate(&mut window);
+        if let Some(shift) = shift::find(&window) {
+            let sigma = SHIFT_SHARE * shift.turned;
+            self.doubts
+                .push(Doubt::of_turn(window.newest().state, sigma));
+            self.shifts.push(shift);
+        }
         let (_, looked) = agreeing(&window);
         let sights = self.reject(&mut window);
         let is_enough = sights >= FEWEST && sights as f64 >= LEAST_AGREED * looked as f64;
@@ -372,14 +385,15 @@ impl Odometry {
             ..self.window_of(state, &sigmas)
         };
         self.kept = window.prior.covariance();
-        self.doubt = Some(doubt);
+        // What was in doubt before is in this one.
+        self.doubts = vec![doubt];
         self.is_adrift = false;
     }
 
     /// A covariance of a pose in the window with what was in doubt when the window began.
     fn with_doubt(&self, state: &State, covariance: Matrix6<f64>) -> Matrix6<f64> {
-        self.doubt
-            .map_or(covariance, |doubt| covariance + doubt.at(state))
+        let each = self.doubts.iter().map(|doubt| doubt.at(state));
+        each.fold(covariance, |sum, more| sum + more)
     }
 
     /// What lies between the newest frame of the window and now, and where that puts the body.
@@ -702,6 +716,11 @@ impl Odometry {
             gyro_bias: state.gyro_bias,
             accel_bias: state.accel_bias,
         }
+    }
+
+    /// Cameras that were moved on their plate, as it seemed when it happened, in order of time.
+    pub fn shifts(&self) -> &[Shift] {
+        &self.shifts
     }
 
     /// What is followed now in one camera's left picture: number and place, for pictures of how it goes.

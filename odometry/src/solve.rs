@@ -734,4 +734,4 @@ pub(crate) fn solve_newest(
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

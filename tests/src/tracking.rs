@@ -12,7 +12,7 @@ use anyhow::{Context as _, Result};
 use cad_transforms::{Covariance, RigidTransform};
 use nalgebra::Matrix6;
 use odometry::mapping::AdjustedMount;
-use odometry::{Estimate, Mapping, Odometry, Rig, Settings};
+use odometry::{Estimate, Mapping, Odometry, Rig, Settings, Shift};
 use scene_bundle::{Pose, Status, Trajectory};
 
 use crate::sequences::{OwnedFrameSet, Sequence};
@@ -94,6 +94,11 @@ impl Tracking {
     /// How many keyframes there were.
     pub fn keyframes(&self) -> usize {
         self.keyframes
+    }
+
+    /// Cameras that were moved, as it seemed.
+    pub fn shifts(&self) -> &[Shift] {
+        self.odometry.shifts()
     }
 
     /// Adjusts everything; none without mapping.

@@ -84,7 +84,7 @@ impl Row {
             )
         });
         format!(
-            "{:24} {:9} {} cameras{}: {:.1} m, {} of it{adjusted}, {:.1} ms ({:.1} ms CPU), {:.0} MB, completion {:.4}, {} silently wrong, load {:.1}",
+            "{:24} {:9} {} cameras{}: {:.1} m, {} of it{adjusted}, {:.1} ms ({:.1} ms CPU), {:.0} MB, completion {:.4}, {} moved, {} silently wrong, load {:.1}",
             job.walk,
             job.settings,
             ran.cameras,
@@ -95,6 +95,7 @@ impl Row {
             ran.cpu_ms,
             ran.peak_bytes as f64 * 1e-6,
             ran.figures.completion,
+            ran.shifts,
             ran.figures.silently_wrong,
             self.load
         )

@@ -121,6 +121,8 @@ pub(crate) struct Ran {
     pub(crate) longest_set_ms: f64,
     /// Most memory beyond what was there before, bytes.
     pub(crate) peak_bytes: u64,
+    /// Cameras that were told to have been moved as it went.
+    pub(crate) shifts: usize,
     /// How far off the causal poses are.
     pub(crate) figures: Figures,
 }
@@ -251,6 +253,7 @@ fn work(order: &Order) -> Result<Answer> {
         cpu_ms: each(cpu_s),
         longest_set_ms: 1e3 * longest_s,
         peak_bytes: peak()?,
+        shifts: tracking.shifts().len(),
         figures: Figures::of(&causal, &truth)?,
     };
     let (adjusted, took) = timed(|| tracking.adjust());

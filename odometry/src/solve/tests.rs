@@ -56,7 +56,7 @@ fn truth(k: usize) -> State {
 }
 
 /// What the frames see of points around, without noise.
-fn window(frames: usize, line_s: f64) -> Window {
+pub(crate) fn window(frames: usize, line_s: f64) -> Window {
     let cameras = vec![camera(-0.5, 0.0), camera(0.4, line_s)];
     let mut landmarks: BTreeMap<u64, Landmark> = BTreeMap::new();
     for id in 0..240_u64 {

@@ -49,7 +49,7 @@ impl Stage<Input> for OdometryStage {
     }
 
     fn version(&self) -> u32 {
-        2
+        3
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -106,6 +106,14 @@ impl Stage<Input> for OdometryStage {
         }
         if lost > 0 {
             work.lose(format!("{lost} of {all} poses are not known"));
+        }
+        for shift in odometry.shifts() {
+            work.lose(format!(
+                "camera {} seems to have been turned by {:.1} degrees on its plate at {} ns",
+                model.cameras[shift.camera].name,
+                shift.turned.to_degrees(),
+                shift.time_ns
+            ));
         }
         poses.finish()?;
         tracks.finish()?;
