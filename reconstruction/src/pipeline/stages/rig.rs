@@ -2,7 +2,7 @@
 //!
 //! Contract: lenses are those of the recorded calibrations, places those of the session's rig file, and of what that does
 //! not name or where there is none that can be read, of the recorded transforms, which have the makers' calibrations; what
-//! is told on the command line goes before both. A
+//! is told on the command line goes before both. IMUs that were heard all along come before those that were not. A
 //! camera whose lens or place nobody knows is a loss, an IMU without a place too; a rig without any camera is an error. What
 //! sessions do not hold (noise and range of IMUs, rolling shutters) is told, or that of known devices, with a note.
 
@@ -14,6 +14,7 @@ use calib::{CameraModel, ImuNoise, Provenance, StereoCalibration, foxglove};
 use scene_bundle::outputs::rig::{RigCamera, RigImu, RigModel};
 use scene_bundle::outputs::{self, RIG};
 use serde_json::{Value, json};
+use session_archive::index::ImuIndex;
 use session_archive::layout;
 
 use super::HANDOFF;
@@ -24,6 +25,9 @@ mod devices;
 mod places;
 
 use self::places::Places;
+
+/// Share of the best-heard IMU's time that the one to go by must have been heard.
+const HEARD_SHARE: f64 = 0.9;
 
 /// What is told of the rig instead of what the session says.
 #[derive(Clone, Debug, Default)]
@@ -49,7 +53,7 @@ impl Stage<Input> for RigStage {
     }
 
     fn version(&self) -> u32 {
-        1
+        2
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -230,6 +234,10 @@ pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageE
             range: known.range,
         });
     }
+    let heard: BTreeMap<&str, f64> = (input.index().imus.iter())
+        .map(|imu| (imu.name.as_str(), heard_s(imu)))
+        .collect();
+    best_first(&mut imus, &heard, &mut report);
     let revision = revision(input, told);
     let model = RigModel {
         name: revision.name,
@@ -238,6 +246,31 @@ pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageE
         imus,
     };
     Ok((model, report))
+}
+
+/// For how long an IMU was heard, s.
+fn heard_s(imu: &ImuIndex) -> f64 {
+    let batches = imu.batches.iter();
+    batches.map(|b| (b.end_ns - b.start_ns) as f64 * 1e-9).sum()
+}
+
+/// Odometry goes by the first IMU: one that was heard for less of the session than another comes after it. Else the order of
+/// the rig stays.
+fn best_first(imus: &mut [RigImu], heard_s: &BTreeMap<&str, f64>, report: &mut Report) {
+    let of = |imu: &RigImu| heard_s.get(imu.name.as_str()).copied().unwrap_or(0.0);
+    let Some(first) = imus.first().map(|imu| imu.name.clone()) else {
+        return;
+    };
+    let most = imus.iter().map(of).fold(0.0, f64::max);
+    imus.sort_by_key(|imu| of(imu) < HEARD_SHARE * most);
+    if imus[0].name != first {
+        report.notes.push(format!(
+            "IMU {} was heard for {:.1} s and {first} for {:.1} s: motion is felt with the former",
+            imus[0].name,
+            of(&imus[0]),
+            heard_s.get(first.as_str()).copied().unwrap_or(0.0)
+        ));
+    }
 }
 
 /// As odometry takes it.
@@ -341,5 +374,33 @@ fn check_size(
             found: format!("{}x{}", lens.width, lens.height),
             expected: format!("{width}x{height}"),
         }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_imu_that_was_hardly_heard_is_not_the_first() {
+        let imu = |name: &str| RigImu {
+            name: name.to_owned(),
+            rig_from_imu: RigidTransform::identity(),
+            rig_from_imu_covariance: None,
+            rate_hz: None,
+            noise: None,
+            range: None,
+        };
+        let order = |heard: [f64; 3]| {
+            let mut imus = ["a", "b", "c"].map(imu);
+            let heard = ["a", "b", "c"].into_iter().zip(heard).collect();
+            let mut report = Report::default();
+            best_first(&mut imus, &heard, &mut report);
+            (imus.map(|i| i.name).concat(), report.notes.len())
+        };
+        assert_eq!(order([59.8, 60.0, 60.0]), ("abc".to_owned(), 0));
+        assert_eq!(order([20.0, 60.0, 59.9]), ("bca".to_owned(), 1));
+        assert_eq!(order([0.0, 0.0, 7.0]), ("cab".to_owned(), 1));
+        assert_eq!(order([0.0; 3]), ("abc".to_owned(), 0));
     }
 }
