@@ -80,7 +80,8 @@ pub struct AdjustedMount {
     pub covariance: Matrix6<f64>,
     /// How far that is from where it was told to sit, m and rad.
     pub off: [f64; 2],
-    /// Whether that is farther than three sigmas of what was told: the camera was moved, or its calibration is another rig's.
+    /// Whether it is turned by more than three sigmas of what was told: the camera was moved, or its calibration is another
+    /// rig's.
     pub is_moved: bool,
 }
 
@@ -186,7 +187,7 @@ impl Mapping {
                     number: frame.number,
                     time_ns: frame.state.time_ns,
                     world_from_rig: frame.state.world_from_rig(&self.body_from_rig),
-                    covariance: own_covariance(&frame.state, &self.body_from_rig, covariance),
+                    covariance: own_covariance(&frame.state, &self.body_from_rig, 0.0, covariance),
                 })
                 .collect(),
             loops: found.iter().map(loops::Closure::told).collect(),
@@ -203,6 +204,7 @@ impl Mapping {
             let off = mount.off(camera);
             let sigmas = mount.sigmas();
             let is_beyond = |k: usize| off[k].abs() > 3.0 * sigmas[k];
+            let turns = 3..POSE;
             let (turn, arm) = &camera.body_from_left;
             let turn = UnitQuaternion::from_matrix(turn);
             let body_from_left =
@@ -212,7 +214,7 @@ impl Mapping {
                 rig_from_left: rig_from_body * body_from_left,
                 covariance: *covariance,
                 off: [off.fixed_rows::<3>(0).norm(), off.fixed_rows::<3>(3).norm()],
-                is_moved: (0..POSE).any(is_beyond),
+                is_moved: turns.into_iter().any(is_beyond),
             }
         })
         .collect()

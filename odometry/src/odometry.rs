@@ -105,6 +105,8 @@ pub struct Odometry {
     /// What is in doubt beyond what the window says.
     doubts: Vec<Doubt>,
     shifts: Vec<Shift>,
+    /// Length of the way from keyframe to keyframe, m.
+    way_m: f64,
     number: u64,
     next_track: u64,
     /// Corners of the last keyframe: camera, number, ray then.
@@ -132,6 +134,7 @@ impl Odometry {
             is_adrift: false,
             doubts: Vec::new(),
             shifts: Vec::new(),
+            way_m: 0.0,
             number: 0,
             next_track: 0,
             reference: Vec::new(),
@@ -256,6 +259,8 @@ impl Odometry {
             (None, None) => kept() + Matrix6::identity(),
         };
         if is_keyframe {
+            let before = &window.frames[window.frames.len() - 2].state;
+            self.way_m += (window.newest().state.position - before.position).norm();
             self.prune(&mut window);
             self.keep(&mut window, &after_s);
         }
@@ -689,7 +694,7 @@ impl Odometry {
     ) -> Estimate {
         let state = &window.newest().state;
         let covariance = self.with_doubt(state, *covariance);
-        let covariance = own_covariance(state, &self.body_from_rig, &covariance);
+        let covariance = own_covariance(state, &self.body_from_rig, self.way_m, &covariance);
         let status = if is_seen {
             Status::Tracked
         } else {

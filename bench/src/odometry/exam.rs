@@ -87,7 +87,7 @@ impl Row {
             "{:24} {:9} {} cameras{}: {:.1} m, {} of it{adjusted}, {:.1} ms ({:.1} ms CPU), {:.0} MB, completion {:.4}, {} moved, {} silently wrong, load {:.1}",
             job.walk,
             job.settings,
-            ran.cameras,
+            ran.stereo_cameras,
             if job.with_imu { "" } else { " without IMU" },
             ran.path_m,
             error(ran.figures.ate_percent),

@@ -106,3 +106,43 @@ pub(crate) fn load() -> f64 {
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
     load / processors as f64
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::odometry::figures::Figures;
+
+    #[test]
+    fn what_was_written_is_read_again_and_added_to() {
+        let trajectory = scene_bundle::Trajectory::default();
+        let row = |walk: &str| Row {
+            job: Job::whole(walk, "balanced", false),
+            ran: Ran {
+                stereo_cameras: 3,
+                pairs: 30,
+                seconds: 1.0,
+                path_m: 2.0,
+                keyframes: 4,
+                wall_ms: 5.0,
+                cpu_ms: 6.0,
+                longest_set_ms: 7.0,
+                peak_bytes: 8,
+                shifts: 0,
+                figures: Figures::of(&trajectory, &trajectory).expect("nothing to compare"),
+            },
+            adjusted: None,
+            commit: "0".to_owned(),
+            date: "2026-01-01".to_owned(),
+            load: 0.5,
+        };
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut results = Results::default();
+        results.add(row("pavement-day-21-110"));
+        results.write(folder.path()).expect("written");
+        let mut again = Results::read(folder.path()).expect("read");
+        again.add(row("room-day-21-140"));
+        again.add(row("pavement-day-21-110"));
+        assert_eq!(again.rows.len(), 2);
+        assert_eq!(again.rows[0].job, results.rows[0].job);
+    }
+}

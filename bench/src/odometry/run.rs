@@ -103,8 +103,8 @@ struct Answer {
 /// What a run gave and took.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Ran {
-    /// Stereo cameras.
-    pub(crate) cameras: usize,
+    /// Stereo cameras; named apart from the job's, beside which it is written.
+    pub(crate) stereo_cameras: usize,
     /// Stereo pairs.
     pub(crate) pairs: usize,
     /// From the first set to the last, s.
@@ -144,6 +144,8 @@ pub(crate) struct AdjustedRun {
     pub(crate) rounds: usize,
     /// Landmarks.
     pub(crate) landmarks: usize,
+    /// How far from where they were told to sit cameras were found, m and rad.
+    pub(crate) mounts_off: Vec<[f64; 2]>,
     /// Cameras that were found to have been moved.
     pub(crate) moved: Vec<String>,
     /// How far off the adjusted poses are.
@@ -241,7 +243,7 @@ fn work(order: &Order) -> Result<Answer> {
     let each = |seconds: f64| 1e3 * seconds / pairs.max(1) as f64;
     let steps = truth.poses().windows(2);
     let ran = Ran {
-        cameras: sequence.rig().cameras.len(),
+        stereo_cameras: sequence.rig().cameras.len(),
         pairs,
         seconds: causal.duration_ns() as f64 * 1e-9,
         path_m: steps
@@ -267,6 +269,7 @@ fn work(order: &Order) -> Result<Answer> {
             loops: adjusted.loops,
             rounds: adjusted.rounds,
             landmarks: adjusted.landmarks,
+            mounts_off: adjusted.mounts.iter().map(|m| m.off).collect(),
             moved: (sequence.rig().cameras.iter().zip(&adjusted.mounts))
                 .filter(|(_, mount)| mount.is_moved)
                 .map(|(camera, _)| camera.name.clone())
