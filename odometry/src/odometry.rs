@@ -31,8 +31,11 @@ use crate::window::{Frame, Landmark, Motion, Prior, Window};
 
 /// Longest time from one keyframe to the next, s: what the IMU felt is integrated anew from the last one.
 const LONGEST_S: f64 = 0.6;
-/// Share of a keyframe's corners that must still be followed.
+/// Share of a keyframe's corners that must still be followed, some time after it, s, and at once: pictures that are all noise
+/// lose a third of them from one to the next, and would all be keyframes.
 const LEAST_SHARE: f64 = 0.65;
+const LEAST_AT_ONCE: f64 = 0.35;
+const AT_ONCE_S: f64 = 0.17;
 /// Residual, in standard deviations, from which a sight is wrong.
 const WRONG: f64 = 5.0;
 /// Frame sets in the beginning for which everything is solved: biases and tilt are still to be found.
@@ -619,7 +622,12 @@ impl Odometry {
                 }
             }
         }
-        if (shifts.len() as f64) < LEAST_SHARE * self.reference.len() as f64 || shifts.is_empty() {
+        let least = if seconds < AT_ONCE_S {
+            LEAST_AT_ONCE
+        } else {
+            LEAST_SHARE
+        };
+        if (shifts.len() as f64) < least * self.reference.len() as f64 || shifts.is_empty() {
             return true;
         }
         let middle = shifts.len() / 2;

@@ -123,13 +123,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
             false => progress_bar(0, "{prefix:>20}  {wide_bar} {pos}/{len}, {eta} left")?,
         },
         is_json: arguments.json,
+        folder: bundle.path(),
     };
     let outcomes = pipeline.run(&sources, &bundle, &selection, &watch, &machine::METER);
     watch.bar.finish_and_clear();
     let outcomes =
         outcomes.with_context(|| format!("reconstructing into {}", arguments.out.display()))?;
-    made::write(&bundle.path(), &outcomes)
-        .with_context(|| format!("writing what stages took to {}", arguments.out.display()))?;
     bundle.finish(machine::civil_ns())?;
 
     let losses: usize = outcomes.iter().map(|o| o.report.losses.len()).sum();
@@ -194,6 +193,8 @@ fn told(arguments: &Arguments, input: &Input) -> Result<rig::Told> {
 struct Shown {
     bar: ProgressBar,
     is_json: bool,
+    /// The bundle's.
+    folder: PathBuf,
 }
 
 impl Watch for Shown {
@@ -210,6 +211,14 @@ impl Watch for Shown {
     }
 
     fn end(&self, outcome: &Outcome) {
+        // At once: a later stage may fail.
+        if let Err(error) = made::write(&self.folder, std::slice::from_ref(outcome)) {
+            log::warn!(
+                "writing what {} took to {}: {error}",
+                outcome.stage,
+                self.folder.display()
+            );
+        }
         if self.is_json {
             println!("{}", serde_json::to_string(outcome).unwrap_or_default());
             return;

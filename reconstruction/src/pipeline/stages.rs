@@ -6,7 +6,7 @@
 //! | `odometry` | hand-off, `rig` | `trajectory-causal`, `tracks` |
 //! | `mapping` | hand-off, `rig`, `trajectory-causal`, `tracks` | `trajectory`, `rig-adjusted` |
 //! | `depth` | hand-off, `rig-adjusted`, `trajectory` | `keyframes`, `depth` |
-//! | `cloud` | hand-off, `rig`, `keyframes`, `depth` | `cloud`, `masks` |
+//! | `cloud` | hand-off, `rig-adjusted`, `trajectory`, `keyframes`, `depth` | `cloud`, `masks` |
 
 use super::{Pipeline, PipelineError, Stage};
 use crate::input::Input;
@@ -17,6 +17,7 @@ pub mod feed;
 mod mapping;
 pub mod networks;
 mod odometry;
+mod place;
 pub mod rig;
 
 /// Names of the stages, in order.

@@ -10,14 +10,15 @@ use std::collections::{BTreeMap, VecDeque};
 
 use calib::{Eye, Lens};
 use rayon::prelude::*;
-use scene_bundle::OutputReader;
 use scene_bundle::outputs::depth::DepthIndex;
 use scene_bundle::outputs::rig::RigModel;
-use scene_bundle::outputs::{self, CLOUD, DEPTH, KEYFRAMES, MASKS, RIG};
+use scene_bundle::outputs::{self, CLOUD, DEPTH, KEYFRAMES, MASKS, RIG_ADJUSTED, TRAJECTORY};
+use scene_bundle::{OutputReader, Trajectory};
 use serde_json::{Value, json};
 
 use self::look::{Look, Shot, Verdict};
 use self::moving::{Moving, Pixel};
+use self::sway::Sway;
 use self::voxels::{Point, Voxels};
 use super::HANDOFF;
 use super::networks::Networks;
@@ -27,6 +28,7 @@ use crate::pipeline::{Stage, StageError, Work};
 
 mod look;
 mod moving;
+mod sway;
 mod voxels;
 
 /// See the module.
@@ -48,11 +50,11 @@ impl Stage<Input> for CloudStage {
     }
 
     fn version(&self) -> u32 {
-        2
+        3
     }
 
     fn inputs(&self) -> &'static [&'static str] {
-        &[HANDOFF, RIG, KEYFRAMES, DEPTH]
+        &[HANDOFF, RIG_ADJUSTED, TRAJECTORY, KEYFRAMES, DEPTH]
     }
 
     fn outputs(&self) -> &'static [&'static str] {
@@ -76,10 +78,11 @@ impl Stage<Input> for CloudStage {
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
-        let rig = outputs::rig::read(&work.read(RIG)?)?;
+        let rig = outputs::rig::read(&work.read(RIG_ADJUSTED)?)?;
         let depth = work.read(DEPTH)?;
         let index = outputs::depth::read_index(&depth)?;
-        let instants = instants(&rig, &index, &work.read(KEYFRAMES)?)?;
+        let trajectory = outputs::trajectory::read(&work.read(TRAJECTORY)?)?;
+        let instants = instants(&rig, &index, &work.read(KEYFRAMES)?, &trajectory)?;
         let mut pictures = Vec::new();
         let mut lenses = Vec::new();
         let mut moving = Vec::new();
@@ -149,6 +152,7 @@ fn instants(
     rig: &RigModel,
     index: &DepthIndex,
     keyframes: &OutputReader,
+    trajectory: &Trajectory,
 ) -> Result<Vec<Vec<Shot>>, StageError> {
     let mut poses = BTreeMap::new();
     for keyframe in outputs::keyframes::read(keyframes)? {
@@ -164,9 +168,12 @@ fn instants(
             return Err(format!("frame {frame} of {camera} has depth and is no keyframe").into());
         };
         let world_from_view = *world_from_left * view.view_from_left.inverse();
+        let camera = rig.camera(&view.camera).map(|(_, camera)| camera);
+        let sway = camera.map(|camera| Sway::new(camera, view, trajectory, key.time_ns));
         let shot = Shot {
             key: *key,
             world_from_view,
+            sway: sway.unwrap_or_default(),
         };
         instants.entry(key.set).or_default().push(shot);
     }

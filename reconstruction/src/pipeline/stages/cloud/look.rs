@@ -4,6 +4,8 @@ use cad_transforms::RigidTransform;
 use scene_bundle::outputs::depth::{DepthIndex, DepthKey, DepthPicture, DepthView, read};
 use scene_bundle::{BundleError, OutputReader};
 
+use super::sway::Sway;
+
 /// Two depths agree when they are apart by at most so many sigma of both together.
 pub(super) const AGREE_SIGMA: f64 = 2.0;
 /// A view sees through a place when all that it sees there is farther by more than so many sigma of both together.
@@ -20,7 +22,9 @@ const LEAST_THROUGH: u32 = 2;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Shot {
     pub(super) key: DepthKey,
+    /// When its middle row was exposed.
     pub(super) world_from_view: RigidTransform,
+    pub(super) sway: Sway,
 }
 
 /// Depth of a keyframe in the world.
@@ -32,6 +36,7 @@ pub(super) struct Look {
     world_from_view: Motion,
     view_from_world: Motion,
     left_from_view: Motion,
+    sway: Sway,
 }
 
 /// A rigid transform as it is quick to apply.
@@ -103,13 +108,14 @@ impl Look {
     ) -> Result<Self, BundleError> {
         let picture = read(depth, index, &shot.key)?;
         let view = &index.views[shot.key.view];
-        Ok(Self::new(picture, view, &shot.world_from_view))
+        Ok(Self::new(picture, view, &shot.world_from_view, shot.sway))
     }
 
     pub(super) fn new(
         picture: DepthPicture,
         view: &DepthView,
         world_from_view: &RigidTransform,
+        sway: Sway,
     ) -> Self {
         let model = &view.model;
         Self {
@@ -119,6 +125,7 @@ impl Look {
             world_from_view: Motion::of(world_from_view),
             view_from_world: Motion::of(&world_from_view.inverse()),
             left_from_view: Motion::of(&view.view_from_left.inverse()),
+            sway,
         }
     }
 
@@ -160,6 +167,7 @@ impl Look {
         let depth = self.picture.depth_m(column, row)?;
         let sigma_m = self.picture.sigma_m(column, row)?;
         let x_in_view = self.ray(column, row).map(|v| v * depth);
+        let x_in_view = self.sway.to_middle(f64::from(row), x_in_view);
         (sigma_m <= largest_sigma_m).then(|| Surface {
             x_in_world: self.world_from_view.apply(x_in_view),
             depth_m: depth,
@@ -169,10 +177,13 @@ impl Look {
     }
 
     fn say(&self, surface: &Surface) -> Said {
-        let [x, y, z] = self.view_from_world.apply(surface.x_in_world);
-        if z <= 0.0 {
+        let in_view = self.view_from_world.apply(surface.x_in_world);
+        if in_view[2] <= 0.0 {
             return Said::Nothing;
         }
+        // In which row it is seen hardly depends on when that was.
+        let row = self.focal[1] * in_view[1] / in_view[2] + self.centre[1];
+        let [x, y, z] = self.sway.to_row(row, in_view);
         let at = [
             self.focal[0] * x / z + self.centre[0],
             self.focal[1] * y / z + self.centre[1],

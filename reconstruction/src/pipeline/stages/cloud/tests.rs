@@ -3,6 +3,7 @@ use calib::{CameraModel, Distortion};
 use scene_bundle::outputs::cloud::CloudPoint;
 use scene_bundle::outputs::depth::{DepthPicture, DepthView};
 
+use super::sway::Sway;
 use super::*;
 use crate::picture::Colour;
 
@@ -37,7 +38,7 @@ fn look(right_m: f64, else_m: impl Fn(u32, u32) -> Option<f32>) -> Look {
     let sigma = vec![SIGMA_M; depth.len()];
     let picture = DepthPicture::from_metres(WIDTH, HEIGHT, &depth, &sigma);
     let place = RigidTransform::from_translation_m([right_m, 0.0, 0.0]).expect("finite");
-    Look::new(picture, &view(), &place)
+    Look::new(picture, &view(), &place, Sway::default())
 }
 
 fn nothing_else(_: u32, _: u32) -> Option<f32> {
