@@ -184,38 +184,7 @@ impl Odometry {
         let (motion, guess) = self.predict(&window, time_ns);
         // Corners are expected where the last pose, whether or not it stays, and the guess put them.
         let last = self.last.unwrap_or(window.newest().state);
-        for (k, (tracker, pyramids)) in self.trackers.iter_mut().zip(pyramids).enumerate() {
-            let camera = &self.cameras[k];
-            let shown = &mut self.shown[k];
-            let fresh = pyramids
-                .as_ref()
-                .map_or(0, |(left, _)| Shown::take(shown, left, &guess, camera));
-            let (Some((left, right)), 1..) = (pyramids, fresh) else {
-                tracker.clear();
-                continue;
-            };
-            tracker.may_use_rows(fresh, left.levels[0].width, left.levels[0].height);
-            let (then, now) = (
-                left_eye(camera, &Placed::new(&last, after_s[k])),
-                left_eye(camera, &Placed::new(&guess, after_s[k])),
-            );
-            let back = now.0.transpose();
-            let now_from_then = (back * then.0, back * (then.1 - now.1));
-            tracker.follow(camera, left, right, |track| {
-                let rho = track.rho.unwrap_or(0.0);
-                let expected = moved(camera, &now_from_then, &track.left.ray, rho);
-                expected.map_or(
-                    Expected {
-                        at: track.at,
-                        rho: track.rho,
-                    },
-                    |e| Expected {
-                        rho: track.rho.and(e.rho),
-                        ..e
-                    },
-                )
-            });
-        }
+        self.follow(pyramids, (&last, &guess), &after_s);
         window.frames.push(Frame {
             number: self.number,
             state: guess,
@@ -295,6 +264,47 @@ impl Odometry {
         }
         self.window = Some(window);
         estimate
+    }
+
+    /// Follows all corners into new pictures, from where the body was to where it is taken to be.
+    fn follow(
+        &mut self,
+        pyramids: Vec<Option<(Pyramid, Pyramid)>>,
+        (last, guess): (&State, &State),
+        after_s: &[f64],
+    ) {
+        for (k, (tracker, pyramids)) in self.trackers.iter_mut().zip(pyramids).enumerate() {
+            let camera = &self.cameras[k];
+            let shown = &mut self.shown[k];
+            let fresh = pyramids
+                .as_ref()
+                .map_or(0, |(left, _)| Shown::take(shown, left, guess, camera));
+            let (Some((left, right)), 1..) = (pyramids, fresh) else {
+                tracker.clear();
+                continue;
+            };
+            tracker.may_use_rows(fresh, left.levels[0].width, left.levels[0].height);
+            let (then, now) = (
+                left_eye(camera, &Placed::new(last, after_s[k])),
+                left_eye(camera, &Placed::new(guess, after_s[k])),
+            );
+            let back = now.0.transpose();
+            let now_from_then = (back * then.0, back * (then.1 - now.1));
+            tracker.follow(camera, left, right, |track| {
+                let rho = track.rho.unwrap_or(0.0);
+                let expected = moved(camera, &now_from_then, &track.left.ray, rho);
+                expected.map_or(
+                    Expected {
+                        at: track.at,
+                        rho: track.rho,
+                    },
+                    |e| Expected {
+                        rho: track.rho.and(e.rho),
+                        ..e
+                    },
+                )
+            });
+        }
     }
 
     /// The first frame set.

@@ -167,7 +167,7 @@ impl Look {
         let depth = self.picture.depth_m(column, row)?;
         let sigma_m = self.picture.sigma_m(column, row)?;
         let x_in_view = self.ray(column, row).map(|v| v * depth);
-        let x_in_view = self.sway.to_middle(f64::from(row), x_in_view);
+        let x_in_view = self.sway.at_middle(f64::from(row), x_in_view);
         (sigma_m <= largest_sigma_m).then(|| Surface {
             x_in_world: self.world_from_view.apply(x_in_view),
             depth_m: depth,
@@ -183,7 +183,7 @@ impl Look {
         }
         // In which row it is seen hardly depends on when that was.
         let row = self.focal[1] * in_view[1] / in_view[2] + self.centre[1];
-        let [x, y, z] = self.sway.to_row(row, in_view);
+        let [x, y, z] = self.sway.at_row(row, in_view);
         let at = [
             self.focal[0] * x / z + self.centre[0],
             self.focal[1] * y / z + self.centre[1],

@@ -59,12 +59,12 @@ impl Sway {
     }
 
     /// Where the view of the middle row has what a row shows.
-    pub(super) fn to_middle(&self, row: f64, x: [f64; 3]) -> [f64; 3] {
+    pub(super) fn at_middle(&self, row: f64, x: [f64; 3]) -> [f64; 3] {
         self.moved(row, x, 1.0)
     }
 
     /// Where the view of a row has what that of the middle one shows.
-    pub(super) fn to_row(&self, row: f64, x: [f64; 3]) -> [f64; 3] {
+    pub(super) fn at_row(&self, row: f64, x: [f64; 3]) -> [f64; 3] {
         self.moved(row, x, -1.0)
     }
 
@@ -121,12 +121,12 @@ mod tests {
         let motion = RigidTransform::from_rotation_vector([0.0, 0.01, 0.0], [0.0, 0.0, 0.1]);
         let sway = Sway::of(&camera, &view, &motion.expect("finite"), 0.1);
         let x = [0.5, 0.2, 4.0];
-        assert_eq!(sway.to_middle(40.0, x), x);
-        let seen = sway.to_middle(80.0, x);
+        assert_eq!(sway.at_middle(40.0, x), x);
+        let seen = sway.at_middle(80.0, x);
         for (found, expected) in seen.iter().zip([0.508, 0.2, 4.019]) {
             assert!((found - expected).abs() < 1e-9, "{seen:?}");
         }
-        let back = sway.to_row(80.0, seen);
+        let back = sway.at_row(80.0, seen);
         assert!(
             back.iter().zip(x).all(|(a, b)| (a - b).abs() < 1e-4),
             "{back:?}"
