@@ -28,7 +28,10 @@ pub(crate) struct Reading {
 
 /// So many samples in a row that are the same are an end of an axis: where no axis can be at rest, rad/s and m/s², and where one may
 /// be, but for noise; what is smaller is no end.
-const STANDS: [usize; 2] = [4, 12];
+const STANDS: usize = 12;
+/// Of gyroscope and accelerometer where no axis can be at rest. A gyroscope's noise may hide in its resolution, and at a peak of a
+/// gait four samples are the same.
+const STANDS_MOVING: [usize; 2] = [8, 4];
 const MOVING: [f64; 2] = [0.3, 12.0];
 const LEAST_END: [f64; 2] = [0.05, 2.0];
 
@@ -96,8 +99,11 @@ impl Samples {
             let value = axis(&self.readings[count - 1], k);
             let before = count.checked_sub(2).map(|i| axis(&self.readings[i], k));
             let may_end = value.abs() >= LEAST_END[k / 3];
-            let stands = STANDS[usize::from(value.abs() < MOVING[k / 3])];
-            // Noise makes the same number again unlikely, and four times all the more.
+            let stands = match value.abs() < MOVING[k / 3] {
+                true => STANDS,
+                false => STANDS_MOVING[k / 3],
+            };
+            // Noise makes the same number again unlikely, and so many times all the more.
             self.same[k] = match before {
                 Some(before) if may_end && before.to_bits() == value.to_bits() => self.same[k] + 1,
                 _ => 0,
