@@ -31,7 +31,7 @@ pub(crate) struct Reading {
 const STANDS: usize = 12;
 /// Of gyroscope and accelerometer where no axis can be at rest. A gyroscope's noise may hide in its resolution, and at a peak of a
 /// gait four samples are the same.
-const STANDS_MOVING: [usize; 2] = [8, 4];
+const STANDS_MOVING: [usize; 2] = [6, 4];
 const MOVING: [f64; 2] = [0.3, 12.0];
 const LEAST_END: [f64; 2] = [0.05, 2.0];
 
