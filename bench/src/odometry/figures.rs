@@ -7,8 +7,6 @@ use serde::{Deserialize, Serialize};
 
 /// Drift is measured over this way, m.
 const DRIFT_M: f64 = 10.0;
-/// Entries of a trace at most.
-const TRACE: usize = 60;
 
 /// See the module. Errors are those of the best fit without scale.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -39,8 +37,6 @@ pub(crate) struct Figures {
     pub(crate) silently_wrong_dead_reckoned: usize,
     /// When the first of either was, s.
     pub(crate) first_wrong_s: Option<f64>,
-    /// Time, s, and distance, m, now and then.
-    pub(crate) trace: Vec<[f64; 2]>,
 }
 
 impl Figures {
@@ -67,7 +63,6 @@ impl Figures {
             }
         }
         let worst = errors.iter().max_by(|a, b| a[1].total_cmp(&b[1]));
-        let step = errors.len().div_ceil(TRACE).max(1);
         let count = |status: Status| {
             let poses = estimate.poses().iter();
             poses.filter(|p| p.status == status).count()
@@ -98,7 +93,6 @@ impl Figures {
             silently_wrong: consistency.map_or(0, |c| c.silently_wrong) - reckoned,
             silently_wrong_dead_reckoned: reckoned,
             first_wrong_s: consistency.and_then(|c| c.first_wrong_ns).map(seconds),
-            trace: errors.into_iter().step_by(step).collect(),
         })
     }
 
