@@ -5,7 +5,7 @@
 //! depends on what came before it alone. A set whose pictures show too little is carried by the IMU while its sigma stays
 //! small; a pose that nothing supports is called lost, and its covariance says how much.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use cad_transforms::RigidTransform;
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3};
@@ -15,34 +15,27 @@ use crate::anew::{self, Doubt, HEARD_NS, SILENT_NS};
 use crate::doubt::{carried, own_covariance};
 use crate::felt::{ImuInUse, leap};
 use crate::input::{FrameSet, ImuSample};
-use crate::keyframe::{BodyState, Keyframe, Seen};
-use crate::marginal::marginalise;
+use crate::keyframe::Keyframe;
 use crate::pyramid::Pyramid;
 use crate::rig::Rig;
 use crate::settings::Settings;
 use crate::shift::{self, Shift};
 use crate::shown::Shown;
 use crate::sight::{Camera, Placed};
-use crate::solve::{LEAST_RHO, for_each_residual, solve, solve_newest};
+use crate::solve::{solve, solve_newest};
 use crate::start::{LOOK_NS, start};
 use crate::state::{SIZE, State, TURN};
 use crate::tracker::{Expected, Track, Tracker, moved};
-use crate::window::{Frame, Landmark, Motion, Prior, Window};
+use crate::window::{Frame, Motion, Prior, Window};
 
-/// Longest time from one keyframe to the next, s: what the IMU felt is integrated anew from the last one.
-const LONGEST_S: f64 = 0.6;
-/// Share of a keyframe's corners that must still be followed, some time after it, s, and at once: pictures that are all noise
-/// lose a third of them from one to the next, and would all be keyframes.
-const LEAST_SHARE: f64 = 0.65;
-const LEAST_AT_ONCE: f64 = 0.35;
-const AT_ONCE_S: f64 = 0.17;
-/// Residual, in standard deviations, from which a sight is wrong.
-const WRONG: f64 = 5.0;
+mod keep;
+mod refuse;
+
+use keep::{leave, told};
+use refuse::agreeing;
+
 /// Frame sets in the beginning for which everything is solved: biases and tilt are still to be found.
 const SETTLING: u64 = 12;
-/// Share of sights that agree below which what was felt is put in doubt, and that must agree without it.
-const DOUBTFUL: f64 = 0.35;
-const CLEAR: f64 = 0.6;
 /// Sights that a pose needs, and their share of all.
 const FEWEST: usize = 12;
 const LEAST_AGREED: f64 = 0.3;
@@ -458,36 +451,6 @@ impl Odometry {
         self.last.as_ref().map_or(Vector3::zeros(), State::rate)
     }
 
-    /// Finds the newest pose. Where what was felt contradicts most of what is seen, and what is seen agrees with itself, the
-    /// feeling was wrong: a bias that was not known, a shock, a sensor that clips without saying so.
-    fn locate(&self, window: &mut Window) -> Option<SMatrix<f64, SIZE, SIZE>> {
-        let last = window.frames.len() - 1;
-        let guess = window.frames[last].clone();
-        let information = solve_newest(window, &self.kept, 4);
-        let (good, all) = agreeing(window);
-        let has_gravity = guess.motion.as_ref().is_some_and(|m| m.has_gravity);
-        if !has_gravity || all < FEWEST || good as f64 >= DOUBTFUL * all as f64 {
-            return information;
-        }
-        let felt = window.frames[last].clone();
-        let from = window.frames[last - 1].state;
-        window.frames[last] = Frame {
-            motion: Some(Motion {
-                felt: leap(&from, self.rate(), guess.state.time_ns),
-                has_gravity: false,
-                walk: guess.motion.as_ref().map_or([1e-6; 2], |m| m.walk),
-            }),
-            ..guess
-        };
-        let seen = solve_newest(window, &self.kept, 4);
-        let (now, _) = agreeing(window);
-        if (now as f64) >= CLEAR * all as f64 && now > 2 * good {
-            return seen;
-        }
-        window.frames[last] = felt;
-        information
-    }
-
     /// Enters what the newest frame sees of landmarks.
     fn look(&self, window: &mut Window, after_s: &[f64]) {
         for (k, tracker) in self.trackers.iter().enumerate() {
@@ -498,208 +461,6 @@ impl Odometry {
                 }
             }
         }
-    }
-
-    /// Takes back sights of the newest frame that cannot be right, and their corners. Gives the number of those that can.
-    fn reject(&mut self, window: &mut Window) -> usize {
-        let number = self.number;
-        let mut wrong = BTreeSet::new();
-        let mut right_wrong = BTreeSet::new();
-        let mut good = 0;
-        for (id, landmark) in &window.landmarks {
-            let last = landmark.sights.len() - 1;
-            if landmark.sights[last].0 != number {
-                continue;
-            }
-            let mut is_good = true;
-            for_each_residual(window, landmark, |sight, eye, square| {
-                if sight == last && square > WRONG * WRONG {
-                    if eye == 0 {
-                        wrong.insert(*id);
-                        is_good = false;
-                    } else {
-                        right_wrong.insert(*id);
-                    }
-                }
-            });
-            good += usize::from(is_good);
-        }
-        for id in right_wrong.difference(&wrong) {
-            if let Some((_, sight)) = window
-                .landmarks
-                .get_mut(id)
-                .and_then(|l| l.sights.last_mut())
-            {
-                sight.right = None;
-            }
-        }
-        for id in &wrong {
-            if let Some(landmark) = window.landmarks.get_mut(id) {
-                landmark.sights.pop();
-            }
-        }
-        for tracker in &mut self.trackers {
-            tracker.tracks.retain(|t| !wrong.contains(&t.id));
-        }
-        good
-    }
-
-    /// Takes back everything that the newest frame saw. Where nothing was felt either, nothing ties what comes to what was:
-    /// false.
-    fn overlook(&mut self, window: &mut Window, guess: State) -> bool {
-        let number = self.number;
-        let last = window.frames.len() - 1;
-        window.frames[last].state = guess;
-        let felt = window.frames[last]
-            .motion
-            .as_ref()
-            .is_some_and(|m| m.has_gravity);
-        let is_tied = felt && !self.is_adrift;
-        if is_tied {
-            for landmark in window.landmarks.values_mut() {
-                landmark.sights.retain(|(n, _)| *n != number);
-            }
-        } else {
-            window.landmarks.clear();
-            for tracker in &mut self.trackers {
-                tracker.tracks.clear();
-            }
-        }
-        is_tied
-    }
-
-    /// Takes away sights that do not fit after all has been solved, and landmarks with too few left.
-    fn prune(&mut self, window: &mut Window) {
-        let mut bad: Vec<(u64, Vec<(usize, usize)>)> = Vec::new();
-        for (id, landmark) in &window.landmarks {
-            let mut places = Vec::new();
-            for_each_residual(window, landmark, |sight, eye, square| {
-                if square > WRONG * WRONG {
-                    places.push((sight, eye));
-                }
-            });
-            if !places.is_empty() {
-                bad.push((*id, places));
-            }
-        }
-        let mut gone = BTreeSet::new();
-        for (id, places) in bad {
-            let Some(landmark) = window.landmarks.get_mut(&id) else {
-                continue;
-            };
-            // The host's right eye made the inverse range: if it is wrong, so was that.
-            if places.contains(&(0, 1)) || 3 * places.len() > landmark.sights.len() {
-                window.landmarks.remove(&id);
-                gone.insert(id);
-                continue;
-            }
-            landmark.drop_sights(&places);
-        }
-        for tracker in &mut self.trackers {
-            tracker.tracks.retain(|t| !gone.contains(&t.id));
-        }
-    }
-
-    /// Whether the newest frame is to stay.
-    fn is_keyframe(&self, window: &Window, is_seen: bool) -> bool {
-        let n = window.frames.len();
-        let (newest, before) = (&window.frames[n - 1].state, &window.frames[n - 2].state);
-        let seconds = (newest.time_ns - before.time_ns) as f64 * 1e-9;
-        if seconds >= LONGEST_S || !is_seen {
-            return true;
-        }
-        let turn = newest.turn.inverse() * before.turn;
-        let mut shifts = Vec::new();
-        let mut at = 0;
-        for (k, tracker) in self.trackers.iter().enumerate() {
-            let camera = &self.cameras[k];
-            let (eye, _) = &camera.body_from_left;
-            let turn: Matrix3<f64> = eye.transpose() * turn.to_rotation_matrix().into_inner() * eye;
-            let scale = camera.left.model().fx * 672.0 / f64::from(camera.left.model().width);
-            // Both are in the order of their numbers.
-            for track in &tracker.tracks {
-                while self
-                    .reference
-                    .get(at)
-                    .is_some_and(|r| (r.0, r.1) < (k, track.id))
-                {
-                    at += 1;
-                }
-                if let Some((c, id, ray)) = self.reference.get(at)
-                    && (*c, *id) == (k, track.id)
-                {
-                    shifts.push((turn * ray - track.left.ray).norm() * scale);
-                }
-            }
-        }
-        let least = if seconds < AT_ONCE_S {
-            LEAST_AT_ONCE
-        } else {
-            LEAST_SHARE
-        };
-        if (shifts.len() as f64) < least * self.reference.len() as f64 || shifts.is_empty() {
-            return true;
-        }
-        let middle = shifts.len() / 2;
-        let (_, median, _) = shifts.select_nth_unstable_by(middle, f64::total_cmp);
-        *median >= self.settings.parallax_px
-    }
-
-    /// The newest frame becomes a keyframe: new corners, new landmarks, and room in the window.
-    fn keep(&mut self, window: &mut Window, after_s: &[f64]) {
-        let settings = &self.settings;
-        self.reference.clear();
-        for (k, tracker) in self.trackers.iter_mut().enumerate() {
-            let camera = &self.cameras[k];
-            tracker.refill(camera, settings.corners, &mut self.next_track);
-            for track in &tracker.tracks {
-                self.reference.push((k, track.id, track.left.ray));
-                if let (None, Some(rho)) = (window.landmarks.get(&track.id), track.rho) {
-                    let sight = track.sight(k, camera, after_s[k]);
-                    let landmark = Landmark {
-                        rho: rho.max(LEAST_RHO),
-                        sights: vec![(self.number, sight)],
-                    };
-                    window.landmarks.insert(track.id, landmark);
-                }
-            }
-        }
-        let mut kept = Keyframe {
-            number: self.number,
-            state: told(&window.newest().state),
-            after_s: after_s.to_vec(),
-            seen: Vec::new(),
-            marks: Vec::new(),
-        };
-        for (k, tracker) in self.trackers.iter().enumerate() {
-            kept.seen.extend(tracker.tracks.iter().map(|t| Seen {
-                id: t.id,
-                camera: k as u8,
-                left: t.at,
-                right: t.right_at,
-            }));
-            kept.marks.extend(tracker.marks(&self.cameras[k], k));
-        }
-        self.pending.insert(self.number, kept);
-        while window.frames.len() > settings.frames {
-            let leaving = leaving(window);
-            (self.ready).extend(leave(&mut self.pending, &window.frames[leaving]));
-            marginalise(window, leaving);
-        }
-    }
-
-    /// Keyframes that will not change any more, in order of time, each once. Behind the last frame set, `all` gives the rest.
-    pub fn take_keyframes(&mut self, all: bool) -> Vec<Keyframe> {
-        if let (true, Some(window)) = (all, &self.window) {
-            for frame in &window.frames {
-                self.ready.extend(leave(&mut self.pending, frame));
-            }
-        }
-        // One that hardly moved leaves before older ones do.
-        let oldest = self.pending.keys().next().copied().unwrap_or(u64::MAX);
-        self.ready.sort_by_key(|k| k.number);
-        let count = self.ready.partition_point(|k| k.number < oldest);
-        self.ready.drain(..count).collect()
     }
 
     fn estimate(
@@ -751,52 +512,6 @@ impl Odometry {
         let tracks = &self.trackers[camera].tracks;
         tracks.iter().map(|t: &Track| (t.id, t.at)).collect()
     }
-}
-
-/// A frame's keyframe, if it is one, as it is kept when the frame leaves the window.
-fn leave(pending: &mut BTreeMap<u64, Keyframe>, frame: &Frame) -> Option<Keyframe> {
-    Some(Keyframe {
-        state: told(&frame.state),
-        ..pending.remove(&frame.number)?
-    })
-}
-
-/// As it is kept.
-fn told(state: &State) -> BodyState {
-    BodyState {
-        time_ns: state.time_ns,
-        position: state.position,
-        turn: state.turn,
-        velocity: state.velocity,
-        gyro_bias: state.gyro_bias,
-        accel_bias: state.accel_bias,
-        read_rate: state.read_rate,
-    }
-}
-
-/// How many landmarks the newest frame sees where they should be, and how many it sees at all.
-fn agreeing(window: &Window) -> (usize, usize) {
-    let number = window.newest().number;
-    let (mut good, mut all) = (0, 0);
-    for landmark in window.landmarks.values() {
-        let last = landmark.sights.len() - 1;
-        if last == 0 || landmark.sights[last].0 != number {
-            continue;
-        }
-        all += 1;
-        for_each_residual(window, landmark, |sight, eye, square| {
-            good += usize::from(sight == last && eye == 0 && square <= WRONG * WRONG);
-        });
-    }
-    (good, all)
-}
-
-/// Which frame is to leave: the newest but one if hardly anything moved from it to the newest, else the oldest.
-fn leaving(window: &Window) -> usize {
-    let n = window.frames.len();
-    let (a, b) = (&window.frames[n - 2].state, &window.frames[n - 1].state);
-    let still = (a.position - b.position).norm() < 0.01 && a.turn.angle_to(&b.turn) < 0.01;
-    if still { n - 2 } else { 0 }
 }
 
 /// World from left eye.
