@@ -20,7 +20,7 @@ use serde_json::{Map, Value, json};
 mod bands;
 mod charts;
 mod exam;
-mod frames;
+pub(crate) mod frames;
 mod peers;
 mod race;
 mod real;

@@ -1,7 +1,7 @@
 //! How sure a pose is: from what a solution says of itself to what is told.
 
 use cad_transforms::RigidTransform;
-use nalgebra::Matrix6;
+use nalgebra::{Matrix6, Matrix6x2};
 
 use crate::so3::cross;
 use crate::state::State;
@@ -12,6 +12,8 @@ const LEAST_M: f64 = 0.003;
 const OFF_SCALE: f64 = 1.5e-3;
 const OFF_WAY: f64 = 8e-4;
 const LEAST_RAD: f64 = 1.5e-3;
+/// How far from upright a rig may have begun whose world no IMU levelled, rad.
+const UPRIGHT: f64 = 0.35;
 
 /// What a solution's covariance does not know: sights of one corner are wrong alike from frame to frame, and calibrations are a
 /// little wrong for good. Sigmas are so many times as large, and what a scale error makes of the distance from the start, and what
@@ -25,6 +27,19 @@ fn honest(state: &State, way_m: f64, covariance: &Matrix6<f64>) -> Matrix6<f64> 
         out[(k + 3, k + 3)] += LEAST_RAD * LEAST_RAD;
     }
     out
+}
+
+/// What a tilt of the whole world about its origin makes of a pose, as a small motion in the rig's own axes. The up of a world
+/// that no IMU levelled is that of the first rig, which nobody knows to be upright.
+pub(crate) fn tilted(world_from_rig: &RigidTransform) -> Matrix6<f64> {
+    let back = world_from_rig.rotation().inverse().to_rotation_matrix();
+    let mut by = Matrix6x2::zeros();
+    by.fixed_view_mut::<3, 2>(0, 0).copy_from(
+        &(-back.matrix() * cross(world_from_rig.translation())).fixed_view::<3, 2>(0, 0),
+    );
+    by.fixed_view_mut::<3, 2>(3, 0)
+        .copy_from(&back.matrix().fixed_view::<3, 2>(0, 0));
+    by * by.transpose() * (UPRIGHT * UPRIGHT)
 }
 
 /// From errors of the body's position in the world and its turn to those of a small motion of the rig in its own axes.
@@ -63,4 +78,38 @@ pub(crate) fn carried(from: &State, to: &State, covariance: &Matrix6<f64>) -> Ma
     by.fixed_view_mut::<3, 3>(3, 3)
         .copy_from(&relative.to_rotation_matrix().into_inner());
     by * covariance * by.transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tilt_turns_poses_and_lifts_what_is_far() {
+        // Ten metres ahead, looking to the left.
+        let turn = [
+            std::f64::consts::FRAC_1_SQRT_2,
+            0.0,
+            0.0,
+            std::f64::consts::FRAC_1_SQRT_2,
+        ];
+        let pose = RigidTransform::from_wxyz(turn, [10.0, 0.0, 0.0]).unwrap();
+        let covariance = tilted(&pose);
+        let sigma = |k: usize| covariance[(k, k)].sqrt();
+        let expected = [0.0, 0.0, 10.0 * UPRIGHT, UPRIGHT, UPRIGHT, 0.0];
+        for (k, expected) in expected.into_iter().enumerate() {
+            assert!((sigma(k) - expected).abs() < 1e-9, "{k}: {}", sigma(k));
+        }
+        // Nose down by a world that leans forward: the rig's roll, and it is lower. Both are the same error.
+        let tilt =
+            RigidTransform::from_wxyz([(0.05_f64).cos(), 0.0, (0.05_f64).sin(), 0.0], [0.0; 3]);
+        let moved = pose.inverse() * tilt.unwrap() * pose;
+        let lowered = moved.translation().z;
+        let share = covariance[(2, 3)] / covariance[(3, 3)];
+        let rolled = moved.rotation().scaled_axis().x;
+        assert!(
+            (lowered / rolled - share).abs() < 0.05 * share.abs(),
+            "{lowered} {rolled} {share}"
+        );
+    }
 }

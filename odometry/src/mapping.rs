@@ -11,7 +11,7 @@ use cad_transforms::RigidTransform;
 use calib::Eye as Side;
 use nalgebra::{Matrix6, UnitQuaternion};
 
-use crate::doubt::own_covariance;
+use crate::doubt::{own_covariance, tilted};
 use crate::felt::{ImuInUse, leap};
 use crate::input::ImuSample;
 use crate::keyframe::{BodyState, Keyframe};
@@ -183,11 +183,19 @@ impl Mapping {
         let poses = window.frames.iter().zip(&covariances.poses);
         Adjusted {
             poses: poses
-                .map(|(frame, covariance)| AdjustedPose {
-                    number: frame.number,
-                    time_ns: frame.state.time_ns,
-                    world_from_rig: frame.state.world_from_rig(&self.body_from_rig),
-                    covariance: own_covariance(&frame.state, &self.body_from_rig, 0.0, covariance),
+                .map(|(frame, covariance)| {
+                    let world_from_rig = frame.state.world_from_rig(&self.body_from_rig);
+                    let mut covariance =
+                        own_covariance(&frame.state, &self.body_from_rig, 0.0, covariance);
+                    if self.imu.is_none() {
+                        covariance += tilted(&world_from_rig);
+                    }
+                    AdjustedPose {
+                        number: frame.number,
+                        time_ns: frame.state.time_ns,
+                        world_from_rig,
+                        covariance,
+                    }
                 })
                 .collect(),
             loops: found.iter().map(loops::Closure::told).collect(),

@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3};
 use rayon::prelude::*;
 
 use crate::anew::{self, Doubt, HEARD_NS, SILENT_NS};
-use crate::doubt::{carried, own_covariance};
+use crate::doubt::{carried, own_covariance, tilted};
 use crate::felt::{ImuInUse, leap};
 use crate::input::{FrameSet, ImuSample};
 use crate::keyframe::Keyframe;
@@ -473,7 +473,7 @@ impl Odometry {
     ) -> Estimate {
         let state = &window.newest().state;
         let covariance = self.with_doubt(state, *covariance);
-        let covariance = own_covariance(state, &self.body_from_rig, self.way_m, &covariance);
+        let mut covariance = own_covariance(state, &self.body_from_rig, self.way_m, &covariance);
         let status = if is_seen {
             Status::Tracked
         } else {
@@ -489,9 +489,13 @@ impl Odometry {
         };
         let arm = self.body_from_rig.translation();
         let velocity = state.velocity + state.turn * state.rate().cross(arm);
+        let world_from_rig = state.world_from_rig(&self.body_from_rig);
+        if self.imu.is_none() {
+            covariance += tilted(&world_from_rig);
+        }
         Estimate {
             time_ns: state.time_ns,
-            world_from_rig: state.world_from_rig(&self.body_from_rig),
+            world_from_rig,
             covariance,
             velocity,
             status,

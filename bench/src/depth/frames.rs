@@ -103,17 +103,41 @@ impl Walk {
             quality,
         };
         let simulation = Simulation::new(&settings, &rig).context("preparing the walk")?;
-        Ok(Self {
-            simulation: Arc::new(simulation),
-            name: format!("{}-{}-{seed}", kind.name(), light.name()),
+        Ok(Self::of(Arc::new(simulation)))
+    }
+
+    /// Of a walk that is prepared already.
+    pub(crate) fn of(simulation: Arc<Simulation>) -> Self {
+        let Settings {
+            kind,
+            time,
+            seed,
+            width,
+            ..
+        } = *simulation.settings();
+        Self {
+            name: format!("{}-{}-{seed}", kind.name(), time.name()),
             // OpenCV takes multiples of 16.
-            range: (RANGE * size[0] as usize / 672).next_multiple_of(16),
-        })
+            range: (RANGE * width as usize / 672).next_multiple_of(16),
+            simulation,
+        }
     }
 
     /// Number of stereo cameras.
     pub(crate) fn cameras(&self) -> usize {
         self.simulation.cameras().len()
+    }
+
+    /// Other pictures of both eyes of a camera, rectified as those of its frames are.
+    ///
+    /// # Errors
+    /// The pair cannot be rectified.
+    pub(crate) fn rectified(&self, camera: usize, raw: [&[u8]; 2]) -> Result<[Vec<u8>; 2]> {
+        let calibration = self.simulation.calibration(camera);
+        let rectification = Rectification::new(&calibration, View::Filled)?;
+        let (width, height) = (calibration.left.width, calibration.left.height);
+        let eyes = [(Eye::Left, raw[0]), (Eye::Right, raw[1])];
+        Ok(eyes.map(|(eye, raw)| Remap::new(&rectification.map(eye), width, height).apply(raw, 0)))
     }
 
     /// The frames with these numbers of a camera, in order.

@@ -1,4 +1,4 @@
-//! `odometry_encoding`: what the recording's compression costs in poses.
+//! `odometry_encoding`: what the recording's compression costs in poses and in depth.
 //!
 //! Two simulated walks are rendered in colour at the quality of exams, encoded as the daemon encodes them (left and right side
 //! by side, one thread, a key frame each half second), decoded, and tracked. Beside the daemon's encoder at several quality
@@ -19,6 +19,7 @@ use tests::tracking::{self, Tracking};
 
 mod charts;
 mod codec;
+mod depths;
 mod material;
 
 use super::figures::Figures;
@@ -26,6 +27,7 @@ use super::options::Options;
 use super::{results, settings};
 use crate::stamp;
 use codec::{Encoding, Made};
+use depths::{Depth, Depths};
 use material::Material;
 
 /// Walks, of 40 s.
@@ -49,6 +51,7 @@ struct Point {
     made: Option<Made>,
     /// Sights that agree, mean of all sets.
     sights: f64,
+    depth: Depth,
     causal: Figures,
     adjusted: Figures,
 }
@@ -64,17 +67,18 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let walks: &[&'static str] = if options.quick { &QUICK } else { &WALKS };
     for walk in walks.iter().copied().filter(|w| options.takes(w)) {
         let (material, sequence) = Material::of(walk, &options.walks)?;
+        let depths = Depths::of(&sequence)?;
+        let walked = Walked {
+            name: walk,
+            sequence,
+            depths,
+        };
         let sets = Arc::new(material.sets()?);
-        points.push(point(walk, &sequence, &sets, None)?);
+        points.push(point(&walked, &sets, None)?);
         for encoding in encodings(&options) {
             let (decoded, made) = (codec::pass(&material, &encoding))
                 .with_context(|| format!("{} on {walk}", encoding.name()))?;
-            points.push(point(
-                walk,
-                &sequence,
-                &Arc::new(decoded),
-                Some((&encoding, made)),
-            )?);
+            points.push(point(&walked, &Arc::new(decoded), Some((&encoding, made)))?);
         }
     }
     let report = json!({
@@ -120,13 +124,19 @@ fn encodings(options: &Options) -> Vec<Encoding> {
     encodings
 }
 
+/// A walk and what is true of it.
+struct Walked {
+    name: &'static str,
+    sequence: Sequence,
+    depths: Depths,
+}
+
 fn point(
-    walk: &'static str,
-    sequence: &Sequence,
+    walk: &Walked,
     sets: &Arc<Vec<OwnedFrameSet>>,
     encoded: Option<(&Encoding, Made)>,
 ) -> Result<Point> {
-    let sequence = sequence.clone().with_pictures(sets)?;
+    let sequence = walk.sequence.clone().with_pictures(sets)?;
     let mut tracking = Tracking::new(sequence.rig(), settings::parse("balanced")?, true);
     let mut sights = 0;
     sequence.for_each(|set| {
@@ -137,13 +147,14 @@ fn point(
     let causal = Figures::of(tracking.causal(), &truth)?;
     let adjusted = tracking.adjust()?.context("there is a mapping")?;
     let point = Point {
-        walk,
+        walk: walk.name,
         encoding: encoded
             .as_ref()
             .map_or("not encoded".to_owned(), |(e, _)| e.name()),
         target_db: encoded.as_ref().map(|(e, _)| e.target_db),
         made: encoded.map(|(_, made)| made),
         sights: sights as f64 / sequence.len() as f64,
+        depth: walk.depths.score(sets)?,
         causal,
         adjusted: Figures::of(&adjusted.trajectory, &truth)?,
     };
@@ -152,7 +163,8 @@ fn point(
             .map_or("lost".to_owned(), |p| format!("{p:.3} %"))
     };
     println!(
-        "{walk:24} {:18} {:>5} dB: {} causal {}, adjusted {}, {:.0} sights",
+        "{:24} {:18} {:>5} dB: {} causal {}, adjusted {}, {:.0} sights, depth of {:.3} with bad-2 {:.4}",
+        point.walk,
         point.encoding,
         point.target_db.map_or(String::new(), |db| db.to_string()),
         point.made.as_ref().map_or(String::new(), |m| format!(
@@ -161,7 +173,9 @@ fn point(
         )),
         percent(&point.causal),
         percent(&point.adjusted),
-        point.sights
+        point.sights,
+        point.depth.density,
+        point.depth.bad_2
     );
     Ok(point)
 }

@@ -40,6 +40,24 @@ pub(super) fn draw(points: &[Point], stamp: &str) -> Vec<(String, String)> {
             p.sights
         });
         add(format!("sights-{walk}"), sights);
+        let depth = |title: &str, unit: &str, of: &dyn Fn(&Point) -> f64| {
+            let y = Axis::linear(unit, "% of what both eyes see");
+            chart(title, walk, &own, y, &|p| 1e2 * of(p))
+        };
+        add(
+            format!("depth-{walk}"),
+            depth(
+                "Depth that is absent or off by more than 2 px against bit rate",
+                "absent or bad",
+                &|p| p.depth.bad_2_of_all,
+            ),
+        );
+        add(
+            format!("density-{walk}"),
+            depth("Density of depth against bit rate", "with depth", &|p| {
+                p.depth.density
+            }),
+        );
     }
     files
 }
