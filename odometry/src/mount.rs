@@ -6,7 +6,7 @@
 use nalgebra::{Matrix3, Matrix6, Rotation3, SMatrix, Vector3, Vector6};
 
 use crate::rig::StereoCamera;
-use crate::sight::{Camera, Carried};
+use crate::sight::Camera;
 use crate::so3;
 
 /// Sigmas of a mount of which calibration told none, m and rad. The place is taken to be known: a walk shows it less well than a
@@ -65,19 +65,22 @@ pub(crate) fn move_by(camera: &mut Camera, error: &Vector6<f64>) {
     *turn *= by.to_rotation_matrix().into_inner();
 }
 
-/// Derivative of a point in the target's left frame by the error of the mount of its camera, which is also the host's.
-pub(crate) fn by_mount(
-    camera: &Camera,
+/// Derivatives of a point `x` in the target's left frame, times its inverse range, by the errors of the mounts of the host's camera
+/// and of the target's. If that is one camera, their sum is its own. `now_from_then` turns the host's left frame into the target's.
+pub(crate) fn by_mounts(
     ray: &Vector3<f64>,
     rho: f64,
-    host_turn: &Matrix3<f64>,
-    carried: &Carried,
-) -> SMatrix<f64, 3, 6> {
-    let now_from_then = carried.left_from_world * host_turn * camera.body_from_left.0;
-    let mut by = SMatrix::<f64, 3, 6>::zeros();
-    by.fixed_columns_mut::<3>(0)
-        .copy_from(&((now_from_then - Matrix3::identity()) * rho));
-    by.fixed_columns_mut::<3>(3)
-        .copy_from(&(so3::cross(&carried.x) - now_from_then * so3::cross(ray)));
-    by
+    now_from_then: &Matrix3<f64>,
+    x: &Vector3<f64>,
+) -> [SMatrix<f64, 3, 6>; 2] {
+    let of = |shift: Matrix3<f64>, turn: Matrix3<f64>| {
+        let mut by = SMatrix::<f64, 3, 6>::zeros();
+        by.fixed_columns_mut::<3>(0).copy_from(&shift);
+        by.fixed_columns_mut::<3>(3).copy_from(&turn);
+        by
+    };
+    [
+        of(now_from_then * rho, -now_from_then * so3::cross(ray)),
+        of(Matrix3::identity() * -rho, so3::cross(x)),
+    ]
 }

@@ -28,6 +28,7 @@ use crate::state::{SIZE, State, TURN};
 use crate::tracker::{Expected, Track, Tracker, moved};
 use crate::window::{Frame, Motion, Prior, Window};
 
+mod across;
 mod keep;
 mod refuse;
 

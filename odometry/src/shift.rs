@@ -38,24 +38,21 @@ pub(crate) fn find(window: &Window) -> Option<Shift> {
     let frame = window.newest();
     let mut pairs: Vec<Vec<Pair>> = vec![Vec::new(); window.cameras.len()];
     for landmark in window.landmarks.values() {
-        let [(host_number, host), .., (number, sight)] = &landmark.sights[..] else {
-            continue;
-        };
-        let Some(at) = window
-            .position(*host_number)
-            .filter(|_| *number == frame.number)
-        else {
+        let (host_number, host) = &landmark.sights[0];
+        let Some(at) = window.position(*host_number) else {
             continue;
         };
         let from = Placed::new(&window.frames[at].state, host.after_s);
-        let to = Placed::new(&frame.state, sight.after_s);
-        let seen = carry(
-            &host.left.ray,
-            landmark.rho,
-            (&window.cameras[host.camera], &from),
-            (&window.cameras[sight.camera], &to),
-        );
-        pairs[sight.camera].push((seen.x.normalize(), sight.left.ray));
+        for (_, sight) in &landmark.sights[landmark.since(frame.number)..] {
+            let to = Placed::new(&frame.state, sight.after_s);
+            let seen = carry(
+                &host.left.ray,
+                landmark.rho,
+                (&window.cameras[host.camera], &from),
+                (&window.cameras[sight.camera], &to),
+            );
+            pairs[sight.camera].push((seen.x.normalize(), sight.left.ray));
+        }
     }
     let judged: Vec<(usize, usize)> = (pairs.iter().enumerate())
         .map(|(k, pairs)| (agreeing(window, k, pairs, &Vector3::zeros()), pairs.len()))

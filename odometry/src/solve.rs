@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector, SMatrix, SVector, Vector2, Vector3};
 use rayon::prelude::*;
 
 use crate::motion;
-use crate::mount::{by_mount, move_by};
+use crate::mount::{by_mounts, move_by};
 use crate::sight::{Camera, Placed, Sight, carry};
 use crate::so3;
 use crate::state::{Error, POSE, SIZE, State};
@@ -39,8 +39,17 @@ pub(crate) struct Linear {
 pub(crate) struct Eliminated {
     information: f64,
     gradient: f64,
-    /// By frames' poses and the camera's mount, in the order of [`Window::blocks`].
+    /// By frames' poses and cameras' mounts, in the order of [`Window::blocks`].
     by: Vec<(usize, PoseVector)>,
+}
+
+impl Eliminated {
+    fn add(&mut self, block: usize, by: &PoseVector) {
+        match self.by.iter_mut().find(|(b, _)| *b == block) {
+            Some((_, sum)) => *sum += by,
+            None => self.by.push((block, *by)),
+        }
+    }
 }
 
 /// Huber's weight and cost for a squared residual in standard deviations.
@@ -124,7 +133,7 @@ fn residuals(
     [left, right]
 }
 
-/// What a landmark adds to the mount of its camera.
+/// What a landmark adds to the mount of a camera.
 #[derive(Default)]
 struct Mounted {
     own: PoseMatrix,
@@ -143,6 +152,14 @@ impl Mounted {
         self.by_rho += weighted.transpose() * r.by_rho;
         self.by_host += j_host.transpose() * weighted;
         self.by_target += j_target.transpose() * weighted;
+    }
+
+    /// Hands over what lies between the mount and the poses of a sight: blocks of the host, of the target and of the mount.
+    fn leave_to<B: Blocks>(&mut self, piece: &mut Piece<B>, [host, target, mount]: [usize; 3]) {
+        piece.information.add(host, mount, &self.by_host);
+        piece.information.add(target, mount, &self.by_target);
+        self.by_host.fill(0.0);
+        self.by_target.fill(0.0);
     }
 }
 
@@ -211,16 +228,15 @@ fn add<B: Blocks>(window: &Window, landmark: &Landmark, piece: &mut Piece<B>) ->
             false,
             window.sigma_px,
         );
-        let by_camera = (!window.mounts.is_empty()).then(|| {
-            debug_assert_eq!(host.camera, sight.camera, "a landmark is one camera's");
-            by_mount(
-                camera,
-                &host.left.ray,
-                landmark.rho,
-                &host_placed.turn,
-                &carried,
-            )
+        let by_cameras = (!window.mounts.is_empty()).then(|| {
+            let now_from_then =
+                carried.left_from_world * host_placed.turn * host_camera.body_from_left.0;
+            by_mounts(&host.left.ray, landmark.rho, &now_from_then, &carried.x)
         });
+        // Of another camera than the host's, and with that one.
+        let is_across = sight.camera != host.camera;
+        let mut other = Mounted::default();
+        let mut mounts_between = PoseMatrix::zeros();
         for r in found.into_iter().flatten() {
             part.cost += r.cost;
             part.own.information += r.weight * r.by_rho.norm_squared();
@@ -236,8 +252,17 @@ fn add<B: Blocks>(window: &Window, landmark: &Landmark, piece: &mut Piece<B>) ->
             j_target
                 .fixed_columns_mut::<3>(3)
                 .copy_from(&(r.by_x * own_turn));
-            if let Some(by) = &by_camera {
-                mount.add(&r, &(r.by_x * by), &j_host, &j_target);
+            match &by_cameras {
+                Some([by_own, by_other]) if is_across => {
+                    let (own, across) = (r.by_x * by_own, r.by_x * by_other);
+                    mount.add(&r, &own, &j_host, &j_target);
+                    other.add(&r, &across, &j_host, &j_target);
+                    mounts_between += own.transpose() * across * r.weight;
+                }
+                Some([by_own, by_other]) => {
+                    mount.add(&r, &(r.by_x * (by_own + by_other)), &j_host, &j_target);
+                }
+                None => {}
             }
             if same {
                 // Another camera in the host's own frame: both poses are one.
@@ -259,12 +284,22 @@ fn add<B: Blocks>(window: &Window, landmark: &Landmark, piece: &mut Piece<B>) ->
             by_target += target_weighted * r.by_rho;
         }
         let (h, t) = (host_frame, frame);
-        if by_camera.is_some() {
+        if by_cameras.is_some() {
             let block = window.frames.len() + host.camera;
-            piece.information.add(h, block, &mount.by_host);
-            piece.information.add(t, block, &mount.by_target);
-            mount.by_host.fill(0.0);
-            mount.by_target.fill(0.0);
+            mount.leave_to(piece, [h, t, block]);
+            if is_across {
+                let beside = window.frames.len() + sight.camera;
+                other.leave_to(piece, [h, t, beside]);
+                piece.information.add(beside, beside, &other.own);
+                add_rows(&mut piece.gradient, beside * POSE, &other.gradient);
+                part.own.add(beside, &other.by_rho);
+                if block < beside {
+                    piece.information.add(block, beside, &mounts_between);
+                } else {
+                    let between = mounts_between.transpose();
+                    piece.information.add(beside, block, &between);
+                }
+            }
         }
         piece.information.add(h, h, &h_host);
         add_rows(&mut piece.gradient, h * POSE, &g_host);
@@ -277,18 +312,15 @@ fn add<B: Blocks>(window: &Window, landmark: &Landmark, piece: &mut Piece<B>) ->
                 piece.information.add(t, h, &h_between.transpose());
             }
             add_rows(&mut piece.gradient, t * POSE, &g_target);
-            match part.own.by.iter_mut().find(|(f, _)| *f == frame) {
-                Some((_, by)) => *by += by_target,
-                None => part.own.by.push((frame, by_target)),
-            }
+            part.own.add(frame, &by_target);
         }
     }
-    part.own.by.push((host_frame, by_host));
+    part.own.add(host_frame, &by_host);
     if !window.mounts.is_empty() {
         let block = window.frames.len() + host.camera;
         piece.information.add(block, block, &mount.own);
         add_rows(&mut piece.gradient, block * POSE, &mount.gradient);
-        part.own.by.push((block, mount.by_rho));
+        part.own.add(block, &mount.by_rho);
     }
     part.own.by.sort_by_key(|(frame, _)| *frame);
     part
@@ -650,18 +682,20 @@ pub(crate) fn solve_newest(
         .landmarks
         .values()
         .filter_map(|landmark| {
-            let (n, sight) = landmark.sights.last()?;
-            if *n != number || landmark.sights.len() < 2 {
-                return None;
-            }
+            let sights = &landmark.sights[landmark.since(number)..];
             let (host_number, host) = &landmark.sights[0];
             let frame = window.position(*host_number)?;
+            if sights.is_empty() || frame == last {
+                return None;
+            }
             let placed = Placed::new(&window.frames[frame].state, host.after_s);
             let (turn, arm) = &window.cameras[host.camera].body_from_left;
             let in_host = turn * host.left.ray + arm * landmark.rho;
             let x = placed.turn * in_host;
-            Some((x, placed.position, landmark.rho, *sight))
+            let each = sights.iter();
+            Some(each.map(move |(_, sight)| (x, placed.position, landmark.rho, *sight)))
         })
+        .flatten()
         .collect();
     // Where nothing was felt the guess may be far off.
     let felt = window.frames[last]

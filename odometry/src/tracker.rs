@@ -63,6 +63,7 @@ pub(crate) struct Tracker {
     right: Pyramid,
     /// See [`crate::View::usable`]; empty for all.
     usable: Vec<u8>,
+    /// By number, rising.
     pub(crate) tracks: Vec<Track>,
 }
 
@@ -173,6 +174,56 @@ impl Tracker {
             *next += 1;
             self.tracks.push(track);
         }
+    }
+
+    /// The left picture.
+    pub(crate) fn picture(&self) -> &Pyramid {
+        &self.left
+    }
+
+    /// Whether a corner is followed already, by its number.
+    pub(crate) fn follows(&self, id: u64) -> bool {
+        self.tracks.binary_search_by_key(&id, |t| t.id).is_ok()
+    }
+
+    /// Finds in both eyes what is drawn around the middle `at` of another picture, near where it is expected.
+    pub(crate) fn find(
+        &self,
+        camera: &Camera,
+        (drawn, at): (&Pyramid, [f32; 2]),
+        id: u64,
+        expected: Expected,
+    ) -> Option<Track> {
+        let at = follow(drawn, &self.left, at, expected.at, BETWEEN)?;
+        let width = self.left.levels.first()?.width;
+        let pixel = at[1].round() as usize * width + at[0].round() as usize;
+        if self.mask().is_some_and(|mask| mask.get(pixel) == Some(&0)) {
+            return None;
+        }
+        let mut track = Track {
+            id,
+            at,
+            left: camera.bearing(Side::Left, at)?,
+            right_at: None,
+            right: None,
+            rho: None,
+        };
+        match_eyes(&mut track, camera, &self.left, &self.right, expected.rho);
+        Some(track)
+    }
+
+    /// Follows a corner from here on that was found, unless one is followed there. Tells whether it does.
+    pub(crate) fn take(&mut self, track: Track) -> bool {
+        const NEAR: f32 = 6.0;
+        let near = |k: &Track| {
+            (k.at[0] - track.at[0]).abs() < NEAR && (k.at[1] - track.at[1]).abs() < NEAR
+        };
+        if self.tracks.iter().any(near) {
+            return false;
+        }
+        let place = self.tracks.partition_point(|k| k.id < track.id);
+        self.tracks.insert(place, track);
+        true
     }
 
     /// Corners to find the place again by: the strongest there are, whether or not they are followed.

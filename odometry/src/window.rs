@@ -37,7 +37,7 @@ pub(crate) struct Motion {
 pub(crate) struct Landmark {
     /// Inverse range from the host's left eye, 1/m.
     pub(crate) rho: f64,
-    /// By frame number, rising.
+    /// By frame number, rising; several of one frame are of several cameras.
     pub(crate) sights: Vec<(u64, Sight)>,
 }
 
@@ -85,6 +85,11 @@ impl Prior {
 }
 
 impl Landmark {
+    /// Place of the first of its sights in a frame and later ones, but for the host's.
+    pub(crate) fn since(&self, number: u64) -> usize {
+        self.sights.partition_point(|(n, _)| *n < number).max(1)
+    }
+
     /// Takes back sights that were wrong, by place and eye (1 the right one), in rising order.
     pub(crate) fn drop_sights(&mut self, places: &[(usize, usize)]) {
         for (sight, eye) in places.iter().rev() {

@@ -253,6 +253,25 @@ fn a_camera_that_was_moved_is_put_back_and_told() {
 }
 
 #[test]
+fn cameras_that_see_the_same_put_each_other_back() {
+    // Landmarks that two cameras see without noise: wrong derivatives would not lead there.
+    let exact = crate::solve::tests::window(5, 0.0);
+    let mut moved = exact.clone();
+    let told = &rig().cameras[0];
+    moved.mounts = (exact.cameras.iter())
+        .map(|camera| crate::mount::Mount::new(told, camera))
+        .collect();
+    let off = nalgebra::Vector6::new(0.0, 1e-3, 0.0, 0.01, -0.02, 0.01);
+    crate::mount::move_by(&mut moved.cameras[1], &off);
+    crate::mount::move_by(&mut moved.cameras[0], &(-0.5 * off));
+    adjust::adjust(&mut moved, &[], 12, &mut |_| {});
+    for (mount, camera) in moved.mounts.iter().zip(&moved.cameras) {
+        let off = mount.off(camera).amax();
+        assert!(off < 1e-6, "{off}");
+    }
+}
+
+#[test]
 fn threads_do_not_matter() {
     let frames = keyframes(1, 0.1, true);
     let on = |threads: usize| {

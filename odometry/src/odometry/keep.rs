@@ -67,6 +67,7 @@ impl Odometry {
 
     /// The newest frame becomes a keyframe: new corners, new landmarks, and room in the window.
     pub(super) fn keep(&mut self, window: &mut Window, after_s: &[f64]) {
+        self.look_across(window, after_s);
         let settings = &self.settings;
         self.reference.clear();
         for (k, tracker) in self.trackers.iter_mut().enumerate() {

@@ -50,43 +50,37 @@ impl Odometry {
     /// Takes back sights of the newest frame that cannot be right, and their corners. Gives the number of those that can.
     pub(super) fn reject(&mut self, window: &mut Window) -> usize {
         let number = self.number;
-        let mut wrong = BTreeSet::new();
-        let mut right_wrong = BTreeSet::new();
-        let mut good = 0;
-        for (id, landmark) in &window.landmarks {
-            let last = landmark.sights.len() - 1;
-            if landmark.sights[last].0 != number {
-                continue;
-            }
-            let mut is_good = true;
-            for_each_residual(window, landmark, |sight, eye, square| {
-                if sight == last && square > WRONG * WRONG {
-                    if eye == 0 {
-                        wrong.insert(*id);
-                        is_good = false;
-                    } else {
-                        right_wrong.insert(*id);
+        let (bad, good) = {
+            let mut bad: Vec<(u64, Vec<(usize, usize)>)> = Vec::new();
+            let mut good = 0;
+            for (id, landmark) in &window.landmarks {
+                let since = landmark.since(number);
+                good += landmark.sights.len() - since;
+                let mut places = Vec::new();
+                for_each_residual(window, landmark, |sight, eye, square| {
+                    if sight >= since && square > WRONG * WRONG {
+                        places.push((sight, eye));
                     }
+                });
+                if !places.is_empty() {
+                    good -= places.iter().filter(|(_, eye)| *eye == 0).count();
+                    bad.push((*id, places));
                 }
-            });
-            good += usize::from(is_good);
-        }
-        for id in right_wrong.difference(&wrong) {
-            if let Some((_, sight)) = window
-                .landmarks
-                .get_mut(id)
-                .and_then(|l| l.sights.last_mut())
-            {
-                sight.right = None;
             }
+            (bad, good)
+        };
+        // By camera and number.
+        let mut wrong = BTreeSet::new();
+        for (id, places) in bad {
+            let Some(landmark) = window.landmarks.get_mut(&id) else {
+                continue;
+            };
+            let left = places.iter().filter(|(_, eye)| *eye == 0);
+            wrong.extend(left.map(|(sight, _)| (landmark.sights[*sight].1.camera, id)));
+            landmark.drop_sights(&places);
         }
-        for id in &wrong {
-            if let Some(landmark) = window.landmarks.get_mut(id) {
-                landmark.sights.pop();
-            }
-        }
-        for tracker in &mut self.trackers {
-            tracker.tracks.retain(|t| !wrong.contains(&t.id));
+        for (k, tracker) in self.trackers.iter_mut().enumerate() {
+            tracker.tracks.retain(|t| !wrong.contains(&(k, t.id)));
         }
         good
     }
@@ -148,18 +142,18 @@ impl Odometry {
     }
 }
 
-/// How many landmarks the newest frame sees where they should be, and how many it sees at all.
+/// How many landmarks cameras see in the newest frame where they should be, and how many they see at all.
 pub(super) fn agreeing(window: &Window) -> (usize, usize) {
     let number = window.newest().number;
     let (mut good, mut all) = (0, 0);
     for landmark in window.landmarks.values() {
-        let last = landmark.sights.len() - 1;
-        if last == 0 || landmark.sights[last].0 != number {
+        let since = landmark.since(number);
+        if since == landmark.sights.len() {
             continue;
         }
-        all += 1;
+        all += landmark.sights.len() - since;
         for_each_residual(window, landmark, |sight, eye, square| {
-            good += usize::from(sight == last && eye == 0 && square <= WRONG * WRONG);
+            good += usize::from(sight >= since && eye == 0 && square <= WRONG * WRONG);
         });
     }
     (good, all)

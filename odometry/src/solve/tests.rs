@@ -12,7 +12,7 @@ use crate::rig::StereoCamera;
 use crate::state::{POSITION, TURN};
 use crate::window::{Frame, Prior};
 
-fn camera(yaw: f64, line_s: f64) -> Camera {
+pub(crate) fn camera(yaw: f64, line_s: f64) -> Camera {
     let model = CameraModel {
         width: 672,
         height: 376,
