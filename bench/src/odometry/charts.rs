@@ -12,6 +12,9 @@ use super::table::{ADJUSTED_PERCENT, CAUSAL_PERCENT, PAIR_MS, exam};
 const WIDTH: u32 = 760;
 const HEIGHT: u32 = 400;
 
+/// Where walks that were lost are drawn.
+const LOST_PERCENT: f64 = 100.0;
+
 /// Causal poses, or those that were adjusted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Poses {
@@ -247,55 +250,48 @@ fn mounts(results: &Results) -> Option<Chart> {
     (!rows.is_empty()).then_some(chart)
 }
 
-/// Error by cameras, with and without IMU: mean and worst.
+/// Error by cameras, with and without IMU: each walk a point, lost ones too.
 fn cameras(results: &Results, poses: Poses) -> Option<Chart> {
     let names = CAMERAS.map(|(name, _)| name);
-    let rows_of = |cameras: &[&str], with_imu: bool| -> Vec<&Row> {
-        let is_it = |r: &&Row| {
-            r.job.sets == Some(CAMERAS_SETS)
-                && r.job.cameras == cameras
-                && r.job.with_imu == with_imu
-        };
-        results.rows.iter().filter(is_it).collect()
-    };
-    let mut chart = Chart::new(&format!(
+    let mut walks: Vec<&str> = Vec::new();
+    let mut all = Vec::new();
+    for with_imu in [true, false] {
+        let mut points = Vec::new();
+        for (place, (_, cameras)) in CAMERAS.iter().enumerate() {
+            let is_it = |r: &&Row| {
+                r.job.sets == Some(CAMERAS_SETS)
+                    && r.job.cameras == *cameras
+                    && r.job.with_imu == with_imu
+            };
+            for row in results.rows.iter().filter(is_it) {
+                if !walks.contains(&row.job.walk.as_str()) {
+                    walks.push(&row.job.walk);
+                }
+                let walk = walks.iter().position(|w| *w == row.job.walk).unwrap_or(0);
+                let figures = poses.figures(row).filter(|f| !f.is_lost());
+                let error = figures.and_then(|f| f.ate_percent).unwrap_or(LOST_PERCENT);
+                // Those with an IMU to the left of the others, walks side by side.
+                let side = if with_imu { -0.3 } else { 0.1 };
+                points.push((place as f64 + side + 0.04 * walk as f64, error));
+            }
+        }
+        all.push(points);
+    }
+    let count = all.iter().flatten();
+    let lost = count.filter(|(_, error)| *error == LOST_PERCENT).count();
+    let chart = Chart::new(&format!(
         "Error over cameras and IMU, {} poses",
         poses.name()
     ))
+    .subtitle(&format!(
+        "each point the first 60 s of one of {} walks, from left to right {}; {lost} lost",
+        walks.len(),
+        walks.join(", ")
+    ))
     .x_axis(Axis::categories("", names))
-    .y_axis(Axis::log("ATE", "% of the way"));
-    let mut notes = Vec::new();
-    let mut walks = 0;
-    for (with_imu, label) in [(true, "with IMU"), (false, "without IMU")] {
-        let (mut means, mut worst) = (Vec::new(), Vec::new());
-        for (name, cameras) in CAMERAS {
-            let rows = rows_of(cameras, with_imu);
-            walks = walks.max(rows.len());
-            let errors = rows.iter().filter_map(|r| poses.figures(r));
-            let errors: Vec<f64> = errors
-                .filter(|f| !f.is_lost())
-                .filter_map(|f| f.ate_percent)
-                .collect();
-            let lost = rows.len() - errors.len();
-            if lost > 0 {
-                notes.push(format!("{name} {label}: {lost} lost"));
-            }
-            let is_whole = lost == 0 && !errors.is_empty();
-            let mean = errors.iter().sum::<f64>() / errors.len() as f64;
-            means.push(if is_whole { mean } else { f64::NAN });
-            let most = errors.iter().copied().fold(f64::NAN, f64::max);
-            worst.push(if is_whole { most } else { f64::NAN });
-        }
-        chart = chart
-            .series(Series::bars(&format!("mean, {label}"), means))
-            .series(Series::bars(&format!("worst, {label}"), worst));
-    }
-    let notes = match notes.is_empty() {
-        true => String::new(),
-        false => format!("; left out: {}", notes.join(", ")),
-    };
-    let chart = chart.subtitle(&format!(
-        "the first 60 s of {walks} walks, one in each place, balanced{notes}"
-    ));
-    (walks > 0).then_some(chart)
+    .y_axis(Axis::log("ATE", "% of the way"))
+    .series(Series::scatter("with IMU", all.swap_remove(0)))
+    .series(Series::scatter("without IMU", all.swap_remove(0)))
+    .hline(LOST_PERCENT, "lost");
+    (!walks.is_empty()).then_some(chart)
 }
