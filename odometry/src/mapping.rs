@@ -265,6 +265,7 @@ impl Mapping {
                     .push((keyframe.number, sight));
             }
         }
+        let numbers: Vec<u64> = self.keyframes.iter().map(|k| k.number).collect();
         let mut landmarks = BTreeMap::new();
         for (id, mut sights) in sights {
             // The first that both eyes saw is the host; what was seen before is given up.
@@ -275,6 +276,7 @@ impl Mapping {
             if sights.len() < FEWEST_SIGHTS {
                 continue;
             }
+            widen(&mut sights, &numbers);
             let sight = &sights[0].1;
             let Some(right) = &sight.right else { continue };
             let (rho, _) = self.cameras[sight.camera].triangulate(&sight.left, right);
@@ -292,6 +294,17 @@ impl Mapping {
             prior,
             sigma_px: self.sigma_px,
         }
+    }
+}
+
+/// A corner is followed from picture to picture and strays from where it began: what is wrong of a place adds up, by as much from
+/// one keyframe to the next as a place is wrong by itself.
+fn widen(sights: &mut [(u64, Sight)], keyframes: &[u64]) {
+    let place = |number: u64| keyframes.partition_point(|k| *k < number);
+    let host = place(sights[0].0);
+    for (number, sight) in sights {
+        let age = place(*number) - host;
+        *sight = sight.widened((1.0 + age as f64).sqrt());
     }
 }
 

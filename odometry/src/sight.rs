@@ -121,6 +121,17 @@ pub(crate) struct Sight {
     pub(crate) after_s: f64,
 }
 
+impl Sight {
+    /// The same with so many times the standard deviation.
+    pub(crate) fn widened(mut self, times: f64) -> Self {
+        self.left.basis /= times;
+        if let Some(right) = &mut self.right {
+            right.basis /= times;
+        }
+        self
+    }
+}
+
 /// A camera at the time of a sight: what takes rays to the world and back.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Placed {
