@@ -2,9 +2,15 @@
 //!
 //! Bounds are three times what was measured when they were set, so that they catch what breaks and not what drifts.
 
+use std::collections::BTreeMap;
+
 use cad_transforms::RigidTransform;
+use calib::{CameraModel, Lens};
+use nalgebra::Vector3;
+use odometry::keyframe::Seen;
 use odometry::mapping::AdjustedMount;
-use odometry::{Preset, Settings};
+use odometry::rig::StereoCamera;
+use odometry::{Odometry, Preset, Settings};
 use reconstruction::evaluate::{self, Evaluation, evaluate};
 use rig_sim::camera::Quality;
 use rig_sim::scene::{Kind, Time};
@@ -55,6 +61,77 @@ fn a_walk_is_followed_and_adjusted_better() {
     assert_eq!(causal.poses.lost, 0);
     assert!(percent(&causal) < 0.2, "{causal:?}");
     assert!(percent(&adjusted) < 0.2, "{adjusted:?}");
+}
+
+#[test]
+fn what_two_cameras_see_has_one_number() {
+    let settings = WalkSettings {
+        quality: Quality::FAST,
+        ..WalkSettings::new(Kind::Pavement, Time::Day, 42, 4.0)
+    };
+    let sequence = walk(&settings).expect("a walk");
+    let mut odometry = Odometry::new(sequence.rig(), balanced());
+    let mut keyframes = Vec::new();
+    let followed = sequence.for_each(|set| {
+        for (k, samples) in set.imu.iter().enumerate() {
+            samples.iter().for_each(|s| odometry.add_imu(k, s));
+        }
+        odometry.add_frames(&set.borrowed());
+        keyframes.extend(odometry.take_keyframes(false));
+        Ok(())
+    });
+    followed.expect("pictures");
+    keyframes.extend(odometry.take_keyframes(true));
+    let cameras = &sequence.rig().cameras;
+    let mut off_px = Vec::new();
+    for keyframe in &keyframes {
+        let mut seen: BTreeMap<u64, Vec<&Seen>> = BTreeMap::new();
+        for one in &keyframe.seen {
+            seen.entry(one.id).or_default().push(one);
+        }
+        for both in seen.values().filter(|seen| seen.len() > 1) {
+            let [a, b] = both[..] else {
+                panic!("seen by three of these cameras: {both:?}");
+            };
+            assert_ne!(a.camera, b.camera, "twice in one picture");
+            let [from, to] = [a, b].map(|seen| &cameras[usize::from(seen.camera)]);
+            // Where the eyes of the one see it, the other must.
+            let Some(place) = place(from, a) else {
+                continue;
+            };
+            let there = to.rig_from_left.inverse() * from.rig_from_left;
+            let found = Lens::new(&to.left).project(there.apply(place));
+            off_px.push(found.map_or(f64::INFINITY, |[x, y]| {
+                (x - f64::from(b.left[0])).hypot(y - f64::from(b.left[1]))
+            }));
+        }
+    }
+    off_px.sort_by(f64::total_cmp);
+    let count = off_px.len();
+    assert!(count > keyframes.len(), "{count}");
+    let (median, most) = (off_px[count / 2], off_px[count * 95 / 100]);
+    println!(
+        "{count} corners by two cameras in {} keyframes, off by {median:.2} px, 95 % by less than {most:.2} px",
+        keyframes.len()
+    );
+    assert!(median < 2.0 && most < 10.0, "{median} {most}");
+}
+
+/// Where the eyes of a camera see something, in its left frame, m: between their rays.
+fn place(camera: &StereoCamera, seen: &Seen) -> Option<[f64; 3]> {
+    let ray = |model: &CameraModel, at: [f32; 2]| {
+        let ray = Lens::new(model).unproject(at.map(f64::from))?;
+        Some(Vector3::from(ray).normalize())
+    };
+    let left = ray(&camera.left, seen.left)?;
+    let right = ray(&camera.right, seen.right?)?;
+    let back = camera.right_from_left.inverse();
+    let right = back.rotation() * right;
+    let across = *back.translation();
+    let between = left.dot(&right);
+    let along = (left - right * between).dot(&across) / (1.0 - between * between);
+    // A far thing may seem to be behind infinity.
+    (along > 0.0).then(|| (left * along).into())
 }
 
 #[test]

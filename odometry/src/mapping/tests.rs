@@ -272,6 +272,21 @@ fn cameras_that_see_the_same_put_each_other_back() {
 }
 
 #[test]
+fn sights_count_less_the_longer_they_were_followed() {
+    let window = crate::solve::tests::window(4, 0.0);
+    let landmark = window.landmarks.values().next().expect("a landmark");
+    let told = landmark.sights.clone();
+    let mut widened = told.clone();
+    widen(&mut widened, &[0, 1, 2, 3]);
+    for ((number, before), (_, after)) in told.iter().zip(&widened) {
+        let times = (1.0 + (number - told[0].0) as f64).sqrt();
+        assert!((before.left.basis - after.left.basis * times).amax() < 1e-9);
+        let [before, after] = [before, after].map(|s| s.right.expect("both eyes").basis);
+        assert!((before - after * times).amax() < 1e-9);
+    }
+}
+
+#[test]
 fn threads_do_not_matter() {
     let frames = keyframes(1, 0.1, true);
     let on = |threads: usize| {
