@@ -129,10 +129,7 @@ impl Tracker {
         const NEAR: f32 = 4.0;
         let mut kept: Vec<Track> = Vec::with_capacity(self.tracks.len());
         for track in &self.tracks {
-            let near = |k: &Track| {
-                (k.at[0] - track.at[0]).abs() < NEAR && (k.at[1] - track.at[1]).abs() < NEAR
-            };
-            if !kept.iter().any(near) {
+            if !kept.iter().any(|k| k.is_near(track, NEAR)) {
                 kept.push(*track);
             }
         }
@@ -155,25 +152,28 @@ impl Tracker {
             most: most.saturating_sub(taken.len()),
         };
         let found = corners(level, &search);
-        let (left, right) = (&self.left, &self.right);
-        let made = found.par_iter().with_min_len(8).map(|at| {
-            let mut track = Track {
-                id: 0,
-                at: *at,
-                left: camera.bearing(Side::Left, *at)?,
-                right_at: None,
-                right: None,
-                rho: None,
-            };
-            match_eyes(&mut track, camera, left, right, None);
-            Some(track)
-        });
+        let found = found.par_iter().with_min_len(8);
+        let made = found.map(|at| self.begin(camera, 0, *at, None));
         let made: Vec<Option<Track>> = made.collect();
         for mut track in made.into_iter().flatten() {
             track.id = *next;
             *next += 1;
             self.tracks.push(track);
         }
+    }
+
+    /// A corner at a place of the left picture, with what the right eye sees of it; its inverse range may be expected.
+    fn begin(&self, camera: &Camera, id: u64, at: [f32; 2], rho: Option<f64>) -> Option<Track> {
+        let mut track = Track {
+            id,
+            at,
+            left: camera.bearing(Side::Left, at)?,
+            right_at: None,
+            right: None,
+            rho: None,
+        };
+        match_eyes(&mut track, camera, &self.left, &self.right, rho);
+        Some(track)
     }
 
     /// The left picture.
@@ -200,25 +200,13 @@ impl Tracker {
         if self.mask().is_some_and(|mask| mask.get(pixel) == Some(&0)) {
             return None;
         }
-        let mut track = Track {
-            id,
-            at,
-            left: camera.bearing(Side::Left, at)?,
-            right_at: None,
-            right: None,
-            rho: None,
-        };
-        match_eyes(&mut track, camera, &self.left, &self.right, expected.rho);
-        Some(track)
+        self.begin(camera, id, at, expected.rho)
     }
 
     /// Follows a corner from here on that was found, unless one is followed there. Tells whether it does.
     pub(crate) fn take(&mut self, track: Track) -> bool {
         const NEAR: f32 = 6.0;
-        let near = |k: &Track| {
-            (k.at[0] - track.at[0]).abs() < NEAR && (k.at[1] - track.at[1]).abs() < NEAR
-        };
-        if self.tracks.iter().any(near) {
+        if self.tracks.iter().any(|k| k.is_near(&track, NEAR)) {
             return false;
         }
         let place = self.tracks.partition_point(|k| k.id < track.id);
@@ -237,19 +225,10 @@ impl Tracker {
             mask: self.mask(),
             most: MARKS,
         };
-        let (left, right) = (&self.left, &self.right);
         let found = corners(level, &search);
         let made = found.par_iter().with_min_len(8).map(|at| {
-            let mut track = Track {
-                id: 0,
-                at: *at,
-                left: camera.bearing(Side::Left, *at)?,
-                right_at: None,
-                right: None,
-                rho: None,
-            };
             let looks = describe(half, 0.5 * at[0], 0.5 * at[1])?;
-            match_eyes(&mut track, camera, left, right, None);
+            let track = self.begin(camera, 0, *at, None)?;
             Some(Mark {
                 camera: index as u8,
                 left: *at,
@@ -268,6 +247,10 @@ impl Tracker {
 }
 
 impl Track {
+    fn is_near(&self, other: &Self, px: f32) -> bool {
+        (0..2).all(|k| (self.at[k] - other.at[k]).abs() < px)
+    }
+
     /// As it enters the window, seen by a camera `after_s` later than its frame.
     pub(crate) fn sight(&self, index: usize, camera: &Camera, after_s: f64) -> Sight {
         Sight {

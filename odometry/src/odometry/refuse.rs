@@ -8,7 +8,7 @@ use super::{FEWEST, Odometry};
 use crate::felt::leap;
 use crate::solve::{for_each_residual, solve_newest};
 use crate::state::{SIZE, State};
-use crate::window::{Frame, Motion, Window};
+use crate::window::{Frame, Landmark, Motion, Window};
 
 /// Residual, in standard deviations, from which a sight is wrong.
 const WRONG: f64 = 5.0;
@@ -50,28 +50,11 @@ impl Odometry {
     /// Takes back sights of the newest frame that cannot be right, and their corners. Gives the number of those that can.
     pub(super) fn reject(&mut self, window: &mut Window) -> usize {
         let number = self.number;
-        let (bad, good) = {
-            let mut bad: Vec<(u64, Vec<(usize, usize)>)> = Vec::new();
-            let mut good = 0;
-            for (id, landmark) in &window.landmarks {
-                let since = landmark.since(number);
-                good += landmark.sights.len() - since;
-                let mut places = Vec::new();
-                for_each_residual(window, landmark, |sight, eye, square| {
-                    if sight >= since && square > WRONG * WRONG {
-                        places.push((sight, eye));
-                    }
-                });
-                if !places.is_empty() {
-                    good -= places.iter().filter(|(_, eye)| *eye == 0).count();
-                    bad.push((*id, places));
-                }
-            }
-            (bad, good)
-        };
+        let newest = window.landmarks.values();
+        let seen: usize = newest.map(|l| l.sights.len() - l.since(number)).sum();
         // By camera and number.
         let mut wrong = BTreeSet::new();
-        for (id, places) in bad {
+        for (id, places) in contradicted(window, |landmark| landmark.since(number)) {
             let Some(landmark) = window.landmarks.get_mut(&id) else {
                 continue;
             };
@@ -82,7 +65,7 @@ impl Odometry {
         for (k, tracker) in self.trackers.iter_mut().enumerate() {
             tracker.tracks.retain(|t| !wrong.contains(&(k, t.id)));
         }
-        good
+        seen - wrong.len()
     }
 
     /// Takes back everything that the newest frame saw. Where nothing was felt either, nothing ties what comes to what was:
@@ -111,20 +94,8 @@ impl Odometry {
 
     /// Takes away sights that do not fit after all has been solved, and landmarks with too few left.
     pub(super) fn prune(&mut self, window: &mut Window) {
-        let mut bad: Vec<(u64, Vec<(usize, usize)>)> = Vec::new();
-        for (id, landmark) in &window.landmarks {
-            let mut places = Vec::new();
-            for_each_residual(window, landmark, |sight, eye, square| {
-                if square > WRONG * WRONG {
-                    places.push((sight, eye));
-                }
-            });
-            if !places.is_empty() {
-                bad.push((*id, places));
-            }
-        }
         let mut gone = BTreeSet::new();
-        for (id, places) in bad {
+        for (id, places) in contradicted(window, |_| 0) {
             let Some(landmark) = window.landmarks.get_mut(&id) else {
                 continue;
             };
@@ -142,7 +113,25 @@ impl Odometry {
     }
 }
 
-/// How many landmarks cameras see in the newest frame where they should be, and how many they see at all.
+/// Landmarks with sights, by place and eye, that everything else contradicts, from some place on.
+fn contradicted(
+    window: &Window,
+    from: impl Fn(&Landmark) -> usize,
+) -> Vec<(u64, Vec<(usize, usize)>)> {
+    let each = window.landmarks.iter().map(|(id, landmark)| {
+        let from = from(landmark);
+        let mut places = Vec::new();
+        for_each_residual(window, landmark, |sight, eye, square| {
+            if sight >= from && square > WRONG * WRONG {
+                places.push((sight, eye));
+            }
+        });
+        (*id, places)
+    });
+    each.filter(|(_, places)| !places.is_empty()).collect()
+}
+
+/// How many sights of the newest frame are where they should be, and how many there are.
 pub(super) fn agreeing(window: &Window) -> (usize, usize) {
     let number = window.newest().number;
     let (mut good, mut all) = (0, 0);
