@@ -22,7 +22,7 @@ mod charts;
 mod exam;
 pub(crate) mod frames;
 mod peers;
-mod race;
+pub(crate) mod race;
 mod real;
 mod sigma;
 

@@ -14,7 +14,7 @@ use crate::meter::{median, timed};
 /// Threads of both sides.
 pub(super) const THREADS: usize = 2;
 /// Where "bad-2" is among [`BAD_PX`].
-pub(super) const BAD_2: usize = 2;
+pub(crate) const BAD_2: usize = 2;
 /// Targets on the real pair: at this density, and at most this share of its answers bad.
 const DENSITY: f64 = 0.90;
 const BAD: f64 = 0.035;

@@ -3,17 +3,16 @@
 //! Pictures are rectified and matched as `paws-reconstruct` does it, in `balanced`, over all disparities that the scenes have.
 
 use anyhow::{Context, Result};
-use depth::evaluate::{BAD_PX, Scores};
+use depth::evaluate::Scores;
 use depth::{Band, Matcher, Preset, Settings};
 use serde::Serialize;
 use tests::sequences::{OwnedFrameSet, Sequence};
 
 use crate::depth::frames::{Frame, Walk};
+use crate::depth::race::BAD_2;
 
 /// Of so many sets one is looked at, from the first after half as many on.
 const EVERY: usize = 60;
-/// What counts as bad, px.
-const BAD: f32 = 2.0;
 
 /// Depth of the frames that were looked at.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -84,13 +83,11 @@ impl Depths {
                 frame.truth(),
             )?);
         }
-        let bad = BAD_PX.iter().position(|px| *px == BAD);
-        let bad = bad.context("scores count what is off by 2 px")?;
         Ok(Depth {
             pixels: scores.pixels,
             density: scores.density(),
-            bad_2: scores.bad(bad),
-            bad_2_of_all: scores.bad_of_all(bad),
+            bad_2: scores.bad(BAD_2),
+            bad_2_of_all: scores.bad_of_all(BAD_2),
             mean_error_px: scores.mean_error_px(),
             inside: scores.inside(),
         })
