@@ -5,7 +5,8 @@ use charts::{Axis, Chart, Series};
 use super::figures::Figures;
 use super::results::{Results, Row};
 use super::sweeps::{
-    self, CAMERAS, CAMERAS_SETS, MOUNTS_SETS, PRESETS, SETTINGS_SETS, SWEEPS, balanced_with,
+    CAMERAS, CAMERAS_SETS, MOUNTS_ON, MOUNTS_SETS, PRESETS, SETTINGS_ON, SETTINGS_SETS, SWEEPS,
+    balanced_with,
 };
 use super::table::{ADJUSTED_PERCENT, CAUSAL_PERCENT, PAIR_MS, exam};
 
@@ -171,7 +172,9 @@ fn settings(results: &Results, poses: Poses) -> Option<Chart> {
     let rows_of = |name: &str| -> Vec<&Row> {
         let is_it = |r: &&Row| {
             r.job.sets == Some(SETTINGS_SETS)
+                && (r.job.is_trial || SETTINGS_ON.contains(&r.job.walk.as_str()))
                 && r.job.settings == name
+                && r.job.told_off_deg == 0.0
                 && r.job.cameras.is_empty()
                 && r.job.with_imu
         };
@@ -209,7 +212,7 @@ fn settings(results: &Results, poses: Poses) -> Option<Chart> {
     ))
     .subtitle(&format!(
         "means over the first 40 s of {walks} walks ({}); one setting of balanced changed at a time{missing}",
-        sweeps::SETTINGS_ON.join(", ")
+        SETTINGS_ON.join(", ")
     ))
     .x_axis(Axis::log("processor time of a stereo pair", "ms"))
     .y_axis(Axis::linear("ATE", "% of the way").include(0.0));
@@ -220,7 +223,8 @@ fn settings(results: &Results, poses: Poses) -> Option<Chart> {
 /// Error against how far off a camera was told.
 fn mounts(results: &Results) -> Option<Chart> {
     let rows: Vec<&Row> = (results.rows.iter())
-        .filter(|r| r.job.sets == Some(MOUNTS_SETS))
+        .filter(|r| r.job.sets == Some(MOUNTS_SETS) && r.job.settings == "balanced")
+        .filter(|r| r.job.is_trial || MOUNTS_ON.contains(&r.job.walk.as_str()))
         .collect();
     let mut walks: Vec<&str> = rows.iter().map(|r| r.job.walk.as_str()).collect();
     walks.dedup();

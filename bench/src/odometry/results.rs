@@ -1,5 +1,6 @@
 //! What was found so far: a file that parts of the benchmark add to.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
@@ -10,7 +11,6 @@ use serde_json::Value;
 use super::real::{Drive, Stand};
 use super::run::{AdjustedRun, Job, Ran};
 use super::{charts, table};
-use crate::stamp;
 
 const FILE: &str = "odometry.json";
 
@@ -68,6 +68,18 @@ impl Results {
         }
     }
 
+    /// Where the rows are from: machine, days, sources and command. Parts that were run on different days stand
+    /// side by side, so this is not the stamp of the last part alone.
+    pub(crate) fn foot(&self) -> String {
+        let told = |key: &str| self.stamp[key].as_str().unwrap_or_default().to_owned();
+        let several = |of: fn(&Row) -> &str| {
+            let all: BTreeSet<&str> = self.rows.iter().map(of).collect();
+            all.into_iter().collect::<Vec<_>>().join(", ")
+        };
+        let [days, commits] = [several(|r| &r.date), several(|r| &r.commit)];
+        [told("machine"), days, commits, told("command")].join("; ")
+    }
+
     /// Writes results, tables and charts.
     ///
     /// # Errors
@@ -75,12 +87,12 @@ impl Results {
     pub(crate) fn write(&self, folder: &Path) -> Result<()> {
         let mut report = serde_json::to_value(self)?;
         report["benchmark"] = "odometry".into();
-        let stamp = stamp::line(&self.stamp);
+        let foot = self.foot();
         let mut files = vec![
             (FILE.to_owned(), format!("{report:#}\n")),
             ("odometry.md".to_owned(), table::text(self)),
         ];
-        files.extend(charts::draw(self, &stamp));
+        files.extend(charts::draw(self, &foot));
         write(folder, files)
     }
 }
@@ -144,5 +156,9 @@ mod tests {
         again.add(row("pavement-day-21-110"));
         assert_eq!(again.rows.len(), 2);
         assert_eq!(again.rows[0].job, results.rows[0].job);
+        let mut of_later = row("stairs-day-21-140");
+        of_later.commit = "1".to_owned();
+        again.add(of_later);
+        assert_eq!(again.foot(), "; 2026-01-01; 0, 1; ");
     }
 }

@@ -9,7 +9,6 @@ use super::real::{Drive, INTERPOLATED, Stand};
 use super::results::{Results, Row};
 use super::run::Job;
 use super::sweeps::PRESETS;
-use crate::stamp;
 
 /// What is asked for: causal and adjusted errors, percent of the way, and time of a stereo pair, ms.
 pub(crate) const CAUSAL_PERCENT: f64 = 0.3;
@@ -20,8 +19,8 @@ pub(crate) const PAIR_MS: f64 = 20.0;
 pub(crate) fn text(results: &Results) -> String {
     let mut text = format!(
         "# Odometry, measured\n\nWritten by `cargo xtask bench odometry`; how poses are found stands in [decisions/0010](../decisions/0010-odometry.md). \
-         Last part: {}.\n",
-        stamp::line(&results.stamp)
+         Rows: {}.\n",
+        results.foot()
     );
     if let Some(drive) = &results.kitti {
         kitti(&mut text, drive);
