@@ -11,7 +11,7 @@ const LARGER: f64 = 3.0;
 const LEAST_M: f64 = 0.003;
 const OFF_SCALE: f64 = 1.5e-3;
 const OFF_WAY: f64 = 8e-4;
-const LEAST_RAD: f64 = 1.5e-3;
+const LEAST_RAD: f64 = 2.5e-3;
 /// How far from upright a rig may have begun whose world no IMU levelled, rad.
 const UPRIGHT: f64 = 0.35;
 
