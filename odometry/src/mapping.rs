@@ -26,8 +26,10 @@ use crate::window::{Frame, Landmark, Motion, Prior, Window};
 
 mod adjust;
 mod loops;
+mod ties;
 
 pub use adjust::Progress;
+pub use ties::Tie;
 
 /// Landmarks that fewer keyframes saw tell nothing that the window did not.
 const FEWEST_SIGHTS: usize = 2;
@@ -41,7 +43,8 @@ pub struct AdjustedPose {
     pub time_ns: i64,
     /// In the world of the first pose.
     pub world_from_rig: RigidTransform,
-    /// Of a small motion of the rig in its own axes against the first pose: shift m, turn rad.
+    /// Of a small motion of the rig in its own axes against the first pose: shift m, turn rad. Too little where the way broke
+    /// in between, see [`Tie`].
     pub covariance: Matrix6<f64>,
 }
 

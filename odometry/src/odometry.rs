@@ -231,8 +231,8 @@ impl Odometry {
             self.keep(&mut window, &after_s);
         }
         self.newest_stays = is_keyframe;
-        let estimate = self.estimate(&window, &covariance, sights, is_seen, is_keyframe);
         self.is_adrift |= !is_tied && anew::is_lost(&covariance);
+        let estimate = self.estimate(&window, &covariance, sights, is_seen, is_keyframe);
         if self.is_adrift {
             self.begin_again(&mut window, &covariance);
         }
@@ -482,7 +482,8 @@ impl Odometry {
                 .fixed_view::<3, 3>(0, 0)
                 .symmetric_eigenvalues()
                 .amax();
-            if unsure.sqrt() < LOST_M + OF_WAY * state.position.norm() {
+            let is_near = unsure.sqrt() < LOST_M + OF_WAY * state.position.norm();
+            if is_near && !self.is_adrift {
                 Status::DeadReckoned
             } else {
                 Status::Lost

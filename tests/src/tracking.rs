@@ -11,7 +11,7 @@
 use anyhow::{Context as _, Result};
 use cad_transforms::{Covariance, RigidTransform};
 use nalgebra::Matrix6;
-use odometry::mapping::AdjustedMount;
+use odometry::mapping::{AdjustedMount, Tie};
 use odometry::{Estimate, Mapping, Odometry, Rig, Settings, Shift};
 use scene_bundle::{Pose, Status, Trajectory};
 
@@ -31,7 +31,8 @@ pub struct Tracking {
 /// A whole session after everything was seen.
 #[derive(Clone, Debug)]
 pub struct Adjusted {
-    /// A pose for each causal one. Keyframes alone have a covariance; the status is that of the causal pose.
+    /// A pose for each causal one. Keyframes alone have a covariance: that of the causal pose where the way broke and nothing
+    /// ties it ([`Tie`]). The status is that of the causal pose, or relocalised.
     pub trajectory: Trajectory,
     /// Keyframes.
     pub keyframes: usize,
@@ -118,14 +119,27 @@ impl Tracking {
             .map(|p| (p.time_ns, p.world_from_rig))
             .collect();
         let carried = odometry::mapping::between(&causal, &keyframes);
+        let lost: Vec<(i64, bool)> = (self.causal.poses().iter())
+            .map(|p| (p.time_ns, p.status == Status::Lost))
+            .collect();
+        let ties = adjusted.ties(&lost);
         let mut poses = Vec::with_capacity(causal.len());
-        for (pose, world_from_rig) in self.causal.poses().iter().zip(carried) {
+        for ((pose, world_from_rig), tie) in self.causal.poses().iter().zip(carried).zip(ties) {
             let own = (adjusted.poses).binary_search_by_key(&pose.time_ns, |p| p.time_ns);
-            let own = own.ok().map(|k| covariance(&adjusted.poses[k].covariance));
+            let covariance = match (own, tie) {
+                (Err(_), _) => None,
+                (Ok(_), Tie::Guessed) => pose.covariance,
+                (Ok(k), _) => Some(covariance(&adjusted.poses[k].covariance)?),
+            };
+            let status = match (pose.status, tie) {
+                (Status::Tracked, Tie::SeenAgain) => Status::Relocalised,
+                (status, _) => status,
+            };
             poses.push(Pose {
                 world_from_rig,
-                covariance: own.transpose()?,
+                covariance,
                 velocity_in_world: None,
+                status,
                 ..pose.clone()
             });
         }

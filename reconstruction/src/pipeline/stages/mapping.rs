@@ -2,10 +2,10 @@
 //!
 //! Contract: one pose for each pose of the causal trajectory, at the same time. Its status stays that of odometry, but what was
 //! tracked after a loss is *relocalised* where a place that was seen before the loss was seen again: that alone ties it to
-//! the rest. Cameras are put where they are found to sit; one that is far from where it was told to be was moved, which is said.
+//! the rest. What nothing ties keeps the covariance of its causal pose. Cameras are put where they are found to sit; one that is far from where it was told to be was moved, which is said.
 //! Pictures are not read again.
 
-use ::odometry::mapping::{Progress, between};
+use ::odometry::mapping::{Progress, Tie, between};
 use ::odometry::{Adjusted, ImuSample, Mapping};
 use cad_transforms::RigidTransform;
 use scene_bundle::outputs::rig::RigModel;
@@ -29,7 +29,7 @@ impl Stage<Input> for MappingStage {
     }
 
     fn version(&self) -> u32 {
-        3
+        4
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -84,10 +84,8 @@ impl Stage<Input> for MappingStage {
         ));
         let rig = found_rig(model, &adjusted, work);
         outputs::rig::write(work.draft(RIG_ADJUSTED), &rig)?;
-        let mut poses = finished(&causal, &adjusted);
-        relocalise(&mut poses, &loops(&adjusted));
         let mut writer = TrajectoryWriter::new(work.draft(TRAJECTORY))?;
-        for pose in &poses {
+        for pose in &finished(&causal, &adjusted) {
             writer.push(pose)?;
         }
         writer.finish()?;
@@ -125,112 +123,35 @@ fn finished(causal: &Trajectory, adjusted: &Adjusted) -> Vec<Pose> {
     let keys: Vec<(i64, RigidTransform)> = (adjusted.poses.iter())
         .map(|p| (p.time_ns, p.world_from_rig))
         .collect();
+    let lost: Vec<(i64, bool)> = (causal.poses().iter())
+        .map(|p| (p.time_ns, p.status == Status::Lost))
+        .collect();
     let moved = between(&times, &keys);
-    let poses = causal.poses().iter().zip(moved);
+    let ties = adjusted.ties(&lost);
+    let poses = causal.poses().iter().zip(moved).zip(ties);
     poses
-        .map(|(pose, world_from_rig)| {
+        .map(|((pose, world_from_rig), tie)| {
             // The keyframe at or before it: certainty changes slowly.
             let next = adjusted
                 .poses
                 .partition_point(|p| p.time_ns <= pose.time_ns);
             let key = adjusted.poses.get(next.saturating_sub(1));
+            let covariance = match tie {
+                Tie::Guessed => pose.covariance,
+                Tie::Unbroken | Tie::SeenAgain => {
+                    key.and_then(|k| before::covariance(&k.covariance))
+                }
+            };
+            let status = match (pose.status, tie) {
+                (Status::Tracked, Tie::SeenAgain) => Status::Relocalised,
+                (status, _) => status,
+            };
             Pose {
-                covariance: key.and_then(|k| before::covariance(&k.covariance)),
+                covariance,
                 world_from_rig,
+                status,
                 ..*pose
             }
         })
         .collect()
-}
-
-/// Times of the places seen again, the earlier one first, ns.
-fn loops(adjusted: &Adjusted) -> Vec<[i64; 2]> {
-    let time = |number: u64| {
-        let at = (adjusted.poses).binary_search_by_key(&number, |p| p.number);
-        Some(adjusted.poses[at.ok()?].time_ns)
-    };
-    let both = adjusted.loops.iter().filter_map(|l| {
-        let [earlier, later] = l.frames.map(time);
-        Some([earlier?, later?])
-    });
-    both.collect()
-}
-
-/// Says of what was tracked after a loss whether places seen again tie it to what was before.
-fn relocalise(poses: &mut [Pose], loops: &[[i64; 2]]) {
-    // Spans between losses: where each begins and ends, ns.
-    let mut spans: Vec<[i64; 2]> = Vec::new();
-    let mut is_lost = true;
-    for pose in poses.iter() {
-        match (pose.status == Status::Lost, is_lost) {
-            (false, true) => spans.push([pose.time_ns; 2]),
-            (false, false) => {
-                if let Some(span) = spans.last_mut() {
-                    span[1] = pose.time_ns;
-                }
-            }
-            (true, _) => {}
-        }
-        is_lost = pose.status == Status::Lost;
-    }
-    let of = |time: i64| spans.iter().position(|s| (s[0]..=s[1]).contains(&time));
-    let mut is_tied = vec![false; spans.len()];
-    if let Some(first) = is_tied.first_mut() {
-        *first = true;
-    }
-    let pairs: Vec<(usize, usize)> = (loops.iter())
-        .filter_map(|[a, b]| Some((of(*a)?, of(*b)?)))
-        .collect();
-    // A tie may go by way of others: each round ties at least one more, or it is over.
-    for _ in 0..spans.len() {
-        for (a, b) in &pairs {
-            let either = is_tied[*a] || is_tied[*b];
-            is_tied[*a] = either;
-            is_tied[*b] = either;
-        }
-    }
-    for pose in poses.iter_mut().filter(|p| p.status == Status::Tracked) {
-        if of(pose.time_ns).is_some_and(|k| k > 0 && is_tied[k]) {
-            pose.status = Status::Relocalised;
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn only_places_seen_again_tie_what_was_tracked_after_a_loss() {
-        let statuses = [
-            Status::Tracked,
-            Status::Lost,
-            Status::Tracked,
-            Status::DeadReckoned,
-            Status::Lost,
-            Status::Lost,
-            Status::Tracked,
-            Status::Lost,
-            Status::Tracked,
-        ];
-        let poses = |loops: &[[i64; 2]]| {
-            let mut poses: Vec<Pose> = (statuses.iter().enumerate())
-                .map(|(k, status)| Pose {
-                    status: *status,
-                    ..Pose::new(k as i64, RigidTransform::identity())
-                })
-                .collect();
-            relocalise(&mut poses, loops);
-            poses.iter().map(|p| p.status).collect::<Vec<_>>()
-        };
-        assert_eq!(poses(&[]), statuses);
-        // The last span is tied by way of the second, the third by nothing.
-        let found = poses(&[[3, 8], [0, 2]]);
-        let mut expected = statuses;
-        expected[2] = Status::Relocalised;
-        expected[8] = Status::Relocalised;
-        assert_eq!(found, expected);
-        // A tie to what is itself not tied is none.
-        assert_eq!(poses(&[[6, 8]]), statuses);
-    }
 }
