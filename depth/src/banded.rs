@@ -20,7 +20,6 @@ pub struct Banded {
     matcher: Matcher,
     full: Band,
     probe: Option<Probe>,
-    margin: Margin,
     has_last: bool,
     last: DisparityMap,
 }
@@ -53,17 +52,9 @@ impl Banded {
             matcher: Matcher::new(settings, width, full.height())?,
             probe: Probe::new(&full, width)?,
             full,
-            margin: Margin::WALK,
             has_last: false,
             last: DisparityMap::default(),
         })
-    }
-
-    /// With another margin.
-    #[must_use]
-    pub fn with_margin(mut self, margin: Margin) -> Self {
-        self.margin = margin;
-        self
     }
 
     /// What follows has nothing to do with what was.
@@ -98,7 +89,17 @@ impl Banded {
         if let Some((geometry, plane)) = ground {
             plan.add_plane(geometry, left.width(), plane);
         }
-        let mut band = plan.finish(&self.margin)?;
+        let band = plan.finish(&Margin::WALK)?;
+        self.run_from(band, left, right)
+    }
+
+    /// Matches in a band, and again in wider ones as long as it cuts something off.
+    fn run_from(
+        &mut self,
+        mut band: Band,
+        left: &Picture<'_>,
+        right: &Picture<'_>,
+    ) -> Result<(&DisparityMap, Spared), DepthError> {
         let mut spared = Spared::default();
         loop {
             self.matcher.run(left, right, &band)?;

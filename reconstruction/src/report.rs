@@ -69,6 +69,7 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
         output.map(|o| outputs::trajectory::read(&o)).transpose()
     };
     let trajectory = read(shown)?.unwrap_or_default();
+    let adjusted = (shown == TRAJECTORY).then_some(&trajectory);
     let causal = read(TRAJECTORY_CAUSAL)?;
     let mut cloud = match scene.has(CLOUD) {
         true => Some(outputs::cloud::read(&scene.output(CLOUD)?)?),
@@ -96,7 +97,11 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
     let mut page = Page::new(&format!("Reconstruction: {name}"));
     page = page.table(&facts(scene, &trajectory, cloud.as_deref())?);
     page = page.section("Where the rig was");
-    page = page.text(&how_far(truth.is_some(), evaluation.as_ref()));
+    page = page.text(&how_far(
+        adjusted.is_some(),
+        truth.is_some(),
+        evaluation.as_ref(),
+    ));
     if let Some(evaluation) = &evaluation {
         let both = [
             Some((shown, evaluation)),
@@ -111,7 +116,7 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
         page = page.table(&errors(rows));
     }
     page = way_section(page, &steps, truth, evaluation.as_ref());
-    page = page.figure(&spans(&trajectory, causal.as_ref()).to_svg(760), "");
+    page = page.figure(&spans(adjusted, causal.as_ref()).to_svg(760), "");
     page = cloud_section(page, cloud.as_deref(), &steps)?;
     page = stages_section(page, scene)?;
     Ok(Report {
@@ -212,7 +217,7 @@ fn facts(
     }))
 }
 
-fn how_far(has_truth: bool, evaluation: Option<&Evaluation>) -> String {
+fn how_far(is_adjusted: bool, has_truth: bool, evaluation: Option<&Evaluation>) -> String {
     let text = match (has_truth, evaluation.and_then(|e| e.absolute.as_ref())) {
         (true, Some(_)) => {
             "Errors are distances from the truth after the best rigid fit of the whole (SE(3))."
@@ -225,7 +230,11 @@ fn how_far(has_truth: bool, evaluation: Option<&Evaluation>) -> String {
              first one; how far off they are is not known."
         }
     };
-    text.to_owned()
+    let which = match is_adjusted {
+        true => "Poses are those with everything known.",
+        false => "Nothing is adjusted yet: poses are those that were known at the time.",
+    };
+    format!("{which} {text}")
 }
 
 fn errors(rows: &[(&str, &Evaluation)]) -> Table {
@@ -307,14 +316,15 @@ fn way_section(
         .figure(&chart.to_svg(760, 240), "")
 }
 
-fn spans(trajectory: &Trajectory, causal: Option<&Trajectory>) -> Timeline {
+fn spans(adjusted: Option<&Trajectory>, causal: Option<&Trajectory>) -> Timeline {
     let kind = |status: Status| match status {
         Status::Tracked => 0,
         Status::Relocalised => 1,
         Status::DeadReckoned => 2,
         Status::Lost => 3,
     };
-    let start_ns = trajectory.poses().first().map_or(0, |p| p.time_ns);
+    let first = |of: &Trajectory| of.poses().first().map(|p| p.time_ns);
+    let start_ns = adjusted.or(causal).and_then(first).unwrap_or(0);
     let seconds = |ns: i64| (ns - start_ns) as f64 * 1e-9;
     let row = |timeline: Timeline, name: &str, of: &Trajectory| {
         let good = of
@@ -330,17 +340,21 @@ fn spans(trajectory: &Trajectory, causal: Option<&Trajectory>) -> Timeline {
         });
         timeline.row(name, &format!("{share:.1} % tracked"), spans)
     };
-    let timeline = Timeline::new("How poses were come by", Axis::time("time")).kinds([
+    let mut timeline = Timeline::new("How poses were come by", Axis::time("time")).kinds([
         "tracked",
         "relocalised",
         "dead reckoned",
         "lost",
     ]);
-    let timeline = row(timeline, "with everything known", trajectory);
-    match causal {
-        Some(causal) => row(timeline, "as known then", causal),
-        None => timeline,
+    for (name, of) in [
+        ("with everything known", adjusted),
+        ("as known then", causal),
+    ] {
+        if let Some(of) = of {
+            timeline = row(timeline, name, of);
+        }
     }
+    timeline
 }
 
 fn cloud_section(
@@ -446,6 +460,12 @@ fn stages_section(page: Page, scene: &Scene) -> Result<Page, ReportError> {
         }
     }
     let mut page = page.section("Stages").table(&table);
+    for (name, input) in scene.manifest().outdated() {
+        page = page.text(&format!(
+            "{name} is out of date: {input} was made anew since. What is shown of it does not belong to the rest; run the later \
+             stages again."
+        ));
+    }
     if !said.is_empty() {
         let rows = said
             .into_iter()

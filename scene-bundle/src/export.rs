@@ -78,6 +78,22 @@ impl Format {
         }
     }
 
+    /// Outputs of a bundle that it is made of.
+    fn outputs(self, is_causal: bool) -> &'static [&'static str] {
+        match self {
+            Self::Tum | Self::Kitti | Self::Euroc if is_causal => &[outputs::TRAJECTORY_CAUSAL],
+            Self::Tum | Self::Kitti | Self::Euroc => &[outputs::TRAJECTORY],
+            Self::Nerfstudio | Self::ColmapText | Self::ColmapBinary => &[
+                outputs::RIG_ADJUSTED,
+                outputs::KEYFRAMES,
+                outputs::DEPTH,
+                outputs::MASKS,
+                outputs::CLOUD,
+            ],
+            Self::Ply | Self::Las | Self::Laz => &[outputs::CLOUD],
+        }
+    }
+
     /// The format of a name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|format| format.name() == name)
@@ -159,21 +175,30 @@ pub fn export(
     if out.symlink_metadata().is_ok() {
         return Err(ExportError::Exists(out.to_owned()));
     }
-    match format {
-        Format::Tum | Format::Kitti | Format::Euroc => trajectory(scene, format, options, out),
-        Format::Nerfstudio => nerfstudio::export(scene, options, out),
-        Format::ColmapText => colmap::export(scene, colmap::Form::Text, options, out),
-        Format::ColmapBinary => colmap::export(scene, colmap::Form::Binary, options, out),
+    let mut summary = match format {
+        Format::Tum | Format::Kitti | Format::Euroc => trajectory(scene, format, options, out)?,
+        Format::Nerfstudio => nerfstudio::export(scene, options, out)?,
+        Format::ColmapText => colmap::export(scene, colmap::Form::Text, options, out)?,
+        Format::ColmapBinary => colmap::export(scene, colmap::Form::Binary, options, out)?,
         Format::Ply => {
             let bytes = cloud::read_file(&scene.output(outputs::CLOUD)?)?;
             write(out, &bytes, Existing::Refuse)?;
-            Ok(Summary {
+            Summary {
                 written: "the points as they are".to_owned(),
                 ..Summary::default()
-            })
+            }
         }
-        Format::Las | Format::Laz => las::export(scene, format == Format::Laz, out),
+        Format::Las | Format::Laz => las::export(scene, format == Format::Laz, out)?,
+    };
+    let outdated = scene.manifest().outdated();
+    for name in format.outputs(options.causal) {
+        if let Some(input) = outdated.get(name) {
+            summary.lost.push(format!(
+                "{name} is out of date: {input} was made anew since, and the rest does not belong to it"
+            ));
+        }
     }
+    Ok(summary)
 }
 
 fn trajectory(

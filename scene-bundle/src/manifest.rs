@@ -146,6 +146,25 @@ impl Manifest {
         }
     }
 
+    /// Outputs that were made of something that has been made anew since, and of what: they do not belong to the others.
+    pub fn outdated(&self) -> BTreeMap<&str, &str> {
+        let mut outdated = BTreeMap::new();
+        // What is made of an outdated output is itself outdated: each round finds at least one more, or it is over.
+        for _ in 0..self.outputs.len() {
+            for (name, output) in &self.outputs {
+                let other = output.inputs.iter().find(|(input, hash)| {
+                    let now = self.outputs.get(*input);
+                    now.is_some_and(|now| now.hash != **hash)
+                        || outdated.contains_key(input.as_str())
+                });
+                if let Some((input, _)) = other {
+                    outdated.entry(name.as_str()).or_insert(input.as_str());
+                }
+            }
+        }
+        outdated
+    }
+
     /// Of the bytes of a file. `path` is for messages.
     pub(crate) fn parse(bytes: &[u8], path: &Path) -> Result<Self, BundleError> {
         #[derive(Deserialize)]
@@ -231,6 +250,44 @@ mod tests {
         let expected = blake3::hash(text.as_bytes()).to_hex().to_string();
         assert_eq!(content_hash(&[a.clone(), b.clone()]), expected);
         assert_eq!(content_hash(&[b, a]), expected);
+    }
+
+    #[test]
+    fn what_is_made_of_what_is_made_anew_is_outdated() {
+        let mut manifest = Manifest::new(provenance());
+        let make = |manifest: &mut Manifest, name: &str, of: &[&str], content: &[u8]| {
+            let hash = |input: &&str| {
+                let made = manifest.outputs.get(*input).map(|o| o.hash.clone());
+                (
+                    (*input).to_owned(),
+                    made.unwrap_or_else(|| "5ea1".to_owned()),
+                )
+            };
+            let record = Record {
+                stage: name.to_owned(),
+                stage_version: 1,
+                settings: serde_json::Value::Null,
+                inputs: of.iter().map(hash).collect(),
+            };
+            let output = Output::new(record, vec![entry("a", content)]);
+            manifest.outputs.insert(name.to_owned(), output);
+        };
+        make(&mut manifest, "rig", &["handoff"], b"1");
+        make(&mut manifest, "trajectory", &["handoff", "rig"], b"2");
+        make(&mut manifest, "cloud", &["trajectory"], b"3");
+        make(&mut manifest, "masks", &["handoff"], b"4");
+        assert_eq!(manifest.outdated(), BTreeMap::new());
+        // The same again is the same.
+        make(&mut manifest, "rig", &["handoff"], b"1");
+        assert_eq!(manifest.outdated(), BTreeMap::new());
+        make(&mut manifest, "rig", &["handoff"], b"another");
+        let expected = BTreeMap::from([("trajectory", "rig"), ("cloud", "trajectory")]);
+        assert_eq!(manifest.outdated(), expected);
+        make(&mut manifest, "trajectory", &["handoff", "rig"], b"5");
+        assert_eq!(
+            manifest.outdated(),
+            BTreeMap::from([("cloud", "trajectory")])
+        );
     }
 
     #[test]

@@ -116,7 +116,7 @@ impl Scene {
     }
 
     /// Whether every file of an output is what was written.
-    pub(crate) fn is_whole(&self, name: &str) -> bool {
+    pub fn is_whole(&self, name: &str) -> bool {
         let Ok(output) = self.output(name) else {
             return false;
         };

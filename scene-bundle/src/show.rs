@@ -39,7 +39,7 @@ impl<'a> Shown<'a> {
     pub(crate) fn json(&self) -> Result<String> {
         let manifest =
             serde_json::to_value(self.scene.manifest()).context("writing the manifest as JSON")?;
-        let shown = json!({ "manifest": manifest, "facts": self.facts, "problems": self.problems });
+        let shown = json!({ "manifest": manifest, "facts": self.facts, "outdated": self.scene.manifest().outdated(), "problems": self.problems });
         Ok(format!("{shown:#}\n"))
     }
 
@@ -69,12 +69,10 @@ impl<'a> Shown<'a> {
             "begun, ended",
             format!("{}, {ended}", civil(from.started_civil_ns)),
         );
+        let outdated = manifest.outdated();
         for (name, output) in &manifest.outputs {
-            let bytes: u64 = output.files.iter().map(|f| f.bytes).sum();
-            let (files, short) = (
-                output.files.len(),
-                output.hash.get(..16).unwrap_or_default(),
-            );
+            let (files, bytes) = size(self.scene, name);
+            let short = output.hash.get(..16).unwrap_or_default();
             line("", String::new());
             line(
                 name,
@@ -83,6 +81,9 @@ impl<'a> Shown<'a> {
                     output.stage, output.stage_version
                 ),
             );
+            if let Some(input) = outdated.get(name.as_str()) {
+                line("", format!("out of date: {input} was made anew since"));
+            }
             match self.facts.get(name.as_str()) {
                 Some(Value::Object(facts)) => {
                     for (key, value) in facts {
@@ -103,6 +104,15 @@ impl<'a> Shown<'a> {
         );
         text
     }
+}
+
+/// How many files an output has, those in its listing too, and their bytes as they lie there.
+fn size(scene: &Scene, name: &str) -> (usize, u64) {
+    let Ok(reader) = scene.output(name) else {
+        return (0, 0);
+    };
+    let bytes = |path| std::fs::metadata(reader.place(path)).map_or(0, |m| m.len());
+    (reader.paths().count(), reader.paths().map(bytes).sum())
 }
 
 fn facts_of(scene: &Scene, name: &str) -> Result<Value, BundleError> {
@@ -126,7 +136,10 @@ fn facts_of(scene: &Scene, name: &str) -> Result<Value, BundleError> {
             let counts: Vec<String> = of_camera.values().map(u64::to_string).collect();
             json!({ "keyframes": keyframes.len(), "by_camera": counts.join(", ") })
         }
-        outputs::MASKS => json!({ "masks": reader.paths().count() }),
+        outputs::MASKS => {
+            let masks = reader.paths().filter(|path| path.ends_with(".png"));
+            json!({ "masks": masks.count() })
+        }
         outputs::DEPTH => {
             let index = depth::read_index(&reader)?;
             let views = index

@@ -12,7 +12,7 @@ use reconstruction::Input;
 use reconstruction::pipeline::stages::networks::Networks;
 use reconstruction::pipeline::stages::{self, Options, Preset, rig};
 use reconstruction::pipeline::{Outcome, Selection, Sources, State, Watch, made};
-use scene_bundle::{Bundle, Provenance};
+use scene_bundle::{Bundle, Provenance, Scene};
 
 use super::{open, print_losses, progress_bar};
 use crate::machine;
@@ -83,12 +83,27 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         let kind = clap::error::ErrorKind::ValueValidation;
         crate::Arguments::command().error(kind, message).exit();
     }
+    // The rig is that of the bundle where its stage does not run.
+    let keeps_rig = place(&arguments.from).is_some_and(|from| from > 0);
+    let tells_rig = arguments.rig.is_some()
+        || !arguments.calibration.is_empty()
+        || !arguments.line_us.is_empty();
+    if keeps_rig && tells_rig {
+        let message =
+            "--rig, --calibration and --line-us are for the stage rig, which --from leaves out";
+        let kind = clap::error::ErrorKind::ArgumentConflict;
+        crate::Arguments::command().error(kind, message).exit();
+    }
     let input = open(&arguments.handoff)?;
     let told = told(arguments, &input)?;
+    let kept = keeps_rig
+        .then(|| Scene::open(&arguments.out).ok())
+        .flatten();
+    let kept = kept.map(|scene| scene.manifest().provenance.rig.clone());
     let provenance = Provenance {
         session_id: input.handoff().session_id.clone(),
         handoff_blake3: input.handoff().seal.clone(),
-        rig: rig::revision(&input, &told),
+        rig: kept.unwrap_or_else(|| rig::revision(&input, &told)),
         program: env!("CARGO_BIN_NAME").to_owned(),
         program_version: env!("CARGO_PKG_VERSION").to_owned(),
         started_civil_ns: machine::civil_ns(),

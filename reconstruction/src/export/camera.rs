@@ -5,8 +5,9 @@ use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::text::{Text, chain};
+use super::text::Text;
 use super::{ExportError, Selection, writing};
+use crate::chain::chain;
 use crate::input::{Input, View};
 use crate::picture::{Colour, Picture};
 

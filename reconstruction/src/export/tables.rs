@@ -5,8 +5,9 @@ use std::path::Path;
 
 use session_archive::time::HostTime;
 
-use super::text::{Text, chain};
+use super::text::Text;
 use super::{ExportError, Selection, Summary, calibration, writing};
+use crate::chain::chain;
 use crate::input::Input;
 
 /// Writes everything but pictures; of the summary it fills what is not of cameras.

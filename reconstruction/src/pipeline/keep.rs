@@ -25,21 +25,12 @@ pub(super) fn record<S: ?Sized>(
     }
 }
 
-/// Whether all outputs of a stage were made so and all their files are there, of the right length where it is known. What a
-/// file holds is checked when it is read.
+/// Whether all outputs of a stage were made so and all their files are as they were written: what a disk or a hand has changed
+/// is made again.
 pub(super) fn is_done<S: ?Sized>(stage: &dyn Stage<S>, scene: &Scene, record: &Record) -> bool {
     stage.outputs().iter().all(|name| {
-        let Ok(output) = scene.output(name) else {
-            return false;
-        };
-        let lengths: BTreeMap<&str, u64> = (output.output().files.iter())
-            .map(|file| (file.path.as_str(), file.bytes))
-            .collect();
-        let is_there = |path: &str| {
-            let found = std::fs::metadata(output.place(path)).map(|m| m.len());
-            found.is_ok_and(|bytes| lengths.get(path).is_none_or(|expected| *expected == bytes))
-        };
-        output.output().was_made_by(record) && output.paths().all(is_there)
+        let made = scene.manifest().outputs.get(*name);
+        made.is_some_and(|output| output.was_made_by(record)) && scene.is_whole(name)
     })
 }
 

@@ -5,6 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use scene_bundle::{Bundle, BundleError, Draft, OutputReader, Scene};
 
 use super::{Report, Stage, Watch};
+use crate::chain::chain;
 
 /// What a running stage has in its hands: its source, outputs of earlier stages, and drafts of its own. May be used from
 /// several threads.
@@ -74,6 +75,11 @@ impl<'a, S: ?Sized> Work<'a, S> {
     /// Something of the input that could not be used. The program ends with 3 then.
     pub fn lose(&self, sentence: impl Into<String>) {
         self.report(|report| report.losses.push(sentence.into()));
+    }
+
+    /// A part of the input that could not be read, with the causes.
+    pub fn lose_for(&self, error: &dyn std::error::Error) {
+        self.lose(chain(error));
     }
 
     /// So much is done, of so much.

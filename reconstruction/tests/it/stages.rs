@@ -163,6 +163,15 @@ fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
         vec![&*session, "--out", &out, "--to", "rigs"],
         vec![&*session, "--out", &out, "--line-us", "feet"],
         vec![&*session, "--out", &out, "--preset", "best"],
+        vec![
+            &*session,
+            "--out",
+            &out,
+            "--from",
+            "depth",
+            "--line-us",
+            "feet=2",
+        ],
         vec![&*session],
     ] {
         assert_eq!(run(&wrong).status.code(), Some(2), "{wrong:?}");
@@ -277,6 +286,25 @@ fn dying() {
     if let Some(folder) = std::env::var_os(FOLDER) {
         run_toys(folder.as_ref());
     }
+}
+
+#[test]
+fn what_a_disk_has_changed_is_made_again() {
+    let folder = tempfile::tempdir().expect("folder");
+    assert_eq!(run_toys(folder.path()), [State::Made; 3]);
+    let scene = Scene::open(folder.path()).expect("a bundle");
+    let file = scene.output("c").expect("an output").place("1");
+    let mut bytes = fs::read(&file).expect("a file");
+    bytes[3] ^= 1;
+    fs::write(&file, bytes).expect("damaged");
+    // What comes after it was made of the same bytes.
+    assert_eq!(
+        run_toys(folder.path()),
+        [State::Kept, State::Made, State::Kept]
+    );
+    let scene = Scene::open(folder.path()).expect("a bundle");
+    let checked = scene_bundle::verify::verify(&scene, |_| {}).expect("a bundle");
+    assert!(checked.is_whole());
 }
 
 #[test]

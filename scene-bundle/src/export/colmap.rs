@@ -71,6 +71,18 @@ pub(super) fn export(
         Vec::new()
     };
 
+    for (output, what) in [
+        (outputs::MASKS, "which pixels to mask"),
+        (outputs::DEPTH, "depth"),
+        (outputs::CLOUD, "sigma of points"),
+    ] {
+        if scene.has(output) {
+            (summary.notes).push(format!(
+                "{what} has no place in COLMAP's model and is left out"
+            ));
+        }
+    }
+
     let folder = NewFolder::begin(out)?;
     // Numbered from 1 in their order, with half a pixel more. Of the rig there is no need: every image has its pose.
     for (file, bytes) in files

@@ -113,6 +113,15 @@ impl Stage<Input> for CloudStage {
                 let picture = pictures[shot.key.view].next();
                 match picture {
                     Some(Ok(view)) => {
+                        if view.number != shot.key.frame {
+                            let (found, camera) = (view.number, &view.camera);
+                            return Err(format!(
+                                "found frame {found} of {camera} where {} was expected: its frames are not in the order of \
+                                 their frame sets",
+                                shot.key.frame
+                            )
+                            .into());
+                        }
                         let movable = self.networks.movable(&view.left)?;
                         let eye = EyePicture {
                             lens: &lenses[shot.key.view],
@@ -128,7 +137,7 @@ impl Stage<Input> for CloudStage {
                             outputs::masks::write_moving(work.draft(MASKS), camera, frame, &mask)?;
                         }
                     }
-                    Some(Err(loss)) => work.lose(loss.to_string()),
+                    Some(Err(loss)) => work.lose_for(&loss),
                     None => work.lose(format!("there is no picture of frame {}", shot.key.frame)),
                 }
                 done += 1;

@@ -15,6 +15,7 @@ use self::choose::Apart;
 use self::pair::Pair;
 use super::networks::Networks;
 use super::{HANDOFF, Preset};
+use crate::chain::chain;
 use crate::input::{Input, ReadError};
 use crate::pipeline::{Stage, StageError, Work};
 
@@ -107,7 +108,7 @@ impl Stage<Input> for DepthStage {
                     ));
                     pairs.push((camera, pair));
                 }
-                Err(error) => work.lose(format!("camera {}: {error}", camera.name)),
+                Err(error) => work.lose(format!("camera {}: {}", camera.name, chain(&*error))),
             }
         }
         let writer = DepthWriter::new(work.draft(DEPTH), views)?;
@@ -131,7 +132,7 @@ impl Stage<Input> for DepthStage {
                         writer.write(key, &picture)?;
                         keyframes.push(*keyframe);
                     }
-                    Err(loss) => work.lose(loss.to_string()),
+                    Err(loss) => work.lose_for(&loss),
                 }
                 done += 1;
                 work.progress(done, all as u64);

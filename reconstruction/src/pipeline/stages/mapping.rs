@@ -58,10 +58,13 @@ impl Stage<Input> for MappingStage {
                         gyro: s.gyro,
                         accel: s.accel,
                     })),
-                    Err(loss) => work.lose(loss.to_string()),
+                    Err(loss) => work.lose_for(&loss),
                 }
             }
         }
+        // As odometry had them: batches may overlap where a clock map was replaced.
+        samples.sort_by_key(|s| s.time_ns);
+        samples.dedup_by_key(|s| s.time_ns);
         let mut given = 0;
         for keyframe in keyframes {
             // Up to one sample later, so that motion is known to the keyframe.

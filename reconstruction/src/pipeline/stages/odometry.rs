@@ -49,7 +49,7 @@ impl Stage<Input> for OdometryStage {
     }
 
     fn version(&self) -> u32 {
-        3
+        4
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -74,12 +74,21 @@ impl Stage<Input> for OdometryStage {
         let mut odometry = Odometry::new(&rig::of_odometry(&model), settings(self.preset));
         let mut poses = TrajectoryWriter::new(work.draft(TRAJECTORY_CAUSAL))?;
         let mut tracks = TracksWriter::new(work.draft(TRACKS))?;
+        for camera in &model.cameras {
+            let index = work.source().index().camera(&camera.name);
+            if let Some(undecodable) = index.map(|i| i.undecodable).filter(|count| *count > 0) {
+                work.lose(format!(
+                    "{undecodable} frames of {} have no key frame",
+                    camera.name
+                ));
+            }
+        }
         let feed = Feed::new(work.source(), &model)?;
         let all = feed.len() as u64;
         let (mut reckoned, mut lost) = (0_u64, 0_u64);
         for (done, set) in feed.enumerate() {
             for loss in &set.losses {
-                work.lose(loss.to_string());
+                work.lose_for(loss);
             }
             for (imu, samples) in set.imu.iter().enumerate() {
                 for sample in samples {

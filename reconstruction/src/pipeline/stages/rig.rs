@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 
 use cad_transforms::frame::FramePart;
 use cad_transforms::{Covariance, Rig, RigidTransform};
-use calib::{CameraModel, ImuNoise, Provenance, StereoCalibration, foxglove};
+use calib::{CameraModel, Provenance, StereoCalibration, foxglove};
 use scene_bundle::outputs::rig::{RigCamera, RigImu, RigModel};
 use scene_bundle::outputs::{self, RIG};
 use serde_json::{Value, json};
@@ -38,8 +38,6 @@ pub struct Told {
     pub calibrations: BTreeMap<String, StereoCalibration>,
     /// Times from row to row of cameras, s, by name.
     pub lines_s: BTreeMap<String, f64>,
-    /// Noise of IMUs, by name.
-    pub noises: BTreeMap<String, ImuNoise>,
 }
 
 /// See the module.
@@ -53,7 +51,7 @@ impl Stage<Input> for RigStage {
     }
 
     fn version(&self) -> u32 {
-        2
+        3
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -69,7 +67,6 @@ impl Stage<Input> for RigStage {
             rig,
             calibrations,
             lines_s,
-            noises,
         } = &self.told;
         // Where a calibration was read from is of no consequence.
         let lenses: BTreeMap<&String, Value> = (calibrations.iter())
@@ -87,7 +84,6 @@ impl Stage<Input> for RigStage {
             "rig": rig,
             "calibrations": lenses,
             "lines_s": lines_s,
-            "noises": noises,
         })
     }
 
@@ -106,11 +102,9 @@ pub enum RigStageError {
     /// The file told of is no rig: correct it.
     #[error("reading the rig file that was told")]
     Told(#[source] cad_transforms::rig::RigError),
-    /// A camera or IMU is told of that the session does not have: correct the name.
-    #[error("taking what was told: the session has no {what} {found:?}, expected one of {known}")]
+    /// A camera is told of that the session does not have: correct the name.
+    #[error("taking what was told: the session has no camera {found:?}, expected one of {known}")]
     Unknown {
-        /// `camera` or `IMU`.
-        what: &'static str,
         /// The name.
         found: String,
         /// All names.
@@ -224,7 +218,7 @@ pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageE
             continue;
         };
         let known = devices::imu(device(rig.as_ref(), camera), &imu.source);
-        let noise = (told.noises.get(name).copied()).or(told_imu.and_then(|imu| imu.noise));
+        let noise = told_imu.and_then(|imu| imu.noise);
         imus.push(RigImu {
             name: name.to_owned(),
             rig_from_imu,
@@ -346,16 +340,11 @@ fn rig_file(input: &Input, report: &mut Report) -> Option<Rig> {
 fn check_names(input: &Input, told: &Told) -> Result<(), RigStageError> {
     let manifest = input.manifest();
     let cameras: Vec<&str> = manifest.cameras.iter().map(|c| c.name.as_str()).collect();
-    let imus: Vec<&str> = manifest.imus.iter().map(|i| i.name.as_str()).collect();
-    let of_cameras = told.calibrations.keys().chain(told.lines_s.keys());
-    let names = (of_cameras.map(|name| ("camera", name, &cameras)))
-        .chain(told.noises.keys().map(|name| ("IMU", name, &imus)));
-    for (what, name, known) in names {
-        if !known.contains(&name.as_str()) {
+    for name in told.calibrations.keys().chain(told.lines_s.keys()) {
+        if !cameras.contains(&name.as_str()) {
             return Err(RigStageError::Unknown {
-                what,
                 found: name.clone(),
-                known: known.join(", "),
+                known: cameras.join(", "),
             });
         }
     }
