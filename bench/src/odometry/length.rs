@@ -164,7 +164,7 @@ fn growth(minutes: &[Minute], of: impl Fn(&Minute) -> f64) -> f64 {
 struct Hour<'a> {
     sequence: &'a Sequence,
     odometry: Odometry,
-    keyframes: Vec<Keyframe>,
+    keyframes: Kept,
     causal: Vec<Pose>,
     truth: Vec<Pose>,
     /// Resident memory with the first pictures there and nothing else, bytes.
@@ -177,8 +177,8 @@ impl<'a> Hour<'a> {
         Ok(Self {
             sequence,
             odometry: Odometry::new(sequence.rig(), balanced),
+            keyframes: Kept::new(sequence.len()),
             // With room for all, so that they never move.
-            keyframes: Vec::with_capacity(sequence.len()),
             causal: Vec::with_capacity(sequence.len()),
             truth: Vec::with_capacity(sequence.len()),
             base: None,
@@ -198,14 +198,15 @@ impl<'a> Hour<'a> {
                     }
                 }
                 let estimate = self.odometry.add_frames(&set.borrowed());
-                self.keyframes.extend(self.odometry.take_keyframes(false));
+                (self.odometry.take_keyframes(false).into_iter())
+                    .for_each(|keyframe| self.keyframes.push(keyframe));
                 estimate
             });
             estimates.collect()
         });
         let peak = tests::soak::memory()?.peak;
         // What lies here is what lay at the base, and what is kept.
-        let kept = self.keyframes.iter().map(bytes).sum::<usize>()
+        let kept = self.keyframes.bytes(self.keyframes.len())
             + 2 * self.causal.len() * size_of::<Pose>()
             + estimates.len() * size_of::<Estimate>();
         for estimate in estimates {
@@ -233,16 +234,15 @@ impl<'a> Hour<'a> {
 
     /// Adjusts the first `minutes`: so many keyframes, of so many sets.
     fn adjust(&self, minutes: usize, keyframes: usize, sets: usize) -> Result<Whole> {
-        let keyframes = &self.keyframes[..keyframes];
         let (causal, truth) = (&self.causal[..sets], &self.truth[..sets]);
         let balanced = settings::parse("balanced")?;
         let before = forget_peak()?;
         let mut mapping = Mapping::new(self.sequence.rig(), &balanced);
         let (adjusted, took) = timed(|| {
             let mut next = 0;
-            for keyframe in keyframes {
-                feed(&mut mapping, &self.sequence.imu()[0], &mut next, keyframe);
-                mapping.add_keyframe(keyframe.clone());
+            for keyframe in self.keyframes.first(keyframes) {
+                feed(&mut mapping, &self.sequence.imu()[0], &mut next, &keyframe);
+                mapping.add_keyframe(keyframe);
             }
             mapping.solve(|_| {})
         });
@@ -262,8 +262,8 @@ impl<'a> Hour<'a> {
         let truth = Trajectory::new(truth.to_vec())?;
         Ok(Whole {
             minutes,
-            keyframes: keyframes.len(),
-            keyframes_mb: keyframes.iter().map(bytes).sum::<usize>() as f64 * 1e-6,
+            keyframes,
+            keyframes_mb: self.keyframes.bytes(keyframes) as f64 * 1e-6,
             landmarks: adjusted.landmarks,
             loops: adjusted.loops.len(),
             rounds: adjusted.rounds,
@@ -286,10 +286,67 @@ fn feed(mapping: &mut Mapping, samples: &[ImuSample], next: &mut usize, keyframe
     *next = until;
 }
 
-/// What a keyframe takes.
-fn bytes(keyframe: &Keyframe) -> usize {
-    size_of::<Keyframe>()
-        + keyframe.after_s.capacity() * size_of::<f64>()
-        + keyframe.seen.capacity() * size_of::<Seen>()
-        + keyframe.marks.capacity() * size_of::<Mark>()
+/// Keyframes as they were handed over, each kind of their parts in a row. Kept one by one, their many small pieces would lie between
+/// those of odometry and hold pages that it could use, which would look as if it grew.
+struct Kept {
+    /// Without the parts.
+    keyframes: Vec<Keyframe>,
+    after_s: Vec<f64>,
+    seen: Vec<Seen>,
+    marks: Vec<Mark>,
+    /// Where the parts of each end.
+    ends: Vec<[usize; 3]>,
+}
+
+impl Kept {
+    /// With room for so many, so that nothing ever moves. What is not used of it takes no memory.
+    fn new(most: usize) -> Self {
+        Self {
+            keyframes: Vec::with_capacity(most),
+            after_s: Vec::with_capacity(4 * most),
+            seen: Vec::with_capacity(500 * most),
+            marks: Vec::with_capacity(500 * most),
+            ends: Vec::with_capacity(most),
+        }
+    }
+
+    fn len(&self) -> usize {
+        self.keyframes.len()
+    }
+
+    fn push(&mut self, mut keyframe: Keyframe) {
+        self.after_s.append(&mut keyframe.after_s);
+        self.seen.append(&mut keyframe.seen);
+        self.marks.append(&mut keyframe.marks);
+        self.ends
+            .push([self.after_s.len(), self.seen.len(), self.marks.len()]);
+        self.keyframes.push(Keyframe {
+            after_s: Vec::new(),
+            seen: Vec::new(),
+            marks: Vec::new(),
+            ..keyframe
+        });
+    }
+
+    /// The first ones, whole.
+    fn first(&self, count: usize) -> impl Iterator<Item = Keyframe> {
+        let begins = std::iter::once(&[0; 3]).chain(&self.ends);
+        let ranges = begins.zip(&self.ends);
+        let all = self.keyframes[..count].iter().zip(ranges);
+        all.map(|(keyframe, (from, to))| Keyframe {
+            after_s: self.after_s[from[0]..to[0]].to_vec(),
+            seen: self.seen[from[1]..to[1]].to_vec(),
+            marks: self.marks[from[2]..to[2]].to_vec(),
+            ..keyframe.clone()
+        })
+    }
+
+    /// What the first ones take.
+    fn bytes(&self, count: usize) -> usize {
+        let [after_s, seen, marks] = count.checked_sub(1).map_or([0; 3], |last| self.ends[last]);
+        count * (size_of::<Keyframe>() + size_of::<[usize; 3]>())
+            + after_s * size_of::<f64>()
+            + seen * size_of::<Seen>()
+            + marks * size_of::<Mark>()
+    }
 }
