@@ -23,7 +23,6 @@
 //!
 //! It knows the hand-off and nothing of the catalogue, of devices, or of how a session came about.
 
-mod chain;
 pub mod evaluate;
 pub mod export;
 pub mod input;

@@ -16,10 +16,12 @@ pub mod scene;
 pub mod trajectory;
 pub mod verify;
 
+mod chain;
 mod npy;
 mod storage;
 
 pub use bundle::Bundle;
+pub use chain::chain;
 pub use draft::{Draft, DraftFile};
 pub use error::BundleError;
 pub use formats::FormatError;

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use crate::chain;
 use crate::error::BundleError;
 use crate::layout;
 use crate::scene::{OutputReader, Scene};
@@ -110,16 +111,4 @@ fn find_unnamed(
         }
     }
     Ok(())
-}
-
-/// An error and its causes in one line.
-fn chain(error: &dyn std::error::Error) -> String {
-    let mut text = error.to_string();
-    let mut next = error.source();
-    while let Some(cause) = next {
-        text.push_str(": ");
-        text.push_str(&cause.to_string());
-        next = cause.source();
-    }
-    text
 }

@@ -7,7 +7,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::text::Text;
 use super::{ExportError, Selection, writing};
-use crate::chain::chain;
 use crate::input::{Input, View};
 use crate::picture::{Colour, Picture};
 
@@ -74,7 +73,7 @@ impl CameraExport<'_> {
                     times.line(format_args!("{number},{time},{sigma_ns},{doubtful},{set}"))?;
                     written += 1;
                 }
-                Err(error) => lost.push(chain(&error)),
+                Err(error) => lost.push(scene_bundle::chain(&error)),
             }
             progress();
         }

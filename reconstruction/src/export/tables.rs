@@ -7,7 +7,6 @@ use session_archive::time::HostTime;
 
 use super::text::Text;
 use super::{ExportError, Selection, Summary, calibration, writing};
-use crate::chain::chain;
 use crate::input::Input;
 
 /// Writes everything but pictures; of the summary it fills what is not of cameras.
@@ -55,7 +54,7 @@ pub(super) fn write(
         let mut written = 0;
         for batch in input.imu_batches(&imu.name)? {
             let samples = batch.unwrap_or_else(|error| {
-                summary.lost.push(chain(&error));
+                summary.lost.push(scene_bundle::chain(&error));
                 Vec::new()
             });
             for s in samples.iter().filter(|s| selection.holds(input, s.time)) {

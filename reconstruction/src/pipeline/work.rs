@@ -5,7 +5,6 @@ use std::sync::{Mutex, PoisonError};
 use scene_bundle::{Bundle, BundleError, Draft, OutputReader, Scene};
 
 use super::{Report, Stage, Watch};
-use crate::chain::chain;
 
 /// What a running stage has in its hands: its source, outputs of earlier stages, and drafts of its own. May be used from
 /// several threads.
@@ -79,7 +78,7 @@ impl<'a, S: ?Sized> Work<'a, S> {
 
     /// A part of the input that could not be read, with the causes.
     pub fn lose_for(&self, error: &dyn std::error::Error) {
-        self.lose(chain(error));
+        self.lose(scene_bundle::chain(error));
     }
 
     /// So much is done, of so much.

@@ -15,7 +15,6 @@ use self::choose::Apart;
 use self::pair::Pair;
 use super::networks::Networks;
 use super::{HANDOFF, Preset};
-use crate::chain::chain;
 use crate::input::{Input, ReadError};
 use crate::pipeline::{Stage, StageError, Work};
 
@@ -108,7 +107,11 @@ impl Stage<Input> for DepthStage {
                     ));
                     pairs.push((camera, pair));
                 }
-                Err(error) => work.lose(format!("camera {}: {}", camera.name, chain(&*error))),
+                Err(error) => work.lose(format!(
+                    "camera {}: {}",
+                    camera.name,
+                    scene_bundle::chain(&*error)
+                )),
             }
         }
         let writer = DepthWriter::new(work.draft(DEPTH), views)?;
