@@ -6,12 +6,11 @@
 //! they grow is the question. Another process renders ([`pipe`]); a minute of its pictures is read and then tracked.
 //!
 //! Memory is the most that was resident within a minute beyond what was there before the first pose, less what this benchmark
-//! itself keeps: the minute of pictures, and the poses and keyframes that odometry has handed over. After the last minute the keyframes of the
-//! first minutes, of more and of all are adjusted, each time in a mapping that is made anew and thrown away.
+//! itself keeps: the minute of pictures, and the poses. Keyframes that odometry has handed over are written to a file. After the
+//! last minute those of the first minutes, of more and of all are adjusted, each time in a mapping that is made anew and thrown away.
 
 use std::mem::size_of;
 
-use ::odometry::keyframe::{Mark, Seen};
 use ::odometry::{Estimate, ImuSample, Keyframe, Mapping, Odometry};
 use anyhow::{Context, Result};
 use cad_transforms::RigidTransform;
@@ -22,6 +21,7 @@ use serde_json::json;
 use tests::sequences::{self, OwnedFrameSet, Sequence, WalkSettings, named};
 
 mod charts;
+mod kept;
 mod pipe;
 
 use super::figures::Figures;
@@ -30,6 +30,7 @@ use super::run::forget_peak;
 use super::{results, settings};
 use crate::meter::{median, timed};
 use crate::stamp;
+use kept::Kept;
 use pipe::Pipe;
 
 const WALK: &str = "plaza-day-51-3600";
@@ -62,14 +63,12 @@ struct Minute {
 struct Whole {
     minutes: usize,
     keyframes: usize,
-    /// What keyframes take, MB.
-    keyframes_mb: f64,
     landmarks: usize,
     loops: usize,
     rounds: usize,
     wall_s: f64,
     cpu_s: f64,
-    /// The most that adjusting took beyond the keyframes, MB.
+    /// The most that adjusting took, keyframes with it, MB.
     peak_mb: f64,
     causal: Figures,
     adjusted: Figures,
@@ -108,7 +107,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         let keyframes = each[..minutes].iter().map(|m| m.keyframes).sum();
         let mark = hour.adjust(minutes, keyframes, minutes * per_minute)?;
         println!(
-            "{minutes:2} min adjusted: {} keyframes, {} landmarks, {} loops, {} rounds: {:.1} s, {:.1} s CPU, {:.0} MB beyond {:.0} MB; error {:?} % before, {:?} % after",
+            "{minutes:2} min adjusted: {} keyframes, {} landmarks, {} loops, {} rounds: {:.1} s, {:.1} s CPU, {:.0} MB; error {:?} % before, {:?} % after",
             mark.keyframes,
             mark.landmarks,
             mark.loops,
@@ -116,7 +115,6 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
             mark.wall_s,
             mark.cpu_s,
             mark.peak_mb,
-            mark.keyframes_mb,
             mark.causal.ate_percent,
             mark.adjusted.ate_percent
         );
@@ -177,7 +175,7 @@ impl<'a> Hour<'a> {
         Ok(Self {
             sequence,
             odometry: Odometry::new(sequence.rig(), balanced),
-            keyframes: Kept::new(sequence.len()),
+            keyframes: Kept::new()?,
             // With room for all, so that they never move.
             causal: Vec::with_capacity(sequence.len()),
             truth: Vec::with_capacity(sequence.len()),
@@ -190,7 +188,7 @@ impl<'a> Hour<'a> {
         let resident = forget_peak()?;
         let base = *self.base.get_or_insert(resident);
         let before = self.keyframes.len();
-        let (estimates, took) = timed(|| -> Vec<Estimate> {
+        let (estimates, took) = timed(|| -> Result<Vec<Estimate>> {
             let estimates = sets.iter().map(|set| {
                 for (k, samples) in set.imu.iter().enumerate() {
                     for sample in samples {
@@ -198,17 +196,18 @@ impl<'a> Hour<'a> {
                     }
                 }
                 let estimate = self.odometry.add_frames(&set.borrowed());
-                (self.odometry.take_keyframes(false).into_iter())
-                    .for_each(|keyframe| self.keyframes.push(keyframe));
-                estimate
+                for keyframe in self.odometry.take_keyframes(false) {
+                    self.keyframes.push(&keyframe)?;
+                }
+                Ok(estimate)
             });
             estimates.collect()
         });
+        let estimates = estimates?;
         let peak = tests::soak::memory()?.peak;
         // What lies here is what lay at the base, and what is kept.
-        let kept = self.keyframes.bytes(self.keyframes.len())
-            + 2 * self.causal.len() * size_of::<Pose>()
-            + estimates.len() * size_of::<Estimate>();
+        let kept =
+            2 * self.causal.len() * size_of::<Pose>() + estimates.len() * size_of::<Estimate>();
         for estimate in estimates {
             let status = match estimate.status {
                 ::odometry::Status::Tracked => Status::Tracked,
@@ -233,19 +232,21 @@ impl<'a> Hour<'a> {
     }
 
     /// Adjusts the first `minutes`: so many keyframes, of so many sets.
-    fn adjust(&self, minutes: usize, keyframes: usize, sets: usize) -> Result<Whole> {
+    fn adjust(&mut self, minutes: usize, keyframes: usize, sets: usize) -> Result<Whole> {
         let (causal, truth) = (&self.causal[..sets], &self.truth[..sets]);
         let balanced = settings::parse("balanced")?;
         let before = forget_peak()?;
         let mut mapping = Mapping::new(self.sequence.rig(), &balanced);
         let (adjusted, took) = timed(|| {
             let mut next = 0;
-            for keyframe in self.keyframes.first(keyframes) {
+            for keyframe in self.keyframes.iter()?.take(keyframes) {
+                let keyframe = keyframe?;
                 feed(&mut mapping, &self.sequence.imu()[0], &mut next, &keyframe);
                 mapping.add_keyframe(keyframe);
             }
-            mapping.solve(|_| {})
+            anyhow::Ok(mapping.solve(|_| {}))
         });
+        let adjusted = adjusted?;
         let peak = tests::soak::memory()?.peak.saturating_sub(before);
         let of_causal: Vec<(i64, RigidTransform)> = (causal.iter())
             .map(|p| (p.time_ns, p.world_from_rig))
@@ -263,7 +264,6 @@ impl<'a> Hour<'a> {
         Ok(Whole {
             minutes,
             keyframes,
-            keyframes_mb: self.keyframes.bytes(keyframes) as f64 * 1e-6,
             landmarks: adjusted.landmarks,
             loops: adjusted.loops.len(),
             rounds: adjusted.rounds,
@@ -284,69 +284,4 @@ fn feed(mapping: &mut Mapping, samples: &[ImuSample], next: &mut usize, keyframe
         mapping.add_imu(0, sample);
     }
     *next = until;
-}
-
-/// Keyframes as they were handed over, each kind of their parts in a row. Kept one by one, their many small pieces would lie between
-/// those of odometry and hold pages that it could use, which would look as if it grew.
-struct Kept {
-    /// Without the parts.
-    keyframes: Vec<Keyframe>,
-    after_s: Vec<f64>,
-    seen: Vec<Seen>,
-    marks: Vec<Mark>,
-    /// Where the parts of each end.
-    ends: Vec<[usize; 3]>,
-}
-
-impl Kept {
-    /// With room for so many, so that nothing ever moves. What is not used of it takes no memory.
-    fn new(most: usize) -> Self {
-        Self {
-            keyframes: Vec::with_capacity(most),
-            after_s: Vec::with_capacity(4 * most),
-            seen: Vec::with_capacity(500 * most),
-            marks: Vec::with_capacity(500 * most),
-            ends: Vec::with_capacity(most),
-        }
-    }
-
-    fn len(&self) -> usize {
-        self.keyframes.len()
-    }
-
-    fn push(&mut self, mut keyframe: Keyframe) {
-        self.after_s.append(&mut keyframe.after_s);
-        self.seen.append(&mut keyframe.seen);
-        self.marks.append(&mut keyframe.marks);
-        self.ends
-            .push([self.after_s.len(), self.seen.len(), self.marks.len()]);
-        self.keyframes.push(Keyframe {
-            after_s: Vec::new(),
-            seen: Vec::new(),
-            marks: Vec::new(),
-            ..keyframe
-        });
-    }
-
-    /// The first ones, whole.
-    fn first(&self, count: usize) -> impl Iterator<Item = Keyframe> {
-        let begins = std::iter::once(&[0; 3]).chain(&self.ends);
-        let ranges = begins.zip(&self.ends);
-        let all = self.keyframes[..count].iter().zip(ranges);
-        all.map(|(keyframe, (from, to))| Keyframe {
-            after_s: self.after_s[from[0]..to[0]].to_vec(),
-            seen: self.seen[from[1]..to[1]].to_vec(),
-            marks: self.marks[from[2]..to[2]].to_vec(),
-            ..keyframe.clone()
-        })
-    }
-
-    /// What the first ones take.
-    fn bytes(&self, count: usize) -> usize {
-        let [after_s, seen, marks] = count.checked_sub(1).map_or([0; 3], |last| self.ends[last]);
-        count * (size_of::<Keyframe>() + size_of::<[usize; 3]>())
-            + after_s * size_of::<f64>()
-            + seen * size_of::<Seen>()
-            + marks * size_of::<Mark>()
-    }
 }

@@ -56,9 +56,8 @@ pub(super) fn draw(
         chart("Memory of adjusting everything at the end")
             .x_axis(length())
             .y_axis(Axis::log("memory", "MB"))
-            .series(Series::line("keyframes", whole(&|m| m.keyframes_mb)))
             .series(Series::line(
-                "most beyond them while adjusting",
+                "most, keyframes with it",
                 whole(&|m| m.peak_mb),
             )),
     );
