@@ -18,8 +18,6 @@ const MOST_DOUBT: f64 = 0.3;
 /// How long an IMU must have been heard without a gap, and after which silence it is not waited for, ns.
 pub(crate) const HEARD_NS: i64 = 300_000_000;
 pub(crate) const SILENT_NS: i64 = 1_000_000_000;
-/// Tilt without an IMU that could tell it, rad.
-const ANY_TILT: f64 = 1.0;
 /// By how much biases may have changed, rad/s and m/s².
 const BIAS: [f64; 2] = [0.01, 0.15];
 
@@ -70,9 +68,7 @@ pub(crate) fn begin(
         // Biases were found before and do not leap.
         sigmas[GYRO_BIAS..ACCEL_BIAS].fill(BIAS[0]);
         sigmas[ACCEL_BIAS..].fill(BIAS[1]);
-        if readings.is_empty() {
-            sigmas[TURN..TURN + 3].fill(ANY_TILT);
-        } else {
+        if !readings.is_empty() {
             let across = guess.turn * fresh.turn.inverse();
             let heading = 2.0 * across.k.atan2(across.w);
             let about_up = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), heading);

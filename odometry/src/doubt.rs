@@ -6,8 +6,9 @@ use nalgebra::{Matrix6, Matrix6x2};
 use crate::so3::cross;
 use crate::state::State;
 
+/// How many times as large as a solution says the sigmas of what sights tell are; see [`honest`].
+pub(crate) const LARGER: f64 = 3.0;
 /// See [`honest`].
-const LARGER: f64 = 3.0;
 const LEAST_M: f64 = 0.003;
 const OFF_SCALE: f64 = 1.5e-3;
 const OFF_WAY: f64 = 8e-4;

@@ -16,7 +16,7 @@ use crate::so3;
 /// Share by which scale and axes of gyroscope and accelerometer may be off: parts of the kind in these cameras.
 const SCALE: [f64; 2] = [4e-3, 1e-3];
 
-/// A reading with its time, s, since an origin of the caller's.
+/// A reading with its time, ns: rate in rad/s, specific force in m/s².
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Reading {
     pub(crate) time_ns: i64,
@@ -67,13 +67,11 @@ impl Samples {
         }
     }
 
-    /// Takes a sample; one that is not later than the last is left out.
+    /// Takes a sample; one that is not later than the last, or is no number, is left out.
     pub(crate) fn push(&mut self, sample: &ImuSample, range: [f64; 2]) {
-        if self
-            .readings
-            .back()
-            .is_some_and(|last| last.time_ns >= sample.time_ns)
-        {
+        let is_late = (self.readings.back()).is_some_and(|last| last.time_ns >= sample.time_ns);
+        let mut numbers = sample.gyro.iter().chain(&sample.accel);
+        if is_late || !numbers.all(|v| v.is_finite()) {
             return;
         }
         let at_end =
@@ -473,6 +471,28 @@ mod tests {
             let off = nine(&fine, &coarse).amax();
             assert!(off < most, "{rate_hz}: {off}");
         }
+    }
+
+    #[test]
+    fn what_is_no_number_is_a_sample_lost() {
+        let mut samples = Samples::new(100.0);
+        for k in 0..20 {
+            let mut sample = ImuSample {
+                time_ns: k * 10_000_000,
+                gyro: [0.01 * k as f64, 0.0, 0.0],
+                accel: [0.0, 0.0, 9.8 + 1e-3 * k as f64],
+            };
+            match k {
+                5 => sample.gyro[1] = f64::NAN,
+                9 => sample.accel[2] = f64::INFINITY,
+                _ => {}
+            }
+            samples.push(&sample, [f64::INFINITY; 2]);
+        }
+        let mut out = Vec::new();
+        assert_eq!(samples.between(0, 190_000_000, &mut out), Coverage::Whole);
+        assert_eq!(out.len(), 18);
+        assert!(out.iter().all(|r| r.gyro.y == 0.0 && r.accel.z < 9.9));
     }
 
     #[test]

@@ -31,6 +31,8 @@ pub struct Keyframe {
     pub number: u64,
     /// As the window saw it last.
     pub state: BodyState,
+    /// Whether what the IMU felt since the keyframe before was believed: nothing was missing, and it went with what was seen.
+    pub is_felt: bool,
     /// How much later than the state each camera's middle row was exposed, s; 0 where it has no picture.
     pub after_s: Vec<f64>,
     /// Corners that were followed through it.

@@ -68,6 +68,9 @@ pub struct Adjusted {
     pub loops: Vec<Loop>,
     /// Linearisations.
     pub rounds: usize,
+    /// Whether the last ones changed next to nothing. If not, poses are better than causal ones, but not as good as their covariance
+    /// says.
+    pub is_converged: bool,
     /// Landmarks.
     pub landmarks: usize,
     /// Where cameras were found to sit, one for each of the rig.
@@ -129,10 +132,8 @@ impl Mapping {
         let to = &keyframe.state;
         let motion = self.keyframes.last().map(|from| {
             let from = state(&from.state);
-            let felt = self
-                .imu
-                .as_ref()
-                .and_then(|imu| imu.felt(&from, to.time_ns));
+            let imu = self.imu.as_ref().filter(|_| keyframe.is_felt);
+            let felt = imu.and_then(|imu| imu.felt(&from, to.time_ns));
             let seconds = (to.time_ns - from.time_ns) as f64 * 1e-9;
             Motion {
                 has_gravity: felt.is_some(),
@@ -168,20 +169,21 @@ impl Mapping {
                 poses: Vec::new(),
                 loops: Vec::new(),
                 rounds: 0,
+                is_converged: true,
                 landmarks: 0,
                 mounts: Vec::new(),
             };
         };
         let mut window = self.window(&state(&first.state));
         // Once without loops, so that candidates are judged by the best poses there are.
-        let mut rounds = adjust::adjust(&mut window, &[], 6, &mut progress);
+        let alone = adjust::adjust(&mut window, &[], 6, &mut progress);
         adjust::prune(&mut window);
         let found = loops::find(&self.keyframes, &window, &mut progress);
         // And from here on with the mounts of the cameras.
         window.mounts.clone_from(&self.mounts);
-        rounds += adjust::adjust(&mut window, &found, 12, &mut progress);
+        let all = adjust::adjust(&mut window, &found, 12, &mut progress);
         adjust::prune(&mut window);
-        rounds += adjust::adjust(&mut window, &found, 4, &mut progress);
+        let last = adjust::adjust(&mut window, &found, 12, &mut progress);
         let covariances = adjust::covariances(&window, &found);
         let poses = window.frames.iter().zip(&covariances.poses);
         Adjusted {
@@ -202,7 +204,8 @@ impl Mapping {
                 })
                 .collect(),
             loops: found.iter().map(loops::Closure::told).collect(),
-            rounds,
+            rounds: alone.rounds + all.rounds + last.rounds,
+            is_converged: last.is_converged,
             landmarks: window.landmarks.len(),
             mounts: self.found_mounts(&window, &covariances.mounts),
         }
@@ -223,7 +226,7 @@ impl Mapping {
                     .expect("a mount is finite, since steps that are not are not taken");
             AdjustedMount {
                 rig_from_left: rig_from_body * body_from_left,
-                covariance: *covariance,
+                covariance: mount.honest(covariance),
                 off: [off.fixed_rows::<3>(0).norm(), off.fixed_rows::<3>(3).norm()],
                 is_moved: turns.into_iter().any(is_beyond),
             }

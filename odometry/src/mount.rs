@@ -5,6 +5,7 @@
 
 use nalgebra::{Matrix3, Matrix6, Rotation3, SMatrix, Vector3, Vector6};
 
+use crate::doubt::LARGER;
 use crate::rig::StereoCamera;
 use crate::sight::Camera;
 use crate::so3;
@@ -45,6 +46,16 @@ impl Mount {
     pub(crate) fn sigmas(&self) -> Vector6<f64> {
         let covariance = self.information.try_inverse();
         covariance.map_or(Vector6::zeros(), |c| c.diagonal().map(f64::sqrt))
+    }
+
+    /// The covariance of a mount, of which the adjustment says this: what sights told counts as much less as it does for poses, what was
+    /// known beforehand as much as ever.
+    pub(crate) fn honest(&self, covariance: &Matrix6<f64>) -> Matrix6<f64> {
+        let honest = covariance.try_inverse().and_then(|information| {
+            let seen = information - self.information;
+            (self.information + seen / (LARGER * LARGER)).try_inverse()
+        });
+        honest.unwrap_or(covariance * (LARGER * LARGER))
     }
 
     /// By which error a camera is off.

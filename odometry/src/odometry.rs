@@ -31,6 +31,8 @@ use crate::window::{Frame, Motion, Prior, Window};
 mod across;
 mod keep;
 mod refuse;
+#[cfg(test)]
+mod tests;
 
 use keep::{leave, told};
 use refuse::agreeing;
@@ -64,7 +66,8 @@ pub enum Status {
 pub struct Estimate {
     /// Of the frame set, ns.
     pub time_ns: i64,
-    /// The world has z up, and its origin and heading are those of the first rig pose.
+    /// The world has z up, and its origin and heading are those of the first pose: of the first IMU where one is used, of the rig
+    /// where there is none.
     pub world_from_rig: RigidTransform,
     /// Of a small motion of the rig in its own axes against the first pose: shift m, turn rad.
     pub covariance: Matrix6<f64>,
@@ -237,11 +240,11 @@ impl Odometry {
             self.begin_again(&mut window, &covariance);
         }
         let mut state = window.newest().state;
-        if self.imu.is_none() {
+        if self.read_rate(time_ns).is_none() {
             // A body without a gyroscope goes on as it went.
             let seconds = (state.time_ns - last.time_ns) as f64 * 1e-9;
             let turned = crate::so3::log(&(last.turn.inverse() * state.turn));
-            state.read_rate = turned / seconds.max(1e-3);
+            state.read_rate = turned / seconds.max(1e-3) + state.gyro_bias;
             if let Some(newest) = window.frames.last_mut() {
                 newest.state.read_rate = state.read_rate;
             }
@@ -310,11 +313,11 @@ impl Odometry {
     ) -> Estimate {
         let mut readings = Vec::new();
         if let Some(imu) = &self.imu {
-            imu.samples
-                .between(time_ns - LOOK_NS, time_ns, &mut readings);
-            // The made reading at the beginning may stand for a time before there were any.
-            if readings.len() > 2 {
-                readings.remove(0);
+            // What was heard without a gap up to now: a single sample tells nothing of rest.
+            let since = imu.samples.heard_since(time_ns);
+            if let Some(since) = since.filter(|since| *since < time_ns) {
+                let from = since.max(time_ns - LOOK_NS);
+                imu.samples.between(from, time_ns, &mut readings);
             }
         }
         let (state, sigmas) = start(time_ns, &readings, self.imu.is_some());
@@ -420,13 +423,7 @@ impl Odometry {
         } else {
             Vector3::zeros()
         };
-        let read_rate = match &self.imu {
-            Some(imu) => imu
-                .samples
-                .at(time_ns)
-                .map_or(from.read_rate, |(r, _)| r.gyro),
-            None => from.read_rate,
-        };
+        let read_rate = self.read_rate(time_ns).unwrap_or(from.read_rate);
         let guess = State {
             time_ns,
             position: from.position
@@ -445,6 +442,12 @@ impl Odometry {
             walk,
         };
         (motion, guess)
+    }
+
+    /// The rate that the gyroscope reads at a time, rad/s; none where it is silent or at its end.
+    fn read_rate(&self, time_ns: i64) -> Option<Vector3<f64>> {
+        let (reading, is_near) = self.imu.as_ref()?.samples.at(time_ns)?;
+        (is_near && !reading.clipped).then_some(reading.gyro)
     }
 
     /// How it turned last, about its own axes, rad/s.

@@ -96,18 +96,33 @@ pub(crate) struct Bearing {
     pub(crate) basis: Matrix2x3<f64>,
 }
 
+/// Cosine of the angle from a ray beyond which a point is too far off for its residual to say which way.
+const BEYOND: f64 = 0.2;
+
 impl Bearing {
-    /// How far off, px, a point in this eye's frame is, and the derivatives by the point; none behind the eye.
+    /// How far off, px, a point in this eye's frame is, and the derivatives by the point; none where it is too far off.
     #[inline]
     pub(crate) fn off(&self, x: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
         let range = x.norm();
         let unit = x / range;
-        if unit.dot(&self.ray) < 0.2 {
+        if unit.dot(&self.ray) < BEYOND {
             return None;
         }
         let off = self.basis * unit;
         let by = (self.basis - off * unit.transpose()) / range;
         Some((off, by))
+    }
+
+    /// Square of how far off a point is, px².
+    pub(crate) fn square(&self, x: &Vector3<f64>) -> f64 {
+        self.off(x)
+            .map_or_else(|| self.beyond(), |(off, _)| off.norm_squared())
+    }
+
+    /// The same of whatever is too far off: that of a point that only just is, so that costs do not leap.
+    pub(crate) fn beyond(&self) -> f64 {
+        // The basis has two rows at right angles, both as long as there are pixels in a radian.
+        (1.0 - BEYOND * BEYOND) * 0.5 * self.basis.norm_squared()
     }
 }
 

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use crate::motion;
 use crate::mount::{by_mounts, move_by};
-use crate::sight::{Camera, Placed, Sight, carry};
+use crate::sight::{Bearing, Camera, Placed, Sight, carry};
 use crate::so3;
 use crate::state::{Error, POSE, SIZE, State};
 use crate::window::{Landmark, Window};
@@ -63,23 +63,35 @@ pub(crate) fn huber(square: f64) -> (f64, f64) {
     }
 }
 
-/// Where blocks are summed: by the frames' places, mounts behind them, of each pair the one on or above the diagonal.
-pub(crate) trait Blocks {
-    /// Adds a block.
+/// Where information and gradient are summed: by the frames' places, mounts behind them.
+pub(crate) trait Sums {
+    /// Adds a block of information; of each pair the one on or above the diagonal.
     fn add(&mut self, row: usize, column: usize, block: &PoseMatrix);
+    /// Adds rows of the gradient.
+    fn pull(&mut self, row: usize, rows: &PoseVector);
 }
 
-impl Blocks for DMatrix<f64> {
+/// Of few frames, of which most see the same.
+struct Dense {
+    information: DMatrix<f64>,
+    gradient: DVector<f64>,
+}
+
+impl Sums for Dense {
     fn add(&mut self, row: usize, column: usize, block: &PoseMatrix) {
-        let mut view = self.fixed_view_mut::<POSE, POSE>(row * POSE, column * POSE);
+        let mut view = (self.information).fixed_view_mut::<POSE, POSE>(row * POSE, column * POSE);
         view += block;
+    }
+
+    fn pull(&mut self, row: usize, rows: &PoseVector) {
+        let mut view = self.gradient.fixed_rows_mut::<POSE>(row * POSE);
+        view += rows;
     }
 }
 
 /// One piece of the visual problem.
-pub(crate) struct Piece<B> {
-    pub(crate) information: B,
-    pub(crate) gradient: DVector<f64>,
+pub(crate) struct Piece<S> {
+    pub(crate) sums: S,
     pub(crate) cost: f64,
     pub(crate) eliminated: Vec<Eliminated>,
 }
@@ -100,7 +112,7 @@ struct Residual {
 }
 
 /// Residuals of both eyes for a point, times inverse range, in the left frame. The left one of a host is zero by definition
-/// and left out.
+/// and left out. A point that is too far off to say which way costs the same wherever it is, and pulls nowhere.
 fn residuals(
     camera: &Camera,
     sight: &Sight,
@@ -120,15 +132,24 @@ fn residuals(
             cost,
         }
     };
-    let left = (!is_host)
-        .then(|| sight.left.off(x))
-        .flatten()
-        .map(|(off, by)| weigh(off, by, by * by_rho));
-    let right = sight.right.as_ref().and_then(|right| {
+    let beyond = |bearing: &Bearing| Residual {
+        off: Vector2::zeros(),
+        by_x: SMatrix::zeros(),
+        by_rho: Vector2::zeros(),
+        weight: 0.0,
+        cost: huber(bearing.beyond() / (sigma_px * sigma_px)).1,
+    };
+    let left = (!is_host).then(|| match sight.left.off(x) {
+        Some((off, by)) => weigh(off, by, by * by_rho),
+        None => beyond(&sight.left),
+    });
+    let right = sight.right.as_ref().map(|right| {
         let (turn, origin) = &camera.right_from_left;
-        let (off, by) = right.off(&(turn * x + origin * rho))?;
+        let Some((off, by)) = right.off(&(turn * x + origin * rho)) else {
+            return beyond(right);
+        };
         let by_left = by * turn;
-        Some(weigh(off, by_left, by_left * by_rho + by * origin))
+        weigh(off, by_left, by_left * by_rho + by * origin)
     });
     [left, right]
 }
@@ -155,16 +176,16 @@ impl Mounted {
     }
 
     /// Hands over what lies between the mount and the poses of a sight: blocks of the host, of the target and of the mount.
-    fn leave_to<B: Blocks>(&mut self, piece: &mut Piece<B>, [host, target, mount]: [usize; 3]) {
-        piece.information.add(host, mount, &self.by_host);
-        piece.information.add(target, mount, &self.by_target);
+    fn leave_to(&mut self, sums: &mut impl Sums, [host, target, mount]: [usize; 3]) {
+        sums.add(host, mount, &self.by_host);
+        sums.add(target, mount, &self.by_target);
         self.by_host.fill(0.0);
         self.by_target.fill(0.0);
     }
 }
 
-/// Adds one landmark to a piece, whose frames are those of the window in order.
-fn add<B: Blocks>(window: &Window, landmark: &Landmark, piece: &mut Piece<B>) -> Part {
+/// Adds one landmark to sums by the frames of the window in order.
+fn add(window: &Window, landmark: &Landmark, sums: &mut impl Sums) -> Part {
     let mut part = Part {
         own: Eliminated::default(),
         cost: 0.0,
@@ -286,66 +307,60 @@ fn add<B: Blocks>(window: &Window, landmark: &Landmark, piece: &mut Piece<B>) ->
         let (h, t) = (host_frame, frame);
         if by_cameras.is_some() {
             let block = window.frames.len() + host.camera;
-            mount.leave_to(piece, [h, t, block]);
+            mount.leave_to(sums, [h, t, block]);
             if is_across {
                 let beside = window.frames.len() + sight.camera;
-                other.leave_to(piece, [h, t, beside]);
-                piece.information.add(beside, beside, &other.own);
-                add_rows(&mut piece.gradient, beside * POSE, &other.gradient);
+                other.leave_to(sums, [h, t, beside]);
+                sums.add(beside, beside, &other.own);
+                sums.pull(beside, &other.gradient);
                 part.own.add(beside, &other.by_rho);
                 if block < beside {
-                    piece.information.add(block, beside, &mounts_between);
+                    sums.add(block, beside, &mounts_between);
                 } else {
                     let between = mounts_between.transpose();
-                    piece.information.add(beside, block, &between);
+                    sums.add(beside, block, &between);
                 }
             }
         }
-        piece.information.add(h, h, &h_host);
-        add_rows(&mut piece.gradient, h * POSE, &g_host);
+        sums.add(h, h, &h_host);
+        sums.pull(h, &g_host);
         if !same {
-            piece.information.add(t, t, &h_target);
+            sums.add(t, t, &h_target);
             // The upper triangle alone is kept.
             if h < t {
-                piece.information.add(h, t, &h_between);
+                sums.add(h, t, &h_between);
             } else {
-                piece.information.add(t, h, &h_between.transpose());
+                sums.add(t, h, &h_between.transpose());
             }
-            add_rows(&mut piece.gradient, t * POSE, &g_target);
+            sums.pull(t, &g_target);
             part.own.add(frame, &by_target);
         }
     }
     part.own.add(host_frame, &by_host);
     if !window.mounts.is_empty() {
         let block = window.frames.len() + host.camera;
-        piece.information.add(block, block, &mount.own);
-        add_rows(&mut piece.gradient, block * POSE, &mount.gradient);
+        sums.add(block, block, &mount.own);
+        sums.pull(block, &mount.gradient);
         part.own.add(block, &mount.by_rho);
     }
     part.own.by.sort_by_key(|(frame, _)| *frame);
     part
 }
 
-fn add_rows(vector: &mut DVector<f64>, row: usize, block: &PoseVector) {
-    let mut view = vector.fixed_rows_mut::<POSE>(row);
-    view += block;
-}
-
 /// Sums landmarks, one after another, and eliminates them with this damping.
-pub(crate) fn piece<B: Blocks>(
+pub(crate) fn piece<S: Sums>(
     window: &Window,
     landmarks: &[&Landmark],
     damping: f64,
-    empty: B,
-) -> Piece<B> {
+    empty: S,
+) -> Piece<S> {
     let mut piece = Piece {
-        information: empty,
-        gradient: DVector::zeros(window.blocks() * POSE),
+        sums: empty,
         cost: 0.0,
         eliminated: Vec::with_capacity(landmarks.len()),
     };
     for landmark in landmarks {
-        let part = add(window, landmark, &mut piece);
+        let part = add(window, landmark, &mut piece.sums);
         piece.cost += part.cost;
         let mut own = part.own;
         own.information *= 1.0 + damping;
@@ -354,9 +369,9 @@ pub(crate) fn piece<B: Blocks>(
             for (i, (a, by_a)) in own.by.iter().enumerate() {
                 let scaled = by_a * inverse;
                 for (b, by_b) in &own.by[i..] {
-                    piece.information.add(*a, *b, &-(scaled * by_b.transpose()));
+                    piece.sums.add(*a, *b, &-(scaled * by_b.transpose()));
                 }
-                add_rows(&mut piece.gradient, a * POSE, &(-scaled * own.gradient));
+                piece.sums.pull(*a, &(-scaled * own.gradient));
             }
         }
         piece.eliminated.push(own);
@@ -379,20 +394,22 @@ pub(crate) fn linearise(
     let mut cost = 0.0;
     let mut eliminated = Vec::with_capacity(landmarks.len());
     let poses = window.frames.len() * POSE;
-    let pieces: Vec<Piece<DMatrix<f64>>> = landmarks
+    let empty = || Dense {
+        information: DMatrix::zeros(poses, poses),
+        gradient: DVector::zeros(poses),
+    };
+    let pieces: Vec<Piece<Dense>> = landmarks
         .par_chunks(PIECE)
-        .map(|landmarks| piece(window, landmarks, damping, DMatrix::zeros(poses, poses)))
+        .map(|landmarks| piece(window, landmarks, damping, empty()))
         .collect();
     for piece in pieces {
         for a in 0..window.frames.len() {
             for b in a..window.frames.len() {
-                let block = piece
-                    .information
-                    .fixed_view::<POSE, POSE>(a * POSE, b * POSE);
+                let block = (piece.sums.information).fixed_view::<POSE, POSE>(a * POSE, b * POSE);
                 let mut view = information.fixed_view_mut::<POSE, POSE>(a * SIZE, b * SIZE);
                 view += block;
             }
-            let rows = piece.gradient.fixed_rows::<POSE>(a * POSE);
+            let rows = piece.sums.gradient.fixed_rows::<POSE>(a * POSE);
             let mut view = gradient.fixed_rows_mut::<POSE>(a * SIZE);
             view += rows;
         }
@@ -527,17 +544,12 @@ pub(crate) fn for_each_residual(
             .x
         };
         if k > 0 {
-            let square = sight
-                .left
-                .off(&x)
-                .map_or(f64::INFINITY, |o| o.0.norm_squared());
-            found(k, 0, square * scale);
+            found(k, 0, sight.left.square(&x) * scale);
         }
         if let Some(right) = &sight.right {
             let (turn, origin) = &camera.right_from_left;
-            let off = right.off(&(turn * x + origin * landmark.rho));
-            let square = off.map_or(f64::INFINITY, |o| o.0.norm_squared());
-            found(k, 1, square * scale);
+            let x = turn * x + origin * landmark.rho;
+            found(k, 1, right.square(&x) * scale);
         }
     }
 }

@@ -15,6 +15,8 @@ const LEAST_S: f64 = 0.2;
 /// Standard deviations within which a body is at rest, rad/s and m/s²; and the most that it may turn, rad/s.
 const REST: [f64; 2] = [0.03, 0.25];
 const MOST_BIAS: f64 = 0.06;
+/// Tilt that nothing told, rad.
+pub(crate) const ANY_TILT: f64 = 1.0;
 /// What biases are before anything is known, rad/s and m/s².
 const BIAS: [f64; 2] = [0.05, 0.15];
 
@@ -46,10 +48,11 @@ pub(crate) fn start(time_ns: i64, readings: &[Reading], has_imu: bool) -> (State
         return (state, sigmas);
     }
     let mut set = |at: usize, sigma: f64| sigmas[at..at + 3].fill(sigma);
-    let n = readings.len() as f64;
     if readings.is_empty() {
+        set(TURN, ANY_TILT);
         return (state, sigmas);
     }
+    let n = readings.len() as f64;
     let mean = |of: &dyn Fn(&Reading) -> Vector3<f64>| {
         let mean = readings.iter().map(of).sum::<Vector3<f64>>() / n;
         let square: f64 = readings.iter().map(|r| (of(r) - mean).norm_squared()).sum();
@@ -102,6 +105,17 @@ mod tests {
         assert!((up - Vector3::z()).norm() < 1e-12);
         assert!((state.gyro_bias - Vector3::new(0.01, -0.005, 0.002)).norm() < 1e-12);
         assert!(sigmas[GYRO_BIAS] < 0.01);
+    }
+
+    #[test]
+    fn nothing_heard_is_any_tilt() {
+        let (_, sigmas) = start(0, &[], true);
+        assert!(sigmas[TURN] >= ANY_TILT);
+        // Of what was heard for an instant alone, rest cannot be told.
+        let short = &readings(0.0)[..20];
+        let (state, sigmas) = start(0, short, true);
+        assert_eq!(state.gyro_bias, Vector3::zeros());
+        assert!(sigmas[TURN] > 0.1 && sigmas[VELOCITY] > 1.0);
     }
 
     #[test]

@@ -112,39 +112,8 @@ impl Tracking {
             return Ok(None);
         };
         let adjusted = mapping.solve(|_| {});
-        let causal: Vec<(i64, RigidTransform)> = (self.causal.poses().iter())
-            .map(|p| (p.time_ns, p.world_from_rig))
-            .collect();
-        let keyframes: Vec<(i64, RigidTransform)> = (adjusted.poses.iter())
-            .map(|p| (p.time_ns, p.world_from_rig))
-            .collect();
-        let carried = odometry::mapping::between(&causal, &keyframes);
-        let lost: Vec<(i64, bool)> = (self.causal.poses().iter())
-            .map(|p| (p.time_ns, p.status == Status::Lost))
-            .collect();
-        let ties = adjusted.ties(&lost);
-        let mut poses = Vec::with_capacity(causal.len());
-        for ((pose, world_from_rig), tie) in self.causal.poses().iter().zip(carried).zip(ties) {
-            let own = (adjusted.poses).binary_search_by_key(&pose.time_ns, |p| p.time_ns);
-            let covariance = match (own, tie) {
-                (Err(_), _) => None,
-                (Ok(_), Tie::Guessed) => pose.covariance,
-                (Ok(k), _) => Some(covariance(&adjusted.poses[k].covariance)?),
-            };
-            let status = match (pose.status, tie) {
-                (Status::Tracked, Tie::SeenAgain) => Status::Relocalised,
-                (status, _) => status,
-            };
-            poses.push(Pose {
-                world_from_rig,
-                covariance,
-                velocity_in_world: None,
-                status,
-                ..pose.clone()
-            });
-        }
         Ok(Some(Adjusted {
-            trajectory: Trajectory::new(poses)?,
+            trajectory: finished(&self.causal, &adjusted)?,
             keyframes: adjusted.poses.len(),
             loops: adjusted.loops.len(),
             rounds: adjusted.rounds,
@@ -152,6 +121,45 @@ impl Tracking {
             mounts: adjusted.mounts,
         }))
     }
+}
+
+/// A pose for each causal one, where the adjustment of their keyframes puts it; see [`Adjusted::trajectory`].
+///
+/// # Errors
+/// A pose is none that a trajectory can hold.
+pub fn finished(causal: &Trajectory, adjusted: &odometry::Adjusted) -> Result<Trajectory> {
+    let times: Vec<(i64, RigidTransform)> = (causal.poses().iter())
+        .map(|p| (p.time_ns, p.world_from_rig))
+        .collect();
+    let keyframes: Vec<(i64, RigidTransform)> = (adjusted.poses.iter())
+        .map(|p| (p.time_ns, p.world_from_rig))
+        .collect();
+    let carried = odometry::mapping::between(&times, &keyframes);
+    let lost: Vec<(i64, bool)> = (causal.poses().iter())
+        .map(|p| (p.time_ns, p.status == Status::Lost))
+        .collect();
+    let ties = adjusted.ties(&lost);
+    let mut poses = Vec::with_capacity(times.len());
+    for ((pose, world_from_rig), tie) in causal.poses().iter().zip(carried).zip(ties) {
+        let own = (adjusted.poses).binary_search_by_key(&pose.time_ns, |p| p.time_ns);
+        let covariance = match (own, tie) {
+            (Err(_), _) => None,
+            (Ok(_), Tie::Guessed) => pose.covariance,
+            (Ok(k), _) => Some(covariance(&adjusted.poses[k].covariance)?),
+        };
+        let status = match (pose.status, tie) {
+            (Status::Tracked, Tie::SeenAgain) => Status::Relocalised,
+            (status, _) => status,
+        };
+        poses.push(Pose {
+            world_from_rig,
+            covariance,
+            velocity_in_world: None,
+            status,
+            ..pose.clone()
+        });
+    }
+    Ok(Trajectory::new(poses)?)
 }
 
 /// All sets of a sequence.
@@ -175,7 +183,11 @@ pub fn truth(sequence: &Sequence) -> Result<Trajectory> {
     )?)
 }
 
-fn pose(estimate: &Estimate) -> Result<Pose> {
+/// An estimate as a trajectory holds it.
+///
+/// # Errors
+/// Its covariance is none.
+pub fn pose(estimate: &Estimate) -> Result<Pose> {
     Ok(Pose {
         time_ns: estimate.time_ns,
         world_from_rig: estimate.world_from_rig,

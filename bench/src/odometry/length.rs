@@ -5,17 +5,15 @@
 //! since an hour at full size takes most of a day. Times of single pictures are therefore not those of full size; whether
 //! they grow is the question. Another process renders ([`pipe`]); a minute of its pictures is read and then tracked.
 //!
-//! Memory is the most that was resident within a minute beyond what was there before the first pose, less what this benchmark
-//! itself keeps: the minute of pictures, and the poses. Keyframes that odometry has handed over are written to a file. After the
+//! Memory is the most that was resident within a minute beyond what was there before the first pose. Nothing that this benchmark
+//! keeps is among it: the minute of pictures and the poses have their memory from the beginning, keyframes lie in a file. After the
 //! last minute those of the first minutes, of more and of all are adjusted, each time in a mapping that is made anew and thrown away.
 
-use std::mem::size_of;
-
-use ::odometry::{Estimate, ImuSample, Keyframe, Mapping, Odometry};
+use ::odometry::{ImuSample, Keyframe, Mapping, Odometry};
 use anyhow::{Context, Result};
 use cad_transforms::RigidTransform;
 use rig_sim::camera::Quality;
-use scene_bundle::{Pose, Status, Trajectory};
+use scene_bundle::{Pose, Trajectory};
 use serde::Serialize;
 use serde_json::json;
 use tests::sequences::{self, OwnedFrameSet, Sequence, WalkSettings, named};
@@ -91,17 +89,23 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let sequence = sequence(name)?;
     let mut hour = Hour::new(&sequence)?;
     let mut pipe = Pipe::new(name, &sequence)?;
+    let none = OwnedFrameSet {
+        time_ns: 0,
+        views: Vec::new(),
+        imu: Vec::new(),
+    };
+    let mut pictures = vec![none; per_minute];
     let (mut each, mut marks) = (Vec::new(), Vec::new());
     for minute in 1..=minutes {
-        let pictures = pipe.take(per_minute)?;
+        pipe.fill(&mut pictures)?;
         let done = hour.track(minute, &pictures)?;
-        drop(pictures);
         println!(
             "minute {minute:2}: {:.2} s, {:.2} s CPU, {:.1} MB, {} keyframes",
             done.wall_s, done.cpu_s, done.memory_mb, done.keyframes
         );
         each.push(done);
     }
+    drop(pictures);
     // Only now, so that what adjusting does to the memory of the process is not in the minutes behind it.
     for minutes in MARKS.into_iter().filter(|m| *m <= each.len()) {
         let keyframes = each[..minutes].iter().map(|m| m.keyframes).sum();
@@ -163,8 +167,10 @@ struct Hour<'a> {
     sequence: &'a Sequence,
     odometry: Odometry,
     keyframes: Kept,
+    /// Poses and the truth of sets up to `done`; behind them nothing yet.
     causal: Vec<Pose>,
     truth: Vec<Pose>,
+    done: usize,
     /// Resident memory with the first pictures there and nothing else, bytes.
     base: Option<u64>,
 }
@@ -176,9 +182,10 @@ impl<'a> Hour<'a> {
             sequence,
             odometry: Odometry::new(sequence.rig(), balanced),
             keyframes: Kept::new()?,
-            // With room for all, so that they never move.
-            causal: Vec::with_capacity(sequence.len()),
-            truth: Vec::with_capacity(sequence.len()),
+            // All written to, so that their memory is there from the beginning.
+            causal: vec![Pose::new(0, RigidTransform::identity()); sequence.len()],
+            truth: vec![Pose::new(0, RigidTransform::identity()); sequence.len()],
+            done: 0,
             base: None,
         })
     }
@@ -188,45 +195,34 @@ impl<'a> Hour<'a> {
         let resident = forget_peak()?;
         let base = *self.base.get_or_insert(resident);
         let before = self.keyframes.len();
-        let (estimates, took) = timed(|| -> Result<Vec<Estimate>> {
-            let estimates = sets.iter().map(|set| {
+        let (done, took) = timed(|| -> Result<()> {
+            let poses = &mut self.causal[self.done..];
+            for (set, pose) in sets.iter().zip(poses) {
                 for (k, samples) in set.imu.iter().enumerate() {
                     for sample in samples {
                         self.odometry.add_imu(k, sample);
                     }
                 }
-                let estimate = self.odometry.add_frames(&set.borrowed());
+                *pose = tests::tracking::pose(&self.odometry.add_frames(&set.borrowed()))?;
                 for keyframe in self.odometry.take_keyframes(false) {
                     self.keyframes.push(&keyframe)?;
                 }
-                Ok(estimate)
-            });
-            estimates.collect()
+            }
+            Ok(())
         });
-        let estimates = estimates?;
+        done?;
         let peak = tests::soak::memory()?.peak;
-        // What lies here is what lay at the base, and what is kept.
-        let kept =
-            2 * self.causal.len() * size_of::<Pose>() + estimates.len() * size_of::<Estimate>();
-        for estimate in estimates {
-            let status = match estimate.status {
-                ::odometry::Status::Tracked => Status::Tracked,
-                ::odometry::Status::DeadReckoned => Status::DeadReckoned,
-                ::odometry::Status::Lost => Status::Lost,
-            };
-            self.causal.push(Pose {
-                status,
-                ..Pose::new(estimate.time_ns, estimate.world_from_rig)
-            });
-            let truth = self.sequence.world_from_rig(estimate.time_ns);
+        for (set, pose) in sets.iter().zip(&mut self.truth[self.done..]) {
+            let truth = self.sequence.world_from_rig(set.time_ns);
             let truth = truth.context("the truth ends before the pictures")?;
-            self.truth.push(Pose::new(estimate.time_ns, truth));
+            *pose = Pose::new(set.time_ns, truth);
         }
+        self.done += sets.len();
         Ok(Minute {
             minute,
             wall_s: took.wall_s,
             cpu_s: took.cpu_s,
-            memory_mb: (peak as f64 - base as f64 - kept as f64) * 1e-6,
+            memory_mb: (peak as f64 - base as f64) * 1e-6,
             keyframes: self.keyframes.len() - before,
         })
     }
@@ -248,18 +244,8 @@ impl<'a> Hour<'a> {
         });
         let adjusted = adjusted?;
         let peak = tests::soak::memory()?.peak.saturating_sub(before);
-        let of_causal: Vec<(i64, RigidTransform)> = (causal.iter())
-            .map(|p| (p.time_ns, p.world_from_rig))
-            .collect();
-        let own: Vec<_> = (adjusted.poses.iter())
-            .map(|p| (p.time_ns, p.world_from_rig))
-            .collect();
-        let carried = ::odometry::mapping::between(&of_causal, &own).into_iter();
-        let carried = carried.zip(causal).map(|(pose, of)| Pose {
-            world_from_rig: pose,
-            ..of.clone()
-        });
-        let carried = Trajectory::new(carried.collect())?;
+        let causal = Trajectory::new(causal.to_vec())?;
+        let finished = tests::tracking::finished(&causal, &adjusted)?;
         let truth = Trajectory::new(truth.to_vec())?;
         Ok(Whole {
             minutes,
@@ -270,8 +256,8 @@ impl<'a> Hour<'a> {
             wall_s: took.wall_s,
             cpu_s: took.cpu_s,
             peak_mb: peak as f64 * 1e-6,
-            causal: Figures::of(&Trajectory::new(causal.to_vec())?, &truth)?,
-            adjusted: Figures::of(&carried, &truth)?,
+            causal: Figures::of(&causal, &truth)?,
+            adjusted: Figures::of(&finished, &truth)?,
         })
     }
 }

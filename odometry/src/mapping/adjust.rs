@@ -15,14 +15,15 @@ use rayon::prelude::*;
 use super::loops::Closure;
 use crate::motion;
 use crate::solve::{
-    Blocks, Eliminated, Piece, PoseMatrix, apply, for_each_residual, landmark_cost, piece,
-    prior_cost, prior_error,
+    Eliminated, Piece, PoseMatrix, PoseVector, Sums, apply, for_each_residual, landmark_cost,
+    piece, prior_cost, prior_error,
 };
 use crate::state::{POSE, SIZE};
 use crate::window::{Landmark, Window};
 
-/// Landmarks per piece.
+/// Landmarks per piece, and pieces that are summed at once: what they hold apart from each other is no more than that.
 const PIECE: usize = 1024;
+const AT_ONCE: usize = 16;
 /// Residual, in standard deviations, from which a sight is wrong.
 const WRONG: f64 = 5.0;
 /// Keyframes for which a covariance is computed; those between are interpolated.
@@ -49,16 +50,22 @@ pub enum Progress {
 
 type Square = SMatrix<f64, SIZE, SIZE>;
 
-/// Blocks of poses and mounts by place.
+/// Of many frames, of which few see the same: by place.
 #[derive(Default)]
-struct Sparse(BTreeMap<(usize, usize), PoseMatrix>);
+struct Sparse {
+    blocks: BTreeMap<(usize, usize), PoseMatrix>,
+    gradient: BTreeMap<usize, PoseVector>,
+}
 
-impl Blocks for Sparse {
+impl Sums for Sparse {
     fn add(&mut self, row: usize, column: usize, block: &PoseMatrix) {
-        *self
-            .0
-            .entry((row, column))
-            .or_insert_with(PoseMatrix::zeros) += block;
+        let entry = self.blocks.entry((row, column));
+        *entry.or_insert_with(PoseMatrix::zeros) += block;
+    }
+
+    fn pull(&mut self, row: usize, rows: &PoseVector) {
+        let entry = self.gradient.entry(row);
+        *entry.or_insert_with(PoseVector::zeros) += rows;
     }
 }
 
@@ -73,27 +80,28 @@ struct Linear {
 
 fn linearise(window: &Window, loops: &[Closure], damping: f64) -> Linear {
     let landmarks: Vec<&Landmark> = window.landmarks.values().collect();
-    let pieces: Vec<Piece<Sparse>> = landmarks
-        .par_chunks(PIECE)
-        .map(|landmarks| piece(window, landmarks, damping, Sparse::default()))
-        .collect();
     let mut linear = Linear {
         blocks: BTreeMap::new(),
         gradient: DVector::zeros(window.row_of(window.blocks())),
         cost: 0.0,
-        eliminated: Vec::with_capacity(pieces.len()),
+        eliminated: Vec::with_capacity(landmarks.len().div_ceil(PIECE)),
     };
-    for piece in pieces {
-        for ((a, b), block) in piece.information.0 {
-            add_pose(&mut linear.blocks, a, b, &block);
+    for some in landmarks.chunks(PIECE * AT_ONCE) {
+        let pieces: Vec<Piece<Sparse>> = some
+            .par_chunks(PIECE)
+            .map(|landmarks| piece(window, landmarks, damping, Sparse::default()))
+            .collect();
+        for piece in pieces {
+            for ((a, b), block) in piece.sums.blocks {
+                add_pose(&mut linear.blocks, a, b, &block);
+            }
+            for (k, rows) in piece.sums.gradient {
+                let mut view = (linear.gradient).fixed_rows_mut::<POSE>(window.row_of(k));
+                view += rows;
+            }
+            linear.cost += piece.cost;
+            linear.eliminated.push(piece.eliminated);
         }
-        for k in 0..window.blocks() {
-            let rows = piece.gradient.fixed_rows::<POSE>(k * POSE);
-            let mut view = (linear.gradient).fixed_rows_mut::<POSE>(window.row_of(k));
-            view += rows;
-        }
-        linear.cost += piece.cost;
-        linear.eliminated.push(piece.eliminated);
     }
     for k in 1..window.frames.len() {
         let Some(motion) = &window.frames[k].motion else {
@@ -207,13 +215,22 @@ fn factor(linear: &Linear, damping: f64, window: &Window) -> Option<Llt<usize, f
     Llt::try_new_with_symbolic(symbolic, matrix.as_ref(), Side::Lower).ok()
 }
 
-/// Brings everything to where it fits best, in at most `most` linearisations; gives how many it took.
+/// How an adjustment ended.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ended {
+    /// Linearisations.
+    pub(super) rounds: usize,
+    /// Whether another would have gained nothing worth it.
+    pub(super) is_converged: bool,
+}
+
+/// Brings everything to where it fits best, in at most `most` linearisations.
 pub(super) fn adjust(
     window: &mut Window,
     loops: &[Closure],
     most: usize,
     progress: &mut impl FnMut(Progress),
-) -> usize {
+) -> Ended {
     let size = window.row_of(window.blocks());
     let mut damping = 1e-6;
     let mut now = None;
@@ -244,7 +261,10 @@ pub(super) fn adjust(
             now = Some(after);
             damping = (damping * 0.1).max(1e-8);
             if before - after < 1e-4 * before.max(1.0) {
-                return round + 1;
+                return Ended {
+                    rounds: round + 1,
+                    is_converged: true,
+                };
             }
         } else {
             for (frame, state) in window.frames.iter_mut().zip(states) {
@@ -259,7 +279,10 @@ pub(super) fn adjust(
             damping = (damping * 30.0).max(1e-4);
         }
     }
-    most
+    Ended {
+        rounds: most,
+        is_converged: false,
+    }
 }
 
 /// Takes away sights that do not fit, and landmarks with too few left.

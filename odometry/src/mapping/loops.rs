@@ -13,9 +13,10 @@ use super::Loop;
 use super::adjust::Progress;
 use crate::describe::unlike;
 use crate::keyframe::{Keyframe, Mark};
-use crate::sight::{Bearing, Camera};
+use crate::sight::{self, Bearing, Camera};
 use crate::so3;
 use crate::solve::{PoseMatrix, PoseVector};
+use crate::state::State;
 use crate::window::Window;
 
 /// Least time between the two, s.
@@ -35,7 +36,7 @@ const BETTER: f64 = 0.85;
 /// How far off a mark may be expected, rad: what the poses may be off at near things.
 const EXPECTED: f64 = 0.6;
 /// Marks that must agree, and their share of all matches.
-const FEWEST: usize = 24;
+const FEWEST: f64 = 12.0;
 const LEAST_SHARE: f64 = 0.3;
 /// Reach of the least squares, px, one round each, and the standard deviation of a mark's place.
 const REACH: [f64; 10] = [60.0, 45.0, 32.0, 24.0, 16.0, 12.0, 9.0, 7.0, 6.0, 6.0];
@@ -55,7 +56,7 @@ pub(super) struct Closure {
     turn: UnitQuaternion<f64>,
     shift: Vector3<f64>,
     information: PoseMatrix,
-    marks: usize,
+    marks: f64,
     off: [f64; 2],
 }
 
@@ -74,7 +75,7 @@ impl Closure {
     pub(super) fn told(&self) -> Loop {
         Loop {
             frames: self.numbers,
-            marks: self.marks,
+            marks: self.marks.round() as usize,
             off: self.off,
         }
     }
@@ -193,15 +194,65 @@ fn candidates(b: usize, window: &Window, gone: &[f64], looked: &[usize]) -> Vec<
     near.into_iter().map(|(_, a)| a).collect()
 }
 
-/// A mark of one keyframe that another one sees: a point of the first body, times inverse range, and where the other
-/// body's camera saw it.
-struct Match<'a> {
+/// A mark with where its eye was on the body when it saw it: rows and cameras have times of their own, during which the body moves.
+struct Placed<'a> {
+    mark: &'a Mark,
+    seen: Bearing,
+    /// Body at the keyframe's time from left eye at the mark's.
+    eye: Matrix3<f64>,
+    arm: Vector3<f64>,
+}
+
+impl Placed<'_> {
+    /// The point in the body, times its inverse range, if that is known.
+    fn point(&self) -> Option<(Vector3<f64>, f64)> {
+        let rho = f64::from(self.mark.rho);
+        (rho > 0.0).then(|| (self.eye * self.seen.ray + self.arm * rho, rho))
+    }
+
+    /// The view's axis in the body.
+    fn axis(&self) -> Vector3<f64> {
+        self.eye.column(2).into_owned()
+    }
+}
+
+/// The marks of one camera.
+fn placed<'a>(
+    keyframe: &'a Keyframe,
+    state: &State,
+    (index, camera): (usize, &Camera),
+) -> Vec<Placed<'a>> {
+    let own = (keyframe.marks.iter()).filter(|m| usize::from(m.camera) == index);
+    let each = own.filter_map(|mark| {
+        let seen = camera.bearing(Side::Left, mark.left)?;
+        let after_s = keyframe.after_s[index] + camera.row_after_s(Side::Left, mark.left[1]);
+        let then = sight::Placed::new(state, after_s);
+        let (eye, arm) = &camera.body_from_left;
+        let shift = state.turn.inverse() * (then.position - state.position);
+        let turn = then.since.transpose();
+        Some(Placed {
+            mark,
+            seen,
+            eye: turn * eye,
+            arm: turn * arm + shift,
+        })
+    });
+    each.collect()
+}
+
+/// A mark of one keyframe that another one sees.
+struct Match {
+    /// In the first body, times its inverse range.
     x: Vector3<f64>,
     rho: f64,
-    camera: &'a Camera,
+    /// Where the other body's eye was, and where it saw it.
+    eye: Matrix3<f64>,
+    arm: Vector3<f64>,
     seen: Bearing,
     /// Whether the point is of the later keyframe and seen by the earlier.
     is_back: bool,
+    /// How much it counts: of two marks whose ranges both are known each sees the other, which tells the same twice.
+    share: f64,
 }
 
 fn close(
@@ -215,20 +266,20 @@ fn close(
     let mut turn = a.turn.inverse() * b.turn;
     let mut shift = a.turn.inverse() * (b.position - a.position);
     let expected = (turn, shift);
-    let matches = matches(from, to, window, &expected);
-    if matches.len() < FEWEST {
+    let matches = matches(from, to, (a, b), &window.cameras);
+    let all: f64 = matches.iter().map(|m| m.share).sum();
+    if all < FEWEST {
         return None;
     }
     let mut information = PoseMatrix::zeros();
-    let mut agree = 0;
+    let mut agree = 0.0;
     for reach in REACH {
         let mut h = SMatrix::<f64, 6, 6>::identity() * 1e-6;
         let mut g = SVector::<f64, 6>::zeros();
-        agree = 0;
+        agree = 0.0;
         let r: Matrix3<f64> = turn.to_rotation_matrix().into_inner();
         for m in &matches {
             // Forth: first to second body. Back: second to first.
-            let (eye, arm) = &m.camera.body_from_left;
             let (in_body, by_shift, by_turn) = if m.is_back {
                 let turned = r * m.x;
                 (
@@ -240,7 +291,7 @@ fn close(
                 let back = r.transpose() * (m.x - shift * m.rho);
                 (back, -r.transpose() * m.rho, so3::cross(&back))
             };
-            let x = eye.transpose() * (in_body - arm * m.rho);
+            let x = m.eye.transpose() * (in_body - m.arm * m.rho);
             let Some((off, by)) = m.seen.off(&x) else {
                 continue;
             };
@@ -248,9 +299,9 @@ fn close(
             if size >= 1.0 {
                 continue;
             }
-            agree += 1;
-            let weight = (1.0 - size * size).powi(2) / (SIGMA_PX * SIGMA_PX);
-            let by_body = by * eye.transpose();
+            agree += m.share;
+            let weight = m.share * (1.0 - size * size).powi(2) / (SIGMA_PX * SIGMA_PX);
+            let by_body = by * m.eye.transpose();
             let mut j = SMatrix::<f64, 2, 6>::zeros();
             j.fixed_columns_mut::<3>(0).copy_from(&(by_body * by_shift));
             j.fixed_columns_mut::<3>(3).copy_from(&(by_body * by_turn));
@@ -266,7 +317,7 @@ fn close(
     let gone = gone[frames[1]] - gone[frames[0]];
     let off = [(shift - expected.1).norm(), turn.angle_to(&expected.0)];
     let is_plausible = off[0] < MOST_M + DRIFT * gone && off[1] < MOST_RAD;
-    let is_agreed = agree >= FEWEST && agree as f64 >= LEAST_SHARE * matches.len() as f64;
+    let is_agreed = agree >= FEWEST && agree >= LEAST_SHARE * all;
     // The shift is that of the second body in the first one's axes; a turn of the first is not in it.
     (is_plausible && is_agreed).then_some(Closure {
         frames,
@@ -279,40 +330,36 @@ fn close(
     })
 }
 
-fn matches<'a>(
+fn matches(
     from: &Keyframe,
     to: &Keyframe,
-    window: &'a Window,
-    (turn, shift): &(UnitQuaternion<f64>, Vector3<f64>),
-) -> Vec<Match<'a>> {
+    (a, b): (&State, &State),
+    cameras: &[Camera],
+) -> Vec<Match> {
     let mut out = Vec::new();
+    let turn = a.turn.inverse() * b.turn;
+    let shift = a.turn.inverse() * (b.position - a.position);
     let r: Matrix3<f64> = turn.to_rotation_matrix().into_inner();
-    for (i, camera_a) in window.cameras.iter().enumerate() {
-        for (j, camera_b) in window.cameras.iter().enumerate() {
-            let axis_a = camera_a.body_from_left.0.column(2).into_owned();
-            let axis_b: Vector3<f64> = r * camera_b.body_from_left.0.column(2);
-            if axis_a.dot(&axis_b) < SAME_VIEW.cos() {
+    let all = |keyframe, state| -> Vec<Vec<Placed<'_>>> {
+        let each = cameras.iter().enumerate();
+        each.map(|camera| placed(keyframe, state, camera)).collect()
+    };
+    let (of_a, of_b) = (all(from, a), all(to, b));
+    for seen_a in &of_a {
+        for seen_b in &of_b {
+            let (Some(first_a), Some(first_b)) = (seen_a.first(), seen_b.first()) else {
+                continue;
+            };
+            if first_a.axis().dot(&(r * first_b.axis())) < SAME_VIEW.cos() {
                 continue;
             }
-            let of = |marks: &[Mark], camera: &Camera, index: usize| {
-                marks
-                    .iter()
-                    .filter(|m| usize::from(m.camera) == index)
-                    .filter_map(|m| Some((*m, camera.bearing(Side::Left, m.left)?)))
-                    .collect::<Vec<_>>()
-            };
-            let (seen_a, seen_b) = (of(&from.marks, camera_a, i), of(&to.marks, camera_b, j));
-            // Where a mark of the first is expected in the second.
-            let relative = camera_b.body_from_left.0.transpose() * r.transpose();
-            let expected: Vec<Vector3<f64>> = seen_a
+            // Where a mark of the first is expected in the second's body.
+            let expected: Vec<(Vector3<f64>, f64)> = seen_a
                 .iter()
-                .map(|(mark, bearing)| {
-                    let rho = f64::from(mark.rho);
-                    let (eye, arm) = &camera_a.body_from_left;
-                    let x = eye * bearing.ray + (arm - shift) * rho;
-                    let there = relative * x
-                        - camera_b.body_from_left.0.transpose() * camera_b.body_from_left.1 * rho;
-                    there.normalize()
+                .map(|m| {
+                    let rho = f64::from(m.mark.rho);
+                    let x = m.eye * m.seen.ray + (m.arm - shift) * rho;
+                    (r.transpose() * x, rho)
                 })
                 .collect();
             let best = |look: &[u64; 4], among: &mut dyn Iterator<Item = (usize, &[u64; 4])>| {
@@ -329,45 +376,47 @@ fn matches<'a>(
                 let sure = best.0 <= ALIKE && f64::from(best.0) < BETTER * f64::from(second);
                 sure.then_some(best.1)
             };
-            for (q, (mark_b, bearing_b)) in seen_b.iter().enumerate() {
-                let mut near = seen_a
-                    .iter()
-                    .enumerate()
-                    .filter(|(p, _)| expected[*p].dot(&bearing_b.ray) > EXPECTED.cos())
-                    .map(|(p, (m, _))| (p, &m.looks));
-                let Some(p) = best(&mark_b.looks, &mut near) else {
+            for (q, mark_b) in seen_b.iter().enumerate() {
+                let is_near = |p: usize| {
+                    let (x, rho) = &expected[p];
+                    let there = mark_b.eye.transpose() * (x - mark_b.arm * *rho);
+                    there.dot(&mark_b.seen.ray) > EXPECTED.cos() * there.norm()
+                };
+                let mut near = (seen_a.iter().enumerate())
+                    .filter(|(p, _)| is_near(*p))
+                    .map(|(p, m)| (p, &m.mark.looks));
+                let Some(p) = best(&mark_b.mark.looks, &mut near) else {
                     continue;
                 };
-                let (mark_a, bearing_a) = &seen_a[p];
-                let mut all = seen_b.iter().enumerate().map(|(q, (m, _))| (q, &m.looks));
-                if best(&mark_a.looks, &mut all) != Some(q) {
+                let mark_a = &seen_a[p];
+                let mut all = (seen_b.iter().enumerate()).map(|(q, m)| (q, &m.mark.looks));
+                if best(&mark_a.mark.looks, &mut all) != Some(q) {
                     continue;
                 }
-                let point = |camera: &Camera, bearing: &Bearing, rho: f64| {
-                    camera.body_from_left.0 * bearing.ray + camera.body_from_left.1 * rho
+                let points = [mark_a.point(), mark_b.point()];
+                let share = if points.iter().all(Option::is_some) {
+                    0.5
+                } else {
+                    1.0
                 };
-                if mark_a.rho > 0.0 {
-                    let rho = f64::from(mark_a.rho);
-                    out.push(Match {
-                        x: point(camera_a, bearing_a, rho),
+                for ((point, by), is_back) in
+                    points.into_iter().zip([mark_b, mark_a]).zip([false, true])
+                {
+                    out.extend(point.map(|(x, rho)| Match {
+                        x,
                         rho,
-                        camera: camera_b,
-                        seen: *bearing_b,
-                        is_back: false,
-                    });
-                }
-                if mark_b.rho > 0.0 {
-                    let rho = f64::from(mark_b.rho);
-                    out.push(Match {
-                        x: point(camera_b, bearing_b, rho),
-                        rho,
-                        camera: camera_a,
-                        seen: *bearing_a,
-                        is_back: true,
-                    });
+                        eye: by.eye,
+                        arm: by.arm,
+                        seen: by.seen,
+                        is_back,
+                        share,
+                    }));
                 }
             }
         }
     }
     out
 }
+
+#[cfg(test)]
+mod tests;

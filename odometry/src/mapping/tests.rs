@@ -135,6 +135,7 @@ fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_marks: bool) -> Vec<K
                     accel_bias: Vector3::zeros(),
                     read_rate: Vector3::zeros(),
                 },
+                is_felt: false,
                 after_s: vec![0.0; cameras.len()],
                 seen,
                 marks,
@@ -288,7 +289,9 @@ fn sights_count_less_the_longer_they_were_followed() {
 
 #[test]
 fn threads_do_not_matter() {
-    let frames = keyframes(1, 0.1, true);
+    // Several pieces of landmarks.
+    let frames = keyframes(5, 0.1, true);
+    assert!(solved(frames.clone()).landmarks > 3 * 1024);
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)

@@ -19,7 +19,8 @@ pub enum Tie {
 }
 
 impl Adjusted {
-    /// Of all poses: their times (ns, rising), and whether they were lost when they were found first.
+    /// Of all poses: their times (ns, rising), and whether they were lost when they were found first. Where the adjustment did not
+    /// converge no covariance of it holds.
     pub fn ties(&self, causal: &[(i64, bool)]) -> Vec<Tie> {
         let time = |number: u64| {
             let at = self.poses.binary_search_by_key(&number, |p| p.number);
@@ -29,6 +30,9 @@ impl Adjusted {
             let [earlier, later] = l.frames.map(time);
             Some([earlier?, later?])
         });
+        if !self.is_converged {
+            return vec![Tie::Guessed; causal.len()];
+        }
         ties(causal, &both.collect::<Vec<_>>())
     }
 }

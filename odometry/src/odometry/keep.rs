@@ -13,6 +13,9 @@ use crate::window::{Frame, Landmark, Window};
 
 /// Longest time from one keyframe to the next, s: what the IMU felt is integrated anew from the last one.
 const LONGEST_S: f64 = 0.6;
+/// Time between keyframes that are kept for the adjustment at rest, ns: they show what the ones before did, and wait until the window
+/// has moved on.
+const REST_NS: i64 = 10_000_000_000;
 /// Share of a keyframe's corners that must still be followed, some time after it, s, and at once: pictures that are all noise
 /// lose a third of them from one to the next, and would all be keyframes.
 const LEAST_SHARE: f64 = 0.65;
@@ -88,6 +91,7 @@ impl Odometry {
         let mut kept = Keyframe {
             number: self.number,
             state: told(&window.newest().state),
+            is_felt: is_felt(window.newest()),
             after_s: after_s.to_vec(),
             seen: Vec::new(),
             marks: Vec::new(),
@@ -104,12 +108,30 @@ impl Odometry {
         self.pending.insert(self.number, kept);
         while window.frames.len() > settings.frames {
             let leaving = leaving(window);
-            (self.ready).extend(leave(&mut self.pending, &window.frames[leaving]));
+            if leaving == 0 || self.is_due(window, leaving) {
+                (self.ready).extend(leave(&mut self.pending, &window.frames[leaving]));
+            } else if let Some(left_out) = self.pending.remove(&window.frames[leaving].number)
+                && let Some(next) = self.pending.get_mut(&self.number)
+            {
+                next.is_felt &= left_out.is_felt;
+            }
             marginalise(window, leaving);
         }
     }
 
-    /// Keyframes that will not change any more, in order of time, each once. Behind the last frame set, `all` gives the rest.
+    /// Whether a keyframe that leaves at rest is long enough after the one before it.
+    fn is_due(&self, window: &Window, leaving: usize) -> bool {
+        let time_ns = window.frames[leaving].state.time_ns;
+        let in_window = window.frames[leaving - 1].state.time_ns;
+        let before = (self.ready.iter().rev())
+            .map(|k| k.state.time_ns)
+            .find(|t| *t < time_ns)
+            .map_or(in_window, |t| t.max(in_window));
+        time_ns - before >= REST_NS
+    }
+
+    /// Keyframes that will not change any more, in order of time, each once; at rest one every ten seconds. Behind the last frame
+    /// set, `all` gives the rest.
     pub fn take_keyframes(&mut self, all: bool) -> Vec<Keyframe> {
         if let (true, Some(window)) = (all, &self.window) {
             for frame in &window.frames {
@@ -130,6 +152,10 @@ pub(super) fn leave(pending: &mut BTreeMap<u64, Keyframe>, frame: &Frame) -> Opt
         state: told(&frame.state),
         ..pending.remove(&frame.number)?
     })
+}
+
+fn is_felt(frame: &Frame) -> bool {
+    frame.motion.as_ref().is_some_and(|m| m.has_gravity)
 }
 
 /// As it is kept.

@@ -189,9 +189,43 @@ fn the_newest_alone_is_found_too() {
     error[4] = -0.01;
     let last = moved.frames.len() - 1;
     moved.frames[last].state = moved.frames[last].state.plus(&error);
-    // Velocity and biases are not seen: held by a prior-like motion.
+    // Velocity and biases are not seen: that a body does not leap holds them, loosely.
+    moved.frames[last].motion = Some(crate::window::Motion {
+        felt: crate::felt::leap(
+            &moved.frames[last - 1].state,
+            truth(last - 1).rate(),
+            moved.frames[last].state.time_ns,
+        ),
+        has_gravity: false,
+        walk: [1e-6; 2],
+    });
+    assert!(farthest(&moved) > 0.02);
     let information = solve_newest(&mut moved, &SMatrix::identity(), 8);
-    assert!(information.is_none() || farthest(&moved) < 1e-6);
+    let information = information.expect("hundreds of sights tell where it is");
+    assert!(farthest(&moved) < 1e-4, "{}", farthest(&moved));
+    let sigma = 1.0 / information[(POSITION, POSITION)].sqrt();
+    assert!(sigma < 0.01, "{sigma}");
+}
+
+#[test]
+fn a_sight_that_is_far_off_does_not_refuse_every_step() {
+    let exact = window(5, 0.0);
+    let mut moved = shaken(&exact, 0.05);
+    // One that points away from everything, behind its eye.
+    let landmark = moved.landmarks.values_mut().next().expect("landmarks");
+    let (_, sight) = landmark.sights.last_mut().expect("sights");
+    sight.left.ray = -sight.left.ray;
+    sight.left.basis = -sight.left.basis;
+    let all: Vec<&Landmark> = moved.landmarks.values().collect();
+    let linear = linearise(&moved, &all, |_| true, 0.0);
+    let sum = cost(&moved, &all);
+    assert!(
+        (linear.cost - sum).abs() < 1e-9 * sum,
+        "{} {sum}",
+        linear.cost
+    );
+    let (solved, _) = solve(&mut moved, 20);
+    assert!(farthest(&moved) < 1e-5, "{} {solved:?}", farthest(&moved));
 }
 
 #[test]

@@ -20,7 +20,7 @@ const KEYFRAMES: &str = "keyframes.npy";
 const SEEN: &str = "seen.npy";
 const MARKS: &str = "marks.npy";
 
-const KEYFRAME_COLUMNS: [Column; 11] = [
+const KEYFRAME_COLUMNS: [Column; 12] = [
     Column("set", Kind::U64, 1),
     Column("time_ns", Kind::I64, 1),
     Column("position_m", Kind::F64, 3),
@@ -29,6 +29,7 @@ const KEYFRAME_COLUMNS: [Column; 11] = [
     Column("gyro_bias", Kind::F64, 3),
     Column("accel_bias", Kind::F64, 3),
     Column("read_rate", Kind::F64, 3),
+    Column("is_felt", Kind::U8, 1),
     Column("after_s", Kind::F64, CAMERAS),
     Column("seen", Kind::U64, 1),
     Column("marks", Kind::U64, 1),
@@ -63,6 +64,8 @@ pub struct TrackedKeyframe {
     pub accel_bias: [f64; 3],
     /// Rate about the body's own axes as the gyroscope read it, rad/s.
     pub read_rate: [f64; 3],
+    /// Whether what the IMU felt since the keyframe before was believed.
+    pub is_felt: bool,
     /// How much later than the set each camera's middle row was exposed, s; at most [`CAMERAS`].
     pub after_s: Vec<f64>,
     /// Corners that were followed through it.
@@ -136,6 +139,7 @@ impl TracksWriter {
             row.f64(&keyframe.gyro_bias);
             row.f64(&keyframe.accel_bias);
             row.f64(&keyframe.read_rate);
+            row.u8(u8::from(keyframe.is_felt));
             row.f64(&after_s);
             row.u64(keyframe.seen.len() as u64);
             row.u64(keyframe.marks.len() as u64);
@@ -217,6 +221,7 @@ pub fn read(reader: &OutputReader, cameras: usize) -> Result<Vec<TrackedKeyframe
             .map_err(|error| malformed(error.to_string(), "a pose"))?;
         let (velocity, gyro_bias) = (fields.f64(), fields.f64());
         let (accel_bias, read_rate) = (fields.f64(), fields.f64());
+        let is_felt = fields.u8() != 0;
         let after_s: [f64; CAMERAS] = fields.f64();
         let (seen_count, mark_count) = (fields.u64() as usize, fields.u64() as usize);
         let keyframe = TrackedKeyframe {
@@ -227,6 +232,7 @@ pub fn read(reader: &OutputReader, cameras: usize) -> Result<Vec<TrackedKeyframe
             gyro_bias,
             accel_bias,
             read_rate,
+            is_felt,
             after_s: after_s[..cameras.min(CAMERAS)].to_vec(),
             seen: seen.by_ref().take(seen_count).collect(),
             marks: marks.by_ref().take(mark_count).collect(),

@@ -19,6 +19,7 @@ fn keyframe(k: u64, corners: u64) -> TrackedKeyframe {
         gyro_bias: [0.001, -0.002, 0.003 * s],
         accel_bias: [0.01, 0.02 * s, -0.03],
         read_rate: [0.5, -0.25, s],
+        is_felt: s > 0.0,
         after_s: vec![0.0, 0.004, -0.002],
         seen: (0..corners)
             .map(|n| SeenCorner {

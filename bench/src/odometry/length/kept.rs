@@ -66,6 +66,7 @@ fn write(to: &mut impl Write, keyframe: &Keyframe) -> std::io::Result<()> {
     for number in numbers {
         to.write_all(&number.to_le_bytes())?;
     }
+    to.write_all(&[u8::from(keyframe.is_felt)])?;
     for count in [
         keyframe.after_s.len(),
         keyframe.seen.len(),
@@ -113,6 +114,7 @@ fn read(from: &mut impl Read) -> std::io::Result<Keyframe> {
         accel_bias: vector(13),
         read_rate: vector(16),
     };
+    let [is_felt] = bytes(from)?;
     let mut counts = [0; 3];
     for count in &mut counts {
         *count = u32::from_le_bytes(bytes(from)?);
@@ -156,6 +158,7 @@ fn read(from: &mut impl Read) -> std::io::Result<Keyframe> {
     Ok(Keyframe {
         number,
         state,
+        is_felt: is_felt == 1,
         after_s,
         seen,
         marks,

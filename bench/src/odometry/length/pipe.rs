@@ -3,7 +3,7 @@
 use std::io::{BufReader, BufWriter, Read as _, Write as _};
 use std::process::{Child, ChildStdout, Command, Stdio};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use tests::sequences::{OwnedFrameSet, OwnedView, Sequence};
 
 /// First argument of the process; the name of the walk follows.
@@ -61,57 +61,49 @@ impl<'a> Pipe<'a> {
         })
     }
 
-    /// The next sets, with what the IMUs measured up to them.
+    /// Puts the next sets, with what the IMUs measured up to them, where those before were: in the memory that is there already.
     ///
     /// # Errors
     /// The walk is over, or the process has ended.
-    pub(super) fn take(&mut self, count: usize) -> Result<Vec<OwnedFrameSet>> {
-        let sets: Vec<_> = (0..count)
-            .map_while(|_| self.next())
-            .collect::<Result<_>>()?;
-        let found = sets.len();
-        ensure!(
-            found == count,
-            "the walk has {found} further sets, expected {count}"
-        );
-        Ok(sets)
+    pub(super) fn fill(&mut self, sets: &mut [OwnedFrameSet]) -> Result<()> {
+        let count = sets.len();
+        for (k, set) in sets.iter_mut().enumerate() {
+            let time_ns = self.times.next();
+            set.time_ns = time_ns
+                .with_context(|| format!("the walk has {k} further sets, expected {count}"))?;
+            self.read(set)?;
+        }
+        Ok(())
     }
 
-    fn next(&mut self) -> Option<Result<OwnedFrameSet>> {
-        let time_ns = self.times.next()?;
-        Some(self.read(time_ns))
-    }
-
-    fn read(&mut self, time_ns: i64) -> Result<OwnedFrameSet> {
-        let mut views = Vec::with_capacity(self.sequence.rig().cameras.len());
-        for camera in &self.sequence.rig().cameras {
+    fn read(&mut self, set: &mut OwnedFrameSet) -> Result<()> {
+        let cameras = &self.sequence.rig().cameras;
+        set.views.resize(cameras.len(), None);
+        for (view, camera) in set.views.iter_mut().zip(cameras) {
             let (width, height) = (camera.left.width as usize, camera.left.height as usize);
-            let mut eyes = [vec![0; width * height], vec![0; width * height]];
-            for eye in &mut eyes {
+            let view = view.get_or_insert_with(|| OwnedView {
+                time_ns: 0,
+                width,
+                height,
+                left: vec![0; width * height],
+                right: vec![0; width * height],
+            });
+            view.time_ns = set.time_ns;
+            for eye in [&mut view.left, &mut view.right] {
                 let read = self.output.read_exact(eye);
                 read.context("reading rendered pictures from the other process")?;
             }
-            let [left, right] = eyes;
-            views.push(Some(OwnedView {
-                time_ns,
-                width,
-                height,
-                left,
-                right,
-            }));
         }
-        let mut imu = Vec::with_capacity(self.given.len());
-        for (samples, given) in self.sequence.imu().iter().zip(&mut self.given) {
-            let older = samples.partition_point(|s| s.time_ns < time_ns);
+        set.imu.resize(self.given.len(), Vec::new());
+        let each = set.imu.iter_mut().zip(self.sequence.imu());
+        for ((of_set, samples), given) in each.zip(&mut self.given) {
+            let older = samples.partition_point(|s| s.time_ns < set.time_ns);
             let until = (older + 1).min(samples.len()).max(*given);
-            imu.push(samples[*given..until].to_vec());
+            of_set.clear();
+            of_set.extend_from_slice(&samples[*given..until]);
             *given = until;
         }
-        Ok(OwnedFrameSet {
-            time_ns,
-            views,
-            imu,
-        })
+        Ok(())
     }
 }
 

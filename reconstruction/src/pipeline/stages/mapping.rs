@@ -2,7 +2,8 @@
 //!
 //! Contract: one pose for each pose of the causal trajectory, at the same time. Its status stays that of odometry, but what was
 //! tracked after a loss is *relocalised* where a place that was seen before the loss was seen again: that alone ties it to
-//! the rest. What nothing ties keeps the covariance of its causal pose. Cameras are put where they are found to sit; one that is far from where it was told to be was moved, which is said.
+//! the rest. What nothing ties keeps the covariance of its causal pose; everything does if
+//! the adjustment does not converge. Cameras are put where they are found to sit; one that is far from where it was told to be was moved, which is said.
 //! Pictures are not read again.
 
 use ::odometry::mapping::{Progress, Tie, between};
@@ -29,7 +30,7 @@ impl Stage<Input> for MappingStage {
     }
 
     fn version(&self) -> u32 {
-        4
+        5
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -85,6 +86,12 @@ impl Stage<Input> for MappingStage {
             adjusted.landmarks,
             adjusted.loops.len()
         ));
+        if !adjusted.is_converged {
+            work.lose(format!(
+                "after {} rounds poses still changed: they are nearer than causal ones, but no surer, and keep the covariance of those",
+                adjusted.rounds
+            ));
+        }
         let rig = found_rig(model, &adjusted, work);
         outputs::rig::write(work.draft(RIG_ADJUSTED), &rig)?;
         let mut writer = TrajectoryWriter::new(work.draft(TRAJECTORY))?;

@@ -49,7 +49,7 @@ impl Stage<Input> for OdometryStage {
     }
 
     fn version(&self) -> u32 {
-        4
+        5
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -162,6 +162,7 @@ fn written(keyframe: &::odometry::Keyframe) -> TrackedKeyframe {
         gyro_bias: state.gyro_bias.into(),
         accel_bias: state.accel_bias.into(),
         read_rate: state.read_rate.into(),
+        is_felt: keyframe.is_felt,
         after_s: keyframe.after_s.clone(),
         seen: (keyframe.seen.iter())
             .map(|s| SeenCorner {
@@ -195,6 +196,7 @@ pub(super) fn read(keyframe: TrackedKeyframe) -> ::odometry::Keyframe {
             accel_bias: keyframe.accel_bias.into(),
             read_rate: keyframe.read_rate.into(),
         },
+        is_felt: keyframe.is_felt,
         after_s: keyframe.after_s,
         seen: (keyframe.seen.iter())
             .map(|s| ::odometry::keyframe::Seen {

@@ -1,0 +1,143 @@
+//! What is asked of odometry beside poses: at rest, and with an IMU that hardly speaks. A wall of grey noise, 2 m away.
+
+use calib::verify::Grey;
+use calib::{CameraModel, Distortion, ImuNoise};
+
+use super::*;
+use crate::input::View;
+use crate::rig::{Imu, StereoCamera};
+use crate::settings::Preset;
+
+const SIZE_PX: [usize; 2] = [160, 120];
+/// Pixels by which the right eye sees everything further left.
+const DISPARITY: usize = 4;
+
+fn rig(has_imu: bool) -> Rig {
+    let model = CameraModel {
+        width: 160,
+        height: 120,
+        fx: 100.0,
+        fy: 100.0,
+        cx: 79.5,
+        cy: 59.5,
+        distortion: Distortion::None,
+    };
+    Rig {
+        cameras: vec![StereoCamera {
+            name: "feet".to_owned(),
+            left: model,
+            right: model,
+            rig_from_left: RigidTransform::identity(),
+            covariance: None,
+            right_from_left: RigidTransform::from_translation_m([-0.08, 0.0, 0.0]).unwrap(),
+            line_s: 0.0,
+        }],
+        imus: has_imu
+            .then(|| Imu {
+                name: "feet/imu".to_owned(),
+                rig_from_imu: RigidTransform::identity(),
+                noise: ImuNoise {
+                    gyro_noise_density: 1e-4,
+                    accel_noise_density: 2e-3,
+                    gyro_random_walk: 1e-5,
+                    accel_random_walk: 1e-4,
+                },
+                rate_hz: 100.0,
+                range: [f64::INFINITY; 2],
+            })
+            .into_iter()
+            .collect(),
+    }
+}
+
+/// Patches of grey, shifted to the left by some pixels, and noise of the sensor that no two pictures share.
+fn picture(shift: usize, noise: u64) -> Vec<u8> {
+    let hash = |a: u64| (a.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40) as u8;
+    let [width, height] = SIZE_PX;
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+    pixels
+        .map(|(x, y)| {
+            let patch = hash(((x + shift) / 5 * 1009 + y / 5) as u64);
+            let own = hash(noise.wrapping_mul(7919) + (y * width + x) as u64) % 3;
+            40 + patch / 2 + own
+        })
+        .collect()
+}
+
+fn grey(pixels: &[u8]) -> Grey<'_> {
+    let [width, height] = SIZE_PX;
+    Grey::new(width, height, width, pixels).expect("a whole picture")
+}
+
+/// Tracks a wall at rest.
+fn at_rest(odometry: &mut Odometry, from: u64, to: u64) -> Vec<Estimate> {
+    let sets = (from..to).map(|k| {
+        let [left, right] = [0, DISPARITY].map(|shift| picture(shift, 2 * k + shift as u64));
+        let time_ns = k as i64 * 66_666_667;
+        odometry.add_frames(&FrameSet {
+            time_ns,
+            views: vec![Some(View {
+                time_ns,
+                left: grey(&left),
+                right: grey(&right),
+                usable: None,
+            })],
+        })
+    });
+    sets.collect()
+}
+
+#[test]
+fn at_rest_keyframes_hardly_add_up() {
+    let mut odometry = Odometry::new(&rig(false), Settings::preset(Preset::Balanced));
+    let estimates = at_rest(&mut odometry, 0, 600);
+    let last = estimates[estimates.len() - 1];
+    assert_eq!(last.status, Status::Tracked);
+    let gone = last.world_from_rig.translation().norm();
+    assert!(gone < 1e-2, "{gone}");
+    // Forty seconds: what the window holds, and one every ten seconds.
+    let kept = odometry.pending.len() + odometry.ready.len();
+    assert!((3..=8 + 5).contains(&kept), "{kept}");
+    let keyframes = odometry.take_keyframes(true);
+    assert_eq!(keyframes.len(), kept);
+    let times: Vec<i64> = keyframes.iter().map(|k| k.state.time_ns).collect();
+    assert!(times.windows(2).all(|w| w[0] < w[1]), "{times:?}");
+}
+
+#[test]
+fn a_single_sample_tells_no_rest() {
+    let mut odometry = Odometry::new(&rig(true), Settings::preset(Preset::Balanced));
+    // Turned by something between two samples, for all anybody knows.
+    let sample = ImuSample {
+        time_ns: 590_000_000,
+        gyro: [0.0, 0.0, 0.05],
+        accel: [1.0, -9.5, 1.0],
+    };
+    odometry.add_imu(0, &sample);
+    let first = at_rest(&mut odometry, 9, 10)[0];
+    assert_eq!(first.gyro_bias, Vector3::zeros());
+    let tilt = first.covariance[(3, 3)]
+        .max(first.covariance[(5, 5)])
+        .sqrt();
+    assert!(tilt > 0.3, "{tilt}");
+}
+
+#[test]
+fn a_silent_imu_does_not_go_on_turning() {
+    let mut odometry = Odometry::new(&rig(true), Settings::preset(Preset::Balanced));
+    for k in 0..60 {
+        let is_last = k == 59;
+        odometry.add_imu(
+            0,
+            &ImuSample {
+                time_ns: k * 10_000_000,
+                // A knock, and then nothing.
+                gyro: [0.0, 0.0, if is_last { 2.0 } else { 1e-5 * k as f64 }],
+                accel: [0.0, -9.80665, 1e-4 * k as f64],
+            },
+        );
+    }
+    at_rest(&mut odometry, 9, 14);
+    let rate = odometry.rate().norm();
+    assert!(rate < 0.05, "{rate}");
+}
