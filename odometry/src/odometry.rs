@@ -313,11 +313,14 @@ impl Odometry {
     ) -> Estimate {
         let mut readings = Vec::new();
         if let Some(imu) = &self.imu {
-            // What was heard without a gap up to now: a single sample tells nothing of rest.
-            let since = imu.samples.heard_since(time_ns);
-            if let Some(since) = since.filter(|since| *since < time_ns) {
+            // What was heard without a gap up to now; a single reading tells nothing of rest, but roughly where up is.
+            let since = imu.samples.heard_since(time_ns).unwrap_or(time_ns);
+            let near = imu.samples.at(time_ns).filter(|(_, is_near)| *is_near);
+            if since < time_ns {
                 let from = since.max(time_ns - LOOK_NS);
                 imu.samples.between(from, time_ns, &mut readings);
+            } else if let Some((reading, _)) = near.filter(|(r, _)| !r.clipped) {
+                readings.push(reading);
             }
         }
         let (state, sigmas) = start(time_ns, &readings, self.imu.is_some());
