@@ -99,6 +99,22 @@ mod tests {
     }
 
     #[test]
+    fn what_did_not_converge_ties_nothing() {
+        let causal = [(0, false), (1, false)];
+        let mut adjusted = Adjusted {
+            poses: Vec::new(),
+            loops: Vec::new(),
+            rounds: 30,
+            is_converged: true,
+            landmarks: 0,
+            mounts: Vec::new(),
+        };
+        assert_eq!(adjusted.ties(&causal), [Tie::Unbroken; 2]);
+        adjusted.is_converged = false;
+        assert_eq!(adjusted.ties(&causal), [Tie::Guessed; 2]);
+    }
+
+    #[test]
     fn what_begins_lost_begins_when_it_is_found() {
         let causal = [(0, true), (1, false)];
         assert_eq!(ties(&causal, &[]), [Tie::Guessed, Tie::Unbroken]);
