@@ -178,12 +178,15 @@ impl Mapping {
         // Once without loops, so that candidates are judged by the best poses there are.
         let alone = adjust::adjust(&mut window, &[], 6, &mut progress);
         adjust::prune(&mut window);
-        let found = loops::find(&self.keyframes, &window, &mut progress);
+        let mut found = loops::find(&self.keyframes, &window, &mut progress);
         // And from here on with the mounts of the cameras.
         window.mounts.clone_from(&self.mounts);
-        let all = adjust::adjust(&mut window, &found, 12, &mut progress);
+        // A long way is far off where it closes: what loops want is believed first, and doubted when they agree as well as they can.
+        let far = adjust::adjust(&mut window, &found, 12, &mut progress);
+        found.iter_mut().for_each(loops::Closure::narrow);
+        let near = adjust::adjust(&mut window, &found, 12, &mut progress);
         adjust::prune(&mut window);
-        let last = adjust::adjust(&mut window, &found, 12, &mut progress);
+        let last = adjust::adjust(&mut window, &found, 30, &mut progress);
         let covariances = adjust::covariances(&window, &found);
         let poses = window.frames.iter().zip(&covariances.poses);
         Adjusted {
@@ -204,7 +207,7 @@ impl Mapping {
                 })
                 .collect(),
             loops: found.iter().map(loops::Closure::told).collect(),
-            rounds: alone.rounds + all.rounds + last.rounds,
+            rounds: alone.rounds + far.rounds + near.rounds + last.rounds,
             is_converged: last.is_converged,
             landmarks: window.landmarks.len(),
             mounts: self.found_mounts(&window, &covariances.mounts),

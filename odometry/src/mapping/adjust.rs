@@ -234,6 +234,7 @@ pub(super) fn adjust(
     let size = window.row_of(window.blocks());
     let mut damping = 1e-6;
     let mut now = None;
+    let mut refused = 0;
     for round in 0..most {
         progress(Progress::Adjusted {
             rounds: round,
@@ -259,6 +260,7 @@ pub(super) fn adjust(
         let after = cost(window, loops);
         if after <= before * (1.0 + 1e-12) {
             now = Some(after);
+            refused = 0;
             damping = (damping * 0.1).max(1e-8);
             if before - after < 1e-4 * before.max(1.0) {
                 return Ended {
@@ -276,7 +278,9 @@ pub(super) fn adjust(
             if let Some(cameras) = cameras {
                 window.cameras = cameras;
             }
-            damping = (damping * 30.0).max(1e-4);
+            // Little at first: of a long way the ends are held by little, and damping holds them.
+            refused += 1;
+            damping *= 30_f64.powi(refused);
         }
     }
     Ended {

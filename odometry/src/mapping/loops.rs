@@ -44,8 +44,9 @@ const SIGMA_PX: f64 = 2.0;
 /// How far a loop may move things: m, per metre gone, and rad.
 const MOST_M: f64 = 0.3;
 const MOST_RAD: f64 = 0.12;
-/// Residual of a loop, in standard deviations, from which it counts less (Cauchy).
+/// Residual of a loop, in standard deviations, from which it counts less (Cauchy), and the same as long as everything is far off.
 const CAUCHY: f64 = 3.0;
+const CAUCHY_FAR: f64 = 100.0;
 
 /// A tie of two keyframes, by place in the window.
 #[derive(Clone, Debug)]
@@ -58,6 +59,8 @@ pub(super) struct Closure {
     information: PoseMatrix,
     marks: f64,
     off: [f64; 2],
+    /// Residual from which it counts less.
+    reach: f64,
 }
 
 /// A tie as a term of the least squares problem.
@@ -80,6 +83,11 @@ impl Closure {
         }
     }
 
+    /// Counts less from here on if it is far off from where everything else puts it.
+    pub(super) fn narrow(&mut self) {
+        self.reach = CAUCHY;
+    }
+
     /// Shift and turn by which two poses fail to close it.
     fn residual(&self, window: &Window) -> PoseVector {
         let [a, b] = self.frames.map(|f| &window.frames[f].state);
@@ -95,14 +103,15 @@ impl Closure {
     pub(super) fn cost(&self, window: &Window) -> f64 {
         let r = self.residual(window);
         let square = (r.transpose() * self.information * r)[0];
-        CAUCHY * CAUCHY * (1.0 + square / (CAUCHY * CAUCHY)).ln()
+        let reach = self.reach * self.reach;
+        reach * (1.0 + square / reach).ln()
     }
 
     pub(super) fn linearise(&self, window: &Window) -> Term {
         let [a, b] = self.frames.map(|f| &window.frames[f].state);
         let r = self.residual(window);
         let square = (r.transpose() * self.information * r)[0];
-        let weight = self.information / (1.0 + square / (CAUCHY * CAUCHY));
+        let weight = self.information / (1.0 + square / (self.reach * self.reach));
         let back: Matrix3<f64> = a.turn.inverse().to_rotation_matrix().into_inner();
         let shift = back * (b.position - a.position);
         let inverse = so3::right_jacobian_inverse(&r.fixed_rows::<3>(3).into_owned());
@@ -327,6 +336,7 @@ fn close(
         information,
         marks: agree,
         off,
+        reach: CAUCHY_FAR,
     })
 }
 
