@@ -2,8 +2,8 @@
 //!
 //! Contract. [`Mapping`] is fed with samples and keyframes in order of time, as odometry gave them, and solved once. Poses come
 //! out for every keyframe, in the world of the first; [`between`] carries the frame sets between keyframes along. It is no
-//! part of causal results: a pose depends on everything that came later. Memory grows with the session: some 40 kB for each keyframe
-//! and as much again while it is solved. Same input, same bytes, on any number of threads.
+//! part of causal results: a pose depends on everything that came later. Memory grows with the session: some 40 kB for each keyframe,
+//! and ten times as much while it is solved. Same input, same bytes, on any number of threads.
 
 use std::collections::BTreeMap;
 
@@ -175,8 +175,8 @@ impl Mapping {
             };
         };
         let mut window = self.window(&state(&first.state));
-        // Once without loops, so that candidates are judged by the best poses there are.
-        let alone = adjust::adjust(&mut window, &[], 6, &mut progress);
+        // By causal poses, which are right from one keyframe to the next: adjusted with what is wrong, and with mounts held still, they
+        // would be bent, and right sights pruned.
         adjust::prune(&mut window);
         let mut found = loops::find(&self.keyframes, &window, &mut progress);
         // And from here on with the mounts of the cameras.
@@ -207,7 +207,7 @@ impl Mapping {
                 })
                 .collect(),
             loops: found.iter().map(loops::Closure::told).collect(),
-            rounds: alone.rounds + far.rounds + near.rounds + last.rounds,
+            rounds: far.rounds + near.rounds + last.rounds,
             is_converged: last.is_converged,
             landmarks: window.landmarks.len(),
             mounts: self.found_mounts(&window, &covariances.mounts),

@@ -40,7 +40,7 @@ const FEWEST: f64 = 12.0;
 const LEAST_SHARE: f64 = 0.3;
 /// Reach of the least squares, px, one round each, and the standard deviation of a mark's place.
 const REACH: [f64; 10] = [60.0, 45.0, 32.0, 24.0, 16.0, 12.0, 9.0, 7.0, 6.0, 6.0];
-const SIGMA_PX: f64 = 2.0;
+const SIGMA_PX: f64 = 1.4;
 /// How far a loop may move things: m, per metre gone, and rad.
 const MOST_M: f64 = 0.3;
 const MOST_RAD: f64 = 0.12;
