@@ -20,7 +20,7 @@ use crate::rig::Rig;
 use crate::settings::Settings;
 use crate::sight::{Camera, Sight};
 use crate::solve::LEAST_RHO;
-use crate::start::sigmas_of_first;
+use crate::start::{ANY_TILT, sigmas_of_first};
 use crate::state::{POSE, State, TURN};
 use crate::window::{Frame, Landmark, Motion, Prior, Window};
 
@@ -68,8 +68,7 @@ pub struct Adjusted {
     pub loops: Vec<Loop>,
     /// Linearisations.
     pub rounds: usize,
-    /// Whether the last ones changed next to nothing. If not, poses are better than causal ones, but not as good as their covariance
-    /// says.
+    /// Whether the last ones changed next to nothing. If not, neither poses nor mounts are as good as their covariances say.
     pub is_converged: bool,
     /// Landmarks.
     pub landmarks: usize,
@@ -177,6 +176,7 @@ impl Mapping {
         let mut window = self.window(&state(&first.state));
         // By causal poses, which are right from one keyframe to the next: adjusted with what is wrong, and with mounts held still, they
         // would be bent, and right sights pruned.
+        adjust::settle_ranges(&mut window);
         adjust::prune(&mut window);
         let mut found = loops::find(&self.keyframes, &window, &mut progress);
         // And from here on with the mounts of the cameras.
@@ -239,11 +239,12 @@ impl Mapping {
 
     /// Everything as a window of all keyframes.
     fn window(&self, first: &State) -> Window {
-        let mut prior = Prior::of(
-            self.keyframes[0].number,
-            *first,
-            &sigmas_of_first(self.imu.is_some()),
-        );
+        let mut sigmas = sigmas_of_first(self.imu.is_some());
+        let is_levelled = self.motions.iter().flatten().any(|m| m.has_gravity);
+        if self.imu.is_some() && !is_levelled {
+            sigmas[TURN..TURN + 3].fill(ANY_TILT);
+        }
+        let mut prior = Prior::of(self.keyframes[0].number, *first, &sigmas);
         let up = first.turn.inverse() * nalgebra::Vector3::z();
         let mut view = prior.information.fixed_view_mut::<3, 3>(TURN, TURN);
         view += up * up.transpose() * 1e8;

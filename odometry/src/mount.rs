@@ -51,6 +51,10 @@ impl Mount {
     /// The covariance of a mount, of which the adjustment says this: what sights told counts as much less as it does for poses, what was
     /// known beforehand as much as ever.
     pub(crate) fn honest(&self, covariance: &Matrix6<f64>) -> Matrix6<f64> {
+        if covariance.trace() > self.sigmas().norm_squared() {
+            // Nothing could be said of it.
+            return *covariance;
+        }
         let honest = covariance.try_inverse().and_then(|information| {
             let seen = information - self.information;
             (self.information + seen / (LARGER * LARGER)).try_inverse()

@@ -16,7 +16,7 @@ use super::loops::Closure;
 use crate::motion;
 use crate::solve::{
     Eliminated, Piece, PoseMatrix, PoseVector, Sums, apply, for_each_residual, landmark_cost,
-    piece, prior_cost, prior_error,
+    piece, prior_cost, prior_error, settled_range,
 };
 use crate::state::{POSE, SIZE};
 use crate::window::{Landmark, Window};
@@ -24,6 +24,10 @@ use crate::window::{Landmark, Window};
 /// Landmarks per piece, and pieces that are summed at once: what they hold apart from each other is no more than that.
 const PIECE: usize = 1024;
 const AT_ONCE: usize = 16;
+/// Damping up to which a step is as long as it would be without, nearly; and the gain of such a step, as a share of the cost, from which
+/// there is nothing left worth it.
+const FREE: f64 = 1e-5;
+const SETTLED: f64 = 1e-5;
 /// Residual, in standard deviations, from which a sight is wrong.
 const WRONG: f64 = 5.0;
 /// Keyframes for which a covariance is computed; those between are interpolated.
@@ -234,7 +238,6 @@ pub(super) fn adjust(
     let size = window.row_of(window.blocks());
     let mut damping = 1e-6;
     let mut now = None;
-    let mut refused = 0;
     for round in 0..most {
         progress(Progress::Adjusted {
             rounds: round,
@@ -260,9 +263,9 @@ pub(super) fn adjust(
         let after = cost(window, loops);
         if after <= before * (1.0 + 1e-12) {
             now = Some(after);
-            refused = 0;
+            let is_free = damping <= FREE;
             damping = (damping * 0.1).max(1e-8);
-            if before - after < 1e-4 * before.max(1.0) {
+            if is_free && before - after < (SETTLED * before).max(1.0) {
                 return Ended {
                     rounds: round + 1,
                     is_converged: true,
@@ -279,13 +282,24 @@ pub(super) fn adjust(
                 window.cameras = cameras;
             }
             // Little at first: of a long way the ends are held by little, and damping holds them.
-            refused += 1;
-            damping *= 30_f64.powi(refused);
+            damping *= 30.0;
         }
     }
     Ended {
         rounds: most,
         is_converged: false,
+    }
+}
+
+/// Puts landmarks as far away as their sights say, poses held still: one pair of eyes alone tells the range of what is far so badly
+/// that right sights from further on would not fit.
+pub(super) fn settle_ranges(window: &mut Window) {
+    let landmarks: Vec<&Landmark> = window.landmarks.values().collect();
+    let ranges: Vec<f64> = (landmarks.par_iter())
+        .map(|landmark| settled_range(window, landmark))
+        .collect();
+    for (landmark, rho) in window.landmarks.values_mut().zip(ranges) {
+        landmark.rho = rho;
     }
 }
 

@@ -265,7 +265,10 @@ fn cameras_that_see_the_same_put_each_other_back() {
     let off = nalgebra::Vector6::new(0.0, 1e-3, 0.0, 0.01, -0.02, 0.01);
     crate::mount::move_by(&mut moved.cameras[1], &off);
     crate::mount::move_by(&mut moved.cameras[0], &(-0.5 * off));
-    adjust::adjust(&mut moved, &[], 12, &mut |_| {});
+    let begun = adjust::adjust(&mut moved.clone(), &[], 1, &mut |_| {});
+    assert!(!begun.is_converged && begun.rounds == 1);
+    let ended = adjust::adjust(&mut moved, &[], 12, &mut |_| {});
+    assert!(ended.is_converged && ended.rounds < 12, "{ended:?}");
     for (mount, camera) in moved.mounts.iter().zip(&moved.cameras) {
         let off = mount.off(camera).amax();
         assert!(off < 1e-6, "{off}");
@@ -284,6 +287,42 @@ fn sights_count_less_the_longer_they_were_followed() {
         assert!((before.left.basis - after.left.basis * times).amax() < 1e-9);
         let [before, after] = [before, after].map(|s| s.right.expect("both eyes").basis);
         assert!((before - after * times).amax() < 1e-9);
+    }
+}
+
+#[test]
+fn what_was_not_believed_is_not_felt() {
+    let mut rig = rig();
+    rig.imus.push(crate::rig::Imu {
+        name: "side/imu".to_owned(),
+        rig_from_imu: RigidTransform::identity(),
+        noise: calib::ImuNoise {
+            gyro_noise_density: 1e-4,
+            accel_noise_density: 2e-3,
+            gyro_random_walk: 1e-5,
+            accel_random_walk: 1e-4,
+        },
+        rate_hz: 100.0,
+        range: [f64::INFINITY; 2],
+    });
+    let mut mapping = Mapping::new(&rig, &Settings::preset(Preset::Balanced));
+    let believed = [true, true, false, true];
+    for (k, mut keyframe) in (0..).zip(keyframes(1, 0.0, false)).take(4) {
+        for n in 0..40 {
+            let time_ns = keyframe.state.time_ns - 390_000_000 + n * 10_000_000;
+            let sample = ImuSample {
+                time_ns,
+                gyro: [1e-3 * n as f64, 0.0, 0.0],
+                accel: [1e-3 * n as f64, 0.0, 9.8],
+            };
+            mapping.add_imu(0, &sample);
+        }
+        keyframe.is_felt = believed[k];
+        mapping.add_keyframe(keyframe);
+    }
+    for (motion, believed) in mapping.motions.iter().zip(believed).skip(1) {
+        let motion = motion.as_ref().expect("there is one before it");
+        assert_eq!(motion.has_gravity, believed);
     }
 }
 

@@ -108,19 +108,24 @@ impl Odometry {
         self.pending.insert(self.number, kept);
         while window.frames.len() > settings.frames {
             let leaving = leaving(window);
+            let frame = &window.frames[leaving];
             if leaving == 0 || self.is_due(window, leaving) {
-                (self.ready).extend(leave(&mut self.pending, &window.frames[leaving]));
-            } else if let Some(left_out) = self.pending.remove(&window.frames[leaving].number)
-                && let Some(next) = self.pending.get_mut(&self.number)
-            {
-                next.is_felt &= left_out.is_felt;
+                (self.ready).extend(leave(&mut self.pending, frame));
+            } else {
+                self.pending.remove(&frame.number);
             }
             marginalise(window, leaving);
         }
     }
 
-    /// Whether a keyframe that leaves at rest is long enough after the one before it.
+    /// Whether a keyframe that leaves at rest is to be kept: it is long enough after the one before it, or it saw nothing and only seems to
+    /// rest, or the IMU was believed up to it and not from it on, or the other way about.
     fn is_due(&self, window: &Window, leaving: usize) -> bool {
+        let (this, next) = (&window.frames[leaving], window.newest());
+        let pending = self.pending.get(&this.number);
+        if pending.is_none_or(|k| k.seen.is_empty()) || is_felt(this) != is_felt(next) {
+            return true;
+        }
         let time_ns = window.frames[leaving].state.time_ns;
         let in_window = window.frames[leaving - 1].state.time_ns;
         let before = (self.ready.iter().rev())

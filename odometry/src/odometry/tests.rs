@@ -96,12 +96,16 @@ fn at_rest_keyframes_hardly_add_up() {
     let gone = last.world_from_rig.translation().norm();
     assert!(gone < 1e-2, "{gone}");
     // Forty seconds: what the window holds, and one every ten seconds.
-    let kept = odometry.pending.len() + odometry.ready.len();
-    assert!((3..=8 + 5).contains(&kept), "{kept}");
     let keyframes = odometry.take_keyframes(true);
-    assert_eq!(keyframes.len(), kept);
     let times: Vec<i64> = keyframes.iter().map(|k| k.state.time_ns).collect();
-    assert!(times.windows(2).all(|w| w[0] < w[1]), "{times:?}");
+    let gaps = times.windows(2).map(|w| (w[1] - w[0]) as f64 * 1e-9);
+    let long: Vec<f64> = gaps.filter(|gap| *gap > 1.0).collect();
+    assert!((3..=4).contains(&long.len()), "{long:?}");
+    assert!(
+        long[..3].iter().all(|gap| (10.0..11.0).contains(gap)),
+        "{long:?}"
+    );
+    assert!(times.len() <= 8 + long.len(), "{}", times.len());
 }
 
 #[test]

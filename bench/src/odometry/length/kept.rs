@@ -38,7 +38,7 @@ impl Kept {
         write(&mut self.file, keyframe).context("writing a keyframe")
     }
 
-    /// From the first on.
+    /// From the first on; nothing can be added any more.
     ///
     /// # Errors
     /// The disk says no.

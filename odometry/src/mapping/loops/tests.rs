@@ -109,17 +109,36 @@ fn pictures_of_other_times_close_as_well() {
     assert!(off < 1e-3, "{off}");
     let turned = closure.turn.angle_to(&(a.turn.inverse() * b.turn));
     assert!(turned < 3e-4, "{turned}");
-    // Each pair of marks counts once.
-    let most = from.marks.len().min(to.marks.len()) * 2;
+    // Each pair of marks counts once, and it is seen both ways.
+    let found = matches(&from, &to, (&told[0], &told[1]), &window.cameras);
+    assert!(found.len() > 100 && found.len().is_multiple_of(2));
+    let pairs: f64 = found.iter().map(|m| m.share).sum();
+    assert_eq!(pairs, found.len() as f64 / 2.0);
     assert!(
-        closure.marks > 40.0 && closure.marks < most as f64,
+        closure.marks > 40.0 && closure.marks <= pairs,
         "{}",
         closure.marks
     );
-    let of = |mark: &Mark| mark.looks;
-    let pairs = to
-        .marks
-        .iter()
-        .filter(|m| from.marks.iter().any(|n| of(n) == of(m)));
-    assert!(closure.marks <= 2.0 * pairs.count() as f64);
+}
+
+#[test]
+fn what_is_far_off_pulls_more_before_it_is_narrowed() {
+    let states = [state_of(Vector3::zeros(), 0.0), state_of(Vector3::x(), 0.0)];
+    let window = window_of(states, vec![camera(0.0, 0.0)]);
+    let mut closure = Closure {
+        frames: [0, 1],
+        numbers: [1, 2],
+        turn: UnitQuaternion::identity(),
+        shift: Vector3::zeros(),
+        information: PoseMatrix::identity() * 1e4,
+        marks: 30.0,
+        off: [1.0, 0.0],
+        reach: CAUCHY_FAR,
+    };
+    // A hundred sigmas: half of its pull.
+    let far = closure.linearise(&window).pull_other.norm();
+    assert!((far / 1e4 - 0.5).abs() < 1e-9, "{far}");
+    closure.narrow();
+    let near = closure.linearise(&window).pull_other.norm();
+    assert!(near < 0.01 * far, "{near}");
 }

@@ -88,11 +88,14 @@ impl Stage<Input> for MappingStage {
         ));
         if !adjusted.is_converged {
             work.lose(format!(
-                "after {} rounds poses still changed: they are nearer than causal ones, but no surer, and keep the covariance of those",
+                "after {} rounds poses still changed: they keep the covariance of causal ones, and cameras are left where their calibration puts them",
                 adjusted.rounds
             ));
         }
-        let rig = found_rig(model, &adjusted, work);
+        let rig = match adjusted.is_converged {
+            true => found_rig(model, &adjusted, work),
+            false => model,
+        };
         outputs::rig::write(work.draft(RIG_ADJUSTED), &rig)?;
         let mut writer = TrajectoryWriter::new(work.draft(TRAJECTORY))?;
         for pose in &finished(&causal, &adjusted) {
