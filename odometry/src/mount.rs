@@ -3,7 +3,7 @@
 //! An error of a mount is a small motion of the left optical frame in its own axes, `[shift, turn]`. A mount that nothing moves stays
 //! where calibration put it: what calibration said is a prior.
 
-use nalgebra::{Matrix3, Matrix6, Rotation3, SMatrix, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, Rotation3, SMatrix, UnitQuaternion, Vector3, Vector6};
 
 use crate::doubt::LARGER;
 use crate::rig::StereoCamera;
@@ -67,7 +67,9 @@ impl Mount {
         let (turn, arm) = &self.at;
         let (now, to) = &camera.body_from_left;
         let shift = turn.transpose() * (to - arm);
-        let turned = Rotation3::from_matrix_unchecked(turn.transpose() * now).scaled_axis();
+        // By way of a quaternion: the angle of a matrix is that of its trace, whose cosine rounding may put beyond one.
+        let turned = Rotation3::from_matrix_unchecked(turn.transpose() * now);
+        let turned = so3::log(&UnitQuaternion::from_rotation_matrix(&turned));
         Vector6::from_fn(|k, _| if k < 3 { shift[k] } else { turned[k - 3] })
     }
 }

@@ -261,16 +261,10 @@ pub(super) fn adjust(
         let cameras = (!window.mounts.is_empty()).then(|| window.cameras.clone());
         apply(window, &step, linear.eliminated.iter().flatten());
         let after = cost(window, loops);
+        let is_settled = damping <= FREE && (before - after).abs() < (SETTLED * before).max(1.0);
         if after <= before * (1.0 + 1e-12) {
             now = Some(after);
-            let is_free = damping <= FREE;
             damping = (damping * 0.1).max(1e-8);
-            if is_free && before - after < (SETTLED * before).max(1.0) {
-                return Ended {
-                    rounds: round + 1,
-                    is_converged: true,
-                };
-            }
         } else {
             for (frame, state) in window.frames.iter_mut().zip(states) {
                 frame.state = state;
@@ -283,6 +277,12 @@ pub(super) fn adjust(
             }
             // Little at first: of a long way the ends are held by little, and damping holds them.
             damping *= 30.0;
+        }
+        if is_settled {
+            return Ended {
+                rounds: round + 1,
+                is_converged: true,
+            };
         }
     }
     Ended {

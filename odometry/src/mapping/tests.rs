@@ -313,7 +313,7 @@ fn what_was_not_believed_is_not_felt() {
             let sample = ImuSample {
                 time_ns,
                 gyro: [1e-3 * n as f64, 0.0, 0.0],
-                accel: [1e-3 * n as f64, 0.0, 9.8],
+                accel: [1e-3 * n as f64, 0.0, 9.8 + 1e-3 * n as f64],
             };
             mapping.add_imu(0, &sample);
         }
