@@ -174,9 +174,8 @@ impl Mapping {
             };
         };
         let mut window = self.window(&state(&first.state));
-        // By causal poses, which are right from one keyframe to the next: adjusted with what is wrong, and with mounts held still, they
-        // would be bent, and right sights pruned.
-        adjust::settle_ranges(&mut window);
+        // By causal poses and by ranges of one pair of eyes. It also takes away right sights, of far things from far on, and those are the
+        // ones that strayed longest: with ranges that fit all sights first, errors nearly double where light is bad.
         adjust::prune(&mut window);
         let mut found = loops::find(&self.keyframes, &window, &mut progress);
         // And from here on with the mounts of the cameras.

@@ -554,52 +554,6 @@ pub(crate) fn for_each_residual(
     }
 }
 
-/// The inverse range of a landmark that fits its sights best, poses held still.
-pub(crate) fn settled_range(window: &Window, landmark: &Landmark) -> f64 {
-    const ROUNDS: usize = 6;
-    let (host_number, host) = &landmark.sights[0];
-    let Some(host_frame) = window.position(*host_number) else {
-        return landmark.rho;
-    };
-    let host_camera = &window.cameras[host.camera];
-    let host_placed = Placed::new(&window.frames[host_frame].state, host.after_s);
-    let placed: Vec<Option<Placed>> = (landmark.sights.iter())
-        .map(|(number, sight)| {
-            let frame = window.position(*number)?;
-            Some(Placed::new(&window.frames[frame].state, sight.after_s))
-        })
-        .collect();
-    let mut rho = landmark.rho;
-    for _ in 0..ROUNDS {
-        let (mut information, mut gradient) = (0.0, 0.0);
-        for (k, ((_, sight), placed)) in landmark.sights.iter().zip(&placed).enumerate() {
-            let Some(placed) = placed else { continue };
-            let camera = &window.cameras[sight.camera];
-            let (x, by_rho) = if k == 0 {
-                (host.left.ray, Vector3::zeros())
-            } else {
-                let to = (camera, placed);
-                let carried = carry(&host.left.ray, rho, (host_camera, &host_placed), to);
-                (carried.x, carried.by_rho)
-            };
-            let both = residuals(camera, sight, &x, &by_rho, rho, k == 0, window.sigma_px);
-            for r in both.into_iter().flatten() {
-                information += r.weight * r.by_rho.norm_squared();
-                gradient += r.weight * r.by_rho.dot(&r.off);
-            }
-        }
-        if information <= 0.0 {
-            break;
-        }
-        let step = -gradient / information;
-        rho = (rho + step).max(LEAST_RHO);
-        if step.abs() < 1e-6 * rho {
-            break;
-        }
-    }
-    rho
-}
-
 /// How a solution ended.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Solved {

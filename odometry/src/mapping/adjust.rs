@@ -16,7 +16,7 @@ use super::loops::Closure;
 use crate::motion;
 use crate::solve::{
     Eliminated, Piece, PoseMatrix, PoseVector, Sums, apply, for_each_residual, landmark_cost,
-    piece, prior_cost, prior_error, settled_range,
+    piece, prior_cost, prior_error,
 };
 use crate::state::{POSE, SIZE};
 use crate::window::{Landmark, Window};
@@ -288,18 +288,6 @@ pub(super) fn adjust(
     Ended {
         rounds: most,
         is_converged: false,
-    }
-}
-
-/// Puts landmarks as far away as their sights say, poses held still: one pair of eyes alone tells the range of what is far so badly
-/// that right sights from further on would not fit.
-pub(super) fn settle_ranges(window: &mut Window) {
-    let landmarks: Vec<&Landmark> = window.landmarks.values().collect();
-    let ranges: Vec<f64> = (landmarks.par_iter())
-        .map(|landmark| settled_range(window, landmark))
-        .collect();
-    for (landmark, rho) in window.landmarks.values_mut().zip(ranges) {
-        landmark.rho = rho;
     }
 }
 

@@ -229,17 +229,6 @@ fn a_sight_that_is_far_off_does_not_refuse_every_step() {
 }
 
 #[test]
-fn ranges_settle_by_themselves() {
-    let exact = window(5, 2e-5);
-    for (k, landmark) in exact.landmarks.values().enumerate() {
-        let mut off = landmark.clone();
-        off.rho *= 1.0 + 0.4 * (k as f64 * 0.9).sin();
-        let found = settled_range(&exact, &off);
-        assert!((found / landmark.rho - 1.0).abs() < 1e-4, "{k}: {found}");
-    }
-}
-
-#[test]
 fn threads_do_not_matter() {
     let moved = shaken(&window(5, 0.0), 0.05);
     let on = |threads: usize| {
