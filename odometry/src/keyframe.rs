@@ -5,6 +5,8 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use crate::state::State;
+
 /// The state of the body; see [`crate::odometry`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BodyState {
@@ -22,6 +24,34 @@ pub struct BodyState {
     pub accel_bias: Vector3<f64>,
     /// Rate of the body about its own axes as the gyroscope read it, rad/s.
     pub read_rate: Vector3<f64>,
+}
+
+impl From<&State> for BodyState {
+    fn from(state: &State) -> Self {
+        Self {
+            time_ns: state.time_ns,
+            position: state.position,
+            turn: state.turn,
+            velocity: state.velocity,
+            gyro_bias: state.gyro_bias,
+            accel_bias: state.accel_bias,
+            read_rate: state.read_rate,
+        }
+    }
+}
+
+impl From<&BodyState> for State {
+    fn from(told: &BodyState) -> Self {
+        Self {
+            time_ns: told.time_ns,
+            position: told.position,
+            turn: told.turn,
+            velocity: told.velocity,
+            gyro_bias: told.gyro_bias,
+            accel_bias: told.accel_bias,
+            read_rate: told.read_rate,
+        }
+    }
 }
 
 /// See the module.

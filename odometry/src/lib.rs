@@ -33,6 +33,8 @@ mod doubt;
 mod felt;
 mod follow;
 mod imu;
+#[cfg(test)]
+mod made;
 mod marginal;
 mod motion;
 mod mount;

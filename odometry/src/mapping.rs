@@ -14,7 +14,7 @@ use nalgebra::{Matrix6, UnitQuaternion};
 use crate::doubt::{own_covariance, tilted};
 use crate::felt::{ImuInUse, leap};
 use crate::input::ImuSample;
-use crate::keyframe::{BodyState, Keyframe};
+use crate::keyframe::Keyframe;
 use crate::mount::Mount;
 use crate::rig::Rig;
 use crate::settings::Settings;
@@ -130,7 +130,7 @@ impl Mapping {
     pub fn add_keyframe(&mut self, keyframe: Keyframe) {
         let to = &keyframe.state;
         let motion = self.keyframes.last().map(|from| {
-            let from = state(&from.state);
+            let from = State::from(&from.state);
             let imu = self.imu.as_ref().filter(|_| keyframe.is_felt);
             let felt = imu.and_then(|imu| imu.felt(&from, to.time_ns));
             let seconds = (to.time_ns - from.time_ns) as f64 * 1e-9;
@@ -173,7 +173,7 @@ impl Mapping {
                 mounts: Vec::new(),
             };
         };
-        let mut window = self.window(&state(&first.state));
+        let mut window = self.window(&State::from(&first.state));
         // By causal poses and by ranges of one pair of eyes. It also takes away right sights, of far things from far on, and those are the
         // ones that strayed longest: with ranges that fit all sights first, errors nearly double where light is bad.
         adjust::prune(&mut window);
@@ -252,7 +252,7 @@ impl Mapping {
         for (keyframe, motion) in self.keyframes.iter().zip(&self.motions) {
             frames.push(Frame {
                 number: keyframe.number,
-                state: state(&keyframe.state),
+                state: (&keyframe.state).into(),
                 motion: motion.clone(),
             });
             for seen in &keyframe.seen {
@@ -314,19 +314,6 @@ fn widen(sights: &mut [(u64, Sight)], keyframes: &[u64]) {
     for (number, sight) in sights {
         let age = place(*number) - host;
         *sight = sight.widened((1.0 + age as f64).sqrt());
-    }
-}
-
-/// As odometry has it.
-pub(crate) fn state(told: &BodyState) -> State {
-    State {
-        time_ns: told.time_ns,
-        position: told.position,
-        turn: told.turn,
-        velocity: told.velocity,
-        gyro_bias: told.gyro_bias,
-        accel_bias: told.accel_bias,
-        read_rate: told.read_rate,
     }
 }
 

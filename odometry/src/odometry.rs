@@ -34,7 +34,7 @@ mod refuse;
 #[cfg(test)]
 mod tests;
 
-use keep::{leave, told};
+use keep::leave;
 use refuse::agreeing;
 
 /// Frame sets in the beginning for which everything is solved: biases and tilt are still to be found.
@@ -315,12 +315,13 @@ impl Odometry {
         if let Some(imu) = &self.imu {
             // What was heard without a gap up to now; a single reading tells nothing of rest, but roughly where up is.
             let since = imu.samples.heard_since(time_ns).unwrap_or(time_ns);
-            let near = imu.samples.at(time_ns).filter(|(_, is_near)| *is_near);
             if since < time_ns {
                 let from = since.max(time_ns - LOOK_NS);
                 imu.samples.between(from, time_ns, &mut readings);
-            } else if let Some((reading, _)) = near.filter(|(r, _)| !r.clipped) {
-                readings.push(reading);
+            } else {
+                let near = imu.samples.at(time_ns);
+                let near = near.filter(|(reading, is_near)| *is_near && !reading.clipped);
+                readings.extend(near.map(|(reading, _)| reading));
             }
         }
         let (state, sigmas) = start(time_ns, &readings, self.imu.is_some());
@@ -394,7 +395,7 @@ impl Odometry {
             self.ready.extend(leave(&mut self.pending, frame));
         }
         if let Some(keyframe) = self.pending.get_mut(&self.number) {
-            keyframe.state = told(&state);
+            keyframe.state = (&state).into();
         }
         // All landmarks are the newest frame's own.
         let landmarks = std::mem::take(&mut window.landmarks);

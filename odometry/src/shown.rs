@@ -88,32 +88,13 @@ impl Shown {
 mod tests {
     use cad_transforms::RigidTransform;
     use calib::verify::Grey;
-    use calib::{CameraModel, Distortion};
     use nalgebra::Vector3;
 
     use super::*;
-    use crate::rig::StereoCamera;
+    use crate::made;
 
     fn camera() -> Camera {
-        let lens = CameraModel {
-            width: 160,
-            height: 120,
-            fx: 100.0,
-            fy: 100.0,
-            cx: 79.5,
-            cy: 59.5,
-            distortion: Distortion::None,
-        };
-        let camera = StereoCamera {
-            name: "front".to_owned(),
-            left: lens,
-            right: lens,
-            rig_from_left: RigidTransform::identity(),
-            covariance: None,
-            right_from_left: RigidTransform::from_translation_m([-0.1, 0.0, 0.0]).expect("finite"),
-            line_s: 0.0,
-        };
-        Camera::new(&camera, &RigidTransform::identity())
+        Camera::new(&made::stereo(0.1), &RigidTransform::identity())
     }
 
     /// The row below which it may show something else.

@@ -5,7 +5,7 @@ use calib::{CameraModel, Distortion};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::*;
-use crate::keyframe::{Mark, Seen};
+use crate::keyframe::{BodyState, Mark, Seen};
 use crate::rig::StereoCamera;
 use crate::settings::Preset;
 
@@ -293,18 +293,7 @@ fn sights_count_less_the_longer_they_were_followed() {
 #[test]
 fn what_was_not_believed_is_not_felt() {
     let mut rig = rig();
-    rig.imus.push(crate::rig::Imu {
-        name: "side/imu".to_owned(),
-        rig_from_imu: RigidTransform::identity(),
-        noise: calib::ImuNoise {
-            gyro_noise_density: 1e-4,
-            accel_noise_density: 2e-3,
-            gyro_random_walk: 1e-5,
-            accel_random_walk: 1e-4,
-        },
-        rate_hz: 100.0,
-        range: [f64::INFINITY; 2],
-    });
+    rig.imus.push(crate::made::imu());
     let mut mapping = Mapping::new(&rig, &Settings::preset(Preset::Balanced));
     let believed = [true, true, false, true];
     for (k, mut keyframe) in (0..).zip(keyframes(1, 0.0, false)).take(4) {

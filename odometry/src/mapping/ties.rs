@@ -22,6 +22,9 @@ impl Adjusted {
     /// Of all poses: their times (ns, rising), and whether they were lost when they were found first. Where the adjustment did not
     /// converge no covariance of it holds.
     pub fn ties(&self, causal: &[(i64, bool)]) -> Vec<Tie> {
+        if !self.is_converged {
+            return vec![Tie::Guessed; causal.len()];
+        }
         let time = |number: u64| {
             let at = self.poses.binary_search_by_key(&number, |p| p.number);
             Some(self.poses[at.ok()?].time_ns)
@@ -30,9 +33,6 @@ impl Adjusted {
             let [earlier, later] = l.frames.map(time);
             Some([earlier?, later?])
         });
-        if !self.is_converged {
-            return vec![Tie::Guessed; causal.len()];
-        }
         ties(causal, &both.collect::<Vec<_>>())
     }
 }

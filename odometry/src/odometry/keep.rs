@@ -5,10 +5,9 @@ use std::collections::BTreeMap;
 use nalgebra::Matrix3;
 
 use super::Odometry;
-use crate::keyframe::{BodyState, Keyframe, Seen};
+use crate::keyframe::{Keyframe, Seen};
 use crate::marginal::marginalise;
 use crate::solve::LEAST_RHO;
-use crate::state::State;
 use crate::window::{Frame, Landmark, Window};
 
 /// Longest time from one keyframe to the next, s: what the IMU felt is integrated anew from the last one.
@@ -90,7 +89,7 @@ impl Odometry {
         }
         let mut kept = Keyframe {
             number: self.number,
-            state: told(&window.newest().state),
+            state: (&window.newest().state).into(),
             is_felt: is_felt(window.newest()),
             after_s: after_s.to_vec(),
             seen: Vec::new(),
@@ -126,7 +125,7 @@ impl Odometry {
         if pending.is_none_or(|k| k.seen.is_empty()) || is_felt(this) != is_felt(next) {
             return true;
         }
-        let time_ns = window.frames[leaving].state.time_ns;
+        let time_ns = this.state.time_ns;
         let in_window = window.frames[leaving - 1].state.time_ns;
         let before = (self.ready.iter().rev())
             .map(|k| k.state.time_ns)
@@ -154,26 +153,13 @@ impl Odometry {
 /// A frame's keyframe, if it is one, as it is kept when the frame leaves the window.
 pub(super) fn leave(pending: &mut BTreeMap<u64, Keyframe>, frame: &Frame) -> Option<Keyframe> {
     Some(Keyframe {
-        state: told(&frame.state),
+        state: (&frame.state).into(),
         ..pending.remove(&frame.number)?
     })
 }
 
 fn is_felt(frame: &Frame) -> bool {
     frame.motion.as_ref().is_some_and(|m| m.has_gravity)
-}
-
-/// As it is kept.
-pub(super) fn told(state: &State) -> BodyState {
-    BodyState {
-        time_ns: state.time_ns,
-        position: state.position,
-        turn: state.turn,
-        velocity: state.velocity,
-        gyro_bias: state.gyro_bias,
-        accel_bias: state.accel_bias,
-        read_rate: state.read_rate,
-    }
 }
 
 /// Which frame is to leave: the newest but one if hardly anything moved from it to the newest, else the oldest.

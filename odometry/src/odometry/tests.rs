@@ -1,52 +1,19 @@
 //! What is asked of odometry beside poses: at rest, and with an IMU that hardly speaks. A wall of grey noise, 2 m away.
 
 use calib::verify::Grey;
-use calib::{CameraModel, Distortion, ImuNoise};
 
 use super::*;
 use crate::input::View;
-use crate::rig::{Imu, StereoCamera};
+use crate::made::{self, SIZE_PX};
 use crate::settings::Preset;
 
-const SIZE_PX: [usize; 2] = [160, 120];
 /// Pixels by which the right eye sees everything further left.
 const DISPARITY: usize = 4;
 
 fn rig(has_imu: bool) -> Rig {
-    let model = CameraModel {
-        width: 160,
-        height: 120,
-        fx: 100.0,
-        fy: 100.0,
-        cx: 79.5,
-        cy: 59.5,
-        distortion: Distortion::None,
-    };
     Rig {
-        cameras: vec![StereoCamera {
-            name: "feet".to_owned(),
-            left: model,
-            right: model,
-            rig_from_left: RigidTransform::identity(),
-            covariance: None,
-            right_from_left: RigidTransform::from_translation_m([-0.08, 0.0, 0.0]).unwrap(),
-            line_s: 0.0,
-        }],
-        imus: has_imu
-            .then(|| Imu {
-                name: "feet/imu".to_owned(),
-                rig_from_imu: RigidTransform::identity(),
-                noise: ImuNoise {
-                    gyro_noise_density: 1e-4,
-                    accel_noise_density: 2e-3,
-                    gyro_random_walk: 1e-5,
-                    accel_random_walk: 1e-4,
-                },
-                rate_hz: 100.0,
-                range: [f64::INFINITY; 2],
-            })
-            .into_iter()
-            .collect(),
+        cameras: vec![made::stereo(0.08)],
+        imus: has_imu.then(made::imu).into_iter().collect(),
     }
 }
 

@@ -1,4 +1,5 @@
-//! Keyframes on disk, as odometry handed them over: in the process they would be memory that looks like odometry's.
+//! Keyframes on disk, as odometry handed them over: in the process they would be memory that looks like odometry's. Not as `tracks` of a
+//! scene bundle: those are read whole, which would count among what adjusting the first minutes takes.
 
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Seek as _, Write};

@@ -1,7 +1,6 @@
 //! Two keyframes of a place, without noise, by cameras whose pictures have times of their own.
 
 use super::*;
-use crate::keyframe::BodyState;
 use crate::solve::tests::camera;
 use crate::window::{Frame, Prior};
 
@@ -72,15 +71,7 @@ fn keyframe(number: u64, state: &State, cameras: &[Camera], late_s: &[f64]) -> K
     }
     Keyframe {
         number,
-        state: BodyState {
-            time_ns: 0,
-            position: state.position,
-            turn: state.turn,
-            velocity: state.velocity,
-            gyro_bias: state.gyro_bias,
-            accel_bias: state.accel_bias,
-            read_rate: state.read_rate,
-        },
+        state: state.into(),
         is_felt: false,
         after_s: late_s.to_vec(),
         seen: Vec::new(),

@@ -2,9 +2,9 @@
 //!
 //! Contract: one pose for each pose of the causal trajectory, at the same time. Its status stays that of odometry, but what was
 //! tracked after a loss is *relocalised* where a place that was seen before the loss was seen again: that alone ties it to
-//! the rest. What nothing ties keeps the covariance of its causal pose; everything does if
-//! the adjustment does not converge. Cameras are put where they are found to sit; one that is far from where it was told to be was moved, which is said.
-//! Pictures are not read again.
+//! the rest. What nothing ties keeps the covariance of its causal pose. Cameras are put where they are found to sit; one that is
+//! far from where it was told to be was moved, which is said. If the adjustment does not converge, which is said too, all poses keep
+//! their causal covariance and cameras stay where they were told to be. Pictures are not read again.
 
 use ::odometry::mapping::{Progress, Tie, between};
 use ::odometry::{Adjusted, ImuSample, Mapping};
@@ -86,15 +86,14 @@ impl Stage<Input> for MappingStage {
             adjusted.landmarks,
             adjusted.loops.len()
         ));
-        if !adjusted.is_converged {
+        let rig = if adjusted.is_converged {
+            found_rig(model, &adjusted, work)
+        } else {
             work.lose(format!(
                 "after {} rounds poses still changed: they keep the covariance of causal ones, and cameras are left where their calibration puts them",
                 adjusted.rounds
             ));
-        }
-        let rig = match adjusted.is_converged {
-            true => found_rig(model, &adjusted, work),
-            false => model,
+            model
         };
         outputs::rig::write(work.draft(RIG_ADJUSTED), &rig)?;
         let mut writer = TrajectoryWriter::new(work.draft(TRAJECTORY))?;
