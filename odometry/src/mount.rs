@@ -101,3 +101,24 @@ pub(crate) fn by_mounts(
         of(Matrix3::identity() * -rho, so3::cross(x)),
     ]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::made;
+
+    #[test]
+    fn what_sights_told_counts_less_and_what_was_known_as_ever() {
+        let of = made::stereo(0.1);
+        let camera = Camera::new(&of, &cad_transforms::RigidTransform::identity());
+        let mount = Mount::new(&of, &camera);
+        let before = mount.information.try_inverse().expect("it is known");
+        // Sights that tell as much as was known: half the square, and nine times less of theirs is honest.
+        let honest = mount.honest(&(before * 0.5));
+        assert!((honest - before * 0.9).amax() < 1e-9 * before.amax());
+        // Sights that tell nothing, and an adjustment that says that it knows nothing.
+        assert!((mount.honest(&before) - before).amax() < 1e-9 * before.amax());
+        let unknown = Matrix6::identity() * 1e6;
+        assert_eq!(mount.honest(&unknown), unknown);
+    }
+}
