@@ -28,6 +28,7 @@ pub(crate) mod faults;
 mod figures;
 pub(crate) mod length;
 mod options;
+mod plain;
 mod real;
 mod results;
 mod run;

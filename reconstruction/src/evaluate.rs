@@ -154,6 +154,18 @@ pub fn evaluate(estimate: &Trajectory, truth: &Trajectory, settings: &Settings) 
     }
 }
 
+/// The poses of the truth from the first to the last row of a trajectory that has one for every frame set, also where the rig was
+/// lost. A simulated walk goes on after the recording has stopped.
+pub fn while_recorded(truth: &Trajectory, trajectory: &Trajectory) -> Trajectory {
+    let (Some(first), Some(last)) = (trajectory.poses().first(), trajectory.poses().last()) else {
+        return truth.clone();
+    };
+    let tolerance_ns = Settings::default().tolerance_ns;
+    let times = first.time_ns - tolerance_ns..=last.time_ns + tolerance_ns;
+    let poses = truth.poses().iter().filter(|p| times.contains(&p.time_ns));
+    Trajectory::new(poses.cloned().collect()).unwrap_or_default()
+}
+
 impl Counts {
     fn of(trajectory: &Trajectory) -> Self {
         use scene_bundle::Status;

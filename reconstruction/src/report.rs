@@ -75,7 +75,7 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
         true => Some(outputs::cloud::read(&scene.output(CLOUD)?)?),
         false => None,
     };
-    let truth = truth.map(|truth| within(truth, &trajectory));
+    let truth = truth.map(|truth| evaluate::while_recorded(truth, &trajectory));
     let truth = truth.as_ref();
     let (steps, evaluation) = steps(&trajectory, truth);
     if let Some(fit) = evaluation.as_ref().and_then(|e| e.true_from_estimated) {
@@ -123,18 +123,6 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
         summary: summary(evaluation.as_ref(), cloud.as_deref()),
         html: page.to_html(),
     })
-}
-
-/// The poses of the truth from the first to the last row of a trajectory, which has one for every frame set, also where the rig was
-/// lost.
-fn within(truth: &Trajectory, trajectory: &Trajectory) -> Trajectory {
-    let (Some(first), Some(last)) = (trajectory.poses().first(), trajectory.poses().last()) else {
-        return truth.clone();
-    };
-    let tolerance_ns = Settings::default().tolerance_ns;
-    let times = first.time_ns - tolerance_ns..=last.time_ns + tolerance_ns;
-    let poses = truth.poses().iter().filter(|p| times.contains(&p.time_ns));
-    Trajectory::new(poses.cloned().collect()).unwrap_or_default()
 }
 
 /// All poses that are not lost, with what they are coloured by.

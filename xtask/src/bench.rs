@@ -13,7 +13,7 @@ use crate::setup::{self, Purpose};
 use crate::test::python;
 
 /// Benchmarks beside OpenCV.
-const WITH_OPENCV: [&str; 4] = ["calib", "depth", "rectify", "sim_pictures"];
+const WITH_OPENCV: [&str; 5] = ["calib", "depth", "odometry", "rectify", "sim_pictures"];
 
 /// Runs the benchmarks one after the other. The first that fails ends the run, after its charts
 /// and those of the ones before it have been turned into PNG.

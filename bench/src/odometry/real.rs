@@ -5,8 +5,9 @@ use serde::{Deserialize, Serialize};
 use tests::sequences;
 use tests::tracking::{self, drive, still};
 
-use super::settings;
+use super::{plain, settings};
 use crate::meter::timed;
+use crate::python;
 
 /// Poses of KITTI in the beginning whose truth was not measured but interpolated.
 pub(crate) const INTERPOLATED: usize = 12;
@@ -24,6 +25,20 @@ pub(crate) struct Drive {
     pub(crate) later_turns_differ_rad: f64,
     /// One for each preset.
     pub(crate) runs: Vec<DriveRun>,
+    /// Plain visual odometry; none where no OpenCV is there.
+    #[serde(default)]
+    pub(crate) plain: Option<PlainRun>,
+}
+
+/// Of OpenCV's parts.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct PlainRun {
+    /// OpenCV's version.
+    pub(crate) opencv: String,
+    /// Time of a stereo pair, ms.
+    pub(crate) wall_ms: f64,
+    /// Drift, as [`DriveRun::causal`].
+    pub(crate) off: [Off; 3],
 }
 
 /// With one preset.
@@ -106,6 +121,13 @@ pub(crate) fn kitti() -> Result<Option<Drive>> {
     let sequence = sequences::kitti(&folder)?;
     let truth = tracking::truth(&sequence)?;
     let later = scene_bundle::Trajectory::new(truth.poses()[INTERPOLATED..].to_vec())?;
+    let off = |of: &scene_bundle::Trajectory| -> Result<[Off; 3]> {
+        Ok([
+            drive::from_pose(of, &truth, 0)?.into(),
+            drive::best_fit(of, &truth)?.into(),
+            drive::from_pose(of, &truth, INTERPOLATED)?.into(),
+        ])
+    };
     let mut runs = Vec::new();
     for name in PRESETS {
         let mut tracking = tracking::Tracking::new(sequence.rig(), settings::parse(name)?, true);
@@ -118,13 +140,6 @@ pub(crate) fn kitti() -> Result<Option<Drive>> {
         })?;
         let causal = tracking.causal().clone();
         let adjusted = tracking.adjust()?.context("there is a mapping")?.trajectory;
-        let off = |of: &scene_bundle::Trajectory| -> Result<[Off; 3]> {
-            Ok([
-                drive::from_pose(of, &truth, 0)?.into(),
-                drive::best_fit(of, &truth)?.into(),
-                drive::from_pose(of, &truth, INTERPOLATED)?.into(),
-            ])
-        };
         let each = |seconds: f64| 1e3 * seconds / sequence.len() as f64;
         let run = DriveRun {
             settings: name.to_owned(),
@@ -140,11 +155,32 @@ pub(crate) fn kitti() -> Result<Option<Drive>> {
         );
         runs.push(run);
     }
+    let plain = match python::interpreter() {
+        Ok(_) => {
+            let found = plain::drive(&folder, &sequence, &truth)?;
+            let off = off(&found.trajectory)?;
+            let [first, fit, measured] = off.map(|o| o.percent);
+            println!(
+                "KITTI {:9} drift {first:.3} % from pose 0, {fit:.3} % by best fit, {measured:.3} % from pose {INTERPOLATED}; {:.1} ms",
+                "plain", found.wall_ms
+            );
+            Some(PlainRun {
+                opencv: found.opencv,
+                wall_ms: found.wall_ms,
+                off,
+            })
+        }
+        Err(reason) => {
+            eprintln!("KITTI without plain odometry beside it: {reason}");
+            None
+        }
+    };
     Ok(Some(Drive {
         pairs: sequence.len(),
         first_turns_differ_rad: drive::unevenness(&truth, INTERPOLATED),
         later_turns_differ_rad: drive::unevenness(&later, INTERPOLATED),
         runs,
+        plain,
     }))
 }
 

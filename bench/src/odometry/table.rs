@@ -192,6 +192,20 @@ fn kitti(text: &mut String, drive: &Drive) {
             );
         }
     }
+    if let Some(plain) = &drive.plain {
+        let [first, fit, measured] = &plain.off;
+        let _ = writeln!(
+            text,
+            "| plain: SGBM, KLT and PnP of OpenCV {} | causal | {:.3} | {:.3} | {:.3} | {:.2} / {:.2} | {:.1} | |",
+            plain.opencv,
+            first.percent,
+            fit.percent,
+            measured.percent,
+            first.turn_deg,
+            measured.turn_deg,
+            plain.wall_ms
+        );
+    }
 }
 
 fn euroc(text: &mut String, stand: &Stand) {

@@ -6,12 +6,12 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::{Args, CommandFactory, ValueEnum};
 use reconstruction::evaluate::runs::{Cost, Run, Runs};
-use reconstruction::evaluate::{Alignment, Delta, Settings, evaluate, files};
+use reconstruction::evaluate::{Alignment, Delta, Settings, evaluate, files, while_recorded};
 use serde_json::Value;
 
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// Trajectories: TUM, KITTI or EuRoC files, or scene bundles.
+    /// Trajectories: TUM, KITTI or EuRoC files, or scene bundles. Of a bundle the truth counts from its first row to its last.
     #[arg(required = true, value_name = "ESTIMATE")]
     estimates: Vec<PathBuf>,
     /// The true one, or the truth of a simulated session (truth.CAMERA.csv).
@@ -100,10 +100,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     for (k, path) in arguments.estimates.iter().enumerate() {
         let estimate = files::load(path, arguments.output.as_deref())?;
         files::check(&estimate, &truth, path)?;
+        let recorded = estimate
+            .is_whole
+            .then(|| while_recorded(&truth.trajectory, &estimate.trajectory));
+        let truth = recorded.as_ref().unwrap_or(&truth.trajectory);
         let cost = arguments.cost.get(k).map(|path| cost(path)).transpose()?;
         runs.push(Run {
             name: name(path, &arguments.estimates),
-            evaluation: evaluate(&estimate.trajectory, &truth.trajectory, &settings),
+            evaluation: evaluate(&estimate.trajectory, truth, &settings),
             cost: cost.unwrap_or_default(),
         });
     }

@@ -32,6 +32,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
                 let estimate = Loaded {
                     trajectory: scene_bundle::Trajectory::default(),
                     is_numbered: false,
+                    is_whole: true,
                 };
                 files::check(&estimate, &truth, &arguments.scene)?;
             }

@@ -22,6 +22,8 @@ pub struct Loaded {
     pub trajectory: Trajectory,
     /// The file has no times: poses are numbered.
     pub is_numbered: bool,
+    /// It has a row for every frame set, also where the rig was lost, as a scene bundle's has: outside of it nothing was recorded.
+    pub is_whole: bool,
 }
 
 /// Why there is no trajectory.
@@ -90,6 +92,7 @@ pub fn load(path: &Path, output: Option<&str>) -> Result<Loaded, FileError> {
     let timed = |trajectory| Loaded {
         trajectory,
         is_numbered: false,
+        is_whole: false,
     };
     let lines = text.trim_start_matches('\u{feff}').lines().map(str::trim);
     let first = lines.clone().find(|l| !l.is_empty() && !l.starts_with('#'));
@@ -149,6 +152,7 @@ fn of_bundle(path: &Path, output: Option<&str>) -> Result<Loaded, FileError> {
     Ok(Loaded {
         trajectory: outputs::trajectory::read(&scene.output(name)?)?,
         is_numbered: false,
+        is_whole: true,
     })
 }
 
@@ -158,6 +162,7 @@ fn of_kitti(path: &Path, text: &str) -> Result<Loaded, FileError> {
         return Ok(Loaded {
             trajectory: kitti::read(path, &times)?,
             is_numbered: false,
+            is_whole: false,
         });
     }
     let poses = kitti::parse_poses(text, path)?.into_iter().enumerate();
@@ -165,5 +170,6 @@ fn of_kitti(path: &Path, text: &str) -> Result<Loaded, FileError> {
     Ok(Loaded {
         trajectory: Trajectory::new(poses.collect()).expect("numbers rise"),
         is_numbered: true,
+        is_whole: false,
     })
 }

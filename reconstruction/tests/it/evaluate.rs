@@ -1,5 +1,6 @@
 //! Trajectories against the truth, by the program, and by evo where it is installed.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -7,7 +8,8 @@ use std::process::{Command, Output};
 use cad_transforms::RigidTransform;
 use reconstruction::evaluate::{Alignment, Delta, Settings, Statistics, evaluate};
 use scene_bundle::formats::{kitti, tum};
-use scene_bundle::{Pose, Trajectory};
+use scene_bundle::outputs::{TRAJECTORY, trajectory};
+use scene_bundle::{Bundle, Pose, Provenance, Record, RigRevision, Status, Trajectory};
 use serde_json::Value;
 
 fn run(arguments: &[&str]) -> Output {
@@ -198,6 +200,64 @@ for name in ('none', 'se3', 'sim3', 'first'):
     found[name] = [float(v) for v in values]
 json.dump(found, sys.stdout)
 ";
+
+/// A simulated walk goes on after its recording has stopped; a recording without poses is still a gap.
+#[test]
+fn a_bundle_is_complete_where_it_was_recorded() {
+    let folder = tempfile::tempdir().expect("folder");
+    let truth_file = folder.path().join("truth.tum");
+    fs::write(&truth_file, tum::written(&truth())).expect("a file");
+    let truth_file = truth_file.to_str().expect("UTF-8");
+    let mut recorded = truth().into_poses();
+    recorded.truncate(300);
+    for pose in &mut recorded[200..220] {
+        pose.status = Status::Lost;
+    }
+    let recorded = Trajectory::new(recorded).expect("rising");
+
+    let scene = folder.path().join("walk.scene");
+    let provenance = Provenance {
+        session_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned(),
+        handoff_blake3: "ab".repeat(32),
+        rig: RigRevision {
+            name: "chest".to_owned(),
+            revision: "B".to_owned(),
+        },
+        program: "paws-reconstruct".to_owned(),
+        program_version: "0.1.0".to_owned(),
+        started_civil_ns: 1_700_000_000_000_000_000,
+        ended_civil_ns: None,
+    };
+    let bundle = Bundle::create_or_open(&scene, provenance).expect("a new bundle");
+    let draft = bundle.begin(TRAJECTORY).expect("a draft");
+    trajectory::write(&draft, &recorded).expect("written");
+    let record = Record {
+        stage: "mapping".to_owned(),
+        stage_version: 1,
+        settings: serde_json::json!({}),
+        inputs: BTreeMap::from([("handoff".to_owned(), "ab".repeat(32))]),
+    };
+    draft.commit(record).expect("committed");
+
+    let scene = scene.to_str().expect("UTF-8");
+    let completion = |arguments: &[&str]| {
+        let output = run(&[arguments, &["--truth", truth_file, "--json"]].concat());
+        let runs: Value = serde_json::from_str(&stdout(&output)).expect("JSON");
+        let found = runs["runs"][0]["completion"]["share"].as_f64();
+        (output.status.code(), found.expect("a number"))
+    };
+    // From pose 199 to 220 there is none, of 299 steps.
+    let (code, share) = completion(&[scene, "--least-completion", "90"]);
+    assert_eq!(code, Some(0));
+    assert!((share - (1.0 - 21.0 / 299.0)).abs() < 1e-9, "{share}");
+
+    // A file does not say when the recording stopped.
+    let file = folder.path().join("walk.tum");
+    fs::write(&file, tum::written(&recorded)).expect("a file");
+    let (code, share) = completion(&[file.to_str().expect("UTF-8")]);
+    assert_eq!(code, Some(3));
+    assert!(share < 0.5, "{share}");
+}
 
 fn evo(interpreter: &Path, truth: &Path, estimate: &Path) -> Value {
     let mut command = Command::new(interpreter);
