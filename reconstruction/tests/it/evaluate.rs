@@ -164,43 +164,6 @@ fn a_table_says_what_was_found_and_which_run_is_the_worst() {
     }
 }
 
-/// What evo says of two TUM files: for each alignment RMSE, mean, median and maximum of the absolute errors of places
-/// and turns, and number, RMSE and maximum of the relative ones, of places and turns, over 2 m and over 7 poses.
-const EVO: &str = "
-import copy, json, sys
-import numpy as np
-from evo.core import metrics, sync
-from evo.core.trajectory import PoseTrajectory3D
-from evo.core.units import Unit
-
-def read(path):
-    m = np.loadtxt(path, comments='#')
-    return PoseTrajectory3D(m[:, 1:4], m[:, [7, 4, 5, 6]], m[:, 0])
-
-truth, estimate = sync.associate_trajectories(read(sys.argv[1]), read(sys.argv[2]))
-found = {'matched': truth.num_poses}
-for name in ('none', 'se3', 'sim3', 'first'):
-    aligned = copy.deepcopy(estimate)
-    if name == 'first':
-        aligned.align_origin(truth)
-    elif name != 'none':
-        aligned.align(truth, correct_scale=name == 'sim3')
-    values = []
-    for part in ('translation_part', 'rotation_angle_rad'):
-        part = metrics.PoseRelation[part]
-        ape = metrics.APE(part)
-        ape.process_data((truth, aligned))
-        s = ape.get_all_statistics()
-        values += [s['rmse'], s['mean'], s['median'], s['max']]
-        for delta, unit in ((2.0, Unit.meters), (7, Unit.frames)):
-            rpe = metrics.RPE(part, delta, unit, pairs_from_reference=True)
-            rpe.process_data((truth, aligned))
-            s = rpe.get_all_statistics()
-            values += [len(rpe.error), s['rmse'], s['max']]
-    found[name] = [float(v) for v in values]
-json.dump(found, sys.stdout)
-";
-
 /// A simulated walk goes on after its recording has stopped; a recording without poses is still a gap.
 #[test]
 fn a_bundle_is_complete_where_it_was_recorded() {
@@ -258,6 +221,43 @@ fn a_bundle_is_complete_where_it_was_recorded() {
     assert_eq!(code, Some(3));
     assert!(share < 0.5, "{share}");
 }
+
+/// What evo says of two TUM files: for each alignment RMSE, mean, median and maximum of the absolute errors of places
+/// and turns, and number, RMSE and maximum of the relative ones, of places and turns, over 2 m and over 7 poses.
+const EVO: &str = "
+import copy, json, sys
+import numpy as np
+from evo.core import metrics, sync
+from evo.core.trajectory import PoseTrajectory3D
+from evo.core.units import Unit
+
+def read(path):
+    m = np.loadtxt(path, comments='#')
+    return PoseTrajectory3D(m[:, 1:4], m[:, [7, 4, 5, 6]], m[:, 0])
+
+truth, estimate = sync.associate_trajectories(read(sys.argv[1]), read(sys.argv[2]))
+found = {'matched': truth.num_poses}
+for name in ('none', 'se3', 'sim3', 'first'):
+    aligned = copy.deepcopy(estimate)
+    if name == 'first':
+        aligned.align_origin(truth)
+    elif name != 'none':
+        aligned.align(truth, correct_scale=name == 'sim3')
+    values = []
+    for part in ('translation_part', 'rotation_angle_rad'):
+        part = metrics.PoseRelation[part]
+        ape = metrics.APE(part)
+        ape.process_data((truth, aligned))
+        s = ape.get_all_statistics()
+        values += [s['rmse'], s['mean'], s['median'], s['max']]
+        for delta, unit in ((2.0, Unit.meters), (7, Unit.frames)):
+            rpe = metrics.RPE(part, delta, unit, pairs_from_reference=True)
+            rpe.process_data((truth, aligned))
+            s = rpe.get_all_statistics()
+            values += [len(rpe.error), s['rmse'], s['max']]
+    found[name] = [float(v) for v in values]
+json.dump(found, sys.stdout)
+";
 
 fn evo(interpreter: &Path, truth: &Path, estimate: &Path) -> Value {
     let mut command = Command::new(interpreter);
