@@ -1,6 +1,5 @@
 //! Tests of `paws` on made-up sessions, through the library and through the program.
 
-mod access;
 mod calib_cameras;
 mod calib_verify;
 mod command_line;

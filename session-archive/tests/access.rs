@@ -45,11 +45,13 @@ fn index() -> Index {
 /// for. No clock: a busy machine bends it.
 #[test]
 fn a_lookup_does_not_look_at_every_set() {
-    let bytes = index().to_bytes().unwrap();
-    let mut index = Index::from_bytes(&bytes).unwrap();
+    let bytes = index().to_bytes().expect("bytes");
+    let mut index = Index::from_bytes(&bytes).expect("index");
+    assert_eq!(index.set(0), Some(0));
+    assert_eq!(index.set_at(HostTime(PERIOD / 3)), Some(0));
     for number in (0..1000).map(|i| 1 + (i * 7919) % (SETS - 2)) {
         index.sets[0].number = number;
-        let position = index.set(number).unwrap();
+        let position = index.set(number).expect("set");
         assert_eq!(position, number as usize);
 
         index.sets[0].time_ns = i64::MAX;
@@ -59,6 +61,7 @@ fn a_lookup_does_not_look_at_every_set() {
     }
 }
 
+/// The last frame claims to be of the group.
 #[test]
 fn a_group_of_pictures_does_not_look_at_every_frame() {
     let mut camera = index().cameras.remove(0);
