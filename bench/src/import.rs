@@ -355,6 +355,7 @@ fn encode(width: u32, height: u32, frames: usize) -> Result<Vec<AccessUnit>> {
         quality_db: 42.0,
         threads: 2,
         max_key_interval_frames: 1000,
+        preset: video::encoder::Preset::default(),
     };
     let events: Arc<Mutex<Vec<EncoderEvent>>> = Arc::default();
     let collecting = events.clone();

@@ -21,7 +21,7 @@ mod real_time;
 mod store;
 mod virtual_time;
 
-pub(crate) use build::needed_speed;
+pub(crate) use build::choose_encoder;
 pub use build::{Built, build};
 pub use page::fingerprint;
 pub use real_time::daemon;
@@ -150,7 +150,7 @@ pub fn record(
     stop: &StopFlag,
     on_progress: OnProgress,
 ) -> anyhow::Result<Finished> {
-    let build = |start| build::build_for(config, start, options.virtual_time);
+    let build = |start| build::build(config, start);
     record_built(build, options, stop, on_progress)
 }
 

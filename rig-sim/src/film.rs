@@ -57,6 +57,7 @@ impl Film {
             quality_db: QUALITY_DB,
             threads: 1,
             max_key_interval_frames: keys.max(1),
+            preset: video::encoder::Preset::default(),
         };
         let (sender, events) = sync_channel(MAX_IN_FLIGHT);
         // Nobody listens any more once the film is dropped.

@@ -109,6 +109,7 @@ impl Way {
                 quality_db: 42.0,
                 threads: 1,
                 max_key_interval_frames: 300,
+                preset: video::encoder::Preset::default(),
             };
             let units = self.units.clone();
             let on_output = move |event| match event {

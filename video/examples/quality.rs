@@ -51,6 +51,7 @@ fn measure(element: &str, name: &str, clip: &[Picture], target: f64) {
         quality_db: target,
         threads: 1,
         max_key_interval_frames: 1000,
+        preset: video::encoder::Preset::default(),
     };
     let units: Arc<Mutex<Vec<AccessUnit>>> = Arc::default();
     let collecting = units.clone();

@@ -3,8 +3,12 @@
 //! Contract: a trial encodes a few moving pictures, forces a key frame in the middle, and checks
 //! every promise of [`crate::encoder`] on what comes out. It takes at most [`TRIAL_LIMIT`], even
 //! if the encoder hangs; a hung one is left behind on its thread. Trials run at the start of a
-//! program, not while recording: a trial occupies the encoder. The clock is read here, because the speed
-//! of this machine is the question.
+//! program, not while recording: a trial occupies the encoder.
+//!
+//! What is chosen is a function of what is installed, of whether it works, and of the pixels per second of all
+//! cameras ([`choose`]), never of how long a trial took: a trial has the machine to itself or shares it with
+//! programs that end a second later, and a few frames tell neither. A trial's speed is shown to people and decides
+//! nothing.
 
 use std::sync::mpsc;
 use std::sync::{Arc, Mutex};
@@ -14,7 +18,7 @@ use std::time::{Duration, Instant};
 use bytes::Bytes;
 use thiserror::Error;
 
-use crate::encoder::{self, EncodeError, Encoder, EncoderEvent, EncoderSettings};
+use crate::encoder::{self, EncodeError, Encoder, EncoderEvent, EncoderSettings, Preset, kinds};
 use crate::pipeline::{self, InitError, lock};
 use crate::{AccessUnit, Codec, Picture, PictureError, PixelFormat};
 
@@ -55,14 +59,6 @@ pub enum TrialError {
     /// It encodes, but not as promised.
     #[error("{0}")]
     Wrong(String),
-    /// It works but cannot keep up, and another one can, or is faster.
-    #[error("{found} pictures/s, expected at least {needed}")]
-    Slow {
-        /// Pictures per second in the trial, rounded down.
-        found: u32,
-        /// Pictures per second asked for, rounded up.
-        needed: u32,
-    },
     /// It hangs.
     #[error("no result within {} s", TRIAL_LIMIT.as_secs())]
     Hung,
@@ -71,10 +67,46 @@ pub enum TrialError {
 /// The encoder to use, and why not a better one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Choice {
-    /// The trial it passed.
-    pub trial: Trial,
+    /// The GStreamer element, the same for every camera of a session.
+    pub element: String,
+    /// What it produces.
+    pub codec: Codec,
+    /// How hard it works, where the element has such a setting.
+    pub preset: Preset,
     /// Those passed over, in order of preference, with the reasons.
     pub refused: Vec<(String, TrialError)>,
+}
+
+/// All that the cameras of one session ask of an encoder.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Load {
+    /// Columns and rows of the stereo frame and frames per second, for each camera.
+    pub cameras: Vec<(u32, u32, f64)>,
+    /// Threads of a software encoder, for each camera.
+    pub threads: u32,
+}
+
+impl Load {
+    /// Luma pixels per second of all cameras together.
+    pub fn pixels_per_s(&self) -> f64 {
+        let of_one = |&(width, height, rate_hz): &(u32, u32, f64)| {
+            f64::from(width) * f64::from(height) * rate_hz
+        };
+        self.cameras.iter().map(of_one).sum()
+    }
+
+    /// The preset of x264enc for this load.
+    pub fn preset(&self) -> Preset {
+        Preset::for_load(self.pixels_per_s())
+    }
+
+    /// Every size once.
+    fn sizes(&self) -> Vec<(u32, u32)> {
+        let mut sizes: Vec<_> = self.cameras.iter().map(|c| (c.0, c.1)).collect();
+        sizes.sort_unstable();
+        sizes.dedup();
+        sizes
+    }
 }
 
 /// No encoder works here.
@@ -130,56 +162,54 @@ pub fn trial_with(
         .unwrap_or(Err(TrialError::Hung))
 }
 
-/// The first encoder in order of preference that works at this size. Software encoders are in the
-/// list too, so where x264enc or openh264enc is installed there is always one.
+/// The encoder for all cameras of a session: the first in order of preference that does at every size what it
+/// promises. Hardware, then x264enc, then openh264enc. x265enc has to be named by the user: in software it takes
+/// eight times the processor time for a tenth fewer bytes.
 ///
 /// # Errors
 /// [`NoEncoder`] with every reason.
-pub fn best_encoder(width: u32, height: u32) -> Result<Choice, NoEncoder> {
-    best_encoder_at(width, height, 1, 0.0)
+pub fn choose(load: &Load) -> Result<Choice, NoEncoder> {
+    let mut refused = Vec::new();
+    for kind in kinds::KINDS {
+        if kind.only_by_name {
+            continue;
+        }
+        match works(kind.element, load) {
+            Ok(codec) => {
+                return Ok(Choice {
+                    element: kind.element.to_owned(),
+                    codec,
+                    preset: load.preset(),
+                    refused,
+                });
+            }
+            Err(reason) => refused.push((kind.element.to_owned(), reason)),
+        }
+    }
+    Err(NoEncoder { refused })
 }
 
-/// As [`best_encoder`], with so many threads, and passing over encoders whose trial was slower than
-/// `pictures_per_s`; if all are, the fastest: look at [`Trial::pictures_per_s`]. Ask for more than the
-/// cameras' rates together: the trial had the machine to itself. With 0 the choice depends on what is
-/// installed alone.
+/// Tries one encoder at every size of a session; what it produces.
 ///
 /// # Errors
-/// [`NoEncoder`] with every reason, if none works.
-pub fn best_encoder_at(
-    width: u32,
-    height: u32,
-    threads: u32,
-    pictures_per_s: f64,
-) -> Result<Choice, NoEncoder> {
-    let mut refused = Vec::new();
-    let mut fastest: Option<Trial> = None;
-    for element in encoder::known_elements() {
-        match trial_with(element, width, height, threads) {
-            Ok(trial) if trial.pictures_per_s >= pictures_per_s => {
-                return Ok(Choice { trial, refused });
-            }
-            Ok(trial) => {
-                let found = trial.pictures_per_s as u32;
-                let needed = pictures_per_s.ceil() as u32;
-                refused.push((element.to_owned(), TrialError::Slow { found, needed }));
-                if fastest
-                    .as_ref()
-                    .is_none_or(|f| f.pictures_per_s < trial.pictures_per_s)
-                {
-                    fastest = Some(trial);
-                }
-            }
-            Err(reason) => refused.push((element.to_owned(), reason)),
-        }
+/// See [`TrialError`].
+pub fn works(element: &str, load: &Load) -> Result<Codec, TrialError> {
+    let codec = encoder::element_codec(element).ok_or(TrialError::Missing)?;
+    for (width, height) in load.sizes() {
+        trial_with(element, width, height, load.threads)?;
     }
-    match fastest {
-        Some(trial) => {
-            refused.retain(|(element, _)| *element != trial.element);
-            Ok(Choice { trial, refused })
-        }
-        None => Err(NoEncoder { refused }),
-    }
+    Ok(codec)
+}
+
+/// The encoder that [`choose`] takes for one camera of this size.
+///
+/// # Errors
+/// As for [`choose`].
+pub fn best_encoder(width: u32, height: u32) -> Result<Choice, NoEncoder> {
+    choose(&Load {
+        cameras: vec![(width, height, 30.0)],
+        threads: 1,
+    })
 }
 
 /// The trial itself, on a thread that may be left behind.
@@ -205,6 +235,7 @@ fn run(
         quality_db: 42.0,
         threads,
         max_key_interval_frames: 1_000,
+        preset: Preset::default(),
     };
     let units: Arc<Mutex<Vec<AccessUnit>>> = Arc::default();
     let collecting = units.clone();

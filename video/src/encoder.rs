@@ -36,9 +36,11 @@ mod chain;
 mod delivery;
 mod input;
 pub(crate) mod kinds;
+mod preset;
 mod quality;
 
 pub use input::Input;
+pub use preset::Preset;
 
 /// Pictures that may be inside an encoder at once: waiting, being encoded, or not yet delivered.
 /// With I420 that is `12 * width * height` bytes, 22 MB for 2560x720.
@@ -71,6 +73,8 @@ pub struct EncoderSettings {
     pub threads: u32,
     /// A key frame comes at the latest after this many pictures; at least 1.
     pub max_key_interval_frames: u32,
+    /// How hard x264enc works; the other encoders have no such setting here.
+    pub preset: Preset,
 }
 
 /// One compressed picture: Annex B, complete.
@@ -207,6 +211,7 @@ pub struct Encoder {
     shared: Arc<Shared>,
     kind: &'static Kind,
     element: gst::Element,
+    preset: Preset,
     quantiser: u32,
     expected: Expected,
     max_in_flight: usize,
@@ -275,7 +280,7 @@ impl Encoder {
         };
         let kind = kinds::find(&settings.element)
             .ok_or_else(|| started("not an encoder that this program can drive".into()))?;
-        let quantiser = quality::quantiser(kind, settings.quality_db);
+        let quantiser = quality::quantiser(kind, settings.preset, settings.quality_db);
         let shared = Arc::new(Shared::new(kind.codec, on_output));
         let source = gst_app::AppSrc::builder()
             .caps(&chain::input_caps(settings, native))
@@ -311,6 +316,7 @@ impl Encoder {
             shared,
             kind,
             element: encoder,
+            preset: settings.preset,
             quantiser,
             expected,
             max_in_flight,
@@ -343,7 +349,7 @@ impl Encoder {
     /// the element refuses what it said it takes.
     pub fn set_quality(&mut self, quality_db: f64) -> Result<bool, EncodeError> {
         check_quality(quality_db)?;
-        let quantiser = quality::quantiser(self.kind, quality_db);
+        let quantiser = quality::quantiser(self.kind, self.preset, quality_db);
         let changed =
             chain::adjust(&self.element, self.kind, quantiser).map_err(EncodeError::Failed)?;
         if changed {

@@ -28,6 +28,7 @@
 //!     quality_db: 42.0,
 //!     threads: 1,
 //!     max_key_interval_frames: 300,
+//!     preset: video::encoder::Preset::default(),
 //! };
 //! let units = Arc::new(Mutex::new(Vec::new()));
 //! let collect = units.clone();

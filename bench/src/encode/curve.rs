@@ -140,6 +140,7 @@ fn encode(
         quality_db,
         threads: 1,
         max_key_interval_frames: 1000,
+        preset: video::encoder::Preset::default(),
     };
     let output: Arc<Mutex<(Vec<AccessUnit>, Option<String>)>> = Arc::default();
     let collecting = output.clone();

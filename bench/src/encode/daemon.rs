@@ -325,6 +325,7 @@ impl Bare {
             quality_db: QUALITY_DB,
             threads: 1,
             max_key_interval_frames: KEY_INTERVAL,
+            preset: video::encoder::Preset::default(),
         };
         let quantiser = Encoder::start(&settings, Box::new(|_| {}))?.quantiser();
         Ok(Self {

@@ -14,18 +14,17 @@ use std::path::Path;
 use cad_transforms::rig::Rig;
 use rustix::fs::Access;
 use session_archive::time::HostTime;
-use video::discover::{self, Trial};
 
 use super::{Camera, Config, SourceConfig};
 use crate::causes::with_causes;
 use crate::disk;
-use crate::run::needed_speed;
+use crate::run::choose_encoder;
 use crate::sources::device::Device;
 use crate::sources::gstreamer::Gstreamer;
 use crate::sources::replay::Replay;
 use crate::sources::simulated::{Simulated, Walks};
 use crate::sources::synthetic::Synthetic;
-use crate::sources::{CameraInfo, Live, Source, SourceInfo};
+use crate::sources::{Live, Source, SourceInfo};
 
 mod device;
 
@@ -362,41 +361,14 @@ fn calibration(path: &Path, width: u32, height: u32, report: &mut Report) {
     }
 }
 
-/// Finds the encoder of each camera as a run does.
+/// Finds the encoder of the cameras as a run does.
 fn encoders(config: &Config, cameras: &[SourceInfo], report: &mut Report) {
-    let mut kinds: Vec<(u32, u32, f64)> = Vec::new();
-    for CameraInfo {
-        width,
-        height,
-        rate_hz,
-        ..
-    } in cameras.iter().map(|info| &info.camera)
-    {
-        if !kinds.contains(&(*width, *height, *rate_hz)) {
-            kinds.push((*width, *height, *rate_hz));
-        }
+    if cameras.is_empty() {
+        return;
     }
-    for (width, height, rate_hz) in kinds {
-        let needed = needed_speed(config, rate_hz);
-        let threads = config.encoder.threads;
-        let trial = match &config.encoder.element {
-            Some(element) => discover::trial_with(element, width, height, threads)
-                .map_err(|error| format!("{element} was asked for: {}", with_causes(&error))),
-            None => discover::best_encoder_at(width, height, threads, needed)
-                .map(|choice| choice.trial)
-                .map_err(|error| with_causes(&error)),
-        };
-        let kind = format!("{width}x{height} at {rate_hz:.1} Hz");
-        match trial {
-            Err(reason) => report.error(format!("{kind}: {reason}")),
-            Ok(Trial { element, pictures_per_s: speed, .. }) if speed < needed => report.warning(format!(
-                "{kind}: {element} did {speed:.0} pictures/s in a trial, expected at least {needed:.0}: frames may be \
-                 dropped"
-            )),
-            Ok(Trial { element, pictures_per_s: speed, .. }) => {
-                report.ok(format!("{kind}: {element}, {speed:.0} pictures/s in a trial"));
-            }
-        }
+    match choose_encoder(config, cameras.iter().map(|info| &info.camera)) {
+        Err(reason) => report.error(format!("encoder: {reason:#}")),
+        Ok(chosen) => report.ok(format!("encoder: {chosen}")),
     }
 }
 

@@ -14,6 +14,7 @@ fn settings() -> EncoderSettings {
         quality_db: 40.0,
         threads: 1,
         max_key_interval_frames: 30,
+        preset: video::encoder::Preset::default(),
     }
 }
 

@@ -43,6 +43,7 @@ fn bench_with(stamped: Option<Stamped>) -> Bench {
             quality_db: 40.0,
             threads: 1,
             max_key_interval_frames: 30,
+            preset: video::encoder::Preset::default(),
         },
         imu: Some(ImuSetup {
             name: "feet/imu".to_owned(),

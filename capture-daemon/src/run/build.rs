@@ -1,9 +1,9 @@
 //! From a configuration to sources, hub and recorder set-ups.
 
-use std::collections::BTreeMap;
+use std::fmt;
 use std::path::Path;
 
-use anyhow::{Context as _, anyhow, bail};
+use anyhow::{Context as _, bail};
 use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::rig::Rig;
 use cad_transforms::transform::RigidTransform;
@@ -12,7 +12,9 @@ use calib::stereo::{Eye, StereoCalibration};
 use session_archive::manifest;
 use session_archive::record::{CameraCalibration, FrameTransform, FrameTransforms, timestamp};
 use session_archive::time::HostTime;
-use video::{EncoderSettings, discover};
+use video::discover::{self, Load};
+use video::encoder::Preset;
+use video::{Codec, EncoderSettings};
 
 use crate::config::{self, Config, SourceConfig};
 use crate::hub::{CameraSetup, ImuSetup};
@@ -22,7 +24,7 @@ use crate::sources::gstreamer::Gstreamer;
 use crate::sources::replay::Replay;
 use crate::sources::simulated::{Simulated, Walks};
 use crate::sources::synthetic::Synthetic;
-use crate::sources::{AnySource, Source, SourceInfo, rig_file_name};
+use crate::sources::{AnySource, CameraInfo, Source, SourceInfo, rig_file_name};
 use crate::sync::clock::ClockConfig;
 
 /// Everything that a run needs.
@@ -51,26 +53,15 @@ impl Built {
     }
 }
 
-/// Opens the sources, finds an encoder for each that can keep up, reads rig and calibrations.
+/// Opens the sources, finds an encoder for them, reads rig and calibrations.
 /// Scheduled sources begin at `start`.
 ///
 /// # Errors
 /// What cannot be opened, found or read, with the camera's name.
 pub fn build(config: &Config, start: HostTime) -> anyhow::Result<Built> {
-    build_for(config, start, false)
-}
-
-/// As [`build`]; for virtual time the speed of an encoder does not matter, nor may it decide which
-/// bytes come out.
-pub(super) fn build_for(
-    config: &Config,
-    start: HostTime,
-    virtual_time: bool,
-) -> anyhow::Result<Built> {
     video::init()?;
     let rig = read_rig(config.rig.as_deref())?;
     let mut sources = Vec::new();
-    let mut elements = BTreeMap::new();
     let mut cameras = Vec::new();
     let mut setup = Setup {
         cameras: Vec::new(),
@@ -92,24 +83,11 @@ pub(super) fn build_for(
             .with_context(|| format!("opening the source of {name}"))?;
         sources.push(source);
     }
+    let encoder = choose_encoder(config, sources.iter().map(|s| &s.info().camera))
+        .context("finding an encoder for the cameras")?;
     for (camera, source) in config.cameras.iter().zip(&sources) {
         let name = &camera.name;
         let info = source.info().clone();
-        let size = (info.camera.width, info.camera.height);
-        let element = match elements.get(&(size, info.camera.rate_hz.to_bits())) {
-            Some(element) => String::clone(element),
-            None => {
-                let needed = match virtual_time {
-                    true => 0.0,
-                    false => needed_speed(config, info.camera.rate_hz),
-                };
-                let element = choose(config, size, needed).with_context(|| {
-                    format!("finding an encoder for {name} ({}x{})", size.0, size.1)
-                })?;
-                elements.insert((size, info.camera.rate_hz.to_bits()), element.clone());
-                element
-            }
-        };
         let stereo = stereo_calibration(camera, &info, source.calibration())?;
         if let Some(stereo) = &stereo {
             transforms.add_stereo(name, stereo)?;
@@ -118,7 +96,7 @@ pub(super) fn build_for(
                 .extend(calibration_records(name, stereo, start));
         }
         add_rig_files(&mut setup.rig_files, camera, &info, stereo.as_ref())?;
-        let (listed, of_hub) = describe(config, camera, &info, &element)?;
+        let (listed, of_hub) = describe(config, camera, &info, &encoder);
         setup.cameras.push(listed);
         if let (Some(imu), Some(of_hub)) = (&info.imu, &of_hub.imu) {
             setup.imus.push(manifest::Imu {
@@ -177,31 +155,49 @@ fn open(
     Ok(AnySource::Scheduled(scheduled))
 }
 
-/// The encoder that was asked for, if it works; or the best that does.
-fn choose(config: &Config, (width, height): (u32, u32), needed: f64) -> anyhow::Result<String> {
-    let threads = config.encoder.threads;
-    let trial = match &config.encoder.element {
-        Some(element) => discover::trial_with(element, width, height, threads)
-            .with_context(|| format!("{element} was asked for"))?,
-        None => discover::best_encoder_at(width, height, threads, needed)?.trial,
-    };
-    if trial.pictures_per_s < needed {
-        log::warn!(
-            "{} did {:.0} pictures/s of {width}x{height} in a trial, expected at least {needed:.0}: \
-             frames may be dropped",
-            trial.element,
-            trial.pictures_per_s
-        );
-    }
-    Ok(trial.element)
+/// The encoder of all cameras of a run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct ChosenEncoder {
+    element: String,
+    codec: Codec,
+    preset: Preset,
 }
 
-/// Pictures per second that an encoder, tried alone, must reach to serve a camera of this rate beside the
-/// others: its share of the processors, and half as much again for everything else.
-pub(crate) fn needed_speed(config: &Config, rate_hz: f64) -> f64 {
-    let processors = std::thread::available_parallelism().map_or(1, usize::from);
-    let of_one = processors.min(config.encoder.threads as usize);
-    1.5 * rate_hz * ((config.cameras.len() * of_one) as f64 / processors as f64).max(1.0)
+impl fmt::Display for ChosenEncoder {
+    /// As `x264enc, ultrafast`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.element)?;
+        if self.element == "x264enc" {
+            write!(f, ", {}", self.preset.name())?;
+        }
+        Ok(())
+    }
+}
+
+/// The encoder that the configuration names, if it works; or the best that does at every camera's size.
+pub(crate) fn choose_encoder<'a>(
+    config: &Config,
+    cameras: impl Iterator<Item = &'a CameraInfo>,
+) -> anyhow::Result<ChosenEncoder> {
+    let load = Load {
+        cameras: cameras.map(|c| (c.width, c.height, c.rate_hz)).collect(),
+        threads: config.encoder.threads,
+    };
+    if let Some(element) = &config.encoder.element {
+        let codec = discover::works(element, &load)
+            .with_context(|| format!("trying {element}, which [encoder] names"))?;
+        return Ok(ChosenEncoder {
+            element: element.clone(),
+            codec,
+            preset: load.preset(),
+        });
+    }
+    let choice = discover::choose(&load)?;
+    Ok(ChosenEncoder {
+        element: choice.element,
+        codec: choice.codec,
+        preset: choice.preset,
+    })
 }
 
 /// A camera for the manifest, and for the hub.
@@ -209,13 +205,11 @@ fn describe(
     config: &Config,
     camera: &config::Camera,
     info: &SourceInfo,
-    element: &str,
-) -> anyhow::Result<(manifest::Camera, CameraSetup)> {
-    let codec = video::encoder::element_codec(element)
-        .ok_or_else(|| anyhow!("{element} is not an encoder that this program can drive"))?;
+    chosen: &ChosenEncoder,
+) -> (manifest::Camera, CameraSetup) {
     let chunk_s = config.session.chunk_ns as f64 * 1e-9;
     let encoder = EncoderSettings {
-        element: element.to_owned(),
+        element: chosen.element.clone(),
         width: info.camera.width,
         height: info.camera.height,
         rate_hz: info.camera.rate_hz,
@@ -223,18 +217,19 @@ fn describe(
         threads: config.encoder.threads,
         // Key frames are forced at the chunks' boundaries; this only catches what forcing misses.
         max_key_interval_frames: (2.0 * chunk_s * info.camera.rate_hz).ceil().max(1.0) as u32,
+        preset: chosen.preset,
     };
     let listed = manifest::Camera {
         name: camera.name.clone(),
         width: info.camera.width,
         height: info.camera.height,
-        codec: codec.foxglove_format().to_owned(),
+        codec: chosen.codec.foxglove_format().to_owned(),
         colour: if info.camera.colour { "yuv420" } else { "grey" }.to_owned(),
         rate_hz: info.camera.rate_hz,
         tick: info.camera.tick,
         trigger: camera.trigger.clone(),
         source: info.description.clone(),
-        encoder: format!("{element}, {} dB", config.encoder.quality_db),
+        encoder: format!("{chosen}, {} dB", config.encoder.quality_db),
     };
     let clock = |tick, tick_bits, latency_ns, latency_sigma_ns| ClockConfig {
         tick_bits,
@@ -268,7 +263,7 @@ fn describe(
             info: imu,
         }),
     };
-    Ok((listed, of_hub))
+    (listed, of_hub)
 }
 
 /// The calibration file that was named, or what came with the source.

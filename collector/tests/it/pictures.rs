@@ -60,6 +60,7 @@ fn encode(camera: usize, width: u32, height: u32, keys: &[bool]) -> Vec<AccessUn
         quality_db: 50.0,
         threads: 1,
         max_key_interval_frames: 1000,
+        preset: video::encoder::Preset::default(),
     };
     let units: Arc<Mutex<Vec<AccessUnit>>> = Arc::default();
     let collecting = units.clone();

@@ -222,6 +222,7 @@ fn encode(camera: &Camera, sources: &[Source]) -> Vec<AccessUnit> {
         quality_db: 46.0,
         threads: 1,
         max_key_interval_frames: 1000,
+        preset: video::encoder::Preset::default(),
     };
     let units: Arc<Mutex<Vec<AccessUnit>>> = Arc::default();
     let collecting = units.clone();

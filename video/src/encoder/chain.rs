@@ -206,6 +206,7 @@ fn set_properties(
             .value
             .replace("{qp}", &quantiser.to_string())
             .replace("{gop}", &settings.max_key_interval_frames.to_string())
+            .replace("{preset}", settings.preset.name())
             .replace("{threads}", &threads.to_string())
             .replace(
                 "{pools}",

@@ -44,7 +44,7 @@ pub(crate) enum Need {
 }
 
 /// One property: the first of `names` that the element has gets `value`, in which `{qp}`, `{gop}`,
-/// `{threads}`, `{pools}` and `{sliced}` are replaced.
+/// `{threads}`, `{pools}`, `{preset}` and `{sliced}` are replaced.
 #[derive(Debug)]
 pub(crate) struct Property {
     pub(crate) names: &'static [&'static str],
@@ -60,13 +60,15 @@ pub(crate) struct Kind {
     pub(crate) input: Input,
     pub(crate) force: Force,
     /// How much better than plain quantiser theory this encoder does on real, detailed pictures, in
-    /// dB; negative if worse. See [`super::quality`].
-    pub(crate) gain_db: f64,
+    /// dB; negative if worse; none where that depends on the preset. See [`super::quality`].
+    pub(crate) gain_db: Option<f64>,
+    /// Whether it is never chosen without being named in the configuration.
+    pub(crate) only_by_name: bool,
     pub(crate) properties: &'static [Property],
 }
 
 /// [`Kind::gain_db`] of encoders that were never measured: as bad as the worst that was.
-const ASSUMED_GAIN_DB: f64 = -2.0;
+const ASSUMED_GAIN_DB: Option<f64> = Some(-2.0);
 
 const fn must(names: &'static [&'static str], value: &'static str) -> Property {
     Property {
@@ -100,13 +102,12 @@ const NVV4L2: &[Property] = &[
     attempt(&["maxperf-enable"], "true"),
 ];
 
-/// All rows, in order of preference. `openh264enc` stands behind the floor (x264enc) because its
+/// All rows, in order of preference: hardware, then x264enc. `openh264enc` stands behind it because its
 /// constant quantiser is a range of one value under a rate control that must not bite; it is
-/// there for machines without the GPL plugins.
+/// there for machines without the GPL plugins. x265enc is last and never chosen by itself
+/// ([`crate::discover::choose`]): it takes 75 % of a core where x264enc takes 9.5 %, for a tenth fewer bytes.
 ///
-/// x264enc runs at `ultrafast`: at equal PSNR `superfast` made the KITTI pictures 19 % smaller
-/// but took 2.8 times the CPU (28 against 10 ms per 2452x370 picture), and a recorder that drops
-/// pictures is worse than one that needs more disk. Key frames get the quantiser of the others
+/// x264enc runs at a preset for the pixel rate ([`super::Preset`]). Key frames get the quantiser of the others
 /// (`ip-factor` 1), so that no picture is worse than the quality asks for.
 pub(crate) static KINDS: &[Kind] = &[
     Kind {
@@ -115,6 +116,7 @@ pub(crate) static KINDS: &[Kind] = &[
         input: Input::NvmmNv12,
         force: Force::Signal("force-IDR"),
         gain_db: ASSUMED_GAIN_DB,
+        only_by_name: false,
         properties: NVV4L2,
     },
     Kind {
@@ -123,6 +125,7 @@ pub(crate) static KINDS: &[Kind] = &[
         input: Input::NvmmNv12,
         force: Force::Signal("force-IDR"),
         gain_db: ASSUMED_GAIN_DB,
+        only_by_name: false,
         properties: NVV4L2,
     },
     Kind {
@@ -131,6 +134,7 @@ pub(crate) static KINDS: &[Kind] = &[
         input: Input::Nv12,
         force: Force::Event,
         gain_db: ASSUMED_GAIN_DB,
+        only_by_name: false,
         properties: &[
             must(&["rc-mode", "rate-control"], "constqp"),
             must(&["qp-const", "qp-const-i"], "{qp}"),
@@ -153,6 +157,7 @@ pub(crate) static KINDS: &[Kind] = &[
         input: Input::Nv12,
         force: Force::Event,
         gain_db: ASSUMED_GAIN_DB,
+        only_by_name: false,
         properties: &[
             must(&["rate-control"], "cqp"),
             must(&["qpi"], "{qp}"),
@@ -168,6 +173,7 @@ pub(crate) static KINDS: &[Kind] = &[
         input: Input::Nv12,
         force: Force::Event,
         gain_db: ASSUMED_GAIN_DB,
+        only_by_name: false,
         properties: &[
             must(&["rate-control"], "cqp"),
             must(&["qp-i"], "{qp}"),
@@ -179,33 +185,14 @@ pub(crate) static KINDS: &[Kind] = &[
         ],
     },
     Kind {
-        element: "x265enc",
-        codec: Codec::H265,
-        input: Input::I420,
-        force: Force::Event,
-        gain_db: -2.0,
-        properties: &[
-            must(&["speed-preset"], "ultrafast"),
-            must(&["tune"], "zerolatency"),
-            must(&["qp"], "{qp}"),
-            must(&["key-int-max"], "{gop}"),
-            // Not repeat-headers: with it x265enc 1.22 puts freed memory in front of the first
-            // picture (1 encoder in 50 when several run; the parser repeats the headers anyway).
-            must(
-                &["option-string"],
-                "pools={pools}:frame-threads=1:bframes=0:scenecut=0:open-gop=0:ipratio=1.0:\
-                 aq-mode=0:psy-rd=0:psy-rdoq=0:info=0",
-            ),
-        ],
-    },
-    Kind {
         element: "x264enc",
         codec: Codec::H264,
         input: Input::I420,
         force: Force::Event,
-        gain_db: -1.5,
+        gain_db: None,
+        only_by_name: false,
         properties: &[
-            must(&["speed-preset"], "ultrafast"),
+            must(&["speed-preset"], "{preset}"),
             must(&["tune"], "zerolatency"),
             must(&["pass"], "quant"),
             must(&["quantizer"], "{qp}"),
@@ -223,7 +210,8 @@ pub(crate) static KINDS: &[Kind] = &[
         codec: Codec::H264,
         input: Input::I420,
         force: Force::Event,
-        gain_db: -1.4,
+        gain_db: Some(-1.4),
+        only_by_name: false,
         properties: &[
             must(&["rate-control"], "quality"),
             must(&["qp-min"], "{qp}"),
@@ -236,6 +224,27 @@ pub(crate) static KINDS: &[Kind] = &[
             attempt(&["enable-frame-skip"], "false"),
             attempt(&["multi-thread"], "{threads}"),
             attempt(&["complexity"], "low"),
+        ],
+    },
+    Kind {
+        element: "x265enc",
+        codec: Codec::H265,
+        input: Input::I420,
+        force: Force::Event,
+        gain_db: Some(-2.0),
+        only_by_name: true,
+        properties: &[
+            must(&["speed-preset"], "ultrafast"),
+            must(&["tune"], "zerolatency"),
+            must(&["qp"], "{qp}"),
+            must(&["key-int-max"], "{gop}"),
+            // Not repeat-headers: with it x265enc 1.22 puts freed memory in front of the first
+            // picture (1 encoder in 50 when several run; the parser repeats the headers anyway).
+            must(
+                &["option-string"],
+                "pools={pools}:frame-threads=1:bframes=0:scenecut=0:open-gop=0:ipratio=1.0:\
+                 aq-mode=0:psy-rd=0:psy-rdoq=0:info=0",
+            ),
         ],
     },
 ];

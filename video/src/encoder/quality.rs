@@ -22,11 +22,13 @@
 //! is `gain_db` of the encoder's row, and that is what the quality is true for: made-up 1/f
 //! texture with noise comes out about 1.5 dB lower, smooth or still scenes higher.
 
+use super::Preset;
 use super::kinds::Kind;
 
 /// The constant quantiser for `quality_db` of luma PSNR on real, detailed pictures.
-pub(crate) fn quantiser(kind: &Kind, quality_db: f64) -> u32 {
-    let step = 255.0 * 12f64.sqrt() / 10f64.powf((quality_db - kind.gain_db) / 20.0);
+pub(crate) fn quantiser(kind: &Kind, preset: Preset, quality_db: f64) -> u32 {
+    let gain_db = kind.gain_db.unwrap_or_else(|| preset.gain_db());
+    let step = 255.0 * 12f64.sqrt() / 10f64.powf((quality_db - gain_db) / 20.0);
     let qp = 6.0 * (step / 0.625).log2();
     // 0 is lossless in x264, which asks for a profile that hardware decoders lack; 50 is the
     // largest that every encoder takes. Rounding down rounds towards better pictures.
@@ -41,7 +43,7 @@ mod tests {
     #[test]
     fn six_decibel_are_six_steps() {
         for kind in KINDS {
-            let at = |quality| quantiser(kind, quality);
+            let at = |quality| quantiser(kind, Preset::Ultrafast, quality);
             assert_eq!(
                 at(36.0) - at(36.0 + 20.0 * 2f64.log10()),
                 6,
@@ -59,10 +61,13 @@ mod tests {
         // QP 16 is a step of 0.625 · 2^(16/6) = 3.97 (the standards' own tables say 4), so a mean
         // square error of 1.312, so 46.95 dB.
         let kind = Kind {
-            gain_db: 0.0,
+            gain_db: Some(0.0),
             properties: &[],
             ..KINDS[0]
         };
-        assert_eq!((quantiser(&kind, 46.9), quantiser(&kind, 47.0)), (16, 15));
+        assert_eq!((
+            quantiser(&kind, Preset::Ultrafast, 46.9),
+            quantiser(&kind, Preset::Ultrafast, 47.0),
+        ), (16, 15));
     }
 }

@@ -15,6 +15,7 @@ fn settings(element: &str) -> EncoderSettings {
         quality_db: 42.0,
         threads: 1,
         max_key_interval_frames: 1000,
+        preset: crate::encoder::Preset::default(),
     }
 }
 

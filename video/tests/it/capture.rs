@@ -405,6 +405,7 @@ fn native_frames_are_encoded_over_a_restart() {
         quality_db: 42.0,
         threads: 1,
         max_key_interval_frames: 1000,
+        preset: video::encoder::Preset::default(),
     };
     let units: Arc<Mutex<Vec<AccessUnit>>> = Arc::default();
     let mut encoder = None;

@@ -82,6 +82,7 @@ fn key_frames_come_at_the_latest_after_the_interval() {
     for element in elements() {
         let settings = EncoderSettings {
             max_key_interval_frames: 10,
+            preset: video::encoder::Preset::default(),
             ..settings(element, &pictures[0])
         };
         let input = pictures
@@ -317,6 +318,7 @@ fn what_cannot_be_encoded_is_refused() {
         },
         EncoderSettings {
             max_key_interval_frames: 0,
+            preset: video::encoder::Preset::default(),
             ..good.clone()
         },
         EncoderSettings {

@@ -39,6 +39,7 @@ fn settings(element: &str, picture: &Picture) -> EncoderSettings {
         quality_db: 42.0,
         threads: 1,
         max_key_interval_frames: 1000,
+        preset: video::encoder::Preset::default(),
     }
 }
 

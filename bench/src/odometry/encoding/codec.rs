@@ -108,6 +108,7 @@ fn settings(material: &Material, encoding: &Encoding) -> EncoderSettings {
         quality_db: encoding.target_db,
         threads: 1,
         max_key_interval_frames: 1000,
+        preset: video::encoder::Preset::default(),
     }
 }
 

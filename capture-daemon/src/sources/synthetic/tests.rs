@@ -115,7 +115,7 @@ fn every_frame_shows_its_number() {
 fn the_number_survives_compression() {
     for (width, height) in [(128, 32), (640, 240)] {
         let element = match best_encoder(width, height) {
-            Ok(choice) => choice.trial.element,
+            Ok(choice) => choice.element,
             Err(error) => {
                 eprintln!("skipped: {error}");
                 return;
@@ -129,6 +129,7 @@ fn the_number_survives_compression() {
             quality_db: 24.0,
             threads: 1,
             max_key_interval_frames: 15,
+            preset: video::encoder::Preset::default(),
         };
         let units = Arc::new(Mutex::new(Vec::new()));
         let sink = Arc::clone(&units);

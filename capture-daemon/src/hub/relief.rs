@@ -1,0 +1,243 @@
+//! What is given up, step by step, when frames come faster than the encoders take them.
+//!
+//! Contract: [`Relief::look`] is pure but for what it remembers. It is handed the fill of the fullest queue in front
+//! of an encoder several times a second. *When the queue grows* by [`GROWTH`] since the last step, or is fuller than
+//! [`FULL`], one more thing is given up, at most one in [`SETTLE_NS`]: each step needs the next key frame to take
+//! effect. *When the queue stays empty* for a while, the last thing is taken back; each time that this turns out too
+//! early the next attempt waits twice as long. Frames are only lost when everything is given up and it is not enough.
+//!
+//! The order is from what nobody sees to what reconstruction misses: x264's preset (larger files), the quality (coarser
+//! images), every other frame of the least important camera (the last one of the configuration), every other frame
+//! of all cameras.
+
+use session_archive::time::{HostTime, NS_PER_S};
+
+/// By how much of its capacity the queue has grown when the next step is taken.
+const GROWTH: f64 = 0.1;
+/// A queue that is fuller than this asks for the next step whether it grows or not.
+const FULL: f64 = 0.75;
+/// A queue with less than this in it is empty.
+const EMPTY: f64 = 0.02;
+/// The least time between two steps down.
+const SETTLE_NS: i64 = NS_PER_S;
+/// How long the queue is empty before a step is taken back, at first and at most.
+const PATIENCE_NS: i64 = 10 * NS_PER_S;
+const MAX_PATIENCE_NS: i64 = 16 * PATIENCE_NS;
+
+/// One thing to give up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Step {
+    /// x264 works less hard: larger files of the same quality.
+    Preset,
+    /// Fewer bits, coarser images.
+    Quality,
+    /// Every other frame of the least important camera is left out.
+    OneRate,
+    /// Every other frame of every camera is left out.
+    AllRates,
+}
+
+impl Step {
+    /// What is done, for people.
+    pub(super) fn text(self) -> &'static str {
+        match self {
+            Self::Preset => "faster preset",
+            Self::Quality => "quality lowered",
+            Self::OneRate => "half the frame rate of the last camera",
+            Self::AllRates => "half the frame rate of all cameras",
+        }
+    }
+}
+
+/// See the module.
+#[derive(Debug)]
+pub(super) struct Relief {
+    /// All that can be given up, in order.
+    steps: Vec<Step>,
+    /// How many of them are given up.
+    taken: usize,
+    changed: HostTime,
+    /// The least fill since the last step.
+    lowest: f64,
+    empty_since: Option<HostTime>,
+    patience_ns: i64,
+    /// When a step was last taken back.
+    eased: Option<HostTime>,
+}
+
+impl Relief {
+    /// Nothing is given up yet. `has_preset`: the encoders run at a preset that can be made faster.
+    pub(super) fn new(has_preset: bool, cameras: usize) -> Self {
+        let mut steps = vec![Step::Quality, Step::AllRates];
+        if has_preset {
+            steps.insert(0, Step::Preset);
+        }
+        if cameras > 1 {
+            steps.insert(steps.len() - 1, Step::OneRate);
+        }
+        Self {
+            steps,
+            taken: 0,
+            changed: HostTime::MIN,
+            lowest: 0.0,
+            empty_since: None,
+            patience_ns: PATIENCE_NS,
+            eased: None,
+        }
+    }
+
+    /// Whether this is given up now.
+    pub(super) fn has(&self, step: Step) -> bool {
+        self.steps[..self.taken].contains(&step)
+    }
+
+    /// The last thing that was given up.
+    pub(super) fn last(&self) -> Option<Step> {
+        self.taken.checked_sub(1).map(|last| self.steps[last])
+    }
+
+    /// How full the fullest queue is, 0 to 1. Whether something changed.
+    pub(super) fn look(&mut self, now: HostTime, fill: f64) -> bool {
+        self.lowest = self.lowest.min(fill);
+        let settled = now.since(self.changed) >= SETTLE_NS;
+        if settled
+            && (fill >= FULL || fill - self.lowest >= GROWTH)
+            && self.taken < self.steps.len()
+        {
+            if self.eased.is_some_and(|at| now.since(at) < self.patience_ns) {
+                self.patience_ns = (2 * self.patience_ns).min(MAX_PATIENCE_NS);
+            }
+            self.taken += 1;
+            self.change(now, fill);
+            return true;
+        }
+        if fill > EMPTY {
+            self.empty_since = None;
+            return false;
+        }
+        let since = *self.empty_since.get_or_insert(now);
+        if now.since(since) < self.patience_ns {
+            return false;
+        }
+        if self.taken == 0 {
+            self.patience_ns = PATIENCE_NS;
+            return false;
+        }
+        self.taken -= 1;
+        self.eased = Some(now);
+        self.change(now, fill);
+        true
+    }
+
+    fn change(&mut self, now: HostTime, fill: f64) {
+        self.changed = now;
+        self.lowest = fill;
+        self.empty_since = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TICK: i64 = NS_PER_S / 10;
+
+    /// Encoders that take `speed(step)` of what comes, with a queue of `depth_s`.
+    struct Machine {
+        relief: Relief,
+        now: HostTime,
+        queued_s: f64,
+        depth_s: f64,
+        lost_s: f64,
+        changes: Vec<(f64, Option<Step>)>,
+    }
+
+    impl Machine {
+        fn new(depth_s: f64) -> Self {
+            Self {
+                relief: Relief::new(true, 3),
+                now: HostTime(0),
+                queued_s: 0.0,
+                depth_s,
+                lost_s: 0.0,
+                changes: Vec::new(),
+            }
+        }
+
+        /// `seconds` in which the encoders do `speed` times what the cameras deliver, before any relief.
+        fn run(&mut self, seconds: f64, speed: f64) {
+            for _ in 0..(seconds * 10.0) as usize {
+                self.now = self.now + TICK;
+                let gain = match self.relief.last() {
+                    None => 1.0,
+                    Some(Step::Preset) => 2.5,
+                    Some(Step::Quality) => 3.0,
+                    Some(Step::OneRate) => 3.6,
+                    Some(Step::AllRates) => 6.0,
+                };
+                self.queued_s = (self.queued_s + 0.1 * (1.0 - speed * gain)).max(0.0);
+                self.lost_s += (self.queued_s - self.depth_s).max(0.0);
+                self.queued_s = self.queued_s.min(self.depth_s);
+                if self.relief.look(self.now, self.queued_s / self.depth_s) {
+                    let at = self.now.0 as f64 / NS_PER_S as f64;
+                    self.changes.push((at, self.relief.last()));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn no_more_is_given_up_than_is_needed_and_nothing_is_lost() {
+        for (speed, expected) in [
+            (1.1, None),
+            (0.6, Some(Step::Preset)),
+            (0.36, Some(Step::Quality)),
+            (0.3, Some(Step::OneRate)),
+            (0.2, Some(Step::AllRates)),
+        ] {
+            let mut machine = Machine::new(5.0);
+            machine.run(8.0, speed);
+            assert_eq!(machine.relief.last(), expected, "at {speed}");
+            assert_eq!(machine.lost_s, 0.0, "at {speed}: {:?}", machine.changes);
+        }
+    }
+
+    #[test]
+    fn when_the_load_is_over_everything_comes_back() {
+        let mut machine = Machine::new(5.0);
+        machine.run(10.0, 0.2);
+        assert_eq!(machine.relief.last(), Some(Step::AllRates));
+        machine.run(60.0, 2.0);
+        assert_eq!(machine.relief.last(), None, "{:?}", machine.changes);
+        assert_eq!(machine.lost_s, 0.0);
+    }
+
+    /// A load that lasts: what is taken back has to be given up again, ever more rarely.
+    #[test]
+    fn a_lasting_load_does_not_make_it_flap() {
+        let mut machine = Machine::new(5.0);
+        machine.run(600.0, 0.6);
+        let changes = machine.changes.len();
+        assert!((3..=20).contains(&changes), "{changes}: {:?}", machine.changes);
+        assert_eq!(machine.lost_s, 0.0);
+    }
+
+    #[test]
+    fn a_hiccup_changes_nothing() {
+        let mut machine = Machine::new(5.0);
+        machine.run(10.0, 2.0);
+        machine.run(0.4, 0.0);
+        machine.run(10.0, 2.0);
+        assert_eq!(machine.changes, []);
+    }
+
+    #[test]
+    fn what_cannot_be_given_up_is_left_out() {
+        assert_eq!(
+            Relief::new(false, 1).steps,
+            [Step::Quality, Step::AllRates]
+        );
+        let all = Relief::new(true, 2).steps;
+        assert!(all.is_sorted() && all.len() == 4);
+    }
+}
