@@ -4,9 +4,11 @@
 //! frames are forced where a chunk of the archive begins. An encoder that fails, or gives nothing for
 //! [`STALL_NS`], is replaced, at once the first time and ever more slowly if that goes on; frames that
 //! were inside it are reported as dropped, never forgotten. Given-up encoders that do not let go are
-//! bounded too: with `MAX_ENDING` of them no other is started ([`Lane::is_failing`] tells). When
-//! the encoder is full, the new frame is dropped whole, before the encoder, so that no other frame
-//! depends on it.
+//! bounded too: with `MAX_ENDING` of them no other is started ([`Lane::is_failing`] tells).
+//!
+//! Frames wait for the encoder in a queue that is bounded in bytes ([`Lane::fill`]). When it is full, the new frame is
+//! dropped whole, before the encoder, so that no other frame depends on it. Frames in their cameras' own buffers do
+//! not wait: the camera needs its buffers back.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -17,8 +19,8 @@ use bytes::Bytes;
 use session_archive::record::Frame;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::HostTime;
-use video::encoder::Input;
-use video::{EncodeError, Encoder, EncoderEvent, EncoderSettings};
+use video::encoder::{Input, Preset};
+use video::{EncodeError, Encoder, EncoderEvent, EncoderSettings, Picture};
 
 /// An encoder that holds frames and gives nothing for so long is taken to be stuck.
 pub const STALL_NS: i64 = 2_000_000_000;
@@ -34,14 +36,16 @@ const MAX_ENDING: usize = 3;
 /// Virtual time waits for every frame; longer than this in real time is a stuck encoder.
 const VIRTUAL_PATIENCE: Duration = Duration::from_secs(60);
 
-/// By how much coarser pictures are encoded to make fewer bits: half as many, about.
+/// By how much coarser frames are encoded to make fewer bits: half as many, about.
 const SPARED_DB: f64 = 4.0;
 /// But no coarser than this.
 const LEAST_DB: f64 = 30.0;
-/// How long an encoder may take to give what is inside when it is ended for another quality.
-const CHANGE_LIMIT: Duration = Duration::from_millis(500);
+/// How long an encoder may take to give what is inside when it is ended for another setting.
+const CHANGE_LIMIT: Duration = Duration::from_secs(5);
 
-/// What is told of frames that an encoder was given and did not give back.
+/// Why a frame is dropped that came while no encoder was running.
+const NOT_RUNNING: &str = "no encoder is running";
+/// Why frames are dropped that an encoder was given and did not give back.
 const ENDED_EARLY: &str = "the encoder ended without giving them";
 
 /// What a lane hands on.
@@ -101,8 +105,39 @@ impl Inside {
 struct Running {
     encoder: Encoder,
     inside: Arc<Inside>,
-    /// What it was last asked for.
+    /// What it was last set to.
+    effort: Effort,
+}
+
+/// What may change from one chunk to the next.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Effort {
     quality_db: f64,
+    preset: Preset,
+}
+
+/// A frame that waits for room in the encoder.
+struct Waiting {
+    frame: Frame,
+    picture: Picture,
+}
+
+/// What is made easier for the encoder.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Easier {
+    /// The fastest preset, where there are several: larger files of the same quality.
+    pub preset: bool,
+    /// Fewer bits: coarser images.
+    pub quality: bool,
+}
+
+/// What [`Lane::finish`] does with frames that still wait for the encoder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rest {
+    /// Encodes them.
+    Encode,
+    /// Reports them as dropped: nobody stores them any more.
+    Drop,
 }
 
 /// One camera's way through its encoder.
@@ -125,14 +160,21 @@ pub struct Lane {
     /// Given up, and not yet gone.
     ending: Vec<JoinHandle<()>>,
     wants_key: bool,
-    /// Fewer bits are to be made.
-    sparing: bool,
+    easier: Easier,
+    waiting: VecDeque<Waiting>,
+    waiting_bytes: usize,
+    /// Bytes that may wait.
+    capacity: usize,
 }
 
 impl Lane {
-    /// A lane; the encoder starts with the first frame.
-    pub fn new(settings: EncoderSettings, chunk_ns: i64, sink: Sink) -> Self {
+    /// A lane; the encoder starts with the first frame. Frames of up to `capacity` bytes wait in front of it, one
+    /// always.
+    pub fn new(settings: EncoderSettings, chunk_ns: i64, capacity: usize, sink: Sink) -> Self {
         Self {
+            waiting: VecDeque::new(),
+            waiting_bytes: 0,
+            capacity: capacity.max(1),
             settings,
             chunk_ns,
             sink,
@@ -146,7 +188,7 @@ impl Lane {
             retry_at: HostTime::MIN,
             ending: Vec::new(),
             wants_key: false,
-            sparing: false,
+            easier: Easier::default(),
         }
     }
 
@@ -156,16 +198,20 @@ impl Lane {
         self.failures > 0
     }
 
-    /// Bytes of the pictures waiting inside.
+    /// Bytes of the frames in front of the encoder and inside.
     pub fn queued_bytes(&self) -> usize {
-        self.running
-            .as_ref()
-            .map_or(0, |r| r.encoder.queued_bytes())
+        let inside = self.running.as_ref();
+        self.waiting_bytes + inside.map_or(0, |r| r.encoder.queued_bytes())
     }
 
-    /// Encodes with fewer bits from now on, or again with as many as configured.
-    pub fn spare(&mut self, sparing: bool) {
-        self.sparing = sparing;
+    /// How full the queue in front of the encoder is, 0 to 1.
+    pub fn fill(&self) -> f64 {
+        (self.waiting_bytes as f64 / self.capacity as f64).min(1.0)
+    }
+
+    /// Makes it easier for the encoder from the next chunk on, or again as configured.
+    pub fn ease(&mut self, easier: Easier) {
+        self.easier = easier;
     }
 
     /// Makes the next frame a key frame.
@@ -175,7 +221,50 @@ impl Lane {
 
     /// Takes a frame; never waits. What cannot be encoded is reported as dropped.
     pub fn push<'a>(&mut self, frame: Frame, picture: impl Into<Input<'a>>, now: HostTime) {
-        self.submit(frame, picture.into(), now, false);
+        let picture = match picture.into() {
+            Input::Picture(picture) => picture,
+            native => {
+                if let Err((frame, pictures)) = self.submit(frame, native, now, false) {
+                    self.drop_full(&frame, &format!("{pictures} frames in the encoder"));
+                }
+                return;
+            }
+        };
+        let bytes = picture.data.len();
+        if !self.waiting.is_empty() && self.waiting_bytes + bytes > self.capacity {
+            let detail = format!("{} MB wait for the encoder", self.waiting_bytes >> 20);
+            self.drop_full(&frame, &detail);
+        } else {
+            let picture = picture.clone();
+            self.waiting_bytes += bytes;
+            self.waiting.push_back(Waiting { frame, picture });
+        }
+        self.feed(now);
+    }
+
+    /// Hands waiting frames to the encoder as far as it has room; call it often.
+    pub fn feed(&mut self, now: HostTime) {
+        while let Some(Waiting { frame, picture }) = self.waiting.pop_front() {
+            if let Err((frame, _)) = self.submit(frame, (&picture).into(), now, false) {
+                self.waiting.push_front(Waiting { frame, picture });
+                break;
+            }
+            self.waiting_bytes -= picture.data.len();
+        }
+    }
+
+    fn drop_full(&self, frame: &Frame, detail: &str) {
+        self.drop_it(frame, Cause::EncoderOverload, detail.to_owned());
+    }
+
+    fn drop_it(&self, frame: &Frame, cause: Cause, detail: String) {
+        (self.sink)(Encoded::Dropped {
+            at: HostTime(frame.time),
+            first: frame.number,
+            last: frame.number,
+            cause,
+            detail,
+        });
     }
 
     /// Takes a frame and waits until it has come out: virtual time drops nothing, and the order of
@@ -186,7 +275,9 @@ impl Lane {
         picture: impl Into<Input<'a>>,
         now: HostTime,
     ) {
-        self.submit(frame, picture.into(), now, true);
+        if let Err((frame, _)) = self.submit(frame, picture.into(), now, true) {
+            self.drop_full(&frame, "the encoder is full");
+        }
         let Some(running) = &self.running else { return };
         let state = running.inside.lock();
         let waiting = |s: &mut State| !s.frames.is_empty() && s.failure.is_none();
@@ -209,8 +300,13 @@ impl Lane {
     /// Looks after the encoder; call it a few times a second.
     pub fn tick(&mut self, now: HostTime) {
         self.ending.retain(|thread| !thread.is_finished());
+        self.feed(now);
         let Some(running) = &self.running else { return };
         let state = running.inside.lock();
+        if state.before.is_some() {
+            // It waits for the one before it, which has its own limit.
+            self.last_progress = now;
+        }
         let failure = state.failure.clone();
         let waiting = state.frames.front().map(|(_, f)| HostTime(f.host_time));
         let delivered = state.delivered;
@@ -232,7 +328,17 @@ impl Lane {
     }
 
     /// Drains the encoder: everything taken is handed on or reported when this returns.
-    pub fn finish(&mut self, limit: Duration, now: HostTime) {
+    pub fn finish(&mut self, rest: Rest, limit: Duration, now: HostTime) {
+        for Waiting { frame, picture } in std::mem::take(&mut self.waiting) {
+            let submitted = match rest {
+                Rest::Encode => self.submit(frame, (&picture).into(), now, true),
+                Rest::Drop => Err((frame, 0)),
+            };
+            if let Err((frame, _)) = submitted {
+                self.drop_it(&frame, Cause::Late, ENDED_EARLY.to_owned());
+            }
+        }
+        self.waiting_bytes = 0;
         let Some(running) = self.running.take() else {
             return;
         };
@@ -240,53 +346,48 @@ impl Lane {
         self.last_progress = now;
     }
 
-    fn submit(&mut self, frame: Frame, picture: Input<'_>, now: HostTime, wait: bool) {
-        let (number, at) = (frame.number, HostTime(frame.time));
-        let drop_it = |lane: &Self, cause, detail: String| {
-            (lane.sink)(Encoded::Dropped {
-                at,
-                first: number,
-                last: number,
-                cause,
-                detail,
-            });
-        };
+    /// Gives a frame to the encoder, and starts one if need be; waits for room if it is to `wait`. What cannot be
+    /// encoded is reported.
+    ///
+    /// # Errors
+    /// The frame, if the encoder is full, and how many are inside.
+    fn submit(
+        &mut self,
+        frame: Frame,
+        picture: Input<'_>,
+        now: HostTime,
+        wait: bool,
+    ) -> Result<(), (Frame, usize)> {
+        let restart = Cause::EncoderRestart;
         if self.running.is_none() {
             if now < self.retry_at {
-                return drop_it(
-                    self,
-                    Cause::EncoderRestart,
-                    "no encoder is running".to_owned(),
-                );
+                self.drop_it(&frame, restart, NOT_RUNNING.to_owned());
+                return Ok(());
             }
             // Virtual time waits for them instead.
             if !wait && self.ending.len() >= MAX_ENDING {
-                return drop_it(
-                    self,
-                    Cause::EncoderRestart,
-                    format!("{MAX_ENDING} encoders hang and are not gone"),
-                );
+                let detail = format!("{MAX_ENDING} encoders hang and have not ended");
+                self.drop_it(&frame, restart, detail);
+                return Ok(());
             }
             if let Err(e) = self.start(picture, None, now) {
                 self.failed(now);
-                return drop_it(self, Cause::EncoderRestart, e.to_string());
+                self.drop_it(&frame, restart, e.to_string());
+                return Ok(());
             }
         }
         let epoch = frame.time.div_euclid(self.chunk_ns);
         if self.epoch.is_some_and(|e| epoch > e) {
-            self.follow_quality(picture, now);
+            self.follow_effort(picture, now);
         }
         let key = self.wants_key || self.epoch.is_none_or(|e| epoch > e);
         let pts = frame.time.max(self.previous_pts.saturating_add(1));
-        if self.running.is_none() {
-            let detail = "no encoder is running".to_owned();
-            return drop_it(self, Cause::EncoderRestart, detail);
-        }
         let Some(Running {
             encoder, inside, ..
         }) = &mut self.running
         else {
-            return;
+            self.drop_it(&frame, restart, NOT_RUNNING.to_owned());
+            return Ok(());
         };
         inside.lock().frames.push_back((pts, frame));
         let pushed = if wait {
@@ -303,12 +404,9 @@ impl Lane {
                 }
             }
             Err(EncodeError::Full { pictures }) => {
-                inside.lock().frames.pop_back();
-                drop_it(
-                    self,
-                    Cause::EncoderOverload,
-                    format!("{pictures} frames in the encoder"),
-                );
+                if let Some((_, frame)) = inside.lock().frames.pop_back() {
+                    return Err((frame, pictures));
+                }
             }
             Err(e) => {
                 // The frame is still inside and is reported with the others.
@@ -316,6 +414,7 @@ impl Lane {
                 self.replace(&reason, now);
             }
         }
+        Ok(())
     }
 
     /// Starts an encoder, which hands on nothing until everything of the one `before` it is told.
@@ -326,8 +425,10 @@ impl Lane {
         now: HostTime,
     ) -> Result<(), EncodeError> {
         self.started = now;
+        let effort = self.effort();
         let settings = EncoderSettings {
-            quality_db: self.quality_db(),
+            quality_db: effort.quality_db,
+            preset: effort.preset,
             ..self.settings.clone()
         };
         let inside = Arc::new(Inside {
@@ -346,7 +447,7 @@ impl Lane {
         self.running = Some(Running {
             encoder,
             inside,
-            quality_db: settings.quality_db,
+            effort,
         });
         self.delivered = 0;
         self.last_progress = now;
@@ -354,26 +455,36 @@ impl Lane {
         Ok(())
     }
 
-    /// What is asked of encoders now.
-    fn quality_db(&self) -> f64 {
-        match self.sparing {
-            true => (self.settings.quality_db - SPARED_DB).max(LEAST_DB),
-            false => self.settings.quality_db,
+    /// What encoders are set to now.
+    fn effort(&self) -> Effort {
+        Effort {
+            quality_db: match self.easier.quality {
+                true => (self.settings.quality_db - SPARED_DB).max(LEAST_DB),
+                false => self.settings.quality_db,
+            },
+            preset: match self.easier.preset {
+                true => Preset::Ultrafast,
+                false => self.settings.preset,
+            },
         }
     }
 
-    /// A chunk begins, and with it a key frame: an encoder that was asked for another quality and cannot change it
+    /// A chunk begins, and with it a key frame: an encoder that is to be set to something else and cannot change it
     /// makes way for another one. It gives what it has on a thread of its own: other cameras' frames are waiting.
-    fn follow_quality(&mut self, picture: Input<'_>, now: HostTime) {
-        let wanted = self.quality_db();
+    fn follow_effort(&mut self, picture: Input<'_>, now: HostTime) {
+        let wanted = self.effort();
         let Some(running) = &mut self.running else {
             return;
         };
-        if running.quality_db == wanted {
+        if running.effort == wanted {
             return;
         }
-        running.quality_db = wanted;
-        match running.encoder.set_quality(wanted) {
+        let set = match running.effort.preset == wanted.preset {
+            true => running.encoder.set_quality(wanted.quality_db),
+            false => Ok(false),
+        };
+        running.effort = wanted;
+        match set {
             Ok(true) => {}
             Ok(false) => {
                 let Some(running) = self.running.take() else {

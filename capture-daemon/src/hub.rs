@@ -19,19 +19,23 @@ use session_archive::record::paws::gap::Cause;
 use session_archive::record::{ClockMap as ClockMapRecord, Frame, ImuBatch};
 use session_archive::time::{HostTime, NS_PER_S};
 use video::EncoderSettings;
+use video::encoder::Preset;
 
-use crate::encode::{Encoded, Lane};
+use crate::encode::{Easier, Encoded, Lane, Rest};
 use crate::preview::Previews;
 use crate::sources::{
-    FrameSync, Gone, ImuInfo, ImuValues, Lost, Part, Pixels, RawFrame, RawImu, Sample, Stamped,
+    FrameSync, Gone, ImuInfo, ImuValues, Lost, Part, Pixels, RawFrame, RawImu, Sample, Seen,
+    Stamped,
 };
 use crate::sync::clock::ClockConfig;
 use crate::sync::gaps::Renumber;
 
+mod relief;
 mod stream_clock;
 mod turns;
 mod watch;
 
+use self::relief::{Relief, Step};
 use self::stream_clock::StreamClock;
 use self::turns::Turns;
 use self::watch::Watch;
@@ -42,6 +46,11 @@ const BATCH_NS: i64 = 100_000_000;
 const BATCH_SAMPLES: usize = 512;
 /// How often [`Hub::tick`] wants to be called.
 pub const TICK_NS: i64 = 100_000_000;
+/// Bytes of raw frames that wait in front of the encoders of all cameras together: at 3 x 1344x376 and 15 Hz seven
+/// seconds.
+pub const WAITING_BYTES: usize = 256 << 20;
+/// What alarms about encoders that cannot keep up come from.
+const ENCODERS: &str = "encoders";
 /// How long draining the encoders may take at the end.
 const FINISH_LIMIT: Duration = Duration::from_secs(5);
 
@@ -200,6 +209,13 @@ pub struct Hub {
     health_at: Option<HostTime>,
     previews: Option<Arc<Previews>>,
     measures: Measures,
+    relief: Relief,
+    /// What is said of encoders that cannot keep up.
+    relief_alarm: Option<String>,
+    /// How full the queue in front of the hub is, 0 to 1.
+    inbox_fill: f64,
+    /// Nobody stores frames.
+    is_idle: bool,
 }
 
 struct CameraState {
@@ -242,6 +258,11 @@ impl Hub {
     pub fn new(setups: Vec<CameraSetup>, chunk_ns: i64, waits: bool, out: &Out) -> Self {
         let mut cameras: Vec<CameraState> = Vec::new();
         let mut imus = Vec::new();
+        let capacity = WAITING_BYTES / setups.len().max(1);
+        let has_preset = |setup: &CameraSetup| {
+            setup.encoder.element == "x264enc" && setup.encoder.preset > Preset::Ultrafast
+        };
+        let relief = Relief::new(setups.iter().any(has_preset), setups.len());
         for (camera, setup) in setups.into_iter().enumerate() {
             let (hand_on, name) = (out.clone(), setup.name.clone());
             let sink = Arc::new(move |encoded| {
@@ -288,7 +309,7 @@ impl Hub {
             cameras.push(CameraState {
                 together_with: cameras.iter().position(is_same).unwrap_or(camera),
                 turns: Turns::default(),
-                lane: Lane::new(setup.encoder.clone(), chunk_ns, sink),
+                lane: Lane::new(setup.encoder.clone(), chunk_ns, capacity, sink),
                 numbers: Renumber::new(setup.number_bits),
                 clock: StreamClock::new(&setup.name, setup.clock, setup.stamped),
                 watch: Watch::new(setup.rate_hz),
@@ -309,6 +330,10 @@ impl Hub {
             health_at: None,
             previews: None,
             measures: Measures::default(),
+            relief,
+            relief_alarm: None,
+            inbox_fill: 0.0,
+            is_idle: false,
         }
     }
 
@@ -319,17 +344,75 @@ impl Hub {
 
     /// Does this to spare the machine from now on.
     pub fn spare(&mut self, measures: Measures) {
-        if measures.lower_bitrate != self.measures.lower_bitrate {
+        if measures != self.measures {
+            self.measures = measures;
+            self.ease();
+        }
+    }
+
+    /// Encodes nothing while nobody stores frames: they are timed, counted and shown. What is encoded afterwards
+    /// begins with a key frame.
+    pub fn idle(&mut self, is_idle: bool) {
+        if is_idle != self.is_idle {
+            self.is_idle = is_idle;
             for camera in &mut self.cameras {
-                camera.lane.spare(measures.lower_bitrate);
+                camera.lane.request_key();
             }
         }
-        self.measures = measures;
+    }
+
+    /// How full the queue in front of the hub is, 0 to 1: frames there have not even reached an encoder's queue.
+    pub fn note_inbox(&mut self, fill: f64) {
+        self.inbox_fill = fill;
+    }
+
+    /// Makes it as easy for the encoders as machine and queues need.
+    fn ease(&mut self) {
+        let easier = Easier {
+            preset: self.relief.has(Step::Preset),
+            quality: self.relief.has(Step::Quality) || self.measures.lower_bitrate,
+        };
+        for camera in &mut self.cameras {
+            camera.lane.ease(easier);
+        }
+    }
+
+    /// Gives up what the encoders cannot keep up with, and takes it back.
+    fn relieve(&mut self, now: HostTime) {
+        let fills = self.cameras.iter().map(|camera| camera.lane.fill());
+        let fill = fills.fold(self.inbox_fill, f64::max);
+        if !self.relief.look(now, fill) {
+            return;
+        }
+        self.ease();
+        let text = self.relief.last().map(|step| {
+            format!("the machine is too slow to encode everything: {}", step.text())
+        });
+        if let Some(over) = std::mem::replace(&mut self.relief_alarm, text) {
+            self.tell_relief(over, false, now);
+        }
+        if let Some(text) = self.relief_alarm.clone() {
+            self.tell_relief(text, true, now);
+        }
+    }
+
+    fn tell_relief(&self, text: String, active: bool, at: HostTime) {
+        let stream = ENCODERS.to_owned();
+        (self.out)(Outgoing::Alarm {
+            at,
+            text,
+            stream,
+            active,
+        });
     }
 
     /// Takes the next sample of a camera's source.
     pub fn sample(&mut self, camera: usize, sample: Sample, now: HostTime) {
+        for camera in &mut self.cameras {
+            camera.lane.feed(now);
+        }
         match sample {
+            Sample::Seen(seen) => self.seen(camera, &seen, now),
             Sample::Frame(frame) => self.frame(camera, frame, now),
             Sample::Native(frame) => self.frame(camera, frame, now),
             Sample::Imu(sample) => self.imu(camera, &sample, now),
@@ -389,7 +472,7 @@ impl Hub {
             number,
             host_time: at,
             cause: Cause::EncoderOverload,
-            detail: "too many raw frames are waiting".to_owned(),
+            detail: "the machine is too slow: too many raw frames are waiting".to_owned(),
         };
         self.lost(camera, lost, now);
     }
@@ -457,6 +540,10 @@ impl Hub {
                 flush(imu, &self.out);
             }
         }
+        // Where every frame is waited for none is queued.
+        if !self.waits {
+            self.relieve(now);
+        }
         match self.health_at {
             None => {
                 self.health_at = Some(now);
@@ -473,10 +560,11 @@ impl Hub {
         }
     }
 
-    /// Hands on everything inside; nothing may be handed in afterwards.
-    pub fn finish(&mut self, now: HostTime) {
+    /// Hands on everything inside; nothing may be handed in afterwards. `rest`: what becomes of frames that still wait
+    /// for an encoder.
+    pub fn finish(&mut self, rest: Rest, now: HostTime) {
         for camera in &mut self.cameras {
-            camera.lane.finish(FINISH_LIMIT, now);
+            camera.lane.finish(rest, FINISH_LIMIT, now);
             let name = &camera.setup.name;
             camera.watch.end(&camera.numbers, now, name, &self.out);
         }
@@ -485,6 +573,18 @@ impl Hub {
             let name = &imu.setup.name;
             imu.watch.end(&imu.numbers, now, name, &self.out);
         }
+    }
+
+    /// A frame that nobody stores: its time is learned from, its number counted.
+    fn seen(&mut self, position: usize, seen: &Seen, now: HostTime) {
+        let camera = &mut self.cameras[position];
+        camera.note_return(now, &self.out);
+        let name = &camera.setup.name;
+        camera.watch.seen(now, name, &self.out);
+        let numbers = &mut camera.numbers;
+        let at = seen.host_time;
+        let _ = camera.watch.number(numbers, seen.number, at, name, &self.out);
+        let _ = camera.clock.map(seen.device_ticks, at, &self.out);
     }
 
     fn frame<P: Pixels>(&mut self, position: usize, raw: RawFrame<P>, now: HostTime) {
@@ -515,14 +615,19 @@ impl Hub {
                 self.measures.lower_preview,
             );
         }
-        if self.measures.lower_frame_rate && !self.is_kept(position, mapped.time) {
+        if self.is_idle {
+            return;
+        }
+        if let Some(detail) = self.rate_lowered(position)
+            && !self.is_kept(position, mapped.time)
+        {
             return (self.out)(Outgoing::Dropped {
                 at: mapped.time,
                 stream: self.cameras[position].setup.name.clone(),
                 first: number,
                 last: number,
                 cause: Cause::Spared,
-                detail: "every other picture is left out, to spare the machine".to_owned(),
+                detail: detail.to_owned(),
             });
         }
         let camera = &mut self.cameras[position];
@@ -543,6 +648,18 @@ impl Hub {
             camera.lane.push_and_wait(frame, raw.picture.input(), now);
         } else {
             camera.lane.push(frame, raw.picture.input(), now);
+        }
+    }
+
+    /// Why every other frame of this camera is left out, if that is so.
+    fn rate_lowered(&self, camera: usize) -> Option<&'static str> {
+        let is_last = camera + 1 == self.cameras.len();
+        if self.measures.lower_frame_rate {
+            Some("every other frame is left out, to spare the machine")
+        } else if self.relief.has(Step::AllRates) || (is_last && self.relief.has(Step::OneRate)) {
+            Some("every other frame is left out: the machine is too slow to encode all of them")
+        } else {
+            None
         }
     }
 

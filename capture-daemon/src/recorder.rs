@@ -8,7 +8,10 @@
 //!   ended, begins with its next key frame, which is asked for ([`Recorder::take_key_wishes`]).
 //! * *At a gap* a gap record names the numbers and the cause. Frames and gaps together are every number
 //!   from a stream's first to its last.
-//! * *At a stop* what was received before it is waited for, but not longer than [`STOP_LIMIT_NS`].
+//! * *At a stop* what was received before it is waited for: not longer than [`STOP_LIMIT_NS`], and while frames from
+//!   before it still come out of the encoders not longer than [`STOP_MAX_NS`].
+//! * *While samples are lost* an alarm says so within two seconds, with the cause.
+//! * *When the session's folder is removed* the recording ends as failed, at the latest with the next chunk.
 //! * *When the disk is nearly full* it stops cleanly; *when it fails* the session is closed as far as it is
 //!   on disk, what is not known to be there is counted as missing, and the state says so. Nothing here panics or retries for ever.
 
@@ -35,6 +38,7 @@ use crate::status::{
 };
 
 mod health;
+mod losses;
 mod preroll;
 mod session;
 #[cfg(test)]
@@ -48,10 +52,16 @@ use timed::TimedStorage;
 
 /// How long a stop waits for frames that were received before it.
 pub const STOP_LIMIT_NS: i64 = 250_000_000;
+/// How long a stop waits for the next frame from before it, once one has come out of an encoder that is behind.
+const STOP_PROGRESS_NS: i64 = 2 * NS_PER_S;
+/// The longest that a stop waits for encoders that are behind.
+pub const STOP_MAX_NS: i64 = 20 * NS_PER_S;
 /// A warning comes when less than this can still be recorded.
 const WARN_SECONDS: f64 = 600.0;
 /// What alarms about earlier recordings come from: they stand until the next recording begins.
 pub(crate) const RECOVERY: &str = "recovery";
+/// What alarms about lost samples come from.
+const LOSSES: &str = "losses";
 const DISK_LOW: &str = "disk: less than 10 minutes can still be recorded";
 const DISK_FULL: &str = "disk: too full to record";
 
@@ -68,6 +78,9 @@ pub trait SessionStore: Send {
     /// # Errors
     /// The disk says no.
     fn discard(&mut self, path: &Path) -> io::Result<()>;
+
+    /// Whether a session's folder is still there.
+    fn is_there(&self, path: &Path) -> bool;
 
     /// Free space, bytes.
     fn free_bytes(&self) -> Option<u64>;
@@ -348,8 +361,8 @@ impl Recorder {
         std::mem::take(&mut self.key_wishes)
     }
 
-    /// Stops: what was received before now still goes in. The session is closed at the latest
-    /// [`STOP_LIMIT_NS`] later, by [`Self::tick`] or [`Self::handle`].
+    /// Stops: what was received before now still goes in. The session is closed
+    /// [`STOP_LIMIT_NS`] later, or when the encoders are no longer behind, by [`Self::tick`] or [`Self::handle`].
     ///
     /// # Errors
     /// Nothing is being recorded.
@@ -539,6 +552,13 @@ impl Recorder {
             }
             return self.keep(item);
         }
+        if let Some(stopping) = &mut session.stopping
+            && matches!(item, Outgoing::Frame { .. })
+        {
+            let limit = stopping.at + STOP_MAX_NS;
+            let later = (self.clock.now() + STOP_PROGRESS_NS).min(limit);
+            stopping.deadline = stopping.deadline.max(later);
+        }
         let stored = session.store(item);
         self.check(stored);
     }
@@ -590,6 +610,10 @@ impl Recorder {
             session.note_durable();
             let (until, messages) = (durable.until, durable.messages);
             (self.on_progress)(Progress::Durable { until, messages });
+            if !self.store.is_there(&session.path) {
+                let removed = "the session's folder was removed while it was being recorded";
+                return self.close(Some(removed.to_owned()));
+            }
         }
         if let Some(stopping) = &session.stopping
             && (stopping.waiting.iter().all(|w| !w) || self.clock.now() >= stopping.deadline)
@@ -638,6 +662,8 @@ impl Recorder {
         let stored = session.streams.iter().map(|s| s.stored).sum();
         let missing = session.streams.iter().map(|s| s.missing).sum();
         let absent = session.absent();
+        let streams = session.account();
+        let ended: Vec<_> = session.streams.iter_mut().filter_map(|s| s.losses.end()).collect();
         let path = session.path;
         if let Some(e) = &failed {
             let text = format!(
@@ -654,8 +680,12 @@ impl Recorder {
             stored,
             missing,
             absent,
+            streams,
             error: failed,
         });
+        for (text, active) in ended {
+            self.on_alarm(now, text, LOSSES, active);
+        }
     }
 
     fn event(&mut self, kind: Kind, at: HostTime, source: &str, text: &str) {
@@ -692,9 +722,14 @@ impl Recorder {
     }
 
     fn on_health(&mut self, at: HostTime, streams: Vec<StreamHealth>) {
+        // While nobody stores frames, this is how they are known to come.
+        for (seen, stream) in self.seen.iter_mut().zip(&streams) {
+            *seen |= stream.received > 0;
+        }
         self.health = streams;
         self.free_bytes = self.store.free_bytes();
         self.look_at_machine(at);
+        self.look_at_losses(at);
         let Some(session) = &mut self.session else {
             return self.guard_disk(at, None);
         };
@@ -738,6 +773,15 @@ impl Recorder {
         let stored = session.writer.append("", at, at, &record);
         self.check(stored);
         self.guard_disk(at, Some(written));
+    }
+
+    /// Says which streams are losing samples, and which no longer are.
+    fn look_at_losses(&mut self, at: HostTime) {
+        let streams = self.session.iter_mut().flat_map(|s| &mut s.streams);
+        let changes: Vec<_> = streams.flat_map(|s| s.losses.look(&s.name)).collect();
+        for (text, active) in changes {
+            self.on_alarm(at, text, LOSSES, active);
+        }
     }
 
     /// Asks the machine how it is, and takes the measures that follow.

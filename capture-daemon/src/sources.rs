@@ -128,9 +128,22 @@ pub enum ImuValues {
     },
 }
 
+/// A stereo frame that came while nobody stores frames: without its pixels, which were not fetched or made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Seen {
+    /// The device's own sequence number.
+    pub number: u64,
+    /// Device clock at the instant that the device stamps.
+    pub device_ticks: i64,
+    /// When the frame arrived.
+    pub host_time: HostTime,
+}
+
 /// What a source delivers.
 #[derive(Clone, Debug)]
 pub enum Sample {
+    /// A frame without its pixels.
+    Seen(Seen),
     /// A stereo frame.
     Frame(RawFrame),
     /// A stereo frame in its camera's own buffer.
@@ -218,6 +231,7 @@ impl Sample {
     /// When it arrived, or is to arrive.
     pub fn host_time(&self) -> HostTime {
         match self {
+            Self::Seen(s) => s.host_time,
             Self::Frame(f) => f.host_time,
             Self::Native(f) => f.host_time,
             Self::Imu(i) => i.host_time,
@@ -231,6 +245,7 @@ impl Sample {
     /// Bytes that it occupies, for bounding queues.
     pub fn bytes(&self) -> usize {
         match self {
+            Self::Seen(_) => size_of::<Seen>(),
             Self::Frame(f) => f.picture.data.len() + size_of::<RawFrame>(),
             Self::Native(f) => f.picture.bytes() + size_of::<RawFrame<NativeFrame>>(),
             Self::Imu(_) => size_of::<RawImu>(),
@@ -331,15 +346,22 @@ pub trait Source: Send {
     /// See [`SourceError`].
     fn next_sample(&mut self) -> Result<Option<Sample>, SourceError>;
 
+    /// Whether the pixels of the frames that follow are wanted: while nobody stores them a source may deliver
+    /// [`Sample::Seen`] instead. A source that makes its frames in no time may ignore it.
+    fn want_pixels(&mut self, wanted: bool) {
+        let _ = wanted;
+    }
+
     /// Moves the schedule so that it begins at `start`; only before the first sample.
     fn begin_at(&mut self, start: HostTime) {
         let _ = start;
     }
 
     /// It is so late that samples which were to arrive before `now` cannot be made any more: a source that
-    /// makes its samples leaves frames out, as a device does that is not read in time.
-    fn hurry(&mut self, now: HostTime) {
+    /// makes its samples leaves frames out, as a device does that is not read in time. Which ones.
+    fn hurry(&mut self, now: HostTime) -> Vec<Lost> {
         let _ = now;
+        Vec::new()
     }
 
     /// What is true, as files that the session keeps beside the rig's: name and content. Asked for when the
@@ -361,6 +383,11 @@ pub trait Sink: Sync {
 
     /// Takes a sample. IMU samples wait for room; a frame for which there is none is dropped and accounted for.
     fn put(&self, sample: Sample);
+
+    /// Whether the pixels of a frame are wanted now; if not, [`Sample::Seen`] stands for it.
+    fn wants_pixels(&self) -> bool {
+        true
+    }
 
     /// Whether the source is to end: looked at several times a second.
     fn is_ending(&self) -> bool;

@@ -142,6 +142,61 @@ pub struct Status {
     pub sparing: String,
 }
 
+/// Missing samples of one cause.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CauseCount {
+    /// The cause, for people.
+    pub cause: String,
+    /// How many.
+    pub count: u64,
+}
+
+/// What one stream came to in a session.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StreamAccount {
+    /// Stream, as gap records name it.
+    pub name: String,
+    /// Whether its samples are frames.
+    pub is_camera: bool,
+    /// Samples stored.
+    pub stored: u64,
+    /// Samples missing; each is accounted for in a gap record.
+    pub missing: u64,
+    /// Those missing by cause, most first.
+    pub causes: Vec<CauseCount>,
+}
+
+impl StreamAccount {
+    /// Missing samples as a share of all, 0 to 1.
+    pub fn missing_share(&self) -> f64 {
+        self.missing as f64 / (self.stored + self.missing).max(1) as f64
+    }
+}
+
+impl std::fmt::Display for StreamAccount {
+    /// As `feet: 12.5 % of the frames are missing (15 of 120): the disk is too slow (15)`.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let what = if self.is_camera { "frames" } else { "samples" };
+        let (missing, all) = (self.missing, self.stored + self.missing);
+        let share = 100.0 * self.missing_share();
+        // One of a million is not none.
+        let share = match share {
+            s if s > 0.0 && s < 0.1 => "less than 0.1".to_owned(),
+            s => format!("{s:.1}"),
+        };
+        write!(
+            f,
+            "{}: {share} % of the {what} are missing ({missing} of {all})",
+            self.name
+        )?;
+        for (i, CauseCount { cause, count }) in self.causes.iter().enumerate() {
+            let before = if i == 0 { ": " } else { ", " };
+            write!(f, "{before}{cause} ({count})")?;
+        }
+        Ok(())
+    }
+}
+
 /// Something that just happened, for whoever watches a recording.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
@@ -182,6 +237,9 @@ pub enum Progress {
         /// Streams of which nothing came at all, so that nobody knows how many samples are missing.
         #[serde(default)]
         absent: Vec<String>,
+        /// What each stream came to, cameras first.
+        #[serde(default)]
+        streams: Vec<StreamAccount>,
         /// What failed, if the session was ended by a failure or a source failed during it.
         error: Option<String>,
     },

@@ -205,12 +205,15 @@ impl Device {
     }
 
     /// Leaves out frames that would arrive before this time: they are lost as on a device that is not read
-    /// in time. ns since the beginning of the walk.
-    pub fn skip_frames_to(&mut self, time_ns: i64) {
+    /// in time. ns since the beginning of the walk. The numbers of those frames.
+    pub fn skip_frames_to(&mut self, time_ns: i64) -> Vec<u64> {
+        let mut skipped = Vec::new();
         while let Some(slot) = self.next_frame().filter(|s| s.arrival_ns < time_ns) {
             self.frames.next = None;
+            skipped.push(slot.index - self.frames.first);
             self.lose(Stream::Frames, slot.index, slot.taken_ns, Kind::Dropped);
         }
+        skipped
     }
 
     /// What arrives next.

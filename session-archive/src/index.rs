@@ -323,7 +323,8 @@ fn is_behind_the_encoder(cause: Cause) -> bool {
         | Cause::Disconnected
         | Cause::EncoderOverload
         | Cause::Late
-        | Cause::Spared => false,
+        | Cause::Spared
+        | Cause::MachineOverload => false,
     }
 }
 

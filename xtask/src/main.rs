@@ -4,7 +4,7 @@
 //! Early: this program compiles before any system package is there, because it installs them.
 //! Late: a verb may be run again at any time; what is already done is not done twice. At a gap
 //! (no network, no Python index, no optional tool) the verb says what it leaves out and why. At
-//! the end: exit code 0 fine, 1 failed, 2 bad arguments. On failure: one message that names the
+//! the end: exit code 0 fine, 1 failed, 2 bad arguments, 3 finished with loss. On failure: one message that names the
 //! step, what was found, and what to do.
 #![expect(
     clippy::disallowed_methods,
@@ -26,6 +26,17 @@ use std::process::ExitCode;
 use args::Verb;
 use setup::Purpose;
 
+/// The exit code of a program that did all it was to do and says that something is missing.
+const WITH_LOSS: u8 = 3;
+
+/// How a verb ended that could do its work.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Ending {
+    Whole,
+    /// Something recorded is missing, or was judged unfit.
+    WithLoss,
+}
+
 fn main() -> ExitCode {
     let verb = match args::parse(std::env::args_os().skip(1)) {
         Ok(verb) => verb,
@@ -35,7 +46,8 @@ fn main() -> ExitCode {
         }
     };
     match run(verb) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(Ending::Whole) => ExitCode::SUCCESS,
+        Ok(Ending::WithLoss) => ExitCode::from(WITH_LOSS),
         Err(error) => {
             eprintln!("\nfailed: {error:#}");
             ExitCode::FAILURE
@@ -43,8 +55,13 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(verb: Verb) -> anyhow::Result<()> {
-    match verb {
+fn run(verb: Verb) -> anyhow::Result<Ending> {
+    let done = match verb {
+        Verb::Demo {
+            install,
+            seconds,
+            folder,
+        } => return demo::run(install, seconds, folder),
         Verb::Help => {
             print!("{}", args::HELP);
             Ok(())
@@ -54,11 +71,6 @@ fn run(verb: Verb) -> anyhow::Result<()> {
             install,
         ),
         Verb::Test { install, quick } => test::run(install, quick),
-        Verb::Demo {
-            install,
-            seconds,
-            folder,
-        } => demo::run(install, seconds, folder),
         Verb::Bench {
             install,
             names,
@@ -78,5 +90,6 @@ fn run(verb: Verb) -> anyhow::Result<()> {
             out,
             check,
         } => deb::run(install, architecture, out, check),
-    }
+    };
+    done.map(|()| Ending::Whole)
 }

@@ -84,7 +84,7 @@ fn session(mut section: Section<'_>, folder: &Path) -> Session {
         out: section.path("out", folder),
         name: section.text("name", &expected, is_name).unwrap_or_default(),
         chunk_ns: section.integer("chunk_ms", 100..=1000).unwrap_or(500) * 1_000_000,
-        pre_roll_ns: ns(1e9, section.number("pre_roll_s", 0.0..=60.0).unwrap_or(1.0)),
+        pre_roll_ns: ns(1e9, section.number("pre_roll_s", 0.0..=60.0).unwrap_or(0.0)),
     };
     section.finish();
     session

@@ -71,7 +71,7 @@ fn what_is_left_out_has_its_default() {
             out: None,
             name: String::new(),
             chunk_ns: 500_000_000,
-            pre_roll_ns: 1_000_000_000,
+            pre_roll_ns: 0,
         },
         disk: Disk {
             reserve_bytes: 1_000_000_000,

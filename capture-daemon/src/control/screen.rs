@@ -75,11 +75,17 @@ pub fn status(status: &Status) -> String {
     text
 }
 
-fn remark(stream: &StreamStatus) -> &'static str {
-    match (stream.silent, stream.frozen) {
-        (true, _) => "SILENT",
-        (false, true) => "FROZEN",
+fn remark(stream: &StreamStatus) -> String {
+    let state = match (stream.silent, stream.frozen) {
+        (true, _) => "SILENT ",
+        (false, true) => "FROZEN ",
         (false, false) => "",
+    };
+    let all = stream.stored + stream.missing;
+    let percent = 100.0 * stream.missing as f64 / all.max(1) as f64;
+    match percent >= 0.05 {
+        true => format!("{state}{percent:.1} % missing"),
+        false => state.trim_end().to_owned(),
     }
 }
 
@@ -134,16 +140,19 @@ impl Narrator {
                 stored,
                 missing,
                 absent,
+                streams,
                 error,
                 ..
             } => {
+                let losses = streams.iter().filter(|s| s.missing > 0);
+                let losses: String = losses.map(|s| format!("\n  {s}")).collect();
                 let failure = error.as_ref().map(|error| format!("\nFAILED: {error}"));
                 let nothing = match absent.as_slice() {
                     [] => String::new(),
                     names => format!(", nothing at all of {}", names.join(", ")),
                 };
                 format!(
-                    "finished after {} ({reason}): {stored} samples stored, {missing} missing{nothing}{}",
+                    "finished after {} ({reason}): {stored} samples stored, {missing} missing{nothing}{losses}{}",
                     duration(*seconds),
                     failure.unwrap_or_default()
                 )
@@ -157,6 +166,7 @@ mod tests {
     use std::path::PathBuf;
 
     use super::*;
+    use crate::status::{CauseCount, StreamAccount};
 
     fn stream(name: &str, silent: bool, frozen: bool) -> StreamStatus {
         StreamStatus {
@@ -201,9 +211,9 @@ encoders  left_shoulder: x264enc
           feet: x264enc
 
 stream                per s    received      stored   missing
-left_shoulder          30.0        1234        1200         3
-left_shoulder/imu      30.0        1234        1200         3  SILENT
-feet                   30.0        1234        1200         3  FROZEN
+left_shoulder          30.0        1234        1200         3  0.2 % missing
+left_shoulder/imu      30.0        1234        1200         3  SILENT 0.2 % missing
+feet                   30.0        1234        1200         3  FROZEN 0.2 % missing
 
 ! left_shoulder/imu is silent
 ! feet is frozen
@@ -273,9 +283,20 @@ feet                   30.0        1234        1200         3  FROZEN
             stored: 240,
             missing: 1,
             absent: vec!["feet".into()],
+            streams: vec![StreamAccount {
+                name: "left_shoulder".into(),
+                is_camera: true,
+                stored: 3,
+                missing: 1,
+                causes: vec![CauseCount {
+                    cause: "the disk is too slow".into(),
+                    count: 1,
+                }],
+            }],
             error: Some("no space left".into()),
         };
         let expected = "finished after 12.0 s (disk): 240 samples stored, 1 missing, nothing at all of feet\n\
+                        \x20 left_shoulder: 25.0 % of the frames are missing (1 of 4): the disk is too slow (1)\n\
                         FAILED: no space left";
         assert_eq!(narrator.line(&finished).unwrap(), expected);
     }

@@ -4,6 +4,8 @@ use super::*;
 use video::{Picture, PixelFormat};
 
 const MS: i64 = 1_000_000;
+/// Room for forty small frames.
+const CAPACITY: usize = 40 * 64 * 32 * 3 / 2;
 
 fn settings() -> EncoderSettings {
     EncoderSettings {
@@ -56,7 +58,7 @@ fn lane() -> (Lane, Seen) {
             }
         }
     });
-    (Lane::new(settings(), 500 * MS, sink), seen)
+    (Lane::new(settings(), 500 * MS, CAPACITY, sink), seen)
 }
 
 #[test]
@@ -87,7 +89,10 @@ fn key_frames_stand_where_chunks_begin() {
 fn an_encoder_makes_way_for_one_of_another_quality() {
     let (mut lane, seen) = lane();
     for n in 0..40 {
-        lane.spare((8..24).contains(&n));
+        lane.ease(Easier {
+            quality: (8..24).contains(&n),
+            preset: false,
+        });
         let picture = picture(n, 64, 32);
         // Two are still inside when the chunk ends.
         if matches!(n, 14..=16 | 29..=31) {
@@ -95,11 +100,11 @@ fn an_encoder_makes_way_for_one_of_another_quality() {
         } else {
             lane.push_and_wait(frame(n), &picture, HostTime(0));
         }
-        let quality = lane.running.as_ref().map(|r| r.quality_db);
+        let quality = lane.running.as_ref().map(|r| r.effort.quality_db);
         let spared = 16..31;
         assert_eq!(quality, Some(if spared.contains(&n) { 36.0 } else { 40.0 }));
     }
-    lane.finish(Duration::from_secs(10), HostTime(0));
+    lane.finish(Rest::Encode, Duration::from_secs(10), HostTime(0));
     assert!(!lane.is_failing());
     let keys = [0, 16, 31];
     let expected: Vec<_> = (0..40).map(|n| (n, Ok(keys.contains(&n)))).collect();
@@ -208,7 +213,7 @@ fn overload_drops_whole_frames_and_says_so() {
     for n in 0..100 {
         lane.push(frame(n), &picture, HostTime(0));
     }
-    lane.finish(Duration::from_secs(20), HostTime(0));
+    lane.finish(Rest::Encode, Duration::from_secs(20), HostTime(0));
     let mut seen = seen.lock().expect("seen").clone();
     let out: Vec<u64> = seen.iter().filter(|s| s.1.is_ok()).map(|s| s.0).collect();
     assert!(out.is_sorted());
@@ -223,4 +228,65 @@ fn overload_drops_whole_frames_and_says_so() {
         seen.iter().map(|s| s.0).collect::<Vec<_>>(),
         (0..100).collect::<Vec<_>>()
     );
+}
+
+/// Frames that come faster than they are encoded wait, as far as there is room, and are then encoded in order.
+#[test]
+fn frames_wait_in_front_of_a_slow_encoder() {
+    let (mut lane, seen) = lane();
+    (lane.settings.width, lane.settings.height) = (1344, 376);
+    let picture = picture(0, 1344, 376);
+    lane.capacity = 100 * picture.data.len();
+    for n in 0..100 {
+        lane.push(frame(n), &picture, HostTime(0));
+    }
+    assert!(lane.fill() <= 1.0 && lane.queued_bytes() <= 108 * picture.data.len());
+    lane.finish(Rest::Encode, Duration::from_secs(60), HostTime(0));
+    assert_eq!(lane.fill(), 0.0);
+    let seen = seen.lock().expect("seen").clone();
+    assert!(seen.iter().all(|s| s.1.is_ok()), "{seen:?}");
+    assert!(seen.iter().map(|s| s.0).eq(0..100));
+}
+
+/// When nobody stores them any more, frames that still wait are reported and not encoded.
+#[test]
+fn frames_that_nobody_stores_are_not_encoded_at_the_end() {
+    let (mut lane, seen) = lane();
+    (lane.settings.width, lane.settings.height) = (1344, 376);
+    let picture = picture(0, 1344, 376);
+    lane.capacity = 100 * picture.data.len();
+    for n in 0..100 {
+        lane.push(frame(n), &picture, HostTime(0));
+    }
+    let waiting = lane.waiting.len();
+    lane.finish(Rest::Drop, Duration::from_secs(60), HostTime(0));
+    let seen = seen.lock().expect("seen").clone();
+    assert_eq!(seen.len(), 100);
+    let late = seen.iter().filter(|s| s.1 == Err(Cause::Late)).count();
+    assert_eq!(late, waiting);
+}
+
+/// Overload makes it easier for the encoder where a chunk begins, and costs no frame.
+#[test]
+fn a_faster_preset_begins_with_the_next_chunk() {
+    let (mut lane, seen) = lane();
+    lane.settings.preset = Preset::Veryfast;
+    for n in 0..40 {
+        let preset = n >= 8;
+        lane.ease(Easier {
+            preset,
+            quality: false,
+        });
+        lane.push(frame(n), &picture(n, 64, 32), HostTime(0));
+        if let Some(running) = &lane.running
+            && lane.waiting.is_empty()
+        {
+            let expected = if n < 16 { Preset::Veryfast } else { Preset::Ultrafast };
+            assert_eq!(running.effort.preset, expected, "at {n}");
+        }
+    }
+    lane.finish(Rest::Encode, Duration::from_secs(20), HostTime(0));
+    let seen = seen.lock().expect("seen").clone();
+    assert!(seen.iter().map(|s| s.0).eq(0..40), "{seen:?}");
+    assert!(seen.iter().all(|s| s.1.is_ok()), "{seen:?}");
 }

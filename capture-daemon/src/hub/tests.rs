@@ -122,7 +122,7 @@ fn a_late_or_repeated_frame_never_reaches_the_encoder() {
     for (i, number) in [29, 30, 30, 0, 1, 2, 3, 4].into_iter().enumerate() {
         bench.frame(number, START + i as i64 * 50 * MS);
     }
-    bench.hub.finish(START + 400 * MS);
+    bench.hub.finish(Rest::Encode, START + 400 * MS);
     let frames: Vec<u64> = bench
         .seen()
         .iter()
@@ -147,7 +147,7 @@ fn a_repeated_imu_sample_costs_no_other() {
         let at = START + i as i64 * 5 * MS;
         bench.imu(number, at, at);
     }
-    bench.hub.finish(START + 400 * MS);
+    bench.hub.finish(Rest::Encode, START + 400 * MS);
     let mut next = 0;
     for item in bench.seen().iter() {
         if let Outgoing::Imu { batch, .. } = item {
@@ -187,6 +187,7 @@ fn a_failing_encoder_is_an_alarm() {
     bench.hub.cameras[0].lane = Lane::new(
         bench.hub.cameras[0].setup.encoder.clone(),
         500 * MS,
+        1,
         Arc::new(|_| {}),
     );
     bench.frame(0, START);
@@ -234,7 +235,7 @@ fn what_a_device_missed_while_it_was_gone_has_that_cause() {
     // Once more, and its counter has gone on: the device knows better than the clock.
     bench.frame(9, at(26));
     gone(&mut bench, 26);
-    bench.hub.finish(at(30));
+    bench.hub.finish(Rest::Encode, at(30));
     let seen = bench.seen();
     let frames: Vec<u64> = seen
         .iter()
@@ -325,7 +326,7 @@ fn a_tick_from_long_ago_has_no_better_time_than_its_arrival() {
         };
         bench.hub.sample(0, Sample::Frame(raw), at);
     }
-    bench.hub.finish(START + 4000 * MS);
+    bench.hub.finish(Rest::Encode, START + 4000 * MS);
     let mut count = 0;
     for item in bench.seen().iter() {
         if let Outgoing::Frame { frame, .. } = item {
@@ -435,4 +436,51 @@ fn camera_and_imu_are_gone_each_by_itself() {
             "false feet: the device is gone (unplugged)",
         ]
     );
+}
+
+/// Queues that grow cost quality before they cost frames, and when they are empty everything comes back.
+#[test]
+fn a_machine_that_is_too_slow_is_relieved_step_by_step() {
+    let mut bench = bench();
+    bench.hub.waits = false;
+    let mut now = START;
+    let mut run = |bench: &mut Bench, seconds: i64, fill: &dyn Fn(i64) -> f64| {
+        for tick in 0..10 * seconds {
+            now = now + TICK_NS;
+            bench.hub.note_inbox(fill(tick));
+            bench.hub.tick(now);
+        }
+    };
+    // The queue grows by a twentieth of its capacity in a second, then stays empty.
+    run(&mut bench, 8, &|tick| tick as f64 / 200.0);
+    let rate_lowered = bench.hub.rate_lowered(0).is_some();
+    run(&mut bench, 60, &|_| 0.0);
+    assert!(rate_lowered && bench.hub.rate_lowered(0).is_none());
+    let alarms: Vec<(String, bool)> = bench
+        .seen()
+        .iter()
+        .filter_map(|item| match item {
+            Outgoing::Alarm {
+                text,
+                active,
+                stream,
+                ..
+            } if stream == ENCODERS => {
+                let (_, what) = text.split_once(": ").expect("what is done");
+                Some((what.to_owned(), *active))
+            }
+            _ => None,
+        })
+        .collect();
+    let (quality, rates) = (Step::Quality.text(), Step::AllRates.text());
+    let expected = [
+        (quality, true),
+        (quality, false),
+        (rates, true),
+        (rates, false),
+        (quality, true),
+        (quality, false),
+    ];
+    let expected = expected.map(|(what, active)| (what.to_owned(), active));
+    assert_eq!(alarms, expected, "one camera at the fastest preset");
 }

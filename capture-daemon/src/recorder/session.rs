@@ -6,13 +6,16 @@ use std::sync::Arc;
 
 use session_archive::manifest::Stop;
 use session_archive::record::paws::frame_set::Member as MemberRecord;
+use session_archive::record::paws::gap::Cause;
 use session_archive::record::{FrameSet as FrameSetRecord, Gap};
 use session_archive::time::{HostTime, NS_PER_S};
 use session_archive::writer::{Incident, SessionWriter, WriteError};
 
 use super::Setup;
+use super::losses::Losses;
 use super::timed::TimedStorage;
 use crate::hub::Outgoing;
+use crate::status::StreamAccount;
 use crate::sync::gaps::SequenceTracker;
 use crate::sync::sets::{CameraSpec, FrameSet, FrameSetBuilder};
 
@@ -41,13 +44,14 @@ pub(super) struct Session {
 
 /// What a stream has come to in this session.
 pub(super) struct Stream {
-    name: String,
+    pub(super) name: String,
     tracker: SequenceTracker,
     pub(super) stored: u64,
     pub(super) missing: u64,
     pub(super) bytes: u64,
     /// `bytes` at the last health record.
     pub(super) bytes_before: u64,
+    pub(super) losses: Losses,
 }
 
 /// A stop that was asked for.
@@ -76,6 +80,7 @@ impl Session {
             missing: 0,
             bytes: 0,
             bytes_before: 0,
+            losses: Losses::default(),
         });
         let specs = setup.cameras.iter().map(|c| CameraSpec {
             trigger: c.trigger.clone(),
@@ -97,6 +102,18 @@ impl Session {
             incidents: Vec::new(),
             pending: VecDeque::new(),
         }
+    }
+
+    /// What each stream came to, cameras first.
+    pub(super) fn account(&self) -> Vec<StreamAccount> {
+        let account = |(position, stream): (usize, &Stream)| StreamAccount {
+            name: stream.name.clone(),
+            is_camera: position < self.cameras,
+            stored: stream.stored,
+            missing: stream.missing,
+            causes: stream.losses.by_cause(),
+        };
+        self.streams.iter().enumerate().map(account).collect()
     }
 
     /// Length so far, s.
@@ -166,6 +183,7 @@ impl Session {
             } => {
                 if let Some(stream) = self.streams.iter_mut().find(|s| s.name == stream) {
                     stream.tracker.dropped(first, last, cause, &detail);
+                    stream.losses.report(cause);
                 }
                 Ok(())
             }
@@ -205,7 +223,9 @@ impl Session {
         at: HostTime,
         host: HostTime,
     ) -> Result<(), WriteError> {
-        self.streams[stream].missing += gap.count();
+        let tally = &mut self.streams[stream];
+        tally.missing += gap.count();
+        tally.losses.gap(gap.cause(), gap.count());
         self.writer.append("", at, host, gap)
     }
 
@@ -225,6 +245,8 @@ impl Session {
         };
         let stream = &mut self.streams[position];
         stream.missing += gap.count();
+        stream.losses.gap(gap.cause(), gap.count());
+        stream.losses.report(gap.cause());
         stream.stored = stream.stored.saturating_sub(gap.count());
         if position < self.cameras {
             self.sets.forget(position, gap.first, gap.last);
@@ -283,6 +305,7 @@ impl Session {
             let lost = count.min(stream.stored);
             stream.stored -= lost;
             stream.missing += lost;
+            stream.losses.gap(Cause::Storage, lost);
         }
         self.last = self.last.min(self.writer.durability().until);
     }

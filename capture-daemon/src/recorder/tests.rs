@@ -28,6 +28,8 @@ struct Bench {
     machine: Arc<Mutex<MachineLook>>,
     /// Nothing can be deleted.
     keeps: Arc<Mutex<bool>>,
+    /// Somebody has removed the folder of the session.
+    is_removed: Arc<Mutex<bool>>,
     /// Of the first disk.
     faults: Vec<Fault>,
 }
@@ -47,6 +49,10 @@ impl SessionStore for Bench {
         }
         self.disks.lock().expect("disks").pop();
         Ok(())
+    }
+
+    fn is_there(&self, _: &Path) -> bool {
+        !*self.is_removed.lock().expect("is_removed")
     }
 
     fn free_bytes(&self) -> Option<u64> {
@@ -402,8 +408,10 @@ fn a_stop_waits_for_frames_that_were_received_before_it_and_not_for_ever() {
         unit,
         key: false,
     });
-    assert_eq!(rig.recorder.state(), State::Stopping);
     rig.clock.advance_to(rig.now() + STOP_LIMIT_NS);
+    rig.recorder.tick();
+    assert_eq!(rig.recorder.state(), State::Stopping, "more may follow");
+    rig.clock.advance_to(rig.now() + STOP_PROGRESS_NS);
     rig.recorder.tick();
     assert_eq!(
         rig.recorder.state(),
@@ -836,4 +844,118 @@ fn a_machine_that_gets_too_hot_is_spared_and_then_stopped() {
     assert_eq!(rig.recorder.state(), State::Armed, "it was stopped");
     let refused = rig.recorder.start("", "button").expect_err("too hot");
     assert!(refused.starts_with("not now: "), "{refused}");
+}
+
+/// Encoders that are behind at the stop: what they still give belongs to the session, but not for ever.
+#[test]
+fn a_stop_waits_for_encoders_that_are_behind() {
+    let mut rig = rig(0, Bench::default());
+    rig.steps(20);
+    started(&mut rig);
+    rig.steps(10);
+    let at = rig.now();
+    rig.clock.advance_to(at + 1);
+    rig.recorder.stop("button").expect("stop");
+    let first = rig.next[0];
+    let mut given = 0;
+    while rig.recorder.state() == State::Stopping {
+        assert!(rig.now() <= at + STOP_MAX_NS + 2 * NS_PER_S, "it never ends");
+        rig.clock.advance_to(rig.now() + NS_PER_S);
+        let time = at.0 - 1_000 + given;
+        let frame = Frame {
+            number: first + given as u64,
+            time,
+            host_time: time,
+            ..Frame::default()
+        };
+        given += 1;
+        rig.recorder.handle(Outgoing::Frame {
+            camera: 0,
+            frame,
+            unit: Bytes::from_static(b"unit"),
+            key: false,
+        });
+        rig.recorder.tick();
+    }
+    let stored: Vec<Frame> = rig.messages("left_shoulder");
+    let late = stored.iter().filter(|f| f.number >= first).count() as i64;
+    assert_eq!(late, given, "all that came is stored");
+    assert!(given >= STOP_MAX_NS / NS_PER_S - 1, "{given}");
+}
+
+/// Loss is an alarm within two seconds, says why, and is told at the end as a share of the frames.
+#[test]
+fn loss_is_an_alarm_and_a_share_of_the_frames_of_its_camera() {
+    let mut rig = rig(0, Bench::default());
+    rig.steps(10);
+    started(&mut rig);
+    for step in 0..60 {
+        if step < 30 {
+            // Every other frame of one camera does not get through its encoder.
+            rig.recorder.handle(Outgoing::Dropped {
+                at: rig.now(),
+                stream: "feet".to_owned(),
+                first: rig.next[1],
+                last: rig.next[1],
+                cause: Cause::EncoderOverload,
+                detail: "full".to_owned(),
+            });
+            rig.next[1] += 1;
+        }
+        rig.step();
+        if step % 20 == 19 {
+            rig.health();
+        }
+    }
+    for _ in 0..6 {
+        rig.steps(20);
+        rig.health();
+    }
+    let alarms: Vec<(String, bool)> = rig
+        .progress()
+        .into_iter()
+        .filter_map(|p| match p {
+            Progress::Alarm { text, active } => Some((text, active)),
+            _ => None,
+        })
+        .collect();
+    let text = "feet: samples are being lost: the machine is too slow to encode them";
+    let expected = [(text.to_owned(), true), (text.to_owned(), false)];
+    assert_eq!(alarms, expected);
+    rig.recorder.close_now("button");
+    let Some(Progress::Finished {
+        streams, missing, ..
+    }) = rig.progress().pop()
+    else {
+        panic!("the session ended");
+    };
+    let feet = &streams[1];
+    assert_eq!((feet.missing, feet.is_camera), (30, true));
+    assert_eq!(missing, 30);
+    assert_eq!(feet.causes.len(), 1, "{feet}");
+    let share = 30.0 / (30.0 + feet.stored as f64);
+    assert_eq!(feet.missing_share(), share);
+    assert!(feet.to_string().contains("% of the frames are missing (30 of "), "{feet}");
+    assert_eq!(streams[0].missing, 0);
+}
+
+#[test]
+fn a_session_whose_folder_is_removed_ends_with_the_next_chunk() {
+    let bench = Bench::default();
+    let mut rig = rig(0, bench.clone());
+    rig.steps(10);
+    started(&mut rig);
+    rig.steps(30);
+    *bench.is_removed.lock().expect("is_removed") = true;
+    let removed = rig.now();
+    while rig.recorder.state() == State::Recording {
+        rig.step();
+        assert!(rig.now().since(removed) <= 1_000 * MS + PERIOD, "it goes on");
+    }
+    assert_eq!(rig.recorder.state(), State::Fault);
+    let Some(Progress::Finished { error, .. }) = rig.progress().pop() else {
+        panic!("the session ended");
+    };
+    let error = error.expect("a failure");
+    assert!(error.contains("removed"), "{error}");
 }

@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail};
 use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::rig::Rig;
 use cad_transforms::transform::RigidTransform;
-use calib::foxglove::CameraInfo;
+use calib::foxglove;
 use calib::stereo::{Eye, StereoCalibration};
 use session_archive::manifest;
 use session_archive::record::{CameraCalibration, FrameTransform, FrameTransforms, timestamp};
@@ -291,7 +291,7 @@ fn calibration_records(
     [("left", Eye::Left), ("right", Eye::Right)]
         .into_iter()
         .map(|(eye, which)| {
-            let info = CameraInfo::of(stereo, which);
+            let info = foxglove::CameraInfo::of(stereo, which);
             let frame = format!("{camera}/{eye}");
             let record = CameraCalibration {
                 timestamp: Some(timestamp(at)),

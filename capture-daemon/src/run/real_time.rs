@@ -29,6 +29,7 @@ use crate::causes::with_causes;
 use crate::clock::{Clock, RealClock};
 use crate::config::Config;
 use crate::control;
+use crate::encode::Rest;
 use crate::hub::{Hub, Out, Outgoing, TICK_NS};
 use crate::notify::Notify;
 use crate::preview::{Newest, Previews};
@@ -48,14 +49,20 @@ const OUTBOX_BYTES: usize = 64 << 20;
 const PATIENCE: Duration = Duration::from_millis(20);
 /// Replays begin this much after the program, so that all of them are ready.
 const LEAD_NS: i64 = 200_000_000;
+/// While nobody stores frames, one in so long is shown and looked at; the others are only counted and timed.
+const SHOWN_NS: i64 = NS_PER_S;
 /// A source that is so far behind its schedule has to leave samples out.
 const BEHIND_NS: i64 = NS_PER_S / 2;
 /// A thread that has not come round for this long is stuck.
 const STUCK_NS: i64 = 10 * NS_PER_S;
+/// A recording that cannot be closed within this is given up.
+const CLOSE_LIMIT_NS: i64 = 4 * STUCK_NS;
 /// How old what others know of the recorder may be.
 const NOTE_NS: i64 = 200_000_000;
 /// How long a request may take.
 const REQUEST_LIMIT: Duration = Duration::from_secs(5);
+/// How long a stop may take: what waits for the encoders goes in first.
+const STOP_REQUEST_LIMIT: Duration = Duration::from_secs(30);
 
 /// To the hub.
 enum In {
@@ -92,6 +99,8 @@ pub(super) struct Shared {
     noted: Condvar,
     /// Whether a session is open.
     recording: AtomicBool,
+    /// Whether frames are kept before a session begins.
+    has_pre_roll: bool,
     /// What is done to spare the machine.
     measures: Mutex<Measures>,
     /// The newest picture of each camera.
@@ -100,7 +109,7 @@ pub(super) struct Shared {
 }
 
 impl Shared {
-    fn new(cameras: usize, outbox_bytes: usize, outcome: Outcome) -> Self {
+    fn new(cameras: usize, outbox_bytes: usize, has_pre_roll: bool, outcome: Outcome) -> Self {
         let clock = Arc::new(RealClock);
         let now = clock.now().0;
         Self {
@@ -115,6 +124,7 @@ impl Shared {
             latest: Mutex::default(),
             noted: Condvar::new(),
             recording: AtomicBool::new(false),
+            has_pre_roll,
             measures: Mutex::default(),
             previews: Arc::new(Previews::new(cameras)),
             outcome,
@@ -128,6 +138,11 @@ impl Shared {
 
     pub(super) fn is_recording(&self) -> bool {
         self.recording.load(Ordering::SeqCst)
+    }
+
+    /// Whether nobody stores frames, now or later.
+    fn is_idle(&self) -> bool {
+        !self.has_pre_roll && !self.is_recording()
     }
 
     pub(super) fn now(&self) -> HostTime {
@@ -194,7 +209,12 @@ impl Running {
             .map(|c| (c.name.clone(), c.rate_hz))
             .collect();
         let names: Vec<String> = cameras.iter().map(|c| c.name.clone()).collect();
-        let shared = Arc::new(Shared::new(cameras.len(), OUTBOX_BYTES, outcome));
+        let shared = Arc::new(Shared::new(
+            cameras.len(),
+            OUTBOX_BYTES,
+            setup.pre_roll_ns > 0,
+            outcome,
+        ));
         // The pre-roll is written within one request, chunk by chunk.
         let of_progress = shared.clone();
         let on_progress: OnProgress = Box::new(move |progress| {
@@ -211,6 +231,7 @@ impl Running {
             on_progress,
         );
         if let Some(name) = record {
+            shared.recording.store(true, Ordering::SeqCst);
             recorder.start(&name, "control").map_err(|e| anyhow!(e))?;
         }
         let out = to_recorder(shared.clone(), names.clone());
@@ -241,7 +262,7 @@ impl Running {
     #[cfg(test)]
     pub(super) fn idle() -> Self {
         Self {
-            shared: Arc::new(Shared::new(0, OUTBOX_BYTES, Outcome::default())),
+            shared: Arc::new(Shared::new(0, OUTBOX_BYTES, false, Outcome::default())),
             cameras: Vec::new(),
             threads: Vec::new(),
         }
@@ -305,6 +326,10 @@ pub(super) fn ask(shared: &Shared, request: Request, source: &'static str) -> Re
         message: message.to_owned(),
     };
     let (reply, answer) = sync_channel(1);
+    let limit = match request {
+        Request::Stop => STOP_REQUEST_LIMIT,
+        _ => REQUEST_LIMIT,
+    };
     if shared
         .outbox
         .push_reserved(ToRecorder::Request(request, source, reply), 0)
@@ -313,13 +338,17 @@ pub(super) fn ask(shared: &Shared, request: Request, source: &'static str) -> Re
         return failed("the daemon is ending");
     }
     answer
-        .recv_timeout(REQUEST_LIMIT)
+        .recv_timeout(limit)
         .unwrap_or_else(|_| failed("the recorder does not answer"))
 }
 
 /// A source's thread: hands everything to the hub.
 fn pump(i: usize, source: AnySource, shared: &Shared) {
-    let inlet = Inlet { source: i, shared };
+    let inlet = Inlet {
+        source: i,
+        shared,
+        shown: AtomicI64::new(i64::MIN),
+    };
     let ended = match source {
         AnySource::Scheduled(source) => replay(source, &inlet),
         AnySource::Live(source) => {
@@ -333,15 +362,23 @@ fn pump(i: usize, source: AnySource, shared: &Shared) {
 
 /// Waits for each sample until it is to arrive.
 fn replay(mut source: Box<dyn Source>, inlet: &Inlet<'_>) -> Result<(), SourceError> {
-    while let Some(sample) = source.next_sample()? {
+    loop {
+        source.want_pixels(inlet.wants_pixels());
+        let Some(sample) = source.next_sample()? else {
+            break;
+        };
         if !wait_until(sample.host_time(), inlet.shared) {
             break;
         }
         let now = inlet.now();
-        if now.since(sample.host_time()) > BEHIND_NS {
-            source.hurry(now);
-        }
+        let is_behind = now.since(sample.host_time()) > BEHIND_NS;
         inlet.put(sample);
+        if is_behind {
+            // They follow it in the order of their numbers.
+            for lost in source.hurry(now) {
+                inlet.put(Sample::Lost(lost));
+            }
+        }
     }
     Ok(())
 }
@@ -350,6 +387,8 @@ fn replay(mut source: Box<dyn Source>, inlet: &Inlet<'_>) -> Result<(), SourceEr
 struct Inlet<'a> {
     source: usize,
     shared: &'a Shared,
+    /// When the newest frame with pixels was put in.
+    shown: AtomicI64,
 }
 
 impl Sink for Inlet<'_> {
@@ -357,7 +396,15 @@ impl Sink for Inlet<'_> {
         self.shared.clock.now()
     }
 
+    fn wants_pixels(&self) -> bool {
+        let shown = self.shown.load(Ordering::Relaxed);
+        !self.shared.is_idle() || self.now().0.saturating_sub(shown) >= SHOWN_NS
+    }
+
     fn put(&self, sample: Sample) {
+        if matches!(sample, Sample::Frame(_) | Sample::Native(_)) {
+            self.shown.store(self.now().0, Ordering::Relaxed);
+        }
         let (i, inbox) = (self.source, &self.shared.inbox);
         // Cameras lend few of their own buffers: so many may wait, however small they are.
         let bytes = match &sample {
@@ -378,7 +425,7 @@ impl Sink for Inlet<'_> {
                     .or_else(|_| inbox.push_reserved(dropped, 0))
             }
             // Their times are taken, and the hub gathers them anyway.
-            Sample::Imu(_) => inbox.push_gathered(In::Sample(i, sample), bytes),
+            Sample::Imu(_) | Sample::Seen(_) => inbox.push_gathered(In::Sample(i, sample), bytes),
             _ => inbox.push_reserved(In::Sample(i, sample), bytes),
         };
     }
@@ -420,6 +467,7 @@ fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
         now = shared.clock.now();
         shared.beat(&shared.hub_beat);
         hub.spare(*lock(&shared.measures));
+        hub.idle(shared.is_idle());
         for (camera, wanted) in shared.key_wanted.iter().enumerate() {
             if wanted.swap(false, Ordering::Relaxed) {
                 hub.request_key(camera);
@@ -435,7 +483,7 @@ fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
                 }
                 running -= 1;
                 if running == 0 {
-                    hub.finish(now);
+                    hub.finish(Rest::Encode, now);
                     shared.all_ended.set();
                 }
             }
@@ -443,11 +491,12 @@ fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
             Popped::Closed => break,
         }
         if now >= next_tick {
+            hub.note_inbox(shared.inbox.bytes() as f64 / INBOX_BYTES as f64);
             hub.tick(now);
             next_tick = now + TICK_NS;
         }
     }
-    hub.finish(shared.clock.now());
+    hub.finish(Rest::Drop, shared.clock.now());
     shared.outbox.close();
 }
 
@@ -564,7 +613,7 @@ pub(super) fn record(
         let now = shared.clock.now();
         if !asked && (stop.is_set() || now >= end || shared.all_ended.is_set()) {
             asked = true;
-            give_up = now + 2 * STUCK_NS;
+            give_up = now + CLOSE_LIMIT_NS;
             let reason = stop_reason(stop, shared.all_ended.is_set());
             running.request(Request::Stop, reason);
         }
@@ -572,7 +621,7 @@ pub(super) fn record(
         if now > give_up {
             bail!(
                 "the session could not be closed within {} s",
-                2 * STUCK_NS / NS_PER_S
+                CLOSE_LIMIT_NS / NS_PER_S
             );
         }
         wait_until(now + PATIENCE.as_nanos() as i64, &shared);
@@ -601,11 +650,17 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
             seconds,
             stored,
             missing,
+            streams,
             ..
-        } => log::info!(
-            "closed {} ({reason}): {seconds:.1} s, {stored} samples, {missing} missing",
-            session.display()
-        ),
+        } => {
+            log::info!(
+                "closed {} ({reason}): {seconds:.1} s, {stored} samples, {missing} missing",
+                session.display()
+            );
+            for stream in streams.iter().filter(|s| s.missing > 0) {
+                log::warn!("{stream}");
+            }
+        }
         Progress::Durable { .. } | Progress::Alarm { .. } => {}
     });
     let out_folder = out.clone();
@@ -704,7 +759,7 @@ mod tests {
         const STATUS: &str =
             r#"{"state": "idle", "seconds": 0, "streams": [], "alarms": [], "encoders": []}"#;
         let status = || Arc::new(serde_json::from_str(STATUS).expect("a status"));
-        let shared = Arc::new(Shared::new(0, 0, Outcome::default()));
+        let shared = Arc::new(Shared::new(0, 0, false, Outcome::default()));
         shared.wait_for_news(None, Duration::from_millis(1));
         *lock(&shared.latest) = Some(status());
         shared.wait_for_news(None, LONG);
@@ -722,7 +777,7 @@ mod tests {
     /// A full outbox refuses the key frame too that was asked for: then the next one must be one.
     #[test]
     fn a_key_frame_is_asked_for_until_one_gets_through() {
-        let shared = Arc::new(Shared::new(1, 1000, Outcome::default()));
+        let shared = Arc::new(Shared::new(1, 1000, false, Outcome::default()));
         let out = to_recorder(shared.clone(), vec!["feet".to_owned()]);
         let frame = |number, key| {
             out(Outgoing::Frame {

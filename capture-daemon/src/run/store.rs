@@ -6,6 +6,7 @@ use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use session_archive::layout;
 use session_archive::storage::Storage;
 use session_archive::time::{CivilTime, HostTime};
 
@@ -79,6 +80,10 @@ impl SessionStore for FolderStore {
         // Without a thread it goes at the next start.
         let _ = removing.spawn(move || remove(&gone));
         Ok(())
+    }
+
+    fn is_there(&self, path: &Path) -> bool {
+        path.join(layout::MANIFEST).exists() && path.join(layout::SEGMENTS).is_dir()
     }
 
     fn free_bytes(&self) -> Option<u64> {

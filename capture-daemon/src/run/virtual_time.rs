@@ -13,6 +13,7 @@ use super::build::Built;
 use super::store::FolderStore;
 use super::{Finished, Outcome, RecordOptions, StopFlag, stop_reason};
 use crate::clock::VirtualClock;
+use crate::encode::Rest;
 use crate::hub::{Hub, Out, Outgoing, TICK_NS};
 use crate::recorder::{OnProgress, Recorder};
 use crate::sources::{AnySource, Sample, Source};
@@ -99,7 +100,7 @@ pub(super) fn record(
     if !all_ended && !stop.is_set() {
         clock.advance_to(end);
     }
-    hub.finish(end);
+    hub.finish(Rest::Encode, end);
     lock(&recorder).close_now(stop_reason(stop, all_ended));
     outcome.take()
 }

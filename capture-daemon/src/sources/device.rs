@@ -135,6 +135,10 @@ impl Sink for Until<'_> {
         self.sink.put(sample);
     }
 
+    fn wants_pixels(&self) -> bool {
+        self.sink.wants_pixels()
+    }
+
     fn is_ending(&self) -> bool {
         self.is_over.load(Ordering::Relaxed) || self.sink.is_ending()
     }

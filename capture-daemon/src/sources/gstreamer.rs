@@ -17,7 +17,7 @@ use video::{Capture, CaptureEvent, CaptureSettings, CapturedFrame};
 
 use super::device::{Ties, beside_imu, imu_info, lock, no_thread, tell_gone, wait};
 use super::{
-    CameraInfo, Live, Lost, Part, RawFrame, Sample, Sink, SourceError, SourceInfo, Stamped,
+    CameraInfo, Live, Lost, Part, RawFrame, Sample, Seen, Sink, SourceError, SourceInfo, Stamped,
 };
 use crate::causes::with_causes;
 use crate::clock::{Clock as _, RealClock};
@@ -150,7 +150,15 @@ impl Gstreamer {
                             sink.put(Sample::FrameSync(sync));
                         }
                     }
-                    sink.put(sample(frame));
+                    if sink.wants_pixels() {
+                        sink.put(sample(frame));
+                    } else {
+                        sink.put(Sample::Seen(Seen {
+                            number: frame.number,
+                            device_ticks: frame.clock_time_ns,
+                            host_time: HostTime(frame.host_time_ns),
+                        }));
+                    }
                 }
                 Some(CaptureEvent::Lost(lost)) => tell_lost(&lost, sink),
                 Some(
@@ -196,7 +204,7 @@ fn sample(frame: CapturedFrame) -> Sample {
 fn tell_lost(lost: &LostFrames, sink: &dyn Sink) {
     let (cause, detail) = match lost.cause {
         Cause::Overrun => (
-            gap::Cause::EncoderOverload,
+            gap::Cause::MachineOverload,
             "they were not taken fast enough".to_owned(),
         ),
         Cause::NoPartner(eye) => (

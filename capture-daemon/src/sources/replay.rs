@@ -24,7 +24,7 @@ use crate::causes::with_causes;
 
 use super::datasets::{self, DatasetError, DatasetKind, ImuSample, Samples, StereoDataset};
 use super::{
-    CameraInfo, ImuInfo, ImuValues, RawFrame, RawImu, Sample, Source, SourceError, SourceInfo,
+    CameraInfo, ImuInfo, ImuValues, RawFrame, RawImu, Sample, Seen, Source, SourceError, SourceInfo,
 };
 
 mod eyes;
@@ -94,6 +94,8 @@ pub struct Replay {
     frames_out: u64,
     /// IMU samples handed out so far.
     imu_out: usize,
+    /// Whether frames are decoded, or only counted.
+    wants_pixels: bool,
     /// Decoded pictures by position in the data set; empty when they are not kept.
     cache: Vec<Option<Picture>>,
 }
@@ -165,6 +167,7 @@ impl Replay {
             eye,
             frames_out: 0,
             imu_out: 0,
+            wants_pixels: true,
         })
     }
 
@@ -199,25 +202,36 @@ impl Replay {
         position: usize,
         round: u64,
         offset_ns: i64,
-    ) -> Result<RawFrame, SourceError> {
+    ) -> Result<Sample, SourceError> {
+        let frames = &self.dataset.frames;
+        let first = &frames[0];
+        let numbers = frames[frames.len() - 1].number - first.number + 1;
+        let number = round * numbers + frames[position].number - first.number;
+        let device_ticks = first.device_time_ns.saturating_add(offset_ns);
+        let host_time = self.start + offset_ns;
+        if !self.wants_pixels {
+            self.frames_out += 1;
+            return Ok(Sample::Seen(Seen {
+                number,
+                device_ticks,
+                host_time,
+            }));
+        }
         let picture = self
             .picture(position)
             .map_err(|error| SourceError::Unusable {
                 source_name: self.name.clone(),
                 what: with_causes(&error),
             })?;
-        let frames = &self.dataset.frames;
-        let first = &frames[0];
-        let numbers = frames[frames.len() - 1].number - first.number + 1;
         self.frames_out += 1;
-        Ok(RawFrame {
-            number: round * numbers + frames[position].number - first.number,
-            device_ticks: first.device_time_ns.saturating_add(offset_ns),
+        Ok(Sample::Frame(RawFrame {
+            number,
+            device_ticks,
             kernel_time: None,
-            host_time: self.start + offset_ns,
+            host_time,
             exposure_ns: None,
             picture,
-        })
+        }))
     }
 
     fn picture(&mut self, position: usize) -> Result<Picture, ReplayError> {
@@ -260,7 +274,10 @@ impl Source for Replay {
         frame
             .map(|(position, round, offset_ns)| self.frame(position, round, offset_ns))
             .transpose()
-            .map(|frame| frame.map(Sample::Frame))
+    }
+
+    fn want_pixels(&mut self, wanted: bool) {
+        self.wants_pixels = wanted;
     }
 
     fn begin_at(&mut self, start: HostTime) {

@@ -2,7 +2,7 @@
 //!
 //! Contract: frames and IMU samples are those of [`rig_sim::device::Device`], pixels in the layout in which the
 //! device delivers them brought into I420; the same settings give the same samples. The walk begins at `start`.
-//! *When made too slowly*, in real time, frames are left out and their numbers skipped. *At the end* of the
+//! *When made too slowly*, in real time, frames are left out and reported as lost to the slow machine. *At the end* of the
 //! walk there is nothing more. *Truth* goes with the session: see [`Device::truth`].
 
 use std::path::Path;
@@ -14,12 +14,13 @@ use rig_sim::device::{Delivery, Device, DeviceFrame, DeviceImu};
 use rig_sim::faults::{FaultError, Faults};
 use rig_sim::rig::PixelFormat;
 use rig_sim::simulation::{Settings, Simulation, SimulationError};
+use session_archive::record::paws::gap::Cause;
 use session_archive::time::HostTime;
 use video::picture::{nv12_to_i420, yuyv_to_i420};
 use video::{Picture, PictureError};
 
 use super::{
-    CameraInfo, Gone, ImuInfo, ImuValues, Part, RawFrame, RawImu, Sample, Source, SourceError,
+    CameraInfo, Gone, ImuInfo, ImuValues, Lost, Part, RawFrame, RawImu, Sample, Source, SourceError,
     SourceInfo,
 };
 
@@ -251,8 +252,15 @@ impl Source for Simulated {
         self.start = start;
     }
 
-    fn hurry(&mut self, now: HostTime) {
-        self.device.skip_frames_to(now - self.start);
+    fn hurry(&mut self, now: HostTime) -> Vec<Lost> {
+        let skipped = self.device.skip_frames_to(now - self.start);
+        let lost = skipped.into_iter().map(|number| Lost {
+            number,
+            host_time: now,
+            cause: Cause::MachineOverload,
+            detail: "the machine is too slow to render them in time".to_owned(),
+        });
+        lost.collect()
     }
 
     fn truth(&self) -> Vec<(String, Vec<u8>)> {

@@ -17,7 +17,7 @@ use super::zed_camera::{self, FindZedError};
 use super::{PATIENCE, Ties, lock, tell_gone, wait};
 use crate::causes::with_causes;
 use crate::config::{DeviceChoice, PixelLayout, V4l2Config};
-use crate::sources::{Lost, Notice, Part, RawFrame, Sample, Sink};
+use crate::sources::{Lost, Notice, Part, RawFrame, Sample, Seen, Sink};
 
 /// A device that is there and cannot be used is tried again so often.
 const RETRY: Duration = Duration::from_secs(1);
@@ -83,6 +83,10 @@ impl Sink for Once<'_> {
             Sample::Notice(notice) if !self.told().insert(notice.text.clone()) => {}
             _ => self.sink.put(sample),
         }
+    }
+
+    fn wants_pixels(&self) -> bool {
+        self.sink.wants_pixels()
     }
 
     fn is_ending(&self) -> bool {
@@ -238,12 +242,22 @@ fn read(
     ties: Option<&Mutex<Ties>>,
     sink: &dyn Sink,
 ) -> String {
+    let mut behind = Behind::new(stream.buffers(), config.rate_hz);
     while !sink.is_ending() {
         let sample = match stream.next(PATIENCE) {
             Ok(Next::Nothing) => continue,
             Ok(Next::Frame(buffer)) => {
                 let arrival = sink.now();
                 let info = *buffer.info();
+                let age_ns = arrival.0 - info.time_ns;
+                for number in behind.frame(info.sequence, age_ns) {
+                    sink.put(Sample::Lost(Lost {
+                        number: number.into(),
+                        host_time: arrival,
+                        cause: Cause::MachineOverload,
+                        detail: "all of the driver's buffers were full".to_owned(),
+                    }));
+                }
                 let lost = |detail| lost(info.sequence, arrival, detail);
                 if info.corrupt {
                     lost("the driver says that the picture is damaged".to_owned())
@@ -256,6 +270,14 @@ fn read(
                         if let Some(sync) = tied {
                             sink.put(Sample::FrameSync(sync));
                         }
+                    }
+                    if !sink.wants_pixels() {
+                        sink.put(Sample::Seen(Seen {
+                            number: info.sequence.into(),
+                            device_ticks: info.time_ns,
+                            host_time: arrival,
+                        }));
+                        continue;
                     }
                     match picture(config, buffer.bytes()) {
                         Ok(picture) => Sample::Frame(RawFrame {
@@ -275,6 +297,40 @@ fn read(
         sink.put(sample);
     }
     "the daemon ends".to_owned()
+}
+
+/// Whether frames that a driver skipped were skipped because nobody took those before them in time: then all of its
+/// buffers were waiting, and the frame before the skipped ones is as old as most of them together.
+struct Behind {
+    /// A frame of this age has waited in the driver.
+    old_ns: i64,
+    before: Option<(u32, bool)>,
+}
+
+impl Behind {
+    /// More skipped numbers than this are a counter that began again.
+    const MOST: u32 = 10_000;
+
+    fn new(buffers: usize, rate_hz: f64) -> Self {
+        let waiting = buffers.saturating_sub(1).max(1) as f64;
+        Self {
+            old_ns: (0.5 * waiting * 1e9 / rate_hz.max(1e-3)) as i64,
+            before: None,
+        }
+    }
+
+    /// The next frame, and how long ago it was taken; the numbers before it that were skipped for want of buffers.
+    fn frame(&mut self, sequence: u32, age_ns: i64) -> std::ops::Range<u32> {
+        let before = self.before.replace((sequence, age_ns > self.old_ns));
+        match before {
+            Some((number, true))
+                if sequence > number && sequence - number <= Self::MOST =>
+            {
+                number + 1..sequence
+            }
+            _ => sequence..sequence,
+        }
+    }
 }
 
 fn lost(sequence: u32, host_time: HostTime, detail: String) -> Sample {
@@ -311,6 +367,19 @@ mod tests {
         assert_eq!(of(30.0), (1, 30));
         assert_eq!(of(30_000.0 / 1001.0), (1001, 30_000));
         assert_eq!(of(29.97), (1001, 30_000));
+    }
+
+    /// Three of four buffers at 10 Hz: 150 ms.
+    #[test]
+    fn frames_that_were_not_taken_in_time_are_the_machines_fault() {
+        let mut behind = Behind::new(4, 10.0);
+        const MS: i64 = 1_000_000;
+        assert!(behind.frame(7, 5 * MS).is_empty());
+        assert!(behind.frame(9, 5 * MS).is_empty(), "the device's");
+        assert!(behind.frame(10, 290 * MS).is_empty());
+        assert_eq!(behind.frame(14, 5 * MS), 11..14);
+        assert!(behind.frame(15, 290 * MS).is_empty());
+        assert!(behind.frame(2, 5 * MS).is_empty(), "it counts from the beginning");
     }
 
     /// As v4l2-ctl has them.

@@ -1,0 +1,162 @@
+//! What each stream has lost in a session, by cause, and the alarm while it goes on losing.
+//!
+//! Contract: every number that a gap record names, or that was reported and will be named by one, is counted once
+//! for the alarm when it becomes known, and once for the account when the gap is written. *While a stream loses
+//! samples* one alarm stands, from at most a second after the first loss until [`CALM_LOOKS`] looks without one.
+//! Frames that were left out on purpose are in the account and raise no alarm: what leaves them out has its own. The
+//! same goes for devices that are disconnected.
+
+use std::collections::BTreeMap;
+
+use session_archive::record::paws::gap::Cause;
+
+use crate::status::CauseCount;
+
+/// Looks, one a second, without a loss after which the alarm is over.
+const CALM_LOOKS: u32 = 5;
+
+/// Losses of one stream.
+#[derive(Debug, Default)]
+pub(super) struct Losses {
+    /// Missing samples by cause, as gap records name them.
+    account: BTreeMap<i32, u64>,
+    /// Losses that became known since the last look, and the cause of the newest.
+    recent: Option<Cause>,
+    alarm: Option<Alarm>,
+}
+
+#[derive(Debug)]
+struct Alarm {
+    text: String,
+    calm: u32,
+}
+
+impl Losses {
+    /// A gap record names `count` samples.
+    pub(super) fn gap(&mut self, cause: Cause, count: u64) {
+        *self.account.entry(cause.into()).or_default() += count;
+        // Nobody reported these before.
+        if cause == Cause::Device {
+            self.report(cause);
+        }
+    }
+
+    /// Samples will not come.
+    pub(super) fn report(&mut self, cause: Cause) {
+        if !matches!(cause, Cause::Spared | Cause::Disconnected) {
+            self.recent = Some(cause);
+        }
+    }
+
+    /// By cause, most first.
+    pub(super) fn by_cause(&self) -> Vec<CauseCount> {
+        let mut counts: Vec<CauseCount> = self
+            .account
+            .iter()
+            .map(|(cause, count)| CauseCount {
+                cause: words(Cause::try_from(*cause).unwrap_or_default()).to_owned(),
+                count: *count,
+            })
+            .collect();
+        counts.sort_by_key(|of| std::cmp::Reverse(of.count));
+        counts
+    }
+
+    /// Once a second: the alarms of the stream `name` that are over and begin, each with its text.
+    pub(super) fn look(&mut self, name: &str) -> Vec<(String, bool)> {
+        let mut changes = Vec::new();
+        match self.recent.take() {
+            Some(cause) => {
+                let text = format!("{name}: samples are being lost: {}", words(cause));
+                match &mut self.alarm {
+                    Some(alarm) if alarm.text == text => alarm.calm = 0,
+                    alarm => {
+                        changes.extend(alarm.take().map(|over| (over.text, false)));
+                        changes.push((text.clone(), true));
+                        *alarm = Some(Alarm { text, calm: 0 });
+                    }
+                }
+            }
+            None => {
+                if let Some(alarm) = &mut self.alarm {
+                    alarm.calm += 1;
+                    if alarm.calm >= CALM_LOOKS {
+                        changes.extend(self.end());
+                    }
+                }
+            }
+        }
+        changes
+    }
+
+    /// The session ends, and the alarm with it.
+    pub(super) fn end(&mut self) -> Option<(String, bool)> {
+        self.alarm.take().map(|over| (over.text, false))
+    }
+}
+
+/// A cause, for people.
+fn words(cause: Cause) -> &'static str {
+    match cause {
+        Cause::Unknown => "cause not known",
+        Cause::Device => "the device skipped them",
+        Cause::Disconnected => "the device was disconnected",
+        Cause::EncoderOverload => "the machine is too slow to encode them",
+        Cause::EncoderRestart => "the encoder failed",
+        Cause::WriterOverload => "the disk is too slow",
+        Cause::Storage => "the disk failed",
+        Cause::Damaged => "found damaged",
+        Cause::Late => "came too late",
+        Cause::Spared => "left out to spare the machine",
+        Cause::MachineOverload => "the machine is too slow to take them",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_alarm_stands_while_samples_are_lost_and_no_longer() {
+        let mut losses = Losses::default();
+        assert_eq!(losses.look("feet"), []);
+        losses.report(Cause::EncoderOverload);
+        losses.report(Cause::EncoderOverload);
+        let text = "feet: samples are being lost: the machine is too slow to encode them";
+        assert_eq!(losses.look("feet"), [(text.to_owned(), true)]);
+        for _ in 1..CALM_LOOKS {
+            assert_eq!(losses.look("feet"), []);
+        }
+        losses.report(Cause::EncoderOverload);
+        assert_eq!(losses.look("feet"), [], "it stands already");
+        for _ in 1..CALM_LOOKS {
+            assert_eq!(losses.look("feet"), []);
+        }
+        assert_eq!(losses.look("feet"), [(text.to_owned(), false)]);
+    }
+
+    #[test]
+    fn another_cause_is_another_alarm() {
+        let mut losses = Losses::default();
+        losses.report(Cause::WriterOverload);
+        let first = losses.look("feet");
+        losses.gap(Cause::Device, 3);
+        let then = losses.look("feet");
+        assert_eq!(then[0], (first[0].0.clone(), false));
+        assert!(then[1].1 && then[1].0.contains("device"), "{then:?}");
+        assert_eq!(losses.end(), Some((then[1].0.clone(), false)));
+        assert_eq!(losses.look("feet"), []);
+    }
+
+    #[test]
+    fn what_is_left_out_on_purpose_is_counted_and_raises_no_alarm() {
+        let mut losses = Losses::default();
+        losses.report(Cause::Spared);
+        losses.gap(Cause::Spared, 7);
+        losses.gap(Cause::Late, 9);
+        losses.gap(Cause::Late, 1);
+        assert_eq!(losses.look("feet"), []);
+        let counts: Vec<u64> = losses.by_cause().iter().map(|c| c.count).collect();
+        assert_eq!(counts, [10, 7]);
+    }
+}
