@@ -11,6 +11,7 @@ mod camera_imu;
 mod depth;
 mod encode;
 mod frame_sync;
+mod frames_kept;
 mod import;
 mod kills;
 mod load;
@@ -58,6 +59,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("depth", depth::run),
     ("encode", encode::run),
     ("frame_sync", frame_sync::run),
+    ("frames_kept", frames_kept::run),
     ("import", import::run),
     ("kills", kills::run),
     ("odometry", odometry::run),

@@ -67,7 +67,7 @@ impl Rig {
     /// The text of its configuration.
     pub fn toml(&self) -> String {
         let mut text = format!(
-            "[disk]\nreserve_gb = 0.01\n\n[encoder]\nelement = {:?}\n\n[control]\nsocket = \"pawsd.sock\"\n",
+            "[session]\npre_roll_s = 1.0\n\n[disk]\nreserve_gb = 0.01\n\n[encoder]\nelement = {:?}\n\n[control]\nsocket = \"pawsd.sock\"\n",
             self.encoder
         );
         for (name, seed) in self.names().iter().zip(1..) {

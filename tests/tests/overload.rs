@@ -5,15 +5,16 @@ use session_archive::record::paws::gap::Cause;
 use session_archive::verify::verify;
 use tests::contents::{Contents, open};
 use tests::rig::{Rig, in_real_time};
-use video::encoder::MAX_IN_FLIGHT;
 
+/// Frames wait in front of an encoder that is too slow and are encoded after the stop; what is left out to relieve it
+/// is left out on purpose. None is dropped for want of room.
 #[test]
-fn an_encoder_that_is_too_slow_loses_whole_frames_and_says_so() {
-    // Several times what one thread can do.
+fn an_encoder_that_is_too_slow_gets_the_frames_that_waited_for_it() {
+    // Several times what one thread can do, and less than what may wait.
     let rig = Rig {
         width: 1344,
         height: 752,
-        rate_hz: 120.0,
+        rate_hz: 60.0,
         encoder: "x265enc",
         ..Rig::small(1)
     };
@@ -22,7 +23,7 @@ fn an_encoder_that_is_too_slow_loses_whole_frames_and_says_so() {
     }
     let folder = tempfile::tempdir().expect("folder");
     let finished = rig
-        .record(&in_real_time(1.5, folder.path()))
+        .record(&in_real_time(2.0, folder.path()))
         .expect("recording");
     let report = verify(&open(&finished.session).expect("open"), |_| {}).expect("verify");
     assert!(report.is_sound(), "{report:?}");
@@ -38,16 +39,9 @@ fn an_encoder_that_is_too_slow_loses_whole_frames_and_says_so() {
         "{stored} of {} frames are stored",
         stored + finished.missing
     );
-    assert!(finished.missing > 0, "the encoder was not too slow");
-    // What was inside the encoder when the session had to be closed came too late.
-    let causes = [Cause::EncoderOverload as i32, Cause::Late as i32];
+    // On a very slow machine the stop does not wait for all of them, and frames come too late from the source.
+    let causes = [Cause::Spared, Cause::Late, Cause::MachineOverload].map(i32::from);
     assert!(gaps.iter().all(|gap| causes.contains(&gap.2)), "{gaps:?}");
-    assert!(gaps.iter().any(|gap| gap.2 == causes[0]), "{gaps:?}");
-    let late = gaps
-        .iter()
-        .filter(|gap| gap.2 == causes[1])
-        .map(|gap| gap.1 - gap.0 + 1);
-    assert!(late.sum::<u64>() <= MAX_IN_FLIGHT as u64, "{gaps:?}");
     assert_eq!(
         finished.missing,
         gaps.iter().map(|gap| gap.1 - gap.0 + 1).sum::<u64>()
@@ -57,7 +51,7 @@ fn an_encoder_that_is_too_slow_loses_whole_frames_and_says_so() {
     let seconds = (stored + finished.missing) as f64 / rig.rate_hz;
     let of_imu = samples as f64 / rig.imu_rate_hz;
     assert!(
-        seconds >= 1.4 && (seconds - of_imu).abs() < 0.15,
+        seconds >= 1.9 && (seconds - of_imu).abs() < 0.15,
         "{seconds} s, IMU {of_imu} s"
     );
     let checked = contents.decode("left_shoulder", |frame, picture| {

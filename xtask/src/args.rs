@@ -21,7 +21,7 @@ cargo xtask VERB: set-up and developer verbs
         Format check, clippy, tests, documentation, cargo deny. --quick: format check, clippy
         and the unit tests only.
   bench NAME [--no-install] [ARGS...]
-        Run a benchmark (archive, sync, frame_sync, encode, import, soak, kills, power_cuts, vm_cost, sim, sim_pictures,
+        Run a benchmark (archive, sync, frame_sync, frames_kept, encode, import, soak, kills, power_cuts, vm_cost, sim, sim_pictures,
         calib, camera_imu, rectify, calib_verify, depth, odometry, odometry_faults, odometry_encoding, odometry_length,
         or all) in release mode;
         results go to docs/benchmarks. ARGS are handed to the benchmark.
@@ -51,6 +51,7 @@ pub(crate) const BENCHMARKS: [&str; 20] = [
     "archive",
     "sync",
     "frame_sync",
+    "frames_kept",
     "encode",
     "import",
     "soak",
