@@ -14,7 +14,7 @@ cargo xtask VERB: set-up and developer verbs
   setup [--no-install]
         Install the system packages that building and testing need (Debian, Ubuntu).
   demo [--no-install] [--seconds N] [--keep DIR]
-        Run the main job: record N seconds (default 20) from three replayed cameras, import,
+        Run the main job: record N seconds (default 20) of a simulated walk in virtual time, import,
         validate, index, hand off, read back, reconstruct. Works in target/demo, emptied first, or in DIR,
         which must be new or empty.
   test [--no-install] [--quick]
@@ -43,11 +43,11 @@ cargo xtask VERB: set-up and developer verbs
 Real recordings are used where they are found: in the folder that PAWS_DATA names, or in
 ../shared/data beside the checkout. Without them, tests that need them say that they are skipped.
 
-Exit code: 0 fine, 1 failed, 2 bad arguments.
+Exit code: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss (demo).
 ";
 
 /// The benchmarks, in the order in which `bench all` runs them.
-pub(crate) const BENCHMARKS: [&str; 20] = [
+pub(crate) const BENCHMARKS: [&str; 21] = [
     "archive",
     "sync",
     "frame_sync",
