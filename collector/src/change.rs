@@ -86,7 +86,10 @@ fn differing(old: &[Finding], new: &[Finding]) -> Vec<String> {
     }
     for finding in old.iter().filter(|f| f.verdict != Verdict::Pass) {
         if find(new, finding).is_none() {
-            let text = format!("not measured now, before {}: {}", finding.verdict, finding.text);
+            let text = format!(
+                "not measured now, before {}: {}",
+                finding.verdict, finding.text
+            );
             changed.push((Verdict::Pass, text));
         }
     }

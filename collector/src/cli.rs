@@ -20,8 +20,8 @@ use crate::limits::Limits;
 use crate::outcome::Outcome;
 use crate::target::Target;
 use crate::{
-    external, handoff, importing, indexing, list, metrics, prune, pull, rebuild, recover, reporting, rig,
-    show, validate,
+    external, handoff, importing, indexing, list, metrics, prune, pull, rebuild, recover,
+    reporting, rig, show, validate,
 };
 
 /// Names the library when `--library` does not.

@@ -58,11 +58,7 @@ pub fn run(target: &Target, frames: Option<&Path>, console: &mut Console<'_>) ->
 ///
 /// # Errors
 /// The session cannot be read or sealed, or the reconstruction cannot be started.
-pub fn run_with(
-    target: &Target,
-    options: &Options,
-    console: &mut Console<'_>,
-) -> Result<Outcome> {
+pub fn run_with(target: &Target, options: &Options, console: &mut Console<'_>) -> Result<Outcome> {
     let folder = &target.folder;
     let path = target.derived(layout::HANDOFF, indexing::IMPORT_FIRST)?;
     let storage = DiskStorage::new(folder);
@@ -96,11 +92,17 @@ pub fn run_with(
         && before.verdict != handoff.verdict
     {
         let (old, new) = (before.verdict, handoff.verdict);
-        console.line(format!("handed over as {new}; before, {}, as {old}", before.sealed))?;
+        console.line(format!(
+            "handed over as {new}; before, {}, as {old}",
+            before.sealed
+        ))?;
     }
     if let (Verdict::Fail, Some(acceptance)) = (handoff.verdict, &handoff.acceptance) {
         let at = acceptance.accepted;
-        console.line(format!("FAIL  {}: accepted {at}, handed over", target.name()))?;
+        console.line(format!(
+            "FAIL  {}: accepted {at}, handed over",
+            target.name()
+        ))?;
         print_reasons(&validation, console)?;
     }
     console.line(path.display())?;

@@ -35,7 +35,10 @@ pub fn run(as_json: bool, console: &mut Console<'_>) -> Result<Outcome> {
     };
     let widths: [usize; 4] = std::array::from_fn(width);
     let line = |row: &[String; 4], meaning: &str| {
-        let cells = row.iter().zip(widths).map(|(cell, width)| format!("{cell:width$}"));
+        let cells = row
+            .iter()
+            .zip(widths)
+            .map(|(cell, width)| format!("{cell:width$}"));
         format!("{}  {meaning}", cells.collect::<Vec<_>>().join("  "))
     };
     console.line(line(&head, "MEANING"))?;
@@ -50,7 +53,9 @@ fn meaning(limit: &Limit) -> String {
     let mut text = limit.title.to_owned();
     if let Some((warn, fail)) = limit.periods {
         let (warn, fail) = (number(warn), number(fail));
-        text.push_str(&format!("; at least {warn} and {fail} nominal periods of the stream"));
+        text.push_str(&format!(
+            "; at least {warn} and {fail} nominal periods of the stream"
+        ));
     }
     if limit.is_deep() {
         text.push_str("; with --deep");

@@ -8,8 +8,8 @@ use session_archive::handoff::{Check, HandOff};
 use session_archive::index::Index;
 use session_archive::storage::DiskStorage;
 
-use crate::change;
 use crate::catalogue::{Row, newest_report};
+use crate::change;
 use crate::condition::Condition;
 use crate::console::Console;
 use crate::import::ImportRecord;

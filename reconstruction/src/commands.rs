@@ -57,7 +57,10 @@ fn loss(losses: usize, input: &Input) -> String {
         count => format!("{count} losses"),
     };
     match input.is_failed() {
-        true => format!("{loss}, of a session accepted as {}", input.handoff().verdict),
+        true => format!(
+            "{loss}, of a session accepted as {}",
+            input.handoff().verdict
+        ),
         false => loss,
     }
 }

@@ -351,7 +351,9 @@ impl HandOff {
     fn from_bytes(bytes: &[u8]) -> Result<Self, HandOffError> {
         let invalid = |what: &str| HandOffError::Invalid(what.to_owned());
         let text = std::str::from_utf8(bytes).map_err(|_| invalid("it is not UTF-8"))?;
-        let at = text.rfind(HASH_KEY).ok_or_else(|| invalid("it has no hash"))?;
+        let at = text
+            .rfind(HASH_KEY)
+            .ok_or_else(|| invalid("it has no hash"))?;
         let stored = text[at + HASH_KEY.len()..].strip_suffix(END);
         let found = blake3::hash(&bytes[..at]).to_hex();
         if stored != Some(found.as_str()) {

@@ -134,7 +134,10 @@ fn what_is_written_reads_back_and_is_noticed_when_edited() {
         assert!(text.contains(from), "{from}");
         disk.set_content(layout::HANDOFF, text.replacen(from, to, 1).into_bytes());
         let refused = open(&disk);
-        assert!(matches!(refused, Err(HandOffError::Invalid(_))), "{from}: {refused:?}");
+        assert!(
+            matches!(refused, Err(HandOffError::Invalid(_))),
+            "{from}: {refused:?}"
+        );
     }
     let newer = text.replacen("\"version\": 2", "\"version\": 3", 1);
     disk.set_content(layout::HANDOFF, newer.into_bytes());
@@ -146,15 +149,24 @@ fn what_is_written_reads_back_and_is_noticed_when_edited() {
 fn a_failure_is_opened_only_where_it_was_accepted() {
     let disk = disk();
     for acceptance in [None, Some(accepted(Verdict::Warn))] {
-        handoff(&disk, Verdict::Fail, acceptance).write(&disk).expect("write");
+        handoff(&disk, Verdict::Fail, acceptance)
+            .write(&disk)
+            .expect("write");
         let refused = open(&disk);
         assert!(matches!(refused, Err(HandOffError::Failed)), "{refused:?}");
     }
     let given = Some(accepted(Verdict::Fail));
-    handoff(&disk, Verdict::Fail, given).write(&disk).expect("write");
+    handoff(&disk, Verdict::Fail, given)
+        .write(&disk)
+        .expect("write");
     let opened = open(&disk).expect("accepted");
     let notes = opened.notes().join("\n");
-    for part in ["FAIL", "--accept FAIL", "camera.dropped is beyond", "camera.rate=1,2"] {
+    for part in [
+        "FAIL",
+        "--accept FAIL",
+        "camera.dropped is beyond",
+        "camera.rate=1,2",
+    ] {
         assert!(notes.contains(part), "{part:?} is not in {notes}");
     }
 }
@@ -162,7 +174,9 @@ fn a_failure_is_opened_only_where_it_was_accepted() {
 #[test]
 fn a_later_validation_changes_no_hand_off() {
     let disk = disk();
-    handoff(&disk, Verdict::Pass, None).write(&disk).expect("write");
+    handoff(&disk, Verdict::Pass, None)
+        .write(&disk)
+        .expect("write");
     for text in ["{\"verdict\": \"WARN\"}", "not JSON", ""] {
         disk.set_content(layout::VALIDATION, text.as_bytes().to_vec());
         assert_eq!(open(&disk).expect("open").verdict, Verdict::Pass);
@@ -180,8 +194,17 @@ fn an_acceptance_covers_what_it_named() {
     };
     use Verdict::{Fail, Warn};
     assert!(covers(Fail, &[("camera.dropped", "feet", Fail)]));
-    assert!(covers(Fail, &[("camera.dropped", "feet", Warn), ("imu.dropped", "feet/imu", Warn)]));
-    assert!(!covers(Fail, &[("imu.dropped", "feet/imu", Fail)]), "it was a warning");
+    assert!(covers(
+        Fail,
+        &[
+            ("camera.dropped", "feet", Warn),
+            ("imu.dropped", "feet/imu", Warn)
+        ]
+    ));
+    assert!(
+        !covers(Fail, &[("imu.dropped", "feet/imu", Fail)]),
+        "it was a warning"
+    );
     assert!(!covers(Fail, &[("camera.dropped", "left_shoulder", Fail)]));
     assert!(!accepted(Warn).covers(Fail, []));
 }
@@ -195,7 +218,10 @@ fn paths_lead_nowhere_else() {
         let handoff = HandOff::new(ID, vec![file], Vec::new(), said(Verdict::Pass, None));
         handoff.write(&disk).expect("write");
         let refused = open(&disk);
-        assert!(matches!(refused, Err(HandOffError::Invalid(_))), "{path}: {refused:?}");
+        assert!(
+            matches!(refused, Err(HandOffError::Invalid(_))),
+            "{path}: {refused:?}"
+        );
     }
 }
 
@@ -236,7 +262,10 @@ fn version_1_is_still_opened_with_a_note() {
     assert_eq!(opened.files, files(&disk, &recorded()));
     assert!(opened.names(layout::INDEX));
     let notes = opened.notes();
-    assert!(notes.len() == 1 && notes[0].contains("version 1"), "{notes:?}");
+    assert!(
+        notes.len() == 1 && notes[0].contains("version 1"),
+        "{notes:?}"
+    );
 
     disk.set_content("rig/rig.toml", b"RIG".to_vec());
     assert!(matches!(open(&disk), Err(HandOffError::Changed { .. })));

@@ -191,9 +191,24 @@ fn metrics_are_listed_as_limits_take_them() {
     assert!(row["fail"].is_null() && row["unit"] == "ratio");
 
     check(at, &["validate"], 2, "SESSION");
-    check(at, &["validate", "walk", "--metrics"], 2, "cannot be used with");
-    check(at, &["validate", "walk", "--json"], 2, "--json needs a FILE");
-    check(at, &["validate", "--metrics", "--json", "x"], 2, "takes no FILE");
+    check(
+        at,
+        &["validate", "walk", "--metrics"],
+        2,
+        "cannot be used with",
+    );
+    check(
+        at,
+        &["validate", "walk", "--json"],
+        2,
+        "--json needs a FILE",
+    );
+    check(
+        at,
+        &["validate", "--metrics", "--json", "x"],
+        2,
+        "takes no FILE",
+    );
 }
 
 #[test]
@@ -208,12 +223,27 @@ fn a_failure_is_handed_over_only_if_that_is_said() {
     check(at, &["validate", ID, "--limit", dropped], 0, "PASS");
     check(at, &["validate", ID], 1, "PASS \u{2192} FAIL");
     check(at, &["handoff", ID], 1, "not handed over");
-    check(at, &["handoff", ID, "--accept", "warn"], 1, "not handed over");
+    check(
+        at,
+        &["handoff", ID, "--accept", "warn"],
+        1,
+        "not handed over",
+    );
     let text = check(at, &["handoff", ID, "--accept", "fail"], 3, "accepted");
     assert!(text.trim_end().ends_with("/handoff.json"), "{text}");
     check(at, &["handoff", ID], 3, "accepted");
-    let handed = check(at, &["handoff", ID, "--limit", dropped], 3, "FAIL \u{2192} PASS");
+    let handed = check(
+        at,
+        &["handoff", ID, "--limit", dropped],
+        3,
+        "FAIL \u{2192} PASS",
+    );
     assert!(handed.trim_end().ends_with("/handoff.json"), "{handed}");
     check(at, &["handoff", ID, "--accept", "PASS"], 2, "WARN, FAIL");
-    check(at, &["handoff", ID, "--limit", "camera.droped=1,2"], 2, "--metrics");
+    check(
+        at,
+        &["handoff", ID, "--limit", "camera.droped=1,2"],
+        2,
+        "--metrics",
+    );
 }

@@ -64,8 +64,7 @@ impl Desk {
             limits: set(limits),
             ..validate::Options::default()
         };
-        let (outcome, text) =
-            capture(|console| validate::run(&[self.target()], &options, console));
+        let (outcome, text) = capture(|console| validate::run(&[self.target()], &options, console));
         (outcome.unwrap(), text)
     }
 
@@ -100,9 +99,16 @@ fn a_failure_is_handed_over_on_request_and_marked() {
     assert_eq!(text.lines().last(), path.to_str(), "the path comes last");
     let opened = desk.open().unwrap();
     let acceptance = opened.acceptance.as_ref().unwrap();
-    assert_eq!((opened.verdict, acceptance.level), (Verdict::Fail, Verdict::Fail));
+    assert_eq!(
+        (opened.verdict, acceptance.level),
+        (Verdict::Fail, Verdict::Fail)
+    );
     assert_eq!(acceptance.accepted.0, 1_800_000_000_000_000_000);
-    let failed: Vec<_> = acceptance.metrics.iter().map(|m| (m.metric.as_str(), m.of.as_str())).collect();
+    let failed: Vec<_> = acceptance
+        .metrics
+        .iter()
+        .map(|m| (m.metric.as_str(), m.of.as_str()))
+        .collect();
     assert_eq!(failed[0], ("camera.dropped", "left_shoulder"));
     assert_eq!(acceptance.metrics[0].value, Some(3.0 / 120.0));
     assert_eq!(acceptance.metrics[0].fail, Some(0.01));
@@ -222,8 +228,14 @@ fn limits_count_in_a_hand_off_as_in_a_validation() {
     let (outcome, text) = desk.hand_over(None, &limits);
     assert_eq!(outcome, Outcome::Fine, "{text}");
     let opened = desk.open().unwrap();
-    let expected = ["camera.dropped=never,never", "camera.longest_gap=never,never"];
-    assert_eq!((opened.verdict, &opened.limits[..]), (Verdict::Pass, &expected.map(str::to_owned)[..]));
+    let expected = [
+        "camera.dropped=never,never",
+        "camera.longest_gap=never,never",
+    ];
+    assert_eq!(
+        (opened.verdict, &opened.limits[..]),
+        (Verdict::Pass, &expected.map(str::to_owned)[..])
+    );
     assert_eq!(Validation::read(&desk.session()).unwrap().limits, expected);
     assert!(opened.acceptance.is_none(), "nothing had to be accepted");
 

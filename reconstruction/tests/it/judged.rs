@@ -67,7 +67,11 @@ impl Desk {
             "fast".as_ref(),
         ]);
         let text = String::from_utf8_lossy(&output.stdout).into_owned();
-        assert!(text.contains("0 stages made, 5 kept"), "{text}{}", said(&output));
+        assert!(
+            text.contains("0 stages made, 5 kept"),
+            "{text}{}",
+            said(&output)
+        );
         let scene = Scene::open(&scene).expect("a bundle");
         let checked = scene_bundle::verify::verify(&scene, |_| {}).expect("a bundle");
         assert!(checked.is_whole() && scene.manifest().outdated().is_empty());
@@ -121,7 +125,11 @@ fn an_accepted_failure_is_reconstructed_and_marked() {
     desk.hand_over(|handoff| handoff.verdict = Verdict::Fail);
     let refused = program(&["info".as_ref(), desk.session().as_path()]);
     assert_eq!(refused.status.code(), Some(1));
-    assert!(said(&refused).contains("--accept FAIL"), "{}", said(&refused));
+    assert!(
+        said(&refused).contains("--accept FAIL"),
+        "{}",
+        said(&refused)
+    );
 
     desk.hand_over(|handoff| {
         handoff.verdict = Verdict::Fail;
@@ -130,20 +138,37 @@ fn an_accepted_failure_is_reconstructed_and_marked() {
     let output = desk.run();
     assert_eq!(output.status.code(), Some(3));
     let errors = said(&output);
-    assert!(errors.contains("note: the verdict on the session is FAIL"), "{errors}");
+    assert!(
+        errors.contains("note: the verdict on the session is FAIL"),
+        "{errors}"
+    );
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     let last = text.lines().last().expect("a line");
-    assert!(last.contains("nothing lost, of a session accepted as FAIL"), "{last}");
+    assert!(
+        last.contains("nothing lost, of a session accepted as FAIL"),
+        "{last}"
+    );
 
     let scene = Scene::open(&desk.scene()).expect("a bundle");
-    let judged = scene.manifest().provenance.judgement.as_ref().expect("a judgement");
+    let judged = scene
+        .manifest()
+        .provenance
+        .judgement
+        .as_ref()
+        .expect("a judgement");
     assert_eq!(judged.verdict, "FAIL");
     let acceptance = judged.acceptance.as_ref().expect("an acceptance");
     assert_eq!(acceptance.accepted_civil_ns, 1_800_000_000_000_000_000);
     assert_eq!(acceptance.metrics[0].metric, "camera.dropped");
     assert_eq!(acceptance.metrics[0].value, Some(0.25));
-    let page = reconstruction::report::report(&scene, None).expect("a page").html;
-    for part in ["The verdict on the session is FAIL", "--accept FAIL", "25 %, limit 1 %"] {
+    let page = reconstruction::report::report(&scene, None)
+        .expect("a page")
+        .html;
+    for part in [
+        "The verdict on the session is FAIL",
+        "--accept FAIL",
+        "25 %, limit 1 %",
+    ] {
         assert!(page.contains(part), "{part:?} is not on the page");
     }
 
@@ -153,8 +178,16 @@ fn an_accepted_failure_is_reconstructed_and_marked() {
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
     assert!(!said(&output).contains("note:"), "{}", said(&output));
     let scene = Scene::open(&desk.scene()).expect("a bundle");
-    let judged = scene.manifest().provenance.judgement.as_ref().expect("a judgement");
-    assert_eq!((judged.verdict.as_str(), &judged.acceptance), ("PASS", &None));
+    let judged = scene
+        .manifest()
+        .provenance
+        .judgement
+        .as_ref()
+        .expect("a judgement");
+    assert_eq!(
+        (judged.verdict.as_str(), &judged.acceptance),
+        ("PASS", &None)
+    );
 }
 
 #[test]
@@ -165,7 +198,10 @@ fn a_validation_since_is_said_and_breaks_nothing() {
     let output = desk.run();
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
     let errors = said(&output);
-    assert!(errors.contains("handed over as PASS, and a validation since says FAIL"), "{errors}");
+    assert!(
+        errors.contains("handed over as PASS, and a validation since says FAIL"),
+        "{errors}"
+    );
 }
 
 #[test]
@@ -195,7 +231,10 @@ fn a_bundle_of_an_earlier_seal_of_the_same_recording_goes_on() {
         });
     };
     renew(vec![made_of.clone()]);
-    assert_ne!(Input::open(&desk.session()).expect("open").handoff().seal, made_of);
+    assert_ne!(
+        Input::open(&desk.session()).expect("open").handoff().seal,
+        made_of
+    );
     let output = desk.run();
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
     let scene = Scene::open(&desk.scene()).expect("a bundle");
@@ -204,9 +243,18 @@ fn a_bundle_of_an_earlier_seal_of_the_same_recording_goes_on() {
     // A seal that nobody knows is another recording.
     renew(Vec::new());
     let (session, scene) = (desk.session(), desk.scene());
-    let refused = program(&["run".as_ref(), session.as_path(), "--out".as_ref(), scene.as_path()]);
+    let refused = program(&[
+        "run".as_ref(),
+        session.as_path(),
+        "--out".as_ref(),
+        scene.as_path(),
+    ]);
     assert_eq!(refused.status.code(), Some(1));
-    assert!(said(&refused).contains("name another folder"), "{}", said(&refused));
+    assert!(
+        said(&refused).contains("name another folder"),
+        "{}",
+        said(&refused)
+    );
 }
 
 #[test]
@@ -214,7 +262,11 @@ fn a_rig_file_that_is_missing_is_only_accepted_with_the_failure() {
     let folder = tempfile::tempdir().expect("folder");
     hand_over(folder.path());
     fs::remove_file(folder.path().join("rig/rig.toml")).expect("remove");
-    let files = [layout::MANIFEST.to_owned(), layout::INDEX.to_owned(), layout::segment(0)];
+    let files = [
+        layout::MANIFEST.to_owned(),
+        layout::INDEX.to_owned(),
+        layout::segment(0),
+    ];
     crate::session::seal_only(folder.path(), Verdict::Pass, &files);
     assert!(Input::open(folder.path()).is_err());
     let storage = DiskStorage::new(folder.path());
