@@ -149,7 +149,8 @@ fn refuse(
     }
     console.line(format!(
         "`paws handoff {name} --accept FAIL` hands it over as it is, marked as failed"
-    ))
+    ))?;
+    Ok(())
 }
 
 fn print_reasons(validation: &Validation, console: &mut Console<'_>) -> Result<()> {
