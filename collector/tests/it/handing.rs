@@ -32,7 +32,7 @@ impl Desk {
         desk
     }
 
-    /// Three frames of 120 are missing, which is a failure.
+    /// Three frames of 121 are missing, which is a failure.
     fn failing() -> Self {
         let mut session = Session::good(4.0);
         session.drop_frames(0, 120, 122, true);
@@ -110,7 +110,7 @@ fn a_failure_is_handed_over_on_request_and_marked() {
         .map(|m| (m.metric.as_str(), m.of.as_str()))
         .collect();
     assert_eq!(failed[0], ("camera.dropped", "left_shoulder"));
-    assert_eq!(acceptance.metrics[0].value, Some(3.0 / 120.0));
+    assert_eq!(acceptance.metrics[0].value, Some(3.0 / 121.0));
     assert_eq!(acceptance.metrics[0].fail, Some(0.01));
 
     // It stands in the report and on the screen, and the acceptance holds for the same recording.
