@@ -9,7 +9,9 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Result;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{CommandFactory, Parser, Subcommand};
+use session_archive::handoff::Verdict;
 
 use crate::calibrate;
 use crate::console::{Clock, Console, Show};
@@ -18,12 +20,15 @@ use crate::limits::Limits;
 use crate::outcome::Outcome;
 use crate::target::Target;
 use crate::{
-    external, handoff, importing, indexing, list, prune, pull, rebuild, recover, reporting, rig,
-    show, validate,
+    external, handoff, importing, indexing, list, metrics, prune, pull, rebuild, recover,
+    reporting, rig, show, validate,
 };
 
 /// Names the library when `--library` does not.
 pub const LIBRARY_VARIABLE: &str = "PAWS_LIBRARY";
+
+/// Stands for standard output where a file could be named.
+const STDOUT: &str = "-";
 
 /// Import, validate, index, export and hand over recorded sessions.
 #[derive(Debug, Parser)]
@@ -73,16 +78,19 @@ enum Verb {
     /// Judge sessions: PASS, WARN or FAIL, with the reasons
     Validate {
         /// Sessions
-        #[arg(required = true, value_name = "SESSION")]
+        #[arg(required_unless_present = "metrics", value_name = "SESSION")]
         sessions: Vec<String>,
+        /// List the metrics and their limits instead; with --json as a JSON array
+        #[arg(long, conflicts_with_all = ["sessions", "deep", "limits", "html"])]
+        metrics: bool,
         /// Decode every picture, and see whether the calibration is still true
         #[arg(long)]
         deep: bool,
-        /// Set a limit: METRIC=WARN,FAIL in the unit of the report (ratio, ns, count or deg), or `never`
+        /// Set a limit: METRIC=WARN,FAIL in the unit that --metrics names; `never` for one, or METRIC=never for both
         #[arg(long = "limit", value_name = "LIMIT")]
         limits: Vec<String>,
         /// Also write the findings as JSON
-        #[arg(long, value_name = "FILE")]
+        #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = STDOUT)]
         json: Option<PathBuf>,
         /// Also write the report as one HTML page
         #[arg(long, value_name = "FILE")]
@@ -98,6 +106,13 @@ enum Verb {
     Handoff {
         /// The session
         session: String,
+        /// The worst verdict to hand over with; WARN is handed over without it. The acceptance stands in the hand-off, in
+        /// scene bundles and in reports
+        #[arg(long, value_name = "VERDICT", ignore_case = true, value_parser = acceptable())]
+        accept: Option<Verdict>,
+        /// Set a limit, as in `paws validate`
+        #[arg(long = "limit", value_name = "LIMIT")]
+        limits: Vec<String>,
         /// Then write its pictures to this folder with paws-reconstruct
         #[arg(long, value_name = "OUTDIR")]
         reconstruct: Option<PathBuf>,
@@ -242,7 +257,19 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
             pull::run(&options, needed(library)?, console)
         }
         Verb::Validate {
+            metrics: true,
+            json,
+            ..
+        } => {
+            if json.as_ref().is_some_and(|json| json != Path::new(STDOUT)) {
+                let what = "--metrics --json goes to standard output and takes no FILE";
+                return Err(BadArguments(what.to_owned()).into());
+            }
+            metrics::run(json.is_some(), console)
+        }
+        Verb::Validate {
             sessions,
+            metrics: false,
             deep,
             limits,
             json,
@@ -250,6 +277,10 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
         } => {
             if sessions.len() > 1 && (json.is_some() || html.is_some()) {
                 let what = "--json and --html are for one session at a time";
+                return Err(BadArguments(what.to_owned()).into());
+            }
+            if json.as_ref().is_some_and(|json| json == Path::new(STDOUT)) {
+                let what = "--json needs a FILE to write the findings to";
                 return Err(BadArguments(what.to_owned()).into());
             }
             let options = validate::Options {
@@ -263,10 +294,16 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
         Verb::Index { sessions } => indexing::run(&find(&sessions)?, console),
         Verb::Handoff {
             session,
+            accept,
+            limits,
             reconstruct,
         } => {
-            let target = Target::find(&session, library)?;
-            handoff::run(&target, reconstruct.as_deref(), console)
+            let options = handoff::Options {
+                accept,
+                limits: parse_limits(&limits)?,
+                frames: reconstruct,
+            };
+            handoff::run_with(&Target::find(&session, library)?, &options, console)
         }
         Verb::List => list::run(needed(library)?, console),
         Verb::Show { session } => show::run(&Target::find(&session, library)?, console),
@@ -307,6 +344,16 @@ fn needed(library: Option<&Path>) -> Result<&Path> {
             ))
         })
         .map_err(Into::into)
+}
+
+/// Verdicts that can be accepted.
+fn acceptable() -> impl TypedValueParser<Value = Verdict> {
+    PossibleValuesParser::new(["WARN", "FAIL"]).map(|text| {
+        match text.eq_ignore_ascii_case("WARN") {
+            true => Verdict::Warn,
+            false => Verdict::Fail,
+        }
+    })
 }
 
 fn parse_limits(texts: &[String]) -> Result<Limits> {

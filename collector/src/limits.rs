@@ -182,10 +182,6 @@ impl Limits {
     /// What [`Self::set`] was told, as far as it differs from the table.
     pub fn moved(&self) -> Vec<String> {
         let moved = self.0.iter().zip(TABLE).filter(|(row, table)| row != table);
-        let number = |limit: f64| match limit {
-            NEVER => "never".to_owned(),
-            limit => limit.to_string(),
-        };
         moved
             .map(|(row, _)| format!("{}={},{}", row.metric, number(row.warn), number(row.fail)))
             .collect()
@@ -197,7 +193,7 @@ impl Limits {
     }
 
     /// Sets both limits of a metric from `METRIC=WARN,FAIL`, in the unit of the table (ratio, ns,
-    /// count, deg, flag); `never` for a limit that nothing reaches.
+    /// count, deg, flag); `never` for a limit that nothing reaches, and `METRIC=never` for both.
     ///
     /// # Errors
     /// The text does not say that.
@@ -206,9 +202,14 @@ impl Limits {
         let (metric, limits) = text
             .split_once('=')
             .ok_or_else(|| bad("expected METRIC=WARN,FAIL".to_owned()))?;
-        let (warn, fail) = limits
-            .split_once(',')
-            .ok_or_else(|| bad("expected two limits, WARN,FAIL".to_owned()))?;
+        let metric = metric.trim();
+        let (warn, fail) = match (limits.split_once(','), limits.trim()) {
+            (Some(both), _) => both,
+            (None, "never") => ("never", "never"),
+            (None, _) => {
+                return Err(bad("expected two limits, WARN,FAIL, or `never`".to_owned()));
+            }
+        };
         let number = |text: &str| match text.trim() {
             "never" => Ok(NEVER),
             text => text
@@ -230,14 +231,38 @@ impl Limits {
             .0
             .iter_mut()
             .find(|l| l.metric == metric)
-            .ok_or_else(|| bad(format!("no such metric; did you mean {nearest}?")))?;
+            .ok_or_else(|| {
+                bad(format!(
+                    "no such metric; did you mean {nearest}? `paws validate --metrics` lists them"
+                ))
+            })?;
         (row.warn, row.fail, row.periods) = (warn, fail, None);
         row.source = Cow::Borrowed("set on the command line");
+        // A limit of the table that is said is no other limit.
+        let table = TABLE.iter().find(|table| table.metric == metric);
+        if let Some(table) = table
+            && (table.warn, table.fail, table.periods) == (warn, fail, None)
+        {
+            row.source = table.source.clone();
+        }
         Ok(())
     }
 }
 
+/// A limit as [`Limits::set`] takes it.
+pub(crate) fn number(limit: f64) -> String {
+    match limit {
+        NEVER => "never".to_owned(),
+        limit => limit.to_string(),
+    }
+}
+
 impl Limit {
+    /// Whether only a deep validation measures it.
+    pub fn is_deep(&self) -> bool {
+        self.metric == "camera.undecoded" || self.metric.starts_with("calib.")
+    }
+
     /// Both limits for a stream with this nominal period, ns.
     pub fn in_force(&self, period_ns: f64) -> (f64, f64) {
         let (warn, fail) = self.periods.unwrap_or((0.0, 0.0));
@@ -309,10 +334,17 @@ mod tests {
         );
         let row = limits.of("imu.longest_gap").unwrap();
         assert_eq!(row.in_force(5e6), (1e7, f64::INFINITY));
+        limits.set("imu.rate=never").unwrap();
+        let row = limits.of("imu.rate").unwrap();
+        assert_eq!((row.warn, row.fail), (NEVER, NEVER));
+        // What the table says anyway moves nothing.
+        limits.set("imu.rate=0.05,never").unwrap();
+        assert_eq!(limits.moved().len(), 2);
         let mut fails = |text: &str, part: &str| {
             let error = limits.set(text).unwrap_err().to_string();
             assert!(error.contains(part), "{error}");
         };
+        fails("camera.dropped=never,1", "a warning comes before");
         fails("camera.droped=1,2", "did you mean camera.dropped?");
         fails("camera.dropped=2,1", "a warning comes before");
         fails("camera.dropped=2", "expected two limits");

@@ -2,9 +2,10 @@
 //! used, if not why not, what is in it, and what did the recording look like.
 
 use charts::{Cell, Page, Table, Verdict as Badge};
-use session_archive::handoff::Verdict;
+use session_archive::handoff::{HandOff, Verdict};
 use session_archive::manifest::Manifest;
 
+use crate::change;
 use crate::condition::Condition;
 use crate::limits::{Limit, Limits, Unit};
 use crate::plots::Plots;
@@ -21,6 +22,7 @@ pub fn html(validated: &Validated, limits: &Limits) -> String {
     let plots = Plots::new(manifest, &validated.found);
     let mut page = Page::new(&title(manifest)).verdict(badge(validation.verdict));
     page = verdict(page, validation);
+    page = handed_over(page, validated);
     page = page.table(&overview(manifest, validation));
     page = page.figure(&plots.timeline(), "");
     page = losses_and_events(page, validation);
@@ -127,6 +129,21 @@ fn verdict(mut page: Page, validation: &Validation) -> Page {
         page = page.finding(badge(finding.verdict), &finding.text);
     }
     page
+}
+
+/// Whether it was handed over, as what, and in spite of what.
+fn handed_over(page: Page, validated: &Validated) -> Page {
+    let Ok(handoff) = HandOff::read(&**validated.reader.storage()) else {
+        return page;
+    };
+    let now = validated.validation.verdict;
+    let change = change::of_hand_off(&handoff, now, &handoff.session_id);
+    let notes = handoff.notes().into_iter().chain(change);
+    let (sealed, verdict) = (handoff.sealed, handoff.verdict);
+    let page = page.text(&format!("Handed over on {sealed} as {verdict}."));
+    notes.fold(page, |page, note| {
+        page.finding(badge(verdict), &format!("Hand-off: {note}"))
+    })
 }
 
 fn overview(manifest: &Manifest, validation: &Validation) -> Table {

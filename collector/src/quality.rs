@@ -6,7 +6,7 @@
 
 use std::collections::BTreeSet;
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use session_archive::handoff::Verdict;
 use session_archive::manifest::{Camera, Manifest};
 use session_archive::verify::{Report, StreamReport};
@@ -29,7 +29,8 @@ pub struct Finding {
     pub of: String,
     /// PASS, WARN or FAIL.
     pub verdict: Verdict,
-    /// What was measured, in the metric's unit.
+    /// What was measured, in the metric's unit; `null` in JSON where that is no number.
+    #[serde(deserialize_with = "number_or_nan")]
     pub value: f64,
     /// A value above this is a warning; none where nothing is.
     pub warn: Option<f64>,
@@ -39,6 +40,11 @@ pub struct Finding {
     pub unit: String,
     /// The whole finding in words.
     pub text: String,
+}
+
+/// JSON has no word for what is no number but `null`.
+pub(crate) fn number_or_nan<'a, D: Deserializer<'a>>(input: D) -> Result<f64, D::Error> {
+    Ok(Option::deserialize(input)?.unwrap_or(f64::NAN))
 }
 
 /// Judges a session. `decoded` is what decoding every picture gave, where that was asked for.
@@ -104,10 +110,11 @@ pub fn finding(
 ) -> Option<Finding> {
     let limit = limits.of(metric)?;
     let (warn, fail) = limit.in_force(period_ns);
-    // A value that is no number is beyond every limit.
-    let verdict = if value > fail || value.is_nan() {
+    // A value that is no number is beyond every limit that there is; nothing is beyond `never`.
+    let beyond = |limit: f64| value > limit || (value.is_nan() && limit.is_finite());
+    let verdict = if beyond(fail) {
         Verdict::Fail
-    } else if value > warn {
+    } else if beyond(warn) {
         Verdict::Warn
     } else {
         Verdict::Pass
@@ -500,4 +507,35 @@ pub fn faults(report: &Report) -> Vec<String> {
         }
     }
     faults
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn never_is_never_even_for_what_is_no_number() {
+        let judged = |limit: &str, value: f64| {
+            let mut limits = Limits::default();
+            limits.set(limit).unwrap();
+            finding(&limits, "imu.rate", "imu", value, 0.0, "").map(|f| f.verdict)
+        };
+        for value in [0.0, 1e300, f64::INFINITY, f64::NAN] {
+            assert_eq!(judged("imu.rate=never", value), Some(Verdict::Pass));
+        }
+        assert_eq!(judged("imu.rate=1,never", f64::NAN), Some(Verdict::Warn));
+        assert_eq!(judged("imu.rate=1,never", 1.0), Some(Verdict::Pass));
+        assert_eq!(judged("imu.rate=1,2", f64::NAN), Some(Verdict::Fail));
+        assert_eq!(judged("imu.rate=1,2", 1.5), Some(Verdict::Warn));
+    }
+
+    #[test]
+    fn a_finding_that_is_no_number_reads_back() {
+        let limits = Limits::default();
+        let found = finding(&limits, "imu.rate", "imu", f64::NAN, 0.0, "").unwrap();
+        let text = serde_json::to_string(&found).unwrap();
+        let read: Finding = serde_json::from_str(&text).unwrap();
+        assert!(read.value.is_nan(), "{text}");
+        assert_eq!((read.verdict, &read.text), (found.verdict, &found.text));
+    }
 }

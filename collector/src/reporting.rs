@@ -8,7 +8,7 @@ use crate::console::Console;
 use crate::outcome::Outcome;
 use crate::page;
 use crate::target::Target;
-use crate::validate::{Options, open, outcome_of, validate};
+use crate::validate::{Options, open, outcome_of, say_changes, validate};
 use crate::validation::{REPORT, Validation};
 
 /// Examines a session and writes its report. A fresh verdict that looked as deep stays, whatever
@@ -27,8 +27,8 @@ pub fn run(
         Some(out) => out.to_owned(),
         None => target.derived(REPORT, "--out names another place for it")?,
     };
-    let known = Validation::read(&target.folder).ok();
-    let known = known.filter(|known| {
+    let before = Validation::read(&target.folder).ok();
+    let known = before.clone().filter(|known| {
         known.deep >= options.deep
             && open(&target.folder).is_ok_and(|reader| known.is_fresh(&reader))
     });
@@ -45,6 +45,7 @@ pub fn run(
         _ if target.is_listed() => {
             validated.validation.write(&target.folder)?;
             target.refresh()?;
+            say_changes(before.as_ref(), &validated.validation, target, console)?;
         }
         _ => {}
     }

@@ -9,6 +9,7 @@ use session_archive::index::Index;
 use session_archive::storage::DiskStorage;
 
 use crate::catalogue::{Row, newest_report};
+use crate::change;
 use crate::condition::Condition;
 use crate::console::Console;
 use crate::import::ImportRecord;
@@ -156,11 +157,18 @@ pub fn run(target: &Target, console: &mut Console<'_>) -> Result<Outcome> {
     line("indexed", indexed.to_owned())?;
     let storage = DiskStorage::new(&target.folder);
     let handed = match HandOff::open(&storage, Check::Lengths, |_| {}) {
-        Ok(handoff) => format!("sealed {}", handoff.sealed),
+        Ok(handoff) => format!("sealed {}, as {}", handoff.sealed, handoff.verdict),
         Err(session_archive::handoff::HandOffError::Io { .. }) => "no".to_owned(),
         Err(e) => format!("no longer valid: {e}"),
     };
     line("handed off", handed)?;
+    if let Ok(handoff) = HandOff::read(&storage) {
+        let now = validation.as_ref().map(|v| v.verdict);
+        let change = now.and_then(|now| change::of_hand_off(&handoff, now, &target.name()));
+        for note in handoff.notes().into_iter().chain(change) {
+            line("", note)?;
+        }
+    }
     line("folder", target.folder.display().to_string())?;
     Ok(Outcome::Fine)
 }

@@ -10,12 +10,13 @@ use std::sync::Arc;
 use std::thread;
 
 use anyhow::{Context, Result};
-use session_archive::handoff::Verdict;
+use session_archive::handoff::{HandOff, Verdict};
 use session_archive::manifest::Manifest;
 use session_archive::reader::SessionReader;
 use session_archive::storage::DiskStorage;
 
 use crate::calibrate::verify;
+use crate::change;
 use crate::console::Console;
 use crate::deep::decode_all;
 use crate::examine::{Examination, examine};
@@ -106,10 +107,12 @@ pub fn run(targets: &[Target], options: &Options, console: &mut Console<'_>) -> 
     for target in targets {
         let validated = validate(&target.folder, options, console)?;
         let validation = &validated.validation;
+        let before = Validation::read(&target.folder).ok();
         print(validated.reader.manifest(), validation, console)?;
         if target.is_listed() {
             validation.write(&target.folder)?;
             target.refresh()?;
+            say_changes(before.as_ref(), validation, target, console)?;
         }
         let write = |path: &Path, bytes: &[u8]| {
             std::fs::write(path, bytes)
@@ -130,6 +133,25 @@ pub fn run(targets: &[Target], options: &Options, console: &mut Console<'_>) -> 
         outcome = outcome.max(outcome_of(validation));
     }
     Ok(outcome)
+}
+
+/// What is another verdict now than the last validation's and the hand-off's.
+///
+/// # Errors
+/// The output cannot be written.
+pub(crate) fn say_changes(
+    before: Option<&Validation>,
+    now: &Validation,
+    target: &Target,
+    console: &mut Console<'_>,
+) -> Result<()> {
+    let change = before.and_then(|before| change::said(before, now));
+    let handoff = HandOff::read(&DiskStorage::new(&target.folder)).ok();
+    let handed = handoff.and_then(|h| change::of_hand_off(&h, now.verdict, &target.name()));
+    for line in change.into_iter().chain(handed) {
+        console.line(line)?;
+    }
+    Ok(())
 }
 
 /// How a verdict ends the program.

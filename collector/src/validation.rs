@@ -1,8 +1,8 @@
 //! `validation.json`: the verdict on a session, what it rests on, and a summary.
 //!
 //! It holds no time of its own making, so validating the same session with the same limits gives
-//! the same bytes, and a hand-off that sealed them stays valid. It is derived: it can be deleted and
-//! made again at any time.
+//! the same bytes. It is derived: it can be deleted and made again at any time. A hand-off does not
+//! seal it; it has the verdict itself.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -23,7 +23,7 @@ use session_archive::verify::Report;
 use crate::cadence::Cadence;
 use crate::examine::Examination;
 use crate::facts::{Facts, Sample};
-use crate::quality::{Finding, overall, reasons};
+use crate::quality::{Finding, number_or_nan, overall, reasons};
 use crate::validate::Options;
 
 /// File name of the HTML report in the session's folder.
@@ -52,7 +52,8 @@ pub struct StreamSummary {
     pub samples: u64,
     /// Samples missing, accounted for or not.
     pub missing: u64,
-    /// Measured rate.
+    /// Measured rate; `null` in JSON where that is no number.
+    #[serde(deserialize_with = "number_or_nan")]
     pub rate_hz: f64,
     /// Bytes of compressed pictures; 0 for an IMU.
     pub bytes: u64,

@@ -41,16 +41,34 @@ pub(crate) fn frames(handoff: &Path, out: &Path, selection: &Selection) -> Resul
     print_losses(&summary.lost);
     let frames: u64 = summary.cameras.iter().map(|(_, count)| count).sum();
     let samples: u64 = summary.imus.iter().map(|(_, count)| count).sum();
-    let loss = match summary.lost.len() {
-        0 => "nothing lost".to_owned(),
-        count => format!("{count} losses"),
-    };
+    let loss = loss(summary.lost.len(), &input);
     println!(
         "{frames} stereo frames in {} sets, {samples} IMU samples, {loss}: {}",
         summary.sets,
         out.display()
     );
-    Ok(ExitCode::from(if summary.lost.is_empty() { 0 } else { 3 }))
+    Ok(code(summary.lost.len(), &input))
+}
+
+/// What was lost, for the last line: of a session that failed it is said that it did.
+fn loss(losses: usize, input: &Input) -> String {
+    let loss = match losses {
+        0 => "nothing lost".to_owned(),
+        count => format!("{count} losses"),
+    };
+    match input.is_failed() {
+        true => format!(
+            "{loss}, of a session accepted as {}",
+            input.handoff().verdict
+        ),
+        false => loss,
+    }
+}
+
+/// The exit code: a session that failed its validation is loss, however much of it was used.
+fn code(losses: usize, input: &Input) -> ExitCode {
+    let is_fine = losses == 0 && !input.is_failed();
+    ExitCode::from(if is_fine { 0 } else { 3 })
 }
 
 fn open(handoff: &Path) -> Result<Input> {
@@ -63,6 +81,9 @@ fn open(handoff: &Path) -> Result<Input> {
         bar.set_position(done);
     })?;
     bar.finish_and_clear();
+    for note in input.notes() {
+        eprintln!("note: {note}");
+    }
     Ok(input)
 }
 

@@ -28,14 +28,15 @@ fn write(input: &Input, out: &mut String) -> std::fmt::Result {
         }
         None => writeln!(out, ", cut off")?,
     }
-    let bytes: u64 = handoff.files.iter().map(|f| f.bytes).sum();
+    let files = || handoff.files.iter().chain(&handoff.derived);
+    let bytes: u64 = files().map(|f| f.bytes).sum();
     writeln!(
         out,
         "handed over {} by {}: {}, {} files, {:.1} MB, every byte as sealed",
         handoff.sealed,
         handoff.software,
         handoff.verdict,
-        handoff.files.len(),
+        files().count(),
         bytes as f64 / 1e6,
     )?;
     for (camera, entry) in manifest.cameras.iter().zip(&index.cameras) {

@@ -1,7 +1,8 @@
 //! A hand-off, opened for reading.
 //!
 //! Contract. *Opening* checks the seal, the verdict and every byte that was sealed, and refuses
-//! what is missing, failed its validation, was edited or changed ([`InputError`]). *Early to late*:
+//! what is missing, failed its validation without being accepted, was edited or changed
+//! ([`InputError`]); [`Input::notes`] says what was accepted. *Early to late*:
 //! frame sets come in order of time, frames in order of their numbers, each decoded once, cameras
 //! side by side on threads; memory is about one group of pictures per camera. By number or time
 //! they come from the key frame before. Both ways give the same. *At a gap*: a camera that has no
@@ -27,6 +28,7 @@ mod camera;
 mod error;
 mod greys;
 mod imu;
+mod judgement;
 mod open;
 mod sequence;
 mod state;
@@ -62,6 +64,7 @@ pub struct FrameSet {
 pub struct Input {
     root: PathBuf,
     handoff: HandOff,
+    notes: Vec<String>,
     manifest: Manifest,
     state: State,
     shared: Arc<Shared>,

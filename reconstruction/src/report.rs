@@ -19,6 +19,7 @@ use colours::{UNKNOWN, ramp};
 use way::Step;
 
 mod colours;
+mod judgement;
 mod sights;
 mod splat;
 mod way;
@@ -95,6 +96,7 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
         .unwrap_or(name.as_os_str())
         .to_string_lossy();
     let mut page = Page::new(&format!("Reconstruction: {name}"));
+    page = judgement::add(page, &scene.manifest().provenance);
     page = page.table(&facts(scene, &trajectory, cloud.as_deref())?);
     page = page.section("Where the rig was");
     page = page.text(&how_far(
@@ -176,6 +178,7 @@ fn facts(
     let none = || "none".to_owned();
     let rows = [
         ("session", provenance.session_id.clone()),
+        ("verdict on it", judgement::in_short(provenance)),
         (
             "rig",
             format!("{}, {}", provenance.rig.name, provenance.rig.revision),

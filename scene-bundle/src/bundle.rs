@@ -14,7 +14,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use crate::draft::Draft;
 use crate::error::{BundleError, doing};
 use crate::layout;
-use crate::manifest::{Manifest, Provenance};
+use crate::manifest::{Manifest, Provenance, VERSION};
 use crate::scene::Scene;
 use crate::storage::{self, Disk, Storage};
 
@@ -92,6 +92,7 @@ impl Bundle {
             &root,
         ))?;
         manifest.provenance = provenance;
+        manifest.version = VERSION;
         let bundle = Self {
             shared: Arc::new(Shared {
                 storage,

@@ -9,12 +9,13 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::error::BundleError;
+use crate::judgement::Judgement;
 use crate::layout;
 
 /// Value of [`Manifest::format`].
 pub const FORMAT: &str = "paws-scene";
-/// The version that this crate writes and reads.
-pub const VERSION: u32 = 1;
+/// The version that this crate writes. It reads version 1 too, which says nothing of the session's verdict.
+pub const VERSION: u32 = 2;
 
 /// The manifest of a bundle.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -22,7 +23,7 @@ pub const VERSION: u32 = 1;
 pub struct Manifest {
     /// [`FORMAT`].
     pub format: String,
-    /// [`VERSION`].
+    /// [`VERSION`], or 1 as long as it was not written to again.
     pub version: u32,
     /// What it was made of, and by what.
     pub provenance: Provenance,
@@ -31,13 +32,16 @@ pub struct Manifest {
 }
 
 /// What a bundle was made of, and by what.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Provenance {
     /// The session.
     pub session_id: String,
     /// BLAKE3 that stands for all of the session's files, hex: the seal of its hand-off.
     pub handoff_blake3: String,
+    /// The verdict that the session was handed over with; none in version 1, or where whoever wrote did not know.
+    #[serde(default)]
+    pub judgement: Option<Judgement>,
     /// The rig that recorded it.
     pub rig: RigRevision,
     /// The program that last wrote to the bundle, and its version.
@@ -177,12 +181,12 @@ impl Manifest {
             found,
             expected: expected.to_owned(),
         };
-        let expected = format!("a manifest of {FORMAT} version {VERSION}");
+        let expected = format!("a manifest of {FORMAT} version 1 or {VERSION}");
         let which: Which = serde_json::from_slice(bytes)
             .map_err(|e| wrong(format!("JSON where {e}"), &expected))?;
-        if which.format != FORMAT || which.version != VERSION {
+        if which.format != FORMAT || !(1..=VERSION).contains(&which.version) {
             let found = format!("{} version {}", which.format, which.version);
-            return Err(wrong(found, &format!("{FORMAT} version {VERSION}")));
+            return Err(wrong(found, &format!("{FORMAT} version 1 or {VERSION}")));
         }
         let manifest: Self = serde_json::from_slice(bytes)
             .map_err(|e| wrong(format!("JSON where {e}"), &expected))?;
@@ -312,11 +316,11 @@ mod tests {
             assert!(error.ends_with(": scene.json"), "{error}");
         };
         check(
-            "\"version\": 1",
             "\"version\": 2",
-            "found paws-scene version 2, expected paws-scene version 1",
+            "\"version\": 3",
+            "found paws-scene version 3, expected paws-scene version 1 or 2",
         );
-        check("paws-scene", "paws-session", "found paws-session version 1");
+        check("paws-scene", "paws-session", "found paws-session version 2");
         check(
             "\"outputs\"",
             "\"more\": 1, \"outputs\"",

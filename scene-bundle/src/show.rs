@@ -54,6 +54,17 @@ impl<'a> Shown<'a> {
         line("bundle", self.scene.path().display().to_string());
         line("session", from.session_id.clone());
         line("hand-off", from.handoff_blake3.clone());
+        let unknown = || "not known: the bundle does not say".to_owned();
+        let judged = from.judgement.as_ref();
+        line(
+            "verdict",
+            judged.map_or_else(unknown, |judged| judged.in_short(civil)),
+        );
+        for beyond in judged.iter().flat_map(|judged| &judged.acceptance) {
+            for metric in &beyond.metrics {
+                line("", format!("{}  {}", metric.verdict, metric.text));
+            }
+        }
         line(
             "rig",
             format!("{}, revision {}", from.rig.name, from.rig.revision),

@@ -1,9 +1,14 @@
 //! The hand-off: a session, sealed for whoever works on it next.
 //!
-//! `handoff.json` names every file that makes up a validated session, with its length and BLAKE3
-//! hash, the verdict of the validation, and a seal: the BLAKE3 hash of the rest of the manifest. It
-//! lies in the session's folder, so all paths are relative and the folder can be moved. Opening a
-//! hand-off checks the seal and the files; one that is not validated, failed, or changed is refused.
+//! `handoff.json` names every recorded file of a session with its length and BLAKE3 hash; the seal is the BLAKE3 of that
+//! list and nothing else, so the same recording has the same seal however often it is handed over. Beside the seal, and
+//! not hashed into it, stand the derived files that reading relies on, the verdict of the validation, the limits that it
+//! was reached with, and the acceptance where a session is handed over in spite of its verdict. It lies in the session's
+//! folder, so all paths are relative and the folder can be moved. Opening a hand-off checks the document, the seal and
+//! the files; one that is not validated, failed without being accepted, or changed is refused. A validation after it
+//! changes nothing of it ([`later_verdict`]).
+//!
+//! Version 1 had the verdict and `validation.json` in its seal. It is read, with a note ([`HandOff::notes`]).
 
 use std::io;
 
@@ -13,10 +18,22 @@ use crate::layout;
 use crate::storage::{self, Storage};
 use crate::time::CivilTime;
 
+mod acceptance;
+mod file;
+mod version1;
+
+pub use acceptance::{Acceptance, Beyond};
+pub use file::SealedFile;
+
 /// Value of [`HandOff::format`].
 pub const FORMAT: &str = "paws-handoff";
-/// The version that this crate writes and reads.
-pub const VERSION: u32 = 1;
+/// The version that this crate writes; it reads version 1 too.
+pub const VERSION: u32 = 2;
+
+/// Marks the line of the document's hash, which covers everything before it.
+const HASH_KEY: &str = "\n  \"blake3\": \"";
+/// Behind the hash.
+const END: &str = "\"\n}\n";
 
 /// Outcome of a validation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -40,36 +57,48 @@ impl std::fmt::Display for Verdict {
     }
 }
 
-/// A sealed file.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct SealedFile {
-    /// Path below the session's folder.
-    pub path: String,
-    /// Length, bytes.
-    pub bytes: u64,
-    /// BLAKE3 of the content, hex.
-    pub blake3: String,
-}
-
 /// The hand-off manifest.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HandOff {
     /// [`FORMAT`].
     pub format: String,
-    /// [`VERSION`].
+    /// [`VERSION`], or 1.
     pub version: u32,
     /// The session.
     pub session_id: String,
-    /// What sealed it.
+    /// What was recorded: manifest, rig files, segments.
+    pub files: Vec<SealedFile>,
+    /// [`seal_of`] the session and its files; of version 1 the BLAKE3 of the whole document.
+    pub seal: String,
+    /// Seals of version 1 under which exactly these recorded files were handed over before.
+    pub earlier_seals: Vec<String>,
+    /// Files that were made of the recording and that reading relies on: the index.
+    pub derived: Vec<SealedFile>,
+    /// What wrote this.
     pub software: String,
     /// When, as well as the host knew.
     pub sealed: CivilTime,
     /// Verdict of the validation that it rests on.
     pub verdict: Verdict,
-    /// Manifest, rig files, segments, index and validation report.
-    pub files: Vec<SealedFile>,
-    /// BLAKE3 of this manifest with an empty seal, hex.
-    pub seal: String,
+    /// The limits of that validation that were not those of the validator's own table, as `METRIC=WARN,FAIL`.
+    pub limits: Vec<String>,
+    /// That it is handed over in spite of the verdict.
+    pub acceptance: Option<Acceptance>,
+}
+
+/// What stands beside a seal: who sealed, and what was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Statement {
+    /// As [`HandOff::software`].
+    pub software: String,
+    /// As [`HandOff::sealed`].
+    pub sealed: CivilTime,
+    /// As [`HandOff::verdict`].
+    pub verdict: Verdict,
+    /// As [`HandOff::limits`].
+    pub limits: Vec<String>,
+    /// As [`HandOff::acceptance`].
+    pub acceptance: Option<Acceptance>,
 }
 
 /// How much of a hand-off's files to check when opening it.
@@ -93,11 +122,13 @@ pub enum HandOffError {
         #[source]
         error: io::Error,
     },
-    /// The manifest is no hand-off of this version, or was edited.
-    #[error("{manifest} is not valid: {0}", manifest = layout::HANDOFF)]
+    /// The manifest is no hand-off of a version that is known, or was edited: hand over again.
+    #[error("{manifest} is not valid: {0}; `paws handoff` writes it again", manifest = layout::HANDOFF)]
     Invalid(String),
-    /// The validation failed; the session must not be used.
-    #[error("the session failed its validation")]
+    /// The validation failed, and nobody accepted that; the session must not be used.
+    #[error(
+        "the session failed its validation, and was not accepted in spite of it, as `paws handoff --accept FAIL` does"
+    )]
     Failed,
     /// A file is not what was sealed: validate and hand over again.
     #[error("{path} changed since it was handed over: {what}")]
@@ -109,8 +140,57 @@ pub enum HandOffError {
     },
 }
 
+/// The seal of a session: BLAKE3, hex, of the lines `paws-handoff 2\n`, `SESSION_ID\n`, and `BLAKE3 BYTES PATH\n` of each
+/// recorded file in the order of the bytes of their paths.
+pub fn seal_of(session_id: &str, files: &[SealedFile]) -> String {
+    let mut files: Vec<&SealedFile> = files.iter().collect();
+    files.sort_by(|a, b| a.path.cmp(&b.path));
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(format!("{FORMAT} {VERSION}\n{session_id}\n").as_bytes());
+    for file in files {
+        hasher.update(format!("{} {} {}\n", file.blake3, file.bytes, file.path).as_bytes());
+    }
+    hasher.finalize().to_hex().to_string()
+}
+
+/// The verdict in `validation.json`, which the last validation left beside the hand-off; none if there is none that can
+/// be read.
+pub fn later_verdict(storage: &dyn Storage) -> Option<Verdict> {
+    #[derive(Deserialize)]
+    struct Validation {
+        verdict: Verdict,
+    }
+    let text = storage::read_all(storage, layout::VALIDATION).ok()?;
+    let validation: Validation = serde_json::from_slice(&text).ok()?;
+    Some(validation.verdict)
+}
+
 impl HandOff {
-    /// Seals the files at `paths` as they are, and writes the manifest.
+    /// A hand-off of files that were hashed: recorded ones, and derived ones beside them.
+    pub fn new(
+        session_id: &str,
+        files: Vec<SealedFile>,
+        derived: Vec<SealedFile>,
+        said: Statement,
+    ) -> Self {
+        Self {
+            format: FORMAT.to_owned(),
+            version: VERSION,
+            session_id: session_id.to_owned(),
+            seal: seal_of(session_id, &files),
+            files,
+            earlier_seals: Vec::new(),
+            derived,
+            software: said.software,
+            sealed: said.sealed,
+            verdict: said.verdict,
+            limits: said.limits,
+            acceptance: said.acceptance,
+        }
+    }
+
+    /// Hashes the files at `paths` as they are, and writes a hand-off of them that accepts nothing. The index among them
+    /// is taken as derived.
     ///
     /// # Errors
     /// A file is missing, or the disk says no.
@@ -125,39 +205,68 @@ impl HandOff {
     ) -> Result<Self, HandOffError> {
         let files = paths.iter();
         let files = files.map(|path| SealedFile::of(storage, path, &mut progress));
-        let files = files.collect::<Result<_, _>>()?;
-        Self::seal_files(storage, session_id, verdict, software, sealed, files)
-    }
-
-    /// Seals files that were hashed before, and writes the manifest.
-    ///
-    /// # Errors
-    /// The disk says no.
-    pub fn seal_files(
-        storage: &dyn Storage,
-        session_id: &str,
-        verdict: Verdict,
-        software: &str,
-        sealed: CivilTime,
-        files: Vec<SealedFile>,
-    ) -> Result<Self, HandOffError> {
-        let mut handoff = Self {
-            format: FORMAT.to_owned(),
-            version: VERSION,
-            session_id: session_id.to_owned(),
+        let files = files.collect::<Result<Vec<_>, _>>()?;
+        let (derived, files) = (files.into_iter()).partition(|file| file.path == layout::INDEX);
+        let said = Statement {
             software: software.to_owned(),
             sealed,
             verdict,
-            files,
-            seal: String::new(),
+            limits: Vec::new(),
+            acceptance: None,
         };
-        handoff.seal = handoff.computed_seal();
-        let text = serde_json::to_vec_pretty(&handoff).unwrap_or_default();
-        storage::replace(storage, layout::HANDOFF, &text).map_err(|error| HandOffError::Io {
-            path: layout::HANDOFF.to_owned(),
-            error,
-        })?;
+        let handoff = Self::new(session_id, files, derived, said);
+        handoff.write(storage)?;
         Ok(handoff)
+    }
+
+    /// Writes it into the session's folder.
+    ///
+    /// # Errors
+    /// The disk says no.
+    pub fn write(&self, storage: &dyn Storage) -> Result<(), HandOffError> {
+        storage::replace(storage, layout::HANDOFF, &self.to_bytes()).map_err(|error| {
+            HandOffError::Io {
+                path: layout::HANDOFF.to_owned(),
+                error,
+            }
+        })
+    }
+
+    /// The hand-off as it is written, with its own checks (the document's hash, the seal), but without a look at any
+    /// file, and whatever its verdict is.
+    ///
+    /// # Errors
+    /// [`HandOffError::Io`], [`HandOffError::Invalid`].
+    pub fn read(storage: &dyn Storage) -> Result<Self, HandOffError> {
+        #[derive(Deserialize)]
+        struct Which {
+            format: String,
+            version: u32,
+        }
+        let text =
+            storage::read_all(storage, layout::HANDOFF).map_err(|error| HandOffError::Io {
+                path: layout::HANDOFF.to_owned(),
+                error,
+            })?;
+        let which: Which =
+            serde_json::from_slice(&text).map_err(|e| HandOffError::Invalid(e.to_string()))?;
+        let handoff = match (which.format.as_str(), which.version) {
+            (FORMAT, 1) => version1::parse(&text)?,
+            (FORMAT, VERSION) => Self::from_bytes(&text)?,
+            (format, version) => {
+                return Err(HandOffError::Invalid(format!(
+                    "it is {format} version {version}, expected {FORMAT} version 1 or {VERSION}"
+                )));
+            }
+        };
+        let mut paths = handoff.files.iter().chain(&handoff.derived);
+        match paths.find(|file| !file.path.split('/').all(layout::is_file_name)) {
+            Some(file) => Err(HandOffError::Invalid(format!(
+                "it names the file {:?}, which is no path in the session's folder",
+                file.path
+            ))),
+            None => Ok(handoff),
+        }
     }
 
     /// Opens the hand-off in a session's folder.
@@ -169,110 +278,91 @@ impl HandOff {
         check: Check,
         mut progress: impl FnMut(u64),
     ) -> Result<Self, HandOffError> {
-        let text =
-            storage::read_all(storage, layout::HANDOFF).map_err(|error| HandOffError::Io {
-                path: layout::HANDOFF.to_owned(),
-                error,
-            })?;
-        let handoff: Self =
-            serde_json::from_slice(&text).map_err(|e| HandOffError::Invalid(e.to_string()))?;
-        if handoff.format != FORMAT || handoff.version != VERSION {
-            let found = format!("it is {} version {}", handoff.format, handoff.version);
-            return Err(HandOffError::Invalid(found));
-        }
-        if handoff.computed_seal() != handoff.seal {
-            return Err(HandOffError::Invalid("its seal does not match".to_owned()));
-        }
-        if handoff.verdict == Verdict::Fail {
+        let handoff = Self::read(storage)?;
+        if handoff.verdict == Verdict::Fail && !handoff.is_accepted() {
             return Err(HandOffError::Failed);
         }
-        for file in &handoff.files {
+        for file in handoff.files.iter().chain(&handoff.derived) {
             file.check(storage, check, &mut progress)?;
         }
         Ok(handoff)
     }
 
-    fn computed_seal(&self) -> String {
-        let unsealed = Self {
-            seal: String::new(),
-            ..self.clone()
-        };
-        let text = serde_json::to_vec(&unsealed).unwrap_or_default();
-        blake3::hash(&text).to_hex().to_string()
-    }
-}
-
-impl SealedFile {
-    /// A file as it is now; `progress` is called with the bytes read.
-    ///
-    /// # Errors
-    /// The file is missing, or the disk says no.
-    pub fn of(
-        storage: &dyn Storage,
-        path: &str,
-        mut progress: impl FnMut(u64),
-    ) -> Result<Self, HandOffError> {
-        let (bytes, blake3) = hash(storage, path, &mut progress)?;
-        Ok(Self {
-            path: path.to_owned(),
-            bytes,
-            blake3,
-        })
+    /// Whether somebody accepted it with the verdict that it has.
+    pub fn is_accepted(&self) -> bool {
+        let acceptance = self.acceptance.as_ref();
+        acceptance.is_some_and(|a| a.level >= self.verdict)
     }
 
-    fn check(
-        &self,
-        storage: &dyn Storage,
-        check: Check,
-        progress: &mut impl FnMut(u64),
-    ) -> Result<(), HandOffError> {
-        let changed = |what: String| HandOffError::Changed {
-            path: self.path.clone(),
-            what,
-        };
-        let length = match storage.open(&self.path).and_then(|f| f.len()) {
-            Ok(length) => length,
-            Err(e) if e.kind() == io::ErrorKind::NotFound => {
-                return Err(changed("it is gone".to_owned()));
-            }
-            Err(error) => {
-                return Err(HandOffError::Io {
-                    path: self.path.clone(),
-                    error,
-                });
-            }
-        };
-        if length != self.bytes {
-            return Err(changed(format!("{length} bytes instead of {}", self.bytes)));
-        }
-        if check == Check::Content && hash(storage, &self.path, progress)?.1 != self.blake3 {
-            return Err(changed("its content has another hash".to_owned()));
-        }
-        Ok(())
+    /// Whether it answers for this file.
+    pub fn names(&self, path: &str) -> bool {
+        let mut files = self.files.iter().chain(&self.derived);
+        files.any(|file| file.path == path)
     }
-}
 
-/// Length and BLAKE3 of a file, a piece at a time.
-fn hash(
-    storage: &dyn Storage,
-    path: &str,
-    progress: &mut impl FnMut(u64),
-) -> Result<(u64, String), HandOffError> {
-    let failed = |error| HandOffError::Io {
-        path: path.to_owned(),
-        error,
-    };
-    let file = storage.open(path).map_err(failed)?;
-    let mut hasher = blake3::Hasher::new();
-    let mut buf = vec![0; 1 << 20];
-    let mut at = 0;
-    loop {
-        let n = file.read_at(&mut buf, at).map_err(failed)?;
-        if n == 0 {
-            return Ok((at, hasher.finalize().to_hex().to_string()));
+    /// Whether this seal stands for the same recording.
+    pub fn is_known_as(&self, seal: &str) -> bool {
+        self.seal == seal || self.earlier_seals.iter().any(|earlier| earlier == seal)
+    }
+
+    /// What whoever works on it should be told, a sentence each: that it is of an older version, that it was accepted in
+    /// spite of its verdict, that it was judged by other limits.
+    pub fn notes(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        if self.version < VERSION {
+            notes.push(format!(
+                "the hand-off is of version {}, whose seal covers the verdict too; `paws handoff` writes it as version \
+                 {VERSION}, and scene bundles that were made of it stay valid",
+                self.version
+            ));
         }
-        hasher.update(&buf[..n]);
-        at += n as u64;
-        progress(n as u64);
+        if let Some(acceptance) = &self.acceptance {
+            let what: Vec<&str> = (acceptance.metrics.iter())
+                .filter(|m| m.verdict == acceptance.verdict)
+                .map(|m| m.text.as_str())
+                .collect();
+            notes.push(format!(
+                "the verdict on the session is {}, and it was handed over in spite of that (--accept {}, {}): {}",
+                self.verdict,
+                acceptance.level,
+                acceptance.accepted,
+                what.join("; ")
+            ));
+        }
+        if !self.limits.is_empty() {
+            notes.push(format!(
+                "the session was judged by limits other than those of the table: {}",
+                self.limits.join(" ")
+            ));
+        }
+        notes
+    }
+
+    /// The document with its hash at the end.
+    fn to_bytes(&self) -> Vec<u8> {
+        let mut text = serde_json::to_string_pretty(self).unwrap_or_default();
+        text.truncate(text.len().saturating_sub("\n}".len()));
+        text.push(',');
+        let hash = blake3::hash(text.as_bytes()).to_hex();
+        text.push_str(&format!("{HASH_KEY}{hash}{END}"));
+        text.into_bytes()
+    }
+
+    fn from_bytes(bytes: &[u8]) -> Result<Self, HandOffError> {
+        let invalid = |what: &str| HandOffError::Invalid(what.to_owned());
+        let text = std::str::from_utf8(bytes).map_err(|_| invalid("it is not UTF-8"))?;
+        let at = text
+            .rfind(HASH_KEY)
+            .ok_or_else(|| invalid("it has no hash"))?;
+        let stored = text[at + HASH_KEY.len()..].strip_suffix(END);
+        let found = blake3::hash(&bytes[..at]).to_hex();
+        if stored != Some(found.as_str()) {
+            return Err(invalid("its hash does not match"));
+        }
+        let handoff: Self = serde_json::from_str(text).map_err(|e| invalid(&e.to_string()))?;
+        if handoff.seal != seal_of(&handoff.session_id, &handoff.files) {
+            return Err(invalid("its seal does not match"));
+        }
+        Ok(handoff)
     }
 }

@@ -166,3 +166,84 @@ fn an_unknown_verb_is_a_program_or_a_slip() {
     assert_eq!(output.status.code(), Some(7));
     assert_eq!(output.stdout, b"hello world\n");
 }
+
+#[test]
+fn metrics_are_listed_as_limits_take_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let text = check(at, &["validate", "--metrics"], 0, "METRIC");
+    for row in collector::limits::TABLE {
+        let line = text.lines().find(|line| line.starts_with(row.metric));
+        let words: Vec<&str> = line.unwrap().split_whitespace().collect();
+        assert!(line.unwrap().contains(row.title), "{line:?}");
+        // What is listed can be set as it stands there.
+        let mut limits = collector::limits::Limits::default();
+        let limit = format!("{}={},{}", words[0], words[2], words[3]);
+        limits.set(&limit).unwrap();
+        let set = limits.of(row.metric).unwrap();
+        assert_eq!((set.warn, set.fail), (row.warn, row.fail), "{limit}");
+    }
+    let text = check(at, &["validate", "--metrics", "--json"], 0, "[");
+    let rows: Vec<serde_json::Value> = serde_json::from_str(&text).unwrap();
+    assert_eq!(rows.len(), collector::limits::TABLE.len());
+    let row = rows.iter().find(|row| row["metric"] == "imu.rate").unwrap();
+    assert_eq!(row["warn"], 0.05);
+    assert!(row["fail"].is_null() && row["unit"] == "ratio");
+
+    check(at, &["validate"], 2, "SESSION");
+    check(
+        at,
+        &["validate", "walk", "--metrics"],
+        2,
+        "cannot be used with",
+    );
+    check(
+        at,
+        &["validate", "walk", "--json"],
+        2,
+        "--json needs a FILE",
+    );
+    check(
+        at,
+        &["validate", "--metrics", "--json", "x"],
+        2,
+        "takes no FILE",
+    );
+}
+
+#[test]
+fn a_failure_is_handed_over_only_if_that_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let mut session = Session::good(4.0);
+    session.drop_frames(0, 120, 122, true);
+    session.write(&at.join("walk-8"));
+    check(at, &["import", "walk-8"], 0, "imported");
+    let dropped = "camera.dropped=never";
+    check(at, &["validate", ID, "--limit", dropped], 0, "PASS");
+    check(at, &["validate", ID], 1, "PASS \u{2192} FAIL");
+    check(at, &["handoff", ID], 1, "not handed over");
+    check(
+        at,
+        &["handoff", ID, "--accept", "warn"],
+        1,
+        "not handed over",
+    );
+    let text = check(at, &["handoff", ID, "--accept", "fail"], 3, "accepted");
+    assert!(text.trim_end().ends_with("/handoff.json"), "{text}");
+    check(at, &["handoff", ID], 3, "accepted");
+    let handed = check(
+        at,
+        &["handoff", ID, "--limit", dropped],
+        0,
+        "FAIL \u{2192} PASS",
+    );
+    assert!(handed.trim_end().ends_with("/handoff.json"), "{handed}");
+    check(at, &["handoff", ID, "--accept", "PASS"], 2, "WARN, FAIL");
+    check(
+        at,
+        &["handoff", ID, "--limit", "camera.droped=1,2"],
+        2,
+        "--metrics",
+    );
+}

@@ -4,6 +4,7 @@ mod calib_cameras;
 mod calib_verify;
 mod command_line;
 mod exporting;
+mod handing;
 mod importing;
 mod imu_noise;
 mod pictures;

@@ -14,7 +14,7 @@ use reconstruction::pipeline::stages::{self, Options, Preset, rig};
 use reconstruction::pipeline::{Outcome, Selection, Sources, State, Watch, made};
 use scene_bundle::{Bundle, Provenance, Scene};
 
-use super::{open, print_losses, progress_bar};
+use super::{code, loss, open, print_losses, progress_bar};
 use crate::machine;
 
 #[derive(Args)]
@@ -96,13 +96,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     }
     let input = open(&arguments.handoff)?;
     let told = told(arguments, &input)?;
-    let kept = keeps_rig
-        .then(|| Scene::open(&arguments.out).ok())
-        .flatten();
-    let kept = kept.map(|scene| scene.manifest().provenance.rig.clone());
+    let there = Scene::open(&arguments.out).ok();
+    let there = there.as_ref().map(|scene| &scene.manifest().provenance);
+    let kept = there.filter(|_| keeps_rig).map(|made| made.rig.clone());
+    let seal = seal(&input, there);
     let provenance = Provenance {
         session_id: input.handoff().session_id.clone(),
-        handoff_blake3: input.handoff().seal.clone(),
+        handoff_blake3: seal.clone(),
+        judgement: Some(input.judgement()),
         rig: kept.unwrap_or_else(|| rig::revision(&input, &told)),
         program: env!("CARGO_BIN_NAME").to_owned(),
         program_version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -111,7 +112,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     };
     let sources = Sources {
         source: &input,
-        hashes: BTreeMap::from([(stages::HANDOFF.to_owned(), input.handoff().seal.clone())]),
+        hashes: BTreeMap::from([(stages::HANDOFF.to_owned(), seal)]),
     };
     let options = Options {
         preset: match arguments.preset {
@@ -149,17 +150,23 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     let losses: usize = outcomes.iter().map(|o| o.report.losses.len()).sum();
     if !arguments.json {
         let made = outcomes.iter().filter(|o| o.state == State::Made).count();
-        let loss = match losses {
-            0 => "nothing lost".to_owned(),
-            count => format!("{count} losses"),
-        };
+        let loss = loss(losses, &input);
         println!(
             "{made} stages made, {} kept, {loss}: {}",
             outcomes.len() - made,
             arguments.out.display()
         );
     }
-    Ok(ExitCode::from(if losses == 0 { 0 } else { 3 }))
+    Ok(code(losses, &input))
+}
+
+/// The seal that stands for the recording in this bundle: an earlier one where the bundle was made of that, so that what
+/// is there stays.
+fn seal(input: &Input, there: Option<&Provenance>) -> String {
+    let handoff = input.handoff();
+    let made_of = there.map(|made| &made.handoff_blake3);
+    let known = made_of.filter(|seal| handoff.is_known_as(seal));
+    known.unwrap_or(&handoff.seal).clone()
 }
 
 fn told(arguments: &Arguments, input: &Input) -> Result<rig::Told> {

@@ -14,6 +14,7 @@ use session_archive::storage::DiskStorage;
 
 use super::camera::{Camera, GopReader};
 use super::imu::BatchTimes;
+use super::judgement::notes;
 use super::state::State;
 use super::{Check, Input, InputError, Shared};
 
@@ -36,7 +37,8 @@ impl Input {
         };
         let mut handoff = HandOff::open(&*storage, Check::Lengths, |_| {}).map_err(refused)?;
         if check == Check::Content {
-            let total = handoff.files.iter().map(|f| f.bytes).sum();
+            let files = handoff.files.iter().chain(&handoff.derived);
+            let total = files.map(|f| f.bytes).sum();
             let mut done = 0;
             handoff = HandOff::open(&*storage, Check::Content, |bytes| {
                 done += bytes;
@@ -72,7 +74,12 @@ impl Input {
             sealed(&handoff, layout::segment(*number), &root)?;
         }
         for file in &manifest.rig {
-            sealed(&handoff, layout::rig_file(&file.name), &root)?;
+            let file = layout::rig_file(&file.name);
+            // One that is missing cost the verdict, and that was accepted; it cannot be read either.
+            let is_missed = handoff.is_accepted() && !root.join(&file).exists();
+            if !is_missed {
+                sealed(&handoff, file, &root)?;
+            }
         }
 
         let access = Access::open(&*storage, &index).map_err(|e| unusable(e.into()))?;
@@ -96,6 +103,7 @@ impl Input {
         Ok(Self {
             state: State::read(&reader).map_err(session)?,
             root,
+            notes: notes(&handoff, &*storage),
             handoff,
             manifest,
             shared,
@@ -130,7 +138,7 @@ fn session_folder(path: &Path) -> Result<PathBuf, InputError> {
 }
 
 fn sealed(handoff: &HandOff, file: String, root: &Path) -> Result<(), InputError> {
-    if handoff.files.iter().any(|f| f.path == file) {
+    if handoff.names(&file) {
         return Ok(());
     }
     Err(InputError::NotSealed {

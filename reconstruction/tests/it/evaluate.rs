@@ -182,6 +182,7 @@ fn a_bundle_is_complete_where_it_was_recorded() {
     let provenance = Provenance {
         session_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned(),
         handoff_blake3: "ab".repeat(32),
+        judgement: None,
         rig: RigRevision {
             name: "chest".to_owned(),
             revision: "B".to_owned(),

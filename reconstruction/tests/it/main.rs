@@ -4,6 +4,7 @@
 mod command;
 mod evaluate;
 mod feed;
+mod judged;
 mod read_back;
 mod refuse;
 mod session;

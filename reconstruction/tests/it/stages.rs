@@ -255,6 +255,7 @@ fn run_toys(folder: &Path) -> Vec<State> {
     let provenance = Provenance {
         session_id: "s".to_owned(),
         handoff_blake3: "0".repeat(64),
+        judgement: None,
         rig: RigRevision {
             name: "rig".to_owned(),
             revision: "1".to_owned(),

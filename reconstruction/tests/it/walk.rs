@@ -78,6 +78,11 @@ fn walk() -> &'static Walk {
     })
 }
 
+/// The session and the bundle that was made of it, for copying.
+pub(crate) fn made() -> (&'static Path, &'static Path) {
+    (&walk().session, &walk().scene)
+}
+
 /// Runs all stages; gives each with its state.
 fn run(session: &Path, scene: &Path, threads: &str) -> Vec<(String, String)> {
     let mut command = Command::new(env!("CARGO_BIN_EXE_paws-reconstruct"));

@@ -10,6 +10,7 @@ pub(crate) fn provenance() -> Provenance {
     Provenance {
         session_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned(),
         handoff_blake3: "ab".repeat(32),
+        judgement: None,
         rig: RigRevision {
             name: "chest".to_owned(),
             revision: "B".to_owned(),

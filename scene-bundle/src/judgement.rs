@@ -1,0 +1,71 @@
+//! What was known of the session when it was handed over: its verdict, and that it was accepted in spite of it.
+//!
+//! Contract: a copy of what the hand-off says. Nothing of it is hashed, and no stage depends on it: the same recording that
+//! is judged again keeps its outputs.
+
+use serde::{Deserialize, Serialize};
+
+/// The verdict that a session was handed over with.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Judgement {
+    /// `PASS`, `WARN` or `FAIL`.
+    pub verdict: String,
+    /// The limits that were not those of the validator's own table, as `METRIC=WARN,FAIL`.
+    pub limits: Vec<String>,
+    /// That it was handed over in spite of the verdict.
+    pub acceptance: Option<Acceptance>,
+}
+
+/// That a session was handed over in spite of its verdict.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Acceptance {
+    /// The worst verdict that was accepted.
+    pub level: String,
+    /// When, ns of UTC since 1970, as well as the host knew.
+    pub accepted_civil_ns: i64,
+    /// The verdict that it was given for.
+    pub verdict: String,
+    /// Everything that was beyond a limit then, the worst first.
+    pub metrics: Vec<Beyond>,
+    /// The limits then, as [`Judgement::limits`].
+    pub limits: Vec<String>,
+}
+
+/// A metric that was beyond a limit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Beyond {
+    /// The metric, as in `camera.dropped`.
+    pub metric: String,
+    /// The stream, pair or clock that it is about; `session` for the whole.
+    pub of: String,
+    /// `WARN` or `FAIL`.
+    pub verdict: String,
+    /// What was measured, in the metric's unit; none where that is no number.
+    pub value: Option<f64>,
+    /// A value above this is a warning; none where nothing is.
+    pub warn: Option<f64>,
+    /// A value above this is a failure; none where nothing is.
+    pub fail: Option<f64>,
+    /// The unit: `ratio`, `ns`, `count`, `deg` or `flag`.
+    pub unit: String,
+    /// The whole in words.
+    pub text: String,
+}
+
+impl Judgement {
+    /// The verdict and the acceptance in a line, without its metrics. `civil` writes times.
+    pub fn in_short(&self, civil: impl Fn(i64) -> String) -> String {
+        let mut text = self.verdict.clone();
+        if let Some(acceptance) = &self.acceptance {
+            let at = civil(acceptance.accepted_civil_ns);
+            text.push_str(&format!(", accepted {at} (--accept {})", acceptance.level));
+        }
+        if !self.limits.is_empty() {
+            text.push_str(&format!(", with limits {}", self.limits.join(" ")));
+        }
+        text
+    }
+}

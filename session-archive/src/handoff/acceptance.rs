@@ -1,0 +1,58 @@
+//! The acceptance of a session that is worse than a PASS, as somebody gave it when handing over.
+
+use serde::{Deserialize, Serialize};
+
+use super::Verdict;
+use crate::time::CivilTime;
+
+/// That a session was handed over in spite of its verdict. It names no person.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Acceptance {
+    /// The worst verdict that was accepted, as in `--accept FAIL`.
+    pub level: Verdict,
+    /// When, as well as the host knew.
+    pub accepted: CivilTime,
+    /// The verdict that it was given for.
+    pub verdict: Verdict,
+    /// Everything that was beyond a limit then, the worst first.
+    pub metrics: Vec<Beyond>,
+    /// The limits that were not those of the validator's own table, as `METRIC=WARN,FAIL`.
+    pub limits: Vec<String>,
+}
+
+/// A metric that was beyond a limit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Beyond {
+    /// The metric, as in `camera.dropped`.
+    pub metric: String,
+    /// The stream, pair or clock that it is about; `session` for the whole.
+    pub of: String,
+    /// WARN or FAIL.
+    pub verdict: Verdict,
+    /// What was measured, in the metric's unit; none where that is no number.
+    pub value: Option<f64>,
+    /// A value above this is a warning; none where nothing is.
+    pub warn: Option<f64>,
+    /// A value above this is a failure; none where nothing is.
+    pub fail: Option<f64>,
+    /// The unit: `ratio`, `ns`, `count`, `deg` or `flag`.
+    pub unit: String,
+    /// The whole in words.
+    pub text: String,
+}
+
+impl Acceptance {
+    /// Whether it also holds for this verdict with these metrics beyond their limits: the verdict is within the level,
+    /// and of every metric and stream that is now beyond a limit, as bad a verdict was accepted.
+    pub fn covers<'a>(
+        &self,
+        verdict: Verdict,
+        beyond: impl IntoIterator<Item = (&'a str, &'a str, Verdict)>,
+    ) -> bool {
+        let is_known = |(metric, of, verdict): (&str, &str, Verdict)| {
+            let mut known = self.metrics.iter();
+            known.any(|m| m.metric == metric && m.of == of && m.verdict >= verdict)
+        };
+        verdict <= self.level && beyond.into_iter().all(is_known)
+    }
+}
