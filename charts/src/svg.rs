@@ -8,8 +8,8 @@ pub(crate) const INK: &str = "#222";
 /// Colour of secondary text.
 pub(crate) const MUTED: &str = "#595959";
 
-/// Text that is safe inside XML or HTML, in elements and in attributes. Characters that XML forbids
-/// become U+FFFD.
+/// Text that is safe inside XML or HTML, in elements and in attributes. Characters that XML forbids, and
+/// those that turn the direction of the text around them, become U+FFFD.
 pub(crate) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -21,6 +21,13 @@ pub(crate) fn escape(text: &str) -> String {
             '\'' => out.push_str("&#39;"),
             '\t' | '\n' | '\r' => out.push(c),
             '\0'..'\u{20}' | '\u{7f}'..='\u{9f}' | '\u{fffe}' | '\u{ffff}' => out.push('\u{fffd}'),
+            '\u{61c}'
+            | '\u{200e}'
+            | '\u{200f}'
+            | '\u{202a}'..='\u{202e}'
+            | '\u{2066}'..='\u{2069}' => {
+                out.push('\u{fffd}');
+            }
             _ => out.push(c),
         }
     }

@@ -53,7 +53,7 @@ pub struct SessionSummary {
     pub name: String,
     /// Its identifier, unique among all sessions of all rigs; none if its manifest cannot be read.
     pub session_id: Option<String>,
-    /// What the operator called it; may be empty.
+    /// What the operator called it, on one line (a control character is `\u001b`); may be empty.
     pub title: String,
     /// State.
     pub state: SessionState,

@@ -5,7 +5,7 @@
 //! of its own, at low priority, with a few more for what may block (disk, recorder); the recorder never waits
 //! for it. Whoever connects is limited in connections, in requests per second, in the time that a head, a
 //! body or a pause may take, and in wrong tokens ([`Limits`]); beyond that he is answered with an error or cut off,
-//! and the others are served as before. A fault in one request ends that request. Dropping the server
+//! and the others are served as before. Who has not been let in takes no place from who has (`server/places.rs`). A fault in one request ends that request. Dropping the server
 //! ends it at once; what it was sending is cut off.
 //!
 //! Which requests there are: `server/route.rs`. Who may ask: `server/guard.rs`. What a session's files are:
@@ -15,16 +15,19 @@ mod actions;
 mod answer;
 mod body;
 mod connections;
+mod cookies;
 mod guard;
 mod limits;
 mod pace;
 mod page;
 mod patient;
+mod places;
 mod route;
 mod sessions;
 
 use std::io;
 use std::net::{SocketAddr, TcpListener};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
@@ -64,6 +67,9 @@ pub struct Settings {
     pub identity: Option<Identity>,
     /// Who asks must know it. None: everybody on this machine may, on loopback only.
     pub token: Option<Token>,
+    /// File in which is kept which logins have ended before their time; it is made when the first one does.
+    /// None: a login that was ended holds again when the server starts again.
+    pub ended_logins: Option<PathBuf>,
     /// What whoever connects is limited to.
     pub limits: Limits,
 }
@@ -74,6 +80,7 @@ impl Default for Settings {
             bind: DEFAULT_BIND,
             identity: None,
             token: None,
+            ended_logins: None,
             limits: Limits::default(),
         }
     }
@@ -82,12 +89,14 @@ impl Default for Settings {
 /// What whoever connects is limited to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Connections at once.
+    /// Connections at once. When they are taken, those over which nobody was let in give way, unfinished
+    /// handshakes first.
     pub connections: usize,
     /// Connections at once from one address (of IPv6: from one /64 network).
     pub connections_per_peer: usize,
-    /// Time for the TLS handshake, for the head of a request (from the end of the one before), and for a
-    /// body.
+    /// Time for the TLS handshake.
+    pub handshake_time: Duration,
+    /// Time for the head of a request (from the end of the one before), and for a body.
     pub head_time: Duration,
     /// How long a peer may take nothing of what is sent to it.
     pub stall_time: Duration,
@@ -111,6 +120,7 @@ impl Default for Limits {
         Self {
             connections: 48,
             connections_per_peer: 16,
+            handshake_time: Duration::from_secs(3),
             head_time: Duration::from_secs(10),
             stall_time: Duration::from_secs(60),
             requests_per_s: 50,
@@ -226,6 +236,7 @@ pub fn serve(settings: Settings, rig: Arc<dyn Rig>) -> Result<Server, ServeError
         bind,
         identity,
         token,
+        ended_logins,
         limits,
     } = settings;
     if !bind.ip().to_canonical().is_loopback() {
@@ -253,9 +264,16 @@ pub fn serve(settings: Settings, rig: Arc<dyn Rig>) -> Result<Server, ServeError
     let serving = move || {
         less_urgent();
         let ended = runtime.block_on(async {
+            let guard = Guard::new(
+                token,
+                ended_logins.as_deref(),
+                tls.is_some(),
+                address.ip(),
+                &limits,
+            );
             let shared = Arc::new(Shared {
                 store: Store::new(rig.sessions_root()),
-                guard: Guard::new(token, tls.is_some(), address.ip(), &limits),
+                guard,
                 pace: Pace::new(limits.recording_bytes_per_s),
                 reads: Semaphore::new(READS),
                 hashes: Semaphore::new(HASHES),

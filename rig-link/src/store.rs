@@ -29,6 +29,7 @@ use session_archive::layout;
 use session_archive::manifest::{Manifest, ManifestError, State};
 use session_archive::reader::SessionReader;
 use session_archive::storage::DiskStorage;
+use session_archive::text::shown;
 
 use self::hashes::Hashes;
 use crate::link::{self, Code, FileEntry, Problem, SessionState, SessionSummary, Total};
@@ -136,7 +137,7 @@ impl Store {
             session_id: manifest.as_ref().map(|m| m.session_id.clone()),
             title: manifest
                 .as_ref()
-                .map_or_else(String::new, |m| m.name.clone()),
+                .map_or_else(String::new, |m| shown(&m.name).into_owned()),
             state,
             started_ns: manifest.as_ref().map(|m| m.started_civil.0),
             bytes: listing.files.iter().map(|f| f.stamp.bytes).sum(),

@@ -4,8 +4,9 @@
 //! time. It is never printed and never logged.
 
 use std::fmt;
-use std::fs;
-use std::io;
+use std::fs::File;
+use std::io::{self, Read as _};
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
 use subtle::ConstantTimeEq;
@@ -16,6 +17,8 @@ pub const MIN_LENGTH: usize = 16;
 pub const MAX_LENGTH: usize = 256;
 /// Fewest different characters: `aaaaaaaaaaaaaaaa` is no secret.
 const MIN_DIFFERENT: usize = 6;
+/// Bytes of a token's file that are looked at.
+const MAX_FILE: u64 = 4096;
 
 /// A secret of [`MIN_LENGTH`] to [`MAX_LENGTH`] visible ASCII characters.
 #[derive(Clone)]
@@ -45,6 +48,17 @@ pub enum TokenError {
     Simple {
         /// Different characters found.
         found: usize,
+    },
+    /// Others on this machine can read it: take their permission away.
+    #[error(
+        "the token can be read by others than its owner: mode {found:04o}, expected 0600; mend it with chmod 600 {}",
+        .path.display()
+    )]
+    Open {
+        /// Mode found.
+        found: u32,
+        /// The file.
+        path: PathBuf,
     },
     /// The file cannot be read.
     #[error("reading the token: {}", .path.display())]
@@ -81,15 +95,29 @@ impl Token {
         Ok(Self(text.to_owned()))
     }
 
-    /// The token in a file.
+    /// The token in a file, which nobody but its owner may read. What is no file, as a pipe from another
+    /// program, has no such mode.
     ///
     /// # Errors
     /// See [`TokenError`].
     pub fn read(path: &Path) -> Result<Self, TokenError> {
-        let text = fs::read_to_string(path).map_err(|source| TokenError::Io {
+        let failed = |source| TokenError::Io {
             source,
             path: path.to_owned(),
-        })?;
+        };
+        let file = File::open(path).map_err(failed)?;
+        let metadata = file.metadata().map_err(failed)?;
+        let mode = metadata.mode() & 0o7777;
+        if metadata.is_file() && mode & 0o077 != 0 {
+            return Err(TokenError::Open {
+                found: mode,
+                path: path.to_owned(),
+            });
+        }
+        let mut text = String::new();
+        file.take(MAX_FILE)
+            .read_to_string(&mut text)
+            .map_err(failed)?;
         Self::new(&text)
     }
 
@@ -99,16 +127,10 @@ impl Token {
         hash(self.0.as_bytes()).ct_eq(&hash(given)).into()
     }
 
-    /// What stands for the token in a browser's cookie: derived from it, so that it lives as long as the
-    /// token, and the token cannot be had from it.
-    pub(crate) fn cookie(&self) -> String {
-        let key = blake3::derive_key("rig link v1, cookie of the page", self.0.as_bytes());
-        blake3::Hash::from(key).to_hex().to_string()
-    }
-
-    /// Whether `given` is [`Self::cookie`].
-    pub(crate) fn is_cookie(&self, given: &[u8]) -> bool {
-        self.cookie().as_bytes().ct_eq(given).into()
+    /// The key of the page's cookies: derived from the token, so that they live as long as it does, and the
+    /// token cannot be had from it.
+    pub(crate) fn cookie_key(&self) -> [u8; 32] {
+        blake3::derive_key("rig link v1, cookies of the page", self.0.as_bytes())
     }
 
     /// The secret itself, to be sent over a connection whose other end is known.
@@ -125,6 +147,9 @@ impl fmt::Debug for Token {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+    use std::os::unix::fs::PermissionsExt as _;
+
     use super::*;
 
     #[test]
@@ -140,9 +165,6 @@ mod tests {
         ] {
             assert!(!token.is(wrong.as_bytes()), "{wrong:?}");
         }
-        assert!(token.is_cookie(token.cookie().as_bytes()));
-        assert!(!token.is_cookie(good.as_bytes()));
-        assert!(!token.is_cookie(b""));
         assert!(!format!("{token:?}").contains("0123"));
         for (bad, part) in [
             ("short", "5 characters"),
@@ -155,5 +177,27 @@ mod tests {
             let error = Token::new(bad).unwrap_err().to_string();
             assert!(error.contains(part), "{error}");
         }
+    }
+
+    #[test]
+    fn a_file_that_others_can_read_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("token");
+        fs::write(&path, "0123456789abcdef\n").unwrap();
+        for mode in [0o644, 0o640, 0o604, 0o620, 0o601] {
+            fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
+            let error = Token::read(&path).unwrap_err().to_string();
+            let found = format!("mode {mode:04o}, expected 0600");
+            assert!(error.contains(&found), "{error}");
+            let mend = format!("chmod 600 {}", path.display());
+            assert!(error.ends_with(&mend), "{error}");
+        }
+        for mode in [0o600, 0o400] {
+            fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
+            assert!(Token::read(&path).is_ok(), "{mode:o}");
+        }
+        fs::write(&path, "0123456789abcdef".repeat(10_000)).unwrap();
+        let error = Token::read(&path).unwrap_err().to_string();
+        assert!(error.contains("4096 characters"), "{error}");
     }
 }

@@ -14,6 +14,7 @@ pub mod record;
 pub mod recover;
 pub mod scan;
 pub mod storage;
+pub mod text;
 pub mod time;
 pub mod verify;
 pub mod writer;

@@ -14,6 +14,7 @@ use crate::record::{
     Health, ImuBatch, Record, Segment,
 };
 use crate::storage::{self, Storage};
+use crate::text;
 use crate::time::{CivilTime, HostTime, TickLength};
 
 /// Value of [`Manifest::format`].
@@ -309,6 +310,16 @@ impl Manifest {
             return Err(ManifestError::Damaged(format!(
                 "its camera or IMU {name:?} is no name; expected letters, digits, _, - and . \
                  with / between parts"
+            )));
+        }
+        // Free text (name, sources, encoders, reasons) is kept as it is; these are words of programs.
+        let words = self.cameras.iter().flat_map(|c| {
+            let trigger = c.trigger.as_deref().unwrap_or_default();
+            [&c.codec, &c.colour, trigger]
+        });
+        if let Some(word) = words.into_iter().find(|word| !text::is_plain(word)) {
+            return Err(ManifestError::Damaged(format!(
+                "{word:?} of a camera has control characters"
             )));
         }
         names.sort_unstable();

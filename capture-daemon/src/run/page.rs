@@ -24,6 +24,8 @@ const SOURCE: &str = "page";
 /// Width of the small pictures, pixels.
 const PREVIEW_WIDTH: u32 = 320;
 
+/// File beside the certificate in which is kept which logins have ended.
+const ENDED_LOGINS: &str = "ended-logins";
 /// How long until the next try to serve it.
 const RETRY_NS: i64 = 10 * NS_PER_S;
 
@@ -88,6 +90,7 @@ fn serve(page: &config::Page, out: &Path, running: &Running) -> anyhow::Result<S
         bind: page.listen,
         identity,
         token: token.context("reading the token of the page")?,
+        ended_logins: Some(page.folder.join(ENDED_LOGINS)),
         limits: Limits::default(),
     };
     let rig = PageRig {
@@ -247,7 +250,9 @@ pub fn fingerprint(config: &config::Config) -> anyhow::Result<String> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs::Permissions;
     use std::net::TcpListener;
+    use std::os::unix::fs::PermissionsExt as _;
 
     use super::*;
 
@@ -268,6 +273,31 @@ mod tests {
         drop(taken);
         keeper.look(&running);
         assert!(keeper.server.is_none(), "not yet");
+        keeper.next = HostTime::MIN;
+        keeper.look(&running);
+        assert!(keeper.server.is_some());
+    }
+
+    #[test]
+    fn with_a_token_that_others_can_read_it_is_not_served() {
+        let folder = tempfile::tempdir().expect("folder");
+        let token = folder.path().join("token");
+        std::fs::write(&token, "0123456789abcdef").expect("token");
+        let page = config::Page {
+            listen: "127.0.0.1:0".parse().expect("address"),
+            token_file: Some(token.clone()),
+            folder: folder.path().to_owned(),
+        };
+        let running = Running::idle();
+        let mut keeper = Keeper::new(Some(&page), folder.path());
+        let mode = |mode| std::fs::set_permissions(&token, Permissions::from_mode(mode));
+        mode(0o644).expect("mode");
+        keeper.look(&running);
+        assert!(keeper.server.is_none());
+        let mend = format!("mend it with chmod 600 {}", token.display());
+        assert!(keeper.told.contains("mode 0644"), "{}", keeper.told);
+        assert!(keeper.told.ends_with(&mend), "{}", keeper.told);
+        mode(0o600).expect("mode");
         keeper.next = HostTime::MIN;
         keeper.look(&running);
         assert!(keeper.server.is_some());

@@ -6,11 +6,12 @@ use std::sync::Arc;
 use bytes::Bytes;
 use http_body_util::{BodyExt, LengthLimitError, Limited};
 use hyper::body::Incoming;
-use hyper::header::{CONTENT_TYPE, HeaderName, HeaderValue, SET_COOKIE};
+use hyper::header::{CONTENT_TYPE, HeaderMap, HeaderName, HeaderValue, SET_COOKIE};
 use hyper::http::request::Parts;
 use hyper::{Response, StatusCode};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use session_archive::text::check_note;
 use tokio::sync::Semaphore;
 use tokio::time::timeout;
 
@@ -20,8 +21,6 @@ use crate::link::{Code, Problem};
 use crate::rig::{Action, Rig};
 use crate::store::problem;
 
-/// Longest name of a session and longest mark, bytes.
-const MAX_TEXT: usize = 200;
 const SEQUENCE: HeaderName = HeaderName::from_static("x-sequence");
 
 /// Runs something that may block, on another thread. A panic in it is an error.
@@ -81,12 +80,7 @@ pub(super) async fn act(
         Action::Mark { text } => text,
         Action::Stop | Action::Discard => "",
     };
-    if text.len() > MAX_TEXT || text.contains(char::is_control) {
-        return Err(problem(
-            Code::BadRequest,
-            &format!("a name or mark has at most {MAX_TEXT} bytes and no control characters"),
-        ));
-    }
+    check_note(text).map_err(|e| problem(Code::BadRequest, &e.to_string()))?;
     let done = ask(shared, move |rig| rig.act(action).map(|()| rig.status())).await?;
     let status = done.map_err(|why| problem(Code::Refused, &why))?;
     Ok(answer::json(StatusCode::OK, &status))
@@ -111,8 +105,17 @@ pub(super) async fn login(
     }
 }
 
-pub(super) fn logout(shared: &Shared) -> Result<Response<Body>, Problem> {
-    Ok(with_cookie(Some(shared.guard.logout())))
+/// The login has ended when this is answered; that it stays so is on disk then, if the disk takes it.
+pub(super) async fn logout(
+    shared: &Arc<Shared>,
+    headers: &HeaderMap,
+) -> Result<Response<Body>, Problem> {
+    let (forget, ended) = shared.guard.logout(headers);
+    if ended {
+        let of_disk = shared.clone();
+        blocking(&shared.reads, move || of_disk.guard.save()).await?;
+    }
+    Ok(with_cookie(Some(forget)))
 }
 
 fn with_cookie(cookie: Option<String>) -> Response<Body> {

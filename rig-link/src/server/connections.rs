@@ -1,10 +1,9 @@
 //! Accepting connections, and the requests on each.
 
-use std::collections::HashMap;
 use std::convert::Infallible;
 use std::io;
 use std::net::{IpAddr, SocketAddr};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use hyper::body::Incoming;
@@ -15,14 +14,15 @@ use hyper::{Method, Request, Response, StatusCode, Version};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::oneshot;
 use tokio::time::{sleep, timeout};
 use tokio_rustls::TlsAcceptor;
 
 use super::body::Body;
-use super::limits::network;
 use super::patient::Patient;
+use super::places::{Places, Stage};
 use super::route::Route;
-use super::{Shared, actions, answer, page, sessions};
+use super::{Limits, Shared, actions, answer, page, sessions};
 use crate::link::Code;
 use crate::store::problem;
 
@@ -35,45 +35,49 @@ const MAX_HEADERS: usize = 64;
 /// Longest address of a request, bytes.
 const MAX_ADDRESS: usize = 4 << 10;
 
-/// Open connections by peer.
-#[derive(Default)]
-struct Open(Mutex<HashMap<IpAddr, usize>>);
+/// The open connections. Each holds the end of a channel: when it has to give way, the end is dropped.
+struct Open(Mutex<Places<oneshot::Sender<()>>>);
 
 /// One connection's place among those that are open.
 struct Place {
     open: Arc<Open>,
-    peer: IpAddr,
+    number: u64,
 }
 
 impl Open {
-    fn admit(self: &Arc<Self>, peer: IpAddr, shared: &Shared) -> Option<Place> {
-        let peer = network(peer);
-        let mut open = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let all: usize = open.values().sum();
-        let own = open.entry(peer).or_default();
-        if all >= shared.limits.connections || *own >= shared.limits.connections_per_peer {
-            if *own == 0 {
-                open.remove(&peer);
-            }
-            return None;
-        }
-        *own += 1;
-        Some(Place {
+    fn lock(&self) -> MutexGuard<'_, Places<oneshot::Sender<()>>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A place, and what ends when the connection has to give way.
+    fn admit(
+        self: &Arc<Self>,
+        peer: IpAddr,
+        stage: Stage,
+        shared: &Shared,
+    ) -> Option<(Place, oneshot::Receiver<()>)> {
+        let known = shared.guard.is_known(peer, shared.now());
+        let (held, gives_way) = oneshot::channel();
+        let admitted = self.lock().admit(peer, known, stage, held)?;
+        let place = Place {
             open: self.clone(),
-            peer,
-        })
+            number: admitted.number,
+        };
+        // The one that has to go sees the end of its channel.
+        drop(admitted.gives_way);
+        Some((place, gives_way))
+    }
+}
+
+impl Place {
+    fn reached(&self, stage: Stage) {
+        self.open.lock().reached(self.number, stage);
     }
 }
 
 impl Drop for Place {
     fn drop(&mut self) {
-        let mut open = self.open.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(own) = open.get_mut(&self.peer) {
-            *own -= 1;
-            if *own == 0 {
-                open.remove(&self.peer);
-            }
-        }
+        self.open.lock().leave(self.number);
     }
 }
 
@@ -84,7 +88,17 @@ pub(super) async fn accept(
     shared: Arc<Shared>,
 ) -> io::Result<()> {
     let listener = TcpListener::from_std(listener)?;
-    let open = Arc::new(Open::default());
+    let Limits {
+        connections,
+        connections_per_peer,
+        ..
+    } = shared.limits;
+    let places = Places::new(connections, connections_per_peer);
+    let open = Arc::new(Open(Mutex::new(places)));
+    let stage = match tls {
+        Some(_) => Stage::Handshake,
+        None => Stage::Stranger,
+    };
     loop {
         let (stream, peer) = match listener.accept().await {
             Ok(accepted) => accepted,
@@ -94,15 +108,19 @@ pub(super) async fn accept(
                 continue;
             }
         };
-        let Some(place) = open.admit(peer.ip(), &shared) else {
+        let Some((place, gives_way)) = open.admit(peer.ip(), stage, &shared) else {
             log::debug!("too many connections: {peer} is sent away");
             continue;
         };
         let (tls, shared) = (tls.clone(), shared.clone());
         tokio::spawn(async move {
-            let _place = place;
-            if let Err(e) = converse(stream, peer, tls, shared).await {
-                log::debug!("a connection from {peer} ended: {e}");
+            tokio::select! {
+                ended = converse(stream, peer, tls, shared, Arc::new(place)) => {
+                    if let Err(e) = ended {
+                        log::debug!("a connection from {peer} ended: {e}");
+                    }
+                }
+                _ = gives_way => log::debug!("a connection from {peer} gives way to another one"),
             }
         });
     }
@@ -113,14 +131,17 @@ async fn converse(
     peer: SocketAddr,
     tls: Option<TlsAcceptor>,
     shared: Arc<Shared>,
+    place: Arc<Place>,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     stream.set_nodelay(true)?;
     let stream = Patient::new(stream, shared.limits.stall_time);
     match tls {
-        None => serve(stream, peer.ip(), shared).await?,
+        None => serve(stream, peer.ip(), shared, place).await?,
         Some(tls) => {
-            let handshake = timeout(shared.limits.head_time, tls.accept(stream)).await;
-            serve(handshake??, peer.ip(), shared).await?;
+            let handshake = timeout(shared.limits.handshake_time, tls.accept(stream)).await;
+            let stream = handshake??;
+            place.reached(Stage::Stranger);
+            serve(stream, peer.ip(), shared, place).await?;
         }
     }
     Ok(())
@@ -130,12 +151,13 @@ async fn serve(
     stream: impl AsyncRead + AsyncWrite + Unpin,
     peer: IpAddr,
     shared: Arc<Shared>,
+    place: Arc<Place>,
 ) -> hyper::Result<()> {
     let head_time = shared.limits.head_time;
     let service = service_fn(move |request| {
-        let shared = shared.clone();
+        let (shared, place) = (shared.clone(), place.clone());
         async move {
-            let response = answer(request, peer, &shared).await;
+            let response = answer(request, peer, &shared, &place).await;
             Ok::<_, Infallible>(answer::finish(response))
         }
     });
@@ -149,7 +171,12 @@ async fn serve(
 }
 
 /// Answers one request.
-async fn answer(request: Request<Incoming>, peer: IpAddr, shared: &Arc<Shared>) -> Response<Body> {
+async fn answer(
+    request: Request<Incoming>,
+    peer: IpAddr,
+    shared: &Arc<Shared>,
+    place: &Place,
+) -> Response<Body> {
     let now = shared.now();
     let (head, body) = request.into_parts();
     let malformed = |why| answer::closing(answer::error(problem(Code::BadRequest, why)));
@@ -186,7 +213,9 @@ async fn answer(request: Request<Incoming>, peer: IpAddr, shared: &Arc<Shared>) 
         if route.is_open() {
             return Ok(());
         }
-        shared.guard.authenticate(peer, &head.headers, now)
+        shared.guard.authenticate(peer, &head.headers, now)?;
+        place.reached(Stage::LetIn);
+        Ok(())
     });
     if let Err(refusal) = allowed {
         let response = answer::refusal(&refusal);
@@ -202,8 +231,14 @@ async fn answer(request: Request<Incoming>, peer: IpAddr, shared: &Arc<Shared>) 
         Route::Status => actions::status(shared).await,
         Route::Preview(camera) => actions::preview(shared, camera, head.uri.query()).await,
         Route::Act => actions::act(shared, &head, body).await,
-        Route::Login => actions::login(shared, peer, &head, body).await,
-        Route::Logout => actions::logout(shared),
+        Route::Login => {
+            let answer = actions::login(shared, peer, &head, body).await;
+            if answer.as_ref().is_ok_and(|a| a.status().is_success()) {
+                place.reached(Stage::LetIn);
+            }
+            answer
+        }
+        Route::Logout => actions::logout(shared, &head.headers).await,
         Route::Sessions => sessions::list(shared).await,
         Route::Manifest(name) => sessions::manifest(shared, name).await,
         Route::File(name, path) => {

@@ -5,17 +5,19 @@
 //! * What comes from another site's page is refused: by `Sec-Fetch-Site` and `Origin` where a browser sends
 //!   them; a program that sends neither must send [`HEADER`], which a page can send to its own site only.
 //! * With a token everything but the page itself needs it: as `Authorization: Bearer`, or as the cookie
-//!   that a login with it gave.
+//!   that a login with it gave, until its logout.
 //!
-//! Nothing here looks at a clock or a socket.
+//! Nothing here looks at a clock or a socket; the file of the logins that have ended is read at the start.
 
 use std::net::IpAddr;
+use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use hyper::header::{AUTHORIZATION, COOKIE, HOST, HeaderMap, HeaderName, ORIGIN};
 
 use super::Limits;
+use super::cookies::Cookies;
 use super::limits::{Peers, Rate};
 use crate::link::HEADER;
 use crate::token::Token;
@@ -25,7 +27,7 @@ const FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
 /// The rules of one server.
 #[derive(Debug)]
 pub(super) struct Guard {
-    token: Option<Token>,
+    token: Option<(Token, Cookies)>,
     tls: bool,
     loopback: bool,
     peers: Mutex<Peers>,
@@ -45,7 +47,18 @@ pub(super) enum Refusal {
 }
 
 impl Guard {
-    pub(super) fn new(token: Option<Token>, tls: bool, address: IpAddr, limits: &Limits) -> Self {
+    /// The rules for a server at this address; the file `ended` is for [`Cookies`].
+    pub(super) fn new(
+        token: Option<Token>,
+        ended: Option<&Path>,
+        tls: bool,
+        address: IpAddr,
+        limits: &Limits,
+    ) -> Self {
+        let token = token.map(|token| {
+            let cookies = Cookies::new(&token, ended);
+            (token, cookies)
+        });
         let every = Duration::from_secs(1) / limits.requests_per_s.max(1);
         let requests = Rate::new(every, limits.request_burst.max(1));
         let peers = Peers::new(
@@ -128,7 +141,7 @@ impl Guard {
         headers: &HeaderMap,
         now: Duration,
     ) -> Result<(), Refusal> {
-        let Some(token) = &self.token else {
+        let Some((token, cookies)) = &self.token else {
             return Ok(());
         };
         if let Some(given) = one(headers, &AUTHORIZATION).map_err(Refusal::Malformed)? {
@@ -141,18 +154,32 @@ impl Guard {
             ))?;
             return self.check(token, peer, given.as_bytes(), now);
         }
-        let name = self.cookie_name();
-        let cookies = headers.get_all(COOKIE).iter();
-        let mut cookies = cookies
-            .filter_map(|v| v.to_str().ok())
-            .flat_map(|v| v.split(';'))
-            .filter_map(|c| c.trim().split_once('='));
         // Guessing a cookie is guessing 256 bits, so wrong ones, as after a change of the token, do not
         // count against a peer.
-        match cookies.any(|(n, value)| n == name && token.is_cookie(value.as_bytes())) {
-            true => Ok(()),
-            false => Err(Refusal::Unauthorised("the token is needed")),
+        if !self.given_cookies(headers).any(|c| cookies.holds(c)) {
+            return Err(Refusal::Unauthorised("the token is needed"));
         }
+        self.peers(|peers| {
+            peers.recognised(peer, now);
+            Ok(())
+        })
+    }
+
+    /// The cookies of ours in a request, right or wrong.
+    fn given_cookies<'a>(&self, headers: &'a HeaderMap) -> impl Iterator<Item = &'a str> {
+        let name = self.cookie_name();
+        let all = headers.get_all(COOKIE).iter();
+        all.filter_map(|v| v.to_str().ok())
+            .flat_map(|v| v.split(';'))
+            .filter_map(|c| c.trim().split_once('='))
+            .filter(move |(n, _)| *n == name)
+            .map(|(_, value)| value)
+    }
+
+    /// Whether somebody at this address was let in not long ago.
+    pub(super) fn is_known(&self, peer: IpAddr, now: Duration) -> bool {
+        let peers = self.peers.lock().unwrap_or_else(PoisonError::into_inner);
+        peers.is_known(peer, now)
     }
 
     /// The cookie for whoever gives the right token.
@@ -162,16 +189,36 @@ impl Guard {
         given: &[u8],
         now: Duration,
     ) -> Result<Option<String>, Refusal> {
-        let Some(token) = &self.token else {
+        let Some((token, cookies)) = &self.token else {
             return Ok(None);
         };
         self.check(token, peer, given, now)?;
-        Ok(Some(self.cookie(&token.cookie(), 90 * 24 * 3600)))
+        let value = cookies.issue();
+        let value = value.ok_or(Refusal::TooMany(Duration::from_secs(1)))?;
+        Ok(Some(self.cookie(&value, 90 * 24 * 3600)))
     }
 
-    /// The cookie that makes a browser forget.
-    pub(super) fn logout(&self) -> String {
-        self.cookie("", 0)
+    /// Ends the logins whose cookies a request brings. The cookie that makes a browser forget, and whether
+    /// [`Self::save`] has something to do.
+    pub(super) fn logout(&self, headers: &HeaderMap) -> (String, bool) {
+        let mut ended = false;
+        if let Some((_, cookies)) = &self.token {
+            for cookie in self.given_cookies(headers) {
+                ended |= cookies.end(cookie);
+            }
+        }
+        (self.cookie("", 0), ended)
+    }
+
+    /// Puts on disk which logins have ended. May block.
+    pub(super) fn save(&self) {
+        if let Some((_, cookies)) = &self.token
+            && let Err(e) = cookies.save()
+        {
+            log::error!(
+                "keeping which logins have ended; those of now hold again after a restart: {e}"
+            );
+        }
     }
 
     fn check(

@@ -6,6 +6,8 @@ use std::time::Duration;
 
 /// Peers that are remembered at once; the one not seen for longest is forgotten.
 const PEERS: usize = 1024;
+/// How long an address counts as known after it gave the right token or a cookie that holds.
+pub(super) const KNOWN_FOR: Duration = Duration::from_secs(24 * 3600);
 /// Longest pause after wrong tokens.
 pub(super) const LONGEST_PAUSE: Duration = Duration::from_secs(300);
 
@@ -52,8 +54,14 @@ struct Peer {
     wrong: u32,
     /// Until when its tokens are not even looked at.
     blocked: Duration,
-    /// Whether it has given the right token.
-    known: bool,
+    /// Until when it is known for the right token or a cookie that holds.
+    known: Duration,
+}
+
+impl Peer {
+    fn is_known(&self, now: Duration) -> bool {
+        now < self.known
+    }
 }
 
 /// All peers, by address; of IPv6 by network, because whoever has one address there has 2⁶⁴.
@@ -79,7 +87,10 @@ impl Peers {
     fn peer(&mut self, address: IpAddr, now: Duration) -> &mut Peer {
         let address = network(address);
         if self.peers.len() >= PEERS && !self.peers.contains_key(&address) {
-            let oldest = self.peers.iter().min_by_key(|(_, p)| (p.known, p.seen));
+            let oldest = self
+                .peers
+                .iter()
+                .min_by_key(|(_, p)| (p.is_known(now), p.seen));
             if let Some(oldest) = oldest.map(|(address, _)| *address) {
                 self.peers.remove(&oldest);
             }
@@ -89,7 +100,7 @@ impl Peers {
             requests: self.requests,
             wrong: 0,
             blocked: Duration::ZERO,
-            known: false,
+            known: Duration::ZERO,
         });
         peer.seen = now;
         peer
@@ -110,7 +121,7 @@ impl Peers {
         }
         match all {
             // Strangers must not be able to keep out those who know the token.
-            Some(wait) if !peer.known => Err(wait),
+            Some(wait) if !peer.is_known(now) => Err(wait),
             _ => Ok(()),
         }
     }
@@ -128,7 +139,18 @@ impl Peers {
     /// The peer gave the right token.
     pub(super) fn right(&mut self, address: IpAddr, now: Duration) {
         let peer = self.peer(address, now);
-        (peer.wrong, peer.known) = (0, true);
+        (peer.wrong, peer.known) = (0, now + KNOWN_FOR);
+    }
+
+    /// The peer gave a cookie that holds. Its wrong tokens still count: whoever guesses may share its address.
+    pub(super) fn recognised(&mut self, address: IpAddr, now: Duration) {
+        self.peer(address, now).known = now + KNOWN_FOR;
+    }
+
+    /// Whether somebody at this address was let in not long ago.
+    pub(super) fn is_known(&self, address: IpAddr, now: Duration) -> bool {
+        let peer = self.peers.get(&network(address));
+        peer.is_some_and(|peer| peer.is_known(now))
     }
 }
 
@@ -208,6 +230,21 @@ mod tests {
         }
         assert_eq!(peers.peers.len(), PEERS);
         assert_eq!(peers.may_try(friend, 2 * S), Ok(()));
+    }
+
+    #[test]
+    fn an_address_is_known_for_a_day_by_token_or_cookie() {
+        let mut peers = Peers::new(Rate::new(S, 1), S, 30);
+        let (a, b) = (address("10.0.0.1"), address("2001:db8::1"));
+        assert!(!peers.is_known(a, S) && !peers.is_known(b, S));
+        peers.wrong(b, S);
+        peers.right(a, S);
+        peers.recognised(b, S);
+        assert!(peers.is_known(a, KNOWN_FOR) && !peers.is_known(a, KNOWN_FOR + S));
+        assert!(peers.is_known(address("2001:db8::2"), KNOWN_FOR));
+        assert_eq!(peers.may_try(b, S), Err(S), "a cookie forgives no guesses");
+        peers.recognised(a, KNOWN_FOR);
+        assert!(peers.is_known(a, KNOWN_FOR + S));
     }
 
     #[test]

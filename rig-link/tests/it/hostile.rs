@@ -9,7 +9,9 @@ use rig_link::identity::Identity;
 use rig_link::rig::Action;
 use rig_link::server::{Limits, ServeError, Settings, serve};
 
-use crate::support::{Options, Setup, TOKEN, bearer, read, start, status, token};
+use crate::support::{
+    Options, Setup, TOKEN, bearer, connect_from, raw, read, read_one, start, status, token,
+};
 
 /// Any of these, and nothing of the file.
 fn refused(setup: &Setup, what: &str, answer: &str) {
@@ -256,6 +258,9 @@ fn bodies_that_are_no_orders() {
         "{\"do\":\"start\",\"name\":5}",
         "{\"do\":\"start\",\"name\":\"a\\u0000b\"}",
         "{\"do\":\"mark\",\"text\":\"a\\nb\"}",
+        "{\"do\":\"mark\",\"text\":\"a\\u009b2Jb\"}",
+        "{\"do\":\"start\",\"name\":\"a\\u202egnp.exe\"}",
+        "{\"do\":\"start\",\"name\":\"a\\u2028b\"}",
         "\u{0}",
         "{\"do\":\"stop\"}{\"do\":\"stop\"}",
         &format!("{{\"do\":\"mark\",\"text\":\"{}\"}}", "x".repeat(201)),
@@ -456,8 +461,52 @@ fn without_the_token_there_is_the_page_and_nothing_else() {
         status(&setup.request("GET /api/status", &bearer(TOKEN), "")),
         200
     );
-    let out = setup.post("/api/logout", "X-Rig-Link: 1\r\n", "");
-    assert!(out.contains("Max-Age=0"), "{out}");
+}
+
+/// The `Cookie` header of a fresh login.
+fn login(setup: &Setup) -> String {
+    let answer = setup.post(
+        "/api/login",
+        "X-Rig-Link: 1\r\n",
+        &format!("{{\"token\":\"{TOKEN}\"}}"),
+    );
+    let cookie = answer.lines().find_map(|l| l.strip_prefix("set-cookie: "));
+    let pair = cookie.and_then(|c| c.split(';').next());
+    format!("Cookie: {}\r\n", pair.unwrap_or_else(|| panic!("{answer}")))
+}
+
+#[test]
+fn a_cookie_is_refused_after_its_logout() {
+    let setup = start(Options {
+        token: true,
+        ..Options::default()
+    });
+    let [phone, other] = [(); 2].map(|()| login(&setup));
+    let look = |cookie: &str| status(&setup.request("GET /api/status", cookie, ""));
+    assert_eq!((look(&phone), look(&other)), (200, 200));
+    // Another site's page cannot log anybody out.
+    let foreign = format!("{phone}Origin: https://evil.example\r\n");
+    assert_eq!(status(&setup.post("/api/logout", &foreign, "")), 403);
+    assert_eq!(look(&phone), 200);
+    let out = setup.post("/api/logout", &format!("{phone}X-Rig-Link: 1\r\n"), "");
+    assert!(status(&out) == 204 && out.contains("Max-Age=0"), "{out}");
+    assert_eq!((look(&phone), look(&other)), (401, 200));
+    let act = setup.post(
+        "/api/act",
+        &format!("{phone}X-Rig-Link: 1\r\n"),
+        "{\"do\":\"stop\"}",
+    );
+    assert_eq!(status(&act), 401, "{act}");
+    // The list of those that have ended is on disk when the logout is answered.
+    let again = setup.again();
+    let look = |cookie: &str| {
+        let host = again.address();
+        let request = format!(
+            "GET /api/status HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n{cookie}\r\n"
+        );
+        status(&raw(host, request.as_bytes()))
+    };
+    assert_eq!((look(&phone), look(&other)), (401, 200));
 }
 
 #[test]
@@ -610,12 +659,111 @@ fn who_takes_nothing_is_cut_off() {
     }
 }
 
+/// So long that nothing in a test ends because of it.
+const LONG: Duration = Duration::from_secs(3600);
+
+/// Sixteen connections from each of three addresses, which is all places; each has said `first`, and its answer has
+/// been read if there is to be one.
+fn besiege(setup: &Setup, first: &str) -> Vec<TcpStream> {
+    let from = [2, 3, 4].iter().cycle().take(48);
+    from.map(|last| {
+        let mut stream = connect_from([127, 0, 0, *last], setup.server.address());
+        stream.write_all(first.as_bytes()).unwrap();
+        if !first.is_empty() {
+            let answer = read_one(&mut stream);
+            assert_eq!(status(&answer), 200, "{answer}");
+        }
+        stream
+    })
+    .collect()
+}
+
 #[test]
-fn many_connections_leave_room_for_others() {
+fn unfinished_handshakes_from_three_addresses_lock_nobody_out() {
+    let limits = Limits {
+        handshake_time: LONG,
+        head_time: LONG,
+        ..Limits::default()
+    };
+    let setup = start(Options {
+        tls: true,
+        token: true,
+        limits,
+        ..Options::default()
+    });
+    let _held = besiege(&setup, "");
+    assert_eq!(setup.client().sessions().unwrap().len(), 2);
+    let _held = besiege(&setup, "");
+    assert_eq!(setup.client().sessions().unwrap().len(), 2);
+}
+
+#[test]
+fn strangers_keep_the_phone_neither_from_the_login_nor_from_its_connection() {
+    let limits = Limits {
+        head_time: LONG,
+        requests_per_s: 10_000,
+        request_burst: 10_000,
+        ..Limits::default()
+    };
+    let setup = start(Options {
+        token: true,
+        limits,
+        ..Options::default()
+    });
+    let host = setup.server.address();
+    let page = format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n");
+    // They may look at the page, as the phone does before its login.
+    let _held = besiege(&setup, &page);
+    let cookie = login(&setup);
+    let request = format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\n{cookie}\r\n");
+    let mut phone = TcpStream::connect(host).unwrap();
+    phone.write_all(request.as_bytes()).unwrap();
+    assert_eq!(status(&read_one(&mut phone)), 200);
+    let _more = besiege(&setup, &page);
+    phone.write_all(request.as_bytes()).unwrap();
+    assert_eq!(
+        status(&read_one(&mut phone)),
+        200,
+        "the connection is still there"
+    );
+    assert_eq!(status(&setup.request("GET /api/status", &cookie, "")), 200);
+}
+
+#[test]
+fn a_handshake_has_three_seconds() {
+    assert_eq!(Limits::default().handshake_time, Duration::from_secs(3));
+    let limits = Limits {
+        handshake_time: Duration::from_millis(100),
+        head_time: LONG,
+        ..Limits::default()
+    };
+    let setup = start(Options {
+        tls: true,
+        token: true,
+        limits,
+        ..Options::default()
+    });
+    for begin in [&b""[..], b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03"] {
+        let mut stream = TcpStream::connect(setup.server.address()).unwrap();
+        stream.write_all(begin).unwrap();
+        stream
+            .set_read_timeout(Some(Duration::from_secs(60)))
+            .unwrap();
+        let end = stream.read(&mut [0]);
+        let closed = match &end {
+            Ok(n) => *n == 0,
+            Err(e) => e.kind() == std::io::ErrorKind::ConnectionReset,
+        };
+        assert!(closed, "{end:?}");
+    }
+}
+
+#[test]
+fn silent_connections_give_way_and_those_let_in_count() {
     let limits = Limits {
         connections: 12,
         connections_per_peer: 12,
-        head_time: Duration::from_secs(3),
+        head_time: LONG,
         ..Limits::default()
     };
     let setup = start(Options {
@@ -623,40 +771,23 @@ fn many_connections_leave_room_for_others() {
         ..Options::default()
     });
     let host = setup.server.address();
-    let begin = Instant::now();
-    let mut held: Vec<TcpStream> = (0..200)
+    let _silent: Vec<TcpStream> = (0..200)
         .filter_map(|_| TcpStream::connect(host).ok())
         .collect();
-    // Full: the next one is sent away, not left waiting.
-    let asked = Instant::now();
-    let answer = setup.get("/api/status");
-    if begin.elapsed() < Duration::from_secs(3) {
-        assert_eq!(status(&answer), 0);
-        assert!(asked.elapsed() < Duration::from_secs(1));
-    }
-    // The silent ones are cut off before long.
-    eventually(|| status(&setup.get("/api/status")) == 200);
-    held.clear();
-    eventually(|| status(&setup.get("/api/status")) == 200);
+    assert_eq!(status(&setup.get("/api/status")), 200);
 
-    let limits = Limits {
-        connections: 12,
-        connections_per_peer: 4,
-        ..Limits::default()
-    };
-    let setup = start(Options {
-        limits,
-        ..Options::default()
-    });
-    let held: Vec<TcpStream> = (0..8)
-        .map(|_| TcpStream::connect(setup.server.address()).unwrap())
+    let request = format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\n\r\n");
+    let mut used: Vec<TcpStream> = (0..12)
+        .map(|_| {
+            let mut stream = TcpStream::connect(host).unwrap();
+            stream.write_all(request.as_bytes()).unwrap();
+            assert_eq!(status(&read_one(&mut stream)), 200);
+            stream
+        })
         .collect();
-    assert_eq!(
-        status(&setup.get("/api/status")),
-        0,
-        "one peer has more than its share"
-    );
-    drop(held);
+    // Sent away, not left waiting.
+    assert_eq!(status(&setup.get("/api/status")), 0);
+    used.pop();
     eventually(|| status(&setup.get("/api/status")) == 200);
 }
 
@@ -743,7 +874,7 @@ fn what_is_being_recorded_is_seen_and_not_served() {
 #[test]
 fn who_speaks_no_tls_to_a_tls_server_gets_nothing() {
     let limits = Limits {
-        head_time: Duration::from_millis(500),
+        handshake_time: Duration::from_millis(500),
         ..Limits::default()
     };
     let setup = start(Options {

@@ -60,6 +60,7 @@ pub(crate) fn start(options: Options) -> Setup {
             .tls
             .then(|| Identity::load_or_create(&identity).unwrap()),
         token: options.token.then(token),
+        ended_logins: Some(identity.join("ended-logins")),
         limits: options.limits,
     };
     Setup {
@@ -72,6 +73,17 @@ pub(crate) fn start(options: Options) -> Setup {
 }
 
 impl Setup {
+    /// A second server for the same rig, as after a restart; plain HTTP, with the token.
+    pub(crate) fn again(&self) -> Server {
+        let settings = Settings {
+            bind: "127.0.0.1:0".parse().unwrap(),
+            token: Some(token()),
+            ended_logins: Some(self.identity.join("ended-logins")),
+            ..Settings::default()
+        };
+        serve(settings, self.rig.clone()).unwrap()
+    }
+
     pub(crate) fn client(&self) -> Client {
         self.client_with(self.server.fingerprint(), Some(token()), impatient())
     }
@@ -162,6 +174,46 @@ pub(crate) fn read(stream: &mut TcpStream) -> Vec<u8> {
             Err(_) => return all,
         }
     }
+}
+
+/// One answer, of which the connection stays open.
+pub(crate) fn read_one(stream: &mut TcpStream) -> String {
+    stream
+        .set_read_timeout(Some(Duration::from_secs(60)))
+        .unwrap();
+    let mut all = Vec::new();
+    let mut block = [0; 4096];
+    loop {
+        let text = String::from_utf8_lossy(&all).into_owned();
+        if let Some((head, body)) = text.split_once("\r\n\r\n") {
+            let length = head
+                .lines()
+                .find_map(|l| l.strip_prefix("content-length: "))
+                .map_or(0, |l| l.parse().unwrap());
+            if body.len() >= length {
+                return text;
+            }
+        }
+        match stream.read(&mut block) {
+            Ok(n) if n > 0 => all.extend_from_slice(&block[..n]),
+            _ => return text,
+        }
+    }
+}
+
+/// A connection from this address of the machine itself; all of 127.0.0.0/8 are its own.
+pub(crate) fn connect_from(from: [u8; 4], to: SocketAddr) -> TcpStream {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_io()
+        .build()
+        .unwrap();
+    let stream = runtime.block_on(async {
+        let socket = tokio::net::TcpSocket::new_v4().unwrap();
+        socket.bind((from, 0).into()).unwrap();
+        socket.connect(to).await.unwrap().into_std().unwrap()
+    });
+    stream.set_nonblocking(false).unwrap();
+    stream
 }
 
 /// The status of an answer; 0 if there was none.

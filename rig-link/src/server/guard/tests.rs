@@ -5,7 +5,13 @@ const PEER: &str = "10.0.0.9";
 
 fn guard(tls: bool, token: bool, address: &str) -> Guard {
     let token = token.then(|| Token::new(TOKEN).unwrap());
-    Guard::new(token, tls, address.parse().unwrap(), &Limits::default())
+    Guard::new(
+        token,
+        None,
+        tls,
+        address.parse().unwrap(),
+        &Limits::default(),
+    )
 }
 
 fn headers(all: &[(&'static str, &str)]) -> HeaderMap {
@@ -167,7 +173,31 @@ fn the_token_opens_as_header_and_as_cookie() {
         Err(Refusal::TooMany(_))
     ));
     assert_eq!(ask(&[("authorization", &right)], 2), Ok(()));
-    assert!(guard.logout().contains("Max-Age=0"));
+
+    // A logout ends its own cookie and no other.
+    let login = || guard.login(peer(), TOKEN.as_bytes(), Duration::from_secs(9));
+    let other = login().unwrap().unwrap();
+    let other = other.split(';').next().unwrap();
+    let (forget, ended) = guard.logout(&headers(&[("cookie", &format!("a=b; {pair}"))]));
+    assert!(forget.contains("Max-Age=0") && ended, "{forget}");
+    assert!(unauthorised(ask(&[("cookie", pair)], 9)));
+    assert_eq!(ask(&[("cookie", other)], 9), Ok(()));
+    assert!(!guard.logout(&headers(&[("cookie", pair)])).1);
+    assert!(!guard.logout(&headers(&[])).1);
+}
+
+#[test]
+fn addresses_are_known_by_token_and_by_cookie() {
+    let guard = guard(true, true, "10.0.0.1");
+    let [phone, host, stranger] = ["10.0.0.7", "10.0.0.8", "10.0.0.9"].map(|a| a.parse().unwrap());
+    let now = Duration::from_secs(5);
+    let cookie = guard.login(host, TOKEN.as_bytes(), now).unwrap().unwrap();
+    let cookie = headers(&[("cookie", cookie.split(';').next().unwrap())]);
+    assert!(guard.is_known(host, now) && !guard.is_known(phone, now));
+    assert_eq!(guard.authenticate(phone, &cookie, now), Ok(()));
+    assert!(guard.is_known(phone, now));
+    assert!(guard.authenticate(stranger, &headers(&[]), now).is_err());
+    assert!(!guard.is_known(stranger, now));
 }
 
 #[test]

@@ -1,0 +1,252 @@
+//! The cookies of the page: one for each login, until its logout or until the token changes.
+//!
+//! A cookie is `ID.CODE`: an identifier of 128 random bits and a code over it (BLAKE3, keyed with what is
+//! derived from the token), so that no list of those that hold has to be kept. A logout puts the identifier on
+//! the list of those that have ended; the list is in a file where there is a place for one, and so outlives
+//! the server. When [`MOST`] have ended, the *generation* goes up, which goes into the code, too: then every cookie has
+//! ended, and the list begins anew. The same happens if the file is there and cannot be read.
+
+use std::collections::BTreeSet;
+use std::fs::{self, File};
+use std::io::{self, Write as _};
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use ring::rand::{SecureRandom as _, SystemRandom};
+
+use crate::token::Token;
+
+/// Cookies that have ended and are remembered one by one.
+const MOST: usize = 1000;
+/// First line of the file.
+const HEAD: &str = "rig-link-ended-cookies 1";
+/// Length of an identifier and of a generation, hex digits.
+const ID: usize = 32;
+
+/// Which cookies hold.
+#[derive(Debug)]
+pub(super) struct Cookies {
+    key: [u8; 32],
+    ended: Mutex<Ended>,
+    /// Where the list is kept.
+    path: Option<PathBuf>,
+    /// Held while the file is written.
+    writing: Mutex<()>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+struct Ended {
+    /// Empty until there is a reason for one.
+    generation: String,
+    ids: BTreeSet<String>,
+}
+
+impl Cookies {
+    /// The cookies of this token; the list of those that have ended is in the file `path`, which need not be there
+    /// yet.
+    pub(super) fn new(token: &Token, path: Option<&Path>) -> Self {
+        let ended = path.map_or_else(Ended::default, Ended::read);
+        Self {
+            key: token.cookie_key(),
+            ended: Mutex::new(ended),
+            path: path.map(Path::to_owned),
+            writing: Mutex::new(()),
+        }
+    }
+
+    fn ended(&self) -> MutexGuard<'_, Ended> {
+        self.ended.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn code(&self, generation: &str, id: &str) -> blake3::Hash {
+        blake3::keyed_hash(&self.key, format!("{generation}.{id}").as_bytes())
+    }
+
+    /// A new cookie; none if the system gives no random numbers.
+    pub(super) fn issue(&self) -> Option<String> {
+        let id = random_id()?;
+        let code = self.code(&self.ended().generation, &id);
+        Some(format!("{id}.{}", code.to_hex()))
+    }
+
+    /// The identifier of a cookie that holds.
+    fn holding<'a>(&self, ended: &Ended, cookie: &'a str) -> Option<&'a str> {
+        let (id, code) = cookie.split_once('.')?;
+        let code = blake3::Hash::from_hex(code).ok()?;
+        // Hashes are compared in constant time.
+        let holds = is_id(id) && code == self.code(&ended.generation, id);
+        (holds && !ended.ids.contains(id)).then_some(id)
+    }
+
+    /// Whether a cookie holds.
+    pub(super) fn holds(&self, cookie: &str) -> bool {
+        self.holding(&self.ended(), cookie).is_some()
+    }
+
+    /// Ends a cookie; whether it held until now, so that [`Self::save`] has something to do.
+    pub(super) fn end(&self, cookie: &str) -> bool {
+        let mut ended = self.ended();
+        let Some(id) = self.holding(&ended, cookie).map(str::to_owned) else {
+            return false;
+        };
+        match random_id() {
+            Some(generation) if ended.ids.len() >= MOST => {
+                *ended = Ended {
+                    generation,
+                    ids: BTreeSet::new(),
+                };
+            }
+            _ => _ = ended.ids.insert(id),
+        }
+        true
+    }
+
+    /// Writes the list, where there is a place for it, and waits until it is on disk.
+    ///
+    /// # Errors
+    /// The disk says no; until the server ends the list holds all the same.
+    pub(super) fn save(&self) -> io::Result<()> {
+        let Some(path) = &self.path else {
+            return Ok(());
+        };
+        let _one_at_a_time = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
+        let text = self.ended().to_text();
+        let folder = path.parent().unwrap_or(Path::new("."));
+        fs::create_dir_all(folder)?;
+        let new = path.with_extension("new");
+        let mut file = File::options()
+            .write(true)
+            .create(true)
+            .truncate(true)
+            .mode(0o600)
+            .open(&new)?;
+        file.write_all(text.as_bytes())?;
+        file.sync_all()?;
+        fs::rename(&new, path)?;
+        File::open(folder)?.sync_all()
+    }
+}
+
+impl Ended {
+    fn read(path: &Path) -> Self {
+        let found = match fs::read_to_string(path) {
+            Ok(text) => Self::parse(&text).ok_or("damaged".to_owned()),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Self::default()),
+            Err(e) => Err(e.to_string()),
+        };
+        found.unwrap_or_else(|why| {
+            log::warn!(
+                "reading which logins have ended: {why}; all have now, log in again: {}",
+                path.display()
+            );
+            Self {
+                generation: random_id().unwrap_or_default(),
+                ids: BTreeSet::new(),
+            }
+        })
+    }
+
+    fn to_text(&self) -> String {
+        let ids = self.ids.iter().map(|id| format!("{id}\n"));
+        format!("{HEAD}\n{}\n{}", self.generation, ids.collect::<String>())
+    }
+
+    fn parse(text: &str) -> Option<Self> {
+        let mut lines = text.strip_suffix('\n')?.split('\n');
+        if lines.next() != Some(HEAD) {
+            return None;
+        }
+        let generation = lines.next()?.to_owned();
+        let ids: BTreeSet<String> = lines.map(str::to_owned).collect();
+        let sound = (generation.is_empty() || is_id(&generation)) && ids.iter().all(|id| is_id(id));
+        sound.then_some(Self { generation, ids })
+    }
+}
+
+fn is_id(text: &str) -> bool {
+    let digit = |b: u8| b.is_ascii_digit() || (b'a'..=b'f').contains(&b);
+    text.len() == ID && text.bytes().all(digit)
+}
+
+fn random_id() -> Option<String> {
+    let mut bytes = [0; ID / 2];
+    if let Err(e) = SystemRandom::new().fill(&mut bytes) {
+        log::error!("asking the system for random numbers: {e}");
+        return None;
+    }
+    Some(bytes.iter().map(|b| format!("{b:02x}")).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn token(text: &str) -> Token {
+        Token::new(text).unwrap()
+    }
+
+    fn cookies(path: Option<&Path>) -> Cookies {
+        Cookies::new(&token("correct-horse-battery"), path)
+    }
+
+    #[test]
+    fn a_logout_ends_its_cookie_and_no_other() {
+        let cookies = cookies(None);
+        let [one, other] = [(); 2].map(|()| cookies.issue().unwrap());
+        assert_ne!(one, other);
+        assert!(cookies.holds(&one) && cookies.holds(&other));
+        assert!(cookies.end(&one));
+        assert!(!cookies.holds(&one), "a replay");
+        assert!(cookies.holds(&other));
+        assert!(!cookies.end(&one), "it has ended already");
+        for forged in [
+            String::new(),
+            ".".to_owned(),
+            one.replace('.', ""),
+            other.to_uppercase(),
+            format!("{other}0"),
+            format!("{}{}", &one[..ID], &other[ID..]),
+            other.replace(char::is_alphanumeric, "0"),
+        ] {
+            assert!(!cookies.holds(&forged) && !cookies.end(&forged), "{forged}");
+        }
+        let of_another_token = Cookies::new(&token("another-token-than-that"), None);
+        assert!(!of_another_token.holds(&other));
+    }
+
+    #[test]
+    fn it_stays_ended_when_the_server_starts_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("page/ended-cookies");
+        let before = cookies(Some(&path));
+        let [one, other] = [(); 2].map(|()| before.issue().unwrap());
+        assert!(cookies(Some(&path)).holds(&one), "a login outlives it, too");
+        before.end(&one);
+        before.save().unwrap();
+        let after = cookies(Some(&path));
+        assert!(!after.holds(&one) && after.holds(&other));
+        fs::write(&path, "damaged").unwrap();
+        let after = cookies(Some(&path));
+        assert!(!after.holds(&one) && !after.holds(&other));
+        let new = after.issue().unwrap();
+        assert!(after.holds(&new));
+    }
+
+    #[test]
+    fn the_list_is_bounded_and_what_has_ended_stays_so() {
+        let cookies = cookies(None);
+        let kept = cookies.issue().unwrap();
+        let mut last = String::new();
+        for _ in 0..=MOST {
+            last = cookies.issue().unwrap();
+            cookies.end(&last);
+        }
+        assert!(cookies.ended().ids.len() <= MOST);
+        assert!(!cookies.holds(&last));
+        assert!(!cookies.holds(&kept), "all have ended");
+        assert!(cookies.holds(&cookies.issue().unwrap()));
+        let text = cookies.ended().to_text();
+        assert_eq!(Ended::parse(&text).unwrap(), *cookies.ended());
+    }
+}
