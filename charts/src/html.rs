@@ -106,10 +106,10 @@ impl Table {
 
     fn write(&self, out: &mut String) {
         let class = match self.heads.is_empty() {
-            true => "",
-            false => " class=\"heads\"",
+            true => "facts",
+            false => "heads",
         };
-        let _ = writeln!(out, "<div class=\"wide\"><table{class}>");
+        let _ = writeln!(out, "<div class=\"wide\"><table class=\"{class}\">");
         if !self.heads.is_empty() {
             out.push_str("<thead><tr>");
             for (i, head) in self.heads.iter().enumerate() {
@@ -415,7 +415,7 @@ mod tests {
         let plain = Table::new::<&str>([]).row(["x".into()]);
         let page = Page::new("p").table(&plain).to_html();
         assert!(
-            page.contains("<table>") && page.contains("<td>x</td>"),
+            page.contains("<table class=\"facts\">") && page.contains("<td>x</td>"),
             "{page}"
         );
     }

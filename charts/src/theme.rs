@@ -73,6 +73,8 @@ figcaption { font-size: 13px; color: var(--muted) }
   .heads td::before { content: attr(data-head); color: var(--muted); flex: 0 0 40% }
   .heads td:first-child { font-weight: bold } .heads td:first-child::before, .heads td:not([data-head])::before { content: none }
   .heads td:empty { display: none }
+  .facts, .facts tbody, .facts tr, .facts td { display: block } .facts tr { border-bottom: 1px solid var(--line); padding: 4px 0 }
+  .facts td { border: 0; padding: 0; text-align: left; white-space: normal } .facts td:first-child { color: var(--muted) }
   .images { grid-template-columns: repeat(2, 1fr) }
   td { padding-right: 12px } }
 @media print { body { margin: 0; max-width: none } figure, tr { break-inside: avoid } h2 { break-after: avoid } }

@@ -25,6 +25,8 @@ const LEAST_HEIGHT: f64 = 150.0;
 const MARGIN: f64 = 24.0;
 /// Below the map: the bar of metres and the scale of colours.
 const FOOT: f64 = 58.0;
+/// Below this the scale takes the whole width, px.
+const NARROW: f64 = 500.0;
 /// The truth.
 const TRUTH: &str = "#c8c8c8";
 /// Colours that are told apart.
@@ -60,6 +62,18 @@ impl Sheet {
             px_per_m,
             width,
             height,
+        }
+    }
+
+    /// Whether the scale of colours stands below the bar of metres, for want of room beside it.
+    fn is_narrow(&self) -> bool {
+        self.width < NARROW
+    }
+
+    fn foot(&self) -> f64 {
+        match self.is_narrow() {
+            true => 2.0 * FOOT - 6.0,
+            false => FOOT,
         }
     }
 
@@ -104,7 +118,7 @@ pub(super) fn svg(map: &Map<'_>, width: u32) -> String {
     let width = f64::from(width);
     let drawn = steps.iter().map(|s| s.x_in_world);
     let sheet = Sheet::of(drawn.chain(truth.iter().copied()), width);
-    let height = sheet.height + FOOT;
+    let height = sheet.height + sheet.foot();
     let mut out = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height:.0}\" \
          viewBox=\"0 0 {width} {height:.0}\" role=\"img\" aria-label=\"The path from above\" font-family=\"DejaVu Sans, sans-serif\" font-size=\"12\" fill=\"#222\">\n\
@@ -212,8 +226,11 @@ fn metres(out: &mut String, sheet: &Sheet) {
 }
 
 fn scale(out: &mut String, sheet: &Sheet, largest_m: f64, caption: &str) {
-    let half = 0.5 * sheet.width;
-    let (left, width, y) = (half, half - MARGIN, sheet.height + 10.0);
+    let (left, y) = match sheet.is_narrow() {
+        true => (MARGIN, sheet.height + FOOT),
+        false => (0.5 * sheet.width, sheet.height + 10.0),
+    };
+    let width = sheet.width - MARGIN - left;
     let step = width / LEVELS as f64;
     for level in 0..LEVELS {
         let colour = hex(ramp((level as f64 + 0.5) / LEVELS as f64));
