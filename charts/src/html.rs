@@ -1,10 +1,20 @@
-//! Self-contained HTML pages: text, tables, verdicts and pictures in one file that opens offline and
-//! prints well. Light only: the pictures in it are drawn on white.
+//! Self-contained HTML pages: text, tables, verdicts, charts and images in one file that opens offline and
+//! prints well, on screens from 360 pixels wide, light or dark.
 //!
-//! Every text is escaped; pictures are put in as they are.
+//! Contract: on a narrow screen charts are those drawn for it, rows of tables with a heading stack, and what can do
+//! neither scrolls in a box of its own; the page itself never scrolls sideways. Every text is escaped; charts and what
+//! [`Page::embed`] takes are put in as they are. The same calls give the same bytes.
 
+use crate::chart::Chart;
 use crate::svg::escape;
+use crate::theme::{COLOURS, STYLE, dark_rules};
+use crate::timeline::Timeline;
 use std::fmt::{self, Display, Write as _};
+
+/// Width of a chart on a broad screen, pixels; the page is a little wider.
+const BROAD: u32 = 820;
+/// And on a phone of 360 pixels.
+const NARROW: u32 = 336;
 
 /// The outcome of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,7 +105,11 @@ impl Table {
     }
 
     fn write(&self, out: &mut String) {
-        out.push_str("<div class=\"wide\"><table>\n");
+        let class = match self.heads.is_empty() {
+            true => "facts",
+            false => "heads",
+        };
+        let _ = writeln!(out, "<div class=\"wide\"><table class=\"{class}\">");
         if !self.heads.is_empty() {
             out.push_str("<thead><tr>");
             for (i, head) in self.heads.iter().enumerate() {
@@ -111,11 +125,18 @@ impl Table {
         out.push_str("<tbody>\n");
         for row in &self.rows {
             out.push_str("<tr>");
-            for cell in row {
+            for (i, cell) in row.iter().enumerate() {
+                // What stands before the value where rows are stacked.
+                let head = self.heads.get(i).filter(|head| !head.is_empty());
+                let head = head.map_or(String::new(), |head| {
+                    format!(" data-head=\"{}\"", escape(head))
+                });
                 let _ = match cell {
-                    Cell::Text(text) => write!(out, "<td>{}</td>", escape(text)),
-                    Cell::Number(text) => write!(out, "<td class=\"n\">{}</td>", escape(text)),
-                    Cell::Verdict(verdict) => write!(out, "<td>{}</td>", verdict.badge()),
+                    Cell::Text(text) => write!(out, "<td{head}>{}</td>", escape(text)),
+                    Cell::Number(text) => {
+                        write!(out, "<td class=\"n\"{head}>{}</td>", escape(text))
+                    }
+                    Cell::Verdict(verdict) => write!(out, "<td{head}>{}</td>", verdict.badge()),
                 };
             }
             out.push_str("</tr>\n");
@@ -129,6 +150,7 @@ impl Table {
 pub struct Page {
     title: String,
     verdict: Option<Verdict>,
+    style: String,
     body: String,
 }
 
@@ -138,6 +160,7 @@ impl Page {
         Self {
             title: title.into(),
             verdict: None,
+            style: String::new(),
             body: String::new(),
         }
     }
@@ -172,9 +195,42 @@ impl Page {
         self
     }
 
-    /// A picture of this crate, put in without escaping, and a caption (left out when empty).
-    pub fn figure(mut self, svg: &str, caption: &str) -> Self {
-        let _ = writeln!(self.body, "<figure>{}", svg.trim_end());
+    /// An SVG of one size, put in without escaping, and a caption (left out when empty). On a narrow screen it scrolls;
+    /// [`Page::chart`] and [`Page::drawing`] fit.
+    pub fn figure(self, svg: &str, caption: &str) -> Self {
+        let body = format!("<div class=\"scroll\">{}</div>", svg.trim_end());
+        self.captioned(&body, caption)
+    }
+
+    /// A chart, so high on a broad screen and at least 200 pixels on a narrow one.
+    pub fn chart(self, chart: &Chart, height: u32, caption: &str) -> Self {
+        self.drawing(
+            |width| match width {
+                BROAD => chart.to_svg(width, height),
+                _ => chart.to_svg(width, height.max(200)),
+            },
+            caption,
+        )
+    }
+
+    /// A timeline.
+    pub fn timeline(self, timeline: &Timeline, caption: &str) -> Self {
+        self.drawing(|width| timeline.to_svg(width), caption)
+    }
+
+    /// An SVG that `draw` makes for a width in pixels, put in without escaping: one for broad screens and one for narrow
+    /// ones, of which one is shown.
+    pub fn drawing(self, draw: impl Fn(u32) -> String, caption: &str) -> Self {
+        let body = format!(
+            "<div class=\"broad\">{}</div>\n<div class=\"narrow\">{}</div>",
+            draw(BROAD).trim_end(),
+            draw(NARROW).trim_end()
+        );
+        self.captioned(&body, caption)
+    }
+
+    fn captioned(mut self, body: &str, caption: &str) -> Self {
+        let _ = writeln!(self.body, "<figure>{body}");
         if !caption.is_empty() {
             let _ = writeln!(self.body, "<figcaption>{}</figcaption>", escape(caption));
         }
@@ -182,18 +238,35 @@ impl Page {
         self
     }
 
-    /// A picture of pixels: a PNG file, put in whole. `name` is read out to who cannot see it.
-    pub fn picture(mut self, png: &[u8], name: &str, caption: &str) -> Self {
-        let _ = writeln!(
-            self.body,
-            "<figure><img src=\"data:image/png;base64,{}\" alt=\"{}\">",
-            base64(png),
-            escape(name)
-        );
-        if !caption.is_empty() {
-            let _ = writeln!(self.body, "<figcaption>{}</figcaption>", escape(caption));
-        }
-        self.body.push_str("</figure>\n");
+    /// An image as wide as the page.
+    pub fn image(mut self, image: &Image) -> Self {
+        image.write(&mut self.body);
+        self
+    }
+
+    /// Small images side by side, two on a narrow screen and four on a broad one.
+    pub fn images(mut self, images: &[Image]) -> Self {
+        self.body.push_str("<div class=\"images\">\n");
+        images.iter().for_each(|image| image.write(&mut self.body));
+        self.body.push_str("</div>\n");
+        self
+    }
+
+    /// A heading within a section.
+    pub fn heading(mut self, text: &str) -> Self {
+        let _ = writeln!(self.body, "<h3>{}</h3>", escape(text));
+        self
+    }
+
+    /// HTML of the caller's own, put in as it is. What it shows has to be escaped already.
+    pub fn embed(mut self, html: &str) -> Self {
+        self.body.push_str(html);
+        self
+    }
+
+    /// Colours of the caller's own SVGs, each with the one in its place on a dark screen, as in `("#1b4f8a", "#5aa0eb")`.
+    pub fn dark<'a>(mut self, colours: impl IntoIterator<Item = (&'a str, &'a str)>) -> Self {
+        self.style.push_str(&dark_rules(colours));
         self
     }
 
@@ -207,14 +280,65 @@ impl Page {
         format!(
             "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-             <title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<h1>{title}{badge}</h1>\n{}</body>\n</html>\n",
+             <title>{title}</title>\n<style>\n{STYLE}{}{}</style>\n</head>\n<body>\n<h1>{title}{badge}</h1>\n{}</body>\n</html>\n",
+            dark_rules(COLOURS),
+            self.style,
             self.body
         )
     }
 }
 
-/// RFC 4648, with padding.
-fn base64(bytes: &[u8]) -> String {
+/// Pixels in a page: a file put in whole.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Image {
+    media: &'static str,
+    base64: String,
+    name: String,
+    caption: String,
+}
+
+impl Image {
+    /// A JPEG file. `name` is read out to who cannot see it; an empty caption is left out.
+    pub fn jpeg(file: &[u8], name: &str, caption: &str) -> Self {
+        Self::of("image/jpeg", base64(file), name, caption)
+    }
+
+    /// A PNG file.
+    pub fn png(file: &[u8], name: &str, caption: &str) -> Self {
+        Self::of("image/png", base64(file), name, caption)
+    }
+
+    /// A JPEG file that is in base64 already.
+    pub fn jpeg_base64(text: &str, name: &str, caption: &str) -> Self {
+        Self::of("image/jpeg", text.to_owned(), name, caption)
+    }
+
+    fn of(media: &'static str, base64: String, name: &str, caption: &str) -> Self {
+        Self {
+            media,
+            base64,
+            name: name.into(),
+            caption: caption.into(),
+        }
+    }
+
+    fn write(&self, out: &mut String) {
+        let _ = writeln!(
+            out,
+            "<figure><img src=\"data:{};base64,{}\" alt=\"{}\">",
+            self.media,
+            escape(&self.base64),
+            escape(&self.name)
+        );
+        if !self.caption.is_empty() {
+            let _ = writeln!(out, "<figcaption>{}</figcaption>", escape(&self.caption));
+        }
+        out.push_str("</figure>\n");
+    }
+}
+
+/// Bytes as text, by RFC 4648 with padding.
+pub fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for three in bytes.chunks(3) {
@@ -233,29 +357,13 @@ fn base64(bytes: &[u8]) -> String {
     text
 }
 
-const STYLE: &str = "\
-:root { color-scheme: light }
-body { font: 15px/1.5 \"DejaVu Sans\", system-ui, sans-serif; color: #222; background: #fff;
-  max-width: 860px; margin: 24px auto; padding: 0 16px; overflow-wrap: anywhere }
-h1 { font-size: 22px; margin: 0 0 12px } h2 { font-size: 17px; margin: 32px 0 8px; border-bottom: 1px solid #ccc }
-p { margin: 8px 0 }
-.wide { overflow-x: auto; margin: 12px 0 } table { border-collapse: collapse; font-size: 13px }
-th, td { text-align: left; padding: 4px 20px 4px 0; border-bottom: 1px solid #ddd; vertical-align: top }
-th { border-bottom-color: #888; overflow-wrap: normal } .n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap }
-figure { margin: 16px 0 } figure svg, figure img { max-width: 100%; height: auto; display: block }
-figcaption { font-size: 13px; color: #595959 }
-.badge { display: inline-block; padding: 0 8px; border-radius: 4px; font-size: 12px; line-height: 20px; font-weight: bold;
-  vertical-align: middle; -webkit-print-color-adjust: exact; print-color-adjust: exact }
-.pass { background: #00734f; color: #fff } .warn { background: #E69F00; color: #000 } .fail { background: #a83c00; color: #fff }
-@media print { body { margin: 0; max-width: none } figure, tr { break-inside: avoid } h2 { break-after: avoid } }
-";
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::inspect;
 
     #[test]
-    fn pictures_are_put_in_whole() {
+    fn images_are_put_in_whole() {
         // The vectors of RFC 4648.
         for (bytes, text) in [
             ("", ""),
@@ -267,9 +375,61 @@ mod tests {
             assert_eq!(base64(bytes.as_bytes()), text);
         }
         assert_eq!(base64(&[0xfb, 0xff, 0xfe]), "+//+");
-        let page = Page::new("p").picture(b"foo", "a < b", "below").to_html();
+        let page = Page::new("p").image(&Image::png(b"foo", "a < b", "below"));
+        let page = page.images(&[
+            Image::jpeg(b"foob", "c", ""),
+            Image::jpeg_base64("Zg==", "d", ""),
+        ]);
+        let page = page.to_html();
+        for expected in [
+            "data:image/png;base64,Zm9v\" alt=\"a &lt; b\"",
+            "data:image/jpeg;base64,Zm9vYg==\" alt=\"c\"",
+            "data:image/jpeg;base64,Zg==\" alt=\"d\"",
+        ] {
+            assert!(page.contains(expected), "{expected}: {page}");
+        }
+        assert_eq!(inspect(&page), Ok(()));
+    }
+
+    #[test]
+    fn a_chart_is_there_for_broad_and_for_narrow_screens() {
+        let chart = Chart::new("speed of everything that was looked at")
+            .series(crate::Series::line("a", [(0.0, 1.0), (1.0, 2.0)]));
+        let page = Page::new("p").chart(&chart, 180, "c").to_html();
+        for (class, width, height) in [("broad", 820, 180), ("narrow", 336, 200)] {
+            let start = format!(
+                "<div class=\"{class}\"><svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\""
+            );
+            assert!(page.contains(&start), "{start}: {page}");
+        }
+        assert_eq!(inspect(&page), Ok(()));
+    }
+
+    #[test]
+    fn stacked_rows_name_their_columns() {
+        let table =
+            Table::new(["Metric", "a < b", ""]).row(["x".into(), Cell::number(3), "y".into()]);
+        let page = Page::new("p").table(&table).to_html();
+        assert!(page.contains("<table class=\"heads\">"), "{page}");
+        assert!(page.contains("<td data-head=\"Metric\">x</td><td class=\"n\" data-head=\"a &lt; b\">3</td><td>y</td>"), "{page}");
+        let plain = Table::new::<&str>([]).row(["x".into()]);
+        let page = Page::new("p").table(&plain).to_html();
         assert!(
-            page.contains("data:image/png;base64,Zm9v\" alt=\"a &lt; b\""),
+            page.contains("<table class=\"facts\">") && page.contains("<td>x</td>"),
+            "{page}"
+        );
+    }
+
+    #[test]
+    fn a_page_has_colours_for_the_dark() {
+        let page = Page::new("p").dark([("#123456", "#abcdef")]).to_html();
+        assert_eq!(
+            page.matches("@media screen and (prefers-color-scheme: dark)")
+                .count(),
+            3
+        );
+        assert!(
+            page.contains("svg [stroke=\"#123456\"] { stroke: #abcdef }"),
             "{page}"
         );
     }

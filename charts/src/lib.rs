@@ -8,7 +8,8 @@
 //! The same input gives the same bytes. Text is escaped everywhere.
 //!
 //! The SVG is plain 1.1 with presentation attributes: no scripts, no styles, no ids, no references,
-//! so that several can be put into one page and any converter can draw them. Sizes are CSS pixels.
+//! so that several can be put into one page and any converter can draw them. Sizes are CSS pixels. On its own it is
+//! drawn on white; in a [`Page`] it follows the reader's choice of a light or dark screen.
 //!
 //! ```
 //! use charts::{Axis, Chart, Page, Series, Verdict};
@@ -28,10 +29,12 @@ mod axis;
 mod chart;
 mod geometry;
 mod html;
+mod inspect;
 mod labels;
 mod series;
 mod sheet;
 mod svg;
+mod theme;
 mod timeline;
 
 #[cfg(test)]
@@ -39,6 +42,7 @@ mod tests;
 
 pub use axis::{Axis, si, significant};
 pub use chart::Chart;
-pub use html::{Cell, Page, Table, Verdict};
+pub use html::{Cell, Image, Page, Table, Verdict, base64};
+pub use inspect::inspect;
 pub use series::{Bins, Series};
 pub use timeline::{Span, Timeline};

@@ -102,6 +102,13 @@ fn check(svg: &str) {
         let raw = inside.matches('<').count() - 1 + inside.matches(['\'', '\0']).count();
         assert!(whole && raw == 0, "{line}");
     }
+    for part in svg.split("=\"#").skip(1) {
+        let colour = format!("#{}", part.split('"').next().unwrap());
+        let is_known = crate::theme::COLOURS
+            .iter()
+            .any(|(light, _)| *light == colour);
+        assert!(is_known, "{colour} has no colour for the dark");
+    }
     if !svg.contains("#8a8a8a") {
         return;
     }
@@ -572,10 +579,12 @@ fn pages_escape_and_refer_to_nothing() {
         .finding(Verdict::Warn, "<script>")
         .figure(&svg, "<b>")
         .to_html();
-    assert_eq!(html.matches("<td>").count(), 2);
+    assert_eq!(html.matches("<td ").count(), 3);
     assert!(
-        html.contains("<th class=\"n\">n&lt;</th>") && html.contains("<td class=\"n\">1.5</td>")
+        html.contains("<th class=\"n\">n&lt;</th>")
+            && html.contains("<td class=\"n\" data-head=\"n&lt;\">1.5</td>")
     );
+    assert_eq!(inspect(&html), Ok(()));
     assert!(html.contains("&lt;script&gt;") && !html.contains("<script") && !html.contains("<b>"));
     assert_eq!(
         html.matches("http").count(),

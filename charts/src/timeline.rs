@@ -110,7 +110,8 @@ impl Timeline {
         let widest = |texts: &mut dyn Iterator<Item = &String>| {
             texts.map(|t| text_width(t, TICK)).fold(0.0, f64::max)
         };
-        let left = (widest(&mut self.rows.iter().map(|r| &r.name)) + 18.0).min(width * 0.3);
+        let left = (widest(&mut self.rows.iter().map(|r| &r.name)) + 18.0)
+            .min((width * 0.3).max(145.0).min(width * 0.45));
         let note = widest(&mut self.rows.iter().map(|r| &r.note)).min(width * 0.25);
         let (x0, x1) = (
             left.round(),

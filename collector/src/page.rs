@@ -8,8 +8,10 @@ use session_archive::manifest::Manifest;
 use crate::change;
 use crate::condition::Condition;
 use crate::limits::{Limit, Limits, Unit};
-use crate::plots::Plots;
+use crate::loss::CameraLoss;
+use crate::plots::{HEIGHT, LOW, Plots};
 use crate::quality::{Finding, reasons};
+use crate::seen;
 use crate::text;
 use crate::truth::Truth;
 use crate::validate::Validated;
@@ -24,14 +26,15 @@ pub fn html(validated: &Validated, limits: &Limits) -> String {
     page = verdict(page, validation);
     page = handed_over(page, validated);
     page = page.table(&overview(manifest, validation));
-    page = page.figure(&plots.timeline(), "");
-    page = losses_and_events(page, validation);
+    page = page.timeline(&plots.timeline(), "");
+    page = losses_and_events(page, manifest, validation);
+    page = seen::section(page, &validated.reader, validation.summary.start.0);
 
     page = page.section("Cameras");
     let cameras: Vec<&str> = manifest.cameras.iter().map(|c| c.name.as_str()).collect();
     page = page.table(&matrix(validation, limits, &cameras));
-    page = page.figure(&plots.frame_intervals(), &plots.rhythm_caption());
-    page = page.figure(&plots.frame_histogram(), "");
+    page = page.chart(&plots.frame_intervals(), HEIGHT, &plots.rhythm_caption());
+    page = page.chart(&plots.frame_histogram(), HEIGHT, "");
     if manifest.cameras.len() > 1 {
         let summary = &validation.summary;
         let sets = format!(
@@ -39,18 +42,18 @@ pub fn html(validated: &Validated, limits: &Limits) -> String {
             text::count(summary.frame_sets, "frame set"),
             summary.complete_sets
         );
-        page = page.figure(&plots.set_errors(), &sets);
+        page = page.chart(&plots.set_errors(), HEIGHT, &sets);
         if let Some(errors) = plots.trigger_errors() {
-            page = page.figure(&errors, "");
+            page = page.chart(&errors, HEIGHT, "");
         }
     }
-    page = page.figure(&plots.bitrates(), "");
+    page = page.chart(&plots.bitrates(), HEIGHT, "");
 
     if !manifest.imus.is_empty() {
         page = page.section("IMUs");
         let imus: Vec<&str> = manifest.imus.iter().map(|i| i.name.as_str()).collect();
         page = page.table(&matrix(validation, limits, &imus));
-        page = page.figure(&plots.imu_intervals(), "");
+        page = page.chart(&plots.imu_intervals(), HEIGHT, "");
     }
 
     if let Some(truth) = Truth::read(&validated.reader) {
@@ -63,25 +66,25 @@ pub fn html(validated: &Validated, limits: &Limits) -> String {
             page = page.text(note);
         }
         page = page.table(&truth.table(manifest, facts));
-        page = page.figure(&truth.time_errors(manifest, facts), "");
-        page = page.figure(&truth.map(facts), "");
+        page = page.chart(&truth.time_errors(manifest, facts), HEIGHT, "");
+        page = page.drawing(|width| truth.map(facts, width), "");
     }
 
     page = page.section("Session, rig and clocks");
     page = page.table(&others(validation, limits, manifest));
     if !validated.found.facts.clocks.is_empty() {
-        page = page.figure(&plots.clock_offsets(), "");
-        page = page.figure(&plots.clock_sigmas(), "");
+        page = page.chart(&plots.clock_offsets(), HEIGHT, "");
+        page = page.chart(&plots.clock_sigmas(), HEIGHT, "");
     }
 
     if !validated.found.facts.health.is_empty() {
         page = page.section("The recorder");
-        page = page.figure(&plots.health_rates(), "");
-        page = page.figure(&plots.health_queues(), "");
-        page = page.figure(&plots.health_latency(), "");
-        page = page.figure(&plots.health_space(), "");
+        page = page.chart(&plots.health_rates(), HEIGHT, "");
+        page = page.chart(&plots.health_queues(), HEIGHT, "");
+        page = page.chart(&plots.health_latency(), HEIGHT, "");
+        page = page.chart(&plots.health_space(), LOW, "");
         if let Some(temperature) = plots.health_temperature() {
-            page = page.figure(&temperature, "");
+            page = page.chart(&temperature, LOW, "");
         }
     }
 
@@ -212,8 +215,11 @@ fn overview(manifest: &Manifest, validation: &Validation) -> Table {
     table
 }
 
-fn losses_and_events(mut page: Page, validation: &Validation) -> Page {
+fn losses_and_events(mut page: Page, manifest: &Manifest, validation: &Validation) -> Page {
     let summary = &validation.summary;
+    if !manifest.cameras.is_empty() {
+        page = page.table(&frames_lost(manifest, validation));
+    }
     if !summary.losses.is_empty() {
         let mut table = Table::new(["Stream", "Missing because of", "Samples", "Gaps"]);
         for loss in &summary.losses {
@@ -242,6 +248,21 @@ fn losses_and_events(mut page: Page, validation: &Validation) -> Page {
         }
     }
     page
+}
+
+/// What is missing of each camera, as a share, and why.
+fn frames_lost(manifest: &Manifest, validation: &Validation) -> Table {
+    let heads = ["Camera", "Frames expected", "Lost", "Share", "Because of"];
+    let losses = CameraLoss::of(manifest, &validation.summary);
+    losses.iter().fold(Table::new(heads), |table, loss| {
+        table.row([
+            Cell::from(loss.camera.clone()),
+            Cell::number(loss.expected),
+            Cell::number(loss.lost),
+            Cell::number(text::percent(loss.lost, loss.expected)),
+            Cell::from(loss.why()),
+        ])
+    })
 }
 
 /// Metrics down, streams across: what was measured, with a word where it is beyond a limit.

@@ -1,5 +1,5 @@
-//! The pictures of a report. Times are seconds after the first sample; a stream keeps its colour from
-//! one picture to the next.
+//! The charts of a report. Times are seconds after the first sample; a stream keeps its colour from
+//! one chart to the next.
 
 use std::collections::BTreeMap;
 
@@ -13,13 +13,15 @@ use crate::examine::Examination;
 use crate::facts::{Facts, NO_STEP, Sample};
 use crate::validation::words;
 
-/// Width of all pictures, pixels; the page is a little wider.
+/// Width of charts of one size, pixels.
 pub(crate) const WIDTH: u32 = 820;
-/// Height of most pictures, pixels.
+/// Height of most charts on a broad screen, pixels; the page decides on their width.
 pub(crate) const HEIGHT: u32 = 230;
+/// Height of charts in which little happens, pixels.
+pub(crate) const LOW: u32 = 180;
 /// Events drawn at most.
 const MOST_MARKS: usize = 60;
-/// Points kept of a long series: twice as many as there are pixels, the extremes of each part.
+/// Points kept of a long series: twice as many as there are pixels across a page, the extremes of each part.
 const MOST_POINTS: usize = 2 * WIDTH as usize;
 
 /// Draws what was found in one session.
@@ -30,7 +32,7 @@ pub struct Plots<'a> {
 }
 
 impl<'a> Plots<'a> {
-    /// Pictures of this examination.
+    /// Charts of this examination.
     pub fn new(manifest: &'a Manifest, found: &'a Examination) -> Self {
         Self {
             manifest,
@@ -54,7 +56,7 @@ impl<'a> Plots<'a> {
     }
 
     /// When each stream was recorded, and where something is missing.
-    pub fn timeline(&self) -> String {
+    pub fn timeline(&self) -> Timeline {
         let mut timeline = Timeline::new("What was recorded when", self.axis()).kinds([
             "recorded",
             "missing, noted",
@@ -73,7 +75,7 @@ impl<'a> Plots<'a> {
             let label = words(kind.as_str_name(), "KIND_");
             timeline = timeline.mark(self.seconds(time.0), &label);
         }
-        timeline.to_svg(WIDTH)
+        timeline
     }
 
     fn row(&self, timeline: Timeline, name: &str, samples: &[Sample]) -> Timeline {
@@ -106,7 +108,7 @@ impl<'a> Plots<'a> {
     }
 
     /// Distance of each frame from the one before.
-    pub fn frame_intervals(&self) -> String {
+    pub fn frame_intervals(&self) -> Chart {
         let mut chart = Chart::new("Time from frame to frame")
             .x_axis(self.axis())
             .y_axis(Axis::linear("interval", "ms").include(0.0));
@@ -115,11 +117,11 @@ impl<'a> Plots<'a> {
             let points = self.intervals(times, 1e-6);
             chart = chart.series(Series::line(&camera.name, points));
         }
-        chart.to_svg(WIDTH, HEIGHT)
+        chart
     }
 
     /// How the periods of the cameras spread around their median.
-    pub fn frame_histogram(&self) -> String {
+    pub fn frame_histogram(&self) -> Chart {
         let mut chart = Chart::new("Frame period by the camera's clock, against its median")
             .x_axis(Axis::linear("deviation", "µs"))
             .y_axis(Axis::linear("frames", ""));
@@ -132,11 +134,11 @@ impl<'a> Plots<'a> {
             let name = &self.manifest.cameras[i].name;
             chart = chart.series(Series::histogram(name, off, Bins::Count(60)));
         }
-        chart.to_svg(WIDTH, HEIGHT)
+        chart
     }
 
     /// Distance of each IMU sample from the one before.
-    pub fn imu_intervals(&self) -> String {
+    pub fn imu_intervals(&self) -> Chart {
         let mut chart = Chart::new("Time from IMU sample to sample")
             .x_axis(self.axis())
             .y_axis(Axis::linear("interval", "ms").include(0.0));
@@ -145,7 +147,7 @@ impl<'a> Plots<'a> {
             let points = self.intervals(times, 1e-6);
             chart = chart.series(Series::line(&imu.name, points).slot(i));
         }
-        chart.to_svg(WIDTH, HEIGHT)
+        chart
     }
 
     fn intervals(&self, times: impl Iterator<Item = i64>, scale: f64) -> Vec<(f64, f64)> {
@@ -158,7 +160,7 @@ impl<'a> Plots<'a> {
     }
 
     /// How far the frames of a set are from its time.
-    pub fn set_errors(&self) -> String {
+    pub fn set_errors(&self) -> Chart {
         let mut chart = Chart::new("Distance of each frame from the time of its frame set")
             .x_axis(self.axis())
             .y_axis(Axis::linear("distance", "ms"));
@@ -170,11 +172,11 @@ impl<'a> Plots<'a> {
             });
             chart = chart.series(Series::line(&camera.name, thin(members.collect())));
         }
-        chart.to_svg(WIDTH, HEIGHT)
+        chart
     }
 
     /// How far the frames of cameras under one trigger are apart; nothing without such cameras.
-    pub fn trigger_errors(&self) -> Option<String> {
+    pub fn trigger_errors(&self) -> Option<Chart> {
         let cameras = &self.manifest.cameras;
         let mut chart = Chart::new("Distance of triggered cameras from the first of their trigger")
             .x_axis(self.axis())
@@ -196,11 +198,11 @@ impl<'a> Plots<'a> {
             let line = Series::line(&camera.name, thin(points.collect()));
             chart = chart.series(line.slot(i));
         }
-        any.then(|| chart.to_svg(WIDTH, HEIGHT))
+        any.then_some(chart)
     }
 
     /// Size of the compressed pictures, second by second.
-    pub fn bitrates(&self) -> String {
+    pub fn bitrates(&self) -> Chart {
         let mut chart = Chart::new("Size of the compressed pictures, second by second")
             .x_axis(self.axis())
             .y_axis(Axis::linear("bit rate", "Mbit/s").include(0.0));
@@ -218,11 +220,11 @@ impl<'a> Plots<'a> {
             let points = points.map(|(s, bytes)| (s as f64, bytes as f64 * 8e-6));
             chart = chart.series(Series::line(&camera.name, thin(points.collect())));
         }
-        chart.to_svg(WIDTH, HEIGHT)
+        chart
     }
 
     /// How each device clock has moved against the host's since the first map.
-    pub fn clock_offsets(&self) -> String {
+    pub fn clock_offsets(&self) -> Chart {
         let mut chart = Chart::new("Device clocks against the host's, since their first map")
             .x_axis(self.axis())
             .y_axis(Axis::linear("offset", "ms"));
@@ -234,11 +236,11 @@ impl<'a> Plots<'a> {
             });
             chart = chart.series(Series::steps(clock, points).slot(self.slot(clock)));
         }
-        chart.to_svg(WIDTH, HEIGHT)
+        chart
     }
 
     /// How well each device clock is known.
-    pub fn clock_sigmas(&self) -> String {
+    pub fn clock_sigmas(&self) -> Chart {
         let mut chart = Chart::new("Uncertainty of the clock maps (one sigma)")
             .x_axis(self.axis())
             .y_axis(Axis::log("sigma", "µs"));
@@ -250,7 +252,7 @@ impl<'a> Plots<'a> {
             });
             chart = chart.series(Series::steps(clock, points).slot(self.slot(clock)));
         }
-        chart.to_svg(WIDTH, HEIGHT)
+        chart
     }
 
     /// A clock is drawn as its stream is: cameras first, then IMUs.
@@ -261,7 +263,7 @@ impl<'a> Plots<'a> {
     }
 
     /// Samples per second as the recorder counted them.
-    pub fn health_rates(&self) -> String {
+    pub fn health_rates(&self) -> Chart {
         let mut chart = Chart::new("Samples received per second")
             .x_axis(self.axis())
             .y_axis(Axis::log("rate", "Hz"));
@@ -276,11 +278,11 @@ impl<'a> Plots<'a> {
             let line = Series::line(name, thin(points)).slot(self.slot(name));
             chart = chart.series(line);
         }
-        chart.to_svg(WIDTH, HEIGHT)
+        chart
     }
 
     /// Bytes waiting for encoders and the disk.
-    pub fn health_queues(&self) -> String {
+    pub fn health_queues(&self) -> Chart {
         let health = &self.facts().health;
         let writer = health.iter();
         let writer = writer.map(|(t, h)| (self.seconds(t.0), h.writer_queue_bytes as f64 * 1e-6));
@@ -294,11 +296,10 @@ impl<'a> Plots<'a> {
             .y_axis(Axis::linear("bytes", "MB").include(0.0))
             .series(Series::line("for the encoders", thin(encoder.collect())))
             .series(Series::line("for the disk", thin(writer.collect())))
-            .to_svg(WIDTH, HEIGHT)
     }
 
     /// Longest write and sync of each second.
-    pub fn health_latency(&self) -> String {
+    pub fn health_latency(&self) -> Chart {
         let health = &self.facts().health;
         let write = health
             .iter()
@@ -311,22 +312,20 @@ impl<'a> Plots<'a> {
             .y_axis(Axis::linear("time", "ms").include(0.0))
             .series(Series::line("write", thin(write.collect())))
             .series(Series::line("sync", thin(sync.collect())))
-            .to_svg(WIDTH, HEIGHT)
     }
 
     /// Free space on the recorder's disk.
-    pub fn health_space(&self) -> String {
+    pub fn health_space(&self) -> Chart {
         let health = self.facts().health.iter();
         let free = health.map(|(t, h)| (self.seconds(t.0), h.free_bytes as f64 * 1e-9));
         Chart::new("Free on the recorder's disk")
             .x_axis(self.axis())
             .y_axis(Axis::linear("space", "GB").include(0.0))
             .series(Series::line("", thin(free.collect())))
-            .to_svg(WIDTH, 180)
     }
 
     /// Temperature of the recorder; nothing where it has no sensor.
-    pub fn health_temperature(&self) -> Option<String> {
+    pub fn health_temperature(&self) -> Option<Chart> {
         let health = self.facts().health.iter();
         let points: Vec<_> = health
             .filter_map(|(t, h)| Some((self.seconds(t.0), h.temperature_c?)))
@@ -336,7 +335,6 @@ impl<'a> Plots<'a> {
                 .x_axis(self.axis())
                 .y_axis(Axis::linear("temperature", "°C"))
                 .series(Series::line("", thin(points)))
-                .to_svg(WIDTH, 180)
         })
     }
 

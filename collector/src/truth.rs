@@ -11,7 +11,6 @@ use session_archive::reader::SessionReader;
 use session_archive::verify::rig_file;
 
 use crate::facts::{Facts, FrameFact};
-use crate::plots::{HEIGHT, WIDTH};
 
 /// Room that a chart needs beside its lines, pixels: for the scale of the map.
 const MARGINS: (f64, f64) = (90.0, 100.0);
@@ -140,7 +139,7 @@ impl Truth {
     }
 
     /// How far the times of frames are from when they were taken.
-    pub fn time_errors(&self, manifest: &Manifest, facts: &Facts) -> String {
+    pub fn time_errors(&self, manifest: &Manifest, facts: &Facts) -> Chart {
         let start = facts.span().map_or(0, |(start, _)| start);
         let mut chart = Chart::new("Times of frames against the truth")
             .x_axis(Axis::time("time"))
@@ -152,12 +151,12 @@ impl Truth {
             });
             chart = chart.series(Series::line(&camera.name, points).slot(i));
         }
-        chart.to_svg(WIDTH, HEIGHT)
+        chart
     }
 
-    /// The true way from above, with the footprints, and where the rig was at frames that are not in the
-    /// session.
-    pub fn map(&self, facts: &Facts) -> String {
+    /// The true way from above, `width` pixels wide, with the footprints, and where the rig was at frames that are not
+    /// in the session.
+    pub fn map(&self, facts: &Facts, width: u32) -> String {
         let (start, end) = facts.span().unwrap_or((0, 0));
         let during = |frame: &&TrueFrame| (start..=end).contains(&frame.time);
         let way: Vec<(f64, f64)> = match self.cameras.iter().find(|c| !c.is_empty()) {
@@ -184,10 +183,10 @@ impl Truth {
             prints.map(|p| (p.1, p.2)).collect::<Vec<_>>()
         };
         // A metre is as long in both directions.
-        let per_m = ((f64::from(WIDTH) - MARGINS.0) / x.length())
+        let per_m = ((f64::from(width) - MARGINS.0) / x.length())
             .min((MAP_HEIGHT - MARGINS.1) / y.length());
         let height = (per_m * y.length() + MARGINS.1).ceil() as u32;
-        let wide = (f64::from(WIDTH) - MARGINS.0) / per_m;
+        let wide = (f64::from(width) - MARGINS.0) / per_m;
         let mut chart = Chart::new("The true way, from above")
             .x_axis(axis("x", &x.widened(wide)))
             .y_axis(axis("y", &y.widened(y.length())))
@@ -197,7 +196,7 @@ impl Truth {
         if !missing.is_empty() {
             chart = chart.series(Series::scatter("a frame is missing", missing));
         }
-        chart.to_svg(WIDTH, height)
+        chart.to_svg(width, height)
     }
 }
 

@@ -119,6 +119,11 @@ impl Input {
         &self.shared.index
     }
 
+    /// The access units of the frames in the index, as they were recorded.
+    pub(crate) fn access(&self) -> &Access {
+        &self.shared.access
+    }
+
     /// Lens of one eye, as in `feet/left`; `None` where the session has none.
     pub fn calibration(&self, eye: &str) -> Option<&CameraCalibration> {
         self.state.calibrations.get(eye)

@@ -5,6 +5,7 @@
 //! - [`picture`]: the decoded pictures.
 //! - [`pipeline`]: a hand-off to a scene bundle, stage by stage.
 //! - [`evaluate`]: how far an estimated trajectory is from the truth.
+//! - [`seen`]: some small images of what each camera saw.
 //! - [`report`]: a scene bundle as a page of HTML.
 //! - [`export`]: writes them as PNG with their times, for programs in other languages.
 //!
@@ -29,6 +30,7 @@ pub mod input;
 pub mod picture;
 pub mod pipeline;
 pub mod report;
+pub mod seen;
 
 pub use input::{FrameSet, ImuSample, Input, InputError, ReadError, View};
 pub use picture::Picture;

@@ -1,20 +1,22 @@
 //! A scene bundle as one page of HTML that opens without a network.
 //!
-//! Contract: the page shows the way from above, coloured by its distance from the truth after the best rigid fit, or without truth by
-//! what the poses say of themselves, and says which; when the rig was tracked; the cloud from two sides; each stage with what it
-//! took; and all that stages noted or lost. What the bundle lacks is named and left out. Its text is a function of the bundle, of
-//! the truth and of what stages took.
+//! Contract: the page shows what the cameras saw; the path from above, coloured by its distance from the truth after the best rigid
+//! fit, or without truth by what the poses say of themselves, and says which; when the rig was tracked; cloud and path in three
+//! dimensions and from two sides; each stage with what it took; and all that stages noted or lost. What the bundle lacks is named
+//! and left out. It is one file of less than 25 MB. Its text is a function of the bundle, of the truth, of what stages took and of
+//! the images beside the bundle.
 
 use std::io;
 use std::path::PathBuf;
 
-use charts::{Axis, Cell, Chart, Page, Series, Span, Table, Timeline, si};
+use charts::{Axis, Cell, Chart, Image, Page, Series, Span, Table, Timeline, si};
 use scene_bundle::outputs::cloud::CloudPoint;
 use scene_bundle::outputs::{self, CLOUD, KEYFRAMES, TRAJECTORY, TRAJECTORY_CAUSAL};
 use scene_bundle::{BundleError, Scene, Status, Trajectory};
 
 use crate::evaluate::{self, Alignment, Evaluation, Settings, align, associate};
 use crate::pipeline::{self, made, stages};
+use crate::seen;
 use colours::{UNKNOWN, ramp};
 use way::Step;
 
@@ -22,6 +24,7 @@ mod colours;
 mod judgement;
 mod sights;
 mod splat;
+mod viewer;
 mod way;
 
 /// Why there is no page.
@@ -33,6 +36,14 @@ pub enum ReportError {
     /// What stages took cannot be read.
     #[error("reading what stages took: {}", path.display())]
     Made {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The images beside the bundle cannot be read.
+    #[error("reading what the cameras saw: {}", path.display())]
+    Seen {
         /// The file.
         path: PathBuf,
         /// What the system said.
@@ -97,7 +108,10 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
         .to_string_lossy();
     let mut page = Page::new(&format!("Reconstruction: {name}"));
     page = judgement::add(page, &scene.manifest().provenance);
+    let dark = way::dark();
+    page = page.dark(dark.iter().map(|(a, b)| (a.as_str(), b.as_str())));
     page = page.table(&facts(scene, &trajectory, cloud.as_deref())?);
+    page = seen_section(page, scene)?;
     page = page.section("Where the rig was");
     page = page.text(&how_far(
         adjusted.is_some(),
@@ -117,9 +131,28 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
         };
         page = page.table(&errors(rows));
     }
-    page = way_section(page, &steps, truth, evaluation.as_ref());
-    page = page.figure(&spans(adjusted, causal.as_ref()).to_svg(760), "");
-    page = cloud_section(page, cloud.as_deref(), &steps)?;
+    // Where nothing could be laid onto the truth, the two are in different worlds.
+    let fits = evaluation
+        .as_ref()
+        .is_some_and(|e| e.true_from_estimated.is_some());
+    let true_way: Vec<[f64; 3]> = truth
+        .filter(|_| fits)
+        .iter()
+        .flat_map(|truth| truth.poses())
+        .map(|pose| pose.world_from_rig.translation_m())
+        .collect();
+    let drawn = way::Map {
+        steps: &steps,
+        truth: &true_way,
+        largest_m: largest(&steps),
+        caption: match truth {
+            Some(_) => "distance from the truth",
+            None => "stated sigma of the place",
+        },
+    };
+    page = way_section(page, &drawn);
+    page = page.timeline(&spans(adjusted, causal.as_ref()), "");
+    page = cloud_section(page, cloud.as_deref(), &drawn)?;
     page = stages_section(page, scene)?;
     Ok(Report {
         summary: summary(evaluation.as_ref(), cloud.as_deref()),
@@ -267,44 +300,63 @@ fn largest(steps: &[Step]) -> f64 {
     steps.iter().filter_map(|s| s.value_m).fold(0.0, f64::max)
 }
 
-fn way_section(
-    page: Page,
-    steps: &[Step],
-    truth: Option<&Trajectory>,
-    evaluation: Option<&Evaluation>,
-) -> Page {
-    let what = match truth {
-        Some(_) => "distance from the truth",
-        None => "stated sigma of the place",
+fn way_section(page: Page, drawn: &way::Map<'_>) -> Page {
+    let caption = match drawn.truth.is_empty() {
+        false => "From above, laid onto the truth; the truth in grey below it.",
+        true => "From above.",
     };
-    // Where nothing could be laid onto the truth, the two are in different worlds.
-    let fits = evaluation.is_some_and(|e| e.true_from_estimated.is_some());
-    let truth = truth.filter(|_| fits).map(|truth| {
-        let places = truth
-            .poses()
-            .iter()
-            .map(|p| p.world_from_rig.translation_m());
-        places.collect::<Vec<_>>()
-    });
-    let caption = match truth {
-        Some(_) => "From above, laid onto the truth; the truth in light grey below it.",
-        None => "From above.",
-    };
-    let map = way::svg(
-        steps,
-        truth.as_deref().unwrap_or_default(),
-        largest(steps),
-        what,
-    );
-    let line = steps
+    let line = drawn
+        .steps
         .iter()
         .map(|s| (s.time_s, s.value_m.map_or(f64::NAN, |v| 100.0 * v)));
-    let chart = Chart::new(what)
+    let chart = Chart::new(drawn.caption)
         .x_axis(Axis::time("time"))
-        .y_axis(Axis::linear(what, "cm").include(0.0))
+        .y_axis(Axis::linear(drawn.caption, "cm").include(0.0))
         .series(Series::line("", line));
-    page.figure(&map, caption)
-        .figure(&chart.to_svg(760, 240), "")
+    page.drawing(|width| way::svg(drawn, width), caption)
+        .chart(&chart, 240, "")
+}
+
+/// What each camera saw, as far as it lies beside the bundle.
+fn seen_section(page: Page, scene: &Scene) -> Result<Page, ReportError> {
+    let folder = scene.path();
+    let seen = seen::read(&folder).map_err(|source| ReportError::Seen {
+        path: folder.join(seen::FILE),
+        source,
+    })?;
+    let mut page = page.section("What the cameras saw");
+    if seen.is_empty() {
+        return Ok(page.text(
+            "No image lies beside the bundle; `paws-reconstruct run` with the same hand-off and --out adds them.",
+        ));
+    }
+    page = page.text(
+        "The first and the last frame, the key frame in the middle, and the least sharp of the key frames that were looked \
+         at. Sharpness is the mean difference between a pixel and its neighbours, in grey levels of 255.",
+    );
+    for of_camera in seen.chunk_by(|a, b| a.camera == b.camera) {
+        let images: Vec<Image> = of_camera.iter().map(seen_image).collect();
+        page = page.heading(&of_camera[0].camera).images(&images);
+    }
+    Ok(page)
+}
+
+fn seen_image(seen: &seen::Seen) -> Image {
+    let caption = format!(
+        "{}: {:.1} s, frame {}, {} eye; sharpness {:.1}, brightness {:.0}, {:.1} % clipped",
+        seen.role,
+        seen.after_s,
+        seen.frame,
+        seen.eye,
+        seen.sharpness,
+        seen.brightness,
+        100.0 * seen.clipped
+    );
+    let name = format!(
+        "{}, {}: {} eye at {:.1} s",
+        seen.camera, seen.role, seen.eye, seen.after_s
+    );
+    Image::jpeg_base64(&seen.jpeg, &name, &caption)
 }
 
 fn spans(adjusted: Option<&Trajectory>, causal: Option<&Trajectory>) -> Timeline {
@@ -351,14 +403,15 @@ fn spans(adjusted: Option<&Trajectory>, causal: Option<&Trajectory>) -> Timeline
 fn cloud_section(
     page: Page,
     cloud: Option<&[CloudPoint]>,
-    steps: &[Step],
+    drawn: &way::Map<'_>,
 ) -> Result<Page, ReportError> {
-    let page = page.section("The cloud of points");
+    let page = page.section("Cloud and path");
     let Some(cloud) = cloud.filter(|cloud| !cloud.is_empty()) else {
-        return Ok(page.text("There is none."));
+        return Ok(page.text("There is no cloud of points."));
     };
+    let steps = drawn.steps;
     let way: Vec<[f64; 3]> = steps.iter().map(|s| s.x_in_world).collect();
-    let largest = largest(steps).max(f64::MIN_POSITIVE);
+    let largest = drawn.largest_m.max(f64::MIN_POSITIVE);
     let dots: Vec<([f64; 3], [u8; 3])> = steps
         .iter()
         .map(|s| {
@@ -369,12 +422,13 @@ fn cloud_section(
         })
         .collect();
     let shown = sights::shown(cloud, &way);
+    let mut page = viewer_part(page, cloud, &shown, &way, drawn);
     let views = [
         (
             sights::aslant(&shown, &way),
-            "aslant",
+            "from the side",
             format!(
-                "Aslant, up to {} m around the middle of the way, which is coloured as above.",
+                "From the side, up to {} m around the middle of the path, which is coloured as above.",
                 sights::AROUND_M
             ),
         ),
@@ -384,30 +438,57 @@ fn cloud_section(
             "From above.".to_owned(),
         ),
     ];
-    let mut page = page;
     for (sight, name, caption) in views {
         let Some(sight) = sight else { continue };
-        let rgb = splat::draw(&shown, POINT_M, &dots, &sight);
+        let pixels = splat::draw(&shown, POINT_M, &dots, &sight);
         let caption = format!(
             "{caption} What is higher than {} m above the rig is left out.",
             sights::ABOVE_M
         );
-        page = page.picture(
-            &png(sight.size, &rgb)?,
-            &format!("the cloud {name}"),
-            &caption,
-        );
+        let file = png(sight.size, &pixels)?;
+        page = page.image(&Image::png(&file, &format!("the cloud {name}"), &caption));
     }
     Ok(page)
 }
 
-fn png([width, height]: [usize; 2], rgb: &[u8]) -> Result<Vec<u8>, ReportError> {
+/// The view in three dimensions, and how much of the cloud is in it.
+fn viewer_part(
+    page: Page,
+    cloud: &[CloudPoint],
+    shown: &[CloudPoint],
+    way: &[[f64; 3]],
+    drawn: &way::Map<'_>,
+) -> Page {
+    let top = way.iter().map(|x| x[2]).fold(f64::NEG_INFINITY, f64::max);
+    let viewer = viewer::viewer(&viewer::Content {
+        points: cloud,
+        steps: drawn.steps,
+        truth: drawn.truth,
+        largest_m: drawn.largest_m,
+        what: drawn.caption,
+        view: sights::first(shown, way),
+        top_m: match top.is_finite() {
+            true => top + sights::ABOVE_M,
+            false => f64::MAX,
+        },
+    });
+    let all = cloud.len();
+    let share = 100.0 * viewer.points as f64 / all as f64;
+    page.text(&format!(
+        "{} of {all} points ({share:.1} %) are in this view. Drag to turn, with two fingers, shift or the right button to move; \
+         pinch or turn the wheel after a click to zoom; or use the arrow keys, + and -.",
+        viewer.points
+    ))
+    .embed(&viewer.html)
+}
+
+fn png([width, height]: [usize; 2], rgba: &[u8]) -> Result<Vec<u8>, ReportError> {
     let mut file = Vec::new();
     let mut encoder = png::Encoder::new(&mut file, width as u32, height as u32);
-    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_color(png::ColorType::Rgba);
     encoder.set_depth(png::BitDepth::Eight);
     let mut writer = encoder.write_header()?;
-    writer.write_image_data(rgb)?;
+    writer.write_image_data(rgba)?;
     writer.finish()?;
     Ok(file)
 }

@@ -6,6 +6,8 @@ pub const MANIFEST: &str = "scene.json";
 pub const LOCK: &str = "lock";
 /// How long stages took; no part of the bundle.
 pub const MADE: &str = "made.jsonl";
+/// Small images of what the cameras saw; no part of the bundle.
+pub const SEEN: &str = "seen.jsonl";
 /// A page about the bundle; no part of it.
 pub const PAGE: &str = "report.html";
 /// In an output's folder: files with their hashes that are too many for the manifest.

@@ -12,6 +12,7 @@
 //! - [`encoder`]: pictures in, access units out, with exact times and key frames on demand.
 //! - [`discover`]: which encoder works on this machine.
 //! - [`decoder`]: access units in, pictures out.
+//! - [`still`]: a few small images of a recording.
 //! - [`mp4`]: access units into a file that players open.
 //!
 //! ```
@@ -70,6 +71,7 @@ pub mod picture;
 mod pipeline;
 pub mod preview;
 pub mod references;
+pub mod still;
 
 pub use capture::{Capture, CaptureEvent, CaptureSettings, CapturedFrame};
 pub use codec::Codec;

@@ -1,4 +1,4 @@
-//! The HTML report: self-contained, honest, bounded.
+//! The HTML report: self-contained, bounded, and with what the cameras saw.
 
 use collector::limits::Limits;
 use collector::page;
@@ -51,6 +51,67 @@ fn nothing_is_fetched_from_elsewhere() {
     let page = html(&Session::good(1.0));
     for foreign in ["src=", "href=", "url(", "<script", "@import"] {
         assert!(!page.contains(foreign), "{foreign} is in the page");
+    }
+    assert_eq!(charts::inspect(&page), Ok(()));
+}
+
+#[test]
+fn frames_of_every_camera_are_shown() {
+    let session = Session::decodable(4.0);
+    let page = html(&session);
+    assert_eq!(charts::inspect(&page), Ok(()));
+    let images = page.matches("src=\"data:image/jpeg;base64,/9j/").count();
+    let cameras = session.spec.cameras.len();
+    // Three or four each: the least sharp may be one of the others.
+    assert!((3 * cameras..=4 * cameras).contains(&images), "{images}");
+    let start = page.find("What the cameras saw").expect("a section");
+    for camera in &session.spec.cameras {
+        let at = page[start..].find(&format!("<h3>{}</h3>", camera.name));
+        let at = start + at.unwrap_or_else(|| panic!("{} is not there", camera.name));
+        let part = page[at + 4..].split("<h").next().expect("a part");
+        for role in ["start", "middle", "end", "least sharp"] {
+            assert!(part.contains(role), "{}: no {role}", camera.name);
+        }
+        assert!(part.contains("frames looked at."), "{}", camera.name);
+    }
+    assert!(page.len() < 25_000_000, "{}", page.len());
+    assert!(page == html(&session), "the same session, another page");
+}
+
+#[test]
+fn a_camera_without_images_is_no_failure() {
+    let mut session = Session::decodable(2.0);
+    session.spec.cameras[0].codec = "av1".to_owned();
+    session.pictures.retain(|p| p.camera != 1);
+    let page = html(&session);
+    for why in [
+        "No image can be shown: found the codec &quot;av1&quot;, expected h264 or h265.",
+        "No image can be shown: there is no frame that can be decoded.",
+    ] {
+        assert!(page.contains(why), "{why}");
+    }
+    assert!(page.contains("data:image/jpeg"), "the third camera");
+    // Bytes that are no video.
+    let page = html(&Session::good(2.0));
+    assert!(page.contains("none of the frames that were looked at could be decoded"));
+}
+
+#[test]
+fn the_loss_of_a_camera_is_a_share_with_its_cause() {
+    let mut session = Session::good(4.0);
+    session.drop_frames(2, 120, 122, true);
+    let page = html(&session);
+    let row = page
+        .lines()
+        .find(|line| line.contains("Frames expected\">60<"));
+    let row = row.expect("a row for the feet");
+    for cell in [
+        "data-head=\"Camera\">feet<",
+        "data-head=\"Lost\">3<",
+        "data-head=\"Share\">5 %<",
+        "data-head=\"Because of\">encoder overload<",
+    ] {
+        assert!(row.contains(cell), "{cell}: {row}");
     }
 }
 

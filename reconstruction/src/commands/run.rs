@@ -12,6 +12,7 @@ use reconstruction::Input;
 use reconstruction::pipeline::stages::networks::Networks;
 use reconstruction::pipeline::stages::{self, Options, Preset, rig};
 use reconstruction::pipeline::{Outcome, Selection, Sources, State, Watch, made};
+use reconstruction::seen;
 use scene_bundle::{Bundle, Provenance, Scene};
 
 use super::{code, loss, open, print_losses, progress_bar};
@@ -145,6 +146,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     watch.bar.finish_and_clear();
     let outcomes =
         outcomes.with_context(|| format!("reconstructing into {}", arguments.out.display()))?;
+    let is_new = outcomes.iter().any(|o| o.state == State::Made);
+    if is_new || !bundle.path().join(seen::FILE).exists() {
+        let written = seen::write(&bundle.path(), &input);
+        written.with_context(|| {
+            format!(
+                "writing images of what the cameras saw: {}",
+                arguments.out.display()
+            )
+        })?;
+    }
     bundle.finish(machine::civil_ns())?;
 
     let losses: usize = outcomes.iter().map(|o| o.report.losses.len()).sum();

@@ -2,23 +2,40 @@
 //! no difference between red and green.
 
 /// The colours that others are mixed of, at even steps.
-const ANCHORS: [[u8; 3]; 5] = [
+pub(super) const ANCHORS: [[u8; 3]; 5] = [
     [27, 79, 138],
     [42, 157, 143],
     [233, 180, 76],
     [209, 73, 60],
     [110, 12, 30],
 ];
+/// The same on a dark screen: dark blue and dark red would not show there.
+pub(super) const DARK: [[u8; 3]; 5] = [
+    [92, 156, 232],
+    [62, 196, 178],
+    [242, 200, 104],
+    [244, 124, 92],
+    [255, 78, 132],
+];
 /// Of what has no value.
 pub(super) const UNKNOWN: [u8; 3] = [140, 140, 140];
 
 /// The colour of a share from 0 to 1; shares beyond count as the nearest.
 pub(super) fn ramp(share: f64) -> [u8; 3] {
-    let place = share.clamp(0.0, 1.0) * (ANCHORS.len() - 1) as f64;
-    let below = (place as usize).min(ANCHORS.len() - 2);
+    between(&ANCHORS, share)
+}
+
+/// The same on a dark screen.
+pub(super) fn dark_ramp(share: f64) -> [u8; 3] {
+    between(&DARK, share)
+}
+
+fn between(anchors: &[[u8; 3]; 5], share: f64) -> [u8; 3] {
+    let place = share.clamp(0.0, 1.0) * (anchors.len() - 1) as f64;
+    let below = (place as usize).min(anchors.len() - 2);
     let part = place - below as f64;
     [0, 1, 2].map(|k| {
-        let [a, b] = [ANCHORS[below][k], ANCHORS[below + 1][k]].map(f64::from);
+        let [a, b] = [anchors[below][k], anchors[below + 1][k]].map(f64::from);
         (a + (b - a) * part).round() as u8
     })
 }
@@ -36,6 +53,7 @@ mod tests {
     fn the_ramp_goes_through_its_anchors() {
         for (k, anchor) in ANCHORS.iter().enumerate() {
             assert_eq!(ramp(k as f64 / 4.0), *anchor);
+            assert_eq!(dark_ramp(k as f64 / 4.0), DARK[k]);
         }
         assert_eq!(ramp(7.0), ANCHORS[4]);
         assert_eq!(ramp(-1.0), ANCHORS[0]);

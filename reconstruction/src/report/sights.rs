@@ -59,6 +59,19 @@ pub(super) fn above(points: &[CloudPoint], way: &[[f64; 3]]) -> Option<Sight> {
     })
 }
 
+/// Where the eye of the first view of the scene is, and what it looks at: as [`aslant`] does, or from the corner of nothing.
+pub(super) fn first(points: &[CloudPoint], way: &[[f64; 3]]) -> [[f64; 3]; 2] {
+    let Some(sight) = aslant(points, way) else {
+        let target = way.first().copied().unwrap_or([0.0; 3]);
+        return [[0, 1, 2].map(|k| target[k] + [-4.0, -4.0, 4.0][k]), target];
+    };
+    let middle = way[way.len() / 2];
+    let forward = sight.axes[2];
+    let ahead = dot(forward, [0, 1, 2].map(|k| middle[k] - sight.eye[k])).max(0.5);
+    let target = [0, 1, 2].map(|k| sight.eye[k] + ahead * forward[k]);
+    [sight.eye, target]
+}
+
 /// Aslant.
 pub(super) fn aslant(points: &[CloudPoint], way: &[[f64; 3]]) -> Option<Sight> {
     let middle = *way.get(way.len() / 2)?;
@@ -108,7 +121,7 @@ fn side(points: &[[f64; 3]], middle: [f64; 3], along: f64) -> f64 {
 }
 
 /// From where to where nearly all values are; none of no values.
-fn range(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+pub(super) fn range(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     let mut values: Vec<f64> = values.collect();
     let last = values.len().checked_sub(1)?;
     let outside = (OUTSIDE * last as f64) as usize;
@@ -132,7 +145,7 @@ fn direction(way: &[[f64; 3]]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::splat::draw;
+    use crate::report::splat::{NOTHING, draw};
 
     /// Ground along a way of 10 m, and a ceiling.
     fn room() -> (Vec<CloudPoint>, Vec<[f64; 3]>) {
@@ -155,12 +168,12 @@ mod tests {
         for sight in [above(&shown, &way), aslant(&shown, &way)] {
             let sight = sight.expect("a sight");
             let picture = draw(&shown, 0.12, &[], &sight);
-            let white = picture.chunks(3).filter(|c| *c == [255; 3]).count();
-            let share = white as f64 / (picture.len() / 3) as f64;
+            let empty = picture.chunks(4).filter(|c| *c == NOTHING).count();
+            let share = empty as f64 / (picture.len() / 4) as f64;
             assert!(share < 0.75, "{share} is empty: {sight:?}");
             // And its middle is there.
             let middle = sight.size[1] / 2 * sight.size[0] + sight.size[0] / 2;
-            assert_ne!(picture[3 * middle..3 * middle + 3], [255; 3], "{sight:?}");
+            assert_ne!(picture[4 * middle..4 * middle + 4], NOTHING, "{sight:?}");
         }
     }
 
@@ -190,5 +203,9 @@ mod tests {
         assert_eq!(above(&[], &[]), None);
         assert_eq!(aslant(&[], &[]), None);
         assert_eq!(aslant(&[], &[[0.0; 3]]), None);
+        for way in [&[][..], &[[0.0; 3]][..]] {
+            let [eye, target] = first(&[], way);
+            assert!(eye != target, "{eye:?}");
+        }
     }
 }

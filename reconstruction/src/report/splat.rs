@@ -1,7 +1,8 @@
 //! Pictures of a cloud of points: each point a square of the size that it has there, the nearest in front.
 //!
 //! Contract: the same points give the same picture. It is drawn at twice its size and made smaller, and darkened beside what is
-//! nearer, so that edges and steps can be seen (after Boucheny's eye-dome lighting, 2009). What is not seen is white.
+//! nearer, so that edges and steps can be seen (after Boucheny's eye-dome lighting, 2009). Where nothing is seen the image is
+//! transparent, so that it stands on light and on dark pages.
 
 use scene_bundle::outputs::cloud::CloudPoint;
 
@@ -11,7 +12,8 @@ const FINER: usize = 2;
 const LARGEST_SQUARE: i64 = 40;
 /// How far away neighbours are looked at for shade, px drawn.
 const SHADE_REACH: usize = 3;
-const BACKGROUND: [u8; 3] = [255; 3];
+/// A pixel in which nothing is seen.
+pub(super) const NOTHING: [u8; 4] = [255, 255, 255, 0];
 /// Radius of the dots of a way, px drawn.
 const DOT: i64 = 4;
 
@@ -85,7 +87,7 @@ pub(super) fn draw(
     let mut canvas = Canvas {
         width,
         height,
-        colours: vec![BACKGROUND; width * height],
+        colours: vec![[0; 3]; width * height],
         depths: vec![f32::INFINITY; width * height],
     };
     for point in points {
@@ -125,7 +127,8 @@ impl Canvas {
             let inside =
                 (0..self.width as i64).contains(&x) && (0..self.height as i64).contains(&y);
             if inside && dx * dx + dy * dy <= DOT * DOT {
-                self.colours[y as usize * self.width + x as usize] = colour;
+                let i = y as usize * self.width + x as usize;
+                (self.depths[i], self.colours[i]) = (place.depth as f32, colour);
             }
         }
     }
@@ -156,20 +159,31 @@ impl Canvas {
         }
     }
 
-    /// The mean of each block of pixels drawn.
+    /// The mean of each block of pixels drawn, as red, green, blue and opacity.
     fn smaller(&self) -> Vec<u8> {
         let (columns, rows) = (self.width / FINER, self.height / FINER);
-        let mut out = Vec::with_capacity(3 * columns * rows);
+        let mut out = Vec::with_capacity(4 * columns * rows);
         for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |c| (row, c))) {
             let mut sum = [0_usize; 3];
+            let mut drawn = 0;
             for k in 0..FINER * FINER {
                 let (y, x) = (row * FINER + k / FINER, column * FINER + k % FINER);
-                let colour = self.colours[y * self.width + x];
-                for (sum, part) in sum.iter_mut().zip(colour) {
+                let i = y * self.width + x;
+                if !self.depths[i].is_finite() {
+                    continue;
+                }
+                drawn += 1;
+                for (sum, part) in sum.iter_mut().zip(self.colours[i]) {
                     *sum += usize::from(part);
                 }
             }
-            out.extend(sum.map(|sum| (sum / (FINER * FINER)) as u8));
+            match drawn {
+                0 => out.extend(NOTHING),
+                _ => out.extend(sum.map(|sum| (sum / drawn) as u8)),
+            }
+            if drawn > 0 {
+                out.push((255 * drawn / (FINER * FINER)) as u8);
+            }
         }
         out
     }
@@ -197,9 +211,9 @@ mod tests {
         }
     }
 
-    fn pixel(picture: &[u8], x: usize, y: usize) -> [u8; 3] {
-        let i = 3 * (y * 40 + x);
-        [picture[i], picture[i + 1], picture[i + 2]]
+    fn pixel(image: &[u8], x: usize, y: usize) -> [u8; 4] {
+        let i = 4 * (y * 40 + x);
+        [0, 1, 2, 3].map(|k| image[i + k])
     }
 
     #[test]
@@ -208,8 +222,8 @@ mod tests {
         let far = point([4.0, 0.0, 0.0], [0, 200, 0]);
         for points in [[near, far], [far, near]] {
             let picture = draw(&points, 0.3, &[], &ahead());
-            assert_eq!(pixel(&picture, 20, 15), [200, 0, 0]);
-            assert_eq!(pixel(&picture, 2, 2), BACKGROUND);
+            assert_eq!(pixel(&picture, 20, 15), [200, 0, 0, 255]);
+            assert_eq!(pixel(&picture, 2, 2), NOTHING);
         }
     }
 
@@ -217,15 +231,15 @@ mod tests {
     fn places_are_where_they_are_seen() {
         // To the left and up.
         let picture = draw(&[point([4.0, 1.0, 0.5], [0, 0, 200])], 0.3, &[], &ahead());
-        assert_eq!(pixel(&picture, 10, 10), [0, 0, 200]);
+        assert_eq!(pixel(&picture, 10, 10), [0, 0, 200, 255]);
         // Behind the eye.
         let picture = draw(&[point([-4.0, 0.0, 0.0], [0; 3])], 0.3, &[], &ahead());
-        assert!(picture.iter().all(|c| *c == 255));
+        assert!(picture.chunks(4).all(|c| c == NOTHING));
         let map = Sight {
             scale: Scale::Map(10.0),
             ..ahead()
         };
         let picture = draw(&[], 0.3, &[([7.0, -1.0, 0.0], [9; 3])], &map);
-        assert_eq!(pixel(&picture, 30, 15), [9; 3]);
+        assert_eq!(pixel(&picture, 30, 15)[..3], [9; 3]);
     }
 }

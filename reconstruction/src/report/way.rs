@@ -1,11 +1,11 @@
-//! A way from above, coloured by a value, as SVG with a scale of colours and a bar of metres.
+//! A path from above, coloured by a value, as SVG with a scale of colours and a bar of metres.
 //!
 //! Contract: metres are as long along as across. Steps shorter than a pixel or so are drawn together, so that a long walk is no long text. The
 //! line is broken where nothing is known of where the rig was.
 
 use std::fmt::Write as _;
 
-use super::colours::{UNKNOWN, hex, ramp};
+use super::colours::{UNKNOWN, dark_ramp, hex, ramp};
 
 /// Where the rig was at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,12 +20,15 @@ pub(super) struct Step {
     pub(super) follows: bool,
 }
 
-const WIDTH: f64 = 760.0;
 const LARGEST_HEIGHT: f64 = 700.0;
 const LEAST_HEIGHT: f64 = 150.0;
 const MARGIN: f64 = 24.0;
 /// Below the map: the bar of metres and the scale of colours.
 const FOOT: f64 = 58.0;
+/// Below this the scale takes the whole width, px.
+const NARROW: f64 = 500.0;
+/// The truth.
+const TRUTH: &str = "#c8c8c8";
 /// Colours that are told apart.
 const LEVELS: usize = 24;
 /// Steps shorter than this are drawn together, px.
@@ -35,11 +38,12 @@ const SHORTEST_PX: f64 = 1.5;
 struct Sheet {
     low: [f64; 2],
     px_per_m: f64,
+    width: f64,
     height: f64,
 }
 
 impl Sheet {
-    fn of(places: impl Iterator<Item = [f64; 3]> + Clone) -> Self {
+    fn of(places: impl Iterator<Item = [f64; 3]> + Clone, width: f64) -> Self {
         let end = |k: usize, start: f64, pick: fn(f64, f64) -> f64| {
             let end = places.clone().map(|x| x[k]).fold(start, pick);
             if end.is_finite() { end } else { 0.0 }
@@ -48,15 +52,28 @@ impl Sheet {
         let high = [0, 1].map(|k| end(k, f64::NEG_INFINITY, f64::max));
         // Who stands still walks about in a metre.
         let size = [0, 1].map(|k| (high[k] - low[k]).max(1.0));
-        let room = [WIDTH - 2.0 * MARGIN, LARGEST_HEIGHT - 2.0 * MARGIN];
+        let room = [width - 2.0 * MARGIN, LARGEST_HEIGHT - 2.0 * MARGIN];
         let px_per_m = (room[0] / size[0]).min(room[1] / size[1]);
         let height = (size[1] * px_per_m + 2.0 * MARGIN).max(LEAST_HEIGHT);
         // In the middle of the sheet.
-        let spare = [WIDTH, height].map(|length| length / px_per_m);
+        let spare = [width, height].map(|length| length / px_per_m);
         Self {
             low: [0, 1].map(|k| 0.5 * (low[k] + high[k] - spare[k])),
             px_per_m,
+            width,
             height,
+        }
+    }
+
+    /// Whether the scale of colours stands below the bar of metres, for want of room beside it.
+    fn is_narrow(&self) -> bool {
+        self.width < NARROW
+    }
+
+    fn foot(&self) -> f64 {
+        match self.is_narrow() {
+            true => 2.0 * FOOT - 6.0,
+            false => FOOT,
         }
     }
 
@@ -68,21 +85,50 @@ impl Sheet {
     }
 }
 
-/// The picture. `truth` is drawn below it, in grey; `largest_m` has the last colour; `caption` names the values.
-pub(super) fn svg(steps: &[Step], truth: &[[f64; 3]], largest_m: f64, caption: &str) -> String {
+/// What a map shows.
+#[derive(Clone, Copy)]
+pub(super) struct Map<'a> {
+    /// Where the rig was.
+    pub(super) steps: &'a [Step],
+    /// The truth, drawn below it in grey.
+    pub(super) truth: &'a [[f64; 3]],
+    /// What has the last colour, m.
+    pub(super) largest_m: f64,
+    /// Names the values.
+    pub(super) caption: &'a str,
+}
+
+/// The colours that a map has on white, each with the one in its place on a dark screen.
+pub(super) fn dark() -> Vec<(String, String)> {
+    let middle = |level: usize| (level as f64 + 0.5) / LEVELS as f64;
+    let levels = (0..LEVELS).map(|l| (hex(ramp(middle(l))), hex(dark_ramp(middle(l)))));
+    levels
+        .chain([(TRUTH.to_owned(), "#4a5159".to_owned())])
+        .collect()
+}
+
+/// The SVG, so many pixels wide.
+pub(super) fn svg(map: &Map<'_>, width: u32) -> String {
+    let Map {
+        steps,
+        truth,
+        largest_m,
+        caption,
+    } = *map;
+    let width = f64::from(width);
     let drawn = steps.iter().map(|s| s.x_in_world);
-    let sheet = Sheet::of(drawn.chain(truth.iter().copied()));
-    let height = sheet.height + FOOT;
+    let sheet = Sheet::of(drawn.chain(truth.iter().copied()), width);
+    let height = sheet.height + sheet.foot();
     let mut out = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{WIDTH}\" height=\"{height:.0}\" \
-         viewBox=\"0 0 {WIDTH} {height:.0}\" font-family=\"DejaVu Sans, sans-serif\" font-size=\"12\" fill=\"#222\">\n\
-         <rect width=\"{WIDTH}\" height=\"{height:.0}\" fill=\"#fff\"/>\n"
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height:.0}\" \
+         viewBox=\"0 0 {width} {height:.0}\" role=\"img\" aria-label=\"The path from above\" font-family=\"DejaVu Sans, sans-serif\" font-size=\"12\" fill=\"#222\">\n\
+         <rect width=\"{width}\" height=\"{height:.0}\" fill=\"#fff\"/>\n"
     );
     line(
         &mut out,
         &sheet,
         truth.iter().map(|x| (*x, true)),
-        "#c8c8c8",
+        TRUTH,
         7.0,
     );
     coloured(&mut out, &sheet, steps, largest_m);
@@ -90,7 +136,7 @@ pub(super) fn svg(steps: &[Step], truth: &[[f64; 3]], largest_m: f64, caption: &
         let Some(step) = step else { continue };
         let [x, y] = sheet.px(step.x_in_world);
         let fill = if text == "start" { "#fff" } else { "#222" };
-        let (anchor, beside) = match x > 0.85 * WIDTH {
+        let (anchor, beside) = match x > 0.85 * width {
             true => ("end", x - 9.0),
             false => ("start", x + 9.0),
         };
@@ -166,7 +212,7 @@ fn round_length(room_m: f64) -> f64 {
 }
 
 fn metres(out: &mut String, sheet: &Sheet) {
-    let length = round_length(0.25 * WIDTH / sheet.px_per_m);
+    let length = round_length(0.25 * sheet.width / sheet.px_per_m);
     let (left, y) = (MARGIN, sheet.height + 22.0);
     let right = left + length * sheet.px_per_m;
     let _ = writeln!(
@@ -180,7 +226,11 @@ fn metres(out: &mut String, sheet: &Sheet) {
 }
 
 fn scale(out: &mut String, sheet: &Sheet, largest_m: f64, caption: &str) {
-    let (left, width, y) = (0.5 * WIDTH, 0.5 * WIDTH - MARGIN, sheet.height + 10.0);
+    let (left, y) = match sheet.is_narrow() {
+        true => (MARGIN, sheet.height + FOOT),
+        false => (0.5 * sheet.width, sheet.height + 10.0),
+    };
+    let width = sheet.width - MARGIN - left;
     let step = width / LEVELS as f64;
     for level in 0..LEVELS {
         let colour = hex(ramp((level as f64 + 0.5) / LEVELS as f64));
@@ -216,12 +266,43 @@ mod tests {
         }
     }
 
+    fn drawn(steps: &[Step], largest_m: f64) -> String {
+        let map = Map {
+            steps,
+            truth: &[],
+            largest_m,
+            caption: "error",
+        };
+        svg(&map, 760)
+    }
+
+    #[test]
+    fn every_colour_has_one_for_the_dark() {
+        let steps: Vec<Step> = (0..100)
+            .map(|k| step(f64::from(k), 0.0, 1e-3 * f64::from(k)))
+            .collect();
+        let map = Map {
+            steps: &steps,
+            truth: &[[0.0; 3], [9.0; 3]],
+            largest_m: 0.1,
+            caption: "error",
+        };
+        let text = svg(&map, 336);
+        let dark = dark();
+        for part in text.split("=\"#").skip(1) {
+            let colour = format!("#{}", part.split('"').next().expect("a colour"));
+            let is_known = ["#fff", "#222"].contains(&&*colour)
+                || dark.iter().any(|(light, _)| *light == colour);
+            assert!(is_known, "{colour}");
+        }
+    }
+
     #[test]
     fn the_bar_is_a_round_length_and_true_to_scale() {
         for (room, length) in [(1.0, 1.0), (4.9, 2.0), (23.0, 20.0), (0.07, 0.05)] {
             assert!((round_length(room) - length).abs() < 1e-9, "{room}");
         }
-        let sheet = Sheet::of([[0.0, 0.0, 0.0], [30.0, 4.0, 0.0]].into_iter());
+        let sheet = Sheet::of([[0.0, 0.0, 0.0], [30.0, 4.0, 0.0]].into_iter(), 760.0);
         let [a, b] = [[0.0; 3], [10.0, 0.0, 0.0]].map(|x| sheet.px(x));
         assert!((b[0] - a[0] - 10.0 * sheet.px_per_m).abs() < 1e-9);
         // North is up.
@@ -236,7 +317,7 @@ mod tests {
                 step(20.0 * s.cos(), 20.0 * s.sin(), 0.01)
             })
             .collect();
-        let text = svg(&long, &[], 0.02, "error");
+        let text = drawn(&long, 0.02);
         assert!(text.len() < 120_000, "{}", text.len());
         // One value is one line.
         assert_eq!(text.matches("stroke-width=\"3\"").count(), 1);
@@ -246,13 +327,13 @@ mod tests {
     fn lines_are_broken_where_the_rig_was_lost() {
         let mut steps: Vec<Step> = (0..10).map(|k| step(f64::from(k), 0.0, 0.01)).collect();
         steps[5].follows = false;
-        let text = svg(&steps, &[], 0.02, "error");
+        let text = drawn(&steps, 0.02);
         let path = text
             .lines()
             .find(|l| l.contains("stroke-width=\"3\""))
             .expect("a line");
         assert_eq!(path.matches('M').count(), 2, "{path}");
         // Nothing at all is no panic.
-        assert!(svg(&[], &[], 0.0, "error").ends_with("</svg>"));
+        assert!(drawn(&[], 0.0).ends_with("</svg>"));
     }
 }

@@ -358,16 +358,35 @@ fn the_report_says_whether_it_knows_the_truth() {
     ] {
         assert!(page.contains(expected), "{expected}");
     }
-    // Two pictures of the cloud, in the page itself; nothing is fetched from elsewhere.
-    let mut parts = page.split("data:image/png;base64,");
-    let first = parts.next().expect("a beginning").to_owned();
-    // What is behind each picture: its own text may hold anything.
-    let behind: Vec<&str> = parts
-        .filter_map(|part| Some(part.split_once('"')?.1))
-        .collect();
-    assert_eq!(behind.len(), 2);
-    let text = first + &behind.concat();
-    let elsewhere =
-        text.matches("http").count() - text.matches("http://www.w3.org/2000/svg").count();
-    assert_eq!(elsewhere, 0);
+    // Two images of the cloud, the view in three dimensions, and what each camera saw, in the page itself.
+    assert_eq!(charts::inspect(&page), Ok(()));
+    assert_eq!(page.matches("src=\"data:image/png;base64,").count(), 2);
+    for expected in [
+        "id=\"viewer-data\"",
+        " (100.0 %) are in this view",
+        "needs JavaScript and WebGL2",
+    ] {
+        assert!(page.contains(expected), "{expected}");
+    }
+    let images = page.matches("src=\"data:image/jpeg;base64,/9j/").count();
+    assert!(
+        (9..=12).contains(&images),
+        "{images} images of three cameras"
+    );
+    for name in ["left_shoulder", "right_shoulder", "feet"] {
+        assert!(page.contains(&format!("<h3>{name}</h3>")), "{name}");
+    }
+    assert!(page.len() < 25_000_000, "{}", page.len());
+    assert!(
+        page == report(&[Path::new("--truth"), &truth]).1,
+        "another page"
+    );
+    // A bundle of before has no such images and is as good.
+    let seen = walk.scene.join("seen.jsonl");
+    let kept = walk.scene.with_file_name("seen.kept");
+    fs::rename(&seen, &kept).expect("moved");
+    let (_, page) = report(&[]);
+    fs::rename(&kept, &seen).expect("moved");
+    assert!(page.contains("No image lies beside the bundle"));
+    assert_eq!(charts::inspect(&page), Ok(()));
 }

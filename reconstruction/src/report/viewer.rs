@@ -1,0 +1,398 @@
+//! The view of cloud and path in three dimensions: WebGL2, with everything it needs in the page.
+//!
+//! Contract: the page opens it from a file, without a network; where WebGL2 is missing a sentence stands in its place.
+//! What is embedded takes at most [`MOST_BYTES`]: the path first, of the cloud every so many points, evenly in their order, so that the same
+//! cloud gives the same bytes; how many are shown is said. Places of points are 16-bit steps within the box that holds
+//! everything, a step being a 65535th of its edge: 1.5 mm in a scene of 100 m.
+//!
+//! A layer is a name, a kind and a blob of numbers, little-endian, in base64; `viewer.js` has a function for each kind and
+//! says how its numbers lie. Splats will be one more.
+
+use charts::base64;
+use scene_bundle::outputs::cloud::CloudPoint;
+use serde_json::{Value, json};
+
+use super::POINT_M;
+use super::colours;
+use super::sights;
+use super::way::Step;
+
+/// The frame of the view: style, canvas, controls.
+const HTML: &str = include_str!("viewer.html");
+/// The program.
+const SCRIPT: &str = include_str!("viewer.js");
+/// Most text for layers: with charts and images a report stays well below 25 MB.
+pub(super) const MOST_BYTES: usize = 14_000_000;
+/// Numbers of a point, bytes.
+const POINT_BYTES: usize = 9;
+/// Places of a line, at most; an hour's walk at every 7 cm.
+const MOST_PLACES: usize = 60_000;
+/// Places nearer to the one before are left out, m.
+const SHORTEST_M: f64 = 0.02;
+/// What a line is coloured by where that is not known.
+const UNKNOWN: u8 = 255;
+/// Largest coordinate that is shown, m.
+const FARTHEST_M: f32 = 1e6;
+
+/// What is to be seen.
+pub(super) struct Content<'a> {
+    /// The cloud.
+    pub(super) points: &'a [CloudPoint],
+    /// The path.
+    pub(super) steps: &'a [Step],
+    /// The true path in the same world; empty where it is not known.
+    pub(super) truth: &'a [[f64; 3]],
+    /// What has the last colour, m.
+    pub(super) largest_m: f64,
+    /// What the path is coloured by.
+    pub(super) what: &'a str,
+    /// Where the eye is at first, and what it looks at, m.
+    pub(super) view: [[f64; 3]; 2],
+    /// What is higher is hidden at first, m.
+    pub(super) top_m: f64,
+}
+
+/// The view as HTML, and how many points are in it.
+pub(super) struct Viewer {
+    pub(super) html: String,
+    pub(super) points: usize,
+}
+
+/// Makes the view.
+pub(super) fn viewer(content: &Content<'_>) -> Viewer {
+    let Content { steps, truth, .. } = content;
+    let is_near = |p: &&CloudPoint| p.x_in_world.iter().all(|c| c.abs() <= FARTHEST_M);
+    let points: Vec<&CloudPoint> = content.points.iter().filter(is_near).collect();
+    let places = points.iter().map(|p| p.x_in_world.map(f64::from));
+    let places = places.chain(steps.iter().map(|s| s.x_in_world));
+    let [low, high] = around(places.chain(truth.iter().copied()));
+
+    let largest_m = content.largest_m.max(f64::MIN_POSITIVE);
+    let level = |value_m: f64| (254.0 * (value_m / largest_m).clamp(0.0, 1.0)).round() as u8;
+    let path = line(
+        steps.iter().map(|s| Place {
+            x: s.x_in_world,
+            level: s.value_m.map_or(UNKNOWN, level),
+            follows: s.follows,
+        }),
+        low,
+    );
+    let truth = line(
+        truth.iter().enumerate().map(|(k, x)| Place {
+            x: *x,
+            level: UNKNOWN,
+            follows: k > 0,
+        }),
+        low,
+    );
+    let room = MOST_BYTES.saturating_sub(text_bytes(path.bytes.len() + truth.bytes.len()));
+    let shown = thin(&points, room / text_bytes(POINT_BYTES));
+    let numbers = cloud(&shown, low, high);
+
+    let mut layers: Vec<(Value, Vec<u8>)> = Vec::new();
+    let mut layer = |mut of: Value, bytes: Vec<u8>| {
+        of["blob"] = json!(format!("viewer-{}", layers.len()));
+        layers.push((of, bytes));
+    };
+    layer(
+        json!({"kind": "points", "name": "points", "count": shown.len(), "size_m": POINT_M}),
+        numbers,
+    );
+    if truth.count > 0 {
+        let of = json!({"kind": "line", "name": "truth", "count": truth.count, "wide_px": 6});
+        layer(of, truth.bytes);
+    }
+    let of = json!({"kind": "line", "name": "path", "count": path.count, "wide_px": 3});
+    layer(of, path.bytes);
+
+    let [eye, target] = content.view;
+    let height = high[2] - low[2];
+    let header = json!({
+        "low": low,
+        "high": high,
+        "core": core(&shown, low, high),
+        "view": {"eye": eye, "target": target},
+        "cut": ((content.top_m - low[2]) / height).clamp(0.0, 1.0),
+        "ramp": {
+            "light": colours::ANCHORS,
+            "dark": colours::DARK,
+            "what": content.what,
+            "most": charts::si(content.largest_m, "m"),
+        },
+        "layers": layers.iter().map(|(of, _)| of).collect::<Vec<_>>(),
+    });
+    Viewer {
+        html: embedded(&header, &layers),
+        points: shown.len(),
+    }
+}
+
+fn embedded(header: &Value, layers: &[(Value, Vec<u8>)]) -> String {
+    // In a script element `<` could end it.
+    let header = header.to_string().replace('<', "\\u003c");
+    let mut data =
+        format!("<script type=\"application/json\" id=\"viewer-data\">{header}</script>\n");
+    for (of, bytes) in layers {
+        let name = of["blob"].as_str().unwrap_or_default();
+        data.push_str(&format!(
+            "<script type=\"application/octet-stream\" id=\"{name}\">{}</script>\n",
+            base64(bytes)
+        ));
+    }
+    // The data holds neither marker: it has no `<` but those of its own tags.
+    HTML.replace("<!--SCRIPT-->", SCRIPT.trim_end())
+        .replace("<!--DATA-->", data.trim_end())
+}
+
+/// Length of so many bytes in base64.
+fn text_bytes(bytes: usize) -> usize {
+    bytes.div_ceil(3) * 4
+}
+
+/// The box that holds all places, at least a metre along each edge.
+fn around(places: impl Iterator<Item = [f64; 3]>) -> [[f64; 3]; 2] {
+    let mut low = [f64::INFINITY; 3];
+    let mut high = [f64::NEG_INFINITY; 3];
+    for x in places.filter(|x| x.iter().all(|c| c.is_finite())) {
+        for k in 0..3 {
+            low[k] = low[k].min(x[k]);
+            high[k] = high[k].max(x[k]);
+        }
+    }
+    for k in 0..3 {
+        if !low[k].is_finite() {
+            (low[k], high[k]) = (0.0, 0.0);
+        }
+        if high[k] - low[k] < 1.0 {
+            let middle = 0.5 * (low[k] + high[k]);
+            (low[k], high[k]) = (middle - 0.5, middle + 0.5);
+        }
+    }
+    [low, high]
+}
+
+/// The box that holds nearly all points.
+fn core(points: &[&CloudPoint], low: [f64; 3], high: [f64; 3]) -> [[f64; 3]; 2] {
+    let all = [0, 1, 2].map(|k| {
+        let values = points.iter().map(|p| f64::from(p.x_in_world[k]));
+        sights::range(values).unwrap_or((low[k], high[k]))
+    });
+    [all.map(|(low, _)| low), all.map(|(_, high)| high)]
+}
+
+/// At most so many, evenly.
+fn thin<'a>(points: &[&'a CloudPoint], most: usize) -> Vec<&'a CloudPoint> {
+    let all = points.len();
+    let count = all.min(most);
+    (0..count).map(|k| points[k * all / count]).collect()
+}
+
+fn cloud(points: &[&CloudPoint], low: [f64; 3], high: [f64; 3]) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(points.len() * POINT_BYTES);
+    for point in points {
+        for k in 0..3 {
+            let share = (f64::from(point.x_in_world[k]) - low[k]) / (high[k] - low[k]);
+            let steps = (65535.0 * share).round().clamp(0.0, 65535.0) as u16;
+            bytes.extend(steps.to_le_bytes());
+        }
+    }
+    bytes.extend(points.iter().flat_map(|p| p.colour));
+    bytes
+}
+
+/// A place of a line.
+struct Place {
+    x: [f64; 3],
+    level: u8,
+    follows: bool,
+}
+
+/// The numbers of a line.
+struct Line {
+    count: usize,
+    bytes: Vec<u8>,
+}
+
+/// Places too near to the one before are left out, and of too many every so many; ends and breaks stay.
+fn line(places: impl Iterator<Item = Place>, low: [f64; 3]) -> Line {
+    let mut kept: Vec<Place> = Vec::new();
+    let mut skipped: Option<Place> = None;
+    for place in places.filter(|p| p.x.iter().all(|c| c.is_finite())) {
+        let is_near = kept.last().is_some_and(|last| {
+            let off = [0, 1, 2].map(|k| place.x[k] - last.x[k]);
+            off.iter().map(|c| c * c).sum::<f64>() < SHORTEST_M * SHORTEST_M
+        });
+        if place.follows && is_near {
+            skipped = Some(place);
+            continue;
+        }
+        if !place.follows {
+            kept.extend(skipped.take());
+        }
+        skipped = None;
+        kept.push(place);
+    }
+    kept.extend(skipped);
+    let every = kept.len().div_ceil(MOST_PLACES).max(1);
+    let last = kept.len().saturating_sub(1);
+    let is_break = |k: usize| kept.get(k).is_some_and(|p| !p.follows);
+    let of_line: Vec<&Place> = (0..kept.len())
+        .filter(|k| k % every == 0 || *k == last || is_break(*k) || is_break(k + 1))
+        .map(|k| &kept[k])
+        .collect();
+    let numbers = of_line
+        .iter()
+        .flat_map(|p| [0, 1, 2].map(|k| (p.x[k] - low[k]) as f32));
+    let mut bytes: Vec<u8> = numbers.flat_map(f32::to_le_bytes).collect();
+    bytes.extend(of_line.iter().flat_map(|p| [p.level, u8::from(p.follows)]));
+    Line {
+        count: of_line.len(),
+        bytes,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(x: [f32; 3]) -> CloudPoint {
+        CloudPoint {
+            x_in_world: x,
+            colour: [1, 2, 3],
+            sigma_m: 0.01,
+        }
+    }
+
+    fn step(x: f64, follows: bool) -> Step {
+        Step {
+            time_s: x,
+            x_in_world: [x, 0.0, 0.0],
+            value_m: Some(0.01 * x),
+            follows,
+        }
+    }
+
+    fn content<'a>(
+        points: &'a [CloudPoint],
+        steps: &'a [Step],
+        truth: &'a [[f64; 3]],
+    ) -> Content<'a> {
+        Content {
+            points,
+            steps,
+            truth,
+            largest_m: 0.1,
+            what: "error < 1",
+            view: [[0.0, -5.0, 3.0], [0.0; 3]],
+            top_m: 1.0,
+        }
+    }
+
+    fn page(html: &str) -> String {
+        charts::Page::new("p").embed(html).to_html()
+    }
+
+    #[test]
+    fn the_program_is_short_and_fetches_nothing() {
+        let lines = HTML.lines().chain(SCRIPT.lines());
+        assert!(lines.clone().count() <= 600, "{}", lines.count());
+        let longest = lines.map(|l| l.chars().count()).max();
+        assert!(longest <= Some(140), "{longest:?}");
+        let viewer = viewer(&content(&[point([0.0; 3])], &[step(0.0, false)], &[]));
+        assert_eq!(charts::inspect(&page(&viewer.html)), Ok(()));
+        for marker in ["<!--", "error < 1"] {
+            assert!(!viewer.html.contains(marker), "{marker}");
+        }
+        // Without WebGL2 or scripts a sentence is there.
+        assert!(
+            viewer.html.contains("data-none=\"\"")
+                && viewer.html.contains("needs JavaScript and WebGL2")
+        );
+        assert!(viewer.html.contains("prefers-color-scheme: dark"));
+    }
+
+    #[test]
+    fn points_are_where_they_were_to_a_step() {
+        let points = [
+            point([-10.0, 0.0, 2.0]),
+            point([30.0, 5.0, 2.5]),
+            point([f32::NAN; 3]),
+        ];
+        let near: Vec<&CloudPoint> = points[..2].iter().collect();
+        let [low, high] = around(near.iter().map(|p| p.x_in_world.map(f64::from)));
+        // An edge is a metre at least.
+        assert_eq!((low, high), ([-10.0, 0.0, 1.75], [30.0, 5.0, 2.75]));
+        let bytes = cloud(&near, low, high);
+        assert_eq!(bytes.len(), 18);
+        let step = |k: usize| f64::from(u16::from_le_bytes([bytes[2 * k], bytes[2 * k + 1]]));
+        for (k, point) in near.iter().enumerate() {
+            for axis in 0..3 {
+                let edge = high[axis] - low[axis];
+                let back = low[axis] + step(3 * k + axis) * edge / 65535.0;
+                let off = back - f64::from(point.x_in_world[axis]);
+                assert!(off.abs() <= 0.5 * edge / 65535.0 + 1e-12, "{off}");
+            }
+        }
+        assert_eq!(bytes[12..], [1, 2, 3, 1, 2, 3]);
+        assert_eq!(viewer(&content(&points, &[], &[])).points, 2);
+    }
+
+    #[test]
+    fn many_points_stay_within_the_room_and_are_the_same_twice() {
+        let points: Vec<CloudPoint> = (0..1_500_000_u32)
+            .map(|k| point([k as f32 * 1e-3, (k % 977) as f32, (k % 31) as f32]))
+            .collect();
+        let steps: Vec<Step> = (0..200_000)
+            .map(|k| step(f64::from(k) * 0.05, k % 100_000 != 0))
+            .collect();
+        let truth: Vec<[f64; 3]> = steps.iter().map(|s| s.x_in_world).collect();
+        let of = content(&points, &steps, &truth);
+        let first = viewer(&of);
+        let rest = HTML.len() + SCRIPT.len() + 4096;
+        assert!(
+            first.html.len() <= MOST_BYTES + rest,
+            "{}",
+            first.html.len()
+        );
+        assert!(
+            first.html.len() > MOST_BYTES * 9 / 10,
+            "{}",
+            first.html.len()
+        );
+        assert!(first.points > 500_000 && first.points < points.len());
+        assert!(first.html == viewer(&of).html);
+        // Evenly: the first and nearly the last are there.
+        let all: Vec<&CloudPoint> = points.iter().collect();
+        let thinned = thin(&all, 1000);
+        assert_eq!(thinned.len(), 1000);
+        assert_eq!(thinned[0].x_in_world, points[0].x_in_world);
+        assert_eq!(thinned[999].x_in_world, points[1_498_500].x_in_world);
+    }
+
+    #[test]
+    fn a_line_keeps_its_ends_and_breaks() {
+        let steps: Vec<Step> = (0..1000)
+            .map(|k| step(f64::from(k) * 1e-3, k != 500))
+            .collect();
+        let places = steps.iter().map(|s| Place {
+            x: s.x_in_world,
+            level: 7,
+            follows: s.follows,
+        });
+        let made = line(places, [0.0; 3]);
+        assert_eq!(made.bytes.len(), 14 * made.count);
+        assert!(made.count > 50 && made.count < 60, "{}", made.count);
+        let x =
+            |k: usize| f32::from_le_bytes(made.bytes[12 * k..12 * k + 4].try_into().expect("four"));
+        let follows = |k: usize| made.bytes[12 * made.count + 2 * k + 1] == 1;
+        let broken: Vec<usize> = (1..made.count).filter(|k| !follows(*k)).collect();
+        let [broken] = broken[..] else {
+            panic!("{broken:?}")
+        };
+        assert_eq!((x(broken - 1), x(broken)), (0.499, 0.5));
+        assert_eq!((x(0), x(made.count - 1)), (0.0, 0.999));
+        // Nothing at all is no panic.
+        assert_eq!(line(std::iter::empty(), [0.0; 3]).count, 0);
+        assert_eq!(viewer(&content(&[], &[], &[])).points, 0);
+    }
+}

@@ -1,0 +1,123 @@
+//! A few small images of what each camera saw, beside the outputs of a bundle, for its report.
+//!
+//! Contract: `seen.jsonl` in the bundle's folder has a line for each image. It is no part of the bundle: nothing depends on
+//! it, no hash covers it, and a bundle without it is as good. The same session gives the same bytes.
+
+use std::io;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use session_archive::index::Access;
+use session_archive::manifest;
+use video::Codec;
+use video::still::{Candidate, Settings, Still, stills};
+
+use crate::input::Input;
+
+/// The file.
+pub const FILE: &str = scene_bundle::layout::SEEN;
+
+/// A small image of one camera.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Seen {
+    /// The camera.
+    pub camera: String,
+    /// What the image stands for, as in `start` or `middle, least sharp`.
+    pub role: String,
+    /// Number of its frame.
+    pub frame: u64,
+    /// s after the session's first frame.
+    pub after_s: f64,
+    /// `left`, `right` or `both`.
+    pub eye: String,
+    /// As [`video::still::Look`] has it.
+    pub sharpness: f64,
+    /// As [`video::still::Look`] has it.
+    pub brightness: f64,
+    /// As [`video::still::Look`] has it.
+    pub clipped: f64,
+    /// A JPEG file in base64.
+    pub jpeg: String,
+}
+
+/// Looks at a session and writes the file into the bundle in `folder`. What cannot be decoded is left out.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write(folder: &Path, input: &Input) -> io::Result<()> {
+    let mut text = String::new();
+    for seen in look(input) {
+        text.push_str(&serde_json::to_string(&seen)?);
+        text.push('\n');
+    }
+    std::fs::write(folder.join(FILE), text)
+}
+
+/// The images of a bundle; none if it has no such file. Lines that are none are passed over.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn read(folder: &Path) -> io::Result<Vec<Seen>> {
+    let text = match std::fs::read_to_string(folder.join(FILE)) {
+        Ok(text) => text,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
+        Err(error) => return Err(error),
+    };
+    let lines = text.lines();
+    Ok(lines.filter_map(|l| serde_json::from_str(l).ok()).collect())
+}
+
+fn look(input: &Input) -> Vec<Seen> {
+    let index = input.index();
+    let first = index.cameras.iter().flat_map(|c| c.frames.first());
+    let start_ns = first.map(|f| f.time_ns).min().unwrap_or(0);
+    let mut seen = Vec::new();
+    for camera in &input.manifest().cameras {
+        for still in of_camera(input, camera) {
+            let roles: Vec<&str> = still.roles.iter().map(|role| role.name()).collect();
+            seen.push(Seen {
+                camera: camera.name.clone(),
+                role: roles.join(", "),
+                frame: still.number,
+                after_s: still.time_ns.saturating_sub(start_ns) as f64 * 1e-9,
+                eye: still.eye.to_owned(),
+                sharpness: still.look.sharpness,
+                brightness: still.look.brightness,
+                clipped: still.look.clipped,
+                jpeg: charts::base64(&still.jpeg),
+            });
+        }
+    }
+    seen
+}
+
+fn of_camera(input: &Input, camera: &manifest::Camera) -> Vec<Still> {
+    let cameras = &input.index().cameras;
+    let frames = cameras.iter().find(|c| c.name == camera.name);
+    let codec = Codec::from_foxglove_format(&camera.codec);
+    let (Some(codec), Some(frames)) = (codec, frames) else {
+        return Vec::new();
+    };
+    let access: &Access = input.access();
+    let candidates: Vec<Candidate> = frames
+        .frames
+        .iter()
+        .map(|frame| Candidate {
+            number: frame.number,
+            time_ns: frame.time_ns,
+            key: frame.key as usize,
+        })
+        .collect();
+    let settings = Settings::default();
+    let mut read = |position: usize| access.unit(&frames.frames[position]).ok();
+    match stills(codec, &candidates, &settings, &mut read) {
+        Ok(found) => found.stills,
+        Err(error) => {
+            log::warn!(
+                "looking at frames of {} for the report: {error}",
+                camera.name
+            );
+            Vec::new()
+        }
+    }
+}
