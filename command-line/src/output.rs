@@ -26,6 +26,11 @@ pub fn print(line: impl Display) -> io::Result<()> {
     writeln!(out, "{line}").and_then(|()| out.flush())
 }
 
+/// Whether `-q` was given, or something else lets the logger pass on only what failed: then progress is not shown either.
+pub fn is_quiet() -> bool {
+    log::max_level() < log::LevelFilter::Warn
+}
+
 /// Whether an error only says that the reader of the output has closed the pipe.
 pub fn is_broken_pipe(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
