@@ -38,7 +38,10 @@ impl Firsts {
         for name in self.come(status) {
             match self.pending.as_slice() {
                 [] => step(format_args!("{name} delivers")),
-                rest => step(format_args!("{name} delivers; waiting for {}", rest.join(", "))),
+                rest => step(format_args!(
+                    "{name} delivers; waiting for {}",
+                    rest.join(", ")
+                )),
             }
         }
     }

@@ -137,12 +137,22 @@ fn check_finds_errors_of_the_machine() {
         report.contains("ok       camera feet: ") && report.contains("0 errors, 1 warning:"),
         "{report}"
     );
-    let output = run(&["check", "--config", "pawsd.toml", "--json"], good.path(), 0);
+    let output = run(
+        &["check", "--config", "pawsd.toml", "--json"],
+        good.path(),
+        0,
+    );
     let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(document["format"], "pawsd-check");
-    assert_eq!((&document["errors"], &document["warnings"]), (&0.into(), &1.into()));
+    assert_eq!(
+        (&document["errors"], &document["warnings"]),
+        (&0.into(), &1.into())
+    );
     let findings = document["findings"].as_array().unwrap();
-    let camera = findings.iter().find(|f| f["about"] == "camera feet").unwrap();
+    let camera = findings
+        .iter()
+        .find(|f| f["about"] == "camera feet")
+        .unwrap();
     assert_eq!(camera["level"], "ok", "{camera}");
     // What takes its time says so before, unless it is to be quiet.
     let told = text(&output.stderr);
@@ -453,8 +463,15 @@ fn a_daemon_says_what_it_waits_for_and_when_it_is_armed() {
     let socket = folder.path().join("s");
     let start = format!("`pawsd start --socket {}`", socket.display());
     assert!(told.last().unwrap().ends_with(&start), "{told:#?}");
-    for expected in ["opening feet", "waiting for the first frames of feet", "feet delivers"] {
-        assert!(told.iter().any(|line| line == expected), "no {expected:?} in {told:#?}");
+    for expected in [
+        "opening feet",
+        "waiting for the first frames of feet",
+        "feet delivers",
+    ] {
+        assert!(
+            told.iter().any(|line| line == expected),
+            "no {expected:?} in {told:#?}"
+        );
     }
 }
 
@@ -479,7 +496,13 @@ fn manual_pages_and_completions_come_from_the_program() {
     let folder = tempfile::tempdir().unwrap();
     run(&["man", "--out", "man"], folder.path(), 0);
     let page = fs::read_to_string(folder.path().join("man/pawsd-record.1")).unwrap();
-    assert!(page.contains("\\-\\-seconds") && page.contains(".SH EXAMPLES"), "{page}");
+    assert!(
+        page.contains("\\-\\-seconds") && page.contains(".SH EXAMPLES"),
+        "{page}"
+    );
     let script = text(&run(&["completions", "fish"], folder.path(), 0).stdout);
-    assert!(script.contains("record") && script.contains("virtual"), "{script}");
+    assert!(
+        script.contains("record") && script.contains("virtual"),
+        "{script}"
+    );
 }

@@ -24,7 +24,11 @@ pub const VERSION: u32 = 1;
 ///
 /// # Errors
 /// Whoever reads the output is gone.
-pub fn print(document: &impl Serialize, in_one_line: bool, console: &mut Console<'_>) -> io::Result<()> {
+pub fn print(
+    document: &impl Serialize,
+    in_one_line: bool,
+    console: &mut Console<'_>,
+) -> io::Result<()> {
     let text = match in_one_line {
         true => serde_json::to_string(document)?,
         false => serde_json::to_string_pretty(document)?,

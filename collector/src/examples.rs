@@ -8,7 +8,10 @@ pub(crate) const EXAMPLES: Table = &[
         "import",
         &[
             ("paws import /media/rig", "every session on a mounted disk"),
-            ("paws import --json walk-7", "one session; one line of JSON says what became of it"),
+            (
+                "paws import --json walk-7",
+                "one session; one line of JSON says what became of it",
+            ),
         ],
     ),
     (
@@ -28,7 +31,10 @@ pub(crate) const EXAMPLES: Table = &[
         "validate",
         &[
             ("paws validate latest", "the newest session of the library"),
-            ("paws validate walk-7 --deep --html report.html", "every frame decoded, with a page"),
+            (
+                "paws validate walk-7 --deep --html report.html",
+                "every frame decoded, with a page",
+            ),
             (
                 "paws validate walk-7 --limit camera.dropped=0.01,0.05",
                 "warn from 1 % of dropped frames on, fail from 5 %",
@@ -50,21 +56,30 @@ pub(crate) const EXAMPLES: Table = &[
         "list",
         &[
             ("paws list", "a table"),
-            ("paws list --json", "for programs; docs/command-line.md lists the fields"),
+            (
+                "paws list --json",
+                "for programs; docs/command-line.md lists the fields",
+            ),
         ],
     ),
     (
         "show",
         &[
             ("paws show latest", "the newest session"),
-            ("paws show 0192aa --json", "by the beginning of its identifier, for programs"),
+            (
+                "paws show 0192aa --json",
+                "by the beginning of its identifier, for programs",
+            ),
         ],
     ),
     (
         "recover",
         &[
             ("paws recover latest", "a copy beside it in the library"),
-            ("paws recover /media/rig/walk-7 --out walk-7-sound", "one that is in no library"),
+            (
+                "paws recover /media/rig/walk-7 --out walk-7-sound",
+                "one that is in no library",
+            ),
         ],
     ),
     (
@@ -77,8 +92,14 @@ pub(crate) const EXAMPLES: Table = &[
     (
         "export",
         &[
-            ("paws export latest --format mp4 --out films", "one film per camera"),
-            ("paws export walk-7 --format euroc --out walk-7-euroc", "PNG frames, IMU and calibration"),
+            (
+                "paws export latest --format mp4 --out films",
+                "one film per camera",
+            ),
+            (
+                "paws export walk-7 --format euroc --out walk-7-euroc",
+                "PNG frames, IMU and calibration",
+            ),
         ],
     ),
     (
@@ -91,15 +112,24 @@ pub(crate) const EXAMPLES: Table = &[
             ),
         ],
     ),
-    ("rebuild", &[("paws rebuild", "after folders were copied by hand")]),
+    (
+        "rebuild",
+        &[("paws rebuild", "after folders were copied by hand")],
+    ),
     (
         "calib camera-imu",
-        &[("paws calib camera-imu latest", "with the boards and lenses of the session")],
+        &[(
+            "paws calib camera-imu latest",
+            "with the boards and lenses of the session",
+        )],
     ),
     (
         "calib cameras",
         &[
-            ("paws calib cameras latest", "with the boards of the session"),
+            (
+                "paws calib cameras latest",
+                "with the boards of the session",
+            ),
             (
                 "paws calib cameras latest --target board.toml --out calibration",
                 "with a board of your own",
@@ -113,10 +143,16 @@ pub(crate) const EXAMPLES: Table = &[
             "a factory file for Kalibr",
         )],
     ),
-    ("calib verify", &[("paws calib verify latest", "are the lenses still true?")]),
+    (
+        "calib verify",
+        &[("paws calib verify latest", "are the lenses still true?")],
+    ),
     (
         "calib imu",
-        &[("paws calib imu still --imu feet/imu", "from a session in which the rig lay still")],
+        &[(
+            "paws calib imu still --imu feet/imu",
+            "from a session in which the rig lay still",
+        )],
     ),
     (
         "calib targets",
@@ -135,21 +171,39 @@ pub(crate) const EXAMPLES: Table = &[
     (
         "rig check",
         &[
-            ("paws rig check rig.toml", "3: look at the warnings; 1: not to be used"),
+            (
+                "paws rig check rig.toml",
+                "3: look at the warnings; 1: not to be used",
+            ),
             ("paws rig check rig.toml --json", "for programs"),
         ],
     ),
-    ("rig diff", &[("paws rig diff before.toml after.toml", "in mm and degrees")]),
+    (
+        "rig diff",
+        &[("paws rig diff before.toml after.toml", "in mm and degrees")],
+    ),
     (
         "rig convert",
         &[
-            ("paws rig convert plate.step --list", "the parts, to write a map by"),
-            ("paws rig convert plate.step --map map.toml --out rig.toml", "a rig file of them"),
+            (
+                "paws rig convert plate.step --list",
+                "the parts, to write a map by",
+            ),
+            (
+                "paws rig convert plate.step --map map.toml --out rig.toml",
+                "a rig file of them",
+            ),
         ],
     ),
     (
         "completions",
-        &[("paws completions bash", "for `source <(paws completions bash)`")],
+        &[(
+            "paws completions bash",
+            "for `source <(paws completions bash)`",
+        )],
     ),
-    ("man", &[("paws man --out man", "paws.1 and one page per verb")]),
+    (
+        "man",
+        &[("paws man --out man", "paws.1 and one page per verb")],
+    ),
 ];

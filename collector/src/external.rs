@@ -23,9 +23,18 @@ use crate::target::Target;
 const PREFIX: &str = "paws-";
 /// The programs of this toolkit, and what they do.
 const KNOWN: [(&str, &str); 3] = [
-    ("reconstruct", "Depth, poses and a cloud from a hand-off: a scene bundle"),
-    ("rig-sim", "Simulate a walk with the rig, with its exact truth"),
-    ("scene", "Look into a scene bundle, check it, write it in the formats of others"),
+    (
+        "reconstruct",
+        "Depth, poses and a cloud from a hand-off: a scene bundle",
+    ),
+    (
+        "rig-sim",
+        "Simulate a walk with the rig, with its exact truth",
+    ),
+    (
+        "scene",
+        "Look into a scene bundle, check it, write it in the formats of others",
+    ),
 ];
 /// The verbs of `paws-reconstruct` whose first argument is a hand-off.
 const READ_HANDOFF: [&str; 3] = ["info", "frames", "run"];

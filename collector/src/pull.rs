@@ -198,7 +198,9 @@ fn choose<'a>(
             (Some(at), _) => _ = chosen.insert(at),
             (None, _) if text == LATEST => match latest(there) {
                 Some(at) => _ = chosen.insert(at),
-                None => refuse("the rig has no session that is ended and could be pulled".to_owned()),
+                None => {
+                    refuse("the rig has no session that is ended and could be pulled".to_owned())
+                }
             },
             (None, [one]) => chosen.extend(there.iter().position(|s| s.name == *one)),
             (None, []) => refuse(format!(

@@ -85,7 +85,9 @@ fn visit<'a>(
                     matches = inner;
                 }
                 if found != *path {
-                    wrong.push(format!("{line}: an example of {path:?}, taken for {found:?}"));
+                    wrong.push(format!(
+                        "{line}: an example of {path:?}, taken for {found:?}"
+                    ));
                 }
             }
         }
@@ -133,7 +135,10 @@ mod tests {
             help.ends_with("Examples:\n  # somewhere\n  tool go 'a place'\n"),
             "{help}"
         );
-        let imu = good.find_subcommand("calib").unwrap().find_subcommand("imu");
+        let imu = good
+            .find_subcommand("calib")
+            .unwrap()
+            .find_subcommand("imu");
         let imu = imu.unwrap().get_after_help().unwrap().to_string();
         assert!(imu.starts_with("Slow.\n\nExamples:\n"), "{imu}");
     }

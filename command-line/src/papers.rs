@@ -138,7 +138,10 @@ mod tests {
             .about("Go somewhere")
             .arg(Arg::new("fast").long("fast").help("Be quick"))
             .after_help("Slow.\n\nExamples:\n  # away\n  tool go --fast x");
-        Command::new("tool").version("1").about("A tool").subcommand(go)
+        Command::new("tool")
+            .version("1")
+            .about("A tool")
+            .subcommand(go)
     }
 
     #[test]
@@ -187,7 +190,9 @@ mod tests {
         let parsed = Verbs::try_parse_from(["tool", "completions", "zsh"]);
         assert!(matches!(
             parsed,
-            Ok(Verbs::Papers(Papers::Completions { shell: ShellName::Zsh }))
+            Ok(Verbs::Papers(Papers::Completions {
+                shell: ShellName::Zsh
+            }))
         ));
     }
 }

@@ -6,7 +6,10 @@ use command_line::examples::Table;
 pub(crate) const EXAMPLES: Table = &[
     (
         "info",
-        &[("paws-reconstruct info walk-7/handoff.json", "checks every byte first")],
+        &[(
+            "paws-reconstruct info walk-7/handoff.json",
+            "checks every byte first",
+        )],
     ),
     (
         "frames",
@@ -18,7 +21,10 @@ pub(crate) const EXAMPLES: Table = &[
     (
         "run",
         &[
-            ("paws-reconstruct run walk-7 --out scene", "all stages; started again it goes on"),
+            (
+                "paws-reconstruct run walk-7 --out scene",
+                "all stages; started again it goes on",
+            ),
             (
                 "paws-reconstruct run walk-7 --out scene --preset fast --to mapping",
                 "poses only, soon",
@@ -56,6 +62,9 @@ pub(crate) const EXAMPLES: Table = &[
     ),
     (
         "man",
-        &[("paws-reconstruct man --out man", "paws-reconstruct.1 and one page per verb")],
+        &[(
+            "paws-reconstruct man --out man",
+            "paws-reconstruct.1 and one page per verb",
+        )],
     ),
 ];

@@ -7,16 +7,28 @@ pub(crate) const EXAMPLES: Table = &[
     (
         "show",
         &[
-            ("paws-scene show scene", "what it was made of, and what it holds"),
+            (
+                "paws-scene show scene",
+                "what it was made of, and what it holds",
+            ),
             ("paws-scene show scene --json", "for programs"),
         ],
     ),
-    ("verify", &[("paws-scene verify scene", "every byte against its hash")]),
+    (
+        "verify",
+        &[("paws-scene verify scene", "every byte against its hash")],
+    ),
     (
         "export",
         &[
-            ("paws-scene export scene --format ply --out cloud.ply", "the cloud"),
-            ("paws-scene export scene --format tum --out poses.txt", "the trajectory"),
+            (
+                "paws-scene export scene --format ply --out cloud.ply",
+                "the cloud",
+            ),
+            (
+                "paws-scene export scene --format tum --out poses.txt",
+                "the trajectory",
+            ),
             (
                 "paws-scene export scene --format nerfstudio --pictures frames --out nerf",
                 "with the images that `paws-reconstruct frames` wrote",
@@ -25,7 +37,16 @@ pub(crate) const EXAMPLES: Table = &[
     ),
     (
         "completions",
-        &[("paws-scene completions bash", "for `source <(paws-scene completions bash)`")],
+        &[(
+            "paws-scene completions bash",
+            "for `source <(paws-scene completions bash)`",
+        )],
     ),
-    ("man", &[("paws-scene man --out man", "paws-scene.1 and one page per verb")]),
+    (
+        "man",
+        &[(
+            "paws-scene man --out man",
+            "paws-scene.1 and one page per verb",
+        )],
+    ),
 ];

@@ -97,12 +97,7 @@ fn everything_wrong_is_told_at_once() {
     let found = findings(here, text);
     expect(&found, "session", Level::Error, "not a directory");
     expect(&found, "disk", Level::Error, "expected at least 99999.3 GB");
-    expect(
-        &found,
-        "control",
-        Level::Error,
-        "could not make its socket",
-    );
+    expect(&found, "control", Level::Error, "could not make its socket");
     expect(&found, "rig", Level::Error, "name is missing");
     expect(&found, "trigger", Level::Warning, "gone alone");
     expect(&found, "camera gone", Level::Error, "no folder");
@@ -203,7 +198,11 @@ fn a_page_that_could_not_be_served_is_an_error() {
     expect(&found, "page", Level::Error, "absent");
     // A daemon that runs has it.
     let _daemon = std::os::unix::net::UnixListener::bind(here.join("running")).unwrap();
-    fs::write(here.join("token"), format!("{}\n", "0123456789abcdef".repeat(4))).unwrap();
+    fs::write(
+        here.join("token"),
+        format!("{}\n", "0123456789abcdef".repeat(4)),
+    )
+    .unwrap();
     let mode = std::os::unix::fs::PermissionsExt::from_mode(0o600);
     fs::set_permissions(here.join("token"), mode).unwrap();
     let found = page("running", "token");
@@ -220,9 +219,19 @@ fn a_socket_that_could_not_be_made_is_an_error() {
     let here = folder.path();
     fs::write(here.join("file"), "").unwrap();
     let socket = |path: &str| findings(here, &format!("control.socket = \"{path}\"\n{SYNTHETIC}"));
-    expect(&socket("file"), "control", Level::Error, "no socket lies in its place");
+    expect(
+        &socket("file"),
+        "control",
+        Level::Error,
+        "no socket lies in its place",
+    );
     let long = "x".repeat(120);
-    expect(&socket(&long), "control", Level::Error, "no socket can have this path");
+    expect(
+        &socket(&long),
+        "control",
+        Level::Error,
+        "no socket can have this path",
+    );
 }
 
 /// A recording would be without it, however long a daemon would wait.
