@@ -194,13 +194,11 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
             return ExitCode::from(e.exit_code() as u8);
         }
     };
-    let logger = cli
-        .verbosity
-        .logger(LevelFilter::Warn)
-        .format(|out, record| {
-            let level = record.level().as_str().to_lowercase();
-            writeln!(out, "{level}: {}", record.args())
-        });
+    let mut logger = cli.verbosity.logger(LevelFilter::Warn);
+    logger.format(|out, record| {
+        let level = record.level().as_str().to_lowercase();
+        writeln!(out, "{level}: {}", record.args())
+    });
     // A second run in one process keeps the first one's.
     let _ = logger.try_init();
     if let Verb::External(words) = &cli.verb {

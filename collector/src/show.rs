@@ -178,8 +178,8 @@ pub fn json(target: &Target, console: &mut Console<'_>) -> Result<Outcome> {
     let record = ImportRecord::read(&target.folder);
     let report = newest_report(validation.as_ref(), record.as_ref());
     let cameras = manifest.cameras.iter().map(|camera| {
-        let streams = validation.iter().flat_map(|v| &v.summary.streams);
-        let measured = streams.into_iter().find(|s| s.name == camera.name);
+        let mut streams = validation.iter().flat_map(|v| &v.summary.streams);
+        let measured = streams.find(|s| s.name == camera.name);
         Camera {
             measured_hz: measured.map(|s| s.rate_hz),
             bytes: measured.map(|s| s.bytes),

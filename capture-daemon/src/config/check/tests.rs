@@ -239,7 +239,7 @@ fn a_socket_that_could_not_be_made_is_an_error() {
 fn a_camera_that_is_not_there_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let text = "[[camera]]\nname = \"feet\"\n\
-        source = { kind = \"v4l2\", device = \"/dev/video-that-is-not-there\", width = 128, height = 64, rate_hz = 15, format = \"yuyv\" }\n";
+        source = { kind = \"v4l2\", device = \"/dev/video-that-is-not-there\", width = 128, height = 64, rate_hz = 15 }\n";
     let found = findings(folder.path(), text);
     expect(&found, "camera feet", Level::Error, "pawsd devices");
 }
