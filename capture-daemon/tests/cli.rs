@@ -75,7 +75,7 @@ fn wrong_arguments_end_with_2() {
         let error = text(&run(args, folder.path(), 2).stderr);
         assert!(error.contains(expected), "no {expected:?} in:\n{error}");
     };
-    check(&[], "Usage: pawsd <COMMAND>");
+    check(&[], "Usage: pawsd [OPTIONS] <COMMAND>");
     check(&["recrod"], "record");
     check(&["record", "--config", "pawsd.toml"], "--seconds <N>");
     for seconds in ["0", "-1", "nan", "1e9", "ten"] {

@@ -245,7 +245,7 @@ fn documents_say_what_the_tables_say() {
     );
 
     check(at, &["validate", ID], 1, "FAIL");
-    let show = &json(at, &["show", "walk-7", "--json"], 0)[0];
+    let show = &json(at, &["show", ID, "--json"], 0)[0];
     assert_eq!(
         (&show["format"], &show["version"]),
         (&"paws-show".into(), &1.into())
@@ -305,13 +305,14 @@ fn the_latest_session_and_paths_are_found_by_every_verb() {
     );
     // A folder, or what lies in it.
     let inside = format!("library/sessions/{late}/handoff.json");
-    for path in [
-        &inside[..],
-        &format!("library/sessions/{late}/"),
-        "b",
-        "b/session.json",
+    let listed = format!("library/sessions/{late}/");
+    for (path, expected) in [
+        (&inside[..], late),
+        (&listed, late),
+        ("b", "/b\n"),
+        ("b/session.json", "/b\n"),
     ] {
-        check(at, &["show", path], 0, late);
+        check(at, &["show", path], 0, expected);
     }
 }
 
@@ -401,6 +402,9 @@ fn quiet_says_nothing_but_failures() {
     let first = "connecting to http://192.0.2.1:1 (gives up after 10 s)";
     assert_eq!(told.lines().next(), Some(first), "{told}");
     let told = pull(&["-q"]);
-    assert!(told.starts_with("paws: http://192.0.2.1:1 is not on"), "{told}");
+    assert!(
+        told.starts_with("paws: http://192.0.2.1:1 is not on"),
+        "{told}"
+    );
     assert_eq!(told.lines().count(), 1, "{told}");
 }
