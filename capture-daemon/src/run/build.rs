@@ -16,6 +16,7 @@ use video::discover::{self, Load};
 use video::encoder::Preset;
 use video::{Codec, EncoderSettings};
 
+use crate::announce;
 use crate::config::{self, Config, SourceConfig};
 use crate::hub::{CameraSetup, ImuSetup};
 use crate::recorder::Setup;
@@ -79,10 +80,12 @@ pub fn build(config: &Config, start: HostTime) -> anyhow::Result<Built> {
     let mut walks = Walks::default();
     for camera in &config.cameras {
         let name = &camera.name;
+        announce::step(format_args!("opening {name}"));
         let source = open(camera, rig.rig.as_ref(), &mut walks, start)
             .with_context(|| format!("opening the source of {name}"))?;
         sources.push(source);
     }
+    announce::step("finding an encoder");
     let encoder = choose_encoder(config, sources.iter().map(|s| &s.info().camera))
         .context("finding an encoder for the cameras")?;
     for (camera, source) in config.cameras.iter().zip(&sources) {
