@@ -86,6 +86,9 @@ pub use self::tags::{Foot, ShoeTag, TagFamily};
 /// The version of the file this crate reads.
 pub const RIG_FORMAT: i64 = 1;
 
+/// Transforms that differ by less are the same, m and rad.
+const SAME: f64 = 1e-9;
+
 /// Fixed transforms of one revision of the rig.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rig {
@@ -356,6 +359,26 @@ impl Rig {
                 _ => None,
             })
             .collect()
+    }
+
+    /// The camera that is the origin of a rig calibrated from boards alone: `rig` is at its left lens, x along the view,
+    /// y to the left, z up in its image. None where the frame of the rig is a datum of the plate, as in every
+    /// rig whose numbers are not calibrated.
+    pub fn origin_camera(&self) -> Option<&str> {
+        if self.provenance.kind != ProvenanceKind::Calibrated {
+            return None;
+        }
+        let body_from_optical = RigidTransform::body_from_optical();
+        self.cameras().into_iter().find(|camera| {
+            let left = Frame::of_camera(camera, FramePart::Left);
+            let rig_from_left = left
+                .ok()
+                .and_then(|l| self.transform(&Frame::rig(), &l).ok());
+            rig_from_left.is_some_and(|rig_from_left| {
+                let off = body_from_optical.inverse() * rig_from_left;
+                off.distance_m() < SAME && off.angle_rad() < SAME
+            })
+        })
     }
 
     /// Every frame but `rig`, its neighbour towards `rig`, and `neighbour_from_frame`; by name.

@@ -81,6 +81,21 @@ impl RigidTransform {
         }
     }
 
+    /// The axes of an optical frame (x right, y down, z forward) as those of a body (x forward, y left, z up): forward
+    /// is optical z, left is -x, up is -y. Exact, and without translation.
+    ///
+    /// ```
+    /// use cad_transforms::RigidTransform;
+    /// let body_from_optical = RigidTransform::body_from_optical();
+    /// assert_eq!(body_from_optical.apply([1.0, 2.0, 3.0]), [3.0, -1.0, -2.0]);
+    /// ```
+    pub fn body_from_optical() -> Self {
+        Self {
+            rotation: UnitQuaternion::new_unchecked(Quaternion::new(0.5, -0.5, 0.5, -0.5)),
+            translation: Vector3::zeros(),
+        }
+    }
+
     /// From a unit quaternion `w x y z` (Hamilton) and a translation in metres.
     ///
     /// # Errors

@@ -11,8 +11,9 @@
 //! everything at once ([`crate::adjust`]); the shape of the targets (`shape`); and what speaks against the
 //! result ([`check`]).
 //!
-//! Frames: the world is the first target that was seen. What is told of a camera's place on the rig is a
-//! prior, so the rig's own frame moves as little as it can.
+//! Frames: the world is the target that was seen most. What is told of a camera's place on the rig is a
+//! prior, so the rig's own frame moves as little as it can. Where nothing is told the first camera is the origin:
+//! `rig` is at its left lens, x along the view, y to the left, z up in its image ([`Input::origin`]).
 
 use cad_transforms::RigidTransform;
 use nalgebra::Matrix6;

@@ -29,6 +29,7 @@ pub mod imu_noise;
 pub mod kalibr;
 pub mod kitti;
 pub mod lens;
+pub mod mend;
 pub mod middlebury;
 pub mod nerfstudio;
 pub mod opencv;

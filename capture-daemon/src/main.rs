@@ -453,6 +453,12 @@ fn ask(
     match control::request(&control.socket()?, request)? {
         Response::Ok { status } => {
             show(&status)?;
+            if matches!(request, Request::Start { .. }) {
+                status
+                    .notes
+                    .iter()
+                    .for_each(|note| eprintln!("note: {note}"));
+            }
             if *request != Request::Stop {
                 return Ok(ExitCode::SUCCESS);
             }
@@ -565,6 +571,7 @@ mod tests {
                 free_bytes: None,
                 seconds_left: None,
                 alarms: Vec::new(),
+                notes: Vec::new(),
                 concerns: Default::default(),
                 encoders: Vec::new(),
                 machine: MachineStatus::default(),

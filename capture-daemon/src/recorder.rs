@@ -125,6 +125,23 @@ pub struct Setup {
     pub software: String,
 }
 
+impl Setup {
+    /// What its sessions lack, and what mends it.
+    pub fn notes(&self) -> Vec<String> {
+        let has_lens = |eye: String| self.calibrations.iter().any(|(known, _)| *known == eye);
+        let cameras = self.cameras.iter().map(|camera| camera.name.as_str());
+        let without: Vec<&str> = cameras
+            .filter(|name| {
+                !["left", "right"]
+                    .map(|eye| has_lens(format!("{name}/{eye}")))
+                    .iter()
+                    .all(|is| *is)
+            })
+            .collect();
+        calib::mend::without_lenses(&without).into_iter().collect()
+    }
+}
+
 /// Told what happens.
 pub type OnProgress = Box<dyn FnMut(Progress) + Send>;
 
@@ -326,7 +343,11 @@ impl Recorder {
         let path = session.path.clone();
         self.last_session = Some(path.clone());
         self.session = Some(session);
-        (self.on_progress)(Progress::Started { session: path, at });
+        (self.on_progress)(Progress::Started {
+            session: path,
+            at,
+            notes: self.setup.notes(),
+        });
         self.statics(at, &beginning.maps);
         for item in beginning.items {
             if let Outgoing::Clock { at, map } = &item {
@@ -466,6 +487,7 @@ impl Recorder {
                 .cloned()
                 .chain(self.fault.clone())
                 .collect(),
+            notes: self.setup.notes(),
             concerns: self.alarms.values().copied().collect(),
             encoders: self
                 .setup

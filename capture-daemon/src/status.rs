@@ -129,6 +129,9 @@ pub struct Status {
     pub seconds_left: Option<f64>,
     /// What is wrong now.
     pub alarms: Vec<String>,
+    /// What recordings of this configuration lack, and what mends it.
+    #[serde(default)]
+    pub notes: Vec<String>,
     /// What the alarms are about.
     #[serde(default)]
     pub concerns: BTreeSet<Concern>,
@@ -207,6 +210,9 @@ pub enum Progress {
         session: PathBuf,
         /// When it was asked for.
         at: HostTime,
+        /// What it will lack, and what mends that.
+        #[serde(default)]
+        notes: Vec<String>,
     },
     /// Everything with a log time up to `until` is on disk.
     Durable {

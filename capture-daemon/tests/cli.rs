@@ -12,6 +12,9 @@ use capture_daemon::status::{Progress, State, Status};
 const CAMERA: &str = "[[camera]]\nname = \"feet\"\n\
     source = { kind = \"synthetic\", width = 128, height = 64, rate_hz = 20, imu_rate_hz = 100 }\n";
 
+/// What gives lenses to a camera that has none.
+const MENDS: &str = "`paws calib cameras BOARDS --target board.toml --out calibration`";
+
 fn pawsd(args: &[&str], folder: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_pawsd"));
     command
@@ -134,7 +137,11 @@ fn check_finds_errors_of_the_machine() {
     ));
     let report = text(&run(&["check", "--config", "pawsd.toml"], good.path(), 0).stdout);
     assert!(
-        report.contains("ok       camera feet: ") && report.contains("0 errors, 1 warning:"),
+        report.contains("ok       camera feet: ") && report.contains("0 errors, 2 warnings:"),
+        "{report}"
+    );
+    assert!(
+        report.contains("warning  camera feet: a synthetic camera has no lenses"),
         "{report}"
     );
     let output = run(
@@ -146,7 +153,7 @@ fn check_finds_errors_of_the_machine() {
     assert_eq!(document["format"], "pawsd-check");
     assert_eq!(
         (&document["errors"], &document["warnings"]),
-        (&0.into(), &1.into())
+        (&0.into(), &2.into())
     );
     let findings = document["findings"].as_array().unwrap();
     let camera = findings
@@ -241,6 +248,11 @@ fn record_prints_the_session_last() {
     assert!(lines[1].starts_with("finding an encoder"), "{told}");
     assert!(
         told.contains("\nrecording: out/") && told.contains("samples stored, 0 missing"),
+        "{told}"
+    );
+    let note = told.lines().find(|l| l.starts_with("note: ")).unwrap_or_default();
+    assert!(
+        note.starts_with("note: the lenses of feet are not known") && note.contains(MENDS),
         "{told}"
     );
     // The same once more elsewhere is the same session; under another name it is another one, and none is a real one.
@@ -401,7 +413,13 @@ fn the_daemon_is_controlled_through_its_socket() {
         "{:?}",
         status()
     );
-    let session = text(&control(&["start", "--name", "walk"], 0).stdout);
+    let started = control(&["start", "--name", "walk"], 0);
+    let session = text(&started.stdout);
+    let note = text(&started.stderr);
+    assert!(
+        note.starts_with("note: the lenses of feet are not known") && note.contains(MENDS),
+        "{note}"
+    );
     assert!(
         here.join(session.trim()).join("session.json").exists(),
         "{session:?}"

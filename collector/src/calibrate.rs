@@ -9,6 +9,7 @@ pub mod cameras;
 pub mod convert;
 pub mod imu;
 pub mod imu_samples;
+mod places;
 mod rig_file;
 pub mod sightings;
 pub mod targets;

@@ -222,7 +222,14 @@ impl Judge<'_> {
             calibration.is_none_or(|c| c.k.first().is_none_or(|fx| *fx <= 0.0))
         });
         let without: Vec<_> = without.map(String::as_str).collect();
-        let detail = without.join(", ");
+        let detail = match without.is_empty() {
+            true => String::new(),
+            false => format!(
+                "{}; to mend it: {}",
+                without.join(", "),
+                calib::mend::after()
+            ),
+        };
         self.find(
             "camera.calibration",
             name,
@@ -430,9 +437,15 @@ impl Judge<'_> {
             })
             .collect();
         let detail = match (unplaced.is_empty(), described) {
-            (false, _) => unplaced.join(", "),
+            (false, _) => {
+                let names = unplaced.join(", ");
+                format!("{names}; to mend it: {}", calib::mend::after())
+            }
             (true, true) => "all on the rig".to_owned(),
-            (true, false) => "eyes only; no rig file told where the cameras are".to_owned(),
+            (true, false) => format!(
+                "eyes only; no rig file told where the cameras are, which `{}` finds",
+                calib::mend::CALIBRATE
+            ),
         };
         self.find("rig.transforms", "rig", unplaced.len() as f64, 0.0, &detail);
     }

@@ -14,13 +14,13 @@ use clap::Subcommand;
 use crate::console::Console;
 use crate::outcome::Outcome;
 
-mod canvas;
+pub(crate) mod canvas;
 mod check;
 mod convert;
 mod diff;
 mod facts;
 mod glyphs;
-mod picture;
+pub(crate) mod picture;
 mod show;
 
 /// What to do with rig files.

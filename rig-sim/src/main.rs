@@ -76,6 +76,9 @@ struct Render {
     /// Write a session archive and nothing else: DIR is the session.
     #[arg(long, conflicts_with_all = ["session", "truth"])]
     session_only: bool,
+    /// The session has neither lenses nor a rig file, as that of a rig that was never calibrated.
+    #[arg(long)]
+    untold: bool,
     /// TOML file of what goes wrong: with lenses and light in the folders, with everything in the session.
     #[arg(long, value_name = "FILE")]
     faults: Option<PathBuf>,
@@ -375,7 +378,10 @@ fn of_camera(text: &str) -> Result<(String, PathBuf), String> {
 
 fn render_to(arguments: &Render) -> Result<()> {
     let walk = &arguments.walk;
-    let (simulation, rig, rig_text) = simulate(walk, arguments.rate)?;
+    let (mut simulation, rig, rig_text) = simulate(walk, arguments.rate)?;
+    if arguments.untold {
+        simulation = Arc::new(Arc::unwrap_or_clone(simulation).untold());
+    }
     let faults = match &arguments.faults {
         None => Faults::default(),
         Some(path) => {

@@ -123,6 +123,8 @@ pub struct Simulation {
     imus: Vec<RigImu>,
     /// What files say of each camera.
     told: Vec<Told>,
+    /// Whether a session is given files and records of lenses and places at all.
+    tells: bool,
     imaging: Imaging,
 }
 
@@ -266,6 +268,7 @@ impl Simulation {
             cameras,
             imus,
             told,
+            tells: true,
             imaging: Imaging::USUAL,
         })
     }
@@ -315,6 +318,7 @@ impl Simulation {
             cameras,
             imus,
             told,
+            tells: true,
             imaging: Imaging::USUAL,
         })
     }
@@ -489,6 +493,18 @@ impl Simulation {
             told.imu_from_rig = imu.imu_from_rig;
         }
         Ok(self)
+    }
+
+    /// The same recording of a rig that was never calibrated: its session has neither a rig file nor lenses.
+    #[must_use]
+    pub fn untold(mut self) -> Self {
+        self.tells = false;
+        self
+    }
+
+    /// Whether a session of it has a rig file and lenses.
+    pub fn tells(&self) -> bool {
+        self.tells
     }
 
     /// The same walk in pictures of another quality.

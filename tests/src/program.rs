@@ -15,18 +15,57 @@ use anyhow::{Context as _, Result, anyhow, ensure};
 /// It cannot be built.
 pub fn pawsd() -> Result<PathBuf> {
     static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
-    let found = FOUND.get_or_init(|| find("pawsd", "capture-daemon").map_err(|e| format!("{e:#}")));
+    let sources = ["capture-daemon/src", "session-archive/src", "video/src"];
+    once(&FOUND, "pawsd", "capture-daemon", &sources)
+}
+
+/// `paws`, as [`pawsd`].
+///
+/// # Errors
+/// It cannot be built.
+pub fn paws() -> Result<PathBuf> {
+    static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    let sources = [
+        "collector/src",
+        "calib/src",
+        "cad-transforms/src",
+        "session-archive/src",
+    ];
+    once(&FOUND, "paws", "collector", &sources)
+}
+
+/// `paws-reconstruct`, as [`pawsd`].
+///
+/// # Errors
+/// It cannot be built.
+pub fn reconstruct() -> Result<PathBuf> {
+    static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    let sources = [
+        "reconstruction/src",
+        "odometry/src",
+        "scene-bundle/src",
+        "calib/src",
+    ];
+    once(&FOUND, "paws-reconstruct", "reconstruction", &sources)
+}
+
+fn once(
+    found: &OnceLock<Result<PathBuf, String>>,
+    name: &str,
+    package: &str,
+    sources: &[&str],
+) -> Result<PathBuf> {
+    let found = found.get_or_init(|| find(name, package, sources).map_err(|e| format!("{e:#}")));
     found.clone().map_err(|e| anyhow!(e))
 }
 
-fn find(name: &str, package: &str) -> Result<PathBuf> {
+fn find(name: &str, package: &str, sources: &[&str]) -> Result<PathBuf> {
     let own = std::env::current_exe().context("finding the own program")?;
     // A test lies in `target/debug/deps`, a benchmark in `target/release`.
     let folder = own.ancestors().skip(1).find(|f| !f.ends_with("deps"));
     let folder = folder.context("finding the folder of the own program")?;
     let program = folder.join(name);
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let sources = ["capture-daemon/src", "session-archive/src", "video/src"];
     let newest = sources
         .iter()
         .filter_map(|s| newest(&workspace.join(s)))

@@ -121,13 +121,23 @@ fn of_parsed(parsed: &Parsed, facts: &Facts) -> Vec<Finding> {
     };
     let rig = &parsed.rig;
     let cameras: Vec<String> = rig.cameras().into_iter().map(str::to_owned).collect();
+    let origin = rig.origin_camera();
     for camera in &cameras {
-        checks.place(camera);
+        checks.place(camera, origin.is_none());
         checks.stereo(camera, facts.get(camera));
         checks.serial(camera, facts.get(camera));
     }
-    checks.sides(&cameras);
-    checks.feet(&cameras, facts);
+    checks.sides(&cameras, origin.is_none());
+    match origin {
+        None => checks.feet(&cameras, facts),
+        Some(origin) => {
+            let message = format!(
+                "the rig's frame is that of {origin}, not of the plate: what follows from how the plate is worn \
+                 (a camera that looks into the wearer, hangs upside down or misses the feet) was not checked"
+            );
+            checks.add(0, Severity::Note, message);
+        }
+    }
     for camera in facts.keys().filter(|camera| !cameras.contains(camera)) {
         let known = cameras.join(", ");
         let message = format!("{camera} has a calibration but no frames here; cameras are {known}");
@@ -170,8 +180,8 @@ impl Checks<'_> {
         Some((rig_from_frame, self.line(&frame)))
     }
 
-    /// Where a camera is and where it looks.
-    fn place(&mut self, camera: &str) {
+    /// Where a camera is and, where the axes of the rig are the wearer's, where it looks.
+    fn place(&mut self, camera: &str, is_worn: bool) {
         let Some((rig_from_left, line)) = self.placed(camera, FramePart::Left) else {
             return;
         };
@@ -181,6 +191,9 @@ impl Checks<'_> {
                 "{camera}/left is {metres:.3} m from the rig's datum, expected at most {FARTHEST_LENS_M} m: not in metres?"
             );
             self.add(line, Severity::Error, message);
+        }
+        if !is_worn {
+            return;
         }
         let axis = rig_from_left.rotate([0.0, 0.0, 1.0]);
         let back_deg = (-axis[0]).clamp(-1.0, 1.0).asin().to_degrees();
@@ -324,8 +337,9 @@ impl Checks<'_> {
         self.add(line, severity, message);
     }
 
-    /// `left_X` is to the left of `right_X`.
-    fn sides(&mut self, cameras: &[String]) {
+    /// `left_X` is to the left of `right_X`; where the axes are those of a camera, which may hang on its side, it only may
+    /// not be.
+    fn sides(&mut self, cameras: &[String], is_worn: bool) {
         for camera in cameras {
             let Some(rest) = camera.strip_prefix("left_") else {
                 continue;
@@ -347,7 +361,11 @@ impl Checks<'_> {
                     1e3 * left_y,
                     1e3 * right_y
                 );
-                self.add(line, Severity::Error, message);
+                let severity = match is_worn {
+                    true => Severity::Error,
+                    false => Severity::Warning,
+                };
+                self.add(line, severity, message);
             }
         }
     }

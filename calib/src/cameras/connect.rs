@@ -1,6 +1,7 @@
 //! Where cameras and targets are, roughly, from poses of single views.
 //!
-//! Contract: what is told is taken as it is; the rest follows through instants at which something known
+//! Contract: what is told is taken as it is; where no camera's place is told, the first camera is the origin of the
+//! rig ([`Input::origin`]). The rest follows through instants at which something known
 //! and something unknown are seen together. Of several answers the middle one is taken (the one nearest
 //! to all others), so that single wrong poses do no harm. What cannot be reached stays unknown.
 
@@ -55,9 +56,12 @@ fn middle(answers: &[RigidTransform]) -> Option<RigidTransform> {
 
 /// Finds what can be found.
 pub(super) fn connect(input: &Input, posed: &[Posed]) -> Known {
+    let origin = input.origin();
     let mut seen = vec![0usize; input.targets.len()];
+    // From a target that the origin sees everything can be reached that is connected with the origin.
     for p in posed {
-        seen[p.target] += 1;
+        let counts = origin.is_none_or(|origin| input.cameras[origin].left == p.eye);
+        seen[p.target] += usize::from(counts);
     }
     let world = (0..seen.len())
         .max_by_key(|&t| (seen[t], std::cmp::Reverse(t)))
@@ -80,11 +84,8 @@ pub(super) fn connect(input: &Input, posed: &[Posed]) -> Known {
     if let Some(target) = known.targets.get_mut(world) {
         *target = Some(RigidTransform::identity());
     }
-    if known.cameras.iter().all(Option::is_none) {
-        let sees = |c: &Camera| posed.iter().any(|p| p.eye == c.left && p.target == world);
-        if let Some(first) = input.cameras.iter().position(sees) {
-            known.cameras[first] = Some(RigidTransform::identity());
-        }
+    if let Some(origin) = origin {
+        known.cameras[origin] = Some(RigidTransform::body_from_optical());
     }
     while spread(input, posed, &mut known) {}
     known
@@ -169,6 +170,13 @@ fn spread(input: &Input, posed: &[Posed], known: &mut Known) -> bool {
 }
 
 impl Input {
+    /// The camera that is the origin of the rig: the first, where no file tells the place of any. `rig` is then at its
+    /// left lens, x along its view, y to the left and z up in its image.
+    pub fn origin(&self) -> Option<usize> {
+        let is_told = self.cameras.iter().any(|c| c.rig_from_left.is_some());
+        (!is_told && !self.cameras.is_empty()).then_some(0)
+    }
+
     /// The camera that an eye belongs to.
     pub(super) fn camera_of(&self, eye: usize) -> Option<usize> {
         self.cameras

@@ -520,8 +520,7 @@ fn assemble(
         });
         problem.places.len() - 1
     };
-    let told_any = input.cameras.iter().any(|c| c.rig_from_left.is_some());
-    let mut held = told_any;
+    let origin = input.origin();
     for (number, camera) in input.cameras.iter().enumerate() {
         if let Some(at) = known.cameras[number] {
             let prior = match &camera.rig_from_left {
@@ -529,11 +528,9 @@ fn assemble(
                     mean: told.transform,
                     covariance: Box::new(told.covariance),
                 },
-                // Without a rig file the first camera is the rig.
-                None if !held => PlacePrior::Fixed,
+                None if origin == Some(number) => PlacePrior::Fixed,
                 None => PlacePrior::near(at, ANYWHERE.0, ANYWHERE.1),
             };
-            held = true;
             places.cameras[number] = Some(add(camera.name.clone(), at, prior));
         }
         if let Some(at) = known.pairs[number] {

@@ -420,3 +420,44 @@ fn another_cameras_factory_file_is_noticed() {
     let found = quiet(&truth.input);
     assert!(!failures(&found).is_empty(), "{:?}", found.findings);
 }
+
+/// Boards alone: no lens, no baseline, no place of a camera is told.
+#[test]
+fn with_nothing_told_the_first_camera_is_the_origin() {
+    let mut truth = simulate(2, GOOD);
+    for eye in &mut truth.input.eyes {
+        eye.factory = None;
+    }
+    for camera in &mut truth.input.cameras {
+        (camera.left_from_right, camera.rig_from_left) = (None, None);
+    }
+    // The first of the list, whichever board it sees.
+    truth.input.cameras.reverse();
+    truth.cameras.reverse();
+    assert_eq!(truth.input.origin(), Some(0));
+    let found = calibrate(truth.input.clone(), &Settings::default(), &mut |_, _| {}).unwrap();
+    assert_eq!(failures(&found), Vec::<&str>::new());
+    let (origin, covariance) = found.place(found.places.cameras[0].unwrap());
+    assert_eq!(origin, RigidTransform::body_from_optical());
+    assert_eq!(covariance, Matrix6::zeros());
+    for camera in 1..3 {
+        let (rig_from_left, covariance) = found.place(found.places.cameras[camera].unwrap());
+        let true_place = RigidTransform::body_from_optical()
+            * truth.cameras[0].0.inverse()
+            * truth.cameras[camera].0;
+        let off = true_place.inverse() * rig_from_left;
+        let (mm, degrees) = (1e3 * off.distance_m(), off.angle_rad().to_degrees());
+        assert!(
+            mm < 2.0 && degrees < 0.1,
+            "{camera}: {mm} mm, {degrees} degrees"
+        );
+        // What the sigmas say is of the size of what is off.
+        let sigma_mm = 1e3 * (covariance.trace()).sqrt();
+        assert!((0.01..2.0).contains(&sigma_mm), "{camera}: {sigma_mm} mm");
+    }
+    let mut told = simulate(2, GOOD).input;
+    assert_eq!(told.origin(), None);
+    told.cameras.truncate(1);
+    told.cameras[0].rig_from_left = None;
+    assert_eq!(told.origin(), Some(0));
+}

@@ -229,7 +229,11 @@ fn socket(config: &Config, report: &mut Report) -> bool {
 fn rig(config: &Config, report: &mut Report) {
     report.about = "rig".to_owned();
     let Some(path) = &config.rig else {
-        report.warning("no rig file: sessions will not tell how the cameras are placed");
+        report.warning(format!(
+            "no rig file: sessions will not tell how the cameras are placed; `{}` makes one of boards alone: \
+             file = \"calibration/rig.toml\" in [rig]",
+            calib::mend::CALIBRATE
+        ));
         return;
     };
     match Rig::read(path) {
@@ -364,8 +368,12 @@ fn source(
             calibration(path, of.width / 2, of.height, report);
         }
         None if own_calibration => report.ok("the calibration comes with the source"),
-        // Nothing can be known of a made-up lens; a replay has a note on why there is none.
-        None => {}
+        None if matches!(camera.source, SourceConfig::Synthetic(_)) => report
+            .warning("a synthetic camera has no lenses: what it records cannot be reconstructed"),
+        None => report.warning(format!(
+            "its lenses are not known: {}",
+            calib::mend::before(&camera.name)
+        )),
     }
     for note in notes {
         report.warning(note);

@@ -72,6 +72,9 @@ pub fn status(status: &Status) -> String {
     for alarm in &status.alarms {
         let _ = writeln!(text, "! {alarm}");
     }
+    for note in &status.notes {
+        let _ = writeln!(text, "\nnote: {note}");
+    }
     text
 }
 
@@ -112,9 +115,14 @@ impl Narrator {
     /// The line for this event, if it is worth one.
     pub fn line(&mut self, progress: &Progress) -> Option<String> {
         Some(match progress {
-            Progress::Started { session, at } => {
+            Progress::Started { session, at, notes } => {
                 (self.started, self.told) = (Some(*at), Some(*at));
-                format!("recording: {}", session.display())
+                let notes = notes.iter().map(|note| format!("\nnote: {note}"));
+                format!(
+                    "recording: {}{}",
+                    session.display(),
+                    notes.collect::<String>()
+                )
             }
             Progress::Durable { until, messages } => {
                 if self
@@ -198,6 +206,7 @@ mod tests {
                 "left_shoulder/imu is silent".into(),
                 "feet is frozen".into(),
             ],
+            notes: vec!["the lenses of feet are not known".into()],
             concerns: Default::default(),
             encoders: vec!["left_shoulder: x264enc".into(), "feet: x264enc".into()],
             machine: crate::status::MachineStatus::default(),
@@ -217,6 +226,8 @@ feet                   30.0        1234        1200         3  FROZEN 0.2 % miss
 
 ! left_shoulder/imu is silent
 ! feet is frozen
+
+note: the lenses of feet are not known
 ";
         assert_eq!(status(&full), expected);
         let empty = Status {
@@ -226,6 +237,7 @@ feet                   30.0        1234        1200         3  FROZEN 0.2 % miss
             free_bytes: None,
             seconds_left: None,
             alarms: Vec::new(),
+            notes: Vec::new(),
             concerns: Default::default(),
             encoders: Vec::new(),
             machine: crate::status::MachineStatus::default(),
@@ -255,8 +267,18 @@ feet                   30.0        1234        1200         3  FROZEN 0.2 % miss
         let started = Progress::Started {
             session: session.clone(),
             at,
+            notes: Vec::new(),
         };
         assert_eq!(narrator.line(&started).unwrap(), "recording: /data/a");
+        let lacking = Progress::Started {
+            session: session.clone(),
+            at,
+            notes: vec!["no lenses".into()],
+        };
+        assert_eq!(
+            narrator.line(&lacking).unwrap(),
+            "recording: /data/a\nnote: no lenses"
+        );
         let lines: Vec<String> = (1..=24)
             .map(|half| Progress::Durable {
                 until: HostTime(at.0 + half * NS_PER_S / 2),

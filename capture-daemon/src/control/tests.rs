@@ -15,6 +15,7 @@ fn status(state: State) -> Response {
             free_bytes: None,
             seconds_left: None,
             alarms: Vec::new(),
+            notes: Vec::new(),
             concerns: Default::default(),
             encoders: Vec::new(),
             machine: MachineStatus::default(),

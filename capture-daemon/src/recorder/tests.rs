@@ -959,3 +959,30 @@ fn a_session_whose_folder_is_removed_ends_with_the_next_chunk() {
     let error = error.expect("a failure");
     assert!(error.contains("removed"), "{error}");
 }
+
+#[test]
+fn a_recording_without_lenses_says_so_when_it_starts() {
+    let bench = Bench::default();
+    let mut rig = rig(0, bench);
+    rig.recorder.start("walk", "test").expect("a session");
+    let notes = rig.recorder.status().notes;
+    let progress = rig.bench.progress.lock().expect("progress").clone();
+    let told = progress.iter().find_map(|p| match p {
+        Progress::Started { notes, .. } => Some(notes.clone()),
+        _ => None,
+    });
+    assert_eq!(told.as_ref(), Some(&notes));
+    assert!(
+        notes[0].starts_with("the lenses of left_shoulder, feet are not known")
+            && notes[0].contains("`paws calib cameras "),
+        "{notes:?}"
+    );
+    // Both eyes have to be known, and then there is nothing to say.
+    let mut setup = rig.recorder.setup.clone();
+    let lens = |eye: &str| (eye.to_owned(), CameraCalibration::default());
+    let eyes = ["feet/left", "left_shoulder/left", "left_shoulder/right"];
+    setup.calibrations.extend(eyes.map(lens));
+    assert!(setup.notes()[0].starts_with("the lenses of feet are not known"));
+    setup.calibrations.push(lens("feet/right"));
+    assert_eq!(setup.notes(), Vec::<String>::new());
+}

@@ -202,6 +202,7 @@ mod tests {
             free_bytes: None,
             seconds_left: None,
             alarms: Vec::new(),
+            notes: Vec::new(),
             concerns: concerns.iter().copied().collect(),
             encoders: Vec::new(),
             machine: crate::status::MachineStatus::default(),

@@ -653,7 +653,10 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
     std::fs::create_dir_all(&out)
         .with_context(|| format!("creating the folder for sessions {}", out.display()))?;
     let log_progress: OnProgress = Box::new(|progress| match progress {
-        Progress::Started { session, .. } => log::info!("recording {}", session.display()),
+        Progress::Started { session, notes, .. } => {
+            log::info!("recording {}", session.display());
+            notes.iter().for_each(|note| log::warn!("{note}"));
+        }
         Progress::Finished {
             session,
             reason,

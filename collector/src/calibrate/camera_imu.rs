@@ -31,6 +31,7 @@ use session_archive::index::Access;
 
 use crate::calibrate::Output;
 use crate::calibrate::imu_samples::{self, ImuRecording};
+use crate::calibrate::places;
 use crate::calibrate::rig_file::{Joint, revised};
 use crate::calibrate::sightings;
 use crate::calibrate::told::ToldRig;
@@ -234,9 +235,16 @@ pub fn run(
         table::print(&measured, console)?;
         all.push(measured);
     }
+    let joints: Vec<Joint> = all.iter().filter_map(joint).collect();
+    let rig = match given.rig() {
+        _ if joints.is_empty() => Err("no IMU was found"),
+        Ok(rig) => Ok(revised(rig, &joints, "camera-imu", "imu", manifest)?),
+        Err(reason) => Err(reason),
+    };
+    let page = page::html(manifest, &all, rig.as_ref().ok())?;
     let mut files = vec![
         (DOCUMENT.to_owned(), document::json(manifest, &all)?),
-        (PAGE.to_owned(), page::html(manifest, &all).into_bytes()),
+        (PAGE.to_owned(), page.into_bytes()),
     ];
     for measured in &all {
         match kalibr(measured) {
@@ -247,18 +255,15 @@ pub fn run(
             ))?,
         }
     }
-    let joints: Vec<Joint> = all.iter().filter_map(joint).collect();
-    let without_rig = match given.rig() {
-        _ if joints.is_empty() => Some("no IMU was found"),
-        Ok(rig) => {
-            let rig = revised(rig, &joints, "camera-imu", "imu", manifest)?;
-            files.push((RIG.to_owned(), rig.to_toml().into_bytes()));
-            None
+    if let Ok(rig) = &rig {
+        files.push((RIG.to_owned(), rig.to_toml().into_bytes()));
+        for line in places::lines(rig)? {
+            console.line(line)?;
         }
-        Err(reason) => Some(reason),
-    };
+        console.line("")?;
+    }
     place.write(&files, console)?;
-    if let Some(reason) = without_rig {
+    if let Err(reason) = rig {
         console.line(format!("no rig file was written: {reason}"))?;
     }
     if samples.damaged > 0 {
@@ -315,7 +320,7 @@ fn joint(measured: &Measured) -> Option<Joint> {
         parent: Frame::of_camera(&measured.camera, FramePart::Left).ok()?,
         child: Frame::of_camera(&measured.camera, FramePart::Imu).ok()?,
         parent_from_child,
-        covariance,
+        covariance: Some(covariance),
     })
 }
 

@@ -3,6 +3,9 @@
 //! What comes out is told on the screen and written as `cameras.json` and `cameras.html`. The rig file, `rig.toml`, and
 //! the cameras' calibrations are written only when no gate says FAIL; what says so is listed, and the exit code is 1. What an
 //! earlier run left of them is removed then.
+//!
+//! The rig file is a new revision of the one that is told. Where none is, it is the first one, and the first camera is its
+//! origin: `rig` is at that camera's left lens, x along the view, y to the left, z up in the image.
 
 mod document;
 mod page;
@@ -10,8 +13,8 @@ mod plots;
 
 use std::path::PathBuf;
 
-use anyhow::{Result, bail, ensure};
-use cad_transforms::{Frame, FramePart};
+use anyhow::{Context, Result, bail, ensure};
+use cad_transforms::{Frame, FramePart, Rig};
 use calib::cameras::{Calibration, Camera, Eye, Input, Settings, Severity, calibrate};
 use calib::target::Target as Board;
 use calib::write::contents;
@@ -19,7 +22,8 @@ use calib::{CameraModel, CameraSet, Format, Provenance as CalibProvenance, Stere
 use clap::Args;
 use session_archive::manifest::Manifest;
 
-use super::rig_file::{Joint, revised};
+use super::places;
+use super::rig_file::{self, Joint, revised};
 use super::sightings::{self, Seen};
 use super::told::ToldRig;
 use crate::calibrate::Output;
@@ -44,6 +48,9 @@ pub struct Options {
     /// [default: those in the session]
     #[arg(long = "target", value_name = "FILE")]
     pub targets: Vec<PathBuf>,
+    /// The rig file to start from [default: the session's; without any the first camera is the origin of a new one]
+    #[arg(long, value_name = "FILE")]
+    pub rig: Option<PathBuf>,
     /// Keep the lens model of the factory's file instead of choosing one
     #[arg(long)]
     pub keep_model: bool,
@@ -64,7 +71,11 @@ pub fn run(
     may_come.extend(reader.manifest().cameras.iter().map(|c| file_of(&c.name)));
     let place = output.place(output.folder(target)?, may_come)?;
     let boards = sightings::targets(&reader, &options.targets)?;
-    let told = ToldRig::read(&reader)?;
+    let mut told = ToldRig::read(&reader)?;
+    if let Some(path) = &options.rig {
+        let rig = Rig::read(path).context("reading the rig file of --rig")?;
+        (told.rig, told.unreadable) = (Some((path.display().to_string(), rig)), None);
+    }
     let index = read_or_build(&reader, console)?;
     let seen = sightings::look(&reader, &index, &boards, console)?;
     ensure!(
@@ -92,13 +103,22 @@ pub fn run(
     };
     let failed = found.severity() == Some(Severity::Fail);
     let manifest = reader.manifest();
+    let rig = match calibrated(&told, &found, manifest) {
+        // What must not be used may be no rig.
+        Err(_) if failed => None,
+        rig => rig?,
+    };
+    let rig = rig.as_ref();
     let mut files = vec![
-        (DOCUMENT.to_owned(), document::json(manifest, &found)?),
-        (PAGE.to_owned(), page::html(manifest, &found).into_bytes()),
+        (DOCUMENT.to_owned(), document::json(manifest, &found, rig)?),
+        (
+            PAGE.to_owned(),
+            page::html(manifest, &found, rig)?.into_bytes(),
+        ),
     ];
     let mut without_rig = None;
     if failed {
-        without_rig = Some("see what is marked FAIL".to_owned());
+        without_rig = Some("see what is marked FAIL");
     } else {
         for (name, set) in stereo(&found) {
             let [(_, bytes)] = &contents(&set, format_of(&set))?[..] else {
@@ -107,17 +127,19 @@ pub fn run(
             files.push((name, bytes.clone()));
         }
         // The last, since it says that the rest is there.
-        match (&told.rig, &told.unreadable) {
-            (Some((_, rig)), _) => {
-                let rig = revised(rig, &joints(&found)?, "cameras", "calibrated", manifest)?;
-                files.push((RIG.to_owned(), rig.to_toml().into_bytes()));
-            }
-            (None, Some(problem)) => without_rig = Some(problem.clone()),
-            (None, None) => without_rig = Some("the session has none to start from".to_owned()),
+        match rig {
+            Some(rig) => files.push((RIG.to_owned(), rig.to_toml().into_bytes())),
+            None => without_rig = told.unreadable.as_deref(),
         }
     }
     for line in document::lines(&found) {
         console.line(line)?;
+    }
+    if let Some(rig) = rig {
+        for line in places::lines(rig)? {
+            console.line(line)?;
+        }
+        console.line("")?;
     }
     place.write(&files, console)?;
     if let Some(reason) = without_rig {
@@ -197,6 +219,39 @@ fn stereo(found: &Calibration) -> Vec<(String, CameraSet)> {
     cameras.filter_map(of).collect()
 }
 
+/// The rig as it was found: a new revision of the one that is told, or the first one. None where the session's rig file
+/// cannot be read, since nobody knows then what it would be a revision of.
+fn calibrated(told: &ToldRig, found: &Calibration, manifest: &Manifest) -> Result<Option<Rig>> {
+    let mut joints = joints(found)?;
+    if let Some((_, rig)) = &told.rig {
+        return revised(rig, &joints, "cameras", "calibrated", manifest).map(Some);
+    }
+    if told.unreadable.is_some() {
+        return Ok(None);
+    }
+    // IMUs are where the makers' calibrations have them.
+    for camera in &found.input.cameras {
+        let left = Frame::of_camera(&camera.name, FramePart::Left)?;
+        let imu = Frame::of_camera(&camera.name, FramePart::Imu)?;
+        if let Some(left_from_imu) = told.frames.transform(left.as_str(), imu.as_str()) {
+            joints.push(Joint {
+                parent: left,
+                child: imu,
+                parent_from_child: left_from_imu,
+                covariance: None,
+            });
+        }
+    }
+    let frame = match found.input.origin() {
+        Some(origin) => format!(
+            "from boards alone: the rig's frame is at the left lens of {}, x along its view, y to its left, z up in its image",
+            found.input.cameras[origin].name
+        ),
+        None => "starting from the places that the session has recorded".to_owned(),
+    };
+    rig_file::first(&joints, "cameras", &frame, manifest).map(Some)
+}
+
 /// The places that were found.
 fn joints(found: &Calibration) -> Result<Vec<Joint>> {
     let mut joints = Vec::new();
@@ -206,7 +261,7 @@ fn joints(found: &Calibration) -> Result<Vec<Joint>> {
             parent: parent.clone(),
             child: child.clone(),
             parent_from_child,
-            covariance,
+            covariance: Some(covariance),
         });
     };
     for (number, camera) in found.input.cameras.iter().enumerate() {

@@ -23,7 +23,7 @@ enum Shape {
 
 /// What is drawn, in the order in which it is drawn.
 #[derive(Clone, Debug)]
-pub(super) struct Sheet {
+pub(crate) struct Sheet {
     width: usize,
     height: usize,
     shapes: Vec<Shape>,
@@ -83,7 +83,7 @@ impl Sheet {
     }
 
     /// As SVG.
-    pub(super) fn svg(&self) -> String {
+    pub(crate) fn svg(&self) -> String {
         let (w, h) = (self.width, self.height);
         let mut out = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w}\" height=\"{h}\" viewBox=\"0 0 {w} {h}\" \

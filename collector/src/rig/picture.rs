@@ -73,7 +73,7 @@ struct Panel {
 }
 
 /// Draws a rig. Frusta are those of the left lenses, where their view is known.
-pub(super) fn draw(rig: &Rig, facts: &Facts) -> Sheet {
+pub(crate) fn draw(rig: &Rig, facts: &Facts) -> Sheet {
     let cameras = cameras(rig, facts);
     let mut sheet = Sheet::new(WIDTH, HEIGHT);
     let title = format!("{}, revision {}", rig.name(), rig.revision());

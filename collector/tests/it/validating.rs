@@ -400,6 +400,35 @@ fn doubtful_clocks_and_missing_descriptions() {
 }
 
 #[test]
+fn a_recording_without_lenses_is_told_what_mends_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut session = Session::good(2.0);
+    session.calibrations.remove("feet/right");
+    session.transforms = None;
+    session.write(folder.path());
+    let validation = validated(folder.path()).validation;
+    for (metric, what) in [
+        ("camera.calibration", "feet/right"),
+        ("rig.transforms", "feet"),
+    ] {
+        let found = validation.findings.iter();
+        let found: Vec<_> = found
+            .filter(|f| f.metric == metric && f.verdict == Warn)
+            .collect();
+        let [finding] = found[..] else {
+            panic!("{metric}: {found:?}");
+        };
+        for part in [
+            what,
+            "`paws calib cameras BOARDS --target board.toml --out calibration`",
+            "`paws-reconstruct run SESSION --calibration calibration --out SCENE`",
+        ] {
+            assert!(finding.text.contains(part), "no {part} in {}", finding.text);
+        }
+    }
+}
+
+#[test]
 fn limits_can_be_moved() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::good(10.0);

@@ -1,10 +1,10 @@
 //! `paws-reconstruct run`.
 
-use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::builder::PossibleValuesParser;
 use clap::{Args, CommandFactory, ValueEnum};
 use command_line::complain;
@@ -19,6 +19,8 @@ use scene_bundle::{Bundle, Provenance, Scene};
 
 use super::{code, loss, open, print_losses, progress_bar};
 use crate::machine;
+
+mod given;
 
 #[derive(Args)]
 pub(crate) struct Arguments {
@@ -42,9 +44,10 @@ pub(crate) struct Arguments {
     /// A rig file instead of the session's, for example of `paws calib cameras`.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
-    /// A calibration instead of the recorded one; may be given for each camera.
-    #[arg(long, value_name = "CAMERA=FILE", value_parser = named)]
-    calibration: Vec<(String, String)>,
+    /// Calibration instead of the recorded one: the folder that `paws calib cameras` wrote, or a camera's file; again
+    /// for more.
+    #[arg(long, value_name = "DIR|CAMERA=FILE", value_parser = calibration)]
+    calibration: Vec<Calibration>,
     /// Time from row to row of a rolling shutter, microseconds; may be given for each camera.
     #[arg(long, value_name = "CAMERA=US", value_parser = named)]
     line_us: Vec<(String, String)>,
@@ -67,6 +70,22 @@ enum PresetName {
     Balanced,
     /// Most work
     Accurate,
+}
+
+/// What is told by `--calibration`.
+#[derive(Clone, Debug)]
+enum Calibration {
+    /// What `paws calib` wrote: rig file and lenses.
+    Folder(PathBuf),
+    /// A camera and its file.
+    Of(String, PathBuf),
+}
+
+fn calibration(text: &str) -> Result<Calibration, String> {
+    if !text.contains('=') || Path::new(text).is_dir() {
+        return Ok(Calibration::Folder(text.into()));
+    }
+    named(text).map(|(camera, file)| Calibration::Of(camera, file.into()))
 }
 
 fn named(text: &str) -> Result<(String, String), String> {
@@ -187,30 +206,25 @@ fn seal(input: &Input, there: Option<&Provenance>) -> String {
 
 fn told(arguments: &Arguments, input: &Input) -> Result<rig::Told> {
     let mut told = rig::Told::default();
-    if let Some(path) = &arguments.rig {
-        let text = std::fs::read_to_string(path);
-        told.rig = Some(text.with_context(|| format!("reading {}", path.display()))?);
-    }
-    for (camera, path) in &arguments.calibration {
-        let cameras = &input.manifest().cameras;
-        let Some(recorded) = cameras.iter().find(|c| c.name == *camera) else {
-            let known: Vec<&str> = cameras.iter().map(|c| c.name.as_str()).collect();
-            bail!(
-                "taking a calibration: the session has no camera {camera:?}, expected one of {}",
-                known.join(", ")
-            );
+    let mut named = BTreeSet::new();
+    for given in &arguments.calibration {
+        let Calibration::Of(camera, path) = given else {
+            continue;
         };
-        let (width, height) = (recorded.width / 2, recorded.height);
-        let (calibration, notes) = calib::read_stereo(path.as_ref(), width, height)?;
-        for note in notes {
-            log::warn!("{path}: {}", note.0);
-        }
         ensure!(
-            told.calibrations
-                .insert(camera.clone(), calibration)
-                .is_none(),
+            named.insert(camera.as_str()),
             "taking a calibration: camera {camera} has two, expected one"
         );
+        given::lenses(&mut told, camera, path, input)?;
+    }
+    if let Some(path) = &arguments.rig {
+        given::rig(&mut told, path)?;
+    }
+    // What is named by itself goes before what a folder has.
+    for given in &arguments.calibration {
+        if let Calibration::Folder(folder) = given {
+            given::folder(&mut told, folder, input)?;
+        }
     }
     for (camera, us) in &arguments.line_us {
         let line_us = us

@@ -7,6 +7,8 @@ use std::process::{Command, Output};
 
 use cad_transforms::Rig;
 use cad_transforms::frame::{Frame, FramePart};
+use calib::write::contents;
+use calib::{CameraSet, Format};
 use reconstruction::input::Input;
 use reconstruction::pipeline::stages::rig;
 use reconstruction::pipeline::{
@@ -50,6 +52,12 @@ fn a_rig_that_nobody_knows_is_an_error_that_says_what_is_missing() {
         errors.contains("camera left_shoulder: it is not known where"),
         "{errors}"
     );
+    for mends in [
+        "`paws calib cameras BOARDS --target board.toml --out calibration`",
+        "`paws-reconstruct run SESSION --calibration calibration --out SCENE`",
+    ] {
+        assert!(errors.contains(mends), "no {mends} in {errors}");
+    }
     // The bundle is there, and empty.
     assert!(
         Scene::open(&out)
@@ -179,6 +187,87 @@ fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
     let output = run(&[&session, "--out", &out, "--line-us", "head=2"]);
     assert_eq!(output.status.code(), Some(1));
     assert!(errors(&output).contains("no camera \"head\", expected one of left_shoulder, feet"));
+}
+
+#[test]
+fn the_folder_of_a_calibration_gives_a_session_lenses_and_places() {
+    let folder = tempfile::tempdir().expect("folder");
+    hand_over(folder.path());
+    let before = fs::read(folder.path().join("handoff.json")).expect("a hand-off");
+    let told = told(folder.path());
+    let set = CameraSet::of_stereo(&told.calibrations["feet"]);
+    let [(_, feet)] = &contents(&set, Format::OpenCv).expect("a file")[..] else {
+        panic!("several files");
+    };
+    let outside = tempfile::tempdir().expect("folder");
+    let calibration = outside.path().join("calibration");
+    fs::create_dir(&calibration).expect("a folder");
+    let place = |path: &Path| path.to_str().expect("UTF-8").to_owned();
+    let (session, out, given) = (
+        place(folder.path()),
+        place(&outside.path().join("bundle")),
+        place(&calibration),
+    );
+    let mended = [
+        &*session,
+        "--out",
+        &out,
+        "--to",
+        "rig",
+        "--calibration",
+        &given,
+    ];
+
+    // Nothing of a calibration is in it yet.
+    let output = run(&mended);
+    assert_eq!(output.status.code(), Some(1));
+    let said = errors(&output);
+    assert!(
+        said.contains(
+            "found neither rig.toml nor rig-imu.toml nor left_shoulder.yaml nor feet.yaml"
+        ) && said.contains("`paws calib cameras "),
+        "{said}"
+    );
+    fs::write(calibration.join("rig.toml"), RIG).expect("a file");
+    fs::write(calibration.join("feet.yaml"), feet).expect("a file");
+    let output = run(&mended);
+    assert_eq!(output.status.code(), Some(0), "{}", errors(&output));
+    let said = errors(&output);
+    let hash = blake3::hash(feet).to_hex();
+    let note = format!("taken before what it holds: feet.yaml, blake3 {hash}");
+    assert!(said.contains(&note), "{said}");
+    let scene = Scene::open(out.as_ref()).expect("a bundle");
+    let settings = &scene.manifest().outputs["rig"].settings;
+    assert_eq!(settings["given"][0]["file"], "rig.toml");
+    assert_eq!(settings["given"][1]["blake3"], hash.as_str());
+    let reader = scene.output("rig").expect("an output");
+    let model = outputs::rig::read(&reader).expect("a rig");
+    let feet = model.cameras.iter().find(|c| c.name == "feet");
+    let fx = feet.expect("feet").left.fx;
+    assert!((fx - told.calibrations["feet"].left.fx).abs() < 1e-9);
+    // The session is what it was.
+    let after = fs::read(folder.path().join("handoff.json")).expect("a hand-off");
+    assert_eq!(after, before);
+
+    // With IMUs the other rig file is taken, unless it is of other cameras than the first.
+    let other = RIG.replace("nominal-1", "nominal-1-imu");
+    fs::write(calibration.join("rig-imu.toml"), &other).expect("a file");
+    let output = run(&mended);
+    assert_eq!(output.status.code(), Some(0), "{}", errors(&output));
+    let scene = Scene::open(out.as_ref()).expect("a bundle");
+    assert_eq!(
+        scene.manifest().outputs["rig"].settings["given"][0]["file"],
+        "rig-imu.toml"
+    );
+    let stale = other.replace("[0.08, 0.0315, -0.12]", "[0.08, 0.0315, -0.11]");
+    fs::write(calibration.join("rig-imu.toml"), stale).expect("a file");
+    let output = run(&mended);
+    assert_eq!(output.status.code(), Some(1));
+    let said = errors(&output);
+    assert!(
+        said.contains("feet in different places") && said.contains("`paws calib camera-imu "),
+        "{said}"
+    );
 }
 
 /// Where a toy stage dies.

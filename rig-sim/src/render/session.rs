@@ -209,7 +209,10 @@ impl<'a> Archive<'a> {
         folder: &Path,
     ) -> Result<Self, SessionError> {
         let settings = simulation.settings();
-        let mut files = vec![("rig.toml".to_owned(), rig_text.as_bytes().to_vec())];
+        let mut files = Vec::new();
+        if simulation.tells() {
+            files.push(("rig.toml".to_owned(), rig_text.as_bytes().to_vec()));
+        }
         let of_kind = special::files(simulation, rig).into_iter();
         files.extend(of_kind.map(|(name, text)| (name, text.into_bytes())));
         for device in devices {
@@ -281,7 +284,9 @@ impl<'a> Archive<'a> {
             set: 0,
         };
         archive.event(EventKind::Start, BEGIN)?;
-        archive.statics(rig)?;
+        if simulation.tells() {
+            archive.statics(rig)?;
+        }
         for camera in 0..count {
             archive.clock_maps(camera, 0, 0)?;
         }

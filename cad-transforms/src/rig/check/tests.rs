@@ -228,3 +228,51 @@ fn unreadable_and_senseless_are_told_together() {
     let expected = "line 56: error: translation_m in [[parent_from_child]] is not three finite numbers (found [0,63, 0, 0], a list of 4; decimals";
     assert!(all.iter().any(|f| f.starts_with(expected)), "{all:#?}");
 }
+
+/// A rig from boards alone has the axes of its first camera, here one that looks at the ground.
+#[test]
+fn a_rig_whose_origin_is_a_camera_is_not_judged_by_how_it_is_worn() {
+    let rig = Rig::parse(EXAMPLE).unwrap();
+    let feet: Frame = "feet/left".parse().unwrap();
+    let new_from_rig =
+        RigidTransform::body_from_optical() * rig.transform(&feet, &Frame::rig()).unwrap();
+    let mut parts = rig.to_parts();
+    for edge in parts.edges.iter_mut().filter(|e| e.parent == Frame::rig()) {
+        edge.parent_from_child = new_from_rig * edge.parent_from_child;
+        if edge.child == feet {
+            edge.parent_from_child = RigidTransform::body_from_optical();
+        }
+    }
+    // As a drawing it cannot be: the shoulders look up and back.
+    let drawn = Rig::from_parts(parts.clone()).unwrap();
+    assert_eq!(drawn.origin_camera(), None);
+    let wrong = found(&drawn.to_toml(), &facts());
+    assert!(
+        wrong.iter().any(|f| f.contains("misses the feet")),
+        "{wrong:#?}"
+    );
+    parts.provenance.kind = super::super::ProvenanceKind::Calibrated;
+    let calibrated = Rig::from_parts(parts.clone()).unwrap();
+    assert_eq!(calibrated.origin_camera(), Some("feet"));
+    let notes = found(&calibrated.to_toml(), &facts());
+    assert_eq!(notes.len(), 1, "{notes:#?}");
+    assert!(
+        notes[0].contains("note: the rig's frame is that of feet"),
+        "{notes:#?}"
+    );
+    // What does not depend on it is looked at as ever.
+    for edge in parts
+        .edges
+        .iter_mut()
+        .filter(|e| e.child.as_str() == "feet/right")
+    {
+        edge.parent_from_child = edge.parent_from_child.inverse();
+    }
+    let swapped = found(&Rig::from_parts(parts).unwrap().to_toml(), &facts());
+    assert!(
+        swapped
+            .iter()
+            .any(|f| f.contains("left and right of feet are swapped")),
+        "{swapped:#?}"
+    );
+}

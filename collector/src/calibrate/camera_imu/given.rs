@@ -75,7 +75,10 @@ impl<'a> Given<'a> {
         let lens = |eye: &str| {
             let lens = self.told.lens(&frame(eye));
             lens.with_context(|| {
-                format!("the session tells of no lens of {camera}/{eye} that is known here")
+                format!(
+                    "the session tells of no lens of {camera}/{eye} that is known here: `paws calib cameras` finds it, \
+                     and --calibration DIR names what that wrote"
+                )
             })
         };
         let mut lenses = vec![(lens("left")?, RigidTransform::identity())];
@@ -102,7 +105,9 @@ impl<'a> Given<'a> {
         match (&self.rig, &self.told.rig, &self.told.unreadable) {
             (Some(rig), ..) | (None, Some((_, rig)), _) => Ok(rig),
             (None, None, Some(problem)) => Err(problem),
-            (None, None, None) => Err("the session has none to start from"),
+            (None, None, None) => Err(
+                "the session has none to start from; `paws calib cameras` makes one, and --calibration DIR names it",
+            ),
         }
     }
 }

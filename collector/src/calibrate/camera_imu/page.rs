@@ -1,14 +1,18 @@
 //! The report: may the result be used, what is it, how do the residuals look.
 
+use anyhow::Result;
+use cad_transforms::Rig;
 use calib::camera_imu::{CameraImu, Residual, Verdict as Gate};
 use charts::{Axis, Cell, Chart, Page, Series, Table, Verdict};
 use session_archive::manifest::Manifest;
 
 use super::Measured;
 use super::table::rows;
+use crate::calibrate::places::section;
 use crate::plots::{HEIGHT, WIDTH};
 
-pub(super) fn html(manifest: &Manifest, all: &[Measured]) -> String {
+/// `rig` is the rig with its IMUs, where there is one.
+pub(super) fn html(manifest: &Manifest, all: &[Measured], rig: Option<&Rig>) -> Result<String> {
     let worst = all.iter().map(|m| match &m.found {
         Ok(found) => found.verdict(),
         Err(_) => Gate::Fail,
@@ -25,6 +29,13 @@ pub(super) fn html(manifest: &Manifest, all: &[Measured]) -> String {
          {}, recorded {}.",
         manifest.session_id, manifest.started_civil
     ));
+    if let Some(rig) = rig {
+        let lenses = all.iter().filter_map(|m| {
+            let (lens, _) = m.lenses.first()?;
+            Some((m.camera.as_str(), lens))
+        });
+        page = section(page, rig, &lenses.collect::<Vec<_>>())?;
+    }
     for measured in all {
         page = page.section(&measured.camera);
         page = match &measured.found {
@@ -32,7 +43,7 @@ pub(super) fn html(manifest: &Manifest, all: &[Measured]) -> String {
             Err(error) => page.finding(Verdict::Fail, &format!("No result: {error:#}")),
         };
     }
-    page.to_html()
+    Ok(page.to_html())
 }
 
 /// One kind of residual.

@@ -1,7 +1,7 @@
 //! The numbers: as JSON for programs, as lines for people.
 
 use anyhow::Result;
-use cad_transforms::RigidTransform;
+use cad_transforms::{Frame, Rig, RigidTransform};
 use calib::cameras::{Calibration, Severity};
 use nalgebra::Matrix6;
 use serde_json::{Value as Json, json};
@@ -91,9 +91,19 @@ pub(super) fn places(found: &Calibration) -> Vec<Place> {
     all
 }
 
-/// The document.
-pub(super) fn json(manifest: &Manifest, found: &Calibration) -> Result<Vec<u8>> {
+/// The document; `rig` is the rig as it was found, where it is one.
+pub(super) fn json(manifest: &Manifest, found: &Calibration, rig: Option<&Rig>) -> Result<Vec<u8>> {
     let input = &found.input;
+    let mut frames = Vec::new();
+    for placed in rig.map(super::places::of).transpose()?.unwrap_or_default() {
+        frames.push(json!({
+            "frame": placed.frame,
+            "rig_from_frame": rig.and_then(|r| r.transform(&Frame::rig(), &placed.frame).ok()),
+            "translation_mm": placed.at_mm,
+            "roll_pitch_yaw_deg": placed.rpy_deg,
+            "sigma_mm_deg": placed.sigma,
+        }));
+    }
     let eyes = (0..input.eyes.len()).map(|eye| {
         let model = found.lens(eye);
         let coverage = &found.coverage[eye];
@@ -151,6 +161,8 @@ pub(super) fn json(manifest: &Manifest, found: &Calibration) -> Result<Vec<u8>> 
         "units": "pixels, m, rad; sigma is one standard deviation; covariances are of [translation, rotation] in the axes of the parent",
         "eyes": eyes.collect::<Vec<Json>>(),
         "places": places.collect::<Vec<Json>>(),
+        "origin_camera": rig.and_then(Rig::origin_camera),
+        "frames": frames,
         "lens_models": choices.collect::<Vec<Json>>(),
         "sagitta_m": found.sagitta_m,
         "instants_used": found.used.len(),

@@ -1,13 +1,17 @@
 //! The report: may the result be used, if not why not, what is it, what is left over.
 
+use anyhow::Result;
+use cad_transforms::Rig;
 use calib::cameras::{Calibration, Severity};
 use charts::{Cell, Page, Table, Verdict};
 use session_archive::manifest::Manifest;
 
 use super::document::places;
 use super::plots;
+use crate::calibrate::places::section;
 
-pub(super) fn html(manifest: &Manifest, found: &Calibration) -> String {
+/// `rig` is the rig as it was found, where it is one.
+pub(super) fn html(manifest: &Manifest, found: &Calibration, rig: Option<&Rig>) -> Result<String> {
     let verdict = match found.severity() {
         Some(Severity::Fail) => Verdict::Fail,
         Some(Severity::Warn) => Verdict::Warn,
@@ -33,7 +37,12 @@ pub(super) fn html(manifest: &Manifest, found: &Calibration) -> String {
             Severity::Note => page.text(&finding.text),
         };
     }
-    page = page.section("Where eyes and cameras are");
+    if let Some(rig) = rig {
+        let cameras = input.cameras.iter();
+        let lenses = cameras.map(|camera| (camera.name.as_str(), found.lens(camera.left)));
+        page = section(page, rig, &lenses.collect::<Vec<_>>())?;
+    }
+    page = page.section("Eyes and cameras against what was told");
     let mut table = Table::new(["", "Off what was told", "", "\u{b1}", ""]);
     for place in places(found) {
         let off = |f: fn((f64, f64)) -> f64, unit: &str| {
@@ -76,7 +85,7 @@ pub(super) fn html(manifest: &Manifest, found: &Calibration) -> String {
             );
         }
     }
-    page.to_html()
+    Ok(page.to_html())
 }
 
 fn parameters(found: &Calibration, eye: usize) -> Table {

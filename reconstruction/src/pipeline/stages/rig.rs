@@ -13,6 +13,7 @@ use cad_transforms::{Covariance, Rig, RigidTransform};
 use calib::{CameraModel, Provenance, StereoCalibration, foxglove};
 use scene_bundle::outputs::rig::{RigCamera, RigImu, RigModel};
 use scene_bundle::outputs::{self, RIG};
+use serde::Serialize;
 use serde_json::{Value, json};
 use session_archive::index::ImuIndex;
 use session_archive::layout;
@@ -38,6 +39,17 @@ pub struct Told {
     pub calibrations: BTreeMap<String, StereoCalibration>,
     /// Times from row to row of cameras, s, by name.
     pub lines_s: BTreeMap<String, f64>,
+    /// The files that all this was read from.
+    pub files: Vec<GivenFile>,
+}
+
+/// A file that was given beside the session.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct GivenFile {
+    /// Its name, without the folder.
+    pub file: String,
+    /// BLAKE3 of its bytes, hex.
+    pub blake3: String,
 }
 
 /// See the module.
@@ -67,8 +79,9 @@ impl Stage<Input> for RigStage {
             rig,
             calibrations,
             lines_s,
+            files,
         } = &self.told;
-        // Where a calibration was read from is of no consequence.
+        // In which folder a calibration was is of no consequence.
         let lenses: BTreeMap<&String, Value> = (calibrations.iter())
             .map(|(name, c)| {
                 let place = json!({
@@ -80,11 +93,16 @@ impl Stage<Input> for RigStage {
                 (name, place)
             })
             .collect();
-        json!({
+        let mut settings = json!({
             "rig": rig,
             "calibrations": lenses,
             "lines_s": lines_s,
-        })
+        });
+        // Not there where nothing is given, as before there was this key.
+        if !files.is_empty() {
+            settings["given"] = json!(files);
+        }
+        settings
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
@@ -121,7 +139,11 @@ pub enum RigStageError {
         expected: String,
     },
     /// Of no camera both lenses and places are known: give calibrations, or record with them.
-    #[error("no camera of the session has lenses and a place on the rig: {0}")]
+    #[error(
+        "no camera of the session has lenses and a place on the rig: {}; to mend it: {}",
+        .0,
+        calib::mend::after()
+    )]
     NoCamera(String),
 }
 
@@ -143,6 +165,12 @@ pub fn revision(input: &Input, told: &Told) -> scene_bundle::RigRevision {
 pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageError> {
     check_names(input, told)?;
     let mut report = Report::default();
+    for GivenFile { file, blake3 } in &told.files {
+        let note = format!(
+            "given beside the session, and taken before what it holds: {file}, blake3 {blake3}"
+        );
+        report.notes.push(note);
+    }
     let parse = |text: &String| Rig::parse(text).map_err(RigStageError::Told);
     let rig = match told.rig.as_ref().map(parse).transpose()? {
         Some(rig) => Some(rig),
@@ -201,6 +229,13 @@ pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageE
     if cameras.is_empty() {
         return Err(RigStageError::NoCamera(report.losses.join("; ")));
     }
+    if cameras.len() < input.manifest().cameras.len() {
+        let note = format!(
+            "cameras without lenses or a place are left out; to have them: {}",
+            calib::mend::after()
+        );
+        report.notes.push(note);
+    }
     let mut imus = Vec::new();
     for imu in &input.manifest().imus {
         let name = imu.name.as_str();
@@ -227,6 +262,14 @@ pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageE
             noise: Some(noise.unwrap_or_else(|| known.noise(name, &mut report))),
             range: known.range,
         });
+    }
+    if imus.len() < input.manifest().imus.len() {
+        let note = format!(
+            "IMUs without a place are left out; to have them: `{}`, then `{}`",
+            calib::mend::PLACE_IMUS,
+            calib::mend::RECONSTRUCT
+        );
+        report.notes.push(note);
     }
     let heard: BTreeMap<&str, f64> = (input.index().imus.iter())
         .map(|imu| (imu.name.as_str(), heard_s(imu)))

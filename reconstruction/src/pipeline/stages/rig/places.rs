@@ -11,9 +11,6 @@ use super::Placed;
 use crate::input::Input;
 use crate::pipeline::Report;
 
-/// The optical axes as rig axes: forward is optical z, left is -x, up is -y. Rows.
-const RIG_FROM_OPTICAL: [f64; 9] = [0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0];
-
 pub(super) struct Places<'a> {
     rig: Option<&'a Rig>,
     /// Parent, child, `parent_from_child`.
@@ -29,9 +26,8 @@ impl<'a> Places<'a> {
         if let [camera] = &input.manifest().cameras[..]
             && places.on_rig(&camera.name, FramePart::Left).is_none()
         {
-            let forward = RigidTransform::from_rotation_rows(RIG_FROM_OPTICAL, [0.0; 3]);
-            let forward = forward.expect("an exchange of axes is a rotation");
             let left = format!("{}/left", camera.name);
+            let forward = RigidTransform::body_from_optical();
             places
                 .recorded
                 .push((Frame::rig().to_string(), left, forward));

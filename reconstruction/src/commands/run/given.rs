@@ -1,0 +1,129 @@
+//! Calibrations that are given to `paws-reconstruct run` beside the session.
+//!
+//! Contract: the session is not touched. Every file that is read is listed in [`Told::files`] with its hash, which goes
+//! into the bundle. What was taken already stays: a folder does not replace a file that is named by itself.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail, ensure};
+use cad_transforms::rig::Rig;
+use cad_transforms::{Frame, FramePart};
+use reconstruction::Input;
+use reconstruction::pipeline::stages::rig::{GivenFile, Told};
+
+/// The rig file of `paws calib cameras`, and that of `paws calib camera-imu`, which has the IMUs besides.
+const RIGS: [&str; 2] = ["rig.toml", "rig-imu.toml"];
+/// Two places are the same within this, m and rad: rig files hold all digits.
+const SAME: f64 = 1e-9;
+
+/// Takes what `paws calib` wrote into a folder: the rig file, that with IMUs where there is one, and the lenses of each
+/// camera of the session that has a file there, each only where none was taken yet.
+///
+/// # Errors
+/// There is nothing of that in the folder, a file cannot be read, or the two rig files are of different calibrations.
+pub(super) fn folder(told: &mut Told, folder: &Path, input: &Input) -> Result<()> {
+    let [cameras, imus] = RIGS.map(|name| folder.join(name));
+    if cameras.exists() && imus.exists() {
+        same_cameras(&cameras, &imus)?;
+    }
+    let best = [&imus, &cameras].into_iter().find(|path| path.exists());
+    let mut found = usize::from(best.is_some());
+    if let (Some(best), None) = (best, &told.rig) {
+        rig(told, best)?;
+    }
+    for camera in &input.manifest().cameras {
+        let file = folder.join(format!("{}.yaml", camera.name));
+        if !file.exists() {
+            continue;
+        }
+        found += 1;
+        if !told.calibrations.contains_key(&camera.name) {
+            lenses(told, &camera.name, &file, input)?;
+        }
+    }
+    let names = input.manifest().cameras.iter();
+    let names: Vec<String> = names
+        .map(|camera| format!("{}.yaml", camera.name))
+        .collect();
+    ensure!(
+        found > 0,
+        "taking a calibration: found neither {} nor {}, expected what `{}` writes: {}",
+        RIGS.join(" nor "),
+        names.join(" nor "),
+        calib::mend::CALIBRATE,
+        folder.display()
+    );
+    Ok(())
+}
+
+/// A rig file with IMUs that was made of other cameras than those beside it is older than they are.
+fn same_cameras(cameras: &Path, imus: &Path) -> Result<()> {
+    let (of_cameras, of_imus) = (Rig::read(cameras)?, Rig::read(imus)?);
+    for camera in of_cameras.cameras() {
+        let left = Frame::of_camera(camera, FramePart::Left)?;
+        let at = of_cameras.transform(&Frame::rig(), &left)?;
+        let same = of_imus.transform(&Frame::rig(), &left).is_ok_and(|other| {
+            let off = at.inverse() * other;
+            off.distance_m() < SAME && off.angle_rad() < SAME
+        });
+        ensure!(
+            same,
+            "taking a calibration: {} and {} have {camera} in different places, expected the same; \
+             `{}` --force makes the latter again: {}",
+            RIGS[0],
+            RIGS[1],
+            calib::mend::PLACE_IMUS,
+            imus.display()
+        );
+    }
+    Ok(())
+}
+
+/// Takes a rig file.
+///
+/// # Errors
+/// It cannot be read.
+pub(super) fn rig(told: &mut Told, path: &Path) -> Result<()> {
+    let text = std::fs::read_to_string(path);
+    let text = text.with_context(|| format!("reading {}", path.display()))?;
+    note(told, path, text.as_bytes());
+    told.rig = Some(text);
+    Ok(())
+}
+
+/// Takes the lenses of a camera.
+///
+/// # Errors
+/// The session has no such camera, or the file cannot be read.
+pub(super) fn lenses(told: &mut Told, camera: &str, path: &Path, input: &Input) -> Result<()> {
+    let cameras = &input.manifest().cameras;
+    let Some(recorded) = cameras.iter().find(|c| c.name == *camera) else {
+        let known: Vec<&str> = cameras.iter().map(|c| c.name.as_str()).collect();
+        bail!(
+            "taking a calibration: the session has no camera {camera:?}, expected one of {}",
+            known.join(", ")
+        );
+    };
+    let (width, height) = (recorded.width / 2, recorded.height);
+    let (calibration, notes) = calib::read_stereo(path, width, height)?;
+    for note in notes {
+        log::warn!("{}: {}", path.display(), note.0);
+    }
+    for file in &calibration.provenance.files {
+        let bytes = std::fs::read(file).with_context(|| format!("reading {}", file.display()))?;
+        note(told, file, &bytes);
+    }
+    told.calibrations.insert(camera.to_owned(), calibration);
+    Ok(())
+}
+
+fn note(told: &mut Told, path: &Path, bytes: &[u8]) {
+    let name = path.file_name().unwrap_or(path.as_os_str());
+    let given = GivenFile {
+        file: name.to_string_lossy().into_owned(),
+        blake3: blake3::hash(bytes).to_hex().to_string(),
+    };
+    if !told.files.contains(&given) {
+        told.files.push(given);
+    }
+}

@@ -1,0 +1,200 @@
+//! The way from devices to a scene of a rig of which nothing is known: boards, calibration, a walk, a scene. As
+//! docs/calibration.md has it, with the programs as a user starts them.
+
+use std::path::Path;
+use std::process::{Command, Output};
+use std::sync::Arc;
+
+use cad_transforms::{Frame, FramePart, Rig, RigidTransform};
+use rig_sim::camera::Quality;
+use rig_sim::faults::Faults;
+use rig_sim::render::{Job, render_session};
+use rig_sim::scene::{Kind, Time};
+use rig_sim::simulation::{Settings, Simulation};
+use scene_bundle::Scene;
+use tests::program;
+
+const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
+const CALIBRATE: &str = "`paws calib cameras BOARDS --target board.toml --out calibration`";
+
+/// A session that tells of neither lenses nor places; gives the rig as it is.
+fn render(kind: Kind, seconds: f64, rate_hz: f64, folder: &Path) -> Rig {
+    let settings = Settings {
+        kind,
+        time: Time::Day,
+        seed: 5,
+        seconds,
+        rate_hz,
+        width: 672,
+        height: 376,
+        quality: Quality::FAST,
+    };
+    let rig = Rig::parse(RIG).expect("a rig file");
+    let simulation = Simulation::new(&settings, &rig).expect("a simulation");
+    let truth = Rig::parse(&simulation.true_rig_text(&rig)).expect("the truth");
+    let job = Job {
+        rig: &rig,
+        rig_text: RIG,
+        session: true,
+        faults: &Faults::default(),
+        truth: false,
+        threads: 2,
+    };
+    render_session(&Arc::new(simulation.untold()), &job, folder, &|| {}).expect("a session");
+    truth
+}
+
+/// What a program printed; it must end with this code.
+fn says(program: &Path, folder: &Path, arguments: &[&str], code: i32) -> String {
+    let mut command = Command::new(program);
+    let Output {
+        status,
+        stdout,
+        stderr,
+    } = command
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .expect("run");
+    let text = [stdout, stderr].map(|bytes| String::from_utf8(bytes).expect("UTF-8"));
+    let text = text.concat();
+    assert_eq!(status.code(), Some(code), "{arguments:?}\n{text}");
+    text
+}
+
+#[test]
+fn a_rig_of_which_nothing_is_known_comes_to_a_scene() {
+    let (paws, reconstruct) = (
+        program::paws().expect("paws"),
+        program::reconstruct().expect("paws-reconstruct"),
+    );
+    let folder = tempfile::tempdir().expect("folder");
+    let here = folder.path();
+    let truth = render(Kind::Targets, 45.0, 5.0, &here.join("boards"));
+    assert!(!here.join("boards/rig/rig.toml").exists());
+
+    // The rig file comes of boards alone, and the screen shows what was found.
+    let said = says(
+        &paws,
+        here,
+        &["calib", "cameras", "boards", "--out", "calibration"],
+        0,
+    );
+    assert!(
+        said.contains("the origin is the left lens of left_shoulder"),
+        "{said}"
+    );
+    assert!(
+        said.contains("pitch\u{b0}") && said.contains("sigma mm"),
+        "{said}"
+    );
+    let page = std::fs::read_to_string(here.join("calibration/cameras.html")).expect("a page");
+    assert!(page.contains("Where cameras and IMUs are") && page.contains("feet/right"));
+    let found = Rig::read(&here.join("calibration/rig.toml")).expect("a rig file");
+    assert_eq!(found.origin_camera(), Some("left_shoulder"));
+    assert!(found.provenance().note.contains("from boards alone"));
+    let left = |camera: &str| Frame::of_camera(camera, FramePart::Left).expect("a frame");
+    let between = |rig: &Rig, a: &Frame, b: &Frame| rig.transform(a, b).expect("frames");
+    let off = |a: &Frame, b: &Frame, found: &Rig| -> (f64, f64) {
+        let off: RigidTransform = between(&truth, a, b).inverse() * between(found, a, b);
+        (1e3 * off.distance_m(), off.angle_rad().to_degrees())
+    };
+    let origin = left("left_shoulder");
+    for camera in ["right_shoulder", "feet"] {
+        let (mm, degrees) = off(&origin, &left(camera), &found);
+        assert!(
+            mm < 3.0 && degrees < 0.15,
+            "{camera}: {mm} mm, {degrees} degrees\n{said}"
+        );
+        let sigmas = found.covariance(&Frame::rig(), &left(camera));
+        let sigmas = sigmas.expect("frames").expect("a tolerance").sigmas();
+        assert!(
+            sigmas.iter().all(|s| (1e-6..5e-3).contains(s)),
+            "{sigmas:?}"
+        );
+    }
+
+    // The IMUs are added to it.
+    let imus = [
+        "calib",
+        "camera-imu",
+        "boards",
+        "--calibration",
+        "calibration",
+    ];
+    let imus = [
+        &imus[..],
+        &["--line-us", "feet=22.606", "--out", "calibration"],
+    ]
+    .concat();
+    let said = says(&paws, here, &imus, 0);
+    assert!(said.contains("feet/imu"), "{said}");
+    let with_imus = Rig::read(&here.join("calibration/rig-imu.toml")).expect("a rig file");
+    for camera in ["left_shoulder", "right_shoulder", "feet"] {
+        let imu = Frame::of_camera(camera, FramePart::Imu).expect("a frame");
+        let (mm, degrees) = off(&left(camera), &imu, &with_imus);
+        assert!(
+            mm < 4.0 && degrees < 0.3,
+            "{camera}/imu: {mm} mm, {degrees} degrees\n{said}"
+        );
+    }
+    for file in ["calibration/rig.toml", "calibration/rig-imu.toml"] {
+        let mut check = vec!["rig".to_owned(), "check".to_owned(), file.to_owned()];
+        for camera in ["left_shoulder", "right_shoulder", "feet"] {
+            check.push("--calibration".to_owned());
+            check.push(format!("{camera}=calibration/{camera}.yaml"));
+        }
+        let check: Vec<&str> = check.iter().map(String::as_str).collect();
+        let said = says(&paws, here, &check, 0);
+        assert!(
+            said.contains("the rig's frame is that of left_shoulder"),
+            "{said}"
+        );
+    }
+
+    // A walk that was recorded before: told of by import, refused by reconstruction, mended by the folder.
+    render(Kind::Plaza, 3.0, 15.0, &here.join("walk"));
+    let library = ["--library", "library"];
+    says(
+        &paws,
+        here,
+        &[&library[..], &["import", "walk"]].concat(),
+        0,
+    );
+    let mut sessions = std::fs::read_dir(here.join("library/sessions")).expect("sessions");
+    let session = sessions
+        .next()
+        .expect("a session")
+        .expect("an entry")
+        .path();
+    let session = session.to_str().expect("UTF-8");
+    let said = says(
+        &paws,
+        here,
+        &[&library[..], &["validate", session]].concat(),
+        0,
+    );
+    assert!(said.contains("WARN") && said.contains(CALIBRATE), "{said}");
+    let said = says(
+        &paws,
+        here,
+        &[&library[..], &["handoff", session]].concat(),
+        0,
+    );
+    let handoff = said.lines().find(|line| line.ends_with("handoff.json"));
+    let handoff = handoff.expect("a hand-off").to_owned();
+    let run = ["run", &handoff, "--out", "walk.scene", "--preset", "fast"];
+    let said = says(&reconstruct, here, &run, 1);
+    assert!(
+        said.contains("its lenses are not known") && said.contains(CALIBRATE),
+        "{said}"
+    );
+    let mended = [&run[..], &["--calibration", "calibration"]].concat();
+    let said = says(&reconstruct, here, &mended, 0);
+    assert!(said.contains("given beside the session"), "{said}");
+    let scene = Scene::open(&here.join("walk.scene")).expect("a bundle");
+    let manifest = scene.manifest();
+    assert_eq!(manifest.provenance.rig.name, "calibrated rig");
+    assert_eq!(manifest.provenance.rig.revision, with_imus.revision());
+    assert!(manifest.outputs.contains_key("cloud"));
+}
