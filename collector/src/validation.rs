@@ -5,7 +5,6 @@
 //! made again at any time.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::io;
 use std::path::Path;
 

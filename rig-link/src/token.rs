@@ -4,7 +4,6 @@
 //! time. It is never printed and never logged.
 
 use std::fmt;
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 

@@ -75,7 +75,12 @@ fn an_index_that_claims_to_be_huge_takes_no_memory() {
         refused(&packed(&zeros, claimed));
     }
     // Short, with a list in it that claims to be long: identifier "s", then so many segments.
-    for count in [1 << 20, (1 << 30) / size_of::<(u32, u64)>() as u64, 1 << 40, u64::MAX] {
+    for count in [
+        1 << 20,
+        (1 << 30) / size_of::<(u32, u64)>() as u64,
+        1 << 40,
+        u64::MAX,
+    ] {
         let mut plain = vec![1, b's', 253];
         plain.extend(count.to_le_bytes());
         plain.resize(2000, 0);
@@ -100,7 +105,10 @@ fn files_that_are_longer_than_their_kind_are_not_read() {
     let disk = DiskStorage::new(folder.path());
     let error = read_all(&disk, "session.json").expect_err("refused");
     assert!(plain_file::is_refusal(&error), "{error}");
-    assert!(error.to_string().contains("expected at most 67108864"), "{error}");
+    assert!(
+        error.to_string().contains("expected at most 67108864"),
+        "{error}"
+    );
     let error = manifest::Manifest::read(&disk).expect_err("refused");
     let error = format!("{error:?}");
     assert!(error.contains(&manifest::MAX_BYTES.to_string()), "{error}");
@@ -134,13 +142,19 @@ fn below_a_sessions_folder_no_link_is_followed() {
     match opened.err().expect("refused") {
         ReadError::Io { path, error } => {
             assert_eq!(path, "session.json");
-            assert_eq!(error.to_string(), "found a symbolic link, expected a regular file");
+            assert_eq!(
+                error.to_string(),
+                "found a symbolic link, expected a regular file"
+            );
         }
         other => panic!("{other}"),
     }
     fs::remove_dir(at("session/segments")).expect("removed");
     symlink("../elsewhere", at("session/segments")).expect("a link");
     let error = disk.list("segments").expect_err("refused");
-    assert_eq!(error.to_string(), "found a symbolic link, expected a folder");
+    assert_eq!(
+        error.to_string(),
+        "found a symbolic link, expected a folder"
+    );
     disk.open("segments/000000.mcap").err().expect("refused");
 }

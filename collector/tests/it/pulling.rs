@@ -374,13 +374,18 @@ fn a_damaged_copy_in_the_library_makes_way_for_the_whole_one_on_the_rig() {
     assert!(aside == tree(&from_disk));
 
     // What the library's disk does to it later is found when the rig asks whether it may free it.
-    let copy = rig.library().join(format!("sessions/{ID}/segments/000000.mcap"));
+    let copy = rig
+        .library()
+        .join(format!("sessions/{ID}/segments/000000.mcap"));
     fs::copy(&segment, copy).unwrap();
     fs::remove_file(rig.receipt("walk-1")).unwrap();
     let (outcome, text) = rig.pull(&rig.options());
     assert_eq!(outcome, Outcome::Fine, "{text}");
     rig.assert_pulled("walk-1", ID);
-    assert!(text.contains(&format!("is kept as {ID}.damaged-2")), "{text}");
+    assert!(
+        text.contains(&format!("is kept as {ID}.damaged-2")),
+        "{text}"
+    );
 }
 
 #[test]

@@ -65,14 +65,19 @@ fn what_is_no_file_is_refused_at_once() {
 fn a_file_that_has_become_long_is_not_read() {
     let sample = Sample::new();
     let scene = sample.scene();
-    let file = fs::File::options().write(true).open(a_file(&scene)).unwrap();
+    let file = fs::File::options()
+        .write(true)
+        .open(a_file(&scene))
+        .unwrap();
     // Sparse: it takes no room on the disk, and would take more memory than there is.
     file.set_len(1 << 43).unwrap();
     let output = scene.output(CLOUD).unwrap();
     let said = cloud::read(&output).unwrap_err();
     assert!(matches!(said, BundleError::Changed { .. }), "{said}");
     assert!(said.to_string().contains("8796093022208 bytes"), "{said}");
-    let manifest = fs::File::options().write(true).open(sample.path.join("scene.json"));
+    let manifest = fs::File::options()
+        .write(true)
+        .open(sample.path.join("scene.json"));
     manifest.unwrap().set_len(1 << 43).unwrap();
     let said = chain(&Scene::open(sample.path).err().unwrap());
     assert!(said.contains("expected at most 67108864"), "{said}");
