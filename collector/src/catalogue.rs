@@ -161,7 +161,7 @@ pub struct Catalogue {
 /// What stands where the catalogue belongs.
 pub(crate) enum Found {
     /// A catalogue of this version, whole.
-    Usable(Catalogue),
+    Usable(Box<Catalogue>),
     /// Nothing.
     Missing,
     /// Something that is none: damaged, of another version, no file. With the reason.
@@ -196,7 +196,7 @@ impl Catalogue {
             read.map(|_| (catalogue, why))
         });
         match opened {
-            Ok((catalogue, None)) => Ok(Found::Usable(catalogue)),
+            Ok((catalogue, None)) => Ok(Found::Usable(Box::new(catalogue))),
             Ok((_, Some(why))) => Ok(Found::Unusable(why)),
             Err(e) if health::is_damage(&e) => Ok(Found::Unusable(e.to_string())),
             Err(e) if health::is_busy(&e) => Err(CatalogueError {
@@ -463,7 +463,7 @@ mod tests {
 
     fn opened(path: &Path) -> Catalogue {
         match Catalogue::look(path).unwrap() {
-            Found::Usable(catalogue) => catalogue,
+            Found::Usable(catalogue) => *catalogue,
             Found::Missing => panic!("missing"),
             Found::Unusable(why) | Found::Unreachable(why) => panic!("{why}"),
         }

@@ -242,7 +242,7 @@ pub fn import(
             // Left behind if an import was stopped just after its rename, which may not be durable.
             sync_published(library, &key)?;
             journal::remove(&library.incoming(&key))?;
-            return Ok(imported);
+            return Ok(*imported);
         }
         There::Worse(condition) => Some(condition),
     };

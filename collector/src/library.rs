@@ -89,7 +89,7 @@ impl Library {
             .with_context(|| format!("opening the library: {}", root.display()))?;
         let path = root.join(CATALOGUE);
         let catalogue = match Catalogue::look(&path)? {
-            Found::Usable(catalogue) => catalogue,
+            Found::Usable(catalogue) => *catalogue,
             Found::Unreachable(why) => {
                 log::debug!("listing from the folders: {why}: {}", path.display());
                 Catalogue::in_memory(&path)?
@@ -316,7 +316,7 @@ fn rows_of_folders(root: &Path) -> Result<(Vec<Row>, Vec<(String, String)>)> {
 fn mended(root: &Path) -> Result<Catalogue> {
     let path = root.join(CATALOGUE);
     let why = match Catalogue::look(&path)? {
-        Found::Usable(catalogue) => return Ok(catalogue),
+        Found::Usable(catalogue) => return Ok(*catalogue),
         Found::Unreachable(why) => {
             log::debug!("listing from the folders: {why}: {}", path.display());
             return Ok(Catalogue::in_memory(&path)?);

@@ -32,7 +32,7 @@ pub(crate) enum There {
     /// Nothing.
     Nothing,
     /// The same session.
-    Same(Imported),
+    Same(Box<Imported>),
     /// One in this condition, and the one that comes is better.
     Worse(Condition),
 }
@@ -58,7 +58,7 @@ pub(super) fn look(
         _ => difference_in_content(&folder, source, files)?,
     };
     match difference {
-        None => same(key, &folder, record).map(There::Same),
+        None => same(key, &folder, record).map(|there| There::Same(Box::new(there))),
         // Nothing is better than a whole one.
         Some(what) if rank(condition) == WHOLE => Err(differs(key, what, source)),
         Some(what) => {

@@ -51,7 +51,7 @@ impl Puller<'_> {
             There::Nothing
         };
         let imported = match there {
-            There::Same(imported) => imported,
+            There::Same(imported) => *imported,
             There::Nothing => of_session(name, self.fetch(client, summary, key, None))?,
             There::Worse(old) => of_session(name, self.fetch(client, summary, key, Some(old)))?,
         };
@@ -137,11 +137,11 @@ impl Puller<'_> {
         } else {
             self.progress.add(held.bytes);
         }
-        Ok(There::Same(adopt::already(
+        Ok(There::Same(Box::new(adopt::already(
             &locked(&self.library),
             key,
             record,
-        )?))
+        )?)))
     }
 
     /// Gives the rig its receipt, and asks it to free the session.

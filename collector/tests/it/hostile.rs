@@ -99,6 +99,9 @@ fn what_is_no_file_in_a_session_is_refused_at_once_and_named() {
             ] {
                 let said = ends(at, arguments, &[1]);
                 assert!(said.contains(kind), "{arguments:?}, {name}: {said}");
+                for made in ["csv", "copy"] {
+                    let _ = fs::remove_dir_all(at.join(made));
+                }
             }
         });
         if let Some(old) = old {
