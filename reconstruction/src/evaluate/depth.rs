@@ -6,7 +6,6 @@
 //! truth jumps between neighbours, the nearest one counts. Where the truth is sky, or farther than files can say, depth that is
 //! there nevertheless is counted as invented and not as an error.
 
-use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
