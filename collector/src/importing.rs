@@ -41,7 +41,7 @@ pub fn run_as(
     console: &mut Console<'_>,
 ) -> Result<Outcome> {
     let mut library = Library::create(root)?;
-    let _lock = library.lock()?;
+    let _lock = library.lock_waiting(tell_waiting)?;
     let mut outcome = Outcome::Fine;
     let mut sessions = Vec::new();
     for source in sources {
@@ -79,7 +79,7 @@ pub fn run_as(
             Ok(imported) => {
                 if !imported.skipped.is_empty() {
                     complain!(
-                        "paws: not copied, being no files: {}",
+                        "paws: not copied, being no files of a session: {}",
                         imported.skipped.join(", ")
                     );
                 }
@@ -103,6 +103,14 @@ pub fn run_as(
         }
     }
     Ok(outcome)
+}
+
+/// Says that another program has to end first.
+pub(crate) fn tell_waiting(root: &Path) {
+    complain!(
+        "paws: another paws is changing this library; waiting for it to end: {}",
+        root.display()
+    );
 }
 
 /// From the first sample to the last, ns; none if there are no samples.
@@ -164,6 +172,11 @@ pub(crate) fn summary(imported: &Imported) -> String {
     );
     if imported.condition == Condition::Damaged {
         line.push_str(&format!(" ({})", faults(report).join(", ")));
+    }
+    if let Some(old) = &imported.replaced {
+        line.push_str(&format!(
+            "; the one that was there is worse and is kept as {old} (`paws prune --session {old} --yes` removes it)"
+        ));
     }
     if imported.condition.needs_recovery() {
         line.push_str(&format!("; `paws recover {key}` makes a sound copy"));

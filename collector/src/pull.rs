@@ -95,8 +95,8 @@ pub fn run(options: &Options, root: &Path, console: &mut Console<'_>) -> Result<
         complain!("connecting to {} (gives up after {limit} s)", options.rig);
     }
     let there = options.client()?.sessions()?;
-    let library = Library::create(root)?;
-    let _lock = library.lock()?;
+    let mut library = Library::create(root)?;
+    let _lock = library.lock_waiting(importing::tell_waiting)?;
     let mut outcome = Outcome::Fine;
     let mut refuse = |why: String| {
         complain!("paws: {why}");

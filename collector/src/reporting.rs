@@ -43,8 +43,7 @@ pub fn run(
             validated.validation = known;
         }
         _ if target.is_listed() => {
-            validated.validation.write(&target.folder)?;
-            target.refresh()?;
+            target.keep(&validated.validation)?;
             say_changes(before.as_ref(), &validated.validation, target, console)?;
         }
         _ => {}

@@ -110,8 +110,7 @@ pub fn run(targets: &[Target], options: &Options, console: &mut Console<'_>) -> 
         let before = Validation::read(&target.folder).ok();
         print(validated.reader.manifest(), validation, console)?;
         if target.is_listed() {
-            validation.write(&target.folder)?;
-            target.refresh()?;
+            target.keep(validation)?;
             say_changes(before.as_ref(), validation, target, console)?;
         }
         let write = |path: &Path, bytes: &[u8]| {

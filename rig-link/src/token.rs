@@ -4,8 +4,7 @@
 //! time. It is never printed and never logged.
 
 use std::fmt;
-use std::fs::File;
-use std::io::{self, Read as _};
+use std::io;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
@@ -15,10 +14,10 @@ use subtle::ConstantTimeEq;
 pub const MIN_LENGTH: usize = 16;
 /// Most characters.
 pub const MAX_LENGTH: usize = 256;
+/// Most that is read of a file with a token, white space around it included.
+const MAX_FILE: u64 = 4096;
 /// Fewest different characters: `aaaaaaaaaaaaaaaa` is no secret.
 const MIN_DIFFERENT: usize = 6;
-/// Bytes of a token's file that are looked at.
-const MAX_FILE: u64 = 4096;
 
 /// A secret of [`MIN_LENGTH`] to [`MAX_LENGTH`] visible ASCII characters.
 #[derive(Clone)]
@@ -105,20 +104,16 @@ impl Token {
             source,
             path: path.to_owned(),
         };
-        let file = File::open(path).map_err(failed)?;
-        let metadata = file.metadata().map_err(failed)?;
-        let mode = metadata.mode() & 0o7777;
-        if metadata.is_file() && mode & 0o077 != 0 {
+        let file = plain_file::open(path).map_err(failed)?;
+        let mode = file.metadata().map_err(failed)?.mode() & 0o7777;
+        if mode & 0o077 != 0 {
             return Err(TokenError::Open {
                 found: mode,
                 path: path.to_owned(),
             });
         }
-        let mut text = String::new();
-        file.take(MAX_FILE)
-            .read_to_string(&mut text)
-            .map_err(failed)?;
-        Self::new(&text)
+        let bytes = plain_file::read_file(&file, MAX_FILE).map_err(failed)?;
+        Self::new(&plain_file::text(bytes).map_err(failed)?)
     }
 
     /// Whether `given` is this token.
