@@ -13,7 +13,7 @@ mod parse;
 pub use encode::{ChunkBuilder, SegmentEncoder, sealed_chunk};
 pub use parse::{
     Attachment, AttachmentIndex, Channel, Chunk, ChunkIndex, Footer, Header, Message, MessageIndex,
-    Messages, Metadata, MetadataIndex, ParseError, Record, RecordIter, SchemaRecord, Statistics,
+    Messages, Metadata, MetadataIndex, PackedChunk, ParseError, Record, RecordIter, SchemaRecord, Statistics,
     SummaryOffset,
 };
 

@@ -13,6 +13,7 @@
 //! - [`discover`]: which encoder works on this machine.
 //! - [`decoder`]: access units in, pictures out.
 //! - [`mp4`]: access units into a file that players open.
+//! - [`file`](mod@file): the images of such files, and of others.
 //!
 //! ```
 //! use std::sync::{Arc, Mutex};
@@ -62,6 +63,7 @@ mod codec;
 pub mod decoder;
 pub mod discover;
 pub mod encoder;
+pub mod file;
 mod layout;
 pub mod mp4;
 pub mod native;

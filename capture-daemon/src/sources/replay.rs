@@ -27,7 +27,7 @@ use super::{
     CameraInfo, ImuInfo, ImuValues, RawFrame, RawImu, Sample, Source, SourceError, SourceInfo,
 };
 
-mod eyes;
+pub(super) mod eyes;
 
 use eyes::EyeSize;
 
@@ -216,6 +216,7 @@ impl Replay {
             kernel_time: None,
             host_time: self.start + offset_ns,
             exposure_ns: None,
+            eyes_apart_ns: None,
             picture,
         })
     }
