@@ -57,6 +57,8 @@ pub struct Bag {
     size: (u32, u32),
     plan: Plan,
     notes: Vec<String>,
+    /// What the session is to know.
+    notices: Vec<String>,
     start: HostTime,
     notices_out: usize,
     frames_out: usize,
@@ -132,6 +134,7 @@ impl Bag {
             files,
             kinds,
             size: image.size,
+            notices: plan.apart.iter().chain(&notes).cloned().collect(),
             plan,
             notes,
             start,
@@ -141,7 +144,7 @@ impl Bag {
         })
     }
 
-    /// What is wrong with the bag and can be lived with, and how far its eyes are apart, to be shown.
+    /// What is wrong with the bag and can be lived with, to be shown.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
@@ -217,7 +220,7 @@ impl Source for Bag {
     }
 
     fn next_sample(&mut self) -> Result<Option<Sample>, SourceError> {
-        if let Some(text) = self.plan.notices.get(self.notices_out) {
+        if let Some(text) = self.notices.get(self.notices_out) {
             self.notices_out += 1;
             return Ok(Some(Sample::Notice(Notice {
                 host_time: self.start,

@@ -26,7 +26,9 @@ pub(super) struct Plan {
     pub(super) imu_rate_hz: Option<f64>,
     /// Time of the first frame, ns.
     pub(super) first_ns: i64,
-    /// What the session is to know.
+    /// How far left and right images are apart, for people.
+    pub(super) apart: Option<String>,
+    /// What is left out, for people.
     pub(super) notices: Vec<String>,
 }
 
@@ -154,6 +156,7 @@ pub(super) fn plan(
         path: path.to_owned(),
         what,
     })?;
+    let mut apart = None;
     let partners = match chosen.right {
         Some(right) => {
             let right = &streams[right];
@@ -161,7 +164,9 @@ pub(super) fn plan(
             if let Some(what) = right_times.left_out() {
                 notices.push(format!("{}: left out: {what}", right.topic));
             }
-            Some(pairs(path, [left, right], [&times, &right_times], within_ns, &mut notices)?)
+            let found = pairs(path, [left, right], [&times, &right_times], within_ns, &mut notices)?;
+            apart = Some(found.1);
+            Some(found.0)
         }
         None => None,
     };
@@ -219,18 +224,19 @@ pub(super) fn plan(
         rate_hz,
         imu_rate_hz,
         first_ns,
+        apart,
         notices,
     })
 }
 
-/// The partner of each left image.
+/// The partner of each left image, and how far they are apart in words.
 fn pairs(
     path: &Path,
     [left, right]: [&Stream; 2],
     [left_times, right_times]: [&Times; 2],
     within_ns: i64,
     notices: &mut Vec<String>,
-) -> Result<Vec<Partner>, BagError> {
+) -> Result<(Vec<Partner>, String), BagError> {
     let of = |eye, times: &Times| -> Vec<(i64, Eye, usize)> {
         times.good().map(|(i, time)| (time, eye, i)).collect()
     };
@@ -271,11 +277,11 @@ fn pairs(
         });
     }
     let most = later.iter().map(|apart| apart.abs()).max().unwrap_or(0);
-    notices.push(format!(
+    let apart = format!(
         "left and right images are paired by their times: right ones are {:.3} ms later in the median, at most {:.3} ms apart",
         ms(median(&mut later)),
         ms(most)
-    ));
+    );
     if without_left > 0 {
         notices.push(format!(
             "{}: {without_left} images have no left one within {:.1} ms",
@@ -283,7 +289,7 @@ fn pairs(
             ms(within_ns)
         ));
     }
-    Ok(partners)
+    Ok((partners, apart))
 }
 
 /// From `time` to the nearest of the sorted `times`, ns.
