@@ -58,9 +58,9 @@ impl Footage {
         let camera = camera.context("the rig has no such camera")?;
         let frames = simulation.pictures(camera).collect();
         let imu = &simulation.imus()[camera];
-        let samples = simulation.samples(imu).map(|(_, time, sample)| {
-            (time, sample.gyro.into(), sample.accel.into())
-        });
+        let samples = simulation
+            .samples(imu)
+            .map(|(_, time, sample)| (time, sample.gyro.into(), sample.accel.into()));
         let samples = samples.collect();
         Ok(Self {
             frames,
@@ -72,7 +72,10 @@ impl Footage {
     /// The first frames alone.
     #[must_use]
     pub fn first(&self, frames: usize) -> Self {
-        let end = self.frames.get(frames).map_or(i64::MAX, |frame| frame.time_ns);
+        let end = self
+            .frames
+            .get(frames)
+            .map_or(i64::MAX, |frame| frame.time_ns);
         let samples = self.samples.iter().filter(|(time, ..)| *time < end);
         Self {
             simulation: self.simulation.clone(),
@@ -94,7 +97,12 @@ impl Footage {
     pub fn picture(&self, frame: usize) -> Result<Picture> {
         let of = &self.frames[frame];
         let (width, height) = (of.width as u32, of.height as u32);
-        Ok(Picture::new(width, height, PixelFormat::I420, of.i420.clone())?)
+        Ok(Picture::new(
+            width,
+            height,
+            PixelFormat::I420,
+            of.i420.clone(),
+        )?)
     }
 
     /// One eye of a frame as RGB, rows packed.

@@ -72,7 +72,10 @@ fn handed(session: &Path, library: &Path) -> PathBuf {
     };
     let imported = importing::run(&[session.to_owned()], library, &mut console);
     assert_eq!(imported.expect("import"), Outcome::Fine);
-    let name = session.file_name().and_then(|n| n.to_str()).expect("a name");
+    let name = session
+        .file_name()
+        .and_then(|n| n.to_str())
+        .expect("a name");
     let target = Target::find(name, Some(library)).expect("the imported session");
     let options = validate::Options::default();
     validate::run(std::slice::from_ref(&target), &options, &mut console).expect("validate");
@@ -109,7 +112,11 @@ fn reconstructed(session: &Path, scene: &Path) -> (f64, usize) {
     };
     let outcomes = pipeline.run(&sources, &bundle, &selection, &Unwatched, &Meter::STILL);
     for outcome in outcomes.expect("rig and odometry") {
-        assert!(outcome.report.losses.is_empty(), "{:?}", outcome.report.losses);
+        assert!(
+            outcome.report.losses.is_empty(),
+            "{:?}",
+            outcome.report.losses
+        );
     }
     let loaded = files::load(scene, Some("trajectory-causal")).expect("a trajectory");
     let usable: Vec<_> = loaded.trajectory.usable().collect();
@@ -138,12 +145,20 @@ fn whole_way(source: &str, folder: &Path, least_db: f64) -> (Contents, Validatio
 
     let session = handed(&finished.session, &folder.join("library"));
     let validation = Validation::read(&session).expect("a validation");
-    assert_ne!(validation.verdict, Verdict::Fail, "{:?}", validation.reasons);
+    assert_ne!(
+        validation.verdict,
+        Verdict::Fail,
+        "{:?}",
+        validation.reasons
+    );
     let (found_m, poses) = reconstructed(&session, &folder.join("walk.scene"));
     let true_m = footage.distance_m(0, footage.frames.len() - 1);
     println!("{source}: {poses} poses, {found_m:.3} m, really {true_m:.3} m");
     assert_eq!(poses, footage.frames.len());
-    assert!((found_m / true_m - 1.0).abs() <= OFF, "{found_m} m, really {true_m} m");
+    assert!(
+        (found_m / true_m - 1.0).abs() <= OFF,
+        "{found_m} m, really {true_m} m"
+    );
     (contents, validation)
 }
 
@@ -157,7 +172,13 @@ fn eyes_apart(validation: &Validation) -> Option<(f64, Verdict)> {
 #[test]
 fn a_bag_with_images_and_imu() {
     let (folder, footage) = (desk(), walk());
-    bag::write(footage, Images::Rgb, 300_000, &folder.path().join("walk.mcap")).expect("a bag");
+    bag::write(
+        footage,
+        Images::Rgb,
+        300_000,
+        &folder.path().join("walk.mcap"),
+    )
+    .expect("a bag");
     let source = "kind = \"bag\"\npath = \"walk.mcap\"";
     let (contents, validation) = whole_way(source, folder.path(), 40.0);
     for (stored, truth) in contents.frames[CAMERA].iter().zip(&footage.frames) {
@@ -195,7 +216,10 @@ fn every_encoding_of_a_bag_is_the_same_walk() {
     for (images, colour) in [(Images::Bgr, "yuv420"), (Images::Mono, "grey")] {
         let folder = desk();
         bag::write(&short, images, 0, &folder.path().join("walk.mcap")).expect("a bag");
-        let finished = recorded(folder.path(), "kind = \"bag\"\npath = \"walk.mcap\"\nimu = false");
+        let finished = recorded(
+            folder.path(),
+            "kind = \"bag\"\npath = \"walk.mcap\"\nimu = false",
+        );
         let contents = Contents::read(&finished.session).expect("contents");
         assert_eq!(contents.frames[CAMERA].len(), 6, "{images:?}");
         assert_eq!(contents.manifest.cameras[0].colour, colour);
@@ -218,13 +242,21 @@ fn pictures(eye: Option<usize>) -> Vec<(i64, video::Picture)> {
         Some(eye) => footage.one_eye(n, eye).expect("a picture"),
     };
     let frames = footage.frames.iter().enumerate();
-    frames.map(|(n, frame)| (frame.time_ns - first, picture(n))).collect()
+    frames
+        .map(|(n, frame)| (frame.time_ns - first, picture(n)))
+        .collect()
 }
 
 #[test]
 fn a_video_file_with_both_eyes_side_by_side() {
     let folder = desk();
-    film::write(Film::Mp4, 15, pictures(None), &folder.path().join("walk.mp4")).expect("a film");
+    film::write(
+        Film::Mp4,
+        15,
+        pictures(None),
+        &folder.path().join("walk.mp4"),
+    )
+    .expect("a film");
     let source = "kind = \"video\"\npath = \"walk.mp4\"";
     let (contents, validation) = whole_way(source, folder.path(), 36.0);
     assert!(contents.imu.is_empty());
@@ -234,7 +266,13 @@ fn a_video_file_with_both_eyes_side_by_side() {
 #[test]
 fn a_film_of_motion_jpeg() {
     let folder = desk();
-    film::write(Film::MjpegAvi, 15, pictures(None), &folder.path().join("walk.avi")).expect("a film");
+    film::write(
+        Film::MjpegAvi,
+        15,
+        pictures(None),
+        &folder.path().join("walk.avi"),
+    )
+    .expect("a film");
     whole_way("kind = \"video\"\npath = \"walk.avi\"", folder.path(), 34.0);
 }
 
@@ -254,9 +292,14 @@ fn two_video_files_one_for_each_eye() {
     let finished = recorded(folder.path(), &late);
     let contents = Contents::read(&finished.session).expect("contents");
     assert!(contents.frames[CAMERA].is_empty());
-    let said: Vec<&str> = contents.events.iter().map(|(_, e)| e.text.as_str()).collect();
+    let said: Vec<&str> = contents
+        .events
+        .iter()
+        .map(|(_, e)| e.text.as_str())
+        .collect();
     assert!(
-        said.iter().any(|text| text.contains("60 have no left one within 26.7 ms")),
+        said.iter()
+            .any(|text| text.contains("60 have no left one within 26.7 ms")),
         "{said:?}"
     );
 }

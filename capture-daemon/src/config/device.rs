@@ -177,7 +177,10 @@ pub(super) fn pair_within(section: &mut Section<'_>, rate_hz: Option<f64>) -> Op
     let within_ms = section.number("pair_within_ms", 0.001..=1000.0)?;
     let within_ns = ns(1e6, within_ms);
     if let Some(Err(what)) = rate_hz.map(|rate_hz| pairing::limit_ns(rate_hz, Some(within_ns))) {
-        section.refuse("pair_within_ms", format_args!("does not fit the rate: {what}"));
+        section.refuse(
+            "pair_within_ms",
+            format_args!("does not fit the rate: {what}"),
+        );
     }
     Some(within_ns)
 }

@@ -51,14 +51,20 @@ pub struct VideoConfig {
 }
 
 pub(super) fn bag(section: &mut Section<'_>, folder: &Path) -> Option<BagConfig> {
-    section.must_have("path", "the folder of a rosbag2 recording, or an .mcap file");
+    section.must_have(
+        "path",
+        "the folder of a rosbag2 recording, or an .mcap file",
+    );
     let a_topic = "the name of a topic, as in \"/left/image_raw\"";
     let mut topic = |key| section.text(key, a_topic, |name| !name.is_empty());
     let (both, left, right) = (topic("topic"), topic("left_topic"), topic("right_topic"));
     let imu_topic = topic("imu_topic");
     let imu = section.flag("imu").unwrap_or(true);
     if !imu && imu_topic.is_some() {
-        section.refuse("imu_topic", "is given beside imu = false, expected one of the two");
+        section.refuse(
+            "imu_topic",
+            "is given beside imu = false, expected one of the two",
+        );
     }
     let pair_within_ns = pair_within(section, None);
     let images = match (both, left, right) {
@@ -77,7 +83,10 @@ pub(super) fn bag(section: &mut Section<'_>, folder: &Path) -> Option<BagConfig>
                 Some(_) => ("left_topic", "right_topic"),
                 None => ("right_topic", "left_topic"),
             };
-            section.refuse(given, format_args!("is given, expected {missing} beside it"));
+            section.refuse(
+                given,
+                format_args!("is given, expected {missing} beside it"),
+            );
             BagImages::Found
         }
     };

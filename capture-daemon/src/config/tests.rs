@@ -700,7 +700,10 @@ fn two_devices_are_a_pair() {
     );
     let eyes = config.eyes();
     assert_eq!(eyes.len(), 2);
-    assert!(eyes.iter().all(|eye| eye.width == 640 && eye.right.is_none()));
+    assert!(
+        eyes.iter()
+            .all(|eye| eye.width == 640 && eye.right.is_none())
+    );
     assert_eq!(eyes[1].device, DeviceChoice::Path("/dev/video2".into()));
     let usb = "kind = \"v4l2\"\nusb = \"0c45:6366\"\nusb_serial = \"a\"\nright_usb = \"0c45:6366\"\n\
                right_usb_serial = \"b\"";
@@ -748,8 +751,10 @@ fn what_others_have_recorded() {
     };
     let found = of("kind = \"bag\"\npath = \"walk\"");
     assert_eq!(found, SourceConfig::Bag(bag.clone()));
-    let found = of("kind = \"bag\"\npath = \"walk\"\nleft_topic = \"/a\"\nright_topic = \"/b\"\n\
-                    imu_topic = \"/c\"\npair_within_ms = 2.5");
+    let found = of(
+        "kind = \"bag\"\npath = \"walk\"\nleft_topic = \"/a\"\nright_topic = \"/b\"\n\
+                    imu_topic = \"/c\"\npair_within_ms = 2.5",
+    );
     let expected = BagConfig {
         images: BagImages::Pair {
             left: "/a".to_owned(),
@@ -767,7 +772,8 @@ fn what_others_have_recorded() {
         ..bag
     };
     assert_eq!(found, SourceConfig::Bag(expected));
-    let found = of("kind = \"video\"\npath = \"l.mp4\"\nright_path = \"r.mp4\"\nright_later_ms = -12.5");
+    let found =
+        of("kind = \"video\"\npath = \"l.mp4\"\nright_path = \"r.mp4\"\nright_later_ms = -12.5");
     let expected = VideoConfig {
         path: Path::new("/etc/paws").join("l.mp4"),
         right_path: Some(Path::new("/etc/paws").join("r.mp4")),
@@ -777,7 +783,10 @@ fn what_others_have_recorded() {
     assert_eq!(found, SourceConfig::Video(expected));
 
     let check = |keys: &str, expected: &str| check(&source(keys), expected);
-    check("kind = \"bag\"", "line 3: path is missing in [camera.source]");
+    check(
+        "kind = \"bag\"",
+        "line 3: path is missing in [camera.source]",
+    );
     check(
         "kind = \"bag\"\npath = \"walk\"\nleft_topic = \"/a\"",
         "line 6: left_topic in [camera.source] is given, expected right_topic beside it",

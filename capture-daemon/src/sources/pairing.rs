@@ -179,7 +179,10 @@ mod tests {
         images.extend((0..300).map(|n| (Eye::Right, n * 1010)));
         images.sort_by_key(|image| image.1);
         let (both, alone) = pair(400, &images);
-        assert!(both.iter().all(|(left, right)| left.abs_diff(*right) <= 400));
+        assert!(
+            both.iter()
+                .all(|(left, right)| left.abs_diff(*right) <= 400)
+        );
         // Four fifths of a turn are within the limit.
         assert!((220..=260).contains(&both.len()), "{}", both.len());
         assert_eq!(2 * both.len() + alone.len(), 600);
@@ -190,7 +193,10 @@ mod tests {
         let mut pairs = Pairs::new(40);
         let mut alone = 0;
         for n in 0..10 {
-            let half = Half { time_ns: n * 100, of: () };
+            let half = Half {
+                time_ns: n * 100,
+                of: (),
+            };
             pairs.push(Eye::Left, half, |_| alone += 1);
             assert_eq!(alone, (n as usize + 1).saturating_sub(DEPTH));
         }

@@ -22,9 +22,7 @@ use video::picture::side_by_side;
 use video::{Picture, PictureError};
 
 use super::pairing::{Half, Paired, Pairs, alone, limit_ns};
-use super::{
-    CameraInfo, Lost, Notice, Part, RawFrame, Sample, Source, SourceError, SourceInfo,
-};
+use super::{CameraInfo, Lost, Notice, Part, RawFrame, Sample, Source, SourceError, SourceInfo};
 use crate::causes::with_causes;
 use crate::config::VideoConfig;
 
@@ -149,7 +147,9 @@ impl VideoReplay {
                 path: config.path.clone(),
                 width: of.width,
                 expected: match eyes {
-                    1 => "a multiple of four, for both eyes side by side (or right_path for the other eye)",
+                    1 => {
+                        "a multiple of four, for both eyes side by side (or right_path for the other eye)"
+                    }
                     _ => "an even number for each eye",
                 },
             });
@@ -285,14 +285,23 @@ impl EyeFile {
         let number = self.next;
         self.next += 1;
         if frame.damaged {
-            return Ok(Step::Bad(number, "its decoder says that the image is damaged"));
+            return Ok(Step::Bad(
+                number,
+                "its decoder says that the image is damaged",
+            ));
         }
         let Some(time_ns) = frame.time_ns else {
-            return Ok(Step::Bad(number, "the container gives no time for the image"));
+            return Ok(Step::Bad(
+                number,
+                "the container gives no time for the image",
+            ));
         };
         let time_ns = time_ns.saturating_add(self.later_ns);
         if self.newest_ns.is_some_and(|newest| time_ns <= newest) {
-            return Ok(Step::Bad(number, "its time is not after that of the one before"));
+            return Ok(Step::Bad(
+                number,
+                "its time is not after that of the one before",
+            ));
         }
         self.newest_ns = Some(time_ns);
         Ok(Step::Image(Image {
@@ -469,5 +478,118 @@ fn describe(config: &VideoConfig) -> String {
     match &config.right_path {
         Some(right) => format!("video files {} and {}", name(&config.path), name(right)),
         None => format!("video file {}", name(&config.path)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use video::PixelFormat;
+
+    use super::*;
+
+    fn account(within_ns: i64) -> Account {
+        Account {
+            pairs: Pairs::new(within_ns),
+            start: HostTime(1_000),
+            first_ns: 50,
+            newest_ns: 50,
+            bad: VecDeque::new(),
+            out: VecDeque::new(),
+            apart_ns: Vec::new(),
+            without_left: 0,
+            bad_right: 0,
+        }
+    }
+
+    fn image(number: u64, time_ns: i64) -> Image {
+        let picture = Picture::new(2, 2, PixelFormat::I420, vec![number as u8; 6]);
+        Image {
+            number,
+            time_ns,
+            picture: picture.expect("a picture"),
+        }
+    }
+
+    /// What comes out: number, arrival, and the distance of the eyes or the reason.
+    fn told(account: &Account) -> Vec<String> {
+        let told = |sample: &Sample| match sample {
+            Sample::Frame(f) => format!("{} {} {:?}", f.number, f.host_time.0, f.eyes_apart_ns),
+            Sample::Lost(l) => format!("{} {} {}", l.number, l.host_time.0, l.detail),
+            Sample::Notice(n) => n.text.clone(),
+            other => panic!("{other:?}"),
+        };
+        account.out.iter().map(told).collect()
+    }
+
+    #[test]
+    fn what_cannot_be_used_is_lost_in_its_place() {
+        let mut account = account(40);
+        account.bad.push_back((0, "no time"));
+        account.single(image(1, 50));
+        account.bad.push_back((2, "damaged"));
+        account.single(image(3, 250));
+        account.bad.push_back((4, "no time"));
+        account.finish(false);
+        assert_eq!(
+            told(&account),
+            [
+                "0 1000 no time",
+                "1 1000 None",
+                "2 1200 damaged",
+                "3 1200 None",
+                "4 1200 no time"
+            ]
+        );
+    }
+
+    #[test]
+    fn two_files_are_paired_by_time() {
+        let mut account = account(40);
+        for n in 0..3 {
+            let time = 50 + 100 * n as i64;
+            account.push(Eye::Left, image(n, time));
+            // The second right image is too late for its left one.
+            let later = if n == 1 { 45 } else { -10 };
+            account.push(Eye::Right, image(n, time + later));
+        }
+        account.finish(true);
+        let found = told(&account);
+        assert_eq!(found[0], "0 1000 Some(-10)");
+        assert!(
+            found[1].starts_with("1 1100 no right image was taken within"),
+            "{found:?}"
+        );
+        assert_eq!(found[2], "2 1200 Some(-10)");
+        assert!(found[3].contains("at most 0.000 ms apart"), "{found:?}");
+        assert!(
+            found[4].starts_with("of the right images 1 have no left one"),
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn what_is_no_video_is_refused() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("walk.mp4");
+        std::fs::write(&path, b"not a video").expect("a file");
+        let open = |path: &Path| {
+            let config = VideoConfig {
+                path: path.to_owned(),
+                right_path: None,
+                right_later_ns: 0,
+                pair_within_ns: None,
+            };
+            let opened = VideoReplay::open("feet", &config, HostTime(0));
+            opened.err().expect("an error").to_string()
+        };
+        let error = open(&path);
+        assert!(
+            error.starts_with("reading a video file: ") && error.ends_with("walk.mp4"),
+            "{error}"
+        );
+        let error = open(Path::new("/dev/null"));
+        assert!(error.contains("it is not a plain file"), "{error}");
+        let error = open(&folder.path().join("none.mp4"));
+        assert!(error.starts_with("opening a video file: "), "{error}");
     }
 }

@@ -99,8 +99,7 @@ plain! {
         uncompressed_crc: u32,
         records: &'a [u8],
     }
-    /// A chunk as it lies in the file, compressed or not, for readers of files that others wrote. `records` are
-    /// `compression`'s bytes, `uncompressed_crc` that of what they hold, 0 for none; nothing is verified.
+    /// A chunk of any writer as it lies in the file: `records` may be compressed, a checksum of 0 is none.
     PackedChunk<'a> {
         message_start_time: u64,
         message_end_time: u64,

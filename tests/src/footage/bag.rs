@@ -43,7 +43,10 @@ pub fn write(footage: &Footage, images: Images, apart_ns: i64, path: &Path) -> R
         Images::Jpeg => "sensor_msgs/msg/CompressedImage",
         _ => "sensor_msgs/msg/Image",
     };
-    let eyes = [channel("/left/image", schema)?, channel("/right/image", schema)?];
+    let eyes = [
+        channel("/left/image", schema)?,
+        channel("/right/image", schema)?,
+    ];
     let imu = channel("/imu", "sensor_msgs/msg/Imu")?;
 
     // By the time at which they were taken, samples first.
@@ -73,7 +76,13 @@ pub fn write(footage: &Footage, images: Images, apart_ns: i64, path: &Path) -> R
     Ok(())
 }
 
-fn image(footage: &Footage, images: Images, n: usize, eye: usize, stamp_ns: i64) -> Result<Vec<u8>> {
+fn image(
+    footage: &Footage,
+    images: Images,
+    n: usize,
+    eye: usize,
+    stamp_ns: i64,
+) -> Result<Vec<u8>> {
     let [width, height] = footage.eye();
     let mut message = header(stamp_ns);
     let rgb = footage.rgb(n, eye)?;
@@ -119,7 +128,9 @@ fn image(footage: &Footage, images: Images, n: usize, eye: usize, stamp_ns: i64)
 fn sample(stamp_ns: i64, gyro: &[f64; 3], accel: &[f64; 3]) -> Vec<u8> {
     let mut message = header(stamp_ns);
     // No orientation, as the message says it.
-    let orientation = [0.0, 0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    let orientation = [
+        0.0, 0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+    ];
     let covariance = [0.0; 9];
     for part in [&orientation[..], gyro, &covariance, accel, &covariance] {
         for value in part {

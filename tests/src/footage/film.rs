@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Context as _, Result, anyhow, bail};
+use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use gstreamer as gst;
 use gstreamer::prelude::*;
 use gstreamer_app as gst_app;
@@ -45,16 +45,22 @@ pub fn write(
         film.chain()
     );
     let pipeline = gst::parse::launch(&description)?;
-    let pipeline = pipeline.downcast::<gst::Pipeline>().map_err(|_| anyhow!("no pipeline"))?;
+    let pipeline = pipeline
+        .downcast::<gst::Pipeline>()
+        .map_err(|_| anyhow!("no pipeline"))?;
     let sink = pipeline.by_name("out").context("no sink")?;
     sink.set_property("location", path);
     let source = pipeline.by_name("in").context("no source")?;
-    let source = source.downcast::<gst_app::AppSrc>().map_err(|_| anyhow!("no appsrc"))?;
+    let source = source
+        .downcast::<gst_app::AppSrc>()
+        .map_err(|_| anyhow!("no appsrc"))?;
     source.set_max_bytes(0);
     let mut caps = None;
     let mut last = 0;
     pipeline.set_state(gst::State::Playing)?;
     for (time_ns, picture) in pictures {
+        // Else GStreamer has rows with something behind them.
+        ensure!(picture.width.is_multiple_of(8), "{} columns", picture.width);
         if caps.is_none() {
             let made = gst::Caps::builder("video/x-raw")
                 .field("format", "I420")
@@ -66,10 +72,12 @@ pub fn write(
             source.set_caps(Some(&made));
             caps = Some(made);
         }
-        let mut buffer = gst::Buffer::from_slice(strided(&picture)?);
+        let mut buffer = gst::Buffer::from_slice(picture.data.clone());
         let of = buffer.get_mut().context("a buffer of our own")?;
         of.set_pts(gst::ClockTime::from_nseconds(u64::try_from(time_ns)?));
-        of.set_duration(gst::ClockTime::from_nseconds(1_000_000_000 / u64::try_from(rate_hz)?));
+        of.set_duration(gst::ClockTime::from_nseconds(
+            1_000_000_000 / u64::try_from(rate_hz)?,
+        ));
         last = time_ns;
         source.push_buffer(buffer)?;
     }
@@ -84,16 +92,4 @@ pub fn write(
         Some(gst::MessageView::Error(error)) => bail!("writing a film: {}", error.error()),
         _ => bail!("writing a film: nothing happened after the image at {last} ns"),
     }
-}
-
-/// Planes with rows of multiples of four bytes, as GStreamer has them.
-fn strided(picture: &Picture) -> Result<Vec<u8>> {
-    let mut data = Vec::new();
-    for plane in picture.planes()? {
-        for row in plane.data.chunks_exact(plane.width) {
-            data.extend_from_slice(row);
-            data.resize(data.len().next_multiple_of(4), 0);
-        }
-    }
-    Ok(data)
 }

@@ -45,7 +45,11 @@ impl<'a> Reader<'a> {
             1 => true,
             other => return Err(CdrError::Representation(other)),
         };
-        Ok(Self { bytes, at: 0, little })
+        Ok(Self {
+            bytes,
+            at: 0,
+            little,
+        })
     }
 
     fn take(&mut self, count: usize) -> Result<&'a [u8], CdrError> {
@@ -142,7 +146,10 @@ mod tests {
 
     #[test]
     fn what_does_not_fit_is_an_error() {
-        assert_eq!(Reader::new(&[0, 1]).err(), Some(CdrError::Short { missing: 2 }));
+        assert_eq!(
+            Reader::new(&[0, 1]).err(),
+            Some(CdrError::Short { missing: 2 })
+        );
         let parameters = Reader::new(&[0, 3, 0, 0]).err();
         assert_eq!(parameters, Some(CdrError::Representation(3)));
         let mut huge = Reader::new(&[0, 1, 0, 0, 0xff, 0xff, 0xff, 0xff]).expect("a reader");

@@ -135,11 +135,12 @@ impl Container {
                 },
                 op::SCHEMA | op::CHANNEL | op::MESSAGE => {
                     let bytes = self.read(at + RECORD_HEADER as u64, body)?;
-                    let record = Record::parse(opcode, &bytes).map_err(|source| BagError::Damaged {
-                        path: self.path.clone(),
-                        at,
-                        source,
-                    })?;
+                    let record =
+                        Record::parse(opcode, &bytes).map_err(|source| BagError::Damaged {
+                            path: self.path.clone(),
+                            at,
+                            source,
+                        })?;
                     let inside = None;
                     take(record, Place { record: at, inside });
                 }
@@ -195,7 +196,9 @@ impl Container {
         self.file.read_exact_at(&mut header, at)?;
         let [opcode, length @ ..] = header;
         let length = u64::from_le_bytes(length);
-        let end = at.saturating_add(RECORD_HEADER as u64).saturating_add(length);
+        let end = at
+            .saturating_add(RECORD_HEADER as u64)
+            .saturating_add(length);
         Ok((end <= self.length).then_some((opcode, length)))
     }
 
@@ -293,7 +296,10 @@ fn check_magic(path: &Path, head: &[u8]) -> Result<(), BagError> {
             "unpack it with `zstd -d FILE`",
         )
     } else {
-        ("a file of another kind", "see docs/sources.md for what can be replayed")
+        (
+            "a file of another kind",
+            "see docs/sources.md for what can be replayed",
+        )
     };
     Err(BagError::Storage {
         path: path.to_owned(),

@@ -74,7 +74,9 @@ pub(super) fn join(left: &BagImage, right: &BagImage) -> Result<BagImage, String
 fn plain(image: &messages::Image<'_>) -> Result<BagImage, String> {
     let (width, height) = (image.width, image.height);
     if width == 0 || height == 0 || u64::from(width) * u64::from(height) > MAX_PIXELS {
-        return Err(format!("it is {width}x{height}, expected at most {MAX_PIXELS} pixels"));
+        return Err(format!(
+            "it is {width}x{height}, expected at most {MAX_PIXELS} pixels"
+        ));
     }
     let is_yuyv = YUYV.contains(&image.encoding);
     let layout = LAYOUTS.iter().find(|(name, ..)| *name == image.encoding);
@@ -94,7 +96,9 @@ fn plain(image: &messages::Image<'_>) -> Result<BagImage, String> {
     let row = width as usize * bytes;
     let step = image.step as usize;
     // The last row may end where its pixels do.
-    let needed = step.checked_mul(height as usize - 1).and_then(|all| all.checked_add(row));
+    let needed = step
+        .checked_mul(height as usize - 1)
+        .and_then(|all| all.checked_add(row));
     if step < row || needed.is_none_or(|needed| needed > image.data.len()) {
         return Err(format!(
             "{} bytes in rows of {step} for {width}x{height} of {}, expected rows of {row} or more and all of them",
@@ -102,7 +106,11 @@ fn plain(image: &messages::Image<'_>) -> Result<BagImage, String> {
             image.encoding
         ));
     }
-    let rows = image.data.chunks(step).take(height as usize).map(|data| &data[..row]);
+    let rows = image
+        .data
+        .chunks(step)
+        .take(height as usize)
+        .map(|data| &data[..row]);
     let place = layout.and_then(|(_, _, place)| *place);
     let (samples, data) = match (is_yuyv, place) {
         (true, _) => {
@@ -206,13 +214,18 @@ mod tests {
 
     #[test]
     fn what_cannot_be_used_says_so() {
-        let error = |encoding, step, data: &[u8]| {
-            plain(&of(encoding, step, data)).expect_err("no image")
-        };
+        let error =
+            |encoding, step, data: &[u8]| plain(&of(encoding, step, data)).expect_err("no image");
         let bayer = error("bayer_rggb8", 2, &[0; 4]);
-        assert!(bayer.contains("\"bayer_rggb8\", expected one of mono8"), "{bayer}");
+        assert!(
+            bayer.contains("\"bayer_rggb8\", expected one of mono8"),
+            "{bayer}"
+        );
         let short = error("mono8", 2, &[0; 3]);
-        assert!(short.contains("3 bytes in rows of 2 for 2x2 of mono8"), "{short}");
+        assert!(
+            short.contains("3 bytes in rows of 2 for 2x2 of mono8"),
+            "{short}"
+        );
         let narrow = error("rgb8", 2, &[0; 40]);
         assert!(narrow.contains("expected rows of 6"), "{narrow}");
         let huge = messages::Image {

@@ -104,10 +104,18 @@ pub(super) fn imu(message: &[u8]) -> Result<Imu, CdrError> {
     let accel_covariance = reader.f64s::<9>()?;
     // By the message's own definition.
     if gyro_covariance[0] == -1.0 || accel_covariance[0] == -1.0 {
-        return Err(CdrError::Value("it says that it has no rates or accelerations"));
+        return Err(CdrError::Value(
+            "it says that it has no rates or accelerations",
+        ));
     }
-    if !gyro_rad_s.iter().chain(&accel_m_s2).all(|v: &f64| v.is_finite()) {
-        return Err(CdrError::Value("its rates and accelerations are no numbers"));
+    if !gyro_rad_s
+        .iter()
+        .chain(&accel_m_s2)
+        .all(|v: &f64| v.is_finite())
+    {
+        return Err(CdrError::Value(
+            "its rates and accelerations are no numbers",
+        ));
     }
     Ok(Imu {
         gyro_rad_s,
@@ -119,7 +127,9 @@ fn header(reader: &mut Reader<'_>) -> Result<Option<i64>, CdrError> {
     let (seconds, ns) = (reader.i32()?, reader.u32()?);
     reader.text()?;
     if ns >= 1_000_000_000 {
-        return Err(CdrError::Value("its time has a second or more of nanoseconds"));
+        return Err(CdrError::Value(
+            "its time has a second or more of nanoseconds",
+        ));
     }
     let time = i64::from(seconds) * 1_000_000_000 + i64::from(ns);
     Ok((time != 0).then_some(time))

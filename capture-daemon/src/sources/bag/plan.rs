@@ -134,7 +134,9 @@ impl Times {
             (self.damaged, "damaged or without values"),
         ];
         let parts = parts.into_iter().filter(|(count, _)| *count > 0);
-        let parts: Vec<String> = parts.map(|(count, what)| format!("{count} {what}")).collect();
+        let parts: Vec<String> = parts
+            .map(|(count, what)| format!("{count} {what}"))
+            .collect();
         (!parts.is_empty()).then(|| parts.join(", "))
     }
 }
@@ -164,7 +166,13 @@ pub(super) fn plan(
             if let Some(what) = right_times.left_out() {
                 notices.push(format!("{}: left out: {what}", right.topic));
             }
-            let found = pairs(path, [left, right], [&times, &right_times], within_ns, &mut notices)?;
+            let found = pairs(
+                path,
+                [left, right],
+                [&times, &right_times],
+                within_ns,
+                &mut notices,
+            )?;
             apart = Some(found.1);
             Some(found.0)
         }
@@ -184,7 +192,9 @@ pub(super) fn plan(
             },
             (Ok(_), Some(Some((right, apart_ns)))) => What::Frame {
                 left: seen.place,
-                right: chosen.right.map(|of| (streams[of].messages[right].place, apart_ns)),
+                right: chosen
+                    .right
+                    .map(|of| (streams[of].messages[right].place, apart_ns)),
             },
         };
         if let (None, What::Frame { .. }, Ok(time)) = (first, &what, times.of[i]) {
@@ -211,7 +221,9 @@ pub(super) fn plan(
         Some(of) => samples(path, &streams[of], first_ns, &mut notices)?,
         None => (Vec::new(), None),
     };
-    let last_ns = imu.last().map_or(0, |s: &PlannedImu| s.stamp_ns.saturating_sub(first_ns));
+    let last_ns = imu
+        .last()
+        .map_or(0, |s: &PlannedImu| s.stamp_ns.saturating_sub(first_ns));
     if newest_ns.max(last_ns) > CENTURY_NS {
         return Err(BagError::Setting {
             path: path.to_owned(),
@@ -243,7 +255,10 @@ fn pairs(
     let rights: Vec<i64> = right_times.good().map(|(_, time)| time).collect();
     let mut images = of(Eye::Left, left_times);
     let total = images.len();
-    let mut nearest: Vec<i64> = images.iter().map(|(time, ..)| distance(&rights, *time)).collect();
+    let mut nearest: Vec<i64> = images
+        .iter()
+        .map(|(time, ..)| distance(&rights, *time))
+        .collect();
     images.extend(of(Eye::Right, right_times));
     images.sort_by_key(|(time, ..)| *time);
 
@@ -297,7 +312,9 @@ fn distance(times: &[i64], time: i64) -> i64 {
     let after = times.partition_point(|t| *t < time);
     let near = [after.checked_sub(1), Some(after)];
     let near = near.into_iter().flatten().filter_map(|i| times.get(i));
-    near.map(|t| t.saturating_sub(time).saturating_abs()).min().unwrap_or(i64::MAX)
+    near.map(|t| t.saturating_sub(time).saturating_abs())
+        .min()
+        .unwrap_or(i64::MAX)
 }
 
 /// Usable samples from `first_ns` on, and their rate.

@@ -74,7 +74,9 @@ pub(super) fn scan(path: &Path) -> Result<Bag, BagError> {
                 foreign = Some(format!("{} is encoded as {:?}", topic.name, topic.encoding));
                 return;
             }
-            let known = streams.iter().position(|s| s.topic == topic.name && s.kind == kind);
+            let known = streams
+                .iter()
+                .position(|s| s.topic == topic.name && s.kind == kind);
             let known = known.unwrap_or_else(|| {
                 streams.push(Stream::new(&topic.name, kind));
                 streams.len() - 1
@@ -88,7 +90,9 @@ pub(super) fn scan(path: &Path) -> Result<Bag, BagError> {
         })?;
         let name = file.file_name().unwrap_or_default().display().to_string();
         if let Some(at) = scanned.cut_at {
-            notes.push(format!("{name} is cut off at byte {at}: what is before it is replayed"));
+            notes.push(format!(
+                "{name} is cut off at byte {at}: what is before it is replayed"
+            ));
         }
         if scanned.damaged > 0 {
             notes.push(format!(
@@ -106,7 +110,9 @@ pub(super) fn scan(path: &Path) -> Result<Bag, BagError> {
         });
     }
     for stream in &mut streams {
-        stream.messages.sort_by_key(|seen| (seen.log_time, seen.place));
+        stream
+            .messages
+            .sort_by_key(|seen| (seen.log_time, seen.place));
     }
     Ok(Bag {
         files,
@@ -128,13 +134,20 @@ fn files_of(path: &Path) -> Result<Vec<PathBuf>, BagError> {
     let mut other = None;
     for entry in std::fs::read_dir(path).map_err(failed)? {
         let file = entry.map_err(failed)?.path();
-        let name = file.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+        let name = file
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .to_ascii_lowercase();
         if name.ends_with(".mcap") {
             files.push(file);
         } else if name.ends_with(".db3") || name.ends_with(".db3.zstd") {
             other = Some(SQLITE);
         } else if name.ends_with(".mcap.zstd") {
-            other = Some(("files that are compressed as a whole", "unpack them with `zstd -d FILE`"));
+            other = Some((
+                "files that are compressed as a whole",
+                "unpack them with `zstd -d FILE`",
+            ));
         }
     }
     if files.is_empty() {

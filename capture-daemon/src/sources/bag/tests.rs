@@ -205,7 +205,13 @@ fn everything_comes_at_its_own_time() {
     let Sample::Notice(notice) = &samples[0] else {
         panic!("{:?}", samples[0]);
     };
-    assert!(notice.text.contains("right ones are 2.000 ms later in the median"), "{}", notice.text);
+    assert!(
+        notice
+            .text
+            .contains("right ones are 2.000 ms later in the median"),
+        "{}",
+        notice.text
+    );
     let mut newest = HostTime::MIN;
     let mut seen = [0, 0];
     for sample in &samples[1..] {
@@ -255,7 +261,10 @@ fn what_cannot_be_used_keeps_its_number_and_says_why() {
         (2, "its header has no time"),
         (3, "its time is not after that of the one before"),
         (5, "no right image was taken within 40.0 ms of the left one"),
-        (6, "the left image is 16x4 and the right one 8x4, expected the same"),
+        (
+            6,
+            "the left image is 16x4 and the right one 8x4, expected the same",
+        ),
         (7, "its encoding is \"bayer_rggb8\", expected one of mono8"),
         (8, "right image: it ends"),
     ];
@@ -275,8 +284,14 @@ fn what_cannot_be_used_keeps_its_number_and_says_why() {
         _ => None,
     });
     let notices = notices.collect::<Vec<_>>().join("; ");
-    assert!(notices.contains("/imu: left out: 1 without a time, 1 with a time that does not rise"), "{notices}");
-    assert!(notices.contains("/right/image_raw: 3 images have no left one within 40.0 ms"), "{notices}");
+    assert!(
+        notices.contains("/imu: left out: 1 without a time, 1 with a time that does not rise"),
+        "{notices}"
+    );
+    assert!(
+        notices.contains("/right/image_raw: 3 images have no left one within 40.0 ms"),
+        "{notices}"
+    );
 }
 
 #[test]
@@ -284,19 +299,37 @@ fn what_is_known_at_the_start_is_refused_at_the_start() {
     let at = |n: i64| 100_000 * MS + n * 100 * MS;
     let error = |file| open(file).err().expect("an error").to_string();
     let missing = error(walk(|topic, _| (topic == "left").then(|| grey(0, 0))));
-    assert!(missing.contains("of 10 messages on /left/image_raw, 10 have no time in their header"), "{missing}");
+    assert!(
+        missing.contains("of 10 messages on /left/image_raw, 10 have no time in their header"),
+        "{missing}"
+    );
     let falling = error(walk(|topic, n| (topic == "right").then(|| grey(at(-n), 0))));
-    assert!(falling.contains("/right/image_raw, 0 have no time in their header, 9 one that is not after"), "{falling}");
-    let apart = error(walk(|topic, n| (topic == "right").then(|| grey(at(n) + 50 * MS, 0))));
+    assert!(
+        falling
+            .contains("/right/image_raw, 0 have no time in their header, 9 one that is not after"),
+        "{falling}"
+    );
+    let apart = error(walk(|topic, n| {
+        (topic == "right").then(|| grey(at(n) + 50 * MS, 0))
+    }));
     assert!(
         apart.contains("of 10 left images, 0 have a right one within 40.0 ms")
-            && apart.contains("50.0 ms away in the median, so the two cameras are not synchronised"),
+            && apart
+                .contains("50.0 ms away in the median, so the two cameras are not synchronised"),
         "{apart}"
     );
-    let bayer = error(walk(|topic, n| (topic == "left").then(|| image(at(n), "bayer_rggb8", SIZE, 0))));
-    assert!(bayer.contains("the first image of /left/image_raw: its encoding is \"bayer_rggb8\""), "{bayer}");
+    let bayer = error(walk(|topic, n| {
+        (topic == "left").then(|| image(at(n), "bayer_rggb8", SIZE, 0))
+    }));
+    assert!(
+        bayer.contains("the first image of /left/image_raw: its encoding is \"bayer_rggb8\""),
+        "{bayer}"
+    );
     let samples = error(walk(|topic, _| (topic == "imu").then(|| imu(0, 0.0))));
-    assert!(samples.contains("of 100 messages on /imu, 100 have no time"), "{samples}");
+    assert!(
+        samples.contains("of 100 messages on /imu, 100 have no time"),
+        "{samples}"
+    );
     let mut ros1 = File::new();
     ros1.channel_of("/left/image_raw", IMAGE, "ros1");
     let channel = ros1.channels;
@@ -319,10 +352,16 @@ fn other_storages_name_the_command_that_converts_them() {
         [of(&bag), of(&bag.join(name))]
     };
     for message in error("walk_0.db3", b"SQLite format 3\0") {
-        assert!(message.contains("`ros2 bag convert -i BAG -o convert.yaml`"), "{message}");
+        assert!(
+            message.contains("`ros2 bag convert -i BAG -o convert.yaml`"),
+            "{message}"
+        );
     }
     let [folder_message, file_message] = error("walk.bag", b"#ROSBAG V2.0\n");
-    assert!(folder_message.contains("a folder without .mcap files"), "{folder_message}");
+    assert!(
+        folder_message.contains("a folder without .mcap files"),
+        "{folder_message}"
+    );
     assert!(file_message.contains("rosbags-convert"), "{file_message}");
     for message in error("walk.mcap.zstd", &[0x28, 0xb5, 0x2f, 0xfd]) {
         assert!(message.contains("zstd -d"), "{message}");
@@ -365,7 +404,10 @@ fn chunks_may_be_packed_and_damaged_ones_are_left_out() {
     assert_eq!(frames(&samples(bag)).0.len(), 9);
     let lz4 = open(build(&|_, records| chunk("lz4", records, 0, records)));
     let lz4 = lz4.err().expect("an error").to_string();
-    assert!(lz4.contains("\"lz4\", expected zstd or none") && lz4.contains("mcap compress"), "{lz4}");
+    assert!(
+        lz4.contains("\"lz4\", expected zstd or none") && lz4.contains("mcap compress"),
+        "{lz4}"
+    );
     // A size that nothing can have is not believed.
     let huge = open(build(&|k, records| {
         let mut chunk = chunk("zstd", records, 0, &zstd(records));
@@ -385,9 +427,16 @@ fn a_file_that_is_cut_off_is_replayed_up_to_the_cut() {
     let whole = std::fs::read(&path).expect("a file");
     std::fs::write(&path, &whole[..whole.len() * 3 / 5]).expect("a file");
     let bag = Bag::open("feet", &config(&path), HostTime(0)).expect("a bag");
-    assert!(bag.notes()[0].contains("walk.mcap is cut off at byte"), "{:?}", bag.notes());
+    assert!(
+        bag.notes()[0].contains("walk.mcap is cut off at byte"),
+        "{:?}",
+        bag.notes()
+    );
     let (numbers, lost) = frames(&samples(bag));
-    assert!((5..8).contains(&numbers.len()) && lost.len() < 2, "{numbers:?} {lost:?}");
+    assert!(
+        (5..8).contains(&numbers.len()) && lost.len() < 2,
+        "{numbers:?} {lost:?}"
+    );
 }
 
 #[test]

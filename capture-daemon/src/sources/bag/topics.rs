@@ -125,40 +125,74 @@ mod tests {
     #[test]
     fn what_can_only_be_meant_is_found() {
         let of = |topics: &[(&str, Kind)]| {
-            choose(&config(BagImages::Found, None), Path::new("walk"), &streams(topics))
+            choose(
+                &config(BagImages::Found, None),
+                Path::new("walk"),
+                &streams(topics),
+            )
         };
         let (left, right) = (("/left/image", Kind::Image), ("/right/image", Kind::Image));
         let imu = ("/imu", Kind::Imu);
         let chosen = of(&[right, imu, left]).expect("a pair");
-        assert_eq!((chosen.left, chosen.right, chosen.imu), (2, Some(0), Some(1)));
+        assert_eq!(
+            (chosen.left, chosen.right, chosen.imu),
+            (2, Some(0), Some(1))
+        );
         let chosen = of(&[("/stereo", Kind::CompressedImage)]).expect("one topic");
         assert_eq!((chosen.left, chosen.right, chosen.imu), (0, None, None));
         let depth = ("/depth", Kind::Image);
         assert_eq!(of(&[depth, left, right]).expect("a pair").left, 1);
 
-        let both = [left, right, ("/left/c", Kind::CompressedImage), ("/right/c", Kind::CompressedImage)];
+        let both = [
+            left,
+            right,
+            ("/left/c", Kind::CompressedImage),
+            ("/right/c", Kind::CompressedImage),
+        ];
         let error = of(&both).expect_err("two pairs").to_string();
-        assert!(error.contains("name them with left_topic and right_topic"), "{error}");
-        assert!(error.contains("/left/c (sensor_msgs/CompressedImage, 0 messages)"), "{error}");
+        assert!(
+            error.contains("name them with left_topic and right_topic"),
+            "{error}"
+        );
+        assert!(
+            error.contains("/left/c (sensor_msgs/CompressedImage, 0 messages)"),
+            "{error}"
+        );
         let error = of(&[left, right, imu, ("/imu2", Kind::Imu)]).expect_err("two IMUs");
-        assert!(error.to_string().contains("name one with imu_topic"), "{error}");
+        assert!(
+            error.to_string().contains("name one with imu_topic"),
+            "{error}"
+        );
     }
 
     #[test]
     fn what_is_named_must_be_there_and_of_its_kind() {
-        let streams = streams(&[("/a", Kind::Image), ("/b", Kind::Image), ("/imu", Kind::Imu)]);
+        let streams = streams(&[
+            ("/a", Kind::Image),
+            ("/b", Kind::Image),
+            ("/imu", Kind::Imu),
+        ]);
         let pair = |left: &str, right: &str| BagImages::Pair {
             left: left.to_owned(),
             right: right.to_owned(),
         };
         let of = |config: BagConfig| choose(&config, Path::new("walk"), &streams);
         let chosen = of(config(pair("/b", "/a"), Some("/imu"))).expect("chosen");
-        assert_eq!((chosen.left, chosen.right, chosen.imu), (1, Some(0), Some(2)));
+        assert_eq!(
+            (chosen.left, chosen.right, chosen.imu),
+            (1, Some(0), Some(2))
+        );
         for (config, expected) in [
             (config(pair("/a", "/c"), None), "found no /c with images"),
-            (config(pair("/a", "/imu"), None), "/imu is not a topic with images"),
+            (
+                config(pair("/a", "/imu"), None),
+                "/imu is not a topic with images",
+            ),
             (config(pair("/a", "/a"), None), "are the same"),
-            (config(pair("/a", "/b"), Some("/a")), "/a is not a topic with IMU samples"),
+            (
+                config(pair("/a", "/b"), Some("/a")),
+                "/a is not a topic with IMU samples",
+            ),
         ] {
             let error = of(config).expect_err(expected).to_string();
             assert!(error.contains(expected), "{error}");

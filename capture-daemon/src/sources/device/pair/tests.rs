@@ -64,7 +64,12 @@ fn join(samples: Vec<(Eye, Sample)>) -> Vec<String> {
         Sample::Notice(n) => n.text,
         other => panic!("{other:?}"),
     };
-    kept.0.into_inner().expect("samples").into_iter().map(told).collect()
+    kept.0
+        .into_inner()
+        .expect("samples")
+        .into_iter()
+        .map(told)
+        .collect()
 }
 
 fn both(numbers: std::ops::Range<u64>, later_ns: i64) -> Vec<(Eye, Sample)> {
@@ -111,7 +116,10 @@ fn what_one_camera_loses_is_a_gap_in_its_place() {
     assert_eq!(found[2], "2: 2 109 1000");
     assert!(found[3].starts_with("3 lost: no right image"), "{found:?}");
     assert_eq!(found[4..6], ["4: 4 111 1000", "5: 5 112 1000"]);
-    assert!(found[6].starts_with("1 frames of the right camera"), "{found:?}");
+    assert!(
+        found[6].starts_with("1 frames of the right camera"),
+        "{found:?}"
+    );
 }
 
 #[test]
@@ -120,7 +128,10 @@ fn a_stamp_that_does_not_rise_is_lost() {
     samples[4].1 = frame(Eye::Left, 2, PERIOD + 1);
     let found = join(samples);
     assert_eq!(found[1], "1: 1 108 0");
-    assert_eq!(found[2], "2 lost: its time stamp is not after that of the one before");
+    assert_eq!(
+        found[2],
+        "2 lost: its time stamp is not after that of the one before"
+    );
     assert_eq!(found[3], "3: 3 110 0");
 }
 
@@ -134,13 +145,22 @@ fn a_camera_that_is_gone_takes_the_other_along_and_both_come_back() {
     let mut samples = both(0..2, 1_000_000);
     samples.push((Eye::Right, gone));
     // Meanwhile the left one goes on.
-    samples.extend(both(2..5, 0).into_iter().filter(|(eye, _)| *eye == Eye::Left));
+    samples.extend(
+        both(2..5, 0)
+            .into_iter()
+            .filter(|(eye, _)| *eye == Eye::Left),
+    );
     // The right one counts and stamps from its own beginning again.
     samples.push((Eye::Right, frame(Eye::Right, 0, 5 * PERIOD + 2)));
     samples.push((Eye::Left, frame(Eye::Left, 5, 5 * PERIOD + 1)));
     let found = join(samples);
     assert_eq!(
         found,
-        ["0: 0 107 1000", "1: 1 108 1000", "gone: right camera: unplugged", "5: 5 100 0"]
+        [
+            "0: 0 107 1000",
+            "1: 1 108 1000",
+            "gone: right camera: unplugged",
+            "5: 5 100 0"
+        ]
     );
 }
