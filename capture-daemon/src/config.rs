@@ -13,10 +13,14 @@ mod check;
 mod device;
 mod file;
 mod operator;
+mod recorded;
 mod section;
 
-pub use device::{DeviceChoice, GstreamerConfig, PixelLayout, V4l2Config, ZedImuConfig};
+pub use device::{
+    DeviceChoice, GstreamerConfig, PixelLayout, RightDevice, V4l2Config, ZedImuConfig,
+};
 pub use operator::{Operator, Page};
+pub use recorded::{BagConfig, BagImages, VideoConfig};
 
 pub use check::{Finding, Level, check, usb_budget};
 
@@ -109,6 +113,10 @@ pub struct Camera {
 pub enum SourceConfig {
     /// A recorded data set.
     Replay(ReplayConfig),
+    /// A bag of ROS 2.
+    Bag(BagConfig),
+    /// A video file, or two.
+    Video(VideoConfig),
     /// A made-up moving picture.
     Synthetic(SyntheticConfig),
     /// A walk with a simulated rig.

@@ -639,6 +639,7 @@ impl Hub {
             time: mapped.time.0,
             sigma_ns: mapped.sigma_ns,
             exposure_ns: raw.exposure_ns,
+            eyes_apart_ns: raw.eyes_apart_ns,
             clock_map: mapped.map_version,
             frozen,
             time_doubtful: mapped.flagged,

@@ -4,8 +4,8 @@
 //! Each source separates bytes → sample (pure, tested on recorded bytes) from I/O, and has fakes
 //! beside it. There are two kinds:
 //!
-//! * [`Source`]s need no hardware: [`replay`] of recorded data sets, a [`simulated`] walk and a [`synthetic`]
-//!   moving picture. They know when each sample is to arrive and leave the waiting to the runner, so that they
+//! * [`Source`]s need no hardware: [`replay`] of recorded data sets, of a [`bag`] and of a [video file](video_file), a
+//!   [`simulated`] walk and a [`synthetic`] moving picture. They know when each sample is to arrive and leave the waiting to the runner, so that they
 //!   run in real time and in virtual time alike.
 //! * [`Live`] sources wait for devices, each on threads of its own. A device that is not there yet, or no
 //!   longer, is waited for: see [`Live::run`].
@@ -18,12 +18,16 @@ use session_archive::time::{HostTime, TickLength};
 use video::encoder::Input;
 use video::{NativeFrame, Picture};
 
+pub mod bag;
 pub mod datasets;
 pub mod device;
 pub mod gstreamer;
+mod jpeg;
+pub(crate) mod pairing;
 pub mod replay;
 pub mod simulated;
 pub mod synthetic;
+pub mod video_file;
 
 /// One stereo frame as a source delivers it: as a [`Picture`], or in its camera's own buffer.
 #[derive(Clone, Debug)]
@@ -38,6 +42,8 @@ pub struct RawFrame<P = Picture> {
     pub host_time: HostTime,
     /// Exposure time where the device tells it, ns.
     pub exposure_ns: Option<u32>,
+    /// How much later the right eye's image was taken, ns, where the eyes came separately.
+    pub eyes_apart_ns: Option<i64>,
     /// Left and right side by side; a [`Picture`] is I420 (grey ones with neutral chroma).
     pub picture: P,
 }

@@ -1,7 +1,7 @@
 //! What one pass over a session shows: everything that its quality is judged by and its report
 //! draws.
 //!
-//! Of every sample only its time is kept, so memory is about 40 bytes for a frame and 12 for an IMU
+//! Of every sample only its time is kept, so memory is about 70 bytes for a frame and 12 for an IMU
 //! sample: some 100 MB for three cameras and IMUs over an hour. Damage is passed over (whether there is any
 //! is what [`session_archive::verify`] tells); messages that cannot be decoded are left out.
 
@@ -46,6 +46,8 @@ pub struct FrameFact {
     pub frozen: bool,
     /// Whether its time is not to be trusted within its sigma.
     pub time_doubtful: bool,
+    /// How much later the right eye's image was taken, ns, where the eyes came separately.
+    pub eyes_apart_ns: Option<i64>,
 }
 
 /// A run of IMU samples, without its values.
@@ -222,6 +224,7 @@ impl Gather {
                     key: f.key_frame,
                     frozen: f.frozen,
                     time_doubtful: f.time_doubtful,
+                    eyes_apart_ns: f.eyes_apart_ns,
                 });
             }
             Kind::Imu(i) => {

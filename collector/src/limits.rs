@@ -115,6 +115,8 @@ pub const TABLE: &[Limit] = &[
     limit!("camera.bad", "bad frames", Count, 0.0, 0.0, None, ARIA),
     limit!("camera.frozen", "longest frozen picture", Time, 0.0, S, None,
         "the recorder's own alarm comes after two periods and a second"),
+    limit!("camera.eyes_apart", "left and right image apart (99.9 %)", Time, MS, NEVER, None,
+        "docs/sources.md: at 1 rad/s, 1 ms moves the smallest images of a ZED Mini by a third of a pixel"),
     limit!("camera.calibration", "eyes without calibration", Count, 0.0, NEVER, None,
         "Aria Gen 2 health check; a warning, since calibration can be made from the recording"),
     limit!("camera.undecoded", "pictures that cannot be decoded", Count, 0.0, 0.0, None,

@@ -216,6 +216,7 @@ impl Judge<'_> {
             period,
             "",
         );
+        self.eyes_apart(name, frames);
         let eyes = ["left", "right"].map(|eye| format!("{name}/{eye}"));
         let without = eyes.iter().filter(|eye| {
             let calibration = self.facts.calibrations.get(*eye);
@@ -237,6 +238,21 @@ impl Judge<'_> {
             0.0,
             &detail,
         );
+    }
+
+    /// How far apart left and right images were taken. Left out where one device delivers both.
+    fn eyes_apart(&mut self, name: &str, frames: &[FrameFact]) {
+        let apart = frames.iter().filter_map(|f| f.eyes_apart_ns);
+        let mut apart: Vec<i64> = apart.collect();
+        let Some(middle) = median(&mut apart) else {
+            return;
+        };
+        let mut lengths: Vec<u64> = apart.iter().map(|ns| ns.unsigned_abs()).collect();
+        let most = nearly_all(&mut lengths).unwrap_or_default() as f64;
+        let side = if middle < 0 { "earlier" } else { "later" };
+        let middle = Unit::Time.show(middle.unsigned_abs() as f64);
+        let detail = format!("right ones {middle} {side} in the median");
+        self.find("camera.eyes_apart", name, most, 0.0, &detail);
     }
 
     fn imu(&mut self, i: usize) {

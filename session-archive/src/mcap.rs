@@ -13,8 +13,8 @@ mod parse;
 pub use encode::{ChunkBuilder, SegmentEncoder, sealed_chunk};
 pub use parse::{
     Attachment, AttachmentIndex, Channel, Chunk, ChunkIndex, Footer, Header, Message, MessageIndex,
-    Messages, Metadata, MetadataIndex, ParseError, Record, RecordIter, SchemaRecord, Statistics,
-    SummaryOffset,
+    Messages, Metadata, MetadataIndex, PackedChunk, ParseError, Record, RecordIter, SchemaRecord,
+    Statistics, SummaryOffset,
 };
 
 /// First and last eight bytes of every file.

@@ -4,6 +4,7 @@
 //! - [`contents`]: a whole session in memory, and its decoded pictures.
 //! - [`data`], [`program`]: where the real recordings and the built programs are.
 //! - [`faults`]: random schedules of faults, and whether the session tells them.
+//! - [`footage`]: a simulated walk as bags and video files, as others would have recorded it.
 //! - [`kills`]: kills a recorder at random and looks at what is left.
 //! - [`sequences`]: frame sets with their truth for odometry: real recordings and simulated walks.
 //! - [`soak`]: records for hours of virtual time and watches the memory.
@@ -15,6 +16,7 @@
 pub mod contents;
 pub use test_data as data;
 pub mod faults;
+pub mod footage;
 pub mod kills;
 pub mod program;
 pub mod rig;

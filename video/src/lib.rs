@@ -14,6 +14,7 @@
 //! - [`decoder`]: access units in, pictures out.
 //! - [`still`]: a few small images of a recording.
 //! - [`mp4`]: access units into a file that players open.
+//! - [`file`](mod@file): the images of such files, and of others.
 //!
 //! ```
 //! use std::sync::{Arc, Mutex};
@@ -64,6 +65,7 @@ mod codec;
 pub mod decoder;
 pub mod discover;
 pub mod encoder;
+pub mod file;
 mod layout;
 pub mod mp4;
 pub mod native;

@@ -14,10 +14,11 @@ pub fn all() -> impl Iterator<Item = &'static Case> {
     WHOLE.iter().chain(&faults::CASES)
 }
 
-const WHOLE: [Case; 7] = [
+const WHOLE: [Case; 8] = [
     drivers::CASE,
     devices::DEVICES,
     devices::GOLDEN,
+    devices::PAIR,
     devices::SOAK,
     devices::REAL_TIME,
     cost::CASE,

@@ -23,11 +23,13 @@ use crate::announce::step;
 use crate::causes::with_causes;
 use crate::disk;
 use crate::run::choose_encoder;
+use crate::sources::bag::Bag;
 use crate::sources::device::Device;
 use crate::sources::gstreamer::Gstreamer;
 use crate::sources::replay::Replay;
 use crate::sources::simulated::{Simulated, Walks};
 use crate::sources::synthetic::Synthetic;
+use crate::sources::video_file::VideoReplay;
 use crate::sources::{Live, Source, SourceInfo};
 
 mod device;
@@ -300,6 +302,20 @@ fn source(
                 }
             }
         }
+        SourceConfig::Bag(b) => match Bag::open(&camera.name, b, start) {
+            Ok(bag) => (bag.info().clone(), false, bag.notes().to_vec()),
+            Err(error) => {
+                report.error(with_causes(&error));
+                return None;
+            }
+        },
+        SourceConfig::Video(v) => match VideoReplay::open(&camera.name, v, start) {
+            Ok(video) => (video.info().clone(), false, Vec::new()),
+            Err(error) => {
+                report.error(with_causes(&error));
+                return None;
+            }
+        },
         SourceConfig::Simulated(s) => {
             let faults = s.faults.as_deref();
             match Simulated::open(&camera.name, &s.walk, faults, rig, walks, start) {

@@ -2,14 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::sources::pairing;
+
 use super::file::{MAX_IMU_RATE_HZ, MAX_RATE_HZ, ns, one_of, pixels};
 use super::section::Section;
 
-/// A camera on the kernel's video interface, both eyes side by side in its picture.
+/// A camera on the kernel's video interface, both eyes side by side in its picture; or one for each eye.
 #[derive(Clone, Debug, PartialEq)]
 pub struct V4l2Config {
-    /// Which one.
+    /// Which one; of two, that of the left eye.
     pub device: DeviceChoice,
+    /// The right eye, where it is a device of its own.
+    pub right: Option<RightDevice>,
     /// Width of the stereo frame (both eyes), pixels, a multiple of 4.
     pub width: u32,
     /// Height, pixels, even.
@@ -24,6 +28,31 @@ pub struct V4l2Config {
     pub controls: Vec<(String, i64)>,
     /// The microcontroller with the IMU that belongs to the camera.
     pub imu: Option<ZedImuConfig>,
+}
+
+/// The device of the right eye, in the same mode as that of the left.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RightDevice {
+    /// Which one.
+    pub device: DeviceChoice,
+    /// Images that are further apart by the driver's stamps are no pair, ns.
+    pub within_ns: i64,
+}
+
+impl V4l2Config {
+    /// The devices, one or two, each with settings of its own.
+    pub fn eyes(&self) -> Vec<Self> {
+        let Some(right) = &self.right else {
+            return vec![self.clone()];
+        };
+        let eye = |device: &DeviceChoice| Self {
+            device: device.clone(),
+            right: None,
+            width: self.width / 2,
+            ..self.clone()
+        };
+        vec![eye(&self.device), eye(&right.device)]
+    }
 }
 
 /// How a device is found.
@@ -56,6 +85,8 @@ pub enum PixelLayout {
     Nv12,
     /// Luma alone.
     Grey,
+    /// Motion-JPEG: each image a JPEG file, whose Huffman tables may be left out.
+    Mjpeg,
 }
 
 impl PixelLayout {
@@ -65,6 +96,7 @@ impl PixelLayout {
             Self::Yuyv => *b"YUYV",
             Self::Nv12 => *b"NV12",
             Self::Grey => *b"GREY",
+            Self::Mjpeg => *b"MJPG",
         }
     }
 }
@@ -98,22 +130,59 @@ pub struct GstreamerConfig {
 }
 
 pub(super) fn v4l2(section: &mut Section<'_>, folder: &Path) -> Option<V4l2Config> {
-    let device = device(section, folder);
+    let left = device(section, folder, ["device", "usb", "usb_serial"], true);
+    let right_keys = ["right_device", "right_usb", "right_usb_serial"];
+    let right = device(section, folder, right_keys, false);
     let formats = [
         ("YUYV", PixelLayout::Yuyv),
         ("NV12", PixelLayout::Nv12),
         ("GREY", PixelLayout::Grey),
+        ("MJPG", PixelLayout::Mjpeg),
     ];
+    let rate_hz = rate(section);
+    let within_ns = pair_within(section, Some(rate_hz));
+    let imu = zed_imu(section, "imu", None);
+    match &right {
+        None => refuse_without(section, &["pair_within_ms"], "right_device or right_usb"),
+        Some(right) if left.as_ref() == Some(right) => section.refuse(
+            right_keys[0],
+            "is the device of the left eye, too; expected another one",
+        ),
+        Some(_) if imu.is_some() => section.refuse(
+            "imu",
+            "is \"zed\", but a pair of two devices has no IMU; expected \"none\"",
+        ),
+        Some(_) => {}
+    }
+    let right = right.map(|device| RightDevice {
+        device,
+        // A limit that is refused was noted.
+        within_ns: pairing::limit_ns(rate_hz, within_ns).unwrap_or_default(),
+    });
     Some(V4l2Config {
         width: pixels(section, "width", 32..=16_384, 1344, 4),
         height: pixels(section, "height", 16..=8192, 376, 2),
-        rate_hz: rate(section),
+        rate_hz,
+        right,
         format: one_of(section, "format", &formats),
         buffers: buffers(section),
         controls: section.section("controls", "controls").integers(),
-        imu: zed_imu(section, "imu", None),
-        device: device?,
+        imu,
+        device: left?,
     })
+}
+
+/// How far two images of a pair may be apart, ns; checked against the rate where that is known.
+pub(super) fn pair_within(section: &mut Section<'_>, rate_hz: Option<f64>) -> Option<i64> {
+    let within_ms = section.number("pair_within_ms", 0.001..=1000.0)?;
+    let within_ns = ns(1e6, within_ms);
+    if let Some(Err(what)) = rate_hz.map(|rate_hz| pairing::limit_ns(rate_hz, Some(within_ns))) {
+        section.refuse(
+            "pair_within_ms",
+            format_args!("does not fit the rate: {what}"),
+        );
+    }
+    Some(within_ns)
 }
 
 /// A ZED Mini is a video device and a microcontroller with the IMU.
@@ -155,6 +224,7 @@ pub(super) fn zed(section: &mut Section<'_>) -> Option<V4l2Config> {
         device: DeviceChoice::Zed {
             serial: serial.clone(),
         },
+        right: None,
         width: mode.width,
         height: mode.height,
         rate_hz,
@@ -232,16 +302,23 @@ fn refuse_without(section: &Section<'_>, keys: &[&str], expected: &str) {
     }
 }
 
-/// `device = "/dev/video0"`, or `usb = "2b03:f682"`, and `usb_serial` where several are plugged in.
-fn device(section: &mut Section<'_>, folder: &Path) -> Option<DeviceChoice> {
-    let path = section.path("device", folder);
-    let usb = section.text("usb", A_USB_ID, |text| usb_id(text).is_some());
-    let serial = section.text("usb_serial", "the serial number on the bus", |s| {
+/// `device = "/dev/video0"`, or `usb = "2b03:f682"`, and `usb_serial` where several are plugged in; or the same by other
+/// keys.
+fn device(
+    section: &mut Section<'_>,
+    folder: &Path,
+    [device_key, usb_key, serial_key]: [&'static str; 3],
+    needed: bool,
+) -> Option<DeviceChoice> {
+    let path = section.path(device_key, folder);
+    let usb = section.text(usb_key, A_USB_ID, |text| usb_id(text).is_some());
+    let serial = section.text(serial_key, "the serial number on the bus", |s| {
         !s.is_empty()
     });
     match (path, usb.as_deref().and_then(usb_id)) {
         (Some(path), None) => {
-            refuse_without(section, &["usb_serial"], "usb, and not device,");
+            let expected = format!("{usb_key}, and not {device_key},");
+            refuse_without(section, &[serial_key], &expected);
             Some(DeviceChoice::Path(path))
         }
         (None, Some((vendor, product))) => Some(DeviceChoice::Usb {
@@ -250,15 +327,20 @@ fn device(section: &mut Section<'_>, folder: &Path) -> Option<DeviceChoice> {
             serial,
         }),
         (Some(_), Some(_)) => {
-            section.refuse("usb", "is given beside device, expected one of the two");
+            section.refuse(
+                usb_key,
+                format_args!("is given beside {device_key}, expected one of the two"),
+            );
             None
         }
         (None, None) => {
-            if !section.has("usb") {
+            if needed && !section.has(usb_key) {
                 section.must_have(
-                    "device",
+                    device_key,
                     "a node like /dev/video0, or usb = \"VENDOR:PRODUCT\"",
                 );
+            } else if !needed && !section.has(usb_key) {
+                refuse_without(section, &[serial_key], usb_key);
             }
             None
         }

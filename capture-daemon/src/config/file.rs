@@ -16,7 +16,7 @@ use super::{
     Camera, Config, Control, DEFAULT_SOCKET, Disk, Encoder, Problems, ReplayConfig, Session,
     SimulatedConfig, SourceConfig, SyntheticConfig,
 };
-use super::{device, operator};
+use super::{device, operator, recorded};
 
 /// Longest name of a session, characters.
 const MAX_SESSION_NAME: usize = 80;
@@ -193,7 +193,8 @@ fn camera(section: &mut Section<'_>, folder: &Path, position: usize) -> Option<C
 
 fn source(mut section: Section<'_>, folder: &Path, position: usize) -> Option<SourceConfig> {
     const KINDS: &str = "\"zed\" (a ZED Mini over USB), \"v4l2\" (a camera of the kernel's), \"gstreamer\" (elements), \
-         \"sim\" (a simulated walk), \"replay\" (a recorded data set) or \"synthetic\" (a made-up picture)";
+         \"sim\" (a simulated walk), \"replay\" (a recorded data set), \"bag\" (of ROS 2), \"video\" (a file or two) or \
+         \"synthetic\" (a made-up picture)";
     section.must_have("kind", KINDS);
     let kind = section.text("kind", KINDS, |_| true)?;
     let source = match kind.as_str() {
@@ -212,6 +213,8 @@ fn source(mut section: Section<'_>, folder: &Path, position: usize) -> Option<So
                 })
             })
         }
+        "bag" => recorded::bag(&mut section, folder).map(SourceConfig::Bag),
+        "video" => recorded::video(&mut section, folder).map(SourceConfig::Video),
         "synthetic" => Some(SourceConfig::Synthetic(synthetic(&mut section, position))),
         "sim" => Some(SourceConfig::Simulated(simulated(&mut section, folder))),
         "v4l2" => device::v4l2(&mut section, folder).map(SourceConfig::V4l2),
@@ -221,7 +224,16 @@ fn source(mut section: Section<'_>, folder: &Path, position: usize) -> Option<So
         unknown => {
             let hint = nearest(
                 unknown,
-                &["zed", "v4l2", "gstreamer", "sim", "replay", "synthetic"],
+                &[
+                    "zed",
+                    "v4l2",
+                    "gstreamer",
+                    "sim",
+                    "replay",
+                    "bag",
+                    "video",
+                    "synthetic",
+                ],
             );
             section.refuse(
                 "kind",

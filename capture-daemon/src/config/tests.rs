@@ -614,6 +614,7 @@ fn cameras_that_are_devices() {
                 controls = { gain = 3, exposure_auto = -1 }";
     let expected = V4l2Config {
         device: DeviceChoice::Path("/dev/video2".into()),
+        right: None,
         width: 640,
         height: 240,
         rate_hz: 29.97,
@@ -680,6 +681,123 @@ fn cameras_that_are_devices() {
     check(
         "kind = \"gstreamer\"",
         "line 3: chain is missing in [camera.source]",
+    );
+}
+
+#[test]
+fn two_devices_are_a_pair() {
+    let text = "kind = \"v4l2\"\ndevice = \"/dev/video0\"\nright_device = \"/dev/video2\"\nwidth = 1280\n\
+                height = 480\nrate_hz = 30\nformat = \"MJPG\"\npair_within_ms = 5";
+    let source_of = |text: &str| parse(&source(text)).unwrap().cameras.remove(0).source;
+    let SourceConfig::V4l2(config) = source_of(text) else {
+        panic!("no device");
+    };
+    assert_eq!(config.format, PixelLayout::Mjpeg);
+    let right = config.right.clone().unwrap();
+    assert_eq!(
+        (right.device, right.within_ns),
+        (DeviceChoice::Path("/dev/video2".into()), 5_000_000)
+    );
+    let eyes = config.eyes();
+    assert_eq!(eyes.len(), 2);
+    assert!(
+        eyes.iter()
+            .all(|eye| eye.width == 640 && eye.right.is_none())
+    );
+    assert_eq!(eyes[1].device, DeviceChoice::Path("/dev/video2".into()));
+    let usb = "kind = \"v4l2\"\nusb = \"0c45:6366\"\nusb_serial = \"a\"\nright_usb = \"0c45:6366\"\n\
+               right_usb_serial = \"b\"";
+    let SourceConfig::V4l2(config) = source_of(usb) else {
+        panic!("no device");
+    };
+    // Half a period less a tenth of one, at 30 Hz.
+    assert_eq!(config.right.unwrap().within_ns, 13_333_333);
+
+    let check = |keys: &str, expected: &str| {
+        let keys = format!("kind = \"v4l2\"\ndevice = \"/dev/video0\"\n{keys}");
+        check(&source(&keys), expected);
+    };
+    check(
+        "right_device = \"/dev/video0\"",
+        "line 6: right_device in [camera.source] is the device of the left eye, too",
+    );
+    check(
+        "pair_within_ms = 5",
+        "line 6: pair_within_ms in [camera.source] is given, expected right_device or right_usb beside it",
+    );
+    check(
+        "right_device = \"/dev/video2\"\npair_within_ms = 20",
+        "line 7: pair_within_ms in [camera.source] does not fit the rate: pair_within_ms is 20.0, expected at most 13.3",
+    );
+    check(
+        "right_device = \"/dev/video2\"\nimu = \"zed\"",
+        "line 7: imu in [camera.source] is \"zed\", but a pair of two devices has no IMU",
+    );
+    check(
+        "right_usb_serial = \"x\"",
+        "line 6: right_usb_serial in [camera.source] is given, expected right_usb beside it",
+    );
+}
+
+#[test]
+fn what_others_have_recorded() {
+    let of = |keys: &str| parse(&source(keys)).unwrap().cameras.remove(0).source;
+    let bag = BagConfig {
+        path: Path::new("/etc/paws").join("walk"),
+        images: BagImages::Found,
+        imu: true,
+        imu_topic: None,
+        pair_within_ns: None,
+    };
+    let found = of("kind = \"bag\"\npath = \"walk\"");
+    assert_eq!(found, SourceConfig::Bag(bag.clone()));
+    let found = of(
+        "kind = \"bag\"\npath = \"walk\"\nleft_topic = \"/a\"\nright_topic = \"/b\"\n\
+                    imu_topic = \"/c\"\npair_within_ms = 2.5",
+    );
+    let expected = BagConfig {
+        images: BagImages::Pair {
+            left: "/a".to_owned(),
+            right: "/b".to_owned(),
+        },
+        imu_topic: Some("/c".to_owned()),
+        pair_within_ns: Some(2_500_000),
+        ..bag.clone()
+    };
+    assert_eq!(found, SourceConfig::Bag(expected));
+    let found = of("kind = \"bag\"\npath = \"walk\"\ntopic = \"/a\"\nimu = false");
+    let expected = BagConfig {
+        images: BagImages::SideBySide("/a".to_owned()),
+        imu: false,
+        ..bag
+    };
+    assert_eq!(found, SourceConfig::Bag(expected));
+    let found =
+        of("kind = \"video\"\npath = \"l.mp4\"\nright_path = \"r.mp4\"\nright_later_ms = -12.5");
+    let expected = VideoConfig {
+        path: Path::new("/etc/paws").join("l.mp4"),
+        right_path: Some(Path::new("/etc/paws").join("r.mp4")),
+        right_later_ns: -12_500_000,
+        pair_within_ns: None,
+    };
+    assert_eq!(found, SourceConfig::Video(expected));
+
+    let check = |keys: &str, expected: &str| check(&source(keys), expected);
+    check(
+        "kind = \"bag\"",
+        "line 3: path is missing in [camera.source]",
+    );
+    check(
+        "kind = \"bag\"\npath = \"walk\"\nleft_topic = \"/a\"",
+        "line 6: left_topic in [camera.source] is given, expected right_topic beside it",
+    );
+    check(
+        "kind = \"bag\"\npath = \"walk\"\nimu = false\nimu_topic = \"/a\"",
+        "line 7: imu_topic in [camera.source] is given beside imu = false",
+    );
+    check(
+        "kind = \"video\"\npath = \"a.mp4\"\nright_later_ms = 3",
+        "line 6: right_later_ms in [camera.source] is given, expected right_path beside it",
     );
 }
 

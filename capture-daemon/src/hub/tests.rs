@@ -79,6 +79,7 @@ impl Bench {
             kernel_time: None,
             host_time: at,
             exposure_ns: None,
+            eyes_apart_ns: None,
             picture: Picture::new(64, 32, PixelFormat::I420, data).expect("picture"),
         };
         self.hub.sample(0, Sample::Frame(frame), at);
@@ -321,6 +322,7 @@ fn a_tick_from_long_ago_has_no_better_time_than_its_arrival() {
             kernel_time: None,
             host_time: at,
             exposure_ns: None,
+            eyes_apart_ns: None,
             picture: Picture::new(64, 32, PixelFormat::I420, vec![i as u8; 64 * 48])
                 .expect("picture"),
         };

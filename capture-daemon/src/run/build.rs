@@ -20,11 +20,13 @@ use crate::announce;
 use crate::config::{self, Config, SourceConfig};
 use crate::hub::{CameraSetup, ImuSetup};
 use crate::recorder::Setup;
+use crate::sources::bag::Bag;
 use crate::sources::device::Device;
 use crate::sources::gstreamer::Gstreamer;
 use crate::sources::replay::Replay;
 use crate::sources::simulated::{Simulated, Walks};
 use crate::sources::synthetic::Synthetic;
+use crate::sources::video_file::VideoReplay;
 use crate::sources::{AnySource, CameraInfo, Source, SourceInfo, rig_file_name};
 use crate::sync::clock::ClockConfig;
 
@@ -133,6 +135,14 @@ fn open(
             }
             Box::new(replay)
         }
+        SourceConfig::Bag(b) => {
+            let bag = Bag::open(&camera.name, b, start)?;
+            for note in bag.notes() {
+                log::info!("{}: {note}", camera.name);
+            }
+            Box::new(bag)
+        }
+        SourceConfig::Video(v) => Box::new(VideoReplay::open(&camera.name, v, start)?),
         SourceConfig::Simulated(s) => Box::new(Simulated::open(
             &camera.name,
             &s.walk,

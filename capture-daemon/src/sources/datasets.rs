@@ -23,7 +23,7 @@ mod png_file;
 mod text;
 
 pub use error::DatasetError;
-pub use png_file::{DecodedPng, MAX_PIXELS, PngShape, Samples, load_png, probe_png};
+pub use png_file::{DecodedPng, MAX_PIXELS, PngShape, Samples, decode_png, load_png, probe_png};
 
 /// A recorded data set, ready to be replayed.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,4 +1,4 @@
-//! A camera of the kernel's, with the IMU of a ZED's microcontroller where it has one.
+//! A camera of the kernel's, with the IMU of a ZED's microcontroller where it has one; or two cameras, one for each eye.
 //!
 //! Contract: frames carry the driver's own sequence number and its time stamp on the host's clock; what the driver
 //! calls damaged, or is shorter than a picture, is lost with its number and a cause. Camera and IMU are waited for
@@ -24,6 +24,7 @@ use crate::config::{DeviceChoice, PixelLayout, V4l2Config, ZedImuConfig};
 
 pub(crate) mod camera;
 mod imu;
+mod pair;
 mod tie;
 mod zed_camera;
 
@@ -77,13 +78,25 @@ impl Live for Device {
     }
 
     fn run(self: Box<Self>, sink: &dyn Sink) -> Result<(), SourceError> {
+        let failed = |what| {
+            Err(SourceError::Unusable {
+                source_name: self.info.description.clone(),
+                what,
+            })
+        };
+        if let (Some(right), [left_eye, right_eye]) =
+            (&self.config.right, self.config.eyes().as_slice())
+        {
+            let ended = pair::run([left_eye, right_eye], right.within_ns, sink);
+            return match ended {
+                Ok(()) => Ok(()),
+                Err(error) => failed(format!("its right eye gets no thread: {error}")),
+            };
+        }
         let camera = |ties: Option<&Mutex<Ties>>| camera::run(&self.config, ties, sink);
         match beside_imu(self.config.imu.as_ref(), sink, camera) {
             Ok(()) => Ok(()),
-            Err(error) => Err(SourceError::Unusable {
-                source_name: self.info.description.clone(),
-                what: no_thread(&error),
-            }),
+            Err(error) => failed(no_thread(&error)),
         }
     }
 }
@@ -157,7 +170,21 @@ pub(super) fn imu_info(rate_hz: f64) -> ImuInfo {
 }
 
 fn describe(config: &V4l2Config) -> String {
-    let what = match &config.device {
+    if let Some(right) = &config.right {
+        let (left, right) = (name(&config.device), name(&right.device));
+        return format!("{left} and {right}, one for each eye");
+    }
+    let what = name(&config.device);
+    match config.imu.as_ref().map(|imu| &imu.serial) {
+        _ if matches!(config.device, DeviceChoice::Zed { .. }) => what,
+        Some(Some(serial)) => format!("{what} with ZED IMU {serial}"),
+        Some(None) => format!("{what} with ZED IMU"),
+        None => what,
+    }
+}
+
+fn name(device: &DeviceChoice) -> String {
+    match device {
         DeviceChoice::Path(path) => path.display().to_string(),
         DeviceChoice::Zed { serial } => match serial {
             Some(serial) => format!("ZED {serial}"),
@@ -171,12 +198,6 @@ fn describe(config: &V4l2Config) -> String {
             let serial = serial.as_ref().map(|s| format!(" {s}")).unwrap_or_default();
             format!("USB camera {vendor:04x}:{product:04x}{serial}")
         }
-    };
-    match config.imu.as_ref().map(|imu| &imu.serial) {
-        _ if matches!(config.device, DeviceChoice::Zed { .. }) => what,
-        Some(Some(serial)) => format!("{what} with ZED IMU {serial}"),
-        Some(None) => format!("{what} with ZED IMU"),
-        None => what,
     }
 }
 

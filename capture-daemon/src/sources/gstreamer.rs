@@ -192,6 +192,7 @@ fn sample(frame: CapturedFrame) -> Sample {
             kernel_time: None,
             host_time: HostTime(frame.host_time_ns),
             exposure_ns: None,
+            eyes_apart_ns: frame.eyes_apart_ns,
             picture,
         }
     }

@@ -28,7 +28,7 @@ use super::{
     CameraInfo, ImuInfo, ImuValues, RawFrame, RawImu, Sample, Seen, Source, SourceError, SourceInfo,
 };
 
-mod eyes;
+pub(super) mod eyes;
 
 use eyes::EyeSize;
 
@@ -231,6 +231,7 @@ impl Replay {
             kernel_time: None,
             host_time,
             exposure_ns: None,
+            eyes_apart_ns: None,
             picture,
         }))
     }

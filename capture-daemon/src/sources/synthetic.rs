@@ -234,6 +234,7 @@ impl Synthetic {
             kernel_time: None,
             host_time: slot.arrival,
             exposure_ns: Some(EXPOSURE_NS),
+            eyes_apart_ns: None,
             picture: self.picture(shown)?,
         })
     }

@@ -159,6 +159,8 @@ impl Session {
                         host_time: START + t + 3 * MS,
                         time: START + t,
                         sigma_ns: 20_000,
+                        // The feet are seen by two cameras that are not tied.
+                        eyes_apart_ns: (camera == 2).then_some(-40_000),
                         clock_map: 1,
                         ..Frame::default()
                     },

@@ -109,6 +109,18 @@ fn missing_frames_are_weighed() {
 }
 
 #[test]
+fn eyes_that_are_too_far_apart_are_warned_of() {
+    let apart = |ns: i64| {
+        beyond(5.0, move |s| {
+            let feet = s.frames(2).zip([1, -1].into_iter().cycle());
+            feet.for_each(|(frame, side)| frame.eyes_apart_ns = Some(side * ns));
+        })
+    };
+    expect(&apart(900_000), &[]);
+    expect(&apart(1_100_000), &[(Warn, "camera.eyes_apart", "feet")]);
+}
+
+#[test]
 fn frames_lost_without_a_note_are_damage() {
     let found = beyond(10.0, |s| s.drop_frames(0, 200, 200, false));
     expect(

@@ -99,6 +99,15 @@ plain! {
         uncompressed_crc: u32,
         records: &'a [u8],
     }
+    /// A chunk of any writer as it lies in the file: `records` may be compressed, a checksum of 0 is none.
+    PackedChunk<'a> {
+        message_start_time: u64,
+        message_end_time: u64,
+        uncompressed_size: u64,
+        uncompressed_crc: u32,
+        compression: &'a str,
+        records: &'a [u8],
+    }
     /// Log time and offset (within the chunk's records) of one channel's messages in a chunk.
     MessageIndex { channel_id: u16, records: Vec<(u64, u64)> }
     /// Where a chunk is; offsets from the start of the file.
@@ -299,6 +308,20 @@ impl<'a> Record<'a> {
     }
 }
 
+impl<'a> PackedChunk<'a> {
+    /// The chunk with this record body.
+    ///
+    /// # Errors
+    /// The body does not follow the layout of chunks.
+    pub fn parse(body: &'a [u8]) -> Result<Self, ParseError> {
+        let mut reader = Reader {
+            opcode: op::CHUNK,
+            left: body,
+        };
+        reader.packed_chunk()
+    }
+}
+
 impl<'a> Chunk<'a> {
     /// Whether the records match the chunk's checksum. A stored checksum of 0 is compared like
     /// any other: our writer always stores one.
@@ -490,27 +513,34 @@ impl<'a> Reader<'a> {
     }
 
     fn chunk(&mut self) -> Result<Chunk<'a>, ParseError> {
-        let message_start_time = self.u64()?;
-        let message_end_time = self.u64()?;
-        let uncompressed_size = self.u64()?;
-        let uncompressed_crc = self.u32()?;
-        let compression = self.str()?;
-        if !compression.is_empty() {
-            return Err(ParseError::Compressed(compression.to_owned()));
+        let packed = self.packed_chunk()?;
+        if !packed.compression.is_empty() {
+            return Err(ParseError::Compressed(packed.compression.to_owned()));
         }
-        let records = self.bytes64()?;
-        if !self.left.is_empty() {
-            return Err(self.malformed("the chunk's records do not fill the chunk"));
-        }
-        if records.len() as u64 != uncompressed_size {
+        if packed.records.len() as u64 != packed.uncompressed_size {
             return Err(self.malformed("the chunk's two sizes differ"));
         }
         Ok(Chunk {
-            message_start_time,
-            message_end_time,
-            uncompressed_size,
-            uncompressed_crc,
-            records,
+            message_start_time: packed.message_start_time,
+            message_end_time: packed.message_end_time,
+            uncompressed_size: packed.uncompressed_size,
+            uncompressed_crc: packed.uncompressed_crc,
+            records: packed.records,
         })
+    }
+
+    fn packed_chunk(&mut self) -> Result<PackedChunk<'a>, ParseError> {
+        let chunk = PackedChunk {
+            message_start_time: self.u64()?,
+            message_end_time: self.u64()?,
+            uncompressed_size: self.u64()?,
+            uncompressed_crc: self.u32()?,
+            compression: self.str()?,
+            records: self.bytes64()?,
+        };
+        if !self.left.is_empty() {
+            return Err(self.malformed("the chunk's records do not fill the chunk"));
+        }
+        Ok(chunk)
     }
 }

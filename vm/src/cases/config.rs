@@ -22,6 +22,16 @@ pub(crate) fn synthetic(chunk_ms: u32) -> String {
     text
 }
 
+/// Two small V4L2 cameras, one for each eye.
+pub(crate) fn pair() -> String {
+    format!(
+        "[session]\nout = \"/run/archive\"\npre_roll_s = 0\n[disk]\nreserve_gb = 0\n[encoder]\nelement = \"x264enc\"\n\
+         [[camera]]\nname = \"{}\"\n[camera.source]\nkind = \"v4l2\"\ndevice = \"/dev/video0\"\n\
+         right_device = \"/dev/video1\"\nwidth = 640\nheight = 96\nrate_hz = 30\n",
+        CAMERAS[0]
+    )
+}
+
 /// Three small V4L2 cameras, an IMU behind hidraw that belongs to the first, the buttons and the light of `rig.sh`.
 pub(crate) fn devices(gpio: bool) -> String {
     let mut text = "[session]\nout = \"/run/archive\"\npre_roll_s = 0\n\

@@ -9,7 +9,7 @@ use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
-use anyhow::{Context as _, Result, ensure};
+use anyhow::{Context as _, Result, bail, ensure};
 use serde_json::{Value, json};
 
 use super::config::{self, CAMERAS, IMU};
@@ -56,6 +56,15 @@ pub(super) const SOAK: Case = Case {
     quick: false,
     on_qemu: false,
     run: soak,
+};
+
+/// Two cameras as one.
+pub(super) const PAIR: Case = Case {
+    name: "pair",
+    shows: "pawsd records two V4L2 cameras as the eyes of one, paired by the kernel's stamps; each left frame is there or accounted for",
+    quick: false,
+    on_qemu: false,
+    run: pair,
 };
 
 /// What is recorded, and how.
@@ -286,6 +295,38 @@ fn files(folder: &Path) -> Result<BTreeMap<String, Vec<u8>>> {
         }
     }
     Ok(found)
+}
+
+/// `record` ends with 3 where anything is missing.
+const PAIR_SCRIPT: &str = r#"
+mkdir -p /run/archive && mount -t tmpfs -o size=400M tmpfs /run/archive || exit 9
+cameras 30 || exit 8
+pawsd record --config pawsd.toml --seconds 6 2>daemon.txt; code=$?
+[ $code -eq 0 ] || [ $code -eq 3 ] || exit 7
+mkdir sessions && cp -r /run/archive/*-* sessions/
+"#;
+
+fn pair(bench: &Bench) -> Result<Report> {
+    let job = bench.folder("job")?;
+    fs::write(job.join("pawsd.toml"), config::pair())?;
+    let guest = Guest::new(&job, PAIR_SCRIPT).memory_mb(1424).virtual_time();
+    let limit = Duration::from_secs(600);
+    guest.run(&bench.machine, limit)?.success()?;
+    let sessions = Account::read_all(&job.join("sessions"))?;
+    let [session] = &sessions[..] else {
+        bail!("{} sessions, expected one", sessions.len());
+    };
+    session.is_accounted_for()?;
+    let frames = session.stream(config::CAMERAS[0])?;
+    // Cameras that start together stay together in virtual time.
+    ensure!(
+        frames.samples >= 100,
+        "{} frames are pairs, expected most of 180: {:?}",
+        frames.samples,
+        session.gaps
+    );
+    let line = format!("{} pairs, {} missing", frames.samples, frames.gaps);
+    Ok(report(line, &sessions))
 }
 
 fn soak(bench: &Bench) -> Result<Report> {

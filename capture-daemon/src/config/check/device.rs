@@ -13,16 +13,28 @@ use crate::sources::device::camera::{find_node, interval, key};
 /// What is found of a camera and its IMU.
 pub(super) fn look(config: &V4l2Config) -> Vec<(Level, String)> {
     let mut findings = Vec::new();
-    match find_node(&config.device, None) {
-        // A daemon waits for it, and a recording would be without it.
-        Err(error) => findings.push((
-            Level::Error,
+    for config in config.eyes() {
+        match find_node(&config.device, None) {
+            // A daemon waits for it, and a recording would be without it.
+            Err(error) => findings.push((
+                Level::Error,
+                format!(
+                    "{}; plug it in, `pawsd devices` lists what is there",
+                    with_causes(&error)
+                ),
+            )),
+            Ok(path) => camera(&config, &path, &mut findings),
+        }
+    }
+    if let Some(right) = &config.right {
+        findings.push((
+            Level::Warning,
             format!(
-                "{}; plug it in, `pawsd devices` lists what is there",
-                with_causes(&error)
+                "two devices that expose each by itself: images within {:.1} ms of each other are paired, the others are \
+                 gaps; `paws validate` says how far they were apart",
+                right.within_ns as f64 * 1e-6
             ),
-        )),
-        Ok(path) => camera(config, &path, &mut findings),
+        ));
     }
     if let Some(config) = &config.imu {
         findings.push(imu(config));
@@ -105,14 +117,11 @@ pub(super) fn usb_budget(config: &Config) -> Vec<(Level, String)> {
 /// What the configured cameras need of USB, as far as they are plugged in.
 pub(crate) fn demands(config: &Config) -> Vec<Demand> {
     let nodes = v4l2::node::list(Path::new("/sys"), Path::new("/dev")).unwrap_or_default();
-    let of = |camera: &crate::config::Camera| {
-        let SourceConfig::V4l2(config) = &camera.source else {
-            return None;
-        };
+    let of = |(camera, config): (&crate::config::Camera, V4l2Config)| {
         let path = find_node(&config.device, None).ok()?;
         let path = path.canonicalize().ok()?;
         let device = nodes.iter().find(|node| node.path == path)?.usb.clone()?;
-        let mode = mode(config);
+        let mode = mode(&config);
         let bits = u64::from(mode.fourcc.bits_per_pixel()?);
         let picture = u64::from(mode.width) * u64::from(mode.height) * bits / 8;
         Some(Demand {
@@ -122,7 +131,14 @@ pub(crate) fn demands(config: &Config) -> Vec<Demand> {
             device,
         })
     };
-    config.cameras.iter().filter_map(of).collect()
+    let cameras = config.cameras.iter().flat_map(|camera| {
+        let eyes = match &camera.source {
+            SourceConfig::V4l2(config) => config.eyes(),
+            _ => Vec::new(),
+        };
+        eyes.into_iter().map(move |eye| (camera, eye))
+    });
+    cameras.filter_map(of).collect()
 }
 
 fn mode(config: &V4l2Config) -> Mode {

@@ -8,7 +8,7 @@
 //! header says.
 
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufRead, BufReader, Cursor, Seek};
 use std::path::Path;
 
 use png::{BitDepth, ColorType, Transformations};
@@ -76,6 +76,23 @@ pub fn probe_png(path: &Path) -> Result<PngShape, DatasetError> {
 /// 16 bits per sample, or is too large.
 pub fn load_png(path: &Path) -> Result<DecodedPng, DatasetError> {
     let (shape, decoder) = open(path)?;
+    decode(path, shape, decoder)
+}
+
+/// Decodes a PNG file that is in memory; `name` is what errors call it.
+///
+/// # Errors
+/// As [`load_png`].
+pub fn decode_png(name: &Path, bytes: &[u8]) -> Result<DecodedPng, DatasetError> {
+    let (shape, decoder) = begin(name, Cursor::new(bytes))?;
+    decode(name, shape, decoder)
+}
+
+fn decode<R: BufRead + Seek>(
+    path: &Path,
+    shape: PngShape,
+    decoder: png::Decoder<R>,
+) -> Result<DecodedPng, DatasetError> {
     let PngShape {
         width,
         height,
@@ -112,7 +129,14 @@ fn open(path: &Path) -> Result<(PngShape, png::Decoder<BufReader<File>>), Datase
         path: path.to_owned(),
         source,
     })?;
-    let mut decoder = png::Decoder::new(BufReader::new(file));
+    begin(path, BufReader::new(file))
+}
+
+fn begin<R: BufRead + Seek>(
+    path: &Path,
+    file: R,
+) -> Result<(PngShape, png::Decoder<R>), DatasetError> {
+    let mut decoder = png::Decoder::new(file);
     decoder.ignore_checksums(false);
     decoder.set_transformations(Transformations::EXPAND);
     let header = decoder

@@ -17,6 +17,7 @@ use super::zed_camera::{self, FindZedError};
 use super::{PATIENCE, Ties, lock, tell_gone, wait};
 use crate::causes::with_causes;
 use crate::config::{DeviceChoice, PixelLayout, V4l2Config};
+use crate::sources::jpeg::{self, JpegError};
 use crate::sources::{Lost, Notice, Part, RawFrame, Sample, Seen, Sink};
 
 /// A device that is there and cannot be used is tried again so often.
@@ -263,6 +264,8 @@ fn read(
                     lost("the driver says that the picture is damaged".to_owned())
                 } else if info.short {
                     lost(format!("only {} bytes of a picture came", info.bytes_used))
+                } else if info.time_ns <= 0 {
+                    lost("the driver gives no time stamp".to_owned())
                 } else {
                     let kernel_time = HostTime(info.time_ns);
                     if let Some(ties) = ties {
@@ -286,6 +289,7 @@ fn read(
                             kernel_time: Some(kernel_time),
                             host_time: arrival,
                             exposure_ns: None,
+                            eyes_apart_ns: None,
                             picture,
                         }),
                         Err(error) => lost(error.to_string()),
@@ -342,16 +346,40 @@ fn lost(sequence: u32, host_time: HostTime, detail: String) -> Sample {
     })
 }
 
-fn picture(config: &V4l2Config, bytes: &[u8]) -> Result<Picture, PictureError> {
+/// Why a buffer is no picture.
+#[derive(Debug, thiserror::Error)]
+enum BufferError {
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+    #[error(transparent)]
+    Jpeg(#[from] JpegError),
+    #[error("the JPEG image is {}x{}, expected {}x{} as the camera was set to", found.0, found.1, expected.0, expected.1)]
+    Size {
+        found: (u32, u32),
+        expected: (u32, u32),
+    },
+}
+
+fn picture(config: &V4l2Config, bytes: &[u8]) -> Result<Picture, BufferError> {
     let (width, height) = (config.width, config.height);
-    match config.format {
-        PixelLayout::Yuyv => yuyv_to_i420(width, height, bytes),
-        PixelLayout::Nv12 => nv12_to_i420(width, height, bytes),
+    Ok(match config.format {
+        PixelLayout::Yuyv => yuyv_to_i420(width, height, bytes)?,
+        PixelLayout::Nv12 => nv12_to_i420(width, height, bytes)?,
         PixelLayout::Grey => {
             let grey = Picture::new(width, height, PixelFormat::Grey8, bytes.to_vec())?;
-            grey_to_i420(&grey)
+            grey_to_i420(&grey)?
         }
-    }
+        PixelLayout::Mjpeg => {
+            let decoded = jpeg::decode(bytes)?;
+            if decoded.size != (width, height) {
+                return Err(BufferError::Size {
+                    found: decoded.size,
+                    expected: (width, height),
+                });
+            }
+            decoded.picture
+        }
+    })
 }
 
 #[cfg(test)]

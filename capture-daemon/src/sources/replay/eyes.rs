@@ -80,7 +80,8 @@ pub(super) fn load(frame: &StereoFrameRef, eye: EyeSize) -> Result<Picture, Repl
     })
 }
 
-fn i420(png: DecodedPng) -> Result<Picture, PictureError> {
+/// An image of any size as I420.
+pub(in crate::sources) fn i420(png: DecodedPng) -> Result<Picture, PictureError> {
     let png = pad(png);
     match png.samples {
         Samples::Rgb8 => rgb_to_i420(png.width, png.height, &png.data),

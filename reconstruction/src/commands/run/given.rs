@@ -84,7 +84,7 @@ fn same_cameras(cameras: &Path, imus: &Path) -> Result<()> {
 /// # Errors
 /// It cannot be read.
 pub(super) fn rig(told: &mut Told, path: &Path) -> Result<()> {
-    let text = std::fs::read_to_string(path);
+    let text = plain_file::read_to_string(path, plain_file::TEXT_LIMIT);
     let text = text.with_context(|| format!("reading {}", path.display()))?;
     note(told, path, text.as_bytes());
     told.rig = Some(text);

@@ -1,0 +1,262 @@
+//! Replay of bags: rosbag2 recordings in MCAP, and MCAP files with ROS 2 messages.
+//!
+//! Contract: images of `sensor_msgs/Image` or `CompressedImage` and samples of `sensor_msgs/Imu`, each at the time in its
+//! header, which is its device time; when it was recorded is not used but for the order. Two topics, one for each eye, are
+//! paired by time alone ([`pairing`](super::pairing)): the frame has the left image's time, and by how much later the right
+//! one was taken is recorded with it. Values of samples are those of the message.
+//!
+//! *Early*: [`Bag::open`] goes through the whole bag once, so that what cannot be replayed is refused before anything is
+//! recorded: storage of another kind, topics that are not there, images without times, cameras that do not expose
+//! together, an encoding that is not read. *At a gap*: a left image without a partner, without a time that rises, damaged, or
+//! of another size keeps its number and is lost with the reason; a sample without a usable time keeps its number and is
+//! left out. Right images without a partner are counted in a notice. *At the end* there is no more of either. *On
+//! failure* of the disk the source is unusable.
+
+use session_archive::record::paws::gap::Cause;
+use session_archive::time::{HostTime, TickLength};
+
+use super::{
+    CameraInfo, ImuInfo, ImuValues, Lost, Notice, Part, RawFrame, RawImu, Sample, Source,
+    SourceError, SourceInfo,
+};
+use crate::causes::with_causes;
+use crate::config::BagConfig;
+
+mod cdr;
+mod container;
+mod error;
+mod image;
+mod messages;
+mod plan;
+mod scan;
+mod topics;
+
+pub use cdr::CdrError;
+pub use error::BagError;
+
+use container::{Container, Place};
+use image::BagImage;
+use messages::Kind;
+use plan::{Plan, Planned, What};
+
+/// rosbag2's other storage, and how to convert it.
+const SQLITE: (&str, &str) = (
+    "rosbag2's SQLite storage (.db3)",
+    "convert it with `ros2 bag convert -i BAG -o convert.yaml`, where convert.yaml has `output_bags: [{uri: OUT, \
+     storage_id: mcap, all: true}]`",
+);
+
+/// A bag as a source. See the module for what it promises.
+pub struct Bag {
+    name: String,
+    info: SourceInfo,
+    files: Vec<Container>,
+    /// Of the left topic and of the right one.
+    kinds: [Kind; 2],
+    /// Columns and rows of the first frame as the messages have them, which all have.
+    size: (u32, u32),
+    plan: Plan,
+    notes: Vec<String>,
+    /// What the session is to know.
+    notices: Vec<String>,
+    start: HostTime,
+    notices_out: usize,
+    frames_out: usize,
+    imu_out: usize,
+}
+
+impl Bag {
+    /// Opens a bag as camera `name`, the first frame to arrive at `start`.
+    ///
+    /// # Errors
+    /// [`BagError`], naming the file.
+    pub fn open(name: &str, config: &BagConfig, start: HostTime) -> Result<Self, BagError> {
+        let path = config.path.as_path();
+        let scan::Bag {
+            mut files,
+            streams,
+            mut notes,
+        } = scan::scan(path)?;
+        let chosen = topics::choose(config, path, &streams)?;
+        let plan = plan::plan(path, &streams, &chosen, config.pair_within_ns)?;
+        let left = &streams[chosen.left];
+        let kinds = [left.kind, streams[chosen.right.unwrap_or(chosen.left)].kind];
+        let fail = |what: String| BagError::Image {
+            path: path.to_owned(),
+            topic: left.topic.clone(),
+            what,
+        };
+        let first = plan.frames.iter().find_map(|planned| match &planned.what {
+            What::Frame { left, right } => Some((*left, right.map(|(place, _)| place))),
+            What::Lost(_) => None,
+        });
+        let (first_left, first_right) = first.ok_or_else(|| fail("there is none".to_owned()))?;
+        let image = load(&mut files, kinds, first_left, first_right)?.map_err(fail)?;
+        if chosen.right.is_none() && !image.picture.width.is_multiple_of(4) {
+            return Err(fail(format!(
+                "it is {} wide, expected a multiple of four for both eyes side by side",
+                image.picture.width
+            )));
+        }
+        let topics = match chosen.right {
+            Some(right) => format!("{} and {}", left.topic, streams[right].topic),
+            None => left.topic.clone(),
+        };
+        let folder = path.file_name().unwrap_or_default().display();
+        notes.extend(plan.notices.iter().cloned());
+        let ns = TickLength::NANOSECOND;
+        let info = SourceInfo {
+            description: format!("bag {folder}: {topics}"),
+            camera: CameraInfo {
+                width: image.picture.width,
+                height: image.picture.height,
+                rate_hz: plan.rate_hz,
+                tick: ns,
+                tick_bits: None,
+                number_bits: None,
+                colour: image.colour,
+                still: false,
+                stamped: None,
+            },
+            imu: plan.imu_rate_hz.map(|rate_hz| ImuInfo {
+                rate_hz,
+                tick: ns,
+                tick_bits: None,
+                number_bits: None,
+                scale: None,
+                temperature_scale_c: None,
+            }),
+            calibration_files: Vec::new(),
+        };
+        Ok(Self {
+            name: name.to_owned(),
+            info,
+            files,
+            kinds,
+            size: image.size,
+            notices: plan.apart.iter().chain(&notes).cloned().collect(),
+            plan,
+            notes,
+            start,
+            notices_out: 0,
+            frames_out: 0,
+            imu_out: 0,
+        })
+    }
+
+    /// What is wrong with the bag and can be lived with, to be shown.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    fn frame(&mut self, position: usize) -> Result<Sample, SourceError> {
+        let Planned {
+            number,
+            offset_ns,
+            ref what,
+        } = self.plan.frames[position];
+        let host_time = self.start + offset_ns;
+        let lost = |detail| {
+            Ok(Sample::Lost(Lost {
+                number,
+                host_time,
+                cause: Cause::Device,
+                detail,
+            }))
+        };
+        let (left, right) = match what {
+            What::Frame { left, right } => (*left, *right),
+            What::Lost(why) => return lost(why.clone()),
+        };
+        let places = (left, right.map(|(place, _)| place));
+        let loaded = load(&mut self.files, self.kinds, places.0, places.1);
+        let loaded = loaded.map_err(|error| SourceError::Unusable {
+            source_name: self.name.clone(),
+            what: with_causes(&error),
+        })?;
+        let image = match loaded {
+            Ok(image) => image,
+            Err(why) => return lost(why),
+        };
+        if image.size != self.size {
+            return lost(format!(
+                "it is {}x{}, expected {}x{} like the first one",
+                image.size.0, image.size.1, self.size.0, self.size.1
+            ));
+        }
+        Ok(Sample::Frame(RawFrame {
+            number,
+            device_ticks: self.plan.first_ns + offset_ns,
+            kernel_time: None,
+            host_time,
+            exposure_ns: None,
+            eyes_apart_ns: right.map(|(_, apart_ns)| apart_ns),
+            picture: image.picture,
+        }))
+    }
+}
+
+/// The stereo frame of these images, or why there is none.
+fn load(
+    files: &mut [Container],
+    [left_kind, right_kind]: [Kind; 2],
+    left: (usize, Place),
+    right: Option<(usize, Place)>,
+) -> Result<Result<BagImage, String>, BagError> {
+    let mut one = |kind, (file, place): (usize, Place)| -> Result<_, BagError> {
+        Ok(image::decode(kind, &files[file].load(place)?))
+    };
+    let left = one(left_kind, left)?;
+    let Some(right) = right else {
+        return Ok(left);
+    };
+    let right = one(right_kind, right)?.map_err(|why| format!("right image: {why}"));
+    Ok(left.and_then(|left| image::join(&left, &right?)))
+}
+
+impl Source for Bag {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn next_sample(&mut self) -> Result<Option<Sample>, SourceError> {
+        if let Some(text) = self.notices.get(self.notices_out) {
+            self.notices_out += 1;
+            return Ok(Some(Sample::Notice(Notice {
+                host_time: self.start,
+                part: Part::Camera,
+                text: text.clone(),
+            })));
+        }
+        let frame_ns = self.plan.frames.get(self.frames_out).map(|f| f.offset_ns);
+        if let Some(sample) = self.plan.imu.get(self.imu_out).copied() {
+            let offset_ns = sample.stamp_ns - self.plan.first_ns;
+            if frame_ns.is_none_or(|frame_ns| offset_ns <= frame_ns) {
+                self.imu_out += 1;
+                return Ok(Some(Sample::Imu(RawImu {
+                    number: sample.number,
+                    device_ticks: sample.stamp_ns,
+                    host_time: self.start + offset_ns,
+                    values: ImuValues::Si {
+                        gyro: sample.values.gyro_rad_s,
+                        accel: sample.values.accel_m_s2,
+                    },
+                    temperature: None,
+                    frame_sync: false,
+                })));
+            }
+        }
+        if frame_ns.is_none() {
+            return Ok(None);
+        }
+        self.frames_out += 1;
+        self.frame(self.frames_out - 1).map(Some)
+    }
+
+    fn begin_at(&mut self, start: HostTime) {
+        self.start = start;
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,364 @@
+//! From what is in a bag to what is replayed: times that rise, pairs, and what is lost. Pure.
+
+use std::path::Path;
+
+use video::capture::Eye;
+
+use super::container::Place;
+use super::error::BagError;
+use super::messages::Imu;
+use super::scan::{Seen, Stream};
+use super::topics::Chosen;
+use crate::sources::pairing::{Half, Paired, Pairs, alone, limit_ns};
+
+/// A century, ns: differences of times are taken all over the replay.
+const CENTURY_NS: i64 = 100 * 365 * 86_400 * 1_000_000_000;
+
+/// What is replayed.
+#[derive(Debug)]
+pub(super) struct Plan {
+    /// Every left image from the first frame on, in order.
+    pub(super) frames: Vec<Planned>,
+    /// Every usable sample from the first frame on.
+    pub(super) imu: Vec<PlannedImu>,
+    pub(super) rate_hz: f64,
+    /// Rate of the samples, where there are two or more.
+    pub(super) imu_rate_hz: Option<f64>,
+    /// Time of the first frame, ns.
+    pub(super) first_ns: i64,
+    /// How far left and right images are apart, for people.
+    pub(super) apart: Option<String>,
+    /// What is left out, for people.
+    pub(super) notices: Vec<String>,
+}
+
+/// A left image and what becomes of it.
+#[derive(Debug)]
+pub(super) struct Planned {
+    /// From 0.
+    pub(super) number: u64,
+    /// From the first frame, ns; that of the newest one before where it has no time itself.
+    pub(super) offset_ns: i64,
+    pub(super) what: What,
+}
+
+#[derive(Debug)]
+pub(super) enum What {
+    /// Left image and, where it has a topic of its own, right one with how much later it was taken.
+    Frame {
+        left: (usize, Place),
+        right: Option<((usize, Place), i64)>,
+    },
+    /// Why there is no frame.
+    Lost(String),
+}
+
+/// A sample.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PlannedImu {
+    /// From 0.
+    pub(super) number: u64,
+    pub(super) stamp_ns: i64,
+    pub(super) values: Imu,
+}
+
+/// When messages were taken, or why that cannot be said; and how many of each.
+struct Times {
+    of: Vec<Result<i64, &'static str>>,
+    missing: usize,
+    falling: usize,
+    damaged: usize,
+}
+
+impl Times {
+    /// # Errors
+    /// Fewer than half can be used, or fewer than two.
+    fn of(stream: &Stream, path: &Path) -> Result<Self, BagError> {
+        let mut times = Self {
+            of: Vec::with_capacity(stream.messages.len()),
+            missing: 0,
+            falling: 0,
+            damaged: 0,
+        };
+        let mut newest = None;
+        for seen in &stream.messages {
+            let time = times.judge(seen, newest);
+            if let Ok(time) = time {
+                newest = Some(time);
+            }
+            times.of.push(time);
+        }
+        let (total, good) = (times.of.len(), times.good().count());
+        if good < 2 || 2 * good < total {
+            return Err(BagError::Times {
+                path: path.to_owned(),
+                topic: stream.topic.clone(),
+                total,
+                missing: times.missing,
+                falling: times.falling,
+                damaged: times.damaged,
+            });
+        }
+        Ok(times)
+    }
+
+    fn judge(&mut self, seen: &Seen, newest: Option<i64>) -> Result<i64, &'static str> {
+        match (seen.stamp_ns, &seen.imu) {
+            (Err(_), _) | (_, Some(Err(_))) => {
+                self.damaged += 1;
+                Err("its message is damaged")
+            }
+            (Ok(None), _) => {
+                self.missing += 1;
+                Err("its header has no time")
+            }
+            (Ok(Some(time)), _) if newest.is_some_and(|newest| time <= newest) => {
+                self.falling += 1;
+                Err("its time is not after that of the one before")
+            }
+            (Ok(Some(time)), _) => Ok(time),
+        }
+    }
+
+    /// Positions and times of what can be used.
+    fn good(&self) -> impl Iterator<Item = (usize, i64)> {
+        let usable = self.of.iter().enumerate();
+        usable.filter_map(|(i, time)| time.ok().map(|time| (i, time)))
+    }
+
+    /// What is left out, for people.
+    fn left_out(&self) -> Option<String> {
+        let parts = [
+            (self.missing, "without a time"),
+            (self.falling, "with a time that does not rise"),
+            (self.damaged, "damaged or without values"),
+        ];
+        let parts = parts.into_iter().filter(|(count, _)| *count > 0);
+        let parts: Vec<String> = parts
+            .map(|(count, what)| format!("{count} {what}"))
+            .collect();
+        (!parts.is_empty()).then(|| parts.join(", "))
+    }
+}
+
+/// The right image of a left one, and how much later it was taken.
+type Partner = Option<(usize, i64)>;
+
+pub(super) fn plan(
+    path: &Path,
+    streams: &[Stream],
+    chosen: &Chosen,
+    pair_within_ns: Option<i64>,
+) -> Result<Plan, BagError> {
+    let left = &streams[chosen.left];
+    let times = Times::of(left, path)?;
+    let rate_hz = rate_of(times.good().map(|(_, time)| time));
+    let mut notices = Vec::new();
+    let within_ns = limit_ns(rate_hz, pair_within_ns).map_err(|what| BagError::Setting {
+        path: path.to_owned(),
+        what,
+    })?;
+    let mut apart = None;
+    let partners = match chosen.right {
+        Some(right) => {
+            let right = &streams[right];
+            let right_times = Times::of(right, path)?;
+            if let Some(what) = right_times.left_out() {
+                notices.push(format!("{}: left out: {what}", right.topic));
+            }
+            let found = pairs(
+                path,
+                [left, right],
+                [&times, &right_times],
+                within_ns,
+                &mut notices,
+            )?;
+            apart = Some(found.1);
+            Some(found.0)
+        }
+        None => None,
+    };
+    let mut frames = Vec::new();
+    let mut first = None;
+    let mut newest_ns = 0;
+    for (i, seen) in left.messages.iter().enumerate() {
+        let partner: Option<Partner> = partners.as_ref().map(|partners| partners[i]);
+        let what = match (times.of[i], partner) {
+            (Err(why), _) => What::Lost(why.to_owned()),
+            (Ok(_), Some(None)) => What::Lost(alone(Eye::Left, within_ns)),
+            (Ok(_), None) => What::Frame {
+                left: seen.place,
+                right: None,
+            },
+            (Ok(_), Some(Some((right, apart_ns)))) => What::Frame {
+                left: seen.place,
+                right: chosen
+                    .right
+                    .map(|of| (streams[of].messages[right].place, apart_ns)),
+            },
+        };
+        if let (None, What::Frame { .. }, Ok(time)) = (first, &what, times.of[i]) {
+            first = Some((i, time));
+        }
+        let Some((first_position, first_ns)) = first else {
+            continue;
+        };
+        newest_ns = times.of[i].map_or(newest_ns, |time| time.saturating_sub(first_ns));
+        frames.push(Planned {
+            number: (i - first_position) as u64,
+            offset_ns: newest_ns,
+            what,
+        });
+    }
+    let Some((_, first_ns)) = first else {
+        // Half of the images have a partner.
+        return Err(BagError::Setting {
+            path: path.to_owned(),
+            what: "found no frame".to_owned(),
+        });
+    };
+    let (imu, imu_rate_hz) = match chosen.imu {
+        Some(of) => samples(path, &streams[of], first_ns, &mut notices)?,
+        None => (Vec::new(), None),
+    };
+    let last_ns = imu
+        .last()
+        .map_or(0, |s: &PlannedImu| s.stamp_ns.saturating_sub(first_ns));
+    if newest_ns.max(last_ns) > CENTURY_NS {
+        return Err(BagError::Setting {
+            path: path.to_owned(),
+            what: "its times span more than a century".to_owned(),
+        });
+    }
+    Ok(Plan {
+        frames,
+        imu,
+        rate_hz,
+        imu_rate_hz,
+        first_ns,
+        apart,
+        notices,
+    })
+}
+
+/// The partner of each left image, and how far they are apart in words.
+fn pairs(
+    path: &Path,
+    [left, right]: [&Stream; 2],
+    [left_times, right_times]: [&Times; 2],
+    within_ns: i64,
+    notices: &mut Vec<String>,
+) -> Result<(Vec<Partner>, String), BagError> {
+    let of = |eye, times: &Times| -> Vec<(i64, Eye, usize)> {
+        times.good().map(|(i, time)| (time, eye, i)).collect()
+    };
+    let rights: Vec<i64> = right_times.good().map(|(_, time)| time).collect();
+    let mut images = of(Eye::Left, left_times);
+    let total = images.len();
+    let mut nearest: Vec<i64> = images
+        .iter()
+        .map(|(time, ..)| distance(&rights, *time))
+        .collect();
+    images.extend(of(Eye::Right, right_times));
+    images.sort_by_key(|(time, ..)| *time);
+
+    let mut partners: Vec<Partner> = vec![None; left.messages.len()];
+    let (mut later, mut without_left) = (Vec::new(), 0);
+    let mut out = |paired: Paired<usize>| match paired {
+        Paired::Both(a, b) => {
+            let apart = b.time_ns - a.time_ns;
+            later.push(apart);
+            partners[a.of] = Some((b.of, apart));
+        }
+        Paired::Alone(Eye::Right, _) => without_left += 1,
+        Paired::Alone(Eye::Left, _) => {}
+    };
+    let mut pairs = Pairs::new(within_ns);
+    for (time_ns, eye, of) in images {
+        pairs.push(eye, Half { time_ns, of }, &mut out);
+    }
+    pairs.finish(&mut out);
+
+    let ms = |ns: i64| ns as f64 * 1e-6;
+    if 2 * later.len() < total {
+        return Err(BagError::Unsynchronised {
+            path: path.to_owned(),
+            left: left.topic.clone(),
+            right: right.topic.clone(),
+            total,
+            paired: later.len(),
+            within_ms: ms(within_ns),
+            apart_ms: ms(median(&mut nearest)),
+        });
+    }
+    let most = later.iter().map(|apart| apart.abs()).max().unwrap_or(0);
+    let apart = format!(
+        "left and right images are paired by their times: right ones are {:.3} ms later in the median, at most {:.3} ms apart",
+        ms(median(&mut later)),
+        ms(most)
+    );
+    if without_left > 0 {
+        notices.push(format!(
+            "{}: {without_left} images have no left one within {:.1} ms",
+            right.topic,
+            ms(within_ns)
+        ));
+    }
+    Ok((partners, apart))
+}
+
+/// From `time` to the nearest of the sorted `times`, ns.
+fn distance(times: &[i64], time: i64) -> i64 {
+    let after = times.partition_point(|t| *t < time);
+    let near = [after.checked_sub(1), Some(after)];
+    let near = near.into_iter().flatten().filter_map(|i| times.get(i));
+    near.map(|t| t.saturating_sub(time).saturating_abs())
+        .min()
+        .unwrap_or(i64::MAX)
+}
+
+/// Usable samples from `first_ns` on, and their rate.
+fn samples(
+    path: &Path,
+    stream: &Stream,
+    first_ns: i64,
+    notices: &mut Vec<String>,
+) -> Result<(Vec<PlannedImu>, Option<f64>), BagError> {
+    let times = Times::of(stream, path)?;
+    if let Some(what) = times.left_out() {
+        notices.push(format!("{}: left out: {what}", stream.topic));
+    }
+    let usable = times.good().filter(|(_, time)| *time >= first_ns);
+    let mut first = None;
+    let mut samples = Vec::new();
+    for (i, stamp_ns) in usable {
+        if let Some(Ok(values)) = stream.messages[i].imu {
+            samples.push(PlannedImu {
+                number: (i - *first.get_or_insert(i)) as u64,
+                stamp_ns,
+                values,
+            });
+        }
+    }
+    if samples.len() < 2 {
+        notices.push(format!(
+            "{}: not replayed: fewer than two samples from the first image on",
+            stream.topic
+        ));
+        return Ok((Vec::new(), None));
+    }
+    let rate_hz = rate_of(samples.iter().map(|sample| sample.stamp_ns));
+    Ok((samples, Some(rate_hz)))
+}
+
+/// Rate by the median interval of two or more rising times, Hz.
+fn rate_of(times: impl Iterator<Item = i64>) -> f64 {
+    let times: Vec<i64> = times.collect();
+    let intervals = times.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));
+    1e9 / median(&mut intervals.collect::<Vec<i64>>()).max(1) as f64
+}
+
+fn median(values: &mut [i64]) -> i64 {
+    values.sort_unstable();
+    values.get(values.len() / 2).copied().unwrap_or_default()
+}

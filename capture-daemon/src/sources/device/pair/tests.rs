@@ -1,0 +1,166 @@
+//! Two fake cameras.
+
+use session_archive::time::NS_PER_S;
+use video::{Picture, PixelFormat};
+
+use super::*;
+
+const PERIOD: i64 = NS_PER_S / 30;
+const WITHIN: i64 = PERIOD * 2 / 5;
+
+/// Keeps what it is given.
+#[derive(Default)]
+struct Kept(Mutex<Vec<Sample>>);
+
+impl Sink for Kept {
+    fn now(&self) -> HostTime {
+        HostTime(0)
+    }
+
+    fn put(&self, sample: Sample) {
+        self.0.lock().expect("samples").push(sample);
+    }
+
+    fn is_ending(&self) -> bool {
+        false
+    }
+}
+
+/// A frame of one grey, which tells its number and eye.
+fn frame(eye: Eye, number: u64, time_ns: i64) -> Sample {
+    let grey = match eye {
+        Eye::Left => number as u8,
+        Eye::Right => 100 + number as u8,
+    };
+    let picture = Picture::new(4, 2, PixelFormat::I420, vec![grey; 12]).expect("a picture");
+    Sample::Frame(RawFrame {
+        number,
+        device_ticks: time_ns,
+        kernel_time: Some(HostTime(time_ns)),
+        host_time: HostTime(time_ns + 5_000_000),
+        exposure_ns: None,
+        eyes_apart_ns: None,
+        picture,
+    })
+}
+
+/// What comes out of these frames: number, grey of the left and of the right eye, distance; or what was lost and why.
+fn join(samples: Vec<(Eye, Sample)>) -> Vec<String> {
+    let kept = Kept::default();
+    let joined = Joined::new(WITHIN, &kept);
+    for (eye, sample) in samples {
+        joined.eye(eye).put(sample);
+    }
+    joined.finish();
+    let told = |sample: Sample| match sample {
+        Sample::Frame(f) => {
+            let (left, right) = (f.picture.data[0], f.picture.data[4]);
+            let apart_us = f.eyes_apart_ns.expect("two eyes") / 1000;
+            assert_eq!(f.kernel_time, Some(HostTime(f.device_ticks)));
+            format!("{}: {left} {right} {apart_us}", f.number)
+        }
+        Sample::Lost(l) => format!("{} lost: {}", l.number, l.detail),
+        Sample::Gone(g) => format!("gone: {}", g.detail),
+        Sample::Notice(n) => n.text,
+        other => panic!("{other:?}"),
+    };
+    kept.0
+        .into_inner()
+        .expect("samples")
+        .into_iter()
+        .map(told)
+        .collect()
+}
+
+fn both(numbers: std::ops::Range<u64>, later_ns: i64) -> Vec<(Eye, Sample)> {
+    numbers
+        .flat_map(|n| {
+            let time = n as i64 * PERIOD + 1;
+            [
+                (Eye::Left, frame(Eye::Left, n, time)),
+                (Eye::Right, frame(Eye::Right, n + 7, time + later_ns)),
+            ]
+        })
+        .collect()
+}
+
+#[test]
+fn pairs_are_side_by_side_and_say_how_far_apart_they_are() {
+    let found = join(both(0..3, 2_000_000));
+    assert_eq!(found, ["0: 0 107 2000", "1: 1 108 2000", "2: 2 109 2000"]);
+}
+
+#[test]
+fn frames_too_far_apart_are_lost_with_the_reason() {
+    // Half a period: neither neighbour is near enough.
+    let found = join(both(0..3, PERIOD / 2));
+    let lost = "lost: no right image was taken within 13.3 ms of the left one";
+    let mut expected: Vec<String> = (0..3).map(|n| format!("{n} {lost}")).collect();
+    expected.push("3 frames of the right camera have no left one within 13.3 ms".to_owned());
+    assert_eq!(found, expected);
+}
+
+#[test]
+fn what_one_camera_loses_is_a_gap_in_its_place() {
+    let mut samples = both(0..6, 1_000_000);
+    // Left 1 is damaged, right 3 did not come.
+    samples[2].1 = Sample::Lost(Lost {
+        number: 1,
+        host_time: HostTime(0),
+        cause: Cause::Device,
+        detail: "damaged".to_owned(),
+    });
+    samples.remove(7);
+    let found = join(samples);
+    assert_eq!(found[..2], ["0: 0 107 1000", "1 lost: damaged"]);
+    assert_eq!(found[2], "2: 2 109 1000");
+    assert!(found[3].starts_with("3 lost: no right image"), "{found:?}");
+    assert_eq!(found[4..6], ["4: 4 111 1000", "5: 5 112 1000"]);
+    assert!(
+        found[6].starts_with("1 frames of the right camera"),
+        "{found:?}"
+    );
+}
+
+#[test]
+fn a_stamp_that_does_not_rise_is_lost() {
+    let mut samples = both(0..4, 0);
+    samples[4].1 = frame(Eye::Left, 2, PERIOD + 1);
+    let found = join(samples);
+    assert_eq!(found[1], "1: 1 108 0");
+    assert_eq!(
+        found[2],
+        "2 lost: its time stamp is not after that of the one before"
+    );
+    assert_eq!(found[3], "3: 3 110 0");
+}
+
+#[test]
+fn a_camera_that_is_gone_takes_the_other_along_and_both_come_back() {
+    let gone = Sample::Gone(Gone {
+        host_time: HostTime(0),
+        part: Part::Camera,
+        detail: "unplugged".to_owned(),
+    });
+    let mut samples = both(0..2, 1_000_000);
+    samples.push((Eye::Right, gone));
+    // Meanwhile the left one goes on.
+    samples.extend(
+        both(2..5, 0)
+            .into_iter()
+            .filter(|(eye, _)| *eye == Eye::Left),
+    );
+    // The right one counts and stamps from its own beginning again.
+    samples.push((Eye::Right, frame(Eye::Right, 0, 5 * PERIOD + 2)));
+    samples.push((Eye::Left, frame(Eye::Left, 5, 5 * PERIOD + 1)));
+    let found = join(samples);
+    assert_eq!(
+        found,
+        [
+            "0: 0 107 1000",
+            "1: 1 108 1000",
+            "gone: right camera: unplugged",
+            "5: 5 100 0"
+        ]
+    );
+}

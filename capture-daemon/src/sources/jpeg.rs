@@ -1,0 +1,299 @@
+//! JPEG images to I420: those of cameras that deliver Motion-JPEG, and those in bags.
+//!
+//! Contract: values are those of the file, full range BT.601 as in every [`Picture`]; chroma is the mean of each 2x2
+//! block; a grey file has neutral chroma. I420 has even sizes only: an odd last column or row is repeated once. *Damage*:
+//! a file that is cut off or does not follow the format is an error, never half an image. *Size*: what the header claims
+//! is compared with [`MAX_PIXELS`] before anything is allocated. Cameras may leave out the Huffman tables, as Motion-JPEG
+//! allows: then they are those of the standard (ITU-T T.81, annex K.3).
+
+use std::io::Cursor;
+
+use video::{Picture, PictureError, PixelFormat};
+use zune_jpeg::JpegDecoder;
+use zune_jpeg::zune_core::colorspace::ColorSpace;
+use zune_jpeg::zune_core::options::DecoderOptions;
+
+use super::datasets::MAX_PIXELS;
+
+/// Why a JPEG image cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub(super) enum JpegError {
+    /// The bytes are not a whole JPEG file.
+    #[error("the JPEG image is damaged: {0}")]
+    Damaged(String),
+    /// The header claims a size that is refused.
+    #[error("the JPEG image is {width}x{height}, expected at most {MAX_PIXELS} pixels")]
+    TooLarge {
+        /// Columns found.
+        width: u32,
+        /// Rows found.
+        height: u32,
+    },
+    /// There can be no such image.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+}
+
+/// A decoded image and the size that the file has.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Decoded {
+    /// Columns and rows in the file, which may be odd.
+    pub(super) size: (u32, u32),
+    /// Whether the file has chroma.
+    pub(super) colour: bool,
+    /// As I420, with even sizes.
+    pub(super) picture: Picture,
+}
+
+/// Decodes one image. Bytes behind its end are passed over, as cameras pad their buffers.
+///
+/// # Errors
+/// See [`JpegError`].
+pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, JpegError> {
+    let damaged = |error: &dyn std::fmt::Display| JpegError::Damaged(error.to_string());
+    let patched = with_tables(bytes);
+    let bytes = patched.as_deref().unwrap_or(bytes);
+    let options = DecoderOptions::default()
+        .set_strict_mode(true)
+        .jpeg_set_out_colorspace(ColorSpace::YCbCr);
+    let mut decoder = JpegDecoder::new_with_options(Cursor::new(bytes), options);
+    decoder.decode_headers().map_err(|e| damaged(&e))?;
+    let info = decoder.info().ok_or_else(|| damaged(&"it has no size"))?;
+    let (width, height) = (u32::from(info.width), u32::from(info.height));
+    if u64::from(width) * u64::from(height) > MAX_PIXELS {
+        return Err(JpegError::TooLarge { width, height });
+    }
+    let colour = match decoder.input_colorspace() {
+        Some(ColorSpace::Luma) => false,
+        Some(ColorSpace::YCbCr) => true,
+        other => {
+            let found = other.map_or("unknown".to_owned(), |space| format!("{space:?}"));
+            return Err(JpegError::Damaged(format!(
+                "its colours are {found}, expected YCbCr or grey"
+            )));
+        }
+    };
+    if !colour {
+        decoder.set_options(options.jpeg_set_out_colorspace(ColorSpace::Luma));
+    }
+    let pixels = decoder.decode().map_err(|e| damaged(&e))?;
+    let samples = if colour { 3 } else { 1 };
+    let expected = width as usize * height as usize * samples;
+    if pixels.len() != expected {
+        let found = pixels.len();
+        return Err(PictureError::WrongLength { found, expected }.into());
+    }
+    let picture = i420(width as usize, height as usize, samples, &pixels)?;
+    Ok(Decoded {
+        size: (width, height),
+        colour,
+        picture,
+    })
+}
+
+/// Interleaved Y Cb Cr, or Y alone, as I420.
+fn i420(
+    width: usize,
+    height: usize,
+    samples: usize,
+    pixels: &[u8],
+) -> Result<Picture, PictureError> {
+    let (even_width, even_height) = (width.next_multiple_of(2), height.next_multiple_of(2));
+    let length = PixelFormat::I420.bytes(even_width as u32, even_height as u32)?;
+    let mut data = vec![128; length];
+    let (luma, chroma) = data.split_at_mut(even_width * even_height);
+    let at = |x: usize, y: usize| samples * (y.min(height - 1) * width + x.min(width - 1));
+    for (y, row) in luma.chunks_exact_mut(even_width).enumerate() {
+        let from = at(0, y);
+        for (value, pixel) in row.iter_mut().zip(pixels[from..].chunks_exact(samples)) {
+            *value = pixel[0];
+        }
+        if even_width > width {
+            row[width] = row[width - 1];
+        }
+    }
+    if samples == 3 {
+        let columns = even_width / 2;
+        let (cb, cr) = chroma.split_at_mut(chroma.len() / 2);
+        for (y, (cb, cr)) in (cb.chunks_exact_mut(columns))
+            .zip(cr.chunks_exact_mut(columns))
+            .enumerate()
+        {
+            for x in 0..columns {
+                let block = [(0, 0), (1, 0), (0, 1), (1, 1)];
+                let block = block.map(|(dx, dy)| at(2 * x + dx, 2 * y + dy));
+                let mean = |k: usize| {
+                    let sum: u32 = block.iter().map(|place| u32::from(pixels[place + k])).sum();
+                    ((sum + 2) / 4) as u8
+                };
+                (cb[x], cr[x]) = (mean(1), mean(2));
+            }
+        }
+    }
+    Picture::new(
+        even_width as u32,
+        even_height as u32,
+        PixelFormat::I420,
+        data,
+    )
+}
+
+/// The file marked as Motion-JPEG where it has no Huffman table before its first scan: the decoder takes the standard's
+/// for such files.
+fn with_tables(bytes: &[u8]) -> Option<Vec<u8>> {
+    const SOI: usize = 2;
+    let mut at = SOI;
+    loop {
+        let [0xff, marker, high, low] = *bytes.get(at..at + 4)? else {
+            return None;
+        };
+        match marker {
+            // DHT: it has its own.
+            0xc4 => return None,
+            // SOS: here the data begins.
+            0xda => break,
+            _ => at += 2 + usize::from(u16::from_be_bytes([high, low])).max(2),
+        }
+    }
+    let mut patched = Vec::with_capacity(bytes.len() + 18);
+    patched.extend_from_slice(&bytes[..SOI]);
+    patched.extend_from_slice(&[0xff, 0xe0, 0, 16]);
+    patched.extend_from_slice(b"AVI1\0\0\0\0\0\0\0\0\0\0");
+    patched.extend_from_slice(&bytes[SOI..]);
+    Some(patched)
+}
+
+#[cfg(test)]
+mod tests {
+    use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
+
+    use super::*;
+
+    /// A soft gradient in every channel, so that little is lost in encoding.
+    fn ycbcr(width: usize, height: usize) -> Vec<u8> {
+        let pixel = |i: usize| {
+            let (x, y) = (i % width, i / width);
+            [40 + 2 * x, 90 + x + y, 160 - y].map(|value| value.min(255) as u8)
+        };
+        (0..width * height).flat_map(pixel).collect()
+    }
+
+    fn encode(width: u16, height: u16, colour: ColorType, sampling: SamplingFactor) -> Vec<u8> {
+        let samples = ycbcr(width.into(), height.into());
+        let samples: Vec<u8> = match colour {
+            ColorType::Luma => samples.iter().step_by(3).copied().collect(),
+            _ => samples,
+        };
+        let mut bytes = Vec::new();
+        let mut encoder = Encoder::new(&mut bytes, 95);
+        encoder.set_sampling_factor(sampling);
+        encoder
+            .encode(&samples, width, height, colour)
+            .expect("encoding");
+        bytes
+    }
+
+    fn without_tables(bytes: &[u8]) -> Vec<u8> {
+        let mut kept = bytes[..2].to_vec();
+        let mut at = 2;
+        while bytes[at + 1] != 0xda {
+            let end = at + 2 + usize::from(u16::from_be_bytes([bytes[at + 2], bytes[at + 3]]));
+            if bytes[at + 1] != 0xc4 {
+                kept.extend_from_slice(&bytes[at..end]);
+            }
+            at = end;
+        }
+        kept.extend_from_slice(&bytes[at..]);
+        kept
+    }
+
+    /// Luma and chroma of the middle of each block, within what encoding at 95 takes.
+    fn looks_like(picture: &Picture, width: usize, height: usize, colour: bool) {
+        let truth = ycbcr(width, height);
+        let (luma, chroma) = picture.data.split_at(width * height);
+        let (cb, cr) = chroma.split_at(chroma.len() / 2);
+        for y in (0..height).step_by(3) {
+            for x in (0..width).step_by(3) {
+                let pixel = &truth[3 * (y * width + x)..][..3];
+                let found = luma[y * width + x];
+                assert!(found.abs_diff(pixel[0]) <= 4, "{x} {y}");
+                for (k, plane) in [(1, cb), (2, cr)] {
+                    let found = plane[y / 2 * (width / 2) + x / 2];
+                    let expected = if colour { pixel[k] } else { 128 };
+                    assert!(found.abs_diff(expected) <= 5, "{k} {x} {y}: {found} {expected}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_sampling_gives_the_image() {
+        for sampling in [
+            SamplingFactor::F_1_1,
+            SamplingFactor::F_2_1,
+            SamplingFactor::F_2_2,
+        ] {
+            let decoded = decode(&encode(64, 48, ColorType::Ycbcr, sampling)).expect("an image");
+            assert_eq!((decoded.size, decoded.colour), ((64, 48), true));
+            looks_like(&decoded.picture, 64, 48, true);
+        }
+        let grey = encode(64, 48, ColorType::Luma, SamplingFactor::F_1_1);
+        let decoded = decode(&grey).expect("an image");
+        assert!(!decoded.colour);
+        looks_like(&decoded.picture, 64, 48, false);
+    }
+
+    #[test]
+    fn odd_sizes_are_padded() {
+        let file = encode(33, 17, ColorType::Ycbcr, SamplingFactor::F_2_1);
+        let decoded = decode(&file).expect("an image");
+        assert_eq!(decoded.size, (33, 17));
+        assert_eq!((decoded.picture.width, decoded.picture.height), (34, 18));
+        looks_like(&decoded.picture, 34, 18, true);
+    }
+
+    #[test]
+    fn tables_may_be_left_out_as_cameras_do() {
+        let file = encode(64, 48, ColorType::Ycbcr, SamplingFactor::F_2_1);
+        let bare = without_tables(&file);
+        assert!(bare.len() + 400 < file.len(), "nothing was taken out");
+        assert_eq!(decode(&bare), decode(&file));
+    }
+
+    #[test]
+    fn what_is_cut_off_is_an_error_and_padding_is_not() {
+        let file = encode(64, 48, ColorType::Ycbcr, SamplingFactor::F_2_1);
+        for length in (0..file.len() - 12).step_by(7) {
+            let found = decode(&file[..length]);
+            assert!(
+                matches!(found, Err(JpegError::Damaged(_))),
+                "{length}: {found:?}"
+            );
+        }
+        let mut padded = file.clone();
+        padded.resize(file.len() + 1000, 0);
+        assert_eq!(decode(&padded), decode(&file));
+    }
+
+    #[test]
+    fn a_header_alone_allocates_nothing() {
+        let mut file = encode(16, 16, ColorType::Luma, SamplingFactor::F_1_1);
+        let sof = file
+            .windows(2)
+            .position(|w| w == [0xff, 0xc0])
+            .expect("a frame header");
+        file[sof + 5..sof + 9].copy_from_slice(&[0xff, 0xff, 0xff, 0xff]);
+        assert!(decode(&file).is_err());
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn no_bytes_make_it_panic(at in 0_usize..2000, value: u8, cut in 0_usize..2000) {
+            let mut file = encode(32, 16, ColorType::Ycbcr, SamplingFactor::F_2_2);
+            let at = at % file.len();
+            file[at] = value;
+            file.truncate(file.len() - cut % 8);
+            let _ = decode(&file);
+        }
+    }
+}

@@ -1,0 +1,221 @@
+//! Two streams of one eye each into pairs, by time alone: for cameras that count apart from each other.
+//!
+//! Contract: each stream comes in its own order, with rising times; pairs come out in that order. Two images are a pair
+//! when their times are within a limit that is less than half a period ([`limit_ns`]), so an image has one partner at
+//! most. Nothing is moved and nothing invented: an image without a partner comes out alone, as soon as one of the other eye
+//! is later than it by more than the limit, at the latest when [`DEPTH`] later ones of its own eye have come. Cameras that
+//! run freely drift through each other; while they are further apart than the limit every image comes out alone.
+
+use std::collections::VecDeque;
+
+use video::capture::Eye;
+
+/// Images of one eye that wait for the other.
+const DEPTH: usize = 3;
+
+/// An image of one eye.
+#[derive(Debug)]
+pub(super) struct Half<T> {
+    /// When it was taken, ns; on one clock for both eyes.
+    pub(super) time_ns: i64,
+    /// The image.
+    pub(super) of: T,
+}
+
+/// What comes out.
+#[derive(Debug)]
+pub(super) enum Paired<T> {
+    /// Left and right.
+    Both(Half<T>, Half<T>),
+    /// One without the other.
+    Alone(Eye, Half<T>),
+}
+
+/// See the module.
+#[derive(Debug)]
+pub(super) struct Pairs<T> {
+    within_ns: i64,
+    left: VecDeque<Half<T>>,
+    right: VecDeque<Half<T>>,
+}
+
+/// The most that two images may be apart: what was asked for, else half a period less a tenth of one.
+///
+/// # Errors
+/// More was asked for; the message says what is allowed.
+pub(crate) fn limit_ns(rate_hz: f64, asked_ns: Option<i64>) -> Result<i64, String> {
+    let most = (0.4e9 / rate_hz).round() as i64;
+    match asked_ns {
+        Some(asked) if asked > most => Err(format!(
+            "pair_within_ms is {:.1}, expected at most {:.1}, which is half a period at {rate_hz:.1} Hz less a tenth \
+             of one: with more, an image could belong to two others",
+            asked as f64 * 1e-6,
+            most as f64 * 1e-6
+        )),
+        Some(asked) => Ok(asked),
+        None => Ok(most),
+    }
+}
+
+/// Why an image of `eye` is not recorded: one sentence for every image of the stream, so that gap records can be joined.
+pub(super) fn alone(eye: Eye, within_ns: i64) -> String {
+    let (here, missing) = match eye {
+        Eye::Left => ("left", "right"),
+        Eye::Right => ("right", "left"),
+    };
+    format!(
+        "no {missing} image was taken within {:.1} ms of the {here} one",
+        within_ns as f64 * 1e-6
+    )
+}
+
+impl<T> Pairs<T> {
+    pub(super) fn new(within_ns: i64) -> Self {
+        Self {
+            within_ns,
+            left: VecDeque::new(),
+            right: VecDeque::new(),
+        }
+    }
+
+    /// The most that two images of a pair are apart, ns.
+    pub(super) fn within_ns(&self) -> i64 {
+        self.within_ns
+    }
+
+    /// Takes an image and gives out what can be said now.
+    pub(super) fn push(&mut self, eye: Eye, half: Half<T>, mut out: impl FnMut(Paired<T>)) {
+        self.side(eye).push_back(half);
+        while let (Some(left), Some(right)) = (self.left.front(), self.right.front()) {
+            let later_ns = right.time_ns.saturating_sub(left.time_ns);
+            if later_ns.saturating_abs() <= self.within_ns {
+                if let (Some(left), Some(right)) = (self.left.pop_front(), self.right.pop_front()) {
+                    out(Paired::Both(left, right));
+                }
+                continue;
+            }
+            let eye = if later_ns > 0 { Eye::Left } else { Eye::Right };
+            self.give_up(eye, &mut out);
+        }
+        for eye in [Eye::Left, Eye::Right] {
+            while self.side(eye).len() > DEPTH {
+                self.give_up(eye, &mut out);
+            }
+        }
+    }
+
+    /// Gives out what still waits.
+    pub(super) fn finish(&mut self, mut out: impl FnMut(Paired<T>)) {
+        for eye in [Eye::Left, Eye::Right] {
+            while !self.side(eye).is_empty() {
+                self.give_up(eye, &mut out);
+            }
+        }
+    }
+
+    fn side(&mut self, eye: Eye) -> &mut VecDeque<Half<T>> {
+        match eye {
+            Eye::Left => &mut self.left,
+            Eye::Right => &mut self.right,
+        }
+    }
+
+    /// The oldest of `eye` has no partner.
+    fn give_up(&mut self, eye: Eye, out: &mut impl FnMut(Paired<T>)) {
+        if let Some(half) = self.side(eye).pop_front() {
+            out(Paired::Alone(eye, half));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// Pairs of numbers, and numbers alone, in the order in which they come out.
+    fn pair(within_ns: i64, images: &[(Eye, i64)]) -> (Vec<(i64, i64)>, Vec<(Eye, i64)>) {
+        let mut pairs = Pairs::new(within_ns);
+        let (mut both, mut alone) = (Vec::new(), Vec::new());
+        let mut out = |paired: Paired<()>| match paired {
+            Paired::Both(left, right) => both.push((left.time_ns, right.time_ns)),
+            Paired::Alone(eye, half) => alone.push((eye, half.time_ns)),
+        };
+        for &(eye, time_ns) in images {
+            pairs.push(eye, Half { time_ns, of: () }, &mut out);
+        }
+        pairs.finish(&mut out);
+        (both, alone)
+    }
+
+    #[test]
+    fn limits_are_less_than_half_a_period() {
+        assert_eq!(limit_ns(30.0, None), Ok(13_333_333));
+        assert_eq!(limit_ns(30.0, Some(2_000_000)), Ok(2_000_000));
+        let error = limit_ns(30.0, Some(20_000_000)).expect_err("too much");
+        assert!(error.contains("is 20.0, expected at most 13.3"), "{error}");
+    }
+
+    #[test]
+    fn what_is_lost_on_one_side_is_alone_on_the_other() {
+        let images: Vec<(Eye, i64)> = (0..30)
+            .flat_map(|n| [(Eye::Left, n * 100), (Eye::Right, n * 100 + 7)])
+            .filter(|image| !matches!(image, (Eye::Left, 300) | (Eye::Right, 507 | 607)))
+            .collect();
+        let (both, alone) = pair(40, &images);
+        assert_eq!(both.len(), 27);
+        assert!(both.iter().all(|(left, right)| right - left == 7));
+        assert_eq!(
+            alone,
+            [(Eye::Right, 307), (Eye::Left, 500), (Eye::Left, 600)]
+        );
+    }
+
+    #[test]
+    fn cameras_that_run_freely_pair_while_they_are_close() {
+        // 1 % apart: they drift through each other once in a hundred images.
+        let mut images: Vec<(Eye, i64)> = (0..300).map(|n| (Eye::Left, n * 1000)).collect();
+        images.extend((0..300).map(|n| (Eye::Right, n * 1010)));
+        images.sort_by_key(|image| image.1);
+        let (both, alone) = pair(400, &images);
+        assert!(
+            both.iter()
+                .all(|(left, right)| left.abs_diff(*right) <= 400)
+        );
+        // Four fifths of a turn are within the limit.
+        assert!((220..=260).contains(&both.len()), "{}", both.len());
+        assert_eq!(2 * both.len() + alone.len(), 600);
+    }
+
+    #[test]
+    fn few_images_wait_for_an_eye_that_is_silent() {
+        let mut pairs = Pairs::new(40);
+        let mut alone = 0;
+        for n in 0..10 {
+            let half = Half {
+                time_ns: n * 100,
+                of: (),
+            };
+            pairs.push(Eye::Left, half, |_| alone += 1);
+            assert_eq!(alone, (n as usize + 1).saturating_sub(DEPTH));
+        }
+    }
+
+    proptest! {
+        /// Whatever comes: every image comes out once, and pairs are within the limit and in order.
+        #[test]
+        fn every_image_comes_out_once(steps in prop::collection::vec((any::<bool>(), 1_i64..150), 0..200)) {
+            let mut times = [0, 0];
+            let images: Vec<(Eye, i64)> = steps.iter().map(|(left, step)| {
+                let side = usize::from(!left);
+                times[side] += step;
+                (if *left { Eye::Left } else { Eye::Right }, times[side])
+            }).collect();
+            let (both, alone) = pair(40, &images);
+            prop_assert_eq!(2 * both.len() + alone.len(), images.len());
+            prop_assert!(both.iter().all(|(left, right)| left.abs_diff(*right) <= 40));
+            prop_assert!(both.windows(2).all(|w| w[0].0 < w[1].0 && w[0].1 < w[1].1));
+        }
+    }
+}

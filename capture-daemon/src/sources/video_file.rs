@@ -1,0 +1,595 @@
+//! Replay of video files: both eyes side by side in one, or one file for each eye.
+//!
+//! Contract: frames carry the container's own times as device time, and the first one arrives at the start; a file has no
+//! IMU and does not say when it was recorded. Images count from 0 in each file: which ones a camera lost before the file was
+//! made cannot be known. Two files are paired by time alone ([`pairing`](super::pairing)), each time counted from the
+//! beginning of its own file; by how much later the right one began is a setting.
+//!
+//! *Early*: files that cannot be decoded, whose first image has no time, or that differ in size or rate are refused before
+//! anything is recorded. *At a gap*: an image without a time, with a time that does not rise, called damaged by its decoder,
+//! or (on the left) without a partner keeps its number and is lost with the reason; right images without a partner are
+//! counted in a notice at the end. *At the end* of one file the other's images are alone. *On failure* in the middle the
+//! source is unusable.
+
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+
+use session_archive::record::paws::gap::Cause;
+use session_archive::time::{HostTime, TickLength};
+use video::capture::Eye;
+use video::file::{FileError, VideoFile};
+use video::picture::side_by_side;
+use video::{Picture, PictureError};
+
+use super::pairing::{Half, Paired, Pairs, alone, limit_ns};
+use super::{CameraInfo, Lost, Notice, Part, RawFrame, Sample, Source, SourceError, SourceInfo};
+use crate::causes::with_causes;
+use crate::config::VideoConfig;
+
+/// Rates of two files of one rig that differ by more are of two kinds of camera.
+const RATES_APART: f64 = 0.01;
+
+/// Why a video file cannot be replayed. None of these goes away by trying again.
+#[derive(Debug, thiserror::Error)]
+pub enum VideoError {
+    /// It cannot be opened or decoded.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// There are no times to replay it by: write it with times, for example as MKV or MP4.
+    #[error("replaying a video file: found {found}, expected a time for every image: {}", path.display())]
+    Times {
+        /// The file.
+        path: PathBuf,
+        /// What is there instead.
+        found: &'static str,
+    },
+    /// The two files are not of one pair of cameras.
+    #[error("replaying two video files: found {found}, expected the same of both: {} and {}", left.display(), right.display())]
+    Differ {
+        /// What differs.
+        found: String,
+        /// File of the left eye.
+        left: PathBuf,
+        /// File of the right eye.
+        right: PathBuf,
+    },
+    /// The images cannot be two eyes.
+    #[error("replaying a video file: found images that are {width} wide, expected {expected}: {}", path.display())]
+    Width {
+        /// The file.
+        path: PathBuf,
+        /// Columns found.
+        width: u32,
+        /// What a width can be.
+        expected: &'static str,
+    },
+    /// A setting does not fit to the file.
+    #[error("replaying a video file: {what}: {}", path.display())]
+    Setting {
+        /// The file.
+        path: PathBuf,
+        /// What was found and what was expected.
+        what: String,
+    },
+}
+
+/// Video files as a source. See the module for what it promises.
+pub struct VideoReplay {
+    name: String,
+    info: SourceInfo,
+    left: EyeFile,
+    right: Option<EyeFile>,
+    account: Account,
+    ended: bool,
+}
+
+/// Images of one file.
+struct EyeFile {
+    file: VideoFile,
+    /// Added to the container's times, ns.
+    later_ns: i64,
+    next: u64,
+    newest_ns: Option<i64>,
+    ended: bool,
+}
+
+/// What a file gives.
+enum Step {
+    Image(Image),
+    /// The number and why there is no image.
+    Bad(u64, &'static str),
+    End,
+}
+
+struct Image {
+    number: u64,
+    time_ns: i64,
+    picture: Picture,
+}
+
+/// What is to be handed on, in the order of the left file's numbers.
+struct Account {
+    pairs: Pairs<(u64, Picture)>,
+    start: HostTime,
+    /// Time of the first frame, ns.
+    first_ns: i64,
+    newest_ns: i64,
+    /// Left images that cannot be used, which wait for those before them.
+    bad: VecDeque<(u64, &'static str)>,
+    out: VecDeque<Sample>,
+    apart_ns: Vec<i64>,
+    without_left: u64,
+    bad_right: u64,
+}
+
+impl VideoReplay {
+    /// Opens the files as camera `name`, the first frame to arrive at `start`.
+    ///
+    /// # Errors
+    /// [`VideoError`], naming the file.
+    pub fn open(name: &str, config: &VideoConfig, start: HostTime) -> Result<Self, VideoError> {
+        let left = EyeFile::open(&config.path, 0)?;
+        let right = config.right_path.as_ref();
+        let right = right.map(|path| EyeFile::open(path, config.right_later_ns));
+        let right = right.transpose()?;
+        let of = left.file.info();
+        let rate_hz = of.rate_hz.ok_or_else(|| VideoError::Times {
+            path: config.path.clone(),
+            found: "neither a rate nor times that rise",
+        })?;
+        if let (Some(right), Some(path)) = (&right, &config.right_path) {
+            check_alike(&left, &right.file.info().clone(), &config.path, path)?;
+        }
+        let eyes = 1 + u32::from(right.is_some());
+        let width = of.width * eyes;
+        if !width.is_multiple_of(4) {
+            return Err(VideoError::Width {
+                path: config.path.clone(),
+                width: of.width,
+                expected: match eyes {
+                    1 => {
+                        "a multiple of four, for both eyes side by side (or right_path for the other eye)"
+                    }
+                    _ => "an even number for each eye",
+                },
+            });
+        }
+        let within_ns = limit_ns(rate_hz, config.pair_within_ns);
+        let within_ns = within_ns.map_err(|what| VideoError::Setting {
+            path: config.path.clone(),
+            what,
+        })?;
+        let first_ns = left.first_ns(&config.path)?;
+        if let (Some(right), Some(path)) = (&right, &config.right_path) {
+            right.first_ns(path)?;
+        }
+        let colour = of.colour || right.as_ref().is_some_and(|r| r.file.info().colour);
+        let info = SourceInfo {
+            description: describe(config),
+            camera: CameraInfo {
+                width,
+                height: of.height,
+                rate_hz,
+                tick: TickLength::NANOSECOND,
+                tick_bits: None,
+                number_bits: None,
+                colour,
+                still: false,
+                stamped: None,
+            },
+            imu: None,
+            calibration_files: Vec::new(),
+        };
+        Ok(Self {
+            name: name.to_owned(),
+            info,
+            left,
+            right,
+            account: Account {
+                pairs: Pairs::new(within_ns),
+                start,
+                first_ns,
+                newest_ns: first_ns,
+                bad: VecDeque::new(),
+                out: VecDeque::new(),
+                apart_ns: Vec::new(),
+                without_left: 0,
+                bad_right: 0,
+            },
+            ended: false,
+        })
+    }
+
+    /// Takes the next image of the file that is behind, or of the only one.
+    fn step(&mut self) -> Result<(), FileError> {
+        let Some(right) = &mut self.right else {
+            match self.left.next()? {
+                Step::Image(image) => self.account.single(image),
+                Step::Bad(number, why) => self.account.bad.push_back((number, why)),
+                Step::End => self.ended = true,
+            }
+            return Ok(());
+        };
+        let behind = |eye: &EyeFile| (eye.ended, eye.newest_ns);
+        if behind(&self.left) <= behind(right) {
+            match self.left.next()? {
+                Step::Image(image) => self.account.push(Eye::Left, image),
+                Step::Bad(number, why) => self.account.bad.push_back((number, why)),
+                Step::End => {}
+            }
+        } else {
+            match right.next()? {
+                Step::Image(image) => self.account.push(Eye::Right, image),
+                Step::Bad(..) => self.account.bad_right += 1,
+                Step::End => {}
+            }
+        }
+        self.ended = self.left.ended && right.ended;
+        Ok(())
+    }
+}
+
+impl Source for VideoReplay {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn next_sample(&mut self) -> Result<Option<Sample>, SourceError> {
+        loop {
+            if let Some(sample) = self.account.out.pop_front() {
+                return Ok(Some(sample));
+            }
+            if self.ended {
+                return Ok(None);
+            }
+            self.step().map_err(|error| SourceError::Unusable {
+                source_name: self.name.clone(),
+                what: with_causes(&error),
+            })?;
+            if self.ended {
+                self.account.finish(self.right.is_some());
+            }
+        }
+    }
+
+    fn begin_at(&mut self, start: HostTime) {
+        self.account.start = start;
+    }
+}
+
+impl EyeFile {
+    fn open(path: &Path, later_ns: i64) -> Result<Self, VideoError> {
+        Ok(Self {
+            file: VideoFile::open(path)?,
+            later_ns,
+            next: 0,
+            newest_ns: None,
+            ended: false,
+        })
+    }
+
+    /// Time of the first image, ns.
+    fn first_ns(&self, path: &Path) -> Result<i64, VideoError> {
+        let first = self.file.first_time_ns().ok_or_else(|| VideoError::Times {
+            path: path.to_owned(),
+            found: "a first image without a time",
+        })?;
+        Ok(first.saturating_add(self.later_ns))
+    }
+
+    fn next(&mut self) -> Result<Step, FileError> {
+        let Some(frame) = self.file.next()? else {
+            self.ended = true;
+            return Ok(Step::End);
+        };
+        let number = self.next;
+        self.next += 1;
+        if frame.damaged {
+            return Ok(Step::Bad(
+                number,
+                "its decoder says that the image is damaged",
+            ));
+        }
+        let Some(time_ns) = frame.time_ns else {
+            return Ok(Step::Bad(
+                number,
+                "the container gives no time for the image",
+            ));
+        };
+        let time_ns = time_ns.saturating_add(self.later_ns);
+        if self.newest_ns.is_some_and(|newest| time_ns <= newest) {
+            return Ok(Step::Bad(
+                number,
+                "its time is not after that of the one before",
+            ));
+        }
+        self.newest_ns = Some(time_ns);
+        Ok(Step::Image(Image {
+            number,
+            time_ns,
+            picture: frame.picture,
+        }))
+    }
+}
+
+impl Account {
+    fn single(&mut self, image: Image) {
+        let Image {
+            number,
+            time_ns,
+            picture,
+        } = image;
+        self.frame(number, time_ns, None, Ok(picture));
+    }
+
+    fn push(&mut self, eye: Eye, image: Image) {
+        let half = Half {
+            time_ns: image.time_ns,
+            of: (image.number, image.picture),
+        };
+        let mut paired = Vec::new();
+        self.pairs.push(eye, half, |one| paired.push(one));
+        paired.into_iter().for_each(|one| self.paired(one));
+    }
+
+    fn paired(&mut self, paired: Paired<(u64, Picture)>) {
+        match paired {
+            Paired::Both(left, right) => {
+                let apart_ns = right.time_ns - left.time_ns;
+                self.apart_ns.push(apart_ns);
+                let (number, picture) = left.of;
+                let joined = side_by_side(&picture, &right.of.1);
+                self.frame(number, left.time_ns, Some(apart_ns), joined);
+            }
+            Paired::Alone(Eye::Left, left) => {
+                self.newest_ns = left.time_ns;
+                let why = alone(Eye::Left, self.pairs.within_ns());
+                self.lost(left.of.0, why);
+            }
+            Paired::Alone(Eye::Right, _) => self.without_left += 1,
+        }
+    }
+
+    fn frame(
+        &mut self,
+        number: u64,
+        time_ns: i64,
+        eyes_apart_ns: Option<i64>,
+        picture: Result<Picture, PictureError>,
+    ) {
+        self.newest_ns = time_ns;
+        match picture {
+            Ok(picture) => {
+                self.bad_before(number);
+                self.out.push_back(Sample::Frame(RawFrame {
+                    number,
+                    device_ticks: time_ns,
+                    kernel_time: None,
+                    host_time: self.now(),
+                    exposure_ns: None,
+                    eyes_apart_ns,
+                    picture,
+                }));
+            }
+            Err(error) => self.lost(number, error.to_string()),
+        }
+    }
+
+    fn lost(&mut self, number: u64, detail: String) {
+        self.bad_before(number);
+        self.out.push_back(Sample::Lost(Lost {
+            number,
+            host_time: self.now(),
+            cause: Cause::Device,
+            detail,
+        }));
+    }
+
+    /// Says of unusable images before `number` that they are lost.
+    fn bad_before(&mut self, number: u64) {
+        while let Some((bad, why)) = self.bad.pop_front_if(|(bad, _)| *bad < number) {
+            self.out.push_back(Sample::Lost(Lost {
+                number: bad,
+                host_time: self.now(),
+                cause: Cause::Device,
+                detail: why.to_owned(),
+            }));
+        }
+    }
+
+    /// Arrival of the newest image.
+    fn now(&self) -> HostTime {
+        self.start + self.newest_ns.saturating_sub(self.first_ns).max(0)
+    }
+
+    fn finish(&mut self, two_eyes: bool) {
+        let mut paired = Vec::new();
+        self.pairs.finish(|one| paired.push(one));
+        paired.into_iter().for_each(|one| self.paired(one));
+        self.bad_before(u64::MAX);
+        if !two_eyes {
+            return;
+        }
+        self.apart_ns.sort_unstable();
+        let ms = |ns: i64| ns as f64 * 1e-6;
+        let middle = self.apart_ns.get(self.apart_ns.len() / 2).copied();
+        let most = self.apart_ns.iter().map(|apart| apart.abs()).max();
+        if let (Some(middle), Some(most)) = (middle, most) {
+            self.notice(format!(
+                "left and right images are paired by their times: right ones are {:.3} ms later in the median, at most \
+                 {:.3} ms apart",
+                ms(middle),
+                ms(most)
+            ));
+        }
+        if self.without_left + self.bad_right > 0 {
+            self.notice(format!(
+                "of the right images {} have no left one within {:.1} ms, and {} have no usable time or are damaged",
+                self.without_left,
+                ms(self.pairs.within_ns()),
+                self.bad_right
+            ));
+        }
+    }
+
+    fn notice(&mut self, text: String) {
+        self.out.push_back(Sample::Notice(Notice {
+            host_time: self.now(),
+            part: Part::Camera,
+            text,
+        }));
+    }
+}
+
+/// Refuses two files that cannot be a pair.
+fn check_alike(
+    left: &EyeFile,
+    right: &video::file::FileInfo,
+    left_path: &Path,
+    right_path: &Path,
+) -> Result<(), VideoError> {
+    let left = left.file.info();
+    let differ = |found: String| {
+        Err(VideoError::Differ {
+            found,
+            left: left_path.to_owned(),
+            right: right_path.to_owned(),
+        })
+    };
+    if (left.width, left.height) != (right.width, right.height) {
+        return differ(format!(
+            "{}x{} and {}x{}",
+            left.width, left.height, right.width, right.height
+        ));
+    }
+    if let (Some(a), Some(b)) = (left.rate_hz, right.rate_hz)
+        && (a / b - 1.0).abs() > RATES_APART
+    {
+        return differ(format!("{a:.2} Hz and {b:.2} Hz"));
+    }
+    Ok(())
+}
+
+fn describe(config: &VideoConfig) -> String {
+    let name = |path: &Path| {
+        let name = path.file_name().unwrap_or_default();
+        name.display().to_string()
+    };
+    match &config.right_path {
+        Some(right) => format!("video files {} and {}", name(&config.path), name(right)),
+        None => format!("video file {}", name(&config.path)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use video::PixelFormat;
+
+    use super::*;
+
+    fn account(within_ns: i64) -> Account {
+        Account {
+            pairs: Pairs::new(within_ns),
+            start: HostTime(1_000),
+            first_ns: 50,
+            newest_ns: 50,
+            bad: VecDeque::new(),
+            out: VecDeque::new(),
+            apart_ns: Vec::new(),
+            without_left: 0,
+            bad_right: 0,
+        }
+    }
+
+    fn image(number: u64, time_ns: i64) -> Image {
+        let picture = Picture::new(2, 2, PixelFormat::I420, vec![number as u8; 6]);
+        Image {
+            number,
+            time_ns,
+            picture: picture.expect("a picture"),
+        }
+    }
+
+    /// What comes out: number, arrival, and the distance of the eyes or the reason.
+    fn told(account: &Account) -> Vec<String> {
+        let told = |sample: &Sample| match sample {
+            Sample::Frame(f) => format!("{} {} {:?}", f.number, f.host_time.0, f.eyes_apart_ns),
+            Sample::Lost(l) => format!("{} {} {}", l.number, l.host_time.0, l.detail),
+            Sample::Notice(n) => n.text.clone(),
+            other => panic!("{other:?}"),
+        };
+        account.out.iter().map(told).collect()
+    }
+
+    #[test]
+    fn what_cannot_be_used_is_lost_in_its_place() {
+        let mut account = account(40);
+        account.bad.push_back((0, "no time"));
+        account.single(image(1, 50));
+        account.bad.push_back((2, "damaged"));
+        account.single(image(3, 250));
+        account.bad.push_back((4, "no time"));
+        account.finish(false);
+        assert_eq!(
+            told(&account),
+            [
+                "0 1000 no time",
+                "1 1000 None",
+                "2 1200 damaged",
+                "3 1200 None",
+                "4 1200 no time"
+            ]
+        );
+    }
+
+    #[test]
+    fn two_files_are_paired_by_time() {
+        let mut account = account(40);
+        for n in 0..3 {
+            let time = 50 + 100 * n as i64;
+            account.push(Eye::Left, image(n, time));
+            // The second right image is too late for its left one.
+            let later = if n == 1 { 45 } else { -10 };
+            account.push(Eye::Right, image(n, time + later));
+        }
+        account.finish(true);
+        let found = told(&account);
+        assert_eq!(found[0], "0 1000 Some(-10)");
+        assert!(
+            found[1].starts_with("1 1100 no right image was taken within"),
+            "{found:?}"
+        );
+        assert_eq!(found[2], "2 1200 Some(-10)");
+        assert!(found[3].contains("at most 0.000 ms apart"), "{found:?}");
+        assert!(
+            found[4].starts_with("of the right images 1 have no left one"),
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn what_is_no_video_is_refused() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("walk.mp4");
+        std::fs::write(&path, b"not a video").expect("a file");
+        let open = |path: &Path| {
+            let config = VideoConfig {
+                path: path.to_owned(),
+                right_path: None,
+                right_later_ns: 0,
+                pair_within_ns: None,
+            };
+            let opened = VideoReplay::open("feet", &config, HostTime(0));
+            opened.err().expect("an error").to_string()
+        };
+        let error = open(&path);
+        assert!(
+            error.starts_with("reading a video file: ") && error.ends_with("walk.mp4"),
+            "{error}"
+        );
+        let error = open(Path::new("/dev/null"));
+        assert!(error.contains("it is not a plain file"), "{error}");
+        let error = open(&folder.path().join("none.mp4"));
+        assert!(error.starts_with("opening a video file: "), "{error}");
+    }
+}
