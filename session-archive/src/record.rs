@@ -1,4 +1,4 @@
-//! The records that a session holds: Rust types generated from `proto/`, and the schema that
+//! The records that a session holds: Rust types generated from `proto/` by `cargo xtask schemas`, and the schema that
 //! each is written with. What a stream is and which channel carries it: [`crate::manifest`].
 
 use prost::Message;
@@ -6,13 +6,13 @@ use prost::Message;
 /// Foxglove's own schemas, used wherever one fits.
 pub mod foxglove {
     #![allow(missing_docs, unreachable_pub, clippy::doc_markdown)]
-    include!(concat!(env!("OUT_DIR"), "/foxglove.rs"));
+    include!("record/generated/foxglove.rs");
 }
 
 /// Our schemas, for what no public one holds.
 pub mod paws {
     #![allow(missing_docs, unreachable_pub, clippy::doc_markdown)]
-    include!(concat!(env!("OUT_DIR"), "/paws.rs"));
+    include!("record/generated/paws.rs");
 }
 
 pub use foxglove::{
@@ -43,7 +43,7 @@ macro_rules! records {
         $(impl Record for $type {
             const SCHEMA: Schema = Schema {
                 name: $name,
-                descriptor_set: include_bytes!(concat!(env!("OUT_DIR"), "/", $name, ".desc")),
+                descriptor_set: include_bytes!(concat!("record/generated/", $name, ".desc")),
             };
         })*
         /// Every schema that version 1 of the format uses, in the order in which they are written.

@@ -31,6 +31,8 @@ cargo xtask VERB: set-up and developer verbs
         skip them if the kernel was not built before; building takes some five minutes.
   fuzz [SECONDS] [--no-install]
         Run each fuzz target of session-archive for SECONDS (default 60).
+  schemas
+        Compile the schemas of the session format into the code that stands in session-archive/src/record/generated.
   deb [--no-install] [--arch amd64|arm64] [--out DIR] [--check]
         Build the Debian package of the recorder, for this machine or for the other architecture,
         into DIR (default target/deb). --check: also lintian, the symbols that the program asks
@@ -71,14 +73,15 @@ pub(crate) const BENCHMARKS: [&str; 21] = [
     "odometry_length",
 ];
 
-const VERBS: [&str; 8] = [
-    "setup", "demo", "test", "bench", "vm-test", "fuzz", "deb", "help",
+const VERBS: [&str; 9] = [
+    "setup", "demo", "test", "bench", "vm-test", "fuzz", "schemas", "deb", "help",
 ];
 
 /// What the command line asks for.
 #[derive(Debug, PartialEq)]
 pub(crate) enum Verb {
     Help,
+    Schemas,
     Setup {
         install: bool,
     },
@@ -205,6 +208,10 @@ pub(crate) fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Verb, S
             };
             words.end("fuzz", &["--no-install"])?;
             Ok(Verb::Fuzz { install, seconds })
+        }
+        "schemas" => {
+            words.end("schemas", &[])?;
+            Ok(Verb::Schemas)
         }
         "deb" => {
             let install = !words.take_flag("--no-install");

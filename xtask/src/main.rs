@@ -17,6 +17,7 @@ mod deb;
 mod demo;
 mod fuzz;
 mod process;
+mod schemas;
 mod setup;
 mod test;
 mod vm;
@@ -83,6 +84,7 @@ fn run(verb: Verb) -> anyhow::Result<Ending> {
             cached,
             names,
         } => vm::run(install, quick, qemu, cached, &names).map(|_| ()),
+        Verb::Schemas => schemas::run(),
         Verb::Fuzz { install, seconds } => fuzz::run(install, seconds),
         Verb::Deb {
             install,

@@ -420,8 +420,11 @@ fn encoders(config: &Config, cameras: &[SourceInfo], report: &mut Report) {
         return;
     }
     match choose_encoder(config, cameras.iter().map(|info| &info.camera)) {
-        Err(reason) => report.error(format!("encoder: {reason:#}")),
-        Ok(chosen) => report.ok(format!("encoder: {chosen}")),
+        Err(reason) => report.error(format!("{reason:#}")),
+        Ok(chosen) => report.ok(format!(
+            "{chosen}, for {:.1} million pixels per second",
+            1e-6 * chosen.pixels_per_s
+        )),
     }
 }
 

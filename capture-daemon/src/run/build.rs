@@ -169,8 +169,10 @@ fn open(
 }
 
 /// The encoder of all cameras of a run.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ChosenEncoder {
+    /// Luma pixels per second of all cameras together.
+    pub(crate) pixels_per_s: f64,
     element: String,
     codec: Codec,
     preset: Preset,
@@ -200,6 +202,7 @@ pub(crate) fn choose_encoder<'a>(
         let codec = discover::works(element, &load)
             .with_context(|| format!("trying {element}, which [encoder] names"))?;
         return Ok(ChosenEncoder {
+            pixels_per_s: load.pixels_per_s(),
             element: element.clone(),
             codec,
             preset: load.preset(),
@@ -207,6 +210,7 @@ pub(crate) fn choose_encoder<'a>(
     }
     let choice = discover::choose(&load)?;
     Ok(ChosenEncoder {
+        pixels_per_s: load.pixels_per_s(),
         element: choice.element,
         codec: choice.codec,
         preset: choice.preset,

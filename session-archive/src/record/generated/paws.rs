@@ -64,6 +64,10 @@ pub struct Frame {
     /// clock was suspected to have stepped.
     #[prost(bool, tag = "13")]
     pub time_doubtful: bool,
+    /// How much later the right eye's image was taken than the left's, ns, where two devices (or two files or topics) made
+    /// them and their times tell; absent where one device delivers both. `time` is the left eye's.
+    #[prost(sint64, optional, tag = "14")]
+    pub eyes_apart_ns: ::core::option::Option<i64>,
 }
 /// A run of samples of one IMU with consecutive numbers. Sample k of n has number
 /// `first_number + k`, tick `device_ticks\[k\]` and vectors at 3k, 3k+1, 3k+2 (x, y, z in the IMU's
