@@ -16,9 +16,17 @@ use capture_daemon::run::{self, RecordOptions, StopFlag};
 use capture_daemon::status::{Progress, Request, Response, State, Status};
 use capture_daemon::{devices, selftest};
 use clap::{Args, Parser, Subcommand};
+use session_archive::text::{NoteError, Screen, check_note};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use video::{discover, encoder};
+
+/// Everything that is said to people passes here: what others named must not act on a terminal.
+macro_rules! eprintln {
+    ($($words:tt)*) => {
+        std::eprintln!("{}", session_archive::text::shown_lines(&format!($($words)*)))
+    };
+}
 
 mod printer;
 
@@ -164,7 +172,9 @@ fn main() -> ExitCode {
     log_to(stderr.lines(), matches!(cli.command, Command::Run(_)));
     let done = match cli.command {
         Command::Check(args) => check(&args.config),
-        Command::Record(args) => record(&args, stderr.lines()),
+        Command::Record(args) => check_note(&args.name)
+            .map_err(Into::into)
+            .and_then(|()| record(&args, stderr.lines())),
         Command::Run(args) => daemon(&args.config),
         Command::Start { name, control } => ask(&control, &Request::Start { name }, print_session),
         Command::Stop(control) => ask(&control, &Request::Stop, print_session),
@@ -196,7 +206,8 @@ fn main() -> ExitCode {
     stderr.finish();
     done.unwrap_or_else(|error| {
         eprintln!("pawsd: {error:#}");
-        let is_wrong_input = error.is::<Usage>() || error.is::<ConfigError>();
+        let is_wrong_input =
+            error.is::<Usage>() || error.is::<ConfigError>() || error.is::<NoteError>();
         ExitCode::from(if is_wrong_input { 2 } else { 1 })
     })
 }
@@ -363,6 +374,7 @@ fn ask(
     request: &Request,
     show: impl Fn(&Status) -> anyhow::Result<()>,
 ) -> anyhow::Result<ExitCode> {
+    request.check()?;
     match control::request(&control.socket, request)? {
         Response::Ok { status } => {
             show(&status)?;
@@ -428,7 +440,7 @@ fn encoders((width, height): (u32, u32)) -> anyhow::Result<ExitCode> {
 
 /// One line to standard output, at once.
 fn print(line: impl Display) -> anyhow::Result<()> {
-    let mut out = io::stdout().lock();
+    let mut out = Screen(io::stdout().lock());
     writeln!(out, "{line}")
         .and_then(|()| out.flush())
         .context("writing to standard output")

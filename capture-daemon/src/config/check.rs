@@ -12,6 +12,7 @@ use std::os::unix::net::UnixStream;
 use std::path::Path;
 
 use cad_transforms::rig::Rig;
+use rig_link::token::Token;
 use rustix::fs::Access;
 use session_archive::time::HostTime;
 use video::discover::{self, Trial};
@@ -67,6 +68,7 @@ pub fn check(config: &Config) -> Vec<Finding> {
     let mut report = Report::default();
     out(config, &mut report);
     socket(config, &mut report);
+    page(config, &mut report);
     rig(config, &mut report);
     triggers(config, &mut report);
     let mut cameras = Vec::new();
@@ -195,6 +197,25 @@ fn socket(config: &Config, report: &mut Report) {
         ));
     } else {
         report.ok(format!("the socket will be {}", socket.display()));
+    }
+}
+
+fn page(config: &Config, report: &mut Report) {
+    report.about = "page".to_owned();
+    let Some(page) = &config.page else {
+        return;
+    };
+    let token = page.token_file.as_deref();
+    match token.map(Token::read).transpose() {
+        Err(error) => report.error(with_causes(&error)),
+        Ok(token) => report.ok(format!(
+            "it will be at {}, {}",
+            page.listen,
+            match token {
+                Some(_) => "with a token that nobody else can read",
+                None => "for this machine alone",
+            }
+        )),
     }
 }
 
