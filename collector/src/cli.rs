@@ -10,6 +10,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::{CommandFactory, Parser, Subcommand};
+use session_archive::text::shown_lines;
 
 use crate::calibrate;
 use crate::console::{Clock, Console, Show};
@@ -169,7 +170,7 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
                 out,
                 "{}: {}",
                 record.level().as_str().to_lowercase(),
-                record.args()
+                shown_lines(&record.args().to_string())
             )
         })
         .init();
