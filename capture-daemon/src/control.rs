@@ -2,9 +2,11 @@
 //!
 //! Contract of the server: each line is one [`Request`] and is answered by one [`Response`] line, in
 //! order; several connections are served side by side. A line that is no request is answered with an
-//! error and the connection goes on; one longer than [`MAX_LINE`] is answered and the connection
-//! closed, as is one that is silent for [`IDLE_LIMIT`]. Beyond [`MAX_CONNECTIONS`] a caller gets an error
-//! instead of waiting. The socket has mode 0660: its owner and its group may use it. A socket file
+//! error and the connection goes on, as is one whose name or mark is too long or has control characters
+//! ([`Request::check`], as on the page); one longer than [`MAX_LINE`] is answered and the connection
+//! closed, as is one that is silent for [`IDLE_LIMIT`], or whose line takes longer than [`LINE_LIMIT`]. With
+//! [`MAX_CONNECTIONS`] open a caller gets the place of the one that has been without a request for longest, or, if all
+//! have one in hand, an error: nobody who only holds connections open keeps others out. The socket has mode 0660: its owner and its group may use it. A socket file
 //! that a dead daemon left behind is replaced; one that answers is not, nor is a file of another kind.
 //! When the server is dropped the socket goes, nothing more is read, and requests that have arrived
 //! still get their answer.
@@ -26,19 +28,23 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use rustix::fs::FlockOperation;
+use session_archive::time::HostTime;
 
+use crate::clock::{Clock, RealClock};
 use crate::status::{Request, Response};
 
 pub mod screen;
 
-/// Longest request, bytes without the line break.
-pub const MAX_LINE: usize = 64 << 10;
+/// Longest request, bytes without the line break; as long as a body on the page.
+pub const MAX_LINE: usize = 16 << 10;
 /// Longest answer that the client accepts, bytes.
 pub const MAX_ANSWER: usize = 4 << 20;
 /// Connections served at once.
 pub const MAX_CONNECTIONS: usize = 16;
 /// How long a connection may be silent.
 pub const IDLE_LIMIT: Duration = Duration::from_secs(60);
+/// How long a request may take from its first byte to its last.
+pub const LINE_LIMIT: Duration = Duration::from_secs(5);
 /// How long the client waits for an answer, and the server for a client to take one.
 pub const ANSWER_LIMIT: Duration = Duration::from_secs(15);
 
@@ -177,7 +183,33 @@ struct Connections(Mutex<Open>);
 #[derive(Debug, Default)]
 struct Open {
     next: u64,
-    streams: BTreeMap<u64, UnixStream>,
+    connections: BTreeMap<u64, Connection>,
+}
+
+#[derive(Debug)]
+struct Connection {
+    stream: UnixStream,
+    doing: Doing,
+    /// Counts up; the lower, the longer it does what it does.
+    since: u64,
+}
+
+/// In the order in which they give way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Doing {
+    /// Waits for a request, or for the rest of one.
+    Listening,
+    /// Its answer is on the way; the client may not take it.
+    Answering,
+    /// Its request is in hand.
+    Handling,
+}
+
+impl Open {
+    fn count(&mut self) -> u64 {
+        self.next += 1;
+        self.next
+    }
 }
 
 /// One connection's place among those that are open.
@@ -191,15 +223,29 @@ impl Connections {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// None when there are too many.
+    /// None when there are too many that are all being served.
     fn admit(self: &Arc<Self>, stream: &UnixStream) -> io::Result<Option<Place>> {
+        let stream = stream.try_clone()?;
         let mut open = self.lock();
-        if open.streams.len() >= MAX_CONNECTIONS {
-            return Ok(None);
+        if open.connections.len() >= MAX_CONNECTIONS {
+            let waiting = open.connections.iter();
+            let waiting = waiting.filter(|(_, c)| c.doing < Doing::Handling);
+            let longest = waiting.min_by_key(|(_, c)| (c.doing, c.since));
+            let Some(number) = longest.map(|(number, _)| *number) else {
+                return Ok(None);
+            };
+            if let Some(connection) = open.connections.remove(&number) {
+                // Its thread wakes from reading or writing, and ends.
+                let _ = connection.stream.shutdown(Shutdown::Both);
+            }
         }
-        let number = open.next;
-        open.next += 1;
-        open.streams.insert(number, stream.try_clone()?);
+        let number = open.count();
+        let connection = Connection {
+            stream,
+            doing: Doing::Listening,
+            since: number,
+        };
+        open.connections.insert(number, connection);
         Ok(Some(Place {
             connections: self.clone(),
             number,
@@ -207,9 +253,21 @@ impl Connections {
     }
 }
 
+impl Place {
+    /// False when it has had to give way.
+    fn now(&self, doing: Doing) -> bool {
+        let mut open = self.connections.lock();
+        let since = open.count();
+        let connection = open.connections.get_mut(&self.number);
+        connection
+            .map(|c| (c.doing, c.since) = (doing, since))
+            .is_some()
+    }
+}
+
 impl Drop for Place {
     fn drop(&mut self) {
-        self.connections.lock().streams.remove(&self.number);
+        self.connections.lock().connections.remove(&self.number);
     }
 }
 
@@ -229,8 +287,8 @@ impl Drop for Server {
             let _ = accepting.join();
         }
         // Not joined: a handler may be waiting for the very thread that drops this server.
-        for stream in self.connections.lock().streams.values() {
-            let _ = stream.shutdown(Shutdown::Read);
+        for connection in self.connections.lock().connections.values() {
+            let _ = connection.stream.shutdown(Shutdown::Read);
         }
     }
 }
@@ -296,10 +354,9 @@ fn begin(
     connections: &Arc<Connections>,
     handler: &Arc<impl Fn(Request) -> Response + Send + Sync + 'static>,
 ) -> io::Result<()> {
-    stream.set_read_timeout(Some(IDLE_LIMIT))?;
     stream.set_write_timeout(Some(ANSWER_LIMIT))?;
     let Some(place) = connections.admit(&stream)? else {
-        let message = format!("{MAX_CONNECTIONS} connections are open already, try again later");
+        let message = format!("{MAX_CONNECTIONS} requests are in hand already, try again later");
         // Fits into the socket's buffer, so nothing waits here; the caller may have gone.
         let _ = send(&stream, &Response::Error { message });
         return Ok(());
@@ -308,17 +365,61 @@ fn begin(
     thread::Builder::new()
         .name("control-conn".into())
         .spawn(move || {
-            let _place = place;
-            if let Err(error) = converse(&stream, &*handler) {
+            if let Err(error) = converse(&stream, &place, &*handler) {
                 log::debug!("a control connection ended: {error}");
             }
         })?;
     Ok(())
 }
 
-fn converse(stream: &UnixStream, handler: impl Fn(Request) -> Response) -> io::Result<()> {
-    let mut lines = BufReader::new(stream);
+/// Reads with two limits: one for silence before a line, one for the whole line once it has begun.
+struct Patient<'a> {
+    stream: &'a UnixStream,
+    clock: &'a dyn Clock,
+    /// When the line that has begun must be there.
+    deadline: Option<HostTime>,
+}
+
+impl Read for Patient<'_> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let left = match self.deadline {
+            None => IDLE_LIMIT,
+            Some(deadline) => {
+                let left = deadline.since(self.clock.now());
+                if left <= 0 {
+                    return Err(io::ErrorKind::TimedOut.into());
+                }
+                Duration::from_nanos(left.unsigned_abs())
+            }
+        };
+        self.stream.set_read_timeout(Some(left))?;
+        let mut stream = self.stream;
+        let read = stream.read(into)?;
+        let end = || self.clock.now() + LINE_LIMIT.as_nanos() as i64;
+        self.deadline.get_or_insert_with(end);
+        Ok(read)
+    }
+}
+
+fn converse(
+    stream: &UnixStream,
+    place: &Place,
+    handler: impl Fn(Request) -> Response,
+) -> io::Result<()> {
+    let mut lines = BufReader::new(Patient {
+        stream,
+        clock: &RealClock,
+        deadline: None,
+    });
+    let answer = |line: &[u8]| -> Result<Response, String> {
+        let request: Request = serde_json::from_slice(line).map_err(|error| {
+            format!("reading a request: {error}; expected a line like {{\"do\":\"status\"}}")
+        })?;
+        request.check().map_err(|error| error.to_string())?;
+        Ok(handler(request))
+    };
     loop {
+        lines.get_mut().deadline = None;
         match receive(&mut lines, MAX_LINE)? {
             Line::End => return Ok(()),
             Line::TooLong => {
@@ -327,15 +428,13 @@ fn converse(stream: &UnixStream, handler: impl Fn(Request) -> Response) -> io::R
             }
             Line::Complete(line) if line.trim_ascii().is_empty() => {}
             Line::Complete(line) => {
-                let response = serde_json::from_slice(&line).map_or_else(
-                    |error| Response::Error {
-                        message: format!(
-                            "reading a request: {error}; expected a line like {{\"do\":\"status\"}}"
-                        ),
-                    },
-                    &handler,
-                );
+                if !place.now(Doing::Handling) {
+                    return Ok(());
+                }
+                let response = answer(&line).unwrap_or_else(|message| Response::Error { message });
+                place.now(Doing::Answering);
                 send(stream, &response)?;
+                place.now(Doing::Listening);
             }
         }
     }

@@ -21,11 +21,20 @@ use command_line::output::is_broken_pipe;
 use command_line::{Papers, Verbosity, complain, output};
 use log::LevelFilter;
 use serde::Serialize;
+use session_archive::text::{NoteError, Screen, check_note};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use video::{discover, encoder};
 
 mod examples;
+
+/// Everything that is said to people passes here: what others named must not act on a terminal.
+macro_rules! eprintln {
+    ($($words:tt)*) => {
+        complain!("{}", session_archive::text::shown_lines(&format!($($words)*)))
+    };
+}
+
 mod printer;
 
 use printer::{Lines, Printer, Weight};
@@ -197,7 +206,9 @@ fn main() -> ExitCode {
     log_to(stderr.lines(), is_daemon, cli.verbosity);
     let done = match cli.command {
         Command::Check { config, json } => check(&config.config, json),
-        Command::Record(args) => record(&args, stderr.lines()),
+        Command::Record(args) => check_note(&args.name)
+            .map_err(Into::into)
+            .and_then(|()| record(&args, stderr.lines())),
         Command::Run(args) => daemon(&args.config),
         Command::Start { name, control } => ask(&control, &Request::Start { name }, print_session),
         Command::Stop(control) => ask(&control, &Request::Stop, print_session),
@@ -234,8 +245,9 @@ fn main() -> ExitCode {
         if is_broken_pipe(&error) {
             return ExitCode::SUCCESS;
         }
-        complain!("pawsd: {error:#}");
-        let is_wrong_input = error.is::<Usage>() || error.is::<ConfigError>();
+        eprintln!("pawsd: {error:#}");
+        let is_wrong_input =
+            error.is::<Usage>() || error.is::<ConfigError>() || error.is::<NoteError>();
         ExitCode::from(if is_wrong_input { 2 } else { 1 })
     })
 }
@@ -450,6 +462,7 @@ fn ask(
     request: &Request,
     show: impl Fn(&Status) -> anyhow::Result<()>,
 ) -> anyhow::Result<ExitCode> {
+    request.check()?;
     match control::request(&control.socket()?, request)? {
         Response::Ok { status } => {
             show(&status)?;
@@ -521,7 +534,7 @@ fn encoders((width, height): (u32, u32)) -> anyhow::Result<ExitCode> {
 
 /// One line to standard output, at once.
 fn print(line: impl Display) -> anyhow::Result<()> {
-    let mut out = io::stdout().lock();
+    let mut out = Screen(io::stdout().lock());
     writeln!(out, "{line}")
         .and_then(|()| out.flush())
         .context("writing to standard output")

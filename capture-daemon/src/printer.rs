@@ -2,7 +2,8 @@
 //!
 //! Contract: saying a line never waits, for a recording must not. A thread prints the lines in their
 //! order, each at once. *When nobody reads* up to [`CAPACITY`] bytes wait, of routine lines half as
-//! much; what comes then is left out, but never the last line. *When writing fails* (a closed pipe) the
+//! much; what comes then is left out, but never the last line. *What others named* cannot act on the
+//! terminal: control characters are printed as `\u001b`. *When writing fails* (a closed pipe) the
 //! lines go nowhere. *At the end* [`Printer::finish`] waits until all is printed.
 
 use std::io::{self, Write};
@@ -12,6 +13,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use capture_daemon::queue::{Popped, Queue};
+use session_archive::text::Screen;
 
 /// Bytes that may wait.
 const CAPACITY: usize = 1 << 20;
@@ -42,7 +44,8 @@ impl Printer {
     ///
     /// # Errors
     /// The system gives no thread.
-    pub(crate) fn start(mut out: impl Write + Send + 'static) -> anyhow::Result<Self> {
+    pub(crate) fn start(out: impl Write + Send + 'static) -> anyhow::Result<Self> {
+        let mut out = Screen(out);
         let lines = Lines(Arc::new(Queue::new(CAPACITY)));
         let queue = lines.0.clone();
         let print = move || {
@@ -147,5 +150,19 @@ mod tests {
         assert!(text.len() < CAPACITY + 100, "{} bytes", text.len());
         assert!(text.contains("\nalarm\n"));
         assert!(text.ends_with("flapping\nfinished\n"));
+    }
+
+    #[test]
+    fn what_is_printed_does_not_act_on_the_terminal() {
+        let (read, unread) = sync_channel(0);
+        drop(read);
+        let printed = Arc::default();
+        let printer = Printer::start(Unread(unread, Arc::clone(&printed))).unwrap();
+        let mut lines = printer.lines();
+        lines.say("recording: /data/a\u{1b}[2J", Weight::News);
+        writeln!(lines, "a log line\u{9b}2J").unwrap();
+        printer.finish();
+        let text = String::from_utf8(printed.lock().unwrap().clone()).unwrap();
+        assert_eq!(text, "recording: /data/a\\u001b[2J\na log line\\u009b2J\n");
     }
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
+use session_archive::text::{NoteError, check_note};
 use session_archive::time::HostTime;
 
 /// State of the recorder.
@@ -278,6 +279,20 @@ pub enum Request {
     DiscardLast,
     /// Tell the state.
     Status,
+}
+
+impl Request {
+    /// Checks what people wrote in it: the same for everybody who can ask.
+    ///
+    /// # Errors
+    /// A name or a mark is too long, or has characters that are no text.
+    pub fn check(&self) -> Result<(), NoteError> {
+        match self {
+            Self::Start { name } => check_note(name),
+            Self::Mark { text, .. } => check_note(text),
+            Self::Stop | Self::Discard | Self::DiscardLast | Self::Status => Ok(()),
+        }
+    }
 }
 
 /// The daemon's answer; one JSON object per line.

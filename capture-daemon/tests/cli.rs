@@ -1,12 +1,14 @@
 //! The commands of `pawsd` as a user types them.
 
 use std::fs;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write as _};
+use std::os::unix::net::UnixListener;
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
 use capture_daemon::status::{Progress, State, Status};
+use session_archive::text::is_plain;
 
 /// One camera that a single slow core encodes in real time.
 const CAMERA: &str = "[[camera]]\nname = \"feet\"\n\
@@ -201,6 +203,43 @@ fn control_without_a_daemon_says_what_to_do() {
         let args = [command, "--config", "pawsd.toml", "--socket", "s"];
         run(&args, folder.path(), 2);
     }
+}
+
+#[test]
+fn names_and_marks_with_control_characters_are_bad_arguments() {
+    let folder = folder_with(CAMERA);
+    let long = "x".repeat(201);
+    for bad in ["a\u{1b}[2J", "a\u{9b}2J", "a\nb", "a\u{202e}b", &long] {
+        let record = ["record", "--config", "pawsd.toml", "--out", "out"];
+        let record = [&record[..], &["--seconds", "1", "--virtual", "--name", bad]].concat();
+        for args in [
+            &["start", "--socket", "none.sock", "--name", bad][..],
+            &["mark", "--socket", "none.sock", bad],
+            &record,
+        ] {
+            let error = text(&run(args, folder.path(), 2).stderr);
+            assert!(error.contains("a name or a mark"), "{error}");
+            assert!(error.lines().all(is_plain), "{error:?}");
+        }
+    }
+    assert!(!folder.path().join("out").exists());
+}
+
+/// What answers at the socket may be anything.
+#[test]
+fn what_the_other_end_says_does_not_act_on_the_terminal() {
+    let folder = tempfile::tempdir().unwrap();
+    let listener = UnixListener::bind(folder.path().join("s")).unwrap();
+    let answer = r#"{"result":"error","message":"no\u001b[2J\u009b2J\u202e"}"#;
+    let stranger = std::thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        let mut asked = String::new();
+        BufReader::new(&stream).read_line(&mut asked).unwrap();
+        writeln!(stream, "{answer}").unwrap();
+    });
+    let error = text(&run(&["status", "--socket", "s"], folder.path(), 1).stderr);
+    stranger.join().unwrap();
+    assert_eq!(error, "pawsd: no\\u001b[2J\\u009b2J\\u202e\n");
 }
 
 #[test]

@@ -15,6 +15,7 @@ use command_line::output::is_broken_pipe;
 use command_line::{Papers, Verbosity, complain};
 use log::LevelFilter;
 use session_archive::handoff::Verdict;
+use session_archive::text::shown_lines;
 
 use crate::calibrate;
 use crate::console::{Clock, Console, Show};
@@ -212,7 +213,7 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
     let mut logger = cli.verbosity.logger(LevelFilter::Warn);
     logger.format(|out, record| {
         let level = record.level().as_str().to_lowercase();
-        writeln!(out, "{level}: {}", record.args())
+        writeln!(out, "{level}: {}", shown_lines(&record.args().to_string()))
     });
     // A second run in one process keeps the first one's.
     let _ = logger.try_init();
@@ -234,7 +235,7 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
         Ok(outcome) => outcome.into(),
         Err(e) if is_broken_pipe(&e) => ExitCode::SUCCESS,
         Err(e) => {
-            complain!("paws: {e:#}");
+            complain!("paws: {}", shown_lines(&format!("{e:#}")));
             match e.downcast_ref::<BadArguments>() {
                 Some(_) => ExitCode::from(2),
                 None => Outcome::Failed.into(),
@@ -433,7 +434,7 @@ fn external_verb(words: &[OsString], library: Option<PathBuf>) -> ExitCode {
                 let error = external::become_program(&program, &words);
                 complain!("paws: starting {}: {error}", program.display());
             }
-            Err(error) => complain!("paws: {error:#}"),
+            Err(error) => complain!("paws: {}", shown_lines(&format!("{error:#}"))),
         }
         return Outcome::Failed.into();
     }

@@ -7,6 +7,7 @@ use std::fmt;
 use std::io::{self, Write};
 use std::time::Duration;
 
+use session_archive::text::Screen;
 use session_archive::time::CivilTime;
 
 use crate::progress::Progress;
@@ -74,12 +75,12 @@ pub struct Console<'a> {
 }
 
 impl Console<'_> {
-    /// Writes one line of results.
+    /// Writes one line of results. Control characters, as in names out of a session, are written as `\u001b`.
     ///
     /// # Errors
     /// Whoever reads the output is gone.
     pub fn line(&mut self, text: impl fmt::Display) -> io::Result<()> {
-        writeln!(self.out, "{text}")
+        writeln!(Screen(&mut *self.out), "{text}")
     }
 
     /// Progress over `total` bytes.

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::Result;
+use session_archive::text::shown;
 
 use crate::console::Console;
 use crate::documents::{self, List, Session};
@@ -45,8 +46,8 @@ pub fn run(root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
             row.condition.to_string(),
             row.verdict.map_or("-".to_owned(), |v| v.to_string()),
             row.missing.to_string(),
-            row.cameras.clone(),
-            row.name.clone(),
+            shown(&row.cameras).into_owned(),
+            shown(&row.name).into_owned(),
         ]);
     }
     for line in table(&lines) {

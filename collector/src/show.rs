@@ -7,6 +7,7 @@ use anyhow::Result;
 use session_archive::handoff::{Check, HandOff};
 use session_archive::index::Index;
 use session_archive::storage::DiskStorage;
+use session_archive::text::shown;
 
 use crate::catalogue::{Row, newest_report};
 use crate::change;
@@ -34,7 +35,8 @@ pub fn run(target: &Target, console: &mut Console<'_>) -> Result<Outcome> {
     let row = Row::of(&target.name(), &target.folder)?;
     let validation = Validation::read(&target.folder).ok();
     let record = ImportRecord::read(&target.folder);
-    let mut line = |name: &str, value: String| console.line(format!("{name:10} {value}"));
+    // Each is one line, whatever was recorded.
+    let mut line = |name: &str, value: String| console.line(format!("{name:10} {}", shown(&value)));
 
     line("session", row.key.clone())?;
     if !row.name.is_empty() {

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use session_archive::text::is_plain;
+
 use crate::sources::pairing;
 
 use super::file::{MAX_IMU_RATE_HZ, MAX_RATE_HZ, ns, one_of, pixels};
@@ -239,9 +241,13 @@ pub(super) fn zed(section: &mut Section<'_>) -> Option<V4l2Config> {
 }
 
 pub(super) fn gstreamer(section: &mut Section<'_>) -> Option<GstreamerConfig> {
-    let a_chain = "elements as for gst-launch-1.0, without a sink";
+    let a_chain = "elements as for gst-launch-1.0, without a sink and without control characters";
     section.must_have("chain", a_chain);
-    let is_chain = |text: &str| !text.trim().is_empty();
+    // It may be written over several lines.
+    let is_chain = |text: &str| {
+        let plain = text.split(['\n', '\r', '\t']).all(is_plain);
+        !text.trim().is_empty() && plain
+    };
     let chain = section.text("chain", a_chain, is_chain);
     Some(GstreamerConfig {
         right_chain: section.text("right_chain", a_chain, is_chain),
@@ -285,7 +291,7 @@ fn zed_imu(
     let serial = section.text(
         "imu_serial",
         "the serial number of the microcontroller",
-        |s| !s.is_empty(),
+        |s| !s.is_empty() && is_plain(s),
     );
     let rate_hz = imu_rate(section);
     let is_zed = kind.as_deref().or(default) == Some("zed");
@@ -313,7 +319,7 @@ fn device(
     let path = section.path(device_key, folder);
     let usb = section.text(usb_key, A_USB_ID, |text| usb_id(text).is_some());
     let serial = section.text(serial_key, "the serial number on the bus", |s| {
-        !s.is_empty()
+        !s.is_empty() && is_plain(s)
     });
     match (path, usb.as_deref().and_then(usb_id)) {
         (Some(path), None) => {

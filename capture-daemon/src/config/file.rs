@@ -8,6 +8,7 @@ use cad_transforms::frame::{MAX_CAMERA_NAME, is_camera_name};
 use rig_sim::camera::Quality;
 use rig_sim::scene::{Kind, Time};
 use rig_sim::simulation::Settings;
+use session_archive::text::{MAX_NOTE, check_note};
 use toml::de::DeTable;
 use video::encoder::known_elements;
 
@@ -18,8 +19,6 @@ use super::{
 };
 use super::{device, operator, recorded};
 
-/// Longest name of a session, characters.
-const MAX_SESSION_NAME: usize = 80;
 /// Longest path of a Unix socket, bytes: `sun_path` of unix(7) less the closing zero.
 const MAX_SOCKET_PATH: usize = 107;
 /// Longest latency that can be meant, ms.
@@ -77,9 +76,8 @@ fn config(mut root: Section<'_>, folder: &Path) -> Option<Config> {
 }
 
 fn session(mut section: Section<'_>, folder: &Path) -> Session {
-    let expected = format!("a text without line breaks, at most {MAX_SESSION_NAME} characters");
-    let is_name =
-        |name: &str| name.chars().count() <= MAX_SESSION_NAME && !name.contains(char::is_control);
+    let expected = format!("one line without control characters, at most {MAX_NOTE} bytes");
+    let is_name = |name: &str| check_note(name).is_ok();
     let session = Session {
         out: section.path("out", folder),
         name: section.text("name", &expected, is_name).unwrap_or_default(),

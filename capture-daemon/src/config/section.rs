@@ -10,6 +10,7 @@ use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use session_archive::text::is_plain;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -192,9 +193,9 @@ impl<'d> Section<'d> {
 
     /// A path; a relative one is relative to `folder`.
     pub(super) fn path(&mut self, key: &'static str, folder: &Path) -> Option<PathBuf> {
-        let expected = "a path, relative to this file or from the root (~ is not expanded)";
-        let is_path =
-            |path: &str| !path.is_empty() && !path.starts_with('~') && !path.contains('\0');
+        let expected = "a path without control characters, relative to this file or from the root (~ is not \
+                        expanded)";
+        let is_path = |path: &str| !path.is_empty() && !path.starts_with('~') && is_plain(path);
         self.text(key, expected, is_path)
             .map(|path| folder.join(path))
     }

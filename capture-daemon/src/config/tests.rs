@@ -244,7 +244,7 @@ fn values_out_of_range_are_refused() {
     );
     check(
         &with("session", "name = \"a\\nb\""),
-        "line 2: name in [session] is \"a\\nb\", expected a text without line",
+        "line 2: name in [session] is \"a\\nb\", expected one line without control",
     );
     check(
         &with("session", "out = \"\""),
@@ -300,8 +300,57 @@ fn values_out_of_range_are_refused() {
         "line 1: session in the configuration is 3, expected a table",
     );
     check(
-        &format!("{CAMERA}[session]\nname = \"{}\"", "x".repeat(81)),
+        &format!("{CAMERA}[session]\nname = \"{}\"", "x".repeat(201)),
         "line 6: name in [session] is",
+    );
+    let longest = format!("{CAMERA}[session]\nname = \"{}\"", "x".repeat(200));
+    assert!(parse(&longest).is_ok());
+}
+
+#[test]
+fn control_characters_are_refused_in_names_paths_and_sources() {
+    for escape in ["\\u001b[2J", "\\u009b2J", "\\u202e", "\\u2028", "\\u007f"] {
+        let bad = |text: &str, expected: &str| check(&text.replace('@', escape), expected);
+        let source = |lines: &str| format!("[[camera]]\nname = \"feet\"\n[camera.source]\n{lines}");
+        bad(
+            &format!("{CAMERA}[session]\nname = \"a@\""),
+            "line 6: name in [session]",
+        );
+        bad(
+            &format!("{CAMERA}[session]\nout = \"a@\""),
+            "line 6: out in [session]",
+        );
+        bad(
+            &format!("{CAMERA}[control]\nsocket = \"a@\""),
+            "line 6: socket in [control]",
+        );
+        bad(
+            &source("kind = \"replay\"\npath = \"a@\""),
+            "line 5: path in [camera.source]",
+        );
+        bad(
+            &source("kind = \"gstreamer\"\nchain = \"videotestsrc@\""),
+            "line 5: chain in [camera.source]",
+        );
+        bad(
+            &source("kind = \"v4l2\"\nusb = \"2b03:f682\"\nusb_serial = \"1@\""),
+            "line 6: usb_serial in [camera.source]",
+        );
+        // What is wrong is said without saying it raw.
+        let text = CAMERA.replace("feet", &format!("f{escape}"));
+        let found = problems(&text);
+        assert!(
+            found.iter().all(|p| session_archive::text::is_plain(p)),
+            "{found:?}"
+        );
+    }
+    // A chain may be written over several lines.
+    let chain = "kind = \"gstreamer\"\nchain = \"\"\"\n  videotestsrc !\n\tvideoconvert\n\"\"\"";
+    assert!(
+        parse(&format!(
+            "[[camera]]\nname = \"feet\"\n[camera.source]\n{chain}"
+        ))
+        .is_ok()
     );
 }
 

@@ -5,6 +5,7 @@
 
 use std::fmt::Write as _;
 
+use session_archive::text::shown;
 use session_archive::time::{HostTime, NS_PER_S};
 
 use crate::status::{Progress, State, Status, StreamStatus};
@@ -20,7 +21,8 @@ pub fn status(status: &Status) -> String {
     }
     text.push('\n');
     if let Some(session) = &status.session {
-        let _ = writeln!(text, "session   {}", session.display());
+        let session = session.to_string_lossy();
+        let _ = writeln!(text, "session   {}", shown(&session));
     }
     if let Some(free) = status.free_bytes {
         let left = status
@@ -36,8 +38,9 @@ pub fn status(status: &Status) -> String {
     for (i, encoder) in status.encoders.iter().enumerate() {
         let _ = writeln!(
             text,
-            "{:<10}{encoder}",
-            if i == 0 { "encoders" } else { "" }
+            "{:<10}{}",
+            if i == 0 { "encoders" } else { "" },
+            shown(encoder)
         );
     }
     if !status.streams.is_empty() {
@@ -70,7 +73,7 @@ pub fn status(status: &Status) -> String {
         text.push('\n');
     }
     for alarm in &status.alarms {
-        let _ = writeln!(text, "! {alarm}");
+        let _ = writeln!(text, "! {}", shown(alarm));
     }
     for note in &status.notes {
         let _ = writeln!(text, "\nnote: {note}");
@@ -137,11 +140,11 @@ impl Narrator {
                     .map_or(0.0, |at| (until.0 - at.0) as f64 / NS_PER_S as f64);
                 format!("{} on disk, {messages} messages", duration(seconds))
             }
-            Progress::Alarm { text, active: true } => format!("ALARM: {text}"),
+            Progress::Alarm { text, active: true } => format!("ALARM: {}", shown(text)),
             Progress::Alarm {
                 text,
                 active: false,
-            } => format!("no longer: {text}"),
+            } => format!("no longer: {}", shown(text)),
             Progress::Finished {
                 reason,
                 seconds,
@@ -245,6 +248,34 @@ note: the lenses of feet are not known
             ..full
         };
         assert_eq!(status(&empty), "pawsd is idle\n");
+    }
+
+    #[test]
+    fn nothing_that_others_named_makes_a_line_of_its_own() {
+        let hostile = "x\n! all is well\u{1b}[2J".to_owned();
+        let status = Status {
+            state: State::Armed,
+            session: Some(format!("/data/{hostile}").into()),
+            seconds: 0.0,
+            durable_until: None,
+            streams: Vec::new(),
+            free_bytes: None,
+            seconds_left: None,
+            alarms: vec![hostile.clone()],
+            concerns: Default::default(),
+            encoders: vec![hostile.clone()],
+            machine: crate::status::MachineStatus::default(),
+            sparing: String::new(),
+        };
+        let text = super::status(&status);
+        assert_eq!(text.lines().count(), 5, "{text}");
+        assert!(!text.contains('\u{1b}'), "{text}");
+        let mut narrator = Narrator::default();
+        for active in [true, false] {
+            let text = hostile.clone();
+            let line = narrator.line(&Progress::Alarm { text, active }).unwrap();
+            assert!(!line.contains(['\n', '\u{1b}']), "{line}");
+        }
     }
 
     #[test]

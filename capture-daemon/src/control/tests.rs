@@ -1,7 +1,11 @@
 use std::sync::Barrier;
 use std::sync::mpsc::sync_channel;
 
+use session_archive::text::{MAX_NOTE, is_plain};
+use session_archive::time::CivilTime;
+
 use super::*;
+use crate::clock::VirtualClock;
 use crate::status::{MachineStatus, State, Status};
 
 fn status(state: State) -> Response {
@@ -71,7 +75,7 @@ fn every_request_arrives_and_is_answered() {
     let _server = serve(&place.path, echo).unwrap();
     let requests = [
         Request::Start {
-            name: "kitchen \"2\"\n".into(),
+            name: "kitchen \"2\"".into(),
         },
         Request::Mark {
             text: "stairs ↑".into(),
@@ -135,7 +139,7 @@ fn a_line_that_is_too_long_ends_the_connection() {
     let answers = raw(&place.path, &longest);
     assert_eq!(answers.len(), 1, "{answers:?}");
     assert!(
-        answers[0].contains("longer than 65536 bytes"),
+        answers[0].contains("longer than 16384 bytes"),
         "{answers:?}"
     );
     assert!(
@@ -251,35 +255,153 @@ fn dropping_lets_the_request_in_hand_finish() {
     assert!(answers[0].contains("stopping"), "{answers:?}");
 }
 
+/// Connections of this many clients that say `bytes` and then nothing.
+fn held(place: &Place, count: usize, bytes: &[u8]) -> Vec<UnixStream> {
+    let hold = |_| {
+        let mut stream = UnixStream::connect(&place.path).unwrap();
+        stream.set_read_timeout(Some(ANSWER_LIMIT)).unwrap();
+        stream.write_all(bytes).unwrap();
+        stream
+    };
+    (0..count).map(hold).collect()
+}
+
 #[test]
-fn connections_are_bounded() {
+fn connections_with_a_request_in_hand_are_bounded() {
     let place = place();
     let (handled, handling) = sync_channel(MAX_CONNECTIONS);
+    let (release, released) = sync_channel::<()>(0);
+    let released = Mutex::new(released);
     let _server = serve(&place.path, move |_| {
         handled.send(()).unwrap();
+        let _ = released.lock().unwrap().recv();
         status(State::Armed)
     })
     .unwrap();
-    let mut open = Vec::new();
-    for _ in 0..MAX_CONNECTIONS {
-        let stream = UnixStream::connect(&place.path).unwrap();
-        send(&stream, &Request::Status).unwrap();
-        open.push(stream);
-    }
+    let open = held(&place, MAX_CONNECTIONS, b"{\"do\":\"status\"}\n");
     for _ in 0..MAX_CONNECTIONS {
         handling.recv().unwrap();
     }
     let Ok(Response::Error { message }) = request(&place.path, &Request::Status) else {
         panic!("one connection too many was served");
     };
-    assert!(message.contains("16 connections are open"), "{message}");
-
-    // The server closes its side after it has given the place back.
-    let closed = open.pop().unwrap();
-    closed.shutdown(Shutdown::Write).unwrap();
-    io::copy(&mut &closed, &mut io::sink()).unwrap();
+    assert!(message.contains("16 requests are in hand"), "{message}");
+    drop(release);
+    // All of them are still answered; then there is a place again.
+    for stream in open {
+        let mut answer = String::new();
+        BufReader::new(&stream).read_line(&mut answer).unwrap();
+        assert!(answer.contains("armed"), "{answer}");
+    }
     let answer = request(&place.path, &Request::Status);
     assert!(matches!(answer, Ok(Response::Ok { .. })), "{answer:?}");
+}
+
+/// Idle ones, slow ones, and ones that take no answers.
+#[test]
+fn whoever_only_holds_connections_open_keeps_nobody_from_stopping() {
+    // More than a socket holds, so that whoever reads nothing is not answered to the end.
+    let asks = b"{\"do\":\"mark\"}\n".repeat(100_000);
+    let first = [&b""[..], b"{\"do\":\"sta", b"\n"];
+    for bytes in first {
+        let place = place();
+        let _server = serve(&place.path, echo).unwrap();
+        let _held = held(&place, 3 * MAX_CONNECTIONS, bytes);
+        let answer = request(&place.path, &Request::Stop);
+        assert_eq!(answer.unwrap(), status(State::Stopping), "{bytes:?}");
+    }
+    let place = place();
+    let _server = serve(&place.path, echo).unwrap();
+    let _held: Vec<UnixStream> = (0..MAX_CONNECTIONS)
+        .map(|_| {
+            let mut stream = UnixStream::connect(&place.path).unwrap();
+            stream.set_nonblocking(true).unwrap();
+            let _ = stream.write(&asks);
+            stream
+        })
+        .collect();
+    // As long as one has its request in hand it is served; none of them needs long.
+    let stopped = |_| {
+        matches!(
+            request(&place.path, &Request::Stop),
+            Ok(Response::Ok { .. })
+        )
+    };
+    assert!((0..1000).any(stopped));
+}
+
+#[test]
+fn the_longest_silent_connection_gives_way_first() {
+    let place = place();
+    let _server = serve(&place.path, echo).unwrap();
+    let talk = |mut stream: &UnixStream| {
+        let mut answer = String::new();
+        let _ = stream.write_all(b"{\"do\":\"status\"}\n");
+        let _ = BufReader::new(stream).read_line(&mut answer);
+        answer.contains("armed")
+    };
+    let held = held(&place, MAX_CONNECTIONS, b"");
+    assert!(talk(&held[0]) && held.iter().skip(2).all(talk));
+    assert!(request(&place.path, &Request::Status).is_ok());
+    let alive: Vec<bool> = held.iter().map(talk).collect();
+    assert_eq!(alive.iter().filter(|a| !**a).count(), 1, "{alive:?}");
+    assert!(!alive[1], "{alive:?}");
+}
+
+#[test]
+fn a_line_that_dribbles_is_cut_off() {
+    let (mut client, server) = UnixStream::pair().unwrap();
+    let clock = VirtualClock::new(HostTime(0), CivilTime(0));
+    let mut line = Patient {
+        stream: &server,
+        clock: &clock,
+        deadline: None,
+    };
+    let mut byte = |at: Duration| {
+        clock.advance_to(HostTime(at.as_nanos() as i64));
+        client.write_all(b"x").unwrap();
+        let mut one = [0];
+        line.read(&mut one).map_err(|e| e.kind())
+    };
+    // Silence before it does not count.
+    assert_eq!(byte(IDLE_LIMIT), Ok(1));
+    let last = IDLE_LIMIT + LINE_LIMIT - Duration::from_nanos(1);
+    assert_eq!(byte(last), Ok(1));
+    assert_eq!(byte(IDLE_LIMIT + LINE_LIMIT), Err(io::ErrorKind::TimedOut));
+    line.deadline = None;
+    assert!(matches!(line.read(&mut [0]), Ok(1)));
+}
+
+#[test]
+fn names_and_marks_are_held_to_the_same_as_on_the_page() {
+    let place = place();
+    let _server = serve(&place.path, echo).unwrap();
+    let ask = |name: &str, text: &str| {
+        let start = Request::Start { name: name.into() };
+        let mark = Request::Mark {
+            text: text.into(),
+            at: None,
+        };
+        [start, mark].map(|asked| match request(&place.path, &asked) {
+            Ok(Response::Error { message }) => message,
+            other => panic!("{other:?}"),
+        })
+    };
+    let longest = "x".repeat(MAX_NOTE);
+    let [start, mark] = ask(&longest, &longest);
+    assert_eq!((start.len(), mark.len()), (206, 205), "they are taken");
+    for (bad, part) in [
+        ("x".repeat(MAX_NOTE + 1), "201 bytes, expected at most 200"),
+        ("a\u{1b}[2J".to_owned(), "U+001B at position 2"),
+        ("a\nb".to_owned(), "U+000A at position 2"),
+        ("\u{9b}2J".to_owned(), "U+009B at position 1"),
+        ("a\u{202e}b".to_owned(), "U+202E at position 2"),
+    ] {
+        for message in ask(&bad, &bad) {
+            assert!(message.contains(part), "{message}");
+            assert!(is_plain(&message), "{message:?}");
+        }
+    }
 }
 
 #[test]

@@ -53,9 +53,11 @@ impl Gstreamer {
             }),
         };
         let eyes = config.right_chain.as_ref().map_or("", |_| ", two eyes");
+        // One line, however it is written.
+        let chain: Vec<&str> = config.chain.split_whitespace().collect();
         Self {
             info: SourceInfo {
-                description: format!("GStreamer: {}{eyes}", config.chain.trim()),
+                description: format!("GStreamer: {}{eyes}", chain.join(" ")),
                 camera,
                 imu: config.imu.as_ref().map(|imu| imu_info(imu.rate_hz)),
                 calibration_files: Vec::new(),

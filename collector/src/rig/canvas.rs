@@ -259,5 +259,5 @@ fn hex([r, g, b]: Colour) -> String {
 fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
-        .replace(|c: char| c.is_control(), " ")
+        .replace(session_archive::text::is_hidden, " ")
 }

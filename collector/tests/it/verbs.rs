@@ -14,6 +14,7 @@ use collector::{
 use session_archive::handoff::{Check, HandOff, HandOffError, Verdict};
 use session_archive::index::Index;
 use session_archive::storage::DiskStorage;
+use session_archive::text::{is_hidden, is_plain};
 
 use crate::support::{ID, Session, capture, tree};
 
@@ -115,6 +116,47 @@ fn the_catalogue_can_be_rebuilt_from_the_folders() {
         text.starts_with("junk: not listed: no session here"),
         "{text}"
     );
+}
+
+/// Clears the screen, turns the writing, and forges a line.
+const HOSTILE: &str = "walk\u{1b}[2J\u{9b}2J\u{202e}\nverdict    PASS";
+
+#[test]
+fn what_a_session_says_of_itself_does_not_act_on_the_terminal() {
+    let mut session = Session::good(1.0);
+    session.spec.name = HOSTILE.to_owned();
+    session.spec.software = HOSTILE.to_owned();
+    for camera in &mut session.spec.cameras {
+        (camera.source, camera.encoder) = (HOSTILE.to_owned(), HOSTILE.to_owned());
+    }
+    for imu in &mut session.spec.imus {
+        imu.source = HOSTILE.to_owned();
+    }
+    for (_, event) in &mut session.events {
+        (event.source, event.text) = (HOSTILE.to_owned(), HOSTILE.to_owned());
+    }
+    // It was recorded so, by a recorder that took it: it is brought in, and looked at safely.
+    let desk = Desk::with(&[&session]);
+    let target = desk.target(ID);
+    let check = |what: &str, text: &str| {
+        assert!(text.contains("\\u001b[2J"), "{what}: {text}");
+        assert!(text.lines().all(is_plain), "{what}: {text:?}");
+        let forged = text.lines().any(|l| l == "verdict    PASS");
+        assert!(!forged, "{what}: {text}");
+    };
+    let (outcome, text) = capture(|console| list::run(&desk.root(), console));
+    assert_eq!(outcome.unwrap(), Outcome::Fine);
+    assert_eq!(text.lines().count(), 2, "{text}");
+    check("list", &text);
+    let (_, text) = capture(|console| show::run(&target, console));
+    check("show", &text);
+    let html = desk.folder.path().join("report.html");
+    let (outcome, _) =
+        capture(|console| reporting::run(&target, &Options::default(), Some(&html), console));
+    assert!(outcome.is_ok());
+    let page = fs::read_to_string(html).unwrap();
+    let bad = page.chars().find(|c| is_hidden(*c) && *c != '\n');
+    assert_eq!(bad, None);
 }
 
 #[test]

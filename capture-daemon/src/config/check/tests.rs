@@ -1,4 +1,5 @@
 use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::PathBuf;
 
 use super::*;
@@ -74,6 +75,28 @@ fn a_good_configuration_has_no_errors() {
         fs::read_dir(folder.path()).unwrap().next().is_none(),
         "something was left behind"
     );
+}
+
+#[test]
+fn a_token_that_others_can_read_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let token = folder.path().join("token");
+    fs::write(&token, "0123456789abcdef").unwrap();
+    let text = format!("[page]\nlisten = \"127.0.0.1:0\"\ntoken_file = \"token\"\n{SYNTHETIC}");
+    let config = Config::parse(&text, folder.path()).unwrap();
+    let look = || {
+        let mut report = Report::default();
+        page(&config, &mut report);
+        report.findings
+    };
+    let mode = |mode| fs::set_permissions(&token, fs::Permissions::from_mode(mode)).unwrap();
+    mode(0o644);
+    expect(&look(), "page", Level::Error, "mode 0644, expected 0600");
+    expect(&look(), "page", Level::Error, "chmod 600 ");
+    mode(0o600);
+    expect(&look(), "page", Level::Ok, "its token is in");
+    fs::remove_file(&token).unwrap();
+    expect(&look(), "page", Level::Error, "reading the token");
 }
 
 #[test]
