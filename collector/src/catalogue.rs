@@ -183,7 +183,7 @@ impl Catalogue {
             Err(e) => return Ok(Found::Unreachable(e.to_string())),
         }
         let opened = Self::connect(path).and_then(|connection| {
-            let why = health::of_content(&connection, SCHEMA_VERSION)?;
+            let why = health::of_content(&connection, path, SCHEMA_VERSION)?;
             let catalogue = Self {
                 connection,
                 path: path.to_owned(),

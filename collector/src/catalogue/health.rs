@@ -40,15 +40,28 @@ pub(super) fn of_file(path: &Path) -> io::Result<Option<String>> {
 /// SQLite cannot say: see [`is_damage`].
 pub(super) fn of_content(
     connection: &Connection,
+    path: &Path,
     version: i64,
 ) -> Result<Option<String>, SqlError> {
+    // One transaction: nobody writes between the questions.
+    let connection = connection.unchecked_transaction()?;
     let found: i64 = connection.pragma_query_value(None, "user_version", |r| r.get(0))?;
     if found != version {
         let what = format!("it is of version {found}, expected version {version}");
         return Ok(Some(what));
     }
-    let check: String = connection.query_row("PRAGMA quick_check(1)", [], |r| r.get(0))?;
-    Ok((check != "ok").then_some(check))
+    let check: String = connection.query_row("PRAGMA integrity_check(1)", [], |r| r.get(0))?;
+    if check != "ok" {
+        return Ok(Some(check));
+    }
+    // SQLite reads what is missing of the last page as zeros.
+    let asked = |pragma: &str| connection.pragma_query_value(None, pragma, |r| r.get::<_, i64>(0));
+    let expected = asked("page_count")?.saturating_mul(asked("page_size")?);
+    let mode: String = connection.pragma_query_value(None, "journal_mode", |r| r.get(0))?;
+    // With a write-ahead log, the newest pages are there.
+    let length = std::fs::metadata(path).map_or(0, |data| data.len());
+    let is_whole = mode == "wal" || i64::try_from(length) == Ok(expected);
+    Ok((!is_whole).then(|| format!("it has {length} bytes, expected {expected}")))
 }
 
 /// Whether an error says that the file is no catalogue.

@@ -417,7 +417,7 @@ fn a_session_that_differs_is_refused_on_both_sides() {
 }
 
 #[test]
-fn a_library_that_lost_something_sends_no_receipt() {
+fn what_a_library_lost_is_pulled_again_before_it_sends_a_receipt() {
     let rig = Rig::new();
     rig.pull(&rig.options());
     fs::remove_file(rig.receipt("run-1")).unwrap();
@@ -426,10 +426,12 @@ fn a_library_that_lost_something_sends_no_receipt() {
         .join(format!("sessions/{OTHER}/segments/000000.mcap"));
     let mut bytes = fs::read(&segment).unwrap();
     bytes[5000] ^= 1;
-    fs::write(&segment, bytes).unwrap();
+    fs::write(&segment, &bytes).unwrap();
     let (outcome, text) = rig.pull(&rig.options());
-    assert_eq!(outcome, Outcome::Failed, "{text}");
-    assert!(!rig.receipt("run-1").exists());
+    assert_eq!(outcome, Outcome::Fine, "{text}");
+    rig.assert_pulled("run-1", OTHER);
+    let aside = format!("sessions/{OTHER}.damaged/segments/000000.mcap");
+    assert!(fs::read(rig.library().join(aside)).unwrap() == bytes);
 }
 
 #[test]

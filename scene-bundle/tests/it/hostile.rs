@@ -57,7 +57,7 @@ fn what_is_no_file_is_refused_at_once() {
     let manifest = sample.path.join("scene.json");
     fs::remove_file(&manifest).unwrap();
     fifo(&manifest);
-    let said = chain(&Scene::open(sample.path).err().unwrap());
+    let said = chain(&Scene::open(&sample.path).err().unwrap());
     assert!(said.contains("a FIFO"), "{said}");
 }
 
@@ -79,6 +79,6 @@ fn a_file_that_has_become_long_is_not_read() {
         .write(true)
         .open(sample.path.join("scene.json"));
     manifest.unwrap().set_len(1 << 43).unwrap();
-    let said = chain(&Scene::open(sample.path).err().unwrap());
+    let said = chain(&Scene::open(&sample.path).err().unwrap());
     assert!(said.contains("expected at most 67108864"), "{said}");
 }
