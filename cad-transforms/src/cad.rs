@@ -121,13 +121,17 @@ pub enum CadError {
     },
 }
 
-/// Reads a CAD file, the format by the ending of its name, with its name and hash.
+/// Most that is read of a CAD file. An assembly of a rig takes a few megabytes.
+pub const MAX_BYTES: u64 = 256 << 20;
+
+/// Reads a CAD file, the format by the ending of its name, with its name and hash: a regular file of at most
+/// [`MAX_BYTES`].
 ///
 /// # Errors
 /// [`CadError`].
 pub fn read(path: &Path) -> Result<(Cad, CadSource), CadError> {
     let format = Format::of(path)?;
-    let bytes = std::fs::read(path).map_err(|source| CadError::Read {
+    let bytes = plain_file::read(path, MAX_BYTES).map_err(|source| CadError::Read {
         path: path.to_owned(),
         source,
     })?;

@@ -220,14 +220,16 @@ pub struct Problem {
 }
 
 impl Rig {
-    /// Reads and checks a rig file.
+    /// Reads and checks a rig file: a regular file of at most [`plain_file::TEXT_LIMIT`] bytes.
     ///
     /// # Errors
     /// [`RigError::Read`], or [`RigError::Invalid`] with everything that is wrong.
     pub fn read(path: &Path) -> Result<Self, RigError> {
-        let text = std::fs::read_to_string(path).map_err(|source| RigError::Read {
-            path: path.to_owned(),
-            source,
+        let text = plain_file::read_to_string(path, plain_file::TEXT_LIMIT).map_err(|source| {
+            RigError::Read {
+                path: path.to_owned(),
+                source,
+            }
         })?;
         Self::parse(&text).map_err(|error| match error {
             RigError::Invalid { problems, .. } => RigError::Invalid {

@@ -213,10 +213,11 @@ fn camera(model: &str, [width, height]: [u32; 2], p: &[f64]) -> CameraModel {
 }
 
 fn binary(path: &Path) -> Result<Vec<(u32, CameraModel)>, CalibError> {
-    let bytes = std::fs::read(path).map_err(|source| CalibError::Read {
-        path: path.to_owned(),
-        source,
-    })?;
+    let bytes =
+        plain_file::read(path, plain_file::TEXT_LIMIT).map_err(|source| CalibError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
     let mut rest = &bytes[..];
     let cut = |camera: u64| CalibError::Missing {
         path: path.to_owned(),

@@ -12,9 +12,11 @@ pub(crate) struct Source {
 
 impl Source {
     pub(crate) fn read(path: &Path) -> Result<Self, CalibError> {
-        let text = std::fs::read_to_string(path).map_err(|source| CalibError::Read {
-            path: path.to_owned(),
-            source,
+        let text = plain_file::read_to_string(path, plain_file::TEXT_LIMIT).map_err(|source| {
+            CalibError::Read {
+                path: path.to_owned(),
+                source,
+            }
         })?;
         Ok(Self {
             path: path.to_owned(),

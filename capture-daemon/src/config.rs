@@ -200,7 +200,7 @@ impl Config {
             path: path.to_owned(),
             source,
         };
-        let text = std::fs::read_to_string(path).map_err(failed)?;
+        let text = plain_file::read_to_string(path, plain_file::TEXT_LIMIT).map_err(failed)?;
         // The daemon may change its folder; the paths in the configuration must not follow.
         let absolute = std::path::absolute(path).map_err(failed)?;
         let folder = absolute.parent().unwrap_or(Path::new("/"));

@@ -1,13 +1,25 @@
 //! The catalogue: one row per session of a library, in SQLite.
 //!
 //! It is a copy. Every fact in it stands in a file of the session's folder, from which
-//! [`Row::of`] reads it, so the catalogue can be deleted or rebuilt at any time. A catalogue that is
-//! damaged or of another version is replaced by an empty one, which its library fills again.
+//! [`Row::of`] reads it, so the catalogue can be deleted or rebuilt at any time. Its library does so: see
+//! [`crate::library`].
+//!
+//! * **Read**: nothing is written, so that it works on a full disk and on one that is read-only.
+//! * **Damaged, truncated, empty, of another version, no file at all**: found before a row is used
+//!   ([`Catalogue::look`]), set aside under another name, and made anew.
+//! * **Not to be written**: the change is made in memory; listing goes on.
 
+mod aside;
+mod health;
+
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
-use rusqlite::{Connection, Error as SqlError, ErrorCode, params};
+use rusqlite::{
+    Connection, Error as SqlError, OpenFlags, Transaction, TransactionBehavior, params,
+};
 use session_archive::handoff::Verdict;
 use session_archive::reader::{ReadError, SessionReader};
 use session_archive::storage::DiskStorage;
@@ -20,6 +32,8 @@ use crate::validation::Validation;
 
 /// Version of the table below; another one found means: build it anew.
 const SCHEMA_VERSION: i64 = 1;
+/// How long to wait for another program that writes; it does so for milliseconds.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 const SCHEMA: &str = "
 CREATE TABLE session (
@@ -140,98 +154,211 @@ pub struct CatalogueError {
 pub struct Catalogue {
     connection: Connection,
     path: PathBuf,
+    /// Kept in memory, because the file cannot be used just now.
+    in_memory: bool,
+}
+
+/// What stands where the catalogue belongs.
+pub(crate) enum Found {
+    /// A catalogue of this version, whole.
+    Usable(Box<Catalogue>),
+    /// Nothing.
+    Missing,
+    /// Something that is none: damaged, of another version, no file. With the reason.
+    Unusable(String),
+    /// The disk does not let it be read: no rights, no room for what SQLite needs beside it. With the reason.
+    Unreachable(String),
 }
 
 impl Catalogue {
-    /// Opens the catalogue in a file. One that is not there, damaged or of another version becomes an
-    /// empty one; where the file cannot be written, the catalogue is kept in memory.
+    /// Looks at the catalogue in a file. Nothing is written.
     ///
     /// # Errors
-    /// Memory or the disk is exhausted.
-    pub fn open(path: &Path) -> Result<Self, CatalogueError> {
-        let failed = |source| CatalogueError {
+    /// Another program has held it for a minute.
+    pub(crate) fn look(path: &Path) -> Result<Found, CatalogueError> {
+        match health::of_file(path) {
+            Ok(None) => {}
+            Ok(Some(why)) => return Ok(Found::Unusable(why)),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Found::Missing),
+            Err(e) => return Ok(Found::Unreachable(e.to_string())),
+        }
+        let opened = Self::connect(path).and_then(|connection| {
+            let why = health::of_content(&connection, path, SCHEMA_VERSION)?;
+            let catalogue = Self {
+                connection,
+                path: path.to_owned(),
+                in_memory: false,
+            };
+            let read = match why {
+                Some(_) => Ok(Vec::new()),
+                None => catalogue.read_rows(),
+            };
+            read.map(|_| (catalogue, why))
+        });
+        match opened {
+            Ok((catalogue, None)) => Ok(Found::Usable(Box::new(catalogue))),
+            Ok((_, Some(why))) => Ok(Found::Unusable(why)),
+            Err(e) if health::is_damage(&e) => Ok(Found::Unusable(e.to_string())),
+            Err(e) if health::is_busy(&e) => Err(CatalogueError {
+                source: e,
+                path: path.to_owned(),
+            }),
+            Err(e) => Ok(Found::Unreachable(e.to_string())),
+        }
+    }
+
+    /// An empty catalogue in memory, in the place of the one in a file.
+    ///
+    /// # Errors
+    /// Memory is exhausted.
+    pub(crate) fn in_memory(path: &Path) -> Result<Self, CatalogueError> {
+        let made = Connection::open_in_memory().and_then(|connection| {
+            connection.execute_batch(SCHEMA)?;
+            Ok(connection)
+        });
+        let connection = made.map_err(|source| CatalogueError {
             source,
             path: path.to_owned(),
-        };
-        let mut opened = Self::connect(path);
-        if opened.as_ref().is_err_and(is_unusable) {
-            log::warn!("the catalogue is damaged or of another version and is built anew");
-            for suffix in ["", "-wal", "-shm"] {
-                let mut file = path.as_os_str().to_owned();
-                file.push(suffix);
-                // What is not there need not be removed; what cannot be removed fails below.
-                let _ = std::fs::remove_file(file);
-            }
-            opened = Self::connect(path);
-        }
-        let connection = match opened {
-            Err(e) if cannot_write(&e) => {
-                let connection = Connection::open_in_memory().map_err(failed)?;
-                connection.execute_batch(SCHEMA).map_err(failed)?;
-                connection
-            }
-            other => other.map_err(failed)?,
-        };
+        })?;
         Ok(Self {
             connection,
             path: path.to_owned(),
+            in_memory: true,
         })
     }
 
-    fn connect(path: &Path) -> Result<Connection, SqlError> {
-        let connection = Connection::open(path)?;
-        connection.busy_timeout(std::time::Duration::from_secs(10))?;
-        connection.pragma_update(None, "journal_mode", "WAL")?;
-        connection.pragma_update(None, "synchronous", "NORMAL")?;
-        let version: i64 = connection.pragma_query_value(None, "user_version", |r| r.get(0))?;
-        let tables: i64 =
-            connection.query_row("SELECT count(*) FROM sqlite_schema", [], |r| r.get(0))?;
-        if tables == 0 {
-            connection.execute_batch(&format!(
-                "BEGIN IMMEDIATE; {SCHEMA} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;"
-            ))?;
-        } else if version != SCHEMA_VERSION {
-            return Err(SqlError::InvalidQuery);
+    /// Makes the file, with these rows, and opens it. It appears whole, by one rename; what stands in its place is set
+    /// aside, never removed, and where to is given. The caller holds the library's lock.
+    ///
+    /// # Errors
+    /// The disk says no; what stood there still does.
+    pub(crate) fn make(path: &Path, rows: &[Row]) -> anyhow::Result<(Self, Option<PathBuf>)> {
+        let new = aside::with_suffix(path, ".new");
+        aside::remove(&new)?;
+        let made = Connection::open(&new).and_then(|mut connection| {
+            let transaction =
+                connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+            transaction.execute_batch(SCHEMA)?;
+            transaction.pragma_update(None, "user_version", SCHEMA_VERSION)?;
+            for row in rows {
+                insert(&transaction, row)?;
+            }
+            transaction.commit()?;
+            connection.close().map_err(|(_, e)| e)
+        });
+        if let Err(e) = made {
+            // A half-made one is of no use to anybody.
+            let _ = aside::remove(&new);
+            return Err(e.into());
         }
+        let old = aside::set_aside(path)?;
+        std::fs::rename(&new, path)?;
+        if let Some(folder) = path.parent() {
+            crate::library::sync_folder(folder)?;
+        }
+        let opened = Self {
+            connection: Self::connect(path)?,
+            path: path.to_owned(),
+            in_memory: false,
+        };
+        Ok((opened, old))
+    }
+
+    /// Opens a file that is there. Readers write nothing then: with a journal that exists only while somebody writes,
+    /// they need nothing but locks, and no room on the disk.
+    fn connect(path: &Path) -> Result<Connection, SqlError> {
+        let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let connection = Connection::open_with_flags(path, flags)?;
+        connection.busy_timeout(PATIENCE)?;
+        connection.pragma_update(None, "synchronous", "NORMAL")?;
         Ok(connection)
+    }
+
+    /// Whether it is kept in memory only, because the file cannot be used.
+    pub fn is_in_memory(&self) -> bool {
+        self.in_memory
+    }
+
+    /// Leaves the kind of journal that earlier versions used and that makes readers write. The caller holds the
+    /// library's lock.
+    pub(crate) fn settle(&self) {
+        let mode = self
+            .connection
+            .pragma_query_value(None, "journal_mode", |r| r.get(0));
+        if mode.is_ok_and(|mode: String| mode == "wal") {
+            // While another program has it open it stays as it is, and the next one tries again.
+            let left = self
+                .connection
+                .pragma_update(None, "journal_mode", "DELETE");
+            if let Err(e) = left {
+                log::debug!("the catalogue keeps its journal: {e}");
+            }
+        }
     }
 
     /// Puts a session in, or replaces its row.
     ///
     /// # Errors
-    /// The disk says no.
+    /// Neither file nor memory takes it.
     pub fn put(&mut self, row: &Row) -> Result<(), CatalogueError> {
-        let result = insert(&self.connection, row);
-        result.map_err(|e| self.failed(e))
+        self.write(|connection| insert(connection, row))
     }
 
     /// Takes a session out.
     ///
     /// # Errors
-    /// The disk says no.
+    /// Neither file nor memory takes it.
     pub fn remove(&mut self, key: &str) -> Result<(), CatalogueError> {
-        let result = self
-            .connection
-            .execute("DELETE FROM session WHERE key = ?1", [key]);
-        result.map(drop).map_err(|e| self.failed(e))
+        self.write(|connection| {
+            connection
+                .execute("DELETE FROM session WHERE key = ?1", [key])
+                .map(drop)
+        })
     }
 
     /// Replaces everything at once: whoever reads meanwhile sees the old or the new rows.
     ///
     /// # Errors
-    /// The disk says no; the old rows stay.
+    /// Neither file nor memory takes it.
     pub fn replace(&mut self, rows: &[Row]) -> Result<(), CatalogueError> {
-        let path = self.path.clone();
-        let all = || -> Result<(), SqlError> {
-            let transaction = self.connection.transaction()?;
+        self.write(|connection| {
+            let transaction =
+                Transaction::new_unchecked(connection, TransactionBehavior::Immediate)?;
             transaction.execute("DELETE FROM session", [])?;
             for row in rows {
                 insert(&transaction, row)?;
             }
             transaction.commit()
+        })
+    }
+
+    /// Changes the catalogue. Where the file cannot be written (a full disk, no rights), the change is made in memory;
+    /// the file, which would be wrong from now on, is removed if possible and made again by whoever opens it next.
+    fn write(
+        &mut self,
+        change: impl Fn(&Connection) -> Result<(), SqlError>,
+    ) -> Result<(), CatalogueError> {
+        let failed = match change(&self.connection) {
+            Ok(()) => return Ok(()),
+            Err(e) if self.in_memory || health::is_busy(&e) => return Err(self.failed(e)),
+            Err(e) => e,
         };
-        let mut all = all;
-        all().map_err(|source| CatalogueError { source, path })
+        let mut memory = Self::in_memory(&self.path)?;
+        for row in self.rows()? {
+            memory.put(&row)?;
+        }
+        change(&memory.connection).map_err(|e| self.failed(e))?;
+        // The connection ends before its file does.
+        drop(std::mem::replace(self, memory));
+        let rest = match aside::remove(&self.path) {
+            Ok(()) => "it is made again from the sessions as soon as it can be".to_owned(),
+            Err(e) => format!("until `paws rebuild` it may be out of date ({e})"),
+        };
+        log::warn!(
+            "the catalogue cannot be written, the sessions are not concerned: {failed}; {rest}: {}",
+            self.path.display()
+        );
+        Ok(())
     }
 
     /// All sessions, the oldest first.
@@ -239,34 +366,35 @@ impl Catalogue {
     /// # Errors
     /// The disk says no.
     pub fn rows(&self) -> Result<Vec<Row>, CatalogueError> {
-        let read = || -> Result<Vec<Row>, SqlError> {
-            let mut statement = self.connection.prepare(
-                "SELECT key, session_id, name, started_civil_ns, duration_ns, bytes, cameras, imus,
+        self.read_rows().map_err(|e| self.failed(e))
+    }
+
+    fn read_rows(&self) -> Result<Vec<Row>, SqlError> {
+        let mut statement = self.connection.prepare(
+            "SELECT key, session_id, name, started_civil_ns, duration_ns, bytes, cameras, imus,
                         condition, samples, missing, verdict, source, imported_civil_ns
                  FROM session ORDER BY started_civil_ns, key",
-            )?;
-            let rows = statement.query_map([], |r| {
-                let verdict: Option<String> = r.get(11)?;
-                Ok(Row {
-                    key: r.get(0)?,
-                    session_id: r.get(1)?,
-                    name: r.get(2)?,
-                    started_civil: CivilTime(r.get(3)?),
-                    duration_ns: r.get(4)?,
-                    bytes: r.get::<_, i64>(5)? as u64,
-                    cameras: r.get(6)?,
-                    imus: r.get(7)?,
-                    condition: Condition::from_word(&r.get::<_, String>(8)?),
-                    samples: r.get::<_, i64>(9)? as u64,
-                    missing: r.get::<_, i64>(10)? as u64,
-                    verdict: verdict.and_then(|v| verdict_of(&v)),
-                    source: r.get(12)?,
-                    imported: r.get::<_, Option<i64>>(13)?.map(CivilTime),
-                })
-            })?;
-            rows.collect()
-        };
-        read().map_err(|e| self.failed(e))
+        )?;
+        let rows = statement.query_map([], |r| {
+            let verdict: Option<String> = r.get(11)?;
+            Ok(Row {
+                key: r.get(0)?,
+                session_id: r.get(1)?,
+                name: r.get(2)?,
+                started_civil: CivilTime(r.get(3)?),
+                duration_ns: r.get(4)?,
+                bytes: r.get::<_, i64>(5)? as u64,
+                cameras: r.get(6)?,
+                imus: r.get(7)?,
+                condition: Condition::from_word(&r.get::<_, String>(8)?),
+                samples: r.get::<_, i64>(9)? as u64,
+                missing: r.get::<_, i64>(10)? as u64,
+                verdict: verdict.and_then(|v| verdict_of(&v)),
+                source: r.get(12)?,
+                imported: r.get::<_, Option<i64>>(13)?.map(CivilTime),
+            })
+        })?;
+        rows.collect()
     }
 
     fn failed(&self, source: SqlError) -> CatalogueError {
@@ -310,22 +438,6 @@ fn verdict_of(word: &str) -> Option<Verdict> {
         .find(|v| v.to_string() == word)
 }
 
-/// Whether the file is no catalogue of this version.
-fn is_unusable(error: &SqlError) -> bool {
-    matches!(error, SqlError::InvalidQuery)
-        || matches!(
-            error.sqlite_error_code(),
-            Some(ErrorCode::NotADatabase | ErrorCode::DatabaseCorrupt)
-        )
-}
-
-fn cannot_write(error: &SqlError) -> bool {
-    matches!(
-        error.sqlite_error_code(),
-        Some(ErrorCode::ReadOnly | ErrorCode::CannotOpen | ErrorCode::PermissionDenied)
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -349,11 +461,21 @@ mod tests {
         }
     }
 
+    fn opened(path: &Path) -> Catalogue {
+        match Catalogue::look(path).unwrap() {
+            Found::Usable(catalogue) => *catalogue,
+            Found::Missing => panic!("missing"),
+            Found::Unusable(why) | Found::Unreachable(why) => panic!("{why}"),
+        }
+    }
+
     #[test]
     fn rows_come_back_as_they_were() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("catalogue.sqlite");
-        let mut catalogue = Catalogue::open(&path).unwrap();
+        assert!(matches!(Catalogue::look(&path).unwrap(), Found::Missing));
+        let (mut catalogue, aside) = Catalogue::make(&path, &[]).unwrap();
+        assert_eq!(aside, None);
         catalogue.put(&row("b")).unwrap();
         let changed = Row {
             verdict: None,
@@ -363,28 +485,125 @@ mod tests {
         catalogue.put(&row("a")).unwrap();
         catalogue.put(&changed).unwrap();
         drop(catalogue);
-        let mut catalogue = Catalogue::open(&path).unwrap();
+        let mut catalogue = opened(&path);
         assert_eq!(catalogue.rows().unwrap(), [changed, row("b")]);
         catalogue.remove("a").unwrap();
         assert_eq!(catalogue.rows().unwrap(), [row("b")]);
         catalogue.replace(&[row("c"), row("d")]).unwrap();
         assert_eq!(catalogue.rows().unwrap(), [row("c"), row("d")]);
+        // Reading and writing leave nothing beside it.
+        drop(catalogue);
+        let names = std::fs::read_dir(folder.path()).unwrap().count();
+        assert_eq!(names, 1);
     }
 
     #[test]
-    fn a_damaged_or_strange_file_becomes_an_empty_catalogue() {
+    fn whatever_is_wrong_with_the_file_is_found_before_a_row_is_used() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("catalogue.sqlite");
-        std::fs::write(
-            &path,
-            b"this is no database, and long enough to tell".repeat(40),
-        )
-        .unwrap();
-        let mut catalogue = Catalogue::open(&path).unwrap();
-        catalogue.put(&row("a")).unwrap();
+        let rows: Vec<Row> = (0..200).map(|i| row(&format!("session-{i}"))).collect();
+        Catalogue::make(&path, &rows).unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        assert!(whole.len() > 20_000);
+        let why = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            match Catalogue::look(&path).unwrap() {
+                Found::Unusable(why) => why,
+                Found::Usable(catalogue) => panic!("{} rows", catalogue.rows().unwrap().len()),
+                Found::Missing => panic!("missing"),
+                Found::Unreachable(why) => panic!("unreachable: {why}"),
+            }
+        };
+        for length in [
+            0,
+            1,
+            15,
+            50,
+            99,
+            100,
+            512,
+            4096,
+            5000,
+            whole.len() / 2,
+            whole.len() - 1,
+        ] {
+            why(&whole[..length]);
+        }
+        assert_eq!(why(&[]), "it is empty");
+        assert!(why(b"no database").contains("no SQLite database"));
+        assert!(why(&[0; 8192]).contains("no SQLite database"));
+        // What SQLite would open, and then not write to.
+        let mut later = whole.clone();
+        later[18] = 9;
+        assert!(why(&later).contains("later version"), "{}", why(&later));
+        // Whole pages of something else, the header as it was.
+        let mut garbage = whole.clone();
+        garbage[4096..].fill(0x5a);
+        why(&garbage);
+        std::fs::write(&path, &whole).unwrap();
+        assert_eq!(opened(&path).rows().unwrap().len(), 200);
+        // Another version, and other columns under the same one.
+        let changed = |sql: &str| {
+            std::fs::write(&path, &whole).unwrap();
+            Connection::open(&path).unwrap().execute_batch(sql).unwrap();
+            why(&std::fs::read(&path).unwrap())
+        };
         let set = format!("PRAGMA user_version = {}", SCHEMA_VERSION + 1);
-        catalogue.connection.execute_batch(&set).unwrap();
+        assert!(changed(&set).contains("version 2"), "{}", changed(&set));
+        let other = changed("ALTER TABLE session RENAME COLUMN missing TO absent");
+        assert!(other.contains("no such column"), "{other}");
+        assert!(changed("DROP TABLE session").contains("no such table"));
+        // A pipe in its place holds nobody up.
+        std::fs::remove_file(&path).unwrap();
+        let mode = rustix::fs::Mode::from_raw_mode(0o644);
+        let fifo = rustix::fs::FileType::Fifo;
+        rustix::fs::mknodat(rustix::fs::CWD, &path, fifo, mode, 0).unwrap();
+        match Catalogue::look(&path).unwrap() {
+            Found::Unusable(why) => assert!(why.contains("FIFO"), "{why}"),
+            _ => panic!("a FIFO is no catalogue"),
+        }
+    }
+
+    #[test]
+    fn what_stands_in_its_place_is_set_aside_and_never_lost() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("catalogue.sqlite");
+        let mut expected = Vec::new();
+        for (i, name) in ["damaged", "damaged-2", "damaged-3"].iter().enumerate() {
+            let content = format!("garbage {i}");
+            std::fs::write(&path, &content).unwrap();
+            std::fs::write(folder.path().join("catalogue.sqlite-wal"), "log").unwrap();
+            let (catalogue, aside) = Catalogue::make(&path, &[row("a")]).unwrap();
+            assert_eq!(catalogue.rows().unwrap(), [row("a")]);
+            let aside = aside.unwrap();
+            assert_eq!(
+                aside,
+                folder.path().join(format!("catalogue.sqlite.{name}"))
+            );
+            expected.push((aside, content));
+        }
+        for (aside, content) in expected {
+            assert_eq!(std::fs::read_to_string(&aside).unwrap(), content);
+            let log = aside::with_suffix(&aside, "-wal");
+            assert_eq!(std::fs::read_to_string(log).unwrap(), "log");
+        }
+    }
+
+    #[test]
+    fn a_catalogue_of_before_stops_making_its_readers_write() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("catalogue.sqlite");
+        let (mut catalogue, _) = Catalogue::make(&path, &[row("a")]).unwrap();
+        (catalogue.connection)
+            .pragma_update(None, "journal_mode", "WAL")
+            .unwrap();
+        catalogue.put(&row("b")).unwrap();
         drop(catalogue);
-        assert_eq!(Catalogue::open(&path).unwrap().rows().unwrap(), []);
+        let catalogue = opened(&path);
+        catalogue.settle();
+        drop(catalogue);
+        let bytes = std::fs::read(&path).unwrap();
+        assert_eq!(bytes[18..20], [1, 1], "the header says: no write-ahead log");
+        assert_eq!(opened(&path).rows().unwrap(), [row("a"), row("b")]);
     }
 }

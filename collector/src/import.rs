@@ -8,8 +8,10 @@
 //!   the source and still has its hash is kept; every other one is copied anew (at most one
 //!   segment's worth is copied twice).
 //! * **Again**: a session that is in the library with the same files is left alone. One that
-//!   differs is refused, never overwritten.
+//!   differs is refused, unless the library's is damaged or cut off and this one is better (see [`there`]): then it
+//!   takes its place, and the other one is kept as `ID.damaged`. A worse one never replaces a better one.
 //! * **Damaged**: it is imported all the same, byte for byte, with its report.
+//! * **No files**: a FIFO, a device, a socket or a link in a session's folder is refused at once.
 //! * **Changed while it was copied**, because it is still being recorded: refused before it is
 //!   listed; importing it later goes on from there.
 //!
@@ -21,6 +23,7 @@ mod following;
 mod journal;
 mod record;
 mod source;
+pub(crate) mod there;
 
 use std::fs;
 use std::io;
@@ -29,7 +32,6 @@ use std::sync::Arc;
 use std::thread;
 
 use rustix::fs::{RenameFlags, renameat_with, statvfs};
-use session_archive::layout;
 use session_archive::reader::{ReadError, SessionReader};
 use session_archive::storage::DiskStorage;
 use session_archive::verify::{Report, verify};
@@ -40,6 +42,7 @@ use self::copy::{Copied, copy_all};
 use self::following::{Board, Following};
 use self::journal::Journal;
 use self::source::{SourceFile, list_files};
+use self::there::There;
 use crate::condition::Condition;
 use crate::console::Clock;
 use crate::library::{INCOMING, Library, SESSIONS, is_key, sync_folder};
@@ -94,8 +97,10 @@ pub struct Imported {
     pub resumed: u64,
     /// Whether it was in the library before.
     pub already: bool,
-    /// What lies in the source and was not copied, being no file: links and the like.
+    /// What lies in the source and was not copied: names that are not UTF-8, folders in too many folders.
     pub skipped: Vec<String>,
+    /// Under which key the damaged or cut off session is kept that it replaced.
+    pub replaced: Option<String>,
 }
 
 /// Why a session was not imported. Source and library are as they were, except for `.incoming/`.
@@ -126,6 +131,14 @@ pub enum ImportError {
         /// The identifier that it was said to have.
         expected: String,
         /// Where it lies.
+        path: PathBuf,
+    },
+    /// Something in the source is no file, and nobody can say what it would be as one. Remove it, or put the file there.
+    #[error("importing a session: found {found}, expected only files and folders: {}", .path.display())]
+    NoFile {
+        /// What it is.
+        found: plain_file::Kind,
+        /// It.
         path: PathBuf,
     },
     /// A session with this identifier and other content is there. To replace it, remove it first:
@@ -222,25 +235,95 @@ pub fn import(
         });
     }
     let (files, skipped) = list_files(source)?;
-    if library.folder(&key).exists() {
-        let there = compare(library, &key, source, &files, progress)?;
-        // Left behind if an import was stopped just after its rename, which may not be durable.
-        sync_published(library, &key)?;
-        journal::remove(&library.incoming(&key))?;
-        return Ok(there);
+    let old = match there::look(library, &key, source, &files)? {
+        There::Nothing => None,
+        There::Same(imported) => {
+            progress.add(files.iter().map(|f| f.bytes).sum());
+            // Left behind if an import was stopped just after its rename, which may not be durable.
+            sync_published(library, &key)?;
+            journal::remove(&library.incoming(&key))?;
+            return Ok(*imported);
+        }
+        There::Worse(condition) => Some(condition),
+    };
+
+    let mut copy = copy_and_check(library, &key, source, &files, progress, hook)?;
+    if copy.condition.needs_recovery() && copy.resumed > 0 {
+        // What an earlier import left may have come from another, damaged copy of the session.
+        let incoming = library.incoming(&key);
+        fs::remove_dir_all(&incoming).map_err(failed("clearing", &incoming))?;
+        journal::remove(&incoming)?;
+        let again = Progress::hidden();
+        copy = copy_and_check(library, &key, source, &files, &again, hook)?;
     }
 
     let incoming = library.incoming(&key);
+    let record = ImportRecord::new(
+        &key,
+        source,
+        (clock.civil)(),
+        copy.records,
+        copy.report.clone(),
+    );
+    hook(&Step::Record).map_err(failed("writing the import record", &incoming))?;
+    record
+        .write(&incoming)
+        .map_err(failed("writing the import record", &incoming))?;
+    let replaced = match old {
+        Some(old) => Some(there::make_way(library, &key, source, old, copy.condition)?),
+        None => None,
+    };
+    publish(library, &key, hook)?;
+    journal::remove(&incoming)?;
+    hook(&Step::List).map_err(failed("listing", &incoming))?;
+    list(library, &key, replaced.as_deref())?;
+    Ok(Imported {
+        key,
+        condition: copy.condition,
+        report: copy.report,
+        copied: copy.bytes,
+        resumed: copy.resumed,
+        already: false,
+        skipped,
+        replaced,
+    })
+}
+
+/// A session in `.incoming/`, checked and on disk.
+struct CheckedCopy {
+    condition: Condition,
+    report: Report,
+    records: Vec<FileRecord>,
+    /// Bytes copied.
+    bytes: u64,
+    /// Bytes that an earlier import had copied.
+    resumed: u64,
+}
+
+/// Copies what an earlier import has not copied, checking the session on the way, and makes it durable.
+fn copy_and_check(
+    library: &Library,
+    key: &str,
+    source: &Path,
+    files: &[SourceFile],
+    progress: &Progress,
+    hook: Hook<'_>,
+) -> Result<CheckedCopy, ImportError> {
+    let unreadable = |error| ImportError::Unreadable {
+        source: error,
+        path: source.to_owned(),
+    };
+    let incoming = library.incoming(key);
     hook(&Step::Begin).map_err(failed("beginning", &incoming))?;
     fs::create_dir_all(&incoming).map_err(failed("making the folder", &incoming))?;
-    source::remove_strangers(&incoming, &files)?;
+    source::remove_strangers(&incoming, files)?;
     let mut journal = Journal::open(&incoming)?;
-    let kept = journal.still_good(&incoming, &files, progress)?;
+    let kept = journal.still_good(&incoming, files, progress)?;
     let to_copy: u64 =
         files.iter().map(|f| f.bytes).sum::<u64>() - kept.iter().map(|k| k.bytes).sum::<u64>();
     check_space(library.root(), to_copy)?;
 
-    let board = Board::new(&files, &kept);
+    let board = Board::new(files, &kept);
     let follow = Following::new(&incoming, &board);
     // The check reads what has just been written, a few megabytes behind the copy, from memory.
     let (copied, report) = thread::scope(|scope| {
@@ -251,7 +334,7 @@ pub fn import(
         let copied = copy_all(
             source,
             &incoming,
-            &files,
+            files,
             &kept,
             &mut journal,
             &board,
@@ -268,31 +351,31 @@ pub fn import(
         Err(panic) => std::panic::resume_unwind(panic),
     };
 
-    source::unchanged(source, &files)?;
+    source::unchanged(source, files)?;
     hook(&Step::SyncFolders).map_err(failed("syncing", &incoming))?;
     sync_tree(&incoming).map_err(failed("syncing", &incoming))?;
-    let condition = Condition::of(state, &report);
-    let record = ImportRecord::new(&key, source, (clock.civil)(), records, report.clone());
-    hook(&Step::Record).map_err(failed("writing the import record", &incoming))?;
-    record
-        .write(&incoming)
-        .map_err(failed("writing the import record", &incoming))?;
-    publish(library, &key, hook)?;
-    journal::remove(&incoming)?;
-    hook(&Step::List).map_err(failed("listing", &incoming))?;
-    library.refresh(&key).map_err(|e| ImportError::Catalogue {
-        key: key.clone(),
-        reason: format!("{e:#}"),
-    })?;
-    Ok(Imported {
-        key,
-        condition,
+    Ok(CheckedCopy {
+        condition: Condition::of(state, &report),
         report,
-        copied: bytes,
+        records,
+        bytes,
         resumed: kept.iter().map(|k| k.bytes).sum(),
-        already: false,
-        skipped,
     })
+}
+
+/// Brings the catalogue up to date with a session that is in the library now, and with the one that made way for it.
+pub(crate) fn list(
+    library: &mut Library,
+    key: &str,
+    replaced: Option<&str>,
+) -> Result<(), ImportError> {
+    for key in [Some(key), replaced].into_iter().flatten() {
+        library.refresh(key).map_err(|e| ImportError::Catalogue {
+            key: key.to_owned(),
+            reason: format!("{e:#}"),
+        })?;
+    }
+    Ok(())
 }
 
 /// Makes a finished folder under `.incoming/` durable and a session of the library.
@@ -364,66 +447,4 @@ pub(crate) fn check_space(path: &Path, bytes: u64) -> Result<(), ImportError> {
         });
     }
     Ok(())
-}
-
-/// The session is there already: is it the same one?
-fn compare(
-    library: &Library,
-    key: &str,
-    source: &Path,
-    files: &[SourceFile],
-    progress: &Progress,
-) -> Result<Imported, ImportError> {
-    let folder = library.folder(key);
-    let differs = |what: String| ImportError::Differs {
-        key: key.to_owned(),
-        what,
-        path: source.to_owned(),
-    };
-    let record = ImportRecord::read(&folder)
-        .ok_or_else(|| differs("there it has no import record".to_owned()))?;
-    for file in files {
-        let known = record.files.iter().find(|f| f.path == file.path);
-        match known {
-            None => return Err(differs(format!("{} is not in the library", file.path))),
-            Some(known) if known.bytes != file.bytes => {
-                return Err(differs(format!(
-                    "{} has {} bytes, in the library {}",
-                    file.path, file.bytes, known.bytes
-                )));
-            }
-            Some(_) => {}
-        }
-    }
-    if let Some(gone) = record
-        .files
-        .iter()
-        .find(|known| files.iter().all(|f| f.path != known.path))
-    {
-        return Err(differs(format!("{} is only in the library", gone.path)));
-    }
-    // Of equal length everywhere: the manifest tells whether it is the same recording.
-    let manifest = source.join(layout::MANIFEST);
-    if let Some(known) = record.files.iter().find(|f| f.path == layout::MANIFEST) {
-        let (_, hash) = copy::hash_file(&manifest).map_err(failed("reading", &manifest))?;
-        if hash != known.blake3 {
-            return Err(differs(format!("{} has another content", known.path)));
-        }
-    }
-    progress.add(files.iter().map(|f| f.bytes).sum());
-    let state = SessionReader::open(Arc::new(DiskStorage::new(&folder)))
-        .map(|reader| reader.manifest().state)
-        .map_err(|source| ImportError::Unreadable {
-            source,
-            path: folder.clone(),
-        })?;
-    Ok(Imported {
-        key: key.to_owned(),
-        condition: Condition::of(state, &record.report),
-        report: record.report,
-        copied: 0,
-        resumed: 0,
-        already: true,
-        skipped: Vec::new(),
-    })
 }

@@ -22,7 +22,7 @@ use crate::text;
 /// The library cannot be used at all.
 pub fn run(sources: &[PathBuf], root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
     let mut library = Library::create(root)?;
-    let _lock = library.lock()?;
+    let _lock = library.lock_waiting(tell_waiting)?;
     let mut outcome = Outcome::Fine;
     let mut sessions = Vec::new();
     for source in sources {
@@ -52,7 +52,7 @@ pub fn run(sources: &[PathBuf], root: &Path, console: &mut Console<'_>) -> Resul
             Ok(imported) => {
                 if !imported.skipped.is_empty() {
                     eprintln!(
-                        "paws: not copied, being no files: {}",
+                        "paws: not copied, being no files of a session: {}",
                         imported.skipped.join(", ")
                     );
                 }
@@ -69,6 +69,14 @@ pub fn run(sources: &[PathBuf], root: &Path, console: &mut Console<'_>) -> Resul
         }
     }
     Ok(outcome)
+}
+
+/// Says that another program has to end first.
+pub(crate) fn tell_waiting(root: &Path) {
+    eprintln!(
+        "paws: another paws is changing this library; waiting for it to end: {}",
+        root.display()
+    );
 }
 
 /// One line about a session that is in the library now.
@@ -91,6 +99,11 @@ pub(crate) fn summary(imported: &Imported) -> String {
     );
     if imported.condition == Condition::Damaged {
         line.push_str(&format!(" ({})", faults(report).join(", ")));
+    }
+    if let Some(old) = &imported.replaced {
+        line.push_str(&format!(
+            "; the one that was there is worse and is kept as {old} (`paws prune --session {old} --yes` removes it)"
+        ));
     }
     if imported.condition.needs_recovery() {
         line.push_str(&format!("; `paws recover {key}` makes a sound copy"));

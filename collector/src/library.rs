@@ -4,6 +4,7 @@
 //! LIBRARY/
 //!   sessions/ID/            one session: what was recorded, import.json, derived files
 //!   sessions/ID.recovered/  its recovered copy, where there is one
+//!   sessions/ID.damaged/    a damaged one that made way for a better one, where there was one
 //!   .incoming/              what is being written; nothing in it is listed
 //!   catalogue.sqlite        a copy of the facts, for listing; can be rebuilt
 //! ```
@@ -11,18 +12,30 @@
 //! A session appears under `sessions/` by one rename, complete and on disk, or not at all. Opening a
 //! library brings its catalogue up to date with the folders that are there, so a program that was
 //! killed between the rename and the catalogue leaves nothing half listed.
+//!
+//! * **Nothing can be written** (a full disk, a read-only one): everything can be read. What the catalogue would have
+//!   to be told is kept in memory.
+//! * **The catalogue is damaged, of another version or not there**: whoever opens the library next sets it aside as
+//!   `catalogue.sqlite.damaged` and makes it again from the sessions; while somebody else changes the library, the
+//!   sessions are listed from their folders.
+//! * **Several programs**: one at a time changes a library, under a lock that the system lets go of when the
+//!   program dies. Making and mending the catalogue is such a change.
+
+mod lock;
 
 use std::collections::BTreeSet;
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
-use rustix::fs::{FlockOperation, flock};
 use session_archive::layout;
 use session_archive::storage::{DiskStorage, Storage};
 
-use crate::catalogue::{Catalogue, Row};
+use crate::catalogue::{Catalogue, Found, Row};
+use crate::import::there::DAMAGED;
+
+pub use self::lock::Lock;
 
 /// Folder of the sessions.
 pub const SESSIONS: &str = "sessions";
@@ -30,8 +43,6 @@ pub const SESSIONS: &str = "sessions";
 pub const INCOMING: &str = ".incoming";
 /// The catalogue.
 pub const CATALOGUE: &str = "catalogue.sqlite";
-/// Locked by whoever changes the library.
-const LOCK: &str = ".lock";
 /// Files that a host makes beside a recording and can make again.
 pub const DERIVED: [&str; 4] = [
     layout::INDEX,
@@ -46,12 +57,6 @@ pub const RECOVERED: &str = ".recovered";
 pub struct Library {
     root: PathBuf,
     catalogue: Catalogue,
-}
-
-/// While it exists no other program changes the library. Let go of when it is dropped, and by the
-/// system when the program dies.
-pub struct Lock {
-    _file: File,
 }
 
 impl Library {
@@ -82,7 +87,19 @@ impl Library {
         let root = root
             .canonicalize()
             .with_context(|| format!("opening the library: {}", root.display()))?;
-        let catalogue = Catalogue::open(&root.join(CATALOGUE))?;
+        let path = root.join(CATALOGUE);
+        let catalogue = match Catalogue::look(&path)? {
+            Found::Usable(catalogue) => *catalogue,
+            Found::Unreachable(why) => {
+                log::debug!("listing from the folders: {why}: {}", path.display());
+                Catalogue::in_memory(&path)?
+            }
+            Found::Missing | Found::Unusable(_) => match lock::take(&root, false) {
+                Ok(Some(_lock)) => mended(&root)?,
+                // Whoever changes the library mends it, too. And where no lock is to be had, nothing can be written.
+                Ok(None) | Err(_) => Catalogue::in_memory(&path)?,
+            },
+        };
         let mut library = Self { root, catalogue };
         library.catch_up()?;
         Ok(library)
@@ -107,23 +124,43 @@ impl Library {
     ///
     /// # Errors
     /// Another one is changing it.
-    pub fn lock(&self) -> Result<Lock> {
-        let path = self.root.join(LOCK);
-        let file = OpenOptions::new()
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(&path)
-            .with_context(|| format!("locking the library: {}", path.display()))?;
-        match flock(&file, FlockOperation::NonBlockingLockExclusive) {
-            Ok(()) => Ok(Lock { _file: file }),
-            Err(rustix::io::Errno::WOULDBLOCK) => bail!(
+    pub fn lock(&mut self) -> Result<Lock> {
+        let locking = || format!("locking the library: {}", self.root.display());
+        let Some(lock) = lock::take(&self.root, false).with_context(locking)? else {
+            bail!(
                 "another paws is changing this library; wait for it: {}",
                 self.root.display()
-            ),
-            Err(e) => Err(io::Error::from(e))
-                .with_context(|| format!("locking the library: {}", path.display())),
-        }
+            );
+        };
+        self.changed_by_others()?;
+        Ok(lock)
+    }
+
+    /// Keeps other programs from changing the library, as soon as those that do so have ended. `waiting` is called
+    /// before a wait.
+    ///
+    /// # Errors
+    /// The disk says no.
+    pub fn lock_waiting(&mut self, waiting: impl FnOnce(&Path)) -> Result<Lock> {
+        let locking = || format!("locking the library: {}", self.root.display());
+        let lock = match lock::take(&self.root, false).with_context(locking)? {
+            Some(lock) => lock,
+            None => {
+                waiting(&self.root);
+                lock::take(&self.root, true)
+                    .with_context(locking)?
+                    .with_context(locking)?
+            }
+        };
+        self.changed_by_others()?;
+        Ok(lock)
+    }
+
+    /// Sees the library as those left it that had the lock before.
+    fn changed_by_others(&mut self) -> Result<()> {
+        self.catalogue = mended(&self.root)?;
+        self.catalogue.settle();
+        self.catch_up()
     }
 
     /// Names of the sessions' folders, sorted.
@@ -131,18 +168,7 @@ impl Library {
     /// # Errors
     /// The disk says no.
     pub fn keys(&self) -> Result<BTreeSet<String>> {
-        let folder = self.root.join(SESSIONS);
-        let reading = || format!("reading the library: {}", folder.display());
-        let mut keys = BTreeSet::new();
-        for entry in fs::read_dir(&folder).with_context(reading)? {
-            let entry = entry.with_context(reading)?;
-            if let (true, Ok(name)) = (entry.path().is_dir(), entry.file_name().into_string())
-                && is_key(&name)
-            {
-                keys.insert(name);
-            }
-        }
-        Ok(keys)
+        keys_of(&self.root)
     }
 
     /// All sessions, the oldest first.
@@ -177,22 +203,16 @@ impl Library {
     /// that are none.
     ///
     /// # Errors
-    /// The disk says no; the old catalogue stays.
+    /// The folders cannot be read; the old catalogue stays.
     pub fn rebuild(&mut self) -> Result<(usize, Vec<(String, String)>)> {
-        let (mut rows, mut failed) = (Vec::new(), Vec::new());
-        for key in self.keys()? {
-            match Row::of(&key, &self.folder(&key)) {
-                Ok(row) => rows.push(row),
-                Err(e) => failed.push((key, format!("{:#}", anyhow::Error::from(e)))),
-            }
-        }
+        let (rows, failed) = rows_of_folders(&self.root)?;
         self.catalogue.replace(&rows)?;
         Ok((rows.len(), failed))
     }
 
     /// The session that a user means: its key, a prefix of it that fits no other, its name, or
     /// the name of the folder that it was imported from. A prefix that fits a session and its
-    /// recovered copy means the copy.
+    /// recovered copy means the copy, unless the session is whole.
     ///
     /// # Errors
     /// None or several fit, or the text is empty.
@@ -214,9 +234,24 @@ impl Library {
             .map(|r| r.key.as_str())
             .collect();
         fits.sort_unstable();
+        // What made way for a better one is meant only by its whole key.
+        let made_way = |key: &str| {
+            let at = key.rfind(DAMAGED).unwrap_or(0);
+            fits.binary_search(&&key[..at]).is_ok()
+        };
+        let mut fits: Vec<&str> = fits.iter().copied().filter(|k| !made_way(k)).collect();
+        let is_whole = |key: &str| {
+            let mut rows = rows.iter();
+            rows.any(|r| r.key == key && !r.condition.needs_recovery())
+        };
+        if let [one, copy] = fits[..]
+            && copy.strip_prefix(one) == Some(RECOVERED)
+        {
+            // The copy of a damaged one is no longer needed where a whole one took its place.
+            fits.remove(if is_whole(one) { 1 } else { 0 });
+        }
         match fits[..] {
             [one] => Ok(one.to_owned()),
-            [one, copy] if copy.strip_prefix(one) == Some(RECOVERED) => Ok(copy.to_owned()),
             [] => bail!(
                 "looking for session {text:?}: none of the {} in the library begins with that or \
                  is called so (`paws list` shows them): {}",
@@ -245,6 +280,75 @@ impl Library {
             }
         }
         Ok(())
+    }
+}
+
+/// Names of the sessions' folders, sorted.
+fn keys_of(root: &Path) -> Result<BTreeSet<String>> {
+    let folder = root.join(SESSIONS);
+    let reading = || format!("reading the library: {}", folder.display());
+    let mut keys = BTreeSet::new();
+    for entry in fs::read_dir(&folder).with_context(reading)? {
+        let entry = entry.with_context(reading)?;
+        if let (true, Ok(name)) = (entry.path().is_dir(), entry.file_name().into_string())
+            && is_key(&name)
+        {
+            keys.insert(name);
+        }
+    }
+    Ok(keys)
+}
+
+/// The rows of all sessions, and the folders that are none, with the reason.
+fn rows_of_folders(root: &Path) -> Result<(Vec<Row>, Vec<(String, String)>)> {
+    let (mut rows, mut failed) = (Vec::new(), Vec::new());
+    for key in keys_of(root)? {
+        match Row::of(&key, &root.join(SESSIONS).join(&key)) {
+            Ok(row) => rows.push(row),
+            Err(e) => failed.push((key, format!("{:#}", anyhow::Error::from(e)))),
+        }
+    }
+    Ok((rows, failed))
+}
+
+/// The catalogue of a library, made again from the sessions if it is damaged or not there; in memory if that cannot be
+/// written. The caller holds the lock, so nobody else is at it.
+fn mended(root: &Path) -> Result<Catalogue> {
+    let path = root.join(CATALOGUE);
+    let why = match Catalogue::look(&path)? {
+        Found::Usable(catalogue) => return Ok(*catalogue),
+        Found::Unreachable(why) => {
+            log::debug!("listing from the folders: {why}: {}", path.display());
+            return Ok(Catalogue::in_memory(&path)?);
+        }
+        Found::Missing => None,
+        Found::Unusable(why) => Some(why),
+    };
+    let (rows, _) = rows_of_folders(root)?;
+    let sessions = crate::text::count(rows.len() as u64, "session");
+    match (Catalogue::make(&path, &rows), why) {
+        (Ok((catalogue, aside)), why) => {
+            if let Some(aside) = aside {
+                log::warn!(
+                    "the catalogue could not be used ({}) and was made again, with {sessions}; the old one is now {}",
+                    why.unwrap_or_default(),
+                    aside.display()
+                );
+            }
+            Ok(catalogue)
+        }
+        (Err(e), why) => {
+            if let Some(why) = why {
+                log::warn!(
+                    "the catalogue cannot be used ({why}) and not be made again here ({e:#}); \
+                     listing {sessions} from their folders: {}",
+                    path.display()
+                );
+            }
+            let mut catalogue = Catalogue::in_memory(&path)?;
+            catalogue.replace(&rows)?;
+            Ok(catalogue)
+        }
     }
 }
 
@@ -289,11 +393,48 @@ mod tests {
     #[test]
     fn one_at_a_time_may_change_a_library() {
         let folder = tempfile::tempdir().unwrap();
-        let library = Library::create(folder.path()).unwrap();
+        let mut library = Library::create(folder.path()).unwrap();
+        let mut other = Library::open(folder.path()).unwrap();
         let lock = library.lock().unwrap();
-        let error = library.lock().err().unwrap().to_string();
+        let error = other.lock().err().unwrap().to_string();
         assert!(error.starts_with("another paws is changing"), "{error}");
         drop(lock);
-        library.lock().unwrap();
+        other.lock().unwrap();
+    }
+
+    #[test]
+    fn who_waits_says_so_and_goes_on_when_the_other_ends() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut library = Library::create(folder.path()).unwrap();
+        let lock = library.lock_waiting(|_| panic!("nobody has it")).unwrap();
+        let mut other = Library::open(folder.path()).unwrap();
+        let (said, heard) = std::sync::mpsc::sync_channel(1);
+        std::thread::scope(|scope| {
+            let waiting = scope.spawn(|| {
+                let waiting = |root: &Path| said.send(root.to_owned()).unwrap();
+                other.lock_waiting(waiting).map(drop)
+            });
+            let root = heard.recv().unwrap();
+            assert_eq!(root, folder.path().canonicalize().unwrap());
+            drop(lock);
+            waiting.join().unwrap().unwrap();
+        });
+    }
+
+    #[test]
+    fn a_catalogue_is_not_made_or_mended_while_another_program_changes_the_library() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut library = Library::create(folder.path()).unwrap();
+        let path = folder.path().join(CATALOGUE);
+        let lock = library.lock().unwrap();
+        fs::write(&path, b"garbage").unwrap();
+        let mut other = Library::open(folder.path()).unwrap();
+        assert!(other.catalogue.is_in_memory());
+        assert_eq!(fs::read(&path).unwrap(), b"garbage");
+        drop(lock);
+        let _lock = other.lock().unwrap();
+        assert!(!other.catalogue.is_in_memory());
+        let aside = folder.path().join("catalogue.sqlite.damaged");
+        assert_eq!(fs::read(aside).unwrap(), b"garbage");
     }
 }

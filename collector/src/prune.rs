@@ -3,6 +3,9 @@
 //! By itself it removes derived files (indexes, validations, hand-offs, reports) and what stopped
 //! imports left behind; a folder that cannot be read is told of and left alone. A recording is
 //! removed only if its whole identifier is given and `--yes` is said, and then it disappears from the library at once, by one rename, before its bytes go.
+//!
+//! It works on a full disk: nothing is written before something was removed, and where the catalogue cannot be told, it
+//! is made again later.
 
 use std::fs;
 use std::io;
@@ -91,8 +94,9 @@ pub fn session(root: &Path, text: &str, sure: bool, console: &mut Console<'_>) -
     }
     rename_new(&folder, &away).with_context(context)?;
     sync_folder(&library.root().join(SESSIONS)).with_context(context)?;
-    library.forget(&key)?;
+    // Its bytes first: on a full disk the catalogue needs them.
     fs::remove_dir_all(&away).with_context(context)?;
+    library.forget(&key)?;
     console.line(format!("{key}: removed, {bytes}"))?;
     Ok(Outcome::Fine)
 }

@@ -90,8 +90,8 @@ impl Options {
 /// The rig cannot be asked, or the library cannot be used at all.
 pub fn run(options: &Options, root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
     let there = options.client()?.sessions()?;
-    let library = Library::create(root)?;
-    let _lock = library.lock()?;
+    let mut library = Library::create(root)?;
+    let _lock = library.lock_waiting(importing::tell_waiting)?;
     let mut outcome = Outcome::Fine;
     let mut refuse = |why: String| {
         eprintln!("paws: {why}");

@@ -42,11 +42,7 @@ pub fn run(
         Some(known) if known.report == validated.validation.report => {
             validated.validation = known;
         }
-        _ if target.is_listed() => {
-            validated.validation.write(&target.folder)?;
-            target.refresh()?;
-        }
-        _ => {}
+        _ => target.keep(&validated.validation)?,
     }
     std::fs::write(&path, page::html(&validated, &options.limits))
         .with_context(|| format!("writing the report: {}", path.display()))?;

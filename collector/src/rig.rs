@@ -117,7 +117,8 @@ pub fn run(verb: &RigVerb, console: &mut Console<'_>) -> Result<Outcome> {
 
 /// The text of a file.
 fn text_of(path: &Path) -> Result<String> {
-    std::fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))
+    plain_file::read_to_string(path, plain_file::TEXT_LIMIT)
+        .with_context(|| format!("reading {}", path.display()))
 }
 
 #[cfg(test)]

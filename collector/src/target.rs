@@ -1,12 +1,16 @@
 //! Which session a verb is about: one of the library's, or any folder.
 
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 
+use session_archive::layout;
+
 use crate::catalogue::Row;
 use crate::find::is_session;
-use crate::library::{Library, SESSIONS};
+use crate::library::{CATALOGUE, INCOMING, Library, SESSIONS};
+use crate::validation::Validation;
 
 /// A session that a verb works on.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -85,6 +89,31 @@ impl Target {
         }
     }
 
+    /// Puts a verdict beside it if a library lists it, and into the catalogue. Where the library's disk is full or cannot
+    /// be written at all, the verdict is only what was printed, and a warning says so.
+    ///
+    /// # Errors
+    /// The disk fails otherwise.
+    pub fn keep(&self, validation: &Validation) -> Result<()> {
+        if !self.is_listed() {
+            return Ok(());
+        }
+        match validation.write(&self.folder) {
+            Ok(()) => self.refresh().map(drop),
+            Err(e) if cannot_write(&e) => {
+                // What came of it so far is of no use.
+                let half = format!("{}.tmp", layout::VALIDATION);
+                let _ = std::fs::remove_file(self.folder.join(half));
+                log::warn!(
+                    "the verdict is not stored: {e:#}: {}",
+                    self.folder.display()
+                );
+                Ok(())
+            }
+            Err(e) => Err(e),
+        }
+    }
+
     /// Brings the catalogue of its library up to date.
     ///
     /// # Errors
@@ -97,11 +126,27 @@ impl Target {
     }
 }
 
+/// Whether nothing can be written there, whatever it is: no room, no rights.
+fn cannot_write(error: &anyhow::Error) -> bool {
+    let kinds = error.chain().filter_map(|e| e.downcast_ref::<io::Error>());
+    kinds.map(io::Error::kind).any(|kind| {
+        matches!(
+            kind,
+            ErrorKind::StorageFull
+                | ErrorKind::QuotaExceeded
+                | ErrorKind::FileTooLarge
+                | ErrorKind::ReadOnlyFilesystem
+                | ErrorKind::PermissionDenied
+        )
+    })
+}
+
 /// The library in whose `sessions/` a folder lies.
 fn listed(folder: &Path) -> Option<(PathBuf, String)> {
     let key = folder.file_name()?.to_str()?;
     let sessions = folder.parent()?;
     let root = sessions.parent()?;
-    (sessions.file_name()? == SESSIONS && root.join(crate::library::CATALOGUE).is_file())
-        .then(|| (root.to_owned(), key.to_owned()))
+    // The catalogue may be missing; it is a copy.
+    let is_library = root.join(CATALOGUE).is_file() || root.join(INCOMING).is_dir();
+    (sessions.file_name()? == SESSIONS && is_library).then(|| (root.to_owned(), key.to_owned()))
 }

@@ -107,10 +107,7 @@ pub fn run(targets: &[Target], options: &Options, console: &mut Console<'_>) -> 
         let validated = validate(&target.folder, options, console)?;
         let validation = &validated.validation;
         print(validated.reader.manifest(), validation, console)?;
-        if target.is_listed() {
-            validation.write(&target.folder)?;
-            target.refresh()?;
-        }
+        target.keep(validation)?;
         let write = |path: &Path, bytes: &[u8]| {
             std::fs::write(path, bytes)
                 .with_context(|| format!("writing the report: {}", path.display()))

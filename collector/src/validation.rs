@@ -5,7 +5,6 @@
 //! made again at any time.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::io;
 use std::path::Path;
 
@@ -192,7 +191,9 @@ impl Validation {
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(layout::VALIDATION);
         let reading = || format!("reading the validation: {}", path.display());
-        let text = fs::read(&path).with_context(reading)?;
+        let file = Path::new(layout::VALIDATION);
+        let text = plain_file::read_below(folder, file, plain_file::DOCUMENT_LIMIT)
+            .with_context(reading)?;
         let validation: Self = serde_json::from_slice(&text).with_context(reading)?;
         ensure!(
             validation.format == FORMAT && validation.version == VERSION,

@@ -19,6 +19,9 @@ pub(crate) struct Network {
     output: usize,
 }
 
+/// Most that is read of a network: as much as the format it comes in can hold.
+const MAX_BYTES: u64 = 2 << 30;
+
 impl Network {
     /// A network of which `output` is wanted, or its only one.
     ///
@@ -30,7 +33,7 @@ impl Network {
         settings: &Text,
         output: Option<&str>,
     ) -> Result<Self, LearnedError> {
-        let bytes = std::fs::read(file).map_err(|source| LearnedError::Read {
+        let bytes = plain_file::read(file, MAX_BYTES).map_err(|source| LearnedError::Read {
             what: "a network",
             file: file.to_owned(),
             source,

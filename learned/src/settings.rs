@@ -119,7 +119,7 @@ impl Text {
     /// Settings of a network.
     pub(crate) fn beside(network: &Path) -> Result<Self, LearnedError> {
         let file = network.with_extension("toml");
-        let text = match std::fs::read_to_string(&file) {
+        let text = match plain_file::read_to_string(&file, plain_file::TEXT_LIMIT) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => String::new(),
             Err(source) => {
                 return Err(LearnedError::Read {

@@ -4,7 +4,6 @@
 //! time. It is never printed and never logged.
 
 use std::fmt;
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -14,6 +13,8 @@ use subtle::ConstantTimeEq;
 pub const MIN_LENGTH: usize = 16;
 /// Most characters.
 pub const MAX_LENGTH: usize = 256;
+/// Most that is read of a file with a token, white space around it included.
+const MAX_FILE: u64 = 4096;
 /// Fewest different characters: `aaaaaaaaaaaaaaaa` is no secret.
 const MIN_DIFFERENT: usize = 6;
 
@@ -86,7 +87,7 @@ impl Token {
     /// # Errors
     /// See [`TokenError`].
     pub fn read(path: &Path) -> Result<Self, TokenError> {
-        let text = fs::read_to_string(path).map_err(|source| TokenError::Io {
+        let text = plain_file::read_to_string(path, MAX_FILE).map_err(|source| TokenError::Io {
             source,
             path: path.to_owned(),
         })?;

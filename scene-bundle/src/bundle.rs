@@ -45,7 +45,7 @@ impl Bundle {
         let disk = Disk::new(path);
         disk.make_root()
             .map_err(doing("making the folder of a scene bundle", path))?;
-        let existing = storage::read_all(&disk, layout::MANIFEST);
+        let existing = storage::read_all(&disk, layout::MANIFEST, layout::MANIFEST_LIMIT);
         if matches!(&existing, Err(e) if e.kind() == io::ErrorKind::NotFound) {
             refuse_others(&disk)?;
         }
@@ -71,11 +71,12 @@ impl Bundle {
             });
         }
         let path = root.join(layout::MANIFEST);
-        let mut manifest = match storage::read_all(&*storage, layout::MANIFEST) {
-            Ok(bytes) => Manifest::parse(&bytes, &path)?,
-            Err(e) if e.kind() == io::ErrorKind::NotFound => Manifest::new(provenance.clone()),
-            Err(e) => return Err(doing("reading the manifest of a scene bundle", path)(e)),
-        };
+        let mut manifest =
+            match storage::read_all(&*storage, layout::MANIFEST, layout::MANIFEST_LIMIT) {
+                Ok(bytes) => Manifest::parse(&bytes, &path)?,
+                Err(e) if e.kind() == io::ErrorKind::NotFound => Manifest::new(provenance.clone()),
+                Err(e) => return Err(doing("reading the manifest of a scene bundle", path)(e)),
+            };
         let source = |p: &Provenance| (p.session_id.clone(), p.handoff_blake3.clone());
         let (old, new) = (source(&manifest.provenance), source(&provenance));
         if old != new {

@@ -2,6 +2,8 @@
 
 /// The manifest.
 pub const MANIFEST: &str = "scene.json";
+/// Most that is read of a manifest, bytes.
+pub const MANIFEST_LIMIT: u64 = plain_file::DOCUMENT_LIMIT;
 /// Held by whoever writes to the bundle.
 pub const LOCK: &str = "lock";
 /// How long stages took; no part of the bundle.

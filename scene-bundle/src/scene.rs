@@ -13,6 +13,9 @@ use crate::layout;
 use crate::manifest::{FileEntry, Manifest, Output};
 use crate::storage::{self, Disk, Storage};
 
+/// Most that is read of one file of an output, bytes.
+const FILE_LIMIT: u64 = 16 << 30;
+
 /// A bundle open for reading.
 #[derive(Clone)]
 pub struct Scene {
@@ -52,8 +55,8 @@ impl Scene {
 
     pub(crate) fn open_on(storage: Arc<dyn Storage>) -> Result<Self, BundleError> {
         let path = storage.root().join(layout::MANIFEST);
-        let bytes =
-            storage::read_all(&*storage, layout::MANIFEST).map_err(|error| match error.kind() {
+        let bytes = storage::read_all(&*storage, layout::MANIFEST, layout::MANIFEST_LIMIT)
+            .map_err(|error| match error.kind() {
                 io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => BundleError::NotABundle {
                     path: storage.root().to_owned(),
                     found: format!("no {}", layout::MANIFEST),
@@ -188,8 +191,21 @@ impl OutputReader {
     pub fn read(&self, path: &str) -> Result<Vec<u8>, BundleError> {
         let (bytes, hash) = self.written(path)?;
         let full = format!("{}/{path}", self.folder);
-        let content =
-            storage::read_all(&*self.storage, &full).map_err(|e| self.unreadable(path, e))?;
+        let content = match storage::read_all(
+            &*self.storage,
+            &full,
+            bytes.unwrap_or(FILE_LIMIT).min(FILE_LIMIT),
+        ) {
+            Err(e) => match (too_long(&e), bytes) {
+                // Longer than it was written: it is not read at all.
+                (Some(found), Some(bytes)) => {
+                    let found = format!("{found} bytes");
+                    return Err(self.changed(path, &found, &bytes.to_string()));
+                }
+                _ => return Err(self.unreadable(path, e)),
+            },
+            Ok(content) => content,
+        };
         let found = FileEntry {
             path: path.to_owned(),
             bytes: content.len() as u64,
@@ -278,4 +294,10 @@ impl OutputReader {
         }
         doing("reading a file of a scene bundle", self.place(path))(error)
     }
+}
+
+/// The length of a file that was refused for it.
+fn too_long(error: &io::Error) -> Option<u64> {
+    let found = error.get_ref()?.downcast_ref::<plain_file::TooLong>()?;
+    Some(found.found)
 }

@@ -24,6 +24,9 @@ pub(crate) trait Storage: Send + Sync {
     /// Opens a file for reading from its beginning.
     fn open(&self, path: &str) -> io::Result<Box<dyn Read + Send>>;
 
+    /// Length of a file, bytes.
+    fn length(&self, path: &str) -> io::Result<u64>;
+
     /// Names in a folder, sorted, and whether each is a folder.
     fn list(&self, dir: &str) -> io::Result<Vec<(String, bool)>>;
 
@@ -55,11 +58,10 @@ pub(crate) trait StoredFile: Send {
     fn sync(&mut self) -> io::Result<()>;
 }
 
-/// Everything in a file.
-pub(crate) fn read_all(storage: &dyn Storage, path: &str) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    storage.open(path)?.read_to_end(&mut bytes)?;
-    Ok(bytes)
+/// Everything in a file of at most `limit` bytes. Its length is weighed before memory is taken.
+pub(crate) fn read_all(storage: &dyn Storage, path: &str, limit: u64) -> io::Result<Vec<u8>> {
+    let length = storage.length(path)?;
+    plain_file::read_known(storage.open(path)?, length, limit)
 }
 
 /// Writes a file in the root folder so that a power cut leaves the old or the new content, never a mixture: written

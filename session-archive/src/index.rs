@@ -27,6 +27,13 @@ use crate::verify::union;
 const MAGIC: [u8; 8] = *b"PAWSIDX2";
 /// No index is larger than this once unpacked; three cameras at 30 Hz take 0.6 GB in a whole day.
 const UNPACKED_LIMIT: usize = 1 << 30;
+/// The least that a decoded index may take: every index of an hour's walk takes less.
+const SMALL: usize = 16 << 20;
+/// Between the two.
+const MIDDLE: usize = 256 << 20;
+/// An entry takes at most this many times the bytes in memory that it takes unpacked: a camera without frames, 56
+/// bytes for 3, is the worst.
+const GROWTH: usize = 20;
 
 /// Where one access unit is, and what is known of its frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Encode, Decode)]
@@ -209,10 +216,23 @@ impl Index {
         if size > UNPACKED_LIMIT.min(packed.len().saturating_mul(32_768)) {
             return Err(unreadable("it claims an impossible size"));
         }
-        let plain = zstd::bulk::decompress(packed, size)?;
-        // No length that is claimed in it is allocated before it is weighed against the limit.
-        let config = bincode::config::standard().with_limit::<UNPACKED_LIMIT>();
-        let (index, _) = bincode::decode_from_slice(&plain, config)
+        // Memory that is not there is an error, not an abort: the index is built again then, or not used.
+        let mut plain = plain_file::reserve(size as u64)?;
+        zstd::bulk::Decompressor::new()?.decompress_to_buffer(packed, &mut plain)?;
+        match plain.len().saturating_mul(GROWTH) {
+            0..=SMALL => Self::decode_within::<SMALL>(&plain),
+            ..=MIDDLE => Self::decode_within::<MIDDLE>(&plain),
+            _ => Self::decode_within::<UNPACKED_LIMIT>(&plain),
+        }
+    }
+
+    /// Decodes an index. No length that is claimed in it is allocated before it is weighed against the limit, and the
+    /// limit against the memory that there is.
+    fn decode_within<const LIMIT: usize>(plain: &[u8]) -> Result<Self, IndexError> {
+        // What is decoded already, and the next list's claim.
+        drop(plain_file::reserve(2 * LIMIT as u64)?);
+        let config = bincode::config::standard().with_limit::<LIMIT>();
+        let (index, _) = bincode::decode_from_slice(plain, config)
             .map_err(|e| IndexError::Unreadable(e.to_string()))?;
         Ok(index)
     }
@@ -222,7 +242,8 @@ impl Index {
     /// # Errors
     /// See [`IndexError`]; on all but `Io` the index should be built again.
     pub fn read(reader: &SessionReader) -> Result<Self, IndexError> {
-        let bytes = crate::storage::read_all(&**reader.storage(), layout::INDEX)?;
+        let limit = UNPACKED_LIMIT as u64;
+        let bytes = crate::storage::read_up_to(&**reader.storage(), layout::INDEX, limit)?;
         let index = Self::from_bytes(&bytes)?;
         if index.session_id != reader.manifest().session_id {
             return Err(IndexError::Stale(format!(
@@ -388,7 +409,9 @@ impl Access {
         if offset.saturating_add(u64::from(length)) > file.len()? {
             return Err(mismatch);
         }
-        let mut bytes = vec![0; length as usize];
+        // Within the file, and yet not to be had where the file has holes and memory is short.
+        let mut bytes = plain_file::reserve(length.into())?;
+        bytes.resize(length as usize, 0);
         file.read_exact_at(&mut bytes, offset)?;
         if crc32fast::hash(&bytes) == crc32 {
             Ok(bytes.into())

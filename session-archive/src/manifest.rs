@@ -214,6 +214,9 @@ pub enum ManifestError {
     },
 }
 
+/// Most that is read of a manifest. A session of a whole day has 1440 segments and takes 0.4 MB.
+pub const MAX_BYTES: u64 = 16 << 20;
+
 /// Marks the checksum line; the CRC covers everything before it.
 const CRC_KEY: &str = "\n  \"crc32\": \"";
 
@@ -326,7 +329,7 @@ impl Manifest {
     /// # Errors
     /// See [`ManifestError`].
     pub fn read(storage: &dyn Storage) -> Result<Self, ManifestError> {
-        Self::from_bytes(&storage::read_all(storage, layout::MANIFEST)?)
+        Self::from_bytes(&storage::read_up_to(storage, layout::MANIFEST, MAX_BYTES)?)
     }
 
     /// The stream of messages of type `R` that belong to `of` (a camera, an IMU, or `""`).

@@ -147,13 +147,19 @@ impl SessionReader {
     /// Opens the session in a folder.
     ///
     /// # Errors
-    /// See [`ReadError`]; a damaged session is not an error.
+    /// See [`ReadError`]; a damaged session is not an error. A FIFO, a device, a socket or a link in the place of a
+    /// file is one: [`ReadError::Io`], with [`plain_file::NotPlain`] as the cause.
     pub fn open(storage: Arc<dyn Storage>) -> Result<Self, ReadError> {
         let mut found = segment_files(&*storage)?;
         let mut strangers = Vec::new();
         let (manifest, manifest_note) = match Manifest::read(&*storage) {
             Ok(manifest) => (manifest, None),
             Err(e @ ManifestError::TooNew { .. }) => return Err(e.into()),
+            // No damage: somebody put it there.
+            Err(ManifestError::Io(error)) if plain_file::is_not_plain(&error) => {
+                let path = layout::MANIFEST.to_owned();
+                return Err(ReadError::Io { path, error });
+            }
             Err(e) => {
                 let note = match &e {
                     ManifestError::Io(io) if io.kind() == io::ErrorKind::NotFound => {
@@ -165,6 +171,15 @@ impl SessionReader {
                 (rebuild_manifest(&*storage, &found)?, Some(note))
             }
         };
+        for file in &manifest.rig {
+            let path = layout::rig_file(&file.name);
+            match storage.open(&path) {
+                Err(error) if plain_file::is_not_plain(&error) => {
+                    return Err(ReadError::Io { path, error });
+                }
+                _ => {}
+            }
+        }
         strangers.extend(take_strangers(&mut found, manifest.segments.len() as u32));
         let last = found
             .last()

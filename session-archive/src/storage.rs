@@ -134,13 +134,30 @@ impl ReadAt for Vec<u8> {
     }
 }
 
-/// Everything in a file. For small files: the size is what the file really holds.
+/// Everything in a document: a manifest, a rig file, a hand-off. At most [`plain_file::DOCUMENT_LIMIT`] bytes.
 ///
 /// # Errors
-/// The file is not there, or the disk says no.
+/// The file is not there, is longer ([`plain_file::TooLong`]), or the disk says no.
 pub fn read_all(storage: &dyn Storage, path: &str) -> io::Result<Vec<u8>> {
+    read_up_to(storage, path, plain_file::DOCUMENT_LIMIT)
+}
+
+/// Everything in a file of at most `limit` bytes. Its length is weighed before memory is taken.
+///
+/// # Errors
+/// The file is not there, is longer ([`plain_file::TooLong`]), memory is exhausted, or the disk says no.
+pub fn read_up_to(storage: &dyn Storage, path: &str, limit: u64) -> io::Result<Vec<u8>> {
     let file = storage.open(path)?;
-    let mut bytes = vec![0; usize::try_from(file.len()?).map_err(io::Error::other)?];
+    let length = file.len()?;
+    if length > limit {
+        let found = plain_file::TooLong {
+            found: length,
+            limit,
+        };
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, found));
+    }
+    let mut bytes = plain_file::reserve(length)?;
+    bytes.resize(length as usize, 0);
     file.read_exact_at(&mut bytes, 0)?;
     Ok(bytes)
 }

@@ -362,7 +362,8 @@ fn read_rig(path: Option<&Path>) -> anyhow::Result<RigFiles> {
 }
 
 fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
-    std::fs::read(path).with_context(|| format!("reading {}", path.display()))
+    plain_file::read(path, plain_file::TEXT_LIMIT)
+        .with_context(|| format!("reading {}", path.display()))
 }
 
 /// The transforms of the session: what the rig file says, and for frames that it does not have,

@@ -25,9 +25,8 @@ const NICE: i32 = 19;
 pub(super) fn find(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let is_open = |path: &PathBuf| {
-        std::fs::read(path.join(layout::MANIFEST))
+        Manifest::read(&DiskStorage::new(path))
             .ok()
-            .and_then(|bytes| Manifest::from_bytes(&bytes).ok())
             .is_some_and(|manifest| manifest.state == State::Recording)
     };
     let is_left = |path: &PathBuf| is_open(path) && !is_claimed(path);

@@ -344,9 +344,11 @@ fn calibration_files(
     dataset: &StereoDataset,
 ) -> Result<Vec<(String, Vec<u8>)>, ReplayError> {
     let read = |path: &PathBuf| {
-        let content = std::fs::read(path).map_err(|source| ReplayError::CalibrationFile {
-            path: path.clone(),
-            source,
+        let content = plain_file::read(path, plain_file::TEXT_LIMIT).map_err(|source| {
+            ReplayError::CalibrationFile {
+                path: path.clone(),
+                source,
+            }
         })?;
         Ok((super::rig_file_name(name, &dataset.root, path), content))
     };

@@ -119,9 +119,11 @@ impl Simulated {
             Some(path) => {
                 let shown = || path.display().to_string();
                 let text =
-                    std::fs::read_to_string(path).map_err(|source| SimulatedError::Read {
-                        path: shown(),
-                        source,
+                    plain_file::read_to_string(path, plain_file::TEXT_LIMIT).map_err(|source| {
+                        SimulatedError::Read {
+                            path: shown(),
+                            source,
+                        }
                     })?;
                 let parsed = Faults::parse(&text, &known, settings.seed);
                 parsed.map_err(|source| SimulatedError::Faults {

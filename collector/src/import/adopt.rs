@@ -14,8 +14,9 @@ use session_archive::verify::verify;
 use super::copy::hash_file;
 use super::record::{FileRecord, ImportRecord};
 use super::source::{SourceFile, list_files, remove_strangers};
+use super::there::make_way;
 use super::{
-    ImportError, Imported, check_space, failed, journal, no_hook, publish as rename,
+    ImportError, Imported, check_space, failed, journal, list, no_hook, publish as rename,
     sync_published, sync_tree,
 };
 use crate::condition::Condition;
@@ -69,6 +70,7 @@ pub(crate) fn check(
             resumed: 0,
             already: false,
             skipped: Vec::new(),
+            replaced: None,
         },
     })
 }
@@ -100,17 +102,28 @@ fn examine(
     Ok((manifest.state, report))
 }
 
-/// Makes it a session of the library. The caller holds the library's lock.
-pub(crate) fn publish(library: &mut Library, checked: Checked) -> Result<Imported, ImportError> {
-    let imported = checked.imported;
-    rename(library, &imported.key, &no_hook)?;
-    journal::remove(&library.incoming(&imported.key))?;
-    library
-        .refresh(&imported.key)
-        .map_err(|e| ImportError::Catalogue {
-            key: imported.key.clone(),
-            reason: format!("{e:#}"),
-        })?;
+/// Makes it a session of the library. `old` is the condition of the one that is there, if there is one: it makes way
+/// for a better one, see [`super::there`]. The caller holds the library's lock.
+pub(crate) fn publish(
+    library: &mut Library,
+    checked: Checked,
+    source: &Path,
+    old: Option<Condition>,
+) -> Result<Imported, ImportError> {
+    let mut imported = checked.imported;
+    let key = imported.key.clone();
+    if let Some(old) = old {
+        let made_way = make_way(library, &key, source, old, imported.condition);
+        if let Err(ImportError::Differs { .. }) = &made_way {
+            // It was fetched for nothing.
+            let incoming = library.incoming(&key);
+            std::fs::remove_dir_all(&incoming).map_err(failed("clearing", &incoming))?;
+        }
+        imported.replaced = Some(made_way?);
+    }
+    rename(library, &key, &no_hook)?;
+    journal::remove(&library.incoming(&key))?;
+    list(library, &key, imported.replaced.as_deref())?;
     Ok(imported)
 }
 
@@ -138,6 +151,7 @@ pub(crate) fn already(
         resumed: 0,
         already: true,
         skipped: Vec::new(),
+        replaced: None,
     })
 }
 
@@ -149,7 +163,10 @@ pub(crate) fn still_there(
 ) -> Result<(), ImportError> {
     for file in files {
         let path = folder.join(&file.path);
-        let (bytes, hash) = hash_file(&path).map_err(failed("reading", &path))?;
+        let (bytes, hash) = match hash_file(&path) {
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => (0, String::new()),
+            other => other.map_err(failed("reading", &path))?,
+        };
         if (bytes, &hash) != (file.bytes, &file.blake3) {
             return Err(ImportError::Changed {
                 what: file.path.clone(),

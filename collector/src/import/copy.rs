@@ -121,7 +121,8 @@ impl Copy<'_> {
         if let Some(folder) = to.parent() {
             fs::create_dir_all(folder).map_err(failed("making the folder", folder))?;
         }
-        let mut input = File::open(&from).map_err(failed("reading", &from))?;
+        let mut input = plain_file::open_below(self.source, Path::new(&file.path))
+            .map_err(failed("reading", &from))?;
         let mut asked = 0;
         let output = Arc::new(File::create(&to).map_err(failed("creating", &to))?);
         self.board.ready(&file.path, 0);
@@ -201,7 +202,7 @@ fn sync(
 
 /// Length and BLAKE3 (hex) of a file.
 pub(super) fn hash_file(path: &Path) -> io::Result<(u64, String)> {
-    let mut file = File::open(path)?;
+    let mut file = plain_file::open_no_link(path)?;
     let mut hasher = blake3::Hasher::new();
     let mut block = vec![0; BLOCK];
     let mut bytes = 0;

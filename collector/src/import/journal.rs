@@ -24,7 +24,7 @@ impl Journal {
     /// Opens the journal of the folder `incoming`; it is new if there is none.
     pub(super) fn open(incoming: &Path) -> Result<Self, ImportError> {
         let path = path_for(incoming);
-        let text = match fs::read(&path) {
+        let text = match plain_file::read(&path, plain_file::DOCUMENT_LIMIT) {
             Ok(text) => text,
             Err(e) if e.kind() == io::ErrorKind::NotFound => Vec::new(),
             Err(e) => return Err(failed("reading the journal", &path)(e)),

@@ -1,7 +1,6 @@
 //! `import.json`: where an imported session came from, what it consists of, and in what condition it
 //! was.
 
-use std::fs;
 use std::io;
 use std::path::Path;
 
@@ -102,7 +101,8 @@ impl ImportRecord {
 
     /// The record in a session's folder; none if it has none that can be read.
     pub fn read(folder: &Path) -> Option<Self> {
-        let text = fs::read(folder.join(RECORD)).ok()?;
+        let limit = plain_file::DOCUMENT_LIMIT;
+        let text = plain_file::read_below(folder, Path::new(RECORD), limit).ok()?;
         let record: Self = serde_json::from_slice(&text).ok()?;
         (record.format == FORMAT && record.version == VERSION).then_some(record)
     }

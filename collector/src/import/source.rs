@@ -31,7 +31,10 @@ fn made_here(path: &str) -> bool {
 }
 
 /// The files of a session in the order in which they are copied, the manifest first, so that the
-/// check can begin; and the names of what is no file.
+/// check can begin; and the names of what cannot be copied: those that are not UTF-8, and folders in too many folders.
+///
+/// # Errors
+/// [`ImportError::NoFile`] for a link, a FIFO, a device or a socket, or the disk says no.
 pub(super) fn list_files(source: &Path) -> Result<(Vec<SourceFile>, Vec<String>), ImportError> {
     let (mut files, mut skipped) = (Vec::new(), Vec::new());
     list(source, "", DEPTH, &mut files, &mut skipped)?;
@@ -70,8 +73,13 @@ fn list(
                 bytes: data.len(),
                 modified_ns: modified_ns(&data),
             });
-        } else if !kind.is_file() {
+        } else if kind.is_dir() {
             skipped.push(path);
+        } else if let Some(found) = plain_file::Kind::of(kind) {
+            return Err(ImportError::NoFile {
+                found,
+                path: entry.path(),
+            });
         }
     }
     Ok(())

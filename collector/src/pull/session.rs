@@ -13,7 +13,8 @@ use rig_link::link::{
 use super::{locked, of_session};
 use crate::condition::Condition;
 use crate::console::Clock;
-use crate::import::{FileRecord, ImportRecord, Imported, adopt};
+use crate::import::there::{self, There};
+use crate::import::{FileRecord, ImportError, ImportRecord, Imported, adopt};
 use crate::library::{Library, is_key};
 use crate::progress::Progress;
 
@@ -44,17 +45,29 @@ impl Puller<'_> {
             "pulling {name}: its identifier {key:?} cannot be the name of a folder"
         );
         let folder = locked(&self.library).folder(key);
-        let imported = if folder.exists() {
+        let there = if folder.exists() {
             of_session(name, self.there_already(client, summary, key, &folder))?
         } else {
-            of_session(name, self.fetch(client, summary, key))?
+            There::Nothing
+        };
+        let imported = match there {
+            There::Same(imported) => *imported,
+            There::Nothing => of_session(name, self.fetch(client, summary, key, None))?,
+            There::Worse(old) => of_session(name, self.fetch(client, summary, key, Some(old)))?,
         };
         let rig = self.settle(client, summary, key, &imported);
         Ok(Pulled { imported, rig })
     }
 
-    /// Fetches all files, has the session checked and published.
-    fn fetch(&self, client: &mut Client, summary: &SessionSummary, key: &str) -> Result<Imported> {
+    /// Fetches all files, has the session checked and published. `old` is the condition of the one that is to make way
+    /// for it.
+    fn fetch(
+        &self,
+        client: &mut Client,
+        summary: &SessionSummary,
+        key: &str,
+        old: Option<Condition>,
+    ) -> Result<Imported> {
         let name = &summary.name;
         let manifest = client.manifest(name, |_| {})?;
         let incoming = locked(&self.library).incoming(key);
@@ -72,42 +85,63 @@ impl Puller<'_> {
             resumed += done.resumed;
         }
         let source = format!("{}/{name}", client.address());
-        let checked = adopt::check(&incoming, key, Path::new(&source), self.clock, records)?;
-        let mut imported = adopt::publish(&mut locked(&self.library), checked)?;
+        let source = Path::new(&source);
+        let checked = adopt::check(&incoming, key, source, self.clock, records)?;
+        let mut imported = adopt::publish(&mut locked(&self.library), checked, source, old)?;
         (imported.copied, imported.resumed) = (fetched, resumed);
         Ok(imported)
     }
 
-    /// The session is in the library: is it the same one, and still whole?
+    /// The session is in the library: is it the same one, and still whole? One that is not may have a better one on the
+    /// rig, which only fetching it tells.
     fn there_already(
         &self,
         client: &mut Client,
         summary: &SessionSummary,
         key: &str,
         folder: &Path,
-    ) -> Result<Imported> {
-        let record = ImportRecord::read(folder).with_context(|| {
-            format!(
+    ) -> Result<There> {
+        let condition = there::condition_there(&locked(&self.library), key);
+        let Some(record) = ImportRecord::read(folder) else {
+            ensure!(
+                condition.needs_recovery(),
                 "session {key} is in the library already and has no import record: {}",
                 folder.display()
-            )
-        })?;
+            );
+            return Ok(There::Worse(condition));
+        };
         let held = total(&record.files);
         let receipt = summary.receipt.as_ref();
         // A receipt for the same content was given when the library's copy was compared.
         if receipt.is_none_or(|r| r.list != held.list) {
             let manifest = client.manifest(&summary.name, |_| {})?;
             if let Some(what) = difference(&manifest, &record.files) {
+                if condition.needs_recovery() {
+                    return Ok(There::Worse(condition));
+                }
                 bail!(
                     "session {key} is in the library already and differs ({what}); nothing was changed: {}",
                     folder.display()
                 );
             }
-            adopt::still_there(folder, &record.files, self.progress)?;
+            match adopt::still_there(folder, &record.files, self.progress) {
+                // What the library's disk has done to it since.
+                Err(ImportError::Changed { what, .. }) => {
+                    log::warn!(
+                        "{what} of session {key} is damaged in the library; it is fetched again"
+                    );
+                    return Ok(There::Worse(Condition::Damaged));
+                }
+                other => other?,
+            }
         } else {
             self.progress.add(held.bytes);
         }
-        Ok(adopt::already(&locked(&self.library), key, record)?)
+        Ok(There::Same(Box::new(adopt::already(
+            &locked(&self.library),
+            key,
+            record,
+        )?)))
     }
 
     /// Gives the rig its receipt, and asks it to free the session.

@@ -1,9 +1,13 @@
 //! Tests of `paws` on made-up sessions, through the library and through the program.
 
+mod better_copy;
 mod calib_cameras;
 mod calib_verify;
+mod catalogue;
 mod command_line;
 mod exporting;
+mod full_disk;
+mod hostile;
 mod importing;
 mod imu_noise;
 mod pictures;

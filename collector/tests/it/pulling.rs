@@ -346,6 +346,49 @@ fn what_is_cut_off_is_pulled_as_such_and_what_is_damaged_stays_on_the_rig() {
 }
 
 #[test]
+fn a_damaged_copy_in_the_library_makes_way_for_the_whole_one_on_the_rig() {
+    let rig = Rig::new();
+    let from_disk = rig.folder.path().join("disk/walk-1");
+    for (path, content) in tree(&rig.sessions().join("walk-1")) {
+        let path = from_disk.join(path);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, content).unwrap();
+    }
+    let segment = from_disk.join("segments/000000.mcap");
+    let mut bytes = fs::read(&segment).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&segment, bytes).unwrap();
+    let sources = [from_disk.clone()];
+    let import = |console: &mut collector::console::Console<'_>| {
+        collector::importing::run(&sources, &rig.library(), console)
+    };
+    assert_eq!(capture(import).0.unwrap(), Outcome::Loss);
+
+    let (outcome, text) = rig.pull(&rig.options());
+    assert_eq!(outcome, Outcome::Fine, "{text}");
+    assert!(text.contains(&format!("is kept as {ID}.damaged")), "{text}");
+    rig.assert_pulled("walk-1", ID);
+    let mut aside = tree(&rig.library().join(format!("sessions/{ID}.damaged")));
+    aside.remove("import.json");
+    assert!(aside == tree(&from_disk));
+
+    // What the library's disk does to it later is found when the rig asks whether it may free it.
+    let copy = rig
+        .library()
+        .join(format!("sessions/{ID}/segments/000000.mcap"));
+    fs::copy(&segment, copy).unwrap();
+    fs::remove_file(rig.receipt("walk-1")).unwrap();
+    let (outcome, text) = rig.pull(&rig.options());
+    assert_eq!(outcome, Outcome::Fine, "{text}");
+    rig.assert_pulled("walk-1", ID);
+    assert!(
+        text.contains(&format!("is kept as {ID}.damaged-2")),
+        "{text}"
+    );
+}
+
+#[test]
 fn a_session_that_differs_is_refused_on_both_sides() {
     let rig = Rig::new();
     rig.pull(&rig.options());
@@ -373,7 +416,7 @@ fn a_session_that_differs_is_refused_on_both_sides() {
 }
 
 #[test]
-fn a_library_that_lost_something_sends_no_receipt() {
+fn what_a_library_lost_is_pulled_again_before_it_sends_a_receipt() {
     let rig = Rig::new();
     rig.pull(&rig.options());
     fs::remove_file(rig.receipt("run-1")).unwrap();
@@ -382,10 +425,12 @@ fn a_library_that_lost_something_sends_no_receipt() {
         .join(format!("sessions/{OTHER}/segments/000000.mcap"));
     let mut bytes = fs::read(&segment).unwrap();
     bytes[5000] ^= 1;
-    fs::write(&segment, bytes).unwrap();
+    fs::write(&segment, &bytes).unwrap();
     let (outcome, text) = rig.pull(&rig.options());
-    assert_eq!(outcome, Outcome::Failed, "{text}");
-    assert!(!rig.receipt("run-1").exists());
+    assert_eq!(outcome, Outcome::Fine, "{text}");
+    rig.assert_pulled("run-1", OTHER);
+    let aside = format!("sessions/{OTHER}.damaged/segments/000000.mcap");
+    assert!(fs::read(rig.library().join(aside)).unwrap() == bytes);
 }
 
 #[test]

@@ -133,7 +133,8 @@ fn name(path: &Path, all: &[PathBuf]) -> String {
 /// Time and memory of the stages that make trajectories, of lines of JSON.
 fn cost(path: &Path) -> Result<Cost> {
     let shown = path.display();
-    let text = std::fs::read_to_string(path).with_context(|| format!("reading {shown}"))?;
+    let text = plain_file::read_to_string(path, plain_file::DOCUMENT_LIMIT)
+        .with_context(|| format!("reading {shown}"))?;
     let (mut seconds, mut peak_bytes) = (None, None);
     for line in text.lines().filter(|line| !line.trim().is_empty()) {
         let stage: Value = serde_json::from_str(line)

@@ -165,7 +165,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
 fn told(arguments: &Arguments, input: &Input) -> Result<rig::Told> {
     let mut told = rig::Told::default();
     if let Some(path) = &arguments.rig {
-        let text = std::fs::read_to_string(path);
+        let text = plain_file::read_to_string(path, plain_file::TEXT_LIMIT);
         told.rig = Some(text.with_context(|| format!("reading {}", path.display()))?);
     }
     for (camera, path) in &arguments.calibration {

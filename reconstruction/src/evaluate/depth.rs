@@ -6,7 +6,6 @@
 //! truth jumps between neighbours, the nearest one counts. Where the truth is sky, or farther than files can say, depth that is
 //! there nevertheless is counted as invented and not as an error.
 
-use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
@@ -161,7 +160,7 @@ impl Walk {
     fn open(folder: &Path, camera: &str) -> Result<Self, DepthTruthError> {
         let root = folder.join(camera).join("mav0");
         let path = root.join("depth0/data.csv");
-        let text = std::fs::read_to_string(&path);
+        let text = plain_file::read_to_string(&path, plain_file::DOCUMENT_LIMIT);
         let text = text.map_err(|source| DepthTruthError::Read { path, source })?;
         let lines = text.lines().filter(|line| !line.starts_with('#'));
         let names = lines.filter_map(|line| Some(line.split_once(',')?.1.trim().to_owned()));
@@ -181,7 +180,7 @@ impl Walk {
             expected: format!("one of frame {frame}"),
         })?;
         let path = self.root.join(format!("depth{eye}/data")).join(name);
-        let file = File::open(&path).map_err(|source| DepthTruthError::Read {
+        let file = plain_file::open(&path).map_err(|source| DepthTruthError::Read {
             path: path.clone(),
             source,
         })?;
@@ -192,6 +191,12 @@ impl Walk {
         };
         let decoder = png::Decoder::new(BufReader::new(file));
         let mut reader = decoder.read_info().map_err(|e| malformed(e.to_string()))?;
+        // A picture of another size is not decoded, however large it says it is.
+        let info = reader.info();
+        let kind = (info.color_type, info.bit_depth, [info.width, info.height]);
+        if kind != (png::ColorType::Grayscale, png::BitDepth::Sixteen, size) {
+            return Err(malformed(format!("{kind:?}")));
+        }
         let bytes = reader.output_buffer_size();
         let mut data = vec![0; bytes.ok_or_else(|| malformed("a size beyond memory".to_owned()))?];
         let info = reader

@@ -77,7 +77,7 @@ pub enum FileError {
 }
 
 /// Reads the trajectory of a path. `output` is which one of a bundle; by default `trajectory`, where it has none
-/// `trajectory-causal`.
+/// `trajectory-causal`. A file has at most 1 GiB.
 ///
 /// # Errors
 /// [`FileError`].
@@ -85,7 +85,7 @@ pub fn load(path: &Path, output: Option<&str>) -> Result<Loaded, FileError> {
     if path.is_dir() || path.extension().is_some_and(|e| e == "json") {
         return of_bundle(path, output);
     }
-    let text = std::fs::read_to_string(path).map_err(|source| FileError::Read {
+    let text = plain_file::read_to_string(path, 1 << 30).map_err(|source| FileError::Read {
         path: path.to_owned(),
         source,
     })?;

@@ -54,7 +54,7 @@ pub fn read(folder: &Path) -> io::Result<Vec<Made>> {
 
 /// Lines that are none are passed over: a run may have been killed while it wrote.
 fn lines(folder: &Path) -> io::Result<Vec<(Made, String)>> {
-    let text = match std::fs::read_to_string(folder.join(FILE)) {
+    let text = match plain_file::read_to_string(&folder.join(FILE), plain_file::DOCUMENT_LIMIT) {
         Ok(text) => text,
         Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
         Err(error) => return Err(error),

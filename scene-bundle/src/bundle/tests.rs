@@ -108,7 +108,8 @@ fn the_same_content_lies_at_the_same_place_whatever_was_before() {
         make(&bundle, "rig", content).unwrap();
     }
     assert_eq!(once.paths(), often.paths());
-    let read = |disk: &Memory| storage::read_all(disk, layout::MANIFEST).unwrap();
+    let read =
+        |disk: &Memory| storage::read_all(disk, layout::MANIFEST, layout::MANIFEST_LIMIT).unwrap();
     assert_eq!(read(&once), read(&often));
 }
 

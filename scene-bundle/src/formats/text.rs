@@ -10,6 +10,9 @@ use crate::trajectory::{Pose, Trajectory};
 /// RGB-D data, move it by up to 1e-4. Nearer ones that are off by more than a transform allows are normalised.
 pub(super) const NORM_TOLERANCE: f64 = 1e-3;
 
+/// Most that is read of a trajectory file: a day of poses at 100 Hz.
+const MAX_BYTES: u64 = 1 << 30;
+
 /// Why a trajectory could not be read.
 #[derive(Debug, thiserror::Error)]
 pub enum FormatError {
@@ -57,7 +60,7 @@ pub(super) struct Source<'a> {
 }
 
 pub(super) fn read(path: &Path) -> Result<String, FormatError> {
-    std::fs::read_to_string(path).map_err(|source| FormatError::Read {
+    plain_file::read_to_string(path, MAX_BYTES).map_err(|source| FormatError::Read {
         path: path.to_owned(),
         source,
     })

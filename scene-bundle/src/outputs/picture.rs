@@ -5,6 +5,9 @@ use std::path::Path;
 
 use crate::error::BundleError;
 
+/// Most pixels that are decoded: a file of a few bytes may claim any number.
+const MAX_PIXELS: u64 = 1 << 26;
+
 /// Sample values of a grey picture, row by row from the top.
 pub(crate) enum Grey {
     Bits8(Vec<u8>),
@@ -48,6 +51,26 @@ pub(crate) fn decode(bytes: &[u8], path: &Path) -> Result<(u32, u32, Grey), Bund
     };
     let decoder = png::Decoder::new(Cursor::new(bytes));
     let mut reader = decoder.read_info().map_err(|e| wrong(e.to_string()))?;
+    let info = reader.info();
+    let kind = (info.color_type, info.bit_depth);
+    if !matches!(
+        kind,
+        (
+            png::ColorType::Grayscale,
+            png::BitDepth::Eight | png::BitDepth::Sixteen
+        )
+    ) {
+        return Err(wrong(format!("{:?} of {:?} bits", kind.0, kind.1)));
+    }
+    let (width, height) = info.size();
+    if u64::from(width) * u64::from(height) > MAX_PIXELS {
+        return Err(BundleError::Malformed {
+            path: path.to_owned(),
+            place: "picture".to_owned(),
+            found: format!("{width}x{height} pixels"),
+            expected: format!("at most {MAX_PIXELS} pixels"),
+        });
+    }
     let size = reader.output_buffer_size();
     let mut data = vec![0; size.ok_or_else(|| wrong("a size beyond memory".to_owned()))?];
     let info = reader
@@ -63,4 +86,43 @@ pub(crate) fn decode(bytes: &[u8], path: &Path) -> Result<(u32, u32, Grey), Bund
         (colour, depth) => return Err(wrong(format!("{colour:?} of {depth:?} bits"))),
     };
     Ok((info.width, info.height, samples))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The file of a picture with other numbers in its header.
+    fn forged(width: u32, height: u32, depth: u8, colour: u8) -> Vec<u8> {
+        let mut bytes = encode8(2, 2, &[1, 2, 3, 4]);
+        bytes[16..20].copy_from_slice(&width.to_be_bytes());
+        bytes[20..24].copy_from_slice(&height.to_be_bytes());
+        (bytes[24], bytes[25]) = (depth, colour);
+        // CRC-32 of type and content (PNG, section 5.5).
+        let mut crc = u32::MAX;
+        for byte in &bytes[12..29] {
+            crc ^= u32::from(*byte);
+            for _ in 0..8 {
+                crc = (crc >> 1) ^ (0xedb8_8320 & (crc & 1).wrapping_neg());
+            }
+        }
+        bytes[29..33].copy_from_slice(&(!crc).to_be_bytes());
+        bytes
+    }
+
+    #[test]
+    fn a_size_is_weighed_before_it_is_believed() {
+        let path = Path::new("p.png");
+        let whole = decode(&forged(2, 2, 8, 0), path).unwrap();
+        assert_eq!((whole.0, whole.1), (2, 2));
+        let why = |bytes: &[u8]| decode(bytes, path).map(drop).unwrap_err().to_string();
+        for (width, height) in [(8193, 8192), (1 << 30, 1 << 30), (1 << 26, 2)] {
+            let said = why(&forged(width, height, 8, 0));
+            assert!(said.contains(&format!("{width}x{height} pixels")), "{said}");
+            assert!(said.contains("at most 67108864 pixels"), "{said}");
+        }
+        // Of another kind: six bytes a pixel that nobody would use.
+        let said = why(&forged(8192, 8192, 16, 2));
+        assert!(said.contains("Rgb of Sixteen bits"), "{said}");
+    }
 }

@@ -1,4 +1,5 @@
-//! A folder on a real disk.
+//! A folder on a real disk. It may come from anybody: below it no symbolic link is followed, and nothing but regular
+//! files is opened for reading.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
@@ -44,11 +45,18 @@ impl Storage for Disk {
     }
 
     fn open(&self, path: &str) -> io::Result<Box<dyn Read + Send>> {
-        Ok(Box::new(File::open(self.root.join(path))?))
+        let file = plain_file::open_below(&self.root, Path::new(path))?;
+        Ok(Box::new(file))
+    }
+
+    fn length(&self, path: &str) -> io::Result<u64> {
+        let file = plain_file::open_below(&self.root, Path::new(path))?;
+        Ok(file.metadata()?.len())
     }
 
     fn list(&self, dir: &str) -> io::Result<Vec<(String, bool)>> {
         let mut found = Vec::new();
+        plain_file::check_folder_below(&self.root, Path::new(dir))?;
         for entry in fs::read_dir(self.root.join(dir))? {
             let entry = entry?;
             // A name that is not UTF-8 is not ours.

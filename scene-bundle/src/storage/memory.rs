@@ -251,6 +251,14 @@ impl Storage for Memory {
         }
     }
 
+    fn length(&self, path: &str) -> io::Result<u64> {
+        let state = self.state();
+        match &state.nodes[&state.find(path).ok_or_else(missing)?] {
+            Node::File { content, .. } => Ok(content.len() as u64),
+            Node::Folder { .. } => Err(io::ErrorKind::IsADirectory.into()),
+        }
+    }
+
     fn list(&self, dir: &str) -> io::Result<Vec<(String, bool)>> {
         let state = self.state();
         let names = state.names(dir)?.clone();

@@ -3,6 +3,7 @@
 mod colmap;
 mod command;
 mod export;
+mod hostile;
 mod interop;
 mod outputs;
 mod sample;

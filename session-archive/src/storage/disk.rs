@@ -1,4 +1,7 @@
 //! A folder on a real disk.
+//!
+//! The folder may come from anybody. Below its root no symbolic link is followed, and nothing but regular files is
+//! opened for reading, at once and never waiting; the error names what was found (see [`plain_file`]).
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
@@ -37,11 +40,13 @@ impl Storage for DiskStorage {
     }
 
     fn open(&self, path: &str) -> io::Result<Box<dyn ReadAt>> {
-        Ok(Box::new(DiskFile(File::open(self.root.join(path))?)))
+        let file = plain_file::open_below(&self.root, Path::new(path))?;
+        Ok(Box::new(DiskFile(file)))
     }
 
     fn list(&self, dir: &str) -> io::Result<Vec<String>> {
-        let entries = match fs::read_dir(self.root.join(dir)) {
+        let folder = plain_file::check_folder_below(&self.root, Path::new(dir));
+        let entries = match folder.and_then(|()| fs::read_dir(self.root.join(dir))) {
             Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
             other => other?,
         };

@@ -108,7 +108,7 @@ pub fn load_png(path: &Path) -> Result<DecodedPng, DatasetError> {
 
 /// The header, and the decoder behind it.
 fn open(path: &Path) -> Result<(PngShape, png::Decoder<BufReader<File>>), DatasetError> {
-    let file = File::open(path).map_err(|source| DatasetError::Read {
+    let file = plain_file::open(path).map_err(|source| DatasetError::Read {
         path: path.to_owned(),
         source,
     })?;

@@ -19,12 +19,16 @@ pub(super) struct Line<'t> {
     pub(super) text: &'t str,
 }
 
+/// Most that is read of a table of a data set. An hour of an IMU at 200 Hz takes 110 MB as EuRoC writes it.
+const MAX_BYTES: u64 = 1 << 30;
+
 impl Text {
     pub(super) fn read(path: &Path) -> Result<Self, DatasetError> {
-        let text = std::fs::read_to_string(path).map_err(|source| DatasetError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
+        let text =
+            plain_file::read_to_string(path, MAX_BYTES).map_err(|source| DatasetError::Read {
+                path: path.to_owned(),
+                source,
+            })?;
         Ok(Self {
             path: path.to_owned(),
             text,

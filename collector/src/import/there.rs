@@ -1,0 +1,230 @@
+//! What the library has under the identifier of a session that comes.
+//!
+//! Contract: the better of two copies of a session ends in its place, in whatever order they come, and neither is lost.
+//! The order is damaged, cut off (everything before the cut is there), whole. Where the library's is whole, names,
+//! lengths and the manifest say whether the other is the same; where it is not, every byte is compared, because the same
+//! lengths are what a flipped bit leaves. The one that makes way is kept as `ID.damaged`, a session of its own that is
+//! listed and that `paws prune --session` removes. It makes way when the other is checked and on disk; stopped between
+//! the two renames, the library has `ID.damaged`, and the next import publishes the other.
+
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
+
+use session_archive::layout;
+use session_archive::manifest::State;
+use session_archive::reader::{ReadError, SessionReader};
+use session_archive::storage::DiskStorage;
+use session_archive::verify::{Report, verify};
+
+use super::copy::hash_file;
+use super::source::SourceFile;
+use super::{ImportError, ImportRecord, Imported, failed, rename_new, sync_published};
+use crate::catalogue::Row;
+use crate::condition::Condition;
+use crate::library::Library;
+
+/// What a session's key has behind it that made way for a better one; `-2` and so on where that is taken.
+pub(crate) const DAMAGED: &str = ".damaged";
+
+/// What is in the library under a session's key.
+pub(crate) enum There {
+    /// Nothing.
+    Nothing,
+    /// The same session.
+    Same(Box<Imported>),
+    /// One in this condition, and the one that comes is better.
+    Worse(Condition),
+}
+
+/// Looks at what is there.
+///
+/// # Errors
+/// [`ImportError::Differs`] if it differs and is no worse than the one in `source`; or one of both cannot be read.
+pub(super) fn look(
+    library: &Library,
+    key: &str,
+    source: &Path,
+    files: &[SourceFile],
+) -> Result<There, ImportError> {
+    let folder = library.folder(key);
+    if !folder.exists() {
+        return Ok(There::Nothing);
+    }
+    let condition = condition_there(library, key);
+    let record = ImportRecord::read(&folder);
+    let difference = match (&record, rank(condition) == WHOLE) {
+        (Some(record), true) => difference(record, source, files)?,
+        _ => difference_in_content(&folder, source, files)?,
+    };
+    match difference {
+        None => same(key, &folder, record).map(|there| There::Same(Box::new(there))),
+        // Nothing is better than a whole one.
+        Some(what) if rank(condition) == WHOLE => Err(differs(key, what, source)),
+        Some(what) => {
+            let (state, report) = read(source).map_err(|error| ImportError::Unreadable {
+                source: error,
+                path: source.to_owned(),
+            })?;
+            if rank(Condition::of(state, &report)) > rank(condition) {
+                Ok(There::Worse(condition))
+            } else {
+                Err(differs(key, what, source))
+            }
+        }
+    }
+}
+
+/// Renames the library's session to make room for a better one that is checked and on disk; gives its new key. `old` is
+/// the condition of the one, `new` of the other.
+///
+/// # Errors
+/// [`ImportError::Differs`] if the other is no better after all, or the disk says no.
+pub(crate) fn make_way(
+    library: &Library,
+    key: &str,
+    source: &Path,
+    old: Condition,
+    new: Condition,
+) -> Result<String, ImportError> {
+    if rank(new) <= rank(old) {
+        let what = format!("it is {new}, there it is {old}");
+        return Err(differs(key, what, source));
+    }
+    let free = (1_u32..)
+        .map(|n| match n {
+            1 => format!("{key}{DAMAGED}"),
+            n => format!("{key}{DAMAGED}-{n}"),
+        })
+        .find(|key| !library.folder(key).exists());
+    let aside = free.unwrap_or_default();
+    let (from, to) = (library.folder(key), library.folder(&aside));
+    rename_new(&from, &to).map_err(failed("setting the damaged session aside", &from))?;
+    sync_published(library, key)?;
+    Ok(aside)
+}
+
+/// In what condition the library's session is, by the last that looked; by a look now if nobody has.
+pub(crate) fn condition_there(library: &Library, key: &str) -> Condition {
+    let folder = library.folder(key);
+    match Row::of(key, &folder).map(|row| row.condition) {
+        Ok(Condition::Unverified) => read(&folder).map_or(Condition::Damaged, |(state, report)| {
+            Condition::of(state, &report)
+        }),
+        Ok(condition) => condition,
+        // Not even to be opened.
+        Err(_) => Condition::Damaged,
+    }
+}
+
+const WHOLE: u8 = 2;
+
+/// The better, the higher. A recovered copy lacks what could not be recovered and says so; it replaces nothing.
+fn rank(condition: Condition) -> u8 {
+    match condition {
+        Condition::Ok => WHOLE,
+        Condition::Unclosed => 1,
+        Condition::Damaged | Condition::Unverified | Condition::Recovered => 0,
+    }
+}
+
+fn differs(key: &str, what: String, source: &Path) -> ImportError {
+    ImportError::Differs {
+        key: key.to_owned(),
+        what,
+        path: source.to_owned(),
+    }
+}
+
+fn read(folder: &Path) -> Result<(State, Report), ReadError> {
+    let reader = SessionReader::open(Arc::new(DiskStorage::new(folder)))?;
+    let report = verify(&reader, |_| {})?;
+    Ok((reader.manifest().state, report))
+}
+
+/// The session that is there, as an import gives it.
+fn same(key: &str, folder: &Path, record: Option<ImportRecord>) -> Result<Imported, ImportError> {
+    let unreadable = |source| ImportError::Unreadable {
+        source,
+        path: folder.to_owned(),
+    };
+    let (state, report) = match record {
+        Some(record) => {
+            let reader = SessionReader::open(Arc::new(DiskStorage::new(folder)));
+            let state = reader.map(|reader| reader.manifest().state);
+            (state.map_err(unreadable)?, record.report)
+        }
+        None => read(folder).map_err(unreadable)?,
+    };
+    Ok(Imported {
+        key: key.to_owned(),
+        condition: Condition::of(state, &report),
+        report,
+        copied: 0,
+        resumed: 0,
+        already: true,
+        skipped: Vec::new(),
+        replaced: None,
+    })
+}
+
+/// The first difference by names, lengths and the manifest.
+fn difference(
+    record: &ImportRecord,
+    source: &Path,
+    files: &[SourceFile],
+) -> Result<Option<String>, ImportError> {
+    for file in files {
+        match record.files.iter().find(|f| f.path == file.path) {
+            None => return Ok(Some(format!("{} is not in the library", file.path))),
+            Some(known) if known.bytes != file.bytes => {
+                return Ok(Some(format!(
+                    "{} has {} bytes, in the library {}",
+                    file.path, file.bytes, known.bytes
+                )));
+            }
+            Some(_) => {}
+        }
+    }
+    let is_gone = |path: &str| files.iter().all(|f| f.path != path);
+    if let Some(gone) = record.files.iter().find(|known| is_gone(&known.path)) {
+        return Ok(Some(format!("{} is only in the library", gone.path)));
+    }
+    // Of equal length everywhere: the manifest tells whether it is the same recording.
+    let manifest = source.join(layout::MANIFEST);
+    if let Some(known) = record.files.iter().find(|f| f.path == layout::MANIFEST) {
+        let (_, hash) = hash_file(&manifest).map_err(failed("reading", &manifest))?;
+        if hash != known.blake3 {
+            return Ok(Some(format!("{} has another content", known.path)));
+        }
+    }
+    Ok(None)
+}
+
+/// The first difference between the files of the source and those in the library as they are now.
+fn difference_in_content(
+    folder: &Path,
+    source: &Path,
+    files: &[SourceFile],
+) -> Result<Option<String>, ImportError> {
+    let (there, _) = super::source::list_files(folder)?;
+    let is_gone = |path: &str| files.iter().all(|f| f.path != path);
+    if let Some(gone) = there.iter().find(|known| is_gone(&known.path)) {
+        return Ok(Some(format!("{} is only in the library", gone.path)));
+    }
+    for file in files {
+        let path = source.join(&file.path);
+        let comes = hash_file(&path).map_err(failed("reading", &path))?;
+        let path = folder.join(&file.path);
+        match hash_file(&path) {
+            Ok(there) if there == comes => {}
+            Ok(_) => return Ok(Some(format!("{} has another content", file.path))),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => {
+                return Ok(Some(format!("{} is not in the library", file.path)));
+            }
+            // A disk that cannot read it any more is a difference, too.
+            Err(e) => return Ok(Some(format!("{} cannot be read: {e}", file.path))),
+        }
+    }
+    Ok(None)
+}

@@ -1,0 +1,245 @@
+//! Copies of one session in different condition, in either order: the better one ends in its place, and none is lost.
+
+use std::fs;
+use std::io;
+use std::path::Path;
+
+use collector::condition::Condition;
+use collector::console::Clock;
+use collector::import::{Hook, ImportError, Imported, Step, import, no_hook};
+use collector::library::Library;
+use collector::progress::Progress;
+
+use crate::support::{ID, Session, tree};
+
+fn import_with(root: &Path, source: &Path, hook: Hook<'_>) -> Result<Imported, ImportError> {
+    let mut library = Library::create(root).unwrap();
+    let _lock = library.lock().unwrap();
+    let hidden = Progress::hidden();
+    import(&mut library, source, Clock::STILL, &hidden, hook)
+}
+
+fn rows(root: &Path) -> Vec<(String, Condition)> {
+    let rows = Library::open(root).unwrap().rows().unwrap();
+    let mut rows: Vec<_> = rows.into_iter().map(|r| (r.key, r.condition)).collect();
+    rows.sort_by(|a, b| a.0.cmp(&b.0));
+    rows
+}
+
+/// The session under this key is the one in `source`, byte for byte.
+fn assert_is(root: &Path, key: &str, source: &Path) {
+    let mut there = tree(&root.join("sessions").join(key));
+    there.remove("import.json").expect("it has a record");
+    there.remove("validation.json");
+    assert!(there == tree(source), "{key} is not {}", source.display());
+}
+
+fn copy(from: &Path, to: &Path) {
+    for (path, content) in tree(from) {
+        let path = to.join(path);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, content).unwrap();
+    }
+}
+
+/// A whole session, and copies of it that something happened to, with the condition that they are in.
+fn copies(folder: &Path) -> Vec<(&'static str, Condition)> {
+    let whole = folder.join("whole");
+    Session::with_units(2.0, 2000).write(&whole);
+    let segment = |name: &str| folder.join(name).join("segments/000000.mcap");
+    // The lengths of all files stay as they are.
+    copy(&whole, &folder.join("flipped"));
+    let mut bytes = fs::read(segment("flipped")).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(segment("flipped"), &bytes).unwrap();
+    copy(&whole, &folder.join("shortened"));
+    let bytes = fs::read(segment("whole")).unwrap();
+    fs::write(segment("shortened"), &bytes[..bytes.len() / 2]).unwrap();
+    copy(&whole, &folder.join("without a segment"));
+    fs::remove_file(segment("without a segment")).unwrap();
+    copy(&whole, &folder.join("without a manifest"));
+    fs::remove_file(folder.join("without a manifest/session.json")).unwrap();
+    vec![
+        ("flipped", Condition::Damaged),
+        ("shortened", Condition::Damaged),
+        ("without a segment", Condition::Damaged),
+        ("without a manifest", Condition::Damaged),
+    ]
+}
+
+#[test]
+fn a_damaged_copy_never_shadows_the_whole_one_that_comes_later() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let aside = format!("{ID}.damaged");
+    for (name, condition) in copies(folder.path()) {
+        let root = at(&format!("library {name}"));
+        let first = import_with(&root, &at(name), &no_hook).unwrap();
+        assert_eq!(first.condition, condition, "{name}");
+        let again = import_with(&root, &at(name), &no_hook).unwrap();
+        assert!(again.already, "{name}");
+
+        let whole = import_with(&root, &at("whole"), &no_hook).unwrap();
+        assert_eq!(whole.condition, Condition::Ok, "{name}");
+        assert_eq!(whole.replaced.as_ref(), Some(&aside), "{name}");
+        assert_is(&root, ID, &at("whole"));
+        assert_is(&root, &aside, &at(name));
+        let both = [(ID.to_owned(), Condition::Ok), (aside.clone(), condition)];
+        assert_eq!(rows(&root), both, "{name}");
+        // What is meant is the whole one, however it is called.
+        let library = Library::open(&root).unwrap();
+        for text in [ID, &ID[..8], "walk"] {
+            assert_eq!(library.find(text).unwrap(), ID, "{text}");
+        }
+        assert_eq!(library.find(&aside).unwrap(), aside);
+        drop(library);
+        assert_eq!(tree(&root.join(".incoming")).len(), 0);
+
+        // And once more, whatever comes: nothing changes.
+        assert!(import_with(&root, &at("whole"), &no_hook).unwrap().already);
+        let _ = import_with(&root, &at(name), &no_hook);
+        assert_eq!(rows(&root), both, "{name}");
+        assert_is(&root, ID, &at("whole"));
+    }
+}
+
+#[test]
+fn a_damaged_copy_never_replaces_a_whole_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    for (name, _) in copies(folder.path()) {
+        let root = at(&format!("library {name}"));
+        import_with(&root, &at("whole"), &no_hook).unwrap();
+        match import_with(&root, &at(name), &no_hook) {
+            // With the same lengths and the same manifest it is the same session, and the whole one is there.
+            Ok(imported) => assert!(imported.already && name == "flipped", "{name}"),
+            Err(e) => assert!(matches!(e, ImportError::Differs { .. }), "{name}: {e}"),
+        }
+        assert_eq!(rows(&root), [(ID.to_owned(), Condition::Ok)], "{name}");
+        assert_is(&root, ID, &at("whole"));
+    }
+}
+
+#[test]
+fn a_damaged_copy_neither_replaces_another_nor_is_lost() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    copies(folder.path());
+    let root = at("library");
+    import_with(&root, &at("shortened"), &no_hook).unwrap();
+    let error = import_with(&root, &at("flipped"), &no_hook).unwrap_err();
+    assert!(matches!(error, ImportError::Differs { .. }), "{error}");
+    assert_is(&root, ID, &at("shortened"));
+}
+
+#[test]
+fn a_cut_one_replaces_a_damaged_one_and_a_whole_one_the_cut_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let mut session = Session::with_units(2.0, 2000);
+    session.closed = false;
+    session.write(&at("cut"));
+    let segment = at("cut/segments/000000.mcap");
+    let bytes = fs::read(&segment).unwrap();
+    copy(&at("cut"), &at("damaged"));
+    let mut flipped = bytes.clone();
+    flipped[bytes.len() / 2] ^= 1;
+    fs::write(at("damaged/segments/000000.mcap"), flipped).unwrap();
+    fs::write(&segment, &bytes[..bytes.len() - 100]).unwrap();
+    Session::with_units(2.0, 2000).write(&at("whole"));
+    let root = at("library");
+    for (name, replaced) in [
+        ("damaged", None),
+        ("cut", Some(format!("{ID}.damaged"))),
+        ("whole", Some(format!("{ID}.damaged-2"))),
+    ] {
+        let imported = import_with(&root, &at(name), &no_hook).unwrap();
+        assert_eq!(imported.replaced, replaced, "{name}");
+        assert_is(&root, ID, &at(name));
+    }
+    assert_is(&root, &format!("{ID}.damaged"), &at("damaged"));
+    assert_is(&root, &format!("{ID}.damaged-2"), &at("cut"));
+    assert_eq!(Library::open(&root).unwrap().find(&ID[..8]).unwrap(), ID);
+}
+
+#[test]
+fn stopped_at_any_step_of_replacing_both_copies_are_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    copies(folder.path());
+    let mut stopped = 0;
+    for step in [
+        Step::Begin,
+        Step::SyncFolders,
+        Step::Record,
+        Step::Publish,
+        Step::SyncPublished,
+        Step::List,
+    ] {
+        let root = at(&format!("library {step:?}"));
+        import_with(&root, &at("flipped"), &no_hook).unwrap();
+        let stop = |now: &Step| match *now == step {
+            true => Err(io::Error::other("killed")),
+            false => Ok(()),
+        };
+        import_with(&root, &at("whole"), &stop).unwrap_err();
+        stopped += 1;
+        let keys: Vec<String> = rows(&root).into_iter().map(|r| r.0).collect();
+        let damaged = keys.iter().find(|key| {
+            let file = root.join("sessions").join(key).join("segments/000000.mcap");
+            fs::read(file).unwrap() == fs::read(at("flipped/segments/000000.mcap")).unwrap()
+        });
+        assert!(damaged.is_some(), "{step:?}: {keys:?}");
+        let _ = import_with(&root, &at("whole"), &no_hook).unwrap();
+        assert_is(&root, ID, &at("whole"));
+        assert_is(&root, &format!("{ID}.damaged"), &at("flipped"));
+        assert_eq!(rows(&root).len(), 2, "{step:?}");
+    }
+    assert_eq!(stopped, 6);
+}
+
+#[test]
+fn what_a_stopped_import_of_a_damaged_copy_left_does_not_spoil_the_whole_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    copies(folder.path());
+    // Copies that keep the times, as `cp -p` and disks do.
+    let segment = |name: &str| at(name).join("segments/000000.mcap");
+    let time = fs::metadata(segment("whole")).unwrap().modified().unwrap();
+    let flipped = fs::File::options().write(true).open(segment("flipped"));
+    flipped.unwrap().set_modified(time).unwrap();
+    let root = at("library");
+    let stop = |step: &Step| match step {
+        Step::SyncFolders => Err(io::Error::other("killed")),
+        _ => Ok(()),
+    };
+    import_with(&root, &at("flipped"), &stop).unwrap_err();
+    let imported = import_with(&root, &at("whole"), &no_hook).unwrap();
+    assert_eq!(imported.condition, Condition::Ok);
+    assert_is(&root, ID, &at("whole"));
+}
+
+#[test]
+fn a_session_that_rotted_in_the_library_is_replaced_once_that_is_known() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    copies(folder.path());
+    let root = at("library");
+    import_with(&root, &at("whole"), &no_hook).unwrap();
+    let there = root.join("sessions").join(ID);
+    fs::copy(
+        at("flipped/segments/000000.mcap"),
+        there.join("segments/000000.mcap"),
+    )
+    .unwrap();
+    let target = collector::target::Target::find(ID, Some(&root)).unwrap();
+    let options = collector::validate::Options::default();
+    let (outcome, text) =
+        crate::support::capture(|console| collector::validate::run(&[target], &options, console));
+    outcome.unwrap();
+    assert_eq!(rows(&root), [(ID.to_owned(), Condition::Damaged)], "{text}");
+    let imported = import_with(&root, &at("whole"), &no_hook).unwrap();
+    assert!(!imported.already && imported.replaced.is_some());
+    assert_is(&root, ID, &at("whole"));
+}

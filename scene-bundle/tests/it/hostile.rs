@@ -1,0 +1,84 @@
+//! Bundles from strangers: what is no file is never opened, and what is longer than it was written is not read.
+
+use std::fs;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+
+use scene_bundle::outputs::{CLOUD, cloud};
+use scene_bundle::verify::verify;
+use scene_bundle::{BundleError, Scene};
+
+use crate::sample::Sample;
+
+/// The error with all its causes.
+fn chain(error: &BundleError) -> String {
+    let mut text = error.to_string();
+    let mut next = std::error::Error::source(error);
+    while let Some(cause) = next {
+        text.push_str(&format!(": {cause}"));
+        next = cause.source();
+    }
+    text
+}
+
+/// The first file of the cloud.
+fn a_file(scene: &Scene) -> PathBuf {
+    let output = scene.output(CLOUD).unwrap();
+    let path = output.output().files[0].path.clone();
+    output.place(&path)
+}
+
+fn fifo(path: &Path) {
+    let made = std::process::Command::new("mkfifo").arg(path).status();
+    assert!(made.unwrap().success());
+}
+
+#[test]
+fn what_is_no_file_is_refused_at_once() {
+    let sample = Sample::new();
+    let scene = sample.scene();
+    let path = a_file(&scene);
+    let aside = path.with_extension("aside");
+    fs::rename(&path, &aside).unwrap();
+    let expect = |kind: &str| {
+        let output = scene.output(CLOUD).unwrap();
+        let read = chain(&cloud::read(&output).unwrap_err());
+        assert!(read.contains(kind), "{read}");
+        // A report that names it or an error that does; never a wait.
+        let _ = verify(&scene, |_| {});
+    };
+    fifo(&path);
+    expect("a FIFO");
+    fs::remove_file(&path).unwrap();
+    symlink(&aside, &path).unwrap();
+    expect("a symbolic link");
+    fs::remove_file(&path).unwrap();
+
+    let manifest = sample.path.join("scene.json");
+    fs::remove_file(&manifest).unwrap();
+    fifo(&manifest);
+    let said = chain(&Scene::open(&sample.path).err().unwrap());
+    assert!(said.contains("a FIFO"), "{said}");
+}
+
+#[test]
+fn a_file_that_has_become_long_is_not_read() {
+    let sample = Sample::new();
+    let scene = sample.scene();
+    let file = fs::File::options()
+        .write(true)
+        .open(a_file(&scene))
+        .unwrap();
+    // Sparse: it takes no room on the disk, and would take more memory than there is.
+    file.set_len(1 << 43).unwrap();
+    let output = scene.output(CLOUD).unwrap();
+    let said = cloud::read(&output).unwrap_err();
+    assert!(matches!(said, BundleError::Changed { .. }), "{said}");
+    assert!(said.to_string().contains("8796093022208 bytes"), "{said}");
+    let manifest = fs::File::options()
+        .write(true)
+        .open(sample.path.join("scene.json"));
+    manifest.unwrap().set_len(1 << 43).unwrap();
+    let said = chain(&Scene::open(&sample.path).err().unwrap());
+    assert!(said.contains("expected at most 67108864"), "{said}");
+}
