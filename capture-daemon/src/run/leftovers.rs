@@ -12,7 +12,7 @@ use session_archive::recover::{RecoverError, close_cut_off};
 use session_archive::storage::DiskStorage;
 use session_archive::time::NS_PER_S;
 use session_archive::verify::Report;
-use session_archive::{layout, manifest::Manifest, manifest::State};
+use session_archive::{manifest::Manifest, manifest::State};
 
 use super::claim::{Claim, is_claimed};
 use super::store::finish_discards;
@@ -97,6 +97,8 @@ fn seconds(report: &Report) -> f64 {
 mod tests {
     use std::sync::mpsc::sync_channel;
     use std::time::Duration;
+
+    use session_archive::layout;
 
     use super::*;
     use crate::config::Config;
