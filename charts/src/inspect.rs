@@ -110,10 +110,7 @@ fn attributes(tag: &str) -> Result<(), String> {
             return Err(format!("{name} twice: {}", near(tag)));
         }
         seen.push(name);
-        let is_own = ["data:", "#", ""].iter().any(|own| match *own {
-            "" => value.is_empty(),
-            own => value.starts_with(own),
-        });
+        let is_own = value.is_empty() || value.starts_with("data:") || value.starts_with('#');
         if NAMES_A_PLACE.contains(&name) && !is_own {
             return Err(format!("{name} is {}, which is elsewhere", near(value)));
         }

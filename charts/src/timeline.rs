@@ -112,7 +112,7 @@ impl Timeline {
         };
         let left = (widest(&mut self.rows.iter().map(|r| &r.name)) + 18.0)
             .min((width * 0.3).max(145.0).min(width * 0.45));
-        let note = widest(&mut self.rows.iter().map(|r| &r.note)).min(width * 0.25);
+        let note = widest(&mut self.rows.iter().map(|r| &r.note)).min((width * 0.25).max(104.0));
         let (x0, x1) = (
             left.round(),
             (width - if note > 0.0 { note + 18.0 } else { 14.0 }).round(),

@@ -72,3 +72,31 @@ impl fmt::Display for CameraLoss {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn loss(lost: u64, causes: &[(&str, u64)]) -> CameraLoss {
+        let causes = causes.iter().map(|(cause, n)| ((*cause).to_owned(), *n));
+        CameraLoss {
+            camera: "feet".to_owned(),
+            expected: 60,
+            lost,
+            causes: causes.collect(),
+        }
+    }
+
+    #[test]
+    fn a_loss_is_a_share_with_its_causes() {
+        let none = loss(0, &[]);
+        assert_eq!(none.to_string(), "feet: none of 60 frames lost");
+        let one = loss(3, &[("encoder overload", 3)]);
+        let text = "feet: 3 of 60 frames lost (5 %): encoder overload";
+        assert_eq!(one.to_string(), text);
+        let two = loss(45, &[("encoder overload", 44), ("no record", 1)]);
+        let text = "feet: 45 of 60 frames lost (75 %): encoder overload (44), no record (1)";
+        assert_eq!(two.to_string(), text);
+        assert!((two.share() - 0.75).abs() < 1e-12);
+    }
+}

@@ -389,10 +389,7 @@ fn spans(adjusted: Option<&Trajectory>, causal: Option<&Trajectory>) -> Timeline
         "dead reckoned",
         "lost",
     ]);
-    for (name, of) in [
-        ("with everything known", adjusted),
-        ("as known then", causal),
-    ] {
+    for (name, of) in [("offline", adjusted), ("causal", causal)] {
         if let Some(of) = of {
             timeline = row(timeline, name, of);
         }

@@ -22,7 +22,7 @@
   const clamp = (v, low, high) => Math.min(Math.max(v, low), high);
 
   // ---- The camera: looks at `target` from `distance`, along yaw (from x) and pitch (down is negative) ----
-  const FOCAL = 1.1; // Focal length by half the height of the canvas.
+  const FOCAL = 1.5; // Focal length by half the height of the canvas.
   const size_m = Math.hypot(...add(data.high, data.low, -1)) || 1;
   const view = {};
   const axes = () => {

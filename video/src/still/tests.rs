@@ -69,7 +69,7 @@ fn said(stills: &Stills) -> Vec<(Vec<&'static str>, u64, &'static str)> {
 fn the_worst_is_the_eye_that_shows_least() {
     // The right eye shows nothing for a while.
     let frames: Vec<Picture> = (0..48)
-        .map(|n| frame(n, [false, (32..40).contains(&n)]))
+        .map(|n| frame(n, [false, (32..36).contains(&n)]))
         .collect();
     let units = encoded(&frames, 4);
     let settings = Settings {
