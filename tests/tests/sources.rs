@@ -38,7 +38,7 @@ fn walk() -> &'static Footage {
 fn desk() -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("folder");
     std::fs::write(folder.path().join("rig.toml"), RIG).expect("a rig file");
-    let lenses = folder.path().join("camchain.yaml");
+    let lenses = folder.path().join("lenses");
     walk().write_calibration(&lenses).expect("a calibration");
     folder
 }
@@ -47,7 +47,7 @@ fn desk() -> tempfile::TempDir {
 fn recorded(folder: &Path, source: &str) -> Finished {
     let text = format!(
         "[disk]\nreserve_gb = 0.01\n[encoder]\nelement = \"x264enc\"\n[rig]\nfile = \"rig.toml\"\n[[camera]]\n\
-         name = {CAMERA:?}\ncalibration = \"camchain.yaml\"\n[camera.source]\n{source}\n"
+         name = {CAMERA:?}\ncalibration = \"lenses\"\n[camera.source]\n{source}\n"
     );
     let config = Config::parse(&text, folder).expect("configuration");
     let options = RecordOptions {
