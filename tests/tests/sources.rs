@@ -54,7 +54,8 @@ fn recorded(folder: &Path, source: &str) -> Finished {
         seconds: 60.0,
         virtual_time: true,
         name: "what people have".to_owned(),
-        out: folder.join("recorded"),
+        // Sessions of virtual time have one name: each source has a folder of its own.
+        out: folder.join(format!("recorded-{}", source.len())),
     };
     let finished = record(&config, &options, &StopFlag::new(), Box::new(|_| {}));
     let finished = finished.expect("recording");
