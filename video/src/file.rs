@@ -233,10 +233,15 @@ fn build(
 ) -> Result<(Running, gst_app::AppSink), String> {
     let described = format!(
         "filesrc name=from ! decodebin ! videoconvert name={CONVERTER} ! \
-         video/x-raw,format=I420,colorimetry=(string){COLOURS} ! identity"
+         video/x-raw,format=I420,colorimetry=(string){COLOURS} ! identity name=to"
     );
-    let chain = gst::parse::bin_from_description(&described, true)
+    // The parser would make an input of what decodebin is to be linked to as soon as it knows what is in the file.
+    let chain = gst::parse::bin_from_description(&described, false)
         .map_err(|error| error.message().to_owned())?;
+    let end = chain.by_name("to").and_then(|end| end.static_pad("src"));
+    let end = end.ok_or("no end")?;
+    let output = gst::GhostPad::with_target(&end).map_err(|error| error.to_string())?;
+    chain.add_pad(&output).map_err(|error| error.to_string())?;
     let source = chain.by_name("from").ok_or("no source")?;
     source.set_property("location", path);
     let sink = gst_app::AppSink::builder()

@@ -220,7 +220,10 @@ mod tests {
                 for (k, plane) in [(1, cb), (2, cr)] {
                     let found = plane[y / 2 * (width / 2) + x / 2];
                     let expected = if colour { pixel[k] } else { 128 };
-                    assert!(found.abs_diff(expected) <= 5, "{k} {x} {y}: {found} {expected}");
+                    assert!(
+                        found.abs_diff(expected) <= 5,
+                        "{k} {x} {y}: {found} {expected}"
+                    );
                 }
             }
         }
