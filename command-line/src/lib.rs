@@ -1,0 +1,17 @@
+//! What the command lines of all programs share, so that they behave alike.
+//!
+//! * [`examples`]: the section `Examples` at the end of each verb's help, and a check that every example is a command
+//!   line that the program takes.
+//! * [`Papers`]: the verbs `completions` and `man`, made by clap's own generators out of what the program itself reads.
+//! * [`Verbosity`]: `-v` and `-q`.
+//! * [`output`]: results on standard output and messages on standard error, for which nobody has to be listening.
+//!
+//! `docs/command-line.md` says what a user may rely on.
+
+pub mod examples;
+pub mod output;
+mod papers;
+mod verbosity;
+
+pub use self::papers::Papers;
+pub use self::verbosity::Verbosity;

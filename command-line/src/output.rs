@@ -1,0 +1,70 @@
+//! Results, messages and the end of a program.
+//!
+//! Contract: results go to standard output, everything else to standard error. Nobody has to listen: a reader that closes
+//! the pipe ends a program that only prints with 0, as it has what it wanted; a message that cannot be printed is left out.
+//! Any other failure to write a result is an error.
+
+use std::fmt::Display;
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+/// Prints a message to standard error as `eprintln!` does, and goes on if nobody reads it.
+#[macro_export]
+macro_rules! complain {
+    ($($text:tt)*) => {{
+        use std::io::Write as _;
+        let _ = std::writeln!(std::io::stderr(), $($text)*);
+    }};
+}
+
+/// Prints one line of results, at once.
+///
+/// # Errors
+/// What the system says; of kind `BrokenPipe` if the reader has closed the pipe.
+pub fn print(line: impl Display) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    writeln!(out, "{line}").and_then(|()| out.flush())
+}
+
+/// Whether `-q` was given, or something else lets the logger pass on only what failed: then progress is not shown either.
+pub fn is_quiet() -> bool {
+    log::max_level() < log::LevelFilter::Warn
+}
+
+/// Whether an error only says that the reader of the output has closed the pipe.
+pub fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        let cause = cause.downcast_ref::<io::Error>();
+        cause.is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe)
+    })
+}
+
+/// The exit code of a program that has come to its end: the one that it found, 0 if its reader closed the pipe, and 1
+/// for an error, which is printed.
+pub fn finish(result: anyhow::Result<ExitCode>) -> ExitCode {
+    match result {
+        Ok(code) => code,
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            complain!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::Context as _;
+
+    use super::*;
+
+    #[test]
+    fn only_a_closed_pipe_is_no_failure() {
+        let failed = |kind: io::ErrorKind| {
+            let result: io::Result<()> = Err(kind.into());
+            result.context("writing").expect_err("it failed")
+        };
+        assert!(is_broken_pipe(&failed(io::ErrorKind::BrokenPipe)));
+        assert!(!is_broken_pipe(&failed(io::ErrorKind::StorageFull)));
+    }
+}
