@@ -1,7 +1,9 @@
 //! The host's end: what a rig has, and its files.
 //!
-//! Contract. Every call waits for its answer. A connection that is lost, refused or silent is made anew, with
-//! pauses that double, until [`Patience::tries`] in a row brought nothing; a download goes on where it was.
+//! Contract. Every call waits for its answer. Until a client has been connected once, it gives up after
+//! [`Patience::connect`], all tries together: most likely nobody is at the address. After that a connection that is lost,
+//! refused or silent is made anew, with pauses that double, until [`Patience::tries`] in a row brought nothing; a download
+//! goes on where it was. Each of these tries is logged as a warning.
 //! What the rig refuses is not tried again, except when it says that it was asked too often. Over HTTPS
 //! the rig is known by the fingerprint of its certificate and by nothing else; plain HTTP goes to this
 //! machine only. Nothing the rig says is trusted beyond that: names are checked, lengths and hashes
@@ -24,7 +26,7 @@ use hyper::header::{CONTENT_RANGE, RETRY_AFTER};
 use hyper::{Method, Response, StatusCode};
 use serde::de::DeserializeOwned;
 use tokio::runtime::{self, Runtime};
-use tokio::time::{sleep, timeout};
+use tokio::time::{Instant, sleep, timeout};
 
 use self::connection::Connection;
 use self::manifest::{Lines, ManifestFailure, check, read_manifest};
@@ -48,7 +50,7 @@ const MAX_RETRY_AFTER: Duration = Duration::from_secs(60);
 /// How long to wait for a rig.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Patience {
-    /// For a connection.
+    /// For a connection. For the first one this is the time for all tries together.
     pub connect: Duration,
     /// For the next byte.
     pub silence: Duration,
@@ -92,7 +94,45 @@ pub struct Client {
     patience: Patience,
     tls: Option<Arc<Tls>>,
     connection: Option<Connection>,
-    runtime: Runtime,
+    contact: Contact,
+    runtime: Background,
+}
+
+/// Whether there has ever been a connection.
+#[derive(Default)]
+struct Contact {
+    /// When the first one was first tried.
+    begun: Option<Instant>,
+    made: bool,
+}
+
+impl Contact {
+    /// How long a connection may take that is tried now.
+    fn limit(&mut self, patience: &Patience) -> Duration {
+        let begun = *self.begun.get_or_insert_with(Instant::now);
+        match self.made {
+            true => patience.connect,
+            false => patience.connect.saturating_sub(begun.elapsed()),
+        }
+    }
+}
+
+/// A runtime that is let go of at once: a name that the network does not resolve is no reason to wait.
+struct Background(Option<Runtime>);
+
+impl Background {
+    fn block_on<T>(&self, future: impl Future<Output = T>) -> T {
+        let runtime = self.0.as_ref().expect("it is taken at the end only");
+        runtime.block_on(future)
+    }
+}
+
+impl Drop for Background {
+    fn drop(&mut self) {
+        if let Some(runtime) = self.0.take() {
+            runtime.shutdown_background();
+        }
+    }
 }
 
 impl Client {
@@ -120,7 +160,8 @@ impl Client {
             patience,
             tls: tls.map(Arc::new),
             connection: None,
-            runtime,
+            contact: Contact::default(),
+            runtime: Background(Some(runtime)),
         })
     }
 
@@ -166,7 +207,7 @@ impl Client {
         loop {
             let result = block(&self.runtime, async {
                 let response = send(
-                    &mut self.connection,
+                    (&mut self.connection, &mut self.contact),
                     &self.address,
                     self.tls.as_deref(),
                     self.token.as_ref(),
@@ -219,7 +260,7 @@ impl Client {
             let result = block(&self.runtime, async {
                 let range = format!("bytes={at}-");
                 let response = send(
-                    &mut self.connection,
+                    (&mut self.connection, &mut self.contact),
                     &self.address,
                     self.tls.as_deref(),
                     self.token.as_ref(),
@@ -318,7 +359,7 @@ impl Client {
         loop {
             let result = block(&self.runtime, async {
                 let response = send(
-                    &mut self.connection,
+                    (&mut self.connection, &mut self.contact),
                     &self.address,
                     self.tls.as_deref(),
                     self.token.as_ref(),
@@ -345,7 +386,14 @@ impl Client {
         };
         self.connection = None;
         tries.0 += 1;
-        if tries.0 >= self.patience.tries {
+        let doubled = self
+            .patience
+            .pause
+            .saturating_mul(1 << (tries.0 - 1).min(16));
+        let pause = doubled.min(self.patience.longest_pause);
+        let pause = pause.max(asked.unwrap_or_default().min(MAX_RETRY_AFTER));
+        let is_hopeless = !self.contact.made && pause >= self.contact.limit(&self.patience);
+        if tries.0 >= self.patience.tries || is_hopeless {
             return Err(LinkError::Lost {
                 doing: doing.to_owned(),
                 tries: tries.0,
@@ -353,13 +401,12 @@ impl Client {
                 address: self.address.clone(),
             });
         }
-        log::debug!("{doing}: {reason}; trying again");
-        let doubled = self
-            .patience
-            .pause
-            .saturating_mul(1 << (tries.0 - 1).min(16));
-        let pause = doubled.min(self.patience.longest_pause);
-        let pause = pause.max(asked.unwrap_or_default().min(MAX_RETRY_AFTER));
+        log::warn!(
+            "{doing}: {reason}; try {} of {} in {:.1} s",
+            tries.0 + 1,
+            self.patience.tries,
+            pause.as_secs_f64()
+        );
         self.runtime.block_on(async { sleep(pause).await });
         Ok(())
     }
@@ -377,7 +424,7 @@ impl Client {
 #[derive(Default)]
 struct Tries(u32);
 
-fn block<T>(runtime: &Runtime, future: impl Future<Output = T>) -> T {
+fn block<T>(runtime: &Background, future: impl Future<Output = T>) -> T {
     runtime.block_on(future)
 }
 
@@ -385,7 +432,7 @@ type Asked<'a> = (Method, &'a str, Option<Bytes>, Option<&'a str>);
 
 /// Sends a request over the connection that there is, or over a new one.
 async fn send(
-    connection: &mut Option<Connection>,
+    (connection, contact): (&mut Option<Connection>, &mut Contact),
     address: &Address,
     tls: Option<&Tls>,
     token: Option<&Token>,
@@ -396,8 +443,9 @@ async fn send(
     log::debug!("{doing}: {method} {path}");
     let open = match connection.take().filter(Connection::is_open) {
         Some(open) => open,
-        None => connection::connect(address, tls, patience.connect).await?,
+        None => connection::connect(address, tls, contact.limit(patience)).await?,
     };
+    contact.made = true;
     let open = connection.insert(open);
     let sent = open.send(address, token, method, path, body, range);
     match timeout(patience.silence, sent).await {

@@ -395,3 +395,27 @@ fn manifests_that_reach_out_of_the_folder_are_refused() {
     }
     assert_eq!(ask().unwrap().files.len(), 1);
 }
+
+/// All tries together end within the time for one connection, however many tries there may be.
+#[test]
+fn an_address_where_nobody_has_answered_is_given_up_soon() {
+    // Refused at once, again and again.
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    drop(listener);
+    let patience = Patience {
+        connect: Duration::from_millis(700),
+        tries: 1000,
+        pause: Duration::from_millis(100),
+        longest_pause: Duration::from_secs(3600),
+        ..impatient()
+    };
+    let address = format!("http://{address}").parse().unwrap();
+    let mut client = Client::new(address, None, None, patience).unwrap();
+    let error = client.sessions().unwrap_err();
+    // Pauses of 100, 200 and 400 ms do not fit.
+    assert!(
+        matches!(error, LinkError::Lost { tries, .. } if (1..=4).contains(&tries)),
+        "{error:?}"
+    );
+}
