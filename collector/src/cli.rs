@@ -1,4 +1,4 @@
-//! The command line of `paws`.
+//! The command line of `paws`. Every verb has examples in [`crate::examples`].
 //!
 //! Bad arguments end with exit code 2, as does a verb that is neither known here nor a program
 //! `paws-VERB`. Everything else ends with an [`Outcome`].
@@ -9,10 +9,14 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Result;
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use command_line::output::is_broken_pipe;
+use command_line::{Papers, Verbosity, complain};
+use log::LevelFilter;
 
 use crate::calibrate;
 use crate::console::{Clock, Console, Show};
+use crate::examples::EXAMPLES;
 use crate::export::{self, Format};
 use crate::limits::Limits;
 use crate::outcome::Outcome;
@@ -32,13 +36,16 @@ struct Cli {
     /// Folder of the library [default: what PAWS_LIBRARY names]
     #[arg(long, global = true, value_name = "DIR")]
     library: Option<PathBuf>,
+    #[command(flatten)]
+    verbosity: Verbosity,
     #[command(subcommand)]
     verb: Verb,
 }
 
 const AFTER: &str = "\
-SESSION is an identifier of the library, the beginning of one, the name of a session, or a folder.
-`paws X` starts the program paws-X found beside paws or on PATH.
+SESSION is `latest` (the newest of the library), an identifier of the library or the beginning of one, the name
+of a session or of the folder it was imported from, or the path of a session's folder. `paws reconstruct run SESSION`
+takes the same.
 Exit codes: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss.";
 
 #[derive(Debug, Subcommand)]
@@ -48,13 +55,16 @@ enum Verb {
         /// Session folders, or folders and mounted disks to search for sessions
         #[arg(required = true, value_name = "SRC")]
         sources: Vec<PathBuf>,
+        /// Print one line of JSON per session
+        #[arg(long)]
+        json: bool,
     },
     /// Fetch sessions from a rig over the network, checked and on disk
     Pull {
         /// The rig, as in https://RIG:8077
         #[arg(value_name = "RIG")]
         rig: String,
-        /// Sessions of the rig: names or identifiers, or beginnings of them [default: all]
+        /// Sessions of the rig: names or identifiers, or beginnings of them, or `latest` [default: all]
         #[arg(value_name = "SESSION")]
         sessions: Vec<String>,
         /// SHA-256 of the rig's certificate, as `pawsd` shows it; needed with https
@@ -103,11 +113,18 @@ enum Verb {
         reconstruct: Option<PathBuf>,
     },
     /// What is in the library
-    List,
+    List {
+        /// Print one JSON document
+        #[arg(long)]
+        json: bool,
+    },
     /// One session on one screen
     Show {
         /// The session
         session: String,
+        /// Print one JSON document
+        #[arg(long)]
+        json: bool,
     },
     /// Make a sound copy of a session that was cut off or damaged
     Recover {
@@ -156,24 +173,20 @@ enum Verb {
     /// Look at rig files, check, compare and convert them
     #[command(subcommand)]
     Rig(rig::RigVerb),
+    #[command(flatten)]
+    Papers(Papers),
     #[command(external_subcommand)]
     External(Vec<OsString>),
 }
 
 /// Runs the program with these arguments, the first being its own name.
 pub fn run(arguments: Vec<OsString>) -> ExitCode {
-    let filter = env_logger::Env::default().default_filter_or("warn");
-    env_logger::Builder::from_env(filter)
-        .format(|out, record| {
-            writeln!(
-                out,
-                "{}: {}",
-                record.level().as_str().to_lowercase(),
-                record.args()
-            )
-        })
-        .init();
-    let cli = match Cli::try_parse_from(arguments) {
+    if let Some(code) = help_of_a_program(&arguments) {
+        return code;
+    }
+    let programs = command().after_help(format!("{}\n\n{AFTER}", external::listing()));
+    let parsed = programs.try_get_matches_from(arguments);
+    let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(e) => {
             // Help goes to standard output and is no error.
@@ -181,13 +194,20 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
             return ExitCode::from(e.exit_code() as u8);
         }
     };
+    let mut logger = cli.verbosity.logger(LevelFilter::Warn);
+    logger.format(|out, record| {
+        let level = record.level().as_str().to_lowercase();
+        writeln!(out, "{level}: {}", record.args())
+    });
+    // A second run in one process keeps the first one's.
+    let _ = logger.try_init();
     if let Verb::External(words) = &cli.verb {
-        return external_verb(words);
+        return external_verb(words, cli.library);
     }
-    let show = if io::stderr().is_terminal() {
-        Show::Bar
-    } else {
-        Show::Lines
+    let show = match (cli.verbosity.is_quiet(), io::stderr().is_terminal()) {
+        (true, _) => Show::Nothing,
+        (false, true) => Show::Bar,
+        (false, false) => Show::Lines,
     };
     let mut out = io::stdout().lock();
     let mut console = Console {
@@ -199,7 +219,7 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
         Ok(outcome) => outcome.into(),
         Err(e) if is_broken_pipe(&e) => ExitCode::SUCCESS,
         Err(e) => {
-            eprintln!("paws: {e:#}");
+            complain!("paws: {e:#}");
             match e.downcast_ref::<BadArguments>() {
                 Some(_) => ExitCode::from(2),
                 None => Outcome::Failed.into(),
@@ -213,18 +233,30 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
 #[error("{0}")]
 pub(crate) struct BadArguments(pub(crate) String);
 
-fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
-    let library = cli.library.or_else(|| {
+/// The command line with its examples.
+fn command() -> clap::Command {
+    command_line::examples::add(Cli::command(), EXAMPLES)
+}
+
+/// The library that is meant: the one named, else that of the environment.
+fn library_of(named: Option<PathBuf>) -> Option<PathBuf> {
+    named.or_else(|| {
         std::env::var_os(LIBRARY_VARIABLE)
             .filter(|v| !v.is_empty())
             .map(PathBuf::from)
-    });
+    })
+}
+
+fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
+    let library = library_of(cli.library);
     let library = library.as_deref();
     let find = |sessions: &[String]| -> Result<Vec<Target>> {
         sessions.iter().map(|s| Target::find(s, library)).collect()
     };
     match cli.verb {
-        Verb::Import { sources } => importing::run(&sources, needed(library)?, console),
+        Verb::Import { sources, json } => {
+            importing::run_as(&sources, needed(library)?, json, console)
+        }
         Verb::Pull {
             rig,
             sessions,
@@ -268,8 +300,15 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
             let target = Target::find(&session, library)?;
             handoff::run(&target, reconstruct.as_deref(), console)
         }
-        Verb::List => list::run(needed(library)?, console),
-        Verb::Show { session } => show::run(&Target::find(&session, library)?, console),
+        Verb::List { json: true } => list::json(needed(library)?, console),
+        Verb::List { json: false } => list::run(needed(library)?, console),
+        Verb::Show { session, json } => {
+            let target = Target::find(&session, library)?;
+            match json {
+                true => show::json(&target, console),
+                false => show::run(&target, console),
+            }
+        }
         Verb::Recover { session, out } => {
             let target = Target::find(&session, library)?;
             recover::run(&target, out.as_deref(), console)
@@ -295,6 +334,10 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
         Verb::Rebuild => rebuild::run(needed(library)?, console),
         Verb::Calib(command) => calibrate::run(&command, library, console),
         Verb::Rig(verb) => rig::run(&verb, console),
+        Verb::Papers(papers) => {
+            papers.write(command(), console.out)?;
+            Ok(Outcome::Fine)
+        }
         Verb::External(_) => Ok(Outcome::Failed),
     }
 }
@@ -317,13 +360,34 @@ fn parse_limits(texts: &[String]) -> Result<Limits> {
     Ok(limits)
 }
 
+/// `paws help X` where X is a program: its own help.
+fn help_of_a_program(arguments: &[OsString]) -> Option<ExitCode> {
+    let [_, help, name] = arguments else {
+        return None;
+    };
+    let name = name.to_str().filter(|_| help == "help")?;
+    if Cli::command().find_subcommand(name).is_some() {
+        return None;
+    }
+    let program = external::program(name)?;
+    let error = external::become_program(&program, &["--help".into()]);
+    complain!("paws: starting {}: {error}", program.display());
+    Some(Outcome::Failed.into())
+}
+
 /// Becomes `paws-VERB`, or names the nearest verb.
-fn external_verb(words: &[OsString]) -> ExitCode {
+fn external_verb(words: &[OsString], library: Option<PathBuf>) -> ExitCode {
     let name = words.first().map(|w| w.to_string_lossy().into_owned());
     let name = name.unwrap_or_default();
     if let Some(program) = external::program(&name) {
-        let error = external::become_program(&program, &words[1..]);
-        eprintln!("paws: starting {}: {error}", program.display());
+        let library = library_of(library);
+        match external::hand_on(&name, &words[1..], library.as_deref()) {
+            Ok(words) => {
+                let error = external::become_program(&program, &words);
+                complain!("paws: starting {}: {error}", program.display());
+            }
+            Err(error) => complain!("paws: {error:#}"),
+        }
         return Outcome::Failed.into();
     }
     let command = Cli::command();
@@ -335,16 +399,20 @@ fn external_verb(words: &[OsString]) -> ExitCode {
         Some((distance, verb)) if distance <= verb.len() / 2 => format!("; did you mean {verb}?"),
         _ => "; `paws --help` lists the verbs".to_owned(),
     };
-    eprintln!(
+    complain!(
         "paws: {name:?} is no verb, and no program paws-{name} is beside paws or on PATH{hint}"
     );
     ExitCode::from(2)
 }
 
-fn is_broken_pipe(error: &anyhow::Error) -> bool {
-    error.chain().any(|cause| {
-        cause
-            .downcast_ref::<io::Error>()
-            .is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe)
-    })
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_verb_has_examples_that_the_program_takes() {
+        command().debug_assert();
+        let wrong = command_line::examples::check(&command());
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    }
 }

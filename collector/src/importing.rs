@@ -6,9 +6,12 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
+use command_line::complain;
+use session_archive::verify::Report;
 
 use crate::condition::Condition;
 use crate::console::Console;
+use crate::documents::{self, ImportLine};
 use crate::find;
 use crate::import::{Imported, import, no_hook, size};
 use crate::library::Library;
@@ -16,11 +19,27 @@ use crate::outcome::Outcome;
 use crate::quality::faults;
 use crate::text;
 
+/// Format of a line of JSON.
+const LINE: &str = "paws-import-line";
+
 /// Imports everything found in `sources` into the library in the folder `root`.
 ///
 /// # Errors
 /// The library cannot be used at all.
 pub fn run(sources: &[PathBuf], root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
+    run_as(sources, root, false, console)
+}
+
+/// As [`run`]; with `json` each session ends with one line of JSON, see [`ImportLine`].
+///
+/// # Errors
+/// The library cannot be used at all.
+pub fn run_as(
+    sources: &[PathBuf],
+    root: &Path,
+    json: bool,
+    console: &mut Console<'_>,
+) -> Result<Outcome> {
     let mut library = Library::create(root)?;
     let _lock = library.lock()?;
     let mut outcome = Outcome::Fine;
@@ -28,11 +47,19 @@ pub fn run(sources: &[PathBuf], root: &Path, console: &mut Console<'_>) -> Resul
     for source in sources {
         let found = find::sessions(source, Some(library.root()));
         for (folder, error) in &found.unreadable {
-            eprintln!("paws: looking for sessions: {error}: {}", folder.display());
+            let why = format!("looking for sessions: {error}: {}", folder.display());
+            complain!("paws: {why}");
+            if json {
+                documents::print(&not_imported(folder, why), true, console)?;
+            }
             outcome = Outcome::Failed;
         }
         if found.sessions.is_empty() && found.unreadable.is_empty() {
-            eprintln!("paws: no session here: {}", source.display());
+            let why = format!("no session here: {}", source.display());
+            complain!("paws: {why}");
+            if json {
+                documents::print(&not_imported(source, why), true, console)?;
+            }
             outcome = Outcome::Failed;
         }
         sessions.extend(found.sessions);
@@ -51,19 +78,26 @@ pub fn run(sources: &[PathBuf], root: &Path, console: &mut Console<'_>) -> Resul
         match result {
             Ok(imported) => {
                 if !imported.skipped.is_empty() {
-                    eprintln!(
+                    complain!(
                         "paws: not copied, being no files: {}",
                         imported.skipped.join(", ")
                     );
                 }
-                console.line(summary(&imported))?;
+                match json {
+                    true => documents::print(&document(session, &imported), true, console)?,
+                    false => console.line(summary(&imported))?,
+                }
                 if imported.condition.needs_recovery() {
                     outcome = outcome.max(Outcome::Loss);
                 }
             }
             Err(e) => {
-                eprintln!("paws: {:#}", anyhow::Error::from(e));
-                console.line(format!("not imported: {}", session.display()))?;
+                let why = format!("{:#}", anyhow::Error::from(e));
+                complain!("paws: {why}");
+                match json {
+                    true => documents::print(&not_imported(session, why), true, console)?,
+                    false => console.line(format!("not imported: {}", session.display()))?,
+                }
                 outcome = Outcome::Failed;
             }
         }
@@ -71,13 +105,52 @@ pub fn run(sources: &[PathBuf], root: &Path, console: &mut Console<'_>) -> Resul
     Ok(outcome)
 }
 
-/// One line about a session that is in the library now.
-pub(crate) fn summary(imported: &Imported) -> String {
-    let Imported { key, report, .. } = imported;
+/// From the first sample to the last, ns; none if there are no samples.
+fn length(report: &Report) -> Option<i64> {
     let start = report.streams.values().filter(|s| s.samples > 0);
     let end = start.clone().map(|s| s.end).max();
     let length = start.map(|s| s.start).min().zip(end);
-    let length = length.map_or(0, |(start, end)| end.since(start));
+    length.map(|(start, end)| end.since(start))
+}
+
+/// The line of JSON about a session that is in the library now.
+fn document(source: &Path, imported: &Imported) -> ImportLine {
+    ImportLine {
+        format: LINE,
+        version: documents::VERSION,
+        source: source.display().to_string(),
+        result: match imported {
+            i if i.already => "already",
+            i if i.resumed > 0 => "resumed",
+            _ => "imported",
+        },
+        key: Some(imported.key.clone()),
+        condition: Some(imported.condition),
+        duration_ns: length(&imported.report),
+        bytes: Some(imported.report.bytes),
+        copied_bytes: imported.copied,
+        resumed_bytes: imported.resumed,
+        faults: faults(&imported.report),
+        skipped: imported.skipped.clone(),
+        error: None,
+    }
+}
+
+fn not_imported(source: &Path, why: String) -> ImportLine {
+    ImportLine {
+        format: LINE,
+        version: documents::VERSION,
+        source: source.display().to_string(),
+        result: "failed",
+        error: Some(why),
+        ..ImportLine::default()
+    }
+}
+
+/// One line about a session that is in the library now.
+pub(crate) fn summary(imported: &Imported) -> String {
+    let Imported { key, report, .. } = imported;
+    let length = length(report).unwrap_or(0);
     let done = match imported {
         i if i.already => "imported already",
         i if i.resumed > 0 => "imported (resumed)",

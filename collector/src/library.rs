@@ -39,6 +39,8 @@ pub const DERIVED: [&str; 4] = [
     layout::HANDOFF,
     crate::validation::REPORT,
 ];
+/// What the session is called that was recorded last; of several recorded at one time, the one imported last.
+pub const LATEST: &str = "latest";
 /// What a recovered copy's folder has behind the session's identifier.
 pub const RECOVERED: &str = ".recovered";
 
@@ -192,7 +194,7 @@ impl Library {
 
     /// The session that a user means: its key, a prefix of it that fits no other, its name, or
     /// the name of the folder that it was imported from. A prefix that fits a session and its
-    /// recovered copy means the copy.
+    /// recovered copy means the copy; [`LATEST`] is the one that was recorded last.
     ///
     /// # Errors
     /// None or several fit, or the text is empty.
@@ -201,6 +203,18 @@ impl Library {
         let rows = self.rows()?;
         if let Some(row) = rows.iter().find(|r| r.key == text) {
             return Ok(row.key.clone());
+        }
+        if text == LATEST {
+            let newest = rows
+                .iter()
+                .max_by_key(|r| (r.started_civil.0, r.imported.map(|t| t.0), &r.key));
+            return match newest {
+                Some(row) => Ok(row.key.clone()),
+                None => bail!(
+                    "looking for the latest session: there is none; `paws import` brings some: {}",
+                    self.root.display()
+                ),
+            };
         }
         let named = |row: &Row| {
             row.name == text

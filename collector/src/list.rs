@@ -5,6 +5,7 @@ use std::path::Path;
 use anyhow::Result;
 
 use crate::console::Console;
+use crate::documents::{self, List, Session};
 use crate::library::Library;
 use crate::outcome::Outcome;
 use crate::text;
@@ -51,6 +52,26 @@ pub fn run(root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
     for line in table(&lines) {
         console.line(line)?;
     }
+    Ok(Outcome::Fine)
+}
+
+/// The same as one JSON document.
+///
+/// # Errors
+/// There is no library, or it cannot be read.
+pub fn json(root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
+    let library = Library::open(root)?;
+    let rows = library.rows()?;
+    let sessions = rows.iter();
+    let document = List {
+        format: "paws-list",
+        version: documents::VERSION,
+        library: library.root().display().to_string(),
+        sessions: sessions
+            .map(|row| Session::of(row, &library.folder(&row.key)))
+            .collect(),
+    };
+    documents::print(&document, false, console)?;
     Ok(Outcome::Fine)
 }
 

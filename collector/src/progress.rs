@@ -97,7 +97,7 @@ impl Lines {
                 .compare_exchange(due, next, Ordering::Relaxed, Ordering::Relaxed)
                 .is_ok();
         if ours {
-            eprintln!("{}", self.line(done, elapsed));
+            command_line::complain!("{}", self.line(done, elapsed));
         }
     }
 

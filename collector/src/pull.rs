@@ -21,6 +21,7 @@ use std::sync::{Mutex, PoisonError};
 use std::thread;
 
 use anyhow::{Context, Result, anyhow};
+use command_line::complain;
 use rig_link::client::{Address, Client, LinkError, Patience};
 use rig_link::identity::Fingerprint;
 use rig_link::link::{SessionState, SessionSummary};
@@ -28,9 +29,9 @@ use rig_link::token::Token;
 
 use self::session::{Pulled, Puller};
 use crate::cli::BadArguments;
-use crate::console::Console;
+use crate::console::{Console, Show};
 use crate::importing;
-use crate::library::Library;
+use crate::library::{LATEST, Library};
 use crate::outcome::Outcome;
 
 /// Most sessions at a time.
@@ -89,12 +90,16 @@ impl Options {
 /// # Errors
 /// The rig cannot be asked, or the library cannot be used at all.
 pub fn run(options: &Options, root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
+    if console.show != Show::Nothing {
+        let limit = options.patience.connect.as_secs();
+        complain!("connecting to {} (gives up after {limit} s)", options.rig);
+    }
     let there = options.client()?.sessions()?;
     let library = Library::create(root)?;
     let _lock = library.lock()?;
     let mut outcome = Outcome::Fine;
     let mut refuse = |why: String| {
-        eprintln!("paws: {why}");
+        complain!("paws: {why}");
         outcome = Outcome::Failed;
     };
     let chosen = choose(&there, &options.sessions, &mut refuse);
@@ -148,7 +153,7 @@ fn tell(
     let pulled = match result {
         Ok(pulled) => pulled,
         Err(e) => {
-            eprintln!("paws: {e:#}");
+            complain!("paws: {e:#}");
             console.line(format!("not pulled: {}", summary.name))?;
             return Ok(Outcome::Failed);
         }
@@ -161,7 +166,7 @@ fn tell(
     match &pulled.rig {
         Ok(done) => line.push_str(&format!("; {done}")),
         Err(e) => {
-            eprintln!("paws: {}: {e:#}", summary.name);
+            complain!("paws: {}: {e:#}", summary.name);
             line.push_str("; the rig keeps it");
             outcome = Outcome::Failed;
         }
@@ -191,6 +196,12 @@ fn choose<'a>(
             .collect();
         match (whole, &fits[..]) {
             (Some(at), _) => _ = chosen.insert(at),
+            (None, _) if text == LATEST => match latest(there) {
+                Some(at) => _ = chosen.insert(at),
+                None => {
+                    refuse("the rig has no session that is ended and could be pulled".to_owned())
+                }
+            },
             (None, [one]) => chosen.extend(there.iter().position(|s| s.name == *one)),
             (None, []) => refuse(format!(
                 "looking for session {text:?}: none of the {} on the rig begins with that",
@@ -204,6 +215,17 @@ fn choose<'a>(
         }
     }
     chosen.into_iter().map(|at| &there[at]).collect()
+}
+
+/// The session that was recorded last, of those that are ended.
+fn latest(there: &[SessionSummary]) -> Option<usize> {
+    let ended = there
+        .iter()
+        .enumerate()
+        .filter(|(_, s)| s.state != SessionState::Recording);
+    ended
+        .max_by_key(|(_, s)| (s.started_ns, &s.name))
+        .map(|(at, _)| at)
 }
 
 /// Leaves out what cannot be pulled, and says why.

@@ -47,6 +47,9 @@ pub enum RigVerb {
         /// Calibration of a camera: CAMERA=FILE, or CAMERA=FILE@WIDTHxHEIGHT; repeat
         #[arg(long, value_name = "CAMERA=FILE")]
         calibration: Vec<String>,
+        /// Print one JSON document
+        #[arg(long)]
+        json: bool,
     },
     /// Compare two rig files, in mm and degrees
     Diff {
@@ -97,9 +100,13 @@ pub fn run(verb: &RigVerb, console: &mut Console<'_>) -> Result<Outcome> {
             let rig = Rig::read(file)?;
             show::run(&rig, &facts, out.as_deref(), existing(force), console)
         }
-        RigVerb::Check { file, calibration } => {
+        RigVerb::Check {
+            file,
+            calibration,
+            json,
+        } => {
             let facts = facts::read(calibration)?;
-            check::run(file, &facts, console)
+            check::run(file, &facts, *json, console)
         }
         RigVerb::Diff { a, b } => diff::run(&Rig::read(a)?, &Rig::read(b)?, console),
         RigVerb::Convert {

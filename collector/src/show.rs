@@ -11,6 +11,7 @@ use session_archive::storage::DiskStorage;
 use crate::catalogue::{Row, newest_report};
 use crate::condition::Condition;
 use crate::console::Console;
+use crate::documents::{self, Camera, HandedOff, Imu, Judged, Session};
 use crate::import::ImportRecord;
 use crate::outcome::Outcome;
 use crate::quality::faults;
@@ -163,4 +164,70 @@ pub fn run(target: &Target, console: &mut Console<'_>) -> Result<Outcome> {
     line("handed off", handed)?;
     line("folder", target.folder.display().to_string())?;
     Ok(Outcome::Fine)
+}
+
+/// The same as one JSON document.
+///
+/// # Errors
+/// It cannot be read.
+pub fn json(target: &Target, console: &mut Console<'_>) -> Result<Outcome> {
+    let reader = open(&target.folder)?;
+    let manifest = reader.manifest();
+    let row = Row::of(&target.name(), &target.folder)?;
+    let validation = Validation::read(&target.folder).ok();
+    let record = ImportRecord::read(&target.folder);
+    let report = newest_report(validation.as_ref(), record.as_ref());
+    let cameras = manifest.cameras.iter().map(|camera| {
+        let mut streams = validation.iter().flat_map(|v| &v.summary.streams);
+        let measured = streams.find(|s| s.name == camera.name);
+        Camera {
+            measured_hz: measured.map(|s| s.rate_hz),
+            bytes: measured.map(|s| s.bytes),
+            ..Camera::of(camera)
+        }
+    });
+    let imus = manifest.imus.iter().map(|imu| Imu {
+        name: imu.name.clone(),
+        rate_hz: imu.rate_hz,
+        source: imu.source.clone(),
+    });
+    let document = documents::Show {
+        format: "paws-show",
+        version: documents::VERSION,
+        session: Session::of(&row, &target.folder),
+        stopped_by: manifest.stopped.as_ref().map(|stop| stop.reason.clone()),
+        cameras: cameras.collect(),
+        imus: imus.collect(),
+        segments: reader.segment_numbers().count() as u64,
+        faults: report.map(faults).unwrap_or_default(),
+        validation: validation.as_ref().map(|v| Judged {
+            verdict: v.verdict,
+            fresh: v.is_fresh(&reader),
+            deep: v.deep,
+            reasons: v.reasons.clone(),
+            losses: v.summary.losses.clone(),
+            frame_sets: v.summary.frame_sets,
+            complete_sets: v.summary.complete_sets,
+            events: v.summary.events.clone(),
+            more_events: v.summary.more_events,
+        }),
+        indexed: Index::read(&reader).is_ok(),
+        handoff: handed_off(target),
+    };
+    documents::print(&document, false, console)?;
+    Ok(Outcome::Fine)
+}
+
+fn handed_off(target: &Target) -> HandedOff {
+    let storage = DiskStorage::new(&target.folder);
+    let (state, sealed, problem) = match HandOff::open(&storage, Check::Lengths, |_| {}) {
+        Ok(handoff) => ("sealed", Some(handoff.sealed.into()), None),
+        Err(session_archive::handoff::HandOffError::Io { .. }) => ("none", None, None),
+        Err(e) => ("invalid", None, Some(e.to_string())),
+    };
+    HandedOff {
+        state,
+        sealed,
+        problem,
+    }
 }

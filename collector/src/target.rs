@@ -24,7 +24,17 @@ impl Target {
     /// # Errors
     /// It is neither, or no library was given.
     pub fn find(text: &str, library: Option<&Path>) -> Result<Self> {
-        let folder = Path::new(text);
+        let mut folder = Path::new(text);
+        // A file of the session, as `paws handoff` prints one, means the session.
+        if let Some(parent) = folder.parent()
+            && folder.is_file()
+            && is_session(parent)
+        {
+            folder = match parent.as_os_str().is_empty() {
+                true => Path::new("."),
+                false => parent,
+            };
+        }
         if is_session(folder) {
             let folder = folder
                 .canonicalize()

@@ -28,6 +28,7 @@ fn check(file: &Path, calibration: &[&str]) -> (String, Outcome) {
     says(&RigVerb::Check {
         file: file.to_owned(),
         calibration,
+        json: false,
     })
     .unwrap()
 }
@@ -190,6 +191,7 @@ fn factory_files_are_held_against_the_rig() {
         let verb = RigVerb::Check {
             file: at("rig.toml"),
             calibration: vec![argument.to_owned()],
+            json: false,
         };
         let error = says(&verb).unwrap_err();
         (

@@ -166,3 +166,245 @@ fn an_unknown_verb_is_a_program_or_a_slip() {
     assert_eq!(output.status.code(), Some(7));
     assert_eq!(output.stdout, b"hello world\n");
 }
+
+/// Standard output alone, which must be JSON.
+fn json(folder: &Path, arguments: &[&str], code: i32) -> Vec<serde_json::Value> {
+    let output = paws(folder, arguments);
+    assert_eq!(
+        output.status.code(),
+        Some(code),
+        "{arguments:?}: {output:?}"
+    );
+    let text = String::from_utf8(output.stdout).unwrap();
+    let documents = serde_json::Deserializer::from_str(&text).into_iter();
+    documents.collect::<Result<_, _>>().unwrap()
+}
+
+#[test]
+fn documents_say_what_the_tables_say() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let mut session = Session::good(4.0);
+    session.drop_frames(0, 100, 102, true);
+    session.write(&at.join("walk-7"));
+    let mut cut = Session::good(2.0);
+    cut.closed = false;
+    cut.spec.session_id = "0192aa00-0000-7000-8000-000000000002".to_owned();
+    cut.spec.started_civil.0 += 1;
+    cut.write(&at.join("cut"));
+
+    let lines = json(at, &["import", "--json", "walk-7", "cut", "nowhere"], 1);
+    assert_eq!(lines.len(), 3, "{lines:?}");
+    let of = |part: &str| {
+        let mut lines = lines.iter();
+        let source = |l: &&serde_json::Value| l["source"].as_str().unwrap().ends_with(part);
+        lines.find(source).unwrap()
+    };
+    for line in &lines {
+        assert_eq!(
+            (&line["format"], &line["version"]),
+            (&"paws-import-line".into(), &1.into())
+        );
+    }
+    assert_eq!(
+        (&of("walk-7")["result"], &of("walk-7")["key"]),
+        (&"imported".into(), &ID.into())
+    );
+    assert_eq!(of("cut")["condition"], "unclosed");
+    assert_eq!(of("nowhere")["result"], "failed");
+    assert!(of("nowhere")["key"].is_null() && of("nowhere")["error"].is_string());
+    let again = json(at, &["import", "walk-7", "--json"], 0);
+    assert_eq!(
+        (&again[0]["result"], &again[0]["copied_bytes"]),
+        (&"already".into(), &0.into())
+    );
+
+    let list = json(at, &["list", "--json"], 0);
+    let [list] = &list[..] else {
+        panic!("one document: {list:?}");
+    };
+    assert_eq!(
+        (&list["format"], &list["version"]),
+        (&"paws-list".into(), &1.into())
+    );
+    let sessions = list["sessions"].as_array().unwrap();
+    let keys: Vec<_> = sessions
+        .iter()
+        .map(|s| s["key"].as_str().unwrap())
+        .collect();
+    assert_eq!(keys, [ID, &cut.spec.session_id]);
+    assert_eq!(sessions[0]["cameras"].as_array().unwrap().len(), 3);
+    assert_eq!(sessions[0]["imus"], serde_json::json!(["feet/imu"]));
+    assert_eq!(sessions[0]["missing"], 3);
+    assert!(sessions[0]["verdict"].is_null());
+    assert!(
+        sessions[0]["started"]["text"]
+            .as_str()
+            .unwrap()
+            .starts_with("2026-09-21T")
+    );
+
+    check(at, &["validate", ID], 1, "FAIL");
+    let show = &json(at, &["show", ID, "--json"], 0)[0];
+    assert_eq!(
+        (&show["format"], &show["version"]),
+        (&"paws-show".into(), &1.into())
+    );
+    assert_eq!(show["session"]["verdict"], "FAIL");
+    assert_eq!(show["validation"]["losses"][0]["samples"], 3);
+    assert_eq!(show["validation"]["fresh"], true);
+    assert_eq!(
+        show["cameras"][0]["measured_hz"].as_f64().unwrap().round(),
+        30.0
+    );
+    assert_eq!(show["handoff"]["state"], "none");
+    assert_eq!(show["stopped_by"], "duration");
+
+    fs::write(at.join("rig.toml"), "format = 1\n").unwrap();
+    let rig = &json(at, &["rig", "check", "rig.toml", "--json"], 1)[0];
+    assert_eq!(rig["format"], "paws-rig-check");
+    assert_eq!(rig["findings"][0]["level"], "error");
+    assert!(rig["errors"].as_u64().unwrap() > 0);
+}
+
+/// By what it was recorded last, wherever a session is named.
+#[test]
+fn the_latest_session_and_paths_are_found_by_every_verb() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    check(at, &["import", "."], 1, "no session here");
+    check(at, &["show", "latest"], 1, "there is none");
+    let late = "0192aa00-0000-7000-8000-000000000002";
+    for (id, later, name) in [(late, 1_000, "b"), (ID, 0, "a")] {
+        let mut session = Session::good(2.0);
+        session.spec.session_id = id.to_owned();
+        session.spec.started_civil.0 += later;
+        session.write(&at.join(name));
+        check(at, &["import", name], 0, id);
+    }
+    for (verb, expected) in [
+        (&["show", "latest"][..], late),
+        (&["validate", "latest"], late),
+        (&["index", "latest"], late),
+        (&["handoff", "latest"], late),
+        (&["report", "latest"], late),
+        (&["recover", "latest"], late),
+        (
+            &["export", "latest", "--format", "csv", "--out", "csv"],
+            "feet_imu.csv",
+        ),
+    ] {
+        check(at, verb, 0, expected);
+    }
+    // Removing a recording takes its whole identifier.
+    check(
+        at,
+        &["prune", "--session", "latest", "--yes"],
+        1,
+        "whole identifier",
+    );
+    // A folder, or what lies in it.
+    let inside = format!("library/sessions/{late}/handoff.json");
+    let listed = format!("library/sessions/{late}/");
+    for (path, expected) in [
+        (&inside[..], late),
+        (&listed, late),
+        ("b", "/b\n"),
+        ("b/session.json", "/b\n"),
+    ] {
+        check(at, &["show", path], 0, expected);
+    }
+}
+
+/// `paws-reconstruct` knows nothing of libraries; this is where a session of one becomes a folder.
+#[test]
+fn a_reconstruction_takes_a_session_of_the_library() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    Session::good(2.0).write(&at.join("walk-7"));
+    check(at, &["import", "walk-7"], 0, "imported");
+    fs::create_dir(at.join("bin")).unwrap();
+    let program = at.join("bin/paws-reconstruct");
+    fs::write(&program, "#!/bin/sh\necho \"$@\"\n").unwrap();
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    // Beside itself no other one must be found.
+    let paws = at.join("bin/paws");
+    fs::copy(env!("CARGO_BIN_EXE_paws"), &paws).unwrap();
+    let run = |arguments: &[&str]| {
+        let mut command = Command::new(&paws);
+        command.args(arguments).current_dir(at);
+        let output = command
+            .env("PAWS_LIBRARY", at.join("library"))
+            .output()
+            .unwrap();
+        let [out, error] = [output.stdout, output.stderr].map(|b| String::from_utf8(b).unwrap());
+        (output.status.code(), out, error)
+    };
+    let (code, _, error) = run(&["reconstruct", "run", "latest", "--out", "scene"]);
+    assert_eq!(code, Some(1));
+    assert!(error.contains("`paws handoff latest` does so"), "{error}");
+    check(at, &["handoff", "latest"], 0, "handoff.json");
+    let (code, out, error) = run(&["reconstruct", "run", "latest", "--out", "scene"]);
+    assert_eq!(code, Some(0), "{error}");
+    let sealed = at.canonicalize().unwrap().join("library/sessions").join(ID);
+    assert_eq!(out, format!("run {} --out scene\n", sealed.display()));
+    let (_, out, _) = run(&["reconstruct", "evaluate", "latest"]);
+    assert_eq!(out, "evaluate latest\n");
+    let (_, help, _) = run(&["--help"]);
+    let line = help
+        .lines()
+        .find(|l| l.trim_start().starts_with("reconstruct "));
+    assert!(line.is_some_and(|l| !l.contains("not found")), "{help}");
+    assert!(
+        help.lines().any(|l| l.trim_start().starts_with("scene ")),
+        "{help}"
+    );
+}
+
+/// Whoever reads may have seen enough; that is no failure and no panic.
+#[test]
+fn a_closed_pipe_is_no_failure() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    Session::good(2.0).write(&at.join("walk-7"));
+    check(at, &["import", "walk-7"], 0, "imported");
+    for arguments in [
+        &["list"][..],
+        &["list", "--json"],
+        &["completions", "zsh"],
+        &["--help"],
+    ] {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_paws"))
+            .args(arguments)
+            .env("PAWS_LIBRARY", at.join("library"))
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take());
+        let output = child.wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{arguments:?}: {output:?}");
+        assert_eq!(output.stderr, b"", "{arguments:?}");
+    }
+}
+
+#[test]
+fn quiet_says_nothing_but_failures() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let pull = |options: &[&str]| {
+        let arguments = [&["pull", "http://192.0.2.1:1"], options].concat();
+        let output = paws(at, &arguments);
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        String::from_utf8(output.stderr).unwrap()
+    };
+    let told = pull(&[]);
+    let first = "connecting to http://192.0.2.1:1 (gives up after 10 s)";
+    assert_eq!(told.lines().next(), Some(first), "{told}");
+    let told = pull(&["-q"]);
+    assert!(
+        told.starts_with("paws: http://192.0.2.1:1 is not on"),
+        "{told}"
+    );
+    assert_eq!(told.lines().count(), 1, "{told}");
+}

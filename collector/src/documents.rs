@@ -1,0 +1,279 @@
+//! What `--json` prints: documents with fields that stay.
+//!
+//! Fields are added, never renamed and never given another meaning; [`VERSION`] rises if that has to happen after all.
+//! `docs/command-line.md` lists them. Lengths of time are in ns, sizes in bytes, rates in Hz; times of day are RFC 3339
+//! in UTC, with ns since 1970 beside them. What is not known is `null`.
+
+use std::io;
+use std::path::Path;
+
+use serde::Serialize;
+use session_archive::handoff::Verdict;
+use session_archive::manifest;
+use session_archive::time::CivilTime;
+
+use crate::catalogue::Row;
+use crate::condition::Condition;
+use crate::console::Console;
+use crate::validation::{EventLine, Loss};
+
+/// Version of all documents.
+pub const VERSION: u32 = 1;
+
+/// Prints a document, in one line or, for reading, in several.
+///
+/// # Errors
+/// Whoever reads the output is gone.
+pub fn print(
+    document: &impl Serialize,
+    in_one_line: bool,
+    console: &mut Console<'_>,
+) -> io::Result<()> {
+    let text = match in_one_line {
+        true => serde_json::to_string(document)?,
+        false => serde_json::to_string_pretty(document)?,
+    };
+    console.line(text)
+}
+
+/// A time of day.
+#[derive(Clone, Debug, Serialize)]
+pub struct Time {
+    /// RFC 3339, UTC, to the millisecond.
+    pub text: String,
+    /// ns since 1970, UTC.
+    pub ns: i64,
+}
+
+impl From<CivilTime> for Time {
+    fn from(time: CivilTime) -> Self {
+        Self {
+            text: time.to_string(),
+            ns: time.0,
+        }
+    }
+}
+
+/// `paws list --json`.
+#[derive(Debug, Serialize)]
+pub struct List {
+    /// `paws-list`.
+    pub format: &'static str,
+    /// [`VERSION`].
+    pub version: u32,
+    /// Folder of the library.
+    pub library: String,
+    /// The sessions, the oldest first.
+    pub sessions: Vec<Session>,
+}
+
+/// A session in short.
+#[derive(Debug, Serialize)]
+pub struct Session {
+    /// What to call it: its identifier, with `.recovered` behind it for a recovered copy.
+    pub key: String,
+    /// Its identifier.
+    pub session_id: String,
+    /// Given by the user; may be empty.
+    pub name: String,
+    /// Its folder.
+    pub folder: String,
+    /// When recording began, as well as the recorder knew.
+    pub started: Time,
+    /// From the first sample to the last, ns.
+    pub duration_ns: Option<i64>,
+    /// Bytes of the segments.
+    pub bytes: u64,
+    /// Names of its cameras.
+    pub cameras: Vec<String>,
+    /// Names of its IMUs.
+    pub imus: Vec<String>,
+    /// `ok`, `unclosed`, `damaged`, `recovered` or `unverified`.
+    pub condition: Condition,
+    /// Samples present.
+    pub samples: u64,
+    /// Samples missing.
+    pub missing: u64,
+    /// `PASS`, `WARN` or `FAIL` of the last validation.
+    pub verdict: Option<Verdict>,
+    /// Where it was imported from.
+    pub source: Option<String>,
+    /// When it was imported.
+    pub imported: Option<Time>,
+}
+
+impl Session {
+    /// Of a row of the catalogue, whose session is in `folder`.
+    pub fn of(row: &Row, folder: &Path) -> Self {
+        let names = |text: &str| {
+            let names = text.split(',').filter(|name| !name.is_empty());
+            names.map(str::to_owned).collect()
+        };
+        Self {
+            key: row.key.clone(),
+            session_id: row.session_id.clone(),
+            name: row.name.clone(),
+            folder: folder.display().to_string(),
+            started: row.started_civil.into(),
+            duration_ns: (row.duration_ns > 0).then_some(row.duration_ns),
+            bytes: row.bytes,
+            cameras: names(&row.cameras),
+            imus: names(&row.imus),
+            condition: row.condition,
+            samples: row.samples,
+            missing: row.missing,
+            verdict: row.verdict,
+            source: (!row.source.is_empty()).then(|| row.source.clone()),
+            imported: row.imported.map(Into::into),
+        }
+    }
+}
+
+/// `paws show --json`.
+#[derive(Debug, Serialize)]
+pub struct Show {
+    /// `paws-show`.
+    pub format: &'static str,
+    /// [`VERSION`].
+    pub version: u32,
+    /// What `list` has of it.
+    pub session: Session,
+    /// Why recording ended; none if the recorder was cut off.
+    pub stopped_by: Option<String>,
+    /// Its cameras.
+    pub cameras: Vec<Camera>,
+    /// Its IMUs.
+    pub imus: Vec<Imu>,
+    /// Number of segment files.
+    pub segments: u64,
+    /// What is wrong with the files, in words.
+    pub faults: Vec<String>,
+    /// The last validation.
+    pub validation: Option<Judged>,
+    /// Whether there is an index that fits.
+    pub indexed: bool,
+    /// How the hand-off is.
+    pub handoff: HandedOff,
+}
+
+/// A camera.
+#[derive(Debug, Serialize)]
+pub struct Camera {
+    /// Name.
+    pub name: String,
+    /// Width of the stereo frame, both eyes, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// `grey` or `yuv420`.
+    pub colour: String,
+    /// `h264` or `h265`.
+    pub codec: String,
+    /// Nominal rate, Hz.
+    pub rate_hz: f64,
+    /// Rate by the last validation, Hz.
+    pub measured_hz: Option<f64>,
+    /// Bytes of its compressed frames by the last validation.
+    pub bytes: Option<u64>,
+    /// Cameras with the same trigger expose together.
+    pub trigger: Option<String>,
+    /// What delivered the frames.
+    pub source: String,
+    /// What encoded them.
+    pub encoder: String,
+}
+
+impl Camera {
+    /// Of a manifest's camera, without what was measured.
+    pub fn of(camera: &manifest::Camera) -> Self {
+        Self {
+            name: camera.name.clone(),
+            width: camera.width,
+            height: camera.height,
+            colour: camera.colour.clone(),
+            codec: camera.codec.clone(),
+            rate_hz: camera.rate_hz,
+            measured_hz: None,
+            bytes: None,
+            trigger: camera.trigger.clone(),
+            source: camera.source.clone(),
+            encoder: camera.encoder.clone(),
+        }
+    }
+}
+
+/// An IMU.
+#[derive(Debug, Serialize)]
+pub struct Imu {
+    /// Name.
+    pub name: String,
+    /// Nominal rate, Hz.
+    pub rate_hz: f64,
+    /// What delivered the samples.
+    pub source: String,
+}
+
+/// A validation in short; `validation.json` in the session's folder has all of it.
+#[derive(Debug, Serialize)]
+pub struct Judged {
+    /// `PASS`, `WARN` or `FAIL`.
+    pub verdict: Verdict,
+    /// Whether the session is still as it was then.
+    pub fresh: bool,
+    /// Whether every frame was decoded.
+    pub deep: bool,
+    /// Why the verdict is no better, the worst first.
+    pub reasons: Vec<String>,
+    /// Samples missing by stream and cause.
+    pub losses: Vec<Loss>,
+    /// Frame sets.
+    pub frame_sets: u64,
+    /// Frame sets with a frame of every camera.
+    pub complete_sets: u64,
+    /// What happened, at most 200.
+    pub events: Vec<EventLine>,
+    /// Events left out.
+    pub more_events: u64,
+}
+
+/// How the hand-off is.
+#[derive(Debug, Serialize)]
+pub struct HandedOff {
+    /// `none`, `sealed`, or `invalid` where the session has changed since.
+    pub state: &'static str,
+    /// When it was sealed.
+    pub sealed: Option<Time>,
+    /// Why it is invalid.
+    pub problem: Option<String>,
+}
+
+/// One line of `paws import --json`: what became of one session or source.
+#[derive(Debug, Default, Serialize)]
+pub struct ImportLine {
+    /// `paws-import-line`.
+    pub format: &'static str,
+    /// [`VERSION`].
+    pub version: u32,
+    /// The folder.
+    pub source: String,
+    /// `imported`, `resumed` (imported, going on from a stopped import), `already` (in the library before) or `failed`.
+    pub result: &'static str,
+    /// What to call it in the library; none if it is not there.
+    pub key: Option<String>,
+    /// As for `list`.
+    pub condition: Option<Condition>,
+    /// From the first sample to the last, ns.
+    pub duration_ns: Option<i64>,
+    /// Bytes of the segments.
+    pub bytes: Option<u64>,
+    /// Bytes copied this time.
+    pub copied_bytes: u64,
+    /// Bytes that a stopped import had copied.
+    pub resumed_bytes: u64,
+    /// What is wrong with the files, in words.
+    pub faults: Vec<String>,
+    /// What lies in the source and was not copied, being no file.
+    pub skipped: Vec<String>,
+    /// Why it failed.
+    pub error: Option<String>,
+}
