@@ -3,17 +3,21 @@
 //! Results go to standard output, the last line being a summary; progress, notes and what was lost go to standard error.
 //! Exit codes: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss.
 
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
-use clap::{Parser, Subcommand, ValueEnum};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
+use command_line::output::{self, print};
+use command_line::{Papers, Verbosity, complain};
 use indicatif::{ProgressBar, ProgressStyle};
+use log::LevelFilter;
 use scene_bundle::Scene;
 use scene_bundle::export::{self, Format, Options};
 use scene_bundle::verify::verify;
 
+mod examples;
 mod show;
 
 /// Exit code of a run that finished and left something out.
@@ -21,11 +25,17 @@ const LOSS: u8 = 3;
 
 /// Looks into a scene bundle, checks it, and writes it in the formats of others.
 #[derive(Parser)]
-#[command(name = "paws-scene", version)]
+#[command(name = "paws-scene", version, after_help = AFTER)]
 struct Arguments {
+    #[command(flatten)]
+    verbosity: Verbosity,
     #[command(subcommand)]
     command: Command,
 }
+
+const AFTER: &str = "\
+`paws scene` starts this program too.
+Exit codes: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss.";
 
 #[derive(Subcommand)]
 enum Command {
@@ -48,7 +58,7 @@ enum Command {
         bundle: PathBuf,
         /// tum, kitti, euroc: the trajectory; nerfstudio, colmap-text, colmap-binary: pictures with poses, and points;
         /// ply, las, laz: points.
-        #[arg(long, value_parser = format)]
+        #[arg(long, value_parser = format_parser())]
         format: Format,
         /// File to write; a folder for kitti, nerfstudio and colmap. Must not exist.
         #[arg(long, value_name = "PATH")]
@@ -67,6 +77,8 @@ enum Command {
         #[arg(long, value_name = "NAME")]
         camera: Vec<String>,
     },
+    #[command(flatten)]
+    Papers(Papers),
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -79,7 +91,10 @@ enum Which {
 
 fn main() -> ExitCode {
     // Bad arguments end here, with 2.
-    let result = match Arguments::parse().command {
+    let arguments = Arguments::from_arg_matches(&command().get_matches());
+    let arguments = arguments.unwrap_or_else(|error| error.exit());
+    arguments.verbosity.logger(LevelFilter::Warn).init();
+    let result = match arguments.command {
         Command::Show { bundle, json } => show(&bundle, json),
         Command::Verify { bundle } => check(&bundle),
         Command::Export {
@@ -99,22 +114,25 @@ fn main() -> ExitCode {
             };
             write_export(&bundle, format, &options, &out)
         }
+        Command::Papers(papers) => papers
+            .write(command(), &mut std::io::stdout())
+            .map(|()| ExitCode::SUCCESS),
     };
-    result.unwrap_or_else(|error| {
-        eprintln!("error: {error:#}");
-        ExitCode::FAILURE
-    })
+    output::finish(result)
+}
+
+/// The command line with its examples.
+fn command() -> clap::Command {
+    command_line::examples::add(Arguments::command(), examples::EXAMPLES)
 }
 
 fn show(bundle: &Path, json: bool) -> Result<ExitCode> {
     let scene = Scene::open(bundle)?;
     let shown = show::Shown::of(&scene);
     let text = if json { shown.json()? } else { shown.text() };
-    io::stdout()
-        .write_all(text.as_bytes())
-        .context("writing to standard output")?;
+    print(text.trim_end()).context("writing to standard output")?;
     for problem in &shown.problems {
-        eprintln!("lost: {problem}");
+        complain!("lost: {problem}");
     }
     Ok(ExitCode::from(if shown.problems.is_empty() {
         0
@@ -125,9 +143,12 @@ fn show(bundle: &Path, json: bool) -> Result<ExitCode> {
 
 fn check(bundle: &Path) -> Result<ExitCode> {
     let scene = Scene::open(bundle)?;
-    let style = ProgressStyle::with_template("checking {bytes}, {bytes_per_sec}")
+    let style = ProgressStyle::with_template("checking {decimal_bytes}, {decimal_bytes_per_sec}")
         .context("laying out the progress line")?;
-    let bar = ProgressBar::no_length().with_style(style);
+    let bar = match output::is_quiet() {
+        true => ProgressBar::hidden(),
+        false => ProgressBar::no_length().with_style(style),
+    };
     let checked = verify(&scene, |bytes| bar.inc(bytes))?;
     bar.finish_and_clear();
     for output in &checked.outputs {
@@ -137,13 +158,15 @@ fn check(bundle: &Path) -> Result<ExitCode> {
         } else {
             "DAMAGED"
         };
-        println!("{name:18} {verdict:8} {files} files, {bytes} bytes");
+        print(format_args!(
+            "{name:18} {verdict:8} {files} files, {bytes} bytes"
+        ))?;
         for problem in &output.problems {
-            eprintln!("{name}: {problem}");
+            complain!("{name}: {problem}");
         }
     }
     for path in &checked.unnamed {
-        eprintln!("nothing names {path}");
+        complain!("nothing names {path}");
     }
     let problems: usize = checked.outputs.iter().map(|o| o.problems.len()).sum();
     let files: u64 = checked.outputs.iter().map(|o| o.files).sum();
@@ -151,11 +174,11 @@ fn check(bundle: &Path) -> Result<ExitCode> {
         0 => "every byte is as it was written".to_owned(),
         count => format!("{count} problems"),
     };
-    println!(
+    print(format_args!(
         "{} outputs, {files} files, {what}: {}",
         checked.outputs.len(),
         scene.path().display()
-    );
+    ))?;
     Ok(if checked.is_whole() {
         ExitCode::SUCCESS
     } else {
@@ -167,25 +190,25 @@ fn write_export(bundle: &Path, format: Format, options: &Options, out: &Path) ->
     let scene = Scene::open(bundle)?;
     let summary = export::export(&scene, format, options, out)?;
     for note in &summary.notes {
-        eprintln!("note: {note}");
+        complain!("note: {note}");
     }
     const SHOWN: usize = 20;
     for lost in summary.lost.iter().take(SHOWN) {
-        eprintln!("lost: {lost}");
+        complain!("lost: {lost}");
     }
     if summary.lost.len() > SHOWN {
-        eprintln!("lost: {} more", summary.lost.len() - SHOWN);
+        complain!("lost: {} more", summary.lost.len() - SHOWN);
     }
     let loss = match summary.lost.len() {
         0 => String::new(),
         count => format!(", {count} losses"),
     };
-    println!(
+    print(format_args!(
         "{}: {}{loss}: {}",
         format.name(),
         summary.written,
         out.display()
-    );
+    ))?;
     Ok(ExitCode::from(if summary.lost.is_empty() {
         0
     } else {
@@ -193,19 +216,19 @@ fn write_export(bundle: &Path, format: Format, options: &Options, out: &Path) ->
     }))
 }
 
-fn format(name: &str) -> Result<Format, String> {
-    Format::from_name(name).ok_or_else(|| {
-        let names: Vec<&str> = Format::ALL.iter().map(|f| f.name()).collect();
-        format!("expected one of {}", names.join(", "))
-    })
+fn format_parser() -> impl TypedValueParser<Value = Format> {
+    PossibleValuesParser::new(Format::ALL.map(Format::name))
+        .map(|name| Format::from_name(&name).expect("only names of formats are possible"))
 }
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
+    use super::command;
 
     #[test]
     fn the_command_line_is_consistent() {
-        super::Arguments::command().debug_assert();
+        command().debug_assert();
+        let wrong = command_line::examples::check(&command());
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     }
 }
