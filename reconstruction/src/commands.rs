@@ -5,6 +5,8 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
+use command_line::complain;
+use command_line::output::{is_quiet, print};
 use indicatif::{ProgressBar, ProgressStyle};
 use reconstruction::export::{self, Selection};
 use reconstruction::input::{Check, Input};
@@ -18,7 +20,7 @@ pub(crate) mod run;
 const SHOWN: usize = 20;
 
 pub(crate) fn print_info(handoff: &Path) -> Result<ExitCode> {
-    print!("{}", crate::info::text(&open(handoff)?));
+    print(crate::info::text(&open(handoff)?).trim_end())?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -33,10 +35,10 @@ pub(crate) fn frames(handoff: &Path, out: &Path, selection: &Selection) -> Resul
     bar.finish_and_clear();
 
     for (name, count) in &summary.cameras {
-        println!("{name}: {count} stereo frames");
+        print(format_args!("{name}: {count} stereo frames"))?;
     }
     for (name, count) in &summary.imus {
-        println!("{name}: {count} samples");
+        print(format_args!("{name}: {count} samples"))?;
     }
     print_losses(&summary.lost);
     let frames: u64 = summary.cameras.iter().map(|(_, count)| count).sum();
@@ -45,18 +47,18 @@ pub(crate) fn frames(handoff: &Path, out: &Path, selection: &Selection) -> Resul
         0 => "nothing lost".to_owned(),
         count => format!("{count} losses"),
     };
-    println!(
+    print(format_args!(
         "{frames} stereo frames in {} sets, {samples} IMU samples, {loss}: {}",
         summary.sets,
         out.display()
-    );
+    ))?;
     Ok(ExitCode::from(if summary.lost.is_empty() { 0 } else { 3 }))
 }
 
 fn open(handoff: &Path) -> Result<Input> {
     let bar = progress_bar(
         0,
-        "checking {wide_bar} {bytes}/{total_bytes}, {bytes_per_sec}, {eta} left",
+        "checking {wide_bar} {decimal_bytes}/{decimal_total_bytes}, {decimal_bytes_per_sec}, {eta} left",
     )?;
     let input = Input::open_with(handoff, Check::Content, |done, total| {
         bar.set_length(total);
@@ -66,17 +68,20 @@ fn open(handoff: &Path) -> Result<Input> {
     Ok(input)
 }
 
-/// Shown only where standard error is a terminal.
+/// Shown only where standard error is a terminal, and not with `-q`.
 fn progress_bar(length: u64, template: &str) -> Result<ProgressBar> {
+    if is_quiet() {
+        return Ok(ProgressBar::hidden());
+    }
     let style = ProgressStyle::with_template(template).context("laying out the progress bar")?;
     Ok(ProgressBar::new(length).with_style(style))
 }
 
 fn print_losses(losses: &[impl Display]) {
     for lost in losses.iter().take(SHOWN) {
-        eprintln!("lost: {lost}");
+        complain!("lost: {lost}");
     }
     if losses.len() > SHOWN {
-        eprintln!("lost: {} more", losses.len() - SHOWN);
+        complain!("lost: {} more", losses.len() - SHOWN);
     }
 }

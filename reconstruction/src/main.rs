@@ -7,20 +7,30 @@ use std::num::NonZeroU64;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use command_line::{Papers, Verbosity, output};
+use log::LevelFilter;
 use reconstruction::export::Selection;
 
 mod commands;
+mod examples;
 mod info;
 mod machine;
 
 /// Reads and reconstructs a session that was handed over by `paws handoff`.
 #[derive(Parser)]
-#[command(name = "paws-reconstruct", version)]
+#[command(name = "paws-reconstruct", version, after_help = AFTER)]
 struct Arguments {
+    #[command(flatten)]
+    verbosity: Verbosity,
     #[command(subcommand)]
     command: Command,
 }
+
+const AFTER: &str = "\
+`paws reconstruct` starts this program too; there HANDOFF may be a session of the library, as in
+`paws reconstruct run latest --out scene`.
+Exit codes: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss.";
 
 #[derive(Subcommand)]
 enum Command {
@@ -54,12 +64,16 @@ enum Command {
     EvaluateDepth(commands::evaluate_depth::Arguments),
     /// Write a page of HTML: where the rig was, the cloud, what the stages took.
     Report(commands::report::Arguments),
+    #[command(flatten)]
+    Papers(Papers),
 }
 
 fn main() -> ExitCode {
-    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
     // Bad arguments end here, with 2.
-    let result = match Arguments::parse().command {
+    let arguments = Arguments::from_arg_matches(&command().get_matches());
+    let arguments = arguments.unwrap_or_else(|error| error.exit());
+    arguments.verbosity.logger(LevelFilter::Warn).init();
+    let result = match arguments.command {
         Command::Info { handoff } => commands::print_info(&handoff),
         Command::Frames {
             handoff,
@@ -86,11 +100,16 @@ fn main() -> ExitCode {
         Command::Evaluate(arguments) => commands::evaluate::run(&arguments),
         Command::EvaluateDepth(arguments) => commands::evaluate_depth::run(&arguments),
         Command::Report(arguments) => commands::report::run(&arguments),
+        Command::Papers(papers) => papers
+            .write(command(), &mut std::io::stdout())
+            .map(|()| ExitCode::SUCCESS),
     };
-    result.unwrap_or_else(|error| {
-        eprintln!("error: {error:#}");
-        ExitCode::FAILURE
-    })
+    output::finish(result)
+}
+
+/// The command line with its examples.
+fn command() -> clap::Command {
+    command_line::examples::add(Arguments::command(), examples::EXAMPLES)
 }
 
 /// Decimal seconds as integer nanoseconds, exactly.
@@ -143,6 +162,8 @@ mod tests {
 
     #[test]
     fn the_command_line_is_consistent() {
-        Arguments::command().debug_assert();
+        command().debug_assert();
+        let wrong = command_line::examples::check(&command());
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     }
 }

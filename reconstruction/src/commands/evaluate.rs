@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use clap::{Args, CommandFactory, ValueEnum};
+use command_line::output::print;
 use reconstruction::evaluate::runs::{Cost, Run, Runs};
 use reconstruction::evaluate::{Alignment, Delta, Settings, evaluate, files, while_recorded};
 use serde_json::Value;
@@ -113,9 +114,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     }
     let runs = Runs::new(runs, 0.01 * arguments.least_completion);
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&runs)?);
+        print(serde_json::to_string_pretty(&runs)?)?;
     } else {
-        print!("{}", runs.table());
+        print(runs.table().trim_end())?;
     }
     Ok(ExitCode::from(if runs.lost == 0 { 0 } else { 3 }))
 }

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Args;
+use command_line::output::print;
 use reconstruction::evaluate::depth::{CameraDepth, evaluate};
 use scene_bundle::Scene;
 
@@ -31,23 +32,23 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     })?;
     bar.finish_and_clear();
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&rows)?);
+        print(serde_json::to_string_pretty(&rows)?)?;
         return Ok(ExitCode::SUCCESS);
     }
-    println!(
+    print(format_args!(
         "{:16} {:>8} {:>8} {:>7} {:>7} {:>7} {:>7} {:>8} {:>9}",
         "camera", "pictures", "density", "bad-1", "bad-2", "bad-3", "EPE px", "2 sigma", "invented"
-    );
+    ))?;
     for row in &rows {
-        println!("{}", line(row));
+        print(line(row))?;
     }
     if let Some(all) = rows.last() {
-        println!(
+        print(format_args!(
             "bad-2 {:.2} % at density {:.2}, {:.1} % within 2 sigma",
             100.0 * all.bad[1],
             all.density,
             100.0 * all.within_2_sigma
-        );
+        ))?;
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use clap::Args;
+use command_line::output::print;
 use reconstruction::evaluate::files::{self, Loaded};
 use reconstruction::report::report;
 use scene_bundle::outputs::{TRAJECTORY, TRAJECTORY_CAUSAL};
@@ -46,6 +47,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         None => scene.path().join(layout::PAGE),
     };
     std::fs::write(&out, page.html).with_context(|| format!("writing {}", out.display()))?;
-    println!("{}: {}", page.summary, out.display());
+    print(format_args!("{}: {}", page.summary, out.display()))?;
     Ok(ExitCode::SUCCESS)
 }

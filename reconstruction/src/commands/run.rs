@@ -7,6 +7,8 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail, ensure};
 use clap::builder::PossibleValuesParser;
 use clap::{Args, CommandFactory, ValueEnum};
+use command_line::complain;
+use command_line::output::print;
 use indicatif::ProgressBar;
 use reconstruction::Input;
 use reconstruction::pipeline::stages::networks::Networks;
@@ -58,8 +60,11 @@ pub(crate) struct Arguments {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum PresetName {
+    /// Least work
     Fast,
+    /// The usual one
     Balanced,
+    /// Most work
     Accurate,
 }
 
@@ -153,11 +158,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
             0 => "nothing lost".to_owned(),
             count => format!("{count} losses"),
         };
-        println!(
+        print(format_args!(
             "{made} stages made, {} kept, {loss}: {}",
             outcomes.len() - made,
             arguments.out.display()
-        );
+        ))?;
     }
     Ok(ExitCode::from(if losses == 0 { 0 } else { 3 }))
 }
@@ -235,19 +240,20 @@ impl Watch for Shown {
             );
         }
         if self.is_json {
-            println!("{}", serde_json::to_string(outcome).unwrap_or_default());
+            // The work goes on although nobody listens any more.
+            let _ = print(serde_json::to_string(outcome).unwrap_or_default());
             return;
         }
         self.bar.suspend(|| {
             for note in &outcome.report.notes {
-                eprintln!("note: {note}");
+                complain!("note: {note}");
             }
             print_losses(&outcome.report.losses);
             let Outcome { stage, seconds, .. } = outcome;
-            match outcome.state {
-                State::Made => println!("{stage}: made in {seconds:.1} s"),
-                State::Kept => println!("{stage}: there already"),
-            }
+            let _ = match outcome.state {
+                State::Made => print(format_args!("{stage}: made in {seconds:.1} s")),
+                State::Kept => print(format_args!("{stage}: there already")),
+            };
         });
     }
 }
