@@ -12,6 +12,7 @@
 //! times ([`hub`], [`recorder`]); [`run`] puts it on threads in real time, or calls it in a loop
 //! in virtual time, where nothing is ever dropped and the same input gives the same bytes.
 
+pub mod announce;
 mod causes;
 pub mod clock;
 pub mod config;

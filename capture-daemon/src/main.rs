@@ -9,17 +9,23 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context as _;
-use capture_daemon::config::{self, Config, ConfigError, DEFAULT_SOCKET, Level};
+use capture_daemon::announce::STEP;
+use capture_daemon::config::{self, Config, ConfigError, DEFAULT_SOCKET, Finding, Level};
 use capture_daemon::control::{self, screen};
 use capture_daemon::recorder::OnProgress;
 use capture_daemon::run::{self, RecordOptions, StopFlag};
 use capture_daemon::status::{Progress, Request, Response, State, Status};
 use capture_daemon::{devices, selftest};
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use command_line::output::is_broken_pipe;
+use command_line::{Papers, Verbosity, complain, output};
+use log::LevelFilter;
+use serde::Serialize;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use video::{discover, encoder};
 
+mod examples;
 mod printer;
 
 use printer::{Lines, Printer, Weight};
@@ -35,13 +41,17 @@ First steps:
   pawsd record --config pawsd.toml --out DIR --seconds 10    one recording
   pawsd run    --config pawsd.toml                           the daemon, for `pawsd start` and `pawsd stop`
 
-deploy/pawsd.toml is a configuration that works without a camera and explains every setting.
+deploy/pawsd.toml is a configuration that works without a camera and explains every setting. The service reads
+/etc/paws/pawsd.toml, writes sessions to /var/lib/paws and is controlled through /run/paws/pawsd.sock, which members
+of the group `paws` may use.
 Exit codes: 0 fine, 1 failed, 2 wrong arguments or configuration, 3 recorded with loss.";
 
 /// Records stereo cameras and their IMUs into crash-safe sessions.
 #[derive(Parser)]
 #[command(name = "pawsd", version, after_help = FIRST_STEPS)]
 struct Cli {
+    #[command(flatten)]
+    verbosity: Verbosity,
     #[command(subcommand)]
     command: Command,
 }
@@ -49,7 +59,13 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     /// Tell everything that is wrong with a configuration, here and now
-    Check(ConfigArgs),
+    Check {
+        #[command(flatten)]
+        config: ConfigArgs,
+        /// Print one JSON document
+        #[arg(long)]
+        json: bool,
+    },
     /// Make one recording: it starts at once and ends by itself or by SIGINT or SIGTERM
     Record(RecordArgs),
     /// Run the daemon: it waits for `start` and `stop`
@@ -95,7 +111,7 @@ enum Command {
     Selftest {
         #[command(flatten)]
         config: ConfigArgs,
-        /// Length of the recording
+        /// Length of the recording, seconds
         #[arg(long, value_name = "N", value_parser = parse_seconds, default_value = "10")]
         seconds: f64,
         /// Where the report goes; must not be there yet
@@ -106,10 +122,12 @@ enum Command {
     Fingerprint(ConfigArgs),
     /// Try the video encoders of this machine
     Encoders {
-        /// Size of the stereo frame
+        /// Size of the stereo frame, both eyes, pixels
         #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = parse_size, default_value = "1344x376")]
         size: (u32, u32),
     },
+    #[command(flatten)]
+    Papers(Papers),
 }
 
 #[derive(Args)]
@@ -126,7 +144,7 @@ struct RecordArgs {
     /// Folder in which the session's folder is made; without, the one in the configuration
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Length of the recording
+    /// Length of the recording, seconds
     #[arg(long, value_name = "N", value_parser = parse_seconds)]
     seconds: f64,
     /// As fast as the machine can, dropping nothing, with the same bytes each time
@@ -142,9 +160,22 @@ struct RecordArgs {
 
 #[derive(Args)]
 struct ControlArgs {
-    /// Control socket of the daemon
-    #[arg(long, value_name = "PATH", default_value = DEFAULT_SOCKET)]
-    socket: PathBuf,
+    /// Control socket of the daemon [default: /run/paws/pawsd.sock]
+    #[arg(long, value_name = "PATH")]
+    socket: Option<PathBuf>,
+    /// Configuration of the daemon, which names its control socket
+    #[arg(long, value_name = "FILE", conflicts_with = "socket")]
+    config: Option<PathBuf>,
+}
+
+impl ControlArgs {
+    fn socket(&self) -> Result<PathBuf, ConfigError> {
+        Ok(match (&self.socket, &self.config) {
+            (Some(socket), _) => socket.clone(),
+            (None, Some(config)) => Config::read(config)?.control.socket,
+            (None, None) => DEFAULT_SOCKET.into(),
+        })
+    }
 }
 
 /// The command line alone cannot be carried out.
@@ -153,17 +184,19 @@ struct ControlArgs {
 struct Usage(&'static str);
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    // Bad arguments end here, with 2.
+    let cli = Cli::from_arg_matches(&command().get_matches()).unwrap_or_else(|error| error.exit());
     let stderr = match Printer::start(io::stderr()) {
         Ok(printer) => printer,
         Err(error) => {
-            eprintln!("pawsd: {error:#}");
+            complain!("pawsd: {error:#}");
             return ExitCode::FAILURE;
         }
     };
-    log_to(stderr.lines(), matches!(cli.command, Command::Run(_)));
+    let is_daemon = matches!(cli.command, Command::Run(_));
+    log_to(stderr.lines(), is_daemon, cli.verbosity);
     let done = match cli.command {
-        Command::Check(args) => check(&args.config),
+        Command::Check { config, json } => check(&config.config, json),
         Command::Record(args) => record(&args, stderr.lines()),
         Command::Run(args) => daemon(&args.config),
         Command::Start { name, control } => ask(&control, &Request::Start { name }, print_session),
@@ -192,28 +225,62 @@ fn main() -> ExitCode {
             .and_then(print)
             .map(|()| ExitCode::SUCCESS),
         Command::Encoders { size } => encoders(size),
+        Command::Papers(papers) => papers
+            .write(command(), &mut io::stdout())
+            .map(|()| ExitCode::SUCCESS),
     };
     stderr.finish();
     done.unwrap_or_else(|error| {
-        eprintln!("pawsd: {error:#}");
+        if is_broken_pipe(&error) {
+            return ExitCode::SUCCESS;
+        }
+        complain!("pawsd: {error:#}");
         let is_wrong_input = error.is::<Usage>() || error.is::<ConfigError>();
         ExitCode::from(if is_wrong_input { 2 } else { 1 })
     })
 }
 
-fn log_to(stderr: Lines, daemon: bool) {
-    let level = if daemon { "info" } else { "warn" };
-    let mut logger =
-        env_logger::Builder::from_env(env_logger::Env::default().default_filter_or(level));
+/// The command line with its examples.
+fn command() -> clap::Command {
+    command_line::examples::add(Cli::command(), examples::EXAMPLES)
+}
+
+fn log_to(stderr: Lines, daemon: bool, verbosity: Verbosity) {
+    let usual = match daemon {
+        true => LevelFilter::Info,
+        false => LevelFilter::Warn,
+    };
+    let mut logger = verbosity.logger(usual);
+    if !verbosity.is_quiet() {
+        logger.filter_module(STEP, LevelFilter::Info);
+    }
     logger.target(env_logger::Target::Pipe(Box::new(stderr)));
     // The journal has its own time stamps.
-    if std::env::var_os("JOURNAL_STREAM").is_some() {
-        logger.format_timestamp(None);
-    }
+    let has_times = std::env::var_os("JOURNAL_STREAM").is_none();
+    logger.format(move |out, record| {
+        let (level, target, text) = (record.level(), record.target(), record.args());
+        let time = out.timestamp_seconds();
+        match (target == STEP, has_times) {
+            (true, _) => writeln!(out, "{text}"),
+            (false, true) => writeln!(out, "[{time} {level:5} {target}] {text}"),
+            (false, false) => writeln!(out, "[{level:5} {target}] {text}"),
+        }
+    });
     logger.init();
 }
 
-fn check(path: &Path) -> anyhow::Result<ExitCode> {
+/// What `check --json` prints; docs/command-line.md lists the fields.
+#[derive(Serialize)]
+struct Checked<'a> {
+    format: &'static str,
+    version: u32,
+    config: &'a Path,
+    errors: usize,
+    warnings: usize,
+    findings: &'a [Finding],
+}
+
+fn check(path: &Path, json: bool) -> anyhow::Result<ExitCode> {
     let findings = config::check(&Config::read(path)?);
     let count = |level| {
         findings
@@ -221,10 +288,21 @@ fn check(path: &Path) -> anyhow::Result<ExitCode> {
             .filter(|finding| finding.level == level)
             .count()
     };
+    let (errors, warnings) = (count(Level::Error), count(Level::Warning));
+    if json {
+        print(serde_json::to_string_pretty(&Checked {
+            format: "pawsd-check",
+            version: 1,
+            config: path,
+            errors,
+            warnings,
+            findings: &findings,
+        })?)?;
+        return Ok(ExitCode::from(u8::from(errors > 0)));
+    }
     for finding in &findings {
         print(finding)?;
     }
-    let (errors, warnings) = (count(Level::Error), count(Level::Warning));
     let some = |count, what| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
     let (errors_said, warnings_said) = (some(errors, "error"), some(warnings, "warning"));
     print(format_args!(
@@ -267,7 +345,9 @@ fn selftest(path: &Path, seconds: f64, report: &Path) -> anyhow::Result<ExitCode
     // First, so that nothing is done in vain.
     let mut file = std::fs::File::create_new(report)
         .with_context(|| format!("creating the report {}", report.display()))?;
-    eprintln!("this takes about {:.0} s", seconds + 15.0);
+    if !output::is_quiet() {
+        complain!("this takes about {:.0} s", seconds + 15.0);
+    }
     let done = selftest::run(&config, &folder, seconds, &stop_on_signals()?);
     file.write_all(done.text.as_bytes())
         .with_context(|| format!("writing the report {}", report.display()))?;
@@ -320,13 +400,20 @@ fn daemon(path: &Path) -> anyhow::Result<ExitCode> {
 /// Lines for people, and for programs if asked. A recording goes on although nobody reads them.
 fn tell_progress(people: Lines, programs: Option<Lines>) -> OnProgress {
     let mut narrator = screen::Narrator::default();
+    let is_quiet = output::is_quiet();
     Box::new(move |progress: Progress| {
         let weight = match progress {
             Progress::Durable { .. } => Weight::Routine,
             Progress::Started { .. } | Progress::Alarm { .. } => Weight::News,
             Progress::Finished { .. } => Weight::Last,
         };
-        if let Some(line) = narrator.line(&progress) {
+        let is_failure = matches!(
+            progress,
+            Progress::Alarm { active: true, .. } | Progress::Finished { error: Some(_), .. }
+        );
+        if let Some(line) = narrator.line(&progress)
+            && (is_failure || !is_quiet)
+        {
             people.say(&line, weight);
         }
         if let Some(programs) = &programs
@@ -363,7 +450,7 @@ fn ask(
     request: &Request,
     show: impl Fn(&Status) -> anyhow::Result<()>,
 ) -> anyhow::Result<ExitCode> {
-    match control::request(&control.socket, request)? {
+    match control::request(&control.socket()?, request)? {
         Response::Ok { status } => {
             show(&status)?;
             if *request != Request::Stop {
@@ -371,7 +458,7 @@ fn ask(
             }
             if status.state == State::Fault {
                 for alarm in &status.alarms {
-                    eprintln!("pawsd: {alarm}");
+                    complain!("pawsd: {alarm}");
                 }
             }
             Ok(ExitCode::from(code_of_stop(&status)))
@@ -454,6 +541,13 @@ mod tests {
     use capture_daemon::status::{MachineStatus, StreamStatus};
 
     use super::*;
+
+    #[test]
+    fn every_verb_has_examples_that_the_program_takes() {
+        command().debug_assert();
+        let wrong = command_line::examples::check(&command());
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    }
 
     #[test]
     fn a_stop_tells_whether_the_recording_is_whole() {

@@ -13,6 +13,7 @@ use crate::status::Progress;
 
 mod build;
 mod claim;
+pub(crate) mod identity;
 mod leftovers;
 mod look;
 mod operator;

@@ -352,6 +352,12 @@ pub trait Source: Send {
     fn calibration(&self) -> Option<&StereoCalibration> {
         None
     }
+
+    /// Bytes that are others when what it reads is something else, beside what [`Source::info`] and
+    /// [`Source::truth`] say; the same wherever its files lie.
+    fn digest(&self) -> Vec<u8> {
+        Vec::new()
+    }
 }
 
 /// Where a live source puts its samples; used from several threads.

@@ -75,7 +75,7 @@ fn wrong_arguments_end_with_2() {
         let error = text(&run(args, folder.path(), 2).stderr);
         assert!(error.contains(expected), "no {expected:?} in:\n{error}");
     };
-    check(&[], "Usage: pawsd <COMMAND>");
+    check(&[], "Usage: pawsd [OPTIONS] <COMMAND>");
     check(&["recrod"], "record");
     check(&["record", "--config", "pawsd.toml"], "--seconds <N>");
     for seconds in ["0", "-1", "nan", "1e9", "ten"] {
@@ -137,6 +137,31 @@ fn check_finds_errors_of_the_machine() {
         report.contains("ok       camera feet: ") && report.contains("0 errors, 1 warning:"),
         "{report}"
     );
+    let output = run(
+        &["check", "--config", "pawsd.toml", "--json"],
+        good.path(),
+        0,
+    );
+    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(document["format"], "pawsd-check");
+    assert_eq!(
+        (&document["errors"], &document["warnings"]),
+        (&0.into(), &1.into())
+    );
+    let findings = document["findings"].as_array().unwrap();
+    let camera = findings
+        .iter()
+        .find(|f| f["about"] == "camera feet")
+        .unwrap();
+    assert_eq!(camera["level"], "ok", "{camera}");
+    // What takes its time says so before, unless it is to be quiet.
+    let told = text(&output.stderr);
+    assert!(
+        told.contains("checking camera feet") && told.contains("trying encoders"),
+        "{told}"
+    );
+    let quiet = run(&["-q", "check", "--config", "pawsd.toml"], good.path(), 0);
+    assert_eq!(text(&quiet.stderr), "");
     let bad =
         folder_with("[[camera]]\nname = \"feet\"\nsource = { kind = \"replay\", path = \"gone\" }");
     let report = text(&run(&["check", "--config", "pawsd.toml"], bad.path(), 1).stdout);
@@ -149,12 +174,25 @@ fn check_finds_errors_of_the_machine() {
 #[test]
 fn control_without_a_daemon_says_what_to_do() {
     let folder = tempfile::tempdir().unwrap();
+    fs::write(
+        folder.path().join("pawsd.toml"),
+        format!("control.socket = \"none.sock\"\n{CAMERA}"),
+    )
+    .unwrap();
     for command in ["start", "stop", "mark", "discard", "status"] {
-        let error = text(&run(&[command, "--socket", "none.sock"], folder.path(), 1).stderr);
-        assert!(
-            error.contains("pawsd run --config FILE") && error.contains("none.sock"),
-            "{error}"
-        );
+        for named in [["--socket", "none.sock"], ["--config", "pawsd.toml"]] {
+            let args = [&[command], &named[..]].concat();
+            let error = text(&run(&args, folder.path(), 1).stderr);
+            assert!(
+                error.contains("pawsd run --config FILE") && error.contains("none.sock"),
+                "{error}"
+            );
+        }
+        let args = [command, "--config", "absent.toml"];
+        let error = text(&run(&args, folder.path(), 2).stderr);
+        assert!(error.contains("absent.toml"), "{error}");
+        let args = [command, "--config", "pawsd.toml", "--socket", "s"];
+        run(&args, folder.path(), 2);
     }
 }
 
@@ -198,10 +236,30 @@ fn record_prints_the_session_last() {
     let manifest = fs::read_to_string(folder.path().join(session).join("session.json")).unwrap();
     assert!(manifest.contains("\"desk\""), "{manifest}");
     let told = text(&output.stderr);
+    let lines: Vec<&str> = told.lines().collect();
+    assert_eq!(lines[0], "opening feet", "{told}");
+    assert!(lines[1].starts_with("finding an encoder"), "{told}");
     assert!(
-        told.starts_with("recording: out/") && told.contains("samples stored, 0 missing"),
+        told.contains("\nrecording: out/") && told.contains("samples stored, 0 missing"),
         "{told}"
     );
+    // The same once more elsewhere is the same session; under another name it is another one, and none is a real one.
+    let id = |name: &str, out: &str| {
+        let mut args = args;
+        (args[4], args[9]) = (out, name);
+        let out = text(&run(&[&args[..], &["-q"]].concat(), folder.path(), 0).stdout);
+        let manifest = folder.path().join(out.trim()).join("session.json");
+        let manifest: serde_json::Value =
+            serde_json::from_str(&fs::read_to_string(manifest).unwrap()).unwrap();
+        manifest["session_id"].as_str().unwrap().to_owned()
+    };
+    let same = id("desk", "elsewhere");
+    assert!(manifest.contains(&same), "{same} is not in {manifest}");
+    let other = id("table", "elsewhere");
+    assert_ne!(other, same);
+    for id in [same, other] {
+        assert_eq!(&id[14..15], "8", "{id} is no UUID of version 8");
+    }
 }
 
 #[test]
@@ -380,4 +438,71 @@ fn a_selftest_leaves_a_daemon_alone() {
     let told = text(&run(&args, folder.path(), 1).stderr);
     assert!(told.contains("stop it first"), "{told}");
     assert!(!folder.path().join("pawsd-selftest.txt").exists());
+}
+
+/// Who starts it at a terminal need not ask whether it is ready.
+#[test]
+fn a_daemon_says_what_it_waits_for_and_when_it_is_armed() {
+    let config =
+        format!("session.out = \"out\"\ncontrol.socket = \"s\"\ndisk.reserve_gb = 0\n{CAMERA}");
+    let folder = folder_with(&config);
+    let mut daemon = pawsd(&["run", "--config", "pawsd.toml"], folder.path())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let lines = BufReader::new(daemon.stderr.take().unwrap()).lines();
+    let mut told = Vec::new();
+    for line in lines.map(|line| line.unwrap()) {
+        told.push(line);
+        if told.last().is_some_and(|line| line.starts_with("armed: ")) {
+            break;
+        }
+    }
+    signal(&daemon, "TERM");
+    assert_eq!(daemon.wait().unwrap().code(), Some(0));
+    let socket = folder.path().join("s");
+    let start = format!("`pawsd start --socket {}`", socket.display());
+    assert!(told.last().unwrap().ends_with(&start), "{told:#?}");
+    for expected in [
+        "opening feet",
+        "waiting for the first frames of feet",
+        "feet delivers",
+    ] {
+        assert!(
+            told.iter().any(|line| line == expected),
+            "no {expected:?} in {told:#?}"
+        );
+    }
+}
+
+/// Whoever reads may have seen enough.
+#[test]
+fn a_closed_pipe_is_no_failure() {
+    for args in [&["--help"][..], &["completions", "bash"]] {
+        let mut child = pawsd(args, Path::new("."))
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take());
+        let output = child.wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{args:?}: {output:?}");
+        assert_eq!(text(&output.stderr), "", "{args:?}");
+    }
+}
+
+#[test]
+fn manual_pages_and_completions_come_from_the_program() {
+    let folder = tempfile::tempdir().unwrap();
+    run(&["man", "--out", "man"], folder.path(), 0);
+    let page = fs::read_to_string(folder.path().join("man/pawsd-record.1")).unwrap();
+    assert!(
+        page.contains("\\-\\-seconds") && page.contains(".SH EXAMPLES"),
+        "{page}"
+    );
+    let script = text(&run(&["completions", "fish"], folder.path(), 0).stdout);
+    assert!(
+        script.contains("record") && script.contains("virtual"),
+        "{script}"
+    );
 }

@@ -1,22 +1,26 @@
 //! What a configuration needs from the machine, for `pawsd check`.
 //!
 //! Contract: looks at everything and stops at nothing, so that one run tells all. It finds what would
-//! keep a recording from starting here and now, for the user who runs it; it records nothing and
+//! keep a recording from starting here and now, for the user who runs it: folder and space, socket, page with its
+//! address and token, rig, cameras that are not there, encoders. It records nothing and
 //! leaves nothing behind, but it occupies the encoders for some seconds, and a recording beside it
-//! would feel that.
+//! would feel that. Each part is announced before it begins (see [`crate::announce`]).
 
 use std::collections::BTreeMap;
 use std::fmt;
 use std::io;
-use std::os::unix::net::UnixStream;
+use std::os::unix::fs::FileTypeExt;
+use std::os::unix::net::{SocketAddr, UnixStream};
 use std::path::Path;
 
 use cad_transforms::rig::Rig;
 use rustix::fs::Access;
+use serde::Serialize;
 use session_archive::time::HostTime;
 use video::discover::{self, Trial};
 
-use super::{Camera, Config, SourceConfig};
+use super::{Camera, Config, DEFAULT_SOCKET, SourceConfig};
+use crate::announce::step;
 use crate::causes::with_causes;
 use crate::disk;
 use crate::run::needed_speed;
@@ -28,9 +32,11 @@ use crate::sources::synthetic::Synthetic;
 use crate::sources::{CameraInfo, Live, Source, SourceInfo};
 
 mod device;
+mod page;
 
 /// How bad a finding is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Level {
     /// As it should be.
     Ok,
@@ -41,7 +47,7 @@ pub enum Level {
 }
 
 /// One thing that was looked at.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
     /// How bad it is.
     pub level: Level,
@@ -65,8 +71,10 @@ impl fmt::Display for Finding {
 /// Looks at everything that `config` needs from this machine.
 pub fn check(config: &Config) -> Vec<Finding> {
     let mut report = Report::default();
+    step("checking folder, space, socket and page");
     out(config, &mut report);
-    socket(config, &mut report);
+    let daemon_answers = socket(config, &mut report);
+    page::check(config, daemon_answers, &mut report);
     rig(config, &mut report);
     triggers(config, &mut report);
     let mut cameras = Vec::new();
@@ -74,11 +82,13 @@ pub fn check(config: &Config) -> Vec<Finding> {
     let rig = config.rig.as_deref().and_then(|path| Rig::read(path).ok());
     let mut walks = Walks::default();
     for camera in &config.cameras {
+        step(format_args!("checking camera {}", camera.name));
         report.about = format!("camera {}", camera.name);
         cameras.extend(source(camera, rig.as_ref(), &mut walks, &mut report));
     }
     report.findings.extend(usb_budget(config));
     report.about = "encoder".to_owned();
+    step("trying encoders, which takes some seconds");
     encoders(config, &cameras, &mut report);
     report.findings
 }
@@ -181,21 +191,40 @@ fn out(config: &Config, report: &mut Report) {
     }
 }
 
-fn socket(config: &Config, report: &mut Report) {
+/// Whether a daemon answers there.
+fn socket(config: &Config, report: &mut Report) -> bool {
     report.about = "control".to_owned();
     let socket = &config.control.socket;
     let folder = socket.parent().unwrap_or(Path::new("/"));
-    if UnixStream::connect(socket).is_ok() {
+    let answers = UnixStream::connect(socket).is_ok();
+    let kind = std::fs::symlink_metadata(socket).map(|data| data.file_type());
+    if answers {
         report.warning(format!("a daemon answers already: {}", socket.display()));
-    } else if let Err(error) = writable(folder) {
-        // `pawsd record` does without, and systemd makes the folder when it starts the daemon.
+    } else if let Err(error) = SocketAddr::from_pathname(socket) {
+        report.error(format!(
+            "no socket can have this path: {error}: {}",
+            socket.display()
+        ));
+    } else if kind.is_ok_and(|kind| !kind.is_socket()) {
+        report.error(format!(
+            "something that is no socket lies in its place; remove it, or name another place: {}",
+            socket.display()
+        ));
+    } else if socket == Path::new(DEFAULT_SOCKET) && !folder.exists() {
+        // systemd makes this folder when it starts the daemon, and `pawsd record` does without.
         report.warning(format!(
-            "`pawsd run` could not make its socket: {error}: {}",
+            "only the service makes the folder of its socket; `pawsd run` by hand needs [control] socket elsewhere: {}",
+            folder.display()
+        ));
+    } else if let Err(error) = writable(folder) {
+        report.error(format!(
+            "`pawsd run` could not make its socket: {error}; name another place in [control]: {}",
             folder.display()
         ));
     } else {
         report.ok(format!("the socket will be {}", socket.display()));
     }
+    answers
 }
 
 fn rig(config: &Config, report: &mut Report) {

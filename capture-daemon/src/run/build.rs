@@ -14,6 +14,7 @@ use session_archive::record::{CameraCalibration, FrameTransform, FrameTransforms
 use session_archive::time::HostTime;
 use video::{EncoderSettings, discover};
 
+use crate::announce;
 use crate::config::{self, Config, SourceConfig};
 use crate::hub::{CameraSetup, ImuSetup};
 use crate::recorder::Setup;
@@ -88,6 +89,7 @@ pub(super) fn build_for(
     let mut walks = Walks::default();
     for camera in &config.cameras {
         let name = &camera.name;
+        announce::step(format_args!("opening {name}"));
         let source = open(camera, rig.rig.as_ref(), &mut walks, start)
             .with_context(|| format!("opening the source of {name}"))?;
         sources.push(source);
@@ -103,6 +105,7 @@ pub(super) fn build_for(
                     true => 0.0,
                     false => needed_speed(config, info.camera.rate_hz),
                 };
+                announce::step(format_args!("finding an encoder for {}x{}", size.0, size.1));
                 let element = choose(config, size, needed).with_context(|| {
                     format!("finding an encoder for {name} ({}x{})", size.0, size.1)
                 })?;

@@ -8,6 +8,7 @@
 //! recorder does not come round for [`STUCK_NS`], the run ends with an error; the session is closed
 //! before, if the recorder still can.
 
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -25,9 +26,10 @@ use super::operator::Operator;
 use super::page;
 use super::store::FolderStore;
 use super::{Finished, Outcome, RecordOptions, StopFlag, stop_reason};
+use crate::announce::{self, Firsts};
 use crate::causes::with_causes;
 use crate::clock::{Clock, RealClock};
-use crate::config::Config;
+use crate::config::{Config, DEFAULT_SOCKET};
 use crate::control;
 use crate::hub::{Hub, Out, Outgoing, TICK_NS};
 use crate::notify::Notify;
@@ -245,6 +247,10 @@ impl Running {
             cameras: Vec::new(),
             threads: Vec::new(),
         }
+    }
+
+    fn names(&self) -> Vec<String> {
+        self.cameras.iter().map(|(name, _)| name.clone()).collect()
     }
 
     fn request(&self, request: Request, source: &'static str) -> Response {
@@ -557,6 +563,7 @@ pub(super) fn record(
         outcome.clone(),
     )?;
     let shared = running.shared.clone();
+    let mut firsts = Firsts::wait(running.names());
     let end = shared.clock.now() + LEAD_NS + (options.seconds * NS_PER_S as f64) as i64;
     let mut asked = false;
     let mut give_up = HostTime::MAX;
@@ -569,6 +576,9 @@ pub(super) fn record(
             running.request(Request::Stop, reason);
         }
         running.check()?;
+        if let Some(status) = shared.latest() {
+            firsts.look(&status);
+        }
         if now > give_up {
             bail!(
                 "the session could not be closed within {} s",
@@ -647,6 +657,8 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
     let notify = Notify::from_env();
     notify.ready();
     let shared = running.shared.clone();
+    let mut firsts = Firsts::wait(running.names());
+    let mut is_armed = false;
     // Twice as often as asked for: the loop sleeps between its rounds.
     let watchdog_ns = notify
         .watchdog_interval()
@@ -663,6 +675,13 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         }
         let now = shared.clock.now();
         let seen = shared.latest();
+        if let Some(status) = &seen {
+            firsts.look(status);
+            if status.state == State::Armed && !is_armed {
+                is_armed = true;
+                announce::step(armed(config));
+            }
+        }
         operator.show();
         page.look(&running);
         if now >= next_status {
@@ -688,6 +707,19 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         running.end();
     }
     result
+}
+
+/// What a person is to do once all cameras and IMUs deliver.
+fn armed(config: &Config) -> String {
+    let button = match config.operator.buttons.is_empty() {
+        true => "",
+        false => "the button or ",
+    };
+    let socket = match &config.control.socket {
+        usual if usual == Path::new(DEFAULT_SOCKET) => String::new(),
+        other => format!(" --socket {}", other.display()),
+    };
+    format!("armed: everything delivers; start with {button}`pawsd start{socket}`")
 }
 
 #[cfg(test)]

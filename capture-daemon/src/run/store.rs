@@ -22,6 +22,8 @@ pub struct FolderStore {
     out: PathBuf,
     /// None where the same input is to give the same session, byte for byte.
     looker: Option<Looker>,
+    /// Of the one session that is made then.
+    identity: [u8; 16],
 }
 
 impl FolderStore {
@@ -30,30 +32,35 @@ impl FolderStore {
     pub fn random(out: PathBuf, reserve_bytes: u64) -> Self {
         Self {
             looker: Some(Looker::new(out.clone(), reserve_bytes)),
+            identity: [0; 16],
             out,
         }
     }
 
-    /// Sessions go into `out`; identifiers are made from their time alone, and nothing of the machine
-    /// is known: nothing that changes from run to run gets into a session.
-    pub fn reproducible(out: PathBuf) -> Self {
-        Self { out, looker: None }
+    /// A session goes into `out`; its identifier is made of these bytes (a UUID of version 8), and nothing of the
+    /// machine is known: nothing that changes from run to run gets into the session.
+    pub fn reproducible(out: PathBuf, identity: [u8; 16]) -> Self {
+        Self {
+            out,
+            looker: None,
+            identity,
+        }
     }
 
-    /// What makes an identifier one of its kind.
-    fn ten_bytes(&self) -> io::Result<[u8; 10]> {
-        let mut bytes = [0; 10];
-        if self.looker.is_some() {
-            fs::File::open("/dev/urandom")?.read_exact(&mut bytes)?;
+    fn identifier(&self, started: CivilTime) -> io::Result<uuid::Uuid> {
+        if self.looker.is_none() {
+            return Ok(uuid::Builder::from_custom_bytes(self.identity).into_uuid());
         }
-        Ok(bytes)
+        let millis = (started.0 / 1_000_000).max(0) as u64;
+        let mut bytes = [0; 10];
+        fs::File::open("/dev/urandom")?.read_exact(&mut bytes)?;
+        Ok(uuid::Builder::from_unix_timestamp_millis(millis, &bytes).into_uuid())
     }
 }
 
 impl SessionStore for FolderStore {
     fn create(&mut self, started: CivilTime) -> io::Result<(PathBuf, Arc<dyn Storage>, String)> {
-        let millis = (started.0 / 1_000_000).max(0) as u64;
-        let id = uuid::Builder::from_unix_timestamp_millis(millis, &self.ten_bytes()?).into_uuid();
+        let id = self.identifier(started)?;
         let time = started.to_string();
         let time = time.split('.').next().unwrap_or(&time).replace(':', "-");
         let text = id.to_string();

@@ -11,7 +11,7 @@ use session_archive::time::{CivilTime, HostTime, NS_PER_S};
 
 use super::build::Built;
 use super::store::FolderStore;
-use super::{Finished, Outcome, RecordOptions, StopFlag, stop_reason};
+use super::{Finished, Outcome, RecordOptions, StopFlag, identity, stop_reason};
 use crate::clock::VirtualClock;
 use crate::hub::{Hub, Out, Outgoing, TICK_NS};
 use crate::recorder::{OnProgress, Recorder};
@@ -30,6 +30,7 @@ pub(super) fn record(
 ) -> anyhow::Result<Finished> {
     let mut built = build(START)?;
     built.begin_at(START)?;
+    let identity = identity::of(&built, options);
     let Built {
         sources,
         cameras,
@@ -48,7 +49,7 @@ pub(super) fn record(
     let mut sources = scheduled;
     let outcome = Outcome::default();
     let watch = outcome.watch(on_progress);
-    let store = FolderStore::reproducible(options.out.clone());
+    let store = FolderStore::reproducible(options.out.clone(), identity);
     let chunk_ns = setup.chunk_ns;
     let recorder = Recorder::new(setup, clock.clone(), Box::new(store), Box::new(|| 0), watch);
     let recorder = Arc::new(Mutex::new(recorder));

@@ -21,6 +21,7 @@ use session_archive::time::{HostTime, TickLength};
 use video::{Picture, PictureError};
 
 use crate::causes::with_causes;
+use crate::run::identity::Digest;
 
 use super::datasets::{self, DatasetError, DatasetKind, ImuSample, Samples, StereoDataset};
 use super::{
@@ -235,6 +236,18 @@ impl Replay {
 impl Source for Replay {
     fn info(&self) -> &SourceInfo {
         &self.info
+    }
+
+    fn digest(&self) -> Vec<u8> {
+        let mut digest = Digest::new("replay");
+        digest.value(&(self.repeat, self.dataset.rate_hz));
+        digest.value(&self.dataset.imu);
+        for frame in &self.dataset.frames {
+            digest.value(&(frame.number, frame.device_time_ns));
+            digest.file(&frame.left);
+            digest.file(&frame.right);
+        }
+        digest.finish().to_vec()
     }
 
     fn next_sample(&mut self) -> Result<Option<Sample>, SourceError> {

@@ -18,6 +18,8 @@ use session_archive::time::HostTime;
 use video::picture::{nv12_to_i420, yuyv_to_i420};
 use video::{Picture, PictureError};
 
+use crate::run::identity::Digest;
+
 use super::{
     CameraInfo, Gone, ImuInfo, ImuValues, Part, RawFrame, RawImu, Sample, Source, SourceError,
     SourceInfo,
@@ -90,6 +92,8 @@ pub struct Simulated {
     calibration: StereoCalibration,
     device: Device,
     start: HostTime,
+    /// Of the walk's settings and of what goes wrong.
+    digest: Vec<u8>,
 }
 
 impl Simulated {
@@ -114,6 +118,8 @@ impl Simulated {
                 known: known.join(", "),
             });
         }
+        let mut digest = Digest::new("simulated");
+        digest.value(settings);
         let faults = match faults {
             None => Faults::default(),
             Some(path) => {
@@ -123,6 +129,7 @@ impl Simulated {
                         path: shown(),
                         source,
                     })?;
+                digest.bytes(text.as_bytes());
                 let parsed = Faults::parse(&text, &known, settings.seed);
                 parsed.map_err(|source| SimulatedError::Faults {
                     path: shown(),
@@ -134,7 +141,10 @@ impl Simulated {
         let position = walk.cameras().iter().position(|c| c.name == name);
         let position = position.expect("a simulation has the cameras of its rig");
         let device = Device::rendered(&walk, position, faults.of(name));
-        Ok(Self::of_device(&walk, position, device, start))
+        Ok(Self {
+            digest: digest.finish().to_vec(),
+            ..Self::of_device(&walk, position, device, start)
+        })
     }
 
     /// A device of a walk, by the position of its camera.
@@ -181,6 +191,7 @@ impl Simulated {
             calibration: walk.calibration(position),
             device,
             start,
+            digest: Vec::new(),
         }
     }
 
@@ -223,6 +234,10 @@ fn i420(frame: &DeviceFrame) -> Result<Picture, PictureError> {
 impl Source for Simulated {
     fn info(&self) -> &SourceInfo {
         &self.info
+    }
+
+    fn digest(&self) -> Vec<u8> {
+        self.digest.clone()
     }
 
     fn next_sample(&mut self) -> Result<Option<Sample>, SourceError> {

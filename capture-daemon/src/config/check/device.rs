@@ -14,9 +14,13 @@ use crate::sources::device::camera::{find_node, interval, key};
 pub(super) fn look(config: &V4l2Config) -> Vec<(Level, String)> {
     let mut findings = Vec::new();
     match find_node(&config.device, None) {
+        // A daemon waits for it, and a recording would be without it.
         Err(error) => findings.push((
-            Level::Warning,
-            format!("{}; it will be waited for", with_causes(&error)),
+            Level::Error,
+            format!(
+                "{}; plug it in, `pawsd devices` lists what is there",
+                with_causes(&error)
+            ),
         )),
         Ok(path) => camera(config, &path, &mut findings),
     }
@@ -29,14 +33,7 @@ pub(super) fn look(config: &V4l2Config) -> Vec<(Level, String)> {
 fn camera(config: &V4l2Config, path: &Path, findings: &mut Vec<(Level, String)>) {
     let camera = match Camera::open(path) {
         Ok(camera) => camera,
-        Err(error) => {
-            let level = if error.is_gone() {
-                Level::Warning
-            } else {
-                Level::Error
-            };
-            return findings.push((level, with_causes(&error)));
-        }
+        Err(error) => return findings.push((Level::Error, with_causes(&error))),
     };
     let wanted = mode(config);
     match camera.modes() {
@@ -82,8 +79,8 @@ fn imu(config: &ZedImuConfig) -> (Level, String) {
         Err(error) => (Level::Error, with_causes(&error)),
         Ok(found) => match found.iter().filter(|f| fits(&f.serial)).collect::<Vec<_>>()[..] {
             [] => (
-                Level::Warning,
-                "its IMU is not there; it will be waited for".to_owned(),
+                Level::Error,
+                "its IMU is not there; plug it in, `pawsd devices` lists what is there".to_owned(),
             ),
             [one] => (Level::Ok, format!("its IMU is {}", one.path)),
             [..] => (

@@ -97,12 +97,7 @@ fn everything_wrong_is_told_at_once() {
     let found = findings(here, text);
     expect(&found, "session", Level::Error, "not a directory");
     expect(&found, "disk", Level::Error, "expected at least 99999.3 GB");
-    expect(
-        &found,
-        "control",
-        Level::Warning,
-        "could not make its socket",
-    );
+    expect(&found, "control", Level::Error, "could not make its socket");
     expect(&found, "rig", Level::Error, "name is missing");
     expect(&found, "trigger", Level::Warning, "gone alone");
     expect(&found, "camera gone", Level::Error, "no folder");
@@ -181,4 +176,70 @@ fn a_finding_is_one_line() {
         message: "no calibration".into(),
     };
     assert_eq!(finding.to_string(), "warning  camera feet: no calibration");
+}
+
+/// Without it, a start would find out.
+#[test]
+fn a_page_that_could_not_be_served_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap();
+    let page = |socket: &str, token: &str| {
+        findings(
+            here,
+            &format!(
+                "control.socket = \"{socket}\"\n[page]\nlisten = \"{address}\"\ntoken_file = \"{token}\"\n{SYNTHETIC}"
+            ),
+        )
+    };
+    let found = page("s", "absent");
+    expect(&found, "page", Level::Error, "end what uses this one");
+    expect(&found, "page", Level::Error, "absent");
+    // A daemon that runs has it.
+    let _daemon = std::os::unix::net::UnixListener::bind(here.join("running")).unwrap();
+    fs::write(
+        here.join("token"),
+        format!("{}\n", "0123456789abcdef".repeat(4)),
+    )
+    .unwrap();
+    let mode = std::os::unix::fs::PermissionsExt::from_mode(0o600);
+    fs::set_permissions(here.join("token"), mode).unwrap();
+    let found = page("running", "token");
+    expect(&found, "page", Level::Ok, "as by the daemon that runs");
+    expect(&found, "page", Level::Ok, "its token is in");
+    drop(taken);
+    let found = page("s", "token");
+    expect(&found, "page", Level::Ok, "it will be at");
+}
+
+#[test]
+fn a_socket_that_could_not_be_made_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    fs::write(here.join("file"), "").unwrap();
+    let socket = |path: &str| findings(here, &format!("control.socket = \"{path}\"\n{SYNTHETIC}"));
+    expect(
+        &socket("file"),
+        "control",
+        Level::Error,
+        "no socket lies in its place",
+    );
+    let long = "x".repeat(120);
+    expect(
+        &socket(&long),
+        "control",
+        Level::Error,
+        "no socket can have this path",
+    );
+}
+
+/// A recording would be without it, however long a daemon would wait.
+#[test]
+fn a_camera_that_is_not_there_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "[[camera]]\nname = \"feet\"\n\
+        source = { kind = \"v4l2\", device = \"/dev/video-that-is-not-there\", width = 128, height = 64, rate_hz = 15 }\n";
+    let found = findings(folder.path(), text);
+    expect(&found, "camera feet", Level::Error, "pawsd devices");
 }

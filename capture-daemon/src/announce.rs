@@ -1,0 +1,95 @@
+//! Steps that a person at a terminal waits for.
+//!
+//! Contract: whatever may take longer than a second says so before it begins. A step is a record of the logger with the
+//! target [`STEP`] and the level `info`: `pawsd` shows it as a plain line, the journal keeps it, `-q` leaves it out, and a
+//! program that uses this library decides for itself.
+
+use std::fmt::Display;
+
+use crate::status::{State, Status};
+
+/// Target of the log records.
+pub const STEP: &str = "pawsd::step";
+
+/// Says a step.
+pub fn step(text: impl Display) {
+    log::info!(target: STEP, "{text}");
+}
+
+/// Says that the first frames of cameras are waited for, and each camera as it comes.
+#[derive(Debug)]
+pub struct Firsts {
+    /// Cameras that have not delivered, in the order of the configuration.
+    pending: Vec<String>,
+}
+
+impl Firsts {
+    /// Waits for these cameras, and says so.
+    pub fn wait(cameras: Vec<String>) -> Self {
+        step(format_args!(
+            "waiting for the first frames of {}",
+            cameras.join(", ")
+        ));
+        Self { pending: cameras }
+    }
+
+    /// Says which cameras have come since the last look.
+    pub fn look(&mut self, status: &Status) {
+        for name in self.come(status) {
+            match self.pending.as_slice() {
+                [] => step(format_args!("{name} delivers")),
+                rest => step(format_args!(
+                    "{name} delivers; waiting for {}",
+                    rest.join(", ")
+                )),
+            }
+        }
+    }
+
+    fn come(&mut self, status: &Status) -> Vec<String> {
+        // Counts come once a second; the state knows at once.
+        let all = status.state == State::Armed;
+        let delivers = |name: &String| {
+            let mut streams = status.streams.iter();
+            all || streams.any(|stream| stream.name == *name && stream.received > 0)
+        };
+        let come = self.pending.iter().filter(|name| delivers(name)).cloned();
+        let come: Vec<String> = come.collect();
+        self.pending.retain(|name| !come.contains(name));
+        come
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_camera_comes_once() {
+        let status = |feet: u64, left: u64| -> Status {
+            serde_json::from_value(serde_json::json!({
+                "state": "idle", "seconds": 0, "alarms": [], "encoders": [],
+                "streams": [stream("feet", feet), stream("feet/imu", 9), stream("left", left)],
+            }))
+            .expect("a status")
+        };
+        let mut firsts = Firsts::wait(vec!["feet".to_owned(), "left".to_owned()]);
+        assert_eq!(firsts.come(&status(0, 0)), [""; 0]);
+        assert_eq!(firsts.come(&status(0, 2)), ["left"]);
+        assert_eq!(firsts.come(&status(1, 3)), ["feet"]);
+        assert_eq!(firsts.come(&status(2, 4)), [""; 0]);
+        let mut firsts = Firsts::wait(vec!["feet".to_owned()]);
+        let armed = Status {
+            state: State::Armed,
+            ..status(0, 0)
+        };
+        assert_eq!(firsts.come(&armed), ["feet"]);
+    }
+
+    fn stream(name: &str, received: u64) -> serde_json::Value {
+        serde_json::json!({
+            "name": name, "rate_hz": 0.0, "received": received, "stored": 0, "missing": 0,
+            "silent": false, "frozen": false,
+        })
+    }
+}

@@ -1,0 +1,157 @@
+//! Identifiers of recordings in virtual time.
+//!
+//! A recording in virtual time happens at no time, so its identifier cannot be made of the time as those of real ones are
+//! (UUID version 7). It is a UUID of version 8, made of everything that decides what comes out: the program's version, the
+//! configuration as far as it shows in a session, name and length, and what the sources read. So the same recording has
+//! the same identifier on every machine, in every folder; recordings that differ in any of this have others and lie side
+//! by side in a library; and none is taken for a real one.
+//!
+//! Where sessions go, and where files lie, does not count. Files of frames count by their names, lengths, first and last
+//! [`EDGE`] bytes, calibration files and truth by all their bytes.
+
+use std::fmt::Debug;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::path::Path;
+
+use super::{Built, RecordOptions};
+use crate::sources::AnySource;
+
+/// Bytes at both ends of a large file that count: the end of a PNG holds the checksum of its pixels.
+const EDGE: u64 = 4096;
+
+/// What an identifier is made of; each part with its length, so that no two ways of cutting the same bytes are alike.
+pub(crate) struct Digest(blake3::Hasher);
+
+impl Digest {
+    pub(crate) fn new(domain: &str) -> Self {
+        let mut digest = Self(blake3::Hasher::new());
+        digest.bytes(domain.as_bytes());
+        digest
+    }
+
+    pub(crate) fn bytes(&mut self, bytes: &[u8]) {
+        self.0.update(&(bytes.len() as u64).to_le_bytes());
+        self.0.update(bytes);
+    }
+
+    /// A value by its fields; floating-point numbers print as the shortest text that reads back the same.
+    pub(crate) fn value(&mut self, value: &impl Debug) {
+        self.bytes(format!("{value:?}").as_bytes());
+    }
+
+    /// A file by name, length and both ends; what cannot be read counts by its name alone, and fails where it is used.
+    pub(crate) fn file(&mut self, path: &Path) {
+        let name = path.file_name().unwrap_or_default();
+        self.bytes(name.as_encoded_bytes());
+        match edges(path) {
+            Ok((length, bytes)) => {
+                self.value(&length);
+                self.bytes(&bytes);
+            }
+            Err(_) => self.bytes(b"unreadable"),
+        }
+    }
+
+    pub(crate) fn finish(self) -> [u8; 32] {
+        *self.0.finalize().as_bytes()
+    }
+}
+
+/// Length of a file, and its first and last bytes.
+fn edges(path: &Path) -> io::Result<(u64, Vec<u8>)> {
+    let mut file = File::open(path)?;
+    let length = file.metadata()?.len();
+    let mut bytes = Vec::new();
+    Read::by_ref(&mut file).take(EDGE).read_to_end(&mut bytes)?;
+    if length > EDGE {
+        file.seek(SeekFrom::Start((length - EDGE).max(EDGE)))?;
+        file.take(EDGE).read_to_end(&mut bytes)?;
+    }
+    Ok((length, bytes))
+}
+
+/// The bytes of the identifier; the caller sets those that make it a UUID.
+pub(super) fn of(built: &Built, options: &RecordOptions) -> [u8; 16] {
+    let Built {
+        sources,
+        cameras,
+        setup,
+    } = built;
+    let mut digest = Digest::new("paws: a recording in virtual time, 1");
+    digest.value(&setup.software);
+    digest.value(&setup.cameras);
+    digest.value(&setup.imus);
+    digest.value(&setup.calibrations);
+    digest.value(&setup.transforms);
+    for (name, content) in &setup.rig_files {
+        digest.value(name);
+        digest.bytes(content);
+    }
+    digest.value(&(setup.chunk_ns, setup.pre_roll_ns));
+    digest.value(cameras);
+    digest.value(if options.name.is_empty() {
+        &setup.name
+    } else {
+        &options.name
+    });
+    digest.value(&options.seconds);
+    for source in sources {
+        digest.value(source.info());
+        if let AnySource::Scheduled(source) = source {
+            digest.bytes(&source.digest());
+        }
+    }
+    let mut bytes = [0; 16];
+    bytes.copy_from_slice(&digest.finish()[..16]);
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    fn digest(path: &Path) -> [u8; 32] {
+        let mut digest = Digest::new("test");
+        digest.file(path);
+        digest.finish()
+    }
+
+    #[test]
+    fn a_file_counts_by_name_length_and_both_ends_wherever_it_lies() {
+        let [a, b] = [(); 2].map(|()| tempfile::tempdir().expect("folder"));
+        let put = |folder: &tempfile::TempDir, name: &str, bytes: &[u8]| {
+            let path = folder.path().join(name);
+            fs::write(&path, bytes).expect("file");
+            path
+        };
+        let mut bytes = vec![7; 10_000];
+        let one = digest(&put(&a, "1.png", &bytes));
+        assert_eq!(digest(&put(&b, "1.png", &bytes)), one);
+        assert_ne!(digest(&put(&b, "2.png", &bytes)), one);
+        for at in [0, 4095, 5904, 9999] {
+            bytes[at] = 8;
+            assert_ne!(digest(&put(&b, "1.png", &bytes)), one, "byte {at}");
+            bytes[at] = 7;
+        }
+        bytes.push(7);
+        assert_ne!(digest(&put(&b, "1.png", &bytes)), one);
+        // Shorter than two edges: every byte counts once.
+        let (length, read) = edges(&put(&a, "s", &[1; 5000])).expect("file");
+        assert_eq!((length, read.len()), (5000, 5000));
+    }
+
+    #[test]
+    fn parts_are_told_apart() {
+        let of = |parts: [&[u8]; 2]| {
+            let mut digest = Digest::new("test");
+            for part in parts {
+                digest.bytes(part);
+            }
+            digest.finish()
+        };
+        assert_ne!(of([b"ab", b"c"]), of([b"a", b"bc"]));
+    }
+}
