@@ -4,10 +4,12 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 
-use super::files::{make_folder, read, set_mode, write};
+use super::files::{make_folder, output, read, set_mode, write};
+use crate::process::{self, cargo};
 
 /// Where `deploy/README.md` installs the program by hand; Debian keeps that folder for the administrator.
 const BY_HAND: &str = "/usr/local/bin/pawsd";
@@ -30,6 +32,13 @@ const EXAMPLES: [(&str, &str); 3] = [
     ("deploy/examples", "usr/share/doc/pawsd/examples"),
     ("deploy/rigs", "usr/share/doc/pawsd/examples/rigs"),
     ("cad-transforms/rigs", "usr/share/doc/pawsd/examples/rigs"),
+];
+
+/// Where the shells look for completions.
+const COMPLETIONS: [(&str, &str); 3] = [
+    ("bash", "usr/share/bash-completion/completions/pawsd"),
+    ("fish", "usr/share/fish/vendor_completions.d/pawsd.fish"),
+    ("zsh", "usr/share/zsh/vendor-completions/_pawsd"),
 ];
 
 /// The folder that becomes the package.
@@ -87,10 +96,33 @@ impl Contents<'_> {
             "usr/share/doc/pawsd/copyright",
             copyright.replace("@MIT@", &as_field(&ours)),
         )?;
-        self.put_compressed(
-            "usr/share/man/man1/pawsd.1",
-            read(&self.source.join("deploy/debian/pawsd.1"))?,
-        )
+        self.put_papers()
+    }
+
+    /// The manual pages and the shells' completions, as the program writes them itself. It is the one for this machine that
+    /// does so: the packaged one may be for another processor.
+    fn put_papers(&self) -> Result<()> {
+        let pawsd = || -> Result<Command> {
+            let mut program = cargo()?;
+            program.args(["run", "--quiet", "--locked", "--package=capture-daemon"]);
+            program.args(["--bin=pawsd", "--"]);
+            Ok(program)
+        };
+        let folder = self.folder.with_file_name("manual");
+        if folder.exists() {
+            fs::remove_dir_all(&folder)
+                .with_context(|| format!("emptying {}", folder.display()))?;
+        }
+        process::run(pawsd()?.args(["man", "--out"]).arg(&folder))?;
+        for page in files_of(&folder)? {
+            let name = page.file_name().context("a page has a name")?;
+            let to = format!("usr/share/man/man1/{}", name.to_string_lossy());
+            self.put_compressed(&to, bytes_of(&page)?)?;
+        }
+        for (shell, to) in COMPLETIONS {
+            self.put(to, output(pawsd()?.args(["completions", shell]))?)?;
+        }
+        Ok(())
     }
 
     /// A file that all may read.
@@ -104,8 +136,8 @@ impl Contents<'_> {
     /// The same, compressed as Debian wants its documents: with the ending `.gz`, the same bytes every time.
     pub(super) fn put_compressed(&self, path: &str, bytes: impl AsRef<[u8]>) -> Result<()> {
         self.put(path, bytes)?;
-        let mut gzip = crate::process::command("gzip")?;
-        crate::process::run(gzip.args(["-9", "--no-name"]).arg(self.folder.join(path)))
+        let mut gzip = process::command("gzip")?;
+        process::run(gzip.args(["-9", "--no-name"]).arg(self.folder.join(path)))
     }
 }
 
