@@ -30,8 +30,9 @@ pub struct Options {
     /// The file, or where the format makes several the folder; must not exist
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Fit this lens model
-    #[arg(long, value_parser = model_parser())]
+    /// Fit this lens model [possible values: none, radial2, rad_tan4, rad_tan5, rational8, kannala_brandt4, double_sphere,
+    /// eucm]
+    #[arg(long, value_parser = model)]
     pub model: Option<LensModel>,
     /// Fit only up to this angle off the axis
     #[arg(long, value_name = "DEGREES", requires = "model", value_parser = angle)]
@@ -49,9 +50,12 @@ fn format_parser() -> impl TypedValueParser<Value = Format> {
         .map(|name| Format::from_name(&name).expect("only names of formats are possible"))
 }
 
-fn model_parser() -> impl TypedValueParser<Value = LensModel> {
-    PossibleValuesParser::new(LensModel::ALL.map(LensModel::name))
-        .map(|name| LensModel::from_name(&name).expect("only names of models are possible"))
+/// Not by clap's possible values: the names that other programs have for a model are taken too.
+fn model(text: &str) -> Result<LensModel, String> {
+    LensModel::from_name(text).ok_or_else(|| {
+        let names = LensModel::ALL.map(LensModel::name).join(", ");
+        format!("expected one of {names}")
+    })
 }
 
 fn angle(text: &str) -> Result<f64, String> {
