@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::io;
 use std::os::unix::fs::FileTypeExt;
-use std::os::unix::net::{SocketAddr, UnixStream};
+use std::os::unix::net::UnixStream;
 use std::path::Path;
 
 use cad_transforms::rig::Rig;
@@ -200,11 +200,6 @@ fn socket(config: &Config, report: &mut Report) -> bool {
     let kind = std::fs::symlink_metadata(socket).map(|data| data.file_type());
     if answers {
         report.warning(format!("a daemon answers already: {}", socket.display()));
-    } else if let Err(error) = SocketAddr::from_pathname(socket) {
-        report.error(format!(
-            "no socket can have this path: {error}: {}",
-            socket.display()
-        ));
     } else if kind.is_ok_and(|kind| !kind.is_socket()) {
         report.error(format!(
             "something that is no socket lies in its place; remove it, or name another place: {}",

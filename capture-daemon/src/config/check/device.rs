@@ -10,18 +10,15 @@ use crate::causes::with_causes;
 use crate::config::{Config, SourceConfig, V4l2Config, ZedImuConfig};
 use crate::sources::device::camera::{find_node, interval, key};
 
+/// What to do about a device that is not there.
+const NOT_THERE: &str = "; plug it in, `pawsd devices` lists what is there";
+
 /// What is found of a camera and its IMU.
 pub(super) fn look(config: &V4l2Config) -> Vec<(Level, String)> {
     let mut findings = Vec::new();
     match find_node(&config.device, None) {
         // A daemon waits for it, and a recording would be without it.
-        Err(error) => findings.push((
-            Level::Error,
-            format!(
-                "{}; plug it in, `pawsd devices` lists what is there",
-                with_causes(&error)
-            ),
-        )),
+        Err(error) => findings.push((Level::Error, format!("{}{NOT_THERE}", with_causes(&error)))),
         Ok(path) => camera(config, &path, &mut findings),
     }
     if let Some(config) = &config.imu {
@@ -33,7 +30,13 @@ pub(super) fn look(config: &V4l2Config) -> Vec<(Level, String)> {
 fn camera(config: &V4l2Config, path: &Path, findings: &mut Vec<(Level, String)>) {
     let camera = match Camera::open(path) {
         Ok(camera) => camera,
-        Err(error) => return findings.push((Level::Error, with_causes(&error))),
+        Err(error) => {
+            let hint = match error.is_gone() {
+                true => NOT_THERE,
+                false => "",
+            };
+            return findings.push((Level::Error, format!("{}{hint}", with_causes(&error))));
+        }
     };
     let wanted = mode(config);
     match camera.modes() {
@@ -78,10 +81,7 @@ fn imu(config: &ZedImuConfig) -> (Level, String) {
     match zed::imu::list() {
         Err(error) => (Level::Error, with_causes(&error)),
         Ok(found) => match found.iter().filter(|f| fits(&f.serial)).collect::<Vec<_>>()[..] {
-            [] => (
-                Level::Error,
-                "its IMU is not there; plug it in, `pawsd devices` lists what is there".to_owned(),
-            ),
+            [] => (Level::Error, format!("its IMU is not there{NOT_THERE}")),
             [one] => (Level::Ok, format!("its IMU is {}", one.path)),
             [..] => (
                 Level::Error,

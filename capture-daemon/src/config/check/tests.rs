@@ -225,13 +225,6 @@ fn a_socket_that_could_not_be_made_is_an_error() {
         Level::Error,
         "no socket lies in its place",
     );
-    let long = "x".repeat(120);
-    expect(
-        &socket(&long),
-        "control",
-        Level::Error,
-        "no socket can have this path",
-    );
 }
 
 /// A recording would be without it, however long a daemon would wait.
