@@ -31,7 +31,7 @@ fn camera(config: &V4l2Config, path: &Path, findings: &mut Vec<(Level, String)>)
     let camera = match Camera::open(path) {
         Ok(camera) => camera,
         Err(error) => {
-            let hint = match error.is_gone() {
+            let hint = match error.is_gone() || !path.exists() {
                 true => NOT_THERE,
                 false => "",
             };
