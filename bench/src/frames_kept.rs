@@ -100,13 +100,23 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let Arguments { quick, out } = Arguments::parse(&rest)?;
     let stamp = stamp::stamp("frames_kept", args)?;
     let seconds: u32 = if quick { 6 } else { 20 };
-    let loads: &[usize] = if quick { &[0, 4] } else { &[0, 1, 2, 3, 4, 5, 6] };
+    let loads: &[usize] = if quick {
+        &[0, 4]
+    } else {
+        &[0, 1, 2, 3, 4, 5, 6]
+    };
     let disk = meter::on_disk(None)?;
     let disk = tempfile::tempdir_in(&disk).context("making a folder for sessions")?;
     let config = prepare(disk.path())?;
     let mut kept = Vec::new();
     for &loops in loads {
-        let one = recording(&config, &disk.path().join("sessions"), seconds, loops, pawsd.as_deref())?;
+        let one = recording(
+            &config,
+            &disk.path().join("sessions"),
+            seconds,
+            loops,
+            pawsd.as_deref(),
+        )?;
         println!(
             "{loops} busy loops: {:.1} % of {} frames stored, {} lost; {:.1} s of processor time",
             100.0 * one.share(),
@@ -128,7 +138,11 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         "runs": kept.iter().map(Kept::json).collect::<Vec<_>>(),
     });
     // A comparison does not replace the record of this state.
-    let name = if pawsd.is_some() { "frames_kept-other" } else { "frames_kept" };
+    let name = if pawsd.is_some() {
+        "frames_kept-other"
+    } else {
+        "frames_kept"
+    };
     fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;
     for (file, text) in [
         (format!("{name}.json"), format!("{report:#}\n")),
@@ -198,11 +212,8 @@ fn write_eyes(folder: &Path, number: usize, picture: &Picture) -> Result<()> {
             .collect();
         let path = folder.join(eye).join(format!("{number:06}.png"));
         let file = File::create(&path).with_context(|| format!("making {}", path.display()))?;
-        let mut encoder = png::Encoder::new(
-            BufWriter::new(file),
-            picture.width / 2,
-            picture.height,
-        );
+        let mut encoder =
+            png::Encoder::new(BufWriter::new(file), picture.width / 2, picture.height);
         encoder.set_color(png::ColorType::Grayscale);
         encoder.set_depth(png::BitDepth::Eight);
         encoder
@@ -259,7 +270,10 @@ fn recording(
         None => {
             // This very program, even if its file was replaced since it started.
             let mut command = Command::new("/proc/self/exe");
-            command.args(["frames_kept", RECORD]).arg(config).arg(sessions);
+            command
+                .args(["frames_kept", RECORD])
+                .arg(config)
+                .arg(sessions);
             command.arg(seconds.to_string());
             command
         }
@@ -335,7 +349,11 @@ fn record(arguments: &[String]) -> Result<()> {
     };
     let config = Config::read(config.as_ref())?;
     let finished = run::record(&config, &options, &StopFlag::new(), Box::new(|_| {}))?;
-    ensure!(finished.error.is_none(), "the recording failed: {:?}", finished.error);
+    ensure!(
+        finished.error.is_none(),
+        "the recording failed: {:?}",
+        finished.error
+    );
     Ok(())
 }
 

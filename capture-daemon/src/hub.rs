@@ -386,7 +386,10 @@ impl Hub {
         }
         self.ease();
         let text = self.relief.last().map(|step| {
-            format!("the machine is too slow to encode everything: {}", step.text())
+            format!(
+                "the machine is too slow to encode everything: {}",
+                step.text()
+            )
         });
         if let Some(over) = std::mem::replace(&mut self.relief_alarm, text) {
             self.tell_relief(over, false, now);
@@ -583,7 +586,9 @@ impl Hub {
         camera.watch.seen(now, name, &self.out);
         let numbers = &mut camera.numbers;
         let at = seen.host_time;
-        let _ = camera.watch.number(numbers, seen.number, at, name, &self.out);
+        let _ = camera
+            .watch
+            .number(numbers, seen.number, at, name, &self.out);
         let _ = camera.clock.map(seen.device_ticks, at, &self.out);
     }
 

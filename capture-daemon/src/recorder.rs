@@ -685,7 +685,11 @@ impl Recorder {
         let missing = session.streams.iter().map(|s| s.missing).sum();
         let absent = session.absent();
         let streams = session.account();
-        let ended: Vec<_> = session.streams.iter_mut().filter_map(|s| s.losses.end()).collect();
+        let ended: Vec<_> = session
+            .streams
+            .iter_mut()
+            .filter_map(|s| s.losses.end())
+            .collect();
         let path = session.path;
         if let Some(e) = &failed {
             let text = format!(

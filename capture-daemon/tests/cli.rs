@@ -289,7 +289,10 @@ fn record_prints_the_session_last() {
         told.contains("\nrecording: out/") && told.contains("samples stored, 0 missing"),
         "{told}"
     );
-    let note = told.lines().find(|l| l.starts_with("note: ")).unwrap_or_default();
+    let note = told
+        .lines()
+        .find(|l| l.starts_with("note: "))
+        .unwrap_or_default();
     assert!(
         note.starts_with("note: the lenses of feet are not known") && note.contains(MENDS),
         "{told}"

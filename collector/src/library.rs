@@ -313,8 +313,11 @@ fn keys_of(root: &Path) -> Result<BTreeSet<String>> {
     Ok(keys)
 }
 
-/// The rows of all sessions, and the folders that are none, with the reason.
-fn rows_of_folders(root: &Path) -> Result<(Vec<Row>, Vec<(String, String)>)> {
+/// Folders that hold no session, with the reason.
+type NoSessions = Vec<(String, String)>;
+
+/// The rows of all sessions, and the folders that are none.
+fn rows_of_folders(root: &Path) -> Result<(Vec<Row>, NoSessions)> {
     let (mut rows, mut failed) = (Vec::new(), Vec::new());
     for key in keys_of(root)? {
         match Row::of(&key, &root.join(SESSIONS).join(&key)) {

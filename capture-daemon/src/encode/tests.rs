@@ -281,7 +281,11 @@ fn a_faster_preset_begins_with_the_next_chunk() {
         if let Some(running) = &lane.running
             && lane.waiting.is_empty()
         {
-            let expected = if n < 16 { Preset::Veryfast } else { Preset::Ultrafast };
+            let expected = if n < 16 {
+                Preset::Veryfast
+            } else {
+                Preset::Ultrafast
+            };
             assert_eq!(running.effort.preset, expected, "at {n}");
         }
     }

@@ -104,7 +104,10 @@ impl Relief {
             && (fill >= FULL || fill - self.lowest >= GROWTH)
             && self.taken < self.steps.len()
         {
-            if self.eased.is_some_and(|at| now.since(at) < self.patience_ns) {
+            if self
+                .eased
+                .is_some_and(|at| now.since(at) < self.patience_ns)
+            {
                 self.patience_ns = (2 * self.patience_ns).min(MAX_PATIENCE_NS);
             }
             self.taken += 1;
@@ -218,7 +221,11 @@ mod tests {
         let mut machine = Machine::new(5.0);
         machine.run(600.0, 0.6);
         let changes = machine.changes.len();
-        assert!((3..=20).contains(&changes), "{changes}: {:?}", machine.changes);
+        assert!(
+            (3..=20).contains(&changes),
+            "{changes}: {:?}",
+            machine.changes
+        );
         assert_eq!(machine.lost_s, 0.0);
     }
 
@@ -233,10 +240,7 @@ mod tests {
 
     #[test]
     fn what_cannot_be_given_up_is_left_out() {
-        assert_eq!(
-            Relief::new(false, 1).steps,
-            [Step::Quality, Step::AllRates]
-        );
+        assert_eq!(Relief::new(false, 1).steps, [Step::Quality, Step::AllRates]);
         let all = Relief::new(true, 2).steps;
         assert!(all.is_sorted() && all.len() == 4);
     }

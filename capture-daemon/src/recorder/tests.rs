@@ -859,7 +859,10 @@ fn a_stop_waits_for_encoders_that_are_behind() {
     let first = rig.next[0];
     let mut given = 0;
     while rig.recorder.state() == State::Stopping {
-        assert!(rig.now() <= at + STOP_MAX_NS + 2 * NS_PER_S, "it never ends");
+        assert!(
+            rig.now() <= at + STOP_MAX_NS + 2 * NS_PER_S,
+            "it never ends"
+        );
         rig.clock.advance_to(rig.now() + NS_PER_S);
         let time = at.0 - 1_000 + given;
         let frame = Frame {
@@ -935,7 +938,11 @@ fn loss_is_an_alarm_and_a_share_of_the_frames_of_its_camera() {
     assert_eq!(feet.causes.len(), 1, "{feet}");
     let share = 30.0 / (30.0 + feet.stored as f64);
     assert_eq!(feet.missing_share(), share);
-    assert!(feet.to_string().contains("% of the frames are missing (30 of "), "{feet}");
+    assert!(
+        feet.to_string()
+            .contains("% of the frames are missing (30 of "),
+        "{feet}"
+    );
     assert_eq!(streams[0].missing, 0);
 }
 
@@ -950,7 +957,10 @@ fn a_session_whose_folder_is_removed_ends_with_the_next_chunk() {
     let removed = rig.now();
     while rig.recorder.state() == State::Recording {
         rig.step();
-        assert!(rig.now().since(removed) <= 1_000 * MS + PERIOD, "it goes on");
+        assert!(
+            rig.now().since(removed) <= 1_000 * MS + PERIOD,
+            "it goes on"
+        );
     }
     assert_eq!(rig.recorder.state(), State::Fault);
     let Some(Progress::Finished { error, .. }) = rig.progress().pop() else {

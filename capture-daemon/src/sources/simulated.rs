@@ -22,8 +22,8 @@ use video::{Picture, PictureError};
 use crate::run::identity::Digest;
 
 use super::{
-    CameraInfo, Gone, ImuInfo, ImuValues, Lost, Part, RawFrame, RawImu, Sample, Source, SourceError,
-    SourceInfo,
+    CameraInfo, Gone, ImuInfo, ImuValues, Lost, Part, RawFrame, RawImu, Sample, Source,
+    SourceError, SourceInfo,
 };
 
 /// Why there is no such source. None of these goes away by trying again.

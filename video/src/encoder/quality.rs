@@ -65,9 +65,12 @@ mod tests {
             properties: &[],
             ..KINDS[0]
         };
-        assert_eq!((
-            quantiser(&kind, Preset::Ultrafast, 46.9),
-            quantiser(&kind, Preset::Ultrafast, 47.0),
-        ), (16, 15));
+        assert_eq!(
+            (
+                quantiser(&kind, Preset::Ultrafast, 46.9),
+                quantiser(&kind, Preset::Ultrafast, 47.0),
+            ),
+            (16, 15)
+        );
     }
 }

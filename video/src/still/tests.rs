@@ -32,6 +32,7 @@ fn encoded(frames: &[Picture], keys_every: usize) -> Vec<AccessUnit> {
         quality_db: 45.0,
         threads: 1,
         max_key_interval_frames: 300,
+        preset: crate::encoder::Preset::default(),
     };
     let units = Arc::new(Mutex::new(Vec::new()));
     let collect = units.clone();

@@ -68,7 +68,9 @@ fn a_good_configuration_has_no_errors() {
     assert!(found.iter().any(is_described), "{found:#?}");
     let encoder = found.iter().find(|f| f.about == "encoder").unwrap();
     assert!(
-        encoder.message.contains(", for 0.2 million pixels per second"),
+        encoder
+            .message
+            .contains(", for 0.2 million pixels per second"),
         "{encoder}"
     );
     assert!(

@@ -327,9 +327,7 @@ impl Behind {
     fn frame(&mut self, sequence: u32, age_ns: i64) -> std::ops::Range<u32> {
         let before = self.before.replace((sequence, age_ns > self.old_ns));
         match before {
-            Some((number, true))
-                if sequence > number && sequence - number <= Self::MOST =>
-            {
+            Some((number, true)) if sequence > number && sequence - number <= Self::MOST => {
                 number + 1..sequence
             }
             _ => sequence..sequence,
@@ -407,7 +405,10 @@ mod tests {
         assert!(behind.frame(10, 290 * MS).is_empty());
         assert_eq!(behind.frame(14, 5 * MS), 11..14);
         assert!(behind.frame(15, 290 * MS).is_empty());
-        assert!(behind.frame(2, 5 * MS).is_empty(), "it counts from the beginning");
+        assert!(
+            behind.frame(2, 5 * MS).is_empty(),
+            "it counts from the beginning"
+        );
     }
 
     /// As v4l2-ctl has them.

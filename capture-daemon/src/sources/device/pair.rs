@@ -235,8 +235,8 @@ impl Sink for EyeSink<'_> {
                 text: format!("{}: {}", name(self.eye), notice.text),
                 ..notice
             })),
-            // Cameras of the kernel's give no others.
-            Sample::Native(_) | Sample::Imu(_) | Sample::FrameSync(_) => {}
+            // Cameras of the kernel's give no others; pixels are always wanted here, for pairs are made of whole frames.
+            Sample::Seen(_) | Sample::Native(_) | Sample::Imu(_) | Sample::FrameSync(_) => {}
         }
     }
 

@@ -110,7 +110,8 @@ pub(super) fn lenses(told: &mut Told, camera: &str, path: &Path, input: &Input) 
         log::warn!("{}: {}", path.display(), note.0);
     }
     for file in &calibration.provenance.files {
-        let bytes = plain_file::read(file, plain_file::TEXT_LIMIT).with_context(|| format!("reading {}", file.display()))?;
+        let bytes = plain_file::read(file, plain_file::TEXT_LIMIT)
+            .with_context(|| format!("reading {}", file.display()))?;
         note(told, file, &bytes);
     }
     told.calibrations.insert(camera.to_owned(), calibration);
