@@ -235,7 +235,7 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
         Ok(outcome) => outcome.into(),
         Err(e) if is_broken_pipe(&e) => ExitCode::SUCCESS,
         Err(e) => {
-            complain!("paws: {}", shown_lines(&format!("{e:#}")));
+            complain!("paws: {e:#}");
             match e.downcast_ref::<BadArguments>() {
                 Some(_) => ExitCode::from(2),
                 None => Outcome::Failed.into(),
@@ -434,7 +434,7 @@ fn external_verb(words: &[OsString], library: Option<PathBuf>) -> ExitCode {
                 let error = external::become_program(&program, &words);
                 complain!("paws: starting {}: {error}", program.display());
             }
-            Err(error) => complain!("paws: {}", shown_lines(&format!("{error:#}"))),
+            Err(error) => complain!("paws: {error:#}"),
         }
         return Outcome::Failed.into();
     }

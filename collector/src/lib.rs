@@ -11,13 +11,6 @@
 /// What wrote a file, in the files that say so.
 pub const SOFTWARE: &str = concat!("paws ", env!("CARGO_PKG_VERSION"));
 
-/// Everything that is said on standard error passes here: what others named must not act on a terminal.
-macro_rules! eprintln {
-    ($($words:tt)*) => {
-        std::eprintln!("{}", session_archive::text::shown_lines(&format!($($words)*)))
-    };
-}
-
 pub mod cadence;
 pub mod calibrate;
 pub mod catalogue;

@@ -8,13 +8,34 @@ use std::fmt::Display;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
-/// Prints a message to standard error as `eprintln!` does, and goes on if nobody reads it.
+/// Prints a message to standard error as `eprintln!` does, and goes on if nobody reads it. What others named does not
+/// act on the terminal: see [`harmless`].
 #[macro_export]
 macro_rules! complain {
     ($($text:tt)*) => {{
         use std::io::Write as _;
-        let _ = std::writeln!(std::io::stderr(), $($text)*);
+        let text = $crate::output::harmless(&std::format!($($text)*));
+        let _ = std::writeln!(std::io::stderr(), "{text}");
     }};
+}
+
+/// A text in which control characters, separators of lines and paragraphs and marks that change the direction of writing
+/// are spelled, as `\u001b`. Line breaks and tabs stay. (Recorded names are shown by the same rule, which
+/// `session_archive::text` states; this crate knows nothing of sessions.)
+pub fn harmless(text: &str) -> String {
+    let acts = |c: char| {
+        c.is_control() && !matches!(c, '\n' | '\t')
+            || matches!(c, '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{feff}')
+    };
+    let mut shown = String::with_capacity(text.len());
+    for c in text.chars() {
+        if acts(c) {
+            shown.push_str(&format!("\\u{:04x}", u32::from(c)));
+        } else {
+            shown.push(c);
+        }
+    }
+    shown
 }
 
 /// Prints one line of results, at once.
@@ -57,6 +78,12 @@ mod tests {
     use anyhow::Context as _;
 
     use super::*;
+
+    #[test]
+    fn a_message_does_not_act_on_the_terminal() {
+        let text = harmless("walk\u{1b}[2J\n\tname \u{202e}txt\u{7f} é");
+        assert_eq!(text, "walk\\u001b[2J\n\tname \\u202etxt\\u007f é");
+    }
 
     #[test]
     fn only_a_closed_pipe_is_no_failure() {

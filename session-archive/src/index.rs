@@ -219,10 +219,13 @@ impl Index {
         // Memory that is not there is an error, not an abort: the index is built again then, or not used.
         let mut plain = plain_file::reserve(size as u64)?;
         zstd::bulk::Decompressor::new()?.decompress_to_buffer(packed, &mut plain)?;
-        match plain.len().saturating_mul(GROWTH) {
-            0..=SMALL => Self::decode_within::<SMALL>(&plain),
-            ..=MIDDLE => Self::decode_within::<MIDDLE>(&plain),
-            _ => Self::decode_within::<UNPACKED_LIMIT>(&plain),
+        let needed = plain.len().saturating_mul(GROWTH);
+        if needed <= SMALL {
+            Self::decode_within::<SMALL>(&plain)
+        } else if needed <= MIDDLE {
+            Self::decode_within::<MIDDLE>(&plain)
+        } else {
+            Self::decode_within::<UNPACKED_LIMIT>(&plain)
         }
     }
 

@@ -100,6 +100,7 @@ fn reconstructed(session: &Path, scene: &Path) -> (f64, usize) {
         program_version: "0".to_owned(),
         started_civil_ns: 0,
         ended_civil_ns: None,
+        judgement: None,
     };
     let sources = Sources {
         source: &input,

@@ -265,6 +265,7 @@ note: the lenses of feet are not known
             concerns: Default::default(),
             encoders: vec![hostile.clone()],
             machine: crate::status::MachineStatus::default(),
+            notes: vec![hostile.clone()],
             sparing: String::new(),
         };
         let text = super::status(&status);

@@ -134,8 +134,10 @@ mod tests {
 
     use super::*;
 
-    /// Pairs of numbers, and numbers alone, in the order in which they come out.
-    fn pair(within_ns: i64, images: &[(Eye, i64)]) -> (Vec<(i64, i64)>, Vec<(Eye, i64)>) {
+    /// Times of pairs, and of images alone, in the order in which they come out.
+    type Sorted = (Vec<(i64, i64)>, Vec<(Eye, i64)>);
+
+    fn pair(within_ns: i64, images: &[(Eye, i64)]) -> Sorted {
         let mut pairs = Pairs::new(within_ns);
         let (mut both, mut alone) = (Vec::new(), Vec::new());
         let mut out = |paired: Paired<()>| match paired {

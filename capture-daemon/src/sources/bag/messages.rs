@@ -201,7 +201,7 @@ mod tests {
         bytes[4..12].fill(0);
         assert_eq!(stamp(&bytes), Ok(None));
         assert!(matches!(imu(&imu_bytes(-1.0)), Err(CdrError::Value(_))));
-        assert!(matches!(imu(&imu_bytes(f64::NAN)), Ok(_)));
+        assert!(imu(&imu_bytes(f64::NAN)).is_ok());
         let whole = image_bytes();
         for length in 0..whole.len() {
             assert!(image(&whole[..length]).is_err(), "{length}");
