@@ -155,6 +155,22 @@ fn not_imported(source: &Path, why: String) -> ImportLine {
     }
 }
 
+/// Of each camera that lost frames the share, as `; feet: 5 % of the frames missing`.
+fn losses(report: &Report) -> String {
+    // Names of IMUs hold a slash.
+    let cameras = report
+        .streams
+        .iter()
+        .filter(|(name, _)| !name.contains('/'));
+    let lost = cameras.map(|(name, s)| (name, s.gaps.saturating_add(s.lost), s.expected()));
+    lost.filter(|(_, lost, _)| *lost > 0)
+        .map(|(name, lost, expected)| {
+            let share = text::percent(lost, expected);
+            format!("; {name}: {share} of the frames missing")
+        })
+        .collect()
+}
+
 /// One line about a session that is in the library now.
 pub(crate) fn summary(imported: &Imported) -> String {
     let Imported { key, report, .. } = imported;
@@ -170,6 +186,7 @@ pub(crate) fn summary(imported: &Imported) -> String {
         text::bytes(report.bytes),
         imported.condition
     );
+    line.push_str(&losses(report));
     if imported.condition == Condition::Damaged {
         line.push_str(&format!(" ({})", faults(report).join(", ")));
     }

@@ -5,11 +5,13 @@ use std::path::Path;
 use anyhow::Result;
 use session_archive::text::shown;
 
+use crate::catalogue::Row;
 use crate::console::Console;
 use crate::documents::{self, List, Session};
 use crate::library::Library;
 use crate::outcome::Outcome;
 use crate::text;
+use crate::validation::{StreamSummary, Validation};
 
 /// Lists the sessions of the library in the folder `root`.
 ///
@@ -45,7 +47,7 @@ pub fn run(root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
             text::bytes(row.bytes),
             row.condition.to_string(),
             row.verdict.map_or("-".to_owned(), |v| v.to_string()),
-            row.missing.to_string(),
+            missing(row, &library.folder(&row.key)),
             shown(&row.cameras).into_owned(),
             shown(&row.name).into_owned(),
         ]);
@@ -74,6 +76,27 @@ pub fn json(root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
     };
     documents::print(&document, false, console)?;
     Ok(Outcome::Fine)
+}
+
+/// What is missing: the camera that lost the largest share of its frames, where the session was validated; before that,
+/// how many samples of all streams.
+fn missing(row: &Row, folder: &Path) -> String {
+    if row.missing == 0 {
+        return "-".to_owned();
+    }
+    let streams = Validation::read(folder).map_or(Vec::new(), |v| v.summary.streams);
+    // Names of IMUs hold a slash.
+    let cameras = streams.iter().filter(|s| !s.name.contains('/'));
+    let share = |s: &&StreamSummary| s.missing as f64 / (s.samples + s.missing).max(1) as f64;
+    let worst = cameras.max_by(|a, b| share(a).total_cmp(&share(b)));
+    match worst.filter(|worst| worst.missing > 0) {
+        Some(worst) => {
+            let all = worst.samples.saturating_add(worst.missing);
+            let part = text::percent(worst.missing, all);
+            format!("{part} of {}", shown(&worst.name))
+        }
+        None => text::count(row.missing, "sample"),
+    }
 }
 
 /// Rows with their columns under each other; the last one is not padded.

@@ -11,6 +11,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use video::discover::trial;
+use video::encoder::Preset;
 use video::picture::{psnr, psnr_all};
 use video::{AccessUnit, Decoder, Encoder, EncoderEvent, EncoderSettings, Picture};
 
@@ -27,22 +28,28 @@ fn main() {
     let mut clips = vec![("texture", material::texture(1344, 376, 15))];
     clips.extend(material::recordings(15));
     println!(
-        "element      clip      target  QP  luma PSNR mean   min     all  kB/picture  CPU ms/picture"
+        "element      preset     clip      target  QP  luma PSNR mean   min     all  kB/frame  CPU ms/frame  CPU ms/megapixel"
     );
     for element in video::encoder::known_elements() {
         if let Err(reason) = trial(element, 640, 360) {
             println!("{element:12} {reason}");
             continue;
         }
-        for (name, clip) in &clips {
-            for &target in &targets {
-                measure(element, name, clip, target);
+        let presets = match element {
+            "x264enc" => &Preset::ALL[..],
+            _ => &[Preset::Ultrafast],
+        };
+        for &preset in presets {
+            for (name, clip) in &clips {
+                for &target in &targets {
+                    measure(element, preset, name, clip, target);
+                }
             }
         }
     }
 }
 
-fn measure(element: &str, name: &str, clip: &[Picture], target: f64) {
+fn measure(element: &str, preset: Preset, name: &str, clip: &[Picture], target: f64) {
     let settings = EncoderSettings {
         element: element.into(),
         width: clip[0].width,
@@ -51,7 +58,7 @@ fn measure(element: &str, name: &str, clip: &[Picture], target: f64) {
         quality_db: target,
         threads: 1,
         max_key_interval_frames: 1000,
-        preset: video::encoder::Preset::default(),
+        preset,
     };
     let units: Arc<Mutex<Vec<AccessUnit>>> = Arc::default();
     let collecting = units.clone();
@@ -85,14 +92,17 @@ fn measure(element: &str, name: &str, clip: &[Picture], target: f64) {
         .zip(&decoded)
         .map(|(a, b)| psnr_all(a, &b.1))
         .collect();
+    let megapixels = f64::from(clip[0].width) * f64::from(clip[0].height) * 1e-6;
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
     let bytes = units.iter().map(|unit| unit.data.len()).sum::<usize>() as f64 / clip.len() as f64;
     println!(
-        "{element:12} {name:9} {target:6.1} {quantiser:3} {:15.2} {:6.2} {:6.2} {:10.1} {cpu:10.1}",
+        "{element:12} {:10} {name:9} {target:6.1} {quantiser:3} {:15.2} {:6.2} {:6.2} {:10.1} {cpu:10.1} {:10.1}",
+        preset.name(),
         mean(&each),
         each.iter().copied().fold(f64::INFINITY, f64::min),
         mean(&all),
         bytes / 1e3,
+        cpu / megapixels,
     );
 }
 

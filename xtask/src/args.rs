@@ -31,6 +31,9 @@ cargo xtask VERB: set-up and developer verbs
         skip them if the kernel was not built before; building takes some five minutes.
   fuzz [SECONDS] [--no-install]
         Run each fuzz target of session-archive for SECONDS (default 60).
+  guide [--no-install]
+        Run every command of docs/getting-started.md as it stands there, in a fresh clone and an empty home.
+        `test` does so without the builds.
   schemas
         Compile the schemas of the session format into the code that stands in session-archive/src/record/generated.
   deb [--no-install] [--arch amd64|arm64] [--out DIR] [--check]
@@ -73,8 +76,8 @@ pub(crate) const BENCHMARKS: [&str; 21] = [
     "odometry_length",
 ];
 
-const VERBS: [&str; 9] = [
-    "setup", "demo", "test", "bench", "vm-test", "fuzz", "schemas", "deb", "help",
+const VERBS: [&str; 10] = [
+    "setup", "demo", "test", "bench", "vm-test", "fuzz", "guide", "schemas", "deb", "help",
 ];
 
 /// What the command line asks for.
@@ -82,6 +85,9 @@ const VERBS: [&str; 9] = [
 pub(crate) enum Verb {
     Help,
     Schemas,
+    Guide {
+        install: bool,
+    },
     Setup {
         install: bool,
     },
@@ -208,6 +214,11 @@ pub(crate) fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Verb, S
             };
             words.end("fuzz", &["--no-install"])?;
             Ok(Verb::Fuzz { install, seconds })
+        }
+        "guide" => {
+            let install = !words.take_flag("--no-install");
+            words.end("guide", &["--no-install"])?;
+            Ok(Verb::Guide { install })
         }
         "schemas" => {
             words.end("schemas", &[])?;

@@ -16,6 +16,7 @@ mod bench;
 mod deb;
 mod demo;
 mod fuzz;
+mod guide;
 mod process;
 mod schemas;
 mod setup;
@@ -85,6 +86,7 @@ fn run(verb: Verb) -> anyhow::Result<Ending> {
             names,
         } => vm::run(install, quick, qemu, cached, &names).map(|_| ()),
         Verb::Schemas => schemas::run(),
+        Verb::Guide { install } => guide::whole(install),
         Verb::Fuzz { install, seconds } => fuzz::run(install, seconds),
         Verb::Deb {
             install,

@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 
+use crate::guide;
 use crate::process::{self, cargo, human};
 use crate::setup::{self, Purpose};
 use crate::vm;
@@ -62,6 +63,9 @@ pub(crate) fn run(install: bool, quick: bool) -> Result<()> {
     }
     steps.push(step("tests", || tests(quick, python, &mut report)));
     if !quick {
+        steps.push(step("getting started", || {
+            Ok(Ending::Passed(guide::run(false)?))
+        }));
         steps.push(step("real kernel drivers", || machines(install)));
         steps.push(step("documentation", documentation));
         steps.push(step("cargo deny", deny));

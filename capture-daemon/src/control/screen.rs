@@ -76,7 +76,7 @@ pub fn status(status: &Status) -> String {
         let _ = writeln!(text, "! {}", shown(alarm));
     }
     for note in &status.notes {
-        let _ = writeln!(text, "\nnote: {note}");
+        let _ = writeln!(text, "\nnote: {}", shown(note));
     }
     text
 }
@@ -120,7 +120,7 @@ impl Narrator {
         Some(match progress {
             Progress::Started { session, at, notes } => {
                 (self.started, self.told) = (Some(*at), Some(*at));
-                let notes = notes.iter().map(|note| format!("\nnote: {note}"));
+                let notes = notes.iter().map(|note| format!("\nnote: {}", shown(note)));
                 format!(
                     "recording: {}{}",
                     session.display(),
@@ -269,7 +269,7 @@ note: the lenses of feet are not known
             sparing: String::new(),
         };
         let text = super::status(&status);
-        assert_eq!(text.lines().count(), 5, "{text}");
+        assert_eq!(text.lines().count(), 7, "{text}");
         assert!(!text.contains('\u{1b}'), "{text}");
         let mut narrator = Narrator::default();
         for active in [true, false] {

