@@ -6,7 +6,7 @@
 //!
 //! * **Read**: nothing is written, so that it works on a full disk and on one that is read-only.
 //! * **Damaged, truncated, empty, of another version, no file at all**: found before a row is used
-//!   ([`Catalogue::look`]), set aside under another name, and made anew.
+//!   (`Catalogue::look`), set aside under another name, and made anew.
 //! * **Not to be written**: the change is made in memory; listing goes on.
 
 mod aside;

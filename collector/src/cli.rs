@@ -1,4 +1,4 @@
-//! The command line of `paws`. Every verb has examples in [`crate::examples`].
+//! The command line of `paws`. Every verb has examples in `examples`.
 //!
 //! Bad arguments end with exit code 2, as does a verb that is neither known here nor a program
 //! `paws-VERB`. Everything else ends with an [`Outcome`].

@@ -8,7 +8,7 @@
 //!   the source and still has its hash is kept; every other one is copied anew (at most one
 //!   segment's worth is copied twice).
 //! * **Again**: a session that is in the library with the same files is left alone. One that
-//!   differs is refused, unless the library's is damaged or cut off and this one is better (see [`there`]): then it
+//!   differs is refused, unless the library's is damaged or cut off and this one is better (see `there`): then it
 //!   takes its place, and the other one is kept as `ID.damaged`. A worse one never replaces a better one.
 //! * **Damaged**: it is imported all the same, byte for byte, with its report.
 //! * **No files**: a FIFO, a device, a socket or a link in a session's folder is refused at once.

@@ -208,9 +208,12 @@ fn alarms_come_in_time(contents: &Contents, rig: &Rig, start: HostTime) {
             "{text}: over {late:?}"
         );
     }
+    losses_are_alarms(contents);
     let others: Vec<_> = (0..contents.events.len())
         .filter(|position| !found.contains(position))
-        .map(|position| contents.events[position].1.kind)
+        .map(|position| &contents.events[position].1)
+        .filter(|event| event.source != "losses")
+        .map(|event| event.kind)
         .collect();
     assert_eq!(
         others,
@@ -218,6 +221,42 @@ fn alarms_come_in_time(contents: &Contents, rig: &Rig, start: HostTime) {
         "{:?}",
         contents.events
     );
+}
+
+/// A stream that lost samples which nobody had announced raised an alarm, not later than two seconds after the loss was
+/// noticed, and no other stream did.
+fn losses_are_alarms(contents: &Contents) {
+    let alarms = contents
+        .events
+        .iter()
+        .filter(|(_, event)| event.source == "losses" && event.kind == Kind::Fault as i32);
+    let mut of_stream = BTreeMap::new();
+    for (at, event) in alarms {
+        let (stream, _) = event
+            .text
+            .split_once(':')
+            .expect("a stream and what is wrong");
+        of_stream
+            .entry(stream.to_owned())
+            .or_insert_with(Vec::new)
+            .push(*at);
+    }
+    let mut lost = BTreeSet::new();
+    for gap in contents
+        .gaps
+        .iter()
+        .filter(|gap| gap.cause() == Cause::Device)
+    {
+        // What is missing at the end is only known when the session is closed.
+        let Some(after) = gap.time_after else {
+            continue;
+        };
+        lost.insert(gap.stream.clone());
+        let alarms = &of_stream[&gap.stream];
+        let is_said = |at: &HostTime| at.0 <= after + 2 * NS_PER_S;
+        assert!(alarms.iter().any(is_said), "{gap:?}: {alarms:?}");
+    }
+    assert_eq!(of_stream.into_keys().collect::<BTreeSet<_>>(), lost);
 }
 
 /// Each set's frames are in the session with the time that it says, each frame is in one set at most,

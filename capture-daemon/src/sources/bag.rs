@@ -2,7 +2,7 @@
 //!
 //! Contract: images of `sensor_msgs/Image` or `CompressedImage` and samples of `sensor_msgs/Imu`, each at the time in its
 //! header, which is its device time; when it was recorded is not used but for the order. Two topics, one for each eye, are
-//! paired by time alone ([`pairing`](super::pairing)): the frame has the left image's time, and by how much later the right
+//! paired by time alone (`pairing`): the frame has the left image's time, and by how much later the right
 //! one was taken is recorded with it. Values of samples are those of the message.
 //!
 //! *Early*: [`Bag::open`] goes through the whole bag once, so that what cannot be replayed is refused before anything is

@@ -2,7 +2,7 @@
 //!
 //! Contract: frames carry the container's own times as device time, and the first one arrives at the start; a file has no
 //! IMU and does not say when it was recorded. Images count from 0 in each file: which ones a camera lost before the file was
-//! made cannot be known. Two files are paired by time alone ([`pairing`](super::pairing)), each time counted from the
+//! made cannot be known. Two files are paired by time alone (`pairing`), each time counted from the
 //! beginning of its own file; by how much later the right one began is a setting.
 //!
 //! *Early*: files that cannot be decoded, whose first image has no time, or that differ in size or rate are refused before
