@@ -22,6 +22,7 @@ use video::EncoderSettings;
 use video::encoder::Preset;
 
 use crate::encode::{Easier, Encoded, Lane, Rest};
+use crate::encoding::Encoding;
 use crate::preview::Previews;
 use crate::sources::{
     FrameSync, Gone, ImuInfo, ImuValues, Lost, Part, Pixels, RawFrame, RawImu, Sample, Seen,
@@ -205,6 +206,7 @@ pub struct Hub {
     cameras: Vec<CameraState>,
     imus: Vec<ImuState>,
     out: Out,
+    encoding: Encoding,
     waits: bool,
     health_at: Option<HostTime>,
     previews: Option<Arc<Previews>>,
@@ -254,8 +256,14 @@ struct ImuState {
 
 impl Hub {
     /// A hub for these cameras. With `waits`, every frame is waited for until it is encoded: for
-    /// virtual time. `chunk_ns` is the archive's chunk length.
-    pub fn new(setups: Vec<CameraSetup>, chunk_ns: i64, waits: bool, out: &Out) -> Self {
+    /// virtual time. `chunk_ns` is the archive's chunk length; `encoding` has a counter for each camera.
+    pub fn new(
+        setups: Vec<CameraSetup>,
+        chunk_ns: i64,
+        waits: bool,
+        encoding: &Encoding,
+        out: &Out,
+    ) -> Self {
         let mut cameras: Vec<CameraState> = Vec::new();
         let mut imus = Vec::new();
         let capacity = WAITING_BYTES / setups.len().max(1);
@@ -265,6 +273,7 @@ impl Hub {
         let relief = Relief::new(setups.iter().any(has_preset), setups.len());
         for (camera, setup) in setups.into_iter().enumerate() {
             let (hand_on, name) = (out.clone(), setup.name.clone());
+            let counters = encoding.clone();
             let sink = Arc::new(move |encoded| {
                 hand_on(match encoded {
                     Encoded::Frame { frame, unit, key } => Outgoing::Frame {
@@ -288,6 +297,7 @@ impl Hub {
                         detail,
                     },
                 });
+                counters.end(camera);
             });
             let imu = setup.imu.clone().map(|imu| {
                 imus.push(ImuState {
@@ -326,6 +336,7 @@ impl Hub {
             cameras,
             imus,
             out: out.clone(),
+            encoding: encoding.clone(),
             waits,
             health_at: None,
             previews: None,
@@ -650,6 +661,7 @@ impl Hub {
             time_doubtful: mapped.flagged,
             ..Frame::default()
         };
+        self.encoding.begin(position);
         if self.waits {
             camera.lane.push_and_wait(frame, raw.picture.input(), now);
         } else {

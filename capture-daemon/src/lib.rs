@@ -20,6 +20,7 @@ pub mod control;
 pub mod devices;
 pub mod disk;
 pub mod encode;
+pub mod encoding;
 pub mod hub;
 pub mod notify;
 pub mod preview;

@@ -8,8 +8,8 @@
 //!   ended, begins with its next key frame, which is asked for ([`Recorder::take_key_wishes`]).
 //! * *At a gap* a gap record names the numbers and the cause. Frames and gaps together are every number
 //!   from a stream's first to its last.
-//! * *At a stop* what was received before it is waited for: not longer than [`STOP_LIMIT_NS`], and while frames from
-//!   before it still come out of the encoders not longer than [`STOP_MAX_NS`].
+//! * *At a stop* what was received before it is waited for: [`STOP_LIMIT_NS`], and longer while frames are still being
+//!   encoded or queued, up to [`STOP_MAX_NS`].
 //! * *While samples are lost* an alarm says so within two seconds, with the cause.
 //! * *When the session's folder is removed* the recording ends as failed, at the latest with the next chunk.
 //! * *When the disk is nearly full* it stops cleanly; *when it fails* the session is closed as far as it is
@@ -32,6 +32,7 @@ use session_archive::writer::{Incident, SessionSpec, SessionWriter, WriteError};
 use crate::causes::with_causes;
 use crate::clock::Clock;
 use crate::disk::START_MARGIN;
+use crate::encoding::Encoding;
 use crate::hub::{Outgoing, StreamHealth};
 use crate::status::{
     Concern, MachineStatus, Progress, Request, Response, State, Status, StreamStatus,
@@ -50,11 +51,9 @@ use preroll::{LIMIT_BYTES, PreRoll};
 use session::{Session, Stopping};
 use timed::TimedStorage;
 
-/// How long a stop waits for frames that were received before it.
+/// How long a stop waits for streams of which nothing is being encoded or queued.
 pub const STOP_LIMIT_NS: i64 = 250_000_000;
-/// How long a stop waits for the next frame from before it, once one has come out of an encoder that is behind.
-const STOP_PROGRESS_NS: i64 = 2 * NS_PER_S;
-/// The longest that a stop waits for encoders that are behind.
+/// The longest that a stop waits for what is being encoded or queued.
 pub const STOP_MAX_NS: i64 = 20 * NS_PER_S;
 /// A warning comes when less than this can still be recorded.
 const WARN_SECONDS: f64 = 600.0;
@@ -87,6 +86,14 @@ pub trait SessionStore: Send {
 
     /// What the machine says of itself; asked once a second. `recording`: the disk fills.
     fn machine(&mut self, now: HostTime, recording: bool) -> MachineLook;
+}
+
+/// What lies between the sources and the recorder.
+pub struct Queues {
+    /// Bytes waiting to be handed in.
+    pub bytes: Box<dyn Fn() -> u64 + Send>,
+    /// Frames inside the encoders.
+    pub encoding: Encoding,
 }
 
 /// One look at the machine.
@@ -150,8 +157,7 @@ pub struct Recorder {
     setup: Setup,
     clock: Arc<dyn Clock>,
     store: Box<dyn SessionStore>,
-    /// Bytes waiting to be handed in.
-    queue_bytes: Box<dyn Fn() -> u64 + Send>,
+    queues: Queues,
     on_progress: OnProgress,
     pre_roll: PreRoll,
     session: Option<Session>,
@@ -184,7 +190,7 @@ impl Recorder {
         setup: Setup,
         clock: Arc<dyn Clock>,
         store: Box<dyn SessionStore>,
-        queue_bytes: Box<dyn Fn() -> u64 + Send>,
+        queues: Queues,
         on_progress: OnProgress,
     ) -> Self {
         let streams = setup.cameras.len() + setup.imus.len();
@@ -193,7 +199,7 @@ impl Recorder {
             free_bytes: store.free_bytes(),
             clock,
             store,
-            queue_bytes,
+            queues,
             on_progress,
             session: None,
             last_session: None,
@@ -383,7 +389,8 @@ impl Recorder {
     }
 
     /// Stops: what was received before now still goes in. The session is closed
-    /// [`STOP_LIMIT_NS`] later, or when the encoders are no longer behind, by [`Self::tick`] or [`Self::handle`].
+    /// [`STOP_LIMIT_NS`] later, or when nothing from before it is left in encoders and queues, by [`Self::tick`] or
+    /// [`Self::handle`].
     ///
     /// # Errors
     /// Nothing is being recorded.
@@ -397,7 +404,6 @@ impl Recorder {
         if session.stopping.is_none() {
             session.stopping = Some(Stopping {
                 at,
-                deadline: at + STOP_LIMIT_NS,
                 reason: source.to_owned(),
                 waiting: vec![true; streams],
             });
@@ -574,13 +580,6 @@ impl Recorder {
             }
             return self.keep(item);
         }
-        if let Some(stopping) = &mut session.stopping
-            && matches!(item, Outgoing::Frame { .. })
-        {
-            let limit = stopping.at + STOP_MAX_NS;
-            let later = (self.clock.now() + STOP_PROGRESS_NS).min(limit);
-            stopping.deadline = stopping.deadline.max(later);
-        }
         let stored = session.store(item);
         self.check(stored);
     }
@@ -637,11 +636,25 @@ impl Recorder {
                 return self.close(Some(removed.to_owned()));
             }
         }
-        if let Some(stopping) = &session.stopping
-            && (stopping.waiting.iter().all(|w| !w) || self.clock.now() >= stopping.deadline)
-        {
+        if self.is_stop_over() {
             self.close(None);
         }
+    }
+
+    /// Whether nothing from before a stop can still come, or it has been waited for long enough.
+    fn is_stop_over(&self) -> bool {
+        let Some(stopping) = self.session.as_ref().and_then(|s| s.stopping.as_ref()) else {
+            return false;
+        };
+        let waited_ns = self.clock.now().since(stopping.at);
+        if stopping.waiting.iter().all(|waits| !waits) || waited_ns >= STOP_MAX_NS {
+            return true;
+        }
+        // In this order: frames are queued before they count as encoded.
+        let mut cameras = 0..self.setup.cameras.len();
+        let is_encoding =
+            cameras.any(|camera| stopping.waiting[camera] && self.queues.encoding.is_busy(camera));
+        waited_ns >= STOP_LIMIT_NS && !is_encoding && (self.queues.bytes)() == 0
     }
 
     /// Closes the session, after a failure as far as the disk lets it.
@@ -785,7 +798,7 @@ impl Recorder {
             });
         let record = Health {
             streams: streams.collect(),
-            writer_queue_bytes: (self.queue_bytes)(),
+            writer_queue_bytes: (self.queues.bytes)(),
             write_max_ns,
             sync_max_ns,
             free_bytes: self.free_bytes.unwrap_or(0),

@@ -470,6 +470,11 @@ fn the_daemon_is_controlled_through_its_socket() {
     assert!(text(&control(&["status"], 0).stdout).starts_with("pawsd is recording, "));
     control(&["start"], 1);
     control(&["mark", "stairs"], 0);
+    assert!(
+        (0..1000).any(|_| status().streams.iter().all(|stream| stream.stored > 0)),
+        "{:?}",
+        status()
+    );
     assert_eq!(text(&control(&["stop"], 0).stdout), session);
     assert!(
         (0..1000).any(|_| status().state == State::Armed),

@@ -32,7 +32,7 @@ cargo xtask VERB: set-up and developer verbs
   fuzz [SECONDS] [--no-install]
         Run each fuzz target of session-archive for SECONDS (default 60).
   guide [--no-install]
-        Run every command of docs/getting-started.md as it stands there, in a fresh clone and an empty home.
+        Run every command of README.md and docs/getting-started.md as it stands there, in a fresh clone and an empty home.
         `test` does so without the builds.
   schemas
         Compile the schemas of the session format into the code that stands in session-archive/src/record/generated.

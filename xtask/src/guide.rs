@@ -2,7 +2,8 @@
 //!
 //! Every line `$ COMMAND` of a ```` ```console ```` block of [`PAGES`] is run, in order, by one shell per page that stops at the first
 //! failure: in a fresh clone of what is committed, with an empty home. The short form leaves out what builds and
-//! installs (`cargo`, `git`) and finds the programs that are built already; nothing else differs.
+//! installs (`cargo`, `git`) and finds the programs that are built already, also for `cargo run`; nothing else differs.
+//! `cargo xtask test` is left out of both: it runs this.
 
 use std::fs;
 use std::path::Path;
@@ -14,10 +15,16 @@ use crate::process::{self, human, program_folder, root};
 use crate::setup::{self, Purpose};
 
 /// The pages with commands to follow.
-const PAGES: [&str; 1] = ["docs/getting-started.md"];
+const PAGES: [&str; 2] = ["README.md", "docs/getting-started.md"];
 
-/// The last thing that the pages make.
-const MADE: [&str; 3] = ["recording.html", "first.html", "first.ply"];
+/// What the pages make.
+const MADE: [&str; 5] = [
+    "plaza.png",
+    "plaza.mp4",
+    "recording.html",
+    "first.html",
+    "first.ply",
+];
 
 /// Runs all pages with their builds.
 pub(crate) fn whole(install: bool) -> Result<()> {
@@ -52,8 +59,8 @@ fn follow(folder: &Path, whole: bool) -> Result<usize> {
     for page in PAGES {
         let text =
             fs::read_to_string(root()?.join(page)).with_context(|| format!("reading {page}"))?;
-        let commands: Vec<&str> = commands(&text)
-            .filter(|command| whole || !is_build(command))
+        let commands: Vec<String> = commands(&text)
+            .filter_map(|command| to_run(command, whole))
             .collect();
         ensure!(!commands.is_empty(), "{page} has no commands");
         count += commands.len();
@@ -100,9 +107,17 @@ fn search_path(whole: bool) -> Result<std::ffi::OsString> {
     std::env::join_paths(folders).context("putting PATH together")
 }
 
-/// Whether a command builds or installs.
-fn is_build(command: &str) -> bool {
-    matches!(command.split_whitespace().next(), Some("cargo" | "git"))
+/// What is run for a command of a page, if anything is.
+fn to_run(command: &str, whole: bool) -> Option<String> {
+    if command == "cargo xtask test" {
+        return None;
+    }
+    let is_build = matches!(command.split_whitespace().next(), Some("cargo" | "git"));
+    if whole || !is_build {
+        return Some(command.to_owned());
+    }
+    let arguments = command.strip_prefix("cargo run --release -p rig-sim -- ")?;
+    Some(format!("paws-rig-sim {arguments}"))
 }
 
 /// The commands of a page's console blocks.
@@ -129,6 +144,20 @@ mod tests {
             commands(page).collect::<Vec<_>>(),
             ["cargo build", "paws list"]
         );
-        assert!(is_build("cargo build") && !is_build("paws list"));
+    }
+
+    #[test]
+    fn the_short_form_builds_nothing() {
+        let short = |command| to_run(command, false);
+        assert_eq!(short("cargo xtask demo"), None);
+        assert_eq!(short("git clone here"), None);
+        assert_eq!(short("paws list").as_deref(), Some("paws list"));
+        let run = "cargo run --release -p rig-sim -- preview --scene plaza";
+        assert_eq!(
+            short(run).as_deref(),
+            Some("paws-rig-sim preview --scene plaza")
+        );
+        assert_eq!(to_run(run, true).as_deref(), Some(run));
+        assert_eq!(to_run("cargo xtask test", true), None, "it runs this");
     }
 }

@@ -14,6 +14,7 @@ const START: HostTime = HostTime(1_000_000 * MS);
 
 struct Bench {
     hub: Hub,
+    encoding: Encoding,
     seen: Arc<Mutex<Vec<Outgoing>>>,
 }
 
@@ -59,8 +60,10 @@ fn bench_with(stamped: Option<Stamped>) -> Bench {
             number_bits: None,
         }),
     };
+    let encoding = Encoding::new(1);
     Bench {
-        hub: Hub::new(vec![camera], 500 * MS, true, &out),
+        hub: Hub::new(vec![camera], 500 * MS, true, &encoding, &out),
+        encoding,
         seen,
     }
 }
@@ -124,6 +127,7 @@ fn a_late_or_repeated_frame_never_reaches_the_encoder() {
         bench.frame(number, START + i as i64 * 50 * MS);
     }
     bench.hub.finish(Rest::Encode, START + 400 * MS);
+    assert!(!bench.encoding.is_busy(0), "each frame is counted out once");
     let frames: Vec<u64> = bench
         .seen()
         .iter()

@@ -57,7 +57,6 @@ pub(super) struct Stream {
 /// A stop that was asked for.
 pub(super) struct Stopping {
     pub(super) at: HostTime,
-    pub(super) deadline: HostTime,
     pub(super) reason: String,
     /// Streams whose last samples may still be on their way.
     pub(super) waiting: Vec<bool>,

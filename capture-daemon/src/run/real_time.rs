@@ -32,11 +32,12 @@ use crate::clock::{Clock, RealClock};
 use crate::config::{Config, DEFAULT_SOCKET};
 use crate::control;
 use crate::encode::Rest;
+use crate::encoding::Encoding;
 use crate::hub::{Hub, Out, Outgoing, TICK_NS};
 use crate::notify::Notify;
 use crate::preview::{Newest, Previews};
 use crate::queue::{Popped, Queue};
-use crate::recorder::{OnProgress, RECOVERY, Recorder};
+use crate::recorder::{OnProgress, Queues, RECOVERY, Recorder};
 use crate::sources::{AnySource, RawFrame, Sample, Sink, Source, SourceError};
 use crate::status::{Progress, Request, Response, State, Status};
 use crate::urgent;
@@ -224,20 +225,19 @@ impl Running {
             on_progress(progress);
         });
         let queued = shared.clone();
+        let encoding = Encoding::new(cameras.len());
+        let queues = Queues {
+            bytes: Box::new(move || queued.outbox.bytes() as u64),
+            encoding: encoding.clone(),
+        };
         let store = FolderStore::random(out, setup.reserve_bytes);
-        let mut recorder = Recorder::new(
-            setup,
-            clock,
-            Box::new(store),
-            Box::new(move || queued.outbox.bytes() as u64),
-            on_progress,
-        );
+        let mut recorder = Recorder::new(setup, clock, Box::new(store), queues, on_progress);
         if let Some(name) = record {
             shared.recording.store(true, Ordering::SeqCst);
             recorder.start(&name, "control").map_err(|e| anyhow!(e))?;
         }
         let out = to_recorder(shared.clone(), names.clone());
-        let mut hub = Hub::new(cameras, chunk_ns, false, &out);
+        let mut hub = Hub::new(cameras, chunk_ns, false, &encoding, &out);
         hub.show(shared.previews.clone());
         let mut threads = Vec::new();
         let count = sources.len();

@@ -14,8 +14,9 @@ use super::store::FolderStore;
 use super::{Finished, Outcome, RecordOptions, StopFlag, identity, stop_reason};
 use crate::clock::VirtualClock;
 use crate::encode::Rest;
+use crate::encoding::Encoding;
 use crate::hub::{Hub, Out, Outgoing, TICK_NS};
-use crate::recorder::{OnProgress, Recorder};
+use crate::recorder::{OnProgress, Queues, Recorder};
 use crate::sources::{AnySource, Sample, Source};
 
 /// Virtual time begins here: late enough for a pre-roll before it.
@@ -52,13 +53,18 @@ pub(super) fn record(
     let watch = outcome.watch(on_progress);
     let store = FolderStore::reproducible(options.out.clone(), identity);
     let chunk_ns = setup.chunk_ns;
-    let recorder = Recorder::new(setup, clock.clone(), Box::new(store), Box::new(|| 0), watch);
+    let encoding = Encoding::new(cameras.len());
+    let queues = Queues {
+        bytes: Box::new(|| 0),
+        encoding: encoding.clone(),
+    };
+    let recorder = Recorder::new(setup, clock.clone(), Box::new(store), queues, watch);
     let recorder = Arc::new(Mutex::new(recorder));
     let out: Out = {
         let recorder = recorder.clone();
         Arc::new(move |item: Outgoing| lock(&recorder).handle(item))
     };
-    let mut hub = Hub::new(cameras, chunk_ns, true, &out);
+    let mut hub = Hub::new(cameras, chunk_ns, true, &encoding, &out);
     lock(&recorder)
         .start(&options.name, "control")
         .map_err(|e| anyhow!(e))?;
