@@ -353,7 +353,7 @@ pub trait Source: Send {
     fn next_sample(&mut self) -> Result<Option<Sample>, SourceError>;
 
     /// Whether the pixels of the frames that follow are wanted: while nobody stores them a source may deliver
-    /// [`Sample::Seen`] instead. A source that makes its frames in no time may ignore it.
+    /// [`Sample::Seen`] instead. A source of which each frame needs the ones before may ignore it.
     fn want_pixels(&mut self, wanted: bool) {
         let _ = wanted;
     }

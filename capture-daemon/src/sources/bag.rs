@@ -16,7 +16,7 @@ use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, TickLength};
 
 use super::{
-    CameraInfo, ImuInfo, ImuValues, Lost, Notice, Part, RawFrame, RawImu, Sample, Source,
+    CameraInfo, ImuInfo, ImuValues, Lost, Notice, Part, RawFrame, RawImu, Sample, Seen, Source,
     SourceError, SourceInfo,
 };
 use crate::causes::with_causes;
@@ -63,6 +63,8 @@ pub struct Bag {
     notices_out: usize,
     frames_out: usize,
     imu_out: usize,
+    /// Whether images are read and decoded, or only counted.
+    wants_pixels: bool,
 }
 
 impl Bag {
@@ -141,6 +143,7 @@ impl Bag {
             notices_out: 0,
             frames_out: 0,
             imu_out: 0,
+            wants_pixels: true,
         })
     }
 
@@ -168,6 +171,14 @@ impl Bag {
             What::Frame { left, right } => (*left, *right),
             What::Lost(why) => return lost(why.clone()),
         };
+        let device_ticks = self.plan.first_ns + offset_ns;
+        if !self.wants_pixels {
+            return Ok(Sample::Seen(Seen {
+                number,
+                device_ticks,
+                host_time,
+            }));
+        }
         let places = (left, right.map(|(place, _)| place));
         let loaded = load(&mut self.files, self.kinds, places.0, places.1);
         let loaded = loaded.map_err(|error| SourceError::Unusable {
@@ -186,7 +197,7 @@ impl Bag {
         }
         Ok(Sample::Frame(RawFrame {
             number,
-            device_ticks: self.plan.first_ns + offset_ns,
+            device_ticks,
             kernel_time: None,
             host_time,
             exposure_ns: None,
@@ -251,6 +262,10 @@ impl Source for Bag {
         }
         self.frames_out += 1;
         self.frame(self.frames_out - 1).map(Some)
+    }
+
+    fn want_pixels(&mut self, wanted: bool) {
+        self.wants_pixels = wanted;
     }
 
     fn begin_at(&mut self, start: HostTime) {

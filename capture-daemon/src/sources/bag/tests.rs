@@ -240,6 +240,26 @@ fn everything_comes_at_its_own_time() {
     assert_eq!(seen, [10, 100]);
 }
 
+/// While nobody stores frames their images are neither read nor decoded.
+#[test]
+fn without_pixels_numbers_and_times_are_the_same() {
+    let of = |samples: &[Sample]| -> Vec<(u64, i64, HostTime)> {
+        let of = samples.iter().filter_map(|sample| match sample {
+            Sample::Frame(f) => Some((f.number, f.device_ticks, f.host_time)),
+            Sample::Seen(s) => Some((s.number, s.device_ticks, s.host_time)),
+            _ => None,
+        });
+        of.collect()
+    };
+    let with = samples(open(walk(|_, _| None)).expect("a bag"));
+    let mut bag = open(walk(|_, _| None)).expect("a bag");
+    bag.want_pixels(false);
+    let without = samples(bag);
+    assert!(!without.iter().any(|s| matches!(s, Sample::Frame(_))));
+    assert_eq!(of(&without), of(&with));
+    assert_eq!((with.len(), without.len()), (111, 111));
+}
+
 #[test]
 fn what_cannot_be_used_keeps_its_number_and_says_why() {
     let at = |n: i64| 100_000 * MS + n * 100 * MS;
