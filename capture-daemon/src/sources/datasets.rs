@@ -15,6 +15,8 @@
 
 use std::path::{Path, PathBuf};
 
+use plain_file::Kind;
+
 mod asl;
 mod error;
 mod folder;
@@ -104,7 +106,7 @@ pub fn detect(path: &Path) -> Result<DatasetKind, DatasetError> {
         [kind] => Ok(*kind),
         [] => Err(DatasetError::Unrecognised {
             path: path.to_owned(),
-            found: if path.is_dir() { "a folder without any of them" } else { "no folder" }.to_owned(),
+            found: what_is(path),
             expected: "mav0/cam0 and cam1, image_0 and image_1, image_2 and image_3, image_l and image_r, left and \
                        right, or left.png and right.png"
                 .to_owned(),
@@ -114,6 +116,16 @@ pub fn detect(path: &Path) -> Result<DatasetKind, DatasetError> {
             found: format!("the layouts {several:?} at once"),
             expected: "one data set in the folder".to_owned(),
         }),
+    }
+}
+
+/// What is there instead of a data set.
+fn what_is(path: &Path) -> String {
+    match std::fs::metadata(path).map(|data| Kind::of(data.file_type())) {
+        Err(_) => "no folder".to_owned(),
+        Ok(Some(Kind::Folder)) => "a folder without any of them".to_owned(),
+        Ok(Some(other)) => other.to_string(),
+        Ok(None) => "a file".to_owned(),
     }
 }
 

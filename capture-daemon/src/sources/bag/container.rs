@@ -64,19 +64,16 @@ impl Container {
             path: path.to_owned(),
             source,
         };
-        let metadata = std::fs::metadata(path).map_err(read)?;
-        if !metadata.is_file() {
-            return Err(read(std::io::Error::other("it is not a plain file")));
-        }
-        let file = File::open(path).map_err(read)?;
+        let file = plain_file::open(path).map_err(read)?;
+        let length = file.metadata().map_err(read)?.len();
         let mut head = [0; 16];
-        let known = metadata.len().min(head.len() as u64) as usize;
+        let known = length.min(head.len() as u64) as usize;
         file.read_exact_at(&mut head[..known], 0).map_err(read)?;
         check_magic(path, &head)?;
         Ok(Self {
             path: path.to_owned(),
             file,
-            length: metadata.len(),
+            length,
             unpacked: Vec::new(),
         })
     }

@@ -463,7 +463,10 @@ fn a_file_that_is_cut_off_is_replayed_up_to_the_cut() {
 fn what_is_no_plain_file_is_refused_at_once() {
     let error = Bag::open("feet", &config(Path::new("/dev/null")), HostTime(0));
     let error = with_causes(&error.err().expect("an error"));
-    assert!(error.contains("it is not a plain file"), "{error}");
+    assert!(
+        error.contains("found a character device, expected a regular file"),
+        "{error}"
+    );
 }
 
 proptest::proptest! {

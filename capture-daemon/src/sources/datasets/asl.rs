@@ -8,14 +8,14 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use super::text::{Text, check_rising, file_names};
+use super::text::{Text, check_rising, file_names, is_there};
 use super::{DatasetError, DatasetKind, ImuSample, StereoDataset, StereoFrameRef, rate_of};
 
 /// The folder with `cam0` and `cam1`: `path` itself or `mav0` in it.
 pub(super) fn root_of(path: &Path) -> Option<PathBuf> {
     [path.to_owned(), path.join("mav0")]
         .into_iter()
-        .find(|root| root.join("cam0/data.csv").is_file())
+        .find(|root| is_there(&root.join("cam0/data.csv")))
 }
 
 pub(super) fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, DatasetError> {
@@ -26,7 +26,7 @@ pub(super) fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, D
     let frames = pair(&left, &right)?;
 
     let imu_list = root.join("imu0/data.csv");
-    let imu = if imu_list.is_file() {
+    let imu = if is_there(&imu_list) {
         read_imu(&imu_list)?
     } else {
         Vec::new()
@@ -47,7 +47,7 @@ pub(super) fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, D
     ]
     .iter()
     .map(|name| root.join(name))
-    .filter(|file| file.is_file())
+    .filter(|file| is_there(file))
     .collect();
     Ok(StereoDataset {
         kind: DatasetKind::Asl,

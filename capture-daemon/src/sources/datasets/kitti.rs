@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use super::text::{Text, check_rising, file_names};
+use super::text::{Text, check_rising, file_names, is_there};
 use super::{
     DatasetError, DatasetKind, StereoDataset, StereoFrameRef, calibration_files, rate_of, time_at,
 };
@@ -69,7 +69,7 @@ pub(super) fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, D
         ));
     }
     let times_file = path.join("times.txt");
-    let times_ns = if times_file.is_file() {
+    let times_ns = if is_there(&times_file) {
         Some(read_times(&times_file)?)
     } else {
         None

@@ -3,6 +3,8 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use plain_file::{Kind, NotPlain};
+
 use super::DatasetError;
 
 /// The text of one file and where it came from.
@@ -105,7 +107,13 @@ pub(super) fn check_rising(
     }
 }
 
-/// Names of the files in a folder. Names that are not UTF-8 are no data set's and are passed over.
+/// Whether something is there that claims to be a file. What is none, as a pipe, is refused by whoever opens it.
+pub(super) fn is_there(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|data| !data.is_dir())
+}
+
+/// Names of the files in a folder. Names that are not UTF-8 are no data set's and are passed over, and so are folders and
+/// links to nothing; anything else that is no file is an error.
 pub(super) fn file_names(folder: &Path) -> Result<BTreeSet<String>, DatasetError> {
     let unreadable = |source| DatasetError::Read {
         path: folder.to_owned(),
@@ -114,11 +122,24 @@ pub(super) fn file_names(folder: &Path) -> Result<BTreeSet<String>, DatasetError
     let mut names = BTreeSet::new();
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {
         let entry = entry.map_err(unreadable)?;
-        if let Ok(name) = entry.file_name().into_string()
-            && !name.starts_with('.')
-            && entry.path().is_file()
-        {
-            names.insert(name);
+        let name = entry.file_name().into_string().ok();
+        let Some(name) = name.filter(|name| !name.starts_with('.')) else {
+            continue;
+        };
+        let Ok(data) = std::fs::metadata(entry.path()) else {
+            continue;
+        };
+        match Kind::of(data.file_type()) {
+            None => {
+                names.insert(name);
+            }
+            Some(Kind::Folder) => {}
+            Some(other) => {
+                return Err(DatasetError::Read {
+                    path: entry.path(),
+                    source: std::io::Error::other(NotPlain(other)),
+                });
+            }
         }
     }
     Ok(names)
