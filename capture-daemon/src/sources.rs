@@ -340,6 +340,18 @@ pub enum SourceError {
     },
 }
 
+/// Most that [`Extent::Head`] reads of a file. 1 MiB.
+pub const HEAD_BYTES: u64 = 1 << 20;
+
+/// How much of its files a recorded source reads to be opened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Extent {
+    /// All of lists and bags, so that what cannot be replayed is refused.
+    Whole,
+    /// The beginning of each file, up to [`HEAD_BYTES`], as if there were no more: for a look, not to be replayed.
+    Head,
+}
+
 /// A source of samples that knows beforehand when they are to arrive.
 pub trait Source: Send {
     /// What it delivers.

@@ -16,8 +16,8 @@ use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, TickLength};
 
 use super::{
-    CameraInfo, ImuInfo, ImuValues, Lost, Notice, Part, RawFrame, RawImu, Sample, Seen, Source,
-    SourceError, SourceInfo,
+    CameraInfo, Extent, ImuInfo, ImuValues, Lost, Notice, Part, RawFrame, RawImu, Sample, Seen,
+    Source, SourceError, SourceInfo,
 };
 use crate::causes::with_causes;
 use crate::config::BagConfig;
@@ -65,6 +65,8 @@ pub struct Bag {
     imu_out: usize,
     /// Whether images are read and decoded, or only counted.
     wants_pixels: bool,
+    /// Files go on behind what was read of them.
+    is_head: bool,
 }
 
 impl Bag {
@@ -73,12 +75,40 @@ impl Bag {
     /// # Errors
     /// [`BagError`], naming the file.
     pub fn open(name: &str, config: &BagConfig, start: HostTime) -> Result<Self, BagError> {
+        let scanned = scan::scan(&config.path, Extent::Whole)?;
+        Self::of_scan(name, config, start, scanned)
+    }
+
+    /// Opens the beginning of each file as if it were all of the bag: for a look.
+    ///
+    /// # Errors
+    /// [`BagError`], naming the file; [`BagError::Head`] where more of it might do.
+    pub fn open_head(name: &str, config: &BagConfig) -> Result<Self, BagError> {
+        let scanned = scan::scan(&config.path, Extent::Head)?;
+        let is_head = scanned.is_head;
+        Self::of_scan(name, config, HostTime(0), scanned).map_err(|error| {
+            match is_head && error.may_be_mended_by_more() {
+                true => BagError::Head {
+                    source: Box::new(error),
+                },
+                false => error,
+            }
+        })
+    }
+
+    fn of_scan(
+        name: &str,
+        config: &BagConfig,
+        start: HostTime,
+        scanned: scan::Bag,
+    ) -> Result<Self, BagError> {
         let path = config.path.as_path();
         let scan::Bag {
             mut files,
             streams,
             mut notes,
-        } = scan::scan(path)?;
+            is_head,
+        } = scanned;
         let chosen = topics::choose(config, path, &streams)?;
         let plan = plan::plan(path, &streams, &chosen, config.pair_within_ns)?;
         let left = &streams[chosen.left];
@@ -144,12 +174,18 @@ impl Bag {
             frames_out: 0,
             imu_out: 0,
             wants_pixels: true,
+            is_head,
         })
     }
 
     /// What is wrong with the bag and can be lived with, to be shown.
     pub fn notes(&self) -> &[String] {
         &self.notes
+    }
+
+    /// Whether there is more of it than was read.
+    pub fn is_head(&self) -> bool {
+        self.is_head
     }
 
     fn frame(&mut self, position: usize) -> Result<Sample, SourceError> {

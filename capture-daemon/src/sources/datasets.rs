@@ -17,6 +17,8 @@ use std::path::{Path, PathBuf};
 
 use plain_file::Kind;
 
+use super::Extent;
+
 mod asl;
 mod error;
 mod folder;
@@ -44,6 +46,8 @@ pub struct StereoDataset {
     pub rate_hz: f64,
     /// What is absent or was ignored, to be shown.
     pub notes: Vec<String>,
+    /// Lists go on behind what was read of them: see [`open_head`].
+    pub is_head: bool,
 }
 
 /// The layouts of data sets.
@@ -137,6 +141,22 @@ fn what_is(path: &Path) -> String {
 /// # Errors
 /// [`DatasetError`], naming file and line.
 pub fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, DatasetError> {
+    open_as_far(path, rate_hz, Extent::Whole)
+}
+
+/// The same of the beginning of each list, as if there were no more of it: for a look.
+///
+/// # Errors
+/// As [`open`], and [`DatasetError::Head`] where more of a list might do.
+pub fn open_head(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, DatasetError> {
+    open_as_far(path, rate_hz, Extent::Head)
+}
+
+fn open_as_far(
+    path: &Path,
+    rate_hz: Option<f64>,
+    extent: Extent,
+) -> Result<StereoDataset, DatasetError> {
     if let Some(rate_hz) = rate_hz.filter(|rate| !(*rate > 0.0 && *rate <= MAX_RATE_HZ)) {
         return Err(DatasetError::Rate {
             path: path.to_owned(),
@@ -144,8 +164,8 @@ pub fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, DatasetE
         });
     }
     match detect(path)? {
-        DatasetKind::Asl => asl::open(path, rate_hz),
-        DatasetKind::Kitti => kitti::open(path, rate_hz),
+        DatasetKind::Asl => asl::open(path, rate_hz, extent),
+        DatasetKind::Kitti => kitti::open(path, rate_hz, extent),
         DatasetKind::Folders => folder::open_folders(path, rate_hz),
         DatasetKind::Pair => folder::open_pair(path, rate_hz),
     }

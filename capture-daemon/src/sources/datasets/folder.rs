@@ -77,6 +77,7 @@ fn list(
         calibration_files: calibration_files(path)?,
         rate_hz,
         notes: Vec::new(),
+        is_head: false,
     })
 }
 

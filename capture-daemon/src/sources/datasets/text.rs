@@ -1,16 +1,20 @@
 //! Folders and text files of a data set, with errors that name file and line.
 
 use std::collections::BTreeSet;
+use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
-use plain_file::{Kind, NotPlain};
+use plain_file::{Kind, NotPlain, TooLong};
 
 use super::DatasetError;
+use crate::sources::{Extent, HEAD_BYTES};
 
 /// The text of one file and where it came from.
 pub(super) struct Text {
     path: PathBuf,
     text: String,
+    /// Whether the file goes on behind the text.
+    pub(super) is_head: bool,
 }
 
 /// One line, from 1.
@@ -25,15 +29,19 @@ pub(super) struct Line<'t> {
 const MAX_BYTES: u64 = 1 << 30;
 
 impl Text {
-    pub(super) fn read(path: &Path) -> Result<Self, DatasetError> {
-        let text =
-            plain_file::read_to_string(path, MAX_BYTES).map_err(|source| DatasetError::Read {
-                path: path.to_owned(),
-                source,
-            })?;
+    pub(super) fn read(path: &Path, extent: Extent) -> Result<Self, DatasetError> {
+        let read = match extent {
+            Extent::Whole => plain_file::read_to_string(path, MAX_BYTES).map(|text| (text, false)),
+            Extent::Head => head(path),
+        };
+        let (text, is_head) = read.map_err(|source| DatasetError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
         Ok(Self {
             path: path.to_owned(),
             text,
+            is_head,
         })
     }
 
@@ -50,6 +58,25 @@ impl Text {
             })
             .filter(|line| !line.text.is_empty() && !line.text.starts_with('#'))
     }
+}
+
+/// The whole lines at the beginning of a file, and whether it goes on.
+fn head(path: &Path) -> io::Result<(String, bool)> {
+    let file = plain_file::open(path)?;
+    let found = file.metadata()?.len();
+    if found > MAX_BYTES {
+        let limit = MAX_BYTES;
+        let too_long = TooLong { found, limit };
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, too_long));
+    }
+    let mut bytes = Vec::new();
+    file.take(HEAD_BYTES).read_to_end(&mut bytes)?;
+    let goes_on = found > bytes.len() as u64;
+    if goes_on {
+        let last = bytes.iter().rposition(|byte| *byte == b'\n');
+        bytes.truncate(last.map_or(0, |last| last + 1));
+    }
+    Ok((plain_file::text(bytes)?, goes_on))
 }
 
 impl<'t> Line<'t> {
@@ -137,7 +164,7 @@ pub(super) fn file_names(folder: &Path) -> Result<BTreeSet<String>, DatasetError
             Some(other) => {
                 return Err(DatasetError::Read {
                     path: entry.path(),
-                    source: std::io::Error::other(NotPlain(other)),
+                    source: io::Error::other(NotPlain(other)),
                 });
             }
         }
