@@ -166,16 +166,21 @@ const IN_FOLDER: [(Format, &str); 13] = [
     (Format::Rosys, "cameras.json"),
 ];
 
+/// Whether something is there that claims to be a file. What is none, as a pipe, is refused by the reader of its kind.
+fn is_there(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|data| !data.is_dir())
+}
+
 fn in_folder(folder: &Path) -> Result<(Format, PathBuf), CalibError> {
     let mut found = Vec::new();
     for asl in [folder.to_owned(), folder.join("mav0")] {
-        if asl.join("cam0/sensor.yaml").is_file() {
+        if is_there(&asl.join("cam0/sensor.yaml")) {
             found.push((Format::Euroc, asl));
         }
     }
     for (format, name) in IN_FOLDER {
         let file = folder.join(name);
-        if file.is_file() {
+        if is_there(&file) {
             // KITTI's and Middlebury's have one name.
             let format = match format {
                 Format::Kitti => of_file(&file).unwrap_or(format),
@@ -193,7 +198,7 @@ fn in_folder(folder: &Path) -> Result<(Format, PathBuf), CalibError> {
         if file
             .extension()
             .is_some_and(|e| e.eq_ignore_ascii_case("conf"))
-            && file.is_file()
+            && is_there(&file)
         {
             found.push((Format::ZedConf, file));
         }

@@ -340,6 +340,18 @@ pub enum SourceError {
     },
 }
 
+/// Most that [`Extent::Head`] reads of a file. 1 MiB.
+pub const HEAD_BYTES: u64 = 1 << 20;
+
+/// How much of its files a recorded source reads to be opened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Extent {
+    /// All of lists and bags, so that what cannot be replayed is refused.
+    Whole,
+    /// The beginning of each file, up to [`HEAD_BYTES`], as if there were no more: for a look, not to be replayed.
+    Head,
+}
+
 /// A source of samples that knows beforehand when they are to arrive.
 pub trait Source: Send {
     /// What it delivers.
@@ -353,7 +365,7 @@ pub trait Source: Send {
     fn next_sample(&mut self) -> Result<Option<Sample>, SourceError>;
 
     /// Whether the pixels of the frames that follow are wanted: while nobody stores them a source may deliver
-    /// [`Sample::Seen`] instead. A source that makes its frames in no time may ignore it.
+    /// [`Sample::Seen`] instead. A source of which each frame needs the ones before may ignore it.
     fn want_pixels(&mut self, wanted: bool) {
         let _ = wanted;
     }

@@ -427,6 +427,50 @@ fn a_signal_ends_a_recording_cleanly() {
     }
 }
 
+/// Files that are open go on after their folder is gone, and nothing would be left of them.
+#[test]
+fn a_recording_whose_folder_is_removed_fails() {
+    let folder = folder_with(CAMERA);
+    let args = [
+        "record",
+        "--config",
+        "pawsd.toml",
+        "--out",
+        "out",
+        "--seconds",
+        "600",
+        "--json",
+    ];
+    let mut child = pawsd(&args, folder.path())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut events = BufReader::new(child.stdout.take().unwrap())
+        .lines()
+        .map(|line| serde_json::from_str::<Progress>(&line.unwrap()).unwrap());
+    let Some(Progress::Started { session, .. }) = events.next() else {
+        panic!("no session");
+    };
+    assert!(events.any(|event| matches!(event, Progress::Durable { .. })));
+    fs::remove_dir_all(folder.path().join(session)).unwrap();
+    let last = events.last();
+    let output = child.wait_with_output().unwrap();
+    let told = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    let Some(Progress::Finished {
+        error: Some(error), ..
+    }) = &last
+    else {
+        panic!("{last:?}\n{told}");
+    };
+    assert!(error.contains("folder was removed"), "{error}");
+    assert!(
+        told.contains("FAILED: the session's folder was removed"),
+        "{told}"
+    );
+}
+
 #[test]
 fn the_daemon_is_controlled_through_its_socket() {
     let config =

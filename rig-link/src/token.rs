@@ -94,8 +94,8 @@ impl Token {
         Ok(Self(text.to_owned()))
     }
 
-    /// The token in a file, which nobody but its owner may read. What is no file, as a pipe from another
-    /// program, has no such mode.
+    /// The token in a regular file, which nobody but its owner may read. A pipe, a device or a socket in its place is
+    /// refused at once.
     ///
     /// # Errors
     /// See [`TokenError`].

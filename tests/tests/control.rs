@@ -166,6 +166,49 @@ fn a_press_records_at_once_and_a_stop_ends_soon() {
     assert_eq!(manifest.stopped.expect("an end").reason, "signal");
 }
 
+/// Armed without a pre-roll nothing is encoded; what follows the press is stored from its first frame on, which stands alone.
+#[test]
+fn without_a_pre_roll_the_first_frames_follow_the_press() {
+    let folder = tempfile::tempdir().expect("folder");
+    let mut config = Rig::small(3).config(folder.path()).expect("configuration");
+    config.session.pre_roll_ns = 0;
+    let daemon = Daemon::start(config, folder.path());
+    // Not the first second alone, in which a frame is shown.
+    let armed = daemon.wait("frames of all cameras", |s| {
+        s.state == State::Armed && s.streams[..3].iter().all(|s| s.received >= 60)
+    });
+    assert!(armed.streams.iter().all(|s| s.stored == 0), "{armed:?}");
+
+    let pressed = RealClock.now();
+    let session = daemon.ask(start("at once")).expect("start").session;
+    let session = session.expect("a session");
+    daemon.wait("stored frames of all cameras", |s| {
+        s.streams.iter().all(|s| s.stored > 0)
+    });
+    daemon.ask(Request::Stop).expect("stop");
+    daemon.wait("the end", |s| s.state == State::Armed);
+    daemon.end();
+
+    let report = verify(&open(&session).expect("open"), |_| {}).expect("verify");
+    assert!(report.is_sound(), "{report:?}");
+    let contents = Contents::read(&session).expect("contents");
+    assert_eq!(contents.frames.len(), 3);
+    for (camera, frames) in &contents.frames {
+        let first = &frames.first().expect("frames").record;
+        assert!(first.key_frame, "{camera} begins with a key frame");
+        // They count from 0: what was received before the press was told is not in the session.
+        let stream = armed.streams.iter().find(|s| s.name == *camera);
+        let before = stream.expect("its stream").received;
+        assert!(
+            first.number >= before,
+            "{camera} begins with frame {}, and {before} came while it was armed",
+            first.number
+        );
+        let after_ms = HostTime(first.time).since(pressed) / 1_000_000;
+        println!("{camera}: the first frame is {after_ms} ms after the press");
+    }
+}
+
 /// A session from a press to a stop: whole, with nothing missing, and with its pre-roll unless another
 /// one has just ended: what that one has is not recorded again.
 fn check_session(session: &Path, name: &str, is_first: bool, pressed: HostTime, stopped: HostTime) {

@@ -116,10 +116,8 @@ impl VideoFile {
             path: path.to_owned(),
             reason,
         };
-        let metadata = std::fs::metadata(path).map_err(|e| open(e.to_string()))?;
-        if !metadata.is_file() {
-            return Err(open("it is not a plain file".to_owned()));
-        }
+        // GStreamer opens it once more by its name, and would wait for the other end of a pipe.
+        plain_file::open(path).map_err(|e| open(e.to_string()))?;
         let unusable = |reason: String| FileError::Unusable {
             path: path.to_owned(),
             reason,

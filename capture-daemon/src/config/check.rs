@@ -4,7 +4,9 @@
 //! keep a recording from starting here and now, for the user who runs it: folder and space, socket, page with its
 //! address and token, rig, cameras that are not there, encoders. It records nothing and
 //! leaves nothing behind, but it occupies the encoders for some seconds, and a recording beside it
-//! would feel that. Each part is announced before it begins (see [`crate::announce`]).
+//! would feel that. Of bags, lists and whatever people write it reads at most 1 MiB a file, of pictures the header; only
+//! GStreamer reads of a video file what it needs for two images. Each part is announced before it begins (see
+//! [`crate::announce`]).
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -23,10 +25,11 @@ use crate::announce::step;
 use crate::causes::with_causes;
 use crate::disk;
 use crate::run::choose_encoder;
-use crate::sources::bag::Bag;
+use crate::sources::bag::{Bag, BagError};
+use crate::sources::datasets::DatasetError;
 use crate::sources::device::Device;
 use crate::sources::gstreamer::Gstreamer;
-use crate::sources::replay::Replay;
+use crate::sources::replay::{Replay, ReplayError};
 use crate::sources::simulated::{Simulated, Walks};
 use crate::sources::synthetic::Synthetic;
 use crate::sources::video_file::VideoReplay;
@@ -285,20 +288,34 @@ fn source(
     let start = HostTime(0);
     let (info, own_calibration, mut notes) = match &camera.source {
         SourceConfig::Replay(r) => {
-            match Replay::open(&camera.name, &r.path, r.rate_hz, r.repeat, r.imu, start) {
-                Ok(replay) => (
-                    replay.info().clone(),
-                    replay.calibration().is_some(),
-                    replay.notes().to_vec(),
-                ),
+            match Replay::open_head(&camera.name, &r.path, r.rate_hz, r.repeat, r.imu) {
+                Ok(replay) => {
+                    heads(replay.is_head(), report);
+                    (
+                        replay.info().clone(),
+                        replay.calibration().is_some(),
+                        replay.notes().to_vec(),
+                    )
+                }
+                Err(error @ ReplayError::Dataset(DatasetError::Head { .. })) => {
+                    report.warning(with_causes(&error));
+                    return None;
+                }
                 Err(error) => {
                     report.error(with_causes(&error));
                     return None;
                 }
             }
         }
-        SourceConfig::Bag(b) => match Bag::open(&camera.name, b, start) {
-            Ok(bag) => (bag.info().clone(), false, bag.notes().to_vec()),
+        SourceConfig::Bag(b) => match Bag::open_head(&camera.name, b) {
+            Ok(bag) => {
+                heads(bag.is_head(), report);
+                (bag.info().clone(), false, bag.notes().to_vec())
+            }
+            Err(error @ BagError::Head { .. }) => {
+                report.warning(with_causes(&error));
+                return None;
+            }
             Err(error) => {
                 report.error(with_causes(&error));
                 return None;
@@ -390,6 +407,15 @@ fn source(
         report.warning(note);
     }
     Some(info)
+}
+
+/// Says that there is more of the source's files than was read.
+fn heads(are_heads: bool, report: &mut Report) {
+    if are_heads {
+        report.ok(
+            "the first 1 MiB of each of its files was looked at; a recording reads all of them",
+        );
+    }
 }
 
 /// `width` and `height` are those of one eye.

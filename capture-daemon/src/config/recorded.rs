@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use session_archive::text::is_plain;
+
 use super::device::pair_within;
 use super::file::ns;
 use super::section::Section;
@@ -55,8 +57,9 @@ pub(super) fn bag(section: &mut Section<'_>, folder: &Path) -> Option<BagConfig>
         "path",
         "the folder of a rosbag2 recording, or an .mcap file",
     );
-    let a_topic = "the name of a topic, as in \"/left/image_raw\"";
-    let mut topic = |key| section.text(key, a_topic, |name| !name.is_empty());
+    let a_topic = "the name of a topic without control characters, as in \"/left/image_raw\"";
+    let is_topic = |name: &str| !name.is_empty() && is_plain(name);
+    let mut topic = |key| section.text(key, a_topic, is_topic);
     let (both, left, right) = (topic("topic"), topic("left_topic"), topic("right_topic"));
     let imu_topic = topic("imu_topic");
     let imu = section.flag("imu").unwrap_or(true);

@@ -336,6 +336,20 @@ fn control_characters_are_refused_in_names_paths_and_sources() {
             &source("kind = \"v4l2\"\nusb = \"2b03:f682\"\nusb_serial = \"1@\""),
             "line 6: usb_serial in [camera.source]",
         );
+        for (key, others) in [
+            ("path", "kind = \"bag\""),
+            ("topic", "kind = \"bag\"\npath = \"walk\""),
+            ("imu_topic", "kind = \"bag\"\npath = \"walk\""),
+            ("path", "kind = \"video\""),
+            ("right_path", "kind = \"video\"\npath = \"left.mp4\""),
+            ("right_device", "kind = \"v4l2\"\ndevice = \"/dev/video0\""),
+        ] {
+            let line = 4 + others.lines().count();
+            bad(
+                &source(&format!("{others}\n{key} = \"a@\"")),
+                &format!("line {line}: {key} in [camera.source]"),
+            );
+        }
         // What is wrong is said without saying it raw.
         let text = CAMERA.replace("feet", &format!("f{escape}"));
         let found = problems(&text);

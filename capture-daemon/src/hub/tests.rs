@@ -24,18 +24,23 @@ fn bench() -> Bench {
 }
 
 fn bench_with(stamped: Option<Stamped>) -> Bench {
-    let seen: Arc<Mutex<Vec<Outgoing>>> = Arc::default();
-    let into = seen.clone();
-    let out: Out = Arc::new(move |item| into.lock().expect("seen").push(item));
+    bench_of(vec![CameraSetup {
+        stamped,
+        ..camera("feet")
+    }])
+}
+
+/// A camera at 20 Hz with an IMU at 200 Hz.
+fn camera(name: &str) -> CameraSetup {
     let clock = ClockConfig::new(TickLength::NANOSECOND);
-    let camera = CameraSetup {
-        name: "feet".to_owned(),
+    CameraSetup {
+        name: name.to_owned(),
         trigger: None,
         rate_hz: 20.0,
         clock,
         number_bits: None,
         still: true,
-        stamped,
+        stamped: None,
         encoder: EncoderSettings {
             element: "x264enc".to_owned(),
             width: 64,
@@ -44,10 +49,10 @@ fn bench_with(stamped: Option<Stamped>) -> Bench {
             quality_db: 40.0,
             threads: 1,
             max_key_interval_frames: 30,
-            preset: video::encoder::Preset::default(),
+            preset: Preset::default(),
         },
         imu: Some(ImuSetup {
-            name: "feet/imu".to_owned(),
+            name: format!("{name}/imu"),
             info: ImuInfo {
                 rate_hz: 200.0,
                 tick: TickLength::NANOSECOND,
@@ -59,10 +64,16 @@ fn bench_with(stamped: Option<Stamped>) -> Bench {
             clock,
             number_bits: None,
         }),
-    };
-    let encoding = Encoding::new(1);
+    }
+}
+
+fn bench_of(cameras: Vec<CameraSetup>) -> Bench {
+    let seen: Arc<Mutex<Vec<Outgoing>>> = Arc::default();
+    let into = seen.clone();
+    let out: Out = Arc::new(move |item| into.lock().expect("seen").push(item));
+    let encoding = Encoding::new(cameras.len());
     Bench {
-        hub: Hub::new(vec![camera], 500 * MS, true, &encoding, &out),
+        hub: Hub::new(cameras, 500 * MS, true, &encoding, &out),
         encoding,
         seen,
     }
@@ -105,6 +116,24 @@ impl Bench {
 
     fn seen(&self) -> MutexGuard<'_, Vec<Outgoing>> {
         self.seen.lock().expect("seen")
+    }
+
+    /// What was done and taken back because encoders could not keep up.
+    fn relieved(&self) -> Vec<(String, bool)> {
+        let alarms = self.seen();
+        let alarms = alarms.iter().filter_map(|item| match item {
+            Outgoing::Alarm {
+                text,
+                active,
+                stream,
+                ..
+            } if stream == ENCODERS => {
+                let (_, what) = text.split_once(": ").expect("what is done");
+                Some((what.to_owned(), *active))
+            }
+            _ => None,
+        });
+        alarms.collect()
     }
 
     fn notices(&self) -> Vec<String> {
@@ -462,22 +491,7 @@ fn a_machine_that_is_too_slow_is_relieved_step_by_step() {
     let rate_lowered = bench.hub.rate_lowered(0).is_some();
     run(&mut bench, 60, &|_| 0.0);
     assert!(rate_lowered && bench.hub.rate_lowered(0).is_none());
-    let alarms: Vec<(String, bool)> = bench
-        .seen()
-        .iter()
-        .filter_map(|item| match item {
-            Outgoing::Alarm {
-                text,
-                active,
-                stream,
-                ..
-            } if stream == ENCODERS => {
-                let (_, what) = text.split_once(": ").expect("what is done");
-                Some((what.to_owned(), *active))
-            }
-            _ => None,
-        })
-        .collect();
+    let alarms = bench.relieved();
     let (quality, rates) = (Step::Quality.text(), Step::AllRates.text());
     let expected = [
         (quality, true),
@@ -489,4 +503,95 @@ fn a_machine_that_is_too_slow_is_relieved_step_by_step() {
     ];
     let expected = expected.map(|(what, active)| (what.to_owned(), active));
     assert_eq!(alarms, expected, "one camera at the fastest preset");
+}
+
+/// With several cameras, and a preset that can be faster, there are four steps.
+#[test]
+fn the_last_camera_gives_up_its_rate_before_the_others_do() {
+    let mut cameras = vec![camera("left_shoulder"), camera("feet")];
+    for camera in &mut cameras {
+        camera.encoder.preset = Preset::Veryfast;
+    }
+    let mut bench = bench_of(cameras);
+    bench.hub.waits = false;
+    let mut now = START;
+    let mut lowered = Vec::new();
+    // The queue grows by a twentieth of its capacity in a second, until nothing is left to be given up.
+    for tick in 0..120 {
+        now = now + TICK_NS;
+        bench.hub.note_inbox(f64::from(tick) / 200.0);
+        bench.hub.tick(now);
+        let of = [0, 1].map(|camera| bench.hub.rate_lowered(camera).is_some());
+        if lowered.last() != Some(&of) {
+            lowered.push(of);
+        }
+    }
+    let begun = bench.relieved().into_iter().filter(|(_, active)| *active);
+    let begun: Vec<String> = begun.map(|(what, _)| what).collect();
+    assert_eq!(
+        begun,
+        [
+            "faster preset",
+            "quality lowered",
+            "half the frame rate of the last camera",
+            "half the frame rate of all cameras",
+        ]
+    );
+    assert_eq!(lowered, [[false, false], [false, true], [true, true]]);
+}
+
+/// Armed without a pre-roll: what nobody stores is counted and timed, and no more.
+#[test]
+fn while_nobody_stores_frames_they_are_counted_and_the_first_one_afterwards_stands_alone() {
+    let mut bench = bench();
+    let at = |i: i64| START + i * 50 * MS;
+    let frames = |bench: &Bench| -> Vec<(u64, bool)> {
+        let items = bench.seen();
+        let frames = items.iter().filter_map(|item| match item {
+            Outgoing::Frame { frame, key, .. } => Some((frame.number, *key)),
+            _ => None,
+        });
+        frames.collect()
+    };
+    let stage = |bench: &mut Bench, is_idle: bool, numbers: std::ops::Range<i64>| {
+        bench.hub.idle(is_idle);
+        for i in numbers {
+            // A source may leave the pixels out, and need not.
+            if is_idle && i % 2 == 1 {
+                let seen = Seen {
+                    number: i as u64,
+                    device_ticks: at(i).0,
+                    host_time: at(i),
+                };
+                bench.hub.sample(0, Sample::Seen(seen), at(i));
+            } else {
+                bench.frame(i as u64, at(i));
+            }
+            bench.hub.tick(at(i));
+        }
+    };
+    stage(&mut bench, true, 0..33);
+    assert_eq!(frames(&bench), []);
+    assert!(!bench.encoding.is_busy(0), "nothing is being encoded");
+    let received = bench.seen().iter().rev().find_map(|item| match item {
+        Outgoing::Health { streams, .. } => Some(streams[0].received),
+        _ => None,
+    });
+    // Health is told once a second, the last time with the 21st frame.
+    assert_eq!(received, Some(21));
+
+    // None of them begins a chunk, which would be reason enough for a key frame.
+    stage(&mut bench, false, 33..36);
+    stage(&mut bench, true, 36..38);
+    stage(&mut bench, false, 38..39);
+    bench.hub.finish(Rest::Encode, at(39));
+    assert_eq!(
+        frames(&bench),
+        [(33, true), (34, false), (35, false), (38, true)]
+    );
+    let is_dropped = |item: &Outgoing| matches!(item, Outgoing::Dropped { .. });
+    assert!(
+        !bench.seen().iter().any(is_dropped),
+        "what nobody wanted is not missing"
+    );
 }

@@ -957,11 +957,21 @@ fn loss_is_an_alarm_and_a_share_of_the_frames_of_its_camera() {
         if step % 20 == 19 {
             rig.health();
         }
+        if step == 29 {
+            // From here page and lights have it.
+            let status = rig.recorder.status();
+            assert_eq!(status.concerns, [Concern::Stream]);
+            assert!(
+                status.alarms[0].contains("samples are being lost"),
+                "{status:?}"
+            );
+        }
     }
     for _ in 0..6 {
         rig.steps(20);
         rig.health();
     }
+    assert_eq!(rig.recorder.status().concerns, []);
     let alarms: Vec<(String, bool)> = rig
         .progress()
         .into_iter()

@@ -134,6 +134,27 @@ fn remove(gone: &Path) {
 mod tests {
     use super::*;
 
+    /// Whoever records does not notice by itself: files that are open go on after their folder is gone.
+    #[test]
+    fn a_session_whose_folder_was_removed_is_not_there() {
+        let folder = tempfile::tempdir().expect("folder");
+        let mut store = FolderStore::random(folder.path().to_owned(), 0);
+        let mut begun = || {
+            let (path, storage, _) = store.create(CivilTime(0)).expect("session");
+            fs::write(path.join(layout::MANIFEST), b"{}").expect("a manifest");
+            fs::create_dir(path.join(layout::SEGMENTS)).expect("a folder");
+            (path, storage)
+        };
+        let (whole, _claim) = begun();
+        let (removed, _claim_too) = begun();
+        let (emptied, _claim_as_well) = begun();
+        fs::remove_dir_all(&removed).expect("removed");
+        fs::remove_dir_all(emptied.join(layout::SEGMENTS)).expect("removed");
+        assert!(store.is_there(&whole));
+        assert!(!store.is_there(&removed));
+        assert!(!store.is_there(&emptied));
+    }
+
     #[test]
     fn a_discarded_session_is_gone_at_once_and_its_rest_later() {
         let folder = tempfile::tempdir().expect("folder");

@@ -106,3 +106,38 @@ fn a_recording_goes_on_without_a_source_that_fails() {
     assert_eq!(finished.stored, 5 + 40);
     assert!(manifest.contains("\"duration\""), "{manifest}");
 }
+
+/// Codec and preset are chosen once, by the pixels of all cameras together. Alone, each of these would get another preset.
+#[test]
+fn cameras_of_different_sizes_have_one_encoder() {
+    let folder = tempfile::tempdir().expect("folder");
+    let sizes = [(128, 64, 20), (960, 480, 30)];
+    let cameras = CAMERAS.iter().zip(sizes).map(|(name, of)| {
+        let (width, height, rate_hz) = of;
+        format!(
+            "[[camera]]\nname = {name:?}\nsource = {{ kind = \"synthetic\", width = {width}, \
+             height = {height}, rate_hz = {rate_hz}, imu_rate_hz = 0 }}\n"
+        )
+    });
+    let text = format!("disk.reserve_gb = 0\n{}", cameras.collect::<String>());
+    let config = Config::parse(&text, folder.path()).expect("configuration");
+    let options = RecordOptions {
+        seconds: 0.5,
+        virtual_time: true,
+        name: String::new(),
+        out: folder.path().to_owned(),
+    };
+    let finished = record(&config, &options, &StopFlag::new(), Box::new(|_| {}));
+    let session = finished.expect("recording").session;
+    let manifest = std::fs::read(session.join("session.json")).expect("manifest");
+    let manifest: serde_json::Value = serde_json::from_slice(&manifest).expect("JSON");
+    let cameras = manifest["cameras"].as_array().expect("cameras");
+    assert_eq!(cameras.len(), 2);
+    for (camera, (width, ..)) in cameras.iter().zip(sizes) {
+        assert_eq!(camera["width"], width);
+        for key in ["codec", "encoder"] {
+            assert!(camera[key].is_string(), "{camera}");
+            assert_eq!(camera[key], cameras[0][key]);
+        }
+    }
+}

@@ -16,8 +16,8 @@ use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, TickLength};
 
 use super::{
-    CameraInfo, ImuInfo, ImuValues, Lost, Notice, Part, RawFrame, RawImu, Sample, Source,
-    SourceError, SourceInfo,
+    CameraInfo, Extent, ImuInfo, ImuValues, Lost, Notice, Part, RawFrame, RawImu, Sample, Seen,
+    Source, SourceError, SourceInfo,
 };
 use crate::causes::with_causes;
 use crate::config::BagConfig;
@@ -63,6 +63,10 @@ pub struct Bag {
     notices_out: usize,
     frames_out: usize,
     imu_out: usize,
+    /// Whether images are read and decoded, or only counted.
+    wants_pixels: bool,
+    /// Files go on behind what was read of them.
+    is_head: bool,
 }
 
 impl Bag {
@@ -71,12 +75,40 @@ impl Bag {
     /// # Errors
     /// [`BagError`], naming the file.
     pub fn open(name: &str, config: &BagConfig, start: HostTime) -> Result<Self, BagError> {
+        let scanned = scan::scan(&config.path, Extent::Whole)?;
+        Self::of_scan(name, config, start, scanned)
+    }
+
+    /// Opens the beginning of each file as if it were all of the bag: for a look.
+    ///
+    /// # Errors
+    /// [`BagError`], naming the file; [`BagError::Head`] where more of it might do.
+    pub fn open_head(name: &str, config: &BagConfig) -> Result<Self, BagError> {
+        let scanned = scan::scan(&config.path, Extent::Head)?;
+        let is_head = scanned.is_head;
+        Self::of_scan(name, config, HostTime(0), scanned).map_err(|error| {
+            match is_head && error.may_be_mended_by_more() {
+                true => BagError::Head {
+                    source: Box::new(error),
+                },
+                false => error,
+            }
+        })
+    }
+
+    fn of_scan(
+        name: &str,
+        config: &BagConfig,
+        start: HostTime,
+        scanned: scan::Bag,
+    ) -> Result<Self, BagError> {
         let path = config.path.as_path();
         let scan::Bag {
             mut files,
             streams,
             mut notes,
-        } = scan::scan(path)?;
+            is_head,
+        } = scanned;
         let chosen = topics::choose(config, path, &streams)?;
         let plan = plan::plan(path, &streams, &chosen, config.pair_within_ns)?;
         let left = &streams[chosen.left];
@@ -141,12 +173,19 @@ impl Bag {
             notices_out: 0,
             frames_out: 0,
             imu_out: 0,
+            wants_pixels: true,
+            is_head,
         })
     }
 
     /// What is wrong with the bag and can be lived with, to be shown.
     pub fn notes(&self) -> &[String] {
         &self.notes
+    }
+
+    /// Whether there is more of it than was read.
+    pub fn is_head(&self) -> bool {
+        self.is_head
     }
 
     fn frame(&mut self, position: usize) -> Result<Sample, SourceError> {
@@ -168,6 +207,14 @@ impl Bag {
             What::Frame { left, right } => (*left, *right),
             What::Lost(why) => return lost(why.clone()),
         };
+        let device_ticks = self.plan.first_ns + offset_ns;
+        if !self.wants_pixels {
+            return Ok(Sample::Seen(Seen {
+                number,
+                device_ticks,
+                host_time,
+            }));
+        }
         let places = (left, right.map(|(place, _)| place));
         let loaded = load(&mut self.files, self.kinds, places.0, places.1);
         let loaded = loaded.map_err(|error| SourceError::Unusable {
@@ -186,7 +233,7 @@ impl Bag {
         }
         Ok(Sample::Frame(RawFrame {
             number,
-            device_ticks: self.plan.first_ns + offset_ns,
+            device_ticks,
             kernel_time: None,
             host_time,
             exposure_ns: None,
@@ -251,6 +298,10 @@ impl Source for Bag {
         }
         self.frames_out += 1;
         self.frame(self.frames_out - 1).map(Some)
+    }
+
+    fn want_pixels(&mut self, wanted: bool) {
+        self.wants_pixels = wanted;
     }
 
     fn begin_at(&mut self, start: HostTime) {

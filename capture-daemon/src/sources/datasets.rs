@@ -15,6 +15,10 @@
 
 use std::path::{Path, PathBuf};
 
+use plain_file::Kind;
+
+use super::Extent;
+
 mod asl;
 mod error;
 mod folder;
@@ -42,6 +46,8 @@ pub struct StereoDataset {
     pub rate_hz: f64,
     /// What is absent or was ignored, to be shown.
     pub notes: Vec<String>,
+    /// Lists go on behind what was read of them: see [`open_head`].
+    pub is_head: bool,
 }
 
 /// The layouts of data sets.
@@ -104,7 +110,7 @@ pub fn detect(path: &Path) -> Result<DatasetKind, DatasetError> {
         [kind] => Ok(*kind),
         [] => Err(DatasetError::Unrecognised {
             path: path.to_owned(),
-            found: if path.is_dir() { "a folder without any of them" } else { "no folder" }.to_owned(),
+            found: what_is(path),
             expected: "mav0/cam0 and cam1, image_0 and image_1, image_2 and image_3, image_l and image_r, left and \
                        right, or left.png and right.png"
                 .to_owned(),
@@ -117,6 +123,16 @@ pub fn detect(path: &Path) -> Result<DatasetKind, DatasetError> {
     }
 }
 
+/// What is there instead of a data set.
+fn what_is(path: &Path) -> String {
+    match std::fs::metadata(path).map(|data| Kind::of(data.file_type())) {
+        Err(_) => "no folder".to_owned(),
+        Ok(Some(Kind::Folder)) => "a folder without any of them".to_owned(),
+        Ok(Some(other)) => other.to_string(),
+        Ok(None) => "a file".to_owned(),
+    }
+}
+
 /// Lists the data set in `path`.
 ///
 /// `rate_hz` gives the times of a data set that has none: frame `n` is at `n / rate_hz`, rounded to
@@ -125,6 +141,22 @@ pub fn detect(path: &Path) -> Result<DatasetKind, DatasetError> {
 /// # Errors
 /// [`DatasetError`], naming file and line.
 pub fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, DatasetError> {
+    open_as_far(path, rate_hz, Extent::Whole)
+}
+
+/// The same of the beginning of each list, as if there were no more of it: for a look.
+///
+/// # Errors
+/// As [`open`], and [`DatasetError::Head`] where more of a list might do.
+pub fn open_head(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, DatasetError> {
+    open_as_far(path, rate_hz, Extent::Head)
+}
+
+fn open_as_far(
+    path: &Path,
+    rate_hz: Option<f64>,
+    extent: Extent,
+) -> Result<StereoDataset, DatasetError> {
     if let Some(rate_hz) = rate_hz.filter(|rate| !(*rate > 0.0 && *rate <= MAX_RATE_HZ)) {
         return Err(DatasetError::Rate {
             path: path.to_owned(),
@@ -132,8 +164,8 @@ pub fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, DatasetE
         });
     }
     match detect(path)? {
-        DatasetKind::Asl => asl::open(path, rate_hz),
-        DatasetKind::Kitti => kitti::open(path, rate_hz),
+        DatasetKind::Asl => asl::open(path, rate_hz, extent),
+        DatasetKind::Kitti => kitti::open(path, rate_hz, extent),
         DatasetKind::Folders => folder::open_folders(path, rate_hz),
         DatasetKind::Pair => folder::open_pair(path, rate_hz),
     }

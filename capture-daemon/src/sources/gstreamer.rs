@@ -325,6 +325,39 @@ mod tests {
         assert!(error.contains("nosuchelement"), "{error}");
     }
 
+    /// The camera is not to blame for a reader that is too slow, and the reader not for an eye that sends nothing.
+    #[test]
+    fn lost_frames_have_their_true_cause() {
+        let sink = Kept {
+            samples: Mutex::default(),
+            ending: AtomicBool::new(false),
+            frames: 1,
+        };
+        for (first, last, cause) in [
+            (3, 5, Cause::Overrun),
+            (7, 7, Cause::NoPartner(Eye::Left)),
+            (8, 8, Cause::NoPartner(Eye::Right)),
+        ] {
+            tell_lost(&LostFrames { first, last, cause }, &sink);
+        }
+        let samples = sink.samples.into_inner().expect("samples");
+        let told = samples.iter().map(|sample| match sample {
+            Sample::Lost(lost) => (lost.number, lost.cause),
+            other => panic!("{other:?}"),
+        });
+        let (machine, device) = (gap::Cause::MachineOverload, gap::Cause::Device);
+        assert_eq!(
+            told.collect::<Vec<_>>(),
+            [
+                (3, machine),
+                (4, machine),
+                (5, machine),
+                (7, device),
+                (8, device)
+            ]
+        );
+    }
+
     #[test]
     fn the_first_known_element_says_what_times_are_worth() {
         assert_eq!(

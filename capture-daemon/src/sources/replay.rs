@@ -117,7 +117,31 @@ impl Replay {
         imu: bool,
         start: HostTime,
     ) -> Result<Self, ReplayError> {
-        let mut dataset = datasets::open(path, rate_hz)?;
+        Self::of_dataset(name, datasets::open(path, rate_hz)?, repeat, imu, start)
+    }
+
+    /// Opens the beginning of each list as if there were no more of it: for a look.
+    ///
+    /// # Errors
+    /// As [`Self::open`], and [`DatasetError::Head`].
+    pub fn open_head(
+        name: &str,
+        path: &Path,
+        rate_hz: Option<f64>,
+        repeat: bool,
+        imu: bool,
+    ) -> Result<Self, ReplayError> {
+        let dataset = datasets::open_head(path, rate_hz)?;
+        Self::of_dataset(name, dataset, repeat, imu, HostTime(0))
+    }
+
+    fn of_dataset(
+        name: &str,
+        mut dataset: StereoDataset,
+        repeat: bool,
+        imu: bool,
+        start: HostTime,
+    ) -> Result<Self, ReplayError> {
         let first_ns = dataset.frames[0].device_time_ns;
         let imu_recorded = !dataset.imu.is_empty();
         match imu {
@@ -175,6 +199,11 @@ impl Replay {
     /// What the data set lacks and what was ignored, to be shown.
     pub fn notes(&self) -> &[String] {
         &self.dataset.notes
+    }
+
+    /// Whether there is more of it than was read.
+    pub fn is_head(&self) -> bool {
+        self.dataset.is_head
     }
 
     /// Position in the data set, round, and distance from the first picture in ns, of the next frame.

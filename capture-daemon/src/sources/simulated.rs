@@ -292,3 +292,60 @@ impl Source for Simulated {
         Some(&self.calibration)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rig_sim::camera::Quality;
+    use rig_sim::scene::{Kind, Time};
+    use session_archive::time::NS_PER_S;
+
+    use super::*;
+
+    const START: HostTime = HostTime(5 * NS_PER_S);
+    const RIG: &str = include_str!("../../../cad-transforms/rigs/example.toml");
+
+    /// The number of the next frame.
+    fn next_frame(source: &mut Simulated) -> Option<u64> {
+        while let Some(sample) = source.next_sample().expect("a sample") {
+            if let Sample::Frame(frame) = sample {
+                return Some(frame.number);
+            }
+        }
+        None
+    }
+
+    /// What cannot be rendered in time is the machine's loss, not the device's, and no number is told twice or never.
+    #[test]
+    fn frames_that_come_too_late_are_lost_to_the_slow_machine_one_after_the_other() {
+        let settings = Settings {
+            kind: Kind::Corridor,
+            time: Time::Day,
+            seed: 1,
+            seconds: 1.5,
+            rate_hz: 10.0,
+            width: 32,
+            height: 32,
+            quality: Quality::FAST,
+        };
+        let rig = Rig::parse(RIG).expect("a rig");
+        let mut walks = Walks::default();
+        let source = Simulated::open("feet", &settings, None, Some(&rig), &mut walks, START);
+        let mut source = source.expect("a source");
+        assert_eq!(next_frame(&mut source), Some(0));
+
+        // Frames are taken in the middle of each tenth of a second.
+        let now = START + NS_PER_S;
+        let lost = source.hurry(now);
+        let numbers: Vec<u64> = lost.iter().map(|lost| lost.number).collect();
+        assert_eq!(numbers, (1..=9).collect::<Vec<u64>>());
+        for one in &lost {
+            assert_eq!((one.cause, one.host_time), (Cause::MachineOverload, now));
+            assert!(one.detail.contains("the machine is too slow"), "{one:?}");
+        }
+        assert_eq!(source.hurry(now), [], "they are lost once");
+        for number in 10..15 {
+            assert_eq!(next_frame(&mut source), Some(number));
+        }
+        assert_eq!(next_frame(&mut source), None);
+    }
+}

@@ -12,7 +12,7 @@
 //! [`IMU_DRIFT_PPM`]); arrival comes later by an exponential delay of 0.2 ms in the mean and 2 ms at
 //! most. *Order*: by arrival, in each stream also by number. *At the end*: there is none, unless a
 //! [`FaultPlan`] sets it. *On a planned fault*: what is lost is lost like on a real device, numbers and
-//! ticks go on.
+//! ticks go on. *While pixels are not wanted* nothing is drawn; times and numbers are the same.
 
 use std::ops::Range;
 
@@ -22,7 +22,7 @@ use video::{Picture, PictureError, PixelFormat};
 
 use super::datasets::time_at;
 use super::{
-    CameraInfo, ImuInfo, ImuValues, RawFrame, RawImu, Sample, Source, SourceError, SourceInfo,
+    CameraInfo, ImuInfo, ImuValues, RawFrame, RawImu, Sample, Seen, Source, SourceError, SourceInfo,
 };
 
 mod counter;
@@ -117,6 +117,8 @@ pub struct Synthetic {
     faults: FaultPlan,
     camera: Stream,
     imu: Stream,
+    /// Whether pictures are drawn, or frames only counted.
+    wants_pixels: bool,
 }
 
 impl Synthetic {
@@ -191,6 +193,7 @@ impl Synthetic {
             faults: FaultPlan::default(),
             camera: Stream::default(),
             imu: Stream::default(),
+            wants_pixels: true,
         })
     }
 
@@ -230,7 +233,7 @@ impl Synthetic {
         };
         Ok(RawFrame {
             number: slot.number,
-            device_ticks: CAMERA_TICKS_AT_START + drifted(slot.taken_ns, CAMERA_DRIFT_PPM),
+            device_ticks: camera_ticks(slot),
             kernel_time: None,
             host_time: slot.arrival,
             exposure_ns: Some(EXPOSURE_NS),
@@ -301,6 +304,14 @@ impl Source for Synthetic {
                 self.imu.next = None;
                 Ok(Some(Sample::Imu(self.imu_sample(imu))))
             }
+            (Some(frame), _) if !self.wants_pixels => {
+                self.camera.next = None;
+                Ok(Some(Sample::Seen(Seen {
+                    number: frame.number,
+                    device_ticks: camera_ticks(frame),
+                    host_time: frame.arrival,
+                })))
+            }
             (Some(frame), _) => {
                 self.camera.next = None;
                 let frame = self.frame(frame).map_err(|error| SourceError::Unusable {
@@ -311,6 +322,10 @@ impl Source for Synthetic {
             }
             (None, _) => Ok(None),
         }
+    }
+
+    fn want_pixels(&mut self, wanted: bool) {
+        self.wants_pixels = wanted;
     }
 
     fn begin_at(&mut self, start: HostTime) {
@@ -379,6 +394,11 @@ impl Stream {
         }
         self.next
     }
+}
+
+/// What the camera's clock shows when a frame is taken.
+fn camera_ticks(slot: Slot) -> i64 {
+    CAMERA_TICKS_AT_START + drifted(slot.taken_ns, CAMERA_DRIFT_PPM)
 }
 
 /// `ns` on a clock that runs faster by `ppm`.

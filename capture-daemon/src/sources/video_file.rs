@@ -588,7 +588,10 @@ mod tests {
             "{error}"
         );
         let error = open(Path::new("/dev/null"));
-        assert!(error.contains("it is not a plain file"), "{error}");
+        assert!(
+            error.contains("found a character device, expected a regular file"),
+            "{error}"
+        );
         let error = open(&folder.path().join("none.mp4"));
         assert!(error.starts_with("opening a video file: "), "{error}");
     }

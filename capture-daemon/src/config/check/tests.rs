@@ -101,6 +101,28 @@ fn a_token_that_others_can_read_is_an_error() {
     expect(&look(), "page", Level::Error, "reading the token");
 }
 
+/// What is behind the head of a bag may be good, or not: a check does not read it.
+#[test]
+fn a_bag_that_a_look_does_not_suffice_for_is_a_warning() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut bytes = session_archive::mcap::MAGIC.to_vec();
+    // A record of a kind that nobody knows, longer than is looked at.
+    bytes.push(0xf0);
+    bytes.extend((1_u64 << 30).to_le_bytes());
+    let bag = folder.path().join("walk.mcap");
+    fs::write(&bag, &bytes).unwrap();
+    let file = fs::OpenOptions::new().write(true).open(&bag).unwrap();
+    file.set_len(bytes.len() as u64 + (1 << 30)).unwrap();
+    let text = "control.socket = \"s\"\n[[camera]]\nname = \"feet\"\nsource = { kind = \"bag\", path = \"walk.mcap\" }\n";
+    let found = findings(folder.path(), text);
+    expect(
+        &found,
+        "camera feet",
+        Level::Warning,
+        "the first 1 MiB of each file of a bag, which is all that a check reads",
+    );
+}
+
 #[test]
 fn everything_wrong_is_told_at_once() {
     let folder = tempfile::tempdir().unwrap();

@@ -3,7 +3,8 @@
 //! Contract: [`Container::scan`] goes through the file from its beginning, one record in memory at a time, and needs no
 //! index or summary, so a recording that was cut off is read up to the cut. Chunks may be compressed with zstd; one whose
 //! checksum does not hold is passed over and noted. *Sizes* that a file claims are compared with what is left of it and
-//! with [`LARGEST`] before anything is allocated. *Only plain files* are opened.
+//! with [`LARGEST`] before anything is allocated. *Only plain files* are opened. *Of a head* ([`Extent::Head`]) nothing behind its end
+//! is read, and a record that reaches beyond it is none.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -16,6 +17,7 @@ use session_archive::mcap::{
 };
 
 use super::error::BagError;
+use crate::sources::{Extent, HEAD_BYTES};
 
 /// Largest record, and largest chunk when it is unpacked, bytes: an image of the largest accepted size is half of it.
 const LARGEST: u64 = 512 << 20;
@@ -36,7 +38,10 @@ pub(super) struct Place {
 pub(super) struct Container {
     path: PathBuf,
     file: File,
+    /// What is behind this is not read.
     length: u64,
+    /// Whether the file goes on there.
+    goes_on: bool,
     /// By the beginning of the chunk, the newest last.
     unpacked: Vec<(u64, Arc<Vec<u8>>)>,
 }
@@ -48,6 +53,8 @@ pub(super) struct Scanned {
     pub(super) damaged: u64,
     /// The file ends, or makes no sense any more, at this byte.
     pub(super) cut_at: Option<u64>,
+    /// What was to be read of the file ends before the file does.
+    pub(super) is_head: bool,
 }
 
 /// A channel as messages see it: its topic, the name of its schema, and how its messages are encoded.
@@ -59,24 +66,26 @@ pub(super) struct Topic {
 }
 
 impl Container {
-    pub(super) fn open(path: &Path) -> Result<Self, BagError> {
+    pub(super) fn open(path: &Path, extent: Extent) -> Result<Self, BagError> {
         let read = |source| BagError::Read {
             path: path.to_owned(),
             source,
         };
-        let metadata = std::fs::metadata(path).map_err(read)?;
-        if !metadata.is_file() {
-            return Err(read(std::io::Error::other("it is not a plain file")));
-        }
-        let file = File::open(path).map_err(read)?;
+        let file = plain_file::open(path).map_err(read)?;
+        let whole = file.metadata().map_err(read)?.len();
+        let length = match extent {
+            Extent::Whole => whole,
+            Extent::Head => whole.min(HEAD_BYTES),
+        };
         let mut head = [0; 16];
-        let known = metadata.len().min(head.len() as u64) as usize;
+        let known = length.min(head.len() as u64) as usize;
         file.read_exact_at(&mut head[..known], 0).map_err(read)?;
         check_magic(path, &head)?;
         Ok(Self {
             path: path.to_owned(),
             file,
-            length: metadata.len(),
+            length,
+            goes_on: length < whole,
             unpacked: Vec::new(),
         })
     }
@@ -107,6 +116,10 @@ impl Container {
         loop {
             let (opcode, body) = match self.header(at) {
                 Ok(Some(header)) => header,
+                Ok(None) if self.goes_on => {
+                    scanned.is_head = true;
+                    return Ok(scanned);
+                }
                 Ok(None) => {
                     scanned.cut_at = Some(at);
                     return Ok(scanned);

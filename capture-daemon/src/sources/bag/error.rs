@@ -108,6 +108,12 @@ pub enum BagError {
         /// What was found and what was expected.
         what: String,
     },
+    /// What was looked at does not suffice to tell; a recording reads all of it.
+    #[error("looking at the first 1 MiB of each file of a bag, which is all that a check reads")]
+    Head {
+        /// What could not be found in it.
+        source: Box<BagError>,
+    },
     /// A setting does not fit to the bag.
     #[error("opening a bag: {what}: {}", path.display())]
     Setting {
@@ -116,6 +122,20 @@ pub enum BagError {
         /// What was found and what was expected.
         what: String,
     },
+}
+
+impl BagError {
+    /// Whether more of the bag could make it good.
+    pub(super) fn may_be_mended_by_more(&self) -> bool {
+        matches!(
+            self,
+            Self::Topics { .. }
+                | Self::Times { .. }
+                | Self::Unsynchronised { .. }
+                | Self::Image { .. }
+                | Self::Setting { .. }
+        )
+    }
 }
 
 fn list(topics: &[String]) -> String {

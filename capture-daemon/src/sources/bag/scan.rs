@@ -7,6 +7,7 @@ use super::cdr::CdrError;
 use super::container::{Container, Place};
 use super::error::BagError;
 use super::messages::{self, Imu, Kind};
+use crate::sources::Extent;
 
 /// One topic.
 #[derive(Debug)]
@@ -56,16 +57,19 @@ pub(super) struct Bag {
     pub(super) streams: Vec<Stream>,
     /// What is wrong with it and can be lived with, for people.
     pub(super) notes: Vec<String>,
+    /// Files go on behind what was read of them.
+    pub(super) is_head: bool,
 }
 
 /// Goes through all files of a bag.
-pub(super) fn scan(path: &Path) -> Result<Bag, BagError> {
+pub(super) fn scan(path: &Path, extent: Extent) -> Result<Bag, BagError> {
     let mut files = Vec::new();
     let mut streams: Vec<Stream> = Vec::new();
     let mut notes = Vec::new();
     let mut foreign = None;
+    let mut is_head = false;
     for (number, file) in files_of(path)?.into_iter().enumerate() {
-        let mut container = Container::open(&file)?;
+        let mut container = Container::open(&file, extent)?;
         let scanned = container.scan(|topic, message, place| {
             let Some(kind) = Kind::of(&topic.schema) else {
                 return;
@@ -88,6 +92,7 @@ pub(super) fn scan(path: &Path) -> Result<Bag, BagError> {
                 imu: (kind == Kind::Imu).then(|| messages::imu(message.data)),
             });
         })?;
+        is_head |= scanned.is_head;
         let name = file.file_name().unwrap_or_default().display().to_string();
         if let Some(at) = scanned.cut_at {
             notes.push(format!(
@@ -118,6 +123,7 @@ pub(super) fn scan(path: &Path) -> Result<Bag, BagError> {
         files,
         streams,
         notes,
+        is_head,
     })
 }
 

@@ -240,6 +240,26 @@ fn everything_comes_at_its_own_time() {
     assert_eq!(seen, [10, 100]);
 }
 
+/// While nobody stores frames their images are neither read nor decoded.
+#[test]
+fn without_pixels_numbers_and_times_are_the_same() {
+    let of = |samples: &[Sample]| -> Vec<(u64, i64, HostTime)> {
+        let of = samples.iter().filter_map(|sample| match sample {
+            Sample::Frame(f) => Some((f.number, f.device_ticks, f.host_time)),
+            Sample::Seen(s) => Some((s.number, s.device_ticks, s.host_time)),
+            _ => None,
+        });
+        of.collect()
+    };
+    let with = samples(open(walk(|_, _| None)).expect("a bag"));
+    let mut bag = open(walk(|_, _| None)).expect("a bag");
+    bag.want_pixels(false);
+    let without = samples(bag);
+    assert!(!without.iter().any(|s| matches!(s, Sample::Frame(_))));
+    assert_eq!(of(&without), of(&with));
+    assert_eq!((with.len(), without.len()), (111, 111));
+}
+
 #[test]
 fn what_cannot_be_used_keeps_its_number_and_says_why() {
     let at = |n: i64| 100_000 * MS + n * 100 * MS;
@@ -439,11 +459,77 @@ fn a_file_that_is_cut_off_is_replayed_up_to_the_cut() {
     );
 }
 
+/// A check looks at the head of a file alone: what is behind it is neither read nor judged.
+#[test]
+fn the_head_of_a_bag_is_opened_as_if_it_were_all() {
+    use std::os::unix::fs::FileExt as _;
+
+    let folder = tempfile::tempdir().expect("folder");
+    let path = folder.path().join("walk.mcap");
+    // Behind the walk a record of a kind that nobody knows, all hole, and then a chunk that cannot be unpacked.
+    let hole: u64 = 1 << 30;
+    let mut bytes = walk(|_, _| None).bytes;
+    bytes.push(0xf0);
+    bytes.extend(hole.to_le_bytes());
+    let behind = bytes.len() as u64 + hole;
+    let file = std::fs::File::create(&path).expect("a file");
+    file.write_all_at(&bytes, 0).expect("written");
+    file.write_all_at(&chunk("lz4", b"", 0, b""), behind)
+        .expect("written");
+    let whole = Bag::open("feet", &config(&path), HostTime(0)).err();
+    assert!(
+        matches!(whole, Some(BagError::Compression { .. })),
+        "{whole:?}"
+    );
+    let bag = Bag::open_head("feet", &config(&path)).expect("a bag");
+    assert!(bag.is_head() && bag.notes().is_empty(), "{:?}", bag.notes());
+    assert_eq!((bag.info().camera.width, bag.info().camera.height), (16, 4));
+    assert_eq!(frames(&samples(bag)).0, (0..10).collect::<Vec<u64>>());
+
+    // What has nothing behind it is judged as a recording does.
+    walk(|_, _| None).write(&path);
+    let bag = Bag::open_head("feet", &config(&path)).expect("a bag");
+    assert!(!bag.is_head());
+    walk(|topic, _| (topic == "left").then(|| grey(0, 0))).write(&path);
+    let untimed = Bag::open_head("feet", &config(&path)).err();
+    assert!(
+        matches!(untimed, Some(BagError::Times { .. })),
+        "{untimed:?}"
+    );
+}
+
+/// Whether images that a head does not reach can be used, it cannot tell.
+#[test]
+fn a_head_without_images_says_that_it_is_one() {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = folder.path().join("walk.mcap");
+    let mut file = File::new();
+    let stereo = file.channel("/stereo", IMAGE);
+    for n in 1..4 {
+        let large = image(n * 100 * MS, "mono8", [2048, 600], 0);
+        file.put(stereo, &large);
+    }
+    file.write(&path);
+    Bag::open("feet", &config(&path), HostTime(0)).expect("a bag");
+    let error = Bag::open_head("feet", &config(&path));
+    let error = error.err().expect("an error");
+    assert!(matches!(error, BagError::Head { .. }), "{error:?}");
+    let error = with_causes(&error);
+    assert!(
+        error.starts_with("looking at the first 1 MiB of each file of a bag")
+            && error.contains(&path.display().to_string()),
+        "{error}"
+    );
+}
+
 #[test]
 fn what_is_no_plain_file_is_refused_at_once() {
     let error = Bag::open("feet", &config(Path::new("/dev/null")), HostTime(0));
     let error = with_causes(&error.err().expect("an error"));
-    assert!(error.contains("it is not a plain file"), "{error}");
+    assert!(
+        error.contains("found a character device, expected a regular file"),
+        "{error}"
+    );
 }
 
 proptest::proptest! {

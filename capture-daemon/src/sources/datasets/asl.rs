@@ -8,26 +8,41 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use super::text::{Text, check_rising, file_names};
-use super::{DatasetError, DatasetKind, ImuSample, StereoDataset, StereoFrameRef, rate_of};
+use super::text::{Text, check_rising, file_names, is_there};
+use super::{DatasetError, DatasetKind, Extent, ImuSample, StereoDataset, StereoFrameRef, rate_of};
 
 /// The folder with `cam0` and `cam1`: `path` itself or `mav0` in it.
 pub(super) fn root_of(path: &Path) -> Option<PathBuf> {
     [path.to_owned(), path.join("mav0")]
         .into_iter()
-        .find(|root| root.join("cam0/data.csv").is_file())
+        .find(|root| is_there(&root.join("cam0/data.csv")))
 }
 
-pub(super) fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, DatasetError> {
+pub(super) fn open(
+    path: &Path,
+    rate_hz: Option<f64>,
+    extent: Extent,
+) -> Result<StereoDataset, DatasetError> {
     let root = root_of(path).unwrap_or_else(|| path.to_owned());
     let mut notes = Vec::new();
-    let left = Camera::read(&root.join("cam0"), &mut notes)?;
-    let right = Camera::read(&root.join("cam1"), &mut notes)?;
+    let mut left = Camera::read(&root.join("cam0"), extent, &mut notes)?;
+    let mut right = Camera::read(&root.join("cam1"), extent, &mut notes)?;
+    // Two heads need not end with the same frame.
+    let ends = [left.known_until, right.known_until].into_iter().flatten();
+    let until = ends.min();
+    if let Some(until) = until {
+        for camera in [&mut left, &mut right] {
+            camera.pictures.retain(|time_ns, _| *time_ns <= until);
+        }
+    }
     let frames = pair(&left, &right)?;
+    let mut is_head = until.is_some();
 
     let imu_list = root.join("imu0/data.csv");
-    let imu = if imu_list.is_file() {
-        read_imu(&imu_list)?
+    let imu = if is_there(&imu_list) {
+        let (samples, of_head) = read_imu(&imu_list, extent)?;
+        is_head |= of_head;
+        samples
     } else {
         Vec::new()
     };
@@ -47,7 +62,7 @@ pub(super) fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, D
     ]
     .iter()
     .map(|name| root.join(name))
-    .filter(|file| file.is_file())
+    .filter(|file| is_there(file))
     .collect();
     Ok(StereoDataset {
         kind: DatasetKind::Asl,
@@ -57,6 +72,7 @@ pub(super) fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, D
         imu,
         calibration_files,
         notes,
+        is_head,
     })
 }
 
@@ -64,12 +80,14 @@ pub(super) fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, D
 struct Camera {
     folder: PathBuf,
     pictures: BTreeMap<i64, (u64, PathBuf)>,
+    /// Of a head, the stamp of its last row, ns.
+    known_until: Option<i64>,
 }
 
 impl Camera {
-    fn read(folder: &Path, notes: &mut Vec<String>) -> Result<Self, DatasetError> {
+    fn read(folder: &Path, extent: Extent, notes: &mut Vec<String>) -> Result<Self, DatasetError> {
         let list = folder.join("data.csv");
-        let text = Text::read(&list)?;
+        let text = Text::read(&list, extent)?;
         let data = folder.join("data");
         let on_disk = file_names(&data)?;
         let mut pictures = BTreeMap::new();
@@ -99,11 +117,15 @@ impl Camera {
             ));
         }
         if pictures.is_empty() {
-            return Err(DatasetError::Empty { path: list });
+            return Err(match text.is_head {
+                true => DatasetError::Head { path: list },
+                false => DatasetError::Empty { path: list },
+            });
         }
         Ok(Self {
             folder: folder.to_owned(),
             pictures,
+            known_until: last_ns.filter(|_| text.is_head),
         })
     }
 }
@@ -142,8 +164,9 @@ fn pair(left: &Camera, right: &Camera) -> Result<Vec<StereoFrameRef>, DatasetErr
         .collect())
 }
 
-fn read_imu(list: &Path) -> Result<Vec<ImuSample>, DatasetError> {
-    let text = Text::read(list)?;
+/// The samples, and whether the list has more.
+fn read_imu(list: &Path, extent: Extent) -> Result<(Vec<ImuSample>, bool), DatasetError> {
+    let text = Text::read(list, extent)?;
     let mut samples = Vec::new();
     let mut last_ns = None;
     for line in text.lines() {
@@ -157,5 +180,5 @@ fn read_imu(list: &Path) -> Result<Vec<ImuSample>, DatasetError> {
             accel_m_s2: [line.number(ax)?, line.number(ay)?, line.number(az)?],
         });
     }
-    Ok(samples)
+    Ok((samples, text.is_head))
 }

@@ -60,6 +60,12 @@ pub enum DatasetError {
         /// The folder or list.
         path: PathBuf,
     },
+    /// What was looked at does not suffice to tell; a recording reads all of it.
+    #[error("looking at the first 1 MiB of a list, which is all that a check reads: found no picture on disk: {}", path.display())]
+    Head {
+        /// The list.
+        path: PathBuf,
+    },
     /// The data set has no times: give a rate.
     #[error("timing a data set: it has no times of its own, expected a frame rate with it: {}", path.display())]
     NeedsRate {

@@ -6,7 +6,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::text::file_names;
+use super::text::{file_names, is_there};
 use super::{DatasetError, DatasetKind, StereoDataset, StereoFrameRef, calibration_files, time_at};
 
 pub(super) fn is_folders(path: &Path) -> bool {
@@ -14,7 +14,7 @@ pub(super) fn is_folders(path: &Path) -> bool {
 }
 
 pub(super) fn is_pair(path: &Path) -> bool {
-    path.join("left.png").is_file() && path.join("right.png").is_file()
+    is_there(&path.join("left.png")) && is_there(&path.join("right.png"))
 }
 
 pub(super) fn open_folders(
@@ -77,6 +77,7 @@ fn list(
         calibration_files: calibration_files(path)?,
         rate_hz,
         notes: Vec::new(),
+        is_head: false,
     })
 }
 

@@ -7,9 +7,10 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use super::text::{Text, check_rising, file_names};
+use super::text::{Text, check_rising, file_names, is_there};
 use super::{
-    DatasetError, DatasetKind, StereoDataset, StereoFrameRef, calibration_files, rate_of, time_at,
+    DatasetError, DatasetKind, Extent, StereoDataset, StereoFrameRef, calibration_files, rate_of,
+    time_at,
 };
 
 /// Folder names, left and right. Of the official four cameras the grey pair comes first, as in the
@@ -28,14 +29,18 @@ pub(super) fn folders_of(path: &Path) -> Option<(PathBuf, PathBuf)> {
         .find(|(left, right)| left.is_dir() && right.is_dir())
 }
 
-pub(super) fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, DatasetError> {
+pub(super) fn open(
+    path: &Path,
+    rate_hz: Option<f64>,
+    extent: Extent,
+) -> Result<StereoDataset, DatasetError> {
     let Some((left_folder, right_folder)) = folders_of(path) else {
         return Err(DatasetError::Empty {
             path: path.to_owned(),
         });
     };
-    let left = pictures(&left_folder)?;
-    let right = pictures(&right_folder)?;
+    let mut left = pictures(&left_folder)?;
+    let mut right = pictures(&right_folder)?;
     let only = |a: &BTreeMap<u64, PathBuf>, b: &BTreeMap<u64, PathBuf>| -> Vec<u64> {
         a.keys()
             .filter(|number| !b.contains_key(number))
@@ -69,11 +74,20 @@ pub(super) fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, D
         ));
     }
     let times_file = path.join("times.txt");
-    let times_ns = if times_file.is_file() {
-        Some(read_times(&times_file)?)
+    let (times_ns, is_head) = if is_there(&times_file) {
+        let (times_ns, is_head) = read_times(&times_file, extent)?;
+        (Some(times_ns), is_head)
     } else {
-        None
+        (None, false)
     };
+    if let (Some(times_ns), true) = (&times_ns, is_head) {
+        let known = times_ns.len() as u64;
+        left.retain(|number, _| *number < known);
+        right.retain(|number, _| *number < known);
+        if left.is_empty() {
+            return Err(DatasetError::Head { path: times_file });
+        }
+    }
     let time_of = |number: u64| match (&times_ns, rate_hz) {
         (Some(times_ns), _) => usize::try_from(number)
             .ok()
@@ -121,6 +135,7 @@ pub(super) fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, D
         calibration_files: calibration_files(path)?,
         rate_hz: rate,
         notes,
+        is_head,
     })
 }
 
@@ -154,8 +169,9 @@ fn pictures(folder: &Path) -> Result<BTreeMap<u64, PathBuf>, DatasetError> {
     Ok(pictures)
 }
 
-fn read_times(file: &Path) -> Result<Vec<i64>, DatasetError> {
-    let text = Text::read(file)?;
+/// The times, and whether the file has more.
+fn read_times(file: &Path, extent: Extent) -> Result<(Vec<i64>, bool), DatasetError> {
+    let text = Text::read(file, extent)?;
     let mut times_ns = Vec::new();
     let mut last_ns = None;
     for line in text.lines() {
@@ -163,5 +179,5 @@ fn read_times(file: &Path) -> Result<Vec<i64>, DatasetError> {
         check_rising(&mut last_ns, time_ns, &line)?;
         times_ns.push(time_ns);
     }
-    Ok(times_ns)
+    Ok((times_ns, text.is_head))
 }

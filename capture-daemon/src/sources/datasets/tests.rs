@@ -392,6 +392,73 @@ fn plain_folders_pair_in_order() {
     ));
 }
 
+/// A check reads the head of each list: what a list says behind it is neither read nor missed.
+#[test]
+fn of_long_lists_a_head_is_enough_for_a_look() {
+    const LINES: u64 = 100_000;
+    // Behind the head a line that makes no sense.
+    let list = |line: &dyn Fn(u64) -> String| -> String {
+        let mut text: String = (0..LINES).map(line).collect();
+        text.push_str("nonsense\n");
+        text
+    };
+    // Lines of two lengths, so that the heads end with different frames.
+    let left = list(&|stamp| format!("{stamp:06},{stamp:06}.png\n"));
+    let right = list(&|stamp| format!("{stamp:06},  {stamp:06}.png\n"));
+    let imu = list(&|stamp| format!("{stamp:06},0,0,0,0,0,9.8\n"));
+    let names = |stamp: u64| [0, 1].map(|eye| format!("cam{eye}/data/{stamp:06}.png"));
+    let mut folder = Folder::new().with(&[
+        ("cam0/data.csv", left.as_str()),
+        ("cam1/data.csv", right.as_str()),
+        ("imu0/data.csv", imu.as_str()),
+    ]);
+    for stamp in [0, 50, LINES - 1] {
+        for name in names(stamp) {
+            folder = folder.with(&[(name.as_str(), "")]);
+        }
+    }
+    assert!(message(open(folder.path(), None)).contains("nonsense"));
+    let dataset = open_head(folder.path(), None).unwrap();
+    assert!(dataset.is_head);
+    assert_eq!(times(&dataset), [(0, 0), (50, 50)]);
+    assert!(dataset.imu.len() > 10_000 && dataset.imu.len() < LINES as usize);
+
+    // Where no picture is within the head, it cannot tell.
+    for stamp in [0, 50] {
+        for name in names(stamp) {
+            fs::remove_file(folder.path().join(name)).unwrap();
+        }
+    }
+    assert!(matches!(
+        open_head(folder.path(), None),
+        Err(DatasetError::Head { .. })
+    ));
+
+    let seconds = list(&|n| format!("{n}.0000000000000\n"));
+    let kitti = Folder::new().with(&[
+        ("times.txt", seconds.as_str()),
+        ("image_0/000007.png", ""),
+        ("image_1/000007.png", ""),
+        ("image_0/000008.png", ""),
+        ("image_1/000008.png", ""),
+        ("image_0/099999.png", ""),
+        ("image_1/099999.png", ""),
+    ]);
+    let dataset = open_head(kitti.path(), None).unwrap();
+    assert!(dataset.is_head);
+    assert_eq!(times(&dataset), [(7, 7_000_000_000), (8, 8_000_000_000)]);
+
+    // A list that a head holds is all of it.
+    let short = Folder::new().with(&[
+        ("times.txt", "0.0\n0.1\n"),
+        ("image_0/0.png", ""),
+        ("image_1/0.png", ""),
+        ("image_0/1.png", ""),
+        ("image_1/1.png", ""),
+    ]);
+    assert!(!open_head(short.path(), None).unwrap().is_head);
+}
+
 #[test]
 fn layouts_are_told_apart() {
     let error = message(open(Path::new("no/such/folder"), Some(10.0)));

@@ -1,14 +1,20 @@
 //! Folders and text files of a data set, with errors that name file and line.
 
 use std::collections::BTreeSet;
+use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
+use plain_file::{Kind, NotPlain, TooLong};
+
 use super::DatasetError;
+use crate::sources::{Extent, HEAD_BYTES};
 
 /// The text of one file and where it came from.
 pub(super) struct Text {
     path: PathBuf,
     text: String,
+    /// Whether the file goes on behind the text.
+    pub(super) is_head: bool,
 }
 
 /// One line, from 1.
@@ -23,15 +29,19 @@ pub(super) struct Line<'t> {
 const MAX_BYTES: u64 = 1 << 30;
 
 impl Text {
-    pub(super) fn read(path: &Path) -> Result<Self, DatasetError> {
-        let text =
-            plain_file::read_to_string(path, MAX_BYTES).map_err(|source| DatasetError::Read {
-                path: path.to_owned(),
-                source,
-            })?;
+    pub(super) fn read(path: &Path, extent: Extent) -> Result<Self, DatasetError> {
+        let read = match extent {
+            Extent::Whole => plain_file::read_to_string(path, MAX_BYTES).map(|text| (text, false)),
+            Extent::Head => head(path),
+        };
+        let (text, is_head) = read.map_err(|source| DatasetError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
         Ok(Self {
             path: path.to_owned(),
             text,
+            is_head,
         })
     }
 
@@ -48,6 +58,25 @@ impl Text {
             })
             .filter(|line| !line.text.is_empty() && !line.text.starts_with('#'))
     }
+}
+
+/// The whole lines at the beginning of a file, and whether it goes on.
+fn head(path: &Path) -> io::Result<(String, bool)> {
+    let file = plain_file::open(path)?;
+    let found = file.metadata()?.len();
+    if found > MAX_BYTES {
+        let limit = MAX_BYTES;
+        let too_long = TooLong { found, limit };
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, too_long));
+    }
+    let mut bytes = Vec::new();
+    file.take(HEAD_BYTES).read_to_end(&mut bytes)?;
+    let goes_on = found > bytes.len() as u64;
+    if goes_on {
+        let last = bytes.iter().rposition(|byte| *byte == b'\n');
+        bytes.truncate(last.map_or(0, |last| last + 1));
+    }
+    Ok((plain_file::text(bytes)?, goes_on))
 }
 
 impl<'t> Line<'t> {
@@ -105,7 +134,13 @@ pub(super) fn check_rising(
     }
 }
 
-/// Names of the files in a folder. Names that are not UTF-8 are no data set's and are passed over.
+/// Whether something is there that claims to be a file. What is none, as a pipe, is refused by whoever opens it.
+pub(super) fn is_there(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|data| !data.is_dir())
+}
+
+/// Names of the files in a folder. Names that are not UTF-8 are no data set's and are passed over, and so are folders and
+/// links to nothing; anything else that is no file is an error.
 pub(super) fn file_names(folder: &Path) -> Result<BTreeSet<String>, DatasetError> {
     let unreadable = |source| DatasetError::Read {
         path: folder.to_owned(),
@@ -114,11 +149,24 @@ pub(super) fn file_names(folder: &Path) -> Result<BTreeSet<String>, DatasetError
     let mut names = BTreeSet::new();
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {
         let entry = entry.map_err(unreadable)?;
-        if let Ok(name) = entry.file_name().into_string()
-            && !name.starts_with('.')
-            && entry.path().is_file()
-        {
-            names.insert(name);
+        let name = entry.file_name().into_string().ok();
+        let Some(name) = name.filter(|name| !name.starts_with('.')) else {
+            continue;
+        };
+        let Ok(data) = std::fs::metadata(entry.path()) else {
+            continue;
+        };
+        match Kind::of(data.file_type()) {
+            None => {
+                names.insert(name);
+            }
+            Some(Kind::Folder) => {}
+            Some(other) => {
+                return Err(DatasetError::Read {
+                    path: entry.path(),
+                    source: io::Error::other(NotPlain(other)),
+                });
+            }
         }
     }
     Ok(names)

@@ -5,23 +5,28 @@
 //! and the stamp of the left one, and says by how much later the right one was taken. Nothing synchronises the two: a left
 //! frame without a right one near enough is lost with that reason, right ones without a left one are counted in a notice
 //! about once a minute and at the end. *A stamp that does not rise* makes a lost frame. *While one camera is gone* the other's
-//! frames are neither recorded nor counted: what is missed is told by the camera that is gone.
+//! frames are neither recorded nor counted: what is missed is told by the camera that is gone. *While pixels are not wanted*
+//! pairs are found all the same and are only counted and timed; so is one of which an eye came without them.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::HostTime;
+use video::Picture;
 use video::capture::Eye;
 use video::picture::side_by_side;
 
 use super::camera;
 use crate::config::V4l2Config;
 use crate::sources::pairing::{Half, Paired, Pairs, alone};
-use crate::sources::{Gone, Lost, Notice, Part, RawFrame, Sample, Sink};
+use crate::sources::{Gone, Lost, Notice, Part, RawFrame, Sample, Seen, Sink};
 
 /// Right frames without a left one are told of this often, ns.
 const TELL_NS: i64 = 60_000_000_000;
+
+/// A frame of one eye; without its pixels where nobody wanted them.
+type EyeFrame = RawFrame<Option<Picture>>;
 
 /// Delivers pairs until the sink says that it is to end.
 ///
@@ -51,7 +56,7 @@ struct Joined<'a> {
 }
 
 struct State {
-    pairs: Pairs<RawFrame>,
+    pairs: Pairs<EyeFrame>,
     /// Left frames that cannot be used and wait for those before them.
     bad: VecDeque<Lost>,
     /// By eye.
@@ -91,7 +96,7 @@ impl<'a> Joined<'a> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn frame(&self, eye: Eye, frame: RawFrame) {
+    fn frame(&self, eye: Eye, frame: EyeFrame) {
         let mut state = self.lock();
         let [own, other] = positions(eye);
         state.gone[own] = false;
@@ -166,18 +171,29 @@ impl State {
         }
     }
 
-    fn hand_on(&mut self, paired: Paired<RawFrame>, sink: &dyn Sink) {
+    fn hand_on(&mut self, paired: Paired<EyeFrame>, sink: &dyn Sink) {
         match paired {
             Paired::Both(left, right) => {
                 let apart_ns = right.time_ns - left.time_ns;
                 let (left, right) = (left.of, right.of);
                 self.bad_before(left.number, sink);
-                match side_by_side(&left.picture, &right.picture) {
+                let host_time = left.host_time.max(right.host_time);
+                let (Some(of_left), Some(of_right)) = (&left.picture, &right.picture) else {
+                    return sink.put(Sample::Seen(Seen {
+                        number: left.number,
+                        device_ticks: left.device_ticks,
+                        host_time,
+                    }));
+                };
+                match side_by_side(of_left, of_right) {
                     Ok(picture) => sink.put(Sample::Frame(RawFrame {
-                        host_time: left.host_time.max(right.host_time),
+                        number: left.number,
+                        device_ticks: left.device_ticks,
+                        kernel_time: left.kernel_time,
+                        host_time,
+                        exposure_ns: left.exposure_ns,
                         eyes_apart_ns: Some(apart_ns),
                         picture,
-                        ..left
                     })),
                     Err(error) => sink.put(lost(&left, error.to_string())),
                 }
@@ -228,16 +244,21 @@ impl Sink for EyeSink<'_> {
 
     fn put(&self, sample: Sample) {
         match sample {
-            Sample::Frame(frame) => self.joined.frame(self.eye, frame),
+            Sample::Frame(frame) => self.joined.frame(self.eye, with_pixels(frame)),
+            Sample::Seen(seen) => self.joined.frame(self.eye, without_pixels(seen)),
             Sample::Lost(lost) => self.joined.lost(self.eye, lost),
             Sample::Gone(gone) => self.joined.gone(self.eye, gone),
             Sample::Notice(notice) => self.joined.sink.put(Sample::Notice(Notice {
                 text: format!("{}: {}", name(self.eye), notice.text),
                 ..notice
             })),
-            // Cameras of the kernel's give no others; pixels are always wanted here, for pairs are made of whole frames.
-            Sample::Seen(_) | Sample::Native(_) | Sample::Imu(_) | Sample::FrameSync(_) => {}
+            // Cameras of the kernel's give no others.
+            Sample::Native(_) | Sample::Imu(_) | Sample::FrameSync(_) => {}
         }
+    }
+
+    fn wants_pixels(&self) -> bool {
+        self.joined.sink.wants_pixels()
     }
 
     fn is_ending(&self) -> bool {
@@ -260,7 +281,31 @@ fn name(eye: Eye) -> &'static str {
     }
 }
 
-fn lost(frame: &RawFrame, detail: String) -> Sample {
+fn with_pixels(frame: RawFrame) -> EyeFrame {
+    EyeFrame {
+        number: frame.number,
+        device_ticks: frame.device_ticks,
+        kernel_time: frame.kernel_time,
+        host_time: frame.host_time,
+        exposure_ns: frame.exposure_ns,
+        eyes_apart_ns: frame.eyes_apart_ns,
+        picture: Some(frame.picture),
+    }
+}
+
+fn without_pixels(seen: Seen) -> EyeFrame {
+    EyeFrame {
+        number: seen.number,
+        device_ticks: seen.device_ticks,
+        kernel_time: None,
+        host_time: seen.host_time,
+        exposure_ns: None,
+        eyes_apart_ns: None,
+        picture: None,
+    }
+}
+
+fn lost(frame: &EyeFrame, detail: String) -> Sample {
     Sample::Lost(Lost {
         number: frame.number,
         host_time: frame.host_time,

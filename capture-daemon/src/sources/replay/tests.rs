@@ -486,3 +486,39 @@ fn a_calibration_that_cannot_be_read_is_noted_and_kept() {
     let kept = ("cam.K.txt".to_owned(), b"no matrix".to_vec());
     assert_eq!(replay.info().calibration_files, [kept]);
 }
+
+/// While nobody stores frames they are counted and timed as ever, and no file is decoded: not even a damaged one.
+#[test]
+fn without_pixels_numbers_and_times_are_the_same() {
+    let rows: Vec<(i64, Option<u8>)> = [0, 50, 100, 250]
+        .into_iter()
+        .map(|ms| (7_000_000_000 + ms * 1_000_000, Some(ms as u8)))
+        .collect();
+    let folder = Folder::asl(
+        &rows,
+        "7000000000,0,0,0,0,0,9.8\n7020000000,0,0,0,0,0,9.8\n",
+    );
+    let with = take(&mut folder.replay(None, true), 14);
+
+    let mut replay = folder.replay(None, true);
+    let damaged = folder.path().join("cam1/data/7050000000.png");
+    let mut bytes = fs::read(&damaged).unwrap();
+    bytes.truncate(bytes.len() - 20);
+    fs::write(&damaged, bytes).unwrap();
+    replay.want_pixels(false);
+    let without = take(&mut replay, 14);
+    let seen: Vec<(u64, i64, i64)> = without
+        .iter()
+        .filter_map(|sample| match sample {
+            Sample::Seen(s) => Some((s.number, s.device_ticks, s.host_time.since(START))),
+            Sample::Imu(_) => None,
+            other => panic!("{other:?}"),
+        })
+        .collect();
+    assert_eq!(seen, times(&frames(&with)));
+    assert_eq!((seen.len(), imu(&without)), (12, imu(&with)));
+
+    replay.want_pixels(true);
+    let after = take(&mut replay, 1);
+    assert!(matches!(&after[..], [Sample::Frame(_)]), "{after:?}");
+}

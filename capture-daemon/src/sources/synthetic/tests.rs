@@ -74,6 +74,31 @@ fn the_seed_decides_every_byte() {
     );
 }
 
+/// While nobody stores frames nothing is drawn, and what is drawn afterwards is what it would have been.
+#[test]
+fn without_pixels_numbers_and_times_are_the_same() {
+    let (frames, imu) = take(&mut camera(FaultPlan::default()), 200);
+    let mut source = camera(FaultPlan::default());
+    let (mut numbers, mut of_imu) = (Vec::new(), Vec::new());
+    for i in 0..200 {
+        source.want_pixels(i >= 100);
+        match source.next_sample().unwrap().unwrap() {
+            Sample::Seen(s) if i < 100 => numbers.push((s.number, s.device_ticks, s.host_time)),
+            Sample::Frame(f) if i >= 100 => {
+                assert_eq!(f.picture, frames[numbers.len()].picture);
+                numbers.push((f.number, f.device_ticks, f.host_time));
+            }
+            Sample::Imu(sample) => of_imu.push(sample),
+            other => panic!("sample {i}: {other:?}"),
+        }
+    }
+    let expected = frames
+        .iter()
+        .map(|f| (f.number, f.device_ticks, f.host_time));
+    assert_eq!(numbers, expected.collect::<Vec<_>>());
+    assert_eq!(of_imu, imu);
+}
+
 #[test]
 fn counts_are_exact() {
     let two_s = FaultPlan {

@@ -21,6 +21,10 @@ impl Sink for Kept {
         self.0.lock().expect("samples").push(sample);
     }
 
+    fn wants_pixels(&self) -> bool {
+        false
+    }
+
     fn is_ending(&self) -> bool {
         false
     }
@@ -59,6 +63,7 @@ fn join(samples: Vec<(Eye, Sample)>) -> Vec<String> {
             assert_eq!(f.kernel_time, Some(HostTime(f.device_ticks)));
             format!("{}: {left} {right} {apart_us}", f.number)
         }
+        Sample::Seen(s) => format!("{} seen", s.number),
         Sample::Lost(l) => format!("{} lost: {}", l.number, l.detail),
         Sample::Gone(g) => format!("gone: {}", g.detail),
         Sample::Notice(n) => n.text,
@@ -88,6 +93,34 @@ fn both(numbers: std::ops::Range<u64>, later_ns: i64) -> Vec<(Eye, Sample)> {
 fn pairs_are_side_by_side_and_say_how_far_apart_they_are() {
     let found = join(both(0..3, 2_000_000));
     assert_eq!(found, ["0: 0 107 2000", "1: 1 108 2000", "2: 2 109 2000"]);
+}
+
+/// While nobody stores frames, pairs are counted and timed; half of one is not shown either.
+#[test]
+fn pairs_without_pixels_are_only_seen() {
+    let kept = Kept::default();
+    let joined = Joined::new(WITHIN, &kept);
+    assert!(
+        !joined.eye(Eye::Right).wants_pixels(),
+        "as whoever takes the pairs"
+    );
+    let mut samples = both(0..4, 1_000_000);
+    // Of 0 and 1 both eyes come without pixels, of 2 the right one.
+    for i in [0, 1, 2, 3, 5] {
+        let Sample::Frame(frame) = &samples[i].1 else {
+            panic!("{:?}", samples[i]);
+        };
+        let seen = Seen {
+            number: frame.number,
+            device_ticks: frame.device_ticks,
+            host_time: frame.host_time,
+        };
+        samples[i].1 = Sample::Seen(seen);
+    }
+    assert_eq!(
+        join(samples),
+        ["0 seen", "1 seen", "2 seen", "3: 3 110 1000"]
+    );
 }
 
 #[test]

@@ -1,0 +1,225 @@
+//! Things that are no files, and a file without end, wherever `pawsd` takes a file: refused at once, by name.
+
+#![expect(
+    clippy::disallowed_methods,
+    reason = "the program is waited for, and killed where it would wait for ever"
+)]
+
+use std::fs::{self, File, Permissions};
+use std::os::unix::fs::{PermissionsExt as _, symlink};
+use std::os::unix::net::UnixListener;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use rustix::fs::{CWD, FileType, Mode, mknodat};
+
+/// Most that the program may take, KiB: far more than it needs, far less than what it would read.
+const MEMORY_KIB: u32 = 16 << 20;
+
+/// How long it may take; a tenth of a second is usual.
+const LIMIT: Duration = Duration::from_secs(120);
+const LOOK: Duration = Duration::from_millis(20);
+
+/// What stands in the place of a file.
+struct Thing {
+    make: fn(&Path),
+    /// What is said of it.
+    said: &'static str,
+}
+
+/// Bytes of a file without end: more than any limit, and more than there is memory.
+const ENDLESS: u64 = 4 << 40;
+
+const ENDLESS_SAID: &str = "found 4398046511104 bytes, expected at most";
+
+const THINGS: [Thing; 4] = [
+    Thing {
+        make: |path| {
+            let mode = Mode::from_raw_mode(0o600);
+            mknodat(CWD, path, FileType::Fifo, mode, 0).expect("a FIFO");
+        },
+        said: "found a FIFO (named pipe)",
+    },
+    Thing {
+        make: |path| drop(UnixListener::bind(path).expect("a socket")),
+        said: "found a socket",
+    },
+    Thing {
+        make: |path| symlink("/dev/zero", path).expect("a link"),
+        said: "found a character device",
+    },
+    Thing {
+        make: |path| {
+            let file = File::create(path).expect("a file");
+            file.set_permissions(Permissions::from_mode(0o600))
+                .expect("a mode");
+            file.set_len(ENDLESS).expect("a file with holes");
+        },
+        said: ENDLESS_SAID,
+    },
+];
+
+/// Exit code, standard output and standard error.
+fn pawsd(args: &[&str], folder: &Path) -> (Option<i32>, String, String) {
+    let into = |name: &str| File::create(folder.join(name)).expect("a file");
+    let mut child = Command::new("sh")
+        .arg("-c")
+        .arg(format!("ulimit -v {MEMORY_KIB}; exec \"$0\" \"$@\""))
+        .arg(env!("CARGO_BIN_EXE_pawsd"))
+        .args(args)
+        .current_dir(folder)
+        .env_remove("RUST_LOG")
+        .stdin(Stdio::null())
+        .stdout(into("stdout"))
+        .stderr(into("stderr"))
+        .spawn()
+        .expect("a program");
+    let mut waited = Duration::ZERO;
+    let ended = loop {
+        if let Some(ended) = child.try_wait().expect("a program") {
+            break ended;
+        }
+        if waited >= LIMIT {
+            child.kill().expect("killed");
+            child.wait().expect("killed");
+            panic!("{args:?} does not end");
+        }
+        std::thread::sleep(LOOK);
+        waited += LOOK;
+    };
+    let said = |name: &str| fs::read_to_string(folder.join(name)).expect("text");
+    (ended.code(), said("stdout"), said("stderr"))
+}
+
+/// The findings of a check as JSON; it must find errors.
+fn findings(folder: &Path, config: &str) -> Vec<serde_json::Value> {
+    fs::write(folder.join("pawsd.toml"), config).expect("a configuration");
+    let (code, out, err) = pawsd(&["check", "--config", "pawsd.toml", "--json"], folder);
+    assert_eq!(code, Some(1), "{out}\n{err}");
+    let report: serde_json::Value = serde_json::from_str(&out).expect("JSON");
+    report["findings"].as_array().expect("findings").clone()
+}
+
+/// One error about this must say that.
+fn expect(findings: &[serde_json::Value], about: &str, said: &str) {
+    let says = |finding: &&serde_json::Value| {
+        finding["level"] == "error"
+            && finding["about"] == about
+            && finding["message"]
+                .as_str()
+                .is_some_and(|text| text.contains(said))
+    };
+    assert!(
+        findings.iter().any(|finding| says(&finding)),
+        "{about} does not say {said:?}: {findings:#?}"
+    );
+}
+
+/// Cameras, each of which needs a file.
+const CAMERAS: &str = "\
+    [[camera]]\nname = \"lenses\"\ncalibration = \"lenses.yaml\"\n\
+    source = { kind = \"synthetic\", width = 128, height = 64 }\n\
+    [[camera]]\nname = \"folder\"\ncalibration = \"calibration\"\n\
+    source = { kind = \"synthetic\", width = 128, height = 64 }\n\
+    [[camera]]\nname = \"bag\"\nsource = { kind = \"bag\", path = \"walk.mcap\" }\n\
+    [[camera]]\nname = \"bags\"\nsource = { kind = \"bag\", path = \"bag\" }\n\
+    [[camera]]\nname = \"video\"\nsource = { kind = \"video\", path = \"walk.mp4\" }\n\
+    [[camera]]\nname = \"set\"\nsource = { kind = \"replay\", path = \"set\" }\n\
+    [[camera]]\nname = \"table\"\nsource = { kind = \"replay\", path = \"asl\" }\n\
+    [[camera]]\nname = \"pair\"\nsource = { kind = \"replay\", path = \"pair\", rate_hz = 10 }\n\
+    [[camera]]\nname = \"images\"\nsource = { kind = \"replay\", path = \"images\", rate_hz = 10 }\n";
+
+/// What is looked at, where the thing stands for it, and what is said of a file without end where that is nothing of
+/// its length.
+const PLACES: [(&str, &str, Option<&str>); 11] = [
+    ("rig", "rig", None),
+    ("page", "token", None),
+    ("camera lenses", "lenses.yaml", None),
+    ("camera folder", "calibration/camchain.yaml", None),
+    (
+        "camera bag",
+        "walk.mcap",
+        Some("found a file of another kind"),
+    ),
+    (
+        "camera bags",
+        "bag/walk_0.mcap",
+        Some("found a file of another kind"),
+    ),
+    ("camera video", "walk.mp4", Some("reading a video file")),
+    ("camera set", "set", Some("found a file")),
+    ("camera table", "asl/cam0/data.csv", None),
+    (
+        "camera pair",
+        "pair/left.png",
+        Some("expected a whole PNG file"),
+    ),
+    (
+        "camera images",
+        "images/left/0.png",
+        Some("expected a whole PNG file"),
+    ),
+];
+
+#[test]
+fn what_a_configuration_names_is_a_file_or_refused() {
+    for thing in &THINGS {
+        let folder = tempfile::tempdir().expect("folder");
+        let here = folder.path();
+        for (_, place, _) in PLACES {
+            let place = here.join(place);
+            fs::create_dir_all(place.parent().expect("a folder")).expect("a folder");
+            (thing.make)(&place);
+        }
+        for other in ["pair/right.png", "images/right/0.png"] {
+            let other = here.join(other);
+            fs::create_dir_all(other.parent().expect("a folder")).expect("a folder");
+            fs::write(other, "").expect("a file");
+        }
+        let config = format!(
+            "control.socket = \"s\"\nencoder.element = \"x264enc\"\nrig.file = \"rig\"\n\
+             page = {{ listen = \"127.0.0.1:0\", token_file = \"token\" }}\n{CAMERAS}"
+        );
+        let found = findings(here, &config);
+        for (about, _, of_endless) in PLACES {
+            let said = match of_endless {
+                Some(other) if thing.said == ENDLESS_SAID => other,
+                _ => thing.said,
+            };
+            expect(&found, about, said);
+        }
+    }
+}
+
+#[test]
+fn faults_of_a_simulated_camera_are_a_file_or_refused() {
+    for thing in &THINGS {
+        let folder = tempfile::tempdir().expect("folder");
+        let here = folder.path();
+        let rig = include_str!("../../cad-transforms/rigs/example.toml");
+        fs::write(here.join("rig.toml"), rig).expect("a rig");
+        (thing.make)(&here.join("faults.toml"));
+        let config = "control.socket = \"s\"\nrig.file = \"rig.toml\"\n[[camera]]\nname = \"feet\"\n\
+            source = { kind = \"sim\", faults = \"faults.toml\" }\n";
+        expect(&findings(here, config), "camera feet", thing.said);
+    }
+}
+
+#[test]
+fn a_configuration_is_a_file_or_refused() {
+    for thing in &THINGS {
+        let folder = tempfile::tempdir().expect("folder");
+        (thing.make)(&folder.path().join("pawsd.toml"));
+        for command in [
+            &["check"][..],
+            &["record", "--seconds", "1", "--out", "out"],
+            &["run"],
+        ] {
+            let args = [command, &["--config", "pawsd.toml"]].concat();
+            let (code, _, said) = pawsd(&args, folder.path());
+            assert_eq!(code, Some(2), "{args:?}: {said}");
+            assert!(said.contains(thing.said), "{args:?}: {said}");
+        }
+    }
+}
