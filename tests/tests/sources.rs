@@ -411,6 +411,27 @@ fn a_film_of_motion_jpeg() {
     whole_way("kind = \"video\"\npath = \"walk.avi\"", folder.path(), 34.0);
 }
 
+/// Matroska rounds them; a whole walk by it is beyond the limits of `paws validate`, as docs/sources.md tells.
+#[test]
+fn a_film_in_matroska_has_times_of_whole_milliseconds() {
+    let folder = desk();
+    let frames = 6;
+    let pictures = pictures(None).into_iter().take(frames);
+    film::write(Film::Mkv, 15, pictures, &folder.path().join("walk.mkv")).expect("a film");
+    let finished = recorded(folder.path(), "kind = \"video\"\npath = \"walk.mkv\"");
+    assert_eq!((finished.stored, finished.missing), (frames as u64, 0));
+    let contents = Contents::read(&finished.session).expect("contents");
+    let ticks = contents.frames[CAMERA]
+        .iter()
+        .map(|f| f.record.device_ticks);
+    let ticks: Vec<i64> = ticks.collect();
+    let truths = &walk().frames;
+    for (found, truth) in ticks.iter().zip(truths) {
+        let off_ns = (found - ticks[0]) - (truth.time_ns - truths[0].time_ns);
+        assert!(off_ns.abs() <= 1_000_000, "{ticks:?}");
+    }
+}
+
 #[test]
 fn two_video_files_one_for_each_eye() {
     let folder = desk();

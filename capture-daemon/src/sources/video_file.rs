@@ -671,7 +671,7 @@ mod tests {
     #[test]
     fn two_files_that_never_pair_say_when_their_images_were_taken_and_what_mends_it() {
         const MS: i64 = 1_000_000;
-        let account = |within_ns, later_ns| {
+        let account = |within_ns: i64, later_ns: i64| {
             let most_ns = 40 * MS;
             let mut account = Account::new(within_ns, most_ns, HostTime(0), 0);
             for n in 0..5 {
