@@ -80,25 +80,19 @@ pub enum BagError {
     #[error(
         "pairing images of a bag: of {total} left images, {paired} have a right one within {within_ms:.1} ms, expected \
          half of them or more; the nearest one is {apart_ms:.1} ms away in the median, so the two cameras are not \
-         synchronised ({left} at {left_hz:.2} Hz and {right} at {right_hz:.2} Hz); {}name the topics of one stereo camera \
-         as left_topic and right_topic, or record cameras that are triggered together: {}",
+         synchronised ({topics}); {}name the topics of one stereo camera as left_topic and right_topic, or record \
+         cameras that are triggered together: {}",
         allow_more(*within_ms, *most_ms), path.display()
     )]
     Unsynchronised {
         /// The bag.
         path: PathBuf,
-        /// Topic of the left images.
-        left: String,
-        /// Topic of the right images.
-        right: String,
+        /// Topics of left and right images, with their rates.
+        topics: String,
         /// Left images that have a time.
         total: usize,
         /// Those with a partner.
         paired: usize,
-        /// Rate of the left images.
-        left_hz: f64,
-        /// Rate of the right images.
-        right_hz: f64,
         /// The most that partners may be apart, ms.
         within_ms: f64,
         /// The most that can be allowed at this rate, ms.

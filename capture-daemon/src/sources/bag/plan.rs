@@ -287,12 +287,15 @@ fn pairs(
     if 2 * later.len() < total {
         return Err(BagError::Unsynchronised {
             path: path.to_owned(),
-            left: left.topic.clone(),
-            right: right.topic.clone(),
+            topics: format!(
+                "{} at {:.2} Hz and {} at {:.2} Hz",
+                left.topic,
+                rate_of(left_times.good().map(|(_, time)| time)),
+                right.topic,
+                rate_of(rights.iter().copied())
+            ),
             total,
             paired: later.len(),
-            left_hz: rate_of(left_times.good().map(|(_, time)| time)),
-            right_hz: rate_of(rights.iter().copied()),
             within_ms: ms(within_ns),
             most_ms: ms(most_ns),
             apart_ms: ms(median(&mut nearest)),
