@@ -1,6 +1,7 @@
 //! What the end-to-end tests share, and the long runs that `bench` repeats at full length.
 //!
 //! - [`rig`]: made-up rigs, as configurations and as the truth about what they deliver.
+//! - [`cameras`]: two USB cameras of a simulated walk, without a device.
 //! - [`contents`]: a whole session in memory, and its decoded pictures.
 //! - [`data`], [`program`]: where the real recordings and the built programs are.
 //! - [`faults`]: random schedules of faults, and whether the session tells them.
@@ -13,6 +14,7 @@
 //!
 //! Everything here says what is wrong by an error; the tests turn it into a failure.
 
+pub mod cameras;
 pub mod contents;
 pub use test_data as data;
 pub mod faults;

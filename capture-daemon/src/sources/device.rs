@@ -7,6 +7,9 @@
 //! have* is told in the same way. IMU and camera are tied by the samples that the IMU marks as taken with a frame, once a
 //! second ([`FrameSync`](super::FrameSync)). Run on the kernel's own drivers in a virtual machine (docs/vm-tests.md),
 //! never with a real camera.
+//!
+//! What lies between driver and sink is pure and can be driven without a device: a buffer becomes a sample ([`taken`]), and
+//! those of two cameras become one camera's ([`Joined`]).
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -28,6 +31,8 @@ mod pair;
 mod tie;
 mod zed_camera;
 
+pub use camera::taken;
+pub use pair::Joined;
 pub(super) use tie::Ties;
 
 /// A driver's stamp is taken in an interrupt; this is how far it may be off.

@@ -8,8 +8,9 @@
 //! *Early*: files that cannot be decoded, whose first image has no time, or that differ in size or rate are refused before
 //! anything is recorded. *At a gap*: an image without a time, with a time that does not rise, called damaged by its decoder,
 //! or (on the left) without a partner keeps its number and is lost with the reason; right images without a partner are
-//! counted in a notice at the end. *At the end* of one file the other's images are alone. *On failure* in the middle the
-//! source is unusable.
+//! counted in a notice at the end. *At the end* of one file the other's images are alone. *Two files of which no image has
+//! found a partner* when both have ended are unusable: the error says when their images were taken and what mends it. *On
+//! failure* in the middle the source is unusable.
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -17,7 +18,7 @@ use std::path::{Path, PathBuf};
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, TickLength};
 use video::capture::Eye;
-use video::file::{FileError, VideoFile};
+use video::file::{FileError, FileFrame, VideoFile};
 use video::picture::side_by_side;
 use video::{Picture, PictureError};
 
@@ -86,11 +87,16 @@ pub struct VideoReplay {
 /// Images of one file.
 struct EyeFile {
     file: VideoFile,
+    times: Times,
+    ended: bool,
+}
+
+/// Numbers and times of one file's images.
+struct Times {
     /// Added to the container's times, ns.
     later_ns: i64,
     next: u64,
     newest_ns: Option<i64>,
-    ended: bool,
 }
 
 /// What a file gives.
@@ -120,6 +126,20 @@ struct Account {
     apart_ns: Vec<i64>,
     without_left: u64,
     bad_right: u64,
+    /// By eye: what there was to be paired.
+    seen: [Seen; 2],
+    /// The least by which a left image and a right one were apart, ns.
+    nearest_ns: Option<i64>,
+    /// The most that a pair may be apart at this rate, ns.
+    most_within_ns: i64,
+}
+
+/// The images of one file that have a time.
+#[derive(Clone, Copy, Default)]
+struct Seen {
+    count: u64,
+    first_ns: i64,
+    newest_ns: i64,
 }
 
 impl VideoReplay {
@@ -154,11 +174,14 @@ impl VideoReplay {
                 },
             });
         }
-        let within_ns = limit_ns(rate_hz, config.pair_within_ns);
-        let within_ns = within_ns.map_err(|what| VideoError::Setting {
-            path: config.path.clone(),
-            what,
-        })?;
+        let limit = |asked_ns| {
+            limit_ns(rate_hz, asked_ns).map_err(|what| VideoError::Setting {
+                path: config.path.clone(),
+                what,
+            })
+        };
+        let within_ns = limit(config.pair_within_ns)?;
+        let most_within_ns = limit(None)?;
         let first_ns = left.first_ns(&config.path)?;
         if let (Some(right), Some(path)) = (&right, &config.right_path) {
             right.first_ns(path)?;
@@ -185,17 +208,7 @@ impl VideoReplay {
             info,
             left,
             right,
-            account: Account {
-                pairs: Pairs::new(within_ns),
-                start,
-                first_ns,
-                newest_ns: first_ns,
-                bad: VecDeque::new(),
-                out: VecDeque::new(),
-                apart_ns: Vec::new(),
-                without_left: 0,
-                bad_right: 0,
-            },
+            account: Account::new(within_ns, most_within_ns, start, first_ns),
             ended: false,
         })
     }
@@ -210,7 +223,7 @@ impl VideoReplay {
             }
             return Ok(());
         };
-        let behind = |eye: &EyeFile| (eye.ended, eye.newest_ns);
+        let behind = |eye: &EyeFile| (eye.ended, eye.times.newest_ns);
         if behind(&self.left) <= behind(right) {
             match self.left.next()? {
                 Step::Image(image) => self.account.push(Eye::Left, image),
@@ -240,7 +253,13 @@ impl Source for VideoReplay {
                 return Ok(Some(sample));
             }
             if self.ended {
-                return Ok(None);
+                return match (&self.right, self.account.never_paired()) {
+                    (Some(_), Some(what)) => Err(SourceError::Unusable {
+                        source_name: self.name.clone(),
+                        what,
+                    }),
+                    _ => Ok(None),
+                };
             }
             self.step().map_err(|error| SourceError::Unusable {
                 source_name: self.name.clone(),
@@ -261,20 +280,14 @@ impl EyeFile {
     fn open(path: &Path, later_ns: i64) -> Result<Self, VideoError> {
         Ok(Self {
             file: VideoFile::open(path)?,
-            later_ns,
-            next: 0,
-            newest_ns: None,
+            times: Times::new(later_ns),
             ended: false,
         })
     }
 
     /// Time of the first image, ns.
     fn first_ns(&self, path: &Path) -> Result<i64, VideoError> {
-        let first = self.file.first_time_ns().ok_or_else(|| VideoError::Times {
-            path: path.to_owned(),
-            found: "a first image without a time",
-        })?;
-        Ok(first.saturating_add(self.later_ns))
+        self.times.first_ns(self.file.first_time_ns(), path)
     }
 
     fn next(&mut self) -> Result<Step, FileError> {
@@ -282,37 +295,97 @@ impl EyeFile {
             self.ended = true;
             return Ok(Step::End);
         };
+        Ok(self.times.judge(frame))
+    }
+}
+
+impl Times {
+    fn new(later_ns: i64) -> Self {
+        Self {
+            later_ns,
+            next: 0,
+            newest_ns: None,
+        }
+    }
+
+    /// Time of the first image, ns; `told` is what the container says.
+    fn first_ns(&self, told: Option<i64>, path: &Path) -> Result<i64, VideoError> {
+        let first = told.ok_or_else(|| VideoError::Times {
+            path: path.to_owned(),
+            found: "a first image without a time",
+        })?;
+        Ok(first.saturating_add(self.later_ns))
+    }
+
+    /// The next image, or why it cannot be used.
+    fn judge(&mut self, frame: FileFrame) -> Step {
         let number = self.next;
         self.next += 1;
         if frame.damaged {
-            return Ok(Step::Bad(
-                number,
-                "its decoder says that the image is damaged",
-            ));
+            return Step::Bad(number, "its decoder says that the image is damaged");
         }
         let Some(time_ns) = frame.time_ns else {
-            return Ok(Step::Bad(
-                number,
-                "the container gives no time for the image",
-            ));
+            return Step::Bad(number, "the container gives no time for the image");
         };
         let time_ns = time_ns.saturating_add(self.later_ns);
         if self.newest_ns.is_some_and(|newest| time_ns <= newest) {
-            return Ok(Step::Bad(
-                number,
-                "its time is not after that of the one before",
-            ));
+            return Step::Bad(number, "its time is not after that of the one before");
         }
         self.newest_ns = Some(time_ns);
-        Ok(Step::Image(Image {
+        Step::Image(Image {
             number,
             time_ns,
             picture: frame.picture,
-        }))
+        })
+    }
+}
+
+impl Seen {
+    fn add(&mut self, time_ns: i64) {
+        if self.count == 0 {
+            self.first_ns = time_ns;
+        }
+        self.count += 1;
+        self.newest_ns = time_ns;
+    }
+
+    /// As `60 at 15.00 Hz from 0.030 s to 3.963 s`.
+    fn text(&self) -> String {
+        let s = |ns: i64| ns as f64 * 1e-9;
+        match self.count {
+            0 => "none".to_owned(),
+            1 => format!("1 at {:.3} s", s(self.first_ns)),
+            count => {
+                let span_s = s(self.newest_ns.saturating_sub(self.first_ns));
+                format!(
+                    "{count} at {:.2} Hz from {:.3} s to {:.3} s",
+                    (count - 1) as f64 / span_s,
+                    s(self.first_ns),
+                    s(self.newest_ns)
+                )
+            }
+        }
     }
 }
 
 impl Account {
+    fn new(within_ns: i64, most_within_ns: i64, start: HostTime, first_ns: i64) -> Self {
+        Self {
+            pairs: Pairs::new(within_ns),
+            start,
+            first_ns,
+            newest_ns: first_ns,
+            bad: VecDeque::new(),
+            out: VecDeque::new(),
+            apart_ns: Vec::new(),
+            without_left: 0,
+            bad_right: 0,
+            seen: [Seen::default(); 2],
+            nearest_ns: None,
+            most_within_ns,
+        }
+    }
+
     fn single(&mut self, image: Image) {
         let Image {
             number,
@@ -323,6 +396,17 @@ impl Account {
     }
 
     fn push(&mut self, eye: Eye, image: Image) {
+        let [own, other] = match eye {
+            Eye::Left => [0, 1],
+            Eye::Right => [1, 0],
+        };
+        self.seen[own].add(image.time_ns);
+        // The file that is behind is read, so the newest of the other one is next to this one.
+        if self.seen[other].count > 0 {
+            let apart_ns = image.time_ns.saturating_sub(self.seen[other].newest_ns);
+            let apart_ns = apart_ns.saturating_abs();
+            self.nearest_ns = Some(self.nearest_ns.map_or(apart_ns, |n| n.min(apart_ns)));
+        }
         let half = Half {
             time_ns: image.time_ns,
             of: (image.number, image.picture),
@@ -432,6 +516,33 @@ impl Account {
         }
     }
 
+    /// What is wrong with two files of which no image has found a partner, and what mends it.
+    fn never_paired(&self) -> Option<String> {
+        if !self.apart_ns.is_empty() {
+            return None;
+        }
+        let ms = |ns: i64| ns as f64 * 1e-6;
+        let (within_ns, most_ns) = (self.pairs.within_ns(), self.most_within_ns);
+        let nearest = self
+            .nearest_ns
+            .map(|nearest_ns| format!("; the nearest two are {:.1} ms apart", ms(nearest_ns)));
+        let nearest = nearest.unwrap_or_default();
+        let more = match within_ns < most_ns {
+            true => format!(
+                "allow more with pair_within_ms (up to {:.1} at this rate), ",
+                ms(most_ns)
+            ),
+            false => String::new(),
+        };
+        let [left, right] = self.seen.map(|seen| seen.text());
+        Some(format!(
+            "no image of the right file was taken within {:.1} ms of one of the left file{nearest} (left images: {left}; \
+             right images: {right}); {more}say by right_later_ms how much later the right file began, or name two files of \
+             one recording as path and right_path",
+            ms(within_ns)
+        ))
+    }
+
     fn notice(&mut self, text: String) {
         self.out.push_back(Sample::Notice(Notice {
             host_time: self.now(),
@@ -488,17 +599,7 @@ mod tests {
     use super::*;
 
     fn account(within_ns: i64) -> Account {
-        Account {
-            pairs: Pairs::new(within_ns),
-            start: HostTime(1_000),
-            first_ns: 50,
-            newest_ns: 50,
-            bad: VecDeque::new(),
-            out: VecDeque::new(),
-            apart_ns: Vec::new(),
-            without_left: 0,
-            bad_right: 0,
-        }
+        Account::new(within_ns, 40, HostTime(1_000), 50)
     }
 
     fn image(number: u64, time_ns: i64) -> Image {
@@ -564,6 +665,108 @@ mod tests {
         assert!(
             found[4].starts_with("of the right images 1 have no left one"),
             "{found:?}"
+        );
+    }
+
+    #[test]
+    fn two_files_that_never_pair_say_when_their_images_were_taken_and_what_mends_it() {
+        const MS: i64 = 1_000_000;
+        let account = |within_ns: i64, later_ns: i64| {
+            let most_ns = 40 * MS;
+            let mut account = Account::new(within_ns, most_ns, HostTime(0), 0);
+            for n in 0..5 {
+                account.push(Eye::Left, image(n, n as i64 * 100 * MS));
+                account.push(Eye::Right, image(n, n as i64 * 100 * MS + later_ns));
+            }
+            account.finish(true);
+            account.never_paired()
+        };
+        assert_eq!(account(40 * MS, 30 * MS), None);
+        let said = account(40 * MS, 45 * MS).expect("no pair");
+        for part in [
+            "no image of the right file was taken within 40.0 ms of one of the left file; the nearest two are 45.0 ms apart",
+            "(left images: 5 at 10.00 Hz from 0.000 s to 0.400 s; right images: 5 at 10.00 Hz from 0.045 s to 0.445 s)",
+            "say by right_later_ms how much later the right file began",
+        ] {
+            assert!(said.contains(part), "{said}");
+        }
+        // Nothing more can be allowed.
+        assert!(!said.contains("pair_within_ms"), "{said}");
+        let said = account(2 * MS, 30 * MS).expect("no pair");
+        let more = "allow more with pair_within_ms (up to 40.0 at this rate)";
+        assert!(said.contains(more), "{said}");
+    }
+
+    #[test]
+    fn a_right_file_of_which_nothing_can_be_used_is_no_partner() {
+        let mut account = account(40);
+        account.push(Eye::Left, image(0, 50));
+        account.bad_right += 1;
+        account.finish(true);
+        let said = account.never_paired().expect("no pair");
+        assert!(said.contains("right images: none)"), "{said}");
+    }
+
+    #[test]
+    fn what_has_no_usable_time_keeps_its_number_and_says_why() {
+        let frame = |time_ns, damaged| FileFrame {
+            time_ns,
+            damaged,
+            picture: image(0, 0).picture,
+        };
+        let mut times = Times::new(7);
+        let mut judge = |time_ns, damaged| match times.judge(frame(time_ns, damaged)) {
+            Step::Image(image) => format!("{} {}", image.number, image.time_ns),
+            Step::Bad(number, why) => format!("{number} {why}"),
+            Step::End => "end".to_owned(),
+        };
+        assert_eq!(judge(Some(0), false), "0 7");
+        let untimed = "the container gives no time for the image";
+        assert_eq!(judge(None, false), format!("1 {untimed}"));
+        let falling = "its time is not after that of the one before";
+        assert_eq!(judge(Some(0), false), format!("2 {falling}"));
+        assert_eq!(judge(Some(-100), false), format!("3 {falling}"));
+        let damaged = "its decoder says that the image is damaged";
+        assert_eq!(judge(Some(100), true), format!("4 {damaged}"));
+        assert_eq!(judge(Some(100), false), "5 107");
+    }
+
+    #[test]
+    fn a_file_without_times_is_refused() {
+        let folder = tempfile::tempdir().expect("folder");
+        // JPEG files one after another, as some cameras write them: no rate, and a time for the first image alone.
+        let mut bytes = Vec::new();
+        for grey in [40, 80, 120] {
+            jpeg_encoder::Encoder::new(&mut bytes, 90)
+                .encode(&[grey; 64 * 48], 64, 48, jpeg_encoder::ColorType::Luma)
+                .expect("encoding");
+        }
+        let path = folder.path().join("walk.mjpeg");
+        std::fs::write(&path, bytes).expect("a file");
+        let config = VideoConfig {
+            path: path.clone(),
+            right_path: None,
+            right_later_ns: 0,
+            pair_within_ns: None,
+        };
+        let opened = VideoReplay::open("feet", &config, HostTime(0));
+        let error = opened.err().expect("an error");
+        assert!(matches!(error, VideoError::Times { .. }), "{error}");
+        let said = error.to_string();
+        assert!(
+            said.contains(
+                "found neither a rate nor times that rise, expected a time for every image"
+            ) && said.ends_with("walk.mjpeg"),
+            "{said}"
+        );
+
+        let times = Times::new(3);
+        assert_eq!(times.first_ns(Some(4), &path).expect("a time"), 7);
+        let error = times.first_ns(None, &path).expect_err("no time");
+        let said = error.to_string();
+        assert!(
+            said.contains("found a first image without a time"),
+            "{said}"
         );
     }
 

@@ -80,21 +80,23 @@ pub enum BagError {
     #[error(
         "pairing images of a bag: of {total} left images, {paired} have a right one within {within_ms:.1} ms, expected \
          half of them or more; the nearest one is {apart_ms:.1} ms away in the median, so the two cameras are not \
-         synchronised ({left} and {right}): {}", path.display()
+         synchronised ({topics}); {}name the topics of one stereo camera as left_topic and right_topic, or record \
+         cameras that are triggered together: {}",
+        allow_more(*within_ms, *most_ms), path.display()
     )]
     Unsynchronised {
         /// The bag.
         path: PathBuf,
-        /// Topic of the left images.
-        left: String,
-        /// Topic of the right images.
-        right: String,
+        /// Topics of left and right images, with their rates.
+        topics: String,
         /// Left images that have a time.
         total: usize,
         /// Those with a partner.
         paired: usize,
         /// The most that partners may be apart, ms.
         within_ms: f64,
+        /// The most that can be allowed at this rate, ms.
+        most_ms: f64,
         /// From a left image to the nearest right one, median, ms.
         apart_ms: f64,
     },
@@ -135,6 +137,14 @@ impl BagError {
                 | Self::Image { .. }
                 | Self::Setting { .. }
         )
+    }
+}
+
+/// What more can be allowed, where less is.
+fn allow_more(within_ms: f64, most_ms: f64) -> String {
+    match within_ms < most_ms {
+        true => format!("allow more with pair_within_ms (up to {most_ms:.1} at this rate), "),
+        false => String::new(),
     }
 }
 

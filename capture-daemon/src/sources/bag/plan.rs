@@ -154,10 +154,13 @@ pub(super) fn plan(
     let times = Times::of(left, path)?;
     let rate_hz = rate_of(times.good().map(|(_, time)| time));
     let mut notices = Vec::new();
-    let within_ns = limit_ns(rate_hz, pair_within_ns).map_err(|what| BagError::Setting {
-        path: path.to_owned(),
-        what,
-    })?;
+    let limit = |asked_ns| {
+        limit_ns(rate_hz, asked_ns).map_err(|what| BagError::Setting {
+            path: path.to_owned(),
+            what,
+        })
+    };
+    let (within_ns, most_ns) = (limit(pair_within_ns)?, limit(None)?);
     let mut apart = None;
     let partners = match chosen.right {
         Some(right) => {
@@ -170,7 +173,7 @@ pub(super) fn plan(
                 path,
                 [left, right],
                 [&times, &right_times],
-                within_ns,
+                [within_ns, most_ns],
                 &mut notices,
             )?;
             apart = Some(found.1);
@@ -241,12 +244,13 @@ pub(super) fn plan(
     })
 }
 
-/// The partner of each left image, and how far they are apart in words.
+/// The partner of each left image, and how far they are apart in words. Partners are apart by what is allowed at most, which
+/// stands beside what could be allowed.
 fn pairs(
     path: &Path,
     [left, right]: [&Stream; 2],
     [left_times, right_times]: [&Times; 2],
-    within_ns: i64,
+    [within_ns, most_ns]: [i64; 2],
     notices: &mut Vec<String>,
 ) -> Result<(Vec<Partner>, String), BagError> {
     let of = |eye, times: &Times| -> Vec<(i64, Eye, usize)> {
@@ -283,11 +287,17 @@ fn pairs(
     if 2 * later.len() < total {
         return Err(BagError::Unsynchronised {
             path: path.to_owned(),
-            left: left.topic.clone(),
-            right: right.topic.clone(),
+            topics: format!(
+                "{} at {:.2} Hz and {} at {:.2} Hz",
+                left.topic,
+                rate_of(left_times.good().map(|(_, time)| time)),
+                right.topic,
+                rate_of(rights.iter().copied())
+            ),
             total,
             paired: later.len(),
             within_ms: ms(within_ns),
+            most_ms: ms(most_ns),
             apart_ms: ms(median(&mut nearest)),
         });
     }

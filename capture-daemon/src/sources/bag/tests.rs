@@ -335,7 +335,10 @@ fn what_is_known_at_the_start_is_refused_at_the_start() {
     assert!(
         apart.contains("of 10 left images, 0 have a right one within 40.0 ms")
             && apart
-                .contains("50.0 ms away in the median, so the two cameras are not synchronised"),
+                .contains("50.0 ms away in the median, so the two cameras are not synchronised")
+            && apart.contains("(/left/image_raw at 10.00 Hz and /right/image_raw at 10.00 Hz)")
+            && apart.contains("name the topics of one stereo camera as left_topic and right_topic")
+            && !apart.contains("pair_within_ms"),
         "{apart}"
     );
     let bayer = error(walk(|topic, n| {

@@ -9,7 +9,7 @@ use session_archive::record::paws::gap::Cause;
 use session_archive::time::HostTime;
 use v4l2::hotplug::Watch;
 use v4l2::node::{self, FindError, Wanted};
-use v4l2::{Camera, CameraError, Fourcc, Interval, Mode, Next, Stream};
+use v4l2::{Camera, CameraError, Fourcc, FrameInfo, Interval, Mode, Next, Stream};
 use video::picture::{grey_to_i420, nv12_to_i420, yuyv_to_i420};
 use video::{Picture, PictureError, PixelFormat};
 
@@ -259,42 +259,14 @@ fn read(
                         detail: "all of the driver's buffers were full".to_owned(),
                     }));
                 }
-                let lost = |detail| lost(info.sequence, arrival, detail);
-                if info.corrupt {
-                    lost("the driver says that the picture is damaged".to_owned())
-                } else if info.short {
-                    lost(format!("only {} bytes of a picture came", info.bytes_used))
-                } else if info.time_ns <= 0 {
-                    lost("the driver gives no time stamp".to_owned())
-                } else {
+                if let (Some(ties), None) = (ties, fault(&info)) {
                     let kernel_time = HostTime(info.time_ns);
-                    if let Some(ties) = ties {
-                        let tied = lock(ties).frame(info.sequence, kernel_time, arrival);
-                        if let Some(sync) = tied {
-                            sink.put(Sample::FrameSync(sync));
-                        }
-                    }
-                    if !sink.wants_pixels() {
-                        sink.put(Sample::Seen(Seen {
-                            number: info.sequence.into(),
-                            device_ticks: info.time_ns,
-                            host_time: arrival,
-                        }));
-                        continue;
-                    }
-                    match picture(config, buffer.bytes()) {
-                        Ok(picture) => Sample::Frame(RawFrame {
-                            number: info.sequence.into(),
-                            device_ticks: info.time_ns,
-                            kernel_time: Some(kernel_time),
-                            host_time: arrival,
-                            exposure_ns: None,
-                            eyes_apart_ns: None,
-                            picture,
-                        }),
-                        Err(error) => lost(error.to_string()),
+                    let tied = lock(ties).frame(info.sequence, kernel_time, arrival);
+                    if let Some(sync) = tied {
+                        sink.put(Sample::FrameSync(sync));
                     }
                 }
+                taken(config, &info, buffer.bytes(), arrival, sink.wants_pixels())
             }
             Err(error) => return with_causes(&error),
         };
@@ -335,13 +307,58 @@ impl Behind {
     }
 }
 
-fn lost(sequence: u32, host_time: HostTime, detail: String) -> Sample {
-    Sample::Lost(Lost {
-        number: sequence.into(),
-        host_time,
-        cause: Cause::Device,
-        detail,
-    })
+/// Why a buffer cannot be used, by what the driver says of it.
+fn fault(info: &FrameInfo) -> Option<String> {
+    if info.corrupt {
+        Some("the driver says that the picture is damaged".to_owned())
+    } else if info.short {
+        Some(format!("only {} bytes of a picture came", info.bytes_used))
+    } else if info.time_ns <= 0 {
+        Some("the driver gives no time stamp".to_owned())
+    } else {
+        None
+    }
+}
+
+/// What a buffer that a driver has filled is: a frame, one without its pixels where those are not wanted, or one that is
+/// lost with the reason. Pure: `bytes` are the buffer's, `arrival` is when it was taken from the driver.
+pub fn taken(
+    config: &V4l2Config,
+    info: &FrameInfo,
+    bytes: &[u8],
+    arrival: HostTime,
+    wants_pixels: bool,
+) -> Sample {
+    let lost = |detail| {
+        Sample::Lost(Lost {
+            number: info.sequence.into(),
+            host_time: arrival,
+            cause: Cause::Device,
+            detail,
+        })
+    };
+    if let Some(detail) = fault(info) {
+        return lost(detail);
+    }
+    if !wants_pixels {
+        return Sample::Seen(Seen {
+            number: info.sequence.into(),
+            device_ticks: info.time_ns,
+            host_time: arrival,
+        });
+    }
+    match picture(config, bytes) {
+        Ok(picture) => Sample::Frame(RawFrame {
+            number: info.sequence.into(),
+            device_ticks: info.time_ns,
+            kernel_time: Some(HostTime(info.time_ns)),
+            host_time: arrival,
+            exposure_ns: None,
+            eyes_apart_ns: None,
+            picture,
+        }),
+        Err(error) => lost(error.to_string()),
+    }
 }
 
 /// Why a buffer is no picture.
@@ -382,6 +399,9 @@ fn picture(config: &V4l2Config, bytes: &[u8]) -> Result<Picture, BufferError> {
 
 #[cfg(test)]
 mod tests {
+    use jpeg_encoder::{ColorType, Encoder};
+    use v4l2::stream::{Clock, Stamped};
+
     use super::*;
 
     #[test]
@@ -409,6 +429,140 @@ mod tests {
             behind.frame(2, 5 * MS).is_empty(),
             "it counts from the beginning"
         );
+    }
+
+    fn config(format: PixelLayout, width: u32, height: u32) -> V4l2Config {
+        V4l2Config {
+            device: DeviceChoice::Path("/dev/video0".into()),
+            right: None,
+            width,
+            height,
+            rate_hz: 30.0,
+            format,
+            buffers: 4,
+            controls: Vec::new(),
+            imu: None,
+        }
+    }
+
+    /// A whole buffer of frame 7.
+    fn info(bytes: &[u8]) -> FrameInfo {
+        FrameInfo {
+            sequence: 7,
+            time_ns: 5_000_000_000,
+            clock: Clock::Monotonic,
+            stamped: Stamped::StartOfExposure,
+            bytes_used: bytes.len(),
+            corrupt: false,
+            short: false,
+        }
+    }
+
+    const ARRIVAL: HostTime = HostTime(5_010_000_000);
+
+    /// One grey as a JPEG file.
+    fn grey_file(width: u16, height: u16, grey: u8) -> Vec<u8> {
+        let samples = vec![grey; usize::from(width) * usize::from(height)];
+        let mut bytes = Vec::new();
+        Encoder::new(&mut bytes, 95)
+            .encode(&samples, width, height, ColorType::Luma)
+            .expect("encoding");
+        bytes
+    }
+
+    /// Why frame 7 is lost.
+    fn why_lost(sample: Sample) -> String {
+        match sample {
+            Sample::Lost(lost) => {
+                let found = (lost.number, lost.host_time, lost.cause);
+                assert_eq!(found, (7, ARRIVAL, Cause::Device));
+                lost.detail
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_buffer_of_motion_jpeg_is_a_frame() {
+        let file = grey_file(64, 48, 90);
+        let config = config(PixelLayout::Mjpeg, 64, 48);
+        // Padded, as drivers hand it over.
+        let mut buffer = file.clone();
+        buffer.resize(file.len() + 100, 0);
+        for bytes in [&file, &buffer] {
+            match taken(&config, &info(bytes), bytes, ARRIVAL, true) {
+                Sample::Frame(frame) => {
+                    assert_eq!(
+                        (frame.number, frame.device_ticks, frame.host_time),
+                        (7, 5_000_000_000, ARRIVAL)
+                    );
+                    assert_eq!(frame.kernel_time, Some(HostTime(5_000_000_000)));
+                    let picture = frame.picture;
+                    assert_eq!((picture.width, picture.height), (64, 48));
+                    let luma = picture.luma().expect("luma");
+                    assert!(luma.iter().all(|value| value.abs_diff(90) <= 2));
+                }
+                other => panic!("{other:?}"),
+            }
+        }
+        let seen = taken(&config, &info(&file), &file, ARRIVAL, false);
+        assert!(matches!(seen, Sample::Seen(Seen { number: 7, .. })));
+    }
+
+    #[test]
+    fn motion_jpeg_of_another_size_or_damaged_is_a_lost_frame() {
+        let file = grey_file(64, 48, 90);
+        for (width, height) in [(32, 48), (64, 46), (128, 48)] {
+            let config = config(PixelLayout::Mjpeg, width, height);
+            assert_eq!(
+                why_lost(taken(&config, &info(&file), &file, ARRIVAL, true)),
+                format!(
+                    "the JPEG image is 64x48, expected {width}x{height} as the camera was set to"
+                )
+            );
+        }
+        let config = config(PixelLayout::Mjpeg, 64, 48);
+        let cut = &file[..file.len() / 2];
+        let noise = [0x5a; 500];
+        for bytes in [cut, &noise[..], &[]] {
+            let why = why_lost(taken(&config, &info(bytes), bytes, ARRIVAL, true));
+            assert!(why.starts_with("the JPEG image is damaged: "), "{why}");
+        }
+        // What comes after it is a frame again: nothing is kept from one buffer to the next.
+        let next = taken(&config, &info(&file), &file, ARRIVAL, true);
+        assert!(matches!(next, Sample::Frame(_)), "{next:?}");
+    }
+
+    #[test]
+    fn what_the_driver_says_of_a_buffer_comes_first() {
+        let bytes = [90; 64 * 48 * 2];
+        let config = config(PixelLayout::Yuyv, 64, 48);
+        let of = |change: fn(&mut FrameInfo), wants_pixels| {
+            let mut info = info(&bytes);
+            change(&mut info);
+            taken(&config, &info, &bytes, ARRIVAL, wants_pixels)
+        };
+        assert!(matches!(of(|_| {}, true), Sample::Frame(_)));
+        // Whether somebody wants the pixels or not.
+        for wants_pixels in [true, false] {
+            let unstamped: [fn(&mut FrameInfo); 2] =
+                [|info| info.time_ns = 0, |info| info.time_ns = -1];
+            for unstamped in unstamped {
+                assert_eq!(
+                    why_lost(of(unstamped, wants_pixels)),
+                    "the driver gives no time stamp"
+                );
+            }
+            assert_eq!(
+                why_lost(of(|info| info.corrupt = true, wants_pixels)),
+                "the driver says that the picture is damaged"
+            );
+            let short: fn(&mut FrameInfo) = |info| (info.short, info.bytes_used) = (true, 12);
+            assert_eq!(
+                why_lost(of(short, wants_pixels)),
+                "only 12 bytes of a picture came"
+            );
+        }
     }
 
     /// As v4l2-ctl has them.

@@ -49,8 +49,9 @@ pub(super) fn run(
     Ok(())
 }
 
-/// Joins what two cameras deliver.
-struct Joined<'a> {
+/// Joins what two cameras deliver: each puts its samples into the sink of its eye, and pairs go on to one sink. What has no
+/// partner is lost with the reason, or counted.
+pub struct Joined<'a> {
     sink: &'a dyn Sink,
     state: Mutex<State>,
 }
@@ -67,14 +68,15 @@ struct State {
     told: Option<HostTime>,
 }
 
-/// Where the camera of one eye puts its samples.
+/// See [`Joined::eye`].
 struct EyeSink<'a> {
     joined: &'a Joined<'a>,
     eye: Eye,
 }
 
 impl<'a> Joined<'a> {
-    fn new(within_ns: i64, sink: &'a dyn Sink) -> Self {
+    /// Hands pairs on to `sink`; images that are further apart than `within_ns` by their stamps are none.
+    pub fn new(within_ns: i64, sink: &'a dyn Sink) -> Self {
         Self {
             sink,
             state: Mutex::new(State {
@@ -88,7 +90,8 @@ impl<'a> Joined<'a> {
         }
     }
 
-    fn eye(&'a self, eye: Eye) -> EyeSink<'a> {
+    /// Where the camera of one eye puts its samples.
+    pub fn eye(&'a self, eye: Eye) -> impl Sink + 'a {
         EyeSink { joined: self, eye }
     }
 
@@ -149,7 +152,8 @@ impl<'a> Joined<'a> {
         }));
     }
 
-    fn finish(&self) {
+    /// Hands on what still waits for a partner, when both cameras have ended.
+    pub fn finish(&self) {
         let mut state = self.lock();
         let mut paired = Vec::new();
         state.pairs.finish(|one| paired.push(one));

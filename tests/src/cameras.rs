@@ -1,0 +1,153 @@
+//! Two USB cameras, one for each eye of a simulated walk, without a device: what their drivers would hand over, as a source
+//! of virtual time.
+//!
+//! Buffers are JPEG files as cameras write them: 4:2:2, without Huffman tables, padded. Stamps are in whole microseconds, as
+//! the kernel's are. The daemon's own code makes samples of the buffers ([`taken`]) and pairs of the samples ([`Joined`]);
+//! what is not there is the driver, and the two threads that wait for it.
+
+use std::collections::VecDeque;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use anyhow::{Context as _, Result};
+use capture_daemon::config::V4l2Config;
+use capture_daemon::sources::device::{Joined, taken};
+use capture_daemon::sources::{Sample, Sink, Source, SourceError, SourceInfo};
+use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
+use session_archive::time::HostTime;
+use v4l2::FrameInfo;
+use v4l2::stream::{Clock, Stamped};
+use video::capture::Eye;
+
+use crate::footage::Footage;
+
+/// From the stamp to the arrival, ns.
+const DELAY_NS: i64 = 8_000_000;
+/// The right camera was started so many frames before the left one.
+const RIGHT_AHEAD: usize = 7;
+/// Bytes behind the end of a file.
+const PADDING: usize = 100;
+
+/// See the module.
+pub struct TwoCameras {
+    info: SourceInfo,
+    samples: VecDeque<Sample>,
+}
+
+impl TwoCameras {
+    /// The cameras of `config`, of which `info` is known, from `start` on. The right one is later by `later_us` of the number
+    /// of the frame; where `is_cut` says so of the number of the frame and of the eye (0 or 1) only half of the file came.
+    ///
+    /// # Errors
+    /// `config` is of one camera, or an image cannot be made.
+    pub fn new(
+        footage: &Footage,
+        config: &V4l2Config,
+        info: SourceInfo,
+        later_us: impl Fn(usize) -> i64,
+        is_cut: impl Fn(usize, usize) -> bool,
+        start: HostTime,
+    ) -> Result<Self> {
+        let right = config.right.as_ref().context("there is one camera alone")?;
+        let kept = Kept {
+            start,
+            samples: Mutex::default(),
+        };
+        let joined = Joined::new(right.within_ns, &kept);
+        let settings = config.eyes();
+        let first_ns = footage.frames.first().map_or(0, |frame| frame.time_ns);
+        for (n, frame) in footage.frames.iter().enumerate() {
+            let since_us = (frame.time_ns - first_ns) / 1000;
+            let eyes = [Eye::Left, Eye::Right].into_iter().zip(&settings);
+            for (side, (eye, config)) in eyes.enumerate() {
+                let mut bytes = buffer(footage, n, side)?;
+                if is_cut(n, side) {
+                    bytes.truncate(bytes.len() / 2);
+                }
+                let later_us = [0, later_us(n)][side];
+                let time_ns = start.0 + 1000 * (since_us + later_us);
+                let info = FrameInfo {
+                    sequence: (n + [0, RIGHT_AHEAD][side]) as u32,
+                    time_ns,
+                    clock: Clock::Monotonic,
+                    stamped: Stamped::StartOfExposure,
+                    bytes_used: bytes.len(),
+                    corrupt: false,
+                    short: false,
+                };
+                let arrival = HostTime(time_ns + DELAY_NS);
+                joined
+                    .eye(eye)
+                    .put(taken(config, &info, &bytes, arrival, true));
+            }
+        }
+        joined.finish();
+        let samples = std::mem::take(&mut *kept.lock());
+        Ok(Self { info, samples })
+    }
+}
+
+impl Source for TwoCameras {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn next_sample(&mut self) -> Result<Option<Sample>, SourceError> {
+        Ok(self.samples.pop_front())
+    }
+}
+
+/// Keeps what it is given; its clock is the arrival of the newest.
+struct Kept {
+    start: HostTime,
+    samples: Mutex<VecDeque<Sample>>,
+}
+
+impl Kept {
+    fn lock(&self) -> MutexGuard<'_, VecDeque<Sample>> {
+        self.samples.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Sink for Kept {
+    fn now(&self) -> HostTime {
+        self.lock().back().map_or(self.start, Sample::host_time)
+    }
+
+    fn put(&self, sample: Sample) {
+        self.lock().push_back(sample);
+    }
+
+    fn is_ending(&self) -> bool {
+        false
+    }
+}
+
+/// One eye of a frame as a camera writes it into a buffer.
+fn buffer(footage: &Footage, n: usize, side: usize) -> Result<Vec<u8>> {
+    let [width, height] = footage.eye();
+    let size = (u16::try_from(width)?, u16::try_from(height)?);
+    let rgb = footage.rgb(n, side)?;
+    let mut file = Vec::new();
+    let mut encoder = Encoder::new(&mut file, 95);
+    encoder.set_sampling_factor(SamplingFactor::F_2_1);
+    encoder.encode(&rgb, size.0, size.1, ColorType::Rgb)?;
+    let mut buffer = without_tables(&file);
+    buffer.resize(buffer.len() + PADDING, 0);
+    Ok(buffer)
+}
+
+/// The file without its Huffman tables, which are the standard's.
+fn without_tables(file: &[u8]) -> Vec<u8> {
+    let mut kept = file[..2].to_vec();
+    let mut at = 2;
+    while file[at + 1] != 0xda {
+        let length = usize::from(u16::from_be_bytes([file[at + 2], file[at + 3]]));
+        let end = at + 2 + length;
+        if file[at + 1] != 0xc4 {
+            kept.extend_from_slice(&file[at..end]);
+        }
+        at = end;
+    }
+    kept.extend_from_slice(&file[at..]);
+    kept
+}
