@@ -404,6 +404,38 @@ fn the_latest_session_and_paths_are_found_by_every_verb() {
     }
 }
 
+/// What there is to refuse names the session that was found.
+#[test]
+fn the_latest_session_is_found_by_every_calibration() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let late = "0192aa00-0000-7000-8000-000000000002";
+    for (id, later, name) in [(late, 1_000, "b"), (ID, 0, "a")] {
+        let mut session = Session::good(2.0);
+        session.spec.session_id = id.to_owned();
+        session.spec.started_civil.0 += later;
+        session.calibrations.clear();
+        session.transforms = None;
+        session.write(&at.join(name));
+        check(at, &["import", name], 0, id);
+    }
+    let found = format!("library/sessions/{late}");
+    check(at, &["calib", "verify", "latest"], 1, &found);
+    let results = at.join(&found).join("calibration");
+    fs::create_dir(&results).unwrap();
+    for (verb, result) in [
+        ("cameras", "rig.toml"),
+        ("camera-imu", "rig-imu.toml"),
+        ("imu", "imu-noise.json"),
+    ] {
+        fs::write(results.join(result), "mine").unwrap();
+        let there = format!("{found}/calibration/{result}");
+        check(at, &["calib", verb, "latest"], 1, &there);
+        assert_eq!(fs::read(results.join(result)).unwrap(), b"mine");
+        fs::remove_file(results.join(result)).unwrap();
+    }
+}
+
 /// `paws-reconstruct` knows nothing of libraries; this is where a session of one becomes a folder.
 #[test]
 fn a_reconstruction_takes_a_session_of_the_library() {
@@ -436,6 +468,11 @@ fn a_reconstruction_takes_a_session_of_the_library() {
     assert_eq!(code, Some(0), "{error}");
     let sealed = at.canonicalize().unwrap().join("library/sessions").join(ID);
     assert_eq!(out, format!("run {} --out scene\n", sealed.display()));
+    for verb in ["info", "frames"] {
+        let (code, out, error) = run(&["reconstruct", verb, "latest", "--out", "frames"]);
+        assert_eq!(code, Some(0), "{error}");
+        assert_eq!(out, format!("{verb} {} --out frames\n", sealed.display()));
+    }
     let (_, out, _) = run(&["reconstruct", "evaluate", "latest"]);
     assert_eq!(out, "evaluate latest\n");
     let (_, help, _) = run(&["--help"]);
