@@ -225,7 +225,7 @@ fn a_failure_is_handed_over_only_if_that_is_said() {
         .into_iter()
         .find(lost);
     let camera = camera.expect("the camera that lost frames");
-    check(at, &["list"], 0, "3 samples");
+    check(at, &["list"], 0, &format!("% of {camera}"));
     let dropped = "camera.dropped=never";
     check(at, &["validate", ID, "--limit", dropped], 0, "PASS");
     check(at, &["list"], 0, &format!("% of {camera}"));
@@ -288,6 +288,17 @@ fn documents_say_what_the_tables_say() {
         let source = |l: &&serde_json::Value| l["source"].as_str().unwrap().ends_with(part);
         lines.find(source).unwrap()
     };
+    let lost = |line: &serde_json::Value, name: &str| {
+        let streams = line["streams"].as_array().unwrap();
+        let stream = streams.iter().find(|s| s["name"] == name).unwrap().clone();
+        let [missing, expected] = ["missing", "expected"].map(|key| stream[key].as_u64().unwrap());
+        let share = missing as f64 / expected as f64;
+        assert!((stream["share"].as_f64().unwrap() - share).abs() < 1e-12);
+        (missing, expected)
+    };
+    assert_eq!(lost(of("walk-7"), "left_shoulder"), (3, 121));
+    assert_eq!(lost(of("walk-7"), "feet/imu"), (0, 800));
+    assert!(of("nowhere")["streams"].as_array().unwrap().is_empty());
     for line in &lines {
         assert_eq!(
             (&line["format"], &line["version"]),
@@ -324,6 +335,9 @@ fn documents_say_what_the_tables_say() {
     assert_eq!(sessions[0]["cameras"].as_array().unwrap().len(), 3);
     assert_eq!(sessions[0]["imus"], serde_json::json!(["feet/imu"]));
     assert_eq!(sessions[0]["missing"], 3);
+    assert_eq!(lost(&sessions[0], "left_shoulder"), (3, 121));
+    assert_eq!(lost(&sessions[0], "feet").0, 0);
+    assert_eq!(sessions[0]["streams"].as_array().unwrap().len(), 4);
     assert!(sessions[0]["verdict"].is_null());
     assert!(
         sessions[0]["started"]["text"]
