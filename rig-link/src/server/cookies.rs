@@ -130,7 +130,7 @@ impl Cookies {
 
 impl Ended {
     fn read(path: &Path) -> Self {
-        let found = match fs::read_to_string(path) {
+        let found = match plain_file::read_to_string(path, plain_file::TEXT_LIMIT) {
             Ok(text) => Self::parse(&text).ok_or("damaged".to_owned()),
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Self::default()),
             Err(e) => Err(e.to_string()),
