@@ -86,7 +86,7 @@ fn is_number(arg: &Arg) -> bool {
         TypeId::of::<(String, f64)>(),
         TypeId::of::<(Option<String>, f64)>(),
     ];
-    numbers.iter().any(|number| value == *number)
+    numbers.into_iter().any(|number| value == number)
 }
 
 fn names_unit(arg: &Arg) -> bool {
