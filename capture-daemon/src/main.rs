@@ -120,8 +120,8 @@ enum Command {
     Selftest {
         #[command(flatten)]
         config: ConfigArgs,
-        /// Length of the recording, seconds
-        #[arg(long, value_name = "N", value_parser = parse_seconds, default_value = "10")]
+        /// Length of the recording
+        #[arg(long, value_name = "SECONDS", value_parser = parse_seconds, default_value = "10")]
         seconds: f64,
         /// Where the report goes; must not be there yet
         #[arg(long, value_name = "FILE", default_value = "pawsd-selftest.txt")]
@@ -153,8 +153,8 @@ struct RecordArgs {
     /// Folder in which the session's folder is made; without, the one in the configuration
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Length of the recording, seconds
-    #[arg(long, value_name = "N", value_parser = parse_seconds)]
+    /// Length of the recording
+    #[arg(long, value_name = "SECONDS", value_parser = parse_seconds)]
     seconds: f64,
     /// As fast as the machine can, dropping nothing, with the same bytes each time
     #[arg(long = "virtual")]
@@ -565,6 +565,12 @@ mod tests {
     fn every_verb_has_examples_that_the_program_takes() {
         command().debug_assert();
         let wrong = command_line::examples::check(&command());
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    }
+
+    #[test]
+    fn every_help_lists_words_and_names_units() {
+        let wrong = command_line::help::check(&command());
         assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     }
 

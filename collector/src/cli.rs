@@ -463,4 +463,10 @@ mod tests {
         let wrong = command_line::examples::check(&command());
         assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     }
+
+    #[test]
+    fn every_help_lists_words_and_names_units() {
+        let wrong = command_line::help::check(&command());
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    }
 }

@@ -15,6 +15,7 @@ use session_archive::time::CivilTime;
 use crate::catalogue::Row;
 use crate::condition::Condition;
 use crate::console::Console;
+use crate::loss::StreamLoss;
 use crate::validation::{EventLine, Loss};
 
 /// Version of all documents.
@@ -70,7 +71,8 @@ pub struct List {
 /// A session in short.
 #[derive(Debug, Serialize)]
 pub struct Session {
-    /// What to call it: its identifier, with `.recovered` behind it for a recovered copy.
+    /// What to call it: its identifier, with `.recovered` behind it for a recovered copy, and `.damaged` for one that made
+    /// way for a better copy.
     pub key: String,
     /// Its identifier.
     pub session_id: String,
@@ -94,6 +96,8 @@ pub struct Session {
     pub samples: u64,
     /// Samples missing.
     pub missing: u64,
+    /// What is missing of each camera and IMU, by name; empty where nobody has looked.
+    pub streams: Vec<StreamLoss>,
     /// `PASS`, `WARN` or `FAIL` of the last validation.
     pub verdict: Option<Verdict>,
     /// Where it was imported from.
@@ -122,6 +126,7 @@ impl Session {
             condition: row.condition,
             samples: row.samples,
             missing: row.missing,
+            streams: StreamLoss::of_folder(folder),
             verdict: row.verdict,
             source: (!row.source.is_empty()).then(|| row.source.clone()),
             imported: row.imported.map(Into::into),
@@ -266,6 +271,8 @@ pub struct ImportLine {
     pub duration_ns: Option<i64>,
     /// Bytes of the segments.
     pub bytes: Option<u64>,
+    /// What is missing of each camera and IMU, by name.
+    pub streams: Vec<StreamLoss>,
     /// Bytes copied this time.
     pub copied_bytes: u64,
     /// Bytes that a stopped import had copied.

@@ -15,6 +15,7 @@ use crate::documents::{self, ImportLine};
 use crate::find;
 use crate::import::{Imported, import, no_hook, size};
 use crate::library::Library;
+use crate::loss::StreamLoss;
 use crate::outcome::Outcome;
 use crate::quality::faults;
 use crate::text;
@@ -136,6 +137,7 @@ fn document(source: &Path, imported: &Imported) -> ImportLine {
         condition: Some(imported.condition),
         duration_ns: length(&imported.report),
         bytes: Some(imported.report.bytes),
+        streams: StreamLoss::of(&imported.report),
         copied_bytes: imported.copied,
         resumed_bytes: imported.resumed,
         faults: faults(&imported.report),
@@ -157,18 +159,13 @@ fn not_imported(source: &Path, why: String) -> ImportLine {
 
 /// Of each camera that lost frames the share, as `; feet: 5 % of the frames missing`.
 fn losses(report: &Report) -> String {
-    // Names of IMUs hold a slash.
-    let cameras = report
-        .streams
-        .iter()
-        .filter(|(name, _)| !name.contains('/'));
-    let lost = cameras.map(|(name, s)| (name, s.gaps.saturating_add(s.lost), s.expected()));
-    lost.filter(|(_, lost, _)| *lost > 0)
-        .map(|(name, lost, expected)| {
-            let share = text::percent(lost, expected);
-            format!("; {name}: {share} of the frames missing")
-        })
-        .collect()
+    let streams = StreamLoss::of(report).into_iter();
+    let lost = streams.filter(|s| s.is_camera() && s.missing > 0);
+    lost.map(|s| {
+        let share = text::percent(s.missing, s.expected);
+        format!("; {}: {share} of the frames missing", s.name)
+    })
+    .collect()
 }
 
 /// One line about a session that is in the library now.

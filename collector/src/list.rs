@@ -9,9 +9,9 @@ use crate::catalogue::Row;
 use crate::console::Console;
 use crate::documents::{self, List, Session};
 use crate::library::Library;
+use crate::loss::StreamLoss;
 use crate::outcome::Outcome;
 use crate::text;
-use crate::validation::{StreamSummary, Validation};
 
 /// Lists the sessions of the library in the folder `root`.
 ///
@@ -78,21 +78,18 @@ pub fn json(root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
     Ok(Outcome::Fine)
 }
 
-/// What is missing: the camera that lost the largest share of its frames, where the session was validated; before that,
-/// how many samples of all streams.
+/// What is missing: the camera that lost the largest share of its frames; where no camera did, how many samples of all
+/// streams.
 fn missing(row: &Row, folder: &Path) -> String {
     if row.missing == 0 {
         return "-".to_owned();
     }
-    let streams = Validation::read(folder).map_or(Vec::new(), |v| v.summary.streams);
-    // Names of IMUs hold a slash.
-    let cameras = streams.iter().filter(|s| !s.name.contains('/'));
-    let share = |s: &&StreamSummary| s.missing as f64 / (s.samples + s.missing).max(1) as f64;
-    let worst = cameras.max_by(|a, b| share(a).total_cmp(&share(b)));
+    let streams = StreamLoss::of_folder(folder).into_iter();
+    let cameras = streams.filter(StreamLoss::is_camera);
+    let worst = cameras.max_by(|a, b| a.share.total_cmp(&b.share));
     match worst.filter(|worst| worst.missing > 0) {
         Some(worst) => {
-            let all = worst.samples.saturating_add(worst.missing);
-            let part = text::percent(worst.missing, all);
+            let part = text::percent(worst.missing, worst.expected);
             format!("{part} of {}", shown(&worst.name))
         }
         None => text::count(row.missing, "sample"),

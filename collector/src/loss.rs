@@ -1,11 +1,58 @@
 //! How much of what each camera was to record is missing, as a share, and why.
 
 use std::fmt;
+use std::path::Path;
 
+use serde::Serialize;
 use session_archive::manifest::Manifest;
+use session_archive::verify::Report;
 
+use crate::catalogue::newest_report;
+use crate::import::ImportRecord;
 use crate::text;
-use crate::validation::Summary;
+use crate::validation::{Summary, Validation};
+
+/// How much of a camera or IMU is missing, as it is known from the import on. Why, only a validation tells.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StreamLoss {
+    /// The camera or IMU.
+    pub name: String,
+    /// Samples that were to be recorded: those present and those missing.
+    pub expected: u64,
+    /// Samples missing, accounted for or not.
+    pub missing: u64,
+    /// Those missing as a share of those expected, from 0 to 1.
+    pub share: f64,
+}
+
+impl StreamLoss {
+    /// Of every camera and IMU in a report, by name.
+    pub fn of(report: &Report) -> Vec<Self> {
+        let streams = report.streams.iter().map(|(name, stream)| {
+            let missing = stream.gaps.saturating_add(stream.lost);
+            let expected = stream.samples.saturating_add(missing);
+            Self {
+                name: name.clone(),
+                expected,
+                missing,
+                share: missing as f64 / expected.max(1) as f64,
+            }
+        });
+        streams.collect()
+    }
+
+    /// Of the session in a folder, by what was found last; empty where nobody has looked.
+    pub fn of_folder(folder: &Path) -> Vec<Self> {
+        let validation = Validation::read(folder).ok();
+        let record = ImportRecord::read(folder);
+        newest_report(validation.as_ref(), record.as_ref()).map_or(Vec::new(), Self::of)
+    }
+
+    /// Whether it is a camera's: names of IMUs hold a slash.
+    pub fn is_camera(&self) -> bool {
+        !self.name.contains('/')
+    }
+}
 
 /// The loss of one camera.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -75,6 +122,8 @@ impl fmt::Display for CameraLoss {
 
 #[cfg(test)]
 mod tests {
+    use session_archive::verify::StreamReport;
+
     use super::*;
 
     fn loss(lost: u64, causes: &[(&str, u64)]) -> CameraLoss {
@@ -85,6 +134,31 @@ mod tests {
             lost,
             causes: causes.collect(),
         }
+    }
+
+    #[test]
+    fn a_share_is_of_what_was_to_be_recorded() {
+        let mut report = Report::default();
+        let stream = |samples, gaps, lost| StreamReport {
+            samples,
+            gaps,
+            lost,
+            ..StreamReport::default()
+        };
+        report.streams.insert("feet".to_owned(), stream(45, 14, 1));
+        report
+            .streams
+            .insert("feet/imu".to_owned(), stream(0, 0, 0));
+        let [camera, imu] = &StreamLoss::of(&report)[..] else {
+            panic!("two streams: {report:?}");
+        };
+        assert!(camera.is_camera() && !imu.is_camera());
+        assert_eq!((camera.missing, camera.expected), (15, 60));
+        assert!((camera.share - 0.25).abs() < 1e-12);
+        assert_eq!((imu.missing, imu.expected, imu.share), (0, 0, 0.0));
+        // A folder without a session says nothing of it.
+        let folder = tempfile::tempdir().unwrap();
+        assert!(StreamLoss::of_folder(folder.path()).is_empty());
     }
 
     #[test]

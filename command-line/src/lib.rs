@@ -2,6 +2,7 @@
 //!
 //! * [`examples`]: the section `Examples` at the end of each verb's help, and a check that every example is a command
 //!   line that the program takes.
+//! * [`help`]: a check that helps list the words that options take, and name the units of numbers.
 //! * [`Papers`]: the verbs `completions` and `man`, made by clap's own generators out of what the program itself reads.
 //! * [`Verbosity`]: `-v` and `-q`.
 //! * [`output`]: results on standard output and messages on standard error, for which nobody has to be listening.
@@ -9,6 +10,7 @@
 //! `docs/command-line.md` says what a user may rely on.
 
 pub mod examples;
+pub mod help;
 pub mod output;
 mod papers;
 mod verbosity;

@@ -83,8 +83,10 @@ fn open(handoff: &Path) -> Result<Input> {
         bar.set_position(done);
     })?;
     bar.finish_and_clear();
-    for note in input.notes() {
-        eprintln!("note: {note}");
+    if !is_quiet() {
+        for note in input.notes() {
+            complain!("note: {note}");
+        }
     }
     Ok(input)
 }

@@ -58,7 +58,7 @@ pub fn write(folder: &Path, input: &Input) -> io::Result<()> {
 /// # Errors
 /// The file cannot be read.
 pub fn read(folder: &Path) -> io::Result<Vec<Seen>> {
-    let text = match std::fs::read_to_string(folder.join(FILE)) {
+    let text = match plain_file::read_to_string(&folder.join(FILE), plain_file::DOCUMENT_LIMIT) {
         Ok(text) => text,
         Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
         Err(error) => return Err(error),

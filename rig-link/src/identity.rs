@@ -138,7 +138,7 @@ impl Identity {
     /// See [`IdentityError`].
     pub fn load_or_create(folder: &Path) -> Result<Self, IdentityError> {
         let path = folder.join(FILE);
-        match File::open(&path) {
+        match plain_file::open(&path) {
             Ok(file) => Self::load(&file, &path),
             Err(e) if e.kind() == io::ErrorKind::NotFound => Self::create(folder, &path),
             Err(e) => Err(failed("reading the rig's identity", &path)(e)),
@@ -154,7 +154,7 @@ impl Identity {
                 path: path.to_owned(),
             });
         }
-        let pem = fs::read(path).map_err(reading())?;
+        let pem = plain_file::read_file(file, plain_file::TEXT_LIMIT).map_err(reading())?;
         Self::from_pem(&pem).map_err(|reason| IdentityError::Damaged {
             reason,
             path: path.to_owned(),
@@ -240,7 +240,12 @@ fn failed<'a>(doing: &'static str, path: &'a Path) -> impl FnOnce(io::Error) -> 
 
 #[cfg(test)]
 mod tests {
-    use std::os::unix::fs::PermissionsExt;
+    use std::error::Error as _;
+    use std::os::unix::fs::{FileTypeExt, PermissionsExt};
+    use std::sync::mpsc::sync_channel;
+    use std::time::Duration;
+
+    use rustix::fs::{CWD, FileType, Mode, mknodat};
 
     use super::*;
 
@@ -272,6 +277,26 @@ mod tests {
         fs::set_permissions(&path, fs::Permissions::from_mode(0o640)).unwrap();
         let error = Identity::load_or_create(&folder).unwrap_err().to_string();
         assert!(error.contains("mode 0640, expected 0600"), "{error}");
+    }
+
+    /// A FIFO that nobody writes to must not hold up the start, and is not replaced.
+    #[test]
+    fn what_is_no_file_is_refused_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(FILE);
+        let mode = Mode::from_raw_mode(0o600);
+        mknodat(CWD, &path, FileType::Fifo, mode, 0).unwrap();
+        let place = folder.path().to_owned();
+        let (sender, answers) = sync_channel(1);
+        std::thread::spawn(move || {
+            let error = Identity::load_or_create(&place).unwrap_err();
+            let why = error.source().map_or(String::new(), |e| e.to_string());
+            sender.send(format!("{error}: {why}")).unwrap();
+        });
+        let error = answers.recv_timeout(Duration::from_secs(120)).unwrap();
+        assert!(error.contains("found a FIFO"), "{error}");
+        let kind = fs::symlink_metadata(&path).unwrap().file_type();
+        assert!(kind.is_fifo());
     }
 
     #[test]

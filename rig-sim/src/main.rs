@@ -1,6 +1,6 @@
 //! The command line of `paws-rig-sim`.
 //!
-//! Results go to standard output, progress to standard error. Exit codes: 0 fine, 1 failed, 2 bad
+//! Results go to standard output, everything else to standard error. Exit codes: 0 fine, 1 failed, 2 bad
 //! arguments.
 
 use std::num::NonZeroUsize;
@@ -13,8 +13,11 @@ use cad_transforms::rig::Rig;
 use calib::target::Target;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::error::ErrorKind;
-use clap::{Args, CommandFactory, Parser, Subcommand};
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use command_line::output::{self, is_quiet, print};
+use command_line::{Papers, Verbosity, complain};
 use indicatif::{ProgressBar, ProgressStyle};
+use log::LevelFilter;
 use rig_sim::camera::Quality;
 use rig_sim::camera::sensor::Tone;
 use rig_sim::deviation::Deviation;
@@ -25,16 +28,24 @@ use rig_sim::scene::{Kind, Time};
 use rig_sim::simulation::{Imaging, Settings, Simulation, SimulationError};
 use rig_sim::targets::{Motion, Plan, april_grid};
 
+mod examples;
+
 /// The rig that is simulated unless another is named.
 const EXAMPLE_RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
 
 /// Simulates a walk with the chest rig, with exact ground truth.
 #[derive(Debug, Parser)]
-#[command(name = "paws-rig-sim", version)]
+#[command(name = "paws-rig-sim", version, after_help = AFTER)]
 struct Arguments {
+    #[command(flatten)]
+    verbosity: Verbosity,
     #[command(subcommand)]
     command: Command,
 }
+
+const AFTER: &str = "\
+`paws rig-sim` starts this program too.
+Exit codes: 0 fine, 1 failed, 2 bad arguments.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -57,6 +68,8 @@ enum Command {
         #[command(flatten)]
         walk: Walk,
     },
+    #[command(flatten)]
+    Papers(Papers),
 }
 
 #[derive(Debug, Args)]
@@ -101,10 +114,10 @@ struct Walk {
     /// All randomness follows from it.
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
-    /// Length of the walk, seconds.
+    /// Length of the walk.
     #[arg(
         long,
-        value_name = "T",
+        value_name = "SECONDS",
         default_value = "10",
         allow_negative_numbers = true
     )]
@@ -231,7 +244,10 @@ fn quality() -> impl TypedValueParser<Value = Quality> {
 
 fn main() -> ExitCode {
     // Bad arguments end here, with 2.
-    let result = match Arguments::parse().command {
+    let arguments = Arguments::from_arg_matches(&command().get_matches());
+    let arguments = arguments.unwrap_or_else(|error| error.exit());
+    arguments.verbosity.logger(LevelFilter::Warn).init();
+    let result = match arguments.command {
         Command::Render(arguments) => render_to(&arguments),
         Command::Preview {
             walk,
@@ -240,30 +256,34 @@ fn main() -> ExitCode {
             rate,
             film,
         } => preview_to(&walk, instants.get(), &out, rate, film.as_deref()),
+        Command::Papers(papers) => papers.write(command(), &mut std::io::stdout()),
     };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => match error.downcast_ref() {
-            Some(SimulationError::Setting { .. }) => {
-                let message = format!("{error:#}");
-                Arguments::command()
-                    .error(ErrorKind::ValueValidation, message)
-                    .exit()
-            }
-            _ => {
-                eprintln!("error: {error:#}");
-                ExitCode::FAILURE
-            }
-        },
+    if let Err(error) = &result
+        && let Some(SimulationError::Setting { .. }) = error.downcast_ref()
+    {
+        let message = format!("{error:#}");
+        let wrong = Arguments::command().error(ErrorKind::ValueValidation, message);
+        wrong.exit();
     }
+    output::finish(result.map(|()| ExitCode::SUCCESS))
+}
+
+/// The command line with its examples.
+fn command() -> clap::Command {
+    command_line::examples::add(Arguments::command(), examples::EXAMPLES)
+}
+
+/// The text of a file that was named.
+fn text_of(path: &Path, what: &str) -> Result<String> {
+    plain_file::read_to_string(path, plain_file::TEXT_LIMIT)
+        .with_context(|| format!("reading {what} {}", path.display()))
 }
 
 /// The simulation, the rig and the text of its file.
 fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)> {
     let (text, rig) = match &walk.rig {
         Some(path) => {
-            let text = std::fs::read_to_string(path)
-                .with_context(|| format!("reading the rig file {}", path.display()))?;
+            let text = text_of(path, "the rig file")?;
             let rig = Rig::parse(&text).with_context(|| format!("in {}", path.display()))?;
             (text, rig)
         }
@@ -286,8 +306,8 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)>
     let stereo = |camera: &str, path: &Path| {
         let (stereo, notes) = calib::read_stereo(path, walk.width, walk.height)
             .with_context(|| format!("reading the calibration of {camera}"))?;
-        for note in notes {
-            eprintln!("{}: {}", path.display(), note.0);
+        for note in notes.iter().filter(|_| !is_quiet()) {
+            complain!("{}: {}", path.display(), note.0);
         }
         anyhow::Ok(stereo)
     };
@@ -304,8 +324,7 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)>
     let mut deviation = match &differs.deviation {
         None => Deviation::default(),
         Some(path) => {
-            let text = std::fs::read_to_string(path)
-                .with_context(|| format!("reading how the rig deviates: {}", path.display()))?;
+            let text = text_of(path, "how the rig deviates:")?;
             Deviation::parse(&text, &rig.cameras())
                 .with_context(|| format!("in {}", path.display()))?
         }
@@ -385,8 +404,7 @@ fn render_to(arguments: &Render) -> Result<()> {
     let faults = match &arguments.faults {
         None => Faults::default(),
         Some(path) => {
-            let text = std::fs::read_to_string(path)
-                .with_context(|| format!("reading the faults {}", path.display()))?;
+            let text = text_of(path, "the faults")?;
             Faults::parse(&text, &rig.cameras(), walk.seed)
                 .with_context(|| format!("in {}", path.display()))?
         }
@@ -408,14 +426,14 @@ fn render_to(arguments: &Render) -> Result<()> {
         false => render(&simulation, &job, &arguments.out, &|| bar.inc(1))?,
     }
     bar.finish_and_clear();
-    println!(
+    print(format_args!(
         "{frames} stereo frames of {cameras} cameras with IMU and truth, {} s of {}, {}, seed {}: {}",
         walk.seconds,
         walk.scene.name(),
         walk.light.name(),
         walk.seed,
         arguments.out.display()
-    );
+    ))?;
     Ok(())
 }
 
@@ -439,20 +457,27 @@ fn preview_to(
         preview::film::film(&simulation, film, &|| bar.inc(1))?;
     }
     bar.finish_and_clear();
-    println!(
+    print(format_args!(
         "{} x {} pixels: {}",
         sheet.width,
         sheet.height,
         out.display()
-    );
+    ))?;
     if let Some(film) = film {
-        println!("{} s at {rate_hz} Hz: {}", walk.seconds, film.display());
+        let seconds = walk.seconds;
+        print(format_args!(
+            "{seconds} s at {rate_hz} Hz: {}",
+            film.display()
+        ))?;
     }
     Ok(())
 }
 
-/// Shown only where standard error is a terminal.
+/// Shown only where standard error is a terminal, and not with `-q`.
 fn progress_bar(length: u64, what: &str) -> Result<ProgressBar> {
+    if is_quiet() {
+        return Ok(ProgressBar::hidden());
+    }
     let template =
         format!("rendering {{wide_bar}} {{pos}}/{{len}} {what}, {{per_sec}}, {{eta}} left");
     let style = ProgressStyle::with_template(&template).context("laying out the progress bar")?;
@@ -465,7 +490,15 @@ mod tests {
 
     #[test]
     fn the_command_line_is_consistent() {
-        Arguments::command().debug_assert();
+        command().debug_assert();
+        let wrong = command_line::examples::check(&command());
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    }
+
+    #[test]
+    fn every_help_lists_words_and_names_units() {
+        let wrong = command_line::help::check(&command());
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     }
 
     #[test]

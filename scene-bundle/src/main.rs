@@ -165,8 +165,10 @@ fn check(bundle: &Path) -> Result<ExitCode> {
             complain!("{name}: {problem}");
         }
     }
-    for path in &checked.unnamed {
-        complain!("nothing names {path}");
+    if !output::is_quiet() {
+        for path in &checked.unnamed {
+            complain!("nothing names {path}");
+        }
     }
     let problems: usize = checked.outputs.iter().map(|o| o.problems.len()).sum();
     let files: u64 = checked.outputs.iter().map(|o| o.files).sum();
@@ -189,8 +191,10 @@ fn check(bundle: &Path) -> Result<ExitCode> {
 fn write_export(bundle: &Path, format: Format, options: &Options, out: &Path) -> Result<ExitCode> {
     let scene = Scene::open(bundle)?;
     let summary = export::export(&scene, format, options, out)?;
-    for note in &summary.notes {
-        complain!("note: {note}");
+    if !output::is_quiet() {
+        for note in &summary.notes {
+            complain!("note: {note}");
+        }
     }
     const SHOWN: usize = 20;
     for lost in summary.lost.iter().take(SHOWN) {
@@ -229,6 +233,12 @@ mod tests {
     fn the_command_line_is_consistent() {
         command().debug_assert();
         let wrong = command_line::examples::check(&command());
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    }
+
+    #[test]
+    fn every_help_lists_words_and_names_units() {
+        let wrong = command_line::help::check(&command());
         assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     }
 }

@@ -4,6 +4,7 @@
 //! the reader; a lens that the new format cannot hold stops the work, naming the model to ask for with
 //! `--model`, and each conversion states its error over the whole picture. A session is not needed.
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
@@ -11,7 +12,7 @@ use calib::convert::convert_within;
 use calib::read::recognised;
 use calib::{CameraSet, Format, LensModel, Note, read_cameras, write_cameras, zed_conf};
 use clap::Args;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::console::Console;
 use crate::outcome::Outcome;
@@ -30,14 +31,13 @@ pub struct Options {
     /// The file, or where the format makes several the folder; must not exist
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Fit this lens model [possible values: none, radial2, rad_tan4, rad_tan5, rational8, kannala_brandt4, double_sphere,
-    /// eucm]
-    #[arg(long, value_parser = model)]
+    /// Fit this lens model
+    #[arg(long, value_parser = ModelParser)]
     pub model: Option<LensModel>,
     /// Fit only up to this angle off the axis
     #[arg(long, value_name = "DEGREES", requires = "model", value_parser = angle)]
     pub within: Option<f64>,
-    /// Size of one picture, for files that do not say it
+    /// Size of one picture, pixels, for files that do not say it
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub size: Option<[u32; 2]>,
     /// The camera's serial number: refuse a file with another one in its name
@@ -50,7 +50,28 @@ fn format_parser() -> impl TypedValueParser<Value = Format> {
         .map(|name| Format::from_name(&name).expect("only names of formats are possible"))
 }
 
-/// Not by clap's possible values: the names that other programs have for a model are taken too.
+/// Lists the names of lens models, and takes those that other programs have for them too.
+#[derive(Clone)]
+struct ModelParser;
+
+impl TypedValueParser for ModelParser {
+    type Value = LensModel;
+
+    fn parse_ref(
+        &self,
+        command: &clap::Command,
+        arg: Option<&clap::Arg>,
+        value: &OsStr,
+    ) -> Result<LensModel, clap::Error> {
+        TypedValueParser::parse_ref(&model, command, arg, value)
+    }
+
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        let names = LensModel::ALL.map(LensModel::name);
+        Some(Box::new(names.into_iter().map(PossibleValue::new)))
+    }
+}
+
 fn model(text: &str) -> Result<LensModel, String> {
     LensModel::from_name(text).ok_or_else(|| {
         let names = LensModel::ALL.map(LensModel::name).join(", ");

@@ -36,25 +36,25 @@ pub struct Options {
     #[arg(long, value_name = "FILE")]
     pub from: Option<PathBuf>,
     /// Tags along x; inner corners of a chessboard; squares of a ChArUco board [default: 6, 9, 8]
-    #[arg(long, conflicts_with = "from")]
+    #[arg(long, value_name = "N", conflicts_with = "from")]
     pub columns: Option<u32>,
     /// Tags, inner corners or squares along y [default: 6]
-    #[arg(long, conflicts_with = "from")]
+    #[arg(long, value_name = "N", conflicts_with = "from")]
     pub rows: Option<u32>,
     /// Side of a tag or square in millimetres [default: the largest whole one that fits the paper]
     #[arg(long, value_name = "MM", conflicts_with = "from")]
     pub size_mm: Option<f64>,
-    /// AprilGrid: gap over tag size
-    #[arg(long, default_value_t = 0.3, conflicts_with = "from")]
+    /// AprilGrid: gap between tags, as a multiple of their side
+    #[arg(long, value_name = "X", default_value_t = 0.3, conflicts_with = "from")]
     pub spacing: f64,
     /// ChArUco: side of a marker in millimetres [default: three quarters of a square]
     #[arg(long, value_name = "MM", conflicts_with = "from")]
     pub marker_mm: Option<f64>,
-    /// ChArUco: OpenCV's dictionary
+    /// ChArUco: OpenCV's dictionary: 4X4, 5X5 or 6X6, then _50, _100 or _250
     #[arg(long, default_value = "5X5_100", conflicts_with = "from")]
     pub dictionary: String,
     /// Id of the first tag or marker
-    #[arg(long, default_value_t = 0, conflicts_with = "from")]
+    #[arg(long, value_name = "N", default_value_t = 0, conflicts_with = "from")]
     pub first_id: u32,
     /// A4, A3, A2, A1, A0, Letter, or WIDTHxHEIGHT in millimetres
     #[arg(long, default_value = "A4")]

@@ -313,6 +313,82 @@ fn the_one_that_is_being_recorded_is_left_alone() {
     rig.assert_pulled("walk-1", ID);
 }
 
+/// `latest` on a rig is the session that was recorded last, of those that are ended.
+#[test]
+fn the_latest_is_pulled_alone() {
+    const NEWEST: &str = "0192aa00-0000-7000-8000-000000000003";
+    let rig = Rig::new();
+    let mut newest = Session::good(1.0);
+    newest.spec.session_id = NEWEST.to_owned();
+    newest.spec.started_civil.0 += 1_000;
+    newest.write(&rig.sessions().join("a-new-one"));
+    let url = rig.server.url();
+    let pull = |code: i32| {
+        let output = rig.paws(&[&url, "latest"]).output().unwrap();
+        let text = text(&output);
+        assert_eq!(output.status.code(), Some(code), "{text}");
+        text
+    };
+    let told = pull(0);
+    assert!(
+        told.contains(&format!("a-new-one {NEWEST}: imported, 1.0 s")),
+        "{told}"
+    );
+    rig.assert_pulled("a-new-one", NEWEST);
+    assert_eq!(rig.listed(), 1);
+    // Of two recorded at one time it is the one whose name comes last.
+    rig.rig.record(Some("a-new-one"));
+    let told = pull(0);
+    assert!(told.contains(&format!("walk-1 {ID}: imported")), "{told}");
+    assert_eq!(rig.listed(), 2);
+    for name in ["walk-1", "run-1"] {
+        fs::remove_dir_all(rig.sessions().join(name)).unwrap();
+    }
+    let told = pull(1);
+    assert!(told.contains("no session that is ended"), "{told}");
+    assert_eq!(rig.listed(), 2);
+}
+
+/// The system takes connections for a program that never looks at them.
+#[test]
+fn a_rig_that_says_nothing_is_given_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let library = folder.path().join("library");
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    for (url, connect, why) in [
+        // A handshake that nobody answers is no connection.
+        (
+            format!("https://{address}"),
+            Duration::from_millis(300),
+            "no answer after 1 tries (no connection within ",
+        ),
+        (
+            format!("http://{address}"),
+            Duration::from_secs(60),
+            "no answer after 2 tries (silent for 0.2 s)",
+        ),
+    ] {
+        let options = Options {
+            patience: Patience {
+                connect,
+                silence: Duration::from_millis(200),
+                tries: 2,
+                ..options(address).patience
+            },
+            ..Options::parse(&url, None, None).unwrap()
+        };
+        let (result, _) = capture(|console| pull::run(&options, &library, console));
+        let error = format!("{:#}", result.unwrap_err());
+        assert!(
+            error.starts_with("asking for the list of sessions: "),
+            "{error}"
+        );
+        assert!(error.contains(why) && error.ends_with(&url), "{error}");
+        assert!(!library.exists(), "nothing is made for it");
+    }
+}
+
 #[test]
 fn what_is_cut_off_is_pulled_as_such_and_what_is_damaged_stays_on_the_rig() {
     let rig = Rig::new();

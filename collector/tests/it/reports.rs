@@ -1,5 +1,8 @@
 //! The HTML report: self-contained, bounded, and with what the cameras saw.
 
+use std::process::Command;
+
+use browser::Browser;
 use collector::limits::Limits;
 use collector::page;
 use collector::validate::{Options, validate};
@@ -76,6 +79,31 @@ fn frames_of_every_camera_are_shown() {
     }
     assert!(page.len() < 25_000_000, "{}", page.len());
     assert!(page == html(&session), "the same session, another page");
+}
+
+#[test]
+fn it_fits_a_phone_and_a_screen() {
+    let Some(mut browser) = Browser::start(360, 780) else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let mut session = Session::decodable(4.0);
+    session.drop_frames(2, 120, 122, true);
+    session.write(&folder.path().join("walk"));
+    let output = Command::new(env!("CARGO_BIN_EXE_paws"))
+        .args(["validate", "walk", "--html", "report.html"])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    browser.open_file(&folder.path().join("report.html"));
+    let text = browser.value("document.body.innerText").to_string();
+    assert!(text.contains("Not fit for use"), "{text}");
+    for width in [360, 1400] {
+        browser.resize(width, 780);
+        assert_eq!(browser.overflow(width), 0, "at {width}");
+    }
+    assert_eq!(browser.exceptions(), [""; 0]);
 }
 
 #[test]

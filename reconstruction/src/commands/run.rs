@@ -8,7 +8,7 @@ use anyhow::{Context, Result, ensure};
 use clap::builder::PossibleValuesParser;
 use clap::{Args, CommandFactory, ValueEnum};
 use command_line::complain;
-use command_line::output::print;
+use command_line::output::{is_quiet, print};
 use indicatif::ProgressBar;
 use reconstruction::Input;
 use reconstruction::pipeline::stages::networks::Networks;
@@ -277,8 +277,10 @@ impl Watch for Shown {
             return;
         }
         self.bar.suspend(|| {
-            for note in &outcome.report.notes {
-                complain!("note: {note}");
+            if !is_quiet() {
+                for note in &outcome.report.notes {
+                    complain!("note: {note}");
+                }
             }
             print_losses(&outcome.report.losses);
             let Outcome { stage, seconds, .. } = outcome;

@@ -357,3 +357,31 @@ fn info_says_what_there_is() {
     fs::remove_file(folder.path().join(layout::HANDOFF)).expect("remove");
     check_code(&run(&["info", text(folder.path())]), 1);
 }
+
+/// Nothing on standard error where nothing failed; what is said there never mixes with results.
+#[test]
+fn quiet_says_only_what_failed() {
+    let (folder, _) = session();
+    let session = text(folder.path());
+    let usual = run(&["info", session]);
+    for arguments in [
+        &["-q", "info", session][..],
+        &["info", session, "-q"],
+        &["info", "--quiet", session],
+        &["-v", "info", session],
+        &["info", session, "-vv"],
+    ] {
+        let output = run(arguments);
+        check_code(&output, 0);
+        assert_eq!(output.stdout, usual.stdout, "{arguments:?}");
+        if !arguments.iter().any(|a| a.starts_with("-v")) {
+            let said = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert_eq!(said, "", "{arguments:?}");
+        }
+    }
+    check_code(&run(&["-q", "-v", "info", session]), 2);
+    fs::remove_file(folder.path().join(layout::HANDOFF)).expect("remove");
+    let output = run(&["-q", "info", session]);
+    check_code(&output, 1);
+    assert!(String::from_utf8_lossy(&output.stderr).starts_with("error: "));
+}

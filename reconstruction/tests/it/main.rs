@@ -4,6 +4,7 @@
 mod command;
 mod evaluate;
 mod feed;
+mod hostile;
 mod judged;
 mod read_back;
 mod refuse;

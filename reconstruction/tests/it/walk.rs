@@ -1,12 +1,14 @@
 //! A simulated walk through the whole program: every stage, what they make against what is true, and that neither the number of
 //! threads nor a second run changes anything.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::{Arc, OnceLock};
 
+use browser::Browser;
 use cad_transforms::{Rig, RigidTransform};
 use calib::Lens;
 use nalgebra::Vector3;
@@ -18,7 +20,7 @@ use rig_sim::scene::{Kind, Time};
 use rig_sim::simulation::{self, Simulation};
 use scene_bundle::outputs::cloud::CloudPoint;
 use scene_bundle::{Scene, outputs};
-use serde_json::Value;
+use serde_json::{Value, json};
 use session_archive::handoff::Verdict;
 
 use crate::feed::RIG;
@@ -389,4 +391,72 @@ fn the_report_says_whether_it_knows_the_truth() {
     fs::rename(&kept, &seen).expect("moved");
     assert!(page.contains("No image lies beside the bundle"));
     assert_eq!(charts::inspect(&page), Ok(()));
+}
+
+/// In a browser, on a phone and on a screen; where it has no WebGL2 the sentence stands in place of the view.
+#[test]
+fn the_report_fits_and_its_view_draws() {
+    let Some(mut browser) = Browser::start_with_webgl(360, 780) else {
+        return;
+    };
+    let walk = walk();
+    let page = walk.scene.with_file_name("browser.html");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_paws-reconstruct"));
+    command.arg("report").arg(&walk.scene);
+    let output = command.arg("--out").arg(&page).output().expect("run");
+    assert!(output.status.success(), "{output:?}");
+    browser.open_file(&page);
+    for width in [360, 1400] {
+        browser.resize(width, 780);
+        assert_eq!(browser.overflow(width), 0, "at {width}");
+        let none = browser.value("document.getElementById('viewer').hasAttribute('data-none')");
+        let words = browser.value("document.getElementById('viewer-none').checkVisibility()");
+        assert_eq!(words, none, "the sentence or the view");
+        if none == json!(true) {
+            println!("skipped: no WebGL2 in this browser, so the view is not looked at");
+            let words = browser.value("document.getElementById('viewer-none').innerText");
+            assert!(words.to_string().contains("needs JavaScript and WebGL2"));
+        } else {
+            draws(&mut browser);
+        }
+    }
+    assert_eq!(browser.exceptions(), [""; 0]);
+}
+
+/// Waits until the view shows more than its background.
+fn draws(browser: &mut Browser) {
+    for _ in 0..400 {
+        let place = browser.value(
+            "(() => { const e = document.getElementById('viewer-canvas'); e.scrollIntoView({block: 'center'}); \
+             const r = e.getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom]; })()",
+        );
+        if colours(&browser.screenshot(false), &place) > 1 {
+            return;
+        }
+        browser.value("new Promise((done) => setTimeout(done, 250))");
+    }
+    panic!("the view stays empty");
+}
+
+/// How many colours a picture of the screen has within a place of the page, which has two pixels for one of its own.
+fn colours(picture: &[u8], place: &Value) -> usize {
+    let decoder = png::Decoder::new(Cursor::new(picture));
+    let mut reader = decoder.read_info().expect("png");
+    let mut pixels = vec![0; reader.output_buffer_size().expect("size")];
+    let info = reader.next_frame(&mut pixels).expect("png");
+    let samples = info.color_type.samples();
+    assert!(samples >= 3, "{info:?}");
+    // Without its edge.
+    let [left, top, right, bottom] =
+        [(0_usize, 4.0), (1, 4.0), (2, -4.0), (3, -4.0)].map(|(k, by)| {
+            let at: f64 = place[k].as_f64().expect("a place") + by;
+            (2.0 * at).max(0.0) as usize
+        });
+    let mut found = BTreeSet::new();
+    let rows = pixels.chunks_exact(info.line_size);
+    for row in rows.take(bottom).skip(top) {
+        let row = row.chunks_exact(samples).take(right).skip(left);
+        found.extend(row.map(|pixel| &pixel[..3]));
+    }
+    found.len()
 }

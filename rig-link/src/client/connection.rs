@@ -35,7 +35,7 @@ pub(super) async fn connect(
     match timeout(limit, connect_unhurried(address, tls)).await {
         Ok(connected) => connected,
         Err(_) => {
-            let reason = format!("no connection within {} s", limit.as_secs_f64());
+            let reason = format!("no connection within {:.1} s", limit.as_secs_f64());
             Err(Failure::Again(reason, None))
         }
     }

@@ -130,7 +130,7 @@ impl Cookies {
 
 impl Ended {
     fn read(path: &Path) -> Self {
-        let found = match fs::read_to_string(path) {
+        let found = match plain_file::read_to_string(path, plain_file::TEXT_LIMIT) {
             Ok(text) => Self::parse(&text).ok_or("damaged".to_owned()),
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Self::default()),
             Err(e) => Err(e.to_string()),
@@ -180,6 +180,11 @@ fn random_id() -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::mpsc::sync_channel;
+    use std::time::Duration;
+
+    use rustix::fs::{CWD, FileType, Mode, mknodat};
+
     use super::*;
 
     fn token(text: &str) -> Token {
@@ -231,6 +236,25 @@ mod tests {
         assert!(!after.holds(&one) && !after.holds(&other));
         let new = after.issue().unwrap();
         assert!(after.holds(&new));
+    }
+
+    /// A FIFO that nobody writes to is as a damaged list: all logins have ended, and the server starts.
+    #[test]
+    fn what_is_no_file_holds_nobody_up() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("ended-cookies");
+        let before = cookies(None).issue().unwrap();
+        mknodat(CWD, &path, FileType::Fifo, Mode::from_raw_mode(0o600), 0).unwrap();
+        let (sender, answers) = sync_channel(1);
+        std::thread::spawn(move || {
+            let after = cookies(Some(&path));
+            let new = after.issue().unwrap();
+            sender
+                .send((after.holds(&before), after.holds(&new)))
+                .unwrap();
+        });
+        let held = answers.recv_timeout(Duration::from_secs(120)).unwrap();
+        assert_eq!(held, (false, true));
     }
 
     #[test]

@@ -1,7 +1,5 @@
 //! The hosts' receipts, on disk.
 
-use std::fs;
-
 use session_archive::storage::{self, DiskStorage, Storage};
 
 use super::{Session, Store, problem, unreadable};
@@ -19,7 +17,7 @@ impl Store {
         if !is_session_name(name) {
             return None;
         }
-        let text = fs::read(self.root.join(path(name))).ok()?;
+        let text = plain_file::read(&self.root.join(path(name)), plain_file::TEXT_LIMIT).ok()?;
         let receipt: Receipt = serde_json::from_slice(&text).ok()?;
         is_valid(&receipt).then_some(receipt)
     }

@@ -5,9 +5,11 @@ use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
+use rig_link::client::Patience;
 use rig_link::identity::Identity;
 use rig_link::rig::Action;
 use rig_link::server::{Limits, ServeError, Settings, serve};
+use rustix::fs::{CWD, FileType, Mode, mknodat};
 
 use crate::support::{
     Options, Setup, TOKEN, bearer, connect_from, raw, read, read_one, start, status, token,
@@ -963,4 +965,22 @@ fn requests_with_random_mistakes_harm_nobody() {
         assert!(!answer.contains("the secret"), "{sent:?}: {answer}");
     }
     setup.is_well();
+}
+
+/// A FIFO in the place of a receipt holds nobody up; there is no receipt then.
+#[test]
+fn a_receipt_that_is_no_file_is_none() {
+    let setup = start(Options::default());
+    let receipts = setup.root.join("receipts");
+    std::fs::create_dir_all(&receipts).unwrap();
+    let path = receipts.join("walk-1.json");
+    mknodat(CWD, &path, FileType::Fifo, Mode::from_raw_mode(0o600), 0).unwrap();
+    let patience = Patience {
+        silence: Duration::from_secs(120),
+        tries: 1,
+        ..Patience::default()
+    };
+    let sessions = setup.client_with(None, None, patience).sessions().unwrap();
+    assert_eq!(sessions.len(), 2);
+    assert!(sessions.iter().all(|session| session.receipt.is_none()));
 }

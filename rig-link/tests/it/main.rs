@@ -5,7 +5,6 @@
     reason = "sockets and browsers need a real clock, and hostile clients wait"
 )]
 
-mod browser;
 mod hostile;
 mod page;
 mod pinning;

@@ -3,12 +3,12 @@
 
 use std::time::Duration;
 
+use browser::Browser;
 use rig_link::fake::Scene;
 use rig_link::rig::Action;
 use rig_link::server::{Limits, Settings, serve};
 use serde_json::json;
 
-use crate::browser::Browser;
 use crate::support::{Options, Setup, TOKEN, start};
 
 /// A page that shows a scene, pictures and all.
@@ -155,6 +155,16 @@ fn each_state_has_its_own_word_sign_and_colour() {
             ] {
                 assert!(text.contains(part), "{part} is not in {text}");
             }
+            // Of the camera that lost frames also the share; it falls while the recording goes on.
+            let missing = browser.value(
+                "[...document.querySelectorAll('#streams tbody tr')].map(r => r.lastElementChild.textContent)",
+            );
+            let of_right = missing[1].as_str().unwrap();
+            assert!(
+                of_right.starts_with("143 0.") && of_right.ends_with(" %"),
+                "{missing}"
+            );
+            assert_eq!(missing[0], "0");
         }
         if scene == Scene::Fault {
             for part in ["camera is gone", "silent", "No picture", "no sync"] {

@@ -419,3 +419,41 @@ fn an_address_where_nobody_has_answered_is_given_up_soon() {
         "{error:?}"
     );
 }
+
+/// Nobody refuses and nobody answers: packets are simply dropped, as by a rig that is off.
+#[test]
+fn an_address_that_takes_no_connection_is_given_up_soon() {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    let listener = runtime.block_on(async {
+        let socket = tokio::net::TcpSocket::new_v4().unwrap();
+        socket.bind("127.0.0.1:0".parse().unwrap()).unwrap();
+        socket.listen(1).unwrap()
+    });
+    let address = listener.local_addr().unwrap();
+    // The few places there are go to others, whom nobody lets in.
+    let mut waiting = Vec::new();
+    while let Ok(stream) = TcpStream::connect_timeout(&address, Duration::from_secs(2)) {
+        waiting.push(stream);
+        if waiting.len() == 100 {
+            println!("skipped: this system has room for everybody who connects");
+            return;
+        }
+    }
+    for scheme in ["http", "https"] {
+        let patience = Patience {
+            connect: Duration::from_millis(300),
+            ..impatient()
+        };
+        let address = format!("{scheme}://{address}").parse().unwrap();
+        let mut client = Client::new(address, None, None, patience).unwrap();
+        let error = client.sessions().unwrap_err();
+        assert!(
+            matches!(&error, LinkError::Lost { tries: 1, reason, .. }
+                if reason.starts_with("no connection within ")),
+            "{error:?}"
+        );
+    }
+}

@@ -3,9 +3,11 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
+use scene_bundle::judgement::{Acceptance, Beyond};
+use scene_bundle::{Bundle, Judgement, Provenance};
 use serde_json::Value;
 
-use crate::sample::Sample;
+use crate::sample::{START_NS, Sample, provenance};
 
 fn run(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_paws-scene"))
@@ -58,6 +60,90 @@ fn show_says_what_is_there() {
         json["manifest"]["provenance"]["session_id"],
         "01890a5d-ac96-774b-bcce-b302099a8057"
     );
+}
+
+#[test]
+fn show_says_that_a_failure_was_accepted_and_why_it_was_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("walk.scene");
+    let what = "feet: 3 of 60 frames lost (5 %): encoder overload";
+    let beyond = Beyond {
+        metric: "camera.dropped".to_owned(),
+        of: "feet".to_owned(),
+        verdict: "FAIL".to_owned(),
+        value: Some(0.05),
+        warn: Some(0.0),
+        fail: Some(0.01),
+        unit: "ratio".to_owned(),
+        text: what.to_owned(),
+    };
+    let judgement = Judgement {
+        verdict: "FAIL".to_owned(),
+        limits: vec!["imu.rate=0.05,never".to_owned()],
+        acceptance: Some(Acceptance {
+            level: "FAIL".to_owned(),
+            accepted_civil_ns: START_NS,
+            verdict: "FAIL".to_owned(),
+            metrics: vec![beyond],
+            limits: Vec::new(),
+        }),
+    };
+    let provenance = Provenance {
+        judgement: Some(judgement),
+        ..provenance()
+    };
+    let bundle = Bundle::create_or_open(&path, provenance).unwrap();
+    bundle.finish(START_NS).unwrap();
+
+    let shown = run(&["show", text(&path)]);
+    assert_eq!(code(&shown), 0, "{}", error_text(&shown));
+    let shown = out_text(&shown);
+    for expected in [
+        "verdict            FAIL, accepted 2014-06-25T16:54:33Z (--accept FAIL), ",
+        "(--accept FAIL), with limits imu.rate=0.05,never\n",
+        &format!("\n{:18} FAIL  {what}\n", ""),
+    ] {
+        assert!(shown.contains(expected), "{expected:?} in\n{shown}");
+    }
+    let json = run(&["show", "--json", text(&path)]);
+    let json: Value = serde_json::from_slice(&json.stdout).expect("JSON");
+    let judgement = &json["manifest"]["provenance"]["judgement"];
+    assert_eq!(judgement["acceptance"]["level"], "FAIL");
+    assert_eq!(judgement["acceptance"]["metrics"][0]["text"], what);
+}
+
+/// Nothing on standard error where nothing failed, also where more would be said.
+#[test]
+fn quiet_says_nothing_and_verbose_keeps_results_apart() {
+    let sample = Sample::new();
+    std::fs::write(sample.path.join("notes.txt"), "mine").unwrap();
+    let bundle = text(&sample.path);
+    let usual = run(&["show", bundle]);
+    for (verb, options) in [
+        ("show", &["-q"][..]),
+        ("show", &["-v"]),
+        ("show", &["-vv"]),
+        ("verify", &["-q"]),
+    ] {
+        for arguments in [
+            [options, &[verb, bundle]].concat(),
+            [&[verb, bundle], options].concat(),
+        ] {
+            let output = run(&arguments);
+            assert_eq!(code(&output), 0, "{arguments:?}: {}", error_text(&output));
+            if options == ["-q"] {
+                assert_eq!(error_text(&output), "", "{arguments:?}");
+            }
+            if verb == "show" {
+                assert_eq!(output.stdout, usual.stdout, "{arguments:?}");
+            }
+        }
+    }
+    // What failed is said nevertheless.
+    let missing = run(&["-q", "show", text(&sample.out("nowhere"))]);
+    assert_eq!(code(&missing), 1);
+    assert!(error_text(&missing).contains("found no scene.json"));
+    assert_eq!(code(&run(&["-q", "-v", "show", bundle])), 2);
 }
 
 #[test]

@@ -8,6 +8,7 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use cad_transforms::{Covariance, RigidTransform};
 use calib::{CameraModel, Distortion, Eye};
@@ -189,6 +190,21 @@ fn it_is_still_read() {
         ("make-rig", 3)
     );
     assert_eq!(scene.manifest().provenance.ended_civil_ns, Some(1));
+}
+
+/// Version 1 says nothing of how the session was judged, which is not the same as a session without fault.
+#[test]
+fn that_the_verdict_is_not_known_is_shown() {
+    let shown = Command::new(env!("CARGO_BIN_EXE_paws-scene"))
+        .arg("show")
+        .arg(fixture())
+        .output()
+        .unwrap();
+    assert_eq!(shown.status.code(), Some(0), "{shown:?}");
+    let text = String::from_utf8(shown.stdout).unwrap();
+    let note = "verdict            not known: the bundle does not say\n";
+    assert!(text.contains(note), "{text}");
+    assert!(!text.contains("accepted"), "{text}");
 }
 
 #[test]

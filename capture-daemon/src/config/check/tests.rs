@@ -79,6 +79,22 @@ fn a_good_configuration_has_no_errors() {
     );
 }
 
+/// In a clone, for any user: it needs no folders of an installed daemon.
+#[test]
+fn the_simulated_rig_that_comes_along_has_no_errors() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/rigs/simulated.toml");
+    let found = check(&Config::read(&path).unwrap());
+    // Whether another program has the page's port, and whether the disk has room, is this machine's business.
+    let ours = |f: &&Finding| !["page", "disk"].contains(&f.about.as_str());
+    let wrong: Vec<&Finding> = found
+        .iter()
+        .filter(ours)
+        .filter(|f| f.level == Level::Error)
+        .collect();
+    assert!(wrong.is_empty(), "{wrong:#?}");
+    expect(&found, "session", Level::Ok, "deploy/rigs/sessions");
+}
+
 #[test]
 fn a_token_that_others_can_read_is_an_error() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,8 +1,16 @@
-//! A browser without a window, told what to do over a pipe (Chrome DevTools Protocol, messages that end with
-//! a zero byte).
+//! A browser without a window, for tests of pages: told what to do over a pipe (Chrome DevTools Protocol, messages that
+//! end with a zero byte).
+//!
+//! Contract: where there is no browser, [`Browser::start`] prints a line beginning with `skipped:` and gives none.
+//! Everything that goes wrong afterwards panics, as tests do.
+
+#![expect(
+    clippy::disallowed_methods,
+    reason = "a browser lives in real time, and what a page does is waited for"
+)]
 
 use std::io::{BufRead, BufReader, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::{Duration, Instant};
@@ -10,17 +18,24 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 
 /// How long anything may take on a machine that is busy.
-const LIMIT: Duration = Duration::from_secs(30);
+const LIMIT: Duration = Duration::from_secs(120);
+
+/// Draws in software what a page draws with WebGL.
+const SOFTWARE: [&str; 3] = [
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+];
 
 /// A page in a browser.
-pub(crate) struct Browser {
+pub struct Browser {
     child: Child,
     to: ChildStdin,
     from: Receiver<Value>,
     session: String,
     next: u64,
     /// What the page did besides answering.
-    pub(crate) events: Vec<Value>,
+    pub events: Vec<Value>,
     _profile: tempfile::TempDir,
 }
 
@@ -35,7 +50,16 @@ fn program() -> Option<PathBuf> {
 impl Browser {
     /// A browser with an empty page of this size in CSS pixels, two device pixels each. None, and the reason
     /// printed, if there is no browser.
-    pub(crate) fn start(width: u32, height: u32) -> Option<Self> {
+    pub fn start(width: u32, height: u32) -> Option<Self> {
+        Self::start_with(&["--disable-gpu"], width, height)
+    }
+
+    /// The same, with WebGL in software as far as this browser has it.
+    pub fn start_with_webgl(width: u32, height: u32) -> Option<Self> {
+        Self::start_with(&SOFTWARE, width, height)
+    }
+
+    fn start_with(flags: &[&str], width: u32, height: u32) -> Option<Self> {
         let Some(program) = program() else {
             println!("skipped: no chromium on PATH, so the page is not looked at");
             return None;
@@ -46,10 +70,10 @@ impl Browser {
             .arg("-c")
             .arg("exec \"$0\" \"$@\" 3<&0 4>&1 </dev/null >/dev/null 2>&1")
             .arg(program)
+            .args(flags)
             .args([
                 "--headless",
                 "--no-sandbox",
-                "--disable-gpu",
                 "--disable-background-networking",
                 "--disable-component-update",
                 "--disable-sync",
@@ -106,21 +130,22 @@ impl Browser {
         Some(browser)
     }
 
-    pub(crate) fn resize(&mut self, width: u32, height: u32) {
+    /// Gives the page another size, as [`Browser::start`].
+    pub fn resize(&mut self, width: u32, height: u32) {
         let metrics =
             json!({"width": width, "height": height, "deviceScaleFactor": 2, "mobile": true});
         self.call("Emulation.setDeviceMetricsOverride", metrics);
     }
 
     /// Whether the phone prefers dark.
-    pub(crate) fn dark(&mut self, dark: bool) {
+    pub fn dark(&mut self, dark: bool) {
         let value = if dark { "dark" } else { "light" };
         let feature = json!({"name": "prefers-color-scheme", "value": value});
         self.call("Emulation.setEmulatedMedia", json!({"features": [feature]}));
     }
 
     /// Sends a command and waits for its result.
-    pub(crate) fn call(&mut self, method: &str, params: Value) -> Value {
+    pub fn call(&mut self, method: &str, params: Value) -> Value {
         self.next += 1;
         let id = self.next;
         let mut message = json!({"id": id, "method": method, "params": params});
@@ -141,12 +166,36 @@ impl Browser {
         }
     }
 
-    pub(crate) fn open(&mut self, url: &str) {
+    /// Goes to an address.
+    pub fn open(&mut self, url: &str) {
         self.call("Page.navigate", json!({"url": url}));
     }
 
+    /// Opens a page that lies in a file, and waits until all of it is there.
+    pub fn open_file(&mut self, path: &Path) {
+        let path = path.canonicalize().unwrap();
+        self.open(&format!("file://{}", path.to_str().unwrap()));
+        self.until("document.readyState === 'complete' && location.protocol === 'file:'");
+    }
+
+    /// What failed in the page's programs so far.
+    pub fn exceptions(&mut self) -> Vec<String> {
+        // What has happened before this answer has been told before it.
+        self.value("1");
+        let thrown = self.events.iter();
+        let thrown = thrown.filter(|event| event["method"] == "Runtime.exceptionThrown");
+        thrown.map(Value::to_string).collect()
+    }
+
+    /// How much wider than the window the page is, CSS pixels; 0 where it never scrolls sideways.
+    pub fn overflow(&mut self, width: u32) -> u64 {
+        // By what was asked for: a page that is too wide makes a phone's window wider.
+        let wide = self.value("document.documentElement.scrollWidth").as_u64();
+        wide.unwrap().saturating_sub(width.into())
+    }
+
     /// The value of an expression in the page.
-    pub(crate) fn value(&mut self, expression: &str) -> Value {
+    pub fn value(&mut self, expression: &str) -> Value {
         let params = json!({
             "expression": expression, "returnByValue": true, "awaitPromise": true,
             "userGesture": true,
@@ -160,7 +209,7 @@ impl Browser {
     }
 
     /// Waits until an expression is true.
-    pub(crate) fn until(&mut self, expression: &str) {
+    pub fn until(&mut self, expression: &str) {
         let start = Instant::now();
         while self.value(expression) != json!(true) {
             assert!(
@@ -173,7 +222,7 @@ impl Browser {
     }
 
     /// Touches the middle of the first element that fits, as a finger would.
-    pub(crate) fn tap(&mut self, selector: &str) {
+    pub fn tap(&mut self, selector: &str) {
         let place = self.value(&format!(
             "(() => {{ const e = document.querySelector({selector:?}); e.scrollIntoView({{block: 'center'}}); \
              const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; }})()"
@@ -187,7 +236,7 @@ impl Browser {
     }
 
     /// A picture of what is in sight, a PNG file; all of the page if it is `whole`.
-    pub(crate) fn screenshot(&mut self, whole: bool) -> Vec<u8> {
+    pub fn screenshot(&mut self, whole: bool) -> Vec<u8> {
         let params = json!({"format": "png", "captureBeyondViewport": whole});
         let picture = self.call("Page.captureScreenshot", params);
         base64(picture["data"].as_str().unwrap())
