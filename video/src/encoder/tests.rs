@@ -136,7 +136,7 @@ fn nothing_is_copied_between_the_camera_and_its_taker() {
     }
     let given = given.unwrap();
     let given = lock(&given);
-    assert!(taken.len() > 5);
+    assert!(!taken.is_empty());
     for (number, address) in taken {
         assert_eq!(address, given[number as usize]);
     }
