@@ -118,8 +118,8 @@ impl Rig {
 fn options(address: SocketAddr) -> Options {
     Options {
         patience: Patience {
-            connect: Duration::from_secs(5),
-            silence: Duration::from_secs(10),
+            connect: Duration::from_secs(60),
+            silence: Duration::from_secs(60),
             tries: 5,
             pause: Duration::from_millis(10),
             longest_pause: Duration::from_millis(100),
