@@ -70,16 +70,12 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         };
         let name = format!("chunk-{chunk_ms}");
         let cuts = Recording::make(&bench, &name, plan)?.cuts(&bench, cuts)?;
-        let of_durability = cuts.iter().filter_map(|cut| cut.error.as_deref());
-        let errors: Vec<&str> = of_durability.collect();
+        let errors = wrong(&cuts);
         ensure!(
             errors.is_empty(),
             "chunks of {chunk_ms} ms: {}",
             errors.join("; ")
         );
-        for beyond in wrong(&cuts) {
-            println!("chunks of {chunk_ms} ms: {beyond}");
-        }
         fs::remove_dir_all(bench.folder.join(&name))?;
         let loss = Loss::of(chunk_ms, &cuts);
         println!("{}", loss.line());

@@ -45,8 +45,8 @@ pub const MAX_CONNECTIONS: usize = 16;
 pub const IDLE_LIMIT: Duration = Duration::from_secs(60);
 /// How long a request may take from its first byte to its last.
 pub const LINE_LIMIT: Duration = Duration::from_secs(5);
-/// How long the client waits for an answer, and the server for a client to take one.
-pub const ANSWER_LIMIT: Duration = Duration::from_secs(15);
+/// How long the client waits for an answer, and the server for a client to take one: longer than a stop may take.
+pub const ANSWER_LIMIT: Duration = Duration::from_secs(35);
 
 /// Pause after the system refused to accept a connection (out of file descriptors, say).
 const RETRY: Duration = Duration::from_millis(200);

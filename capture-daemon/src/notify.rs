@@ -141,7 +141,7 @@ mod tests {
 
     fn says_everything(manager: &UnixDatagram, name: &str) {
         manager
-            .set_read_timeout(Some(Duration::from_secs(10)))
+            .set_read_timeout(Some(Duration::from_secs(600)))
             .unwrap();
         let notify = notify(&[
             ("NOTIFY_SOCKET", name),

@@ -411,19 +411,32 @@ fn a_signal_ends_a_recording_cleanly() {
             .lines()
             .map(|line| line.unwrap());
         assert!(events.next().unwrap().contains("\"event\":\"started\""));
-        assert!(events.next().unwrap().contains("\"event\":\"durable\""));
+        // A busy machine may say something else in between.
+        assert!(events.any(|event| event.contains("\"event\":\"durable\"")));
         signal(&child, name);
         let last: Progress = serde_json::from_str(&events.last().unwrap()).unwrap();
         let Progress::Finished {
             error: None,
-            missing: 0,
+            reason,
+            missing,
+            absent,
             ..
         } = last
         else {
             panic!("SIG{name}: {last:?}")
         };
+        assert_eq!(reason, "signal", "SIG{name}");
+        let code = if missing == 0 && absent.is_empty() {
+            0
+        } else {
+            3
+        };
         let ended = child.wait().unwrap();
-        assert_eq!((ended.code(), ended.signal()), (Some(0), None), "SIG{name}");
+        assert_eq!(
+            (ended.code(), ended.signal()),
+            (Some(code), None),
+            "SIG{name}"
+        );
     }
 }
 
@@ -493,12 +506,9 @@ fn the_daemon_is_controlled_through_its_socket() {
         || -> Status { serde_json::from_slice(&control(&["status", "--json"], 0).stdout).unwrap() };
     let error = text(&control(&["stop"], 1).stderr);
     assert!(error.contains("pawsd: "), "{error}");
-    // Each question takes a new process; within many of them the first samples arrive.
-    assert!(
-        (0..1000).any(|_| status().state == State::Armed),
-        "{:?}",
-        status()
-    );
+    // Each question takes a new process, and fails where the daemon has ended.
+    let wait = |is: fn(&Status) -> bool| while !is(&status()) {};
+    wait(|status| status.state == State::Armed);
     let started = control(&["start", "--name", "walk"], 0);
     let session = text(&started.stdout);
     let note = text(&started.stderr);
@@ -514,16 +524,18 @@ fn the_daemon_is_controlled_through_its_socket() {
     assert!(text(&control(&["status"], 0).stdout).starts_with("pawsd is recording, "));
     control(&["start"], 1);
     control(&["mark", "stairs"], 0);
-    assert!(
-        (0..1000).any(|_| status().streams.iter().all(|stream| stream.stored > 0)),
-        "{:?}",
-        status()
-    );
-    assert_eq!(text(&control(&["stop"], 0).stdout), session);
-    assert!(
-        (0..1000).any(|_| status().state == State::Armed),
-        "{:?}",
-        status()
+    wait(|status| status.streams.iter().all(|stream| stream.stored > 0));
+    let stopped = pawsd(&["stop", "--socket", "s"], here).output().unwrap();
+    assert_eq!(text(&stopped.stdout), session);
+    wait(|status| status.state == State::Armed);
+    // On a busy machine frames may be missing.
+    let is_whole = status().streams.iter().all(|stream| stream.missing == 0);
+    let code = if is_whole { 0 } else { 3 };
+    assert_eq!(
+        stopped.status.code(),
+        Some(code),
+        "{}",
+        text(&stopped.stderr)
     );
 
     let second = text(&control(&["start"], 0).stdout);

@@ -38,8 +38,8 @@ use crate::rig::Rig;
 
 /// What is recorded while it is killed.
 pub const RIG: Rig = Rig::small(2);
-/// How long a recorder may take to begin.
-const BEGIN_LIMIT: Duration = Duration::from_secs(60);
+/// How long a recorder may take to begin, and until something is on disk.
+const BEGIN_LIMIT: Duration = Duration::from_secs(600);
 
 /// How to kill.
 #[derive(Clone, Debug)]
@@ -50,7 +50,8 @@ pub struct Plan {
     pub parallel: u32,
     /// Decides the instants.
     pub seed: u64,
-    /// The earliest and the latest kill after the recorder said that it began, ms.
+    /// The earliest and the latest kill after the recorder said that it began, ms; every fifth time after it said that
+    /// something is on disk.
     pub after_ms: (u64, u64),
     /// The recorder.
     pub pawsd: PathBuf,
@@ -63,7 +64,7 @@ pub struct Plan {
 pub struct Killed {
     /// Which kill of the plan.
     pub number: u32,
-    /// When it came after the recorder said that it began, ms.
+    /// When it came after the recorder said that it began, or that something is on disk, ms.
     pub after_ms: u64,
     /// Messages that the recorder had said are on disk.
     pub promised: u64,
@@ -120,9 +121,13 @@ fn kill(plan: &Plan, number: u32) -> Result<Killed> {
     let folder = plan.folder.join(format!("kill-{number:04}"));
     let mut recorder = Recorder::start(&plan.pawsd, &folder)?;
     let session = recorder.begun()?;
+    if number % 5 == 4 {
+        // However slow the machine is, some kills have a promise to hold.
+        recorder.wait_for_durable()?;
+    }
     thread::sleep(Duration::from_millis(after_ms));
     let (at, promise) = recorder.kill()?;
-    let mut killed = check(&session, promise, at)?;
+    let mut killed = check(&session, promise, at, false)?;
     (killed.number, killed.after_ms) = (number, after_ms);
     fs::remove_dir_all(&folder)?;
     Ok(killed)
@@ -152,7 +157,7 @@ impl Recorder {
             .arg(&config)
             .arg("--out")
             .arg(folder.join("out"))
-            .args(["--seconds", "60", "--json"])
+            .args(["--seconds", "600", "--json"])
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(File::create(folder.join("messages.txt"))?)
@@ -267,11 +272,17 @@ fn listen(
 }
 
 /// Holds what is left of a session against what was promised (a time and a number of messages) and
-/// against the truth.
+/// against the truth. In virtual time no frame waits in front of an encoder, so that every frame up to the promised
+/// time must be there.
 ///
 /// # Errors
 /// Something promised is missing, or something is wrong.
-pub fn check(session: &Path, promise: Option<(HostTime, u64)>, at: HostTime) -> Result<Killed> {
+pub fn check(
+    session: &Path,
+    promise: Option<(HostTime, u64)>,
+    at: HostTime,
+    is_virtual: bool,
+) -> Result<Killed> {
     let reader = contents::open(session)?;
     let report = verify(&reader, |_| {})?;
     let cut_off = only_cut_off(&report)?;
@@ -312,7 +323,9 @@ pub fn check(session: &Path, promise: Option<(HostTime, u64)>, at: HostTime) -> 
         );
     }
     for (camera, name) in RIG.names().iter().enumerate() {
-        if let Some((until, _)) = promise {
+        if let Some((until, _)) = promise
+            && is_virtual
+        {
             reaches(&contents, name, until)?;
         }
         killed.frames += pictures_are_right(&contents, name)?;

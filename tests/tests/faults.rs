@@ -8,7 +8,7 @@ use std::path::Path;
 use tests::faults::Exam;
 
 /// A slice of the exam, which has 2000.
-const SCHEDULES: u64 = 400;
+const SCHEDULES: u64 = 60;
 const SECONDS: f64 = 60.0;
 
 #[test]

@@ -61,8 +61,7 @@ fn a_signal_ends_a_recording_with_a_closed_session() {
         let pid = rustix::process::Pid::from_raw(recorder.id() as i32).expect("pid");
         rustix::process::kill_process(pid, signal).expect("signal");
         let (code, said) = recorder.wait().expect("end");
-        assert_eq!(code, Some(0));
-        closed(&session, &said);
+        assert_eq!(code, Some(closed(&session, &said)));
     }
 }
 
@@ -97,7 +96,7 @@ fn a_broken_promise_does_not_go_unnoticed() {
         };
         fs::write(copy.join("session.json"), manifest.to_bytes()).expect("manifest");
         fs::write(copy.join("segments/000000.mcap"), bytes).expect("segment");
-        check(&copy, Some(promise), until).map_err(|e| format!("{e:#}"))
+        check(&copy, Some(promise), until, true).map_err(|e| format!("{e:#}"))
     };
     let killed = told("whole", &bytes, (until, messages)).expect("nothing is wrong");
     assert_eq!((killed.messages, killed.frames), (whole.messages, 2 * 90));
@@ -126,7 +125,8 @@ fn manifest(whole: &Contents) -> Manifest {
     manifest
 }
 
-fn closed(session: &Path, said: &[Progress]) {
+/// The session is closed and what the recorder said last is true of it; the exit code that follows from it.
+fn closed(session: &Path, said: &[Progress]) -> i32 {
     let reader = open(session).expect("open");
     assert_eq!(reader.manifest().state, State::Closed);
     assert_eq!(
@@ -144,6 +144,7 @@ fn closed(session: &Path, said: &[Progress]) {
         reason,
         stored,
         missing,
+        absent,
         error,
         ..
     }) = said.last()
@@ -157,4 +158,10 @@ fn closed(session: &Path, said: &[Progress]) {
     let samples: u64 = report.streams.values().map(|s| s.samples).sum();
     let gaps: u64 = report.streams.values().map(|s| s.gaps).sum();
     assert_eq!((*stored, *missing), (samples, gaps));
+    // On a busy machine frames may be missing.
+    if *missing == 0 && absent.is_empty() {
+        0
+    } else {
+        3
+    }
 }

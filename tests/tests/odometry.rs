@@ -16,7 +16,7 @@ use rig_sim::camera::Quality;
 use rig_sim::scene::{Kind, Time};
 use scene_bundle::Trajectory;
 use tests::data;
-use tests::sequences::{self, WalkSettings, walk};
+use tests::sequences::{self, Sequence, WalkSettings, walk};
 use tests::tracking::{self, drive, still, track};
 
 fn balanced() -> Settings {
@@ -32,15 +32,24 @@ fn percent(of: &Evaluation) -> f64 {
     100.0 * absolute.translation_m.rmse / of.path_m
 }
 
+/// Both of one walk, because rendering it takes longer than following it.
 #[test]
-fn a_walk_is_followed_and_adjusted_better() {
+fn a_walk_is_followed_and_adjusted_better_and_a_camera_that_was_moved_is_told() {
     let settings = WalkSettings {
         quality: Quality::FAST,
         ..WalkSettings::new(Kind::Pavement, Time::Day, 41, 12.0)
     };
+    let folder = tempfile::tempdir().expect("folder");
     let sequence = walk(&settings).expect("a walk");
-    let truth = tracking::truth(&sequence).expect("rising times");
-    let tracking = track(&sequence, balanced(), true).expect("poses");
+    let sequence = sequence.cached(folder.path()).expect("pictures");
+    is_followed_and_adjusted_better(&sequence);
+    // Eight seconds.
+    is_told_when_a_camera_was_moved(sequence.first(120));
+}
+
+fn is_followed_and_adjusted_better(sequence: &Sequence) {
+    let truth = tracking::truth(sequence).expect("rising times");
+    let tracking = track(sequence, balanced(), true).expect("poses");
     let causal = evaluated(tracking.causal(), &truth);
     let adjusted = tracking.adjust().expect("poses").expect("with mapping");
     let is_moved = |m: &AdjustedMount| m.is_moved;
@@ -134,14 +143,9 @@ fn place(camera: &StereoCamera, seen: &Seen) -> Option<[f64; 3]> {
     (along > 0.0).then(|| (left * along).into())
 }
 
-#[test]
-fn a_camera_that_was_moved_since_it_was_calibrated_is_told() {
-    let settings = WalkSettings {
-        quality: Quality::FAST,
-        ..WalkSettings::new(Kind::Pavement, Time::Day, 41, 8.0)
-    };
+fn is_told_when_a_camera_was_moved(sequence: Sequence) {
     let off = RigidTransform::from_rotation_vector([0.02, -0.015, 0.01], [0.0; 3]).expect("finite");
-    let sequence = walk(&settings).expect("a walk").told(|rig| {
+    let sequence = sequence.told(|rig| {
         let camera = &mut rig.cameras[2];
         camera.rig_from_left = camera.rig_from_left * off;
     });

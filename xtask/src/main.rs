@@ -84,7 +84,7 @@ fn run(verb: Verb) -> anyhow::Result<Ending> {
             qemu,
             cached,
             names,
-        } => vm::run(install, quick, qemu, cached, &names).map(|_| ()),
+        } => vm::run(install, quick, qemu, cached, None, &names).map(|_| ()),
         Verb::Schemas => schemas::run(),
         Verb::Guide { install } => guide::whole(install),
         Verb::Fuzz { install, seconds } => fuzz::run(install, seconds),

@@ -151,7 +151,8 @@ fn tests(quick: bool, python: Option<std::path::PathBuf>, report: &mut Report) -
 
 /// The short form of the tests in virtual machines; their kernel is built if it is not there.
 fn machines(install: bool) -> Result<Ending> {
-    Ok(match vm::run(install, true, false, false, &[])? {
+    let ran = vm::run(install, true, false, false, Some(FEATURES), &[])?;
+    Ok(match ran {
         vm::Ran::Passed => Ending::Passed(String::new()),
         vm::Ran::Skipped => Ending::LeftOut("no virtual machine here, see above".into()),
     })

@@ -22,12 +22,14 @@ pub(crate) enum Ran {
     Skipped,
 }
 
-/// Runs the cases with these names, or all.
+/// Runs the cases with these names, or all. `features`: those with which the workspace was just built, so that nothing is
+/// compiled twice.
 pub(crate) fn run(
     install: bool,
     quick: bool,
     qemu: bool,
     cached: bool,
+    features: Option<&str>,
     names: &[OsString],
 ) -> Result<Ran> {
     let mut purposes = vec![Purpose::Build, Purpose::Video, Purpose::Machines];
@@ -39,8 +41,9 @@ pub(crate) fn run(
     // All of the workspace: with some of its packages alone Cargo would choose other features for what they depend on,
     // and compile most of it again.
     build.args(["build", "--locked", "--workspace", "--bins"]);
+    build.args(features.into_iter().flat_map(|list| ["--features", list]));
     process::run(&mut build)?;
-    driver_tests()?;
+    driver_tests(features)?;
 
     let mut vm = command(program_folder()?.join("vm"))?;
     vm.arg("run").arg("--out").arg(target_folder()?.join("vm"));
@@ -61,9 +64,10 @@ pub(crate) fn run(
 }
 
 /// Builds the tests of the crate `v4l2` that need real cameras, and puts them where the guests find them.
-fn driver_tests() -> Result<()> {
+fn driver_tests(features: Option<&str>) -> Result<()> {
     let mut build = cargo()?;
     build.args(["test", "--locked", "--no-run", "--workspace"]);
+    build.args(features.into_iter().flat_map(|list| ["--features", list]));
     build.args([
         "--test",
         "vivid",

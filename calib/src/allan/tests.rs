@@ -245,17 +245,21 @@ impl Tally {
 }
 
 impl Tally {
-    /// Of 100 statements some 95 are to be true; fewer than 89 would be no chance.
+    /// Of 100 statements some 95 are to be true; of [`SEEDS`] seven or more are wrong by chance once in 1700 times
+    /// (binomial).
     fn assert_honest(&self, name: &str) {
         let (all, right) = (self.known + self.below, self.in_interval + self.below_right);
-        assert!(right * 100 >= all * 89, "{name}: {right} of {all}");
+        assert!(all - right <= 6, "{name}: {right} of {all}");
     }
 }
 
-fn trial(samples: usize, period: f64, truth: [f64; 3], seeds: u64) -> [Tally; 4] {
+/// Recordings of each trial.
+const SEEDS: u64 = 30;
+
+fn trial(samples: usize, period: f64, truth: [f64; 3]) -> [Tally; 4] {
     let mut tallies: [Tally; 4] = Default::default();
     let mut fitter = None;
-    for seed in 0..seeds {
+    for seed in 0..SEEDS {
         let rate = Noise::new(1000 + seed).rate(samples, period, truth);
         let curve = whole(&rate, period);
         let fitter = fitter.get_or_insert_with(|| fit::Fitter::new(&curve));
@@ -276,27 +280,27 @@ fn trial(samples: usize, period: f64, truth: [f64; 3], seeds: u64) -> [Tally; 4]
 
 #[test]
 fn stated_uncertainties_hold_white_and_walk() {
-    let [q, n, b, k] = trial(40_000, 0.01, [1e-3, 0.0, 1e-3], 60);
+    let [q, n, b, k] = trial(40_000, 0.01, [1e-3, 0.0, 1e-3]);
     n.assert_honest("N");
     assert_eq!(n.below, 0);
-    assert!(k.known >= 45, "{}", k.known);
+    assert!(k.known >= 15, "{}", k.known);
     k.assert_honest("K");
     assert!(q.known <= 2 && b.known <= 2, "{} {}", q.known, b.known);
 }
 
 #[test]
 fn stated_uncertainties_hold_with_flicker() {
-    let [q, n, b, k] = trial(30_000, 0.01, [1e-3, 1e-3, 0.0], 60);
+    let [q, n, b, k] = trial(30_000, 0.01, [1e-3, 1e-3, 0.0]);
     n.assert_honest("N");
     assert_eq!(n.below, 0);
-    assert!(b.known >= 55, "{}", b.known);
+    assert!(b.known >= 25, "{}", b.known);
     b.assert_honest("B");
     assert!(q.known <= 2 && k.known <= 2, "{} {}", q.known, k.known);
 }
 
 #[test]
 fn stated_uncertainties_hold_with_all_three() {
-    let [q, n, b, k] = trial(60_000, 0.01, [1e-3, 5e-4, 1e-4], 80);
+    let [q, n, b, k] = trial(60_000, 0.01, [1e-3, 5e-4, 1e-4]);
     n.assert_honest("N");
     assert_eq!(n.below, 0);
     // Bias instability and random walk can hardly be told apart here. What is stated has to be right all the
@@ -308,11 +312,11 @@ fn stated_uncertainties_hold_with_all_three() {
 
 #[test]
 fn a_short_recording_gives_a_limit_and_no_number() {
-    let [_, n, b, k] = trial(6_000, 0.01, [1e-3, 1e-5, 1e-5], 60);
+    let [_, n, b, k] = trial(6_000, 0.01, [1e-3, 1e-5, 1e-5]);
     n.assert_honest("N");
     assert_eq!(n.below, 0);
     assert!(k.known <= 2 && b.known <= 2, "{} {}", k.known, b.known);
-    assert!(k.below_right * 100 >= k.below * 97, "{}", k.below_right);
+    assert!(k.below - k.below_right <= 1, "{}", k.below_right);
 }
 
 #[test]

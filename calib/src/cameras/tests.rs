@@ -303,7 +303,7 @@ fn failures(found: &Calibration) -> Vec<&str> {
 #[test]
 fn a_good_recording_gives_the_rig_within_what_it_says() {
     let (mut inside, mut all) = (0, 0);
-    for seed in 0..6 {
+    for seed in 0..3 {
         let truth = simulate(seed, GOOD);
         let found = quiet(&truth.input);
         assert_eq!(failures(&found), Vec::<&str>::new(), "seed {seed}");
@@ -325,9 +325,8 @@ fn a_good_recording_gives_the_rig_within_what_it_says() {
             );
         }
     }
-    // 95.4 % of 180 are expected; fewer than 91 % come by chance once in 200 times.
-    let share = inside as f64 / all as f64;
-    assert!((0.91..=1.0).contains(&share), "{share}");
+    // 95.4 % of 90 are expected; 11 or more are outside by chance once in 380 times (binomial).
+    assert!(all - inside <= 10, "{inside} of {all}");
 }
 
 #[test]

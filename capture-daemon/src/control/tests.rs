@@ -59,7 +59,6 @@ fn place() -> Place {
 /// Sends bytes as they are and returns the lines that come back until the server closes.
 fn raw(path: &Path, bytes: &[u8]) -> Vec<String> {
     let stream = UnixStream::connect(path).unwrap();
-    stream.set_read_timeout(Some(ANSWER_LIMIT)).unwrap();
     // The server may close before it has read everything.
     let _ = (&stream).write_all(bytes);
     let _ = stream.shutdown(Shutdown::Write);
@@ -259,7 +258,6 @@ fn dropping_lets_the_request_in_hand_finish() {
 fn held(place: &Place, count: usize, bytes: &[u8]) -> Vec<UnixStream> {
     let hold = |_| {
         let mut stream = UnixStream::connect(&place.path).unwrap();
-        stream.set_read_timeout(Some(ANSWER_LIMIT)).unwrap();
         stream.write_all(bytes).unwrap();
         stream
     };
@@ -320,14 +318,16 @@ fn whoever_only_holds_connections_open_keeps_nobody_from_stopping() {
             stream
         })
         .collect();
-    // As long as one has its request in hand it is served; none of them needs long.
+    // As long as one has its request in hand it is served; none of them needs long. Not for as long as it takes: at
+    // ANSWER_LIMIT they would give way in any case.
     let stopped = |_| {
+        thread::yield_now();
         matches!(
             request(&place.path, &Request::Stop),
             Ok(Response::Ok { .. })
         )
     };
-    assert!((0..1000).any(stopped));
+    assert!((0..100_000).any(stopped));
 }
 
 #[test]

@@ -6,6 +6,8 @@ use video::{Picture, PixelFormat};
 const MS: i64 = 1_000_000;
 /// Room for forty small frames.
 const CAPACITY: usize = 40 * 64 * 32 * 3 / 2;
+/// Reached only when something hangs.
+const LONG: Duration = Duration::from_secs(600);
 
 fn settings() -> EncoderSettings {
     EncoderSettings {
@@ -104,7 +106,7 @@ fn an_encoder_makes_way_for_one_of_another_quality() {
         let spared = 16..31;
         assert_eq!(quality, Some(if spared.contains(&n) { 36.0 } else { 40.0 }));
     }
-    lane.finish(Rest::Encode, Duration::from_secs(10), HostTime(0));
+    lane.finish(Rest::Encode, LONG, HostTime(0));
     assert!(!lane.is_failing());
     let keys = [0, 16, 31];
     let expected: Vec<_> = (0..40).map(|n| (n, Ok(keys.contains(&n)))).collect();
@@ -213,7 +215,7 @@ fn overload_drops_whole_frames_and_says_so() {
     for n in 0..100 {
         lane.push(frame(n), &picture, HostTime(0));
     }
-    lane.finish(Rest::Encode, Duration::from_secs(20), HostTime(0));
+    lane.finish(Rest::Encode, LONG, HostTime(0));
     let mut seen = seen.lock().expect("seen").clone();
     let out: Vec<u64> = seen.iter().filter(|s| s.1.is_ok()).map(|s| s.0).collect();
     assert!(out.is_sorted());
@@ -241,7 +243,7 @@ fn frames_wait_in_front_of_a_slow_encoder() {
         lane.push(frame(n), &picture, HostTime(0));
     }
     assert!(lane.fill() <= 1.0 && lane.queued_bytes() <= 108 * picture.data.len());
-    lane.finish(Rest::Encode, Duration::from_secs(60), HostTime(0));
+    lane.finish(Rest::Encode, LONG, HostTime(0));
     assert_eq!(lane.fill(), 0.0);
     let seen = seen.lock().expect("seen").clone();
     assert!(seen.iter().all(|s| s.1.is_ok()), "{seen:?}");
@@ -259,7 +261,7 @@ fn frames_that_nobody_stores_are_not_encoded_at_the_end() {
         lane.push(frame(n), &picture, HostTime(0));
     }
     let waiting = lane.waiting.len();
-    lane.finish(Rest::Drop, Duration::from_secs(60), HostTime(0));
+    lane.finish(Rest::Drop, LONG, HostTime(0));
     let seen = seen.lock().expect("seen").clone();
     assert_eq!(seen.len(), 100);
     let late = seen.iter().filter(|s| s.1 == Err(Cause::Late)).count();
@@ -289,7 +291,7 @@ fn a_faster_preset_begins_with_the_next_chunk() {
             assert_eq!(running.effort.preset, expected, "at {n}");
         }
     }
-    lane.finish(Rest::Encode, Duration::from_secs(20), HostTime(0));
+    lane.finish(Rest::Encode, LONG, HostTime(0));
     let seen = seen.lock().expect("seen").clone();
     assert!(seen.iter().map(|s| s.0).eq(0..40), "{seen:?}");
     assert!(seen.iter().all(|s| s.1.is_ok()), "{seen:?}");

@@ -1,7 +1,7 @@
 //! Clients that mean harm, and clients that are broken. Whatever they do, they get an error or are cut
 //! off, and the next one is served.
 
-use std::io::{Read, Write};
+use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
@@ -12,7 +12,8 @@ use rig_link::server::{Limits, ServeError, Settings, serve};
 use rustix::fs::{CWD, FileType, Mode, mknodat};
 
 use crate::support::{
-    Options, Setup, TOKEN, bearer, connect_from, raw, read, read_one, start, status, token,
+    Options, PATIENCE, Setup, TOKEN, bearer, connect_from, raw, read, read_one, start, status,
+    token,
 };
 
 /// Any of these, and nothing of the file.
@@ -205,7 +206,7 @@ fn heads_that_are_none_or_too_much() {
         ),
     ];
     for (what, bytes) in cases {
-        refused(&setup, what, &setup.raw(&bytes));
+        refused(&setup, what, &setup.raw_and_done(&bytes));
     }
     assert_eq!(setup.rig.actions(), []);
 }
@@ -236,7 +237,7 @@ fn what_follows_garbage_is_not_answered() {
         "\0\0garbage\r\n\r\n".to_owned(),
         format!("BREW /api/status HTTP/1.1\r\nHost: {host}\r\n\r\n"),
     ] {
-        setup.raw(format!("{first}{hidden}"));
+        setup.raw_and_done(format!("{first}{hidden}"));
         assert_eq!(setup.rig.actions(), [], "{first}");
     }
     // Pipelining itself is fine.
@@ -387,7 +388,7 @@ fn every_answer_has_the_headers_that_keep_browsers_in_check() {
 #[test]
 fn without_the_token_there_is_the_page_and_nothing_else() {
     let limits = Limits {
-        wrong_token_pause: Duration::from_secs(3),
+        wrong_token_pause: LONG,
         ..Limits::default()
     };
     let setup = start(Options {
@@ -458,11 +459,22 @@ fn without_the_token_there_is_the_page_and_nothing_else() {
     );
     // Who has the cookie is not disturbed.
     assert_eq!(status(&setup.request("GET /api/status", &cookie, "")), 200);
-    std::thread::sleep(Duration::from_millis(3050));
-    assert_eq!(
-        status(&setup.request("GET /api/status", &bearer(TOKEN), "")),
-        200
-    );
+}
+
+#[test]
+fn after_a_wrong_token_the_right_one_is_taken_again() {
+    let limits = Limits {
+        wrong_token_pause: Duration::from_millis(100),
+        ..Limits::default()
+    };
+    let setup = start(Options {
+        token: true,
+        limits,
+        ..Options::default()
+    });
+    let ask = |token: &str| status(&setup.request("GET /api/status", &bearer(token), ""));
+    assert_eq!(ask("wrong-wrong-wrong-wrong"), 401);
+    eventually(|| ask(TOKEN) == 200);
 }
 
 /// The `Cookie` header of a fresh login.
@@ -524,22 +536,23 @@ fn guessing_tokens_gets_slower_and_slower() {
     });
     let begin = Instant::now();
     let mut looked_at = 0;
-    while begin.elapsed() < Duration::from_secs(2) {
+    while looked_at < 6 {
         let answer = setup.request("GET /api/status", &bearer("wrong-wrong-wrong-wrong"), "");
         match status(&answer) {
             401 => looked_at += 1,
-            429 => {}
+            429 => std::thread::sleep(Duration::from_millis(20)),
             _ => panic!("{answer}"),
         }
     }
-    // Pauses of 50, 100, 200, 400, 800, 1600 ms: at most six in two seconds.
-    assert!((3..=6).contains(&looked_at), "{looked_at}");
+    // Pauses of 50, 100, 200, 400 and 800 ms.
+    let elapsed = begin.elapsed();
+    assert!(elapsed >= Duration::from_millis(1550), "{elapsed:?}");
 }
 
 #[test]
 fn too_many_requests_are_refused_and_then_served_again() {
     let limits = Limits {
-        requests_per_s: 2,
+        requests_per_s: 1,
         request_burst: 20,
         ..Limits::default()
     };
@@ -547,9 +560,13 @@ fn too_many_requests_are_refused_and_then_served_again() {
         limits,
         ..Options::default()
     });
-    let statuses: Vec<u16> = (0..60).map(|_| status(&setup.get("/"))).collect();
-    assert!(statuses[..20].iter().all(|s| *s == 200), "{statuses:?}");
-    assert!(statuses.contains(&429), "{statuses:?}");
+    // Over one connection, so that they come faster than one a second on any machine.
+    let host = setup.server.address();
+    let one = format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\n\r\n");
+    let last = format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n");
+    let answers = setup.raw(format!("{}{last}", one.repeat(100)));
+    let (served, _) = answers.split_once("HTTP/1.1 429").expect("a refusal");
+    assert!(served.matches("HTTP/1.1 200").count() >= 20, "{answers}");
     eventually(|| status(&setup.get("/")) == 200);
 }
 
@@ -584,17 +601,15 @@ fn slow_heads_and_bodies_are_cut_off_and_hold_nobody_up() {
         for stream in &mut slow {
             let _ = stream.write_all(b" ");
         }
-        setup.is_well();
+        // On a busy machine our own head may be slow, too.
+        eventually(|| status(&setup.get("/api/status")) == 200);
         std::thread::sleep(Duration::from_millis(100));
     }
     for mut stream in slow {
-        stream
-            .set_read_timeout(Some(Duration::from_secs(2)))
-            .unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
         let text = String::from_utf8_lossy(&read(&mut stream)).into_owned();
         assert!(matches!(status(&text), 0 | 400 | 408), "{text}");
-        // It is closed, not only silent.
-        assert!(!matches!(stream.read(&mut [0]), Ok(1)), "{text}");
+        assert!(is_closed(&mut stream), "{text}");
     }
     assert_eq!(setup.rig.actions(), []);
 }
@@ -610,20 +625,24 @@ fn an_idle_connection_is_closed() {
         ..Options::default()
     });
     let host = setup.server.address();
-    let mut stream = TcpStream::connect(host).unwrap();
-    stream
-        .set_read_timeout(Some(Duration::from_secs(5)))
-        .unwrap();
     let request = format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\n\r\n");
-    stream.write_all(request.as_bytes()).unwrap();
-    let begin = Instant::now();
-    let answer = read(&mut stream);
-    assert!(answer.starts_with(b"HTTP/1.1 200"));
-    assert!(
-        begin.elapsed() < Duration::from_secs(3),
-        "{:?}",
-        begin.elapsed()
-    );
+    // On a busy machine it may be closed before it has asked.
+    eventually(|| {
+        let mut stream = TcpStream::connect(host).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        let _ = stream.write_all(request.as_bytes());
+        let answer = read(&mut stream);
+        assert!(is_closed(&mut stream));
+        answer.starts_with(b"HTTP/1.1 200")
+    });
+}
+
+/// Whether the server has closed it, after everything that came was read.
+fn is_closed(stream: &mut TcpStream) -> bool {
+    match stream.read(&mut [0]) {
+        Ok(n) => n == 0,
+        Err(e) => !matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut),
+    }
 }
 
 #[test]
@@ -641,24 +660,27 @@ fn who_takes_nothing_is_cut_off() {
     let host = setup.server.address();
     let request =
         format!("GET /api/sessions/walk-2/files/rig/large.bin HTTP/1.1\r\nHost: {host}\r\n\r\n");
-    let mut streams: Vec<TcpStream> = (0..8)
-        .map(|_| {
-            let mut stream = TcpStream::connect(host).unwrap();
-            stream.write_all(request.as_bytes()).unwrap();
-            stream
-        })
-        .collect();
-    for _ in 0..15 {
-        setup.is_well();
-        std::thread::sleep(Duration::from_millis(100));
-    }
-    for stream in &mut streams {
+    let ask = || {
+        let mut stream = TcpStream::connect(host).unwrap();
+        stream.write_all(request.as_bytes()).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
         stream
-            .set_read_timeout(Some(Duration::from_secs(2)))
-            .unwrap();
-        let got = read(stream).len();
-        assert!(got < 64 << 20, "{got} bytes came, so it was never cut off");
-    }
+    };
+    // On a busy machine it takes longer until the server finds out.
+    let is_cut_off = |seconds: u64| {
+        let mut streams: Vec<TcpStream> = (0..8).map(|_| ask()).collect();
+        for _ in 0..10 * seconds {
+            setup.is_well();
+            std::thread::sleep(Duration::from_millis(100));
+        }
+        streams
+            .iter_mut()
+            .all(|stream| read(stream).len() < 64 << 20)
+    };
+    assert!(
+        [2, 10, 60].into_iter().any(is_cut_off),
+        "everything came, so it was never cut off"
+    );
 }
 
 /// So long that nothing in a test ends because of it.
@@ -748,15 +770,8 @@ fn a_handshake_has_three_seconds() {
     for begin in [&b""[..], b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03"] {
         let mut stream = TcpStream::connect(setup.server.address()).unwrap();
         stream.write_all(begin).unwrap();
-        stream
-            .set_read_timeout(Some(Duration::from_secs(60)))
-            .unwrap();
-        let end = stream.read(&mut [0]);
-        let closed = match &end {
-            Ok(n) => *n == 0,
-            Err(e) => e.kind() == std::io::ErrorKind::ConnectionReset,
-        };
-        assert!(closed, "{end:?}");
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        assert!(is_closed(&mut stream));
     }
 }
 
@@ -793,11 +808,11 @@ fn silent_connections_give_way_and_those_let_in_count() {
     eventually(|| status(&setup.get("/api/status")) == 200);
 }
 
-/// Within ten seconds.
+/// Sooner or later.
 fn eventually(done: impl Fn() -> bool) {
     let begin = Instant::now();
     while !done() {
-        assert!(begin.elapsed() < Duration::from_secs(10));
+        assert!(begin.elapsed() < PATIENCE);
         std::thread::sleep(Duration::from_millis(50));
     }
 }
@@ -897,6 +912,17 @@ fn who_speaks_no_tls_to_a_tls_server_gets_nothing() {
             "{answer}"
         );
     }
+    // Who does speak it is served; on a busy machine that takes longer.
+    let limits = Limits {
+        handshake_time: LONG,
+        ..Limits::default()
+    };
+    let setup = start(Options {
+        tls: true,
+        token: true,
+        limits,
+        ..Options::default()
+    });
     assert_eq!(setup.client().sessions().unwrap().len(), 2);
 }
 
@@ -951,9 +977,7 @@ fn requests_with_random_mistakes_harm_nobody() {
             }
         }
         let mut stream = TcpStream::connect(host).unwrap();
-        stream
-            .set_read_timeout(Some(Duration::from_secs(20)))
-            .unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
         let _ = stream.write_all(&bytes);
         let _ = stream.shutdown(std::net::Shutdown::Write);
         let answer = String::from_utf8_lossy(&read(&mut stream)).into_owned();

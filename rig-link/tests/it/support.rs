@@ -1,7 +1,7 @@
 //! A server with a fake rig, and a client that says whatever it is told to.
 
 use std::io::{ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpStream};
+use std::net::{Shutdown, SocketAddr, TcpStream};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -13,6 +13,8 @@ use rig_link::server::{Limits, Server, Settings, serve};
 use rig_link::token::Token;
 
 pub(crate) const TOKEN: &str = "correct-horse-battery";
+/// How long anything may take on a machine that is busy; reached only when something hangs.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(600);
 
 /// A server with the sessions `walk-1` (being recorded if the test says so) and `walk-2`.
 pub(crate) struct Setup {
@@ -98,9 +100,24 @@ impl Setup {
         Client::new(address, fingerprint, token, patience).unwrap()
     }
 
-    /// Sends these bytes and gives what comes back until the connection ends or is silent for a second.
+    /// Sends these bytes and gives what comes back until the connection ends.
     pub(crate) fn raw(&self, bytes: impl AsRef<[u8]>) -> String {
         raw(self.server.address(), bytes.as_ref())
+    }
+
+    /// As [`Self::raw`], for what the server does not hang up after: when it has been silent for a second it is told that
+    /// nothing more comes.
+    pub(crate) fn raw_and_done(&self, bytes: impl AsRef<[u8]>) -> String {
+        let mut stream = TcpStream::connect(self.server.address()).unwrap();
+        let _ = stream.write_all(bytes.as_ref());
+        stream
+            .set_read_timeout(Some(Duration::from_secs(1)))
+            .unwrap();
+        let mut all = read(&mut stream);
+        let _ = stream.shutdown(Shutdown::Write);
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        all.extend(read(&mut stream));
+        String::from_utf8_lossy(&all).into_owned()
     }
 
     /// A well-formed request with these headers, on a connection of its own.
@@ -123,17 +140,11 @@ impl Setup {
         self.request(&format!("POST {path}"), &headers, body)
     }
 
-    /// The server still answers, at once.
+    /// The server still answers.
     pub(crate) fn is_well(&self) {
-        let start = Instant::now();
         let answer = self.request("GET /api/status", &bearer(TOKEN), "");
         assert_eq!(status(&answer), 200, "{answer}");
         assert!(answer.contains("\"state\""), "{answer}");
-        assert!(
-            start.elapsed() < Duration::from_secs(2),
-            "{:?}",
-            start.elapsed()
-        );
     }
 }
 
@@ -141,11 +152,11 @@ pub(crate) fn bearer(token: &str) -> String {
     format!("Authorization: Bearer {token}\r\n")
 }
 
-/// Gives up soon.
+/// Gives up after few tries.
 pub(crate) fn impatient() -> Patience {
     Patience {
-        connect: Duration::from_secs(2),
-        silence: Duration::from_secs(5),
+        connect: Duration::from_secs(60),
+        silence: Duration::from_secs(60),
         tries: 4,
         pause: Duration::from_millis(10),
         longest_pause: Duration::from_millis(100),
@@ -154,9 +165,7 @@ pub(crate) fn impatient() -> Patience {
 
 pub(crate) fn raw(address: SocketAddr, bytes: &[u8]) -> String {
     let mut stream = TcpStream::connect(address).unwrap();
-    stream
-        .set_read_timeout(Some(Duration::from_secs(1)))
-        .unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
     // The server may hang up before it has read everything.
     let _ = stream.write_all(bytes);
     String::from_utf8_lossy(&read(&mut stream)).into_owned()
@@ -178,9 +187,7 @@ pub(crate) fn read(stream: &mut TcpStream) -> Vec<u8> {
 
 /// One answer, of which the connection stays open.
 pub(crate) fn read_one(stream: &mut TcpStream) -> String {
-    stream
-        .set_read_timeout(Some(Duration::from_secs(60)))
-        .unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
     let mut all = Vec::new();
     let mut block = [0; 4096];
     loop {

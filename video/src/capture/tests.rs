@@ -6,6 +6,8 @@ use super::*;
 
 const CHAIN: &str =
     "videotestsrc name=camera is-live=true num-buffers=4 ! video/x-raw,framerate=25/1";
+/// Reached only when something hangs.
+const LONG: Duration = Duration::from_secs(600);
 
 /// Captures with every buffer changed as it leaves the camera.
 fn changed(
@@ -24,7 +26,7 @@ fn changed(
     let mut capture = Capture::start_with(settings, Arc::new(|| 5), look).unwrap();
     let mut events = Vec::new();
     loop {
-        let event = capture.next(Duration::from_secs(20)).unwrap();
+        let event = capture.next(LONG).unwrap();
         let last = !matches!(event, CaptureEvent::Frame(_) | CaptureEvent::Lost(_));
         events.push(event);
         if last {

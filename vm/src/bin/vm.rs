@@ -189,7 +189,7 @@ fn run(args: &RunArgs) -> Result<ExitCode> {
 /// Some machines do not let a program trace its children, which User-Mode Linux does all the time: there is no test
 /// there, and that is no failure of what would be tested.
 fn try_a_guest(machine: &Machine, folder: &Path) -> Result<()> {
-    const LIMIT: Duration = Duration::from_secs(120);
+    const LIMIT: Duration = Duration::from_secs(600);
     make_empty(folder)?;
     let tried = Guest::new(folder, "true").run(machine, LIMIT);
     match tried.and_then(|ended| ended.success()) {

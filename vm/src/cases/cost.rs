@@ -294,7 +294,7 @@ pub fn measure(bench: &Bench, setup: Setup, window_s: u32) -> Result<Cost> {
     let disk = bench.folder.join("disk.img");
     image::formatted(&disk, 512 << 20, FileSystem::Ext4)?;
     fs::write(job.join("pawsd.toml"), setup.config())?;
-    let limit = Duration::from_secs(u64::from(2 * window_s) + 240);
+    let limit = Duration::from_secs(u64::from(2 * window_s) + 1800);
     Guest::new(&job, setup.script(window_s))
         .disk(&disk)
         .run(&bench.machine, limit)?

@@ -141,7 +141,7 @@ impl Rig {
             image::formatted(&disk, 1 << 30, FileSystem::Ext4)?;
             guest = guest.disk(disk);
         }
-        let limit = Duration::from_secs(600 + 10 * u64::from(self.take_s));
+        let limit = Duration::from_secs(1800 + 10 * u64::from(self.take_s));
         guest.run(&bench.machine, limit)?.success()?;
         let sessions = Account::read_all(&job.join("sessions"))?;
         let expected = usize::from(self.gpio) + usize::from(self.with_key);
@@ -194,7 +194,11 @@ impl Rig {
             );
         }
         let seconds = session.stream(IMU)?.span_ns / 1_000_000_000;
-        let most = i64::from(self.take_s) + if self.virtual_time { 2 } else { 60 };
+        // In real time the host decides when the stop comes.
+        let most = match self.virtual_time {
+            true => i64::from(self.take_s) + 2,
+            false => i64::MAX,
+        };
         ensure!(
             (i64::from(self.take_s) - 1..=most).contains(&seconds),
             "a session of {seconds} s, expected {}",
@@ -312,7 +316,7 @@ fn pair(bench: &Bench) -> Result<Report> {
     let take_s: u64 = if bench.quick { 3 } else { 6 };
     let script = format!("TAKE_S={take_s}\n{PAIR_SCRIPT}");
     let guest = Guest::new(&job, script).memory_mb(1424).virtual_time();
-    let limit = Duration::from_secs(600);
+    let limit = Duration::from_secs(1800);
     guest.run(&bench.machine, limit)?.success()?;
     let sessions = Account::read_all(&job.join("sessions"))?;
     let [session] = &sessions[..] else {

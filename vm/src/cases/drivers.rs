@@ -20,7 +20,7 @@ pub(super) const CASE: Case = Case {
     run,
 };
 
-/// In real time: the tests measure it, and say so where the machine is too busy.
+/// In virtual time, where a busy host is never late for a camera.
 const SCRIPT: &str =
     "ERROR_INJECTION=1 cameras 30 && PAWS_VIVID=1 v4l2-vivid --test-threads=1 >tests.txt 2>&1";
 
@@ -34,7 +34,8 @@ fn run(bench: &Bench) -> Result<Report> {
     let job = bench.folder("job")?;
     let ended = Guest::new(&job, SCRIPT)
         .error_injection()
-        .run(&bench.machine, Duration::from_secs(300))?
+        .virtual_time()
+        .run(&bench.machine, Duration::from_secs(1800))?
         .success();
     let told = fs::read_to_string(job.join("tests.txt")).unwrap_or_default();
     let failed: Vec<&str> = told.lines().filter(|l| l.ends_with("FAILED")).collect();

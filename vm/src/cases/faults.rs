@@ -134,7 +134,7 @@ impl Fault {
         let guest = Guest::new(&job, script).error_injection().memory_mb(1536);
         let ended = guest
             .virtual_time()
-            .run(&bench.machine, Duration::from_secs(600));
+            .run(&bench.machine, Duration::from_secs(1800));
         ended?.success()?;
         let left = Left {
             fault: *self,

@@ -1,6 +1,9 @@
 //! `power-cuts`: the power is cut at every kind of instant of a recording, on real file systems. Does every session
 //! open, is all there that was reported durable, and how much is lost?
 //!
+//! The first two must be so. How much is lost is reported and no bound is asserted: on a busy host frames wait in front of
+//! the encoders, a cut takes them too, and nothing promised that they are on disk.
+//!
 //! Two kinds of cuts. [`replayed`]: one recording through dm-log-writes gives every disk that a cut may have
 //! left, torn caches included; hundreds are mounted and examined. [`live`]: guests are killed while they record.
 //! The negative control records with syncs that do nothing, and must be caught.
@@ -29,8 +32,6 @@ pub(super) const CASE: Case = Case {
     run,
 };
 
-/// Longest time that a cut may take of a stream, ns.
-const MOST_LOST_NS: i64 = 1_000_000_000;
 /// The length of chunks that the daemon has by default, ms.
 const CHUNK_MS: u32 = 500;
 
@@ -60,14 +61,8 @@ impl Cut {
     /// What is wrong with it, if anything is.
     fn wrong(&self) -> Option<String> {
         let torn = if self.torn { ", torn" } else { "" };
-        if let Some(error) = &self.error {
-            return Some(format!("cut at {}{torn}: {error}", self.at));
-        }
-        let too_much = self.lost.iter().find(|(_, lost)| **lost > MOST_LOST_NS);
-        too_much.map(|(stream, lost)| {
-            let ms = lost / 1_000_000;
-            format!("cut at {}{torn}: {stream} lost {ms} ms", self.at)
-        })
+        let error = self.error.as_ref()?;
+        Some(format!("cut at {}{torn}: {error}", self.at))
     }
 }
 

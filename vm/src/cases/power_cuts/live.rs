@@ -23,11 +23,11 @@ const DISK_BYTES: u64 = 512 << 20;
 /// The earliest and the latest cut after the recorder said that it began, ms.
 const AFTER_MS: (u64, u64) = (50, 4000);
 /// How long a guest may take to begin.
-const BEGIN_LIMIT: Duration = Duration::from_secs(120);
+const BEGIN_LIMIT: Duration = Duration::from_secs(1800);
 
 const SCRIPT: &str = r"
 mkdir -p /run/archive && mount $DISK0 /run/archive || exit 9
-vm-guest pump -- pawsd record --config pawsd.toml --out /run/archive --seconds 60 --json 2>recorder.txt
+vm-guest pump -- pawsd record --config pawsd.toml --out /run/archive --seconds 600 --json 2>recorder.txt
 ";
 
 /// Cuts the power of `count` guests, one after the other, and examines what is left.
@@ -101,7 +101,7 @@ fn cut(bench: &Bench, job: &Path, disk: &PathBuf, after: Duration) -> Result<Vec
     let mut lines = vec![Mark::Started.to_string()];
     // Lines come all the time, so this is over in time.
     while Instant::now() < until {
-        let line = guest.line(Duration::from_secs(10))?;
+        let line = guest.line(BEGIN_LIMIT)?;
         lines.push(line.context("the guest ended before it was cut")?);
     }
     lines.extend(guest.cut_power());

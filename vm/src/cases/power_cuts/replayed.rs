@@ -60,7 +60,7 @@ impl Recording {
     /// Records in a guest.
     ///
     /// # Errors
-    /// The guest fails, or the recording is not whole.
+    /// The guest or the recording fails.
     pub fn make(bench: &Bench, name: &str, plan: Plan) -> Result<Self> {
         let job = bench.folder(name)?;
         let [base, disk, writes] = ["base.img", "disk.img", "log.img"].map(|file| job.join(file));
@@ -83,12 +83,13 @@ vm-guest pump --device lw -- {preload} pawsd record --config pawsd.toml --out /r
 code=$?
 mkdir reference && cp -r /run/archive/*-* reference/
 umount /run/archive && dmsetup remove lw || exit 7
-exit $code
+# 3: the host was too busy for all frames; what is there is judged.
+[ $code -eq 0 ] || [ $code -eq 3 ] || exit $code
 "#,
             plan.seconds
         );
         let guest = Guest::new(&job, script).disk(&disk).disk(&writes);
-        let limit = Duration::from_secs(120 + 10 * u64::from(plan.seconds));
+        let limit = Duration::from_secs(1800 + 10 * u64::from(plan.seconds));
         guest
             .run(&bench.machine, limit)?
             .success()
@@ -207,7 +208,7 @@ pub(super) fn examine(
         let _ = write!(script, "--reference '{}' ", session.display());
     }
     script += "<states.txt >found.txt 2>exam.txt";
-    let limit = Duration::from_secs(120 + 20 * states.len() as u64);
+    let limit = Duration::from_secs(1800 + 20 * states.len() as u64);
     Guest::new(job, script)
         .run(&bench.machine, limit)?
         .success()
