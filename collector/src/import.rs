@@ -42,7 +42,7 @@ use self::copy::{Copied, copy_all};
 use self::following::{Board, Following};
 use self::journal::Journal;
 use self::source::{SourceFile, list_files};
-use self::there::There;
+use self::there::{There, Worth};
 use crate::condition::Condition;
 use crate::console::Clock;
 use crate::library::{INCOMING, Library, SESSIONS, is_key, sync_folder};
@@ -244,7 +244,7 @@ pub fn import(
             journal::remove(&library.incoming(&key))?;
             return Ok(*imported);
         }
-        There::Worse(condition) => Some(condition),
+        There::Worse(old) => Some(old),
     };
 
     let mut copy = copy_and_check(library, &key, source, &files, progress, hook)?;
@@ -270,7 +270,10 @@ pub fn import(
         .write(&incoming)
         .map_err(failed("writing the import record", &incoming))?;
     let replaced = match old {
-        Some(old) => Some(there::make_way(library, &key, source, old, copy.condition)?),
+        Some(old) => {
+            let new = Worth::of(copy.condition, &copy.report);
+            Some(there::make_way(library, &key, source, old, new)?)
+        }
         None => None,
     };
     publish(library, &key, hook)?;

@@ -3,12 +3,16 @@
 use std::fs;
 use std::io;
 use std::path::Path;
+use std::sync::Arc;
 
 use collector::condition::Condition;
 use collector::console::Clock;
 use collector::import::{Hook, ImportError, Imported, Step, import, no_hook};
 use collector::library::Library;
 use collector::progress::Progress;
+use session_archive::reader::SessionReader;
+use session_archive::recover::{close_cut_off, recover};
+use session_archive::storage::DiskStorage;
 
 use crate::support::{ID, Session, tree};
 
@@ -161,6 +165,74 @@ fn a_cut_one_replaces_a_damaged_one_and_a_whole_one_the_cut_one() {
     assert_is(&root, &format!("{ID}.damaged"), &at("damaged"));
     assert_is(&root, &format!("{ID}.damaged-2"), &at("cut"));
     assert_eq!(Library::open(&root).unwrap().find(&ID[..8]).unwrap(), ID);
+}
+
+/// A session that was cut off, one that was damaged beside that, one that the rig closed, and one that was saved from
+/// the damaged one.
+fn cut_off(folder: &Path) {
+    let at = |name: &str| folder.join(name);
+    let mut session = Session::with_units(2.0, 2000);
+    session.closed = false;
+    session.write(&at("cut"));
+    let segment = at("cut/segments/000000.mcap");
+    let mut bytes = fs::read(&segment).unwrap();
+    bytes.truncate(bytes.len() - 100);
+    fs::write(&segment, &bytes).unwrap();
+    copy(&at("cut"), &at("closed"));
+    let storage = |name: &str| Arc::new(DiskStorage::new(at(name)));
+    assert!(close_cut_off(storage("closed")).unwrap().is_some());
+    copy(&at("cut"), &at("damaged"));
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(at("damaged/segments/000000.mcap"), &bytes).unwrap();
+    let damaged = SessionReader::open(storage("damaged")).unwrap();
+    recover(&damaged, storage("saved"), |_| {}).unwrap();
+}
+
+#[test]
+fn one_that_the_rig_closed_is_better_than_its_cut_off_copy_in_either_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    cut_off(folder.path());
+    let aside = format!("{ID}.damaged");
+
+    let root = at("library");
+    let first = import_with(&root, &at("cut"), &no_hook).unwrap();
+    assert_eq!(first.condition, Condition::Unclosed);
+    let closed = import_with(&root, &at("closed"), &no_hook).unwrap();
+    assert_eq!(closed.condition, Condition::Recovered);
+    assert_eq!(closed.replaced.as_ref(), Some(&aside));
+    assert_is(&root, ID, &at("closed"));
+    assert_is(&root, &aside, &at("cut"));
+
+    let root = at("other library");
+    import_with(&root, &at("closed"), &no_hook).unwrap();
+    let error = import_with(&root, &at("cut"), &no_hook).unwrap_err();
+    assert!(matches!(error, ImportError::Differs { .. }), "{error}");
+    let error = import_with(&root, &at("damaged"), &no_hook).unwrap_err();
+    assert!(matches!(error, ImportError::Differs { .. }), "{error}");
+    assert_eq!(rows(&root), [(ID.to_owned(), Condition::Recovered)]);
+    assert_is(&root, ID, &at("closed"));
+}
+
+#[test]
+fn what_was_saved_from_a_damaged_one_does_not_replace_a_cut_off_one_with_more() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    cut_off(folder.path());
+
+    let root = at("library");
+    let first = import_with(&root, &at("saved"), &no_hook).unwrap();
+    assert_eq!(first.condition, Condition::Recovered);
+    let cut = import_with(&root, &at("cut"), &no_hook).unwrap();
+    assert_eq!(cut.replaced, Some(format!("{ID}.damaged")));
+    assert_is(&root, ID, &at("cut"));
+
+    let root = at("other library");
+    import_with(&root, &at("cut"), &no_hook).unwrap();
+    let error = import_with(&root, &at("saved"), &no_hook).unwrap_err();
+    assert!(matches!(error, ImportError::Differs { .. }), "{error}");
+    assert_is(&root, ID, &at("cut"));
 }
 
 #[test]
