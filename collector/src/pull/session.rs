@@ -113,8 +113,10 @@ impl Puller<'_> {
         };
         let held = total(&record.files);
         let receipt = summary.receipt.as_ref();
-        // A receipt for the same content was given when the library's copy was compared.
-        if receipt.is_none_or(|r| r.list != held.list) {
+        // A receipt for the same content was given when the library's copy was compared. It is compared again if it is
+        // known to be worse since, and before the rig's may go: that may be the last one.
+        let is_known = receipt.is_some_and(|r| r.list == held.list) && !condition.needs_recovery();
+        if !is_known {
             let manifest = client.manifest(&summary.name, |_| {})?;
             if let Some(what) = difference(&manifest, &record.files) {
                 if condition.needs_recovery() {
@@ -125,6 +127,8 @@ impl Puller<'_> {
                     folder.display()
                 );
             }
+        }
+        if !is_known || self.free {
             match adopt::still_there(folder, &record.files, self.progress) {
                 // What the library's disk has done to it since.
                 Err(ImportError::Changed { what, .. }) => {
