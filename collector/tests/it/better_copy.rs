@@ -277,19 +277,61 @@ fn what_a_stopped_import_of_a_damaged_copy_left_does_not_spoil_the_whole_one() {
     let at = |name: &str| folder.path().join(name);
     copies(folder.path());
     // Copies that keep the times, as `cp -p` and disks do.
-    let segment = |name: &str| at(name).join("segments/000000.mcap");
-    let time = fs::metadata(segment("whole")).unwrap().modified().unwrap();
-    let flipped = fs::File::options().write(true).open(segment("flipped"));
-    flipped.unwrap().set_modified(time).unwrap();
+    for path in tree(&at("whole")).keys() {
+        let whole = fs::metadata(at("whole").join(path)).unwrap();
+        let flipped = fs::File::options()
+            .write(true)
+            .open(at("flipped").join(path))
+            .unwrap();
+        flipped.set_modified(whole.modified().unwrap()).unwrap();
+    }
     let root = at("library");
     let stop = |step: &Step| match step {
         Step::SyncFolders => Err(io::Error::other("killed")),
         _ => Ok(()),
     };
     import_with(&root, &at("flipped"), &stop).unwrap_err();
+    // All that is copied now is what differs; it is not given up before the other is there.
+    let stop = |step: &Step| match step {
+        Step::Note(_) => Err(io::Error::other("killed")),
+        _ => Ok(()),
+    };
+    import_with(&root, &at("whole"), &stop).unwrap_err();
+    let left = root.join(".incoming").join(ID);
+    assert!(tree(&left) == tree(&at("flipped")));
     let imported = import_with(&root, &at("whole"), &no_hook).unwrap();
     assert_eq!(imported.condition, Condition::Ok);
+    let segment = fs::metadata(at("whole/segments/000000.mcap")).unwrap();
+    assert_eq!(imported.copied, segment.len());
+    assert!(imported.resumed > 0);
     assert_is(&root, ID, &at("whole"));
+    assert_eq!(fs::read_dir(root.join(".incoming")).unwrap().count(), 0);
+}
+
+#[test]
+fn what_a_stopped_import_of_a_cut_off_session_saved_is_kept_when_its_disk_dies() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    cut_off(folder.path());
+    let root = at("library");
+    let stop = |step: &Step| match step {
+        Step::SyncFolders => Err(io::Error::other("killed")),
+        _ => Ok(()),
+    };
+    import_with(&root, &at("cut"), &stop).unwrap_err();
+    let recorded = tree(&at("cut"));
+    let bytes: usize = recorded.values().map(Vec::len).sum();
+    // From here on the segment cannot be read any more.
+    let die = |step: &Step| match step {
+        Step::SyncFolders => fs::remove_file(at("cut/segments/000000.mcap")),
+        _ => Ok(()),
+    };
+    let imported = import_with(&root, &at("cut"), &die).unwrap();
+    assert_eq!(imported.condition, Condition::Unclosed);
+    assert_eq!((imported.copied, imported.resumed), (0, bytes as u64));
+    let mut there = tree(&root.join("sessions").join(ID));
+    assert!(there.remove("import.json").is_some());
+    assert!(there == recorded);
 }
 
 #[test]
