@@ -142,7 +142,7 @@ pub(super) fn look(
 /// # Errors
 /// [`ImportError::Differs`] if the other is no better after all, or the disk says no.
 pub(crate) fn make_way(
-    library: &Library,
+    library: &mut Library,
     key: &str,
     source: &Path,
     old: Worth,
@@ -159,6 +159,11 @@ pub(crate) fn make_way(
         })
         .find(|key| !library.folder(key).exists());
     let aside = free.unwrap_or_default();
+    // Its row would be taken for the other's if this were stopped before that is listed. Opening the library lists it again.
+    library.forget(key).map_err(|e| ImportError::Catalogue {
+        key: key.to_owned(),
+        reason: format!("{e:#}"),
+    })?;
     let (from, to) = (library.folder(key), library.folder(&aside));
     rename_new(&from, &to).map_err(failed("setting the damaged session aside", &from))?;
     sync_published(library, key)?;

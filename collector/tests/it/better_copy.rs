@@ -257,16 +257,25 @@ fn stopped_at_any_step_of_replacing_both_copies_are_there() {
         };
         import_with(&root, &at("whole"), &stop).unwrap_err();
         stopped += 1;
-        let keys: Vec<String> = rows(&root).into_iter().map(|r| r.0).collect();
-        let damaged = keys.iter().find(|key| {
+        let there = rows(&root);
+        let is_flipped = |key: &str| {
             let file = root.join("sessions").join(key).join("segments/000000.mcap");
             fs::read(file).unwrap() == fs::read(at("flipped/segments/000000.mcap")).unwrap()
-        });
-        assert!(damaged.is_some(), "{step:?}: {keys:?}");
+        };
+        let damaged = there.iter().filter(|(key, _)| is_flipped(key));
+        assert_eq!(damaged.count(), 1, "{step:?}: {there:?}");
+        for (key, condition) in &there {
+            let is_damaged = *condition == Condition::Damaged;
+            assert_eq!(is_damaged, is_flipped(key), "{step:?}: {there:?}");
+        }
         let _ = import_with(&root, &at("whole"), &no_hook).unwrap();
         assert_is(&root, ID, &at("whole"));
         assert_is(&root, &format!("{ID}.damaged"), &at("flipped"));
-        assert_eq!(rows(&root).len(), 2, "{step:?}");
+        let both = [
+            (ID.to_owned(), Condition::Ok),
+            (format!("{ID}.damaged"), Condition::Damaged),
+        ];
+        assert_eq!(rows(&root), both, "{step:?}");
     }
     assert_eq!(stopped, 6);
 }
