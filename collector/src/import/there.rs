@@ -24,11 +24,11 @@ use super::source::SourceFile;
 use super::{ImportError, ImportRecord, Imported, failed, rename_new, sync_published};
 use crate::catalogue::Row;
 use crate::condition::Condition;
-use crate::library::Library;
+use crate::library::{Library, MAX_KEY};
 use crate::text;
 
 /// What a session's key has behind it that made way for a better one; `-2` and so on where that is taken.
-pub(crate) const DAMAGED: &str = ".damaged";
+const DAMAGED: &str = ".damaged";
 
 /// What is in the library under a session's key.
 pub(crate) enum There {
@@ -154,8 +154,8 @@ pub(crate) fn make_way(
     }
     let free = (1_u32..)
         .map(|n| match n {
-            1 => format!("{key}{DAMAGED}"),
-            n => format!("{key}{DAMAGED}-{n}"),
+            1 => aside_key(key, DAMAGED),
+            n => aside_key(key, &format!("{DAMAGED}-{n}")),
         })
         .find(|key| !library.folder(key).exists());
     let aside = free.unwrap_or_default();
@@ -168,6 +168,19 @@ pub(crate) fn make_way(
     rename_new(&from, &to).map_err(failed("setting the damaged session aside", &from))?;
     sync_published(library, key)?;
     Ok(aside)
+}
+
+/// A key with something behind it; of a long one the beginning, so that it stays one that is listed.
+fn aside_key(key: &str, suffix: &str) -> String {
+    let room = MAX_KEY.saturating_sub(suffix.len());
+    let begins = key.get(..room).unwrap_or(key);
+    format!("{begins}{suffix}")
+}
+
+/// Whether the session `aside` is one that made way for `key`.
+pub(crate) fn made_way(aside: &str, key: &str) -> bool {
+    let is_of = |at: usize| aside_key(key, &aside[at..]) == aside;
+    aside != key && aside.rfind(DAMAGED).is_some_and(is_of)
 }
 
 /// What the library's session is worth, by the last that looked; by a look now if nobody has.

@@ -344,6 +344,34 @@ fn what_a_stopped_import_of_a_cut_off_session_saved_is_kept_when_its_disk_dies()
 }
 
 #[test]
+fn one_with_the_longest_identifier_that_makes_way_is_listed() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let id = "x".repeat(100);
+    let mut session = Session::with_units(2.0, 2000);
+    session.spec.session_id = id.clone();
+    session.write(&at("whole"));
+    copy(&at("whole"), &at("flipped"));
+    let segment = at("flipped/segments/000000.mcap");
+    let mut bytes = fs::read(&segment).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&segment, bytes).unwrap();
+    let root = at("library");
+    import_with(&root, &at("flipped"), &no_hook).unwrap();
+    let aside = import_with(&root, &at("whole"), &no_hook).unwrap().replaced;
+    let aside = aside.unwrap();
+    let both = [
+        (format!("{}.damaged", "x".repeat(92)), Condition::Damaged),
+        (id.clone(), Condition::Ok),
+    ];
+    assert_eq!(rows(&root), both);
+    let library = Library::open(&root).unwrap();
+    assert_eq!(library.find("xxx").unwrap(), id);
+    assert_eq!(library.find(&aside).unwrap(), aside);
+}
+
+#[test]
 fn a_session_that_rotted_in_the_library_is_replaced_once_that_is_known() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
