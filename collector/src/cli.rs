@@ -218,7 +218,7 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
     // A second run in one process keeps the first one's.
     let _ = logger.try_init();
     if let Verb::External(words) = &cli.verb {
-        return external_verb(words, cli.library);
+        return external_verb(words, cli.verbosity, cli.library);
     }
     let show = match (cli.verbosity.is_quiet(), io::stderr().is_terminal()) {
         (true, _) => Show::Nothing,
@@ -424,12 +424,12 @@ fn help_of_a_program(arguments: &[OsString]) -> Option<ExitCode> {
 }
 
 /// Becomes `paws-VERB`, or names the nearest verb.
-fn external_verb(words: &[OsString], library: Option<PathBuf>) -> ExitCode {
+fn external_verb(words: &[OsString], verbosity: Verbosity, library: Option<PathBuf>) -> ExitCode {
     let name = words.first().map(|w| w.to_string_lossy().into_owned());
     let name = name.unwrap_or_default();
     if let Some(program) = external::program(&name) {
         let library = library_of(library);
-        match external::hand_on(&name, &words[1..], library.as_deref()) {
+        match external::hand_on(&name, verbosity, &words[1..], library.as_deref()) {
             Ok(words) => {
                 let error = external::become_program(&program, &words);
                 complain!("paws: starting {}: {error}", program.display());
