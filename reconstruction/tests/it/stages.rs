@@ -54,7 +54,7 @@ fn a_rig_that_nobody_knows_is_an_error_that_says_what_is_missing() {
     );
     for mends in [
         "`paws calib cameras BOARDS --target board.toml --out calibration`",
-        "`paws-reconstruct run SESSION --calibration calibration --out SCENE`",
+        "`paws reconstruct run SESSION --calibration calibration --out SCENE`",
     ] {
         assert!(errors.contains(mends), "no {mends} in {errors}");
     }
