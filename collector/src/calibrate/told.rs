@@ -114,10 +114,16 @@ impl ToldRig {
         calib::foxglove::lens([c.width, c.height], &c.distortion_model, &c.d, &c.k)
     }
 
-    /// `rig_from_left` of a camera.
+    /// `rig_from_left` of a camera; that of the origin is held.
     pub fn rig_from_left(&self, camera: &str) -> Option<Told> {
         let left = Frame::of_camera(camera, FramePart::Left).ok()?;
-        self.told(&Frame::rig(), &left, WORKSHOP)
+        let mut told = self.told(&Frame::rig(), &left, WORKSHOP)?;
+        let rig = self.rig.as_ref().map(|(_, rig)| rig);
+        if rig.and_then(Rig::origin_camera) == Some(camera) {
+            // It stays where it is by definition, or the next revision would have no origin.
+            told.covariance = Matrix6::zeros();
+        }
+        Some(told)
     }
 
     /// `left_from_right` of a camera: as recorded, which is the maker's calibration where there is one.
@@ -251,5 +257,13 @@ mod tests {
         assert!(told(false).rig_from_left("chest").is_some());
         assert!(told(true).rig_from_left("chest").is_none());
         assert!(told(true).rig_from_left("feet").is_some());
+    }
+
+    #[test]
+    fn the_origin_of_a_rig_is_held() {
+        let origin = told(true).rig_from_left("feet").unwrap();
+        assert_eq!(origin.covariance, Matrix6::zeros());
+        let other = told(false).rig_from_left("chest").unwrap();
+        assert_eq!(other.covariance, even(WORKSHOP));
     }
 }
