@@ -155,7 +155,13 @@ fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
     assert_eq!(second["notes"], first["notes"]);
     let mut more = arguments.to_vec();
     more.push("--again");
+    // Images of what was seen are no part of the bundle: it is made although they cannot be written.
+    let seen = Path::new(&out).join("seen.jsonl");
+    fs::remove_file(&seen).expect("it was written");
+    fs::create_dir(&seen).expect("a folder");
     assert_eq!(stage(&more)["state"], "made");
+    assert!(!Path::new(&out).join("seen.jsonl.new").exists());
+    fs::remove_dir(&seen).expect("empty");
     more.truncate(arguments.len());
     more.extend(["--line-us", "feet=22.5"]);
     let third = stage(&more);
