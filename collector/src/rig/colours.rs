@@ -75,8 +75,9 @@ mod tests {
 
     fn dark(colour: Colour) -> &'static str {
         let colour = hex(colour);
-        let mut known = DARK.into_iter().filter(|(light, _)| *light == colour);
-        let known = known.next().map(|(_, dark)| dark);
+        let mut all = DARK.into_iter();
+        let known = all.find(|(light, _)| *light == colour);
+        let known = known.map(|(_, dark)| dark);
         known.unwrap_or_else(|| panic!("{colour} has no colour for the dark"))
     }
 
