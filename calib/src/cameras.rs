@@ -12,7 +12,8 @@
 //! result ([`check`]).
 //!
 //! Frames: the world is the target that was seen most. What is told of a camera's place on the rig is a
-//! prior, so the rig's own frame moves as little as it can. Where nothing is told the first camera is the origin:
+//! prior, so the rig's own frame moves as little as it can; what is told without any tolerance is held. Where nothing is
+//! told the first camera is the origin:
 //! `rig` is at its left lens, x along the view, y to the left, z up in its image ([`Input::origin`]).
 
 use cad_transforms::RigidTransform;
@@ -77,7 +78,7 @@ pub struct Camera {
     pub right: Option<usize>,
     /// What the factory says of `left_from_right`.
     pub left_from_right: Option<Told>,
-    /// What the rig file says of `rig_from_left`.
+    /// What the rig file says of `rig_from_left`; with a covariance of 0 it is held.
     pub rig_from_left: Option<Told>,
 }
 

@@ -7,7 +7,7 @@
 //! their places; `sensor_from_rig`, quaternion `w x y z`, takes points from the rig to the sensor.
 //! FOV and thin-prism models are refused.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use cad_transforms::RigidTransform;
@@ -109,8 +109,9 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
 }
 
 fn text(path: &Path, notes: &mut Vec<Note>) -> Result<Vec<(u32, CameraModel)>, CalibError> {
-    let source = Source::read(path)?;
+    let source = Source::read_document(path)?;
     let mut cameras: Vec<(u32, CameraModel)> = Vec::new();
+    let mut known = BTreeSet::new();
     let mut announced = None;
     for (line, text) in source.lines() {
         if let Some(count) = text.strip_prefix("# Number of cameras:") {
@@ -129,7 +130,7 @@ fn text(path: &Path, notes: &mut Vec<Note>) -> Result<Vec<(u32, CameraModel)>, C
                 .map_err(|_| source.malformed(line, word, "a whole number"))
         };
         let id = whole(id)?;
-        if cameras.iter().any(|(other, _)| *other == id) {
+        if !known.insert(id) {
             return Err(source.malformed(line, text, "each CAMERA_ID once"));
         }
         let parameters = parameters
@@ -213,11 +214,8 @@ fn camera(model: &str, [width, height]: [u32; 2], p: &[f64]) -> CameraModel {
 }
 
 fn binary(path: &Path) -> Result<Vec<(u32, CameraModel)>, CalibError> {
-    let bytes =
-        plain_file::read(path, plain_file::TEXT_LIMIT).map_err(|source| CalibError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
+    let bytes = plain_file::read(path, plain_file::DOCUMENT_LIMIT);
+    let bytes = bytes.map_err(|source| CalibError::unread(path, source))?;
     let mut rest = &bytes[..];
     let cut = |camera: u64| CalibError::Missing {
         path: path.to_owned(),
@@ -230,6 +228,7 @@ fn binary(path: &Path) -> Result<Vec<(u32, CameraModel)>, CalibError> {
     };
     let count = u64::from_le_bytes(take(&mut rest).ok_or_else(|| cut(0))?);
     let mut cameras: Vec<(u32, CameraModel)> = Vec::new();
+    let mut known = BTreeSet::new();
     for number in 0..count {
         let end = || cut(number + 1);
         let id = u32::from_le_bytes(take(&mut rest).ok_or_else(end)?);
@@ -247,7 +246,7 @@ fn binary(path: &Path) -> Result<Vec<(u32, CameraModel)>, CalibError> {
                 "camera {id} has {width}x{height} pixels"
             )));
         };
-        if cameras.iter().any(|(other, _)| *other == id) {
+        if !known.insert(id) {
             return Err(implausible(format!("camera {id} comes twice")));
         }
         let parameters = (0..*parameters)
@@ -272,7 +271,7 @@ fn take<const N: usize>(rest: &mut &[u8]) -> Option<[u8; N]> {
 
 /// `camera_from_first` of the cameras in the rig that `first` is in.
 fn places_in_rig(path: &Path, first: u32) -> Result<BTreeMap<u32, RigidTransform>, CalibError> {
-    let source = Source::read(path)?;
+    let source = Source::read_document(path)?;
     for (line, text) in source.lines() {
         if text.is_empty() || text.starts_with('#') {
             continue;

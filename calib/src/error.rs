@@ -1,7 +1,8 @@
 //! What can go wrong while reading a calibration, and what is worth telling although it went right.
 
 use std::fmt;
-use std::path::PathBuf;
+use std::io;
+use std::path::{Path, PathBuf};
 
 /// Why a calibration could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -13,6 +14,19 @@ pub enum CalibError {
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
+    },
+    /// The file is longer than any calibration: make one that has the cameras alone.
+    #[error(
+        "reading a calibration file: found {found} bytes, expected at most {limit}; make one that has the cameras alone, \
+         without images and other frames: {}", path.display()
+    )]
+    TooLong {
+        /// The file.
+        path: PathBuf,
+        /// Its length, bytes.
+        found: u64,
+        /// The most that is read of such a file, bytes.
+        limit: u64,
     },
     /// A line is not what this kind of file has there: correct the line or fetch the file again.
     #[error("reading a calibration: line {line}: found {found}, expected {expected}: {}", path.display())]
@@ -84,6 +98,18 @@ pub enum CalibError {
         /// What the readers look for.
         expected: String,
     },
+}
+
+impl CalibError {
+    /// Of a file that could not be read.
+    pub(crate) fn unread(path: &Path, source: io::Error) -> Self {
+        let path = path.to_owned();
+        let inner = source.get_ref();
+        match inner.and_then(|e| e.downcast_ref::<plain_file::TooLong>()) {
+            Some(&plain_file::TooLong { found, limit }) => Self::TooLong { path, found, limit },
+            None => Self::Read { path, source },
+        }
+    }
 }
 
 /// Something absent, derived or doubtful that did not stop the reading. Show it.

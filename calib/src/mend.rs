@@ -10,8 +10,8 @@ pub const CALIBRATE: &str = "paws calib cameras BOARDS --target board.toml --out
 pub const PLACE_IMUS: &str =
     "paws calib camera-imu BOARDS --target board.toml --calibration calibration --out calibration";
 
-/// Gives lenses and places to a session that was recorded without.
-pub const RECONSTRUCT: &str = "paws-reconstruct run SESSION --calibration calibration --out SCENE";
+/// Gives lenses and places to a session of the library that was recorded without and handed over.
+pub const RECONSTRUCT: &str = "paws reconstruct run SESSION --calibration calibration --out SCENE";
 
 /// What mends a camera without lenses before anything is recorded.
 ///

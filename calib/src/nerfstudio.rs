@@ -34,7 +34,7 @@ const FLIPPED: [f64; 4] = [1.0, -1.0, -1.0, 1.0];
 /// # Errors
 /// [`CalibError`].
 pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
-    let source = Source::read(path)?;
+    let source = Source::read_document(path)?;
     let tree = json::parse(&source)?;
     let root = At::root(&source, &tree);
     let mut notes = Vec::new();

@@ -254,7 +254,10 @@ fn of_file(path: &Path) -> Result<Format, CalibError> {
     if named("cameras.txt") {
         return Ok(Format::Colmap);
     }
-    let source = Source::read(path)?;
+    let source = match extension(&["json", "txt"]) {
+        true => Source::read_document(path)?,
+        false => Source::read(path)?,
+    };
     let first = source
         .lines()
         .map(|(_, line)| line)

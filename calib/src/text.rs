@@ -11,13 +11,19 @@ pub(crate) struct Source {
 }
 
 impl Source {
+    /// A file about one rig.
     pub(crate) fn read(path: &Path) -> Result<Self, CalibError> {
-        let text = plain_file::read_to_string(path, plain_file::TEXT_LIMIT).map_err(|source| {
-            CalibError::Read {
-                path: path.to_owned(),
-                source,
-            }
-        })?;
+        Self::read_up_to(path, plain_file::TEXT_LIMIT)
+    }
+
+    /// A file in which a program may tell of all images of a recording beside the cameras.
+    pub(crate) fn read_document(path: &Path) -> Result<Self, CalibError> {
+        Self::read_up_to(path, plain_file::DOCUMENT_LIMIT)
+    }
+
+    fn read_up_to(path: &Path, limit: u64) -> Result<Self, CalibError> {
+        let text = plain_file::read_to_string(path, limit);
+        let text = text.map_err(|source| CalibError::unread(path, source))?;
         Ok(Self {
             path: path.to_owned(),
             text,

@@ -10,6 +10,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::error::ErrorKind;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use command_line::output::is_broken_pipe;
 use command_line::{Papers, Verbosity, complain};
@@ -200,9 +201,7 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
     if let Some(code) = help_of_a_program(&arguments) {
         return code;
     }
-    let programs = command().after_help(format!("{}\n\n{AFTER}", external::listing()));
-    let parsed = programs.try_get_matches_from(arguments);
-    let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
+    let cli = match parse(&arguments, external::listing) {
         Ok(cli) => cli,
         Err(e) => {
             // Help goes to standard output and is no error.
@@ -218,7 +217,7 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
     // A second run in one process keeps the first one's.
     let _ = logger.try_init();
     if let Verb::External(words) = &cli.verb {
-        return external_verb(words, cli.library);
+        return external_verb(words, cli.verbosity, cli.library);
     }
     let show = match (cli.verbosity.is_quiet(), io::stderr().is_terminal()) {
         (true, _) => Show::Nothing,
@@ -242,6 +241,29 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
             }
         }
     }
+}
+
+/// Reads the command line. `listing` says which programs there are, and is asked for help only: it reads all folders of
+/// PATH.
+fn parse(
+    arguments: &[OsString],
+    listing: impl FnOnce() -> String,
+) -> Result<Cli, clap::error::Error> {
+    let parsed = match command().try_get_matches_from(arguments) {
+        Err(e) if is_help(e.kind()) => command()
+            .after_help(format!("{}\n\n{AFTER}", listing()))
+            .try_get_matches_from(arguments),
+        other => other,
+    };
+    Cli::from_arg_matches(&parsed?)
+}
+
+fn is_help(kind: ErrorKind) -> bool {
+    let help = [
+        ErrorKind::DisplayHelp,
+        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand,
+    ];
+    help.contains(&kind)
 }
 
 /// Marks errors that are about the command line.
@@ -424,12 +446,12 @@ fn help_of_a_program(arguments: &[OsString]) -> Option<ExitCode> {
 }
 
 /// Becomes `paws-VERB`, or names the nearest verb.
-fn external_verb(words: &[OsString], library: Option<PathBuf>) -> ExitCode {
+fn external_verb(words: &[OsString], verbosity: Verbosity, library: Option<PathBuf>) -> ExitCode {
     let name = words.first().map(|w| w.to_string_lossy().into_owned());
     let name = name.unwrap_or_default();
     if let Some(program) = external::program(&name) {
         let library = library_of(library);
-        match external::hand_on(&name, &words[1..], library.as_deref()) {
+        match external::hand_on(&name, verbosity, &words[1..], library.as_deref()) {
             Ok(words) => {
                 let error = external::become_program(&program, &words);
                 complain!("paws: starting {}: {error}", program.display());
@@ -456,6 +478,20 @@ fn external_verb(words: &[OsString], library: Option<PathBuf>) -> ExitCode {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn programs_are_looked_for_only_where_they_are_listed() {
+        let words = |text: &str| -> Vec<OsString> { text.split(' ').map(Into::into).collect() };
+        for text in ["paws list", "paws lisst", "paws list --wrong"] {
+            let _ = parse(&words(text), || panic!("{text}"));
+        }
+        for text in ["paws", "paws --help", "paws -h", "paws help"] {
+            let error = parse(&words(text), || "all programs".to_owned()).unwrap_err();
+            let help = error.to_string();
+            assert!(help.contains("all programs"), "{text}: {help}");
+            assert!(help.contains("Exit codes"), "{text}: {help}");
+        }
+    }
 
     #[test]
     fn every_verb_has_examples_that_the_program_takes() {

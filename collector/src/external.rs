@@ -2,8 +2,9 @@
 //!
 //! Contract: a program is a file `paws-X` that may be executed, beside `paws` or in a folder of PATH; the first one of a
 //! name counts. `paws --help` lists them, those of the toolkit with what they do even where they are missing. Their
-//! arguments are handed on as they are, with one exception: where `paws reconstruct` reads a hand-off, a session of the
-//! library may be named as everywhere else ([`hand_on`]), for `paws-reconstruct` knows nothing of libraries.
+//! arguments are handed on as they are, with two exceptions: where `paws reconstruct` reads a hand-off, a session of the
+//! library may be named as everywhere else ([`hand_on`]), for `paws-reconstruct` knows nothing of libraries; and `-q` and
+//! `-v` before the name of a program of the toolkit are for it, too.
 
 use std::collections::BTreeMap;
 use std::ffi::{OsStr, OsString};
@@ -14,6 +15,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, Result, bail};
+use command_line::Verbosity;
 use session_archive::layout;
 
 use crate::outcome::Outcome;
@@ -36,8 +38,12 @@ const KNOWN: [(&str, &str); 3] = [
         "Look into a scene bundle, check it, write it in the formats of others",
     ),
 ];
+/// Those that know `-q` and `-v`.
+const HAVE_VERBOSITY: [&str; 2] = ["reconstruct", "scene"];
 /// The verbs of `paws-reconstruct` whose first argument is a hand-off.
 const READ_HANDOFF: [&str; 3] = ["info", "frames", "run"];
+/// Their long options that take no value. All others take one, and no short one does.
+const FLAGS: [&str; 5] = ["--again", "--help", "--json", "--quiet", "--verbose"];
 
 /// The folders in which programs are looked for, in their order.
 fn folders() -> Vec<PathBuf> {
@@ -109,32 +115,70 @@ fn is_plain(name: &str) -> bool {
     !name.is_empty() && name.bytes().all(plain)
 }
 
-/// The arguments of a program: those of the user, but for a session named to `paws-reconstruct` the folder of it.
+/// The arguments of a program: those of the user, but for a session named to `paws-reconstruct` the folder of it; before
+/// them how much it is to say.
 ///
 /// # Errors
 /// The library has no such session, or it has not been handed over.
-pub fn hand_on(name: &str, words: &[OsString], library: Option<&Path>) -> Result<Vec<OsString>> {
+pub fn hand_on(
+    name: &str,
+    verbosity: Verbosity,
+    words: &[OsString],
+    library: Option<&Path>,
+) -> Result<Vec<OsString>> {
     let mut words = words.to_vec();
-    let reads = |verb: &OsString| READ_HANDOFF.iter().any(|known| verb == known);
-    if name != "reconstruct" || !words.first().is_some_and(reads) {
-        return Ok(words);
-    }
-    let Some(text) = words.get(1).and_then(|word| word.to_str()) else {
-        return Ok(words);
+    let place = match name {
+        "reconstruct" => place_of_handoff(&words),
+        _ => None,
     };
-    if text.starts_with('-') || Path::new(text).exists() {
-        return Ok(words);
+    if let Some(at) = place
+        && let Some(text) = words[at].to_str()
+        && !text.starts_with('-')
+        && !Path::new(text).exists()
+    {
+        let target = Target::find(text, library)?;
+        if !target.folder.join(layout::HANDOFF).is_file() {
+            bail!(
+                "session {} has not been handed over; `paws handoff {text}` does so: {}",
+                target.name(),
+                target.folder.display()
+            );
+        }
+        words[at] = target.folder.into();
     }
-    let target = Target::find(text, library)?;
-    if !target.folder.join(layout::HANDOFF).is_file() {
-        bail!(
-            "session {} has not been handed over; `paws handoff {text}` does so: {}",
-            target.name(),
-            target.folder.display()
-        );
+    if HAVE_VERBOSITY.contains(&name) {
+        let is_quiet = words.iter().any(|word| word == "-q" || word == "--quiet");
+        let options = verbosity.options().into_iter();
+        // Said twice it would be refused.
+        let options = options.filter(|option| !is_quiet || *option != "-q");
+        words.splice(0..0, options.map(OsString::from));
     }
-    words[1] = target.folder.into();
     Ok(words)
+}
+
+/// Where among the words for `paws-reconstruct` the hand-off is: the first behind the verb that is neither an option
+/// nor the value of one.
+fn place_of_handoff(words: &[OsString]) -> Option<usize> {
+    let mut has_verb = false;
+    let mut at = 0;
+    while let Some(word) = words.get(at) {
+        let word = word.to_string_lossy();
+        match &*word {
+            "--" if has_verb => return (at + 1 < words.len()).then_some(at + 1),
+            option if option.starts_with('-') => {
+                let has_value =
+                    option.starts_with("--") && !option.contains('=') && !FLAGS.contains(&option);
+                at += if has_value { 2 } else { 1 };
+            }
+            _ if has_verb => return Some(at),
+            verb if READ_HANDOFF.contains(&verb) => {
+                has_verb = true;
+                at += 1;
+            }
+            _ => return None,
+        }
+    }
+    None
 }
 
 /// Runs `paws-NAME` to its end. Its exit code becomes ours as far as ours have that meaning.
@@ -187,20 +231,47 @@ mod tests {
         assert!(lines[3].starts_with("scene ") && lines[3].ends_with("of others"));
     }
 
+    fn words(text: &str) -> Vec<OsString> {
+        text.split(' ').map(Into::into).collect()
+    }
+
     #[test]
     fn only_the_place_of_a_handoff_is_looked_up() {
-        let words = |text: &str| -> Vec<OsString> { text.split(' ').map(Into::into).collect() };
+        let quiet = Verbosity::default();
         for (name, text) in [
             ("reconstruct", "evaluate latest"),
             ("reconstruct", "run --help"),
             ("reconstruct", "run ."),
+            ("reconstruct", "run --out x ."),
+            ("reconstruct", "-q evaluate run latest"),
             ("scene", "show latest"),
         ] {
-            let handed = hand_on(name, &words(text), None).unwrap();
+            let handed = hand_on(name, quiet, &words(text), None).unwrap();
             assert_eq!(handed, words(text), "{name}");
         }
-        let error = hand_on("reconstruct", &words("run latest --out x"), None);
+        let error = hand_on("reconstruct", quiet, &words("run latest --out x"), None);
         let error = error.unwrap_err().to_string();
         assert!(error.contains("PAWS_LIBRARY"), "{error}");
+    }
+
+    #[test]
+    fn a_handoff_is_found_wherever_it_stands_behind_the_verb() {
+        for (text, expected) in [
+            ("run HERE --out x", Some(1)),
+            ("run --out x HERE", Some(3)),
+            ("run --out=x HERE", Some(2)),
+            ("-q run HERE", Some(2)),
+            ("--quiet run --json -vv --preset fast HERE --again", Some(6)),
+            ("frames --from -1.5 --out x HERE", Some(5)),
+            ("run --out x -- HERE", Some(4)),
+            ("info", None),
+            ("run --out x", None),
+            ("run --out x --", None),
+            ("run --out", None),
+            ("evaluate HERE", None),
+            ("--version", None),
+        ] {
+            assert_eq!(place_of_handoff(&words(text)), expected, "{text}");
+        }
     }
 }

@@ -6,7 +6,8 @@
 //! * **Stopped at any point**, by a signal, a power cut or an error: what is in `.incoming/` stays
 //!   there and is not listed. The next import goes on: a file that is in the journal, unchanged in
 //!   the source and still has its hash is kept; every other one is copied anew (at most one
-//!   segment's worth is copied twice).
+//!   segment's worth is copied twice). Where the session is not whole, the kept ones are compared
+//!   with the source (see `again`).
 //! * **Again**: a session that is in the library with the same files is left alone. One that
 //!   differs is refused, unless the library's is damaged or cut off and this one is better (see `there`): then it
 //!   takes its place, and the other one is kept as `ID.damaged`. A worse one never replaces a better one.
@@ -18,6 +19,7 @@
 //! Nothing is ever written to the source.
 
 pub(crate) mod adopt;
+mod again;
 mod copy;
 mod following;
 mod journal;
@@ -42,7 +44,7 @@ use self::copy::{Copied, copy_all};
 use self::following::{Board, Following};
 use self::journal::Journal;
 use self::source::{SourceFile, list_files};
-use self::there::There;
+use self::there::{There, Worth};
 use crate::condition::Condition;
 use crate::console::Clock;
 use crate::library::{INCOMING, Library, SESSIONS, is_key, sync_folder};
@@ -244,17 +246,19 @@ pub fn import(
             journal::remove(&library.incoming(&key))?;
             return Ok(*imported);
         }
-        There::Worse(condition) => Some(condition),
+        There::Worse(old) => Some(old),
     };
 
     let mut copy = copy_and_check(library, &key, source, &files, progress, hook)?;
     if copy.condition.needs_recovery() && copy.resumed > 0 {
         // What an earlier import left may have come from another, damaged copy of the session.
-        let incoming = library.incoming(&key);
-        fs::remove_dir_all(&incoming).map_err(failed("clearing", &incoming))?;
-        journal::remove(&incoming)?;
-        let again = Progress::hidden();
-        copy = copy_and_check(library, &key, source, &files, &again, hook)?;
+        let renewed = again::renew(&library.incoming(&key), source, &copy.kept, hook)?;
+        if renewed > 0 {
+            let (bytes, resumed) = (copy.bytes + renewed, copy.resumed - renewed);
+            let hidden = Progress::hidden();
+            copy = copy_and_check(library, &key, source, &files, &hidden, hook)?;
+            (copy.bytes, copy.resumed) = (copy.bytes + bytes, resumed);
+        }
     }
 
     let incoming = library.incoming(&key);
@@ -270,7 +274,10 @@ pub fn import(
         .write(&incoming)
         .map_err(failed("writing the import record", &incoming))?;
     let replaced = match old {
-        Some(old) => Some(there::make_way(library, &key, source, old, copy.condition)?),
+        Some(old) => {
+            let new = Worth::of(copy.condition, &copy.report);
+            Some(there::make_way(library, &key, source, old, new)?)
+        }
         None => None,
     };
     publish(library, &key, hook)?;
@@ -298,6 +305,8 @@ struct CheckedCopy {
     bytes: u64,
     /// Bytes that an earlier import had copied.
     resumed: u64,
+    /// The files that they are in.
+    kept: Vec<FileRecord>,
 }
 
 /// Copies what an earlier import has not copied, checking the session on the way, and makes it durable.
@@ -360,6 +369,7 @@ fn copy_and_check(
         records,
         bytes,
         resumed: kept.iter().map(|k| k.bytes).sum(),
+        kept,
     })
 }
 

@@ -33,7 +33,7 @@ use session_archive::layout;
 use session_archive::storage::{DiskStorage, Storage};
 
 use crate::catalogue::{Catalogue, Found, Row};
-use crate::import::there::DAMAGED;
+use crate::import::there::made_way;
 
 pub use self::lock::Lock;
 
@@ -52,6 +52,8 @@ pub const DERIVED: [&str; 4] = [
 ];
 /// What the session is called that was recorded last; of several recorded at one time, the one imported last.
 pub const LATEST: &str = "latest";
+/// Bytes of the longest key.
+pub(crate) const MAX_KEY: usize = 100;
 /// What a recovered copy's folder has behind the session's identifier.
 pub const RECOVERED: &str = ".recovered";
 
@@ -249,11 +251,8 @@ impl Library {
             .collect();
         fits.sort_unstable();
         // What made way for a better one is meant only by its whole key.
-        let made_way = |key: &str| {
-            let at = key.rfind(DAMAGED).unwrap_or(0);
-            fits.binary_search(&&key[..at]).is_ok()
-        };
-        let mut fits: Vec<&str> = fits.iter().copied().filter(|k| !made_way(k)).collect();
+        let has_made_way = |key: &str| fits.iter().any(|other| made_way(key, other));
+        let mut fits: Vec<&str> = fits.iter().copied().filter(|k| !has_made_way(k)).collect();
         let is_whole = |key: &str| {
             let mut rows = rows.iter();
             rows.any(|r| r.key == key && !r.condition.needs_recovery())
@@ -372,7 +371,7 @@ fn mended(root: &Path) -> Result<Catalogue> {
 /// Whether a session identifier can be the name of a folder here and nowhere else.
 pub fn is_key(text: &str) -> bool {
     let plain = |b: u8| b.is_ascii_alphanumeric() || b"-_.".contains(&b);
-    (1..=100).contains(&text.len()) && !text.starts_with('.') && text.bytes().all(plain)
+    (1..=MAX_KEY).contains(&text.len()) && !text.starts_with('.') && text.bytes().all(plain)
 }
 
 /// Makes the names in a folder durable.

@@ -16,6 +16,7 @@ use crate::outcome::Outcome;
 
 pub(crate) mod canvas;
 mod check;
+pub(crate) mod colours;
 mod convert;
 mod diff;
 mod facts;

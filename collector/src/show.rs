@@ -4,7 +4,7 @@
 //! once. What only a validation knows (losses by cause, events) is there after one.
 
 use anyhow::Result;
-use session_archive::handoff::{Check, HandOff};
+use session_archive::handoff::{Check, HandOff, HandOffError};
 use session_archive::index::Index;
 use session_archive::storage::DiskStorage;
 use session_archive::text::shown;
@@ -161,7 +161,7 @@ pub fn run(target: &Target, console: &mut Console<'_>) -> Result<Outcome> {
     let storage = DiskStorage::new(&target.folder);
     let handed = match HandOff::open(&storage, Check::Lengths, |_| {}) {
         Ok(handoff) => format!("sealed {}, as {}", handoff.sealed, handoff.verdict),
-        Err(session_archive::handoff::HandOffError::Io { .. }) => "no".to_owned(),
+        Err(HandOffError::Missing | HandOffError::Io { .. }) => "no".to_owned(),
         Err(e) => format!("no longer valid: {e}"),
     };
     line("handed off", handed)?;
@@ -232,7 +232,7 @@ fn handed_off(target: &Target) -> HandedOff {
     let storage = DiskStorage::new(&target.folder);
     let (state, sealed, problem) = match HandOff::open(&storage, Check::Lengths, |_| {}) {
         Ok(handoff) => ("sealed", Some(handoff.sealed.into()), None),
-        Err(session_archive::handoff::HandOffError::Io { .. }) => ("none", None, None),
+        Err(HandOffError::Missing | HandOffError::Io { .. }) => ("none", None, None),
         Err(e) => ("invalid", None, Some(e.to_string())),
     };
     HandedOff {

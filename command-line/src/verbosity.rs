@@ -21,6 +21,15 @@ impl Verbosity {
         self.quiet
     }
 
+    /// The options that say the same to another program.
+    pub fn options(self) -> Vec<&'static str> {
+        let mut options = vec!["-v"; self.verbose.into()];
+        if self.quiet {
+            options.push("-q");
+        }
+        options
+    }
+
     /// The level for a program that logs at `usual` when nobody says otherwise.
     pub fn level(self, usual: LevelFilter) -> LevelFilter {
         match (self.quiet, self.verbose) {

@@ -160,6 +160,25 @@ mod tests {
         }
     }
 
+    /// `paws reconstruct` finds the hand-off among the words by that (`FLAGS` in `collector/src/external.rs`).
+    #[test]
+    fn all_options_but_these_take_a_value() {
+        let flags = ["again", "help", "json", "quiet", "verbose"];
+        let mut command = command();
+        command.build();
+        for verb in ["info", "frames", "run"] {
+            let verb = command.find_subcommand(verb).unwrap();
+            for argument in verb.get_arguments() {
+                let Some(long) = argument.get_long() else {
+                    continue;
+                };
+                let takes_value = argument.get_action().takes_values();
+                assert_eq!(takes_value, !flags.contains(&long), "--{long}");
+                assert!(!takes_value || argument.get_short().is_none(), "--{long}");
+            }
+        }
+    }
+
     #[test]
     fn the_command_line_is_consistent() {
         command().debug_assert();

@@ -3,7 +3,8 @@
 //! Contract: `seen.jsonl` in the bundle's folder has a line for each image. It is no part of the bundle: nothing depends on
 //! it, no hash covers it, and a bundle without it is as good. The same session gives the same bytes.
 
-use std::io;
+use std::fs;
+use std::io::{self, Write};
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -16,6 +17,8 @@ use crate::input::Input;
 
 /// The file.
 pub const FILE: &str = scene_bundle::layout::SEEN;
+/// Most that is read of it. An image has some ten kB, and a camera a handful of them.
+const LIMIT: u64 = 16 << 20;
 
 /// A small image of one camera.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -40,25 +43,36 @@ pub struct Seen {
     pub jpeg: String,
 }
 
-/// Looks at a session and writes the file into the bundle in `folder`. What cannot be decoded is left out.
+/// Looks at a session and writes the file into the bundle in `folder`, whole or not at all. What cannot be decoded is left
+/// out.
 ///
 /// # Errors
-/// The file cannot be written.
+/// The file cannot be written; the one that was there still is.
 pub fn write(folder: &Path, input: &Input) -> io::Result<()> {
     let mut text = String::new();
     for seen in look(input) {
         text.push_str(&serde_json::to_string(&seen)?);
         text.push('\n');
     }
-    std::fs::write(folder.join(FILE), text)
+    let beside = folder.join(format!("{FILE}.new"));
+    // Left by a run that was stopped.
+    let _ = fs::remove_file(&beside);
+    let written = fs::File::create_new(&beside)
+        .and_then(|mut file| file.write_all(text.as_bytes()))
+        .and_then(|()| fs::rename(&beside, folder.join(FILE)));
+    if written.is_err() {
+        let _ = fs::remove_file(&beside);
+    }
+    written
 }
 
 /// The images of a bundle; none if it has no such file. Lines that are none are passed over.
 ///
 /// # Errors
-/// The file cannot be read.
+/// The file cannot be read, is no regular file, or is longer than images of cameras are.
 pub fn read(folder: &Path) -> io::Result<Vec<Seen>> {
-    let text = match plain_file::read_to_string(&folder.join(FILE), plain_file::DOCUMENT_LIMIT) {
+    let bytes = plain_file::read_below(folder, Path::new(FILE), LIMIT);
+    let text = match bytes.and_then(plain_file::text) {
         Ok(text) => text,
         Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
         Err(error) => return Err(error),
@@ -119,5 +133,29 @@ fn of_camera(input: &Input, camera: &manifest::Camera) -> Vec<Still> {
             );
             Vec::new()
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_file_of_images_is_not_read() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join(FILE);
+        assert!(read(folder.path()).expect("no file").is_empty());
+        fs::write(&path, "no image\n").expect("a file");
+        assert!(read(folder.path()).expect("no image").is_empty());
+        let file = fs::File::create(&path).expect("a file");
+        file.set_len(LIMIT + 1).expect("length");
+        assert!(plain_file::is_refusal(
+            &read(folder.path()).expect_err("too long")
+        ));
+        fs::remove_file(&path).expect("removed");
+        std::os::unix::fs::symlink("/dev/zero", &path).expect("a link");
+        assert!(plain_file::is_refusal(
+            &read(folder.path()).expect_err("a link")
+        ));
     }
 }

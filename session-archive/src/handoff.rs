@@ -113,7 +113,10 @@ pub enum Check {
 /// Why a hand-off is refused.
 #[derive(Debug, thiserror::Error)]
 pub enum HandOffError {
-    /// There is none, or the disk says no: run `paws handoff`.
+    /// There is none: run `paws handoff`.
+    #[error("it has not been handed over, there is no {manifest}; `paws handoff` writes it", manifest = layout::HANDOFF)]
+    Missing,
+    /// The disk says no.
     #[error("reading {path}")]
     Io {
         /// What was being read or written.
@@ -236,7 +239,7 @@ impl HandOff {
     /// file, and whatever its verdict is.
     ///
     /// # Errors
-    /// [`HandOffError::Io`], [`HandOffError::Invalid`].
+    /// [`HandOffError::Missing`], [`HandOffError::Io`], [`HandOffError::Invalid`].
     pub fn read(storage: &dyn Storage) -> Result<Self, HandOffError> {
         #[derive(Deserialize)]
         struct Which {
@@ -244,9 +247,12 @@ impl HandOff {
             version: u32,
         }
         let text =
-            storage::read_all(storage, layout::HANDOFF).map_err(|error| HandOffError::Io {
-                path: layout::HANDOFF.to_owned(),
-                error,
+            storage::read_all(storage, layout::HANDOFF).map_err(|error| match error.kind() {
+                io::ErrorKind::NotFound => HandOffError::Missing,
+                _ => HandOffError::Io {
+                    path: layout::HANDOFF.to_owned(),
+                    error,
+                },
             })?;
         let which: Which =
             serde_json::from_slice(&text).map_err(|e| HandOffError::Invalid(e.to_string()))?;

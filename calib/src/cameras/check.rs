@@ -269,10 +269,14 @@ fn rig(calibration: &Calibration, all: &mut Vec<Finding>) {
         .map(|c| cameras[c].name.as_str())
         .collect();
     if !names.is_empty() && cameras.len() > 1 {
+        let others = match calibration.input.origin() {
+            Some(origin) => format!("{}, the origin", cameras[origin].name),
+            None => "the other cameras".to_owned(),
+        };
         all.push(Finding::new(
             Severity::Fail,
             format!(
-                "{} could not be connected with the other cameras: never did it and another camera see \
+                "{} could not be connected with {others}: never did it and another camera see \
                  targets at the same instant",
                 names.join(", ")
             ),

@@ -524,6 +524,7 @@ fn assemble(
     for (number, camera) in input.cameras.iter().enumerate() {
         if let Some(at) = known.cameras[number] {
             let prior = match &camera.rig_from_left {
+                Some(told) if told.covariance == Matrix6::zeros() => PlacePrior::Fixed,
                 Some(told) => PlacePrior::Near {
                     mean: told.transform,
                     covariance: Box::new(told.covariance),

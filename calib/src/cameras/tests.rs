@@ -420,6 +420,44 @@ fn another_cameras_factory_file_is_noticed() {
     assert!(!failures(&found).is_empty(), "{:?}", found.findings);
 }
 
+#[test]
+fn an_origin_that_is_told_without_a_tolerance_stays_where_it_is() {
+    let mut truth = simulate(3, GOOD);
+    let origin = RigidTransform::body_from_optical();
+    let rig_from_rig = origin * truth.cameras[0].0.inverse();
+    for (camera, (place, _)) in truth.input.cameras.iter_mut().zip(&truth.cameras) {
+        camera.rig_from_left.as_mut().unwrap().transform = rig_from_rig * *place;
+    }
+    truth.input.cameras[0].rig_from_left = Some(Told {
+        transform: origin,
+        covariance: Matrix6::zeros(),
+    });
+    let found = quiet(&truth.input);
+    let place = found.place(found.places.cameras[0].unwrap());
+    assert_eq!(place, (origin, Matrix6::zeros()));
+    let (_, covariance) = found.place(found.places.cameras[1].unwrap());
+    assert!(covariance.trace() > 0.0);
+}
+
+#[test]
+fn cameras_that_are_not_connected_with_the_origin_are_told_of_it() {
+    let mut input = simulate(3, GOOD).input;
+    for camera in &mut input.cameras {
+        camera.rig_from_left = None;
+    }
+    // The first camera sees boards when the others see none.
+    input
+        .sightings
+        .retain(|s| (s.eye < 2) == (s.instant % 2 == 0));
+    let found = quiet(&input);
+    let expected = "right_shoulder, feet could not be connected with left_shoulder, the origin";
+    let failures = failures(&found);
+    assert!(
+        failures.iter().any(|f| f.contains(expected)),
+        "{failures:?}"
+    );
+}
+
 /// Boards alone: no lens, no baseline, no place of a camera is told.
 #[test]
 fn with_nothing_told_the_first_camera_is_the_origin() {

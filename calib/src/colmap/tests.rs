@@ -30,6 +30,20 @@ fn half_a_pixel_lies_between_the_conventions() {
     );
 }
 
+/// A camera for each of many images.
+#[test]
+fn a_file_of_many_cameras_is_read() {
+    let folder = Folder::new();
+    let lines = (0..20_000).map(|id| {
+        format!("{id} OPENCV 640 480 500.125 501.125 321.5 241.5 0.1 0.01 0.001 0.002\n")
+    });
+    let text: String = lines.collect();
+    assert!(text.len() as u64 > plain_file::TEXT_LIMIT);
+    let path = folder.file("cameras.txt", &text);
+    let (set, _) = crate::read_cameras(&path, None).unwrap();
+    assert_eq!(set.cameras.len(), 20_000);
+}
+
 #[test]
 fn a_rig_places_its_cameras() {
     let folder = Folder::new();

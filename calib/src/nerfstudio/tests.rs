@@ -3,11 +3,45 @@ use crate::test_data::{Folder, shared};
 
 /// `world_from_camera` of each frame.
 fn poses(path: &Path) -> Vec<RigidTransform> {
-    let source = Source::read(path).unwrap();
+    let source = Source::read_document(path).unwrap();
     let tree = json::parse(&source).unwrap();
     let frames = At::root(&source, &tree).get("frames").unwrap();
     let frames = frames.items().unwrap();
     frames.iter().map(|frame| pose(frame).unwrap()).collect()
+}
+
+/// All frames of a walk, longer than anything that people write.
+#[test]
+fn a_file_of_many_frames_is_read() {
+    let folder = Folder::new();
+    let frame = "{\"file_path\": \"images/frame.png\", \"transform_matrix\": [[1.0, 0.0, 0.0, 5.0], [0.0, 0.0, -1.0, \
+                 6.0], [0.0, 1.0, 0.0, 7.0], [0.0, 0.0, 0.0, 1.0]]}";
+    let frames = vec![frame; 9000].join(",\n");
+    let text = format!("{{\"fl_x\": 500, \"w\": 640, \"h\": 480, \"frames\": [{frames}]}}");
+    assert!(text.len() as u64 > plain_file::TEXT_LIMIT);
+    let path = folder.file("transforms.json", &text);
+    let (set, _) = crate::read_cameras(&path, None).unwrap();
+    assert_eq!(set.cameras[0].model.fx, 500.0);
+    assert_eq!(poses(&path).len(), 9000);
+}
+
+#[test]
+fn a_file_that_is_too_long_says_what_to_do() {
+    let folder = Folder::new();
+    for (name, limit) in [
+        ("transforms.json", plain_file::DOCUMENT_LIMIT),
+        ("cameras.bin", plain_file::DOCUMENT_LIMIT),
+        ("chain.yaml", plain_file::TEXT_LIMIT),
+    ] {
+        let path = folder.file(name, "");
+        let file = std::fs::File::options().write(true).open(&path).unwrap();
+        file.set_len(limit + 1).unwrap();
+        let error = crate::read_cameras(&path, None).unwrap_err().to_string();
+        let found = format!("found {} bytes, expected at most {limit}", limit + 1);
+        for part in [&found[..], "make one that has the cameras alone", name] {
+            assert!(error.contains(part), "no {part:?} in {error}");
+        }
+    }
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! JSON with the line of every value.
 
+use std::collections::BTreeSet;
 use std::fmt;
 
 use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
@@ -13,16 +14,32 @@ use crate::text::Source;
 pub(crate) fn parse(source: &Source) -> Result<Node, CalibError> {
     let text = source.text.trim_start_matches('\u{feff}');
     let raw: &RawValue = serde_json::from_str(text).map_err(|e| syntax(source, text, &e))?;
-    node(source, text, raw.get(), 0)
+    let breaks = text.match_indices('\n').map(|(at, _)| at).collect();
+    let whole = Whole {
+        source,
+        text,
+        breaks,
+    };
+    node(&whole, raw.get(), 0)
 }
 
-fn node(source: &Source, text: &str, raw: &str, depth: usize) -> Result<Node, CalibError> {
+/// The whole file.
+struct Whole<'a> {
+    source: &'a Source,
+    text: &'a str,
+    /// Where its lines end.
+    breaks: Vec<usize>,
+}
+
+fn node(whole: &Whole<'_>, raw: &str, depth: usize) -> Result<Node, CalibError> {
+    let Whole {
+        source,
+        text,
+        breaks,
+    } = whole;
     // `raw` is a part of `text`, so that its place is the difference of the two addresses.
     let before = raw.as_ptr() as usize - text.as_ptr() as usize;
-    let line = 1 + text.as_bytes()[..before]
-        .iter()
-        .filter(|b| **b == b'\n')
-        .count();
+    let line = 1 + breaks.partition_point(|at| *at < before);
     if depth > DEEPEST {
         let found = format!("more than {DEEPEST} values inside each other");
         return Err(source.unexpected(line, &found, "a calibration"));
@@ -32,9 +49,10 @@ fn node(source: &Source, text: &str, raw: &str, depth: usize) -> Result<Node, Ca
         Some(b'{') => {
             let Entries(entries) = serde_json::from_str(raw).map_err(inner)?;
             let mut map: Vec<(String, Node)> = Vec::with_capacity(entries.len());
+            let mut known = BTreeSet::new();
             for (key, raw) in entries {
-                let child = node(source, text, raw.get(), depth + 1)?;
-                if map.iter().any(|(other, _)| *other == key) {
+                let child = node(whole, raw.get(), depth + 1)?;
+                if !known.insert(key.clone()) {
                     return Err(source.malformed(child.line, &key, "each key once"));
                 }
                 map.push((key, child));
@@ -45,7 +63,7 @@ fn node(source: &Source, text: &str, raw: &str, depth: usize) -> Result<Node, Ca
             let items: Vec<&RawValue> = serde_json::from_str(raw).map_err(inner)?;
             let items = items
                 .into_iter()
-                .map(|raw| node(source, text, raw.get(), depth + 1));
+                .map(|raw| node(whole, raw.get(), depth + 1));
             Value::List(items.collect::<Result<_, _>>()?)
         }
         Some(b'"') => Value::Quoted(serde_json::from_str(raw).map_err(inner)?),

@@ -13,7 +13,7 @@ mod plots;
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use cad_transforms::{Frame, FramePart, Rig};
 use calib::cameras::{Calibration, Camera, Eye, Input, Settings, Severity, calibrate};
 use calib::target::Target as Board;
@@ -73,8 +73,13 @@ pub fn run(
     let boards = sightings::targets(&reader, &options.targets)?;
     let mut told = ToldRig::read(&reader)?;
     if let Some(path) = &options.rig {
-        let rig = Rig::read(path).context("reading the rig file of --rig")?;
-        (told.rig, told.unreadable) = (Some((path.display().to_string(), rig)), None);
+        told.start_from(path)?;
+        let mut cameras = reader.manifest().cameras.iter();
+        ensure!(
+            cameras.any(|camera| told.rig_from_left(&camera.name).is_some()),
+            "taking the rig file of --rig: it has none of the session's cameras, so nothing tells where its frame is: {}",
+            path.display()
+        );
     }
     let index = read_or_build(&reader, console)?;
     let seen = sightings::look(&reader, &index, &boards, console)?;

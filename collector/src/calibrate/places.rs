@@ -11,7 +11,7 @@ use cad_transforms::{FieldOfView, Frame, FramePart, Rig, RigidTransform};
 use calib::CameraModel;
 use charts::{Cell, Page, Table};
 
-use crate::rig::picture;
+use crate::rig::{colours, picture};
 
 /// One frame of a camera.
 #[derive(Clone, Debug, PartialEq)]
@@ -171,7 +171,8 @@ pub(super) fn section(page: Page, rig: &Rig, lenses: &[(&str, &CameraModel)]) ->
         .text(&format!(
             "{heading} Roll, pitch and yaw are turns about these axes; sigma is the largest of three axes, one standard deviation."
         ))
-        .table(&table);
+        .table(&table)
+        .dark(colours::DARK);
     let caption = "Front, side and top; the ground is drawn 1.2 m below the origin.";
     Ok(page.figure(&picture::draw(rig, &facts).svg(), caption))
 }
@@ -190,6 +191,21 @@ mod tests {
             edge.covariance = (edge.child.as_str() != "feet/imu").then(|| sigma.unwrap());
         }
         Rig::from_parts(parts).unwrap()
+    }
+
+    #[test]
+    fn every_colour_of_the_page_has_one_for_the_dark() {
+        let page = section(Page::new("places"), &example(), &[]).unwrap();
+        let html = page.to_html();
+        let (_, drawing) = html.split_once("<svg ").unwrap();
+        let mut colours = 0;
+        for part in drawing.split("=\"#").skip(1) {
+            let colour = format!("#{}", part.split('"').next().unwrap());
+            let rule = format!("svg [fill=\"{colour}\"] {{ fill: ");
+            assert!(html.contains(&rule), "{colour} has no colour for the dark");
+            colours += 1;
+        }
+        assert!(colours > 20, "{colours}");
     }
 
     #[test]

@@ -1,9 +1,11 @@
 //! What a session says of its rig: lenses, where eyes sit, and how far that may be off.
 //!
 //! Contract: lenses and right eyes are those of the recorded calibrations, which are the makers', places of cameras those of the
-//! session's rig file where it has one, else those of the recorded transforms. What neither says stays unknown.
+//! session's rig file where it has one, else those of the recorded transforms. What neither says stays unknown. A rig
+//! file that is named stands alone: the recorded transforms are in the frame of another rig.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use anyhow::{Context, Result};
 use cad_transforms::{Covariance, Frame, FramePart, Rig, RigidTransform};
@@ -31,6 +33,8 @@ pub struct ToldRig {
     pub rig: Option<(String, Rig)>,
     /// What is wrong with the session's rig file, where there is one that cannot be read.
     pub unreadable: Option<String>,
+    /// Whether the rig file is not the session's but was named.
+    is_named: bool,
 }
 
 impl ToldRig {
@@ -67,6 +71,7 @@ impl ToldRig {
             frames: Frames::default(),
             rig,
             unreadable,
+            is_named: false,
         };
         let schema = |id: u16| reader.stream(id).map(|s| s.schema.as_str());
         for entry in reader.entries() {
@@ -91,16 +96,34 @@ impl ToldRig {
         Ok(told)
     }
 
+    /// Takes a rig file that was named in the place of the session's.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn start_from(&mut self, path: &Path) -> Result<()> {
+        let rig = Rig::read(path).context("reading the rig file of --rig")?;
+        self.rig = Some((path.display().to_string(), rig));
+        self.unreadable = None;
+        self.is_named = true;
+        Ok(())
+    }
+
     /// The lens of an eye, as in `feet/left`; none where it is not known.
     pub fn lens(&self, eye: &str) -> Option<CameraModel> {
         let c = self.calibrations.get(eye)?;
         calib::foxglove::lens([c.width, c.height], &c.distortion_model, &c.d, &c.k)
     }
 
-    /// `rig_from_left` of a camera.
+    /// `rig_from_left` of a camera; that of the origin is held.
     pub fn rig_from_left(&self, camera: &str) -> Option<Told> {
         let left = Frame::of_camera(camera, FramePart::Left).ok()?;
-        self.told(&Frame::rig(), &left, WORKSHOP)
+        let mut told = self.told(&Frame::rig(), &left, WORKSHOP)?;
+        let rig = self.rig.as_ref().map(|(_, rig)| rig);
+        if rig.and_then(Rig::origin_camera) == Some(camera) {
+            // It stays where it is by definition, or the next revision would have no origin.
+            told.covariance = Matrix6::zeros();
+        }
+        Some(told)
     }
 
     /// `left_from_right` of a camera: as recorded, which is the maker's calibration where there is one.
@@ -124,6 +147,9 @@ impl ToldRig {
                 transform,
                 covariance: covariance.unwrap_or(even(otherwise)),
             });
+        }
+        if self.is_named {
+            return None;
         }
         let transform = self.frames.transform(parent.as_str(), child.as_str())?;
         Some(Told {
@@ -166,4 +192,78 @@ pub fn in_child(
     let symmetric = 0.5 * (moved + moved.transpose());
     let rows = std::array::from_fn(|i| std::array::from_fn(|j| symmetric[(i, j)]));
     Covariance::from_rows(rows).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use cad_transforms::rig::{CameraInfo, Edge, Provenance, ProvenanceKind, RigParts};
+    use session_archive::record::{FrameTransform, Quaternion, Vector3};
+
+    use super::*;
+
+    /// A rig file of boards alone, its origin the camera `feet`; the recorded transforms have `chest` besides.
+    fn told(is_named: bool) -> ToldRig {
+        let rig = Rig::from_parts(RigParts {
+            name: "calibrated rig".to_owned(),
+            revision: "1".to_owned(),
+            provenance: Provenance {
+                kind: ProvenanceKind::Calibrated,
+                note: "made up".to_owned(),
+                cad: None,
+            },
+            cameras: vec![CameraInfo {
+                name: "feet".to_owned(),
+                serial: None,
+                model: None,
+            }],
+            edges: vec![Edge {
+                parent: Frame::rig(),
+                child: Frame::of_camera("feet", FramePart::Left).unwrap(),
+                parent_from_child: RigidTransform::body_from_optical(),
+                covariance: Some(Covariance::from_sigmas([1e-6; 3], [1e-6; 3]).unwrap()),
+            }],
+            closures: Vec::new(),
+            shoe_tags: Vec::new(),
+        });
+        let chest = FrameTransform {
+            timestamp: None,
+            parent_frame_id: "rig".to_owned(),
+            child_frame_id: "chest/left".to_owned(),
+            translation: Some(Vector3 {
+                x: 0.1,
+                y: 0.0,
+                z: 0.3,
+            }),
+            rotation: Some(Quaternion {
+                w: 1.0,
+                x: 0.0,
+                y: 0.0,
+                z: 0.0,
+            }),
+        };
+        ToldRig {
+            calibrations: BTreeMap::new(),
+            frames: Frames::of(&FrameTransforms {
+                transforms: vec![chest],
+            }),
+            rig: Some(("rig.toml".to_owned(), rig.unwrap())),
+            unreadable: None,
+            is_named,
+        }
+    }
+
+    #[test]
+    fn a_camera_that_a_named_rig_file_lacks_is_not_placed_in_the_frame_of_another() {
+        assert!(told(false).rig_from_left("chest").is_some());
+        assert!(told(true).rig_from_left("chest").is_none());
+        assert!(told(true).rig_from_left("feet").is_some());
+    }
+
+    #[test]
+    fn the_origin_of_a_rig_is_held() {
+        let origin = told(true).rig_from_left("feet").unwrap();
+        assert_eq!(origin.covariance, Matrix6::zeros());
+        let other = told(false).rig_from_left("chest").unwrap();
+        assert_eq!(other.covariance, even(WORKSHOP));
+    }
 }

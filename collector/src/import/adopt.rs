@@ -14,7 +14,7 @@ use session_archive::verify::verify;
 use super::copy::hash_file;
 use super::record::{FileRecord, ImportRecord};
 use super::source::{SourceFile, list_files, remove_strangers};
-use super::there::make_way;
+use super::there::{Worth, make_way};
 use super::{
     ImportError, Imported, check_space, failed, journal, list, no_hook, publish as rename,
     sync_published, sync_tree,
@@ -102,18 +102,19 @@ fn examine(
     Ok((manifest.state, report))
 }
 
-/// Makes it a session of the library. `old` is the condition of the one that is there, if there is one: it makes way
+/// Makes it a session of the library. `old` is the worth of the one that is there, if there is one: it makes way
 /// for a better one, see [`super::there`]. The caller holds the library's lock.
 pub(crate) fn publish(
     library: &mut Library,
     checked: Checked,
     source: &Path,
-    old: Option<Condition>,
+    old: Option<Worth>,
 ) -> Result<Imported, ImportError> {
     let mut imported = checked.imported;
     let key = imported.key.clone();
     if let Some(old) = old {
-        let made_way = make_way(library, &key, source, old, imported.condition);
+        let new = Worth::of(imported.condition, &imported.report);
+        let made_way = make_way(library, &key, source, old, new);
         if let Err(ImportError::Differs { .. }) = &made_way {
             // It was fetched for nothing.
             let incoming = library.incoming(&key);

@@ -1,12 +1,14 @@
 //! What the library has under the identifier of a session that comes.
 //!
 //! Contract: the better of two copies of a session ends in its place, in whatever order they come, and neither is lost.
-//! The order is damaged, cut off (everything before the cut is there), whole. Where the library's is whole, names,
-//! lengths and the manifest say whether the other is the same; where it is not, every byte is compared, because the same
-//! lengths are what a flipped bit leaves. The one that makes way is kept as `ID.damaged`, a session of its own that is
+//! The order is damaged, cut off (everything before the cut is there), closed after a cut or recovered, whole; a cut off
+//! one with more samples than a recovered one is better than that. Where the library's is whole, names, lengths and the
+//! manifest say whether the other is the same; where it is not, every byte is compared, because the same lengths are what
+//! a flipped bit leaves. The one that makes way is kept as `ID.damaged`, a session of its own that is
 //! listed and that `paws prune --session` removes. It makes way when the other is checked and on disk; stopped between
 //! the two renames, the library has `ID.damaged`, and the next import publishes the other.
 
+use std::fmt;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
@@ -22,10 +24,11 @@ use super::source::SourceFile;
 use super::{ImportError, ImportRecord, Imported, failed, rename_new, sync_published};
 use crate::catalogue::Row;
 use crate::condition::Condition;
-use crate::library::Library;
+use crate::library::{Library, MAX_KEY};
+use crate::text;
 
 /// What a session's key has behind it that made way for a better one; `-2` and so on where that is taken.
-pub(crate) const DAMAGED: &str = ".damaged";
+const DAMAGED: &str = ".damaged";
 
 /// What is in the library under a session's key.
 pub(crate) enum There {
@@ -33,8 +36,65 @@ pub(crate) enum There {
     Nothing,
     /// The same session.
     Same(Box<Imported>),
-    /// One in this condition, and the one that comes is better.
-    Worse(Condition),
+    /// One that is worth this much, and the one that comes is better.
+    Worse(Worth),
+}
+
+/// What a copy of a session is worth against another.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Worth {
+    /// Its condition.
+    pub(crate) condition: Condition,
+    /// Samples that can be read, of all numbered streams.
+    samples: u64,
+}
+
+impl Worth {
+    /// That of one that its disk has damaged.
+    pub(crate) const DAMAGED: Self = Self {
+        condition: Condition::Damaged,
+        samples: 0,
+    };
+
+    /// That of a copy in which a check has found this.
+    pub(crate) fn of(condition: Condition, report: &Report) -> Self {
+        let samples = report.streams.values().map(|s| s.samples);
+        Self {
+            condition,
+            samples: samples.fold(0, u64::saturating_add),
+        }
+    }
+
+    fn is_whole(self) -> bool {
+        self.condition == Condition::Ok
+    }
+
+    /// Whether this one takes the other's place.
+    fn is_better_than(self, other: Self) -> bool {
+        match (self.condition, other.condition) {
+            // What was closed after the cut holds what the cut off one does. What was saved from a damaged one may not.
+            (Condition::Recovered, Condition::Unclosed) => self.samples >= other.samples,
+            (Condition::Unclosed, Condition::Recovered) => self.samples > other.samples,
+            (one, other) => rank(one) > rank(other),
+        }
+    }
+}
+
+impl fmt::Display for Worth {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let samples = text::count(self.samples, "sample");
+        write!(f, "{} with {samples}", self.condition)
+    }
+}
+
+/// The better, the higher.
+fn rank(condition: Condition) -> u8 {
+    match condition {
+        Condition::Ok => 3,
+        Condition::Recovered => 2,
+        Condition::Unclosed => 1,
+        Condition::Damaged | Condition::Unverified => 0,
+    }
 }
 
 /// Looks at what is there.
@@ -51,23 +111,24 @@ pub(super) fn look(
     if !folder.exists() {
         return Ok(There::Nothing);
     }
-    let condition = condition_there(library, key);
+    let worth = worth_there(library, key);
     let record = ImportRecord::read(&folder);
-    let difference = match (&record, rank(condition) == WHOLE) {
+    let difference = match (&record, worth.is_whole()) {
         (Some(record), true) => difference(record, source, files)?,
         _ => difference_in_content(&folder, source, files)?,
     };
     match difference {
         None => same(key, &folder, record).map(|there| There::Same(Box::new(there))),
         // Nothing is better than a whole one.
-        Some(what) if rank(condition) == WHOLE => Err(differs(key, what, source)),
+        Some(what) if worth.is_whole() => Err(differs(key, what, source)),
         Some(what) => {
             let (state, report) = read(source).map_err(|error| ImportError::Unreadable {
                 source: error,
                 path: source.to_owned(),
             })?;
-            if rank(Condition::of(state, &report)) > rank(condition) {
-                Ok(There::Worse(condition))
+            let comes = Worth::of(Condition::of(state, &report), &report);
+            if comes.is_better_than(worth) {
+                Ok(There::Worse(worth))
             } else {
                 Err(differs(key, what, source))
             }
@@ -76,55 +137,66 @@ pub(super) fn look(
 }
 
 /// Renames the library's session to make room for a better one that is checked and on disk; gives its new key. `old` is
-/// the condition of the one, `new` of the other.
+/// the worth of the one, `new` of the other.
 ///
 /// # Errors
 /// [`ImportError::Differs`] if the other is no better after all, or the disk says no.
 pub(crate) fn make_way(
-    library: &Library,
+    library: &mut Library,
     key: &str,
     source: &Path,
-    old: Condition,
-    new: Condition,
+    old: Worth,
+    new: Worth,
 ) -> Result<String, ImportError> {
-    if rank(new) <= rank(old) {
+    if !new.is_better_than(old) {
         let what = format!("it is {new}, there it is {old}");
         return Err(differs(key, what, source));
     }
     let free = (1_u32..)
         .map(|n| match n {
-            1 => format!("{key}{DAMAGED}"),
-            n => format!("{key}{DAMAGED}-{n}"),
+            1 => aside_key(key, DAMAGED),
+            n => aside_key(key, &format!("{DAMAGED}-{n}")),
         })
         .find(|key| !library.folder(key).exists());
     let aside = free.unwrap_or_default();
+    // Its row would be taken for the other's if this were stopped before that is listed. Opening the library lists it again.
+    library.forget(key).map_err(|e| ImportError::Catalogue {
+        key: key.to_owned(),
+        reason: format!("{e:#}"),
+    })?;
     let (from, to) = (library.folder(key), library.folder(&aside));
     rename_new(&from, &to).map_err(failed("setting the damaged session aside", &from))?;
     sync_published(library, key)?;
     Ok(aside)
 }
 
-/// In what condition the library's session is, by the last that looked; by a look now if nobody has.
-pub(crate) fn condition_there(library: &Library, key: &str) -> Condition {
-    let folder = library.folder(key);
-    match Row::of(key, &folder).map(|row| row.condition) {
-        Ok(Condition::Unverified) => read(&folder).map_or(Condition::Damaged, |(state, report)| {
-            Condition::of(state, &report)
-        }),
-        Ok(condition) => condition,
-        // Not even to be opened.
-        Err(_) => Condition::Damaged,
-    }
+/// A key with something behind it; of a long one the beginning, so that it stays one that is listed.
+fn aside_key(key: &str, suffix: &str) -> String {
+    let room = MAX_KEY.saturating_sub(suffix.len());
+    let begins = key.get(..room).unwrap_or(key);
+    format!("{begins}{suffix}")
 }
 
-const WHOLE: u8 = 2;
+/// Whether the session `aside` is one that made way for `key`.
+pub(crate) fn made_way(aside: &str, key: &str) -> bool {
+    let is_of = |at: usize| aside_key(key, &aside[at..]) == aside;
+    aside != key && aside.rfind(DAMAGED).is_some_and(is_of)
+}
 
-/// The better, the higher. A recovered copy lacks what could not be recovered and says so; it replaces nothing.
-fn rank(condition: Condition) -> u8 {
-    match condition {
-        Condition::Ok => WHOLE,
-        Condition::Unclosed => 1,
-        Condition::Damaged | Condition::Unverified | Condition::Recovered => 0,
+/// What the library's session is worth, by the last that looked; by a look now if nobody has.
+pub(crate) fn worth_there(library: &Library, key: &str) -> Worth {
+    let folder = library.folder(key);
+    match Row::of(key, &folder) {
+        Ok(row) if row.condition == Condition::Unverified => read(&folder)
+            .map_or(Worth::DAMAGED, |(state, report)| {
+                Worth::of(Condition::of(state, &report), &report)
+            }),
+        Ok(row) => Worth {
+            condition: row.condition,
+            samples: row.samples,
+        },
+        // Not even to be opened.
+        Err(_) => Worth::DAMAGED,
     }
 }
 

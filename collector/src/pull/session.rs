@@ -13,7 +13,7 @@ use rig_link::link::{
 use super::{locked, of_session};
 use crate::condition::Condition;
 use crate::console::Clock;
-use crate::import::there::{self, There};
+use crate::import::there::{self, There, Worth};
 use crate::import::{FileRecord, ImportError, ImportRecord, Imported, adopt};
 use crate::library::{Library, is_key};
 use crate::progress::Progress;
@@ -59,14 +59,14 @@ impl Puller<'_> {
         Ok(Pulled { imported, rig })
     }
 
-    /// Fetches all files, has the session checked and published. `old` is the condition of the one that is to make way
+    /// Fetches all files, has the session checked and published. `old` is the worth of the one that is to make way
     /// for it.
     fn fetch(
         &self,
         client: &mut Client,
         summary: &SessionSummary,
         key: &str,
-        old: Option<Condition>,
+        old: Option<Worth>,
     ) -> Result<Imported> {
         let name = &summary.name;
         let manifest = client.manifest(name, |_| {})?;
@@ -101,36 +101,41 @@ impl Puller<'_> {
         key: &str,
         folder: &Path,
     ) -> Result<There> {
-        let condition = there::condition_there(&locked(&self.library), key);
+        let worth = there::worth_there(&locked(&self.library), key);
+        let condition = worth.condition;
         let Some(record) = ImportRecord::read(folder) else {
             ensure!(
                 condition.needs_recovery(),
                 "session {key} is in the library already and has no import record: {}",
                 folder.display()
             );
-            return Ok(There::Worse(condition));
+            return Ok(There::Worse(worth));
         };
         let held = total(&record.files);
         let receipt = summary.receipt.as_ref();
-        // A receipt for the same content was given when the library's copy was compared.
-        if receipt.is_none_or(|r| r.list != held.list) {
+        // A receipt for the same content was given when the library's copy was compared. It is compared again if it is
+        // known to be worse since, and before the rig's may go: that may be the last one.
+        let is_known = receipt.is_some_and(|r| r.list == held.list) && !condition.needs_recovery();
+        if !is_known {
             let manifest = client.manifest(&summary.name, |_| {})?;
             if let Some(what) = difference(&manifest, &record.files) {
                 if condition.needs_recovery() {
-                    return Ok(There::Worse(condition));
+                    return Ok(There::Worse(worth));
                 }
                 bail!(
                     "session {key} is in the library already and differs ({what}); nothing was changed: {}",
                     folder.display()
                 );
             }
+        }
+        if !is_known || self.free {
             match adopt::still_there(folder, &record.files, self.progress) {
                 // What the library's disk has done to it since.
                 Err(ImportError::Changed { what, .. }) => {
                     log::warn!(
                         "{what} of session {key} is damaged in the library; it is fetched again"
                     );
-                    return Ok(There::Worse(Condition::Damaged));
+                    return Ok(There::Worse(Worth::DAMAGED));
                 }
                 other => other?,
             }

@@ -87,7 +87,7 @@ impl Sheet {
         let (w, h) = (self.width, self.height);
         let mut out = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w}\" height=\"{h}\" viewBox=\"0 0 {w} {h}\" \
-             font-family=\"DejaVu Sans Mono, monospace\">\n<rect width=\"{w}\" height=\"{h}\" fill=\"#fff\"/>\n"
+             font-family=\"DejaVu Sans Mono, monospace\">\n<rect width=\"{w}\" height=\"{h}\" fill=\"#ffffff\"/>\n"
         );
         for shape in &self.shapes {
             let _ = match shape {
@@ -252,7 +252,7 @@ fn points(points: &[[f64; 2]]) -> String {
     all.join(" ")
 }
 
-fn hex([r, g, b]: Colour) -> String {
+pub(super) fn hex([r, g, b]: Colour) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 

@@ -7,6 +7,7 @@ use cad_transforms::rig::check::{Facts, GROUND_BELOW_RIG_M, SHOES_X_M, SHOES_Y_M
 use cad_transforms::{FieldOfView, Frame, FramePart, Rig, RigidTransform};
 
 use super::canvas::{Colour, Sheet};
+use super::colours::{AXES, BODY, GRID, GROUND, INK, MUTED, PALETTE, PAPER, SHOE};
 
 /// Pixels.
 const WIDTH: usize = 1260;
@@ -24,24 +25,6 @@ const FARTHEST_M: f64 = 3.0;
 const CLOSE_REACH_M: f64 = 0.05;
 /// Length of drawn axes, m.
 const AXIS_M: f64 = 0.03;
-
-const INK: Colour = [34, 34, 34];
-const MUTED: Colour = [110, 110, 110];
-const GRID: Colour = [222, 222, 222];
-const BODY: Colour = [238, 232, 224];
-const GROUND: Colour = [140, 120, 90];
-const SHOE: Colour = [90, 80, 70];
-/// One per camera, by name; told apart also by people who see few colours.
-const PALETTE: [Colour; 6] = [
-    [0, 114, 178],
-    [213, 94, 0],
-    [0, 140, 100],
-    [170, 70, 140],
-    [120, 100, 0],
-    [60, 60, 60],
-];
-/// x, y, z.
-const AXES: [Colour; 3] = [[200, 30, 30], [20, 140, 20], [30, 60, 210]];
 
 /// Where one looks from.
 #[derive(Clone, Copy)]
@@ -351,7 +334,7 @@ impl Panel {
             let right = self.place(right.translation_m());
             sheet.line(&[left, right], camera.colour, 2.0);
             sheet.dot(right, radius, camera.colour);
-            sheet.dot(right, radius - 1.8, [255; 3]);
+            sheet.dot(right, radius - 1.8, PAPER);
         }
         sheet.dot(left, radius, camera.colour);
     }

@@ -3,12 +3,16 @@
 use std::fs;
 use std::io;
 use std::path::Path;
+use std::sync::Arc;
 
 use collector::condition::Condition;
 use collector::console::Clock;
 use collector::import::{Hook, ImportError, Imported, Step, import, no_hook};
 use collector::library::Library;
 use collector::progress::Progress;
+use session_archive::reader::SessionReader;
+use session_archive::recover::{close_cut_off, recover};
+use session_archive::storage::DiskStorage;
 
 use crate::support::{ID, Session, tree};
 
@@ -163,6 +167,74 @@ fn a_cut_one_replaces_a_damaged_one_and_a_whole_one_the_cut_one() {
     assert_eq!(Library::open(&root).unwrap().find(&ID[..8]).unwrap(), ID);
 }
 
+/// A session that was cut off, one that was damaged beside that, one that the rig closed, and one that was saved from
+/// the damaged one.
+fn cut_off(folder: &Path) {
+    let at = |name: &str| folder.join(name);
+    let mut session = Session::with_units(2.0, 2000);
+    session.closed = false;
+    session.write(&at("cut"));
+    let segment = at("cut/segments/000000.mcap");
+    let mut bytes = fs::read(&segment).unwrap();
+    bytes.truncate(bytes.len() - 100);
+    fs::write(&segment, &bytes).unwrap();
+    copy(&at("cut"), &at("closed"));
+    let storage = |name: &str| Arc::new(DiskStorage::new(at(name)));
+    assert!(close_cut_off(storage("closed")).unwrap().is_some());
+    copy(&at("cut"), &at("damaged"));
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(at("damaged/segments/000000.mcap"), &bytes).unwrap();
+    let damaged = SessionReader::open(storage("damaged")).unwrap();
+    recover(&damaged, storage("saved"), |_| {}).unwrap();
+}
+
+#[test]
+fn one_that_the_rig_closed_is_better_than_its_cut_off_copy_in_either_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    cut_off(folder.path());
+    let aside = format!("{ID}.damaged");
+
+    let root = at("library");
+    let first = import_with(&root, &at("cut"), &no_hook).unwrap();
+    assert_eq!(first.condition, Condition::Unclosed);
+    let closed = import_with(&root, &at("closed"), &no_hook).unwrap();
+    assert_eq!(closed.condition, Condition::Recovered);
+    assert_eq!(closed.replaced.as_ref(), Some(&aside));
+    assert_is(&root, ID, &at("closed"));
+    assert_is(&root, &aside, &at("cut"));
+
+    let root = at("other library");
+    import_with(&root, &at("closed"), &no_hook).unwrap();
+    let error = import_with(&root, &at("cut"), &no_hook).unwrap_err();
+    assert!(matches!(error, ImportError::Differs { .. }), "{error}");
+    let error = import_with(&root, &at("damaged"), &no_hook).unwrap_err();
+    assert!(matches!(error, ImportError::Differs { .. }), "{error}");
+    assert_eq!(rows(&root), [(ID.to_owned(), Condition::Recovered)]);
+    assert_is(&root, ID, &at("closed"));
+}
+
+#[test]
+fn what_was_saved_from_a_damaged_one_does_not_replace_a_cut_off_one_with_more() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    cut_off(folder.path());
+
+    let root = at("library");
+    let first = import_with(&root, &at("saved"), &no_hook).unwrap();
+    assert_eq!(first.condition, Condition::Recovered);
+    let cut = import_with(&root, &at("cut"), &no_hook).unwrap();
+    assert_eq!(cut.replaced, Some(format!("{ID}.damaged")));
+    assert_is(&root, ID, &at("cut"));
+
+    let root = at("other library");
+    import_with(&root, &at("cut"), &no_hook).unwrap();
+    let error = import_with(&root, &at("saved"), &no_hook).unwrap_err();
+    assert!(matches!(error, ImportError::Differs { .. }), "{error}");
+    assert_is(&root, ID, &at("cut"));
+}
+
 #[test]
 fn stopped_at_any_step_of_replacing_both_copies_are_there() {
     let folder = tempfile::tempdir().unwrap();
@@ -185,16 +257,25 @@ fn stopped_at_any_step_of_replacing_both_copies_are_there() {
         };
         import_with(&root, &at("whole"), &stop).unwrap_err();
         stopped += 1;
-        let keys: Vec<String> = rows(&root).into_iter().map(|r| r.0).collect();
-        let damaged = keys.iter().find(|key| {
+        let there = rows(&root);
+        let is_flipped = |key: &str| {
             let file = root.join("sessions").join(key).join("segments/000000.mcap");
             fs::read(file).unwrap() == fs::read(at("flipped/segments/000000.mcap")).unwrap()
-        });
-        assert!(damaged.is_some(), "{step:?}: {keys:?}");
+        };
+        let damaged = there.iter().filter(|(key, _)| is_flipped(key));
+        assert_eq!(damaged.count(), 1, "{step:?}: {there:?}");
+        for (key, condition) in &there {
+            let is_damaged = *condition == Condition::Damaged;
+            assert_eq!(is_damaged, is_flipped(key), "{step:?}: {there:?}");
+        }
         let _ = import_with(&root, &at("whole"), &no_hook).unwrap();
         assert_is(&root, ID, &at("whole"));
         assert_is(&root, &format!("{ID}.damaged"), &at("flipped"));
-        assert_eq!(rows(&root).len(), 2, "{step:?}");
+        let both = [
+            (ID.to_owned(), Condition::Ok),
+            (format!("{ID}.damaged"), Condition::Damaged),
+        ];
+        assert_eq!(rows(&root), both, "{step:?}");
     }
     assert_eq!(stopped, 6);
 }
@@ -205,19 +286,89 @@ fn what_a_stopped_import_of_a_damaged_copy_left_does_not_spoil_the_whole_one() {
     let at = |name: &str| folder.path().join(name);
     copies(folder.path());
     // Copies that keep the times, as `cp -p` and disks do.
-    let segment = |name: &str| at(name).join("segments/000000.mcap");
-    let time = fs::metadata(segment("whole")).unwrap().modified().unwrap();
-    let flipped = fs::File::options().write(true).open(segment("flipped"));
-    flipped.unwrap().set_modified(time).unwrap();
+    for path in tree(&at("whole")).keys() {
+        let whole = fs::metadata(at("whole").join(path)).unwrap();
+        let flipped = fs::File::options()
+            .write(true)
+            .open(at("flipped").join(path))
+            .unwrap();
+        flipped.set_modified(whole.modified().unwrap()).unwrap();
+    }
     let root = at("library");
     let stop = |step: &Step| match step {
         Step::SyncFolders => Err(io::Error::other("killed")),
         _ => Ok(()),
     };
     import_with(&root, &at("flipped"), &stop).unwrap_err();
+    // All that is copied now is what differs; it is not given up before the other is there.
+    let stop = |step: &Step| match step {
+        Step::Note(_) => Err(io::Error::other("killed")),
+        _ => Ok(()),
+    };
+    import_with(&root, &at("whole"), &stop).unwrap_err();
+    let left = root.join(".incoming").join(ID);
+    assert!(tree(&left) == tree(&at("flipped")));
     let imported = import_with(&root, &at("whole"), &no_hook).unwrap();
     assert_eq!(imported.condition, Condition::Ok);
+    let segment = fs::metadata(at("whole/segments/000000.mcap")).unwrap();
+    assert_eq!(imported.copied, segment.len());
+    assert!(imported.resumed > 0);
     assert_is(&root, ID, &at("whole"));
+    assert_eq!(fs::read_dir(root.join(".incoming")).unwrap().count(), 0);
+}
+
+#[test]
+fn what_a_stopped_import_of_a_cut_off_session_saved_is_kept_when_its_disk_dies() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    cut_off(folder.path());
+    let root = at("library");
+    let stop = |step: &Step| match step {
+        Step::SyncFolders => Err(io::Error::other("killed")),
+        _ => Ok(()),
+    };
+    import_with(&root, &at("cut"), &stop).unwrap_err();
+    let recorded = tree(&at("cut"));
+    let bytes: usize = recorded.values().map(Vec::len).sum();
+    // From here on the segment cannot be read any more.
+    let die = |step: &Step| match step {
+        Step::SyncFolders => fs::remove_file(at("cut/segments/000000.mcap")),
+        _ => Ok(()),
+    };
+    let imported = import_with(&root, &at("cut"), &die).unwrap();
+    assert_eq!(imported.condition, Condition::Unclosed);
+    assert_eq!((imported.copied, imported.resumed), (0, bytes as u64));
+    let mut there = tree(&root.join("sessions").join(ID));
+    assert!(there.remove("import.json").is_some());
+    assert!(there == recorded);
+}
+
+#[test]
+fn one_with_the_longest_identifier_that_makes_way_is_listed() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let id = "x".repeat(100);
+    let mut session = Session::with_units(2.0, 2000);
+    session.spec.session_id = id.clone();
+    session.write(&at("whole"));
+    copy(&at("whole"), &at("flipped"));
+    let segment = at("flipped/segments/000000.mcap");
+    let mut bytes = fs::read(&segment).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&segment, bytes).unwrap();
+    let root = at("library");
+    import_with(&root, &at("flipped"), &no_hook).unwrap();
+    let aside = import_with(&root, &at("whole"), &no_hook).unwrap().replaced;
+    let aside = aside.unwrap();
+    let both = [
+        (format!("{}.damaged", "x".repeat(92)), Condition::Damaged),
+        (id.clone(), Condition::Ok),
+    ];
+    assert_eq!(rows(&root), both);
+    let library = Library::open(&root).unwrap();
+    assert_eq!(library.find("xxx").unwrap(), id);
+    assert_eq!(library.find(&aside).unwrap(), aside);
 }
 
 #[test]

@@ -487,6 +487,28 @@ fn a_reconstruction_takes_a_session_of_the_library() {
         assert_eq!(code, Some(0), "{error}");
         assert_eq!(out, format!("{verb} {} --out frames\n", sealed.display()));
     }
+    let sealed = sealed.display();
+    for (arguments, expected) in [
+        (
+            &["reconstruct", "run", "--out", "latest", "latest"][..],
+            format!("run --out latest {sealed}\n"),
+        ),
+        (
+            &["reconstruct", "-q", "run", "latest"],
+            format!("-q run {sealed}\n"),
+        ),
+        (
+            &["-q", "reconstruct", "run", "latest"],
+            format!("-q run {sealed}\n"),
+        ),
+        (
+            &["-vv", "reconstruct", "info", "latest"],
+            format!("-v -v info {sealed}\n"),
+        ),
+    ] {
+        let (code, out, error) = run(arguments);
+        assert_eq!((code, out), (Some(0), expected), "{error}");
+    }
     let (_, out, _) = run(&["reconstruct", "evaluate", "latest"]);
     assert_eq!(out, "evaluate latest\n");
     let (_, help, _) = run(&["--help"]);

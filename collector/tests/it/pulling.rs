@@ -511,6 +511,81 @@ fn what_a_library_lost_is_pulled_again_before_it_sends_a_receipt() {
     assert!(fs::read(rig.library().join(aside)).unwrap() == bytes);
 }
 
+/// The rig has a receipt for the session all the time.
+#[test]
+fn what_rotted_in_the_library_is_pulled_again_before_the_rig_frees_its_own() {
+    for is_validated in [true, false] {
+        let rig = Rig::new();
+        rig.pull(&rig.options());
+        let good = tree(&rig.sessions().join("run-1"));
+        let there = rig.library().join("sessions").join(OTHER);
+        let segment = there.join("segments/000000.mcap");
+        let mut bytes = fs::read(&segment).unwrap();
+        bytes[5000] ^= 1;
+        fs::write(&segment, &bytes).unwrap();
+        if is_validated {
+            let target = collector::target::Target::find(OTHER, Some(&rig.library())).unwrap();
+            let options = collector::validate::Options::default();
+            let validate = |console: &mut collector::console::Console<'_>| {
+                collector::validate::run(&[target], &options, console)
+            };
+            capture(validate).0.unwrap();
+        }
+        assert!(rig.receipt("run-1").exists());
+        let free = Options {
+            free: !is_validated,
+            sessions: vec!["run-1".to_owned()],
+            ..rig.options()
+        };
+        let (outcome, text) = rig.pull(&free);
+        assert_eq!(outcome, Outcome::Fine, "{text}");
+        assert!(
+            text.contains(&format!("is kept as {OTHER}.damaged")),
+            "{text}"
+        );
+        let mut copy = tree(&there);
+        assert!(copy.remove("import.json").is_some());
+        assert!(copy == good, "validated: {is_validated}");
+        assert_eq!(
+            rig.sessions().join("run-1").exists(),
+            is_validated,
+            "{text}"
+        );
+    }
+}
+
+/// A rig that closes a session after it was pulled has a better one from then on, whatever the receipt says.
+#[test]
+fn a_cut_off_session_makes_way_for_the_one_that_the_rig_closed_since() {
+    let rig = Rig::new();
+    let at = rig.sessions().join("walk-1");
+    fs::remove_dir_all(&at).unwrap();
+    let mut cut = Session::good(2.0);
+    cut.closed = false;
+    cut.write(&at);
+    let named = Options {
+        sessions: vec!["walk-1".to_owned()],
+        ..rig.options()
+    };
+    let (outcome, text) = rig.pull(&named);
+    assert_eq!(outcome, Outcome::Loss, "{text}");
+    assert!(rig.receipt("walk-1").exists());
+    let storage = session_archive::storage::DiskStorage::new(&at);
+    let closed = session_archive::recover::close_cut_off(Arc::new(storage)).unwrap();
+    assert!(closed.is_some());
+    let good = tree(&at);
+    let free = Options {
+        free: true,
+        ..named
+    };
+    let (outcome, text) = rig.pull(&free);
+    assert_eq!(outcome, Outcome::Fine, "{text}");
+    assert!(text.contains("; freed on the rig"), "{text}");
+    let mut copy = tree(&rig.library().join("sessions").join(ID));
+    assert!(copy.remove("import.json").is_some());
+    assert!(copy == good && !at.exists());
+}
+
 #[test]
 fn import_and_pull_take_over_from_each_other() {
     let rig = Rig::new();

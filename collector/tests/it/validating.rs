@@ -433,7 +433,7 @@ fn a_recording_without_lenses_is_told_what_mends_it() {
         for part in [
             what,
             "`paws calib cameras BOARDS --target board.toml --out calibration`",
-            "`paws-reconstruct run SESSION --calibration calibration --out SCENE`",
+            "`paws reconstruct run SESSION --calibration calibration --out SCENE`",
         ] {
             assert!(finding.text.contains(part), "no {part} in {}", finding.text);
         }

@@ -172,13 +172,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         outcomes.with_context(|| format!("reconstructing into {}", arguments.out.display()))?;
     let is_new = outcomes.iter().any(|o| o.state == State::Made);
     if is_new || !bundle.path().join(seen::FILE).exists() {
-        let written = seen::write(&bundle.path(), &input);
-        written.with_context(|| {
-            format!(
-                "writing images of what the cameras saw: {}",
+        // They are no part of the bundle, which is as good without.
+        if let Err(error) = seen::write(&bundle.path(), &input) {
+            log::warn!(
+                "writing images of what the cameras saw: {error}: {}",
                 arguments.out.display()
-            )
-        })?;
+            );
+        }
     }
     bundle.finish(machine::civil_ns())?;
 

@@ -27,6 +27,8 @@ pub(super) const MOST_BYTES: usize = 14_000_000;
 const POINT_BYTES: usize = 9;
 /// Places of a line, at most; an hour's walk at every 7 cm.
 const MOST_PLACES: usize = 60_000;
+/// Pieces of a line, at most; each has its two ends beside those places.
+const MOST_PIECES: usize = 10_000;
 /// Places nearer to the one before are left out, m.
 const SHORTEST_M: f64 = 0.02;
 /// What a line is coloured by where that is not known.
@@ -210,11 +212,19 @@ struct Line {
     bytes: Vec<u8>,
 }
 
-/// Places too near to the one before are left out, and of too many every so many; ends and breaks stay.
+/// Places too near to the one before are left out, and of too many every so many; ends and breaks stay. Of too many pieces
+/// between breaks every so many stay. A place that is no number breaks the line.
 fn line(places: impl Iterator<Item = Place>, low: [f64; 3]) -> Line {
     let mut kept: Vec<Place> = Vec::new();
     let mut skipped: Option<Place> = None;
-    for place in places.filter(|p| p.x.iter().all(|c| c.is_finite())) {
+    let mut is_broken = false;
+    for mut place in places {
+        if !place.x.iter().all(|c| c.is_finite()) {
+            is_broken = true;
+            continue;
+        }
+        place.follows &= !is_broken;
+        is_broken = false;
         let is_near = kept.last().is_some_and(|last| {
             let off = [0, 1, 2].map(|k| place.x[k] - last.x[k]);
             off.iter().map(|c| c * c).sum::<f64>() < SHORTEST_M * SHORTEST_M
@@ -230,6 +240,13 @@ fn line(places: impl Iterator<Item = Place>, low: [f64; 3]) -> Line {
         kept.push(place);
     }
     kept.extend(skipped);
+    let pieces = kept.iter().filter(|p| !p.follows).count();
+    let every_piece = pieces.div_ceil(MOST_PIECES).max(1);
+    let mut piece = 0_usize;
+    kept.retain(|place| {
+        piece += usize::from(!place.follows);
+        piece.saturating_sub(1) % every_piece == 0
+    });
     let every = kept.len().div_ceil(MOST_PLACES).max(1);
     let last = kept.len().saturating_sub(1);
     let is_break = |k: usize| kept.get(k).is_some_and(|p| !p.follows);
@@ -391,5 +408,32 @@ mod tests {
         // Nothing at all is no panic.
         assert_eq!(line(std::iter::empty(), [0.0; 3]).count, 0);
         assert_eq!(viewer(&content(&[], &[], &[])).points, 0);
+    }
+
+    #[test]
+    fn what_is_no_number_breaks_a_line() {
+        let places = [0.0, 1.0, f64::NAN, 2.0, 3.0].map(|x| Place {
+            x: [x, 0.0, 0.0],
+            level: 7,
+            follows: x > 0.0 || x.is_nan(),
+        });
+        let made = line(places.into_iter(), [0.0; 3]);
+        assert_eq!(made.count, 4);
+        assert_eq!(made.bytes[48..], [7, 0, 7, 1, 7, 0, 7, 1]);
+    }
+
+    #[test]
+    fn breaks_everywhere_do_not_make_a_line_longer() {
+        let most = MOST_PLACES + 2 * MOST_PIECES + 1;
+        for every in [1, 2, 3, 50] {
+            let places = (0..400_000).map(|k| Place {
+                x: [f64::from(k), 0.0, 0.0],
+                level: 7,
+                follows: k % every != 0,
+            });
+            let made = line(places, [0.0; 3]);
+            assert!(made.count <= most, "{every}: {}", made.count);
+            assert!(made.count > 5_000, "{every}: {}", made.count);
+        }
     }
 }

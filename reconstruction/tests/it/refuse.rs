@@ -59,13 +59,14 @@ fn a_session_that_was_not_handed_over_is_refused() {
         matches!(
             &error,
             InputError::HandOff {
-                error: HandOffError::Io { .. },
+                error: HandOffError::Missing,
                 ..
             }
         ),
         "{error:?}"
     );
-    assert!(error.source().is_some());
+    let source = error.source().expect("a source").to_string();
+    assert!(source.contains("`paws handoff`"), "{source}");
 }
 
 #[test]

@@ -110,7 +110,7 @@ pub(super) fn lenses(told: &mut Told, camera: &str, path: &Path, input: &Input) 
         log::warn!("{}: {}", path.display(), note.0);
     }
     for file in &calibration.provenance.files {
-        let bytes = plain_file::read(file, plain_file::TEXT_LIMIT)
+        let bytes = plain_file::read(file, plain_file::DOCUMENT_LIMIT)
             .with_context(|| format!("reading {}", file.display()))?;
         note(told, file, &bytes);
     }
