@@ -5,7 +5,8 @@
 //!
 //! * *At a press* the session begins with the pre-roll: for every camera with a key frame from
 //!   before it, so nothing has to be waited for. A camera without one, because a session has just
-//!   ended, begins with its next key frame, which is asked for ([`Recorder::take_key_wishes`]).
+//!   ended or there is no pre-roll, begins with its next key frame, which is asked for
+//!   ([`Recorder::take_key_wishes`]). Without a pre-roll nothing from before the press is kept but clock maps.
 //! * *At a gap* a gap record names the numbers and the cause. Frames and gaps together are every number
 //!   from a stream's first to its last.
 //! * *At a stop* what was received before it is waited for: [`STOP_LIMIT_NS`], and longer while frames are still being
@@ -584,7 +585,15 @@ impl Recorder {
         self.check(stored);
     }
 
+    /// Keeps what may become the beginning of the next session.
     fn keep(&mut self, item: Outgoing) {
+        if self.setup.pre_roll_ns == 0 {
+            // Nothing that follows would push it out: frames that nobody stores are not encoded.
+            if let Outgoing::Clock { at, map } = &item {
+                self.pre_roll.remember(*at, map);
+            }
+            return;
+        }
         self.pre_roll.keep(item);
         let cut = self.pre_roll.is_cut();
         if cut != self.pre_roll_alarm {
