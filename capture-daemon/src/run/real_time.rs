@@ -10,7 +10,7 @@
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
-use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -64,7 +64,8 @@ const CLOSE_LIMIT_NS: i64 = 4 * STUCK_NS;
 const NOTE_NS: i64 = 200_000_000;
 /// How long a request may take.
 const REQUEST_LIMIT: Duration = Duration::from_secs(5);
-/// How long a stop may take: what waits for the encoders goes in first.
+/// How long a stop may take: what waits for the encoders goes in first (`recorder::STOP_MAX_NS`). Whoever asks waits
+/// longer ([`control::answer_limit`], the page), and so does systemd (`deploy/pawsd.service`).
 const STOP_REQUEST_LIMIT: Duration = Duration::from_secs(30);
 
 /// To the hub.
@@ -784,10 +785,28 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
     drop(operator);
     drop(server);
     if result.is_ok() {
-        running.request(Request::Stop, "signal");
-        running.end();
+        stop_under_watchdog(running, &notify, Duration::from_nanos(watchdog_ns as u64))?;
     }
     result
+}
+
+/// Closes what is being recorded and ends all threads, and tells the watchdog meanwhile that it is being done.
+fn stop_under_watchdog(
+    running: Running,
+    notify: &Notify,
+    interval: Duration,
+) -> anyhow::Result<()> {
+    let (done, is_done) = sync_channel::<()>(0);
+    let stopping = spawn("stop", move || {
+        running.request(Request::Stop, "signal");
+        running.end();
+        drop(done);
+    })?;
+    while is_done.recv_timeout(interval) == Err(RecvTimeoutError::Timeout) {
+        notify.watchdog();
+    }
+    let _ = stopping.join();
+    Ok(())
 }
 
 /// What a person is to do once all cameras and IMUs deliver.
@@ -815,6 +834,7 @@ mod tests {
 
     use super::*;
     use crate::hub::{CameraSetup, FINISH_LIMIT};
+    use crate::recorder::STOP_MAX_NS;
     use crate::sync::clock::ClockConfig;
 
     /// Neither is something new missed that came before the waiting, nor does the wait end for what was seen.
@@ -837,6 +857,26 @@ mod tests {
         *lock(&shared.latest) = Some(status());
         shared.noted.notify_all();
         waiting.join().expect("it ends");
+    }
+
+    /// Else a stop on a slow machine would be called a failure, or killed, while it goes on.
+    #[test]
+    fn whoever_asks_for_a_stop_waits_longer_than_it_takes() {
+        let recorder = Duration::from_nanos(STOP_MAX_NS as u64);
+        let client = control::answer_limit(&Request::Stop);
+        assert!(recorder < STOP_REQUEST_LIMIT && STOP_REQUEST_LIMIT < client);
+        assert!(REQUEST_LIMIT < control::answer_limit(&Request::Status));
+        let number = |text: &str, before: &str, unit: Duration| {
+            let (_, number) = text.split_once(before).expect(before);
+            let number: String = number.chars().take_while(char::is_ascii_digit).collect();
+            unit * number.parse::<u32>().expect("a number")
+        };
+        let unit = include_str!("../../../deploy/pawsd.service");
+        let second = Duration::from_secs(1);
+        assert!(STOP_REQUEST_LIMIT < number(unit, "\nTimeoutStopSec=", second));
+        let page = include_str!("../../../rig-link/src/page/app.js");
+        let page = number(page, "const ACT_LIMIT = ", Duration::from_millis(1));
+        assert!(STOP_REQUEST_LIMIT < page);
     }
 
     /// Else the end of a replay on a slow machine would be taken for a thread that is stuck.
