@@ -1048,6 +1048,87 @@ fn loss_is_an_alarm_and_a_share_of_the_frames_of_its_camera() {
     assert_eq!(streams[0].missing, 0);
 }
 
+/// A frame of each of these streams that did not get through its encoder.
+fn lose(rig: &mut Rig, streams: &[&str]) {
+    for stream in streams {
+        rig.recorder.handle(Outgoing::Dropped {
+            at: rig.now(),
+            stream: (*stream).to_owned(),
+            first: rig.next[0],
+            last: rig.next[0],
+            cause: Cause::EncoderOverload,
+            detail: "full".to_owned(),
+        });
+    }
+}
+
+#[test]
+fn a_discarded_session_takes_its_alarms_along() {
+    let mut rig = rig(0, Bench::default());
+    rig.steps(10);
+    started(&mut rig);
+    rig.step();
+    lose(&mut rig, &["feet"]);
+    rig.health();
+    let text = "feet: samples are being lost: the machine is too slow to encode them";
+    assert_eq!(rig.recorder.status().alarms, [text]);
+    rig.recorder.request(Request::Discard, "button");
+    assert_eq!(rig.recorder.status().alarms, Vec::<String>::new());
+    let over = Progress::Alarm {
+        text: text.to_owned(),
+        active: false,
+    };
+    assert_eq!(rig.progress().pop(), Some(over));
+}
+
+/// The disk fails while the first of two alarms is written, which ends the session and both of them.
+#[test]
+fn no_alarm_about_losses_outlives_the_session() {
+    let run = |faults: Vec<Fault>| {
+        let bench = Bench {
+            faults,
+            ..Bench::default()
+        };
+        let mut rig = rig(0, bench);
+        rig.steps(10);
+        started(&mut rig);
+        rig.steps(10);
+        lose(&mut rig, &["left_shoulder", "feet"]);
+        // The next message closes the chunk.
+        rig.clock.advance_to(rig.now() + 10 * NS_PER_S);
+        let disk = rig.bench.disks.lock().expect("disks")[0].clone();
+        let before = disk.operations();
+        rig.health();
+        assert!(disk.operations() > before);
+        (rig, before)
+    };
+    let (whole, before) = run(Vec::new());
+    assert_eq!(whole.recorder.status().alarms.len(), 2);
+    let (rig, _) = run(vec![Fault {
+        at: before,
+        kind: FaultKind::PowerCut,
+        keep: 0,
+    }]);
+    assert_eq!(rig.recorder.state(), State::Fault);
+    let alarms = rig.recorder.status().alarms;
+    assert!(
+        alarms.len() == 1 && alarms[0].contains("ended by a failure"),
+        "{alarms:?}"
+    );
+    let mut told: BTreeMap<String, bool> = BTreeMap::new();
+    for progress in rig.progress() {
+        if let Progress::Alarm { text, active } = progress {
+            told.insert(text, active);
+        }
+    }
+    let standing: Vec<String> = told
+        .into_iter()
+        .filter_map(|(text, active)| active.then_some(text))
+        .filter(|text| text.contains("samples are being lost"))
+        .collect();
+    assert_eq!(standing, Vec::<String>::new());
+}
+
 #[test]
 fn a_session_whose_folder_is_removed_ends_with_the_next_chunk() {
     let bench = Bench::default();
