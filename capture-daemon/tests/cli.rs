@@ -563,11 +563,11 @@ fn pictures(folder: &Path, lost: Option<u8>) {
         fs::create_dir_all(&eye).unwrap();
         for number in (0..8).filter(|number| Some(*number) != lost) {
             let file = fs::File::create(eye.join(format!("{number:06}.png"))).unwrap();
-            let mut encoder = png::Encoder::new(file, 64, 32);
+            let mut encoder = png::Encoder::new(file, 64, 64);
             encoder.set_color(png::ColorType::Grayscale);
             encoder.set_depth(png::BitDepth::Eight);
             let mut writer = encoder.write_header().unwrap();
-            writer.write_image_data(&[number * 20; 64 * 32]).unwrap();
+            writer.write_image_data(&[number * 20; 64 * 64]).unwrap();
         }
     }
 }
