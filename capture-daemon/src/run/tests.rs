@@ -28,6 +28,10 @@ impl Source for Failing {
     fn begin_at(&mut self, start: HostTime) {
         self.inner.begin_at(start);
     }
+
+    fn digest(&self) -> Vec<u8> {
+        self.inner.digest()
+    }
 }
 
 const CAMERAS: [&str; 2] = ["feet", "left_shoulder"];
