@@ -11,7 +11,7 @@
 //! When the server is dropped the socket goes, nothing more is read, and requests that have arrived
 //! still get their answer.
 //!
-//! Contract of the client: [`request`] returns within [`ANSWER_LIMIT`] plus the time to connect, with
+//! Contract of the client: [`request`] returns within [`answer_limit`] plus the time to connect, with
 //! an answer or with a reason that says what to do.
 
 use std::collections::BTreeMap;
@@ -45,8 +45,10 @@ pub const MAX_CONNECTIONS: usize = 16;
 pub const IDLE_LIMIT: Duration = Duration::from_secs(60);
 /// How long a request may take from its first byte to its last.
 pub const LINE_LIMIT: Duration = Duration::from_secs(5);
-/// How long the client waits for an answer, and the server for a client to take one: longer than a stop may take.
-pub const ANSWER_LIMIT: Duration = Duration::from_secs(35);
+/// How long the client waits for an answer, and the server for a client to take one.
+pub const ANSWER_LIMIT: Duration = Duration::from_secs(15);
+/// How long the client waits for the answer to a stop, which comes when the session is closed.
+const STOP_ANSWER_LIMIT: Duration = Duration::from_secs(45);
 
 /// Pause after the system refused to accept a connection (out of file descriptors, say).
 const RETRY: Duration = Duration::from_millis(200);
@@ -83,10 +85,12 @@ pub enum ControlError {
         path: PathBuf,
     },
     /// The daemon is there but hangs, or what was asked takes longer. Ask for the status.
-    #[error("no answer from pawsd within {} s: {}", ANSWER_LIMIT.as_secs(), path.display())]
+    #[error("no answer from pawsd within {} s: {}", limit.as_secs(), path.display())]
     TimeOut {
         /// The socket.
         path: PathBuf,
+        /// How long was waited.
+        limit: Duration,
     },
     /// What answers is no pawsd, or one of another version.
     #[error("the answer is no answer of pawsd: {reason}: {}", path.display())]
@@ -133,11 +137,20 @@ pub fn serve(
     })
 }
 
+/// How long the client waits for the answer to a request: longer than the daemon takes for one.
+pub fn answer_limit(request: &Request) -> Duration {
+    match request {
+        Request::Stop => STOP_ANSWER_LIMIT,
+        _ => ANSWER_LIMIT,
+    }
+}
+
 /// Asks the daemon at `path`.
 ///
 /// # Errors
 /// See [`ControlError`]. A daemon that refuses what is asked has answered: [`Response::Error`].
 pub fn request(path: &Path, request: &Request) -> Result<Response, ControlError> {
+    let limit = answer_limit(request);
     let failed = |source: io::Error| {
         let path = path.to_owned();
         match source.kind() {
@@ -145,7 +158,9 @@ pub fn request(path: &Path, request: &Request) -> Result<Response, ControlError>
                 ControlError::NoDaemon { path }
             }
             io::ErrorKind::PermissionDenied => ControlError::NotAllowed { path },
-            io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => ControlError::TimeOut { path },
+            io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => {
+                ControlError::TimeOut { path, limit }
+            }
             _ => ControlError::Io { path, source },
         }
     };
@@ -155,12 +170,8 @@ pub fn request(path: &Path, request: &Request) -> Result<Response, ControlError>
     };
 
     let stream = UnixStream::connect(path).map_err(failed)?;
-    stream
-        .set_read_timeout(Some(ANSWER_LIMIT))
-        .map_err(failed)?;
-    stream
-        .set_write_timeout(Some(ANSWER_LIMIT))
-        .map_err(failed)?;
+    stream.set_read_timeout(Some(limit)).map_err(failed)?;
+    stream.set_write_timeout(Some(limit)).map_err(failed)?;
     match send(&stream, request) {
         // A server that has too many connections answers without listening.
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}

@@ -6,9 +6,10 @@
 //! were inside it are reported as dropped, never forgotten. Given-up encoders that do not let go are
 //! bounded too: with `MAX_ENDING` of them no other is started ([`Lane::is_failing`] tells).
 //!
-//! Frames wait for the encoder in a queue that is bounded in bytes ([`Lane::fill`]). When it is full, the new frame is
-//! dropped whole, before the encoder, so that no other frame depends on it. Frames in their cameras' own buffers do
-//! not wait: the camera needs its buffers back.
+//! Frames wait for the encoder in a queue that is bounded in bytes ([`Lane::look_at_fill`]), also for one that is to be
+//! started again. When it is full, the new frame is dropped whole, before the encoder, so that no other frame depends on
+//! it. Frames in their cameras' own buffers do not wait: the camera needs its buffers back. A full encoder refuses them,
+//! which counts as a full queue.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -165,6 +166,8 @@ pub struct Lane {
     waiting_bytes: usize,
     /// Bytes that may wait.
     capacity: usize,
+    /// A frame that cannot wait was refused since the fill was last looked at.
+    refused: bool,
 }
 
 impl Lane {
@@ -175,6 +178,7 @@ impl Lane {
             waiting: VecDeque::new(),
             waiting_bytes: 0,
             capacity: capacity.max(1),
+            refused: false,
             settings,
             chunk_ns,
             sink,
@@ -204,9 +208,21 @@ impl Lane {
         self.waiting_bytes + inside.map_or(0, |r| r.encoder.queued_bytes())
     }
 
-    /// How full the queue in front of the encoder is, 0 to 1.
-    pub fn fill(&self) -> f64 {
+    /// How far the encoder is behind, 0 to 1: how full the queue in front of it is, and 1 if it was too full for a
+    /// frame that cannot wait since the last look. What waits for an encoder that is to be started again says nothing.
+    pub fn look_at_fill(&mut self) -> f64 {
+        if std::mem::take(&mut self.refused) {
+            return 1.0;
+        }
+        if self.running.is_none() {
+            return 0.0;
+        }
         (self.waiting_bytes as f64 / self.capacity as f64).min(1.0)
+    }
+
+    /// Whether an encoder is running.
+    pub fn is_running(&self) -> bool {
+        self.running.is_some()
     }
 
     /// Makes it easier for the encoder from the next chunk on, or again as configured.
@@ -225,6 +241,7 @@ impl Lane {
             Input::Picture(picture) => picture,
             native => {
                 if let Err((frame, pictures)) = self.submit(frame, native, now, false) {
+                    self.refused = true;
                     self.drop_full(&frame, &format!("{pictures} frames in the encoder"));
                 }
                 return;
@@ -233,7 +250,13 @@ impl Lane {
         let bytes = picture.data.len();
         if !self.waiting.is_empty() && self.waiting_bytes + bytes > self.capacity {
             let detail = format!("{} MB wait for the encoder", self.waiting_bytes >> 20);
-            self.drop_full(&frame, &detail);
+            match self.why_not_started(now, false) {
+                Some(why) => {
+                    let detail = format!("{why}, {detail}");
+                    self.drop_it(&frame, Cause::EncoderRestart, detail);
+                }
+                None => self.drop_full(&frame, &detail),
+            }
         } else {
             let picture = picture.clone();
             self.waiting_bytes += bytes;
@@ -242,14 +265,48 @@ impl Lane {
         self.feed(now);
     }
 
-    /// Hands waiting frames to the encoder as far as it has room; call it often.
+    /// Hands waiting frames to the encoder as far as it has room; call it often. They go on waiting while none may be
+    /// started.
     pub fn feed(&mut self, now: HostTime) {
-        while let Some(Waiting { frame, picture }) = self.waiting.pop_front() {
+        while self.why_not_started(now, false).is_none()
+            && let Some(Waiting { frame, picture }) = self.waiting.pop_front()
+        {
             if let Err((frame, _)) = self.submit(frame, (&picture).into(), now, false) {
                 self.waiting.push_front(Waiting { frame, picture });
                 break;
             }
             self.waiting_bytes -= picture.data.len();
+        }
+    }
+
+    /// For when no frame is taken any more; never waits. Hands waiting frames on as [`Self::feed`] does, and reports
+    /// them if there is no encoder for them. Whether none waits: then [`Self::finish`] has only to drain the encoder.
+    pub fn drain(&mut self, now: HostTime) -> bool {
+        self.feed(now);
+        if self.running.is_none() {
+            self.drop_waiting(Cause::EncoderRestart, NOT_RUNNING);
+        }
+        self.waiting.is_empty()
+    }
+
+    /// Reports what waits as dropped.
+    pub fn drop_waiting(&mut self, cause: Cause, why: &str) {
+        for Waiting { frame, .. } in std::mem::take(&mut self.waiting) {
+            self.drop_it(&frame, cause, why.to_owned());
+        }
+        self.waiting_bytes = 0;
+    }
+
+    /// Why no encoder is running and none may be started now, if that is so; with `wait`, however many hang.
+    fn why_not_started(&self, now: HostTime, wait: bool) -> Option<String> {
+        if self.running.is_some() {
+            None
+        } else if now < self.retry_at {
+            Some(NOT_RUNNING.to_owned())
+        } else if !wait && self.ending.len() >= MAX_ENDING {
+            Some(format!("{MAX_ENDING} encoders hang and have not ended"))
+        } else {
+            None
         }
     }
 
@@ -329,12 +386,11 @@ impl Lane {
 
     /// Drains the encoder: everything taken is handed on or reported when this returns.
     pub fn finish(&mut self, rest: Rest, limit: Duration, now: HostTime) {
+        if rest == Rest::Drop {
+            self.drop_waiting(Cause::Late, ENDED_EARLY);
+        }
         for Waiting { frame, picture } in std::mem::take(&mut self.waiting) {
-            let submitted = match rest {
-                Rest::Encode => self.submit(frame, (&picture).into(), now, true),
-                Rest::Drop => Err((frame, 0)),
-            };
-            if let Err((frame, _)) = submitted {
+            if let Err((frame, _)) = self.submit(frame, (&picture).into(), now, true) {
                 self.drop_it(&frame, Cause::Late, ENDED_EARLY.to_owned());
             }
         }
@@ -359,22 +415,16 @@ impl Lane {
         wait: bool,
     ) -> Result<(), (Frame, usize)> {
         let restart = Cause::EncoderRestart;
-        if self.running.is_none() {
-            if now < self.retry_at {
-                self.drop_it(&frame, restart, NOT_RUNNING.to_owned());
-                return Ok(());
-            }
-            // Virtual time waits for them instead.
-            if !wait && self.ending.len() >= MAX_ENDING {
-                let detail = format!("{MAX_ENDING} encoders hang and have not ended");
-                self.drop_it(&frame, restart, detail);
-                return Ok(());
-            }
-            if let Err(e) = self.start(picture, None, now) {
-                self.failed(now);
-                self.drop_it(&frame, restart, e.to_string());
-                return Ok(());
-            }
+        if let Some(why) = self.why_not_started(now, wait) {
+            self.drop_it(&frame, restart, why);
+            return Ok(());
+        }
+        if self.running.is_none()
+            && let Err(e) = self.start(picture, None, now)
+        {
+            self.failed(now);
+            self.drop_it(&frame, restart, e.to_string());
+            return Ok(());
         }
         let epoch = frame.time.div_euclid(self.chunk_ns);
         if self.epoch.is_some_and(|e| epoch > e) {

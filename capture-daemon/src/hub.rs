@@ -52,8 +52,10 @@ pub const TICK_NS: i64 = 100_000_000;
 pub const WAITING_BYTES: usize = 256 << 20;
 /// What alarms about encoders that cannot keep up come from.
 const ENCODERS: &str = "encoders";
-/// How long draining the encoders may take at the end.
-const FINISH_LIMIT: Duration = Duration::from_secs(5);
+/// How long draining an encoder may take at the end.
+pub const FINISH_LIMIT: Duration = Duration::from_secs(5);
+/// Why frames are dropped that were received while somebody stored them.
+const NOT_WANTED: &str = "not through the encoder when the session was closed";
 
 /// What the hub and the encoders hand on to the recorder.
 #[derive(Debug)]
@@ -218,6 +220,8 @@ pub struct Hub {
     inbox_fill: f64,
     /// Nobody stores frames.
     is_idle: bool,
+    /// Since when somebody does: what arrived before is not asked for.
+    wanted_since: HostTime,
 }
 
 struct CameraState {
@@ -345,6 +349,7 @@ impl Hub {
             relief_alarm: None,
             inbox_fill: 0.0,
             is_idle: false,
+            wanted_since: HostTime::MIN,
         }
     }
 
@@ -361,13 +366,20 @@ impl Hub {
         }
     }
 
-    /// Encodes nothing while nobody stores frames: they are timed, counted and shown. What is encoded afterwards
-    /// begins with a key frame.
-    pub fn idle(&mut self, is_idle: bool) {
-        if is_idle != self.is_idle {
-            self.is_idle = is_idle;
-            for camera in &mut self.cameras {
-                camera.lane.request_key();
+    /// Encodes nothing while nobody stores frames: they are timed, counted and shown, and what still waits is dropped.
+    /// What is encoded afterwards begins with a key frame and arrived after `since`, when somebody began to store them:
+    /// of what arrived before and is handed in later, most has no pixels.
+    pub fn idle(&mut self, is_idle: bool, since: HostTime) {
+        if is_idle == self.is_idle {
+            return;
+        }
+        self.is_idle = is_idle;
+        self.wanted_since = since;
+        for camera in &mut self.cameras {
+            camera.lane.request_key();
+            if is_idle {
+                // Else the next recording would begin with it.
+                camera.lane.drop_waiting(Cause::Late, NOT_WANTED);
             }
         }
     }
@@ -390,7 +402,8 @@ impl Hub {
 
     /// Gives up what the encoders cannot keep up with, and takes it back.
     fn relieve(&mut self, now: HostTime) {
-        let fills = self.cameras.iter().map(|camera| camera.lane.fill());
+        let lanes = self.cameras.iter_mut().map(|camera| &mut camera.lane);
+        let fills = lanes.map(Lane::look_at_fill);
         let fill = fills.fold(self.inbox_fill, f64::max);
         if !self.relief.look(now, fill) {
             return;
@@ -574,6 +587,30 @@ impl Hub {
         }
     }
 
+    /// For when nothing is handed in any more, until it says that everything is encoded; then [`Self::finish`] is quick.
+    /// Waits for nothing but, once none of the frames waits for an encoder, for one of the encoders to end in each call.
+    pub fn drain(&mut self, now: HostTime) -> bool {
+        let mut is_waiting = false;
+        for camera in &mut self.cameras {
+            camera.watch.hold();
+            is_waiting |= !camera.lane.drain(now);
+        }
+        for imu in &mut self.imus {
+            imu.watch.hold();
+        }
+        if is_waiting {
+            return false;
+        }
+        let mut lanes = self.cameras.iter_mut().map(|camera| &mut camera.lane);
+        match lanes.find(|lane| lane.is_running()) {
+            Some(lane) => {
+                lane.finish(Rest::Encode, FINISH_LIMIT, now);
+                false
+            }
+            None => true,
+        }
+    }
+
     /// Hands on everything inside; nothing may be handed in afterwards. `rest`: what becomes of frames that still wait
     /// for an encoder.
     pub fn finish(&mut self, rest: Rest, now: HostTime) {
@@ -631,7 +668,7 @@ impl Hub {
                 self.measures.lower_preview,
             );
         }
-        if self.is_idle {
+        if self.is_idle || raw.host_time < self.wanted_since {
             return;
         }
         if let Some(detail) = self.rate_lowered(position)

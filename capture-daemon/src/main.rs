@@ -390,7 +390,7 @@ fn record(args: &RecordArgs, stderr: Lines) -> anyhow::Result<ExitCode> {
         stdout.finish();
     }
     if !args.json {
-        print(finished.session.display())?;
+        unless_closed(print(finished.session.display()))?;
     }
     let is_whole = finished.missing == 0 && finished.absent.is_empty();
     Ok(ExitCode::from(match (finished.error, is_whole) {
@@ -398,6 +398,14 @@ fn record(args: &RecordArgs, stderr: Lines) -> anyhow::Result<ExitCode> {
         (None, true) => 0,
         (None, false) => 3,
     }))
+}
+
+/// A reader that has closed the pipe changes nothing about what was done: the exit code tells it.
+fn unless_closed(printed: anyhow::Result<()>) -> anyhow::Result<()> {
+    match printed {
+        Err(error) if is_broken_pipe(&error) => Ok(()),
+        printed => printed,
+    }
 }
 
 fn daemon(path: &Path) -> anyhow::Result<ExitCode> {
@@ -465,7 +473,7 @@ fn ask(
     request.check()?;
     match control::request(&control.socket()?, request)? {
         Response::Ok { status } => {
-            show(&status)?;
+            unless_closed(show(&status))?;
             if matches!(request, Request::Start { .. }) {
                 status
                     .notes
@@ -566,6 +574,16 @@ mod tests {
         command().debug_assert();
         let wrong = command_line::examples::check(&command());
         assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    }
+
+    /// Both crates have the rule, for neither knows of the other.
+    #[test]
+    fn messages_and_recorded_names_are_shown_by_the_same_rule() {
+        for c in '\0'..=char::MAX {
+            let text = c.to_string();
+            let message = output::harmless(&text);
+            assert_eq!(message, session_archive::text::shown_lines(&text), "{c:?}");
+        }
     }
 
     #[test]

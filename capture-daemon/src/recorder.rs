@@ -5,7 +5,8 @@
 //!
 //! * *At a press* the session begins with the pre-roll: for every camera with a key frame from
 //!   before it, so nothing has to be waited for. A camera without one, because a session has just
-//!   ended, begins with its next key frame, which is asked for ([`Recorder::take_key_wishes`]).
+//!   ended or there is no pre-roll, begins with its next key frame, which is asked for
+//!   ([`Recorder::take_key_wishes`]). Without a pre-roll nothing from before the press is kept but clock maps.
 //! * *At a gap* a gap record names the numbers and the cause. Frames and gaps together are every number
 //!   from a stream's first to its last.
 //! * *At a stop* what was received before it is waited for: [`STOP_LIMIT_NS`], and longer while frames are still being
@@ -421,14 +422,19 @@ impl Recorder {
 
     /// Stops and deletes the session.
     fn discard(&mut self, source: &str) -> Result<(), String> {
-        let Some(session) = self.session.take() else {
+        let Some(mut session) = self.session.take() else {
             return Err(format!(
                 "nothing is being recorded; the state is {}",
                 self.state()
             ));
         };
         let path = session.path.clone();
+        let ended = session.end_losses();
         drop(session);
+        let now = self.clock.now();
+        for (text, active) in ended {
+            self.on_alarm(now, text, LOSSES, active);
+        }
         log::info!("{} discarded by {source}", path.display());
         self.last_session = None;
         self.last_totals = (0.0, Vec::new());
@@ -584,7 +590,15 @@ impl Recorder {
         self.check(stored);
     }
 
+    /// Keeps what may become the beginning of the next session.
     fn keep(&mut self, item: Outgoing) {
+        if self.setup.pre_roll_ns == 0 {
+            // Nothing that follows would push it out: frames that nobody stores are not encoded.
+            if let Outgoing::Clock { at, map } = &item {
+                self.pre_roll.remember(*at, map);
+            }
+            return;
+        }
         self.pre_roll.keep(item);
         let cut = self.pre_roll.is_cut();
         if cut != self.pre_roll_alarm {
@@ -698,11 +712,7 @@ impl Recorder {
         let missing = session.streams.iter().map(|s| s.missing).sum();
         let absent = session.absent();
         let streams = session.account();
-        let ended: Vec<_> = session
-            .streams
-            .iter_mut()
-            .filter_map(|s| s.losses.end())
-            .collect();
+        let ended = session.end_losses();
         let path = session.path;
         if let Some(e) = &failed {
             let text = format!(
@@ -751,13 +761,17 @@ impl Recorder {
             log::info!("over: {text}");
             self.alarms.remove(&text);
         }
+        // First: if the event cannot be written the session ends, and with it some alarms.
+        (self.on_progress)(Progress::Alarm {
+            text: text.clone(),
+            active,
+        });
         self.event(
             if active { Kind::Fault } else { Kind::Cleared },
             at,
             stream,
             &text,
         );
-        (self.on_progress)(Progress::Alarm { text, active });
     }
 
     fn on_health(&mut self, at: HostTime, streams: Vec<StreamHealth>) {
@@ -819,7 +833,10 @@ impl Recorder {
         let streams = self.session.iter_mut().flat_map(|s| &mut s.streams);
         let changes: Vec<_> = streams.flat_map(|s| s.losses.look(&s.name)).collect();
         for (text, active) in changes {
-            self.on_alarm(at, text, LOSSES, active);
+            // To write one may end the session, and with it the alarms that stand.
+            if self.session.is_some() || !active {
+                self.on_alarm(at, text, LOSSES, active);
+            }
         }
     }
 

@@ -393,11 +393,10 @@ pub trait Source: Send {
         None
     }
 
-    /// Bytes that are others when what it reads is something else, beside what [`Source::info`] and
-    /// [`Source::truth`] say; the same wherever its files lie.
-    fn digest(&self) -> Vec<u8> {
-        Vec::new()
-    }
+    /// Bytes that are others when what it delivers is something else by its settings or by what it reads, beside what
+    /// [`Source::info`] and [`Source::truth`] say; the same wherever its files lie. Recordings in virtual time are told
+    /// apart by them.
+    fn digest(&self) -> Vec<u8>;
 }
 
 /// Where a live source puts its samples; used from several threads.

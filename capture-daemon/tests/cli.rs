@@ -612,6 +612,51 @@ fn a_closed_pipe_is_no_failure() {
     }
 }
 
+/// Eight stereo pictures, but for the one that was `lost`.
+fn pictures(folder: &Path, lost: Option<u8>) {
+    for eye in ["image_0", "image_1"] {
+        let eye = folder.join(eye);
+        fs::create_dir_all(&eye).unwrap();
+        for number in (0..8).filter(|number| Some(*number) != lost) {
+            let file = fs::File::create(eye.join(format!("{number:06}.png"))).unwrap();
+            let mut encoder = png::Encoder::new(file, 64, 64);
+            encoder.set_color(png::ColorType::Grayscale);
+            encoder.set_depth(png::BitDepth::Eight);
+            let mut writer = encoder.write_header().unwrap();
+            writer.write_image_data(&[number * 20; 64 * 64]).unwrap();
+        }
+    }
+}
+
+/// Whether samples were lost is told by the exit code, also to whoever does not read where they are.
+#[test]
+fn a_closed_pipe_hides_no_loss() {
+    for (lost, code) in [(None, 0), (Some(3), 3)] {
+        let folder = folder_with(
+            "[[camera]]\nname = \"feet\"\nsource = { kind = \"replay\", path = \"walk\", rate_hz = 10 }\n",
+        );
+        pictures(&folder.path().join("walk"), lost);
+        let args = [
+            "record",
+            "--config",
+            "pawsd.toml",
+            "--out",
+            "out",
+            "--seconds",
+            "2",
+            "--virtual",
+        ];
+        let mut child = pawsd(&args, folder.path())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take());
+        let output = child.wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(code), "{output:?}");
+    }
+}
+
 #[test]
 fn manual_pages_and_completions_come_from_the_program() {
     let folder = tempfile::tempdir().unwrap();

@@ -33,6 +33,8 @@ use crate::{Picture, layout};
 
 /// Decoded images that wait to be taken.
 const AHEAD: u32 = 2;
+/// Largest image: nobody's camera has more, and a file may claim anything.
+const MAX_PIXELS: u64 = 1 << 26;
 /// How often a failure is looked for while an image is waited for.
 const SLICE_MS: u64 = 50;
 /// Full range BT.601, as GStreamer writes it: what a [`Picture`] holds.
@@ -256,11 +258,21 @@ fn build(
     Ok((running, sink))
 }
 
+fn check_size(width: u32, height: u32) -> Result<(), String> {
+    match u64::from(width) * u64::from(height) {
+        0..=MAX_PIXELS => Ok(()),
+        _ => Err(format!(
+            "found images of {width}x{height}, expected at most {MAX_PIXELS} pixels"
+        )),
+    }
+}
+
 /// A sample as an image, and the rate that the container gives.
 fn frame(sample: &gst::Sample) -> Result<(FileFrame, Option<f64>), String> {
     let buffer = sample.buffer().ok_or("an image without data")?;
     let caps = sample.caps().ok_or("an image without caps")?;
     let info = gst_video::VideoInfo::from_caps(caps).map_err(|error| error.to_string())?;
+    check_size(info.width(), info.height())?;
     let rate = info.fps();
     let rate_hz = f64::from(rate.numer()) / f64::from(rate.denom().max(1));
     let segment = sample.segment();
@@ -275,4 +287,18 @@ fn frame(sample: &gst::Sample) -> Result<(FileFrame, Option<f64>), String> {
         picture: layout::to_picture(buffer, &info)?,
     };
     Ok((frame, (rate_hz > 0.0).then_some(rate_hz)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn images_of_any_size_that_a_camera_has_are_taken() {
+        assert_eq!(check_size(15_360, 4_320), Ok(()));
+        assert_eq!(check_size(1 << 13, 1 << 13), Ok(()));
+        let refused = check_size(1 << 13, (1 << 13) + 2).expect_err("too large");
+        assert!(refused.contains("8192x8194"), "{refused}");
+        assert!(check_size(u32::MAX, u32::MAX).is_err());
+    }
 }

@@ -1,7 +1,8 @@
 //! Lanes with a real encoder at a small size.
 
 use super::*;
-use video::{Picture, PixelFormat};
+use video::capture::{Capture, CaptureEvent, CaptureSettings, Content, Delivery};
+use video::{NativeFrame, Picture, PixelFormat};
 
 const MS: i64 = 1_000_000;
 /// Room for forty small frames.
@@ -28,6 +29,31 @@ fn picture(n: u64, width: u32, height: u32) -> Picture {
         .map(|i| (i as u64 * 7 + n * 13) as u8)
         .collect::<Vec<_>>();
     Picture::new(width, height, PixelFormat::I420, data).expect("picture")
+}
+
+/// Frames of a camera in its own buffers.
+fn natives(width: u32, height: u32, count: usize) -> Vec<NativeFrame> {
+    let rate_hz = 200.0;
+    let chain = format!(
+        "videotestsrc is-live=true ! video/x-raw,format=NV12,width={width},height={height},framerate=200/1"
+    );
+    let settings = CaptureSettings {
+        delivery: Delivery::Native,
+        ..CaptureSettings::new(&chain, width, height, rate_hz)
+    };
+    let mut capture = Capture::start(&settings, Arc::new(|| 0)).expect("a camera");
+    let mut natives = Vec::new();
+    while natives.len() < count {
+        match capture.next(Duration::from_secs(60)) {
+            Some(CaptureEvent::Frame(frame)) => match frame.content {
+                Content::Native(native) => natives.push(native),
+                other => panic!("{other:?}"),
+            },
+            Some(CaptureEvent::Lost(_)) => {}
+            other => panic!("{other:?}"),
+        }
+    }
+    natives
 }
 
 fn frame(number: u64) -> Frame {
@@ -193,16 +219,82 @@ fn encoders_that_hang_are_not_added_to_for_ever() {
         lane.ending.push(ending);
     }
     lane.tick(HostTime(0));
-    lane.push(frame(0), &picture(0, 64, 32), HostTime(0));
-    let dropped = Err(Cause::EncoderRestart);
-    assert_eq!(*seen.lock().expect("seen"), [(0, dropped)]);
+    let one = picture(0, 64, 32);
+    lane.capacity = one.data.len();
+    lane.push(frame(0), &one, HostTime(0));
+    lane.push(frame(1), &one, HostTime(0));
+    let dropped = (1, Err(Cause::EncoderRestart));
+    assert_eq!(*seen.lock().expect("seen"), [dropped], "one has room");
     assert!(lane.running.is_none());
+    assert_eq!(lane.look_at_fill(), 0.0, "nothing is too slow");
     drop(release);
     for ending in lane.ending.drain(..) {
         ending.join().expect("ending");
     }
-    lane.push_and_wait(frame(1), &picture(1, 64, 32), HostTime(0));
-    assert_eq!(seen.lock().expect("seen").last(), Some(&(1, Ok(true))));
+    lane.feed(HostTime(0));
+    lane.finish(Rest::Encode, Duration::from_secs(10), HostTime(0));
+    assert_eq!(*seen.lock().expect("seen"), [dropped, (0, Ok(true))]);
+}
+
+#[test]
+fn what_waits_is_not_lost_while_an_encoder_is_started_again() {
+    let (mut lane, seen) = lane();
+    let second = 1000 * MS;
+    lane.retry_at = HostTime(second);
+    for n in 0..20 {
+        lane.push(frame(n), &picture(n, 64, 32), HostTime(0));
+    }
+    lane.tick(HostTime(second - 1));
+    assert_eq!(*seen.lock().expect("seen"), []);
+    lane.tick(HostTime(second));
+    assert!(lane.is_running());
+    lane.finish(Rest::Encode, Duration::from_secs(10), HostTime(second));
+    let seen = seen.lock().expect("seen").clone();
+    assert!(seen.iter().map(|s| s.0).eq(0..20), "{seen:?}");
+    assert!(seen.iter().all(|s| s.1.is_ok()), "{seen:?}");
+}
+
+/// So that whoever drains can look after other things meanwhile, and does not wait for what may never work again.
+#[test]
+fn draining_waits_neither_for_room_nor_for_another_encoder() {
+    let (mut lane, seen) = lane();
+    // Encoding one takes many times as long as pushing one.
+    (lane.settings.width, lane.settings.height) = (1344, 376);
+    let picture = picture(0, 1344, 376);
+    lane.capacity = 100 * picture.data.len();
+    for n in 0..100 {
+        lane.push(frame(n), &picture, HostTime(0));
+    }
+    assert!(!lane.drain(HostTime(0)), "the encoder has no room for all");
+    while !lane.drain(HostTime(0)) {
+        std::thread::yield_now();
+    }
+    lane.finish(Rest::Encode, Duration::from_secs(60), HostTime(0));
+    assert!(!lane.is_running());
+    let all: Vec<_> = std::mem::take(&mut *seen.lock().expect("seen"));
+    assert!(all.iter().map(|s| s.0).eq(0..100), "{all:?}");
+    assert!(all.iter().all(|s| s.1.is_ok()), "{all:?}");
+    lane.retry_at = HostTime(1);
+    lane.push(frame(100), &picture, HostTime(0));
+    assert!(lane.drain(HostTime(0)));
+    let dropped = (100, Err(Cause::EncoderRestart));
+    assert_eq!(*seen.lock().expect("seen"), [dropped]);
+}
+
+/// They cannot wait, so no queue tells that they are too many.
+#[test]
+fn native_frames_that_are_refused_count_as_a_full_queue() {
+    let (mut lane, seen) = lane();
+    // Encoding one takes many times as long as pushing one.
+    (lane.settings.width, lane.settings.height) = (1344, 376);
+    for (n, native) in natives(1344, 376, 40).iter().enumerate() {
+        lane.push(frame(n as u64), native, HostTime(0));
+    }
+    assert_eq!(lane.look_at_fill(), 1.0);
+    assert_eq!(lane.look_at_fill(), 0.0, "none since");
+    lane.finish(Rest::Encode, Duration::from_secs(20), HostTime(0));
+    let seen = seen.lock().expect("seen");
+    assert!(seen.iter().any(|s| s.1 == Err(Cause::EncoderOverload)));
 }
 
 /// However fast frames come: each is handed on or reported, exactly once, in order.
@@ -242,9 +334,9 @@ fn frames_wait_in_front_of_a_slow_encoder() {
     for n in 0..100 {
         lane.push(frame(n), &picture, HostTime(0));
     }
-    assert!(lane.fill() <= 1.0 && lane.queued_bytes() <= 108 * picture.data.len());
+    assert!(lane.look_at_fill() <= 1.0 && lane.queued_bytes() <= 108 * picture.data.len());
     lane.finish(Rest::Encode, LONG, HostTime(0));
-    assert_eq!(lane.fill(), 0.0);
+    assert_eq!(lane.look_at_fill(), 0.0);
     let seen = seen.lock().expect("seen").clone();
     assert!(seen.iter().all(|s| s.1.is_ok()), "{seen:?}");
     assert!(seen.iter().map(|s| s.0).eq(0..100));

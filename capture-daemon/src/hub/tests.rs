@@ -434,6 +434,107 @@ fn a_machine_is_spared_by_leaving_out_every_other_picture() {
     assert_eq!(spared, [5, 7, 9]);
 }
 
+/// The hub may be behind when recording begins. Else what comes without pixels behind the frame that is shown would be a
+/// gap in the recording.
+#[test]
+fn what_arrived_before_somebody_stores_frames_is_not_encoded() {
+    let mut bench = bench();
+    let at = |i: u64| START + i as i64 * 50 * MS;
+    let without_pixels = |bench: &mut Bench, number: u64| {
+        let seen = Seen {
+            number,
+            device_ticks: at(number).0,
+            host_time: at(number),
+        };
+        bench.hub.sample(0, Sample::Seen(seen), at(number));
+    };
+    bench.hub.idle(true, START);
+    without_pixels(&mut bench, 0);
+    bench.hub.idle(false, at(3) + 1);
+    bench.frame(1, at(1));
+    without_pixels(&mut bench, 2);
+    without_pixels(&mut bench, 3);
+    bench.frame(4, at(4));
+    bench.frame(5, at(5));
+    let encoded: Vec<(u64, bool)> = bench
+        .seen()
+        .iter()
+        .filter_map(|item| match item {
+            Outgoing::Frame { frame, key, .. } => Some((frame.number, *key)),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(encoded, [(4, true), (5, false)]);
+}
+
+/// What waits when a recording is over is not what the next one begins with.
+#[test]
+fn what_waits_is_dropped_when_nobody_stores_it() {
+    let mut bench = bench();
+    bench.hub.waits = false;
+    // An encoder that cannot be started for now.
+    bench.hub.cameras[0].setup.encoder.element = "noenc".to_owned();
+    let (settings, seen) = (
+        bench.hub.cameras[0].setup.encoder.clone(),
+        bench.seen.clone(),
+    );
+    let sink = Arc::new(move |encoded: Encoded| match encoded {
+        Encoded::Dropped {
+            at, first, last, ..
+        } => seen.lock().expect("seen").push(Outgoing::Dropped {
+            at,
+            stream: String::new(),
+            first,
+            last,
+            cause: Cause::Late,
+            detail: String::new(),
+        }),
+        Encoded::Frame { .. } => panic!("there is no such encoder"),
+    });
+    bench.hub.cameras[0].lane = Lane::new(settings, 500 * MS, 1 << 20, sink);
+    for i in 0..10 {
+        bench.frame(i, START + i as i64 * MS);
+    }
+    let dropped = |bench: &Bench| {
+        let seen = bench.seen();
+        let is_dropped = |item: &&Outgoing| matches!(item, Outgoing::Dropped { .. });
+        seen.iter().filter(is_dropped).count()
+    };
+    assert_eq!(dropped(&bench), 2, "two tries");
+    bench.hub.idle(true, START);
+    assert_eq!(dropped(&bench), 10);
+}
+
+#[test]
+fn draining_hands_on_everything_and_is_no_silence() {
+    let mut bench = bench();
+    bench.hub.waits = false;
+    let at = |i: u64| START + i as i64 * 50 * MS;
+    for i in 0..30 {
+        bench.frame(i, at(i));
+        bench.imu(i, at(i), at(i));
+    }
+    while !bench.hub.drain(at(30)) {
+        std::thread::yield_now();
+    }
+    assert!(!bench.encoding.is_busy(0));
+    for i in 30..200 {
+        bench.hub.tick(at(i));
+        assert!(bench.hub.drain(at(i)));
+    }
+    bench.hub.finish(Rest::Encode, at(200));
+    let seen = bench.seen();
+    let frames = seen.iter().filter_map(|item| match item {
+        Outgoing::Frame { frame, .. } => Some(frame.number),
+        _ => None,
+    });
+    assert!(frames.eq(0..30));
+    let alarms = seen
+        .iter()
+        .filter(|item| matches!(item, Outgoing::Alarm { .. }));
+    assert_eq!(alarms.count(), 0);
+}
+
 /// The camera goes on while its IMU is gone, and the other way round.
 #[test]
 fn camera_and_imu_are_gone_each_by_itself() {

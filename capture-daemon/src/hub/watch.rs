@@ -134,6 +134,13 @@ impl Watch {
         self.set_silent(silent, now, name, out);
     }
 
+    /// It is known why nothing comes: silence is counted from the next [`Self::check`] on.
+    pub(super) fn hold(&mut self) {
+        if !self.silent {
+            self.last = None;
+        }
+    }
+
     fn set_silent(&mut self, silent: bool, at: HostTime, name: &str, out: &Out) {
         if silent != self.silent {
             self.silent = silent;

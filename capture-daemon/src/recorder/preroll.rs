@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, VecDeque};
 use session_archive::record::ClockMap;
 use session_archive::time::HostTime;
 
+use super::STOP_MAX_NS;
 use crate::hub::Outgoing;
 
 /// However long the pre-roll, no more than this is kept.
@@ -60,17 +61,21 @@ impl PreRoll {
                 break;
             }
             full |= !old;
-            let Some(item) = self.items.pop_front() else {
-                break;
-            };
-            self.bytes -= item.bytes();
-            if let Outgoing::Clock { at, map } = item {
-                self.remember(at, &map);
-            }
+            self.drop_oldest();
         }
         if full || self.cut {
             let oldest = self.items.front().and_then(sample_time);
             self.cut = oldest.is_none_or(|t| self.newest.since(t) < self.pre_roll_ns);
+        }
+    }
+
+    fn drop_oldest(&mut self) {
+        let Some(item) = self.items.pop_front() else {
+            return;
+        };
+        self.bytes -= item.bytes();
+        if let Outgoing::Clock { at, map } = item {
+            self.remember(at, &map);
         }
     }
 
@@ -85,11 +90,24 @@ impl PreRoll {
         self.items = beginning.items.into();
     }
 
-    /// Takes out what a session beginning at `from` starts with. The clock maps among the items are
+    /// Takes out what a session whose pre-roll begins at `from` starts with. The clock maps among the items are
     /// the caller's to [`Self::remember`] when the session has begun.
     pub(super) fn take(&mut self, from: HostTime, cameras: usize) -> Beginning {
+        let now = from + self.pre_roll_ns;
+        // Nothing has pushed out what came before a silence. Encoders may be as far behind as a stop waits for them.
+        let limit_ns = self.span_ns + STOP_MAX_NS;
+        let is_stale = |t: HostTime| now.since(t) > limit_ns;
+        while self
+            .items
+            .front()
+            .and_then(sample_time)
+            .is_some_and(is_stale)
+        {
+            self.drop_oldest();
+        }
+        let newest = self.newest.max(now);
         for maps in self.maps.values_mut() {
-            forget(maps, self.newest, self.span_ns);
+            forget(maps, newest, self.span_ns);
         }
         let maps = self.maps.values().flatten();
         let maps = maps.map(|(_, map)| map.clone()).collect();

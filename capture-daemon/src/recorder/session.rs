@@ -252,6 +252,12 @@ impl Session {
         }
     }
 
+    /// The session ends, and with it the alarms about what it loses: those that stand.
+    pub(super) fn end_losses(&mut self) -> Vec<(String, bool)> {
+        let losses = self.streams.iter_mut().map(|stream| &mut stream.losses);
+        losses.filter_map(Losses::end).collect()
+    }
+
     /// What is on disk by now can no longer be lost.
     pub(super) fn note_durable(&mut self) {
         let until = self.writer.durability().until;

@@ -384,16 +384,69 @@ fn the_pre_roll_begins_with_key_frames_from_before_the_press() {
 }
 
 #[test]
-fn without_a_pre_roll_a_key_frame_is_there_at_once_all_the_same() {
+fn without_a_pre_roll_a_session_begins_at_the_press_with_key_frames_that_are_asked_for() {
     let mut rig = rig(0, Bench::default());
+    let map = ClockMap {
+        clock: "feet".to_owned(),
+        version: 7,
+        ..ClockMap::default()
+    };
+    rig.recorder.handle(Outgoing::Clock { at: START, map });
     rig.steps(36);
     let press = rig.now();
     started(&mut rig);
     assert_eq!(rig.messages::<Event>("").len(), 0, "nothing is on disk yet");
-    rig.steps(1);
+    assert_eq!(rig.recorder.take_key_wishes(), [0, 1]);
+    rig.steps(6);
     rig.recorder.close_now("button");
     let frames: Vec<Frame> = rig.messages("feet");
-    assert!(frames[0].key_frame && press - HostTime(frames[0].time) <= 500 * MS);
+    assert!(frames[0].key_frame && frames[0].number == 40, "{frames:?}");
+    let batches: Vec<ImuBatch> = rig.messages("feet/imu");
+    assert_eq!(batches[0].times[0], press.0);
+    let maps: Vec<ClockMap> = rig.messages("feet");
+    assert_eq!(maps.len(), 1, "its times can be told by it");
+}
+
+/// What the cameras still deliver after a stop, on a rig whose IMU never does, must not be there an hour later.
+#[test]
+fn what_came_after_a_stop_is_not_in_the_next_session() {
+    let mut rig = rig(0, Bench::default());
+    let pictures = |rig: &mut Rig, periods| {
+        for _ in 0..periods {
+            rig.frame(0);
+            rig.frame(1);
+            rig.clock.advance_to(rig.now() + PERIOD);
+            rig.recorder.tick();
+        }
+    };
+    started(&mut rig);
+    pictures(&mut rig, 15);
+    rig.recorder.stop("button").expect("stop");
+    // Number 20 is a key frame.
+    pictures(&mut rig, 10);
+    assert_eq!(rig.recorder.state(), State::Idle, "the stop is over");
+    rig.clock.advance_to(rig.now() + 60 * NS_PER_S);
+    rig.next = [1300; 2];
+    let press = rig.now();
+    started(&mut rig);
+    let begun = rig.recorder.session.as_ref().map(|s| s.started);
+    assert_eq!(begun, Some(press));
+    pictures(&mut rig, 10);
+    rig.recorder.close_now("button");
+    assert_eq!(rig.messages::<Gap>(""), []);
+    assert_eq!(rig.messages::<Frame>("feet")[0].number, 1300);
+}
+
+#[test]
+fn a_pre_roll_is_not_taken_from_before_a_silence() {
+    let mut rig = rig(1000 * MS, Bench::default());
+    rig.steps(50);
+    rig.clock.advance_to(rig.now() + 60 * NS_PER_S);
+    let press = rig.now();
+    started(&mut rig);
+    let begun = rig.recorder.session.as_ref().map(|s| s.started);
+    assert_eq!(begun, Some(press));
+    assert_eq!(rig.recorder.take_key_wishes(), [0, 1]);
 }
 
 #[test]
@@ -575,7 +628,7 @@ fn a_failing_disk_ends_in_a_valid_session_and_a_clear_message() {
                     "one failure loses nothing: {at}"
                 );
             } else {
-                let whole = report.streams["feet"].samples == 50;
+                let whole = report.streams["feet"].samples == 40;
                 assert!(
                     told || whole || rig.recorder.fault.is_some(),
                     "{kind:?} at {at}"
@@ -940,6 +993,8 @@ fn loss_is_an_alarm_and_a_share_of_the_frames_of_its_camera() {
     let mut rig = rig(0, Bench::default());
     rig.steps(10);
     started(&mut rig);
+    // With a key frame.
+    rig.step();
     for step in 0..60 {
         if step < 30 {
             // Every other frame of one camera does not get through its encoder.
@@ -1002,6 +1057,87 @@ fn loss_is_an_alarm_and_a_share_of_the_frames_of_its_camera() {
         "{feet}"
     );
     assert_eq!(streams[0].missing, 0);
+}
+
+/// A frame of each of these streams that did not get through its encoder.
+fn lose(rig: &mut Rig, streams: &[&str]) {
+    for stream in streams {
+        rig.recorder.handle(Outgoing::Dropped {
+            at: rig.now(),
+            stream: (*stream).to_owned(),
+            first: rig.next[0],
+            last: rig.next[0],
+            cause: Cause::EncoderOverload,
+            detail: "full".to_owned(),
+        });
+    }
+}
+
+#[test]
+fn a_discarded_session_takes_its_alarms_along() {
+    let mut rig = rig(0, Bench::default());
+    rig.steps(10);
+    started(&mut rig);
+    rig.step();
+    lose(&mut rig, &["feet"]);
+    rig.health();
+    let text = "feet: samples are being lost: the machine is too slow to encode them";
+    assert_eq!(rig.recorder.status().alarms, [text]);
+    rig.recorder.request(Request::Discard, "button");
+    assert_eq!(rig.recorder.status().alarms, Vec::<String>::new());
+    let over = Progress::Alarm {
+        text: text.to_owned(),
+        active: false,
+    };
+    assert_eq!(rig.progress().pop(), Some(over));
+}
+
+/// The disk fails while the first of two alarms is written, which ends the session and both of them.
+#[test]
+fn no_alarm_about_losses_outlives_the_session() {
+    let run = |faults: Vec<Fault>| {
+        let bench = Bench {
+            faults,
+            ..Bench::default()
+        };
+        let mut rig = rig(0, bench);
+        rig.steps(10);
+        started(&mut rig);
+        rig.steps(10);
+        lose(&mut rig, &["left_shoulder", "feet"]);
+        // The next message closes the chunk.
+        rig.clock.advance_to(rig.now() + 10 * NS_PER_S);
+        let disk = rig.bench.disks.lock().expect("disks")[0].clone();
+        let before = disk.operations();
+        rig.health();
+        assert!(disk.operations() > before);
+        (rig, before)
+    };
+    let (whole, before) = run(Vec::new());
+    assert_eq!(whole.recorder.status().alarms.len(), 2);
+    let (rig, _) = run(vec![Fault {
+        at: before,
+        kind: FaultKind::PowerCut,
+        keep: 0,
+    }]);
+    assert_eq!(rig.recorder.state(), State::Fault);
+    let alarms = rig.recorder.status().alarms;
+    assert!(
+        alarms.len() == 1 && alarms[0].contains("ended by a failure"),
+        "{alarms:?}"
+    );
+    let mut told: BTreeMap<String, bool> = BTreeMap::new();
+    for progress in rig.progress() {
+        if let Progress::Alarm { text, active } = progress {
+            told.insert(text, active);
+        }
+    }
+    let standing: Vec<String> = told
+        .into_iter()
+        .filter_map(|(text, active)| active.then_some(text))
+        .filter(|text| text.contains("samples are being lost"))
+        .collect();
+    assert_eq!(standing, Vec::<String>::new());
 }
 
 #[test]

@@ -6,8 +6,8 @@
 //! the same identifier on every machine, in every folder; recordings that differ in any of this have others and lie side
 //! by side in a library; and none is taken for a real one.
 //!
-//! Where sessions go, and where files lie, does not count. Files of frames count by their names, lengths, first and last
-//! [`EDGE`] bytes, calibration files and truth by all their bytes.
+//! Where sessions go, and where files lie, does not count. Files of frames, bags and videos count by their names, lengths,
+//! first and last [`EDGE`] bytes, calibration files and truth by all their bytes.
 
 use std::fmt::Debug;
 use std::fs::File;

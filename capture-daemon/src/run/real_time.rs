@@ -10,7 +10,7 @@
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
-use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -64,7 +64,8 @@ const CLOSE_LIMIT_NS: i64 = 4 * STUCK_NS;
 const NOTE_NS: i64 = 200_000_000;
 /// How long a request may take.
 const REQUEST_LIMIT: Duration = Duration::from_secs(5);
-/// How long a stop may take: what waits for the encoders goes in first.
+/// How long a stop may take: what waits for the encoders goes in first (`recorder::STOP_MAX_NS`). Whoever asks waits
+/// longer ([`control::answer_limit`], the page), and so does systemd (`deploy/pawsd.service`).
 const STOP_REQUEST_LIMIT: Duration = Duration::from_secs(30);
 
 /// To the hub.
@@ -102,6 +103,8 @@ pub(super) struct Shared {
     noted: Condvar,
     /// Whether a session is open.
     recording: AtomicBool,
+    /// Since when, if one is.
+    recording_since: AtomicI64,
     /// Whether frames are kept before a session begins.
     has_pre_roll: bool,
     /// What is done to spare the machine.
@@ -127,6 +130,7 @@ impl Shared {
             latest: Mutex::default(),
             noted: Condvar::new(),
             recording: AtomicBool::new(false),
+            recording_since: AtomicI64::new(now),
             has_pre_roll,
             measures: Mutex::default(),
             previews: Arc::new(Previews::new(cameras)),
@@ -141,6 +145,15 @@ impl Shared {
 
     pub(super) fn is_recording(&self) -> bool {
         self.recording.load(Ordering::SeqCst)
+    }
+
+    /// Called by the recorder's thread alone once it runs.
+    fn set_recording(&self, is_recording: bool) {
+        if is_recording && !self.is_recording() {
+            let now = self.clock.now().0;
+            self.recording_since.store(now, Ordering::SeqCst);
+        }
+        self.recording.store(is_recording, Ordering::SeqCst);
     }
 
     /// Whether nobody stores frames, now or later.
@@ -159,7 +172,7 @@ impl Shared {
     /// Keeps what others are to know of the recorder.
     fn note(&self, recorder: &Recorder) {
         let is_recording = matches!(recorder.state(), State::Recording | State::Stopping);
-        self.recording.store(is_recording, Ordering::SeqCst);
+        self.set_recording(is_recording);
         *lock(&self.measures) = recorder.measures();
         *lock(&self.latest) = Some(Arc::new(recorder.status()));
         self.noted.notify_all();
@@ -233,7 +246,7 @@ impl Running {
         let store = FolderStore::random(out, setup.reserve_bytes);
         let mut recorder = Recorder::new(setup, clock, Box::new(store), queues, on_progress);
         if let Some(name) = record {
-            shared.recording.store(true, Ordering::SeqCst);
+            shared.set_recording(true);
             recorder.start(&name, "control").map_err(|e| anyhow!(e))?;
         }
         let out = to_recorder(shared.clone(), names.clone());
@@ -466,14 +479,22 @@ fn span(now: HostTime, then: HostTime) -> Duration {
 
 fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
     let mut running = sources;
+    // Every source has ended, and frames may still wait for their encoders.
+    let mut draining = false;
     let mut now = shared.clock.now();
     let mut next_tick = now;
     loop {
-        let popped = shared.inbox.pop(span(now, next_tick));
+        let patience = match draining {
+            true => PATIENCE.min(span(now, next_tick)),
+            false => span(now, next_tick),
+        };
+        let popped = shared.inbox.pop(patience);
         now = shared.clock.now();
         shared.beat(&shared.hub_beat);
         hub.spare(*lock(&shared.measures));
-        hub.idle(shared.is_idle());
+        let is_idle = shared.is_idle();
+        let since = HostTime(shared.recording_since.load(Ordering::SeqCst));
+        hub.idle(is_idle, since);
         for (camera, wanted) in shared.key_wanted.iter().enumerate() {
             if wanted.swap(false, Ordering::Relaxed) {
                 hub.request_key(camera);
@@ -488,10 +509,7 @@ fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
                     shared.outcome.source_failed(error);
                 }
                 running -= 1;
-                if running == 0 {
-                    hub.finish(Rest::Encode, now);
-                    shared.all_ended.set();
-                }
+                draining = running == 0;
             }
             Popped::Nothing => {}
             Popped::Closed => break,
@@ -500,6 +518,12 @@ fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
             hub.note_inbox(shared.inbox.bytes() as f64 / INBOX_BYTES as f64);
             hub.tick(now);
             next_tick = now + TICK_NS;
+        }
+        // Round by round: a slow machine takes longer than a thread may that is not stuck.
+        if draining && hub.drain(now) {
+            draining = false;
+            hub.finish(Rest::Encode, now);
+            shared.all_ended.set();
         }
     }
     hub.finish(Rest::Drop, shared.clock.now());
@@ -565,7 +589,7 @@ fn run_recorder(mut recorder: Recorder, shared: &Shared) {
                 let is_stop = request == Request::Stop;
                 if matches!(request, Request::Start { .. }) {
                     // Before there is a folder that could be taken for one that has ended.
-                    shared.recording.store(true, Ordering::SeqCst);
+                    shared.set_recording(true);
                 }
                 noted = None;
                 let answer = recorder.request(request, source);
@@ -761,10 +785,28 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
     drop(operator);
     drop(server);
     if result.is_ok() {
-        running.request(Request::Stop, "signal");
-        running.end();
+        stop_under_watchdog(running, &notify, Duration::from_nanos(watchdog_ns as u64))?;
     }
     result
+}
+
+/// Closes what is being recorded and ends all threads, and tells the watchdog meanwhile that it is being done.
+fn stop_under_watchdog(
+    running: Running,
+    notify: &Notify,
+    interval: Duration,
+) -> anyhow::Result<()> {
+    let (done, is_done) = sync_channel::<()>(0);
+    let stopping = spawn("stop", move || {
+        running.request(Request::Stop, "signal");
+        running.end();
+        drop(done);
+    })?;
+    while is_done.recv_timeout(interval) == Err(RecvTimeoutError::Timeout) {
+        notify.watchdog();
+    }
+    let _ = stopping.join();
+    Ok(())
 }
 
 /// What a person is to do once all cameras and IMUs deliver.
@@ -782,10 +824,18 @@ fn armed(config: &Config) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use bytes::Bytes;
     use session_archive::record::Frame;
+    use session_archive::time::TickLength;
+    use video::encoder::Preset;
+    use video::{EncoderSettings, Picture, PixelFormat};
 
     use super::*;
+    use crate::hub::{CameraSetup, FINISH_LIMIT};
+    use crate::recorder::STOP_MAX_NS;
+    use crate::sync::clock::ClockConfig;
 
     /// Neither is something new missed that came before the waiting, nor does the wait end for what was seen.
     #[test]
@@ -807,6 +857,109 @@ mod tests {
         *lock(&shared.latest) = Some(status());
         shared.noted.notify_all();
         waiting.join().expect("it ends");
+    }
+
+    /// Else a stop on a slow machine would be called a failure, or killed, while it goes on.
+    #[test]
+    fn whoever_asks_for_a_stop_waits_longer_than_it_takes() {
+        let recorder = Duration::from_nanos(STOP_MAX_NS as u64);
+        let client = control::answer_limit(&Request::Stop);
+        assert!(recorder < STOP_REQUEST_LIMIT && STOP_REQUEST_LIMIT < client);
+        assert!(REQUEST_LIMIT < control::answer_limit(&Request::Status));
+        let number = |text: &str, before: &str, unit: Duration| {
+            let (_, number) = text.split_once(before).expect(before);
+            let number: String = number.chars().take_while(char::is_ascii_digit).collect();
+            unit * number.parse::<u32>().expect("a number")
+        };
+        let unit = include_str!("../../../deploy/pawsd.service");
+        let second = Duration::from_secs(1);
+        assert!(STOP_REQUEST_LIMIT < number(unit, "\nTimeoutStopSec=", second));
+        let page = include_str!("../../../rig-link/src/page/app.js");
+        let page = number(page, "const ACT_LIMIT = ", Duration::from_millis(1));
+        assert!(STOP_REQUEST_LIMIT < page);
+    }
+
+    /// Else the end of a replay on a slow machine would be taken for a thread that is stuck.
+    #[test]
+    fn the_hub_comes_round_while_the_last_frames_are_encoded() {
+        const { assert!(FINISH_LIMIT.as_nanos() < STUCK_NS as u128) };
+        let shared = Arc::new(Shared::new(1, OUTBOX_BYTES, false, Outcome::default()));
+        shared.set_recording(true);
+        // The number of each frame that comes out or is reported, and when the hub had last come round.
+        let told: Arc<Mutex<Vec<(u64, i64)>>> = Arc::default();
+        let (into, of_hub) = (told.clone(), shared.clone());
+        let out: Out = Arc::new(move |item| {
+            let number = match item {
+                Outgoing::Frame { frame, .. } => frame.number,
+                Outgoing::Dropped { first, .. } => first,
+                _ => return,
+            };
+            let beat = of_hub.hub_beat.load(Ordering::Relaxed);
+            lock(&into).push((number, beat));
+        });
+        let (width, height) = (1344, 376);
+        let setup = CameraSetup {
+            name: "feet".to_owned(),
+            trigger: None,
+            rate_hz: 15.0,
+            clock: ClockConfig::new(TickLength::NANOSECOND),
+            number_bits: None,
+            still: true,
+            stamped: None,
+            encoder: EncoderSettings {
+                element: "x264enc".to_owned(),
+                width,
+                height,
+                rate_hz: 15.0,
+                quality_db: 40.0,
+                threads: 1,
+                max_key_interval_frames: 30,
+                preset: Preset::default(),
+            },
+            imu: None,
+        };
+        let encoding = Encoding::new(1);
+        let mut hub = Hub::new(vec![setup], NS_PER_S, false, &encoding, &out);
+        let bytes = PixelFormat::I420.bytes(width, height).expect("even");
+        // Noise: encoding one takes many times as long as pushing one.
+        let noise = |mut state: u64| {
+            let mut next = || {
+                state = state.wrapping_mul(6_364_136_223_846_793_005);
+                state = state.wrapping_add(1_442_695_040_888_963_407);
+                (state >> 56) as u8
+            };
+            let data: Vec<u8> = (0..bytes).map(|_| next()).collect();
+            Picture::new(width, height, PixelFormat::I420, data).expect("a picture")
+        };
+        let pictures = [noise(1), noise(2)];
+        // Many more than have room in an encoder.
+        for number in 0..24 {
+            let now = shared.now();
+            let frame = RawFrame {
+                number,
+                device_ticks: now.0,
+                kernel_time: None,
+                host_time: now,
+                exposure_ns: None,
+                eyes_apart_ns: None,
+                picture: pictures[number as usize % 2].clone(),
+            };
+            hub.sample(0, Sample::Frame(frame), now);
+        }
+        let _ = shared.inbox.push_reserved(In::Ended(0, None), 0);
+        let of_hub = shared.clone();
+        let hub = std::thread::spawn(move || run_hub(hub, 1, &of_hub));
+        while !shared.all_ended.is_set() {
+            wait_until(shared.now() + PATIENCE.as_nanos() as i64, &shared);
+        }
+        shared.inbox.close();
+        hub.join().expect("the hub");
+        assert!(!encoding.is_busy(0));
+        let mut told = lock(&told).clone();
+        told.sort_unstable();
+        assert!(told.iter().map(|(number, _)| *number).eq(0..24));
+        let beats: BTreeSet<i64> = told.iter().map(|(_, beat)| *beat).collect();
+        assert!(beats.len() > 3, "{beats:?}");
     }
 
     /// A full outbox refuses the key frame too that was asked for: then the next one must be one.

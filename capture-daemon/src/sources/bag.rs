@@ -21,6 +21,7 @@ use super::{
 };
 use crate::causes::with_causes;
 use crate::config::BagConfig;
+use crate::run::identity::Digest;
 
 mod cdr;
 mod container;
@@ -264,6 +265,20 @@ fn load(
 impl Source for Bag {
     fn info(&self) -> &SourceInfo {
         &self.info
+    }
+
+    fn digest(&self) -> Vec<u8> {
+        let mut digest = Digest::new("bag");
+        // What the settings chose.
+        digest.value(&(self.kinds, self.plan.first_ns));
+        for frame in &self.plan.frames {
+            digest.value(frame);
+        }
+        digest.value(&self.plan.imu);
+        for file in &self.files {
+            digest.file(file.path());
+        }
+        digest.finish().to_vec()
     }
 
     fn next_sample(&mut self) -> Result<Option<Sample>, SourceError> {

@@ -20,6 +20,8 @@ use rig_sim::random;
 use session_archive::time::{HostTime, NS_PER_S, TickLength};
 use video::{Picture, PictureError, PixelFormat};
 
+use crate::run::identity::Digest;
+
 use super::datasets::time_at;
 use super::{
     CameraInfo, ImuInfo, ImuValues, RawFrame, RawImu, Sample, Seen, Source, SourceError, SourceInfo,
@@ -273,6 +275,13 @@ impl Synthetic {
 impl Source for Synthetic {
     fn info(&self) -> &SourceInfo {
         &self.info
+    }
+
+    fn digest(&self) -> Vec<u8> {
+        let mut digest = Digest::new("synthetic");
+        digest.value(&(self.seed, self.rate_hz, self.imu_rate_hz));
+        digest.value(&self.faults);
+        digest.finish().to_vec()
     }
 
     fn next_sample(&mut self) -> Result<Option<Sample>, SourceError> {

@@ -7,7 +7,7 @@
 //!
 //! *Early*: files that cannot be decoded, whose first image has no time, or that differ in size or rate are refused before
 //! anything is recorded. *At a gap*: an image without a time, with a time that does not rise, called damaged by its decoder,
-//! or (on the left) without a partner keeps its number and is lost with the reason; right images without a partner are
+//! of another size than the first one or (on the left) without a partner keeps its number and is lost with the reason; right images without a partner are
 //! counted in a notice at the end. *At the end* of one file the other's images are alone. *Two files of which no image has
 //! found a partner* when both have ended are unusable: the error says when their images were taken and what mends it. *On
 //! failure* in the middle the source is unusable.
@@ -26,6 +26,7 @@ use super::pairing::{Half, Paired, Pairs, alone, limit_ns};
 use super::{CameraInfo, Lost, Notice, Part, RawFrame, Sample, Source, SourceError, SourceInfo};
 use crate::causes::with_causes;
 use crate::config::VideoConfig;
+use crate::run::identity::Digest;
 
 /// Rates of two files of one rig that differ by more are of two kinds of camera.
 const RATES_APART: f64 = 0.01;
@@ -82,6 +83,7 @@ pub struct VideoReplay {
     right: Option<EyeFile>,
     account: Account,
     ended: bool,
+    config: VideoConfig,
 }
 
 /// Images of one file.
@@ -132,6 +134,8 @@ struct Account {
     nearest_ns: Option<i64>,
     /// The most that a pair may be apart at this rate, ns.
     most_within_ns: i64,
+    /// Columns and rows of a frame, which all have.
+    size: (u32, u32),
 }
 
 /// The images of one file that have a time.
@@ -186,12 +190,13 @@ impl VideoReplay {
         if let (Some(right), Some(path)) = (&right, &config.right_path) {
             right.first_ns(path)?;
         }
+        let size = (width, of.height);
         let colour = of.colour || right.as_ref().is_some_and(|r| r.file.info().colour);
         let info = SourceInfo {
             description: describe(config),
             camera: CameraInfo {
                 width,
-                height: of.height,
+                height: size.1,
                 rate_hz,
                 tick: TickLength::NANOSECOND,
                 tick_bits: None,
@@ -208,8 +213,9 @@ impl VideoReplay {
             info,
             left,
             right,
-            account: Account::new(within_ns, most_within_ns, start, first_ns),
+            account: Account::new(within_ns, most_within_ns, start, first_ns, size),
             ended: false,
+            config: config.clone(),
         })
     }
 
@@ -245,6 +251,10 @@ impl VideoReplay {
 impl Source for VideoReplay {
     fn info(&self) -> &SourceInfo {
         &self.info
+    }
+
+    fn digest(&self) -> Vec<u8> {
+        digest_of(&self.config)
     }
 
     fn next_sample(&mut self) -> Result<Option<Sample>, SourceError> {
@@ -369,7 +379,13 @@ impl Seen {
 }
 
 impl Account {
-    fn new(within_ns: i64, most_within_ns: i64, start: HostTime, first_ns: i64) -> Self {
+    fn new(
+        within_ns: i64,
+        most_within_ns: i64,
+        start: HostTime,
+        first_ns: i64,
+        size: (u32, u32),
+    ) -> Self {
         Self {
             pairs: Pairs::new(within_ns),
             start,
@@ -383,6 +399,7 @@ impl Account {
             seen: [Seen::default(); 2],
             nearest_ns: None,
             most_within_ns,
+            size,
         }
     }
 
@@ -443,6 +460,13 @@ impl Account {
     ) {
         self.newest_ns = time_ns;
         match picture {
+            Ok(picture) if (picture.width, picture.height) != self.size => {
+                let why = format!(
+                    "it is {}x{}, expected {}x{} like the first one",
+                    picture.width, picture.height, self.size.0, self.size.1
+                );
+                self.lost(number, why);
+            }
             Ok(picture) => {
                 self.bad_before(number);
                 self.out.push_back(Sample::Frame(RawFrame {
@@ -581,6 +605,16 @@ fn check_alike(
     Ok(())
 }
 
+fn digest_of(config: &VideoConfig) -> Vec<u8> {
+    let mut digest = Digest::new("video");
+    digest.value(&(config.right_later_ns, config.pair_within_ns));
+    let files = [Some(&config.path), config.right_path.as_ref()];
+    for file in files.into_iter().flatten() {
+        digest.file(file);
+    }
+    digest.finish().to_vec()
+}
+
 fn describe(config: &VideoConfig) -> String {
     let name = |path: &Path| {
         let name = path.file_name().unwrap_or_default();
@@ -599,11 +633,16 @@ mod tests {
     use super::*;
 
     fn account(within_ns: i64) -> Account {
-        Account::new(within_ns, 40, HostTime(1_000), 50)
+        Account::new(within_ns, 40, HostTime(1_000), 50, (2, 2))
     }
 
     fn image(number: u64, time_ns: i64) -> Image {
-        let picture = Picture::new(2, 2, PixelFormat::I420, vec![number as u8; 6]);
+        image_of(number, time_ns, 2)
+    }
+
+    fn image_of(number: u64, time_ns: i64, height: u32) -> Image {
+        let data = vec![number as u8; 3 * height as usize];
+        let picture = Picture::new(2, height, PixelFormat::I420, data);
         Image {
             number,
             time_ns,
@@ -643,9 +682,28 @@ mod tests {
         );
     }
 
+    /// The encoder could not take it, and the recording would end with it.
+    #[test]
+    fn an_image_of_another_size_is_lost_alone() {
+        let mut account = account(40);
+        account.single(image(0, 50));
+        account.single(image_of(1, 150, 4));
+        account.single(image(2, 250));
+        account.finish(false);
+        assert_eq!(
+            told(&account),
+            [
+                "0 1000 None",
+                "1 1100 it is 2x4, expected 2x2 like the first one",
+                "2 1200 None"
+            ]
+        );
+    }
+
     #[test]
     fn two_files_are_paired_by_time() {
         let mut account = account(40);
+        account.size = (4, 2);
         for n in 0..3 {
             let time = 50 + 100 * n as i64;
             account.push(Eye::Left, image(n, time));
@@ -673,7 +731,7 @@ mod tests {
         const MS: i64 = 1_000_000;
         let account = |within_ns: i64, later_ns: i64| {
             let most_ns = 40 * MS;
-            let mut account = Account::new(within_ns, most_ns, HostTime(0), 0);
+            let mut account = Account::new(within_ns, most_ns, HostTime(0), 0, (2, 2));
             for n in 0..5 {
                 account.push(Eye::Left, image(n, n as i64 * 100 * MS));
                 account.push(Eye::Right, image(n, n as i64 * 100 * MS + later_ns));
@@ -768,6 +826,30 @@ mod tests {
             said.contains("found a first image without a time"),
             "{said}"
         );
+    }
+
+    #[test]
+    fn recordings_of_other_files_or_settings_are_told_apart() {
+        let folder = tempfile::tempdir().expect("folder");
+        let (left, right) = (folder.path().join("l.mp4"), folder.path().join("r.mp4"));
+        std::fs::write(&left, b"left").expect("a file");
+        std::fs::write(&right, b"right").expect("a file");
+        let of = |right_path: Option<&PathBuf>, right_later_ns| {
+            digest_of(&VideoConfig {
+                path: left.clone(),
+                right_path: right_path.cloned(),
+                right_later_ns,
+                pair_within_ns: None,
+            })
+        };
+        let digests = || [of(None, 0), of(Some(&right), 0), of(Some(&right), 1)];
+        let before = digests();
+        assert_ne!(before[0], before[1]);
+        assert_ne!(before[1], before[2]);
+        std::fs::write(&right, b"RIGHT").expect("a file");
+        let after = digests();
+        assert_eq!(after[0], before[0]);
+        assert_ne!(after[1], before[1]);
     }
 
     #[test]

@@ -7,6 +7,8 @@ const STATUS_EVERY = 1000;
 const PREVIEW_EVERY = 500;
 const SESSIONS_EVERY = 20000;
 const ANSWER_LIMIT = 4000;
+// A stop is answered when the last pictures are written, within 30 s.
+const ACT_LIMIT = 45000;
 // Without an answer for so long, what is shown counts as old.
 const LOST_AFTER = 3500;
 
@@ -46,8 +48,7 @@ function post(path, body) {
     method: "POST",
     headers: { "Content-Type": "application/json" },
     body: JSON.stringify(body),
-    // Stopping waits for the last pictures.
-    limit: 30000,
+    limit: ACT_LIMIT,
   });
 }
 

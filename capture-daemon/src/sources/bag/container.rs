@@ -90,6 +90,10 @@ impl Container {
         })
     }
 
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Calls `each` with every message, in the order of the file.
     pub(super) fn scan(
         &mut self,

@@ -181,6 +181,30 @@ fn samples(mut bag: Bag) -> Vec<Sample> {
     samples
 }
 
+/// What tells recordings of bags in virtual time apart.
+#[test]
+fn bags_are_told_apart_by_what_is_in_them() {
+    let [here, there] = [(); 2].map(|()| tempfile::tempdir().expect("folder"));
+    let digest = |folder: &tempfile::TempDir, file: File, change: &dyn Fn(&mut BagConfig)| {
+        let path = folder.path().join("walk.mcap");
+        file.write(&path);
+        let mut config = config(&path);
+        change(&mut config);
+        let bag = Bag::open("feet", &config, HostTime(0)).expect("a bag");
+        bag.digest()
+    };
+    let usual = digest(&here, walk(|_, _| None), &|_| {});
+    assert_eq!(digest(&there, walk(|_, _| None), &|_| {}), usual);
+    // Another value of one sample, another time of one image.
+    let sample = |eye: &str, n| (eye == "imu" && n == 50).then(|| imu(100_501 * MS, 3.0));
+    let image = |eye: &str, n| (eye == "left" && n == 5).then(|| grey(100_501 * MS, 50));
+    for other in [walk(sample), walk(image)] {
+        assert_ne!(digest(&there, other, &|_| {}), usual);
+    }
+    let without_imu = |config: &mut BagConfig| config.imu = false;
+    assert_ne!(digest(&there, walk(|_, _| None), &without_imu), usual);
+}
+
 /// Numbers of frames, and of what is lost with its reason.
 fn frames(samples: &[Sample]) -> (Vec<u64>, Vec<(u64, String)>) {
     let (mut numbers, mut lost) = (Vec::new(), Vec::new());
