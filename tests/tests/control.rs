@@ -16,7 +16,7 @@ use capture_daemon::run::{StopFlag, daemon};
 use capture_daemon::status::{Request, Response, State, Status};
 use session_archive::manifest;
 use session_archive::record::paws::event::Kind;
-use session_archive::time::NS_PER_S;
+use session_archive::time::{HostTime, NS_PER_S};
 use session_archive::verify::verify;
 use tests::contents::{Contents, open};
 use tests::rig::Rig;

@@ -655,7 +655,7 @@ fn while_nobody_stores_frames_they_are_counted_and_the_first_one_afterwards_stan
         frames.collect()
     };
     let stage = |bench: &mut Bench, is_idle: bool, numbers: std::ops::Range<i64>| {
-        bench.hub.idle(is_idle);
+        bench.hub.idle(is_idle, at(numbers.start));
         for i in numbers {
             // A source may leave the pixels out, and need not.
             if is_idle && i % 2 == 1 {

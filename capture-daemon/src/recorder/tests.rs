@@ -1015,7 +1015,7 @@ fn loss_is_an_alarm_and_a_share_of_the_frames_of_its_camera() {
         if step == 29 {
             // From here page and lights have it.
             let status = rig.recorder.status();
-            assert_eq!(status.concerns, [Concern::Stream]);
+            assert_eq!(status.concerns, [Concern::Stream].into());
             assert!(
                 status.alarms[0].contains("samples are being lost"),
                 "{status:?}"
@@ -1026,7 +1026,7 @@ fn loss_is_an_alarm_and_a_share_of_the_frames_of_its_camera() {
         rig.steps(20);
         rig.health();
     }
-    assert_eq!(rig.recorder.status().concerns, []);
+    assert_eq!(rig.recorder.status().concerns, [].into());
     let alarms: Vec<(String, bool)> = rig
         .progress()
         .into_iter()

@@ -245,7 +245,7 @@ fn line(places: impl Iterator<Item = Place>, low: [f64; 3]) -> Line {
     let mut piece = 0_usize;
     kept.retain(|place| {
         piece += usize::from(!place.follows);
-        piece.saturating_sub(1) % every_piece == 0
+        piece.saturating_sub(1).is_multiple_of(every_piece)
     });
     let every = kept.len().div_ceil(MOST_PLACES).max(1);
     let last = kept.len().saturating_sub(1);
