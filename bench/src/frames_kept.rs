@@ -4,13 +4,17 @@
 //! once, before, and replayed from memory: what is measured is the recorder, not a renderer. Each run is a process of
 //! its own: this program, started again with [`RECORD`], which calls what `pawsd record` calls, or another build of
 //! `pawsd` (`--pawsd PATH`), to compare with an earlier state.
+//!
+//! The same cameras then wait armed, without a pre-roll, beside nothing: what a second of waiting costs, against a second
+//! of recording. Of both a short and a long run are taken, so that starting and stopping do not count.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
+use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
 use cad_transforms::rig::Rig;
@@ -35,6 +39,8 @@ use crate::stamp;
 
 /// First argument of the process that records: then follow configuration, folder and seconds.
 const RECORD: &str = "--record";
+/// First argument of the process that waits armed: then follow the same.
+const ARMED: &str = "--armed";
 const CAMERAS: [&str; 3] = ["left_shoulder", "right_shoulder", "feet"];
 const SIZE: (u32, u32) = (1344, 376);
 const RATE_HZ: f64 = 15.0;
@@ -42,6 +48,8 @@ const RATE_HZ: f64 = 15.0;
 const FRAMES: usize = 30;
 /// Up to this many busy loops no frame may be lost.
 const GOAL_LOOPS: usize = 4;
+/// What waiting may cost, of what recording costs.
+const ARMED_LIMIT: f64 = 0.1;
 
 /// What came of a recording beside so many busy loops.
 struct Kept {
@@ -87,8 +95,10 @@ impl Kept {
 /// # Errors
 /// Bad arguments, or a recording fails.
 pub(crate) fn run(args: &[String]) -> Result<()> {
-    if args.first().is_some_and(|first| first == RECORD) {
-        return record(&args[1..]);
+    match args.split_first() {
+        Some((first, rest)) if first == RECORD => return record(rest),
+        Some((first, rest)) if first == ARMED => return wait_armed(rest),
+        _ => {}
     }
     let mut rest = args.to_vec();
     let mut pawsd = None;
@@ -126,6 +136,18 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         );
         kept.push(one);
     }
+    let armed = match pawsd {
+        Some(_) => None,
+        None => Some(Waiting::measure(&config, disk.path(), seconds)?),
+    };
+    if let Some(armed) = &armed {
+        println!(
+            "a second costs {:.1} ms of processor time armed, {:.1} ms recording: {:.3} of it (limit {ARMED_LIMIT})",
+            1e3 * armed.armed,
+            1e3 * armed.recording,
+            armed.share()
+        );
+    }
     let report = json!({
         "benchmark": "frames_kept",
         "stamp": stamp,
@@ -136,6 +158,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         "rate_hz": RATE_HZ,
         "seconds": seconds,
         "runs": kept.iter().map(Kept::json).collect::<Vec<_>>(),
+        "armed": armed.map(|armed| armed.json()),
     });
     // A comparison does not replace the record of this state.
     let name = if pawsd.is_some() {
@@ -156,6 +179,49 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let lost: u64 = within_goal.map(Kept::lost).sum();
     println!("lost beside up to {GOAL_LOOPS} busy loops: {lost} (goal: none)");
     Ok(())
+}
+
+/// Processor time of a second, s.
+struct Waiting {
+    armed: f64,
+    recording: f64,
+}
+
+impl Waiting {
+    fn measure(config: &Path, folder: &Path, seconds: u32) -> Result<Self> {
+        let sessions = folder.join("sessions");
+        let short = seconds / 4;
+        let per_second = |mode: &str| {
+            let mut costs = [0.0; 2];
+            for (cost, seconds) in costs.iter_mut().zip([short, seconds]) {
+                let mut command = again(mode, config, &sessions, seconds);
+                let before = children_cpu_s()?;
+                let status = quiet(&mut command)?;
+                ensure!(status.success(), "{command:?} ended with {status}");
+                *cost = children_cpu_s()? - before;
+                fs::remove_dir_all(&sessions).context("removing the sessions")?;
+            }
+            anyhow::Ok((costs[1] - costs[0]) / f64::from(seconds - short))
+        };
+        Ok(Self {
+            armed: per_second(ARMED)?,
+            recording: per_second(RECORD)?,
+        })
+    }
+
+    fn share(&self) -> f64 {
+        self.armed / self.recording
+    }
+
+    fn json(&self) -> Value {
+        json!({
+            "armed_cpu_s_per_s": self.armed,
+            "recording_cpu_s_per_s": self.recording,
+            "share": self.share(),
+            "limit": ARMED_LIMIT,
+            "within_limit": self.share() <= ARMED_LIMIT,
+        })
+    }
 }
 
 /// Renders the frames and writes the configuration that replays them.
@@ -267,25 +333,11 @@ fn recording(
             command.args(["--seconds", &seconds.to_string()]);
             command
         }
-        None => {
-            // This very program, even if its file was replaced since it started.
-            let mut command = Command::new("/proc/self/exe");
-            command
-                .args(["frames_kept", RECORD])
-                .arg(config)
-                .arg(sessions);
-            command.arg(seconds.to_string());
-            command
-        }
+        None => again(RECORD, config, sessions, seconds),
     };
     let before = children_cpu_s()?;
     let busy = BusyLoops::start(loops)?;
-    let status = command
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .status()
-        .with_context(|| format!("starting {command:?}"))?;
+    let status = quiet(&mut command)?;
     let cpu_s = children_cpu_s()? - before;
     drop(busy);
     // 3: with loss, which is what is counted here.
@@ -308,6 +360,24 @@ fn recording(
     fs::remove_dir_all(sessions).context("removing the session")?;
     ensure!(kept.stored > 0, "the recording holds no frame");
     Ok(kept)
+}
+
+/// This very program, even if its file was replaced since it started.
+fn again(mode: &str, config: &Path, sessions: &Path, seconds: u32) -> Command {
+    let mut command = Command::new("/proc/self/exe");
+    command.args(["frames_kept", mode]).arg(config);
+    command.arg(sessions).arg(seconds.to_string());
+    command
+}
+
+/// Runs it to its end with nothing shown.
+fn quiet(command: &mut Command) -> Result<ExitStatus> {
+    command
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status()
+        .with_context(|| format!("starting {command:?}"))
 }
 
 /// Adds up frames and gaps of the cameras.
@@ -354,6 +424,30 @@ fn record(arguments: &[String]) -> Result<()> {
         "the recording failed: {:?}",
         finished.error
     );
+    Ok(())
+}
+
+/// The waiting process: configuration, folder, seconds.
+#[expect(
+    clippy::disallowed_methods,
+    reason = "the daemon waits in real time for so long"
+)]
+fn wait_armed(arguments: &[String]) -> Result<()> {
+    let [config, out, seconds] = arguments else {
+        bail!("{ARMED} takes a configuration, a folder and seconds");
+    };
+    let seconds: u64 = seconds.parse().context("reading the seconds")?;
+    let mut config = Config::read(config.as_ref())?;
+    config.control.socket = Path::new(out).with_extension("socket");
+    config.session.out = Some(out.into());
+    let stop = StopFlag::new();
+    let of_timer = stop.clone();
+    let timer = std::thread::spawn(move || {
+        std::thread::sleep(Duration::from_secs(seconds));
+        of_timer.set();
+    });
+    run::daemon(&config, &stop)?;
+    let _ = timer.join();
     Ok(())
 }
 

@@ -82,7 +82,7 @@ fn wrong_arguments_end_with_2() {
     };
     check(&[], "Usage: pawsd [OPTIONS] <COMMAND>");
     check(&["recrod"], "record");
-    check(&["record", "--config", "pawsd.toml"], "--seconds <N>");
+    check(&["record", "--config", "pawsd.toml"], "--seconds <SECONDS>");
     for seconds in ["0", "-1", "nan", "1e9", "ten"] {
         let seconds = format!("--seconds={seconds}");
         check(
