@@ -50,6 +50,29 @@ fn folder_with(config: &str) -> tempfile::TempDir {
     folder
 }
 
+/// A daemon that does not outlive a test which fails: it would hold the test runner's output open.
+struct Daemon(Child);
+
+impl Daemon {
+    fn start(command: &mut Command) -> Self {
+        let child = command.stdin(Stdio::null()).stdout(Stdio::null()).spawn();
+        Self(child.unwrap())
+    }
+
+    /// Ends it with a signal; gives its exit code.
+    fn end(mut self) -> Option<i32> {
+        signal(&self.0, "TERM");
+        self.0.wait().unwrap().code()
+    }
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
 fn signal(child: &Child, name: &str) {
     let sent = Command::new("kill")
         .args([format!("-{name}"), child.id().to_string()])
@@ -492,11 +515,9 @@ fn the_daemon_is_controlled_through_its_socket() {
     let here = folder.path();
     let notify = here.join("notify");
     let manager = std::os::unix::net::UnixDatagram::bind(&notify).unwrap();
-    let mut daemon = pawsd(&["run", "--config", "pawsd.toml"], here)
-        .env("NOTIFY_SOCKET", &notify)
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
+    let mut command = pawsd(&["run", "--config", "pawsd.toml"], here);
+    command.env("NOTIFY_SOCKET", &notify).stderr(Stdio::null());
+    let daemon = Daemon::start(&mut command);
     let mut message = [0; 256];
     let length = manager.recv(&mut message).unwrap();
     assert_eq!(&message[..length], b"READY=1");
@@ -543,8 +564,7 @@ fn the_daemon_is_controlled_through_its_socket() {
     control(&["discard"], 0);
     assert!(!here.join(second.trim()).exists());
 
-    signal(&daemon, "TERM");
-    assert_eq!(daemon.wait().unwrap().code(), Some(0));
+    assert_eq!(daemon.end(), Some(0));
     assert!(!here.join("s").exists(), "the socket is left behind");
 }
 
@@ -567,11 +587,9 @@ fn a_daemon_says_what_it_waits_for_and_when_it_is_armed() {
     let config =
         format!("session.out = \"out\"\ncontrol.socket = \"s\"\ndisk.reserve_gb = 0\n{CAMERA}");
     let folder = folder_with(&config);
-    let mut daemon = pawsd(&["run", "--config", "pawsd.toml"], folder.path())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let lines = BufReader::new(daemon.stderr.take().unwrap()).lines();
+    let mut command = pawsd(&["run", "--config", "pawsd.toml"], folder.path());
+    let mut daemon = Daemon::start(command.stderr(Stdio::piped()));
+    let lines = BufReader::new(daemon.0.stderr.take().unwrap()).lines();
     let mut told = Vec::new();
     for line in lines.map(|line| line.unwrap()) {
         told.push(line);
@@ -579,8 +597,7 @@ fn a_daemon_says_what_it_waits_for_and_when_it_is_armed() {
             break;
         }
     }
-    signal(&daemon, "TERM");
-    assert_eq!(daemon.wait().unwrap().code(), Some(0));
+    assert_eq!(daemon.end(), Some(0));
     let socket = folder.path().join("s");
     let start = format!("`pawsd start --socket {}`", socket.display());
     assert!(told.last().unwrap().ends_with(&start), "{told:#?}");

@@ -18,9 +18,8 @@ use crate::setup::{self, Purpose};
 const PAGES: [&str; 2] = ["README.md", "docs/getting-started.md"];
 
 /// What the pages make.
-const MADE: [&str; 6] = [
+const MADE: [&str; 5] = [
     "plaza.png",
-    "plaza.mp4",
     "recording.html",
     "first.html",
     "first.ply",

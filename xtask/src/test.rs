@@ -8,8 +8,9 @@
 pub(crate) mod python;
 mod runner;
 
-use std::io::{BufRead, BufReader};
-use std::process::Stdio;
+use std::io::{BufRead, BufReader, Read};
+use std::process::{Child, ExitStatus, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
@@ -134,19 +135,54 @@ fn tests(quick: bool, python: Option<std::path::PathBuf>, report: &mut Report) -
         .stdout(Stdio::piped())
         .spawn()
         .with_context(|| format!("starting `{}`", process::line(&command)))?;
-    let output = child.stdout.take().context("no output to read")?;
-    for line in BufReader::new(output).split(b'\n') {
-        let line = line.context("reading the test runner's output")?;
-        let line = String::from_utf8_lossy(&line);
-        if report.take(&line) {
+    let status = follow(&mut child, PATIENCE, |line| {
+        if report.take(line) {
             println!("{line}");
         }
-    }
-    let status = child.wait().context("waiting for the test runner")?;
+    })?;
     if !status.success() {
         bail!("`{}` ended with {status}", process::line(&command));
     }
     Ok(Ending::Passed(report.counts()))
+}
+
+/// How long the output may be silent before it is looked whether the test runner has ended.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// Reads what a program prints until it has ended, line by line. A process that it leaves behind, as a test that fails
+/// may, holds the output open; `patience` after its last line it is not waited for.
+fn follow(child: &mut Child, patience: Duration, mut take: impl FnMut(&str)) -> Result<ExitStatus> {
+    let output = child.stdout.take().context("no output to read")?;
+    let lines = lines_of(output);
+    let mut ended = None;
+    loop {
+        match lines.recv_timeout(patience) {
+            Ok(line) => take(&String::from_utf8_lossy(
+                &line.context("reading its output")?,
+            )),
+            Err(RecvTimeoutError::Disconnected) => return child.wait().context("waiting for it"),
+            Err(RecvTimeoutError::Timeout) => match ended {
+                Some(status) => {
+                    take("a process was left behind, which is not waited for");
+                    return Ok(status);
+                }
+                None => ended = child.try_wait().context("waiting for it")?,
+            },
+        }
+    }
+}
+
+/// The lines of an output, read on a thread of its own.
+fn lines_of(output: impl Read + Send + 'static) -> Receiver<std::io::Result<Vec<u8>>> {
+    let (to, lines) = sync_channel(1024);
+    std::thread::spawn(move || {
+        for line in BufReader::new(output).split(b'\n') {
+            if to.send(line).is_err() {
+                return;
+            }
+        }
+    });
+    lines
 }
 
 /// The short form of the tests in virtual machines; their kernel is built if it is not there.
@@ -220,4 +256,29 @@ fn conclude(steps: &[Step], report: &Report) -> Result<()> {
     }
     println!("\nAll that ran has passed.");
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::process::Command;
+
+    use super::*;
+
+    #[test]
+    fn a_process_that_is_left_behind_is_not_waited_for() {
+        let mut child = Command::new("sh")
+            .args(["-c", "sleep 600 & echo $!; exit 3"])
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("a shell");
+        let mut lines = Vec::new();
+        let status = follow(&mut child, Duration::from_millis(100), |line| {
+            lines.push(line.to_owned());
+        });
+        assert_eq!(status.expect("an end").code(), Some(3));
+        let (left, said) = lines.split_first().expect("lines");
+        assert_eq!(said, ["a process was left behind, which is not waited for"]);
+        let killed = Command::new("kill").arg(left).status();
+        assert!(killed.is_ok_and(|status| status.success()));
+    }
 }
