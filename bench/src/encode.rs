@@ -26,7 +26,7 @@ mod curve;
 mod daemon;
 mod material;
 
-use crate::stamp;
+use crate::{recording, stamp};
 use curve::Point;
 use material::Clip;
 
@@ -75,7 +75,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
             "--quick" => plan = QUICK,
             "--out" => out = rest.next().context("--out needs a folder")?.into(),
             // What the daemon's part starts as a process of its own.
-            daemon::RECORD => return daemon::record(&rest.cloned().collect::<Vec<_>>()),
+            recording::RECORD => return recording::record(&rest.cloned().collect::<Vec<_>>()),
             other => bail!("unknown argument {other:?}, expected --quick or --out DIR"),
         }
     }

@@ -19,7 +19,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail, ensure};
 use cad_transforms::rig::Rig;
 use capture_daemon::config::Config;
-use capture_daemon::run::{self, RecordOptions, StopFlag};
+use capture_daemon::run::{self, StopFlag};
 use capture_daemon::sources::simulated::{Simulated, Walks};
 use capture_daemon::sources::{Sample, Source as _};
 use charts::{Axis, Chart, Series};
@@ -35,10 +35,9 @@ use video::Picture;
 
 use crate::arguments::Arguments;
 use crate::meter::{self, children_cpu_s};
+use crate::recording::{self, RECORD};
 use crate::stamp;
 
-/// First argument of the process that records: then follow configuration, folder and seconds.
-const RECORD: &str = "--record";
 /// First argument of the process that waits armed: then follow the same.
 const ARMED: &str = "--armed";
 const CAMERAS: [&str; 3] = ["left_shoulder", "right_shoulder", "feet"];
@@ -96,7 +95,7 @@ impl Kept {
 /// Bad arguments, or a recording fails.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     match args.split_first() {
-        Some((first, rest)) if first == RECORD => return record(rest),
+        Some((first, rest)) if first == RECORD => return recording::record(rest),
         Some((first, rest)) if first == ARMED => return wait_armed(rest),
         _ => {}
     }
@@ -403,27 +402,6 @@ fn count(reader: &SessionReader, kept: &mut Kept) -> Result<()> {
             }
         }
     }
-    Ok(())
-}
-
-/// The recording process: configuration, folder, seconds.
-fn record(arguments: &[String]) -> Result<()> {
-    let [config, out, seconds] = arguments else {
-        bail!("{RECORD} takes a configuration, a folder and seconds");
-    };
-    let options = RecordOptions {
-        seconds: seconds.parse().context("reading the seconds")?,
-        virtual_time: false,
-        name: String::new(),
-        out: out.into(),
-    };
-    let config = Config::read(config.as_ref())?;
-    let finished = run::record(&config, &options, &StopFlag::new(), Box::new(|_| {}))?;
-    ensure!(
-        finished.error.is_none(),
-        "the recording failed: {:?}",
-        finished.error
-    );
     Ok(())
 }
 

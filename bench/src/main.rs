@@ -19,6 +19,7 @@ mod meter;
 mod odometry;
 mod power_cuts;
 mod python;
+mod recording;
 mod rectify;
 mod sim;
 mod sim_pictures;

@@ -18,8 +18,6 @@ use std::process::{Command, Stdio};
 use std::sync::Arc;
 
 use anyhow::{Context, Result, ensure};
-use capture_daemon::config::Config;
-use capture_daemon::run::{self, RecordOptions, StopFlag};
 use serde_json::{Value, json};
 use session_archive::index::Index;
 use session_archive::reader::SessionReader;
@@ -29,9 +27,7 @@ use video::{Encoder, EncoderSettings, Picture};
 use super::curve::round;
 use super::material;
 use crate::meter::{self, children_cpu_s, median};
-
-/// First argument of the process that records: then follow configuration, folder and seconds.
-pub(super) const RECORD: &str = "--record";
+use crate::recording::RECORD;
 
 const ELEMENT: &str = "x264enc";
 const CAMERAS: [&str; 3] = ["left_shoulder", "right_shoulder", "feet"];
@@ -277,27 +273,6 @@ impl Daemon {
         ensure!(cost.frames > 0, "the daemon recorded nothing");
         Ok(cost)
     }
-}
-
-/// The recording process: configuration, folder, seconds.
-pub(super) fn record(arguments: &[String]) -> Result<()> {
-    let [config, out, seconds] = arguments else {
-        anyhow::bail!("{RECORD} takes a configuration, a folder and seconds");
-    };
-    let options = RecordOptions {
-        seconds: seconds.parse().context("reading the seconds")?,
-        virtual_time: false,
-        name: String::new(),
-        out: out.into(),
-    };
-    let config = Config::read(config.as_ref())?;
-    let finished = run::record(&config, &options, &StopFlag::new(), Box::new(|_| {}))?;
-    ensure!(
-        finished.error.is_none(),
-        "the recording failed: {:?}",
-        finished.error
-    );
-    Ok(())
 }
 
 /// The bare pipeline.
