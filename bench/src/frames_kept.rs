@@ -6,7 +6,7 @@
 //! `pawsd` (`--pawsd PATH`), to compare with an earlier state.
 //!
 //! The same cameras then wait armed, without a pre-roll, beside nothing: what a second of waiting costs, against a second
-//! of recording. Of both a short and a long run are taken, so that starting and stopping do not count.
+//! of recording. Of both a short and a long run are taken, so that starting, stopping and reading the frames do not count.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -47,6 +47,8 @@ const RATE_HZ: f64 = 15.0;
 const FRAMES: usize = 30;
 /// Up to this many busy loops no frame may be lost.
 const GOAL_LOOPS: usize = 4;
+/// While the cameras wait one frame in a second is shown; after so many seconds each of them has been read from its file.
+const ALL_SHOWN_S: u32 = 45;
 /// What waiting may cost, of what recording costs.
 const ARMED_LIMIT: f64 = 0.1;
 
@@ -189,10 +191,9 @@ struct Waiting {
 impl Waiting {
     fn measure(config: &Path, folder: &Path, seconds: u32) -> Result<Self> {
         let sessions = folder.join("sessions");
-        let short = seconds / 4;
-        let per_second = |mode: &str| {
+        let per_second = |mode: &str, short: u32| {
             let mut costs = [0.0; 2];
-            for (cost, seconds) in costs.iter_mut().zip([short, seconds]) {
+            for (cost, seconds) in costs.iter_mut().zip([short, short + seconds]) {
                 let mut command = again(mode, config, &sessions, seconds);
                 let before = children_cpu_s()?;
                 let status = quiet(&mut command)?;
@@ -200,11 +201,11 @@ impl Waiting {
                 *cost = children_cpu_s()? - before;
                 fs::remove_dir_all(&sessions).context("removing the sessions")?;
             }
-            anyhow::Ok((costs[1] - costs[0]) / f64::from(seconds - short))
+            anyhow::Ok((costs[1] - costs[0]) / f64::from(seconds))
         };
         Ok(Self {
-            armed: per_second(ARMED)?,
-            recording: per_second(RECORD)?,
+            armed: per_second(ARMED, ALL_SHOWN_S)?,
+            recording: per_second(RECORD, 2 * (FRAMES as f64 / RATE_HZ) as u32)?,
         })
     }
 
