@@ -1,8 +1,9 @@
 //! How hard x264 works on a frame, and how hard it may work on this many pixels per second.
 //!
-//! A slower preset makes smaller files of the same quality. The table says what each preset costs on real,
-//! detailed images (KITTI at 42 dB), measured by `cargo run --release -p video --example quality`: processor time
-//! per megapixel on one core of the build machine. A preset is taken if all cameras together need at most a quarter
+//! A slower preset makes smaller files of the same quality. The table says what each preset costs at 42 dB: processor time
+//! per megapixel on one core of the build machine (AMD EPYC, 2026-11-25), measured by `cargo run --release -p video
+//! --example quality 42` on the hardest of its four clips, a texture without a smooth place. KITTI's street costs 7.3, 21.3
+//! and 29.4 ms, EuRoC's room 4.6, 7.4 and 12.9 ms. A preset is taken if all cameras together need at most a quarter
 //! of two such cores: the other three quarters are for the sources, the disk, other programs and slower machines.
 //! The choice is a function of the pixel rate alone. It asks neither how many cores there are nor how fast they are,
 //! so the same rig gives the same bytes everywhere; what turns out too slow is relieved while it records.
@@ -26,7 +27,7 @@ pub enum Preset {
 struct Cost {
     preset: Preset,
     name: &'static str,
-    /// Processor time per megapixel of luma at 42 dB, ms.
+    /// Processor time per megapixel of luma at 42 dB, ms; see the module.
     ms_per_megapixel: f64,
     /// See `gain_db` in the table of encoders.
     gain_db: f64,
@@ -37,19 +38,19 @@ const COSTS: [Cost; 3] = [
     Cost {
         preset: Preset::Veryfast,
         name: "veryfast",
-        ms_per_megapixel: 40.0,
+        ms_per_megapixel: 31.7,
         gain_db: -1.5,
     },
     Cost {
         preset: Preset::Superfast,
         name: "superfast",
-        ms_per_megapixel: 31.0,
+        ms_per_megapixel: 25.1,
         gain_db: -1.5,
     },
     Cost {
         preset: Preset::Ultrafast,
         name: "ultrafast",
-        ms_per_megapixel: 11.0,
+        ms_per_megapixel: 9.2,
         gain_db: -1.5,
     },
 ];
@@ -103,6 +104,19 @@ mod tests {
         assert_eq!(Preset::for_load(0.0), Preset::Veryfast);
         assert_eq!(before, Preset::Ultrafast);
         assert_eq!(Preset::for_load(f64::INFINITY), Preset::Ultrafast);
+    }
+
+    /// A head room of four on two cores: half a core at most.
+    #[test]
+    fn presets_change_where_the_table_says() {
+        for (megapixels, expected) in [
+            (15.7, Preset::Veryfast),
+            (15.8, Preset::Superfast),
+            (19.9, Preset::Superfast),
+            (20.0, Preset::Ultrafast),
+        ] {
+            assert_eq!(Preset::for_load(megapixels * 1e6), expected, "{megapixels}");
+        }
     }
 
     #[test]
