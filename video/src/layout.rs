@@ -39,13 +39,17 @@ pub(crate) fn to_buffer(picture: &Picture) -> Result<gst::Buffer, String> {
     if info.size() == picture.data.len() && rows.iter().all(|rows| rows.stride == rows.width) {
         return Ok(gst::Buffer::from_slice(picture.data.clone()));
     }
-    let mut padded = vec![0; info.size()];
+    // Written once, in order: only what lies between the rows is filled.
+    let mut padded = Vec::with_capacity(info.size());
     for (plane, rows) in planes.iter().zip(&rows) {
-        let target = padded[rows.offset..].chunks_mut(rows.stride);
-        for (source, target) in plane.data.chunks_exact(rows.width).zip(target) {
-            target[..rows.width].copy_from_slice(source);
+        padded.resize(rows.offset, 0);
+        for source in plane.data.chunks_exact(rows.width) {
+            let end = padded.len() + rows.stride;
+            padded.extend_from_slice(source);
+            padded.resize(end, 0);
         }
     }
+    padded.resize(info.size(), 0);
     Ok(gst::Buffer::from_mut_slice(padded))
 }
 
