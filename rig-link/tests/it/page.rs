@@ -81,7 +81,7 @@ fn it_fits_a_small_phone_and_a_thumb_and_can_be_read() {
     };
     for scene in Scene::ALL {
         let _setup = open(&mut browser, scene);
-        for width in [320, 360, 412, 800] {
+        for width in [320, 360, 412, 800, 1400] {
             browser.resize(width, 780);
             assert_eq!(browser.value(MISFITS), json!([]), "{scene:?} at {width}");
         }
@@ -371,6 +371,8 @@ fn pictures_of_it() {
         browser.dark(false);
         browser.resize(360, 1700);
         picture(&mut browser, &format!("{}-whole", scene.word()));
+        browser.resize(1400, 900);
+        picture(&mut browser, &format!("{}-desktop", scene.word()));
         browser.resize(360, 780);
     }
 }
