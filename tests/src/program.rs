@@ -15,7 +15,11 @@ use anyhow::{Context as _, Result, anyhow, ensure};
 /// It cannot be built.
 pub fn pawsd() -> Result<PathBuf> {
     static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
-    let sources = ["capture-daemon/src", "session-archive/src", "video/src"];
+    let sources = [
+        "capture-daemon/src",
+        "crates/formats/session-archive/src",
+        "crates/support/video/src",
+    ];
     once(&FOUND, "pawsd", "capture-daemon", &sources)
 }
 
@@ -29,7 +33,7 @@ pub fn paws() -> Result<PathBuf> {
         "collector/src",
         "calib/src",
         "cad-transforms/src",
-        "session-archive/src",
+        "crates/formats/session-archive/src",
     ];
     once(&FOUND, "paws", "collector", &sources)
 }
@@ -42,8 +46,8 @@ pub fn reconstruct() -> Result<PathBuf> {
     static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
     let sources = [
         "reconstruction/src",
-        "odometry/src",
-        "scene-bundle/src",
+        "crates/vision/odometry/src",
+        "crates/formats/scene-bundle/src",
         "calib/src",
     ];
     once(&FOUND, "paws-reconstruct", "reconstruction", &sources)

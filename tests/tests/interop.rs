@@ -45,8 +45,8 @@ fn check(encoder: &'static str, codec: &str) {
     let finished = rig.record(&in_virtual_time(3.0, folder.path()));
     let session = finished.expect("recording").session;
     let ours = Contents::read(&session).expect("contents");
-    let script =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../session-archive/tests/interop_check.py");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../crates/formats/session-archive/tests/interop_check.py");
     let session = session.to_str().expect("a path in UTF-8");
     let script = script.to_str().expect("a path in UTF-8");
     let seen = python(&interpreter, &[script, session, "--decode"]);

@@ -874,7 +874,7 @@ mod tests {
         let unit = include_str!("../../../deploy/pawsd.service");
         let second = Duration::from_secs(1);
         assert!(STOP_REQUEST_LIMIT < number(unit, "\nTimeoutStopSec=", second));
-        let page = include_str!("../../../rig-link/src/page/app.js");
+        let page = include_str!("../../../crates/devices/rig-link/src/page/app.js");
         let page = number(page, "const ACT_LIMIT = ", Duration::from_millis(1));
         assert!(STOP_REQUEST_LIMIT < page);
     }

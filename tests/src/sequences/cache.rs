@@ -20,7 +20,10 @@ use super::walk::{Walk, WalkCamera};
 /// Rendering threads.
 const THREADS: usize = 2;
 /// Of the simulator, beside this crate.
-const SOURCES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../rig-sim/src");
+const SOURCES: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../crates/synthetic/rig-sim/src"
+);
 
 /// The kept pictures of one camera.
 #[derive(Clone, Debug)]

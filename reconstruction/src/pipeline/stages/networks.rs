@@ -150,12 +150,12 @@ impl Networks {
 /// The writer of small networks that the tests of `learned` use.
 #[cfg(all(test, feature = "onnx"))]
 #[allow(dead_code, unreachable_pub, reason = "it has more than is used here")]
-#[path = "../../../../learned/tests/it/onnx.rs"]
+#[path = "../../../../crates/vision/learned/tests/it/onnx.rs"]
 mod onnx;
 
 /// Where they find ONNX Runtime.
 #[cfg(all(test, feature = "onnx"))]
-#[path = "../../../../learned/tests/it/library.rs"]
+#[path = "../../../../crates/vision/learned/tests/it/library.rs"]
 mod library;
 
 #[cfg(test)]

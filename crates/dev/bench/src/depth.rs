@@ -1,0 +1,161 @@
+//! `depth`: stereo depth, ours beside OpenCV's matchers, in one run on the same pictures with the same disparities to look for.
+//!
+//! 1. `motorcycle`: a real pair (Middlebury). Errors over time, of every mode of OpenCV's BM and SGBM and of our presets and
+//!    what lies between them. A point of OpenCV's is *beaten* when one of ours takes no longer, answers for at least as many
+//!    pixels, and has fewer of them off by more than 2 px ("bad-2").
+//! 2. `simulated`: the same on frames of simulated walks that nothing was fitted on, by day and at night.
+//! 3. `rate`: pairs of 640x480 with 128 disparities per second.
+//! 4. `bands`: what it spares to look for no more disparities than a scene needs, and what is lost by it.
+//! 5. `sigma`: how many errors are within two of the stated sigmas.
+//!
+//! All use two threads. Times are medians; ours and theirs take turns. `--fit` fits the sigmas of the presets anew on other
+//! walks, and prints their tables (`crates/vision/depth/src/sigma/tables.rs`).
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+use serde_json::{Map, Value, json};
+
+mod bands;
+mod charts;
+mod exam;
+pub(crate) mod frames;
+mod peers;
+pub(crate) mod race;
+mod real;
+mod sigma;
+
+use crate::stamp;
+use frames::Frame;
+use peers::{Config, Peers};
+use race::Race;
+
+const PARTS: [&str; 5] = ["motorcycle", "simulated", "rate", "bands", "sigma"];
+
+/// Runs the benchmark: `[--quick] [--only PART,...] [--fit] [--out DIR]`.
+///
+/// # Errors
+/// Bad arguments, no interpreter in `PAWS_PYTHON`, pictures that cannot be read, or a disk that says no. A missed target is a
+/// result and no error.
+pub(crate) fn run(args: &[String]) -> Result<()> {
+    let options = Options::parse(args)?;
+    if options.fits {
+        println!("{}", sigma::fit()?);
+        return Ok(());
+    }
+    fs::create_dir_all(&options.out)
+        .with_context(|| format!("making {}", options.out.display()))?;
+    let stamp = stamp::stamp("depth", args)?;
+    // What other runs found stays.
+    let path = options.out.join("depth.json");
+    let mut report = read(&path)?;
+    let needs = |part: &str| options.parts.iter().any(|p| p == part);
+    let places = exam::held_out(options.quick);
+    let held_out = match needs("simulated") || needs("sigma") {
+        true => exam::render(&places)?,
+        false => Vec::new(),
+    };
+    for part in &options.parts {
+        let found = match part.as_str() {
+            "motorcycle" => {
+                let Some(frame) = motorcycle()? else { continue };
+                let race = Race::run(
+                    &mut Peers::start()?,
+                    &Config::many(),
+                    &[&frame],
+                    options.runs(),
+                )?;
+                race.print(part);
+                race.json()
+            }
+            "simulated" => {
+                let frames: Vec<&Frame> = held_out.iter().map(|(_, frame)| frame).collect();
+                let race = Race::run(&mut Peers::start()?, &Config::few(), &frames, 1)?;
+                race.print(part);
+                race.json()
+            }
+            "rate" => race::rate(options.quick)?,
+            "bands" => bands::bands(options.quick)?,
+            _ => {
+                let mut groups = sigma::check(&places, &held_out)?;
+                if let Some(frame) = motorcycle()? {
+                    groups.extend(sigma::alone(&frame)?);
+                }
+                sigma::json(&groups)
+            }
+        };
+        report.insert(part.clone(), json!({ "stamp": stamp, "found": found }));
+        let text = format!("{:#}\n", Value::Object(report.clone()));
+        fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
+    }
+    for (name, svg) in charts::draw(&report)? {
+        let path = options.out.join(name);
+        fs::write(&path, svg).with_context(|| format!("writing {}", path.display()))?;
+    }
+    Ok(())
+}
+
+/// The real pair; none, with a line that says why, where it is not there.
+fn motorcycle() -> Result<Option<Frame>> {
+    match tests::data::sets([real::MOTORCYCLE]) {
+        Ok([folder]) => real::motorcycle(&folder).map(Some),
+        Err(reason) => {
+            eprintln!("{reason}");
+            Ok(None)
+        }
+    }
+}
+
+fn read(path: &Path) -> Result<Map<String, Value>> {
+    if !path.exists() {
+        return Ok(Map::new());
+    }
+    let text = fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
+    serde_json::from_str(&text).with_context(|| format!("reading {}", path.display()))
+}
+
+struct Options {
+    quick: bool,
+    fits: bool,
+    out: PathBuf,
+    parts: Vec<String>,
+}
+
+impl Options {
+    fn parse(args: &[String]) -> Result<Self> {
+        let mut parsed = Self {
+            quick: args.iter().any(|a| a == "--quick"),
+            fits: false,
+            out: PathBuf::from("docs/benchmarks"),
+            parts: PARTS.map(str::to_owned).to_vec(),
+        };
+        let mut rest = args.iter();
+        while let Some(argument) = rest.next() {
+            match argument.as_str() {
+                "--quick" => {}
+                "--fit" => parsed.fits = true,
+                "--out" => parsed.out = rest.next().context("--out needs a folder")?.into(),
+                "--only" => {
+                    let list = rest.next().context("--only needs parts")?;
+                    parsed.parts = list.split(',').map(str::to_owned).collect();
+                    let known = |part: &String| PARTS.contains(&part.as_str());
+                    ensure!(
+                        parsed.parts.iter().all(known),
+                        "found the parts {list:?}, expected some of {}",
+                        PARTS.join(", ")
+                    );
+                }
+                other => bail!(
+                    "unknown argument {other:?}, expected --quick, --only PARTS, --fit or --out DIR"
+                ),
+            }
+        }
+        Ok(parsed)
+    }
+
+    /// Times that each pair is matched.
+    fn runs(&self) -> usize {
+        if self.quick { 1 } else { 7 }
+    }
+}

@@ -1,0 +1,264 @@
+//! Rectified pairs out of simulated walks, with what is true of them.
+//!
+//! Contract: pictures are rendered at the quality of exams and rectified as a reader would do it. The truth of a rectified
+//! pixel is that of the surface the left eye sees there: between four neighbours that lie on one plane, the inverse depth
+//! is interpolated, which is exact on planes; where they do not, the nearest one counts. A pixel is *visible* when the
+//! right eye sees the same place: what the truth of the right eye says at the other end of the disparity agrees.
+
+use std::sync::Arc;
+
+use anyhow::{Context, Result};
+use cad_transforms::RigidTransform;
+use cad_transforms::rig::Rig;
+use calib::rectify::{Remap, View};
+use calib::{Eye, Lens, Rectification};
+use depth::Geometry;
+use depth::evaluate::Truth as DepthTruth;
+use nalgebra::Vector3;
+use rig_sim::camera::Quality;
+use rig_sim::camera::truth::Truth;
+use rig_sim::scene::{Kind, Time};
+use rig_sim::simulation::{Settings, Simulation};
+
+const RIG: &str = include_str!("../../../../../cad-transforms/rigs/example.toml");
+/// Disparities to look for in pictures of 672 columns: the wearer's knees are no nearer.
+const RANGE: usize = 128;
+/// Neighbours whose inverse depths bend by more than this share do not lie on one plane.
+const BEND: f32 = 0.02;
+/// The two eyes see the same place when their disparities agree to this, px.
+const AGREE_PX: f32 = 1.0;
+/// Neighbours that differ by more are of two surfaces, px: then one of them must agree.
+const STEEPEST_PX: f32 = 3.0;
+
+/// A rectified pair and its truth; all buffers are rows first.
+#[derive(Clone, Debug)]
+pub(crate) struct Frame {
+    /// Scene, light, camera and number.
+    pub(crate) name: String,
+    /// Columns.
+    pub(crate) width: usize,
+    /// Rows.
+    pub(crate) height: usize,
+    /// Left and right picture.
+    pub(crate) eyes: [Vec<u8>; 2],
+    /// True disparity, px; 0 for the sky, NaN where the lens shows nothing.
+    pub(crate) truth: Vec<f32>,
+    /// Whether the right eye sees the same place.
+    pub(crate) visible: Vec<bool>,
+    /// Disparities to look for, from 0 on.
+    pub(crate) range: usize,
+    /// The rectified pair of cameras.
+    pub(crate) geometry: Geometry,
+    /// Takes points in the rectified left frame to the world (z up); the identity where there is none.
+    pub(crate) world_from_left: RigidTransform,
+}
+
+impl Frame {
+    /// The truth, as scores want it.
+    pub(crate) fn truth(&self) -> DepthTruth<'_> {
+        DepthTruth {
+            disparity: &self.truth,
+            visible: &self.visible,
+        }
+    }
+
+    /// The left and the right picture.
+    pub(crate) fn pictures(&self) -> [depth::Picture<'_>; 2] {
+        [0, 1].map(|eye| {
+            depth::Picture::new(self.width, self.height, &self.eyes[eye])
+                .expect("eyes are of the size of the frame")
+        })
+    }
+}
+
+/// A walk whose cameras are looked at now and then.
+pub(crate) struct Walk {
+    simulation: Arc<Simulation>,
+    name: String,
+    range: usize,
+}
+
+impl Walk {
+    /// Prepares a walk of `seconds` with pictures of `size`.
+    ///
+    /// # Errors
+    /// There is no such walk.
+    pub(crate) fn new(
+        kind: Kind,
+        light: Time,
+        seed: u64,
+        seconds: f64,
+        size: [u32; 2],
+        quality: Quality,
+    ) -> Result<Self> {
+        let rig = Rig::parse(RIG).context("reading the example rig")?;
+        let settings = Settings {
+            kind,
+            time: light,
+            seed,
+            seconds,
+            rate_hz: 15.0,
+            width: size[0],
+            height: size[1],
+            quality,
+        };
+        let simulation = Simulation::new(&settings, &rig).context("preparing the walk")?;
+        Ok(Self::of(Arc::new(simulation)))
+    }
+
+    /// Of a walk that is prepared already.
+    pub(crate) fn of(simulation: Arc<Simulation>) -> Self {
+        let Settings {
+            kind,
+            time,
+            seed,
+            width,
+            ..
+        } = *simulation.settings();
+        Self {
+            name: format!("{}-{}-{seed}", kind.name(), time.name()),
+            // OpenCV takes multiples of 16.
+            range: (RANGE * width as usize / 672).next_multiple_of(16),
+            simulation,
+        }
+    }
+
+    /// Number of stereo cameras.
+    pub(crate) fn cameras(&self) -> usize {
+        self.simulation.cameras().len()
+    }
+
+    /// Other pictures of both eyes of a camera, rectified as those of its frames are.
+    ///
+    /// # Errors
+    /// The pair cannot be rectified.
+    pub(crate) fn rectified(&self, camera: usize, raw: [&[u8]; 2]) -> Result<[Vec<u8>; 2]> {
+        let calibration = self.simulation.calibration(camera);
+        let rectification = Rectification::new(&calibration, View::Filled)?;
+        let (width, height) = (calibration.left.width, calibration.left.height);
+        let eyes = [(Eye::Left, raw[0]), (Eye::Right, raw[1])];
+        Ok(eyes.map(|(eye, raw)| Remap::new(&rectification.map(eye), width, height).apply(raw, 0)))
+    }
+
+    /// The frames with these numbers of a camera, in order.
+    ///
+    /// # Errors
+    /// The pair cannot be rectified.
+    pub(crate) fn frames(&self, camera: usize, numbers: &[u64]) -> Result<Vec<Frame>> {
+        let calibration = self.simulation.calibration(camera);
+        let rectification = Rectification::new(&calibration, View::Filled)?;
+        let name = &self.simulation.cameras()[camera].name;
+        let (width, height) = (calibration.left.width, calibration.left.height);
+        let maps = [Eye::Left, Eye::Right].map(|eye| rectification.map(eye));
+        let remaps = maps.each_ref().map(|map| Remap::new(map, width, height));
+        let lenses = [Lens::new(&calibration.left), Lens::new(&calibration.right)];
+        let turns = [
+            rectification.rectified_from_left,
+            rectification.rectified_from_right,
+        ];
+        let mut pictures = self.simulation.pictures(camera);
+        let mut truths = self.simulation.truths(camera);
+        let mut frames = Vec::new();
+        let mut last = None;
+        for &number in numbers {
+            let time_ns = self.simulation.settings().frame_ns(number);
+            // Pictures in a row carry their exposure on; after a gap it finds its way anew.
+            if last.is_none_or(|last| last + 1 != number) {
+                pictures.settle(time_ns);
+            }
+            last = Some(number);
+            let shot = pictures.expose(number, time_ns);
+            let eyes = [0, 1].map(|eye| remaps[eye].apply(&shot.grey(eye), 0));
+            let disparity = [0, 1].map(|eye| {
+                let seen = truths.see(eye, time_ns);
+                let inverse = inverse_depth(&seen, &lenses[eye], &turns[eye], width as usize);
+                let scale = (rectification.camera.fx * rectification.baseline_m) as f32;
+                let of = |(x, y): (&f32, &f32)| scale * sample(&inverse, width as usize, *x, *y);
+                let places = maps[eye].x.iter().zip(&maps[eye].y);
+                places.map(of).collect::<Vec<f32>>()
+            });
+            let [truth, right] = disparity;
+            let visible = visible(&truth, &right, width as usize);
+            let rig = self.simulation.walker().rig(time_ns as f64 * 1e-9);
+            let (position, rotation) =
+                self.simulation.cameras()[camera].world_from_eye(0, &rig, None);
+            let q = rotation.quaternion();
+            let world_from_eye = RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], position.into())?;
+            frames.push(Frame {
+                name: format!("{}-{name}-{number}", self.name),
+                width: width as usize,
+                height: height as usize,
+                eyes,
+                truth,
+                visible,
+                range: self.range,
+                geometry: Geometry {
+                    focal_px: rectification.camera.fx,
+                    centre: [rectification.camera.cx, rectification.camera.cy],
+                    baseline_m: rectification.baseline_m,
+                    offset_px: 0.0,
+                },
+                world_from_left: world_from_eye * turns[0].inverse(),
+            });
+        }
+        Ok(frames)
+    }
+}
+
+/// Inverse depth along the rectified axis for each pixel of the raw picture, 1/m; NaN where the lens has no direction.
+fn inverse_depth(seen: &Truth, lens: &Lens, turn: &RigidTransform, width: usize) -> Vec<f32> {
+    let of = |(i, depth): (usize, &f32)| {
+        let pixel = [(i % width) as f64, (i / width) as f64];
+        let Some(ray) = lens.unproject(pixel) else {
+            return f32::NAN;
+        };
+        if depth.is_infinite() {
+            return 0.0;
+        }
+        let reach = f64::from(*depth) / ray[2];
+        let point = turn.rotate(Vector3::from(ray).scale(reach).into());
+        (1.0 / point[2]) as f32
+    };
+    seen.depth.iter().enumerate().map(of).collect()
+}
+
+/// What lies at a place between pixels.
+fn sample(of: &[f32], width: usize, x: f32, y: f32) -> f32 {
+    let height = of.len() / width;
+    if !(x >= 0.0 && y >= 0.0 && x <= (width - 1) as f32 && y <= (height - 1) as f32) {
+        return f32::NAN;
+    }
+    let at = |x: usize, y: usize| of[y.min(height - 1) * width + x.min(width - 1)];
+    let (left, top) = (x.floor() as usize, y.floor() as usize);
+    let (u, v) = (x - left as f32, y - top as f32);
+    let [a, b] = [at(left, top), at(left + 1, top)];
+    let [c, d] = [at(left, top + 1), at(left + 1, top + 1)];
+    let most = a.max(b).max(c).max(d);
+    let least = a.min(b).min(c).min(d);
+    let bend = (a + d - b - c).abs();
+    // On a plane the four bend by nothing and differ by little.
+    if bend <= BEND * most * 0.25 && most - least <= BEND * 4.0 * most {
+        let upper = a + (b - a) * u;
+        let lower = c + (d - c) * u;
+        return upper + (lower - upper) * v;
+    }
+    at((x + 0.5) as usize, (y + 0.5) as usize)
+}
+
+fn visible(left: &[f32], right: &[f32], width: usize) -> Vec<bool> {
+    let of = |(i, d): (usize, &f32)| {
+        let (x, row) = (i % width, i / width * width);
+        let there = x as f32 - d;
+        if !(there >= 0.0 && there <= (width - 1) as f32) {
+            return false;
+        }
+        // A surface that is seen aslant changes from pixel to pixel.
+        let near = [there.floor() as usize, there.ceil() as usize].map(|k| right[row + k]);
+        let (low, high) = (near[0].min(near[1]), near[0].max(near[1]));
+        match high - low < STEEPEST_PX {
+            true => low - AGREE_PX < *d && *d < high + AGREE_PX,
+            false => near.iter().any(|other| (other - d).abs() < AGREE_PX),
+        }
+    };
+    left.iter().enumerate().map(of).collect()
+}

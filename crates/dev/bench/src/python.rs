@@ -1,0 +1,46 @@
+//! OpenCV beside us, in the same run: a script that takes JSON on its standard input and gives JSON back.
+
+use std::ffi::OsString;
+use std::io::Write;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use anyhow::{Context, Result, ensure};
+use serde_json::Value;
+
+/// The interpreter with OpenCV.
+///
+/// # Errors
+/// None is named.
+pub(crate) fn interpreter() -> Result<OsString> {
+    std::env::var_os("PAWS_PYTHON")
+        .context("PAWS_PYTHON names no interpreter with OpenCV; `cargo xtask bench` makes one")
+}
+
+/// What a script, by its path from `crates/dev/bench/src`, answers to a question.
+///
+/// # Errors
+/// It does not start, fails, or answers in no JSON.
+pub(crate) fn ask(script: &str, question: &Value) -> Result<Value> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("src")
+        .join(script);
+    let mut child = Command::new(interpreter()?)
+        .arg(path)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .context("starting python")?;
+    let mut stdin = child.stdin.take().context("python's standard input")?;
+    stdin
+        .write_all(question.to_string().as_bytes())
+        .context("writing to python")?;
+    drop(stdin);
+    let output = child.wait_with_output().context("waiting for python")?;
+    ensure!(
+        output.status.success(),
+        "{script} ended with {}",
+        output.status
+    );
+    serde_json::from_slice(&output.stdout).with_context(|| format!("reading what {script} says"))
+}

@@ -1,0 +1,356 @@
+use super::*;
+use crate::camera::Shutter;
+use crate::lens::Lens;
+use crate::scene::surface::Class;
+
+fn settings() -> Settings {
+    Settings {
+        kind: Kind::Pavement,
+        time: Time::Day,
+        seed: 3,
+        seconds: 8.0,
+        rate_hz: 10.0,
+        width: 160,
+        height: 90,
+        quality: Quality::FAST,
+    }
+}
+
+fn example() -> Rig {
+    Rig::parse(include_str!(
+        "../../../../../cad-transforms/rigs/example.toml"
+    ))
+    .unwrap()
+}
+
+#[test]
+fn what_cannot_be_simulated_is_refused_with_a_reason() {
+    type Change = fn(&mut Settings);
+    let cases: [(Change, &str); 9] = [
+        (|s| s.seconds = 0.0, "length of the walk is 0,"),
+        (|s| s.seconds = -1.0, "length of the walk is -1,"),
+        (|s| s.seconds = f64::NAN, "length of the walk is NaN,"),
+        (|s| s.seconds = 1e9, "at most 3600 s"),
+        (|s| s.seconds = 0.09, "at least one period of 0.1 s"),
+        (|s| s.rate_hz = 0.0, "rate of the cameras is 0,"),
+        (|s| s.rate_hz = f64::INFINITY, "at most 100 Hz"),
+        (
+            |s| s.width = 161,
+            "width of an eye is 161, expected an even number",
+        ),
+        (
+            |s| s.height = 14,
+            "height is 14, expected an even number of pixels from 16",
+        ),
+    ];
+    for (change, expected) in cases {
+        let mut wrong = settings();
+        change(&mut wrong);
+        let message = Simulation::new(&wrong, &example()).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}");
+    }
+}
+
+#[test]
+fn frames_lie_in_the_middle_of_whole_periods() {
+    let thirds = Settings {
+        seconds: 1.0,
+        rate_hz: 3.0,
+        ..settings()
+    };
+    let times: Vec<i64> = (0..thirds.frame_count())
+        .map(|n| thirds.frame_ns(n))
+        .collect();
+    assert_eq!(times, [166_666_667, 500_000_000, 833_333_333]);
+    for tenths in 1..200 {
+        let whole = Settings {
+            seconds: f64::from(tenths) * 0.1,
+            ..settings()
+        };
+        assert_eq!(whole.frame_count(), tenths as u64, "{tenths}");
+    }
+}
+
+#[test]
+fn a_camera_gives_the_same_frames_again() {
+    let short = Settings {
+        seconds: 0.5,
+        width: 32,
+        height: 18,
+        ..settings()
+    };
+    let simulation = Arc::new(Simulation::new(&short, &example()).unwrap());
+    let frames: Vec<StereoFrame> = simulation.pictures(0).collect();
+    assert_eq!(frames.len(), 5);
+    assert_eq!(frames, simulation.pictures(0).collect::<Vec<_>>());
+    let numbers: Vec<u64> = frames.iter().map(|f| f.number).collect();
+    assert_eq!(numbers, [0, 1, 2, 3, 4]);
+    // The eyes look from two places and have noise of their own.
+    assert_ne!(frames[0].grey(0), frames[0].grey(1));
+    assert_eq!(frames[0].grey(0).len(), 32 * 18);
+}
+
+/// The rasteriser against its slow twin: the depth of a pixel is that of its own ray, away from edges,
+/// which the rasteriser places to 0.1 px.
+#[test]
+fn true_depth_is_that_of_ray_casting() {
+    let simulation = Arc::new(Simulation::new(&settings(), &example()).unwrap());
+    let (width, height) = (160, 90);
+    for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
+        let mut truths = simulation.truths(camera);
+        let (mut compared, mut looked) = (0, 0);
+        for (eye, time_ns) in [(0, 2_000_000_000), (1, 4_700_000_000), (0, 7_300_000_000)] {
+            let truth = truths.see(eye, time_ns);
+            let lens = Lens::new(&sim_camera.models[eye]);
+            for k in 0..300 {
+                let pick = |stream, size| (random::bits(9, stream, k) % size) as usize;
+                let (u, v) = (pick(0, width), pick(1, height));
+                let pixel = v * width as usize + u;
+                // Rays are cast at what stands, not at the wearer.
+                if truth.class[pixel] == Class::Person {
+                    continue;
+                }
+                let row_s = match sim_camera.shutter {
+                    Shutter::Global => 0.0,
+                    Shutter::Rolling { line_s } => line_s * (v as f64 - 0.5 * (height - 1) as f64),
+                };
+                let rig = simulation.walker.rig(seconds(time_ns) + row_s);
+                let (origin, rotation) = sim_camera.world_from_eye(eye, &rig, None);
+                let inverse_depth = |du: f64, dv: f64| {
+                    let (x, y) = lens.unproject(u as f64 + du, v as f64 + dv);
+                    // 1 long along the optical axis, so that the distance is the depth.
+                    let direction = rotation * Vector3::new(x, y, 1.0);
+                    let hit = simulation.scene().first_hit(&origin, &direction);
+                    hit.map_or(0.0, |hit| 1.0 / hit.distance)
+                };
+                looked += 1;
+                // Linear on the picture within a plane, and 0 for the sky.
+                let expected = inverse_depth(0.0, 0.0);
+                let bent = |du: f64, dv: f64| {
+                    let sum = inverse_depth(du, dv) + inverse_depth(-du, -dv);
+                    (0.5 * sum - expected).abs() > 1e-4 * expected
+                };
+                if bent(0.25, 0.0) || bent(0.0, 0.25) {
+                    continue;
+                }
+                let found = 1.0 / f64::from(truth.depth[pixel]);
+                assert!(
+                    (found - expected).abs() <= 1e-3 * expected,
+                    "{} {u} {v}: {} m, by its ray {} m",
+                    sim_camera.name,
+                    1.0 / found,
+                    1.0 / expected
+                );
+                compared += 1;
+            }
+        }
+        assert!(
+            compared > 300 && 4 * compared > 3 * looked,
+            "{}: {compared} of {looked}",
+            sim_camera.name
+        );
+    }
+}
+
+/// Pixel at which an eye sees a moving point in the picture taken at `time_s`: the row's instant is
+/// found by trying one row after the other.
+fn slow_spot(
+    simulation: &Simulation,
+    camera: &SimCamera,
+    eye: usize,
+    time_s: f64,
+    point: &dyn Fn(f64) -> Vector3<f64>,
+) -> [f64; 2] {
+    let lens = Lens::new(&camera.models[eye]);
+    let seen = |t: f64| {
+        let (origin, rotation) = camera.world_from_eye(eye, &simulation.walker.rig(t), None);
+        let at = rotation.inverse() * (point(t) - origin);
+        lens.project(at.x / at.z, at.y / at.z)
+    };
+    let Shutter::Rolling { line_s } = camera.shutter else {
+        let (u, v) = seen(time_s);
+        return [u, v];
+    };
+    let height = f64::from(camera.models[eye].height);
+    let instant = |row: f64| time_s + line_s * (row - 0.5 * (height - 1.0));
+    // The row runs ahead of the point from some row on.
+    let (mut low, mut high) = (-height, 2.0 * height);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        match seen(instant(middle)).1 > middle {
+            true => low = middle,
+            false => high = middle,
+        }
+    }
+    let (u, v) = seen(instant(low));
+    [u, v]
+}
+
+/// True flow against its slow twin: a ray cast into the scene, its end projected into the next picture.
+#[test]
+fn true_flow_is_where_the_point_of_a_ray_goes() {
+    let simulation = Simulation::new(&settings(), &example()).unwrap();
+    let (width, height) = (160, 90);
+    for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
+        let mut truths = simulation.truths(camera);
+        let (mut compared, mut shown, mut longest) = (0, 0, 0.0_f64);
+        for (eye, time_ns) in [(0, 3_000_000_000), (1, 5_300_000_000)] {
+            let next_ns = time_ns + 66_000_000;
+            let (from, to) = (truths.see(eye, time_ns), truths.see(eye, next_ns));
+            let flow = truths.flow(eye, &from, &to);
+            let lens = Lens::new(&sim_camera.models[eye]);
+            for k in 0..500 {
+                let pick = |stream, size| (random::bits(11, stream, k) % size) as usize;
+                let (u, v) = (pick(0, width), pick(1, height));
+                let pixel = v * width as usize + u;
+                if matches!(from.class[pixel], Class::Person | Class::Glass) {
+                    continue;
+                }
+                let row_s = sim_camera.shutter.row_s(v, height as usize);
+                let rig = simulation.walker.rig(seconds(time_ns) + row_s);
+                let (origin, rotation) = sim_camera.world_from_eye(eye, &rig, None);
+                let (x, y) = lens.unproject(u as f64, v as f64);
+                let direction = rotation * Vector3::new(x, y, 1.0);
+                let Some(hit) = simulation.scene().first_hit(&origin, &direction) else {
+                    continue;
+                };
+                // At edges the rasteriser may see the other side.
+                let found = f64::from(from.depth[pixel]);
+                if (found - hit.distance).abs() > 1e-3 * found {
+                    continue;
+                }
+                let point = origin + direction * hit.distance;
+                let [du, dv] = flow.moved[pixel].map(f64::from);
+                if du.is_nan() {
+                    continue;
+                }
+                let spot = slow_spot(&simulation, sim_camera, eye, seconds(next_ns), &|_| point);
+                let (eu, ev) = (spot[0] - u as f64, spot[1] - v as f64);
+                assert!(
+                    (du - eu).abs().max((dv - ev).abs()) < 0.005,
+                    "{} {u} {v}: {du} {dv}, by its ray {eu} {ev}",
+                    sim_camera.name
+                );
+                compared += 1;
+                shown += i32::from(flow.shown[pixel]);
+                longest = longest.max(eu.hypot(ev));
+            }
+        }
+        let name = &sim_camera.name;
+        assert!(compared > 400, "{name}: {compared}");
+        assert!(
+            longest > 2.0,
+            "{name}: nothing moved by more than {longest} px"
+        );
+        assert!(
+            (compared / 2..compared).contains(&shown),
+            "{name}: {shown} of {compared}"
+        );
+    }
+}
+
+#[test]
+fn tags_are_those_of_the_rig_file() {
+    let text = include_str!("../../../../../cad-transforms/rigs/example.toml");
+    let simulation = Simulation::new(&settings(), &example()).unwrap();
+    let [left, right] = &simulation.scene().wearer.tags[..] else {
+        panic!("{:?}", simulation.scene().wearer.tags)
+    };
+    assert_eq!((left.id, left.size_m, right.id), (0, 0.06, 1));
+    let bare = text.split("[[shoe_tag]]").next().unwrap();
+    let bare = Simulation::new(&settings(), &Rig::parse(bare).unwrap()).unwrap();
+    assert!(bare.scene().wearer.tags.is_empty());
+    let unknown = Rig::parse(&text.replace("id = 1", "id = 8")).unwrap();
+    let error = Simulation::new(&settings(), &unknown).unwrap_err();
+    let message = error.to_string();
+    assert!(
+        message.contains("tag 8 is on a shoe, expected 0 to 7"),
+        "{message}"
+    );
+}
+
+#[test]
+fn the_corners_of_tags_are_where_the_feet_take_them() {
+    let simulation = Simulation::new(&settings(), &example()).unwrap();
+    let camera = simulation
+        .cameras()
+        .iter()
+        .position(|camera| camera.name == "feet")
+        .unwrap();
+    let sim_camera = &simulation.cameras()[camera];
+    let mut truths = simulation.truths(camera);
+    let (mut compared, mut visible) = (0, 0);
+    for k in 0..40 {
+        let (eye, time_ns) = (k % 2, 2_000_000_000 + 130_000_000 * k as i64);
+        let truth = truths.see(eye, time_ns);
+        for seen in truths.tags(eye, &truth) {
+            let tag = &simulation.scene().wearer.tags[seen.id];
+            for (found, corner) in seen
+                .corners
+                .iter()
+                .zip(crate::scene::tag::corners(tag.size_m))
+            {
+                let point = |t: f64| {
+                    let foot = simulation.walker.foot(tag.side, t);
+                    foot.position + foot.rotation * (tag.position + tag.rotation * corner)
+                };
+                let expected = slow_spot(&simulation, sim_camera, eye, seconds(time_ns), &point);
+                let off = (found[0] - expected[0]).hypot(found[1] - expected[1]);
+                // Outside, the instant goes on as it is between the last rows.
+                let inside = (0.0..=159.0).contains(&found[0]) && (0.0..=89.0).contains(&found[1]);
+                let most = if inside { 0.005 } else { 0.05 };
+                assert!(off < most, "{time_ns}: {found:?}, expected {expected:?}");
+                compared += 1;
+            }
+            if seen.visible {
+                visible += 1;
+                let [a, _, c, _] = seen.corners;
+                let (u, v) = (0.5 * (a[0] + c[0]), 0.5 * (a[1] + c[1]));
+                let middle = (v + 0.5) as usize * 160 + (u + 0.5) as usize;
+                assert_eq!(truth.class[middle], Class::Person);
+            }
+        }
+    }
+    assert!(
+        compared > 100 && visible > 32,
+        "{compared} corners, {visible} tags"
+    );
+}
+
+#[test]
+fn the_wearer_sees_his_shoes_and_the_shoulders_do_not() {
+    let simulation = Arc::new(Simulation::new(&settings(), &example()).unwrap());
+    for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
+        let truth = simulation.truths(camera).see(0, 4_000_000_000);
+        let own = truth.class.iter().filter(|&&class| class == Class::Person);
+        let share = own.count() as f64 / truth.class.len() as f64;
+        match sim_camera.name == "feet" {
+            true => assert!((0.02..0.5).contains(&share), "{share}"),
+            false => assert_eq!(share, 0.0, "{}", sim_camera.name),
+        }
+    }
+}
+
+#[test]
+fn lenses_of_a_calibration_take_the_place_of_nominal_ones() {
+    let small = Settings {
+        seconds: 0.2,
+        width: 64,
+        height: 36,
+        ..settings()
+    };
+    let make = || Simulation::new(&small, &example()).unwrap();
+    let mut stereo = make().calibration(0);
+    stereo.left.fx *= 0.8;
+    let name = make().cameras()[0].name.clone();
+    let changed = make().with_lenses(&name, &stereo).unwrap();
+    assert_eq!(changed.cameras()[0].models[0].fx, stereo.left.fx);
+    assert_eq!(changed.calibration(0).left, stereo.left);
+    let first = |simulation: Simulation| Arc::new(simulation).pictures(0).next().unwrap();
+    assert_ne!(first(changed).grey(0), first(make()).grey(0));
+    let error = make().with_lenses("hat", &stereo).unwrap_err().to_string();
+    assert!(error.contains("found \"hat\", expected one of"), "{error}");
+    stereo.right.width = 100;
+    let error = make().with_lenses(&name, &stereo).unwrap_err().to_string();
+    assert!(error.contains("is for 100x36, expected 64x36"), "{error}");
+}
