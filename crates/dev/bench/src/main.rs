@@ -8,6 +8,7 @@ mod arguments;
 mod calib;
 mod calib_verify;
 mod camera_imu;
+mod compare;
 mod depth;
 mod encode;
 mod frame_sync;
@@ -36,7 +37,15 @@ fn main() -> ExitCode {
         eprintln!("which benchmark? {}", names());
         return ExitCode::from(2);
     };
-    let Some((_, run)) = BENCHMARKS.iter().find(|(n, _)| n == name) else {
+    let run = match name.as_str() {
+        // No benchmark, so that `bench all` does not run it.
+        "compare" => Some(compare::run as Run),
+        name => BENCHMARKS
+            .iter()
+            .find(|(n, _)| *n == name)
+            .map(|(_, run)| *run),
+    };
+    let Some(run) = run else {
         eprintln!("there is no benchmark {name:?}; there are: {}", names());
         return ExitCode::from(2);
     };
