@@ -20,9 +20,9 @@ pub struct Frame(String);
 /// Which of a camera's frames is meant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum FramePart {
-    /// Optical frame of the left picture; the camera's reference.
+    /// Optical frame of the left image; the camera's reference.
     Left,
-    /// Optical frame of the right picture.
+    /// Optical frame of the right image.
     Right,
     /// Frame in which the IMU reports.
     Imu,

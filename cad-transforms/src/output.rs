@@ -1,6 +1,6 @@
 //! Writing a file without losing another.
 //!
-//! Contract: a file that exists stays as it is unless the caller said otherwise, and then it is exchanged in one step.
+//! Contract: an existing file is kept unless the caller says otherwise, and is then replaced atomically.
 //! The bytes are written beside the file, under a hidden name that nobody has (`.paws-PROCESS-NUMBER.part`), and
 //! appear under the name itself when they are whole: whoever reads it finds the old bytes or the new ones. After
 //! [`write()`] returned, the bytes and the name are on disk. A program that is killed may leave a hidden file behind.
@@ -62,7 +62,7 @@ pub fn write(path: &Path, bytes: &[u8], existing: Existing) -> Result<(), WriteE
         Existing::Replace => fs::rename(&beside, path),
     });
     if written.is_err() || existing == Existing::Refuse {
-        // Ours; it is gone already where it was renamed, and that it cannot be removed is no second error.
+        // Ours. After a rename it no longer exists, and a failure to remove it is no second error.
         let _ = fs::remove_file(&beside);
     }
     written.map_err(|source| match (existing, source.kind()) {

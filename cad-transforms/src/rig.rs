@@ -183,7 +183,7 @@ pub enum RigError {
     /// The rig has no such frame: use one of those it has, or add it to the file.
     #[error("looking up frame {frame} in rig {rig:?}: not there, expected one of {known}")]
     UnknownFrame {
-        /// The frame asked for.
+        /// The requested frame.
         frame: Frame,
         /// Name of the rig.
         rig: String,

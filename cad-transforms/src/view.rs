@@ -1,12 +1,12 @@
-//! What a camera sees: the pyramid of its picture.
+//! What a camera sees: the pyramid of its image.
 //!
 //! Contract: plain geometry in the optical frame (x right, y down, z forward). This crate knows nothing of lenses; whoever
 //! has a calibration gives tangents. A lens that bends straight lines sees a little more than the pyramid of
-//! its camera matrix, so a point inside is in the picture, and one just outside may be too.
+//! its camera matrix, so a point inside is in the image, and one just outside may be too.
 
 use crate::transform::RigidTransform;
 
-/// A field of view as the tangents of the angles from the optical axis to the picture's edges, each above 0.
+/// A field of view as the tangents of the angles from the optical axis to the image's edges, each above 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FieldOfView {
     /// To the left edge.
@@ -35,8 +35,8 @@ impl FieldOfView {
         })
     }
 
-    /// Of a camera matrix and a picture of this size in pixels, integers being the pixels' centres.
-    /// `None` where the centre is outside the picture or a number is not finite.
+    /// Of a camera matrix and an image of this size in pixels, integers being the pixels' centres.
+    /// `None` where the centre is outside the image or a number is not finite.
     pub fn from_pinhole(size: [u32; 2], focal: [f64; 2], centre: [f64; 2]) -> Option<Self> {
         let edge = |axis: usize| {
             let low = (centre[axis] + 0.5) / focal[axis];
@@ -122,7 +122,7 @@ mod tests {
 
     #[test]
     fn the_picture_on_the_ground() {
-        // 2 m up, looking straight down, the picture's right along y.
+        // 2 m up, looking straight down, the image's right along y.
         let world_from_camera = RigidTransform::from_rotation_rows(
             [0., 1., 0., 1., 0., 0., 0., 0., -1.],
             [0.5, 0.0, 2.0],

@@ -5,7 +5,7 @@
 //! are taken along the housing's x. No source states how true that is, so the sigmas are nominal and say so.
 //!
 //! A sigma is of where the lens is and looks, seen from the datum, over all cameras of the model: the same camera in
-//! the same housing does not move by it. The factory file of one ZED Mini has its two lenses turned against each
+//! the same housing does not move by it. The factory file of one ZED Mini has its two lenses rotated against each
 //! other by 0.05, 0.40 and 0.03 degrees about x, y and z; if both are mounted alike, that is some 0.3 degrees each for the
 //! worst axis, and the nominal 0.5 leaves room for the housing.
 
@@ -198,7 +198,7 @@ mod tests {
         assert_eq!(Device::find("zed"), None);
         let datum_from_left = mini.datum_from_left();
         assert_eq!(datum_from_left.apply([0.0; 3]), [0.0, 0.0315, 0.01325]);
-        // Looks forward, and right in the picture is right of the housing.
+        // Looks forward, and right in the image is right of the housing.
         assert_eq!(datum_from_left.rotate([0.0, 0.0, 1.0]), [1.0, 0.0, 0.0]);
         assert_eq!(datum_from_left.rotate([1.0, 0.0, 0.0]), [0.0, -1.0, 0.0]);
         // The two lenses mirror each other about the middle.

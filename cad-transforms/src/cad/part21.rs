@@ -1,7 +1,7 @@
 //! The exchange structure of ISO 10303-21, which STEP files are written in.
 //!
 //! Contract: [`Exchange::index`] finds every instance `#N = …;` of the data section and refuses a file that is
-//! cut off or numbers two instances alike. An instance is taken apart when it is asked for: an assembly
+//! cut off or numbers two instances alike. An instance is parsed on demand: an assembly
 //! is a few hundred entities among a million of surfaces, and those are never looked into.
 //!
 //! Syntax after ISO 10303-21:2016, clauses 5 to 9: `''` in strings, `\X2\…\X0\` and the other directives,

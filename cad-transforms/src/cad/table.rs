@@ -1,6 +1,6 @@
 //! Plain tables of placements, CSV or TOML.
 //!
-//! Contract: every number carries its unit in the name of its column or key, and every mistake is told with line
+//! Contract: every number carries its unit in the name of its column or key, and every mistake is an error with line
 //! and column. Decimals are written with a point; a comma is an error and never a separator of thousands.
 //!
 //! A CSV table has a line of names, then a line per part. Separators are commas, semicolons or tabs, as the first line has

@@ -39,7 +39,7 @@ pub const BASELINE_TOLERANCE_M: f64 = 0.0005;
 pub const SIGMAS: f64 = 3.0;
 /// How far the right lens may be above, below, before or behind the left one, as a share of the baseline.
 pub const BESIDE_SHARE: f64 = 0.1;
-/// How far the two lenses may be turned against each other, degrees.
+/// How far the two lenses may be rotated against each other, degrees.
 pub const STEREO_TURN_DEG: f64 = 3.0;
 
 /// What is known from elsewhere, by the name of the camera.
@@ -208,13 +208,11 @@ impl Checks<'_> {
         }
         let down = rig_from_left.rotate([0.0, 1.0, 0.0]);
         if down[2] > 0.5 {
-            let message =
-                format!("{camera} hangs upside down: down in its picture is up in the rig");
+            let message = format!("{camera} hangs upside down: down in its image is up in the rig");
             self.add(line, Severity::Warning, message);
         } else if axis[2].abs() < 0.7 && down[2].abs() < 0.5 {
-            let message = format!(
-                "{camera} is turned on its side: down in its picture is sideways in the rig"
-            );
+            let message =
+                format!("{camera} is turned on its side: down in its image is sideways in the rig");
             self.add(line, Severity::Warning, message);
         }
     }
@@ -295,7 +293,7 @@ impl Checks<'_> {
             .to_degrees();
         if turn_deg > STEREO_TURN_DEG {
             let message = format!(
-                "the lenses of {camera} are turned by {turn_deg:.2} deg against {source}, expected at most {STEREO_TURN_DEG}"
+                "the lenses of {camera} are rotated by {turn_deg:.2} deg against {source}, expected at most {STEREO_TURN_DEG}"
             );
             self.add(line, Severity::Warning, message);
         }
@@ -370,7 +368,7 @@ impl Checks<'_> {
         }
     }
 
-    /// The feet camera has the shoes in its picture.
+    /// The feet camera has the shoes in its image.
     fn feet(&mut self, cameras: &[String], facts: &Facts) {
         if !cameras.iter().any(|camera| camera == FEET_CAMERA) {
             let message = format!(

@@ -453,7 +453,7 @@ mod tests {
             assert_ne!(changed, text, "{from}");
             let b = Rig::parse(&changed).unwrap();
             assert_eq!(other_changes(&a, &b), [expected]);
-            // Frames stay where they are, and the other way round something is told too.
+            // Frames stay where they are, and the comparison in the other direction reports it too.
             assert!(
                 diff(&a, &b)
                     .iter()

@@ -20,7 +20,7 @@ pub struct Closure {
     pub parent_from_child: RigidTransform,
     /// How far apart the two places of `child` may be, m.
     pub within_m: f64,
-    /// How far they may be turned against each other, rad.
+    /// How far they may be rotated against each other, rad.
     pub within_rad: f64,
 }
 

@@ -54,7 +54,7 @@ fn the_example_rig_is_what_it_says() {
         let left_from_right = rig.transform(&left, &right).unwrap();
         assert_eq!(left_from_right.translation_m(), [baseline_m, 0.0, 0.0]);
         let rig_from_left = rig.transform(&Frame::rig(), &left).unwrap();
-        // No camera hangs upside down or is tilted sideways: right in the picture is level.
+        // No camera hangs upside down or is tilted sideways: right in the image is level.
         assert!(rig_from_left.rotate([1.0, 0.0, 0.0])[2].abs() < 1e-9);
         assert!(rig_from_left.rotate([0.0, 1.0, 0.0])[2] < 0.0);
     }

@@ -15,7 +15,7 @@ impl Rig {
         text(&self.to_parts())
     }
 
-    /// Writes a rig file. A file that exists stays unless `existing` says otherwise.
+    /// Writes a rig file. An existing file is kept unless `existing` says otherwise.
     ///
     /// # Errors
     /// [`RigError::Invalid`] when a loop is open or a text is empty, [`RigError::Write`]. Nothing is written then.
@@ -39,7 +39,7 @@ pub(super) fn text(parts: &RigParts) -> String {
     );
     put!(
         out,
-        "# rig: x forward, y left, z up. NAME/left, NAME/right: x right, y down, z into the picture."
+        "# rig: x forward, y left, z up. NAME/left, NAME/right: x right, y down, z into the image."
     );
     put!(out, "");
     put!(out, "format = {RIG_FORMAT}");

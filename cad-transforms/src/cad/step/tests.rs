@@ -70,7 +70,7 @@ fn placements_are_those_the_cad_program_reports() {
 }
 
 /// An assembly as SolidWorks lays it out: entities in falling order, blanks everywhere, names of occurrences
-/// blank, inches as a converted unit, NONE for no name. Two instances of one clip, the second turned to y.
+/// blank, inches as a converted unit, NONE for no name. Two instances of one clip, the second rotated to y.
 const INCHES: &str = "ISO-10303-21;
 HEADER;
 FILE_DESCRIPTION (( 'STEP AP214' ),
@@ -156,7 +156,7 @@ fn check_inches(text: &str) {
     close(of([25.4, 0., 0.]), [25.4, 50.8, 76.2], [1.0, 0.0, 0.0]);
     close(of([-50.8, 0., 0.]), [-50.8, 0.0, 101.6], [0.0, 1.0, 0.0]);
     close(of([50.8, 0., 0.]), [50.8, 101.6, 152.4], [0.0, 1.0, 0.0]);
-    // Turned to y, what is ahead by 1 lies at y, and what is aside by 2 at -x.
+    // Rotated to y, what is ahead by 1 lies at y, and what is aside by 2 at -x.
     close(
         of([-101.6, 0., 0.]),
         [-101.6, 25.4, 177.8],
@@ -235,7 +235,7 @@ fn mapped_items_place_occurrences() {
 
 #[test]
 fn each_representation_has_its_own_unit() {
-    // The clip is drawn in millimetres, its datum 1 mm ahead; the assembly stays in inches.
+    // The clip is drawn in millimetres, its datum 1 mm ahead; the assembly remains in inches.
     let text = INCHES.replace("( #50, #51 ), #20 )", "( #50, #51 ), #28 )").replace(
         "DATA;\n",
         "DATA;\n#28=(GEOMETRIC_REPRESENTATION_CONTEXT(3)GLOBAL_UNIT_ASSIGNED_CONTEXT((#26,#21,#27))REPRESENTATION_CONTEXT('',''));\n",

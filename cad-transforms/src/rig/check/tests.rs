@@ -94,7 +94,7 @@ fn each_mistake_is_found_with_its_line() {
             "line 46: warning: feet is turned on its side",
         ][..1],
     );
-    // Turned about z by half a turn: it looks back.
+    // Rotated about z by half a turn: it looks back.
     check(
         with(
             "left_shoulder/left",
@@ -127,7 +127,7 @@ fn each_mistake_is_found_with_its_line() {
             "line 19: error: left_shoulder/left is 190.187 m from the rig's datum, expected at most 1 m: not in metres?",
         ],
     );
-    // Looking 30 degrees down only, the shoes are out of the picture.
+    // Looking 30 degrees down only, the shoes are out of the image.
     let half = 60_f64.to_radians();
     let turned = format!(
         "[{:?}, {:?}, {:?}, {:?}]",

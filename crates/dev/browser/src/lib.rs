@@ -189,7 +189,7 @@ impl Browser {
 
     /// How much wider than the window the page is, CSS pixels; 0 where it never scrolls sideways.
     pub fn overflow(&mut self, width: u32) -> u64 {
-        // By what was asked for: a page that is too wide makes a phone's window wider.
+        // Of the requested size: a page that is too wide makes a phone's window wider.
         let wide = self.value("document.documentElement.scrollWidth").as_u64();
         wide.unwrap().saturating_sub(width.into())
     }
@@ -235,7 +235,7 @@ impl Browser {
         }
     }
 
-    /// A picture of what is in sight, a PNG file; all of the page if it is `whole`.
+    /// An image of what is in sight, a PNG file; all of the page if it is `whole`.
     pub fn screenshot(&mut self, whole: bool) -> Vec<u8> {
         let params = json!({"format": "png", "captureBeyondViewport": whole});
         let picture = self.call("Page.captureScreenshot", params);

@@ -54,7 +54,7 @@ impl Account {
     /// Reads a session.
     ///
     /// # Errors
-    /// It does not open, is damaged, or the disk says no.
+    /// It does not open, is damaged, or the file system reports an I/O error.
     pub fn read(folder: &Path) -> Result<Self> {
         let reader = SessionReader::open(Arc::new(DiskStorage::new(folder)))
             .with_context(|| format!("opening the session {}", folder.display()))?;

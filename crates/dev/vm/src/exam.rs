@@ -77,7 +77,7 @@ impl Contents {
     /// Reads a session. Damage is passed over.
     ///
     /// # Errors
-    /// It does not open, the disk says no, or a message is not what its schema says.
+    /// It does not open, the file system reports an I/O error, or a message is not what its schema says.
     pub fn read(folder: &Path) -> Result<Self> {
         Self::of(&open(folder)?)
     }
@@ -154,7 +154,7 @@ fn open(folder: &Path) -> Result<SessionReader> {
 /// The session in a folder of sessions; none if there is none. Other folders than one are an error.
 ///
 /// # Errors
-/// There are several, or the disk says no.
+/// There are several, or the file system reports an I/O error.
 pub fn only_session(archive: &Path) -> Result<Option<PathBuf>> {
     let reading = || format!("looking for a session {}", archive.display());
     let mut folders = Vec::new();
@@ -178,7 +178,7 @@ pub fn only_session(archive: &Path) -> Result<Option<PathBuf>> {
 /// Examines what is left in a folder of sessions. `scratch` is a folder on another disk, for the recovered copy.
 ///
 /// # Errors
-/// Something is left that must not be, or something is gone that was promised.
+/// Something remains that must not, or something durable is missing.
 pub fn examine(
     archive: &Path,
     reference: Option<&Contents>,
@@ -186,7 +186,7 @@ pub fn examine(
     scratch: &Path,
 ) -> Result<Found> {
     let Some(session) = only_session(archive)? else {
-        ensure!(!promise.started, "the session is gone");
+        ensure!(!promise.started, "the session is missing");
         return Ok(Found::default());
     };
     let reader = match open(&session) {

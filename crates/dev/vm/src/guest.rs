@@ -90,7 +90,7 @@ impl Guest {
     /// Starts it.
     ///
     /// # Errors
-    /// The job's folder cannot be made, or the machine cannot be started or do what was asked.
+    /// The job's folder cannot be made, or the machine cannot be started or does not carry out the job.
     pub fn start(&self, machine: &Machine) -> Result<Running> {
         fs::create_dir_all(&self.job).with_context(|| making(&self.job))?;
         let job = fs::canonicalize(&self.job).with_context(|| making(&self.job))?;

@@ -38,7 +38,7 @@ const EDITS: [Edit; 3] = [
         from: "DEFINE_LONGS(HOST_FP_SIZE, 2696)",
         to: "DEFINE_LONGS(HOST_FP_SIZE, 12288)",
     },
-    // vivid paces its pictures by ticks of the kernel: 10 ms would be a jitter that no camera has.
+    // vivid paces its frames by ticks of the kernel: 10 ms would be a jitter that no camera has.
     Edit {
         file: "arch/um/Kconfig",
         from: "config HZ\n\tint\n\tdefault 100\n",
@@ -106,7 +106,7 @@ impl Kernel {
             .map(|path| Self { path }))
     }
 
-    /// The kernel from the cache, or a new one: some five minutes on two processors. `tell` is told of what takes long.
+    /// The kernel from the cache, or a new one: some five minutes on two processors. `tell` receives a line for every step that takes long.
     ///
     /// # Errors
     /// See [`KernelError`].
@@ -147,7 +147,7 @@ pub(crate) fn cache() -> Result<PathBuf, KernelError> {
     }
 }
 
-/// Name of the folder of a kernel: what was asked for, then the source's version.
+/// Name of the folder of a kernel: the requested configuration, then the source's version.
 fn folder(version: &str) -> String {
     format!("{}-{version}", recipe())
 }

@@ -1,4 +1,4 @@
-//! What must be killed when this program is told to end: the process groups of running guests.
+//! What must be killed when this program receives a signal to end: the process groups of running guests.
 //!
 //! A guest is a process group of its own, so an interrupt at the terminal does not reach it. Without
 //! [`end_with_signals`] it would go on alone.

@@ -26,7 +26,7 @@ pub struct StockKernel {
 }
 
 impl StockKernel {
-    /// The kernel from the cache, or a fresh one: 70 MB. `tell` is told of what takes long.
+    /// The kernel from the cache, or a fresh one: 70 MB. `tell` receives a line for every step that takes long.
     ///
     /// # Errors
     /// See [`KernelError`].

@@ -16,7 +16,7 @@ use crate::test::python;
 const WITH_OPENCV: [&str; 5] = ["calib", "depth", "odometry", "rectify", "sim_pictures"];
 
 /// Runs the benchmarks one after the other. The first that fails ends the run, after its charts
-/// and those of the ones before it have been turned into PNG.
+/// and those of the ones before it have been converted into PNG.
 pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Result<()> {
     let mut purposes = vec![Purpose::Build, Purpose::Video, Purpose::Pictures];
     let needs_python = names.iter().any(|name| WITH_OPENCV.contains(name));
@@ -81,6 +81,6 @@ fn to_png(chart: &Path) -> Result<()> {
     convert.arg("--output").arg(&picture).arg(chart);
     process::run(&mut convert)
         .with_context(|| format!("turning a chart into PNG {}", chart.display()))?;
-    println!("picture: {}", picture.display());
+    println!("image: {}", picture.display());
     Ok(())
 }

@@ -22,7 +22,7 @@ pub(crate) enum Purpose {
     Video,
     /// The tests that open our sessions with other people's readers.
     Interoperability,
-    /// The pictures of the benchmarks.
+    /// The charts of the benchmarks.
     Pictures,
     /// The fuzz targets.
     Fuzzing,

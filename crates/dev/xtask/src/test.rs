@@ -74,7 +74,7 @@ pub(crate) fn run(install: bool, quick: bool) -> Result<()> {
     conclude(&steps, &report)
 }
 
-/// What is not built unless it is asked for, and is tested all the same.
+/// Features that are off by default and tested all the same.
 const FEATURES: &str = "reconstruction/onnx";
 
 fn step(name: &'static str, work: impl FnOnce() -> Result<Ending>) -> Step {

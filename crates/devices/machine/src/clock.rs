@@ -6,7 +6,7 @@
 //! machine was suspended. So any change beyond what reading the clocks costs is an event, however small.
 //!
 //! Contract: [`ClockWatch::judge`] is pure. It reports each step once, at the first look after it, with its
-//! size; two steps between two looks are one. A suspension is told apart by `CLOCK_BOOTTIME`, which goes on
+//! size; two steps between two looks are one. A suspension is distinguished by `CLOCK_BOOTTIME`, which goes on
 //! through it. [`look`] reads the clocks, [`StepAlarm`] wakes a thread at the very step, and a machine whose
 //! kernel refuses either only tells less.
 

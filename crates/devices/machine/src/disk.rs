@@ -92,7 +92,7 @@ pub struct DiskState {
 /// Asks the file system that holds the folder `path`.
 ///
 /// # Errors
-/// The folder is not there, or the disk says no.
+/// The folder is not there, or the file system reports an I/O error.
 pub fn look(path: &Path) -> Result<Space, DiskError> {
     let failed = |source: io::Error| {
         let path = path.to_owned();
@@ -179,7 +179,7 @@ impl DiskWatch {
             return;
         }
         self.window.push_back((at_ns, free_bytes));
-        // The last one outside stays: the span from it covers the window.
+        // The last one outside is kept: the span from it covers the window.
         while self.window.len() > 2 && at_ns - self.window[1].0 >= WINDOW_NS {
             self.window.pop_front();
         }

@@ -6,7 +6,7 @@
 //! reading has been beyond the threshold for its dwell time, and left when the reading has been
 //! better than a second, easier threshold for much longer. Of the last [`READINGS`] the middle one counts,
 //! so that a single glitch does nothing. A missing reading is no news for [`STALE_NS`]; then its sensor
-//! counts as gone, and what it had asked for is given back. More pressure never leads to a lower step.
+//! counts as absent, and the steps that it had requested are released. More pressure never leads to a lower step.
 //!
 //! Each cause goes only as far as helps against it (the table is in `ladder/limits.rs`):
 //!
@@ -14,12 +14,12 @@
 //!   It skips the bitrate, which hardly changes what an encoder computes.
 //! - **Throttling** lowers the preview only: it is the machine's own remedy. If it leaves too little for
 //!   the encoders, their queues say so.
-//! - **Encoder overload** lowers preview, bitrate, frame rate, and never stops: pictures dropped on a
+//! - **Encoder overload** lowers preview, bitrate, frame rate, and never stops: frames dropped on a
 //!   regular grid are better than at random, and either is better than none.
 //! - **Battery** and **supply** warn, lower the preview and stop before the machine goes dark. The cameras
 //!   and the processor draw nearly the same at a lower rate: the walk would get a minute longer and
 //!   all of it worse.
-//! - **Disk** lowers the bitrate, then stops. The preview is not stored, and pictures left out never come
+//! - **Disk** lowers the bitrate, then stops. The preview is not stored, and frames left out never come
 //!   back, while a lower bitrate doubles what is left.
 //!
 //! What relieves its own cause at once (all that is done for an encoder, the bitrate for the disk) is kept
@@ -49,11 +49,11 @@ pub enum Step {
     Normal,
     /// Tell the operator.
     Warn,
-    /// Show fewer or no live pictures.
+    /// Show fewer or no live frames.
     LowerPreview,
     /// Encode with fewer bits.
     LowerBitrate,
-    /// Record fewer pictures per second.
+    /// Record fewer frames per second.
     LowerFrameRate,
     /// End the recording, whole, while that is still possible; start none.
     StopCleanly,
@@ -73,7 +73,7 @@ pub enum Cause {
     Supply,
     /// Space for recordings.
     Disk,
-    /// Pictures wait for the encoder.
+    /// Frames wait for the encoder.
     Encoder,
 }
 
@@ -86,7 +86,7 @@ pub struct Pressure {
     pub power: Option<Power>,
     /// Disk.
     pub disk: Option<DiskState>,
-    /// How full the fullest queue to an encoder is, 0 to 1: at 1 pictures are dropped.
+    /// How full the fullest queue to an encoder is, 0 to 1: at 1 frames are dropped.
     pub encoder_fill: Option<f64>,
 }
 
@@ -97,7 +97,7 @@ pub struct Change {
     pub at_ns: i64,
     /// Why.
     pub cause: Cause,
-    /// The step that this cause asked for before.
+    /// The step that this cause requested before.
     pub from: Step,
     /// The step that it asks for now.
     pub to: Step,
@@ -110,11 +110,11 @@ pub struct Change {
 pub struct Measures {
     /// The operator is to be told.
     pub warn: bool,
-    /// Show fewer or no live pictures.
+    /// Show fewer or no live frames.
     pub lower_preview: bool,
     /// Encode with fewer bits.
     pub lower_bitrate: bool,
-    /// Record fewer pictures per second.
+    /// Record fewer frames per second.
     pub lower_frame_rate: bool,
     /// End the recording and start none.
     pub stop: bool,

@@ -1,4 +1,4 @@
-//! What a recorder asks of the kernel: to run at once when a picture arrives, and not to wait for its own
+//! What a recorder asks of the kernel: to run at once when a frame arrives, and not to wait for its own
 //! memory.
 //!
 //! Contract: nothing here fails. Each call says what was achieved, or why not and what to set in the
@@ -9,7 +9,7 @@
 //! (`SCHED_RESET_ON_FORK`): an encoder at real-time priority would starve the machine. Only for threads that
 //! wait nearly all the time; sched(7) says how much of each second is left to others.
 //!
-//! **Memory.** `mlockall` with `MCL_ONFAULT`: what has been touched stays in memory, what is only reserved costs
+//! **Memory.** `mlockall` with `MCL_ONFAULT`: touched pages remain in memory, what is only reserved costs
 //! nothing. Without it, every stack and every arena that GStreamer reserves is filled at once: a pipeline
 //! with three software encoders (1280x720, x264) took 207 MB at most instead of 97 MB, and 88 MB
 //! this way. A limit that is not unlimited is worse than no lock: reserved memory counts against
@@ -206,7 +206,7 @@ mod tests {
         assert_eq!(found[0].0, "a-thread-with-a");
         drop(stop);
         let policy = thread.unwrap().join().unwrap();
-        // Whether it is allowed depends on who runs the test; that it is told truly does not.
+        // Whether it is allowed depends on who runs the test; that it is reported correctly does not.
         let is_real_time = policy == libc::SCHED_RR | libc::SCHED_RESET_ON_FORK;
         assert_eq!(
             found[0].1.is_achieved(),

@@ -1,6 +1,6 @@
 //! Where sound goes: a beeper on a GPIO line, or an input device that plays tones.
 //!
-//! Contract of a [`Beeper`]: it sounds as it was told last until it is told otherwise, and is silent when
+//! Contract of a [`Beeper`]: it sounds as last commanded until the next command, and is silent when
 //! it is dropped. Sounding takes no longer than the system call. An error leaves it usable. A beeper on a
 //! line knows no pitch.
 
@@ -67,7 +67,7 @@ impl Beeper for LineBeeper {
     }
 }
 
-/// An input device with `SND_TONE`, like the PC speaker or a PWM beeper. After an error it is opened anew.
+/// An input device with `SND_TONE`, like the PC speaker or a PWM beeper. After an error it is opened again.
 #[derive(Debug)]
 pub struct ToneBeeper {
     spec: InputDevice,

@@ -2,7 +2,7 @@
 //!
 //! Contract of a [`Button`]: edges come in the order in which they happened, with the kernel's time where
 //! it gives one (GPIO and keys; a HID report has the time at which it was read). A key that repeats by
-//! itself gives no edges. Edges that the kernel lost are made up for: the level is asked anew and a change
+//! itself gives no edges. Lost edges are compensated: the level is read again and a change
 //! is an edge. A button that is held when it is opened gives no press, only its release. When the device
 //! is unplugged, waiting ends with [`DeviceError::Gone`] and the button is of no more use; open it again
 //! when it is back, which [`Port::wait`] waits for. Bouncing is left in unless [`Button::is_debounced`].

@@ -14,7 +14,7 @@ pub enum DeviceError {
         expected: String,
     },
     /// It was there and went. Wait for its return.
-    #[error("{what} is gone")]
+    #[error("{what} is disconnected")]
     Gone {
         /// What went.
         what: String,

@@ -109,7 +109,7 @@ enum State {
     Down { at: i64, recording: bool },
     /// One short press while recording; a second may follow until `until`.
     Between { first: i64, until: i64 },
-    /// The question is asked and the button still held.
+    /// The question is shown and the button still held.
     Asking { at: i64, target: Target },
     /// The question stands until `until`. What begins before `from` is still the long press's bouncing finger.
     Asked {
@@ -170,7 +170,7 @@ impl Gesture {
     }
 
     /// The button was unplugged. A press that was going on is forgotten, a question is taken away; a stop
-    /// that waits for a second press stays.
+    /// that waits for a second press is kept.
     pub fn gone(&mut self, now_ns: i64) -> Vec<Wished> {
         self.debounce = Debounce::new(self.settings.debounce_ns);
         let wish = match self.state {

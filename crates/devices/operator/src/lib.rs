@@ -10,8 +10,8 @@
 //! What each light means, to print: [`table`], and `docs/led-table.md` that is made from it. What a machine
 //! has to offer: [`found`].
 //!
-//! Contract: nothing here stops a recording or waits for one. A wish is told once, with the time of the
-//! press that began it. A button that goes away is told and waited for; a light that fails is logged once
+//! Contract: nothing here stops a recording or waits for one. A wish is reported once, with the time of the
+//! press that began it. A button that goes away is reported and waited for; a light that fails is logged once
 //! and tried again. Times are integer nanoseconds on CLOCK_MONOTONIC and come in from a [`Clock`].
 //!
 //! Run in a virtual machine on the kernel's simulated GPIO lines and input devices; never yet on the pins

@@ -1,7 +1,7 @@
-//! A button on a thread: wishes are told as they are made.
+//! A button on a thread: wishes are reported as they are made.
 //!
-//! Contract: each wish is told once, in order, from the listener's own thread, which waits for whoever is told; be quick. A
-//! button that goes, or is not there, is told once ([`Heard::Gone`]), and so is its return ([`Heard::Back`]). While it is
+//! Contract: each wish is reported once, in order, from the listener's own thread, which waits for the callback; be quick. A
+//! button that goes, or is not there, is reported once ([`Heard::Gone`]), and so is its return ([`Heard::Back`]). While it is
 //! away the thread waits for device nodes to appear or to change their permissions, and tries at least every
 //! 10 s for what shows no such change. Without presses the thread never wakes. Dropping the listener ends it;
 //! a stop that waits for a second press at that moment is not told.
@@ -77,7 +77,7 @@ impl Drop for Listener {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::SeqCst);
         self.waker.call();
-        // Not joined when dropped by whoever is told, on that very thread.
+        // Not joined when dropped by the callback, on that very thread.
         if let Some(thread) = self.thread.take()
             && thread.thread().id() != std::thread::current().id()
         {
@@ -99,7 +99,7 @@ struct Ear<R, T> {
 
 impl<R: Fn() -> bool, T: FnMut(Heard)> Ear<R, T> {
     fn run(mut self, mut port: Box<dyn Port>) {
-        // What was told last, so that it is told once. Nothing at first.
+        // What was reported last, so that it is reported once. Nothing at first.
         let mut told_gone = false;
         while !self.is_stopped() {
             let error = match port.open() {
@@ -122,7 +122,7 @@ impl<R: Fn() -> bool, T: FnMut(Heard)> Ear<R, T> {
         }
     }
 
-    /// Until the button is gone (why), or the listener is to end (none).
+    /// Until the button is disconnected (why), or the listener is to end (none).
     fn listen(&mut self, mut button: Box<dyn Button>) -> Option<DeviceError> {
         let debounce_ns = if button.is_debounced() {
             0
@@ -254,7 +254,10 @@ mod tests {
             edge(60_200, false),
         ]);
         assert_eq!(heard.recv().unwrap(), "back: scripted button");
-        assert_eq!(heard.recv().unwrap(), "gone: scripted button is gone");
+        assert_eq!(
+            heard.recv().unwrap(),
+            "gone: scripted button is disconnected"
+        );
         assert_eq!(heard.recv().unwrap(), format!("{:?} 100", Wish::Stop));
         assert_eq!(heard.recv().unwrap(), "back: scripted button");
         assert_eq!(heard.recv().unwrap(), format!("{:?} 60100", Wish::Stop));

@@ -1,9 +1,9 @@
 //! Shows what there is to tell on every light and beeper.
 //!
-//! Contract: [`Face`] is pure: it is told things at times, and says what shows at a time and when that changes next. A
+//! Contract: [`Face`] is pure: it takes states and events with times, and returns what to show at a time and when that changes next. A
 //! [`Panel`] runs one on a thread. [`Panel::set`] and [`Panel::play`] never wait for a device. Only the latest
 //! status and the latest answer are kept, so nothing queues up and nothing newer is lost behind something
-//! older. The thread wakes when it is told something and when a pattern steps: never while the light is
+//! older. The thread wakes at a new state and when a pattern steps: never while the light is
 //! steady and the beeper silent, nor where there is neither. A light or beeper that fails is logged once, tried again at every change,
 //! and logged once more when it works; the others go on. Dropping the panel leaves it dark and silent.
 
@@ -81,7 +81,7 @@ impl Face {
         }
     }
 
-    /// From now on this is the case. What stays the same goes on in its rhythm. A recording that begins is told by
+    /// From now on this is the case. An unchanged state keeps its rhythm. A recording that begins is reported by
     /// [`Once::Started`].
     pub fn set(&mut self, status: &Status, now_ns: i64) {
         let signal = status.signal();
@@ -151,7 +151,7 @@ impl Told {
         self.slot.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits until something was told, at most for `timeout`, for ever if none; takes it.
+    /// Waits for the next state, at most for `timeout`, without limit if none; takes it.
     fn take(&self, timeout: Option<Duration>) -> Slot {
         let slot = self.lock();
         let mut slot = match timeout {
@@ -172,7 +172,7 @@ impl Told {
 }
 
 impl Panel {
-    /// Shows [`Phase::Starting`] and then what it is told.
+    /// Shows [`Phase::Starting`] and then the states that it receives.
     ///
     /// # Errors
     /// The system has no thread left.
@@ -212,7 +212,7 @@ impl Drop for Panel {
     }
 }
 
-/// A device and what it was told last.
+/// A device and the last state that it was set to.
 struct Output<D: ?Sized, T> {
     device: Box<D>,
     /// None when that failed.

@@ -124,7 +124,7 @@ impl Pattern {
         }
     }
 
-    /// How long until it is over or begins anew, milliseconds.
+    /// How long until it is over or restarts, milliseconds.
     pub fn length_ms(&self) -> u32 {
         self.steps.iter().map(|(_, ms)| ms).sum()
     }

@@ -1,6 +1,6 @@
-//! What there is to tell a person who has no screen, and what of it is told first.
+//! What a person without a screen has to know, in order of priority.
 //!
-//! Contract: the operator's [`Status`] is a whole, handed over anew whenever a part changes; one signal is shown at a
+//! Contract: the operator's [`Status`] is a whole, handed over again whenever a part changes; one signal is shown at a
 //! time. An answer to a press ([`Once`]) comes before everything for a second. Then, first to last: the
 //! question about discarding, a fault, the most urgent warning, the phase. A warning keeps saying whether it
 //! records. While starting and saving, warnings wait.
@@ -24,7 +24,7 @@ pub enum Phase {
 /// What a person can do something about. Most urgent first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Warning {
-    /// A camera or IMU is silent, gone or shows the same picture again and again.
+    /// A camera or IMU is silent, disconnected or shows the same frame again and again.
     Stream,
     /// Little room is left on the disk.
     Storage,
@@ -47,7 +47,7 @@ pub struct Status {
     pub question: bool,
 }
 
-/// What is told once, as an answer to a press.
+/// One-time signals that answer a press.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Once {
     /// A recording has begun.
@@ -200,7 +200,7 @@ impl Signal {
             Self::Question => "Press within 5 s to discard, or wait",
             Self::Once(Once::Started) => "Walk",
             Self::Once(Once::Marked) => "Walk on",
-            Self::Once(Once::Discarded) => "Press to start anew",
+            Self::Once(Once::Discarded) => "Press to start again",
             Self::Once(Once::Refused) => "See what the light shows next",
         }
     }

@@ -1,4 +1,4 @@
-//! The table of lights and beeps, to print on one page: as a picture and as text.
+//! The table of lights and beeps, to print on one page: as an image and as text.
 //!
 //! Made from the [patterns](crate::pattern) themselves, so it cannot say anything else than the light does. `cargo run -p operator --example
 //! led_table` writes both into `docs/`; a test holds them to what this module makes.
@@ -215,7 +215,7 @@ fn ink(colour: Colour) -> &'static str {
     }
 }
 
-/// The page as Markdown: the picture, and the same in words.
+/// The page as Markdown: the image, and the same in words.
 pub fn markdown() -> String {
     let mut page = String::from(
         "# What the light says\n\n\

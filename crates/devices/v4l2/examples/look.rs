@@ -233,7 +233,7 @@ struct Report {
     stamps: String,
     times: Vec<i64>,
     ages: Vec<i64>,
-    /// Of all bytes looked at, so that the pictures are really read.
+    /// Of all bytes looked at, so that the frames are really read.
     sum: u64,
     end: Option<String>,
 }

@@ -4,7 +4,7 @@
 //! the camera made of the request, unless it is the request; nothing is taken silently. Settings outlive
 //! the program, in the camera: write them and [`write_and_check`](Camera::write_and_check) at every start.
 //! A camera that was unplugged answers everything with [`CameraError::Gone`], from then on for good; one
-//! that returns has to be opened anew.
+//! that returns has to be opened again.
 
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -42,15 +42,15 @@ pub struct Capability {
     pub bus_info: String,
     /// Version of the kernel.
     pub version: (u8, u8, u8),
-    /// Captures pictures in single-planar buffers.
+    /// Captures frames in single-planar buffers.
     pub captures: bool,
-    /// Captures pictures in multi-planar buffers, which this crate does not know.
+    /// Captures frames in multi-planar buffers, which this crate does not know.
     pub captures_planes: bool,
     /// Buffers can be mapped.
     pub streams: bool,
 }
 
-/// Why a camera does not do what was asked.
+/// Why a camera cannot carry out a request.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
     /// Become a member of the group, or install the udev rules.
@@ -71,7 +71,7 @@ pub enum CameraError {
         /// The node.
         path: PathBuf,
     },
-    /// Wait for its return (see [`hotplug`](crate::hotplug)), then open it anew.
+    /// Wait for its return (see [`hotplug`](crate::hotplug)), then open it again.
     #[error("the camera is not there, or not any more: {}", path.display())]
     Gone {
         /// The node.
@@ -86,9 +86,9 @@ pub enum CameraError {
         path: PathBuf,
     },
     /// Ask for one of [`Camera::modes`].
-    #[error("asked for {asked}, the camera gives {given}: {}", path.display())]
+    #[error("requested {asked}, the camera gives {given}: {}", path.display())]
     Refused {
-        /// What was asked for.
+        /// The requested value.
         asked: String,
         /// What the camera made of it.
         given: String,
@@ -161,7 +161,7 @@ impl Camera {
             Capability {
                 captures: false, ..
             } => Err(not_a_camera(
-                "it captures no pictures; a USB camera has a second node for metadata",
+                "it captures no frames; a USB camera has a second node for metadata",
             )),
             Capability { streams: false, .. } => Err(not_a_camera("its buffers cannot be mapped")),
             _ => Ok(camera),

@@ -6,7 +6,7 @@
 //! `/dev` itself; links in `/dev/v4l/by-path` come later, by udev, in a folder that goes with its last link.
 //!
 //! Nothing is polled, and no clock is read. Early, late and in bursts: every change is delivered once, in
-//! order, unless the kernel's queue has run over, which is told ([`Change::Lost`]).
+//! order, unless the kernel's queue has run over, which is reported ([`Change::Lost`]).
 
 use std::collections::VecDeque;
 use std::ffi::OsStr;
@@ -38,9 +38,9 @@ pub enum Change {
     Appeared(PathBuf),
     /// Owner or permissions of a node were set.
     Changed(PathBuf),
-    /// A node is gone.
+    /// A node was removed.
     Removed(PathBuf),
-    /// Changes were lost, or this folder itself is gone: look at everything, and watch anew.
+    /// Changes were lost, or this folder itself was removed: scan everything, and watch again.
     Lost,
 }
 
@@ -87,16 +87,16 @@ impl Watch {
     /// The next change, or none once `timeout` is over.
     ///
     /// # Errors
-    /// The system says no.
+    /// A system call fails.
     pub fn next(&mut self, timeout: Duration) -> io::Result<Option<Change>> {
         self.wait_for(timeout, |_| true)
     }
 
-    /// The next change that is `wanted`, or none once `timeout` is over. What is not wanted is gone; give
+    /// The next change that is `wanted`, or none once `timeout` is over. Other changes are discarded; give
     /// [`Change::Lost`] a thought.
     ///
     /// # Errors
-    /// The system says no.
+    /// A system call fails.
     pub fn wait_for(
         &mut self,
         timeout: Duration,

@@ -2,7 +2,7 @@
 //!
 //! - [`node`] lists the video nodes of the machine and finds the one that was meant.
 //! - [`device`] opens a camera: what it can do, format and rate, controls, extension units.
-//! - [`stream`] takes pictures out of it, as the driver wrote them.
+//! - [`stream`] takes frames out of it, as the driver wrote them.
 //! - [`hotplug`] waits until a node appears or changes.
 //! - [`usb`] knows which device hangs where, and whether the cameras of a controller fit on it.
 //!
@@ -19,7 +19,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The crate knows nothing of sessions, of GStreamer, or of what the pictures are for. Single-planar
+//! The crate knows nothing of sessions, of GStreamer, or of what the frames are for. Single-planar
 //! capture with mapped buffers only; that is what USB cameras offer. It was run on the kernel's `vivid`
 //! cameras; on a USB camera, extension units included, it was never run.
 

@@ -19,7 +19,7 @@ impl Fourcc {
         Self(code.to_le_bytes())
     }
 
-    /// Bits per pixel where every picture has the same number of bytes; none for compressed and for
+    /// Bits per pixel where every frame has the same number of bytes; none for compressed and for
     /// unknown formats.
     pub fn bits_per_pixel(self) -> Option<u32> {
         self.planes().map(|(all, _)| all)
@@ -146,7 +146,7 @@ impl fmt::Display for Interval {
     }
 }
 
-/// What a camera is asked for.
+/// The mode requested of a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mode {
     /// Pixel format.
@@ -182,14 +182,14 @@ pub struct Format {
     pub height: u32,
     /// Distance of two lines of the first plane in bytes; 0 where it means nothing.
     pub bytes_per_line: u32,
-    /// Size of a buffer that holds any picture, bytes.
+    /// Size of a buffer that holds any frame, bytes.
     pub size_image: u32,
     /// Time per frame, where the driver knows it.
     pub interval: Option<Interval>,
 }
 
 impl Format {
-    /// Bytes of a whole picture; none where pictures differ (compressed) or the format is unknown.
+    /// Bytes of a whole frame; none where frames differ (compressed) or the format is unknown.
     pub fn picture_bytes(&self) -> Option<usize> {
         let (all, first) = self.fourcc.planes()?;
         let line = match u128::from(self.bytes_per_line) {
@@ -315,7 +315,7 @@ pub struct Modes {
     pub fourcc: Fourcc,
     /// The driver's name of it.
     pub description: String,
-    /// Pictures differ in length.
+    /// Frames differ in length.
     pub compressed: bool,
     /// Converted by software, not by the device.
     pub emulated: bool,

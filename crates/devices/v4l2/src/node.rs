@@ -1,6 +1,6 @@
 //! The video nodes of the machine, and which of them was meant.
 //!
-//! The list is what sysfs says at the moment; whether a node captures is asked of the node itself, which
+//! The list is what sysfs says at the moment; whether a node captures is queried from the node itself, which
 //! disturbs no one. A node that goes while it is looked at is left out.
 
 use std::fmt;
@@ -21,9 +21,9 @@ pub struct Node {
     pub card: String,
     /// `uvcvideo`; none for devices without a parent.
     pub driver: Option<String>,
-    /// Its number among the nodes of its device. A USB camera has pictures in 0 and metadata in 1.
+    /// Its number among the nodes of its device. A USB camera has frames in 0 and metadata in 1.
     pub index: u32,
-    /// Whether it captures pictures that this crate can take, or why that could not be asked.
+    /// Whether it captures frames that this crate can take, or why that could not be asked.
     pub captures: Result<bool, CameraError>,
     /// What it is on USB.
     pub usb: Option<UsbDevice>,
@@ -130,7 +130,7 @@ pub enum FindError {
     },
 }
 
-/// Finds the node that captures the pictures of a camera. One that may not be opened counts: opening it says
+/// Finds the node that captures the frames of a camera. One that may not be opened counts: opening it says
 /// what to do.
 ///
 /// # Errors

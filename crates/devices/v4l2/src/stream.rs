@@ -1,6 +1,6 @@
-//! A capture stream: pictures as the driver wrote them into buffers that are mapped here.
+//! A capture stream: frames as the driver wrote them into buffers that are mapped here.
 //!
-//! [`Stream::next`] waits for the next frame and for no longer than its time limit. The frame stays in
+//! [`Stream::next`] waits for the next frame and for no longer than its time limit. The frame remains in
 //! the driver's buffer and is lent out; when it is dropped, the buffer is queued again, exactly once. While
 //! one is held the others fill, and when none is left the driver drops frames: the sequence number shows
 //! how many ([`Sequence`]).
@@ -8,13 +8,13 @@
 //! - *Late*: nothing waits for a frame that is held; take it, use it, drop it.
 //! - *Gap*: the driver's sequence number goes on. A USB camera's driver drops damaged frames by
 //!   itself, and these show in the same way.
-//! - *Damage*: a frame that the driver calls damaged, or that is shorter than a whole picture, is delivered
+//! - *Damage*: a frame that the driver calls damaged, or that is shorter than a whole frame, is delivered
 //!   and says so.
 //! - *Failure*: [`StreamError::Interrupted`] means that the driver has stopped the stream; [`Stream::restart`]
 //!   begins it again. [`StreamError::Gone`] is final: drop the stream *and* the camera, and
 //!   open it when it is back.
 //! - *End*: dropping the stream stops it, unmaps and gives back its buffers; the camera can then be set
-//!   to another mode, without being opened anew.
+//!   to another mode, without being opened again.
 
 use std::fmt;
 use std::io;
@@ -67,8 +67,8 @@ pub struct Buffer<'a> {
 #[derive(Debug, thiserror::Error)]
 pub enum StreamError {
     /// The camera was unplugged. Drop stream and camera, wait for its return
-    /// (see [`hotplug`](crate::hotplug)), open it anew.
-    #[error("the camera is gone: {}", path.display())]
+    /// (see [`hotplug`](crate::hotplug)), open it again.
+    #[error("the camera is disconnected: {}", path.display())]
     Gone {
         /// The node.
         path: PathBuf,
@@ -250,7 +250,7 @@ impl Buffer<'_> {
         &self.info
     }
 
-    /// The picture, as far as the driver has written it.
+    /// The frame, as far as the driver has written it.
     pub fn bytes(&self) -> &[u8] {
         &self.stream.maps[self.index as usize].bytes()[..self.info.bytes_used]
     }

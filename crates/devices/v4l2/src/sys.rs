@@ -246,7 +246,7 @@ macro_rules! calls {
         pub(crate) fn $name(fd: BorrowedFd<'_>, argument: &mut $argument) -> Result<(), Errno> {
             const OPCODE: Opcode = opcode::$direction::<$argument>(b'V', $number);
             const _: () = assert!(OPCODE == $expected);
-            // SAFETY: under this number the kernel reads and writes as many bytes as the argument has,
+            // SAFETY: under this number the kernel reads and writes the number of bytes that the argument has,
             // and the number itself carries that length (asserted). Another driver than V4L2 behind `fd`
             // does not know the number.
             unsafe { call::<OPCODE, _>(fd, argument) }
@@ -296,7 +296,7 @@ pub(crate) fn get_control(fd: BorrowedFd<'_>, id: u32) -> Result<i64, Errno> {
     one_control::<OPCODE>(fd, id, 0)
 }
 
-/// `VIDIOC_S_EXT_CTRLS` for one control. The kernel takes as many bits as the control has.
+/// `VIDIOC_S_EXT_CTRLS` for one control. The kernel takes the same number of bits as the control has.
 pub(crate) fn set_control(fd: BorrowedFd<'_>, id: u32, value: i64) -> Result<(), Errno> {
     const OPCODE: Opcode = opcode::read_write::<ExtControls>(b'V', 72);
     const _: () = assert!(OPCODE == 0xC020_5648);

@@ -30,7 +30,7 @@ pub struct UsbDevice {
 impl UsbDevice {
     /// The USB device that something of the kernel's belongs to; `device` is the `device` link in its class
     /// folder: `/sys/class/video4linux/video0/device`, `/sys/class/hidraw/hidraw0/device`. None for what
-    /// is not on USB, or is gone.
+    /// is not on USB, or is disconnected.
     pub fn of(device: &Path) -> Option<Self> {
         let device = fs::canonicalize(device).ok()?;
         let own = device.ancestors().find(|p| p.join("idVendor").is_file())?;

@@ -25,7 +25,7 @@ pub(crate) struct Ready {
     pub(crate) readable: bool,
     /// It cannot be waited for any more.
     pub(crate) error: bool,
-    /// What it stood for is gone.
+    /// Its device is disconnected.
     pub(crate) hang_up: bool,
 }
 

@@ -49,7 +49,7 @@ fn set(camera: &Camera, name: &str, value: i64) {
 }
 
 /// The cameras are threads of the kernel: on a busy machine they come late and leave frames out, which
-/// the number has to tell. It never stays or goes back.
+/// the number has to tell. It never repeats or goes back.
 fn goes_on(step: Step) {
     assert!(
         matches!(step, Step::First | Step::Next | Step::Missed(_)),
@@ -364,7 +364,7 @@ fn a_node_that_goes_and_comes_is_noticed() {
     camera.set_mode(&mode(640, 360, 30)).unwrap();
     let mut stream = Stream::start(&camera, 4).unwrap();
     frame(&mut stream);
-    // The driver lets go of all its cameras at once; a stream of one that is gone says so.
+    // The driver lets go of all its cameras at once; a stream of one that is disconnected says so.
     std::fs::write(driver.join("unbind"), "vivid.0").unwrap();
     let error = (0..10).find_map(|_| stream.next(PATIENCE).err()).unwrap();
     assert!(matches!(error, StreamError::Gone { .. }), "{error:?}");

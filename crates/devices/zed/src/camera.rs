@@ -98,7 +98,7 @@ impl Identity {
 pub struct Mode {
     /// The vendor's name.
     pub name: &'static str,
-    /// Width of both pictures together, pixels.
+    /// Width of both frames together, pixels.
     pub width: u32,
     /// Height, pixels.
     pub height: u32,

@@ -1,4 +1,4 @@
-//! What the microcontroller is told, as HID feature reports. Pure.
+//! Commands to the microcontroller, as HID feature reports. Pure.
 //!
 //! The first byte is the report's number, and goes over the link also where the device's descriptor numbers nothing:
 //! hidraw hands feature reports through as they are. Numbers and values: zed-open-capture,
@@ -23,9 +23,9 @@ pub enum Command {
     Stop,
     /// Somebody still listens.
     Ping,
-    /// Begin anew, and leave the bus meanwhile. For the ZED 2 and 2i.
+    /// Restart, and leave the bus meanwhile. For the ZED 2 and 2i.
     Reset,
-    /// Let the video chip begin anew. For the ZED 2 and 2i.
+    /// Let the video chip restart. For the ZED 2 and 2i.
     ResetVideo,
 }
 

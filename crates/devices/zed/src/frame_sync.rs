@@ -14,7 +14,7 @@
 //! **The whole number.** A wrong one shifts all times by one frame period, and both lines fit as well as before. What tells
 //! is that a sample cannot arrive before it was taken, and that the fastest of thousands arrive soon: their latency against
 //! the tie has to lie within [`Bounds`]. One number that fits is taken, several are [`Undetermined::Ambiguous`], none is
-//! [`Undetermined::OutOfBounds`]. Once taken it stays, however late arrivals become; only an arrival that would be too early
+//! [`Undetermined::OutOfBounds`]. Once taken it remains, however late arrivals become; only an arrival that would be too early
 //! unseats it, and [`Tie::revision`] changes.
 //!
 //! **Bias of the flag.** It is half a sample period where all delays are as likely. Nothing is assumed of that: every line that is
@@ -24,7 +24,7 @@
 //!
 //! * *Early.* Nothing until [`MIN_PAIRS`] frames were seen by both. Then a tie whose sigma shrinks.
 //! * *Lost samples, dropped frames* leave holes in the counters, which are counted and do no harm.
-//! * *A stream that begins anew*, or a counter that slips, is noticed within [`SLIPPED`] events; all begins again.
+//! * *A stream that restarts*, or a counter that slips, is noticed within [`SLIPPED`] events; all begins again.
 //! * *Frames in unequal steps* (exposure that sets the frame rate) are [`Undetermined::Irregular`].
 //! * *Not seen at all*: the least latency of the camera's stamps and any constant delay of the flag. They are constants of the
 //!   device, to be calibrated.
@@ -65,7 +65,7 @@ const TICK_NS: f64 = 1e9 / TICKS_PER_S as f64;
 /// What is known beforehand of latencies, ns: smallest and largest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bounds {
-    /// From the beginning of a frame, as the microcontroller is told of it, to the driver's stamp: the least of many.
+    /// From the beginning of a frame, as the microcontroller receives the frame sync, to the driver's stamp: the least of many.
     pub camera_ns: (i64, i64),
     /// From the measurement of a sample to its arrival: the least of many.
     pub imu_ns: (i64, i64),
@@ -109,7 +109,7 @@ pub struct Tie {
     pub frame_period_ns: i64,
     /// From a measurement to its arrival, the least by this line, ns.
     pub least_latency_ns: i64,
-    /// Changes when an earlier tie was wrong by whole frames, or a stream began anew.
+    /// Changes when an earlier tie was wrong by whole frames, or a stream restarted.
     pub revision: u64,
 }
 
@@ -130,7 +130,7 @@ pub enum Undetermined {
     NotActive,
     /// Wait.
     #[error(
-        "too few frames: the IMU was told of {syncs}, the camera sent {frames}, expected {MIN_PAIRS} of each"
+        "too few frames: the IMU counted {syncs}, the camera sent {frames}, expected {MIN_PAIRS} of each"
     )]
     TooFew {
         /// Flagged samples within the window.

@@ -9,7 +9,7 @@
 //!   silent, which the watchdog sees to.
 //! * *Late.* Samples wait in the kernel, 64 at most. Call [`Imu::next`] from a thread that does little else.
 //! * *A gap.* The device does not number its samples; [`crate::number`] does, and a number that jumps is a loss.
-//! * *Silent, restarted, reopened, gone.* Each is an [`Event`]; recovery begins before the next call waits.
+//! * *Silent, restarted, reopened, disconnected.* Each is an [`Event`]; recovery begins before the next call waits.
 //! * *Gone.* When a read fails the device is closed. [`Imu::try_reopen`] finds it again, whatever node it has then; the
 //!   caller knows when to try: at each hotplug event, or each second. Numbers go on.
 //! * *At the end.* [`Imu::finish`] stops the stream and takes what still waits; dropping the driver only stops it.
@@ -72,7 +72,7 @@ pub enum Event {
     },
     /// The silent device was closed, opened and started.
     Reopened,
-    /// The device is gone; see [`Imu::try_reopen`]. Until then each call returns this at once.
+    /// The device is disconnected; see [`Imu::try_reopen`]. Until then each call returns this at once.
     Gone {
         /// What exactly happened, for people.
         detail: String,
@@ -152,7 +152,7 @@ impl<P: Port> Imu<P> {
         }
     }
 
-    /// Looks for the device after it was gone, opens and starts it. Nothing is done if it is open.
+    /// Looks for the device after it was disconnected, opens and starts it. Nothing is done if it is open.
     ///
     /// # Errors
     /// It is not there yet, or cannot be used: try again later.
@@ -203,7 +203,7 @@ impl<P: Port> Imu<P> {
         let link = self.link.as_mut()?;
         match duty {
             Duty::Ping => {
-                // If it is gone the next read says so.
+                // If it is disconnected the next read says so.
                 if let Err(error) = link.set_feature(Command::Ping.report()) {
                     self.counters.pings_refused += 1;
                     log::warn!("keeping the IMU's stream alive: {error}");

@@ -10,7 +10,7 @@
 //!   period, some parts in 1e5 after a minute.
 //! * *A rate that rises* is followed after five gaps. *One that falls* looks like losses until none of the last sixteen gaps
 //!   is an old one: up to sixteen samples are then reported lost that never were.
-//! * *A clock that steps* (the device began anew, or the ticks are wrong) tells nothing of what was lost: the number goes
+//! * *A clock that steps* (the device restarted, or the ticks are wrong) tells nothing of what was lost: the number goes
 //!   on by host time, and [`Numbered::stepped`] says so. A late arrival is no step, an arrival before its time is.
 //! * *A repeated sample* is a step by one.
 

@@ -116,7 +116,7 @@ pub enum HandOffError {
     /// There is none: run `paws handoff`.
     #[error("it has not been handed over, there is no {manifest}; `paws handoff` writes it", manifest = layout::HANDOFF)]
     Missing,
-    /// The disk says no.
+    /// The file system reports an I/O error.
     #[error("reading {path}")]
     Io {
         /// What was being read or written.
@@ -196,7 +196,7 @@ impl HandOff {
     /// is taken as derived.
     ///
     /// # Errors
-    /// A file is missing, or the disk says no.
+    /// A file is missing, or the file system reports an I/O error.
     pub fn seal(
         storage: &dyn Storage,
         session_id: &str,
@@ -225,7 +225,7 @@ impl HandOff {
     /// Writes it into the session's folder.
     ///
     /// # Errors
-    /// The disk says no.
+    /// The file system reports an I/O error.
     pub fn write(&self, storage: &dyn Storage) -> Result<(), HandOffError> {
         storage::replace(storage, layout::HANDOFF, &self.to_bytes()).map_err(|error| {
             HandOffError::Io {

@@ -134,7 +134,7 @@ pub struct Index {
 /// Why an index, or what it points to, cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum IndexError {
-    /// There is none, or the disk says no: build it.
+    /// There is none, or the file system reports an I/O error: build it.
     #[error("reading the index")]
     Io(#[from] io::Error),
     /// The file is no index of this version, or damaged: build it again.
@@ -158,7 +158,7 @@ impl Index {
     /// Damaged parts are left out and counted.
     ///
     /// # Errors
-    /// The disk says no.
+    /// The file system reports an I/O error.
     pub fn build(reader: &SessionReader, mut progress: impl FnMut(u64)) -> Result<Self, ReadError> {
         let mut build = Build::new(reader)?;
         for entry in reader.entries() {
@@ -167,7 +167,7 @@ impl Index {
                     progress(m.data.len() as u64);
                     build.message(&m);
                 }
-                // What follows may refer to pictures that are lost, until the next key frame.
+                // What follows may refer to frames that are lost, until the next key frame.
                 Entry::Damage { .. } | Entry::SegmentMissing { .. } => {
                     build.key.fill(None);
                     build.index.damaged += 1;
@@ -373,7 +373,7 @@ impl Access {
     /// Opens the segments of a session.
     ///
     /// # Errors
-    /// The disk says no, or a segment that was indexed is gone.
+    /// The file system reports an I/O error, or a segment that was indexed is missing.
     pub fn open(storage: &dyn Storage, index: &Index) -> io::Result<Self> {
         let mut files = BTreeMap::new();
         for (number, _) in &index.segments {
@@ -385,7 +385,7 @@ impl Access {
     /// The access unit of a frame, checked.
     ///
     /// # Errors
-    /// [`IndexError::Mismatch`], or the disk says no.
+    /// [`IndexError::Mismatch`], or the file system reports an I/O error.
     pub fn unit(&self, frame: &FrameEntry) -> Result<Bytes, IndexError> {
         self.checked(frame.segment, frame.offset, frame.bytes, frame.crc32)
     }
@@ -393,7 +393,7 @@ impl Access {
     /// An IMU batch, checked.
     ///
     /// # Errors
-    /// [`IndexError::Mismatch`], or the disk says no.
+    /// [`IndexError::Mismatch`], or the file system reports an I/O error.
     pub fn batch(&self, batch: &BatchEntry) -> Result<ImuBatch, IndexError> {
         let bytes = self.checked(batch.segment, batch.offset, batch.bytes, batch.crc32)?;
         ImuBatch::decode(bytes).map_err(|e| IndexError::Unreadable(e.to_string()))

@@ -198,7 +198,7 @@ pub struct Manifest {
 /// Why a manifest cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ManifestError {
-    /// The file cannot be read: not a session folder, or the disk says no.
+    /// The file cannot be read: not a session folder, or the file system reports an I/O error.
     #[error("reading {manifest}", manifest = layout::MANIFEST)]
     Io(#[from] std::io::Error),
     /// The content is not a manifest: damaged; recovery rebuilds it from the segments.

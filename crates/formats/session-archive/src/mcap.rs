@@ -4,7 +4,7 @@
 //! The format is the one at <https://mcap.dev/spec>. We write it ourselves, and not through the
 //! `mcap` crate, for three things that the crate does not offer: a chunk is one contiguous buffer
 //! that reaches the disk in one write; recovery copies verified chunks byte for byte instead of
-//! signing them anew; and parsing never allocates what a header merely claims. The crate and the
+//! signing them again; and parsing never allocates what a header merely claims. The crate and the
 //! official Python package read what we write in tests (`docs/decisions/0002-own-mcap-bytes.md`).
 
 mod encode;

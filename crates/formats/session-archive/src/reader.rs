@@ -41,7 +41,7 @@ pub enum ReadError {
     /// The manifest was written by a newer version, or cannot be read.
     #[error(transparent)]
     Manifest(#[from] ManifestError),
-    /// The disk says no.
+    /// The file system reports an I/O error.
     #[error("reading {path}")]
     Io {
         /// What was being read.
@@ -239,7 +239,7 @@ impl SessionReader {
     /// Bytes in the segments that are there.
     ///
     /// # Errors
-    /// The disk says no.
+    /// The file system reports an I/O error.
     pub fn bytes(&self) -> Result<u64, ReadError> {
         let mut sum = 0;
         for file in self.files.iter().filter(|f| f.present) {
@@ -382,7 +382,7 @@ impl SegmentScan {
     /// A scan of the segment from its start.
     ///
     /// # Errors
-    /// The disk says no.
+    /// The file system reports an I/O error.
     pub fn scan(&self) -> Result<Scan, ReadError> {
         Scan::new(self.file.clone(), self.limit, self.expected).map_err(|e| self.failed(e))
     }
@@ -530,7 +530,7 @@ impl Entries<'_> {
         Ok(true)
     }
 
-    /// What the session cannot have is told of once all else was read.
+    /// What the session cannot have is reported after everything else was read.
     fn stranger(&mut self) -> Result<bool, ReadError> {
         let Some(&number) = self.strangers.next() else {
             return Ok(false);

@@ -10,7 +10,7 @@
 //! salvaged: its checksum is over the whole.
 //!
 //! [`close_cut_off`] does the same in place, for the recorder that finds its own session cut off: where nothing
-//! is damaged, the segments that were open are written anew beside themselves and put in their place at once.
+//! is damaged, the segments that were open are rewritten beside themselves and put in their place at once.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -27,7 +27,7 @@ use crate::time::HostTime;
 use crate::verify::{Lost, Report, rig_file, verify};
 use crate::writer::{LIBRARY, PROFILE, head_chunk};
 
-/// Appended to the name of a segment that is written anew.
+/// Appended to the name of a segment that is rewritten.
 const CLOSING: &str = ".closing";
 
 /// Why a session could not be recovered. The source is as it was.
@@ -143,7 +143,7 @@ fn close_in_place(
     copy.finish(report)
 }
 
-/// Where a segment is written anew before it takes its place.
+/// Where a segment is rewritten before it takes its place.
 fn beside(number: u32) -> String {
     layout::segment(number) + CLOSING
 }
@@ -174,7 +174,7 @@ struct Copy<'a> {
     suffix: &'static str,
     /// Bytes of the last segment in the source and in the copy, to see whether heads still hold.
     copied_bytes: u64,
-    /// The newest message of every stream that holds state, for segments whose head is gone.
+    /// The newest message of every stream that holds state, for segments whose head is missing.
     states: BTreeMap<u16, (u32, Vec<u8>)>,
     /// The newest segment, not yet ended: the gap records go to its end.
     open: Option<(u32, SegmentEncoder, Box<dyn storage::WriteFile>)>,
@@ -203,7 +203,7 @@ impl<'a> Copy<'a> {
         Ok(copy)
     }
 
-    /// Segments go beside those of the source; everything else stays.
+    /// Segments go beside those of the source; everything else remains.
     fn in_place(source: &'a SessionReader, storage: &'a dyn Storage) -> Self {
         let manifest = Manifest {
             state: State::Recovered,
@@ -226,7 +226,7 @@ impl<'a> Copy<'a> {
         layout::segment(number) + self.suffix
     }
 
-    /// A segment that stays as it is.
+    /// A segment that needs no repair.
     fn keep(&mut self, entry: SegmentEntry) -> Result<(), RecoverError> {
         self.end_segment().map_err(RecoverError::Write)?;
         self.copied_bytes = entry.bytes;

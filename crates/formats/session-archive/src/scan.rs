@@ -140,7 +140,7 @@ impl Scan {
     /// than `expected`, the rest is reported as cut off.
     ///
     /// # Errors
-    /// The disk says no.
+    /// The file system reports an I/O error.
     pub fn new(file: Arc<dyn ReadAt>, limit: Option<u64>, expected: u64) -> io::Result<Self> {
         let len = file.len()?;
         let limit = limit.map_or(len, |l| l.min(len));
@@ -170,7 +170,7 @@ impl Scan {
     /// The next item; none at the end.
     ///
     /// # Errors
-    /// The disk says no. What the file holds is never an error.
+    /// The file system reports an I/O error. What the file holds is never an error.
     pub fn next_item(&mut self) -> io::Result<Option<Item>> {
         if self.position == 0 && self.limit > 0 {
             self.magic()?;

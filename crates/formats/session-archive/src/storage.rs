@@ -20,43 +20,43 @@ pub trait Storage: Send + Sync {
     /// Creates a file that must not exist yet.
     ///
     /// # Errors
-    /// The file exists, or the disk says no.
+    /// The file exists, or the file system reports an I/O error.
     fn create(&self, path: &str) -> io::Result<Box<dyn WriteFile>>;
 
     /// Opens a file for reading.
     ///
     /// # Errors
-    /// The file is not there, or the disk says no.
+    /// The file is not there, or the file system reports an I/O error.
     fn open(&self, path: &str) -> io::Result<Box<dyn ReadAt>>;
 
     /// Names of the entries of a folder, sorted; empty if the folder is not there.
     ///
     /// # Errors
-    /// The disk says no.
+    /// The file system reports an I/O error.
     fn list(&self, dir: &str) -> io::Result<Vec<String>>;
 
     /// Creates a folder and those above it, their names durable; existing ones are fine.
     ///
     /// # Errors
-    /// The disk says no.
+    /// The file system reports an I/O error.
     fn create_dir(&self, dir: &str) -> io::Result<()>;
 
     /// Renames a file over another, atomically.
     ///
     /// # Errors
-    /// The disk says no.
+    /// The file system reports an I/O error.
     fn rename(&self, from: &str, to: &str) -> io::Result<()>;
 
     /// Removes a file.
     ///
     /// # Errors
-    /// The file is not there, or the disk says no.
+    /// The file is not there, or the file system reports an I/O error.
     fn remove(&self, path: &str) -> io::Result<()>;
 
     /// Makes the names in a folder (`""` is the root) durable.
     ///
     /// # Errors
-    /// The disk says no.
+    /// The file system reports an I/O error.
     fn sync_dir(&self, dir: &str) -> io::Result<()>;
 }
 
@@ -65,19 +65,19 @@ pub trait WriteFile: Send {
     /// Appends all of `bytes`.
     ///
     /// # Errors
-    /// The disk says no; any part of `bytes` may have been written.
+    /// The file system reports an I/O error; any part of `bytes` may have been written.
     fn append(&mut self, bytes: &[u8]) -> io::Result<()>;
 
     /// Makes everything appended durable.
     ///
     /// # Errors
-    /// The disk says no; nothing since the last success can be relied on.
+    /// The file system reports an I/O error; nothing since the last success can be relied on.
     fn sync_data(&mut self) -> io::Result<()>;
 
     /// Cuts the file to `len` bytes.
     ///
     /// # Errors
-    /// The disk says no.
+    /// The file system reports an I/O error.
     fn truncate(&mut self, len: u64) -> io::Result<()>;
 }
 
@@ -90,19 +90,19 @@ pub trait ReadAt: Send + Sync {
     /// Length in bytes.
     ///
     /// # Errors
-    /// The disk says no.
+    /// The file system reports an I/O error.
     fn len(&self) -> io::Result<u64>;
 
     /// Reads up to `buf.len()` bytes at `offset`; 0 at the end.
     ///
     /// # Errors
-    /// The disk says no.
+    /// The file system reports an I/O error.
     fn read_at(&self, buf: &mut [u8], offset: u64) -> io::Result<usize>;
 
     /// Reads exactly `buf.len()` bytes at `offset`.
     ///
     /// # Errors
-    /// The disk says no, or the file ends before (`UnexpectedEof`).
+    /// The file system reports an I/O error, or the file ends before (`UnexpectedEof`).
     fn read_exact_at(&self, mut buf: &mut [u8], mut offset: u64) -> io::Result<()> {
         while !buf.is_empty() {
             match self.read_at(buf, offset) {
@@ -137,7 +137,7 @@ impl ReadAt for Vec<u8> {
 /// Everything in a document: a manifest, a rig file, a hand-off. At most [`plain_file::DOCUMENT_LIMIT`] bytes.
 ///
 /// # Errors
-/// The file is not there, is longer ([`plain_file::TooLong`]), or the disk says no.
+/// The file is not there, is longer ([`plain_file::TooLong`]), or the file system reports an I/O error.
 pub fn read_all(storage: &dyn Storage, path: &str) -> io::Result<Vec<u8>> {
     read_up_to(storage, path, plain_file::DOCUMENT_LIMIT)
 }
@@ -145,7 +145,7 @@ pub fn read_all(storage: &dyn Storage, path: &str) -> io::Result<Vec<u8>> {
 /// Everything in a file of at most `limit` bytes. Its length is weighed before memory is taken.
 ///
 /// # Errors
-/// The file is not there, is longer ([`plain_file::TooLong`]), memory is exhausted, or the disk says no.
+/// The file is not there, is longer ([`plain_file::TooLong`]), memory is exhausted, or the file system reports an I/O error.
 pub fn read_up_to(storage: &dyn Storage, path: &str, limit: u64) -> io::Result<Vec<u8>> {
     let file = storage.open(path)?;
     let length = file.len()?;
@@ -166,7 +166,7 @@ pub fn read_up_to(storage: &dyn Storage, path: &str, limit: u64) -> io::Result<V
 /// beside it, synced, renamed over it, and the name synced too.
 ///
 /// # Errors
-/// The disk says no; the old content is still there.
+/// The file system reports an I/O error; the old content is still there.
 pub fn replace(storage: &dyn Storage, path: &str, bytes: &[u8]) -> io::Result<()> {
     let temporary = format!("{path}.tmp");
     match storage.remove(&temporary) {

@@ -174,7 +174,7 @@ mod tests {
         let text = String::from_utf8(screen.0).unwrap();
         assert!(text.lines().all(is_plain), "{text:?}");
         assert!(text.ends_with("\\u009b2J \\u00ff\n"), "{text}");
-        // What is JSON stays JSON, and the same.
+        // Valid JSON is unchanged.
         let json = serde_json::to_string(&HOSTILE).unwrap();
         let mut screen = Screen(Vec::new());
         screen.write_all(json.as_bytes()).unwrap();

@@ -6,7 +6,7 @@
 //!   the archive is one of these.
 //! * [`CivilTime`]: nanoseconds of UTC since 1970, known only through the pair that the manifest
 //!   records; never used to compute a duration.
-//! * device ticks: an `i64` counter of a device, turned into nanoseconds by its [`TickLength`].
+//! * device ticks: an `i64` counter of a device, converted into nanoseconds by its [`TickLength`].
 //!   What a tick means on the host's clock is the business of a clock map.
 
 use std::fmt;

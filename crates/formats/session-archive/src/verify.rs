@@ -1,7 +1,7 @@
 //! Checking a session: what is there, what is missing, and whether every missing sample is
 //! accounted for.
 //!
-//! One pass over the whole session, every checksum checked, every message decoded, but no picture.
+//! One pass over the whole session, every checksum checked, every message decoded, but no frame.
 //! Loss that the recorder noted (gap records) and loss that it did not (damage, a cut) are kept
 //! apart: the first is honest, the second is what recovery turns into the first.
 
@@ -142,7 +142,7 @@ impl Report {
 /// Checks a session; `progress` is called with the bytes of each message read.
 ///
 /// # Errors
-/// The disk says no. What the session holds is never an error.
+/// The file system reports an I/O error. What the session holds is never an error.
 pub fn verify(reader: &SessionReader, mut progress: impl FnMut(u64)) -> Result<Report, ReadError> {
     let manifest = reader.manifest();
     let mut check = Check::new(reader);

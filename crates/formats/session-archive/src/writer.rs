@@ -8,7 +8,7 @@
 //!   log-time axis, counted from the host clock's zero: whoever forces key frames counts alike. A camera enters the next epoch with its first key frame there; until every
 //!   camera that delivers has done so, two chunks are open, and messages of the cameras that are
 //!   ahead wait in the second. A camera that sends no key frame in time does not hold the others
-//!   up: no chunk stays open longer than [`MAX_CHUNK_NS`].
+//!   up: no chunk is open longer than [`MAX_CHUNK_NS`].
 //! * **A failed write or sync ends that segment for good.** The chunk is still in memory, so it
 //!   is written again as the first of a new segment, and nothing is lost; if that fails too, gap
 //!   records take the place of its samples in a third; if that fails, the writer is finished and
@@ -106,7 +106,7 @@ pub struct Incident {
 /// Why a message was not taken.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
-    /// The disk failed for good; what [`SessionWriter::durability`] says is on disk stays valid.
+    /// The disk failed for good; what [`SessionWriter::durability`] says is on disk remains valid.
     /// Close the writer and tell the user.
     #[error("writing segment {segment} failed, and so did every new one")]
     Storage {

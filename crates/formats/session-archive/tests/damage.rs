@@ -1,5 +1,5 @@
 //! Every byte of a small session changed, and every length of it cut: whatever is returned was
-//! written, what is not is reported to the last sample, and memory stays within what the files
+//! written, what is not is reported to the last sample, and memory remains within what the files
 //! hold, whatever their headers claim.
 
 mod support;

@@ -1,4 +1,4 @@
-//! A session of format version 1, written once and checked in, stays readable for ever; so do its
+//! A session of format version 1, written once and checked in, remains readable for ever; so do its
 //! ruins. Never write `fixtures/v1` again: a new version of the format gets a folder of its own
 //! (`examples/write_fixture.rs` wrote it).
 

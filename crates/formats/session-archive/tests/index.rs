@@ -137,7 +137,7 @@ fn a_changed_session_is_noticed_when_it_is_read() {
         Err(IndexError::Mismatch { .. })
     ));
     assert!(access.unit(&index.cameras[0].frames[41]).is_ok());
-    // Built anew, the index leaves out what lies in the damaged chunk, and nothing else.
+    // Rebuilt, the index leaves out what lies in the damaged chunk, and nothing else.
     let again = Index::build(&open(&disk), |_| {}).expect("build");
     assert_eq!(again.cameras[0].frames.len(), 91 - 15);
     assert_eq!(again.cameras[1].frames.len(), 60 - 10);
@@ -145,7 +145,7 @@ fn a_changed_session_is_noticed_when_it_is_read() {
 }
 
 /// Gap records of a recovered copy stand where damage was noticed in the source. Frames behind them
-/// refer to pictures that are not there, whichever of the two tells.
+/// refer to frames that are not there, whichever of the two tells.
 #[test]
 fn frames_behind_lost_ones_are_not_decoded_without_them() {
     let disk = FaultStorage::new();

@@ -304,7 +304,7 @@ fn times(samples: &[Sample]) -> BTreeMap<(&'static str, u64), HostTime> {
     times
 }
 
-/// What must be reported lost when these chunks are gone: by stream, with the times of the samples
+/// What must be reported lost without these chunks: by stream, with the times of the samples
 /// around, or of those at the stream's ends.
 fn lost(samples: &[Sample], chunks: &[&ChunkAt]) -> Vec<Lost> {
     let times = times(samples);
@@ -708,7 +708,7 @@ fn bytes_of_a_segment_that_was_given_up_do_not_count() {
     let disk = disk.snapshot();
     let segments = open(&disk).manifest().segments.clone();
     assert_eq!(segments.len(), 2);
-    // The bad place stays taken, or the file system would give it to the next segment.
+    // The bad place remains taken, or the file system would give it to the next segment.
     let kept = disk.content(&layout::segment(0)).expect("segment").len() as u64;
     assert!(kept > segments[0].bytes, "{kept} {segments:?}");
     let whole = messages(&open(&disk)).len();
@@ -846,7 +846,7 @@ fn a_stray_file_does_not_make_a_million_segments() {
     }
 }
 
-/// A message that is not what its schema says is told of, whatever it is. No recorder of ours
+/// A message that does not match its schema is reported. No recorder of ours
 /// writes one, so the chunk is made here.
 #[test]
 fn every_message_is_decoded() {

@@ -235,7 +235,7 @@ fn a_camera_that_stops_does_not_hold_up_the_others() {
     writer.close(stop(START)).expect("close");
 }
 
-/// An encoder that ignores what it is asked for: chunks close all the same, after a second.
+/// An encoder that ignores key frame requests: chunks close nevertheless, after a second.
 #[test]
 fn no_chunk_waits_for_a_key_frame() {
     let disk = FaultStorage::new();
@@ -260,7 +260,7 @@ fn nothing_waits_when_time_leaps() {
         let disk = FaultStorage::new();
         let mut writer = SessionWriter::create(Arc::new(disk.clone()), spec()).expect("create");
         let samples = samples(0.7);
-        // `feet` stays behind, so `left_shoulder` waits in the next chunk.
+        // `feet` lags, so `left_shoulder` waits in the next chunk.
         let is_late = |s: &&Sample| matches!(s, Sample::Frame { camera: 1, time, .. } if *time >= START + 500 * MS);
         for sample in samples.iter().filter(|s| !is_late(s)) {
             put(&mut writer, sample, 50).expect("put");

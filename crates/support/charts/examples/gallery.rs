@@ -1,4 +1,4 @@
-//! Draws one of everything, with made-up numbers: `cargo run -p charts --example gallery -- FOLDER`.
+//! Draws one of everything, with synthetic numbers: `cargo run -p charts --example gallery -- FOLDER`.
 
 use charts::{Axis, Bins, Cell, Chart, Page, Series, Span, Table, Timeline, Verdict};
 use std::{env, fs, path::PathBuf};
@@ -25,7 +25,7 @@ fn main() -> std::io::Result<()> {
     fs::create_dir_all(&folder)?;
     let mut page = Page::new("Gallery & health report of session <0192>")
         .verdict(Verdict::Warn)
-        .text("Made-up numbers that show what the pictures look like, in the order of a health report.")
+        .text("Synthetic numbers that show what the charts look like, in the order of a health report.")
         .table(&checks())
         .finding(Verdict::Warn, "left_shoulder lost 41 frames in 3 gaps; the longest took 1.2 s.");
     for (name, section, svg) in pictures() {
@@ -216,7 +216,7 @@ fn pictures() -> Vec<(&'static str, &'static str, String)> {
         .series(rate_distortion("x265enc, fast", 0.7, 1.06))
         .series(rate_distortion("vah265enc", 1.15, 0.97))
         .hline(40.0, "required")
-        .footnote("made-up numbers; here stand machine, commit and command")
+        .footnote("synthetic numbers; here stand machine, commit and command")
         .to_svg(720, 400);
 
     let point = |name: &str, cost: f64, error: f64, slot: usize| {
@@ -242,7 +242,7 @@ fn pictures() -> Vec<(&'static str, &'static str, String)> {
             .slot(0),
         )
         .hline(100.0, "target")
-        .footnote("made-up numbers")
+        .footnote("synthetic numbers")
         .to_svg(720, 400);
 
     let throughput = Chart::new("Archive: throughput by message size")
@@ -252,7 +252,7 @@ fn pictures() -> Vec<(&'static str, &'static str, String)> {
         .series(Series::bars("ours, page cache", [0.55, 1.6, 2.41, 2.6]))
         .series(Series::bars("bare mcap crate", [0.61, 1.7, 2.5, f64::NAN]))
         .hline(1.0, "required in the page cache")
-        .footnote("made-up numbers")
+        .footnote("synthetic numbers")
         .to_svg(720, 320);
 
     let slanted = Chart::new("One series, long names")

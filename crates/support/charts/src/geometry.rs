@@ -35,7 +35,7 @@ impl Rect {
     }
 }
 
-/// The visible pieces of a polyline. A single point stays a piece of one.
+/// The visible pieces of a polyline. A single point remains a piece of one.
 pub(crate) fn clip_line(points: &[Point], rect: Rect) -> Vec<Vec<Point>> {
     if let &[only] = points {
         return if rect.contains(only) {
@@ -144,7 +144,7 @@ pub(crate) fn thin(points: &[Point]) -> Vec<Point> {
 }
 
 /// The cells of a square grid of `size` pixels that hold a point, as vertical strokes
-/// (top cell centre, length). For more points than can be told apart.
+/// (top cell centre, length). For more points than can be distinguished.
 pub(crate) fn cells(points: &[Point], size: f64) -> Vec<(Point, f64)> {
     let cell = |v: f64| (v / size).floor() as i64;
     let set: BTreeSet<(i64, i64)> = points.iter().map(|p| (cell(p.0), cell(p.1))).collect();

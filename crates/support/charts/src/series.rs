@@ -1,4 +1,4 @@
-//! What is drawn in a chart, and how series are told apart: colours of the Okabe–Ito palette, and a
+//! What is drawn in a chart, and how series are distinguished: colours of the Okabe–Ito palette, and a
 //! dash or marker of their own for readers and printers who see no colour.
 
 use crate::axis::Extent;
@@ -170,7 +170,7 @@ pub(crate) struct Histogram {
     pub(crate) not_finite: usize,
 }
 
-/// More bins than this cannot be told apart.
+/// More bins than this cannot be distinguished.
 const MOST_BINS: usize = 2000;
 
 impl Histogram {

@@ -7,7 +7,7 @@ pub(crate) const GRID: &str = "stroke=\"#e2e2e2\"";
 pub(crate) const TICK: f64 = 11.0;
 const MARGIN: f64 = 10.0;
 
-/// The words around a picture.
+/// The words around a chart.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Sheet {
     pub(crate) title: String,
@@ -25,7 +25,7 @@ pub(crate) enum Swatch {
 }
 
 impl Sheet {
-    /// Draws the words above the picture; returns the y below them.
+    /// Draws the words above the chart; returns the y below them.
     pub(crate) fn head(&self, svg: &mut Svg, width: f64, legend: &[(&str, Swatch)]) -> f64 {
         let room = width - 2.0 * MARGIN;
         let mut y = 6.0;

@@ -176,7 +176,7 @@ impl Svg {
         );
     }
 
-    /// The whole picture on a white sheet. `title` is for screen readers.
+    /// The whole chart on a white sheet. `title` is for screen readers.
     pub(crate) fn finish(self, width: f64, height: f64, title: &str) -> String {
         let (w, h, title) = (num(width.ceil()), num(height.ceil()), escape(title));
         format!(

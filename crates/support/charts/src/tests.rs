@@ -1,4 +1,4 @@
-//! What every picture promises, over ordinary, hostile and very many values.
+//! What every chart promises, over ordinary, hostile and very many values.
 
 use crate::axis::{Extent, Scale, linear_step};
 use crate::geometry::{Rect, cells, clip_line, clip_polygon, columns, thin};
@@ -79,7 +79,7 @@ fn plot(svg: &str) -> Rect {
     }
 }
 
-/// What holds for every picture: balanced elements, no number that is none, and no line, area, bar
+/// What holds for every chart: balanced elements, no number that is none, and no line, area, bar
 /// or grid line outside the plot.
 fn check(svg: &str) {
     assert!(svg.starts_with("<svg ") && svg.ends_with("</svg>\n"));
@@ -279,7 +279,7 @@ fn an_hour_of_data_stays_small_and_keeps_its_extremes() {
                 .chunks(2)
                 .any(|p| p[1] < high)
         });
-    assert!(spike, "the one high value is gone");
+    assert!(spike, "the one high value is missing");
     let torn = a
         .iter()
         .enumerate()

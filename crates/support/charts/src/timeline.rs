@@ -3,7 +3,7 @@
 //! Spans are merged on the pixels they fall on, and what is shorter than a pixel is drawn one pixel
 //! wide, so 100 000 events stay small and a gap of a millisecond still shows in an hour. Where spans
 //! of several kinds share a pixel the last named kind wins: name the ordinary state first and the
-//! worst one last. Where a row has no span it stays empty.
+//! worst one last. Where a row has no span it remains empty.
 
 use crate::axis::{Axis, Extent, Scale};
 use crate::geometry::columns;
@@ -94,7 +94,7 @@ impl Timeline {
         self
     }
 
-    /// The picture, `width` pixels wide (at least 320) and as high as its rows need.
+    /// The chart, `width` pixels wide (at least 320) and as high as its rows need.
     pub fn to_svg(&self, width: u32) -> String {
         let width = f64::from(width.max(320));
         let mut svg = Svg::default();

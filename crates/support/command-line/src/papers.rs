@@ -45,10 +45,10 @@ pub enum ShellName {
 }
 
 impl Papers {
-    /// Writes what was asked for: completions to `out`, manual pages to their folder. `command` is the program's.
+    /// Writes the requested output: completions to `out`, manual pages to their folder. `command` is the program's.
     ///
     /// # Errors
-    /// The disk says no, or whoever reads `out` has closed it.
+    /// The file system reports an I/O error, or whoever reads `out` has closed it.
     pub fn write(&self, command: Command, out: &mut dyn Write) -> Result<()> {
         match self {
             Self::Completions { shell } => {

@@ -1,7 +1,7 @@
-//! Measures what `gain_db` in the table of encoders says: luma PSNR, size and CPU time per picture
+//! Measures what `gain_db` in the table of encoders says: luma PSNR, size and CPU time per frame
 //! for every software encoder on this machine.
 //!
-//! `cargo run -p video --example quality [dB ...]`, with `PAWS_DATA` for the real pictures.
+//! `cargo run -p video --example quality [dB ...]`, with `PAWS_DATA` for the real frames.
 
 #[path = "../tests/it/material.rs"]
 mod material;

@@ -4,7 +4,7 @@
 //! Contract: pure, no allocation, total on any bytes. Bytes before the first start code are
 //! skipped; bytes without a start code hold no NAL unit; an empty NAL unit is never returned.
 //! [`is_key`] and [`has_parameter_sets`] stop at the first slice, so their cost does not grow with
-//! the picture.
+//! the frame.
 //!
 //! Sources: ITU-T H.264 (08/2021) Annex B and table 7-1; ITU-T H.265 (08/2021) Annex B and
 //! table 7-1.
@@ -70,8 +70,8 @@ pub(crate) fn heads(bytes: &[u8]) -> impl Iterator<Item = Nal<'_>> + Clone {
     })
 }
 
-/// Whether decoding can start at this access unit: its first slice is of an H.264 IDR picture
-/// (type 5) or an H.265 IRAP picture (types 16..=21).
+/// Whether decoding can start at this access unit: its first slice is of an H.264 IDR frame
+/// (type 5) or an H.265 IRAP frame (types 16..=21).
 pub fn is_key(codec: Codec, access_unit: &[u8]) -> bool {
     heads(access_unit)
         .find(|nal| nal.is_slice(codec))

@@ -7,7 +7,7 @@
 //! never waits. *When the camera is late or silent*: `next` gives nothing and returns after its
 //! time-out. *When it fails*: what was queued, then one of [`CaptureEvent::Gone`] (the device said so; it may
 //! come back), [`CaptureEvent::Failed`] and [`CaptureEvent::Ended`], again at every further call;
-//! whether and when to start anew is the caller's business. *At the end*: dropping a capture stops
+//! whether and when to restart is the caller's business. *At the end*: dropping a capture stops
 //! it within seconds, even if the driver hangs.
 //!
 //! What a PTS *means* is another question for every element: [`policy`].
@@ -76,14 +76,14 @@ pub const NATIVE_QUEUE: usize = 2;
 /// cameras had surfaces mixed up between them (docs/gstreamer-sources.md).
 pub const STAGGER: Duration = Duration::from_secs(1);
 
-/// The host's clock, CLOCK_MONOTONIC in ns. It is asked when a frame arrives, on the camera's
+/// The host's clock, CLOCK_MONOTONIC in ns. It is read when a frame arrives, on the camera's
 /// thread.
 pub type HostClock = Arc<dyn Fn() -> i64 + Send + Sync>;
 
 /// In what form frames are wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Delivery {
-    /// As I420 pictures, whatever the chain's layout (I420, NV12, YUY2, UYVY or GRAY8). The chain
+    /// As I420 frames, whatever the chain's layout (I420, NV12, YUY2, UYVY or GRAY8). The chain
     /// has to end in system memory.
     Pictures,
     /// In the camera's own buffers, for an encoder that takes them as they are.
@@ -105,7 +105,7 @@ pub struct CaptureSettings {
     pub height: u32,
     /// Nominal rate: for numbering by time and for pairing. More than 0, at most 1000.
     pub rate_hz: f64,
-    /// Pictures, or buffers as they are.
+    /// Frames, or buffers as they are.
     pub delivery: Delivery,
     /// What the times are worth, if the table is to be overruled.
     pub policy: Option<Policy>,
@@ -117,7 +117,7 @@ pub struct CaptureSettings {
 }
 
 impl CaptureSettings {
-    /// One chain, pictures, the table's policy, no delay.
+    /// One chain, frames, the table's policy, no delay.
     pub fn new(chain: &str, width: u32, height: u32, rate_hz: f64) -> CaptureSettings {
         CaptureSettings {
             chain: chain.to_owned(),
@@ -155,7 +155,7 @@ impl CaptureSettings {
             if self.delivery == Delivery::Native {
                 return refuse(
                     "two chains cannot be joined without a copy; join them in one chain \
-                     (nvcompositor), or take pictures"
+                     (nvcompositor), or take frames"
                         .into(),
                 );
             }
@@ -163,7 +163,7 @@ impl CaptureSettings {
         Ok(())
     }
 
-    /// What each chain is asked for.
+    /// The output requested of each chain.
     fn wanted(&self) -> Wanted {
         let native = self.delivery == Delivery::Native;
         let eyes = 1 + u32::from(self.right_chain.is_some());
@@ -301,7 +301,7 @@ pub enum CaptureEvent {
     Frame(CapturedFrame),
     /// Frames that will not come. They belong in front of the next one.
     Lost(Lost),
-    /// The device is gone, busy, or refuses: start a new capture when it may be back.
+    /// The device is disconnected, busy, or refuses: start a new capture when it may be back.
     Gone {
         /// The element that said so.
         element: String,
@@ -386,10 +386,10 @@ pub struct Capture {
 
 impl Capture {
     /// Builds the chain and has it started, after [`CaptureSettings::start_delay`], on a thread of
-    /// its own. `clock` is asked for the time at which each frame arrives.
+    /// its own. `clock` returns the time at which each frame arrives.
     ///
     /// # Errors
-    /// See [`CaptureError`]: what can be told without the device. The rest comes as an event.
+    /// See [`CaptureError`]: errors that can be detected without the device. The rest comes as an event.
     pub fn start(settings: &CaptureSettings, clock: HostClock) -> Result<Capture, CaptureError> {
         Capture::start_with(settings, clock, |_| ())
     }
@@ -429,7 +429,7 @@ impl Capture {
         };
         Some(match converted {
             Ok(frame) => CaptureEvent::Frame(frame),
-            // The caps were asked for, so this is an element that lies.
+            // These caps were requested, so the element violates them.
             Err(reason) => CaptureEvent::failed("the chain", reason),
         })
     }

@@ -1,22 +1,22 @@
-//! Access units in, pictures out.
+//! Access units in, frames out.
 //!
 //! Contract. A call to [`Decoder::decode`] takes a run of access units that begins with a key
-//! frame (a group of pictures, or several) and gives its pictures in order, each with its time to
-//! the nanosecond. *Complete or an error*: if a picture is missing, the error holds those that
+//! frame (a group of frames, or several) and gives its frames in order, each with its time to
+//! the nanosecond. *Complete or an error*: if a frame is missing, the error holds those that
 //! came and the times of those that did not. Bytes that are not video give an error, never a
 //! panic. *Nothing carries over* from one call to the next, so calls may jump about in a
 //! recording. *Time*: a call gives up when nothing has come for [`STALL`].
 //!
 //! A lost access unit makes decoders go on with the wrong reference and say nothing; so access units
 //! whose references are missing ([`crate::references`]) are not decoded and count as missing. What
-//! nobody can know here: decoders conceal damage inside a picture, and report only part of it.
+//! nobody can know here: decoders conceal damage inside a frame, and report only part of it.
 //! Bytes that may be damaged are for checksums to find.
 //!
 //! Decoders are taken from what the machine has, hardware first; the first that decodes something
-//! is kept. Every call builds its pipeline anew, 2 to 3 ms with libav: decode whole groups, not
-//! single pictures. (Keeping the pipeline saved 0.6 ms of that when measured, and a source of
+//! is kept. Every call builds its pipeline again, 2 to 3 ms with libav: decode whole groups, not
+//! single frames. (Keeping the pipeline saved 0.6 ms of that when measured, and a source of
 //! GStreamer 1.22 does not forget its end in a flush.) **The hardware decoders have never been
-//! run by this project.** A conforming stream decodes to the same pictures with each of them.
+//! run by this project.** A conforming stream decodes to the same frames with each of them.
 
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
@@ -33,7 +33,7 @@ use crate::{AccessUnit, Codec, Picture, annexb, layout};
 /// How long a decoder may give nothing before [`Decoder::decode`] gives up.
 pub const STALL: Duration = Duration::from_secs(10);
 
-/// Elements that decode, best first: name, and what has to follow to get pictures into
+/// Elements that decode, best first: name, and what has to follow to get frames into
 /// system memory.
 fn candidates(codec: Codec) -> &'static [(&'static str, Option<&'static str>)] {
     match codec {
@@ -52,7 +52,7 @@ fn candidates(codec: Codec) -> &'static [(&'static str, Option<&'static str>)] {
     }
 }
 
-/// Why pictures are missing.
+/// Why frames are missing.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum DecodeError {
     /// GStreamer itself is unusable.
@@ -78,7 +78,7 @@ pub enum DecodeError {
         previous: Option<i64>,
     },
     /// Part of the stream cannot be decoded. The rest is good.
-    #[error("{} of {} pictures did not come out, the first at {} ns", .missing.len(),
+    #[error("{} of {} frames did not come out, the first at {} ns", .missing.len(),
         .missing.len() + .pictures.len(), .missing.first().copied().unwrap_or_default())]
     Incomplete {
         /// What came out, in order.
@@ -133,7 +133,7 @@ impl Decoder {
     }
 
     /// A decoder that may use up to `threads` threads; 0 leaves the number to the element. The
-    /// pictures are the same.
+    /// frames are the same.
     pub fn with_threads(codec: Codec, threads: u32) -> Decoder {
         Decoder {
             codec,
@@ -152,7 +152,7 @@ impl Decoder {
         self.proven
     }
 
-    /// Decodes a run of access units that begins with a key frame and has rising times. Pictures
+    /// Decodes a run of access units that begins with a key frame and has rising times. Frames
     /// are I420, in order of time, one per access unit. All of them are in memory at once: `1.5 *
     /// width * height` bytes each.
     ///
@@ -211,7 +211,7 @@ impl Decoder {
     }
 }
 
-/// The pictures, if there is one for every access unit.
+/// The frames, if there is one for every access unit.
 fn complete(
     units: &[AccessUnit],
     pictures: Vec<(i64, Picture)>,
@@ -229,7 +229,7 @@ fn complete(
     match (missing.is_empty(), pictures.len() == units.len()) {
         (true, true) => Ok(pictures),
         (true, false) => Err(DecodeError::Failed(
-            "it gave more pictures than there are".into(),
+            "it gave more frames than there are".into(),
         )),
         (false, _) => Err(DecodeError::Incomplete { pictures, missing }),
     }
@@ -255,7 +255,7 @@ impl Session {
             .max_buffers(0)
             .build();
         let decoder = pipeline::make(element)?;
-        // Of libav: no pictures made up around missing references, and threads as asked for.
+        // Of libav: no frames concealed around missing references, and threads as requested.
         pipeline::set_property(&decoder, "output-corrupt", "false")?;
         pipeline::set_property(&decoder, "max-threads", &threads.to_string())?;
         let mut elements = vec![
@@ -361,9 +361,9 @@ impl Shared {
     }
 }
 
-/// A sample as picture and time; `None` if the decoder itself calls it damaged.
+/// A sample as frame and time; `None` if the decoder itself calls it damaged.
 fn picture(sample: &gst::Sample) -> Result<Option<(i64, Picture)>, String> {
-    let buffer = sample.buffer().ok_or("decoded picture without data")?;
+    let buffer = sample.buffer().ok_or("decoded frame without data")?;
     if buffer.flags().contains(gst::BufferFlags::CORRUPTED) {
         return Ok(None);
     }
@@ -371,6 +371,6 @@ fn picture(sample: &gst::Sample) -> Result<Option<(i64, Picture)>, String> {
         .segment()
         .and_then(|segment| segment.downcast_ref::<gst::ClockTime>())
         .and_then(|segment| segment.to_running_time(buffer.pts()?))
-        .ok_or("decoded picture without a time")?;
+        .ok_or("decoded frame without a time")?;
     Ok(Some((time.nseconds() as i64, layout::from_sample(sample)?)))
 }

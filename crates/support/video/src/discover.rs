@@ -1,6 +1,6 @@
 //! Which encoder works on this machine: not by asking what is installed, but by encoding.
 //!
-//! Contract: a trial encodes a few moving pictures, forces a key frame in the middle, and checks
+//! Contract: a trial encodes a few moving frames, forces a key frame in the middle, and checks
 //! every promise of [`crate::encoder`] on what comes out. It takes at most [`TRIAL_LIMIT`], even
 //! if the encoder hangs; a hung one is left behind on its thread. Trials run at the start of a
 //! program, not while recording: a trial occupies the encoder.
@@ -25,7 +25,7 @@ use crate::{AccessUnit, Codec, Picture, PictureError, PixelFormat};
 /// The longest that one trial may take.
 pub const TRIAL_LIMIT: Duration = Duration::from_secs(20);
 
-/// Pictures of a trial, and which one is forced to be a key frame.
+/// Frames of a trial, and which one is forced to be a key frame.
 const PICTURES: usize = 12;
 const FORCED: usize = 7;
 
@@ -36,8 +36,8 @@ pub struct Trial {
     pub element: String,
     /// What it produces.
     pub codec: Codec,
-    /// Pictures per second, one encoder with nothing beside it, on pictures that are hard to
-    /// compress. A rough figure: it comes from a few pictures.
+    /// Frames per second, one encoder with nothing beside it, on frames that are hard to
+    /// compress. A rough figure: it comes from a few frames.
     pub pictures_per_s: f64,
 }
 
@@ -282,14 +282,14 @@ fn check(units: &[AccessUnit], times: &[i64]) -> Result<(), TrialError> {
         .collect();
     if keys != [0, FORCED] {
         return Err(TrialError::Wrong(format!(
-            "key frames at pictures {keys:?}, expected {:?}",
+            "key frames at {keys:?}, expected {:?}",
             [0, FORCED]
         )));
     }
     Ok(())
 }
 
-/// Blocky texture that moves two pixels per picture.
+/// Blocky texture that moves two pixels per frame.
 fn moving(width: u32, height: u32, number: usize) -> Result<Picture, PictureError> {
     let mut data = vec![128; PixelFormat::I420.bytes(width, height)?];
     for (y, row) in data

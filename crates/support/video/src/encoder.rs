@@ -1,15 +1,15 @@
-//! Pictures in, access units out.
+//! Frames in, access units out.
 //!
-//! Contract. *Normally*: for every picture that [`Encoder::push`] accepts, exactly one access
-//! unit comes out, in the same order, with the picture's time to the nanosecond; no B-frames; a
-//! key frame exactly where it was asked for, at the first picture, and after
-//! [`EncoderSettings::max_key_interval_frames`] pictures without one; every key frame is an IDR
-//! picture (closed group) with its parameter sets in front. The same settings and pictures give
+//! Contract. *Normally*: for every frame that [`Encoder::push`] accepts, exactly one access
+//! unit comes out, in the same order, with the frame's time to the nanosecond; no B-frames; a
+//! key frame exactly where it was requested, at the first frame, and after
+//! [`EncoderSettings::max_key_interval_frames`] frames without one; every key frame is an IDR
+//! frame (closed group) with its parameter sets in front. The same settings and frames give
 //! the same bytes with a software encoder. *When it is too slow*: at most [`MAX_IN_FLIGHT`]
-//! pictures are inside, then `push` waits and `try_push` says [`EncodeError::Full`]. *When it
+//! frames are inside, then `push` waits and `try_push` says [`EncodeError::Full`]. *When it
 //! fails*: one [`EncoderEvent::Failed`], then nothing more; every later `push` fails. An encoder
-//! that skips a picture or invents a time has failed too. *When it stalls*: `push` gives up after
-//! [`STALL`]; `try_push` stays full. *At the end*: [`Encoder::finish`] drains within a time
+//! that skips a frame or invents a time has failed too. *When it stalls*: `push` gives up after
+//! [`STALL`]; `try_push` remains full. *At the end*: [`Encoder::finish`] drains within a time
 //! limit. Dropping an encoder abandons what is inside and returns within seconds even if the
 //! encoder is stuck.
 //!
@@ -42,7 +42,7 @@ mod quality;
 pub use input::Input;
 pub use preset::Preset;
 
-/// Pictures that may be inside an encoder at once: waiting, being encoded, or not yet delivered.
+/// Frames that may be inside an encoder at once: waiting, being encoded, or not yet delivered.
 /// With I420 that is `12 * width * height` bytes, 22 MB for 2560x720.
 pub const MAX_IN_FLIGHT: usize = 8;
 
@@ -62,29 +62,29 @@ pub struct EncoderSettings {
     pub width: u32,
     /// Rows; even.
     pub height: u32,
-    /// Nominal picture rate, more than 0 and at most 1000. Only tells players and hardware what to
-    /// expect; the times of the pictures are free.
+    /// Nominal frame rate, more than 0 and at most 1000. Only tells players and hardware what to
+    /// expect; the times of the frames are free.
     pub rate_hz: f64,
-    /// Luma PSNR, 20 to 60 dB, that real and detailed pictures shall reach. Easy pictures get more,
+    /// Luma PSNR, 20 to 60 dB, that real and detailed frames shall reach. Easy frames get more,
     /// noise gets less (at 42 dB it was never below 40).
     pub quality_db: f64,
     /// Threads of a software encoder, at least 1. Part of what determines the bytes. Several
     /// cameras side by side use the cores better with one thread each.
     pub threads: u32,
-    /// A key frame comes at the latest after this many pictures; at least 1.
+    /// A key frame comes at the latest after this many frames; at least 1.
     pub max_key_interval_frames: u32,
     /// How hard x264enc works; the other encoders have no such setting here.
     pub preset: Preset,
 }
 
-/// One compressed picture: Annex B, complete.
+/// One compressed frame: Annex B, complete.
 #[derive(Clone, PartialEq, Eq)]
 pub struct AccessUnit {
-    /// The time given with the picture, ns.
+    /// The time given with the frame, ns.
     pub pts_ns: i64,
     /// NAL units with start codes.
     pub data: Bytes,
-    /// Whether decoding can start here (IDR or IRAP picture).
+    /// Whether decoding can start here (IDR or IRAP frame).
     pub key: bool,
 }
 
@@ -109,7 +109,7 @@ pub enum EncoderEvent {
     Failed(String),
 }
 
-/// Why an encoder did not start or did not take a picture.
+/// Why an encoder did not start or did not take a frame.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum EncodeError {
     /// GStreamer itself is unusable.
@@ -121,16 +121,16 @@ pub enum EncodeError {
     /// This machine has no such encoder, or it cannot be driven as needed. Choose another.
     #[error("starting {element}: {reason}")]
     Start {
-        /// The element asked for.
+        /// The requested element.
         element: String,
         /// What stood in the way.
         reason: String,
     },
-    /// The picture itself is malformed.
+    /// The frame itself is malformed.
     #[error(transparent)]
     Picture(#[from] PictureError),
-    /// The picture does not fit the settings.
-    #[error("picture is {found_width}x{found_height}, expected {width}x{height}")]
+    /// The frame does not fit the settings.
+    #[error("frame is {found_width}x{found_height}, expected {width}x{height}")]
     WrongSize {
         /// Columns found.
         found_width: u32,
@@ -149,7 +149,7 @@ pub enum EncodeError {
         /// What it was started for.
         expected: String,
     },
-    /// A native frame's own time is not after the one before: the capture was started anew, or its
+    /// A native frame's own time is not after the one before: the capture was restarted, or its
     /// source repeats itself. [`Encoder::finish`] this encoder and start another one.
     #[error(
         "native frame with own time {found} ns after one at {previous} ns, expected rising times"
@@ -160,26 +160,26 @@ pub enum EncodeError {
         /// The one before.
         previous: i64,
     },
-    /// Times must rise from picture to picture and not be negative.
-    #[error("picture time {found} ns, expected one that is not negative and after {previous:?} ns")]
+    /// Times must rise from frame to frame and not be negative.
+    #[error("frame time {found} ns, expected one that is not negative and after {previous:?} ns")]
     Time {
         /// The time given.
         found: i64,
         /// The one before, if any.
         previous: Option<i64>,
     },
-    /// Try again later, or drop the picture.
-    #[error("encoder is full: {pictures} pictures are inside")]
+    /// Try again later, or drop the frame.
+    #[error("encoder is full: {pictures} frames are inside")]
     Full {
-        /// Pictures inside.
+        /// Frames inside.
         pictures: usize,
     },
     /// Start a new encoder.
-    #[error("encoder gave nothing for {} s with {pictures} pictures inside", .after.as_secs_f64())]
+    #[error("encoder gave nothing for {} s with {pictures} frames inside", .after.as_secs_f64())]
     Stalled {
         /// How long was waited.
         after: Duration,
-        /// Pictures inside.
+        /// Frames inside.
         pictures: usize,
     },
     /// Start a new encoder.
@@ -202,7 +202,7 @@ pub fn element_codec(element: &str) -> Option<Codec> {
 /// encoder stands still, and it must not touch the [`Encoder`].
 pub type OnOutput = Box<dyn FnMut(EncoderEvent) + Send>;
 
-/// A running encoder for the pictures of one camera.
+/// A running encoder for the frames of one camera.
 #[derive(Debug)]
 pub struct Encoder {
     // Dropped first: no callback runs once the pipeline has stopped.
@@ -224,14 +224,14 @@ pub struct Encoder {
 /// What an encoder was started for.
 #[derive(Debug)]
 enum Expected {
-    /// I420 pictures, columns and rows.
+    /// I420 frames, columns and rows.
     Pictures(u32, u32),
     Native(NativeFormat),
 }
 
 impl Encoder {
     /// Starts an encoder. `on_output` is called for every event, see [`OnOutput`]. An encoder may
-    /// fail only once the first picture has told the device what it is in for; that comes as
+    /// fail only once the first frame has told the device what it is in for; that comes as
     /// [`EncoderEvent::Failed`]. (An error returned here may have been told to `on_output` as well.)
     ///
     /// # Errors
@@ -337,12 +337,12 @@ impl Encoder {
         self.quantiser
     }
 
-    /// Asks for another quality of the pictures that follow, at once and without a key frame.
+    /// Asks for another quality of the frames that follow, at once and without a key frame.
     /// Whether that can be is the element's word: with a constant quantiser, x264enc, x265enc,
     /// openh264enc and the nvv4l2 encoders read it only at the start. `false`: nothing has changed;
     /// finish this encoder where the next key frame is due anyway and start another one.
     ///
-    /// (A lower *rate* needs nothing: push fewer pictures.)
+    /// (A lower *rate* needs nothing: push fewer frames.)
     ///
     /// # Errors
     /// [`EncodeError::Settings`] for a quality that no encoder can have; [`EncodeError::Failed`] if
@@ -358,15 +358,15 @@ impl Encoder {
         Ok(quantiser == self.quantiser)
     }
 
-    /// Hands in a picture, waiting while the encoder is full. `pts_ns` must rise from call to
-    /// call. With `force_key` exactly this picture becomes a key frame.
+    /// Hands in a frame, waiting while the encoder is full. `pts_ns` must rise from call to
+    /// call. With `force_key` exactly this frame becomes a key frame.
     ///
-    /// The picture is shared, not copied, where its rows need no padding (width a multiple of
+    /// The frame is shared, not copied, where its rows need no padding (width a multiple of
     /// eight), and is released when its access unit comes out. A native frame is never copied; what
     /// its own time is does not matter, as long as it rises.
     ///
     /// # Errors
-    /// All but `Full`. A refused picture (`Picture`, `WrongSize`, `WrongInput`, `Time`,
+    /// All but `Full`. A refused frame (`Picture`, `WrongSize`, `WrongInput`, `Time`,
     /// `Discontinuity`) leaves the encoder as it was; after `Stalled` or `Failed` start a new one.
     pub fn push<'a>(
         &mut self,
@@ -398,7 +398,7 @@ impl Encoder {
     /// As [`Encoder::push`], but never waits.
     ///
     /// # Errors
-    /// [`EncodeError::Full`] instead of waiting or `Stalled`; the picture was not taken.
+    /// [`EncodeError::Full`] instead of waiting or `Stalled`; the frame was not taken.
     pub fn try_push<'a>(
         &mut self,
         pts_ns: i64,
@@ -417,17 +417,17 @@ impl Encoder {
         self.submit(pts_ns, input, force_key)
     }
 
-    /// Bytes of the pictures inside: at most [`MAX_IN_FLIGHT`] pictures' worth, or
+    /// Bytes of the frames inside: at most [`MAX_IN_FLIGHT`] frames' worth, or
     /// [`MAX_NATIVE_IN_FLIGHT`].
     pub fn queued_bytes(&self) -> usize {
         lock(&self.shared.state).in_flight.len() * self.frame_bytes
     }
 
-    /// Drains the encoder: returns when the access unit of every accepted picture has been
+    /// Drains the encoder: returns when the access unit of every accepted frame has been
     /// delivered, at the latest after `timeout` (plus 2 s to stop a stuck encoder).
     ///
     /// # Errors
-    /// `Stalled` if the time did not suffice, `Failed` if the encoder failed or kept pictures to
+    /// `Stalled` if the time did not suffice, `Failed` if the encoder failed or kept frames to
     /// itself. What was delivered until then is good.
     pub fn finish(self, timeout: Duration) -> Result<(), EncodeError> {
         // Fails only if the pipeline has stopped, and then there is a failure to be found below.
@@ -444,7 +444,7 @@ impl Encoder {
                 pictures,
             }),
             None if pictures > 0 => Err(EncodeError::Failed(format!(
-                "it ended without access units for its last {pictures} pictures"
+                "it ended without access units for its last {pictures} frames"
             ))),
             None => Ok(()),
         }
@@ -477,8 +477,8 @@ impl Encoder {
         }
         // Before the buffer goes in: its access unit may come out at once.
         state.in_flight.push_back(Inside { stamp_ns, pts_ns });
-        // The first picture is a key frame anyway. An event in front of it would overtake the
-        // segment, and GStreamer 1.22 would then take the first picture's time to be 1000 h and
+        // The first frame is a key frame anyway. An event in front of it would overtake the
+        // segment, and GStreamer 1.22 would then take the first frame's time to be 1000 h and
         // ignore every later request as too soon.
         let key = key && self.previous_ns.is_some();
         self.previous_ns = Some(pts_ns);
@@ -489,8 +489,8 @@ impl Encoder {
         drop(state);
         if key && self.kind.force == Force::Event {
             self.keys_forced += 1;
-            // The encoder compares the running time with each picture's, so the event may overtake
-            // pictures that still wait without hitting one of them.
+            // The encoder compares the running time with each frame's, so the event may overtake
+            // frames that still wait without hitting one of them.
             let event = gst_video::DownstreamForceKeyUnitEvent::builder()
                 .timestamp(time)
                 .stream_time(time)
@@ -505,7 +505,7 @@ impl Encoder {
             Err(error) => {
                 let reason = lock(&self.shared.state).failure.clone();
                 Err(EncodeError::Failed(reason.unwrap_or_else(|| {
-                    format!("it takes no more pictures: {error}")
+                    format!("it takes no more frames: {error}")
                 })))
             }
         }
@@ -534,7 +534,7 @@ fn check(settings: &EncoderSettings) -> Result<(), EncodeError> {
     if !(1..=100_000).contains(&settings.max_key_interval_frames) {
         let found = settings.max_key_interval_frames;
         return refuse(format!(
-            "a key frame every {found} pictures, expected 1 to 100000"
+            "a key frame every {found} frames, expected 1 to 100000"
         ));
     }
     Ok(())

@@ -1,6 +1,6 @@
 //! Between our tightly packed planes and GStreamer's padded rows.
 //!
-//! Contract: a picture that needs no padding goes in without a copy; everything else costs one
+//! Contract: an image that needs no padding goes in without a copy; everything else costs one
 //! copy. A buffer is trusted to be no larger than its caps and its own metadata say.
 
 use gstreamer as gst;
@@ -13,14 +13,14 @@ use crate::{Picture, PixelFormat};
 /// GStreamer's names of the layouts that can be made into a [`Picture`].
 pub(crate) const READABLE: [&str; 5] = ["I420", "NV12", "YUY2", "UYVY", "GRAY8"];
 
-/// Where a plane begins, the distance between its rows, and how much of a row is picture.
+/// Where a plane begins, the distance between its rows, and how much of a row is image.
 struct Rows {
     offset: usize,
     stride: usize,
     width: usize,
 }
 
-/// An I420 picture as a buffer of raw video with GStreamer's default strides.
+/// An I420 image as a buffer of raw video with GStreamer's default strides.
 pub(crate) fn to_buffer(picture: &Picture) -> Result<gst::Buffer, String> {
     let (width, height) = (picture.width, picture.height);
     let info = gst_video::VideoInfo::builder(gst_video::VideoFormat::I420, width, height)
@@ -53,15 +53,15 @@ pub(crate) fn to_buffer(picture: &Picture) -> Result<gst::Buffer, String> {
     Ok(gst::Buffer::from_mut_slice(padded))
 }
 
-/// A decoded sample as an I420 picture. NV12 and grey, which some decoders give, are converted.
+/// A decoded sample as an I420 image. NV12 and grey, which some decoders give, are converted.
 pub(crate) fn from_sample(sample: &gst::Sample) -> Result<Picture, String> {
-    let caps = sample.caps().ok_or("decoded picture without caps")?;
+    let caps = sample.caps().ok_or("decoded image without caps")?;
     let info = gst_video::VideoInfo::from_caps(caps).map_err(|error| error.to_string())?;
-    let buffer = sample.buffer().ok_or("decoded picture without data")?;
+    let buffer = sample.buffer().ok_or("decoded image without data")?;
     to_picture(buffer, &info)
 }
 
-/// A buffer of raw video in system memory as an I420 picture, with one copy.
+/// A buffer of raw video in system memory as an I420 image, with one copy.
 pub(crate) fn to_picture(
     buffer: &gst::BufferRef,
     info: &gst_video::VideoInfo,
@@ -72,7 +72,7 @@ pub(crate) fn to_picture(
     Picture::new(width, height, PixelFormat::I420, data).map_err(|error| error.to_string())
 }
 
-/// Two buffers of the same size beside each other as one I420 picture, with one copy of each.
+/// Two buffers of the same size beside each other as one I420 image, with one copy of each.
 pub(crate) fn to_side_by_side(
     left: (&gst::BufferRef, &gst_video::VideoInfo),
     right: (&gst::BufferRef, &gst_video::VideoInfo),
@@ -106,7 +106,7 @@ fn blank(width: u32, height: u32) -> Result<Vec<u8>, String> {
     Ok(vec![0; length.map_err(|error| error.to_string())?])
 }
 
-/// Writes a buffer into a window of an I420 picture. Where its rows are is said by its own
+/// Writes a buffer into a window of an I420 image. Where its rows are is said by its own
 /// metadata, if it has any, else by the caps.
 fn copy_into(
     buffer: &gst::BufferRef,
@@ -114,13 +114,13 @@ fn copy_into(
     window: Window<'_>,
 ) -> Result<(), String> {
     let frame = gst_video::VideoFrameRef::from_buffer_ref_readable(buffer, info)
-        .map_err(|error| format!("reading a picture of {}: {error}", info.format()))?;
+        .map_err(|error| format!("reading an image of {}: {error}", info.format()))?;
     let plane = |number: u32| -> Result<Strided<'_>, String> {
         let data = frame
             .plane_data(number)
             .map_err(|error| error.to_string())?;
         let stride = usize::try_from(frame.plane_stride()[number as usize])
-            .map_err(|_| "a picture that is stored upside down")?;
+            .map_err(|_| "an image that is stored upside down")?;
         Ok(Strided { data, stride })
     };
     let source = match frame.format() {
@@ -131,7 +131,7 @@ fn copy_into(
         gst_video::VideoFormat::Uyvy => Source::Uyvy(plane(0)?),
         other => {
             return Err(format!(
-                "pictures are {other}, expected one of {}",
+                "images are {other}, expected one of {}",
                 READABLE.join(", ")
             ));
         }

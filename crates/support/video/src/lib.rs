@@ -1,17 +1,17 @@
-//! Pictures to compressed access units and back, through GStreamer.
+//! Frames to compressed access units and back, through GStreamer.
 //!
-//! A leaf: it knows pictures, times in integer nanoseconds and compressed bytes, and nothing of
+//! A leaf: it knows frames, times in integer nanoseconds and compressed bytes, and nothing of
 //! sessions, devices or configuration files.
 //!
-//! - [`picture`]: uncompressed pictures, colour layouts, PSNR.
+//! - [`picture`]: uncompressed frames, colour layouts, PSNR.
 //! - [`annexb`]: looking at compressed bytes without decoding them.
-//! - [`references`]: whether a compressed picture's references are there, without decoding.
+//! - [`references`]: whether a compressed frame's references are there, without decoding.
 //! - [`capture`]: cameras that come through GStreamer, with times on the clock of the host.
 //! - [`native`]: their frames in their own buffers, for encoding without a copy.
 //! - [`preview`]: small JPEGs of those.
-//! - [`encoder`]: pictures in, access units out, with exact times and key frames on demand.
+//! - [`encoder`]: frames in, access units out, with exact times and key frames on demand.
 //! - [`discover`]: which encoder works on this machine.
-//! - [`decoder`]: access units in, pictures out.
+//! - [`decoder`]: access units in, frames out.
 //! - [`still`]: a few small images of a recording.
 //! - [`mp4`]: access units into a file that players open.
 //! - [`file`](mod@file): the images of such files, and of others.

@@ -32,7 +32,7 @@ pub const TIMESCALE: u32 = 90_000;
 /// From the first access unit to the last, at most this many ns.
 pub const LONGEST_NS: i64 = (u32::MAX as i64 - TIMESCALE as i64) / TIMESCALE as i64 * 1_000_000_000;
 
-/// How long the only picture of a video lasts. (The last of several lasts as long as the first.)
+/// How long the only image of a video lasts. (The last of several lasts as long as the first.)
 const SINGLE_NS: i64 = 33_333_333;
 
 /// Compressed bytes that may wait inside.
@@ -59,7 +59,7 @@ pub enum Mp4Error {
     /// Begin with a key frame.
     #[error("writing MP4: the first access unit is no key frame: {}", .0.display())]
     NotKey(PathBuf),
-    /// A video has at least one picture.
+    /// A video has at least one image.
     #[error("writing MP4: there are no access units: {}", .0.display())]
     Empty(PathBuf),
     /// Times must rise and not be negative.
@@ -229,7 +229,7 @@ fn source(
                 .field("alignment", "au")
                 .field("width", width as i32)
                 .field("height", height as i32)
-                // Only for the last picture: without a rate it would last no time at all, and
+                // Only for the last image: without a rate it would last no time at all, and
                 // players leave it out.
                 .field("framerate", gst::Fraction::new(1_000_000, step_us))
                 .build(),

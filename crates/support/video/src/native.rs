@@ -20,7 +20,7 @@ use crate::{Picture, layout};
 /// Device memory of a Jetson, as GStreamer's caps call it.
 pub(crate) const NVMM: &str = "memory:NVMM";
 
-/// A picture cannot be had from a native frame.
+/// A frame cannot be had from a native frame.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum NativeError {
     /// Put `nvvidconv` behind the camera, or leave the frame as it is.
@@ -142,7 +142,7 @@ impl NativeFrame {
     }
 
     /// A number that differs for two frames of a camera that differ, as good as surely; for telling
-    /// that a camera gives the same picture again and again. It looks at every fourth row of the
+    /// that a camera gives the same frame again and again. It looks at every fourth row of the
     /// first plane, so it is cheap (0.3 ms for 3840x1200) and a difference somewhere else goes
     /// unseen: the noise of a real camera is everywhere. `None` in device memory, where nothing can
     /// be looked at.
@@ -161,7 +161,7 @@ impl NativeFrame {
         Some(rows.fold(0, |digest, row| fold(digest, &row[..bytes.min(row.len())])))
     }
 
-    /// The frame as an I420 picture: one copy, converted as it is made.
+    /// The frame as an I420 frame: one copy, converted as it is made.
     ///
     /// # Errors
     /// See [`NativeError`].

@@ -1,4 +1,4 @@
-//! Uncompressed pictures: one kind of memory layout, and the few operations between a camera and
+//! Uncompressed images: one kind of memory layout, and the few operations between a camera and
 //! an encoder.
 //!
 //! Contract: planes are tightly packed (no row padding), top row first, 8 bits per sample. Every
@@ -29,7 +29,7 @@ pub enum PixelFormat {
 }
 
 impl PixelFormat {
-    /// Bytes of a `width` x `height` picture.
+    /// Bytes of a `width` x `height` image.
     ///
     /// # Errors
     /// [`PictureError::Empty`], [`PictureError::OddSize`] (I420 only), [`PictureError::TooLarge`].
@@ -51,7 +51,7 @@ impl PixelFormat {
     }
 }
 
-/// One uncompressed picture. Cloning is cheap: the bytes are shared.
+/// One uncompressed image. Cloning is cheap: the bytes are shared.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Picture {
     /// Columns.
@@ -66,19 +66,15 @@ pub struct Picture {
 
 impl fmt::Debug for Picture {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "Picture({}x{} {:?})",
-            self.width, self.height, self.format
-        )
+        write!(f, "Image({}x{} {:?})", self.width, self.height, self.format)
     }
 }
 
-/// Why a picture could not be used. The caller passed something that cannot work; trying again
-/// with the same picture will not help.
+/// Why an image could not be used. The caller passed something that cannot work; trying again
+/// with the same image will not help.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum PictureError {
-    /// Pad or crop the picture: 4:2:0 chroma needs an even size.
+    /// Pad or crop the image: 4:2:0 chroma needs an even size.
     #[error("{width}x{height} cannot be I420: both width and height must be even")]
     OddSize {
         /// Columns found.
@@ -86,8 +82,8 @@ pub enum PictureError {
         /// Rows found.
         height: u32,
     },
-    /// A picture has at least one pixel.
-    #[error("{width}x{height} picture has no pixels")]
+    /// An image has at least one pixel.
+    #[error("{width}x{height} image has no pixels")]
     Empty {
         /// Columns found.
         width: u32,
@@ -95,7 +91,7 @@ pub enum PictureError {
         height: u32,
     },
     /// The size does not fit in memory.
-    #[error("{width}x{height} picture is too large to hold in memory")]
+    #[error("{width}x{height} image is too large to hold in memory")]
     TooLarge {
         /// Columns found.
         width: u32,
@@ -103,7 +99,7 @@ pub enum PictureError {
         height: u32,
     },
     /// The bytes do not belong to the size and format that go with them.
-    #[error("picture data is {found} bytes long, expected {expected}")]
+    #[error("image data is {found} bytes long, expected {expected}")]
     WrongLength {
         /// Bytes found.
         found: usize,
@@ -111,19 +107,19 @@ pub enum PictureError {
         expected: usize,
     },
     /// Convert first.
-    #[error("picture is {found:?}, expected {expected:?}")]
+    #[error("image is {found:?}, expected {expected:?}")]
     WrongFormat {
-        /// The picture's format.
+        /// The image's format.
         found: PixelFormat,
-        /// The format asked for.
+        /// The requested format.
         expected: PixelFormat,
     },
     /// Left and right come from one stereo camera: same size, same format.
     #[error("left is {left:?} and right is {right:?}, expected the same size and format")]
     Unequal {
-        /// Width, height and format of the left picture.
+        /// Width, height and format of the left image.
         left: (u32, u32, PixelFormat),
-        /// Width, height and format of the right picture.
+        /// Width, height and format of the right image.
         right: (u32, u32, PixelFormat),
     },
 }
@@ -136,7 +132,7 @@ pub(crate) struct Plane<'a> {
 }
 
 impl Picture {
-    /// A picture whose length has been checked.
+    /// An image whose length has been checked.
     ///
     /// # Errors
     /// What [`PixelFormat::bytes`] gives, and [`PictureError::WrongLength`].
@@ -206,7 +202,7 @@ impl Picture {
     }
 }
 
-/// Puts two pictures of the same size and format beside each other, left one left.
+/// Puts two images of the same size and format beside each other, left one left.
 ///
 /// # Errors
 /// [`PictureError::Unequal`], and what [`Picture::check`] gives.
@@ -236,7 +232,7 @@ pub fn side_by_side(left: &Picture, right: &Picture) -> Result<Picture, PictureE
     Picture::new(doubled, height, left.format, data)
 }
 
-/// Cuts a side-by-side picture into its left and right half.
+/// Cuts a side-by-side image into its left and right half.
 ///
 /// # Errors
 /// [`PictureError::OddSize`] if the halves would not be whole, or not whole in chroma (an I420
@@ -264,10 +260,10 @@ pub fn split(both: &Picture) -> Result<(Picture, Picture), PictureError> {
     ))
 }
 
-/// Adds neutral chroma (128) to a grey picture.
+/// Adds neutral chroma (128) to a grey image.
 ///
 /// # Errors
-/// [`PictureError::WrongFormat`] unless the picture is grey, [`PictureError::OddSize`], and what
+/// [`PictureError::WrongFormat`] unless the image is grey, [`PictureError::OddSize`], and what
 /// [`Picture::check`] gives.
 pub fn grey_to_i420(grey: &Picture) -> Result<Picture, PictureError> {
     grey.expect(PixelFormat::Grey8)?;
@@ -278,10 +274,10 @@ pub fn grey_to_i420(grey: &Picture) -> Result<Picture, PictureError> {
     Picture::new(grey.width, grey.height, PixelFormat::I420, data)
 }
 
-/// The luma plane of an I420 picture as a grey picture. Shares the bytes, copies nothing.
+/// The luma plane of an I420 image as a grey image. Shares the bytes, copies nothing.
 ///
 /// # Errors
-/// [`PictureError::WrongFormat`] unless the picture is I420, and what [`Picture::check`] gives.
+/// [`PictureError::WrongFormat`] unless the image is I420, and what [`Picture::check`] gives.
 pub fn i420_to_grey(picture: &Picture) -> Result<Picture, PictureError> {
     picture.expect(PixelFormat::I420)?;
     let luma = picture.width as usize * picture.height as usize;

@@ -4,7 +4,7 @@
 //! wanted rate at most and only if nothing is inside, so a preview holds one of the camera's
 //! buffers at a time; everything else it lets go by. It has a pipeline of its own, so that what
 //! fails in it (no `jpegenc`, a converter that gives up) ends the preview and nothing else. Of
-//! pictures that nobody takes only the newest is kept. Equal frames give equal files, so a frozen
+//! frames that nobody takes only the newest is kept. Equal frames give equal files, so a frozen
 //! camera shows here even where its frames cannot be looked at (and so does a scene in which less
 //! moves than the JPEG keeps). The way from a Jetson's device memory (`nvvidconv`) has never been
 //! run on hardware by this project.
@@ -43,7 +43,7 @@ pub enum PreviewError {
     /// Change the settings.
     #[error("preview settings: {0}")]
     Settings(String),
-    /// No picture can be so large or odd.
+    /// No frame can be so large or odd.
     #[error(transparent)]
     Size(#[from] PictureError),
     /// This machine cannot make one of these frames.

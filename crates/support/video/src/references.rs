@@ -1,7 +1,7 @@
-//! Whether a picture's references are there, read from the headers alone.
+//! Whether a frame's references are there, read from the headers alone.
 //!
-//! A decoder that misses a picture goes on with the wrong one and says nothing: with libav a single
-//! lost access unit gave pictures at 16 to 20 dB without any error. This finds such a loss before
+//! A decoder that misses a frame goes on with the wrong one and says nothing: with libav a single
+//! lost access unit gave frames at 16 to 20 dB without any error. This finds such a loss before
 //! decoding, at the cost of a few header bytes per access unit.
 //!
 //! Contract: give a [`Continuity`] the access units of one stream in order. The first one after a
@@ -9,8 +9,8 @@
 //! any bytes, bounded memory. *What it cannot tell* is [`Step::Unknown`]: headers it cannot read,
 //! or features that none of our encoders uses (H.264 gaps in frame_num, H.265 scaling lists in
 //! the SPS). *What it does not see*: a loss of exactly a multiple of MaxFrameNum (at least 16)
-//! H.264 pictures; the loss of pictures that nothing refers to, which does no harm; damage inside
-//! a picture.
+//! H.264 frames; the loss of frames that nothing refers to, which does no harm; damage inside
+//! a frame.
 //!
 //! Sources: ITU-T H.264 (08/2021) clauses 7.3.2.1, 7.3.3, 7.4.3 (frame_num); ITU-T H.265
 //! (08/2021) clauses 7.3.2.2, 7.3.2.3, 7.3.6, 7.3.7, 7.4.8 (reference picture sets), 8.3.1

@@ -46,7 +46,7 @@ enum Act {
     End,
 }
 
-/// What the person asked for: acts at nanoseconds after the start.
+/// The commands of the person: acts at nanoseconds after the start.
 #[derive(Clone, Debug)]
 struct Step(Vec<(i64, Act)>);
 

@@ -128,7 +128,7 @@ fn exam(reference: Option<&Path>, on: &Path) -> Result<ExitCode> {
 }
 
 /// Does something while an image is mounted; the kernel replays its journal. One that cannot be mounted is repaired as a
-/// person would, which `work` is told.
+/// person would, which is reported to `work`.
 fn mounted<T>(image: &Path, on: &Path, work: impl FnOnce(bool) -> Result<T>) -> Result<T> {
     std::fs::create_dir_all(on)?;
     let mount = || {

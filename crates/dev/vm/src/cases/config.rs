@@ -5,7 +5,7 @@ pub(crate) const CAMERAS: [&str; 3] = ["left_shoulder", "right_shoulder", "feet"
 /// The IMU of the rig with devices.
 pub(crate) const IMU: &str = "left_shoulder/imu";
 
-/// Three made-up cameras with IMUs, so small and slow that a guest on a busy host keeps up.
+/// Three synthetic cameras with IMUs, so small and slow that a guest on a busy host keeps up.
 pub(crate) fn synthetic(chunk_ms: u32) -> String {
     let mut text = format!(
         "[session]\nout = \"/run/archive\"\nchunk_ms = {chunk_ms}\npre_roll_s = 0\n\

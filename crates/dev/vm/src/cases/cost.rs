@@ -42,7 +42,7 @@ pub enum Page {
     Off,
     /// Nobody.
     Unseen,
-    /// One phone: the state and three pictures each half second.
+    /// One phone: the state and three frames each half second.
     Seen,
 }
 

@@ -161,7 +161,7 @@ impl Rig {
         Ok(sessions)
     }
 
-    /// vivid's pictures come by ticks of 1 ms, 33 and 34 in turn. In real time the host decides how many are missing.
+    /// vivid's frames come by ticks of 1 ms, 33 and 34 in turn. In real time the host decides how many are missing.
     fn limits(&self) -> &'static [&'static str] {
         if self.virtual_time {
             &["camera.period_deviation=1500000,2000000"]

@@ -244,7 +244,7 @@ impl Left {
     }
 }
 
-/// `paws validate` is to find fault with nothing but what is missing; vivid's pictures come by ticks of 1 ms.
+/// `paws validate` is to find fault with nothing but what is missing; vivid's frames come by ticks of 1 ms.
 const LIMITS: [&str; 7] = [
     "camera.period_deviation=1500000,2000000",
     "camera.dropped=never,never",

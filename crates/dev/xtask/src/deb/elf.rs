@@ -3,7 +3,7 @@
 //!
 //! `readelf` is used because it is there wherever packages are made, and reads programs of every processor.
 
-/// Symbols that are asked for without need: without them the program runs all the same.
+/// Symbols that are imported without need: the program runs without them.
 const WEAK: &str = "WEAK";
 
 /// A function or variable that the program expects in a library.

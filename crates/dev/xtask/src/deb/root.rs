@@ -9,7 +9,7 @@
 //!
 //! Programs in it run through proot: a change of root that needs no rights, follows every program that is
 //! started, and puts QEMU before those of another processor. Once made, a root is kept until
-//! [`PACKAGES`] change or its folder is deleted; one whose making was broken off is made anew.
+//! [`PACKAGES`] change or its folder is deleted; one whose making was broken off is made again.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -183,7 +183,7 @@ impl Root {
             fs::copy(&from, self.folder.join("etc").join(to))
                 .with_context(|| format!("copying {}", from.display()))?;
         }
-        // A linker that is told a root does not follow absolute links into it.
+        // A linker with `--sysroot` does not follow absolute links into it.
         make_links_relative(&self.libraries())
     }
 

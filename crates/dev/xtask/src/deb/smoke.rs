@@ -2,7 +2,7 @@
 //! this machine.
 //!
 //! Two recordings of three cameras of 320x96: a simulated walk in virtual time, which nothing may be missing of,
-//! and synthetic pictures in real time, as on the rig. In real time an emulated processor may be too slow, or this
+//! and synthetic frames in real time, as on the rig. In real time an emulated processor may be too slow, or this
 //! machine too busy; then the recording says what it lost, and so does this.
 
 use std::fs;

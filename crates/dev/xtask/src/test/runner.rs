@@ -71,7 +71,7 @@ successes:
 
 ---- real_data stdout ----
 skipped: no recordings; set PAWS_DATA
-chatter that nobody asked for
+chatter that nobody requested
 skipped: no Python
 
 ---- noisy stdout ----

@@ -161,7 +161,7 @@ impl AsFd for StepAlarm {
     }
 }
 
-/// Who keeps the machine's clock right, by what is seen from outside: none of them is asked.
+/// Who keeps the machine's clock right, judged from outside: none of them is queried.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Discipline {
     /// Programs at work, by the names people know.

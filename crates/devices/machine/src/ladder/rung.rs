@@ -63,7 +63,7 @@ impl State {
             {
                 None
             }
-            // Its sensor is gone, or was never there.
+            // Its sensor has vanished, or never existed.
             None => {
                 self.readings.clear();
                 Some(f64::NEG_INFINITY)

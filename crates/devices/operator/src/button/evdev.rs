@@ -1,8 +1,8 @@
 //! A key of an input device: a remote, a keyboard's key, a GPIO button that the kernel already owns (`gpio-keys`).
 //!
-//! The device is told to stamp its events on CLOCK_MONOTONIC, in microseconds. Events of other keys and the
+//! The device is set to stamp its events on CLOCK_MONOTONIC, in microseconds. Events of other keys and the
 //! key's own repeating are passed over. When the kernel's buffer ran over it says so (`SYN_DROPPED`, Linux'
-//! `Documentation/input/event-codes.rst`): what follows up to the next report is thrown away, and the key's state is asked.
+//! `Documentation/input/event-codes.rst`): what follows up to the next report is thrown away, and the key's state is read.
 
 use std::collections::VecDeque;
 use std::io;

@@ -3,7 +3,7 @@
 //! The kernel debounces: in the chip where it can, in its own timers elsewhere. An edge then carries the
 //! time at which the level had lasted long enough, so it is late by the debounce time. A kernel that
 //! refuses leaves debouncing to us. Edges beyond the kernel's buffer are lost, oldest first; the level
-//! is asked after every gap in their numbers. Before Linux 6.6 a line says nothing when its chip is unplugged,
+//! is read after every gap in their numbers. Before Linux 6.6 a line says nothing when its chip is unplugged,
 //! so the chip's node is watched.
 
 use std::os::fd::{AsFd, OwnedFd};

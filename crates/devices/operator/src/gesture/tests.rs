@@ -20,7 +20,7 @@ fn wishes(recording: bool, presses: &[(i64, i64)], end: i64) -> Vec<(i64, Wish)>
     wished.iter().map(|w| (w.at_ns / MS, w.wish)).collect()
 }
 
-/// Plays edges with a look at every deadline. `recording` is asked at each time.
+/// Plays edges and polls at every deadline. `recording` is evaluated at each time.
 fn play(edges: &[Edge], end_ns: i64, recording: impl Fn(i64) -> bool) -> Vec<Wished> {
     let mut gesture = Gesture::new(Settings::default());
     let mut wished = Vec::new();
@@ -280,7 +280,7 @@ proptest! {
                         let (at, of) = asked.take().expect("a question");
                         prop_assert_eq!(of, target);
                         prop_assert!(at < w.at_ns);
-                        // It was asked about what is the case now.
+                        // The press refers to the present state.
                         prop_assert_eq!(target == Target::This, recording);
                     }
                     Wish::Cancelled => prop_assert!(asked.take().is_some()),

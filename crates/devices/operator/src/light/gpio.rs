@@ -18,7 +18,7 @@ pub struct GpioLight {
     what: String,
 }
 
-/// One line that is held as an output. Off when it is dropped. After an error it is taken anew, for its
+/// One line that is held as an output. Off when it is dropped. After an error it is taken again, for its
 /// chip may have been unplugged.
 #[derive(Debug)]
 pub(crate) struct OutputLine {

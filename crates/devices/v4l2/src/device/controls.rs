@@ -261,7 +261,7 @@ impl Camera {
         Ok(not_taken)
     }
 
-    /// What the driver says to one control; only a camera that is gone ends everything.
+    /// What the driver says to one control; only a camera that is disconnected ends everything.
     fn survived<T>(
         &self,
         id: u32,

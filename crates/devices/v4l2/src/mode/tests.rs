@@ -62,7 +62,7 @@ fn bytes_of_a_picture() {
         format("YUYV", 5120, 3_686_400).picture_bytes(),
         Some(3_686_400)
     );
-    // Lines with padding, and a buffer with room behind the picture.
+    // Lines with padding, and a buffer with room behind the frame.
     assert_eq!(
         format("YUYV", 5376, 4_000_000).picture_bytes(),
         Some(3_870_720)

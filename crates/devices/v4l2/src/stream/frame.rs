@@ -2,7 +2,7 @@
 
 use crate::sys;
 
-/// A frame without its picture.
+/// A frame without its image data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FrameInfo {
     /// The driver's count of frames since the stream began; wraps at 2^32. Frames that it dropped count, too.
@@ -13,11 +13,11 @@ pub struct FrameInfo {
     pub clock: Clock,
     /// What it is the time of.
     pub stamped: Stamped,
-    /// Length of the picture, bytes.
+    /// Length of the frame, bytes.
     pub bytes_used: usize,
-    /// The driver says that the picture may be damaged.
+    /// The driver says that the frame may be damaged.
     pub corrupt: bool,
-    /// Shorter than a whole picture, or empty.
+    /// Shorter than a whole frame, or empty.
     pub short: bool,
 }
 
@@ -51,7 +51,7 @@ const CLOCK: u32 = 0xe000;
 const SOURCE: u32 = 0x7_0000;
 
 impl FrameInfo {
-    /// `capacity` is the length of the buffer, `expected` that of a whole picture where there is one.
+    /// `capacity` is the length of the buffer, `expected` that of a whole frame where there is one.
     pub(super) fn of(told: &sys::Buffer, capacity: usize, expected: Option<usize>) -> Self {
         // No driver writes more than fits; a number that says so must not be believed.
         let bytes_used = (told.bytes_used as usize).min(capacity);

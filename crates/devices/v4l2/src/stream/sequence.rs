@@ -17,7 +17,7 @@ pub enum Step {
     Missed(u32),
     /// The same one again.
     Repeated,
-    /// It went back by so many: the stream has begun anew, or the driver is confused.
+    /// It went back by so many: the stream has restarted, or the driver is confused.
     Back(u32),
 }
 

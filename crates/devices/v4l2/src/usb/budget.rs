@@ -1,6 +1,6 @@
 //! Whether the cameras of a USB controller fit on it. Pure.
 //!
-//! A camera that gets too little does not slow down: pictures come torn or green, or it disconnects.
+//! A camera that gets too little does not slow down: frames come torn or green, or it disconnects.
 //! So the demand of all cameras is held against what each part of the bus carries, before any starts. The
 //! figures are limits of design and experience, not of a given cable: what fits here may still fail there.
 
@@ -35,7 +35,7 @@ pub struct Demand {
 }
 
 impl Demand {
-    /// What a camera needs in this mode; none where pictures are compressed or the rate is unknown, for
+    /// What a camera needs in this mode; none where frames are compressed or the rate is unknown, for
     /// then no one can say.
     pub fn of(camera: &str, device: &UsbDevice, format: &Format) -> Option<Self> {
         Some(Self {
@@ -47,7 +47,7 @@ impl Demand {
     }
 }
 
-/// Bytes/s of pictures of this many bytes, rounded up; none for an interval that means nothing.
+/// Bytes/s of frames of this many bytes, rounded up; none for an interval that means nothing.
 pub fn bytes_per_second(picture_bytes: u64, interval: Interval) -> Option<u64> {
     let bytes = u128::from(picture_bytes) * u128::from(interval.denominator);
     if interval.numerator == 0 || interval.denominator == 0 {

@@ -40,7 +40,7 @@ pub trait Unit {
     /// Its length, bytes.
     ///
     /// # Errors
-    /// The camera has no such control, or is gone.
+    /// The camera has no such control, or is disconnected.
     fn length(&mut self) -> Result<usize, UnitError>;
 
     /// Writes it.
@@ -100,7 +100,7 @@ pub enum UnitError {
         /// What the system said.
         reason: String,
     },
-    /// The control is too short for what was asked.
+    /// The control is too short for the request.
     #[error(
         "asking the camera's extension unit: its control has {found} bytes, expected 64 or 384"
     )]
@@ -192,7 +192,7 @@ pub fn serial_of(answer: &[u8]) -> Result<u32, UnitError> {
         .map_err(|_| UnitError::Digits { found })
 }
 
-/// The camera's serial number. Asked for again until `until_ns`, for a camera that has just started answers with
+/// The camera's serial number. Requested again until `until_ns`, for a camera that has just started answers with
 /// something else at first (the vendor's library asks up to 500 times).
 ///
 /// # Errors
@@ -294,7 +294,7 @@ mod tests {
 
     use super::*;
 
-    /// A camera's video chip: what was asked last, its registers, and when it is ready.
+    /// A camera's video chip: the last request, its registers, and when it is ready.
     struct Chip {
         length: usize,
         asked: Vec<u8>,

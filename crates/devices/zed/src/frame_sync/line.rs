@@ -1,7 +1,7 @@
 //! Lines through events that come in equal steps. Plain functions.
 //!
 //! The thinnest strip is looked for by golden section, for its width is convex in the slope; the lower edge goes through the lowest
-//! points of a few parts of the window. A thousand points are few: all is done anew each time. Points are taken relative to the first, so that nanoseconds of years of uptime stay exact.
+//! points of a few parts of the window. A thousand points are few: all is done again each time. Points are taken relative to the first, so that nanoseconds of years of uptime stay exact.
 
 use std::collections::VecDeque;
 
@@ -99,7 +99,7 @@ pub(super) fn slope_of(points: &VecDeque<Point>) -> Option<f64> {
 }
 
 /// Points that are late by anything between 0 and `limit` lie in a strip of that width, but not in one strip only: a range of slopes
-/// may do. The middle of that range is taken, and how much it leaves open is told. A few points that
+/// may do. The middle of that range is taken, and how much it leaves open is reported. A few points that
 /// lie far from the rest are left out; if there are many, none is.
 pub(super) fn strip(points: &VecDeque<Point>, slope: f64, limit: f64) -> Option<Strip> {
     let (origin, mut rest) = residuals(points, slope)?;

@@ -352,7 +352,7 @@ fn what_begins_anew_is_tied_anew() {
     let mut sync = FrameSync::new(Bounds::default());
     world.feed(&mut sync, 0.0, 10.0 * S, |_, _| {});
     let before = *sync.tie().expect("a tie");
-    // The microcontroller was reset: ticks and counts begin anew, and the camera's stream too.
+    // The microcontroller was reset: ticks and counts restart, and the camera's stream too.
     let again = World {
         uptime: 1.0 * S,
         counted_before: 0,
@@ -399,7 +399,7 @@ fn too_little_is_said_to_be_too_little() {
     let error = sync.tie().expect_err("nothing yet");
     assert_eq!(
         error.to_string(),
-        "too few frames: the IMU was told of 0, the camera sent 0, expected 32 of each"
+        "too few frames: the IMU counted 0, the camera sent 0, expected 32 of each"
     );
     World::new().feed(&mut sync, 0.0, 1.0 * S, |_, _| {});
     assert!(

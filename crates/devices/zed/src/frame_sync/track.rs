@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use super::line::{Line, Point};
 use super::{SLIPPED, WINDOW};
 
-/// A counter that leaps by more has begun anew.
+/// A counter that leaps by more has restarted.
 const LEAP: u32 = 1 << 17;
 
 /// What a count says.
@@ -13,7 +13,7 @@ const LEAP: u32 = 1 << 17;
 pub(super) enum Seen {
     /// It goes on.
     Fits,
-    /// It has begun anew, or no longer counts the same events.
+    /// It has restarted, or no longer counts the same events.
     Slipped,
 }
 

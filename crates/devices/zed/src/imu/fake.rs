@@ -18,7 +18,7 @@ pub(super) enum Fault {
     Silent(i64, i64),
     /// The stream has stopped by itself and a start is needed.
     Stopped(i64),
-    /// The device is not on the bus, and begins anew afterwards.
+    /// The device is not on the bus, and restarts afterwards.
     Gone(i64, i64),
     /// So many commands to start from a time on do nothing.
     Deaf(i64, u32),

@@ -31,7 +31,7 @@ pub struct Found {
 pub struct HidPort {
     /// Only of this camera.
     pub model: Option<Model>,
-    /// Only with this serial number. One without a number is found where none is asked for.
+    /// Only with this serial number. Without one, a device without a number matches too.
     pub serial: Option<String>,
 }
 

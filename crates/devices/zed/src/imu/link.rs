@@ -8,13 +8,13 @@ pub trait Link {
     /// a signal ended the wait.
     ///
     /// # Errors
-    /// The device is gone or fails; the link is of no more use.
+    /// The device is disconnected or fails; the link is of no more use.
     fn read(&mut self, report: &mut [u8], timeout: Duration) -> Result<usize, LinkError>;
 
     /// Sends a feature report; its first byte is its number.
     ///
     /// # Errors
-    /// The device refused or did not answer. That alone does not mean that it is gone.
+    /// The device refused or did not answer. That alone does not mean that it is disconnected.
     fn set_feature(&mut self, report: &[u8]) -> Result<(), LinkError>;
 
     /// Asks for the feature report whose number is the first byte of `report`, and puts it there; how long it is.
@@ -36,7 +36,7 @@ pub trait Port {
     fn open(&mut self) -> Result<Self::Link, OpenError>;
 }
 
-/// Why a device did not do what it was asked.
+/// Why a device did not carry out a command.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{doing}: {reason}")]
 pub struct LinkError {

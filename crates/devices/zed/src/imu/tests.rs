@@ -13,7 +13,7 @@ struct Seen {
     rate_hz: f64,
 }
 
-/// Runs the driver in a world; a device that is gone is looked for every 100 ms.
+/// Runs the driver in a world; a device that is disconnected is looked for every 100 ms.
 fn run(world: &Rc<World>, until: i64) -> Seen {
     let start = world.now.get();
     let clock = || world.now.get();
@@ -166,7 +166,7 @@ fn a_device_that_goes_and_returns_goes_on() {
         panic!("{:?}", seen.events);
     };
     assert_eq!(detail, "talking to a fake: no such device");
-    // Its clock began anew, so the loss is by the host's time: two seconds and until it was found.
+    // Its clock restarted, so the loss is by the host's time: two seconds and until it was found.
     assert!(
         (1599..1700).contains(&seen.counters.lost),
         "{:?}",

@@ -22,7 +22,7 @@ impl SealedFile {
     /// A file as it is now; `progress` is called with the bytes read.
     ///
     /// # Errors
-    /// The file is missing, or the disk says no.
+    /// The file is missing, or the file system reports an I/O error.
     pub fn of(
         storage: &dyn Storage,
         path: &str,
@@ -50,7 +50,7 @@ impl SealedFile {
         let length = match storage.open(&self.path).and_then(|f| f.len()) {
             Ok(length) => length,
             Err(e) if e.kind() == io::ErrorKind::NotFound => {
-                return Err(changed("it is gone".to_owned()));
+                return Err(changed("it is missing".to_owned()));
             }
             Err(error) => {
                 return Err(HandOffError::Io {

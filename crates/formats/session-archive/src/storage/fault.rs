@@ -21,7 +21,7 @@ pub enum FaultKind {
     NoSpace,
     /// This operation fails with EIO once; an append keeps [`Fault::keep`] bytes. What a failed
     /// sync should have made durable never will be: as on Linux, a later sync of that file
-    /// succeeds and the bytes are gone all the same.
+    /// succeeds, but the bytes are lost.
     InputOutput,
 }
 

@@ -1,4 +1,4 @@
-//! A small made-up session, written through the public API, for the tests of this crate.
+//! A small synthetic session, written through the public API, for the tests of this crate.
 
 #![allow(dead_code, reason = "every test program uses a part of this")]
 
@@ -28,7 +28,7 @@ pub(crate) fn camera(name: &str, rate_hz: f64) -> Camera {
         rate_hz,
         tick: TickLength::NANOSECOND,
         trigger: None,
-        source: "made up".to_owned(),
+        source: "synthetic".to_owned(),
         encoder: "none".to_owned(),
     }
 }
@@ -46,7 +46,7 @@ pub(crate) fn spec() -> SessionSpec {
             name: "feet/imu".to_owned(),
             rate_hz: 200.0,
             tick: TickLength::ZED_MINI,
-            source: "made up".to_owned(),
+            source: "synthetic".to_owned(),
         }],
         rig: vec![("rig.toml".to_owned(), b"revision = 1\n".to_vec())],
     }

@@ -175,7 +175,7 @@ impl<'a> Canvas<'a> {
         self.svg.element("path", &format!("d=\"{d}\" {stroke}"));
     }
 
-    /// More points than can be told apart: the squares that hold one, larger where they are many.
+    /// More points than can be distinguished: the squares that hold one, larger where they are many.
     fn draw_cells(&mut self, points: &[Point], colour: &str) {
         let fine = cells(points, 2.0);
         let (size, strokes) = if fine.len() <= 4000 {
@@ -386,7 +386,7 @@ impl<'a> Canvas<'a> {
     }
 }
 
-/// The corners of a step line. What cannot be drawn stays in, as the break it is.
+/// The corners of a step line. What cannot be drawn remains in, as the break it is.
 fn corners_of_steps(points: &[Point]) -> Vec<Point> {
     let mut corners = Vec::with_capacity(points.len() * 2);
     for (i, p) in points.iter().enumerate() {

@@ -26,7 +26,7 @@ pub(super) struct Wanted {
     pub(super) caps: gst::Caps,
     /// Frames leave in their own buffers.
     pub(super) native: bool,
-    /// Frames that are held here and in an encoder: the camera is asked for more buffers than that.
+    /// Frames that are held here and in an encoder: the camera gets more buffers than that.
     pub(super) held: u32,
 }
 
@@ -93,7 +93,7 @@ impl Feed {
     }
 
     /// Starts the camera after `delay`, on a thread of its own: some take seconds, and one may hang
-    /// in its driver. What goes wrong is told to the intake.
+    /// in its driver. What goes wrong is reported to the intake.
     pub(super) fn start(&self, delay: Duration, intake: &Arc<Intake>) -> Result<(), String> {
         let (pipeline, intake) = (self.running.pipeline().clone(), intake.clone());
         let starting = thread::Builder::new()

@@ -156,7 +156,7 @@ impl Intake {
         self.end(CaptureEvent::Ended);
     }
 
-    /// The pipeline would not start. If an element said why, that was told before.
+    /// The pipeline would not start. If an element said why, that was reported before.
     pub(super) fn not_started(&self, reason: &str) {
         self.end(CaptureEvent::failed("the chain", reason.to_owned()));
     }
@@ -244,7 +244,7 @@ impl State {
         }
     }
 
-    /// Runs of numbers are told as one.
+    /// Runs of numbers are reported as one.
     fn note_lost(&mut self, number: u64, cause: Cause) {
         match self.lost.back_mut() {
             Some(lost) if lost.cause == cause && number == lost.last.wrapping_add(1) => {
@@ -256,7 +256,7 @@ impl State {
                 cause,
             }),
         }
-        // With causes that alternate while nobody takes anything: the oldest are told now, and if
+        // With causes that alternate while nobody takes anything: the oldest are reported now, and if
         // even that is too much, the counts still know.
         const RUNS: usize = 64;
         if self.lost.len() > RUNS {

@@ -4,7 +4,7 @@
 //! not begin at the same number, so the first pair is made by time (the two that are within half
 //! a period of each other) and gives the distance between the counters. From then on numbers
 //! decide, as long as times do not contradict them by more than three quarters of a period: then
-//! a counter has jumped, and time decides again. A frame whose other half does not come is told
+//! a counter has jumped, and time decides again. A frame whose other half does not come is reported
 //! alone, at the latest when [`DEPTH`] later ones of its eye have come.
 
 use std::collections::VecDeque;
@@ -77,7 +77,7 @@ impl<T> Pairing<T> {
         }
     }
 
-    /// Takes a frame of one eye and gives out what can be told now.
+    /// Takes a frame of one side and returns what is decided by now.
     pub(super) fn push(&mut self, eye: Eye, half: Half<T>, out: &mut impl FnMut(Paired<T>)) {
         match eye {
             Eye::Left => self.left.push_back(half),
@@ -265,7 +265,7 @@ mod tests {
             .map(|f| f.0)
             .collect();
         assert_eq!(paired, (10..20).collect::<Vec<u64>>());
-        // Never more than a few wait: the first one is told as soon as the fourth has come.
+        // Never more than a few wait: the first one is reported as soon as the fourth has come.
         let mut pairing = Pairing::new(100.0);
         let mut told = 0;
         for n in 0..10 {

@@ -14,7 +14,7 @@ pub enum Stamp {
     /// The clock was read when the element had the frame in its hands: after exposure, readout,
     /// image processing, and whatever kept the process from running.
     Delivery,
-    /// Made up: there was no exposure.
+    /// Synthetic: without an exposure.
     Synthetic,
     /// Nobody looked.
     Unknown,

@@ -1,4 +1,4 @@
-//! The elements of an encoding pipeline, from our pictures to our access units.
+//! The elements of an encoding pipeline, from our frames to our access units.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -13,7 +13,7 @@ use super::kinds::{Force, Input, Kind, Need};
 use crate::native::{NVMM, NativeFormat};
 use crate::pipeline::{self, lock};
 
-/// Before a key frame is forced by signal, how long to wait for earlier pictures to come out.
+/// Before a key frame is forced by signal, how long to wait for earlier frames to come out.
 const SIGNAL_WAIT: Duration = Duration::from_millis(200);
 
 /// Full-range BT.601 as in a JPEG file, so that a decoder that converts gives back the same luma.
@@ -140,7 +140,7 @@ pub(super) fn chain(
     }
     elements.push(encoder.clone());
     let parser = pipeline::make(kind.codec.parser())?;
-    // -1: parameter sets in front of every IDR picture.
+    // -1: parameter sets in front of every IDR frame.
     pipeline::set_property(&parser, "config-interval", "-1")?;
     elements.push(parser);
     let (delivering, ending) = (shared.clone(), shared.clone());

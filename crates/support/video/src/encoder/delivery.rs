@@ -1,7 +1,7 @@
-//! Between the encoder's threads and its owner: which pictures are inside, whether what comes out
+//! Between the encoder's threads and its owner: which frames are inside, whether what comes out
 //! is what went in, and the one failure.
 //!
-//! Contract: the callback sees access units in the order of the pictures, then at most one failure,
+//! Contract: the callback sees access units in the order of the frames, then at most one failure,
 //! then nothing. A waiting owner is woken by every access unit, by the end and by the failure.
 
 use std::collections::{HashSet, VecDeque};
@@ -17,8 +17,8 @@ use super::{AccessUnit, EncoderEvent, OnOutput};
 use crate::pipeline::{lock, wait_while};
 use crate::{Codec, annexb};
 
-/// How far an encoder's idea of a time may be from the picture's own (drivers count microseconds).
-/// The picture's own time is what comes out.
+/// How far an encoder's idea of a time may be from the frame's own (drivers count microseconds).
+/// The frame's own time is what comes out.
 const TIME_SLACK_NS: u64 = 1_000;
 
 /// What the pushing thread and the encoder's threads share.
@@ -30,7 +30,7 @@ pub(super) struct Shared {
     on_output: Mutex<OnOutput>,
 }
 
-/// A picture inside the encoder.
+/// A frame inside the encoder.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Inside {
     /// The time that its buffer carries, ns.
@@ -41,9 +41,9 @@ pub(super) struct Inside {
 
 #[derive(Debug, Default)]
 pub(super) struct State {
-    /// The pictures inside, oldest first.
+    /// The frames inside, oldest first.
     pub(super) in_flight: VecDeque<Inside>,
-    /// Stamps of pictures to be made key frames by signal.
+    /// Stamps of frames to be made key frames by signal.
     pub(super) to_force: HashSet<i64>,
     /// Access units delivered so far.
     pub(super) delivered: u64,
@@ -70,7 +70,7 @@ impl Shared {
         }
     }
 
-    /// Ends everything: the reason is told once, later events are swallowed.
+    /// Ends everything: the reason is reported once, later events are swallowed.
     pub(super) fn fail(&self, reason: String) {
         {
             let mut state = lock(&self.state);
@@ -108,7 +108,7 @@ impl Shared {
         Ok(gst::FlowSuccess::Ok)
     }
 
-    /// Checks that `sample` is the access unit of the oldest picture inside.
+    /// Checks that `sample` is the access unit of the oldest frame inside.
     fn access_unit(&self, sample: &gst::Sample) -> Result<AccessUnit, String> {
         let buffer = sample
             .buffer()
@@ -128,7 +128,7 @@ impl Shared {
             oldest.ok_or_else(|| format!("it gave one access unit too many, at {running} ns"))?;
         if running.abs_diff(stamp_ns as u64) > TIME_SLACK_NS {
             return Err(format!(
-                "it gave an access unit for {running} ns, expected the one of the picture at \
+                "it gave an access unit for {running} ns, expected the one of the frame at \
                  {stamp_ns} ns"
             ));
         }
@@ -141,8 +141,8 @@ impl Shared {
         Ok(AccessUnit { pts_ns, data, key })
     }
 
-    /// Called as a picture enters an encoder that is told by `signal` to make a key frame. Waits at
-    /// most `limit` for earlier pictures to come out.
+    /// Called as a frame enters an encoder whose key frames are forced by `signal`. Waits at
+    /// most `limit` for earlier frames to come out.
     pub(super) fn force_by_signal(
         &self,
         encoder: &gst::Element,
@@ -158,7 +158,7 @@ impl Shared {
             return;
         }
         // The signal hits whatever the device takes next. Bounded, in case the encoder gives a
-        // picture only when the next one is there: then the key frame may be early, which the trial
+        // frame only when the next one is there: then the key frame may be early, which the trial
         // encode notices.
         let (state, _) = wait_while(&self.changed, state, limit, |state| {
             let oldest = state.in_flight.front();
@@ -226,7 +226,7 @@ mod tests {
 
     #[test]
     fn wrong_access_units_are_one_failure() {
-        // A picture left out, one too many, a key frame that cannot be decoded alone.
+        // A frame left out, one too many, a key frame that cannot be decoded alone.
         let cases: [(&[i64], u64, &'static [u8]); 3] = [
             (&[10_000, 20_000], 20_000, DELTA),
             (&[], 10_000, DELTA),
@@ -263,7 +263,7 @@ mod tests {
             shared.force_by_signal(&element, "split-now", time, Duration::ZERO);
             signals.try_iter().count()
         };
-        assert_eq!(force(5), 0, "nobody asked for it");
+        assert_eq!(force(5), 0, "no key frame was requested");
         lock(&shared.state).to_force.insert(9);
         std::thread::scope(|scope| {
             let waiting = scope.spawn(|| {

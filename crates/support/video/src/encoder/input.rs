@@ -1,14 +1,14 @@
-//! What an encoder takes: a picture of ours, or a camera's own buffer.
+//! What an encoder takes: a frame of ours, or a camera's own buffer.
 
 use gstreamer as gst;
 
 use super::{EncodeError, Expected};
 use crate::{NativeFrame, Picture, PictureError, PixelFormat, layout};
 
-/// One picture for [`super::Encoder::push`].
+/// One frame for [`super::Encoder::push`].
 #[derive(Debug, Clone, Copy)]
 pub enum Input<'a> {
-    /// An I420 picture, for an encoder started with [`super::Encoder::start`].
+    /// An I420 frame, for an encoder started with [`super::Encoder::start`].
     Picture(&'a Picture),
     /// A camera's buffer, for an encoder started with [`super::Encoder::start_native`].
     Native(&'a NativeFrame),
@@ -52,7 +52,7 @@ impl Input<'_> {
                     Input::Native(frame) => format!("a native frame of {}", frame.format()),
                 },
                 expected: match expected {
-                    Expected::Pictures(width, height) => format!("{width}x{height} pictures"),
+                    Expected::Pictures(width, height) => format!("{width}x{height} frames"),
                     Expected::Native(format) => format!("native frames of {format}"),
                 },
             }),

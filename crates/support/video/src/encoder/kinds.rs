@@ -1,8 +1,8 @@
 //! The encoders we know how to drive, as data: one row each, best first.
 //!
-//! Every row asks for the same thing in its element's own words: one quantiser for all pictures, no
-//! B-frames, no key frame that was not asked for, closed groups of pictures, one access unit out
-//! per picture in, full-range video. Where an element has several ways to say it, the units differ
+//! Every row asks for the same thing in its element's own words: one quantiser for all frames, no
+//! B-frames, no key frame that was not requested, closed groups of frames, one access unit out
+//! per frame in, full-range video. Where an element has several ways to say it, the units differ
 //! (`nvv4l2` counts bit/s, the others kbit/s), which is one reason why no bit rate is set anywhere.
 //!
 //! Read where: the elements' own property lists for x264enc, x265enc and openh264enc (GStreamer
@@ -13,7 +13,7 @@
 
 use crate::Codec;
 
-/// In which memory and layout an encoder wants its pictures.
+/// In which memory and layout an encoder wants its frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Input {
     /// I420 in system memory: as they are.
@@ -24,13 +24,13 @@ pub(crate) enum Input {
     NvmmNv12,
 }
 
-/// How a key frame is asked for.
+/// How a key frame is requested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Force {
-    /// GStreamer's force-key-unit event, which names the picture by its time.
+    /// GStreamer's force-key-unit event, which names the frame by its time.
     Event,
     /// An action signal of the element. It acts on whatever is encoded next, so it is sent when
-    /// the picture is about to enter the encoder and everything before it has come out.
+    /// the frame is about to enter the encoder and everything before it has come out.
     Signal(&'static str),
 }
 
@@ -59,7 +59,7 @@ pub(crate) struct Kind {
     pub(crate) codec: Codec,
     pub(crate) input: Input,
     pub(crate) force: Force,
-    /// How much better than plain quantiser theory this encoder does on real, detailed pictures, in
+    /// How much better than plain quantiser theory this encoder does on real, detailed frames, in
     /// dB; negative if worse; none where that depends on the preset. See [`super::quality`].
     pub(crate) gain_db: Option<f64>,
     /// Whether it is never chosen without being named in the configuration.
@@ -87,7 +87,7 @@ const fn attempt(names: &'static [&'static str], value: &'static str) -> Propert
 }
 
 /// `nvv4l2h264enc` and `nvv4l2h265enc` take the same properties. `iframeinterval` and
-/// `idrinterval` are two things: only at an IDR picture can decoding start, so both are set. A
+/// `idrinterval` are two things: only at an IDR frame can decoding start, so both are set. A
 /// constant quantiser needs rate control off *and* the preset off.
 const NVV4L2: &[Property] = &[
     must(&["ratecontrol-enable"], "false"),
@@ -108,7 +108,7 @@ const NVV4L2: &[Property] = &[
 /// ([`crate::discover::choose`]): it takes 75 % of a core where x264enc takes 9.5 %, for a tenth fewer bytes.
 ///
 /// x264enc runs at a preset for the pixel rate ([`super::Preset`]). Key frames get the quantiser of the others
-/// (`ip-factor` 1), so that no picture is worse than the quality asks for.
+/// (`ip-factor` 1), so that no frame is worse than the quality asks for.
 pub(crate) static KINDS: &[Kind] = &[
     Kind {
         element: "nvv4l2h265enc",
@@ -239,7 +239,7 @@ pub(crate) static KINDS: &[Kind] = &[
             must(&["qp"], "{qp}"),
             must(&["key-int-max"], "{gop}"),
             // Not repeat-headers: with it x265enc 1.22 puts freed memory in front of the first
-            // picture (1 encoder in 50 when several run; the parser repeats the headers anyway).
+            // frame (1 encoder in 50 when several run; the parser repeats the headers anyway).
             must(
                 &["option-string"],
                 "pools={pools}:frame-threads=1:bframes=0:scenecut=0:open-gop=0:ipratio=1.0:\

@@ -8,7 +8,7 @@
 //!
 //! (H.264: table 8-15 and clause 8.5; H.265: clause 8.6, step = 2^((QP-4)/6), the same within 1
 //! %). The transforms are orthonormal up to scaling, so an error of a coefficient is an error of
-//! the picture, and rounding to a multiple of `step` leaves, if values are spread evenly over a
+//! the frame, and rounding to a multiple of `step` leaves, if values are spread evenly over a
 //! step, a mean square error of `step²/12`. Hence
 //!
 //! ```text
@@ -17,21 +17,21 @@
 //!
 //! Two things pull away from this. Encoders round towards zero (a dead zone), which costs up to
 //! 3.7 dB where every coefficient counts; and coefficients smaller than that become zero, which
-//! costs less than `step²/12` each, so that easy pictures end up better than asked for. What
-//! remains on real, detailed pictures (KITTI, measured by `cargo run -p video --example quality`)
-//! is `gain_db` of the encoder's row, and that is what the quality is true for: made-up 1/f
+//! costs less than `step²/12` each, so that easy frames end up better than requested. What
+//! remains on real, detailed frames (KITTI, measured by `cargo run -p video --example quality`)
+//! is `gain_db` of the encoder's row, and that is what the quality is true for: synthetic 1/f
 //! texture with noise comes out about 1.5 dB lower, smooth or still scenes higher.
 
 use super::Preset;
 use super::kinds::Kind;
 
-/// The constant quantiser for `quality_db` of luma PSNR on real, detailed pictures.
+/// The constant quantiser for `quality_db` of luma PSNR on real, detailed frames.
 pub(crate) fn quantiser(kind: &Kind, preset: Preset, quality_db: f64) -> u32 {
     let gain_db = kind.gain_db.unwrap_or_else(|| preset.gain_db());
     let step = 255.0 * 12f64.sqrt() / 10f64.powf((quality_db - gain_db) / 20.0);
     let qp = 6.0 * (step / 0.625).log2();
     // 0 is lossless in x264, which asks for a profile that hardware decoders lack; 50 is the
-    // largest that every encoder takes. Rounding down rounds towards better pictures.
+    // largest that every encoder takes. Rounding down rounds towards better frames.
     qp.floor().clamp(1.0, 50.0) as u32
 }
 

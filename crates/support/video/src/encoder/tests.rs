@@ -124,7 +124,7 @@ fn nothing_is_copied_between_the_camera_and_its_taker() {
             other => panic!("{other:?}"),
         };
         let Content::Native(native) = frame.content else {
-            panic!("a picture");
+            panic!("a frame");
         };
         // The buffer itself carries the host's time.
         assert_eq!(native.stamp_ns(), frame.clock_time_ns);

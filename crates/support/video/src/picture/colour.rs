@@ -19,7 +19,7 @@ use super::{Picture, PictureError, PixelFormat};
 const BITS: i32 = 16;
 const HALF: i32 = 1 << (BITS - 1);
 
-/// An RGB picture (three bytes per pixel, rows packed) as I420.
+/// An RGB image (three bytes per pixel, rows packed) as I420.
 ///
 /// # Errors
 /// What [`PixelFormat::bytes`] gives for I420, and [`PictureError::WrongLength`].
@@ -60,10 +60,10 @@ pub fn rgb_to_i420(width: u32, height: u32, rgb: &[u8]) -> Result<Picture, Pictu
     Picture::new(width, height, PixelFormat::I420, data)
 }
 
-/// An I420 picture as RGB, three bytes per pixel, `3 * width * height` long.
+/// An I420 image as RGB, three bytes per pixel, `3 * width * height` long.
 ///
 /// # Errors
-/// [`PictureError::WrongFormat`] unless the picture is I420, and what [`Picture::check`] gives.
+/// [`PictureError::WrongFormat`] unless the image is I420, and what [`Picture::check`] gives.
 pub fn i420_to_rgb(picture: &Picture) -> Result<Vec<u8>, PictureError> {
     picture.expect(PixelFormat::I420)?;
     let width = picture.width as usize;
@@ -97,7 +97,7 @@ pub fn i420_to_rgb(picture: &Picture) -> Result<Vec<u8>, PictureError> {
     Ok(rgb)
 }
 
-/// An NV12 picture (luma plane, then interleaved Cb Cr, rows packed) as I420. Loses nothing.
+/// An NV12 image (luma plane, then interleaved Cb Cr, rows packed) as I420. Loses nothing.
 ///
 /// # Errors
 /// What [`PixelFormat::bytes`] gives for I420, and [`PictureError::WrongLength`].
@@ -114,7 +114,7 @@ pub fn nv12_to_i420(width: u32, height: u32, nv12: &[u8]) -> Result<Picture, Pic
     Picture::new(width, height, PixelFormat::I420, data)
 }
 
-/// A YUYV picture (4:2:2, bytes Y Cb Y Cr, rows packed) as I420: luma as it is, chroma the mean of
+/// A YUYV image (4:2:2, bytes Y Cb Y Cr, rows packed) as I420: luma as it is, chroma the mean of
 /// two rows, halves rounded up.
 ///
 /// # Errors
@@ -130,7 +130,7 @@ pub fn yuyv_to_i420(width: u32, height: u32, yuyv: &[u8]) -> Result<Picture, Pic
     Picture::new(width, height, PixelFormat::I420, data)
 }
 
-/// Room for an I420 picture.
+/// Room for an I420 image.
 fn blank(width: u32, height: u32) -> Result<Vec<u8>, PictureError> {
     Ok(vec![0; PixelFormat::I420.bytes(width, height)?])
 }

@@ -3,7 +3,7 @@
 use super::Picture;
 
 /// PSNR of the luma planes in dB, peak 255: `10 log10(255² / mean squared difference)`. Formats may
-/// differ. Infinite for equal luma; NaN, which passes no threshold, if the pictures cannot be
+/// differ. Infinite for equal luma; NaN, which passes no threshold, if the images cannot be
 /// compared (sizes differ, or one is malformed).
 pub fn psnr(a: &Picture, b: &Picture) -> f64 {
     match (a.luma(), b.luma()) {

@@ -1,6 +1,6 @@
 //! Rows with padding, as cameras and decoders give them, into I420.
 //!
-//! Contract: one pass, no intermediate picture. What is written is a window of an I420 picture,
+//! Contract: one pass, no intermediate image. What is written is a window of an I420 image,
 //! so that two eyes can be put beside each other while they are converted. Luma is taken as it is;
 //! chroma of 4:2:2 is the mean of two rows, halves rounded up. A source that is shorter than its
 //! size says is an error, and nothing is written then.
@@ -34,7 +34,7 @@ impl<'a> Strided<'a> {
     }
 }
 
-/// An uncompressed picture in one of the layouts that cameras and decoders use.
+/// An uncompressed image in one of the layouts that cameras and decoders use.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Layout<'a> {
     /// Luma.
@@ -49,7 +49,7 @@ pub(crate) enum Layout<'a> {
     Uyvy(Strided<'a>),
 }
 
-/// Where to write: `columns` columns from column `x` on, of an I420 picture that is `width` wide.
+/// Where to write: `columns` columns from column `x` on, of an I420 image that is `width` wide.
 #[derive(Debug)]
 pub(crate) struct Window<'a> {
     pub(crate) data: &'a mut [u8],
@@ -60,7 +60,7 @@ pub(crate) struct Window<'a> {
 }
 
 impl<'a> Window<'a> {
-    /// All of a picture.
+    /// All of an image.
     pub(crate) fn whole(data: &'a mut [u8], width: u32, height: u32) -> Window<'a> {
         Window {
             data,

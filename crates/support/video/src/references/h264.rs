@@ -1,4 +1,4 @@
-//! H.264: reference pictures are numbered; a jump in the numbers is a loss.
+//! H.264: reference frames are numbered; a jump in the numbers is a loss.
 
 use super::bits::Bits;
 use crate::{Codec, annexb};
@@ -21,7 +21,7 @@ struct Sequence {
 }
 
 impl Reader {
-    /// Whether the picture's references are there; `None` if that cannot be told.
+    /// Whether the frame's references are there; `None` if that cannot be determined.
     pub(super) fn read(&mut self, access_unit: &[u8]) -> Option<bool> {
         for nal in annexb::heads(access_unit) {
             match nal.unit_type(Codec::H264) {

@@ -1,4 +1,4 @@
-//! H.265: every picture lists the pictures it needs by their distance in picture order count.
+//! H.265: every frame lists the frames it needs by their distance in picture order count.
 
 use super::bits::Bits;
 use crate::{Codec, annexb};
@@ -9,9 +9,9 @@ pub(super) struct Reader {
     sequences: Vec<(u32, Sequence)>,
     /// By `pps_pic_parameter_set_id`, 64 of them at most.
     pictures: Vec<(u32, PictureSet)>,
-    /// Picture order counts of the pictures that the decoder has kept, if they are known.
+    /// Picture order counts of the frames that the decoder has kept, if they are known.
     kept: Option<Vec<i64>>,
-    /// Picture order count of the last picture that counts for the next one's (`prevTid0Pic`).
+    /// Picture order count of the last frame that counts for the next one's (`prevTid0Pic`).
     previous: i64,
 }
 
@@ -29,17 +29,17 @@ struct PictureSet {
     extra_bits: u32,
 }
 
-/// A reference picture set: distance, and whether the current picture itself uses it.
+/// A reference picture set: distance, and whether the current frame itself uses it.
 #[derive(Debug, Clone, Default)]
 struct ReferenceSet {
-    /// Earlier pictures, nearest first; distances are negative.
+    /// Earlier frames, nearest first; distances are negative.
     before: Vec<(i64, bool)>,
-    /// Later pictures, nearest first.
+    /// Later frames, nearest first.
     after: Vec<(i64, bool)>,
 }
 
 impl Reader {
-    /// Whether the picture's references are there; `None` if that cannot be told.
+    /// Whether the frame's references are there; `None` if that cannot be determined.
     pub(super) fn read(&mut self, access_unit: &[u8]) -> Option<bool> {
         for nal in annexb::heads(access_unit) {
             match nal.unit_type(Codec::H265) {
@@ -81,7 +81,7 @@ impl Reader {
             .find(|known| known.0 == set.sequence)?
             .1;
         if !is_first {
-            // The first slice is missing, and with it the beginning of the picture.
+            // The first slice is missing, and with it the beginning of the frame.
             return Some(false);
         }
         bits.skip(set.extra_bits)?;
@@ -114,7 +114,7 @@ impl Reader {
             };
             sequence.sets.get(index as usize)?.clone()
         };
-        // A random access picture needs nothing and leaves nothing from before it.
+        // A random access frame needs nothing and leaves nothing from before it.
         let kept = if random_access { Vec::new() } else { kept? };
         let listed = || references.before.iter().chain(&references.after);
         let there = |distance: i64| kept.contains(&(order + distance));

@@ -110,7 +110,7 @@ fn h264_numbers_must_not_jump() {
     assert_eq!(stream.next(&[0, 0, 1, 0x41]), Step::Unknown);
 }
 
-/// H.265 with 4 bits of picture order count. The SPS has two sets: the picture before, and
+/// H.265 with 4 bits of picture order count. The SPS has two sets: the frame before, and
 /// (written as a difference to that) the two before.
 fn h265(kind: u8, order: u32, set: u32) -> Vec<u8> {
     let mut unit = Vec::new();
@@ -131,7 +131,7 @@ fn h265(kind: u8, order: u32, set: u32) -> Vec<u8> {
             sps = sps.unsigned(1);
         }
         sps = sps.number(0, 1).number(0, 2).number(0, 1).unsigned(2);
-        // One picture before: distance 1, used.
+        // One frame before: distance 1, used.
         sps = sps.unsigned(1).unsigned(0).unsigned(0).number(1, 1);
         // Shifted by -1: the set's own becomes -2 (used), the shift itself -1 (used).
         sps = sps

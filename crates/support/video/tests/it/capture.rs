@@ -376,7 +376,7 @@ fn eyes_with_lost_frames_are_still_paired_rightly() {
             }
         }
     }
-    // Where one eye's frame comes, the other's is missing with probability 0.2: that none of them is told between
+    // Where one eye's frame comes, the other's is missing with probability 0.2: that none of them is reported between
     // 80 pairs has a probability below 1e-13.
     assert!((1..=counts.unpaired).contains(&told), "{counts:?} {told}");
 }
@@ -425,7 +425,7 @@ fn native_frames_are_encoded_over_a_restart() {
         assert!(counts.delivered > 0);
         for frame in frames(&events) {
             let Content::Native(native) = &frame.content else {
-                panic!("a picture");
+                panic!("a frame");
             };
             digests.insert(native.digest().unwrap());
             let encoder = encoder.get_or_insert_with(|| {

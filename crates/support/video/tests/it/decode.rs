@@ -9,7 +9,7 @@ use video::annexb::{self, Nal};
 use video::references::{Continuity, Step};
 use video::{AccessUnit, Codec, DecodeError, Decoder, Picture};
 
-/// A stream of three groups of five pictures.
+/// A stream of three groups of five frames.
 fn groups(element: &str) -> (Codec, Vec<Vec<AccessUnit>>) {
     let pictures = texture(160, 64, 15);
     let times = odd_times(15);
@@ -120,7 +120,7 @@ fn rubbish_is_an_error_and_no_hang() {
                 }
                 unit.data = bytes.into();
             }
-            // Anything but a panic, a hang, or more pictures than access units.
+            // Anything but a panic, a hang, or more frames than access units.
             if let Ok(pictures) = decoder.decode(&units) {
                 assert_eq!(pictures.len(), 5);
             }
@@ -183,7 +183,7 @@ fn access_units(stream: &[u8]) -> Vec<AccessUnit> {
         .collect()
 }
 
-/// Delimiter, SEI or parameter set: cannot stand behind the slices of a picture.
+/// Delimiter, SEI or parameter set: cannot stand behind the slices of a frame.
 fn opens(nal: &Nal<'_>) -> bool {
     (6..=9).contains(&nal.unit_type(Codec::H264))
 }
@@ -216,11 +216,11 @@ fn published_streams_decode_to_the_published_pictures() {
         assert_eq!(
             sum.string().unwrap(),
             expected,
-            "{name}, {} pictures",
+            "{name}, {} frames",
             pictures.len()
         );
     }
-    // The same stream without its first IDR picture: there is nowhere to begin.
+    // The same stream without its first IDR frame: there is nowhere to begin.
     let lost = access_units(&fs::read(folder.join("BA_MW_D_IDR_LOST.264")).unwrap());
     assert!(decoder.decode(&lost).is_err());
 }

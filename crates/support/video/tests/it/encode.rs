@@ -446,14 +446,14 @@ fn dropping_an_encoder_stops_its_output() {
         encoder.push(time, &pictures[0], false).unwrap();
     }
     drop(encoder);
-    // The callback is gone with the encoder, so nobody can count any more.
+    // The callback is dropped with the encoder, so nothing is counted any more.
     assert!((42..=50).contains(&*count.lock().unwrap()));
     assert_eq!(Arc::strong_count(&count), 1);
 }
 
 #[test]
 fn a_failing_encoder_says_so_once_and_takes_nothing_more() {
-    // Flatter than x265 can do; it notices at the first picture.
+    // Flatter than x265 can do; it notices at the first frame.
     let picture = Picture::new(8192, 16, PixelFormat::I420, vec![128; 8192 * 24]).unwrap();
     let (mut encoder, events) = start(&settings("x265enc", &picture), 100);
     let mut time = 0;

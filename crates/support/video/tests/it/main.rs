@@ -43,7 +43,7 @@ fn settings(element: &str, picture: &Picture) -> EncoderSettings {
     }
 }
 
-/// Encodes (time, picture, whether a key frame is forced) and gives all access units.
+/// Encodes (time, frame, whether a key frame is forced) and gives all access units.
 fn encode<'a>(
     settings: &EncoderSettings,
     pictures: impl IntoIterator<Item = (i64, &'a Picture, bool)>,

@@ -1,5 +1,5 @@
-//! What is encoded in tests and measurements: made-up pictures that are hard to compress, and real
-//! stereo pictures where the shared data set is present.
+//! What is encoded in tests and measurements: synthetic images that are hard to compress, and real
+//! stereo images where the shared data set is present.
 
 use std::fs::{self, File};
 use std::io::BufReader;
@@ -27,8 +27,8 @@ fn field(x: f64, y: f64, seed: u32) -> f64 {
     upper * (1.0 - v) + lower * v
 }
 
-/// `count` pictures of a 1/f texture (equal variance in every octave, standard deviation about 40
-/// grey levels) that moves by 1.7 and 0.6 pixels per picture, with sensor noise of standard
+/// `count` images of a 1/f texture (equal variance in every octave, standard deviation about 40
+/// grey levels) that moves by 1.7 and 0.6 pixels per image, with sensor noise of standard
 /// deviation 1.6 on top. Chroma likewise, without the noise.
 pub(crate) fn texture(width: u32, height: u32, count: usize) -> Vec<Picture> {
     let octaves = 8;
@@ -106,7 +106,7 @@ fn folder(path: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// Real stereo recordings, side by side: a name and the pictures of each. Empty without the data.
+/// Real stereo recordings, side by side: a name and the images of each. Empty without the data.
 pub(crate) fn recordings(count: usize) -> Vec<(&'static str, Vec<Picture>)> {
     let Some(root) = test_data::shared("") else {
         return Vec::new();

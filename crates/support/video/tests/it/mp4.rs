@@ -8,7 +8,7 @@ use gstreamer::prelude::*;
 use video::mp4::{LONGEST_NS, Mp4Error, TIMESCALE, write_mp4};
 use video::{AccessUnit, Codec};
 
-/// A folder that is gone afterwards.
+/// A folder that is removed afterwards.
 struct Folder(PathBuf);
 
 impl Folder {

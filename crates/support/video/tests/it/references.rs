@@ -26,7 +26,7 @@ fn every_single_loss_is_noticed() {
             } else {
                 Step::Follows
             };
-            assert_eq!(*step, expected, "{element}, picture {number}");
+            assert_eq!(*step, expected, "{element}, frame {number}");
         }
         for lost in 0..40 {
             let mut left = units.clone();

@@ -102,7 +102,7 @@ impl Device {
         device
     }
 
-    /// It is plugged in, or was reset: everything begins anew but what was counted for the end.
+    /// It is plugged in, or was reset: everything restarts except the counts for the end.
     pub(crate) fn power_on(&mut self, now: i64) {
         self.on = now;
         self.streaming = false;

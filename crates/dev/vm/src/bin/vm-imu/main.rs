@@ -57,7 +57,7 @@ struct Arguments {
     /// Uptime that the device's clock begins with, s.
     #[arg(long, default_value_t = 0)]
     uptime: u64,
-    /// Frames per second that the device is told of; 0 for no frame sync.
+    /// Frames per second of the frame sync that the device receives; 0 for none.
     #[arg(long, default_value_t = 0.0)]
     frames: f64,
     /// A time on CLOCK_MONOTONIC at which a frame begins, ns.
@@ -253,7 +253,7 @@ fn answer(uhid: &mut Uhid, device: &mut Device, request: Request, now: i64) -> R
             let state =
                 (number == device::STREAM).then(|| [number, u8::from(device.is_streaming())]);
             uhid.answer_get(id, state.as_ref().map(|s| &s[..]))?;
-            format!("asked for {number:#04x}: {state:02x?}")
+            format!("requested {number:#04x}: {state:02x?}")
         }
         Request::Other(kind) => format!("event {kind} of the kernel"),
     })

@@ -44,7 +44,7 @@ pub(crate) enum Request {
     Close,
     /// A feature report is sent.
     Set { id: u32, report: Vec<u8> },
-    /// A feature report is asked for.
+    /// The host requests a feature report.
     Get { id: u32, number: u8 },
     /// The kernel has taken the device, let it go, or wants something that is not known here.
     Other(u32),
@@ -130,7 +130,7 @@ impl Drop for Uhid {
 fn create_event(identity: &Identity) -> Vec<u8> {
     let mut event = CREATE2.to_le_bytes().to_vec();
     for (text, length) in [(&*identity.name, 128), ("", 64), (&*identity.serial, 64)] {
-        // The last byte stays 0, as the kernel wants it.
+        // The last byte is 0, as the kernel requires.
         let text = &text.as_bytes()[..text.len().min(length - 1)];
         event.extend(text);
         event.resize(event.len() + length - text.len(), 0);

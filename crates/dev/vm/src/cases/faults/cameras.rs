@@ -24,7 +24,7 @@ fn one_camera(left: &Left, cause: Cause) -> Result<u64> {
 
 pub(super) const DROPPED: Case = case(
     "fault-camera-dropped",
-    "the driver drops a fifth of a camera's pictures for 5 s",
+    "the driver drops a fifth of a camera's frames for 5 s",
     |bench| {
         let during = "v4l2-ctl -d /dev/video0 -c percentage_of_dropped_buffers=20; sleep 5
             v4l2-ctl -d /dev/video0 -c percentage_of_dropped_buffers=0";
@@ -34,14 +34,14 @@ pub(super) const DROPPED: Case = case(
         left.report(
             bench,
             &[],
-            format!("{missing} of 150 pictures are missing, each as lost by the device"),
+            format!("{missing} of 150 frames are missing, each as lost by the device"),
         )
     },
 );
 
 pub(super) const DAMAGED: Case = case(
     "fault-camera-damaged",
-    "the driver calls three pictures of a camera damaged",
+    "the driver calls three frames of a camera damaged",
     |bench| {
         let during = "for _ in 1 2 3; do
             v4l2-ctl -d /dev/video0 -c inject_v4l2_buf_flag_error=1; sleep 1; done";
@@ -55,12 +55,12 @@ pub(super) const DAMAGED: Case = case(
         left.report(
             bench,
             &[],
-            "3 pictures are missing, as damaged, and no more".into(),
+            "3 frames are missing, as damaged, and no more".into(),
         )
     },
 );
 
-/// The stream is begun anew at once, at another phase, so that hardly a picture is missing; the alarms say what happened.
+/// The stream is restarted at once, at another phase, so that hardly a frame is missing; the alarms say what happened.
 pub(super) const ERROR: Case = case(
     "fault-camera-error",
     "a camera's stream fails, by a fatal error and by a buffer that is refused",
@@ -74,7 +74,7 @@ pub(super) const ERROR: Case = case(
         };
         let left = fault.happen(bench)?;
         let missing = one_camera(&left, Cause::Disconnected)?;
-        ensure!(missing < 60, "{missing} pictures are missing");
+        ensure!(missing < 60, "{missing} frames are missing");
         let events = &left.session()?.events;
         let told = events
             .iter()
@@ -84,7 +84,7 @@ pub(super) const ERROR: Case = case(
             bench,
             &[],
             format!(
-                "both failures are alarms, the stream is begun anew, {missing} pictures are missing"
+                "both failures are alarms, the stream is restarted, {missing} frames are missing"
             ),
         )
     },
@@ -101,19 +101,19 @@ pub(super) const UNPLUGGED: Case = case(
         let missing = one_camera(&left, Cause::Disconnected)?;
         ensure!(
             (85..125).contains(&missing),
-            "{missing} pictures are missing of 3 s"
+            "{missing} frames are missing of 3 s"
         );
         left.report(
             bench,
             &[],
-            format!("{missing} pictures are missing, back within a second of its return"),
+            format!("{missing} frames are missing, back within a second of its return"),
         )
     },
 );
 
 pub(super) const AWAY: Case = case(
     "fault-camera-away",
-    "a camera is unplugged and stays away until the recording ends",
+    "a camera is unplugged until the recording ends",
     |bench| {
         let during = "exec 9</dev/video0; v4l2-ctl -d /dev/video0 -c disconnect=1; sleep 3";
         let left = happen(bench, during)?;
@@ -124,7 +124,7 @@ pub(super) const AWAY: Case = case(
         let other = session.stream(CAMERAS[1])?.samples;
         ensure!(
             all.abs_diff(other) < 8,
-            "{CAMERA} has {all} pictures and gaps, {} has {other}",
+            "{CAMERA} has {all} frames and gaps, {} has {other}",
             CAMERAS[1]
         );
         let alarms = left.status["alarms"].to_string();
@@ -135,12 +135,12 @@ pub(super) const AWAY: Case = case(
         left.report(
             bench,
             &[CAMERA],
-            format!("{missing} pictures are missing, up to the end; the alarm stands"),
+            format!("{missing} frames are missing, up to the end; the alarm stands"),
         )
     },
 );
 
-/// For a moment after their return the cameras have another rate than asked for.
+/// For a moment after their return the cameras have another rate than requested.
 pub(super) const ALL_GONE: Case = case(
     "fault-cameras-gone",
     "the driver lets go of all cameras and takes them back, with other modes at first",
@@ -156,12 +156,12 @@ pub(super) const ALL_GONE: Case = case(
         }
         ensure!(
             (85..185).contains(&most),
-            "{most} pictures are missing of 3 s"
+            "{most} frames are missing of 3 s"
         );
         left.report(
             bench,
             &[],
-            format!("each misses at most {most} pictures; all are back, and {IMU} went on"),
+            format!("each misses at most {most} frames; all are back, and {IMU} went on"),
         )
     },
 );

@@ -36,7 +36,7 @@ pub(super) const HELD_UP: Case = case(
             bench,
             &[],
             format!(
-                "{frames} pictures of each camera and {samples} IMU samples are missing, all go on"
+                "{frames} frames of each camera and {samples} IMU samples are missing, all go on"
             ),
         )
     },

@@ -159,7 +159,7 @@ pub(super) const BAD_PLACE: Case = case(
         left.report(
             bench,
             &["segment", "the samples"],
-            format!("at most {most} pictures of a camera and {samples} IMU samples are missing, the rest is in a new segment"),
+            format!("at most {most} frames of a camera and {samples} IMU samples are missing, the rest is in a new segment"),
         )
     },
 );
