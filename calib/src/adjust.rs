@@ -34,12 +34,12 @@ mod solve;
 pub(crate) mod tests;
 
 pub use covariance::Covariance;
-pub(crate) use covariance::place_by;
+pub(crate) use covariance::pose_jacobian;
 pub use locate::locate;
 pub(crate) use normal::in_pieces;
 pub(crate) use pose::step_between;
 pub use solve::{Settings, Solution, solve};
-pub(crate) use solve::{by_points, median_scale, told};
+pub(crate) use solve::{by_points, median_scale, reduced_equations};
 
 /// What is to be found, with where to start.
 #[derive(Clone, Debug, Default)]
@@ -47,11 +47,11 @@ pub struct Problem {
     /// Lenses, one per eye.
     pub lenses: Vec<LensBlock>,
     /// Places that do not change: of eyes on the rig, of targets in the world.
-    pub places: Vec<PlaceBlock>,
+    pub poses: Vec<PoseBlock>,
     /// Where the rig is: `rig_from_world` of every instant.
     pub instants: Vec<RigidTransform>,
     /// Number of the stay that each instant is of; instants of one stay may err together. Empty where each is its own.
-    pub stays: Vec<usize>,
+    pub clusters: Vec<usize>,
     /// What was seen.
     pub views: Vec<View>,
 }
@@ -85,18 +85,18 @@ pub enum Prior {
 
 /// A place and what is known of it beforehand.
 #[derive(Clone, Debug)]
-pub struct PlaceBlock {
+pub struct PoseBlock {
     /// For messages.
     pub name: String,
     /// Where to start.
     pub parent_from_child: RigidTransform,
     /// What is known.
-    pub prior: PlacePrior,
+    pub prior: PosePrior,
 }
 
 /// What is known of a place beforehand.
 #[derive(Clone, Debug, PartialEq)]
-pub enum PlacePrior {
+pub enum PosePrior {
     /// It is what it is.
     Fixed,
     /// Nothing.
@@ -167,7 +167,7 @@ pub enum Parameter {
     /// A parameter of a lens, by the number of the lens and its own.
     Lens(usize, usize),
     /// A coordinate of `[v, ω]` of a place, by the number of the place and its own.
-    Place(usize, usize),
+    Pose(usize, usize),
 }
 
 impl Problem {
@@ -179,9 +179,9 @@ impl Problem {
             let free = free.filter(|(_, prior)| **prior != Prior::Fixed);
             all.extend(free.map(|(k, _)| Parameter::Lens(i, k)));
         }
-        for (i, place) in self.places.iter().enumerate() {
-            if place.prior != PlacePrior::Fixed {
-                all.extend((0..6).map(|k| Parameter::Place(i, k)));
+        for (i, place) in self.poses.iter().enumerate() {
+            if place.prior != PosePrior::Fixed {
+                all.extend((0..6).map(|k| Parameter::Pose(i, k)));
             }
         }
         all
@@ -194,7 +194,7 @@ impl Problem {
                 let lens = &self.lenses[i];
                 format!("{} of {}", lens.model.parameter_names()[k], lens.name)
             }
-            Parameter::Place(i, k) => {
+            Parameter::Pose(i, k) => {
                 let what = [
                     "x",
                     "y",
@@ -203,7 +203,7 @@ impl Problem {
                     "turn about y",
                     "turn about z",
                 ][k];
-                format!("{what} of {}", self.places[i].name)
+                format!("{what} of {}", self.poses[i].name)
             }
         }
     }
@@ -233,7 +233,7 @@ impl LensBlock {
     }
 }
 
-impl PlacePrior {
+impl PosePrior {
     /// With one sigma for all translations, m, and one for all rotations, rad.
     pub fn near(mean: RigidTransform, sigma_m: f64, sigma_rad: f64) -> Self {
         let (v, w) = (sigma_m * sigma_m, sigma_rad * sigma_rad);

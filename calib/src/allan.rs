@@ -30,9 +30,9 @@ pub use fit::{Coefficient, Fit, Value, fit};
 use std::ops::Range;
 
 /// Averaging times for each doubling of τ, in a curve made by [`curve`].
-const PER_OCTAVE: f64 = 4.0;
+const POINTS_PER_OCTAVE: f64 = 4.0;
 /// A run must be at least this many averaging times long to count for one.
-const LEAST_LENGTHS: usize = 5;
+const MIN_LENGTHS: usize = 5;
 
 /// One point of a curve.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,12 +73,12 @@ pub struct Curve {
 /// If a run reaches beyond the samples.
 pub fn curve(rate: &[f64], runs: &[Range<usize>], period_s: f64) -> Curve {
     let longest = runs.iter().map(Range::len).max().unwrap_or(0);
-    let factors = factors(longest / LEAST_LENGTHS);
+    let factors = factors(longest / MIN_LENGTHS);
     let mut sums = vec![(0.0, 0_u64); factors.len()];
     for run in runs {
         let phase = deviation::phase(&rate[run.clone()]);
         for (factor, (sum, terms)) in factors.iter().zip(&mut sums) {
-            if run.len() >= LEAST_LENGTHS * factor {
+            if run.len() >= MIN_LENGTHS * factor {
                 *sum += deviation::second_differences(&phase, *factor);
                 *terms += (phase.len() - 2 * factor) as u64;
             }
@@ -102,7 +102,7 @@ pub fn curve(rate: &[f64], runs: &[Range<usize>], period_s: f64) -> Curve {
 
 /// Whole factors from 1 to `last`, evenly on a log scale as far as whole numbers can be.
 fn factors(last: usize) -> Vec<usize> {
-    let steps = (0..).map(|i| (f64::from(i) / PER_OCTAVE).exp2().round() as usize);
+    let steps = (0..).map(|i| (f64::from(i) / POINTS_PER_OCTAVE).exp2().round() as usize);
     let mut factors: Vec<usize> = steps.take_while(|factor| *factor <= last).collect();
     factors.dedup();
     factors

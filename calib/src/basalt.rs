@@ -46,12 +46,12 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         let name = format!("cam{i}");
         let camera_from_first = if i == 0 {
             imu_from_first = imu_from_camera;
-            pose.refuse_if(too_far("the IMU", &imu_from_first))?;
+            pose.reject_if(too_far("the IMU", &imu_from_first))?;
             RigidTransform::identity()
         } else {
             imu_from_camera.inverse() * imu_from_first
         };
-        pose.refuse_if(too_far(&name, &camera_from_first))?;
+        pose.reject_if(too_far(&name, &camera_from_first))?;
         cameras.push(NamedCamera {
             name,
             model: camera(lens, size.sizes()?, &mut notes)?,
@@ -72,7 +72,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
             part: None,
         },
     };
-    Ok((set.checked(path)?, notes))
+    Ok((set.validate(path)?, notes))
 }
 
 fn camera(
@@ -138,7 +138,7 @@ fn camera(
         cy: number("cy")?,
         distortion,
     };
-    numbers.refuse_impossible(&model)?;
+    numbers.reject_invalid_model(&model)?;
     Ok(model)
 }
 

@@ -109,12 +109,12 @@ impl CameraModel {
 
     /// What makes these numbers impossible for a camera of this size, if anything does. Catches a
     /// calibration of another resolution where its principal point falls outside the picture.
-    pub(crate) fn objection(&self) -> Option<String> {
-        self.objection_to().map(|(_, objection)| objection)
+    pub(crate) fn invalid_reason(&self) -> Option<String> {
+        self.invalid_parameter().map(|(_, reason)| reason)
     }
 
     /// The same with the number in question, as [`Self::parameter_names`] has it.
-    pub(crate) fn objection_to(&self) -> Option<(&'static str, String)> {
+    pub(crate) fn invalid_parameter(&self) -> Option<(&'static str, String)> {
         let numbers = self.parameters();
         let names = self.parameter_names();
         if let Some(i) = numbers.iter().position(|v| !v.is_finite()) {
@@ -123,23 +123,23 @@ impl CameraModel {
         let focal = [("fx", self.fx), ("fy", self.fy)];
         if let Some((name, _)) = focal.into_iter().find(|(_, f)| *f <= 0.0) {
             let (fx, fy) = (self.fx, self.fy);
-            let objection = format!("focal lengths {fx} and {fy}, expected both above 0");
-            return Some((name, objection));
+            let reason = format!("focal lengths {fx} and {fy}, expected both above 0");
+            return Some((name, reason));
         }
         let centre = [("cx", self.cx, self.width), ("cy", self.cy, self.height)];
         let outside = |c: f64, size: u32| c <= -0.5 || c >= f64::from(size) - 0.5;
         let (name, ..) = centre.into_iter().find(|(_, c, size)| outside(*c, *size))?;
-        let objection = format!(
+        let reason = format!(
             "principal point ({}, {}) outside the picture of {}x{}: a calibration of another resolution?",
             self.cx, self.cy, self.width, self.height
         );
-        Some((name, objection))
+        Some((name, reason))
     }
 }
 
 impl Distortion {
     /// How many coefficients the largest model has.
-    pub const MOST: usize = 8;
+    pub const MAX_COEFFICIENTS: usize = 8;
 
     /// The model as a [`Rational`] one; none for those that are not.
     pub fn rational(&self) -> Option<Rational> {
@@ -274,7 +274,7 @@ impl Distortion {
 
 impl CameraModel {
     /// How many numbers the largest model has: fx fy cx cy and the coefficients.
-    pub const MOST: usize = 4 + Distortion::MOST;
+    pub const MAX_PARAMETERS: usize = 4 + Distortion::MAX_COEFFICIENTS;
 
     /// fx fy cx cy and the coefficients in the order of [`Distortion::coefficients`].
     pub fn parameters(&self) -> Vec<f64> {

@@ -4,7 +4,7 @@
 //! Contract: [`estimate`] takes corners of a board with known lenses and the samples of the IMU, and gives
 //! `imu_from_left`, the time offset, gravity, biases, and what else had to be found with them, each with a
 //! sigma. It needs no start: rotation and offset come from rotation rates, gravity and lever arm from a
-//! linear fit, all from any angle. What was [`Told`] counts as one more measurement with the
+//! linear fit, all from any angle. What was [`Priors`] counts as one more measurement with the
 //! sigma told, so that whatever the recording does not determine stays there; [`CameraImu::weak`] names these
 //! directions. [`CameraImu::gates`] says what speaks against the result. A result with a failed gate must
 //! not be used.
@@ -27,21 +27,21 @@ use crate::stereo::{Eye, ImuNoise};
 
 mod chain;
 mod estimate;
-mod excite;
-mod judge;
+mod gates;
+mod initialization;
+mod observability;
 mod preintegrate;
 mod problem;
 pub mod simulate;
 mod so3;
-mod start;
 #[cfg(test)]
 mod tests;
 mod track;
 mod view;
 
 pub use estimate::estimate;
-pub use estimate::twin::{Formulated, Formulations};
-pub use judge::{Gate, Verdict, Weak};
+pub use estimate::reference::{FormulationResult, Formulations};
+pub use gates::{Gate, UnobservableDirection, Verdict};
 
 /// Gravity that is assumed, m/s² (the standard's; on earth it lies between 9.764 and 9.834).
 pub const GRAVITY: f64 = 9.806_65;
@@ -61,7 +61,7 @@ pub struct Corner {
 
 /// All corners that a camera saw at one instant, in one eye or both.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Picture {
+pub struct TargetObservation {
     /// Middle of the exposure, ns of the camera's clock.
     pub time_ns: i64,
     /// Empty where no board was found.
@@ -124,7 +124,7 @@ pub struct Recording {
     /// The lenses.
     pub cameras: Cameras,
     /// In order of time.
-    pub pictures: Vec<Picture>,
+    pub observations: Vec<TargetObservation>,
     /// In order of time.
     pub imu: Vec<ImuSample>,
     /// White noise and walk of the biases.
@@ -135,7 +135,7 @@ pub struct Recording {
 
 /// What is known without the recording, each with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Told {
+pub struct Priors {
     /// From the rig file; none if nothing is known.
     pub imu_from_left: Option<RigidTransform>,
     /// Per axis, rad.
@@ -156,7 +156,7 @@ pub struct Told {
     pub board_scale_sigma: f64,
 }
 
-impl Default for Told {
+impl Default for Priors {
     /// Nothing but what holds for any camera with a small IMU in it.
     fn default() -> Self {
         Self {
@@ -198,14 +198,14 @@ pub struct Sigmas {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
     /// Standard deviation found over that told. The result is computed with what was found.
-    pub found_over_told: f64,
+    pub ratio_to_nominal: f64,
     /// Measurements beyond what their kind needed to be explained.
     pub redundancy: f64,
 }
 
 /// Noise of all kinds.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Noises {
+pub struct NoiseEstimates {
     /// Corners about the pose that fits their picture best.
     pub corners: Noise,
     /// Those poses about the motion, given the corners' noise as found. Above 1: errors that all
@@ -264,18 +264,18 @@ pub struct CameraImu {
     /// Covariance of rotation (3, turns in the left optical frame, rad), translation (3, m) and time offset (s).
     pub covariance: SMatrix<f64, 7, 7>,
     /// Directions that this recording does not determine.
-    pub weak: Vec<Weak>,
+    pub unobservable: Vec<UnobservableDirection>,
     /// What was checked.
     pub gates: Vec<Gate>,
     /// How much noise there is.
-    pub noises: Noises,
+    pub noises: NoiseEstimates,
     /// Agreement of rotation rates, 0 to 1, by time offset, s.
     pub correlation: Vec<[f64; 2]>,
     /// Each picture that was used.
     pub residuals: Vec<Residual>,
     /// Pictures given, with a board whose pose could be found, and those that hardly count because they
     /// contradict the rest.
-    pub pictures: [usize; 3],
+    pub views: [usize; 3],
 }
 
 impl CameraImu {
@@ -312,7 +312,7 @@ pub enum CameraImuError {
     #[error(
         "finding the board: {found} of {given} pictures give a pose, expected at least {expected}"
     )]
-    FewPictures {
+    TooFewViews {
         /// Pictures given.
         given: usize,
         /// Pictures with a pose.
@@ -340,7 +340,7 @@ pub enum CameraImuError {
         "comparing rotation rates: the gyroscope's are {ratio:.2} times those of the pictures, expected 1: \
          gyroscope in other units, or an IMU of another camera?"
     )]
-    Rates {
+    RateMismatch {
         /// Gyroscope over pictures.
         ratio: f64,
     },

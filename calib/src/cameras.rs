@@ -1,6 +1,6 @@
 //! Cameras from pictures of calibration targets: lenses, then each stereo camera, then the whole rig.
 //!
-//! Contract: [`calibrate`] takes what detection saw ([`Sighting`]) and what is told by factory files and the
+//! Contract: [`calibrate`] takes what detection saw ([`TargetDetection`]) and what is told by factory files and the
 //! rig file, and gives values with covariances, the lens model that the data support, and [`Finding`]s:
 //! everything that makes the result doubtful. A result with a finding of severity [`Severity::Fail`] must not
 //! be used. What the views do not determine stays where it was told, with the sigma that says so; what is
@@ -19,27 +19,27 @@
 use cad_transforms::RigidTransform;
 use nalgebra::Matrix6;
 
-use crate::adjust::{self, AdjustError, Covariance, Parameter, Problem, Solution, place_by};
+use crate::adjust::{self, AdjustError, Covariance, Parameter, Problem, Solution, pose_jacobian};
 use crate::camera::CameraModel;
-use crate::target::{Seen, Target};
+use crate::target::{DetectedCorner, Target};
 
-pub mod check;
-pub mod choose;
 pub mod coverage;
+pub mod diagnostics;
+pub mod model_selection;
 
-mod connect;
-mod gather;
-mod select;
-mod shape;
-mod start;
-mod stays;
+mod board_shape;
+mod initialization;
+mod pipeline;
+mod pose_graph;
 #[cfg(test)]
 mod tests;
+mod view_clusters;
+mod view_selection;
 
-pub use check::{Finding, Severity};
-pub use choose::{Candidate, Choice};
 pub use coverage::Coverage;
-pub use gather::calibrate;
+pub use diagnostics::{Finding, Severity};
+pub use model_selection::{Candidate, Choice};
+pub use pipeline::calibrate;
 
 /// What is calibrated and from what.
 #[derive(Clone, Debug, Default)]
@@ -53,7 +53,7 @@ pub struct Input {
     /// When pictures were taken, ns, ascending; all eyes at once.
     pub times_ns: Vec<i64>,
     /// What was seen.
-    pub sightings: Vec<Sighting>,
+    pub detections: Vec<TargetDetection>,
 }
 
 /// One eye.
@@ -77,14 +77,14 @@ pub struct Camera {
     /// Number of the right eye.
     pub right: Option<usize>,
     /// What the factory says of `left_from_right`.
-    pub left_from_right: Option<Told>,
+    pub left_from_right: Option<ExtrinsicsPrior>,
     /// What the rig file says of `rig_from_left`; with a covariance of 0 it is held.
-    pub rig_from_left: Option<Told>,
+    pub rig_from_left: Option<ExtrinsicsPrior>,
 }
 
 /// A place as a file tells it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Told {
+pub struct ExtrinsicsPrior {
     /// `parent_from_child`.
     pub transform: RigidTransform,
     /// How far it may be off: `[v, ω]` as in [`crate::adjust`], in the parent's axes, m and rad.
@@ -93,7 +93,7 @@ pub struct Told {
 
 /// One target in one picture.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Sighting {
+pub struct TargetDetection {
     /// Number of the instant.
     pub instant: usize,
     /// Number of the eye.
@@ -101,14 +101,14 @@ pub struct Sighting {
     /// Number of the target.
     pub target: usize,
     /// Its corners.
-    pub corners: Vec<Seen>,
+    pub corners: Vec<DetectedCorner>,
 }
 
 /// How to calibrate.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     /// Most instants that are used for one camera's lenses, and again for how cameras sit.
-    pub most_views: usize,
+    pub max_views: usize,
     /// Which lens models are tried; none for the factory's alone.
     pub choose_lens: bool,
 }
@@ -116,7 +116,7 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            most_views: 40,
+            max_views: 40,
             choose_lens: true,
         }
     }
@@ -131,10 +131,10 @@ pub struct Calibration {
     pub used: Vec<usize>,
     /// How the lens model was chosen, per camera.
     pub choices: Vec<Choice>,
-    /// The adjusted problem: lenses are the eyes in order; see [`Places`] for its places.
+    /// The adjusted problem: lenses are the eyes in order; see [`RigPoses`] for its places.
     pub solution: Solution,
     /// Which place of the problem is which.
-    pub places: Places,
+    pub poses: RigPoses,
     /// What of each eye's picture was seen.
     pub coverage: Vec<Coverage>,
     /// Height of the middle of each target over its rim, m: 0 for those that are flat as far as can be told.
@@ -145,7 +145,7 @@ pub struct Calibration {
 
 /// Numbers of the problem's places.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Places {
+pub struct RigPoses {
     /// `rig_from_left` by camera; none for cameras that could not be connected.
     pub cameras: Vec<Option<usize>>,
     /// `left_from_right` by camera.
@@ -203,18 +203,18 @@ impl Calibration {
     }
 
     /// A place and its covariance, `[v, ω]` in the parent's axes; zero for one that was held.
-    pub fn place(&self, number: usize) -> (RigidTransform, Matrix6<f64>) {
-        let place = &self.solution.problem.places[number];
-        let sigma = self.covariance().of_place(number);
-        (place.parent_from_child, sigma)
+    pub fn pose(&self, number: usize) -> (RigidTransform, Matrix6<f64>) {
+        let pose = &self.solution.problem.poses[number];
+        let sigma = self.covariance().of_pose(number);
+        (pose.parent_from_child, sigma)
     }
 
     /// `a_from_b` of the left eyes of two cameras with its covariance, `[v, ω]` in the axes of `a`: free of
     /// where the rig's own frame is. None for cameras that are not connected.
     pub fn left_from_left(&self, a: usize, b: usize) -> Option<(RigidTransform, Matrix6<f64>)> {
-        let (pa, pb) = (self.places.cameras[a]?, self.places.cameras[b]?);
-        let places = &self.solution.problem.places;
-        let (rig_from_a, rig_from_b) = (places[pa].parent_from_child, places[pb].parent_from_child);
+        let (pa, pb) = (self.poses.cameras[a]?, self.poses.cameras[b]?);
+        let poses = &self.solution.problem.poses;
+        let (rig_from_a, rig_from_b) = (poses[pa].parent_from_child, poses[pb].parent_from_child);
         let a_from_rig = *rig_from_a
             .inverse()
             .rotation()
@@ -229,7 +229,7 @@ impl Calibration {
         by_a.fixed_view_mut::<3, 3>(3, 3).copy_from(&-a_from_rig);
         by_a.fixed_view_mut::<3, 3>(0, 3)
             .copy_from(&(a_from_rig * arm.cross_matrix()));
-        let by = [place_by(pa, &by_a), place_by(pb, &by_b)].concat();
+        let by = [pose_jacobian(pa, &by_a), pose_jacobian(pb, &by_b)].concat();
         let covariance = self.covariance().of(&by);
         Some((rig_from_a.inverse() * rig_from_b, covariance))
     }
@@ -245,7 +245,7 @@ impl Calibration {
 }
 
 /// The views of a problem for some sightings; places are filled in by whoever knows them.
-fn points(target: &Target, corners: &[Seen]) -> Vec<adjust::Point> {
+fn points(target: &Target, corners: &[DetectedCorner]) -> Vec<adjust::Point> {
     let known = target.corners();
     corners
         .iter()
@@ -255,22 +255,25 @@ fn points(target: &Target, corners: &[Seen]) -> Vec<adjust::Point> {
             Some(adjust::Point {
                 x_in_target: [x, y, 0.0],
                 pixel: seen.pixel,
-                sigma_px: seen.sigma_px.max(LEAST_SIGMA_PX),
+                sigma_px: seen.sigma_px.max(MIN_SIGMA_PX),
             })
         })
         .collect()
 }
 
 /// No corner is surer than this, px: what paper, print and lens leave.
-const LEAST_SIGMA_PX: f64 = 0.02;
+const MIN_SIGMA_PX: f64 = 0.02;
 
 /// A problem with one lens that sees targets from places of its own.
-fn one_eye(lens: adjust::LensBlock, views: &[(RigidTransform, Vec<adjust::Point>)]) -> Problem {
+fn single_lens_problem(
+    lens: adjust::LensBlock,
+    views: &[(RigidTransform, Vec<adjust::Point>)],
+) -> Problem {
     Problem {
         lenses: vec![lens],
-        places: Vec::new(),
+        poses: Vec::new(),
         instants: views.iter().map(|(pose, _)| *pose).collect(),
-        stays: Vec::new(),
+        clusters: Vec::new(),
         views: views
             .iter()
             .enumerate()

@@ -105,7 +105,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
             part: None,
         },
     };
-    Ok((set.checked(path)?, notes))
+    Ok((set.validate(path)?, notes))
 }
 
 fn text(path: &Path, notes: &mut Vec<Note>) -> Result<Vec<(u32, CameraModel)>, CalibError> {
@@ -222,9 +222,9 @@ fn binary(path: &Path) -> Result<Vec<(u32, CameraModel)>, CalibError> {
         what: format!("the rest of camera {camera}"),
         found: "the end of the file".to_owned(),
     };
-    let implausible = |objection: String| CalibError::Implausible {
+    let implausible = |reason: String| CalibError::Implausible {
         path: path.to_owned(),
-        objection,
+        reason,
     };
     let count = u64::from_le_bytes(take(&mut rest).ok_or_else(|| cut(0))?);
     let mut cameras: Vec<(u32, CameraModel)> = Vec::new();

@@ -32,7 +32,7 @@ pub enum LensModel {
 }
 
 /// Pinhole models are fitted up to here, radians off the axis.
-const PINHOLE_WIDEST_RAD: f64 = 80.0 * std::f64::consts::PI / 180.0;
+const MAX_PINHOLE_ANGLE_RAD: f64 = 80.0 * std::f64::consts::PI / 180.0;
 /// Columns and rows of the grid for fitting.
 const FIT_GRID: [usize; 2] = [41, 31];
 /// Columns and rows of the grid for measuring the error.
@@ -246,7 +246,7 @@ pub fn convert_within(
         return Ok(measure(&lens, &model, true, widest_rad));
     }
     let widest_rad = if target.is_pinhole() {
-        widest_rad.min(PINHOLE_WIDEST_RAD)
+        widest_rad.min(MAX_PINHOLE_ANGLE_RAD)
     } else {
         widest_rad
     };
@@ -254,7 +254,7 @@ pub fn convert_within(
         .filter_map(|pixel| Sample::of(&lens, pixel))
         .filter(|sample| sample.angle_rad <= widest_rad)
         .collect();
-    let least = 4 * CameraModel::MOST;
+    let least = 4 * CameraModel::MAX_PARAMETERS;
     if samples.len() < least {
         return Err(ConvertError::TooFew {
             directions: samples.len(),

@@ -81,12 +81,12 @@ pub enum CalibError {
         expected: String,
     },
     /// The numbers can be read but cannot be true.
-    #[error("checking a calibration: {objection}: {}", path.display())]
+    #[error("checking a calibration: {reason}: {}", path.display())]
     Implausible {
         /// The file.
         path: PathBuf,
         /// What is wrong with them.
-        objection: String,
+        reason: String,
     },
     /// No reader knows this file or folder.
     #[error("recognising a calibration: found {found}, expected {expected}: {}", path.display())]

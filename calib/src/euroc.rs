@@ -92,7 +92,7 @@ pub(crate) fn read_cameras(
             part: None,
         },
     };
-    Ok((set.checked(folder)?, notes))
+    Ok((set.validate(folder)?, notes))
 }
 
 /// The folder that holds `cam0`.
@@ -153,7 +153,7 @@ fn camera(
         }
     };
     let model = CameraModel::new((width, height), [fx, fy, cx, cy], distortion);
-    yaml.get("intrinsics")?.refuse_impossible(&model)?;
+    yaml.get("intrinsics")?.reject_invalid_model(&model)?;
     Ok((model, body_from_sensor(&yaml)?))
 }
 

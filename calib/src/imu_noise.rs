@@ -3,7 +3,7 @@
 //! Contract: [`measure`] looks before it measures. Spans in which the IMU moved, stood frozen or gave single wild
 //! values are left out and named; no difference is taken across what was left out, nor across a gap. Where
 //! too little is left, or an axis never changes, there is a refusal with its reason in place of a result.
-//! Everything doubtful is a [`Remark`] with a name.
+//! Everything doubtful is a [`Finding`] with a name.
 //!
 //! Units are SI: rad/s and m/s², noise as in [`ImuNoise`].
 
@@ -23,9 +23,9 @@ pub const AXES: [&str; 6] = [
     "gyro x", "gyro y", "gyro z", "accel x", "accel y", "accel z",
 ];
 /// The longest stretch without motion or gap must be this long, s.
-pub const LEAST_STILL_S: f64 = 60.0;
+pub const MIN_STATIC_S: f64 = 60.0;
 /// Halves of a recording may differ by this many times what the noise explains.
-const DRIFT: f64 = 4.0;
+const DRIFT_SIGMAS: f64 = 4.0;
 
 /// What an IMU delivered.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -41,25 +41,25 @@ pub struct Series {
     /// The runs of samples without a gap.
     pub runs: Vec<Range<usize>>,
     /// What [`Series::bridged`] has to say.
-    pub bridged: Vec<Remark>,
+    pub bridged: Vec<Finding>,
 }
 
 /// How much a remark weighs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Weight {
+pub enum Severity {
     /// Good to know.
     Note,
     /// The result may be worse than it looks.
-    Doubt,
+    Warn,
     /// There is no result, of an axis or of all.
-    Refusal,
+    Fail,
 }
 
 /// Something about a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Remark {
+pub struct Finding {
     /// How much it weighs.
-    pub weight: Weight,
+    pub severity: Severity,
     /// What kind of thing, in one word: `moved`, `frozen`, `clipped`, `outliers`, `coarse`, `repeated`,
     /// `rate`, `jitter`, `gaps`, `bridged`, `short`, `temperature`, `drift`, `misfit`, `filtered`, `not finite`.
     pub kind: &'static str,
@@ -90,7 +90,7 @@ pub struct Measurement {
     /// The six axes in the order of [`AXES`]; empty after a refusal of all.
     pub axes: Vec<Axis>,
     /// Everything worth knowing, the heaviest first.
-    pub remarks: Vec<Remark>,
+    pub findings: Vec<Finding>,
 }
 
 /// One number for a sensor: of the three axes the worst.
@@ -101,7 +101,7 @@ pub enum Worst {
     /// None is known; all are below this.
     Below(f64),
     /// An axis was refused.
-    Refused,
+    Unavailable,
 }
 
 impl Measurement {
@@ -113,7 +113,7 @@ impl Measurement {
             .map(|axis| Some(axis.fit.as_ref()?.value(coefficient)))
             .collect();
         let Some(values) = values.filter(|values| !values.is_empty()) else {
-            return Worst::Refused;
+            return Worst::Unavailable;
         };
         let known = values.iter().filter_map(|v| v.known());
         if let Some(worst) = known.reduce(f64::max) {
@@ -141,7 +141,7 @@ impl Measurement {
     }
 
     /// Whether there is any result.
-    pub fn is_refused(&self) -> bool {
+    pub fn is_rejected(&self) -> bool {
         self.axes.is_empty()
     }
 
@@ -158,8 +158,8 @@ impl Measurement {
 /// If the vectors of the series differ in length or a run reaches beyond them.
 pub fn measure(series: &Series) -> Measurement {
     let screened = screen::screen(series);
-    let mut remarks = screened.remarks;
-    remarks.extend(series.bridged.iter().cloned());
+    let mut findings = screened.findings;
+    findings.extend(series.bridged.iter().cloned());
     let first = series.times_s.first().copied().unwrap_or(0.0);
     let seconds = |run: &Range<usize>| {
         let at = |i: usize| series.times_s[i] - first;
@@ -169,9 +169,9 @@ pub fn measure(series: &Series) -> Measurement {
         rate_hz: 1.0 / screened.period_s,
         used_s: screened.still.iter().map(seconds).collect(),
         axes: Vec::new(),
-        remarks: Vec::new(),
+        findings: Vec::new(),
     };
-    if remarks.iter().all(|r| r.weight != Weight::Refusal) {
+    if findings.iter().all(|r| r.severity != Severity::Fail) {
         let curves = curves(series, &screened.still, screened.period_s);
         let fitter = curves.first().map(Fitter::new);
         for (index, curve) in curves.into_iter().enumerate() {
@@ -185,8 +185,8 @@ pub fn measure(series: &Series) -> Measurement {
                 .flat_map(|run| &axis[run.clone()])
                 .sum();
             if let Some(fit) = &fit {
-                remarks.extend(doubts(index, fit));
-                remarks.extend(drift(index, fit, axis, &screened.still, screened.period_s));
+                findings.extend(fit_findings(index, fit));
+                findings.extend(drift(index, fit, axis, &screened.still, screened.period_s));
             }
             measurement.axes.push(Axis {
                 index,
@@ -196,8 +196,8 @@ pub fn measure(series: &Series) -> Measurement {
             });
         }
     }
-    remarks.sort_by_key(|remark| std::cmp::Reverse(remark.weight));
-    measurement.remarks = remarks;
+    findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
+    measurement.findings = findings;
     measurement
 }
 
@@ -217,8 +217,8 @@ fn curves(series: &Series, runs: &[Range<usize>], period_s: f64) -> Vec<Curve> {
 }
 
 /// What a fit says against itself.
-fn doubts(index: usize, fit: &Fit) -> Vec<Remark> {
-    let mut remarks = Vec::new();
+fn fit_findings(index: usize, fit: &Fit) -> Vec<Finding> {
+    let mut findings = Vec::new();
     let name = AXES[index];
     let first = fit.points.first().map_or(0.0, |p| p.tau_s);
     if fit.misfit > 0.0 {
@@ -228,8 +228,8 @@ fn doubts(index: usize, fit: &Fit) -> Vec<Remark> {
         let points = fit.points.iter().filter(|p| p.freedom > 20.0);
         let worst = points.max_by(|a, b| off(a).total_cmp(&off(b)));
         let at = worst.map_or(0.0, |p| p.tau_s);
-        remarks.push(Remark {
-            weight: Weight::Doubt,
+        findings.push(Finding {
+            severity: Severity::Warn,
             kind: "misfit",
             text: format!(
                 "{name}: the curve is off the noise model by about {:.1} %, most at {at:.3} s: something periodic, \
@@ -238,8 +238,8 @@ fn doubts(index: usize, fit: &Fit) -> Vec<Remark> {
             ),
         });
     } else if fit.from_s > first {
-        remarks.push(Remark {
-            weight: Weight::Note,
+        findings.push(Finding {
+            severity: Severity::Note,
             kind: "filtered",
             text: format!(
                 "{name}: averages shorter than {:.3} s do not follow the model and were left out: the sensor \
@@ -248,7 +248,7 @@ fn doubts(index: usize, fit: &Fit) -> Vec<Remark> {
             ),
         });
     }
-    remarks
+    findings
 }
 
 /// Whether the halves of the longest run differ by more than the noise explains. The squared difference
@@ -260,7 +260,7 @@ fn drift(
     axis: &[f64],
     runs: &[Range<usize>],
     period_s: f64,
-) -> Option<Remark> {
+) -> Option<Finding> {
     let longest = runs.iter().max_by_key(|run| run.len())?;
     let half = longest.len() / 2;
     let mean = |from: usize| axis[from..from + half].iter().sum::<f64>() / half as f64;
@@ -274,8 +274,8 @@ fn drift(
         .sum();
     let expected = (2.0 * variance).sqrt();
     let walks = fit.value(Coefficient::Walk).known().is_some();
-    (moved.abs() > DRIFT * expected).then(|| Remark {
-        weight: if walks { Weight::Doubt } else { Weight::Note },
+    (moved.abs() > DRIFT_SIGMAS * expected).then(|| Finding {
+        severity: if walks { Severity::Warn } else { Severity::Note },
         kind: "drift",
         text: format!(
             "{}: the halves of the recording differ by {:.2e} {}, {:.0} times what its measured noise explains: {}",

@@ -56,7 +56,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         // Nothing behind a camera's name is a file that was cut off.
         at.entries()?;
         let model = camera(&at)?;
-        at.get("intrinsics")?.refuse_impossible(&model)?;
+        at.get("intrinsics")?.reject_invalid_model(&model)?;
         if let Some(overlaps) = at.find("cam_overlaps") {
             for other in overlaps.number_list()? {
                 if other >= count as f64 {
@@ -73,7 +73,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
                 let before = cameras.last().and_then(|c| c.camera_from_first);
                 let here_from_before = rigid(&at)?;
                 let here = before.map(|before| here_from_before * before);
-                at.refuse_if(here.as_ref().and_then(|here| too_far(&name, here)))?;
+                at.reject_if(here.as_ref().and_then(|here| too_far(&name, here)))?;
                 here
             }
             (_, None) => None,
@@ -87,7 +87,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         if let (Some(at), Some(camera_from_imu)) = (imu_place, &camera_from_imu)
             && number == 0
         {
-            at.refuse_if(too_far("the IMU", &camera_from_imu.inverse()))?;
+            at.reject_if(too_far("the IMU", &camera_from_imu.inverse()))?;
         }
         let through_imu = match (&imu, camera_from_imu) {
             (Some(imu), Some(camera_from_imu)) => Some(camera_from_imu * imu.imu_from_first),
@@ -162,7 +162,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
             part: None,
         },
     };
-    Ok((set.checked(path)?, notes))
+    Ok((set.validate(path)?, notes))
 }
 
 fn is_camera(key: &str) -> bool {

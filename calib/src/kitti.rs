@@ -76,7 +76,7 @@ pub fn read(
     let right_from_left =
         RigidTransform::from_translation_m(offset).map_err(|error| CalibError::Implausible {
             path: path.to_owned(),
-            objection: format!("offset {offset:?} between P{l} and P{r}: {error}"),
+            reason: format!("offset {offset:?} between P{l} and P{r}: {error}"),
         })?;
     let calibration = StereoCalibration {
         left: left.camera(width, height),
@@ -90,7 +90,7 @@ pub fn read(
         },
     };
     calibration
-        .checked(path)
+        .validate(path)
         .map(|calibration| (calibration, notes))
 }
 

@@ -24,19 +24,19 @@ use nalgebra::{Matrix2x3, SMatrix};
 
 use crate::camera::{CameraModel, Distortion};
 
+#[cfg(test)]
+mod dual;
 mod fisheye;
 mod radial;
 mod spheres;
 #[cfg(test)]
 mod tests;
-#[cfg(test)]
-mod twin;
 
 /// Derivatives of a pixel by the camera's parameters; columns beyond the model's own are 0.
-pub type ByParameters = SMatrix<f64, 2, { CameraModel::MOST }>;
+pub type ByParameters = SMatrix<f64, 2, { CameraModel::MAX_PARAMETERS }>;
 
 /// Derivatives of a point on the picture plane by the coefficients.
-type ByCoefficients = SMatrix<f64, 2, { Distortion::MOST }>;
+type ByCoefficients = SMatrix<f64, 2, { Distortion::MAX_COEFFICIENTS }>;
 
 /// A camera model, ready for projection.
 #[derive(Clone, Copy, Debug)]
@@ -57,7 +57,7 @@ pub struct Projected {
 }
 
 /// What a point comes to on the picture plane, before focal lengths and principal point.
-struct Bent {
+struct Distorted {
     at: [f64; 2],
     by_point: Matrix2x3<f64>,
     by_coefficients: ByCoefficients,
@@ -102,10 +102,10 @@ impl Lens {
     /// The pixel of a point in the optical frame, metres.
     pub fn project(&self, x_in_camera: [f64; 3]) -> Option<[f64; 2]> {
         let at = match &self.shape {
-            Shape::Radial(s) => s.bend(x_in_camera),
-            Shape::Fisheye(s) => s.bend(x_in_camera),
-            Shape::DoubleSphere(s) => s.bend(x_in_camera),
-            Shape::Eucm(s) => s.bend(x_in_camera),
+            Shape::Radial(s) => s.distort(x_in_camera),
+            Shape::Fisheye(s) => s.distort(x_in_camera),
+            Shape::DoubleSphere(s) => s.distort(x_in_camera),
+            Shape::Eucm(s) => s.distort(x_in_camera),
         }?;
         let m = &self.model;
         Some([m.fx * at[0] + m.cx, m.fy * at[1] + m.cy])
@@ -114,10 +114,10 @@ impl Lens {
     /// The same with its derivatives.
     pub fn project_with_jacobians(&self, x_in_camera: [f64; 3]) -> Option<Projected> {
         let bent = match &self.shape {
-            Shape::Radial(s) => s.bend_with_jacobians(x_in_camera),
-            Shape::Fisheye(s) => s.bend_with_jacobians(x_in_camera),
-            Shape::DoubleSphere(s) => s.bend_with_jacobians(x_in_camera),
-            Shape::Eucm(s) => s.bend_with_jacobians(x_in_camera),
+            Shape::Radial(s) => s.distort_with_jacobians(x_in_camera),
+            Shape::Fisheye(s) => s.distort_with_jacobians(x_in_camera),
+            Shape::DoubleSphere(s) => s.distort_with_jacobians(x_in_camera),
+            Shape::Eucm(s) => s.distort_with_jacobians(x_in_camera),
         }?;
         let m = &self.model;
         let mut by_point = bent.by_point;
@@ -126,7 +126,7 @@ impl Lens {
             by_point.row_mut(row).scale_mut(f);
             by_parameters[(row, row)] = bent.at[row];
             by_parameters[(row, 2 + row)] = 1.0;
-            for k in 0..Distortion::MOST {
+            for k in 0..Distortion::MAX_COEFFICIENTS {
                 by_parameters[(row, 4 + k)] = f * bent.by_coefficients[(row, k)];
             }
         }
@@ -142,10 +142,10 @@ impl Lens {
         let m = &self.model;
         let at = [(pixel[0] - m.cx) / m.fx, (pixel[1] - m.cy) / m.fy];
         match &self.shape {
-            Shape::Radial(s) => s.unbend(at),
-            Shape::Fisheye(s) => s.unbend(at),
-            Shape::DoubleSphere(s) => s.unbend(at),
-            Shape::Eucm(s) => s.unbend(at),
+            Shape::Radial(s) => s.undistort(at),
+            Shape::Fisheye(s) => s.undistort(at),
+            Shape::DoubleSphere(s) => s.undistort(at),
+            Shape::Eucm(s) => s.undistort(at),
         }
     }
 
@@ -160,7 +160,7 @@ impl Lens {
     }
 
     /// Whether every pixel of the picture has a direction: the corners are the farthest.
-    pub fn covers_picture(&self) -> bool {
+    pub fn covers_image(&self) -> bool {
         let right = f64::from(self.model.width) - 0.5;
         let bottom = f64::from(self.model.height) - 0.5;
         [[-0.5, -0.5], [right, -0.5], [-0.5, bottom], [right, bottom]]

@@ -93,7 +93,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
             part: None,
         },
     };
-    Ok((CameraSet::of_stereo(&stereo).checked(path)?, Vec::new()))
+    Ok((CameraSet::of_stereo(&stereo).validate(path)?, Vec::new()))
 }
 
 pub(crate) fn write(stereo: &StereoCalibration) -> Result<Written, WriteError> {

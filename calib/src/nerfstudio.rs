@@ -53,7 +53,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         let right_from_left = pose(right)?.inverse() * pose(left)?;
         right
             .get("transform_matrix")?
-            .refuse_if(too_far("right", &right_from_left).or_else(|| swapped(&right_from_left)))?;
+            .reject_if(too_far("right", &right_from_left).or_else(|| swapped(&right_from_left)))?;
         cameras.push(named("left", camera(left, &root, &mut notes)?, None));
         let model = camera(right, &root, &mut notes)?;
         cameras.push(named("right", model, Some(right_from_left)));
@@ -89,7 +89,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
             part: None,
         },
     };
-    Ok((set.checked(path)?, notes))
+    Ok((set.validate(path)?, notes))
 }
 
 /// Takes points in the optical frame to the world of the file, in the file's unit of length.
@@ -186,15 +186,14 @@ fn camera(frame: &At<'_>, root: &At<'_>, notes: &mut Vec<Note>) -> Result<Camera
         cy: cy - HALF,
         distortion: distortion.expect("the number of coefficients is right"),
     };
-    if let Some((name, objection)) = model.objection_to() {
+    if let Some((name, reason)) = model.invalid_parameter() {
         let keys: &[&str] = match name {
             "fx" => &["fl_x", "camera_angle_x"],
             "fy" => &["fl_y", "fl_x", "camera_angle_x"],
             other => &[other],
         };
         let at = keys.iter().find_map(|key| find(key));
-        at.map_or_else(|| need("w"), Ok)?
-            .refuse_if(Some(objection))?;
+        at.map_or_else(|| need("w"), Ok)?.reject_if(Some(reason))?;
     }
     Ok(model)
 }

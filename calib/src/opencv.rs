@@ -129,7 +129,7 @@ pub fn read(path: &Path, size: Option<[u32; 2]>) -> Result<(CameraSet, Vec<Note>
             part: None,
         },
     };
-    Ok((set.checked(path)?, notes))
+    Ok((set.validate(path)?, notes))
 }
 
 fn beside(path: &Path) -> Option<PathBuf> {
@@ -203,7 +203,7 @@ fn camera(
         [fx, fy, cx, cy],
         distortion.map_err(|(found, expected)| at.wrong_because(&found, expected))?,
     );
-    matrix.refuse_impossible(&model)?;
+    matrix.reject_invalid_model(&model)?;
     Ok(model)
 }
 
@@ -314,7 +314,7 @@ fn placement(root: &At<'_>) -> Result<Option<RigidTransform>, CalibError> {
     };
     let transform = transform
         .map_err(|error| r.wrong_because(&format!("R and T where {error}"), "a rigid transform"))?;
-    t.refuse_if(too_far("right", &transform).or_else(|| swapped(&transform)))?;
+    t.reject_if(too_far("right", &transform).or_else(|| swapped(&transform)))?;
     Ok(Some(transform))
 }
 

@@ -10,7 +10,7 @@ use cad_transforms::RigidTransform;
 
 use crate::camera::{CameraModel, Distortion};
 use crate::error::{CalibError, Note};
-use crate::stereo::{FARTHEST_M, Format, Provenance, StereoCalibration};
+use crate::stereo::{Format, MAX_BASELINE_M, Provenance, StereoCalibration};
 use crate::text::{Source, written, written_all};
 use crate::write::{WriteError, Written};
 
@@ -47,8 +47,8 @@ pub fn read(
         return Err(source.malformed(k_line, k_text, "the form fx 0 cx 0 fy cy 0 0 1"));
     }
     let baseline_m = source.number(baseline_line, baseline_text)?;
-    if !(baseline_m > 0.0 && baseline_m <= FARTHEST_M) {
-        let expected = format!("a baseline in metres, above 0 and at most {FARTHEST_M}");
+    if !(baseline_m > 0.0 && baseline_m <= MAX_BASELINE_M) {
+        let expected = format!("a baseline in metres, above 0 and at most {MAX_BASELINE_M}");
         return Err(source.malformed(baseline_line, baseline_text, &expected));
     }
     let camera = CameraModel::new((width, height), [fx, fy, cx, cy], Distortion::None);
@@ -65,7 +65,7 @@ pub fn read(
         },
     };
     calibration
-        .checked(path)
+        .validate(path)
         .map(|calibration| (calibration, Vec::new()))
 }
 

@@ -12,14 +12,14 @@ use crate::camera::CameraModel;
 use crate::lens::Lens;
 
 /// Directions farther off the axis than this (as depth of a unit vector) take no part in the start.
-const LEAST_DEPTH: f64 = 0.15;
+const MIN_DEPTH_RATIO: f64 = 0.15;
 
 /// Poses that differ by less than this are the same, rad.
-const SAME_RAD: f64 = 0.02;
+const MIN_AMBIGUITY_RAD: f64 = 0.02;
 
 /// A pose found from one picture.
 #[derive(Clone, Copy, Debug)]
-pub struct Placed {
+pub struct PlanarPose {
     /// Takes points of the target to the eye, m.
     pub eye_from_target: RigidTransform,
     /// Root mean square length of the residuals, pixels.
@@ -29,7 +29,7 @@ pub struct Placed {
 }
 
 /// The pose from points with z = 0 in the target. None when there are too few or they do not fit.
-pub fn planar(model: &CameraModel, points: &[Point]) -> Option<Placed> {
+pub fn planar(model: &CameraModel, points: &[Point]) -> Option<PlanarPose> {
     let start = from_homography(&Lens::new(model), points)?;
     let found = locate(model, points, &start).ok()?;
     let (best, other) = match mirrored(&found.0, points) {
@@ -40,10 +40,10 @@ pub fn planar(model: &CameraModel, points: &[Point]) -> Option<Placed> {
         },
     };
     // Both starts may lead to one pose.
-    let other = other.filter(|o| (o.0.inverse() * best.0).angle_rad() > SAME_RAD);
+    let other = other.filter(|o| (o.0.inverse() * best.0).angle_rad() > MIN_AMBIGUITY_RAD);
     let floor = best.1.max(1e-9);
     let in_front = points.iter().all(|p| best.0.apply(p.x_in_target)[2] > 0.0);
-    (in_front || wide(model)).then_some(Placed {
+    (in_front || wide(model)).then_some(PlanarPose {
         eye_from_target: best.0,
         rms_px: best.1,
         ambiguity: other.map_or(f64::INFINITY, |o| o.1 / floor),
@@ -62,7 +62,7 @@ fn from_homography(lens: &Lens, points: &[Point]) -> Option<RigidTransform> {
         .filter_map(|p| {
             let [x, y, z] = lens.unproject(p.pixel)?;
             let [a, b, _] = p.x_in_target;
-            (z > LEAST_DEPTH).then(|| ([a, b], [x / z, y / z]))
+            (z > MIN_DEPTH_RATIO).then(|| ([a, b], [x / z, y / z]))
         })
         .collect();
     if seen.len() < 4 {

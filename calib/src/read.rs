@@ -21,7 +21,7 @@ const EXPECTED: &str = "a ZED SNnnnn.conf, an ASL folder with cam0/sensor.yaml a
                         Basalt, OpenCV, COLMAP, nerfstudio, ROS, RoSys or Middlebury";
 
 /// A principal point farther than this part of the picture from its middle is worth a question.
-const OFF_CENTRE: f64 = 0.06;
+const MAX_CENTRE_OFFSET: f64 = 0.06;
 
 /// Reads the calibration of a stereo camera from a file, or from a folder that holds one, for pictures
 /// of `width` x `height` pixels (one eye, not side by side).
@@ -33,7 +33,7 @@ pub fn read_stereo(
     width: u32,
     height: u32,
 ) -> Result<(StereoCalibration, Vec<Note>), CalibError> {
-    let (format, path) = recognised(path)?;
+    let (format, path) = detect_format(path)?;
     let (stereo, mut notes) = match format {
         Format::ZedConf => zed_conf::read(&path, width, height)?,
         Format::Kitti => kitti::read(&path, width, height)?,
@@ -59,13 +59,13 @@ pub fn read_cameras(
     path: &Path,
     size: Option<[u32; 2]>,
 ) -> Result<(CameraSet, Vec<Note>), CalibError> {
-    let (format, path) = recognised(path)?;
+    let (format, path) = detect_format(path)?;
     let (set, mut notes) = of_format(format, &path, size)?;
-    notes.extend(set.doubts(&path)?);
+    notes.extend(set.plausibility_notes(&path)?);
     for NamedCamera { name, model, .. } in &set.cameras {
         let off = |c: f64, size: u32| c - 0.5 * (f64::from(size) - 1.0);
         let (x, y) = (off(model.cx, model.width), off(model.cy, model.height));
-        let limit = |size: u32| OFF_CENTRE * f64::from(size);
+        let limit = |size: u32| MAX_CENTRE_OFFSET * f64::from(size);
         // Cropping after rectification may put it anywhere.
         if model.distortion != Distortion::None
             && (x.abs() > limit(model.width) || y.abs() > limit(model.height))
@@ -83,7 +83,7 @@ pub fn read_cameras(
 ///
 /// # Errors
 /// [`CalibError::Unrecognised`], [`CalibError::Read`].
-pub fn recognised(path: &Path) -> Result<(Format, PathBuf), CalibError> {
+pub fn detect_format(path: &Path) -> Result<(Format, PathBuf), CalibError> {
     if path.is_dir() {
         in_folder(path)
     } else {

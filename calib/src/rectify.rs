@@ -80,7 +80,7 @@ pub enum RectifyError {
 }
 
 /// Off the new axis a picture on a plane grows without end; [`View::All`] stops here.
-const WIDEST_RAD: f64 = 75.0 * std::f64::consts::PI / 180.0;
+const MAX_ANGLE_RAD: f64 = 75.0 * std::f64::consts::PI / 180.0;
 /// Points along one side of a rectangle that is tried, and of the grid over a picture.
 const SIDE: usize = 96;
 
@@ -237,7 +237,7 @@ impl Rectification {
         if !self.both_see(centre) {
             return None;
         }
-        let widest = WIDEST_RAD.tan();
+        let widest = MAX_ANGLE_RAD.tan();
         for _ in 0..4 {
             for axis in 0..2 {
                 let reach = |sign: f64| {
@@ -274,7 +274,10 @@ impl Rectification {
                 ])
             })
         };
-        let scale = last(WIDEST_RAD.tan() / half[0].min(half[1]).max(1.0), is_filled);
+        let scale = last(
+            MAX_ANGLE_RAD.tan() / half[0].min(half[1]).max(1.0),
+            is_filled,
+        );
         (scale > 0.0).then(|| (centre, 1.0 / scale))
     }
 
@@ -293,7 +296,7 @@ impl Rectification {
                 let Some(point) = self.on_plane(eye, old) else {
                     continue;
                 };
-                if point[0].hypot(point[1]) > WIDEST_RAD.tan() {
+                if point[0].hypot(point[1]) > MAX_ANGLE_RAD.tan() {
                     continue;
                 }
                 for axis in 0..2 {

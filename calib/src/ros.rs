@@ -54,7 +54,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
             imu: None,
             provenance: provenance(vec![path.to_owned()]),
         };
-        return Ok((set.checked(path)?, notes));
+        return Ok((set.validate(path)?, notes));
     };
     let left = file(&left_path, &mut notes)?;
     let right = file(&right_path, &mut notes)?;
@@ -67,14 +67,14 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         None
     } else {
         let offset = RigidTransform::from_translation_m([p[3] / p[0], p[7] / p[5], 0.0]);
-        let implausible = |objection: String| CalibError::Implausible {
+        let implausible = |reason: String| CalibError::Implausible {
             path: right_path.clone(),
-            objection: format!("{}: {objection}", right.projection_at),
+            reason: format!("{}: {reason}", right.projection_at),
         };
         let offset = offset.map_err(|error| implausible(error.to_string()))?;
         let place = right.rectified_from_camera.inverse() * offset * left.rectified_from_camera;
-        if let Some(objection) = too_far("right", &place).or_else(|| swapped(&place)) {
-            return Err(implausible(objection));
+        if let Some(reason) = too_far("right", &place).or_else(|| swapped(&place)) {
+            return Err(implausible(reason));
         }
         Some(place)
     };
@@ -86,7 +86,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         imu: None,
         provenance: provenance(vec![left_path, right_path]),
     };
-    Ok((set.checked(path)?, notes))
+    Ok((set.validate(path)?, notes))
 }
 
 /// The left and the right file where this is one of them and the other exists. The last word of the name
@@ -183,7 +183,7 @@ fn file(path: &Path, notes: &mut Vec<Note>) -> Result<File, CalibError> {
         }
     };
     let model = CameraModel::new((width, height), [fx, fy, cx, cy], distortion);
-    matrix.refuse_impossible(&model)?;
+    matrix.reject_invalid_model(&model)?;
     Ok(File {
         model,
         rectified_from_camera,

@@ -66,7 +66,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
             part: None,
         },
     };
-    Ok((set.checked(path)?, notes))
+    Ok((set.validate(path)?, notes))
 }
 
 fn camera(at: &At<'_>) -> Result<CameraModel, CalibError> {
@@ -91,7 +91,7 @@ fn camera(at: &At<'_>) -> Result<CameraModel, CalibError> {
         cy,
         distortion: distortion.map_err(|(found, expected)| d.wrong_because(&found, expected))?,
     };
-    matrix.refuse_impossible(&model)?;
+    matrix.reject_invalid_model(&model)?;
     Ok(model)
 }
 

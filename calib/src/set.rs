@@ -10,7 +10,9 @@ use cad_transforms::RigidTransform;
 
 use crate::camera::CameraModel;
 use crate::error::{CalibError, Note};
-use crate::stereo::{FARTHEST_M, ImuCalibration, ImuNoise, Provenance, StereoCalibration, swapped};
+use crate::stereo::{
+    ImuCalibration, ImuNoise, MAX_BASELINE_M, Provenance, StereoCalibration, swapped,
+};
 
 /// Cameras that belong together.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,20 +55,20 @@ pub struct SetImu {
 }
 
 /// Wider apart than this, a stereo camera is worth a question, metres.
-const WIDE_M: f64 = 2.0;
+const MAX_USUAL_BASELINE_M: f64 = 2.0;
 
 /// What is wrong with a sensor that is too far from the first camera to be in metres.
 pub(crate) fn too_far(name: &str, from_first: &RigidTransform) -> Option<String> {
     let metres = from_first.distance_m();
-    (!metres.is_finite() || metres > FARTHEST_M).then(|| {
-        format!("{name} is {metres} m from the first camera, expected at most {FARTHEST_M}: not in metres?")
+    (!metres.is_finite() || metres > MAX_BASELINE_M).then(|| {
+        format!("{name} is {metres} m from the first camera, expected at most {MAX_BASELINE_M}: not in metres?")
     })
 }
 
 /// A question about a pair that is very wide.
 pub(crate) fn wide(stereo: &StereoCalibration) -> Option<Note> {
     let apart = stereo.baseline_m();
-    (apart > WIDE_M).then(|| {
+    (apart > MAX_USUAL_BASELINE_M).then(|| {
         Note(format!(
             "left and right are {apart} m apart: is the file in metres?"
         ))
@@ -172,7 +174,7 @@ impl CameraSet {
             imu,
             provenance: self.provenance.clone(),
         }
-        .checked(path)?;
+        .validate(path)?;
         notes.extend(wide(&stereo));
         Ok((stereo, notes))
     }
@@ -205,7 +207,7 @@ impl CameraSet {
     /// # Errors
     /// [`CalibError::Implausible`] where cameras that are called left and right are swapped. Two cameras
     /// with other names may sit anywhere, so with them it is a question.
-    pub(crate) fn doubts(&self, path: &Path) -> Result<Vec<Note>, CalibError> {
+    pub(crate) fn plausibility_notes(&self, path: &Path) -> Result<Vec<Note>, CalibError> {
         let mut notes = Vec::new();
         for NamedCamera {
             name,
@@ -214,7 +216,7 @@ impl CameraSet {
         } in &self.cameras
         {
             let metres = camera_from_first.map_or(0.0, |t| t.distance_m());
-            if metres > WIDE_M {
+            if metres > MAX_USUAL_BASELINE_M {
                 notes.push(Note(format!(
                     "{name} is {metres} m from the first camera: is the file in metres?"
                 )));
@@ -225,10 +227,10 @@ impl CameraSet {
             Some(b? * a?.inverse())
         };
         if let Some([left, right]) = self.named_pair() {
-            if let Some(objection) = b_from_a(left, right).as_ref().and_then(swapped) {
+            if let Some(reason) = b_from_a(left, right).as_ref().and_then(swapped) {
                 return Err(CalibError::Implausible {
                     path: path.to_owned(),
-                    objection,
+                    reason,
                 });
             }
         } else if let [first, second] = &self.cameras[..]
@@ -243,10 +245,10 @@ impl CameraSet {
     }
 
     /// The set itself if its numbers are possible, with notes on what is doubtful.
-    pub(crate) fn checked(self, path: &Path) -> Result<Self, CalibError> {
-        let implausible = |objection: String| CalibError::Implausible {
+    pub(crate) fn validate(self, path: &Path) -> Result<Self, CalibError> {
+        let implausible = |reason: String| CalibError::Implausible {
             path: path.to_owned(),
-            objection,
+            reason,
         };
         if self.cameras.is_empty() {
             return Err(CalibError::Missing {
@@ -256,8 +258,8 @@ impl CameraSet {
             });
         }
         for camera in &self.cameras {
-            if let Some(objection) = camera.model.objection() {
-                return Err(implausible(format!("camera {}: {objection}", camera.name)));
+            if let Some(reason) = camera.model.invalid_reason() {
+                return Err(implausible(format!("camera {}: {reason}", camera.name)));
             }
         }
         let placed = self
@@ -266,8 +268,8 @@ impl CameraSet {
             .filter_map(|c| Some((c.name.as_str(), c.camera_from_first?)))
             .chain(self.imu.map(|imu| ("the IMU", imu.imu_from_first)));
         for (name, transform) in placed {
-            if let Some(objection) = too_far(name, &transform) {
-                return Err(implausible(objection));
+            if let Some(reason) = too_far(name, &transform) {
+                return Err(implausible(reason));
             }
         }
         if let Some(imu) = &self.imu {
@@ -352,7 +354,7 @@ mod tests {
     #[test]
     fn impossible_numbers_are_refused() {
         let path = Path::new("chain.yaml");
-        let error = |set: CameraSet| set.checked(path).unwrap_err().to_string();
+        let error = |set: CameraSet| set.validate(path).unwrap_err().to_string();
         assert!(error(set(&[], &[])).contains("a camera is missing"));
         assert!(error(set(&["a", "b"], &[0.0, -63.0])).contains("b is 63 m from the first camera"));
         let mut bad = set(&["a"], &[0.0]);

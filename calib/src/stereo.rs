@@ -173,7 +173,7 @@ impl Format {
 const RECTIFIED_TOLERANCE: f64 = 1e-12;
 
 /// Farthest two sensors of one camera can be apart, metres. Beyond it the numbers are millimetres.
-pub(crate) const FARTHEST_M: f64 = 10.0;
+pub(crate) const MAX_BASELINE_M: f64 = 10.0;
 
 /// What is wrong with the place of a right eye that sits to the left of the left one.
 pub(crate) fn swapped(right_from_left: &RigidTransform) -> Option<String> {
@@ -214,15 +214,17 @@ impl StereoCalibration {
     }
 
     /// The calibration itself, if its numbers are possible. `path` is where they were read from.
-    pub(crate) fn checked(self, path: &Path) -> Result<Self, CalibError> {
+    pub(crate) fn validate(self, path: &Path) -> Result<Self, CalibError> {
         let cameras = [("left", &self.left), ("right", &self.right)];
-        let lens = cameras
-            .iter()
-            .find_map(|(name, camera)| Some(format!("{name} camera: {}", camera.objection()?)));
+        let lens = cameras.iter().find_map(|(name, camera)| {
+            Some(format!("{name} camera: {}", camera.invalid_reason()?))
+        });
         let apart = |what: &str, b_from_a: &RigidTransform| {
             let metres = b_from_a.distance_m();
-            (!metres.is_finite() || metres > FARTHEST_M).then(|| {
-                format!("{what} {metres} m apart, expected at most {FARTHEST_M}: not in metres?")
+            (!metres.is_finite() || metres > MAX_BASELINE_M).then(|| {
+                format!(
+                    "{what} {metres} m apart, expected at most {MAX_BASELINE_M}: not in metres?"
+                )
             })
         };
         let placement = apart("the cameras are", &self.right_from_left)
@@ -230,9 +232,9 @@ impl StereoCalibration {
             .or_else(|| apart("IMU and left camera are", &self.imu.as_ref()?.imu_from_left));
         match lens.or(placement) {
             None => Ok(self),
-            Some(objection) => Err(CalibError::Implausible {
+            Some(reason) => Err(CalibError::Implausible {
                 path: path.to_owned(),
-                objection,
+                reason,
             }),
         }
     }

@@ -28,8 +28,8 @@ mod square;
 
 pub use board::{Corner, Marker, Rectangle, Target};
 pub use codes::Dictionary;
-pub use detect::{Blur, Detection, Seen, Settings, detect, detect_all};
-pub use image::GreyView;
+pub use detect::{Blur, DetectedCorner, Detection, Settings, detect, detect_all};
+pub use image::ImageView;
 
 #[cfg(test)]
 mod tests;

@@ -9,7 +9,7 @@ pub(crate) mod json;
 pub(crate) mod yaml;
 
 /// How many values may lie inside each other. The files of this field need eight.
-const DEEPEST: usize = 32;
+const MAX_DEPTH: usize = 32;
 
 /// A value and the line where it begins, from 1.
 #[derive(Clone, Debug, PartialEq)]
@@ -244,20 +244,20 @@ impl<'a> At<'a> {
     }
 
     /// An error about numbers that can be read but cannot be true, where there is an objection to them.
-    pub(crate) fn refuse_if(&self, objection: Option<String>) -> Result<(), CalibError> {
-        objection.map_or(Ok(()), |objection| {
+    pub(crate) fn reject_if(&self, reason: Option<String>) -> Result<(), CalibError> {
+        reason.map_or(Ok(()), |reason| {
             Err(CalibError::Implausible {
                 path: self.source.path.clone(),
-                objection: format!("{}: {objection}", self.place()),
+                reason: format!("{}: {reason}", self.place()),
             })
         })
     }
 
     /// The same for intrinsics; a block of keys is asked for the number in question.
-    pub(crate) fn refuse_impossible(&self, model: &CameraModel) -> Result<(), CalibError> {
-        model.objection_to().map_or(Ok(()), |(name, objection)| {
+    pub(crate) fn reject_invalid_model(&self, model: &CameraModel) -> Result<(), CalibError> {
+        model.invalid_parameter().map_or(Ok(()), |(name, reason)| {
             let number = self.find(name);
-            number.as_ref().unwrap_or(self).refuse_if(Some(objection))
+            number.as_ref().unwrap_or(self).reject_if(Some(reason))
         })
     }
 

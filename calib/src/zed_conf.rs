@@ -21,7 +21,7 @@ use cad_transforms::rig::same_serial;
 
 use crate::camera::{CameraModel, Distortion};
 use crate::error::{CalibError, Note};
-use crate::stereo::{FARTHEST_M, Format, Provenance, StereoCalibration};
+use crate::stereo::{Format, MAX_BASELINE_M, Provenance, StereoCalibration};
 use crate::text::{Source, millimetres, written};
 use crate::write::{WriteError, Written, lens};
 use ini::{Ini, Section};
@@ -39,7 +39,7 @@ const RESOLUTIONS: [(u32, u32, &str); 6] = [
 ];
 
 /// Below this a baseline is not in millimetres: the closest pair the maker sells has 18.
-const SHORTEST_BASELINE_MM: f64 = 1.0;
+const MIN_BASELINE_MM: f64 = 1.0;
 
 /// Reads a factory file for pictures of `width` x `height` pixels (one eye, not side by side).
 ///
@@ -91,7 +91,7 @@ pub fn read(
         },
     };
     calibration
-        .checked(path)
+        .validate(path)
         .map(|calibration| (calibration, notes))
 }
 
@@ -184,7 +184,7 @@ pub(crate) fn write(stereo: &StereoCalibration) -> Result<Written, WriteError> {
         text.push('\n');
     }
     let [x, y, z] = stereo.right_from_left.translation_m();
-    if -x * 1000.0 < SHORTEST_BASELINE_MM {
+    if -x * 1000.0 < MIN_BASELINE_MM {
         return Err(refused(format!("a baseline of {} m", -x), "at least 1 mm"));
     }
     let [rx, ry, rz] = stereo.right_from_left.rotation_vector();
@@ -259,8 +259,8 @@ fn camera(
         cy: (section.number("CY")? - shape.cut_rows) * shape.scale,
         distortion: distortion(lens, notes)?,
     };
-    match model.objection_to() {
-        Some((name, objection)) => Err(section.implausible(&name.to_ascii_uppercase(), &objection)),
+    match model.invalid_parameter() {
+        Some((name, reason)) => Err(section.implausible(&name.to_ascii_uppercase(), &reason)),
         None => Ok(model),
     }
 }
@@ -327,11 +327,11 @@ fn right_from_left(
 ) -> Result<RigidTransform, CalibError> {
     let stereo = ini.require("STEREO")?;
     let baseline_mm = stereo.number("BASELINE")?;
-    let farthest_mm = FARTHEST_M * 1000.0;
-    if !(SHORTEST_BASELINE_MM..=farthest_mm).contains(&baseline_mm) {
+    let farthest_mm = MAX_BASELINE_M * 1000.0;
+    if !(MIN_BASELINE_MM..=farthest_mm).contains(&baseline_mm) {
         let (line, text) = stereo.text("BASELINE")?;
         let expected = format!(
-            "BASELINE in [STEREO] in millimetres, positive, at least {SHORTEST_BASELINE_MM}, at most {farthest_mm}"
+            "BASELINE in [STEREO] in millimetres, positive, at least {MIN_BASELINE_MM}, at most {farthest_mm}"
         );
         return Err(source.malformed(line, text, &expected));
     }
@@ -368,7 +368,7 @@ fn right_from_left(
     RigidTransform::from_rotation_vector(rotation_rad, translation_m).map_err(|error| {
         CalibError::Implausible {
             path: source.path.clone(),
-            objection: format!("RX, CV, RZ in [STEREO] of {rotation_rad:?}: {error}"),
+            reason: format!("RX, CV, RZ in [STEREO] of {rotation_rad:?}: {error}"),
         }
     })
 }

@@ -16,14 +16,14 @@ use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, SVector, Vector6};
 
 use super::normal::{Layout, Loss, Normal, build};
 use super::solve::unit_diagonal;
-use super::{AdjustError, Parameter, PlacePrior, Prior, Problem};
+use super::{AdjustError, Parameter, PosePrior, Prior, Problem};
 
 /// Smallest eigenvalue of the information, scaled to ones on its diagonal, of what is determined.
-const LEAST_EIGENVALUE: f64 = 1e-13;
+const MIN_EIGENVALUE: f64 = 1e-13;
 
 /// A number with a larger sigma than this is not determined: places in m and rad, coefficients of a
 /// lens; of focal lengths and principal points it is the width of the picture.
-const UNDETERMINED: (f64, f64, f64) = (10.0, 1.0, 100.0);
+const UNDETERMINED_SIGMA: (f64, f64, f64) = (10.0, 1.0, 100.0);
 
 /// How sure the free numbers of a problem are.
 #[derive(Clone, Debug)]
@@ -33,13 +33,13 @@ pub struct Covariance {
     /// Where all corners err independently.
     independent: DMatrix<f64>,
     /// Where those of a stay err together.
-    by_stay: DMatrix<f64>,
+    by_cluster: DMatrix<f64>,
 }
 
 impl Covariance {
     /// Standard deviation of a number; 0 for one that is fixed.
     pub fn sigma(&self, parameter: Parameter) -> f64 {
-        let variance = |i| self.independent[(i, i)].max(self.by_stay[(i, i)]);
+        let variance = |i| self.independent[(i, i)].max(self.by_cluster[(i, i)]);
         self.column(parameter).map_or(0.0, |i| variance(i).sqrt())
     }
 
@@ -58,18 +58,18 @@ impl Covariance {
             }
             sum
         };
-        let (independent, by_stay) = (carried(&self.independent), carried(&self.by_stay));
+        let (independent, by_cluster) = (carried(&self.independent), carried(&self.by_cluster));
         // Correlations are those of the first estimate, which is never singular.
         let inflation = SVector::<f64, N>::from_fn(|i, _| {
-            let ratio = by_stay[(i, i)] / independent[(i, i)];
+            let ratio = by_cluster[(i, i)] / independent[(i, i)];
             if ratio > 1.0 { ratio.sqrt() } else { 1.0 }
         });
         SMatrix::from_fn(|i, j| independent[(i, j)] * inflation[i] * inflation[j])
     }
 
     /// Covariance `[v, ω]` of a place, by its number; 0 for one that is held.
-    pub fn of_place(&self, place: usize) -> Matrix6<f64> {
-        self.of(&place_by(place, &Matrix6::identity()))
+    pub fn of_pose(&self, place: usize) -> Matrix6<f64> {
+        self.of(&pose_jacobian(place, &Matrix6::identity()))
     }
 
     fn column(&self, parameter: Parameter) -> Option<usize> {
@@ -84,18 +84,18 @@ impl Covariance {
         let normal = build(problem, layout, loss, 0.0);
         let parameters = problem.parameters();
         let independent = invert(problem, &parameters, &normal)?;
-        let by_stay = jackknife(problem, layout, &normal, &independent);
+        let by_cluster = jackknife(problem, layout, &normal, &independent);
         Ok(Self {
             parameters,
             independent,
-            by_stay,
+            by_cluster,
         })
     }
 }
 
 /// What [`Covariance::of`] takes of numbers that change by `by` times the `[v, ω]` of a place.
-pub(crate) fn place_by(place: usize, by: &Matrix6<f64>) -> [(Parameter, Vector6<f64>); 6] {
-    std::array::from_fn(|k| (Parameter::Place(place, k), by.column(k).into_owned()))
+pub(crate) fn pose_jacobian(place: usize, by: &Matrix6<f64>) -> [(Parameter, Vector6<f64>); 6] {
+    std::array::from_fn(|k| (Parameter::Pose(place, k), by.column(k).into_owned()))
 }
 
 /// How far the numbers spread that would be found without one stay, for each stay; with what priors leave open.
@@ -106,13 +106,13 @@ fn jackknife(
     independent: &DMatrix<f64>,
 ) -> DMatrix<f64> {
     let n = layout.count;
-    let mut stays: BTreeMap<usize, (DVector<f64>, DMatrix<f64>)> = BTreeMap::new();
+    let mut clusters: BTreeMap<usize, (DVector<f64>, DMatrix<f64>)> = BTreeMap::new();
     for (instant, share) in normal.shares.iter().enumerate() {
         if share.columns.is_empty() {
             continue;
         }
-        let stay = problem.stays.get(instant).copied().unwrap_or(instant);
-        let (score, information) = stays
+        let stay = problem.clusters.get(instant).copied().unwrap_or(instant);
+        let (score, information) = clusters
             .entry(stay)
             .or_insert_with(|| (DVector::zeros(n), DMatrix::zeros(n, n)));
         for (i, &row) in share.columns.iter().enumerate() {
@@ -125,8 +125,8 @@ fn jackknife(
     let mut prior = DMatrix::zeros(n, n);
     add_prior_information(problem, layout, &mut prior);
     let mut spread = independent * prior * independent;
-    let k = stays.len() as f64;
-    for (score, information) in stays.values() {
+    let k = clusters.len() as f64;
+    for (score, information) in clusters.values() {
         let rest = unit_diagonal(&(&normal.matrix - information));
         let step = match rest.and_then(|(rest, by)| Some((rest.cholesky()?, by))) {
             Some((rest, by)) => rest.solve(&score.component_mul(&by)).component_mul(&by),
@@ -153,7 +153,7 @@ fn invert(
     };
     let eigen = scaled.clone().symmetric_eigen();
     let least = eigen.eigenvalues.imin();
-    if eigen.eigenvalues[least] < LEAST_EIGENVALUE {
+    if eigen.eigenvalues[least] < MIN_EIGENVALUE {
         return Err(undetermined(eigen.eigenvectors.column(least).icamax()));
     }
     let inverse = scaled
@@ -161,13 +161,13 @@ fn invert(
         .ok_or_else(|| undetermined(eigen.eigenvectors.column(least).icamax()))?
         .inverse();
     let inverse = DMatrix::from_fn(by.len(), by.len(), |i, j| inverse[(i, j)] * by[i] * by[j]);
-    let (metres, radians, coefficient) = UNDETERMINED;
+    let (metres, radians, coefficient) = UNDETERMINED_SIGMA;
     let too_wide = |i: &usize| {
         let most = match parameters[*i] {
             Parameter::Lens(lens, 0..4) => f64::from(problem.lenses[lens].model.width),
             Parameter::Lens(..) => coefficient,
-            Parameter::Place(_, 0..3) => metres,
-            Parameter::Place(..) => radians,
+            Parameter::Pose(_, 0..3) => metres,
+            Parameter::Pose(..) => radians,
         };
         inverse[(*i, *i)] > most * most
     };
@@ -186,8 +186,8 @@ fn add_prior_information(problem: &Problem, layout: &Layout, pulls: &mut DMatrix
             }
         }
     }
-    for (place, column) in problem.places.iter().zip(&layout.places) {
-        if let (PlacePrior::Near { covariance, .. }, Some(c)) = (&place.prior, column) {
+    for (place, column) in problem.poses.iter().zip(&layout.poses) {
+        if let (PosePrior::Near { covariance, .. }, Some(c)) = (&place.prior, column) {
             let Some(inverse) = covariance.try_inverse() else {
                 continue;
             };

@@ -17,11 +17,11 @@ const STEPS: usize = 40;
 /// A step that lowers the cost by a smaller share than this is the last.
 const TOLERANCE: f64 = 1e-9;
 /// Least share of points that must be projected from the start.
-const SEEN_SHARE: f64 = 0.6;
+const MIN_PROJECTED_RATIO: f64 = 0.6;
 /// A point that cannot be projected counts as this many sigmas off.
-const LOST: f64 = 30.0;
+const UNPROJECTED_SIGMAS: f64 = 30.0;
 /// Least scale: exact observations must not divide by 0.
-const LEAST_SCALE: f64 = 1e-6;
+const MIN_SCALE: f64 = 1e-6;
 
 /// Where an eye was when it saw these points, and the RMS length of the residuals, px.
 ///
@@ -35,7 +35,7 @@ pub fn locate(
     let lens = Lens::new(model);
     let mut pose = *start_eye_from_target;
     let seen = residuals(&lens, points, &pose).iter().flatten().count();
-    if (seen as f64) < SEEN_SHARE * points.len() as f64 || seen == 0 {
+    if (seen as f64) < MIN_PROJECTED_RATIO * points.len() as f64 || seen == 0 {
         let all = points.len();
         return Err(AdjustError::Start { seen, all });
     }
@@ -69,13 +69,16 @@ fn residuals(lens: &Lens, points: &[Point], pose: &RigidTransform) -> Vec<Option
 fn scale(points: &[Point], residuals: &[Option<[f64; 2]>]) -> f64 {
     let lengths = residuals.iter().zip(points);
     let lengths = lengths.map(|(r, p)| r.map_or(f64::INFINITY, |[x, y]| x.hypot(y)) / p.sigma_px);
-    super::solve::median_scale(lengths.collect()).max(LEAST_SCALE)
+    super::solve::median_scale(lengths.collect()).max(MIN_SCALE)
 }
 
 fn cost(lens: &Lens, points: &[Point], pose: &RigidTransform, loss: &Loss) -> f64 {
     let residuals = residuals(lens, points, pose);
     let of = |(r, p): (Option<[f64; 2]>, &Point)| match r {
-        None => loss.of(LOST * LOST * loss.scale * loss.scale).0,
+        None => {
+            loss.of(UNPROJECTED_SIGMAS * UNPROJECTED_SIGMAS * loss.scale * loss.scale)
+                .0
+        }
         Some([x, y]) => loss.of((x * x + y * y) / (p.sigma_px * p.sigma_px)).0,
     };
     residuals.into_iter().zip(points).map(of).sum()

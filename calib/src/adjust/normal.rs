@@ -6,21 +6,21 @@ use std::num::NonZero;
 use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix6, MatrixXx6, SMatrix, Vector3, Vector6};
 
 use super::pose::{Pose, cross, step_between};
-use super::{PlacePrior, Prior, Problem, View};
+use super::{PosePrior, Prior, Problem, View};
 use crate::camera::CameraModel;
 use crate::lens::Lens;
 
 /// A pixel that cannot be projected counts as this many sigmas off, so that steps that lose points
 /// are refused.
-const LOST: f64 = 30.0;
+const UNPROJECTED_SIGMAS: f64 = 30.0;
 /// Work is cut into so many pieces, whatever the number of threads, so that sums come out alike.
-const PIECES: usize = 16;
+const CHUNKS: usize = 16;
 
 /// Where the numbers of each block begin in the vector of free ones; `None` for fixed ones.
 #[derive(Clone, Debug)]
 pub(super) struct Layout {
     pub(super) lenses: Vec<Vec<Option<usize>>>,
-    pub(super) places: Vec<Option<usize>>,
+    pub(super) poses: Vec<Option<usize>>,
     pub(super) count: usize,
     /// Views of each instant, by number.
     pub(super) views: Vec<Vec<usize>>,
@@ -72,9 +72,9 @@ impl Layout {
                 .collect()
         });
         let lenses = lenses.collect();
-        let places = problem.places.iter();
-        let places = places
-            .map(|place| (place.prior != PlacePrior::Fixed).then(|| next(6)))
+        let poses = problem.poses.iter();
+        let poses = poses
+            .map(|place| (place.prior != PosePrior::Fixed).then(|| next(6)))
             .collect();
         let mut views = vec![Vec::new(); problem.instants.len()];
         for (i, view) in problem.views.iter().enumerate() {
@@ -82,7 +82,7 @@ impl Layout {
         }
         Self {
             lenses,
-            places,
+            poses,
             count,
             views,
         }
@@ -92,7 +92,7 @@ impl Layout {
     fn columns(&self, view: &View) -> Vec<usize> {
         let lens = self.lenses[view.lens].iter().flatten().copied();
         let placed = view.path.iter().chain(&view.target);
-        let placed = placed.filter_map(|&p| self.places[p]);
+        let placed = placed.filter_map(|&p| self.poses[p]);
         lens.chain(placed.flat_map(|begin| begin..begin + 6))
             .collect()
     }
@@ -122,7 +122,7 @@ pub(super) struct Chain {
 
 impl Chain {
     pub(super) fn new(problem: &Problem, lenses: &[Lens], view: &View) -> Self {
-        let place = |i: &usize| Pose::new(&problem.places[*i].parent_from_child);
+        let place = |i: &usize| Pose::new(&problem.poses[*i].parent_from_child);
         Self {
             lens: lenses[view.lens],
             world_from_target: view.target.as_ref().map(place),
@@ -165,7 +165,7 @@ impl Chain {
 /// place, the pose of the instant.
 struct Row {
     residual: [f64; 2],
-    lens: SMatrix<f64, 2, { CameraModel::MOST }>,
+    lens: SMatrix<f64, 2, { CameraModel::MAX_PARAMETERS }>,
     path: Vec<SMatrix<f64, 2, 6>>,
     target: SMatrix<f64, 2, 6>,
     instant: SMatrix<f64, 2, 6>,
@@ -238,16 +238,18 @@ fn rows(
     let free_places: Vec<bool> = view
         .path
         .iter()
-        .map(|&p| layout.places[p].is_some())
+        .map(|&p| layout.poses[p].is_some())
         .collect();
-    let free_target = view.target.is_some_and(|t| layout.places[t].is_some());
+    let free_target = view.target.is_some_and(|t| layout.poses[t].is_some());
     let width = layout.columns(view).len();
     // Column by column in memory, so transposed: one column per equation.
     let mut all = DMatrix::zeros(width + 7, 2 * view.points.len());
     let mut cost = 0.0;
     for (n, point) in view.points.iter().enumerate() {
         let Some(row) = chain.row(point.x_in_target, point.pixel) else {
-            cost += loss.of(LOST * LOST * loss.scale * loss.scale).0;
+            cost += loss
+                .of(UNPROJECTED_SIGMAS * UNPROJECTED_SIGMAS * loss.scale * loss.scale)
+                .0;
             continue;
         };
         let [dx, dy] = row.residual;
@@ -281,23 +283,23 @@ fn rows(
 }
 
 /// What one instant gives.
-struct Piece {
+struct Chunk {
     matrix: DMatrix<f64>,
     gradient: DVector<f64>,
     shares: Vec<Share>,
     cost: f64,
 }
 
-fn piece(
+fn accumulate(
     problem: &Problem,
     layout: &Layout,
     lenses: &[Lens],
     loss: &Loss,
     damping: f64,
     instants: std::ops::Range<usize>,
-) -> Piece {
+) -> Chunk {
     let n = layout.count;
-    let mut sum = Piece {
+    let mut sum = Chunk {
         matrix: DMatrix::zeros(n, n),
         gradient: DVector::zeros(n),
         shares: Vec::with_capacity(instants.len()),
@@ -394,7 +396,7 @@ fn share(
 pub(super) fn build(problem: &Problem, layout: &Layout, loss: &Loss, damping: f64) -> Normal {
     let lenses = lenses(problem);
     let pieces = in_pieces(problem.instants.len(), |instants| {
-        piece(problem, layout, &lenses, loss, damping, instants)
+        accumulate(problem, layout, &lenses, loss, damping, instants)
     });
     let n = layout.count;
     let mut normal = Normal {
@@ -403,11 +405,11 @@ pub(super) fn build(problem: &Problem, layout: &Layout, loss: &Loss, damping: f6
         shares: Vec::with_capacity(problem.instants.len()),
         cost: 0.0,
     };
-    for piece in pieces {
-        normal.matrix += piece.matrix;
-        normal.gradient += piece.gradient;
-        normal.cost += piece.cost;
-        normal.shares.extend(piece.shares);
+    for accumulate in pieces {
+        normal.matrix += accumulate.matrix;
+        normal.gradient += accumulate.gradient;
+        normal.cost += accumulate.cost;
+        normal.shares.extend(accumulate.shares);
     }
     add_priors(problem, layout, &mut normal);
     normal
@@ -421,7 +423,10 @@ pub(super) fn cost(problem: &Problem, loss: &Loss) -> f64 {
         let points = view.points.iter();
         points
             .map(|point| match chain.pixel(point.x_in_target) {
-                None => loss.of(LOST * LOST * loss.scale * loss.scale).0,
+                None => {
+                    loss.of(UNPROJECTED_SIGMAS * UNPROJECTED_SIGMAS * loss.scale * loss.scale)
+                        .0
+                }
                 Some([x, y]) => {
                     let (dx, dy) = (x - point.pixel[0], y - point.pixel[1]);
                     loss.of((dx * dx + dy * dy) / (point.sigma_px * point.sigma_px))
@@ -450,7 +455,7 @@ pub(crate) fn in_pieces<T: Send>(
     count: usize,
     work: impl Fn(std::ops::Range<usize>) -> T + Sync,
 ) -> Vec<T> {
-    let pieces = PIECES.min(count);
+    let pieces = CHUNKS.min(count);
     let range = |i: usize| i * count / pieces..(i + 1) * count / pieces;
     let threads = std::thread::available_parallelism()
         .map_or(1, NonZero::get)
@@ -489,8 +494,8 @@ fn add_priors(problem: &Problem, layout: &Layout, normal: &mut Normal) {
             }
         }
     }
-    for (place, column) in problem.places.iter().zip(&layout.places) {
-        if let (PlacePrior::Near { mean, covariance }, Some(c)) = (&place.prior, column) {
+    for (place, column) in problem.poses.iter().zip(&layout.poses) {
+        if let (PosePrior::Near { mean, covariance }, Some(c)) = (&place.prior, column) {
             let information = information(covariance);
             let off = step_between(mean, &place.parent_from_child);
             let gradient = information * off;
@@ -524,12 +529,12 @@ fn prior_cost(problem: &Problem) -> f64 {
                 Prior::Fixed | Prior::Free => 0.0,
             })
     });
-    let places = problem.places.iter().map(|place| match &place.prior {
-        PlacePrior::Near { mean, covariance } => {
+    let poses = problem.poses.iter().map(|place| match &place.prior {
+        PosePrior::Near { mean, covariance } => {
             let off = step_between(mean, &place.parent_from_child);
             0.5 * (off.transpose() * information(covariance) * off)[0]
         }
-        PlacePrior::Fixed | PlacePrior::Free => 0.0,
+        PosePrior::Fixed | PosePrior::Free => 0.0,
     });
-    lenses.chain(places).sum()
+    lenses.chain(poses).sum()
 }

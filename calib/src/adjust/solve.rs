@@ -6,12 +6,12 @@ use nalgebra::{DMatrix, DVector, Matrix2x3, Vector6};
 use super::covariance::Covariance;
 use super::normal::{Chain, Layout, Loss, Normal, build, cost, lenses};
 use super::pose::moved;
-use super::{AdjustError, PlacePrior, Prior, Problem, View};
+use super::{AdjustError, PosePrior, Prior, Problem, View};
 
 /// Damping to begin with, and where it may go.
 const DAMPING: (f64, f64, f64) = (1e-4, 1e-14, 1e10);
 /// Least share of points that must be projected from the start.
-const SEEN_SHARE: f64 = 0.6;
+const MIN_PROJECTED_RATIO: f64 = 0.6;
 /// Median of the length of a 2D residual whose coordinates have sigma 1.
 const RAYLEIGH_MEDIAN: f64 = 1.177_410_022_515_475;
 
@@ -85,7 +85,7 @@ pub fn solve(problem: &Problem, settings: &Settings) -> Result<Solution, AdjustE
     let start = residuals(&problem);
     let all = problem.points();
     let seen = start.iter().flatten().flatten().count();
-    if (seen as f64) < SEEN_SHARE * all as f64 {
+    if (seen as f64) < MIN_PROJECTED_RATIO * all as f64 {
         return Err(AdjustError::Start { seen, all });
     }
     let mut steps = 0;
@@ -114,7 +114,7 @@ pub fn solve(problem: &Problem, settings: &Settings) -> Result<Solution, AdjustE
 
 /// What one instant says of the free numbers, its pose eliminated.
 #[derive(Clone, Debug)]
-pub(crate) struct Told {
+pub(crate) struct ReducedEquations {
     /// Which, by their position among [`Problem::parameters`], ascending.
     pub(crate) columns: Vec<usize>,
     /// Gradient of its cost.
@@ -125,7 +125,7 @@ pub(crate) struct Told {
 
 /// What every instant says at the problem's present values, when observations are `scale` of their own
 /// sigmas off.
-pub(crate) fn told(problem: &Problem, scale: f64) -> Vec<Told> {
+pub(crate) fn reduced_equations(problem: &Problem, scale: f64) -> Vec<ReducedEquations> {
     let loss = Loss {
         scale,
         knee: Settings::default().knee,
@@ -134,7 +134,7 @@ pub(crate) fn told(problem: &Problem, scale: f64) -> Vec<Told> {
         .shares
         .into_iter();
     shares
-        .map(|share| Told {
+        .map(|share| ReducedEquations {
             columns: share.columns,
             score: share.score,
             information: share.information,
@@ -230,7 +230,7 @@ fn changed(problem: &Problem, layout: &Layout, normal: &Normal, by: &DVector<f64
         }
         lens.model = lens.model.with_parameters(&values);
     }
-    for (place, column) in next.places.iter_mut().zip(&layout.places) {
+    for (place, column) in next.poses.iter_mut().zip(&layout.poses) {
         if let Some(c) = *column {
             let step = Vector6::from_fn(|k, _| by[c + k]);
             place.parent_from_child = moved(&place.parent_from_child, &step);
@@ -285,10 +285,10 @@ fn scale(problem: &Problem, layout: &Layout, residuals: &[Vec<Option<[f64; 2]>>]
     // Fitted numbers take their share of what the residuals had.
     let with_prior = |prior: &Prior| !matches!(prior, Prior::Free);
     let lens_count = problem.lenses.iter().flat_map(|lens| &lens.priors);
-    let place_count = problem.places.iter();
+    let place_count = problem.poses.iter();
     let fitted = 6 * layout.views.iter().filter(|v| !v.is_empty()).count()
         + lens_count.filter(|prior| !with_prior(prior)).count()
-        + 6 * place_count.filter(|p| p.prior == PlacePrior::Free).count();
+        + 6 * place_count.filter(|p| p.prior == PosePrior::Free).count();
     let equations = 2 * problem.points();
     let left = equations.saturating_sub(fitted).max(1);
     let scale = median * (equations as f64 / left as f64).sqrt();

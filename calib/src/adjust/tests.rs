@@ -62,13 +62,13 @@ fn stereo(instants: usize, sigma: f64, seed: u64) -> Problem {
                 },
             ),
         ],
-        places: vec![PlaceBlock {
+        poses: vec![PoseBlock {
             name: "right".to_owned(),
             parent_from_child: left_from_right,
-            prior: PlacePrior::Free,
+            prior: PosePrior::Free,
         }],
         instants: Vec::new(),
-        stays: Vec::new(),
+        clusters: Vec::new(),
         views: Vec::new(),
     };
     for instant in 0..instants {
@@ -136,7 +136,7 @@ fn disturbed(truth: &Problem, seed: u64) -> Problem {
         let step = Vector6::from_fn(|_, _| 0.01 * noise.normal());
         moved(pose, &step)
     };
-    for place in &mut start.places {
+    for place in &mut start.poses {
         place.parent_from_child = shake(&place.parent_from_child);
     }
     for instant in &mut start.instants {
@@ -155,8 +155,8 @@ fn finds_the_truth_where_there_is_no_noise() {
         }
     }
     let off = step_between(
-        &truth.places[0].parent_from_child,
-        &found.problem.places[0].parent_from_child,
+        &truth.poses[0].parent_from_child,
+        &found.problem.poses[0].parent_from_child,
     );
     assert!(off.amax() < 1e-9, "{off}");
     assert!(found.rms_px(|_| true) < 1e-8);
@@ -173,9 +173,9 @@ fn ninety_five_of_a_hundred_errors_are_within_two_sigma() {
         for parameter in &covariance.parameters {
             let value = |problem: &Problem| match *parameter {
                 Parameter::Lens(i, k) => problem.lenses[i].model.parameters()[k],
-                Parameter::Place(i, k) => {
-                    let at = &problem.places[i].parent_from_child;
-                    step_between(&truth.places[i].parent_from_child, at)[k]
+                Parameter::Pose(i, k) => {
+                    let at = &problem.poses[i].parent_from_child;
+                    step_between(&truth.poses[i].parent_from_child, at)[k]
                 }
             };
             let off = value(&found.problem) - value(&truth);
@@ -192,18 +192,18 @@ fn ninety_five_of_a_hundred_errors_are_within_two_sigma() {
 /// the rig is, is known from priors alone, and must not hide how far its eyes are turned from each other.
 #[test]
 fn stays_count_once() {
-    let share_inside = |told: bool| {
+    let share_inside = |clustered: bool| {
         let mut inside = 0;
         for seed in 0..30 {
             let mut truth = stereo(12, 0.15, 300 + seed);
-            let on_the_rig = |name: &str, at: RigidTransform| PlaceBlock {
+            let on_the_rig = |name: &str, at: RigidTransform| PoseBlock {
                 name: name.to_owned(),
                 parent_from_child: at,
-                prior: PlacePrior::near(at, 1e-3, 5e-3),
+                prior: PosePrior::near(at, 1e-3, 5e-3),
             };
-            let right = truth.places[0].parent_from_child;
+            let right = truth.poses[0].parent_from_child;
             let left = RigidTransform::identity();
-            truth.places = vec![on_the_rig("right", right), on_the_rig("left", left)];
+            truth.poses = vec![on_the_rig("right", right), on_the_rig("left", left)];
             for view in &mut truth.views {
                 view.path = vec![1 - view.lens];
             }
@@ -217,12 +217,12 @@ fn stays_count_once() {
                         ..view
                     }));
             }
-            if told {
-                truth.stays = (0..truth.instants.len()).map(|i| i % 12).collect();
+            if clustered {
+                truth.clusters = (0..truth.instants.len()).map(|i| i % 12).collect();
             }
             let found = solve(&disturbed(&truth, seed), &Settings::default()).unwrap();
             let turned = |place: usize| -> Vector3<f64> {
-                let at = |problem: &Problem| problem.places[place].parent_from_child;
+                let at = |problem: &Problem| problem.poses[place].parent_from_child;
                 let step = step_between(&at(&truth), &at(&found.problem));
                 step.fixed_rows::<3>(3).into()
             };
@@ -230,7 +230,7 @@ fn stays_count_once() {
             let by: Vec<(Parameter, Vector3<f64>)> = [(0, 1.0), (1, -1.0)]
                 .into_iter()
                 .flat_map(|(place, sign)| {
-                    (0..3).map(move |k| (Parameter::Place(place, 3 + k), Vector3::ith(k, sign)))
+                    (0..3).map(move |k| (Parameter::Pose(place, 3 + k), Vector3::ith(k, sign)))
                 })
                 .collect();
             let covariance = found.covariance.as_ref().unwrap().of(&by);
@@ -239,9 +239,9 @@ fn stays_count_once() {
         }
         inside as f64 / 90.0
     };
-    let (told, untold) = (share_inside(true), share_inside(false));
-    assert!(told > 0.9, "{told}");
-    assert!(untold < 0.8, "{untold}");
+    let (clustered, unclustered) = (share_inside(true), share_inside(false));
+    assert!(clustered > 0.9, "{clustered}");
+    assert!(unclustered < 0.8, "{unclustered}");
 }
 
 #[test]
@@ -255,10 +255,10 @@ fn gross_errors_hardly_matter() {
     let covariance = found.covariance.as_ref().unwrap();
     for k in 0..6 {
         let off = step_between(
-            &clean.places[0].parent_from_child,
-            &found.problem.places[0].parent_from_child,
+            &clean.poses[0].parent_from_child,
+            &found.problem.poses[0].parent_from_child,
         )[k];
-        let sigma = covariance.sigma(Parameter::Place(0, k));
+        let sigma = covariance.sigma(Parameter::Pose(0, k));
         assert!(off.abs() < 4.0 * sigma, "{k}: {off} of {sigma}");
     }
 }
@@ -290,8 +290,8 @@ fn what_no_view_tells_is_named() {
             })
             .collect();
     }
-    let place = &mut with_priors.places[0];
-    place.prior = PlacePrior::near(place.parent_from_child, 1e-3, 2e-3);
+    let place = &mut with_priors.poses[0];
+    place.prior = PosePrior::near(place.parent_from_child, 1e-3, 2e-3);
     let found = solve(&with_priors, &Settings::default()).unwrap();
     let sigma = found.covariance.unwrap().sigma(Parameter::Lens(0, 0));
     assert!(sigma < 3.6 && sigma > 1.0, "{sigma}");
@@ -332,10 +332,10 @@ proptest! {
                         p[k] += by;
                         moved_problem.lenses[i].model = problem.lenses[i].model.with_parameters(&p);
                     }
-                    Parameter::Place(i, k) => {
+                    Parameter::Pose(i, k) => {
                         let mut step = Vector6::zeros();
                         step[k] = by;
-                        let place = &mut moved_problem.places[i];
+                        let place = &mut moved_problem.poses[i];
                         place.parent_from_child = moved(&place.parent_from_child, &step);
                     }
                 }

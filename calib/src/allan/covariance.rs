@@ -92,7 +92,7 @@ fn pair(curve: &Curve, i: usize, j: usize) -> [f64; 10] {
     let runs: Vec<[f64; 2]> = curve
         .runs
         .iter()
-        .filter(|&&n| n >= super::LEAST_LENGTHS * m1.max(m2))
+        .filter(|&&n| n >= super::MIN_LENGTHS * m1.max(m2))
         .map(|&n| [m1, m2].map(|m| (n + 1 - 2 * m) as f64))
         .collect();
     // Pairs of differences that are `lag` apart, in all runs.

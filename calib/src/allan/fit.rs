@@ -17,20 +17,20 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::covariance::{Covariances, Powers};
-use super::{Curve, PER_OCTAVE, chi2};
+use super::{Curve, POINTS_PER_OCTAVE, chi2};
 
 /// A curve needs at least this many points.
-const LEAST_POINTS: usize = 8;
+const MIN_POINTS: usize = 8;
 /// The fit begins no later than this.
-const LATEST_START_S: f64 = 2.0;
+const MAX_START_S: f64 = 2.0;
 /// A fit is doubted when its residuals were this unlikely.
-const DOUBT: f64 = 1e-4;
+const MAX_MISFIT_PROBABILITY: f64 = 1e-4;
 /// Shares of misfit that are tried.
 const MISFITS: [f64; 12] = [
     0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.8,
 ];
 /// A power must be this many of its standard deviations above zero.
-const DETERMINED: f64 = 3.0;
+const MIN_DETERMINED_SIGMAS: f64 = 3.0;
 /// A limit is where a power would come out as small as it did with this probability, 2.6 standard deviations
 /// of a normal variable. In name that is more than the 95 % that are stated: estimates of bias
 /// instability beside a random walk are skewed downwards, and with 1.6 deviations one limit in four was too low
@@ -167,10 +167,10 @@ impl Fitter {
         let taus: Vec<f64> = curve.points.iter().map(|p| p.tau_s).collect();
         let variances: Vec<f64> = curve.points.iter().map(|p| p.variance).collect();
         let usable = |v: &f64| v.is_finite() && *v > 0.0;
-        if taus.len() < LEAST_POINTS || !variances.iter().all(usable) {
+        if taus.len() < MIN_POINTS || !variances.iter().all(usable) {
             return None;
         }
-        let starts = (0..=taus.len() - LEAST_POINTS).take_while(|&i| taus[i] <= LATEST_START_S);
+        let starts = (0..=taus.len() - MIN_POINTS).take_while(|&i| taus[i] <= MAX_START_S);
         let at = |from: usize| Job {
             covariances: &self.covariances,
             taus: &taus,
@@ -178,14 +178,14 @@ impl Fitter {
             from,
             price: (curve.runs.iter().sum::<usize>() as f64).ln(),
         };
-        let sound = |job: &Job<'_>| job.best(&[0.0]).filter(|found| !job.is_doubtful(found));
+        let sound = |job: &Job<'_>| job.best(&[0.0]).filter(|found| !job.is_misfit(found));
         let whole = at(0);
         if let Some(solution) = sound(&whole) {
             return Some(whole.report(&solution));
         }
         // Something is wrong with the shortest averages. A filter is felt far beyond its own length, so
         // the white noise must be the same an octave later.
-        let octave = PER_OCTAVE as usize;
+        let octave = POINTS_PER_OCTAVE as usize;
         let starts: Vec<usize> = starts.collect();
         for &from in starts
             .iter()
@@ -272,9 +272,9 @@ impl Job<'_> {
     }
 
     /// Whether the residuals of a fit are too large to be chance.
-    fn is_doubtful(&self, solution: &Solution) -> bool {
+    fn is_misfit(&self, solution: &Solution) -> bool {
         let freedom = (self.taus.len() - self.from - solution.terms.len()) as f64;
-        solution.residual > chi2::quantile(1.0 - DOUBT, freedom)
+        solution.residual > chi2::quantile(1.0 - MAX_MISFIT_PROBABILITY, freedom)
     }
 
     /// Covariance of the points under a model, with a share of misfit.
@@ -422,7 +422,7 @@ impl Job<'_> {
         let Some((_, sigma)) = self.with_all(term, &solution.powers, solution.misfit) else {
             return Value::Below(f64::INFINITY);
         };
-        if power > 0.0 && power >= DETERMINED * sigma {
+        if power > 0.0 && power >= MIN_DETERMINED_SIGMAS * sigma {
             let freedom = 2.0 * (power / sigma).powi(2);
             let at = |p: f64| (power * freedom / chi2::quantile(p, freedom)).sqrt();
             let (value, sigma) = (power.sqrt(), sigma / (2.0 * power.sqrt()));

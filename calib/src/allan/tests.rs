@@ -57,7 +57,7 @@ fn whole(rate: &[f64], period: f64) -> Curve {
 fn slow(rate: &[f64], runs: &[Range<usize>], factor: usize) -> (f64, u64) {
     let (mut sum, mut terms) = (0.0, 0);
     for run in runs {
-        if run.len() < LEAST_LENGTHS * factor {
+        if run.len() < MIN_LENGTHS * factor {
             continue;
         }
         for i in run.start..=run.end - 2 * factor {

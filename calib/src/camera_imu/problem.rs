@@ -8,10 +8,10 @@
 use nalgebra::{Cholesky, Matrix3, SMatrix, SVector, Vector3};
 
 use super::chain::{Chain, Covariance};
-use super::excite::Held;
+use super::observability::FixedDirections;
 use super::preintegrate::{ACCEL_SHAPE, GYRO_SHAPE, SENSOR, preintegrate};
 use super::track::{Correction, Raw, Track};
-use super::view::{Moving, Pose, Quadric, VIEW, View};
+use super::view::{CameraMotion, Pose, Quadric, VIEW, View};
 use super::{Cameras, GRAVITY, so3};
 use crate::stereo::ImuNoise;
 
@@ -31,16 +31,16 @@ pub(super) const BOARD: usize = 10;
 pub(super) const SHAPES: usize = 11;
 
 /// Beyond so many sigmas (of seven or nine numbers together) a picture or an interval counts less.
-const HUBER: f64 = 5.5;
+const HUBER_SIGMAS: f64 = 5.5;
 /// How hard directions are held: rad, m, s.
-const HOLD: [f64; 3] = [1e-6, 1e-6, 1e-7];
+const FIXED_SIGMA: [f64; 3] = [1e-6, 1e-6, 1e-7];
 /// No hand moves a camera faster, m/s: holds velocities that nothing measures.
-const FASTEST: f64 = 10.0;
-const LEAST_DAMPING: f64 = 1e-9;
-const MOST_ITERATIONS: usize = 30;
+const MAX_DAMPING_FACTOR: f64 = 10.0;
+const MIN_DAMPING: f64 = 1e-9;
+const MAX_ITERATIONS: usize = 30;
 /// What a step may still promise then, squared sigmas: along directions that are not determined the way is
 /// long, flat, and of no use.
-const FLAT: f64 = 10.0;
+const MIN_CURVATURE_RATIO: f64 = 10.0;
 
 /// One instant. Coordinates of the IMU in the target's frame.
 #[derive(Clone, Copy, Debug)]
@@ -73,7 +73,7 @@ pub(super) struct Prior {
     pub shared: Shared,
     pub sigmas: SVector<f64, SHARED>,
     /// Directions that are held, whatever their sigma.
-    pub held: Held,
+    pub fixed: FixedDirections,
     pub biases: [f64; 2],
 }
 
@@ -117,7 +117,7 @@ pub(super) struct Problem<'a> {
 }
 
 /// A quadric as a residual: `root x + offset`.
-struct Rooted {
+struct WhitenedView {
     pose: Pose,
     board_scale: f64,
     root: SMatrix<f64, VIEW, VIEW>,
@@ -126,7 +126,7 @@ struct Rooted {
     rank: usize,
 }
 
-impl Rooted {
+impl WhitenedView {
     fn new(quadric: &Quadric) -> Option<Self> {
         let mut information = quadric.information;
         let six: SMatrix<f64, 6, 6> = information.fixed_view::<6, 6>(0, 0).into();
@@ -148,7 +148,7 @@ impl Rooted {
 
 /// Sums over one kind of measurement.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Sum {
+pub(super) struct ResidualSum {
     pub squares: f64,
     /// Numbers, less what the fit takes up.
     pub redundancy: f64,
@@ -156,7 +156,7 @@ pub(super) struct Sum {
 
 /// Residuals in sigmas of one picture and of what follows it.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Local {
+pub(super) struct IntervalResiduals {
     /// Mean squares.
     pub pose: f64,
     pub gyro: Option<f64>,
@@ -166,15 +166,15 @@ pub(super) struct Local {
 }
 
 /// A fit.
-pub(super) struct Fitted {
+pub(super) struct FitResult {
     pub states: Vec<State>,
     pub shared: Shared,
     pub covariance: Covariance<STATE, SHARED>,
     /// Poses, gyroscope, accelerometer, walk of the first, walk of the second.
-    pub sums: [Sum; 5],
+    pub sums: [ResidualSum; 5],
     /// Medians over pictures and intervals of the mean squares of the first three kinds.
     pub medians: [f64; 3],
-    pub locals: Vec<Local>,
+    pub locals: Vec<IntervalResiduals>,
 }
 
 /// Residual and derivatives of one factor, divided by its noise.
@@ -189,13 +189,13 @@ struct Whitened<const M: usize> {
 
 impl<const M: usize> Whitened<M> {
     /// Applies the loss; gives its cost.
-    fn lose(&mut self, robust: bool) -> f64 {
+    fn apply_loss(&mut self, robust: bool) -> f64 {
         let length = self.residual.norm();
-        if length <= HUBER || !robust {
+        if length <= HUBER_SIGMAS || !robust {
             return length * length;
         }
-        self.weight = HUBER / length;
-        2.0 * HUBER * length - HUBER * HUBER
+        self.weight = HUBER_SIGMAS / length;
+        2.0 * HUBER_SIGMAS * length - HUBER_SIGMAS * HUBER_SIGMAS
     }
 
     fn add(&self, i: usize, chain: &mut Chain<STATE, SHARED>) {
@@ -232,7 +232,7 @@ impl Shared {
     }
 
     /// Two directions normal to gravity.
-    fn across(&self) -> SMatrix<f64, 3, 2> {
+    fn gravity_tangent(&self) -> SMatrix<f64, 3, 2> {
         let down = self.gravity.normalize();
         let other = match down.x.abs() < 0.7 {
             true => Vector3::x(),
@@ -245,13 +245,14 @@ impl Shared {
     fn moved(&self, step: &SVector<f64, SHARED>) -> Self {
         let three = |k: usize| -> Vector3<f64> { step.fixed_rows::<3>(k).into() };
         let nine = |k: usize| Matrix3::from_row_slice(&step.as_slice()[k..k + 9]);
-        let across = self.across() * SVector::<f64, 2>::new(step[DOWN], step[DOWN + 1]);
+        let gravity_tangent =
+            self.gravity_tangent() * SVector::<f64, 2>::new(step[DOWN], step[DOWN + 1]);
         Self {
             rotation: so3::tidy(&(self.rotation * so3::exp(&three(ROTATION)))),
             translation: self.translation + three(TRANSLATION),
             offset_s: self.offset_s + step[OFFSET],
             drift: self.drift + step[DRIFT],
-            gravity: (self.gravity.normalize() + across).normalize() * GRAVITY,
+            gravity: (self.gravity.normalize() + gravity_tangent).normalize() * GRAVITY,
             board_scale: self.board_scale + step[BOARD],
             gyro_shape: self.gyro_shape + nine(SHAPES),
             accel_shape: self.accel_shape + nine(SHAPES + 9),
@@ -287,19 +288,19 @@ impl State {
 
 impl Prior {
     fn factor(&self, shared: &Shared) -> Whitened<SHARED> {
-        let told = &self.shared;
-        let turn = so3::log(&(told.rotation.transpose() * shared.rotation));
+        let nominal = &self.shared;
+        let turn = so3::log(&(nominal.rotation.transpose() * shared.rotation));
         let mut residual = SVector::<f64, SHARED>::zeros();
         residual.fixed_rows_mut::<3>(ROTATION).copy_from(&turn);
         residual
             .fixed_rows_mut::<3>(TRANSLATION)
-            .copy_from(&(shared.translation - told.translation));
-        residual[OFFSET] = shared.offset_s - told.offset_s;
-        residual[DRIFT] = shared.drift - told.drift;
-        residual[BOARD] = shared.board_scale - told.board_scale;
+            .copy_from(&(shared.translation - nominal.translation));
+        residual[OFFSET] = shared.offset_s - nominal.offset_s;
+        residual[DRIFT] = shared.drift - nominal.drift;
+        residual[BOARD] = shared.board_scale - nominal.board_scale;
         let shapes = [
-            shared.gyro_shape - told.gyro_shape,
-            shared.accel_shape - told.accel_shape,
+            shared.gyro_shape - nominal.gyro_shape,
+            shared.accel_shape - nominal.accel_shape,
         ];
         for (s, shape) in shapes.iter().enumerate() {
             for k in 0..9 {
@@ -311,17 +312,18 @@ impl Prior {
             .fixed_view_mut::<3, 3>(ROTATION, ROTATION)
             .copy_from(&so3::right_jacobian_inverse(&turn));
         let mut root = SMatrix::<f64, SHARED, SHARED>::from_diagonal(&self.sigmas.map(|s| 1.0 / s));
-        for (at, held) in [
-            (ROTATION, &self.held.rotation),
-            (TRANSLATION, &self.held.translation),
+        for (at, fixed) in [
+            (ROTATION, &self.fixed.rotation),
+            (TRANSLATION, &self.fixed.translation),
         ] {
-            for direction in held {
+            for direction in fixed {
                 let mut block = root.fixed_view_mut::<3, 3>(at, at);
-                block += direction * direction.transpose() * (1.0 / HOLD[usize::from(at > 0)]);
+                block +=
+                    direction * direction.transpose() * (1.0 / FIXED_SIGMA[usize::from(at > 0)]);
             }
         }
-        if self.held.offset {
-            root[(OFFSET, OFFSET)] = 1.0 / HOLD[2];
+        if self.fixed.offset {
+            root[(OFFSET, OFFSET)] = 1.0 / FIXED_SIGMA[2];
         }
         let residual = root * residual;
         let by_shared = root * by_shared;
@@ -337,7 +339,7 @@ impl Prior {
 
 impl Problem<'_> {
     /// How the left camera moves at each picture of a fit, by the IMU where it measured then.
-    pub(super) fn motions(&self, fitted: &Fitted) -> Vec<Moving> {
+    pub(super) fn motions(&self, fitted: &FitResult) -> Vec<CameraMotion> {
         let shared = &fitted.shared;
         let readout_s = self.cameras.line_s.abs() * f64::from(self.cameras.left.model().height);
         let half_s = (0.5 * readout_s).max(self.track.period_s);
@@ -354,7 +356,7 @@ impl Problem<'_> {
                 accel,
             };
             let rate = correction.gyro(&raw);
-            Moving {
+            CameraMotion {
                 rate: shared.rotation.transpose() * rate,
                 velocity: state.velocity + state.rotation * rate.cross(&shared.translation),
             }
@@ -362,7 +364,7 @@ impl Problem<'_> {
         self.views.iter().zip(&fitted.states).map(of).collect()
     }
 
-    fn picture(&self, rooted: &Rooted, state: &State, shared: &Shared) -> Whitened<VIEW> {
+    fn view_factor(&self, rooted: &WhitenedView, state: &State, shared: &Shared) -> Whitened<VIEW> {
         let camera = shared.camera(state);
         let turn = so3::log(&(rooted.pose.rotation.transpose() * camera.rotation));
         let mut x = SVector::<f64, VIEW>::zeros();
@@ -491,7 +493,7 @@ impl Problem<'_> {
         by_shared.set_column(OFFSET, &(by_time[0] + by_time[1]));
         let [from, to] = [i, i + 1].map(|k| self.views[k].time_s - self.middle_s);
         by_shared.set_column(DRIFT, &(by_time[0] * from + by_time[1] * to));
-        let by_down = back * shared.across() * GRAVITY;
+        let by_down = back * shared.gravity_tangent() * GRAVITY;
         by_shared
             .fixed_view_mut::<3, 2>(3, DOWN)
             .copy_from(&(by_down * -t));
@@ -538,13 +540,13 @@ impl Problem<'_> {
     }
 
     /// What holds a state by itself: its velocity, and the biases of the first.
-    fn alone(&self, i: usize, state: &State) -> Whitened<9> {
+    fn isolated(&self, i: usize, state: &State) -> Whitened<9> {
         let mut residual = SVector::<f64, 9>::zeros();
         let mut own = SMatrix::<f64, 9, STATE>::zeros();
         let [gyro, accel] = self.prior.biases;
         for k in 0..3 {
-            residual[k] = state.velocity[k] / FASTEST;
-            own[(k, VELOCITY + k)] = 1.0 / FASTEST;
+            residual[k] = state.velocity[k] / MAX_DAMPING_FACTOR;
+            own[(k, VELOCITY + k)] = 1.0 / MAX_DAMPING_FACTOR;
             if i == 0 {
                 residual[3 + k] = state.gyro_bias[k] / gyro;
                 own[(3 + k, BIAS + k)] = 1.0 / gyro;
@@ -564,7 +566,7 @@ impl Problem<'_> {
     /// Normal equations and cost; none where the IMU does not reach.
     fn equations(
         &self,
-        rooted: &[Rooted],
+        rooted: &[WhitenedView],
         states: &[State],
         shared: &Shared,
     ) -> Option<(Chain<STATE, SHARED>, f64)> {
@@ -576,10 +578,10 @@ impl Problem<'_> {
         chain.shared_gradient += prior.shared.transpose() * prior.residual;
         let mut cost = prior.residual.norm_squared();
         for i in 0..n {
-            let mut picture = self.picture(&rooted[i], &states[i], shared);
-            cost += picture.lose(self.robust);
-            picture.add(i, &mut chain);
-            let alone = self.alone(i, &states[i]);
+            let mut view_factor = self.view_factor(&rooted[i], &states[i], shared);
+            cost += view_factor.apply_loss(self.robust);
+            view_factor.add(i, &mut chain);
+            let alone = self.isolated(i, &states[i]);
             cost += alone.residual.norm_squared();
             alone.add(i, &mut chain);
             if i + 1 == n {
@@ -590,7 +592,7 @@ impl Problem<'_> {
             walk.add(i, &mut chain);
             if self.links[i] {
                 let mut inertial = self.inertial(i, states, shared, &mut raw)?;
-                cost += inertial.lose(self.robust);
+                cost += inertial.apply_loss(self.robust);
                 inertial.add(i, &mut chain);
             }
         }
@@ -598,12 +600,16 @@ impl Problem<'_> {
     }
 
     /// The best fit from a start; the number of iterations if there is none.
-    pub(super) fn fit(&self, mut states: Vec<State>, mut shared: Shared) -> Result<Fitted, usize> {
+    pub(super) fn fit(
+        &self,
+        mut states: Vec<State>,
+        mut shared: Shared,
+    ) -> Result<FitResult, usize> {
         let mut iterations = 0;
         for round in 0.. {
             // The first time around, and wherever the motion contradicts a picture, the pose that fits it
             // best by itself: far from it all corners would look like outliers.
-            let rooted: Option<Vec<Rooted>> = (0..states.len())
+            let rooted: Option<Vec<WhitenedView>> = (0..states.len())
                 .map(|i| {
                     let at = |pose: &Pose, size: f64| {
                         self.views[i].linearise(self.cameras, pose, size, self.corner_scale)
@@ -612,14 +618,14 @@ impl Problem<'_> {
                     let quadric = match round {
                         0 => own(),
                         _ => Some(at(&shared.camera(&states[i]), shared.board_scale))
-                            .filter(|q| 10 * q.corners >= 9 * self.views[i].corners_kept)
+                            .filter(|q| 10 * q.corners >= 9 * self.views[i].inlier_corners)
                             .unwrap_or_else(own),
                     };
-                    Rooted::new(&quadric)
+                    WhitenedView::new(&quadric)
                 })
                 .collect();
             let rooted = rooted.ok_or(iterations)?;
-            let promised = self.descend(&rooted, &mut states, &mut shared, &mut iterations)?;
+            let promised = self.optimize(&rooted, &mut states, &mut shared, &mut iterations)?;
             if (round > 0 && promised < 1e-2) || round == if self.robust { 4 } else { 1 } {
                 return self.fitted(&rooted, states, shared, iterations);
             }
@@ -628,9 +634,9 @@ impl Problem<'_> {
     }
 
     /// Goes down to the minimum; gives what the first step promised to gain.
-    fn descend(
+    fn optimize(
         &self,
-        rooted: &[Rooted],
+        rooted: &[WhitenedView],
         states: &mut Vec<State>,
         shared: &mut Shared,
         iterations: &mut usize,
@@ -644,7 +650,7 @@ impl Problem<'_> {
             let Some(step) = stepped else {
                 damping *= 10.0;
                 if damping > 1e8 {
-                    return self.given_up(first, *iterations);
+                    return self.stop(first, *iterations);
                 }
                 continue;
             };
@@ -654,15 +660,15 @@ impl Problem<'_> {
                     .sum::<f64>());
             first.get_or_insert(promised);
             // In units of a squared sigma.
-            let enough = match tries < MOST_ITERATIONS {
+            let enough = match tries < MAX_ITERATIONS {
                 true => 1e-4,
-                false => FLAT.max(1e-3 * cost),
+                false => MIN_CURVATURE_RATIO.max(1e-3 * cost),
             };
             if promised < enough {
                 return Ok(first.unwrap_or(promised));
             }
-            if tries > MOST_ITERATIONS {
-                return self.given_up(first, *iterations);
+            if tries > MAX_ITERATIONS {
+                return self.stop(first, *iterations);
             }
             let tried: Vec<State> = (states.iter().zip(&step.own))
                 .map(|(state, step)| state.moved(step))
@@ -675,17 +681,17 @@ impl Problem<'_> {
                     cost = lower;
                     // Steps that hold what they promised may be longer.
                     damping *= match gained / promised {
-                        held if held > 0.75 => 0.1,
-                        held if held > 0.25 => 1.0,
+                        fixed if fixed > 0.75 => 0.1,
+                        fixed if fixed > 0.25 => 1.0,
                         _ => 4.0,
                     };
-                    damping = damping.max(LEAST_DAMPING);
+                    damping = damping.max(MIN_DAMPING);
                     // The loss makes the last steps small ones.
                     if gained < 1e-3 && gained < 1e-8 * cost {
                         return Ok(first.unwrap_or(promised));
                     }
                 }
-                _ if damping > 1e8 => return self.given_up(first, *iterations),
+                _ if damping > 1e8 => return self.stop(first, *iterations),
                 _ => damping *= 10.0,
             }
         }
@@ -693,7 +699,7 @@ impl Problem<'_> {
     }
 
     /// Without loss a fit need not end: what does not fit keeps it going. It is only a start.
-    fn given_up(&self, first: Option<f64>, iterations: usize) -> Result<f64, usize> {
+    fn stop(&self, first: Option<f64>, iterations: usize) -> Result<f64, usize> {
         match self.robust {
             true => Err(iterations),
             false => Ok(first.unwrap_or(0.0)),
@@ -702,30 +708,30 @@ impl Problem<'_> {
 
     fn fitted(
         &self,
-        rooted: &[Rooted],
+        rooted: &[WhitenedView],
         states: Vec<State>,
         shared: Shared,
         iterations: usize,
-    ) -> Result<Fitted, usize> {
+    ) -> Result<FitResult, usize> {
         let (chain, _) = self.equations(rooted, &states, &shared).ok_or(iterations)?;
         let covariance = chain.factor(0.0).ok_or(iterations)?.covariance();
-        let mut sums = [Sum::default(); 5];
+        let mut sums = [ResidualSum::default(); 5];
         let mut locals = Vec::with_capacity(states.len());
         let mut raw = Vec::new();
-        let sum_up = |sum: &mut Sum, squares: f64, taken: &[f64], weight: f64| {
+        let sum_up = |sum: &mut ResidualSum, squares: f64, taken: &[f64], weight: f64| {
             sum.squares += squares * weight;
             sum.redundancy += weight * taken.len() as f64 - taken.iter().sum::<f64>();
         };
         for i in 0..states.len() {
-            let mut local = Local::default();
-            let mut picture = self.picture(&rooted[i], &states[i], &shared);
-            picture.lose(self.robust);
+            let mut local = IntervalResiduals::default();
+            let mut view_factor = self.view_factor(&rooted[i], &states[i], &shared);
+            view_factor.apply_loss(self.robust);
             let rank = rooted[i].rank;
-            let taken = picture.leverage(i, &covariance);
-            let squares = picture.residual.norm_squared();
-            sum_up(&mut sums[0], squares, &taken[..rank], picture.weight);
+            let taken = view_factor.leverage(i, &covariance);
+            let squares = view_factor.residual.norm_squared();
+            sum_up(&mut sums[0], squares, &taken[..rank], view_factor.weight);
             local.pose = squares / rank as f64;
-            local.weight = picture.weight;
+            local.weight = view_factor.weight;
             if i + 1 < states.len() {
                 let walk = self.walk(i, &states);
                 let taken = walk.leverage(i, &covariance);
@@ -737,7 +743,7 @@ impl Problem<'_> {
             if i + 1 < states.len() && self.links[i] {
                 let inertial = self.inertial(i, &states, &shared, &mut raw);
                 let mut inertial = inertial.ok_or(iterations)?;
-                inertial.lose(self.robust);
+                inertial.apply_loss(self.robust);
                 let taken = inertial.leverage(i, &covariance);
                 let gyro = inertial.residual.rows(0, 3).norm_squared();
                 let accel = inertial.residual.rows(3, 6).norm_squared();
@@ -748,7 +754,7 @@ impl Problem<'_> {
             }
             locals.push(local);
         }
-        let median = |of: &dyn Fn(&Local) -> Option<f64>| {
+        let median = |of: &dyn Fn(&IntervalResiduals) -> Option<f64>| {
             let mut values: Vec<f64> = locals.iter().filter_map(of).collect();
             values.sort_by(f64::total_cmp);
             values.get(values.len() / 2).copied().unwrap_or(0.0)
@@ -758,7 +764,7 @@ impl Problem<'_> {
             median(&|local| local.gyro),
             median(&|local| local.accel),
         ];
-        Ok(Fitted {
+        Ok(FitResult {
             medians,
             states,
             shared,

@@ -8,7 +8,7 @@
 use cad_transforms::RigidTransform;
 use nalgebra::{Matrix3, Vector3};
 
-use super::{Cameras, Corner, ImuSample, Picture, Recording, so3};
+use super::{Cameras, Corner, ImuSample, Recording, TargetObservation, so3};
 use crate::camera::{CameraModel, Distortion};
 use crate::stereo::{Eye, ImuNoise};
 
@@ -244,15 +244,15 @@ pub fn simulate(scene: &Scene, seed: u64) -> Simulated {
         }
     }
 
-    let mut pictures = Vec::new();
+    let mut observations = Vec::new();
     for k in 0..(scene.seconds * scene.picture_hz) as usize {
         let t = (k as f64 + 0.37) / scene.picture_hz;
         let mut corners = Vec::new();
         let eyes = [Eye::Left, Eye::Right];
         for eye in &eyes[..1 + usize::from(scene.stereo)] {
             for x_in_target in &board {
-                let seen = |late_s: f64| {
-                    let (position, rotation, ..) = imu_at(t + late_s);
+                let seen = |row_delay_s: f64| {
+                    let (position, rotation, ..) = imu_at(t + row_delay_s);
                     let x_in_imu =
                         rotation.transpose() * (x_in_target * scene.board_scale - position);
                     let x_in_left = left_from_imu.apply(x_in_imu.into());
@@ -299,7 +299,7 @@ pub fn simulate(scene: &Scene, seed: u64) -> Simulated {
             }
         }
         let offset = scene.time_offset_s + scene.time_drift * (t - half);
-        pictures.push(Picture {
+        observations.push(TargetObservation {
             time_ns: ((t - offset) * 1e9).round() as i64,
             corners,
         });
@@ -307,7 +307,7 @@ pub fn simulate(scene: &Scene, seed: u64) -> Simulated {
     Simulated {
         recording: Recording {
             cameras,
-            pictures,
+            observations,
             imu,
             noise: scene.told_noise,
             range: [f64::INFINITY; 2],

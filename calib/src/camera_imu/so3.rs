@@ -8,7 +8,7 @@
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 /// Squared angle below which series are used, rad².
-const SMALL: f64 = 1e-6;
+const SMALL_ANGLE_RAD: f64 = 1e-6;
 
 /// The matrix of `v ×`.
 pub(super) fn cross(v: &Vector3<f64>) -> Matrix3<f64> {
@@ -18,7 +18,7 @@ pub(super) fn cross(v: &Vector3<f64>) -> Matrix3<f64> {
 /// The rotation by `|v|` rad about `v`.
 pub(super) fn exp(v: &Vector3<f64>) -> Matrix3<f64> {
     let square = v.norm_squared();
-    let (a, b) = if square < SMALL {
+    let (a, b) = if square < SMALL_ANGLE_RAD {
         (1.0 - square / 6.0, 0.5 - square / 24.0)
     } else {
         let angle = square.sqrt();
@@ -42,7 +42,7 @@ pub(super) fn tidy(r: &Matrix3<f64>) -> Matrix3<f64> {
 /// The right Jacobian at a rotation vector.
 pub(super) fn right_jacobian(v: &Vector3<f64>) -> Matrix3<f64> {
     let square = v.norm_squared();
-    let (a, b) = if square < SMALL {
+    let (a, b) = if square < SMALL_ANGLE_RAD {
         (0.5 - square / 24.0, 1.0 / 6.0 - square / 120.0)
     } else {
         let angle = square.sqrt();
@@ -58,7 +58,7 @@ pub(super) fn right_jacobian(v: &Vector3<f64>) -> Matrix3<f64> {
 /// Its inverse, for angles up to π.
 pub(super) fn right_jacobian_inverse(v: &Vector3<f64>) -> Matrix3<f64> {
     let square = v.norm_squared();
-    let b = if square < SMALL {
+    let b = if square < SMALL_ANGLE_RAD {
         1.0 / 12.0 + square / 720.0
     } else {
         let angle = square.sqrt();

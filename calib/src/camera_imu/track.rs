@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::ImuSample;
 
 /// How many sample periods may lie between two samples.
-const LONGEST_STEP: f64 = 2.5;
+const MAX_STEP_PERIODS: f64 = 2.5;
 
 /// A measurement, s, rad/s and m/s².
 #[derive(Clone, Copy, Debug)]
@@ -56,7 +56,7 @@ impl Track {
         for i in 1..samples.len() {
             let (a, b) = (&samples[i - 1], &samples[i]);
             let step = b.time_s - a.time_s;
-            let broken = step > LONGEST_STEP * period_s || cut_off(a) || cut_off(b);
+            let broken = step > MAX_STEP_PERIODS * period_s || cut_off(a) || cut_off(b);
             gaps[i] = gaps[i - 1] + u32::from(broken);
             sums[i][0] = sums[i - 1][0] + (a.gyro + b.gyro) * (0.5 * step);
             sums[i][1] = sums[i - 1][1] + (a.accel + b.accel) * (0.5 * step);

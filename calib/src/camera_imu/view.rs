@@ -14,12 +14,12 @@ use crate::stereo::Eye;
 pub(super) const VIEW: usize = 7;
 
 /// Beyond so many sigmas a corner counts less, beyond the second not at all.
-const HUBER: f64 = 3.0;
-const OUTLIER: f64 = 10.0;
+const HUBER_SIGMAS: f64 = 3.0;
+const OUTLIER_SIGMAS: f64 = 10.0;
 /// Fewest corners of a picture.
-pub(super) const FEWEST_CORNERS: usize = 8;
+pub(super) const MIN_CORNERS: usize = 8;
 /// Median of the length of a normal vector in two dimensions.
-const MEDIAN_LENGTH: f64 = 1.177_41;
+const RAYLEIGH_MEDIAN: f64 = 1.177_41;
 
 /// A pose: takes coordinates in the left optical frame to the target's.
 #[derive(Clone, Copy, Debug)]
@@ -58,21 +58,21 @@ pub(super) struct View<'a> {
     pub time_ns: i64,
     pub corners: &'a [Corner],
     /// Corners that fit its own pose.
-    pub corners_kept: usize,
+    pub inlier_corners: usize,
     /// Where rows are not exposed at once.
-    pub motion: Moving,
+    pub motion: CameraMotion,
 }
 
 /// How the left camera moves.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Moving {
+pub(super) struct CameraMotion {
     /// In its own axes, rad/s.
     pub rate: Vector3<f64>,
     /// In the target's, m/s.
     pub velocity: Vector3<f64>,
 }
 
-impl Moving {
+impl CameraMotion {
     pub(super) const NONE: Self = Self {
         rate: Vector3::new(0.0, 0.0, 0.0),
         velocity: Vector3::new(0.0, 0.0, 0.0),
@@ -91,10 +91,10 @@ impl View<'_> {
             return *pose;
         }
         let rows = f64::from(cameras.left.model().height);
-        let late_s = cameras.line_s * (c.pixel[1] - 0.5 * (rows - 1.0));
+        let row_delay_s = cameras.line_s * (c.pixel[1] - 0.5 * (rows - 1.0));
         Pose {
-            rotation: pose.rotation * so3::exp(&(self.motion.rate * late_s)),
-            position: pose.position + self.motion.velocity * late_s,
+            rotation: pose.rotation * so3::exp(&(self.motion.rate * row_delay_s)),
+            position: pose.position + self.motion.velocity * row_delay_s,
         }
     }
 
@@ -148,7 +148,7 @@ impl View<'_> {
             .filter_map(|c| Some(self.error(cameras, pose, size, c)?.norm()))
             .collect();
         let seen = lengths.len();
-        let kept = lengths.iter().filter(|&&e| e < OUTLIER * scale);
+        let kept = lengths.iter().filter(|&&e| e < OUTLIER_SIGMAS * scale);
         let (count, squares) = kept.fold((0_usize, 0.0), |(n, sum), e| (n + 1, sum + e * e));
         lengths.sort_by(f64::total_cmp);
         let median = lengths.get(seen / 2).copied().unwrap_or(f64::INFINITY);
@@ -158,7 +158,7 @@ impl View<'_> {
             corners: count,
             outliers: self.corners.len() - count,
             squares,
-            scale: median / MEDIAN_LENGTH * free.sqrt(),
+            scale: median / RAYLEIGH_MEDIAN * free.sqrt(),
         }
     }
 
@@ -178,10 +178,10 @@ impl View<'_> {
                 continue;
             };
             let length = linear.residual.norm() / scale;
-            if length >= OUTLIER {
+            if length >= OUTLIER_SIGMAS {
                 continue;
             }
-            let weight = (HUBER / length).min(1.0) / (scale * scale);
+            let weight = (HUBER_SIGMAS / length).min(1.0) / (scale * scale);
             let turned = linear.by_view.transpose() * weight;
             information += turned * linear.by_view;
             gradient += turned * linear.residual;
@@ -199,7 +199,7 @@ impl View<'_> {
     /// The pose from this picture alone, for a board of the size told; none if corners are too few, or do not
     /// fit any.
     pub(super) fn pose(&self, cameras: &Cameras) -> Option<(Pose, Fit)> {
-        if self.corners.len() < FEWEST_CORNERS {
+        if self.corners.len() < MIN_CORNERS {
             return None;
         }
         let start = self.homography(cameras)?;
@@ -214,7 +214,7 @@ impl View<'_> {
             best = other.unwrap_or(best);
         }
         let most_outliers = best.1.corners / 4;
-        (best.1.corners >= FEWEST_CORNERS && best.1.outliers <= most_outliers).then_some(best)
+        (best.1.corners >= MIN_CORNERS && best.1.outliers <= most_outliers).then_some(best)
     }
 
     /// The pose that fits best, from one that is near.

@@ -2,7 +2,7 @@ use super::*;
 use crate::adjust::tests::Noise;
 use crate::camera::Distortion;
 use crate::lens::Lens;
-use crate::target::{self, GreyView};
+use crate::target::{self, ImageView};
 use crate::test_data::{grey, shared};
 
 /// The sightings of the real infrared pairs: 12 pairs of 640x512, 9 x 6 inner corners.
@@ -30,16 +30,16 @@ fn chessboard_pairs() -> Option<Input> {
         }],
         targets: vec![board],
         times_ns: (0..12).map(|i| i * 1_000_000_000).collect(),
-        sightings: Vec::new(),
+        detections: Vec::new(),
     };
     for instant in 0..12 {
         for (eye, name) in ["left", "right"].into_iter().enumerate() {
             let path = folder.join(format!("{name}{:02}.jpg", instant + 1));
             let (width, height, pixels) = grey(&path);
-            let view = GreyView::new(width, height, width, &pixels).unwrap();
+            let view = ImageView::new(width, height, width, &pixels).unwrap();
             let found = target::detect(&view, &input.targets[0], &target::Settings::default());
             assert_eq!(found.corners.len(), 54, "{}", path.display());
-            input.sightings.push(Sighting {
+            input.detections.push(TargetDetection {
                 instant,
                 eye,
                 target: 0,
@@ -74,7 +74,7 @@ struct Simulated {
 
 /// What is different from a good recording.
 #[derive(Clone, Copy)]
-struct Trouble {
+struct Imperfections {
     noise_px: f64,
     instants: usize,
     /// The boards are larger than told by this factor.
@@ -87,7 +87,7 @@ struct Trouble {
     straight: bool,
 }
 
-const GOOD: Trouble = Trouble {
+const GOOD: Imperfections = Imperfections {
     noise_px: 0.1,
     instants: 120,
     size: 1.0,
@@ -110,7 +110,7 @@ fn looking(yaw: f64, pitch: f64, at: [f64; 3]) -> RigidTransform {
         * forward
 }
 
-fn simulate(seed: u64, trouble: Trouble) -> Simulated {
+fn simulate(seed: u64, trouble: Imperfections) -> Simulated {
     let mut noise = Noise::new(seed);
     let mut lens = || CameraModel {
         width: 672,
@@ -128,7 +128,7 @@ fn simulate(seed: u64, trouble: Trouble) -> Simulated {
         },
     };
     let lenses: Vec<CameraModel> = (0..6).map(|_| lens()).collect();
-    let told = [
+    let nominal = [
         looking(0.5, 0.1, [0.02, 0.15, 0.1]),
         looking(-0.5, 0.1, [0.02, -0.15, 0.1]),
         looking(0.0, 1.2, [0.08, 0.0, -0.12]),
@@ -139,7 +139,7 @@ fn simulate(seed: u64, trouble: Trouble) -> Simulated {
         *mean * turn * transform([0.0; 3], [m * by[0], m * by[1], m * by[2]])
     };
     let baselines = [0.05, 0.05, 0.063].map(|b| transform([0.0; 3], [b, 0.0, 0.0]));
-    let cameras: Vec<(RigidTransform, RigidTransform)> = told
+    let cameras: Vec<(RigidTransform, RigidTransform)> = nominal
         .iter()
         .zip(&baselines)
         .map(|(rig_from_left, pair)| (shake(rig_from_left, 1e-3, 3e-3), shake(pair, 5e-5, 2e-3)))
@@ -181,12 +181,12 @@ fn simulate(seed: u64, trouble: Trouble) -> Simulated {
                 name: names[c].to_owned(),
                 left: 2 * c,
                 right: Some(2 * c + 1),
-                left_from_right: Some(Told {
+                left_from_right: Some(ExtrinsicsPrior {
                     transform: baselines[c],
                     covariance: tolerance(1e-4, 2e-3),
                 }),
-                rig_from_left: Some(Told {
-                    transform: told[c],
+                rig_from_left: Some(ExtrinsicsPrior {
+                    transform: nominal[c],
                     covariance: tolerance(1e-3, 3e-3),
                 }),
             })
@@ -195,7 +195,7 @@ fn simulate(seed: u64, trouble: Trouble) -> Simulated {
         times_ns: (0..trouble.instants as i64)
             .map(|i| i * 500_000_000)
             .collect(),
-        sightings: Vec::new(),
+        detections: Vec::new(),
     };
     // One board ahead, one on the floor, x of the world where the wearer looks, z up.
     let world_from_board = [
@@ -224,7 +224,7 @@ fn simulate(seed: u64, trouble: Trouble) -> Simulated {
             for (target, board) in world_from_board.iter().enumerate() {
                 let eye_from_board = eye_from_world * *board;
                 let seen = Lens::new(&lenses[eye]);
-                let corners: Vec<Seen> = input.targets[target]
+                let corners: Vec<DetectedCorner> = input.targets[target]
                     .corners()
                     .iter()
                     .filter_map(|corner| {
@@ -238,7 +238,7 @@ fn simulate(seed: u64, trouble: Trouble) -> Simulated {
                         let normal = eye_from_board.rotate([0.0, 0.0, 1.0]);
                         let at = eye_from_board.apply([x, y, z]);
                         let front: f64 = normal.iter().zip(at).map(|(a, b)| a * b).sum();
-                        (inside && front > 0.1).then(|| Seen {
+                        (inside && front > 0.1).then(|| DetectedCorner {
                             id: corner.id,
                             pixel: [
                                 px + trouble.noise_px * noise.normal(),
@@ -249,7 +249,7 @@ fn simulate(seed: u64, trouble: Trouble) -> Simulated {
                     })
                     .collect();
                 if corners.len() >= 12 {
-                    input.sightings.push(Sighting {
+                    input.detections.push(TargetDetection {
                         instant,
                         eye,
                         target,
@@ -270,7 +270,7 @@ fn rig_errors(truth: &Simulated, found: &Calibration) -> Vec<(f64, f64)> {
         errors.extend((0..6).map(|k| (off[k], covariance[(k, k)].sqrt())));
     };
     for camera in 0..3 {
-        let (place, covariance) = found.place(found.places.pairs[camera].unwrap());
+        let (place, covariance) = found.pose(found.poses.pairs[camera].unwrap());
         add(truth.cameras[camera].1, place, covariance);
     }
     for camera in 1..3 {
@@ -333,7 +333,7 @@ fn a_good_recording_gives_the_rig_within_what_it_says() {
 fn the_lens_model_is_the_simplest_that_predicts() {
     let truth = simulate(
         1,
-        Trouble {
+        Imperfections {
             instants: 60,
             ..GOOD
         },
@@ -352,19 +352,19 @@ fn the_lens_model_is_the_simplest_that_predicts() {
 
 #[test]
 fn what_is_wrong_with_a_recording_is_found() {
-    let check = |name: &str, trouble: Trouble, expected: &str| {
+    let check = |name: &str, trouble: Imperfections, expected: &str| {
         let found = quiet(&simulate(3, trouble).input);
         let all: Vec<&str> = found.findings.iter().map(|f| f.text.as_str()).collect();
         assert!(all.iter().any(|t| t.contains(expected)), "{name}: {all:#?}");
     };
     check(
         "size",
-        Trouble { size: 1.01, ..GOOD },
+        Imperfections { size: 1.01, ..GOOD },
         "is the target's size what its file says",
     );
     check(
         "bent",
-        Trouble {
+        Imperfections {
             sagitta_m: 0.003,
             ..GOOD
         },
@@ -372,7 +372,7 @@ fn what_is_wrong_with_a_recording_is_found() {
     );
     check(
         "knocked",
-        Trouble {
+        Imperfections {
             knock_rad: 0.009,
             ..GOOD
         },
@@ -380,7 +380,7 @@ fn what_is_wrong_with_a_recording_is_found() {
     );
     check(
         "straight",
-        Trouble {
+        Imperfections {
             straight: true,
             ..GOOD
         },
@@ -392,13 +392,13 @@ fn what_is_wrong_with_a_recording_is_found() {
 fn too_few_pictures_are_an_error_that_names_the_eye() {
     let mut input = simulate(
         0,
-        Trouble {
+        Imperfections {
             instants: 30,
             ..GOOD
         },
     )
     .input;
-    input.sightings.retain(|s| s.eye != 3 || s.instant < 2);
+    input.detections.retain(|s| s.eye != 3 || s.instant < 2);
     let error = calibrate(input, &Settings::default(), &mut |_, _| {})
         .map(|c| c.used)
         .unwrap_err();
@@ -428,14 +428,14 @@ fn an_origin_that_is_told_without_a_tolerance_stays_where_it_is() {
     for (camera, (place, _)) in truth.input.cameras.iter_mut().zip(&truth.cameras) {
         camera.rig_from_left.as_mut().unwrap().transform = rig_from_rig * *place;
     }
-    truth.input.cameras[0].rig_from_left = Some(Told {
+    truth.input.cameras[0].rig_from_left = Some(ExtrinsicsPrior {
         transform: origin,
         covariance: Matrix6::zeros(),
     });
     let found = quiet(&truth.input);
-    let place = found.place(found.places.cameras[0].unwrap());
+    let place = found.pose(found.poses.cameras[0].unwrap());
     assert_eq!(place, (origin, Matrix6::zeros()));
-    let (_, covariance) = found.place(found.places.cameras[1].unwrap());
+    let (_, covariance) = found.pose(found.poses.cameras[1].unwrap());
     assert!(covariance.trace() > 0.0);
 }
 
@@ -447,7 +447,7 @@ fn cameras_that_are_not_connected_with_the_origin_are_told_of_it() {
     }
     // The first camera sees boards when the others see none.
     input
-        .sightings
+        .detections
         .retain(|s| (s.eye < 2) == (s.instant % 2 == 0));
     let found = quiet(&input);
     let expected = "right_shoulder, feet could not be connected with left_shoulder, the origin";
@@ -474,11 +474,11 @@ fn with_nothing_told_the_first_camera_is_the_origin() {
     assert_eq!(truth.input.origin(), Some(0));
     let found = calibrate(truth.input.clone(), &Settings::default(), &mut |_, _| {}).unwrap();
     assert_eq!(failures(&found), Vec::<&str>::new());
-    let (origin, covariance) = found.place(found.places.cameras[0].unwrap());
+    let (origin, covariance) = found.pose(found.poses.cameras[0].unwrap());
     assert_eq!(origin, RigidTransform::body_from_optical());
     assert_eq!(covariance, Matrix6::zeros());
     for camera in 1..3 {
-        let (rig_from_left, covariance) = found.place(found.places.cameras[camera].unwrap());
+        let (rig_from_left, covariance) = found.pose(found.poses.cameras[camera].unwrap());
         let true_place = RigidTransform::body_from_optical()
             * truth.cameras[0].0.inverse()
             * truth.cameras[camera].0;
@@ -492,9 +492,9 @@ fn with_nothing_told_the_first_camera_is_the_origin() {
         let sigma_mm = 1e3 * (covariance.trace()).sqrt();
         assert!((0.01..2.0).contains(&sigma_mm), "{camera}: {sigma_mm} mm");
     }
-    let mut told = simulate(2, GOOD).input;
-    assert_eq!(told.origin(), None);
-    told.cameras.truncate(1);
-    told.cameras[0].rig_from_left = None;
-    assert_eq!(told.origin(), Some(0));
+    let mut nominal = simulate(2, GOOD).input;
+    assert_eq!(nominal.origin(), None);
+    nominal.cameras.truncate(1);
+    nominal.cameras[0].rig_from_left = None;
+    assert_eq!(nominal.origin(), Some(0));
 }

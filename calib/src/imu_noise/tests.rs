@@ -26,7 +26,7 @@ fn still(seconds: f64, seed: u64) -> Series {
 }
 
 fn kinds(found: &Measurement) -> Vec<&'static str> {
-    let mut kinds: Vec<&str> = found.remarks.iter().map(|r| r.kind).collect();
+    let mut kinds: Vec<&str> = found.findings.iter().map(|r| r.kind).collect();
     kinds.sort_unstable();
     kinds.dedup();
     kinds
@@ -37,13 +37,17 @@ fn check(kind: &'static str, refused: bool, spoil: impl FnOnce(&mut Series)) -> 
     let mut series = still(400.0, 1);
     spoil(&mut series);
     let found = measure(&series);
-    assert!(kinds(&found).contains(&kind), "{kind}: {:?}", found.remarks);
-    assert_eq!(found.is_refused(), refused, "{kind}: {:?}", found.remarks);
+    assert!(
+        kinds(&found).contains(&kind),
+        "{kind}: {:?}",
+        found.findings
+    );
+    assert_eq!(found.is_rejected(), refused, "{kind}: {:?}", found.findings);
     found
 }
 
 fn text<'a>(found: &'a Measurement, kind: &str) -> &'a str {
-    &found.remarks.iter().find(|r| r.kind == kind).unwrap().text
+    &found.findings.iter().find(|r| r.kind == kind).unwrap().text
 }
 
 /// Whether N of all axes that have a fit is right within four sigma or 3 %.
@@ -65,8 +69,13 @@ fn assert_right(found: &Measurement) {
 #[test]
 fn a_good_recording_gives_the_truth_without_a_doubt() {
     let found = measure(&still(1500.0, 7));
-    let doubts = || found.remarks.iter().filter(|r| r.weight != Weight::Note);
-    assert_eq!(doubts().count(), 0, "{:?}", found.remarks);
+    let fit_findings = || {
+        found
+            .findings
+            .iter()
+            .filter(|r| r.severity != Severity::Note)
+    };
+    assert_eq!(fit_findings().count(), 0, "{:?}", found.findings);
     assert_eq!(found.used_s.len(), 1);
     assert_right(&found);
     let noise = found.noise().unwrap();
@@ -148,7 +157,7 @@ fn bad_values_are_named() {
         text(&found, "frozen"),
         "accel y never changes: it is always 0 m/s²"
     );
-    assert_eq!(found.worst(1, Coefficient::White), Worst::Refused);
+    assert_eq!(found.worst(1, Coefficient::White), Worst::Unavailable);
     assert!(matches!(
         found.worst(0, Coefficient::White),
         Worst::Known(_)
@@ -271,8 +280,8 @@ fn warmth_and_drift_are_named() {
     let said = text(&found, "drift");
     assert!(said.starts_with("gyro x: the halves"), "{said}");
     assert!(
-        found.remarks.iter().all(|r| !r.text.starts_with("gyro y")),
+        found.findings.iter().all(|r| !r.text.starts_with("gyro y")),
         "{:?}",
-        found.remarks
+        found.findings
     );
 }

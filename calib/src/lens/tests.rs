@@ -73,16 +73,16 @@ proptest! {
             let lens = Lens::new(&model);
             let Some(found) = lens.project_with_jacobians([x, y, z]) else { continue };
             prop_assert_eq!(Some(found.pixel), lens.project([x, y, z]));
-            for (row, twin) in twin::project(&model, [x, y, z]).into_iter().enumerate() {
+            for (row, dual) in dual::project(&model, [x, y, z]).into_iter().enumerate() {
                 let off = |a: f64, b: f64| (a - b).abs() / (1.0 + b.abs());
                 // Both are f64; what differs is the order of operations.
-                prop_assert!(off(found.pixel[row], twin.value) < 1e-12, "{model:?}");
+                prop_assert!(off(found.pixel[row], dual.value) < 1e-12, "{model:?}");
                 for i in 0..3 {
-                    prop_assert!(off(found.by_point[(row, i)], twin.by[i]) < 1e-10, "{model:?}");
+                    prop_assert!(off(found.by_point[(row, i)], dual.by[i]) < 1e-10, "{model:?}");
                 }
-                for i in 0..CameraModel::MOST {
+                for i in 0..CameraModel::MAX_PARAMETERS {
                     let own = found.by_parameters[(row, i)];
-                    prop_assert!(off(own, twin.by[3 + i]) < 1e-10, "{model:?} {i}");
+                    prop_assert!(off(own, dual.by[3 + i]) < 1e-10, "{model:?} {i}");
                 }
             }
         }
@@ -124,7 +124,7 @@ proptest! {
         for model in models() {
             let lens = Lens::new(&model);
             let Some(direction) = lens.unproject([u, v]) else {
-                prop_assert!(!lens.covers_picture(), "{model:?}");
+                prop_assert!(!lens.covers_image(), "{model:?}");
                 continue;
             };
             let length: f64 = direction.iter().map(|d| d * d).sum();

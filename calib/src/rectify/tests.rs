@@ -136,7 +136,7 @@ fn views_show_what_they_say() {
                     let c = &all.camera;
                     let off_axis = (x - c.cx).hypot(y - c.cy) / c.fx;
                     // Just inside the limit, the picture may end between two points that were tried.
-                    if off_axis > 0.95 * WIDEST_RAD.tan() {
+                    if off_axis > 0.95 * MAX_ANGLE_RAD.tan() {
                         limited = true;
                         continue;
                     }

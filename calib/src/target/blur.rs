@@ -1,13 +1,13 @@
 //! How noisy a picture is and how sharp the borders of a board are.
 
 use super::detect::Blur;
-use super::image::{GreyView, Smooth};
+use super::image::{ImageView, Smooth};
 use super::saddle;
 
 /// Noise of a picture, grey values: the median size of a second difference along both axes, which
 /// leaves slopes and straight borders out (Immerkær 1996; the median instead of the mean, so that
 /// texture counts less). At least what rounding to whole grey values makes.
-pub(super) fn noise(image: &GreyView<'_>) -> f64 {
+pub(super) fn noise(image: &ImageView<'_>) -> f64 {
     let mut counts = vec![0u32; 256 * 16];
     let mut total = 0u32;
     for y in (1..image.height().saturating_sub(1)).step_by(3) {
@@ -36,7 +36,7 @@ pub(super) fn noise(image: &GreyView<'_>) -> f64 {
 }
 
 /// Widths of less reach than this tell nothing, pixels.
-const SHORTEST_REACH: f64 = 2.5;
+const MIN_REACH: f64 = 2.5;
 
 /// A border on a board.
 #[derive(Clone, Copy, Debug)]
@@ -55,7 +55,7 @@ pub(super) struct Border {
 /// at x = 0 is `m - (C / 2) (2 / π) asin ρ` with `ρ = aᵀ S b / √(aᵀ S a · bᵀ S b)`. A tone curve adds the same
 /// to all crossings, an unknown of its own: crossings of both kinds, dark one way and the other, tell them apart.
 pub(super) fn measure(
-    image: &GreyView<'_>,
+    image: &ImageView<'_>,
     smooth: &Smooth,
     borders: &[Border],
     crossings: &[([f64; 2], f64)],
@@ -69,7 +69,7 @@ pub(super) fn measure(
         let along = [b[0] - a[0], b[1] - a[1]];
         let length = (along[0] * along[0] + along[1] * along[1]).sqrt();
         let reach = border.clear.min(0.35 * length).min(12.0);
-        if reach < SHORTEST_REACH {
+        if reach < MIN_REACH {
             continue;
         }
         let normal = [-along[1] / length, along[0] / length];
@@ -127,15 +127,15 @@ pub(super) fn measure(
 /// Normals of the two borders at a crossing, pointing so that it is dark where both are positive or both
 /// negative, and the level at the crossing: -1 as dark as the dark sectors, +1 as bright as the bright ones.
 fn crossing_level(
-    image: &GreyView<'_>,
+    image: &ImageView<'_>,
     smooth: &Smooth,
     at: [f64; 2],
     clear: f64,
 ) -> Option<([f64; 2], [f64; 2], f64)> {
-    if clear < SHORTEST_REACH {
+    if clear < MIN_REACH {
         return None;
     }
-    let crossing = saddle::look_around(smooth, at, 3.0)?;
+    let crossing = saddle::fit_rays(smooth, at, 3.0)?;
     let [d0, d1, d2, d3] = crossing.rays.map(|r| {
         let (sin, cos) = libm::sincos(r);
         [cos, sin]
@@ -214,7 +214,7 @@ impl Equations {
 }
 
 /// Half the way from 16 % to 84 % of a step across a border.
-fn width(image: &GreyView<'_>, middle: [f64; 2], normal: [f64; 2], reach: f64) -> Option<f64> {
+fn width(image: &ImageView<'_>, middle: [f64; 2], normal: [f64; 2], reach: f64) -> Option<f64> {
     let steps = (4.0 * reach) as usize;
     let sample = |i: usize| {
         let o = 0.5 * (i as f64 - 0.5 * steps as f64);

@@ -6,7 +6,7 @@
 //!
 //! - **Chessboard**: squares side by side, the top left one black. Corner `row * columns + column`, row by
 //!   row from the top left. A board of which both sides, or neither, count an even number of inner corners
-//!   looks the same after half a turn; [`Target::looks_the_same_turned`] says so.
+//!   looks the same after half a turn; [`Target::is_rotationally_symmetric`] says so.
 //! - **AprilGrid**, as Kalibr's `kalibr_create_target_pdf` draws it: tags of family 36h11 with a border two
 //!   cells wide, black squares in the crossings of the gaps, so that every corner of a tag is a crossing of
 //!   black and white. Tag `first_id` is at the **bottom** left, ids grow to the right and then upwards.
@@ -180,7 +180,7 @@ impl Target {
     /// Black rectangles, none over another; everything else on the sheet is white.
     ///
     /// # Panics
-    /// For a board whose [`objection`](Self::objection) is that its dictionary has too few markers.
+    /// For a board whose [`reason`](Self::objection) is that its dictionary has too few markers.
     pub fn black(&self) -> Vec<Rectangle> {
         let chessboard = |columns, rows, square_m: f64| {
             squares(columns, rows)
@@ -274,14 +274,14 @@ impl Target {
 
     /// Whether the pattern looks the same after half a turn, so that no picture tells which end is which.
     /// Views of two cameras, or of two times, then cannot be matched corner by corner without more care.
-    pub fn looks_the_same_turned(&self) -> bool {
+    pub fn is_rotationally_symmetric(&self) -> bool {
         // A square (x, y) goes to (columns - x, rows - y) for inner corners columns, rows: the colour stays
         // where their sum is even.
         matches!(self, Self::Chessboard { columns, rows, .. } if (columns + rows) % 2 == 0)
     }
 
     /// What makes this board impossible to draw or to find, if anything does; starts with the key's name.
-    pub fn objection(&self) -> Option<(&'static str, String)> {
+    pub fn invalid_reason(&self) -> Option<(&'static str, String)> {
         let count = |key, found: u32, least: u32| {
             (found < least || found > 100)
                 .then(|| (key, format!("{found}, expected {least} to 100")))

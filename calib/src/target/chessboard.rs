@@ -4,8 +4,8 @@ use super::blur::Border;
 use super::board::Target;
 use super::codes::Dictionary;
 use super::decode::{self, Book, Layout};
-use super::detect::{Found, Rough, Scene, Settings};
-use super::image::GreyView;
+use super::detect::{CornerCandidate, Found, Scene, Settings};
+use super::image::ImageView;
 use super::lattice::{self, Lattice};
 use super::refine::{self, Window};
 use super::saddle;
@@ -113,12 +113,12 @@ fn fill(scene: &Scene, lattice: &mut Lattice, places: &mut Vec<[f64; 2]>) {
                 };
                 let near = (0.2 * step).clamp(1.0, 4.0);
                 let reach = (0.4 * step).clamp(2.6, 4.0);
-                let Some(at) = refine::settle(&scene.smooth, guess, &Window::round(reach), near)
+                let Some(at) =
+                    refine::refine_corner(&scene.smooth, guess, &Window::round(reach), near)
                 else {
                     continue;
                 };
-                if saddle::look_around(&scene.smooth, at, 3.0_f32.min(0.4 * step as f32)).is_some()
-                {
+                if saddle::fit_rays(&scene.smooth, at, 3.0_f32.min(0.4 * step as f32)).is_some() {
                     more.push(((y, x), at));
                 }
             }
@@ -187,7 +187,7 @@ fn place_chessboard(
         })
         .expect("the lattice has the board's size one way or the other");
     let mut found = collect(lattice, places, &placement, [columns, rows], 0.5);
-    found.half_turn = target.looks_the_same_turned();
+    found.half_turn = target.is_rotationally_symmetric();
     found
 }
 
@@ -230,7 +230,7 @@ fn collect(
             [Some(a), None] | [None, Some(a)] => [a, turned(a)],
             [None, None] => continue,
         };
-        found.corners.push(Rough {
+        found.corners.push(CornerCandidate {
             id: (row * size[0] + column) as u32,
             at,
             sides,
@@ -246,7 +246,7 @@ fn collect(
 
 /// A ChArUco board, whatever part of it is seen.
 pub(super) fn find_with_markers(
-    image: &GreyView<'_>,
+    image: &ImageView<'_>,
     scene: &Scene,
     target: &Target,
     settings: &Settings,
@@ -267,9 +267,7 @@ pub(super) fn find_with_markers(
         rows: rows as i32,
         book: Book::of(dictionary),
         layout: layout(dictionary, marker_m / square_m),
-        most_errors: settings
-            .most_bit_errors
-            .min((dictionary.distance() - 1) / 2),
+        max_errors: settings.max_bit_errors.min((dictionary.distance() - 1) / 2),
         own_id: own_ids(target),
     };
     let mut found = Found::default();
@@ -289,7 +287,11 @@ pub(super) fn find_with_markers(
             (1.3 * margin).min(0.5),
         );
         for corner in part.corners {
-            match found.corners.iter().any(|c: &Rough| c.id == corner.id) {
+            match found
+                .corners
+                .iter()
+                .any(|c: &CornerCandidate| c.id == corner.id)
+            {
                 true => twice.push(corner.id),
                 false => found.corners.push(corner),
             }
@@ -337,7 +339,7 @@ struct Board {
     rows: i32,
     book: Book,
     layout: Layout,
-    most_errors: u32,
+    max_errors: u32,
     own_id: Vec<((i32, i32), u32)>,
 }
 
@@ -347,7 +349,7 @@ impl Board {
     /// another one.
     fn vote(
         &self,
-        image: &GreyView<'_>,
+        image: &ImageView<'_>,
         lattice: &Lattice,
         places: &[[f64; 2]],
     ) -> Option<Placement> {
@@ -373,7 +375,7 @@ impl Board {
             if reading.border_errors > 2 {
                 continue;
             }
-            let Some(found) = self.book.find(reading.code, self.most_errors) else {
+            let Some(found) = self.book.find(reading.code, self.max_errors) else {
                 continue;
             };
             let Some(((column, row), _)) = self.own_id.iter().find(|(_, id)| *id == found.id)

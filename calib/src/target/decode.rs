@@ -5,11 +5,11 @@
 //! four rotations, when it is near enough and no other is as near. A mirrored marker reads as noise.
 
 use super::codes::{Dictionary, quarter_turn};
-use super::image::GreyView;
+use super::image::ImageView;
 use super::square::Square;
 
 /// Least grey values between the border and white.
-const LEAST_CONTRAST: f64 = 8.0;
+const MIN_CONTRAST: f64 = 8.0;
 
 /// How a marker sits in the square that is looked at.
 #[derive(Clone, Copy, Debug)]
@@ -34,7 +34,7 @@ pub(super) struct Reading {
 }
 
 /// Reads a square; none where there is no contrast or the square leaves the picture.
-pub(super) fn read(image: &GreyView<'_>, square: &Square, layout: &Layout) -> Option<Reading> {
+pub(super) fn read(image: &ImageView<'_>, square: &Square, layout: &Layout) -> Option<Reading> {
     let cells = (layout.bits + 2 * layout.border) as usize;
     let side = (layout.to - layout.from) / cells as f64;
     let place = |i: f64| layout.from + i * side;
@@ -91,7 +91,7 @@ pub(super) fn read(image: &GreyView<'_>, square: &Square, layout: &Layout) -> Op
         }
         white.slope = black.slope;
     }
-    if white.mean - black.mean < LEAST_CONTRAST {
+    if white.mean - black.mean < MIN_CONTRAST {
         return None;
     }
     // In small cells the neighbours shine in: take a part of them out again.

@@ -18,7 +18,7 @@
 
 use super::blur::{self, Border};
 use super::board::Target;
-use super::image::{GreyView, Smooth};
+use super::image::{ImageView, Smooth};
 use super::link::{self, Links};
 use super::refine::{self, Window};
 use super::saddle::{self, Saddle};
@@ -29,10 +29,10 @@ use super::{chessboard, grid};
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     /// Wrong bits that a tag or marker may have at most; never more than its dictionary can tell apart.
-    pub most_bit_errors: u32,
+    pub max_bit_errors: u32,
     /// Widest window of the refinement, pixels from its middle to its end. Wider is less noise; narrower is
     /// less harm from a lens that bends borders. It is narrowed anyway where squares are small.
-    pub widest_window_px: f64,
+    pub max_window_px: f64,
     /// Look at half the size too when the picture itself does not show the whole board: blurred pictures.
     pub half_size: bool,
 }
@@ -40,8 +40,8 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            most_bit_errors: 2,
-            widest_window_px: 7.0,
+            max_bit_errors: 2,
+            max_window_px: 7.0,
             half_size: true,
         }
     }
@@ -49,7 +49,7 @@ impl Default for Settings {
 
 /// A corner in a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seen {
+pub struct DetectedCorner {
     /// As in [`Target::corners`].
     pub id: u32,
     /// Place, pixels; integers are pixel centres.
@@ -63,7 +63,7 @@ pub struct Seen {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Detection {
     /// Corners, ascending by id, each once.
-    pub corners: Vec<Seen>,
+    pub corners: Vec<DetectedCorner>,
     /// How sharp the board's borders are; none where there are too few long enough.
     pub blur: Option<Blur>,
     /// Noise of the picture, grey values, one standard deviation.
@@ -97,31 +97,35 @@ impl Blur {
 }
 
 /// Finds one board. Nothing found is an empty detection.
-pub fn detect(image: &GreyView<'_>, target: &Target, settings: &Settings) -> Detection {
+pub fn detect(image: &ImageView<'_>, target: &Target, settings: &Settings) -> Detection {
     let mut all = detect_all(image, std::slice::from_ref(target), settings);
     all.pop().unwrap_or_default()
 }
 
 /// Finds several boards in one picture; the crossings are looked for once.
-pub fn detect_all(image: &GreyView<'_>, targets: &[Target], settings: &Settings) -> Vec<Detection> {
+pub fn detect_all(
+    image: &ImageView<'_>,
+    targets: &[Target],
+    settings: &Settings,
+) -> Vec<Detection> {
     let scene = Scene::of(Smooth::of(image));
     let noise = blur::noise(image);
     let mut found: Vec<Found> = targets
         .iter()
-        .map(|t| look(image, &scene, t, settings))
+        .map(|t| find_board(image, &scene, t, settings))
         .collect();
     let complete = |found: &Found, target: &Target| found.corners.len() >= target.corners().len();
     let incomplete = targets.iter().zip(&found).any(|(t, f)| !complete(f, t));
     if settings.half_size && incomplete && image.width().min(image.height()) >= 64 {
         let pixels = image.halved();
         let (width, height) = (image.width() / 2, image.height() / 2);
-        let half = GreyView::new(width, height, width, &pixels).expect("halved() fills it");
+        let half = ImageView::new(width, height, width, &pixels).expect("halved() fills it");
         let half_scene = Scene::of(Smooth::of(&half));
         for (target, found) in targets.iter().zip(&mut found) {
             if complete(found, target) {
                 continue;
             }
-            let mut other = look(&half, &half_scene, target, settings);
+            let mut other = find_board(&half, &half_scene, target, settings);
             if other.corners.len() > found.corners.len() {
                 other.enlarge();
                 *found = other;
@@ -155,7 +159,7 @@ impl Scene {
 
 /// A corner before its last refinement.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Rough {
+pub(super) struct CornerCandidate {
     pub(super) id: u32,
     pub(super) at: [f64; 2],
     /// Along the two borders, how far nothing else is printed, pixels.
@@ -167,7 +171,7 @@ pub(super) struct Rough {
 /// A board before its last refinement.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Found {
-    pub(super) corners: Vec<Rough>,
+    pub(super) corners: Vec<CornerCandidate>,
     pub(super) borders: Vec<Border>,
     pub(super) half_turn: bool,
     pub(super) remark: Option<&'static str>,
@@ -188,8 +192,8 @@ impl Found {
     }
 }
 
-fn look(image: &GreyView<'_>, scene: &Scene, target: &Target, settings: &Settings) -> Found {
-    if target.objection().is_some() {
+fn find_board(image: &ImageView<'_>, scene: &Scene, target: &Target, settings: &Settings) -> Found {
+    if target.invalid_reason().is_some() {
         return Found {
             remark: Some("the board itself is impossible"),
             ..Found::default()
@@ -206,27 +210,30 @@ fn look(image: &GreyView<'_>, scene: &Scene, target: &Target, settings: &Setting
 
 /// Refines, drops what does not settle, measures blur.
 fn finish(
-    image: &GreyView<'_>,
+    image: &ImageView<'_>,
     smooth: &Smooth,
     found: Found,
     noise: f64,
     settings: &Settings,
 ) -> Detection {
-    let mut corners: Vec<Seen> = found
+    let mut corners: Vec<DetectedCorner> = found
         .corners
         .iter()
         .filter_map(|corner| {
             // Near the picture's edge a narrower window may still fit.
             let (pixel, window) = [0.75, 0.45].into_iter().find_map(|share| {
                 let sides = corner.sides.map(|side| side.map(|v| share * v));
-                let window = Window::along(sides, settings.widest_window_px * share / 0.75);
-                Some((refine::settle(smooth, corner.at, &window, 1.0)?, window))
+                let window = Window::along(sides, settings.max_window_px * share / 0.75);
+                Some((
+                    refine::refine_corner(smooth, corner.at, &window, 1.0)?,
+                    window,
+                ))
             })?;
             let sigma_px = refine::sigma(smooth, pixel, &window, noise)?;
             let crowded = CROWDED.0 * libm::exp(-corner.gap / CROWDED.1);
             let inside = |v: f64, size: usize| v > 0.0 && v < size as f64 - 1.0;
             let [x, y] = pixel;
-            (inside(x, image.width()) && inside(y, image.height())).then_some(Seen {
+            (inside(x, image.width()) && inside(y, image.height())).then_some(DetectedCorner {
                 id: corner.id,
                 pixel,
                 sigma_px: (sigma_px * sigma_px + FLOOR * FLOOR + crowded * crowded).sqrt(),
@@ -251,7 +258,7 @@ const FLOOR: f64 = 0.005;
 const CROWDED: (f64, f64) = (60.0, 0.55);
 
 /// How far nothing else is printed around a corner, pixels.
-fn clear(corner: &Rough) -> f64 {
+fn clear(corner: &CornerCandidate) -> f64 {
     let [a, b] = corner.sides.map(|side| distance(side, [0.0; 2]));
     a.min(b)
 }

@@ -178,22 +178,18 @@ fn from_toml(source: &Source) -> Result<Target, CalibError> {
             ));
         }
     };
-    match target.objection() {
-        Some((key, objection)) => {
+    match target.invalid_reason() {
+        Some((key, reason)) => {
             let line = table.line(key).unwrap_or(line);
-            Err(source.malformed(
-                line,
-                &format!("{key} = {}", before_comma(&objection)),
-                &objection,
-            ))
+            Err(source.malformed(line, &format!("{key} = {}", before_comma(&reason)), &reason))
         }
         None => Ok(target),
     }
 }
 
 /// An objection begins with what was found.
-fn before_comma(objection: &str) -> &str {
-    objection.split([',', ' ']).next().unwrap_or(objection)
+fn before_comma(reason: &str) -> &str {
+    reason.split([',', ' ']).next().unwrap_or(reason)
 }
 
 /// A table of plain values, with the lines they stand in.
@@ -371,18 +367,14 @@ fn from_kalibr(source: &Source) -> Result<Target, CalibError> {
             return Err(source.malformed(line, other, expected));
         }
     };
-    match target.objection() {
-        Some((key, objection)) => {
+    match target.invalid_reason() {
+        Some((key, reason)) => {
             let name = names
                 .iter()
                 .find(|(ours, _)| *ours == key)
                 .map_or("tagCols", |(_, name)| name);
             let line = text_of(name).map_or(line, |(line, _)| line);
-            Err(source.malformed(
-                line,
-                &format!("{name}: {}", before_comma(&objection)),
-                &objection,
-            ))
+            Err(source.malformed(line, &format!("{name}: {}", before_comma(&reason)), &reason))
         }
         None => Ok(target),
     }

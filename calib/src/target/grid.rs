@@ -9,16 +9,16 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::blur::Border;
 use super::board::Target;
 use super::decode::{self, Book, Layout};
-use super::detect::{Found, Rough, Scene, Settings};
-use super::image::GreyView;
+use super::detect::{CornerCandidate, Found, Scene, Settings};
+use super::image::ImageView;
 use super::refine::{self, Window};
 use super::saddle;
 use super::square::{Square, distance};
 
 /// Cells of the border that may look white, of 64.
-const MOST_BORDER_ERRORS: u32 = 4;
+const MAX_BORDER_ERRORS: u32 = 4;
 /// Wrong bits of a tag whose id its neighbours tell.
-const MOST_EXPECTED_ERRORS: u32 = 4;
+const MAX_EXPECTED_ERRORS: u32 = 4;
 
 /// A tag in the picture.
 #[derive(Clone, Debug)]
@@ -33,7 +33,7 @@ struct Tag {
 }
 
 pub(super) fn find(
-    image: &GreyView<'_>,
+    image: &ImageView<'_>,
     scene: &Scene,
     target: &Target,
     settings: &Settings,
@@ -64,12 +64,10 @@ pub(super) fn find(
             border,
             white: spacing,
         },
-        most_errors: settings
-            .most_bit_errors
-            .min((dictionary.distance() - 1) / 2),
+        max_errors: settings.max_bit_errors.min((dictionary.distance() - 1) / 2),
     };
     let (tags, doubles) = grid.consistent(scene, grid.read_squares(image, scene));
-    let tags = grid.look_for_missing(image, scene, tags);
+    let tags = grid.find_missing(image, scene, tags);
     let mut found = Found::default();
     if doubles {
         found.remark = Some("some ids are in the picture twice");
@@ -88,7 +86,7 @@ pub(super) fn find(
             // The bits begin two cells from both sides; the crossing square ends a gap away.
             let share = spacing.min(0.28);
             let side = |to: usize| [0, 1].map(|k| share * (tag.corners[to][k] - tag.corners[i][k]));
-            found.corners.push(Rough {
+            found.corners.push(CornerCandidate {
                 id: 4 * tag.id + k as u32,
                 at: tag.corners[i],
                 sides: [side((i + 1) % 4), side((i + 3) % 4)],
@@ -107,12 +105,12 @@ struct Grid {
     first_id: u32,
     book: Book,
     layout: Layout,
-    most_errors: u32,
+    max_errors: u32,
 }
 
 impl Grid {
     /// Every dark square that reads as a tag of this board.
-    fn read_squares(&self, image: &GreyView<'_>, scene: &Scene) -> Vec<Tag> {
+    fn read_squares(&self, image: &ImageView<'_>, scene: &Scene) -> Vec<Tag> {
         let mut seen = BTreeSet::new();
         let mut tags = Vec::new();
         for start in 0..scene.saddles.len() {
@@ -132,10 +130,10 @@ impl Grid {
                 let Some(reading) = decode::read(image, &square, &self.layout) else {
                     continue;
                 };
-                if reading.border_errors > MOST_BORDER_ERRORS {
+                if reading.border_errors > MAX_BORDER_ERRORS {
                     continue;
                 }
-                let Some(found) = self.book.find(reading.code, self.most_errors) else {
+                let Some(found) = self.book.find(reading.code, self.max_errors) else {
                     continue;
                 };
                 if self.place(found.id).is_none() {
@@ -223,12 +221,7 @@ impl Grid {
     }
 
     /// Looks where neighbours of the tags should be, until nothing more comes.
-    fn look_for_missing(
-        &self,
-        image: &GreyView<'_>,
-        scene: &Scene,
-        mut tags: Vec<Tag>,
-    ) -> Vec<Tag> {
+    fn find_missing(&self, image: &ImageView<'_>, scene: &Scene, mut tags: Vec<Tag>) -> Vec<Tag> {
         let mut known: BTreeSet<u32> = tags.iter().map(|t| t.id).collect();
         let mut next = 0;
         while next < tags.len() {
@@ -248,7 +241,7 @@ impl Grid {
                 }
                 // Rows count upwards, v downwards.
                 let shift = [dx, -dy].map(|d| d as f64 * (1.0 + self.spacing));
-                if let Some(found) = self.look_at(image, scene, &square, shift, id) {
+                if let Some(found) = self.read_expected(image, scene, &square, shift, id) {
                     known.insert(id);
                     tags.push(found);
                 }
@@ -257,9 +250,9 @@ impl Grid {
         tags
     }
 
-    fn look_at(
+    fn read_expected(
         &self,
-        image: &GreyView<'_>,
+        image: &ImageView<'_>,
         scene: &Scene,
         from: &Square,
         shift: [f64; 2],
@@ -277,13 +270,13 @@ impl Grid {
         for corner in &mut corners {
             let near = (0.09 * side).clamp(1.2, 6.0);
             let reach = (0.2 * side).clamp(2.6, 5.0);
-            *corner = refine::settle(&scene.smooth, *corner, &Window::round(reach), near)?;
+            *corner = refine::refine_corner(&scene.smooth, *corner, &Window::round(reach), near)?;
             let radius = (0.15 * side as f32).clamp(2.0, 3.0);
-            saddle::look_around(&scene.smooth, *corner, radius)?;
+            saddle::fit_rays(&scene.smooth, *corner, radius)?;
         }
         let reading = decode::read(image, &Square::new(corners)?, &self.layout)?;
         let errors = self.book.errors(reading.code, id, 0)?;
-        (reading.border_errors <= MOST_BORDER_ERRORS && errors <= MOST_EXPECTED_ERRORS).then_some(
+        (reading.border_errors <= MAX_BORDER_ERRORS && errors <= MAX_EXPECTED_ERRORS).then_some(
             Tag {
                 id,
                 corners,

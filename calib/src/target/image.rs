@@ -2,14 +2,14 @@
 
 /// A picture of one channel of 8 bits, by reference. Integer coordinates are pixel centres.
 #[derive(Clone, Copy, Debug)]
-pub struct GreyView<'a> {
+pub struct ImageView<'a> {
     width: usize,
     height: usize,
     stride: usize,
     pixels: &'a [u8],
 }
 
-impl<'a> GreyView<'a> {
+impl<'a> ImageView<'a> {
     /// Rows of `width` pixels that begin `stride` bytes apart; none where `pixels` is too short for that.
     pub fn new(width: usize, height: usize, stride: usize, pixels: &'a [u8]) -> Option<Self> {
         let needed = match height {
@@ -85,7 +85,7 @@ pub(super) struct Smooth {
 pub(super) const UNIT: f32 = 1.0 / 256.0;
 
 impl Smooth {
-    pub(super) fn of(image: &GreyView<'_>) -> Self {
+    pub(super) fn of(image: &ImageView<'_>) -> Self {
         let (width, height) = (image.width, image.height);
         // Sums along x, one row after the other; then sums of five of these rows.
         let mut along_x = vec![0u16; width * height];
@@ -154,10 +154,10 @@ mod tests {
     #[test]
     fn a_view_has_all_its_rows() {
         let pixels = [0; 10];
-        assert!(GreyView::new(4, 2, 6, &pixels).is_some());
-        assert!(GreyView::new(5, 2, 6, &pixels).is_none());
-        assert!(GreyView::new(7, 1, 6, &pixels).is_none());
-        assert!(GreyView::new(0, 0, 0, &[]).is_some());
+        assert!(ImageView::new(4, 2, 6, &pixels).is_some());
+        assert!(ImageView::new(5, 2, 6, &pixels).is_none());
+        assert!(ImageView::new(7, 1, 6, &pixels).is_none());
+        assert!(ImageView::new(0, 0, 0, &[]).is_some());
     }
 
     /// Against the definition: a weighted mean of 25 pixels, the last ones repeated beyond the edge.
@@ -167,7 +167,7 @@ mod tests {
         let pixels: Vec<u8> = (0..stride * height)
             .map(|i| (i * i * 31 % 251) as u8)
             .collect();
-        let image = GreyView::new(width, height, stride, &pixels).unwrap();
+        let image = ImageView::new(width, height, stride, &pixels).unwrap();
         let smooth = Smooth::of(&image);
         let weights = [1u16, 4, 6, 4, 1];
         for y in 0..height {

@@ -16,11 +16,11 @@ pub(super) type End = (usize, usize);
 pub(super) type Links = Vec<[Option<End>; 4]>;
 
 /// How far a border is followed on faith, pixels, where blur or another corner leaves no contrast.
-const ON_FAITH: f32 = 6.5;
+const MIN_BORDER_PX: f32 = 6.5;
 /// A crossing this near to the border's way is on it, pixels.
 const NEAR: f32 = 2.0;
 /// Share of the crossing's contrast that its borders must have.
-const LEAST_SHARE: f32 = 0.3;
+const MIN_CONTRAST_RATIO: f32 = 0.3;
 
 /// Joins crossings. Rays are sharpened on the way: a border of some length has a better direction than the
 /// circle gave.
@@ -77,7 +77,7 @@ fn follow(
     let mut trail = [start; 6];
     let mut steps = 0usize;
     let longest = smooth.width.max(smooth.height) as f32;
-    let least = LEAST_SHARE * saddle.contrast;
+    let least = MIN_CONTRAST_RATIO * saddle.contrast;
     loop {
         if let Some((to, distance)) = buckets.nearest(saddles, at, from)
             && distance < NEAR
@@ -126,7 +126,7 @@ fn follow(
         at = [at[0] + pace * direction[0], at[1] + pace * direction[1]];
         travelled += pace;
         unsure += pace;
-        if unsure > ON_FAITH || travelled > longest {
+        if unsure > MIN_BORDER_PX || travelled > longest {
             return None;
         }
     }

@@ -60,7 +60,7 @@ impl Paper {
     }
 
     /// The same sheet on its other side.
-    pub fn turned(self) -> Self {
+    pub fn rotated(self) -> Self {
         Self {
             width_mm: self.height_mm,
             height_mm: self.width_mm,
@@ -108,7 +108,7 @@ pub enum PdfError {
 /// # Errors
 /// [`PdfError`].
 pub fn draw(target: &Target, paper: Paper) -> Result<Vec<u8>, PdfError> {
-    if let Some((key, found)) = target.objection() {
+    if let Some((key, found)) = target.invalid_reason() {
         return Err(PdfError::Board { key, found });
     }
     let sheet = target.sheet_m();

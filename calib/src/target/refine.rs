@@ -17,9 +17,9 @@ use super::square::distance;
 
 /// The narrowest round window that still holds enough pixels around a crossing, pixels from its middle to
 /// its end.
-pub(super) const NARROWEST: f64 = 2.6;
+pub(super) const MIN_WINDOW_PX: f64 = 2.6;
 /// The widest window, pixels from its middle to its end.
-pub(super) const WIDEST: f64 = 12.0;
+pub(super) const MAX_WINDOW_PX: f64 = 12.0;
 
 /// Which pixels around a crossing count, and how much: `(1 - |M r|²)²` for the way r from the crossing,
 /// which is smooth at its end.
@@ -32,7 +32,7 @@ pub(super) struct Window {
 impl Window {
     /// Ends `reach` pixels away in every direction.
     pub(super) fn round(reach: f64) -> Self {
-        let reach = reach.clamp(NARROWEST, WIDEST);
+        let reach = reach.clamp(MIN_WINDOW_PX, MAX_WINDOW_PX);
         let m = (1.0 / reach) as f32;
         Self {
             m: [[m, 0.0], [0.0, m]],
@@ -45,40 +45,40 @@ impl Window {
     pub(super) fn along(sides: [[f64; 2]; 2], widest: f64) -> Self {
         let [a, b] = sides.map(|side| {
             let length = (side[0] * side[0] + side[1] * side[1]).sqrt();
-            let wanted = length.clamp(LEAST_ALONG, widest.clamp(NARROWEST, WIDEST));
+            let wanted = length.clamp(MIN_ALONG_PX, widest.clamp(MIN_WINDOW_PX, MAX_WINDOW_PX));
             side.map(|v| v * wanted / length.max(f64::MIN_POSITIVE))
         });
         let determinant = a[0] * b[1] - a[1] * b[0];
         let product = ((a[0] * a[0] + a[1] * a[1]) * (b[0] * b[0] + b[1] * b[1])).sqrt();
         // Sides nearly on one line leave no ellipse.
         if determinant.abs() < 0.15 * product {
-            return Self::round(NARROWEST);
+            return Self::round(MIN_WINDOW_PX);
         }
         let m = [[b[1], -b[0]], [-a[1], a[0]]].map(|row| row.map(|v| (v / determinant) as f32));
         let far = |k: usize| (a[k] * a[k] + b[k] * b[k]).sqrt();
         Self {
             m,
-            far: far(0).max(far(1)).min(WIDEST).ceil() as usize,
+            far: far(0).max(far(1)).min(MAX_WINDOW_PX).ceil() as usize,
         }
     }
 }
 
 /// Least reach of a window along a side, pixels.
-const LEAST_ALONG: f64 = 1.9;
+const MIN_ALONG_PX: f64 = 1.9;
 /// Steps after which the place must have settled.
-const MOST_STEPS: usize = 20;
+const MAX_ITERATIONS: usize = 20;
 /// A smaller step ends the search, pixels.
-const SETTLED: f64 = 5e-4;
+const CONVERGENCE_PX: f64 = 5e-4;
 
 /// Where the crossing near `start` is, under a window. None where it is further than `furthest` from the start, too near the picture's edge, or does not settle.
-pub(super) fn settle(
+pub(super) fn refine_corner(
     smooth: &Smooth,
     start: [f64; 2],
     window: &Window,
     furthest: f64,
 ) -> Option<[f64; 2]> {
     let mut at = start;
-    for i in 0..MOST_STEPS {
+    for i in 0..MAX_ITERATIONS {
         let to = step(smooth, at, window)?.to;
         let moved = distance(to, at);
         // A step that keeps going to and fro over the place is too long.
@@ -87,15 +87,15 @@ pub(super) fn settle(
         if distance(at, start) > furthest {
             return None;
         }
-        if moved < SETTLED {
+        if moved < CONVERGENCE_PX {
             return Some(at);
         }
     }
     None
 }
 
-/// As [`settle`], to a few hundredths of a pixel.
-pub(super) fn settle_roughly(
+/// As [`refine_corner`], to a few hundredths of a pixel.
+pub(super) fn refine_coarsely(
     smooth: &Smooth,
     start: [f64; 2],
     window: &Window,
@@ -130,12 +130,12 @@ pub(super) fn sigma(smooth: &Smooth, at: [f64; 2], window: &Window, noise: f64) 
     let yy = b * b * p - 2.0 * a * b * q + a * a * r;
     let xy = -b * c * p + (a * c + b * b) * q - a * b * r;
     let largest = 0.5 * (xx + yy) + (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
-    Some(NOISE_LEFT * noise * largest.max(0.0).sqrt() / determinant)
+    Some(SMOOTHED_NOISE_RATIO * noise * largest.max(0.0).sqrt() / determinant)
 }
 
 /// The binomial filter spreads a pixel's noise over its neighbours, whose gradients are nearly, not quite,
 /// the same. Measured: see the test `stated_sigma_is_what_happens`.
-const NOISE_LEFT: f64 = 0.8;
+const SMOOTHED_NOISE_RATIO: f64 = 0.8;
 
 /// What the pixels in a window say.
 struct Step {
@@ -147,7 +147,7 @@ struct Step {
     noise: [f64; 3],
 }
 
-const SIDE: usize = 2 * WIDEST as usize + 1;
+const SIDE: usize = 2 * MAX_WINDOW_PX as usize + 1;
 
 /// One step, with the window here.
 fn step(smooth: &Smooth, at: [f64; 2], window: &Window) -> Option<Step> {

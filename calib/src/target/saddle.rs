@@ -9,17 +9,17 @@
 //! does not depend on the direction of the crossing (Lucchese and Mitra 2002 use the same criterion).
 
 use super::image::{Smooth, UNIT};
-use super::refine::{self, NARROWEST, Window};
+use super::refine::{self, MIN_WINDOW_PX, Window};
 
 /// Least square root of the negated determinant, grey values per square pixel: an ideal crossing of
 /// contrast A blurred by s has `A / (π s²)`, so that 20 grey values pass up to a blur of 2.5.
-const LEAST_CURVATURE: f32 = 1.0;
+const MIN_CURVATURE: f32 = 1.0;
 
 /// Least contrast between the bright and the dark sectors, grey values.
-const LEAST_CONTRAST: f32 = 8.0;
+const MIN_CONTRAST: f32 = 8.0;
 
 /// Candidates beyond this many are left out, weakest first: a picture of gravel must not take minutes.
-const MOST: usize = 6000;
+const MAX_SADDLES: usize = 6000;
 
 /// Samples around the circle.
 const SAMPLES: usize = 32;
@@ -39,24 +39,24 @@ pub(super) struct Saddle {
 /// Finds the crossings.
 pub(super) fn find(smooth: &Smooth) -> Vec<Saddle> {
     let mut peaks = peaks(smooth);
-    if peaks.len() > MOST {
+    if peaks.len() > MAX_SADDLES {
         // By strength, then by place, so that equals do not depend on the sort.
         peaks.sort_by(|a, b| b.2.total_cmp(&a.2).then((a.1, a.0).cmp(&(b.1, b.0))));
-        peaks.truncate(MOST);
+        peaks.truncate(MAX_SADDLES);
         peaks.sort_by_key(|&(x, y, _)| (y, x));
     }
     let mut saddles: Vec<Saddle> = Vec::new();
-    let window = Window::round(NARROWEST);
+    let window = Window::round(MIN_WINDOW_PX);
     for (x, y, _) in peaks {
         if !may_cross(smooth, x, y) {
             continue;
         }
-        let Some(at) = refine::settle_roughly(smooth, [x as f64, y as f64], &window, 2.0) else {
+        let Some(at) = refine::refine_coarsely(smooth, [x as f64, y as f64], &window, 2.0) else {
             continue;
         };
         if let Some(saddle) = [3.0, 2.2]
             .into_iter()
-            .find_map(|radius| look_around(smooth, at, radius))
+            .find_map(|radius| fit_rays(smooth, at, radius))
         {
             saddles.push(saddle);
         }
@@ -113,7 +113,7 @@ fn may_cross(smooth: &Smooth, x: usize, y: usize) -> bool {
             changes += i32::from((here < 0) != (last < 0));
             (low, high, last) = (low.min(here), high.max(here), here);
         }
-        changes == 4 && (high - low) as f32 * UNIT >= 0.7 * LEAST_CONTRAST
+        changes == 4 && (high - low) as f32 * UNIT >= 0.7 * MIN_CONTRAST
     };
     crosses(&OUTER) || crosses(&INNER)
 }
@@ -182,7 +182,7 @@ fn peaks(smooth: &Smooth) -> Vec<(usize, usize, f32)> {
     if width < 9 || height < 9 {
         return peaks;
     }
-    let least = LEAST_CURVATURE * LEAST_CURVATURE / RESPONSE_UNIT;
+    let least = MIN_CURVATURE * MIN_CURVATURE / RESPONSE_UNIT;
     // Three rows of responses take turns.
     let mut rows = [
         vec![0.0f32; width],
@@ -214,7 +214,7 @@ fn peaks(smooth: &Smooth) -> Vec<(usize, usize, f32)> {
 }
 
 /// Looks at a circle around a place. None where it is not a crossing.
-pub(super) fn look_around(smooth: &Smooth, at: [f64; 2], radius: f32) -> Option<Saddle> {
+pub(super) fn fit_rays(smooth: &Smooth, at: [f64; 2], radius: f32) -> Option<Saddle> {
     let (x, y) = (at[0] as f32, at[1] as f32);
     let level = smooth.sample(x, y)?;
     let mut values = [0.0f32; SAMPLES];
@@ -275,7 +275,7 @@ pub(super) fn look_around(smooth: &Smooth, at: [f64; 2], radius: f32) -> Option<
     let dark = extremes[0].max(extremes[2]);
     let contrast = bright - dark;
     // Where one side of the level is far flatter than the other it is the end of a line, not a crossing.
-    if contrast < LEAST_CONTRAST || bright < 0.12 * contrast || -dark < 0.12 * contrast {
+    if contrast < MIN_CONTRAST || bright < 0.12 * contrast || -dark < 0.12 * contrast {
         return None;
     }
     for ray in &mut rays {

@@ -356,7 +356,7 @@ fn two_boards_in_one_picture() {
     // The same board twice: no id may be given to either, if it is there twice.
     let picture = View::picture(&[(&a, left), (&a, right)], &Look::default());
     let found = detect(&picture.view(), &a, &Settings::default());
-    let near = |truth: &[(u32, [f64; 2])], seen: &Seen| {
+    let near = |truth: &[(u32, [f64; 2])], seen: &DetectedCorner| {
         truth
             .iter()
             .any(|(id, at)| *id == seen.id && square::distance(*at, seen.pixel) < 1.0)
@@ -529,7 +529,7 @@ fn small_and_odd_pictures_do_no_harm() {
         let pixels: Vec<u8> = (0..width * height)
             .map(|i| (i * i * 31 % 256) as u8)
             .collect();
-        let view = GreyView::new(width, height, width, &pixels).unwrap();
+        let view = ImageView::new(width, height, width, &pixels).unwrap();
         for target in [GRID, CHESS, CHARUCO] {
             assert!(
                 detect(&view, &target, &Settings::default())

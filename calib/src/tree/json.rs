@@ -6,7 +6,7 @@ use std::fmt;
 use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
 use serde_json::value::RawValue;
 
-use super::{DEEPEST, Node, Value};
+use super::{MAX_DEPTH, Node, Value};
 use crate::error::CalibError;
 use crate::text::Source;
 
@@ -40,8 +40,8 @@ fn node(whole: &Whole<'_>, raw: &str, depth: usize) -> Result<Node, CalibError> 
     // `raw` is a part of `text`, so that its place is the difference of the two addresses.
     let before = raw.as_ptr() as usize - text.as_ptr() as usize;
     let line = 1 + breaks.partition_point(|at| *at < before);
-    if depth > DEEPEST {
-        let found = format!("more than {DEEPEST} values inside each other");
+    if depth > MAX_DEPTH {
+        let found = format!("more than {MAX_DEPTH} values inside each other");
         return Err(source.unexpected(line, &found, "a calibration"));
     }
     let inner = |e: serde_json::Error| source.unexpected(line, &e.to_string(), "valid JSON");

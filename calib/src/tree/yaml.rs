@@ -5,7 +5,7 @@
 //!
 //! OpenCV writes `%YAML:1.0` where YAML has `%YAML 1.0`; lines that begin with `%` are passed over.
 
-use super::{DEEPEST, Node, Value};
+use super::{MAX_DEPTH, Node, Value};
 use crate::error::CalibError;
 use crate::text::Source;
 
@@ -102,10 +102,10 @@ impl<'s> Parser<'s> {
     /// The block whose first line is the current one.
     fn block(&mut self, indent: usize, depth: usize) -> Result<Node, CalibError> {
         let first = self.lines[self.at];
-        if depth > DEEPEST {
+        if depth > MAX_DEPTH {
             return Err(self.wrong(
                 &first,
-                &format!("at most {DEEPEST} blocks inside each other"),
+                &format!("at most {MAX_DEPTH} blocks inside each other"),
             ));
         }
         let value = if is_item(first.text) {
@@ -287,8 +287,8 @@ impl<'s> Flow<'_, 's> {
     fn value(&mut self, depth: usize) -> Result<Node, CalibError> {
         let open = self.peek()?;
         let line = self.line();
-        if depth > DEEPEST {
-            let expected = format!("at most {DEEPEST} brackets inside each other");
+        if depth > MAX_DEPTH {
+            let expected = format!("at most {MAX_DEPTH} brackets inside each other");
             return Err(self.source.malformed(line, self.rest, &expected));
         }
         let value = match open {

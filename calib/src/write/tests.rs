@@ -411,7 +411,7 @@ fn read_changed(
     fs::write(folder.path().join(&files[which].0), bytes).unwrap();
     let path = folder.path().join(&files[0].0);
     match read_cameras(&path, Some([1280, 720])) {
-        Ok((set, notes)) => Some((set.checked(&path).unwrap(), notes)),
+        Ok((set, notes)) => Some((set.validate(&path).unwrap(), notes)),
         Err(error) => {
             let text = error.to_string();
             assert!(

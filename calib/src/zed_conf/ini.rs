@@ -93,11 +93,11 @@ impl<'s> Section<'s> {
     }
 
     /// An error about a number that can be read but cannot be true.
-    pub(super) fn implausible(&self, key: &str, objection: &str) -> CalibError {
+    pub(super) fn implausible(&self, key: &str, reason: &str) -> CalibError {
         let line = self.values.get(key).map_or(0, |(line, _)| *line);
         CalibError::Implausible {
             path: self.source.path.clone(),
-            objection: format!("line {line}: {key} in [{}]: {objection}", self.name),
+            reason: format!("line {line}: {key} in [{}]: {reason}", self.name),
         }
     }
 

@@ -160,7 +160,7 @@ impl Problem<'_> {
 
     fn spline_equations(
         &self,
-        rooted: &[Rooted],
+        rooted: &[WhitenedView],
         raw: &[Raw],
         whole: &Whole,
     ) -> (Chain<GROUPED, SPLINE_SHARED>, f64, usize) {
@@ -228,8 +228,8 @@ impl Problem<'_> {
                 gyro_bias: Vector3::zeros(),
                 accel_bias: Vector3::zeros(),
             };
-            let mut found = self.picture(&rooted[i], &state(&body), shared);
-            cost += found.lose(self.robust);
+            let mut found = self.view_factor(&rooted[i], &state(&body), shared);
+            cost += found.apply_loss(self.robust);
             count += VIEW;
             let root = found.weight.sqrt();
             let mut own = SMatrix::<f64, VIEW, GROUPED>::zeros();
@@ -309,7 +309,7 @@ impl Problem<'_> {
                 );
             }
             let force = body.rotation.transpose() * (body.acceleration - shared.gravity);
-            let down = -(by_acceleration * shared.across() * GRAVITY);
+            let down = -(by_acceleration * shared.gravity_tangent() * GRAVITY);
             wide.fixed_view_mut::<3, 2>(3, DOWN).copy_from(&down);
             for row in 0..3 {
                 for column in 0..3 {
@@ -333,7 +333,7 @@ impl Problem<'_> {
         mut whole: Whole,
     ) -> Option<SplineFit> {
         for round in 0..3 {
-            let rooted: Option<Vec<Rooted>> = (0..self.views.len())
+            let rooted: Option<Vec<WhitenedView>> = (0..self.views.len())
                 .map(|i| {
                     let view = &self.views[i];
                     let (pose, size) = match round {
@@ -348,7 +348,7 @@ impl Problem<'_> {
                             (camera, whole.shared.board_scale)
                         }
                     };
-                    Rooted::new(&view.linearise(self.cameras, &pose, size, self.corner_scale))
+                    WhitenedView::new(&view.linearise(self.cameras, &pose, size, self.corner_scale))
                 })
                 .collect();
             let rooted = rooted?;

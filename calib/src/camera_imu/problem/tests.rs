@@ -106,8 +106,8 @@ fn derivatives_of_all_factors() {
         time_s,
         time_ns: 0,
         corners: &[],
-        corners_kept: 0,
-        motion: Moving::NONE,
+        inlier_corners: 0,
+        motion: CameraMotion::NONE,
     };
     let views = [view(0.1), view(0.15)];
     let prior = Prior {
@@ -120,7 +120,7 @@ fn derivatives_of_all_factors() {
             DOWN..BOARD => f64::INFINITY,
             _ => 0.1 + 0.01 * k as f64,
         }),
-        held: Held {
+        fixed: FixedDirections {
             rotation: vec![Vector3::new(0.6, 0.0, 0.8)],
             translation: vec![Vector3::y()],
             offset: true,
@@ -150,7 +150,7 @@ fn derivatives_of_all_factors() {
     let mut root = SMatrix::<f64, VIEW, VIEW>::identity();
     root[(2, 5)] = 0.3;
     let camera = shared.camera(&states[0]);
-    let rooted = Rooted {
+    let rooted = WhitenedView {
         pose: Pose {
             rotation: camera.rotation * so3::exp(&Vector3::new(0.1, 0.2, -0.1)),
             position: Vector3::new(0.1, -0.3, 0.2),
@@ -160,7 +160,7 @@ fn derivatives_of_all_factors() {
         offset: SVector::repeat(0.2),
         rank: 7,
     };
-    let picture = |s: &[State], shared: &Shared| problem.picture(&rooted, &s[0], shared);
+    let picture = |s: &[State], shared: &Shared| problem.view_factor(&rooted, &s[0], shared);
     check("picture", &picture(at.0, at.1), picture, at);
     let inertial = |s: &[State], shared: &Shared| {
         let mut raw = Vec::new();
@@ -169,7 +169,7 @@ fn derivatives_of_all_factors() {
     check("inertial", &inertial(at.0, at.1), inertial, at);
     let walk = |s: &[State], _: &Shared| problem.walk(0, s);
     check("walk", &walk(at.0, at.1), walk, at);
-    let alone = |s: &[State], _: &Shared| problem.alone(0, &s[0]);
+    let alone = |s: &[State], _: &Shared| problem.isolated(0, &s[0]);
     check("alone", &alone(at.0, at.1), alone, at);
     let prior = |_: &[State], shared: &Shared| problem.prior.factor(shared);
     let found = prior(at.0, at.1);

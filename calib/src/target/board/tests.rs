@@ -127,10 +127,10 @@ fn half_a_turn() {
             rows,
             square_m: 0.1,
         }
-        .looks_the_same_turned()
+        .is_rotationally_symmetric()
     };
     assert!(!turned(9, 6) && turned(8, 6) && turned(7, 7));
-    assert!(!GRID.looks_the_same_turned());
+    assert!(!GRID.is_rotationally_symmetric());
 }
 
 #[test]

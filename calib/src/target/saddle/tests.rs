@@ -1,4 +1,4 @@
-use super::super::image::GreyView;
+use super::super::image::ImageView;
 use super::*;
 
 /// The same numbers, one pixel at a time, from the definition.
@@ -19,7 +19,7 @@ fn the_fast_response_is_the_slow_one() {
         let pixels: Vec<u8> = (0..width * height)
             .map(|i| (i * i * 37 / 5 % 256) as u8)
             .collect();
-        let smooth = Smooth::of(&GreyView::new(width, height, width, &pixels).unwrap());
+        let smooth = Smooth::of(&ImageView::new(width, height, width, &pixels).unwrap());
         let mut row = vec![0.0; width];
         for y in 2..height - 2 {
             response(&smooth, y, &mut row);
@@ -58,7 +58,7 @@ fn rays_begin_before_a_dark_sector() {
             }
         })
         .collect();
-    let smooth = Smooth::of(&GreyView::new(width, height, width, &pixels).unwrap());
+    let smooth = Smooth::of(&ImageView::new(width, height, width, &pixels).unwrap());
     let found = find(&smooth);
     assert_eq!(found.len(), 1);
     let quarter = std::f64::consts::FRAC_PI_2;

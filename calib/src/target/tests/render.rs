@@ -1,6 +1,6 @@
 //! Pictures of boards with known corners, by sampling the board many times in each pixel.
 
-use crate::target::{GreyView, Target};
+use crate::target::{ImageView, Target};
 
 /// Samples per pixel along each axis.
 const DENSE: usize = 5;
@@ -105,7 +105,7 @@ impl View {
     }
 
     /// The point from the board's middle that a pixel sees.
-    fn look_at(&self, pixel: [f64; 2], r: &[[f64; 3]; 3]) -> Option<[f64; 2]> {
+    fn read_expected(&self, pixel: [f64; 2], r: &[[f64; 3]; 3]) -> Option<[f64; 2]> {
         let m = self.middle();
         let [u, v] = [0, 1].map(|k| (pixel[k] - m[k]) / self.focal);
         let ray = match self.lens {
@@ -154,7 +154,7 @@ impl View {
             let row_at = |j: usize| -> Vec<Option<[f64; 2]>> {
                 let pixel = |n: usize| (n as f64 + 0.5) / DENSE as f64 - 0.5 - PAD as f64;
                 (0..=fine_width)
-                    .map(|i| view.look_at([pixel(i), pixel(j)], &r))
+                    .map(|i| view.read_expected([pixel(i), pixel(j)], &r))
                     .collect()
             };
             let mut next = row_at(0);
@@ -230,8 +230,8 @@ pub(crate) struct Picture {
 }
 
 impl Picture {
-    pub(crate) fn view(&self) -> GreyView<'_> {
-        GreyView::new(self.size[0], self.size[1], self.size[0], &self.pixels).unwrap()
+    pub(crate) fn view(&self) -> ImageView<'_> {
+        ImageView::new(self.size[0], self.size[1], self.size[0], &self.pixels).unwrap()
     }
 
     pub(crate) fn mirrored(&self) -> Self {

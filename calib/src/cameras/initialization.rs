@@ -6,7 +6,7 @@
 
 use cad_transforms::RigidTransform;
 
-use super::one_eye;
+use super::single_lens_problem;
 use crate::adjust::{LensBlock, Point, Prior, Settings, solve};
 use crate::camera::{CameraModel, Distortion};
 use crate::pnp;
@@ -14,13 +14,13 @@ use crate::pnp;
 /// Focal lengths that are tried, in widths of the picture.
 const FOCAL_LENGTHS: [f64; 9] = [0.3, 0.4, 0.52, 0.65, 0.8, 1.0, 1.3, 1.7, 2.4];
 /// How many views are looked at.
-const VIEWS: usize = 12;
+const MAX_VIEWS: usize = 12;
 
 /// A view of a target with its pose.
-pub(super) type Posed = (RigidTransform, Vec<Point>);
+pub(super) type PosedPoints = (RigidTransform, Vec<Point>);
 
 /// Poses of those views that a lens explains; keeps their order.
-pub(super) fn poses(model: &CameraModel, views: &[Vec<Point>]) -> Vec<Option<pnp::Placed>> {
+pub(super) fn poses(model: &CameraModel, views: &[Vec<Point>]) -> Vec<Option<pnp::PlanarPose>> {
     let pieces = crate::adjust::in_pieces(views.len(), |range| {
         views[range]
             .iter()
@@ -31,12 +31,12 @@ pub(super) fn poses(model: &CameraModel, views: &[Vec<Point>]) -> Vec<Option<pnp
 }
 
 /// A lens from views alone, and how far it is off, px RMS. None when nothing fits.
-pub(super) fn guess(size: (u32, u32), views: &[Vec<Point>]) -> Option<(CameraModel, f64)> {
+pub(super) fn initial_lens(size: (u32, u32), views: &[Vec<Point>]) -> Option<(CameraModel, f64)> {
     let mut by_points: Vec<&Vec<Point>> = views.iter().collect();
     by_points.sort_by_key(|points| std::cmp::Reverse(points.len()));
     // Every n-th of the fuller half, so that not one moment gives them all.
-    by_points.truncate((by_points.len() / 2).max(VIEWS));
-    let step = by_points.len().div_ceil(VIEWS);
+    by_points.truncate((by_points.len() / 2).max(MAX_VIEWS));
+    let step = by_points.len().div_ceil(MAX_VIEWS);
     let few: Vec<Vec<Point>> = by_points
         .into_iter()
         .step_by(step.max(1))
@@ -54,7 +54,7 @@ pub(super) fn guess(size: (u32, u32), views: &[Vec<Point>]) -> Option<(CameraMod
     // Misses are compared by their medians over views: some poses may be wrong.
     let tried = FOCAL_LENGTHS.iter().filter_map(|&f| {
         let model = pinhole(f);
-        let found: Vec<Option<pnp::Placed>> = poses(&model, &few);
+        let found: Vec<Option<pnp::PlanarPose>> = poses(&model, &few);
         let mut misses: Vec<f64> = found
             .iter()
             .map(|p| p.map_or(f64::INFINITY, |p| p.rms_px))
@@ -64,7 +64,7 @@ pub(super) fn guess(size: (u32, u32), views: &[Vec<Point>]) -> Option<(CameraMod
         median.is_finite().then_some((median, model, found))
     });
     let (_, model, found) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let posed: Vec<Posed> = found
+    let posed: Vec<PosedPoints> = found
         .into_iter()
         .zip(&few)
         .filter_map(|(placed, points)| Some((placed?.eye_from_target, points.clone())))
@@ -99,7 +99,7 @@ pub(super) fn guess(size: (u32, u32), views: &[Vec<Point>]) -> Option<(CameraMod
 pub(super) fn fit(
     start: &CameraModel,
     priors: &[Prior],
-    views: &[Posed],
+    views: &[PosedPoints],
 ) -> Option<(CameraModel, f64, Vec<RigidTransform>)> {
     let lens = LensBlock {
         name: String::new(),
@@ -111,7 +111,7 @@ pub(super) fn fit(
         tolerance: 1e-6,
         ..Settings::default()
     };
-    let solution = solve(&one_eye(lens, views), &settings).ok()?;
+    let solution = solve(&single_lens_problem(lens, views), &settings).ok()?;
     let rms = solution.rms_px(|_| true);
     let model = solution.problem.lenses[0].model;
     Some((model, rms, solution.problem.instants))
@@ -163,7 +163,7 @@ pub(super) fn factory_priors(factory: &CameraModel) -> Vec<Prior> {
 }
 
 /// The same lens as another model: what that model starts from. Its poses are those of the lens.
-pub(super) fn restarted(model: &CameraModel, distortion: Distortion) -> CameraModel {
+pub(super) fn with_distortion(model: &CameraModel, distortion: Distortion) -> CameraModel {
     CameraModel {
         distortion,
         ..*model

@@ -6,7 +6,7 @@ use std::ops::{Add, Div, Mul, Sub};
 use crate::camera::{CameraModel, Distortion};
 
 /// Point and parameters of the largest model.
-pub(super) const INPUTS: usize = 3 + CameraModel::MOST;
+pub(super) const INPUTS: usize = 3 + CameraModel::MAX_PARAMETERS;
 
 /// A value and its derivatives by all inputs.
 #[derive(Clone, Copy, Debug)]

@@ -8,19 +8,19 @@
 
 use nalgebra::DMatrix;
 
-use crate::adjust::{Problem, told};
+use crate::adjust::{Problem, reduced_equations};
 
 /// Instants in the order in which they are worth taking, at most `most`. `prior` is the information
 /// that is there before, in the order of the problem's parameters.
-pub(super) fn best(problem: &Problem, prior: &DMatrix<f64>, most: usize) -> Vec<usize> {
+pub(super) fn select_greedy(problem: &Problem, prior: &DMatrix<f64>, most: usize) -> Vec<usize> {
     let n = prior.nrows();
-    let candidates: Vec<DMatrix<f64>> = told(problem, 1.0)
+    let candidates: Vec<DMatrix<f64>> = reduced_equations(problem, 1.0)
         .into_iter()
-        .map(|told| {
+        .map(|instant| {
             let mut all = DMatrix::zeros(n, n);
-            for (i, &ci) in told.columns.iter().enumerate() {
-                for (j, &cj) in told.columns.iter().enumerate() {
-                    all[(ci, cj)] = told.information[(i, j)];
+            for (i, &ci) in instant.columns.iter().enumerate() {
+                for (j, &cj) in instant.columns.iter().enumerate() {
+                    all[(ci, cj)] = instant.information[(i, j)];
                 }
             }
             all
@@ -31,7 +31,7 @@ pub(super) fn best(problem: &Problem, prior: &DMatrix<f64>, most: usize) -> Vec<
     let mut bounds = vec![f64::INFINITY; candidates.len()];
     let mut taken = Vec::new();
     while taken.len() < most.min(candidates.len()) {
-        let Some((next, gain)) = most_telling(&candidates, &known, present, &mut bounds) else {
+        let Some((next, gain)) = most_informative(&candidates, &known, present, &mut bounds) else {
             break;
         };
         known += &candidates[next];
@@ -43,7 +43,7 @@ pub(super) fn best(problem: &Problem, prior: &DMatrix<f64>, most: usize) -> Vec<
 }
 
 /// The candidate that adds most, and how much. Those taken have a bound below everything.
-fn most_telling(
+fn most_informative(
     candidates: &[DMatrix<f64>],
     known: &DMatrix<f64>,
     present: f64,

@@ -5,63 +5,66 @@ use std::collections::BTreeMap;
 use cad_transforms::RigidTransform;
 use nalgebra::{DMatrix, Matrix6};
 
-use super::check::{self, Finding, Severity};
-use super::choose::{self, Chosen, EyeViews};
-use super::connect::{Known, Posed, connect};
 use super::coverage::Coverage;
-use super::start::{factory_priors, guess, poses, weak_priors};
-use super::{Calibration, CamerasError, Input, Places, Settings, points, select, shape, stays};
+use super::diagnostics::{self, Finding, Severity};
+use super::initialization::{factory_priors, initial_lens, poses, weak_priors};
+use super::model_selection::{self, EyeViews, SelectedLens};
+use super::pose_graph::{InitialPoses, PosedView, connect};
+use super::{
+    Calibration, CamerasError, Input, RigPoses, Settings, board_shape, points, view_clusters,
+    view_selection,
+};
 use crate::adjust::{
-    LensBlock, PlaceBlock, PlacePrior, Point, Prior, Problem, Solution, View, median_scale, solve,
+    LensBlock, Point, PoseBlock, PosePrior, Prior, Problem, Solution, View, median_scale, solve,
 };
 use crate::camera::{CameraModel, Distortion};
 
 /// A picture with fewer corners takes no part.
-const LEAST_CORNERS: usize = 8;
+const MIN_CORNERS: usize = 8;
 /// An eye needs at least so many pictures of targets.
-const LEAST_PICTURES: usize = 5;
+const MIN_VIEWS: usize = 5;
 /// Worst median residual that a lens to start from may have, px.
-const START_PX: f64 = 8.0;
+const MAX_INITIAL_RMS_PX: f64 = 8.0;
 /// A view whose residuals are this many times the median's is of something else.
-const WRONG_VIEW: f64 = 6.0;
+const OUTLIER_VIEW_RATIO: f64 = 6.0;
 /// Where the mirrored pose misses by less than this many times the best one's, either may be right.
-const AMBIGUOUS: f64 = 1.5;
+const MAX_AMBIGUOUS_RATIO: f64 = 1.5;
 /// Movements are told as pixels in this time, ns.
-const MOVING_NS: f64 = 1e8;
+const MOTION_INTERVAL_NS: f64 = 1e8;
 /// Corners that move by less in that time count as still, px.
-const STILL_PX: f64 = 0.25;
+const MAX_STATIC_MOTION_PX: f64 = 0.25;
 /// Pictures whose corners move more than that take no part if others of their eye do not.
-const LARGEST_MOVEMENT_PX: f64 = 1.0;
+const MAX_MOTION_PX: f64 = 1.0;
 /// This share of that movement is added to the sigma of corners: rows of a rolling shutter, and eyes, are not
 /// exposed at one instant.
-const BLURRED_SHARE: f64 = 0.25;
+const MOTION_SIGMA_RATIO: f64 = 0.25;
 /// Pictures farther apart in time than this say nothing of movement, ns.
-const NEXT_NS: i64 = 250_000_000;
+const MAX_FRAME_INTERVAL_NS: i64 = 250_000_000;
 /// At least this share of pictures is used, the stillest, whether or not they are still.
-const STILLEST_SHARE: f64 = 0.2;
+const MIN_USED_RATIO: f64 = 0.2;
 /// How far a factory's `left_from_right` may be off, beyond what it says itself: m and rad.
-const PAIR_PRIOR: (f64, f64) = (2e-3, 0.01);
+const FACTORY_STEREO_SIGMA: (f64, f64) = (2e-3, 0.01);
 /// How large tangential coefficients of lenses are: those of the makers' files that we have.
-const TANGENTIAL: f64 = 3e-4;
+const TANGENTIAL_SIGMA: f64 = 3e-4;
 /// What is thought of corners' sigmas before counts as much as so many corners.
-const SURE_OF_SIGMA: f64 = 20.0;
+const SIGMA_PRIOR_CORNERS: f64 = 20.0;
 /// Where nothing is told of a place, it is within this: m and rad.
-const ANYWHERE: (f64, f64) = (3.0, 3.0);
+const DEFAULT_EXTRINSICS_SIGMA: (f64, f64) = (3.0, 3.0);
 
 /// A sighting with its points and its pose.
-pub(super) struct Picture {
-    pub(super) posed: Posed,
+pub(super) struct TargetView {
+    pub(super) posed: PosedView,
     pub(super) points: Vec<Point>,
     /// Whether the pose may be the mirrored one.
     ambiguous: bool,
-    /// Movement of corners to the next or from the last picture, px in [`MOVING_NS`]; none where it is not known.
-    movement_px: Option<f64>,
+    /// Movement of corners to the next or from the last picture, px in [`MOTION_INTERVAL_NS`]; none where it is not known.
+    motion_px: Option<f64>,
 }
 
-impl Picture {
+impl TargetView {
     /// Movement; none if it is not known.
-    pub(super) fn movement(&self) -> f64 {
-        self.movement_px.unwrap_or(0.0)
+    pub(super) fn motion_or_zero_px(&self) -> f64 {
+        self.motion_px.unwrap_or(0.0)
     }
 }
 
@@ -77,14 +80,14 @@ pub fn calibrate(
     let mut findings = Vec::new();
     progress("looking for lenses to start from", 0.0);
     let mut starts = Vec::new();
-    let mut pictures: Vec<Picture> = Vec::new();
+    let mut target_views: Vec<TargetView> = Vec::new();
     for eye in 0..input.eyes.len() {
-        let (start, own) = eye_pictures(&input, eye, &mut findings)?;
+        let (start, own) = eye_views(&input, eye, &mut findings)?;
         starts.push(start);
-        pictures.extend(own);
+        target_views.extend(own);
     }
-    findings.extend(of_unknown_movement(&pictures));
-    let mut chosen: Vec<Option<Chosen>> = vec![None; input.eyes.len()];
+    findings.extend(unknown_motion(&target_views));
+    let mut chosen: Vec<Option<SelectedLens>> = vec![None; input.eyes.len()];
     let mut choices = Vec::new();
     let mut used: Vec<usize> = Vec::new();
     for (number, camera) in input.cameras.iter().enumerate() {
@@ -94,21 +97,21 @@ pub fn calibrate(
             0.1 + 0.5 * share,
         );
         let eyes: Vec<usize> = std::iter::once(camera.left).chain(camera.right).collect();
-        let instants = telling(&input, &eyes, &starts, &pictures, settings.most_views);
+        let instants = most_informative(&input, &eyes, &starts, &target_views, settings.max_views);
         let views: Vec<EyeViews<'_>> = eyes
             .iter()
             .map(|&eye| EyeViews {
                 start: starts[eye],
                 factory: input.eyes[eye].factory.as_ref(),
-                views: of_instants(&pictures, eye, &instants),
+                views: of_instants(&target_views, eye, &instants),
             })
             .collect();
         let name = || input.eyes[camera.left].name.clone();
-        let (choice, lenses) =
-            choose::choose(&views, settings.choose_lens).ok_or_else(|| CamerasError::NoLens {
+        let (choice, lenses) = model_selection::select_model(&views, settings.choose_lens)
+            .ok_or_else(|| CamerasError::NoLens {
                 eye: name(),
                 rms_px: f64::INFINITY,
-                limit_px: START_PX,
+                limit_px: MAX_INITIAL_RMS_PX,
             })?;
         choices.push(choice);
         for (eye, lens) in eyes.into_iter().zip(lenses) {
@@ -117,16 +120,16 @@ pub fn calibrate(
         used.extend(instants);
     }
     progress("connecting cameras", 0.6);
-    let chosen: Vec<Chosen> = chosen.into_iter().zip(&starts).map(known_lens).collect();
-    let posed: Vec<Posed> = pictures.iter().map(|p| p.posed).collect();
+    let chosen: Vec<SelectedLens> = chosen.into_iter().zip(&starts).map(selected_lens).collect();
+    let posed: Vec<PosedView> = target_views.iter().map(|p| p.posed).collect();
     let known = connect(&input, &posed);
-    used.extend(bridges(&input, &pictures, settings.most_views));
+    used.extend(bridges(&input, &target_views, settings.max_views));
     used.sort_unstable();
     used.dedup();
     progress("adjusting everything", 0.65);
-    let mut build = assemble(&input, &pictures, &known, &chosen, &used);
-    let stays = stays::numbers(&pictures);
-    build.problem.stays = build.used.iter().map(|instant| stays[instant]).collect();
+    let mut build = assemble(&input, &target_views, &known, &chosen, &used);
+    let clusters = view_clusters::assign_clusters(&target_views);
+    build.problem.clusters = build.used.iter().map(|instant| clusters[instant]).collect();
     let quick = crate::adjust::Settings {
         covariance: false,
         tolerance: 1e-6,
@@ -134,35 +137,39 @@ pub fn calibrate(
     };
     let first = solve(&build.problem, &quick)?;
     build.problem = first.problem.clone();
-    weigh_views(&mut build.problem, &first);
+    reweight_views(&mut build.problem, &first);
     let mut solution = solve(&build.problem, &crate::adjust::Settings::default())?;
     // A camera that is clearly not where it was told must not pull the others along.
-    while let Some(camera) = check::disbelieved(&input, &build.places, &solution) {
-        let place = build.places.cameras[camera].expect("only placed cameras are disbelieved");
-        let told = input.cameras[camera]
+    while let Some(camera) = diagnostics::inconsistent_prior(&input, &build.poses, &solution) {
+        let pose = build.poses.cameras[camera].expect("only placed cameras are disbelieved");
+        let prior = input.cameras[camera]
             .rig_from_left
             .as_ref()
             .expect("it was told");
-        let near = PlacePrior::near(told.transform, ANYWHERE.0, ANYWHERE.1);
-        build.problem.places[place].prior = near.clone();
-        solution.problem.places[place].prior = near;
+        let near = PosePrior::near(
+            prior.transform,
+            DEFAULT_EXTRINSICS_SIGMA.0,
+            DEFAULT_EXTRINSICS_SIGMA.1,
+        );
+        build.problem.poses[pose].prior = near.clone();
+        solution.problem.poses[pose].prior = near;
         solution = solve(&solution.problem, &crate::adjust::Settings::default())?;
     }
     progress("looking at the targets' shape", 0.85);
-    let (solution, sagitta_m) = shape::refine(solution, &input.targets, &build.targets)?;
+    let (solution, sagitta_m) = board_shape::refine(solution, &input.targets, &build.targets)?;
     progress("checking", 0.95);
     let coverage = coverage(&input, &solution);
     let mut calibration = Calibration {
         used: build.used,
         choices,
         solution,
-        places: build.places,
+        poses: build.poses,
         coverage,
         sagitta_m,
         findings: Vec::new(),
         input,
     };
-    findings.extend(check::findings(&calibration));
+    findings.extend(diagnostics::findings(&calibration));
     findings.sort_by_key(|f| std::cmp::Reverse(f.severity));
     calibration.findings = findings;
     progress("checking", 1.0);
@@ -170,16 +177,19 @@ pub fn calibrate(
 }
 
 /// Pictures too far apart in time do not tell whether the rig was still when they were taken.
-fn of_unknown_movement(pictures: &[Picture]) -> Option<Finding> {
-    let unknown = pictures.iter().filter(|p| p.movement_px.is_none()).count();
-    (2 * unknown > pictures.len()).then(|| {
+fn unknown_motion(target_views: &[TargetView]) -> Option<Finding> {
+    let unknown = target_views
+        .iter()
+        .filter(|p| p.motion_px.is_none())
+        .count();
+    (2 * unknown > target_views.len()).then(|| {
         Finding::new(
             Severity::Warn,
             format!(
                 "whether the rig was still is not known of {unknown} of {} pictures, which follow no other within \
                  {} s: the result is as good as they were still",
-                pictures.len(),
-                1e-9 * NEXT_NS as f64
+                target_views.len(),
+                1e-9 * MAX_FRAME_INTERVAL_NS as f64
             ),
         )
     })
@@ -188,8 +198,8 @@ fn of_unknown_movement(pictures: &[Picture]) -> Option<Finding> {
 /// A lens that was chosen; an eye of no camera keeps what it started from. A lens without tangential terms
 /// gets them back with how large they are in lenses: one eye alone does not see them, but principal points
 /// and the turn between eyes are only as sure as they are.
-fn known_lens((chosen, start): (Option<Chosen>, &CameraModel)) -> Chosen {
-    let mut lens = chosen.unwrap_or_else(|| Chosen {
+fn selected_lens((chosen, start): (Option<SelectedLens>, &CameraModel)) -> SelectedLens {
+    let mut lens = chosen.unwrap_or_else(|| SelectedLens {
         model: *start,
         priors: weak_priors(start),
     });
@@ -198,7 +208,7 @@ fn known_lens((chosen, start): (Option<Chosen>, &CameraModel)) -> Chosen {
         lens.model.distortion = Distortion::RadTan4 { k1, k2, p1, p2 };
         let small = Prior::Near {
             mean: 0.0,
-            sigma: TANGENTIAL,
+            sigma: TANGENTIAL_SIGMA,
         };
         lens.priors.extend([small; 2]);
     }
@@ -206,27 +216,27 @@ fn known_lens((chosen, start): (Option<Chosen>, &CameraModel)) -> Chosen {
 }
 
 /// Pictures of one eye with poses by a lens to start from.
-fn eye_pictures(
+fn eye_views(
     input: &Input,
     eye: usize,
     findings: &mut Vec<Finding>,
-) -> Result<(CameraModel, Vec<Picture>), CamerasError> {
+) -> Result<(CameraModel, Vec<TargetView>), CamerasError> {
     let description = &input.eyes[eye];
-    let all: Vec<_> = input.sightings.iter().filter(|s| s.eye == eye).collect();
+    let all: Vec<_> = input.detections.iter().filter(|s| s.eye == eye).collect();
     let seen: Vec<_> = all
         .iter()
         .map(|s| (*s, points(&input.targets[s.target], &s.corners)))
-        .filter(|(_, points)| points.len() >= LEAST_CORNERS)
+        .filter(|(_, points)| points.len() >= MIN_CORNERS)
         .collect();
-    if seen.len() < LEAST_PICTURES {
+    if seen.len() < MIN_VIEWS {
         return Err(CamerasError::TooFew {
             eye: description.name.clone(),
             found: seen.len(),
-            expected: LEAST_PICTURES,
+            expected: MIN_VIEWS,
             hint: match all.len() {
                 0 => "none at all: is the target's description that of the board?".to_owned(),
                 n => format!(
-                    "in {n} pictures something of it was seen, with at least {LEAST_CORNERS} corners in so many"
+                    "in {n} pictures something of it was seen, with at least {MIN_CORNERS} corners in so many"
                 ),
             },
         });
@@ -235,18 +245,18 @@ fn eye_pictures(
     let no_lens = |rms_px: f64| CamerasError::NoLens {
         eye: description.name.clone(),
         rms_px,
-        limit_px: START_PX,
+        limit_px: MAX_INITIAL_RMS_PX,
     };
     let by_factory = description
         .factory
         .map(|model| (model, poses(&model, &each)));
-    let good = |found: &[Option<crate::pnp::Placed>]| median_px(found) < START_PX;
+    let good = |found: &[Option<crate::pnp::PlanarPose>]| median_rms_px(found) < MAX_INITIAL_RMS_PX;
     let (model, found) = match by_factory {
         Some((model, found)) if good(&found) => (model, found),
         other => {
             let (model, rms) =
-                guess(description.size, &each).ok_or_else(|| no_lens(f64::INFINITY))?;
-            if rms > START_PX {
+                initial_lens(description.size, &each).ok_or_else(|| no_lens(f64::INFINITY))?;
+            if rms > MAX_INITIAL_RMS_PX {
                 return Err(no_lens(rms));
             }
             if other.is_some() {
@@ -263,40 +273,40 @@ fn eye_pictures(
             (model, found)
         }
     };
-    let median = median_px(&found);
-    let mut pictures: Vec<Picture> = seen
+    let median = median_rms_px(&found);
+    let mut target_views: Vec<TargetView> = seen
         .into_iter()
         .zip(found)
-        .filter_map(|((sighting, points), placed)| {
-            let placed = placed.filter(|p| p.rms_px < WRONG_VIEW * median.max(0.05))?;
-            Some(Picture {
-                posed: Posed {
-                    instant: sighting.instant,
+        .filter_map(|((detection, points), placed)| {
+            let placed = placed.filter(|p| p.rms_px < OUTLIER_VIEW_RATIO * median.max(0.05))?;
+            Some(TargetView {
+                posed: PosedView {
+                    instant: detection.instant,
                     eye,
-                    target: sighting.target,
+                    target: detection.target,
                     eye_from_target: placed.eye_from_target,
-                    trust: match placed.ambiguity < AMBIGUOUS {
+                    trust: match placed.ambiguity < MAX_AMBIGUOUS_RATIO {
                         true => 0,
                         false => points.len(),
                     },
                 },
-                ambiguous: placed.ambiguity < AMBIGUOUS,
+                ambiguous: placed.ambiguity < MAX_AMBIGUOUS_RATIO,
                 points,
-                movement_px: None,
+                motion_px: None,
             })
         })
         .collect();
-    movements(input, &mut pictures);
-    for picture in &mut pictures {
-        let blurred = BLURRED_SHARE * picture.movement();
-        for point in &mut picture.points {
+    measure_motion(input, &mut target_views);
+    for target_view in &mut target_views {
+        let blurred = MOTION_SIGMA_RATIO * target_view.motion_or_zero_px();
+        for point in &mut target_view.points {
             point.sigma_px = point.sigma_px.hypot(blurred);
         }
     }
-    Ok((model, pictures))
+    Ok((model, target_views))
 }
 
-fn median_px(found: &[Option<crate::pnp::Placed>]) -> f64 {
+fn median_rms_px(found: &[Option<crate::pnp::PlanarPose>]) -> f64 {
     let mut misses: Vec<f64> = found
         .iter()
         .map(|p| p.map_or(f64::INFINITY, |p| p.rms_px))
@@ -309,28 +319,28 @@ fn median_px(found: &[Option<crate::pnp::Placed>]) -> f64 {
 }
 
 /// How far corners move between pictures that follow each other; one eye's pictures.
-fn movements(input: &Input, pictures: &mut [Picture]) {
-    let mut order: Vec<usize> = (0..pictures.len()).collect();
-    order.sort_by_key(|&i| (pictures[i].posed.target, pictures[i].posed.instant));
+fn measure_motion(input: &Input, target_views: &mut [TargetView]) {
+    let mut order: Vec<usize> = (0..target_views.len()).collect();
+    order.sort_by_key(|&i| (target_views[i].posed.target, target_views[i].posed.instant));
     for pair in order.windows(2) {
-        let (a, b) = (&pictures[pair[0]], &pictures[pair[1]]);
+        let (a, b) = (&target_views[pair[0]], &target_views[pair[1]]);
         let apart = input.times_ns[b.posed.instant] - input.times_ns[a.posed.instant];
-        if a.posed.target != b.posed.target || apart > NEXT_NS {
+        if a.posed.target != b.posed.target || apart > MAX_FRAME_INTERVAL_NS {
             continue;
         }
-        let Some(median) = moved_px(a, b) else {
+        let Some(median) = median_displacement_px(a, b) else {
             continue;
         };
-        let median = median * MOVING_NS / apart.max(1) as f64;
+        let median = median * MOTION_INTERVAL_NS / apart.max(1) as f64;
         for &i in pair {
-            let least = pictures[i].movement_px.map_or(median, |m| m.max(median));
-            pictures[i].movement_px = Some(least);
+            let least = target_views[i].motion_px.map_or(median, |m| m.max(median));
+            target_views[i].motion_px = Some(least);
         }
     }
 }
 
 /// How far the corners that two pictures of one target share have moved, px: the median.
-pub(super) fn moved_px(a: &Picture, b: &Picture) -> Option<f64> {
+pub(super) fn median_displacement_px(a: &TargetView, b: &TargetView) -> Option<f64> {
     let moves = a.points.iter().filter_map(|p| {
         let q = b.points.iter().find(|q| q.x_in_target == p.x_in_target)?;
         Some((p.pixel[0] - q.pixel[0]).hypot(p.pixel[1] - q.pixel[1]))
@@ -341,31 +351,35 @@ pub(super) fn moved_px(a: &Picture, b: &Picture) -> Option<f64> {
 }
 
 /// Pictures that are still, or the stillest there are; those of which it is not known count as still.
-fn still<'a>(pictures: impl Iterator<Item = &'a Picture> + Clone) -> Vec<&'a Picture> {
-    let limit = movement_limit(pictures.clone()).max(STILL_PX);
-    pictures.filter(|p| p.movement() <= limit).collect()
+fn static_views<'a>(
+    target_views: impl Iterator<Item = &'a TargetView> + Clone,
+) -> Vec<&'a TargetView> {
+    let limit = motion_limit_px(target_views.clone()).max(MAX_STATIC_MOTION_PX);
+    target_views
+        .filter(|p| p.motion_or_zero_px() <= limit)
+        .collect()
 }
 
-/// The movement that [`STILLEST_SHARE`] of some pictures stay below.
-fn movement_limit<'a>(pictures: impl Iterator<Item = &'a Picture>) -> f64 {
-    let mut all: Vec<f64> = pictures.map(Picture::movement).collect();
+/// The movement that [`MIN_USED_RATIO`] of some pictures stay below.
+fn motion_limit_px<'a>(target_views: impl Iterator<Item = &'a TargetView>) -> f64 {
+    let mut all: Vec<f64> = target_views.map(TargetView::motion_or_zero_px).collect();
     all.sort_by(f64::total_cmp);
-    let least = (STILLEST_SHARE * all.len() as f64).ceil() as usize;
+    let least = (MIN_USED_RATIO * all.len() as f64).ceil() as usize;
     all.get(least.saturating_sub(1)).copied().unwrap_or(0.0)
 }
 
 /// Instants that tell most of the lenses of a camera's eyes.
-fn telling(
+fn most_informative(
     input: &Input,
     eyes: &[usize],
     starts: &[CameraModel],
-    pictures: &[Picture],
+    target_views: &[TargetView],
     most: usize,
 ) -> Vec<usize> {
     let mut instants: Vec<usize> = Vec::new();
     for &eye in eyes {
         instants.extend(
-            still(pictures.iter().filter(|p| p.posed.eye == eye))
+            static_views(target_views.iter().filter(|p| p.posed.eye == eye))
                 .iter()
                 .map(|p| p.posed.instant),
         );
@@ -378,11 +392,11 @@ fn telling(
     for (lens, &eye) in eyes.iter().enumerate() {
         let model = starts[eye];
         problem.lenses.push(LensBlock::free("", model));
-        for picture in pictures
+        for target_view in target_views
             .iter()
             .filter(|p| p.posed.eye == eye && !p.ambiguous)
         {
-            if instants.binary_search(&picture.posed.instant).is_err() {
+            if instants.binary_search(&target_view.posed.instant).is_err() {
                 continue;
             }
             problem.views.push(View {
@@ -390,10 +404,10 @@ fn telling(
                 lens,
                 path: Vec::new(),
                 target: None,
-                points: picture.points.clone(),
+                points: target_view.points.clone(),
             });
-            problem.instants.push(picture.posed.eye_from_target);
-            keys.push(picture.posed.instant);
+            problem.instants.push(target_view.posed.eye_from_target);
+            keys.push(target_view.posed.instant);
         }
     }
     let priors: Vec<f64> = eyes
@@ -414,7 +428,7 @@ fn telling(
         false => 0.0,
     });
     // Both eyes' views of one instant come together: the order is that of the first of them.
-    let order = select::best(&problem, &prior, most * eyes.len());
+    let order = view_selection::select_greedy(&problem, &prior, most * eyes.len());
     let mut taken: Vec<usize> = Vec::new();
     for view in order {
         if !taken.contains(&keys[view]) && taken.len() < most {
@@ -426,14 +440,14 @@ fn telling(
 
 /// Views of an eye at these instants, in their order.
 fn of_instants(
-    pictures: &[Picture],
+    target_views: &[TargetView],
     eye: usize,
     instants: &[usize],
 ) -> Vec<(RigidTransform, Vec<Point>)> {
     instants
         .iter()
         .flat_map(|&i| {
-            pictures
+            target_views
                 .iter()
                 .filter(move |p| p.posed.eye == eye && p.posed.instant == i)
         })
@@ -443,24 +457,24 @@ fn of_instants(
 
 /// Still instants at which two cameras see targets, or one eye sees two: spread evenly over all that there
 /// are of each combination.
-fn bridges(input: &Input, pictures: &[Picture], most: usize) -> Vec<usize> {
+fn bridges(input: &Input, target_views: &[TargetView], most: usize) -> Vec<usize> {
     let mut by_instant: BTreeMap<usize, (Vec<usize>, f64)> = BTreeMap::new();
-    for picture in pictures {
-        let Some(camera) = input.camera_of(picture.posed.eye) else {
+    for target_view in target_views {
+        let Some(camera) = input.camera_of(target_view.posed.eye) else {
             continue;
         };
-        let key = camera * input.targets.len() + picture.posed.target;
-        let entry = by_instant.entry(picture.posed.instant).or_default();
+        let key = camera * input.targets.len() + target_view.posed.target;
+        let entry = by_instant.entry(target_view.posed.instant).or_default();
         entry.0.push(key);
-        entry.1 = entry.1.max(picture.movement());
+        entry.1 = entry.1.max(target_view.motion_or_zero_px());
     }
     // What was seen together, and when: (movement, instant).
     let mut groups: BTreeMap<Vec<usize>, Vec<(f64, usize)>> = BTreeMap::new();
-    for (instant, (mut keys, movement)) in by_instant {
+    for (instant, (mut keys, motion_px)) in by_instant {
         keys.sort_unstable();
         keys.dedup();
         if keys.len() > 1 {
-            groups.entry(keys).or_default().push((movement, instant));
+            groups.entry(keys).or_default().push((motion_px, instant));
         }
     }
     let each = most.div_ceil(groups.len().max(1)).max(4);
@@ -468,7 +482,7 @@ fn bridges(input: &Input, pictures: &[Picture], most: usize) -> Vec<usize> {
     for group in groups.values() {
         let mut stillest = group.clone();
         stillest.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let still = stillest.partition_point(|(movement, _)| *movement <= STILL_PX);
+        let still = stillest.partition_point(|(motion_px, _)| *motion_px <= MAX_STATIC_MOTION_PX);
         stillest.truncate(still.max(each).min(stillest.len()));
         stillest.sort_by_key(|(_, instant)| *instant);
         let step = stillest.len() as f64 / each as f64;
@@ -482,9 +496,9 @@ fn bridges(input: &Input, pictures: &[Picture], most: usize) -> Vec<usize> {
 }
 
 /// The problem with what belongs to what.
-struct Built {
+struct AssembledProblem {
     problem: Problem,
-    places: Places,
+    poses: RigPoses,
     /// Number of the input's instant, by the problem's.
     used: Vec<usize>,
     /// Number of the target, by view.
@@ -494,11 +508,11 @@ struct Built {
 /// Puts everything into one problem. What is not connected with the rest gets instants of its own.
 fn assemble(
     input: &Input,
-    pictures: &[Picture],
-    known: &Known,
-    lenses: &[Chosen],
+    target_views: &[TargetView],
+    known: &InitialPoses,
+    lenses: &[SelectedLens],
     used: &[usize],
-) -> Built {
+) -> AssembledProblem {
     let mut problem = Problem::default();
     for (eye, lens) in input.eyes.iter().zip(lenses) {
         problem.lenses.push(LensBlock {
@@ -507,73 +521,79 @@ fn assemble(
             priors: lens.priors.clone(),
         });
     }
-    let mut places = Places {
+    let mut poses = RigPoses {
         cameras: vec![None; input.cameras.len()],
         pairs: vec![None; input.cameras.len()],
         targets: vec![None; input.targets.len()],
     };
-    let mut add = |name: String, at: RigidTransform, prior: PlacePrior| {
-        problem.places.push(PlaceBlock {
+    let mut add = |name: String, at: RigidTransform, prior: PosePrior| {
+        problem.poses.push(PoseBlock {
             name,
             parent_from_child: at,
             prior,
         });
-        problem.places.len() - 1
+        problem.poses.len() - 1
     };
     let origin = input.origin();
     for (number, camera) in input.cameras.iter().enumerate() {
         if let Some(at) = known.cameras[number] {
             let prior = match &camera.rig_from_left {
-                Some(told) if told.covariance == Matrix6::zeros() => PlacePrior::Fixed,
-                Some(told) => PlacePrior::Near {
-                    mean: told.transform,
-                    covariance: Box::new(told.covariance),
+                Some(prior) if prior.covariance == Matrix6::zeros() => PosePrior::Fixed,
+                Some(prior) => PosePrior::Near {
+                    mean: prior.transform,
+                    covariance: Box::new(prior.covariance),
                 },
-                None if origin == Some(number) => PlacePrior::Fixed,
-                None => PlacePrior::near(at, ANYWHERE.0, ANYWHERE.1),
+                None if origin == Some(number) => PosePrior::Fixed,
+                None => PosePrior::near(at, DEFAULT_EXTRINSICS_SIGMA.0, DEFAULT_EXTRINSICS_SIGMA.1),
             };
-            places.cameras[number] = Some(add(camera.name.clone(), at, prior));
+            poses.cameras[number] = Some(add(camera.name.clone(), at, prior));
         }
         if let Some(at) = known.pairs[number] {
             let prior = match &camera.left_from_right {
-                None => PlacePrior::near(at, ANYWHERE.0, ANYWHERE.1),
-                Some(told) => {
-                    let (v, w) = (PAIR_PRIOR.0.powi(2), PAIR_PRIOR.1.powi(2));
+                None => PosePrior::near(at, DEFAULT_EXTRINSICS_SIGMA.0, DEFAULT_EXTRINSICS_SIGMA.1),
+                Some(prior) => {
+                    let (v, w) = (
+                        FACTORY_STEREO_SIGMA.0.powi(2),
+                        FACTORY_STEREO_SIGMA.1.powi(2),
+                    );
                     let doubt = Matrix6::from_diagonal(&[v, v, v, w, w, w].into());
-                    PlacePrior::Near {
-                        mean: told.transform,
-                        covariance: Box::new(told.covariance + doubt),
+                    PosePrior::Near {
+                        mean: prior.transform,
+                        covariance: Box::new(prior.covariance + doubt),
                     }
                 }
             };
-            places.pairs[number] =
-                Some(add(format!("the right eye of {}", camera.name), at, prior));
+            poses.pairs[number] = Some(add(format!("the right eye of {}", camera.name), at, prior));
         }
     }
     for (target, at) in known.targets.iter().enumerate() {
         if let (Some(at), true) = (at, target != known.world) {
-            let prior = PlacePrior::near(*at, 10.0 * ANYWHERE.0, ANYWHERE.1);
-            places.targets[target] = Some(add(format!("target {target}"), *at, prior));
+            let prior = PosePrior::near(
+                *at,
+                10.0 * DEFAULT_EXTRINSICS_SIGMA.0,
+                DEFAULT_EXTRINSICS_SIGMA.1,
+            );
+            poses.targets[target] = Some(add(format!("target {target}"), *at, prior));
         }
     }
-    let mut built = Built {
+    let mut assembled = AssembledProblem {
         problem,
-        places,
+        poses,
         used: Vec::new(),
         targets: Vec::new(),
     };
-    let limit = |eye: usize| movement_limit(pictures.iter().filter(|p| p.posed.eye == eye));
+    let limit = |eye: usize| motion_limit_px(target_views.iter().filter(|p| p.posed.eye == eye));
     let limits: Vec<f64> = (0..input.eyes.len()).map(limit).collect();
     let mut instants: BTreeMap<(usize, usize), usize> = BTreeMap::new();
-    for picture in pictures {
-        let Posed {
+    for target_view in target_views {
+        let PosedView {
             instant,
             eye,
             target,
             eye_from_target,
             ..
-        } = picture.posed;
-        let is_blurred = picture.movement() > limits[eye].max(LARGEST_MOVEMENT_PX);
+        } = target_view.posed;
+        let is_blurred = target_view.motion_or_zero_px() > limits[eye].max(MAX_MOTION_PX);
         if used.binary_search(&instant).is_err() || is_blurred {
             continue;
         }
@@ -582,16 +602,16 @@ fn assemble(
         };
         let camera = &input.cameras[number];
         let right = eye != camera.left;
-        if right && built.places.pairs[number].is_none() {
+        if right && assembled.poses.pairs[number].is_none() {
             continue;
         }
         let connected = known.cameras[number].is_some() && known.targets[target].is_some();
         let mut path: Vec<usize> = Vec::new();
         if connected {
-            path.extend(built.places.cameras[number]);
+            path.extend(assembled.poses.cameras[number]);
         }
         if right {
-            path.extend(built.places.pairs[number]);
+            path.extend(assembled.poses.pairs[number]);
         }
         // 0 is what is connected; the others are apart by camera and target.
         let group = match connected {
@@ -614,45 +634,48 @@ fn assemble(
                 true => known.instants[instant].unwrap_or(by_this),
                 false => by_this,
             };
-            built.problem.instants.push(rig_from_world);
-            built.used.push(instant);
-            built.problem.instants.len() - 1
+            assembled.problem.instants.push(rig_from_world);
+            assembled.used.push(instant);
+            assembled.problem.instants.len() - 1
         });
-        built.problem.views.push(View {
+        assembled.problem.views.push(View {
             instant: at,
             lens: eye,
             path,
             target: if connected {
-                built.places.targets[target]
+                assembled.poses.targets[target]
             } else {
                 None
             },
-            points: picture.points.clone(),
+            points: target_view.points.clone(),
         });
-        built.targets.push(target);
+        assembled.targets.push(target);
     }
-    in_order_of_time(built)
+    sort_by_time(assembled)
 }
 
 /// Instants in the order of time, which is what later checks go by.
-fn in_order_of_time(mut built: Built) -> Built {
-    let mut order: Vec<usize> = (0..built.used.len()).collect();
-    order.sort_by_key(|&i| built.used[i]);
+fn sort_by_time(mut assembled: AssembledProblem) -> AssembledProblem {
+    let mut order: Vec<usize> = (0..assembled.used.len()).collect();
+    order.sort_by_key(|&i| assembled.used[i]);
     let mut now = vec![0; order.len()];
     for (new, &old) in order.iter().enumerate() {
         now[old] = new;
     }
-    built.problem.instants = order.iter().map(|&i| built.problem.instants[i]).collect();
-    built.used = order.iter().map(|&i| built.used[i]).collect();
-    for view in &mut built.problem.views {
+    assembled.problem.instants = order
+        .iter()
+        .map(|&i| assembled.problem.instants[i])
+        .collect();
+    assembled.used = order.iter().map(|&i| assembled.used[i]).collect();
+    for view in &mut assembled.problem.views {
         view.instant = now[view.instant];
     }
-    built
+    assembled
 }
 
 /// Gives the corners of each view the sigma that they turned out to have: pictures are blurred, dim and far in ways that
 /// nobody knows beforehand, and sigmas of results are only as right as those of corners.
-fn weigh_views(problem: &mut Problem, solution: &Solution) {
+fn reweight_views(problem: &mut Problem, solution: &Solution) {
     for (view, residuals) in problem.views.iter_mut().zip(&solution.residuals) {
         let lengths: Vec<f64> = view
             .points
@@ -665,7 +688,7 @@ fn weigh_views(problem: &mut Problem, solution: &Solution) {
         let left = (2.0 * count - 6.0).max(1.0);
         let own = median_scale(lengths).powi(2) * 2.0 * count / left;
         let all = solution.scale * solution.scale;
-        let expected = (SURE_OF_SIGMA * all + count * own) / (SURE_OF_SIGMA + count);
+        let expected = (SIGMA_PRIOR_CORNERS * all + count * own) / (SIGMA_PRIOR_CORNERS + count);
         let factor = (expected / all).sqrt();
         for point in &mut view.points {
             point.sigma_px *= factor;
@@ -685,13 +708,13 @@ fn coverage(input: &Input, solution: &Solution) -> Vec<Coverage> {
 
 /// Where a target is from the eye of a view.
 pub(super) fn eye_from_target(problem: &Problem, view: &View) -> RigidTransform {
-    let place = |i: usize| problem.places[i].parent_from_child;
+    let pose = |i: usize| problem.poses[i].parent_from_child;
     let eye_from_rig = view
         .path
         .iter()
-        .fold(RigidTransform::identity(), |at, &p| place(p).inverse() * at);
+        .fold(RigidTransform::identity(), |at, &p| pose(p).inverse() * at);
     let rig_from_world = problem.instants[view.instant];
-    let world_from_target = view.target.map_or(RigidTransform::identity(), place);
+    let world_from_target = view.target.map_or(RigidTransform::identity(), pose);
     eye_from_rig * rig_from_world * world_from_target
 }
 

@@ -2,45 +2,45 @@
 //!
 //! Contract: while the rig rests, every picture repeats the last one, and with it where print, pixels and compression put its corners
 //! wrongly. Taken as independent they would make results look surer than they are; numbers of stays tell which are not. Instants
-//! that follow each other with corners less than [`STAY_PX`] from where they were at the first of them are one stay.
+//! that follow each other with corners less than [`CLUSTER_PX`] from where they were at the first of them are one stay.
 
 use std::collections::BTreeMap;
 
-use super::gather::{Picture, moved_px};
+use super::pipeline::{TargetView, median_displacement_px};
 
 /// Corners that are no farther from where they were show the same view, px.
-const STAY_PX: f64 = 3.0;
+const CLUSTER_PX: f64 = 3.0;
 
 /// The number of the stay of each instant of which there are pictures.
-pub(super) fn numbers(pictures: &[Picture]) -> BTreeMap<usize, usize> {
-    let mut instants: BTreeMap<usize, Vec<&Picture>> = BTreeMap::new();
-    for picture in pictures {
-        let of = instants.entry(picture.posed.instant).or_default();
-        of.push(picture);
+pub(super) fn assign_clusters(views: &[TargetView]) -> BTreeMap<usize, usize> {
+    let mut instants: BTreeMap<usize, Vec<&TargetView>> = BTreeMap::new();
+    for view in views {
+        let of = instants.entry(view.posed.instant).or_default();
+        of.push(view);
     }
-    let mut numbers = BTreeMap::new();
-    let mut first: Option<&Vec<&Picture>> = None;
-    let mut stay = 0;
+    let mut clusters = BTreeMap::new();
+    let mut first: Option<&Vec<&TargetView>> = None;
+    let mut cluster = 0;
     for (instant, of) in &instants {
         if !first.is_some_and(|first| is_same_view(first, of)) {
             first = Some(of);
-            stay += 1;
+            cluster += 1;
         }
-        numbers.insert(*instant, stay);
+        clusters.insert(*instant, cluster);
     }
-    numbers
+    clusters
 }
 
 /// Whether no eye sees anything elsewhere than before.
-fn is_same_view(first: &[&Picture], now: &[&Picture]) -> bool {
+fn is_same_view(first: &[&TargetView], now: &[&TargetView]) -> bool {
     let moved = now.iter().filter_map(|b| {
-        let key = |p: &Picture| (p.posed.eye, p.posed.target);
+        let key = |p: &TargetView| (p.posed.eye, p.posed.target);
         let a = first.iter().find(|a| key(a) == key(b))?;
-        moved_px(a, b)
+        median_displacement_px(a, b)
     });
     // Without anything in common nothing says that it is the same.
     let farthest = moved.fold(None, |far: Option<f64>, px| {
         Some(far.map_or(px, |far| far.max(px)))
     });
-    farthest.is_some_and(|px| px < STAY_PX)
+    farthest.is_some_and(|px| px < CLUSTER_PX)
 }
