@@ -5,10 +5,10 @@
 //! the cameras. Each comparison has a covariance; together they say what is off, by how much, and which one of
 //! several cameras it is.
 //!
-//! Contract: pictures come in as the places that [`Follower`] finds in short bursts ([`choose_bursts`] says when). A
-//! walk that does not tell (nothing to see, nothing turns, too short) gives [`State::Undetermined`] for what it does
+//! Contract: pictures come in as the places that [`FeatureTracker`] finds in short bursts ([`choose_bursts`] says when). A
+//! walk that does not tell (nothing to see, nothing turns, too short) gives [`Status::Undetermined`] for what it does
 //! not tell, never a verdict. What is *off* is so beyond the tolerance of its joint and the uncertainty of the measurement
-//! together ([`SURE`]). Scenes may move in part; what most of the picture agrees on counts as the world. The same input
+//! together ([`DETECTION_SIGMA`]). Scenes may move in part; what most of the picture agrees on counts as the world. The same input
 //! gives the same result.
 //!
 //! How each part works stands at its head; what it can and cannot see: `docs/calibration-verify.md`.
@@ -18,32 +18,32 @@ use serde::Serialize;
 
 use crate::stereo::StereoCalibration;
 
-mod band;
 mod bursts;
 mod camera_imu;
 mod corners;
-mod eyes;
+mod decision;
+mod epipolar_search;
 mod findings;
 mod gyro;
-mod gyros;
-mod judge;
+mod gyro_pairs;
 mod klt;
 mod motion;
-mod picture;
+mod pyramid;
 mod robust;
+mod stereo;
 #[cfg(test)]
 mod tests;
 mod tracks;
 
 pub use bursts::choose_bursts;
 pub use camera_imu::CameraImu;
-pub use eyes::Eyes;
-pub use findings::{Finding, State, What};
+pub use decision::DETECTION_SIGMA;
+pub use findings::{Finding, Parameter, Status};
 pub use gyro::Gyro;
-pub use gyros::Gyros;
-pub use judge::SURE;
-pub use picture::Grey;
-pub use tracks::{Burst, Feature, Follower, Move, StereoPicture};
+pub use gyro_pairs::GyroAlignment;
+pub use pyramid::ImageView;
+pub use stereo::StereoAlignment;
+pub use tracks::{Burst, Feature, FeatureTracker, StereoFrame, TrackSegment};
 
 /// What is told of a camera, and what it saw.
 #[derive(Clone, Debug)]
@@ -51,7 +51,7 @@ pub struct Camera<'a> {
     /// `left_shoulder`, `right_shoulder`, `feet`.
     pub name: &'a str,
     /// Lenses, eyes, and the IMU's place in the camera.
-    pub told: &'a StereoCalibration,
+    pub nominal: &'a StereoCalibration,
     /// Takes points in the left optical frame to the rig, where a rig file says so.
     pub rig_from_left: Option<RigidTransform>,
     /// Tolerance of the joint that holds the camera on the plate, rad, standard deviation per axis.
@@ -90,31 +90,31 @@ impl Default for Tolerances {
 
 /// One camera's comparisons.
 #[derive(Clone, Debug, Serialize)]
-pub struct CameraFound {
+pub struct CameraEstimate {
     /// The camera.
     pub name: String,
     /// Its eyes against each other, where enough was matched.
-    pub eyes: Option<Eyes>,
+    pub eyes: Option<StereoAlignment>,
     /// It against its own gyroscope, where enough turned.
     pub imu: Option<CameraImu>,
 }
 
 /// Two gyroscopes' comparison.
 #[derive(Clone, Debug, Serialize)]
-pub struct PairFound {
+pub struct GyroPairEstimate {
     /// The cameras they are in.
     pub of: [String; 2],
     /// The second against the first.
-    pub gyros: Gyros,
+    pub gyros: GyroAlignment,
 }
 
 /// Everything that was found.
 #[derive(Clone, Debug, Serialize)]
 pub struct Verification {
     /// Cameras in the order given.
-    pub cameras: Vec<CameraFound>,
+    pub cameras: Vec<CameraEstimate>,
     /// Pairs of gyroscopes whose places are told.
-    pub pairs: Vec<PairFound>,
+    pub pairs: Vec<GyroPairEstimate>,
     /// What that means, told number by told number.
     pub findings: Vec<Finding>,
 }
@@ -126,12 +126,12 @@ pub fn verify(cameras: &[Camera<'_>], tolerances: &Tolerances) -> Verification {
 }
 
 /// Compares one camera's eyes, and the camera with its own gyroscope. Where the camera sits on the rig has no part in it.
-pub fn compare(camera: &Camera<'_>) -> CameraFound {
-    let eyes = eyes::estimate(camera.told, camera.bursts);
+pub fn compare(camera: &Camera<'_>) -> CameraEstimate {
+    let eyes = stereo::estimate(camera.nominal, camera.bursts);
     let imu = eyes.as_ref().zip(camera.gyro).and_then(|(eyes, gyro)| {
-        camera_imu::estimate(camera.told, eyes, camera.line_s, gyro, camera.bursts)
+        camera_imu::estimate(camera.nominal, eyes, camera.line_s, gyro, camera.bursts)
     });
-    CameraFound {
+    CameraEstimate {
         name: camera.name.to_owned(),
         eyes,
         imu,
@@ -141,26 +141,26 @@ pub fn compare(camera: &Camera<'_>) -> CameraFound {
 /// Compares the gyroscopes, and says what all that means. `found` are the cameras' comparisons in the same order.
 pub fn judge(
     cameras: &[Camera<'_>],
-    found: Vec<CameraFound>,
+    found: Vec<CameraEstimate>,
     tolerances: &Tolerances,
 ) -> Verification {
     let mut pairs = Vec::new();
     for (b, second) in cameras.iter().enumerate() {
         for (a, first) in cameras[..b].iter().enumerate() {
             let rig_from_imu = |camera: &Camera<'_>| {
-                let imu = camera.told.imu.as_ref()?;
+                let imu = camera.nominal.imu.as_ref()?;
                 Some(camera.rig_from_left? * imu.imu_from_left.inverse())
             };
             let gyros = || {
                 let b_from_a = rig_from_imu(second)?.inverse() * rig_from_imu(first)?;
-                gyros::estimate(b_from_a.rotation(), first.gyro?, second.gyro?)
+                gyro_pairs::estimate(b_from_a.rotation(), first.gyro?, second.gyro?)
             };
             pairs.extend(gyros().map(|gyros| (a, b, gyros)));
         }
     }
     let findings = findings::judge(cameras, &found, &pairs, tolerances);
     let name = |i: usize| cameras[i].name.to_owned();
-    let pairs = pairs.into_iter().map(|(a, b, gyros)| PairFound {
+    let pairs = pairs.into_iter().map(|(a, b, gyros)| GyroPairEstimate {
         of: [name(a), name(b)],
         gyros,
     });

@@ -1,14 +1,14 @@
 //! A gyroscope's samples as rotations between any two times.
 //!
 //! Contract: between samples the rate is taken as linear in time. Beyond the ends and across gaps longer than
-//! [`LONGEST_GAP_S`] nothing is known, and the answer is `None`.
+//! [`MAX_GAP_S`] nothing is known, and the answer is `None`.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::robust::median;
 
 /// Longest time between two samples that is bridged, s.
-const LONGEST_GAP_S: f64 = 0.03;
+const MAX_GAP_S: f64 = 0.03;
 
 /// Samples of a gyroscope in the order of time.
 #[derive(Clone, Debug, Default)]
@@ -52,7 +52,7 @@ impl Gyro {
 
     /// The same samples, stamped so much later.
     #[must_use]
-    pub fn later_by_ns(&self, ns: i64) -> Self {
+    pub fn shifted_by_ns(&self, ns: i64) -> Self {
         Self {
             times_ns: self.times_ns.iter().map(|t| t + ns).collect(),
             rates: self.rates.clone(),
@@ -117,11 +117,11 @@ impl Integrated<'_> {
         let (i, next) = (next.checked_sub(1)?, next.min(times.len() - 1));
         let gap_s = (times[next] - times[i]) as f64 * 1e-9;
         let rest_s = (time_ns - times[i] as f64) * 1e-9;
-        (gap_s <= LONGEST_GAP_S && rest_s <= gap_s).then_some((i, rest_s))
+        (gap_s <= MAX_GAP_S && rest_s <= gap_s).then_some((i, rest_s))
     }
 
     /// Angle turned since sample `i`.
-    fn turned(&self, i: usize, rest_s: f64) -> Vector3<f64> {
+    fn rotation_after(&self, i: usize, rest_s: f64) -> Vector3<f64> {
         (self.rate_after(i, 0.5 * rest_s)) * rest_s
     }
 
@@ -147,10 +147,10 @@ impl Integrated<'_> {
     pub(super) fn to_from(&self, to_ns: f64, from_ns: f64) -> Option<UnitQuaternion<f64>> {
         let attitude = |time_ns: f64| {
             let (i, rest_s) = self.before(time_ns)?;
-            let rest = UnitQuaternion::from_scaled_axis(self.turned(i, rest_s));
+            let rest = UnitQuaternion::from_scaled_axis(self.rotation_after(i, rest_s));
             Some(self.start_from_imu[i] * rest)
         };
-        self.is_whole(from_ns, to_ns)
+        self.is_continuous(from_ns, to_ns)
             .then(|| Some(attitude(to_ns)?.inverse() * attitude(from_ns)?))?
     }
 
@@ -158,19 +158,19 @@ impl Integrated<'_> {
     pub(super) fn sum(&self, from_ns: f64, to_ns: f64) -> Option<Vector3<f64>> {
         let until = |time_ns: f64| {
             let (i, rest_s) = self.before(time_ns)?;
-            Some(self.sums[i] + self.turned(i, rest_s))
+            Some(self.sums[i] + self.rotation_after(i, rest_s))
         };
-        self.is_whole(from_ns, to_ns)
+        self.is_continuous(from_ns, to_ns)
             .then(|| Some(until(to_ns)? - until(from_ns)?))?
     }
 
     /// Whether there is no gap between two times.
-    fn is_whole(&self, a_ns: f64, b_ns: f64) -> bool {
+    fn is_continuous(&self, a_ns: f64, b_ns: f64) -> bool {
         let (from, to) = (a_ns.min(b_ns), a_ns.max(b_ns));
         let times = &self.gyro.times_ns;
         let first = times.partition_point(|t| (*t as f64) <= from);
         let last = times.partition_point(|t| (*t as f64) < to);
-        let longest = (LONGEST_GAP_S * 1e9) as i64;
+        let longest = (MAX_GAP_S * 1e9) as i64;
         (first.saturating_sub(1)..last.min(times.len().saturating_sub(1)))
             .all(|i| times[i + 1] - times[i] <= longest)
     }

@@ -4,21 +4,21 @@
 //! 2004), from coarse to fine, on patches brought to mean 0 and equal contrast, so that exposure may differ. A place is
 //! found only if following it back leads to where it came from.
 
-use super::picture::{Level, Pyramid};
+use super::pyramid::{Level, Pyramid};
 
 /// Half the side of a patch.
 const RADIUS: usize = 5;
 const SIDE: usize = 2 * RADIUS + 1;
 const AREA: usize = SIDE * SIDE;
 /// Side with one pixel more all around, for gradients.
-const WIDE: usize = SIDE + 2;
+const PADDED_SIDE: usize = SIDE + 2;
 /// Steps per level, and the step at which they end, pixels.
-const STEPS: usize = 12;
-const SMALL: f32 = 0.01;
+const MAX_ITERATIONS: usize = 12;
+const CONVERGENCE_PX: f32 = 0.01;
 /// Farthest from where it came from that the way back may end, pixels of the first level.
-const BACK: f32 = 0.4;
+const MAX_FORWARD_BACKWARD_PX: f32 = 0.4;
 /// Least correlation of the two patches.
-const ALIKE: f32 = 0.8;
+const MIN_NCC: f32 = 0.8;
 
 /// A patch with what aligning to it needs.
 struct Template {
@@ -33,7 +33,7 @@ struct Template {
 
 impl Template {
     fn new(level: &Level, x: f32, y: f32) -> Option<Self> {
-        let mut wide = [0.0; WIDE * WIDE];
+        let mut wide = [0.0; PADDED_SIDE * PADDED_SIDE];
         if !level.patch(x, y, RADIUS + 1, &mut wide) {
             return None;
         }
@@ -47,10 +47,10 @@ impl Template {
         let (mut a, mut b, mut c) = (0.0, 0.0, 0.0);
         for row in 0..SIDE {
             for column in 0..SIDE {
-                let (i, w) = (row * SIDE + column, (row + 1) * WIDE + column + 1);
+                let (i, w) = (row * SIDE + column, (row + 1) * PADDED_SIDE + column + 1);
                 new.values[i] = wide[w];
                 let gx = 0.5 * (wide[w + 1] - wide[w - 1]);
-                let gy = 0.5 * (wide[w + WIDE] - wide[w - WIDE]);
+                let gy = 0.5 * (wide[w + PADDED_SIDE] - wide[w - PADDED_SIDE]);
                 (new.gx[i], new.gy[i]) = (gx, gy);
                 a += gx * gx;
                 b += gx * gy;
@@ -88,7 +88,7 @@ impl Template {
             let alike = product / (norm * self.norm);
             let dx = self.inverse[0] * ex + self.inverse[1] * ey;
             let dy = self.inverse[1] * ex + self.inverse[2] * ey;
-            if step == STEPS || dx * dx + dy * dy < SMALL * SMALL {
+            if step == MAX_ITERATIONS || dx * dx + dy * dy < CONVERGENCE_PX * CONVERGENCE_PX {
                 return Some(([x, y], alike));
             }
             // A step farther than the patch says only that nothing fits.
@@ -113,15 +113,15 @@ fn centre(values: &mut [f32; AREA]) -> f32 {
 }
 
 /// Where a place of `from` is in `to`, pixels of the first level, starting the search at `guess` on the level `coarsest`.
-pub(super) fn follow(
+pub(super) fn track(
     from: &Pyramid,
     to: &Pyramid,
     at: [f32; 2],
     guess: [f32; 2],
     coarsest: usize,
 ) -> Option<[f32; 2]> {
-    let (found, alike) = one_way(from, to, at, guess, coarsest)?;
-    if alike < ALIKE {
+    let (found, alike) = track_forward(from, to, at, guess, coarsest)?;
+    if alike < MIN_NCC {
         return None;
     }
     // Back from near, since only a slip is to be found out; from the far guess it would cost as much again.
@@ -129,12 +129,12 @@ pub(super) fn follow(
         at[0] + (guess[0] - found[0]).clamp(-1.0, 1.0),
         at[1] + (guess[1] - found[1]).clamp(-1.0, 1.0),
     ];
-    let (back, _) = one_way(to, from, found, back, 0)?;
+    let (back, _) = track_forward(to, from, found, back, 0)?;
     let off = (back[0] - at[0]).hypot(back[1] - at[1]);
-    (off < BACK).then_some(found)
+    (off < MAX_FORWARD_BACKWARD_PX).then_some(found)
 }
 
-fn one_way(
+fn track_forward(
     from: &Pyramid,
     to: &Pyramid,
     at: [f32; 2],

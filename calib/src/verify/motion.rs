@@ -13,21 +13,21 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, UnitQuaternion, Ve
 use super::robust::{median, tukey};
 
 /// Fewest corners that agree, and their least share.
-const FEWEST: usize = 30;
-const LEAST_SHARE: f64 = 0.4;
+const MIN_CORNERS: usize = 30;
+const MIN_RATIO: f64 = 0.4;
 /// Samples of two corners.
-const SAMPLES: u64 = 80;
+const RANSAC_SAMPLES: u64 = 80;
 /// Standard deviation of a followed corner, px, and of a disparity.
-const CORNER_PX: f64 = 0.2;
-pub(super) const DISPARITY_PX: f64 = 0.2;
+const CORNER_SIGMA_PX: f64 = 0.2;
+pub(super) const DISPARITY_SIGMA_PX: f64 = 0.2;
 const ROUNDS: usize = 10;
 /// Change of speed during a move, m/s, standard deviation: a walker's chest in a third of a second.
-const SPEED_M_S: f64 = 0.6;
+const SPEED_CHANGE_SIGMA_M_S: f64 = 0.6;
 const PARAMETERS: usize = 11;
 
 /// A corner at both ends of a move.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Seen {
+pub(super) struct SegmentFeature {
     /// Ray at the beginning, as if all rows were exposed at once.
     pub(super) ray: Vector3<f64>,
     /// Inverse distance, 1/m, and its standard deviation.
@@ -38,7 +38,7 @@ pub(super) struct Seen {
     /// Pixels per radian there.
     pub(super) px_per_rad: f64,
     /// How long the corner's way was against that of the middle row.
-    pub(super) way: f64,
+    pub(super) motion_ratio: f64,
     /// Mean of how much later than the middle row its two rows were exposed, s.
     pub(super) after_s: f64,
     /// How all these change with the time from a row to the next.
@@ -50,7 +50,7 @@ pub(super) struct Seen {
 pub(super) struct ByLine {
     pub(super) ray: Vector3<f64>,
     pub(super) later: Vector3<f64>,
-    pub(super) way: f64,
+    pub(super) motion_ratio: f64,
     pub(super) after_s: f64,
 }
 
@@ -58,9 +58,9 @@ pub(super) struct ByLine {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Start {
     /// `later_from_first`.
-    pub(super) turn: UnitQuaternion<f64>,
+    pub(super) rotation: UnitQuaternion<f64>,
     /// How far off that may let corners be, px.
-    pub(super) off_px: f64,
+    pub(super) error_px: f64,
     /// Offset of inverse distances, 1/m, and its standard deviation.
     pub(super) offset: [f64; 2],
     /// By how much the time from a row to the next may be off, s, standard deviation.
@@ -69,9 +69,9 @@ pub(super) struct Start {
 
 /// What a move gave.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Turned {
+pub(super) struct RotationEstimate {
     /// `later_from_first`.
-    pub(super) turn: UnitQuaternion<f64>,
+    pub(super) rotation: UnitQuaternion<f64>,
     /// Covariance of a small turn after it, rad².
     pub(super) covariance: Matrix3<f64>,
     /// Offset of inverse distances, 1/m, and its variance.
@@ -92,19 +92,19 @@ fn across(ray: &Vector3<f64>) -> Matrix2x3<f64> {
 }
 
 /// The turn of a move; none if too few corners agree.
-pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
-    if seen.len() < FEWEST {
+pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEstimate> {
+    if seen.len() < MIN_CORNERS {
         return None;
     }
     let bases: Vec<Matrix2x3<f64>> = seen.iter().map(|s| across(&s.later)).collect();
     let mut shift = first_shift(seen, &bases, start);
     let mut nearness: Vec<f64> = seen.iter().map(|s| s.per_metre).collect();
-    let mut turn = start.turn;
+    let mut turn = start.rotation;
     let [expected, sigma] = start.offset;
     let mut offset = expected;
     let mut faster = Vector3::<f64>::zeros();
     let mut line = 0.0;
-    let mut scale = (start.off_px / CORNER_PX / 2.0).max(1.0);
+    let mut scale = (start.error_px / CORNER_SIGMA_PX / 2.0).max(1.0);
     let mut last = None;
     for round in 0..ROUNDS {
         let mut information = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
@@ -115,18 +115,18 @@ pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
         information[(10, 10)] = line_weight;
         gradient[10] = -line * line_weight;
         for k in 7..10 {
-            information[(k, k)] = 1.0 / (SPEED_M_S * SPEED_M_S);
-            gradient[k] = -faster[k - 7] / (SPEED_M_S * SPEED_M_S);
+            information[(k, k)] = 1.0 / (SPEED_CHANGE_SIGMA_M_S * SPEED_CHANGE_SIGMA_M_S);
+            gradient[k] = -faster[k - 7] / (SPEED_CHANGE_SIGMA_M_S * SPEED_CHANGE_SIGMA_M_S);
         }
         let mut sizes = Vec::with_capacity(seen.len());
         let mut agree = 0;
         for ((s, basis), near) in seen.iter().zip(&bases).zip(&mut nearness) {
             let turned = turn * (s.ray + s.by_line.ray * line);
-            let (way, after_s) = (
-                s.way + s.by_line.way * line,
+            let (motion_ratio, after_s) = (
+                s.motion_ratio + s.by_line.motion_ratio * line,
                 s.after_s + s.by_line.after_s * line,
             );
-            let moved = shift * way + faster * after_s;
+            let moved = shift * motion_ratio + faster * after_s;
             let later = s.by_line.later * line;
             let seen_at = |near: f64| {
                 let point = turned + moved * (near + offset);
@@ -139,7 +139,7 @@ pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
             if unit.dot(&s.later) < 0.5 {
                 continue;
             }
-            let corner = CORNER_PX / s.px_per_rad;
+            let corner = CORNER_SIGMA_PX / s.px_per_rad;
             // Both the match and the way that it went since say how near a corner is. To keep to the match alone would make
             // movements too short, as regression on a noisy variable does.
             let by_near = by_point * moved;
@@ -165,11 +165,11 @@ pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
             by.fixed_columns_mut::<3>(0)
                 .copy_from(&(-by_point * turned.cross_matrix()));
             by.fixed_columns_mut::<3>(3)
-                .copy_from(&(by_point * (way * (*near + offset))));
+                .copy_from(&(by_point * (motion_ratio * (*near + offset))));
             by.set_column(6, &(by_point * moved));
             by.fixed_columns_mut::<3>(7)
                 .copy_from(&(by_point * (after_s * (*near + offset))));
-            let moved_by_line = shift * s.by_line.way + faster * s.by_line.after_s;
+            let moved_by_line = shift * s.by_line.motion_ratio + faster * s.by_line.after_s;
             let point_by_line = turn * s.by_line.ray + moved_by_line * (*near + offset);
             by.set_column(10, &(by_point * point_by_line - basis * s.by_line.later));
             let weighted = by.transpose() * weight * kept;
@@ -195,12 +195,12 @@ pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
         scale = spread.max(0.4).min(scale.max(1.0));
     }
     let (information, scale, agree) = last?;
-    if agree < FEWEST || (agree as f64) < LEAST_SHARE * seen.len() as f64 {
+    if agree < MIN_CORNERS || (agree as f64) < MIN_RATIO * seen.len() as f64 {
         return None;
     }
     let covariance = information.cholesky()?.inverse() * (scale * scale);
-    Some(Turned {
-        turn,
+    Some(RotationEstimate {
+        rotation: turn,
         covariance: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
         offset: [offset, covariance[(6, 6)]],
         line_s: [line, covariance[(10, 10)]],
@@ -208,15 +208,15 @@ pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
 }
 
 /// The movement that most corners agree with if the camera turned as expected, m.
-fn first_shift(seen: &[Seen], bases: &[Matrix2x3<f64>], start: &Start) -> Vector3<f64> {
-    let turned: Vec<Vector3<f64>> = seen.iter().map(|s| start.turn * s.ray).collect();
+fn first_shift(seen: &[SegmentFeature], bases: &[Matrix2x3<f64>], start: &Start) -> Vector3<f64> {
+    let turned: Vec<Vector3<f64>> = seen.iter().map(|s| start.rotation * s.ray).collect();
     let cost = |shift: &Vector3<f64>| -> f64 {
         let of = |i: usize| {
             let s = &seen[i];
-            let point = turned[i] + shift * (s.way * s.per_metre);
+            let point = turned[i] + shift * (s.motion_ratio * s.per_metre);
             let error = bases[i] * point / point.norm();
             let blur = (bases[i] * shift).norm() * s.sigma_per_metre;
-            let allowed = start.off_px / s.px_per_rad + 2.0 * blur;
+            let allowed = start.error_px / s.px_per_rad + 2.0 * blur;
             let facing = point.dot(&s.later) > 0.0;
             if facing {
                 (error.norm_squared() / (allowed * allowed)).min(1.0)
@@ -235,14 +235,14 @@ fn first_shift(seen: &[Seen], bases: &[Matrix2x3<f64>], start: &Start) -> Vector
             .wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) as usize % seen.len()
     };
-    for _ in 0..SAMPLES {
+    for _ in 0..RANSAC_SAMPLES {
         let pair = [draw(), draw()];
         if pair[0] == pair[1] {
             continue;
         }
         let (mut a, mut b) = (Matrix3::identity() * 1e-9, Vector3::zeros());
         for i in pair {
-            let by = bases[i] * (seen[i].way * seen[i].per_metre);
+            let by = bases[i] * (seen[i].motion_ratio * seen[i].per_metre);
             a += by.transpose() * by;
             b -= by.transpose() * (bases[i] * turned[i]);
         }

@@ -3,7 +3,7 @@
 //! What was measured depends on what may be off (a camera that turned, an IMU that sits otherwise in its camera, a clock) in a
 //! linear way: `y = H x + noise`, with `x` about 0 within tolerances. For each thing that may be off the best estimate
 //! of how far it is off is made, all others being within tolerance (generalised least squares). It is *off* where the
-//! estimate is longer than tolerance (2 sigma) and measurement ([`SURE`] sigma) explain together; the thing whose
+//! estimate is longer than tolerance (2 sigma) and measurement ([`DETECTION_SIGMA`] sigma) explain together; the thing whose
 //! being off explains most of `y` is named, and the rest is judged anew with that one set free. Where two things
 //! explain `y` nearly as well, as with two cameras that are turned against each other, both are named.
 
@@ -11,17 +11,17 @@ use nalgebra::{DMatrix, DVector};
 
 /// Sigmas of measurement beyond tolerance that are no chance: with three axes 1 in 250 for one thing that is at the
 /// edge of its tolerance, and next to never for one that is well within.
-pub const SURE: f64 = 3.3;
+pub const DETECTION_SIGMA: f64 = 3.3;
 /// Sigmas of tolerance that are no surprise.
-pub(super) const TOLERATED: f64 = 2.0;
+pub(super) const TOLERANCE_SIGMA: f64 = 2.0;
 /// Sigmas by which what is found falls short of what is true once in 40 times.
-pub(super) const SHORT: f64 = 2.0;
+pub(super) const POWER_SIGMA: f64 = 2.0;
 /// Another thing explains nearly as much if its chi-squared is this close.
-const CLOSE: f64 = 6.0;
+const AMBIGUITY_CHI2: f64 = 6.0;
 
 /// A thing that may be off.
 #[derive(Clone, Debug)]
-pub(super) struct Thing {
+pub(super) struct ParameterBlock {
     /// Its columns of `H`.
     pub(super) first: usize,
     pub(super) size: usize,
@@ -38,7 +38,7 @@ pub(super) struct Measured {
 /// How far one thing is off.
 #[derive(Clone, Debug)]
 pub(super) struct Estimate {
-    pub(super) off: Vec<f64>,
+    pub(super) error: Vec<f64>,
     /// Standard deviations along `off`: of the measurement, and of what is tolerated.
     pub(super) sigma: f64,
     pub(super) tolerated: f64,
@@ -49,31 +49,31 @@ pub(super) struct Estimate {
     /// Beyond what it is off, along the direction in which least is seen.
     pub(super) bound: f64,
     /// What would be noticed nearly always, along that direction: so large that it is beyond the bound even where tolerance and
-    /// measurement fall short by [`SHORT`] sigma.
-    pub(super) noticed: f64,
+    /// measurement fall short by [`POWER_SIGMA`] sigma.
+    pub(super) min_detectable: f64,
     /// How much of chi-squared it explains.
     gain: f64,
 }
 
 /// What became of one thing.
 #[derive(Clone, Debug)]
-pub(super) enum Judged {
+pub(super) enum Decision {
     /// Nothing was measured that depends on it.
-    Unseen,
+    Unmeasured,
     /// Within what tolerance and measurement explain, or explained by another thing that is off.
-    Within(Estimate),
+    Consistent(Estimate),
     /// Off, or one of these is.
-    Off(Estimate, Vec<usize>),
+    Inconsistent(Estimate, Vec<usize>),
 }
 
 impl Estimate {
     pub(super) fn length(&self) -> f64 {
-        self.off.iter().map(|v| v * v).sum::<f64>().sqrt()
+        self.error.iter().map(|v| v * v).sum::<f64>().sqrt()
     }
 
     /// By how much more than tolerance and measurement explain.
-    pub(super) fn beyond(&self) -> f64 {
-        self.length() - TOLERATED * self.tolerated - SURE * self.sigma
+    pub(super) fn excess(&self) -> f64 {
+        self.length() - TOLERANCE_SIGMA * self.tolerated - DETECTION_SIGMA * self.sigma
     }
 }
 
@@ -101,39 +101,39 @@ impl Measured {
     }
 
     /// Judges all things.
-    pub(super) fn judge(&self, things: &[Thing]) -> Vec<Judged> {
-        let mut judged: Vec<Judged> = things.iter().map(|_| Judged::Unseen).collect();
+    pub(super) fn judge(&self, blocks: &[ParameterBlock]) -> Vec<Decision> {
+        let mut decisions: Vec<Decision> = blocks.iter().map(|_| Decision::Unmeasured).collect();
         let Some((by, value, noise)) = self.stacked() else {
-            return judged;
+            return decisions;
         };
-        let mut free = vec![false; things.len()];
+        let mut free = vec![false; blocks.len()];
         loop {
-            let estimates: Vec<Option<Estimate>> = (0..things.len())
-                .map(|k| estimate(&by, &value, &noise, things, &free, k))
+            let estimates: Vec<Option<Estimate>> = (0..blocks.len())
+                .map(|k| estimate(&by, &value, &noise, blocks, &free, k))
                 .collect();
             for (k, found) in estimates.iter().enumerate() {
                 if !free[k]
                     && let Some(found) = found
                 {
-                    judged[k] = Judged::Within(found.clone());
+                    decisions[k] = Decision::Consistent(found.clone());
                 }
             }
             let off = |k: &usize| {
                 let found = estimates[*k].as_ref();
-                !free[*k] && found.is_some_and(|e| e.beyond() > 0.0)
+                !free[*k] && found.is_some_and(|e| e.excess() > 0.0)
             };
             let gain = |k: usize| estimates[k].as_ref().map_or(0.0, |e| e.gain);
-            let worst = (0..things.len())
+            let worst = (0..blocks.len())
                 .filter(off)
                 .max_by(|a, b| gain(*a).total_cmp(&gain(*b)));
             let Some(worst) = worst else {
-                return judged;
+                return decisions;
             };
-            let close: Vec<usize> = (0..things.len())
-                .filter(|k| off(k) && *k != worst && gain(*k) > gain(worst) - CLOSE)
+            let close: Vec<usize> = (0..blocks.len())
+                .filter(|k| off(k) && *k != worst && gain(*k) > gain(worst) - AMBIGUITY_CHI2)
                 .collect();
             if let Some(found) = &estimates[worst] {
-                judged[worst] = Judged::Off(found.clone(), close);
+                decisions[worst] = Decision::Inconsistent(found.clone(), close);
             }
             free[worst] = true;
         }
@@ -144,38 +144,38 @@ fn estimate(
     by: &DMatrix<f64>,
     value: &DVector<f64>,
     noise: &DMatrix<f64>,
-    things: &[Thing],
+    blocks: &[ParameterBlock],
     free: &[bool],
     of: usize,
 ) -> Option<Estimate> {
     // What is free may be anywhere: far beyond any tolerance, but small enough to compute with.
     let mut tolerance = DMatrix::zeros(value.len(), value.len());
-    for (thing, free) in things.iter().zip(free) {
-        let columns = by.columns(thing.first, thing.size);
+    for (block, free) in blocks.iter().zip(free) {
+        let columns = by.columns(block.first, block.size);
         let sigma = if *free {
-            1e3 * thing.sigma
+            1e3 * block.sigma
         } else {
-            thing.sigma
+            block.sigma
         };
         tolerance += columns * columns.transpose() * (sigma * sigma);
     }
-    let thing = &things[of];
-    let own = by.columns(thing.first, thing.size);
+    let block = &blocks[of];
+    let own = by.columns(block.first, block.size);
     let total = noise + &tolerance;
     let weight = total.cholesky()?.inverse();
     let information = own.transpose() * &weight * own;
     // Chi-squared of a length of 1 that nothing measured depends on.
-    if information.amax() * thing.sigma * thing.sigma < 1e-6 {
+    if information.amax() * block.sigma * block.sigma < 1e-6 {
         return None;
     }
     let from_value = information.clone().cholesky()?.inverse() * own.transpose() * &weight;
-    let off = &from_value * value;
-    let gain = (off.transpose() * &information * &off)[0];
+    let error = &from_value * value;
+    let gain = (error.transpose() * &information * &error)[0];
     let measured = &from_value * noise * from_value.transpose();
     let tolerated = &from_value * tolerance * from_value.transpose();
-    let length = off.norm();
+    let length = error.norm();
     let along = |matrix: &DMatrix<f64>| match length > 0.0 {
-        true => ((off.transpose() * matrix * &off)[0].max(0.0)).sqrt() / length,
+        true => ((error.transpose() * matrix * &error)[0].max(0.0)).sqrt() / length,
         false => 0.0,
     };
     let largest = |matrix: &DMatrix<f64>| {
@@ -183,15 +183,15 @@ fn estimate(
         values.iter().copied().fold(0.0, f64::max).sqrt()
     };
     let (worst, loosest) = (largest(&measured), largest(&tolerated));
-    let bound = TOLERATED * loosest + SURE * worst;
+    let bound = TOLERANCE_SIGMA * loosest + DETECTION_SIGMA * worst;
     Some(Estimate {
         sigma: along(&measured),
         tolerated: along(&tolerated),
         largest: worst,
         loosest,
         bound,
-        noticed: bound + SHORT * worst.hypot(loosest),
-        off: off.iter().copied().collect(),
+        min_detectable: bound + POWER_SIGMA * worst.hypot(loosest),
+        error: error.iter().copied().collect(),
         gain,
     })
 }
@@ -201,7 +201,10 @@ mod tests {
     use super::*;
 
     /// Differences of things, each measured with an error of 0.1.
-    fn differences(count: usize, values: &[(usize, usize, f64)]) -> (Measured, Vec<Thing>) {
+    fn differences(
+        count: usize,
+        values: &[(usize, usize, f64)],
+    ) -> (Measured, Vec<ParameterBlock>) {
         let mut measured = Measured::default();
         for (a, b, value) in values {
             let mut by = DMatrix::zeros(1, count);
@@ -210,52 +213,64 @@ mod tests {
             let covariance = DMatrix::from_element(1, 1, 0.01);
             measured.add(by, DVector::from_element(1, *value), covariance);
         }
-        let thing = |first| Thing {
+        let block = |first| ParameterBlock {
             first,
             size: 1,
             sigma: 0.1,
         };
-        (measured, (0..count).map(thing).collect())
+        (measured, (0..count).map(block).collect())
     }
 
     #[test]
     fn of_three_the_one_that_disagrees_with_the_two_others_is_named() {
-        let (measured, things) = differences(3, &[(0, 1, -2.0), (0, 2, 0.05), (1, 2, 2.1)]);
-        let judged = measured.judge(&things);
-        let Judged::Off(found, close) = &judged[1] else {
-            panic!("{judged:?}");
+        let (measured, blocks) = differences(3, &[(0, 1, -2.0), (0, 2, 0.05), (1, 2, 2.1)]);
+        let decisions = measured.judge(&blocks);
+        let Decision::Inconsistent(found, close) = &decisions[1] else {
+            panic!("{decisions:?}");
         };
-        assert!((found.off[0] - 2.0).abs() < 0.2, "{found:?}");
+        assert!((found.error[0] - 2.0).abs() < 0.2, "{found:?}");
         assert!(close.is_empty(), "{close:?}");
-        assert!(matches!(judged[0], Judged::Within(_)), "{judged:?}");
-        assert!(matches!(judged[2], Judged::Within(_)), "{judged:?}");
+        assert!(
+            matches!(decisions[0], Decision::Consistent(_)),
+            "{decisions:?}"
+        );
+        assert!(
+            matches!(decisions[2], Decision::Consistent(_)),
+            "{decisions:?}"
+        );
     }
 
     #[test]
     fn of_two_that_disagree_both_are_named() {
-        let (measured, things) = differences(2, &[(0, 1, 2.0)]);
-        let judged = measured.judge(&things);
-        let named: Vec<bool> = judged
+        let (measured, blocks) = differences(2, &[(0, 1, 2.0)]);
+        let decisions = measured.judge(&blocks);
+        let named: Vec<bool> = decisions
             .iter()
-            .map(|j| matches!(j, Judged::Off(..)))
+            .map(|j| matches!(j, Decision::Inconsistent(..)))
             .collect();
-        assert_eq!(named.iter().filter(|n| **n).count(), 1, "{judged:?}");
-        let close = judged.iter().find_map(|j| match j {
-            Judged::Off(_, close) => Some(close.len()),
+        assert_eq!(named.iter().filter(|n| **n).count(), 1, "{decisions:?}");
+        let close = decisions.iter().find_map(|j| match j {
+            Decision::Inconsistent(_, close) => Some(close.len()),
             _ => None,
         });
-        assert_eq!(close, Some(1), "{judged:?}");
+        assert_eq!(close, Some(1), "{decisions:?}");
     }
 
     #[test]
     fn what_tolerance_explains_is_within_and_what_was_not_measured_is_unseen() {
-        let (measured, things) = differences(4, &[(0, 1, 0.3), (1, 2, 0.0)]);
-        let judged = measured.judge(&things);
-        assert!(matches!(judged[0], Judged::Within(_)), "{judged:?}");
-        assert!(matches!(judged[3], Judged::Unseen), "{judged:?}");
+        let (measured, blocks) = differences(4, &[(0, 1, 0.3), (1, 2, 0.0)]);
+        let decisions = measured.judge(&blocks);
+        assert!(
+            matches!(decisions[0], Decision::Consistent(_)),
+            "{decisions:?}"
+        );
+        assert!(
+            matches!(decisions[3], Decision::Unmeasured),
+            "{decisions:?}"
+        );
         assert!(matches!(
-            Measured::default().judge(&things)[0],
-            Judged::Unseen
+            Measured::default().judge(&blocks)[0],
+            Decision::Unmeasured
         ));
     }
 }

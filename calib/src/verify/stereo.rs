@@ -5,7 +5,7 @@
 //! `x_in_right = exp(w) (R x_in_left + t + d)`. Pitch moves all rows alike, roll rows left and right differently, yaw
 //! those in the corners, `d` those of near things: a picture with corners everywhere and at several distances
 //! tells all of them. A lens whose elements are off centre moves rows in the corners just as a yaw does, so that how well yaw is
-//! known is bounded by how well the lens is ([`DECENTRING`]).
+//! known is bounded by how well the lens is ([`DECENTRING_SIGMA`]).
 
 use nalgebra::{Matrix1, Matrix3, Matrix3x2, RowVector2, SVector, UnitQuaternion, Vector3};
 
@@ -17,36 +17,36 @@ use crate::lens::Lens;
 use crate::stereo::StereoCalibration;
 
 /// Fewest matches that say anything.
-const FEWEST: usize = 150;
+const MIN_MATCHES: usize = 150;
 /// How far the right eye's centre may be from where it is told, across the baseline, m, standard deviation.
-const CENTRE_M: f64 = 3e-4;
+const CENTRE_SIGMA_M: f64 = 3e-4;
 /// How far the decentring `p2` of the lenses, of the right one less that of the left one, may be from what is told, standard
 /// deviation. The yaw that looks the same is twice that.
-const DECENTRING: f64 = 5e-4;
+const DECENTRING_SIGMA: f64 = 5e-4;
 /// Rounds of reweighting.
 const ROUNDS: usize = 12;
 /// What all matches may have in common, px: corners are found a little off, and not alike in both eyes.
-const FLOOR_PX: f64 = 0.03;
+const SIGMA_FLOOR_PX: f64 = 0.03;
 /// Least spread of residuals, px: less is luck.
-const LEAST_SPREAD_PX: f64 = 0.05;
+const MIN_SPREAD_PX: f64 = 0.05;
 
 /// See the module.
 #[derive(Clone, Debug, Serialize)]
-pub struct Eyes {
+pub struct StereoAlignment {
     /// `w`: takes directions as told to be in the right optical frame to where they are, rad.
-    pub turned_rad: [f64; 3],
+    pub rotation_rad: [f64; 3],
     /// Standard deviation about each axis, rad.
     pub sigma_rad: [f64; 3],
     /// Covariance of it, rad².
     #[serde(skip)]
     pub(super) covariance: Matrix3<f64>,
     /// Root mean square distance of matches from their epipolar lines by the told calibration, px, outliers left out.
-    pub told_rms_px: f64,
+    pub nominal_rms_px: f64,
     /// The same by the found one.
     pub found_rms_px: f64,
     /// Distances of matches by the told calibration, px, for a histogram; outliers left out.
     #[serde(skip)]
-    pub told_px: Vec<f64>,
+    pub nominal_px: Vec<f64>,
     /// The same by the found one.
     #[serde(skip)]
     pub found_px: Vec<f64>,
@@ -60,7 +60,7 @@ pub struct Eyes {
 }
 
 /// A pair of eyes.
-pub(super) struct Pair {
+pub(super) struct StereoPair {
     pub(super) lenses: [Lens; 2],
     /// `right_from_left`.
     pub(super) turn: UnitQuaternion<f64>,
@@ -68,29 +68,33 @@ pub(super) struct Pair {
 }
 
 /// Where a match lies in space.
-pub(super) struct Placed {
+pub(super) struct TriangulatedMatch {
     /// Inverse distance along the left ray, 1/m.
     pub(super) per_metre: f64,
     /// How fast the right pixel moves with it, px m.
     pub(super) px_per: f64,
     /// Distance from the epipolar line, px, and its derivatives by a point in the right optical frame.
-    beside: f64,
+    epipolar_error: f64,
     by_point: nalgebra::RowVector3<f64>,
     /// The point over its distance.
     point: Vector3<f64>,
 }
 
-impl Pair {
-    pub(super) fn new(told: &StereoCalibration) -> Self {
+impl StereoPair {
+    pub(super) fn new(nominal: &StereoCalibration) -> Self {
         Self {
-            lenses: [Lens::new(&told.left), Lens::new(&told.right)],
-            turn: *told.right_from_left.rotation(),
-            origin: *told.right_from_left.translation(),
+            lenses: [Lens::new(&nominal.left), Lens::new(&nominal.right)],
+            turn: *nominal.right_from_left.rotation(),
+            origin: *nominal.right_from_left.translation(),
         }
     }
 
     /// The point on the left ray whose picture is nearest to the right pixel.
-    pub(super) fn place(&self, ray: &Vector3<f64>, right: [f64; 2]) -> Option<Placed> {
+    pub(super) fn triangulate(
+        &self,
+        ray: &Vector3<f64>,
+        right: [f64; 2],
+    ) -> Option<TriangulatedMatch> {
         let far = self.turn * ray;
         let mut per_metre = 0.3;
         for round in 0.. {
@@ -109,10 +113,10 @@ impl Pair {
             let step = along.dot(&off) / px_per;
             if round == 6 || step.abs() < 1e-7 {
                 let across = RowVector2::new(-along.y, along.x);
-                return Some(Placed {
+                return Some(TriangulatedMatch {
                     per_metre,
                     px_per,
-                    beside: (across * off)[0],
+                    epipolar_error: (across * off)[0],
                     by_point: across * projected.by_point,
                     point,
                 });
@@ -124,13 +128,13 @@ impl Pair {
 }
 
 /// Estimates; none with too few matches, or if they do not agree on anything.
-pub(super) fn estimate(told: &StereoCalibration, bursts: &[Burst]) -> Option<Eyes> {
-    let mut pair = Pair::new(told);
-    let [told_turn, told_origin] = [pair.turn.scaled_axis(), pair.origin];
-    let told_turn = UnitQuaternion::from_scaled_axis(told_turn);
+pub(super) fn estimate(nominal: &StereoCalibration, bursts: &[Burst]) -> Option<StereoAlignment> {
+    let mut pair = StereoPair::new(nominal);
+    let [nominal_rotation, nominal_origin] = [pair.turn.scaled_axis(), pair.origin];
+    let nominal_rotation = UnitQuaternion::from_scaled_axis(nominal_rotation);
     let mut matches: Vec<(usize, Vector3<f64>, [f64; 2])> = Vec::new();
     for (group, burst) in bursts.iter().enumerate() {
-        for feature in burst.moves.iter().flat_map(|m| &m.features) {
+        for feature in burst.segments.iter().flat_map(|m| &m.features) {
             let ray = pair.lenses[0].unproject(feature.left);
             matches.extend(
                 ray.zip(feature.right)
@@ -138,38 +142,39 @@ pub(super) fn estimate(told: &StereoCalibration, bursts: &[Burst]) -> Option<Eye
             );
         }
     }
-    if matches.len() < FEWEST {
+    if matches.len() < MIN_MATCHES {
         return None;
     }
-    let along = told_origin.normalize();
+    let along = nominal_origin.normalize();
     let first = along.cross(&Vector3::y()).try_normalize(1e-3);
     let first = first.unwrap_or_else(|| along.cross(&Vector3::z()).normalize());
     let across = Matrix3x2::from_columns(&[first, along.cross(&first)]);
-    let residuals = |pair: &Pair| -> Vec<Option<Placed>> {
-        let place = |(_, ray, right): &(usize, Vector3<f64>, [f64; 2])| pair.place(ray, *right);
-        matches.iter().map(place).collect()
+    let residuals = |pair: &StereoPair| -> Vec<Option<TriangulatedMatch>> {
+        let triangulate =
+            |(_, ray, right): &(usize, Vector3<f64>, [f64; 2])| pair.triangulate(ray, *right);
+        matches.iter().map(triangulate).collect()
     };
-    let beside = |placed: &[Option<Placed>]| -> Vec<f64> {
-        placed.iter().flatten().map(|p| p.beside).collect()
+    let epipolar_error = |placed: &[Option<TriangulatedMatch>]| -> Vec<f64> {
+        placed.iter().flatten().map(|p| p.epipolar_error).collect()
     };
-    let told_placed = residuals(&pair);
+    let nominal_matches = residuals(&pair);
 
-    let sigmas = SVector::<f64, 5>::from([0.05, 0.05, 0.05, CENTRE_M, CENTRE_M]);
+    let sigmas = SVector::<f64, 5>::from([0.05, 0.05, 0.05, CENTRE_SIGMA_M, CENTRE_SIGMA_M]);
     let mut now = SVector::<f64, 5>::zeros();
     let mut last = None;
     for _ in 0..ROUNDS {
         let turn = UnitQuaternion::from_scaled_axis(now.fixed_rows::<3>(0).into_owned());
         let centre = now.fixed_rows::<2>(3).into_owned();
-        pair.turn = turn * told_turn;
-        pair.origin = turn * (told_origin + across * centre);
+        pair.turn = turn * nominal_rotation;
+        pair.origin = turn * (nominal_origin + across * centre);
         let placed = residuals(&pair);
-        let mut sizes: Vec<f64> = beside(&placed).iter().map(|b| b.abs()).collect();
-        let spread = (1.4826 * median(&mut sizes)).max(LEAST_SPREAD_PX);
+        let mut sizes: Vec<f64> = epipolar_error(&placed).iter().map(|b| b.abs()).collect();
+        let spread = (1.4826 * median(&mut sizes)).max(MIN_SPREAD_PX);
         let mut sum = Grouped::<5>::new(bursts.len(), &sigmas, &-now);
         let (mut used, mut squares) = (0.0, 0.0);
         for (placed, (group, ..)) in placed.iter().zip(&matches) {
             let Some(p) = placed else { continue };
-            let weight = tukey(p.beside / spread);
+            let weight = tukey(p.epipolar_error / spread);
             if weight == 0.0 {
                 continue;
             }
@@ -179,41 +184,46 @@ pub(super) fn estimate(told: &StereoCalibration, bursts: &[Burst]) -> Option<Eye
             by.fixed_columns_mut::<2>(3)
                 .copy_from(&(p.by_point * (turn.to_rotation_matrix() * across * p.per_metre)));
             let weight = weight / (spread * spread);
-            sum.add(*group, &Matrix1::new(p.beside), &by, &Matrix1::new(weight));
+            sum.add(
+                *group,
+                &Matrix1::new(p.epipolar_error),
+                &by,
+                &Matrix1::new(weight),
+            );
             used += 1.0;
-            squares += p.beside * p.beside;
+            squares += p.epipolar_error * p.epipolar_error;
         }
         now += sum.step()?;
         last = Some((sum, used, squares, spread));
     }
     let (sum, used, squares, spread) = last?;
-    if used < FEWEST as f64 || used < 0.3 * matches.len() as f64 {
+    if used < MIN_MATCHES as f64 || used < 0.3 * matches.len() as f64 {
         return None;
     }
     let (covariance, larger) = sum.covariance(&[0, 1, 2])?;
-    let floor = FLOOR_PX / told.right.fx;
+    let floor = SIGMA_FLOOR_PX / nominal.right.fx;
     let mut covariance = covariance.fixed_view::<3, 3>(0, 0).into_owned() * larger
         + Matrix3::identity() * (floor * floor);
-    covariance[(1, 1)] += (2.0 * DECENTRING).powi(2);
+    covariance[(1, 1)] += (2.0 * DECENTRING_SIGMA).powi(2);
     let found_placed = residuals(&pair);
     let limit = 4.685 * spread;
     let kept = |i: usize| {
-        let found = found_placed[i].as_ref()?.beside;
-        let told = told_placed[i].as_ref()?.beside;
-        (found.abs() < limit).then_some((told, found))
+        let found = found_placed[i].as_ref()?.epipolar_error;
+        let nominal = nominal_matches[i].as_ref()?.epipolar_error;
+        (found.abs() < limit).then_some((nominal, found))
     };
     let kept: Vec<(f64, f64)> = (0..matches.len()).filter_map(kept).collect();
     let rms = |values: &[f64]| {
         (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt()
     };
-    let (told_px, found_px): (Vec<f64>, Vec<f64>) = kept.into_iter().unzip();
-    Some(Eyes {
-        turned_rad: now.fixed_rows::<3>(0).into_owned().into(),
+    let (nominal_px, found_px): (Vec<f64>, Vec<f64>) = kept.into_iter().unzip();
+    Some(StereoAlignment {
+        rotation_rad: now.fixed_rows::<3>(0).into_owned().into(),
         sigma_rad: sigmas_of(&covariance),
         covariance,
-        told_rms_px: rms(&told_px),
+        nominal_rms_px: rms(&nominal_px),
         found_rms_px: (squares / used).sqrt(),
-        told_px,
+        nominal_px,
         found_px,
         matches: used as usize,
         of: matches.len(),

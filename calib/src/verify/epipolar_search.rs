@@ -4,17 +4,17 @@
 //! Correlation of patches of mean 0 at whole pixels of a halved level. What fits nearly as well elsewhere is not found:
 //! in repeated texture nothing says which one it is.
 
-use super::picture::Level;
+use super::pyramid::Level;
 
 /// Half the side of a patch.
 const RADIUS: usize = 4;
 const SIDE: usize = 2 * RADIUS + 1;
 const AREA: usize = SIDE * SIDE;
 /// Least correlation.
-const ALIKE: f32 = 0.75;
+const MIN_NCC: f32 = 0.75;
 /// A second place this far away, pixels, must be worse by so much of what is missing to 1.
-const APART: usize = 3;
-const WORSE: f32 = 1.3;
+const PEAK_RADIUS: usize = 3;
+const MIN_NCC_RATIO: f32 = 1.3;
 
 /// Where to search: first and last column and row.
 #[derive(Clone, Copy, Debug)]
@@ -52,16 +52,16 @@ pub(super) fn search(left: &Level, right: &Level, at: [f32; 2], area: &Area) -> 
     }
     let place = |i: usize| (x0 + i % columns, y0 + i / columns);
     let best = (0..scores.len()).max_by(|a, b| scores[*a].total_cmp(&scores[*b]))?;
-    if scores[best] < ALIKE {
+    if scores[best] < MIN_NCC {
         return None;
     }
     let (x, y) = place(best);
     let elsewhere = (0..scores.len()).filter(|i| {
         let (u, v) = place(*i);
-        u.abs_diff(x) > APART || v.abs_diff(y) > APART
+        u.abs_diff(x) > PEAK_RADIUS || v.abs_diff(y) > PEAK_RADIUS
     });
     let second = elsewhere.map(|i| scores[i]).fold(-1.0, f32::max);
-    let is_clear = 1.0 - second > WORSE * (1.0 - scores[best]);
+    let is_clear = 1.0 - second > MIN_NCC_RATIO * (1.0 - scores[best]);
     is_clear.then_some([x as f32, y as f32])
 }
 

@@ -5,7 +5,7 @@
 
 /// A grey picture.
 #[derive(Clone, Copy, Debug)]
-pub struct Grey<'a> {
+pub struct ImageView<'a> {
     /// Columns.
     width: usize,
     /// Rows.
@@ -16,7 +16,7 @@ pub struct Grey<'a> {
     pixels: &'a [u8],
 }
 
-impl<'a> Grey<'a> {
+impl<'a> ImageView<'a> {
     /// A picture; none if there are too few pixels, or none at all.
     pub fn new(width: usize, height: usize, stride: usize, pixels: &'a [u8]) -> Option<Self> {
         let needed = height
@@ -63,33 +63,33 @@ pub(super) struct Pyramid {
 }
 
 /// Widest first level: beyond it a picture is halved, which costs little accuracy and saves much time.
-const WIDEST: usize = 1000;
+const MAX_WIDTH: usize = 1000;
 /// Levels, and the least side of the last one.
 const LEVELS: usize = 4;
-const LEAST_SIDE: usize = 40;
+const MIN_SIDE: usize = 40;
 
 impl Pyramid {
-    pub(super) fn new(picture: &Grey<'_>) -> Self {
+    pub(super) fn new(image: &ImageView<'_>) -> Self {
         let mut level = Level {
-            width: picture.width,
-            height: picture.height,
-            data: picture
+            width: image.width,
+            height: image.height,
+            data: image
                 .pixels
-                .chunks(picture.stride)
-                .take(picture.height)
-                .flat_map(|row| &row[..picture.width])
+                .chunks(image.stride)
+                .take(image.height)
+                .flat_map(|row| &row[..image.width])
                 .map(|p| f32::from(*p))
                 .collect(),
         };
         let mut halved = 0;
-        while level.width > WIDEST {
+        while level.width > MAX_WIDTH {
             level = level.half();
             halved += 1;
         }
         let mut levels = vec![level];
         while levels.len() < LEVELS {
             let half = levels[levels.len() - 1].half();
-            if half.width.min(half.height) < LEAST_SIDE {
+            if half.width.min(half.height) < MIN_SIDE {
                 break;
             }
             levels.push(half);
