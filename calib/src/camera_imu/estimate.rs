@@ -1,4 +1,4 @@
-//! From a recording to a result: check, start, fit, weigh the noise, fit again, compare the halves.
+//! The estimation: check, initialize, fit, reweight the noise, fit again, compare the halves.
 
 use cad_transforms::RigidTransform;
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
@@ -17,42 +17,42 @@ use super::{
     Residual, Sigmas, so3,
 };
 
-/// Fewest pictures with a pose, and intervals between them with inertial samples.
+/// Minimum number of views with a pose, and of intervals between them with IMU samples.
 const MIN_VIEWS: usize = 20;
-/// Longest time between two pictures that the IMU bridges, s.
+/// Maximum interval between two views that the IMU bridges, s.
 const MAX_INTERVAL_S: f64 = 1.0;
-/// How far the offset may move after the start without running into a gap, s.
+/// Margin for changes of the time offset during the fit without reaching a gap, s.
 const OFFSET_MARGIN_S: f64 = 0.01;
-/// Error of corners, in sigmas, beyond which a picture's pose is none.
+/// Maximum corner error of a view, in sigmas; above it the view has no pose.
 const MAX_VIEW_SCALE: f64 = 20.0;
-/// How often the noise is weighed.
+/// Number of noise reweighting rounds.
 const ROUNDS: usize = 4;
-/// Fewest intervals in a half for a comparison.
+/// Minimum number of intervals in a half for the comparison.
 const MIN_INTERVALS_PER_PART: usize = 60;
 
-/// What calibration leaves of the errors of a lens, px: all pictures share it.
+/// Residual lens error after intrinsic calibration, px; common to all views.
 const LENS_ERROR_PX: f64 = 0.03;
 
-/// Finds everything. `priors` is what is known beforehand; see the [module](super).
+/// Runs the calibration with these `priors`; see the [module](super).
 ///
-/// # Errors
-/// What makes a result impossible: [`CameraImuError`]. A doubtful result is no error but a
-/// [gate](CameraImu::gates) or a [weak direction](CameraImu::weak).
+/// # Errors Reasons for a missing result: [`CameraImuError`]. A questionable result is not an error
+/// but has a failed [gate](CameraImu::gates) or an [unobservable
+/// direction](CameraImu::unobservable).
 pub fn estimate(recording: &Recording, priors: &Priors) -> Result<CameraImu, CameraImuError> {
     check(recording)?;
     let mut posed_views = PosedViews::of(recording)?;
     if recording.cameras.line_s == 0.0 {
         return Ok(posed_views.work(recording, priors).run()?.0);
     }
-    // How a camera moves while rows are read is not known well from its pictures alone: at 10 Hz a swing of 1 Hz seems
-    // slower by a tenth. With an IMU found it is.
+    // The motion of the camera during readout is poorly known from its views alone: at 10 Hz, an
+    // oscillation of 1 Hz appears slower by a tenth. With a calibrated IMU it is known.
     posed_views.set_motions(&recording.cameras, &posed_views.motions());
     let (_, motions) = posed_views.work(recording, priors).run()?;
     posed_views.set_motions(&recording.cameras, &motions);
     Ok(posed_views.work(recording, priors).run()?.0)
 }
 
-/// The samples, and the pictures with a pose.
+/// IMU track and views with a pose.
 struct PosedViews<'a> {
     track: Track,
     views: Vec<View<'a>>,
@@ -109,7 +109,7 @@ impl<'a> PosedViews<'a> {
         }
     }
 
-    /// How the camera moves at each picture, from its neighbours.
+    /// Camera motion at each view, from the neighbouring views.
     fn motions(&self) -> Vec<CameraMotion> {
         let time_s = |i: usize| self.views[i].time_s;
         let of = |i: usize| {
@@ -129,7 +129,7 @@ impl<'a> PosedViews<'a> {
         (0..self.views.len()).map(of).collect()
     }
 
-    /// The poses of a camera that moves like this, from what they were.
+    /// Refines the poses for a camera with this motion.
     fn set_motions(&mut self, cameras: &Cameras, motions: &[CameraMotion]) {
         for (i, motion) in motions.iter().enumerate() {
             self.views[i].motion = *motion;
@@ -187,7 +187,7 @@ struct Estimator<'a> {
 }
 
 impl Estimator<'_> {
-    /// The result, and how the camera moves at each picture.
+    /// The result, and the camera motion at each view.
     fn run(&self) -> Result<(CameraImu, Vec<CameraMotion>), CameraImuError> {
         let times: Vec<f64> = self.views.iter().map(|v| v.time_s).collect();
         let nominal_rotation = self
@@ -316,7 +316,7 @@ impl Estimator<'_> {
         ))
     }
 
-    /// Which pictures the IMU joins to the next one.
+    /// Whether the IMU connects each view with the next one.
     fn links(&self, offset_s: f64) -> Vec<bool> {
         let mut raw = Vec::new();
         let mut link = |pair: &[View<'_>]| {
@@ -330,7 +330,7 @@ impl Estimator<'_> {
         self.views.windows(2).map(&mut link).collect()
     }
 
-    /// States on the pictures' own poses; velocities from the neighbours.
+    /// States at the poses of the views; velocities from the neighbours.
     fn states(
         &self,
         shared: &Shared,
@@ -384,8 +384,9 @@ impl Estimator<'_> {
         }
     }
 
-    /// Parts of the recording by themselves, with size of the board, drift, scale and skew as all of it has them: rotation,
-    /// translation and offset of each, less those of all, with their covariance. None where a part says too little.
+    /// Deviations of parts of the recording: rotation, translation and offset of each part minus
+    /// those of all, with their covariance. Board size, drift, scale and skew are fixed to the
+    /// values of all. `None` if a part has too little data.
     fn part_deviations(
         &self,
         problem: &Problem<'_>,
@@ -428,14 +429,14 @@ impl Estimator<'_> {
         (0..count).map(part).collect()
     }
 
-    /// How unlikely the difference of both halves is, as a squared normal vector of seven numbers.
+    /// Chi-squared of the difference of both halves, with seven degrees of freedom.
     fn halves_chi2(&self, problem: &Problem<'_>, fitted: &FitResult) -> Option<f64> {
         let [(a, of_a), (b, of_b)] = self.part_deviations(problem, fitted, 2)?.try_into().ok()?;
         let apart = b - a;
         Some(apart.dot(&(of_a + of_b).cholesky()?.solve(&apart)))
     }
 
-    /// Variance of a turn and of a shift that lenses leave, rad² and m².
+    /// Variances of rotation and translation due to lens errors, rad² and m².
     fn lens_error_variances(&self) -> [f64; 2] {
         let model = self.recording.cameras.left.model();
         let angle = LENS_ERROR_PX / (0.5 * (model.fx + model.fy));
@@ -460,7 +461,7 @@ impl Estimator<'_> {
         correlation: Vec<[f64; 2]>,
     ) -> CameraImu {
         let shared = &fitted.shared;
-        // What is held is known as well as it was told, and says nothing of the rest.
+        // Fixed directions have the uncertainty of their prior and add nothing to the rest.
         let mut covariance = fitted.covariance.shared;
         let prior = &problem.prior;
         for (at, fixed) in [
@@ -473,7 +474,7 @@ impl Estimator<'_> {
             }
         }
         for axis in &prior.fixed.rotation {
-            // A lever arm that pictures gave turns with the IMU's frame.
+            // A lever arm from the views rotates with the IMU frame.
             let rotation_estimate = (shared.rotation * axis).cross(&shared.translation);
             let mut block = covariance.fixed_view_mut::<3, 3>(TRANSLATION, TRANSLATION);
             block +=
@@ -569,8 +570,8 @@ fn transform(shared: &Shared) -> RigidTransform {
         .expect("a fit that ended is finite")
 }
 
-/// Before anything is taken for an outlier: noise so large that half of all residuals fit. Their median is
-/// below 1 even where all is as told, since the fit takes up a part.
+/// Initial noise factors before outlier rejection: so large that half of all residuals fit. Their
+/// median is below 1 even with nominal noise, since the fit absorbs a part.
 fn initial_factors(factors: &Factors, medians: &[f64; 3]) -> Factors {
     let [poses, gyro, accel] = medians.map(|m| if m > 2.0 { (2.0 * m).sqrt() } else { 1.0 });
     Factors {
@@ -581,8 +582,8 @@ fn initial_factors(factors: &Factors, medians: &[f64; 3]) -> Factors {
     }
 }
 
-/// Standard deviations brought to what the residuals say (variance components: Förstner 1979); none if
-/// they agree already. Walks only grow: a bias that happens not to walk proves nothing.
+/// Noise factors adjusted to the residuals (variance components: Förstner 1979); `None` if they
+/// agree already. Bias random walks only grow: a small bias change proves nothing.
 fn reweighted(factors: &Factors, sums: &[ResidualSum; 5]) -> Option<Factors> {
     let ratio = |s: usize, least: f64, factor: f64| {
         let sum = &sums[s];

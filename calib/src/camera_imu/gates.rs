@@ -1,4 +1,4 @@
-//! What a recording does not determine, and what speaks against the result.
+//! Gates: unobservable directions, and checks of the result.
 
 use std::fmt;
 
@@ -7,26 +7,26 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use super::problem::{BOARD, DRIFT, OFFSET, Prior, ROTATION, SHAPES, SHARED, Shared, TRANSLATION};
 use super::{Noise, NoiseEstimates};
 
-/// A direction is determined if its sigma is below this: rotation in rad (0.1°), lever arm in m, offset in s.
+/// Maximum sigma of a determined direction: rotation in rad (0.1°), lever arm in m, offset in s.
 pub(super) const MAX_ROTATION_SIGMA_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
 /// See [`MAX_ROTATION_SIGMA_RAD`].
 pub(super) const MAX_TRANSLATION_SIGMA_M: f64 = 2e-3;
 /// See [`MAX_ROTATION_SIGMA_RAD`].
 pub(super) const MAX_OFFSET_SIGMA_S: f64 = 3e-4;
 
-/// How many sigmas off what is told are still chance.
+/// Significance: deviations from a nominal value up to this number of sigmas are chance.
 const SIGNIFICANCE_SIGMAS: f64 = 3.5;
-/// The halves differ by chance up to this (seven numbers squared; exceeded once in a thousand), and
-/// certainly beyond the second.
+/// Limits for the difference of the halves (chi-squared of seven): exceeded by chance once in a
+/// thousand; certain.
 const MAX_HALVES_CHI2_WARN: f64 = 24.3;
 const MAX_HALVES_CHI2_FAIL: f64 = 40.0;
 
-/// How a check went. In order of badness.
+/// Outcome of a check, from good to bad.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
-    /// Nothing to say.
+    /// No objection.
     Pass,
-    /// Usable, but something is not as told.
+    /// Usable, but a parameter deviates from its nominal value.
     Warn,
     /// Not to be used.
     Fail,
@@ -42,21 +42,21 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// One check.
+/// A check of the result.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gate {
-    /// What was looked at, a word or three.
+    /// Name of the check, one to three words.
     pub name: &'static str,
-    /// How it went.
+    /// Outcome.
     pub verdict: Verdict,
     /// What was found and what was expected.
     pub text: String,
 }
 
-/// A direction that is not determined.
+/// A direction that the recording does not determine.
 #[derive(Clone, Debug, PartialEq)]
 pub enum UnobservableDirection {
-    /// Turn about an axis of the left optical frame.
+    /// Rotation about an axis of the left optical frame.
     Rotation {
         /// Of length 1.
         axis: [f64; 3],
@@ -103,7 +103,7 @@ impl fmt::Display for UnobservableDirection {
     }
 }
 
-/// "x", or the numbers.
+/// Name of the nearest axis, or the components.
 fn named(v: &[f64; 3]) -> String {
     let near = v.iter().position(|c| c.abs() > 0.97);
     match near {
@@ -112,7 +112,7 @@ fn named(v: &[f64; 3]) -> String {
     }
 }
 
-/// What is judged.
+/// Input of the checks.
 pub(super) struct Evidence<'a> {
     pub noises: &'a NoiseEstimates,
     pub covariance: &'a SMatrix<f64, SHARED, SHARED>,
@@ -125,7 +125,8 @@ pub(super) struct Evidence<'a> {
     pub linked: usize,
 }
 
-/// Eigen-analysis of the covariance of each group, all others being free within what is told of them.
+/// Eigenvectors of the covariance of each group with too large a sigma, all other parameters free
+/// within their priors.
 pub(super) fn unobservable(evidence: &Evidence<'_>) -> Vec<UnobservableDirection> {
     let directions = |at: usize, most: f64| {
         let block: Matrix3<f64> = evidence.covariance.fixed_view::<3, 3>(at, at).into();
@@ -156,8 +157,8 @@ pub(super) fn unobservable(evidence: &Evidence<'_>) -> Vec<UnobservableDirection
     out
 }
 
-/// What the data alone say of a parameter: estimate and sigma with what is told taken out again. None if
-/// they say nothing.
+/// Estimate and sigma of a parameter from the data alone, with its prior removed. `None` without
+/// data.
 fn data_alone(evidence: &Evidence<'_>, k: usize, found: f64, nominal: f64) -> Option<(f64, f64)> {
     let sigma = evidence.prior.sigmas[k];
     let with = 1.0 / evidence.covariance[(k, k)];
@@ -168,7 +169,7 @@ fn data_alone(evidence: &Evidence<'_>, k: usize, found: f64, nominal: f64) -> Op
     })
 }
 
-/// All checks.
+/// Runs all checks.
 pub(super) fn gates(evidence: &Evidence<'_>, unobservable: &[UnobservableDirection]) -> Vec<Gate> {
     let noises = evidence.noises;
     vec![

@@ -1,10 +1,10 @@
-//! A first guess of everything, in closed form.
+//! Initial estimates in closed form.
 //!
-//! 1. The offset at which rotation rates of pictures and gyroscope agree best, whatever the rotation
-//!    between the two: the sum of the singular values of their covariance, over what it could be.
-//! 2. There, the rotation that turns one into the other (Kabsch 1976; means taken off, so that a constant
-//!    bias does no harm), and the bias that is left.
-//! 3. Gravity, lever arm and the accelerometer's bias from three pictures at a time, linear once velocities
+//! 1. The time offset with the best agreement of the angular rates of camera and gyroscope, whatever
+//!    the rotation between the two: the sum of the singular values of their covariance, normalized.
+//! 2. The rotation that aligns them at this offset (Kabsch 1976; means removed, so that a constant
+//!    bias does no harm), and the remaining bias.
+//! 3. Gravity, lever arm and accelerometer bias from three views at a time, linear once velocities
 //!    are eliminated (as in Qin, Li and Shen, VINS-Mono 2018, section V-B).
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
@@ -14,36 +14,36 @@ use super::so3;
 use super::track::{Correction, Track};
 use super::view::Pose;
 
-/// Longest time between two pictures whose turn counts as a rate, s.
+/// Maximum interval between two views whose rotation counts as a rate, s.
 const MAX_ROTATION_INTERVAL_S: f64 = 0.3;
-/// Time between the pictures of a triple, s.
+/// Minimum interval between the views of a triple, s.
 const MIN_TRIPLE_INTERVAL_S: f64 = 0.15;
-/// How much a picture's velocity may be off in a triple, m/s.
+/// Uncertainty of a view's velocity in a triple, m/s.
 const VELOCITY_SIGMA: f64 = 0.02;
-/// Spread of rotation rates along an axis below which that axis says nothing, rad/s.
+/// Spread of angular rates along an axis below which the axis has no information, rad/s.
 const STATIC_RATE_RAD_S: f64 = 0.02;
 
-/// Rates of pictures and of the gyroscope for the same intervals.
+/// Angular rates of camera and gyroscope over the same intervals.
 struct AngularRates {
     covariance: Matrix3<f64>,
     camera_mean: Vector3<f64>,
     imu_mean: Vector3<f64>,
-    /// Spread of the seen rates.
+    /// Spread of the camera's rates.
     camera: Matrix3<f64>,
     agreement: f64,
     ratio: f64,
     count: usize,
 }
 
-/// What the rotation rates say.
+/// Estimates from the angular rates.
 pub(super) struct RotationEstimate {
     pub time_offset_s: f64,
-    /// imu_from_left, each possible one.
+    /// All candidates for the rotation of `imu_from_left`.
     pub rotations: Vec<Matrix3<f64>>,
     pub gyro_bias: Vector3<f64>,
-    /// Offset and agreement.
+    /// Time offset and correlation.
     pub correlation: Vec<[f64; 2]>,
-    /// Spread of the gyroscope's rates over that of the pictures'; none if both are still.
+    /// Spread of the gyroscope's rates over that of the camera's; `None` if both are static.
     pub rate_ratio: Option<f64>,
 }
 
@@ -86,7 +86,7 @@ fn rates(times_s: &[f64], poses: &[Pose], track: &Track, offset_s: f64) -> Angul
     }
 }
 
-/// Offset, rotation and gyroscope bias. Poses are of the left camera in the target's frame.
+/// Time offset, rotation and gyroscope bias. Poses are of the left camera in the target's frame.
 pub(super) fn from_rates(
     times_s: &[f64],
     poses: &[Pose],
@@ -134,7 +134,7 @@ pub(super) fn from_rates(
     }
 }
 
-/// The rotations that fit: one, or several about the only axis that the camera turned about.
+/// Candidate rotations: one, or several about the only axis of rotation of the recording.
 fn rotations(rates: &AngularRates, nominal: Option<&Matrix3<f64>>) -> Vec<Matrix3<f64>> {
     let fallback = nominal.copied().unwrap_or_else(Matrix3::identity);
     let camera = rates.camera.symmetric_eigen();
@@ -152,11 +152,11 @@ fn rotations(rates: &AngularRates, nominal: Option<&Matrix3<f64>>) -> Vec<Matrix
     if spread[1] >= STATIC_RATE_RAD_S && spread[1] >= 0.02 * spread[0] {
         return vec![u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v];
     }
-    // One axis: `u₁` is where the IMU has it, `v₁` where the camera has it.
+    // Single axis: `u₁` in the IMU, `v₁` in the camera.
     let (in_imu, in_left): (Vector3<f64>, Vector3<f64>) =
         (u.column(0).into(), v.row(0).transpose());
     let onto = |from: &Matrix3<f64>| {
-        // The smallest turn that brings the axis to where it was measured.
+        // The smallest rotation that aligns the axis with its measurement.
         let rotation_estimate = from * in_left;
         let axis = rotation_estimate.cross(&in_imu);
         let (sine, cosine) = (axis.norm(), rotation_estimate.dot(&in_imu));
@@ -186,11 +186,12 @@ pub(super) struct GravityEstimate {
     pub gravity: Vector3<f64>,
     pub lever: Vector3<f64>,
     pub accel_bias: Vector3<f64>,
-    /// Root of the mean square of what is left, m/s.
+    /// RMS residual, m/s.
     pub error: f64,
 }
 
-/// See the module; none without a triple of pictures. `lever` is what is told of it, with its sigma.
+/// See the module; `None` without a triple of views. `lever` is the nominal lever arm with its
+/// sigma.
 pub(super) fn from_forces(
     times_s: &[f64],
     poses: &[Pose],

@@ -1,11 +1,12 @@
-//! How much a recording can say, from its motion alone, before anything is fitted.
+//! Observability from the motion of the recording alone, before the fit.
 //!
-//! Noise excites too: in the joint fit, the scatter of the gyroscope turns the lever arm a little at every
-//! sample, and a camera that lay still seems to determine it. That share falls with the third power of the
-//! time over which one looks, the share of hands does not. So the motion is averaged over windows of a quarter
-//! of a second here, and a linear model (rates and forces of a window against rotation, lever arm and
-//! offset; gravity and biases free) gives their information. What stays in doubt by far more than a result may be is
-//! held at what is told, and only the rest is fitted.
+//! In the joint fit noise acts as excitation: the scatter of the gyroscope rotates the lever arm
+//! slightly at every sample, and a static camera appears to determine it. That contribution falls
+//! with the third power of the averaging time, the contribution of real motion does not. The motion
+//! is therefore averaged over windows of a quarter of a second, and a linear model (rates and
+//! forces of a window against rotation, lever arm and offset; gravity and biases free) gives their
+//! information matrix. Directions whose uncertainty is far above what a result may have are fixed
+//! at their nominal value, and only the rest is fitted.
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
@@ -15,18 +16,18 @@ use super::view::Pose;
 use super::{GRAVITY, Priors, so3};
 use crate::stereo::ImuNoise;
 
-/// Length of a window, s.
+/// Window length, s.
 const WINDOW_S: f64 = 0.25;
-/// How well a picture gives the camera's turn and position, rad and m: guesses, on the good side.
+/// Assumed accuracy of a view's pose, rad and m: optimistic guesses.
 const VIEW_POSE_SIGMA: [f64; 2] = [1e-4, 1e-4];
-/// Beyond these sigmas a direction is held: rotation in rad, lever arm in m, offset in s.
+/// Sigmas above which a direction is fixed: rotation in rad, lever arm in m, offset in s.
 const FIX_ABOVE_SIGMA: [f64; 3] = [0.02, 0.03, 3e-3];
 
-/// Rotation 3 (in the left optical frame), lever arm 3, offset, and what is in the way: gravity 3,
-/// accelerometer's bias 3, gyroscope's bias 3.
+/// Rotation 3 (in the left optical frame), lever arm 3, offset, and the nuisance parameters:
+/// gravity 3, accelerometer bias 3, gyroscope bias 3.
 const PARAMETERS: usize = 16;
 
-/// Directions that are held.
+/// Directions that are fixed at their prior.
 #[derive(Clone, Debug, Default)]
 pub(super) struct FixedDirections {
     /// Axes of the left optical frame, length 1.
@@ -36,7 +37,7 @@ pub(super) struct FixedDirections {
     pub offset: bool,
 }
 
-/// See the module.
+/// Selects the directions to fix; see the module.
 pub(super) fn fixed_directions(
     times_s: &[f64],
     poses: &[Pose],

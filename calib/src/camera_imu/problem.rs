@@ -1,9 +1,10 @@
-//! The joint problem: all pictures, the IMU between them, and what is told; its fit.
+//! The joint problem: all views, the IMU between them, and the priors; and its solver.
 //!
-//! States are the IMU's pose and velocity in the target's frame and its biases, at each picture. All else is
-//! shared: `imu_from_left`, the offset and drift of time, the direction of gravity, the size of the board,
-//! scale and skew of the sensors. Gauss-Newton with damping; each iteration integrates the IMU anew at
-//! the offset and biases it has come to, so nothing is approximated but the second derivatives.
+//! States, one per view: pose and velocity of the IMU in the target's frame, and its biases. All
+//! other parameters are shared: `imu_from_left`, time offset and drift, direction of gravity, size
+//! of the board, scale and skew of the sensors. Damped Gauss–Newton; each iteration preintegrates
+//! the IMU again at the current offset and biases, so that nothing is approximated but the second
+//! derivatives.
 
 use nalgebra::{Cholesky, Matrix3, SMatrix, SVector, Vector3};
 
@@ -15,7 +16,7 @@ use super::view::{CameraMotion, Pose, Quadric, VIEW, View};
 use super::{Cameras, GRAVITY, so3};
 use crate::stereo::ImuNoise;
 
-/// Turn 3, position 3, velocity 3, gyroscope bias 3, accelerometer bias 3.
+/// Error state: rotation 3, position 3, velocity 3, gyroscope bias 3, accelerometer bias 3.
 pub(super) const STATE: usize = 15;
 const VELOCITY: usize = 6;
 const BIAS: usize = 9;
@@ -30,19 +31,20 @@ pub(super) const DOWN: usize = 8;
 pub(super) const BOARD: usize = 10;
 pub(super) const SHAPES: usize = 11;
 
-/// Beyond so many sigmas (of seven or nine numbers together) a picture or an interval counts less.
+/// Huber threshold, in sigmas (norm of seven or nine components), for a view or an interval.
 const HUBER_SIGMAS: f64 = 5.5;
-/// How hard directions are held: rad, m, s.
+/// Sigmas of fixed directions: rad, m, s.
 const FIXED_SIGMA: [f64; 3] = [1e-6, 1e-6, 1e-7];
-/// No hand moves a camera faster, m/s: holds velocities that nothing measures.
-const MAX_DAMPING_FACTOR: f64 = 10.0;
+/// Velocity prior, m/s: no hand moves a camera faster. Constrains velocities that nothing measures.
+const MAX_SPEED_M_S: f64 = 10.0;
 const MIN_DAMPING: f64 = 1e-9;
 const MAX_ITERATIONS: usize = 30;
-/// What a step may still promise then, squared sigmas: along directions that are not determined the way is
-/// long, flat, and of no use.
-const MIN_CURVATURE_RATIO: f64 = 10.0;
+/// Maximum predicted decrease, in squared sigmas, at which the fit may stop after
+/// [`MAX_ITERATIONS`]: along directions that are not determined the descent is long, flat and of no
+/// use.
+const MAX_STALLED_GAIN: f64 = 10.0;
 
-/// One instant. Coordinates of the IMU in the target's frame.
+/// State of one instant: coordinates of the IMU in the target's frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct State {
     pub rotation: Matrix3<f64>,
@@ -52,10 +54,10 @@ pub(super) struct State {
     pub accel_bias: Vector3<f64>,
 }
 
-/// What all instants share.
+/// Parameters shared by all instants.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Shared {
-    /// imu_from_left.
+    /// Rotation of `imu_from_left`.
     pub rotation: Matrix3<f64>,
     pub translation: Vector3<f64>,
     pub offset_s: f64,
@@ -67,17 +69,17 @@ pub(super) struct Shared {
     pub accel_shape: Matrix3<f64>,
 }
 
-/// What is told of the shared parameters: values, and one sigma for each (infinite for none).
+/// Prior on the shared parameters: values, and one sigma for each (infinite for none).
 #[derive(Clone, Debug)]
 pub(super) struct Prior {
     pub shared: Shared,
     pub sigmas: SVector<f64, SHARED>,
-    /// Directions that are held, whatever their sigma.
+    /// Directions that are fixed, whatever their sigma.
     pub fixed: FixedDirections,
     pub biases: [f64; 2],
 }
 
-/// Kinds of measurements, as factors on their standard deviations.
+/// Noise factors: factors on the standard deviations of each kind of measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Factors {
     pub poses: f64,
@@ -97,32 +99,32 @@ impl Factors {
     };
 }
 
-/// All that is given.
+/// Input of the fit.
 pub(super) struct Problem<'a> {
     pub cameras: &'a Cameras,
     pub views: &'a [View<'a>],
-    /// The pose that fits each picture best by itself.
+    /// The pose that fits each view alone.
     pub poses: &'a [Pose],
     pub track: &'a Track,
-    /// Whether the IMU measured all the way from picture `i` to the next.
+    /// Whether IMU samples are complete from view `i` to the next.
     pub links: &'a [bool],
     pub noise: ImuNoise,
     pub prior: Prior,
     pub corner_scale: f64,
     pub factors: Factors,
-    /// Whether what does not fit counts less.
+    /// Whether the robust loss is used.
     pub robust: bool,
-    /// Where the drift has no effect.
+    /// Time at which the drift has no effect.
     pub middle_s: f64,
 }
 
-/// A quadric as a residual: `root x + offset`.
+/// A quadric as a whitened residual: `root x + offset`.
 struct WhitenedView {
     pose: Pose,
     board_scale: f64,
     root: SMatrix<f64, VIEW, VIEW>,
     offset: SVector<f64, VIEW>,
-    /// Numbers that it fixes: 6 for one eye.
+    /// Rank: 6 for a single eye.
     rank: usize,
 }
 
@@ -146,49 +148,49 @@ impl WhitenedView {
     }
 }
 
-/// Sums over one kind of measurement.
+/// Residual sums of one kind of measurement.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ResidualSum {
     pub squares: f64,
-    /// Numbers, less what the fit takes up.
+    /// Number of residuals minus their leverage.
     pub redundancy: f64,
 }
 
-/// Residuals in sigmas of one picture and of what follows it.
+/// Residuals of one view and of the interval that follows it, in sigmas.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct IntervalResiduals {
     /// Mean squares.
     pub pose: f64,
     pub gyro: Option<f64>,
     pub accel: Option<f64>,
-    /// How much the picture counts.
+    /// Weight of the view in the robust loss.
     pub weight: f64,
 }
 
-/// A fit.
+/// Result of the fit.
 pub(super) struct FitResult {
     pub states: Vec<State>,
     pub shared: Shared,
     pub covariance: Covariance<STATE, SHARED>,
-    /// Poses, gyroscope, accelerometer, walk of the first, walk of the second.
+    /// Poses, gyroscope, accelerometer, gyroscope bias walk, accelerometer bias walk.
     pub sums: [ResidualSum; 5],
-    /// Medians over pictures and intervals of the mean squares of the first three kinds.
+    /// Medians over views and intervals of the mean squares of the first three kinds.
     pub medians: [f64; 3],
     pub locals: Vec<IntervalResiduals>,
 }
 
-/// Residual and derivatives of one factor, divided by its noise.
+/// Whitened residual and Jacobians of one factor.
 struct Whitened<const M: usize> {
     residual: SVector<f64, M>,
     own: SMatrix<f64, M, STATE>,
     next: Option<SMatrix<f64, M, STATE>>,
     shared: SMatrix<f64, M, SHARED>,
-    /// From the robust loss.
+    /// Weight from the robust loss.
     weight: f64,
 }
 
 impl<const M: usize> Whitened<M> {
-    /// Applies the loss; gives its cost.
+    /// Applies the robust loss; returns the cost.
     fn apply_loss(&mut self, robust: bool) -> f64 {
         let length = self.residual.norm();
         if length <= HUBER_SIGMAS || !robust {
@@ -217,7 +219,7 @@ impl<const M: usize> Whitened<M> {
 }
 
 impl Shared {
-    /// The pose of the left camera at a state.
+    /// Pose of the left camera at a state.
     pub(super) fn camera(&self, state: &State) -> Pose {
         Pose {
             rotation: state.rotation * self.rotation,
@@ -225,13 +227,13 @@ impl Shared {
         }
     }
 
-    /// The state's pose from that of the left camera.
+    /// Pose of the IMU from that of the left camera.
     pub(super) fn imu(&self, camera: &Pose) -> (Matrix3<f64>, Vector3<f64>) {
         let rotation = camera.rotation * self.rotation.transpose();
         (rotation, camera.position - rotation * self.translation)
     }
 
-    /// Two directions normal to gravity.
+    /// Basis of the tangent plane of gravity.
     fn gravity_tangent(&self) -> SMatrix<f64, 3, 2> {
         let down = self.gravity.normalize();
         let other = match down.x.abs() < 0.7 {
@@ -338,7 +340,7 @@ impl Prior {
 }
 
 impl Problem<'_> {
-    /// How the left camera moves at each picture of a fit, by the IMU where it measured then.
+    /// Motion of the left camera at each view of a fit, by the IMU where it has samples.
     pub(super) fn motions(&self, fitted: &FitResult) -> Vec<CameraMotion> {
         let shared = &fitted.shared;
         let readout_s = self.cameras.line_s.abs() * f64::from(self.cameras.left.model().height);
@@ -414,7 +416,7 @@ impl Problem<'_> {
         Some(plain)
     }
 
-    /// In rad, m/s and m, with its covariance.
+    /// Residual in rad, m/s and m, with its covariance.
     fn inertial_plain(
         &self,
         i: usize,
@@ -465,7 +467,8 @@ impl Problem<'_> {
         put(3, VELOCITY, back);
         put(6, 3, back);
 
-        // By what the integral depends on: a turn on its right goes through the logarithm.
+        // Jacobian of the logarithm for a small rotation on the right of the preintegrated
+        // rotation.
         let through = -bent * so3::exp(&turn).transpose();
         let mut by_sensor = -moved.by_sensor;
         let of_turn = moved.by_sensor.fixed_rows::<3>(0).into_owned();
@@ -539,14 +542,14 @@ impl Problem<'_> {
         }
     }
 
-    /// What holds a state by itself: its velocity, and the biases of the first.
+    /// Prior of a state: its velocity, and the biases of the first.
     fn isolated(&self, i: usize, state: &State) -> Whitened<9> {
         let mut residual = SVector::<f64, 9>::zeros();
         let mut own = SMatrix::<f64, 9, STATE>::zeros();
         let [gyro, accel] = self.prior.biases;
         for k in 0..3 {
-            residual[k] = state.velocity[k] / MAX_DAMPING_FACTOR;
-            own[(k, VELOCITY + k)] = 1.0 / MAX_DAMPING_FACTOR;
+            residual[k] = state.velocity[k] / MAX_SPEED_M_S;
+            own[(k, VELOCITY + k)] = 1.0 / MAX_SPEED_M_S;
             if i == 0 {
                 residual[3 + k] = state.gyro_bias[k] / gyro;
                 own[(3 + k, BIAS + k)] = 1.0 / gyro;
@@ -563,7 +566,7 @@ impl Problem<'_> {
         }
     }
 
-    /// Normal equations and cost; none where the IMU does not reach.
+    /// Normal equations and cost; `None` where IMU samples are missing.
     fn equations(
         &self,
         rooted: &[WhitenedView],
@@ -599,7 +602,7 @@ impl Problem<'_> {
         cost.is_finite().then_some((chain, cost))
     }
 
-    /// The best fit from a start; the number of iterations if there is none.
+    /// Fits from initial values. Error: the number of iterations without convergence.
     pub(super) fn fit(
         &self,
         mut states: Vec<State>,
@@ -607,8 +610,8 @@ impl Problem<'_> {
     ) -> Result<FitResult, usize> {
         let mut iterations = 0;
         for round in 0.. {
-            // The first time around, and wherever the motion contradicts a picture, the pose that fits it
-            // best by itself: far from it all corners would look like outliers.
+            // In the first round, and wherever the motion contradicts a view, linearize at the pose
+            // that fits the view alone: far from it all corners would appear as outliers.
             let rooted: Option<Vec<WhitenedView>> = (0..states.len())
                 .map(|i| {
                     let at = |pose: &Pose, size: f64| {
@@ -633,7 +636,7 @@ impl Problem<'_> {
         unreachable!("the loop has no other end")
     }
 
-    /// Goes down to the minimum; gives what the first step promised to gain.
+    /// Descends to the minimum; returns the predicted decrease of the first step.
     fn optimize(
         &self,
         rooted: &[WhitenedView],
@@ -662,7 +665,7 @@ impl Problem<'_> {
             // In units of a squared sigma.
             let enough = match tries < MAX_ITERATIONS {
                 true => 1e-4,
-                false => MIN_CURVATURE_RATIO.max(1e-3 * cost),
+                false => MAX_STALLED_GAIN.max(1e-3 * cost),
             };
             if promised < enough {
                 return Ok(first.unwrap_or(promised));
@@ -679,14 +682,14 @@ impl Problem<'_> {
                     (*states, *shared, chain) = (tried, tried_shared, next);
                     let gained = cost - lower;
                     cost = lower;
-                    // Steps that hold what they promised may be longer.
+                    // Steps that achieve their prediction may be longer.
                     damping *= match gained / promised {
                         fixed if fixed > 0.75 => 0.1,
                         fixed if fixed > 0.25 => 1.0,
                         _ => 4.0,
                     };
                     damping = damping.max(MIN_DAMPING);
-                    // The loss makes the last steps small ones.
+                    // With the robust loss the last steps are small.
                     if gained < 1e-3 && gained < 1e-8 * cost {
                         return Ok(first.unwrap_or(promised));
                     }
@@ -698,7 +701,8 @@ impl Problem<'_> {
         unreachable!("the loop has no other end")
     }
 
-    /// Without loss a fit need not end: what does not fit keeps it going. It is only a start.
+    /// Without the robust loss a fit need not converge because of outliers. It only gives initial
+    /// values.
     fn stop(&self, first: Option<f64>, iterations: usize) -> Result<f64, usize> {
         match self.robust {
             true => Err(iterations),

@@ -1,4 +1,4 @@
-//! The estimator on recordings whose truth is known.
+//! The estimator on recordings with ground truth.
 
 use std::thread;
 
@@ -42,7 +42,7 @@ fn errors(scene: &Scene, truth: &Simulated, found: &CameraImu) -> Errors {
     }
 }
 
-/// Many recordings, on two threads.
+/// Several recordings, on two threads.
 fn many(count: u64, scene: impl Fn(u64) -> Scene + Sync) -> Vec<(Errors, CameraImu)> {
     let one = |seed: u64| {
         let scene = scene(seed);
@@ -77,7 +77,7 @@ fn any(seed: u64, seconds: f64) -> Scene {
         time_offset_s: three(0.03)[0],
         stereo: seed % 4 < 2,
         imu_hz: [200.0, 400.0, 800.0][seed as usize % 3],
-        picture_hz: [15.0, 20.0, 30.0][seed as usize / 3 % 3],
+        frame_hz: [15.0, 20.0, 30.0][seed as usize / 3 % 3],
         board: ([6, 5], 0.11),
         ..Scene::lively(seconds)
     }
@@ -88,7 +88,7 @@ fn errors_are_small_and_as_large_as_stated() {
     let all = many(16, |seed| any(seed, 6.0));
     let mut within = 0;
     for (errors, found) in &all {
-        // Six seconds; the targets are for half a minute.
+        // Six seconds; the requirements are for half a minute.
         assert!(errors.turn_deg < 0.08, "{errors:?}");
         assert!(errors.shift_mm < 2.0, "{errors:?}");
         assert!(errors.offset_ms < 0.2, "{errors:?}");
@@ -98,8 +98,8 @@ fn errors_are_small_and_as_large_as_stated() {
     // Of 208, 95.4 % are expected; 21 or more are outside by chance once in 1700 times (binomial).
     let outside = all.len() * 13 - within;
     assert!(outside <= 20, "{outside}");
-    // And no larger: a sigma of a kilometre would pass, too. The sum of 16 squares (chi-square) is below 3.2 once in 3500
-    // times and above 43.6 once in 4300 times.
+    // The sigmas are not too large either: a sigma of a kilometre would pass, too. The sum of 16
+    // squares (chi-square) is below 3.2 once in 3500 times and above 43.6 once in 4300 times.
     for k in 3..13 {
         let squares = all.iter().map(|(e, _)| e.over_sigma[k].powi(2));
         let rms = (squares.sum::<f64>() / all.len() as f64).sqrt();
@@ -107,7 +107,7 @@ fn errors_are_small_and_as_large_as_stated() {
     }
 }
 
-/// Sensors whose axes are askew: the frame of the IMU is only as well defined as they are.
+/// Sensors with misaligned axes: the IMU frame is only as well defined as they are.
 #[test]
 fn rotation_is_as_sure_as_the_axes_of_the_sensors() {
     let all = many(12, |seed| Scene {
@@ -127,7 +127,7 @@ fn rotation_is_as_sure_as_the_axes_of_the_sensors() {
     }
 }
 
-/// A short scene, and what is told of it: all of the truth, loosely.
+/// A short scene, with loose priors around the ground truth.
 fn short() -> (Scene, Priors) {
     let scene = Scene {
         board: ([6, 5], 0.11),
@@ -181,12 +181,13 @@ fn what_a_recording_does_not_determine_is_named_and_stays() {
         "{errors:?}"
     );
 
-    // Moved but not turned: the accelerometer gives the rotation, nothing gives the lever arm.
+    // Translation without rotation: the accelerometer determines the rotation, nothing determines
+    // the lever arm.
     let (counts, errors, _) = weak(still, good.shift_m);
     assert_eq!(counts[1], 3);
     assert!(errors.shift_mm < 1e-2, "{errors:?}");
 
-    // Turned about y alone: the lever arm along y stays.
+    // Rotation about y alone: the lever arm along y keeps its prior.
     let (counts, errors, found) = weak([0.0, 0.4, 0.0], good.shift_m);
     assert_eq!(counts[1], 1, "{:?}", found.unobservable);
     let direction = found.unobservable.iter().find_map(|weak| match weak {
@@ -250,7 +251,7 @@ fn what_is_not_as_told_is_flagged() {
             picture.time_ns += 3_000_000;
         }
     });
-    // Cut off at a value that nobody told.
+    // Saturation at an undeclared range.
     check("gyroscope noise", good.clone(), &|r| {
         for sample in &mut r.imu {
             sample.gyro = sample.gyro.map(|v| v.clamp(-0.8, 0.8));
@@ -312,9 +313,9 @@ fn a_rolling_shutter_that_is_told_does_no_harm() {
         "{:#?}",
         compensated.gates
     );
-    // With few pictures a second they alone do not say how the camera moves while rows are read.
+    // At a low frame rate the views alone do not determine the motion during readout.
     let slow = Scene {
-        picture_hz: 8.0,
+        frame_hz: 8.0,
         line_s: 2.3e-5,
         seconds: 16.0,
         ..good
@@ -324,7 +325,7 @@ fn a_rolling_shutter_that_is_told_does_no_harm() {
         .iter()
         .fold(0.0, |most: f64, z| most.max(z.abs()));
     assert!(over < 3.0 && errors.offset_ms < 0.05, "{errors:?}");
-    // One that is not told bends the board in every picture.
+    // A line time that is not given distorts the board in every view.
     let (_, uncompensated) = found(&scene, &priors, |r| r.cameras.line_s = 0.0);
     assert!(
         uncompensated.verdict() > Verdict::Pass,
@@ -333,7 +334,7 @@ fn a_rolling_shutter_that_is_told_does_no_harm() {
     );
 }
 
-/// A board that is nearly out of the picture has no pose to speak of; the rest of the recording has.
+/// A board that is nearly outside the image has no usable pose; the rest of the recording has.
 #[test]
 fn pictures_of_one_row_do_no_harm() {
     let (good, priors) = short();

@@ -1,24 +1,25 @@
-//! Whether targets are flat.
+//! Shape of the targets: departure from a plane.
 //!
-//! Contract: a target is taken to be bent only when the pictures prove it: its points are moved out of its
-//! plane by `c₁ (u² - ⟨u²⟩) + c₂ (v² - ⟨v²⟩) + c₃ u v`, u and v from -1 to 1 over its corners, and everything is
-//! adjusted again. Where that explains the pictures much better and the bend is not too small to matter, it
-//! is kept. Sheets of paper on a board do this; wrinkles are not modelled.
+//! Contract: a target is taken as curved only if the images prove it. Its points are moved out of
+//! its plane by `c₁ (u² - ⟨u²⟩) + c₂ (v² - ⟨v²⟩) + c₃ u v`, u and v from -1 to 1 over its corners,
+//! and the bundle adjustment is repeated. The shape is used if it explains the observations much
+//! better and is large enough to matter. Sheets of paper on a board have this shape; wrinkles are
+//! not modelled.
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::{AdjustError, Target};
 use crate::adjust::{Problem, Settings, Solution, by_points, solve};
 
-/// Rounds of bending and adjusting.
+/// Rounds of shape estimation and bundle adjustment.
 const ROUNDS: usize = 4;
-/// The cost must fall by at least this (a tenth of it is a chance of 1 in 10^4 for three numbers) and by
-/// at least this share.
+/// Minimum decrease of the cost (a tenth of it is a chance of 1 in 10^4 for three parameters), and
+/// minimum relative decrease.
 const MIN_COST_DECREASE: (f64, f64) = (60.0, 0.01);
-/// A bend of less than this between middle and rim is left alone, m.
+/// Minimum sagitta, m: smaller shapes are ignored.
 const MIN_SAGITTA_M: f64 = 2e-4;
 
-/// Where a target's corners are in its own plane.
+/// Extent of a target's corners in its own plane.
 struct Extent {
     middle: [f64; 2],
     half: [f64; 2],
@@ -59,8 +60,8 @@ impl Extent {
     }
 }
 
-/// The solution with bent targets where pictures prove them, and how high the middle of each is over its
-/// rim. `of_view` names the target of each view.
+/// The solution with curved targets where the images prove them, and the sagitta of each target (z
+/// of its middle minus z of its rim, m). `of_view` is the target of each view.
 pub(super) fn refine(
     solution: Solution,
     targets: &[Target],
@@ -82,7 +83,7 @@ pub(super) fn refine(
         let problem = with_board_shape(&refined.problem, &extents, of_view, &shapes_m);
         refined = solve(&problem, &quick)?;
     }
-    // Both in the sigmas of the better one.
+    // Both costs in the sigmas of the better solution.
     let decrease = solution.cost * (solution.scale / refined.scale).powi(2) - refined.cost;
     let sagitta = |shape: &Vector3<f64>| -(shape.x + shape.y);
     let largest = |shape: &Vector3<f64>| shape.x.abs() + shape.y.abs() + shape.z.abs();
@@ -121,7 +122,7 @@ fn with_board_shape(
     problem
 }
 
-/// By how much more each target is bent, everything else held.
+/// Update of each target's shape with everything else fixed.
 fn shape_steps(solution: &Solution, extents: &[Extent], of_view: &[usize]) -> Vec<Vector3<f64>> {
     let mut information = vec![Matrix3::<f64>::zeros(); extents.len()];
     let mut gradient = vec![Vector3::zeros(); extents.len()];

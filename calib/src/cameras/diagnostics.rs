@@ -1,7 +1,7 @@
-//! What speaks against a calibration: the gates it has to pass before anything is written.
+//! Gates of a calibration, applied before anything is written.
 //!
-//! Contract: a result whose stated sigmas cannot be trusted has a finding. What is looked for, and how it is
-//! told from chance, stands with each check; the limits are constants here and nowhere else.
+//! Contract: a result whose stated sigmas cannot be trusted has a finding. Each check documents its
+//! statistic and its significance; the limits are constants of this file only.
 
 use nalgebra::{DVector, Matrix6, Vector2, Vector6};
 
@@ -11,10 +11,10 @@ use crate::adjust::{
 };
 use crate::lens::Lens;
 
-/// How bad a finding is.
+/// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// Worth knowing.
+    /// Information.
     Note,
     /// The result is usable with care.
     Warn,
@@ -22,10 +22,10 @@ pub enum Severity {
     Fail,
 }
 
-/// Something that speaks against a result, or that its user must know.
+/// An objection to a result, or information for its user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// How bad.
+    /// Severity.
     pub severity: Severity,
     /// What was found and what was expected.
     pub text: String,
@@ -37,32 +37,32 @@ impl Finding {
     }
 }
 
-/// RMS length of residuals of an eye, px: worth a warning, not to be used.
+/// RMS residual of an eye, px: warning, failure.
 const RMS_PX: (f64, f64) = (0.5, 1.5);
-/// By how much focal lengths (of themselves) and principal points (of the picture's width) may differ from
-/// the factory's file.
+/// Deviation from the factory file: warning, failure. Focal lengths relative to themselves,
+/// principal points relative to the image width.
 const FACTORY_DEVIATION: (f64, f64) = (0.025, 0.05);
-/// Sigma of the pixel of a given direction, anywhere in the picture, px.
+/// Sigma of the pixel of a given direction, anywhere in the image, px: warning, failure.
 const MAX_PIXEL_SIGMA: (f64, f64) = (1.0, 4.0);
-/// Sigma of the place of the right eye in the left one: m and degrees.
+/// Sigma of the right eye's pose in the left one: m and degrees; warning, failure.
 const STEREO_SIGMA: [(f64, f64); 2] = [(5e-4, 0.05), (3e-3, 0.3)];
-/// Sigma of the place of one camera in another: m and degrees.
+/// Sigma of the pose of one camera in another: m and degrees; warning, failure.
 const RIG_SIGMA: [(f64, f64); 2] = [(1e-3, 0.05), (10e-3, 0.5)];
-/// By how much a length may differ from what is told before the target's size is in doubt, as a ratio.
+/// Relative deviation of a length from its nominal value above which the target's size is suspect.
 const MAX_LENGTH_RATIO: f64 = 0.005;
-/// From how many of its sigmas on a place that is told is not believed.
+/// Gate on nominal extrinsics, in sigmas of their prior: beyond it they are contradicted.
 const PRIOR_GATE_SIGMAS: f64 = 4.0;
-/// How far the mean of a Brownian bridge may stray, per coordinate, in six coordinates twice over: a
-/// chance of about 1 in 1000 (Kolmogorov's distribution).
+/// Limit for the maximum of a Brownian bridge, per coordinate, in six coordinates twice over:
+/// exceeded by chance about once in 1000 (Kolmogorov distribution).
 const MAX_BRIDGE: f64 = 2.25;
-/// A movement smaller than this is not told, m and degrees.
+/// Smallest motion that is reported, m and degrees.
 const MIN_REPORTED_MOTION: (f64, f64) = (5e-4, 0.05);
-/// Median of chi squared with six degrees of freedom.
+/// Median of chi-squared with six degrees of freedom.
 const CHI6_MEDIAN: f64 = 5.348;
-/// A bend beyond this is a board that should not be used, m.
+/// Maximum sagitta of a usable board, m.
 const MAX_SAGITTA_M: f64 = 0.01;
 
-/// Looks at everything; worst first.
+/// All findings, worst first.
 pub(super) fn findings(calibration: &Calibration) -> Vec<Finding> {
     let mut all = Vec::new();
     let input = &calibration.input;
@@ -98,7 +98,7 @@ pub(super) fn findings(calibration: &Calibration) -> Vec<Finding> {
     all
 }
 
-/// A lens that is another than the factory's file says.
+/// Finding on intrinsics that differ from the factory file.
 fn factory_deviation(calibration: &Calibration, eye: usize) -> Option<Finding> {
     let description = &calibration.input.eyes[eye];
     let factory = description.factory?.parameters();
@@ -123,7 +123,7 @@ fn factory_deviation(calibration: &Calibration, eye: usize) -> Option<Finding> {
     ))
 }
 
-/// Residuals that are too large, and a lens that is not known at the border of its picture.
+/// Findings on large residuals, and on a lens that is poorly constrained at the image border.
 fn lens(calibration: &Calibration, eye: usize, all: &mut Vec<Finding>) {
     all.extend(factory_deviation(calibration, eye));
     let name = &calibration.input.eyes[eye].name;
@@ -159,7 +159,7 @@ fn lens(calibration: &Calibration, eye: usize, all: &mut Vec<Finding>) {
     }
 }
 
-/// The largest sigma of the pixel of a given direction over the picture, and where.
+/// Largest sigma of the pixel of a given direction over the image, and its pixel.
 pub(super) fn worst_pixel(calibration: &Calibration, eye: usize) -> (f64, [f64; 2]) {
     let model = calibration.lens(eye);
     let lens = Lens::new(model);
@@ -192,7 +192,7 @@ pub(super) fn worst_pixel(calibration: &Calibration, eye: usize) -> (f64, [f64; 
     worst
 }
 
-/// Largest sigma of a place: m, degrees.
+/// Largest sigma of a pose: m, degrees.
 fn sigmas(covariance: &Matrix6<f64>) -> (f64, f64) {
     let sigma = |range: std::ops::Range<usize>| {
         range
@@ -226,7 +226,8 @@ fn uncertain_pose(
     ))
 }
 
-/// One stereo camera: swapped eyes, a baseline that is not the told one, and how sure its place is.
+/// Checks of one stereo camera: swapped eyes, baseline against its nominal value, uncertainty of
+/// the extrinsics.
 fn pair(calibration: &Calibration, number: usize, camera: &Camera, all: &mut Vec<Finding>) {
     let Some(pose) = calibration.poses.pairs[number] else {
         return;
@@ -265,7 +266,7 @@ fn pair(calibration: &Calibration, number: usize, camera: &Camera, all: &mut Vec
     }
 }
 
-/// How sure cameras are against each other, and which is not where the rig file has it.
+/// Checks of the rig: uncertainty between cameras, and cameras that contradict the rig file.
 fn rig(calibration: &Calibration, all: &mut Vec<Finding>) {
     let cameras = &calibration.input.cameras;
     let names: Vec<&str> = (0..cameras.len())
@@ -320,7 +321,7 @@ fn rig(calibration: &Calibration, all: &mut Vec<Finding>) {
     }
 }
 
-/// Length of a step in sigmas, per coordinate.
+/// Mahalanobis length of a step, per coordinate.
 pub(super) fn mahalanobis(step: &Vector6<f64>, covariance: &Matrix6<f64>) -> f64 {
     let Some(cholesky) = covariance.cholesky() else {
         return 0.0;
@@ -328,9 +329,10 @@ pub(super) fn mahalanobis(step: &Vector6<f64>, covariance: &Matrix6<f64>) -> f64
     (step.dot(&cholesky.solve(step)) / 6.0).max(0.0).sqrt()
 }
 
-/// Places that changed while the pictures were taken. Under a place that stays, the sum of what instants
-/// pull at it wanders as a Brownian bridge over time; a change makes it stray (CUSUM; Nyblom 1989). How
-/// far instants pull by chance is taken from the median of them, so that a change does not hide itself.
+/// Extrinsics that changed during the recording. With constant extrinsics, the cumulative sum of
+/// the scores of the instants is a Brownian bridge over time; a change makes it exceed its limit
+/// (CUSUM; Nyblom 1989). The scores are scaled by the median of the instants, so that a change does
+/// not hide itself.
 fn motion_during_recording(calibration: &Calibration) -> Vec<Finding> {
     let solution = &calibration.solution;
     let problem = &solution.problem;
@@ -393,7 +395,7 @@ fn motion_during_recording(calibration: &Calibration) -> Vec<Finding> {
     )]
 }
 
-/// How far the sum strays, in its own scale, and at which instant most.
+/// Maximum of the bridge, normalized, and its instant.
 fn bridge_maximum(scores: &[(usize, Vector6<f64>, Matrix6<f64>)]) -> Option<(f64, usize)> {
     if scores.len() < 8 {
         return None;
@@ -416,7 +418,7 @@ fn bridge_maximum(scores: &[(usize, Vector6<f64>, Matrix6<f64>)]) -> Option<(f64
     for (instant, score, information) in scores {
         sum += score;
         seen += information;
-        // The mean is not 0 where a prior pulls too.
+        // The mean is not 0 if a prior contributes.
         let bridge = sum - mean * (seen.trace() / whole);
         let whitened = root.solve_lower_triangular(&bridge)? / excess.sqrt();
         let excursion = whitened.amax();
@@ -427,7 +429,7 @@ fn bridge_maximum(scores: &[(usize, Vector6<f64>, Matrix6<f64>)]) -> Option<(f64
     Some(worst)
 }
 
-/// By how much a place differs after an instant from before it, m and degrees.
+/// Change of a pose from before to after an instant, m and degrees.
 fn jump(solution: &Solution, pose: usize, instant: usize) -> Option<(f64, f64)> {
     let mut problem: Problem = solution.problem.clone();
     let before = problem.poses[pose].clone();
@@ -464,7 +466,7 @@ fn jump(solution: &Solution, pose: usize, instant: usize) -> Option<(f64, f64)> 
     Some((step.rows(0, 3).norm(), step.rows(3, 3).norm().to_degrees()))
 }
 
-/// Cameras that are not where the rig file has them, by how many sigmas, the worst first.
+/// The camera that contradicts its nominal pose most, beyond half of [`PRIOR_GATE_SIGMAS`].
 pub(super) fn inconsistent_prior(
     input: &Input,
     poses: &RigPoses,
@@ -474,7 +476,7 @@ pub(super) fn inconsistent_prior(
         let pose = poses.cameras[number]?;
         let prior = input.cameras[number].rig_from_left.as_ref()?;
         let block = &solution.problem.poses[pose];
-        // One that is disbelieved already has another prior.
+        // A prior that was rejected before has been replaced.
         let PosePrior::Near { covariance, .. } = &block.prior else {
             return None;
         };

@@ -1,8 +1,8 @@
-//! A lens to start from.
+//! Initial lens.
 //!
-//! Contract: the factory's lens where there is one. Else focal lengths over the range that lenses have are
-//! tried as pinholes, each with the poses it needs, and the best is refined as a radial-tangential lens and
-//! as a fisheye; the better one is given. Lenses over 150 degrees wide need a factory file.
+//! Contract: the factory's lens if there is one. Otherwise pinholes with focal lengths over the
+//! usual range are tried, each with its poses, and the best is refined as a radial-tangential lens
+//! and as a fisheye; the better one is returned. Lenses over 150 degrees wide need a factory file.
 
 use cad_transforms::RigidTransform;
 
@@ -11,15 +11,15 @@ use crate::adjust::{LensBlock, Point, Prior, Settings, solve};
 use crate::camera::{CameraModel, Distortion};
 use crate::pnp;
 
-/// Focal lengths that are tried, in widths of the picture.
+/// Focal lengths that are tried, in image widths.
 const FOCAL_LENGTHS: [f64; 9] = [0.3, 0.4, 0.52, 0.65, 0.8, 1.0, 1.3, 1.7, 2.4];
-/// How many views are looked at.
+/// Maximum number of views used.
 const MAX_VIEWS: usize = 12;
 
-/// A view of a target with its pose.
+/// A view of a target: its pose and its points.
 pub(super) type PosedPoints = (RigidTransform, Vec<Point>);
 
-/// Poses of those views that a lens explains; keeps their order.
+/// Poses of the views that a lens explains, in their order.
 pub(super) fn poses(model: &CameraModel, views: &[Vec<Point>]) -> Vec<Option<pnp::PlanarPose>> {
     let pieces = crate::adjust::in_pieces(views.len(), |range| {
         views[range]
@@ -30,11 +30,11 @@ pub(super) fn poses(model: &CameraModel, views: &[Vec<Point>]) -> Vec<Option<pnp
     pieces.into_iter().flatten().collect()
 }
 
-/// A lens from views alone, and how far it is off, px RMS. None when nothing fits.
+/// A lens from views alone, and its median RMS residual, px. `None` if nothing fits.
 pub(super) fn initial_lens(size: (u32, u32), views: &[Vec<Point>]) -> Option<(CameraModel, f64)> {
     let mut by_points: Vec<&Vec<Point>> = views.iter().collect();
     by_points.sort_by_key(|points| std::cmp::Reverse(points.len()));
-    // Every n-th of the fuller half, so that not one moment gives them all.
+    // Every n-th of the fuller half, so that they are spread over the recording.
     by_points.truncate((by_points.len() / 2).max(MAX_VIEWS));
     let step = by_points.len().div_ceil(MAX_VIEWS);
     let few: Vec<Vec<Point>> = by_points
@@ -51,7 +51,7 @@ pub(super) fn initial_lens(size: (u32, u32), views: &[Vec<Point>]) -> Option<(Ca
         cy: 0.5 * f64::from(size.1 - 1),
         distortion: Distortion::None,
     };
-    // Misses are compared by their medians over views: some poses may be wrong.
+    // Residuals are compared by their medians over views: some poses may be wrong.
     let tried = FOCAL_LENGTHS.iter().filter_map(|&f| {
         let model = pinhole(f);
         let found: Vec<Option<pnp::PlanarPose>> = poses(&model, &few);
@@ -76,7 +76,7 @@ pub(super) fn initial_lens(size: (u32, u32), views: &[Vec<Point>]) -> Option<(Ca
             p1: 0.0,
             p2: 0.0,
         },
-        // The first terms of the tangent: a pinhole, as this model has it.
+        // The first terms of the tangent: a pinhole in this model.
         Distortion::KannalaBrandt4 {
             k1: 1.0 / 3.0,
             k2: 2.0 / 15.0,
@@ -95,7 +95,7 @@ pub(super) fn initial_lens(size: (u32, u32), views: &[Vec<Point>]) -> Option<(Ca
         .map(|(model, rms, _)| (model, rms))
 }
 
-/// A lens and poses from posed views: the lens, RMS px, and the poses.
+/// Fits a lens and poses to posed views: the lens, RMS residual in px, and the poses.
 pub(super) fn fit(
     start: &CameraModel,
     priors: &[Prior],
@@ -117,8 +117,8 @@ pub(super) fn fit(
     Some((model, rms, solution.problem.instants))
 }
 
-/// What is known of any lens: roughly its focal length, that its axis meets the picture near the
-/// middle, and how large coefficients get.
+/// Weak priors for any lens: approximate focal length, principal point near the image centre, and
+/// the usual range of the coefficients.
 pub(super) fn weak_priors(model: &CameraModel) -> Vec<Prior> {
     let near = |mean: f64, sigma: f64| Prior::Near { mean, sigma };
     let width = f64::from(model.width);
@@ -141,8 +141,8 @@ pub(super) fn weak_priors(model: &CameraModel) -> Vec<Prior> {
     priors
 }
 
-/// What a factory file says, with how far lenses are off what it says: 1 % of the focal length, 1 % of
-/// the width of the picture, and coefficients as two calibrations of one camera differ.
+/// Priors around a factory file: 1 % of the focal length, 1 % of the image width, and coefficients
+/// by the difference of two calibrations of one camera.
 pub(super) fn factory_priors(factory: &CameraModel) -> Vec<Prior> {
     let parameters = factory.parameters().into_iter().enumerate();
     let names = factory.parameter_names();
@@ -162,7 +162,7 @@ pub(super) fn factory_priors(factory: &CameraModel) -> Vec<Prior> {
         .collect()
 }
 
-/// The same lens as another model: what that model starts from. Its poses are those of the lens.
+/// Initial values of another model for the same lens. The poses are those of the lens.
 pub(super) fn with_distortion(model: &CameraModel, distortion: Distortion) -> CameraModel {
     CameraModel {
         distortion,

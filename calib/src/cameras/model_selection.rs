@@ -1,57 +1,56 @@
-//! Which lens model the pictures support.
+//! Selection of the lens model.
 //!
-//! Contract: every model is fitted to the same views. A model is worth its coefficients when it predicts
-//! views that it has not seen: the views are split four ways, and of the models whose held-out error is as
-//! small as the best one's, the one with the lowest BIC is taken (Schwarz 1978). As small is: at most one
-//! standard error of the difference above it, over views (after the rule of Breiman and others 1984), or a
-//! twentieth. A model that folds the picture is not
-//! taken. Both eyes of a camera get the same model.
+//! Contract: every model is fitted to the same views. Models are compared by cross-validation with
+//! four folds. Of the models whose held-out error is equivalent to the best one's, the one with the
+//! lowest BIC is taken (Schwarz 1978). Equivalent means: at most one standard error of the
+//! difference above it, over views (after the rule of Breiman and others 1984), or a twentieth. A
+//! model that folds inside the image is not taken. Both eyes of a camera get the same model.
 //!
-//! The factory's model is kept unless another predicts better: what its file says of coefficients that the
-//! views do not determine is worth more than leaving them out, because tangential terms, principal point
-//! and the turn between eyes make up for each other.
+//! The factory's model is kept unless another predicts better: the prior of its file on
+//! coefficients that the views do not constrain is better than dropping them, because tangential
+//! terms, principal point and the rotation between the eyes compensate each other.
 
 use super::initialization::{PosedPoints, factory_priors, fit, weak_priors, with_distortion};
 use crate::adjust::{Prior, locate};
 use crate::camera::{CameraModel, Distortion};
 use crate::lens::Lens;
 
-/// Into how many parts the views are split.
+/// Number of folds of the cross-validation.
 const FOLDS: usize = 4;
-/// A model whose residuals are this much larger than the best one's is not looked at further.
+/// Maximum ratio of a model's RMS residual to the best one's; models above are dropped.
 const MAX_RMS_RATIO: f64 = 1.2;
 
-/// Mean squares that differ by a smaller share are as small as each other.
+/// Relative difference of mean squares below which models are equivalent.
 const EQUIVALENT_RATIO: f64 = 0.05;
-/// A view whose residuals are this many times the median's has a wrong pose.
+/// Outlier views: RMS residual over the median of all views.
 const OUTLIER_VIEW_RATIO: f64 = 2.0;
 
-/// Why a model is not taken whose distortion turns back before the picture's corner.
+/// Remark on models whose distortion is not monotonic up to the image corner.
 const FOLDS_INSIDE_IMAGE: &str = "folds inside the picture";
 
-/// How one model did.
+/// Result of one model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
-    /// Its name.
+    /// Model name.
     pub model: &'static str,
-    /// How many coefficients it has, per eye.
+    /// Number of coefficients, per eye.
     pub coefficients: usize,
-    /// RMS length of the residuals of all views, px.
+    /// RMS residual of all views, px.
     pub rms_px: f64,
-    /// RMS length of the residuals of views that were held out, px; none where this was not looked at.
+    /// RMS residual of held-out views, px; `None` if it was not computed.
     pub held_out_px: Option<f64>,
-    /// Bayesian information criterion, less that of the best.
+    /// Bayesian information criterion, minus that of the best model.
     pub bic: f64,
-    /// Why it was not looked at further.
+    /// Reason for dropping the model.
     pub remark: Option<&'static str>,
 }
 
-/// The choice for one camera.
+/// Model selection for one camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Choice {
-    /// All that were tried, simplest first.
+    /// All models, simplest first.
     pub candidates: Vec<Candidate>,
-    /// Which was taken.
+    /// Index of the selected model.
     pub chosen: usize,
 }
 
@@ -62,14 +61,14 @@ pub(super) struct SelectedLens {
     pub(super) priors: Vec<Prior>,
 }
 
-/// An eye as the choice sees it.
+/// Views of one eye for the model selection.
 pub(super) struct EyeViews<'a> {
     pub(super) start: CameraModel,
     pub(super) factory: Option<&'a CameraModel>,
     pub(super) views: Vec<PosedPoints>,
 }
 
-/// What a model came to, over the eyes of a camera.
+/// A model fitted to the eyes of one camera.
 struct FittedModel {
     eyes: Vec<SelectedLens>,
     poses: Vec<Vec<PosedPoints>>,
@@ -77,7 +76,7 @@ struct FittedModel {
     corners: usize,
 }
 
-/// All models, simplest first, each as near to a pinhole as it can be.
+/// All models, simplest first, each as close to a pinhole as it can be.
 fn all() -> [Distortion; 8] {
     let (k1, k2, k3, k4, k5, k6, p1, p2) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     [
@@ -112,8 +111,8 @@ fn all() -> [Distortion; 8] {
     ]
 }
 
-/// Views that a lens of the starting model explains as well as the others; one with a wrong pose would
-/// outweigh what the models differ by.
+/// Views that the initial lens model explains as well as the others; a view with a wrong pose would
+/// outweigh the differences between models.
 fn without_outliers(eye: &EyeViews<'_>) -> Vec<PosedPoints> {
     let priors = weak_priors(&eye.start);
     let Some((model, _, poses)) = fit(&eye.start, &priors, &eye.views) else {
@@ -135,7 +134,7 @@ fn without_outliers(eye: &EyeViews<'_>) -> Vec<PosedPoints> {
         .collect()
 }
 
-/// Chooses for the eyes of one camera. None when nothing fits.
+/// Selects the model for the eyes of one camera. `None` if nothing fits.
 pub(super) fn select_model(
     eyes: &[EyeViews<'_>],
     free: bool,
@@ -155,7 +154,7 @@ pub(super) fn select_model(
     let best_rms = fitted.iter().flatten().map(rms).min_by(f64::total_cmp)?;
     let bic = |t: &FittedModel, coefficients: usize| {
         let parameters = eyes.len() * (4 + coefficients);
-        // The noise is that of the model that explains most.
+        // The noise is that of the model with the smallest residuals.
         let per_axis = 0.5 * best_rms * best_rms;
         t.square_sum / per_axis + parameters as f64 * (2.0 * t.corners as f64).ln()
     };
@@ -206,7 +205,7 @@ pub(super) fn select_model(
         among.min_by(|&a, &b| candidates[a].bic.total_cmp(&candidates[b].bic))
     };
     let chosen = match best {
-        // With too few views to hold any out, BIC alone; one that folds the picture comes last.
+        // With too few views for cross-validation, BIC alone; models that fold come last.
         None => {
             let fitted = |i: &usize| fitted[*i].is_some();
             let flat = |i: &usize| fitted(i) && candidates[*i].remark != Some(FOLDS_INSIDE_IMAGE);
@@ -237,7 +236,7 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
-/// Whether errors are as small as the best ones, view by view.
+/// Whether errors are equivalent to the best ones, view by view.
 fn is_equivalent(errors: &[f64], best: &[f64]) -> bool {
     let differences: Vec<f64> = errors.iter().zip(best).map(|(a, b)| a - b).collect();
     let (n, mean_of) = (differences.len() as f64, mean(&differences));
@@ -282,8 +281,8 @@ fn fit_model(eyes: &[EyeViews<'_>], distortion: Distortion) -> Option<FittedMode
     Some(fitted)
 }
 
-/// Mean squared residual of every view by a lens that was fitted without it, in the order of eyes and
-/// folds; none where there are too few views or a fit fails.
+/// Held-out error: mean squared residual of every view under a lens that was fitted without it, in
+/// the order of eyes and folds; `None` with too few views or if a fit fails.
 fn held_out(fitted: &FittedModel) -> Option<Vec<f64>> {
     let mut errors = Vec::new();
     for (eye, views) in fitted.eyes.iter().zip(&fitted.poses) {

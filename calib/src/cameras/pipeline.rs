@@ -1,4 +1,4 @@
-//! From sightings to a calibration: the order in which things are done.
+//! The calibration pipeline: from target detections to a calibration.
 
 use std::collections::BTreeMap;
 
@@ -19,59 +19,61 @@ use crate::adjust::{
 };
 use crate::camera::{CameraModel, Distortion};
 
-/// A picture with fewer corners takes no part.
+/// Minimum number of corners of a view.
 const MIN_CORNERS: usize = 8;
-/// An eye needs at least so many pictures of targets.
+/// Minimum number of views per eye.
 const MIN_VIEWS: usize = 5;
-/// Worst median residual that a lens to start from may have, px.
+/// Maximum median residual of an initial lens, px.
 const MAX_INITIAL_RMS_PX: f64 = 8.0;
-/// A view whose residuals are this many times the median's is of something else.
+/// Outlier views: RMS residual over the median of all views.
 const OUTLIER_VIEW_RATIO: f64 = 6.0;
-/// Where the mirrored pose misses by less than this many times the best one's, either may be right.
+/// Pose ambiguity: RMS of the mirrored pose over that of the best one; below this either may be
+/// right.
 const MAX_AMBIGUOUS_RATIO: f64 = 1.5;
-/// Movements are told as pixels in this time, ns.
+/// Interval to which image motion is normalized, ns.
 const MOTION_INTERVAL_NS: f64 = 1e8;
-/// Corners that move by less in that time count as still, px.
+/// Maximum image motion of a static view, px in [`MOTION_INTERVAL_NS`].
 const MAX_STATIC_MOTION_PX: f64 = 0.25;
-/// Pictures whose corners move more than that take no part if others of their eye do not.
+/// Maximum image motion, px: views above it are dropped if others of the same eye are below.
 const MAX_MOTION_PX: f64 = 1.0;
-/// This share of that movement is added to the sigma of corners: rows of a rolling shutter, and eyes, are not
-/// exposed at one instant.
+/// Fraction of the image motion that is added to the sigma of corners: rows of a rolling shutter,
+/// and left and right eye, are not exposed at the same instant.
 const MOTION_SIGMA_RATIO: f64 = 0.25;
-/// Pictures farther apart in time than this say nothing of movement, ns.
+/// Maximum interval between two frames for measuring image motion, ns.
 const MAX_FRAME_INTERVAL_NS: i64 = 250_000_000;
-/// At least this share of pictures is used, the stillest, whether or not they are still.
+/// Minimum fraction of views that are used, the ones with least motion, even if none is static.
 const MIN_USED_RATIO: f64 = 0.2;
-/// How far a factory's `left_from_right` may be off, beyond what it says itself: m and rad.
+/// Added uncertainty of a factory `left_from_right`: m and rad.
 const FACTORY_STEREO_SIGMA: (f64, f64) = (2e-3, 0.01);
-/// How large tangential coefficients of lenses are: those of the makers' files that we have.
+/// Prior sigma of tangential coefficients: their size in the factory files at hand.
 const TANGENTIAL_SIGMA: f64 = 3e-4;
-/// What is thought of corners' sigmas before counts as much as so many corners.
+/// Weight of the common corner sigma in the estimate for one view, in corners.
 const SIGMA_PRIOR_CORNERS: f64 = 20.0;
-/// Where nothing is told of a place, it is within this: m and rad.
+/// Prior sigma of extrinsics without a nominal value: m and rad.
 const DEFAULT_EXTRINSICS_SIGMA: (f64, f64) = (3.0, 3.0);
 
-/// A sighting with its points and its pose.
+/// A detection with its points and its pose.
 pub(super) struct TargetView {
     pub(super) posed: PosedView,
     pub(super) points: Vec<Point>,
-    /// Whether the pose may be the mirrored one.
+    /// Whether the pose may be the mirrored solution.
     ambiguous: bool,
-    /// Movement of corners to the next or from the last picture, px in [`MOTION_INTERVAL_NS`]; none where it is not known.
+    /// Image motion to the next or from the previous view, px in [`MOTION_INTERVAL_NS`]; `None` if
+    /// unknown.
     motion_px: Option<f64>,
 }
 
 impl TargetView {
-    /// Movement; none if it is not known.
+    /// Image motion, px; 0 if unknown.
     pub(super) fn motion_or_zero_px(&self) -> f64 {
         self.motion_px.unwrap_or(0.0)
     }
 }
 
-/// Calibrates. `progress` is told what is being done and how much of it, from 0 to 1.
+/// Runs the calibration. `progress` receives the current step and the completed fraction, from 0 to
+/// 1.
 ///
-/// # Errors
-/// [`CamerasError`].
+/// # Errors [`CamerasError`].
 pub fn calibrate(
     input: Input,
     settings: &Settings,
@@ -139,7 +141,7 @@ pub fn calibrate(
     build.problem = first.problem.clone();
     reweight_views(&mut build.problem, &first);
     let mut solution = solve(&build.problem, &crate::adjust::Settings::default())?;
-    // A camera that is clearly not where it was told must not pull the others along.
+    // A camera that clearly contradicts its nominal pose must not bias the others.
     while let Some(camera) = diagnostics::inconsistent_prior(&input, &build.poses, &solution) {
         let pose = build.poses.cameras[camera].expect("only placed cameras are disbelieved");
         let prior = input.cameras[camera]
@@ -176,7 +178,7 @@ pub fn calibrate(
     Ok(calibration)
 }
 
-/// Pictures too far apart in time do not tell whether the rig was still when they were taken.
+/// Finding on frames too far apart in time to measure whether the rig was static.
 fn unknown_motion(target_views: &[TargetView]) -> Option<Finding> {
     let unknown = target_views
         .iter()
@@ -195,9 +197,9 @@ fn unknown_motion(target_views: &[TargetView]) -> Option<Finding> {
     })
 }
 
-/// A lens that was chosen; an eye of no camera keeps what it started from. A lens without tangential terms
-/// gets them back with how large they are in lenses: one eye alone does not see them, but principal points
-/// and the turn between eyes are only as sure as they are.
+/// The selected lens; an eye without a camera keeps its initial lens. A lens without tangential
+/// terms gets them back with a prior of their usual size: a single eye does not observe them, but
+/// they bound the accuracy of the principal points and of the rotation between the eyes.
 fn selected_lens((chosen, start): (Option<SelectedLens>, &CameraModel)) -> SelectedLens {
     let mut lens = chosen.unwrap_or_else(|| SelectedLens {
         model: *start,
@@ -215,7 +217,7 @@ fn selected_lens((chosen, start): (Option<SelectedLens>, &CameraModel)) -> Selec
     lens
 }
 
-/// Pictures of one eye with poses by a lens to start from.
+/// Views of one eye with poses from an initial lens.
 fn eye_views(
     input: &Input,
     eye: usize,
@@ -318,7 +320,7 @@ fn median_rms_px(found: &[Option<crate::pnp::PlanarPose>]) -> f64 {
         .unwrap_or(f64::INFINITY)
 }
 
-/// How far corners move between pictures that follow each other; one eye's pictures.
+/// Measures image motion between consecutive views of one eye.
 fn measure_motion(input: &Input, target_views: &mut [TargetView]) {
     let mut order: Vec<usize> = (0..target_views.len()).collect();
     order.sort_by_key(|&i| (target_views[i].posed.target, target_views[i].posed.instant));
@@ -339,7 +341,7 @@ fn measure_motion(input: &Input, target_views: &mut [TargetView]) {
     }
 }
 
-/// How far the corners that two pictures of one target share have moved, px: the median.
+/// Median displacement of the corners that two views of one target share, px.
 pub(super) fn median_displacement_px(a: &TargetView, b: &TargetView) -> Option<f64> {
     let moves = a.points.iter().filter_map(|p| {
         let q = b.points.iter().find(|q| q.x_in_target == p.x_in_target)?;
@@ -350,7 +352,7 @@ pub(super) fn median_displacement_px(a: &TargetView, b: &TargetView) -> Option<f
     moves.get(moves.len() / 2).copied()
 }
 
-/// Pictures that are still, or the stillest there are; those of which it is not known count as still.
+/// Static views, or those with the least motion; unknown motion counts as static.
 fn static_views<'a>(
     target_views: impl Iterator<Item = &'a TargetView> + Clone,
 ) -> Vec<&'a TargetView> {
@@ -360,7 +362,7 @@ fn static_views<'a>(
         .collect()
 }
 
-/// The movement that [`MIN_USED_RATIO`] of some pictures stay below.
+/// The motion that [`MIN_USED_RATIO`] of the views do not exceed.
 fn motion_limit_px<'a>(target_views: impl Iterator<Item = &'a TargetView>) -> f64 {
     let mut all: Vec<f64> = target_views.map(TargetView::motion_or_zero_px).collect();
     all.sort_by(f64::total_cmp);
@@ -368,7 +370,7 @@ fn motion_limit_px<'a>(target_views: impl Iterator<Item = &'a TargetView>) -> f6
     all.get(least.saturating_sub(1)).copied().unwrap_or(0.0)
 }
 
-/// Instants that tell most of the lenses of a camera's eyes.
+/// The instants with most information on the lenses of a camera.
 fn most_informative(
     input: &Input,
     eyes: &[usize],
@@ -386,7 +388,7 @@ fn most_informative(
     }
     instants.sort_unstable();
     instants.dedup();
-    // Each view has a pose of its own here: what two eyes tell of each other is for later.
+    // Each view has its own pose here: the constraint between the eyes is used later.
     let mut keys: Vec<usize> = Vec::new();
     let mut problem = Problem::default();
     for (lens, &eye) in eyes.iter().enumerate() {
@@ -422,12 +424,12 @@ fn most_informative(
         })
         .collect();
     let count: usize = problem.lenses.iter().map(|l| l.priors.len()).sum();
-    // Where the start is of another model than the factory's file, what is there before matters little.
+    // If the initial lens is of another model than the factory file, the prior matters little.
     let prior = DMatrix::from_fn(count, count, |i, j| match i == j {
         true => priors.get(i).copied().unwrap_or(1.0),
         false => 0.0,
     });
-    // Both eyes' views of one instant come together: the order is that of the first of them.
+    // Both eyes' views of one instant are taken together, at the position of the first of them.
     let order = view_selection::select_greedy(&problem, &prior, most * eyes.len());
     let mut taken: Vec<usize> = Vec::new();
     for view in order {
@@ -455,8 +457,8 @@ fn of_instants(
         .collect()
 }
 
-/// Still instants at which two cameras see targets, or one eye sees two: spread evenly over all that there
-/// are of each combination.
+/// Static instants at which two cameras observe targets, or one eye observes two: spread evenly
+/// over all instants of each combination.
 fn bridges(input: &Input, target_views: &[TargetView], most: usize) -> Vec<usize> {
     let mut by_instant: BTreeMap<usize, (Vec<usize>, f64)> = BTreeMap::new();
     for target_view in target_views {
@@ -468,7 +470,7 @@ fn bridges(input: &Input, target_views: &[TargetView], most: usize) -> Vec<usize
         entry.0.push(key);
         entry.1 = entry.1.max(target_view.motion_or_zero_px());
     }
-    // What was seen together, and when: (movement, instant).
+    // Instants by observed combination: (motion, instant).
     let mut groups: BTreeMap<Vec<usize>, Vec<(f64, usize)>> = BTreeMap::new();
     for (instant, (mut keys, motion_px)) in by_instant {
         keys.sort_unstable();
@@ -495,17 +497,17 @@ fn bridges(input: &Input, target_views: &[TargetView], most: usize) -> Vec<usize
     taken
 }
 
-/// The problem with what belongs to what.
+/// The bundle adjustment problem with its indices.
 struct AssembledProblem {
     problem: Problem,
     poses: RigPoses,
-    /// Number of the input's instant, by the problem's.
+    /// Index of the input's instant, by the problem's.
     used: Vec<usize>,
-    /// Number of the target, by view.
+    /// Index of the target, by view.
     targets: Vec<usize>,
 }
 
-/// Puts everything into one problem. What is not connected with the rest gets instants of its own.
+/// Assembles the problem. Views that are not connected with the rest get instants of their own.
 fn assemble(
     input: &Input,
     target_views: &[TargetView],
@@ -613,7 +615,7 @@ fn assemble(
         if right {
             path.extend(assembled.poses.pairs[number]);
         }
-        // 0 is what is connected; the others are apart by camera and target.
+        // Group 0 is connected; the others are separate by camera and target.
         let group = match connected {
             true => 0,
             false => 1 + number * input.targets.len() + target,
@@ -654,7 +656,7 @@ fn assemble(
     sort_by_time(assembled)
 }
 
-/// Instants in the order of time, which is what later checks go by.
+/// Sorts instants by time, which later checks rely on.
 fn sort_by_time(mut assembled: AssembledProblem) -> AssembledProblem {
     let mut order: Vec<usize> = (0..assembled.used.len()).collect();
     order.sort_by_key(|&i| assembled.used[i]);
@@ -673,8 +675,8 @@ fn sort_by_time(mut assembled: AssembledProblem) -> AssembledProblem {
     assembled
 }
 
-/// Gives the corners of each view the sigma that they turned out to have: pictures are blurred, dim and far in ways that
-/// nobody knows beforehand, and sigmas of results are only as right as those of corners.
+/// Estimates the corner sigma of each view from its residuals: blur, light and distance differ
+/// between views, and the sigmas of the result are only as good as those of the corners.
 fn reweight_views(problem: &mut Problem, solution: &Solution) {
     for (view, residuals) in problem.views.iter_mut().zip(&solution.residuals) {
         let lengths: Vec<f64> = view
@@ -684,7 +686,7 @@ fn reweight_views(problem: &mut Problem, solution: &Solution) {
             .filter_map(|(point, r)| r.map(|[x, y]| x.hypot(y) / point.sigma_px))
             .collect();
         let count = lengths.len() as f64;
-        // Its pose took its share of them.
+        // Degrees of freedom left by the view's pose.
         let left = (2.0 * count - 6.0).max(1.0);
         let own = median_scale(lengths).powi(2) * 2.0 * count / left;
         let all = solution.scale * solution.scale;
@@ -706,7 +708,7 @@ fn coverage(input: &Input, solution: &Solution) -> Vec<Coverage> {
     (0..input.eyes.len()).map(of).collect()
 }
 
-/// Where a target is from the eye of a view.
+/// `eye_from_target` of a view.
 pub(super) fn eye_from_target(problem: &Problem, view: &View) -> RigidTransform {
     let pose = |i: usize| problem.poses[i].parent_from_child;
     let eye_from_rig = view
@@ -719,7 +721,7 @@ pub(super) fn eye_from_target(problem: &Problem, view: &View) -> RigidTransform 
 }
 
 impl Calibration {
-    /// The input's instant behind the problem's.
+    /// Index of the input's instant, from the problem's.
     pub fn instant_of(&self, instant: usize) -> usize {
         self.used[instant]
     }

@@ -1,46 +1,47 @@
-//! Where cameras and targets are, roughly, from poses of single views.
+//! Initial poses of cameras and targets from poses of single views.
 //!
-//! Contract: what is told is taken as it is; where no camera's place is told, the first camera is the origin of the
-//! rig ([`Input::origin`]). The rest follows through instants at which something known
-//! and something unknown are seen together. Of several answers the middle one is taken (the one nearest
-//! to all others), so that single wrong poses do no harm. What cannot be reached stays unknown.
+//! Contract: nominal extrinsics are taken as they are; without any, the first camera is the origin
+//! of the rig ([`Input::origin`]). Poses propagate through instants at which a known and an unknown
+//! element are observed together. Of several candidates the medoid is taken (the one nearest to all
+//! others), so that single wrong poses do no harm. Elements that cannot be reached stay unknown.
 
 use cad_transforms::RigidTransform;
 
 use super::{Camera, Input};
 
-/// How far apart two poses are when they differ by 1 rad, m: the size of a rig.
+/// Weight of rotation against translation in the distance of two poses, m per rad: the size of a
+/// rig.
 const METRES_PER_RADIAN: f64 = 0.5;
-/// Of more answers than this every n-th is looked at.
+/// Maximum number of candidates; of more, every n-th is used.
 const MAX_CANDIDATES: usize = 61;
 
-/// One target seen by one eye.
+/// Pose of one target in one eye.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PosedView {
     pub(super) instant: usize,
     pub(super) eye: usize,
     pub(super) target: usize,
     pub(super) eye_from_target: RigidTransform,
-    /// How many corners stand for it; 0 where it may be the mirrored one.
+    /// Number of corners behind the pose; 0 if it may be the mirrored solution.
     pub(super) trust: usize,
 }
 
-/// What is known of where things are.
+/// Initial poses.
 #[derive(Clone, Debug)]
 pub(super) struct InitialPoses {
     /// `rig_from_left` by camera.
     pub(super) cameras: Vec<Option<RigidTransform>>,
     /// `left_from_right` by camera.
     pub(super) pairs: Vec<Option<RigidTransform>>,
-    /// `world_from_target` by target; the world is the one that was seen most.
+    /// `world_from_target` by target; the world is the target observed most often.
     pub(super) targets: Vec<Option<RigidTransform>>,
-    /// Which target is the world.
+    /// Index of the world target.
     pub(super) world: usize,
     /// `rig_from_world` by instant.
     pub(super) instants: Vec<Option<RigidTransform>>,
 }
 
-/// The answer nearest to all others.
+/// The candidate nearest to all others.
 fn medoid(candidates: &[RigidTransform]) -> Option<RigidTransform> {
     let step = candidates.len().div_ceil(MAX_CANDIDATES).max(1);
     let few: Vec<&RigidTransform> = candidates.iter().step_by(step).collect();
@@ -54,11 +55,12 @@ fn medoid(candidates: &[RigidTransform]) -> Option<RigidTransform> {
     Some(*few[least])
 }
 
-/// Finds what can be found.
+/// Propagates poses until no further one is found.
 pub(super) fn connect(input: &Input, posed: &[PosedView]) -> InitialPoses {
     let origin = input.origin();
     let mut seen = vec![0usize; input.targets.len()];
-    // From a target that the origin sees everything can be reached that is connected with the origin.
+    // Everything that is connected with the origin can be reached from a target that the origin
+    // observes.
     for p in posed {
         let counts = origin.is_none_or(|origin| input.cameras[origin].left == p.eye);
         seen[p.target] += usize::from(counts);
@@ -91,7 +93,8 @@ pub(super) fn connect(input: &Input, posed: &[PosedView]) -> InitialPoses {
     known
 }
 
-/// `left_from_right`, from instants at which both eyes see a target; else as told.
+/// `left_from_right` from instants at which both eyes observe a target; otherwise the nominal
+/// value.
 fn pair(camera: &Camera, posed: &[PosedView]) -> Option<RigidTransform> {
     let right = camera.right?;
     let of = |eye: usize| posed.iter().filter(move |p| p.eye == eye && p.trust > 0);
@@ -116,10 +119,10 @@ impl InitialPoses {
     }
 }
 
-/// One round; whether anything new became known.
+/// One round of propagation; true if a pose was added.
 fn propagate(input: &Input, posed: &[PosedView], known: &mut InitialPoses) -> bool {
     let mut changed = false;
-    // The view with most corners says where the rig was.
+    // The view with most corners gives the pose of the rig.
     let mut trusted: Vec<&PosedView> = posed.iter().collect();
     trusted.sort_by_key(|p| (p.instant, std::cmp::Reverse(p.trust), p.eye, p.target));
     for p in trusted {
@@ -170,14 +173,14 @@ fn propagate(input: &Input, posed: &[PosedView], known: &mut InitialPoses) -> bo
 }
 
 impl Input {
-    /// The camera that is the origin of the rig: the first, where no file tells the place of any. `rig` is then at its
-    /// left lens, x along its view, y to the left and z up in its image.
+    /// The camera that is the origin of the rig: the first, if no file gives the pose of any. `rig`
+    /// is then at its left lens, x along its view, y to the left and z up in its image.
     pub fn origin(&self) -> Option<usize> {
         let has_prior = self.cameras.iter().any(|c| c.rig_from_left.is_some());
         (!has_prior && !self.cameras.is_empty()).then_some(0)
     }
 
-    /// The camera that an eye belongs to.
+    /// The camera of an eye.
     pub(super) fn camera_of(&self, eye: usize) -> Option<usize> {
         self.cameras
             .iter()

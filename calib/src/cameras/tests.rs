@@ -5,7 +5,7 @@ use crate::lens::Lens;
 use crate::target::{self, ImageView};
 use crate::test_data::{grey, shared};
 
-/// The sightings of the real infrared pairs: 12 pairs of 640x512, 9 x 6 inner corners.
+/// Detections of the real infrared pairs: 12 pairs of 640x512, 9 x 6 inner corners.
 fn chessboard_pairs() -> Option<Input> {
     let folder = shared("06_calibration/stereo_chessboard_rigB")?;
     let board = Target::Chessboard {
@@ -60,30 +60,30 @@ fn real_chessboard_pairs() {
     let rms = found.solution.rms_px(|_| true);
     assert!(rms < 0.15, "{rms}");
     assert!((found.lens(0).fx - found.lens(1).fx).abs() < 8.0);
-    // These files name the eyes the other way round.
+    // These files have left and right exchanged.
     assert!(failures(&found)[0].contains("left and right are swapped"));
 }
 
-/// A rig of three cameras before two boards, as [`crate::cameras`] would get it from a recording, and the
-/// truth.
+/// A rig of three cameras in front of two boards, as [`crate::cameras`] would get it from a
+/// recording, and its ground truth.
 struct Simulated {
     input: Input,
     /// `rig_from_left` and `left_from_right` by camera.
     cameras: Vec<(RigidTransform, RigidTransform)>,
 }
 
-/// What is different from a good recording.
+/// Deviations from a good recording.
 #[derive(Clone, Copy)]
 struct Imperfections {
     noise_px: f64,
     instants: usize,
-    /// The boards are larger than told by this factor.
+    /// Scale of the boards relative to their nominal size.
     size: f64,
-    /// The middle of the first board is this much under its rim, m.
+    /// Sagitta of the first board, m: its middle under its rim.
     sagitta_m: f64,
-    /// The first camera turns by this in the middle, rad.
+    /// Rotation of the first camera in the middle of the recording, rad.
     knock_rad: f64,
-    /// No tilt, no roll.
+    /// Without tilt or roll.
     straight: bool,
 }
 
@@ -100,8 +100,8 @@ fn transform(rotation: [f64; 3], at: [f64; 3]) -> RigidTransform {
     RigidTransform::from_rotation_vector(rotation, at).unwrap()
 }
 
-/// An optical frame (x right, y down) that looks along x of the rig (z up), turned left by `yaw` and down
-/// by `pitch`.
+/// An optical frame (x right, y down) that looks along x of the rig (z up), rotated left by `yaw`
+/// and down by `pitch`.
 fn looking(yaw: f64, pitch: f64, at: [f64; 3]) -> RigidTransform {
     let forward = RigidTransform::from_wxyz([0.5, -0.5, 0.5, -0.5], [0.0; 3]).unwrap();
     transform([0.0; 3], at)
@@ -197,7 +197,7 @@ fn simulate(seed: u64, trouble: Imperfections) -> Simulated {
             .collect(),
         detections: Vec::new(),
     };
-    // One board ahead, one on the floor, x of the world where the wearer looks, z up.
+    // One board ahead, one on the floor; x of the world along the view, z up.
     let world_from_board = [
         looking(0.0, 0.0, [1.1, 0.0, 1.2]) * transform([0.0; 3], [-0.36, -0.36, 0.0]),
         looking(0.0, 1.5, [0.5, 0.0, 0.15]) * transform([0.0; 3], [-0.36, -0.36, 0.0]),
@@ -234,7 +234,7 @@ fn simulate(seed: u64, trouble: Imperfections) -> Simulated {
                         let z = bend * (1.0 - 0.5 * (u * u + v * v));
                         let [px, py] = seen.project(eye_from_board.apply([x, y, z]))?;
                         let inside = (2.0..669.0).contains(&px) && (2.0..373.0).contains(&py);
-                        // From behind nothing is seen.
+                        // The back of a board shows nothing.
                         let normal = eye_from_board.rotate([0.0, 0.0, 1.0]);
                         let at = eye_from_board.apply([x, y, z]);
                         let front: f64 = normal.iter().zip(at).map(|(a, b)| a * b).sum();
@@ -262,7 +262,7 @@ fn simulate(seed: u64, trouble: Imperfections) -> Simulated {
     Simulated { input, cameras }
 }
 
-/// Errors of one run: places of cameras in the first one, `(m, rad, in sigmas)` per coordinate.
+/// Errors of one run: poses of cameras in the first one, `(m, rad, in sigmas)` per coordinate.
 fn rig_errors(truth: &Simulated, found: &Calibration) -> Vec<(f64, f64)> {
     let mut errors = Vec::new();
     let mut add = |truth: RigidTransform, found: RigidTransform, covariance: Matrix6<f64>| {
@@ -313,7 +313,8 @@ fn a_good_recording_gives_the_rig_within_what_it_says() {
         for (k, (off, sigma)) in rig_errors(&truth, &found).into_iter().enumerate() {
             inside += usize::from(off.abs() <= 2.0 * sigma);
             all += 1;
-            // The first 18 are of the pairs, whose turn about their own baseline the lenses blur.
+            // The first 18 belong to the pairs, whose rotation about their own baseline is
+            // correlated with the lenses.
             let limit = if k % 6 < 3 {
                 1e-3
             } else {
@@ -458,7 +459,7 @@ fn cameras_that_are_not_connected_with_the_origin_are_told_of_it() {
     );
 }
 
-/// Boards alone: no lens, no baseline, no place of a camera is told.
+/// Boards alone: no lens, no baseline and no camera pose is given.
 #[test]
 fn with_nothing_told_the_first_camera_is_the_origin() {
     let mut truth = simulate(2, GOOD);
@@ -468,7 +469,7 @@ fn with_nothing_told_the_first_camera_is_the_origin() {
     for camera in &mut truth.input.cameras {
         (camera.left_from_right, camera.rig_from_left) = (None, None);
     }
-    // The first of the list, whichever board it sees.
+    // The origin is the first of the list, whichever board it observes.
     truth.input.cameras.reverse();
     truth.cameras.reverse();
     assert_eq!(truth.input.origin(), Some(0));
@@ -488,7 +489,7 @@ fn with_nothing_told_the_first_camera_is_the_origin() {
             mm < 2.0 && degrees < 0.1,
             "{camera}: {mm} mm, {degrees} degrees"
         );
-        // What the sigmas say is of the size of what is off.
+        // The stated sigmas are of the size of the errors.
         let sigma_mm = 1e3 * (covariance.trace()).sqrt();
         assert!((0.01..2.0).contains(&sigma_mm), "{camera}: {sigma_mm} mm");
     }

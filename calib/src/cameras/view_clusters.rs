@@ -1,17 +1,18 @@
-//! Which instants show the same view.
+//! Clusters of near-identical views.
 //!
-//! Contract: while the rig rests, every picture repeats the last one, and with it where print, pixels and compression put its corners
-//! wrongly. Taken as independent they would make results look surer than they are; numbers of stays tell which are not. Instants
-//! that follow each other with corners less than [`CLUSTER_PX`] from where they were at the first of them are one stay.
+//! Contract: while the rig is at rest, every image repeats the last one, with the same corner
+//! errors from print, pixels and compression. Taken as independent, they would make the stated
+//! sigmas too small; the cluster numbers group them for the jackknife. Consecutive instants whose
+//! corners are less than [`CLUSTER_PX`] from those of the first of them form one cluster.
 
 use std::collections::BTreeMap;
 
 use super::pipeline::{TargetView, median_displacement_px};
 
-/// Corners that are no farther from where they were show the same view, px.
+/// Maximum corner displacement within a cluster, px.
 const CLUSTER_PX: f64 = 3.0;
 
-/// The number of the stay of each instant of which there are pictures.
+/// The cluster of each instant with views.
 pub(super) fn assign_clusters(views: &[TargetView]) -> BTreeMap<usize, usize> {
     let mut instants: BTreeMap<usize, Vec<&TargetView>> = BTreeMap::new();
     for view in views {
@@ -31,14 +32,14 @@ pub(super) fn assign_clusters(views: &[TargetView]) -> BTreeMap<usize, usize> {
     clusters
 }
 
-/// Whether no eye sees anything elsewhere than before.
+/// Whether no corner moved beyond [`CLUSTER_PX`] in any eye.
 fn is_same_view(first: &[&TargetView], now: &[&TargetView]) -> bool {
     let moved = now.iter().filter_map(|b| {
         let key = |p: &TargetView| (p.posed.eye, p.posed.target);
         let a = first.iter().find(|a| key(a) == key(b))?;
         median_displacement_px(a, b)
     });
-    // Without anything in common nothing says that it is the same.
+    // Without common corners the views count as different.
     let farthest = moved.fold(None, |far: Option<f64>, px| {
         Some(far.map_or(px, |far| far.max(px)))
     });

@@ -1,4 +1,5 @@
-//! Both formulations from one start: the one that [`estimate`] uses, and its slow twin.
+//! Both formulations from the same initial values: the one that [`estimate`] uses, and the
+//! reference implementation.
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
@@ -9,9 +10,9 @@ use super::super::track::Raw;
 use super::super::{CameraImuError, ImuSample, Priors, Recording, so3};
 use super::{PosedViews, estimate};
 
-/// A recording that is ready to be fitted one way or the other, with the noise that is told and from the same place,
-/// 9 mrad, 7 mm and 0.5 ms off what [`estimate`] finds. For recordings without a rolling shutter. How both compare is in
-/// docs/decisions/0006-camera-imu.md.
+/// A recording prepared for both formulations, with nominal noise and the same initial values, 9
+/// mrad, 7 mm and 0.5 ms from the result of [`estimate`]. For recordings without a rolling shutter.
+/// Comparison: docs/decisions/0006-camera-imu.md.
 pub struct Formulations<'a> {
     recording: &'a Recording,
     posed_views: PosedViews<'a>,
@@ -19,18 +20,19 @@ pub struct Formulations<'a> {
     shared: Shared,
 }
 
-/// What a formulation found.
+/// Result of a formulation.
 #[derive(Clone, Copy, Debug)]
 pub struct FormulationResult {
-    /// Rows of the rotation of `imu_from_left`.
+    /// Rotation matrix of `imu_from_left`.
     pub rotation: Matrix3<f64>,
     /// Its translation, m.
     pub translation: Vector3<f64>,
     /// `t_imu - t_camera`, s.
     pub time_offset_s: f64,
-    /// Covariance of rotation (turns in the left optical frame, rad), translation (m) and time offset (s).
+    /// Covariance of rotation (in the left optical frame, rad), translation (m) and time offset
+    /// (s).
     pub covariance: SMatrix<f64, 7, 7>,
-    /// Squares of residuals over their variance: by degree of freedom, for the spline by residual.
+    /// Mean squared residual over its variance: by degree of freedom, for the spline by residual.
     pub misfit: f64,
 }
 
@@ -59,7 +61,8 @@ impl<'a> Formulations<'a> {
         })
     }
 
-    /// States at the pictures, samples between them integrated. None if the fit does not end.
+    /// States at the views, IMU samples between them preintegrated. `None` if the fit does not
+    /// converge.
     pub fn preintegrated(&self) -> Option<FormulationResult> {
         self.with(|problem| {
             let work = self.posed_views.work(self.recording, &self.priors);
@@ -76,7 +79,8 @@ impl<'a> Formulations<'a> {
         })
     }
 
-    /// A cubic B-spline with knots so many seconds apart, every sample a residual. None if the fit does not end.
+    /// A cubic B-spline with a knot spacing of `knot_s`, every IMU sample a residual. `None` if the
+    /// fit does not converge.
     pub fn spline(&self, knot_s: f64) -> Option<FormulationResult> {
         let zero_ns = self.recording.observations[0].time_ns;
         let raw = |s: &ImuSample| Raw {
@@ -163,7 +167,7 @@ mod tests {
         for ((at, n), apart) in [(0, 3), (3, 3), (6, 1)].into_iter().zip(apart) {
             let (ours, reference) = (sigma(&ours, at, n), sigma(&reference, at, n));
             assert!(apart < ours, "{apart} of {ours}");
-            // A spline with knots this far apart leaves a little less room for noise.
+            // A spline with this knot spacing absorbs a little less noise.
             assert!(
                 (0.6..1.1).contains(&(reference / ours)),
                 "{ours} {reference}"

@@ -1,4 +1,4 @@
-//! Analytic derivatives of the factors against finite differences.
+//! Analytic Jacobians of the factors against finite differences.
 
 use super::super::ImuSample;
 use super::super::simulate::{Random, ZED_NOISE};
@@ -9,7 +9,7 @@ fn random_vector(random: &mut Random, size: f64) -> Vector3<f64> {
     Vector3::new(random.normal(), random.normal(), random.normal()) * size
 }
 
-/// Two states and all else, nowhere near a solution.
+/// Two states and all other parameters, far from a solution.
 fn example() -> (Vec<State>, Shared, Track) {
     let mut random = Random::new(5);
     let states = (0..2)
@@ -31,7 +31,7 @@ fn example() -> (Vec<State>, Shared, Track) {
         gyro_shape: Matrix3::identity() + Matrix3::from_fn(|_, _| 0.01 * random.normal()),
         accel_shape: Matrix3::identity() + Matrix3::from_fn(|_, _| 0.01 * random.normal()),
     };
-    // Samples so close that straight lines between them make no steps worth noting.
+    // Samples so dense that the steps of linear interpolation are negligible.
     let samples: Vec<ImuSample> = (0..8000)
         .map(|k| {
             let t = f64::from(k) * 5e-5;
@@ -115,7 +115,7 @@ fn derivatives_of_all_factors() {
             rotation: shared.rotation * so3::exp(&Vector3::new(0.3, -0.2, 0.5)),
             ..shared
         },
-        // Nothing is ever told of the direction of gravity.
+        // There is no prior on the direction of gravity.
         sigmas: SVector::from_fn(|k, _| match k {
             DOWN..BOARD => f64::INFINITY,
             _ => 0.1 + 0.01 * k as f64,
