@@ -1,19 +1,21 @@
-//! What mends a rig of which lenses or places are not known: command lines, the same in every program that says so.
+//! Remedies for a rig without intrinsics or extrinsics: command lines, the same in every program
+//! that prints them.
 //!
-//! `BOARDS` stands for a session in which boards were shown, `SESSION` and `SCENE` for what is reconstructed;
-//! docs/calibration.md has the whole way.
+//! `BOARDS` stands for a session in which boards were recorded, `SESSION` and `SCENE` for input and
+//! output of the reconstruction; docs/calibration.md describes the whole procedure.
 
-/// Finds lenses and places from boards alone; writes `rig.toml` and a `NAME.yaml` for each camera.
+/// Calibrates intrinsics and extrinsics from boards alone; writes `rig.toml` and a `NAME.yaml` for
+/// each camera.
 pub const CALIBRATE: &str = "paws calib cameras BOARDS --target board.toml --out calibration";
 
-/// Finds where IMUs sit, with what [`CALIBRATE`] found; writes `rig-imu.toml`.
+/// Calibrates IMU extrinsics with the result of [`CALIBRATE`]; writes `rig-imu.toml`.
 pub const PLACE_IMUS: &str =
     "paws calib camera-imu BOARDS --target board.toml --calibration calibration --out calibration";
 
-/// Gives lenses and places to a session of the library that was recorded without and handed over.
+/// Reconstructs a session of the library that was recorded and handed over without calibration.
 pub const RECONSTRUCT: &str = "paws reconstruct run SESSION --calibration calibration --out SCENE";
 
-/// What mends a camera without lenses before anything is recorded.
+/// Remedy for a camera without intrinsics before a recording.
 ///
 /// ```
 /// let text = calib::mend::before("feet");
@@ -26,12 +28,13 @@ pub fn before(camera: &str) -> String {
     )
 }
 
-/// What mends a session that was recorded without lenses or places.
+/// Remedy for a session that was recorded without intrinsics or extrinsics.
 pub fn after() -> String {
     format!("record a board (BOARDS), then `{CALIBRATE}`, then `{RECONSTRUCT}`")
 }
 
-/// That lenses of these cameras are not known, and what mends it; none for no cameras.
+/// Warning that the intrinsics of these cameras are unknown, with its remedy; `None` for no
+/// cameras.
 pub fn without_lenses(cameras: &[&str]) -> Option<String> {
     if cameras.is_empty() {
         return None;

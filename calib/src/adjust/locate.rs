@@ -1,7 +1,7 @@
-//! One pose alone: where an eye was when it saw known points, everything else held.
+//! Pose of a single eye from known points, everything else fixed.
 //!
-//! The same cost as the whole adjustment has, by the same method, without its bookkeeping: this runs for
-//! every picture of a recording.
+//! Same cost and method as the full adjustment, without its bookkeeping: this runs for every image
+//! of a recording.
 
 use cad_transforms::RigidTransform;
 use nalgebra::{Matrix6, SMatrix, Vector3, Vector6};
@@ -12,21 +12,20 @@ use super::{AdjustError, Point, Settings};
 use crate::camera::CameraModel;
 use crate::lens::Lens;
 
-/// Most steps.
+/// Maximum number of steps.
 const STEPS: usize = 40;
-/// A step that lowers the cost by a smaller share than this is the last.
+/// Relative decrease of the cost below which the iteration ends.
 const TOLERANCE: f64 = 1e-9;
-/// Least share of points that must be projected from the start.
+/// Minimum fraction of points that can be projected at the initial pose.
 const MIN_PROJECTED_RATIO: f64 = 0.6;
-/// A point that cannot be projected counts as this many sigmas off.
+/// Residual, in sigmas, of a point that cannot be projected.
 const UNPROJECTED_SIGMAS: f64 = 30.0;
-/// Least scale: exact observations must not divide by 0.
+/// Minimum scale: exact observations must not divide by 0.
 const MIN_SCALE: f64 = 1e-6;
 
-/// Where an eye was when it saw these points, and the RMS length of the residuals, px.
+/// Pose of an eye from its observation of these points, and the RMS residual, px.
 ///
-/// # Errors
-/// [`AdjustError::Start`].
+/// # Errors [`AdjustError::Start`].
 pub fn locate(
     model: &CameraModel,
     points: &[Point],
@@ -65,7 +64,7 @@ fn residuals(lens: &Lens, points: &[Point], pose: &RigidTransform) -> Vec<Option
     points.iter().map(of).collect()
 }
 
-/// How far off points are, in their own sigmas, by their median.
+/// Median residual scale of the points, in their own sigmas.
 fn scale(points: &[Point], residuals: &[Option<[f64; 2]>]) -> f64 {
     let lengths = residuals.iter().zip(points);
     let lengths = lengths.map(|(r, p)| r.map_or(f64::INFINITY, |[x, y]| x.hypot(y)) / p.sigma_px);

@@ -1,5 +1,4 @@
-//! The normal equations: what every view says of lenses and places once the pose of its instant is
-//! eliminated.
+//! The normal equations of lenses and constant poses, with the poses of the instants eliminated.
 
 use std::num::NonZero;
 
@@ -10,48 +9,48 @@ use super::{PosePrior, Prior, Problem, View};
 use crate::camera::CameraModel;
 use crate::lens::Lens;
 
-/// A pixel that cannot be projected counts as this many sigmas off, so that steps that lose points
-/// are refused.
+/// Residual, in sigmas, of a point that cannot be projected, so that steps that lose points are
+/// rejected.
 const UNPROJECTED_SIGMAS: f64 = 30.0;
-/// Work is cut into so many pieces, whatever the number of threads, so that sums come out alike.
+/// Number of work chunks, independent of the number of threads, so that sums are reproducible.
 const CHUNKS: usize = 16;
 
-/// Where the numbers of each block begin in the vector of free ones; `None` for fixed ones.
+/// Offset of each block in the vector of free parameters; `None` for fixed ones.
 #[derive(Clone, Debug)]
 pub(super) struct Layout {
     pub(super) lenses: Vec<Vec<Option<usize>>>,
     pub(super) poses: Vec<Option<usize>>,
     pub(super) count: usize,
-    /// Views of each instant, by number.
+    /// Views of each instant, by index.
     pub(super) views: Vec<Vec<usize>>,
 }
 
-/// What the loss makes of residuals.
+/// Robust loss.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Loss {
-    /// How far all observations are off, in their own sigmas.
+    /// Common scale of the residuals, in their own sigmas.
     pub(super) scale: f64,
-    /// From how many sigmas on they count less.
+    /// Huber threshold, in sigmas.
     pub(super) knee: f64,
 }
 
-/// One instant's share.
+/// Contribution of one instant.
 pub(super) struct Share {
-    /// Inverse of the pose's own block, damped.
+    /// Inverse of the damped block of the pose.
     pub(super) inverse: Matrix6<f64>,
-    /// Pose's gradient.
+    /// Gradient of the pose.
     pub(super) gradient: Vector6<f64>,
-    /// Between the free numbers and the pose, only rows in `columns`.
+    /// Block between the free parameters and the pose, only rows in `columns`.
     pub(super) mixed: MatrixXx6<f64>,
-    /// Which free numbers its views touch.
+    /// Free parameters that its views depend on.
     pub(super) columns: Vec<usize>,
     /// Gradient of those with the pose eliminated: the instant's score.
     pub(super) score: DVector<f64>,
-    /// What the instant tells of those, with the pose eliminated.
+    /// Information matrix of those with the pose eliminated.
     pub(super) information: DMatrix<f64>,
 }
 
-/// The whole, with the poses eliminated.
+/// Normal equations with the poses of all instants eliminated.
 pub(super) struct Normal {
     pub(super) matrix: DMatrix<f64>,
     pub(super) gradient: DVector<f64>,
@@ -88,7 +87,7 @@ impl Layout {
         }
     }
 
-    /// The free numbers that a view touches, in the order of its columns.
+    /// The free parameters that a view depends on, in the order of its columns.
     fn columns(&self, view: &View) -> Vec<usize> {
         let lens = self.lenses[view.lens].iter().flatten().copied();
         let placed = view.path.iter().chain(&view.target);
@@ -99,7 +98,7 @@ impl Layout {
 }
 
 impl Loss {
-    /// Half the loss and the weight of a squared residual in own sigmas.
+    /// Half the loss and the weight for a squared residual in sigmas.
     pub(super) fn of(&self, square: f64) -> (f64, f64) {
         let s = square / (self.scale * self.scale);
         if s <= self.knee * self.knee {
@@ -111,7 +110,7 @@ impl Loss {
     }
 }
 
-/// The chain of poses of a view, at its present values.
+/// The chain of poses of a view at the current values.
 pub(super) struct Chain {
     lens: Lens,
     world_from_target: Option<Pose>,
@@ -131,7 +130,7 @@ impl Chain {
         }
     }
 
-    /// Where the point is in the eye, m.
+    /// The point in the eye's frame, m.
     pub(super) fn in_eye(&self, x_in_target: [f64; 3]) -> Vector3<f64> {
         let x = Vector3::from(x_in_target);
         let x = self.world_from_target.map_or(x, |pose| pose.apply(&x));
@@ -142,7 +141,7 @@ impl Chain {
         x
     }
 
-    /// Derivatives of the pixel by the point in the target, px/m.
+    /// Jacobian of the pixel with respect to the point in the target, px/m.
     pub(super) fn by_target(&self, x_in_target: [f64; 3]) -> Option<Matrix2x3<f64>> {
         let x_in_eye = self.in_eye(x_in_target);
         let mut by_point = self.lens.project_with_jacobians(x_in_eye.into())?.by_point;
@@ -161,8 +160,8 @@ impl Chain {
     }
 }
 
-/// Derivatives of one pixel in the order: free numbers of the lens, places of the path, the target's
-/// place, the pose of the instant.
+/// Jacobians of one pixel, in the order: free parameters of the lens, poses of the path, pose of
+/// the target, pose of the instant.
 struct Row {
     residual: [f64; 2],
     lens: SMatrix<f64, 2, { CameraModel::MAX_PARAMETERS }>,
@@ -190,7 +189,8 @@ impl Chain {
         };
         let turned_to_rig = self.rig_from_world.rotation * x_in_world;
         let x_in_rig = turned_to_rig + self.rig_from_world.translation;
-        // Forward along the path; `arms` are the points from the child's origin, in the parent's axes.
+        // Forward along the path; `arms` are the points from the child's origin, in the parent's
+        // axes.
         let mut x = x_in_rig;
         let mut arms = Vec::with_capacity(self.path.len());
         for pose in &self.path {
@@ -199,7 +199,7 @@ impl Chain {
             x = pose.rotation.tr_mul(&arm);
         }
         let projected = self.lens.project_with_jacobians(x.into())?;
-        // Backward: by the point in ever earlier frames.
+        // Backward: Jacobian with respect to the point in ever earlier frames.
         let mut by_point = projected.by_point;
         let mut path = vec![SMatrix::zeros(); self.path.len()];
         for (i, (pose, arm)) in self.path.iter().zip(&arms).enumerate().rev() {
@@ -225,7 +225,7 @@ impl Chain {
     }
 }
 
-/// A view's rows, weighted, side by side: free numbers, then the pose, then the residual.
+/// The weighted rows of a view, side by side: free parameters, pose, residual.
 fn rows(
     problem: &Problem,
     layout: &Layout,
@@ -282,7 +282,7 @@ fn rows(
     (all, cost)
 }
 
-/// What one instant gives.
+/// Accumulated contributions of a chunk of instants.
 struct Chunk {
     matrix: DMatrix<f64>,
     gradient: DVector<f64>,
@@ -319,7 +319,7 @@ fn accumulate(
     sum
 }
 
-/// One instant's share and its cost.
+/// Contribution and cost of one instant.
 fn share(
     problem: &Problem,
     layout: &Layout,
@@ -373,7 +373,7 @@ fn share(
     for k in 0..6 {
         damped[(k, k)] += damping * own[(k, k)] + f64::MIN_POSITIVE;
     }
-    // An instant without a determined pose says nothing of the rest.
+    // An instant without a determined pose contributes nothing.
     let inverse = damped
         .cholesky()
         .map_or_else(Matrix6::zeros, |c| c.inverse());
@@ -391,8 +391,8 @@ fn share(
     (share, cost_sum)
 }
 
-/// The normal equations at the present values. `damping` is Levenberg's and Marquardt's, and is added
-/// in proportion to the diagonal; the caller adds it to the free numbers.
+/// The normal equations at the current values. `damping` (Levenberg–Marquardt) is proportional to
+/// the diagonal; here it applies to the poses, the caller adds it to the free parameters.
 pub(super) fn build(problem: &Problem, layout: &Layout, loss: &Loss, damping: f64) -> Normal {
     let lenses = lenses(problem);
     let pieces = in_pieces(problem.instants.len(), |instants| {
@@ -449,8 +449,8 @@ pub(super) fn lenses(problem: &Problem) -> Vec<Lens> {
         .collect()
 }
 
-/// Runs over `0..count` in a fixed number of pieces, on as many threads as there are cores; results
-/// come in order.
+/// Runs over `0..count` in a fixed number of chunks, on as many threads as there are cores; results
+/// are in order.
 pub(crate) fn in_pieces<T: Send>(
     count: usize,
     work: impl Fn(std::ops::Range<usize>) -> T + Sync,
@@ -510,7 +510,7 @@ fn add_priors(problem: &Problem, layout: &Layout, normal: &mut Normal) {
     normal.cost += prior_cost(problem);
 }
 
-/// A covariance that cannot be inverted says nothing.
+/// A covariance that cannot be inverted contributes nothing.
 fn information(covariance: &Matrix6<f64>) -> Matrix6<f64> {
     covariance
         .cholesky()

@@ -37,8 +37,8 @@ fn model(distortion: Distortion) -> CameraModel {
     }
 }
 
-/// A stereo camera that sees a board of 7 x 5 corners in `instants` poses, with noise of `sigma` px;
-/// the values of the problem are the truth.
+/// A stereo camera with a board of 7 x 5 corners in `instants` poses, with noise of `sigma` px; the
+/// values of the problem are the ground truth.
 fn stereo(instants: usize, sigma: f64, seed: u64) -> Problem {
     let mut noise = Noise::new(seed);
     let distortion = Distortion::RadTan4 {
@@ -97,7 +97,7 @@ fn stereo(instants: usize, sigma: f64, seed: u64) -> Problem {
     problem
 }
 
-/// Gives every view the points of the board that fall into its picture.
+/// Gives every view the points of the board that project into its image.
 fn fill(problem: &mut Problem, sigma: f64, noise: &mut Noise) {
     let lenses = super::normal::lenses(problem);
     let snapshot = problem.clone();
@@ -121,7 +121,7 @@ fn fill(problem: &mut Problem, sigma: f64, noise: &mut Noise) {
     problem.views.retain(|view| view.points.len() >= 6);
 }
 
-/// The problem started elsewhere.
+/// The problem with disturbed initial values.
 fn disturbed(truth: &Problem, seed: u64) -> Problem {
     let mut noise = Noise::new(seed ^ 0xabcd);
     let mut start = truth.clone();
@@ -183,13 +183,14 @@ fn ninety_five_of_a_hundred_errors_are_within_two_sigma() {
             all += 1;
         }
     }
-    // 440 numbers, correlated within a run: 95.4 % are expected, 3 % is three of their deviations.
+    // 440 values, correlated within a run: 95.4 % are expected, 3 % is three of their deviations.
     let share = inside as f64 / all as f64;
     assert!((0.92..=0.995).contains(&share), "{share} of {all}");
 }
 
-/// Pictures of a rig that rests repeat each other with their errors: here six of them, in each of twelve stays. Where
-/// the rig is, is known from priors alone, and must not hide how far its eyes are turned from each other.
+/// Images of a rig at rest repeat each other with their errors: here six of them in each of twelve
+/// clusters. The pose of the rig is known from priors alone, and must not hide the rotation between
+/// the eyes.
 #[test]
 fn stays_count_once() {
     let share_inside = |clustered: bool| {
@@ -265,7 +266,7 @@ fn gross_errors_hardly_matter() {
 
 #[test]
 fn what_no_view_tells_is_named() {
-    // One view of a board straight ahead tells neither focal length nor depth.
+    // One view of a board straight ahead determines neither focal length nor depth.
     let mut problem = stereo(1, 0.1, 3);
     problem.instants[0] = RigidTransform::from_translation_m([-0.3, -0.2, 0.8]).unwrap();
     for view in &mut problem.views {
@@ -279,7 +280,7 @@ fn what_no_view_tells_is_named() {
     let text = "fx of left is not determined by 2 views";
     assert!(error.to_string().contains(text), "{error}");
 
-    // A prior on each is enough, and what is not determined stays where the prior has it.
+    // A prior on each is enough; parameters that are not determined keep their prior.
     let mut with_priors = again.clone();
     for lens in &mut with_priors.lenses {
         let values = lens.model.parameters().into_iter();
@@ -307,13 +308,13 @@ fn threads_and_repeats_give_the_same_bits() {
 }
 
 proptest! {
-    /// The gradient is that of the cost: by differences, over all kinds of numbers.
+    /// The gradient is that of the cost: by differences, over all kinds of parameters.
     #[test]
     fn the_gradient_is_the_costs(seed in 0u64..1000) {
         let problem = disturbed(&stereo(2, 0.3, seed), seed);
         let layout = super::normal::Layout::new(&problem);
         let loss = super::normal::Loss { scale: 1.0, knee: 1e9 };
-        // With the poses held: what elimination takes off the gradient is given back.
+        // With the poses fixed: the part of the gradient removed by the elimination is added back.
         let normal = super::normal::build(&problem, &layout, &loss, 0.0);
         let mut gradient = normal.gradient.clone();
         for share in &normal.shares {

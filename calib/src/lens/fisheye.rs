@@ -1,7 +1,7 @@
-//! Equidistant fisheye with four terms (Kannala and Brandt 2006; OpenCV's `fisheye`):
-//! `θ_d = θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)`, θ the angle off the axis, up to π.
+//! Equidistant fisheye with four terms (Kannala and Brandt 2006; OpenCV's `fisheye`): `θ_d = θ (1 +
+//! k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)`, θ the angle off the axis, up to π.
 //!
-//! The domain ends where `θ_d` stops growing.
+//! The domain ends where `θ_d` is no longer increasing.
 
 use std::f64::consts::PI;
 
@@ -9,7 +9,7 @@ use nalgebra::Matrix2x3;
 
 use super::{ByCoefficients, Distorted, end_of_domain};
 
-/// Closer to the axis than this, as a ratio of radius and depth, series stand for quotients by 0.
+/// Ratio of radius and depth below which series replace quotients by 0.
 const MIN_OFF_AXIS: f64 = 1e-9;
 
 #[derive(Clone, Copy, Debug)]
@@ -74,7 +74,8 @@ impl Fisheye {
         let scale = self.distorted_angle(angle) / r;
         let slope = self.slope(angle);
         let square = r * r + z * z;
-        // Along the radius and across it; the angle changes by z/(r²+z²) per radius, -r/(r²+z²) per depth.
+        // Radial and tangential direction; the angle changes by z/(r²+z²) per radius, -r/(r²+z²)
+        // per depth.
         let along = slope * z / square;
         let by_depth = -slope * r / square;
         let by_point = Matrix2x3::new(
@@ -107,7 +108,7 @@ impl Fisheye {
         if goal.is_nan() || goal > self.distorted_angle(high) {
             return None;
         }
-        // Newton's method, kept inside an interval that holds the root: θ_d grows over the domain.
+        // Newton's method, bracketed by an interval with the root: θ_d increases over the domain.
         let mut angle = goal.min(0.5 * (low + high));
         for _ in 0..60 {
             let excess = self.distorted_angle(angle) - goal;

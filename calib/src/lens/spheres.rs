@@ -26,7 +26,8 @@ fn weight(alpha: f64) -> f64 {
     }
 }
 
-/// The quotient `(x, y) / n` with the derivatives of `n` by the point and by two coefficients.
+/// The quotient `(x, y) / n` with the derivatives of `n` with respect to the point and two
+/// coefficients.
 fn quotient(
     [x, y]: [f64; 2],
     n: f64,

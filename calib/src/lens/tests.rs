@@ -2,7 +2,7 @@ use proptest::prelude::*;
 
 use super::*;
 
-/// Lenses of every family: mild, strong, and some that turn back inside a wide picture.
+/// Lenses of every family: mild, strong, and some that are not monotonic inside a wide image.
 fn models() -> Vec<CameraModel> {
     let (p1, p2) = (3e-4, -2e-4);
     let distortions = [
@@ -14,7 +14,7 @@ fn models() -> Vec<CameraModel> {
             p1,
             p2,
         },
-        // A ZED Mini's own factory values turn back at 58 degrees.
+        // A ZED Mini's factory values are not monotonic beyond 58 degrees.
         Distortion::RadTan5 {
             k1: -0.17,
             k2: 0.026,
@@ -156,7 +156,7 @@ proptest! {
 
 #[test]
 fn domains_end_where_the_picture_would_fold() {
-    // k1 alone turns back where 1 + 3 k1 r² = 0.
+    // With k1 alone, the distortion has its maximum where 1 + 3 k1 r² = 0.
     let model = CameraModel {
         distortion: Distortion::Radial2 { k1: -0.3, k2: 0.0 },
         ..models()[0]
@@ -171,7 +171,7 @@ fn domains_end_where_the_picture_would_fold() {
     let pixel = |r: f64| [model.fx * r + model.cx, model.cy];
     assert!(lens.unproject(pixel(edge * 0.999)).is_some());
     assert_eq!(lens.unproject(pixel(edge * 1.001)), None);
-    // Behind a pinhole there is nothing; a fisheye sees more than half of the world.
+    // A pinhole has nothing behind it; a fisheye sees more than half of the world.
     assert_eq!(Lens::new(&models()[0]).project([0.1, 0.1, -1.0]), None);
     let wide = Distortion::KannalaBrandt4 {
         k1: 0.0,

@@ -11,7 +11,7 @@ use super::refine::{self, Window};
 use super::saddle;
 use super::square::{Square, distance};
 
-/// How the board's axes lie in a lattice: `lattice = origin + turned by quarter turns (board)`.
+/// How the board's axes lie in a lattice: `lattice = origin + rotated by quarter turns (board)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Placement {
     /// Lattice coordinates of the board's corner (0, 0).
@@ -22,17 +22,17 @@ struct Placement {
 
 impl Placement {
     fn lattice_at(&self, [x, y]: [i32; 2]) -> [i32; 2] {
-        let [u, v] = turned([x, y], self.turns);
+        let [u, v] = rotated([x, y], self.turns);
         [self.origin[0] + u, self.origin[1] + v]
     }
 
     fn board_at(&self, [x, y]: [i32; 2]) -> [i32; 2] {
-        turned([x - self.origin[0], y - self.origin[1]], 4 - self.turns)
+        rotated([x - self.origin[0], y - self.origin[1]], 4 - self.turns)
     }
 }
 
 /// Quarter turns clockwise, x to y.
-fn turned([x, y]: [i32; 2], turns: usize) -> [i32; 2] {
+fn rotated([x, y]: [i32; 2], turns: usize) -> [i32; 2] {
     match turns % 4 {
         0 => [x, y],
         1 => [-y, x],
@@ -224,10 +224,10 @@ fn collect(
             }
         }
         // A crossing with neighbours along one axis only is as far from the others as that.
-        let turned = |s: [f64; 2]| [-s[1], s[0]];
+        let rotated = |s: [f64; 2]| [-s[1], s[0]];
         let sides = match sides {
             [Some(a), Some(b)] => [a, b],
-            [Some(a), None] | [None, Some(a)] => [a, turned(a)],
+            [Some(a), None] | [None, Some(a)] => [a, rotated(a)],
             [None, None] => continue,
         };
         found.corners.push(CornerCandidate {
@@ -439,7 +439,7 @@ fn placement(turns: usize, [x, y]: [i32; 2], [column, row]: [i32; 2]) -> Placeme
     // square's own top left crossing is corner (column - 1, row - 1). In the lattice that crossing is the
     // corner of the square to which `turns` quarter turns bring the top left.
     let at = [[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]][turns % 4];
-    let [u, v] = turned([column - 1, row - 1], turns);
+    let [u, v] = rotated([column - 1, row - 1], turns);
     Placement {
         origin: [at[0] - u, at[1] - v],
         turns: turns % 4,

@@ -106,15 +106,15 @@ impl Dictionary {
 
 /// The code of a marker of `bits` bits along a side, as it reads after a quarter turn clockwise.
 pub(super) fn quarter_turn(code: u64, bits: u32) -> u64 {
-    let mut turned = 0;
+    let mut rotated = 0;
     for row in 0..bits {
         for column in 0..bits {
             // What comes to (row, column) was at (last - column, row).
             let from = (bits - 1 - column) * bits + row;
-            turned = turned << 1 | code >> (bits * bits - 1 - from) & 1;
+            rotated = rotated << 1 | code >> (bits * bits - 1 - from) & 1;
         }
     }
-    turned
+    rotated
 }
 
 #[cfg(test)]
@@ -136,16 +136,16 @@ mod tests {
             let codes: Vec<u64> = (0..count).map(|id| dictionary.code(id).unwrap()).collect();
             let mut closest = u32::MAX;
             for (i, &code) in codes.iter().enumerate() {
-                let mut turned = code;
+                let mut rotated = code;
                 for _ in 0..3 {
-                    turned = quarter_turn(turned, bits);
-                    closest = closest.min((turned ^ code).count_ones());
+                    rotated = quarter_turn(rotated, bits);
+                    closest = closest.min((rotated ^ code).count_ones());
                 }
                 for &other in &codes[..i] {
-                    let mut turned = code;
+                    let mut rotated = code;
                     for _ in 0..4 {
-                        turned = quarter_turn(turned, bits);
-                        closest = closest.min((turned ^ other).count_ones());
+                        rotated = quarter_turn(rotated, bits);
+                        closest = closest.min((rotated ^ other).count_ones());
                     }
                 }
             }

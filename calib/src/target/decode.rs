@@ -176,8 +176,8 @@ impl Book {
     pub(super) fn find(&self, code: u64, most: u32) -> Option<Match> {
         let mut best: Option<Match> = None;
         let mut alone = true;
-        for (id, turned) in (0..).zip(&self.codes) {
-            for (turns, other) in turned.iter().enumerate() {
+        for (id, rotated) in (0..).zip(&self.codes) {
+            for (turns, other) in rotated.iter().enumerate() {
                 let errors = (other ^ code).count_ones();
                 if errors > best.map_or(most, |b| b.errors) {
                     continue;
@@ -191,7 +191,7 @@ impl Book {
 
     /// Wrong bits of a reading, were it this marker turned by so many quarters.
     pub(super) fn errors(&self, code: u64, id: u32, turns: usize) -> Option<u32> {
-        let turned = self.codes.get(id as usize)?;
-        Some((turned[turns % 4] ^ code).count_ones())
+        let rotated = self.codes.get(id as usize)?;
+        Some((rotated[turns % 4] ^ code).count_ones())
     }
 }

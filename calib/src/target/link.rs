@@ -16,7 +16,7 @@ pub(super) type End = (usize, usize);
 pub(super) type Links = Vec<[Option<End>; 4]>;
 
 /// How far a border is followed on faith, pixels, where blur or another corner leaves no contrast.
-const MIN_BORDER_PX: f32 = 6.5;
+const MAX_UNSUPPORTED_PX: f32 = 6.5;
 /// A crossing this near to the border's way is on it, pixels.
 const NEAR: f32 = 2.0;
 /// Share of the crossing's contrast that its borders must have.
@@ -126,7 +126,7 @@ fn follow(
         at = [at[0] + pace * direction[0], at[1] + pace * direction[1]];
         travelled += pace;
         unsure += pace;
-        if unsure > MIN_BORDER_PX || travelled > longest {
+        if unsure > MAX_UNSUPPORTED_PX || travelled > longest {
             return None;
         }
     }

@@ -1,18 +1,19 @@
-//! Which parts of a session are worth decoding.
+//! Selection of the bursts of a session that are decoded.
 //!
-//! Contract: bursts are spread over the whole session, one in each of equal parts of it, and within its part each lies where the
-//! body turns most, but not so fast that pictures blur. The choice depends on the gyroscopes alone; without any, each lies
-//! in the middle of its part.
+//! Contract: the session is divided into equal parts with one burst each. Within its part, a burst
+//! is placed where the rotation rate changes most, but not so fast that images blur. The selection
+//! depends on the gyroscopes alone; without them, each burst is in the middle of its part.
 
 use super::gyro::Gyro;
 
-/// Steps by which places are tried, and by which rates are looked at, ns.
+/// Step between candidate times, and sample interval of the rates, ns.
 const STEP_NS: i64 = 100_000_000;
 const RATE_STEP_NS: i64 = 10_000_000;
-/// Faster turns smear pictures, rad/s.
+/// Rate above which motion blur is expected, rad/s.
 const MAX_RATE_RAD_S: f64 = 2.0;
 
-/// First and last time of `count` bursts of a length in a session, ns; fewer where it is short.
+/// First and last time of `count` bursts of a given length in a session, ns; fewer in a short
+/// session.
 pub fn choose_bursts(
     gyros: &[&Gyro],
     span_ns: [i64; 2],
@@ -37,7 +38,7 @@ pub fn choose_bursts(
     (0..count).map(burst).collect()
 }
 
-/// How much the rate changes, (rad/s)².
+/// Variance of the rate, (rad/s)².
 fn rate_variance(gyros: &[&Gyro], from: i64, to: i64) -> f64 {
     let Some(gyro) = gyros.first() else {
         return 0.0;

@@ -1,10 +1,10 @@
-//! A camera's turns against those of its own gyroscope: how the two are turned against each other, and how late pictures
-//! are stamped.
+//! Camera against its own gyroscope: rotation between the two, and time offset of the images.
 //!
-//! With `imu_from_left = nominal exp(w)`, the turn of a move is `imu_from_left⁻¹ G imu_from_left`, where `G` is the gyroscope's
-//! turn between the picture times less `late`. Found are `w` (in the left optical frame), `late`, the bias and a
-//! scale of each axis. Turns about one axis alone leave `w` about that axis open; turns that are steady leave `late` open;
-//! both show as large variances.
+//! With `imu_from_left = nominal exp(w)`, the rotation of a track segment is `imu_from_left⁻¹ G
+//! imu_from_left`, where `G` is the gyroscope's rotation between the image times minus
+//! `time_offset`. Estimated are `w` (in the left optical frame), the time offset, the bias and a
+//! scale of each axis. Rotation about a single axis leaves `w` about that axis open; a constant
+//! rate leaves the time offset open; both appear as large variances.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
@@ -18,49 +18,53 @@ use super::tracks::{Burst, TrackSegment};
 use crate::lens::Lens;
 use crate::stereo::StereoCalibration;
 
-/// Fewest moves that say anything.
+/// Minimum number of segments.
 const MIN_SEGMENTS: usize = 12;
-/// What a move's turn may be off besides what its corners say, rad: corners slide with shadows and shapes.
+/// Sigma floor of a segment's rotation, rad: features slide with shadows and contours.
 const ROTATION_SIGMA_FLOOR_RAD: f64 = 1.5e-4;
 const ROUNDS: usize = 8;
-/// Standard deviations before anything is seen: of `w`, rad; of biases, rad/s; of `late`, s; of scales.
+/// Prior sigmas: of `w`, rad; of biases, rad/s; of the time offset, s; of scales.
 const PRIOR_SIGMAS: [f64; 4] = [0.1, 0.03, 0.03, 0.01];
-/// Times are seen where noise makes up less of how the gyroscope's rate changes during moves.
+/// Minimum fraction of the gyroscope's rate change during segments that is not noise, for the time
+/// offset to be observable.
 const MIN_SIGNAL_RATIO: f64 = 0.5;
-/// Offset of inverse distances, before and between moves: yaw of an eye over the baseline, rad.
+/// Prior sigma of the inverse-distance offset, before and between segments: yaw of an eye over the
+/// baseline, rad.
 const YAW_SIGMA_RAD: f64 = 2e-3;
 
-/// See the module.
+/// Result; see the module.
 #[derive(Clone, Debug, Serialize)]
 pub struct CameraImu {
     /// `w`, rad.
     pub rotation_rad: [f64; 3],
     /// Standard deviation about each axis, rad.
     pub sigma_rad: [f64; 3],
-    /// Covariance of it, rad².
+    /// Its covariance, rad².
     #[serde(skip)]
     pub(super) covariance: Matrix3<f64>,
-    /// How much later pictures are stamped than the gyroscope's samples, s.
+    /// Time offset, s: positive if images are stamped later than the gyroscope's samples.
     pub time_offset_s: f64,
     /// Its standard deviation, s.
     pub time_offset_sigma_s: f64,
-    /// Of the gyroscope, rad/s.
+    /// Gyroscope bias, rad/s.
     pub bias_rad_s: [f64; 3],
-    /// Time from the exposure of a row to that of the next, as told or found, s.
+    /// Line time: from the exposure of a row to that of the next, nominal or estimated, s.
     pub line_s: f64,
-    /// Moves used.
+    /// Number of segments used.
     pub segments: usize,
-    /// Moves looked at.
+    /// Number of segments available.
     pub of: usize,
-    /// Turns of moves as rates about the axes of the left optical frame, for a plot: middle of the move (s since the first
-    /// one), by the pictures, by the gyroscope as told (bias as found), rad/s.
+    /// Rotations of segments as rates about the axes of the left optical frame, for a plot: middle
+    /// of the segment (s since the first one), rate by the images, rate by the gyroscope with
+    /// nominal extrinsics (estimated bias), rad/s.
     #[serde(skip)]
     pub rates: Vec<(f64, [f64; 3], [f64; 3])>,
-    /// Yaw of the right eye that distances ask for besides that of [`super::StereoAlignment`], rad, and its standard deviation.
+    /// Additional yaw of the right eye implied by the distances, beyond that of
+    /// [`super::StereoAlignment`], rad, and its standard deviation.
     pub yaw_rad: [f64; 2],
 }
 
-/// What is estimated.
+/// Estimated parameters.
 #[derive(Clone, Copy)]
 struct State {
     /// `imu_from_left`.
@@ -70,7 +74,7 @@ struct State {
     scale: Vector3<f64>,
 }
 
-/// A move whose turn is known.
+/// A segment with its rotation.
 struct SegmentRotation {
     group: usize,
     times_ns: [f64; 2],
@@ -85,17 +89,18 @@ struct Camera<'a> {
     bursts: &'a [Burst],
 }
 
-/// Time that a sensor may take to read a picture, s, standard deviation, where nothing is told; how much is left open of it once it
-/// was found; and how many sigmas it must be from 0 to be believed.
+/// Without a nominal line time: prior sigma of the readout time, s; its sigma once estimated; and
+/// the significance above which the estimate is used.
 const READOUT_SIGMA_S: f64 = 0.015;
 const ESTIMATED_READOUT_SIGMA_S: f64 = 5e-4;
 const MIN_READOUT_SIGMAS: f64 = 3.0;
-/// What a second of unknown readout does to the times of pictures (s) and to turns (rad): of the simulated camera that
-/// looks down, whose 8.5 ms left out make pictures 1.5 to 2.3 ms late and turn it by 0.2 to 0.4 degrees.
+/// Error of the image times (s) and of the rotation (rad) per second of unknown readout: from the
+/// simulated camera that faces down, where ignoring its 8.5 ms shifts image times by 1.5 to 2.3 ms
+/// and rotates it by 0.2 to 0.4 degrees.
 const TIME_ERROR_PER_READOUT: f64 = 0.25;
 const ROTATION_ERROR_PER_READOUT: f64 = 0.6;
 
-/// Estimates; none with too little to see. `line_s` is the time from a row to the next, found out if it is not told.
+/// Runs the estimation; `None` without enough data. `line_s` is the line time, estimated if `None`.
 pub(super) fn estimate(
     nominal: &StereoCalibration,
     eyes: &StereoAlignment,
@@ -121,7 +126,7 @@ pub(super) fn estimate(
     let baseline = nominal.right_from_left.distance_m();
     let mut offset = [0.0, YAW_SIGMA_RAD / baseline];
     let rows = f64::from(nominal.left.height);
-    // A told line is left a little room, so that nothing is divided by zero.
+    // A nominal line time gets a tiny sigma, so that nothing is divided by zero.
     let mut line_sigma_s = if line_s.is_some() {
         1e-9
     } else {
@@ -187,7 +192,7 @@ pub(super) fn estimate(
 }
 
 impl Camera<'_> {
-    /// Turns of all moves that have one.
+    /// Rotations of all segments with enough features.
     fn rotations(
         &self,
         state: &State,
@@ -236,7 +241,8 @@ impl Camera<'_> {
             let px_per_rad = px_per_rad(lens, later)?;
             let ray = Vector3::from(lens.unproject(later)?);
             let rows = [feature.left[1], later[1]].map(|row| row - middle);
-            // Takes a ray from when its row was exposed to the middle row, and says how fast that changes with the line.
+            // Transfers a ray from the exposure of its row to that of the middle row; with the
+            // derivative with respect to the line time.
             let at_once = |ray: Vector3<f64>, time_ns: i64, row: f64| {
                 let time_ns = time_ns as f64;
                 let row_ns = row * self.line_s * 1e9;
@@ -268,7 +274,8 @@ impl Camera<'_> {
         seen.collect()
     }
 
-    /// Moves the state to where the gyroscope fits the known turns best. Gives the covariance and the moves used.
+    /// Aligns the state with the measured rotations. Returns the covariance and the number of
+    /// segments used.
     fn align(
         &self,
         state: &mut State,
@@ -277,7 +284,8 @@ impl Camera<'_> {
         let [w, bias, late, scale] = PRIOR_SIGMAS;
         let sigmas =
             SVector::<f64, 10>::from([w, w, w, bias, bias, bias, late, scale, scale, scale]);
-        // Noise changes from sample to sample like a rate that does, and would tell of times where nothing turns.
+        // Noise varies from sample to sample like a changing rate, and would appear to determine
+        // the time offset at rest.
         let noise = 2.0 * self.gyro.noise().powi(2);
         let mut is_offset_observable = true;
         let mut last = None;
@@ -301,7 +309,7 @@ impl Camera<'_> {
             };
             let compared: Vec<_> = rotations.iter().filter_map(compared).collect();
             let mut sizes: Vec<f64> = compared.iter().map(|c| c.4).collect();
-            // The median of the length of three normal numbers is 1.538.
+            // The median norm of a three-dimensional standard normal vector is 1.538.
             let scale = (median(&mut sizes) / 1.538).max(0.7);
             let mut used = 0;
             let (mut changes, mut by_noise) = (0.0, 0.0);
@@ -359,7 +367,8 @@ impl Camera<'_> {
     }
 }
 
-/// `later_from_first` of the left optical frame between two picture times, by the gyroscope.
+/// `later_from_first` of the left optical frame between two image times, predicted by the
+/// gyroscope.
 fn predicted(
     state: &State,
     gyro: &Integrated<'_>,
@@ -370,7 +379,7 @@ fn predicted(
     Some(state.imu_from_left.inverse() * turn * state.imu_from_left)
 }
 
-/// How far a move's turn is off, and the derivatives of the predicted turn.
+/// Residual of a segment's rotation, and the Jacobian of the predicted rotation.
 fn residual(
     state: &State,
     gyro: &Integrated<'_>,
@@ -400,8 +409,8 @@ fn residual(
     Some((error, by))
 }
 
-/// What all moves share of something that each of them found, with its variance, and of which so much was known before; and
-/// its standard deviation.
+/// Combines the estimates of a common parameter from all segments, given its prior mean and sigma;
+/// returns the value and its standard deviation.
 fn combine(
     rotations: &[SegmentRotation],
     of: impl Fn(&SegmentRotation) -> [f64; 2],
@@ -414,14 +423,14 @@ fn combine(
     let (mut weights, mut sum) = (prior, prior * expected);
     for k in rotations {
         let [value, variance] = of(k);
-        // What was known before took part in each of them.
+        // Every estimate contains the prior; it is removed.
         let own = (1.0 / variance - prior).max(0.0);
         let weight = own * tukey(0.5 * (value - middle) / variance.sqrt());
         let free = (value / variance - prior * expected) / own.max(1e-9 * prior);
         weights += weight;
         sum += weight * free;
     }
-    // Moves are not as independent as that.
+    // Inflated: segments are correlated.
     [sum / weights, 2.0 / weights.sqrt()]
 }
 
@@ -429,7 +438,7 @@ fn combine(
 fn px_per_rad(lens: &Lens, pixel: [f64; 2]) -> Option<f64> {
     let ray = lens.unproject(pixel)?;
     let by_point = lens.project_with_jacobians(ray)?.by_point;
-    // Both singular values of it are of directions across the ray, which is of length 1.
+    // Both singular values belong to directions normal to the ray, which has length 1.
     Some(
         (by_point * by_point.transpose())
             .determinant()

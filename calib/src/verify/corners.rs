@@ -1,19 +1,19 @@
-//! Places in a picture that can be found again: corners.
+//! Corner detection (Shi and Tomasi 1994).
 //!
-//! The least eigenvalue of the gradients' second moments (Shi and Tomasi 1994) says how well a place is held in both
-//! directions. One corner per cell of a grid, so that they cover the picture.
+//! The response is the smaller eigenvalue of the second moments of the gradients. One corner per
+//! cell of a grid, so that they cover the image.
 
 use super::pyramid::Level;
 
 /// Side of a cell, pixels.
 const CELL: usize = 22;
-/// Half the side of the window of second moments.
+/// Radius of the window of second moments.
 const WINDOW_RADIUS: usize = 3;
-/// Corners stay away from the border so far.
+/// Margin to the image border, pixels.
 const MARGIN: usize = 10;
-/// Least eigenvalue per pixel of the window, squared grey levels per pixel.
+/// Minimum response: eigenvalue per pixel of the window, squared grey levels per pixel.
 const MIN_RESPONSE: f32 = 12.0;
-/// And as a share of the strong ones of the picture.
+/// Minimum response relative to the strong corners of the image.
 const MIN_RESPONSE_RATIO: f32 = 0.01;
 
 /// Corners of a level, the strongest of each cell, at most `most`, in the order of cells.

@@ -1,25 +1,27 @@
-//! Which of several told numbers is wrong, if any is.
+//! Decision which of several nominal parameters is wrong, if any.
 //!
-//! What was measured depends on what may be off (a camera that turned, an IMU that sits otherwise in its camera, a clock) in a
-//! linear way: `y = H x + noise`, with `x` about 0 within tolerances. For each thing that may be off the best estimate
-//! of how far it is off is made, all others being within tolerance (generalised least squares). It is *off* where the
-//! estimate is longer than tolerance (2 sigma) and measurement ([`DETECTION_SIGMA`] sigma) explain together; the thing whose
-//! being off explains most of `y` is named, and the rest is judged anew with that one set free. Where two things
-//! explain `y` nearly as well, as with two cameras that are turned against each other, both are named.
+//! The measurements are linear in the deviations of the parameters (rotation of a camera, rotation
+//! of an IMU in its camera, clock): `y = H x + noise`, with `x` about 0 within tolerances. For each
+//! block of parameters the deviation is estimated by generalized least squares, all others within
+//! tolerance. The block is *inconsistent* if the estimate is longer than tolerance (2 sigma) and
+//! measurement ([`DETECTION_SIGMA`] sigma) explain together. The block that explains most of `y` is
+//! reported, and the rest is tested again with that block free. If two blocks explain `y` nearly
+//! equally well, as with two cameras rotated against each other, both are reported.
 
 use nalgebra::{DMatrix, DVector};
 
-/// Sigmas of measurement beyond tolerance that are no chance: with three axes 1 in 250 for one thing that is at the
-/// edge of its tolerance, and next to never for one that is well within.
+/// Detection threshold in measurement sigmas beyond the tolerance: with three axes, exceeded by
+/// chance in 1 of 250 cases for a parameter at the edge of its tolerance, and practically never
+/// well within it.
 pub const DETECTION_SIGMA: f64 = 3.3;
-/// Sigmas of tolerance that are no surprise.
+/// Tolerance limit, in sigmas of the tolerance.
 pub(super) const TOLERANCE_SIGMA: f64 = 2.0;
-/// Sigmas by which what is found falls short of what is true once in 40 times.
+/// Power margin, in sigmas: an estimate falls short of the true value by more in 1 of 40 cases.
 pub(super) const POWER_SIGMA: f64 = 2.0;
-/// Another thing explains nearly as much if its chi-squared is this close.
+/// Chi-squared difference below which two blocks explain the data equally well.
 const AMBIGUITY_CHI2: f64 = 6.0;
 
-/// A thing that may be off.
+/// A block of parameters that may deviate.
 #[derive(Clone, Debug)]
 pub(super) struct ParameterBlock {
     /// Its columns of `H`.
@@ -29,40 +31,40 @@ pub(super) struct ParameterBlock {
     pub(super) sigma: f64,
 }
 
-/// Everything that was measured.
+/// All measurements.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Measured {
     rows: Vec<(DMatrix<f64>, DVector<f64>, DMatrix<f64>)>,
 }
 
-/// How far one thing is off.
+/// Estimated deviation of one block.
 #[derive(Clone, Debug)]
 pub(super) struct Estimate {
     pub(super) error: Vec<f64>,
-    /// Standard deviations along `off`: of the measurement, and of what is tolerated.
+    /// Standard deviations along `error`: of the measurement, and of the tolerance.
     pub(super) sigma: f64,
     pub(super) tolerated: f64,
-    /// The largest of the measurement, along any direction.
+    /// Largest measurement sigma, along any direction.
     pub(super) largest: f64,
-    /// The largest of what is tolerated, along any direction.
+    /// Largest tolerance sigma, along any direction.
     pub(super) loosest: f64,
-    /// Beyond what it is off, along the direction in which least is seen.
+    /// Detection limit along the least constrained direction.
     pub(super) bound: f64,
-    /// What would be noticed nearly always, along that direction: so large that it is beyond the bound even where tolerance and
-    /// measurement fall short by [`POWER_SIGMA`] sigma.
+    /// Minimum detectable deviation along that direction: it exceeds the limit even if tolerance
+    /// and measurement fall short by [`POWER_SIGMA`] sigma.
     pub(super) min_detectable: f64,
-    /// How much of chi-squared it explains.
+    /// Decrease of chi-squared explained by the block.
     gain: f64,
 }
 
-/// What became of one thing.
+/// Decision on one block.
 #[derive(Clone, Debug)]
 pub(super) enum Decision {
-    /// Nothing was measured that depends on it.
+    /// No measurement depends on it.
     Unmeasured,
-    /// Within what tolerance and measurement explain, or explained by another thing that is off.
+    /// Explained by tolerance and measurement, or by another block that is inconsistent.
     Consistent(Estimate),
-    /// Off, or one of these is.
+    /// Inconsistent; alternatively one of these blocks is.
     Inconsistent(Estimate, Vec<usize>),
 }
 
@@ -71,7 +73,7 @@ impl Estimate {
         self.error.iter().map(|v| v * v).sum::<f64>().sqrt()
     }
 
-    /// By how much more than tolerance and measurement explain.
+    /// Excess over tolerance and measurement.
     pub(super) fn excess(&self) -> f64 {
         self.length() - TOLERANCE_SIGMA * self.tolerated - DETECTION_SIGMA * self.sigma
     }
@@ -100,7 +102,7 @@ impl Measured {
         Some((by, value, covariance))
     }
 
-    /// Judges all things.
+    /// Decides on all blocks.
     pub(super) fn judge(&self, blocks: &[ParameterBlock]) -> Vec<Decision> {
         let mut decisions: Vec<Decision> = blocks.iter().map(|_| Decision::Unmeasured).collect();
         let Some((by, value, noise)) = self.stacked() else {
@@ -148,7 +150,7 @@ fn estimate(
     free: &[bool],
     of: usize,
 ) -> Option<Estimate> {
-    // What is free may be anywhere: far beyond any tolerance, but small enough to compute with.
+    // A free block is nearly unconstrained: far beyond any tolerance, but numerically harmless.
     let mut tolerance = DMatrix::zeros(value.len(), value.len());
     for (block, free) in blocks.iter().zip(free) {
         let columns = by.columns(block.first, block.size);
@@ -164,7 +166,7 @@ fn estimate(
     let total = noise + &tolerance;
     let weight = total.cholesky()?.inverse();
     let information = own.transpose() * &weight * own;
-    // Chi-squared of a length of 1 that nothing measured depends on.
+    // Chi-squared of a deviation of one sigma, below which no measurement depends on the block.
     if information.amax() * block.sigma * block.sigma < 1e-6 {
         return None;
     }
@@ -200,7 +202,7 @@ fn estimate(
 mod tests {
     use super::*;
 
-    /// Differences of things, each measured with an error of 0.1.
+    /// Differences of parameters, each measured with an error of 0.1.
     fn differences(
         count: usize,
         values: &[(usize, usize, f64)],

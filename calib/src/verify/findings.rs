@@ -1,4 +1,4 @@
-//! From comparisons to findings: what is off, in words and numbers.
+//! Findings: decisions on nominal parameters, as numbers and as text.
 
 use nalgebra::{DMatrix, DVector, Matrix3, UnitQuaternion, Vector3};
 use serde::Serialize;
@@ -7,65 +7,68 @@ use super::decision::{Decision, Estimate, Measured, POWER_SIGMA, ParameterBlock,
 use super::gyro_pairs::GyroAlignment;
 use super::{Camera, CameraEstimate, Tolerances};
 
-/// Turns and delays that a walk must be able to show, so that not having seen one says something: rad and s.
+/// Rotation and time offset that a recording must be able to detect to confirm a parameter: rad and
+/// s.
 const REQUIRED_ROTATION_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 const REQUIRED_TIME_S: f64 = 3e-3;
-/// Comparisons of each two of three are not independent: each counts for two thirds, of `n` for `2 / n`.
+/// Covariance factor for pairwise comparisons, which are not independent: with three gyroscopes
+/// each counts for two thirds, with `n` for `2 / n`.
 const PAIR_COVARIANCE_FACTOR: f64 = 0.5;
 
-/// A told number.
+/// A nominal parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Parameter {
-    /// How the right eye of a camera is turned against the left one.
+    /// Rotation of the right eye against the left one.
     StereoRotation,
-    /// How a camera, with the IMU in it, is turned on the plate.
+    /// Rotation of a camera, with its IMU, on the plate.
     Camera,
-    /// How an IMU is turned in its camera.
+    /// Rotation of an IMU in its camera.
     Imu,
-    /// When a camera's pictures were taken.
+    /// Timestamps of a camera's images.
     ImageTime,
-    /// When an IMU's samples were taken.
+    /// Timestamps of an IMU's samples.
     ImuTime,
-    /// What the clock of a camera and its IMU shows against the others'.
+    /// Clock of a camera and its IMU against the others.
     Clock,
 }
 
-/// What the walk says of it.
+/// Decision on a parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
-    /// As told, as far as tolerance and measurement go.
+    /// Nominal value confirmed, within tolerance and measurement uncertainty.
     Consistent,
-    /// Not as told.
+    /// Nominal value contradicted.
     Inconsistent,
-    /// This walk does not tell.
+    /// The recording does not constrain the parameter.
     Undetermined,
 }
 
-/// A told number and what was found of it.
+/// Finding on one nominal parameter.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
     /// Which number.
     pub parameter: Parameter,
     /// The camera.
     pub camera: String,
-    /// What became of it.
+    /// Decision.
     pub status: Status,
-    /// What is found against what is told: turns in rad about the axes of the left optical frame (eyes: of the right one),
-    /// delays in s, positive where stamps are late. Relative to all others where nothing else can be known. None where nothing was seen.
+    /// Deviation from the nominal value: rotation in rad about the axes of the left optical frame
+    /// (stereo: of the right one), time offset in s, positive if timestamps are late. Relative to
+    /// all others if nothing else is observable. Empty without a measurement.
     pub estimate: Vec<f64>,
-    /// Standard deviation of the length of that by the measurement, rad or s.
+    /// Measurement sigma along `estimate`, rad or s.
     pub sigma: f64,
-    /// Tolerance along it, one standard deviation, rad or s.
+    /// Tolerance along `estimate`, one standard deviation, rad or s.
     pub tolerance_sigma: f64,
-    /// What would be noticed 39 times in 40, whatever its direction, rad or s.
+    /// Minimum detectable deviation, in any direction with a probability of 39/40, rad or s.
     pub min_detectable: f64,
-    /// By how much it is beyond tolerance and measurement together, rad or s; 0 where it is not off.
+    /// Excess over tolerance and measurement uncertainty together, rad or s; 0 if consistent.
     pub excess: f64,
-    /// Cameras one of which it may be instead.
+    /// Cameras that may be the cause instead.
     pub alternatives: Vec<String>,
-    /// In words.
+    /// Description.
     pub text: String,
 }
 
@@ -113,7 +116,7 @@ fn eyes(found: &[CameraEstimate], tolerances: &Tolerances) -> Vec<Finding> {
     found.iter().map(of).collect()
 }
 
-/// Cameras on the plate, and IMUs in cameras.
+/// Rotations of cameras on the plate, and of IMUs in cameras.
 fn rotations(
     cameras: &[Camera<'_>],
     found: &[CameraEstimate],
@@ -122,7 +125,8 @@ fn rotations(
 ) -> Vec<Finding> {
     let count = cameras.len();
     let columns = 6 * count;
-    // Column 3k: camera k on the plate, about the rig's axes; 3 (count + k): IMU k in its camera, about the left eye's.
+    // Column 3k: camera k on the plate, about the rig's axes; 3 (count + k): IMU k in its camera,
+    // about the left eye's.
     let mut measured = Measured::default();
     for (k, camera) in found.iter().enumerate() {
         let Some(imu) = &camera.imu else { continue };
@@ -152,7 +156,8 @@ fn rotations(
         let rotate = rig_from_imu.to_rotation_matrix();
         let covariance = rotate.matrix() * gyros.covariance * rotate.matrix().transpose();
         let value = rig_from_imu * Vector3::from(gyros.rotation_rad);
-        // Camera a turned, camera b turned the other way, IMU b and IMU a in theirs.
+        // Rotation of camera a, negative rotation of camera b, rotations of IMU b and IMU a in
+        // their cameras.
         let mut by = DMatrix::zeros(3, columns);
         let mut put = |column: usize, m: &Matrix3<f64>| {
             by.view_mut((0, column), (3, 3)).copy_from(m);
@@ -201,7 +206,7 @@ fn rotations(
     decision.filter_map(finding).collect()
 }
 
-/// Clocks.
+/// Time offsets.
 fn time_offsets(
     cameras: &[Camera<'_>],
     found: &[CameraEstimate],
@@ -212,7 +217,7 @@ fn time_offsets(
     let columns = 3 * count;
     let one = |variance: f64| DMatrix::from_element(1, 1, variance);
     let mut measured = Measured::default();
-    // Column k: pictures, count + k: samples, 2 count + k: the clock of both.
+    // Column k: images, count + k: samples, 2 count + k: the clock of both.
     for (k, camera) in found.iter().enumerate() {
         let Some(imu) = &camera.imu else { continue };
         let mut by = DMatrix::zeros(1, columns);
@@ -257,7 +262,7 @@ fn time_offsets(
     decision.filter_map(finding).collect()
 }
 
-/// A finding of what was judged. `names` are those of things, by their number modulo their count.
+/// The finding of a decision. `names` are those of the blocks, by index modulo their count.
 fn finding(
     parameter: Parameter,
     camera: &str,
@@ -270,7 +275,7 @@ fn finding(
         Decision::Inconsistent(estimate, close) => (Status::Inconsistent, Some(estimate), close),
         Decision::Consistent(estimate) => {
             let required = parameter.required();
-            // Who tolerates more wants to see less.
+            // A larger tolerance lowers the requirement.
             let required = f64::max(required, 2.0 * TOLERANCE_SIGMA * estimate.loosest);
             let is_detectable = estimate.bound + POWER_SIGMA * estimate.largest <= required;
             let status = if is_detectable {
@@ -308,12 +313,12 @@ fn finding(
 }
 
 impl Parameter {
-    /// Whether it is a turn; a delay if not.
+    /// Whether the parameter is a rotation; otherwise a time offset.
     pub fn is_rotation(self) -> bool {
         matches!(self, Self::StereoRotation | Self::Camera | Self::Imu)
     }
 
-    /// What a walk should be able to show, rad or s.
+    /// Deviation that a recording should be able to detect, rad or s.
     fn required(self) -> f64 {
         if self.is_rotation() {
             REQUIRED_ROTATION_RAD
@@ -324,7 +329,7 @@ impl Parameter {
 }
 
 impl Finding {
-    /// Length of what was found, rad or s; none where nothing was seen.
+    /// Norm of the deviation, rad or s; `None` without a measurement.
     pub fn size(&self) -> Option<f64> {
         let square = self.estimate.iter().map(|v| v * v).sum::<f64>();
         (!self.estimate.is_empty()).then_some(square.sqrt())
@@ -384,7 +389,7 @@ impl Finding {
         }
     }
 
-    /// About which axis.
+    /// Description of the rotation axis.
     fn axis(&self, size: f64) -> String {
         let [x, y, z] = [0, 1, 2].map(|k| self.estimate[k] / size);
         for (value, name) in [(x, "x"), (y, "y"), (z, "z")] {

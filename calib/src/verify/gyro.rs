@@ -1,16 +1,16 @@
-//! A gyroscope's samples as rotations between any two times.
+//! Gyroscope samples as rotations between any two times.
 //!
-//! Contract: between samples the rate is taken as linear in time. Beyond the ends and across gaps longer than
-//! [`MAX_GAP_S`] nothing is known, and the answer is `None`.
+//! Contract: the rate is interpolated linearly between samples. Beyond the ends and across gaps
+//! longer than [`MAX_GAP_S`] the result is `None`.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::robust::median;
 
-/// Longest time between two samples that is bridged, s.
+/// Maximum interval between two samples, s.
 const MAX_GAP_S: f64 = 0.03;
 
-/// Samples of a gyroscope in the order of time.
+/// Samples of a gyroscope, in order of time.
 #[derive(Clone, Debug, Default)]
 pub struct Gyro {
     times_ns: Vec<i64>,
@@ -18,7 +18,7 @@ pub struct Gyro {
     rates: Vec<Vector3<f64>>,
 }
 
-/// A gyroscope with a bias taken away, integrated.
+/// A gyroscope with its bias removed, integrated.
 #[derive(Clone, Debug)]
 pub(super) struct Integrated<'a> {
     gyro: &'a Gyro,
@@ -26,13 +26,13 @@ pub(super) struct Integrated<'a> {
     bias: Vector3<f64>,
     /// `start_from_imu` at each sample.
     start_from_imu: Vec<UnitQuaternion<f64>>,
-    /// Sum of the rates over time since the start, rad, for what is linear in them.
+    /// Integral of the rates since the start, rad, for quantities that are linear in them.
     sums: Vec<Vector3<f64>>,
 }
 
 impl Gyro {
-    /// Samples with times in ns and rates in rad/s in the frame of the IMU. Samples whose time is not after that of the
-    /// sample before, and such that are no numbers, are left out.
+    /// Samples with times in ns and rates in rad/s in the frame of the IMU. Samples that are not
+    /// finite, or whose time does not increase, are dropped.
     pub fn new(samples: impl IntoIterator<Item = (i64, [f64; 3])>) -> Self {
         let mut new = Self::default();
         for (time_ns, rate) in samples {
@@ -50,7 +50,7 @@ impl Gyro {
         Some([*self.times_ns.first()?, *self.times_ns.last()?])
     }
 
-    /// The same samples, stamped so much later.
+    /// The same samples, stamped later by `ns`.
     #[must_use]
     pub fn shifted_by_ns(&self, ns: i64) -> Self {
         Self {
@@ -59,8 +59,8 @@ impl Gyro {
         }
     }
 
-    /// Standard deviation of a sample's noise, rad/s, by how little three samples in a row lie on a line. A body is slow against
-    /// that; the median leaves out steps.
+    /// Noise standard deviation of a sample, rad/s, from the second differences of consecutive
+    /// samples. The motion of a body is slow against it; the median rejects steps.
     pub(super) fn noise(&self) -> f64 {
         let bend = |w: &[Vector3<f64>]| {
             (w[0] - w[1] * 2.0 + w[2])
@@ -70,7 +70,8 @@ impl Gyro {
                 / 3.0
         };
         let mut bends: Vec<f64> = self.rates.windows(3).map(bend).collect();
-        // The mean of three absolute normal numbers has its median near their mean, 0.798; the bend's variance is 6.
+        // The mean of three absolute normal values has its median near their mean, 0.798; the
+        // variance of a second difference is 6.
         median(&mut bends) / (0.798 * 6.0_f64.sqrt())
     }
 
@@ -81,7 +82,7 @@ impl Gyro {
         (first..last.max(first)).map(|i| (self.times_ns[i], self.rates[i]))
     }
 
-    /// Integrates `scale * rate - bias`, each axis by itself.
+    /// Integrates `scale * rate - bias`, per axis.
     pub(super) fn integrate(&self, scale: Vector3<f64>, bias: Vector3<f64>) -> Integrated<'_> {
         let count = self.rates.len();
         let (mut attitudes, mut sums) = (Vec::with_capacity(count), Vec::with_capacity(count));
@@ -110,7 +111,7 @@ impl Gyro {
 }
 
 impl Integrated<'_> {
-    /// The sample before a time, and the rest of the time, s; none where nothing is known.
+    /// The sample before a time, and the remaining time, s; `None` where nothing is known.
     fn before(&self, time_ns: f64) -> Option<(usize, f64)> {
         let times = &self.gyro.times_ns;
         let next = times.partition_point(|t| (*t as f64) <= time_ns);
@@ -120,7 +121,7 @@ impl Integrated<'_> {
         (gap_s <= MAX_GAP_S && rest_s <= gap_s).then_some((i, rest_s))
     }
 
-    /// Angle turned since sample `i`.
+    /// Rotation since sample `i`.
     fn rotation_after(&self, i: usize, rest_s: f64) -> Vector3<f64> {
         (self.rate_after(i, 0.5 * rest_s)) * rest_s
     }
@@ -154,7 +155,7 @@ impl Integrated<'_> {
             .then(|| Some(attitude(to_ns)?.inverse() * attitude(from_ns)?))?
     }
 
-    /// The rates summed up from one time to another, rad: no rotation, but linear in the rates.
+    /// Integral of the rates between two times, rad: not a rotation, but linear in the rates.
     pub(super) fn sum(&self, from_ns: f64, to_ns: f64) -> Option<Vector3<f64>> {
         let until = |time_ns: f64| {
             let (i, rest_s) = self.before(time_ns)?;

@@ -1,12 +1,12 @@
-//! Two gyroscopes on one rigid body against each other: how they are turned, and how late the one's samples are stamped
-//! against the other's. No pictures are needed.
+//! Two gyroscopes on one rigid body: rotation between them, and time offset. No images are needed.
 //!
-//! Both measure one rate: `b = exp(w) nominal (1 + S) a + bias + drift t`, with `a` taken `late` earlier. `S` is symmetric: scales
-//! and shears of both sensors together. Compared are rates summed up over short windows, which is linear in
-//! them and needs no common sampling.
+//! Both measure one rate: `b = exp(w) nominal (1 + S) a + bias + drift t`, with `a` taken
+//! `time_offset` earlier. `S` is symmetric: scale and shear of both sensors together. Rates are
+//! compared as integrals over short windows, which is linear in them and needs no common sampling.
 //!
-//! Noise turns as well: fitted to two gyroscopes at rest, a turn between them looks better known than it is. What only
-//! one of the two measured is noise, so a direction counts as seen if both tell of turns that show it ([`ObservableDirections`]).
+//! Noise acts as excitation: for two gyroscopes at rest the rotation between them appears better
+//! determined than it is. A signal that only one of the two measured is noise, so that a direction
+//! counts as observable if both measured rotations that determine it ([`ObservableDirections`]).
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
@@ -15,37 +15,38 @@ use serde::Serialize;
 use super::gyro::{Gyro, Integrated};
 use super::robust::{Grouped, median, sigmas_of, tukey};
 
-/// Length of a window, ns; windows of a block, whose errors may hang together; most blocks.
+/// Length of a window, ns; windows per block, whose errors may be correlated; maximum number of
+/// blocks.
 const WINDOW_NS: i64 = 20_000_000;
 const WINDOWS_PER_BLOCK: i64 = 100;
 const MAX_BLOCKS: i64 = 120;
-/// Fewest windows that say anything.
+/// Minimum number of windows.
 const MIN_WINDOWS: usize = 300;
 const ROUNDS: usize = 6;
-/// Least share of the turning that one gyroscope measured which the other one measured as well.
+/// Minimum fraction of the rotation measured by one gyroscope that the other one measured as well.
 const MIN_COMMON_RATIO: f64 = 0.5;
-/// Standard deviations before anything is seen: of `w`, rad, and of `late`, s.
+/// Prior sigmas: of `w`, rad, and of the time offset, s.
 const ROTATION_PRIOR_SIGMA_RAD: f64 = 0.1;
 const OFFSET_PRIOR_SIGMA_S: f64 = 0.05;
 const PARAMETERS: usize = 16;
 
-/// See the module.
+/// Result; see the module.
 #[derive(Clone, Debug, Serialize)]
 pub struct GyroAlignment {
     /// `w`, rad, in the frame of the second IMU.
     pub rotation_rad: [f64; 3],
     /// Standard deviation about each axis, rad.
     pub sigma_rad: [f64; 3],
-    /// Covariance of it, rad².
+    /// Its covariance, rad².
     #[serde(skip)]
     pub(super) covariance: Matrix3<f64>,
-    /// How much later the second one's samples are stamped, s.
+    /// Time offset, s: positive if the second one's samples are stamped later.
     pub time_offset_s: f64,
     /// Its standard deviation, s.
     pub time_offset_sigma_s: f64,
 }
 
-/// Compares; none if they have too little time in common. `b_from_a` is told.
+/// Compares two gyroscopes; `None` with too little common time. `b_from_a` is nominal.
 pub(super) fn estimate(
     b_from_a: &UnitQuaternion<f64>,
     a: &Gyro,
@@ -176,12 +177,12 @@ pub(super) fn estimate(
     })
 }
 
-/// A window: its group, its beginning (ns), and what the second gyroscope turned in it, rad.
+/// A window: its group, its start (ns), and the integral of the second gyroscope's rate, rad.
 type Window = (usize, f64, Vector3<f64>);
 
-/// What both gyroscopes tell something of.
+/// Directions that both gyroscopes observe.
 struct ObservableDirections {
-    /// Projects turns onto the directions that are seen, in the frame of the second IMU.
+    /// Projection of rotations onto the observable directions, in the frame of the second IMU.
     turns: Matrix3<f64>,
     is_offset_observable: bool,
 }
@@ -193,7 +194,7 @@ impl ObservableDirections {
         sum_a: &Integrated<'_>,
         sum_b: &Integrated<'_>,
     ) -> Self {
-        // What each turned in a window, and by how much its rate changed.
+        // Rotation of each in a window, and the change of its rate.
         let both = |(_, at, b): &Window| {
             let end = at + WINDOW_NS as f64;
             let a = nominal * sum_a.sum(*at, end)?;
@@ -214,7 +215,7 @@ impl ObservableDirections {
             own_change += change_a.dot(change_a);
             common_change += change_a.dot(change_b);
         }
-        // A turn about an axis shows in rates across it.
+        // A rotation about an axis is observed through rates normal to it.
         let across = |m: Matrix3<f64>| Matrix3::identity() * m.trace() - (m + m.transpose()) * 0.5;
         let (own, common) = (across(own), across(common));
         let axes = own.symmetric_eigen().eigenvectors;
@@ -228,7 +229,7 @@ impl ObservableDirections {
         }
     }
 
-    /// Leaves what is not seen where it is told.
+    /// Keeps unobservable directions at their nominal value.
     fn keep(&self, now: &mut SVector<f64, PARAMETERS>) {
         let turn = self.turns * now.fixed_rows::<3>(0);
         now.fixed_rows_mut::<3>(0).copy_from(&turn);

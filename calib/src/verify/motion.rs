@@ -1,51 +1,52 @@
-//! How a camera turned in one move, by what its two eyes saw.
+//! Rotation of a camera in one track segment, from its two eyes.
 //!
-//! Corners have an inverse distance from the match of the eyes. With `x` the ray of a corner at the beginning and `r`
-//! its inverse distance, it is seen at the end along `exp(w) R x + s (r + c) t`; `R` is where the search starts,
-//! `t` the movement, `c` an offset of all inverse distances (a yaw of the right eye too small to be seen
-//! in rows makes one, and would look like a turn). For a rolling shutter `s` says how much longer or shorter the way is
-//! between rows, and a change of speed during the move adds to `t` what differs from row to row. What
-//! the distance leaves uncertain makes an observation less certain along its epipolar line and nowhere else.
-//! The movement is found first, by samples of two corners; what moves otherwise than most is left out.
+//! Stereo matches give features an inverse distance. With `x` the ray of a feature at the start and
+//! `r` its inverse distance, it is observed at the end along `exp(w) R x + s (r + c) t`; `R` is the
+//! initial rotation, `t` the translation, `c` a common offset of the inverse distances (caused by a
+//! yaw of the right eye too small to be observed in rows; without it, it would appear as a
+//! rotation). For a rolling shutter `s` is the ratio of the exposure intervals of the rows, and a
+//! change of speed during the segment adds a term to `t` that differs from row to row. The
+//! uncertainty of the distance makes an observation less certain along its epipolar line only. The
+//! translation is initialized by RANSAC over samples of two features; outliers are rejected.
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 
 use super::robust::{median, tukey};
 
-/// Fewest corners that agree, and their least share.
+/// Minimum number of inliers, and their minimum fraction.
 const MIN_CORNERS: usize = 30;
 const MIN_RATIO: f64 = 0.4;
-/// Samples of two corners.
+/// Number of samples of two features.
 const RANSAC_SAMPLES: u64 = 80;
-/// Standard deviation of a followed corner, px, and of a disparity.
+/// Standard deviation of a tracked feature, px, and of a disparity.
 const CORNER_SIGMA_PX: f64 = 0.2;
 pub(super) const DISPARITY_SIGMA_PX: f64 = 0.2;
 const ROUNDS: usize = 10;
-/// Change of speed during a move, m/s, standard deviation: a walker's chest in a third of a second.
+/// Prior sigma of the speed change during a segment, m/s: a walker's chest in a third of a second.
 const SPEED_CHANGE_SIGMA_M_S: f64 = 0.6;
 const PARAMETERS: usize = 11;
 
-/// A corner at both ends of a move.
+/// A feature at both ends of a segment.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SegmentFeature {
-    /// Ray at the beginning, as if all rows were exposed at once.
+    /// Ray at the start, transferred to the exposure of the middle row.
     pub(super) ray: Vector3<f64>,
     /// Inverse distance, 1/m, and its standard deviation.
     pub(super) per_metre: f64,
     pub(super) sigma_per_metre: f64,
     /// Ray at the end.
     pub(super) later: Vector3<f64>,
-    /// Pixels per radian there.
+    /// Pixels per radian at the end.
     pub(super) px_per_rad: f64,
-    /// How long the corner's way was against that of the middle row.
+    /// Interval between the two exposures of the feature over that of the middle row.
     pub(super) motion_ratio: f64,
-    /// Mean of how much later than the middle row its two rows were exposed, s.
+    /// Mean exposure offset of its two rows against the middle row, s.
     pub(super) after_s: f64,
-    /// How all these change with the time from a row to the next.
+    /// Derivatives of all these with respect to the line time.
     pub(super) by_line: ByLine,
 }
 
-/// Changes per second of the time from a row to the next.
+/// Derivatives with respect to the line time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ByLine {
     pub(super) ray: Vector3<f64>,
@@ -54,33 +55,33 @@ pub(super) struct ByLine {
     pub(super) after_s: f64,
 }
 
-/// What is known before.
+/// Initial values and priors.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Start {
     /// `later_from_first`.
     pub(super) rotation: UnitQuaternion<f64>,
-    /// How far off that may let corners be, px.
+    /// Pixel error that its uncertainty may cause, px.
     pub(super) error_px: f64,
     /// Offset of inverse distances, 1/m, and its standard deviation.
     pub(super) offset: [f64; 2],
-    /// By how much the time from a row to the next may be off, s, standard deviation.
+    /// Prior sigma of the line time, s.
     pub(super) line_sigma_s: f64,
 }
 
-/// What a move gave.
+/// Result for one segment.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RotationEstimate {
     /// `later_from_first`.
     pub(super) rotation: UnitQuaternion<f64>,
-    /// Covariance of a small turn after it, rad².
+    /// Covariance of a small rotation applied after it, rad².
     pub(super) covariance: Matrix3<f64>,
     /// Offset of inverse distances, 1/m, and its variance.
     pub(super) offset: [f64; 2],
-    /// What the time from a row to the next is longer, s, and its variance.
+    /// Correction of the line time, s, and its variance.
     pub(super) line_s: [f64; 2],
 }
 
-/// The two directions across a ray, as rows.
+/// Two directions normal to a ray, as rows.
 fn across(ray: &Vector3<f64>) -> Matrix2x3<f64> {
     let aside = if ray.x.abs() < 0.6 {
         Vector3::x()
@@ -91,7 +92,7 @@ fn across(ray: &Vector3<f64>) -> Matrix2x3<f64> {
     Matrix2x3::from_rows(&[first.transpose(), ray.cross(&first).transpose()])
 }
 
-/// The turn of a move; none if too few corners agree.
+/// Estimates the rotation of a segment; `None` with too few inliers.
 pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEstimate> {
     if seen.len() < MIN_CORNERS {
         return None;
@@ -140,8 +141,8 @@ pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEs
                 continue;
             }
             let corner = CORNER_SIGMA_PX / s.px_per_rad;
-            // Both the match and the way that it went since say how near a corner is. To keep to the match alone would make
-            // movements too short, as regression on a noisy variable does.
+            // Both the match and the observed parallax determine the distance. Using the match
+            // alone would bias translations towards zero, as regression on a noisy variable does.
             let by_near = by_point * moved;
             let [seen_weight, told_weight] =
                 [corner, s.sigma_per_metre].map(|sigma| 1.0 / (sigma * sigma));
@@ -176,7 +177,8 @@ pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEs
             information += weighted * by;
             gradient += weighted * error;
         }
-        // A tenth of a metre to each side, so that a camera at rest, or one that sees only far things, has an answer.
+        // A prior of a tenth of a metre per axis, so that a camera at rest, or one that observes
+        // only far points, has a solution.
         for k in 3..6 {
             information[(k, k)] += 1e-2;
         }
@@ -190,7 +192,7 @@ pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEs
         offset += step[6];
         faster += step.fixed_rows::<3>(7);
         line += step[10];
-        // The median of the length of two normal numbers is 1.177.
+        // The median norm of a two-dimensional standard normal vector is 1.177.
         let spread = median(&mut sizes) / 1.177;
         scale = spread.max(0.4).min(scale.max(1.0));
     }
@@ -207,7 +209,7 @@ pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEs
     })
 }
 
-/// The movement that most corners agree with if the camera turned as expected, m.
+/// Translation with most inliers under the predicted rotation, m.
 fn first_shift(seen: &[SegmentFeature], bases: &[Matrix2x3<f64>], start: &Start) -> Vector3<f64> {
     let turned: Vec<Vector3<f64>> = seen.iter().map(|s| start.rotation * s.ray).collect();
     let cost = |shift: &Vector3<f64>| -> f64 {
@@ -229,7 +231,7 @@ fn first_shift(seen: &[SegmentFeature], bases: &[Matrix2x3<f64>], start: &Start)
     let mut best = (cost(&Vector3::zeros()), Vector3::zeros());
     let mut state = 0x9e37_79b9_7f4a_7c15_u64;
     let mut draw = || {
-        // An LCG of Knuth's; its high bits are good enough for choosing.
+        // An LCG by Knuth; its high bits are good enough for sampling.
         state = state
             .wrapping_mul(6_364_136_223_846_793_005)
             .wrapping_add(1_442_695_040_888_963_407);

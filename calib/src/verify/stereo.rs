@@ -1,11 +1,12 @@
-//! How the right eye of a stereo camera is turned against the left one, by matched corners.
+//! Rotation of the right eye of a stereo camera against the left one, from matched corners.
 //!
-//! A match lies on the epipolar line, wherever along it; only how far it is beside the line counts. With the right eye
-//! turned by a small `w` about its own centre, and that centre moved by `d` across the baseline,
-//! `x_in_right = exp(w) (R x_in_left + t + d)`. Pitch moves all rows alike, roll rows left and right differently, yaw
-//! those in the corners, `d` those of near things: a picture with corners everywhere and at several distances
-//! tells all of them. A lens whose elements are off centre moves rows in the corners just as a yaw does, so that how well yaw is
-//! known is bounded by how well the lens is ([`DECENTRING_SIGMA`]).
+//! Only the epipolar error of a match is used, not its position along the epipolar line. With the
+//! right eye rotated by a small `w` about its own centre, and that centre displaced by `d` normal
+//! to the baseline, `x_in_right = exp(w) (R x_in_left + t + d)`. Pitch moves all rows equally, roll
+//! moves rows left and right oppositely, yaw moves those in the corners, `d` those of near points:
+//! matches in the whole image and at several distances determine all of them. A decentred lens
+//! moves rows in the corners exactly as a yaw does, so that the accuracy of yaw is limited by that
+//! of the lens ([`DECENTRING_SIGMA`]).
 
 use nalgebra::{Matrix1, Matrix3, Matrix3x2, RowVector2, SVector, UnitQuaternion, Vector3};
 
@@ -16,50 +17,51 @@ use super::tracks::Burst;
 use crate::lens::Lens;
 use crate::stereo::StereoCalibration;
 
-/// Fewest matches that say anything.
+/// Minimum number of matches.
 const MIN_MATCHES: usize = 150;
-/// How far the right eye's centre may be from where it is told, across the baseline, m, standard deviation.
+/// Prior sigma of the right eye's centre, normal to the baseline, m.
 const CENTRE_SIGMA_M: f64 = 3e-4;
-/// How far the decentring `p2` of the lenses, of the right one less that of the left one, may be from what is told, standard
-/// deviation. The yaw that looks the same is twice that.
+/// Prior sigma of the decentring `p2`, right lens minus left lens. The equivalent yaw is twice
+/// that.
 const DECENTRING_SIGMA: f64 = 5e-4;
-/// Rounds of reweighting.
+/// Iterations of reweighting.
 const ROUNDS: usize = 12;
-/// What all matches may have in common, px: corners are found a little off, and not alike in both eyes.
+/// Sigma floor, px, common to all matches: corners have small systematic errors that differ between
+/// the eyes.
 const SIGMA_FLOOR_PX: f64 = 0.03;
-/// Least spread of residuals, px: less is luck.
+/// Minimum spread of residuals, px.
 const MIN_SPREAD_PX: f64 = 0.05;
 
-/// See the module.
+/// Result; see the module.
 #[derive(Clone, Debug, Serialize)]
 pub struct StereoAlignment {
-    /// `w`: takes directions as told to be in the right optical frame to where they are, rad.
+    /// `w`: takes directions in the nominal right optical frame to the actual one, rad.
     pub rotation_rad: [f64; 3],
     /// Standard deviation about each axis, rad.
     pub sigma_rad: [f64; 3],
-    /// Covariance of it, rad².
+    /// Its covariance, rad².
     #[serde(skip)]
     pub(super) covariance: Matrix3<f64>,
-    /// Root mean square distance of matches from their epipolar lines by the told calibration, px, outliers left out.
+    /// RMS epipolar error of the matches with the nominal calibration, px, without outliers.
     pub nominal_rms_px: f64,
-    /// The same by the found one.
+    /// The same with the estimate.
     pub found_rms_px: f64,
-    /// Distances of matches by the told calibration, px, for a histogram; outliers left out.
+    /// Epipolar errors with the nominal calibration, px, for a histogram; without outliers.
     #[serde(skip)]
     pub nominal_px: Vec<f64>,
-    /// The same by the found one.
+    /// The same with the estimate.
     #[serde(skip)]
     pub found_px: Vec<f64>,
-    /// Matches used.
+    /// Number of matches used.
     pub matches: usize,
-    /// Matches looked at.
+    /// Number of matches available.
     pub of: usize,
-    /// `right_from_left` as found.
+    /// Estimated `right_from_left`.
     #[serde(skip)]
     pub(super) right_from_left: (UnitQuaternion<f64>, Vector3<f64>),
 }
 
-/// A pair of eyes.
+/// The lenses and the relative pose of a stereo camera.
 pub(super) struct StereoPair {
     pub(super) lenses: [Lens; 2],
     /// `right_from_left`.
@@ -67,13 +69,13 @@ pub(super) struct StereoPair {
     pub(super) origin: Vector3<f64>,
 }
 
-/// Where a match lies in space.
+/// A triangulated match.
 pub(super) struct TriangulatedMatch {
     /// Inverse distance along the left ray, 1/m.
     pub(super) per_metre: f64,
-    /// How fast the right pixel moves with it, px m.
+    /// Motion of the right pixel with the inverse distance, px m.
     pub(super) px_per: f64,
-    /// Distance from the epipolar line, px, and its derivatives by a point in the right optical frame.
+    /// Epipolar error, px, and its Jacobian with respect to a point in the right optical frame.
     epipolar_error: f64,
     by_point: nalgebra::RowVector3<f64>,
     /// The point over its distance.
@@ -89,7 +91,7 @@ impl StereoPair {
         }
     }
 
-    /// The point on the left ray whose picture is nearest to the right pixel.
+    /// The point on the left ray whose projection is nearest to the right pixel.
     pub(super) fn triangulate(
         &self,
         ray: &Vector3<f64>,
@@ -127,7 +129,7 @@ impl StereoPair {
     }
 }
 
-/// Estimates; none with too few matches, or if they do not agree on anything.
+/// Runs the estimation; `None` with too few matches or too few inliers.
 pub(super) fn estimate(nominal: &StereoCalibration, bursts: &[Burst]) -> Option<StereoAlignment> {
     let mut pair = StereoPair::new(nominal);
     let [nominal_rotation, nominal_origin] = [pair.turn.scaled_axis(), pair.origin];

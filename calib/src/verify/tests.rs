@@ -1,4 +1,4 @@
-//! A made-up rig that walks among points, its corners found with an error of a fifth of a pixel.
+//! A synthetic rig that moves among points, with a corner error of a fifth of a pixel.
 
 use cad_transforms::RigidTransform;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -8,7 +8,7 @@ use crate::camera::{CameraModel, Distortion};
 use crate::lens::Lens;
 use crate::stereo::{ImuCalibration, Provenance};
 
-/// The same numbers each time, from -1 to 1.
+/// Reproducible values from -1 to 1.
 struct Draw(u64);
 
 impl Draw {
@@ -20,7 +20,7 @@ impl Draw {
         (self.0 >> 33) as f64 / f64::from(1_u32 << 30) - 1.0
     }
 
-    /// Standard deviation 1, near normal.
+    /// Standard deviation 1, approximately normal.
     fn bell(&mut self) -> f64 {
         (0..6).map(|_| self.next()).sum::<f64>() / 2.0_f64.sqrt()
     }
@@ -30,12 +30,12 @@ impl Draw {
     }
 }
 
-/// How the rig moves.
+/// Motion of the rig.
 #[derive(Clone, Copy, PartialEq)]
 enum Gait {
-    /// As a walker who looks about.
+    /// As a walker who looks around.
     Walk,
-    /// Straight on without a turn.
+    /// Straight on without rotation.
     Glide,
 }
 
@@ -55,7 +55,7 @@ impl Gait {
     }
 }
 
-/// A camera as it is, and what it saw.
+/// A camera with its actual and nominal calibration, and its observations.
 struct Made {
     name: &'static str,
     nominal: StereoCalibration,
@@ -100,7 +100,7 @@ fn stereo() -> StereoCalibration {
     }
 }
 
-/// Share of corners on things that move by themselves.
+/// `moving` is the fraction of features on moving objects.
 fn make(gait: Gait, moving: f64, seed: u64) -> Vec<Made> {
     // Optical axes to the rig's: x right, y down, z forward.
     let ahead = RigidTransform::from_wxyz([0.5, -0.5, 0.5, -0.5], [0.0; 3]).unwrap();
@@ -154,7 +154,7 @@ fn gyro(
     Gyro::new((0..12_400).map(sample))
 }
 
-/// One second: four moves of a third of one, which overlap.
+/// One second: four overlapping segments of a third of a second.
 fn burst(
     gait: Gait,
     nominal: &StereoCalibration,
@@ -232,7 +232,7 @@ fn off(found: &Verification) -> Vec<&Finding> {
     all.filter(|f| f.status == Status::Inconsistent).collect()
 }
 
-/// The one thing that is off.
+/// The only inconsistent finding.
 fn only<'a>(found: &'a Verification, parameter: Parameter, camera: &str) -> &'a Finding {
     let off = off(found);
     let [one] = off[..] else {
@@ -252,7 +252,7 @@ fn a_true_rig_is_fine_in_every_number() {
     for finding in &found.findings {
         assert_eq!(finding.status, Status::Consistent, "{finding:#?}");
     }
-    // Three turns and three times per camera.
+    // Three rotations and three time offsets per camera.
     assert_eq!(found.findings.len(), 18);
     for camera in &found.cameras {
         let (eyes, imu) = (camera.eyes.as_ref().unwrap(), camera.imu.as_ref().unwrap());
@@ -282,7 +282,7 @@ fn a_camera_that_turned_is_named_with_its_angle_and_axis() {
         let mut made = make(Gait::Walk, 0.0, 2);
         let mut rotation = [0.0; 3];
         rotation[axis] = degrees.to_radians();
-        // Told is what was before the turn.
+        // The nominal value is the pose before the rotation.
         made[k].rig_from_left = made[k].rig_from_left * transform(rotation, [0.0; 3]).inverse();
         let found = verified(&made);
         let one = only(&found, Parameter::Camera, made[k].name);
@@ -409,7 +409,7 @@ fn without_pictures_or_samples_nothing_is_determined() {
     assert!(verify(&[], &Tolerances::default()).findings.is_empty());
 }
 
-/// Texture without an end, from sums of waves.
+/// Aperiodic texture from sums of waves.
 fn texture(x: f64, y: f64) -> f64 {
     let wave = |a: f64, b: f64, c: f64| (a * x + b * y + c).sin();
     128.0
@@ -425,7 +425,7 @@ fn picture(width: usize, height: usize, of: impl Fn(f64, f64) -> f64) -> Vec<u8>
     (0..width * height).map(pixel).collect()
 }
 
-/// What is followed and matched in pictures is where it is, to a tenth of a pixel, in bright and dim ones.
+/// Tracked and matched features are accurate to a tenth of a pixel, in bright and dim images.
 #[test]
 fn corners_are_followed_and_matched_in_pictures() {
     let nominal = stereo();
@@ -441,7 +441,8 @@ fn corners_are_followed_and_matched_in_pictures() {
     };
     let (width, height) = (672, 376);
     let mut follower = FeatureTracker::new(&nominal, None);
-    // The right eye sees 2 m away, and 3.3 rows off, as if it were turned.
+    // The right image: a distance of 2 m, and 3.3 rows of vertical offset, as if the eye were
+    // rotated.
     let disparity = 0.06 * 300.0 / 2.0;
     for n in 0..6 {
         let (dx, dy) = (4.3 * f64::from(n), -2.6 * f64::from(n));
@@ -477,7 +478,7 @@ fn corners_are_followed_and_matched_in_pictures() {
         first.features.len()
     );
     for off in [match_stereo, tracked] {
-        // Waves nearly repeat themselves, so a few may slip.
+        // The waves nearly repeat, so that a few matches may slip.
         let (middle, most) = (off[off.len() / 2], off[off.len() * 97 / 100]);
         assert!(middle < 0.07 && most < 0.3, "{middle} {most}");
     }
@@ -508,7 +509,7 @@ fn blank_pictures_give_no_corners() {
 
 #[test]
 fn bursts_are_spread_and_lie_where_it_turns() {
-    // It turns about at 3 to 4 s and at 13 to 14 s.
+    // The rate changes at 3 to 4 s and at 13 to 14 s.
     let rate = |n: i64| {
         let t = n as f64 * 2.5e-3;
         match (3.0..4.0).contains(&(t % 10.0)) {

@@ -1,9 +1,9 @@
-//! From the pictures of a burst to places: where corners of the left picture are in the right one, and where a third of a
-//! second later.
+//! Feature tracks of a burst: corners of the left image, matched in the right image and tracked for
+//! a third of a second.
 //!
-//! Contract: what comes out depends on the pictures and, but for where searches begin, not on the told calibration: eyes
-//! that are turned against each other by up to 1.5° are matched, and a gyroscope only says where to begin to
-//! look. A place that cannot be found for sure is left out; none is invented.
+//! Contract: the result depends on the images alone; the nominal calibration only sets the start of
+//! searches. Eyes rotated against each other by up to 1.5° are matched, and a gyroscope only
+//! predicts positions. A feature that cannot be found reliably is dropped.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
@@ -16,91 +16,92 @@ use super::pyramid::{ImageView, Pyramid};
 use crate::lens::Lens;
 use crate::stereo::StereoCalibration;
 
-/// Most corners followed at a time.
+/// Maximum number of corners tracked at a time.
 const MAX_CORNERS: usize = 260;
-/// How long corners are followed, s: about half a step of a walker, over which the body turns most.
+/// Length of a track segment, s: about half a step of a walker, over which the body rotates most.
 const SEGMENT_S: f64 = 0.3;
-/// New ones are looked for so often, s: moves overlap.
+/// Interval between detections of new corners, s: segments overlap.
 const DETECTION_INTERVAL_S: f64 = 0.12;
-/// With a smaller share left of those that both eyes saw a move ends: what stays longest in a camera that looks down is
-/// the wearer. It counts if it is at least so long, s.
+/// Minimum fraction of the stereo-matched corners still tracked; below it a segment ends, because
+/// in a camera that faces down the longest tracks are those on the wearer. Minimum length of a
+/// segment, s.
 const MIN_TRACKED_RATIO: f64 = 0.6;
 const MIN_SEGMENT_S: f64 = 0.1;
-/// Nearest thing that eyes are matched on, m.
+/// Minimum distance for stereo matching, m.
 const MIN_DISTANCE_M: f64 = 0.35;
-/// How far eyes may be turned against each other, rad, for matches to be found.
+/// Maximum rotation between the eyes for stereo matching, rad.
 const MAX_STEREO_ROTATION_RAD: f64 = 0.026;
-/// Level on which matches are searched.
+/// Pyramid level of the stereo search.
 const SEARCH_LEVEL: usize = 1;
-/// Coarsest level from which a corner is followed in time.
+/// Coarsest pyramid level of temporal tracking.
 const MAX_LEVEL: usize = 3;
 
-/// One stereo picture.
+/// One stereo frame.
 #[derive(Clone, Copy, Debug)]
 pub struct StereoFrame<'a> {
-    /// Middle of the exposure of the middle row, ns.
+    /// Mid-exposure of the middle row, ns.
     pub time_ns: i64,
-    /// Left eye.
+    /// Left image.
     pub left: ImageView<'a>,
-    /// Right eye.
+    /// Right image.
     pub right: ImageView<'a>,
 }
 
-/// A corner, pixels.
+/// A feature, pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Feature {
-    /// In the left picture.
+    /// Position in the left image.
     pub left: [f64; 2],
-    /// In the right one, where it was found.
+    /// Position in the right image, if matched.
     pub right: Option<[f64; 2]>,
-    /// In the left picture at the end of the move, where it was found.
+    /// Position in the left image at the end of the segment, if tracked.
     pub later: Option<[f64; 2]>,
 }
 
-/// Corners from one picture to a later one.
+/// Feature tracks between two frames.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrackSegment {
-    /// Time of the first picture, ns.
+    /// Time of the first frame, ns.
     pub from_ns: i64,
-    /// Time of the later one, ns.
+    /// Time of the last frame, ns.
     pub to_ns: i64,
-    /// The corners.
+    /// The features.
     pub features: Vec<Feature>,
 }
 
-/// What a burst of pictures gave.
+/// Feature tracks of a burst of frames.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Burst {
-    /// In the order of time.
+    /// In order of time.
     pub segments: Vec<TrackSegment>,
 }
 
-/// Follows corners through the pictures of one burst of one camera.
+/// Tracks features through the frames of one burst of one camera.
 pub struct FeatureTracker<'a> {
     lenses: [Lens; 2],
     right_from_left: (UnitQuaternion<f64>, Vector3<f64>),
-    /// Where a gyroscope helps: its frame, and what it measured.
+    /// Gyroscope for prediction, with its extrinsics.
     gyro: Option<(UnitQuaternion<f64>, Integrated<'a>)>,
     previous: Option<PreviousFrame>,
     burst: Burst,
 }
 
-/// The picture before, and what is being followed.
+/// The previous frame and the features being tracked.
 struct PreviousFrame {
     left: Pyramid,
     time_ns: i64,
-    /// The oldest first.
+    /// Oldest first.
     sets: Vec<Set>,
 }
 
-/// The corners of one picture.
+/// Features detected in one frame.
 struct Set {
     from_ns: i64,
     features: Vec<TrackedFeature>,
 }
 
 impl Set {
-    /// How many both eyes saw, and how many of them are still there.
+    /// Number of stereo-matched features, and of those still tracked.
     fn tracked_counts(&self) -> (usize, usize) {
         let both = self.features.iter().filter(|f| f.feature.right.is_some());
         (
@@ -112,14 +113,14 @@ impl Set {
 
 struct TrackedFeature {
     feature: Feature,
-    /// Where it is now, pixels of the pyramid's first level; none once it is lost.
+    /// Current position, pixels of the pyramid's first level; `None` once it is lost.
     now: Option<[f32; 2]>,
-    /// By how much the last guess was off.
+    /// Error of the last prediction.
     off: [f32; 2],
 }
 
 impl<'a> FeatureTracker<'a> {
-    /// For a camera with this calibration; `gyro` is that of the camera itself.
+    /// Tracker for a camera with this calibration; `gyro` is the camera's own.
     pub fn new(calibration: &StereoCalibration, gyro: Option<&'a Gyro>) -> Self {
         let right_from_left = &calibration.right_from_left;
         let imu = calibration.imu.as_ref().zip(gyro);
@@ -139,7 +140,7 @@ impl<'a> FeatureTracker<'a> {
         }
     }
 
-    /// Takes the next picture of the burst.
+    /// Adds the next frame of the burst.
     pub fn push(&mut self, picture: &StereoFrame<'_>) {
         let left = Pyramid::new(&picture.left);
         let (time_ns, scale) = (picture.time_ns, left.scale());
@@ -182,7 +183,7 @@ impl<'a> FeatureTracker<'a> {
         std::mem::take(&mut self.burst)
     }
 
-    /// Follows one corner into the next picture.
+    /// Tracks one feature into the next frame.
     fn track(
         &self,
         tracked: &mut TrackedFeature,
@@ -199,7 +200,7 @@ impl<'a> FeatureTracker<'a> {
         }
     }
 
-    /// Makes a move of corners that are followed no further.
+    /// Finishes the segment of a feature set.
     fn finish(&mut self, set: Set, time_ns: i64, scale: f64) {
         let is_long = (time_ns - set.from_ns) as f64 * 1e-9 >= MIN_SEGMENT_S;
         let features = set.features.into_iter().map(|f| Feature {
@@ -216,7 +217,7 @@ impl<'a> FeatureTracker<'a> {
         });
     }
 
-    /// Finds corners, and those of them that the right eye sees.
+    /// Detects features and matches them in the right image.
     fn start(&self, left: &Pyramid, picture: &StereoFrame<'_>) -> Set {
         let right = Pyramid::new(&picture.right);
         let scale = left.scale();
@@ -279,12 +280,12 @@ impl<'a> FeatureTracker<'a> {
         let coarse = at.map(|v| v / (1_u32 << level) as f32);
         let found =
             epipolar_search::search(&left.levels[level], &right.levels[level], coarse, &area)?;
-        // The patch is around a place between whole pixels on the left as well.
+        // The patch is at subpixel positions in the left image as well.
         let guess = found.map(|v| v * (1_u32 << level) as f32);
         track(left, right, at, guess, level)
     }
 
-    /// How the camera turned between two pictures, as far as the gyroscope knows.
+    /// Rotation between two frames by the gyroscope, identity if unknown.
     fn rotation(&self, to_ns: i64, from_ns: i64) -> UnitQuaternion<f64> {
         let rotation = self.gyro.as_ref().and_then(|(imu_from_left, gyro)| {
             let rotation = gyro.to_from(to_ns as f64, from_ns as f64)?;
@@ -293,7 +294,7 @@ impl<'a> FeatureTracker<'a> {
         rotation.unwrap_or_default()
     }
 
-    /// Where a far thing would be after that turn, pixels of the first level.
+    /// Predicted position of a far point after a rotation, pixels of the first level.
     fn predict(&self, at: [f32; 2], rotation: &UnitQuaternion<f64>, scale: f64) -> [f32; 2] {
         let lens = &self.lenses[0];
         let moved = || {

@@ -121,7 +121,7 @@ fn charuco_is_opencvs() {
 
 #[test]
 fn half_a_turn() {
-    let turned = |columns, rows| {
+    let symmetric = |columns, rows| {
         Target::Chessboard {
             columns,
             rows,
@@ -129,7 +129,7 @@ fn half_a_turn() {
         }
         .is_rotationally_symmetric()
     };
-    assert!(!turned(9, 6) && turned(8, 6) && turned(7, 7));
+    assert!(!symmetric(9, 6) && symmetric(8, 6) && symmetric(7, 7));
     assert!(!GRID.is_rotationally_symmetric());
 }
 
