@@ -1,8 +1,16 @@
-//! Boards as files: our own TOML, and the YAML that Kalibr reads.
+//! Files of boards: our own TOML, and the YAML of Kalibr.
 //!
-//! Contract: every key is known and every number is checked, so that a misspelt key, a size in millimetres
-//! or a decimal comma is an error that names file, line and key. Nothing is guessed and nothing defaults
+//! Contract: every key is known and every number is checked, so that a misspelt key, a size in
+//! millimetres or a decimal comma is an error that names file, line and key. Nothing has a default
 //! but `first_id`, which is 0.
+//!
+//! ```toml
+//! kind = "aprilgrid"   # or "chessboard", "charuco"
+//! columns = 6          # tags; of a chessboard inner corners, of a ChArUco board squares
+//! rows = 6
+//! tag_m = 0.088        # of the others: square_m, and of a ChArUco board marker_m
+//! spacing = 0.3        # gap over tag size
+//! ```
 //!
 //! ```toml
 //! kind = "aprilgrid"   # or "chessboard", "charuco"
@@ -23,18 +31,16 @@ use crate::text::Source;
 use crate::tree::{At, yaml};
 
 impl Target {
-    /// Reads a board: Kalibr's YAML where the name ends in `.yaml` or `.yml`, else our TOML.
+    /// Reads a board: Kalibr's YAML if the name ends in `.yaml` or `.yml`, otherwise our TOML.
     ///
-    /// # Errors
-    /// [`CalibError`] naming file, line and key.
+    /// # Errors [`CalibError`] naming file, line and key.
     pub fn read(path: &Path) -> Result<Self, CalibError> {
         Self::of(&Source::read(path)?)
     }
 
-    /// The same from a text that is not in a file of its own; `path` is for messages and tells the kind.
+    /// Parses the same from a text; `path` is for messages and selects the format.
     ///
-    /// # Errors
-    /// [`CalibError`] naming path, line and key.
+    /// # Errors [`CalibError`] naming path, line and key.
     pub fn parse(text: &str, path: &Path) -> Result<Self, CalibError> {
         Self::of(&Source {
             path: path.to_owned(),
@@ -84,7 +90,8 @@ impl Target {
         }
     }
 
-    /// Kalibr's YAML; none for what Kalibr cannot describe: a ChArUco board, or ids that do not start at 0.
+    /// Kalibr's YAML; `None` for boards that Kalibr cannot describe: a ChArUco board, or ids that
+    /// do not start at 0.
     pub fn to_kalibr(&self) -> Option<String> {
         match self {
             Self::Chessboard {
@@ -187,12 +194,12 @@ fn from_toml(source: &Source) -> Result<Target, CalibError> {
     }
 }
 
-/// An objection begins with what was found.
+/// The part of a reason that names what was found.
 fn before_comma(reason: &str) -> &str {
     reason.split([',', ' ']).next().unwrap_or(reason)
 }
 
-/// A table of plain values, with the lines they stand in.
+/// A table of plain values, with their lines.
 struct Table<'a> {
     source: &'a Source,
     line_of: &'a dyn Fn(usize) -> usize,
@@ -258,7 +265,7 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// Refuses keys that this kind does not have.
+    /// Rejects keys that this kind does not have.
     fn only(&self, known: &[&str]) -> Result<(), CalibError> {
         let unknown = self
             .values
@@ -296,7 +303,7 @@ fn from_kalibr(source: &Source) -> Result<Target, CalibError> {
     };
     let number = |key: &str| -> Result<(usize, f64), CalibError> {
         let (line, text) = text_of(key)?;
-        // The line alone does not say which of the keys it was.
+        // The line alone does not identify the key.
         let number = source.number(line, text).map_err(|error| match error {
             CalibError::Malformed {
                 path,

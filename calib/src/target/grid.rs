@@ -1,8 +1,9 @@
-//! AprilGrids: dark squares between four crossings, read as tags, held against their neighbours.
+//! AprilGrids: dark squares between four crossings, decoded as tags and checked against their
+//! neighbours.
 //!
-//! Contract: a tag is taken when borders join its four crossings around a dark square, its border is black,
-//! its code is a tag of the board, and no neighbour that is reached across a gap says otherwise. Around
-//! tags that are sure, missing ones are looked for where they should be.
+//! Contract: a tag is accepted if borders connect its four crossings around a dark square, its
+//! border is black, its code is a tag of the board, and no neighbour across a gap contradicts it.
+//! Missing tags are searched around accepted ones.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,19 +16,19 @@ use super::refine::{self, Window};
 use super::saddle;
 use super::square::{Square, distance};
 
-/// Cells of the border that may look white, of 64.
+/// Maximum number of white cells in the border, of 64.
 const MAX_BORDER_ERRORS: u32 = 4;
-/// Wrong bits of a tag whose id its neighbours tell.
+/// Maximum number of wrong bits of a tag whose id is known from its neighbours.
 const MAX_EXPECTED_ERRORS: u32 = 4;
 
-/// A tag in the picture.
+/// A tag in the image.
 #[derive(Clone, Debug)]
 struct Tag {
     id: u32,
-    /// Its corners top left, top right, bottom right, bottom left, as the tag itself has them.
+    /// Its corners top left, top right, bottom right, bottom left, in the tag's own orientation.
     corners: [[f64; 2]; 4],
-    /// The crossings at these corners, with the ray that leaves clockwise along the tag's side; none for a tag
-    /// that was looked for where it should be.
+    /// The crossings at these corners, with the ray that leaves clockwise along the tag's side;
+    /// `None` for a tag found at its predicted position.
     nodes: Option<[(usize, usize); 4]>,
     errors: u32,
 }
@@ -109,7 +110,7 @@ struct Grid {
 }
 
 impl Grid {
-    /// Every dark square that reads as a tag of this board.
+    /// All dark squares that decode as a tag of this board.
     fn read_squares(&self, image: &ImageView<'_>, scene: &Scene) -> Vec<Tag> {
         let mut seen = BTreeSet::new();
         let mut tags = Vec::new();
@@ -168,7 +169,7 @@ impl Grid {
         inside.then(|| self.first_id + (row * i64::from(self.columns) + column) as u32)
     }
 
-    /// Leaves out tags that neighbours contradict, and tags that are there twice; whether there were such.
+    /// Removes tags that neighbours contradict, and duplicate tags; returns whether there were any.
     fn consistent(&self, scene: &Scene, tags: Vec<Tag>) -> (Vec<Tag>, bool) {
         let mut owner: BTreeMap<usize, usize> = BTreeMap::new();
         for (t, tag) in tags.iter().enumerate() {
@@ -181,7 +182,8 @@ impl Grid {
         const UP: [i64; 2] = [0, 1];
         const RIGHT: [i64; 2] = [1, 0];
         const DOWN: [i64; 2] = [0, -1];
-        // From each corner of a tag two rays lead on across the gaps: the leaving ray's other end and the next.
+        // From each corner of a tag two rays continue across the gaps: the leaving ray's other end
+        // and the next.
         const ONWARD: [[[i64; 2]; 2]; 4] = [[LEFT, UP], [UP, RIGHT], [RIGHT, DOWN], [DOWN, LEFT]];
         let mut agree = vec![0u32; tags.len()];
         let mut differ = vec![0u32; tags.len()];
@@ -209,7 +211,7 @@ impl Grid {
         let kept: Vec<Tag> = (0..tags.len())
             .filter(|&t| {
                 let other = (0..tags.len()).find(|&o| o != t && tags[o].id == tags[t].id);
-                // Of two with one id the one that neighbours confirm.
+                // Of two tags with one id, the one confirmed by neighbours.
                 let double = other.is_some_and(|o| agree[o] >= agree[t]);
                 doubles |= other.is_some();
                 let lone = agree[t] == 0 && tags[t].errors > 1;
@@ -220,7 +222,7 @@ impl Grid {
         (kept, doubles)
     }
 
-    /// Looks where neighbours of the tags should be, until nothing more comes.
+    /// Searches for missing neighbours of the tags until none is found.
     fn find_missing(&self, image: &ImageView<'_>, scene: &Scene, mut tags: Vec<Tag>) -> Vec<Tag> {
         let mut known: BTreeSet<u32> = tags.iter().map(|t| t.id).collect();
         let mut next = 0;
@@ -287,15 +289,15 @@ impl Grid {
     }
 }
 
-/// Walks around the dark square that lies clockwise of a crossing's even ray: its corners clockwise as the
-/// picture shows them, each with the ray that leaves to the next one. One of the four sides may be missing,
-/// if both its ends know of nothing else there.
+/// Walks around the dark square clockwise of a crossing's even ray: its corners clockwise in the
+/// image, each with the ray that leaves to the next one. One of the four sides may be missing, if
+/// both its ends have no other link.
 fn around(scene: &Scene, start: usize, ray: usize) -> Option<[(usize, usize); 4]> {
     let mut corners = [(start, ray); 4];
     for i in 1..4 {
         let (node, leaving) = corners[i - 1];
         let (to, arriving) = scene.links[node][leaving]?;
-        // Dark lies between the ray before the arriving one and that.
+        // The dark sector is between the previous ray and the arriving one.
         corners[i] = (to, (arriving + 3) % 4);
     }
     let (last, leaving) = corners[3];

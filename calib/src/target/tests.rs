@@ -25,7 +25,7 @@ const CHARUCO: Target = Target::Charuco {
     first_id: 0,
 };
 
-/// Root mean square and largest error, mean error along x and y, pixels; and how many were found.
+/// RMS and largest error, mean error along x and y, pixels; and the number of corners found.
 #[derive(Clone, Copy, Debug)]
 struct Errors {
     rms: f64,
@@ -34,7 +34,7 @@ struct Errors {
     found: usize,
 }
 
-/// Every corner found must be one of the board's and within a pixel of the truth: none may be wrong.
+/// Every corner found must belong to the board and be within a pixel of the ground truth.
 fn errors(found: &Detection, truth: &[(u32, [f64; 2])], what: &str) -> Errors {
     let mut sum = [0.0; 2];
     let (mut squares, mut largest) = (0.0, 0.0f64);
@@ -66,7 +66,8 @@ fn see(target: &Target, view: View, look: &Look, what: &str) -> (Detection, Erro
     (found, errors)
 }
 
-/// How many corners can be found: those of tags that are wholly in the picture, a few pixels from its edge.
+/// Number of detectable corners: those of tags that are completely inside the image, a few pixels
+/// from its edge.
 fn in_view(target: &Target, view: &View) -> usize {
     let inside = |at: &[f64; 2]| (0..2).all(|k| at[k] > 5.0 && at[k] < view.size[k] as f64 - 6.0);
     let truth = view.truth(target);
@@ -103,8 +104,8 @@ fn every_board_is_found_whole() {
     }
 }
 
-/// The figures of docs/calibration-targets.md. Small pictures, several of each kind, every one at another
-/// place and angle.
+/// The figures of docs/calibration-targets.md. Small images, several of each kind, each at another
+/// position and angle.
 #[test]
 fn accuracy() {
     let small = [420, 320];
@@ -224,7 +225,7 @@ fn accuracy() {
             );
         }
         println!();
-        // What is asked of sharp pictures with little noise; the others have room for what they are.
+        // Requirement for sharp images with little noise; the others have larger limits.
         let hard = ["noise 5", "noise 10", "contrast", "tilt 1.05", "blur 2"]
             .iter()
             .any(|h| name.starts_with(h));
@@ -239,7 +240,7 @@ fn accuracy() {
     }
 }
 
-/// Nothing wrong comes from pictures that show no such board.
+/// No false detections in images without such a board.
 #[test]
 fn mirrored_and_inverted_markers_give_nothing() {
     for target in [GRID, CHARUCO] {
@@ -256,7 +257,7 @@ fn mirrored_and_inverted_markers_give_nothing() {
             );
         }
     }
-    // Of a chessboard they are pictures of a chessboard, which half a turn brings over it.
+    // For a chessboard they are images of a chessboard, rotated by half a turn.
     let picture = View::picture(&[(&CHESS, middling())], &Look::default());
     for picture in [picture.mirrored(), picture.inverted()] {
         assert_eq!(
@@ -268,7 +269,7 @@ fn mirrored_and_inverted_markers_give_nothing() {
     }
 }
 
-/// Every board looked for in pictures of the others, and of other sizes of itself.
+/// Every board is searched in images of the others, and of other sizes of itself.
 #[test]
 fn other_boards_give_nothing() {
     let other_grid = Target::AprilGrid {
@@ -321,7 +322,7 @@ fn other_boards_give_nothing() {
             );
         }
     }
-    // A ChArUco board has the crossings of a chessboard, and is one for who looks for one.
+    // A ChArUco board has the crossings of a chessboard, and is detected as one.
     let picture = View::picture(&[(&CHARUCO, view)], &Look::default());
     assert_eq!(
         detect(&picture.view(), &as_charuco, &Settings::default())
@@ -353,7 +354,7 @@ fn two_boards_in_one_picture() {
         let e = errors(found, &view.truth(target), "two boards");
         assert_eq!(e.found, 36);
     }
-    // The same board twice: no id may be given to either, if it is there twice.
+    // The same board twice: an id that occurs twice must not be assigned to either.
     let picture = View::picture(&[(&a, left), (&a, right)], &Look::default());
     let found = detect(&picture.view(), &a, &Settings::default());
     let near = |truth: &[(u32, [f64; 2])], seen: &DetectedCorner| {
@@ -401,7 +402,7 @@ fn boards_partly_outside() {
     }
 }
 
-/// Every quarter of a turn, and a bit: ids stay with the board.
+/// Every quarter of a turn, and a bit more: ids follow the board.
 #[test]
 fn turned_boards_keep_their_ids() {
     for i in 0..8 {
@@ -412,7 +413,7 @@ fn turned_boards_keep_their_ids() {
             assert_eq!(e.found, in_view(&target, &view), "{i} {:?}", found.remark);
         }
     }
-    // What looks the same after half a turn has the right places and says that it does not know.
+    // A board symmetric under half a turn has correct positions and a flagged orientation.
     let even = Target::Chessboard {
         columns: 6,
         rows: 4,
@@ -441,7 +442,7 @@ fn fisheye_lines_may_bend() {
     }
 }
 
-/// Gaussian blur comes out as it went in; a movement as a movement, also along the diagonal of the board.
+/// Gaussian blur is recovered; motion is recovered as motion, also along the diagonal of the board.
 #[test]
 fn blur_is_measured() {
     let view = View::new(VGA, 360.0, [0.0, 0.0, 0.62], [0.2, 0.1, 0.0]);
@@ -494,7 +495,7 @@ fn blur_is_measured() {
     }
 }
 
-/// What is stated as one standard deviation is: errors in its units have a root mean square near one.
+/// The stated standard deviations hold: errors in their units have an RMS near one.
 #[test]
 fn stated_sigma_is_what_happens() {
     for (noise, blur) in [(3.0, 0.6), (6.0, 1.0), (8.0, 1.5)] {
