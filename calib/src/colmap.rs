@@ -29,7 +29,7 @@ pub(crate) enum Form {
     Binary,
 }
 
-/// Name, number and count of parameters of a model (COLMAP `src/colmap/sensor/models.h`).
+/// Name, number and parameter count of a model (COLMAP `src/colmap/sensor/models.h`).
 const MODELS: [(&str, i32, usize); 9] = [
     ("SIMPLE_PINHOLE", 0, 3),
     ("PINHOLE", 1, 4),
@@ -269,7 +269,7 @@ fn take<const N: usize>(rest: &mut &[u8]) -> Option<[u8; N]> {
     Some(*head)
 }
 
-/// `camera_from_first` of the cameras in the rig that `first` is in.
+/// `camera_from_first` of the cameras in the rig of `first`.
 fn places_in_rig(path: &Path, first: u32) -> Result<BTreeMap<u32, RigidTransform>, CalibError> {
     let source = Source::read_document(path)?;
     for (line, text) in source.lines() {

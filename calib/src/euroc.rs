@@ -1,9 +1,9 @@
 //! `sensor.yaml` files of an ASL folder, as EuRoC has them (Burri et al. 2016).
 //!
-//! Contract: `cam0` is the left camera, `cam1` the right one. `T_BS` takes points from the sensor to the
-//! body, rows first, so `right_from_left = body_from_right⁻¹ · body_from_left`. The resolution in the
-//! files must be that of the pictures. An absent `imu0` leaves the IMU empty; one that is there must be
-//! whole, except for its noise, whose absence is noted.
+//! Contract: `cam0` is the left camera, `cam1` the right one. `T_BS` takes points from the sensor
+//! to the body, row-major, so that `right_from_left = body_from_right⁻¹ · body_from_left`. The
+//! resolution in the files must be that of the images. Without `imu0` there is no IMU; one that
+//! exists must be complete, except for its noise, whose absence is noted.
 
 use std::path::{Path, PathBuf};
 
@@ -17,11 +17,10 @@ use crate::text::{Source, written, written_all};
 use crate::tree::{At, yaml};
 use crate::write::{WriteError, Written, lens, placed};
 
-/// Reads the calibration of an ASL folder for pictures of `width` x `height` pixels. `path` is the
+/// Reads the calibration of an ASL folder for images of `width` x `height` pixels. `path` is the
 /// folder with `cam0` and `cam1` (`mav0`), or one of the `sensor.yaml` below it.
 ///
-/// # Errors
-/// [`CalibError`].
+/// # Errors [`CalibError`].
 pub fn read(
     path: &Path,
     width: u32,
@@ -40,10 +39,9 @@ pub fn read(
     Ok((calibration, notes))
 }
 
-/// Reads `cam0`, `cam1` and so on, at least as many as said. With a size, all pictures must have it.
+/// Reads `cam0`, `cam1` and so on, at least the given number. With a size, all images must have it.
 ///
-/// # Errors
-/// [`CalibError`].
+/// # Errors [`CalibError`].
 pub(crate) fn read_cameras(
     path: &Path,
     size: Option<[u32; 2]>,
@@ -95,7 +93,7 @@ pub(crate) fn read_cameras(
     Ok((set.validate(folder)?, notes))
 }
 
-/// The folder that holds `cam0`.
+/// The folder with `cam0`.
 fn folder_of(path: &Path) -> &Path {
     match path.file_name() {
         Some(name) if name == "sensor.yaml" => path

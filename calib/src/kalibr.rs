@@ -30,10 +30,10 @@ pub struct ImuFile {
     pub rate_hz: f64,
 }
 
-/// The names that an IMU's file beside a chain may have.
+/// Possible names of an IMU file beside a chain.
 const IMU_FILES: [&str; 2] = ["imu.yaml", "imu0.yaml"];
 
-/// Two placements of one camera may differ by this, metres and radians, before it is worth a note.
+/// Tolerance between two poses of one camera, metres and radians; beyond it there is a note.
 const SAME_PLACE: f64 = 1e-6;
 
 /// Reads a chain of cameras, and the `imu.yaml` beside it where the chain places an IMU.
@@ -53,7 +53,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         let name = format!("cam{number}");
         let block = blocks.iter().find(|(key, _)| *key == name);
         let at = block.map_or_else(|| root.get(&name), |(_, at)| Ok(at.clone()))?;
-        // Nothing behind a camera's name is a file that was cut off.
+        // An empty block after a camera's name means that the file is truncated.
         at.entries()?;
         let model = camera(&at)?;
         at.get("intrinsics")?.reject_invalid_model(&model)?;
@@ -211,7 +211,7 @@ pub fn imu_text(imu: &ImuFile) -> String {
 fn camera(at: &At<'_>) -> Result<CameraModel, CalibError> {
     let [width, height] = at.get("resolution")?.sizes()?;
     let model = at.get("camera_model")?;
-    // What is only a pinhole is told from one whose lens was lost by this key.
+    // This key distinguishes a pinhole from a lens whose distortion was lost.
     let said = match model.text()? {
         "pinhole" => Some(at.get("distortion_model")?),
         _ => at.find("distortion_model"),

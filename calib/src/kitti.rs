@@ -1,10 +1,10 @@
 //! KITTI odometry `calib.txt`: 3x4 projection matrices of rectified cameras, one per line, with or
 //! without the labels `P0:` to `P3:` (Geiger et al. 2012).
 //!
-//! Contract: `P = K [I | t]` with `t` the origin of the rectified reference camera in this one, so the
-//! pair's offset is the difference of two such `t`, not a single entry. P0 and P1 are the grey cameras,
-//! P2 and P3 the colour ones; which of them the pictures come from is told by the folders beside the
-//! file (`image_2` without `image_0` means colour). The file does not say its resolution.
+//! Contract: `P = K [I | t]` with `t` the origin of the rectified reference camera in this one, so
+//! that the pair's offset is the difference of two such `t`, not a single entry. P0 and P1 are the
+//! grey cameras, P2 and P3 the colour ones; the folders beside the file show which of them the
+//! images come from (`image_2` without `image_0` means colour). The file has no resolution.
 
 use std::path::Path;
 
@@ -16,10 +16,9 @@ use crate::stereo::{Format, Provenance, StereoCalibration};
 use crate::text::{Source, written_all};
 use crate::write::{WriteError, Written};
 
-/// Reads a `calib.txt` for pictures of `width` x `height` pixels.
+/// Reads a `calib.txt` for images of `width` x `height` pixels.
 ///
-/// # Errors
-/// [`CalibError`].
+/// # Errors [`CalibError`].
 pub fn read(
     path: &Path,
     width: u32,

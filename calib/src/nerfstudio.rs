@@ -26,7 +26,7 @@ use crate::tree::{At, json};
 use crate::write::{WriteError, Written, lens, placed};
 
 const HALF: f64 = 0.5;
-/// Both axes that point the other way in OpenGL.
+/// The two axes with opposite sign in OpenGL.
 const FLIPPED: [f64; 4] = [1.0, -1.0, -1.0, 1.0];
 
 /// Reads the cameras of a file.
@@ -77,7 +77,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
     if let Some(first) = cameras.first_mut() {
         first.camera_from_first = Some(RigidTransform::identity());
     } else {
-        // Says which key is missing.
+        // The error names the missing key.
         root.get("fl_x")?;
     }
     let set = CameraSet {
@@ -116,7 +116,7 @@ fn stem(frame: &At<'_>) -> String {
     name.unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// One lens; what the frame does not say is said for all.
+/// Intrinsics of one frame; values missing there are those of the file.
 fn camera(frame: &At<'_>, root: &At<'_>, notes: &mut Vec<Note>) -> Result<CameraModel, CalibError> {
     let find = |key: &str| frame.find(key).or_else(|| root.find(key));
     let need = |key: &str| find(key).map_or_else(|| frame.get(key), Ok);
@@ -152,7 +152,7 @@ fn camera(frame: &At<'_>, root: &At<'_>, notes: &mut Vec<Note>) -> Result<Camera
         or_zero("k4")?,
     ];
     let [p1, p2] = [or_zero("p1")?, or_zero("p2")?];
-    // Coefficients that the model does not have are not dropped.
+    // Coefficients that the model does not have must not be dropped silently.
     let foreign: &[&str] = match model {
         "OPENCV_FISHEYE" => &["p1", "p2"],
         "OPENCV" => &[],

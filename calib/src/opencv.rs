@@ -237,8 +237,8 @@ pub(crate) fn camera_matrix(at: &At<'_>) -> Result<[f64; 4], CalibError> {
 
 type Odd = (String, &'static str);
 
-/// OpenCV's list of coefficients as a model: all 0 is none, 4, 5 or 8 as they are, 2 are radial, and 12
-/// or 14 where all but the first 8 are 0.
+/// OpenCV's list of coefficients as a model: all 0 is no distortion, 4, 5 or 8 as they are, 2 are
+/// radial, and 12 or 14 if all but the first 8 are 0.
 pub(crate) fn radial_tangential_of(d: &[f64]) -> Result<Distortion, Odd> {
     let family = [
         Distortion::Radial2 { k1: 0.0, k2: 0.0 },

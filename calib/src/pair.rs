@@ -1,8 +1,8 @@
 //! `K.txt` of a rectified pair: nine numbers of the camera matrix on the first line, rows first, and
 //! the baseline in metres on the second. FoundationStereo's demo data has this form.
 //!
-//! Contract: both cameras are the same ideal pinhole, the right one shifted along x. The file does not
-//! say its resolution; that the principal point lies inside the picture is all that can be checked.
+//! Contract: both cameras are the same ideal pinhole, the right one displaced along x. The file has
+//! no resolution; that the principal point is inside the image is the only possible check.
 
 use std::path::Path;
 
@@ -14,10 +14,9 @@ use crate::stereo::{Format, MAX_BASELINE_M, Provenance, StereoCalibration};
 use crate::text::{Source, written, written_all};
 use crate::write::{WriteError, Written};
 
-/// Reads a `K.txt` for pictures of `width` x `height` pixels.
+/// Reads a `K.txt` for images of `width` x `height` pixels.
 ///
-/// # Errors
-/// [`CalibError`].
+/// # Errors [`CalibError`].
 pub fn read(
     path: &Path,
     width: u32,
@@ -104,7 +103,7 @@ mod tests {
         );
         assert_eq!(calibration.left, calibration.right);
         assert!(calibration.is_rectified() && notes.is_empty());
-        // A quarter of the size: the principal point gives it away.
+        // A quarter of the size: detected by the principal point.
         assert!(matches!(
             read(&path, 480, 270),
             Err(CalibError::Implausible { .. })

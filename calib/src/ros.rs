@@ -1,12 +1,13 @@
 //! ROS `camera_info` YAML as `camera_calibration` and `camera_calibration_parsers` write it, one file per
 //! camera.
 //!
-//! Contract: a file whose name is `left`, or ends in `_left` or `-left`, is read together with its `right`
-//! sibling, and the other way round. The pair's placement is what its rectification says: `x_right_rect = x_left_rect + P[3] / P[0]`
-//! along x, and the two `rectification_matrix` turn each camera's points into the rectified frame. Where
-//! the right projection has no such term the placement is unknown. Models: `plumb_bob` (5, or 4),
-//! `rational_polynomial` (8), `equidistant` (4), and Kalibr's `radtan` (4), which some drivers write here.
-//! Coefficients that are all 0 are no distortion; those beside `none` or an empty model must be.
+//! Contract: a file whose name is `left`, or ends in `_left` or `-left`, is read together with its
+//! `right` sibling, and vice versa. The pair's extrinsics follow from its rectification:
+//! `x_right_rect = x_left_rect + P[3] / P[0]` along x, and the two `rectification_matrix` rotate
+//! each camera's points into the rectified frame. If the right projection has no such term, the
+//! extrinsics are unknown. Models: `plumb_bob` (5, or 4), `rational_polynomial` (8), `equidistant`
+//! (4), and Kalibr's `radtan` (4), which some drivers write here. Coefficients that are all 0 are
+//! no distortion; those beside `none` or an empty model must be.
 
 use std::path::{Path, PathBuf};
 
@@ -89,8 +90,8 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
     Ok((set.validate(path)?, notes))
 }
 
-/// The left and the right file where this is one of them and the other exists. The last word of the name
-/// tells: `left_shoulder_right.yaml` belongs to `left_shoulder_left.yaml`.
+/// The left and the right file if this is one of them and the other exists. The last word of the
+/// name decides: `left_shoulder_right.yaml` belongs to `left_shoulder_left.yaml`.
 fn pair(path: &Path) -> Option<[PathBuf; 2]> {
     let stem = path.file_stem()?.to_str()?;
     let before = &stem[..stem.rfind(['_', '-']).map_or(0, |at| at + 1)];
@@ -242,7 +243,7 @@ pub(crate) fn write(set: &CameraSet) -> Result<Written, WriteError> {
     } else {
         [&set.cameras[1], &set.cameras[0]]
     };
-    // Of a pair that is rectified as delivered the new camera is the old one.
+    // For a pair that is rectified as delivered the rectified camera is the original one.
     if pair.is_rectified() {
         let [x, _, _] = pair.right_from_left.translation_m();
         let projections = [own(&pair.left, 0.0), own(&pair.right, x)];

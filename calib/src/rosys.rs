@@ -1,9 +1,9 @@
-//! Camera JSON of RoSys: a map of cameras, each with intrinsics and a place in some frame.
+//! Camera JSON of RoSys: a map of cameras, each with intrinsics and a pose in some frame.
 //!
-//! Contract: `matrix` is the camera matrix, `distortion` is in OpenCV's order, `extrinsics` is the place of
-//! the camera's optical frame in the frame `_frame_id`, metres. Cameras of one such frame are placed
-//! beside each other; others are not. Coefficients that are all 0 are no distortion, which the maker's
-//! rectified pictures have.
+//! Contract: `matrix` is the camera matrix, `distortion` is in OpenCV's order, `extrinsics` is the
+//! pose of the camera's optical frame in the frame `_frame_id`, metres. Cameras of one such frame
+//! have relative poses; others have not. Coefficients that are all 0 are no distortion, as in the
+//! rectified images of the maker.
 
 use std::path::Path;
 

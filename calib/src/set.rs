@@ -1,8 +1,9 @@
-//! What a calibration file of any kind holds: one or more cameras by name, where they sit, and the IMU.
+//! Content of a calibration file of any format: one or more named cameras, their extrinsics, and
+//! the IMU.
 //!
-//! Contract: the first camera is the reference, so its placement is the identity. A camera whose place
-//! the file does not tell has none; nothing is assumed. Intrinsics are finite and possible, and no two
-//! sensors are farther apart than 10 m (a file in millimetres is refused, not scaled).
+//! Contract: the first camera is the reference, so that its pose is the identity. A camera whose
+//! pose is not in the file has none; nothing is assumed. Intrinsics are finite and valid, and no
+//! two sensors are farther apart than 10 m (a file in millimetres is rejected, not scaled).
 
 use std::path::Path;
 
@@ -14,23 +15,23 @@ use crate::stereo::{
     ImuCalibration, ImuNoise, MAX_BASELINE_M, Provenance, StereoCalibration, swapped,
 };
 
-/// Cameras that belong together.
+/// The cameras of a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraSet {
     /// The cameras in the order of the file, at least one.
     pub cameras: Vec<NamedCamera>,
-    /// The IMU, where the file holds one.
+    /// The IMU, if the file contains one.
     pub imu: Option<SetImu>,
-    /// Where all this comes from.
+    /// Source of the calibration.
     pub provenance: Provenance,
 }
 
 /// One camera of a set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NamedCamera {
-    /// As the file calls it, for example `cam0` or `left`.
+    /// Name in the file, for example `cam0` or `left`.
     pub name: String,
-    /// Size and lens.
+    /// Image size and intrinsics.
     pub model: CameraModel,
     /// Takes points in the first camera's optical frame to this one's, metres.
     pub camera_from_first: Option<RigidTransform>,
@@ -48,16 +49,16 @@ pub struct SetImu {
     /// What to add to a camera's time to get the IMU's, seconds (Kalibr's `timeshift_cam_imu`,
     /// Basalt's `cam_time_offset_ns`).
     pub time_offset_s: Option<f64>,
-    /// To be subtracted from the gyroscope's reading, rad/s.
+    /// Bias to subtract from the measured angular rate, rad/s.
     pub gyro_bias: Option<[f64; 3]>,
-    /// To be subtracted from the accelerometer's reading, m/s².
+    /// Bias to subtract from the measured specific force, m/s².
     pub accel_bias: Option<[f64; 3]>,
 }
 
-/// Wider apart than this, a stereo camera is worth a question, metres.
+/// Stereo baseline above which there is a note, metres.
 const MAX_USUAL_BASELINE_M: f64 = 2.0;
 
-/// What is wrong with a sensor that is too far from the first camera to be in metres.
+/// Error text for a sensor that is too far from the first camera to be in metres.
 pub(crate) fn too_far(name: &str, from_first: &RigidTransform) -> Option<String> {
     let metres = from_first.distance_m();
     (!metres.is_finite() || metres > MAX_BASELINE_M).then(|| {
@@ -65,7 +66,7 @@ pub(crate) fn too_far(name: &str, from_first: &RigidTransform) -> Option<String>
     })
 }
 
-/// A question about a pair that is very wide.
+/// Note on a very wide pair.
 pub(crate) fn wide(stereo: &StereoCalibration) -> Option<Note> {
     let apart = stereo.baseline_m();
     (apart > MAX_USUAL_BASELINE_M).then(|| {
@@ -100,12 +101,11 @@ impl CameraSet {
         }
     }
 
-    /// Two of the cameras as a stereo calibration: those named, else those with `left` and `right` in
-    /// their names, else the first two. `path` is for messages.
+    /// Two of the cameras as a stereo calibration: the named ones, otherwise those with `left` and
+    /// `right` in their names, otherwise the first two. `path` is for messages.
     ///
-    /// # Errors
-    /// [`CalibError::Missing`] without such cameras or their placement, [`CalibError::Implausible`] where
-    /// left and right are swapped.
+    /// # Errors [`CalibError::Missing`] without such cameras or their pose,
+    /// [`CalibError::Implausible`] if left and right are swapped.
     pub fn stereo(
         &self,
         pair: Option<[&str; 2]>,
@@ -146,7 +146,7 @@ impl CameraSet {
                 self.cameras[right].name
             )));
         }
-        // Of the first camera itself the placement is exact, without any arithmetic.
+        // For the first camera the pose is exact, without arithmetic.
         let from_left = |b_from_first: RigidTransform| {
             if left == 0 {
                 b_from_first
@@ -202,11 +202,10 @@ impl CameraSet {
         }
     }
 
-    /// Questions about where the cameras are. `path` is for messages.
+    /// Notes on implausible poses of the cameras. `path` is for messages.
     ///
-    /// # Errors
-    /// [`CalibError::Implausible`] where cameras that are called left and right are swapped. Two cameras
-    /// with other names may sit anywhere, so with them it is a question.
+    /// # Errors [`CalibError::Implausible`] if cameras called left and right are swapped. Two
+    /// cameras with other names may be anywhere, so for them it is a note.
     pub(crate) fn plausibility_notes(&self, path: &Path) -> Result<Vec<Note>, CalibError> {
         let mut notes = Vec::new();
         for NamedCamera {
@@ -244,7 +243,7 @@ impl CameraSet {
         Ok(notes)
     }
 
-    /// The set itself if its numbers are possible, with notes on what is doubtful.
+    /// The set itself if its values are valid, with notes on suspicious ones.
     pub(crate) fn validate(self, path: &Path) -> Result<Self, CalibError> {
         let implausible = |reason: String| CalibError::Implausible {
             path: path.to_owned(),

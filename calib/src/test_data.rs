@@ -1,10 +1,10 @@
-//! Files for tests: made-up ones in a temporary folder, real ones outside the project.
+//! Files for tests: synthetic ones in a temporary folder, real ones outside the project.
 
 pub(crate) use ::test_data::shared;
 
 use std::path::{Path, PathBuf};
 
-/// A folder that goes away with the test.
+/// A folder that is deleted with the test.
 pub(crate) struct Folder(tempfile::TempDir);
 
 impl Folder {
@@ -26,7 +26,7 @@ impl Folder {
     }
 }
 
-/// A picture file as grey: width, height, pixels.
+/// An image file as grey: width, height, pixels.
 pub(crate) fn grey(path: &Path) -> (usize, usize, Vec<u8>) {
     let bytes = std::fs::read(path).expect("a picture can be read");
     let bytes = std::io::Cursor::new(bytes);

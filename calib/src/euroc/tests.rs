@@ -2,7 +2,8 @@ use super::*;
 use crate::read_stereo;
 use crate::test_data::{Folder, shared};
 
-/// Body frame of these made-up files: the left camera turned so that the body's x looks along z.
+/// Body frame of these synthetic files: the left camera rotated so that the body's x is along its
+/// z.
 const LEFT: &str = "%YAML:1.0\nsensor_type: camera\nT_BS:\n  cols: 4\n  rows: 4\n  data: [0.0, 0.0, 1.0, 0.1,\n         \
                     -1.0, 0.0, 0.0, 0.05,\n         0.0, -1.0, 0.0, 0.0,\n         0.0, 0.0, 0.0, 1.0]\nrate_hz: 20\n\
                     resolution: [640, 480]\ncamera_model: pinhole\nintrinsics: [400.0, 401.0, 320.0, 240.0] #fu\n\

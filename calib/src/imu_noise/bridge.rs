@@ -1,21 +1,21 @@
-//! Small gaps.
+//! Bridging of small gaps.
 //!
-//! A sample lost now and then would cut a long recording into pieces too short for any long average. A short
-//! gap that leaves the clock's grid as it is, is filled with the mean of the second around it; what the fill lacks in noise
-//! is no more than its share of the samples.
+//! A single dropped sample now and then would cut a long recording into runs too short for long
+//! averages. A short gap that is a whole number of periods is filled with the mean of the second
+//! around it; the noise missing in the fill is no more than its fraction of the samples.
 
 use super::{Finding, Series, Severity};
 
-/// Gaps up to this long are filled, s.
+/// Maximum length of a gap that is filled, s.
 const MAX_GAP_S: f64 = 0.1;
-/// As long as all fills together are no more than this share of the samples.
+/// Maximum fraction of filled samples.
 const MAX_BRIDGED_RATIO: f64 = 1e-3;
-/// The gap must be a whole number of periods, to this part of one.
+/// Maximum deviation of a gap from a whole number of periods, in periods.
 const MAX_GRID_DEVIATION: f64 = 0.25;
 
 impl Series {
-    /// The series with its small gaps filled, and a remark that says so; unchanged if there are none, or if they
-    /// are too many.
+    /// The series with its small gaps filled, and a finding about it; unchanged if there are none
+    /// or too many.
     #[must_use]
     pub fn bridged(self) -> Self {
         let Some(fills) = self.fills() else {
@@ -82,7 +82,7 @@ impl Series {
         filled
     }
 
-    /// The runs that a small gap follows, with the samples that it lacks.
+    /// Runs followed by a small gap, with the number of missing samples.
     fn fills(&self) -> Option<Vec<(usize, usize)>> {
         let mut steps: Vec<f64> = self
             .runs

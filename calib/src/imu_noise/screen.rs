@@ -1,8 +1,9 @@
-//! Is this a recording of a still IMU, and which parts of it?
+//! Screening: which parts of a recording are static.
 //!
-//! The samples are looked at in blocks of a second. Noise is the same in all of them, so a block whose
-//! spread or mean stands out is not noise. All thresholds are against the medians of the recording itself,
-//! except for the last line: no IMU worth calibrating is as noisy as one that is carried.
+//! The samples are processed in blocks of a second. Noise is the same in all of them, so that a
+//! block whose spread or mean deviates is not noise. All thresholds are relative to the medians of
+//! the recording itself, except for the last: no IMU worth calibrating is as noisy as one that is
+//! carried.
 
 use std::ops::Range;
 
@@ -10,46 +11,48 @@ use super::{AXES, Finding, MIN_STATIC_S, Series, Severity};
 
 /// Length of a block, s.
 const BLOCK_S: f64 = 1.0;
-/// A block's spread may be this many times the median spread.
+/// Maximum spread of a block relative to the median spread.
 const OUTLIER_SPREAD_RATIO: f64 = 4.0;
-/// A block's mean may be off the median mean by this much, rad/s and m/s², or [`OUTLIER_SPREAD_RATIO`] times the median
-/// spread if that is more. Biases move less, attitudes more: 0.05 m/s² is a tilt of 0.3°.
+/// Maximum deviation of a block's mean from the median mean, rad/s and m/s², or
+/// [`OUTLIER_SPREAD_RATIO`] times the median spread if that is larger. Biases change less,
+/// attitudes more: 0.05 m/s² is a tilt of 0.3°.
 const MAX_MEAN_CHANGE: [f64; 2] = [0.02, 0.3];
-/// And off the mean of the block before by this much.
+/// Maximum step of a block's mean from the previous block.
 const MAX_STEP: [f64; 2] = [0.01, 0.05];
-/// Median spreads, rad/s and m/s², that only a moving IMU has.
+/// Median spreads, rad/s and m/s², above which the IMU moved throughout.
 const MAX_MOTION: [f64; 2] = [0.05, 0.5];
-/// Left out on both sides of a motion, s.
+/// Margin excluded on both sides of a motion, s.
 const MOTION_MARGIN_S: f64 = 2.0;
-/// Values this many spreads from the median of their block are wild, if there are no more than
+/// Outlier threshold, in spreads from the median of the block, if there are no more than
 /// [`MAX_OUTLIERS`] in it.
 const OUTLIER_SIGMAS: f64 = 10.0;
 const MAX_OUTLIERS: usize = 3;
-/// A value must be repeated at least this often to count as frozen, whatever the chances.
+/// Minimum number of repetitions of a frozen value, whatever its probability.
 const MIN_FROZEN_SAMPLES: usize = 20;
-/// This share of values at one end of the range is clipped.
+/// Fraction of values at one end of the range above which the axis is saturated.
 const MAX_CLIPPED_RATIO: f64 = 1e-3;
-/// Fewer levels than this between least and greatest are coarse.
+/// Minimum number of levels between minimum and maximum; fewer are coarse.
 const MIN_LEVELS: usize = 12;
-/// Rates may differ from what was promised by this share.
+/// Maximum relative deviation of the rate from its nominal value.
 const MAX_RATE_DEVIATION: f64 = 0.01;
-/// A sample this share of a period off its place is jitter, and this share of such samples a doubt.
+/// Jitter: deviation of a sample from its nominal time, in periods, and the fraction of such
+/// samples above which it is reported.
 const MAX_JITTER: (f64, f64) = (0.2, 0.01);
-/// Temperatures may differ by this, K, over a recording.
+/// Maximum temperature change over a recording, K.
 const MAX_TEMPERATURE_CHANGE_K: f32 = 3.0;
 
-/// What can be used.
+/// Result of the screening.
 pub(super) struct Screened {
-    /// Time from sample to sample, s.
+    /// Sample period, s.
     pub(super) period_s: f64,
-    /// Runs without gap, motion or anything else.
+    /// Static runs without gap.
     pub(super) still: Vec<Range<usize>>,
     /// Axes that never change.
     pub(super) dead: [bool; 6],
     pub(super) findings: Vec<Finding>,
 }
 
-/// A span that is left out.
+/// An excluded span.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Span {
     from: usize,
@@ -124,7 +127,7 @@ impl Screen<'_> {
         format!("between {from:.1} s and {to:.1} s")
     }
 
-    /// Whether the samples come as often and as evenly as promised.
+    /// Checks rate and jitter of the samples.
     fn rate(&mut self) {
         let (rate, nominal) = (1.0 / self.period_s, self.series.nominal_rate_hz);
         if (rate / nominal - 1.0).abs() > MAX_RATE_DEVIATION {
@@ -186,7 +189,7 @@ impl Screen<'_> {
         }
     }
 
-    /// Frozen, clipped and coarse values of one axis.
+    /// Checks one axis for frozen, saturated and coarse values.
     fn values(&mut self, index: usize) {
         let (axis, name) = (&self.series.axes[index], AXES[index]);
         let all: Vec<f64> = axis.iter().copied().filter(|v| v.is_finite()).collect();
@@ -203,7 +206,8 @@ impl Screen<'_> {
             self.finding(Severity::Warn, "frozen", text);
             return;
         }
-        // A repeat has some chance, which the recording itself tells; a run of n repeats has its power.
+        // A repetition has a probability that the recording itself gives; a run of n repetitions
+        // has its power.
         let equal = all.windows(2).filter(|w| w[0] == w[1]).count();
         let chance = (equal as f64 / all.len() as f64).clamp(1e-6, 0.999_999);
         let unlikely = ((1e6 * all.len() as f64).ln() / -chance.ln()).ceil() as usize;
@@ -261,7 +265,7 @@ impl Screen<'_> {
         }
     }
 
-    /// Samples in which nothing is new.
+    /// Checks for repeated samples.
     fn repeats(&mut self) {
         let n = self.series.times_s.len();
         let live: Vec<&Vec<f64>> = (0..6)
@@ -280,7 +284,7 @@ impl Screen<'_> {
         }
     }
 
-    /// Blocks that are not noise.
+    /// Finds blocks with motion.
     fn motion(&mut self) {
         let size = ((BLOCK_S / self.period_s).round() as usize).max(8);
         let whole = |run: &Range<usize>| {
@@ -315,12 +319,12 @@ impl Screen<'_> {
             for (i, &(mean, spread)) in blocks.iter().enumerate() {
                 let away = (mean - usual_mean).abs()
                     > MAX_MEAN_CHANGE[sensor].max(OUTLIER_SPREAD_RATIO * usual);
-                // The first quiet block after a motion is a step too, and no motion.
+                // The first quiet block after a motion is also a step, but no motion.
                 let follows = i > 0 && starts[i] == starts[i - 1] + size && !moved[i - 1];
                 let step = follows
                     && (mean - blocks[i - 1].0).abs()
                         > MAX_STEP[sensor].max(OUTLIER_SPREAD_RATIO * usual);
-                // Frozen values do not spread; they are found elsewhere.
+                // Frozen values have no spread; they are found elsewhere.
                 let hot = spread > OUTLIER_SPREAD_RATIO * usual && usual > 0.0;
                 if !(away || step || hot) {
                     continue;
@@ -412,7 +416,7 @@ impl Screen<'_> {
         }
     }
 
-    /// The runs without the spans that are left out.
+    /// The runs without the excluded spans.
     fn left(&mut self) -> Vec<Range<usize>> {
         self.spans.sort_by_key(|span| (span.from, span.to));
         let mut still = Vec::new();

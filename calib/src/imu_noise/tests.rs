@@ -5,7 +5,7 @@ const RATE: f64 = 100.0;
 /// N and K of gyroscope and accelerometer.
 const TRUTH: [[f64; 2]; 2] = [[2e-4, 2e-5], [2e-3, 2e-4]];
 
-/// An IMU on a table for `seconds`.
+/// A static IMU for `seconds`.
 fn still(seconds: f64, seed: u64) -> Series {
     let n = (seconds * RATE) as usize;
     let axis = |i: usize| {
@@ -32,7 +32,7 @@ fn kinds(found: &Measurement) -> Vec<&'static str> {
     kinds
 }
 
-/// Spoils a good recording, and expects the result with exactly this kind of remark.
+/// Degrades a good recording, and expects the result with exactly this kind of finding.
 fn check(kind: &'static str, refused: bool, spoil: impl FnOnce(&mut Series)) -> Measurement {
     let mut series = still(400.0, 1);
     spoil(&mut series);
@@ -85,7 +85,7 @@ fn a_good_recording_gives_the_truth_without_a_doubt() {
         (noise.accel_noise_density, TRUTH[1][0]),
         (noise.accel_random_walk, TRUTH[1][1]),
     ] {
-        // The worst of three axes; a random walk is known to some 10 % after 25 minutes.
+        // The worst of three axes; a random walk is determined to some 10 % after 25 minutes.
         assert!(
             value > 0.9 * truth && value < 1.5 * truth,
             "{value:e} {truth:e}"
@@ -116,7 +116,7 @@ fn a_motion_is_named_and_left_out() {
     assert_eq!(found.used_s.len(), 2);
     assert_right(&found);
 
-    // Put down anew: the tilt is another one, which is seen even where the rate was not.
+    // Put down again: the tilt differs, which is detected even if the rate was not.
     let found = check("moved", false, |series| {
         series.axes[3][20_000..].iter_mut().for_each(|v| *v += 0.2);
     });
@@ -251,7 +251,7 @@ fn short_gaps_are_filled_and_long_ones_are_not() {
     );
     assert!(kinds(&found).contains(&"gaps"));
     assert_right(&found);
-    // Four samples of 40000 change nothing that can be seen.
+    // Four samples of 40000 have no visible effect.
     let white = |found: &Measurement| found.axes[0].fit.as_ref().unwrap().deviation(0.1);
     assert!((white(&found) / white(&whole) - 1.0).abs() < 0.01);
 

@@ -18,7 +18,7 @@ const FIVE: &str = "-0.337586, 0.111612, -0.000218, -0.000030, 0.0";
 #[test]
 fn a_pair_is_placed_by_its_rectification() {
     let folder = Folder::new();
-    // Both eyes are turned about the optical axis, the left by a quarter turn more.
+    // Both eyes are rotated about the optical axis, the left by a quarter turn more.
     let quarter = "0., -1., 0., 1., 0., 0., 0., 0., 1.";
     let left = folder.file("left.yaml", &text("plumb_bob", FIVE, quarter, 0.0));
     let right = folder.file("right.yaml", &text("plumb_bob", FIVE, STRAIGHT, -25.2));
@@ -106,7 +106,7 @@ fn the_real_pair_of_a_zed_2i() {
     assert_eq!(set.cameras[1].camera_from_first, None);
     let said = |what: &str| assert!(notes.iter().any(|n| n.0.contains(what)), "{notes:?}");
     said("no baseline");
-    // The file says 1280 rows; this camera's mode with 1920 columns has 1080.
+    // The file has 1280 rows; this camera's mode with 1920 columns has 1080.
     said("is the size right?");
     let error = crate::read_stereo(&path, 1920, 1280)
         .unwrap_err()

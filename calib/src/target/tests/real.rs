@@ -1,7 +1,7 @@
 use super::*;
 use crate::test_data::shared;
 
-/// A picture file as grey.
+/// An image file as grey.
 fn load(path: &std::path::Path) -> Picture {
     let bytes = std::fs::read(path).unwrap();
     let (size, channels, data) = if path.extension().is_some_and(|e| e == "png") {
@@ -52,7 +52,8 @@ fn the_real_aprilgrids() {
         let found = detect(&picture.view(), &target, &Settings::default());
         assert_eq!(found.corners.len(), target.corners().len(), "{name}");
         if name == "iphone.png" {
-            // Tag 0 at the bottom left, read off the picture by eye: bottom left, bottom right, top right, top left.
+            // Tag 0 at the bottom left, measured by hand: bottom left, bottom right, top right, top
+            // left.
             for (seen, by_eye) in
                 found
                     .corners
@@ -82,8 +83,9 @@ fn the_real_chessboards() {
             let picture = load(&folder.join(&name));
             let found = detect(&picture.view(), &target, &Settings::default());
             assert_eq!(found.corners.len(), 54, "{name}: {:?}", found.remark);
-            // Equal steps along a row, seen in perspective, keep their cross ratio: for four corners
-            // (|ac| |bd|) / (|ad| |bc|) is 4/3. A corner a pixel off its place would change it by more than this.
+            // Equal steps along a row keep their cross ratio in perspective: for four corners (|ac|
+            // |bd|) / (|ad| |bc|) is 4/3. A corner with an error of a pixel would change it by more
+            // than this.
             for row in found.corners.chunks(9) {
                 for four in row.windows(4) {
                     let d = |i: usize, j: usize| square::distance(four[i].pixel, four[j].pixel);
@@ -99,7 +101,7 @@ fn the_real_chessboards() {
     }
 }
 
-/// Pictures without any of these boards, with the names of those that were looked at.
+/// Images without any of these boards, with the names of those that were tested.
 #[test]
 fn other_real_pictures_give_nothing() {
     let folders = [
@@ -148,7 +150,7 @@ fn other_real_pictures_give_nothing() {
         let mut files = Vec::new();
         collect(&folder, extension, &mut files);
         files.sort();
-        // Pictures that follow one another show the same.
+        // Consecutive images show the same.
         let every = (files.len() / 12).max(1);
         for file in files.iter().step_by(every) {
             let picture = load(file);
