@@ -153,7 +153,7 @@ pub enum AdjustError {
     },
     /// The initial values are so wrong that points cannot be projected: start elsewhere.
     #[error(
-        "adjusting cameras: {seen} of {all} points can be projected from the start, expected most of them"
+        "adjusting cameras: {seen} of {all} points can be projected with the initial values, expected most of them"
     )]
     Start {
         /// Number of points that can be projected.
@@ -201,9 +201,9 @@ impl Problem {
                     "x",
                     "y",
                     "z",
-                    "turn about x",
-                    "turn about y",
-                    "turn about z",
+                    "rotation about x",
+                    "rotation about y",
+                    "rotation about z",
                 ][k];
                 format!("{what} of {}", self.poses[i].name)
             }

@@ -130,7 +130,7 @@ impl CameraModel {
         let outside = |c: f64, size: u32| c <= -0.5 || c >= f64::from(size) - 0.5;
         let (name, ..) = centre.into_iter().find(|(_, c, size)| outside(*c, *size))?;
         let reason = format!(
-            "principal point ({}, {}) outside the picture of {}x{}: a calibration of another resolution?",
+            "principal point ({}, {}) outside the image of {}x{}: a calibration of another resolution?",
             self.cx, self.cy, self.width, self.height
         );
         Some((name, reason))

@@ -311,7 +311,7 @@ pub enum CameraImuError {
     },
     /// Too few frames show the board: record again.
     #[error(
-        "finding the board: {found} of {given} pictures give a pose, expected at least {expected}"
+        "finding the board: {found} of {given} frames give a pose, expected at least {expected}"
     )]
     TooFewViews {
         /// Frames given.
@@ -323,8 +323,8 @@ pub enum CameraImuError {
     },
     /// Camera and IMU do not overlap in time, according to their clocks.
     #[error(
-        "joining pictures and IMU: {found} of {given} intervals between pictures have inertial samples all the \
-         way, expected at least {expected}: other clocks, or a time offset beyond {searched_s} s?"
+        "connecting views and IMU: {found} of {given} intervals between views have complete IMU samples, \
+         expected at least {expected}: different clocks, or a time offset beyond {searched_s} s?"
     )]
     NoOverlap {
         /// Intervals between views.
@@ -338,7 +338,7 @@ pub enum CameraImuError {
     },
     /// The gyroscope rotates more, or less, than the camera.
     #[error(
-        "comparing rotation rates: the gyroscope's are {ratio:.2} times those of the pictures, expected 1: \
+        "comparing angular rates: the gyroscope's are {ratio:.2} times those of the camera, expected 1: \
          gyroscope in other units, or an IMU of another camera?"
     )]
     RateMismatch {

@@ -163,7 +163,7 @@ pub struct RigPoses {
 pub enum CamerasError {
     /// Too few detections in one eye: record more, or check the target description.
     #[error(
-        "calibrating {eye}: a target was seen in {found} pictures, expected at least {expected}: {hint}"
+        "calibrating {eye}: a target was detected in {found} images, expected at least {expected}: {hint}"
     )]
     TooFew {
         /// Name of the eye.
@@ -178,7 +178,7 @@ pub enum CamerasError {
     /// No lens model explains the detections: the target differs from its description, or the ids
     /// are wrong.
     #[error(
-        "calibrating {eye}: no lens explains what was seen; the best misses by {rms_px:.1} px, expected below {limit_px} px: is the target what its file says?"
+        "calibrating {eye}: no lens explains the detections; the best has an RMS residual of {rms_px:.1} px, expected below {limit_px} px: is the target what its file says?"
     )]
     NoLens {
         /// Name of the eye.
@@ -246,7 +246,10 @@ impl Calibration {
     }
 
     fn covariance(&self) -> &Covariance {
-        self.solution.covariance.as_ref().expect("it was asked for")
+        self.solution
+            .covariance
+            .as_ref()
+            .expect("covariances are computed")
     }
 }
 

@@ -81,7 +81,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
             }
         } else if found.len() > 1 {
             notes.push(Note(
-                "no rigs.txt beside the cameras: their places are not known".to_owned(),
+                "no rigs.txt beside the cameras: their poses are unknown".to_owned(),
             ));
         }
     }

@@ -479,14 +479,14 @@ impl fmt::Display for Conversion {
             let [x, y] = self.worst_at;
             write!(
                 f,
-                "{name} is off by at most {:.4} px (at {x:.0}, {y:.0}), {:.4} px RMS",
+                "{name} has a maximum error of {:.4} px (at {x:.0}, {y:.0}), {:.4} px RMS",
                 self.max_px, self.rms_px
             )?;
         }
         if let Some(from) = self.lost_from_rad {
             write!(
                 f,
-                "; {:.1} % of the picture, from {:.1}° off the axis on, cannot be meant",
+                "; {:.1} % of the image, from {:.1}° off the axis on, is outside its domain",
                 100.0 * self.lost,
                 from.to_degrees()
             )?;
@@ -494,7 +494,7 @@ impl fmt::Display for Conversion {
         if self.without_direction > 0.0 {
             write!(
                 f,
-                "; {:.1} % of the picture had no direction before",
+                "; {:.1} % of the image had no direction in the source",
                 100.0 * self.without_direction
             )?;
         }

@@ -51,7 +51,7 @@ pub enum CalibError {
         found: String,
     },
     /// The file is of another resolution than the images: use the file or mode that fits.
-    #[error("choosing a calibration for pictures of {width}x{height}: found {found}: {}", path.display())]
+    #[error("choosing a calibration for images of {width}x{height}: found {found}: {}", path.display())]
     Resolution {
         /// The file.
         path: PathBuf,
@@ -63,7 +63,7 @@ pub enum CalibError {
         found: String,
     },
     /// The file has no image size: give the size.
-    #[error("reading a calibration: found {found}, expected the size of a picture, which must be given: {}", path.display())]
+    #[error("reading a calibration: found {found}, expected the image size, which must be given: {}", path.display())]
     SizeUnknown {
         /// The file.
         path: PathBuf,

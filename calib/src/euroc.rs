@@ -32,7 +32,7 @@ pub fn read(
     let (calibration, more) = set.stereo(Some(["cam0", "cam1"]), folder)?;
     if !imu {
         notes.push(Note(
-            "no imu0/sensor.yaml: the place of the IMU is not known".to_owned(),
+            "no imu0/sensor.yaml: the IMU extrinsics are unknown".to_owned(),
         ));
     }
     notes.extend(more);

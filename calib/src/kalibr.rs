@@ -124,7 +124,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         let camera_from_first = chained.or(through_imu);
         if camera_from_first.is_none() {
             notes.push(Note(format!(
-                "{name} has neither T_cn_cnm1 nor T_cam_imu: its place is not known"
+                "{name} has neither T_cn_cnm1 nor T_cam_imu: its pose is unknown"
             )));
         }
         cameras.push(NamedCamera {

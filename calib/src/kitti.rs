@@ -151,7 +151,7 @@ pub(crate) fn write(stereo: &StereoCalibration) -> Result<Written, WriteError> {
     if !undistorted || stereo.right_from_left.angle_rad() > 1e-12 {
         return Err(WriteError::Refused {
             format: Format::Kitti.name(),
-            found: "distorted pictures, or cameras that are turned".to_owned(),
+            found: "distorted images, or cameras that are rotated".to_owned(),
             expected: "a rectified pair: rectify it first".to_owned(),
         });
     }
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn traps() {
+    fn invalid_files_are_rejected() {
         let folder = Folder::new();
         let good = "500 0 320 0 0 500 240 0 0 0 1 0";
         let right = "500 0 320 -50 0 500 240 0 0 0 1 0";

@@ -69,8 +69,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         }
         if cameras.len() > 1 {
             notes.push(Note(
-                "several lenses: the cameras' places on a rig are not in this kind of file"
-                    .to_owned(),
+                "several lenses: this format has no extrinsics of cameras on a rig".to_owned(),
             ));
         }
     }
@@ -131,9 +130,7 @@ fn camera(frame: &At<'_>, root: &At<'_>, notes: &mut Vec<Note>) -> Result<Camera
     let mut centre = |key: &str, size: u32| match find(key) {
         Some(at) => at.number(),
         None => {
-            notes.push(Note(format!(
-                "no {key}: the middle of the picture is taken"
-            )));
+            notes.push(Note(format!("no {key}: the image centre is taken")));
             Ok(0.5 * f64::from(size))
         }
     };

@@ -109,7 +109,7 @@ pub fn read(path: &Path, size: Option<[u32; 2]>) -> Result<(CameraSet, Vec<Note>
         };
         if right_from_left.is_none() {
             notes.push(Note(
-                "no R and T: the place of the right camera is not known".to_owned(),
+                "no R and T: the pose of the right camera is unknown".to_owned(),
             ));
         }
         vec![
@@ -341,7 +341,7 @@ pub(crate) fn write(set: &CameraSet) -> Result<Written, WriteError> {
         if (m.width, m.height) != (first.width, first.height) {
             return Err(refused(
                 format!(
-                    "pictures of {}x{} and {}x{}",
+                    "images of {}x{} and {}x{}",
                     first.width, first.height, m.width, m.height
                 ),
                 "one size, there is one place for it",

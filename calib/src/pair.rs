@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn traps() {
+    fn invalid_files_are_rejected() {
         let folder = Folder::new();
         let check = |text: &str, expected: &str| {
             let error = read(&folder.file("K.txt", text), 640, 480)

@@ -141,7 +141,7 @@ mod tests {
     use crate::camera::Distortion;
 
     #[test]
-    fn poses_come_back_whatever_the_lens() {
+    fn pose_is_recovered_for_every_lens_model() {
         let lenses = [
             Distortion::None,
             Distortion::RadTan4 {
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn too_little_is_nothing() {
+    fn too_few_points_give_no_pose() {
         let model = CameraModel {
             width: 640,
             height: 480,

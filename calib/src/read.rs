@@ -350,7 +350,7 @@ mod tests {
     use crate::test_data::Folder;
 
     #[test]
-    fn tells_the_kinds_apart() {
+    fn formats_are_distinguished() {
         let folder = Folder::new();
         let check = |name: &str, text: &str, expected: Format| {
             assert_eq!(
@@ -438,7 +438,7 @@ mod tests {
     }
 
     #[test]
-    fn pairs_of_any_kind_are_questioned() {
+    fn implausible_pairs_are_noted_in_any_format() {
         let folder = Folder::new();
         let chain = |x: &str| {
             let camera = "camera_model: pinhole, intrinsics: [500, 500, 320, 240], distortion_model: none, resolution: \

@@ -64,7 +64,7 @@ pub enum RectifyError {
         angle_deg: f64,
     },
     /// The two have no common field of view.
-    #[error("rectifying: the two pictures have no part in common on the rectified plane")]
+    #[error("rectifying: the two images do not overlap on the rectified plane")]
     NothingInCommon,
     /// Invalid size or focal length.
     #[error(

@@ -62,7 +62,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
     let p = right.projection;
     let right_from_left = if p[3] == 0.0 {
         notes.push(Note(
-            "the right projection matrix has no baseline: the place of the right camera is not known"
+            "the right projection matrix has no baseline: the pose of the right camera is unknown"
                 .to_owned(),
         ));
         None

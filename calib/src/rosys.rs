@@ -43,7 +43,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
             }
             _ => {
                 notes.push(Note(format!(
-                    "the place of {name} beside the first camera is not known"
+                    "the pose of {name} relative to the first camera is unknown"
                 )));
                 None
             }

@@ -133,7 +133,7 @@ impl CameraSet {
         let from_first = |i: usize| {
             self.cameras[i]
                 .camera_from_first
-                .ok_or_else(|| missing(format!("the place of camera {}", self.cameras[i].name)))
+                .ok_or_else(|| missing(format!("the pose of camera {}", self.cameras[i].name)))
         };
         let left_from_first = from_first(left)?;
         let right_from_first = from_first(right)?;
@@ -347,11 +347,11 @@ mod tests {
         );
         let mut unplaced = three.clone();
         unplaced.cameras[1].camera_from_first = None;
-        assert!(error(unplaced.stereo(None, path)).contains("the place of camera cam1 is missing"));
+        assert!(error(unplaced.stereo(None, path)).contains("the pose of camera cam1 is missing"));
     }
 
     #[test]
-    fn impossible_numbers_are_refused() {
+    fn impossible_numbers_are_rejected() {
         let path = Path::new("chain.yaml");
         let error = |set: CameraSet| set.validate(path).unwrap_err().to_string();
         assert!(error(set(&[], &[])).contains("a camera is missing"));

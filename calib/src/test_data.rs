@@ -28,7 +28,7 @@ impl Folder {
 
 /// An image file as grey: width, height, pixels.
 pub(crate) fn grey(path: &Path) -> (usize, usize, Vec<u8>) {
-    let bytes = std::fs::read(path).expect("a picture can be read");
+    let bytes = std::fs::read(path).expect("an image can be read");
     let bytes = std::io::Cursor::new(bytes);
     let (width, height, data) = if path.extension().is_some_and(|e| e == "png") {
         let mut decoder = png::Decoder::new(bytes);

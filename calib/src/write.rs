@@ -212,7 +212,7 @@ pub(crate) fn placed(
     camera.camera_from_first.ok_or_else(|| WriteError::Refused {
         format: format.name(),
         found: format!("camera {} without a placement", camera.name),
-        expected: "every camera's place".to_owned(),
+        expected: "every camera's pose".to_owned(),
     })
 }
 
@@ -240,7 +240,7 @@ fn left_out(imu: &crate::set::SetImu, format: Format) -> Option<Note> {
         .collect();
     (!lost.is_empty()).then(|| {
         Note(format!(
-            "{} has no place for the IMU's {}: not written",
+            "{} has no field for the IMU's {}: not written",
             format.name(),
             lost.join(", ")
         ))

@@ -158,7 +158,7 @@ pub(crate) fn write(stereo: &StereoCalibration) -> Result<Written, WriteError> {
                 if k3 == 0.0 || k4 == 0.0 {
                     return Err(refused(
                         format!("a fisheye with k3 = {k3} and k4 = {k4}"),
-                        "neither to be 0, by which these files tell the model",
+                        "neither to be 0, by which these files distinguish the model",
                     ));
                 }
                 const NAMES: [&str; 6] = ["k1", "k2", "p1", "p2", "k3", "k4"];

@@ -146,7 +146,7 @@ fn disturbed(truth: &Problem, seed: u64) -> Problem {
 }
 
 #[test]
-fn finds_the_truth_where_there_is_no_noise() {
+fn recovers_ground_truth_without_noise() {
     let truth = stereo(12, 0.0, 1);
     let found = solve(&disturbed(&truth, 1), &Settings::default()).unwrap();
     for (a, b) in found.problem.lenses.iter().zip(&truth.lenses) {
@@ -163,7 +163,7 @@ fn finds_the_truth_where_there_is_no_noise() {
 }
 
 #[test]
-fn ninety_five_of_a_hundred_errors_are_within_two_sigma() {
+fn ninety_five_percent_of_errors_are_within_two_sigma() {
     let (mut inside, mut all) = (0, 0);
     for seed in 0..20 {
         let truth = stereo(15, 0.15, 100 + seed);
@@ -192,7 +192,7 @@ fn ninety_five_of_a_hundred_errors_are_within_two_sigma() {
 /// clusters. The pose of the rig is known from priors alone, and must not hide the rotation between
 /// the eyes.
 #[test]
-fn stays_count_once() {
+fn view_clusters_count_once() {
     let share_inside = |clustered: bool| {
         let mut inside = 0;
         for seed in 0..30 {
@@ -246,7 +246,7 @@ fn stays_count_once() {
 }
 
 #[test]
-fn gross_errors_hardly_matter() {
+fn outliers_hardly_change_the_solution() {
     let clean = stereo(15, 0.1, 7);
     let mut spoilt = clean.clone();
     for (i, view) in spoilt.views.iter_mut().enumerate() {
@@ -265,7 +265,7 @@ fn gross_errors_hardly_matter() {
 }
 
 #[test]
-fn what_no_view_tells_is_named() {
+fn undetermined_parameter_is_named() {
     // One view of a board straight ahead determines neither focal length nor depth.
     let mut problem = stereo(1, 0.1, 3);
     problem.instants[0] = RigidTransform::from_translation_m([-0.3, -0.2, 0.8]).unwrap();
@@ -299,7 +299,7 @@ fn what_no_view_tells_is_named() {
 }
 
 #[test]
-fn threads_and_repeats_give_the_same_bits() {
+fn result_is_bit_identical_for_any_number_of_threads() {
     let start = disturbed(&stereo(9, 0.2, 4), 4);
     let once = solve(&start, &Settings::default()).unwrap();
     let again = solve(&start, &Settings::default()).unwrap();
@@ -310,7 +310,7 @@ fn threads_and_repeats_give_the_same_bits() {
 proptest! {
     /// The gradient is that of the cost: by differences, over all kinds of parameters.
     #[test]
-    fn the_gradient_is_the_costs(seed in 0u64..1000) {
+    fn gradient_agrees_with_differences_of_the_cost(seed in 0u64..1000) {
         let problem = disturbed(&stereo(2, 0.3, seed), seed);
         let layout = super::normal::Layout::new(&problem);
         let loss = super::normal::Loss { scale: 1.0, knee: 1e9 };
@@ -350,7 +350,7 @@ proptest! {
 }
 
 #[test]
-fn one_view_locates_an_eye() {
+fn pose_of_a_single_view_is_recovered() {
     let truth = stereo(3, 0.1, 9);
     let view = &truth.views[0];
     let start = moved(

@@ -70,7 +70,7 @@ fn slow(rate: &[f64], runs: &[Range<usize>], factor: usize) -> (f64, u64) {
 }
 
 #[test]
-fn a_curve_is_what_the_definition_says_and_never_crosses_a_gap() {
+fn curve_agrees_with_the_definition_and_never_crosses_a_gap() {
     let mut rate = Noise::new(3).rate(700, 0.01, [1.0, 0.0, 0.5]);
     // The samples between two runs belong to neither.
     rate[200..230].fill(1e6);
@@ -96,7 +96,7 @@ fn table(path: &std::path::Path) -> Vec<Vec<f64>> {
 }
 
 #[test]
-fn deviations_are_those_of_stable32() {
+fn deviations_agree_with_stable32() {
     let Some(folder) = shared("06_calibration/allan_reference/phasedat") else {
         return;
     };
@@ -147,7 +147,7 @@ fn handbook(n: f64, m: f64) -> [f64; 3] {
 }
 
 #[test]
-fn degrees_of_freedom_are_those_of_the_handbook() {
+fn degrees_of_freedom_agree_with_the_handbook() {
     let samples = 100_000;
     let curve = curve(
         &vec![0.0; samples],
@@ -181,7 +181,7 @@ fn degrees_of_freedom_are_those_of_the_handbook() {
 
 /// Scatter of the points, and of pairs of points, against many simulated recordings.
 #[test]
-fn points_scatter_as_computed() {
+fn scatter_of_points_agrees_with_their_covariance() {
     let (samples, period, seeds) = (2000, 0.02, 300);
     for truth in [[1.0, 0.0, 0.0], [0.1, 1.0, 0.0], [0.2, 0.0, 1.0]] {
         let curves: Vec<Curve> = (0..seeds)
@@ -313,7 +313,7 @@ fn stated_uncertainties_hold_with_all_three() {
 }
 
 #[test]
-fn a_short_recording_gives_a_limit_and_no_number() {
+fn short_recording_gives_an_upper_limit() {
     let [_, n, b, k] = trial(6_000, 0.01, [1e-3, 1e-5, 1e-5]);
     n.assert_honest("N");
     assert_eq!(n.below, 0);
@@ -322,7 +322,7 @@ fn a_short_recording_gives_a_limit_and_no_number() {
 }
 
 #[test]
-fn coarse_counts_are_seen_as_quantisation_and_a_filter_is_passed_by() {
+fn coarse_counts_are_quantization_and_filtered_averages_are_skipped() {
     // An angle in coarse steps: each rate is the difference of two rounded angles.
     let mut noise = Noise::new(5);
     let (period, step) = (0.01, 1e-3);
@@ -356,7 +356,7 @@ fn coarse_counts_are_seen_as_quantisation_and_a_filter_is_passed_by() {
 }
 
 #[test]
-fn what_has_no_noise_has_no_fit() {
+fn constant_signal_has_no_fit() {
     assert_eq!(fit(&whole(&vec![0.1; 5000], 0.01)), None);
     assert_eq!(fit(&whole(&[1.0, 2.0, 3.0], 0.01)), None);
 }

@@ -145,7 +145,7 @@ impl<'a> PosedViews<'a> {
 fn check(recording: &Recording) -> Result<(), CameraImuError> {
     let mut last = i64::MIN;
     for (index, observation) in recording.observations.iter().enumerate() {
-        let what = "picture";
+        let what = "view";
         if observation.time_ns <= last && index > 0 {
             return Err(CameraImuError::Order { what, index });
         }

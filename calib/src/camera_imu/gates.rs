@@ -82,21 +82,21 @@ impl fmt::Display for UnobservableDirection {
         match self {
             Self::Rotation { axis, sigma_rad } => write!(
                 f,
-                "rotation about {} of the left camera not determined by this recording (sigma {:.2} deg): turn \
+                "rotation about {} of the left camera not determined by this recording (sigma {:.2} deg): rotate \
                  about other axes too",
                 named(axis),
                 sigma_rad.to_degrees()
             ),
             Self::Translation { direction, sigma_m } => write!(
                 f,
-                "lever arm along {} of the IMU not determined by this recording (sigma {:.1} mm): turn about axes \
-                 across it, faster",
+                "lever arm along {} of the IMU not determined by this recording (sigma {:.1} mm): rotate about axes \
+                 normal to it, faster",
                 named(direction),
                 1e3 * sigma_m
             ),
             Self::TimeOffset { sigma_s } => write!(
                 f,
-                "time offset not determined by this recording (sigma {:.2} ms): turn back and forth",
+                "time offset not determined by this recording (sigma {:.2} ms): rotate back and forth",
                 1e3 * sigma_s
             ),
         }
@@ -175,7 +175,7 @@ pub(super) fn gates(evidence: &Evidence<'_>, unobservable: &[UnobservableDirecti
     vec![
         observability(unobservable),
         noise("corner noise", &noises.corners, [0.3, 3.0, 8.0]),
-        noise("pictures against motion", &noises.poses, [0.0, 1.5, 3.0]),
+        noise("views against motion", &noises.poses, [0.0, 1.5, 3.0]),
         noise("gyroscope noise", &noises.gyro, [0.4, 2.0, 10.0]),
         noise("accelerometer noise", &noises.accel, [0.4, 2.0, 10.0]),
         noise("gyroscope bias walk", &noises.gyro_walk, [0.0, 5.0, 100.0]),
@@ -225,7 +225,7 @@ fn noise(name: &'static str, noise: &Noise, bounds: [f64; 3]) -> Gate {
         f if f > high || f < low => Verdict::Warn,
         _ => Verdict::Pass,
     };
-    let text = format!("{found:.2} times what is told, expected {low} to {high}");
+    let text = format!("{found:.2} times the nominal noise, expected {low} to {high}");
     gate(name, verdict, text)
 }
 
@@ -234,7 +234,11 @@ fn board(evidence: &Evidence<'_>) -> Gate {
     let nominal = evidence.prior.shared.board_scale;
     let Some((scale, sigma)) = data_alone(evidence, BOARD, evidence.shared.board_scale, nominal)
     else {
-        return gate(name, Verdict::Pass, "not seen in this recording".to_owned());
+        return gate(
+            name,
+            Verdict::Pass,
+            "not observed in this recording".to_owned(),
+        );
     };
     let tolerance = evidence.prior.sigmas[BOARD];
     let off = (scale - nominal) / sigma.hypot(tolerance);
@@ -245,7 +249,7 @@ fn board(evidence: &Evidence<'_>) -> Gate {
     };
     let percent = 100.0 * (scale / nominal - 1.0);
     let text = format!(
-        "{percent:+.2} % of what is told by the recording alone (sigma {:.2} %), expected within {:.2} %: square \
+        "{percent:+.2} % from its nominal size by the recording alone (sigma {:.2} %), expected within {:.2} %: square \
          size, baseline or accelerometer",
         100.0 * sigma,
         100.0 * SIGNIFICANCE_SIGMAS * tolerance
@@ -288,7 +292,7 @@ fn shapes(evidence: &Evidence<'_>) -> Gate {
                 worst = (
                     (off / sigma).abs(),
                     format!(
-                        "{what} {row}{column} of the {sensor} is off by {:.2} %",
+                        "{what} {row}{column} of the {sensor} deviates by {:.2} %",
                         100.0 * off
                     ),
                 );
@@ -300,7 +304,7 @@ fn shapes(evidence: &Evidence<'_>) -> Gate {
         z if z > 4.0 => Verdict::Warn,
         _ => Verdict::Pass,
     };
-    let text = format!("{}, {:.1} of the sigmas told", worst.1, worst.0);
+    let text = format!("{}, {:.1} times its prior sigma", worst.1, worst.0);
     gate("scale and skew", verdict, text)
 }
 
@@ -329,10 +333,10 @@ fn outliers(evidence: &Evidence<'_>) -> Gate {
         _ => Verdict::Pass,
     };
     let text = format!(
-        "{} of {} pictures contradict the motion, expected at most 3 %",
+        "{} of {} views contradict the motion, expected at most 3 %",
         evidence.outliers, evidence.views
     );
-    gate("pictures left out", verdict, text)
+    gate("outlier views", verdict, text)
 }
 
 fn inertial_coverage(evidence: &Evidence<'_>) -> Gate {
@@ -344,7 +348,7 @@ fn inertial_coverage(evidence: &Evidence<'_>) -> Gate {
         Verdict::Pass
     };
     let text = format!(
-        "{} of {all} intervals between pictures have inertial samples all the way, expected at least 80 %",
+        "{} of {all} intervals between views have complete IMU samples, expected at least 80 %",
         evidence.linked
     );
     gate("inertial samples", verdict, text)

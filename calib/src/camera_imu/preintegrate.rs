@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_by_the_sensor() {
+    fn jacobians_with_respect_to_the_sensor_agree_with_differences() {
         let track = track(400.0);
         let parameters = parameters();
         let found = of(&track, 0.3012, 0.3671, &parameters);
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_by_the_instants() {
+    fn jacobians_with_respect_to_the_instants_agree_with_differences() {
         // Linear interpolation makes steps in the derivatives; they shrink with the sample period.
         let track = track(20_000.0);
         let parameters = parameters();
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn coarse_samples_come_near_fine_ones() {
+    fn coarse_samples_approximate_fine_ones() {
         let parameters = parameters();
         let fine = of(&track(20_000.0), 0.25, 0.35, &parameters);
         for (rate_hz, most) in [(200.0, 1e-4), (400.0, 3e-5), (800.0, 1e-5)] {
@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_as_large_as_that_of_many_draws() {
+    fn noise_covariance_agrees_with_monte_carlo() {
         let parameters = parameters();
         let track = track(400.0);
         let mut raw = Vec::new();

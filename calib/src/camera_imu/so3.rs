@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn jacobians_are_those_of_the_exponential() {
+    fn jacobians_agree_with_the_exponential() {
         for v in [
             Vector3::new(0.0, 0.0, 0.0),
             Vector3::new(2e-4, -5e-4, 1e-4),

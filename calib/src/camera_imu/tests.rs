@@ -84,7 +84,7 @@ fn any(seed: u64, seconds: f64) -> Scene {
 }
 
 #[test]
-fn errors_are_small_and_as_large_as_stated() {
+fn errors_are_small_and_consistent_with_their_sigmas() {
     let all = many(16, |seed| any(seed, 6.0));
     let mut within = 0;
     for (errors, found) in &all {
@@ -109,7 +109,7 @@ fn errors_are_small_and_as_large_as_stated() {
 
 /// Sensors with misaligned axes: the IMU frame is only as well defined as they are.
 #[test]
-fn rotation_is_as_sure_as_the_axes_of_the_sensors() {
+fn rotation_sigma_covers_sensor_misalignment() {
     let all = many(12, |seed| Scene {
         scale_and_skew: [5e-3, 1e-3],
         ..any(seed, 6.0)
@@ -153,7 +153,7 @@ fn verdict(found: &CameraImu, name: &str) -> Verdict {
 }
 
 #[test]
-fn what_a_recording_does_not_determine_is_named_and_stays() {
+fn unobservable_direction_is_named_and_keeps_its_prior() {
     let (good, priors) = short();
     let weak = |turn_rad: [f64; 3], shift_m: [f64; 3]| {
         let scene = Scene {
@@ -199,7 +199,7 @@ fn what_a_recording_does_not_determine_is_named_and_stays() {
 }
 
 #[test]
-fn what_is_not_as_told_is_flagged() {
+fn deviation_from_nominal_values_is_flagged() {
     let (good, priors) = short();
     let check = |name: &str, scene: Scene, change: &dyn Fn(&mut Recording)| {
         let (errors, found) = found(&scene, &priors, change);
@@ -241,7 +241,7 @@ fn what_is_not_as_told_is_flagged() {
         ..good.clone()
     };
     check("corner noise", blurred, &as_it_is);
-    check("pictures left out", good.clone(), &|r| {
+    check("outlier views", good.clone(), &|r| {
         for picture in r.observations.iter_mut().step_by(9) {
             picture.time_ns += 20_000_000;
         }
@@ -260,7 +260,7 @@ fn what_is_not_as_told_is_flagged() {
 }
 
 #[test]
-fn holes_and_outliers_do_no_harm() {
+fn gaps_and_outliers_do_no_harm() {
     let (good, _) = short();
     let check = |change: &dyn Fn(&mut Recording)| {
         let (errors, found) = found(&good, &Priors::default(), change);
@@ -297,7 +297,7 @@ fn holes_and_outliers_do_no_harm() {
 }
 
 #[test]
-fn a_rolling_shutter_that_is_told_does_no_harm() {
+fn rolling_shutter_with_known_line_time_does_no_harm() {
     let (good, priors) = short();
     let scene = Scene {
         line_s: 2e-5,
@@ -336,7 +336,7 @@ fn a_rolling_shutter_that_is_told_does_no_harm() {
 
 /// A board that is nearly outside the image has no usable pose; the rest of the recording has.
 #[test]
-fn pictures_of_one_row_do_no_harm() {
+fn views_of_a_single_row_do_no_harm() {
     let (good, priors) = short();
     for line_s in [0.0, 2e-5] {
         let scene = Scene {
@@ -360,7 +360,7 @@ fn pictures_of_one_row_do_no_harm() {
 }
 
 #[test]
-fn any_start_will_do() {
+fn result_does_not_depend_on_initial_values() {
     let (good, priors) = short();
     let (plain, first) = found(&good, &Priors::default(), |_| ());
     let wrong = RigidTransform::from_rotation_vector([3.1, 0.0, 0.2], [0.1, 0.0, -0.1]).unwrap();
@@ -407,7 +407,7 @@ fn impossible_input_is_an_error() {
     assert_eq!(
         error,
         E::NotFinite {
-            what: "picture",
+            what: "view",
             index: 3
         }
     );

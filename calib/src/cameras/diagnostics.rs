@@ -85,7 +85,7 @@ pub(super) fn findings(calibration: &Calibration) -> Vec<Finding> {
             all.push(Finding::new(
                 severity,
                 format!(
-                    "target {target} is bent: its middle is {:.1} mm {} its rim, which was taken into account; \
+                    "target {target} is not flat: its middle is {:.1} mm {} its rim, which was taken into account; \
                      expected a flat board",
                     1e3 * sagitta.abs(),
                     if *sagitta < 0.0 { "over" } else { "under" },
@@ -116,7 +116,7 @@ fn factory_deviation(calibration: &Calibration, eye: usize) -> Option<Finding> {
     Some(Finding::new(
         severity,
         format!(
-            "{}: {name} comes out as {:.1} px, the factory's file says {:.1} px: is it the file of this camera \
+            "{}: {name} is estimated as {:.1} px, the factory file has {:.1} px: is it the file of this camera \
              and this resolution?",
             description.name, found[worst], factory[worst]
         ),
@@ -234,7 +234,7 @@ fn pair(calibration: &Calibration, number: usize, camera: &Camera, all: &mut Vec
     };
     let (left_from_right, covariance) = calibration.pose(pose);
     let name = &camera.name;
-    let what = format!("{name}: the right eye's place");
+    let what = format!("{name}: the pose of the right eye");
     all.extend(uncertain_pose(&what, &covariance, &STEREO_SIGMA));
     let along = left_from_right.translation_m()[0];
     let baseline = left_from_right.distance_m();
@@ -255,7 +255,7 @@ fn pair(calibration: &Calibration, number: usize, camera: &Camera, all: &mut Vec
             all.push(Finding::new(
                 Severity::Fail,
                 format!(
-                    "{name}: the baseline comes out as {:.2} mm, the factory says {:.2} mm ({:+.1} %): \
+                    "{name}: the baseline is estimated as {:.2} mm, the factory file has {:.2} mm ({:+.1} %): \
                      is the target's size what its file says?",
                     1e3 * baseline,
                     1e3 * expected,
@@ -295,7 +295,7 @@ fn rig(calibration: &Calibration, all: &mut Vec<Finding>) {
         if number != first
             && let Some((_, covariance)) = calibration.left_from_left(first, number)
         {
-            let what = format!("the place of {} in {}", camera.name, cameras[first].name);
+            let what = format!("the pose of {} in {}", camera.name, cameras[first].name);
             all.extend(uncertain_pose(&what, &covariance, &RIG_SIGMA));
         }
         let Some(prior) = &camera.rig_from_left else {
@@ -312,7 +312,7 @@ fn rig(calibration: &Calibration, all: &mut Vec<Finding>) {
             all.push(Finding::new(
                 Severity::Warn,
                 format!(
-                    "{} is not where the rig file has it: turned by {rotation_deg:.2} degrees and moved by {translation_mm:.1} mm, \
+                    "{} is not where the rig file has it: rotated by {rotation_deg:.2} degrees and displaced by {translation_mm:.1} mm, \
                      {sigmas_off:.0} times what its tolerance allows",
                     camera.name
                 ),
@@ -388,7 +388,7 @@ fn motion_during_recording(calibration: &Calibration) -> Vec<Finding> {
     vec![Finding::new(
         Severity::Fail,
         format!(
-            "{name} moved during the recording, about {seconds:.0} s after its first picture, by {degrees:.2} degrees \
+            "{name} moved during the recording, about {seconds:.0} s after its first frame, by {degrees:.2} degrees \
              and {:.1} mm: tighten it and record again",
             1e3 * metres
         ),

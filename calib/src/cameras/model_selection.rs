@@ -26,7 +26,7 @@ const EQUIVALENT_RATIO: f64 = 0.05;
 const OUTLIER_VIEW_RATIO: f64 = 2.0;
 
 /// Remark on models whose distortion is not monotonic up to the image corner.
-const FOLDS_INSIDE_IMAGE: &str = "folds inside the picture";
+const FOLDS_INSIDE_IMAGE: &str = "folds inside the image";
 
 /// Result of one model.
 #[derive(Clone, Debug, PartialEq)]
@@ -165,7 +165,7 @@ pub(super) fn select_model(
         let (remark, held_out) = match fitted {
             None => (Some("could not be fitted"), None),
             Some(t) if models.len() > 1 && rms(t) > MAX_RMS_RATIO * best_rms => {
-                (Some("explains the pictures worse"), None)
+                (Some("larger residuals than the best model"), None)
             }
             Some(t) if !t.eyes.iter().all(|e| Lens::new(&e.model).covers_image()) => {
                 (Some(FOLDS_INSIDE_IMAGE), None)

@@ -80,7 +80,7 @@ pub fn calibrate(
     progress: &mut dyn FnMut(&str, f64),
 ) -> Result<Calibration, CamerasError> {
     let mut findings = Vec::new();
-    progress("looking for lenses to start from", 0.0);
+    progress("initializing lenses", 0.0);
     let mut starts = Vec::new();
     let mut target_views: Vec<TargetView> = Vec::new();
     for eye in 0..input.eyes.len() {
@@ -95,7 +95,7 @@ pub fn calibrate(
     for (number, camera) in input.cameras.iter().enumerate() {
         let share = number as f64 / input.cameras.len() as f64;
         progress(
-            &format!("choosing the lens model of {}", camera.name),
+            &format!("selecting the lens model of {}", camera.name),
             0.1 + 0.5 * share,
         );
         let eyes: Vec<usize> = std::iter::once(camera.left).chain(camera.right).collect();
@@ -128,7 +128,7 @@ pub fn calibrate(
     used.extend(bridges(&input, &target_views, settings.max_views));
     used.sort_unstable();
     used.dedup();
-    progress("adjusting everything", 0.65);
+    progress("bundle adjustment", 0.65);
     let mut build = assemble(&input, &target_views, &known, &chosen, &used);
     let clusters = view_clusters::assign_clusters(&target_views);
     build.problem.clusters = build.used.iter().map(|instant| clusters[instant]).collect();
@@ -143,11 +143,11 @@ pub fn calibrate(
     let mut solution = solve(&build.problem, &crate::adjust::Settings::default())?;
     // A camera that clearly contradicts its nominal pose must not bias the others.
     while let Some(camera) = diagnostics::inconsistent_prior(&input, &build.poses, &solution) {
-        let pose = build.poses.cameras[camera].expect("only placed cameras are disbelieved");
+        let pose = build.poses.cameras[camera].expect("only connected cameras are tested");
         let prior = input.cameras[camera]
             .rig_from_left
             .as_ref()
-            .expect("it was told");
+            .expect("its nominal pose is known");
         let near = PosePrior::near(
             prior.transform,
             DEFAULT_EXTRINSICS_SIGMA.0,
@@ -157,7 +157,7 @@ pub fn calibrate(
         solution.problem.poses[pose].prior = near;
         solution = solve(&solution.problem, &crate::adjust::Settings::default())?;
     }
-    progress("looking at the targets' shape", 0.85);
+    progress("estimating the shape of the targets", 0.85);
     let (solution, sagitta_m) = board_shape::refine(solution, &input.targets, &build.targets)?;
     progress("checking", 0.95);
     let coverage = coverage(&input, &solution);
@@ -188,8 +188,8 @@ fn unknown_motion(target_views: &[TargetView]) -> Option<Finding> {
         Finding::new(
             Severity::Warn,
             format!(
-                "whether the rig was still is not known of {unknown} of {} pictures, which follow no other within \
-                 {} s: the result is as good as they were still",
+                "whether the rig was static is unknown for {unknown} of {} views, which follow no other within \
+                 {} s: the result assumes that it was",
                 target_views.len(),
                 1e-9 * MAX_FRAME_INTERVAL_NS as f64
             ),
@@ -238,7 +238,7 @@ fn eye_views(
             hint: match all.len() {
                 0 => "none at all: is the target's description that of the board?".to_owned(),
                 n => format!(
-                    "in {n} pictures something of it was seen, with at least {MIN_CORNERS} corners in so many"
+                    "a part of it was detected in {n} images; those with at least {MIN_CORNERS} corners count"
                 ),
             },
         });
@@ -265,7 +265,7 @@ fn eye_views(
                 findings.push(Finding::new(
                     Severity::Fail,
                     format!(
-                        "{}: the factory's lens misses what was seen by far: the file of another camera, or of another \
+                        "{}: the factory lens contradicts the detections: the file of another camera, or of another \
                          resolution?",
                         description.name
                     ),

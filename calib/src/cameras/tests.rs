@@ -301,7 +301,7 @@ fn failures(found: &Calibration) -> Vec<&str> {
 }
 
 #[test]
-fn a_good_recording_gives_the_rig_within_what_it_says() {
+fn good_recording_gives_the_rig_within_its_sigmas() {
     let (mut inside, mut all) = (0, 0);
     for seed in 0..3 {
         let truth = simulate(seed, GOOD);
@@ -331,7 +331,7 @@ fn a_good_recording_gives_the_rig_within_what_it_says() {
 }
 
 #[test]
-fn the_lens_model_is_the_simplest_that_predicts() {
+fn simplest_lens_model_that_predicts_is_selected() {
     let truth = simulate(
         1,
         Imperfections {
@@ -352,7 +352,7 @@ fn the_lens_model_is_the_simplest_that_predicts() {
 }
 
 #[test]
-fn what_is_wrong_with_a_recording_is_found() {
+fn defective_recording_gives_a_finding() {
     let check = |name: &str, trouble: Imperfections, expected: &str| {
         let found = quiet(&simulate(3, trouble).input);
         let all: Vec<&str> = found.findings.iter().map(|f| f.text.as_str()).collect();
@@ -364,12 +364,12 @@ fn what_is_wrong_with_a_recording_is_found() {
         "is the target's size what its file says",
     );
     check(
-        "bent",
+        "not flat",
         Imperfections {
             sagitta_m: 0.003,
             ..GOOD
         },
-        "target 0 is bent",
+        "target 0 is not flat",
     );
     check(
         "knocked",
@@ -390,7 +390,7 @@ fn what_is_wrong_with_a_recording_is_found() {
 }
 
 #[test]
-fn too_few_pictures_are_an_error_that_names_the_eye() {
+fn too_few_views_are_an_error_that_names_the_eye() {
     let mut input = simulate(
         0,
         Imperfections {
@@ -405,13 +405,13 @@ fn too_few_pictures_are_an_error_that_names_the_eye() {
         .unwrap_err();
     let text = error.to_string();
     assert!(
-        text.starts_with("calibrating right_shoulder/right: a target was seen in"),
+        text.starts_with("calibrating right_shoulder/right: a target was detected in"),
         "{text}"
     );
 }
 
 #[test]
-fn another_cameras_factory_file_is_noticed() {
+fn factory_file_of_another_camera_is_detected() {
     let mut truth = simulate(5, GOOD);
     for eye in 0..2 {
         let factory = truth.input.eyes[eye].factory.as_mut().unwrap();
@@ -422,7 +422,7 @@ fn another_cameras_factory_file_is_noticed() {
 }
 
 #[test]
-fn an_origin_that_is_told_without_a_tolerance_stays_where_it_is() {
+fn nominal_pose_without_tolerance_is_fixed() {
     let mut truth = simulate(3, GOOD);
     let origin = RigidTransform::body_from_optical();
     let rig_from_rig = origin * truth.cameras[0].0.inverse();
@@ -441,7 +441,7 @@ fn an_origin_that_is_told_without_a_tolerance_stays_where_it_is() {
 }
 
 #[test]
-fn cameras_that_are_not_connected_with_the_origin_are_told_of_it() {
+fn camera_not_connected_with_the_origin_gives_a_finding() {
     let mut input = simulate(3, GOOD).input;
     for camera in &mut input.cameras {
         camera.rig_from_left = None;
@@ -461,7 +461,7 @@ fn cameras_that_are_not_connected_with_the_origin_are_told_of_it() {
 
 /// Boards alone: no lens, no baseline and no camera pose is given.
 #[test]
-fn with_nothing_told_the_first_camera_is_the_origin() {
+fn without_nominal_poses_the_first_camera_is_the_origin() {
     let mut truth = simulate(2, GOOD);
     for eye in &mut truth.input.eyes {
         eye.factory = None;

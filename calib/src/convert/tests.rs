@@ -103,7 +103,7 @@ fn a_moderate_lens_in_every_model() {
 }
 
 #[test]
-fn there_and_back() {
+fn conversion_and_inverse_agree() {
     // A lens without tangential terms: a flexible model approximates another closely.
     let ds = camera(Distortion::DoubleSphere {
         xi: -0.24,
@@ -155,7 +155,7 @@ fn a_fisheye_loses_its_edge_in_a_pinhole_model() {
 }
 
 #[test]
-fn the_same_lens_as_others_fitted_it() {
+fn conversion_agrees_with_independent_fits() {
     // Basalt calibrated the same TUM-VI camera twice: a double sphere and an EUCM.
     for (from, to, target) in [
         ("tumvi_512_ds", "tumvi_512_eucm", LensModel::Eucm),

@@ -72,7 +72,7 @@ fn matches(pair: &StereoCalibration) -> Vec<([f64; 2], [f64; 2])> {
 }
 
 #[test]
-fn true_matches_are_off_by_nothing() {
+fn true_matches_have_no_epipolar_error() {
     for pair in pairs() {
         let epipolar = Epipolar::new(&pair).unwrap();
         for (l, r) in matches(&pair) {
@@ -122,7 +122,7 @@ fn least_move(pair: &StereoCalibration, l: [f64; 2], r: [f64; 2], focal_px: f64)
 }
 
 #[test]
-fn wrong_matches_agree_with_brute_force() {
+fn sampson_distance_agrees_with_brute_force() {
     for pair in pairs() {
         let epipolar = Epipolar::new(&pair).unwrap();
         for (i, (l, mut r)) in matches(&pair).into_iter().enumerate() {

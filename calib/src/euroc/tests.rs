@@ -78,7 +78,7 @@ fn the_real_sequence() {
 
     let error = read_stereo(&path, 376, 240).unwrap_err().to_string();
     assert!(
-        error.contains("pictures of 376x240: found 752x480"),
+        error.contains("images of 376x240: found 752x480"),
         "{error}"
     );
 }
@@ -151,7 +151,7 @@ fn models_and_an_absent_imu() {
 }
 
 #[test]
-fn traps() {
+fn invalid_files_are_rejected() {
     let check = |left: String, right: &str, imu: Option<&str>, expected: &str| {
         let folder = folder(&left, right, imu);
         let error = read_stereo(folder.path(), 640, 480)

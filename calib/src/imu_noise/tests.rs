@@ -67,7 +67,7 @@ fn assert_right(found: &Measurement) {
 }
 
 #[test]
-fn a_good_recording_gives_the_truth_without_a_doubt() {
+fn good_recording_gives_ground_truth_without_findings() {
     let found = measure(&still(1500.0, 7));
     let fit_findings = || {
         found
@@ -91,17 +91,17 @@ fn a_good_recording_gives_the_truth_without_a_doubt() {
             "{value:e} {truth:e}"
         );
     }
-    let yaml = found.kalibr_yaml("/feet/imu", "made up");
+    let yaml = found.kalibr_yaml("/feet/imu", "synthetic");
     assert!(yaml.contains("\ngyroscope_random_walk: "), "{yaml}");
     assert!(yaml.contains("\nupdate_rate: 100.000\n"), "{yaml}");
     assert_eq!(
         yaml,
-        measure(&still(1500.0, 7)).kalibr_yaml("/feet/imu", "made up")
+        measure(&still(1500.0, 7)).kalibr_yaml("/feet/imu", "synthetic")
     );
 }
 
 #[test]
-fn a_motion_is_named_and_left_out() {
+fn motion_is_reported_and_excluded() {
     let found = check("moved", false, |series| {
         for i in 1200..4000 {
             let t = i as f64 / RATE;
@@ -124,7 +124,7 @@ fn a_motion_is_named_and_left_out() {
 }
 
 #[test]
-fn a_walk_is_refused() {
+fn moving_imu_is_rejected() {
     let found = check("moved", true, |series| {
         for i in 0..series.times_s.len() {
             let t = i as f64 / RATE;
@@ -133,14 +133,14 @@ fn a_walk_is_refused() {
         }
     });
     assert_eq!(found.noise(), None);
-    let yaml = found.kalibr_yaml("/imu", "made up");
+    let yaml = found.kalibr_yaml("/imu", "synthetic");
     assert!(!yaml.contains("\naccelerometer_noise_density:"), "{yaml}");
     check("short", true, |series| *series = still(50.0, 2));
     check("short", true, |series| *series = Series::default());
 }
 
 #[test]
-fn bad_values_are_named() {
+fn bad_values_are_reported() {
     let found = check("frozen", false, |series| {
         let value = series.axes[2][5000];
         series.axes[2][5000..9000].fill(value);
@@ -197,7 +197,7 @@ fn bad_values_are_named() {
 }
 
 #[test]
-fn bad_times_and_gaps_are_named() {
+fn bad_times_and_gaps_are_reported() {
     let found = check("rate", false, |series| series.nominal_rate_hz = 200.0);
     assert_right(&found);
     let found = check("jitter", false, |series| {
@@ -262,7 +262,7 @@ fn short_gaps_are_filled_and_long_ones_are_not() {
 }
 
 #[test]
-fn warmth_and_drift_are_named() {
+fn temperature_change_and_drift_are_reported() {
     check("temperature", false, |series| {
         for (i, t) in series.temperature_c.iter_mut().enumerate() {
             *t += i as f32 * 2e-4;

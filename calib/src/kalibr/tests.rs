@@ -107,7 +107,7 @@ fn an_omni_camera_is_an_extended_unified_one() {
 }
 
 #[test]
-fn traps() {
+fn invalid_files_are_rejected() {
     let folder = Folder::new();
     let check = |from: &str, to: &str, expected: &str| {
         assert!(CHAIN.contains(from), "{from}");
@@ -259,7 +259,7 @@ fn a_camera_is_never_dropped() {
 }
 
 #[test]
-fn what_cannot_be_is_named_by_its_key() {
+fn impossible_value_is_named_by_its_key() {
     let folder = Folder::new();
     let check = |from: &str, to: &str, expected: &str| {
         let path = folder.file("camchain.yaml", &CHAIN.replacen(from, to, 1));

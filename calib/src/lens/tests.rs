@@ -68,7 +68,7 @@ fn models() -> Vec<CameraModel> {
 
 proptest! {
     #[test]
-    fn the_twin_agrees_with_its_derivatives(x in -2.0..2.0, y in -2.0..2.0, z in 0.2..3.0) {
+    fn projection_and_jacobians_agree_with_dual_numbers(x in -2.0..2.0, y in -2.0..2.0, z in 0.2..3.0) {
         for model in models() {
             let lens = Lens::new(&model);
             let Some(found) = lens.project_with_jacobians([x, y, z]) else { continue };
@@ -89,7 +89,7 @@ proptest! {
     }
 
     #[test]
-    fn differences_agree(x in -1.0..1.0, y in -1.0..1.0, z in 0.8..3.0) {
+    fn jacobians_agree_with_differences(x in -1.0..1.0, y in -1.0..1.0, z in 0.8..3.0) {
         const H: f64 = 1e-6;
         for model in models() {
             let lens = Lens::new(&model);
@@ -120,7 +120,7 @@ proptest! {
     }
 
     #[test]
-    fn every_pixel_that_has_a_direction_comes_back(u in -0.5..751.5, v in -0.5..479.5) {
+    fn unproject_then_project_returns_the_pixel(u in -0.5..751.5, v in -0.5..479.5) {
         for model in models() {
             let lens = Lens::new(&model);
             let Some(direction) = lens.unproject([u, v]) else {
@@ -135,7 +135,7 @@ proptest! {
     }
 
     #[test]
-    fn every_point_that_has_a_pixel_comes_back(angle in 0.0..3.1f64, around in 0.0..std::f64::consts::TAU) {
+    fn project_then_unproject_returns_the_direction(angle in 0.0..3.1f64, around in 0.0..std::f64::consts::TAU) {
         for model in models() {
             let lens = Lens::new(&model);
             // At the very end of the domain the inverse loses its digits.
@@ -155,7 +155,7 @@ proptest! {
 }
 
 #[test]
-fn domains_end_where_the_picture_would_fold() {
+fn domain_ends_before_the_image_folds() {
     // With k1 alone, the distortion has its maximum where 1 + 3 k1 r² = 0.
     let model = CameraModel {
         distortion: Distortion::Radial2 { k1: -0.3, k2: 0.0 },
@@ -188,7 +188,7 @@ fn domains_end_where_the_picture_would_fold() {
 }
 
 #[test]
-fn nothing_comes_of_nothing() {
+fn points_without_direction_have_no_pixel() {
     for model in models() {
         let lens = Lens::new(&model);
         assert_eq!(lens.project([0.0; 3]), None, "{model:?}");

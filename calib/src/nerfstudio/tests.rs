@@ -26,7 +26,7 @@ fn a_file_of_many_frames_is_read() {
 }
 
 #[test]
-fn a_file_that_is_too_long_says_what_to_do() {
+fn too_long_file_is_an_error_with_advice() {
     let folder = Folder::new();
     for (name, limit) in [
         ("transforms.json", plain_file::DOCUMENT_LIMIT),
@@ -158,7 +158,7 @@ fn a_pair_may_share_its_lens() {
 }
 
 #[test]
-fn what_cannot_be_is_named_by_its_key() {
+fn impossible_value_is_named_by_its_key() {
     let folder = Folder::new();
     let check = |from: &str, to: &str, expected: &str| {
         let path = folder.file("t.json", &SHARED_LENS.replacen(from, to, 1));

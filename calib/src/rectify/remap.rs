@@ -33,8 +33,8 @@ impl Remap {
     ///
     /// # Panics With smaller images, or more than 2^31 pixels.
     pub fn new(map: &Map, width: u32, height: u32) -> Self {
-        assert!(width >= 2 && height >= 2, "a picture of at least 2 x 2");
-        assert!(u64::from(width) * u64::from(height) < 1 << 31, "a picture");
+        assert!(width >= 2 && height >= 2, "an image of at least 2 x 2");
+        assert!(u64::from(width) * u64::from(height) < 1 << 31, "an image");
         let places = map
             .x
             .iter()
@@ -91,8 +91,8 @@ impl Remap {
     /// # Panics If a buffer has another size.
     pub fn apply_to(&self, old: &[u8], fill: u8, new: &mut [u8]) {
         let [width, height] = self.old;
-        assert_eq!(old.len(), width * height, "the old picture");
-        assert_eq!(new.len(), self.places.len(), "the new picture");
+        assert_eq!(old.len(), width * height, "the source image");
+        assert_eq!(new.len(), self.places.len(), "the rectified image");
         for (new, place) in new.iter_mut().zip(&self.places) {
             let i = place.index as usize;
             // Also `None` for a pixel without a source.

@@ -100,7 +100,7 @@ fn a_point_has_one_row_and_the_disparity_of_its_depth() {
 }
 
 #[test]
-fn views_show_what_they_say() {
+fn views_have_the_stated_field_of_view() {
     for pair in [euroc(), fisheye()] {
         let filled = Rectification::new(&pair, View::Filled).unwrap();
         for eye in [Eye::Left, Eye::Right] {
@@ -154,7 +154,7 @@ fn views_show_what_they_say() {
 }
 
 #[test]
-fn old_and_new_pixels_are_inverse() {
+fn source_and_rectified_pixels_are_inverse() {
     for pair in [euroc(), fisheye()] {
         let r = Rectification::new(&pair, View::All).unwrap();
         for old in [[0.0, 0.0], [751.0, 479.0], [300.5, 17.25]] {
@@ -217,7 +217,7 @@ fn picture(width: usize, height: usize) -> Vec<u8> {
 }
 
 #[test]
-fn the_fast_remap_is_near_its_twin() {
+fn remap_agrees_with_the_reference_implementation() {
     let old = picture(752, 480);
     for view in VIEWS {
         let r = Rectification::new(&euroc(), view).unwrap();
@@ -245,7 +245,7 @@ fn the_fast_remap_is_near_its_twin() {
 }
 
 #[test]
-fn pairs_that_cannot_be_rectified() {
+fn pairs_that_cannot_be_rectified_are_an_error() {
     let mut pair = euroc();
     pair.right_from_left = RigidTransform::from_translation_m([0.0, -0.1, 0.0]).unwrap();
     let error = Rectification::new(&pair, View::All).unwrap_err();

@@ -302,7 +302,7 @@ pub(super) fn find_with_markers(
     }
     if !twice.is_empty() {
         found.corners.retain(|c| !twice.contains(&c.id));
-        found.remark = Some("some ids are in the picture twice");
+        found.remark = Some("some ids occur twice in the image");
     }
     found
 }

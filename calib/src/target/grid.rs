@@ -71,7 +71,7 @@ pub(super) fn find(
     let tags = grid.find_missing(image, scene, tags);
     let mut found = Found::default();
     if doubles {
-        found.remark = Some("some ids are in the picture twice");
+        found.remark = Some("some ids occur twice in the image");
     }
     for tag in &tags {
         let sides = [0, 1, 2, 3].map(|i| distance(tag.corners[i], tag.corners[(i + 1) % 4]));

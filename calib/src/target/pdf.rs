@@ -375,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_tells_where_objects_begin() {
+    fn xref_table_has_the_object_offsets() {
         let page = text(&BOARD, "Letter");
         let table = page.rfind("\nxref\n").unwrap() + 1;
         let start: usize = page.lines().rev().nth(1).unwrap().parse().unwrap();
@@ -399,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_says_so() {
+    fn board_larger_than_the_paper_is_an_error() {
         let large = Target::Chessboard {
             columns: 9,
             rows: 6,

@@ -134,7 +134,7 @@ pub(super) fn sigma(smooth: &Smooth, at: [f64; 2], window: &Window, noise: f64) 
 }
 
 /// The binomial filter spreads a pixel's noise over its neighbours, whose gradients are nearly, not
-/// quite, the same. Measured: see the test `stated_sigma_is_what_happens`.
+/// quite, the same. Measured: see the test `stated_sigma_agrees_with_errors`.
 const SMOOTHED_NOISE_RATIO: f64 = 0.8;
 
 /// Result of one step.

@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn corners_go_to_corners_and_lines_stay_lines() {
+    fn perspective_map_preserves_corners_and_lines() {
         let corners = [[10.0, 12.0], [50.0, 8.0], [61.0, 44.0], [7.0, 39.0]];
         let square = Square::new(corners).unwrap();
         for (uv, corner) in [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
@@ -67,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_is_no_square() {
+    fn invalid_quadrilateral_is_rejected() {
         assert!(
             Square::new([[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0]]).is_none(),
             "mirrored"

@@ -333,7 +333,7 @@ fn other_boards_give_nothing() {
 }
 
 #[test]
-fn two_boards_in_one_picture() {
+fn two_boards_in_one_image_are_found() {
     let small = |first_id| Target::AprilGrid {
         columns: 3,
         rows: 3,
@@ -404,12 +404,12 @@ fn boards_partly_outside() {
 
 /// Every quarter of a turn, and a bit more: ids follow the board.
 #[test]
-fn turned_boards_keep_their_ids() {
+fn rotated_boards_keep_their_ids() {
     for i in 0..8 {
         let turn = f64::from(i) * 0.8;
         let view = View::new([420, 400], 360.0, [0.0, 0.0, 0.72], [0.3, 0.1, turn]);
         for target in [GRID, CHESS, CHARUCO] {
-            let (found, e) = see(&target, view, &Look::default(), "turned");
+            let (found, e) = see(&target, view, &Look::default(), "rotated");
             assert_eq!(e.found, in_view(&target, &view), "{i} {:?}", found.remark);
         }
     }
@@ -425,7 +425,7 @@ fn turned_boards_keep_their_ids() {
 }
 
 #[test]
-fn fisheye_lines_may_bend() {
+fn boards_are_found_under_fisheye_distortion() {
     for target in [GRID, CHESS, CHARUCO] {
         let view = View {
             lens: Lens::Fisheye,
@@ -497,7 +497,7 @@ fn blur_is_measured() {
 
 /// The stated standard deviations hold: errors in their units have an RMS near one.
 #[test]
-fn stated_sigma_is_what_happens() {
+fn stated_sigma_agrees_with_errors() {
     for (noise, blur) in [(3.0, 0.6), (6.0, 1.0), (8.0, 1.5)] {
         for target in [GRID, CHESS, CHARUCO] {
             let look = Look {
@@ -525,7 +525,7 @@ fn stated_sigma_is_what_happens() {
 }
 
 #[test]
-fn small_and_odd_pictures_do_no_harm() {
+fn small_and_odd_images_do_no_harm() {
     for (width, height) in [(0, 0), (1, 1), (5, 300), (9, 9), (64, 64)] {
         let pixels: Vec<u8> = (0..width * height)
             .map(|i| (i * i * 31 % 256) as u8)

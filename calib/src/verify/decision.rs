@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn of_three_the_one_that_disagrees_with_the_two_others_is_named() {
+    fn one_of_three_that_disagrees_is_identified() {
         let (measured, blocks) = differences(3, &[(0, 1, -2.0), (0, 2, 0.05), (1, 2, 2.1)]);
         let decisions = measured.judge(&blocks);
         let Decision::Inconsistent(found, close) = &decisions[1] else {
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn of_two_that_disagree_both_are_named() {
+    fn both_of_two_that_disagree_are_reported() {
         let (measured, blocks) = differences(2, &[(0, 1, 2.0)]);
         let decisions = measured.judge(&blocks);
         let named: Vec<bool> = decisions
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn what_tolerance_explains_is_within_and_what_was_not_measured_is_unseen() {
+    fn deviation_within_tolerance_is_consistent_and_unmeasured_block_is_unmeasured() {
         let (measured, blocks) = differences(4, &[(0, 1, 0.3), (1, 2, 0.0)]);
         let decisions = measured.judge(&blocks);
         assert!(

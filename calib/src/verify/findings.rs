@@ -345,32 +345,32 @@ impl Finding {
             Parameter::StereoRotation => format!("{camera}: right eye against left"),
             Parameter::Camera => format!("{camera} on the plate"),
             Parameter::Imu => format!("{camera}: IMU in the camera"),
-            Parameter::ImageTime => format!("{camera}: times of pictures"),
-            Parameter::ImuTime => format!("{camera}: times of IMU samples"),
+            Parameter::ImageTime => format!("{camera}: timestamps of images"),
+            Parameter::ImuTime => format!("{camera}: timestamps of IMU samples"),
             Parameter::Clock => format!("{camera}: clock"),
         };
         let Some(size) = self.size() else {
-            return format!("{block}: not determined by this walk, too little was seen");
+            return format!("{block}: not determined by this recording, too few observations");
         };
         let sigma = shown(self.sigma);
         match self.status {
             Status::Consistent if 2.0 * self.tolerance_sigma > self.parameter.required() => {
                 format!(
-                    "{block}: as told within {} (sigma {sigma}), and within its tolerance of {}",
+                    "{block}: nominal within {} (sigma {sigma}), and within its tolerance of {}",
                     shown(size),
                     shown(2.0 * self.tolerance_sigma)
                 )
             }
             Status::Consistent => {
-                format!("{block}: as told within {} (sigma {sigma})", shown(size))
+                format!("{block}: nominal within {} (sigma {sigma})", shown(size))
             }
             Status::Undetermined => format!(
-                "{block}: not determined by this walk, which would have shown no less than {}",
+                "{block}: not determined by this recording, minimum detectable {}",
                 shown(self.min_detectable)
             ),
             Status::Inconsistent => {
                 let mut text = match self.parameter.is_rotation() {
-                    true => format!("{block}: turned by {}{}", shown(size), self.axis(size)),
+                    true => format!("{block}: rotated by {}{}", shown(size), self.axis(size)),
                     false => {
                         let late = if self.estimate[0] > 0.0 {
                             "late"

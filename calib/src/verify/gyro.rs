@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_steady_rate_turns_by_rate_times_time() {
+    fn constant_rate_rotates_by_rate_times_time() {
         let gyro = steady([0.1, -0.5, 2.0]);
         let bias = Vector3::new(0.1, 0.0, 0.0);
         let integrated = gyro.integrate(Vector3::repeat(1.0), bias);
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_known_beyond_the_ends_and_across_gaps() {
+    fn integration_stops_at_the_ends_and_at_gaps() {
         let samples = (0..400).filter(|n| !(100..120).contains(n));
         let gyro = Gyro::new(samples.map(|n| (n * 2_500_000, [0.0, 0.0, 1.0])));
         let integrated = gyro.integrate(Vector3::repeat(1.0), Vector3::zeros());
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_out_of_order_or_no_numbers_are_left_out() {
+    fn samples_out_of_order_or_not_finite_are_dropped() {
         let gyro = Gyro::new([
             (0, [0.0; 3]),
             (10, [f64::NAN, 0.0, 0.0]),

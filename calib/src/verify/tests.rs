@@ -247,7 +247,7 @@ fn only<'a>(found: &'a Verification, parameter: Parameter, camera: &str) -> &'a 
 }
 
 #[test]
-fn a_true_rig_is_fine_in_every_number() {
+fn correct_rig_is_consistent_in_every_parameter() {
     let found = verified(&make(Gait::Walk, 0.0, 1));
     for finding in &found.findings {
         assert_eq!(finding.status, Status::Consistent, "{finding:#?}");
@@ -277,7 +277,7 @@ fn a_true_rig_is_fine_in_every_number() {
 }
 
 #[test]
-fn a_camera_that_turned_is_named_with_its_angle_and_axis() {
+fn rotated_camera_is_identified_with_angle_and_axis() {
     for (k, axis, degrees) in [(0, 0, 0.6_f64), (1, 1, -0.6), (2, 2, 2.0)] {
         let mut made = make(Gait::Walk, 0.0, 2);
         let mut rotation = [0.0; 3];
@@ -293,7 +293,7 @@ fn a_camera_that_turned_is_named_with_its_angle_and_axis() {
         assert!(one.alternatives.is_empty(), "{one:#?}");
         let letter = ["x", "y", "z"][axis];
         assert!(
-            one.text.contains(letter) && one.text.contains("turned by"),
+            one.text.contains(letter) && one.text.contains("rotated by"),
             "{}",
             one.text
         );
@@ -301,7 +301,7 @@ fn a_camera_that_turned_is_named_with_its_angle_and_axis() {
 }
 
 #[test]
-fn of_two_cameras_nobody_knows_which_one_turned() {
+fn rotation_between_two_cameras_names_both() {
     let mut made = make(Gait::Walk, 0.0, 3);
     made.truncate(2);
     made[0].rig_from_left = made[0].rig_from_left * transform([0.02, 0.0, 0.0], [0.0; 3]);
@@ -313,7 +313,7 @@ fn of_two_cameras_nobody_knows_which_one_turned() {
 }
 
 #[test]
-fn an_imu_that_sits_otherwise_in_its_camera_is_no_turned_camera() {
+fn rotated_imu_is_distinguished_from_a_rotated_camera() {
     let mut made = make(Gait::Walk, 0.0, 4);
     let imu = made[1].nominal.imu.as_mut().unwrap();
     imu.imu_from_left = imu.imu_from_left * transform([0.0, 0.0, 0.02], [0.0; 3]);
@@ -323,7 +323,7 @@ fn an_imu_that_sits_otherwise_in_its_camera_is_no_turned_camera() {
 }
 
 #[test]
-fn late_pictures_late_samples_and_a_clock_that_is_off_are_told_apart() {
+fn image_imu_and_clock_time_offsets_are_distinguished() {
     let late_ns = 3_000_000;
     let pictures = |made: &mut Made| {
         for of in made.bursts.iter_mut().flat_map(|b| &mut b.segments) {
@@ -348,7 +348,7 @@ fn late_pictures_late_samples_and_a_clock_that_is_off_are_told_apart() {
 }
 
 #[test]
-fn a_turned_right_eye_is_measured() {
+fn rotation_of_the_right_eye_is_measured() {
     let mut made = make(Gait::Walk, 0.0, 6);
     let predicted = [0.4_f64, -0.3, 0.2].map(f64::to_radians);
     let nominal = &mut made[0].nominal;
@@ -364,7 +364,7 @@ fn a_turned_right_eye_is_measured() {
 }
 
 #[test]
-fn things_that_move_by_themselves_are_left_out() {
+fn moving_objects_are_rejected() {
     let made = make(Gait::Walk, 0.3, 7);
     let found = verified(&made);
     assert!(off(&found).is_empty(), "{:#?}", off(&found));
@@ -375,7 +375,7 @@ fn things_that_move_by_themselves_are_left_out() {
 }
 
 #[test]
-fn who_never_turns_learns_nothing_of_turns_and_times() {
+fn without_rotation_rotations_and_times_are_undetermined() {
     let found = verified(&make(Gait::Glide, 0.0, 8));
     for finding in &found.findings {
         match finding.parameter {
@@ -388,7 +388,7 @@ fn who_never_turns_learns_nothing_of_turns_and_times() {
 }
 
 #[test]
-fn without_pictures_or_samples_nothing_is_determined() {
+fn without_images_or_samples_everything_is_undetermined() {
     let mut made = make(Gait::Walk, 0.0, 9);
     for camera in &mut made {
         camera.bursts.clear();
@@ -427,7 +427,7 @@ fn picture(width: usize, height: usize, of: impl Fn(f64, f64) -> f64) -> Vec<u8>
 
 /// Tracked and matched features are accurate to a tenth of a pixel, in bright and dim images.
 #[test]
-fn corners_are_followed_and_matched_in_pictures() {
+fn corners_are_tracked_and_matched_in_images() {
     let nominal = stereo();
     let lens = CameraModel {
         distortion: Distortion::None,
@@ -485,7 +485,7 @@ fn corners_are_followed_and_matched_in_pictures() {
 }
 
 #[test]
-fn blank_pictures_give_no_corners() {
+fn blank_images_give_no_corners() {
     let blank = vec![90; 672 * 376];
     let mut follower = FeatureTracker::new(&stereo(), None);
     let eye = ImageView::new(672, 376, 672, &blank).unwrap();
@@ -508,7 +508,7 @@ fn blank_pictures_give_no_corners() {
 }
 
 #[test]
-fn bursts_are_spread_and_lie_where_it_turns() {
+fn bursts_are_spread_and_placed_at_rotations() {
     // The rate changes at 3 to 4 s and at 13 to 14 s.
     let rate = |n: i64| {
         let t = n as f64 * 2.5e-3;

@@ -351,7 +351,7 @@ fn nothing_is_overwritten() {
 }
 
 #[test]
-fn what_a_format_cannot_hold_is_said() {
+fn values_a_format_cannot_represent_are_noted() {
     let folder = Folder::new();
     let error = |set: &CameraSet, format| {
         write_cameras(set, format, &folder.path().join("out"))
@@ -380,7 +380,7 @@ fn what_a_format_cannot_hold_is_said() {
     .unwrap();
     assert_eq!(
         notes[0].0,
-        "ros has no place for the IMU's placement, rate, noise, time offset, biases: not written"
+        "ros has no field for the IMU's placement, rate, noise, time offset, biases: not written"
     );
 }
 
@@ -520,7 +520,7 @@ fn files_with_random_damage() {
 }
 
 #[test]
-fn decimal_commas_are_never_taken() {
+fn decimal_commas_are_rejected() {
     for (format, files) in all_files() {
         if format == Format::ColmapBin {
             continue;
@@ -553,7 +553,7 @@ fn decimal_commas_are_never_taken() {
 }
 
 #[test]
-fn another_cameras_file_is_noticed() {
+fn file_of_another_camera_is_detected() {
     let path = Path::new("settings/SN10028708.conf");
     assert_eq!(zed_conf::serial_in_name(path), Some("10028708"));
     assert!(zed_conf::expect_serial(path, "10028708").is_ok());

@@ -94,7 +94,7 @@ fn the_real_zed_mini_at_every_resolution() {
     );
     let error = read(&path, 2560, 720).unwrap_err().to_string();
     assert!(
-        error.contains("pictures of 2560x720: found no such resolution"),
+        error.contains("images of 2560x720: found no such resolution"),
         "{error}"
     );
 }
@@ -276,7 +276,7 @@ fn fewer_coefficients_and_fisheye_lenses() {
 }
 
 #[test]
-fn traps() {
+fn invalid_files_are_rejected() {
     let check = |from: &str, to: &str, expected: &str| {
         assert!(USB.contains(from), "{from}");
         let error = read_text(&USB.replacen(from, to, 1), 1280, 720)
@@ -344,7 +344,7 @@ fn traps() {
     check(
         "cx=640",
         "cx=1400",
-        "line 4: CX in [LEFT_CAM_HD]: principal point (1400, 360) outside the picture of 1280x720",
+        "line 4: CX in [LEFT_CAM_HD]: principal point (1400, 360) outside the image of 1280x720",
     );
     check(
         "fy=701",
@@ -391,7 +391,7 @@ fn a_file_cut_anywhere_is_no_panic() {
 }
 
 #[test]
-fn what_cannot_be_is_named_by_section_and_key() {
+fn impossible_value_is_named_by_section_and_key() {
     let check = |text: &str, from: &str, to: &str, size: (u32, u32), expected: &str| {
         assert!(text.contains(from), "{from}");
         let error = read_text(&text.replacen(from, to, 1), size.0, size.1).unwrap_err();

@@ -149,7 +149,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_twin_agrees() {
+    fn formulations_agree() {
         let scene = Scene {
             board: ([6, 5], 0.11),
             ..Scene::lively(5.0)

@@ -90,7 +90,7 @@ fn check<const M: usize>(
 }
 
 #[test]
-fn derivatives_of_all_factors() {
+fn jacobians_of_all_factors_agree_with_differences() {
     let (states, shared, track) = example();
     let model = CameraModel {
         width: 640,
@@ -161,7 +161,7 @@ fn derivatives_of_all_factors() {
         rank: 7,
     };
     let picture = |s: &[State], shared: &Shared| problem.view_factor(&rooted, &s[0], shared);
-    check("picture", &picture(at.0, at.1), picture, at);
+    check("view", &picture(at.0, at.1), picture, at);
     let inertial = |s: &[State], shared: &Shared| {
         let mut raw = Vec::new();
         problem.inertial_plain(0, s, shared, &mut raw).unwrap().0

@@ -120,7 +120,7 @@ fn charuco_is_opencvs() {
 }
 
 #[test]
-fn half_a_turn() {
+fn symmetry_under_half_a_turn_is_detected() {
     let symmetric = |columns, rows| {
         Target::Chessboard {
             columns,

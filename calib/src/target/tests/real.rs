@@ -103,7 +103,7 @@ fn the_real_chessboards() {
 
 /// Images without any of these boards, with the names of those that were tested.
 #[test]
-fn other_real_pictures_give_nothing() {
+fn other_real_images_give_nothing() {
     let folders = [
         ("02_stereo_odometry_kitti/KITTI_sequence_1", "png"),
         ("03_stereo_imu/euroc_V1_01_micro", "png"),
@@ -169,7 +169,7 @@ fn other_real_pictures_give_nothing() {
             }
         }
     }
-    println!("{looked_at} pictures");
+    println!("{looked_at} images");
 }
 
 fn collect(folder: &std::path::Path, extension: &str, files: &mut Vec<std::path::PathBuf>) {
