@@ -37,7 +37,7 @@ pub(crate) mod tests;
 pub use covariance::Covariance;
 pub(crate) use covariance::pose_jacobian;
 pub use locate::locate;
-pub(crate) use normal::in_pieces;
+pub(crate) use normal::in_chunks;
 pub(crate) use pose::step_between;
 pub use solve::{Settings, Solution, solve};
 pub(crate) use solve::{by_points, median_scale, reduced_equations};

@@ -184,10 +184,10 @@ mod tests {
 
     #[test]
     fn an_unrectified_pair_does_not() {
-        let turned =
+        let rotated =
             RigidTransform::from_rotation_vector([0.0, 0.01, 0.0], [-0.12, 0.0, 0.0]).unwrap();
         assert_eq!(
-            CameraInfo::of(&stereo(Distortion::None, turned), Eye::Right).p[3],
+            CameraInfo::of(&stereo(Distortion::None, rotated), Eye::Right).p[3],
             0.0
         );
         let straight = RigidTransform::from_translation_m([-0.12, 0.0, 0.0]).unwrap();

@@ -113,13 +113,13 @@ fn jackknife(
 ) -> DMatrix<f64> {
     let n = layout.count;
     let mut clusters: BTreeMap<usize, (DVector<f64>, DMatrix<f64>)> = BTreeMap::new();
-    for (instant, share) in normal.shares.iter().enumerate() {
+    for (instant, share) in normal.instant_blocks.iter().enumerate() {
         if share.columns.is_empty() {
             continue;
         }
-        let stay = problem.clusters.get(instant).copied().unwrap_or(instant);
+        let cluster = problem.clusters.get(instant).copied().unwrap_or(instant);
         let (score, information) = clusters
-            .entry(stay)
+            .entry(cluster)
             .or_insert_with(|| (DVector::zeros(n), DMatrix::zeros(n, n)));
         for (i, &row) in share.columns.iter().enumerate() {
             score[row] += share.score[i];

@@ -123,8 +123,8 @@ fn normal(
     let pose = Pose::new(pose);
     let (mut matrix, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
     for point in points {
-        let turned = pose.rotation * Vector3::from(point.x_in_target);
-        let at = turned + pose.translation;
+        let rotated = pose.rotation * Vector3::from(point.x_in_target);
+        let at = rotated + pose.translation;
         let Some(projected) = lens.project_with_jacobians(at.into()) else {
             continue;
         };
@@ -138,7 +138,7 @@ fn normal(
         let mut by = SMatrix::<f64, 2, 6>::zeros();
         by.fixed_view_mut::<2, 3>(0, 0)
             .copy_from(&projected.by_point);
-        let by_turn = -projected.by_point * turned.cross_matrix();
+        let by_turn = -projected.by_point * rotated.cross_matrix();
         by.fixed_view_mut::<2, 3>(0, 3).copy_from(&by_turn);
         matrix += by.transpose() * by * weight;
         gradient += by.transpose() * nalgebra::Vector2::new(dx, dy) * weight;

@@ -35,7 +35,7 @@ pub(super) struct Loss {
 }
 
 /// Contribution of one instant.
-pub(super) struct Share {
+pub(super) struct InstantBlock {
     /// Inverse of the damped block of the pose.
     pub(super) inverse: Matrix6<f64>,
     /// Gradient of the pose.
@@ -54,7 +54,7 @@ pub(super) struct Share {
 pub(super) struct Normal {
     pub(super) matrix: DMatrix<f64>,
     pub(super) gradient: DVector<f64>,
-    pub(super) shares: Vec<Share>,
+    pub(super) instant_blocks: Vec<InstantBlock>,
     pub(super) cost: f64,
 }
 
@@ -180,15 +180,15 @@ fn beside(a: &SMatrix<f64, 2, 3>, b: &SMatrix<f64, 2, 3>) -> SMatrix<f64, 2, 6> 
 impl Chain {
     fn row(&self, x_in_target: [f64; 3], pixel: [f64; 2]) -> Option<Row> {
         let x_in_target = Vector3::from(x_in_target);
-        let turned = self
+        let rotated = self
             .world_from_target
             .map(|pose| pose.rotation * x_in_target);
-        let x_in_world = match (&self.world_from_target, &turned) {
-            (Some(pose), Some(turned)) => turned + pose.translation,
+        let x_in_world = match (&self.world_from_target, &rotated) {
+            (Some(pose), Some(rotated)) => rotated + pose.translation,
             _ => x_in_target,
         };
-        let turned_to_rig = self.rig_from_world.rotation * x_in_world;
-        let x_in_rig = turned_to_rig + self.rig_from_world.translation;
+        let rotated_to_rig = self.rig_from_world.rotation * x_in_world;
+        let x_in_rig = rotated_to_rig + self.rig_from_world.translation;
         // Forward along the path; `arms` are the points from the child's origin, in the parent's
         // axes.
         let mut x = x_in_rig;
@@ -207,12 +207,12 @@ impl Chain {
             path[i] = beside(&-by_parent, &(by_parent * cross(arm)));
             by_point = by_parent;
         }
-        let instant = beside(&by_point, &(-by_point * cross(&turned_to_rig)));
-        let target = match &turned {
+        let instant = beside(&by_point, &(-by_point * cross(&rotated_to_rig)));
+        let target = match &rotated {
             None => SMatrix::zeros(),
-            Some(turned) => {
+            Some(rotated) => {
                 let by_world: SMatrix<f64, 2, 3> = by_point * self.rig_from_world.rotation;
-                beside(&by_world, &(-by_world * cross(turned)))
+                beside(&by_world, &(-by_world * cross(rotated)))
             }
         };
         Some(Row {
@@ -286,7 +286,7 @@ fn rows(
 struct Chunk {
     matrix: DMatrix<f64>,
     gradient: DVector<f64>,
-    shares: Vec<Share>,
+    instant_blocks: Vec<InstantBlock>,
     cost: f64,
 }
 
@@ -302,7 +302,7 @@ fn accumulate(
     let mut sum = Chunk {
         matrix: DMatrix::zeros(n, n),
         gradient: DVector::zeros(n),
-        shares: Vec::with_capacity(instants.len()),
+        instant_blocks: Vec::with_capacity(instants.len()),
         cost: 0.0,
     };
     for instant in instants {
@@ -314,7 +314,7 @@ fn accumulate(
             }
         }
         sum.cost += cost;
-        sum.shares.push(share);
+        sum.instant_blocks.push(share);
     }
     sum
 }
@@ -327,7 +327,7 @@ fn share(
     loss: &Loss,
     damping: f64,
     instant: usize,
-) -> (Share, f64) {
+) -> (InstantBlock, f64) {
     let mut columns: Vec<usize> = Vec::new();
     let mut own = Matrix6::zeros();
     let mut gradient = Vector6::zeros();
@@ -380,7 +380,7 @@ fn share(
     let through: MatrixXx6<f64> = &mixed * inverse;
     score -= &through * gradient;
     information -= &through * mixed.transpose();
-    let share = Share {
+    let share = InstantBlock {
         inverse,
         gradient,
         mixed,
@@ -395,21 +395,21 @@ fn share(
 /// the diagonal; here it applies to the poses, the caller adds it to the free parameters.
 pub(super) fn build(problem: &Problem, layout: &Layout, loss: &Loss, damping: f64) -> Normal {
     let lenses = lenses(problem);
-    let pieces = in_pieces(problem.instants.len(), |instants| {
+    let pieces = in_chunks(problem.instants.len(), |instants| {
         accumulate(problem, layout, &lenses, loss, damping, instants)
     });
     let n = layout.count;
     let mut normal = Normal {
         matrix: DMatrix::zeros(n, n),
         gradient: DVector::zeros(n),
-        shares: Vec::with_capacity(problem.instants.len()),
+        instant_blocks: Vec::with_capacity(problem.instants.len()),
         cost: 0.0,
     };
     for accumulate in pieces {
         normal.matrix += accumulate.matrix;
         normal.gradient += accumulate.gradient;
         normal.cost += accumulate.cost;
-        normal.shares.extend(accumulate.shares);
+        normal.instant_blocks.extend(accumulate.instant_blocks);
     }
     add_priors(problem, layout, &mut normal);
     normal
@@ -435,7 +435,7 @@ pub(super) fn cost(problem: &Problem, loss: &Loss) -> f64 {
             })
             .sum()
     };
-    let pieces = in_pieces(problem.views.len(), |views| {
+    let pieces = in_chunks(problem.views.len(), |views| {
         problem.views[views].iter().map(of).sum::<f64>()
     });
     pieces.into_iter().sum::<f64>() + prior_cost(problem)
@@ -451,7 +451,7 @@ pub(super) fn lenses(problem: &Problem) -> Vec<Lens> {
 
 /// Runs over `0..count` in a fixed number of chunks, on as many threads as there are cores; results
 /// are in order.
-pub(crate) fn in_pieces<T: Send>(
+pub(crate) fn in_chunks<T: Send>(
     count: usize,
     work: impl Fn(std::ops::Range<usize>) -> T + Sync,
 ) -> Vec<T> {

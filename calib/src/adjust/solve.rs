@@ -131,10 +131,10 @@ pub(crate) fn reduced_equations(problem: &Problem, scale: f64) -> Vec<ReducedEqu
         scale,
         knee: Settings::default().knee,
     };
-    let shares = build(problem, &Layout::new(problem), &loss, 0.0)
-        .shares
+    let instant_blocks = build(problem, &Layout::new(problem), &loss, 0.0)
+        .instant_blocks
         .into_iter();
-    shares
+    instant_blocks
         .map(|share| ReducedEquations {
             columns: share.columns,
             score: share.score,
@@ -238,7 +238,7 @@ fn changed(problem: &Problem, layout: &Layout, normal: &Normal, by: &DVector<f64
             place.parent_from_child = moved(&place.parent_from_child, &step);
         }
     }
-    for (pose, share) in next.instants.iter_mut().zip(&normal.shares) {
+    for (pose, share) in next.instants.iter_mut().zip(&normal.instant_blocks) {
         let mut gradient = share.gradient;
         for (row, &c) in share.columns.iter().enumerate() {
             gradient += share.mixed.row(row).transpose() * by[c];

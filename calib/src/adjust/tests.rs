@@ -222,12 +222,12 @@ fn view_clusters_count_once() {
                 truth.clusters = (0..truth.instants.len()).map(|i| i % 12).collect();
             }
             let found = solve(&disturbed(&truth, seed), &Settings::default()).unwrap();
-            let turned = |place: usize| -> Vector3<f64> {
+            let rotated = |place: usize| -> Vector3<f64> {
                 let at = |problem: &Problem| problem.poses[place].parent_from_child;
                 let step = step_between(&at(&truth), &at(&found.problem));
                 step.fixed_rows::<3>(3).into()
             };
-            let off = turned(0) - turned(1);
+            let off = rotated(0) - rotated(1);
             let by: Vec<(Parameter, Vector3<f64>)> = [(0, 1.0), (1, -1.0)]
                 .into_iter()
                 .flat_map(|(place, sign)| {
@@ -317,7 +317,7 @@ proptest! {
         // With the poses fixed: the part of the gradient removed by the elimination is added back.
         let normal = super::normal::build(&problem, &layout, &loss, 0.0);
         let mut gradient = normal.gradient.clone();
-        for share in &normal.shares {
+        for share in &normal.instant_blocks {
             let through = &share.mixed * share.inverse * share.gradient;
             for (row, &c) in share.columns.iter().enumerate() {
                 gradient[c] += through[row];

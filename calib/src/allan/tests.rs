@@ -249,7 +249,7 @@ impl Tally {
 impl Tally {
     /// Of 100 intervals about 95 contain the ground truth; of [`SEEDS`], seven or more miss it by
     /// chance once in 1700 times (binomial).
-    fn assert_honest(&self, name: &str) {
+    fn assert_calibrated(&self, name: &str) {
         let (all, right) = (self.known + self.below, self.in_interval + self.below_right);
         assert!(all - right <= 6, "{name}: {right} of {all}");
     }
@@ -283,39 +283,39 @@ fn trial(samples: usize, period: f64, truth: [f64; 3]) -> [Tally; 4] {
 #[test]
 fn stated_uncertainties_hold_white_and_walk() {
     let [q, n, b, k] = trial(40_000, 0.01, [1e-3, 0.0, 1e-3]);
-    n.assert_honest("N");
+    n.assert_calibrated("N");
     assert_eq!(n.below, 0);
     assert!(k.known >= 15, "{}", k.known);
-    k.assert_honest("K");
+    k.assert_calibrated("K");
     assert!(q.known <= 2 && b.known <= 2, "{} {}", q.known, b.known);
 }
 
 #[test]
 fn stated_uncertainties_hold_with_flicker() {
     let [q, n, b, k] = trial(30_000, 0.01, [1e-3, 1e-3, 0.0]);
-    n.assert_honest("N");
+    n.assert_calibrated("N");
     assert_eq!(n.below, 0);
     assert!(b.known >= 25, "{}", b.known);
-    b.assert_honest("B");
+    b.assert_calibrated("B");
     assert!(q.known <= 2 && k.known <= 2, "{} {}", q.known, k.known);
 }
 
 #[test]
 fn stated_uncertainties_hold_with_all_three() {
     let [q, n, b, k] = trial(60_000, 0.01, [1e-3, 5e-4, 1e-4]);
-    n.assert_honest("N");
+    n.assert_calibrated("N");
     assert_eq!(n.below, 0);
     // Bias instability and random walk are hard to separate here. The stated uncertainties must
     // hold all the same.
-    b.assert_honest("B");
-    k.assert_honest("K");
+    b.assert_calibrated("B");
+    k.assert_calibrated("K");
     assert!(q.known <= 2, "{}", q.known);
 }
 
 #[test]
 fn short_recording_gives_an_upper_limit() {
     let [_, n, b, k] = trial(6_000, 0.01, [1e-3, 1e-5, 1e-5]);
-    n.assert_honest("N");
+    n.assert_calibrated("N");
     assert_eq!(n.below, 0);
     assert!(k.known <= 2 && b.known <= 2, "{} {}", k.known, b.known);
     assert!(k.below - k.below_right <= 1, "{}", k.below_right);

@@ -122,9 +122,9 @@ impl<const N: usize, const B: usize> Chain<N, B> {
                 lower.solve_lower_triangular_mut(&mut next);
                 factor.next.push(next);
             }
-            let turned = border.transpose();
-            shared -= turned * border;
-            shared_right -= turned * right;
+            let transposed = border.transpose();
+            shared -= transposed * border;
+            shared_right -= transposed * right;
             factor.own.push(own);
             factor.border.push(border);
             factor.own_right.push(right);

@@ -93,8 +93,8 @@ pub(super) fn preintegrate(
     let mut force = correction.accel(first);
     let mut rate_changes = rate_by(&rate);
     // Specific force in the frame of the first instant, and its Jacobian.
-    let mut turned = force;
-    let mut turned_by = force_by(&force);
+    let mut rotated = force;
+    let mut rotated_by = force_by(&force);
 
     for pair in raw.windows(2) {
         let h = pair[1].time_s - pair[0].time_s;
@@ -112,9 +112,9 @@ pub(super) fn preintegrate(
         let next_turn = turn * step;
         let back = step.transpose();
         let next_turn_by = back * turn_by + jacobian * angle_by;
-        let next_turned = next_turn * next_force;
+        let next_rotated = next_turn * next_force;
         let lean: Matrix3<f64> = next_turn * so3::cross(&next_force);
-        let next_turned_by = next_turn * force_by(&next_force) - lean * next_turn_by;
+        let next_rotated_by = next_turn * force_by(&next_force) - lean * next_turn_by;
 
         // Noise as constant within a step.
         let mut carry = SMatrix::<f64, 9, 9>::identity();
@@ -150,14 +150,14 @@ pub(super) fn preintegrate(
             accel_noise[(6 + k, 6 + k)] += q * h * h * h / 3.0;
         }
 
-        displacement += velocity * h + (turned * 2.0 + next_turned) * (h * h / 6.0);
-        displacement_by += velocity_by * h + (turned_by * 2.0 + next_turned_by) * (h * h / 6.0);
-        velocity += (turned + next_turned) * (0.5 * h);
-        velocity_by += (turned_by + next_turned_by) * (0.5 * h);
+        displacement += velocity * h + (rotated * 2.0 + next_rotated) * (h * h / 6.0);
+        displacement_by += velocity_by * h + (rotated_by * 2.0 + next_rotated_by) * (h * h / 6.0);
+        velocity += (rotated + next_rotated) * (0.5 * h);
+        velocity_by += (rotated_by + next_rotated_by) * (0.5 * h);
         turn = next_turn;
         turn_by = next_turn_by;
         (rate, force, rate_changes) = (next_rate, next_force, next_rate_changes);
-        (turned, turned_by) = (next_turned, next_turned_by);
+        (rotated, rotated_by) = (next_rotated, next_rotated_by);
     }
 
     let seconds = last.time_s - first.time_s;
@@ -174,7 +174,7 @@ pub(super) fn preintegrate(
         .copy_from(&(-start_force * seconds - start_rate.cross(&displacement)));
     let mut by_end = SMatrix::<f64, 9, 1>::zeros();
     by_end.fixed_rows_mut::<3>(0).copy_from(&rate);
-    by_end.fixed_rows_mut::<3>(3).copy_from(&turned);
+    by_end.fixed_rows_mut::<3>(3).copy_from(&rotated);
     by_end.fixed_rows_mut::<3>(6).copy_from(&velocity);
 
     let mut by_sensor = SMatrix::<f64, 9, SENSOR>::zeros();

@@ -435,8 +435,8 @@ impl Problem<'_> {
         let t = moved.seconds;
         let gravity = &shared.gravity;
         let back = a.rotation.transpose();
-        let turned = back * b.rotation;
-        let turn = so3::log(&(moved.turn.transpose() * turned));
+        let rotated = back * b.rotation;
+        let turn = so3::log(&(moved.turn.transpose() * rotated));
         let gained = back * (b.velocity - a.velocity - gravity * t);
         let shifted = back * (b.position - a.position - a.velocity * t - gravity * (0.5 * t * t));
         let mut residual = SVector::<f64, 9>::zeros();
@@ -454,7 +454,7 @@ impl Problem<'_> {
         let mut put = |row: usize, column: usize, block: Matrix3<f64>| {
             own.fixed_view_mut::<3, 3>(row, column).copy_from(&block);
         };
-        put(0, 0, -bent * turned.transpose());
+        put(0, 0, -bent * rotated.transpose());
         put(3, 0, so3::cross(&gained));
         put(6, 0, so3::cross(&shifted));
         put(3, VELOCITY, -back);

@@ -242,13 +242,13 @@ fn deviation_from_nominal_values_is_flagged() {
     };
     check("corner noise", blurred, &as_it_is);
     check("outlier views", good.clone(), &|r| {
-        for picture in r.observations.iter_mut().step_by(9) {
-            picture.time_ns += 20_000_000;
+        for observation in r.observations.iter_mut().step_by(9) {
+            observation.time_ns += 20_000_000;
         }
     });
     check("first half against second", good.clone(), &|r| {
-        for picture in &mut r.observations[80..] {
-            picture.time_ns += 3_000_000;
+        for observation in &mut r.observations[80..] {
+            observation.time_ns += 3_000_000;
         }
     });
     // Saturation at an undeclared range.
@@ -345,9 +345,9 @@ fn views_of_a_single_row_do_no_harm() {
             ..good.clone()
         };
         let (errors, _) = found(&scene, &priors, |r| {
-            for (n, picture) in r.observations.iter_mut().enumerate().step_by(3) {
+            for (n, observation) in r.observations.iter_mut().enumerate().step_by(3) {
                 let rows = [0.0, 0.06 * (n % 2) as f64];
-                picture
+                observation
                     .corners
                     .retain(|c| rows.iter().any(|y| (c.x_in_target[1] - y).abs() < 1e-6));
             }

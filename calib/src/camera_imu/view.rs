@@ -183,9 +183,9 @@ impl View<'_> {
                 continue;
             }
             let weight = (HUBER_SIGMAS / length).min(1.0) / (scale * scale);
-            let turned = linear.by_view.transpose() * weight;
-            information += turned * linear.by_view;
-            gradient += turned * linear.residual;
+            let transposed = linear.by_view.transpose() * weight;
+            information += transposed * linear.by_view;
+            gradient += transposed * linear.residual;
             corners += 1;
         }
         Quadric {

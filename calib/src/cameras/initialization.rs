@@ -21,7 +21,7 @@ pub(super) type PosedPoints = (RigidTransform, Vec<Point>);
 
 /// Poses of the views that a lens explains, in their order.
 pub(super) fn poses(model: &CameraModel, views: &[Vec<Point>]) -> Vec<Option<pnp::PlanarPose>> {
-    let pieces = crate::adjust::in_pieces(views.len(), |range| {
+    let pieces = crate::adjust::in_chunks(views.len(), |range| {
         views[range]
             .iter()
             .map(|points| pnp::planar(model, points))

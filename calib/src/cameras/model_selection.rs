@@ -289,7 +289,7 @@ fn held_out(fitted: &FittedModel) -> Option<Vec<f64>> {
         if views.len() < 2 * FOLDS {
             return None;
         }
-        let folds = crate::adjust::in_pieces(FOLDS, |folds| {
+        let folds = crate::adjust::in_chunks(FOLDS, |folds| {
             folds
                 .map(|fold| one_fold(eye, views, fold))
                 .collect::<Vec<_>>()

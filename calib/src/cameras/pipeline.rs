@@ -558,10 +558,10 @@ fn assemble(
                         FACTORY_STEREO_SIGMA.0.powi(2),
                         FACTORY_STEREO_SIGMA.1.powi(2),
                     );
-                    let doubt = Matrix6::from_diagonal(&[v, v, v, w, w, w].into());
+                    let added = Matrix6::from_diagonal(&[v, v, v, w, w, w].into());
                     PosePrior::Near {
                         mean: prior.transform,
-                        covariance: Box::new(prior.covariance + doubt),
+                        covariance: Box::new(prior.covariance + added),
                     }
                 }
             };

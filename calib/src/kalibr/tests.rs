@@ -246,11 +246,11 @@ fn a_camera_is_never_dropped() {
     let twice = error(&format!("{CHAIN}cam01: {{}}\n"));
     assert!(twice.contains("cam2 is missing"), "{twice}");
     // The order in the file does not matter, other keys are not cameras.
-    let turned = format!(
+    let rotated = format!(
         "calibrated: true\ncam1:{}{first}",
         CHAIN.split_once("cam1:").unwrap().1
     );
-    let (set, _) = read(&folder.file("camchain.yaml", &turned)).unwrap();
+    let (set, _) = read(&folder.file("camchain.yaml", &rotated)).unwrap();
     assert_eq!(set.names(), ["cam0", "cam1"]);
     assert_eq!(
         set.cameras[1].camera_from_first.unwrap().translation_m(),

@@ -206,7 +206,7 @@ fn the_fast_map_keeps_its_bound() {
 }
 
 /// An image with edges and slopes.
-fn picture(width: usize, height: usize) -> Vec<u8> {
+fn image(width: usize, height: usize) -> Vec<u8> {
     (0..width * height)
         .map(|i| {
             let (x, y) = (i % width, i / width);
@@ -218,7 +218,7 @@ fn picture(width: usize, height: usize) -> Vec<u8> {
 
 #[test]
 fn remap_agrees_with_the_reference_implementation() {
-    let old = picture(752, 480);
+    let old = image(752, 480);
     for view in VIEWS {
         let r = Rectification::new(&euroc(), view).unwrap();
         let map = r.map(Eye::Left);

@@ -65,13 +65,13 @@ fn models_are_read_and_invalid_files_rejected() {
     assert!(error("plumb_bob", "1, 2, 3").contains("3 coefficients, expected 4 or 5 of plumb_bob"));
     assert!(error("brown", FIVE).contains("expected distortion_model to be plumb_bob or"));
     assert!(error("plumb_bob", "1, x, 3, 4, 5").contains("distortion_coefficients.data[1]"));
-    let turned = text(
+    let rotated = text(
         "plumb_bob",
         FIVE,
         "1., 0., 0., 0., 1., 0., 0., 0., -1.",
         0.0,
     );
-    let error = read(&folder.file("camera.yaml", &turned))
+    let error = read(&folder.file("camera.yaml", &rotated))
         .unwrap_err()
         .to_string();
     assert!(

@@ -44,8 +44,8 @@ impl Window {
     pub(super) fn along(sides: [[f64; 2]; 2], widest: f64) -> Self {
         let [a, b] = sides.map(|side| {
             let length = (side[0] * side[0] + side[1] * side[1]).sqrt();
-            let wanted = length.clamp(MIN_ALONG_PX, widest.clamp(MIN_WINDOW_PX, MAX_WINDOW_PX));
-            side.map(|v| v * wanted / length.max(f64::MIN_POSITIVE))
+            let reach = length.clamp(MIN_ALONG_PX, widest.clamp(MIN_WINDOW_PX, MAX_WINDOW_PX));
+            side.map(|v| v * reach / length.max(f64::MIN_POSITIVE))
         });
         let determinant = a[0] * b[1] - a[1] * b[0];
         let product = ((a[0] * a[0] + a[1] * a[1]) * (b[0] * b[0] + b[1] * b[1])).sqrt();

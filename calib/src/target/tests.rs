@@ -1,5 +1,5 @@
 use super::*;
-use render::{Lens, Look, Picture, Random, View};
+use render::{Degradation, Lens, Random, RenderedImage, View};
 
 mod real;
 mod render;
@@ -59,9 +59,9 @@ fn errors(found: &Detection, truth: &[(u32, [f64; 2])], what: &str) -> Errors {
     }
 }
 
-fn see(target: &Target, view: View, look: &Look, what: &str) -> (Detection, Errors) {
-    let picture = View::picture(&[(target, view)], look);
-    let found = detect(&picture.view(), target, &Settings::default());
+fn see(target: &Target, view: View, look: &Degradation, what: &str) -> (Detection, Errors) {
+    let image = View::render(&[(target, view)], look);
+    let found = detect(&image.view(), target, &Settings::default());
     let errors = errors(&found, &view.truth(target), what);
     (found, errors)
 }
@@ -92,7 +92,7 @@ fn middling() -> View {
 #[test]
 fn every_board_is_found_whole() {
     for target in [GRID, CHESS, CHARUCO] {
-        let (found, errors) = see(&target, middling(), &Look::default(), "whole");
+        let (found, errors) = see(&target, middling(), &Degradation::default(), "whole");
         println!("{errors:?} {:?} noise {:.2}", found.blur, found.noise_grey);
         assert_eq!(
             errors.found,
@@ -111,15 +111,20 @@ fn accuracy() {
     let small = [420, 320];
     let mut random = Random(7);
     let mut table = Vec::new();
-    let base = Look::default();
+    let base = Degradation::default();
     let mut kinds = Vec::new();
     for blur in [0.5, 0.7, 1.0, 1.5, 2.0] {
-        kinds.push((format!("blur {blur} px"), Look { blur, ..base }, 0.4, 1.0));
+        kinds.push((
+            format!("blur {blur} px"),
+            Degradation { blur, ..base },
+            0.4,
+            1.0,
+        ));
     }
     for noise in [0.0, 5.0, 10.0] {
         kinds.push((
             format!("noise {noise} grey"),
-            Look { noise, ..base },
+            Degradation { noise, ..base },
             0.4,
             1.0,
         ));
@@ -132,7 +137,7 @@ fn accuracy() {
     }
     kinds.push((
         "sRGB curve, blur 1.5".to_owned(),
-        Look {
+        Degradation {
             srgb: true,
             blur: 1.5,
             levels: [8.0, 180.0],
@@ -143,7 +148,7 @@ fn accuracy() {
     ));
     kinds.push((
         "motion 4 px".to_owned(),
-        Look {
+        Degradation {
             motion: [3.2, 2.4],
             ..base
         },
@@ -152,13 +157,13 @@ fn accuracy() {
     ));
     kinds.push((
         "shade 80 %".to_owned(),
-        Look { shade: 0.8, ..base },
+        Degradation { shade: 0.8, ..base },
         0.4,
         1.0,
     ));
     kinds.push((
         "contrast 40 grey".to_owned(),
-        Look {
+        Degradation {
             levels: [60.0, 100.0],
             ..base
         },
@@ -184,7 +189,7 @@ fn accuracy() {
                 let (detection, e) = see(
                     &target,
                     view,
-                    &Look {
+                    &Degradation {
                         seed: i as u64 + 1,
                         ..look
                     },
@@ -244,12 +249,12 @@ fn accuracy() {
 #[test]
 fn mirrored_and_inverted_markers_give_nothing() {
     for target in [GRID, CHARUCO] {
-        let picture = View::picture(&[(&target, middling())], &Look::default());
-        for (what, picture) in [
-            ("mirrored", picture.mirrored()),
-            ("inverted", picture.inverted()),
+        let image = View::render(&[(&target, middling())], &Degradation::default());
+        for (what, image) in [
+            ("mirrored", image.mirrored()),
+            ("inverted", image.inverted()),
         ] {
-            let found = detect(&picture.view(), &target, &Settings::default());
+            let found = detect(&image.view(), &target, &Settings::default());
             assert!(
                 found.corners.is_empty(),
                 "{what} {target:?}: {:?}",
@@ -258,10 +263,10 @@ fn mirrored_and_inverted_markers_give_nothing() {
         }
     }
     // For a chessboard they are images of a chessboard, rotated by half a turn.
-    let picture = View::picture(&[(&CHESS, middling())], &Look::default());
-    for picture in [picture.mirrored(), picture.inverted()] {
+    let image = View::render(&[(&CHESS, middling())], &Degradation::default());
+    for image in [image.mirrored(), image.inverted()] {
         assert_eq!(
-            detect(&picture.view(), &CHESS, &Settings::default())
+            detect(&image.view(), &CHESS, &Settings::default())
                 .corners
                 .len(),
             54
@@ -304,7 +309,7 @@ fn other_boards_give_nothing() {
     };
     let view = View::new(VGA, 360.0, [0.0, 0.0, 0.72], [0.2, -0.3, 0.1]);
     for shown in [GRID, CHESS, CHARUCO] {
-        let picture = View::picture(&[(&shown, view)], &Look::default());
+        let image = View::render(&[(&shown, view)], &Degradation::default());
         for sought in [
             &GRID,
             &CHESS,
@@ -314,7 +319,7 @@ fn other_boards_give_nothing() {
             &as_tags,
             &other_charuco,
         ] {
-            let found = detect(&picture.view(), sought, &Settings::default());
+            let found = detect(&image.view(), sought, &Settings::default());
             assert_eq!(
                 !found.corners.is_empty(),
                 *sought == shown,
@@ -323,9 +328,9 @@ fn other_boards_give_nothing() {
         }
     }
     // A ChArUco board has the crossings of a chessboard, and is detected as one.
-    let picture = View::picture(&[(&CHARUCO, view)], &Look::default());
+    let image = View::render(&[(&CHARUCO, view)], &Degradation::default());
     assert_eq!(
-        detect(&picture.view(), &as_charuco, &Settings::default())
+        detect(&image.view(), &as_charuco, &Settings::default())
             .corners
             .len(),
         35
@@ -344,19 +349,15 @@ fn two_boards_in_one_image_are_found() {
     let (a, b) = (small(0), small(20));
     let left = View::new(VGA, 360.0, [-0.2, 0.0, 0.5], [0.2, 0.3, 0.0]);
     let right = View::new(VGA, 360.0, [0.2, 0.0, 0.5], [-0.2, 0.0, 0.4]);
-    let picture = View::picture(&[(&a, left), (&b, right)], &Look::default());
-    let found = detect_all(
-        &picture.view(),
-        &[a.clone(), b.clone()],
-        &Settings::default(),
-    );
+    let image = View::render(&[(&a, left), (&b, right)], &Degradation::default());
+    let found = detect_all(&image.view(), &[a.clone(), b.clone()], &Settings::default());
     for (found, (target, view)) in found.iter().zip([(&a, left), (&b, right)]) {
         let e = errors(found, &view.truth(target), "two boards");
         assert_eq!(e.found, 36);
     }
     // The same board twice: an id that occurs twice must not be assigned to either.
-    let picture = View::picture(&[(&a, left), (&a, right)], &Look::default());
-    let found = detect(&picture.view(), &a, &Settings::default());
+    let image = View::render(&[(&a, left), (&a, right)], &Degradation::default());
+    let found = detect(&image.view(), &a, &Settings::default());
     let near = |truth: &[(u32, [f64; 2])], seen: &DetectedCorner| {
         truth
             .iter()
@@ -372,8 +373,8 @@ fn two_boards_in_one_image_are_found() {
         rows: 4,
         square_m: 0.04,
     };
-    let picture = View::picture(&[(&chess, left), (&chess, right)], &Look::default());
-    let found = detect(&picture.view(), &chess, &Settings::default());
+    let image = View::render(&[(&chess, left), (&chess, right)], &Degradation::default());
+    let found = detect(&image.view(), &chess, &Settings::default());
     assert!(
         found.corners.is_empty() && found.remark == Some("two chessboards of this size"),
         "{found:?}"
@@ -387,7 +388,7 @@ fn boards_partly_outside() {
         let at = [0.25 * angle.cos(), 0.18 * angle.sin(), 0.5];
         let view = View::new(VGA, 360.0, at, [0.3, 0.2, angle]);
         for target in [GRID, CHARUCO] {
-            let (_, e) = see(&target, view, &Look::default(), "partly outside");
+            let (_, e) = see(&target, view, &Degradation::default(), "partly outside");
             let expected = in_view(&target, &view);
             assert!(
                 e.found + 2 >= expected && e.found > 8,
@@ -397,7 +398,7 @@ fn boards_partly_outside() {
             assert!(e.rms < 0.03, "{e:?}");
         }
         // A chessboard is found as a whole or not at all.
-        let (found, e) = see(&CHESS, view, &Look::default(), "partly outside");
+        let (found, e) = see(&CHESS, view, &Degradation::default(), "partly outside");
         assert!(e.found == 0 || e.found == 54, "{found:?}");
     }
 }
@@ -409,7 +410,7 @@ fn rotated_boards_keep_their_ids() {
         let turn = f64::from(i) * 0.8;
         let view = View::new([420, 400], 360.0, [0.0, 0.0, 0.72], [0.3, 0.1, turn]);
         for target in [GRID, CHESS, CHARUCO] {
-            let (found, e) = see(&target, view, &Look::default(), "rotated");
+            let (found, e) = see(&target, view, &Degradation::default(), "rotated");
             assert_eq!(e.found, in_view(&target, &view), "{i} {:?}", found.remark);
         }
     }
@@ -420,7 +421,7 @@ fn rotated_boards_keep_their_ids() {
         square_m: 0.06,
     };
     let view = View::new(VGA, 360.0, [0.0, 0.0, 0.6], [0.3, 0.1, 0.4]);
-    let (found, e) = see(&even, view, &Look::default(), "even");
+    let (found, e) = see(&even, view, &Degradation::default(), "even");
     assert!(found.half_turn && e.found == 24);
 }
 
@@ -431,7 +432,7 @@ fn boards_are_found_under_fisheye_distortion() {
             lens: Lens::Fisheye,
             ..View::new([640, 480], 190.0, [0.1, 0.05, 0.3], [0.2, -0.2, 0.3])
         };
-        let (found, e) = see(&target, view, &Look::default(), "fisheye");
+        let (found, e) = see(&target, view, &Degradation::default(), "fisheye");
         println!("{e:?} of {} {:?}", in_view(&target, &view), found.remark);
         assert!(
             e.found * 10 >= in_view(&target, &view) * 9,
@@ -451,9 +452,9 @@ fn blur_is_measured() {
             let (found, _) = see(
                 &target,
                 view,
-                &Look {
+                &Degradation {
                     blur: sigma,
-                    ..Look::default()
+                    ..Degradation::default()
                 },
                 "blur",
             );
@@ -475,9 +476,9 @@ fn blur_is_measured() {
             let (found, e) = see(
                 &target,
                 view,
-                &Look {
+                &Degradation {
                     motion,
-                    ..Look::default()
+                    ..Degradation::default()
                 },
                 "motion",
             );
@@ -500,10 +501,10 @@ fn blur_is_measured() {
 fn stated_sigma_agrees_with_errors() {
     for (noise, blur) in [(3.0, 0.6), (6.0, 1.0), (8.0, 1.5)] {
         for target in [GRID, CHESS, CHARUCO] {
-            let look = Look {
+            let look = Degradation {
                 noise,
                 blur,
-                ..Look::default()
+                ..Degradation::default()
             };
             let (found, _) = see(&target, middling(), &look, "sigma");
             let truth = middling().truth(&target);

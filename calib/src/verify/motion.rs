@@ -122,7 +122,7 @@ pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEs
         let mut sizes = Vec::with_capacity(seen.len());
         let mut agree = 0;
         for ((s, basis), near) in seen.iter().zip(&bases).zip(&mut nearness) {
-            let turned = turn * (s.ray + s.by_line.ray * line);
+            let rotated = turn * (s.ray + s.by_line.ray * line);
             let (motion_ratio, after_s) = (
                 s.motion_ratio + s.by_line.motion_ratio * line,
                 s.after_s + s.by_line.after_s * line,
@@ -130,7 +130,7 @@ pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEs
             let moved = shift * motion_ratio + faster * after_s;
             let later = s.by_line.later * line;
             let seen_at = |near: f64| {
-                let point = turned + moved * (near + offset);
+                let point = rotated + moved * (near + offset);
                 let length = point.norm();
                 let unit = point / length;
                 let by_point = basis * (Matrix3::identity() - unit * unit.transpose()) / length;
@@ -144,11 +144,11 @@ pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEs
             // Both the match and the observed parallax determine the distance. Using the match
             // alone would bias translations towards zero, as regression on a noisy variable does.
             let by_near = by_point * moved;
-            let [seen_weight, told_weight] =
+            let [seen_weight, nominal_weight] =
                 [corner, s.sigma_per_metre].map(|sigma| 1.0 / (sigma * sigma));
             let pull = by_near.dot(&(basis * (later - unit))) * seen_weight
-                + (s.per_metre - *near) * told_weight;
-            *near += pull / (by_near.norm_squared() * seen_weight + told_weight);
+                + (s.per_metre - *near) * nominal_weight;
+            *near += pull / (by_near.norm_squared() * seen_weight + nominal_weight);
             let (unit, by_point) = seen_at(*near);
             let by_near = by_point * moved;
             let error: Vector2<f64> = basis * (later - unit) - by_near * (s.per_metre - *near);
@@ -164,7 +164,7 @@ pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEs
             agree += usize::from(size < 3.0 * scale);
             let mut by = SMatrix::<f64, 2, PARAMETERS>::zeros();
             by.fixed_columns_mut::<3>(0)
-                .copy_from(&(-by_point * turned.cross_matrix()));
+                .copy_from(&(-by_point * rotated.cross_matrix()));
             by.fixed_columns_mut::<3>(3)
                 .copy_from(&(by_point * (motion_ratio * (*near + offset))));
             by.set_column(6, &(by_point * moved));
@@ -211,11 +211,11 @@ pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEs
 
 /// Translation with most inliers under the predicted rotation, m.
 fn first_shift(seen: &[SegmentFeature], bases: &[Matrix2x3<f64>], start: &Start) -> Vector3<f64> {
-    let turned: Vec<Vector3<f64>> = seen.iter().map(|s| start.rotation * s.ray).collect();
+    let rotated: Vec<Vector3<f64>> = seen.iter().map(|s| start.rotation * s.ray).collect();
     let cost = |shift: &Vector3<f64>| -> f64 {
         let of = |i: usize| {
             let s = &seen[i];
-            let point = turned[i] + shift * (s.motion_ratio * s.per_metre);
+            let point = rotated[i] + shift * (s.motion_ratio * s.per_metre);
             let error = bases[i] * point / point.norm();
             let blur = (bases[i] * shift).norm() * s.sigma_per_metre;
             let allowed = start.error_px / s.px_per_rad + 2.0 * blur;
@@ -246,7 +246,7 @@ fn first_shift(seen: &[SegmentFeature], bases: &[Matrix2x3<f64>], start: &Start)
         for i in pair {
             let by = bases[i] * (seen[i].motion_ratio * seen[i].per_metre);
             a += by.transpose() * by;
-            b -= by.transpose() * (bases[i] * turned[i]);
+            b -= by.transpose() * (bases[i] * rotated[i]);
         }
         let Some(shift) = a.cholesky().map(|c| c.solve(&b)) else {
             continue;

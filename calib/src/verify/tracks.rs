@@ -141,9 +141,9 @@ impl<'a> FeatureTracker<'a> {
     }
 
     /// Adds the next frame of the burst.
-    pub fn push(&mut self, picture: &StereoFrame<'_>) {
-        let left = Pyramid::new(&picture.left);
-        let (time_ns, scale) = (picture.time_ns, left.scale());
+    pub fn push(&mut self, frame: &StereoFrame<'_>) {
+        let left = Pyramid::new(&frame.left);
+        let (time_ns, scale) = (frame.time_ns, left.scale());
         let mut sets = Vec::new();
         if let Some(before) = self.previous.take() {
             let rotation = self.rotation(time_ns, before.time_ns);
@@ -163,7 +163,7 @@ impl<'a> FeatureTracker<'a> {
         }
         let newest = sets.last().map(|s| (time_ns - s.from_ns) as f64 * 1e-9);
         if newest.is_none_or(|age_s| age_s >= DETECTION_INTERVAL_S - 1e-3) {
-            sets.push(self.start(&left, picture));
+            sets.push(self.start(&left, frame));
         }
         self.previous = Some(PreviousFrame {
             left,
@@ -218,8 +218,8 @@ impl<'a> FeatureTracker<'a> {
     }
 
     /// Detects features and matches them in the right image.
-    fn start(&self, left: &Pyramid, picture: &StereoFrame<'_>) -> Set {
-        let right = Pyramid::new(&picture.right);
+    fn start(&self, left: &Pyramid, frame: &StereoFrame<'_>) -> Set {
+        let right = Pyramid::new(&frame.right);
         let scale = left.scale();
         let found = corners(&left.levels[0], MAX_CORNERS);
         let features = found.into_iter().map(|at| {
@@ -236,7 +236,7 @@ impl<'a> FeatureTracker<'a> {
             }
         });
         Set {
-            from_ns: picture.time_ns,
+            from_ns: frame.time_ns,
             features: features.collect(),
         }
     }

@@ -187,7 +187,7 @@ impl Problem<'_> {
         let mut count = 0;
         const H: f64 = 1e-6;
         // Rotates one control point at a time, in both directions: body states at the same time.
-        let turned = |first: usize, s: f64, k: usize, axis: usize| {
+        let rotated = |first: usize, s: f64, k: usize, axis: usize| {
             let mut part = Motion {
                 knot_s: motion.knot_s,
                 start_s: 0.0,
@@ -239,7 +239,7 @@ impl Problem<'_> {
             for (k, share) in shares(&value).into_iter().enumerate() {
                 let mut block = SMatrix::<f64, VIEW, 6>::zeros();
                 for axis in 0..3 {
-                    let (low, high) = turned(first, s, k, axis);
+                    let (low, high) = rotated(first, s, k, axis);
                     let turn = so3::log(&(low.rotation.transpose() * high.rotation)) / (2.0 * H);
                     block.set_column(axis, &(found.own.fixed_columns::<3>(0) * turn));
                 }
@@ -284,7 +284,7 @@ impl Problem<'_> {
             let by_acceleration = shared.accel_shape * body.rotation.transpose() * weights[1];
             for (k, share) in bends(&bend).into_iter().enumerate() {
                 for axis in 0..3 {
-                    let (low, high) = turned(first, s, k, axis);
+                    let (low, high) = rotated(first, s, k, axis);
                     let by = (self.sample_error(&high, whole, raw, weights)
                         - self.sample_error(&low, whole, raw, weights))
                         / (2.0 * H);

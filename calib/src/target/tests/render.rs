@@ -27,7 +27,7 @@ pub(crate) enum Lens {
 
 /// Degradation of the image.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Look {
+pub(crate) struct Degradation {
     /// Gaussian blur, pixels.
     pub(crate) blur: f64,
     /// Uniform motion, pixels along x and y.
@@ -44,7 +44,7 @@ pub(crate) struct Look {
     pub(crate) seed: u64,
 }
 
-impl Default for Look {
+impl Default for Degradation {
     fn default() -> Self {
         Self {
             blur: 0.7,
@@ -142,7 +142,7 @@ impl View {
     }
 
     /// An image of boards, each with its own view; the first one is on top.
-    pub(crate) fn picture(boards: &[(&Target, View)], look: &Look) -> Picture {
+    pub(crate) fn render(boards: &[(&Target, View)], look: &Degradation) -> RenderedImage {
         let size = boards[0].1.size;
         let [width, height] = size.map(|n| n + 2 * PAD);
         let [fine_width, fine_height] = [width * DENSE, height * DENSE];
@@ -217,19 +217,19 @@ impl View {
                 pixels.push(value.round().clamp(0.0, 255.0) as u8);
             }
         }
-        Picture { size, pixels }
+        RenderedImage { size, pixels }
     }
 }
 
 /// Pixels rendered beyond the edge, for the blur.
 const PAD: usize = 8;
 
-pub(crate) struct Picture {
+pub(crate) struct RenderedImage {
     pub(crate) size: [usize; 2],
     pub(crate) pixels: Vec<u8>,
 }
 
-impl Picture {
+impl RenderedImage {
     pub(crate) fn view(&self) -> ImageView<'_> {
         ImageView::new(self.size[0], self.size[1], self.size[0], &self.pixels).unwrap()
     }

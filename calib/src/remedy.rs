@@ -9,7 +9,7 @@
 pub const CALIBRATE: &str = "paws calib cameras BOARDS --target board.toml --out calibration";
 
 /// Calibrates IMU extrinsics with the result of [`CALIBRATE`]; writes `rig-imu.toml`.
-pub const PLACE_IMUS: &str =
+pub const CALIBRATE_IMUS: &str =
     "paws calib camera-imu BOARDS --target board.toml --calibration calibration --out calibration";
 
 /// Reconstructs a session of the library that was recorded and handed over without calibration.
@@ -18,30 +18,30 @@ pub const RECONSTRUCT: &str = "paws reconstruct run SESSION --calibration calibr
 /// Remedy for a camera without intrinsics before a recording.
 ///
 /// ```
-/// let text = calib::mend::before("feet");
+/// let text = calib::remedy::before_recording("feet");
 /// assert!(text.contains("`paws calib cameras BOARDS --target board.toml --out calibration`"));
 /// assert!(text.contains("calibration = \"calibration/feet.yaml\""));
 /// ```
-pub fn before(camera: &str) -> String {
+pub fn before_recording(camera: &str) -> String {
     format!(
         "record a board (BOARDS), then `{CALIBRATE}`, then calibration = \"calibration/{camera}.yaml\" in its [[camera]]"
     )
 }
 
 /// Remedy for a session that was recorded without intrinsics or extrinsics.
-pub fn after() -> String {
+pub fn after_recording() -> String {
     format!("record a board (BOARDS), then `{CALIBRATE}`, then `{RECONSTRUCT}`")
 }
 
 /// Warning that the intrinsics of these cameras are unknown, with its remedy; `None` for no
 /// cameras.
-pub fn without_lenses(cameras: &[&str]) -> Option<String> {
+pub fn missing_intrinsics(cameras: &[&str]) -> Option<String> {
     if cameras.is_empty() {
         return None;
     }
     Some(format!(
         "the lenses of {} are not known, so what is recorded cannot be reconstructed by itself; to mend it, also later: {}",
         cameras.join(", "),
-        after()
+        after_recording()
     ))
 }
