@@ -2,10 +2,11 @@
 //!
 //! Contract: `T_imu_cam` takes points from a camera to the IMU, quaternion with `qw` last, metres.
 //! Lenses: `ds`, `eucm`, `kb4`, `pinhole`, `pinhole-radtan8`, and `ucm`, which is the EUCM with
-//! `beta = 1`. Noise is of continuous time, one value per axis; where the axes differ the largest is taken and
-//! noted. `cam_time_offset_ns` is added to a camera's time to get the IMU's. Biases are subtracted
-//! from readings. What is not carried (vignetting, scale and misalignment of the IMU, the motion-capture
-//! system) is noted. A file written without an IMU has its frame in the first camera and a rate of 0.
+//! `beta = 1`. Noise is continuous-time, one value per axis; if the axes differ, the largest is
+//! taken and noted. `cam_time_offset_ns` is added to a camera's time to get the IMU's. Biases are
+//! subtracted from measurements. Values that are not represented (vignetting, scale and
+//! misalignment of the IMU, the motion-capture system) are noted. A file written without an IMU has
+//! its frame in the first camera and a rate of 0.
 
 use std::path::Path;
 

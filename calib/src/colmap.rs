@@ -1,11 +1,11 @@
 //! COLMAP's `cameras.txt` and `cameras.bin`, with the `rigs.txt` beside them.
 //!
-//! Contract: COLMAP puts the centre of the top-left pixel at (0.5, 0.5), so principal points lose half
-//! a pixel on reading and gain it on writing. Cameras are called by their identifiers. A model with one
-//! focal length or fewer coefficients is read as the smallest here that means the same. Where `rigs.txt`
-//! (COLMAP 3.12 and later) names the first camera in a rig with poses, the cameras of that rig have
-//! their places; `sensor_from_rig`, quaternion `w x y z`, takes points from the rig to the sensor.
-//! FOV and thin-prism models are refused.
+//! Contract: COLMAP puts the centre of the top-left pixel at (0.5, 0.5), so that half a pixel is
+//! subtracted from principal points on reading and added on writing. Cameras are named by their
+//! identifiers. A model with one focal length or fewer coefficients is read as the smallest model
+//! here that means the same. If `rigs.txt` (COLMAP 3.12 and later) names the first camera in a rig
+//! with poses, the cameras of that rig have their extrinsics; `sensor_from_rig`, quaternion `w x y
+//! z`, takes points from the rig to the sensor. FOV and thin-prism models are rejected.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -161,7 +161,7 @@ fn known_models() -> String {
     format!("one of {}", names.join(", "))
 }
 
-/// Of a known model with as many parameters as it has.
+/// A camera of a known model; `p` has its number of parameters.
 fn camera(model: &str, [width, height]: [u32; 2], p: &[f64]) -> CameraModel {
     let one_focal = matches!(
         model,

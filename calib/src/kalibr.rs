@@ -1,13 +1,14 @@
 //! Kalibr's `camchain.yaml` and `camchain-imucam.yaml`, with the `imu.yaml` beside them.
 //!
-//! Contract: `T_cn_cnm1` takes points from the camera before to this one, `T_cam_imu` from the IMU to
-//! the camera (its inverse, `T_imu_cam`, as OpenVINS writes it, is taken too), both rows first and in
-//! metres. `timeshift_cam_imu` is added to a camera's time to get the IMU's, seconds. Lenses: `pinhole`
-//! with `none`, `radtan` (k1 k2 p1 p2) or `equidistant`, `ds`, `eucm`, and `omni` without distortion,
-//! which is the EUCM with `alpha = xi / (1 + xi)`, `beta = 1` and the focal lengths divided by `1 + xi`
-//! (both are `x / (xi d + z)` up to that factor). `omni` with `radtan` and `fov` are refused. A pinhole must
-//! say its `distortion_model`, and coefficients beside `none` must be 0. All `cam0`, `cam1` and so on of the
-//! file are read; a number that is left out or a block without keys is an error.
+//! Contract: `T_cn_cnm1` takes points from the previous camera to this one, `T_cam_imu` from the
+//! IMU to the camera (its inverse, `T_imu_cam`, as OpenVINS writes it, is accepted too), both
+//! row-major and in metres. `timeshift_cam_imu` is added to a camera's time to get the IMU's,
+//! seconds. Lenses: `pinhole` with `none`, `radtan` (k1 k2 p1 p2) or `equidistant`, `ds`, `eucm`,
+//! and `omni` without distortion, which is the EUCM with `alpha = xi / (1 + xi)`, `beta = 1` and
+//! the focal lengths divided by `1 + xi` (both are `x / (xi d + z)` up to that factor). `omni` with
+//! `radtan` and `fov` are rejected. A pinhole must have a `distortion_model`, and coefficients
+//! beside `none` must be 0. All `cam0`, `cam1` and so on of the file are read; a missing value or a
+//! block without keys is an error.
 
 use std::path::Path;
 

@@ -1,16 +1,15 @@
 //! `transforms.json` of nerfstudio and instant-ngp.
 //!
 //! Contract: intrinsics are shared, or given per frame; each different one is a camera here. Pixel
-//! coordinates are COLMAP's, which nerfstudio takes over: half a pixel is subtracted on reading.
-//! `transform_matrix` takes points from the camera to the world, in OpenGL's axes (x right, y up, z
-//! backward). `OPENCV` has k1 k2 k3 p1 p2 (a k4 of it
-//! is refused: it is a term in r⁸ that no model here has), `OPENCV_FISHEYE` k1 to k4. A missing
-//! coefficient is 0, a missing `fl_y` is `fl_x`, a missing principal point is the middle. Coefficients that
-//! the model does not have must be 0.
+//! coordinates are those of COLMAP: half a pixel is subtracted on reading. `transform_matrix` takes
+//! points from the camera to the world, in OpenGL's axes (x right, y up, z backward). `OPENCV` has
+//! k1 k2 k3 p1 p2 (a k4 is rejected: it is a term in r⁸ that no model here has), `OPENCV_FISHEYE`
+//! k1 to k4. A missing coefficient is 0, a missing `fl_y` is `fl_x`, a missing principal point is
+//! the image centre. Coefficients that the model does not have must be 0.
 //!
-//! A file whose two frames are called `left` and `right` is a stereo camera, and the frames' poses, in
-//! metres, are its placement; this is how a pair is written. What a frame does not say of its lens is said
-//! for both. In other files the poses are those of a moving camera.
+//! A file whose two frames are called `left` and `right` is a stereo camera, and the frames' poses,
+//! in metres, are its extrinsics; this is how a pair is written. Intrinsics missing in a frame are
+//! shared. In other files the poses are those of a moving camera.
 
 use std::path::Path;
 

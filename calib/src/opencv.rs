@@ -1,12 +1,12 @@
 //! OpenCV's FileStorage YAML: one camera (`camera_matrix`, `distortion_coefficients`) or a pair
 //! (`K1 D1 K2 D2 R T`, or `M1 ...` with R and T in `extrinsics.yml`, as OpenCV's own samples write them).
 //!
-//! Contract: R and T take points from the left to the right camera. The files say neither their unit
-//! nor, often, the size of the picture nor the lens model: T must be in metres, and a pair more than 10 m
-//! apart is refused; the size comes from `image_width` and `image_height`, `image_size`, or the caller;
-//! four coefficients are radial-tangential unless `fisheye_model: 1` or a `distortion_model` says
-//! otherwise, which is noted. Coefficients that are all 0 are no distortion. Thin prism and tilt terms
-//! (12 and 14 coefficients) are refused unless they are 0.
+//! Contract: R and T take points from the left to the right camera. The files have neither a unit
+//! nor, often, the image size or the lens model: T must be in metres, and a pair more than 10 m
+//! apart is rejected; the size comes from `image_width` and `image_height`, `image_size`, or the
+//! caller; four coefficients are radial-tangential unless `fisheye_model: 1` or a
+//! `distortion_model` says otherwise, which is noted. Coefficients that are all 0 are no
+//! distortion. Thin prism and tilt terms (12 and 14 coefficients) are rejected unless they are 0.
 
 use std::path::{Path, PathBuf};
 
@@ -67,10 +67,9 @@ const RIGHT: [&[&str]; 2] = [
 ];
 const EXTRINSICS: [&str; 2] = ["extrinsics.yml", "extrinsics.yaml"];
 
-/// Reads a file; `size` is used where it says none.
+/// Reads a file; `size` is used if the file has none.
 ///
-/// # Errors
-/// [`CalibError`].
+/// # Errors [`CalibError`].
 pub fn read(path: &Path, size: Option<[u32; 2]>) -> Result<(CameraSet, Vec<Note>), CalibError> {
     let source = Source::read(path)?;
     let tree = yaml::parse(&source)?;

@@ -449,8 +449,7 @@ pub(super) fn lenses(problem: &Problem) -> Vec<Lens> {
         .collect()
 }
 
-/// Runs over `0..count` in a fixed number of chunks, on as many threads as there are cores; results
-/// are in order.
+/// Runs over `0..count` in a fixed number of chunks, on one thread per core; results are in order.
 pub(crate) fn in_chunks<T: Send>(
     count: usize,
     work: impl Fn(std::ops::Range<usize>) -> T + Sync,

@@ -5,7 +5,7 @@
 //! deviation at τ = m τ₀; none where the phase is too short for a single term.
 
 /// Phase of a rate: its running sum, in units of rate times samples, one longer than the rate. The
-/// mean rate is removed first; no deviation here depends on it, and the sum stays small.
+/// mean rate is removed first; no deviation here depends on it, and the sum remains small.
 pub fn phase(rate: &[f64]) -> Vec<f64> {
     let mean = rate.iter().sum::<f64>() / rate.len().max(1) as f64;
     let mut phase = Vec::with_capacity(rate.len() + 1);

@@ -53,7 +53,7 @@ pub(super) struct Fit {
     pub scale: f64,
 }
 
-/// A picture.
+/// A view of the board.
 pub(super) struct View<'a> {
     pub time_s: f64,
     pub time_ns: i64,

@@ -12,7 +12,7 @@ fn pixel_conventions_differ_by_half_a_pixel() {
     let (set, notes) = read(&folder.file("cameras.txt", TEXT)).unwrap();
     assert_eq!(set.names(), ["3", "1", "7"]);
     let m = &set.cameras[0].model;
-    // The middle of a picture of 640 columns is 320 in COLMAP's coordinates and 319.5 in ours.
+    // The centre of an image of 640 columns is 320 in COLMAP's coordinates and 319.5 in ours.
     assert_eq!((m.cx, m.cy, m.fx, m.fy), (319.5, 239.5, 500.0, 500.0));
     let axis = Lens::new(m).project([0.0, 0.0, 1.0]).unwrap();
     assert_eq!(axis, [0.5 * (640.0 - 1.0), 0.5 * (480.0 - 1.0)]);
