@@ -70,7 +70,8 @@ pub struct Curve {
 /// of the longest run. `runs` are the runs without a gap; a run that is too short for a factor is
 /// not used for it. Time is proportional to samples times factors, memory is 8 bytes per sample.
 ///
-/// # Panics If a run extends beyond the samples.
+/// # Panics
+/// If a run extends beyond the samples.
 pub fn curve(rate: &[f64], runs: &[Range<usize>], period_s: f64) -> Curve {
     let longest = runs.iter().map(Range::len).max().unwrap_or(0);
     let factors = factors(longest / MIN_LENGTHS);

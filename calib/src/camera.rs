@@ -209,7 +209,8 @@ impl Distortion {
 
     /// The same model with other coefficients, in the order of [`Self::coefficients`].
     ///
-    /// # Panics If the number of coefficients differs from the model's.
+    /// # Panics
+    /// If the number of coefficients differs from the model's.
     #[must_use]
     pub fn with_coefficients(&self, c: &[f64]) -> Self {
         assert_eq!(c.len(), self.coefficient_names().len(), "coefficients");
@@ -291,7 +292,8 @@ impl CameraModel {
 
     /// The same model with other parameters, in the order of [`Self::parameters`].
     ///
-    /// # Panics If the number of parameters differs from the model's.
+    /// # Panics
+    /// If the number of parameters differs from the model's.
     #[must_use]
     pub fn with_parameters(&self, p: &[f64]) -> Self {
         Self {

@@ -19,7 +19,7 @@ use crate::stereo::{Format, Provenance};
 use crate::text::{Source, written_all};
 use crate::write::{WriteError, Written, lens};
 
-/// What COLMAP adds to a pixel coordinate.
+/// Offset of COLMAP's pixel coordinates.
 const HALF: f64 = 0.5;
 
 /// Text or binary.

@@ -224,14 +224,16 @@ pub fn exactly(distortion: &Distortion, target: LensModel) -> Option<Distortion>
 
 /// Fits `target` to `source` over the whole image.
 ///
-/// # Errors [`ConvertError`].
+/// # Errors
+/// [`ConvertError`].
 pub fn convert(source: &CameraModel, target: LensModel) -> Result<Conversion, ConvertError> {
     convert_within(source, target, std::f64::consts::PI)
 }
 
 /// The same up to an angle off the axis, radians.
 ///
-/// # Errors [`ConvertError`].
+/// # Errors
+/// [`ConvertError`].
 pub fn convert_within(
     source: &CameraModel,
     target: LensModel,

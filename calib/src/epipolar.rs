@@ -51,7 +51,8 @@ pub struct Epipolar {
 impl Epipolar {
     /// Prepares a pair.
     ///
-    /// # Errors [`RectifyError::NotBeside`].
+    /// # Errors
+    /// [`RectifyError::NotBeside`].
     pub fn new(stereo: &StereoCalibration) -> Result<Self, RectifyError> {
         let (rectified_from_left, rectified_from_right) = rotations(stereo)?;
         let matrix = |rows: [f64; 9]| Matrix3::from_row_slice(&rows);

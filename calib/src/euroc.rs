@@ -20,7 +20,8 @@ use crate::write::{WriteError, Written, lens, placed};
 /// Reads the calibration of an ASL folder for images of `width` x `height` pixels. `path` is the
 /// folder with `cam0` and `cam1` (`mav0`), or one of the `sensor.yaml` below it.
 ///
-/// # Errors [`CalibError`].
+/// # Errors
+/// [`CalibError`].
 pub fn read(
     path: &Path,
     width: u32,
@@ -41,7 +42,8 @@ pub fn read(
 
 /// Reads `cam0`, `cam1` and so on, at least the given number. With a size, all images must have it.
 ///
-/// # Errors [`CalibError`].
+/// # Errors
+/// [`CalibError`].
 pub(crate) fn read_cameras(
     path: &Path,
     size: Option<[u32; 2]>,

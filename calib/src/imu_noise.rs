@@ -155,7 +155,8 @@ impl Measurement {
 
 /// Measures the noise of an IMU.
 ///
-/// # Panics If the vectors of the series differ in length or a run extends beyond them.
+/// # Panics
+/// If the vectors of the series differ in length or a run extends beyond them.
 pub fn measure(series: &Series) -> Measurement {
     let screened = screen::screen(series);
     let mut findings = screened.findings;

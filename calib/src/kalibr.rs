@@ -22,7 +22,7 @@ use crate::text::{Source, written, written_all};
 use crate::tree::{At, yaml};
 use crate::write::{WriteError, Written, lens, placed};
 
-/// What an `imu.yaml` holds.
+/// Content of an `imu.yaml`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuFile {
     /// Noise model.
@@ -37,7 +37,7 @@ const IMU_FILES: [&str; 2] = ["imu.yaml", "imu0.yaml"];
 /// Tolerance between two poses of one camera, metres and radians; beyond it there is a note.
 const SAME_PLACE: f64 = 1e-6;
 
-/// Reads a chain of cameras, and the `imu.yaml` beside it where the chain places an IMU.
+/// Reads a chain of cameras, and the `imu.yaml` beside it if the chain has IMU extrinsics.
 ///
 /// # Errors
 /// [`CalibError`].

@@ -18,7 +18,8 @@ use crate::write::{WriteError, Written};
 
 /// Reads a `calib.txt` for images of `width` x `height` pixels.
 ///
-/// # Errors [`CalibError`].
+/// # Errors
+/// [`CalibError`].
 pub fn read(
     path: &Path,
     width: u32,

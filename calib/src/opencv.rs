@@ -69,7 +69,8 @@ const EXTRINSICS: [&str; 2] = ["extrinsics.yml", "extrinsics.yaml"];
 
 /// Reads a file; `size` is used if the file has none.
 ///
-/// # Errors [`CalibError`].
+/// # Errors
+/// [`CalibError`].
 pub fn read(path: &Path, size: Option<[u32; 2]>) -> Result<(CameraSet, Vec<Note>), CalibError> {
     let source = Source::read(path)?;
     let tree = yaml::parse(&source)?;

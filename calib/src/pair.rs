@@ -16,7 +16,8 @@ use crate::write::{WriteError, Written};
 
 /// Reads a `K.txt` for images of `width` x `height` pixels.
 ///
-/// # Errors [`CalibError`].
+/// # Errors
+/// [`CalibError`].
 pub fn read(
     path: &Path,
     width: u32,

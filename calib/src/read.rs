@@ -28,7 +28,8 @@ const MAX_CENTRE_OFFSET: f64 = 0.06;
 /// Reads the calibration of a stereo camera from a file, or from a folder with one, for images of
 /// `width` x `height` pixels (one eye, not side by side).
 ///
-/// # Errors [`CalibError`], naming the file and where possible the line.
+/// # Errors
+/// [`CalibError`], naming the file and where possible the line.
 pub fn read_stereo(
     path: &Path,
     width: u32,
@@ -54,7 +55,8 @@ pub fn read_stereo(
 /// Reads all cameras of a file, or of a folder with one. `size` is that of one image; it is
 /// required if the file does not contain it, and must be equal to the file's otherwise.
 ///
-/// # Errors [`CalibError`], naming the file and where possible line and key.
+/// # Errors
+/// [`CalibError`], naming the file and where possible line and key.
 pub fn read_cameras(
     path: &Path,
     size: Option<[u32; 2]>,
@@ -81,7 +83,8 @@ pub fn read_cameras(
 
 /// Format of a path: the format, and the file, or the folder of an ASL data set.
 ///
-/// # Errors [`CalibError::Unrecognised`], [`CalibError::Read`].
+/// # Errors
+/// [`CalibError::Unrecognised`], [`CalibError::Read`].
 pub fn detect_format(path: &Path) -> Result<(Format, PathBuf), CalibError> {
     if path.is_dir() {
         in_folder(path)

@@ -88,14 +88,16 @@ const SIDE: usize = 96;
 impl Rectification {
     /// Rectifies to images of the left one's size.
     ///
-    /// # Errors [`RectifyError`].
+    /// # Errors
+    /// [`RectifyError`].
     pub fn new(stereo: &StereoCalibration, view: View) -> Result<Self, RectifyError> {
         Self::with_size(stereo, view, [stereo.left.width, stereo.left.height])
     }
 
     /// Rectifies to images of another size.
     ///
-    /// # Errors [`RectifyError`].
+    /// # Errors
+    /// [`RectifyError`].
     pub fn with_size(
         stereo: &StereoCalibration,
         view: View,

@@ -46,8 +46,8 @@ pub struct SetImu {
     pub rate_hz: Option<f64>,
     /// Noise model.
     pub noise: Option<ImuNoise>,
-    /// What to add to a camera's time to get the IMU's, seconds (Kalibr's `timeshift_cam_imu`,
-    /// Basalt's `cam_time_offset_ns`).
+    /// Added to a camera's time to get the IMU's, seconds (Kalibr's `timeshift_cam_imu`, Basalt's
+    /// `cam_time_offset_ns`).
     pub time_offset_s: Option<f64>,
     /// Bias to subtract from the measured angular rate, rad/s.
     pub gyro_bias: Option<[f64; 3]>,
@@ -104,8 +104,9 @@ impl CameraSet {
     /// Two of the cameras as a stereo calibration: the named ones, otherwise those with `left` and
     /// `right` in their names, otherwise the first two. `path` is for messages.
     ///
-    /// # Errors [`CalibError::Missing`] without such cameras or their pose,
-    /// [`CalibError::Implausible`] if left and right are swapped.
+    /// # Errors
+    /// [`CalibError::Missing`] without such cameras or their pose, [`CalibError::Implausible`] if
+    /// left and right are swapped.
     pub fn stereo(
         &self,
         pair: Option<[&str; 2]>,
@@ -204,8 +205,9 @@ impl CameraSet {
 
     /// Notes on implausible poses of the cameras. `path` is for messages.
     ///
-    /// # Errors [`CalibError::Implausible`] if cameras called left and right are swapped. Two
-    /// cameras with other names may be anywhere, so for them it is a note.
+    /// # Errors
+    /// [`CalibError::Implausible`] if cameras called left and right are swapped. Two cameras with
+    /// other names may be anywhere, so for them it is a note.
     pub(crate) fn plausibility_notes(&self, path: &Path) -> Result<Vec<Note>, CalibError> {
         let mut notes = Vec::new();
         for NamedCamera {

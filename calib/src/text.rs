@@ -126,8 +126,8 @@ pub(crate) fn written_all(numbers: &[f64], separator: &str) -> String {
     words.join(separator)
 }
 
-/// Metres as millimetres, so that dividing what is read by 1000 gives the same bits where any number
-/// does.
+/// Metres as millimetres, such that the value read divided by 1000 gives the same bits, if any
+/// number does.
 pub(crate) fn millimetres(metres: f64) -> String {
     let mm = metres * 1000.0;
     let near = [mm, mm.next_up(), mm.next_down()];

@@ -93,7 +93,8 @@ impl Written {
 /// Writes a set. `out` is a file if its name has an extension and the format has one file,
 /// otherwise a new folder. Returns the files and notes on what could not be represented.
 ///
-/// # Errors [`WriteError`]; then nothing was written.
+/// # Errors
+/// [`WriteError`]; then nothing was written.
 pub fn write_cameras(
     set: &CameraSet,
     format: Format,

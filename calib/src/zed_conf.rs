@@ -45,7 +45,8 @@ const MIN_BASELINE_MM: f64 = 1.0;
 
 /// Reads a factory file for images of `width` x `height` pixels (one eye, not side by side).
 ///
-/// # Errors [`CalibError`].
+/// # Errors
+/// [`CalibError`].
 pub fn read(
     path: &Path,
     width: u32,
@@ -105,7 +106,8 @@ pub fn serial_in_name(path: &Path) -> Option<&str> {
 
 /// Checks that a factory file belongs to the camera of this serial number, by its name.
 ///
-/// # Errors [`CalibError::Serial`] if the name has another one.
+/// # Errors
+/// [`CalibError::Serial`] if the name has another one.
 pub fn expect_serial(path: &Path, serial: &str) -> Result<(), CalibError> {
     match serial_in_name(path) {
         Some(found) if !same_serial(found, serial) => Err(CalibError::Serial {
@@ -119,7 +121,8 @@ pub fn expect_serial(path: &Path, serial: &str) -> Result<(), CalibError> {
 
 /// The resolutions for which a file has sections, with their tags.
 ///
-/// # Errors [`CalibError`].
+/// # Errors
+/// [`CalibError`].
 pub fn resolutions(path: &Path) -> Result<Vec<(u32, u32, &'static str)>, CalibError> {
     let source = Source::read(path)?;
     let ini = Ini::parse(&source)?;

@@ -25,7 +25,8 @@ const MIN_SCALE: f64 = 1e-6;
 
 /// Pose of an eye from its observation of these points, and the RMS residual, px.
 ///
-/// # Errors [`AdjustError::Start`].
+/// # Errors
+/// [`AdjustError::Start`].
 pub fn locate(
     model: &CameraModel,
     points: &[Point],

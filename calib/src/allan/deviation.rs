@@ -1,8 +1,8 @@
 //! Deviations of phase: Allan, overlapping Allan, modified Allan, Hadamard, overlapping Hadamard, total.
 //!
-//! Formulas from Riley and Howe, *Handbook of Frequency Stability Analysis*, NIST SP 1065 (2008), chapter
-//! 5. Each takes phase `x` at a constant period τ₀ in seconds and an averaging factor `m`, and gives the
-//! deviation at τ = m τ₀; none where the phase is too short for a single term.
+//! Formulas from Riley and Howe, *Handbook of Frequency Stability Analysis*, NIST SP 1065 (2008),
+//! chapter 5. Each takes phase `x` at a constant period τ₀ in seconds and an averaging factor `m`,
+//! and returns the deviation at τ = m τ₀; `None` if the phase is too short for a single term.
 
 /// Phase of a rate: its running sum, in units of rate times samples, one longer than the rate. The
 /// mean rate is removed first; no deviation here depends on it, and the sum remains small.

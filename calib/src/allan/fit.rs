@@ -165,7 +165,8 @@ impl Fitter {
 
     /// As [`fit`].
     ///
-    /// # Panics If the number of points differs from the curve given to [`Self::new`].
+    /// # Panics
+    /// If the number of points differs from the curve given to [`Self::new`].
     pub fn fit(&self, curve: &Curve) -> Option<Fit> {
         let taus: Vec<f64> = curve.points.iter().map(|p| p.tau_s).collect();
         let variances: Vec<f64> = curve.points.iter().map(|p| p.variance).collect();

@@ -35,9 +35,9 @@ const LENS_ERROR_PX: f64 = 0.03;
 
 /// Runs the calibration with these `priors`; see the [module](super).
 ///
-/// # Errors Reasons for a missing result: [`CameraImuError`]. A questionable result is not an error
-/// but has a failed [gate](CameraImu::gates) or an [unobservable
-/// direction](CameraImu::unobservable).
+/// # Errors
+/// Reasons for a missing result: [`CameraImuError`]. A questionable result is not an error but has
+/// a failed [gate](CameraImu::gates) or an [unobservable direction](CameraImu::unobservable).
 pub fn estimate(recording: &Recording, priors: &Priors) -> Result<CameraImu, CameraImuError> {
     check(recording)?;
     let mut posed_views = PosedViews::of(recording)?;

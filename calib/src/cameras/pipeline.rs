@@ -73,7 +73,8 @@ impl TargetView {
 /// Runs the calibration. `progress` receives the current step and the completed fraction, from 0 to
 /// 1.
 ///
-/// # Errors [`CamerasError`].
+/// # Errors
+/// [`CamerasError`].
 pub fn calibrate(
     input: Input,
     settings: &Settings,

@@ -63,14 +63,14 @@ fn a_chain_with_its_imu() {
         set.cameras[1].model.distortion,
         Distortion::KannalaBrandt4 { k4: 0.04, .. }
     ));
-    // T_cn_cnm1 takes cam0's points to cam1: a point on cam0's axis lies to the left in cam1.
+    // T_cn_cnm1 takes cam0's points to cam1: a point on cam0's axis is to the left in cam1.
     let (stereo, _) = set.stereo(None, &path).unwrap();
     assert_eq!(
         stereo.right_from_left.apply([0.0, 0.0, 2.0]),
         [-0.11, 0.0, 2.0]
     );
     let imu = set.imu.unwrap();
-    // T_cam_imu takes the IMU's points to the camera: its x axis looks along the optical axis.
+    // T_cam_imu takes the IMU's points to the camera: its x axis is along the optical axis.
     let in_imu = imu.imu_from_first.rotate([0.0, 0.0, 1.0]);
     assert!((in_imu[0] - 1.0).abs() < 1e-12, "{in_imu:?}");
     assert_eq!(imu.time_offset_s, Some(0.0052));
@@ -232,7 +232,7 @@ fn a_camera_is_never_dropped() {
         cut.contains("line 16: found nothing, expected a block of keys as cam1"),
         "{cut}"
     );
-    // Cut before it, only the other camera tells.
+    // Truncated before it, only the other camera shows it.
     let (set, notes) = read(&folder.file("camchain.yaml", first)).unwrap();
     assert_eq!(set.names(), ["cam0"]);
     assert!(

@@ -31,7 +31,8 @@ struct Place {
 impl Remap {
     /// Prepares a map for source images of `width` x `height` pixels, at least 2 x 2.
     ///
-    /// # Panics With smaller images, or more than 2^31 pixels.
+    /// # Panics
+    /// With smaller images, or more than 2^31 pixels.
     pub fn new(map: &Map, width: u32, height: u32) -> Self {
         assert!(width >= 2 && height >= 2, "an image of at least 2 x 2");
         assert!(u64::from(width) * u64::from(height) < 1 << 31, "an image");
@@ -79,7 +80,8 @@ impl Remap {
 
     /// The rectified image, row-major.
     ///
-    /// # Panics If `old` has another size than the source.
+    /// # Panics
+    /// If `old` has another size than the source.
     pub fn apply(&self, old: &[u8], fill: u8) -> Vec<u8> {
         let mut new = vec![0; self.places.len()];
         self.apply_to(old, fill, &mut new);
@@ -88,7 +90,8 @@ impl Remap {
 
     /// The same into a buffer.
     ///
-    /// # Panics If a buffer has another size.
+    /// # Panics
+    /// If a buffer has another size.
     pub fn apply_to(&self, old: &[u8], fill: u8, new: &mut [u8]) {
         let [width, height] = self.old;
         assert_eq!(old.len(), width * height, "the source image");

@@ -179,8 +179,9 @@ impl Target {
 
     /// Black rectangles, without overlap; everything else on the sheet is white.
     ///
-    /// # Panics For a board whose [`invalid_reason`](Self::invalid_reason) is that its dictionary
-    /// has too few markers.
+    /// # Panics
+    /// For a board whose [`invalid_reason`](Self::invalid_reason) is that its dictionary has too
+    /// few markers.
     pub fn black(&self) -> Vec<Rectangle> {
         let chessboard = |columns, rows, square_m: f64| {
             squares(columns, rows)

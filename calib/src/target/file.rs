@@ -33,14 +33,16 @@ use crate::tree::{At, yaml};
 impl Target {
     /// Reads a board: Kalibr's YAML if the name ends in `.yaml` or `.yml`, otherwise our TOML.
     ///
-    /// # Errors [`CalibError`] naming file, line and key.
+    /// # Errors
+    /// [`CalibError`] naming file, line and key.
     pub fn read(path: &Path) -> Result<Self, CalibError> {
         Self::of(&Source::read(path)?)
     }
 
     /// Parses the same from a text; `path` is for messages and selects the format.
     ///
-    /// # Errors [`CalibError`] naming path, line and key.
+    /// # Errors
+    /// [`CalibError`] naming path, line and key.
     pub fn parse(text: &str, path: &Path) -> Result<Self, CalibError> {
         Self::of(&Source {
             path: path.to_owned(),
