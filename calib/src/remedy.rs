@@ -40,7 +40,7 @@ pub fn missing_intrinsics(cameras: &[&str]) -> Option<String> {
         return None;
     }
     Some(format!(
-        "the lenses of {} are not known, so what is recorded cannot be reconstructed by itself; to mend it, also later: {}",
+        "the lenses of {} are not known, so the recording cannot be reconstructed by itself; remedy, also later: {}",
         cameras.join(", "),
         after_recording()
     ))
