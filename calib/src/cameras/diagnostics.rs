@@ -1,20 +1,20 @@
-//! What speaks against a calibration: the gates it has to pass before anything is written.
+//! Gates of a calibration, applied before anything is written.
 //!
-//! Contract: a result whose stated sigmas cannot be trusted has a finding. What is looked for, and how it is
-//! told from chance, stands with each check; the limits are constants here and nowhere else.
+//! Contract: a result whose stated sigmas cannot be trusted has a finding. Each check documents its
+//! statistic and its significance; the limits are constants of this file only.
 
 use nalgebra::{DVector, Matrix6, Vector2, Vector6};
 
-use super::{Calibration, Camera, Input, Places};
+use super::{Calibration, Camera, Input, RigPoses};
 use crate::adjust::{
-    Parameter, PlacePrior, Problem, Settings, Solution, View, solve, step_between, told,
+    Parameter, PosePrior, Problem, Settings, Solution, View, reduced_equations, solve, step_between,
 };
 use crate::lens::Lens;
 
-/// How bad a finding is.
+/// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// Worth knowing.
+    /// Information.
     Note,
     /// The result is usable with care.
     Warn,
@@ -22,10 +22,10 @@ pub enum Severity {
     Fail,
 }
 
-/// Something that speaks against a result, or that its user must know.
+/// An objection to a result, or information for its user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// How bad.
+    /// Severity.
     pub severity: Severity,
     /// What was found and what was expected.
     pub text: String,
@@ -37,32 +37,32 @@ impl Finding {
     }
 }
 
-/// RMS length of residuals of an eye, px: worth a warning, not to be used.
+/// RMS residual of an eye, px: warning, failure.
 const RMS_PX: (f64, f64) = (0.5, 1.5);
-/// By how much focal lengths (of themselves) and principal points (of the picture's width) may differ from
-/// the factory's file.
-const OTHER_LENS: (f64, f64) = (0.025, 0.05);
-/// Sigma of the pixel of a given direction, anywhere in the picture, px.
-const EDGE_PX: (f64, f64) = (1.0, 4.0);
-/// Sigma of the place of the right eye in the left one: m and degrees.
-const PAIR: [(f64, f64); 2] = [(5e-4, 0.05), (3e-3, 0.3)];
-/// Sigma of the place of one camera in another: m and degrees.
-const RIG: [(f64, f64); 2] = [(1e-3, 0.05), (10e-3, 0.5)];
-/// By how much a length may differ from what is told before the target's size is in doubt, as a ratio.
-const LENGTH_RATIO: f64 = 0.005;
-/// From how many of its sigmas on a place that is told is not believed.
-const DISBELIEF: f64 = 4.0;
-/// How far the mean of a Brownian bridge may stray, per coordinate, in six coordinates twice over: a
-/// chance of about 1 in 1000 (Kolmogorov's distribution).
-const BRIDGE: f64 = 2.25;
-/// A movement smaller than this is not told, m and degrees.
-const MOVED: (f64, f64) = (5e-4, 0.05);
-/// Median of chi squared with six degrees of freedom.
+/// Deviation from the factory file: warning, failure. Focal lengths relative to themselves,
+/// principal points relative to the image width.
+const FACTORY_DEVIATION: (f64, f64) = (0.025, 0.05);
+/// Sigma of the pixel of a given direction, anywhere in the image, px: warning, failure.
+const MAX_PIXEL_SIGMA: (f64, f64) = (1.0, 4.0);
+/// Sigma of the right eye's pose in the left one: m and degrees; warning, failure.
+const STEREO_SIGMA: [(f64, f64); 2] = [(5e-4, 0.05), (3e-3, 0.3)];
+/// Sigma of the pose of one camera in another: m and degrees; warning, failure.
+const RIG_SIGMA: [(f64, f64); 2] = [(1e-3, 0.05), (10e-3, 0.5)];
+/// Relative deviation of a length from its nominal value above which the target's size is suspect.
+const MAX_LENGTH_RATIO: f64 = 0.005;
+/// Gate on nominal extrinsics, in sigmas of their prior: beyond it they are contradicted.
+const PRIOR_GATE_SIGMAS: f64 = 4.0;
+/// Limit for the maximum of a Brownian bridge, per coordinate, in six coordinates twice over:
+/// exceeded by chance about once in 1000 (Kolmogorov distribution).
+const MAX_BRIDGE: f64 = 2.25;
+/// Smallest motion that is reported, m and degrees.
+const MIN_REPORTED_MOTION: (f64, f64) = (5e-4, 0.05);
+/// Median of chi-squared with six degrees of freedom.
 const CHI6_MEDIAN: f64 = 5.348;
-/// A bend beyond this is a board that should not be used, m.
-const LARGEST_SAGITTA_M: f64 = 0.01;
+/// Maximum sagitta of a usable board, m.
+const MAX_SAGITTA_M: f64 = 0.01;
 
-/// Looks at everything; worst first.
+/// All findings, worst first.
 pub(super) fn findings(calibration: &Calibration) -> Vec<Finding> {
     let mut all = Vec::new();
     let input = &calibration.input;
@@ -78,14 +78,14 @@ pub(super) fn findings(calibration: &Calibration) -> Vec<Finding> {
     rig(calibration, &mut all);
     for (target, sagitta) in calibration.sagitta_m.iter().enumerate() {
         if *sagitta != 0.0 {
-            let severity = match sagitta.abs() > LARGEST_SAGITTA_M {
+            let severity = match sagitta.abs() > MAX_SAGITTA_M {
                 true => Severity::Fail,
                 false => Severity::Warn,
             };
             all.push(Finding::new(
                 severity,
                 format!(
-                    "target {target} is bent: its middle is {:.1} mm {} its rim, which was taken into account; \
+                    "target {target} is not flat: its middle is {:.1} mm {} its rim, which was taken into account; \
                      expected a flat board",
                     1e3 * sagitta.abs(),
                     if *sagitta < 0.0 { "over" } else { "under" },
@@ -93,20 +93,20 @@ pub(super) fn findings(calibration: &Calibration) -> Vec<Finding> {
             ));
         }
     }
-    all.extend(moved_meanwhile(calibration));
+    all.extend(motion_during_recording(calibration));
     all.sort_by_key(|f| std::cmp::Reverse(f.severity));
     all
 }
 
-/// A lens that is another than the factory's file says.
-fn other_lens(calibration: &Calibration, eye: usize) -> Option<Finding> {
+/// Finding on intrinsics that differ from the factory file.
+fn factory_deviation(calibration: &Calibration, eye: usize) -> Option<Finding> {
     let description = &calibration.input.eyes[eye];
     let factory = description.factory?.parameters();
     let found = calibration.lens(eye).parameters();
     let width = f64::from(description.size.0);
     let share = |k: usize| (found[k] - factory[k]).abs() / if k < 2 { factory[k] } else { width };
     let worst = (0..4).max_by(|&a, &b| share(a).total_cmp(&share(b)))?;
-    let (warn, fail) = OTHER_LENS;
+    let (warn, fail) = FACTORY_DEVIATION;
     let severity = match share(worst) {
         s if s > fail => Severity::Fail,
         s if s > warn => Severity::Warn,
@@ -116,16 +116,16 @@ fn other_lens(calibration: &Calibration, eye: usize) -> Option<Finding> {
     Some(Finding::new(
         severity,
         format!(
-            "{}: {name} comes out as {:.1} px, the factory's file says {:.1} px: is it the file of this camera \
+            "{}: {name} is estimated as {:.1} px, the factory file has {:.1} px: is it the file of this camera \
              and this resolution?",
             description.name, found[worst], factory[worst]
         ),
     ))
 }
 
-/// Residuals that are too large, and a lens that is not known at the border of its picture.
+/// Findings on large residuals, and on a lens that is poorly constrained at the image border.
 fn lens(calibration: &Calibration, eye: usize, all: &mut Vec<Finding>) {
-    all.extend(other_lens(calibration, eye));
+    all.extend(factory_deviation(calibration, eye));
     let name = &calibration.input.eyes[eye].name;
     let rms = calibration.solution.rms_px(|view| view.lens == eye);
     let (warn, fail) = RMS_PX;
@@ -141,7 +141,7 @@ fn lens(calibration: &Calibration, eye: usize, all: &mut Vec<Finding>) {
         ));
     }
     let (sigma, at) = worst_pixel(calibration, eye);
-    let (warn, fail) = EDGE_PX;
+    let (warn, fail) = MAX_PIXEL_SIGMA;
     if sigma > warn {
         let severity = if sigma > fail {
             Severity::Fail
@@ -159,7 +159,7 @@ fn lens(calibration: &Calibration, eye: usize, all: &mut Vec<Finding>) {
     }
 }
 
-/// The largest sigma of the pixel of a given direction over the picture, and where.
+/// Largest sigma of the pixel of a given direction over the image, and its pixel.
 pub(super) fn worst_pixel(calibration: &Calibration, eye: usize) -> (f64, [f64; 2]) {
     let model = calibration.lens(eye);
     let lens = Lens::new(model);
@@ -192,7 +192,7 @@ pub(super) fn worst_pixel(calibration: &Calibration, eye: usize) -> (f64, [f64; 
     worst
 }
 
-/// Largest sigma of a place: m, degrees.
+/// Largest sigma of a pose: m, degrees.
 fn sigmas(covariance: &Matrix6<f64>) -> (f64, f64) {
     let sigma = |range: std::ops::Range<usize>| {
         range
@@ -202,7 +202,11 @@ fn sigmas(covariance: &Matrix6<f64>) -> (f64, f64) {
     (sigma(0..3), sigma(3..6).to_degrees())
 }
 
-fn weak(what: &str, covariance: &Matrix6<f64>, limits: &[(f64, f64); 2]) -> Option<Finding> {
+fn uncertain_pose(
+    what: &str,
+    covariance: &Matrix6<f64>,
+    limits: &[(f64, f64); 2],
+) -> Option<Finding> {
     let (metres, degrees) = sigmas(covariance);
     let over = |(m, d): (f64, f64)| metres > m || degrees > d;
     let severity = match (over(limits[1]), over(limits[0])) {
@@ -222,15 +226,16 @@ fn weak(what: &str, covariance: &Matrix6<f64>, limits: &[(f64, f64); 2]) -> Opti
     ))
 }
 
-/// One stereo camera: swapped eyes, a baseline that is not the told one, and how sure its place is.
+/// Checks of one stereo camera: swapped eyes, baseline against its nominal value, uncertainty of
+/// the extrinsics.
 fn pair(calibration: &Calibration, number: usize, camera: &Camera, all: &mut Vec<Finding>) {
-    let Some(place) = calibration.places.pairs[number] else {
+    let Some(pose) = calibration.poses.pairs[number] else {
         return;
     };
-    let (left_from_right, covariance) = calibration.place(place);
+    let (left_from_right, covariance) = calibration.pose(pose);
     let name = &camera.name;
-    let what = format!("{name}: the right eye's place");
-    all.extend(weak(&what, &covariance, &PAIR));
+    let what = format!("{name}: the pose of the right eye");
+    all.extend(uncertain_pose(&what, &covariance, &STEREO_SIGMA));
     let along = left_from_right.translation_m()[0];
     let baseline = left_from_right.distance_m();
     if along < -0.5 * baseline {
@@ -242,15 +247,15 @@ fn pair(calibration: &Calibration, number: usize, camera: &Camera, all: &mut Vec
             ),
         ));
     }
-    if let Some(told) = &camera.left_from_right {
-        let expected = told.transform.distance_m();
+    if let Some(prior) = &camera.left_from_right {
+        let expected = prior.transform.distance_m();
         let off = baseline / expected - 1.0;
         let sigma = sigmas(&covariance).0 / expected;
-        if off.abs() > LENGTH_RATIO.max(3.0 * sigma) {
+        if off.abs() > MAX_LENGTH_RATIO.max(3.0 * sigma) {
             all.push(Finding::new(
                 Severity::Fail,
                 format!(
-                    "{name}: the baseline comes out as {:.2} mm, the factory says {:.2} mm ({:+.1} %): \
+                    "{name}: the baseline is estimated as {:.2} mm, the factory file has {:.2} mm ({:+.1} %): \
                      is the target's size what its file says?",
                     1e3 * baseline,
                     1e3 * expected,
@@ -261,11 +266,11 @@ fn pair(calibration: &Calibration, number: usize, camera: &Camera, all: &mut Vec
     }
 }
 
-/// How sure cameras are against each other, and which is not where the rig file has it.
+/// Checks of the rig: uncertainty between cameras, and cameras that contradict the rig file.
 fn rig(calibration: &Calibration, all: &mut Vec<Finding>) {
     let cameras = &calibration.input.cameras;
     let names: Vec<&str> = (0..cameras.len())
-        .filter(|&c| calibration.places.cameras[c].is_none())
+        .filter(|&c| calibration.poses.cameras[c].is_none())
         .map(|c| cameras[c].name.as_str())
         .collect();
     if !names.is_empty() && cameras.len() > 1 {
@@ -282,33 +287,33 @@ fn rig(calibration: &Calibration, all: &mut Vec<Finding>) {
             ),
         ));
     }
-    let first = (0..cameras.len()).find(|&c| calibration.places.cameras[c].is_some());
+    let first = (0..cameras.len()).find(|&c| calibration.poses.cameras[c].is_some());
     for (number, camera) in cameras.iter().enumerate() {
-        let (Some(first), Some(place)) = (first, calibration.places.cameras[number]) else {
+        let (Some(first), Some(pose)) = (first, calibration.poses.cameras[number]) else {
             continue;
         };
         if number != first
             && let Some((_, covariance)) = calibration.left_from_left(first, number)
         {
-            let what = format!("the place of {} in {}", camera.name, cameras[first].name);
-            all.extend(weak(&what, &covariance, &RIG));
+            let what = format!("the pose of {} in {}", camera.name, cameras[first].name);
+            all.extend(uncertain_pose(&what, &covariance, &RIG_SIGMA));
         }
-        let Some(told) = &camera.rig_from_left else {
+        let Some(prior) = &camera.rig_from_left else {
             continue;
         };
-        let found = calibration.place(place).0;
-        let off = step_between(&told.transform, &found);
-        let many = mahalanobis(&off, &told.covariance);
-        if many > DISBELIEF {
-            let turn = nalgebra::Vector3::new(off[3], off[4], off[5])
+        let found = calibration.pose(pose).0;
+        let off = step_between(&prior.transform, &found);
+        let sigmas_off = mahalanobis(&off, &prior.covariance);
+        if sigmas_off > PRIOR_GATE_SIGMAS {
+            let rotation_deg = nalgebra::Vector3::new(off[3], off[4], off[5])
                 .norm()
                 .to_degrees();
-            let shift = 1e3 * nalgebra::Vector3::new(off[0], off[1], off[2]).norm();
+            let translation_mm = 1e3 * nalgebra::Vector3::new(off[0], off[1], off[2]).norm();
             all.push(Finding::new(
                 Severity::Warn,
                 format!(
-                    "{} is not where the rig file has it: turned by {turn:.2} degrees and moved by {shift:.1} mm, \
-                     {many:.0} times what its tolerance allows",
+                    "{} is not where the rig file has it: rotated by {rotation_deg:.2} degrees and displaced by {translation_mm:.1} mm, \
+                     {sigmas_off:.0} times what its tolerance allows",
                     camera.name
                 ),
             ));
@@ -316,7 +321,7 @@ fn rig(calibration: &Calibration, all: &mut Vec<Finding>) {
     }
 }
 
-/// Length of a step in sigmas, per coordinate.
+/// Mahalanobis length of a step, per coordinate.
 pub(super) fn mahalanobis(step: &Vector6<f64>, covariance: &Matrix6<f64>) -> f64 {
     let Some(cholesky) = covariance.cholesky() else {
         return 0.0;
@@ -324,75 +329,78 @@ pub(super) fn mahalanobis(step: &Vector6<f64>, covariance: &Matrix6<f64>) -> f64
     (step.dot(&cholesky.solve(step)) / 6.0).max(0.0).sqrt()
 }
 
-/// Places that changed while the pictures were taken. Under a place that stays, the sum of what instants
-/// pull at it wanders as a Brownian bridge over time; a change makes it stray (CUSUM; Nyblom 1989). How
-/// far instants pull by chance is taken from the median of them, so that a change does not hide itself.
-fn moved_meanwhile(calibration: &Calibration) -> Vec<Finding> {
+/// Extrinsics that changed during the recording. With constant extrinsics, the cumulative sum of
+/// the scores of the instants is a Brownian bridge over time; a change makes it exceed its limit
+/// (CUSUM; Nyblom 1989). The scores are scaled by the median of the instants, so that a change does
+/// not hide itself.
+fn motion_during_recording(calibration: &Calibration) -> Vec<Finding> {
     let solution = &calibration.solution;
     let problem = &solution.problem;
-    let told = told(problem, solution.scale);
+    let equations = reduced_equations(problem, solution.scale);
     let parameters = problem.parameters();
-    let begin = |place: usize| {
+    let begin = |pose: usize| {
         parameters
             .iter()
-            .position(|p| *p == Parameter::Place(place, 0))
+            .position(|p| *p == Parameter::Pose(pose, 0))
     };
     let input = &calibration.input;
     let mut named: Vec<(String, usize)> = Vec::new();
     for (number, camera) in input.cameras.iter().enumerate() {
-        let places = &calibration.places;
-        named
-            .extend(places.pairs[number].map(|p| (format!("the right eye of {}", camera.name), p)));
-        named.extend(places.cameras[number].map(|p| (camera.name.clone(), p)));
+        let poses = &calibration.poses;
+        named.extend(poses.pairs[number].map(|p| (format!("the right eye of {}", camera.name), p)));
+        named.extend(poses.cameras[number].map(|p| (camera.name.clone(), p)));
     }
     let mut worst: Option<(f64, String, usize, usize)> = None;
-    for (name, place) in named {
-        let Some(begin) = begin(place) else { continue };
-        let mut pulls: Vec<(usize, Vector6<f64>, Matrix6<f64>)> = Vec::new();
-        for (instant, told) in told.iter().enumerate() {
-            let Ok(at) = told.columns.binary_search(&begin) else {
+    for (name, pose) in named {
+        let Some(begin) = begin(pose) else { continue };
+        let mut scores: Vec<(usize, Vector6<f64>, Matrix6<f64>)> = Vec::new();
+        for (instant, equations) in equations.iter().enumerate() {
+            let Ok(at) = equations.columns.binary_search(&begin) else {
                 continue;
             };
-            pulls.push((
+            scores.push((
                 instant,
-                told.score.fixed_rows::<6>(at).into_owned(),
-                told.information.fixed_view::<6, 6>(at, at).into_owned(),
+                equations.score.fixed_rows::<6>(at).into_owned(),
+                equations
+                    .information
+                    .fixed_view::<6, 6>(at, at)
+                    .into_owned(),
             ));
         }
-        if let Some((stray, instant)) = strays(&pulls)
-            && stray > BRIDGE
-            && worst.as_ref().is_none_or(|w| stray > w.0)
+        if let Some((excursion, instant)) = bridge_maximum(&scores)
+            && excursion > MAX_BRIDGE
+            && worst.as_ref().is_none_or(|w| excursion > w.0)
         {
-            worst = Some((stray, name, place, instant));
+            worst = Some((excursion, name, pose, instant));
         }
     }
-    let Some((_, name, place, instant)) = worst else {
+    let Some((_, name, pose, instant)) = worst else {
         return Vec::new();
     };
     let used = calibration.instant_of(instant);
     let seconds = 1e-9 * (input.times_ns[used] - input.times_ns[0]) as f64;
-    let Some((metres, degrees)) = jump(solution, place, instant) else {
+    let Some((metres, degrees)) = jump(solution, pose, instant) else {
         return Vec::new();
     };
-    if metres < MOVED.0 && degrees < MOVED.1 {
+    if metres < MIN_REPORTED_MOTION.0 && degrees < MIN_REPORTED_MOTION.1 {
         return Vec::new();
     }
     vec![Finding::new(
         Severity::Fail,
         format!(
-            "{name} moved during the recording, about {seconds:.0} s after its first picture, by {degrees:.2} degrees \
+            "{name} moved during the recording, about {seconds:.0} s after its first frame, by {degrees:.2} degrees \
              and {:.1} mm: tighten it and record again",
             1e3 * metres
         ),
     )]
 }
 
-/// How far the sum strays, in its own scale, and at which instant most.
-fn strays(pulls: &[(usize, Vector6<f64>, Matrix6<f64>)]) -> Option<(f64, usize)> {
-    if pulls.len() < 8 {
+/// Maximum of the bridge, normalized, and its instant.
+fn bridge_maximum(scores: &[(usize, Vector6<f64>, Matrix6<f64>)]) -> Option<(f64, usize)> {
+    if scores.len() < 8 {
         return None;
     }
-    let chi: Vec<f64> = pulls
+    let chi: Vec<f64> = scores
         .iter()
         .filter_map(|(_, score, information)| {
             Some(score.dot(&information.cholesky()?.solve(score)))
@@ -401,47 +409,47 @@ fn strays(pulls: &[(usize, Vector6<f64>, Matrix6<f64>)]) -> Option<(f64, usize)>
     let mut sorted = chi;
     sorted.sort_by(f64::total_cmp);
     let excess = (sorted.get(sorted.len() / 2)? / CHI6_MEDIAN).max(1.0);
-    let total: Matrix6<f64> = pulls.iter().map(|(_, _, i)| i).sum();
-    let mean: Vector6<f64> = pulls.iter().map(|(_, s, _)| s).sum();
+    let total: Matrix6<f64> = scores.iter().map(|(_, _, i)| i).sum();
+    let mean: Vector6<f64> = scores.iter().map(|(_, s, _)| s).sum();
     let root = total.cholesky()?.l();
     let (mut sum, mut seen) = (Vector6::zeros(), Matrix6::zeros());
     let mut worst = (0.0, 0);
     let whole = total.trace();
-    for (instant, score, information) in pulls {
+    for (instant, score, information) in scores {
         sum += score;
         seen += information;
-        // The mean is not 0 where a prior pulls too.
+        // The mean is not 0 if a prior contributes.
         let bridge = sum - mean * (seen.trace() / whole);
         let whitened = root.solve_lower_triangular(&bridge)? / excess.sqrt();
-        let stray = whitened.amax();
-        if stray > worst.0 {
-            worst = (stray, *instant);
+        let excursion = whitened.amax();
+        if excursion > worst.0 {
+            worst = (excursion, *instant);
         }
     }
     Some(worst)
 }
 
-/// By how much a place differs after an instant from before it, m and degrees.
-fn jump(solution: &Solution, place: usize, instant: usize) -> Option<(f64, f64)> {
+/// Change of a pose from before to after an instant, m and degrees.
+fn jump(solution: &Solution, pose: usize, instant: usize) -> Option<(f64, f64)> {
     let mut problem: Problem = solution.problem.clone();
-    let before = problem.places[place].clone();
+    let before = problem.poses[pose].clone();
     for lens in &mut problem.lenses {
         lens.priors.fill(crate::adjust::Prior::Fixed);
     }
-    for other in &mut problem.places {
-        other.prior = PlacePrior::Fixed;
+    for other in &mut problem.poses {
+        other.prior = PosePrior::Fixed;
     }
-    problem.places[place].prior = PlacePrior::Free;
-    let after = problem.places.len();
-    problem.places.push(crate::adjust::PlaceBlock {
-        prior: PlacePrior::Free,
+    problem.poses[pose].prior = PosePrior::Free;
+    let after = problem.poses.len();
+    problem.poses.push(crate::adjust::PoseBlock {
+        prior: PosePrior::Free,
         ..before
     });
     let later = |view: &&mut View| view.instant > instant;
     for view in problem.views.iter_mut().filter(later) {
         view.path
             .iter_mut()
-            .filter(|p| **p == place)
+            .filter(|p| **p == pose)
             .for_each(|p| *p = after);
     }
     let settings = Settings {
@@ -449,33 +457,37 @@ fn jump(solution: &Solution, place: usize, instant: usize) -> Option<(f64, f64)>
         ..Settings::default()
     };
     let found = solve(&problem, &settings).ok()?;
-    let places = &found.problem.places;
+    let poses = &found.problem.poses;
     let step = step_between(
-        &places[place].parent_from_child,
-        &places[after].parent_from_child,
+        &poses[pose].parent_from_child,
+        &poses[after].parent_from_child,
     );
     let step = DVector::from_column_slice(step.as_slice());
     Some((step.rows(0, 3).norm(), step.rows(3, 3).norm().to_degrees()))
 }
 
-/// Cameras that are not where the rig file has them, by how many sigmas, the worst first.
-pub(super) fn disbelieved(input: &Input, places: &Places, solution: &Solution) -> Option<usize> {
+/// The camera that contradicts its nominal pose most, beyond half of [`PRIOR_GATE_SIGMAS`].
+pub(super) fn inconsistent_prior(
+    input: &Input,
+    poses: &RigPoses,
+    solution: &Solution,
+) -> Option<usize> {
     let off = |number: usize| {
-        let place = places.cameras[number]?;
-        let told = input.cameras[number].rig_from_left.as_ref()?;
-        let block = &solution.problem.places[place];
-        // One that is disbelieved already has another prior.
-        let PlacePrior::Near { covariance, .. } = &block.prior else {
+        let pose = poses.cameras[number]?;
+        let prior = input.cameras[number].rig_from_left.as_ref()?;
+        let block = &solution.problem.poses[pose];
+        // A prior that was rejected before has been replaced.
+        let PosePrior::Near { covariance, .. } = &block.prior else {
             return None;
         };
-        (**covariance == told.covariance).then(|| {
-            let step = step_between(&told.transform, &block.parent_from_child);
-            (number, mahalanobis(&step, &told.covariance))
+        (**covariance == prior.covariance).then(|| {
+            let step = step_between(&prior.transform, &block.parent_from_child);
+            (number, mahalanobis(&step, &prior.covariance))
         })
     };
     (0..input.cameras.len())
         .filter_map(off)
-        .filter(|(_, many)| *many > 0.5 * DISBELIEF)
+        .filter(|(_, sigmas_off)| *sigmas_off > 0.5 * PRIOR_GATE_SIGMAS)
         .max_by(|a, b| a.1.total_cmp(&b.1))
         .map(|(number, _)| number)
 }

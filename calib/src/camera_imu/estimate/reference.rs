@@ -1,36 +1,38 @@
-//! Both formulations from one start: the one that [`estimate`] uses, and its slow twin.
+//! Both formulations from the same initial values: the one that [`estimate`] uses, and the
+//! reference implementation.
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
-use super::super::excite;
+use super::super::observability;
 use super::super::problem::spline::{Motion, Whole};
 use super::super::problem::{Factors, Problem, Shared};
 use super::super::track::Raw;
-use super::super::{CameraImuError, ImuSample, Recording, Told, so3};
-use super::{Seen, estimate};
+use super::super::{CameraImuError, ImuSample, Priors, Recording, so3};
+use super::{PosedViews, estimate};
 
-/// A recording that is ready to be fitted one way or the other, with the noise that is told and from the same place,
-/// 9 mrad, 7 mm and 0.5 ms off what [`estimate`] finds. For recordings without a rolling shutter. How both compare is in
-/// docs/decisions/0006-camera-imu.md.
+/// A recording prepared for both formulations, with nominal noise and the same initial values, 9
+/// mrad, 7 mm and 0.5 ms from the result of [`estimate`]. For recordings without a rolling shutter.
+/// Comparison: docs/decisions/0006-camera-imu.md.
 pub struct Formulations<'a> {
     recording: &'a Recording,
-    seen: Seen<'a>,
-    told: Told,
+    posed_views: PosedViews<'a>,
+    priors: Priors,
     shared: Shared,
 }
 
-/// What a formulation found.
+/// Result of a formulation.
 #[derive(Clone, Copy, Debug)]
-pub struct Formulated {
-    /// Rows of the rotation of `imu_from_left`.
+pub struct FormulationResult {
+    /// Rotation matrix of `imu_from_left`.
     pub rotation: Matrix3<f64>,
     /// Its translation, m.
     pub translation: Vector3<f64>,
     /// `t_imu - t_camera`, s.
     pub time_offset_s: f64,
-    /// Covariance of rotation (turns in the left optical frame, rad), translation (m) and time offset (s).
+    /// Covariance of rotation (in the left optical frame, rad), translation (m) and time offset
+    /// (s).
     pub covariance: SMatrix<f64, 7, 7>,
-    /// Squares of residuals over their variance: by degree of freedom, for the spline by residual.
+    /// Mean squared residual over its variance: by degree of freedom, for the spline by residual.
     pub misfit: f64,
 }
 
@@ -38,8 +40,8 @@ impl<'a> Formulations<'a> {
     /// # Errors
     /// Those of [`estimate`].
     pub fn new(recording: &'a Recording) -> Result<Self, CameraImuError> {
-        let told = Told::default();
-        let found = estimate(recording, &told)?;
+        let priors = Priors::default();
+        let found = estimate(recording, &priors)?;
         let rotation = found.imu_from_left.rotation().to_rotation_matrix();
         let shared = Shared {
             rotation: rotation.matrix() * so3::exp(&Vector3::new(5e-3, -5e-3, 5e-3)),
@@ -53,22 +55,23 @@ impl<'a> Formulations<'a> {
         };
         Ok(Self {
             recording,
-            seen: Seen::of(recording)?,
-            told,
+            posed_views: PosedViews::of(recording)?,
+            priors,
             shared,
         })
     }
 
-    /// States at the pictures, samples between them integrated. None if the fit does not end.
-    pub fn preintegrated(&self) -> Option<Formulated> {
+    /// States at the views, IMU samples between them preintegrated. `None` if the fit does not
+    /// converge.
+    pub fn preintegrated(&self) -> Option<FormulationResult> {
         self.with(|problem| {
-            let work = self.seen.work(self.recording, &self.told);
+            let work = self.posed_views.work(self.recording, &self.priors);
             let states = work.states(&self.shared, Vector3::zeros(), Vector3::zeros());
             let fitted = problem.fit(states, self.shared).ok()?;
             let squares: f64 = fitted.sums.iter().map(|s| s.squares).sum();
             let freedom: f64 = fitted.sums.iter().map(|s| s.redundancy).sum();
             let covariance = fitted.covariance.shared.fixed_view::<7, 7>(0, 0).into();
-            Some(Formulated::of(
+            Some(FormulationResult::of(
                 &fitted.shared,
                 covariance,
                 squares / freedom,
@@ -76,17 +79,18 @@ impl<'a> Formulations<'a> {
         })
     }
 
-    /// A cubic B-spline with knots so many seconds apart, every sample a residual. None if the fit does not end.
-    pub fn spline(&self, knot_s: f64) -> Option<Formulated> {
-        let zero_ns = self.recording.pictures[0].time_ns;
+    /// A cubic B-spline with a knot spacing of `knot_s`, every IMU sample a residual. `None` if the
+    /// fit does not converge.
+    pub fn spline(&self, knot_s: f64) -> Option<FormulationResult> {
+        let zero_ns = self.recording.observations[0].time_ns;
         let raw = |s: &ImuSample| Raw {
             time_s: (s.time_ns - zero_ns) as f64 * 1e-9,
             gyro: Vector3::from(s.gyro),
             accel: Vector3::from(s.accel),
         };
         let raw: Vec<Raw> = self.recording.imu.iter().map(raw).collect();
-        let seen = self.seen.poses.iter().zip(&self.seen.views);
-        let poses: Vec<_> = seen
+        let posed_views = self.posed_views.poses.iter().zip(&self.posed_views.views);
+        let poses: Vec<_> = posed_views
             .map(|(pose, view)| {
                 let (rotation, position) = self.shared.imu(pose);
                 (view.time_s, rotation, position)
@@ -100,21 +104,25 @@ impl<'a> Formulations<'a> {
         self.with(|problem| {
             let fit = problem.fit_spline(&raw, whole)?;
             let covariance = fit.covariance.fixed_view::<7, 7>(0, 0).into();
-            Some(Formulated::of(&fit.whole.shared, covariance, fit.misfit))
+            Some(FormulationResult::of(
+                &fit.whole.shared,
+                covariance,
+                fit.misfit,
+            ))
         })
     }
 
     fn with<T>(&self, of: impl FnOnce(&Problem<'_>) -> T) -> T {
-        let work = self.seen.work(self.recording, &self.told);
-        let views = &self.seen.views;
+        let work = self.posed_views.work(self.recording, &self.priors);
+        let views = &self.posed_views.views;
         of(&Problem {
             cameras: &self.recording.cameras,
             views,
-            poses: &self.seen.poses,
-            track: &self.seen.track,
+            poses: &self.posed_views.poses,
+            track: &self.posed_views.track,
             links: &work.links(self.shared.offset_s),
             noise: self.recording.noise,
-            prior: work.prior(&self.shared, excite::Held::default()),
+            prior: work.prior(&self.shared, observability::FixedDirections::default()),
             corner_scale: 1.0,
             factors: Factors::ONE,
             robust: true,
@@ -123,7 +131,7 @@ impl<'a> Formulations<'a> {
     }
 }
 
-impl Formulated {
+impl FormulationResult {
     fn of(shared: &Shared, covariance: SMatrix<f64, 7, 7>, misfit: f64) -> Self {
         Self {
             rotation: shared.rotation,
@@ -141,26 +149,29 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_twin_agrees() {
+    fn formulations_agree() {
         let scene = Scene {
             board: ([6, 5], 0.11),
             ..Scene::lively(5.0)
         };
         let recording = simulate(&scene, 3).recording;
         let both = Formulations::new(&recording).unwrap();
-        let (ours, twin) = (both.preintegrated().unwrap(), both.spline(0.03).unwrap());
-        let turn = so3::log(&(ours.rotation.transpose() * twin.rotation));
-        let shift = twin.translation - ours.translation;
-        let late = twin.time_offset_s - ours.time_offset_s;
-        let sigma = |of: &Formulated, at: usize, n: usize| {
+        let (ours, reference) = (both.preintegrated().unwrap(), both.spline(0.03).unwrap());
+        let turn = so3::log(&(ours.rotation.transpose() * reference.rotation));
+        let shift = reference.translation - ours.translation;
+        let late = reference.time_offset_s - ours.time_offset_s;
+        let sigma = |of: &FormulationResult, at: usize, n: usize| {
             of.covariance.view((at, at), (n, n)).trace().sqrt()
         };
         let apart = [turn.norm(), shift.norm(), late.abs()];
         for ((at, n), apart) in [(0, 3), (3, 3), (6, 1)].into_iter().zip(apart) {
-            let (ours, twin) = (sigma(&ours, at, n), sigma(&twin, at, n));
+            let (ours, reference) = (sigma(&ours, at, n), sigma(&reference, at, n));
             assert!(apart < ours, "{apart} of {ours}");
-            // A spline with knots this far apart leaves a little less room for noise.
-            assert!((0.6..1.1).contains(&(twin / ours)), "{ours} {twin}");
+            // A spline with this knot spacing absorbs a little less noise.
+            assert!(
+                (0.6..1.1).contains(&(reference / ours)),
+                "{ours} {reference}"
+            );
         }
     }
 }

@@ -1,29 +1,30 @@
-//! Finding a patch of the left picture in the right one, in a band around the epipolar line that is wide enough for eyes
-//! that are turned against each other.
+//! Search for a patch of the left image in the right one, in a band around the epipolar line that
+//! is wide enough for eyes rotated against each other.
 //!
-//! Correlation of patches of mean 0 at whole pixels of a halved level. What fits nearly as well elsewhere is not found:
-//! in repeated texture nothing says which one it is.
+//! Normalized cross-correlation at whole pixels of a reduced level. A match with a second peak of
+//! nearly the same correlation is dropped, since repeated texture is ambiguous.
 
-use super::picture::Level;
+use super::pyramid::Level;
 
-/// Half the side of a patch.
+/// Radius of a patch.
 const RADIUS: usize = 4;
 const SIDE: usize = 2 * RADIUS + 1;
 const AREA: usize = SIDE * SIDE;
-/// Least correlation.
-const ALIKE: f32 = 0.75;
-/// A second place this far away, pixels, must be worse by so much of what is missing to 1.
-const APART: usize = 3;
-const WORSE: f32 = 1.3;
+/// Minimum correlation.
+const MIN_NCC: f32 = 0.75;
+/// Radius of the best peak, pixels; outside it, `1 - correlation` of any other must be larger by
+/// [`MIN_NCC_RATIO`].
+const PEAK_RADIUS: usize = 3;
+const MIN_NCC_RATIO: f32 = 1.3;
 
-/// Where to search: first and last column and row.
+/// Search area: first and last column and row.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Area {
     pub(super) x: [f64; 2],
     pub(super) y: [f64; 2],
 }
 
-/// The whole pixel in `right` that the patch around `at` in `left` fits best.
+/// The whole pixel in `right` with the best correlation to the patch around `at` in `left`.
 pub(super) fn search(left: &Level, right: &Level, at: [f32; 2], area: &Area) -> Option<[f32; 2]> {
     let mut template = [0.0; AREA];
     if !left.patch(at[0], at[1], RADIUS, &mut template) {
@@ -52,20 +53,21 @@ pub(super) fn search(left: &Level, right: &Level, at: [f32; 2], area: &Area) -> 
     }
     let place = |i: usize| (x0 + i % columns, y0 + i / columns);
     let best = (0..scores.len()).max_by(|a, b| scores[*a].total_cmp(&scores[*b]))?;
-    if scores[best] < ALIKE {
+    if scores[best] < MIN_NCC {
         return None;
     }
     let (x, y) = place(best);
     let elsewhere = (0..scores.len()).filter(|i| {
         let (u, v) = place(*i);
-        u.abs_diff(x) > APART || v.abs_diff(y) > APART
+        u.abs_diff(x) > PEAK_RADIUS || v.abs_diff(y) > PEAK_RADIUS
     });
     let second = elsewhere.map(|i| scores[i]).fold(-1.0, f32::max);
-    let is_clear = 1.0 - second > WORSE * (1.0 - scores[best]);
+    let is_clear = 1.0 - second > MIN_NCC_RATIO * (1.0 - scores[best]);
     is_clear.then_some([x as f32, y as f32])
 }
 
-/// Product of the template with the patch around a pixel, over the norm of the latter's part of mean 0.
+/// Product of the template with the patch around a pixel, over the norm of the patch without its
+/// mean.
 fn correlation(level: &Level, x: usize, y: usize, template: &[f32; AREA]) -> f32 {
     let (mut sum, mut square, mut product) = (0.0, 0.0, 0.0);
     for (k, row) in template.chunks_exact(SIDE).enumerate() {

@@ -1,10 +1,10 @@
-//! A first guess of everything, in closed form.
+//! Initial estimates in closed form.
 //!
-//! 1. The offset at which rotation rates of pictures and gyroscope agree best, whatever the rotation
-//!    between the two: the sum of the singular values of their covariance, over what it could be.
-//! 2. There, the rotation that turns one into the other (Kabsch 1976; means taken off, so that a constant
-//!    bias does no harm), and the bias that is left.
-//! 3. Gravity, lever arm and the accelerometer's bias from three pictures at a time, linear once velocities
+//! 1. The time offset with the best agreement of the angular rates of camera and gyroscope, whatever
+//!    the rotation between the two: the sum of the singular values of their covariance, normalized.
+//! 2. The rotation that aligns them at this offset (Kabsch 1976; means removed, so that a constant
+//!    bias does no harm), and the remaining bias.
+//! 3. Gravity, lever arm and accelerometer bias from three views at a time, linear once velocities
 //!    are eliminated (as in Qin, Li and Shen, VINS-Mono 2018, section V-B).
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
@@ -14,44 +14,44 @@ use super::so3;
 use super::track::{Correction, Track};
 use super::view::Pose;
 
-/// Longest time between two pictures whose turn counts as a rate, s.
-const LONGEST_TURN_S: f64 = 0.3;
-/// Time between the pictures of a triple, s.
-const TRIPLE_S: f64 = 0.15;
-/// How much a picture's velocity may be off in a triple, m/s.
+/// Maximum interval between two views whose rotation counts as a rate, s.
+const MAX_ROTATION_INTERVAL_S: f64 = 0.3;
+/// Minimum interval between the views of a triple, s.
+const MIN_TRIPLE_INTERVAL_S: f64 = 0.15;
+/// Uncertainty of a view's velocity in a triple, m/s.
 const VELOCITY_SIGMA: f64 = 0.02;
-/// Spread of rotation rates along an axis below which that axis says nothing, rad/s.
-const STILL_RAD_S: f64 = 0.02;
+/// Spread of angular rates along an axis below which the axis has no information, rad/s.
+const STATIC_RATE_RAD_S: f64 = 0.02;
 
-/// Rates of pictures and of the gyroscope for the same intervals.
-struct Rates {
+/// Angular rates of camera and gyroscope over the same intervals.
+struct AngularRates {
     covariance: Matrix3<f64>,
-    seen_mean: Vector3<f64>,
-    measured_mean: Vector3<f64>,
-    /// Spread of the seen rates.
-    seen: Matrix3<f64>,
+    camera_mean: Vector3<f64>,
+    imu_mean: Vector3<f64>,
+    /// Spread of the camera's rates.
+    camera: Matrix3<f64>,
     agreement: f64,
     ratio: f64,
     count: usize,
 }
 
-/// What the rotation rates say.
-pub(super) struct Turned {
+/// Estimates from the angular rates.
+pub(super) struct RotationEstimate {
     pub time_offset_s: f64,
-    /// imu_from_left, each possible one.
+    /// All candidates for the rotation of `imu_from_left`.
     pub rotations: Vec<Matrix3<f64>>,
     pub gyro_bias: Vector3<f64>,
-    /// Offset and agreement.
+    /// Time offset and correlation.
     pub correlation: Vec<[f64; 2]>,
-    /// Spread of the gyroscope's rates over that of the pictures'; none if both are still.
+    /// Spread of the gyroscope's rates over that of the camera's; `None` if both are static.
     pub rate_ratio: Option<f64>,
 }
 
-fn rates(times_s: &[f64], poses: &[Pose], track: &Track, offset_s: f64) -> Rates {
+fn rates(times_s: &[f64], poses: &[Pose], track: &Track, offset_s: f64) -> AngularRates {
     let mut pairs = Vec::with_capacity(times_s.len());
     for i in 1..times_s.len() {
         let (a, b) = (times_s[i - 1], times_s[i]);
-        if b - a > LONGEST_TURN_S {
+        if b - a > MAX_ROTATION_INTERVAL_S {
             continue;
         }
         let Some([measured, _]) = track.means(a + offset_s, b + offset_s) else {
@@ -62,39 +62,39 @@ fn rates(times_s: &[f64], poses: &[Pose], track: &Track, offset_s: f64) -> Rates
     }
     let count = pairs.len();
     let share = 1.0 / count.max(1) as f64;
-    let seen_mean = pairs.iter().map(|p| p.0).sum::<Vector3<f64>>() * share;
-    let measured_mean = pairs.iter().map(|p| p.1).sum::<Vector3<f64>>() * share;
-    let (mut covariance, mut seen, mut measured) = (Matrix3::zeros(), Matrix3::zeros(), 0.0);
+    let camera_mean = pairs.iter().map(|p| p.0).sum::<Vector3<f64>>() * share;
+    let imu_mean = pairs.iter().map(|p| p.1).sum::<Vector3<f64>>() * share;
+    let (mut covariance, mut camera, mut measured) = (Matrix3::zeros(), Matrix3::zeros(), 0.0);
     for pair in &pairs {
-        let (s, m) = (pair.0 - seen_mean, pair.1 - measured_mean);
+        let (s, m) = (pair.0 - camera_mean, pair.1 - imu_mean);
         covariance += m * s.transpose() * share;
-        seen += s * s.transpose() * share;
+        camera += s * s.transpose() * share;
         measured += m.norm_squared() * share;
     }
     let singular = covariance.singular_values();
     let sign = covariance.determinant().signum();
     let agreed = singular[0] + singular[1] + sign * singular[2];
-    let most = (seen.trace() * measured).sqrt();
-    Rates {
+    let most = (camera.trace() * measured).sqrt();
+    AngularRates {
         covariance,
-        seen_mean,
-        measured_mean,
-        seen,
+        camera_mean,
+        imu_mean,
+        camera,
         agreement: if most > 0.0 { agreed / most } else { 0.0 },
-        ratio: (measured / seen.trace()).sqrt(),
+        ratio: (measured / camera.trace()).sqrt(),
         count,
     }
 }
 
-/// Offset, rotation and gyroscope bias. Poses are of the left camera in the target's frame.
+/// Time offset, rotation and gyroscope bias. Poses are of the left camera in the target's frame.
 pub(super) fn from_rates(
     times_s: &[f64],
     poses: &[Pose],
     track: &Track,
-    told: Option<&Matrix3<f64>>,
+    nominal: Option<&Matrix3<f64>>,
     middle_s: f64,
     reach_s: f64,
-) -> Turned {
+) -> RotationEstimate {
     let step = (2.0 * track.period_s).clamp(1e-3, 5e-3);
     let steps = (reach_s / step).ceil() as i32;
     let needed = times_s.len() / 3;
@@ -118,30 +118,30 @@ pub(super) fn from_rates(
         }
     }
     let still = rates(times_s, poses, track, middle_s);
-    let spread = still.seen.symmetric_eigenvalues();
-    if spread.max().sqrt() < STILL_RAD_S {
+    let spread = still.camera.symmetric_eigenvalues();
+    if spread.max().sqrt() < STATIC_RATE_RAD_S {
         offset_s = middle_s;
     }
     let found = rates(times_s, poses, track, offset_s);
-    let rotations = rotations(&found, told);
-    let gyro_bias = found.measured_mean - rotations[0] * found.seen_mean;
-    Turned {
+    let rotations = rotations(&found, nominal);
+    let gyro_bias = found.imu_mean - rotations[0] * found.camera_mean;
+    RotationEstimate {
         time_offset_s: offset_s,
         rotations,
         gyro_bias,
         correlation,
-        rate_ratio: (spread.max().sqrt() >= STILL_RAD_S).then_some(found.ratio),
+        rate_ratio: (spread.max().sqrt() >= STATIC_RATE_RAD_S).then_some(found.ratio),
     }
 }
 
-/// The rotations that fit: one, or several about the only axis that the camera turned about.
-fn rotations(rates: &Rates, told: Option<&Matrix3<f64>>) -> Vec<Matrix3<f64>> {
-    let fallback = told.copied().unwrap_or_else(Matrix3::identity);
-    let seen = rates.seen.symmetric_eigen();
+/// Candidate rotations: one, or several about the only axis of rotation of the recording.
+fn rotations(rates: &AngularRates, nominal: Option<&Matrix3<f64>>) -> Vec<Matrix3<f64>> {
+    let fallback = nominal.copied().unwrap_or_else(Matrix3::identity);
+    let camera = rates.camera.symmetric_eigen();
     let mut order = [0, 1, 2];
-    order.sort_by(|&a, &b| seen.eigenvalues[b].total_cmp(&seen.eigenvalues[a]));
-    let spread = order.map(|k| seen.eigenvalues[k].max(0.0).sqrt());
-    if spread[0] < STILL_RAD_S {
+    order.sort_by(|&a, &b| camera.eigenvalues[b].total_cmp(&camera.eigenvalues[a]));
+    let spread = order.map(|k| camera.eigenvalues[k].max(0.0).sqrt());
+    if spread[0] < STATIC_RATE_RAD_S {
         return vec![fallback];
     }
     let svd = rates.covariance.svd(true, true);
@@ -149,17 +149,17 @@ fn rotations(rates: &Rates, told: Option<&Matrix3<f64>>) -> Vec<Matrix3<f64>> {
         return vec![fallback];
     };
     let sign = (u.determinant() * v.determinant()).signum();
-    if spread[1] >= STILL_RAD_S && spread[1] >= 0.02 * spread[0] {
+    if spread[1] >= STATIC_RATE_RAD_S && spread[1] >= 0.02 * spread[0] {
         return vec![u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v];
     }
-    // One axis: `u₁` is where the IMU has it, `v₁` where the camera has it.
+    // Single axis: `u₁` in the IMU, `v₁` in the camera.
     let (in_imu, in_left): (Vector3<f64>, Vector3<f64>) =
         (u.column(0).into(), v.row(0).transpose());
     let onto = |from: &Matrix3<f64>| {
-        // The smallest turn that brings the axis to where it was measured.
-        let turned = from * in_left;
-        let axis = turned.cross(&in_imu);
-        let (sine, cosine) = (axis.norm(), turned.dot(&in_imu));
+        // The smallest rotation that aligns the axis with its measurement.
+        let rotation_estimate = from * in_left;
+        let axis = rotation_estimate.cross(&in_imu);
+        let (sine, cosine) = (axis.norm(), rotation_estimate.dot(&in_imu));
         let axis = axis.try_normalize(1e-9).unwrap_or_else(|| {
             // Parallel or opposite: any normal axis.
             let other = if in_imu.x.abs() < 0.9 {
@@ -172,7 +172,7 @@ fn rotations(rates: &Rates, told: Option<&Matrix3<f64>>) -> Vec<Matrix3<f64>> {
         so3::exp(&(axis * sine.atan2(cosine))) * from
     };
     let first = onto(&fallback);
-    if told.is_some() {
+    if nominal.is_some() {
         return vec![first];
     }
     (0..8)
@@ -182,26 +182,27 @@ fn rotations(rates: &Rates, told: Option<&Matrix3<f64>>) -> Vec<Matrix3<f64>> {
 
 /// Gravity in the target's frame (not scaled to its known length), lever arm (the left camera in the
 /// IMU's frame) and accelerometer bias.
-pub(super) struct Pulled {
+pub(super) struct GravityEstimate {
     pub gravity: Vector3<f64>,
     pub lever: Vector3<f64>,
     pub accel_bias: Vector3<f64>,
-    /// Root of the mean square of what is left, m/s.
+    /// RMS residual, m/s.
     pub error: f64,
 }
 
-/// See the module; none without a triple of pictures. `lever` is what is told of it, with its sigma.
+/// See the module; `None` without a triple of views. `lever` is the nominal lever arm with its
+/// sigma.
 pub(super) fn from_forces(
     times_s: &[f64],
     poses: &[Pose],
     track: &Track,
-    turned: &Turned,
+    rotation_estimate: &RotationEstimate,
     imu_from_left: &Matrix3<f64>,
     lever: (Vector3<f64>, f64),
     bias_sigma: f64,
-) -> Option<Pulled> {
+) -> Option<GravityEstimate> {
     let correction = Correction {
-        gyro_bias: turned.gyro_bias,
+        gyro_bias: rotation_estimate.gyro_bias,
         accel_bias: Vector3::zeros(),
         gyro_shape_inverse: Matrix3::identity(),
         accel_shape_inverse: Matrix3::identity(),
@@ -218,16 +219,17 @@ pub(super) fn from_forces(
     let mut first = 0;
     while first < times_s.len() {
         let later = |from: usize| {
-            let next = times_s.partition_point(|&t| t < times_s[from] + TRIPLE_S);
-            (next < times_s.len() && times_s[next] < times_s[from] + 2.0 * TRIPLE_S).then_some(next)
+            let next = times_s.partition_point(|&t| t < times_s[from] + MIN_TRIPLE_INTERVAL_S);
+            (next < times_s.len() && times_s[next] < times_s[from] + 2.0 * MIN_TRIPLE_INTERVAL_S)
+                .then_some(next)
         };
         let triple = later(first).and_then(|second| Some((second, later(second)?)));
         let i = first;
         first += 1;
         let Some((j, k)) = triple else { continue };
         let mut motion = |a: usize, b: usize| {
-            let from = times_s[a] + turned.time_offset_s;
-            let to = times_s[b] + turned.time_offset_s;
+            let from = times_s[a] + rotation_estimate.time_offset_s;
+            let to = times_s[b] + rotation_estimate.time_offset_s;
             track.between(from, to, &mut raw)?;
             Some(preintegrate(&raw, &correction, [0.0; 2]))
         };
@@ -262,7 +264,7 @@ pub(super) fn from_forces(
     let squares: f64 = (rows.iter())
         .map(|(row, value)| (row * found - value).norm_squared())
         .sum();
-    Some(Pulled {
+    Some(GravityEstimate {
         gravity: found.fixed_rows::<3>(0).into(),
         lever: found.fixed_rows::<3>(3).into(),
         accel_bias: found.fixed_rows::<3>(6).into(),

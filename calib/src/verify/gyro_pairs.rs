@@ -1,12 +1,12 @@
-//! Two gyroscopes on one rigid body against each other: how they are turned, and how late the one's samples are stamped
-//! against the other's. No pictures are needed.
+//! Two gyroscopes on one rigid body: rotation between them, and time offset. No images are needed.
 //!
-//! Both measure one rate: `b = exp(w) told (1 + S) a + bias + drift t`, with `a` taken `late` earlier. `S` is symmetric: scales
-//! and shears of both sensors together. Compared are rates summed up over short windows, which is linear in
-//! them and needs no common sampling.
+//! Both measure one rate: `b = exp(w) nominal (1 + S) a + bias + drift t`, with `a` taken
+//! `time_offset` earlier. `S` is symmetric: scale and shear of both sensors together. Rates are
+//! compared as integrals over short windows, which is linear in them and needs no common sampling.
 //!
-//! Noise turns as well: fitted to two gyroscopes at rest, a turn between them looks better known than it is. What only
-//! one of the two measured is noise, so a direction counts as seen if both tell of turns that show it ([`Seen`]).
+//! Noise acts as excitation: for two gyroscopes at rest the rotation between them appears better
+//! determined than it is. A signal that only one of the two measured is noise, so that a direction
+//! counts as observable if both measured rotations that determine it ([`ObservableDirections`]).
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
@@ -15,47 +15,52 @@ use serde::Serialize;
 use super::gyro::{Gyro, Integrated};
 use super::robust::{Grouped, median, sigmas_of, tukey};
 
-/// Length of a window, ns; windows of a block, whose errors may hang together; most blocks.
+/// Length of a window, ns; windows per block, whose errors may be correlated; maximum number of
+/// blocks.
 const WINDOW_NS: i64 = 20_000_000;
-const PER_BLOCK: i64 = 100;
-const MOST_BLOCKS: i64 = 120;
-/// Fewest windows that say anything.
-const FEWEST: usize = 300;
+const WINDOWS_PER_BLOCK: i64 = 100;
+const MAX_BLOCKS: i64 = 120;
+/// Minimum number of windows.
+const MIN_WINDOWS: usize = 300;
 const ROUNDS: usize = 6;
-/// Least share of the turning that one gyroscope measured which the other one measured as well.
-const SHARED: f64 = 0.5;
-/// Standard deviations before anything is seen: of `w`, rad, and of `late`, s.
-const TURN_RAD: f64 = 0.1;
-const LATE_S: f64 = 0.05;
+/// Minimum fraction of the rotation measured by one gyroscope that the other one measured as well.
+const MIN_COMMON_RATIO: f64 = 0.5;
+/// Prior sigmas: of `w`, rad, and of the time offset, s.
+const ROTATION_PRIOR_SIGMA_RAD: f64 = 0.1;
+const OFFSET_PRIOR_SIGMA_S: f64 = 0.05;
 const PARAMETERS: usize = 16;
 
-/// See the module.
+/// Result; see the module.
 #[derive(Clone, Debug, Serialize)]
-pub struct Gyros {
+pub struct GyroAlignment {
     /// `w`, rad, in the frame of the second IMU.
-    pub turned_rad: [f64; 3],
+    pub rotation_rad: [f64; 3],
     /// Standard deviation about each axis, rad.
     pub sigma_rad: [f64; 3],
-    /// Covariance of it, rad².
+    /// Its covariance, rad².
     #[serde(skip)]
     pub(super) covariance: Matrix3<f64>,
-    /// How much later the second one's samples are stamped, s.
-    pub late_s: f64,
+    /// Time offset, s: positive if the second one's samples are stamped later.
+    pub time_offset_s: f64,
     /// Its standard deviation, s.
-    pub late_sigma_s: f64,
+    pub time_offset_sigma_s: f64,
 }
 
-/// Compares; none if they have too little time in common. `b_from_a` is told.
-pub(super) fn estimate(b_from_a: &UnitQuaternion<f64>, a: &Gyro, b: &Gyro) -> Option<Gyros> {
+/// Compares two gyroscopes; `None` with too little common time. `b_from_a` is nominal.
+pub(super) fn estimate(
+    b_from_a: &UnitQuaternion<f64>,
+    a: &Gyro,
+    b: &Gyro,
+) -> Option<GyroAlignment> {
     let ([a0, a1], [b0, b1]) = (a.span_ns()?, b.span_ns()?);
     let margin = 100_000_000;
     let (from, to) = (a0.max(b0) + margin, a1.min(b1) - margin);
-    let block = WINDOW_NS * PER_BLOCK;
+    let block = WINDOW_NS * WINDOWS_PER_BLOCK;
     let whole = (to - from) / block;
     if whole < 2 {
         return None;
     }
-    let blocks = whole.min(MOST_BLOCKS);
+    let blocks = whole.min(MAX_BLOCKS);
     let one = Vector3::repeat(1.0);
     let (sum_a, sum_b) = (
         a.integrate(one, Vector3::zeros()),
@@ -66,22 +71,36 @@ pub(super) fn estimate(b_from_a: &UnitQuaternion<f64>, a: &Gyro, b: &Gyro) -> Op
     let mut windows = Vec::new();
     for group in 0..blocks {
         let start = from + (to - from - block) / (blocks - 1).max(1) * group;
-        for k in 0..PER_BLOCK {
+        for k in 0..WINDOWS_PER_BLOCK {
             let at = (start + k * WINDOW_NS) as f64;
             let sum = sum_b.sum(at, at + WINDOW_NS as f64);
             windows.extend(sum.map(|sum| (group as usize, at, sum)));
         }
     }
-    if windows.len() < FEWEST {
+    if windows.len() < MIN_WINDOWS {
         return None;
     }
-    let told = b_from_a.to_rotation_matrix().into_inner();
+    let nominal = b_from_a.to_rotation_matrix().into_inner();
     let (scale, shear) = (7e-3, 1.5e-3);
     let sigmas = SVector::<f64, PARAMETERS>::from([
-        TURN_RAD, TURN_RAD, TURN_RAD, scale, scale, scale, shear, shear, shear, 0.03, 0.03, 0.03,
-        0.01, 0.01, 0.01, LATE_S,
+        ROTATION_PRIOR_SIGMA_RAD,
+        ROTATION_PRIOR_SIGMA_RAD,
+        ROTATION_PRIOR_SIGMA_RAD,
+        scale,
+        scale,
+        scale,
+        shear,
+        shear,
+        shear,
+        0.03,
+        0.03,
+        0.03,
+        0.01,
+        0.01,
+        0.01,
+        OFFSET_PRIOR_SIGMA_S,
     ]);
-    let seen = Seen::new(&told, &windows, &sum_a, &sum_b);
+    let seen = ObservableDirections::new(&nominal, &windows, &sum_a, &sum_b);
     let mut now = SVector::<f64, PARAMETERS>::zeros();
     let mut spread = 0.1 * seconds;
     let mut last = None;
@@ -98,7 +117,7 @@ pub(super) fn estimate(b_from_a: &UnitQuaternion<f64>, a: &Gyro, b: &Gyro) -> Op
             now[8],
             1.0 + now[5],
         );
-        let b_of_a = turn.to_rotation_matrix().into_inner() * told;
+        let b_of_a = turn.to_rotation_matrix().into_inner() * nominal;
         let mut sum = Grouped::<PARAMETERS>::new(blocks as usize, &sigmas, &-now);
         let mut sizes = Vec::with_capacity(3 * windows.len());
         for (group, at, sum_b) in &windows {
@@ -145,42 +164,42 @@ pub(super) fn estimate(b_from_a: &UnitQuaternion<f64>, a: &Gyro, b: &Gyro) -> Op
     let (covariance, larger) = last?.covariance(&[0, 1, 2, 15])?;
     let unseen = Matrix3::identity() - seen.turns;
     let of_turn = seen.turns * covariance.fixed_view::<3, 3>(0, 0) * seen.turns * larger
-        + unseen * (TURN_RAD * TURN_RAD);
-    Some(Gyros {
-        turned_rad: now.fixed_rows::<3>(0).into_owned().into(),
+        + unseen * (ROTATION_PRIOR_SIGMA_RAD * ROTATION_PRIOR_SIGMA_RAD);
+    Some(GyroAlignment {
+        rotation_rad: now.fixed_rows::<3>(0).into_owned().into(),
         sigma_rad: sigmas_of(&of_turn),
         covariance: of_turn,
-        late_s: now[15],
-        late_sigma_s: match seen.is_late_seen {
+        time_offset_s: now[15],
+        time_offset_sigma_s: match seen.is_offset_observable {
             true => (covariance[(15, 15)] * larger).sqrt(),
-            false => LATE_S,
+            false => OFFSET_PRIOR_SIGMA_S,
         },
     })
 }
 
-/// A window: its group, its beginning (ns), and what the second gyroscope turned in it, rad.
+/// A window: its group, its start (ns), and the integral of the second gyroscope's rate, rad.
 type Window = (usize, f64, Vector3<f64>);
 
-/// What both gyroscopes tell something of.
-struct Seen {
-    /// Projects turns onto the directions that are seen, in the frame of the second IMU.
+/// Directions that both gyroscopes observe.
+struct ObservableDirections {
+    /// Projection of rotations onto the observable directions, in the frame of the second IMU.
     turns: Matrix3<f64>,
-    is_late_seen: bool,
+    is_offset_observable: bool,
 }
 
-impl Seen {
+impl ObservableDirections {
     fn new(
-        told: &Matrix3<f64>,
+        nominal: &Matrix3<f64>,
         windows: &[Window],
         sum_a: &Integrated<'_>,
         sum_b: &Integrated<'_>,
     ) -> Self {
-        // What each turned in a window, and by how much its rate changed.
+        // Rotation of each in a window, and the change of its rate.
         let both = |(_, at, b): &Window| {
             let end = at + WINDOW_NS as f64;
-            let a = told * sum_a.sum(*at, end)?;
+            let a = nominal * sum_a.sum(*at, end)?;
             let change = |of: &Integrated<'_>| Some(of.rate(end)? - of.rate(*at)?);
-            Some(([a, *b], [told * change(sum_a)?, change(sum_b)?]))
+            Some(([a, *b], [nominal * change(sum_a)?, change(sum_b)?]))
         };
         let both: Vec<_> = windows.iter().filter_map(both).collect();
         let mean = |k: usize| {
@@ -196,25 +215,25 @@ impl Seen {
             own_change += change_a.dot(change_a);
             common_change += change_a.dot(change_b);
         }
-        // A turn about an axis shows in rates across it.
+        // A rotation about an axis is observed through rates normal to it.
         let across = |m: Matrix3<f64>| Matrix3::identity() * m.trace() - (m + m.transpose()) * 0.5;
         let (own, common) = (across(own), across(common));
         let axes = own.symmetric_eigen().eigenvectors;
         let seen = axes.column_iter().filter(|axis| {
             let along = |m: &Matrix3<f64>| (axis.transpose() * m * axis)[0];
-            along(&common) > SHARED * along(&own)
+            along(&common) > MIN_COMMON_RATIO * along(&own)
         });
         Self {
             turns: seen.map(|axis| axis * axis.transpose()).sum(),
-            is_late_seen: common_change > SHARED * own_change,
+            is_offset_observable: common_change > MIN_COMMON_RATIO * own_change,
         }
     }
 
-    /// Leaves what is not seen where it is told.
+    /// Keeps unobservable directions at their nominal value.
     fn keep(&self, now: &mut SVector<f64, PARAMETERS>) {
         let turn = self.turns * now.fixed_rows::<3>(0);
         now.fixed_rows_mut::<3>(0).copy_from(&turn);
-        if !self.is_late_seen {
+        if !self.is_offset_observable {
             now[15] = 0.0;
         }
     }

@@ -1,14 +1,14 @@
-//! The slow twin: the models as their papers write them, over dual numbers, so that derivatives come
-//! from the rules of differentiation and not from formulas of ours.
+//! Reference implementation with dual numbers: the models as written in their papers, so that
+//! derivatives come from the rules of differentiation and not from formulas of ours.
 
 use std::ops::{Add, Div, Mul, Sub};
 
 use crate::camera::{CameraModel, Distortion};
 
 /// Point and parameters of the largest model.
-pub(super) const INPUTS: usize = 3 + CameraModel::MOST;
+pub(super) const INPUTS: usize = 3 + CameraModel::MAX_PARAMETERS;
 
-/// A value and its derivatives by all inputs.
+/// A value and its derivatives with respect to all inputs.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Dual {
     pub(super) value: f64,
@@ -87,7 +87,7 @@ impl Div for Dual {
     }
 }
 
-/// The pixel of a point, whether or not it is in the model's domain.
+/// The pixel of a point, whether or not it is in the domain of the model.
 pub(super) fn project(model: &CameraModel, point: [f64; 3]) -> [Dual; 2] {
     let [x, y, z] = std::array::from_fn(|i| Dual::input(point[i], i));
     let parameters = model.parameters();

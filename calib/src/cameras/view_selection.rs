@@ -1,26 +1,26 @@
-//! Which instants are worth using.
+//! Selection of informative views.
 //!
-//! Contract: of the instants at which the rig was still, those are taken one after the other that tell
-//! most that is not known yet: each raises the determinant of the information of what is to be found by
-//! the most (greedy D-optimality; what an instant adds only shrinks as others are taken, so that stale
-//! gains are bounds and most need not be computed anew, Minoux 1978). Views that show the border of the
-//! picture, tilted boards and other distances come first by themselves, blurred ones last.
+//! Contract: of the static instants, the one that raises the determinant of the information matrix
+//! most is taken repeatedly (greedy D-optimality). The gain of an instant only shrinks as others
+//! are taken, so that earlier gains are upper bounds and most need not be recomputed (Minoux 1978).
+//! Views near the image border, tilted boards and other distances therefore come first, blurred
+//! ones last.
 
 use nalgebra::DMatrix;
 
-use crate::adjust::{Problem, told};
+use crate::adjust::{Problem, reduced_equations};
 
-/// Instants in the order in which they are worth taking, at most `most`. `prior` is the information
-/// that is there before, in the order of the problem's parameters.
-pub(super) fn best(problem: &Problem, prior: &DMatrix<f64>, most: usize) -> Vec<usize> {
+/// Instants in the order of their gain, at most `most`. `prior` is the prior information matrix, in
+/// the order of the problem's parameters.
+pub(super) fn select_greedy(problem: &Problem, prior: &DMatrix<f64>, most: usize) -> Vec<usize> {
     let n = prior.nrows();
-    let candidates: Vec<DMatrix<f64>> = told(problem, 1.0)
+    let candidates: Vec<DMatrix<f64>> = reduced_equations(problem, 1.0)
         .into_iter()
-        .map(|told| {
+        .map(|instant| {
             let mut all = DMatrix::zeros(n, n);
-            for (i, &ci) in told.columns.iter().enumerate() {
-                for (j, &cj) in told.columns.iter().enumerate() {
-                    all[(ci, cj)] = told.information[(i, j)];
+            for (i, &ci) in instant.columns.iter().enumerate() {
+                for (j, &cj) in instant.columns.iter().enumerate() {
+                    all[(ci, cj)] = instant.information[(i, j)];
                 }
             }
             all
@@ -31,7 +31,7 @@ pub(super) fn best(problem: &Problem, prior: &DMatrix<f64>, most: usize) -> Vec<
     let mut bounds = vec![f64::INFINITY; candidates.len()];
     let mut taken = Vec::new();
     while taken.len() < most.min(candidates.len()) {
-        let Some((next, gain)) = most_telling(&candidates, &known, present, &mut bounds) else {
+        let Some((next, gain)) = most_informative(&candidates, &known, present, &mut bounds) else {
             break;
         };
         known += &candidates[next];
@@ -42,8 +42,8 @@ pub(super) fn best(problem: &Problem, prior: &DMatrix<f64>, most: usize) -> Vec<
     taken
 }
 
-/// The candidate that adds most, and how much. Those taken have a bound below everything.
-fn most_telling(
+/// The candidate with the largest gain, and its gain. Candidates already taken have a bound of -∞.
+fn most_informative(
     candidates: &[DMatrix<f64>],
     known: &DMatrix<f64>,
     present: f64,

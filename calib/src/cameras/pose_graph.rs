@@ -1,49 +1,50 @@
-//! Where cameras and targets are, roughly, from poses of single views.
+//! Initial poses of cameras and targets from poses of single views.
 //!
-//! Contract: what is told is taken as it is; where no camera's place is told, the first camera is the origin of the
-//! rig ([`Input::origin`]). The rest follows through instants at which something known
-//! and something unknown are seen together. Of several answers the middle one is taken (the one nearest
-//! to all others), so that single wrong poses do no harm. What cannot be reached stays unknown.
+//! Contract: nominal extrinsics are taken as they are; without any, the first camera is the origin
+//! of the rig ([`Input::origin`]). Poses propagate through instants at which a known and an unknown
+//! element are observed together. Of several candidates the medoid is taken (the one nearest to all
+//! others), so that single wrong poses do no harm. Elements that cannot be reached stay unknown.
 
 use cad_transforms::RigidTransform;
 
 use super::{Camera, Input};
 
-/// How far apart two poses are when they differ by 1 rad, m: the size of a rig.
+/// Weight of rotation against translation in the distance of two poses, m per rad: the size of a
+/// rig.
 const METRES_PER_RADIAN: f64 = 0.5;
-/// Of more answers than this every n-th is looked at.
-const MOST_ANSWERS: usize = 61;
+/// Maximum number of candidates; of more, every n-th is used.
+const MAX_CANDIDATES: usize = 61;
 
-/// One target seen by one eye.
+/// Pose of one target in one eye.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Posed {
+pub(super) struct PosedView {
     pub(super) instant: usize,
     pub(super) eye: usize,
     pub(super) target: usize,
     pub(super) eye_from_target: RigidTransform,
-    /// How many corners stand for it; 0 where it may be the mirrored one.
+    /// Number of corners behind the pose; 0 if it may be the mirrored solution.
     pub(super) trust: usize,
 }
 
-/// What is known of where things are.
+/// Initial poses.
 #[derive(Clone, Debug)]
-pub(super) struct Known {
+pub(super) struct InitialPoses {
     /// `rig_from_left` by camera.
     pub(super) cameras: Vec<Option<RigidTransform>>,
     /// `left_from_right` by camera.
     pub(super) pairs: Vec<Option<RigidTransform>>,
-    /// `world_from_target` by target; the world is the one that was seen most.
+    /// `world_from_target` by target; the world is the target observed most often.
     pub(super) targets: Vec<Option<RigidTransform>>,
-    /// Which target is the world.
+    /// Index of the world target.
     pub(super) world: usize,
     /// `rig_from_world` by instant.
     pub(super) instants: Vec<Option<RigidTransform>>,
 }
 
-/// The answer nearest to all others.
-fn middle(answers: &[RigidTransform]) -> Option<RigidTransform> {
-    let step = answers.len().div_ceil(MOST_ANSWERS).max(1);
-    let few: Vec<&RigidTransform> = answers.iter().step_by(step).collect();
+/// The candidate nearest to all others.
+fn medoid(candidates: &[RigidTransform]) -> Option<RigidTransform> {
+    let step = candidates.len().div_ceil(MAX_CANDIDATES).max(1);
+    let few: Vec<&RigidTransform> = candidates.iter().step_by(step).collect();
     let apart = |a: &RigidTransform, b: &RigidTransform| {
         let off = a.inverse() * *b;
         (off.distance_m() + METRES_PER_RADIAN * off.angle_rad()).min(1.0)
@@ -54,11 +55,12 @@ fn middle(answers: &[RigidTransform]) -> Option<RigidTransform> {
     Some(*few[least])
 }
 
-/// Finds what can be found.
-pub(super) fn connect(input: &Input, posed: &[Posed]) -> Known {
+/// Propagates poses until no further one is found.
+pub(super) fn connect(input: &Input, posed: &[PosedView]) -> InitialPoses {
     let origin = input.origin();
     let mut seen = vec![0usize; input.targets.len()];
-    // From a target that the origin sees everything can be reached that is connected with the origin.
+    // Everything that is connected with the origin can be reached from a target that the origin
+    // observes.
     for p in posed {
         let counts = origin.is_none_or(|origin| input.cameras[origin].left == p.eye);
         seen[p.target] += usize::from(counts);
@@ -66,7 +68,7 @@ pub(super) fn connect(input: &Input, posed: &[Posed]) -> Known {
     let world = (0..seen.len())
         .max_by_key(|&t| (seen[t], std::cmp::Reverse(t)))
         .unwrap_or(0);
-    let mut known = Known {
+    let mut known = InitialPoses {
         cameras: input
             .cameras
             .iter()
@@ -87,24 +89,25 @@ pub(super) fn connect(input: &Input, posed: &[Posed]) -> Known {
     if let Some(origin) = origin {
         known.cameras[origin] = Some(RigidTransform::body_from_optical());
     }
-    while spread(input, posed, &mut known) {}
+    while propagate(input, posed, &mut known) {}
     known
 }
 
-/// `left_from_right`, from instants at which both eyes see a target; else as told.
-fn pair(camera: &Camera, posed: &[Posed]) -> Option<RigidTransform> {
+/// `left_from_right` from instants at which both eyes observe a target; otherwise the nominal
+/// value.
+fn pair(camera: &Camera, posed: &[PosedView]) -> Option<RigidTransform> {
     let right = camera.right?;
     let of = |eye: usize| posed.iter().filter(move |p| p.eye == eye && p.trust > 0);
-    let answers: Vec<RigidTransform> = of(camera.left)
+    let candidates: Vec<RigidTransform> = of(camera.left)
         .filter_map(|l| {
             let r = of(right).find(|r| (r.instant, r.target) == (l.instant, l.target))?;
             Some(l.eye_from_target * r.eye_from_target.inverse())
         })
         .collect();
-    middle(&answers).or_else(|| camera.left_from_right.as_ref().map(|t| t.transform))
+    medoid(&candidates).or_else(|| camera.left_from_right.as_ref().map(|t| t.transform))
 }
 
-impl Known {
+impl InitialPoses {
     /// `rig_from_eye`.
     pub(super) fn eye(&self, input: &Input, eye: usize) -> Option<RigidTransform> {
         let number = input.camera_of(eye)?;
@@ -116,11 +119,11 @@ impl Known {
     }
 }
 
-/// One round; whether anything new became known.
-fn spread(input: &Input, posed: &[Posed], known: &mut Known) -> bool {
-    let mut news = false;
-    // The view with most corners says where the rig was.
-    let mut trusted: Vec<&Posed> = posed.iter().collect();
+/// One round of propagation; true if a pose was added.
+fn propagate(input: &Input, posed: &[PosedView], known: &mut InitialPoses) -> bool {
+    let mut changed = false;
+    // The view with most corners gives the pose of the rig.
+    let mut trusted: Vec<&PosedView> = posed.iter().collect();
     trusted.sort_by_key(|p| (p.instant, std::cmp::Reverse(p.trust), p.eye, p.target));
     for p in trusted {
         if known.instants[p.instant].is_some() {
@@ -131,14 +134,14 @@ fn spread(input: &Input, posed: &[Posed], known: &mut Known) -> bool {
         {
             known.instants[p.instant] =
                 Some(rig_from_eye * p.eye_from_target * world_from_target.inverse());
-            news = true;
+            changed = true;
         }
     }
     for target in 0..known.targets.len() {
         if known.targets[target].is_some() {
             continue;
         }
-        let answers: Vec<RigidTransform> = posed
+        let candidates: Vec<RigidTransform> = posed
             .iter()
             .filter(|p| p.target == target && p.trust > 0)
             .filter_map(|p| {
@@ -146,15 +149,15 @@ fn spread(input: &Input, posed: &[Posed], known: &mut Known) -> bool {
                 Some(rig_from_world.inverse() * known.eye(input, p.eye)? * p.eye_from_target)
             })
             .collect();
-        known.targets[target] = middle(&answers);
-        news |= known.targets[target].is_some();
+        known.targets[target] = medoid(&candidates);
+        changed |= known.targets[target].is_some();
     }
     for number in 0..known.cameras.len() {
         if known.cameras[number].is_some() {
             continue;
         }
         let left = input.cameras[number].left;
-        let answers: Vec<RigidTransform> = posed
+        let candidates: Vec<RigidTransform> = posed
             .iter()
             .filter(|p| p.eye == left && p.trust > 0)
             .filter_map(|p| {
@@ -163,21 +166,21 @@ fn spread(input: &Input, posed: &[Posed], known: &mut Known) -> bool {
                 Some(rig_from_world * world_from_target * p.eye_from_target.inverse())
             })
             .collect();
-        known.cameras[number] = middle(&answers);
-        news |= known.cameras[number].is_some();
+        known.cameras[number] = medoid(&candidates);
+        changed |= known.cameras[number].is_some();
     }
-    news
+    changed
 }
 
 impl Input {
-    /// The camera that is the origin of the rig: the first, where no file tells the place of any. `rig` is then at its
-    /// left lens, x along its view, y to the left and z up in its image.
+    /// The camera that is the origin of the rig: the first, if no file gives the pose of any. `rig`
+    /// is then at its left lens, x along its view, y to the left and z up in its image.
     pub fn origin(&self) -> Option<usize> {
-        let is_told = self.cameras.iter().any(|c| c.rig_from_left.is_some());
-        (!is_told && !self.cameras.is_empty()).then_some(0)
+        let has_prior = self.cameras.iter().any(|c| c.rig_from_left.is_some());
+        (!has_prior && !self.cameras.is_empty()).then_some(0)
     }
 
-    /// The camera that an eye belongs to.
+    /// The camera of an eye.
     pub(super) fn camera_of(&self, eye: usize) -> Option<usize> {
         self.cameras
             .iter()

@@ -1,32 +1,32 @@
-//! What a recording does not determine, and what speaks against the result.
+//! Gates: unobservable directions, and checks of the result.
 
 use std::fmt;
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::problem::{BOARD, DRIFT, OFFSET, Prior, ROTATION, SHAPES, SHARED, Shared, TRANSLATION};
-use super::{Noise, Noises};
+use super::{Noise, NoiseEstimates};
 
-/// A direction is determined if its sigma is below this: rotation in rad (0.1°), lever arm in m, offset in s.
-pub(super) const ROTATION_DETERMINED_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
-/// See [`ROTATION_DETERMINED_RAD`].
-pub(super) const TRANSLATION_DETERMINED_M: f64 = 2e-3;
-/// See [`ROTATION_DETERMINED_RAD`].
-pub(super) const OFFSET_DETERMINED_S: f64 = 3e-4;
+/// Maximum sigma of a determined direction: rotation in rad (0.1°), lever arm in m, offset in s.
+pub(super) const MAX_ROTATION_SIGMA_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
+/// See [`MAX_ROTATION_SIGMA_RAD`].
+pub(super) const MAX_TRANSLATION_SIGMA_M: f64 = 2e-3;
+/// See [`MAX_ROTATION_SIGMA_RAD`].
+pub(super) const MAX_OFFSET_SIGMA_S: f64 = 3e-4;
 
-/// How many sigmas off what is told are still chance.
-const CHANCE: f64 = 3.5;
-/// The halves differ by chance up to this (seven numbers squared; exceeded once in a thousand), and
-/// certainly beyond the second.
-const HALVES_WARN: f64 = 24.3;
-const HALVES_FAIL: f64 = 40.0;
+/// Significance: deviations from a nominal value up to this number of sigmas are chance.
+const SIGNIFICANCE_SIGMAS: f64 = 3.5;
+/// Limits for the difference of the halves (chi-squared of seven): exceeded by chance once in a
+/// thousand; certain.
+const MAX_HALVES_CHI2_WARN: f64 = 24.3;
+const MAX_HALVES_CHI2_FAIL: f64 = 40.0;
 
-/// How a check went. In order of badness.
+/// Outcome of a check, from good to bad.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
-    /// Nothing to say.
+    /// No objection.
     Pass,
-    /// Usable, but something is not as told.
+    /// Usable, but a parameter deviates from its nominal value.
     Warn,
     /// Not to be used.
     Fail,
@@ -42,21 +42,21 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// One check.
+/// A check of the result.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gate {
-    /// What was looked at, a word or three.
+    /// Name of the check, one to three words.
     pub name: &'static str,
-    /// How it went.
+    /// Outcome.
     pub verdict: Verdict,
     /// What was found and what was expected.
     pub text: String,
 }
 
-/// A direction that is not determined.
+/// A direction that the recording does not determine.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Weak {
-    /// Turn about an axis of the left optical frame.
+pub enum UnobservableDirection {
+    /// Rotation about an axis of the left optical frame.
     Rotation {
         /// Of length 1.
         axis: [f64; 3],
@@ -77,33 +77,33 @@ pub enum Weak {
     },
 }
 
-impl fmt::Display for Weak {
+impl fmt::Display for UnobservableDirection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Rotation { axis, sigma_rad } => write!(
                 f,
-                "rotation about {} of the left camera not determined by this recording (sigma {:.2} deg): turn \
+                "rotation about {} of the left camera not determined by this recording (sigma {:.2} deg): rotate \
                  about other axes too",
                 named(axis),
                 sigma_rad.to_degrees()
             ),
             Self::Translation { direction, sigma_m } => write!(
                 f,
-                "lever arm along {} of the IMU not determined by this recording (sigma {:.1} mm): turn about axes \
-                 across it, faster",
+                "lever arm along {} of the IMU not determined by this recording (sigma {:.1} mm): rotate about axes \
+                 normal to it, faster",
                 named(direction),
                 1e3 * sigma_m
             ),
             Self::TimeOffset { sigma_s } => write!(
                 f,
-                "time offset not determined by this recording (sigma {:.2} ms): turn back and forth",
+                "time offset not determined by this recording (sigma {:.2} ms): rotate back and forth",
                 1e3 * sigma_s
             ),
         }
     }
 }
 
-/// "x", or the numbers.
+/// Name of the nearest axis, or the components.
 fn named(v: &[f64; 3]) -> String {
     let near = v.iter().position(|c| c.abs() > 0.97);
     match near {
@@ -112,21 +112,22 @@ fn named(v: &[f64; 3]) -> String {
     }
 }
 
-/// What is judged.
+/// Input of the checks.
 pub(super) struct Evidence<'a> {
-    pub noises: &'a Noises,
+    pub noises: &'a NoiseEstimates,
     pub covariance: &'a SMatrix<f64, SHARED, SHARED>,
     pub prior: &'a Prior,
     pub shared: &'a Shared,
     pub halves: Option<f64>,
     pub seconds: f64,
-    pub pictures: usize,
-    pub doubtful: usize,
+    pub views: usize,
+    pub outliers: usize,
     pub linked: usize,
 }
 
-/// Eigen-analysis of the covariance of each group, all others being free within what is told of them.
-pub(super) fn weak(evidence: &Evidence<'_>) -> Vec<Weak> {
+/// Eigenvectors of the covariance of each group with too large a sigma, all other parameters free
+/// within their priors.
+pub(super) fn unobservable(evidence: &Evidence<'_>) -> Vec<UnobservableDirection> {
     let directions = |at: usize, most: f64| {
         let block: Matrix3<f64> = evidence.covariance.fixed_view::<3, 3>(at, at).into();
         let eigen = block.symmetric_eigen();
@@ -143,38 +144,38 @@ pub(super) fn weak(evidence: &Evidence<'_>) -> Vec<Weak> {
         found
     };
     let mut out = Vec::new();
-    for (axis, sigma_rad) in directions(ROTATION, ROTATION_DETERMINED_RAD) {
-        out.push(Weak::Rotation { axis, sigma_rad });
+    for (axis, sigma_rad) in directions(ROTATION, MAX_ROTATION_SIGMA_RAD) {
+        out.push(UnobservableDirection::Rotation { axis, sigma_rad });
     }
-    for (direction, sigma_m) in directions(TRANSLATION, TRANSLATION_DETERMINED_M) {
-        out.push(Weak::Translation { direction, sigma_m });
+    for (direction, sigma_m) in directions(TRANSLATION, MAX_TRANSLATION_SIGMA_M) {
+        out.push(UnobservableDirection::Translation { direction, sigma_m });
     }
     let sigma_s = evidence.covariance[(OFFSET, OFFSET)].sqrt();
-    if sigma_s > OFFSET_DETERMINED_S {
-        out.push(Weak::TimeOffset { sigma_s });
+    if sigma_s > MAX_OFFSET_SIGMA_S {
+        out.push(UnobservableDirection::TimeOffset { sigma_s });
     }
     out
 }
 
-/// What the data alone say of a parameter: estimate and sigma with what is told taken out again. None if
-/// they say nothing.
-fn data_alone(evidence: &Evidence<'_>, k: usize, found: f64, told: f64) -> Option<(f64, f64)> {
+/// Estimate and sigma of a parameter from the data alone, with its prior removed. `None` without
+/// data.
+fn data_alone(evidence: &Evidence<'_>, k: usize, found: f64, nominal: f64) -> Option<(f64, f64)> {
     let sigma = evidence.prior.sigmas[k];
     let with = 1.0 / evidence.covariance[(k, k)];
     let alone = with - sigma.powi(-2);
     (alone > 1e-3 * with).then(|| {
-        let value = told + (found - told) * with / alone;
+        let value = nominal + (found - nominal) * with / alone;
         (value, alone.powf(-0.5))
     })
 }
 
-/// All checks.
-pub(super) fn gates(evidence: &Evidence<'_>, weak: &[Weak]) -> Vec<Gate> {
+/// Runs all checks.
+pub(super) fn gates(evidence: &Evidence<'_>, unobservable: &[UnobservableDirection]) -> Vec<Gate> {
     let noises = evidence.noises;
     vec![
-        observability(weak),
+        observability(unobservable),
         noise("corner noise", &noises.corners, [0.3, 3.0, 8.0]),
-        noise("pictures against motion", &noises.poses, [0.0, 1.5, 3.0]),
+        noise("views against motion", &noises.poses, [0.0, 1.5, 3.0]),
         noise("gyroscope noise", &noises.gyro, [0.4, 2.0, 10.0]),
         noise("accelerometer noise", &noises.accel, [0.4, 2.0, 10.0]),
         noise("gyroscope bias walk", &noises.gyro_walk, [0.0, 5.0, 100.0]),
@@ -187,8 +188,8 @@ pub(super) fn gates(evidence: &Evidence<'_>, weak: &[Weak]) -> Vec<Gate> {
         drift(evidence),
         shapes(evidence),
         halves(evidence),
-        doubtful(evidence),
-        joined(evidence),
+        outliers(evidence),
+        inertial_coverage(evidence),
     ]
 }
 
@@ -200,13 +201,14 @@ fn gate(name: &'static str, verdict: Verdict, text: String) -> Gate {
     }
 }
 
-fn observability(weak: &[Weak]) -> Gate {
-    let (verdict, text) = match weak.is_empty() {
+fn observability(unobservable: &[UnobservableDirection]) -> Gate {
+    let (verdict, text) = match unobservable.is_empty() {
         true => (Verdict::Pass, "all directions are determined".to_owned()),
         false => (
             Verdict::Warn,
-            weak.iter()
-                .map(Weak::to_string)
+            unobservable
+                .iter()
+                .map(UnobservableDirection::to_string)
                 .collect::<Vec<_>>()
                 .join("; "),
         ),
@@ -216,37 +218,41 @@ fn observability(weak: &[Weak]) -> Gate {
 
 /// `bounds`: warn below the first, warn above the second, fail above the third.
 fn noise(name: &'static str, noise: &Noise, bounds: [f64; 3]) -> Gate {
-    let found = noise.found_over_told;
+    let found = noise.ratio_to_nominal;
     let [low, high, worst] = bounds;
     let verdict = match found {
         f if f > worst || !f.is_finite() => Verdict::Fail,
         f if f > high || f < low => Verdict::Warn,
         _ => Verdict::Pass,
     };
-    let text = format!("{found:.2} times what is told, expected {low} to {high}");
+    let text = format!("{found:.2} times the nominal noise, expected {low} to {high}");
     gate(name, verdict, text)
 }
 
 fn board(evidence: &Evidence<'_>) -> Gate {
     let name = "size of the board";
-    let told = evidence.prior.shared.board_scale;
-    let Some((scale, sigma)) = data_alone(evidence, BOARD, evidence.shared.board_scale, told)
+    let nominal = evidence.prior.shared.board_scale;
+    let Some((scale, sigma)) = data_alone(evidence, BOARD, evidence.shared.board_scale, nominal)
     else {
-        return gate(name, Verdict::Pass, "not seen in this recording".to_owned());
+        return gate(
+            name,
+            Verdict::Pass,
+            "not observed in this recording".to_owned(),
+        );
     };
     let tolerance = evidence.prior.sigmas[BOARD];
-    let off = (scale - told) / sigma.hypot(tolerance);
-    let verdict = if off.abs() > CHANCE {
+    let off = (scale - nominal) / sigma.hypot(tolerance);
+    let verdict = if off.abs() > SIGNIFICANCE_SIGMAS {
         Verdict::Fail
     } else {
         Verdict::Pass
     };
-    let percent = 100.0 * (scale / told - 1.0);
+    let percent = 100.0 * (scale / nominal - 1.0);
     let text = format!(
-        "{percent:+.2} % of what is told by the recording alone (sigma {:.2} %), expected within {:.2} %: square \
+        "{percent:+.2} % from its nominal size by the recording alone (sigma {:.2} %), expected within {:.2} %: square \
          size, baseline or accelerometer",
         100.0 * sigma,
-        100.0 * CHANCE * tolerance
+        100.0 * SIGNIFICANCE_SIGMAS * tolerance
     );
     gate(name, verdict, text)
 }
@@ -255,7 +261,7 @@ fn drift(evidence: &Evidence<'_>) -> Gate {
     let drift = evidence.shared.drift;
     let sigma = evidence.covariance[(DRIFT, DRIFT)].sqrt();
     let over_all = drift * evidence.seconds;
-    let real = (drift / sigma).abs() > CHANCE;
+    let real = (drift / sigma).abs() > SIGNIFICANCE_SIGMAS;
     let verdict = match over_all.abs() {
         s if real && s > 1e-3 => Verdict::Fail,
         s if real && s > 1e-4 => Verdict::Warn,
@@ -286,7 +292,7 @@ fn shapes(evidence: &Evidence<'_>) -> Gate {
                 worst = (
                     (off / sigma).abs(),
                     format!(
-                        "{what} {row}{column} of the {sensor} is off by {:.2} %",
+                        "{what} {row}{column} of the {sensor} deviates by {:.2} %",
                         100.0 * off
                     ),
                 );
@@ -298,7 +304,7 @@ fn shapes(evidence: &Evidence<'_>) -> Gate {
         z if z > 4.0 => Verdict::Warn,
         _ => Verdict::Pass,
     };
-    let text = format!("{}, {:.1} of the sigmas told", worst.1, worst.0);
+    let text = format!("{}, {:.1} times its prior sigma", worst.1, worst.0);
     gate("scale and skew", verdict, text)
 }
 
@@ -308,33 +314,33 @@ fn halves(evidence: &Evidence<'_>) -> Gate {
         return gate(name, Verdict::Warn, "too short to compare".to_owned());
     };
     let verdict = match squared {
-        s if s > HALVES_FAIL => Verdict::Fail,
-        s if s > HALVES_WARN => Verdict::Warn,
+        s if s > MAX_HALVES_CHI2_FAIL => Verdict::Fail,
+        s if s > MAX_HALVES_CHI2_WARN => Verdict::Warn,
         _ => Verdict::Pass,
     };
     let text = format!(
-        "rotation, lever arm and offset differ by {squared:.1} (chi-squared of seven), expected below {HALVES_WARN}: \
+        "rotation, lever arm and offset differ by {squared:.1} (chi-squared of seven), expected below {MAX_HALVES_CHI2_WARN}: \
          a camera that was knocked, or a clock that jumped"
     );
     gate(name, verdict, text)
 }
 
-fn doubtful(evidence: &Evidence<'_>) -> Gate {
-    let share = evidence.doubtful as f64 / evidence.pictures as f64;
+fn outliers(evidence: &Evidence<'_>) -> Gate {
+    let share = evidence.outliers as f64 / evidence.views as f64;
     let verdict = match share {
         s if s > 0.2 => Verdict::Fail,
         s if s > 0.03 => Verdict::Warn,
         _ => Verdict::Pass,
     };
     let text = format!(
-        "{} of {} pictures contradict the motion, expected at most 3 %",
-        evidence.doubtful, evidence.pictures
+        "{} of {} views contradict the motion, expected at most 3 %",
+        evidence.outliers, evidence.views
     );
-    gate("pictures left out", verdict, text)
+    gate("outlier views", verdict, text)
 }
 
-fn joined(evidence: &Evidence<'_>) -> Gate {
-    let all = evidence.pictures - 1;
+fn inertial_coverage(evidence: &Evidence<'_>) -> Gate {
+    let all = evidence.views - 1;
     let share = evidence.linked as f64 / all as f64;
     let verdict = if share < 0.8 {
         Verdict::Warn
@@ -342,7 +348,7 @@ fn joined(evidence: &Evidence<'_>) -> Gate {
         Verdict::Pass
     };
     let text = format!(
-        "{} of {all} intervals between pictures have inertial samples all the way, expected at least 80 %",
+        "{} of {all} intervals between views have complete IMU samples, expected at least 80 %",
         evidence.linked
     );
     gate("inertial samples", verdict, text)

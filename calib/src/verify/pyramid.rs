@@ -1,23 +1,24 @@
-//! Grey pictures and the pyramids that features are followed in.
+//! Grey images and image pyramids.
 //!
-//! Contract: level `k` of a pyramid has every `2^k`-th pixel of the picture, smoothed before; pixel `i` of level `k` lies
-//! at pixel `2^k i` of the picture, so that coordinates of levels differ by a factor alone.
+//! Contract: level `k` of a pyramid has every `2^k`-th pixel of the image, smoothed before; pixel
+//! `i` of level `k` is at pixel `2^k i` of the image, so that coordinates of levels differ by a
+//! factor only.
 
-/// A grey picture.
+/// A borrowed grey image.
 #[derive(Clone, Copy, Debug)]
-pub struct Grey<'a> {
+pub struct ImageView<'a> {
     /// Columns.
     width: usize,
     /// Rows.
     height: usize,
     /// Pixels from one row to the next.
     stride: usize,
-    /// Rows first.
+    /// Row-major.
     pixels: &'a [u8],
 }
 
-impl<'a> Grey<'a> {
-    /// A picture; none if there are too few pixels, or none at all.
+impl<'a> ImageView<'a> {
+    /// An image; `None` if it is empty or `pixels` is too short.
     pub fn new(width: usize, height: usize, stride: usize, pixels: &'a [u8]) -> Option<Self> {
         let needed = height
             .checked_sub(1)?
@@ -46,7 +47,7 @@ impl<'a> Grey<'a> {
     }
 }
 
-/// One level.
+/// One level of a pyramid.
 #[derive(Clone, Debug)]
 pub(super) struct Level {
     pub(super) width: usize,
@@ -54,42 +55,43 @@ pub(super) struct Level {
     pub(super) data: Vec<f32>,
 }
 
-/// A picture at several sizes, the largest first.
+/// An image pyramid, the largest level first.
 #[derive(Clone, Debug)]
 pub(super) struct Pyramid {
-    /// How often the first level is halved against the picture.
+    /// Number of halvings from the image to the first level.
     pub(super) halved: u32,
     pub(super) levels: Vec<Level>,
 }
 
-/// Widest first level: beyond it a picture is halved, which costs little accuracy and saves much time.
-const WIDEST: usize = 1000;
-/// Levels, and the least side of the last one.
+/// Maximum width of the first level: larger images are halved, which costs little accuracy and
+/// saves much time.
+const MAX_WIDTH: usize = 1000;
+/// Number of levels, and minimum side of the last one.
 const LEVELS: usize = 4;
-const LEAST_SIDE: usize = 40;
+const MIN_SIDE: usize = 40;
 
 impl Pyramid {
-    pub(super) fn new(picture: &Grey<'_>) -> Self {
+    pub(super) fn new(image: &ImageView<'_>) -> Self {
         let mut level = Level {
-            width: picture.width,
-            height: picture.height,
-            data: picture
+            width: image.width,
+            height: image.height,
+            data: image
                 .pixels
-                .chunks(picture.stride)
-                .take(picture.height)
-                .flat_map(|row| &row[..picture.width])
+                .chunks(image.stride)
+                .take(image.height)
+                .flat_map(|row| &row[..image.width])
                 .map(|p| f32::from(*p))
                 .collect(),
         };
         let mut halved = 0;
-        while level.width > WIDEST {
+        while level.width > MAX_WIDTH {
             level = level.half();
             halved += 1;
         }
         let mut levels = vec![level];
         while levels.len() < LEVELS {
             let half = levels[levels.len() - 1].half();
-            if half.width.min(half.height) < LEAST_SIDE {
+            if half.width.min(half.height) < MIN_SIDE {
                 break;
             }
             levels.push(half);
@@ -97,7 +99,7 @@ impl Pyramid {
         Self { halved, levels }
     }
 
-    /// Pixels of the picture per pixel of the first level.
+    /// Pixels of the image per pixel of the first level.
     pub(super) fn scale(&self) -> f64 {
         f64::from(1_u32 << self.halved)
     }
@@ -145,10 +147,11 @@ impl Level {
         }
     }
 
-    /// The square of `2 radius + 1` pixels a side around a place, interpolated; false if it reaches beyond the level.
+    /// The square of `2 radius + 1` pixels a side around a position, interpolated; false if it
+    /// extends beyond the level.
     pub(super) fn patch(&self, x: f32, y: f32, radius: usize, out: &mut [f32]) -> bool {
         let reach = radius as f32;
-        // Written so that a place that is no number is outside.
+        // Written so that a position that is not finite is outside.
         let inside = x - reach >= 0.0
             && y - reach >= 0.0
             && x + reach + 1.0 < self.width as f32

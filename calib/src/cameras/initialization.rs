@@ -1,27 +1,27 @@
-//! A lens to start from.
+//! Initial lens.
 //!
-//! Contract: the factory's lens where there is one. Else focal lengths over the range that lenses have are
-//! tried as pinholes, each with the poses it needs, and the best is refined as a radial-tangential lens and
-//! as a fisheye; the better one is given. Lenses over 150 degrees wide need a factory file.
+//! Contract: the factory's lens if there is one. Otherwise pinholes with focal lengths over the
+//! usual range are tried, each with its poses, and the best is refined as a radial-tangential lens
+//! and as a fisheye; the better one is returned. Lenses over 150 degrees wide need a factory file.
 
 use cad_transforms::RigidTransform;
 
-use super::one_eye;
+use super::single_lens_problem;
 use crate::adjust::{LensBlock, Point, Prior, Settings, solve};
 use crate::camera::{CameraModel, Distortion};
 use crate::pnp;
 
-/// Focal lengths that are tried, in widths of the picture.
+/// Focal lengths that are tried, in image widths.
 const FOCAL_LENGTHS: [f64; 9] = [0.3, 0.4, 0.52, 0.65, 0.8, 1.0, 1.3, 1.7, 2.4];
-/// How many views are looked at.
-const VIEWS: usize = 12;
+/// Maximum number of views used.
+const MAX_VIEWS: usize = 12;
 
-/// A view of a target with its pose.
-pub(super) type Posed = (RigidTransform, Vec<Point>);
+/// A view of a target: its pose and its points.
+pub(super) type PosedPoints = (RigidTransform, Vec<Point>);
 
-/// Poses of those views that a lens explains; keeps their order.
-pub(super) fn poses(model: &CameraModel, views: &[Vec<Point>]) -> Vec<Option<pnp::Placed>> {
-    let pieces = crate::adjust::in_pieces(views.len(), |range| {
+/// Poses of the views that a lens explains, in their order.
+pub(super) fn poses(model: &CameraModel, views: &[Vec<Point>]) -> Vec<Option<pnp::PlanarPose>> {
+    let pieces = crate::adjust::in_chunks(views.len(), |range| {
         views[range]
             .iter()
             .map(|points| pnp::planar(model, points))
@@ -30,13 +30,13 @@ pub(super) fn poses(model: &CameraModel, views: &[Vec<Point>]) -> Vec<Option<pnp
     pieces.into_iter().flatten().collect()
 }
 
-/// A lens from views alone, and how far it is off, px RMS. None when nothing fits.
-pub(super) fn guess(size: (u32, u32), views: &[Vec<Point>]) -> Option<(CameraModel, f64)> {
+/// A lens from views alone, and its median RMS residual, px. `None` if nothing fits.
+pub(super) fn initial_lens(size: (u32, u32), views: &[Vec<Point>]) -> Option<(CameraModel, f64)> {
     let mut by_points: Vec<&Vec<Point>> = views.iter().collect();
     by_points.sort_by_key(|points| std::cmp::Reverse(points.len()));
-    // Every n-th of the fuller half, so that not one moment gives them all.
-    by_points.truncate((by_points.len() / 2).max(VIEWS));
-    let step = by_points.len().div_ceil(VIEWS);
+    // Every n-th of the fuller half, so that they are spread over the recording.
+    by_points.truncate((by_points.len() / 2).max(MAX_VIEWS));
+    let step = by_points.len().div_ceil(MAX_VIEWS);
     let few: Vec<Vec<Point>> = by_points
         .into_iter()
         .step_by(step.max(1))
@@ -51,10 +51,10 @@ pub(super) fn guess(size: (u32, u32), views: &[Vec<Point>]) -> Option<(CameraMod
         cy: 0.5 * f64::from(size.1 - 1),
         distortion: Distortion::None,
     };
-    // Misses are compared by their medians over views: some poses may be wrong.
+    // Residuals are compared by their medians over views: some poses may be wrong.
     let tried = FOCAL_LENGTHS.iter().filter_map(|&f| {
         let model = pinhole(f);
-        let found: Vec<Option<pnp::Placed>> = poses(&model, &few);
+        let found: Vec<Option<pnp::PlanarPose>> = poses(&model, &few);
         let mut misses: Vec<f64> = found
             .iter()
             .map(|p| p.map_or(f64::INFINITY, |p| p.rms_px))
@@ -64,7 +64,7 @@ pub(super) fn guess(size: (u32, u32), views: &[Vec<Point>]) -> Option<(CameraMod
         median.is_finite().then_some((median, model, found))
     });
     let (_, model, found) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let posed: Vec<Posed> = found
+    let posed: Vec<PosedPoints> = found
         .into_iter()
         .zip(&few)
         .filter_map(|(placed, points)| Some((placed?.eye_from_target, points.clone())))
@@ -76,7 +76,7 @@ pub(super) fn guess(size: (u32, u32), views: &[Vec<Point>]) -> Option<(CameraMod
             p1: 0.0,
             p2: 0.0,
         },
-        // The first terms of the tangent: a pinhole, as this model has it.
+        // The first terms of the tangent: a pinhole in this model.
         Distortion::KannalaBrandt4 {
             k1: 1.0 / 3.0,
             k2: 2.0 / 15.0,
@@ -95,11 +95,11 @@ pub(super) fn guess(size: (u32, u32), views: &[Vec<Point>]) -> Option<(CameraMod
         .map(|(model, rms, _)| (model, rms))
 }
 
-/// A lens and poses from posed views: the lens, RMS px, and the poses.
+/// Fits a lens and poses to posed views: the lens, RMS residual in px, and the poses.
 pub(super) fn fit(
     start: &CameraModel,
     priors: &[Prior],
-    views: &[Posed],
+    views: &[PosedPoints],
 ) -> Option<(CameraModel, f64, Vec<RigidTransform>)> {
     let lens = LensBlock {
         name: String::new(),
@@ -111,14 +111,14 @@ pub(super) fn fit(
         tolerance: 1e-6,
         ..Settings::default()
     };
-    let solution = solve(&one_eye(lens, views), &settings).ok()?;
+    let solution = solve(&single_lens_problem(lens, views), &settings).ok()?;
     let rms = solution.rms_px(|_| true);
     let model = solution.problem.lenses[0].model;
     Some((model, rms, solution.problem.instants))
 }
 
-/// What is known of any lens: roughly its focal length, that its axis meets the picture near the
-/// middle, and how large coefficients get.
+/// Weak priors for any lens: approximate focal length, principal point near the image centre, and
+/// the usual range of the coefficients.
 pub(super) fn weak_priors(model: &CameraModel) -> Vec<Prior> {
     let near = |mean: f64, sigma: f64| Prior::Near { mean, sigma };
     let width = f64::from(model.width);
@@ -141,8 +141,8 @@ pub(super) fn weak_priors(model: &CameraModel) -> Vec<Prior> {
     priors
 }
 
-/// What a factory file says, with how far lenses are off what it says: 1 % of the focal length, 1 % of
-/// the width of the picture, and coefficients as two calibrations of one camera differ.
+/// Priors around a factory file: 1 % of the focal length, 1 % of the image width, and coefficients
+/// by the difference of two calibrations of one camera.
 pub(super) fn factory_priors(factory: &CameraModel) -> Vec<Prior> {
     let parameters = factory.parameters().into_iter().enumerate();
     let names = factory.parameter_names();
@@ -162,8 +162,8 @@ pub(super) fn factory_priors(factory: &CameraModel) -> Vec<Prior> {
         .collect()
 }
 
-/// The same lens as another model: what that model starts from. Its poses are those of the lens.
-pub(super) fn restarted(model: &CameraModel, distortion: Distortion) -> CameraModel {
+/// Initial values of another model for the same lens. The poses are those of the lens.
+pub(super) fn with_distortion(model: &CameraModel, distortion: Distortion) -> CameraModel {
     CameraModel {
         distortion,
         ..*model

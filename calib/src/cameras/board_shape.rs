@@ -1,24 +1,25 @@
-//! Whether targets are flat.
+//! Shape of the targets: departure from a plane.
 //!
-//! Contract: a target is taken to be bent only when the pictures prove it: its points are moved out of its
-//! plane by `c₁ (u² - ⟨u²⟩) + c₂ (v² - ⟨v²⟩) + c₃ u v`, u and v from -1 to 1 over its corners, and everything is
-//! adjusted again. Where that explains the pictures much better and the bend is not too small to matter, it
-//! is kept. Sheets of paper on a board do this; wrinkles are not modelled.
+//! Contract: a target is taken as curved only if the images prove it. Its points are moved out of
+//! its plane by `c₁ (u² - ⟨u²⟩) + c₂ (v² - ⟨v²⟩) + c₃ u v`, u and v from -1 to 1 over its corners,
+//! and the bundle adjustment is repeated. The shape is used if it explains the observations much
+//! better and is large enough to matter. Sheets of paper on a board have this shape; wrinkles are
+//! not modelled.
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::{AdjustError, Target};
 use crate::adjust::{Problem, Settings, Solution, by_points, solve};
 
-/// Rounds of bending and adjusting.
+/// Rounds of shape estimation and bundle adjustment.
 const ROUNDS: usize = 4;
-/// The cost must fall by at least this (a tenth of it is a chance of 1 in 10^4 for three numbers) and by
-/// at least this share.
-const LEAST_FALL: (f64, f64) = (60.0, 0.01);
-/// A bend of less than this between middle and rim is left alone, m.
-const LEAST_SAGITTA_M: f64 = 2e-4;
+/// Minimum decrease of the cost (a tenth of it is a chance of 1 in 10^4 for three parameters), and
+/// minimum relative decrease.
+const MIN_COST_DECREASE: (f64, f64) = (60.0, 0.01);
+/// Minimum sagitta, m: smaller shapes are ignored.
+const MIN_SAGITTA_M: f64 = 2e-4;
 
-/// Where a target's corners are in its own plane.
+/// Extent of a target's corners in its own plane.
 struct Extent {
     middle: [f64; 2],
     half: [f64; 2],
@@ -59,8 +60,8 @@ impl Extent {
     }
 }
 
-/// The solution with bent targets where pictures prove them, and how high the middle of each is over its
-/// rim. `of_view` names the target of each view.
+/// The solution with curved targets where the images prove them, and the sagitta of each target (z
+/// of its middle minus z of its rim, m). `of_view` is the target of each view.
 pub(super) fn refine(
     solution: Solution,
     targets: &[Target],
@@ -72,59 +73,59 @@ pub(super) fn refine(
         tolerance: 1e-6,
         ..Settings::default()
     };
-    let mut bends = vec![Vector3::zeros(); targets.len()];
-    let mut tried = solution.clone();
+    let mut shapes_m = vec![Vector3::zeros(); targets.len()];
+    let mut refined = solution.clone();
     for _ in 0..ROUNDS {
-        let steps = steps(&tried, &extents, of_view);
-        for (bend, step) in bends.iter_mut().zip(steps) {
-            *bend += step;
+        let shape_steps = shape_steps(&refined, &extents, of_view);
+        for (shape, step) in shapes_m.iter_mut().zip(shape_steps) {
+            *shape += step;
         }
-        let problem = bent(&tried.problem, &extents, of_view, &bends);
-        tried = solve(&problem, &quick)?;
+        let problem = with_board_shape(&refined.problem, &extents, of_view, &shapes_m);
+        refined = solve(&problem, &quick)?;
     }
-    // Both in the sigmas of the better one.
-    let fall = solution.cost * (solution.scale / tried.scale).powi(2) - tried.cost;
-    let sagitta = |bend: &Vector3<f64>| -(bend.x + bend.y);
-    let largest = |bend: &Vector3<f64>| bend.x.abs() + bend.y.abs() + bend.z.abs();
-    let (least, share) = LEAST_FALL;
-    let proven = fall > least && fall > share * tried.cost;
-    let matter: Vec<bool> = bends
+    // Both costs in the sigmas of the better solution.
+    let decrease = solution.cost * (solution.scale / refined.scale).powi(2) - refined.cost;
+    let sagitta = |shape: &Vector3<f64>| -(shape.x + shape.y);
+    let largest = |shape: &Vector3<f64>| shape.x.abs() + shape.y.abs() + shape.z.abs();
+    let (least, share) = MIN_COST_DECREASE;
+    let proven = decrease > least && decrease > share * refined.cost;
+    let significant: Vec<bool> = shapes_m
         .iter()
-        .map(|b| proven && largest(b) > LEAST_SAGITTA_M)
+        .map(|b| proven && largest(b) > MIN_SAGITTA_M)
         .collect();
-    if !matter.contains(&true) {
+    if !significant.contains(&true) {
         return Ok((solution, vec![0.0; targets.len()]));
     }
-    for (bend, matters) in bends.iter_mut().zip(matter) {
+    for (shape, matters) in shapes_m.iter_mut().zip(significant) {
         if !matters {
-            *bend = Vector3::zeros();
+            *shape = Vector3::zeros();
         }
     }
-    let problem = bent(&tried.problem, &extents, of_view, &bends);
+    let problem = with_board_shape(&refined.problem, &extents, of_view, &shapes_m);
     let solution = solve(&problem, &Settings::default())?;
-    let sagitta = bends.iter().map(sagitta).collect();
+    let sagitta = shapes_m.iter().map(sagitta).collect();
     Ok((solution, sagitta))
 }
 
-fn bent(
+fn with_board_shape(
     problem: &Problem,
     extents: &[Extent],
     of_view: &[usize],
-    bends: &[Vector3<f64>],
+    shapes_m: &[Vector3<f64>],
 ) -> Problem {
     let mut problem = problem.clone();
     for (view, &target) in problem.views.iter_mut().zip(of_view) {
         for point in &mut view.points {
-            point.x_in_target[2] = bends[target].dot(&extents[target].shapes(point.x_in_target));
+            point.x_in_target[2] = shapes_m[target].dot(&extents[target].shapes(point.x_in_target));
         }
     }
     problem
 }
 
-/// By how much more each target is bent, everything else held.
-fn steps(solution: &Solution, extents: &[Extent], of_view: &[usize]) -> Vec<Vector3<f64>> {
+/// Update of each target's shape with everything else fixed.
+fn shape_steps(solution: &Solution, extents: &[Extent], of_view: &[usize]) -> Vec<Vector3<f64>> {
     let mut information = vec![Matrix3::<f64>::zeros(); extents.len()];
-    let mut pull = vec![Vector3::zeros(); extents.len()];
+    let mut gradient = vec![Vector3::zeros(); extents.len()];
     let views = solution
         .problem
         .views
@@ -145,15 +146,15 @@ fn steps(solution: &Solution, extents: &[Extent], of_view: &[usize]) -> Vec<Vect
             let (jx, jy) = (by[(0, 2)], by[(1, 2)]);
             let weight = 1.0 / (sigma * sigma);
             information[target] += shapes * shapes.transpose() * (weight * (jx * jx + jy * jy));
-            pull[target] -= shapes * (weight * (jx * dx + jy * dy));
+            gradient[target] -= shapes * (weight * (jx * dx + jy * dy));
         }
     }
-    let solved = information.into_iter().zip(pull);
+    let solved = information.into_iter().zip(gradient);
     solved
-        .map(|(information, pull)| {
+        .map(|(information, gradient)| {
             information
                 .cholesky()
-                .map_or_else(Vector3::zeros, |c| c.solve(&pull))
+                .map_or_else(Vector3::zeros, |c| c.solve(&gradient))
         })
         .collect()
 }
