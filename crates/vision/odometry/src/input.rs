@@ -22,7 +22,7 @@ pub struct View<'a> {
     pub right: Grey<'a>,
     /// Which pixels of the left eye's picture may be followed, rows first: 0 may not, since something moves there. None for all:
     /// what moves is found out by its going elsewhere, too.
-    pub usable: Option<&'a [u8]>,
+    pub mask: Option<&'a [u8]>,
 }
 
 /// One reading of an IMU, in its own frame.
