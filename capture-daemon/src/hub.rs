@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use bytes::Bytes;
-use machine::ladder::Measures;
+use machine::ladder::Mitigations;
 use session_archive::record::paws::gap::Cause;
 use session_archive::record::{ClockMap as ClockMapRecord, Frame, ImuBatch};
 use session_archive::time::{HostTime, NS_PER_S};
@@ -212,7 +212,7 @@ pub struct Hub {
     waits: bool,
     health_at: Option<HostTime>,
     previews: Option<Arc<Previews>>,
-    measures: Measures,
+    measures: Mitigations,
     relief: Relief,
     /// What is said of encoders that cannot keep up.
     relief_alarm: Option<String>,
@@ -344,7 +344,7 @@ impl Hub {
             waits,
             health_at: None,
             previews: None,
-            measures: Measures::default(),
+            measures: Mitigations::default(),
             relief,
             relief_alarm: None,
             inbox_fill: 0.0,
@@ -359,7 +359,7 @@ impl Hub {
     }
 
     /// Does this to spare the machine from now on.
-    pub fn spare(&mut self, measures: Measures) {
+    pub fn spare(&mut self, measures: Mitigations) {
         if measures != self.measures {
             self.measures = measures;
             self.ease();

@@ -129,7 +129,7 @@ fn machine(report: &mut Writer) {
     for told in [
         serde_json::to_string(&heat),
         serde_json::to_string(&power),
-        serde_json::to_string(&clock::look()),
+        serde_json::to_string(&clock::read()),
         serde_json::to_string(&clock::discipline(&roots)),
     ]
     .into_iter()

@@ -228,7 +228,7 @@ impl Judge<'_> {
             false => format!(
                 "{}; to mend it: {}",
                 without.join(", "),
-                calib::mend::after()
+                calib::remedy::after_recording()
             ),
         };
         self.find(
@@ -455,12 +455,12 @@ impl Judge<'_> {
         let detail = match (unplaced.is_empty(), described) {
             (false, _) => {
                 let names = unplaced.join(", ");
-                format!("{names}; to mend it: {}", calib::mend::after())
+                format!("{names}; to mend it: {}", calib::remedy::after_recording())
             }
             (true, true) => "all on the rig".to_owned(),
             (true, false) => format!(
                 "eyes only; no rig file told where the cameras are, which `{}` finds",
-                calib::mend::CALIBRATE
+                calib::remedy::CALIBRATE
             ),
         };
         self.find("rig.transforms", "rig", unplaced.len() as f64, 0.0, &detail);

@@ -232,7 +232,7 @@ fn rig(config: &Config, report: &mut Report) {
         report.warning(format!(
             "no rig file: sessions will not tell how the cameras are placed; `{}` makes one of boards alone: \
              file = \"calibration/rig.toml\" in [rig]",
-            calib::mend::CALIBRATE
+            calib::remedy::CALIBRATE
         ));
         return;
     };
@@ -400,7 +400,7 @@ fn source(
             .warning("a synthetic camera has no lenses: what it records cannot be reconstructed"),
         None => report.warning(format!(
             "its lenses are not known: {}",
-            calib::mend::before(&camera.name)
+            calib::remedy::before_recording(&camera.name)
         )),
     }
     for note in notes {

@@ -411,9 +411,9 @@ fn a_machine_is_spared_by_leaving_out_every_other_picture() {
     let mut bench = bench();
     let at = |i: i64| START + i * 50 * MS;
     for i in 0..10 {
-        bench.hub.spare(Measures {
+        bench.hub.spare(Mitigations {
             lower_frame_rate: i >= 4,
-            ..Measures::default()
+            ..Mitigations::default()
         });
         bench.frame(i as u64, at(i));
     }

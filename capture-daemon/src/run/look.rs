@@ -62,8 +62,8 @@ impl Looker {
             // What others write now says nothing about a recording that may begin.
             self.disk.begin_recording();
         }
-        let disk = self.disk.judge(now.0, &disk::look(&self.folder));
-        let looked = clock::look();
+        let disk = self.disk.judge(now.0, &disk::read(&self.folder));
+        let looked = clock::read();
         let (state, clock_events) = self.clock.judge(&looked);
         let step_ns = clock_events.iter().find_map(|event| match event {
             ClockEvent::Step { by_ns } => Some(*by_ns),

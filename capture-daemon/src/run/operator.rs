@@ -10,8 +10,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
 use operator::button::DevPort;
-use operator::gesture::{Settings, Target, Wish, Wished};
-use operator::listener::{Heard, Listener};
+use operator::gesture::{Settings, Target, Command, Wished};
+use operator::listener::{ButtonEvent, Listener};
 use operator::panel::Panel;
 use operator::signal::{Once, Phase, Status as Shown, Warning};
 use operator::{Clock, beeper, light};
@@ -98,13 +98,13 @@ impl Operator {
 }
 
 impl Hand {
-    fn hear(&self, button: &str, heard: Heard) {
+    fn hear(&self, button: &str, heard: ButtonEvent) {
         match heard {
-            Heard::Wished(wished) => self.fulfil(wished),
-            Heard::Gone(error) => {
+            ButtonEvent::Wished(wished) => self.fulfil(wished),
+            ButtonEvent::Disconnected(error) => {
                 log::warn!("the button {button} is gone: {}", with_causes(&error));
             }
-            Heard::Back(device) => log::info!("the button {button} is {device}"),
+            ButtonEvent::Reconnected(device) => log::info!("the button {button} is {device}"),
         }
         self.show();
     }
@@ -112,27 +112,27 @@ impl Hand {
     fn fulfil(&self, wished: Wished) {
         let at = HostTime(wished.at_ns);
         self.question
-            .store(matches!(wished.wish, Wish::Ask(_)), Ordering::SeqCst);
+            .store(matches!(wished.wish, Command::Ask(_)), Ordering::SeqCst);
         let (request, done) = match wished.wish {
             // That it began is shown by the state.
-            Wish::Start => (
+            Command::Start => (
                 Request::Start {
                     name: String::new(),
                 },
                 None,
             ),
-            Wish::Stop => (Request::Stop, None),
-            Wish::Mark => (
+            Command::Stop => (Request::Stop, None),
+            Command::Mark => (
                 Request::Mark {
                     text: String::new(),
                     at: Some(at),
                 },
                 Some(Once::Marked),
             ),
-            Wish::Discard(Target::This) => (Request::Discard, Some(Once::Discarded)),
-            Wish::Discard(Target::Last) => (Request::DiscardLast, Some(Once::Discarded)),
-            Wish::Ask(_) | Wish::Cancelled | Wish::Freed => return,
-            Wish::Stuck => return log::warn!("the button is held down, or stuck"),
+            Command::Discard(Target::This) => (Request::Discard, Some(Once::Discarded)),
+            Command::Discard(Target::Last) => (Request::DiscardLast, Some(Once::Discarded)),
+            Command::Ask(_) | Command::Cancelled | Command::Freed => return,
+            Command::Stuck => return log::warn!("the button is held down, or stuck"),
         };
         match ask(&self.shared, request, SOURCE) {
             Response::Ok { .. } => {

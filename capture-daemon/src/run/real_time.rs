@@ -16,7 +16,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow, bail};
-use machine::ladder::Measures;
+use machine::ladder::Mitigations;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, NS_PER_S};
 
@@ -108,7 +108,7 @@ pub(super) struct Shared {
     /// Whether frames are kept before a session begins.
     has_pre_roll: bool,
     /// What is done to spare the machine.
-    measures: Mutex<Measures>,
+    measures: Mutex<Mitigations>,
     /// The newest picture of each camera.
     previews: Arc<Previews>,
     outcome: Outcome,

@@ -167,7 +167,7 @@ fn input(manifest: &Manifest, told: &ToldRig, targets: Vec<Board>, seen: Seen) -
     let mut input = Input {
         targets,
         times_ns: seen.times_ns,
-        sightings: seen.sightings,
+        detections: seen.sightings,
         ..Input::default()
     };
     for (number, camera) in manifest.cameras.iter().enumerate() {
@@ -207,11 +207,11 @@ fn format_of(set: &CameraSet) -> Format {
 fn stereo(found: &Calibration) -> Vec<(String, CameraSet)> {
     let cameras = found.input.cameras.iter().enumerate();
     let of = |(number, camera): (usize, &Camera)| {
-        let (right, place) = (camera.right?, found.places.pairs[number]?);
+        let (right, place) = (camera.right?, found.poses.pairs[number]?);
         let set = CameraSet::of_stereo(&StereoCalibration {
             left: *found.lens(camera.left),
             right: *found.lens(right),
-            right_from_left: found.place(place).0.inverse(),
+            right_from_left: found.pose(place).0.inverse(),
             imu: None,
             provenance: CalibProvenance {
                 format: None,
@@ -261,7 +261,7 @@ fn calibrated(told: &ToldRig, found: &Calibration, manifest: &Manifest) -> Resul
 fn joints(found: &Calibration) -> Result<Vec<Joint>> {
     let mut joints = Vec::new();
     let mut put = |parent: &Frame, child: &Frame, place: usize| {
-        let (parent_from_child, covariance) = found.place(place);
+        let (parent_from_child, covariance) = found.pose(place);
         joints.push(Joint {
             parent: parent.clone(),
             child: child.clone(),
@@ -272,10 +272,10 @@ fn joints(found: &Calibration) -> Result<Vec<Joint>> {
     for (number, camera) in found.input.cameras.iter().enumerate() {
         let left = Frame::of_camera(&camera.name, FramePart::Left)?;
         let right = Frame::of_camera(&camera.name, FramePart::Right)?;
-        if let Some(place) = found.places.cameras[number] {
+        if let Some(place) = found.poses.cameras[number] {
             put(&Frame::rig(), &left, place);
         }
-        if let Some(place) = found.places.pairs[number] {
+        if let Some(place) = found.poses.pairs[number] {
             put(&left, &right, place);
         }
     }

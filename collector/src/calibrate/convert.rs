@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use calib::convert::convert_within;
-use calib::read::recognised;
+use calib::read::detect_format;
 use calib::{CameraSet, Format, LensModel, Note, read_cameras, write_cameras, zed_conf};
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
@@ -134,7 +134,7 @@ pub fn run(options: &Options, console: &mut Console<'_>) -> Result<Outcome> {
 fn read(options: &Options) -> Result<(CameraSet, Vec<Note>)> {
     let mut unchecked = None;
     if let Some(serial) = &options.serial {
-        let (_, file) = recognised(&options.source)?;
+        let (_, file) = detect_format(&options.source)?;
         match zed_conf::serial_in_name(&file) {
             Some(_) => zed_conf::expect_serial(&file, serial)?,
             None => unchecked = Some(Note(SERIAL_NOT_CHECKED.to_owned())),

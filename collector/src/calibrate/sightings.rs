@@ -8,8 +8,8 @@ use std::sync::{Mutex, PoisonError};
 use std::thread;
 
 use anyhow::{Context, Result, bail};
-use calib::cameras::Sighting;
-use calib::target::{self, GreyView, Target as Board};
+use calib::cameras::TargetDetection;
+use calib::target::{self, ImageView, Target as Board};
 use session_archive::index::{Access, FrameEntry, Index};
 use session_archive::reader::SessionReader;
 use session_archive::verify::rig_file;
@@ -23,7 +23,7 @@ pub struct Seen {
     /// Time of each instant, ns: of the frame sets.
     pub times_ns: Vec<i64>,
     /// Targets in pictures; eye `2 n` is the left one of camera `n` of the manifest.
-    pub sightings: Vec<Sighting>,
+    pub sightings: Vec<TargetDetection>,
     /// Pictures that were looked at, per eye.
     pub pictures: u64,
     /// Pictures that could not be decoded.
@@ -91,18 +91,18 @@ pub fn look(
         }
         let bytes = frames.frames.iter().map(|f| u64::from(f.bytes)).sum();
         let progress = console.progress(&format!("looking for targets: {}", camera.name), bytes);
-        let found: Mutex<Vec<Sighting>> = Mutex::new(Vec::new());
+        let found: Mutex<Vec<TargetDetection>> = Mutex::new(Vec::new());
         let visit = |frame: &FrameEntry, picture: &Picture| {
             let Some(&instant) = instants.get(&frame.number) else {
                 return Ok(());
             };
             for (side, view) in halves(picture).into_iter().enumerate() {
                 let detections = target::detect_all(&view, boards, &target::Settings::default());
-                let mut own: Vec<Sighting> = detections
+                let mut own: Vec<TargetDetection> = detections
                     .into_iter()
                     .enumerate()
                     .filter(|(_, d)| !d.corners.is_empty())
-                    .map(|(target, d)| Sighting {
+                    .map(|(target, d)| TargetDetection {
                         instant,
                         eye: 2 * number + side,
                         target,
@@ -127,12 +127,12 @@ pub fn look(
 }
 
 /// The grey left and right half of a stereo frame.
-pub fn halves(picture: &Picture) -> Vec<GreyView<'_>> {
+pub fn halves(picture: &Picture) -> Vec<ImageView<'_>> {
     let (width, height) = (picture.width as usize, picture.height as usize);
     let luma = &picture.data[..width * height];
     let half = width / 2;
     [luma, &luma[half..]]
         .into_iter()
-        .filter_map(|pixels| GreyView::new(half, height, width, pixels))
+        .filter_map(|pixels| ImageView::new(half, height, width, pixels))
         .collect()
 }

@@ -113,7 +113,7 @@ pub fn run(options: &Options, console: &mut Console<'_>) -> Result<Outcome> {
         paper.width_mm,
         paper.height_mm
     ))?;
-    if target.looks_the_same_turned() {
+    if target.is_rotationally_symmetric() {
         console.line(
             "note: this chessboard looks the same after half a turn; an even and an odd number of inner corners would not",
         )?;

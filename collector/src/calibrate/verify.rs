@@ -15,8 +15,8 @@ use anyhow::{Context, Result, ensure};
 use cad_transforms::output::{Existing, write};
 use cad_transforms::{Frame, FramePart};
 use calib::verify::{
-    Burst, Camera, Finding as Found, Follower, Grey, Gyro, State, StereoPicture, Tolerances,
-    Verification, What, choose_bursts, verify,
+    Burst, Camera, Finding as Found, FeatureTracker, ImageView, Gyro, Status, StereoFrame, Tolerances,
+    Verification, Parameter, choose_bursts, verify,
 };
 use calib::{ImuCalibration, Provenance, StereoCalibration};
 use clap::Args;
@@ -188,7 +188,7 @@ pub fn check(reader: &SessionReader, options: &Options, console: &Console<'_>) -
     let cameras: Vec<Camera<'_>> = (known.iter().zip(&bursts))
         .map(|(known, bursts)| Camera {
             name: &known.camera.name,
-            told: &known.told,
+            nominal: &known.told,
             rig_from_left: rig.rig_from_left(&known.camera.name).map(|t| t.transform),
             joint_sigma_rad: joint(&rig, &known.camera.name),
             line_s: None,
@@ -268,7 +268,7 @@ fn look(
         let (times, access, progress, failure) = (&times, &access, &progress, &failure);
         let one = move |known: &Known<'_>| -> Vec<Burst> {
             let frames = &index.cameras[known.index];
-            let mut follower = Follower::new(&known.told, known.gyro.as_ref());
+            let mut follower = FeatureTracker::new(&known.told, known.gyro.as_ref());
             let mut bursts = Vec::new();
             for burst in times {
                 if let Err(e) = follow(known.camera, frames, access, *burst, &mut follower) {
@@ -299,7 +299,7 @@ fn follow(
     index: &CameraIndex,
     access: &Access,
     [from, to]: [i64; 2],
-    follower: &mut Follower<'_>,
+    follower: &mut FeatureTracker<'_>,
 ) -> Result<()> {
     let first = index.frames.partition_point(|f| f.time_ns < from);
     let last = index.frames.partition_point(|f| f.time_ns <= to);
@@ -308,7 +308,7 @@ fn follow(
         if frame.number % every == 0
             && let Some([left, right]) = eyes(picture)
         {
-            follower.push(&StereoPicture {
+            follower.push(&StereoFrame {
                 time_ns: frame.time_ns,
                 left,
                 right,
@@ -318,11 +318,11 @@ fn follow(
 }
 
 /// The grey left and right half of a stereo frame.
-fn eyes(picture: &Picture) -> Option<[Grey<'_>; 2]> {
+fn eyes(picture: &Picture) -> Option<[ImageView<'_>; 2]> {
     let (width, height) = (picture.width as usize, picture.height as usize);
     let luma = picture.data.get(..width * height)?;
     let half = width / 2;
-    let eye = |pixels| Grey::new(half, height, width, pixels);
+    let eye = |pixels| ImageView::new(half, height, width, pixels);
     Some([eye(luma)?, eye(luma.get(half..)?)?])
 }
 
@@ -330,13 +330,13 @@ impl Checked {
     /// The findings as metrics. What is not determined is left out.
     pub fn findings(&self, limits: &Limits) -> Vec<Finding> {
         let told = self.verification.findings.iter();
-        let told = told.filter(|f| f.state != State::Undetermined);
+        let told = told.filter(|f| f.status != Status::Undetermined);
         let one = |found: &Found| {
-            let (metric, value) = match found.what {
-                What::Eyes => ("calib.eyes", found.beyond.to_degrees()),
-                What::Camera => ("calib.turned", found.beyond.to_degrees()),
-                What::Imu => ("calib.imu_turned", found.beyond.to_degrees()),
-                _ => ("calib.late", found.beyond * 1e9),
+            let (metric, value) = match found.parameter {
+                Parameter::Eyes => ("calib.eyes", found.excess.to_degrees()),
+                Parameter::Camera => ("calib.turned", found.excess.to_degrees()),
+                Parameter::Imu => ("calib.imu_turned", found.excess.to_degrees()),
+                _ => ("calib.late", found.excess * 1e9),
             };
             finding(
                 limits,
@@ -353,7 +353,7 @@ impl Checked {
     /// A finding in words, with what it is against.
     fn words(&self, found: &Found) -> String {
         match &self.revision {
-            Some((_, revision)) if found.state == State::Off && found.what == What::Camera => {
+            Some((_, revision)) if found.status == Status::Inconsistent && found.parameter == Parameter::Camera => {
                 format!("{} since revision {revision}", found.text)
             }
             _ => found.text.clone(),
@@ -369,7 +369,7 @@ impl Checked {
             let eyes = camera.eyes.as_ref().map(|eyes| {
                 format!(
                     "rows of matches {:.2} px off the told epipolar lines, {:.2} px off the best ones ({} matches)",
-                    eyes.told_rms_px, eyes.found_rms_px, eyes.matches
+                    eyes.nominal_rms_px, eyes.found_rms_px, eyes.matches
                 )
             });
             let eyes = eyes.unwrap_or_else(|| "too little matched between the eyes".to_owned());

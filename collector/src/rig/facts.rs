@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use cad_transforms::FieldOfView;
 use cad_transforms::rig::check::{CameraFacts, Facts};
-use calib::read::recognised;
+use calib::read::detect_format;
 use calib::{CalibError, Format, StereoCalibration, zed_conf};
 
 use crate::cli::BadArguments;
@@ -60,7 +60,7 @@ fn size_of(text: &str) -> Option<[u32; 2]> {
 }
 
 fn of_camera(path: &Path, size: Option<[u32; 2]>) -> Result<CameraFacts, CalibError> {
-    let (format, file) = recognised(path)?;
+    let (format, file) = detect_format(path)?;
     let calibration = calibration(path, format, size)?;
     let left = &calibration.left;
     let view = FieldOfView::from_pinhole(

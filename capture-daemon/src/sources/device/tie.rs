@@ -42,7 +42,7 @@ impl Ties {
         if arrival.since(self.told) < TELL_NS {
             return None;
         }
-        let tie = self.sync.tie().ok()?;
+        let tie = self.sync.estimate().ok()?;
         self.told = arrival;
         Some(FrameSync {
             host_time: arrival,

@@ -44,7 +44,7 @@ fn result(found: &CameraImu) -> Json {
     let s = &found.sigmas;
     let rows = found.covariance.row_iter();
     let covariance: Vec<Vec<f64>> = rows.map(|r| r.iter().copied().collect()).collect();
-    let noise = |n: &calib::camera_imu::Noise| json!({ "found_over_told": n.found_over_told, "redundancy": n.redundancy });
+    let noise = |n: &calib::camera_imu::Noise| json!({ "found_over_told": n.ratio_to_nominal, "redundancy": n.redundancy });
     let n = &found.noises;
     json!({
         "verdict": found.verdict().to_string(),
@@ -76,7 +76,7 @@ fn result(found: &CameraImu) -> Json {
             "gyro_walk": noise(&n.gyro_walk),
             "accel_walk": noise(&n.accel_walk),
         },
-        "not_determined": found.weak.iter().map(ToString::to_string).collect::<Vec<_>>(),
+        "not_determined": found.unobservable.iter().map(ToString::to_string).collect::<Vec<_>>(),
         "gates": found.gates.iter().map(|g| json!({
             "name": g.name,
             "verdict": g.verdict.to_string(),

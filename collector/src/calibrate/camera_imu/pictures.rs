@@ -5,8 +5,8 @@ use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, Result};
 use calib::Eye;
-use calib::camera_imu::{Corner, Picture};
-use calib::target::{GreyView, Seen, Settings, Target as Board, detect_all};
+use calib::camera_imu::{Corner, TargetObservation};
+use calib::target::{ImageView, DetectedCorner, Settings, Target as Board, detect_all};
 use session_archive::index::{Access, CameraIndex, FrameEntry};
 use session_archive::manifest::Camera;
 use video::Picture as Decoded;
@@ -18,7 +18,7 @@ use crate::progress::Progress;
 /// What was seen of one board, the one that the camera saw most of.
 pub(super) struct Sightings {
     /// In order of time.
-    pub pictures: Vec<Picture>,
+    pub pictures: Vec<TargetObservation>,
     /// Position of the board; none if none was seen.
     pub board: Option<usize>,
     /// Pictures that could not be decoded.
@@ -49,7 +49,7 @@ pub(super) fn find(
         for (eye, picture) in [left, right].iter().enumerate() {
             let grey = i420_to_grey(picture).context("taking the luma of a picture")?;
             let (width, height) = (grey.width as usize, grey.height as usize);
-            let view = GreyView::new(width, height, width, &grey.data)
+            let view = ImageView::new(width, height, width, &grey.data)
                 .context("a picture's size is not that of its bytes")?;
             let seen = detect_all(&view, boards, &Settings::default());
             for (board, detection) in seen.into_iter().enumerate() {
@@ -92,7 +92,7 @@ pub(super) fn find(
                     })
                 }));
             }
-            Picture { time_ns, corners }
+            TargetObservation { time_ns, corners }
         })
         .collect();
     Ok(Sightings {

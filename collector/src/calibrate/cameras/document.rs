@@ -67,13 +67,13 @@ pub(super) fn places(found: &Calibration) -> Vec<Place> {
     let cameras = &found.input.cameras;
     let mut all = Vec::new();
     for (number, camera) in cameras.iter().enumerate() {
-        if let Some(place) = found.places.pairs[number] {
+        if let Some(place) = found.poses.pairs[number] {
             let what = format!("{0}/right in {0}/left", camera.name);
             let told = camera.left_from_right.as_ref().map(|t| t.transform);
-            all.push(Place::new(what, found.place(place), told));
+            all.push(Place::new(what, found.pose(place), told));
         }
     }
-    let Some(first) = (0..cameras.len()).find(|&c| found.places.cameras[c].is_some()) else {
+    let Some(first) = (0..cameras.len()).find(|&c| found.poses.cameras[c].is_some()) else {
         return all;
     };
     for number in first + 1..cameras.len() {

@@ -1,7 +1,7 @@
 //! The report: may the numbers be used, if not why not, what are they, what do the curves look like.
 
 use calib::allan::fit::Coefficient;
-use calib::imu_noise::{AXES, Weight};
+use calib::imu_noise::{AXES, Severity};
 use charts::{Cell, Page, Table, Verdict};
 use session_archive::manifest::Manifest;
 
@@ -11,8 +11,8 @@ use super::{Measured, plots};
 pub(super) fn html(manifest: &Manifest, all: &[Measured]) -> String {
     let weights = all
         .iter()
-        .flat_map(|imu| &imu.found.remarks)
-        .map(|r| r.weight);
+        .flat_map(|imu| &imu.found.findings)
+        .map(|r| r.severity);
     let verdict = weights.max().map_or(Verdict::Pass, badge);
     let session = match manifest.name.as_str() {
         "" => manifest.session_id.clone(),
@@ -27,10 +27,10 @@ pub(super) fn html(manifest: &Manifest, all: &[Measured]) -> String {
     for imu in all {
         page = page.section(&imu.recording.name);
         page = page.text(&format!("{}. {}.", imu.recording.source, summary(imu)));
-        for remark in &imu.found.remarks {
+        for remark in &imu.found.findings {
             let text = format!("{}: {}", remark.kind, remark.text);
-            page = match remark.weight {
-                Weight::Note => page.text(&text),
+            page = match remark.severity {
+                Severity::Note => page.text(&text),
                 weight => page.finding(badge(weight), &text),
             };
         }
@@ -68,10 +68,10 @@ pub(super) fn html(manifest: &Manifest, all: &[Measured]) -> String {
     page.to_html()
 }
 
-fn badge(weight: Weight) -> Verdict {
+fn badge(weight: Severity) -> Verdict {
     match weight {
-        Weight::Note => Verdict::Pass,
-        Weight::Doubt => Verdict::Warn,
-        Weight::Refusal => Verdict::Fail,
+        Severity::Note => Verdict::Pass,
+        Severity::Warn => Verdict::Warn,
+        Severity::Fail => Verdict::Fail,
     }
 }

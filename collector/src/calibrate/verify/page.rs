@@ -1,6 +1,6 @@
 //! The report: is it still true, what was found of each number, and what it looks like.
 
-use calib::verify::{CameraFound, Finding as Found};
+use calib::verify::{CameraEstimate, Finding as Found};
 use charts::{Axis, Bins, Cell, Chart, Page, Series, Table, Verdict as Badge};
 use session_archive::handoff::Verdict;
 use session_archive::manifest::Manifest;
@@ -31,7 +31,7 @@ pub(super) fn html(
         "Against {against}. {} bursts of pictures, and all samples of the gyroscopes. A number is off where it differs \
          by more than two sigmas of its tolerance and {} sigmas of the measurement together.",
         checked.bursts,
-        calib::verify::SURE
+        calib::verify::DETECTION_SIGMA
     ));
     for finding in findings.iter().filter(|f| f.verdict != Verdict::Pass) {
         page = page.finding(badge(finding.verdict), &finding.text);
@@ -56,7 +56,7 @@ pub(super) fn html(
             Cell::from(format!("{}: {}", found.camera, name(found))),
             Cell::number(components(found)),
             Cell::number(shown(found, found.sigma)),
-            Cell::number(shown(found, found.noticed)),
+            Cell::number(shown(found, found.min_detectable)),
             Cell::from(verdict),
         ]);
     }
@@ -85,26 +85,26 @@ fn badge(verdict: Verdict) -> Badge {
 }
 
 fn name(found: &Found) -> &'static str {
-    use calib::verify::What;
-    match found.what {
-        What::Eyes => "right eye",
-        What::Camera => "on the plate",
-        What::Imu => "IMU in the camera",
-        What::Pictures => "times of pictures",
-        What::Samples => "times of IMU samples",
-        What::Clock => "clock",
+    use calib::verify::Parameter;
+    match found.parameter {
+        Parameter::Eyes => "right eye",
+        Parameter::Camera => "on the plate",
+        Parameter::Imu => "IMU in the camera",
+        Parameter::ImageTime => "times of pictures",
+        Parameter::ImuTime => "times of IMU samples",
+        Parameter::Clock => "clock",
     }
 }
 
 fn shown(found: &Found, value: f64) -> String {
-    match found.what.is_turn() {
+    match found.parameter.is_rotation() {
         true => format!("{:.3}\u{b0}", value.to_degrees()),
         false => format!("{:.2} ms", value * 1e3),
     }
 }
 
 fn components(found: &Found) -> String {
-    let all: Vec<String> = found.found.iter().map(|v| shown(found, *v)).collect();
+    let all: Vec<String> = found.estimate.iter().map(|v| shown(found, *v)).collect();
     all.join(", ")
 }
 
@@ -112,7 +112,7 @@ fn components(found: &Found) -> String {
 fn angles(checked: &Checked) -> String {
     let turns = || {
         let all = checked.verification.findings.iter();
-        all.filter(|f| f.what.is_turn() && !f.found.is_empty())
+        all.filter(|f| f.parameter.is_rotation() && !f.estimate.is_empty())
     };
     let names: Vec<String> = turns()
         .map(|f| format!("{} {}", f.camera, name(f)))
@@ -123,18 +123,18 @@ fn angles(checked: &Checked) -> String {
     for (axis, label) in ["x", "y", "z"].iter().enumerate() {
         let values = turns()
             .enumerate()
-            .map(|(i, f)| (i as f64, f.found[axis].to_degrees()));
+            .map(|(i, f)| (i as f64, f.estimate[axis].to_degrees()));
         chart = chart.series(Series::scatter(label, values));
     }
     for (sign, label) in [(1.0, "noticed from"), (-1.0, "noticed from, below")] {
         let off = turns().enumerate();
-        let off = off.map(|(i, f)| (i as f64, sign * f.noticed.to_degrees()));
+        let off = off.map(|(i, f)| (i as f64, sign * f.min_detectable.to_degrees()));
         chart = chart.series(Series::steps(label, off));
     }
     chart.to_svg(WIDTH, HEIGHT)
 }
 
-fn one(mut page: Page, camera: &CameraFound) -> Page {
+fn one(mut page: Page, camera: &CameraEstimate) -> Page {
     match &camera.eyes {
         None => page = page.text("Too little was matched between the eyes."),
         Some(eyes) => {
@@ -144,7 +144,7 @@ fn one(mut page: Page, camera: &CameraFound) -> Page {
                 .y_axis(Axis::linear("matches", "").include(0.0))
                 .series(Series::histogram(
                     "as told",
-                    eyes.told_px.iter().copied(),
+                    eyes.nominal_px.iter().copied(),
                     bins(),
                 ))
                 .series(Series::histogram(
@@ -154,7 +154,7 @@ fn one(mut page: Page, camera: &CameraFound) -> Page {
                 ));
             let caption = format!(
                 "{:.3} px root mean square as told, {:.3} px as found; {} of {} matches.",
-                eyes.told_rms_px, eyes.found_rms_px, eyes.matches, eyes.of
+                eyes.nominal_rms_px, eyes.found_rms_px, eyes.matches, eyes.of
             );
             page = page.figure(&chart.to_svg(WIDTH, HEIGHT), &caption);
         }
@@ -177,10 +177,10 @@ fn one(mut page: Page, camera: &CameraFound) -> Page {
     page.text(&format!(
         "{} of {} moves used. Pictures are stamped {:.2} ms late of the gyroscope, sigma {:.2} ms. A row is exposed \
          {:.1} \u{b5}s after the one above it.",
-        imu.moves,
+        imu.segments,
         imu.of,
-        imu.late_s * 1e3,
-        imu.late_sigma_s * 1e3,
+        imu.time_offset_s * 1e3,
+        imu.time_offset_sigma_s * 1e3,
         imu.line_s * 1e6
     ))
 }

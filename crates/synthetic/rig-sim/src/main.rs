@@ -362,7 +362,7 @@ fn before_boards(settings: &Settings, rig: &Rig, boards: &Boards) -> Result<Simu
     };
     let read = |path: &PathBuf| {
         let target = Target::read(path)?;
-        match target.objection() {
+        match target.invalid_reason() {
             None => anyhow::Ok(target),
             Some((key, why)) => anyhow::bail!("{key} is {why}: {}", path.display()),
         }

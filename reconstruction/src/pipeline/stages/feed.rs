@@ -3,7 +3,7 @@
 //! Contract: cameras and IMUs are those of the rig, in its order; what the rig does not have is left out. Pictures are
 //! decoded a few at a time, whatever the length of the session. What cannot be read is told with the set.
 
-use calib::verify::Grey;
+use calib::verify::ImageView;
 use odometry::input::{FrameSet, ImuSample, View};
 use scene_bundle::outputs::rig::RigModel;
 
@@ -42,13 +42,13 @@ fn borrowed(view: &input::View) -> View<'_> {
         time_ns: view.time.ns(),
         left: grey(&view.left),
         right: grey(&view.right),
-        usable: None,
+        mask: None,
     }
 }
 
-fn grey(picture: &Picture) -> Grey<'_> {
+fn grey(picture: &Picture) -> ImageView<'_> {
     let (width, height) = (picture.width as usize, picture.height as usize);
-    Grey::new(width, height, width, &picture.data).expect("a decoded picture of luma is whole")
+    ImageView::new(width, height, width, &picture.data).expect("a decoded picture of luma is whole")
 }
 
 /// All frame sets of a hand-off, in order of time.

@@ -6,7 +6,7 @@
 //! far from where it was told to be was moved, which is said. If the adjustment does not converge, which is said too, all poses keep
 //! their causal covariance and cameras stay where they were told to be. Pictures are not read again.
 
-use ::odometry::mapping::{Progress, Tie, between};
+use ::odometry::mapping::{Progress, Connectivity, interpolate_poses};
 use ::odometry::{Adjusted, ImuSample, Mapping};
 use cad_transforms::RigidTransform;
 use scene_bundle::outputs::rig::RigModel;
@@ -78,7 +78,7 @@ impl Stage<Input> for MappingStage {
         }
         let adjusted = mapping.solve(|progress| match progress {
             Progress::Adjusted { rounds, most } => work.progress(rounds as u64, most as u64),
-            Progress::Looked { done, all } => work.progress(done as u64, all as u64),
+            Progress::SearchingLoops { done, all } => work.progress(done as u64, all as u64),
         });
         work.note(format!(
             "{} keyframes, {} landmarks, {} places seen again",
@@ -138,7 +138,7 @@ fn finished(causal: &Trajectory, adjusted: &Adjusted) -> Vec<Pose> {
     let lost: Vec<(i64, bool)> = (causal.poses().iter())
         .map(|p| (p.time_ns, p.status == Status::Lost))
         .collect();
-    let moved = between(&times, &keys);
+    let moved = interpolate_poses(&times, &keys);
     let ties = adjusted.ties(&lost);
     let poses = causal.poses().iter().zip(moved).zip(ties);
     poses

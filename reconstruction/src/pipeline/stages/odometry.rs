@@ -4,7 +4,7 @@
 //! cannot be read are losses and are carried by the IMU. Memory does not grow with the
 //! session.
 
-use ::odometry::{Odometry, Settings, Status};
+use ::odometry::{Odometry, Config, Status};
 use cad_transforms::{Covariance, RigidTransform};
 use scene_bundle::outputs::tracks::{MarkedCorner, SeenCorner, TrackedKeyframe, TracksWriter};
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
@@ -23,8 +23,8 @@ pub(super) struct OdometryStage {
 }
 
 /// Settings of odometry for a preset of the pipeline.
-pub(super) fn settings(preset: Preset) -> Settings {
-    Settings::preset(match preset {
+pub(super) fn settings(preset: Preset) -> Config {
+    Config::preset(match preset {
         Preset::Fast => ::odometry::Preset::Fast,
         Preset::Balanced => ::odometry::Preset::Balanced,
         Preset::Accurate => ::odometry::Preset::Accurate,
@@ -32,14 +32,14 @@ pub(super) fn settings(preset: Preset) -> Settings {
 }
 
 /// The same as numbers, for the manifest.
-pub(super) fn told(settings: &Settings) -> Value {
+pub(super) fn told(settings: &Config) -> Value {
     json!({
-        "corners": settings.corners,
-        "frames": settings.frames,
+        "corners": settings.max_features,
+        "frames": settings.window_size,
         "rounds": settings.rounds,
-        "every": settings.every,
-        "parallax_px": settings.parallax_px,
-        "sigma_px": settings.sigma_px,
+        "every": settings.optimize_every_frame,
+        "parallax_px": settings.keyframe_parallax_px,
+        "sigma_px": settings.observation_sigma_px,
     })
 }
 
@@ -116,7 +116,7 @@ impl Stage<Input> for OdometryStage {
         if lost > 0 {
             work.lose(format!("{lost} of {all} poses are not known"));
         }
-        for shift in odometry.shifts() {
+        for shift in odometry.camera_shifts() {
             work.lose(format!(
                 "camera {} seems to have been turned by {:.1} degrees on its plate at {} ns",
                 model.cameras[shift.camera].name,
@@ -151,7 +151,7 @@ pub(super) fn covariance(matrix: &nalgebra::Matrix6<f64>) -> Option<Covariance> 
 
 fn written(keyframe: &::odometry::Keyframe) -> TrackedKeyframe {
     let state = &keyframe.state;
-    let q = state.turn;
+    let q = state.rotation;
     let world_from_body = RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], state.position.into())
         .expect("the state of a keyframe is a pose");
     TrackedKeyframe {
@@ -161,10 +161,10 @@ fn written(keyframe: &::odometry::Keyframe) -> TrackedKeyframe {
         velocity: state.velocity.into(),
         gyro_bias: state.gyro_bias.into(),
         accel_bias: state.accel_bias.into(),
-        read_rate: state.read_rate.into(),
-        is_felt: keyframe.is_felt,
-        after_s: keyframe.after_s.clone(),
-        seen: (keyframe.seen.iter())
+        read_rate: state.gyro_rate.into(),
+        is_felt: keyframe.imu_valid,
+        after_s: keyframe.exposure_offset_s.clone(),
+        seen: (keyframe.observations.iter())
             .map(|s| SeenCorner {
                 track: s.id,
                 camera: s.camera,
@@ -190,16 +190,16 @@ pub(super) fn read(keyframe: TrackedKeyframe) -> ::odometry::Keyframe {
         state: ::odometry::keyframe::BodyState {
             time_ns: keyframe.time_ns,
             position: *keyframe.world_from_body.translation(),
-            turn: *keyframe.world_from_body.rotation(),
+            rotation: *keyframe.world_from_body.rotation(),
             velocity: keyframe.velocity.into(),
             gyro_bias: keyframe.gyro_bias.into(),
             accel_bias: keyframe.accel_bias.into(),
-            read_rate: keyframe.read_rate.into(),
+            gyro_rate: keyframe.read_rate.into(),
         },
-        is_felt: keyframe.is_felt,
-        after_s: keyframe.after_s,
-        seen: (keyframe.seen.iter())
-            .map(|s| ::odometry::keyframe::Seen {
+        imu_valid: keyframe.is_felt,
+        exposure_offset_s: keyframe.after_s,
+        observations: (keyframe.seen.iter())
+            .map(|s| ::odometry::keyframe::StereoObservation {
                 id: s.track,
                 camera: s.camera,
                 left: s.left_px,
@@ -207,11 +207,11 @@ pub(super) fn read(keyframe: TrackedKeyframe) -> ::odometry::Keyframe {
             })
             .collect(),
         marks: (keyframe.marks.iter())
-            .map(|m| ::odometry::keyframe::Mark {
+            .map(|m| ::odometry::keyframe::Keypoint {
                 camera: m.camera,
                 left: m.left_px,
                 rho: m.inverse_range,
-                looks: m.looks,
+                descriptor: m.looks,
             })
             .collect(),
     }

@@ -142,7 +142,7 @@ pub enum RigStageError {
     #[error(
         "no camera of the session has lenses and a place on the rig: {}; to mend it: {}",
         .0,
-        calib::mend::after()
+        calib::remedy::after_recording()
     )]
     NoCamera(String),
 }
@@ -232,7 +232,7 @@ pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageE
     if cameras.len() < input.manifest().cameras.len() {
         let note = format!(
             "cameras without lenses or a place are left out; to have them: {}",
-            calib::mend::after()
+            calib::remedy::after_recording()
         );
         report.notes.push(note);
     }
@@ -266,8 +266,8 @@ pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageE
     if imus.len() < input.manifest().imus.len() {
         let note = format!(
             "IMUs without a place are left out; to have them: `{}`, then `{}`",
-            calib::mend::PLACE_IMUS,
-            calib::mend::RECONSTRUCT
+            calib::remedy::CALIBRATE_IMUS,
+            calib::remedy::RECONSTRUCT
         );
         report.notes.push(note);
     }

@@ -2,7 +2,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use cad_transforms::rig::Rig;
-use calib::target::{self, GreyView, detect_all};
+use calib::target::{self, ImageView, detect_all};
 
 use super::*;
 use crate::camera::Quality;
@@ -221,7 +221,7 @@ fn corners_are_where_pictures_have_them() {
             let frame = pictures.expose(number, simulation.settings().frame_ns(number));
             for eye in 0..2 {
                 let grey = frame.grey(eye);
-                let view = GreyView::new(672, 376, 672, &grey).unwrap();
+                let view = ImageView::new(672, 376, 672, &grey).unwrap();
                 let found = detect_all(&view, &targets, &target::Settings::default());
                 let is_there = |board: usize, id: u32| {
                     let corners = &found[board].corners;

@@ -5,7 +5,7 @@
 //! What the one shows is therefore drawn as the other one would see it, as if it lay on a plane across the line of sight, before it is looked
 //! for; and the eyes of the other camera must find it as far away as it is known to be.
 
-use calib::verify::Grey;
+use calib::verify::ImageView;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
@@ -170,7 +170,7 @@ fn warp_patch(
             data.push(sample(shown, at)?);
         }
     }
-    let picture = Grey::new(WARP_SIDE_PX, WARP_SIDE_PX, WARP_SIDE_PX, &data)?;
+    let picture = ImageView::new(WARP_SIDE_PX, WARP_SIDE_PX, WARP_SIDE_PX, &data)?;
     Some(Pyramid::new(&picture))
 }
 

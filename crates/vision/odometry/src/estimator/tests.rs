@@ -1,6 +1,6 @@
 //! What is asked of odometry beside poses: at rest, and with an IMU that hardly speaks. A wall of grey noise, 2 m away.
 
-use calib::verify::Grey;
+use calib::verify::ImageView;
 
 use super::*;
 use crate::config::Preset;
@@ -31,9 +31,9 @@ fn picture(shift: usize, noise: u64) -> Vec<u8> {
         .collect()
 }
 
-fn grey(pixels: &[u8]) -> Grey<'_> {
+fn grey(pixels: &[u8]) -> ImageView<'_> {
     let [width, height] = SIZE_PX;
-    Grey::new(width, height, width, pixels).expect("a whole picture")
+    ImageView::new(width, height, width, pixels).expect("a whole picture")
 }
 
 /// Tracks a wall at rest.

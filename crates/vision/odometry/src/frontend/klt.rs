@@ -263,7 +263,7 @@ pub(crate) fn normalized_patch(level: &Level, x: f32, y: f32) -> Option<[f32; PA
 #[cfg(test)]
 mod tests {
     use super::*;
-    use calib::verify::Grey;
+    use calib::verify::ImageView;
 
     /// A smooth random number between 0 and 1: a grid of them, blended.
     fn noise(x: f64, y: f64, cell: f64, seed: u64) -> f64 {
@@ -294,7 +294,7 @@ mod tests {
                 data.push((gain * (40.0 + 50.0 * v)).round() as u8);
             }
         }
-        Pyramid::new(&Grey::new(w as usize, h as usize, w as usize, &data).expect("a picture"))
+        Pyramid::new(&ImageView::new(w as usize, h as usize, w as usize, &data).expect("a picture"))
     }
 
     #[test]
@@ -318,7 +318,7 @@ mod tests {
     fn what_is_not_there_is_not_found() {
         let from = picture(0.0, 0.0, 1.0);
         let blank = vec![90; 200 * 160];
-        let blank = Pyramid::new(&Grey::new(200, 160, 200, &blank).expect("a picture"));
+        let blank = Pyramid::new(&ImageView::new(200, 160, 200, &blank).expect("a picture"));
         assert!(track(&from, &blank, [60.0, 70.0], [60.0, 70.0], 3).is_none());
         assert!(track(&blank, &from, [60.0, 70.0], [60.0, 70.0], 3).is_none());
         // Beyond the border, or nowhere.

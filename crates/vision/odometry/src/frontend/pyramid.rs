@@ -4,7 +4,7 @@
 //! level `k` lies at pixel `2^k i` of the picture, so that coordinates of levels differ by a factor alone. Bytes all the
 //! way: a patch of 8 x 8 is then two cache lines, and rounding moves a corner by less than noise does.
 
-use calib::verify::Grey;
+use calib::verify::ImageView;
 
 /// Levels, and the least side of the last one.
 const MAX_LEVELS: usize = 4;
@@ -26,7 +26,7 @@ pub(crate) struct Pyramid {
 
 impl Pyramid {
     /// Of a picture.
-    pub(crate) fn new(image: &Grey<'_>) -> Self {
+    pub(crate) fn new(image: &ImageView<'_>) -> Self {
         let (width, height) = image.size();
         let mut data = Vec::with_capacity(width * height);
         for y in 0..height {

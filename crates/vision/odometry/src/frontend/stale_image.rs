@@ -87,7 +87,7 @@ impl StaleImageDetector {
 #[cfg(test)]
 mod tests {
     use cad_transforms::RigidTransform;
-    use calib::verify::Grey;
+    use calib::verify::ImageView;
     use nalgebra::Vector3;
 
     use super::*;
@@ -107,7 +107,7 @@ mod tests {
                 ((i % 160 + from) * 37 / 8 + i / 160 * 11 / 4) as u8
             })
             .collect();
-        Pyramid::new(&Grey::new(160, 120, 160, &pixels).expect("a picture"))
+        Pyramid::new(&ImageView::new(160, 120, 160, &pixels).expect("a picture"))
     }
 
     const ALL: usize = 120;
