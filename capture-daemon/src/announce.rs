@@ -18,12 +18,12 @@ pub fn step(text: impl Display) {
 
 /// Says that the first frames of cameras are waited for, and each camera as it comes.
 #[derive(Debug)]
-pub struct Firsts {
+pub struct FirstFrames {
     /// Cameras that have not delivered, in the order of the configuration.
     pending: Vec<String>,
 }
 
-impl Firsts {
+impl FirstFrames {
     /// Waits for these cameras, and says so.
     pub fn wait(cameras: Vec<String>) -> Self {
         step(format_args!(
@@ -34,8 +34,8 @@ impl Firsts {
     }
 
     /// Says which cameras have come since the last look.
-    pub fn look(&mut self, status: &Status) {
-        for name in self.come(status) {
+    pub fn update(&mut self, status: &Status) {
+        for name in self.take_arrived(status) {
             match self.pending.as_slice() {
                 [] => step(format_args!("{name} delivers")),
                 rest => step(format_args!(
@@ -46,17 +46,17 @@ impl Firsts {
         }
     }
 
-    fn come(&mut self, status: &Status) -> Vec<String> {
+    fn take_arrived(&mut self, status: &Status) -> Vec<String> {
         // Counts come once a second; the state knows at once.
         let all = status.state == State::Armed;
         let delivers = |name: &String| {
             let mut streams = status.streams.iter();
             all || streams.any(|stream| stream.name == *name && stream.received > 0)
         };
-        let come = self.pending.iter().filter(|name| delivers(name)).cloned();
-        let come: Vec<String> = come.collect();
-        self.pending.retain(|name| !come.contains(name));
-        come
+        let take_arrived = self.pending.iter().filter(|name| delivers(name)).cloned();
+        let take_arrived: Vec<String> = take_arrived.collect();
+        self.pending.retain(|name| !take_arrived.contains(name));
+        take_arrived
     }
 }
 
@@ -73,17 +73,17 @@ mod tests {
             }))
             .expect("a status")
         };
-        let mut firsts = Firsts::wait(vec!["feet".to_owned(), "left".to_owned()]);
-        assert_eq!(firsts.come(&status(0, 0)), [""; 0]);
-        assert_eq!(firsts.come(&status(0, 2)), ["left"]);
-        assert_eq!(firsts.come(&status(1, 3)), ["feet"]);
-        assert_eq!(firsts.come(&status(2, 4)), [""; 0]);
-        let mut firsts = Firsts::wait(vec!["feet".to_owned()]);
+        let mut first_frames = FirstFrames::wait(vec!["feet".to_owned(), "left".to_owned()]);
+        assert_eq!(first_frames.take_arrived(&status(0, 0)), [""; 0]);
+        assert_eq!(first_frames.take_arrived(&status(0, 2)), ["left"]);
+        assert_eq!(first_frames.take_arrived(&status(1, 3)), ["feet"]);
+        assert_eq!(first_frames.take_arrived(&status(2, 4)), [""; 0]);
+        let mut first_frames = FirstFrames::wait(vec!["feet".to_owned()]);
         let armed = Status {
             state: State::Armed,
             ..status(0, 0)
         };
-        assert_eq!(firsts.come(&armed), ["feet"]);
+        assert_eq!(first_frames.take_arrived(&armed), ["feet"]);
     }
 
     fn stream(name: &str, received: u64) -> serde_json::Value {

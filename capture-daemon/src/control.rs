@@ -189,10 +189,10 @@ pub fn request(path: &Path, request: &Request) -> Result<Response, ControlError>
 
 /// The connections that are open, to be closed when the server ends.
 #[derive(Debug, Default)]
-struct Connections(Mutex<Open>);
+struct Connections(Mutex<OpenConnections>);
 
 #[derive(Debug, Default)]
-struct Open {
+struct OpenConnections {
     next: u64,
     connections: BTreeMap<u64, Connection>,
 }
@@ -200,14 +200,14 @@ struct Open {
 #[derive(Debug)]
 struct Connection {
     stream: UnixStream,
-    doing: Doing,
+    activity: Activity,
     /// Counts up; the lower, the longer it does what it does.
     since: u64,
 }
 
 /// In the order in which they give way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Doing {
+enum Activity {
     /// Waits for a request, or for the rest of one.
     Listening,
     /// Its answer is on the way; the client may not take it.
@@ -216,7 +216,7 @@ enum Doing {
     Handling,
 }
 
-impl Open {
+impl OpenConnections {
     fn count(&mut self) -> u64 {
         self.next += 1;
         self.next
@@ -224,24 +224,24 @@ impl Open {
 }
 
 /// One connection's place among those that are open.
-struct Place {
+struct ConnectionSlot {
     connections: Arc<Connections>,
     number: u64,
 }
 
 impl Connections {
-    fn lock(&self) -> MutexGuard<'_, Open> {
+    fn lock(&self) -> MutexGuard<'_, OpenConnections> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// None when there are too many that are all being served.
-    fn admit(self: &Arc<Self>, stream: &UnixStream) -> io::Result<Option<Place>> {
+    fn admit(self: &Arc<Self>, stream: &UnixStream) -> io::Result<Option<ConnectionSlot>> {
         let stream = stream.try_clone()?;
         let mut open = self.lock();
         if open.connections.len() >= MAX_CONNECTIONS {
             let waiting = open.connections.iter();
-            let waiting = waiting.filter(|(_, c)| c.doing < Doing::Handling);
-            let longest = waiting.min_by_key(|(_, c)| (c.doing, c.since));
+            let waiting = waiting.filter(|(_, c)| c.activity < Activity::Handling);
+            let longest = waiting.min_by_key(|(_, c)| (c.activity, c.since));
             let Some(number) = longest.map(|(number, _)| *number) else {
                 return Ok(None);
             };
@@ -253,30 +253,30 @@ impl Connections {
         let number = open.count();
         let connection = Connection {
             stream,
-            doing: Doing::Listening,
+            activity: Activity::Listening,
             since: number,
         };
         open.connections.insert(number, connection);
-        Ok(Some(Place {
+        Ok(Some(ConnectionSlot {
             connections: self.clone(),
             number,
         }))
     }
 }
 
-impl Place {
+impl ConnectionSlot {
     /// False when it has had to give way.
-    fn now(&self, doing: Doing) -> bool {
+    fn now(&self, activity: Activity) -> bool {
         let mut open = self.connections.lock();
         let since = open.count();
         let connection = open.connections.get_mut(&self.number);
         connection
-            .map(|c| (c.doing, c.since) = (doing, since))
+            .map(|c| (c.activity, c.since) = (activity, since))
             .is_some()
     }
 }
 
-impl Drop for Place {
+impl Drop for ConnectionSlot {
     fn drop(&mut self) {
         self.connections.lock().connections.remove(&self.number);
     }
@@ -366,7 +366,7 @@ fn begin(
     handler: &Arc<impl Fn(Request) -> Response + Send + Sync + 'static>,
 ) -> io::Result<()> {
     stream.set_write_timeout(Some(ANSWER_LIMIT))?;
-    let Some(place) = connections.admit(&stream)? else {
+    let Some(slot) = connections.admit(&stream)? else {
         let message = format!("{MAX_CONNECTIONS} requests are in hand already, try again later");
         // Fits into the socket's buffer, so nothing waits here; the caller may have gone.
         let _ = send(&stream, &Response::Error { message });
@@ -376,7 +376,7 @@ fn begin(
     thread::Builder::new()
         .name("control-conn".into())
         .spawn(move || {
-            if let Err(error) = converse(&stream, &place, &*handler) {
+            if let Err(error) = converse(&stream, &slot, &*handler) {
                 log::debug!("a control connection ended: {error}");
             }
         })?;
@@ -384,14 +384,14 @@ fn begin(
 }
 
 /// Reads with two limits: one for silence before a line, one for the whole line once it has begun.
-struct Patient<'a> {
+struct DeadlineReader<'a> {
     stream: &'a UnixStream,
     clock: &'a dyn Clock,
     /// When the line that has begun must be there.
     deadline: Option<HostTime>,
 }
 
-impl Read for Patient<'_> {
+impl Read for DeadlineReader<'_> {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         let left = match self.deadline {
             None => IDLE_LIMIT,
@@ -414,10 +414,10 @@ impl Read for Patient<'_> {
 
 fn converse(
     stream: &UnixStream,
-    place: &Place,
+    slot: &ConnectionSlot,
     handler: impl Fn(Request) -> Response,
 ) -> io::Result<()> {
-    let mut lines = BufReader::new(Patient {
+    let mut lines = BufReader::new(DeadlineReader {
         stream,
         clock: &RealClock,
         deadline: None,
@@ -439,13 +439,13 @@ fn converse(
             }
             Line::Complete(line) if line.trim_ascii().is_empty() => {}
             Line::Complete(line) => {
-                if !place.now(Doing::Handling) {
+                if !slot.now(Activity::Handling) {
                     return Ok(());
                 }
                 let response = answer(&line).unwrap_or_else(|message| Response::Error { message });
-                place.now(Doing::Answering);
+                slot.now(Activity::Answering);
                 send(stream, &response)?;
-                place.now(Doing::Listening);
+                slot.now(Activity::Listening);
             }
         }
     }

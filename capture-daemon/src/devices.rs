@@ -12,7 +12,7 @@ use v4l2::node::Node;
 use v4l2::{Camera, node};
 use zed::camera::Identity;
 
-use crate::causes::with_causes;
+use crate::error_chain::with_causes;
 use crate::sources::device::camera::key;
 
 /// Where a USB 3 device reports at least so much, Mbit/s.
@@ -81,7 +81,7 @@ pub struct FoundOperator {
 }
 
 /// Looks at everything.
-pub fn look() -> Inventory {
+pub fn inventory() -> Inventory {
     let mut inventory = Inventory::default();
     match node::list(Path::new("/sys"), Path::new("/dev")) {
         Ok(nodes) => {
@@ -148,13 +148,13 @@ fn camera(node: &Node) -> FoundCamera {
             "it is at {speed} Mbit/s, expected {USB3_MBIT}: use a USB 3 port and a USB 3 cable"
         ));
     }
-    if let Err(problem) = ask(&node.path, &mut found) {
+    if let Err(problem) = query(&node.path, &mut found) {
         found.problems.push(problem);
     }
     found
 }
 
-fn ask(path: &Path, found: &mut FoundCamera) -> Result<(), String> {
+fn query(path: &Path, found: &mut FoundCamera) -> Result<(), String> {
     let camera = Camera::open(path).map_err(|error| with_causes(&error))?;
     let modes = camera.modes().map_err(|error| with_causes(&error))?;
     for mode in &modes {
@@ -229,7 +229,7 @@ impl Inventory {
 }
 
 /// Most sizes of one camera that are shown; all of them are in the JSON.
-const SHOWN: usize = 12;
+const MAX_SHOWN_SIZES: usize = 12;
 
 impl fmt::Display for Inventory {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -246,11 +246,15 @@ impl fmt::Display for Inventory {
                 write!(f, " at {speed} Mbit/s")?;
             }
             writeln!(f)?;
-            for mode in camera.modes.iter().take(SHOWN) {
+            for mode in camera.modes.iter().take(MAX_SHOWN_SIZES) {
                 writeln!(f, "      {mode}")?;
             }
-            if camera.modes.len() > SHOWN {
-                writeln!(f, "      and {} more (--json)", camera.modes.len() - SHOWN)?;
+            if camera.modes.len() > MAX_SHOWN_SIZES {
+                writeln!(
+                    f,
+                    "      and {} more (--json)",
+                    camera.modes.len() - MAX_SHOWN_SIZES
+                )?;
             }
             for problem in &camera.problems {
                 writeln!(f, "    ! {problem}")?;
@@ -332,7 +336,7 @@ mod tests {
 
     #[test]
     fn a_look_at_this_machine_ends() {
-        let inventory = look();
+        let inventory = inventory();
         let json = serde_json::to_string(&inventory).unwrap();
         assert!(json.contains("\"cameras\""));
     }

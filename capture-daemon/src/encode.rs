@@ -1,12 +1,12 @@
 //! Encoding one camera's frames, through failures.
 //!
-//! A [`Lane`] takes frames and hands on access units with their companion records, in order. Key
+//! A [`CameraEncoder`] takes frames and hands on access units with their companion records, in order. Key
 //! frames are forced where a chunk of the archive begins. An encoder that fails, or gives nothing for
 //! [`STALL_NS`], is replaced, at once the first time and ever more slowly if that goes on; frames that
 //! were inside it are reported as dropped, never forgotten. Given-up encoders that do not let go are
-//! bounded too: with `MAX_ENDING` of them no other is started ([`Lane::is_failing`] tells).
+//! bounded too: with `MAX_ENDING_ENCODERS` of them no other is started ([`CameraEncoder::is_failing`] tells).
 //!
-//! Frames wait for the encoder in a queue that is bounded in bytes ([`Lane::look_at_fill`]), also for one that is to be
+//! Frames wait for the encoder in a queue that is bounded in bytes ([`CameraEncoder::take_fill`]), also for one that is to be
 //! started again. When it is full, the new frame is dropped whole, before the encoder, so that no other frame depends on
 //! it. Frames in their cameras' own buffers do not wait: the camera needs its buffers back. A full encoder refuses them,
 //! which counts as a full queue.
@@ -30,19 +30,19 @@ const RETRY_NS: i64 = 1_000_000_000;
 /// The longest time between two tries.
 const MAX_RETRY_NS: i64 = 32 * RETRY_NS;
 /// A failure that comes so long after the start is the first one again.
-const FORGIVEN_NS: i64 = 10_000_000_000;
+const FAILURE_RESET_NS: i64 = 10_000_000_000;
 /// Given-up encoders that may be ending at once: each holds its pictures until it is gone, and one that
 /// hangs in its driver never is.
-const MAX_ENDING: usize = 3;
+const MAX_ENDING_ENCODERS: usize = 3;
 /// Virtual time waits for every frame; longer than this in real time is a stuck encoder.
-const VIRTUAL_PATIENCE: Duration = Duration::from_secs(60);
+const VIRTUAL_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// By how much coarser frames are encoded to make fewer bits: half as many, about.
-const SPARED_DB: f64 = 4.0;
+const DEGRADED_QUALITY_DROP_DB: f64 = 4.0;
 /// But no coarser than this.
-const LEAST_DB: f64 = 30.0;
+const MIN_QUALITY_DB: f64 = 30.0;
 /// How long an encoder may take to give what is inside when it is ended for another setting.
-const CHANGE_LIMIT: Duration = Duration::from_secs(5);
+const CHANGE_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Why a frame is dropped that came while no encoder was running.
 const NOT_RUNNING: &str = "no encoder is running";
@@ -81,7 +81,7 @@ pub type Sink = Arc<dyn Fn(Encoded) + Send + Sync>;
 
 /// What the pushing thread and the encoder's threads share. Each encoder has its own, so that a late
 /// word of a replaced one changes nothing.
-struct Inside {
+struct EncoderShared {
     state: Mutex<State>,
     changed: Condvar,
 }
@@ -94,10 +94,10 @@ struct State {
     failure: Option<String>,
     abandoned: bool,
     /// The encoder that made way for this one and may not have given everything yet.
-    before: Option<Arc<Inside>>,
+    before: Option<Arc<EncoderShared>>,
 }
 
-impl Inside {
+impl EncoderShared {
     fn lock(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -105,7 +105,7 @@ impl Inside {
 
 struct Running {
     encoder: Encoder,
-    inside: Arc<Inside>,
+    shared: Arc<EncoderShared>,
     /// What it was last set to.
     effort: Effort,
 }
@@ -125,16 +125,16 @@ struct Waiting {
 
 /// What is made easier for the encoder.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Easier {
+pub struct EffortReduction {
     /// The fastest preset, where there are several: larger files of the same quality.
     pub preset: bool,
     /// Fewer bits: coarser images.
     pub quality: bool,
 }
 
-/// What [`Lane::finish`] does with frames that still wait for the encoder.
+/// What [`CameraEncoder::finish`] does with frames that still wait for the encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Rest {
+pub enum RemainingFrames {
     /// Encodes them.
     Encode,
     /// Reports them as dropped: nobody stores them any more.
@@ -142,7 +142,7 @@ pub enum Rest {
 }
 
 /// One camera's way through its encoder.
-pub struct Lane {
+pub struct CameraEncoder {
     settings: EncoderSettings,
     chunk_ns: i64,
     sink: Sink,
@@ -160,8 +160,8 @@ pub struct Lane {
     retry_at: HostTime,
     /// Given up, and not yet gone.
     ending: Vec<JoinHandle<()>>,
-    wants_key: bool,
-    easier: Easier,
+    key_frame_requested: bool,
+    reduction: EffortReduction,
     waiting: VecDeque<Waiting>,
     waiting_bytes: usize,
     /// Bytes that may wait.
@@ -170,7 +170,7 @@ pub struct Lane {
     refused: bool,
 }
 
-impl Lane {
+impl CameraEncoder {
     /// A lane; the encoder starts with the first frame. Frames of up to `capacity` bytes wait in front of it, one
     /// always.
     pub fn new(settings: EncoderSettings, chunk_ns: i64, capacity: usize, sink: Sink) -> Self {
@@ -191,8 +191,8 @@ impl Lane {
             failures: 0,
             retry_at: HostTime::MIN,
             ending: Vec::new(),
-            wants_key: false,
-            easier: Easier::default(),
+            key_frame_requested: false,
+            reduction: EffortReduction::default(),
         }
     }
 
@@ -204,13 +204,13 @@ impl Lane {
 
     /// Bytes of the frames in front of the encoder and inside.
     pub fn queued_bytes(&self) -> usize {
-        let inside = self.running.as_ref();
-        self.waiting_bytes + inside.map_or(0, |r| r.encoder.queued_bytes())
+        let shared = self.running.as_ref();
+        self.waiting_bytes + shared.map_or(0, |r| r.encoder.queued_bytes())
     }
 
     /// How far the encoder is behind, 0 to 1: how full the queue in front of it is, and 1 if it was too full for a
     /// frame that cannot wait since the last look. What waits for an encoder that is to be started again says nothing.
-    pub fn look_at_fill(&mut self) -> f64 {
+    pub fn take_fill(&mut self) -> f64 {
         if std::mem::take(&mut self.refused) {
             return 1.0;
         }
@@ -226,13 +226,13 @@ impl Lane {
     }
 
     /// Makes it easier for the encoder from the next chunk on, or again as configured.
-    pub fn ease(&mut self, easier: Easier) {
-        self.easier = easier;
+    pub fn reduce_effort(&mut self, reduction: EffortReduction) {
+        self.reduction = reduction;
     }
 
     /// Makes the next frame a key frame.
     pub fn request_key(&mut self) {
-        self.wants_key = true;
+        self.key_frame_requested = true;
     }
 
     /// Takes a frame; never waits. What cannot be encoded is reported as dropped.
@@ -253,7 +253,7 @@ impl Lane {
             match self.why_not_started(now, false) {
                 Some(why) => {
                     let detail = format!("{why}, {detail}");
-                    self.drop_it(&frame, Cause::EncoderRestart, detail);
+                    self.drop_frame(&frame, Cause::EncoderRestart, detail);
                 }
                 None => self.drop_full(&frame, &detail),
             }
@@ -292,7 +292,7 @@ impl Lane {
     /// Reports what waits as dropped.
     pub fn drop_waiting(&mut self, cause: Cause, why: &str) {
         for Waiting { frame, .. } in std::mem::take(&mut self.waiting) {
-            self.drop_it(&frame, cause, why.to_owned());
+            self.drop_frame(&frame, cause, why.to_owned());
         }
         self.waiting_bytes = 0;
     }
@@ -303,18 +303,20 @@ impl Lane {
             None
         } else if now < self.retry_at {
             Some(NOT_RUNNING.to_owned())
-        } else if !wait && self.ending.len() >= MAX_ENDING {
-            Some(format!("{MAX_ENDING} encoders hang and have not ended"))
+        } else if !wait && self.ending.len() >= MAX_ENDING_ENCODERS {
+            Some(format!(
+                "{MAX_ENDING_ENCODERS} encoders hang and have not ended"
+            ))
         } else {
             None
         }
     }
 
     fn drop_full(&self, frame: &Frame, detail: &str) {
-        self.drop_it(frame, Cause::EncoderOverload, detail.to_owned());
+        self.drop_frame(frame, Cause::EncoderOverload, detail.to_owned());
     }
 
-    fn drop_it(&self, frame: &Frame, cause: Cause, detail: String) {
+    fn drop_frame(&self, frame: &Frame, cause: Cause, detail: String) {
         (self.sink)(Encoded::Dropped {
             at: HostTime(frame.time),
             first: frame.number,
@@ -336,12 +338,12 @@ impl Lane {
             self.drop_full(&frame, "the encoder is full");
         }
         let Some(running) = &self.running else { return };
-        let state = running.inside.lock();
+        let state = running.shared.lock();
         let waiting = |s: &mut State| !s.frames.is_empty() && s.failure.is_none();
         let (state, late) = running
-            .inside
+            .shared
             .changed
-            .wait_timeout_while(state, VIRTUAL_PATIENCE, waiting)
+            .wait_timeout_while(state, VIRTUAL_TIMEOUT, waiting)
             .unwrap_or_else(PoisonError::into_inner);
         let failure = match (&state.failure, late.timed_out()) {
             (Some(reason), _) => Some(reason.clone()),
@@ -359,7 +361,7 @@ impl Lane {
         self.ending.retain(|thread| !thread.is_finished());
         self.feed(now);
         let Some(running) = &self.running else { return };
-        let state = running.inside.lock();
+        let state = running.shared.lock();
         if state.before.is_some() {
             // It waits for the one before it, which has its own limit.
             self.last_progress = now;
@@ -371,7 +373,7 @@ impl Lane {
         if delivered != self.delivered {
             self.delivered = delivered;
             self.last_progress = now;
-            if now.since(self.started) > FORGIVEN_NS {
+            if now.since(self.started) > FAILURE_RESET_NS {
                 self.failures = 0;
             }
         }
@@ -385,13 +387,13 @@ impl Lane {
     }
 
     /// Drains the encoder: everything taken is handed on or reported when this returns.
-    pub fn finish(&mut self, rest: Rest, limit: Duration, now: HostTime) {
-        if rest == Rest::Drop {
+    pub fn finish(&mut self, rest: RemainingFrames, limit: Duration, now: HostTime) {
+        if rest == RemainingFrames::Drop {
             self.drop_waiting(Cause::Late, ENDED_EARLY);
         }
         for Waiting { frame, picture } in std::mem::take(&mut self.waiting) {
             if let Err((frame, _)) = self.submit(frame, (&picture).into(), now, true) {
-                self.drop_it(&frame, Cause::Late, ENDED_EARLY.to_owned());
+                self.drop_frame(&frame, Cause::Late, ENDED_EARLY.to_owned());
             }
         }
         self.waiting_bytes = 0;
@@ -416,30 +418,30 @@ impl Lane {
     ) -> Result<(), (Frame, usize)> {
         let restart = Cause::EncoderRestart;
         if let Some(why) = self.why_not_started(now, wait) {
-            self.drop_it(&frame, restart, why);
+            self.drop_frame(&frame, restart, why);
             return Ok(());
         }
         if self.running.is_none()
             && let Err(e) = self.start(picture, None, now)
         {
             self.failed(now);
-            self.drop_it(&frame, restart, e.to_string());
+            self.drop_frame(&frame, restart, e.to_string());
             return Ok(());
         }
         let epoch = frame.time.div_euclid(self.chunk_ns);
         if self.epoch.is_some_and(|e| epoch > e) {
             self.follow_effort(picture, now);
         }
-        let key = self.wants_key || self.epoch.is_none_or(|e| epoch > e);
+        let key = self.key_frame_requested || self.epoch.is_none_or(|e| epoch > e);
         let pts = frame.time.max(self.previous_pts.saturating_add(1));
         let Some(Running {
-            encoder, inside, ..
+            encoder, shared, ..
         }) = &mut self.running
         else {
-            self.drop_it(&frame, restart, NOT_RUNNING.to_owned());
+            self.drop_frame(&frame, restart, NOT_RUNNING.to_owned());
             return Ok(());
         };
-        inside.lock().frames.push_back((pts, frame));
+        shared.lock().frames.push_back((pts, frame));
         let pushed = if wait {
             encoder.push(pts, picture, key)
         } else {
@@ -450,11 +452,11 @@ impl Lane {
                 self.previous_pts = pts;
                 if key {
                     self.epoch = Some(epoch);
-                    self.wants_key = false;
+                    self.key_frame_requested = false;
                 }
             }
             Err(EncodeError::Full { pictures }) => {
-                if let Some((_, frame)) = inside.lock().frames.pop_back() {
+                if let Some((_, frame)) = shared.lock().frames.pop_back() {
                     return Err((frame, pictures));
                 }
             }
@@ -471,7 +473,7 @@ impl Lane {
     fn start(
         &mut self,
         picture: Input<'_>,
-        before: Option<Arc<Inside>>,
+        before: Option<Arc<EncoderShared>>,
         now: HostTime,
     ) -> Result<(), EncodeError> {
         self.started = now;
@@ -481,22 +483,22 @@ impl Lane {
             preset: effort.preset,
             ..self.settings.clone()
         };
-        let inside = Arc::new(Inside {
+        let shared = Arc::new(EncoderShared {
             state: Mutex::new(State {
                 before,
                 ..State::default()
             }),
             changed: Condvar::new(),
         });
-        let (sink, shared) = (self.sink.clone(), inside.clone());
-        let on_output = Box::new(move |event| deliver(event, &shared, &sink));
+        let (sink, of_output) = (self.sink.clone(), shared.clone());
+        let on_output = Box::new(move |event| deliver(event, &of_output, &sink));
         let encoder = match picture {
             Input::Picture(_) => Encoder::start(&settings, on_output)?,
             Input::Native(frame) => Encoder::start_native(&settings, frame.format(), on_output)?,
         };
         self.running = Some(Running {
             encoder,
-            inside,
+            shared,
             effort,
         });
         self.delivered = 0;
@@ -508,11 +510,11 @@ impl Lane {
     /// What encoders are set to now.
     fn effort(&self) -> Effort {
         Effort {
-            quality_db: match self.easier.quality {
-                true => (self.settings.quality_db - SPARED_DB).max(LEAST_DB),
+            quality_db: match self.reduction.quality {
+                true => (self.settings.quality_db - DEGRADED_QUALITY_DROP_DB).max(MIN_QUALITY_DB),
                 false => self.settings.quality_db,
             },
-            preset: match self.easier.preset {
+            preset: match self.reduction.preset {
                 true => Preset::Ultrafast,
                 false => self.settings.preset,
             },
@@ -522,29 +524,29 @@ impl Lane {
     /// A chunk begins, and with it a key frame: an encoder that is to be set to something else and cannot change it
     /// makes way for another one. It gives what it has on a thread of its own: other cameras' frames are waiting.
     fn follow_effort(&mut self, picture: Input<'_>, now: HostTime) {
-        let wanted = self.effort();
+        let target = self.effort();
         let Some(running) = &mut self.running else {
             return;
         };
-        if running.effort == wanted {
+        if running.effort == target {
             return;
         }
-        let set = match running.effort.preset == wanted.preset {
-            true => running.encoder.set_quality(wanted.quality_db),
+        let set = match running.effort.preset == target.preset {
+            true => running.encoder.set_quality(target.quality_db),
             false => Ok(false),
         };
-        running.effort = wanted;
+        running.effort = target;
         match set {
             Ok(true) => {}
             Ok(false) => {
                 let Some(running) = self.running.take() else {
                     return;
                 };
-                let (inside, sink) = (running.inside.clone(), self.sink.clone());
-                self.end_beside(move || end(running, &sink, CHANGE_LIMIT));
-                if let Err(error) = self.start(picture, Some(inside.clone()), now) {
+                let (shared, sink) = (running.shared.clone(), self.sink.clone());
+                self.end_in_background(move || end(running, &sink, CHANGE_TIMEOUT));
+                if let Err(error) = self.start(picture, Some(shared.clone()), now) {
                     log::warn!("starting {} again: {error}", self.settings.element);
-                    settle(&inside, &self.sink, ENDED_EARLY);
+                    report_undelivered(&shared, &self.sink, ENDED_EARLY);
                     self.failed(now);
                 }
             }
@@ -555,22 +557,22 @@ impl Lane {
     /// Gives the encoder up and reports what was inside; the next frame starts another.
     fn replace(&mut self, reason: &str, now: HostTime) {
         let Some(Running {
-            encoder, inside, ..
+            encoder, shared, ..
         }) = self.running.take()
         else {
             return;
         };
         log::warn!("{} is given up: {reason}", self.settings.element);
         self.failed(now);
-        settle(&inside, &self.sink, reason);
-        self.end_beside(move || drop(encoder));
+        report_undelivered(&shared, &self.sink, reason);
+        self.end_in_background(move || drop(encoder));
         self.last_progress = now;
-        self.wants_key = true;
+        self.key_frame_requested = true;
     }
 
     /// Ends an encoder on a thread of its own: one that is stuck takes seconds, and this thread has other cameras to
     /// serve.
-    fn end_beside(&mut self, end: impl FnOnce() + Send + 'static) {
+    fn end_in_background(&mut self, end: impl FnOnce() + Send + 'static) {
         let name = "encoder-end".to_owned();
         // Without a thread what was handed over is dropped here, and so ended.
         self.ending
@@ -579,7 +581,7 @@ impl Lane {
 
     /// Counts a failure and puts off the next start.
     fn failed(&mut self, now: HostTime) {
-        if now.since(self.started) > FORGIVEN_NS {
+        if now.since(self.started) > FAILURE_RESET_NS {
             self.failures = 0;
         }
         let pause = match self.failures {
@@ -596,16 +598,16 @@ fn end(running: Running, sink: &Sink, limit: Duration) {
     if let Err(e) = running.encoder.finish(limit) {
         log::warn!("ending the encoder: {e}");
     }
-    settle(&running.inside, sink, ENDED_EARLY);
+    report_undelivered(&running.shared, sink, ENDED_EARLY);
 }
 
 /// Reports what is inside an encoder that has ended or is given up; whatever it still says is ignored from here on. In
 /// the order of the frames: what an encoder before it has left comes first, and all under the lock, so that nobody
 /// hands on a later frame meanwhile.
-fn settle(inside: &Inside, sink: &Sink, detail: &str) {
-    let mut state = inside.lock();
+fn report_undelivered(shared: &EncoderShared, sink: &Sink, detail: &str) {
+    let mut state = shared.lock();
     if let Some(before) = state.before.take() {
-        settle(&before, sink, ENDED_EARLY);
+        report_undelivered(&before, sink, ENDED_EARLY);
     }
     state.abandoned = true;
     for (_, frame) in state.frames.drain(..) {
@@ -617,35 +619,35 @@ fn settle(inside: &Inside, sink: &Sink, detail: &str) {
             detail: detail.to_owned(),
         });
     }
-    inside.changed.notify_all();
+    shared.changed.notify_all();
 }
 
-/// Waits until an encoder that is ending has given everything; after [`CHANGE_LIMIT`] the rest is reported as dropped.
-fn wait_for_end(before: &Inside, sink: &Sink) {
+/// Waits until an encoder that is ending has given everything; after [`CHANGE_TIMEOUT`] the rest is reported as dropped.
+fn wait_for_end(before: &EncoderShared, sink: &Sink) {
     let ending = before
         .changed
-        .wait_timeout_while(before.lock(), CHANGE_LIMIT, |state| !state.abandoned);
+        .wait_timeout_while(before.lock(), CHANGE_TIMEOUT, |state| !state.abandoned);
     drop(ending.unwrap_or_else(PoisonError::into_inner));
-    settle(before, sink, ENDED_EARLY);
+    report_undelivered(before, sink, ENDED_EARLY);
 }
 
 /// An encoder said something.
-fn deliver(event: EncoderEvent, inside: &Inside, sink: &Sink) {
+fn deliver(event: EncoderEvent, shared: &EncoderShared, sink: &Sink) {
     let unit = match event {
         EncoderEvent::AccessUnit(unit) => unit,
         EncoderEvent::Failed(reason) => {
-            inside.lock().failure = Some(reason);
-            inside.changed.notify_all();
+            shared.lock().failure = Some(reason);
+            shared.changed.notify_all();
             return;
         }
     };
-    let before = inside.lock().before.clone();
+    let before = shared.lock().before.clone();
     if let Some(before) = before {
         // Without the lock: the next frame is pushed meanwhile.
         wait_for_end(&before, sink);
     }
     // Handed on under the lock: a frame is either handed on or still inside, never both.
-    let mut state = inside.lock();
+    let mut state = shared.lock();
     state.before = None;
     if state.abandoned {
         return;
@@ -669,7 +671,7 @@ fn deliver(event: EncoderEvent, inside: &Inside, sink: &Sink) {
         }
     }
     drop(state);
-    inside.changed.notify_all();
+    shared.changed.notify_all();
 }
 
 #[cfg(test)]

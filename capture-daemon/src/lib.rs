@@ -13,7 +13,6 @@
 //! in virtual time, where nothing is ever dropped and the same input gives the same bytes.
 
 pub mod announce;
-mod causes;
 pub mod clock;
 pub mod config;
 pub mod control;
@@ -21,14 +20,15 @@ pub mod devices;
 pub mod disk;
 pub mod encode;
 pub mod encoding;
+mod error_chain;
 pub mod hub;
 pub mod notify;
 pub mod preview;
 pub mod queue;
+mod realtime_priority;
 pub mod recorder;
 pub mod run;
 pub mod selftest;
 pub mod sources;
 pub mod status;
 pub mod sync;
-mod urgent;

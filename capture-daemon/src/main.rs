@@ -37,7 +37,7 @@ macro_rules! eprintln {
 
 mod printer;
 
-use printer::{Lines, Printer, Weight};
+use printer::{Lines, Printer, Priority};
 
 const DEFAULT_CONFIG: &str = "/etc/paws/pawsd.toml";
 /// Longest recording that can be meant, s: a week.
@@ -210,13 +210,15 @@ fn main() -> ExitCode {
             .map_err(Into::into)
             .and_then(|()| record(&args, stderr.lines())),
         Command::Run(args) => daemon(&args.config),
-        Command::Start { name, control } => ask(&control, &Request::Start { name }, print_session),
-        Command::Stop(control) => ask(&control, &Request::Stop, print_session),
-        Command::Mark { text, control } => {
-            ask(&control, &Request::Mark { text, at: None }, |_| Ok(()))
+        Command::Start { name, control } => {
+            send_request(&control, &Request::Start { name }, print_session)
         }
-        Command::Discard(control) => ask(&control, &Request::Discard, |_| Ok(())),
-        Command::Status { json, control } => ask(&control, &Request::Status, |status| {
+        Command::Stop(control) => send_request(&control, &Request::Stop, print_session),
+        Command::Mark { text, control } => {
+            send_request(&control, &Request::Mark { text, at: None }, |_| Ok(()))
+        }
+        Command::Discard(control) => send_request(&control, &Request::Discard, |_| Ok(())),
+        Command::Status { json, control } => send_request(&control, &Request::Status, |status| {
             let text = if json {
                 serde_json::to_string(status)?
             } else {
@@ -316,9 +318,9 @@ fn check(path: &Path, json: bool) -> anyhow::Result<ExitCode> {
         print(finding)?;
     }
     let some = |count, what| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
-    let (errors_said, warnings_said) = (some(errors, "error"), some(warnings, "warning"));
+    let (errors_text, warnings_text) = (some(errors, "error"), some(warnings, "warning"));
     print(format_args!(
-        "\n{errors_said}, {warnings_said}: {}",
+        "\n{errors_text}, {warnings_text}: {}",
         path.display()
     ))?;
     Ok(ExitCode::from(u8::from(errors > 0)))
@@ -327,7 +329,7 @@ fn check(path: &Path, json: bool) -> anyhow::Result<ExitCode> {
 /// 0: nothing is wrong; 1: something is.
 fn devices(json: bool, config: Option<&Path>) -> anyhow::Result<ExitCode> {
     let config = config.map(Config::read).transpose()?;
-    let inventory = devices::look();
+    let inventory = devices::inventory();
     let mut is_wrong = inventory.has_problems();
     if json {
         print(serde_json::to_string_pretty(&inventory)?)?;
@@ -385,7 +387,7 @@ fn record(args: &RecordArgs, stderr: Lines) -> anyhow::Result<ExitCode> {
         .then(|| Printer::start(io::stdout()))
         .transpose()?;
     let json = stdout.as_ref().map(Printer::lines);
-    let finished = run::record(&config, &options, &stop, tell_progress(stderr, json))?;
+    let finished = run::record(&config, &options, &stop, report_progress(stderr, json))?;
     if let Some(stdout) = stdout {
         stdout.finish();
     }
@@ -418,14 +420,14 @@ fn daemon(path: &Path) -> anyhow::Result<ExitCode> {
 }
 
 /// Lines for people, and for programs if asked. A recording goes on although nobody reads them.
-fn tell_progress(people: Lines, programs: Option<Lines>) -> OnProgress {
-    let mut narrator = screen::Narrator::default();
+fn report_progress(people: Lines, programs: Option<Lines>) -> OnProgress {
+    let mut narrator = screen::ProgressText::default();
     let is_quiet = output::is_quiet();
     Box::new(move |progress: Progress| {
-        let weight = match progress {
-            Progress::Durable { .. } => Weight::Routine,
-            Progress::Started { .. } | Progress::Alarm { .. } => Weight::News,
-            Progress::Finished { .. } => Weight::Last,
+        let priority = match progress {
+            Progress::Durable { .. } => Priority::Routine,
+            Progress::Started { .. } | Progress::Alarm { .. } => Priority::Event,
+            Progress::Finished { .. } => Priority::Final,
         };
         let is_failure = matches!(
             progress,
@@ -434,12 +436,12 @@ fn tell_progress(people: Lines, programs: Option<Lines>) -> OnProgress {
         if let Some(line) = narrator.line(&progress)
             && (is_failure || !is_quiet)
         {
-            people.say(&line, weight);
+            people.print_line(&line, priority);
         }
         if let Some(programs) = &programs
             && let Ok(line) = serde_json::to_string(&progress)
         {
-            programs.say(&line, weight);
+            programs.print_line(&line, priority);
         }
     })
 }
@@ -465,7 +467,7 @@ fn stop_on_signals() -> anyhow::Result<StopFlag> {
     Ok(stop)
 }
 
-fn ask(
+fn send_request(
     control: &ControlArgs,
     request: &Request,
     show: impl Fn(&Status) -> anyhow::Result<()>,

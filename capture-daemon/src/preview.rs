@@ -11,12 +11,12 @@ use session_archive::time::{HostTime, NS_PER_S};
 use video::preview::{Preview, PreviewSettings};
 use video::{NativeFormat, Picture};
 
-use crate::sources::Shown;
+use crate::sources::PreviewPixels;
 
 /// How often a picture is kept, unless the machine is to be spared.
 const PERIOD_NS: i64 = NS_PER_S / 4;
 /// And then.
-const SPARING_PERIOD_NS: i64 = 2 * NS_PER_S;
+const DEGRADED_PERIOD_NS: i64 = 2 * NS_PER_S;
 /// Nobody looks any more when nobody has for so long.
 const INTEREST_NS: i64 = 5 * NS_PER_S;
 /// What makes small pictures and has failed is started again after so long, if somebody still looks.
@@ -27,7 +27,7 @@ const SMALL_HEIGHT: u32 = 180;
 /// The newest pictures.
 #[derive(Debug)]
 pub struct Previews {
-    cameras: Vec<Mutex<Kept>>,
+    cameras: Vec<Mutex<CameraPreview>>,
 }
 
 /// The newest picture of a camera.
@@ -40,13 +40,13 @@ pub enum Newest {
 }
 
 #[derive(Debug, Default)]
-struct Kept {
+struct CameraPreview {
     newest: Option<Newest>,
     /// Counts the pictures that were kept.
     number: u64,
     next: Option<HostTime>,
     /// When somebody last looked.
-    asked: Option<HostTime>,
+    last_request: Option<HostTime>,
     /// Of a camera whose pixels are in its own buffers.
     native: Option<NativeFormat>,
     small: Option<Preview>,
@@ -62,7 +62,13 @@ impl Previews {
     }
 
     /// Keeps a picture, if it is time for one.
-    pub fn offer(&self, camera: usize, shown: Shown<'_>, now: HostTime, sparing: bool) {
+    pub fn offer(
+        &self,
+        camera: usize,
+        preview_pixels: PreviewPixels<'_>,
+        now: HostTime,
+        degraded: bool,
+    ) {
         // Whoever is looking at the old one may have it a little longer.
         let Some(Ok(mut kept)) = self.cameras.get(camera).map(Mutex::try_lock) else {
             return;
@@ -70,24 +76,27 @@ impl Previews {
         if kept.next.is_some_and(|next| now < next) {
             return;
         }
-        let period = if sparing {
-            SPARING_PERIOD_NS
+        let period = if degraded {
+            DEGRADED_PERIOD_NS
         } else {
             PERIOD_NS
         };
         kept.next = Some(now + period);
-        match shown {
-            Shown::Picture(picture) => {
+        match preview_pixels {
+            PreviewPixels::Picture(picture) => {
                 kept.number += 1;
                 kept.newest = Some(Newest::Picture(picture.clone()));
             }
-            Shown::Native(frame) => {
+            PreviewPixels::Native(frame) => {
                 if kept.native.as_ref() != Some(frame.format()) {
                     kept.native = Some(frame.format().clone());
-                    let_go(kept.small.take());
+                    end_in_background(kept.small.take());
                 }
-                if kept.asked.is_none_or(|at| now.since(at) > INTEREST_NS) {
-                    let_go(kept.small.take());
+                if kept
+                    .last_request
+                    .is_none_or(|at| now.since(at) > INTEREST_NS)
+                {
+                    end_in_background(kept.small.take());
                 } else if let Some(small) = &kept.small {
                     small.offer(now.0, frame);
                 }
@@ -99,8 +108,8 @@ impl Previews {
     pub fn newest(&self, camera: usize, now: HostTime) -> Option<(u64, Newest)> {
         let kept = self.cameras.get(camera)?;
         let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.asked = Some(now);
-        kept.look_after_small(now);
+        kept.last_request = Some(now);
+        kept.update_small(now);
         if let Some(jpeg) = kept.small.as_ref().and_then(Preview::take) {
             kept.number += 1;
             kept.newest = Some(Newest::Jpeg(jpeg.data));
@@ -109,9 +118,9 @@ impl Previews {
     }
 }
 
-impl Kept {
+impl CameraPreview {
     /// Starts what makes small pictures, where it is needed and has not failed a moment ago.
-    fn look_after_small(&mut self, now: HostTime) {
+    fn update_small(&mut self, now: HostTime) {
         let Some(format) = &self.native else { return };
         let failure = match &self.small {
             Some(small) => small.failure(),
@@ -126,14 +135,14 @@ impl Kept {
         };
         if let Some(failure) = failure {
             log::warn!("making small pictures: {failure}");
-            let_go(self.small.take());
+            end_in_background(self.small.take());
             self.retry_at = Some(now + RETRY_NS);
         }
     }
 }
 
 /// Ends what makes small pictures on a thread of its own: one that is stuck takes seconds, and frames are waiting.
-fn let_go(small: Option<Preview>) {
+fn end_in_background(small: Option<Preview>) {
     if let Some(small) = small {
         let ending = std::thread::Builder::new().name("preview-end".to_owned());
         // Without a thread it ends here.
@@ -172,15 +181,15 @@ mod tests {
     fn keeps_a_few_pictures_a_second() {
         let previews = Previews::new(1);
         assert!(previews.newest(0, HostTime(0)).is_none());
-        let kept = |at: i64, sparing| {
+        let kept = |at: i64, degraded| {
             let before = previews
                 .newest(0, HostTime(0))
                 .map_or(0, |(number, _)| number);
             previews.offer(
                 0,
-                Shown::Picture(&picture(at as u8)),
+                PreviewPixels::Picture(&picture(at as u8)),
                 HostTime(at * 10_000_000),
-                sparing,
+                degraded,
             );
             previews.newest(0, HostTime(0)).expect("a picture").0 > before
         };
@@ -192,7 +201,7 @@ mod tests {
             panic!("a picture");
         };
         assert_eq!((number, newest.data[0]), (6, 300_i64 as u8));
-        previews.offer(7, Shown::Picture(&picture(0)), HostTime(0), false);
+        previews.offer(7, PreviewPixels::Picture(&picture(0)), HostTime(0), false);
         assert!(previews.newest(7, HostTime(0)).is_none());
     }
 }

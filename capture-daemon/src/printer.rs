@@ -20,13 +20,13 @@ const CAPACITY: usize = 1 << 20;
 
 /// How much a line matters when nobody reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Weight {
+pub(crate) enum Priority {
     /// Another one like it follows soon.
     Routine,
     /// Something happened.
-    News,
+    Event,
     /// What all of it came to; said once.
-    Last,
+    Final,
 }
 
 /// Where lines are said; clones say them to the same printer.
@@ -80,18 +80,18 @@ impl Printer {
 
 impl Lines {
     /// Says a line, given without its break.
-    pub(crate) fn say(&self, line: &str, weight: Weight) {
-        self.put(format!("{line}\n").into_bytes(), weight);
+    pub(crate) fn print_line(&self, line: &str, priority: Priority) {
+        self.put(format!("{line}\n").into_bytes(), priority);
     }
 
-    fn put(&self, bytes: Vec<u8>, weight: Weight) {
+    fn put(&self, bytes: Vec<u8>, priority: Priority) {
         let len = bytes.len();
         // Refused means: nobody reads, or the end.
-        let _ = match weight {
-            Weight::Routine if self.0.bytes() > CAPACITY / 2 => return,
-            Weight::Routine | Weight::News => self.0.try_push(bytes, len),
+        let _ = match priority {
+            Priority::Routine if self.0.bytes() > CAPACITY / 2 => return,
+            Priority::Routine | Priority::Event => self.0.try_push(bytes, len),
             // Weighs nothing, so it always fits.
-            Weight::Last => self.0.push_reserved(bytes, 0),
+            Priority::Final => self.0.push_reserved(bytes, 0),
         };
     }
 }
@@ -99,7 +99,7 @@ impl Lines {
 /// For a logger, which writes whole lines.
 impl Write for Lines {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.put(bytes.to_vec(), Weight::News);
+        self.put(bytes.to_vec(), Priority::Event);
         Ok(bytes.len())
     }
 
@@ -137,13 +137,13 @@ mod tests {
         let printer = Printer::start(Unread(unread, Arc::clone(&printed))).unwrap();
         let lines = printer.lines();
         for _ in 0..CAPACITY {
-            lines.say("routine", Weight::Routine);
+            lines.print_line("routine", Priority::Routine);
         }
-        lines.say("alarm", Weight::News);
+        lines.print_line("alarm", Priority::Event);
         for _ in 0..CAPACITY {
-            lines.say("flapping", Weight::News);
+            lines.print_line("flapping", Priority::Event);
         }
-        lines.say("finished", Weight::Last);
+        lines.print_line("finished", Priority::Final);
         drop(read);
         printer.finish();
         let text = String::from_utf8(printed.lock().unwrap().clone()).unwrap();
@@ -159,7 +159,7 @@ mod tests {
         let printed = Arc::default();
         let printer = Printer::start(Unread(unread, Arc::clone(&printed))).unwrap();
         let mut lines = printer.lines();
-        lines.say("recording: /data/a\u{1b}[2J", Weight::News);
+        lines.print_line("recording: /data/a\u{1b}[2J", Priority::Event);
         writeln!(lines, "a log line\u{9b}2J").unwrap();
         printer.finish();
         let text = String::from_utf8(printed.lock().unwrap().clone()).unwrap();

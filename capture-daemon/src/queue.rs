@@ -10,7 +10,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// So many items that came by [`Queue::push_gathered`] wake the consumer together.
-pub const GATHERED: usize = 16;
+pub const GATHER_COUNT: usize = 16;
 
 /// A queue of items that each weigh some bytes.
 #[derive(Debug)]
@@ -55,7 +55,7 @@ impl<T> Queue<T> {
             return Err(item);
         }
         state.put(item, bytes);
-        self.tell(state);
+        self.wake_waiters(state);
         Ok(())
     }
 
@@ -66,20 +66,20 @@ impl<T> Queue<T> {
     /// The item, if the queue is closed.
     pub fn push_reserved(&self, item: T, bytes: usize) -> Result<(), T> {
         let state = self.put_reserved(item, bytes)?;
-        self.tell(state);
+        self.wake_waiters(state);
         Ok(())
     }
 
     /// As [`Self::push_reserved`], for small items that come often and are in no hurry: a consumer that waits is woken for
-    /// [`GATHERED`] of them, or by another item, or finds them when its time is over.
+    /// [`GATHER_COUNT`] of them, or by another item, or finds them when its time is over.
     ///
     /// # Errors
     /// The item, if the queue is closed.
     pub fn push_gathered(&self, item: T, bytes: usize) -> Result<(), T> {
         let state = self.put_reserved(item, bytes)?;
         // While the consumer waits the queue holds nothing else.
-        if state.items.len() >= GATHERED {
-            self.tell(state);
+        if state.items.len() >= GATHER_COUNT {
+            self.wake_waiters(state);
         }
         Ok(())
     }
@@ -102,7 +102,7 @@ impl<T> Queue<T> {
     }
 
     /// Wakes who waits, if anybody does: to wake nobody would be a system call too.
-    fn tell(&self, state: MutexGuard<'_, State<T>>) {
+    fn wake_waiters(&self, state: MutexGuard<'_, State<T>>) {
         let is_waited_for = state.waiting > 0;
         drop(state);
         if is_waited_for {
@@ -125,7 +125,7 @@ impl<T> Queue<T> {
         match state.items.pop_front() {
             Some((item, bytes)) => {
                 state.bytes -= bytes;
-                self.tell(state);
+                self.wake_waiters(state);
                 Popped::Item(item)
             }
             None if state.closed => Popped::Closed,
@@ -226,10 +226,10 @@ mod tests {
                 std::thread::spawn(move || queue.pop(LONG))
             };
             until_waited_for(&queue);
-            for i in 1..GATHERED {
+            for i in 1..GATHER_COUNT {
                 assert_eq!(queue.push_gathered(i, 8), Ok(()));
             }
-            assert_eq!(queue.lock().items.len(), GATHERED - 1, "nobody woke up");
+            assert_eq!(queue.lock().items.len(), GATHER_COUNT - 1, "nobody woke up");
             if other {
                 assert_eq!(queue.try_push(99, 8), Ok(()));
             } else {

@@ -6,7 +6,7 @@
 //! * *At a press* the session begins with the pre-roll: for every camera with a key frame from
 //!   before it, so nothing has to be waited for. A camera without one, because a session has just
 //!   ended or there is no pre-roll, begins with its next key frame, which is asked for
-//!   ([`Recorder::take_key_wishes`]). Without a pre-roll nothing from before the press is kept but clock maps.
+//!   ([`Recorder::take_key_frame_requests`]). Without a pre-roll nothing from before the press is kept but clock maps.
 //! * *At a gap* a gap record names the numbers and the cause. Frames and gaps together are every number
 //!   from a stream's first to its last.
 //! * *At a stop* what was received before it is waited for: [`STOP_LIMIT_NS`], and longer while frames are still being
@@ -30,10 +30,10 @@ use session_archive::storage::Storage;
 use session_archive::time::{CivilTime, HostTime, NS_PER_S};
 use session_archive::writer::{Incident, SessionSpec, SessionWriter, WriteError};
 
-use crate::causes::with_causes;
 use crate::clock::Clock;
 use crate::disk::START_MARGIN;
 use crate::encoding::Encoding;
+use crate::error_chain::with_causes;
 use crate::hub::{Outgoing, StreamHealth};
 use crate::status::{
     Concern, MachineStatus, Progress, Request, Response, State, Status, StreamStatus,
@@ -86,7 +86,7 @@ pub trait SessionStore: Send {
     fn free_bytes(&self) -> Option<u64>;
 
     /// What the machine says of itself; asked once a second. `recording`: the disk fills.
-    fn machine(&mut self, now: HostTime, recording: bool) -> MachineLook;
+    fn machine(&mut self, now: HostTime, recording: bool) -> MachineReading;
 }
 
 /// What lies between the sources and the recorder.
@@ -99,7 +99,7 @@ pub struct Queues {
 
 /// One look at the machine.
 #[derive(Clone, Debug, Default)]
-pub struct MachineLook {
+pub struct MachineReading {
     /// For records, page and screen.
     pub status: MachineStatus,
     /// For the ladder of measures.
@@ -166,7 +166,7 @@ pub struct Recorder {
     /// What the last session came to: its length in s, and stored and missing samples per stream.
     last_totals: (f64, Vec<(u64, u64)>),
     /// Streams that have delivered.
-    seen: Vec<bool>,
+    delivered: Vec<bool>,
     health: Vec<StreamHealth>,
     /// What is wrong, and what that is about.
     alarms: BTreeMap<String, Concern>,
@@ -181,8 +181,8 @@ pub struct Recorder {
     machine: MachineStatus,
     ladder: Ladder,
     /// What the ladder's causes are said to be.
-    tight: BTreeMap<Cause, String>,
-    key_wishes: Vec<usize>,
+    cause_alarms: BTreeMap<Cause, String>,
+    key_frame_requests: Vec<usize>,
 }
 
 impl Recorder {
@@ -205,7 +205,7 @@ impl Recorder {
             session: None,
             last_session: None,
             last_totals: (0.0, Vec::new()),
-            seen: vec![false; streams],
+            delivered: vec![false; streams],
             health: Vec::new(),
             alarms: BTreeMap::new(),
             disk_alarm: None,
@@ -215,8 +215,8 @@ impl Recorder {
             seconds_left: None,
             machine: MachineStatus::default(),
             ladder: Ladder::default(),
-            tight: BTreeMap::new(),
-            key_wishes: Vec::new(),
+            cause_alarms: BTreeMap::new(),
+            key_frame_requests: Vec::new(),
             setup,
         }
     }
@@ -229,7 +229,7 @@ impl Recorder {
             }) => State::Stopping,
             Some(_) => State::Recording,
             None if self.fault.is_some() => State::Fault,
-            None if self.seen.iter().all(|s| *s) => State::Armed,
+            None if self.delivered.iter().all(|s| *s) => State::Armed,
             None => State::Idle,
         }
     }
@@ -237,8 +237,8 @@ impl Recorder {
     /// Takes the next item.
     pub fn handle(&mut self, item: Outgoing) {
         match &item {
-            Outgoing::Frame { camera, .. } => self.seen[*camera] = true,
-            Outgoing::Imu { imu, .. } => self.seen[self.setup.cameras.len() + *imu] = true,
+            Outgoing::Frame { camera, .. } => self.delivered[*camera] = true,
+            Outgoing::Imu { imu, .. } => self.delivered[self.setup.cameras.len() + *imu] = true,
             Outgoing::Clock { at, map } if self.session.is_some() => {
                 self.pre_roll.remember(*at, map)
             }
@@ -333,7 +333,7 @@ impl Recorder {
             self.on_alarm(at, text, RECOVERY, false);
         }
         let changes = self.ladder.begin_recording(at.0);
-        self.tell_changes(at, changes);
+        self.report_changes(at, changes);
         let beginning = self
             .pre_roll
             .take(at + -self.setup.pre_roll_ns, self.setup.cameras.len());
@@ -368,7 +368,7 @@ impl Recorder {
             .session
             .iter()
             .flat_map(|s| s.without_key.iter().enumerate());
-        self.key_wishes = without_key
+        self.key_frame_requests = without_key
             .filter(|(_, w)| **w)
             .map(|(camera, _)| camera)
             .collect();
@@ -385,8 +385,8 @@ impl Recorder {
     }
 
     /// Cameras whose next frame should be a key frame, since the last call.
-    pub fn take_key_wishes(&mut self) -> Vec<usize> {
-        std::mem::take(&mut self.key_wishes)
+    pub fn take_key_frame_requests(&mut self) -> Vec<usize> {
+        std::mem::take(&mut self.key_frame_requests)
     }
 
     /// Stops: what was received before now still goes in. The session is closed
@@ -398,7 +398,7 @@ impl Recorder {
     pub fn stop(&mut self, source: &str) -> Result<(), String> {
         let state = self.state();
         let at = self.clock.now();
-        let streams = self.seen.len();
+        let streams = self.delivered.len();
         let Some(session) = &mut self.session else {
             return Err(format!("nothing is being recorded; the state is {state}"));
         };
@@ -624,7 +624,7 @@ impl Recorder {
         let Some(session) = &mut self.session else {
             return;
         };
-        session.note_incidents();
+        session.record_incidents();
         for incident in std::mem::take(&mut session.incidents) {
             let text = describe(&incident);
             log::error!("{text}");
@@ -642,7 +642,7 @@ impl Recorder {
         let durable = session.writer.durability();
         if durable.chunks != session.chunks_reported {
             session.chunks_reported = durable.chunks;
-            session.note_durable();
+            session.record_durable();
             let (until, messages) = (durable.until, durable.messages);
             (self.on_progress)(Progress::Durable { until, messages });
             if !self.store.is_there(&session.path) {
@@ -776,17 +776,17 @@ impl Recorder {
 
     fn on_health(&mut self, at: HostTime, streams: Vec<StreamHealth>) {
         // While nobody stores frames, this is how they are known to come.
-        for (seen, stream) in self.seen.iter_mut().zip(&streams) {
-            *seen |= stream.received > 0;
+        for (delivered, stream) in self.delivered.iter_mut().zip(&streams) {
+            *delivered |= stream.received > 0;
         }
         self.health = streams;
         self.free_bytes = self.store.free_bytes();
-        self.look_at_machine(at);
-        self.look_at_losses(at);
+        self.check_machine(at);
+        self.check_losses(at);
         let Some(session) = &mut self.session else {
             return self.guard_disk(at, None);
         };
-        let (write_max_ns, sync_max_ns) = session.timed.take_longest();
+        let (write_max_ns, sync_max_ns) = session.timed.take_max_durations();
         let durability = session.writer.durability();
         let mut written = 0;
         let streams = self
@@ -829,9 +829,9 @@ impl Recorder {
     }
 
     /// Says which streams are losing samples, and which no longer are.
-    fn look_at_losses(&mut self, at: HostTime) {
+    fn check_losses(&mut self, at: HostTime) {
         let streams = self.session.iter_mut().flat_map(|s| &mut s.streams);
-        let changes: Vec<_> = streams.flat_map(|s| s.losses.look(&s.name)).collect();
+        let changes: Vec<_> = streams.flat_map(|s| s.losses.check(&s.name)).collect();
         for (text, active) in changes {
             // To write one may end the session, and with it the alarms that stand.
             if self.session.is_some() || !active {
@@ -841,38 +841,38 @@ impl Recorder {
     }
 
     /// Asks the machine how it is, and takes the measures that follow.
-    fn look_at_machine(&mut self, at: HostTime) {
-        let look = self.store.machine(at, self.session.is_some());
-        self.machine = look.status;
-        for text in look.events {
+    fn check_machine(&mut self, at: HostTime) {
+        let reading = self.store.machine(at, self.session.is_some());
+        self.machine = reading.status;
+        for text in reading.events {
             log::warn!("{text}");
             self.event(Kind::Warning, at, "clock", &text);
         }
-        let changes = self.ladder.look(at.0, &look.pressure);
-        self.tell_changes(at, changes);
+        let changes = self.ladder.look(at.0, &reading.pressure);
+        self.report_changes(at, changes);
         if self.ladder.measures().stop && self.session.is_some() {
             let _ = self.stop("the machine cannot go on");
         }
     }
 
     /// Says what is tight, each cause in one alarm whose text follows what is done about it.
-    fn tell_changes(&mut self, at: HostTime, changes: Vec<Change>) {
+    fn report_changes(&mut self, at: HostTime, changes: Vec<Change>) {
         for change in changes {
             let source = cause_name(change.cause);
-            if let Some(over) = self.tight.remove(&change.cause) {
+            if let Some(over) = self.cause_alarms.remove(&change.cause) {
                 self.on_alarm(at, over, source, false);
             }
             // That space runs low is said by the disk's own alarm.
-            let is_said = change.cause == Cause::Disk && change.to == Step::Warn;
-            if change.to > Step::Normal && !is_said {
+            let is_reported = change.cause == Cause::Disk && change.to == Step::Warn;
+            if change.to > Step::Normal && !is_reported {
                 self.on_alarm(at, change.text.clone(), source, true);
-                self.tight.insert(change.cause, change.text);
+                self.cause_alarms.insert(change.cause, change.text);
             }
         }
     }
 
     /// What is to be done to spare the machine.
-    pub fn measures(&self) -> Measures {
+    pub fn mitigations(&self) -> Measures {
         self.ladder.measures()
     }
 

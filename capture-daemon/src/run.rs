@@ -13,9 +13,9 @@ use crate::status::Progress;
 
 mod build;
 mod claim;
+mod crash_recovery;
 pub(crate) mod identity;
-mod leftovers;
-mod look;
+mod machine_monitor;
 mod operator;
 mod page;
 mod real_time;

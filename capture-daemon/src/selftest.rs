@@ -15,9 +15,9 @@ use session_archive::record::{Health, Record as _};
 use session_archive::storage::DiskStorage;
 use session_archive::verify::verify;
 
-use crate::causes::with_causes;
 use crate::config::{self, Config, Level};
 use crate::devices;
+use crate::error_chain::with_causes;
 use crate::run::{self, RecordOptions, StopFlag};
 
 /// What came of it.
@@ -35,7 +35,7 @@ pub fn run(config: &Config, folder: &Path, seconds: f64, stop: &StopFlag) -> Rep
     report.part("Machine");
     machine(&mut report);
     report.part("Devices");
-    let inventory = devices::look();
+    let inventory = devices::inventory();
     report.lines(&inventory.to_string());
     for camera in &inventory.cameras {
         for problem in &camera.problems {
@@ -114,19 +114,19 @@ fn machine(report: &mut Writer) {
     let model = read("/proc/device-tree/model");
     let name = read("/etc/os-release");
     let name = name.lines().find_map(|l| l.strip_prefix("PRETTY_NAME="));
-    for told in [
+    for line in [
         model.trim_end_matches('\0'),
         name.unwrap_or_default(),
         read("/etc/nv_tegra_release").trim(),
     ] {
-        if !told.is_empty() {
-            report.line(told);
+        if !line.is_empty() {
+            report.line(line);
         }
     }
     let roots = Roots::default();
     let heat = thermal::Thermometer::new().judge(&thermal::Readings::read(&roots));
     let power = battery::judge(&battery::Readings::read(&roots), None);
-    for told in [
+    for line in [
         serde_json::to_string(&heat),
         serde_json::to_string(&power),
         serde_json::to_string(&clock::look()),
@@ -135,7 +135,7 @@ fn machine(report: &mut Writer) {
     .into_iter()
     .flatten()
     {
-        report.line(&told);
+        report.line(&line);
     }
 }
 

@@ -58,12 +58,12 @@ pub trait Pixels {
     fn digest(&self) -> Option<u64>;
 
     /// What can be shown small.
-    fn shown(&self) -> Shown<'_>;
+    fn preview_pixels(&self) -> PreviewPixels<'_>;
 }
 
 /// Pixels that are to be shown small.
 #[derive(Clone, Copy, Debug)]
-pub enum Shown<'a> {
+pub enum PreviewPixels<'a> {
     /// In memory.
     Picture(&'a Picture),
     /// In a camera's own buffer.
@@ -79,8 +79,8 @@ impl Pixels for Picture {
         Some(crc32fast::hash(&self.data).into())
     }
 
-    fn shown(&self) -> Shown<'_> {
-        Shown::Picture(self)
+    fn preview_pixels(&self) -> PreviewPixels<'_> {
+        PreviewPixels::Picture(self)
     }
 }
 
@@ -93,8 +93,8 @@ impl Pixels for NativeFrame {
         NativeFrame::digest(self)
     }
 
-    fn shown(&self) -> Shown<'_> {
-        Shown::Native(self)
+    fn preview_pixels(&self) -> PreviewPixels<'_> {
+        PreviewPixels::Native(self)
     }
 }
 
@@ -136,7 +136,7 @@ pub enum ImuValues {
 
 /// A stereo frame that came while nobody stores frames: without its pixels, which were not fetched or made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Seen {
+pub struct FrameArrival {
     /// The device's own sequence number.
     pub number: u64,
     /// Device clock at the instant that the device stamps.
@@ -149,7 +149,7 @@ pub struct Seen {
 #[derive(Clone, Debug)]
 pub enum Sample {
     /// A frame without its pixels.
-    Seen(Seen),
+    Arrival(FrameArrival),
     /// A stereo frame.
     Frame(RawFrame),
     /// A stereo frame in its camera's own buffer.
@@ -157,9 +157,9 @@ pub enum Sample {
     /// An IMU sample.
     Imu(RawImu),
     /// The device is gone; samples that follow come from it after it has returned.
-    Gone(Gone),
+    Disconnected(Disconnected),
     /// A frame that came and cannot be used.
-    Lost(Lost),
+    Dropped(DroppedFrame),
     /// Something happened that is worth keeping.
     Notice(Notice),
     /// How the clocks of camera and IMU lie to each other, as the device itself tells it.
@@ -168,7 +168,7 @@ pub enum Sample {
 
 /// Which of a source's devices is meant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
+pub enum DevicePart {
     /// The camera alone.
     Camera,
     /// The IMU alone.
@@ -179,18 +179,18 @@ pub enum Part {
 
 /// A device that is gone.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Gone {
+pub struct Disconnected {
     /// When that was noticed.
     pub host_time: HostTime,
     /// What is gone.
-    pub part: Part,
+    pub part: DevicePart,
     /// What exactly happened, for people.
     pub detail: String,
 }
 
 /// A frame that the device counted and that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Lost {
+pub struct DroppedFrame {
     /// The device's own sequence number.
     pub number: u64,
     /// When it arrived.
@@ -207,7 +207,7 @@ pub struct Notice {
     /// When.
     pub host_time: HostTime,
     /// To which device.
-    pub part: Part,
+    pub part: DevicePart,
     /// What, for people.
     pub text: String,
 }
@@ -237,12 +237,12 @@ impl Sample {
     /// When it arrived, or is to arrive.
     pub fn host_time(&self) -> HostTime {
         match self {
-            Self::Seen(s) => s.host_time,
+            Self::Arrival(s) => s.host_time,
             Self::Frame(f) => f.host_time,
             Self::Native(f) => f.host_time,
             Self::Imu(i) => i.host_time,
-            Self::Gone(g) => g.host_time,
-            Self::Lost(l) => l.host_time,
+            Self::Disconnected(g) => g.host_time,
+            Self::Dropped(l) => l.host_time,
             Self::Notice(n) => n.host_time,
             Self::FrameSync(s) => s.host_time,
         }
@@ -251,12 +251,13 @@ impl Sample {
     /// Bytes that it occupies, for bounding queues.
     pub fn bytes(&self) -> usize {
         match self {
-            Self::Seen(_) => size_of::<Seen>(),
+            Self::Arrival(_) => size_of::<FrameArrival>(),
             Self::Frame(f) => f.picture.data.len() + size_of::<RawFrame>(),
             Self::Native(f) => f.picture.bytes() + size_of::<RawFrame<NativeFrame>>(),
             Self::Imu(_) => size_of::<RawImu>(),
-            Self::Gone(Gone { detail, .. }) | Self::Lost(Lost { detail, .. }) => {
-                size_of::<Lost>() + detail.len()
+            Self::Disconnected(Disconnected { detail, .. })
+            | Self::Dropped(DroppedFrame { detail, .. }) => {
+                size_of::<DroppedFrame>() + detail.len()
             }
             Self::Notice(notice) => size_of::<Notice>() + notice.text.len(),
             Self::FrameSync(_) => size_of::<FrameSync>(),
@@ -365,9 +366,9 @@ pub trait Source: Send {
     fn next_sample(&mut self) -> Result<Option<Sample>, SourceError>;
 
     /// Whether the pixels of the frames that follow are wanted: while nobody stores them a source may deliver
-    /// [`Sample::Seen`] instead. A source of which each frame needs the ones before may ignore it.
-    fn want_pixels(&mut self, wanted: bool) {
-        let _ = wanted;
+    /// [`Sample::Arrival`] instead. A source of which each frame needs the ones before may ignore it.
+    fn set_pixels_needed(&mut self, needed: bool) {
+        let _ = needed;
     }
 
     /// Moves the schedule so that it begins at `start`; only before the first sample.
@@ -377,7 +378,7 @@ pub trait Source: Send {
 
     /// It is so late that samples which were to arrive before `now` cannot be made any more: a source that
     /// makes its samples leaves frames out, as a device does that is not read in time. Which ones.
-    fn hurry(&mut self, now: HostTime) -> Vec<Lost> {
+    fn skip_overdue(&mut self, now: HostTime) -> Vec<DroppedFrame> {
         let _ = now;
         Vec::new()
     }
@@ -407,8 +408,8 @@ pub trait Sink: Sync {
     /// Takes a sample. IMU samples wait for room; a frame for which there is none is dropped and accounted for.
     fn put(&self, sample: Sample);
 
-    /// Whether the pixels of a frame are wanted now; if not, [`Sample::Seen`] stands for it.
-    fn wants_pixels(&self) -> bool {
+    /// Whether the pixels of a frame are wanted now; if not, [`Sample::Arrival`] stands for it.
+    fn pixels_needed(&self) -> bool {
         true
     }
 
@@ -422,7 +423,7 @@ pub trait Live: Send {
     fn info(&self) -> &SourceInfo;
 
     /// Delivers until the sink says that it is to end. A device that is not there, or that goes away, is told
-    /// once as [`Sample::Gone`] and waited for; its samples follow when it is there.
+    /// once as [`Sample::Disconnected`] and waited for; its samples follow when it is there.
     ///
     /// # Errors
     /// [`SourceError`] when waiting and trying again cannot help.

@@ -22,8 +22,8 @@ use session_archive::time::HostTime;
 
 use super::{Camera, Config, DEFAULT_SOCKET, SourceConfig};
 use crate::announce::step;
-use crate::causes::with_causes;
 use crate::disk;
+use crate::error_chain::with_causes;
 use crate::run::choose_encoder;
 use crate::sources::bag::{Bag, BagError};
 use crate::sources::datasets::DatasetError;
@@ -365,7 +365,7 @@ fn source(
             }
         }
         SourceConfig::V4l2(config) => {
-            let found = device::look(config);
+            let found = device::inspect(config);
             for (level, message) in found {
                 report.add(level, message);
             }

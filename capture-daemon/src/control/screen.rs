@@ -109,17 +109,17 @@ fn duration(seconds: f64) -> String {
 /// Turns the progress of a recording into lines. Durability comes twice a second and is told only now
 /// and then; everything else is told at once.
 #[derive(Debug, Default)]
-pub struct Narrator {
+pub struct ProgressText {
     started: Option<HostTime>,
-    told: Option<HostTime>,
+    last_reported: Option<HostTime>,
 }
 
-impl Narrator {
+impl ProgressText {
     /// The line for this event, if it is worth one.
     pub fn line(&mut self, progress: &Progress) -> Option<String> {
         Some(match progress {
             Progress::Started { session, at, notes } => {
-                (self.started, self.told) = (Some(*at), Some(*at));
+                (self.started, self.last_reported) = (Some(*at), Some(*at));
                 let notes = notes.iter().map(|note| format!("\nnote: {}", shown(note)));
                 format!(
                     "recording: {}{}",
@@ -129,12 +129,12 @@ impl Narrator {
             }
             Progress::Durable { until, messages } => {
                 if self
-                    .told
-                    .is_some_and(|told| until.0 - told.0 < REPORT_EVERY_NS)
+                    .last_reported
+                    .is_some_and(|last_reported| until.0 - last_reported.0 < REPORT_EVERY_NS)
                 {
                     return None;
                 }
-                self.told = Some(*until);
+                self.last_reported = Some(*until);
                 let seconds = self
                     .started
                     .map_or(0.0, |at| (until.0 - at.0) as f64 / NS_PER_S as f64);
@@ -271,7 +271,7 @@ note: the lenses of feet are not known
         let text = super::status(&status);
         assert_eq!(text.lines().count(), 7, "{text}");
         assert!(!text.contains('\u{1b}'), "{text}");
-        let mut narrator = Narrator::default();
+        let mut narrator = ProgressText::default();
         for active in [true, false] {
             let text = hostile.clone();
             let line = narrator.line(&Progress::Alarm { text, active }).unwrap();
@@ -293,7 +293,7 @@ note: the lenses of feet are not known
 
     #[test]
     fn a_recording_that_goes_well_is_told_in_few_lines() {
-        let mut narrator = Narrator::default();
+        let mut narrator = ProgressText::default();
         let session = PathBuf::from("/data/a");
         let at = HostTime(7 * NS_PER_S);
         let started = Progress::Started {

@@ -352,7 +352,7 @@ fn the_longest_silent_connection_gives_way_first() {
 fn a_line_that_dribbles_is_cut_off() {
     let (mut client, server) = UnixStream::pair().unwrap();
     let clock = VirtualClock::new(HostTime(0), CivilTime(0));
-    let mut line = Patient {
+    let mut line = DeadlineReader {
         stream: &server,
         clock: &clock,
         deadline: None,

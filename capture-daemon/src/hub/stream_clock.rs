@@ -12,10 +12,10 @@ use crate::sync::clock::{
 };
 
 /// Nothing is under way from a device for so long.
-pub(super) const LONGEST_WAY_NS: i64 = 60 * NS_PER_S;
+pub(super) const MAX_TRANSIT_NS: i64 = 60 * NS_PER_S;
 
 /// A stamp that lies this much after the arrival is none: it was taken before.
-const FUTURE_NS: i64 = 1_000_000;
+const MAX_FUTURE_NS: i64 = 1_000_000;
 /// The version of the map of a stream with the host's stamps.
 const STAMPS_VERSION: u32 = 1;
 
@@ -67,7 +67,7 @@ impl StreamClock {
             out(Outgoing::Clock { at: arrival, map });
         }
         let way_ns = arrival.0.saturating_sub(ticks);
-        let is_believed = (-FUTURE_NS..LONGEST_WAY_NS).contains(&way_ns);
+        let is_believed = (-MAX_FUTURE_NS..MAX_TRANSIT_NS).contains(&way_ns);
         let mapped = Mapped {
             time: if is_believed {
                 HostTime(ticks.saturating_sub(stamped.latency_ns))
@@ -115,7 +115,7 @@ impl StreamClock {
             flagged: true,
         };
         let mapped = self.mapper.map(ticks);
-        let mapped = mapped.filter(|m| arrival.since(m.time) < LONGEST_WAY_NS);
+        let mapped = mapped.filter(|m| arrival.since(m.time) < MAX_TRANSIT_NS);
         let mapped = mapped.unwrap_or(unknown);
         (unwrapped, self.guard.pass(unwrapped, mapped))
     }
@@ -170,7 +170,7 @@ fn clock_record(clock: &str, tick: TickLength, map: &ClockMap) -> ClockMapRecord
         residual_median_ns: map.residuals.median_ns,
         residual_p99_ns: map.residuals.p99_ns,
         doubts: map
-            .doubts
+            .unreliable_spans
             .iter()
             .map(|d| Doubt {
                 from: d.from.0,

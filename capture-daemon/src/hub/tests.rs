@@ -4,9 +4,9 @@ use std::sync::{Mutex, MutexGuard};
 
 use session_archive::time::TickLength;
 
-use super::stream_clock::LONGEST_WAY_NS;
+use super::stream_clock::MAX_TRANSIT_NS;
 use super::*;
-use crate::sources::{Part, RawImu};
+use crate::sources::{DevicePart, RawImu};
 use video::{Picture, PixelFormat};
 
 const MS: i64 = 1_000_000;
@@ -15,7 +15,7 @@ const START: HostTime = HostTime(1_000_000 * MS);
 struct Bench {
     hub: Hub,
     encoding: Encoding,
-    seen: Arc<Mutex<Vec<Outgoing>>>,
+    frame_arrival: Arc<Mutex<Vec<Outgoing>>>,
 }
 
 /// A hub for one camera at 20 Hz with an IMU at 200 Hz.
@@ -68,14 +68,14 @@ fn camera(name: &str) -> CameraSetup {
 }
 
 fn bench_of(cameras: Vec<CameraSetup>) -> Bench {
-    let seen: Arc<Mutex<Vec<Outgoing>>> = Arc::default();
-    let into = seen.clone();
+    let frame_arrival: Arc<Mutex<Vec<Outgoing>>> = Arc::default();
+    let into = frame_arrival.clone();
     let out: Out = Arc::new(move |item| into.lock().expect("seen").push(item));
     let encoding = Encoding::new(cameras.len());
     Bench {
         hub: Hub::new(cameras, 500 * MS, true, &encoding, &out),
         encoding,
-        seen,
+        frame_arrival,
     }
 }
 
@@ -114,13 +114,13 @@ impl Bench {
         self.hub.sample(0, Sample::Imu(sample), now);
     }
 
-    fn seen(&self) -> MutexGuard<'_, Vec<Outgoing>> {
-        self.seen.lock().expect("seen")
+    fn frame_arrival(&self) -> MutexGuard<'_, Vec<Outgoing>> {
+        self.frame_arrival.lock().expect("seen")
     }
 
     /// What was done and taken back because encoders could not keep up.
     fn relieved(&self) -> Vec<(String, bool)> {
-        let alarms = self.seen();
+        let alarms = self.frame_arrival();
         let alarms = alarms.iter().filter_map(|item| match item {
             Outgoing::Alarm {
                 text,
@@ -137,7 +137,7 @@ impl Bench {
     }
 
     fn notices(&self) -> Vec<String> {
-        self.seen()
+        self.frame_arrival()
             .iter()
             .filter_map(|item| match item {
                 Outgoing::Notice { text, .. } => Some(text.clone()),
@@ -155,10 +155,10 @@ fn a_late_or_repeated_frame_never_reaches_the_encoder() {
     for (i, number) in [29, 30, 30, 0, 1, 2, 3, 4].into_iter().enumerate() {
         bench.frame(number, START + i as i64 * 50 * MS);
     }
-    bench.hub.finish(Rest::Encode, START + 400 * MS);
+    bench.hub.finish(RemainingFrames::Encode, START + 400 * MS);
     assert!(!bench.encoding.is_busy(0), "each frame is counted out once");
     let frames: Vec<u64> = bench
-        .seen()
+        .frame_arrival()
         .iter()
         .filter_map(|item| match item {
             Outgoing::Frame { frame, .. } => Some(frame.number),
@@ -181,9 +181,9 @@ fn a_repeated_imu_sample_costs_no_other() {
         let at = START + i as i64 * 5 * MS;
         bench.imu(number, at, at);
     }
-    bench.hub.finish(Rest::Encode, START + 400 * MS);
+    bench.hub.finish(RemainingFrames::Encode, START + 400 * MS);
     let mut next = 0;
-    for item in bench.seen().iter() {
+    for item in bench.frame_arrival().iter() {
         if let Outgoing::Imu { batch, .. } = item {
             assert_eq!(batch.first_number, next);
             next += batch.times.len() as u64;
@@ -207,7 +207,7 @@ fn a_stream_that_comes_late_is_not_silent() {
         bench.hub.tick(now);
     }
     let alarms = bench
-        .seen()
+        .frame_arrival()
         .iter()
         .filter(|item| matches!(item, Outgoing::Alarm { .. }))
         .count();
@@ -218,7 +218,7 @@ fn a_stream_that_comes_late_is_not_silent() {
 fn a_failing_encoder_is_an_alarm() {
     let mut bench = bench();
     bench.hub.cameras[0].setup.encoder.element = "noenc".to_owned();
-    bench.hub.cameras[0].lane = Lane::new(
+    bench.hub.cameras[0].encoder = CameraEncoder::new(
         bench.hub.cameras[0].setup.encoder.clone(),
         500 * MS,
         1,
@@ -229,7 +229,7 @@ fn a_failing_encoder_is_an_alarm() {
     bench.frame(1, START + 50 * MS);
     bench.hub.tick(START + 50 * MS);
     let alarms: Vec<String> = bench
-        .seen()
+        .frame_arrival()
         .iter()
         .filter_map(|item| match item {
             Outgoing::Alarm { text, active, .. } => Some(format!("{active} {text}")),
@@ -246,32 +246,32 @@ fn a_failing_encoder_is_an_alarm() {
 fn what_a_device_missed_while_it_was_gone_has_that_cause() {
     let mut bench = bench();
     let at = |i: i64| START + i * 50 * MS;
-    let gone = |bench: &mut Bench, i: i64| {
+    let disconnect = |bench: &mut Bench, i: i64| {
         let host_time = at(i) + 10 * MS;
         let detail = "unplugged".to_owned();
-        let part = Part::Both;
-        let gone = Sample::Gone(Gone {
+        let part = DevicePart::Both;
+        let disconnect = Sample::Disconnected(Disconnected {
             host_time,
             part,
             detail,
         });
-        bench.hub.sample(0, gone, host_time);
+        bench.hub.sample(0, disconnect, host_time);
     };
     for i in 0..10 {
         bench.frame(i as u64, at(i));
     }
-    gone(&mut bench, 9);
+    disconnect(&mut bench, 9);
     // Eight periods later it counts anew.
     for i in 18..22 {
         bench.frame(i as u64 - 18, at(i));
     }
-    gone(&mut bench, 21);
+    disconnect(&mut bench, 21);
     // Once more, and its counter has gone on: the device knows better than the clock.
     bench.frame(9, at(26));
-    gone(&mut bench, 26);
-    bench.hub.finish(Rest::Encode, at(30));
-    let seen = bench.seen();
-    let frames: Vec<u64> = seen
+    disconnect(&mut bench, 26);
+    bench.hub.finish(RemainingFrames::Encode, at(30));
+    let frame_arrival = bench.frame_arrival();
+    let frames: Vec<u64> = frame_arrival
         .iter()
         .filter_map(|item| match item {
             Outgoing::Frame { frame, .. } => Some(frame.number),
@@ -282,7 +282,7 @@ fn what_a_device_missed_while_it_was_gone_has_that_cause() {
         frames,
         (0..10).chain(18..22).chain([27]).collect::<Vec<_>>()
     );
-    let dropped: Vec<(u64, u64, Cause)> = seen
+    let dropped: Vec<(u64, u64, Cause)> = frame_arrival
         .iter()
         .filter_map(|item| match item {
             Outgoing::Dropped {
@@ -293,7 +293,7 @@ fn what_a_device_missed_while_it_was_gone_has_that_cause() {
         .collect();
     let expected = [(10, 17), (22, 26), (28, 30)].map(|(a, b)| (a, b, Cause::Disconnected));
     assert_eq!(dropped, expected);
-    let alarms: Vec<bool> = seen
+    let alarms: Vec<bool> = frame_arrival
         .iter()
         .filter_map(|item| match item {
             Outgoing::Alarm { text, active, .. }
@@ -315,19 +315,19 @@ fn what_a_device_misses_is_told_while_it_is_gone() {
     for i in 0..10 {
         bench.frame(i as u64, at(i));
     }
-    let gone = Sample::Gone(Gone {
+    let disconnect = Sample::Disconnected(Disconnected {
         host_time: at(9),
-        part: Part::Camera,
+        part: DevicePart::Camera,
         detail: "unplugged".to_owned(),
     });
-    bench.hub.sample(0, gone, at(9));
+    bench.hub.sample(0, disconnect, at(9));
     bench.hub.tick(at(10));
     bench.hub.tick(at(15));
     bench.hub.tick(at(20));
     bench.frame(0, at(22));
     bench.hub.tick(at(24));
     let dropped: Vec<(HostTime, u64, u64)> = bench
-        .seen()
+        .frame_arrival()
         .iter()
         .filter_map(|item| match item {
             Outgoing::Dropped {
@@ -361,12 +361,12 @@ fn a_tick_from_long_ago_has_no_better_time_than_its_arrival() {
         };
         bench.hub.sample(0, Sample::Frame(raw), at);
     }
-    bench.hub.finish(Rest::Encode, START + 4000 * MS);
+    bench.hub.finish(RemainingFrames::Encode, START + 4000 * MS);
     let mut count = 0;
-    for item in bench.seen().iter() {
+    for item in bench.frame_arrival().iter() {
         if let Outgoing::Frame { frame, .. } = item {
             let off = frame.host_time - frame.time;
-            assert!(off.abs() < LONGEST_WAY_NS, "{frame:?}");
+            assert!(off.abs() < MAX_TRANSIT_NS, "{frame:?}");
             count += 1;
         }
     }
@@ -385,8 +385,8 @@ fn stamps_of_the_host_are_times() {
         let stamp = arrival(i) + -age;
         bench.stamped_frame(i as u64, stamp, arrival(i));
     }
-    let seen = bench.seen();
-    let times: Vec<(i64, u64, bool)> = seen
+    let frame_arrival = bench.frame_arrival();
+    let times: Vec<(i64, u64, bool)> = frame_arrival
         .iter()
         .filter_map(|item| match item {
             Outgoing::Frame { frame, .. } => {
@@ -400,7 +400,7 @@ fn stamps_of_the_host_are_times() {
     // It cannot have been stamped after it came.
     assert!(times[2].2 && times[2].0 == 100 * MS, "{times:?}");
     assert_eq!((times[3].0, times[3].2), (150 * MS - 11 * MS, false));
-    let maps = seen
+    let maps = frame_arrival
         .iter()
         .filter(|item| matches!(item, Outgoing::Clock { map, .. } if map.latency_ns == 2 * MS));
     assert_eq!(maps.count(), 1, "the map is told once");
@@ -411,7 +411,7 @@ fn a_machine_is_spared_by_leaving_out_every_other_picture() {
     let mut bench = bench();
     let at = |i: i64| START + i * 50 * MS;
     for i in 0..10 {
-        bench.hub.spare(Measures {
+        bench.hub.set_mitigations(Measures {
             lower_frame_rate: i >= 4,
             ..Measures::default()
         });
@@ -419,7 +419,7 @@ fn a_machine_is_spared_by_leaving_out_every_other_picture() {
     }
     let mut kept = Vec::new();
     let mut spared = Vec::new();
-    for item in bench.seen().iter() {
+    for item in bench.frame_arrival().iter() {
         match item {
             Outgoing::Frame { frame, .. } => kept.push(frame.number),
             Outgoing::Dropped {
@@ -441,12 +441,14 @@ fn what_arrived_before_somebody_stores_frames_is_not_encoded() {
     let mut bench = bench();
     let at = |i: u64| START + i as i64 * 50 * MS;
     let without_pixels = |bench: &mut Bench, number: u64| {
-        let seen = Seen {
+        let frame_arrival = FrameArrival {
             number,
             device_ticks: at(number).0,
             host_time: at(number),
         };
-        bench.hub.sample(0, Sample::Seen(seen), at(number));
+        bench
+            .hub
+            .sample(0, Sample::Arrival(frame_arrival), at(number));
     };
     bench.hub.idle(true, START);
     without_pixels(&mut bench, 0);
@@ -457,7 +459,7 @@ fn what_arrived_before_somebody_stores_frames_is_not_encoded() {
     bench.frame(4, at(4));
     bench.frame(5, at(5));
     let encoded: Vec<(u64, bool)> = bench
-        .seen()
+        .frame_arrival()
         .iter()
         .filter_map(|item| match item {
             Outgoing::Frame { frame, key, .. } => Some((frame.number, *key)),
@@ -474,14 +476,14 @@ fn what_waits_is_dropped_when_nobody_stores_it() {
     bench.hub.waits = false;
     // An encoder that cannot be started for now.
     bench.hub.cameras[0].setup.encoder.element = "noenc".to_owned();
-    let (settings, seen) = (
+    let (settings, frame_arrival) = (
         bench.hub.cameras[0].setup.encoder.clone(),
-        bench.seen.clone(),
+        bench.frame_arrival.clone(),
     );
     let sink = Arc::new(move |encoded: Encoded| match encoded {
         Encoded::Dropped {
             at, first, last, ..
-        } => seen.lock().expect("seen").push(Outgoing::Dropped {
+        } => frame_arrival.lock().expect("seen").push(Outgoing::Dropped {
             at,
             stream: String::new(),
             first,
@@ -491,14 +493,14 @@ fn what_waits_is_dropped_when_nobody_stores_it() {
         }),
         Encoded::Frame { .. } => panic!("there is no such encoder"),
     });
-    bench.hub.cameras[0].lane = Lane::new(settings, 500 * MS, 1 << 20, sink);
+    bench.hub.cameras[0].encoder = CameraEncoder::new(settings, 500 * MS, 1 << 20, sink);
     for i in 0..10 {
         bench.frame(i, START + i as i64 * MS);
     }
     let dropped = |bench: &Bench| {
-        let seen = bench.seen();
+        let frame_arrival = bench.frame_arrival();
         let is_dropped = |item: &&Outgoing| matches!(item, Outgoing::Dropped { .. });
-        seen.iter().filter(is_dropped).count()
+        frame_arrival.iter().filter(is_dropped).count()
     };
     assert_eq!(dropped(&bench), 2, "two tries");
     bench.hub.idle(true, START);
@@ -522,14 +524,14 @@ fn draining_hands_on_everything_and_is_no_silence() {
         bench.hub.tick(at(i));
         assert!(bench.hub.drain(at(i)));
     }
-    bench.hub.finish(Rest::Encode, at(200));
-    let seen = bench.seen();
-    let frames = seen.iter().filter_map(|item| match item {
+    bench.hub.finish(RemainingFrames::Encode, at(200));
+    let frame_arrival = bench.frame_arrival();
+    let frames = frame_arrival.iter().filter_map(|item| match item {
         Outgoing::Frame { frame, .. } => Some(frame.number),
         _ => None,
     });
     assert!(frames.eq(0..30));
-    let alarms = seen
+    let alarms = frame_arrival
         .iter()
         .filter(|item| matches!(item, Outgoing::Alarm { .. }));
     assert_eq!(alarms.count(), 0);
@@ -540,23 +542,23 @@ fn draining_hands_on_everything_and_is_no_silence() {
 fn camera_and_imu_are_gone_each_by_itself() {
     let mut bench = bench();
     let at = |i: i64| START + i * 50 * MS;
-    let gone = |bench: &mut Bench, part, i: i64| {
-        let gone = Sample::Gone(Gone {
+    let disconnect = |bench: &mut Bench, part, i: i64| {
+        let disconnect = Sample::Disconnected(Disconnected {
             host_time: at(i),
             part,
             detail: "unplugged".to_owned(),
         });
-        bench.hub.sample(0, gone, at(i));
+        bench.hub.sample(0, disconnect, at(i));
     };
     bench.frame(0, at(0));
     bench.imu(0, at(0), at(0));
-    gone(&mut bench, Part::Imu, 1);
+    disconnect(&mut bench, DevicePart::Imu, 1);
     bench.frame(1, at(1));
-    gone(&mut bench, Part::Camera, 2);
+    disconnect(&mut bench, DevicePart::Camera, 2);
     bench.imu(20, at(2), at(2));
     bench.frame(3, at(3));
     let alarms: Vec<String> = bench
-        .seen()
+        .frame_arrival()
         .iter()
         .filter_map(|item| match item {
             Outgoing::Alarm { text, active, .. } => Some(format!("{active} {text}")),
@@ -583,7 +585,7 @@ fn a_machine_that_is_too_slow_is_relieved_step_by_step() {
     let mut run = |bench: &mut Bench, seconds: i64, fill: &dyn Fn(i64) -> f64| {
         for tick in 0..10 * seconds {
             now = now + TICK_NS;
-            bench.hub.note_inbox(fill(tick));
+            bench.hub.set_inbox_fill(fill(tick));
             bench.hub.tick(now);
         }
     };
@@ -620,7 +622,7 @@ fn the_last_camera_gives_up_its_rate_before_the_others_do() {
     // The queue grows by a twentieth of its capacity in a second, until nothing is left to be given up.
     for tick in 0..120 {
         now = now + TICK_NS;
-        bench.hub.note_inbox(f64::from(tick) / 200.0);
+        bench.hub.set_inbox_fill(f64::from(tick) / 200.0);
         bench.hub.tick(now);
         let of = [0, 1].map(|camera| bench.hub.rate_lowered(camera).is_some());
         if lowered.last() != Some(&of) {
@@ -647,7 +649,7 @@ fn while_nobody_stores_frames_they_are_counted_and_the_first_one_afterwards_stan
     let mut bench = bench();
     let at = |i: i64| START + i * 50 * MS;
     let frames = |bench: &Bench| -> Vec<(u64, bool)> {
-        let items = bench.seen();
+        let items = bench.frame_arrival();
         let frames = items.iter().filter_map(|item| match item {
             Outgoing::Frame { frame, key, .. } => Some((frame.number, *key)),
             _ => None,
@@ -659,12 +661,12 @@ fn while_nobody_stores_frames_they_are_counted_and_the_first_one_afterwards_stan
         for i in numbers {
             // A source may leave the pixels out, and need not.
             if is_idle && i % 2 == 1 {
-                let seen = Seen {
+                let frame_arrival = FrameArrival {
                     number: i as u64,
                     device_ticks: at(i).0,
                     host_time: at(i),
                 };
-                bench.hub.sample(0, Sample::Seen(seen), at(i));
+                bench.hub.sample(0, Sample::Arrival(frame_arrival), at(i));
             } else {
                 bench.frame(i as u64, at(i));
             }
@@ -674,10 +676,14 @@ fn while_nobody_stores_frames_they_are_counted_and_the_first_one_afterwards_stan
     stage(&mut bench, true, 0..33);
     assert_eq!(frames(&bench), []);
     assert!(!bench.encoding.is_busy(0), "nothing is being encoded");
-    let received = bench.seen().iter().rev().find_map(|item| match item {
-        Outgoing::Health { streams, .. } => Some(streams[0].received),
-        _ => None,
-    });
+    let received = bench
+        .frame_arrival()
+        .iter()
+        .rev()
+        .find_map(|item| match item {
+            Outgoing::Health { streams, .. } => Some(streams[0].received),
+            _ => None,
+        });
     // Health is told once a second, the last time with the 21st frame.
     assert_eq!(received, Some(21));
 
@@ -685,14 +691,14 @@ fn while_nobody_stores_frames_they_are_counted_and_the_first_one_afterwards_stan
     stage(&mut bench, false, 33..36);
     stage(&mut bench, true, 36..38);
     stage(&mut bench, false, 38..39);
-    bench.hub.finish(Rest::Encode, at(39));
+    bench.hub.finish(RemainingFrames::Encode, at(39));
     assert_eq!(
         frames(&bench),
         [(33, true), (34, false), (35, false), (38, true)]
     );
     let is_dropped = |item: &Outgoing| matches!(item, Outgoing::Dropped { .. });
     assert!(
-        !bench.seen().iter().any(is_dropped),
+        !bench.frame_arrival().iter().any(is_dropped),
         "what nobody wanted is not missing"
     );
 }

@@ -2,7 +2,7 @@
 //!
 //! Contract: every number that a gap record names, or that was reported and will be named by one, is counted once
 //! for the alarm when it becomes known, and once for the account when the gap is written. *While a stream loses
-//! samples* one alarm stands, from at most a second after the first loss until [`CALM_LOOKS`] looks without one.
+//! samples* one alarm stands, from at most a second after the first loss until [`CALM_CHECKS`] looks without one.
 //! Frames that were left out on purpose are in the account and raise no alarm: what leaves them out has its own. The
 //! same goes for devices that are disconnected.
 
@@ -13,7 +13,7 @@ use session_archive::record::paws::gap::Cause;
 use crate::status::CauseCount;
 
 /// Looks, one a second, without a loss after which the alarm is over.
-const CALM_LOOKS: u32 = 5;
+const CALM_CHECKS: u32 = 5;
 
 /// Losses of one stream.
 #[derive(Debug, Default)]
@@ -54,7 +54,7 @@ impl Losses {
             .account
             .iter()
             .map(|(cause, count)| CauseCount {
-                cause: words(Cause::try_from(*cause).unwrap_or_default()).to_owned(),
+                cause: cause_text(Cause::try_from(*cause).unwrap_or_default()).to_owned(),
                 count: *count,
             })
             .collect();
@@ -63,11 +63,11 @@ impl Losses {
     }
 
     /// Once a second: the alarms of the stream `name` that are over and begin, each with its text.
-    pub(super) fn look(&mut self, name: &str) -> Vec<(String, bool)> {
+    pub(super) fn check(&mut self, name: &str) -> Vec<(String, bool)> {
         let mut changes = Vec::new();
         match self.recent.take() {
             Some(cause) => {
-                let text = format!("{name}: samples are being lost: {}", words(cause));
+                let text = format!("{name}: samples are being lost: {}", cause_text(cause));
                 match &mut self.alarm {
                     Some(alarm) if alarm.text == text => alarm.calm = 0,
                     alarm => {
@@ -80,7 +80,7 @@ impl Losses {
             None => {
                 if let Some(alarm) = &mut self.alarm {
                     alarm.calm += 1;
-                    if alarm.calm >= CALM_LOOKS {
+                    if alarm.calm >= CALM_CHECKS {
                         changes.extend(self.end());
                     }
                 }
@@ -96,7 +96,7 @@ impl Losses {
 }
 
 /// A cause, for people.
-fn words(cause: Cause) -> &'static str {
+fn cause_text(cause: Cause) -> &'static str {
     match cause {
         Cause::Unknown => "cause not known",
         Cause::Device => "the device skipped them",
@@ -119,33 +119,33 @@ mod tests {
     #[test]
     fn an_alarm_stands_while_samples_are_lost_and_no_longer() {
         let mut losses = Losses::default();
-        assert_eq!(losses.look("feet"), []);
+        assert_eq!(losses.check("feet"), []);
         losses.report(Cause::EncoderOverload);
         losses.report(Cause::EncoderOverload);
         let text = "feet: samples are being lost: the machine is too slow to encode them";
-        assert_eq!(losses.look("feet"), [(text.to_owned(), true)]);
-        for _ in 1..CALM_LOOKS {
-            assert_eq!(losses.look("feet"), []);
+        assert_eq!(losses.check("feet"), [(text.to_owned(), true)]);
+        for _ in 1..CALM_CHECKS {
+            assert_eq!(losses.check("feet"), []);
         }
         losses.report(Cause::EncoderOverload);
-        assert_eq!(losses.look("feet"), [], "it stands already");
-        for _ in 1..CALM_LOOKS {
-            assert_eq!(losses.look("feet"), []);
+        assert_eq!(losses.check("feet"), [], "it stands already");
+        for _ in 1..CALM_CHECKS {
+            assert_eq!(losses.check("feet"), []);
         }
-        assert_eq!(losses.look("feet"), [(text.to_owned(), false)]);
+        assert_eq!(losses.check("feet"), [(text.to_owned(), false)]);
     }
 
     #[test]
     fn another_cause_is_another_alarm() {
         let mut losses = Losses::default();
         losses.report(Cause::WriterOverload);
-        let first = losses.look("feet");
+        let first = losses.check("feet");
         losses.gap(Cause::Device, 3);
-        let then = losses.look("feet");
+        let then = losses.check("feet");
         assert_eq!(then[0], (first[0].0.clone(), false));
         assert!(then[1].1 && then[1].0.contains("device"), "{then:?}");
         assert_eq!(losses.end(), Some((then[1].0.clone(), false)));
-        assert_eq!(losses.look("feet"), []);
+        assert_eq!(losses.check("feet"), []);
     }
 
     #[test]
@@ -155,7 +155,7 @@ mod tests {
         losses.gap(Cause::Spared, 7);
         losses.gap(Cause::Late, 9);
         losses.gap(Cause::Late, 1);
-        assert_eq!(losses.look("feet"), []);
+        assert_eq!(losses.check("feet"), []);
         let counts: Vec<u64> = losses.by_cause().iter().map(|c| c.count).collect();
         assert_eq!(counts, [10, 7]);
     }

@@ -150,7 +150,7 @@ impl Session {
                 stream.bytes += unit.len() as u64;
                 self.writer.append_frame(&stream.name, frame, &unit, key)?;
                 // What was lost just now must not get into a set.
-                self.note_incidents();
+                self.record_incidents();
                 for set in self.sets.push(camera, number, time) {
                     self.frame_set(&set, host)?;
                 }
@@ -229,16 +229,16 @@ impl Session {
     }
 
     /// What the writer had to give up is missing too; it has written the gap records itself.
-    pub(super) fn note_incidents(&mut self) {
+    pub(super) fn record_incidents(&mut self) {
         for incident in self.writer.take_incidents() {
             for gap in &incident.lost {
-                self.note_lost(gap);
+                self.record_loss(gap);
             }
             self.incidents.push(incident);
         }
     }
 
-    fn note_lost(&mut self, gap: &Gap) {
+    fn record_loss(&mut self, gap: &Gap) {
         let Some(position) = self.streams.iter().position(|s| s.name == gap.stream) else {
             return;
         };
@@ -259,7 +259,7 @@ impl Session {
     }
 
     /// What is on disk by now can no longer be lost.
-    pub(super) fn note_durable(&mut self) {
+    pub(super) fn record_durable(&mut self) {
         let until = self.writer.durability().until;
         self.pending.retain(|(time, ..)| *time > until);
     }
@@ -298,13 +298,13 @@ impl Session {
     /// Ends the session; whether everything is on disk.
     pub(super) fn close(&mut self, stop: Stop) -> Result<(), WriteError> {
         let closed = self.writer.close(stop);
-        self.note_incidents();
+        self.record_incidents();
         closed.map(|_| ())
     }
 
     /// The disk has failed for good: what is not known to be on it is missing.
     pub(super) fn write_off(&mut self) {
-        self.note_durable();
+        self.record_durable();
         for (_, stream, count) in std::mem::take(&mut self.pending) {
             let stream = &mut self.streams[stream];
             let lost = count.min(stream.stored);

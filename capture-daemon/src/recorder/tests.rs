@@ -26,7 +26,7 @@ struct Bench {
     disks: Arc<Mutex<Vec<FaultStorage>>>,
     progress: Arc<Mutex<Vec<Progress>>>,
     free: Arc<Mutex<Option<u64>>>,
-    machine: Arc<Mutex<MachineLook>>,
+    machine: Arc<Mutex<MachineReading>>,
     /// Nothing can be deleted.
     keeps: Arc<Mutex<bool>>,
     /// Somebody has removed the folder of the session.
@@ -60,10 +60,10 @@ impl SessionStore for Bench {
         *self.free.lock().expect("free")
     }
 
-    fn machine(&mut self, _: HostTime, _: bool) -> MachineLook {
-        let mut look = self.machine.lock().expect("machine").clone();
-        look.status.temperature_c = Some(41.5);
-        look
+    fn machine(&mut self, _: HostTime, _: bool) -> MachineReading {
+        let mut reading = self.machine.lock().expect("machine").clone();
+        reading.status.temperature_c = Some(41.5);
+        reading
     }
 }
 
@@ -113,7 +113,7 @@ fn rig(pre_roll_ns: i64, bench: Bench) -> Rig {
         name: "walk".to_owned(),
         software: "tests".to_owned(),
     };
-    let seen = bench.progress.clone();
+    let delivered = bench.progress.clone();
     let (encoding, queued) = (Encoding::new(2), Arc::<AtomicU64>::default());
     let of_queue = queued.clone();
     let queues = Queues {
@@ -125,7 +125,7 @@ fn rig(pre_roll_ns: i64, bench: Bench) -> Rig {
         clock.clone(),
         Box::new(bench.clone()),
         queues,
-        Box::new(move |p| seen.lock().expect("progress").push(p)),
+        Box::new(move |p| delivered.lock().expect("progress").push(p)),
     );
     Rig {
         recorder,
@@ -294,14 +294,17 @@ fn right_after_a_stop_a_camera_begins_with_the_key_frame_that_is_asked_for() {
     rig.steps(13);
     started(&mut rig);
     assert!(
-        rig.recorder.take_key_wishes().is_empty(),
+        rig.recorder.take_key_frame_requests().is_empty(),
         "there is a pre-roll"
     );
     rig.recorder.close_now("button");
     rig.steps(2);
     started(&mut rig);
-    assert_eq!(rig.recorder.take_key_wishes(), [0, 1]);
-    assert!(rig.recorder.take_key_wishes().is_empty(), "once is enough");
+    assert_eq!(rig.recorder.take_key_frame_requests(), [0, 1]);
+    assert!(
+        rig.recorder.take_key_frame_requests().is_empty(),
+        "once is enough"
+    );
     rig.steps(10);
     rig.recorder.close_now("button");
     for camera in ["left_shoulder", "feet"] {
@@ -396,7 +399,7 @@ fn without_a_pre_roll_a_session_begins_at_the_press_with_key_frames_that_are_ask
     let press = rig.now();
     started(&mut rig);
     assert_eq!(rig.messages::<Event>("").len(), 0, "nothing is on disk yet");
-    assert_eq!(rig.recorder.take_key_wishes(), [0, 1]);
+    assert_eq!(rig.recorder.take_key_frame_requests(), [0, 1]);
     rig.steps(6);
     rig.recorder.close_now("button");
     let frames: Vec<Frame> = rig.messages("feet");
@@ -446,7 +449,7 @@ fn a_pre_roll_is_not_taken_from_before_a_silence() {
     started(&mut rig);
     let begun = rig.recorder.session.as_ref().map(|s| s.started);
     assert_eq!(begun, Some(press));
-    assert_eq!(rig.recorder.take_key_wishes(), [0, 1]);
+    assert_eq!(rig.recorder.take_key_frame_requests(), [0, 1]);
 }
 
 #[test]
@@ -878,7 +881,7 @@ fn a_machine_that_gets_too_hot_is_spared_and_then_stopped() {
     let mut rig = rig(0, Bench::default());
     rig.steps(5);
     started(&mut rig);
-    let mut seen = Vec::new();
+    let mut delivered = Vec::new();
     for second in 0..240 {
         let margin_c = 20.0 - f64::from(second) * 0.2;
         rig.bench.machine.lock().expect("machine").pressure.heat = Some(Heat {
@@ -894,14 +897,14 @@ fn a_machine_that_gets_too_hot_is_spared_and_then_stopped() {
             streams: Vec::new(),
         });
         let status = rig.recorder.status();
-        if seen.last() != Some(&status.sparing) {
-            seen.push(status.sparing.clone());
+        if delivered.last() != Some(&status.sparing) {
+            delivered.push(status.sparing.clone());
         }
         let is_hot = status.concerns.contains(&Concern::Heat);
         assert_eq!(is_hot, status.sparing != "normal", "{status:?}");
     }
     assert_eq!(
-        seen,
+        delivered,
         [
             "normal",
             "warn",

@@ -36,12 +36,12 @@ pub(super) fn is_claimed(session: &Path) -> bool {
 }
 
 /// A session's folder with the claim to it.
-pub(super) struct Claimed {
+pub(super) struct ClaimedStorage {
     storage: DiskStorage,
     _claim: Option<Claim>,
 }
 
-impl Claimed {
+impl ClaimedStorage {
     /// A folder that is new, so that nobody can have claimed it for longer than a look takes.
     pub(super) fn new(session: &Path) -> Self {
         let claim = Claim::wait(session)
@@ -53,7 +53,7 @@ impl Claimed {
     }
 }
 
-impl Storage for Claimed {
+impl Storage for ClaimedStorage {
     fn create(&self, path: &str) -> io::Result<Box<dyn WriteFile>> {
         self.storage.create(path)
     }
@@ -91,7 +91,7 @@ mod tests {
     fn a_session_is_claimed_until_its_storage_is_gone() {
         let folder = tempfile::tempdir().expect("folder");
         assert!(!is_claimed(folder.path()));
-        let claimed = Claimed::new(folder.path());
+        let claimed = ClaimedStorage::new(folder.path());
         assert!(is_claimed(folder.path()) && is_claimed(folder.path()));
         drop(claimed);
         assert!(!is_claimed(folder.path()));

@@ -17,9 +17,9 @@ use operator::signal::{Once, Phase, Status as Shown, Warning};
 use operator::{Clock, beeper, light};
 use session_archive::time::HostTime;
 
-use super::real_time::{Shared, ask};
-use crate::causes::with_causes;
+use super::real_time::{Shared, send_request};
 use crate::config;
+use crate::error_chain::with_causes;
 use crate::status::{Concern, Request, Response, State, Status};
 
 /// Who asks, in sessions.
@@ -27,13 +27,13 @@ const SOURCE: &str = "button";
 
 /// Everything that the operator has.
 pub(super) struct Operator {
-    hand: Arc<Hand>,
+    actions: Arc<OperatorActions>,
     /// They listen until they are dropped.
     _listeners: Vec<Listener>,
 }
 
 /// What the buttons' threads share.
-struct Hand {
+struct OperatorActions {
     shared: Arc<Shared>,
     panel: Panel,
     /// It was asked whether to discard.
@@ -65,7 +65,7 @@ impl Operator {
         });
         let panel = Panel::start(clock.clone(), lights.collect(), beepers.collect())
             .context("starting the lights")?;
-        let hand = Arc::new(Hand {
+        let actions = Arc::new(OperatorActions {
             shared: shared.clone(),
             panel,
             question: AtomicBool::new(false),
@@ -75,32 +75,32 @@ impl Operator {
         for spec in &config.buttons {
             let port = DevPort::new(spec.clone(), clock.clone())
                 .with_context(|| format!("watching for the button {spec}"))?;
-            let (of_state, of_hand, name) = (shared.clone(), hand.clone(), spec.to_string());
+            let (of_state, of_actions, name) = (shared.clone(), actions.clone(), spec.to_string());
             let listener = Listener::start(
                 Box::new(port),
                 Settings::default(),
                 clock.clone(),
                 move || of_state.is_recording(),
-                move |heard| of_hand.hear(&name, heard),
+                move |event| of_actions.handle(&name, event),
             );
             listeners.push(listener.with_context(|| format!("listening to the button {spec}"))?);
         }
         Ok(Self {
-            hand,
+            actions,
             _listeners: listeners,
         })
     }
 
     /// Shows how the recorder is now.
     pub(super) fn show(&self) {
-        self.hand.show();
+        self.actions.show();
     }
 }
 
-impl Hand {
-    fn hear(&self, button: &str, heard: Heard) {
-        match heard {
-            Heard::Wished(wished) => self.fulfil(wished),
+impl OperatorActions {
+    fn handle(&self, button: &str, event: Heard) {
+        match event {
+            Heard::Wished(command) => self.execute(command),
             Heard::Gone(error) => {
                 log::warn!("the button {button} is gone: {}", with_causes(&error));
             }
@@ -109,11 +109,11 @@ impl Hand {
         self.show();
     }
 
-    fn fulfil(&self, wished: Wished) {
-        let at = HostTime(wished.at_ns);
+    fn execute(&self, command: Wished) {
+        let at = HostTime(command.at_ns);
         self.question
-            .store(matches!(wished.wish, Wish::Ask(_)), Ordering::SeqCst);
-        let (request, done) = match wished.wish {
+            .store(matches!(command.wish, Wish::Ask(_)), Ordering::SeqCst);
+        let (request, done) = match command.wish {
             // That it began is shown by the state.
             Wish::Start => (
                 Request::Start {
@@ -134,7 +134,7 @@ impl Hand {
             Wish::Ask(_) | Wish::Cancelled | Wish::Freed => return,
             Wish::Stuck => return log::warn!("the button is held down, or stuck"),
         };
-        match ask(&self.shared, request, SOURCE) {
+        match send_request(&self.shared, request, SOURCE) {
             Response::Ok { .. } => {
                 if let Some(done) = done {
                     self.panel.play(done);

@@ -14,7 +14,7 @@ use rig_link::token::Token;
 use session_archive::time::{HostTime, NS_PER_S};
 
 use super::claim::is_claimed;
-use super::real_time::{Running, Shared, ask};
+use super::real_time::{Running, Shared, send_request};
 use crate::config;
 use crate::preview::Newest;
 use crate::status::{Request, Response, State, Status};
@@ -31,16 +31,16 @@ const RETRY_NS: i64 = 10 * NS_PER_S;
 
 /// The page as soon as it can be served, until this is dropped. Nobody waits for it: an address that comes with a
 /// network that is not there yet must not keep the rig from recording.
-pub(super) struct Keeper<'a> {
+pub(super) struct PageSupervisor<'a> {
     page: Option<&'a config::Page>,
     out: PathBuf,
     server: Option<Server>,
     next: HostTime,
     /// Why it is not served, as was last said.
-    told: String,
+    last_error: String,
 }
 
-impl<'a> Keeper<'a> {
+impl<'a> PageSupervisor<'a> {
     /// Of this page, where there is to be one, with the sessions in `out`.
     pub(super) fn new(page: Option<&'a config::Page>, out: &Path) -> Self {
         Self {
@@ -48,12 +48,12 @@ impl<'a> Keeper<'a> {
             out: out.to_owned(),
             server: None,
             next: HostTime::MIN,
-            told: String::new(),
+            last_error: String::new(),
         }
     }
 
     /// Serves it if it is not served and it is time for another try.
-    pub(super) fn look(&mut self, running: &Running) {
+    pub(super) fn supervise(&mut self, running: &Running) {
         let now = running.shared.now();
         let (Some(page), None) = (self.page, &self.server) else {
             return;
@@ -66,9 +66,9 @@ impl<'a> Keeper<'a> {
             Ok(server) => self.server = Some(server),
             Err(error) => {
                 let text = format!("no page, trying again: {error:#}");
-                if text != self.told {
+                if text != self.last_error {
                     log::error!("{text}");
-                    self.told = text;
+                    self.last_error = text;
                 }
             }
         }
@@ -134,7 +134,7 @@ impl Rig for PageRig {
             Action::Discard if is_recording => Request::Discard,
             Action::Discard => Request::DiscardLast,
         };
-        match ask(&self.shared, request, SOURCE) {
+        match send_request(&self.shared, request, SOURCE) {
             Response::Ok { .. } => Ok(()),
             Response::Error { message } => Err(message),
         }
@@ -267,15 +267,19 @@ mod tests {
         };
         let running = Running::idle();
         let folder = tempfile::tempdir().expect("folder");
-        let mut keeper = Keeper::new(Some(&page), folder.path());
-        keeper.look(&running);
-        assert!(keeper.told.contains("listening on"), "{}", keeper.told);
+        let mut supervisor = PageSupervisor::new(Some(&page), folder.path());
+        supervisor.supervise(&running);
+        assert!(
+            supervisor.last_error.contains("listening on"),
+            "{}",
+            supervisor.last_error
+        );
         drop(taken);
-        keeper.look(&running);
-        assert!(keeper.server.is_none(), "not yet");
-        keeper.next = HostTime::MIN;
-        keeper.look(&running);
-        assert!(keeper.server.is_some());
+        supervisor.supervise(&running);
+        assert!(supervisor.server.is_none(), "not yet");
+        supervisor.next = HostTime::MIN;
+        supervisor.supervise(&running);
+        assert!(supervisor.server.is_some());
     }
 
     #[test]
@@ -289,17 +293,25 @@ mod tests {
             folder: folder.path().to_owned(),
         };
         let running = Running::idle();
-        let mut keeper = Keeper::new(Some(&page), folder.path());
+        let mut supervisor = PageSupervisor::new(Some(&page), folder.path());
         let mode = |mode| std::fs::set_permissions(&token, Permissions::from_mode(mode));
         mode(0o644).expect("mode");
-        keeper.look(&running);
-        assert!(keeper.server.is_none());
+        supervisor.supervise(&running);
+        assert!(supervisor.server.is_none());
         let mend = format!("mend it with chmod 600 {}", token.display());
-        assert!(keeper.told.contains("mode 0644"), "{}", keeper.told);
-        assert!(keeper.told.ends_with(&mend), "{}", keeper.told);
+        assert!(
+            supervisor.last_error.contains("mode 0644"),
+            "{}",
+            supervisor.last_error
+        );
+        assert!(
+            supervisor.last_error.ends_with(&mend),
+            "{}",
+            supervisor.last_error
+        );
         mode(0o600).expect("mode");
-        keeper.next = HostTime::MIN;
-        keeper.look(&running);
-        assert!(keeper.server.is_some());
+        supervisor.next = HostTime::MIN;
+        supervisor.supervise(&running);
+        assert!(supervisor.server.is_some());
     }
 }

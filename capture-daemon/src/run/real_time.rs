@@ -5,7 +5,7 @@
 //! next key frame, which is asked for until one gets through. Both are reported with their cause. IMU
 //! samples wait instead, and gather on the way so that the hub is not woken for each. Hub, recorder and the daemon's
 //! own loop sleep until something comes or is due. When a source fails, everything goes on without it, with an alarm. When hub or
-//! recorder does not come round for [`STUCK_NS`], the run ends with an error; the session is closed
+//! recorder does not come round for [`WATCHDOG_NS`], the run ends with an error; the session is closed
 //! before, if the recorder still can.
 
 use std::path::Path;
@@ -21,26 +21,26 @@ use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, NS_PER_S};
 
 use super::build::{Built, build};
-use super::leftovers;
+use super::crash_recovery;
 use super::operator::Operator;
 use super::page;
 use super::store::FolderStore;
 use super::{Finished, Outcome, RecordOptions, StopFlag, stop_reason};
-use crate::announce::{self, Firsts};
-use crate::causes::with_causes;
+use crate::announce::{self, FirstFrames};
 use crate::clock::{Clock, RealClock};
 use crate::config::{Config, DEFAULT_SOCKET};
 use crate::control;
-use crate::encode::Rest;
+use crate::encode::RemainingFrames;
 use crate::encoding::Encoding;
+use crate::error_chain::with_causes;
 use crate::hub::{Hub, Out, Outgoing, TICK_NS};
 use crate::notify::Notify;
 use crate::preview::{Newest, Previews};
 use crate::queue::{Popped, Queue};
+use crate::realtime_priority;
 use crate::recorder::{OnProgress, Queues, RECOVERY, Recorder};
 use crate::sources::{AnySource, RawFrame, Sample, Sink, Source, SourceError};
 use crate::status::{Progress, Request, Response, State, Status};
-use crate::urgent;
 
 /// Raw frames waiting for the hub.
 const INBOX_BYTES: usize = 128 << 20;
@@ -49,19 +49,19 @@ const NATIVE_WAITING: usize = 6;
 /// Encoded frames and IMU samples waiting for the recorder.
 const OUTBOX_BYTES: usize = 64 << 20;
 /// Longest wait before a thread looks whether the end was asked for, and the recorder whether a session is closed.
-const PATIENCE: Duration = Duration::from_millis(20);
+const POLL_TIMEOUT: Duration = Duration::from_millis(20);
 /// Replays begin this much after the program, so that all of them are ready.
-const LEAD_NS: i64 = 200_000_000;
+const REPLAY_LEAD_NS: i64 = 200_000_000;
 /// While nobody stores frames, one in so long is shown and looked at; the others are only counted and timed.
-const SHOWN_NS: i64 = NS_PER_S;
+const IDLE_PREVIEW_PERIOD_NS: i64 = NS_PER_S;
 /// A source that is so far behind its schedule has to leave samples out.
-const BEHIND_NS: i64 = NS_PER_S / 2;
+const MAX_LAG_NS: i64 = NS_PER_S / 2;
 /// A thread that has not come round for this long is stuck.
-const STUCK_NS: i64 = 10 * NS_PER_S;
+const WATCHDOG_NS: i64 = 10 * NS_PER_S;
 /// A recording that cannot be closed within this is given up.
-const CLOSE_LIMIT_NS: i64 = 4 * STUCK_NS;
+const CLOSE_LIMIT_NS: i64 = 4 * WATCHDOG_NS;
 /// How old what others know of the recorder may be.
-const NOTE_NS: i64 = 200_000_000;
+const STATUS_MAX_AGE_NS: i64 = 200_000_000;
 /// How long a request may take.
 const REQUEST_LIMIT: Duration = Duration::from_secs(5);
 /// How long a stop may take: what waits for the encoders goes in first (`recorder::STOP_MAX_NS`). Whoever asks waits
@@ -69,7 +69,7 @@ const REQUEST_LIMIT: Duration = Duration::from_secs(5);
 const STOP_REQUEST_LIMIT: Duration = Duration::from_secs(30);
 
 /// To the hub.
-enum In {
+enum HubInput {
     Sample(usize, Sample),
     /// Camera, device's number and arrival.
     Dropped(usize, u64, HostTime),
@@ -86,7 +86,7 @@ enum ToRecorder {
 /// What all threads share.
 pub(super) struct Shared {
     clock: Arc<RealClock>,
-    inbox: Queue<In>,
+    inbox: Queue<HubInput>,
     outbox: Queue<ToRecorder>,
     /// Set when everything is to end.
     ending: StopFlag,
@@ -94,13 +94,13 @@ pub(super) struct Shared {
     hub_beat: AtomicI64,
     recorder_beat: AtomicI64,
     /// Cameras that need a key frame.
-    key_wanted: Vec<AtomicBool>,
+    key_frame_needed: Vec<AtomicBool>,
     /// Set when no source will deliver any more.
     all_ended: StopFlag,
     /// How the recorder was when it last changed, for whoever must not wait for it.
     latest: Mutex<Option<Arc<Status>>>,
     /// Told when that changes.
-    noted: Condvar,
+    status_changed: Condvar,
     /// Whether a session is open.
     recording: AtomicBool,
     /// Since when, if one is.
@@ -108,7 +108,7 @@ pub(super) struct Shared {
     /// Whether frames are kept before a session begins.
     has_pre_roll: bool,
     /// What is done to spare the machine.
-    measures: Mutex<Measures>,
+    mitigations: Mutex<Measures>,
     /// The newest picture of each camera.
     previews: Arc<Previews>,
     outcome: Outcome,
@@ -125,14 +125,14 @@ impl Shared {
             ending: StopFlag::new(),
             hub_beat: AtomicI64::new(now),
             recorder_beat: AtomicI64::new(now),
-            key_wanted: (0..cameras).map(|_| AtomicBool::new(false)).collect(),
+            key_frame_needed: (0..cameras).map(|_| AtomicBool::new(false)).collect(),
             all_ended: StopFlag::new(),
             latest: Mutex::default(),
-            noted: Condvar::new(),
+            status_changed: Condvar::new(),
             recording: AtomicBool::new(false),
             recording_since: AtomicI64::new(now),
             has_pre_roll,
-            measures: Mutex::default(),
+            mitigations: Mutex::default(),
             previews: Arc::new(Previews::new(cameras)),
             outcome,
         }
@@ -170,22 +170,22 @@ impl Shared {
     }
 
     /// Keeps what others are to know of the recorder.
-    fn note(&self, recorder: &Recorder) {
+    fn publish_status(&self, recorder: &Recorder) {
         let is_recording = matches!(recorder.state(), State::Recording | State::Stopping);
         self.set_recording(is_recording);
-        *lock(&self.measures) = recorder.measures();
+        *lock(&self.mitigations) = recorder.mitigations();
         *lock(&self.latest) = Some(Arc::new(recorder.status()));
-        self.noted.notify_all();
+        self.status_changed.notify_all();
     }
 
     /// Waits for something newer than `seen` of the recorder, up to `limit`.
-    fn wait_for_news(&self, seen: Option<&Arc<Status>>, limit: Duration) {
+    fn wait_for_status(&self, seen: Option<&Arc<Status>>, limit: Duration) {
         let is_seen = |latest: &mut Option<Arc<Status>>| match (latest, seen) {
             (Some(latest), Some(seen)) => Arc::ptr_eq(latest, seen),
             (latest, seen) => latest.is_none() && seen.is_none(),
         };
         let waited = self
-            .noted
+            .status_changed
             .wait_timeout_while(lock(&self.latest), limit, is_seen);
         drop(waited);
     }
@@ -213,7 +213,7 @@ impl Running {
     ) -> anyhow::Result<Self> {
         let clock = Arc::new(RealClock);
         let mut built = build(clock.now())?;
-        built.begin_at(clock.now() + LEAD_NS)?;
+        built.begin_at(clock.now() + REPLAY_LEAD_NS)?;
         let Built {
             sources,
             cameras,
@@ -288,7 +288,7 @@ impl Running {
     }
 
     fn request(&self, request: Request, source: &'static str) -> Response {
-        ask(&self.shared, request, source)
+        send_request(&self.shared, request, source)
     }
 
     /// Ends all threads; a session that is still open is closed.
@@ -301,9 +301,9 @@ impl Running {
     }
 
     /// A thread that does not come round any more, if there is one.
-    fn stuck(&self) -> Option<&'static str> {
+    fn stalled_thread(&self) -> Option<&'static str> {
         let now = self.shared.clock.now();
-        let late = |beat: &AtomicI64| now.0 - beat.load(Ordering::Relaxed) > STUCK_NS;
+        let late = |beat: &AtomicI64| now.0 - beat.load(Ordering::Relaxed) > WATCHDOG_NS;
         // A stuck recorder makes the hub wait, not the other way round.
         if late(&self.shared.recorder_beat) {
             Some("recorder")
@@ -316,7 +316,7 @@ impl Running {
 
     /// Whether everything still moves. If not, and the recorder can, it closes the session first.
     fn check(&self) -> anyhow::Result<()> {
-        let Some(thread) = self.stuck() else {
+        let Some(thread) = self.stalled_thread() else {
             return Ok(());
         };
         if thread != "recorder" {
@@ -324,7 +324,7 @@ impl Running {
         }
         bail!(
             "the thread {thread} has been stuck for {} s",
-            STUCK_NS / NS_PER_S
+            WATCHDOG_NS / NS_PER_S
         )
     }
 }
@@ -340,7 +340,7 @@ fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> anyhow::Result<Join
         .with_context(|| format!("starting the thread {name}"))
 }
 
-pub(super) fn ask(shared: &Shared, request: Request, source: &'static str) -> Response {
+pub(super) fn send_request(shared: &Shared, request: Request, source: &'static str) -> Response {
     let failed = |message: &str| Response::Error {
         message: message.to_owned(),
     };
@@ -363,39 +363,39 @@ pub(super) fn ask(shared: &Shared, request: Request, source: &'static str) -> Re
 
 /// A source's thread: hands everything to the hub.
 fn pump(i: usize, source: AnySource, shared: &Shared) {
-    let inlet = Inlet {
+    let hub_sink = HubSink {
         source: i,
         shared,
         shown: AtomicI64::new(i64::MIN),
     };
     let ended = match source {
-        AnySource::Scheduled(source) => replay(source, &inlet),
+        AnySource::Scheduled(source) => replay(source, &hub_sink),
         AnySource::Live(source) => {
-            urgent::this_thread();
-            source.run(&inlet)
+            realtime_priority::this_thread();
+            source.run(&hub_sink)
         }
     };
     let failure = ended.err().map(|error| with_causes(&error));
-    let _ = shared.inbox.push_reserved(In::Ended(i, failure), 0);
+    let _ = shared.inbox.push_reserved(HubInput::Ended(i, failure), 0);
 }
 
 /// Waits for each sample until it is to arrive.
-fn replay(mut source: Box<dyn Source>, inlet: &Inlet<'_>) -> Result<(), SourceError> {
+fn replay(mut source: Box<dyn Source>, hub_sink: &HubSink<'_>) -> Result<(), SourceError> {
     loop {
-        source.want_pixels(inlet.wants_pixels());
+        source.set_pixels_needed(hub_sink.pixels_needed());
         let Some(sample) = source.next_sample()? else {
             break;
         };
-        if !wait_until(sample.host_time(), inlet.shared) {
+        if !wait_until(sample.host_time(), hub_sink.shared) {
             break;
         }
-        let now = inlet.now();
-        let is_behind = now.since(sample.host_time()) > BEHIND_NS;
-        inlet.put(sample);
+        let now = hub_sink.now();
+        let is_behind = now.since(sample.host_time()) > MAX_LAG_NS;
+        hub_sink.put(sample);
         if is_behind {
             // They follow it in the order of their numbers.
-            for lost in source.hurry(now) {
-                inlet.put(Sample::Lost(lost));
+            for lost in source.skip_overdue(now) {
+                hub_sink.put(Sample::Dropped(lost));
             }
         }
     }
@@ -403,21 +403,21 @@ fn replay(mut source: Box<dyn Source>, inlet: &Inlet<'_>) -> Result<(), SourceEr
 }
 
 /// The way of one source's samples to the hub.
-struct Inlet<'a> {
+struct HubSink<'a> {
     source: usize,
     shared: &'a Shared,
     /// When the newest frame with pixels was put in.
     shown: AtomicI64,
 }
 
-impl Sink for Inlet<'_> {
+impl Sink for HubSink<'_> {
     fn now(&self) -> HostTime {
         self.shared.clock.now()
     }
 
-    fn wants_pixels(&self) -> bool {
+    fn pixels_needed(&self) -> bool {
         let shown = self.shown.load(Ordering::Relaxed);
-        !self.shared.is_idle() || self.now().0.saturating_sub(shown) >= SHOWN_NS
+        !self.shared.is_idle() || self.now().0.saturating_sub(shown) >= IDLE_PREVIEW_PERIOD_NS
     }
 
     fn put(&self, sample: Sample) {
@@ -438,14 +438,16 @@ impl Sink for Inlet<'_> {
             | Sample::Native(RawFrame {
                 number, host_time, ..
             }) => {
-                let dropped = In::Dropped(i, *number, *host_time);
+                let dropped = HubInput::Dropped(i, *number, *host_time);
                 inbox
-                    .try_push(In::Sample(i, sample), bytes)
+                    .try_push(HubInput::Sample(i, sample), bytes)
                     .or_else(|_| inbox.push_reserved(dropped, 0))
             }
             // Their times are taken, and the hub gathers them anyway.
-            Sample::Imu(_) | Sample::Seen(_) => inbox.push_gathered(In::Sample(i, sample), bytes),
-            _ => inbox.push_reserved(In::Sample(i, sample), bytes),
+            Sample::Imu(_) | Sample::Arrival(_) => {
+                inbox.push_gathered(HubInput::Sample(i, sample), bytes)
+            }
+            _ => inbox.push_reserved(HubInput::Sample(i, sample), bytes),
         };
     }
 
@@ -468,7 +470,7 @@ fn wait_until(time: HostTime, shared: &Shared) -> bool {
             clippy::disallowed_methods,
             reason = "this is the clock of the replayed devices"
         )]
-        std::thread::sleep(Duration::from_nanos(left as u64).min(PATIENCE));
+        std::thread::sleep(Duration::from_nanos(left as u64).min(POLL_TIMEOUT));
     }
 }
 
@@ -484,26 +486,26 @@ fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
     let mut now = shared.clock.now();
     let mut next_tick = now;
     loop {
-        let patience = match draining {
-            true => PATIENCE.min(span(now, next_tick)),
+        let timeout = match draining {
+            true => POLL_TIMEOUT.min(span(now, next_tick)),
             false => span(now, next_tick),
         };
-        let popped = shared.inbox.pop(patience);
+        let popped = shared.inbox.pop(timeout);
         now = shared.clock.now();
         shared.beat(&shared.hub_beat);
-        hub.spare(*lock(&shared.measures));
+        hub.set_mitigations(*lock(&shared.mitigations));
         let is_idle = shared.is_idle();
         let since = HostTime(shared.recording_since.load(Ordering::SeqCst));
         hub.idle(is_idle, since);
-        for (camera, wanted) in shared.key_wanted.iter().enumerate() {
+        for (camera, wanted) in shared.key_frame_needed.iter().enumerate() {
             if wanted.swap(false, Ordering::Relaxed) {
                 hub.request_key(camera);
             }
         }
         match popped {
-            Popped::Item(In::Sample(i, sample)) => hub.sample(i, sample, now),
-            Popped::Item(In::Dropped(i, number, at)) => hub.dropped(i, number, at, now),
-            Popped::Item(In::Ended(i, failure)) => {
+            Popped::Item(HubInput::Sample(i, sample)) => hub.sample(i, sample, now),
+            Popped::Item(HubInput::Dropped(i, number, at)) => hub.dropped(i, number, at, now),
+            Popped::Item(HubInput::Ended(i, failure)) => {
                 if let Some(error) = failure {
                     hub.source_failed(i, &error, now);
                     shared.outcome.source_failed(error);
@@ -515,18 +517,18 @@ fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
             Popped::Closed => break,
         }
         if now >= next_tick {
-            hub.note_inbox(shared.inbox.bytes() as f64 / INBOX_BYTES as f64);
+            hub.set_inbox_fill(shared.inbox.bytes() as f64 / INBOX_BYTES as f64);
             hub.tick(now);
             next_tick = now + TICK_NS;
         }
         // Round by round: a slow machine takes longer than a thread may that is not stuck.
         if draining && hub.drain(now) {
             draining = false;
-            hub.finish(Rest::Encode, now);
+            hub.finish(RemainingFrames::Encode, now);
             shared.all_ended.set();
         }
     }
-    hub.finish(Rest::Drop, shared.clock.now());
+    hub.finish(RemainingFrames::Drop, shared.clock.now());
     shared.outbox.close();
 }
 
@@ -557,7 +559,7 @@ fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
         }
         // Again if the key frame that was asked for did not fit either.
         if !skipping[camera].swap(true, Ordering::Relaxed) || key {
-            shared.key_wanted[camera].store(true, Ordering::Relaxed);
+            shared.key_frame_needed[camera].store(true, Ordering::Relaxed);
         }
         let dropped = Outgoing::Dropped {
             at,
@@ -574,14 +576,16 @@ fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
 fn run_recorder(mut recorder: Recorder, shared: &Shared) {
     // Whoever asked to stop is answered when the session is closed.
     let mut stopping: Vec<SyncSender<Response>> = Vec::new();
-    let mut noted: Option<(HostTime, State)> = None;
+    let mut status_changed: Option<(HostTime, State)> = None;
     loop {
-        let patience = match noted {
+        let timeout = match status_changed {
             // What the disk has done is looked for as often as samples come.
-            Some((at, state)) if state != State::Stopping => span(shared.clock.now(), at + NOTE_NS),
-            _ => PATIENCE,
+            Some((at, state)) if state != State::Stopping => {
+                span(shared.clock.now(), at + STATUS_MAX_AGE_NS)
+            }
+            _ => POLL_TIMEOUT,
         };
-        let popped = shared.outbox.pop(patience);
+        let popped = shared.outbox.pop(timeout);
         shared.beat(&shared.recorder_beat);
         match popped {
             Popped::Item(ToRecorder::Item(item)) => recorder.handle(item),
@@ -591,7 +595,7 @@ fn run_recorder(mut recorder: Recorder, shared: &Shared) {
                     // Before there is a folder that could be taken for one that has ended.
                     shared.set_recording(true);
                 }
-                noted = None;
+                status_changed = None;
                 let answer = recorder.request(request, source);
                 if is_stop && recorder.state() == State::Stopping {
                     stopping.push(reply);
@@ -609,13 +613,14 @@ fn run_recorder(mut recorder: Recorder, shared: &Shared) {
             }
         }
         let (now, state) = (shared.clock.now(), recorder.state());
-        let is_new = noted.is_none_or(|(at, was)| was != state || now.since(at) >= NOTE_NS);
+        let is_new = status_changed
+            .is_none_or(|(at, was)| was != state || now.since(at) >= STATUS_MAX_AGE_NS);
         if is_new {
-            noted = Some((now, state));
-            shared.note(&recorder);
+            status_changed = Some((now, state));
+            shared.publish_status(&recorder);
         }
-        for camera in recorder.take_key_wishes() {
-            shared.key_wanted[camera].store(true, Ordering::Relaxed);
+        for camera in recorder.take_key_frame_requests() {
+            shared.key_frame_needed[camera].store(true, Ordering::Relaxed);
         }
     }
     recorder.close_now("shutdown");
@@ -636,8 +641,8 @@ pub(super) fn record(
         outcome.clone(),
     )?;
     let shared = running.shared.clone();
-    let mut firsts = Firsts::wait(running.names());
-    let end = shared.clock.now() + LEAD_NS + (options.seconds * NS_PER_S as f64) as i64;
+    let mut first_frames = FirstFrames::wait(running.names());
+    let end = shared.clock.now() + REPLAY_LEAD_NS + (options.seconds * NS_PER_S as f64) as i64;
     let mut asked = false;
     let mut give_up = HostTime::MAX;
     while !outcome.is_finished() {
@@ -650,7 +655,7 @@ pub(super) fn record(
         }
         running.check()?;
         if let Some(status) = shared.latest() {
-            firsts.look(&status);
+            first_frames.update(&status);
         }
         if now > give_up {
             bail!(
@@ -658,7 +663,7 @@ pub(super) fn record(
                 CLOSE_LIMIT_NS / NS_PER_S
             );
         }
-        wait_until(now + PATIENCE.as_nanos() as i64, &shared);
+        wait_until(now + POLL_TIMEOUT.as_nanos() as i64, &shared);
     }
     running.end();
     outcome.take()
@@ -679,7 +684,9 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
     let log_progress: OnProgress = Box::new(|progress| match progress {
         Progress::Started { session, notes, .. } => {
             log::info!("recording {}", session.display());
-            notes.iter().for_each(|note| log::warn!("{note}"));
+            notes
+                .iter()
+                .for_each(|publish_status| log::warn!("{publish_status}"));
         }
         Progress::Finished {
             session,
@@ -702,7 +709,7 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
     });
     let out_folder = out.clone();
     // Before the first press could begin a new one.
-    let cut_off = leftovers::find(&out);
+    let cut_off = crash_recovery::find(&out);
     let running = Running::start(
         |start| build(config, start),
         out,
@@ -712,7 +719,7 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
     )?;
     let of_control = running.shared.clone();
     let server = control::serve(&config.control.socket, move |request| {
-        ask(&of_control, request, "control")
+        send_request(&of_control, request, "control")
     })
     .with_context(|| {
         format!(
@@ -721,7 +728,7 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         )
     })?;
     let shared = running.shared.clone();
-    let tell = move |text: String| {
+    let report = move |text: String| {
         let alarm = Outgoing::Alarm {
             at: shared.clock.now(),
             text,
@@ -730,16 +737,16 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         };
         let _ = shared.outbox.push_reserved(ToRecorder::Item(alarm), 0);
     };
-    leftovers::close(out_folder.clone(), cut_off, tell)
+    crash_recovery::close(out_folder.clone(), cut_off, report)
         .context("looking after earlier recordings")?;
     let operator = Operator::start(&config.operator, &running.shared)?;
-    let mut page = page::Keeper::new(config.page.as_ref(), &out_folder);
-    page.look(&running);
-    urgent::lock_memory();
+    let mut page = page::PageSupervisor::new(config.page.as_ref(), &out_folder);
+    page.supervise(&running);
+    realtime_priority::lock_memory();
     let notify = Notify::from_env();
     notify.ready();
     let shared = running.shared.clone();
-    let mut firsts = Firsts::wait(running.names());
+    let mut first_frames = FirstFrames::wait(running.names());
     let mut is_armed = false;
     // Twice as often as asked for: the loop sleeps between its rounds.
     let watchdog_ns = notify
@@ -752,20 +759,20 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         if stop.is_set() {
             break Ok(());
         }
-        if let Err(stuck) = running.check() {
-            break Err(stuck);
+        if let Err(stalled_thread) = running.check() {
+            break Err(stalled_thread);
         }
         let now = shared.clock.now();
         let seen = shared.latest();
         if let Some(status) = &seen {
-            firsts.look(status);
+            first_frames.update(status);
             if status.state == State::Armed && !is_armed {
                 is_armed = true;
                 announce::step(armed(config));
             }
         }
         operator.show();
-        page.look(&running);
+        page.supervise(&running);
         if now >= next_status {
             next_status = now + NS_PER_S;
             if let Some(status) = &seen {
@@ -778,7 +785,7 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         }
         // It comes five times a second while the recorder moves, so the end is seen soon.
         let due = next_status.min(next_watchdog);
-        shared.wait_for_news(seen.as_ref(), span(now, due));
+        shared.wait_for_status(seen.as_ref(), span(now, due));
     };
     notify.stopping();
     drop(page);
@@ -845,17 +852,17 @@ mod tests {
             r#"{"state": "idle", "seconds": 0, "streams": [], "alarms": [], "encoders": []}"#;
         let status = || Arc::new(serde_json::from_str(STATUS).expect("a status"));
         let shared = Arc::new(Shared::new(0, 0, false, Outcome::default()));
-        shared.wait_for_news(None, Duration::from_millis(1));
+        shared.wait_for_status(None, Duration::from_millis(1));
         *lock(&shared.latest) = Some(status());
-        shared.wait_for_news(None, LONG);
+        shared.wait_for_status(None, LONG);
         let seen = shared.latest();
-        shared.wait_for_news(seen.as_ref(), Duration::from_millis(1));
+        shared.wait_for_status(seen.as_ref(), Duration::from_millis(1));
         let waiting = {
             let shared = shared.clone();
-            std::thread::spawn(move || shared.wait_for_news(seen.as_ref(), LONG))
+            std::thread::spawn(move || shared.wait_for_status(seen.as_ref(), LONG))
         };
         *lock(&shared.latest) = Some(status());
-        shared.noted.notify_all();
+        shared.status_changed.notify_all();
         waiting.join().expect("it ends");
     }
 
@@ -882,12 +889,12 @@ mod tests {
     /// Else the end of a replay on a slow machine would be taken for a thread that is stuck.
     #[test]
     fn the_hub_comes_round_while_the_last_frames_are_encoded() {
-        const { assert!(FINISH_LIMIT.as_nanos() < STUCK_NS as u128) };
+        const { assert!(FINISH_LIMIT.as_nanos() < WATCHDOG_NS as u128) };
         let shared = Arc::new(Shared::new(1, OUTBOX_BYTES, false, Outcome::default()));
         shared.set_recording(true);
         // The number of each frame that comes out or is reported, and when the hub had last come round.
-        let told: Arc<Mutex<Vec<(u64, i64)>>> = Arc::default();
-        let (into, of_hub) = (told.clone(), shared.clone());
+        let reported: Arc<Mutex<Vec<(u64, i64)>>> = Arc::default();
+        let (into, of_hub) = (reported.clone(), shared.clone());
         let out: Out = Arc::new(move |item| {
             let number = match item {
                 Outgoing::Frame { frame, .. } => frame.number,
@@ -946,19 +953,19 @@ mod tests {
             };
             hub.sample(0, Sample::Frame(frame), now);
         }
-        let _ = shared.inbox.push_reserved(In::Ended(0, None), 0);
+        let _ = shared.inbox.push_reserved(HubInput::Ended(0, None), 0);
         let of_hub = shared.clone();
         let hub = std::thread::spawn(move || run_hub(hub, 1, &of_hub));
         while !shared.all_ended.is_set() {
-            wait_until(shared.now() + PATIENCE.as_nanos() as i64, &shared);
+            wait_until(shared.now() + POLL_TIMEOUT.as_nanos() as i64, &shared);
         }
         shared.inbox.close();
         hub.join().expect("the hub");
         assert!(!encoding.is_busy(0));
-        let mut told = lock(&told).clone();
-        told.sort_unstable();
-        assert!(told.iter().map(|(number, _)| *number).eq(0..24));
-        let beats: BTreeSet<i64> = told.iter().map(|(_, beat)| *beat).collect();
+        let mut reported = lock(&reported).clone();
+        reported.sort_unstable();
+        assert!(reported.iter().map(|(number, _)| *number).eq(0..24));
+        let beats: BTreeSet<i64> = reported.iter().map(|(_, beat)| *beat).collect();
         assert!(beats.len() > 3, "{beats:?}");
     }
 
@@ -977,7 +984,7 @@ mod tests {
                 unit: Bytes::from(vec![0; 500]),
                 key,
             });
-            shared.key_wanted[0].swap(false, Ordering::Relaxed)
+            shared.key_frame_needed[0].swap(false, Ordering::Relaxed)
         };
         assert!(!frame(0, true), "there is room");
         assert!(frame(1, false));

@@ -10,10 +10,10 @@ use session_archive::layout;
 use session_archive::storage::Storage;
 use session_archive::time::{CivilTime, HostTime};
 
-use super::claim::Claimed;
-use super::look::Looker;
+use super::claim::ClaimedStorage;
+use super::machine_monitor::MachineMonitor;
 use crate::disk;
-use crate::recorder::{MachineLook, SessionStore};
+use crate::recorder::{MachineReading, SessionStore};
 
 /// What the folder of a session is called while it is being deleted.
 const DISCARDED: &str = ".discarded-";
@@ -22,7 +22,7 @@ const DISCARDED: &str = ".discarded-";
 pub struct FolderStore {
     out: PathBuf,
     /// None where the same input is to give the same session, byte for byte.
-    looker: Option<Looker>,
+    machine_monitor: Option<MachineMonitor>,
     /// Of the one session that is made then.
     identity: [u8; 16],
 }
@@ -32,7 +32,7 @@ impl FolderStore {
     /// machine's randomness.
     pub fn random(out: PathBuf, reserve_bytes: u64) -> Self {
         Self {
-            looker: Some(Looker::new(out.clone(), reserve_bytes)),
+            machine_monitor: Some(MachineMonitor::new(out.clone(), reserve_bytes)),
             identity: [0; 16],
             out,
         }
@@ -43,13 +43,13 @@ impl FolderStore {
     pub fn reproducible(out: PathBuf, identity: [u8; 16]) -> Self {
         Self {
             out,
-            looker: None,
+            machine_monitor: None,
             identity,
         }
     }
 
     fn identifier(&self, started: CivilTime) -> io::Result<uuid::Uuid> {
-        if self.looker.is_none() {
+        if self.machine_monitor.is_none() {
             return Ok(uuid::Builder::from_custom_bytes(self.identity).into_uuid());
         }
         let millis = (started.0 / 1_000_000).max(0) as u64;
@@ -69,7 +69,7 @@ impl SessionStore for FolderStore {
             .out
             .join(format!("{time}Z_{}", &text[text.len() - 8..]));
         fs::create_dir(&path)?;
-        let storage = Claimed::new(&path);
+        let storage = ClaimedStorage::new(&path);
         // The session is found after a power cut only if its name is on disk.
         fs::File::open(&self.out)?.sync_all()?;
         Ok((path, Arc::new(storage), text))
@@ -78,14 +78,14 @@ impl SessionStore for FolderStore {
     /// The session disappears by one rename; an hour of video takes its time to go, which nobody waits for.
     fn discard(&mut self, path: &Path) -> io::Result<()> {
         let name = path.file_name().unwrap_or_default();
-        let mut gone = OsString::from(DISCARDED);
-        gone.push(name);
-        let gone = path.with_file_name(gone);
-        fs::rename(path, &gone)?;
+        let mut removed = OsString::from(DISCARDED);
+        removed.push(name);
+        let removed = path.with_file_name(removed);
+        fs::rename(path, &removed)?;
         fs::File::open(&self.out)?.sync_all()?;
         let removing = std::thread::Builder::new().name("discard".to_owned());
         // Without a thread it goes at the next start.
-        let _ = removing.spawn(move || remove(&gone));
+        let _ = removing.spawn(move || remove(&removed));
         Ok(())
     }
 
@@ -94,16 +94,16 @@ impl SessionStore for FolderStore {
     }
 
     fn free_bytes(&self) -> Option<u64> {
-        self.looker
+        self.machine_monitor
             .is_some()
             .then(|| disk::free_bytes(&self.out).ok())
             .flatten()
     }
 
-    fn machine(&mut self, now: HostTime, recording: bool) -> MachineLook {
-        match &mut self.looker {
-            Some(looker) => looker.look(now, recording),
-            None => MachineLook::default(),
+    fn machine(&mut self, now: HostTime, recording: bool) -> MachineReading {
+        match &mut self.machine_monitor {
+            Some(machine_monitor) => machine_monitor.read(now, recording),
+            None => MachineReading::default(),
         }
     }
 }
@@ -121,10 +121,10 @@ pub(super) fn finish_discards(out: &Path) {
     }
 }
 
-fn remove(gone: &Path) {
-    match fs::remove_dir_all(gone) {
+fn remove(removed: &Path) {
+    match fs::remove_dir_all(removed) {
         Err(e) if e.kind() != io::ErrorKind::NotFound => {
-            log::warn!("deleting {}: {e}", gone.display());
+            log::warn!("deleting {}: {e}", removed.display());
         }
         _ => {}
     }

@@ -13,7 +13,7 @@ use super::build::Built;
 use super::store::FolderStore;
 use super::{Finished, Outcome, RecordOptions, StopFlag, identity, stop_reason};
 use crate::clock::VirtualClock;
-use crate::encode::Rest;
+use crate::encode::RemainingFrames;
 use crate::encoding::Encoding;
 use crate::hub::{Hub, Out, Outgoing, TICK_NS};
 use crate::recorder::{OnProgress, Queues, Recorder};
@@ -107,7 +107,7 @@ pub(super) fn record(
     if !all_ended && !stop.is_set() {
         clock.advance_to(end);
     }
-    hub.finish(Rest::Encode, end);
+    hub.finish(RemainingFrames::Encode, end);
     lock(&recorder).close_now(stop_reason(stop, all_ended));
     outcome.take()
 }

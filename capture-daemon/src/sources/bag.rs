@@ -16,11 +16,11 @@ use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, TickLength};
 
 use super::{
-    CameraInfo, Extent, ImuInfo, ImuValues, Lost, Notice, Part, RawFrame, RawImu, Sample, Seen,
-    Source, SourceError, SourceInfo,
+    CameraInfo, DevicePart, DroppedFrame, Extent, FrameArrival, ImuInfo, ImuValues, Notice,
+    RawFrame, RawImu, Sample, Source, SourceError, SourceInfo,
 };
-use crate::causes::with_causes;
 use crate::config::BagConfig;
+use crate::error_chain::with_causes;
 use crate::run::identity::Digest;
 
 mod cdr;
@@ -35,10 +35,10 @@ mod topics;
 pub use cdr::CdrError;
 pub use error::BagError;
 
-use container::{Container, Place};
+use container::{Container, RecordLocation};
 use image::BagImage;
 use messages::Kind;
-use plan::{Plan, Planned, What};
+use plan::{Outcome, Plan, Planned};
 
 /// rosbag2's other storage, and how to convert it.
 const SQLITE: (&str, &str) = (
@@ -65,7 +65,7 @@ pub struct Bag {
     frames_out: usize,
     imu_out: usize,
     /// Whether images are read and decoded, or only counted.
-    wants_pixels: bool,
+    pixels_needed: bool,
     /// Files go on behind what was read of them.
     is_head: bool,
 }
@@ -88,7 +88,7 @@ impl Bag {
         let scanned = scan::scan(&config.path, Extent::Head)?;
         let is_head = scanned.is_head;
         Self::of_scan(name, config, HostTime(0), scanned).map_err(|error| {
-            match is_head && error.may_be_mended_by_more() {
+            match is_head && error.needs_more_data() {
                 true => BagError::Head {
                     source: Box::new(error),
                 },
@@ -120,8 +120,8 @@ impl Bag {
             what,
         };
         let first = plan.frames.iter().find_map(|planned| match &planned.what {
-            What::Frame { left, right } => Some((*left, right.map(|(place, _)| place))),
-            What::Lost(_) => None,
+            Outcome::Frame { left, right } => Some((*left, right.map(|(location, _)| location))),
+            Outcome::Dropped(_) => None,
         });
         let (first_left, first_right) = first.ok_or_else(|| fail("there is none".to_owned()))?;
         let image = load(&mut files, kinds, first_left, first_right)?.map_err(fail)?;
@@ -174,7 +174,7 @@ impl Bag {
             notices_out: 0,
             frames_out: 0,
             imu_out: 0,
-            wants_pixels: true,
+            pixels_needed: true,
             is_head,
         })
     }
@@ -197,7 +197,7 @@ impl Bag {
         } = self.plan.frames[position];
         let host_time = self.start + offset_ns;
         let lost = |detail| {
-            Ok(Sample::Lost(Lost {
+            Ok(Sample::Dropped(DroppedFrame {
                 number,
                 host_time,
                 cause: Cause::Device,
@@ -205,19 +205,19 @@ impl Bag {
             }))
         };
         let (left, right) = match what {
-            What::Frame { left, right } => (*left, *right),
-            What::Lost(why) => return lost(why.clone()),
+            Outcome::Frame { left, right } => (*left, *right),
+            Outcome::Dropped(why) => return lost(why.clone()),
         };
         let device_ticks = self.plan.first_ns + offset_ns;
-        if !self.wants_pixels {
-            return Ok(Sample::Seen(Seen {
+        if !self.pixels_needed {
+            return Ok(Sample::Arrival(FrameArrival {
                 number,
                 device_ticks,
                 host_time,
             }));
         }
-        let places = (left, right.map(|(place, _)| place));
-        let loaded = load(&mut self.files, self.kinds, places.0, places.1);
+        let locations = (left, right.map(|(location, _)| location));
+        let loaded = load(&mut self.files, self.kinds, locations.0, locations.1);
         let loaded = loaded.map_err(|error| SourceError::Unusable {
             source_name: self.name.clone(),
             what: with_causes(&error),
@@ -248,11 +248,11 @@ impl Bag {
 fn load(
     files: &mut [Container],
     [left_kind, right_kind]: [Kind; 2],
-    left: (usize, Place),
-    right: Option<(usize, Place)>,
+    left: (usize, RecordLocation),
+    right: Option<(usize, RecordLocation)>,
 ) -> Result<Result<BagImage, String>, BagError> {
-    let mut one = |kind, (file, place): (usize, Place)| -> Result<_, BagError> {
-        Ok(image::decode(kind, &files[file].load(place)?))
+    let mut one = |kind, (file, location): (usize, RecordLocation)| -> Result<_, BagError> {
+        Ok(image::decode(kind, &files[file].load(location)?))
     };
     let left = one(left_kind, left)?;
     let Some(right) = right else {
@@ -286,7 +286,7 @@ impl Source for Bag {
             self.notices_out += 1;
             return Ok(Some(Sample::Notice(Notice {
                 host_time: self.start,
-                part: Part::Camera,
+                part: DevicePart::Camera,
                 text: text.clone(),
             })));
         }
@@ -315,8 +315,8 @@ impl Source for Bag {
         self.frame(self.frames_out - 1).map(Some)
     }
 
-    fn want_pixels(&mut self, wanted: bool) {
-        self.wants_pixels = wanted;
+    fn set_pixels_needed(&mut self, needed: bool) {
+        self.pixels_needed = needed;
     }
 
     fn begin_at(&mut self, start: HostTime) {

@@ -110,7 +110,7 @@ pub fn detect(path: &Path) -> Result<DatasetKind, DatasetError> {
         [kind] => Ok(*kind),
         [] => Err(DatasetError::Unrecognised {
             path: path.to_owned(),
-            found: what_is(path),
+            found: describe_contents(path),
             expected: "mav0/cam0 and cam1, image_0 and image_1, image_2 and image_3, image_l and image_r, left and \
                        right, or left.png and right.png"
                 .to_owned(),
@@ -124,7 +124,7 @@ pub fn detect(path: &Path) -> Result<DatasetKind, DatasetError> {
 }
 
 /// What is there instead of a data set.
-fn what_is(path: &Path) -> String {
+fn describe_contents(path: &Path) -> String {
     match std::fs::metadata(path).map(|data| Kind::of(data.file_type())) {
         Err(_) => "no folder".to_owned(),
         Ok(Some(Kind::Folder)) => "a folder without any of them".to_owned(),

@@ -8,8 +8,8 @@
 //! second ([`FrameSync`](super::FrameSync)). Run on the kernel's own drivers in a virtual machine (docs/vm-tests.md),
 //! never with a real camera.
 //!
-//! What lies between driver and sink is pure and can be driven without a device: a buffer becomes a sample ([`taken`]), and
-//! those of two cameras become one camera's ([`Joined`]).
+//! What lies between driver and sink is pure and can be driven without a device: a buffer becomes a sample ([`sample_from_buffer`]), and
+//! those of two cameras become one camera's ([`StereoJoiner`]).
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -21,25 +21,26 @@ use v4l2::hotplug::Watch;
 use zed::report::{ACCEL_M_PER_S2, GYRO_DEG_PER_S, TEMPERATURE_C};
 
 use super::{
-    CameraInfo, Gone, ImuInfo, Live, Part, Sample, Sink, SourceError, SourceInfo, Stamped,
+    CameraInfo, DevicePart, Disconnected, ImuInfo, Live, Sample, Sink, SourceError, SourceInfo,
+    Stamped,
 };
 use crate::config::{DeviceChoice, PixelLayout, V4l2Config, ZedImuConfig};
 
 pub(crate) mod camera;
+mod frame_sync;
 mod imu;
 mod pair;
-mod tie;
 mod zed_camera;
 
-pub use camera::taken;
-pub use pair::Joined;
-pub(super) use tie::Ties;
+pub use camera::sample_from_buffer;
+pub(super) use frame_sync::FrameSyncTracker;
+pub use pair::StereoJoiner;
 
 /// A driver's stamp is taken in an interrupt; this is how far it may be off.
 const STAMP_SIGMA_NS: u64 = 50_000;
 
 /// Longest wait before the end is looked for.
-const PATIENCE: Duration = Duration::from_millis(100);
+const POLL_TIMEOUT: Duration = Duration::from_millis(100);
 
 /// A camera of the kernel's. See the module.
 pub struct Device {
@@ -98,7 +99,9 @@ impl Live for Device {
                 Err(error) => failed(format!("its right eye gets no thread: {error}")),
             };
         }
-        let camera = |ties: Option<&Mutex<Ties>>| camera::run(&self.config, ties, sink);
+        let camera = |sync_tracker: Option<&Mutex<FrameSyncTracker>>| {
+            camera::run(&self.config, sync_tracker, sink)
+        };
         match beside_imu(self.config.imu.as_ref(), sink, camera) {
             Ok(()) => Ok(()),
             Err(error) => failed(no_thread(&error)),
@@ -113,21 +116,21 @@ impl Live for Device {
 pub(super) fn beside_imu<T>(
     imu: Option<&ZedImuConfig>,
     sink: &dyn Sink,
-    camera: impl FnOnce(Option<&Mutex<Ties>>) -> T,
+    camera: impl FnOnce(Option<&Mutex<FrameSyncTracker>>) -> T,
 ) -> std::io::Result<T> {
     let Some(imu) = imu else {
         return Ok(camera(None));
     };
-    let ties = Mutex::default();
-    let until = Until {
+    let sync_tracker = Mutex::default();
+    let until = EndableSink {
         sink,
         is_over: AtomicBool::new(false),
     };
     std::thread::scope(|scope| {
         std::thread::Builder::new()
             .name("imu".to_owned())
-            .spawn_scoped(scope, || imu::run(imu, &ties, &until))?;
-        let ended = camera(Some(&ties));
+            .spawn_scoped(scope, || imu::run(imu, &sync_tracker, &until))?;
+        let ended = camera(Some(&sync_tracker));
         until.is_over.store(true, Ordering::Relaxed);
         Ok(ended)
     })
@@ -139,12 +142,12 @@ pub(super) fn no_thread(error: &std::io::Error) -> String {
 }
 
 /// A sink that is to end sooner than others.
-struct Until<'a> {
+struct EndableSink<'a> {
     sink: &'a dyn Sink,
     is_over: AtomicBool,
 }
 
-impl Sink for Until<'_> {
+impl Sink for EndableSink<'_> {
     fn now(&self) -> HostTime {
         self.sink.now()
     }
@@ -153,8 +156,8 @@ impl Sink for Until<'_> {
         self.sink.put(sample);
     }
 
-    fn wants_pixels(&self) -> bool {
-        self.sink.wants_pixels()
+    fn pixels_needed(&self) -> bool {
+        self.sink.pixels_needed()
     }
 
     fn is_ending(&self) -> bool {
@@ -207,16 +210,21 @@ fn name(device: &DeviceChoice) -> String {
 }
 
 /// Says once why a device is not there, and again when the reason changes.
-pub(super) fn tell_gone(told: &mut Option<String>, part: Part, detail: String, sink: &dyn Sink) {
-    if sink.is_ending() || told.as_ref() == Some(&detail) {
+pub(super) fn report_disconnect(
+    reported: &mut Option<String>,
+    part: DevicePart,
+    detail: String,
+    sink: &dyn Sink,
+) {
+    if sink.is_ending() || reported.as_ref() == Some(&detail) {
         return;
     }
-    sink.put(Sample::Gone(Gone {
+    sink.put(Sample::Disconnected(Disconnected {
         host_time: sink.now(),
         part,
         detail: detail.clone(),
     }));
-    *told = Some(detail);
+    *reported = Some(detail);
 }
 
 /// Waits until something changes in the folder of devices, or `limit` is over, or the end.
@@ -224,7 +232,7 @@ pub(super) fn wait(watch: std::io::Result<Watch>, limit: Duration, sink: &dyn Si
     let until = sink.now() + limit.as_nanos() as i64;
     let mut watch = watch.ok();
     while !sink.is_ending() && sink.now() < until {
-        match watch.as_mut().map(|watch| watch.next(PATIENCE)) {
+        match watch.as_mut().map(|watch| watch.next(POLL_TIMEOUT)) {
             Some(Ok(None)) => {}
             Some(Ok(Some(_))) => return,
             Some(Err(_)) | None => {
@@ -233,14 +241,14 @@ pub(super) fn wait(watch: std::io::Result<Watch>, limit: Duration, sink: &dyn Si
                     clippy::disallowed_methods,
                     reason = "the system has no watches left to give, and trying again at once would never end"
                 )]
-                std::thread::sleep(PATIENCE);
+                std::thread::sleep(POLL_TIMEOUT);
             }
         }
     }
 }
 
-pub(super) fn lock(ties: &Mutex<Ties>) -> MutexGuard<'_, Ties> {
-    ties.lock().unwrap_or_else(PoisonError::into_inner)
+pub(super) fn lock(sync_tracker: &Mutex<FrameSyncTracker>) -> MutexGuard<'_, FrameSyncTracker> {
+    sync_tracker.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

@@ -15,16 +15,19 @@ use v4l2::hotplug::Watch;
 use video::capture::{CaptureError, Cause, Content, Delivery, Eye, Lost as LostFrames, policy};
 use video::{Capture, CaptureEvent, CaptureSettings, CapturedFrame};
 
-use super::device::{Ties, beside_imu, imu_info, lock, no_thread, tell_gone, wait};
-use super::{
-    CameraInfo, Live, Lost, Part, RawFrame, Sample, Seen, Sink, SourceError, SourceInfo, Stamped,
+use super::device::{
+    FrameSyncTracker, beside_imu, imu_info, lock, no_thread, report_disconnect, wait,
 };
-use crate::causes::with_causes;
+use super::{
+    CameraInfo, DevicePart, DroppedFrame, FrameArrival, Live, RawFrame, Sample, Sink, SourceError,
+    SourceInfo, Stamped,
+};
 use crate::clock::{Clock as _, RealClock};
 use crate::config::GstreamerConfig;
+use crate::error_chain::with_causes;
 
 /// Longest wait before the end is looked for.
-const PATIENCE: Duration = Duration::from_millis(100);
+const POLL_TIMEOUT: Duration = Duration::from_millis(100);
 /// A chain that failed is started again after so long, or when a device appears.
 const RETRY: Duration = Duration::from_secs(3);
 
@@ -103,7 +106,8 @@ impl Live for Gstreamer {
     }
 
     fn run(self: Box<Self>, sink: &dyn Sink) -> Result<(), SourceError> {
-        let frames = |ties: Option<&Mutex<Ties>>| self.frames(ties, sink);
+        let frames =
+            |sync_tracker: Option<&Mutex<FrameSyncTracker>>| self.frames(sync_tracker, sink);
         match beside_imu(self.config.imu.as_ref(), sink, frames) {
             Ok(ended) => ended,
             Err(error) => Err(self.unusable(no_thread(&error))),
@@ -112,18 +116,22 @@ impl Live for Gstreamer {
 }
 
 impl Gstreamer {
-    fn frames(&self, ties: Option<&Mutex<Ties>>, sink: &dyn Sink) -> Result<(), SourceError> {
+    fn frames(
+        &self,
+        sync_tracker: Option<&Mutex<FrameSyncTracker>>,
+        sink: &dyn Sink,
+    ) -> Result<(), SourceError> {
         let settings = self.settings();
-        let mut told = None;
+        let mut reported = None;
         while !sink.is_ending() {
             let before = Watch::new(["/dev"]);
             let reason = match Capture::start(&settings, Arc::new(host_clock)) {
-                Ok(capture) => self.read(capture, ties, sink, &mut told),
+                Ok(capture) => self.read(capture, sync_tracker, sink, &mut reported),
                 Err(error) => return Err(self.unusable(with_causes(&error))),
             };
-            tell_gone(&mut told, Part::Camera, reason, sink);
-            if let Some(ties) = ties {
-                lock(ties).restart();
+            report_disconnect(&mut reported, DevicePart::Camera, reason, sink);
+            if let Some(sync_tracker) = sync_tracker {
+                lock(sync_tracker).restart();
             }
             wait(before, RETRY, sink);
         }
@@ -134,35 +142,35 @@ impl Gstreamer {
     fn read(
         &self,
         mut capture: Capture,
-        ties: Option<&Mutex<Ties>>,
+        sync_tracker: Option<&Mutex<FrameSyncTracker>>,
         sink: &dyn Sink,
-        told: &mut Option<String>,
+        reported: &mut Option<String>,
     ) -> String {
         while !sink.is_ending() {
-            match capture.next(PATIENCE) {
+            match capture.next(POLL_TIMEOUT) {
                 None => {}
                 Some(CaptureEvent::Frame(frame)) => {
-                    *told = None;
-                    if let Some(ties) = ties {
+                    *reported = None;
+                    if let Some(sync_tracker) = sync_tracker {
                         let (stamp, arrival) =
                             (HostTime(frame.clock_time_ns), HostTime(frame.host_time_ns));
                         // The counter of the driver, which is what wraps.
-                        let tied = lock(ties).frame(frame.number as u32, stamp, arrival);
+                        let tied = lock(sync_tracker).frame(frame.number as u32, stamp, arrival);
                         if let Some(sync) = tied {
                             sink.put(Sample::FrameSync(sync));
                         }
                     }
-                    if sink.wants_pixels() {
+                    if sink.pixels_needed() {
                         sink.put(sample(frame));
                     } else {
-                        sink.put(Sample::Seen(Seen {
+                        sink.put(Sample::Arrival(FrameArrival {
                             number: frame.number,
                             device_ticks: frame.clock_time_ns,
                             host_time: HostTime(frame.host_time_ns),
                         }));
                     }
                 }
-                Some(CaptureEvent::Lost(lost)) => tell_lost(&lost, sink),
+                Some(CaptureEvent::Lost(lost)) => report_dropped(&lost, sink),
                 Some(
                     CaptureEvent::Gone { element, reason }
                     | CaptureEvent::Failed { element, reason },
@@ -204,7 +212,7 @@ fn sample(frame: CapturedFrame) -> Sample {
     }
 }
 
-fn tell_lost(lost: &LostFrames, sink: &dyn Sink) {
+fn report_dropped(lost: &LostFrames, sink: &dyn Sink) {
     let (cause, detail) = match lost.cause {
         Cause::Overrun => (
             gap::Cause::MachineOverload,
@@ -219,7 +227,7 @@ fn tell_lost(lost: &LostFrames, sink: &dyn Sink) {
         ),
     };
     for number in lost.first..=lost.last {
-        sink.put(Sample::Lost(Lost {
+        sink.put(Sample::Dropped(DroppedFrame {
             number,
             host_time: sink.now(),
             cause,
@@ -249,8 +257,12 @@ mod tests {
         fn put(&self, sample: Sample) {
             let mut samples = self.samples.lock().expect("samples");
             samples.push(sample);
-            let is_frame =
-                |s: &&Sample| matches!(s, Sample::Frame(_) | Sample::Native(_) | Sample::Gone(_));
+            let is_frame = |s: &&Sample| {
+                matches!(
+                    s,
+                    Sample::Frame(_) | Sample::Native(_) | Sample::Disconnected(_)
+                )
+            };
             if samples.iter().filter(is_frame).count() >= self.frames {
                 self.ending.store(true, Ordering::SeqCst);
             }
@@ -289,7 +301,7 @@ mod tests {
             let frame = match sample {
                 Sample::Native(frame) => frame,
                 // On a busy machine this test itself may be late.
-                Sample::Lost(_) => continue,
+                Sample::Dropped(_) => continue,
                 other => panic!("{other:?}"),
             };
             assert!(frame.device_ticks <= frame.host_time.0, "{frame:?}");
@@ -316,7 +328,7 @@ mod tests {
     fn a_chain_that_ends_is_told_and_one_that_cannot_be_is_an_error() {
         let samples = run("videotestsrc num-buffers=0 is-live=true", None, 1).expect("an end");
         assert!(
-            matches!(&samples[..], [Sample::Gone(gone)] if gone.detail == "the chain has come to its end"),
+            matches!(&samples[..], [Sample::Disconnected(gone)] if gone.detail == "the chain has come to its end"),
             "{samples:?}"
         );
         let error = run("nosuchelement", None, 1)
@@ -338,16 +350,16 @@ mod tests {
             (7, 7, Cause::NoPartner(Eye::Left)),
             (8, 8, Cause::NoPartner(Eye::Right)),
         ] {
-            tell_lost(&LostFrames { first, last, cause }, &sink);
+            report_dropped(&LostFrames { first, last, cause }, &sink);
         }
         let samples = sink.samples.into_inner().expect("samples");
-        let told = samples.iter().map(|sample| match sample {
-            Sample::Lost(lost) => (lost.number, lost.cause),
+        let reported = samples.iter().map(|sample| match sample {
+            Sample::Dropped(lost) => (lost.number, lost.cause),
             other => panic!("{other:?}"),
         });
         let (machine, device) = (gap::Cause::MachineOverload, gap::Cause::Device);
         assert_eq!(
-            told.collect::<Vec<_>>(),
+            reported.collect::<Vec<_>>(),
             [
                 (3, machine),
                 (4, machine),

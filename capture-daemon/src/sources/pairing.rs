@@ -3,7 +3,7 @@
 //! Contract: each stream comes in its own order, with rising times; pairs come out in that order. Two images are a pair
 //! when their times are within a limit that is less than half a period ([`limit_ns`]), so an image has one partner at
 //! most. Nothing is moved and nothing invented: an image without a partner comes out alone, as soon as one of the other eye
-//! is later than it by more than the limit, at the latest when [`DEPTH`] later ones of its own eye have come. Cameras that
+//! is later than it by more than the limit, at the latest when [`MAX_WAITING_IMAGES`] later ones of its own eye have come. Cameras that
 //! run freely drift through each other; while they are further apart than the limit every image comes out alone.
 
 use std::collections::VecDeque;
@@ -11,11 +11,11 @@ use std::collections::VecDeque;
 use video::capture::Eye;
 
 /// Images of one eye that wait for the other.
-const DEPTH: usize = 3;
+const MAX_WAITING_IMAGES: usize = 3;
 
 /// An image of one eye.
 #[derive(Debug)]
-pub(super) struct Half<T> {
+pub(super) struct TimedImage<T> {
     /// When it was taken, ns; on one clock for both eyes.
     pub(super) time_ns: i64,
     /// The image.
@@ -26,26 +26,26 @@ pub(super) struct Half<T> {
 #[derive(Debug)]
 pub(super) enum Paired<T> {
     /// Left and right.
-    Both(Half<T>, Half<T>),
+    Both(TimedImage<T>, TimedImage<T>),
     /// One without the other.
-    Alone(Eye, Half<T>),
+    Unpaired(Eye, TimedImage<T>),
 }
 
 /// See the module.
 #[derive(Debug)]
-pub(super) struct Pairs<T> {
+pub(super) struct ImagePairer<T> {
     within_ns: i64,
-    left: VecDeque<Half<T>>,
-    right: VecDeque<Half<T>>,
+    left: VecDeque<TimedImage<T>>,
+    right: VecDeque<TimedImage<T>>,
 }
 
 /// The most that two images may be apart: what was asked for, else half a period less a tenth of one.
 ///
 /// # Errors
 /// More was asked for; the message says what is allowed.
-pub(crate) fn limit_ns(rate_hz: f64, asked_ns: Option<i64>) -> Result<i64, String> {
+pub(crate) fn limit_ns(rate_hz: f64, configured_ns: Option<i64>) -> Result<i64, String> {
     let most = (0.4e9 / rate_hz).round() as i64;
-    match asked_ns {
+    match configured_ns {
         Some(asked) if asked > most => Err(format!(
             "pair_within_ms is {:.1}, expected at most {:.1}, which is half a period at {rate_hz:.1} Hz less a tenth \
              of one: with more, an image could belong to two others",
@@ -69,7 +69,7 @@ pub(super) fn alone(eye: Eye, within_ns: i64) -> String {
     )
 }
 
-impl<T> Pairs<T> {
+impl<T> ImagePairer<T> {
     pub(super) fn new(within_ns: i64) -> Self {
         Self {
             within_ns,
@@ -84,8 +84,8 @@ impl<T> Pairs<T> {
     }
 
     /// Takes an image and gives out what can be said now.
-    pub(super) fn push(&mut self, eye: Eye, half: Half<T>, mut out: impl FnMut(Paired<T>)) {
-        self.side(eye).push_back(half);
+    pub(super) fn push(&mut self, eye: Eye, image: TimedImage<T>, mut out: impl FnMut(Paired<T>)) {
+        self.side(eye).push_back(image);
         while let (Some(left), Some(right)) = (self.left.front(), self.right.front()) {
             let later_ns = right.time_ns.saturating_sub(left.time_ns);
             if later_ns.saturating_abs() <= self.within_ns {
@@ -98,7 +98,7 @@ impl<T> Pairs<T> {
             self.give_up(eye, &mut out);
         }
         for eye in [Eye::Left, Eye::Right] {
-            while self.side(eye).len() > DEPTH {
+            while self.side(eye).len() > MAX_WAITING_IMAGES {
                 self.give_up(eye, &mut out);
             }
         }
@@ -113,7 +113,7 @@ impl<T> Pairs<T> {
         }
     }
 
-    fn side(&mut self, eye: Eye) -> &mut VecDeque<Half<T>> {
+    fn side(&mut self, eye: Eye) -> &mut VecDeque<TimedImage<T>> {
         match eye {
             Eye::Left => &mut self.left,
             Eye::Right => &mut self.right,
@@ -122,8 +122,8 @@ impl<T> Pairs<T> {
 
     /// The oldest of `eye` has no partner.
     fn give_up(&mut self, eye: Eye, out: &mut impl FnMut(Paired<T>)) {
-        if let Some(half) = self.side(eye).pop_front() {
-            out(Paired::Alone(eye, half));
+        if let Some(image) = self.side(eye).pop_front() {
+            out(Paired::Unpaired(eye, image));
         }
     }
 }
@@ -138,14 +138,14 @@ mod tests {
     type Sorted = (Vec<(i64, i64)>, Vec<(Eye, i64)>);
 
     fn pair(within_ns: i64, images: &[(Eye, i64)]) -> Sorted {
-        let mut pairs = Pairs::new(within_ns);
+        let mut pairs = ImagePairer::new(within_ns);
         let (mut both, mut alone) = (Vec::new(), Vec::new());
         let mut out = |paired: Paired<()>| match paired {
             Paired::Both(left, right) => both.push((left.time_ns, right.time_ns)),
-            Paired::Alone(eye, half) => alone.push((eye, half.time_ns)),
+            Paired::Unpaired(eye, image) => alone.push((eye, image.time_ns)),
         };
         for &(eye, time_ns) in images {
-            pairs.push(eye, Half { time_ns, of: () }, &mut out);
+            pairs.push(eye, TimedImage { time_ns, of: () }, &mut out);
         }
         pairs.finish(&mut out);
         (both, alone)
@@ -192,15 +192,15 @@ mod tests {
 
     #[test]
     fn few_images_wait_for_an_eye_that_is_silent() {
-        let mut pairs = Pairs::new(40);
+        let mut pairs = ImagePairer::new(40);
         let mut alone = 0;
         for n in 0..10 {
-            let half = Half {
+            let image = TimedImage {
                 time_ns: n * 100,
                 of: (),
             };
-            pairs.push(Eye::Left, half, |_| alone += 1);
-            assert_eq!(alone, (n as usize + 1).saturating_sub(DEPTH));
+            pairs.push(Eye::Left, image, |_| alone += 1);
+            assert_eq!(alone, (n as usize + 1).saturating_sub(MAX_WAITING_IMAGES));
         }
     }
 

@@ -20,17 +20,18 @@ use calib::StereoCalibration;
 use session_archive::time::{HostTime, TickLength};
 use video::{Picture, PictureError};
 
-use crate::causes::with_causes;
+use crate::error_chain::with_causes;
 use crate::run::identity::Digest;
 
 use super::datasets::{self, DatasetError, DatasetKind, ImuSample, Samples, StereoDataset};
 use super::{
-    CameraInfo, ImuInfo, ImuValues, RawFrame, RawImu, Sample, Seen, Source, SourceError, SourceInfo,
+    CameraInfo, FrameArrival, ImuInfo, ImuValues, RawFrame, RawImu, Sample, Source, SourceError,
+    SourceInfo,
 };
 
-pub(super) mod eyes;
+pub(super) mod stereo_image;
 
-use eyes::EyeSize;
+use stereo_image::EyeSize;
 
 /// Pictures that are repeated are kept decoded when all of them together take at most this much.
 const CACHE_BYTES: usize = 256 << 20;
@@ -96,7 +97,7 @@ pub struct Replay {
     /// IMU samples handed out so far.
     imu_out: usize,
     /// Whether frames are decoded, or only counted.
-    wants_pixels: bool,
+    pixels_needed: bool,
     /// Decoded pictures by position in the data set; empty when they are not kept.
     cache: Vec<Option<Picture>>,
 }
@@ -151,7 +152,7 @@ impl Replay {
             false => dataset.imu.clear(),
         }
         check_span(&dataset)?;
-        let (eye, samples) = eyes::probe(&dataset.frames)?;
+        let (eye, samples) = stereo_image::probe(&dataset.frames)?;
 
         let (calibration, note) = read_calibration(&dataset, eye);
         dataset.notes.extend(note);
@@ -192,7 +193,7 @@ impl Replay {
             eye,
             frames_out: 0,
             imu_out: 0,
-            wants_pixels: true,
+            pixels_needed: true,
         })
     }
 
@@ -239,9 +240,9 @@ impl Replay {
         let number = round * numbers + frames[position].number - first.number;
         let device_ticks = first.device_time_ns.saturating_add(offset_ns);
         let host_time = self.start + offset_ns;
-        if !self.wants_pixels {
+        if !self.pixels_needed {
             self.frames_out += 1;
-            return Ok(Sample::Seen(Seen {
+            return Ok(Sample::Arrival(FrameArrival {
                 number,
                 device_ticks,
                 host_time,
@@ -269,7 +270,7 @@ impl Replay {
         if let Some(Some(picture)) = self.cache.get(position) {
             return Ok(picture.clone());
         }
-        let picture = eyes::load(&self.dataset.frames[position], self.eye)?;
+        let picture = stereo_image::load(&self.dataset.frames[position], self.eye)?;
         if let Some(kept) = self.cache.get_mut(position) {
             *kept = Some(picture.clone());
         }
@@ -319,8 +320,8 @@ impl Source for Replay {
             .transpose()
     }
 
-    fn want_pixels(&mut self, wanted: bool) {
-        self.wants_pixels = wanted;
+    fn set_pixels_needed(&mut self, needed: bool) {
+        self.pixels_needed = needed;
     }
 
     fn begin_at(&mut self, start: HostTime) {

@@ -22,8 +22,8 @@ use video::{Picture, PictureError};
 use crate::run::identity::Digest;
 
 use super::{
-    CameraInfo, Gone, ImuInfo, ImuValues, Lost, Part, RawFrame, RawImu, Sample, Source,
-    SourceError, SourceInfo,
+    CameraInfo, DevicePart, Disconnected, DroppedFrame, ImuInfo, ImuValues, RawFrame, RawImu,
+    Sample, Source, SourceError, SourceInfo,
 };
 
 /// Why there is no such source. None of these goes away by trying again.
@@ -250,9 +250,9 @@ impl Source for Simulated {
         };
         let sample = match delivery {
             Delivery::Imu(sample) => Sample::Imu(self.imu(&sample)),
-            Delivery::Gone(at_ns) => Sample::Gone(Gone {
+            Delivery::Gone(at_ns) => Sample::Disconnected(Disconnected {
                 host_time: self.start + at_ns,
-                part: Part::Both,
+                part: DevicePart::Both,
                 detail: "the simulated device was unplugged".to_owned(),
             }),
             Delivery::Frame(frame) => {
@@ -270,9 +270,9 @@ impl Source for Simulated {
         self.start = start;
     }
 
-    fn hurry(&mut self, now: HostTime) -> Vec<Lost> {
+    fn skip_overdue(&mut self, now: HostTime) -> Vec<DroppedFrame> {
         let skipped = self.device.skip_frames_to(now - self.start);
-        let lost = skipped.into_iter().map(|number| Lost {
+        let lost = skipped.into_iter().map(|number| DroppedFrame {
             number,
             host_time: now,
             cause: Cause::MachineOverload,
@@ -335,14 +335,14 @@ mod tests {
 
         // Frames are taken in the middle of each tenth of a second.
         let now = START + NS_PER_S;
-        let lost = source.hurry(now);
+        let lost = source.skip_overdue(now);
         let numbers: Vec<u64> = lost.iter().map(|lost| lost.number).collect();
         assert_eq!(numbers, (1..=9).collect::<Vec<u64>>());
         for one in &lost {
             assert_eq!((one.cause, one.host_time), (Cause::MachineOverload, now));
             assert!(one.detail.contains("the machine is too slow"), "{one:?}");
         }
-        assert_eq!(source.hurry(now), [], "they are lost once");
+        assert_eq!(source.skip_overdue(now), [], "they are lost once");
         for number in 10..15 {
             assert_eq!(next_frame(&mut source), Some(number));
         }

@@ -24,7 +24,8 @@ use crate::run::identity::Digest;
 
 use super::datasets::time_at;
 use super::{
-    CameraInfo, ImuInfo, ImuValues, RawFrame, RawImu, Sample, Seen, Source, SourceError, SourceInfo,
+    CameraInfo, FrameArrival, ImuInfo, ImuValues, RawFrame, RawImu, Sample, Source, SourceError,
+    SourceInfo,
 };
 
 mod counter;
@@ -62,7 +63,7 @@ pub const IMU_SCALE: (f64, f64) = (
 
 const EXPOSURE_NS: u32 = 4_000_000;
 const MEAN_DELAY_NS: f64 = 200_000.0;
-const LONGEST_DELAY_NS: f64 = 2_000_000.0;
+const MAX_DELAY_NS: f64 = 2_000_000.0;
 /// Samples this long after the start never come; keeps sums of times in range.
 const NEVER_NS: i64 = i64::MAX / 4;
 
@@ -81,14 +82,14 @@ pub enum SyntheticError {
         height: u32,
     },
     /// A rate is impossible.
-    #[error("making up {what}: the rate is {rate_hz} Hz, expected at most 10000 and {least}")]
+    #[error("making up {what}: the rate is {rate_hz} Hz, expected at most 10000 and {min}")]
     Rate {
         /// Pictures or IMU samples.
         what: &'static str,
         /// The rate as given.
         rate_hz: f64,
         /// The lower end.
-        least: &'static str,
+        min: &'static str,
     },
 }
 
@@ -120,7 +121,7 @@ pub struct Synthetic {
     camera: Stream,
     imu: Stream,
     /// Whether pictures are drawn, or frames only counted.
-    wants_pixels: bool,
+    pixels_needed: bool,
 }
 
 impl Synthetic {
@@ -151,14 +152,14 @@ impl Synthetic {
             return Err(SyntheticError::Rate {
                 what: "pictures",
                 rate_hz,
-                least: "above 0",
+                min: "above 0",
             });
         }
         if !(0.0..=10_000.0).contains(&imu_rate_hz) {
             return Err(SyntheticError::Rate {
                 what: "IMU samples",
                 rate_hz: imu_rate_hz,
-                least: "at least 0",
+                min: "at least 0",
             });
         }
         let info = SourceInfo {
@@ -195,7 +196,7 @@ impl Synthetic {
             faults: FaultPlan::default(),
             camera: Stream::default(),
             imu: Stream::default(),
-            wants_pixels: true,
+            pixels_needed: true,
         })
     }
 
@@ -313,9 +314,9 @@ impl Source for Synthetic {
                 self.imu.next = None;
                 Ok(Some(Sample::Imu(self.imu_sample(imu))))
             }
-            (Some(frame), _) if !self.wants_pixels => {
+            (Some(frame), _) if !self.pixels_needed => {
                 self.camera.next = None;
-                Ok(Some(Sample::Seen(Seen {
+                Ok(Some(Sample::Arrival(FrameArrival {
                     number: frame.number,
                     device_ticks: camera_ticks(frame),
                     host_time: frame.arrival,
@@ -333,8 +334,8 @@ impl Source for Synthetic {
         }
     }
 
-    fn want_pixels(&mut self, wanted: bool) {
-        self.wants_pixels = wanted;
+    fn set_pixels_needed(&mut self, needed: bool) {
+        self.pixels_needed = needed;
     }
 
     fn begin_at(&mut self, start: HostTime) {
@@ -391,7 +392,7 @@ impl Stream {
                 _ => {}
             }
             let delay = random::exponential(schedule.seed, schedule.delays, number);
-            let delay_ns = (delay * MEAN_DELAY_NS).min(LONGEST_DELAY_NS) as i64;
+            let delay_ns = (delay * MEAN_DELAY_NS).min(MAX_DELAY_NS) as i64;
             let arrival = schedule.start + (taken_ns + delay_ns);
             let arrival = self.last_arrival.map_or(arrival, |last| last.max(arrival));
             self.last_arrival = Some(arrival);

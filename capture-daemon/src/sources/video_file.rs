@@ -22,14 +22,16 @@ use video::file::{FileError, FileFrame, VideoFile};
 use video::picture::side_by_side;
 use video::{Picture, PictureError};
 
-use super::pairing::{Half, Paired, Pairs, alone, limit_ns};
-use super::{CameraInfo, Lost, Notice, Part, RawFrame, Sample, Source, SourceError, SourceInfo};
-use crate::causes::with_causes;
+use super::pairing::{ImagePairer, Paired, TimedImage, alone, limit_ns};
+use super::{
+    CameraInfo, DevicePart, DroppedFrame, Notice, RawFrame, Sample, Source, SourceError, SourceInfo,
+};
 use crate::config::VideoConfig;
+use crate::error_chain::with_causes;
 use crate::run::identity::Digest;
 
 /// Rates of two files of one rig that differ by more are of two kinds of camera.
-const RATES_APART: f64 = 0.01;
+const MAX_RATE_DIFFERENCE: f64 = 0.01;
 
 /// Why a video file cannot be replayed. None of these goes away by trying again.
 #[derive(Debug, thiserror::Error)]
@@ -117,7 +119,7 @@ struct Image {
 
 /// What is to be handed on, in the order of the left file's numbers.
 struct Account {
-    pairs: Pairs<(u64, Picture)>,
+    pairs: ImagePairer<(u64, Picture)>,
     start: HostTime,
     /// Time of the first frame, ns.
     first_ns: i64,
@@ -129,18 +131,18 @@ struct Account {
     without_left: u64,
     bad_right: u64,
     /// By eye: what there was to be paired.
-    seen: [Seen; 2],
+    spans: [FileSpan; 2],
     /// The least by which a left image and a right one were apart, ns.
     nearest_ns: Option<i64>,
     /// The most that a pair may be apart at this rate, ns.
-    most_within_ns: i64,
+    max_within_ns: i64,
     /// Columns and rows of a frame, which all have.
     size: (u32, u32),
 }
 
 /// The images of one file that have a time.
 #[derive(Clone, Copy, Default)]
-struct Seen {
+struct FileSpan {
     count: u64,
     first_ns: i64,
     newest_ns: i64,
@@ -178,14 +180,14 @@ impl VideoReplay {
                 },
             });
         }
-        let limit = |asked_ns| {
-            limit_ns(rate_hz, asked_ns).map_err(|what| VideoError::Setting {
+        let limit = |configured_ns| {
+            limit_ns(rate_hz, configured_ns).map_err(|what| VideoError::Setting {
                 path: config.path.clone(),
                 what,
             })
         };
         let within_ns = limit(config.pair_within_ns)?;
-        let most_within_ns = limit(None)?;
+        let max_within_ns = limit(None)?;
         let first_ns = left.first_ns(&config.path)?;
         if let (Some(right), Some(path)) = (&right, &config.right_path) {
             right.first_ns(path)?;
@@ -213,7 +215,7 @@ impl VideoReplay {
             info,
             left,
             right,
-            account: Account::new(within_ns, most_within_ns, start, first_ns, size),
+            account: Account::new(within_ns, max_within_ns, start, first_ns, size),
             ended: false,
             config: config.clone(),
         })
@@ -305,7 +307,7 @@ impl EyeFile {
             self.ended = true;
             return Ok(Step::End);
         };
-        Ok(self.times.judge(frame))
+        Ok(self.times.classify(frame))
     }
 }
 
@@ -318,9 +320,9 @@ impl Times {
         }
     }
 
-    /// Time of the first image, ns; `told` is what the container says.
-    fn first_ns(&self, told: Option<i64>, path: &Path) -> Result<i64, VideoError> {
-        let first = told.ok_or_else(|| VideoError::Times {
+    /// Time of the first image, ns; `container_ns` is the time that the container states.
+    fn first_ns(&self, container_ns: Option<i64>, path: &Path) -> Result<i64, VideoError> {
+        let first = container_ns.ok_or_else(|| VideoError::Times {
             path: path.to_owned(),
             found: "a first image without a time",
         })?;
@@ -328,7 +330,7 @@ impl Times {
     }
 
     /// The next image, or why it cannot be used.
-    fn judge(&mut self, frame: FileFrame) -> Step {
+    fn classify(&mut self, frame: FileFrame) -> Step {
         let number = self.next;
         self.next += 1;
         if frame.damaged {
@@ -350,7 +352,7 @@ impl Times {
     }
 }
 
-impl Seen {
+impl FileSpan {
     fn add(&mut self, time_ns: i64) {
         if self.count == 0 {
             self.first_ns = time_ns;
@@ -381,13 +383,13 @@ impl Seen {
 impl Account {
     fn new(
         within_ns: i64,
-        most_within_ns: i64,
+        max_within_ns: i64,
         start: HostTime,
         first_ns: i64,
         size: (u32, u32),
     ) -> Self {
         Self {
-            pairs: Pairs::new(within_ns),
+            pairs: ImagePairer::new(within_ns),
             start,
             first_ns,
             newest_ns: first_ns,
@@ -396,9 +398,9 @@ impl Account {
             apart_ns: Vec::new(),
             without_left: 0,
             bad_right: 0,
-            seen: [Seen::default(); 2],
+            spans: [FileSpan::default(); 2],
             nearest_ns: None,
-            most_within_ns,
+            max_within_ns,
             size,
         }
     }
@@ -417,19 +419,19 @@ impl Account {
             Eye::Left => [0, 1],
             Eye::Right => [1, 0],
         };
-        self.seen[own].add(image.time_ns);
+        self.spans[own].add(image.time_ns);
         // The file that is behind is read, so the newest of the other one is next to this one.
-        if self.seen[other].count > 0 {
-            let apart_ns = image.time_ns.saturating_sub(self.seen[other].newest_ns);
+        if self.spans[other].count > 0 {
+            let apart_ns = image.time_ns.saturating_sub(self.spans[other].newest_ns);
             let apart_ns = apart_ns.saturating_abs();
             self.nearest_ns = Some(self.nearest_ns.map_or(apart_ns, |n| n.min(apart_ns)));
         }
-        let half = Half {
+        let image = TimedImage {
             time_ns: image.time_ns,
             of: (image.number, image.picture),
         };
         let mut paired = Vec::new();
-        self.pairs.push(eye, half, |one| paired.push(one));
+        self.pairs.push(eye, image, |one| paired.push(one));
         paired.into_iter().for_each(|one| self.paired(one));
     }
 
@@ -442,12 +444,12 @@ impl Account {
                 let joined = side_by_side(&picture, &right.of.1);
                 self.frame(number, left.time_ns, Some(apart_ns), joined);
             }
-            Paired::Alone(Eye::Left, left) => {
+            Paired::Unpaired(Eye::Left, left) => {
                 self.newest_ns = left.time_ns;
                 let why = alone(Eye::Left, self.pairs.within_ns());
                 self.lost(left.of.0, why);
             }
-            Paired::Alone(Eye::Right, _) => self.without_left += 1,
+            Paired::Unpaired(Eye::Right, _) => self.without_left += 1,
         }
     }
 
@@ -485,7 +487,7 @@ impl Account {
 
     fn lost(&mut self, number: u64, detail: String) {
         self.bad_before(number);
-        self.out.push_back(Sample::Lost(Lost {
+        self.out.push_back(Sample::Dropped(DroppedFrame {
             number,
             host_time: self.now(),
             cause: Cause::Device,
@@ -496,7 +498,7 @@ impl Account {
     /// Says of unusable images before `number` that they are lost.
     fn bad_before(&mut self, number: u64) {
         while let Some((bad, why)) = self.bad.pop_front_if(|(bad, _)| *bad < number) {
-            self.out.push_back(Sample::Lost(Lost {
+            self.out.push_back(Sample::Dropped(DroppedFrame {
                 number: bad,
                 host_time: self.now(),
                 cause: Cause::Device,
@@ -546,19 +548,19 @@ impl Account {
             return None;
         }
         let ms = |ns: i64| ns as f64 * 1e-6;
-        let (within_ns, most_ns) = (self.pairs.within_ns(), self.most_within_ns);
+        let (within_ns, max_ns) = (self.pairs.within_ns(), self.max_within_ns);
         let nearest = self
             .nearest_ns
             .map(|nearest_ns| format!("; the nearest two are {:.1} ms apart", ms(nearest_ns)));
         let nearest = nearest.unwrap_or_default();
-        let more = match within_ns < most_ns {
+        let more = match within_ns < max_ns {
             true => format!(
                 "allow more with pair_within_ms (up to {:.1} at this rate), ",
-                ms(most_ns)
+                ms(max_ns)
             ),
             false => String::new(),
         };
-        let [left, right] = self.seen.map(|seen| seen.text());
+        let [left, right] = self.spans.map(|span| span.text());
         Some(format!(
             "no image of the right file was taken within {:.1} ms of one of the left file{nearest} (left images: {left}; \
              right images: {right}); {more}say by right_later_ms how much later the right file began, or name two files of \
@@ -570,7 +572,7 @@ impl Account {
     fn notice(&mut self, text: String) {
         self.out.push_back(Sample::Notice(Notice {
             host_time: self.now(),
-            part: Part::Camera,
+            part: DevicePart::Camera,
             text,
         }));
     }
@@ -598,7 +600,7 @@ fn check_alike(
         ));
     }
     if let (Some(a), Some(b)) = (left.rate_hz, right.rate_hz)
-        && (a / b - 1.0).abs() > RATES_APART
+        && (a / b - 1.0).abs() > MAX_RATE_DIFFERENCE
     {
         return differ(format!("{a:.2} Hz and {b:.2} Hz"));
     }
@@ -651,14 +653,14 @@ mod tests {
     }
 
     /// What comes out: number, arrival, and the distance of the eyes or the reason.
-    fn told(account: &Account) -> Vec<String> {
-        let told = |sample: &Sample| match sample {
+    fn outputs(account: &Account) -> Vec<String> {
+        let outputs = |sample: &Sample| match sample {
             Sample::Frame(f) => format!("{} {} {:?}", f.number, f.host_time.0, f.eyes_apart_ns),
-            Sample::Lost(l) => format!("{} {} {}", l.number, l.host_time.0, l.detail),
+            Sample::Dropped(l) => format!("{} {} {}", l.number, l.host_time.0, l.detail),
             Sample::Notice(n) => n.text.clone(),
             other => panic!("{other:?}"),
         };
-        account.out.iter().map(told).collect()
+        account.out.iter().map(outputs).collect()
     }
 
     #[test]
@@ -671,7 +673,7 @@ mod tests {
         account.bad.push_back((4, "no time"));
         account.finish(false);
         assert_eq!(
-            told(&account),
+            outputs(&account),
             [
                 "0 1000 no time",
                 "1 1000 None",
@@ -691,7 +693,7 @@ mod tests {
         account.single(image(2, 250));
         account.finish(false);
         assert_eq!(
-            told(&account),
+            outputs(&account),
             [
                 "0 1000 None",
                 "1 1100 it is 2x4, expected 2x2 like the first one",
@@ -712,7 +714,7 @@ mod tests {
             account.push(Eye::Right, image(n, time + later));
         }
         account.finish(true);
-        let found = told(&account);
+        let found = outputs(&account);
         assert_eq!(found[0], "0 1000 Some(-10)");
         assert!(
             found[1].starts_with("1 1100 no right image was taken within"),
@@ -730,8 +732,8 @@ mod tests {
     fn two_files_that_never_pair_say_when_their_images_were_taken_and_what_mends_it() {
         const MS: i64 = 1_000_000;
         let account = |within_ns: i64, later_ns: i64| {
-            let most_ns = 40 * MS;
-            let mut account = Account::new(within_ns, most_ns, HostTime(0), 0, (2, 2));
+            let max_ns = 40 * MS;
+            let mut account = Account::new(within_ns, max_ns, HostTime(0), 0, (2, 2));
             for n in 0..5 {
                 account.push(Eye::Left, image(n, n as i64 * 100 * MS));
                 account.push(Eye::Right, image(n, n as i64 * 100 * MS + later_ns));
@@ -773,20 +775,20 @@ mod tests {
             picture: image(0, 0).picture,
         };
         let mut times = Times::new(7);
-        let mut judge = |time_ns, damaged| match times.judge(frame(time_ns, damaged)) {
+        let mut classify = |time_ns, damaged| match times.classify(frame(time_ns, damaged)) {
             Step::Image(image) => format!("{} {}", image.number, image.time_ns),
             Step::Bad(number, why) => format!("{number} {why}"),
             Step::End => "end".to_owned(),
         };
-        assert_eq!(judge(Some(0), false), "0 7");
+        assert_eq!(classify(Some(0), false), "0 7");
         let untimed = "the container gives no time for the image";
-        assert_eq!(judge(None, false), format!("1 {untimed}"));
+        assert_eq!(classify(None, false), format!("1 {untimed}"));
         let falling = "its time is not after that of the one before";
-        assert_eq!(judge(Some(0), false), format!("2 {falling}"));
-        assert_eq!(judge(Some(-100), false), format!("3 {falling}"));
+        assert_eq!(classify(Some(0), false), format!("2 {falling}"));
+        assert_eq!(classify(Some(-100), false), format!("3 {falling}"));
         let damaged = "its decoder says that the image is damaged";
-        assert_eq!(judge(Some(100), true), format!("4 {damaged}"));
-        assert_eq!(judge(Some(100), false), "5 107");
+        assert_eq!(classify(Some(100), true), format!("4 {damaged}"));
+        assert_eq!(classify(Some(100), false), "5 107");
     }
 
     #[test]

@@ -21,7 +21,7 @@
 //!   times that follow are flagged until the new line has settled.
 //! * **A small step**, within the jitter, is found only after many samples, and a rate that changes
 //!   fast is followed late. Every claim of the last minute is therefore checked whenever the map
-//!   changes; where one turns out to have been wrong, its time joins [`ClockMap::doubts`].
+//!   changes; where one turns out to have been wrong, its time joins [`ClockMap::unreliable_spans`].
 //! * **Not seen at all**: the constant part of the latency. It is configured, with a sigma, and
 //!   comes from calibration. And a latency whose minimum shifts for longer than `burst_ns` cannot
 //!   be told from a step of the clock; it is reported as one. How small a step can be and still be
@@ -44,7 +44,7 @@ use session_archive::time::{HostTime, NS_PER_S, TickLength};
 use self::epoch::{Epoch, Sample, ticks_at};
 use self::fit::{Line, RatePrior, Terms};
 pub use self::guard::MonotoneGuard;
-pub use self::map::{ClockMap, Doubt, Mapped, Model, Residuals, Segment};
+pub use self::map::{ClockMap, Mapped, Model, Residuals, Segment, UnreliableSpan};
 use self::tail::Tail;
 
 /// What is known of a device's clock and of the way to the host.
@@ -108,7 +108,7 @@ pub enum Observation {
 pub struct Step {
     /// Arrivals whose times are in doubt. Begins where the old map was last confirmed; times that
     /// were given since then without a flag are to be flagged now.
-    pub doubt: Doubt,
+    pub mark_unreliable: UnreliableSpan,
     /// How much later than by the old map the samples now arrive, ns: positive if the device clock
     /// fell back.
     pub shift_ns: i64,
@@ -117,29 +117,29 @@ pub struct Step {
 /// Samples below the map this many sigmas are no refinement.
 const STEP_SIGMAS: f64 = 4.0;
 /// A single sample is suspicious where it is later than the 99th percentile by this factor.
-const VERY_LATE: f64 = 3.0;
+const SUSPECT_LATENESS_RATIO: f64 = 3.0;
 /// A sample is on time where it is no later than this share of all.
-const ON_TIME: f64 = 0.5;
+const ON_TIME_QUANTILE: f64 = 0.5;
 /// Samples held at most before a few early ones are judged.
-const EARLY_HELD: usize = 16;
+const MAX_EARLY_SAMPLES: usize = 16;
 /// Early ones among them that make a step.
-const EARLY_STEP: usize = 3;
+const MIN_EARLY_STEP_SAMPLES: usize = 3;
 /// Consecutive samples behind the newest tick that make a restarted counter.
-const RESTART_SAMPLES: usize = 4;
+const MIN_RESTART_SAMPLES: usize = 4;
 /// Samples of a burst before it can be a step.
-const LATE_STEP: u64 = 32;
+const MIN_LATE_STEP_SAMPLES: u64 = 32;
 /// No claim is better than this, ns: host stamps are rounded, some to 1 us.
-const FLOOR_NS: f64 = 250.0;
+const SIGMA_FLOOR_NS: f64 = 250.0;
 /// Five sigmas are at least as much as a step that can go unnoticed for this long, ns.
-const UNNOTICED_NS: f64 = 10.0 * NS_PER_S as f64;
+const UNNOTICED_STEP_NS: f64 = 10.0 * NS_PER_S as f64;
 /// The map is published at least this often, in device ns.
 const PUBLISH_NS: f64 = 10.0 * NS_PER_S as f64;
 /// Claims that are checked again, one for each time the line is fitted.
 const MAX_CLAIMS: usize = 256;
 /// A claim that misses what is known later by more of its sigmas than this was wrong.
-const WRONG_SIGMAS: f64 = 3.0;
+const MAX_CLAIM_ERROR_SIGMAS: f64 = 3.0;
 /// Spans of doubt remembered; older ones are joined.
-const MAX_DOUBTS: usize = 64;
+const MAX_UNRELIABLE_SPANS: usize = 64;
 
 /// Learns a device clock from arrivals, one sample at a time. See the [module](self).
 #[derive(Clone, Debug)]
@@ -151,12 +151,12 @@ pub struct ClockMapper {
     suspicion: Option<Suspicion>,
     /// Consecutive samples behind the newest tick.
     behind: Vec<Sample>,
-    last: Option<Seen>,
+    last: Option<LatestSample>,
     /// Arrival of the newest sample that was as early as most are: until then there was no step.
     on_time: i64,
     map: ClockMap,
     published: Line,
-    least_sigma: f64,
+    min_sigma: f64,
     /// What was claimed lately.
     claims: VecDeque<Claim>,
 }
@@ -171,7 +171,7 @@ struct Claim {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Seen {
+struct LatestSample {
     ticks: i64,
     arrival: i64,
     /// Height above the line, ns.
@@ -211,7 +211,7 @@ impl ClockMapper {
             wander_ppb_per_s: config.wander_ppb_per_s,
             samples_used: 0,
             residuals: Residuals::default(),
-            doubts: Vec::new(),
+            unreliable_spans: Vec::new(),
         };
         Self {
             config,
@@ -224,7 +224,7 @@ impl ClockMapper {
             on_time: i64::MIN,
             map,
             published: Line::default(),
-            least_sigma: 0.0,
+            min_sigma: 0.0,
             claims: VecDeque::with_capacity(MAX_CLAIMS),
         }
     }
@@ -255,12 +255,12 @@ impl ClockMapper {
             return Observation::Duplicate;
         }
         let Some(epoch) = &self.epoch else {
-            self.last = Some(Seen {
+            self.last = Some(LatestSample {
                 ticks,
                 arrival,
                 height: 0.0,
             });
-            self.map.doubts.push(Doubt {
+            self.map.unreliable_spans.push(UnreliableSpan {
                 from: HostTime(arrival),
                 to: HostTime::MAX,
             });
@@ -274,7 +274,7 @@ impl ClockMapper {
         let line = epoch.line();
         let height = p.lag - line.lag(p.x);
         let tolerance = STEP_SIGMAS * line.sigma(p.x, self.wander);
-        self.last = Some(Seen {
+        self.last = Some(LatestSample {
             ticks,
             arrival,
             height,
@@ -300,7 +300,7 @@ impl ClockMapper {
             return self.observe_late(sample, alarm);
         }
         self.suspicion = None;
-        if height <= self.tail.quantile(ON_TIME) + tolerance {
+        if height <= self.tail.quantile(ON_TIME_QUANTILE) + tolerance {
             self.on_time = arrival;
         }
         self.tail.learn(height);
@@ -321,7 +321,7 @@ impl ClockMapper {
         let mut mapped = self.map.map(ticks)?;
         let suspected = self.suspicion.is_some()
             || !self.behind.is_empty()
-            || last.height > VERY_LATE * self.map.residuals.p99_ns as f64;
+            || last.height > SUSPECT_LATENESS_RATIO * self.map.residuals.p99_ns as f64;
         mapped.flagged = self.unsettled() || suspected;
         if suspected && last.height > self.config.burst_ns as f64 {
             // No latency is that long: the counter began anew, or stands still. All that is
@@ -359,8 +359,8 @@ impl ClockMapper {
     }
 
     /// Whether samples that arrived then have times in doubt, as far as is known now.
-    pub fn is_doubtful(&self, arrival: HostTime) -> bool {
-        self.map.is_doubtful(arrival)
+    pub fn is_unreliable(&self, arrival: HostTime) -> bool {
+        self.map.is_unreliable(arrival)
     }
 
     /// Version of the map as it is now; it changes when the map has changed by a good part of its
@@ -377,8 +377,8 @@ impl ClockMapper {
                 limit,
             },
             jitter: self.config.jitter_ns as f64,
-            floor: FLOOR_NS,
-            least_sigma: 0.0,
+            floor: SIGMA_FLOOR_NS,
+            min_sigma: 0.0,
         }
     }
 
@@ -402,7 +402,7 @@ impl ClockMapper {
             self.behind.clear();
         }
         self.behind.push(sample);
-        if self.behind.len() < RESTART_SAMPLES {
+        if self.behind.len() < MIN_RESTART_SAMPLES {
             return Observation::OutOfOrder;
         }
         let samples = std::mem::take(&mut self.behind);
@@ -415,14 +415,14 @@ impl ClockMapper {
     fn observe_early(&mut self, early: Early, tolerance: f64) -> Observation {
         let mut held = match self.suspicion.take() {
             Some(Suspicion::Early { held }) => held,
-            _ => Vec::with_capacity(EARLY_HELD),
+            _ => Vec::with_capacity(MAX_EARLY_SAMPLES),
         };
         held.push(early);
         let newest = held.iter().rev().find(|e| e.low).map_or(0.0, |e| e.height);
         let reach = 3.0 * self.tail.quantile(0.99) + tolerance;
         let agrees = |e: &&Early| (e.height - newest).abs() <= reach;
         let low_and_agreeing = held.iter().filter(|e| e.low).filter(agrees).count();
-        if early.low && low_and_agreeing >= EARLY_STEP {
+        if early.low && low_and_agreeing >= MIN_EARLY_STEP_SAMPLES {
             let first = held.iter().position(|e| e.low && agrees(&e)).unwrap_or(0);
             let lowest = held
                 .iter()
@@ -435,7 +435,7 @@ impl ClockMapper {
             let after = held[first].sample.arrival.saturating_sub(unnoticed as i64);
             return self.step(next, HostTime(after).max(self.map.since), lowest);
         }
-        if held.len() < EARLY_HELD {
+        if held.len() < MAX_EARLY_SAMPLES {
             self.suspicion = Some(Suspicion::Early { held });
             return Observation::Suspect;
         }
@@ -475,8 +475,10 @@ impl ClockMapper {
             return Observation::Suspect;
         };
         let burst = self.config.burst_ns;
-        let lasted = sample.arrival.saturating_sub(*since) >= burst && next.samples() >= LATE_STEP;
-        let impossible = alarm.height > burst as f64 && next.samples() >= EARLY_STEP as u64;
+        let lasted = sample.arrival.saturating_sub(*since) >= burst
+            && next.samples() >= MIN_LATE_STEP_SAMPLES;
+        let impossible =
+            alarm.height > burst as f64 && next.samples() >= MIN_EARLY_STEP_SAMPLES as u64;
         if !lasted && !impossible {
             return Observation::Suspect;
         }
@@ -513,18 +515,18 @@ impl ClockMapper {
         let now = HostTime(last.arrival);
         // Samples that were all late may have come from either side of it.
         let after = after.min(HostTime(self.on_time)).max(self.map.since);
-        let doubt = Doubt {
+        let mark_unreliable = UnreliableSpan {
             from: after,
             to: if next.settled() { now } else { HostTime::MAX },
         };
-        self.doubt(doubt);
+        self.mark_unreliable(mark_unreliable);
         self.suspicion = None;
         self.behind.clear();
         self.map.epoch += 1;
         let since = next.arrival(0.0);
         self.begin(next, since);
         Observation::Step(Step {
-            doubt,
+            mark_unreliable,
             shift_ns: shift.round() as i64,
         })
     }
@@ -545,26 +547,26 @@ impl ClockMapper {
     }
 
     /// Adds a span of doubt, joined with those it touches.
-    fn doubt(&mut self, doubt: Doubt) {
-        let doubts = &mut self.map.doubts;
-        doubts.push(doubt);
-        doubts.sort_by_key(|d| d.from);
-        doubts.dedup_by(|next, first| {
+    fn mark_unreliable(&mut self, mark_unreliable: UnreliableSpan) {
+        let unreliable_spans = &mut self.map.unreliable_spans;
+        unreliable_spans.push(mark_unreliable);
+        unreliable_spans.sort_by_key(|d| d.from);
+        unreliable_spans.dedup_by(|next, first| {
             let joined = next.from <= first.to;
             if joined {
                 first.to = first.to.max(next.to);
             }
             joined
         });
-        if doubts.len() > MAX_DOUBTS {
-            doubts[1].from = doubts[0].from;
-            doubts.remove(0);
+        if unreliable_spans.len() > MAX_UNRELIABLE_SPANS {
+            unreliable_spans[1].from = unreliable_spans[0].from;
+            unreliable_spans.remove(0);
         }
     }
 
     fn unsettled(&self) -> bool {
         self.map
-            .doubts
+            .unreliable_spans
             .last()
             .is_some_and(|d| d.to == HostTime::MAX)
     }
@@ -574,17 +576,20 @@ impl ClockMapper {
         let (Some(epoch), Some(last)) = (&mut self.epoch, self.last) else {
             return;
         };
-        epoch.refit(self.least_sigma);
+        epoch.refit(self.min_sigma);
         let line = *epoch.line();
         let settles = epoch.settled();
         self.tail.follow(&line);
-        self.least_sigma = self.tail.unnoticed(UNNOTICED_NS / epoch.period().max(1.0)) / 5.0;
+        self.min_sigma = self
+            .tail
+            .unnoticed(UNNOTICED_STEP_NS / epoch.period().max(1.0))
+            / 5.0;
         let (x, old) = (line.to_x, self.published);
         let (sigma, old_sigma) = (line.sigma(x, self.wander), old.sigma(x, self.wander));
         let moved = (line.lag(x) - old.lag(x)).abs();
         let settles = settles && self.unsettled();
-        if settles && let Some(doubt) = self.map.doubts.last_mut() {
-            doubt.to = HostTime(last.arrival);
+        if settles && let Some(mark_unreliable) = self.map.unreliable_spans.last_mut() {
+            mark_unreliable.to = HostTime(last.arrival);
         }
         let outdated = x - old.to_x > PUBLISH_NS;
         if settles
@@ -612,14 +617,14 @@ impl ClockMapper {
     fn audit(&mut self) {
         let Some(epoch) = &self.epoch else { return };
         let mut before: Option<&Claim> = None;
-        let mut doubts = Vec::new();
+        let mut unreliable_spans = Vec::new();
         for (i, claim) in self.claims.iter().enumerate() {
             let next = self.claims.get(i + 1);
             // Times were given by it until the next one, so it is asked at both ends.
             let wrong = |x: f64| {
                 let (lag, sigma) = epoch.best(x);
                 let off = (lag - claim.line.lag(x)).abs();
-                (off > sigma.hypot(WRONG_SIGMAS * claim.sigma)).then_some(off)
+                (off > sigma.hypot(MAX_CLAIM_ERROR_SIGMAS * claim.sigma)).then_some(off)
             };
             let to = HostTime(next.unwrap_or(claim).arrival);
             if let Some(off) = wrong(claim.x) {
@@ -628,14 +633,16 @@ impl ClockMapper {
                 let noticed = HostTime(claim.arrival.saturating_sub(self.unnoticed(off)));
                 let from = before.map_or(claim.arrival, |b| b.arrival);
                 let from = confirmed.max(noticed).min(HostTime(from));
-                doubts.push(Doubt { from, to });
+                unreliable_spans.push(UnreliableSpan { from, to });
             } else if next.is_some_and(|next| wrong(next.x).is_some()) {
                 let from = HostTime(claim.arrival);
-                doubts.push(Doubt { from, to });
+                unreliable_spans.push(UnreliableSpan { from, to });
             }
             before = Some(claim);
         }
-        doubts.into_iter().for_each(|doubt| self.doubt(doubt));
+        unreliable_spans
+            .into_iter()
+            .for_each(|mark_unreliable| self.mark_unreliable(mark_unreliable));
     }
 
     fn publish(&mut self) {
@@ -658,11 +665,11 @@ fn unwrap(ticks: i64, near: i64, bits: Option<u8>) -> i64 {
     let Some(bits @ 1..=63) = bits else {
         return ticks;
     };
-    let turn = 1_i128 << bits;
-    let ahead = (i128::from(ticks) - i128::from(near)).rem_euclid(turn);
+    let modulus = 1_i128 << bits;
+    let ahead = (i128::from(ticks) - i128::from(near)).rem_euclid(modulus);
     let nearest = i128::from(near)
-        + if ahead >= turn / 2 {
-            ahead - turn
+        + if ahead >= modulus / 2 {
+            ahead - modulus
         } else {
             ahead
         };

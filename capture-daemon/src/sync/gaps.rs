@@ -161,12 +161,12 @@ impl SequenceTracker {
 }
 
 /// A number that falls back by more than this did not come late: the device counts anew.
-const REORDER: u64 = 64;
+const MAX_REORDER: u64 = 64;
 /// So it does if this many in a row fall back but follow each other.
-const RESTART_RUN: u32 = 4;
+const MIN_RESTART_RUN: u32 = 4;
 /// A number that leaps ahead by more than this is no loss, which would have lasted for hours, but
 /// a wrong number or a new count.
-const LEAP: u64 = 1 << 20;
+const MAX_COUNTER_JUMP: u64 = 1 << 20;
 
 /// Unwraps a device's counter into numbers that only grow, whatever the device does to it.
 ///
@@ -211,22 +211,22 @@ impl Renumber {
     /// The stream's number of the device's number.
     pub fn number(&mut self, raw: u64) -> Numbered {
         let Some(newest) = self.newest else {
-            return self.goes_on(raw, raw, false);
+            return self.advance(raw, raw, false);
         };
         let ahead = raw.wrapping_sub(newest.raw);
         let ahead = self.bits.map_or(ahead, |bits| ahead & ((1 << bits) - 1));
-        let turn = self.bits.map_or(0, |bits| 1 << bits);
-        let back = u64::wrapping_sub(turn, ahead);
-        if ahead != 0 && ahead <= LEAP && (turn == 0 || ahead < turn / 2) {
-            return self.goes_on(raw, newest.ours.saturating_add(ahead), false);
+        let modulus = self.bits.map_or(0, |bits| 1 << bits);
+        let back = u64::wrapping_sub(modulus, ahead);
+        if ahead != 0 && ahead <= MAX_COUNTER_JUMP && (modulus == 0 || ahead < modulus / 2) {
+            return self.advance(raw, newest.ours.saturating_add(ahead), false);
         }
-        if ahead == 0 || back < REORDER {
+        if ahead == 0 || back < MAX_REORDER {
             let run = match self.behind {
                 Some((last, run)) if raw == last.wrapping_add(1) => run + 1,
                 _ => 1,
             };
             self.behind = Some((raw, run));
-            if run < RESTART_RUN {
+            if run < MIN_RESTART_RUN {
                 let back = if ahead == 0 { 0 } else { back };
                 let number = newest.ours.saturating_sub(back);
                 return Numbered {
@@ -236,7 +236,7 @@ impl Renumber {
                 };
             }
         }
-        self.goes_on(raw, newest.ours.saturating_add(1), true)
+        self.advance(raw, newest.ours.saturating_add(1), true)
     }
 
     /// Our number of the newest sample.
@@ -248,16 +248,16 @@ impl Renumber {
     /// samples. A counter that went on is believed, any other has begun anew.
     pub fn resume(&mut self, raw: u64, missed: u64) -> u64 {
         let Some(newest) = self.newest else {
-            return self.goes_on(raw, raw, false).number;
+            return self.advance(raw, raw, false).number;
         };
         let skipped = raw.checked_sub(newest.raw.saturating_add(1));
         let is_likely = |n: &u64| n.abs_diff(missed) <= 2 + missed / 10;
         let skipped = skipped.filter(is_likely).unwrap_or(missed);
         let ours = newest.ours.saturating_add(skipped).saturating_add(1);
-        self.goes_on(raw, ours, false).number
+        self.advance(raw, ours, false).number
     }
 
-    fn goes_on(&mut self, raw: u64, ours: u64, restarted: bool) -> Numbered {
+    fn advance(&mut self, raw: u64, ours: u64, restarted: bool) -> Numbered {
         self.newest = Some(Numbers { raw, ours });
         self.behind = None;
         Numbered {

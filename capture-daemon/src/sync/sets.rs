@@ -138,7 +138,7 @@ impl FrameSetBuilder {
             if !end && !self.is_settled(camera, time) {
                 break;
             }
-            if camera == self.reference || self.stands_alone(camera, time) {
+            if camera == self.reference || self.is_own_instant(camera, time) {
                 sets.extend(self.settle(camera));
             } else {
                 self.frames[camera].pop_front();
@@ -161,7 +161,7 @@ impl FrameSetBuilder {
     }
 
     /// Whether a frame is so far from every instant of the reference that it is one of its own.
-    fn stands_alone(&self, camera: usize, time: HostTime) -> bool {
+    fn is_own_instant(&self, camera: usize, time: HostTime) -> bool {
         let apart = self.slower(camera) / 4 * 3;
         let next = self.frames[self.reference].front().map(|f| f.1);
         self.previous.is_none_or(|p| time.since(p) >= apart)

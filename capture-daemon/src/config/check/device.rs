@@ -6,15 +6,15 @@ use v4l2::usb::{self, Demand};
 use v4l2::{Camera, Fourcc, Mode};
 
 use super::Level;
-use crate::causes::with_causes;
 use crate::config::{Config, SourceConfig, V4l2Config, ZedImuConfig};
+use crate::error_chain::with_causes;
 use crate::sources::device::camera::{find_node, interval, key};
 
 /// What to do about a device that is not there.
 const NOT_THERE: &str = "; plug it in, `pawsd devices` lists what is there";
 
 /// What is found of a camera and its IMU.
-pub(super) fn look(config: &V4l2Config) -> Vec<(Level, String)> {
+pub(super) fn inspect(config: &V4l2Config) -> Vec<(Level, String)> {
     let mut findings = Vec::new();
     for config in config.eyes() {
         match find_node(&config.device, None) {

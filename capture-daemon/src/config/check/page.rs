@@ -7,8 +7,8 @@ use std::path::Path;
 use rig_link::token::Token;
 
 use super::{Report, writable};
-use crate::causes::with_causes;
 use crate::config::{Config, Page};
+use crate::error_chain::with_causes;
 
 /// Looks at the page's address, token and folder. `daemon_answers`: one runs, and may have the address.
 pub(super) fn check(config: &Config, daemon_answers: bool, report: &mut Report) {

@@ -102,19 +102,24 @@ fn a_token_that_others_can_read_is_an_error() {
     fs::write(&token, "0123456789abcdef").unwrap();
     let text = format!("[page]\nlisten = \"127.0.0.1:0\"\ntoken_file = \"token\"\n{SYNTHETIC}");
     let config = Config::parse(&text, folder.path()).unwrap();
-    let look = || {
+    let check_page = || {
         let mut report = Report::default();
         page::check(&config, false, &mut report);
         report.findings
     };
     let mode = |mode| fs::set_permissions(&token, fs::Permissions::from_mode(mode)).unwrap();
     mode(0o644);
-    expect(&look(), "page", Level::Error, "mode 0644, expected 0600");
-    expect(&look(), "page", Level::Error, "chmod 600 ");
+    expect(
+        &check_page(),
+        "page",
+        Level::Error,
+        "mode 0644, expected 0600",
+    );
+    expect(&check_page(), "page", Level::Error, "chmod 600 ");
     mode(0o600);
-    expect(&look(), "page", Level::Ok, "its token is in");
+    expect(&check_page(), "page", Level::Ok, "its token is in");
     fs::remove_file(&token).unwrap();
-    expect(&look(), "page", Level::Error, "reading the token");
+    expect(&check_page(), "page", Level::Error, "reading the token");
 }
 
 /// What is behind the head of a bag may be good, or not: a check does not read it.

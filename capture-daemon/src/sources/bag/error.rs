@@ -16,14 +16,14 @@ pub enum BagError {
         source: std::io::Error,
     },
     /// It is not an MCAP file, and the message says how to make one of it.
-    #[error("opening a bag: found {found}, expected MCAP; {mend}: {}", path.display())]
+    #[error("opening a bag: found {found}, expected MCAP; {remedy}: {}", path.display())]
     Storage {
         /// The file or folder.
         path: PathBuf,
         /// What it is.
         found: &'static str,
         /// The command that converts it.
-        mend: &'static str,
+        remedy: &'static str,
     },
     /// A chunk is compressed in a way that is not read here.
     #[error(
@@ -82,7 +82,7 @@ pub enum BagError {
          half of them or more; the nearest one is {apart_ms:.1} ms away in the median, so the two cameras are not \
          synchronised ({topics}); {}name the topics of one stereo camera as left_topic and right_topic, or record \
          cameras that are triggered together: {}",
-        allow_more(*within_ms, *most_ms), path.display()
+        allow_more(*within_ms, *max_ms), path.display()
     )]
     Unsynchronised {
         /// The bag.
@@ -96,7 +96,7 @@ pub enum BagError {
         /// The most that partners may be apart, ms.
         within_ms: f64,
         /// The most that can be allowed at this rate, ms.
-        most_ms: f64,
+        max_ms: f64,
         /// From a left image to the nearest right one, median, ms.
         apart_ms: f64,
     },
@@ -128,7 +128,7 @@ pub enum BagError {
 
 impl BagError {
     /// Whether more of the bag could make it good.
-    pub(super) fn may_be_mended_by_more(&self) -> bool {
+    pub(super) fn needs_more_data(&self) -> bool {
         matches!(
             self,
             Self::Topics { .. }
@@ -141,9 +141,9 @@ impl BagError {
 }
 
 /// What more can be allowed, where less is.
-fn allow_more(within_ms: f64, most_ms: f64) -> String {
-    match within_ms < most_ms {
-        true => format!("allow more with pair_within_ms (up to {most_ms:.1} at this rate), "),
+fn allow_more(within_ms: f64, max_ms: f64) -> String {
+    match within_ms < max_ms {
+        true => format!("allow more with pair_within_ms (up to {max_ms:.1} at this rate), "),
         false => String::new(),
     }
 }

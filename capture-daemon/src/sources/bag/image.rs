@@ -6,10 +6,10 @@ use video::Picture;
 use video::picture::{side_by_side, yuyv_to_i420};
 
 use super::messages::{self, Kind};
-use crate::causes::with_causes;
+use crate::error_chain::with_causes;
 use crate::sources::datasets::{DecodedPng, MAX_PIXELS, Samples, decode_png};
 use crate::sources::jpeg;
-use crate::sources::replay::eyes;
+use crate::sources::replay::stereo_image;
 
 /// An image of a bag.
 #[derive(Clone, Debug, PartialEq)]
@@ -164,7 +164,7 @@ fn of_samples(decoded: DecodedPng) -> Result<BagImage, String> {
         (decoded.width, decoded.height),
         decoded.samples == Samples::Rgb8,
     );
-    let picture = eyes::i420(decoded);
+    let picture = stereo_image::i420(decoded);
     Ok(BagImage {
         size,
         colour,

@@ -4,12 +4,12 @@ use std::path::Path;
 
 use video::capture::Eye;
 
-use super::container::Place;
+use super::container::RecordLocation;
 use super::error::BagError;
 use super::messages::Imu;
-use super::scan::{Seen, Stream};
-use super::topics::Chosen;
-use crate::sources::pairing::{Half, Paired, Pairs, alone, limit_ns};
+use super::scan::{IndexedMessage, Stream};
+use super::topics::TopicSelection;
+use crate::sources::pairing::{ImagePairer, Paired, TimedImage, alone, limit_ns};
 
 /// A century, ns: differences of times are taken all over the replay.
 const CENTURY_NS: i64 = 100 * 365 * 86_400 * 1_000_000_000;
@@ -39,18 +39,18 @@ pub(super) struct Planned {
     pub(super) number: u64,
     /// From the first frame, ns; that of the newest one before where it has no time itself.
     pub(super) offset_ns: i64,
-    pub(super) what: What,
+    pub(super) what: Outcome,
 }
 
 #[derive(Debug)]
-pub(super) enum What {
+pub(super) enum Outcome {
     /// Left image and, where it has a topic of its own, right one with how much later it was taken.
     Frame {
-        left: (usize, Place),
-        right: Option<((usize, Place), i64)>,
+        left: (usize, RecordLocation),
+        right: Option<((usize, RecordLocation), i64)>,
     },
     /// Why there is no frame.
-    Lost(String),
+    Dropped(String),
 }
 
 /// A sample.
@@ -102,7 +102,7 @@ impl Times {
         Ok(times)
     }
 
-    fn judge(&mut self, seen: &Seen, newest: Option<i64>) -> Result<i64, &'static str> {
+    fn judge(&mut self, seen: &IndexedMessage, newest: Option<i64>) -> Result<i64, &'static str> {
         match (seen.stamp_ns, &seen.imu) {
             (Err(_), _) | (_, Some(Err(_))) => {
                 self.damaged += 1;
@@ -127,7 +127,7 @@ impl Times {
     }
 
     /// What is left out, for people.
-    fn left_out(&self) -> Option<String> {
+    fn rejection_text(&self) -> Option<String> {
         let parts = [
             (self.missing, "without a time"),
             (self.falling, "with a time that does not rise"),
@@ -147,33 +147,33 @@ type Partner = Option<(usize, i64)>;
 pub(super) fn plan(
     path: &Path,
     streams: &[Stream],
-    chosen: &Chosen,
+    chosen: &TopicSelection,
     pair_within_ns: Option<i64>,
 ) -> Result<Plan, BagError> {
     let left = &streams[chosen.left];
     let times = Times::of(left, path)?;
     let rate_hz = rate_of(times.good().map(|(_, time)| time));
     let mut notices = Vec::new();
-    let limit = |asked_ns| {
-        limit_ns(rate_hz, asked_ns).map_err(|what| BagError::Setting {
+    let limit = |configured_ns| {
+        limit_ns(rate_hz, configured_ns).map_err(|what| BagError::Setting {
             path: path.to_owned(),
             what,
         })
     };
-    let (within_ns, most_ns) = (limit(pair_within_ns)?, limit(None)?);
+    let (within_ns, max_ns) = (limit(pair_within_ns)?, limit(None)?);
     let mut apart = None;
     let partners = match chosen.right {
         Some(right) => {
             let right = &streams[right];
             let right_times = Times::of(right, path)?;
-            if let Some(what) = right_times.left_out() {
+            if let Some(what) = right_times.rejection_text() {
                 notices.push(format!("{}: left out: {what}", right.topic));
             }
             let found = pairs(
                 path,
                 [left, right],
                 [&times, &right_times],
-                [within_ns, most_ns],
+                [within_ns, max_ns],
                 &mut notices,
             )?;
             apart = Some(found.1);
@@ -187,20 +187,20 @@ pub(super) fn plan(
     for (i, seen) in left.messages.iter().enumerate() {
         let partner: Option<Partner> = partners.as_ref().map(|partners| partners[i]);
         let what = match (times.of[i], partner) {
-            (Err(why), _) => What::Lost(why.to_owned()),
-            (Ok(_), Some(None)) => What::Lost(alone(Eye::Left, within_ns)),
-            (Ok(_), None) => What::Frame {
-                left: seen.place,
+            (Err(why), _) => Outcome::Dropped(why.to_owned()),
+            (Ok(_), Some(None)) => Outcome::Dropped(alone(Eye::Left, within_ns)),
+            (Ok(_), None) => Outcome::Frame {
+                left: seen.location,
                 right: None,
             },
-            (Ok(_), Some(Some((right, apart_ns)))) => What::Frame {
-                left: seen.place,
+            (Ok(_), Some(Some((right, apart_ns)))) => Outcome::Frame {
+                left: seen.location,
                 right: chosen
                     .right
-                    .map(|of| (streams[of].messages[right].place, apart_ns)),
+                    .map(|of| (streams[of].messages[right].location, apart_ns)),
             },
         };
-        if let (None, What::Frame { .. }, Ok(time)) = (first, &what, times.of[i]) {
+        if let (None, Outcome::Frame { .. }, Ok(time)) = (first, &what, times.of[i]) {
             first = Some((i, time));
         }
         let Some((first_position, first_ns)) = first else {
@@ -250,7 +250,7 @@ fn pairs(
     path: &Path,
     [left, right]: [&Stream; 2],
     [left_times, right_times]: [&Times; 2],
-    [within_ns, most_ns]: [i64; 2],
+    [within_ns, max_ns]: [i64; 2],
     notices: &mut Vec<String>,
 ) -> Result<(Vec<Partner>, String), BagError> {
     let of = |eye, times: &Times| -> Vec<(i64, Eye, usize)> {
@@ -274,12 +274,12 @@ fn pairs(
             later.push(apart);
             partners[a.of] = Some((b.of, apart));
         }
-        Paired::Alone(Eye::Right, _) => without_left += 1,
-        Paired::Alone(Eye::Left, _) => {}
+        Paired::Unpaired(Eye::Right, _) => without_left += 1,
+        Paired::Unpaired(Eye::Left, _) => {}
     };
-    let mut pairs = Pairs::new(within_ns);
+    let mut pairs = ImagePairer::new(within_ns);
     for (time_ns, eye, of) in images {
-        pairs.push(eye, Half { time_ns, of }, &mut out);
+        pairs.push(eye, TimedImage { time_ns, of }, &mut out);
     }
     pairs.finish(&mut out);
 
@@ -297,7 +297,7 @@ fn pairs(
             total,
             paired: later.len(),
             within_ms: ms(within_ns),
-            most_ms: ms(most_ns),
+            max_ms: ms(max_ns),
             apart_ms: ms(median(&mut nearest)),
         });
     }
@@ -335,7 +335,7 @@ fn samples(
     notices: &mut Vec<String>,
 ) -> Result<(Vec<PlannedImu>, Option<f64>), BagError> {
     let times = Times::of(stream, path)?;
-    if let Some(what) = times.left_out() {
+    if let Some(what) = times.rejection_text() {
         notices.push(format!("{}: left out: {what}", stream.topic));
     }
     let usable = times.good().filter(|(_, time)| *time >= first_ns);

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::SQLITE;
 use super::cdr::CdrError;
-use super::container::{Container, Place};
+use super::container::{Container, RecordLocation};
 use super::error::BagError;
 use super::messages::{self, Imu, Kind};
 use crate::sources::Extent;
@@ -15,16 +15,16 @@ pub(super) struct Stream {
     pub(super) topic: String,
     pub(super) kind: Kind,
     /// Its messages, in the order in which they were recorded.
-    pub(super) messages: Vec<Seen>,
+    pub(super) messages: Vec<IndexedMessage>,
 }
 
 /// One message.
 #[derive(Debug)]
-pub(super) struct Seen {
+pub(super) struct IndexedMessage {
     /// When it was recorded; only for the order.
     log_time: u64,
     /// Which of the bag's files, and where in it.
-    pub(super) place: (usize, Place),
+    pub(super) location: (usize, RecordLocation),
     /// When it was taken by its header, ns; none where that was never set.
     pub(super) stamp_ns: Result<Option<i64>, CdrError>,
     /// Its values, if it is an IMU sample.
@@ -70,7 +70,7 @@ pub(super) fn scan(path: &Path, extent: Extent) -> Result<Bag, BagError> {
     let mut is_head = false;
     for (number, file) in files_of(path)?.into_iter().enumerate() {
         let mut container = Container::open(&file, extent)?;
-        let scanned = container.scan(|topic, message, place| {
+        let scanned = container.scan(|topic, message, location| {
             let Some(kind) = Kind::of(&topic.schema) else {
                 return;
             };
@@ -85,9 +85,9 @@ pub(super) fn scan(path: &Path, extent: Extent) -> Result<Bag, BagError> {
                 streams.push(Stream::new(&topic.name, kind));
                 streams.len() - 1
             });
-            streams[known].messages.push(Seen {
+            streams[known].messages.push(IndexedMessage {
                 log_time: message.log_time,
-                place: (number, place),
+                location: (number, location),
                 stamp_ns: messages::stamp(message.data),
                 imu: (kind == Kind::Imu).then(|| messages::imu(message.data)),
             });
@@ -117,7 +117,7 @@ pub(super) fn scan(path: &Path, extent: Extent) -> Result<Bag, BagError> {
     for stream in &mut streams {
         stream
             .messages
-            .sort_by_key(|seen| (seen.log_time, seen.place));
+            .sort_by_key(|seen| (seen.log_time, seen.location));
     }
     Ok(Bag {
         files,
@@ -157,14 +157,14 @@ fn files_of(path: &Path) -> Result<Vec<PathBuf>, BagError> {
         }
     }
     if files.is_empty() {
-        let (found, mend) = other.unwrap_or((
+        let (found, remedy) = other.unwrap_or((
             "a folder without .mcap files",
             "name the folder that `ros2 bag record --storage mcap` made, or a file",
         ));
         return Err(BagError::Storage {
             path: path.to_owned(),
             found,
-            mend,
+            remedy,
         });
     }
     files.sort();

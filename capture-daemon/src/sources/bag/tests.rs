@@ -211,7 +211,7 @@ fn frames(samples: &[Sample]) -> (Vec<u64>, Vec<(u64, String)>) {
     for sample in samples {
         match sample {
             Sample::Frame(f) => numbers.push(f.number),
-            Sample::Lost(l) => lost.push((l.number, l.detail.clone())),
+            Sample::Dropped(l) => lost.push((l.number, l.detail.clone())),
             _ => {}
         }
     }
@@ -270,14 +270,14 @@ fn without_pixels_numbers_and_times_are_the_same() {
     let of = |samples: &[Sample]| -> Vec<(u64, i64, HostTime)> {
         let of = samples.iter().filter_map(|sample| match sample {
             Sample::Frame(f) => Some((f.number, f.device_ticks, f.host_time)),
-            Sample::Seen(s) => Some((s.number, s.device_ticks, s.host_time)),
+            Sample::Arrival(s) => Some((s.number, s.device_ticks, s.host_time)),
             _ => None,
         });
         of.collect()
     };
     let with = samples(open(walk(|_, _| None)).expect("a bag"));
     let mut bag = open(walk(|_, _| None)).expect("a bag");
-    bag.want_pixels(false);
+    bag.set_pixels_needed(false);
     let without = samples(bag);
     assert!(!without.iter().any(|s| matches!(s, Sample::Frame(_))));
     assert_eq!(of(&without), of(&with));

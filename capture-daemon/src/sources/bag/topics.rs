@@ -9,7 +9,7 @@ use crate::config::{BagConfig, BagImages};
 
 /// Positions of the chosen topics among the streams of a bag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Chosen {
+pub(super) struct TopicSelection {
     /// Images of the left eye, or of both beside each other.
     pub(super) left: usize,
     /// Images of the right eye, where they have a topic of their own.
@@ -30,7 +30,7 @@ pub(super) fn choose(
     config: &BagConfig,
     path: &Path,
     streams: &[Stream],
-) -> Result<Chosen, BagError> {
+) -> Result<TopicSelection, BagError> {
     let fail = |what: String| BagError::Topics {
         path: path.to_owned(),
         what,
@@ -77,7 +77,7 @@ pub(super) fn choose(
             ));
         }
     };
-    Ok(Chosen { left, right, imu })
+    Ok(TopicSelection { left, right, imu })
 }
 
 /// The only image topic, or the only pair of them.

@@ -71,12 +71,12 @@ fn head(path: &Path) -> io::Result<(String, bool)> {
     }
     let mut bytes = Vec::new();
     file.take(HEAD_BYTES).read_to_end(&mut bytes)?;
-    let goes_on = found > bytes.len() as u64;
-    if goes_on {
+    let continues = found > bytes.len() as u64;
+    if continues {
         let last = bytes.iter().rposition(|byte| *byte == b'\n');
         bytes.truncate(last.map_or(0, |last| last + 1));
     }
-    Ok((plain_file::text(bytes)?, goes_on))
+    Ok((plain_file::text(bytes)?, continues))
 }
 
 impl<'t> Line<'t> {

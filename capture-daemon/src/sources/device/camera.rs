@@ -14,43 +14,47 @@ use video::picture::{grey_to_i420, nv12_to_i420, yuyv_to_i420};
 use video::{Picture, PictureError, PixelFormat};
 
 use super::zed_camera::{self, FindZedError};
-use super::{PATIENCE, Ties, lock, tell_gone, wait};
-use crate::causes::with_causes;
+use super::{FrameSyncTracker, POLL_TIMEOUT, lock, report_disconnect, wait};
 use crate::config::{DeviceChoice, PixelLayout, V4l2Config};
+use crate::error_chain::with_causes;
 use crate::sources::jpeg::{self, JpegError};
-use crate::sources::{Lost, Notice, Part, RawFrame, Sample, Seen, Sink};
+use crate::sources::{DevicePart, DroppedFrame, FrameArrival, Notice, RawFrame, Sample, Sink};
 
 /// A device that is there and cannot be used is tried again so often.
 const RETRY: Duration = Duration::from_secs(1);
 
 /// Delivers frames until the sink says that it is to end. A camera that does not do what is asked of it, as behind a
 /// slower port, is told and waited for like one that is gone.
-pub(super) fn run(config: &V4l2Config, ties: Option<&Mutex<Ties>>, sink: &dyn Sink) {
-    let mut told = None;
-    let starting = Once {
+pub(super) fn run(
+    config: &V4l2Config,
+    sync_tracker: Option<&Mutex<FrameSyncTracker>>,
+    sink: &dyn Sink,
+) {
+    let mut reported = None;
+    let starting = NoticeFilter {
         sink,
-        told: Mutex::default(),
+        reported: Mutex::default(),
     };
     while !sink.is_ending() {
         let before = Watch::new(["/dev"]);
         match start(config, &starting) {
             Ok(stream) => {
                 let began = sink.now();
-                let reason = read(stream, config, ties, sink);
-                if let Some(ties) = ties {
-                    lock(ties).restart();
+                let reason = read(stream, config, sync_tracker, sink);
+                if let Some(sync_tracker) = sync_tracker {
+                    lock(sync_tracker).restart();
                 }
-                tell_gone(&mut None, Part::Camera, reason, sink);
+                report_disconnect(&mut None, DevicePart::Camera, reason, sink);
                 // One that fails as soon as it is started is given time.
                 if sink.now().since(began) < RETRY.as_nanos() as i64 {
                     wait(before, RETRY, sink);
                 } else {
                     starting.forget();
                 }
-                told = None;
+                reported = None;
             }
             Err(error) => {
-                tell_gone(&mut told, Part::Camera, with_causes(&error), sink);
+                report_disconnect(&mut reported, DevicePart::Camera, with_causes(&error), sink);
                 // One that is there may be let go by another program, which nothing tells of.
                 wait(before, RETRY, sink);
             }
@@ -59,35 +63,35 @@ pub(super) fn run(config: &V4l2Config, ties: Option<&Mutex<Ties>>, sink: &dyn Si
 }
 
 /// Passes each notice on once: a camera that fails as soon as it is started is started each second.
-struct Once<'a> {
+struct NoticeFilter<'a> {
     sink: &'a dyn Sink,
-    told: Mutex<BTreeSet<String>>,
+    reported: Mutex<BTreeSet<String>>,
 }
 
-impl Once<'_> {
-    fn told(&self) -> MutexGuard<'_, BTreeSet<String>> {
-        self.told.lock().unwrap_or_else(PoisonError::into_inner)
+impl NoticeFilter<'_> {
+    fn reported(&self) -> MutexGuard<'_, BTreeSet<String>> {
+        self.reported.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn forget(&self) {
-        self.told().clear();
+        self.reported().clear();
     }
 }
 
-impl Sink for Once<'_> {
+impl Sink for NoticeFilter<'_> {
     fn now(&self) -> HostTime {
         self.sink.now()
     }
 
     fn put(&self, sample: Sample) {
         match &sample {
-            Sample::Notice(notice) if !self.told().insert(notice.text.clone()) => {}
+            Sample::Notice(notice) if !self.reported().insert(notice.text.clone()) => {}
             _ => self.sink.put(sample),
         }
     }
 
-    fn wants_pixels(&self) -> bool {
-        self.sink.wants_pixels()
+    fn pixels_needed(&self) -> bool {
+        self.sink.pixels_needed()
     }
 
     fn is_ending(&self) -> bool {
@@ -151,7 +155,7 @@ fn start(config: &V4l2Config, sink: &dyn Sink) -> Result<Stream, StartError> {
     let stream = Stream::start(&camera, config.buffers)?;
     if is_zed
         && config.imu.is_some()
-        && let Some(text) = zed_camera::tie(&camera, sink)
+        && let Some(text) = zed_camera::enable_frame_sync(&camera, sink)
     {
         notice(sink, text);
     }
@@ -231,7 +235,7 @@ pub(crate) fn key(name: &str) -> String {
 fn notice(sink: &dyn Sink, text: String) {
     sink.put(Sample::Notice(Notice {
         host_time: sink.now(),
-        part: Part::Camera,
+        part: DevicePart::Camera,
         text,
     }));
 }
@@ -240,33 +244,33 @@ fn notice(sink: &dyn Sink, text: String) {
 fn read(
     mut stream: Stream,
     config: &V4l2Config,
-    ties: Option<&Mutex<Ties>>,
+    sync_tracker: Option<&Mutex<FrameSyncTracker>>,
     sink: &dyn Sink,
 ) -> String {
-    let mut behind = Behind::new(stream.buffers(), config.rate_hz);
+    let mut overruns = OverrunDetector::new(stream.buffers(), config.rate_hz);
     while !sink.is_ending() {
-        let sample = match stream.next(PATIENCE) {
+        let sample = match stream.next(POLL_TIMEOUT) {
             Ok(Next::Nothing) => continue,
             Ok(Next::Frame(buffer)) => {
                 let arrival = sink.now();
                 let info = *buffer.info();
                 let age_ns = arrival.0 - info.time_ns;
-                for number in behind.frame(info.sequence, age_ns) {
-                    sink.put(Sample::Lost(Lost {
+                for number in overruns.frame(info.sequence, age_ns) {
+                    sink.put(Sample::Dropped(DroppedFrame {
                         number: number.into(),
                         host_time: arrival,
                         cause: Cause::MachineOverload,
                         detail: "all of the driver's buffers were full".to_owned(),
                     }));
                 }
-                if let (Some(ties), None) = (ties, fault(&info)) {
+                if let (Some(sync_tracker), None) = (sync_tracker, fault(&info)) {
                     let kernel_time = HostTime(info.time_ns);
-                    let tied = lock(ties).frame(info.sequence, kernel_time, arrival);
+                    let tied = lock(sync_tracker).frame(info.sequence, kernel_time, arrival);
                     if let Some(sync) = tied {
                         sink.put(Sample::FrameSync(sync));
                     }
                 }
-                taken(config, &info, buffer.bytes(), arrival, sink.wants_pixels())
+                sample_from_buffer(config, &info, buffer.bytes(), arrival, sink.pixels_needed())
             }
             Err(error) => return with_causes(&error),
         };
@@ -277,15 +281,15 @@ fn read(
 
 /// Whether frames that a driver skipped were skipped because nobody took those before them in time: then all of its
 /// buffers were waiting, and the frame before the skipped ones is as old as most of them together.
-struct Behind {
+struct OverrunDetector {
     /// A frame of this age has waited in the driver.
     old_ns: i64,
     before: Option<(u32, bool)>,
 }
 
-impl Behind {
+impl OverrunDetector {
     /// More skipped numbers than this are a counter that began again.
-    const MOST: u32 = 10_000;
+    const MAX_SKIPPED: u32 = 10_000;
 
     fn new(buffers: usize, rate_hz: f64) -> Self {
         let waiting = buffers.saturating_sub(1).max(1) as f64;
@@ -299,7 +303,7 @@ impl Behind {
     fn frame(&mut self, sequence: u32, age_ns: i64) -> std::ops::Range<u32> {
         let before = self.before.replace((sequence, age_ns > self.old_ns));
         match before {
-            Some((number, true)) if sequence > number && sequence - number <= Self::MOST => {
+            Some((number, true)) if sequence > number && sequence - number <= Self::MAX_SKIPPED => {
                 number + 1..sequence
             }
             _ => sequence..sequence,
@@ -322,15 +326,15 @@ fn fault(info: &FrameInfo) -> Option<String> {
 
 /// What a buffer that a driver has filled is: a frame, one without its pixels where those are not wanted, or one that is
 /// lost with the reason. Pure: `bytes` are the buffer's, `arrival` is when it was taken from the driver.
-pub fn taken(
+pub fn sample_from_buffer(
     config: &V4l2Config,
     info: &FrameInfo,
     bytes: &[u8],
     arrival: HostTime,
-    wants_pixels: bool,
+    pixels_needed: bool,
 ) -> Sample {
     let lost = |detail| {
-        Sample::Lost(Lost {
+        Sample::Dropped(DroppedFrame {
             number: info.sequence.into(),
             host_time: arrival,
             cause: Cause::Device,
@@ -340,8 +344,8 @@ pub fn taken(
     if let Some(detail) = fault(info) {
         return lost(detail);
     }
-    if !wants_pixels {
-        return Sample::Seen(Seen {
+    if !pixels_needed {
+        return Sample::Arrival(FrameArrival {
             number: info.sequence.into(),
             device_ticks: info.time_ns,
             host_time: arrival,
@@ -418,15 +422,15 @@ mod tests {
     /// Three of four buffers at 10 Hz: 150 ms.
     #[test]
     fn frames_that_were_not_taken_in_time_are_the_machines_fault() {
-        let mut behind = Behind::new(4, 10.0);
+        let mut overruns = OverrunDetector::new(4, 10.0);
         const MS: i64 = 1_000_000;
-        assert!(behind.frame(7, 5 * MS).is_empty());
-        assert!(behind.frame(9, 5 * MS).is_empty(), "the device's");
-        assert!(behind.frame(10, 290 * MS).is_empty());
-        assert_eq!(behind.frame(14, 5 * MS), 11..14);
-        assert!(behind.frame(15, 290 * MS).is_empty());
+        assert!(overruns.frame(7, 5 * MS).is_empty());
+        assert!(overruns.frame(9, 5 * MS).is_empty(), "the device's");
+        assert!(overruns.frame(10, 290 * MS).is_empty());
+        assert_eq!(overruns.frame(14, 5 * MS), 11..14);
+        assert!(overruns.frame(15, 290 * MS).is_empty());
         assert!(
-            behind.frame(2, 5 * MS).is_empty(),
+            overruns.frame(2, 5 * MS).is_empty(),
             "it counts from the beginning"
         );
     }
@@ -471,9 +475,9 @@ mod tests {
     }
 
     /// Why frame 7 is lost.
-    fn why_lost(sample: Sample) -> String {
+    fn loss_reason(sample: Sample) -> String {
         match sample {
-            Sample::Lost(lost) => {
+            Sample::Dropped(lost) => {
                 let found = (lost.number, lost.host_time, lost.cause);
                 assert_eq!(found, (7, ARRIVAL, Cause::Device));
                 lost.detail
@@ -490,7 +494,7 @@ mod tests {
         let mut buffer = file.clone();
         buffer.resize(file.len() + 100, 0);
         for bytes in [&file, &buffer] {
-            match taken(&config, &info(bytes), bytes, ARRIVAL, true) {
+            match sample_from_buffer(&config, &info(bytes), bytes, ARRIVAL, true) {
                 Sample::Frame(frame) => {
                     assert_eq!(
                         (frame.number, frame.device_ticks, frame.host_time),
@@ -505,8 +509,11 @@ mod tests {
                 other => panic!("{other:?}"),
             }
         }
-        let seen = taken(&config, &info(&file), &file, ARRIVAL, false);
-        assert!(matches!(seen, Sample::Seen(Seen { number: 7, .. })));
+        let seen = sample_from_buffer(&config, &info(&file), &file, ARRIVAL, false);
+        assert!(matches!(
+            seen,
+            Sample::Arrival(FrameArrival { number: 7, .. })
+        ));
     }
 
     #[test]
@@ -515,7 +522,13 @@ mod tests {
         for (width, height) in [(32, 48), (64, 46), (128, 48)] {
             let config = config(PixelLayout::Mjpeg, width, height);
             assert_eq!(
-                why_lost(taken(&config, &info(&file), &file, ARRIVAL, true)),
+                loss_reason(sample_from_buffer(
+                    &config,
+                    &info(&file),
+                    &file,
+                    ARRIVAL,
+                    true
+                )),
                 format!(
                     "the JPEG image is 64x48, expected {width}x{height} as the camera was set to"
                 )
@@ -525,11 +538,17 @@ mod tests {
         let cut = &file[..file.len() / 2];
         let noise = [0x5a; 500];
         for bytes in [cut, &noise[..], &[]] {
-            let why = why_lost(taken(&config, &info(bytes), bytes, ARRIVAL, true));
+            let why = loss_reason(sample_from_buffer(
+                &config,
+                &info(bytes),
+                bytes,
+                ARRIVAL,
+                true,
+            ));
             assert!(why.starts_with("the JPEG image is damaged: "), "{why}");
         }
         // What comes after it is a frame again: nothing is kept from one buffer to the next.
-        let next = taken(&config, &info(&file), &file, ARRIVAL, true);
+        let next = sample_from_buffer(&config, &info(&file), &file, ARRIVAL, true);
         assert!(matches!(next, Sample::Frame(_)), "{next:?}");
     }
 
@@ -537,29 +556,29 @@ mod tests {
     fn what_the_driver_says_of_a_buffer_comes_first() {
         let bytes = [90; 64 * 48 * 2];
         let config = config(PixelLayout::Yuyv, 64, 48);
-        let of = |change: fn(&mut FrameInfo), wants_pixels| {
+        let of = |change: fn(&mut FrameInfo), pixels_needed| {
             let mut info = info(&bytes);
             change(&mut info);
-            taken(&config, &info, &bytes, ARRIVAL, wants_pixels)
+            sample_from_buffer(&config, &info, &bytes, ARRIVAL, pixels_needed)
         };
         assert!(matches!(of(|_| {}, true), Sample::Frame(_)));
         // Whether somebody wants the pixels or not.
-        for wants_pixels in [true, false] {
+        for pixels_needed in [true, false] {
             let unstamped: [fn(&mut FrameInfo); 2] =
                 [|info| info.time_ns = 0, |info| info.time_ns = -1];
             for unstamped in unstamped {
                 assert_eq!(
-                    why_lost(of(unstamped, wants_pixels)),
+                    loss_reason(of(unstamped, pixels_needed)),
                     "the driver gives no time stamp"
                 );
             }
             assert_eq!(
-                why_lost(of(|info| info.corrupt = true, wants_pixels)),
+                loss_reason(of(|info| info.corrupt = true, pixels_needed)),
                 "the driver says that the picture is damaged"
             );
             let short: fn(&mut FrameInfo) = |info| (info.short, info.bytes_used) = (true, 12);
             assert_eq!(
-                why_lost(of(short, wants_pixels)),
+                loss_reason(of(short, pixels_needed)),
                 "only 12 bytes of a picture came"
             );
         }

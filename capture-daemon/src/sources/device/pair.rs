@@ -19,11 +19,13 @@ use video::picture::side_by_side;
 
 use super::camera;
 use crate::config::V4l2Config;
-use crate::sources::pairing::{Half, Paired, Pairs, alone};
-use crate::sources::{Gone, Lost, Notice, Part, RawFrame, Sample, Seen, Sink};
+use crate::sources::pairing::{ImagePairer, Paired, TimedImage, alone};
+use crate::sources::{
+    DevicePart, Disconnected, DroppedFrame, FrameArrival, Notice, RawFrame, Sample, Sink,
+};
 
 /// Right frames without a left one are told of this often, ns.
-const TELL_NS: i64 = 60_000_000_000;
+const REPORT_INTERVAL_NS: i64 = 60_000_000_000;
 
 /// A frame of one eye; without its pixels where nobody wanted them.
 type EyeFrame = RawFrame<Option<Picture>>;
@@ -37,62 +39,62 @@ pub(super) fn run(
     within_ns: i64,
     sink: &dyn Sink,
 ) -> std::io::Result<()> {
-    let joined = Joined::new(within_ns, sink);
+    let joiner = StereoJoiner::new(within_ns, sink);
     std::thread::scope(|scope| {
         std::thread::Builder::new()
             .name("right eye".to_owned())
-            .spawn_scoped(scope, || camera::run(right, None, &joined.eye(Eye::Right)))?;
-        camera::run(left, None, &joined.eye(Eye::Left));
+            .spawn_scoped(scope, || camera::run(right, None, &joiner.eye(Eye::Right)))?;
+        camera::run(left, None, &joiner.eye(Eye::Left));
         Ok::<(), std::io::Error>(())
     })?;
-    joined.finish();
+    joiner.finish();
     Ok(())
 }
 
 /// Joins what two cameras deliver: each puts its samples into the sink of its eye, and pairs go on to one sink. What has no
 /// partner is lost with the reason, or counted.
-pub struct Joined<'a> {
+pub struct StereoJoiner<'a> {
     sink: &'a dyn Sink,
     state: Mutex<State>,
 }
 
 struct State {
-    pairs: Pairs<EyeFrame>,
+    pairs: ImagePairer<EyeFrame>,
     /// Left frames that cannot be used and wait for those before them.
-    bad: VecDeque<Lost>,
+    bad: VecDeque<DroppedFrame>,
     /// By eye.
-    gone: [bool; 2],
+    disconnected: [bool; 2],
     newest_ns: [Option<i64>; 2],
     /// Right frames without a left one that nobody was told of, and when that was.
     without_left: u64,
-    told: Option<HostTime>,
+    reported: Option<HostTime>,
 }
 
-/// See [`Joined::eye`].
+/// See [`StereoJoiner::eye`].
 struct EyeSink<'a> {
-    joined: &'a Joined<'a>,
+    joiner: &'a StereoJoiner<'a>,
     eye: Eye,
 }
 
-impl<'a> Joined<'a> {
+impl<'a> StereoJoiner<'a> {
     /// Hands pairs on to `sink`; images that are further apart than `within_ns` by their stamps are none.
     pub fn new(within_ns: i64, sink: &'a dyn Sink) -> Self {
         Self {
             sink,
             state: Mutex::new(State {
-                pairs: Pairs::new(within_ns),
+                pairs: ImagePairer::new(within_ns),
                 bad: VecDeque::new(),
-                gone: [false; 2],
+                disconnected: [false; 2],
                 newest_ns: [None; 2],
                 without_left: 0,
-                told: None,
+                reported: None,
             }),
         }
     }
 
     /// Where the camera of one eye puts its samples.
     pub fn eye(&'a self, eye: Eye) -> impl Sink + 'a {
-        EyeSink { joined: self, eye }
+        EyeSink { joiner: self, eye }
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -102,8 +104,8 @@ impl<'a> Joined<'a> {
     fn frame(&self, eye: Eye, frame: EyeFrame) {
         let mut state = self.lock();
         let [own, other] = positions(eye);
-        state.gone[own] = false;
-        if state.gone[other] {
+        state.disconnected[own] = false;
+        if state.disconnected[other] {
             return;
         }
         let time_ns = frame.device_ticks;
@@ -111,7 +113,7 @@ impl<'a> Joined<'a> {
             let detail = "its time stamp is not after that of the one before".to_owned();
             return state.unusable(
                 eye,
-                Lost {
+                DroppedFrame {
                     number: frame.number,
                     host_time: frame.host_time,
                     cause: Cause::Device,
@@ -121,34 +123,34 @@ impl<'a> Joined<'a> {
         }
         state.newest_ns[own] = Some(time_ns);
         let mut paired = Vec::new();
-        let half = Half { time_ns, of: frame };
-        state.pairs.push(eye, half, |one| paired.push(one));
+        let image = TimedImage { time_ns, of: frame };
+        state.pairs.push(eye, image, |one| paired.push(one));
         for one in paired {
-            state.hand_on(one, self.sink);
+            state.forward(one, self.sink);
         }
     }
 
-    fn lost(&self, eye: Eye, lost: Lost) {
+    fn lost(&self, eye: Eye, lost: DroppedFrame) {
         let mut state = self.lock();
         let [own, other] = positions(eye);
-        state.gone[own] = false;
-        if !state.gone[other] {
+        state.disconnected[own] = false;
+        if !state.disconnected[other] {
             state.unusable(eye, lost);
         }
     }
 
-    fn gone(&self, eye: Eye, gone: Gone) {
+    fn disconnected(&self, eye: Eye, disconnected: Disconnected) {
         let mut state = self.lock();
         let within_ns = state.pairs.within_ns();
-        state.gone[positions(eye)[0]] = true;
+        state.disconnected[positions(eye)[0]] = true;
         // Its counter and its stamps may begin again, and what waits has no partner any more.
-        state.pairs = Pairs::new(within_ns);
+        state.pairs = ImagePairer::new(within_ns);
         state.newest_ns = [None; 2];
         state.bad.clear();
-        self.sink.put(Sample::Gone(Gone {
-            part: Part::Camera,
-            detail: format!("{}: {}", name(eye), gone.detail),
-            ..gone
+        self.sink.put(Sample::Disconnected(Disconnected {
+            part: DevicePart::Camera,
+            detail: format!("{}: {}", name(eye), disconnected.detail),
+            ..disconnected
         }));
     }
 
@@ -158,16 +160,16 @@ impl<'a> Joined<'a> {
         let mut paired = Vec::new();
         state.pairs.finish(|one| paired.push(one));
         for one in paired {
-            state.hand_on(one, self.sink);
+            state.forward(one, self.sink);
         }
         state.bad_before(u64::MAX, self.sink);
-        state.tell_without_left(self.sink);
+        state.report_without_left(self.sink);
     }
 }
 
 impl State {
     /// A frame of this eye cannot be used.
-    fn unusable(&mut self, eye: Eye, lost: Lost) {
+    fn unusable(&mut self, eye: Eye, lost: DroppedFrame) {
         match eye {
             Eye::Left => self.bad.push_back(lost),
             // The left one is alone then.
@@ -175,7 +177,7 @@ impl State {
         }
     }
 
-    fn hand_on(&mut self, paired: Paired<EyeFrame>, sink: &dyn Sink) {
+    fn forward(&mut self, paired: Paired<EyeFrame>, sink: &dyn Sink) {
         match paired {
             Paired::Both(left, right) => {
                 let apart_ns = right.time_ns - left.time_ns;
@@ -183,7 +185,7 @@ impl State {
                 self.bad_before(left.number, sink);
                 let host_time = left.host_time.max(right.host_time);
                 let (Some(of_left), Some(of_right)) = (&left.picture, &right.picture) else {
-                    return sink.put(Sample::Seen(Seen {
+                    return sink.put(Sample::Arrival(FrameArrival {
                         number: left.number,
                         device_ticks: left.device_ticks,
                         host_time,
@@ -202,17 +204,17 @@ impl State {
                     Err(error) => sink.put(lost(&left, error.to_string())),
                 }
             }
-            Paired::Alone(Eye::Left, left) => {
+            Paired::Unpaired(Eye::Left, left) => {
                 self.bad_before(left.of.number, sink);
                 sink.put(lost(&left.of, alone(Eye::Left, self.pairs.within_ns())));
             }
-            Paired::Alone(Eye::Right, right) => {
+            Paired::Unpaired(Eye::Right, right) => {
                 self.without_left += 1;
                 let now = right.of.host_time;
-                let told = *self.told.get_or_insert(now);
-                if now.since(told) >= TELL_NS {
-                    self.told = Some(now);
-                    self.tell_without_left(sink);
+                let reported = *self.reported.get_or_insert(now);
+                if now.since(reported) >= REPORT_INTERVAL_NS {
+                    self.reported = Some(now);
+                    self.report_without_left(sink);
                 }
             }
         }
@@ -222,16 +224,16 @@ impl State {
     fn bad_before(&mut self, number: u64, sink: &dyn Sink) {
         // A counter that has begun again is not compared with what was before: that was thrown away.
         while let Some(bad) = self.bad.pop_front_if(|bad| bad.number < number) {
-            sink.put(Sample::Lost(bad));
+            sink.put(Sample::Dropped(bad));
         }
     }
 
-    fn tell_without_left(&mut self, sink: &dyn Sink) {
+    fn report_without_left(&mut self, sink: &dyn Sink) {
         let count = std::mem::take(&mut self.without_left);
         if count > 0 {
             sink.put(Sample::Notice(Notice {
                 host_time: sink.now(),
-                part: Part::Camera,
+                part: DevicePart::Camera,
                 text: format!(
                     "{count} frames of the right camera have no left one within {:.1} ms",
                     self.pairs.within_ns() as f64 * 1e-6
@@ -243,16 +245,16 @@ impl State {
 
 impl Sink for EyeSink<'_> {
     fn now(&self) -> HostTime {
-        self.joined.sink.now()
+        self.joiner.sink.now()
     }
 
     fn put(&self, sample: Sample) {
         match sample {
-            Sample::Frame(frame) => self.joined.frame(self.eye, with_pixels(frame)),
-            Sample::Seen(seen) => self.joined.frame(self.eye, without_pixels(seen)),
-            Sample::Lost(lost) => self.joined.lost(self.eye, lost),
-            Sample::Gone(gone) => self.joined.gone(self.eye, gone),
-            Sample::Notice(notice) => self.joined.sink.put(Sample::Notice(Notice {
+            Sample::Frame(frame) => self.joiner.frame(self.eye, with_pixels(frame)),
+            Sample::Arrival(seen) => self.joiner.frame(self.eye, without_pixels(seen)),
+            Sample::Dropped(lost) => self.joiner.lost(self.eye, lost),
+            Sample::Disconnected(disconnected) => self.joiner.disconnected(self.eye, disconnected),
+            Sample::Notice(notice) => self.joiner.sink.put(Sample::Notice(Notice {
                 text: format!("{}: {}", name(self.eye), notice.text),
                 ..notice
             })),
@@ -261,12 +263,12 @@ impl Sink for EyeSink<'_> {
         }
     }
 
-    fn wants_pixels(&self) -> bool {
-        self.joined.sink.wants_pixels()
+    fn pixels_needed(&self) -> bool {
+        self.joiner.sink.pixels_needed()
     }
 
     fn is_ending(&self) -> bool {
-        self.joined.sink.is_ending()
+        self.joiner.sink.is_ending()
     }
 }
 
@@ -297,7 +299,7 @@ fn with_pixels(frame: RawFrame) -> EyeFrame {
     }
 }
 
-fn without_pixels(seen: Seen) -> EyeFrame {
+fn without_pixels(seen: FrameArrival) -> EyeFrame {
     EyeFrame {
         number: seen.number,
         device_ticks: seen.device_ticks,
@@ -310,7 +312,7 @@ fn without_pixels(seen: Seen) -> EyeFrame {
 }
 
 fn lost(frame: &EyeFrame, detail: String) -> Sample {
-    Sample::Lost(Lost {
+    Sample::Dropped(DroppedFrame {
         number: frame.number,
         host_time: frame.host_time,
         cause: Cause::Device,

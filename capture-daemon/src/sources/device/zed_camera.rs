@@ -43,10 +43,10 @@ pub(crate) enum FindZedError {
     #[error("there are {0} ZED cameras, expected serial in the configuration to say which")]
     Several(usize),
     /// Another one is plugged in.
-    #[error("no ZED camera with serial number {wanted} is there, found {found}")]
+    #[error("no ZED camera with serial number {configured} is there, found {found}")]
     Other {
         /// The number in the configuration.
-        wanted: String,
+        configured: String,
         /// Those that are there.
         found: String,
     },
@@ -58,7 +58,7 @@ pub(crate) enum FindZedError {
 /// There is none, or not one alone.
 pub(super) fn find(
     nodes: &[Node],
-    wanted: Option<&str>,
+    configured: Option<&str>,
     number_of: impl Fn(&Path) -> Result<u32, String>,
 ) -> Result<PathBuf, FindZedError> {
     let is_zed = |node: &&Node| {
@@ -67,21 +67,21 @@ pub(super) fn find(
         identity.is_some_and(|zed| !zed.old_firmware) && !matches!(node.captures, Ok(false))
     };
     let zeds: Vec<&Node> = nodes.iter().filter(is_zed).collect();
-    match (zeds.as_slice(), wanted) {
+    match (zeds.as_slice(), configured) {
         ([], _) => Err(FindZedError::None),
         ([only], None) => Ok(only.path.clone()),
         (several, None) => Err(FindZedError::Several(several.len())),
-        (several, Some(wanted)) => {
+        (several, Some(configured)) => {
             let mut found = Vec::new();
             for node in several {
                 match number_of(&node.path) {
-                    Ok(number) if number.to_string() == wanted => return Ok(node.path.clone()),
+                    Ok(number) if number.to_string() == configured => return Ok(node.path.clone()),
                     Ok(number) => found.push(number.to_string()),
                     Err(error) => found.push(format!("{} ({error})", node.path.display())),
                 }
             }
             Err(FindZedError::Other {
-                wanted: wanted.to_owned(),
+                configured: configured.to_owned(),
                 found: found.join(", "),
             })
         }
@@ -93,7 +93,7 @@ pub(super) fn find(
 /// # Errors
 /// As [`find`], or the system does not tell.
 pub(super) fn find_plugged(
-    wanted: Option<&str>,
+    configured: Option<&str>,
     sink: Option<&dyn Sink>,
 ) -> Result<PathBuf, super::camera::StartError> {
     let nodes = node::list(Path::new("/sys"), Path::new("/dev"))?;
@@ -105,7 +105,7 @@ pub(super) fn find_plugged(
         let until = sink.now().0 + SERIAL_NS;
         serial(&mut camera, &mut Waiting(sink), until).map_err(|error| error.to_string())
     };
-    Ok(find(&nodes, wanted, number_of)?)
+    Ok(find(&nodes, configured, number_of)?)
 }
 
 /// Writes what a ZED should have at every start, for it keeps what an earlier program has set; what did not take.
@@ -113,7 +113,7 @@ pub(super) fn find_plugged(
 /// # Errors
 /// The camera is gone.
 pub(super) fn prepare(camera: &Camera, sink: &dyn Sink) -> Result<Vec<String>, CameraError> {
-    let mut told = Vec::new();
+    let mut failures = Vec::new();
     let known = camera.controls()?;
     let mut values = Vec::new();
     for setting in SETTINGS {
@@ -122,17 +122,17 @@ pub(super) fn prepare(camera: &Camera, sink: &dyn Sink) -> Result<Vec<String>, C
         }
     }
     for refused in camera.write_and_check(&values)? {
-        told.push(refused.to_string());
+        failures.push(refused.to_string());
     }
     let (mut unit, mut time) = (camera.clone(), Waiting(sink));
     if let Err(error) = set_auto_exposure(&mut unit, &mut time, true) {
-        told.push(format!("exposure was not made automatic: {error}"));
+        failures.push(format!("exposure was not made automatic: {error}"));
     }
-    Ok(told)
+    Ok(failures)
 }
 
 /// Lets the camera tell its microcontroller of each frame; to be done when it streams. What went wrong.
-pub(super) fn tie(camera: &Camera, sink: &dyn Sink) -> Option<String> {
+pub(super) fn enable_frame_sync(camera: &Camera, sink: &dyn Sink) -> Option<String> {
     let mut unit = camera.clone();
     let error = activate_frame_sync(&mut unit, &mut Waiting(sink)).err()?;
     Some(format!(
@@ -172,8 +172,8 @@ mod tests {
             Some("/dev/video2") => Ok(222),
             _ => Err("it does not answer".to_owned()),
         };
-        let check = |nodes: &[Node], wanted: Option<&str>, expected: &str| {
-            let found = match find(nodes, wanted, numbers) {
+        let check = |nodes: &[Node], configured: Option<&str>, expected: &str| {
+            let found = match find(nodes, configured, numbers) {
                 Ok(path) => path.display().to_string(),
                 Err(error) => error.to_string(),
             };

@@ -505,12 +505,12 @@ fn without_pixels_numbers_and_times_are_the_same() {
     let mut bytes = fs::read(&damaged).unwrap();
     bytes.truncate(bytes.len() - 20);
     fs::write(&damaged, bytes).unwrap();
-    replay.want_pixels(false);
+    replay.set_pixels_needed(false);
     let without = take(&mut replay, 14);
     let seen: Vec<(u64, i64, i64)> = without
         .iter()
         .filter_map(|sample| match sample {
-            Sample::Seen(s) => Some((s.number, s.device_ticks, s.host_time.since(START))),
+            Sample::Arrival(s) => Some((s.number, s.device_ticks, s.host_time.since(START))),
             Sample::Imu(_) => None,
             other => panic!("{other:?}"),
         })
@@ -518,7 +518,7 @@ fn without_pixels_numbers_and_times_are_the_same() {
     assert_eq!(seen, times(&frames(&with)));
     assert_eq!((seen.len(), imu(&without)), (12, imu(&with)));
 
-    replay.want_pixels(true);
+    replay.set_pixels_needed(true);
     let after = take(&mut replay, 1);
     assert!(matches!(&after[..], [Sample::Frame(_)]), "{after:?}");
 }

@@ -51,7 +51,7 @@ impl Motion {
         // Positive about x (right) turns the view up, positive about y (down) turns it right.
         let gyro = [self.pitch.rate(t_ns), self.yaw.rate(t_ns), 0.0];
         let pitch = self.pitch.value(t_ns) / TAU;
-        let up = [0.0, -sin_turns(pitch + 0.25), sin_turns(pitch)];
+        let up = [0.0, -sin_cycles(pitch + 0.25), sin_cycles(pitch)];
         let force = GRAVITY_M_S2 + self.bob.acceleration(t_ns);
         (gyro, up.map(|x| x * force))
     }
@@ -65,7 +65,7 @@ struct Wave {
 }
 
 impl Wave {
-    fn turns(&self, t_ns: i64) -> f64 {
+    fn cycles(&self, t_ns: i64) -> f64 {
         t_ns.rem_euclid(self.period_ns) as f64 / self.period_ns as f64 + self.phase
     }
 
@@ -75,11 +75,11 @@ impl Wave {
     }
 
     fn value(&self, t_ns: i64) -> f64 {
-        self.amplitude * sin_turns(self.turns(t_ns))
+        self.amplitude * sin_cycles(self.cycles(t_ns))
     }
 
     fn rate(&self, t_ns: i64) -> f64 {
-        self.amplitude * self.omega() * sin_turns(self.turns(t_ns) + 0.25)
+        self.amplitude * self.omega() * sin_cycles(self.cycles(t_ns) + 0.25)
     }
 
     fn acceleration(&self, t_ns: i64) -> f64 {
@@ -89,12 +89,12 @@ impl Wave {
 
 /// Sine of an angle in turns, to 1e-9, the same on every machine (the library's is not): Taylor's
 /// series after folding into a quarter turn.
-fn sin_turns(turns: f64) -> f64 {
-    let turns = turns - turns.round();
-    let quarter = if turns.abs() > 0.25 {
-        0.5_f64.copysign(turns) - turns
+fn sin_cycles(cycles: f64) -> f64 {
+    let cycles = cycles - cycles.round();
+    let quarter = if cycles.abs() > 0.25 {
+        0.5_f64.copysign(cycles) - cycles
     } else {
-        turns
+        cycles
     };
     let x = TAU * quarter;
     let square = x * x;
@@ -111,11 +111,11 @@ mod tests {
     #[test]
     fn sine_agrees_with_the_library() {
         for i in -3000..3000 {
-            let turns = f64::from(i) / 1000.0;
-            let (found, expected) = (sin_turns(turns), (TAU * turns).sin());
+            let cycles = f64::from(i) / 1000.0;
+            let (found, expected) = (sin_cycles(cycles), (TAU * cycles).sin());
             assert!(
                 (found - expected).abs() < 1e-8,
-                "{turns}: {found} {expected}"
+                "{cycles}: {found} {expected}"
             );
         }
     }

@@ -81,9 +81,9 @@ fn without_pixels_numbers_and_times_are_the_same() {
     let mut source = camera(FaultPlan::default());
     let (mut numbers, mut of_imu) = (Vec::new(), Vec::new());
     for i in 0..200 {
-        source.want_pixels(i >= 100);
+        source.set_pixels_needed(i >= 100);
         match source.next_sample().unwrap().unwrap() {
-            Sample::Seen(s) if i < 100 => numbers.push((s.number, s.device_ticks, s.host_time)),
+            Sample::Arrival(s) if i < 100 => numbers.push((s.number, s.device_ticks, s.host_time)),
             Sample::Frame(f) if i >= 100 => {
                 assert_eq!(f.picture, frames[numbers.len()].picture);
                 numbers.push((f.number, f.device_ticks, f.host_time));

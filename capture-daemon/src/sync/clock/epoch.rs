@@ -95,8 +95,8 @@ impl Epoch {
     }
 
     /// Fits the line to the samples there are. At most some 1000 points are looked at.
-    pub(super) fn refit(&mut self, least_sigma: f64) {
-        self.terms.least_sigma = least_sigma;
+    pub(super) fn refit(&mut self, min_sigma: f64) {
+        self.terms.min_sigma = min_sigma;
         let old = self.fit.line;
         self.fit = fit(&self.blocks, &self.terms, &mut self.scratch);
         if self.samples > 1 {

@@ -26,20 +26,20 @@ use super::hull::{Block, Point, extend};
 /// not normal, and their scale is itself estimated from few samples; with this factor an error
 /// of 5 sigma is as rare (below one in 10^5 fits) as a normal distribution would make one expect
 /// of a large deviation, at the price of a sigma that is wider than the usual error.
-const CAUTION: f64 = 2.8;
+const SIGMA_INFLATION: f64 = 2.8;
 
 /// The scale at the edge is taken larger by the ratio of this to the number of blocks.
-const FEW_BLOCKS: f64 = 16.0;
+const SMALL_SAMPLE_BLOCKS: f64 = 16.0;
 
 /// Shortest window, in closed blocks; with fewer there is nothing to choose.
 pub(super) const MIN_BLOCKS: usize = 8;
 
 /// A longer window agrees with a shorter one if it stays within this many of its sigmas.
-const AGREEMENT: f64 = 2.0;
+const AGREEMENT_SIGMAS: f64 = 2.0;
 
 /// A rate must be this much better supported than none (natural logarithm), or noise decides
 /// while there is nothing to see.
-const EVIDENCE: f64 = 1.0;
+const MIN_LOG_EVIDENCE: f64 = 1.0;
 
 /// What is known of a clock's rate before any sample, or from before a step.
 #[derive(Clone, Copy, Debug)]
@@ -94,7 +94,7 @@ pub(super) struct Terms {
     /// Rounding of ticks and arrivals, ns.
     pub floor: f64,
     /// No time is claimed to be known better than this, ns.
-    pub least_sigma: f64,
+    pub min_sigma: f64,
 }
 
 /// Fits the line that holds now. `blocks` run from old to new and are not empty.
@@ -132,7 +132,7 @@ pub(super) fn fit(blocks: &VecDeque<Block>, terms: &Terms, scratch: &mut Scratch
         let agrees = |shorter: &Fit| {
             [to_x, shorter.line.from_x].into_iter().all(|x| {
                 let apart = (longer.line.lag(x) - shorter.line.lag(x)).abs();
-                apart <= AGREEMENT * shorter.line.sigma(x, 0.0)
+                apart <= AGREEMENT_SIGMAS * shorter.line.sigma(x, 0.0)
             })
         };
         if !accepted.iter().all(agrees) {
@@ -156,7 +156,7 @@ pub(super) fn fit(blocks: &VecDeque<Block>, terms: &Terms, scratch: &mut Scratch
     });
     let unmodelled = unmodelled.fold(0.0, f64::max);
     let sigma = chosen.line.sigma_ref.hypot(2.0 * unmodelled);
-    chosen.line.sigma_ref = sigma.max(terms.least_sigma);
+    chosen.line.sigma_ref = sigma.max(terms.min_sigma);
     chosen
 }
 
@@ -195,7 +195,7 @@ impl Window<'_> {
             heights / (self.count - 1.0).max(1.0) / self.count
         } else {
             // The fewer blocks, the sooner a lucky few of them look like a sharp edge.
-            edge_scale(minima) * (1.0 + FEW_BLOCKS / minima.len() as f64)
+            edge_scale(minima) * (1.0 + SMALL_SAMPLE_BLOCKS / minima.len() as f64)
         };
         let scale = scale.max(terms.floor);
         self.posterior(rate, height, scale, terms)
@@ -245,7 +245,7 @@ impl Window<'_> {
         let log_affine = (sums.mass / (2.0 * limit)).ln();
         let constant_height = self.height(expected);
         let log_constant = (constant_height - best_height) / scale;
-        let constant = log_constant + EVIDENCE >= log_affine;
+        let constant = log_constant + MIN_LOG_EVIDENCE >= log_affine;
 
         let mean_height = best_height - mean_drop - scale;
         let (rate, height) = if constant {
@@ -268,8 +268,8 @@ impl Window<'_> {
             x_ref,
             lag_ref: height + rate * shift,
             rate,
-            sigma_ref: CAUTION * (var_ref + model_ref * model_ref).sqrt() + terms.floor,
-            sigma_rate: CAUTION * (var_rate + model_rate * model_rate).sqrt(),
+            sigma_ref: SIGMA_INFLATION * (var_ref + model_ref * model_ref).sqrt() + terms.floor,
+            sigma_rate: SIGMA_INFLATION * (var_rate + model_rate * model_rate).sqrt(),
             from_x: self.from_x,
             to_x: self.to_x,
         };
@@ -412,7 +412,7 @@ mod tests {
             prior,
             jitter: 0.0,
             floor: 0.0,
-            least_sigma: 0.0,
+            min_sigma: 0.0,
         };
         let (rate, height) = window.highest(limit);
         let fit = window.posterior(rate, height, scale, &terms).line;
@@ -435,7 +435,7 @@ mod tests {
         }
         let (mean, sd) = (r / mass, (rr / mass - (r / mass).powi(2)).sqrt());
         assert!((fit.rate - mean).abs() < 0.01 * sd, "{} {}", fit.rate, mean);
-        assert!((fit.sigma_rate / CAUTION - sd).abs() < 0.01 * sd);
+        assert!((fit.sigma_rate / SIGMA_INFLATION - sd).abs() < 0.01 * sd);
         let (mean, sd) = (end / mass, (end2 / mass - (end / mass).powi(2)).sqrt());
         assert!(
             (fit.lag(9e6) - mean).abs() < 0.02 * sd,
@@ -443,6 +443,6 @@ mod tests {
             fit.lag(9e6),
             mean
         );
-        assert!((fit.sigma(9e6, 0.0) / CAUTION - sd).abs() < 0.02 * sd);
+        assert!((fit.sigma(9e6, 0.0) / SIGMA_INFLATION - sd).abs() < 0.02 * sd);
     }
 }

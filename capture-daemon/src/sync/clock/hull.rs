@@ -34,12 +34,12 @@ pub(super) fn extend(hull: &mut Vec<Point>, p: Point) {
 
 /// Most hull points that a block keeps. Of n samples with random latencies about ln n are on the
 /// hull; a block that fills up closes early.
-const BLOCK_HULL: usize = 8;
+const MAX_BLOCK_HULL: usize = 8;
 
 /// A run of consecutive samples, of which only the lower hull is kept.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Block {
-    hull: [Point; BLOCK_HULL],
+    hull: [Point; MAX_BLOCK_HULL],
     len: usize,
     /// Samples seen.
     pub count: u32,
@@ -75,7 +75,7 @@ impl Block {
 
     /// Whether another sample might not find room.
     pub(super) fn is_full(&self) -> bool {
-        self.len == BLOCK_HULL
+        self.len == MAX_BLOCK_HULL
     }
 
     /// The lower hull, from left to right.

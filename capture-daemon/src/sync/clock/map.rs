@@ -34,7 +34,7 @@ pub struct ClockMap {
     /// How late the samples usually are.
     pub residuals: Residuals,
     /// Spans of arrival time in which times were or are not to be trusted, of all epochs.
-    pub doubts: Vec<Doubt>,
+    pub unreliable_spans: Vec<UnreliableSpan>,
 }
 
 /// Number of parameters that the samples justify.
@@ -79,7 +79,7 @@ pub struct Residuals {
 /// A span of arrival time whose samples have no trustworthy time: a clock that had not settled
 /// yet, or the surroundings of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Doubt {
+pub struct UnreliableSpan {
     /// First arrival in doubt.
     pub from: HostTime,
     /// Last arrival in doubt; [`HostTime::MAX`] while it lasts.
@@ -105,7 +105,7 @@ impl ClockMap {
     ///
     /// Grows with the tick: strictly, for ticks that are at least 2 ns apart. `None` before the
     /// first sample and for ticks beyond the range of `i64` ns. Never `flagged`: whether a tick is
-    /// in doubt depends on when it arrived, see [`ClockMap::is_doubtful`].
+    /// in doubt depends on when it arrived, see [`ClockMap::is_unreliable`].
     pub fn map(&self, ticks: i64) -> Option<Mapped> {
         let after = self.segments.partition_point(|s| s.ticks_from <= ticks);
         let segment = self.segments.get(after.saturating_sub(1))?;
@@ -139,8 +139,8 @@ impl ClockMap {
     }
 
     /// Whether samples that arrived then have times in doubt.
-    pub fn is_doubtful(&self, arrival: HostTime) -> bool {
-        self.doubts
+    pub fn is_unreliable(&self, arrival: HostTime) -> bool {
+        self.unreliable_spans
             .iter()
             .any(|d| d.from <= arrival && arrival <= d.to)
     }

@@ -12,13 +12,13 @@ use super::hull::Point;
 
 /// Histogram bins: four per factor of two, from 100 ns up to minutes.
 const BINS: usize = 128;
-const LOWEST_NS: f64 = 100.0;
+const MIN_HEIGHT_NS: f64 = 100.0;
 /// Beyond this many samples the older ones count half.
-const MEMORY: u32 = 20_000;
+const HALVING_SAMPLES: u32 = 20_000;
 /// A run this improbable (natural logarithm) is an alarm: once in hours at 400 Hz.
 const ALARM_NATS: f64 = 16.0;
 /// Runs followed at a time, from the longest to the newest.
-const RUNS: usize = 24;
+const MAX_RUNS: usize = 24;
 
 /// Heights of samples above the line, and the runs of high ones.
 #[derive(Clone, Debug)]
@@ -30,7 +30,7 @@ pub(super) struct Tail {
     runs: Vec<Run>,
     /// The last sample before all runs.
     start: Option<Before>,
-    seen: u64,
+    count: u64,
     /// Nine in ten samples are not higher, ns.
     usual: f64,
 }
@@ -79,9 +79,9 @@ impl Tail {
             bins: [0; BINS],
             total: 0,
             above: [0; BINS],
-            runs: Vec::with_capacity(RUNS + 1),
+            runs: Vec::with_capacity(MAX_RUNS + 1),
             start: None,
-            seen: 0,
+            count: 0,
             usual: 0.0,
         }
     }
@@ -94,11 +94,11 @@ impl Tail {
         arrival: i64,
         tolerance: f64,
     ) -> Option<Alarm> {
-        self.seen += 1;
+        self.count += 1;
         self.push(Run {
             lowest,
             height,
-            at: self.seen,
+            at: self.count,
             arrival,
             after: self.start,
         });
@@ -108,7 +108,7 @@ impl Tail {
             let (at, since) = run.after.map_or((0, f64::INFINITY), |before| {
                 (before.at, arrival.saturating_sub(before.arrival) as f64)
             });
-            let length = ((self.seen - at) as f64).min(since / self.usual.max(1.0));
+            let length = ((self.count - at) as f64).min(since / self.usual.max(1.0));
             run.height > tolerance && length * self.nats(run.height) > ALARM_NATS
         };
         let run = self.runs.iter().find(improbable)?;
@@ -126,7 +126,7 @@ impl Tail {
         while let Some(last) = self.runs.pop_if(|last| last.height >= run.height) {
             run.after = last.after;
         }
-        if self.runs.len() == RUNS {
+        if self.runs.len() == MAX_RUNS {
             self.start = Some(self.runs.remove(0).as_before());
         }
         self.runs.push(run);
@@ -136,7 +136,7 @@ impl Tail {
     pub(super) fn learn(&mut self, height: f64) {
         self.bins[bin(height)] += 1;
         self.total += 1;
-        if self.total >= MEMORY {
+        if self.total >= HALVING_SAMPLES {
             self.bins.iter_mut().for_each(|b| *b /= 2);
             self.total = self.bins.iter().sum();
         }
@@ -168,7 +168,7 @@ impl Tail {
     pub(super) fn restart(&mut self) {
         self.runs.clear();
         self.start = None;
-        self.seen = 0;
+        self.count = 0;
     }
 
     /// How many samples must pass before one lower than `height` is overdue.
@@ -206,13 +206,13 @@ impl Tail {
 
 /// Bin of a height: the exponent and the first two bits of the mantissa.
 fn bin(height: f64) -> usize {
-    let scaled = (height / LOWEST_NS).max(1.0);
+    let scaled = (height / MIN_HEIGHT_NS).max(1.0);
     let index = (scaled.to_bits() >> 50).saturating_sub(1023 << 2);
     (index as usize).min(BINS - 1)
 }
 
 fn upper_edge(bin: usize) -> f64 {
-    LOWEST_NS * f64::from_bits((bin as u64 + 1 + (1023 << 2)) << 50)
+    MIN_HEIGHT_NS * f64::from_bits((bin as u64 + 1 + (1023 << 2)) << 50)
 }
 
 #[cfg(test)]
@@ -224,7 +224,7 @@ mod tests {
         for height in [0.0, 99.0, 100.0, 124.9, 125.1, 1e4, 3.3e6, 1e9, 1e15] {
             let edge = upper_edge(bin(height));
             assert!(edge > height || bin(height) == BINS - 1, "{height} {edge}");
-            assert!(edge <= 1.26 * height.max(LOWEST_NS) || bin(height) == BINS - 1);
+            assert!(edge <= 1.26 * height.max(MIN_HEIGHT_NS) || bin(height) == BINS - 1);
         }
     }
 

@@ -130,10 +130,10 @@ impl Device {
 
     /// All of it, with the flags of later news, must not be silently wrong; then it is well.
     #[track_caller]
-    fn assert_honest_and_well(&mut self, mut verdicts: Vec<Verdict>) {
+    fn assert_consistent_and_settled(&mut self, mut verdicts: Vec<Verdict>) {
         verdicts.extend(self.run(15.0));
         for (i, v) in verdicts.iter().enumerate() {
-            let flagged = v.flagged || self.mapper.is_doubtful(v.arrival);
+            let flagged = v.flagged || self.mapper.is_unreliable(v.arrival);
             let wrong = v.error() > 5.0 * v.sigma;
             let of = verdicts.len();
             assert!(
@@ -183,7 +183,7 @@ fn p99_is_under_a_tenth_of_a_millisecond_after_ten_seconds() {
             let sigma = later[later.len() - 1].sigma;
             // Rare fast arrivals must not go unnoticed, which costs all others a wide sigma.
             assert!(sigma < 0.15 * MS, "a sigma of {sigma} ns says nothing");
-            device.assert_honest_and_well([early, later].concat());
+            device.assert_consistent_and_settled([early, later].concat());
             assert!(device.steps.is_empty());
         }
     }
@@ -212,7 +212,7 @@ fn leaps_of_either_sign_are_flagged_until_a_new_line_stands() {
             let mut verdicts = device.run(20.0);
             device.leapt = leap * S;
             verdicts.extend(device.run(15.0));
-            device.assert_honest_and_well(verdicts);
+            device.assert_consistent_and_settled(verdicts);
             let [step] = device.steps[..] else {
                 panic!("{leap} s at {rate_hz} Hz: {:?}", device.steps)
             };
@@ -232,7 +232,7 @@ fn a_great_leap_is_noticed_before_the_first_line_stands() {
             let mut verdicts = device.run(1.0);
             device.leapt = leap * S;
             verdicts.extend(device.run(15.0));
-            device.assert_honest_and_well(verdicts);
+            device.assert_consistent_and_settled(verdicts);
             assert_eq!(device.steps.len(), 1, "{leap} s at {rate_hz} Hz");
         }
     }
@@ -257,7 +257,7 @@ fn a_step_within_a_burst_puts_the_whole_burst_in_doubt() {
             verdicts.extend(device.give(ticks, truth, latest));
         }
         verdicts.extend(device.run(20.0));
-        device.assert_honest_and_well(verdicts);
+        device.assert_consistent_and_settled(verdicts);
         assert!(!device.steps.is_empty(), "{leap}");
     }
 }
@@ -269,7 +269,7 @@ fn a_restarted_counter_is_a_step() {
         let mut verdicts = device.run(20.0);
         device.leapt = 3.0 * S - device.now;
         verdicts.extend(device.run(1.0));
-        device.assert_honest_and_well(verdicts);
+        device.assert_consistent_and_settled(verdicts);
         assert_eq!(device.steps.len(), 1);
         assert!(device.mapper.current().segments[0].ticks_from < 25_600);
     }
@@ -286,7 +286,7 @@ fn times_of_a_counter_that_began_anew_are_not_hours_off() {
             assert!(v.flagged && v.error() < 0.1 * S, "{uptime}: {v:?}");
         }
         verdicts.clear();
-        device.assert_honest_and_well(verdicts);
+        device.assert_consistent_and_settled(verdicts);
     }
 }
 
@@ -307,7 +307,7 @@ fn a_clock_that_stands_still_is_flagged() {
     }
     // The clock goes on from where it stood.
     device.leapt -= 301.0 / 30.0 * S;
-    device.assert_honest_and_well(Vec::new());
+    device.assert_consistent_and_settled(Vec::new());
 }
 
 #[test]
@@ -329,7 +329,7 @@ fn a_burst_of_late_arrivals_is_no_step() {
             verdicts.extend(burst);
             verdicts.extend(device.run(3.0));
         }
-        device.assert_honest_and_well(verdicts);
+        device.assert_consistent_and_settled(verdicts);
         assert_eq!(device.mapper.current().epoch, version_before);
     }
 }
@@ -341,7 +341,7 @@ fn silence_widens_sigma_and_does_no_harm() {
     device.now += 600.0 * S;
     let after = device.run(0.1);
     assert!(after[0].sigma > 3.0 * before[before.len() - 1].sigma);
-    device.assert_honest_and_well([before, after].concat());
+    device.assert_consistent_and_settled([before, after].concat());
     assert!(device.steps.is_empty());
 }
 
@@ -375,7 +375,7 @@ fn lost_repeated_overtaken_and_wrong_ticks_do_no_harm() {
                 _ => verdicts.extend(device.give(ticks, truth, arrival)),
             }
         }
-        device.assert_honest_and_well(verdicts);
+        device.assert_consistent_and_settled(verdicts);
         assert!(device.steps.is_empty());
     }
 }
@@ -571,7 +571,7 @@ proptest! {
             }
         }
         let map = mapper.snapshot();
-        prop_assert!(map.doubts.len() <= MAX_DOUBTS);
+        prop_assert!(map.unreliable_spans.len() <= MAX_UNRELIABLE_SPANS);
         prop_assert!(map.segments.len() <= 600);
         prop_assert!(mapper.claims.len() <= MAX_CLAIMS);
     }

@@ -21,7 +21,7 @@ impl Sink for Kept {
         self.0.lock().expect("samples").push(sample);
     }
 
-    fn wants_pixels(&self) -> bool {
+    fn pixels_needed(&self) -> bool {
         false
     }
 
@@ -51,7 +51,7 @@ fn frame(eye: Eye, number: u64, time_ns: i64) -> Sample {
 /// What comes out of these frames: number, grey of the left and of the right eye, distance; or what was lost and why.
 fn join(samples: Vec<(Eye, Sample)>) -> Vec<String> {
     let kept = Kept::default();
-    let joined = Joined::new(WITHIN, &kept);
+    let joined = StereoJoiner::new(WITHIN, &kept);
     for (eye, sample) in samples {
         joined.eye(eye).put(sample);
     }
@@ -63,9 +63,9 @@ fn join(samples: Vec<(Eye, Sample)>) -> Vec<String> {
             assert_eq!(f.kernel_time, Some(HostTime(f.device_ticks)));
             format!("{}: {left} {right} {apart_us}", f.number)
         }
-        Sample::Seen(s) => format!("{} seen", s.number),
-        Sample::Lost(l) => format!("{} lost: {}", l.number, l.detail),
-        Sample::Gone(g) => format!("gone: {}", g.detail),
+        Sample::Arrival(s) => format!("{} seen", s.number),
+        Sample::Dropped(l) => format!("{} lost: {}", l.number, l.detail),
+        Sample::Disconnected(g) => format!("gone: {}", g.detail),
         Sample::Notice(n) => n.text,
         other => panic!("{other:?}"),
     };
@@ -99,9 +99,9 @@ fn pairs_are_side_by_side_and_say_how_far_apart_they_are() {
 #[test]
 fn pairs_without_pixels_are_only_seen() {
     let kept = Kept::default();
-    let joined = Joined::new(WITHIN, &kept);
+    let joined = StereoJoiner::new(WITHIN, &kept);
     assert!(
-        !joined.eye(Eye::Right).wants_pixels(),
+        !joined.eye(Eye::Right).pixels_needed(),
         "as whoever takes the pairs"
     );
     let mut samples = both(0..4, 1_000_000);
@@ -110,12 +110,12 @@ fn pairs_without_pixels_are_only_seen() {
         let Sample::Frame(frame) = &samples[i].1 else {
             panic!("{:?}", samples[i]);
         };
-        let seen = Seen {
+        let seen = FrameArrival {
             number: frame.number,
             device_ticks: frame.device_ticks,
             host_time: frame.host_time,
         };
-        samples[i].1 = Sample::Seen(seen);
+        samples[i].1 = Sample::Arrival(seen);
     }
     assert_eq!(
         join(samples),
@@ -137,7 +137,7 @@ fn frames_too_far_apart_are_lost_with_the_reason() {
 fn what_one_camera_loses_is_a_gap_in_its_place() {
     let mut samples = both(0..6, 1_000_000);
     // Left 1 is damaged, right 3 did not come.
-    samples[2].1 = Sample::Lost(Lost {
+    samples[2].1 = Sample::Dropped(DroppedFrame {
         number: 1,
         host_time: HostTime(0),
         cause: Cause::Device,
@@ -170,9 +170,9 @@ fn a_stamp_that_does_not_rise_is_lost() {
 
 #[test]
 fn a_camera_that_is_gone_takes_the_other_along_and_both_come_back() {
-    let gone = Sample::Gone(Gone {
+    let gone = Sample::Disconnected(Disconnected {
         host_time: HostTime(0),
-        part: Part::Camera,
+        part: DevicePart::Camera,
         detail: "unplugged".to_owned(),
     });
     let mut samples = both(0..2, 1_000_000);

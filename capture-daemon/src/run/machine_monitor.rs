@@ -10,11 +10,11 @@ use machine::ladder::Pressure;
 use machine::thermal::{self, Thermometer};
 use session_archive::time::{HostTime, NS_PER_S};
 
-use crate::recorder::MachineLook;
+use crate::recorder::MachineReading;
 use crate::status::{BatteryStatus, ClockStatus, MachineStatus};
 
 /// Remembers what it saw, for what can only be told from two looks.
-pub(super) struct Looker {
+pub(super) struct MachineMonitor {
     roots: Roots,
     folder: PathBuf,
     thermometer: Thermometer,
@@ -27,7 +27,7 @@ pub(super) struct Looker {
 /// Who keeps the clock right is asked so often: it means going through all processes.
 const DISCIPLINE_NS: i64 = 30 * NS_PER_S;
 
-impl Looker {
+impl MachineMonitor {
     /// Sessions go into `folder`, and never leave less than `reserve_bytes` free.
     pub(super) fn new(folder: PathBuf, reserve_bytes: u64) -> Self {
         Self {
@@ -52,7 +52,7 @@ impl Looker {
         self.source.0.clone()
     }
 
-    pub(super) fn look(&mut self, now: HostTime, recording: bool) -> MachineLook {
+    pub(super) fn read(&mut self, now: HostTime, recording: bool) -> MachineReading {
         let heat = self
             .thermometer
             .judge(&thermal::Readings::read(&self.roots));
@@ -63,8 +63,8 @@ impl Looker {
             self.disk.begin_recording();
         }
         let disk = self.disk.judge(now.0, &disk::look(&self.folder));
-        let looked = clock::look();
-        let (state, clock_events) = self.clock.judge(&looked);
+        let clock_reading = clock::look();
+        let (state, clock_events) = self.clock.judge(&clock_reading);
         let step_ns = clock_events.iter().find_map(|event| match event {
             ClockEvent::Step { by_ns } => Some(*by_ns),
             _ => None,
@@ -77,7 +77,7 @@ impl Looker {
             throttled: heat.throttled,
             battery: battery_status(&power, &readings),
             clock: Some(ClockStatus {
-                civil: looked.realtime_ns,
+                civil: clock_reading.realtime_ns,
                 synchronised: state.synchronised == Some(true),
                 source,
                 offset_ns: kernel.map_or(0, |k| k.offset_ns),
@@ -93,7 +93,7 @@ impl Looker {
             encoder_fill: None,
         };
         let events = clock_events.iter().map(ToString::to_string).collect();
-        MachineLook {
+        MachineReading {
             status,
             pressure,
             events,

@@ -4,31 +4,31 @@ use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, NS_PER_S};
 
 use super::{Out, Outgoing, StreamHealth, TICK_NS};
-use crate::sources::Gone;
+use crate::sources::Disconnected;
 use crate::sync::gaps::Renumber;
 
 /// A stream whose device is gone, or has been since its last sample.
 struct Absence {
     /// Arrival of the last sample.
     last: HostTime,
-    gone: Gone,
+    disconnect: Disconnected,
 }
 
 /// Notices silence; counts.
 #[derive(Default)]
-pub(super) struct Watch {
+pub(super) struct StreamMonitor {
     absence: Option<Absence>,
     received: u64,
     received_before: u64,
     /// Late or repeated samples since the last notice of them.
-    left_out: u64,
+    rejected: u64,
     last: Option<HostTime>,
     period_ns: i64,
     limit_ns: i64,
     silent: bool,
 }
 
-impl Watch {
+impl StreamMonitor {
     pub(super) fn new(rate_hz: f64) -> Self {
         let period = if rate_hz > 0.0 {
             NS_PER_S as f64 / rate_hz
@@ -42,7 +42,7 @@ impl Watch {
         }
     }
 
-    pub(super) fn seen(&mut self, at: HostTime, name: &str, out: &Out) {
+    pub(super) fn sample_arrived(&mut self, at: HostTime, name: &str, out: &Out) {
         self.received += 1;
         self.last = Some(at);
         self.set_silent(false, at, name, out);
@@ -60,13 +60,13 @@ impl Watch {
     ) -> Option<u64> {
         if let (Some(absence), Some(newest)) = (self.absence.take(), numbers.newest()) {
             let number = numbers.resume(raw, self.missed(&absence, at));
-            let gone = absence.gone.host_time;
-            tell_gone(&absence, newest + 1, number, gone, name, out);
+            let disconnect = absence.disconnect.host_time;
+            report_disconnect(&absence, newest + 1, number, disconnect, name, out);
             return Some(number);
         }
         let numbered = numbers.number(raw);
         if numbered.late {
-            self.left_out += 1;
+            self.rejected += 1;
             return None;
         }
         if numbered.restarted {
@@ -85,11 +85,11 @@ impl Watch {
     }
 
     /// The device is gone; what it misses is told again and again until it is back.
-    pub(super) fn note_gone(&mut self, gone: &Gone) {
+    pub(super) fn note_disconnect(&mut self, disconnect: &Disconnected) {
         // One that is gone twice without a sample between is gone since the first time.
         self.absence.get_or_insert(Absence {
-            last: self.last.unwrap_or(gone.host_time),
-            gone: gone.clone(),
+            last: self.last.unwrap_or(disconnect.host_time),
+            disconnect: disconnect.clone(),
         });
     }
 
@@ -100,24 +100,24 @@ impl Watch {
     }
 
     /// Says what a device that is gone has missed so far: a recording that ends meanwhile has to know.
-    pub(super) fn tell_absent(&self, numbers: &Renumber, at: HostTime, name: &str, out: &Out) {
+    pub(super) fn report_absent(&self, numbers: &Renumber, at: HostTime, name: &str, out: &Out) {
         if let (Some(absence), Some(newest)) = (&self.absence, numbers.newest()) {
             // The one that is due now may still come.
             let next = newest + 1 + self.missed(absence, at);
-            tell_gone(absence, newest + 1, next, at, name, out);
+            report_disconnect(absence, newest + 1, next, at, name, out);
         }
     }
 
     /// Nothing comes any more: says what a device that is still gone has missed, for the last time.
     pub(super) fn end(&mut self, numbers: &Renumber, at: HostTime, name: &str, out: &Out) {
-        self.tell_left_out(at, name, out);
-        self.tell_absent(numbers, at, name, out);
+        self.report_rejected(at, name, out);
+        self.report_absent(numbers, at, name, out);
         self.absence = None;
     }
 
     /// Says how many samples came late or twice: all at once, for a device may repeat every one.
-    pub(super) fn tell_left_out(&mut self, at: HostTime, name: &str, out: &Out) {
-        let count = std::mem::take(&mut self.left_out);
+    pub(super) fn report_rejected(&mut self, at: HostTime, name: &str, out: &Out) {
+        let count = std::mem::take(&mut self.rejected);
         if count > 0 {
             out(Outgoing::Notice {
                 at,
@@ -178,7 +178,14 @@ impl Watch {
 }
 
 /// Samples `first..next` were missed while the device was gone, as was seen at `at`.
-fn tell_gone(absence: &Absence, first: u64, next: u64, at: HostTime, name: &str, out: &Out) {
+fn report_disconnect(
+    absence: &Absence,
+    first: u64,
+    next: u64,
+    at: HostTime,
+    name: &str,
+    out: &Out,
+) {
     if next > first {
         out(Outgoing::Dropped {
             at,
@@ -186,7 +193,7 @@ fn tell_gone(absence: &Absence, first: u64, next: u64, at: HostTime, name: &str,
             first,
             last: next - 1,
             cause: Cause::Disconnected,
-            detail: absence.gone.detail.clone(),
+            detail: absence.disconnect.detail.clone(),
         });
     }
 }

@@ -1,8 +1,8 @@
 //! What is given up, step by step, when frames come faster than the encoders take them.
 //!
-//! Contract: [`Relief::look`] is pure but for what it remembers. It is handed the fill of the fullest queue in front
-//! of an encoder several times a second. *When the queue grows* by [`GROWTH`] since the last step, or is fuller than
-//! [`FULL`], one more thing is given up, at most one in [`SETTLE_NS`]: each step needs the next key frame to take
+//! Contract: [`LoadShedder::update`] is pure but for what it remembers. It is handed the fill of the fullest queue in front
+//! of an encoder several times a second. *When the queue grows* by [`GROWTH_THRESHOLD`] since the last step, or is fuller than
+//! [`FULL_THRESHOLD`], one more thing is given up, at most one in [`MIN_STEP_INTERVAL_NS`]: each step needs the next key frame to take
 //! effect. *When the queue stays empty* for a while, the last thing is taken back; each time that this turns out too
 //! early the next attempt waits twice as long. Frames are only lost when everything is given up and it is not enough.
 //!
@@ -13,16 +13,16 @@
 use session_archive::time::{HostTime, NS_PER_S};
 
 /// By how much of its capacity the queue has grown when the next step is taken.
-const GROWTH: f64 = 0.1;
+const GROWTH_THRESHOLD: f64 = 0.1;
 /// A queue that is fuller than this asks for the next step whether it grows or not.
-const FULL: f64 = 0.75;
+const FULL_THRESHOLD: f64 = 0.75;
 /// A queue with less than this in it is empty.
-const EMPTY: f64 = 0.02;
+const EMPTY_THRESHOLD: f64 = 0.02;
 /// The least time between two steps down.
-const SETTLE_NS: i64 = NS_PER_S;
+const MIN_STEP_INTERVAL_NS: i64 = NS_PER_S;
 /// How long the queue is empty before a step is taken back, at first and at most.
-const PATIENCE_NS: i64 = 10 * NS_PER_S;
-const MAX_PATIENCE_NS: i64 = 16 * PATIENCE_NS;
+const RECOVERY_DELAY_NS: i64 = 10 * NS_PER_S;
+const MAX_RECOVERY_DELAY_NS: i64 = 16 * RECOVERY_DELAY_NS;
 
 /// One thing to give up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -51,7 +51,7 @@ impl Step {
 
 /// See the module.
 #[derive(Debug)]
-pub(super) struct Relief {
+pub(super) struct LoadShedder {
     /// All that can be given up, in order.
     steps: Vec<Step>,
     /// How many of them are given up.
@@ -60,12 +60,12 @@ pub(super) struct Relief {
     /// The least fill since the last step.
     lowest: f64,
     empty_since: Option<HostTime>,
-    patience_ns: i64,
+    recovery_delay_ns: i64,
     /// When a step was last taken back.
-    eased: Option<HostTime>,
+    last_undone: Option<HostTime>,
 }
 
-impl Relief {
+impl LoadShedder {
     /// Nothing is given up yet. `has_preset`: the encoders run at a preset that can be made faster.
     pub(super) fn new(has_preset: bool, cameras: usize) -> Self {
         let mut steps = vec![Step::Quality, Step::AllRates];
@@ -81,8 +81,8 @@ impl Relief {
             changed: HostTime::MIN,
             lowest: 0.0,
             empty_since: None,
-            patience_ns: PATIENCE_NS,
-            eased: None,
+            recovery_delay_ns: RECOVERY_DELAY_NS,
+            last_undone: None,
         }
     }
 
@@ -97,37 +97,37 @@ impl Relief {
     }
 
     /// How full the fullest queue is, 0 to 1. Whether something changed.
-    pub(super) fn look(&mut self, now: HostTime, fill: f64) -> bool {
+    pub(super) fn update(&mut self, now: HostTime, fill: f64) -> bool {
         self.lowest = self.lowest.min(fill);
-        let settled = now.since(self.changed) >= SETTLE_NS;
+        let settled = now.since(self.changed) >= MIN_STEP_INTERVAL_NS;
         if settled
-            && (fill >= FULL || fill - self.lowest >= GROWTH)
+            && (fill >= FULL_THRESHOLD || fill - self.lowest >= GROWTH_THRESHOLD)
             && self.taken < self.steps.len()
         {
             if self
-                .eased
-                .is_some_and(|at| now.since(at) < self.patience_ns)
+                .last_undone
+                .is_some_and(|at| now.since(at) < self.recovery_delay_ns)
             {
-                self.patience_ns = (2 * self.patience_ns).min(MAX_PATIENCE_NS);
+                self.recovery_delay_ns = (2 * self.recovery_delay_ns).min(MAX_RECOVERY_DELAY_NS);
             }
             self.taken += 1;
             self.change(now, fill);
             return true;
         }
-        if fill > EMPTY {
+        if fill > EMPTY_THRESHOLD {
             self.empty_since = None;
             return false;
         }
         let since = *self.empty_since.get_or_insert(now);
-        if now.since(since) < self.patience_ns {
+        if now.since(since) < self.recovery_delay_ns {
             return false;
         }
         if self.taken == 0 {
-            self.patience_ns = PATIENCE_NS;
+            self.recovery_delay_ns = RECOVERY_DELAY_NS;
             return false;
         }
         self.taken -= 1;
-        self.eased = Some(now);
+        self.last_undone = Some(now);
         self.change(now, fill);
         true
     }
@@ -147,7 +147,7 @@ mod tests {
 
     /// Encoders that take `speed(step)` of what comes, with a queue of `depth_s`.
     struct Machine {
-        relief: Relief,
+        load_shedder: LoadShedder,
         now: HostTime,
         queued_s: f64,
         depth_s: f64,
@@ -158,7 +158,7 @@ mod tests {
     impl Machine {
         fn new(depth_s: f64) -> Self {
             Self {
-                relief: Relief::new(true, 3),
+                load_shedder: LoadShedder::new(true, 3),
                 now: HostTime(0),
                 queued_s: 0.0,
                 depth_s,
@@ -171,7 +171,7 @@ mod tests {
         fn run(&mut self, seconds: f64, speed: f64) {
             for _ in 0..(seconds * 10.0) as usize {
                 self.now = self.now + TICK;
-                let gain = match self.relief.last() {
+                let gain = match self.load_shedder.last() {
                     None => 1.0,
                     Some(Step::Preset) => 2.5,
                     Some(Step::Quality) => 3.0,
@@ -181,9 +181,12 @@ mod tests {
                 self.queued_s = (self.queued_s + 0.1 * (1.0 - speed * gain)).max(0.0);
                 self.lost_s += (self.queued_s - self.depth_s).max(0.0);
                 self.queued_s = self.queued_s.min(self.depth_s);
-                if self.relief.look(self.now, self.queued_s / self.depth_s) {
+                if self
+                    .load_shedder
+                    .update(self.now, self.queued_s / self.depth_s)
+                {
                     let at = self.now.0 as f64 / NS_PER_S as f64;
-                    self.changes.push((at, self.relief.last()));
+                    self.changes.push((at, self.load_shedder.last()));
                 }
             }
         }
@@ -200,7 +203,7 @@ mod tests {
         ] {
             let mut machine = Machine::new(5.0);
             machine.run(8.0, speed);
-            assert_eq!(machine.relief.last(), expected, "at {speed}");
+            assert_eq!(machine.load_shedder.last(), expected, "at {speed}");
             assert_eq!(machine.lost_s, 0.0, "at {speed}: {:?}", machine.changes);
         }
     }
@@ -209,9 +212,9 @@ mod tests {
     fn when_the_load_is_over_everything_comes_back() {
         let mut machine = Machine::new(5.0);
         machine.run(10.0, 0.2);
-        assert_eq!(machine.relief.last(), Some(Step::AllRates));
+        assert_eq!(machine.load_shedder.last(), Some(Step::AllRates));
         machine.run(60.0, 2.0);
-        assert_eq!(machine.relief.last(), None, "{:?}", machine.changes);
+        assert_eq!(machine.load_shedder.last(), None, "{:?}", machine.changes);
         assert_eq!(machine.lost_s, 0.0);
     }
 
@@ -240,8 +243,11 @@ mod tests {
 
     #[test]
     fn what_cannot_be_given_up_is_left_out() {
-        assert_eq!(Relief::new(false, 1).steps, [Step::Quality, Step::AllRates]);
-        let all = Relief::new(true, 2).steps;
+        assert_eq!(
+            LoadShedder::new(false, 1).steps,
+            [Step::Quality, Step::AllRates]
+        );
+        let all = LoadShedder::new(true, 2).steps;
         assert!(all.is_sorted() && all.len() == 4);
     }
 }

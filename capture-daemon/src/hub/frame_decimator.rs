@@ -8,11 +8,11 @@ use session_archive::time::HostTime;
 
 /// The newest instant of which pictures were kept, by cameras that expose together.
 #[derive(Debug, Default)]
-pub(super) struct Turns {
+pub(super) struct FrameDecimator {
     kept: Option<HostTime>,
 }
 
-impl Turns {
+impl FrameDecimator {
     /// Whether a picture of this time is kept.
     pub(super) fn is_kept(&mut self, time: HostTime, period_ns: i64) -> bool {
         let Some(kept) = self.kept else {
@@ -40,7 +40,7 @@ mod tests {
 
     #[test]
     fn cameras_of_one_trigger_keep_the_same_instants() {
-        let mut turns = Turns::default();
+        let mut decimator = FrameDecimator::default();
         let mut kept = 0;
         // One in a thousand slower than they should be, for ten minutes, the second one three pictures late.
         let at = |n: i64| HostTime(5_000_000_000 + n * (PERIOD_NS + PERIOD_NS / 1000));
@@ -48,10 +48,10 @@ mod tests {
         for n in 0..18_000 {
             // Now and then one does not come.
             if n % 50 != 7 {
-                first.push((n, turns.is_kept(at(n), PERIOD_NS)));
+                first.push((n, decimator.is_kept(at(n), PERIOD_NS)));
             }
             if n >= 3 {
-                let is_kept = turns.is_kept(at(n - 3) + 200_000, PERIOD_NS);
+                let is_kept = decimator.is_kept(at(n - 3) + 200_000, PERIOD_NS);
                 let other = first.iter().rev().find(|(number, _)| *number == n - 3);
                 assert!(other.is_none_or(|(_, other)| *other == is_kept), "{n}");
                 kept += u32::from(is_kept);

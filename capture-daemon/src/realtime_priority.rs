@@ -11,17 +11,17 @@ use machine::realtime::{self, Outcome, PRIORITY};
 
 /// Lets the calling thread go before everything that can wait.
 pub(crate) fn this_thread() {
-    static TOLD: Once = Once::new();
+    static REPORTED: Once = Once::new();
     let outcome = realtime::this_thread(PRIORITY);
-    TOLD.call_once(|| tell(outcome, "cameras and IMUs are read in real time"));
+    REPORTED.call_once(|| report(outcome, "cameras and IMUs are read in real time"));
 }
 
 /// Keeps the program's memory from being swapped or dropped.
 pub(crate) fn lock_memory() {
-    tell(realtime::lock_memory(&Roots::default()), "memory is locked");
+    report(realtime::lock_memory(&Roots::default()), "memory is locked");
 }
 
-fn tell(outcome: Outcome, achieved: &str) {
+fn report(outcome: Outcome, achieved: &str) {
     match outcome {
         Outcome::Achieved => log::info!("{achieved}"),
         Outcome::Refused(why) => log::warn!("{why}"),

@@ -16,7 +16,7 @@ use session_archive::{manifest::Manifest, manifest::State};
 
 use super::claim::{Claim, is_claimed};
 use super::store::finish_discards;
-use crate::causes::with_causes;
+use crate::error_chain::with_causes;
 
 /// How much less urgent than everything else (nice).
 const NICE: i32 = 19;
@@ -46,13 +46,13 @@ pub(super) fn find(folder: &Path) -> Vec<PathBuf> {
 pub(super) fn close(
     folder: PathBuf,
     sessions: Vec<PathBuf>,
-    tell: impl Fn(String) + Send + 'static,
+    report: impl Fn(String) + Send + 'static,
 ) -> std::io::Result<()> {
     let work = move || {
         // Of this thread alone, as Linux counts threads.
         let _ = rustix::process::nice(NICE);
         for session in sessions {
-            tell(close_one(&session));
+            report(close_one(&session));
         }
         finish_discards(&folder);
     };
@@ -143,9 +143,9 @@ mod tests {
         drop(claim);
         let found = find(folder.path());
         assert_eq!(found, [done.session]);
-        let (told, text) = sync_channel(4);
+        let (sender, text) = sync_channel(4);
         close(folder.path().to_owned(), found, move |text| {
-            told.send(text).expect("told")
+            sender.send(text).expect("told")
         })
         .expect("thread");
         let text = text.recv_timeout(Duration::from_secs(60)).expect("told");

@@ -7,25 +7,25 @@ use zed::report::Sample;
 use crate::sources::FrameSync;
 
 /// A tie is told so often.
-const TELL_NS: i64 = NS_PER_S;
+const REPORT_INTERVAL_NS: i64 = NS_PER_S;
 
 /// Collects what both sides say.
 #[derive(Debug)]
-pub(crate) struct Ties {
+pub(crate) struct FrameSyncTracker {
     sync: frame_sync::FrameSync,
-    told: HostTime,
+    reported: HostTime,
 }
 
-impl Default for Ties {
+impl Default for FrameSyncTracker {
     fn default() -> Self {
         Self {
             sync: frame_sync::FrameSync::new(Bounds::default()),
-            told: HostTime::MIN,
+            reported: HostTime::MIN,
         }
     }
 }
 
-impl Ties {
+impl FrameSyncTracker {
     /// Takes a sample, whether it is marked or not.
     pub(crate) fn imu(&mut self, sample: &Sample, arrival: HostTime) {
         self.sync.sample(sample, arrival.0);
@@ -39,11 +39,11 @@ impl Ties {
         arrival: HostTime,
     ) -> Option<FrameSync> {
         self.sync.frame(sequence, stamp.0);
-        if arrival.since(self.told) < TELL_NS {
+        if arrival.since(self.reported) < REPORT_INTERVAL_NS {
             return None;
         }
         let tie = self.sync.tie().ok()?;
-        self.told = arrival;
+        self.reported = arrival;
         Some(FrameSync {
             host_time: arrival,
             pairs: u32::try_from(tie.pairs).unwrap_or(u32::MAX),
