@@ -120,7 +120,7 @@ struct Effort {
 /// A frame that waits for room in the encoder.
 struct Waiting {
     frame: Frame,
-    picture: Picture,
+    image: Picture,
 }
 
 /// What is made easier for the encoder.
@@ -236,18 +236,18 @@ impl CameraEncoder {
     }
 
     /// Takes a frame; never waits. What cannot be encoded is reported as dropped.
-    pub fn push<'a>(&mut self, frame: Frame, picture: impl Into<Input<'a>>, now: HostTime) {
-        let picture = match picture.into() {
-            Input::Picture(picture) => picture,
+    pub fn push<'a>(&mut self, frame: Frame, image: impl Into<Input<'a>>, now: HostTime) {
+        let image = match image.into() {
+            Input::Picture(image) => image,
             native => {
-                if let Err((frame, pictures)) = self.submit(frame, native, now, false) {
+                if let Err((frame, images)) = self.submit(frame, native, now, false) {
                     self.refused = true;
-                    self.drop_full(&frame, &format!("{pictures} frames in the encoder"));
+                    self.drop_full(&frame, &format!("{images} frames in the encoder"));
                 }
                 return;
             }
         };
-        let bytes = picture.data.len();
+        let bytes = image.data.len();
         if !self.waiting.is_empty() && self.waiting_bytes + bytes > self.capacity {
             let detail = format!("{} MB wait for the encoder", self.waiting_bytes >> 20);
             match self.why_not_started(now, false) {
@@ -258,9 +258,9 @@ impl CameraEncoder {
                 None => self.drop_full(&frame, &detail),
             }
         } else {
-            let picture = picture.clone();
+            let image = image.clone();
             self.waiting_bytes += bytes;
-            self.waiting.push_back(Waiting { frame, picture });
+            self.waiting.push_back(Waiting { frame, image });
         }
         self.feed(now);
     }
@@ -269,13 +269,13 @@ impl CameraEncoder {
     /// started.
     pub fn feed(&mut self, now: HostTime) {
         while self.why_not_started(now, false).is_none()
-            && let Some(Waiting { frame, picture }) = self.waiting.pop_front()
+            && let Some(Waiting { frame, image }) = self.waiting.pop_front()
         {
-            if let Err((frame, _)) = self.submit(frame, (&picture).into(), now, false) {
-                self.waiting.push_front(Waiting { frame, picture });
+            if let Err((frame, _)) = self.submit(frame, (&image).into(), now, false) {
+                self.waiting.push_front(Waiting { frame, image });
                 break;
             }
-            self.waiting_bytes -= picture.data.len();
+            self.waiting_bytes -= image.data.len();
         }
     }
 
@@ -328,13 +328,8 @@ impl CameraEncoder {
 
     /// Takes a frame and waits until it has come out: virtual time drops nothing, and the order of
     /// everything is the order of the calls.
-    pub fn push_and_wait<'a>(
-        &mut self,
-        frame: Frame,
-        picture: impl Into<Input<'a>>,
-        now: HostTime,
-    ) {
-        if let Err((frame, _)) = self.submit(frame, picture.into(), now, true) {
+    pub fn push_and_wait<'a>(&mut self, frame: Frame, image: impl Into<Input<'a>>, now: HostTime) {
+        if let Err((frame, _)) = self.submit(frame, image.into(), now, true) {
             self.drop_full(&frame, "the encoder is full");
         }
         let Some(running) = &self.running else { return };
@@ -391,8 +386,8 @@ impl CameraEncoder {
         if rest == RemainingFrames::Drop {
             self.drop_waiting(Cause::Late, ENDED_EARLY);
         }
-        for Waiting { frame, picture } in std::mem::take(&mut self.waiting) {
-            if let Err((frame, _)) = self.submit(frame, (&picture).into(), now, true) {
+        for Waiting { frame, image } in std::mem::take(&mut self.waiting) {
+            if let Err((frame, _)) = self.submit(frame, (&image).into(), now, true) {
                 self.drop_frame(&frame, Cause::Late, ENDED_EARLY.to_owned());
             }
         }
@@ -412,7 +407,7 @@ impl CameraEncoder {
     fn submit(
         &mut self,
         frame: Frame,
-        picture: Input<'_>,
+        image: Input<'_>,
         now: HostTime,
         wait: bool,
     ) -> Result<(), (Frame, usize)> {
@@ -422,7 +417,7 @@ impl CameraEncoder {
             return Ok(());
         }
         if self.running.is_none()
-            && let Err(e) = self.start(picture, None, now)
+            && let Err(e) = self.start(image, None, now)
         {
             self.failed(now);
             self.drop_frame(&frame, restart, e.to_string());
@@ -430,7 +425,7 @@ impl CameraEncoder {
         }
         let epoch = frame.time.div_euclid(self.chunk_ns);
         if self.epoch.is_some_and(|e| epoch > e) {
-            self.follow_effort(picture, now);
+            self.follow_effort(image, now);
         }
         let key = self.key_frame_requested || self.epoch.is_none_or(|e| epoch > e);
         let pts = frame.time.max(self.previous_pts.saturating_add(1));
@@ -443,9 +438,9 @@ impl CameraEncoder {
         };
         shared.lock().frames.push_back((pts, frame));
         let pushed = if wait {
-            encoder.push(pts, picture, key)
+            encoder.push(pts, image, key)
         } else {
-            encoder.try_push(pts, picture, key)
+            encoder.try_push(pts, image, key)
         };
         match pushed {
             Ok(()) => {
@@ -455,9 +450,9 @@ impl CameraEncoder {
                     self.key_frame_requested = false;
                 }
             }
-            Err(EncodeError::Full { pictures }) => {
+            Err(EncodeError::Full { pictures: images }) => {
                 if let Some((_, frame)) = shared.lock().frames.pop_back() {
-                    return Err((frame, pictures));
+                    return Err((frame, images));
                 }
             }
             Err(e) => {
@@ -472,7 +467,7 @@ impl CameraEncoder {
     /// Starts an encoder, which hands on nothing until everything of the one `before` it is told.
     fn start(
         &mut self,
-        picture: Input<'_>,
+        image: Input<'_>,
         before: Option<Arc<EncoderShared>>,
         now: HostTime,
     ) -> Result<(), EncodeError> {
@@ -492,7 +487,7 @@ impl CameraEncoder {
         });
         let (sink, of_output) = (self.sink.clone(), shared.clone());
         let on_output = Box::new(move |event| deliver(event, &of_output, &sink));
-        let encoder = match picture {
+        let encoder = match image {
             Input::Picture(_) => Encoder::start(&settings, on_output)?,
             Input::Native(frame) => Encoder::start_native(&settings, frame.format(), on_output)?,
         };
@@ -523,7 +518,7 @@ impl CameraEncoder {
 
     /// A chunk begins, and with it a key frame: an encoder that is to be set to something else and cannot change it
     /// makes way for another one. It gives what it has on a thread of its own: other cameras' frames are waiting.
-    fn follow_effort(&mut self, picture: Input<'_>, now: HostTime) {
+    fn follow_effort(&mut self, image: Input<'_>, now: HostTime) {
         let target = self.effort();
         let Some(running) = &mut self.running else {
             return;
@@ -544,7 +539,7 @@ impl CameraEncoder {
                 };
                 let (shared, sink) = (running.shared.clone(), self.sink.clone());
                 self.end_in_background(move || end(running, &sink, CHANGE_TIMEOUT));
-                if let Err(error) = self.start(picture, Some(shared.clone()), now) {
+                if let Err(error) = self.start(image, Some(shared.clone()), now) {
                     log::warn!("starting {} again: {error}", self.settings.element);
                     report_undelivered(&shared, &self.sink, ENDED_EARLY);
                     self.failed(now);

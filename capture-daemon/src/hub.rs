@@ -653,7 +653,7 @@ impl Hub {
             name,
             &self.out,
         );
-        let digest = raw.picture.digest();
+        let digest = raw.image.digest();
         let is_same = digest.is_some() && camera.digest == digest;
         camera.digest = digest;
         let frozen = is_same && !camera.setup.still;
@@ -664,7 +664,7 @@ impl Hub {
         if let Some(previews) = &self.previews {
             previews.offer(
                 position,
-                raw.picture.preview_pixels(),
+                raw.image.preview_pixels(),
                 now,
                 self.mitigations.lower_preview,
             );
@@ -701,11 +701,9 @@ impl Hub {
         };
         self.encoding.begin(position);
         if self.waits {
-            camera
-                .encoder
-                .push_and_wait(frame, raw.picture.input(), now);
+            camera.encoder.push_and_wait(frame, raw.image.input(), now);
         } else {
-            camera.encoder.push(frame, raw.picture.input(), now);
+            camera.encoder.push(frame, raw.image.input(), now);
         }
     }
 

@@ -34,7 +34,7 @@ pub struct Previews {
 #[derive(Clone, Debug)]
 pub enum Newest {
     /// As it was recorded.
-    Picture(Picture),
+    Image(Picture),
     /// A small one, as a JPEG file.
     Jpeg(Bytes),
 }
@@ -83,9 +83,9 @@ impl Previews {
         };
         kept.next = Some(now + period);
         match preview_pixels {
-            PreviewPixels::Picture(picture) => {
+            PreviewPixels::Image(image) => {
                 kept.number += 1;
-                kept.newest = Some(Newest::Picture(picture.clone()));
+                kept.newest = Some(Newest::Image(image.clone()));
             }
             PreviewPixels::Native(frame) => {
                 if kept.native.as_ref() != Some(frame.format()) {
@@ -166,7 +166,7 @@ fn small(format: &NativeFormat) -> PreviewSettings {
 mod tests {
     use super::*;
 
-    fn picture(level: u8) -> Picture {
+    fn image(level: u8) -> Picture {
         let format = video::PixelFormat::I420;
         let data = vec![level; format.bytes(4, 2).expect("size")].into();
         Picture {
@@ -187,7 +187,7 @@ mod tests {
                 .map_or(0, |(number, _)| number);
             previews.offer(
                 0,
-                PreviewPixels::Picture(&picture(at as u8)),
+                PreviewPixels::Image(&image(at as u8)),
                 HostTime(at * 10_000_000),
                 degraded,
             );
@@ -197,11 +197,11 @@ mod tests {
         assert_eq!(times, [0, 25, 50, 75]);
         let times: Vec<i64> = (100..500).filter(|at| kept(*at, true)).collect();
         assert_eq!(times, [100, 300]);
-        let Some((number, Newest::Picture(newest))) = previews.newest(0, HostTime(0)) else {
+        let Some((number, Newest::Image(newest))) = previews.newest(0, HostTime(0)) else {
             panic!("a picture");
         };
         assert_eq!((number, newest.data[0]), (6, 300_i64 as u8));
-        previews.offer(7, PreviewPixels::Picture(&picture(0)), HostTime(0), false);
+        previews.offer(7, PreviewPixels::Image(&image(0)), HostTime(0), false);
         assert!(previews.newest(7, HostTime(0)).is_none());
     }
 }

@@ -45,7 +45,7 @@ pub struct RawFrame<P = Picture> {
     /// How much later the right eye's image was taken, ns, where the eyes came separately.
     pub eyes_apart_ns: Option<i64>,
     /// Left and right side by side; a [`Picture`] is I420 (grey ones with neutral chroma).
-    pub picture: P,
+    pub image: P,
 }
 
 /// The pixels of a frame, in the form in which they go into an encoder.
@@ -65,7 +65,7 @@ pub trait Pixels {
 #[derive(Clone, Copy, Debug)]
 pub enum PreviewPixels<'a> {
     /// In memory.
-    Picture(&'a Picture),
+    Image(&'a Picture),
     /// In a camera's own buffer.
     Native(&'a NativeFrame),
 }
@@ -80,7 +80,7 @@ impl Pixels for Picture {
     }
 
     fn preview_pixels(&self) -> PreviewPixels<'_> {
-        PreviewPixels::Picture(self)
+        PreviewPixels::Image(self)
     }
 }
 
@@ -252,8 +252,8 @@ impl Sample {
     pub fn bytes(&self) -> usize {
         match self {
             Self::Arrival(_) => size_of::<FrameArrival>(),
-            Self::Frame(f) => f.picture.data.len() + size_of::<RawFrame>(),
-            Self::Native(f) => f.picture.bytes() + size_of::<RawFrame<NativeFrame>>(),
+            Self::Frame(f) => f.image.data.len() + size_of::<RawFrame>(),
+            Self::Native(f) => f.image.bytes() + size_of::<RawFrame<NativeFrame>>(),
             Self::Imu(_) => size_of::<RawImu>(),
             Self::Disconnected(Disconnected { detail, .. })
             | Self::Dropped(DroppedFrame { detail, .. }) => {

@@ -630,7 +630,7 @@ fn a_closed_pipe_is_no_failure() {
 }
 
 /// Eight stereo pictures, but for the one that was `lost`.
-fn pictures(folder: &Path, lost: Option<u8>) {
+fn images(folder: &Path, lost: Option<u8>) {
     for eye in ["image_0", "image_1"] {
         let eye = folder.join(eye);
         fs::create_dir_all(&eye).unwrap();
@@ -652,7 +652,7 @@ fn a_closed_pipe_hides_no_loss() {
         let folder = folder_with(
             "[[camera]]\nname = \"feet\"\nsource = { kind = \"replay\", path = \"walk\", rate_hz = 10 }\n",
         );
-        pictures(&folder.path().join("walk"), lost);
+        images(&folder.path().join("walk"), lost);
         let args = [
             "record",
             "--config",

@@ -23,7 +23,7 @@ fn settings() -> EncoderSettings {
     }
 }
 
-fn picture(n: u64, width: u32, height: u32) -> Picture {
+fn image(n: u64, width: u32, height: u32) -> Picture {
     let size = PixelFormat::I420.bytes(width, height).expect("even");
     let data = (0..size)
         .map(|i| (i as u64 * 7 + n * 13) as u8)
@@ -96,7 +96,7 @@ fn encoder() -> (CameraEncoder, Seen) {
 fn key_frames_stand_where_chunks_begin() {
     let (mut encoder, seen) = encoder();
     for n in 0..40 {
-        encoder.push_and_wait(frame(n), &picture(n, 64, 32), HostTime(0));
+        encoder.push_and_wait(frame(n), &image(n, 64, 32), HostTime(0));
     }
     let seen = seen.lock().expect("seen").clone();
     assert_eq!(
@@ -124,12 +124,12 @@ fn an_encoder_makes_way_for_one_of_another_quality() {
             quality: (8..24).contains(&n),
             preset: false,
         });
-        let picture = picture(n, 64, 32);
+        let image = image(n, 64, 32);
         // Two are still inside when the chunk ends.
         if matches!(n, 14..=16 | 29..=31) {
-            encoder.push(frame(n), &picture, HostTime(0));
+            encoder.push(frame(n), &image, HostTime(0));
         } else {
-            encoder.push_and_wait(frame(n), &picture, HostTime(0));
+            encoder.push_and_wait(frame(n), &image, HostTime(0));
         }
         let quality = encoder.running.as_ref().map(|r| r.effort.quality_db);
         let spared = 16..31;
@@ -145,10 +145,10 @@ fn an_encoder_makes_way_for_one_of_another_quality() {
 #[test]
 fn a_failed_encoder_is_replaced_and_its_frames_are_reported() {
     let (mut encoder, seen) = encoder();
-    encoder.push_and_wait(frame(0), &picture(0, 64, 32), HostTime(0));
-    encoder.push_and_wait(frame(1), &picture(1, 32, 32), HostTime(0)); // not what it was made for
+    encoder.push_and_wait(frame(0), &image(0, 64, 32), HostTime(0));
+    encoder.push_and_wait(frame(1), &image(1, 32, 32), HostTime(0)); // not what it was made for
     assert!(encoder.is_failing());
-    encoder.push_and_wait(frame(2), &picture(2, 64, 32), HostTime(0));
+    encoder.push_and_wait(frame(2), &image(2, 64, 32), HostTime(0));
     let seen = seen.lock().expect("seen").clone();
     assert_eq!(
         seen,
@@ -166,7 +166,7 @@ fn an_encoder_that_cannot_start_costs_frames_and_is_tried_again_later() {
     encoder.settings.element = "noenc".to_owned();
     let second = 1000 * MS;
     let push = |encoder: &mut CameraEncoder, n, now| {
-        encoder.push_and_wait(frame(n), &picture(n, 64, 32), HostTime(now));
+        encoder.push_and_wait(frame(n), &image(n, 64, 32), HostTime(now));
     };
     push(&mut encoder, 0, second);
     push(&mut encoder, 1, second);
@@ -185,11 +185,11 @@ fn an_encoder_that_cannot_start_costs_frames_and_is_tried_again_later() {
 fn failures_in_a_row_are_retried_ever_more_slowly_and_forgiven_in_the_end() {
     let (mut encoder, seen) = encoder();
     let bad = |encoder: &mut CameraEncoder, n, now| {
-        encoder.push_and_wait(frame(n), &picture(n, 32, 32), HostTime(now));
+        encoder.push_and_wait(frame(n), &image(n, 32, 32), HostTime(now));
         encoder.retry_at.0 - now
     };
     let good = |encoder: &mut CameraEncoder, n, now| {
-        encoder.push_and_wait(frame(n), &picture(n, 64, 32), HostTime(now));
+        encoder.push_and_wait(frame(n), &image(n, 64, 32), HostTime(now));
     };
     let mut now = RETRY_NS;
     let mut pauses = Vec::new();
@@ -222,7 +222,7 @@ fn encoders_that_hang_are_not_added_to_for_ever() {
         encoder.ending.push(ending);
     }
     encoder.tick(HostTime(0));
-    let one = picture(0, 64, 32);
+    let one = image(0, 64, 32);
     encoder.capacity = one.data.len();
     encoder.push(frame(0), &one, HostTime(0));
     encoder.push(frame(1), &one, HostTime(0));
@@ -249,7 +249,7 @@ fn what_waits_is_not_lost_while_an_encoder_is_started_again() {
     let second = 1000 * MS;
     encoder.retry_at = HostTime(second);
     for n in 0..20 {
-        encoder.push(frame(n), &picture(n, 64, 32), HostTime(0));
+        encoder.push(frame(n), &image(n, 64, 32), HostTime(0));
     }
     encoder.tick(HostTime(second - 1));
     assert_eq!(*seen.lock().expect("seen"), []);
@@ -271,10 +271,10 @@ fn draining_waits_neither_for_room_nor_for_another_encoder() {
     let (mut encoder, seen) = encoder();
     // Encoding one takes many times as long as pushing one.
     (encoder.settings.width, encoder.settings.height) = (1344, 376);
-    let picture = picture(0, 1344, 376);
-    encoder.capacity = 100 * picture.data.len();
+    let image = image(0, 1344, 376);
+    encoder.capacity = 100 * image.data.len();
     for n in 0..100 {
-        encoder.push(frame(n), &picture, HostTime(0));
+        encoder.push(frame(n), &image, HostTime(0));
     }
     assert!(
         !encoder.drain(HostTime(0)),
@@ -293,7 +293,7 @@ fn draining_waits_neither_for_room_nor_for_another_encoder() {
     assert!(all.iter().map(|s| s.0).eq(0..100), "{all:?}");
     assert!(all.iter().all(|s| s.1.is_ok()), "{all:?}");
     encoder.retry_at = HostTime(1);
-    encoder.push(frame(100), &picture, HostTime(0));
+    encoder.push(frame(100), &image, HostTime(0));
     assert!(encoder.drain(HostTime(0)));
     let dropped = (100, Err(Cause::EncoderRestart));
     assert_eq!(*seen.lock().expect("seen"), [dropped]);
@@ -325,9 +325,9 @@ fn overload_drops_whole_frames_and_says_so() {
     let (mut encoder, seen) = encoder();
     // Encoding one takes many times as long as pushing one.
     (encoder.settings.width, encoder.settings.height) = (1344, 376);
-    let picture = picture(0, 1344, 376);
+    let image = image(0, 1344, 376);
     for n in 0..100 {
-        encoder.push(frame(n), &picture, HostTime(0));
+        encoder.push(frame(n), &image, HostTime(0));
     }
     encoder.finish(RemainingFrames::Encode, LONG, HostTime(0));
     let mut seen = seen.lock().expect("seen").clone();
@@ -351,12 +351,12 @@ fn overload_drops_whole_frames_and_says_so() {
 fn frames_wait_in_front_of_a_slow_encoder() {
     let (mut encoder, seen) = encoder();
     (encoder.settings.width, encoder.settings.height) = (1344, 376);
-    let picture = picture(0, 1344, 376);
-    encoder.capacity = 100 * picture.data.len();
+    let image = image(0, 1344, 376);
+    encoder.capacity = 100 * image.data.len();
     for n in 0..100 {
-        encoder.push(frame(n), &picture, HostTime(0));
+        encoder.push(frame(n), &image, HostTime(0));
     }
-    assert!(encoder.take_fill() <= 1.0 && encoder.queued_bytes() <= 108 * picture.data.len());
+    assert!(encoder.take_fill() <= 1.0 && encoder.queued_bytes() <= 108 * image.data.len());
     encoder.finish(RemainingFrames::Encode, LONG, HostTime(0));
     assert_eq!(encoder.take_fill(), 0.0);
     let seen = seen.lock().expect("seen").clone();
@@ -369,10 +369,10 @@ fn frames_wait_in_front_of_a_slow_encoder() {
 fn frames_that_nobody_stores_are_not_encoded_at_the_end() {
     let (mut encoder, seen) = encoder();
     (encoder.settings.width, encoder.settings.height) = (1344, 376);
-    let picture = picture(0, 1344, 376);
-    encoder.capacity = 100 * picture.data.len();
+    let image = image(0, 1344, 376);
+    encoder.capacity = 100 * image.data.len();
     for n in 0..100 {
-        encoder.push(frame(n), &picture, HostTime(0));
+        encoder.push(frame(n), &image, HostTime(0));
     }
     let waiting = encoder.waiting.len();
     encoder.finish(RemainingFrames::Drop, LONG, HostTime(0));
@@ -393,7 +393,7 @@ fn a_faster_preset_begins_with_the_next_chunk() {
             preset,
             quality: false,
         });
-        encoder.push(frame(n), &picture(n, 64, 32), HostTime(0));
+        encoder.push(frame(n), &image(n, 64, 32), HostTime(0));
         if let Some(running) = &encoder.running
             && encoder.waiting.is_empty()
         {

@@ -94,7 +94,7 @@ impl Bench {
             host_time: at,
             exposure_ns: None,
             eyes_apart_ns: None,
-            picture: Picture::new(64, 32, PixelFormat::I420, data).expect("picture"),
+            image: Picture::new(64, 32, PixelFormat::I420, data).expect("picture"),
         };
         self.hub.sample(0, Sample::Frame(frame), at);
     }
@@ -356,7 +356,7 @@ fn a_tick_from_long_ago_has_no_better_time_than_its_arrival() {
             host_time: at,
             exposure_ns: None,
             eyes_apart_ns: None,
-            picture: Picture::new(64, 32, PixelFormat::I420, vec![i as u8; 64 * 48])
+            image: Picture::new(64, 32, PixelFormat::I420, vec![i as u8; 64 * 48])
                 .expect("picture"),
         };
         bench.hub.sample(0, Sample::Frame(raw), at);

@@ -414,7 +414,7 @@ fn without_a_pre_roll_a_session_begins_at_the_press_with_key_frames_that_are_ask
 #[test]
 fn what_came_after_a_stop_is_not_in_the_next_session() {
     let mut rig = rig(0, Bench::default());
-    let pictures = |rig: &mut Rig, periods| {
+    let images = |rig: &mut Rig, periods| {
         for _ in 0..periods {
             rig.frame(0);
             rig.frame(1);
@@ -423,10 +423,10 @@ fn what_came_after_a_stop_is_not_in_the_next_session() {
         }
     };
     started(&mut rig);
-    pictures(&mut rig, 15);
+    images(&mut rig, 15);
     rig.recorder.stop("button").expect("stop");
     // Number 20 is a key frame.
-    pictures(&mut rig, 10);
+    images(&mut rig, 10);
     assert_eq!(rig.recorder.state(), State::Idle, "the stop is over");
     rig.clock.advance_to(rig.now() + 60 * NS_PER_S);
     rig.next = [1300; 2];
@@ -434,7 +434,7 @@ fn what_came_after_a_stop_is_not_in_the_next_session() {
     started(&mut rig);
     let begun = rig.recorder.session.as_ref().map(|s| s.started);
     assert_eq!(begun, Some(press));
-    pictures(&mut rig, 10);
+    images(&mut rig, 10);
     rig.recorder.close_now("button");
     assert_eq!(rig.messages::<Gap>(""), []);
     assert_eq!(rig.messages::<Frame>("feet")[0].number, 1300);

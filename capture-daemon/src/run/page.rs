@@ -142,8 +142,8 @@ impl Rig for PageRig {
 
     fn preview(&self, camera: usize) -> Option<Preview> {
         let (sequence, newest) = self.shared.preview(camera)?;
-        let picture = match newest {
-            Newest::Picture(picture) => picture,
+        let image = match newest {
+            Newest::Image(image) => image,
             Newest::Jpeg(bytes) => {
                 return Some(Preview {
                     jpeg: bytes[..].into(),
@@ -152,9 +152,9 @@ impl Rig for PageRig {
             }
         };
         let planes = Planes {
-            width: picture.width,
-            height: picture.height,
-            data: &picture.data,
+            width: image.width,
+            height: image.height,
+            data: &image.data,
         };
         let small = jpeg(planes, Eyes::Left, PREVIEW_WIDTH)
             .inspect_err(|error| log::debug!("making a small picture: {error}"))

@@ -938,7 +938,7 @@ mod tests {
             let data: Vec<u8> = (0..bytes).map(|_| next()).collect();
             Picture::new(width, height, PixelFormat::I420, data).expect("a picture")
         };
-        let pictures = [noise(1), noise(2)];
+        let images = [noise(1), noise(2)];
         // Many more than have room in an encoder.
         for number in 0..24 {
             let now = shared.now();
@@ -949,7 +949,7 @@ mod tests {
                 host_time: now,
                 exposure_ns: None,
                 eyes_apart_ns: None,
-                picture: pictures[number as usize % 2].clone(),
+                image: images[number as usize % 2].clone(),
             };
             hub.sample(0, Sample::Frame(frame), now);
         }

@@ -125,10 +125,10 @@ impl Bag {
         });
         let (first_left, first_right) = first.ok_or_else(|| fail("there is none".to_owned()))?;
         let image = load(&mut files, kinds, first_left, first_right)?.map_err(fail)?;
-        if chosen.right.is_none() && !image.picture.width.is_multiple_of(4) {
+        if chosen.right.is_none() && !image.image.width.is_multiple_of(4) {
             return Err(fail(format!(
                 "it is {} wide, expected a multiple of four for both eyes side by side",
-                image.picture.width
+                image.image.width
             )));
         }
         let topics = match chosen.right {
@@ -141,8 +141,8 @@ impl Bag {
         let info = SourceInfo {
             description: format!("bag {folder}: {topics}"),
             camera: CameraInfo {
-                width: image.picture.width,
-                height: image.picture.height,
+                width: image.image.width,
+                height: image.image.height,
                 rate_hz: plan.rate_hz,
                 tick: ns,
                 tick_bits: None,
@@ -239,7 +239,7 @@ impl Bag {
             host_time,
             exposure_ns: None,
             eyes_apart_ns: right.map(|(_, apart_ns)| apart_ns),
-            picture: image.picture,
+            image: image.image,
         }))
     }
 }

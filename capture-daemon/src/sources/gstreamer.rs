@@ -195,7 +195,7 @@ fn host_clock() -> i64 {
 }
 
 fn sample(frame: CapturedFrame) -> Sample {
-    fn raw<P>(frame: &CapturedFrame, picture: P) -> RawFrame<P> {
+    fn raw<P>(frame: &CapturedFrame, image: P) -> RawFrame<P> {
         RawFrame {
             number: frame.number,
             device_ticks: frame.clock_time_ns,
@@ -203,11 +203,11 @@ fn sample(frame: CapturedFrame) -> Sample {
             host_time: HostTime(frame.host_time_ns),
             exposure_ns: None,
             eyes_apart_ns: frame.eyes_apart_ns,
-            picture,
+            image,
         }
     }
     match frame.content.clone() {
-        Content::Picture(picture) => Sample::Frame(raw(&frame, picture)),
+        Content::Picture(image) => Sample::Frame(raw(&frame, image)),
         Content::Native(native) => Sample::Native(raw(&frame, native)),
     }
 }
@@ -318,7 +318,7 @@ mod tests {
             "videotestsrc is-live=true ! video/x-raw,format=I420,width=32,height=32,framerate=30/1";
         let samples = run(eye, Some(eye), 3).expect("frames");
         let frames = samples.iter().filter_map(|sample| match sample {
-            Sample::Frame(frame) => Some(frame.picture.width),
+            Sample::Frame(frame) => Some(frame.image.width),
             _ => None,
         });
         assert_eq!(frames.collect::<Vec<_>>(), [64; 3]);

@@ -31,7 +31,7 @@ pub(super) enum JpegError {
     },
     /// There can be no such image.
     #[error(transparent)]
-    Picture(#[from] PictureError),
+    Image(#[from] PictureError),
 }
 
 /// A decoded image and the size that the file has.
@@ -42,7 +42,7 @@ pub(super) struct Decoded {
     /// Whether the file has chroma.
     pub(super) colour: bool,
     /// As I420, with even sizes.
-    pub(super) picture: Picture,
+    pub(super) image: Picture,
 }
 
 /// Decodes one image. Bytes behind its end are passed over, as cameras pad their buffers.
@@ -83,11 +83,11 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, JpegError> {
         let found = pixels.len();
         return Err(PictureError::WrongLength { found, expected }.into());
     }
-    let picture = i420(width as usize, height as usize, samples, &pixels)?;
+    let image = i420(width as usize, height as usize, samples, &pixels)?;
     Ok(Decoded {
         size: (width, height),
         colour,
-        picture,
+        image,
     })
 }
 
@@ -208,9 +208,9 @@ mod tests {
     }
 
     /// Luma and chroma of the middle of each block, within what encoding at 95 takes.
-    fn looks_like(picture: &Picture, width: usize, height: usize, colour: bool) {
+    fn looks_like(image: &Picture, width: usize, height: usize, colour: bool) {
         let truth = ycbcr(width, height);
-        let (luma, chroma) = picture.data.split_at(width * height);
+        let (luma, chroma) = image.data.split_at(width * height);
         let (cb, cr) = chroma.split_at(chroma.len() / 2);
         for y in (0..height).step_by(3) {
             for x in (0..width).step_by(3) {
@@ -238,12 +238,12 @@ mod tests {
         ] {
             let decoded = decode(&encode(64, 48, ColorType::Ycbcr, sampling)).expect("an image");
             assert_eq!((decoded.size, decoded.colour), ((64, 48), true));
-            looks_like(&decoded.picture, 64, 48, true);
+            looks_like(&decoded.image, 64, 48, true);
         }
         let grey = encode(64, 48, ColorType::Luma, SamplingFactor::F_1_1);
         let decoded = decode(&grey).expect("an image");
         assert!(!decoded.colour);
-        looks_like(&decoded.picture, 64, 48, false);
+        looks_like(&decoded.image, 64, 48, false);
     }
 
     #[test]
@@ -251,8 +251,8 @@ mod tests {
         let file = encode(33, 17, ColorType::Ycbcr, SamplingFactor::F_2_1);
         let decoded = decode(&file).expect("an image");
         assert_eq!(decoded.size, (33, 17));
-        assert_eq!((decoded.picture.width, decoded.picture.height), (34, 18));
-        looks_like(&decoded.picture, 34, 18, true);
+        assert_eq!((decoded.image.width, decoded.image.height), (34, 18));
+        looks_like(&decoded.image, 34, 18, true);
     }
 
     #[test]

@@ -248,8 +248,8 @@ impl Replay {
                 host_time,
             }));
         }
-        let picture = self
-            .picture(position)
+        let image = self
+            .image(position)
             .map_err(|error| SourceError::Unusable {
                 source_name: self.name.clone(),
                 what: with_causes(&error),
@@ -262,19 +262,19 @@ impl Replay {
             host_time,
             exposure_ns: None,
             eyes_apart_ns: None,
-            picture,
+            image,
         }))
     }
 
-    fn picture(&mut self, position: usize) -> Result<Picture, ReplayError> {
-        if let Some(Some(picture)) = self.cache.get(position) {
-            return Ok(picture.clone());
+    fn image(&mut self, position: usize) -> Result<Picture, ReplayError> {
+        if let Some(Some(image)) = self.cache.get(position) {
+            return Ok(image.clone());
         }
-        let picture = stereo_image::load(&self.dataset.frames[position], self.eye)?;
+        let image = stereo_image::load(&self.dataset.frames[position], self.eye)?;
         if let Some(kept) = self.cache.get_mut(position) {
-            *kept = Some(picture.clone());
+            *kept = Some(image.clone());
         }
-        Ok(picture)
+        Ok(image)
     }
 }
 

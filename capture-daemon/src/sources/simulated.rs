@@ -206,7 +206,7 @@ impl Simulated {
             host_time: self.start + frame.arrival_ns,
             exposure_ns: Some((frame.picture.exposure.seconds * 1e9) as u32),
             eyes_apart_ns: None,
-            picture: i420(frame)?,
+            image: i420(frame)?,
         })
     }
 

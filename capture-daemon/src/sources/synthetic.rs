@@ -221,7 +221,7 @@ impl Synthetic {
     ///
     /// # Errors
     /// None in practice: the size was checked.
-    fn picture(&self, number: u64) -> Result<Picture, PictureError> {
+    fn image(&self, number: u64) -> Result<Picture, PictureError> {
         let (x, y) = self.motion.shift_px(time_at(number, self.rate_hz));
         let mut data = self.wall.draw(x, y);
         let (width, height) = (self.info.camera.width, self.info.camera.height);
@@ -241,7 +241,7 @@ impl Synthetic {
             host_time: slot.arrival,
             exposure_ns: Some(EXPOSURE_NS),
             eyes_apart_ns: None,
-            picture: self.picture(shown)?,
+            image: self.image(shown)?,
         })
     }
 

@@ -114,7 +114,7 @@ enum Step {
 struct Image {
     number: u64,
     time_ns: i64,
-    picture: Picture,
+    image: Picture,
 }
 
 /// What is to be handed on, in the order of the left file's numbers.
@@ -347,7 +347,7 @@ impl Times {
         Step::Image(Image {
             number,
             time_ns,
-            picture: frame.picture,
+            image: frame.picture,
         })
     }
 }
@@ -409,9 +409,9 @@ impl Account {
         let Image {
             number,
             time_ns,
-            picture,
+            image,
         } = image;
-        self.frame(number, time_ns, None, Ok(picture));
+        self.frame(number, time_ns, None, Ok(image));
     }
 
     fn push(&mut self, eye: Eye, image: Image) {
@@ -428,7 +428,7 @@ impl Account {
         }
         let image = TimedImage {
             time_ns: image.time_ns,
-            of: (image.number, image.picture),
+            of: (image.number, image.image),
         };
         let mut paired = Vec::new();
         self.pairs.push(eye, image, |one| paired.push(one));
@@ -440,8 +440,8 @@ impl Account {
             Paired::Both(left, right) => {
                 let apart_ns = right.time_ns - left.time_ns;
                 self.apart_ns.push(apart_ns);
-                let (number, picture) = left.of;
-                let joined = side_by_side(&picture, &right.of.1);
+                let (number, image) = left.of;
+                let joined = side_by_side(&image, &right.of.1);
                 self.frame(number, left.time_ns, Some(apart_ns), joined);
             }
             Paired::Unpaired(Eye::Left, left) => {
@@ -458,18 +458,18 @@ impl Account {
         number: u64,
         time_ns: i64,
         eyes_apart_ns: Option<i64>,
-        picture: Result<Picture, PictureError>,
+        image: Result<Picture, PictureError>,
     ) {
         self.newest_ns = time_ns;
-        match picture {
-            Ok(picture) if (picture.width, picture.height) != self.size => {
+        match image {
+            Ok(image) if (image.width, image.height) != self.size => {
                 let why = format!(
                     "it is {}x{}, expected {}x{} like the first one",
-                    picture.width, picture.height, self.size.0, self.size.1
+                    image.width, image.height, self.size.0, self.size.1
                 );
                 self.lost(number, why);
             }
-            Ok(picture) => {
+            Ok(image) => {
                 self.bad_before(number);
                 self.out.push_back(Sample::Frame(RawFrame {
                     number,
@@ -478,7 +478,7 @@ impl Account {
                     host_time: self.now(),
                     exposure_ns: None,
                     eyes_apart_ns,
-                    picture,
+                    image,
                 }));
             }
             Err(error) => self.lost(number, error.to_string()),
@@ -644,11 +644,11 @@ mod tests {
 
     fn image_of(number: u64, time_ns: i64, height: u32) -> Image {
         let data = vec![number as u8; 3 * height as usize];
-        let picture = Picture::new(2, height, PixelFormat::I420, data);
+        let image = Picture::new(2, height, PixelFormat::I420, data);
         Image {
             number,
             time_ns,
-            picture: picture.expect("a picture"),
+            image: image.expect("a picture"),
         }
     }
 
@@ -772,7 +772,7 @@ mod tests {
         let frame = |time_ns, damaged| FileFrame {
             time_ns,
             damaged,
-            picture: image(0, 0).picture,
+            picture: image(0, 0).image,
         };
         let mut times = Times::new(7);
         let mut classify = |time_ns, damaged| match times.classify(frame(time_ns, damaged)) {

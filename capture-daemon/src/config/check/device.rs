@@ -125,11 +125,11 @@ pub(crate) fn demands(config: &Config) -> Vec<Demand> {
         let device = nodes.iter().find(|node| node.path == path)?.usb.clone()?;
         let mode = mode(&config);
         let bits = u64::from(mode.fourcc.bits_per_pixel()?);
-        let picture = u64::from(mode.width) * u64::from(mode.height) * bits / 8;
+        let image = u64::from(mode.width) * u64::from(mode.height) * bits / 8;
         Some(Demand {
             camera: camera.name.clone(),
             mode: mode.to_string(),
-            needs: usb::budget::bytes_per_second(picture, mode.interval)?,
+            needs: usb::budget::bytes_per_second(image, mode.interval)?,
             device,
         })
     };

@@ -19,7 +19,7 @@ pub(super) struct BagImage {
     /// Whether it has chroma.
     pub(super) colour: bool,
     /// With even sizes: an odd last column or row is repeated once.
-    pub(super) picture: Picture,
+    pub(super) image: Picture,
 }
 
 /// Names of encodings with their layout: the bytes of a pixel, and where red, green and blue are in it.
@@ -63,11 +63,11 @@ pub(super) fn join(left: &BagImage, right: &BagImage) -> Result<BagImage, String
             left.size.0, left.size.1, right.size.0, right.size.1
         ));
     }
-    let picture = side_by_side(&left.picture, &right.picture).map_err(|e| e.to_string())?;
+    let image = side_by_side(&left.image, &right.image).map_err(|e| e.to_string())?;
     Ok(BagImage {
         size: (2 * left.size.0, left.size.1),
         colour: left.colour || right.colour,
-        picture,
+        image,
     })
 }
 
@@ -115,11 +115,11 @@ fn plain(image: &messages::Image<'_>) -> Result<BagImage, String> {
     let (samples, data) = match (is_yuyv, place) {
         (true, _) => {
             let packed: Vec<u8> = rows.flatten().copied().collect();
-            let picture = yuyv_to_i420(width, height, &packed).map_err(|e| e.to_string())?;
+            let image = yuyv_to_i420(width, height, &packed).map_err(|e| e.to_string())?;
             return Ok(BagImage {
                 size: (width, height),
                 colour: true,
-                picture,
+                image,
             });
         }
         (false, None) => (Samples::Grey8, rows.flatten().copied().collect()),
@@ -146,7 +146,7 @@ fn compressed(image: &messages::CompressedImage<'_>) -> Result<BagImage, String>
         return Ok(BagImage {
             size: decoded.size,
             colour: decoded.colour,
-            picture: decoded.picture,
+            image: decoded.image,
         });
     }
     if image.data.starts_with(b"\x89PNG") {
@@ -164,11 +164,11 @@ fn of_samples(decoded: DecodedPng) -> Result<BagImage, String> {
         (decoded.width, decoded.height),
         decoded.samples == Samples::Rgb8,
     );
-    let picture = stereo_image::i420(decoded);
+    let image = stereo_image::i420(decoded);
     Ok(BagImage {
         size,
         colour,
-        picture: picture.map_err(|e| e.to_string())?,
+        image: image.map_err(|e| e.to_string())?,
     })
 }
 
@@ -202,14 +202,14 @@ mod tests {
             ("bgra8", 8, &bgra),
         ] {
             let image = plain(&of(encoding, step, data)).expect(encoding);
-            assert_eq!(image.picture, red, "{encoding}");
+            assert_eq!(image.image, red, "{encoding}");
             assert!(image.colour);
         }
         let grey = plain(&of("mono8", 3, &[1, 2, 9, 3, 4])).expect("mono8");
-        assert_eq!(&grey.picture.data[..], [1, 2, 3, 4, 128, 128]);
+        assert_eq!(&grey.image.data[..], [1, 2, 3, 4, 128, 128]);
         assert!(!grey.colour);
         let yuyv = plain(&of("yuv422_yuy2", 4, &[1, 100, 2, 200, 3, 100, 4, 200])).expect("yuyv");
-        assert_eq!(&yuyv.picture.data[..], [1, 2, 3, 4, 100, 200]);
+        assert_eq!(&yuyv.image.data[..], [1, 2, 3, 4, 100, 200]);
     }
 
     #[test]

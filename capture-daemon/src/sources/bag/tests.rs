@@ -248,7 +248,7 @@ fn everything_comes_at_its_own_time() {
                 assert_eq!(f.device_ticks, 100_000 * MS + offset_ns);
                 assert_eq!(f.eyes_apart_ns, Some(2 * MS));
                 let value = 10 * f.number as u8;
-                assert_eq!(f.picture.data[7..9], [value, 100 + value]);
+                assert_eq!(f.image.data[7..9], [value, 100 + value]);
                 seen[0] += 1;
             }
             Sample::Imu(s) => {

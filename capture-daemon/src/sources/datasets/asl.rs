@@ -32,7 +32,7 @@ pub(super) fn open(
     let until = ends.min();
     if let Some(until) = until {
         for camera in [&mut left, &mut right] {
-            camera.pictures.retain(|time_ns, _| *time_ns <= until);
+            camera.images.retain(|time_ns, _| *time_ns <= until);
         }
     }
     let frames = pair(&left, &right)?;
@@ -79,7 +79,7 @@ pub(super) fn open(
 /// The pictures of one eye that are on disk, by stamp in ns, with their row in the list.
 struct Camera {
     folder: PathBuf,
-    pictures: BTreeMap<i64, (u64, PathBuf)>,
+    images: BTreeMap<i64, (u64, PathBuf)>,
     /// Of a head, the stamp of its last row, ns.
     known_until: Option<i64>,
 }
@@ -90,7 +90,7 @@ impl Camera {
         let text = Text::read(&list, extent)?;
         let data = folder.join("data");
         let on_disk = file_names(&data)?;
-        let mut pictures = BTreeMap::new();
+        let mut images = BTreeMap::new();
         let mut absent: Vec<&str> = Vec::new();
         let mut last_ns = None;
         let mut rows = 0;
@@ -103,7 +103,7 @@ impl Camera {
             }
             match on_disk.contains(name) {
                 true => {
-                    pictures.insert(time_ns, (rows, data.join(name)));
+                    images.insert(time_ns, (rows, data.join(name)));
                 }
                 false => absent.push(name),
             }
@@ -116,7 +116,7 @@ impl Camera {
                 absent.len()
             ));
         }
-        if pictures.is_empty() {
+        if images.is_empty() {
             return Err(match text.is_head {
                 true => DatasetError::Head { path: list },
                 false => DatasetError::Empty { path: list },
@@ -124,7 +124,7 @@ impl Camera {
         }
         Ok(Self {
             folder: folder.to_owned(),
-            pictures,
+            images,
             known_until: last_ns.filter(|_| text.is_head),
         })
     }
@@ -132,9 +132,9 @@ impl Camera {
 
 fn pair(left: &Camera, right: &Camera) -> Result<Vec<StereoFrameRef>, DatasetError> {
     let only = |a: &Camera, b: &Camera| -> Vec<i64> {
-        a.pictures
+        a.images
             .keys()
-            .filter(|stamp| !b.pictures.contains_key(stamp))
+            .filter(|stamp| !b.images.contains_key(stamp))
             .copied()
             .collect()
     };
@@ -153,7 +153,7 @@ fn pair(left: &Camera, right: &Camera) -> Result<Vec<StereoFrameRef>, DatasetErr
             right: right.folder.clone(),
         });
     }
-    let both = left.pictures.iter().zip(right.pictures.values());
+    let both = left.images.iter().zip(right.images.values());
     Ok(both
         .map(|((stamp, (row, left)), (_, right))| StereoFrameRef {
             number: *row,

@@ -82,7 +82,7 @@ pub enum DatasetError {
     },
     /// The picture cannot be used: convert it or restore the file.
     #[error("loading a picture: found {found}, expected {expected}: {}", path.display())]
-    Picture {
+    Image {
         /// The file.
         path: PathBuf,
         /// What is there.

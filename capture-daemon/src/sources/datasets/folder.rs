@@ -22,8 +22,8 @@ pub(super) fn open_folders(
     rate_hz: Option<f64>,
 ) -> Result<StereoDataset, DatasetError> {
     let (left_folder, right_folder) = (path.join("left"), path.join("right"));
-    let left = pictures(&left_folder)?;
-    let right = pictures(&right_folder)?;
+    let left = images(&left_folder)?;
+    let right = images(&right_folder)?;
     if left.len() != right.len() {
         let shared = left.len().min(right.len());
         let first = left
@@ -82,17 +82,17 @@ fn list(
 }
 
 /// The pictures of one folder in the order of their names.
-fn pictures(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
+fn images(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     let names = file_names(folder)?;
-    let pictures: Vec<PathBuf> = names
+    let images: Vec<PathBuf> = names
         .into_iter()
         .filter(|name| name.ends_with(".png"))
         .map(|name| folder.join(name))
         .collect();
-    if pictures.is_empty() {
+    if images.is_empty() {
         return Err(DatasetError::Empty {
             path: folder.to_owned(),
         });
     }
-    Ok(pictures)
+    Ok(images)
 }

@@ -39,8 +39,8 @@ pub(super) fn open(
             path: path.to_owned(),
         });
     };
-    let mut left = pictures(&left_folder)?;
-    let mut right = pictures(&right_folder)?;
+    let mut left = images(&left_folder)?;
+    let mut right = images(&right_folder)?;
     let only = |a: &BTreeMap<u64, PathBuf>, b: &BTreeMap<u64, PathBuf>| -> Vec<u64> {
         a.keys()
             .filter(|number| !b.contains_key(number))
@@ -140,8 +140,8 @@ pub(super) fn open(
 }
 
 /// The numbered pictures of one eye.
-fn pictures(folder: &Path) -> Result<BTreeMap<u64, PathBuf>, DatasetError> {
-    let mut pictures = BTreeMap::new();
+fn images(folder: &Path) -> Result<BTreeMap<u64, PathBuf>, DatasetError> {
+    let mut images = BTreeMap::new();
     for name in file_names(folder)? {
         let Some(stem) = name.strip_suffix(".png") else {
             continue;
@@ -151,7 +151,7 @@ fn pictures(folder: &Path) -> Result<BTreeMap<u64, PathBuf>, DatasetError> {
             .ok()
             .filter(|_| stem.bytes().all(|b| b.is_ascii_digit()));
         let fresh =
-            number.is_some_and(|number| pictures.insert(number, folder.join(&name)).is_none());
+            number.is_some_and(|number| images.insert(number, folder.join(&name)).is_none());
         if !fresh {
             return Err(DatasetError::Unrecognised {
                 path: folder.to_owned(),
@@ -161,12 +161,12 @@ fn pictures(folder: &Path) -> Result<BTreeMap<u64, PathBuf>, DatasetError> {
             });
         }
     }
-    if pictures.is_empty() {
+    if images.is_empty() {
         return Err(DatasetError::Empty {
             path: folder.to_owned(),
         });
     }
-    Ok(pictures)
+    Ok(images)
 }
 
 /// The times, and whether the file has more.

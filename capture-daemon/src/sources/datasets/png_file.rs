@@ -72,7 +72,7 @@ pub fn probe_png(path: &Path) -> Result<PngShape, DatasetError> {
 /// Loads a PNG file.
 ///
 /// # Errors
-/// [`DatasetError::Read`] when it cannot be opened, [`DatasetError::Picture`] when it is damaged, has
+/// [`DatasetError::Read`] when it cannot be opened, [`DatasetError::Image`] when it is damaged, has
 /// 16 bits per sample, or is too large.
 pub fn load_png(path: &Path) -> Result<DecodedPng, DatasetError> {
     let (shape, decoder) = open(path)?;
@@ -171,7 +171,7 @@ fn begin<R: BufRead + Seek>(
 }
 
 fn refuse(path: &Path, found: String, expected: &str) -> DatasetError {
-    DatasetError::Picture {
+    DatasetError::Image {
         path: path.to_owned(),
         found,
         expected: expected.to_owned(),
@@ -280,7 +280,7 @@ mod tests {
         let good = encode(16, 16, ColorType::Grayscale, BitDepth::Eight, &[9; 256]);
         for length in 0..good.len() - 12 {
             assert!(
-                matches!(load(&good[..length]), Err(DatasetError::Picture { .. })),
+                matches!(load(&good[..length]), Err(DatasetError::Image { .. })),
                 "cut to {length}"
             );
         }
@@ -288,10 +288,10 @@ mod tests {
         let mut flipped = good.clone();
         let data = good.windows(4).position(|w| w == b"IDAT").unwrap() + 8;
         flipped[data] ^= 1;
-        assert!(matches!(load(&flipped), Err(DatasetError::Picture { .. })));
+        assert!(matches!(load(&flipped), Err(DatasetError::Image { .. })));
         assert!(matches!(
             load(b"not a png"),
-            Err(DatasetError::Picture { .. })
+            Err(DatasetError::Image { .. })
         ));
     }
 

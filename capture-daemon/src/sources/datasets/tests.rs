@@ -103,14 +103,13 @@ fn real_euroc_pictures_and_imu() {
         assert_eq!(found, expected, "{line}");
     }
 
-    let picture = load_png(&dataset.frames[7].right).unwrap();
+    let image = load_png(&dataset.frames[7].right).unwrap();
     assert_eq!(
-        (picture.width, picture.height, picture.samples),
+        (image.width, image.height, image.samples),
         (752, 480, Samples::Grey8)
     );
-    assert_eq!(picture.data.len(), 752 * 480);
-    let (calibration, _) =
-        calib::read_stereo(&dataset.root, picture.width, picture.height).unwrap();
+    assert_eq!(image.data.len(), 752 * 480);
+    let (calibration, _) = calib::read_stereo(&dataset.root, image.width, image.height).unwrap();
     assert_eq!(calibration.imu.unwrap().rate_hz, 200.0);
 }
 
@@ -132,9 +131,9 @@ fn real_kitti_pairs() {
     assert_eq!(dataset.calibration_files, [path.join("calib.txt")]);
     assert!(dataset.imu.is_empty() && dataset.notes.is_empty());
     for file in [&dataset.frames[0].left, &dataset.frames[29].right] {
-        let picture = load_png(file).unwrap();
+        let image = load_png(file).unwrap();
         assert_eq!(
-            (picture.width, picture.height, picture.samples),
+            (image.width, image.height, image.samples),
             (1226, 370, Samples::Grey8)
         );
     }
@@ -162,12 +161,12 @@ fn real_desk_pair() {
         load_png(&dataset.frames[0].left).unwrap(),
         load_png(&dataset.frames[0].right).unwrap(),
     );
-    for picture in [&left, &right] {
+    for image in [&left, &right] {
         assert_eq!(
-            (picture.width, picture.height, picture.samples),
+            (image.width, image.height, image.samples),
             (960, 540, Samples::Rgb8)
         );
-        assert_eq!(picture.data.len(), 960 * 540 * 3);
+        assert_eq!(image.data.len(), 960 * 540 * 3);
     }
     assert_ne!(left.data, right.data);
     assert!(
@@ -296,7 +295,7 @@ fn asl_names_the_line() {
 
 #[test]
 fn kitti_times_follow_the_numbers() {
-    let pictures = |numbers: &[&str], sides: (&str, &str)| {
+    let images = |numbers: &[&str], sides: (&str, &str)| {
         numbers.iter().fold(Folder::new(), |folder, number| {
             folder.with(&[
                 (&format!("{}/{number}.png", sides.0), ""),
@@ -304,7 +303,7 @@ fn kitti_times_follow_the_numbers() {
             ])
         })
     };
-    let with_hole = pictures(&["000000", "000001", "000003"], ("image_2", "image_3"))
+    let with_hole = images(&["000000", "000001", "000003"], ("image_2", "image_3"))
         .with(&[("image_2/notes.txt", "")]);
     let dataset = open(with_hole.path(), Some(30.0)).unwrap();
     assert_eq!(times(&dataset), [(0, 0), (1, 33_333_333), (3, 100_000_000)]);
@@ -330,19 +329,18 @@ fn kitti_times_follow_the_numbers() {
         "line 3: found \"100000000\", expected a time after 200000000 ns",
     );
 
-    let one_sided =
-        pictures(&["000000"], ("image_0", "image_1")).with(&[("image_1/000007.png", "")]);
+    let one_sided = images(&["000000"], ("image_0", "image_1")).with(&[("image_1/000007.png", "")]);
     let error = message(open(one_sided.path(), Some(10.0)));
     assert_contains(
         &error,
         "0 only on the left and 1 only on the right, the first is number 7",
     );
-    let named = pictures(&["000000", "left"], ("image_l", "image_r"));
+    let named = images(&["000000", "left"], ("image_l", "image_r"));
     assert_contains(
         &message(open(named.path(), Some(10.0))),
         "found left.png, expected pictures named by their number",
     );
-    let doubled = pictures(&["000001", "01"], ("image_l", "image_r"));
+    let doubled = images(&["000001", "01"], ("image_l", "image_r"));
     assert_contains(
         &message(open(doubled.path(), Some(10.0))),
         "each number once",

@@ -351,15 +351,15 @@ pub fn sample_from_buffer(
             host_time: arrival,
         });
     }
-    match picture(config, bytes) {
-        Ok(picture) => Sample::Frame(RawFrame {
+    match image(config, bytes) {
+        Ok(image) => Sample::Frame(RawFrame {
             number: info.sequence.into(),
             device_ticks: info.time_ns,
             kernel_time: Some(HostTime(info.time_ns)),
             host_time: arrival,
             exposure_ns: None,
             eyes_apart_ns: None,
-            picture,
+            image,
         }),
         Err(error) => lost(error.to_string()),
     }
@@ -369,7 +369,7 @@ pub fn sample_from_buffer(
 #[derive(Debug, thiserror::Error)]
 enum BufferError {
     #[error(transparent)]
-    Picture(#[from] PictureError),
+    Image(#[from] PictureError),
     #[error(transparent)]
     Jpeg(#[from] JpegError),
     #[error("the JPEG image is {}x{}, expected {}x{} as the camera was set to", found.0, found.1, expected.0, expected.1)]
@@ -379,7 +379,7 @@ enum BufferError {
     },
 }
 
-fn picture(config: &V4l2Config, bytes: &[u8]) -> Result<Picture, BufferError> {
+fn image(config: &V4l2Config, bytes: &[u8]) -> Result<Picture, BufferError> {
     let (width, height) = (config.width, config.height);
     Ok(match config.format {
         PixelLayout::Yuyv => yuyv_to_i420(width, height, bytes)?,
@@ -396,7 +396,7 @@ fn picture(config: &V4l2Config, bytes: &[u8]) -> Result<Picture, BufferError> {
                     expected: (width, height),
                 });
             }
-            decoded.picture
+            decoded.image
         }
     })
 }
@@ -501,9 +501,9 @@ mod tests {
                         (7, 5_000_000_000, ARRIVAL)
                     );
                     assert_eq!(frame.kernel_time, Some(HostTime(5_000_000_000)));
-                    let picture = frame.picture;
-                    assert_eq!((picture.width, picture.height), (64, 48));
-                    let luma = picture.luma().expect("luma");
+                    let image = frame.image;
+                    assert_eq!((image.width, image.height), (64, 48));
+                    let luma = image.luma().expect("luma");
                     assert!(luma.iter().all(|value| value.abs_diff(90) <= 2));
                 }
                 other => panic!("{other:?}"),

@@ -184,7 +184,7 @@ impl State {
                 let (left, right) = (left.of, right.of);
                 self.bad_before(left.number, sink);
                 let host_time = left.host_time.max(right.host_time);
-                let (Some(of_left), Some(of_right)) = (&left.picture, &right.picture) else {
+                let (Some(of_left), Some(of_right)) = (&left.image, &right.image) else {
                     return sink.put(Sample::Arrival(FrameArrival {
                         number: left.number,
                         device_ticks: left.device_ticks,
@@ -192,14 +192,14 @@ impl State {
                     }));
                 };
                 match side_by_side(of_left, of_right) {
-                    Ok(picture) => sink.put(Sample::Frame(RawFrame {
+                    Ok(image) => sink.put(Sample::Frame(RawFrame {
                         number: left.number,
                         device_ticks: left.device_ticks,
                         kernel_time: left.kernel_time,
                         host_time,
                         exposure_ns: left.exposure_ns,
                         eyes_apart_ns: Some(apart_ns),
-                        picture,
+                        image,
                     })),
                     Err(error) => sink.put(lost(&left, error.to_string())),
                 }
@@ -295,7 +295,7 @@ fn with_pixels(frame: RawFrame) -> EyeFrame {
         host_time: frame.host_time,
         exposure_ns: frame.exposure_ns,
         eyes_apart_ns: frame.eyes_apart_ns,
-        picture: Some(frame.picture),
+        image: Some(frame.image),
     }
 }
 
@@ -307,7 +307,7 @@ fn without_pixels(seen: FrameArrival) -> EyeFrame {
         host_time: seen.host_time,
         exposure_ns: None,
         eyes_apart_ns: None,
-        picture: None,
+        image: None,
     }
 }
 

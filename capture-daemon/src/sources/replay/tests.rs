@@ -127,8 +127,8 @@ fn real_kitti_pairs() {
     let frames = frames(&samples);
     let at = |n: i64| (n as u64, n * 100_000_000, n * 100_000_000);
     assert_eq!(times(&frames), (0..30).map(at).collect::<Vec<_>>());
-    let picture = &frames[29].picture;
-    let luma = picture.luma().unwrap();
+    let image = &frames[29].image;
+    let luma = image.luma().unwrap();
     for (eye, file) in ["image_l/000029.png", "image_r/000029.png"]
         .iter()
         .enumerate()
@@ -138,11 +138,7 @@ fn real_kitti_pairs() {
             assert_eq!(&row[eye * 1226..][..1226], expected);
         }
     }
-    assert!(
-        picture.data[luma.len()..]
-            .iter()
-            .all(|&chroma| chroma == 128)
-    );
+    assert!(image.data[luma.len()..].iter().all(|&chroma| chroma == 128));
 }
 
 #[test]
@@ -183,7 +179,7 @@ fn real_euroc_pictures_and_imu() {
         assert_eq!(frame.device_ticks - first_ns, frame.host_time.since(START));
         let file = path.join(format!("mav0/cam1/data/{}.png", frame.device_ticks));
         let right = datasets::load_png(&file).unwrap();
-        let last_row = &frame.picture.luma().unwrap()[479 * 1504 + 752..];
+        let last_row = &frame.image.luma().unwrap()[479 * 1504 + 752..];
         assert_eq!(last_row, &right.data[479 * 752..]);
     }
     // The first picture and the first IMU sample are of one instant.
@@ -229,11 +225,11 @@ fn real_desk_pair_repeats() {
     let at = |n: i64| (n as u64, n * 66_666_667, n * 66_666_667);
     assert_eq!(times(&frames), (0..100).map(at).collect::<Vec<_>>());
     // Decoded once, shared by all.
-    let shared = frames[0].picture.data.as_ptr();
+    let shared = frames[0].image.data.as_ptr();
     assert!(
         frames
             .iter()
-            .all(|frame| frame.picture.data.as_ptr() == shared)
+            .all(|frame| frame.image.data.as_ptr() == shared)
     );
 }
 
@@ -264,7 +260,7 @@ fn numbers_and_ticks_go_on_when_pictures_repeat() {
         (11, 210, 110),
     ];
     assert_eq!(times(&frames), expected);
-    let shades: Vec<u8> = frames.iter().map(|frame| frame.picture.data[0]).collect();
+    let shades: Vec<u8> = frames.iter().map(|frame| frame.image.data[0]).collect();
     assert_eq!(shades, [1, 2, 4, 5, 1, 2, 4, 5, 1, 2]);
 
     let samples = take(&mut folder.replay(None, false), 10);
@@ -355,7 +351,7 @@ fn odd_sizes_are_made_even_by_repeating() {
     let samples = take(&mut replay, 1);
     let row = [1, 2, 3, 3, 4, 5, 6, 6];
     let expected: Vec<u8> = [&row[..], &row, &[128; 8]].concat();
-    assert_eq!(frames(&samples)[0].picture.data, expected);
+    assert_eq!(frames(&samples)[0].image.data, expected);
 
     // Colour: the repeated column is a pixel, not a byte.
     let folder = Folder::new();
@@ -363,7 +359,7 @@ fn odd_sizes_are_made_even_by_repeating() {
     folder.png("left.png", png::ColorType::Rgb, 1, &pixels);
     folder.png("right.png", png::ColorType::Rgb, 1, &pixels);
     let samples = take(&mut folder.replay(Some(1.0), false), 1);
-    let luma = frames(&samples)[0].picture.luma().unwrap().to_vec();
+    let luma = frames(&samples)[0].image.luma().unwrap().to_vec();
     assert_eq!(luma, [[255; 4], [0; 4], [255; 4], [255; 4]].concat());
 }
 
@@ -378,10 +374,7 @@ fn colour_if_any_picture_is() {
     let mut replay = folder.replay(Some(30.0), false);
     assert!(replay.info().camera.colour && !replay.info().camera.still);
     let samples = take(&mut replay, 10);
-    let data: Vec<&[u8]> = frames(&samples)
-        .iter()
-        .map(|f| &f.picture.data[..])
-        .collect();
+    let data: Vec<&[u8]> = frames(&samples).iter().map(|f| &f.image.data[..]).collect();
     let grey: Vec<u8> = [&[7; 16][..], &[128; 8]].concat();
     assert_eq!(data[0], grey);
     // JFIF: red is 76, 85, 255.

@@ -16,13 +16,13 @@ const WHITE: u8 = 235;
 
 /// The number in the left half of a stereo frame. None where there is no bar, or it cannot be read
 /// without doubt.
-pub fn read_counter(picture: &Picture) -> Option<u64> {
-    read(picture, picture.width / 2)
+pub fn read_counter(image: &Picture) -> Option<u64> {
+    read(image, image.width / 2)
 }
 
 /// The number in the picture of one eye.
-pub fn read_eye_counter(picture: &Picture) -> Option<u64> {
-    read(picture, picture.width)
+pub fn read_eye_counter(image: &Picture) -> Option<u64> {
+    read(image, image.width)
 }
 
 /// Width and height of a cell; none where an eye is too small for the bar.
@@ -62,15 +62,15 @@ pub(super) fn draw(data: &mut [u8], width: u32, height: u32, number: u64) {
     }
 }
 
-fn read(picture: &Picture, eye_width: u32) -> Option<u64> {
-    let (cell_width, cell_height) = cell(eye_width, picture.height)?;
-    let luma = picture.luma().ok()?;
+fn read(image: &Picture, eye_width: u32) -> Option<u64> {
+    let (cell_width, cell_height) = cell(eye_width, image.height)?;
+    let luma = image.luma().ok()?;
     let mut word = 0;
     for index in 0..ROWS * COLUMNS {
         let (left, top) = (index % COLUMNS * cell_width, index / COLUMNS * cell_height);
         // The outermost pixels take colour from the neighbours when compressed.
         let rows = (top + 1..top + cell_height - 1)
-            .map(|y| &luma[y * picture.width as usize + left + 1..][..cell_width - 2]);
+            .map(|y| &luma[y * image.width as usize + left + 1..][..cell_width - 2]);
         let sum: usize = rows.flatten().map(|&value| usize::from(value)).sum();
         let bit = match sum / ((cell_width - 2) * (cell_height - 2)) {
             0..=95 => 0,
@@ -97,7 +97,7 @@ mod tests {
 
     use super::*;
 
-    fn picture(width: u32, height: u32, fill: u8) -> Vec<u8> {
+    fn image(width: u32, height: u32, fill: u8) -> Vec<u8> {
         vec![fill; PixelFormat::I420.bytes(width, height).unwrap()]
     }
 
@@ -118,7 +118,7 @@ mod tests {
                 123_456_789,
                 COUNTER_MODULUS - 1,
             ] {
-                let mut data = picture(width, height, 90);
+                let mut data = image(width, height, 90);
                 draw(&mut data, width, height, number);
                 assert_eq!(
                     read_bytes(width, height, data),
@@ -127,7 +127,7 @@ mod tests {
                 );
             }
         }
-        let mut data = picture(640, 240, 90);
+        let mut data = image(640, 240, 90);
         draw(&mut data, 640, 240, COUNTER_MODULUS + 5);
         assert_eq!(read_bytes(640, 240, data), Some(5));
     }
@@ -135,15 +135,11 @@ mod tests {
     #[test]
     fn no_bar_no_number() {
         for fill in [0, 100, 128, 255] {
-            assert_eq!(
-                read_bytes(640, 240, picture(640, 240, fill)),
-                None,
-                "{fill}"
-            );
+            assert_eq!(read_bytes(640, 240, image(640, 240, fill)), None, "{fill}");
         }
-        assert_eq!(read_bytes(120, 32, picture(120, 32, 0)), None);
+        assert_eq!(read_bytes(120, 32, image(120, 32, 0)), None);
         // One cell the other way round.
-        let mut data = picture(128, 32, 90);
+        let mut data = image(128, 32, 90);
         draw(&mut data, 128, 32, 77);
         for y in 0..4 {
             for value in &mut data[y * 128 + 20..][..4] {

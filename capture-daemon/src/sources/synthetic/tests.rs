@@ -52,7 +52,7 @@ fn checksum(source: &mut Synthetic, count: usize) -> u32 {
         add(accel.map(i64::from));
     }
     for f in &frames {
-        crc.update(&f.picture.data);
+        crc.update(&f.image.data);
     }
     crc.finalize()
 }
@@ -85,7 +85,7 @@ fn without_pixels_numbers_and_times_are_the_same() {
         match source.next_sample().unwrap().unwrap() {
             Sample::Arrival(s) if i < 100 => numbers.push((s.number, s.device_ticks, s.host_time)),
             Sample::Frame(f) if i >= 100 => {
-                assert_eq!(f.picture, frames[numbers.len()].picture);
+                assert_eq!(f.image, frames[numbers.len()].image);
                 numbers.push((f.number, f.device_ticks, f.host_time));
             }
             Sample::Imu(sample) => of_imu.push(sample),
@@ -121,14 +121,10 @@ fn every_frame_shows_its_number() {
     for (width, height) in [(128, 32), (640, 240), (2560, 720)] {
         let mut source = Synthetic::new("cam", width, height, 60.0, 0.0, 9, START).unwrap();
         for frame in take(&mut source, 20).0 {
-            let picture = &frame.picture;
-            assert_eq!((picture.width, picture.height), (width, height));
-            assert_eq!(
-                read_counter(picture),
-                Some(frame.number),
-                "{width}x{height}"
-            );
-            let (left, right) = video::picture::split(picture).unwrap();
+            let image = &frame.image;
+            assert_eq!((image.width, image.height), (width, height));
+            assert_eq!(read_counter(image), Some(frame.number), "{width}x{height}");
+            let (left, right) = video::picture::split(image).unwrap();
             assert_eq!(read_eye_counter(&left), Some(frame.number));
             assert_eq!(read_eye_counter(&right), Some(frame.number));
         }
@@ -167,16 +163,16 @@ fn the_number_survives_compression() {
         let mut source = Synthetic::new("cam", width, height, 30.0, 0.0, 4, START).unwrap();
         for frame in take(&mut source, 30).0 {
             encoder
-                .push(frame.number as i64, &frame.picture, frame.number == 0)
+                .push(frame.number as i64, &frame.image, frame.number == 0)
                 .unwrap();
         }
         encoder.finish(Duration::from_secs(20)).unwrap();
         let units = units.lock().unwrap();
-        let pictures = Decoder::new(codec).decode(&units).unwrap();
-        assert_eq!(pictures.len(), 30);
-        for (number, picture) in pictures {
+        let images = Decoder::new(codec).decode(&units).unwrap();
+        assert_eq!(images.len(), 30);
+        for (number, image) in images {
             assert_eq!(
-                read_counter(&picture),
+                read_counter(&image),
                 Some(number as u64),
                 "{width}x{height}"
             );
@@ -187,7 +183,7 @@ fn the_number_survives_compression() {
 #[test]
 fn pictures_move_smoothly() {
     let (frames, _) = take(&mut camera(FaultPlan::default()), 900);
-    let luma = |i: usize| &frames[i].picture.luma().unwrap()[640 * 120..];
+    let luma = |i: usize| &frames[i].image.luma().unwrap()[640 * 120..];
     let change = |a: &[u8], b: &[u8]| {
         let sum: u64 = a
             .iter()
@@ -278,7 +274,7 @@ fn lost_frames_move_nothing_else() {
     assert_eq!(imu, whole_imu);
     for frame in &frames {
         let same = &whole[frame.number as usize];
-        assert_eq!(frame.picture, same.picture);
+        assert_eq!(frame.image, same.image);
         assert_eq!(
             (frame.device_ticks, frame.host_time),
             (same.device_ticks, same.host_time)
@@ -326,13 +322,13 @@ fn frozen_pictures_are_equal_bit_by_bit() {
     assert_eq!(numbers(&frames), (0..12).collect::<Vec<_>>());
     let shown: Vec<u64> = frames
         .iter()
-        .map(|frame| read_counter(&frame.picture).unwrap())
+        .map(|frame| read_counter(&frame.image).unwrap())
         .collect();
     assert_eq!(shown, [0, 1, 2, 3, 4, 4, 4, 4, 4, 9, 10, 11]);
     assert!(
         frames[5..9]
             .iter()
-            .all(|frame| frame.picture == frames[4].picture)
+            .all(|frame| frame.image == frames[4].image)
     );
     assert!(frames.is_sorted_by(|a, b| a.device_ticks < b.device_ticks));
 }

@@ -36,7 +36,7 @@ fn frame(eye: Eye, number: u64, time_ns: i64) -> Sample {
         Eye::Left => number as u8,
         Eye::Right => 100 + number as u8,
     };
-    let picture = Picture::new(4, 2, PixelFormat::I420, vec![grey; 12]).expect("a picture");
+    let image = Picture::new(4, 2, PixelFormat::I420, vec![grey; 12]).expect("a picture");
     Sample::Frame(RawFrame {
         number,
         device_ticks: time_ns,
@@ -44,7 +44,7 @@ fn frame(eye: Eye, number: u64, time_ns: i64) -> Sample {
         host_time: HostTime(time_ns + 5_000_000),
         exposure_ns: None,
         eyes_apart_ns: None,
-        picture,
+        image,
     })
 }
 
@@ -58,7 +58,7 @@ fn join(samples: Vec<(Eye, Sample)>) -> Vec<String> {
     joined.finish();
     let told = |sample: Sample| match sample {
         Sample::Frame(f) => {
-            let (left, right) = (f.picture.data[0], f.picture.data[4]);
+            let (left, right) = (f.image.data[0], f.image.data[4]);
             let apart_us = f.eyes_apart_ns.expect("two eyes") / 1000;
             assert_eq!(f.kernel_time, Some(HostTime(f.device_ticks)));
             format!("{}: {left} {right} {apart_us}", f.number)
