@@ -614,7 +614,7 @@ mod tests {
                 concerns: Default::default(),
                 encoders: Vec::new(),
                 machine: MachineStatus::default(),
-                sparing: String::new(),
+                degradation: String::new(),
             })
         };
         assert_eq!(code(State::Armed, 9, 0), 0);

@@ -508,7 +508,7 @@ impl Recorder {
                 .map(|c| c.encoder.clone())
                 .collect(),
             machine: self.machine.clone(),
-            sparing: step_name(self.ladder.step()).to_owned(),
+            degradation: step_name(self.ladder.step()).to_owned(),
         }
     }
 

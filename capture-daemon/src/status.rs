@@ -143,7 +143,7 @@ pub struct Status {
     pub machine: MachineStatus,
     /// What the recorder does to spare the machine; `normal` for nothing.
     #[serde(default)]
-    pub sparing: String,
+    pub degradation: String,
 }
 
 /// Missing samples of one cause.

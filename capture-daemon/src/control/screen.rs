@@ -213,7 +213,7 @@ mod tests {
             concerns: Default::default(),
             encoders: vec!["left_shoulder: x264enc".into(), "feet: x264enc".into()],
             machine: crate::status::MachineStatus::default(),
-            sparing: String::new(),
+            degradation: String::new(),
         };
         let expected = "\
 pawsd is recording, 1 min 23 s so far
@@ -244,7 +244,7 @@ note: the lenses of feet are not known
             concerns: Default::default(),
             encoders: Vec::new(),
             machine: crate::status::MachineStatus::default(),
-            sparing: String::new(),
+            degradation: String::new(),
             ..full
         };
         assert_eq!(status(&empty), "pawsd is idle\n");
@@ -266,7 +266,7 @@ note: the lenses of feet are not known
             encoders: vec![hostile.clone()],
             machine: crate::status::MachineStatus::default(),
             notes: vec![hostile.clone()],
-            sparing: String::new(),
+            degradation: String::new(),
         };
         let text = super::status(&status);
         assert_eq!(text.lines().count(), 7, "{text}");

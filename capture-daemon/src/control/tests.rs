@@ -23,7 +23,7 @@ fn status(state: State) -> Response {
             concerns: Default::default(),
             encoders: Vec::new(),
             machine: MachineStatus::default(),
-            sparing: String::new(),
+            degradation: String::new(),
         }),
     }
 }

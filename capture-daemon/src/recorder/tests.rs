@@ -897,11 +897,11 @@ fn a_machine_that_gets_too_hot_is_spared_and_then_stopped() {
             streams: Vec::new(),
         });
         let status = rig.recorder.status();
-        if delivered.last() != Some(&status.sparing) {
-            delivered.push(status.sparing.clone());
+        if delivered.last() != Some(&status.degradation) {
+            delivered.push(status.degradation.clone());
         }
         let is_hot = status.concerns.contains(&Concern::Heat);
-        assert_eq!(is_hot, status.sparing != "normal", "{status:?}");
+        assert_eq!(is_hot, status.degradation != "normal", "{status:?}");
     }
     assert_eq!(
         delivered,

@@ -206,7 +206,7 @@ mod tests {
             concerns: concerns.iter().copied().collect(),
             encoders: Vec::new(),
             machine: crate::status::MachineStatus::default(),
-            sparing: String::new(),
+            degradation: String::new(),
         };
         let phase = |state, concerns: &[Concern]| shown(&status(state, concerns), false).phase;
         assert_eq!(phase(State::Idle, &[]), Phase::Starting);
