@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_camera_comes_once() {
+    fn each_camera_is_reported_once() {
         let status = |feet: u64, left: u64| -> Status {
             serde_json::from_value(serde_json::json!({
                 "state": "idle", "seconds": 0, "alarms": [], "encoders": [],

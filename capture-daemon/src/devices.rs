@@ -304,7 +304,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_wrong_stands_out() {
+    fn problems_are_marked_in_the_text() {
         let camera = FoundCamera {
             path: "/dev/video0".to_owned(),
             name: "ZED-M".to_owned(),
@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn a_look_at_this_machine_ends() {
+    fn inventory_of_this_machine_terminates() {
         let inventory = inventory();
         let json = serde_json::to_string(&inventory).unwrap();
         assert!(json.contains("\"cameras\""));

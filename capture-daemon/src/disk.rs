@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn free_space_is_that_of_the_disk() {
+    fn free_space_is_that_of_the_file_system() {
         let folder = tempfile::tempdir().unwrap();
         let free = free_bytes(folder.path()).unwrap();
         let stat = rustix::fs::statvfs(folder.path()).unwrap();
@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn sensors_tell_millidegrees_or_nothing() {
+    fn sensor_text_is_millidegrees_or_rejected() {
         let check =
             |text: &str, expected: Option<f64>| assert_eq!(celsius(text), expected, "{text:?}");
         check("48500\n", Some(48.5));
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn the_hottest_sensor_counts() {
+    fn hottest_sensor_is_reported() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(hottest_in(folder.path()), None);
         assert_eq!(hottest_in(&folder.path().join("absent")), None);

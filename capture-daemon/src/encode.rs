@@ -305,7 +305,7 @@ impl CameraEncoder {
             Some(NOT_RUNNING.to_owned())
         } else if !wait && self.ending.len() >= MAX_ENDING_ENCODERS {
             Some(format!(
-                "{MAX_ENDING_ENCODERS} encoders hang and have not ended"
+                "{MAX_ENDING_ENCODERS} encoders are stuck and have not ended"
             ))
         } else {
             None

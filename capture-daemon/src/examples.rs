@@ -55,7 +55,10 @@ pub(crate) const EXAMPLES: Table = &[
         "mark",
         &[("pawsd mark 'the stairs'", "an event in the session")],
     ),
-    ("discard", &[("pawsd discard", "at once, without asking")]),
+    (
+        "discard",
+        &[("pawsd discard", "immediately, without a prompt")],
+    ),
     (
         "status",
         &[

@@ -200,7 +200,7 @@ pub type Out = Arc<dyn Fn(Outgoing) + Send + Sync>;
 
 /// What is wrong with a device that is gone, and why.
 fn disconnect_text(detail: &str) -> String {
-    format!("the device is gone ({detail})")
+    format!("the device is disconnected ({detail})")
 }
 
 /// The hub.
@@ -711,11 +711,11 @@ impl Hub {
     fn rate_lowered(&self, camera: usize) -> Option<&'static str> {
         let is_last = camera + 1 == self.cameras.len();
         if self.mitigations.lower_frame_rate {
-            Some("every other frame is left out, to spare the machine")
+            Some("every other frame is dropped to reduce the load on the machine")
         } else if self.load_shedder.has(Step::AllRates)
             || (is_last && self.load_shedder.has(Step::OneRate))
         {
-            Some("every other frame is left out: the machine is too slow to encode all of them")
+            Some("every other frame is dropped: the machine is too slow to encode all of them")
         } else {
             None
         }
@@ -832,7 +832,7 @@ impl CameraState {
         let alarm = self.monitor.is_too_long(at.since(self.changed));
         if alarm != self.frozen_alarm {
             self.frozen_alarm = alarm;
-            self.alarm("the picture is frozen", alarm, at, out);
+            self.alarm("the image is frozen", alarm, at, out);
         }
     }
 

@@ -346,9 +346,11 @@ fn devices(json: bool, config: Option<&Path>) -> anyhow::Result<ExitCode> {
 /// 0: everything works; 1: something does not.
 fn selftest(path: &Path, seconds: f64, report: &Path) -> anyhow::Result<ExitCode> {
     let config = Config::read(path)?;
-    let folder = config.session.out.clone().ok_or(Usage(
-        "where may the recording be made? Set out in [session]",
-    ))?;
+    let folder = config
+        .session
+        .out
+        .clone()
+        .ok_or(Usage("no folder for the recording; set out in [session]"))?;
     if std::os::unix::net::UnixStream::connect(&config.control.socket).is_ok() {
         anyhow::bail!(
             "the daemon has the cameras, and its recording would feel a test beside it: stop it first, as with \
@@ -532,7 +534,7 @@ fn encoders((width, height): (u32, u32)) -> anyhow::Result<ExitCode> {
                 works = true;
                 (
                     trial.codec.to_string(),
-                    format!("{:.0} pictures/s{preferred}", trial.pictures_per_s),
+                    format!("{:.0} frames/s{preferred}", trial.pictures_per_s),
                 )
             }
             Err(reason) => (String::new(), reason.to_string()),
@@ -572,7 +574,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_verb_has_examples_that_the_program_takes() {
+    fn every_command_has_examples_that_parse() {
         command().debug_assert();
         let wrong = command_line::examples::check(&command());
         assert!(wrong.is_empty(), "{}", wrong.join("\n"));
@@ -580,7 +582,7 @@ mod tests {
 
     /// Both crates have the rule, for neither knows of the other.
     #[test]
-    fn messages_and_recorded_names_are_shown_by_the_same_rule() {
+    fn messages_and_recorded_names_are_escaped_alike() {
         for c in '\0'..=char::MAX {
             let text = c.to_string();
             let message = output::harmless(&text);
@@ -595,7 +597,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_tells_whether_the_recording_is_whole() {
+    fn stop_exit_code_reports_completeness() {
         let code = |state, stored, missing| {
             code_of_stop(&Status {
                 state,

@@ -139,7 +139,7 @@ mod tests {
         String::from_utf8(buffer[..length].to_vec()).unwrap()
     }
 
-    fn says_everything(manager: &UnixDatagram, name: &str) {
+    fn sends_every_message(manager: &UnixDatagram, name: &str) {
         manager
             .set_read_timeout(Some(Duration::from_secs(600)))
             .unwrap();
@@ -168,7 +168,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("notify");
         let manager = UnixDatagram::bind(&path).unwrap();
-        says_everything(&manager, path.to_str().unwrap());
+        sends_every_message(&manager, path.to_str().unwrap());
     }
 
     #[test]
@@ -176,11 +176,11 @@ mod tests {
         let name = format!("pawsd-notify-test-{}", process::id());
         let manager =
             UnixDatagram::bind_addr(&SocketAddr::from_abstract_name(&name).unwrap()).unwrap();
-        says_everything(&manager, &format!("@{name}"));
+        sends_every_message(&manager, &format!("@{name}"));
     }
 
     #[test]
-    fn is_silent_without_a_manager() {
+    fn sends_nothing_without_a_manager() {
         let quiet = notify(&[]);
         quiet.ready();
         quiet.watchdog();
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn watches_only_when_asked() {
+    fn watchdog_is_used_only_when_configured() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("notify");
         let manager = UnixDatagram::bind(&path).unwrap();

@@ -134,7 +134,7 @@ impl CameraPreview {
             },
         };
         if let Some(failure) = failure {
-            log::warn!("making small pictures: {failure}");
+            log::warn!("encoding previews: {failure}");
             end_in_background(self.small.take());
             self.retry_at = Some(now + RETRY_NS);
         }
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn keeps_a_few_pictures_a_second() {
+    fn keeps_a_few_images_per_second() {
         let previews = Previews::new(1);
         assert!(previews.newest(0, HostTime(0)).is_none());
         let kept = |at: i64, degraded| {
@@ -191,14 +191,14 @@ mod tests {
                 HostTime(at * 10_000_000),
                 degraded,
             );
-            previews.newest(0, HostTime(0)).expect("a picture").0 > before
+            previews.newest(0, HostTime(0)).expect("an image").0 > before
         };
         let times: Vec<i64> = (0..100).filter(|at| kept(*at, false)).collect();
         assert_eq!(times, [0, 25, 50, 75]);
         let times: Vec<i64> = (100..500).filter(|at| kept(*at, true)).collect();
         assert_eq!(times, [100, 300]);
         let Some((number, Newest::Image(newest))) = previews.newest(0, HostTime(0)) else {
-            panic!("a picture");
+            panic!("an image");
         };
         assert_eq!((number, newest.data[0]), (6, 300_i64 as u8));
         previews.offer(7, PreviewPixels::Image(&image(0)), HostTime(0), false);

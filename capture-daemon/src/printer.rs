@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn saying_never_waits_and_news_and_the_last_line_outlast_routine() {
+    fn printing_never_waits_and_event_and_final_lines_outlast_routine_ones() {
         let (read, unread) = sync_channel(0);
         let printed = Arc::default();
         let printer = Printer::start(Unread(unread, Arc::clone(&printed))).unwrap();
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_printed_does_not_act_on_the_terminal() {
+    fn control_characters_are_escaped_in_printed_lines() {
         let (read, unread) = sync_channel(0);
         drop(read);
         let printed = Arc::default();

@@ -176,7 +176,7 @@ mod tests {
     const LONG: Duration = Duration::from_secs(600);
 
     #[test]
-    fn bounded_in_bytes_and_nothing_is_lost() {
+    fn queue_is_bounded_in_bytes_and_loses_nothing() {
         let queue = Queue::new(10);
         assert_eq!(queue.try_push("large", 100), Ok(()), "one item always fits");
         assert_eq!(queue.try_push("b", 1), Err("b"));
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn a_waiting_producer_goes_on_when_there_is_room() {
+    fn waiting_producer_continues_when_there_is_room() {
         let queue = Arc::new(Queue::new(3));
         let producer = {
             let queue = queue.clone();
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn a_waiting_consumer_is_woken_for_many_gathered_items_or_for_any_other() {
+    fn waiting_consumer_wakes_for_a_full_gather_or_any_other_item() {
         for other in [false, true] {
             let queue = Arc::new(Queue::new(1 << 20));
             let consumer = {
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn gathered_items_are_found_when_the_time_is_over() {
+    fn gathered_items_are_returned_at_the_timeout() {
         let queue = Arc::new(Queue::new(100));
         let consumer = {
             let queue = queue.clone();
@@ -263,7 +263,7 @@ mod tests {
 
     /// Gathering is no way around the bound.
     #[test]
-    fn a_gathered_item_waits_for_room() {
+    fn gathered_item_waits_for_room() {
         let queue = Arc::new(Queue::new(3));
         assert_eq!(queue.push_reserved(0, 6), Ok(()));
         let producer = {

@@ -50,7 +50,7 @@ pub fn run(config: &Config, folder: &Path, seconds: f64, stop: &StopFlag) -> Rep
     for element in video::encoder::known_elements() {
         let trial = video::discover::trial(element, 1344, 376);
         report.line(&match trial {
-            Ok(trial) => format!("{element}: {:.0} pictures/s", trial.pictures_per_s),
+            Ok(trial) => format!("{element}: {:.0} frames/s", trial.pictures_per_s),
             Err(reason) => format!("{element}: {reason}"),
         });
     }
@@ -185,7 +185,10 @@ fn record(config: &Config, folder: &Path, seconds: f64, stop: &StopFlag, report:
         Ok(reader) => examine(config, &reader, seconds, report),
     }
     if report.failures.len() > before {
-        report.line(&format!("it is kept: {}", finished.session.display()));
+        report.line(&format!(
+            "the recording is retained: {}",
+            finished.session.display()
+        ));
     } else if let Err(error) = fs::remove_dir_all(&finished.session) {
         report.line(&format!(
             "it could not be deleted: {error}: {}",

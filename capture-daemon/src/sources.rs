@@ -473,7 +473,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn calibration_files_are_named_by_camera_and_place() {
+    fn calibration_files_are_named_by_camera_and_path() {
         let name = |root: &str, file: &str| rig_file_name("feet", root.as_ref(), file.as_ref());
         assert_eq!(name("a/SN1.conf", "a/SN1.conf"), "feet.SN1.conf");
         assert_eq!(name("a", "a/K.txt"), "feet.K.txt");

@@ -125,7 +125,7 @@ fn wrong_arguments_end_with_2() {
 }
 
 #[test]
-fn a_wrong_configuration_ends_with_2_and_tells_everything() {
+fn invalid_configuration_ends_with_2_and_reports_every_problem() {
     let folder = folder_with("[session]\nchunk_sm = 500\n[disk]\nreserve_gb = -1\n");
     for command in [
         vec!["check"],
@@ -204,7 +204,7 @@ fn check_finds_errors_of_the_machine() {
 }
 
 #[test]
-fn control_without_a_daemon_says_what_to_do() {
+fn control_without_a_daemon_reports_what_to_do() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(
         folder.path().join("pawsd.toml"),
@@ -250,7 +250,7 @@ fn names_and_marks_with_control_characters_are_bad_arguments() {
 
 /// What answers at the socket may be anything.
 #[test]
-fn what_the_other_end_says_does_not_act_on_the_terminal() {
+fn control_characters_of_the_server_are_escaped() {
     let folder = tempfile::tempdir().unwrap();
     let listener = UnixListener::bind(folder.path().join("s")).unwrap();
     let answer = r#"{"result":"error","message":"no\u001b[2J\u009b2J\u202e"}"#;
@@ -340,7 +340,7 @@ fn record_prints_the_session_last() {
 }
 
 #[test]
-fn record_tells_progress_as_json() {
+fn record_reports_progress_as_json() {
     let folder = folder_with(CAMERA);
     let args = [
         "record",
@@ -383,7 +383,7 @@ fn record_tells_progress_as_json() {
 
 /// More than a pipe holds is said on standard output, and read when the recording is over.
 #[test]
-fn a_recording_does_not_wait_for_its_reader() {
+fn recording_does_not_wait_for_its_reader() {
     let folder = folder_with(&format!("session.chunk_ms = 100\n{CAMERA}"));
     let args = [
         "record",
@@ -465,7 +465,7 @@ fn a_signal_ends_a_recording_cleanly() {
 
 /// Files that are open go on after their folder is gone, and nothing would be left of them.
 #[test]
-fn a_recording_whose_folder_is_removed_fails() {
+fn recording_fails_when_its_folder_is_removed() {
     let folder = folder_with(CAMERA);
     let args = [
         "record",
@@ -570,7 +570,7 @@ fn the_daemon_is_controlled_through_its_socket() {
 
 /// It would take the cameras from a recording, or find them taken.
 #[test]
-fn a_selftest_leaves_a_daemon_alone() {
+fn selftest_does_not_disturb_a_running_daemon() {
     let folder = folder_with(&format!(
         "session.out = \"out\"\ncontrol.socket = \"socket\"\n{CAMERA}"
     ));
@@ -583,7 +583,7 @@ fn a_selftest_leaves_a_daemon_alone() {
 
 /// Who starts it at a terminal need not ask whether it is ready.
 #[test]
-fn a_daemon_says_what_it_waits_for_and_when_it_is_armed() {
+fn daemon_reports_what_it_waits_for_and_when_it_is_armed() {
     let config =
         format!("session.out = \"out\"\ncontrol.socket = \"s\"\ndisk.reserve_gb = 0\n{CAMERA}");
     let folder = folder_with(&config);

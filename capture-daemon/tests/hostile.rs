@@ -163,7 +163,7 @@ const PLACES: [(&str, &str, Option<&str>); 11] = [
 ];
 
 #[test]
-fn what_a_configuration_names_is_a_file_or_refused() {
+fn non_file_in_a_configuration_is_rejected() {
     for thing in &THINGS {
         let folder = tempfile::tempdir().expect("folder");
         let here = folder.path();
@@ -193,7 +193,7 @@ fn what_a_configuration_names_is_a_file_or_refused() {
 }
 
 #[test]
-fn faults_of_a_simulated_camera_are_a_file_or_refused() {
+fn non_file_as_fault_list_is_rejected() {
     for thing in &THINGS {
         let folder = tempfile::tempdir().expect("folder");
         let here = folder.path();
@@ -207,7 +207,7 @@ fn faults_of_a_simulated_camera_are_a_file_or_refused() {
 }
 
 #[test]
-fn a_configuration_is_a_file_or_refused() {
+fn non_file_as_configuration_is_rejected() {
     for thing in &THINGS {
         let folder = tempfile::tempdir().expect("folder");
         (thing.make)(&folder.path().join("pawsd.toml"));

@@ -140,16 +140,12 @@ impl Report {
 fn out(config: &Config, report: &mut Report) {
     report.about = "session".to_owned();
     let Some(out) = &config.session.out else {
-        report
-            .warning("out is not set; `pawsd run` needs it, `pawsd record` can be told with --out");
+        report.warning("out is not set; `pawsd run` needs it, `pawsd record` takes --out");
         return;
     };
     // A folder that is not there yet is made by the first recording.
     let Some(folder) = out.ancestors().find(|folder| folder.exists()) else {
-        report.error(format!(
-            "no folder on the way to it exists: {}",
-            out.display()
-        ));
+        report.error(format!("no parent folder exists: {}", out.display()));
         return;
     };
     match writable(folder) {
@@ -159,7 +155,7 @@ fn out(config: &Config, report: &mut Report) {
         )),
         Ok(()) if folder == out => report.ok(format!("sessions go to {}", out.display())),
         Ok(()) => report.ok(format!(
-            "sessions go to {}, which will be made",
+            "sessions go to {}, which will be created",
             out.display()
         )),
     }
@@ -169,7 +165,7 @@ fn out(config: &Config, report: &mut Report) {
     let gb = |bytes: u64| format!("{:.1} GB", bytes as f64 / 1e9);
     match disk::free_bytes(folder) {
         Err(error) => report.error(format!(
-            "free space cannot be told: {error}: {}",
+            "reading the free space: {error}: {}",
             folder.display()
         )),
         Ok(free) if free < reserve.saturating_add(disk::START_MARGIN) => report.error(format!(
@@ -206,7 +202,7 @@ fn socket(config: &Config, report: &mut Report) -> bool {
         report.warning(format!("a daemon answers already: {}", socket.display()));
     } else if kind.is_ok_and(|kind| !kind.is_socket()) {
         report.error(format!(
-            "something that is no socket lies in its place; remove it, or name another place: {}",
+            "a file that is not a socket exists at its path; remove it, or configure another path: {}",
             socket.display()
         ));
     } else if socket == Path::new(DEFAULT_SOCKET) && !folder.exists() {

@@ -190,9 +190,9 @@ fn camera(section: &mut Section<'_>, folder: &Path, position: usize) -> Option<C
 }
 
 fn source(mut section: Section<'_>, folder: &Path, position: usize) -> Option<SourceConfig> {
-    const KINDS: &str = "\"zed\" (a ZED Mini over USB), \"v4l2\" (a camera of the kernel's), \"gstreamer\" (elements), \
+    const KINDS: &str = "\"zed\" (a ZED Mini over USB), \"v4l2\" (a V4L2 camera), \"gstreamer\" (elements), \
          \"sim\" (a simulated walk), \"replay\" (a recorded data set), \"bag\" (of ROS 2), \"video\" (a file or two) or \
-         \"synthetic\" (a made-up picture)";
+         \"synthetic\" (a generated image sequence)";
     section.must_have("kind", KINDS);
     let kind = section.text("kind", KINDS, |_| true)?;
     let source = match kind.as_str() {

@@ -53,7 +53,9 @@ pub(super) fn page(mut section: Section<'_>, folder: &Path) -> Option<Page> {
     {
         section.refuse(
             "listen",
-            format_args!("is {listen}, which others can reach, expected token_file beside it"),
+            format_args!(
+                "is {listen}, which is reachable from other machines, expected token_file beside it"
+            ),
         );
     }
     section.finish();

@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn the_status_of_a_rig_fits_on_a_screen() {
+    fn status_of_a_rig_fits_on_one_screen() {
         let full = Status {
             state: State::Recording,
             session: Some("/data/a".into()),
@@ -251,7 +251,7 @@ note: the lenses of feet are not known
     }
 
     #[test]
-    fn nothing_that_others_named_makes_a_line_of_its_own() {
+    fn foreign_names_cannot_add_lines() {
         let hostile = "x\n! all is well\u{1b}[2J".to_owned();
         let status = Status {
             state: State::Armed,
@@ -280,7 +280,7 @@ note: the lenses of feet are not known
     }
 
     #[test]
-    fn durations_read_like_speech() {
+    fn durations_are_readable() {
         let check = |seconds: f64, expected: &str| assert_eq!(duration(seconds), expected);
         check(0.04, "0.0 s");
         check(59.94, "59.9 s");
@@ -292,7 +292,7 @@ note: the lenses of feet are not known
     }
 
     #[test]
-    fn a_recording_that_goes_well_is_told_in_few_lines() {
+    fn recording_without_problems_prints_few_lines() {
         let mut narrator = ProgressText::default();
         let session = PathBuf::from("/data/a");
         let at = HostTime(7 * NS_PER_S);

@@ -92,7 +92,7 @@ fn every_request_arrives_and_is_answered() {
 }
 
 #[test]
-fn garbage_is_answered_and_the_connection_goes_on() {
+fn invalid_request_is_answered_and_the_connection_stays_open() {
     let place = place();
     let _server = serve(&place.path, echo).unwrap();
     let check = |line: &[u8], expected: &str| {
@@ -119,7 +119,7 @@ fn garbage_is_answered_and_the_connection_goes_on() {
 }
 
 #[test]
-fn a_line_that_is_too_long_ends_the_connection() {
+fn overlong_line_ends_the_connection() {
     let place = place();
     let _server = serve(&place.path, echo).unwrap();
     let mut longest = format!(
@@ -148,7 +148,7 @@ fn a_line_that_is_too_long_ends_the_connection() {
 }
 
 #[test]
-fn without_a_daemon_the_client_says_what_to_do() {
+fn client_without_a_daemon_reports_what_to_do() {
     let place = place();
     let check = |what: &str| {
         let error = request(&place.path, &Request::Status).unwrap_err();
@@ -164,7 +164,7 @@ fn without_a_daemon_the_client_says_what_to_do() {
 }
 
 #[test]
-fn an_answer_from_something_else_is_refused() {
+fn answer_of_a_foreign_server_is_rejected() {
     let place = place();
     let check = |answer: &'static [u8], expected: &str| {
         let _ = fs::remove_file(&place.path);
@@ -187,7 +187,7 @@ fn an_answer_from_something_else_is_refused() {
 }
 
 #[test]
-fn a_dead_socket_is_replaced_a_live_one_is_not() {
+fn dead_socket_is_replaced_and_a_live_one_is_not() {
     let place = place();
     drop(UnixListener::bind(&place.path).unwrap());
     let server = serve(&place.path, echo).unwrap();
@@ -297,7 +297,7 @@ fn connections_with_a_request_in_hand_are_bounded() {
 
 /// Idle ones, slow ones, and ones that take no answers.
 #[test]
-fn whoever_only_holds_connections_open_keeps_nobody_from_stopping() {
+fn idle_connections_do_not_prevent_a_stop() {
     // More than a socket holds, so that whoever reads nothing is not answered to the end.
     let asks = b"{\"do\":\"mark\"}\n".repeat(100_000);
     let first = [&b""[..], b"{\"do\":\"sta", b"\n"];
@@ -331,7 +331,7 @@ fn whoever_only_holds_connections_open_keeps_nobody_from_stopping() {
 }
 
 #[test]
-fn the_longest_silent_connection_gives_way_first() {
+fn longest_silent_connection_is_closed_first() {
     let place = place();
     let _server = serve(&place.path, echo).unwrap();
     let talk = |mut stream: &UnixStream| {
@@ -349,7 +349,7 @@ fn the_longest_silent_connection_gives_way_first() {
 }
 
 #[test]
-fn a_line_that_dribbles_is_cut_off() {
+fn slow_line_is_cut_off() {
     let (mut client, server) = UnixStream::pair().unwrap();
     let clock = VirtualClock::new(HostTime(0), CivilTime(0));
     let mut line = DeadlineReader {
@@ -373,7 +373,7 @@ fn a_line_that_dribbles_is_cut_off() {
 }
 
 #[test]
-fn names_and_marks_are_held_to_the_same_as_on_the_page() {
+fn names_and_marks_follow_the_rules_of_the_page() {
     let place = place();
     let _server = serve(&place.path, echo).unwrap();
     let ask = |name: &str, text: &str| {
@@ -405,7 +405,7 @@ fn names_and_marks_are_held_to_the_same_as_on_the_page() {
 }
 
 #[test]
-fn a_handler_that_panics_takes_only_its_connection_along() {
+fn panicking_handler_ends_only_its_connection() {
     let place = place();
     let _server = serve(&place.path, |request| match request {
         Request::Stop => panic!("on purpose"),

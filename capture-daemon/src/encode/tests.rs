@@ -28,7 +28,7 @@ fn image(n: u64, width: u32, height: u32) -> Picture {
     let data = (0..size)
         .map(|i| (i as u64 * 7 + n * 13) as u8)
         .collect::<Vec<_>>();
-    Picture::new(width, height, PixelFormat::I420, data).expect("picture")
+    Picture::new(width, height, PixelFormat::I420, data).expect("image")
 }
 
 /// Frames of a camera in its own buffers.
@@ -93,7 +93,7 @@ fn encoder() -> (CameraEncoder, Seen) {
 }
 
 #[test]
-fn key_frames_stand_where_chunks_begin() {
+fn key_frames_are_at_chunk_boundaries() {
     let (mut encoder, seen) = encoder();
     for n in 0..40 {
         encoder.push_and_wait(frame(n), &image(n, 64, 32), HostTime(0));
@@ -117,7 +117,7 @@ fn key_frames_stand_where_chunks_begin() {
 
 /// x264enc takes another quality only at its start. Frames that are inside the old one come first.
 #[test]
-fn an_encoder_makes_way_for_one_of_another_quality() {
+fn encoder_is_replaced_for_another_quality() {
     let (mut encoder, seen) = encoder();
     for n in 0..40 {
         encoder.reduce_effort(EffortReduction {
@@ -143,7 +143,7 @@ fn an_encoder_makes_way_for_one_of_another_quality() {
 }
 
 #[test]
-fn a_failed_encoder_is_replaced_and_its_frames_are_reported() {
+fn failed_encoder_is_replaced_and_its_frames_are_reported() {
     let (mut encoder, seen) = encoder();
     encoder.push_and_wait(frame(0), &image(0, 64, 32), HostTime(0));
     encoder.push_and_wait(frame(1), &image(1, 32, 32), HostTime(0)); // not what it was made for
@@ -161,7 +161,7 @@ fn a_failed_encoder_is_replaced_and_its_frames_are_reported() {
 }
 
 #[test]
-fn an_encoder_that_cannot_start_costs_frames_and_is_tried_again_later() {
+fn encoder_that_cannot_start_drops_frames_and_is_retried() {
     let (mut encoder, seen) = encoder();
     encoder.settings.element = "noenc".to_owned();
     let second = 1000 * MS;
@@ -182,7 +182,7 @@ fn an_encoder_that_cannot_start_costs_frames_and_is_tried_again_later() {
 
 /// An encoder that starts and fails at its first picture costs a pipeline for each start.
 #[test]
-fn failures_in_a_row_are_retried_ever_more_slowly_and_forgiven_in_the_end() {
+fn repeated_failures_back_off_and_are_reset_after_success() {
     let (mut encoder, seen) = encoder();
     let bad = |encoder: &mut CameraEncoder, n, now| {
         encoder.push_and_wait(frame(n), &image(n, 32, 32), HostTime(now));
@@ -210,14 +210,14 @@ fn failures_in_a_row_are_retried_ever_more_slowly_and_forgiven_in_the_end() {
 }
 
 #[test]
-fn encoders_that_hang_are_not_added_to_for_ever() {
+fn number_of_stuck_encoders_is_bounded() {
     let (mut encoder, seen) = encoder();
     let (release, hang) = std::sync::mpsc::sync_channel::<()>(0);
     let hang = Arc::new(Mutex::new(hang));
     for _ in 0..MAX_ENDING_ENCODERS {
         let hang = hang.clone();
         let ending = std::thread::spawn(move || {
-            let _ = hang.lock().expect("hang").recv();
+            let _ = hang.lock().expect("stuck").recv();
         });
         encoder.ending.push(ending);
     }
@@ -244,7 +244,7 @@ fn encoders_that_hang_are_not_added_to_for_ever() {
 }
 
 #[test]
-fn what_waits_is_not_lost_while_an_encoder_is_started_again() {
+fn queued_frames_survive_an_encoder_restart() {
     let (mut encoder, seen) = encoder();
     let second = 1000 * MS;
     encoder.retry_at = HostTime(second);
@@ -267,7 +267,7 @@ fn what_waits_is_not_lost_while_an_encoder_is_started_again() {
 
 /// So that whoever drains can look after other things meanwhile, and does not wait for what may never work again.
 #[test]
-fn draining_waits_neither_for_room_nor_for_another_encoder() {
+fn draining_does_not_block() {
     let (mut encoder, seen) = encoder();
     // Encoding one takes many times as long as pushing one.
     (encoder.settings.width, encoder.settings.height) = (1344, 376);
@@ -301,7 +301,7 @@ fn draining_waits_neither_for_room_nor_for_another_encoder() {
 
 /// They cannot wait, so no queue tells that they are too many.
 #[test]
-fn native_frames_that_are_refused_count_as_a_full_queue() {
+fn rejected_native_frames_count_as_a_full_queue() {
     let (mut encoder, seen) = encoder();
     // Encoding one takes many times as long as pushing one.
     (encoder.settings.width, encoder.settings.height) = (1344, 376);
@@ -321,7 +321,7 @@ fn native_frames_that_are_refused_count_as_a_full_queue() {
 
 /// However fast frames come: each is handed on or reported, exactly once, in order.
 #[test]
-fn overload_drops_whole_frames_and_says_so() {
+fn overload_drops_and_reports_whole_frames() {
     let (mut encoder, seen) = encoder();
     // Encoding one takes many times as long as pushing one.
     (encoder.settings.width, encoder.settings.height) = (1344, 376);
@@ -348,7 +348,7 @@ fn overload_drops_whole_frames_and_says_so() {
 
 /// Frames that come faster than they are encoded wait, as far as there is room, and are then encoded in order.
 #[test]
-fn frames_wait_in_front_of_a_slow_encoder() {
+fn frames_queue_before_a_slow_encoder() {
     let (mut encoder, seen) = encoder();
     (encoder.settings.width, encoder.settings.height) = (1344, 376);
     let image = image(0, 1344, 376);
@@ -366,7 +366,7 @@ fn frames_wait_in_front_of_a_slow_encoder() {
 
 /// When nobody stores them any more, frames that still wait are reported and not encoded.
 #[test]
-fn frames_that_nobody_stores_are_not_encoded_at_the_end() {
+fn unwanted_frames_are_not_encoded_at_the_end() {
     let (mut encoder, seen) = encoder();
     (encoder.settings.width, encoder.settings.height) = (1344, 376);
     let image = image(0, 1344, 376);
@@ -384,7 +384,7 @@ fn frames_that_nobody_stores_are_not_encoded_at_the_end() {
 
 /// Overload makes it easier for the encoder where a chunk begins, and costs no frame.
 #[test]
-fn a_faster_preset_begins_with_the_next_chunk() {
+fn faster_preset_takes_effect_at_the_next_chunk() {
     let (mut encoder, seen) = encoder();
     encoder.settings.preset = Preset::Veryfast;
     for n in 0..40 {

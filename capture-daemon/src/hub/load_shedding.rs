@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn no_more_is_given_up_than_is_needed_and_nothing_is_lost() {
+    fn minimal_steps_are_taken_and_no_frame_is_lost() {
         for (speed, expected) in [
             (1.1, None),
             (0.6, Some(Step::Preset)),
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn when_the_load_is_over_everything_comes_back() {
+    fn all_steps_are_undone_when_the_load_ends() {
         let mut machine = Machine::new(5.0);
         machine.run(10.0, 0.2);
         assert_eq!(machine.load_shedder.last(), Some(Step::AllRates));
@@ -220,7 +220,7 @@ mod tests {
 
     /// A load that lasts: what is taken back has to be given up again, ever more rarely.
     #[test]
-    fn a_lasting_load_does_not_make_it_flap() {
+    fn lasting_load_does_not_flap() {
         let mut machine = Machine::new(5.0);
         machine.run(600.0, 0.6);
         let changes = machine.changes.len();
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hiccup_changes_nothing() {
+    fn short_stall_changes_nothing() {
         let mut machine = Machine::new(5.0);
         machine.run(10.0, 2.0);
         machine.run(0.4, 0.0);
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_given_up_is_left_out() {
+    fn unavailable_steps_are_omitted() {
         assert_eq!(
             LoadShedder::new(false, 1).steps,
             [Step::Quality, Step::AllRates]

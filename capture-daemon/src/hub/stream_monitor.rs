@@ -71,7 +71,7 @@ impl StreamMonitor {
         }
         if numbered.restarted {
             let text = format!(
-                "{name}: the device counts anew from {raw}, stored as {}; how many samples are \
+                "{name}: the device counter restarted at {raw}, stored as {}; the number of samples \
                  missing between cannot be known",
                 numbered.number
             );
@@ -121,7 +121,7 @@ impl StreamMonitor {
         if count > 0 {
             out(Outgoing::Notice {
                 at,
-                text: format!("{name}: samples that came late or twice, left out: {count}"),
+                text: format!("{name}: late or repeated samples, rejected: {count}"),
                 stream: name.to_owned(),
             });
         }

@@ -94,7 +94,7 @@ impl Bench {
             host_time: at,
             exposure_ns: None,
             eyes_apart_ns: None,
-            image: Picture::new(64, 32, PixelFormat::I420, data).expect("picture"),
+            image: Picture::new(64, 32, PixelFormat::I420, data).expect("image"),
         };
         self.hub.sample(0, Sample::Frame(frame), at);
     }
@@ -149,7 +149,7 @@ impl Bench {
 
 /// Were it encoded, the frames that are stored after it would refer to a frame that is not.
 #[test]
-fn a_late_or_repeated_frame_never_reaches_the_encoder() {
+fn late_or_repeated_frame_never_reaches_the_encoder() {
     let mut bench = bench();
     // The camera starts to count anew after its second frame.
     for (i, number) in [29, 30, 30, 0, 1, 2, 3, 4].into_iter().enumerate() {
@@ -167,15 +167,12 @@ fn a_late_or_repeated_frame_never_reaches_the_encoder() {
         .collect();
     assert_eq!(frames, [29, 30, 31, 32]);
     let notices = bench.notices();
-    assert!(notices[0].contains("counts anew from 3"), "{notices:?}");
-    assert_eq!(
-        notices[1],
-        "feet: samples that came late or twice, left out: 4"
-    );
+    assert!(notices[0].contains("counter restarted at 3"), "{notices:?}");
+    assert_eq!(notices[1], "feet: late or repeated samples, rejected: 4");
 }
 
 #[test]
-fn a_repeated_imu_sample_costs_no_other() {
+fn repeated_imu_sample_drops_no_other_sample() {
     let mut bench = bench();
     for (i, number) in (0..13).chain(12..40).enumerate() {
         let at = START + i as i64 * 5 * MS;
@@ -192,12 +189,12 @@ fn a_repeated_imu_sample_costs_no_other() {
     assert_eq!(next, 40);
     assert_eq!(
         bench.notices(),
-        ["feet/imu: samples that came late or twice, left out: 1"]
+        ["feet/imu: late or repeated samples, rejected: 1"]
     );
 }
 
 #[test]
-fn a_stream_that_comes_late_is_not_silent() {
+fn late_stream_is_not_silent() {
     let mut bench = bench();
     for i in 0..100 {
         let at = START + i * 50 * MS;
@@ -215,7 +212,7 @@ fn a_stream_that_comes_late_is_not_silent() {
 }
 
 #[test]
-fn a_failing_encoder_is_an_alarm() {
+fn failing_encoder_raises_an_alarm() {
     let mut bench = bench();
     bench.hub.cameras[0].setup.encoder.element = "noenc".to_owned();
     bench.hub.cameras[0].encoder = CameraEncoder::new(
@@ -243,7 +240,7 @@ fn a_failing_encoder_is_an_alarm() {
 }
 
 #[test]
-fn what_a_device_missed_while_it_was_gone_has_that_cause() {
+fn samples_missed_while_disconnected_have_that_cause() {
     let mut bench = bench();
     let at = |i: i64| START + i * 50 * MS;
     let disconnect = |bench: &mut Bench, i: i64| {
@@ -297,7 +294,7 @@ fn what_a_device_missed_while_it_was_gone_has_that_cause() {
         .iter()
         .filter_map(|item| match item {
             Outgoing::Alarm { text, active, .. }
-                if text.starts_with("feet: the device is gone (") =>
+                if text.starts_with("feet: the device is disconnected (") =>
             {
                 Some(*active)
             }
@@ -309,7 +306,7 @@ fn what_a_device_missed_while_it_was_gone_has_that_cause() {
 
 /// Else a recording that ends before the device is back would not know why there is nothing.
 #[test]
-fn what_a_device_misses_is_told_while_it_is_gone() {
+fn missed_samples_are_reported_during_the_disconnect() {
     let mut bench = bench();
     let at = |i: i64| START + i * 50 * MS;
     for i in 0..10 {
@@ -344,7 +341,7 @@ fn what_a_device_misses_is_told_while_it_is_gone() {
 
 /// Else a device that is set to another day would end the recording: no message may lie before the clock's zero.
 #[test]
-fn a_tick_from_long_ago_has_no_better_time_than_its_arrival() {
+fn tick_far_in_the_past_is_timed_by_its_arrival() {
     let mut bench = bench();
     for i in 0..80 {
         let at = START + i * 50 * MS;
@@ -356,8 +353,7 @@ fn a_tick_from_long_ago_has_no_better_time_than_its_arrival() {
             host_time: at,
             exposure_ns: None,
             eyes_apart_ns: None,
-            image: Picture::new(64, 32, PixelFormat::I420, vec![i as u8; 64 * 48])
-                .expect("picture"),
+            image: Picture::new(64, 32, PixelFormat::I420, vec![i as u8; 64 * 48]).expect("image"),
         };
         bench.hub.sample(0, Sample::Frame(raw), at);
     }
@@ -375,7 +371,7 @@ fn a_tick_from_long_ago_has_no_better_time_than_its_arrival() {
 
 /// What a driver stamps with the host's clock is a time, unless it cannot be one.
 #[test]
-fn stamps_of_the_host_are_times() {
+fn host_timestamps_are_used_as_times() {
     let mut bench = bench_with(Some(Stamped {
         latency_ns: 2 * MS,
         sigma_ns: 50_000,
@@ -403,11 +399,11 @@ fn stamps_of_the_host_are_times() {
     let maps = frame_arrival
         .iter()
         .filter(|item| matches!(item, Outgoing::Clock { map, .. } if map.latency_ns == 2 * MS));
-    assert_eq!(maps.count(), 1, "the map is told once");
+    assert_eq!(maps.count(), 1, "the map is published once");
 }
 
 #[test]
-fn a_machine_is_spared_by_leaving_out_every_other_picture() {
+fn frame_rate_mitigation_drops_every_other_frame() {
     let mut bench = bench();
     let at = |i: i64| START + i * 50 * MS;
     for i in 0..10 {
@@ -437,7 +433,7 @@ fn a_machine_is_spared_by_leaving_out_every_other_picture() {
 /// The hub may be behind when recording begins. Else what comes without pixels behind the frame that is shown would be a
 /// gap in the recording.
 #[test]
-fn what_arrived_before_somebody_stores_frames_is_not_encoded() {
+fn frames_that_arrived_before_recording_are_not_encoded() {
     let mut bench = bench();
     let at = |i: u64| START + i as i64 * 50 * MS;
     let without_pixels = |bench: &mut Bench, number: u64| {
@@ -471,7 +467,7 @@ fn what_arrived_before_somebody_stores_frames_is_not_encoded() {
 
 /// What waits when a recording is over is not what the next one begins with.
 #[test]
-fn what_waits_is_dropped_when_nobody_stores_it() {
+fn queued_frames_are_dropped_when_not_recording() {
     let mut bench = bench();
     bench.hub.waits = false;
     // An encoder that cannot be started for now.
@@ -508,7 +504,7 @@ fn what_waits_is_dropped_when_nobody_stores_it() {
 }
 
 #[test]
-fn draining_hands_on_everything_and_is_no_silence() {
+fn draining_delivers_everything_without_a_silence_alarm() {
     let mut bench = bench();
     bench.hub.waits = false;
     let at = |i: u64| START + i as i64 * 50 * MS;
@@ -539,7 +535,7 @@ fn draining_hands_on_everything_and_is_no_silence() {
 
 /// The camera goes on while its IMU is gone, and the other way round.
 #[test]
-fn camera_and_imu_are_gone_each_by_itself() {
+fn camera_and_imu_disconnect_independently() {
     let mut bench = bench();
     let at = |i: i64| START + i * 50 * MS;
     let disconnect = |bench: &mut Bench, part, i: i64| {
@@ -568,17 +564,17 @@ fn camera_and_imu_are_gone_each_by_itself() {
     assert_eq!(
         alarms,
         [
-            "true feet/imu: the device is gone (unplugged)",
-            "true feet: the device is gone (unplugged)",
-            "false feet/imu: the device is gone (unplugged)",
-            "false feet: the device is gone (unplugged)",
+            "true feet/imu: the device is disconnected (unplugged)",
+            "true feet: the device is disconnected (unplugged)",
+            "false feet/imu: the device is disconnected (unplugged)",
+            "false feet: the device is disconnected (unplugged)",
         ]
     );
 }
 
 /// Queues that grow cost quality before they cost frames, and when they are empty everything comes back.
 #[test]
-fn a_machine_that_is_too_slow_is_relieved_step_by_step() {
+fn slow_machine_sheds_load_step_by_step() {
     let mut bench = bench();
     bench.hub.waits = false;
     let mut now = START;
@@ -610,7 +606,7 @@ fn a_machine_that_is_too_slow_is_relieved_step_by_step() {
 
 /// With several cameras, and a preset that can be faster, there are four steps.
 #[test]
-fn the_last_camera_gives_up_its_rate_before_the_others_do() {
+fn last_camera_loses_its_frame_rate_before_the_others() {
     let mut cameras = vec![camera("left_shoulder"), camera("feet")];
     for camera in &mut cameras {
         camera.encoder.preset = Preset::Veryfast;
@@ -645,7 +641,7 @@ fn the_last_camera_gives_up_its_rate_before_the_others_do() {
 
 /// Armed without a pre-roll: what nobody stores is counted and timed, and no more.
 #[test]
-fn while_nobody_stores_frames_they_are_counted_and_the_first_one_afterwards_stands_alone() {
+fn idle_frames_are_counted_and_the_first_recorded_frame_is_a_key_frame() {
     let mut bench = bench();
     let at = |i: i64| START + i * 50 * MS;
     let frames = |bench: &Bench| -> Vec<(u64, bool)> {
@@ -699,6 +695,6 @@ fn while_nobody_stores_frames_they_are_counted_and_the_first_one_afterwards_stan
     let is_dropped = |item: &Outgoing| matches!(item, Outgoing::Dropped { .. });
     assert!(
         !bench.frame_arrival().iter().any(is_dropped),
-        "what nobody wanted is not missing"
+        "frames that were not requested are not missing"
     );
 }

@@ -107,7 +107,7 @@ fn cause_text(cause: Cause) -> &'static str {
         Cause::Storage => "the disk failed",
         Cause::Damaged => "found damaged",
         Cause::Late => "came too late",
-        Cause::Spared => "left out to spare the machine",
+        Cause::Spared => "dropped to reduce the load on the machine",
         Cause::MachineOverload => "the machine is too slow to take them",
     }
 }
@@ -117,7 +117,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_alarm_stands_while_samples_are_lost_and_no_longer() {
+    fn alarm_is_active_exactly_while_samples_are_lost() {
         let mut losses = Losses::default();
         assert_eq!(losses.check("feet"), []);
         losses.report(Cause::EncoderOverload);
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn another_cause_is_another_alarm() {
+    fn each_cause_has_its_own_alarm() {
         let mut losses = Losses::default();
         losses.report(Cause::WriterOverload);
         let first = losses.check("feet");
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_out_on_purpose_is_counted_and_raises_no_alarm() {
+    fn shed_samples_are_counted_without_an_alarm() {
         let mut losses = Losses::default();
         losses.report(Cause::Spared);
         losses.gap(Cause::Spared, 7);

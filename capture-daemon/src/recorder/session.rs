@@ -202,7 +202,7 @@ impl Session {
     ) -> Result<bool, WriteError> {
         let tally = &mut self.streams[stream];
         let Some(gaps) = tally.tracker.samples(first, count, start, end) else {
-            log::warn!("{}: samples from {first} came late or twice", tally.name);
+            log::warn!("{}: samples from {first} were late or repeated", tally.name);
             return Ok(false);
         };
         tally.stored += count;

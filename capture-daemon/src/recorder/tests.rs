@@ -93,7 +93,7 @@ fn rig(pre_roll_ns: i64, bench: Bench) -> Rig {
         rate_hz: 20.0,
         tick: TickLength::NANOSECOND,
         trigger: None,
-        source: "made up".to_owned(),
+        source: "synthetic".to_owned(),
         encoder: "none".to_owned(),
     };
     let setup = Setup {
@@ -102,7 +102,7 @@ fn rig(pre_roll_ns: i64, bench: Bench) -> Rig {
             name: "feet/imu".to_owned(),
             rate_hz: 200.0,
             tick: TickLength::NANOSECOND,
-            source: "made up".to_owned(),
+            source: "synthetic".to_owned(),
         }],
         calibrations: Vec::new(),
         transforms: FrameTransforms::default(),
@@ -289,7 +289,7 @@ fn idle_armed_recording_stopping_armed() {
 }
 
 #[test]
-fn right_after_a_stop_a_camera_begins_with_the_key_frame_that_is_asked_for() {
+fn camera_begins_with_a_requested_key_frame_right_after_a_stop() {
     let mut rig = rig(1000 * MS, Bench::default());
     rig.steps(13);
     started(&mut rig);
@@ -324,7 +324,7 @@ fn right_after_a_stop_a_camera_begins_with_the_key_frame_that_is_asked_for() {
 }
 
 #[test]
-fn samples_on_their_way_over_a_stop_keep_their_clock_maps() {
+fn samples_in_transit_during_a_stop_keep_their_clock_maps() {
     let mut rig = rig(1000 * MS, Bench::default());
     let map = |rig: &mut Rig, version| {
         let map = ClockMap {
@@ -387,7 +387,7 @@ fn the_pre_roll_begins_with_key_frames_from_before_the_press() {
 }
 
 #[test]
-fn without_a_pre_roll_a_session_begins_at_the_press_with_key_frames_that_are_asked_for() {
+fn session_without_pre_roll_begins_at_the_press_with_requested_key_frames() {
     let mut rig = rig(0, Bench::default());
     let map = ClockMap {
         clock: "feet".to_owned(),
@@ -407,12 +407,12 @@ fn without_a_pre_roll_a_session_begins_at_the_press_with_key_frames_that_are_ask
     let batches: Vec<ImuBatch> = rig.messages("feet/imu");
     assert_eq!(batches[0].times[0], press.0);
     let maps: Vec<ClockMap> = rig.messages("feet");
-    assert_eq!(maps.len(), 1, "its times can be told by it");
+    assert_eq!(maps.len(), 1, "its times can be mapped with it");
 }
 
 /// What the cameras still deliver after a stop, on a rig whose IMU never does, must not be there an hour later.
 #[test]
-fn what_came_after_a_stop_is_not_in_the_next_session() {
+fn samples_after_a_stop_are_not_in_the_next_session() {
     let mut rig = rig(0, Bench::default());
     let images = |rig: &mut Rig, periods| {
         for _ in 0..periods {
@@ -441,7 +441,7 @@ fn what_came_after_a_stop_is_not_in_the_next_session() {
 }
 
 #[test]
-fn a_pre_roll_is_not_taken_from_before_a_silence() {
+fn pre_roll_excludes_samples_before_a_silence() {
     let mut rig = rig(1000 * MS, Bench::default());
     rig.steps(50);
     rig.clock.advance_to(rig.now() + 60 * NS_PER_S);
@@ -453,7 +453,7 @@ fn a_pre_roll_is_not_taken_from_before_a_silence() {
 }
 
 #[test]
-fn a_stop_waits_for_frames_that_were_received_before_it_and_not_for_ever() {
+fn stop_waits_for_frames_received_before_it_with_a_limit() {
     let mut rig = rig(0, Bench::default());
     rig.steps(20);
     started(&mut rig);
@@ -547,7 +547,7 @@ fn every_loss_becomes_a_gap_with_its_cause() {
 }
 
 #[test]
-fn a_full_disk_ends_in_a_closed_session() {
+fn full_disk_ends_in_a_closed_session() {
     let bench = Bench::default();
     *bench.free.lock().expect("free") = Some(10 << 30);
     let mut rig = rig(0, bench);
@@ -574,7 +574,7 @@ fn a_full_disk_ends_in_a_closed_session() {
 /// Whatever write or sync fails, for good or once: the session can be opened, is accounted for, and
 /// the user is told.
 #[test]
-fn a_failing_disk_ends_in_a_valid_session_and_a_clear_message() {
+fn failing_disk_ends_in_a_valid_session_and_a_clear_message() {
     let run = |fault: Option<Fault>| {
         let mut rig = rig(
             0,
@@ -695,7 +695,7 @@ fn marks_health_and_alarms_are_in_the_session() {
 }
 
 #[test]
-fn a_discarded_session_is_gone() {
+fn discarded_session_is_deleted() {
     let mut rig = rig(0, Bench::default());
     rig.steps(10);
     started(&mut rig);
@@ -707,7 +707,7 @@ fn a_discarded_session_is_gone() {
 }
 
 #[test]
-fn alarms_about_the_disk_end_with_their_cause() {
+fn disk_alarms_end_with_their_cause() {
     let bench = Bench::default();
     let free = bench.free.clone();
     let set = |bytes| *free.lock().expect("free") = Some(bytes);
@@ -733,7 +733,7 @@ fn alarms_about_the_disk_end_with_their_cause() {
 /// Two failures in a row cost the last chunk; that the gap records in its place could be written must
 /// not hide it.
 #[test]
-fn what_is_lost_while_closing_is_told() {
+fn losses_while_closing_are_reported() {
     let run = |faults: Vec<Fault>| {
         let bench = Bench {
             faults,
@@ -774,7 +774,7 @@ fn what_is_lost_while_closing_is_told() {
 }
 
 #[test]
-fn after_a_failed_start_the_pre_roll_is_still_there_and_the_folder_is_not() {
+fn failed_start_keeps_the_pre_roll_and_removes_the_folder() {
     let fault = Fault {
         at: 3,
         kind: FaultKind::InputOutput,
@@ -797,7 +797,7 @@ fn after_a_failed_start_the_pre_roll_is_still_there_and_the_folder_is_not() {
 }
 
 #[test]
-fn a_pre_roll_that_takes_too_many_bytes_is_an_alarm() {
+fn pre_roll_over_the_byte_limit_is_an_alarm() {
     let mut rig = rig(10_000 * MS, Bench::default());
     let unit = Bytes::from(vec![0; LIMIT_BYTES / 20]);
     for number in 0..30 {
@@ -826,7 +826,7 @@ fn a_pre_roll_that_takes_too_many_bytes_is_an_alarm() {
 
 /// Else a camera that was never there would leave a recording of which nothing is missing.
 #[test]
-fn streams_of_which_nothing_came_are_named() {
+fn streams_without_samples_are_named() {
     let mut rig = rig(0, Bench::default());
     let absent = |rig: &Rig| {
         let progress = rig.bench.progress.lock().expect("progress");
@@ -850,14 +850,14 @@ fn the_last_recording_can_be_discarded_once() {
     let discard = |rig: &mut Rig| rig.recorder.request(Request::DiscardLast, "button");
     assert!(
         matches!(discard(&mut rig), Response::Error { .. }),
-        "none was made"
+        "none was created"
     );
     rig.steps(5);
     started(&mut rig);
     rig.steps(5);
     assert!(
         matches!(discard(&mut rig), Response::Error { .. }),
-        "it is being made"
+        "it is being created"
     );
     rig.recorder.close_now("button");
     assert_eq!(rig.bench.disks.lock().expect("disks").len(), 1);
@@ -871,13 +871,13 @@ fn the_last_recording_can_be_discarded_once() {
     assert!(rig.bench.disks.lock().expect("disks").is_empty());
     assert!(
         matches!(discard(&mut rig), Response::Error { .. }),
-        "it is gone"
+        "it no longer exists"
     );
 }
 
 /// A hot machine is told, spared, stopped before the kernel switches it off, and does not start again.
 #[test]
-fn a_machine_that_gets_too_hot_is_spared_and_then_stopped() {
+fn overheating_degrades_and_then_stops_the_recording() {
     let mut rig = rig(0, Bench::default());
     rig.steps(5);
     started(&mut rig);
@@ -920,7 +920,7 @@ fn a_machine_that_gets_too_hot_is_spared_and_then_stopped() {
 
 /// A press right after another: the encoder of a camera has not given its first frame yet.
 #[test]
-fn a_short_recording_waits_for_the_first_frame() {
+fn short_recording_waits_for_the_first_frame() {
     let mut rig = rig(0, Bench::default());
     rig.steps(20);
     started(&mut rig);
@@ -951,7 +951,7 @@ fn a_short_recording_waits_for_the_first_frame() {
 
 /// Encoders that are behind at the stop: what they still give belongs to the session, but not for ever.
 #[test]
-fn a_stop_waits_for_encoders_that_are_behind() {
+fn stop_waits_for_lagging_encoders() {
     let mut rig = rig(0, Bench::default());
     rig.steps(20);
     started(&mut rig);
@@ -992,7 +992,7 @@ fn a_stop_waits_for_encoders_that_are_behind() {
 
 /// Loss is an alarm within two seconds, says why, and is told at the end as a share of the frames.
 #[test]
-fn loss_is_an_alarm_and_a_share_of_the_frames_of_its_camera() {
+fn loss_is_an_alarm_and_a_fraction_of_the_cameras_frames() {
     let mut rig = rig(0, Bench::default());
     rig.steps(10);
     started(&mut rig);
@@ -1077,7 +1077,7 @@ fn lose(rig: &mut Rig, streams: &[&str]) {
 }
 
 #[test]
-fn a_discarded_session_takes_its_alarms_along() {
+fn discarding_a_session_clears_its_alarms() {
     let mut rig = rig(0, Bench::default());
     rig.steps(10);
     started(&mut rig);
@@ -1097,7 +1097,7 @@ fn a_discarded_session_takes_its_alarms_along() {
 
 /// The disk fails while the first of two alarms is written, which ends the session and both of them.
 #[test]
-fn no_alarm_about_losses_outlives_the_session() {
+fn loss_alarms_end_with_the_session() {
     let run = |faults: Vec<Fault>| {
         let bench = Bench {
             faults,
@@ -1144,7 +1144,7 @@ fn no_alarm_about_losses_outlives_the_session() {
 }
 
 #[test]
-fn a_session_whose_folder_is_removed_ends_with_the_next_chunk() {
+fn session_ends_with_the_next_chunk_after_its_folder_is_removed() {
     let bench = Bench::default();
     let mut rig = rig(0, bench.clone());
     rig.steps(10);
@@ -1156,7 +1156,7 @@ fn a_session_whose_folder_is_removed_ends_with_the_next_chunk() {
         rig.step();
         assert!(
             rig.now().since(removed) <= 1_000 * MS + PERIOD,
-            "it goes on"
+            "it continues"
         );
     }
     assert_eq!(rig.recorder.state(), State::Fault);
@@ -1168,7 +1168,7 @@ fn a_session_whose_folder_is_removed_ends_with_the_next_chunk() {
 }
 
 #[test]
-fn a_recording_without_lenses_says_so_when_it_starts() {
+fn recording_without_intrinsics_is_noted_at_the_start() {
     let bench = Bench::default();
     let mut rig = rig(0, bench);
     rig.recorder.start("walk", "test").expect("a session");

@@ -88,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_session_is_claimed_until_its_storage_is_gone() {
+    fn session_is_claimed_until_its_storage_is_dropped() {
         let folder = tempfile::tempdir().expect("folder");
         assert!(!is_claimed(folder.path()));
         let claimed = ClaimedStorage::new(folder.path());

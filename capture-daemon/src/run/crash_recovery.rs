@@ -105,7 +105,7 @@ mod tests {
     use crate::run::{RecordOptions, StopFlag, record};
 
     #[test]
-    fn a_session_that_was_never_closed_is_closed() {
+    fn unclosed_session_is_closed() {
         let folder = tempfile::tempdir().expect("folder");
         let text = "disk.reserve_gb = 0\nencoder.element = \"x264enc\"\n[[camera]]\nname = \"feet\"\n\
                     source = { kind = \"synthetic\", width = 128, height = 64, rate_hz = 20, imu_rate_hz = 0 }\n";
@@ -145,10 +145,10 @@ mod tests {
         assert_eq!(found, [done.session]);
         let (sender, text) = sync_channel(4);
         close(folder.path().to_owned(), found, move |text| {
-            sender.send(text).expect("told")
+            sender.send(text).expect("report")
         })
         .expect("thread");
-        let text = text.recv_timeout(Duration::from_secs(60)).expect("told");
+        let text = text.recv_timeout(Duration::from_secs(60)).expect("report");
         assert!(
             text.starts_with("an earlier recording was cut off; the 1."),
             "{text}"

@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_counts_by_name_length_and_both_ends_wherever_it_lies() {
+    fn file_digest_covers_name_length_and_both_ends_but_not_the_folder() {
         let [a, b] = [(); 2].map(|()| tempfile::tempdir().expect("folder"));
         let put = |folder: &tempfile::TempDir, name: &str, bytes: &[u8]| {
             let path = folder.path().join(name);
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_are_told_apart() {
+    fn parts_are_delimited() {
         let of = |parts: [&[u8]; 2]| {
             let mut digest = Digest::new("test");
             for part in parts {

@@ -102,7 +102,10 @@ impl OperatorActions {
         match event {
             Heard::Wished(command) => self.execute(command),
             Heard::Gone(error) => {
-                log::warn!("the button {button} is gone: {}", with_causes(&error));
+                log::warn!(
+                    "the button {button} is disconnected: {}",
+                    with_causes(&error)
+                );
             }
             Heard::Back(device) => log::info!("the button {button} is {device}"),
         }
@@ -141,7 +144,7 @@ impl OperatorActions {
                 }
             }
             Response::Error { message } => {
-                log::warn!("the button was pressed in vain: {message}");
+                log::warn!("a press of the button was rejected: {message}");
                 self.panel.play(Once::Refused);
             }
         }
@@ -192,7 +195,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_missing_camera_is_a_warning_and_no_long_start() {
+    fn missing_camera_is_a_warning_and_not_a_slow_start() {
         let status = |state, concerns: &[Concern]| Status {
             state,
             session: None,

@@ -157,7 +157,7 @@ impl Rig for PageRig {
             data: &image.data,
         };
         let small = jpeg(planes, Eyes::Left, PREVIEW_WIDTH)
-            .inspect_err(|error| log::debug!("making a small picture: {error}"))
+            .inspect_err(|error| log::debug!("encoding a preview: {error}"))
             .ok()?;
         Some(Preview {
             jpeg: small.into(),
@@ -258,7 +258,7 @@ mod tests {
 
     /// Else a daemon that starts before its network could not record.
     #[test]
-    fn a_page_that_cannot_be_served_yet_is_served_later() {
+    fn page_is_served_once_its_address_exists() {
         let taken = TcpListener::bind("127.0.0.1:0").expect("an address");
         let page = config::Page {
             listen: taken.local_addr().expect("address"),
@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn with_a_token_that_others_can_read_it_is_not_served() {
+    fn page_is_not_served_with_a_token_readable_by_others() {
         let folder = tempfile::tempdir().expect("folder");
         let token = folder.path().join("token");
         std::fs::write(&token, "0123456789abcdef").expect("token");

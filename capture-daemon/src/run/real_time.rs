@@ -846,7 +846,7 @@ mod tests {
 
     /// Neither is something new missed that came before the waiting, nor does the wait end for what was seen.
     #[test]
-    fn news_of_the_recorder_end_the_wait() {
+    fn status_change_ends_the_wait() {
         const LONG: Duration = Duration::from_secs(3600);
         const STATUS: &str =
             r#"{"state": "idle", "seconds": 0, "streams": [], "alarms": [], "encoders": []}"#;
@@ -868,7 +868,7 @@ mod tests {
 
     /// Else a stop on a slow machine would be called a failure, or killed, while it goes on.
     #[test]
-    fn whoever_asks_for_a_stop_waits_longer_than_it_takes() {
+    fn stop_clients_wait_longer_than_a_stop_takes() {
         let recorder = Duration::from_nanos(STOP_MAX_NS as u64);
         let client = control::answer_limit(&Request::Stop);
         assert!(recorder < STOP_REQUEST_LIMIT && STOP_REQUEST_LIMIT < client);
@@ -888,7 +888,7 @@ mod tests {
 
     /// Else the end of a replay on a slow machine would be taken for a thread that is stuck.
     #[test]
-    fn the_hub_comes_round_while_the_last_frames_are_encoded() {
+    fn hub_loop_keeps_running_while_the_last_frames_are_encoded() {
         const { assert!(FINISH_LIMIT.as_nanos() < WATCHDOG_NS as u128) };
         let shared = Arc::new(Shared::new(1, OUTBOX_BYTES, false, Outcome::default()));
         shared.set_recording(true);
@@ -936,7 +936,7 @@ mod tests {
                 (state >> 56) as u8
             };
             let data: Vec<u8> = (0..bytes).map(|_| next()).collect();
-            Picture::new(width, height, PixelFormat::I420, data).expect("a picture")
+            Picture::new(width, height, PixelFormat::I420, data).expect("an image")
         };
         let images = [noise(1), noise(2)];
         // Many more than have room in an encoder.
@@ -971,7 +971,7 @@ mod tests {
 
     /// A full outbox refuses the key frame too that was asked for: then the next one must be one.
     #[test]
-    fn a_key_frame_is_asked_for_until_one_gets_through() {
+    fn key_frame_is_requested_until_one_is_delivered() {
         let shared = Arc::new(Shared::new(1, 1000, false, Outcome::default()));
         let out = to_recorder(shared.clone(), vec!["feet".to_owned()]);
         let frame = |number, key| {
@@ -988,10 +988,10 @@ mod tests {
         };
         assert!(!frame(0, true), "there is room");
         assert!(frame(1, false));
-        assert!(!frame(2, false), "it was asked for");
+        assert!(!frame(2, false), "it was requested");
         assert!(frame(3, true), "it did not fit");
         while let Popped::Item(_) = shared.outbox.pop(Duration::ZERO) {}
-        assert!(!frame(4, false), "nothing to refer to, and asked for");
+        assert!(!frame(4, false), "no reference frame, and requested");
         assert!(!frame(5, true));
         let mut numbers = Vec::new();
         while let Popped::Item(item) = shared.outbox.pop(Duration::ZERO) {

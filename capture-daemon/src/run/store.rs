@@ -136,7 +136,7 @@ mod tests {
 
     /// Whoever records does not notice by itself: files that are open go on after their folder is gone.
     #[test]
-    fn a_session_whose_folder_was_removed_is_not_there() {
+    fn removed_session_folder_is_detected() {
         let folder = tempfile::tempdir().expect("folder");
         let mut store = FolderStore::random(folder.path().to_owned(), 0);
         let mut begun = || {
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn a_discarded_session_is_gone_at_once_and_its_rest_later() {
+    fn discarded_session_disappears_immediately_and_is_deleted_later() {
         let folder = tempfile::tempdir().expect("folder");
         let mut store = FolderStore::random(folder.path().to_owned(), 0);
         let (path, storage, _) = store.create(CivilTime(0)).expect("session");
@@ -164,7 +164,7 @@ mod tests {
         fs::write(path.join("video"), b"a walk").expect("file");
         store.discard(&path).expect("discarded");
         assert!(!path.exists());
-        assert!(store.discard(&path).is_err(), "it is gone already");
+        assert!(store.discard(&path).is_err(), "it no longer exists");
 
         let cut = folder.path().join(".discarded-walk");
         fs::create_dir_all(cut.join("segments")).expect("folder");

@@ -117,7 +117,7 @@ pub fn detect(path: &Path) -> Result<DatasetKind, DatasetError> {
         }),
         several => Err(DatasetError::Unrecognised {
             path: path.to_owned(),
-            found: format!("the layouts {several:?} at once"),
+            found: format!("the layouts {several:?} simultaneously"),
             expected: "one data set in the folder".to_owned(),
         }),
     }

@@ -239,7 +239,7 @@ pub(super) fn wait(watch: std::io::Result<Watch>, limit: Duration, sink: &dyn Si
                 watch = None;
                 #[expect(
                     clippy::disallowed_methods,
-                    reason = "the system has no watches left to give, and trying again at once would never end"
+                    reason = "no inotify watch is available, and an immediate retry would loop forever"
                 )]
                 std::thread::sleep(POLL_TIMEOUT);
             }
@@ -272,7 +272,7 @@ mod tests {
 
     /// Else a thread that goes before all others would try without end.
     #[test]
-    fn without_a_watch_time_is_waited_for_all_the_same() {
+    fn wait_without_inotify_still_takes_its_time() {
         let before = Clock.now();
         let limit = Duration::from_millis(150);
         wait(Err(std::io::ErrorKind::Other.into()), limit, &Clock);

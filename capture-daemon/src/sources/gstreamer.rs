@@ -221,8 +221,8 @@ fn report_dropped(lost: &LostFrames, sink: &dyn Sink) {
         Cause::NoPartner(eye) => (
             gap::Cause::Device,
             match eye {
-                Eye::Left => "the left eye's picture did not come".to_owned(),
-                Eye::Right => "the right eye's picture did not come".to_owned(),
+                Eye::Left => "the left eye's image did not arrive".to_owned(),
+                Eye::Right => "the right eye's image did not arrive".to_owned(),
             },
         ),
     };
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_come_with_the_hosts_own_times() {
+    fn frames_carry_host_times() {
         let caps = "video/x-raw,format=NV12,width=64,height=32,framerate=30/1";
         let samples = run(&format!("videotestsrc is-live=true ! {caps}"), None, 5).expect("frames");
         let (mut before, mut count) = (None, 0);
@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn two_eyes_are_one_picture() {
+    fn two_eyes_are_joined_into_one_frame() {
         let eye =
             "videotestsrc is-live=true ! video/x-raw,format=I420,width=32,height=32,framerate=30/1";
         let samples = run(eye, Some(eye), 3).expect("frames");
@@ -325,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn a_chain_that_ends_is_told_and_one_that_cannot_be_is_an_error() {
+    fn ended_chain_is_reported_and_invalid_chain_is_an_error() {
         let samples = run("videotestsrc num-buffers=0 is-live=true", None, 1).expect("an end");
         assert!(
             matches!(&samples[..], [Sample::Disconnected(gone)] if gone.detail == "the chain has come to its end"),
@@ -339,7 +339,7 @@ mod tests {
 
     /// The camera is not to blame for a reader that is too slow, and the reader not for an eye that sends nothing.
     #[test]
-    fn lost_frames_have_their_true_cause() {
+    fn dropped_frames_have_their_true_cause() {
         let sink = Kept {
             samples: Mutex::default(),
             ending: AtomicBool::new(false),
@@ -371,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_known_element_says_what_times_are_worth() {
+    fn first_known_element_determines_the_timestamp_policy() {
         assert_eq!(
             worth("foo ! zedsrc camera-sn=1 ! x"),
             policy::Policy::of("zedsrc")

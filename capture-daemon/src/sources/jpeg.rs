@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn every_sampling_gives_the_image() {
+    fn every_chroma_subsampling_decodes_to_the_image() {
         for sampling in [
             SamplingFactor::F_1_1,
             SamplingFactor::F_2_1,
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_may_be_left_out_as_cameras_do() {
+    fn huffman_tables_may_be_absent() {
         let file = encode(64, 48, ColorType::Ycbcr, SamplingFactor::F_2_1);
         let bare = without_tables(&file);
         assert!(bare.len() + 400 < file.len(), "nothing was taken out");
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_cut_off_is_an_error_and_padding_is_not() {
+    fn truncated_file_is_an_error_and_padding_is_not() {
         let file = encode(64, 48, ColorType::Ycbcr, SamplingFactor::F_2_1);
         for length in (0..file.len() - 12).step_by(7) {
             let found = decode(&file[..length]);
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn a_header_alone_allocates_nothing() {
+    fn header_alone_allocates_nothing() {
         let mut file = encode(16, 16, ColorType::Luma, SamplingFactor::F_1_1);
         let sof = file
             .windows(2)
@@ -291,7 +291,7 @@ mod tests {
 
     proptest::proptest! {
         #[test]
-        fn no_bytes_make_it_panic(at in 0_usize..2000, value: u8, cut in 0_usize..2000) {
+        fn arbitrary_bytes_never_panic(at in 0_usize..2000, value: u8, cut in 0_usize..2000) {
             let mut file = encode(32, 16, ColorType::Ycbcr, SamplingFactor::F_2_2);
             let at = at % file.len();
             file[at] = value;

@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_lost_on_one_side_is_alone_on_the_other() {
+    fn image_lost_on_one_side_leaves_the_other_unpaired() {
         let images: Vec<(Eye, i64)> = (0..30)
             .flat_map(|n| [(Eye::Left, n * 100), (Eye::Right, n * 100 + 7)])
             .filter(|image| !matches!(image, (Eye::Left, 300) | (Eye::Right, 507 | 607)))
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn few_images_wait_for_an_eye_that_is_silent() {
+    fn few_images_wait_for_a_silent_eye() {
         let mut pairs = ImagePairer::new(40);
         let mut alone = 0;
         for n in 0..10 {

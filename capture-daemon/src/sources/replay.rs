@@ -44,7 +44,7 @@ pub enum ReplayError {
     Dataset(#[from] DatasetError),
     /// A camera has one size of picture: replay the others as data sets of their own.
     #[error(
-        "replaying pictures: found {}x{}, expected {}x{} like the first one: {}",
+        "replaying images: found {}x{}, expected {}x{} like the first one: {}",
         found.0, found.1, expected.0, expected.1, path.display()
     )]
     Size {
@@ -56,7 +56,7 @@ pub enum ReplayError {
         expected: (u32, u32),
     },
     /// The picture cannot be brought into the form that encoders take.
-    #[error("converting a picture: {}", path.display())]
+    #[error("converting an image: {}", path.display())]
     Convert {
         /// The picture.
         path: PathBuf,
@@ -162,7 +162,7 @@ impl Replay {
         }
         if imu && imu_recorded && imu_info.is_none() {
             dataset.notes.push(
-                "no IMU is replayed: fewer than two samples from the first picture on".to_owned(),
+                "no IMU is replayed: fewer than two samples from the first image on".to_owned(),
             );
         }
         let info = SourceInfo {
@@ -381,7 +381,7 @@ fn read_calibration(
     if dataset.calibration_files.is_empty() {
         return (
             None,
-            vec!["no calibration lies with the data set".to_owned()],
+            vec!["the data set contains no calibration".to_owned()],
         );
     }
     match calib::read_stereo(&dataset.root, eye.width, eye.height) {

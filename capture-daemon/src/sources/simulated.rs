@@ -316,7 +316,7 @@ mod tests {
 
     /// What cannot be rendered in time is the machine's loss, not the device's, and no number is told twice or never.
     #[test]
-    fn frames_that_come_too_late_are_lost_to_the_slow_machine_one_after_the_other() {
+    fn frames_rendered_too_late_are_dropped_as_overload_in_order() {
         let settings = Settings {
             kind: Kind::Corridor,
             time: Time::Day,

@@ -72,7 +72,7 @@ const NEVER_NS: i64 = i64::MAX / 4;
 pub enum SyntheticError {
     /// The counter bar needs room, and each eye an even size.
     #[error(
-        "making up pictures: the stereo frame is {width}x{height}, expected a width that is a multiple of 4 and at \
+        "generating images: the stereo frame is {width}x{height}, expected a width that is a multiple of 4 and at \
          least 128, and an even height of at least 32"
     )]
     Size {
@@ -150,7 +150,7 @@ impl Synthetic {
         }
         if !(rate_hz > 0.0 && rate_hz <= 10_000.0) {
             return Err(SyntheticError::Rate {
-                what: "pictures",
+                what: "frames",
                 rate_hz,
                 min: "above 0",
             });

@@ -648,7 +648,7 @@ mod tests {
         Image {
             number,
             time_ns,
-            image: image.expect("a picture"),
+            image: image.expect("an image"),
         }
     }
 
@@ -664,7 +664,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_used_is_lost_in_its_place() {
+    fn unusable_image_is_dropped_at_its_number() {
         let mut account = account(40);
         account.bad.push_back((0, "no time"));
         account.single(image(1, 50));
@@ -686,7 +686,7 @@ mod tests {
 
     /// The encoder could not take it, and the recording would end with it.
     #[test]
-    fn an_image_of_another_size_is_lost_alone() {
+    fn image_of_another_size_is_dropped_alone() {
         let mut account = account(40);
         account.single(image(0, 50));
         account.single(image_of(1, 150, 4));
@@ -729,7 +729,7 @@ mod tests {
     }
 
     #[test]
-    fn two_files_that_never_pair_say_when_their_images_were_taken_and_what_mends_it() {
+    fn files_without_pairs_report_their_time_spans_and_a_remedy() {
         const MS: i64 = 1_000_000;
         let account = |within_ns: i64, later_ns: i64| {
             let max_ns = 40 * MS;
@@ -758,7 +758,7 @@ mod tests {
     }
 
     #[test]
-    fn a_right_file_of_which_nothing_can_be_used_is_no_partner() {
+    fn unusable_right_file_pairs_with_nothing() {
         let mut account = account(40);
         account.push(Eye::Left, image(0, 50));
         account.bad_right += 1;
@@ -768,7 +768,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_usable_time_keeps_its_number_and_says_why() {
+    fn image_without_usable_time_keeps_its_number_and_reports_the_reason() {
         let frame = |time_ns, damaged| FileFrame {
             time_ns,
             damaged,
@@ -792,7 +792,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_without_times_is_refused() {
+    fn file_without_times_is_rejected() {
         let folder = tempfile::tempdir().expect("folder");
         // JPEG files one after another, as some cameras write them: no rate, and a time for the first image alone.
         let mut bytes = Vec::new();
@@ -831,7 +831,7 @@ mod tests {
     }
 
     #[test]
-    fn recordings_of_other_files_or_settings_are_told_apart() {
+    fn digest_differs_for_other_files_or_settings() {
         let folder = tempfile::tempdir().expect("folder");
         let (left, right) = (folder.path().join("l.mp4"), folder.path().join("r.mp4"));
         std::fs::write(&left, b"left").expect("a file");
@@ -855,7 +855,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_video_is_refused() {
+    fn non_video_file_is_rejected() {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join("walk.mp4");
         std::fs::write(&path, b"not a video").expect("a file");

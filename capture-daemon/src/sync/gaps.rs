@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn holes_have_the_causes_that_were_reported() {
+    fn gaps_have_the_reported_causes() {
         let mut tracker = SequenceTracker::new("feet");
         assert_eq!(tracker.samples(10, 1, t(10), t(10)), Some(vec![]));
         tracker.dropped(12, 13, Cause::EncoderOverload, "full");
@@ -308,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_dropped_before_the_first_sample_is_no_gap() {
+    fn drops_before_the_first_sample_are_no_gap() {
         let mut tracker = SequenceTracker::new("feet");
         tracker.dropped(0, 4, Cause::EncoderRestart, "starting");
         assert_eq!(tracker.samples(5, 3, t(5), t(7)), Some(vec![]));
@@ -319,7 +319,7 @@ mod tests {
         /// Whatever is stored, dropped, late or repeated: from the first sample on, every number
         /// is either stored or in exactly one gap.
         #[test]
-        fn samples_and_gaps_are_every_number(
+        fn samples_and_gaps_cover_every_number(
             steps in prop::collection::vec((0_u64..60, 1_u64..5, prop::bool::ANY), 1..80)
         ) {
             let mut tracker = SequenceTracker::new("s");
@@ -353,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stream_that_only_drops_makes_one_report() {
+    fn stream_of_drops_produces_one_report() {
         let mut tracker = SequenceTracker::new("feet");
         tracker.samples(0, 1, t(0), t(0));
         for n in 1..10_000 {
@@ -399,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn after_an_absence_a_likely_counter_is_believed() {
+    fn plausible_counter_is_accepted_after_a_disconnect() {
         let resumed = |raw, missed| {
             let mut numbers = Renumber::new(None);
             numbers.number(1000);
@@ -407,7 +407,7 @@ mod tests {
             assert_eq!(numbers.number(raw + 1).number, first + 1);
             first
         };
-        assert_eq!(resumed(0, 400), 1401, "counts anew");
+        assert_eq!(resumed(0, 400), 1401, "counter restarted");
         assert_eq!(
             resumed(1400, 400),
             1400,
@@ -424,7 +424,7 @@ mod tests {
     proptest! {
         /// New numbers only grow, whatever the device counts.
         #[test]
-        fn new_numbers_only_grow(
+        fn new_numbers_are_monotonic(
             bits in prop::option::of(0_u8..=64),
             raw in prop::collection::vec(prop_oneof![0_u64..300, any::<u64>()], 1..200),
         ) {

@@ -298,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reference_is_triggered_or_slow() {
+    fn reference_is_the_triggered_or_slowest_camera() {
         let free = vec![camera(None, 33), camera(None, 100), camera(None, 50)];
         assert_eq!(FrameSetBuilder::new(free).reference(), 1);
         let triggered = vec![
@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_lost_is_in_no_set() {
+    fn lost_frames_are_in_no_set() {
         let mut builder = FrameSetBuilder::new(vec![camera(None, 40), camera(None, 40)]);
         let mut sets = Vec::new();
         for n in 0..4 {
@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn triggered_pairs_and_a_free_camera() {
+    fn triggered_pairs_and_a_free_running_camera_form_sets() {
         let cameras = vec![
             camera(Some("a"), 40),
             camera(Some("a"), 40),
@@ -355,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_frame_is_missing_and_not_replaced() {
+    fn lost_frame_is_missing_and_not_replaced() {
         let cameras = vec![camera(Some("a"), 40), camera(Some("a"), 40)];
         let frames = [
             (0, 0, 0),
@@ -377,7 +377,7 @@ mod tests {
     }
 
     #[test]
-    fn other_cameras_go_on_when_the_reference_dies() {
+    fn sets_continue_without_the_reference_camera() {
         let cameras = vec![
             camera(Some("a"), 40),
             camera(Some("a"), 40),
@@ -405,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_between_instants_make_no_sets() {
+    fn frames_between_instants_form_no_sets() {
         // Twice as fast; the reference loses a frame at 200 ms.
         let cameras = vec![camera(None, 40), camera(None, 20)];
         let mut frames: Vec<_> = (0..10)
@@ -422,7 +422,7 @@ mod tests {
     }
 
     #[test]
-    fn a_silent_camera_is_waited_for_up_to_the_horizon() {
+    fn silent_camera_is_waited_for_up_to_the_horizon() {
         let cameras = vec![camera(None, 100), camera(None, 100)];
         let mut builder = FrameSetBuilder::new(cameras);
         builder.push(1, 0, HostTime(0));
@@ -474,7 +474,7 @@ mod tests {
 
         /// Sets do not depend on which camera's frames come first.
         #[test]
-        fn delays_between_cameras_change_nothing(
+        fn sets_do_not_depend_on_delays_between_cameras(
             periods in prop::collection::vec(20_i64..120, 2..4),
             drops in prop::collection::vec((0_usize..4, 0_u64..40), 0..20),
             delays in prop::collection::vec(0_i64..400, 4),

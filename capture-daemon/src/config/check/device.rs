@@ -29,8 +29,8 @@ pub(super) fn inspect(config: &V4l2Config) -> Vec<(Level, String)> {
         findings.push((
             Level::Warning,
             format!(
-                "two devices that expose each by itself: images within {:.1} ms of each other are paired, the others are \
-                 gaps; `paws validate` says how far they were apart",
+                "two devices without a common trigger: images within {:.1} ms of each other are paired, the others are \
+                 gaps; `paws validate` reports their time differences",
                 right.within_ns as f64 * 1e-6
             ),
         ));

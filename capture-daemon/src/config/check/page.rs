@@ -52,14 +52,14 @@ fn address(page: &Page, daemon_answers: bool, report: &mut Report) {
 fn certificate(folder: &Path, report: &mut Report) {
     let Some(there) = folder.ancestors().find(|folder| folder.exists()) else {
         return report.error(format!(
-            "its certificate cannot be kept, no folder on the way exists: {}",
+            "its certificate cannot be stored, no parent folder exists: {}",
             folder.display()
         ));
     };
     match writable(there) {
-        Ok(()) => report.ok(format!("its certificate is kept in {}", folder.display())),
+        Ok(()) => report.ok(format!("its certificate is stored in {}", folder.display())),
         Err(error) => report.error(format!(
-            "its certificate cannot be kept: {error}: {}",
+            "its certificate cannot be stored: {error}: {}",
             folder.display()
         )),
     }

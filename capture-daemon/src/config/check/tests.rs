@@ -45,14 +45,14 @@ fn write_pair(folder: &Path, width: u32, height: u32) -> PathBuf {
 }
 
 #[test]
-fn a_good_configuration_has_no_errors() {
+fn valid_configuration_has_no_errors() {
     let folder = tempfile::tempdir().unwrap();
     let text = format!(
         "session.out = \"sessions\"\ncontrol.socket = \"pawsd.sock\"\ndisk.reserve_gb = 0\n{SYNTHETIC}"
     );
     let found = findings(folder.path(), &text);
     assert!(found.iter().all(|f| f.level < Level::Error), "{found:#?}");
-    expect(&found, "session", Level::Ok, "which will be made");
+    expect(&found, "session", Level::Ok, "which will be created");
     expect(&found, "disk", Level::Ok, "a recording ends at 0.0 GB");
     expect(&found, "control", Level::Ok, "pawsd.sock");
     expect(&found, "rig", Level::Warning, "no rig file");
@@ -81,7 +81,7 @@ fn a_good_configuration_has_no_errors() {
 
 /// In a clone, for any user: it needs no folders of an installed daemon.
 #[test]
-fn the_simulated_rig_that_comes_along_has_no_errors() {
+fn shipped_simulated_rig_has_no_errors() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/rigs/simulated.toml");
     let found = check(&Config::read(&path).unwrap());
     // Whether another program has the page's port, and whether the disk has room, is this machine's business.
@@ -96,7 +96,7 @@ fn the_simulated_rig_that_comes_along_has_no_errors() {
 }
 
 #[test]
-fn a_token_that_others_can_read_is_an_error() {
+fn token_readable_by_others_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let token = folder.path().join("token");
     fs::write(&token, "0123456789abcdef").unwrap();
@@ -124,7 +124,7 @@ fn a_token_that_others_can_read_is_an_error() {
 
 /// What is behind the head of a bag may be good, or not: a check does not read it.
 #[test]
-fn a_bag_that_a_look_does_not_suffice_for_is_a_warning() {
+fn bag_whose_head_is_insufficient_is_a_warning() {
     let folder = tempfile::tempdir().unwrap();
     let mut bytes = session_archive::mcap::MAGIC.to_vec();
     // A record of a kind that nobody knows, longer than is looked at.
@@ -145,7 +145,7 @@ fn a_bag_that_a_look_does_not_suffice_for_is_a_warning() {
 }
 
 #[test]
-fn everything_wrong_is_told_at_once() {
+fn all_findings_are_reported_in_one_run() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     fs::write(here.join("file"), "").unwrap();
@@ -191,7 +191,7 @@ fn everything_wrong_is_told_at_once() {
         &found,
         "camera plain",
         Level::Warning,
-        "no calibration lies with the data set",
+        "the data set contains no calibration",
     );
     expect(
         &found,
@@ -216,7 +216,7 @@ fn everything_wrong_is_told_at_once() {
 }
 
 #[test]
-fn the_rig_has_to_know_the_cameras() {
+fn cameras_missing_from_the_rig_file_are_an_error() {
     let rig = Path::new(env!("CARGO_MANIFEST_DIR")).join("../cad-transforms/rigs/example.toml");
     let folder = tempfile::tempdir().unwrap();
     let with_rig =
@@ -232,7 +232,7 @@ fn the_rig_has_to_know_the_cameras() {
 }
 
 #[test]
-fn a_running_daemon_is_noticed() {
+fn running_daemon_is_detected() {
     let folder = tempfile::tempdir().unwrap();
     let _daemon = std::os::unix::net::UnixListener::bind(folder.path().join("s")).unwrap();
     let found = findings(
@@ -248,7 +248,7 @@ fn a_running_daemon_is_noticed() {
 }
 
 #[test]
-fn a_finding_is_one_line() {
+fn finding_is_one_line() {
     let finding = Finding {
         level: Level::Warning,
         about: "camera feet".into(),
@@ -259,7 +259,7 @@ fn a_finding_is_one_line() {
 
 /// Without it, a start would find out.
 #[test]
-fn a_page_that_could_not_be_served_is_an_error() {
+fn page_that_cannot_be_served_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
@@ -293,7 +293,7 @@ fn a_page_that_could_not_be_served_is_an_error() {
 }
 
 #[test]
-fn a_socket_that_could_not_be_made_is_an_error() {
+fn socket_that_cannot_be_created_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     fs::write(here.join("file"), "").unwrap();
@@ -302,13 +302,13 @@ fn a_socket_that_could_not_be_made_is_an_error() {
         &socket("file"),
         "control",
         Level::Error,
-        "no socket lies in its place",
+        "a file that is not a socket exists at its path",
     );
 }
 
 /// A recording would be without it, however long a daemon would wait.
 #[test]
-fn a_camera_that_is_not_there_is_an_error() {
+fn absent_camera_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let text = "[[camera]]\nname = \"feet\"\n\
         source = { kind = \"v4l2\", device = \"/dev/video-that-is-not-there\", width = 128, height = 64, rate_hz = 15 }\n";

@@ -123,7 +123,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_lie_at_multiples_of_their_size_in_both_orders() {
+    fn numbers_are_aligned_in_both_byte_orders() {
         let little = [
             0, 1, 0, 0, // little-endian
             7, 0xff, 0xff, 0xff, // a byte and padding
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_an_error() {
+    fn truncated_value_is_an_error() {
         assert_eq!(
             Reader::new(&[0, 1]).err(),
             Some(CdrError::Short { missing: 2 })

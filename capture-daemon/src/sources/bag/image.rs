@@ -190,7 +190,7 @@ mod tests {
 
     /// One red and three black pixels.
     #[test]
-    fn every_layout_is_the_same_image() {
+    fn every_layout_decodes_to_the_same_image() {
         let red = rgb_to_i420(2, 2, &[200, 10, 10, 0, 0, 0, 0, 0, 0, 0, 0, 0]).expect("an image");
         let rgb = [200, 10, 10, 0, 0, 0, 9, 9, 0, 0, 0, 0, 0, 0];
         let bgr = [10, 10, 200, 0, 0, 0, 9, 9, 0, 0, 0, 0, 0, 0];
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_used_says_so() {
+    fn unusable_image_reports_the_reason() {
         let error =
             |encoding, step, data: &[u8]| plain(&of(encoding, step, data)).expect_err("no image");
         let bayer = error("bayer_rggb8", 2, &[0; 4]);

@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn layouts_are_those_of_the_package() {
+    fn message_layouts_match_sensor_msgs() {
         let bytes = image_bytes();
         assert_eq!(stamp(&bytes), Ok(Some(5_000_000_007)));
         let expected = Image {
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_there_is_said() {
+    fn absent_values_are_errors() {
         let mut bytes = image_bytes();
         bytes[4..12].fill(0);
         assert_eq!(stamp(&bytes), Ok(None));
@@ -211,7 +211,7 @@ mod tests {
     proptest! {
         /// Any bytes give a message or an error, and what is given lies within them.
         #[test]
-        fn any_bytes_are_read_without_harm(mut bytes in prop::collection::vec(any::<u8>(), 0..400), plain: bool) {
+        fn arbitrary_bytes_never_panic(mut bytes in prop::collection::vec(any::<u8>(), 0..400), plain: bool) {
             if let (true, [a, b, ..]) = (plain, &mut bytes[..]) {
                 (*a, *b) = (0, 1);
             }
@@ -222,7 +222,7 @@ mod tests {
         }
 
         #[test]
-        fn damaged_messages_are_read_without_harm(at in 0_usize..60, value: u8) {
+        fn damaged_messages_never_panic(at in 0_usize..60, value: u8) {
             let mut bytes = image_bytes();
             let at = at % bytes.len();
             bytes[at] = value;

@@ -183,7 +183,7 @@ fn samples(mut bag: Bag) -> Vec<Sample> {
 
 /// What tells recordings of bags in virtual time apart.
 #[test]
-fn bags_are_told_apart_by_what_is_in_them() {
+fn digest_of_a_bag_depends_on_its_content() {
     let [here, there] = [(); 2].map(|()| tempfile::tempdir().expect("folder"));
     let digest = |folder: &tempfile::TempDir, file: File, change: &dyn Fn(&mut BagConfig)| {
         let path = folder.path().join("walk.mcap");
@@ -219,7 +219,7 @@ fn frames(samples: &[Sample]) -> (Vec<u64>, Vec<(u64, String)>) {
 }
 
 #[test]
-fn everything_comes_at_its_own_time() {
+fn samples_arrive_at_their_recorded_times() {
     let bag = open(walk(|_, _| None)).expect("a bag");
     let info = bag.info().clone();
     assert_eq!((info.camera.width, info.camera.height), (16, 4));
@@ -285,7 +285,7 @@ fn without_pixels_numbers_and_times_are_the_same() {
 }
 
 #[test]
-fn what_cannot_be_used_keeps_its_number_and_says_why() {
+fn unusable_image_keeps_its_number_and_reports_the_reason() {
     let at = |n: i64| 100_000 * MS + n * 100 * MS;
     let bag = open(walk(|topic, n| match (topic, n) {
         ("left", 2) => Some(grey(0, 0)),
@@ -339,7 +339,7 @@ fn what_cannot_be_used_keeps_its_number_and_says_why() {
 }
 
 #[test]
-fn what_is_known_at_the_start_is_refused_at_the_start() {
+fn unusable_bag_is_rejected_when_opened() {
     let at = |n: i64| 100_000 * MS + n * 100 * MS;
     let error = |file| open(file).err().expect("an error").to_string();
     let missing = error(walk(|topic, _| (topic == "left").then(|| grey(0, 0))));
@@ -416,7 +416,7 @@ fn other_storages_name_the_command_that_converts_them() {
 }
 
 #[test]
-fn chunks_may_be_packed_and_damaged_ones_are_left_out() {
+fn compressed_chunks_are_read_and_damaged_ones_skipped() {
     let at = |n: i64| 100_000 * MS + n * 100 * MS;
     let build = |pack: &dyn Fn(usize, &[u8]) -> Vec<u8>| {
         let mut file = File::new();
@@ -467,7 +467,7 @@ fn chunks_may_be_packed_and_damaged_ones_are_left_out() {
 }
 
 #[test]
-fn a_file_that_is_cut_off_is_replayed_up_to_the_cut() {
+fn truncated_file_is_replayed_up_to_the_cut() {
     let folder = tempfile::tempdir().expect("folder");
     let path = folder.path().join("walk.mcap");
     walk(|_, _| None).write(&path);
@@ -488,7 +488,7 @@ fn a_file_that_is_cut_off_is_replayed_up_to_the_cut() {
 
 /// A check looks at the head of a file alone: what is behind it is neither read nor judged.
 #[test]
-fn the_head_of_a_bag_is_opened_as_if_it_were_all() {
+fn head_of_a_bag_is_opened_like_a_whole_bag() {
     use std::os::unix::fs::FileExt as _;
 
     let folder = tempfile::tempdir().expect("folder");
@@ -527,7 +527,7 @@ fn the_head_of_a_bag_is_opened_as_if_it_were_all() {
 
 /// Whether images that a head does not reach can be used, it cannot tell.
 #[test]
-fn a_head_without_images_says_that_it_is_one() {
+fn head_without_images_is_reported_as_a_head() {
     let folder = tempfile::tempdir().expect("folder");
     let path = folder.path().join("walk.mcap");
     let mut file = File::new();
@@ -550,7 +550,7 @@ fn a_head_without_images_says_that_it_is_one() {
 }
 
 #[test]
-fn what_is_no_plain_file_is_refused_at_once() {
+fn non_plain_file_is_rejected_immediately() {
     let error = Bag::open("feet", &config(Path::new("/dev/null")), HostTime(0));
     let error = with_causes(&error.err().expect("an error"));
     assert!(
@@ -562,7 +562,7 @@ fn what_is_no_plain_file_is_refused_at_once() {
 proptest::proptest! {
     /// A byte that is another one costs a message at most, or the bag; never the program.
     #[test]
-    fn a_damaged_file_is_replayed_or_refused(at in 0_usize..100_000, value: u8) {
+    fn damaged_file_is_replayed_or_rejected(at in 0_usize..100_000, value: u8) {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join("walk.mcap");
         walk(|_, _| None).write(&path);

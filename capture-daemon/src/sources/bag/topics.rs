@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn what_can_only_be_meant_is_found() {
+    fn unambiguous_topics_are_found() {
         let of = |topics: &[(&str, Kind)]| {
             choose(
                 &config(BagImages::Found, None),
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_named_must_be_there_and_of_its_kind() {
+    fn named_topic_must_exist_and_have_the_right_type() {
         let streams = streams(&[
             ("/a", Kind::Image),
             ("/b", Kind::Image),

@@ -112,7 +112,7 @@ impl Camera {
         if let [first, ..] = absent.as_slice() {
             let camera = folder.file_name().unwrap_or_default().display();
             notes.push(format!(
-                "{camera}/data.csv lists {rows} pictures, {} of them are not on disk and left out, the first is {first}",
+                "{camera}/data.csv lists {rows} images, {} of them are not on disk and left out, the first is {first}",
                 absent.len()
             ));
         }

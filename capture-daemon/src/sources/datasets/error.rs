@@ -39,8 +39,8 @@ pub enum DatasetError {
     },
     /// Pictures of one eye have none of the other: complete the data set or remove them.
     #[error(
-        "pairing pictures: {left_only} only on the left and {right_only} only on the right, the first is {first}; \
-         expected every picture on both sides: {} and {}", left.display(), right.display()
+        "pairing images: {left_only} only on the left and {right_only} only on the right, the first is {first}; \
+         expected every image on both sides: {} and {}", left.display(), right.display()
     )]
     Unpaired {
         /// Pictures without a right one.
@@ -55,13 +55,13 @@ pub enum DatasetError {
         right: PathBuf,
     },
     /// There is no picture to replay.
-    #[error("listing pictures: found none, expected at least one: {}", path.display())]
+    #[error("listing images: found none, expected at least one: {}", path.display())]
     Empty {
         /// The folder or list.
         path: PathBuf,
     },
     /// What was looked at does not suffice to tell; a recording reads all of it.
-    #[error("looking at the first 1 MiB of a list, which is all that a check reads: found no picture on disk: {}", path.display())]
+    #[error("reading the first 1 MiB of a list, which is all that a check reads: found no image on disk: {}", path.display())]
     Head {
         /// The list.
         path: PathBuf,
@@ -81,7 +81,7 @@ pub enum DatasetError {
         rate_hz: f64,
     },
     /// The picture cannot be used: convert it or restore the file.
-    #[error("loading a picture: found {found}, expected {expected}: {}", path.display())]
+    #[error("loading an image: found {found}, expected {expected}: {}", path.display())]
     Image {
         /// The file.
         path: PathBuf,

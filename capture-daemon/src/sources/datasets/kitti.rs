@@ -69,7 +69,7 @@ pub(super) fn open(
         && last - first + 1 != left.len() as u64
     {
         notes.push(format!(
-            "of the pictures {first} to {last}, {} are absent",
+            "of the images {first} to {last}, {} are absent",
             last - first + 1 - left.len() as u64
         ));
     }
@@ -97,7 +97,7 @@ pub(super) fn open(
                 path: times_file.clone(),
                 line: times_ns.len() + 1,
                 found: "the end of the file".to_owned(),
-                expected: format!("a time for picture {number}"),
+                expected: format!("a time for image {number}"),
             }),
         (None, Some(rate_hz)) => Ok(time_at(number, rate_hz)),
         (None, None) => Err(DatasetError::NeedsRate {
@@ -156,7 +156,7 @@ fn images(folder: &Path) -> Result<BTreeMap<u64, PathBuf>, DatasetError> {
             return Err(DatasetError::Unrecognised {
                 path: folder.to_owned(),
                 found: name,
-                expected: "pictures named by their number, each number once, as in 000000.png"
+                expected: "images named by their number, each number once, as in 000000.png"
                     .to_owned(),
             });
         }

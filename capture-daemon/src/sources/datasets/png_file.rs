@@ -147,7 +147,7 @@ fn begin<R: BufRead + Seek>(
         return Err(refuse(
             path,
             "16 bits per sample".to_owned(),
-            "8 bits (convert the picture first)",
+            "8 bits (convert the image first)",
         ));
     }
     if u64::from(width) * u64::from(height) > MAX_PIXELS {
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn sixteen_bits_and_damage_are_refused() {
+    fn sixteen_bits_and_damage_are_rejected() {
         let sixteen = encode(1, 1, ColorType::Grayscale, BitDepth::Sixteen, &[1, 2]);
         let error = load(&sixteen).unwrap_err().to_string();
         assert!(
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn a_header_alone_allocates_nothing() {
+    fn header_alone_allocates_nothing() {
         let mut bytes = encode(1, 1, ColorType::Grayscale, BitDepth::Eight, &[1]);
         bytes[16..24].copy_from_slice(&[0x00, 0x10, 0, 0, 0x00, 0x10, 0, 0]); // 1048576 x 1048576
         let crc = crc32fast::hash(&bytes[12..29]);

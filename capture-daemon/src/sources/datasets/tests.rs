@@ -47,7 +47,7 @@ fn times(dataset: &StereoDataset) -> Vec<(u64, i64)> {
 }
 
 #[test]
-fn real_euroc_pictures_and_imu() {
+fn real_euroc_images_and_imu() {
     let Some(path) = shared("03_stereo_imu/euroc_V1_01_micro") else {
         return;
     };
@@ -64,11 +64,11 @@ fn real_euroc_pictures_and_imu() {
     assert_eq!(dataset.notes.len(), 2);
     assert_contains(
         &dataset.notes[0],
-        "cam0/data.csv lists 95 pictures, 75 of them are not on disk",
+        "cam0/data.csv lists 95 images, 75 of them are not on disk",
     );
     assert_contains(
         &dataset.notes[1],
-        "cam1/data.csv lists 99 pictures, 79 of them are not on disk",
+        "cam1/data.csv lists 99 images, 79 of them are not on disk",
     );
     let names: Vec<_> = dataset
         .calibration_files
@@ -238,7 +238,7 @@ fn asl_pairs_by_equal_stamps() {
 }
 
 #[test]
-fn asl_names_the_line() {
+fn asl_error_names_the_line() {
     let good = ["100", "200"];
     let check = |file: &str, text: &str, expected: &str| {
         let folder = asl((&good, &good), (&good, &good)).with(&[(file, text)]);
@@ -307,7 +307,7 @@ fn kitti_times_follow_the_numbers() {
         .with(&[("image_2/notes.txt", "")]);
     let dataset = open(with_hole.path(), Some(30.0)).unwrap();
     assert_eq!(times(&dataset), [(0, 0), (1, 33_333_333), (3, 100_000_000)]);
-    assert_eq!(dataset.notes, ["of the pictures 0 to 3, 1 are absent"]);
+    assert_eq!(dataset.notes, ["of the images 0 to 3, 1 are absent"]);
 
     let stamped = with_hole.with(&[(
         "times.txt",
@@ -321,7 +321,7 @@ fn kitti_times_follow_the_numbers() {
     let short = stamped.with(&[("times.txt", "0\n0.1\n0.2\n")]);
     assert_contains(
         &message(open(short.path(), None)),
-        "line 4: found \"the end of the file\", expected a time for picture 3",
+        "line 4: found \"the end of the file\", expected a time for image 3",
     );
     let falling = short.with(&[("times.txt", "0\n0.2\n0.1\n0.3\n")]);
     assert_contains(
@@ -338,7 +338,7 @@ fn kitti_times_follow_the_numbers() {
     let named = images(&["000000", "left"], ("image_l", "image_r"));
     assert_contains(
         &message(open(named.path(), Some(10.0))),
-        "found left.png, expected pictures named by their number",
+        "found left.png, expected images named by their number",
     );
     let doubled = images(&["000001", "01"], ("image_l", "image_r"));
     assert_contains(
@@ -348,7 +348,7 @@ fn kitti_times_follow_the_numbers() {
 }
 
 #[test]
-fn plain_folders_pair_in_order() {
+fn plain_folders_are_paired_in_order() {
     let folder = Folder::new().with(&[
         ("left/b.png", ""),
         ("left/a.png", ""),
@@ -392,7 +392,7 @@ fn plain_folders_pair_in_order() {
 
 /// A check reads the head of each list: what a list says behind it is neither read nor missed.
 #[test]
-fn of_long_lists_a_head_is_enough_for_a_look() {
+fn head_of_a_long_list_is_sufficient_for_a_check() {
     const LINES: u64 = 100_000;
     // Behind the head a line that makes no sense.
     let list = |line: &dyn Fn(u64) -> String| -> String {
@@ -458,7 +458,7 @@ fn of_long_lists_a_head_is_enough_for_a_look() {
 }
 
 #[test]
-fn layouts_are_told_apart() {
+fn layouts_are_distinguished() {
     let error = message(open(Path::new("no/such/folder"), Some(10.0)));
     assert_contains(
         &error,
@@ -476,7 +476,7 @@ fn layouts_are_told_apart() {
     ]);
     assert_contains(
         &message(open(both.path(), Some(10.0))),
-        "found the layouts [Folders, Pair] at once",
+        "found the layouts [Folders, Pair] simultaneously",
     );
     for rate in [0.0, -1.0, 1e7, f64::NAN, f64::INFINITY] {
         assert!(matches!(

@@ -163,7 +163,7 @@ fn start(config: &V4l2Config, sink: &dyn Sink) -> Result<Stream, StartError> {
         notice(
             sink,
             format!(
-                "the driver gives {} buffers, asked for {}",
+                "the driver provides {} buffers, expected {}",
                 stream.buffers(),
                 config.buffers
             ),
@@ -314,9 +314,12 @@ impl OverrunDetector {
 /// Why a buffer cannot be used, by what the driver says of it.
 fn fault(info: &FrameInfo) -> Option<String> {
     if info.corrupt {
-        Some("the driver says that the picture is damaged".to_owned())
+        Some("the driver reports a damaged image".to_owned())
     } else if info.short {
-        Some(format!("only {} bytes of a picture came", info.bytes_used))
+        Some(format!(
+            "only {} bytes of an image arrived",
+            info.bytes_used
+        ))
     } else if info.time_ns <= 0 {
         Some("the driver gives no time stamp".to_owned())
     } else {
@@ -421,7 +424,7 @@ mod tests {
 
     /// Three of four buffers at 10 Hz: 150 ms.
     #[test]
-    fn frames_that_were_not_taken_in_time_are_the_machines_fault() {
+    fn frames_not_dequeued_in_time_are_dropped_as_overload() {
         let mut overruns = OverrunDetector::new(4, 10.0);
         const MS: i64 = 1_000_000;
         assert!(overruns.frame(7, 5 * MS).is_empty());
@@ -487,7 +490,7 @@ mod tests {
     }
 
     #[test]
-    fn a_buffer_of_motion_jpeg_is_a_frame() {
+    fn motion_jpeg_buffer_is_a_frame() {
         let file = grey_file(64, 48, 90);
         let config = config(PixelLayout::Mjpeg, 64, 48);
         // Padded, as drivers hand it over.
@@ -517,7 +520,7 @@ mod tests {
     }
 
     #[test]
-    fn motion_jpeg_of_another_size_or_damaged_is_a_lost_frame() {
+    fn motion_jpeg_of_another_size_or_damaged_is_a_dropped_frame() {
         let file = grey_file(64, 48, 90);
         for (width, height) in [(32, 48), (64, 46), (128, 48)] {
             let config = config(PixelLayout::Mjpeg, width, height);
@@ -553,7 +556,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_driver_says_of_a_buffer_comes_first() {
+    fn driver_flags_take_precedence() {
         let bytes = [90; 64 * 48 * 2];
         let config = config(PixelLayout::Yuyv, 64, 48);
         let of = |change: fn(&mut FrameInfo), pixels_needed| {
@@ -574,19 +577,19 @@ mod tests {
             }
             assert_eq!(
                 loss_reason(of(|info| info.corrupt = true, pixels_needed)),
-                "the driver says that the picture is damaged"
+                "the driver reports a damaged image"
             );
             let short: fn(&mut FrameInfo) = |info| (info.short, info.bytes_used) = (true, 12);
             assert_eq!(
                 loss_reason(of(short, pixels_needed)),
-                "only 12 bytes of a picture came"
+                "only 12 bytes of an image arrived"
             );
         }
     }
 
     /// As v4l2-ctl has them.
     #[test]
-    fn controls_are_called_as_in_the_configuration() {
+    fn control_names_match_the_configuration() {
         for (name, expected) in [
             ("Brightness", "brightness"),
             ("White Balance, Automatic", "white_balance_automatic"),

@@ -126,7 +126,7 @@ pub(super) fn prepare(camera: &Camera, sink: &dyn Sink) -> Result<Vec<String>, C
     }
     let (mut unit, mut time) = (camera.clone(), Waiting(sink));
     if let Err(error) = set_auto_exposure(&mut unit, &mut time, true) {
-        failures.push(format!("exposure was not made automatic: {error}"));
+        failures.push(format!("setting automatic exposure: {error}"));
     }
     Ok(failures)
 }
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn the_one_that_is_meant_is_found() {
+    fn configured_camera_is_found() {
         let numbers = |path: &Path| match path.to_str() {
             Some("/dev/video0") => Ok(111),
             Some("/dev/video2") => Ok(222),

@@ -142,7 +142,7 @@ fn real_kitti_pairs() {
 }
 
 #[test]
-fn real_euroc_pictures_and_imu() {
+fn real_euroc_images_and_imu() {
     let Some(path) = shared("03_stereo_imu/euroc_V1_01_micro") else {
         return;
     };
@@ -234,7 +234,7 @@ fn real_desk_pair_repeats() {
 }
 
 #[test]
-fn numbers_and_ticks_go_on_when_pictures_repeat() {
+fn numbers_and_ticks_continue_when_images_repeat() {
     // Row 2 was never on disk: a lost frame. Intervals are 10, 20, 10: the median is 10.
     let rows = [
         (100, Some(1)),
@@ -268,7 +268,7 @@ fn numbers_and_ticks_go_on_when_pictures_repeat() {
 }
 
 #[test]
-fn rows_before_the_first_picture_are_no_loss() {
+fn rows_before_the_first_image_are_no_loss() {
     let folder = Folder::asl(
         &[(100, None), (110, None), (120, Some(3)), (130, Some(4))],
         "",
@@ -278,7 +278,7 @@ fn rows_before_the_first_picture_are_no_loss() {
 }
 
 #[test]
-fn imu_runs_once_from_the_first_picture() {
+fn imu_runs_once_from_the_first_image() {
     let line = |stamp: i64| format!("{stamp},0.1,-2.5e-3,3,4,-0,9.81\n");
     let list: String = (0..10).map(|i| line(80 + 5 * i)).collect();
     let folder = Folder::asl(&[(100, Some(1)), (110, Some(2))], &list);
@@ -328,7 +328,7 @@ fn imu_runs_once_from_the_first_picture() {
 }
 
 #[test]
-fn begins_where_it_is_told() {
+fn begins_at_the_configured_start() {
     let folder = Folder::asl(&[(100, Some(1)), (110, Some(2))], "");
     let mut replay = folder.replay(None, false);
     replay.begin_at(HostTime(-7));
@@ -341,7 +341,7 @@ fn begins_where_it_is_told() {
 }
 
 #[test]
-fn odd_sizes_are_made_even_by_repeating() {
+fn odd_sizes_are_padded_by_repetition() {
     let folder = Folder::new();
     folder.png("left.png", png::ColorType::Grayscale, 3, &[1, 2, 3]);
     folder.png("right.png", png::ColorType::Grayscale, 3, &[4, 5, 6]);
@@ -364,7 +364,7 @@ fn odd_sizes_are_made_even_by_repeating() {
 }
 
 #[test]
-fn colour_if_any_picture_is() {
+fn color_if_any_image_has_color() {
     let folder = Folder::new();
     folder.flat("left/0.png", 7);
     folder.flat("right/0.png", 7);
@@ -384,7 +384,7 @@ fn colour_if_any_picture_is() {
 }
 
 #[test]
-fn what_cannot_be_replayed_is_refused_at_the_door() {
+fn unusable_data_set_is_rejected_when_opened() {
     let check = |folder: &Folder, rate_hz: Option<f64>, expected: &str, file: &str| {
         let error = Replay::open("cam", folder.path(), rate_hz, false, true, START)
             .err()
@@ -410,7 +410,7 @@ fn what_cannot_be_replayed_is_refused_at_the_door() {
         "found 2x4, expected 4x2 like the first one",
         "right.png",
     );
-    pair.write("right.png", b"no picture");
+    pair.write("right.png", b"no image");
     check(&pair, Some(1.0), "expected a whole PNG file", "right.png");
 
     let ages = Folder::asl(&[(i64::MIN, Some(1)), (i64::MAX, Some(2))], "");
@@ -425,7 +425,7 @@ fn what_cannot_be_replayed_is_refused_at_the_door() {
 }
 
 #[test]
-fn damage_found_late_names_camera_and_file() {
+fn late_damage_names_camera_and_file() {
     let folder = Folder::new();
     folder.flat("left/0.png", 1);
     folder.flat("right/0.png", 1);
@@ -461,12 +461,12 @@ fn damage_found_late_names_camera_and_file() {
 }
 
 #[test]
-fn a_calibration_that_cannot_be_read_is_noted_and_kept() {
+fn unreadable_calibration_is_noted_and_stored() {
     let folder = Folder::new();
     folder.flat("left.png", 1);
     folder.flat("right.png", 1);
     let replay = folder.replay(Some(1.0), false);
-    assert_eq!(replay.notes(), ["no calibration lies with the data set"]);
+    assert_eq!(replay.notes(), ["the data set contains no calibration"]);
 
     folder.write("K.txt", b"no matrix");
     let replay = folder.replay(Some(1.0), false);

@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn no_bar_no_number() {
+    fn image_without_a_bar_has_no_number() {
         for fill in [0, 100, 128, 255] {
             assert_eq!(read_bytes(640, 240, image(640, 240, fill)), None, "{fill}");
         }

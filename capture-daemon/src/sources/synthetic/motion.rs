@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn gyro_is_the_rate_of_the_picture() {
+    fn gyro_is_the_rate_of_the_image_motion() {
         let motion = Motion::new(5, 100_000);
         let (t, dt) = (3_600_000_000_000 + 1_234_567_890, 1_000_000);
         let (before, after) = (motion.shift_px(t - dt), motion.shift_px(t + dt));

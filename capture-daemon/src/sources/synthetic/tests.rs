@@ -62,7 +62,7 @@ fn numbers(frames: &[RawFrame]) -> Vec<u64> {
 }
 
 #[test]
-fn the_seed_decides_every_byte() {
+fn seed_determines_every_byte() {
     let new = |seed| Synthetic::new("cam", 320, 64, 30.0, 400.0, seed, START).unwrap();
     let one = checksum(&mut new(1), 300);
     assert_eq!(one, checksum(&mut new(1), 300));
@@ -70,7 +70,7 @@ fn the_seed_decides_every_byte() {
     // The same on every machine, and with every version: recordings of it can be compared.
     assert_eq!(
         one, 3_792_005_239,
-        "changing the made-up camera changes everything that was made with it"
+        "changing the synthetic camera changes every recording made with it"
     );
 }
 
@@ -181,7 +181,7 @@ fn the_number_survives_compression() {
 }
 
 #[test]
-fn pictures_move_smoothly() {
+fn images_move_smoothly() {
     let (frames, _) = take(&mut camera(FaultPlan::default()), 900);
     let luma = |i: usize| &frames[i].image.luma().unwrap()[640 * 120..];
     let change = |a: &[u8], b: &[u8]| {
@@ -236,7 +236,7 @@ fn clocks_drift_and_arrivals_are_late() {
 }
 
 #[test]
-fn imu_feels_gravity() {
+fn imu_measures_gravity() {
     let (_, imu) = take(&mut camera(FaultPlan::default()), 4_300);
     let mut force = [0.0; 3];
     for sample in &imu {
@@ -255,7 +255,7 @@ fn imu_feels_gravity() {
 }
 
 #[test]
-fn lost_frames_move_nothing_else() {
+fn dropped_frames_leave_the_others_unchanged() {
     let plan = |faults: FaultPlan| {
         let faults = FaultPlan {
             end_after_frames: Some(30),
@@ -300,7 +300,7 @@ fn lost_frames_move_nothing_else() {
 }
 
 #[test]
-fn silence_without_end() {
+fn endless_silence_is_supported() {
     let mut source = camera(FaultPlan {
         camera_silence: Some(100_000_000..i64::MAX),
         ..FaultPlan::default()
@@ -310,7 +310,7 @@ fn silence_without_end() {
 }
 
 #[test]
-fn frozen_pictures_are_equal_bit_by_bit() {
+fn frozen_images_are_bit_identical() {
     let (frames, _) = take(
         &mut camera(FaultPlan {
             frozen: Some(5..9),
@@ -334,7 +334,7 @@ fn frozen_pictures_are_equal_bit_by_bit() {
 }
 
 #[test]
-fn impossible_arguments_are_refused() {
+fn impossible_arguments_are_rejected() {
     let new = |width, height, rate_hz, imu_rate_hz| {
         Synthetic::new("cam", width, height, rate_hz, imu_rate_hz, 1, START).map(|_| ())
     };

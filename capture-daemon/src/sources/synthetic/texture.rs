@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn right_eye_sees_the_left_one_shifted() {
+    fn right_image_is_the_left_one_with_constant_disparity() {
         let wall = Wall::new(3, 640, 240);
         let d = wall.disparity_px();
         assert_eq!(d, 8);

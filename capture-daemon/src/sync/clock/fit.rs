@@ -363,7 +363,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn closed_forms_of_the_moments_meet_where_they_change() {
+    fn closed_forms_of_the_moments_agree_at_the_switch() {
         let numeric = |z: f64, j: i32| {
             let n = 20_000;
             let at = |i: usize| (i as f64 + 0.5) / f64::from(n);
@@ -385,7 +385,7 @@ mod tests {
 
     /// The slow twin: the same posterior summed over a grid of rates and heights.
     #[test]
-    fn posterior_equals_a_sum_over_a_grid() {
+    fn posterior_equals_the_reference_sum_over_a_grid() {
         let points = [
             (0.0, 900.0),
             (1e6, 350.0),

@@ -249,7 +249,7 @@ mod tests {
         }
         let quiet = (0..100).position(|_| next(&mut tail, 0.8e6).is_some());
         assert!((8..16).contains(&quiet.expect("an alarm")), "{quiet:?}");
-        let alarm = next(&mut tail, 0.9e6).expect("the run goes on");
+        let alarm = next(&mut tail, 0.9e6).expect("the run continues");
         assert_eq!(alarm.after, Some(1000 * 10_000_000));
         assert!(next(&mut tail, 1e4).is_none());
     }

@@ -138,7 +138,7 @@ impl Device {
             let of = verdicts.len();
             assert!(
                 !wrong || flagged,
-                "sample {i} of {of}, off by {}: {v:?}",
+                "sample {i} of {of}, error {}: {v:?}",
                 v.error()
             );
         }
@@ -166,7 +166,7 @@ const RATES: [f64; 2] = [30.0, 400.0];
 
 /// A short slice of the exam that `bench` gives at length.
 #[test]
-fn p99_is_under_a_tenth_of_a_millisecond_after_ten_seconds() {
+fn p99_error_is_below_100_us_after_ten_seconds() {
     for rate_hz in RATES {
         for seed in 0..8 {
             let mut device = Device::new(seed, rate_hz);
@@ -190,7 +190,7 @@ fn p99_is_under_a_tenth_of_a_millisecond_after_ten_seconds() {
 }
 
 #[test]
-fn there_is_an_honest_map_from_the_first_sample_on() {
+fn map_is_consistent_from_the_first_sample() {
     for seed in 0..50 {
         let mut device = Device::new(seed, 30.0);
         assert_eq!(device.mapper.map(0), None);
@@ -205,7 +205,7 @@ fn there_is_an_honest_map_from_the_first_sample_on() {
 }
 
 #[test]
-fn leaps_of_either_sign_are_flagged_until_a_new_line_stands() {
+fn steps_of_either_sign_are_flagged_until_a_new_line_settles() {
     for rate_hz in RATES {
         for leap in [-1000.0, -1.0, -0.02, -0.003, 0.003, 0.02, 1.0, 1000.0] {
             let mut device = Device::new(7, rate_hz);
@@ -225,7 +225,7 @@ fn leaps_of_either_sign_are_flagged_until_a_new_line_stands() {
 
 /// Whatever the least latency turns out to be, it is no hour.
 #[test]
-fn a_great_leap_is_noticed_before_the_first_line_stands() {
+fn large_step_is_detected_before_the_first_line_settles() {
     for rate_hz in RATES {
         for leap in [-3600.0, -10.0, 10.0, 3600.0] {
             let mut device = Device::new(9, rate_hz);
@@ -240,7 +240,7 @@ fn a_great_leap_is_noticed_before_the_first_line_stands() {
 
 /// A step among samples that all came late, at once: nobody can say which of them came before it.
 #[test]
-fn a_step_within_a_burst_puts_the_whole_burst_in_doubt() {
+fn step_within_a_burst_makes_the_whole_burst_unreliable() {
     for (rate_hz, leap) in [(30.0, 0.7), (30.0, 0.3), (400.0, 0.7), (400.0, 0.3)] {
         let mut device = Device::new(10, rate_hz);
         let mut verdicts = device.run(20.0);
@@ -263,7 +263,7 @@ fn a_step_within_a_burst_puts_the_whole_burst_in_doubt() {
 }
 
 #[test]
-fn a_restarted_counter_is_a_step() {
+fn restarted_counter_is_a_step() {
     for rate_hz in RATES {
         let mut device = Device::new(3, rate_hz);
         let mut verdicts = device.run(20.0);
@@ -276,7 +276,7 @@ fn a_restarted_counter_is_a_step() {
 }
 
 #[test]
-fn times_of_a_counter_that_began_anew_are_not_hours_off() {
+fn times_after_a_counter_restart_are_not_hours_wrong() {
     for uptime in [-3600.0, 3600.0] {
         let mut device = Device::new(5, 30.0);
         device.run(20.0);
@@ -291,7 +291,7 @@ fn times_of_a_counter_that_began_anew_are_not_hours_off() {
 }
 
 #[test]
-fn a_clock_that_stands_still_is_flagged() {
+fn stopped_clock_is_flagged() {
     let mut device = Device::new(6, 30.0);
     device.run(20.0);
     let (stuck, ..) = device.sample();
@@ -311,7 +311,7 @@ fn a_clock_that_stands_still_is_flagged() {
 }
 
 #[test]
-fn a_burst_of_late_arrivals_is_no_step() {
+fn burst_of_late_arrivals_is_no_step() {
     for rate_hz in RATES {
         let mut device = Device::new(5, rate_hz);
         let mut verdicts = device.run(20.0);
@@ -335,7 +335,7 @@ fn a_burst_of_late_arrivals_is_no_step() {
 }
 
 #[test]
-fn silence_widens_sigma_and_does_no_harm() {
+fn silence_increases_sigma_only() {
     let mut device = Device::new(11, 30.0);
     let before = device.run(20.0);
     device.now += 600.0 * S;
@@ -346,7 +346,7 @@ fn silence_widens_sigma_and_does_no_harm() {
 }
 
 #[test]
-fn lost_repeated_overtaken_and_wrong_ticks_do_no_harm() {
+fn lost_repeated_reordered_and_wrong_ticks_are_tolerated() {
     for rate_hz in RATES {
         let mut device = Device::new(13, rate_hz);
         let mut verdicts = device.run(10.0);
@@ -381,7 +381,7 @@ fn lost_repeated_overtaken_and_wrong_ticks_do_no_harm() {
 }
 
 #[test]
-fn a_narrow_counter_wraps_without_a_trace() {
+fn narrow_counter_wraps_transparently() {
     // 2^15 ticks are 1.28 s.
     let mut narrow = Device::new(17, 30.0).wrapping(15);
     let mut wide = Device::new(17, 30.0);
@@ -393,7 +393,7 @@ fn a_narrow_counter_wraps_without_a_trace() {
 }
 
 #[test]
-fn no_more_parameters_than_the_samples_support() {
+fn model_has_only_parameters_the_samples_support() {
     for seed in 0..5 {
         let mut still = Device {
             ppm: 0.0,
@@ -443,7 +443,7 @@ fn no_more_parameters_than_the_samples_support() {
 }
 
 #[test]
-fn a_stored_map_maps_like_its_maker_and_only_grows() {
+fn stored_map_equals_its_mapper_and_is_monotonic() {
     let mut device = Device::new(23, 30.0);
     let first = device.sample();
     device.give(first.0, first.1, first.2);
@@ -469,7 +469,7 @@ fn a_stored_map_maps_like_its_maker_and_only_grows() {
 }
 
 #[test]
-fn the_latency_is_subtracted_and_its_doubt_added() {
+fn latency_is_subtracted_and_its_sigma_added() {
     let known = ClockConfig::new(TickLength::NANOSECOND);
     let late = ClockConfig {
         latency_ns: 7_000,
@@ -494,7 +494,7 @@ fn the_latency_is_subtracted_and_its_doubt_added() {
 }
 
 #[test]
-fn guarded_times_only_grow_and_every_large_shift_is_flagged() {
+fn guarded_times_increase_and_large_corrections_are_flagged() {
     let mut random = Random(29);
     let mut guard = MonotoneGuard::default();
     let mut last = HostTime::MIN;

@@ -36,7 +36,7 @@ fn frame(eye: Eye, number: u64, time_ns: i64) -> Sample {
         Eye::Left => number as u8,
         Eye::Right => 100 + number as u8,
     };
-    let image = Picture::new(4, 2, PixelFormat::I420, vec![grey; 12]).expect("a picture");
+    let image = Picture::new(4, 2, PixelFormat::I420, vec![grey; 12]).expect("an image");
     Sample::Frame(RawFrame {
         number,
         device_ticks: time_ns,
@@ -65,7 +65,7 @@ fn join(samples: Vec<(Eye, Sample)>) -> Vec<String> {
         }
         Sample::Arrival(s) => format!("{} seen", s.number),
         Sample::Dropped(l) => format!("{} lost: {}", l.number, l.detail),
-        Sample::Disconnected(g) => format!("gone: {}", g.detail),
+        Sample::Disconnected(g) => format!("disconnected: {}", g.detail),
         Sample::Notice(n) => n.text,
         other => panic!("{other:?}"),
     };
@@ -90,19 +90,19 @@ fn both(numbers: std::ops::Range<u64>, later_ns: i64) -> Vec<(Eye, Sample)> {
 }
 
 #[test]
-fn pairs_are_side_by_side_and_say_how_far_apart_they_are() {
+fn pairs_are_side_by_side_with_their_time_difference() {
     let found = join(both(0..3, 2_000_000));
     assert_eq!(found, ["0: 0 107 2000", "1: 1 108 2000", "2: 2 109 2000"]);
 }
 
 /// While nobody stores frames, pairs are counted and timed; half of one is not shown either.
 #[test]
-fn pairs_without_pixels_are_only_seen() {
+fn pairs_without_pixels_are_only_counted() {
     let kept = Kept::default();
     let joined = StereoJoiner::new(WITHIN, &kept);
     assert!(
         !joined.eye(Eye::Right).pixels_needed(),
-        "as whoever takes the pairs"
+        "as the receiver of the pairs"
     );
     let mut samples = both(0..4, 1_000_000);
     // Of 0 and 1 both eyes come without pixels, of 2 the right one.
@@ -124,7 +124,7 @@ fn pairs_without_pixels_are_only_seen() {
 }
 
 #[test]
-fn frames_too_far_apart_are_lost_with_the_reason() {
+fn frames_too_far_apart_are_dropped_with_the_reason() {
     // Half a period: neither neighbour is near enough.
     let found = join(both(0..3, PERIOD / 2));
     let lost = "lost: no right image was taken within 13.3 ms of the left one";
@@ -134,7 +134,7 @@ fn frames_too_far_apart_are_lost_with_the_reason() {
 }
 
 #[test]
-fn what_one_camera_loses_is_a_gap_in_its_place() {
+fn frame_dropped_by_one_camera_is_a_gap_at_its_number() {
     let mut samples = both(0..6, 1_000_000);
     // Left 1 is damaged, right 3 did not come.
     samples[2].1 = Sample::Dropped(DroppedFrame {
@@ -156,7 +156,7 @@ fn what_one_camera_loses_is_a_gap_in_its_place() {
 }
 
 #[test]
-fn a_stamp_that_does_not_rise_is_lost() {
+fn non_increasing_timestamp_is_dropped() {
     let mut samples = both(0..4, 0);
     samples[4].1 = frame(Eye::Left, 2, PERIOD + 1);
     let found = join(samples);
@@ -169,7 +169,7 @@ fn a_stamp_that_does_not_rise_is_lost() {
 }
 
 #[test]
-fn a_camera_that_is_gone_takes_the_other_along_and_both_come_back() {
+fn disconnect_of_one_camera_stops_the_pair_until_it_reconnects() {
     let gone = Sample::Disconnected(Disconnected {
         host_time: HostTime(0),
         part: DevicePart::Camera,
@@ -192,7 +192,7 @@ fn a_camera_that_is_gone_takes_the_other_along_and_both_come_back() {
         [
             "0: 0 107 1000",
             "1: 1 108 1000",
-            "gone: right camera: unplugged",
+            "disconnected: right camera: unplugged",
             "5: 5 100 0"
         ]
     );
