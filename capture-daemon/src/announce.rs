@@ -1,8 +1,9 @@
 //! Steps that a person at a terminal waits for.
 //!
-//! Contract: whatever may take longer than a second says so before it begins. A step is a record of the logger with the
-//! target [`STEP`] and the level `info`: `pawsd` shows it as a plain line, the journal keeps it, `-q` leaves it out, and a
-//! program that uses this library decides for itself.
+//! Contract: every step that may take longer than a second is announced before it begins. A step is
+//! a record of the logger with the target [`STEP`] and the level `info`: `pawsd` prints it as a
+//! plain line, the journal stores it, `-q` suppresses it, and a program that uses this library
+//! decides for itself.
 
 use std::fmt::Display;
 
@@ -11,20 +12,20 @@ use crate::status::{State, Status};
 /// Target of the log records.
 pub const STEP: &str = "pawsd::step";
 
-/// Says a step.
+/// Announces a step.
 pub fn step(text: impl Display) {
     log::info!(target: STEP, "{text}");
 }
 
-/// Says that the first frames of cameras are waited for, and each camera as it comes.
+/// Announces which cameras have not delivered their first frame, and each camera when it does.
 #[derive(Debug)]
 pub struct FirstFrames {
-    /// Cameras that have not delivered, in the order of the configuration.
+    /// Cameras that have not delivered a frame, in the order of the configuration.
     pending: Vec<String>,
 }
 
 impl FirstFrames {
-    /// Waits for these cameras, and says so.
+    /// Starts waiting for these cameras and announces it.
     pub fn wait(cameras: Vec<String>) -> Self {
         step(format_args!(
             "waiting for the first frames of {}",
@@ -33,7 +34,7 @@ impl FirstFrames {
         Self { pending: cameras }
     }
 
-    /// Says which cameras have come since the last look.
+    /// Announces the cameras that have delivered their first frame since the last call.
     pub fn update(&mut self, status: &Status) {
         for name in self.take_arrived(status) {
             match self.pending.as_slice() {
@@ -47,7 +48,7 @@ impl FirstFrames {
     }
 
     fn take_arrived(&mut self, status: &Status) -> Vec<String> {
-        // Counts come once a second; the state knows at once.
+        // Counts are updated once a second; the state changes immediately.
         let all = status.state == State::Armed;
         let delivers = |name: &String| {
             let mut streams = status.streams.iter();

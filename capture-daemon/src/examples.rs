@@ -1,8 +1,8 @@
-//! The examples at the end of each verb's help.
+//! Examples at the end of each command's help.
 
 use command_line::examples::Table;
 
-/// All verbs of `pawsd`.
+/// All commands of `pawsd`.
 pub(crate) const EXAMPLES: Table = &[
     (
         "check",

@@ -1,14 +1,14 @@
-//! Where all samples come together: times, frozen and silent streams, batches, and the way to the
-//! encoders.
+//! The hub joins all samples: times, frozen and silent streams, batches, and the encoders.
 //!
-//! The hub is handed samples in the order of arrival and hands on [`Outgoing`] items. It owns no
-//! thread and asks no clock. *Early*: a stream's first sample already has a time, with an honest
-//! sigma. *Late or repeated* samples are left out, before anything else comes to depend on them, and
-//! counted in a notice. *At a gap*: numbers are handed on as they are; the recorder turns what is missing
-//! into gap records. *When a stream falls silent or its picture freezes*: an alarm, within two periods and a
-//! second, and another item when it is over. *When a device is gone*: an alarm until it is back; what was missed
-//! meanwhile is dropped for that cause, counted by the device where its counter went on and by
-//! the nominal rate where it began anew. *At the end*: [`Hub::finish`] hands on what is inside.
+//! It receives samples in the order of arrival and delivers [`Outgoing`] items. It owns no thread
+//! and reads no clock. *Early*: a stream's first sample already has a time, with a conservative
+//! sigma. *Late or repeated* samples are rejected before anything depends on them, and counted in a
+//! notice. *At a gap*: numbers are passed on unchanged; the recorder turns missing ones into gap
+//! records. *When a stream falls silent or its image freezes*: an alarm, within two periods and a
+//! second, and another item when it is over. *When a device disconnects*: an alarm until it
+//! reconnects. Samples missed meanwhile are dropped with that cause; their number comes from the
+//! device's counter if that continued, and from the nominal rate if it restarted. *At the end*:
+//! [`Hub::finish`] delivers everything inside.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -41,23 +41,23 @@ use self::load_shedding::{LoadShedder, Step};
 use self::stream_clock::StreamClock;
 use self::stream_monitor::StreamMonitor;
 
-/// An IMU batch is handed on when it spans this much.
+/// Maximum time span of an IMU batch, ns.
 const BATCH_NS: i64 = 100_000_000;
-/// An IMU batch holds at most this many samples.
+/// Maximum number of samples in an IMU batch.
 const BATCH_SAMPLES: usize = 512;
-/// How often [`Hub::tick`] wants to be called.
+/// Interval at which [`Hub::tick`] is to be called, ns.
 pub const TICK_NS: i64 = 100_000_000;
-/// Bytes of raw frames that wait in front of the encoders of all cameras together: at 3 x 1344x376 and 15 Hz seven
-/// seconds.
+/// Maximum number of bytes of raw frames that wait before the encoders of all cameras together:
+/// seven seconds at 3 x 1344x376 and 15 Hz.
 pub const WAITING_BYTES: usize = 256 << 20;
-/// What alarms about encoders that cannot keep up come from.
+/// Source of alarms about encoders that are too slow.
 const ENCODERS: &str = "encoders";
-/// How long draining an encoder may take at the end.
+/// Maximum time for draining an encoder at the end.
 pub const FINISH_LIMIT: Duration = Duration::from_secs(5);
-/// Why frames are dropped that were received while somebody stored them.
+/// Cause detail of frames that were received during a recording and not encoded before its end.
 const NOT_STORED: &str = "not through the encoder when the session was closed";
 
-/// What the hub and the encoders hand on to the recorder.
+/// Output of the hub and the encoders to the recorder.
 #[derive(Debug)]
 pub enum Outgoing {
     /// An encoded frame.
@@ -68,7 +68,7 @@ pub enum Outgoing {
         frame: Frame,
         /// The access unit.
         unit: Bytes,
-        /// Whether it can be decoded alone.
+        /// Whether the frame can be decoded on its own.
         key: bool,
     },
     /// IMU samples.
@@ -78,16 +78,16 @@ pub enum Outgoing {
         /// The samples.
         batch: ImuBatch,
     },
-    /// A clock map has changed.
+    /// A changed clock map.
     Clock {
-        /// When.
+        /// Time of the change.
         at: HostTime,
-        /// The map; names its clock.
+        /// The map; it names its clock.
         map: ClockMapRecord,
     },
-    /// Samples that will not come.
+    /// Samples that will not be delivered.
     Dropped {
-        /// Time of the first.
+        /// Time of the first sample.
         at: HostTime,
         /// Stream, as gap records name it.
         stream: String,
@@ -95,34 +95,34 @@ pub enum Outgoing {
         first: u64,
         /// Last number.
         last: u64,
-        /// Why.
+        /// Cause.
         cause: Cause,
-        /// What exactly happened.
+        /// Details, for people.
         detail: String,
     },
-    /// Something began or ended that needs attention.
+    /// A condition that needs attention began or ended.
     Alarm {
-        /// When.
+        /// Time of the event.
         at: HostTime,
-        /// What is wrong, the same text at the beginning and at the end.
+        /// The condition, with the same text at the beginning and at the end.
         text: String,
         /// The stream.
         stream: String,
         /// Whether it begins.
         active: bool,
     },
-    /// Something happened that is worth keeping.
+    /// An event worth recording.
     Notice {
-        /// When.
+        /// Time of the event.
         at: HostTime,
-        /// What.
+        /// The event, for people.
         text: String,
         /// The stream.
         stream: String,
     },
-    /// How the streams fare, once a second.
+    /// State of the streams, once a second.
     Health {
-        /// When.
+        /// Time of the report.
         at: HostTime,
         /// Cameras first, then IMUs, in their order.
         streams: Vec<StreamHealth>,
@@ -130,7 +130,7 @@ pub enum Outgoing {
 }
 
 impl Outgoing {
-    /// Bytes that it occupies, for bounding queues.
+    /// Size in bytes, for bounding queues.
     pub fn bytes(&self) -> usize {
         match self {
             Self::Frame { unit, .. } => unit.len() + 256,
@@ -153,36 +153,37 @@ pub struct StreamHealth {
     pub queue_bytes: u64,
     /// No sample for too long.
     pub silent: bool,
-    /// The same picture for too long.
+    /// The image has not changed for too long.
     pub frozen: bool,
-    /// What ties an IMU to its camera if that was found anew, and by how many ns its times are later.
+    /// Clock relation of an IMU to its camera, if a new one was estimated, and by how many ns the
+    /// IMU's times are later.
     pub frame_sync: Option<(FrameSync, i64)>,
 }
 
-/// A camera, as the hub needs to know it.
+/// Description of a camera for the hub.
 #[derive(Clone, Debug)]
 pub struct CameraSetup {
     /// Its name.
     pub name: String,
-    /// Cameras with the same one expose together; none is free-running.
+    /// Trigger group: cameras with the same one expose simultaneously; `None` is free-running.
     pub trigger: Option<String>,
     /// Nominal rate.
     pub rate_hz: f64,
     /// Its device clock.
     pub clock: ClockConfig,
-    /// Width of its frame counter, where it wraps.
+    /// Width of its frame counter in bits, if it wraps.
     pub number_bits: Option<u8>,
-    /// A frozen picture is no fault.
+    /// An image that does not change is no fault.
     pub still: bool,
-    /// Where its frames carry the host's own stamps.
+    /// Properties of its host timestamps, if its frames carry them.
     pub stamped: Option<Stamped>,
-    /// How it is encoded.
+    /// Encoder settings.
     pub encoder: EncoderSettings,
     /// Its IMU.
     pub imu: Option<ImuSetup>,
 }
 
-/// An IMU, as the hub needs to know it.
+/// Description of an IMU for the hub.
 #[derive(Clone, Debug)]
 pub struct ImuSetup {
     /// Its name, as in `feet/imu`.
@@ -191,14 +192,14 @@ pub struct ImuSetup {
     pub info: ImuInfo,
     /// Its device clock.
     pub clock: ClockConfig,
-    /// Width of its sample counter, where it wraps.
+    /// Width of its sample counter in bits, if it wraps.
     pub number_bits: Option<u8>,
 }
 
-/// Where the hub hands on to; also called from the encoders' threads.
+/// Receiver of the hub's output; also called from the encoders' threads.
 pub type Out = Arc<dyn Fn(Outgoing) + Send + Sync>;
 
-/// What is wrong with a device that is gone, and why.
+/// Alarm text for a disconnected device, with the reason.
 fn disconnect_text(detail: &str) -> String {
     format!("the device is disconnected ({detail})")
 }
@@ -214,13 +215,13 @@ pub struct Hub {
     previews: Option<Arc<Previews>>,
     mitigations: Measures,
     load_shedder: LoadShedder,
-    /// What is said of encoders that cannot keep up.
+    /// Text of the active alarm about encoders that are too slow.
     load_shedding_alarm: Option<String>,
-    /// How full the queue in front of the hub is, 0 to 1.
+    /// Fill of the queue before the hub, 0 to 1.
     inbox_fill: f64,
     /// Nobody stores frames.
     is_idle: bool,
-    /// Since when somebody does: what arrived before is not asked for.
+    /// Start of the present recording. Frames that arrived before it are not encoded.
     storing_since: HostTime,
 }
 
@@ -232,15 +233,15 @@ struct CameraState {
     monitor: StreamMonitor,
     /// Position of its IMU among all IMUs.
     imu: Option<usize>,
-    /// Position of the first camera that exposes together with it, whose turns are its own.
+    /// Position of the first camera that exposes simultaneously with it; both use its decimator.
     together_with: usize,
     decimator: FrameDecimator,
     digest: Option<u64>,
-    /// Arrival of the newest frame whose picture differed from the one before it.
+    /// Arrival of the newest frame whose image differed from the previous one.
     changed: HostTime,
     frozen_alarm: bool,
     encoder_alarm: bool,
-    /// What was said of a device that is gone.
+    /// Text of the active disconnect alarm.
     disconnect_alarm: Option<String>,
 }
 
@@ -252,15 +253,16 @@ struct ImuState {
     monitor: StreamMonitor,
     batch: ImuBatch,
     batch_since: HostTime,
-    /// What was said of a device that is gone.
+    /// Text of the active disconnect alarm.
     disconnect_alarm: Option<String>,
-    /// What ties it to its camera, and by how much its times are later.
+    /// Clock relation to its camera, and by how much its times are later, ns.
     frame_sync: Option<(FrameSync, i64)>,
 }
 
 impl Hub {
-    /// A hub for these cameras. With `waits`, every frame is waited for until it is encoded: for
-    /// virtual time. `chunk_ns` is the archive's chunk length; `encoding` has a counter for each camera.
+    /// Creates a hub for these cameras. With `waits`, every frame is waited for until it is
+    /// encoded: for virtual time. `chunk_ns` is the archive's chunk length; `encoding` has a
+    /// counter for each camera.
     pub fn new(
         setups: Vec<CameraSetup>,
         chunk_ns: i64,
@@ -353,12 +355,12 @@ impl Hub {
         }
     }
 
-    /// Keeps the newest pictures here from now on.
+    /// Stores the newest images in `previews` from now on.
     pub fn show(&mut self, previews: Arc<Previews>) {
         self.previews = Some(previews);
     }
 
-    /// Does this to spare the machine from now on.
+    /// Applies these measures against overload of the machine from now on.
     pub fn set_mitigations(&mut self, mitigations: Measures) {
         if mitigations != self.mitigations {
             self.mitigations = mitigations;
@@ -366,9 +368,10 @@ impl Hub {
         }
     }
 
-    /// Encodes nothing while nobody stores frames: they are timed, counted and shown, and what still waits is dropped.
-    /// What is encoded afterwards begins with a key frame and arrived after `since`, when somebody began to store them:
-    /// of what arrived before and is handed in later, most has no pixels.
+    /// With `is_idle`, encodes nothing, because nobody stores frames: they are timed, counted and
+    /// previewed, and queued frames are dropped. Encoding resumes with a key frame among the frames
+    /// that arrived after `since`, the start of the recording; most frames that arrived before it
+    /// and are passed in later have no pixels.
     pub fn idle(&mut self, is_idle: bool, since: HostTime) {
         if is_idle == self.is_idle {
             return;
@@ -378,18 +381,19 @@ impl Hub {
         for camera in &mut self.cameras {
             camera.encoder.request_key();
             if is_idle {
-                // Else the next recording would begin with it.
+                // Otherwise the next recording would begin with it.
                 camera.encoder.drop_waiting(Cause::Late, NOT_STORED);
             }
         }
     }
 
-    /// How full the queue in front of the hub is, 0 to 1: frames there have not even reached an encoder's queue.
+    /// Sets the fill of the queue before the hub, 0 to 1: frames in it have not reached an
+    /// encoder's queue.
     pub fn set_inbox_fill(&mut self, fill: f64) {
         self.inbox_fill = fill;
     }
 
-    /// Makes it as easy for the encoders as machine and queues need.
+    /// Reduces the encoders' effort as far as the state of the machine and of the queues requires.
     fn ease(&mut self) {
         let reduction = EffortReduction {
             preset: self.load_shedder.has(Step::Preset),
@@ -400,7 +404,7 @@ impl Hub {
         }
     }
 
-    /// Gives up what the encoders cannot keep up with, and takes it back.
+    /// Updates the load shedding from the fill of the queues.
     fn update_load_shedding(&mut self, now: HostTime) {
         let encoders = self.cameras.iter_mut().map(|camera| &mut camera.encoder);
         let fills = encoders.map(CameraEncoder::take_fill);
@@ -483,7 +487,7 @@ impl Hub {
             let imu = &mut self.imus[imu];
             flush(imu, &self.out);
             imu.monitor.note_disconnect(disconnect);
-            // The alarm of one device stands for both.
+            // One alarm covers both devices.
             if !has_camera && imu.disconnect_alarm.is_none() {
                 let what = disconnect_text(&disconnect.detail);
                 imu.alarm(&what, true, disconnect.host_time, &self.out);
@@ -492,8 +496,8 @@ impl Hub {
         }
     }
 
-    /// A frame of this camera came, at this time and with the device's number, and was dropped on its
-    /// way here because too many are waiting.
+    /// A frame of this camera arrived, at this time and with the device's number, and was dropped
+    /// before the hub because too many are queued.
     pub fn dropped(&mut self, camera: usize, number: u64, at: HostTime, now: HostTime) {
         let unusable_frame = DroppedFrame {
             number,
@@ -504,7 +508,7 @@ impl Hub {
         self.unusable_frame(camera, unusable_frame, now);
     }
 
-    /// A frame came and cannot be used.
+    /// Handles a frame that arrived and is unusable.
     fn unusable_frame(&mut self, camera: usize, unusable_frame: DroppedFrame, now: HostTime) {
         let DroppedFrame {
             number,
@@ -532,7 +536,7 @@ impl Hub {
         });
     }
 
-    /// A camera's source has failed and will deliver no more.
+    /// A camera's source has failed and will deliver no more samples.
     pub fn source_failed(&self, camera: usize, error: &str, now: HostTime) {
         (self.out)(Outgoing::Alarm {
             at: now,
@@ -542,13 +546,13 @@ impl Hub {
         });
     }
 
-    /// The way to the recorder was full and a frame of this camera was dropped behind its encoder:
-    /// the next frame has to stand alone.
+    /// The queue to the recorder was full and a frame of this camera was dropped behind its
+    /// encoder: the next frame must be a key frame.
     pub fn request_key(&mut self, camera: usize) {
         self.cameras[camera].encoder.request_key();
     }
 
-    /// Looks after encoders, alarms and health; call it every [`TICK_NS`].
+    /// Supervises encoders, alarms and health; to be called every [`TICK_NS`].
     pub fn tick(&mut self, now: HostTime) {
         for camera in &mut self.cameras {
             camera.encoder.tick(now);
@@ -568,7 +572,7 @@ impl Hub {
                 flush(imu, &self.out);
             }
         }
-        // Where every frame is waited for none is queued.
+        // If every frame is waited for, none is queued.
         if !self.waits {
             self.update_load_shedding(now);
         }
@@ -588,8 +592,9 @@ impl Hub {
         }
     }
 
-    /// For when nothing is handed in any more, until it says that everything is encoded; then [`Self::finish`] is quick.
-    /// Waits for nothing but, once none of the frames waits for an encoder, for one of the encoders to end in each call.
+    /// For the end, when nothing is passed in any more: to be called until it returns that
+    /// everything is encoded; then [`Self::finish`] is quick. It does not block, except that once
+    /// no frame waits for an encoder, each call waits for one of the encoders to end.
     pub fn drain(&mut self, now: HostTime) -> bool {
         let mut is_waiting = false;
         for camera in &mut self.cameras {
@@ -612,8 +617,8 @@ impl Hub {
         }
     }
 
-    /// Hands on everything inside; nothing may be handed in afterwards. `rest`: what becomes of frames that still wait
-    /// for an encoder.
+    /// Delivers everything inside; nothing may be passed in afterwards. `rest` says whether frames
+    /// that still wait for an encoder are encoded.
     pub fn finish(&mut self, rest: RemainingFrames, now: HostTime) {
         for camera in &mut self.cameras {
             camera.encoder.finish(rest, FINISH_LIMIT, now);
@@ -627,7 +632,8 @@ impl Hub {
         }
     }
 
-    /// A frame that nobody stores: its time is learned from, its number counted.
+    /// Handles a frame that nobody stores: the clock map learns from its time, and its number is
+    /// counted.
     fn frame_arrival(&mut self, position: usize, frame_arrival: &FrameArrival, now: HostTime) {
         let camera = &mut self.cameras[position];
         camera.note_return(now, &self.out);
@@ -659,7 +665,7 @@ impl Hub {
         let frozen = is_same && !camera.setup.still;
         camera.note_frozen(frozen, raw.host_time, &self.out);
         let (ticks, mapped) = camera.clock.map(raw.device_ticks, raw.host_time, &self.out);
-        // The recorder could not store it, and what is encoded after it would refer to it.
+        // The recorder could not store it, and the frames encoded after it would refer to it.
         let Some(number) = number else { return };
         if let Some(previews) = &self.previews {
             previews.offer(
@@ -707,7 +713,7 @@ impl Hub {
         }
     }
 
-    /// Why every other frame of this camera is left out, if that is so.
+    /// Reason why every other frame of this camera is dropped, if there is one.
     fn rate_lowered(&self, camera: usize) -> Option<&'static str> {
         let is_last = camera + 1 == self.cameras.len();
         if self.mitigations.lower_frame_rate {
@@ -721,7 +727,7 @@ impl Hub {
         }
     }
 
-    /// Whether it is this camera's turn where every other picture is left out.
+    /// Whether this frame is encoded while every other frame is dropped.
     fn is_kept(&mut self, camera: usize, time: HostTime) -> bool {
         let camera = &self.cameras[camera];
         let period_ns = (NS_PER_S as f64 / camera.setup.rate_hz.max(0.001)) as i64;
@@ -741,7 +747,7 @@ impl Hub {
             imu.monitor
                 .number(&mut imu.numbers, raw.number, raw.host_time, name, &self.out);
         let (ticks, mapped) = imu.clock.map(raw.device_ticks, raw.host_time, &self.out);
-        // In a batch it would take good samples with it.
+        // In a batch it would invalidate good samples.
         let Some(number) = number else { return };
         let n = imu.batch.times.len();
         let continues = n > 0
@@ -767,7 +773,8 @@ impl Hub {
         if raw.frame_sync {
             batch.frame_sync.push(batch.times.len() as u32);
         }
-        // All samples have one or none: a list with holes would give it to others.
+        // Either all samples have a temperature or none: with holes, the list would shift values to
+        // other samples.
         if imu.setup.info.temperature_scale_c.is_some() {
             batch.temperature_counts.push(raw.temperature.unwrap_or(0));
         }
@@ -794,8 +801,8 @@ impl Hub {
                 .monitor
                 .report_rejected(at, &camera.setup.name, &self.out);
             let mut health = camera.monitor.health(&camera.setup.name, span_ns);
-            // Where every frame is waited for none is queued, although the encoder's own threads may
-            // still be letting go of the last one.
+            // If every frame is waited for, none is queued, although the encoder's own threads may
+            // still be releasing the last one.
             if !self.waits {
                 health.queue_bytes = camera.encoder.queued_bytes() as u64;
             }
@@ -812,7 +819,7 @@ impl Hub {
     }
 }
 
-/// Hands on the batch in the making and leaves it empty.
+/// Delivers the open batch and leaves it empty.
 fn flush(imu: &mut ImuState, out: &Out) {
     let batch = std::mem::take(&mut imu.batch);
     if batch.times.is_empty() {

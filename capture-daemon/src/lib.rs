@@ -1,6 +1,6 @@
 //! `pawsd`: records the rig, on the body.
 //!
-//! The way of a frame:
+//! Path of a frame:
 //!
 //! ```text
 //! source ──► inbox ──► hub ─────────────► encoder ──► outbox ──► recorder ──► session-archive
@@ -8,9 +8,9 @@
 //!  each)       in bytes) causes, alarms)    own threads) in bytes)  gap records, disk guard)
 //! ```
 //!
-//! Everything but the sources' and GStreamer's threads is plain code that is handed samples and
-//! times ([`hub`], [`recorder`]); [`run`] puts it on threads in real time, or calls it in a loop
-//! in virtual time, where nothing is ever dropped and the same input gives the same bytes.
+//! Everything but the sources' and GStreamer's threads is plain code that receives samples and
+//! times as arguments ([`hub`], [`recorder`]). [`run`] puts it on threads in real time, or calls it
+//! in a loop in virtual time, where nothing is ever dropped and the same input gives the same bytes.
 
 pub mod announce;
 pub mod clock;

@@ -1,44 +1,46 @@
-//! What is given up, step by step, when frames come faster than the encoders take them.
+//! Load shedding: degradation steps taken when frames arrive faster than they are encoded.
 //!
-//! Contract: [`LoadShedder::update`] is pure but for what it remembers. It is handed the fill of the fullest queue in front
-//! of an encoder several times a second. *When the queue grows* by [`GROWTH_THRESHOLD`] since the last step, or is fuller than
-//! [`FULL_THRESHOLD`], one more thing is given up, at most one in [`MIN_STEP_INTERVAL_NS`]: each step needs the next key frame to take
-//! effect. *When the queue stays empty* for a while, the last thing is taken back; each time that this turns out too
-//! early the next attempt waits twice as long. Frames are only lost when everything is given up and it is not enough.
+//! Contract: [`LoadShedder::update`] is deterministic and depends on its own state only. It takes
+//! the fill of the fullest queue before an encoder, several times a second. *When the queue grows*
+//! by [`GROWTH_THRESHOLD`] since the last step, or is fuller than [`FULL_THRESHOLD`], one more step
+//! is taken, at most one per [`MIN_STEP_INTERVAL_NS`]: each step takes effect at the next key
+//! frame. *When the queue stays empty* for a while, the last step is undone; each time that this
+//! turns out to be too early, the next attempt waits twice as long. Frames are lost only if all
+//! steps are taken and that is not enough.
 //!
-//! The order is from what nobody sees to what reconstruction misses: x264's preset (larger files), the quality (coarser
-//! images), every other frame of the least important camera (the last one of the configuration), every other frame
-//! of all cameras.
+//! The order is from least to most harmful for reconstruction: x264's preset (larger files), the
+//! quality (coarser images), every other frame of the least important camera (the last one of the
+//! configuration), every other frame of all cameras.
 
 use session_archive::time::{HostTime, NS_PER_S};
 
-/// By how much of its capacity the queue has grown when the next step is taken.
+/// Growth of the queue that triggers the next step, as a fraction of its capacity.
 const GROWTH_THRESHOLD: f64 = 0.1;
-/// A queue that is fuller than this asks for the next step whether it grows or not.
+/// Fill above which the next step is taken whether the queue grows or not.
 const FULL_THRESHOLD: f64 = 0.75;
-/// A queue with less than this in it is empty.
+/// Fill below which the queue counts as empty.
 const EMPTY_THRESHOLD: f64 = 0.02;
-/// The least time between two steps down.
+/// Minimum time between two steps, ns.
 const MIN_STEP_INTERVAL_NS: i64 = NS_PER_S;
-/// How long the queue is empty before a step is taken back, at first and at most.
+/// Time for which the queue must be empty before a step is undone, ns: initial value and maximum.
 const RECOVERY_DELAY_NS: i64 = 10 * NS_PER_S;
 const MAX_RECOVERY_DELAY_NS: i64 = 16 * RECOVERY_DELAY_NS;
 
-/// One thing to give up.
+/// One degradation step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Step {
-    /// x264 works less hard: larger files of the same quality.
+    /// Faster x264 preset: larger files of the same quality.
     Preset,
     /// Fewer bits, coarser images.
     Quality,
-    /// Every other frame of the least important camera is left out.
+    /// Every other frame of the least important camera is dropped.
     OneRate,
-    /// Every other frame of every camera is left out.
+    /// Every other frame of every camera is dropped.
     AllRates,
 }
 
 impl Step {
-    /// What is done, for people.
+    /// Description of the step, for people.
     pub(super) fn text(self) -> &'static str {
         match self {
             Self::Preset => "faster preset",
@@ -49,24 +51,24 @@ impl Step {
     }
 }
 
-/// See the module.
+/// State of the load shedding. See the module.
 #[derive(Debug)]
 pub(super) struct LoadShedder {
-    /// All that can be given up, in order.
+    /// All available steps, in order.
     steps: Vec<Step>,
-    /// How many of them are given up.
+    /// Number of steps taken.
     taken: usize,
     changed: HostTime,
-    /// The least fill since the last step.
+    /// Minimum fill since the last step.
     lowest: f64,
     empty_since: Option<HostTime>,
     recovery_delay_ns: i64,
-    /// When a step was last taken back.
+    /// Time at which a step was last undone.
     last_undone: Option<HostTime>,
 }
 
 impl LoadShedder {
-    /// Nothing is given up yet. `has_preset`: the encoders run at a preset that can be made faster.
+    /// No step is taken. `has_preset`: the encoders run at a preset that can be made faster.
     pub(super) fn new(has_preset: bool, cameras: usize) -> Self {
         let mut steps = vec![Step::Quality, Step::AllRates];
         if has_preset {
@@ -86,17 +88,18 @@ impl LoadShedder {
         }
     }
 
-    /// Whether this is given up now.
+    /// Whether this step is taken.
     pub(super) fn has(&self, step: Step) -> bool {
         self.steps[..self.taken].contains(&step)
     }
 
-    /// The last thing that was given up.
+    /// The last step taken.
     pub(super) fn last(&self) -> Option<Step> {
         self.taken.checked_sub(1).map(|last| self.steps[last])
     }
 
-    /// How full the fullest queue is, 0 to 1. Whether something changed.
+    /// Updates the state with the fill of the fullest queue, 0 to 1. Returns whether a step was
+    /// taken or undone.
     pub(super) fn update(&mut self, now: HostTime, fill: f64) -> bool {
         self.lowest = self.lowest.min(fill);
         let settled = now.since(self.changed) >= MIN_STEP_INTERVAL_NS;
@@ -145,7 +148,7 @@ mod tests {
 
     const TICK: i64 = NS_PER_S / 10;
 
-    /// Encoders that take `speed(step)` of what comes, with a queue of `depth_s`.
+    /// Encoders that process a fraction `speed(step)` of the frames, with a queue of `depth_s`.
     struct Machine {
         load_shedder: LoadShedder,
         now: HostTime,
@@ -167,7 +170,8 @@ mod tests {
             }
         }
 
-        /// `seconds` in which the encoders do `speed` times what the cameras deliver, before any relief.
+        /// Runs for `seconds`; without load shedding the encoders process `speed` times the frames
+        /// of the cameras.
         fn run(&mut self, seconds: f64, speed: f64) {
             for _ in 0..(seconds * 10.0) as usize {
                 self.now = self.now + TICK;
@@ -218,7 +222,7 @@ mod tests {
         assert_eq!(machine.lost_s, 0.0);
     }
 
-    /// A load that lasts: what is taken back has to be given up again, ever more rarely.
+    /// Under a lasting load, an undone step has to be taken again, with growing intervals.
     #[test]
     fn lasting_load_does_not_flap() {
         let mut machine = Machine::new(5.0);
