@@ -1,20 +1,23 @@
 //! The recorder: keeps the last seconds, opens and closes sessions, accounts for every sample.
 //!
-//! It is handed [`Outgoing`] items in order, and requests; it asks the clock it was given, and it
-//! owns no thread. What it promises:
+//! It receives [`Outgoing`] items in order, and requests; it reads the clock that it was given, and
+//! owns no thread. Contract:
 //!
 //! * *At a press* the session begins with the pre-roll: for every camera with a key frame from
 //!   before it, so nothing has to be waited for. A camera without one, because a session has just
-//!   ended or there is no pre-roll, begins with its next key frame, which is asked for
-//!   ([`Recorder::take_key_frame_requests`]). Without a pre-roll nothing from before the press is kept but clock maps.
-//! * *At a gap* a gap record names the numbers and the cause. Frames and gaps together are every number
-//!   from a stream's first to its last.
-//! * *At a stop* what was received before it is waited for: [`STOP_LIMIT_NS`], and longer while frames are still being
-//!   encoded or queued, up to [`STOP_MAX_NS`].
-//! * *While samples are lost* an alarm says so within two seconds, with the cause.
-//! * *When the session's folder is removed* the recording ends as failed, at the latest with the next chunk.
-//! * *When the disk is nearly full* it stops cleanly; *when it fails* the session is closed as far as it is
-//!   on disk, what is not known to be there is counted as missing, and the state says so. Nothing here panics or retries for ever.
+//!   ended or there is no pre-roll, begins with its next key frame, which is requested
+//!   ([`Recorder::take_key_frame_requests`]). Without a pre-roll only clock maps are kept from
+//!   before the press.
+//! * *At a gap* a gap record contains the numbers and the cause. Frames and gaps together cover
+//!   every number from a stream's first to its last.
+//! * *At a stop* samples received before it are waited for: [`STOP_LIMIT_NS`], and longer while
+//!   frames are still being encoded or queued, up to [`STOP_MAX_NS`].
+//! * *While samples are lost* an alarm with the cause is active, within two seconds.
+//! * *When the session's folder is removed* the recording ends as failed, at the latest with the
+//!   next chunk.
+//! * *When the disk is nearly full* it stops cleanly; *when it fails* the session is closed as far
+//!   as it is on disk, samples that are not known to be on disk are counted as missing, and the
+//!   state is a fault. Nothing here panics or retries without end.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -52,63 +55,64 @@ use preroll::{LIMIT_BYTES, PreRoll};
 use session::{Session, Stopping};
 use timed::TimedStorage;
 
-/// How long a stop waits for streams of which nothing is being encoded or queued.
+/// Time that a stop waits for streams of which nothing is being encoded or queued, ns.
 pub const STOP_LIMIT_NS: i64 = 250_000_000;
-/// The longest that a stop waits for what is being encoded or queued.
+/// Maximum time that a stop waits for samples that are being encoded or queued, ns.
 pub const STOP_MAX_NS: i64 = 20 * NS_PER_S;
-/// A warning comes when less than this can still be recorded.
+/// A warning is raised when less than this can still be recorded, s.
 const WARN_SECONDS: f64 = 600.0;
-/// What alarms about earlier recordings come from: they stand until the next recording begins.
+/// Source of alarms about earlier recordings; they are active until the next recording begins.
 pub(crate) const RECOVERY: &str = "recovery";
-/// What alarms about lost samples come from.
+/// Source of alarms about lost samples.
 const LOSSES: &str = "losses";
 const DISK_LOW: &str = "disk: less than 10 minutes can still be recorded";
 const DISK_FULL: &str = "disk: too full to record";
 
-/// Where sessions go.
+/// Storage of sessions.
 pub trait SessionStore: Send {
-    /// A new, empty folder for a session that began at this time, and an identifier for it.
+    /// Creates an empty folder for a session that began at this time, and an identifier for it.
     ///
     /// # Errors
-    /// The disk says no.
+    /// Any I/O error of the underlying file system.
     fn create(&mut self, started: CivilTime) -> io::Result<(PathBuf, Arc<dyn Storage>, String)>;
 
     /// Deletes a session's folder.
     ///
     /// # Errors
-    /// The disk says no.
+    /// Any I/O error of the underlying file system.
     fn discard(&mut self, path: &Path) -> io::Result<()>;
 
-    /// Whether a session's folder is still there.
+    /// Whether a session's folder still exists.
     fn is_there(&self, path: &Path) -> bool;
 
     /// Free space, bytes.
     fn free_bytes(&self) -> Option<u64>;
 
-    /// What the machine says of itself; asked once a second. `recording`: the disk fills.
+    /// State of the machine; called once a second. `recording`: the disk is being filled by a
+    /// recording.
     fn machine(&mut self, now: HostTime, recording: bool) -> MachineReading;
 }
 
-/// What lies between the sources and the recorder.
+/// Queues between the sources and the recorder.
 pub struct Queues {
-    /// Bytes waiting to be handed in.
+    /// Number of bytes that wait for the recorder.
     pub bytes: Box<dyn Fn() -> u64 + Send>,
     /// Frames inside the encoders.
     pub encoding: Encoding,
 }
 
-/// One look at the machine.
+/// One reading of the machine's state.
 #[derive(Clone, Debug, Default)]
 pub struct MachineReading {
-    /// For records, page and screen.
+    /// For records, page and terminal.
     pub status: MachineStatus,
-    /// For the ladder of measures.
+    /// Input of the degradation ladder.
     pub pressure: Pressure,
-    /// What has happened to its clocks.
+    /// Events of its clocks.
     pub events: Vec<String>,
 }
 
-/// Everything about the rig and the recording that does not change while the daemon runs.
+/// Properties of the rig and the recording that do not change while the daemon runs.
 #[derive(Clone, Debug)]
 pub struct Setup {
     /// The cameras, as the manifest lists them.
@@ -127,14 +131,14 @@ pub struct Setup {
     pub pre_roll_ns: i64,
     /// Recording ends when less than this is free, bytes.
     pub reserve_bytes: u64,
-    /// Name of sessions that are not given one.
+    /// Default name of sessions.
     pub name: String,
-    /// What records, for the manifest.
+    /// Recording software, for the manifest.
     pub software: String,
 }
 
 impl Setup {
-    /// What its sessions lack, and what mends it.
+    /// Deficiencies of its sessions, each with a remedy.
     pub fn notes(&self) -> Vec<String> {
         let has_lens = |eye: String| self.calibrations.iter().any(|(known, _)| *known == eye);
         let cameras = self.cameras.iter().map(|camera| camera.name.as_str());
@@ -150,10 +154,10 @@ impl Setup {
     }
 }
 
-/// Told what happens.
+/// Callback for progress.
 pub type OnProgress = Box<dyn FnMut(Progress) + Send>;
 
-/// The recorder. See the module's documentation for what it promises.
+/// The recorder. See the module's documentation for its contract.
 pub struct Recorder {
     setup: Setup,
     clock: Arc<dyn Clock>,
@@ -163,16 +167,16 @@ pub struct Recorder {
     pre_roll: PreRoll,
     session: Option<Session>,
     last_session: Option<PathBuf>,
-    /// What the last session came to: its length in s, and stored and missing samples per stream.
+    /// Result of the last session: its length in s, and stored and missing samples per stream.
     last_totals: (f64, Vec<(u64, u64)>),
     /// Streams that have delivered.
     delivered: Vec<bool>,
     health: Vec<StreamHealth>,
-    /// What is wrong, and what that is about.
+    /// Active alarms, each with its subject.
     alarms: BTreeMap<String, Concern>,
-    /// The one of the disk's alarms that is active.
+    /// The active alarm about the disk.
     disk_alarm: Option<&'static str>,
-    /// What was told of earlier recordings.
+    /// Texts of the alarms about earlier recordings.
     recovered: Vec<String>,
     pre_roll_alarm: bool,
     fault: Option<String>,
@@ -180,13 +184,13 @@ pub struct Recorder {
     seconds_left: Option<f64>,
     machine: MachineStatus,
     ladder: Ladder,
-    /// What the ladder's causes are said to be.
+    /// Texts of the active alarms of the degradation ladder, by cause.
     cause_alarms: BTreeMap<Cause, String>,
     key_frame_requests: Vec<usize>,
 }
 
 impl Recorder {
-    /// A recorder that waits for its sources.
+    /// Creates a recorder that waits for its sources.
     pub fn new(
         setup: Setup,
         clock: Arc<dyn Clock>,
@@ -261,7 +265,7 @@ impl Recorder {
         self.after();
     }
 
-    /// Lets time pass when nothing arrives.
+    /// Lets time pass while nothing arrives.
     pub fn tick(&mut self) {
         let now = self.clock.now();
         if let Some(session) = &mut self.session {
@@ -300,10 +304,10 @@ impl Recorder {
         }
     }
 
-    /// Starts a session: with the pre-roll, and with whatever arrives from now on.
+    /// Starts a session with the pre-roll and the samples that arrive from now on.
     ///
     /// # Errors
-    /// What stands in the way, for people.
+    /// The reason why it cannot start, for people.
     pub fn start(&mut self, name: &str, source: &str) -> Result<(), String> {
         if let Some(session) = &self.session {
             return Err(format!("already recording {}", session.path.display()));
@@ -361,7 +365,7 @@ impl Recorder {
                 self.pre_roll.remember(*at, map);
             }
             self.sample(item);
-            // Tells of every chunk on the way: with a slow disk this takes a while.
+            // Reports every chunk meanwhile: with a slow disk this takes a while.
             self.after();
         }
         let without_key = self
@@ -389,8 +393,8 @@ impl Recorder {
         std::mem::take(&mut self.key_frame_requests)
     }
 
-    /// Stops: what was received before now still goes in. The session is closed
-    /// [`STOP_LIMIT_NS`] later, or when nothing from before it is left in encoders and queues, by [`Self::tick`] or
+    /// Stops: samples received before now are still stored. The session is closed [`STOP_LIMIT_NS`]
+    /// later, or when nothing from before it is left in encoders and queues, by [`Self::tick`] or
     /// [`Self::handle`].
     ///
     /// # Errors
@@ -413,7 +417,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// Ends a session at once, for when nothing more can come.
+    /// Ends a session immediately, for when nothing more can arrive.
     pub fn close_now(&mut self, source: &str) {
         if self.stop(source).is_ok() {
             self.close(None);
@@ -452,7 +456,8 @@ impl Recorder {
             return Err("there is no last recording that could be discarded".to_owned());
         };
         let discarded = self.store.discard(&path);
-        // One that could not be deleted can be tried again; one that a host has freed meanwhile is gone.
+        // A session that could not be deleted can be deleted later; one that a host has removed
+        // meanwhile no longer exists.
         let is_left = matches!(&discarded, Err(e) if e.kind() != io::ErrorKind::NotFound);
         if !is_left {
             self.last_session = None;
@@ -463,7 +468,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// Everything worth knowing now.
+    /// Complete status of the recorder.
     pub fn status(&self) -> Status {
         let session = self.session.as_ref();
         let cameras = self.setup.cameras.iter().map(|c| &c.name);
@@ -519,7 +524,7 @@ impl Recorder {
             .filter_map(item_time)
             .min()
             .map_or(at, |t| t.min(at));
-        // The host clock and civil time of one and the same instant.
+        // The host clock and civil time of the same instant.
         let started_civil = CivilTime(self.clock.civil().0 - (self.clock.now() - started));
         let (path, storage, session_id) = self.store.create(started_civil)?;
         let timed = Arc::new(TimedStorage::new(storage, self.clock.clone()));
@@ -539,14 +544,15 @@ impl Recorder {
             rig: setup.rig_files.clone(),
         };
         let writer = SessionWriter::create(timed.clone(), spec).map_err(|e| {
-            // Nothing is in it yet.
+            // It is still empty.
             let _ = self.store.discard(&path);
             io::Error::other(e)
         })?;
         Ok(Session::new(path, writer, timed, setup, started))
     }
 
-    /// What does not change while recording: transforms, calibrations, and the clock maps so far.
+    /// Stores records that do not change during a recording: transforms, calibrations, and the
+    /// clock maps so far.
     fn statics(&mut self, at: HostTime, maps: &[ClockMap]) {
         let Some(session) = &mut self.session else {
             return;
@@ -569,7 +575,7 @@ impl Recorder {
         self.check(written);
     }
 
-    /// A sample, or the word that it will not come: into the session, or into the pre-roll.
+    /// Stores a sample, or the report that it is lost, in the session or in the pre-roll.
     fn sample(&mut self, item: Outgoing) {
         let Some(session) = &mut self.session else {
             return self.keep(item);
@@ -590,10 +596,10 @@ impl Recorder {
         self.check(stored);
     }
 
-    /// Keeps what may become the beginning of the next session.
+    /// Keeps an item that may become the beginning of the next session.
     fn keep(&mut self, item: Outgoing) {
         if self.setup.pre_roll_ns == 0 {
-            // Nothing that follows would push it out: frames that nobody stores are not encoded.
+            // No later item would push it out: frames that nobody stores are not encoded.
             if let Outgoing::Clock { at, map } = &item {
                 self.pre_roll.remember(*at, map);
             }
@@ -612,14 +618,14 @@ impl Recorder {
         }
     }
 
-    /// A write went well, or ends the session.
+    /// Ends the session if a write failed.
     fn check(&mut self, result: Result<(), WriteError>) {
         if let Err(e) = result {
             self.close(Some(with_causes(&e)));
         }
     }
 
-    /// What follows from what was just done.
+    /// Handles the consequences of the last writes.
     fn after(&mut self) {
         let Some(session) = &mut self.session else {
             return;
@@ -655,7 +661,7 @@ impl Recorder {
         }
     }
 
-    /// Whether nothing from before a stop can still come, or it has been waited for long enough.
+    /// Whether all samples from before a stop have arrived, or the limit has passed.
     fn is_stop_over(&self) -> bool {
         let Some(stopping) = self.session.as_ref().and_then(|s| s.stopping.as_ref()) else {
             return false;
@@ -671,7 +677,7 @@ impl Recorder {
         waited_ns >= STOP_LIMIT_NS && !is_encoding && (self.queues.bytes)() == 0
     }
 
-    /// Closes the session, after a failure as far as the disk lets it.
+    /// Closes the session; after a failure, as far as the disk permits.
     fn close(&mut self, error: Option<String>) {
         let Some(mut session) = self.session.take() else {
             return;
@@ -761,7 +767,7 @@ impl Recorder {
             log::info!("over: {text}");
             self.alarms.remove(&text);
         }
-        // First: if the event cannot be written the session ends, and with it some alarms.
+        // First: if the event cannot be written, the session ends, and with it some alarms.
         (self.on_progress)(Progress::Alarm {
             text: text.clone(),
             active,
@@ -775,7 +781,7 @@ impl Recorder {
     }
 
     fn on_health(&mut self, at: HostTime, streams: Vec<StreamHealth>) {
-        // While nobody stores frames, this is how they are known to come.
+        // While nobody stores frames, this shows that they arrive.
         for (delivered, stream) in self.delivered.iter_mut().zip(&streams) {
             *delivered |= stream.received > 0;
         }
@@ -828,19 +834,19 @@ impl Recorder {
         self.guard_disk(at, Some(written));
     }
 
-    /// Says which streams are losing samples, and which no longer are.
+    /// Reports streams that are losing samples, and streams that no longer do.
     fn check_losses(&mut self, at: HostTime) {
         let streams = self.session.iter_mut().flat_map(|s| &mut s.streams);
         let changes: Vec<_> = streams.flat_map(|s| s.losses.check(&s.name)).collect();
         for (text, active) in changes {
-            // To write one may end the session, and with it the alarms that stand.
+            // Writing one may end the session, and with it the active alarms.
             if self.session.is_some() || !active {
                 self.on_alarm(at, text, LOSSES, active);
             }
         }
     }
 
-    /// Asks the machine how it is, and takes the measures that follow.
+    /// Reads the state of the machine and applies the resulting measures.
     fn check_machine(&mut self, at: HostTime) {
         let reading = self.store.machine(at, self.session.is_some());
         self.machine = reading.status;
@@ -855,14 +861,14 @@ impl Recorder {
         }
     }
 
-    /// Says what is tight, each cause in one alarm whose text follows what is done about it.
+    /// Reports scarce resources: one alarm per cause, whose text follows the measures taken.
     fn report_changes(&mut self, at: HostTime, changes: Vec<Change>) {
         for change in changes {
             let source = cause_name(change.cause);
             if let Some(over) = self.cause_alarms.remove(&change.cause) {
                 self.on_alarm(at, over, source, false);
             }
-            // That space runs low is said by the disk's own alarm.
+            // Low disk space is reported by the disk's own alarm.
             let is_reported = change.cause == Cause::Disk && change.to == Step::Warn;
             if change.to > Step::Normal && !is_reported {
                 self.on_alarm(at, change.text.clone(), source, true);
@@ -871,12 +877,12 @@ impl Recorder {
         }
     }
 
-    /// What is to be done to spare the machine.
+    /// Measures against overload of the machine that are in force.
     pub fn mitigations(&self) -> Measures {
         self.ladder.measures()
     }
 
-    /// Warns when space runs low, or is too little to begin; stops, cleanly, when it has run out.
+    /// Warns when free space runs low or is too little to begin; stops cleanly when it has run out.
     fn guard_disk(&mut self, at: HostTime, bytes_per_second: Option<u64>) {
         let Some(free) = self.free_bytes else {
             return;
@@ -928,7 +934,7 @@ fn cause_name(cause: Cause) -> &'static str {
     }
 }
 
-/// What an alarm of this source is about.
+/// Subject of an alarm from this source.
 fn concern_of(source: &str) -> Concern {
     match source {
         "disk" | RECOVERY => Concern::Storage,
@@ -938,7 +944,7 @@ fn concern_of(source: &str) -> Concern {
     }
 }
 
-/// What the writer dealt with, for people.
+/// Description of an incident that the writer handled, for people.
 fn describe(incident: &Incident) -> String {
     let what = if incident.lost.is_empty() {
         "nothing is lost"
@@ -951,7 +957,7 @@ fn describe(incident: &Incident) -> String {
     )
 }
 
-/// The time by which an item belongs before or after a stop.
+/// Time that decides whether an item belongs before or after a stop.
 fn item_time(item: &Outgoing) -> Option<HostTime> {
     match item {
         Outgoing::Frame { frame, .. } => Some(HostTime(frame.time)),

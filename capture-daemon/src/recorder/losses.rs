@@ -1,10 +1,10 @@
-//! What each stream has lost in a session, by cause, and the alarm while it goes on losing.
+//! Losses of each stream in a session, by cause, and the alarm while samples are being lost.
 //!
-//! Contract: every number that a gap record names, or that was reported and will be named by one, is counted once
-//! for the alarm when it becomes known, and once for the account when the gap is written. *While a stream loses
-//! samples* one alarm stands, from at most a second after the first loss until [`CALM_CHECKS`] looks without one.
-//! Frames that were left out on purpose are in the account and raise no alarm: what leaves them out has its own. The
-//! same goes for devices that are disconnected.
+//! Contract: every number in a gap record, or reported to be in a future one, is counted once for
+//! the alarm when the loss becomes known, and once for the account when the gap is written. *While
+//! a stream loses samples* one alarm is active, from at most a second after the first loss until
+//! [`CALM_CHECKS`] checks without one. Frames dropped on purpose are in the account and raise no
+//! alarm, because load shedding raises its own. The same holds for disconnected devices.
 
 use std::collections::BTreeMap;
 
@@ -12,15 +12,15 @@ use session_archive::record::paws::gap::Cause;
 
 use crate::status::CauseCount;
 
-/// Looks, one a second, without a loss after which the alarm is over.
+/// Number of checks, one a second, without a loss after which the alarm ends.
 const CALM_CHECKS: u32 = 5;
 
 /// Losses of one stream.
 #[derive(Debug, Default)]
 pub(super) struct Losses {
-    /// Missing samples by cause, as gap records name them.
+    /// Missing samples by cause, as in gap records.
     account: BTreeMap<i32, u64>,
-    /// Losses that became known since the last look, and the cause of the newest.
+    /// Losses since the last check, with the cause of the newest.
     recent: Option<Cause>,
     alarm: Option<Alarm>,
 }
@@ -32,23 +32,23 @@ struct Alarm {
 }
 
 impl Losses {
-    /// A gap record names `count` samples.
+    /// Counts `count` samples of a gap record.
     pub(super) fn gap(&mut self, cause: Cause, count: u64) {
         *self.account.entry(cause.into()).or_default() += count;
-        // Nobody reported these before.
+        // These were not reported before.
         if cause == Cause::Device {
             self.report(cause);
         }
     }
 
-    /// Samples will not come.
+    /// Counts samples that are reported as lost.
     pub(super) fn report(&mut self, cause: Cause) {
         if !matches!(cause, Cause::Spared | Cause::Disconnected) {
             self.recent = Some(cause);
         }
     }
 
-    /// By cause, most first.
+    /// Missing samples by cause, largest count first.
     pub(super) fn by_cause(&self) -> Vec<CauseCount> {
         let mut counts: Vec<CauseCount> = self
             .account
@@ -62,7 +62,8 @@ impl Losses {
         counts
     }
 
-    /// Once a second: the alarms of the stream `name` that are over and begin, each with its text.
+    /// To be called once a second: the alarms of the stream `name` that end and begin, each with
+    /// its text.
     pub(super) fn check(&mut self, name: &str) -> Vec<(String, bool)> {
         let mut changes = Vec::new();
         match self.recent.take() {
@@ -89,13 +90,13 @@ impl Losses {
         changes
     }
 
-    /// The session ends, and the alarm with it.
+    /// Ends the alarm with the session.
     pub(super) fn end(&mut self) -> Option<(String, bool)> {
         self.alarm.take().map(|over| (over.text, false))
     }
 }
 
-/// A cause, for people.
+/// Description of a cause, for people.
 fn cause_text(cause: Cause) -> &'static str {
     match cause {
         Cause::Unknown => "cause not known",

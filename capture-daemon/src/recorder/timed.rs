@@ -1,4 +1,4 @@
-//! A storage that tells how long its writes and syncs took.
+//! Storage wrapper that measures the duration of writes and syncs.
 
 use std::io;
 use std::sync::Arc;
@@ -8,7 +8,7 @@ use session_archive::storage::{ReadAt, Storage, WriteFile};
 
 use crate::clock::Clock;
 
-/// Longest write and sync since they were last asked for.
+/// Maximum durations of a write and of a sync since they were last taken.
 #[derive(Default)]
 struct MaxDurations {
     write_ns: AtomicI64,
@@ -31,7 +31,7 @@ impl TimedStorage {
         }
     }
 
-    /// Longest write and longest sync since the last call, ns.
+    /// Maximum durations of a write and of a sync since the last call, ns.
     pub(super) fn take_max_durations(&self) -> (u64, u64) {
         let take = |a: &AtomicI64| a.swap(0, Ordering::Relaxed).max(0) as u64;
         (

@@ -1,4 +1,4 @@
-//! Looking at the machine once a second: heat, power, disk, clock.
+//! Monitor of the machine, read once a second: heat, power, disk, clock.
 
 use std::path::PathBuf;
 
@@ -13,22 +13,22 @@ use session_archive::time::{HostTime, NS_PER_S};
 use crate::recorder::MachineReading;
 use crate::status::{BatteryStatus, ClockStatus, MachineStatus};
 
-/// Remembers what it saw, for what can only be told from two looks.
+/// Monitor with the previous readings, for values that follow from two readings.
 pub(super) struct MachineMonitor {
     roots: Roots,
     folder: PathBuf,
     thermometer: Thermometer,
     disk: DiskWatch,
     clock: ClockWatch,
-    /// What keeps the clock right, and when that was looked up.
+    /// Discipline of the civil clock, and the time of that reading.
     source: (String, Option<HostTime>),
 }
 
-/// Who keeps the clock right is asked so often: it means going through all processes.
+/// Interval between readings of the clock's discipline, ns: each goes through all processes.
 const DISCIPLINE_NS: i64 = 30 * NS_PER_S;
 
 impl MachineMonitor {
-    /// Sessions go into `folder`, and never leave less than `reserve_bytes` free.
+    /// Sessions are written to `folder`, and at least `reserve_bytes` are left free.
     pub(super) fn new(folder: PathBuf, reserve_bytes: u64) -> Self {
         Self {
             roots: Roots::default(),
@@ -59,7 +59,7 @@ impl MachineMonitor {
         let readings = battery::Readings::read(&self.roots);
         let power = battery::judge(&readings, None);
         if !recording {
-            // What others write now says nothing about a recording that may begin.
+            // The present write rate of other programs is no estimate for a future recording.
             self.disk.begin_recording();
         }
         let disk = self.disk.judge(now.0, &disk::look(&self.folder));

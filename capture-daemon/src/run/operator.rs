@@ -1,8 +1,8 @@
-//! The operator's button, light and beeper, and what they have to do with the recorder.
+//! The operator's buttons, lights and beepers, connected to the recorder.
 //!
-//! Contract: a wish is carried out as soon as it is made; what came of it is shown at once. What lasts is shown
-//! whenever [`Operator::show`] is called. A light that fails or a button that is gone is logged and waited for; neither
-//! stops a recording.
+//! Contract: a command is executed as soon as it is given; its result is shown immediately. Lasting
+//! states are shown whenever [`Operator::show`] is called. A failing light or a disconnected button
+//! is logged and waited for; neither stops a recording.
 
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,30 +22,30 @@ use crate::config;
 use crate::error_chain::with_causes;
 use crate::status::{Concern, Request, Response, State, Status};
 
-/// Who asks, in sessions.
+/// Source of its requests, in sessions.
 const SOURCE: &str = "button";
 
-/// Everything that the operator has.
+/// All devices of the operator.
 pub(super) struct Operator {
     actions: Arc<OperatorActions>,
-    /// They listen until they are dropped.
+    /// Button threads; they run until they are dropped.
     _listeners: Vec<Listener>,
 }
 
-/// What the buttons' threads share.
+/// State shared by the buttons' threads.
 struct OperatorActions {
     shared: Arc<Shared>,
     panel: Panel,
-    /// It was asked whether to discard.
+    /// The operator was prompted whether to discard.
     question: AtomicBool,
     shown: Mutex<Option<Shown>>,
 }
 
 impl Operator {
-    /// Opens lights and beepers, and listens to the buttons.
+    /// Opens lights and beepers, and starts listening to the buttons.
     ///
     /// # Errors
-    /// The system has no thread left.
+    /// The system provides no thread.
     pub(super) fn start(config: &config::Operator, shared: &Arc<Shared>) -> anyhow::Result<Self> {
         let clock: Clock = {
             let shared = shared.clone();
@@ -91,7 +91,7 @@ impl Operator {
         })
     }
 
-    /// Shows how the recorder is now.
+    /// Shows the present state of the recorder.
     pub(super) fn show(&self) {
         self.actions.show();
     }
@@ -117,7 +117,7 @@ impl OperatorActions {
         self.question
             .store(matches!(command.wish, Wish::Ask(_)), Ordering::SeqCst);
         let (request, done) = match command.wish {
-            // That it began is shown by the state.
+            // The start is shown by the state.
             Wish::Start => (
                 Request::Start {
                     name: String::new(),
@@ -163,11 +163,11 @@ impl OperatorActions {
     }
 }
 
-/// What lights say of a recorder in this state.
+/// Indication of a recorder in this state.
 fn shown(status: &Status, question: bool) -> Shown {
     let warnings: BTreeSet<Warning> = status.concerns.iter().map(warning).collect();
     let phase = match status.state {
-        // A camera that is missing is a warning, not a start that takes long.
+        // A missing camera is a warning, not a slow start.
         State::Idle if !warnings.contains(&Warning::Stream) => Phase::Starting,
         State::Idle | State::Armed | State::Fault => Phase::Ready,
         State::Recording => Phase::Recording,

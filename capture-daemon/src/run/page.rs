@@ -1,4 +1,5 @@
-//! The phone's page and the host's way to the sessions: the recorder as [`rig_link`] wants to see it.
+//! The phone's page and the host's access to the sessions: the recorder behind the interface of
+//! [`rig_link`].
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -19,29 +20,29 @@ use crate::config;
 use crate::preview::Newest;
 use crate::status::{Request, Response, State, Status};
 
-/// Who asks, in sessions.
+/// Source of its requests, in sessions.
 const SOURCE: &str = "page";
-/// Width of the small pictures, pixels.
+/// Width of the previews, pixels.
 const PREVIEW_WIDTH: u32 = 320;
 
-/// File beside the certificate in which is kept which logins have ended.
+/// File beside the certificate that lists the ended logins.
 const ENDED_LOGINS: &str = "ended-logins";
-/// How long until the next try to serve it.
+/// Delay between attempts to serve the page, ns.
 const RETRY_NS: i64 = 10 * NS_PER_S;
 
-/// The page as soon as it can be served, until this is dropped. Nobody waits for it: an address that comes with a
-/// network that is not there yet must not keep the rig from recording.
+/// Serves the page as soon as possible, until this is dropped. Nothing waits for it: an address of
+/// a network that is not up yet must not keep the rig from recording.
 pub(super) struct PageSupervisor<'a> {
     page: Option<&'a config::Page>,
     out: PathBuf,
     server: Option<Server>,
     next: HostTime,
-    /// Why it is not served, as was last said.
+    /// Last reported reason why it is not served.
     last_error: String,
 }
 
 impl<'a> PageSupervisor<'a> {
-    /// Of this page, where there is to be one, with the sessions in `out`.
+    /// Creates the supervisor of this page, if there is one, with the sessions in `out`.
     pub(super) fn new(page: Option<&'a config::Page>, out: &Path) -> Self {
         Self {
             page,
@@ -52,7 +53,7 @@ impl<'a> PageSupervisor<'a> {
         }
     }
 
-    /// Serves it if it is not served and it is time for another try.
+    /// Serves the page if it is not served and the next attempt is due.
     pub(super) fn supervise(&mut self, running: &Running) {
         let now = running.shared.now();
         let (Some(page), None) = (self.page, &self.server) else {
@@ -78,7 +79,7 @@ impl<'a> PageSupervisor<'a> {
 /// Serves the page until the server is dropped.
 ///
 /// # Errors
-/// The certificate cannot be kept, the token cannot be read, or the address is taken.
+/// The certificate cannot be stored, the token cannot be read, or the address is in use.
 fn serve(page: &config::Page, out: &Path, running: &Running) -> anyhow::Result<Server> {
     let is_loopback = page.listen.ip().is_loopback();
     let identity = match is_loopback {
@@ -170,7 +171,8 @@ impl Rig for PageRig {
     }
 
     fn is_recording(&self, session: &str) -> bool {
-        // A session that has just been asked for has no name yet, so while one is begun or ended none is free.
+        // A session that was just requested has no name yet, so while one is being started or ended
+        // all count as being recorded.
         let is_ours = self.shared.latest().is_none_or(|status| {
             let is_open = matches!(status.state, State::Recording | State::Stopping);
             (is_open || self.shared.is_recording())
@@ -180,7 +182,8 @@ impl Rig for PageRig {
                     .and_then(Path::file_name)
                     .is_none_or(|name| name == session || !is_open)
         });
-        // `pawsd record` may write one into the same folder, and one that was cut off may be about to be closed.
+        // `pawsd record` may write a session into the same folder, and an interrupted one may be
+        // about to be closed.
         is_ours || is_claimed(&self.out.join(session))
     }
 }
@@ -235,10 +238,10 @@ fn page_status(status: &Status, cameras: &[(String, f64)]) -> PageStatus {
     }
 }
 
-/// The fingerprint of the certificate with which the page is served, made if there is none yet.
+/// Fingerprint of the page's certificate, which is created if it does not exist.
 ///
 /// # Errors
-/// It cannot be kept, or the configuration has no page.
+/// It cannot be stored, or the configuration has no page.
 pub fn fingerprint(config: &config::Config) -> anyhow::Result<String> {
     let page = config
         .page
@@ -256,7 +259,7 @@ mod tests {
 
     use super::*;
 
-    /// Else a daemon that starts before its network could not record.
+    /// Otherwise a daemon that starts before its network could not record.
     #[test]
     fn page_is_served_once_its_address_exists() {
         let taken = TcpListener::bind("127.0.0.1:0").expect("an address");

@@ -1,12 +1,13 @@
 //! Real time: a thread per source, one for the hub, one for the recorder.
 //!
-//! Between them are two queues bounded in bytes. When the inbox is full a frame is dropped before the
-//! hub; when the way to the recorder is full, frames are dropped behind the encoder up to the
-//! next key frame, which is asked for until one gets through. Both are reported with their cause. IMU
-//! samples wait instead, and gather on the way so that the hub is not woken for each. Hub, recorder and the daemon's
-//! own loop sleep until something comes or is due. When a source fails, everything goes on without it, with an alarm. When hub or
-//! recorder does not come round for [`WATCHDOG_NS`], the run ends with an error; the session is closed
-//! before, if the recorder still can.
+//! Between them are two queues bounded in bytes. When the inbox is full a frame is dropped before
+//! the hub; when the outbox to the recorder is full, frames are dropped behind the encoder up to
+//! the next key frame, which is requested until one is delivered. Both are reported with their
+//! cause. IMU samples wait instead, and are gathered so that the hub is not woken for each. Hub,
+//! recorder and the daemon's own loop sleep until something arrives or is due. When a source fails,
+//! everything continues without it, with an alarm. When the loop of hub or recorder stalls for
+//! [`WATCHDOG_NS`], the run ends with an error; the session is closed before, if the recorder still
+//! can.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
@@ -42,74 +43,76 @@ use crate::recorder::{OnProgress, Queues, RECOVERY, Recorder};
 use crate::sources::{AnySource, RawFrame, Sample, Sink, Source, SourceError};
 use crate::status::{Progress, Request, Response, State, Status};
 
-/// Raw frames waiting for the hub.
+/// Capacity of the queue of raw frames for the hub, bytes.
 const INBOX_BYTES: usize = 128 << 20;
-/// Of those, frames in their cameras' own buffers, of all cameras together.
+/// Maximum number of frames in their cameras' own buffers in that queue, of all cameras together.
 const NATIVE_WAITING: usize = 6;
-/// Encoded frames and IMU samples waiting for the recorder.
+/// Capacity of the queue of encoded frames and IMU samples for the recorder, bytes.
 const OUTBOX_BYTES: usize = 64 << 20;
-/// Longest wait before a thread looks whether the end was asked for, and the recorder whether a session is closed.
+/// Maximum wait before a thread checks whether the end was requested, and the recorder whether a
+/// session is closed.
 const POLL_TIMEOUT: Duration = Duration::from_millis(20);
-/// Replays begin this much after the program, so that all of them are ready.
+/// Delay between program start and start of replays, so that all of them are ready, ns.
 const REPLAY_LEAD_NS: i64 = 200_000_000;
-/// While nobody stores frames, one in so long is shown and looked at; the others are only counted and timed.
+/// While nobody stores frames, one frame per this interval is previewed and checked, ns; the others
+/// are only counted and timed.
 const IDLE_PREVIEW_PERIOD_NS: i64 = NS_PER_S;
-/// A source that is so far behind its schedule has to leave samples out.
+/// Maximum lag of a source behind its schedule, ns. With more it has to skip samples.
 const MAX_LAG_NS: i64 = NS_PER_S / 2;
-/// A thread that has not come round for this long is stuck.
+/// Maximum time between two iterations of a thread's loop, ns. With more it is stuck.
 const WATCHDOG_NS: i64 = 10 * NS_PER_S;
-/// A recording that cannot be closed within this is given up.
+/// Maximum time for closing a recording, ns. After it the recording is abandoned.
 const CLOSE_LIMIT_NS: i64 = 4 * WATCHDOG_NS;
-/// How old what others know of the recorder may be.
+/// Maximum age of the published status, ns.
 const STATUS_MAX_AGE_NS: i64 = 200_000_000;
-/// How long a request may take.
+/// Maximum time for a request.
 const REQUEST_LIMIT: Duration = Duration::from_secs(5);
-/// How long a stop may take: what waits for the encoders goes in first (`recorder::STOP_MAX_NS`). Whoever asks waits
+/// Maximum time for a stop: queued frames are encoded first (`recorder::STOP_MAX_NS`). Clients wait
 /// longer ([`control::answer_limit`], the page), and so does systemd (`deploy/pawsd.service`).
 const STOP_REQUEST_LIMIT: Duration = Duration::from_secs(30);
 
-/// To the hub.
+/// Item of the hub's queue.
 enum HubInput {
     Sample(usize, Sample),
     /// Camera, device's number and arrival.
     Dropped(usize, u64, HostTime),
-    /// A source delivers no more; why, if it failed.
+    /// A source delivers no more samples; with the reason, if it failed.
     Ended(usize, Option<String>),
 }
 
-/// To the recorder.
+/// Item of the recorder's queue.
 enum ToRecorder {
     Item(Outgoing),
     Request(Request, &'static str, SyncSender<Response>),
 }
 
-/// What all threads share.
+/// State shared by all threads.
 pub(super) struct Shared {
     clock: Arc<RealClock>,
     inbox: Queue<HubInput>,
     outbox: Queue<ToRecorder>,
-    /// Set when everything is to end.
+    /// Set when everything has to end.
     ending: StopFlag,
-    /// When hub and recorder last came round.
+    /// Time of the last loop iteration of hub and recorder, ns.
     hub_beat: AtomicI64,
     recorder_beat: AtomicI64,
     /// Cameras that need a key frame.
     key_frame_needed: Vec<AtomicBool>,
-    /// Set when no source will deliver any more.
+    /// Set when all sources have ended.
     all_ended: StopFlag,
-    /// How the recorder was when it last changed, for whoever must not wait for it.
+    /// Last published status of the recorder, for threads that must not wait for it.
     latest: Mutex<Option<Arc<Status>>>,
-    /// Told when that changes.
+    /// Notified when the status changes.
     status_changed: Condvar,
     /// Whether a session is open.
     recording: AtomicBool,
-    /// Since when, if one is.
+    /// Start of the open session.
     recording_since: AtomicI64,
     /// Whether frames are kept before a session begins.
     has_pre_roll: bool,
-    /// What is done to spare the machine.
+    /// Measures against overload of the machine that are in force.
     mitigations: Mutex<Measures>,
-    /// The newest picture of each camera.
+    /// Newest image of each camera.
     previews: Arc<Previews>,
     outcome: Outcome,
 }
@@ -138,7 +141,7 @@ impl Shared {
         }
     }
 
-    /// How the recorder was a moment ago; none before it has come round once.
+    /// Recent status of the recorder; `None` before its first iteration.
     pub(super) fn latest(&self) -> Option<Arc<Status>> {
         lock(&self.latest).clone()
     }
@@ -147,7 +150,7 @@ impl Shared {
         self.recording.load(Ordering::SeqCst)
     }
 
-    /// Called by the recorder's thread alone once it runs.
+    /// Once the recorder's thread runs, called by it alone.
     fn set_recording(&self, is_recording: bool) {
         if is_recording && !self.is_recording() {
             let now = self.clock.now().0;
@@ -156,7 +159,7 @@ impl Shared {
         self.recording.store(is_recording, Ordering::SeqCst);
     }
 
-    /// Whether nobody stores frames, now or later.
+    /// Whether frames are stored neither now nor later.
     fn is_idle(&self) -> bool {
         !self.has_pre_roll && !self.is_recording()
     }
@@ -169,7 +172,7 @@ impl Shared {
         self.previews.newest(camera, self.clock.now())
     }
 
-    /// Keeps what others are to know of the recorder.
+    /// Publishes the status of the recorder.
     fn publish_status(&self, recorder: &Recorder) {
         let is_recording = matches!(recorder.state(), State::Recording | State::Stopping);
         self.set_recording(is_recording);
@@ -178,7 +181,7 @@ impl Shared {
         self.status_changed.notify_all();
     }
 
-    /// Waits for something newer than `seen` of the recorder, up to `limit`.
+    /// Waits up to `limit` for a status newer than `seen`.
     fn wait_for_status(&self, seen: Option<&Arc<Status>>, limit: Duration) {
         let is_seen = |latest: &mut Option<Arc<Status>>| match (latest, seen) {
             (Some(latest), Some(seen)) => Arc::ptr_eq(latest, seen),
@@ -273,7 +276,7 @@ impl Running {
         })
     }
 
-    /// One in which nothing runs.
+    /// A daemon without threads.
     #[cfg(test)]
     pub(super) fn idle() -> Self {
         Self {
@@ -291,7 +294,7 @@ impl Running {
         send_request(&self.shared, request, source)
     }
 
-    /// Ends all threads; a session that is still open is closed.
+    /// Ends all threads; an open session is closed.
     fn end(self) {
         self.shared.ending.set();
         self.shared.inbox.close();
@@ -300,11 +303,11 @@ impl Running {
         }
     }
 
-    /// A thread that does not come round any more, if there is one.
+    /// Name of a thread whose loop has stalled, if there is one.
     fn stalled_thread(&self) -> Option<&'static str> {
         let now = self.shared.clock.now();
         let late = |beat: &AtomicI64| now.0 - beat.load(Ordering::Relaxed) > WATCHDOG_NS;
-        // A stuck recorder makes the hub wait, not the other way round.
+        // A stuck recorder makes the hub wait, and not vice versa.
         if late(&self.shared.recorder_beat) {
             Some("recorder")
         } else if late(&self.shared.hub_beat) {
@@ -314,7 +317,8 @@ impl Running {
         }
     }
 
-    /// Whether everything still moves. If not, and the recorder can, it closes the session first.
+    /// Checks that all threads make progress. If not, the session is closed first, if the recorder
+    /// can.
     fn check(&self) -> anyhow::Result<()> {
         let Some(thread) = self.stalled_thread() else {
             return Ok(());
@@ -361,7 +365,7 @@ pub(super) fn send_request(shared: &Shared, request: Request, source: &'static s
         .unwrap_or_else(|_| failed("the recorder does not answer"))
 }
 
-/// A source's thread: hands everything to the hub.
+/// Thread of a source: passes everything to the hub.
 fn pump(i: usize, source: AnySource, shared: &Shared) {
     let hub_sink = HubSink {
         source: i,
@@ -379,7 +383,7 @@ fn pump(i: usize, source: AnySource, shared: &Shared) {
     let _ = shared.inbox.push_reserved(HubInput::Ended(i, failure), 0);
 }
 
-/// Waits for each sample until it is to arrive.
+/// Waits for the arrival time of each sample.
 fn replay(mut source: Box<dyn Source>, hub_sink: &HubSink<'_>) -> Result<(), SourceError> {
     loop {
         source.set_pixels_needed(hub_sink.pixels_needed());
@@ -402,11 +406,11 @@ fn replay(mut source: Box<dyn Source>, hub_sink: &HubSink<'_>) -> Result<(), Sou
     Ok(())
 }
 
-/// The way of one source's samples to the hub.
+/// Sink of one source's samples, into the hub's queue.
 struct HubSink<'a> {
     source: usize,
     shared: &'a Shared,
-    /// When the newest frame with pixels was put in.
+    /// Time of the newest frame with pixels.
     shown: AtomicI64,
 }
 
@@ -425,12 +429,13 @@ impl Sink for HubSink<'_> {
             self.shown.store(self.now().0, Ordering::Relaxed);
         }
         let (i, inbox) = (self.source, &self.shared.inbox);
-        // Cameras lend few of their own buffers: so many may wait, however small they are.
+        // Cameras lend few of their own buffers, so the number of waiting ones is limited, however
+        // small they are.
         let bytes = match &sample {
             Sample::Native(_) => sample.bytes().max(INBOX_BYTES / NATIVE_WAITING),
             _ => sample.bytes(),
         };
-        // Nothing is refused but at the end.
+        // A push is rejected only at the end.
         let _ = match &sample {
             Sample::Frame(RawFrame {
                 number, host_time, ..
@@ -443,7 +448,7 @@ impl Sink for HubSink<'_> {
                     .try_push(HubInput::Sample(i, sample), bytes)
                     .or_else(|_| inbox.push_reserved(dropped, 0))
             }
-            // Their times are taken, and the hub gathers them anyway.
+            // Their times are already taken, and the hub gathers them anyway.
             Sample::Imu(_) | Sample::Arrival(_) => {
                 inbox.push_gathered(HubInput::Sample(i, sample), bytes)
             }
@@ -474,14 +479,14 @@ fn wait_until(time: HostTime, shared: &Shared) -> bool {
     }
 }
 
-/// From now until then; nothing if it has come.
+/// Time from `now` until `then`; zero if it has passed.
 fn span(now: HostTime, then: HostTime) -> Duration {
     Duration::from_nanos(then.since(now).max(0) as u64)
 }
 
 fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
     let mut running = sources;
-    // Every source has ended, and frames may still wait for their encoders.
+    // All sources have ended, and frames may still wait for their encoders.
     let mut draining = false;
     let mut now = shared.clock.now();
     let mut next_tick = now;
@@ -521,7 +526,7 @@ fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
             hub.tick(now);
             next_tick = now + TICK_NS;
         }
-        // Round by round: a slow machine takes longer than a thread may that is not stuck.
+        // In rounds: on a slow machine this takes longer than the watchdog allows a thread.
         if draining && hub.drain(now) {
             draining = false;
             hub.finish(RemainingFrames::Encode, now);
@@ -532,7 +537,7 @@ fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
     shared.outbox.close();
 }
 
-/// The way from the hub and the encoders to the recorder.
+/// Output of the hub and the encoders, into the recorder's queue.
 fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
     let skipping: Vec<AtomicBool> = names.iter().map(|_| AtomicBool::new(false)).collect();
     Arc::new(move |item: Outgoing| {
@@ -546,7 +551,7 @@ fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
                 return;
             }
         };
-        // Once a frame is dropped behind the encoder, those that follow refer to it.
+        // After a frame is dropped behind the encoder, the following ones refer to it.
         let skip = skipping[camera].load(Ordering::Relaxed) && !key;
         if !skip
             && shared
@@ -557,7 +562,7 @@ fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
             skipping[camera].store(false, Ordering::Relaxed);
             return;
         }
-        // Again if the key frame that was asked for did not fit either.
+        // Again if the requested key frame did not fit either.
         if !skipping[camera].swap(true, Ordering::Relaxed) || key {
             shared.key_frame_needed[camera].store(true, Ordering::Relaxed);
         }
@@ -574,12 +579,12 @@ fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
 }
 
 fn run_recorder(mut recorder: Recorder, shared: &Shared) {
-    // Whoever asked to stop is answered when the session is closed.
+    // Stop requests are answered when the session is closed.
     let mut stopping: Vec<SyncSender<Response>> = Vec::new();
     let mut status_changed: Option<(HostTime, State)> = None;
     loop {
         let timeout = match status_changed {
-            // What the disk has done is looked for as often as samples come.
+            // The results of the disk are checked as often as samples arrive.
             Some((at, state)) if state != State::Stopping => {
                 span(shared.clock.now(), at + STATUS_MAX_AGE_NS)
             }
@@ -592,7 +597,7 @@ fn run_recorder(mut recorder: Recorder, shared: &Shared) {
             Popped::Item(ToRecorder::Request(request, source, reply)) => {
                 let is_stop = request == Request::Stop;
                 if matches!(request, Request::Start { .. }) {
-                    // Before there is a folder that could be taken for one that has ended.
+                    // Before there is a folder that could be taken for an ended session.
                     shared.set_recording(true);
                 }
                 status_changed = None;
@@ -669,11 +674,11 @@ pub(super) fn record(
     outcome.take()
 }
 
-/// Runs the daemon until `stop` is set: armed, answering on the control socket, telling systemd how
-/// it is.
+/// Runs the daemon until `stop` is set: armed, answering on the control socket, reporting to
+/// systemd.
 ///
 /// # Errors
-/// The configuration cannot be put to work, or a thread got stuck.
+/// The configuration cannot be applied, or a thread is stuck.
 pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
     let out =
         config.session.out.clone().ok_or_else(|| {
@@ -748,7 +753,7 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
     let shared = running.shared.clone();
     let mut first_frames = FirstFrames::wait(running.names());
     let mut is_armed = false;
-    // Twice as often as asked for: the loop sleeps between its rounds.
+    // Twice as often as required, because the loop sleeps between its iterations.
     let watchdog_ns = notify
         .watchdog_interval()
         .map_or(NS_PER_S, |interval| interval.as_nanos() as i64 / 2)
@@ -783,7 +788,7 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
             next_watchdog = now + watchdog_ns;
             notify.watchdog();
         }
-        // It comes five times a second while the recorder moves, so the end is seen soon.
+        // It is published five times a second while the recorder runs, so the end is detected soon.
         let due = next_status.min(next_watchdog);
         shared.wait_for_status(seen.as_ref(), span(now, due));
     };
@@ -797,7 +802,7 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
     result
 }
 
-/// Closes what is being recorded and ends all threads, and tells the watchdog meanwhile that it is being done.
+/// Closes the open recording and ends all threads, and notifies the watchdog meanwhile.
 fn stop_under_watchdog(
     running: Running,
     notify: &Notify,
@@ -816,7 +821,7 @@ fn stop_under_watchdog(
     Ok(())
 }
 
-/// What a person is to do once all cameras and IMUs deliver.
+/// Instruction for the operator once all cameras and IMUs deliver.
 fn armed(config: &Config) -> String {
     let button = match config.operator.buttons.is_empty() {
         true => "",
@@ -844,7 +849,8 @@ mod tests {
     use crate::recorder::STOP_MAX_NS;
     use crate::sync::clock::ClockConfig;
 
-    /// Neither is something new missed that came before the waiting, nor does the wait end for what was seen.
+    /// A status published before the wait is not missed, and the status already seen does not end
+    /// the wait.
     #[test]
     fn status_change_ends_the_wait() {
         const LONG: Duration = Duration::from_secs(3600);
@@ -866,7 +872,8 @@ mod tests {
         waiting.join().expect("it ends");
     }
 
-    /// Else a stop on a slow machine would be called a failure, or killed, while it goes on.
+    /// Otherwise a stop on a slow machine would be reported as a failure, or killed, while it is in
+    /// progress.
     #[test]
     fn stop_clients_wait_longer_than_a_stop_takes() {
         let recorder = Duration::from_nanos(STOP_MAX_NS as u64);
@@ -886,13 +893,13 @@ mod tests {
         assert!(STOP_REQUEST_LIMIT < page);
     }
 
-    /// Else the end of a replay on a slow machine would be taken for a thread that is stuck.
+    /// Otherwise the end of a replay on a slow machine would be taken for a stuck thread.
     #[test]
     fn hub_loop_keeps_running_while_the_last_frames_are_encoded() {
         const { assert!(FINISH_LIMIT.as_nanos() < WATCHDOG_NS as u128) };
         let shared = Arc::new(Shared::new(1, OUTBOX_BYTES, false, Outcome::default()));
         shared.set_recording(true);
-        // The number of each frame that comes out or is reported, and when the hub had last come round.
+        // Number of each delivered or reported frame, and time of the hub's last loop iteration.
         let reported: Arc<Mutex<Vec<(u64, i64)>>> = Arc::default();
         let (into, of_hub) = (reported.clone(), shared.clone());
         let out: Out = Arc::new(move |item| {
@@ -928,7 +935,7 @@ mod tests {
         let encoding = Encoding::new(1);
         let mut hub = Hub::new(vec![setup], NS_PER_S, false, &encoding, &out);
         let bytes = PixelFormat::I420.bytes(width, height).expect("even");
-        // Noise: encoding one takes many times as long as pushing one.
+        // Noise: encoding a frame takes much longer than pushing it.
         let noise = |mut state: u64| {
             let mut next = || {
                 state = state.wrapping_mul(6_364_136_223_846_793_005);
@@ -939,7 +946,7 @@ mod tests {
             Picture::new(width, height, PixelFormat::I420, data).expect("an image")
         };
         let images = [noise(1), noise(2)];
-        // Many more than have room in an encoder.
+        // Many more than fit into an encoder.
         for number in 0..24 {
             let now = shared.now();
             let frame = RawFrame {
@@ -969,7 +976,7 @@ mod tests {
         assert!(beats.len() > 3, "{beats:?}");
     }
 
-    /// A full outbox refuses the key frame too that was asked for: then the next one must be one.
+    /// A full outbox also rejects the requested key frame: then the next frame must be one.
     #[test]
     fn key_frame_is_requested_until_one_is_delivered() {
         let shared = Arc::new(Shared::new(1, 1000, false, Outcome::default()));

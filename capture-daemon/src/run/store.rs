@@ -1,4 +1,4 @@
-//! Sessions as folders below one folder.
+//! Storage of sessions as folders below one folder.
 
 use std::ffi::OsString;
 use std::fs;
@@ -15,21 +15,21 @@ use super::machine_monitor::MachineMonitor;
 use crate::disk;
 use crate::recorder::{MachineReading, SessionStore};
 
-/// What the folder of a session is called while it is being deleted.
+/// Prefix of a session's folder while it is being deleted.
 const DISCARDED: &str = ".discarded-";
 
-/// Makes session folders named by their time: `2026-11-21T02-03-17Z_1a2b3c4d`.
+/// Creates session folders named by their time: `2026-11-21T02-03-17Z_1a2b3c4d`.
 pub struct FolderStore {
     out: PathBuf,
-    /// None where the same input is to give the same session, byte for byte.
+    /// `None` if the same input must give the same session, byte for byte.
     machine_monitor: Option<MachineMonitor>,
-    /// Of the one session that is made then.
+    /// Identity of the only session in that case.
     identity: [u8; 16],
 }
 
 impl FolderStore {
-    /// Sessions go into `out` and leave `reserve_bytes` free; identifiers are made from their time and the
-    /// machine's randomness.
+    /// Sessions are written to `out` and leave `reserve_bytes` free; identifiers are derived from
+    /// their time and the machine's randomness.
     pub fn random(out: PathBuf, reserve_bytes: u64) -> Self {
         Self {
             machine_monitor: Some(MachineMonitor::new(out.clone(), reserve_bytes)),
@@ -38,8 +38,9 @@ impl FolderStore {
         }
     }
 
-    /// A session goes into `out`; its identifier is made of these bytes (a UUID of version 8), and nothing of the
-    /// machine is known: nothing that changes from run to run gets into the session.
+    /// A session is written to `out`; its identifier is made of these bytes (a UUID of version 8),
+    /// and the machine is not monitored: nothing that changes from run to run gets into the
+    /// session.
     pub fn reproducible(out: PathBuf, identity: [u8; 16]) -> Self {
         Self {
             out,
@@ -75,7 +76,8 @@ impl SessionStore for FolderStore {
         Ok((path, Arc::new(storage), text))
     }
 
-    /// The session disappears by one rename; an hour of video takes its time to go, which nobody waits for.
+    /// The session disappears by one rename; deleting an hour of video takes time, for which nobody
+    /// waits.
     fn discard(&mut self, path: &Path) -> io::Result<()> {
         let name = path.file_name().unwrap_or_default();
         let mut removed = OsString::from(DISCARDED);
@@ -84,7 +86,7 @@ impl SessionStore for FolderStore {
         fs::rename(path, &removed)?;
         fs::File::open(&self.out)?.sync_all()?;
         let removing = std::thread::Builder::new().name("discard".to_owned());
-        // Without a thread it goes at the next start.
+        // Without a thread it is deleted at the next start.
         let _ = removing.spawn(move || remove(&removed));
         Ok(())
     }
@@ -108,7 +110,7 @@ impl SessionStore for FolderStore {
     }
 }
 
-/// Deletes what is left of discarded sessions, as by a power cut in the middle.
+/// Deletes the remains of discarded sessions, as after a power cut in between.
 pub(super) fn finish_discards(out: &Path) {
     let entries = fs::read_dir(out).into_iter().flatten().flatten();
     for entry in entries {
@@ -134,7 +136,8 @@ fn remove(removed: &Path) {
 mod tests {
     use super::*;
 
-    /// Whoever records does not notice by itself: files that are open go on after their folder is gone.
+    /// The recorder does not notice by itself: open files remain usable after their folder is
+    /// removed.
     #[test]
     fn removed_session_folder_is_detected() {
         let folder = tempfile::tempdir().expect("folder");
