@@ -1,8 +1,9 @@
-//! The newest picture of each camera, for whoever wants to look.
+//! Newest image of each camera, for previews.
 //!
-//! Contract: keeping a picture costs a reference to it, a few times a second; nothing is copied or
-//! compressed for it here, and a reader who holds on to a picture holds up nobody. Pixels in a camera's own buffer
-//! are made small by GStreamer beside the recording, one at a time and only while somebody looks.
+//! Contract: storing an image costs one reference to it, a few times a second; nothing is copied or
+//! compressed for it here, and a reader that holds an image blocks nobody. Pixels in a camera's own
+//! buffer are scaled down by GStreamer beside the recording, one at a time and only while somebody
+//! watches.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -13,55 +14,55 @@ use video::{NativeFormat, Picture};
 
 use crate::sources::PreviewPixels;
 
-/// How often a picture is kept, unless the machine is to be spared.
+/// Interval between stored images, ns, in normal operation.
 const PERIOD_NS: i64 = NS_PER_S / 4;
-/// And then.
+/// Interval between stored images, ns, while the machine is overloaded.
 const DEGRADED_PERIOD_NS: i64 = 2 * NS_PER_S;
-/// Nobody looks any more when nobody has for so long.
+/// Time after the last request after which nobody watches, ns.
 const INTEREST_NS: i64 = 5 * NS_PER_S;
-/// What makes small pictures and has failed is started again after so long, if somebody still looks.
+/// Delay before a failed preview encoder is restarted, if somebody still watches, ns.
 const RETRY_NS: i64 = 10 * NS_PER_S;
-/// Height of what GStreamer makes small, pixels.
+/// Height of the previews from GStreamer, pixels.
 const SMALL_HEIGHT: u32 = 180;
 
-/// The newest pictures.
+/// The newest images.
 #[derive(Debug)]
 pub struct Previews {
     cameras: Vec<Mutex<CameraPreview>>,
 }
 
-/// The newest picture of a camera.
+/// Newest image of a camera.
 #[derive(Clone, Debug)]
 pub enum Newest {
     /// As it was recorded.
     Image(Picture),
-    /// A small one, as a JPEG file.
+    /// A preview as a JPEG file.
     Jpeg(Bytes),
 }
 
 #[derive(Debug, Default)]
 struct CameraPreview {
     newest: Option<Newest>,
-    /// Counts the pictures that were kept.
+    /// Number of stored images.
     number: u64,
     next: Option<HostTime>,
-    /// When somebody last looked.
+    /// Time of the last request.
     last_request: Option<HostTime>,
-    /// Of a camera whose pixels are in its own buffers.
+    /// Format of a camera whose pixels are in its own buffers.
     native: Option<NativeFormat>,
     small: Option<Preview>,
-    /// Not before then is another one started.
+    /// Earliest time of the next start.
     retry_at: Option<HostTime>,
 }
 
 impl Previews {
-    /// For so many cameras, without a picture yet.
+    /// Creates it for this number of cameras, without images.
     pub fn new(cameras: usize) -> Self {
         let cameras = (0..cameras).map(|_| Mutex::default()).collect();
         Self { cameras }
     }
 
-    /// Keeps a picture, if it is time for one.
+    /// Stores an image, if one is due.
     pub fn offer(
         &self,
         camera: usize,
@@ -69,7 +70,7 @@ impl Previews {
         now: HostTime,
         degraded: bool,
     ) {
-        // Whoever is looking at the old one may have it a little longer.
+        // Readers of the old image may have it a little longer.
         let Some(Ok(mut kept)) = self.cameras.get(camera).map(Mutex::try_lock) else {
             return;
         };
@@ -104,7 +105,7 @@ impl Previews {
         }
     }
 
-    /// The newest picture of a camera and its number, which grows.
+    /// Newest image of a camera and its number, which increases.
     pub fn newest(&self, camera: usize, now: HostTime) -> Option<(u64, Newest)> {
         let kept = self.cameras.get(camera)?;
         let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
@@ -119,7 +120,7 @@ impl Previews {
 }
 
 impl CameraPreview {
-    /// Starts what makes small pictures, where it is needed and has not failed a moment ago.
+    /// Starts the preview encoder, if it is needed and has not failed recently.
     fn update_small(&mut self, now: HostTime) {
         let Some(format) = &self.native else { return };
         let failure = match &self.small {
@@ -141,7 +142,8 @@ impl CameraPreview {
     }
 }
 
-/// Ends what makes small pictures on a thread of its own: one that is stuck takes seconds, and frames are waiting.
+/// Ends the preview encoder on a thread of its own: a stuck one takes seconds, and frames are
+/// waiting.
 fn end_in_background(small: Option<Preview>) {
     if let Some(small) = small {
         let ending = std::thread::Builder::new().name("preview-end".to_owned());
@@ -150,7 +152,7 @@ fn end_in_background(small: Option<Preview>) {
     }
 }
 
-/// Both eyes, in their own shape.
+/// Both eyes, with the aspect ratio of the frame.
 fn small(format: &NativeFormat) -> PreviewSettings {
     let width =
         u64::from(format.width()) * u64::from(SMALL_HEIGHT) / u64::from(format.height().max(1));

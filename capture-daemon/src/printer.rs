@@ -1,10 +1,10 @@
-//! Lines for a terminal or a pipe that perhaps nobody reads.
+//! Output of lines to a terminal or a pipe that may have no reader.
 //!
-//! Contract: saying a line never waits, for a recording must not. A thread prints the lines in their
-//! order, each at once. *When nobody reads* up to [`CAPACITY`] bytes wait, of routine lines half as
-//! much; what comes then is left out, but never the last line. *What others named* cannot act on the
-//! terminal: control characters are printed as `\u001b`. *When writing fails* (a closed pipe) the
-//! lines go nowhere. *At the end* [`Printer::finish`] waits until all is printed.
+//! Contract: printing never blocks, because a recording must not. A thread prints the lines in
+//! order, each immediately. *Without a reader* up to [`CAPACITY`] bytes are queued, half as much
+//! for routine lines; further lines are discarded, but never the final line. *Foreign names* cannot
+//! act on the terminal: control characters are printed as `\u001b`. *When writing fails* (a closed
+//! pipe) the lines are discarded. *At the end* [`Printer::finish`] waits until all is printed.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -15,21 +15,21 @@ use anyhow::Context as _;
 use capture_daemon::queue::{Popped, Queue};
 use session_archive::text::Screen;
 
-/// Bytes that may wait.
+/// Capacity of the queue, bytes.
 const CAPACITY: usize = 1 << 20;
 
-/// How much a line matters when nobody reads.
+/// Importance of a line when there is no reader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Priority {
-    /// Another one like it follows soon.
+    /// A similar line follows soon.
     Routine,
-    /// Something happened.
+    /// An event.
     Event,
-    /// What all of it came to; said once.
+    /// The result, printed once.
     Final,
 }
 
-/// Where lines are said; clones say them to the same printer.
+/// Input of a printer; clones belong to the same printer.
 #[derive(Clone)]
 pub(crate) struct Lines(Arc<Queue<Vec<u8>>>);
 
@@ -43,7 +43,7 @@ impl Printer {
     /// A printer to `out`.
     ///
     /// # Errors
-    /// The system gives no thread.
+    /// The system provides no thread.
     pub(crate) fn start(out: impl Write + Send + 'static) -> anyhow::Result<Self> {
         let mut out = Screen(out);
         let lines = Lines(Arc::new(Queue::new(CAPACITY)));
@@ -66,12 +66,12 @@ impl Printer {
         Ok(Self { lines, thread })
     }
 
-    /// Where to say lines.
+    /// Input for lines.
     pub(crate) fn lines(&self) -> Lines {
         self.lines.clone()
     }
 
-    /// Waits until everything is printed; what is said later is not.
+    /// Waits until everything is printed; later lines are discarded.
     pub(crate) fn finish(self) {
         self.lines.0.close();
         let _ = self.thread.join();
@@ -79,18 +79,18 @@ impl Printer {
 }
 
 impl Lines {
-    /// Says a line, given without its break.
+    /// Prints a line, given without its line break.
     pub(crate) fn print_line(&self, line: &str, priority: Priority) {
         self.put(format!("{line}\n").into_bytes(), priority);
     }
 
     fn put(&self, bytes: Vec<u8>, priority: Priority) {
         let len = bytes.len();
-        // Refused means: nobody reads, or the end.
+        // Rejected: there is no reader, or the printer has finished.
         let _ = match priority {
             Priority::Routine if self.0.bytes() > CAPACITY / 2 => return,
             Priority::Routine | Priority::Event => self.0.try_push(bytes, len),
-            // Weighs nothing, so it always fits.
+            // With size zero it always fits.
             Priority::Final => self.0.push_reserved(bytes, 0),
         };
     }

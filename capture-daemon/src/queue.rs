@@ -1,18 +1,19 @@
-//! A queue between threads that is bounded in bytes.
+//! A queue between threads, bounded in bytes.
 //!
-//! Order is kept. A full queue refuses ([`Queue::try_push`]) or makes the producer wait
-//! ([`Queue::push_reserved`], [`Queue::push_gathered`]); which of the two is the producer's policy, and what is refused
-//! comes back, so that it can be accounted for. One item always fits, however large. After [`Queue::close`] nothing
-//! goes in, and what is inside can still be taken out. Nobody is woken who does not wait.
+//! Order is preserved. A full queue rejects the item ([`Queue::try_push`]) or makes the producer
+//! wait ([`Queue::push_reserved`], [`Queue::push_gathered`]); which of the two is the producer's
+//! policy, and a rejected item is returned, so that it can be accounted for. One item always fits,
+//! however large. After [`Queue::close`] nothing is accepted, and the remaining items can still be
+//! taken. No wake-up is sent unless a thread waits.
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// So many items that came by [`Queue::push_gathered`] wake the consumer together.
+/// Number of items pushed by [`Queue::push_gathered`] that wake the consumer together.
 pub const GATHER_COUNT: usize = 16;
 
-/// A queue of items that each weigh some bytes.
+/// A queue of items, each with a size in bytes.
 #[derive(Debug)]
 pub struct Queue<T> {
     state: Mutex<State<T>>,
@@ -59,7 +60,7 @@ impl<T> Queue<T> {
         Ok(())
     }
 
-    /// Puts an item in, waiting until it fits into twice the capacity: for small items that must not
+    /// Pushes an item, waiting until it fits into twice the capacity: for small items that must not
     /// be held up or dropped because large ones fill the queue.
     ///
     /// # Errors
@@ -70,8 +71,9 @@ impl<T> Queue<T> {
         Ok(())
     }
 
-    /// As [`Self::push_reserved`], for small items that come often and are in no hurry: a consumer that waits is woken for
-    /// [`GATHER_COUNT`] of them, or by another item, or finds them when its time is over.
+    /// As [`Self::push_reserved`], for small items that are frequent and not urgent: a waiting
+    /// consumer is woken by [`GATHER_COUNT`] of them, or by another item, or finds them at its
+    /// timeout.
     ///
     /// # Errors
     /// The item, if the queue is closed.
@@ -101,7 +103,7 @@ impl<T> Queue<T> {
         Ok(state)
     }
 
-    /// Wakes who waits, if anybody does: to wake nobody would be a system call too.
+    /// Wakes waiting threads, if there are any: an unneeded wake-up would be a system call too.
     fn wake_waiters(&self, state: MutexGuard<'_, State<T>>) {
         let is_waited_for = state.waiting > 0;
         drop(state);
@@ -138,7 +140,7 @@ impl<T> Queue<T> {
         self.lock().bytes
     }
 
-    /// Nothing goes in any more.
+    /// Closes the queue: nothing is accepted any more.
     pub fn close(&self) {
         self.lock().closed = true;
         self.changed.notify_all();
@@ -156,12 +158,12 @@ impl<T> State<T> {
     }
 }
 
-/// What [`Queue::pop`] found.
+/// Result of [`Queue::pop`].
 #[derive(Debug, PartialEq, Eq)]
 pub enum Popped<T> {
     /// The oldest item.
     Item(T),
-    /// Nothing came in time.
+    /// The timeout passed without an item.
     Nothing,
     /// The queue is closed and empty.
     Closed,
@@ -172,7 +174,7 @@ mod tests {
     use super::*;
     use std::sync::Arc;
 
-    /// Reached only when something hangs.
+    /// Reached only if a thread is stuck.
     const LONG: Duration = Duration::from_secs(600);
 
     #[test]
@@ -245,7 +247,7 @@ mod tests {
         let queue = Arc::new(Queue::new(100));
         let consumer = {
             let queue = queue.clone();
-            // On a busy machine the time may be over before there is anything.
+            // On a busy machine the timeout may pass before an item is pushed.
             std::thread::spawn(move || {
                 loop {
                     match queue.pop(Duration::from_millis(200)) {
@@ -261,7 +263,7 @@ mod tests {
         assert_eq!(queue.bytes(), 0);
     }
 
-    /// Gathering is no way around the bound.
+    /// Gathered items respect the bound too.
     #[test]
     fn gathered_item_waits_for_room() {
         let queue = Arc::new(Queue::new(3));

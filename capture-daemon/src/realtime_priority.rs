@@ -1,15 +1,16 @@
-//! What keeps a recording from being held up: threads that take from devices before these overwrite what was not
-//! taken, and memory that stays where it is.
+//! Real-time priority and locked memory for the recorder: threads that read devices run before the
+//! device overwrites unread data, and memory stays resident.
 //!
-//! Contract: each thread asks for itself, when it begins: one that is started by a thread in real time is an ordinary one, and
-//! nobody else knows when it is there. A refusal is told once and changes nothing else.
+//! Contract: each thread requests its priority itself, when it begins: a thread started by a
+//! real-time thread is an ordinary one, and no other thread knows when it runs. A refusal is
+//! reported once and has no other effect.
 
 use std::sync::Once;
 
 use machine::Roots;
 use machine::realtime::{self, Outcome, PRIORITY};
 
-/// Lets the calling thread go before everything that can wait.
+/// Gives the calling thread priority over everything that can wait.
 pub(crate) fn this_thread() {
     static REPORTED: Once = Once::new();
     let outcome = realtime::this_thread(PRIORITY);

@@ -1,8 +1,9 @@
-//! `pawsd selftest`: everything that a person with new hardware should try first, in one report to send back.
+//! `pawsd selftest`: all first checks of new hardware, in one report to send back.
 //!
-//! Contract: looks at the machine, at what is plugged in and at the configuration, then makes one short
-//! recording and checks every byte of it. A step that fails is told, and the next one is taken. The recording
-//! is kept only if something is wrong with it. The report is plain text: it is to be read by people and sent by mail.
+//! Contract: inspects the machine, the connected devices and the configuration, then makes one
+//! short recording and checks every byte of it. A failed step is reported, and the next one is run.
+//! The recording is retained only if something is wrong with it. The report is plain text, to be
+//! read by people and sent by mail.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -20,16 +21,16 @@ use crate::devices;
 use crate::error_chain::with_causes;
 use crate::run::{self, RecordOptions, StopFlag};
 
-/// What came of it.
+/// Result of the self test.
 #[derive(Clone, Debug)]
 pub struct Report {
     /// The whole report.
     pub text: String,
-    /// What is wrong, one line each; nothing if all went well.
+    /// Failures, one line each; empty if there are none.
     pub failures: Vec<String>,
 }
 
-/// Does it all. Sessions are made in `folder`, and `seconds` long.
+/// Runs all steps. Sessions are created in `folder`, with a length of `seconds`.
 pub fn run(config: &Config, folder: &Path, seconds: f64, stop: &StopFlag) -> Report {
     let mut report = Writer::default();
     report.part("Machine");
@@ -139,7 +140,7 @@ fn machine(report: &mut Writer) {
     }
 }
 
-/// The report descriptor of a HID device: nobody has written down a real ZED Mini's.
+/// Report descriptor of a HID device, because no descriptor of a real ZED Mini is published.
 fn descriptor(node: &str) -> String {
     let name = Path::new(node).file_name().unwrap_or_default();
     let path = Path::new("/sys/class/hidraw")

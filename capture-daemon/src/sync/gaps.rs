@@ -1,11 +1,11 @@
-//! Sequence numbers, and what is missing between them.
+//! Sequence numbers, and the gaps between them.
 //!
-//! A [`SequenceTracker`] is told of every sample that is stored and of every one that will not come,
-//! and gives the gap records that account for the rest: from the first sample stored, samples and
-//! gaps together are every number exactly once. *Late or repeated* samples are refused; a gap
-//! record for them may already be written. *A hole that nobody reported* is the device's; *at the
-//! end*, where what is not reported may only be on its way, it came too late.
-//! [`Renumber`] comes before it, where devices restart their counters or let them wrap.
+//! A [`SequenceTracker`] takes every sample that is stored and every one that is reported as lost,
+//! and returns the gap records that account for the rest: from the first sample stored, samples and
+//! gaps together cover every number exactly once. *Late or repeated* samples are rejected; a gap
+//! record for them may already be written. *A gap that nobody reported* is attributed to the
+//! device; *at the end*, where an unreported sample may only be in transit, it counts as late.
+//! [`Renumber`] comes before it, for devices that restart their counters or let them wrap.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use session_archive::record::Gap;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::HostTime;
 
-/// What was reported about numbers that will not come.
+/// Report of numbers that will not arrive.
 #[derive(Clone, Debug)]
 struct Report {
     last: u64,
@@ -33,7 +33,7 @@ pub struct SequenceTracker {
 }
 
 impl SequenceTracker {
-    /// A tracker for a stream, named as gap records name it.
+    /// A tracker for a stream, named as in gap records.
     pub fn new(stream: &str) -> Self {
         let stream = stream.to_owned();
         Self {
@@ -44,8 +44,8 @@ impl SequenceTracker {
         }
     }
 
-    /// Samples `first..first + count` are to be stored. Gives the gaps before them, or nothing
-    /// if they are late or repeated and must not be stored.
+    /// Samples `first..first + count` are to be stored. Returns the gaps before them, or `None` if
+    /// they are late or repeated and must not be stored.
     pub fn samples(
         &mut self,
         first: u64,
@@ -67,12 +67,12 @@ impl SequenceTracker {
         Some(gaps)
     }
 
-    /// Numbers `first..=last` will not come.
+    /// Numbers `first..=last` will not arrive.
     pub fn dropped(&mut self, first: u64, last: u64, cause: Cause, detail: &str) {
         if first > last || self.next.is_some_and(|next| last < next) {
             return;
         }
-        // A stream that only drops makes one report that grows.
+        // Consecutive drops extend one report.
         if let Some((_, before)) = self.reports.range_mut(..=first).next_back()
             && before.cause == cause
             && before.detail == detail
@@ -94,7 +94,7 @@ impl SequenceTracker {
         }
     }
 
-    /// The stream has ended: gaps for what was reported behind the last sample.
+    /// The stream has ended: returns gaps for losses reported behind the last sample.
     pub fn finish(&mut self) -> Vec<Gap> {
         let Some(next) = self.next else {
             return Vec::new();
@@ -110,8 +110,8 @@ impl SequenceTracker {
         }
     }
 
-    /// Gaps for `from..to`: each number by the report that covers it, else by the device, or, where no
-    /// sample follows at `after`, for coming too late.
+    /// Gaps for `from..to`: each number by the report that covers it, else by the device, or, if no
+    /// sample follows at `after`, as late.
     fn fill(&mut self, mut from: u64, to: u64, after: Option<HostTime>) -> Vec<Gap> {
         let mut gaps: Vec<Gap> = Vec::new();
         let (otherwise, why) = match after {
@@ -160,47 +160,47 @@ impl SequenceTracker {
     }
 }
 
-/// A number that falls back by more than this did not come late: the device counts anew.
+/// Maximum decrease of a late number. With more, the device has restarted its counter.
 const MAX_REORDER: u64 = 64;
-/// So it does if this many in a row fall back but follow each other.
+/// Number of consecutive numbers in a row behind the newest that indicate a restart.
 const MIN_RESTART_RUN: u32 = 4;
-/// A number that leaps ahead by more than this is no loss, which would have lasted for hours, but
-/// a wrong number or a new count.
+/// Maximum increase of a number by loss, which would have lasted for hours. With more, the number
+/// is wrong or the counter was restarted.
 const MAX_COUNTER_JUMP: u64 = 1 << 20;
 
-/// Unwraps a device's counter into numbers that only grow, whatever the device does to it.
+/// Unwraps a device's counter into increasing numbers, whatever the device does to it.
 ///
-/// A *late or repeated* number comes out as it is, not above the newest. After a *restart* the
-/// numbers go on right behind the newest, for nobody knows how many are missing.
+/// A *late or repeated* number comes out unchanged, not above the newest. After a *restart* the
+/// numbers continue right behind the newest, because the number of missing samples is unknown.
 #[derive(Clone, Debug, Default)]
 pub struct Renumber {
     bits: Option<u8>,
     newest: Option<Numbers>,
-    /// The last number that fell back, and how many in a row did.
+    /// The last number that decreased, and the length of that run.
     behind: Option<(u64, u32)>,
 }
 
-/// The device's number and ours.
+/// The device's number and the stream's.
 #[derive(Clone, Copy, Debug)]
 struct Numbers {
     raw: u64,
     ours: u64,
 }
 
-/// A number that came out of [`Renumber`].
+/// A number returned by [`Renumber`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Numbered {
     /// The stream's number.
     pub number: u64,
-    /// The device restarted its counter: how many samples are missing here cannot be known.
+    /// The device restarted its counter: the number of samples missing here is unknown.
     pub restarted: bool,
     /// Late or repeated: not above the newest.
     pub late: bool,
 }
 
 impl Renumber {
-    /// For a counter of `bits` bits (none: it never wraps). A wrap is seen if fewer than half a
-    /// turn is lost.
+    /// For a counter of `bits` bits (`None`: it never wraps). A wrap is detected if fewer than half
+    /// of the range is lost.
     pub fn new(bits: Option<u8>) -> Self {
         Self {
             bits: bits.filter(|b| (1..64).contains(b)),
@@ -208,7 +208,7 @@ impl Renumber {
         }
     }
 
-    /// The stream's number of the device's number.
+    /// The stream's number for the device's number.
     pub fn number(&mut self, raw: u64) -> Numbered {
         let Some(newest) = self.newest else {
             return self.advance(raw, raw, false);
@@ -239,13 +239,13 @@ impl Renumber {
         self.advance(raw, newest.ours.saturating_add(1), true)
     }
 
-    /// Our number of the newest sample.
+    /// The stream's number of the newest sample.
     pub fn newest(&self) -> Option<u64> {
         self.newest.map(|n| n.ours)
     }
 
-    /// The stream's number of the first sample from a device that was away and missed some `missed`
-    /// samples. A counter that went on is believed, any other has begun anew.
+    /// The stream's number of the first sample from a reconnected device that missed about `missed`
+    /// samples. A counter that continued is accepted, any other has restarted.
     pub fn resume(&mut self, raw: u64, missed: u64) -> u64 {
         let Some(newest) = self.newest else {
             return self.advance(raw, raw, false).number;
@@ -316,8 +316,8 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever is stored, dropped, late or repeated: from the first sample on, every number
-        /// is either stored or in exactly one gap.
+        /// Whatever is stored, dropped, late or repeated: from the first sample on, every number is
+        /// either stored or in exactly one gap.
         #[test]
         fn samples_and_gaps_cover_every_number(
             steps in prop::collection::vec((0_u64..60, 1_u64..5, prop::bool::ANY), 1..80)
@@ -364,7 +364,7 @@ mod tests {
         assert_eq!(ranges(&tracker.finish()), expected);
     }
 
-    /// Feeds raw numbers; numbers as they come out, restarts negated.
+    /// Passes raw numbers in; returns the numbers, restarts negated.
     fn renumbered(bits: Option<u8>, raw: &[u64]) -> Vec<i64> {
         let mut numbers = Renumber::new(bits);
         let number = |&raw| {
@@ -422,7 +422,7 @@ mod tests {
     }
 
     proptest! {
-        /// New numbers only grow, whatever the device counts.
+        /// New numbers only increase, whatever the device counts.
         #[test]
         fn new_numbers_are_monotonic(
             bits in prop::option::of(0_u8..=64),

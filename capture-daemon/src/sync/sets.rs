@@ -1,28 +1,28 @@
 //! Frame sets: the stereo frames of all cameras that belong to one instant.
 //!
-//! One camera is the reference; each of its frames makes one set. Another camera's frame joins it
-//! if the two are each other's nearest: no frame is used twice, and none is invented. Nearest is not
-//! enough: the distance must be at most half of the slower camera's period, and for cameras on
-//! the same trigger as the reference a quarter of a period, for their exposures coincide and only
-//! their times are uncertain. A camera without such a frame is named as missing.
+//! One camera is the reference; each of its frames forms one set. Another camera's frame joins it
+//! if the two are each other's nearest: no frame is used twice, and none is invented. The distance
+//! must be at most half of the slower camera's period; for cameras on the same trigger as the
+//! reference at most a quarter of a period, because their exposures coincide and only their times
+//! are uncertain. A camera without such a frame is listed as missing.
 //!
-//! Where the reference itself lost a frame or died, another camera's frame makes the set, and the
-//! reference is named as missing: a frame that is at least three quarters of the slower camera's
-//! period away from every instant of the reference. Frames in between, of a camera that is faster
-//! than the reference or half a period off, belong to no instant and to no set.
+//! If the reference itself lost a frame or failed, another camera's frame forms the set, and the
+//! reference is listed as missing: a frame that is at least three quarters of the slower camera's
+//! period from every instant of the reference. Frames in between, of a camera that is faster than
+//! the reference or half a period apart, belong to no instant and to no set.
 //!
-//! *Early*: a set is given as soon as no nearer frame can come. *At a gap* or when a camera falls
-//! silent: after [`HORIZON_NS`], without it. *At the end*: [`FrameSetBuilder::flush`]. Sets come in
-//! the order of their time, and do not depend on the order in which the cameras' frames come in
-//! unless one is later than the horizon. *What turns out to be lost* before its set is given is
-//! forgotten ([`FrameSetBuilder::forget`]). Frames must come in the order of their numbers for each
+//! *Early*: a set is returned as soon as no nearer frame can arrive. *At a gap* or when a camera
+//! falls silent: after [`HORIZON_NS`], without it. *At the end*: [`FrameSetBuilder::flush`]. Sets
+//! are in the order of their time, and do not depend on the order in which the cameras' frames
+//! arrive unless one is later than the horizon. *A frame lost* before its set is returned is
+//! removed ([`FrameSetBuilder::forget`]). Frames must be in the order of their numbers for each
 //! camera.
 
 use std::collections::VecDeque;
 
 use session_archive::time::HostTime;
 
-/// A set is given at the latest when some camera is this far ahead of it.
+/// Maximum lead of some camera over a set that has not been returned, ns.
 pub const HORIZON_NS: i64 = 1_000_000_000;
 
 /// A camera.
@@ -50,21 +50,20 @@ pub struct Member {
 pub struct FrameSet {
     /// Counts up from 0.
     pub number: u64,
-    /// Time of the reference camera's frame; where that is missing, of the frame that took its
-    /// place.
+    /// Time of the reference camera's frame; if that is missing, of the frame used instead of it.
     pub time: HostTime,
     /// The frames, in the order of the cameras.
     pub members: Vec<Member>,
-    /// Positions of the cameras that have none.
+    /// Positions of the cameras without a frame.
     pub missing: Vec<usize>,
 }
 
-/// Builds frame sets. See the module's documentation for what it promises.
+/// Builds frame sets. See the module's documentation for the contract.
 #[derive(Clone, Debug)]
 pub struct FrameSetBuilder {
     cameras: Vec<CameraSpec>,
     reference: usize,
-    /// Frames that may still belong to a set to come, per camera.
+    /// Frames that may still belong to a future set, per camera.
     frames: Vec<VecDeque<(u64, HostTime)>>,
     newest: Vec<HostTime>,
     /// Time of the newest set.
@@ -73,7 +72,7 @@ pub struct FrameSetBuilder {
 }
 
 /// The reference: the first camera of the largest trigger group with at least two cameras, else the
-/// slowest camera, for a set should not wait for what comes less often.
+/// slowest camera, because a set should not wait for a rarer frame.
 fn reference(cameras: &[CameraSpec]) -> usize {
     let group = |c: &CameraSpec| match &c.trigger {
         Some(t) => cameras
@@ -114,24 +113,24 @@ impl FrameSetBuilder {
         self.reference
     }
 
-    /// Takes the next frame of a camera; gives the sets that are complete now.
+    /// Takes the next frame of a camera; returns the completed sets.
     pub fn push(&mut self, camera: usize, number: u64, time: HostTime) -> Vec<FrameSet> {
         self.frames[camera].push_back((number, time));
         self.newest[camera] = self.newest[camera].max(time);
         self.take(false)
     }
 
-    /// These frames of a camera are lost after all: no set to come names them.
+    /// These frames of a camera are lost after all: no future set contains them.
     pub fn forget(&mut self, camera: usize, first: u64, last: u64) {
         self.frames[camera].retain(|(number, _)| !(first..=last).contains(number));
     }
 
-    /// No more frames: gives all sets that are left.
+    /// No more frames: returns all remaining sets.
     pub fn flush(&mut self) -> Vec<FrameSet> {
         self.take(true)
     }
 
-    /// Gives all sets that are settled, at the end all that are left.
+    /// Returns all settled sets, at the end all remaining ones.
     fn take(&mut self, end: bool) -> Vec<FrameSet> {
         let mut sets = Vec::new();
         while let Some((camera, time)) = self.leader() {
@@ -147,8 +146,8 @@ impl FrameSetBuilder {
         sets
     }
 
-    /// The frame that makes the next set, if it makes one: the reference's, or an earlier one that
-    /// is out of its reach.
+    /// The frame that forms the next set, if there is one: the reference's, or an earlier one
+    /// beyond its reach.
     fn leader(&self) -> Option<(usize, HostTime)> {
         let front = |camera: usize| self.frames[camera].front().map(|f| f.1);
         let reference = front(self.reference);
@@ -160,7 +159,7 @@ impl FrameSetBuilder {
         orphan.or(reference.map(|time| (self.reference, time)))
     }
 
-    /// Whether a frame is so far from every instant of the reference that it is one of its own.
+    /// Whether a frame is far enough from every instant of the reference to form its own set.
     fn is_own_instant(&self, camera: usize, time: HostTime) -> bool {
         let apart = self.slower(camera) / 4 * 3;
         let next = self.frames[self.reference].front().map(|f| f.1);
@@ -175,7 +174,7 @@ impl FrameSetBuilder {
             .max(self.cameras[self.reference].period_ns)
     }
 
-    /// How far a camera's frame may be from the reference's.
+    /// Maximum distance of a camera's frame from the reference's, ns.
     fn tolerance(&self, camera: usize) -> i64 {
         let (c, r) = (&self.cameras[camera], &self.cameras[self.reference]);
         if c.trigger.is_some() && c.trigger == r.trigger {
@@ -185,7 +184,7 @@ impl FrameSetBuilder {
         }
     }
 
-    /// Whether nothing that can still come changes what becomes of a leader's frame.
+    /// Whether no future frame can change the set of a leader's frame.
     fn is_settled(&self, leader: usize, time: HostTime) -> bool {
         let latest = self.newest.iter().copied().max().unwrap_or(time);
         let known_to = |camera: usize, span: i64| self.newest[camera] >= time + span;

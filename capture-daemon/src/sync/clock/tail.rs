@@ -1,11 +1,11 @@
-//! Is it late samples, or is the line too low? Watches the heights of samples above the line.
+//! Distinguishes late samples from a line that is too low, by the heights of samples above the
+//! line.
 //!
-//! After a device clock has fallen back, every sample lies above the old line, as every sample
-//! does during a burst of late arrivals. Neither assumes a distribution here: the heights seen so
-//! far are kept as a histogram, and a run of k samples none of which came lower than m has the
-//! probability S(m)^k, where S is the share of samples that usually lie above m. A run that is
-//! too improbable raises an alarm; it ends when a sample comes low enough to make the run
-//! probable again.
+//! After a device clock has stepped back, every sample is above the old line, as every sample is
+//! during a burst of late arrivals. No distribution is assumed: past heights are stored as a
+//! histogram, and a run of k samples none of which was lower than m has the probability S(m)^k,
+//! where S is the fraction of samples that are usually above m. A run that is too improbable raises
+//! an alarm; it ends when a sample is low enough to make the run probable again.
 
 use super::fit::Line;
 use super::hull::Point;
@@ -13,11 +13,11 @@ use super::hull::Point;
 /// Histogram bins: four per factor of two, from 100 ns up to minutes.
 const BINS: usize = 128;
 const MIN_HEIGHT_NS: f64 = 100.0;
-/// Beyond this many samples the older ones count half.
+/// Number of samples after which the weight of older ones is halved.
 const HALVING_SAMPLES: u32 = 20_000;
-/// A run this improbable (natural logarithm) is an alarm: once in hours at 400 Hz.
+/// Improbability of a run that raises an alarm (natural logarithm): once in hours at 400 Hz.
 const ALARM_NATS: f64 = 16.0;
-/// Runs followed at a time, from the longest to the newest.
+/// Maximum number of runs followed, from the longest to the newest.
 const MAX_RUNS: usize = 24;
 
 /// Heights of samples above the line, and the runs of high ones.
@@ -31,11 +31,11 @@ pub(super) struct Tail {
     /// The last sample before all runs.
     start: Option<Before>,
     count: u64,
-    /// Nine in ten samples are not higher, ns.
+    /// 90th percentile of the height, ns.
     usual: f64,
 }
 
-/// All samples since some sample, the lowest of which is `lowest`.
+/// All samples since some sample, with their lowest height `lowest`.
 #[derive(Clone, Copy, Debug)]
 struct Run {
     lowest: Point,
@@ -67,7 +67,7 @@ impl Run {
 /// A run of samples that are all too high.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Alarm {
-    /// Arrival of the last sample that was not.
+    /// Arrival of the last sample before the run.
     pub after: Option<i64>,
     /// Height of the lowest sample of the run, ns.
     pub height: f64,
@@ -86,7 +86,8 @@ impl Tail {
         }
     }
 
-    /// Takes note of a sample; alarm if a run of samples higher than `tolerance` is improbable.
+    /// Processes a sample; returns an alarm if a run of samples higher than `tolerance` is
+    /// improbable.
     pub(super) fn watch(
         &mut self,
         lowest: Point,
@@ -103,8 +104,8 @@ impl Tail {
             after: self.start,
         });
         let improbable = |run: &&Run| {
-            // Who has to wait makes those behind him wait: samples closer together than a usual
-            // delay are not independent of each other.
+            // A delayed sample delays those behind it: samples closer together than a usual delay
+            // are not independent of each other.
             let (at, since) = run.after.map_or((0, f64::INFINITY), |before| {
                 (before.at, arrival.saturating_sub(before.arrival) as f64)
             });
@@ -118,7 +119,7 @@ impl Tail {
         })
     }
 
-    /// Adds the run that starts with a sample; it takes over all runs that are not lower.
+    /// Adds the run that starts with a sample; it replaces all runs that are not lower.
     fn push(&mut self, mut run: Run) {
         if let Some(last) = self.runs.last() {
             run.after = Some(last.as_before());
@@ -132,7 +133,7 @@ impl Tail {
         self.runs.push(run);
     }
 
-    /// Counts a height as usual.
+    /// Adds a height to the histogram.
     pub(super) fn learn(&mut self, height: f64) {
         self.bins[bin(height)] += 1;
         self.total += 1;
@@ -142,7 +143,7 @@ impl Tail {
         }
     }
 
-    /// The line has changed: heights of the runs are measured again.
+    /// The line has changed: heights of the runs are recomputed.
     pub(super) fn follow(&mut self, line: &Line) {
         let mut sum = 0;
         for (above, count) in self.above.iter_mut().zip(self.bins).rev() {
@@ -152,7 +153,7 @@ impl Tail {
         self.usual = self.quantile(0.9);
         for mut run in std::mem::take(&mut self.runs) {
             if run.lowest.x < line.from_x {
-                // The line does not say how low that was.
+                // The line gives no height for it.
                 self.start = Some(run.as_before());
                 continue;
             }
@@ -164,14 +165,14 @@ impl Tail {
         }
     }
 
-    /// Forgets the runs but not what is usual: the line has been replaced.
+    /// Discards the runs but not the histogram: the line has been replaced.
     pub(super) fn restart(&mut self) {
         self.runs.clear();
         self.start = None;
         self.count = 0;
     }
 
-    /// How many samples must pass before one lower than `height` is overdue.
+    /// Number of samples after which one lower than `height` is overdue.
     pub(super) fn overdue(&self, height: f64) -> u64 {
         (ALARM_NATS / self.nats(height).max(1e-3)).ceil() as u64
     }
@@ -184,13 +185,13 @@ impl Tail {
         self.above.iter().position(below).map_or(0.0, upper_edge)
     }
 
-    /// -ln of the share of samples that are as high or higher.
+    /// -ln of the fraction of samples that are as high or higher.
     fn nats(&self, height: f64) -> f64 {
         let [total, above] = [self.above[0], self.above[bin(height)]].map(|n| f64::from(n) + 1.0);
         (total / above).ln()
     }
 
-    /// Height that this share of the samples do not exceed, ns, rounded up to a bin's edge.
+    /// Height that this fraction of the samples does not exceed, ns, rounded up to a bin's edge.
     pub(super) fn quantile(&self, share: f64) -> f64 {
         let rank = (f64::from(self.total) * share).ceil() as u32;
         let mut below = 0;
