@@ -1,12 +1,12 @@
-//! What a configuration needs from the machine, for `pawsd check`.
+//! Checks of a configuration against the machine, for `pawsd check`.
 //!
-//! Contract: looks at everything and stops at nothing, so that one run tells all. It finds what would
-//! keep a recording from starting here and now, for the user who runs it: folder and space, socket, page with its
-//! address and token, rig, cameras that are not there, encoders. It records nothing and
-//! leaves nothing behind, but it occupies the encoders for some seconds, and a recording beside it
-//! would feel that. Of bags, lists and whatever people write it reads at most 1 MiB a file, of pictures the header; only
-//! GStreamer reads of a video file what it needs for two images. Each part is announced before it begins (see
-//! [`crate::announce`]).
+//! Contract: inspects everything and stops at nothing, so that one run reports all problems. It
+//! finds whatever would keep a recording from starting here and now, for the user who runs it:
+//! folder and space, socket, page with its address and token, rig, absent cameras, encoders. It
+//! records nothing and leaves nothing behind, but it occupies the encoders for some seconds, which
+//! would disturb a simultaneous recording. Of bags, lists and text files it reads at most 1 MiB
+//! each, of images the header; only GStreamer reads of a video file what it needs for two images.
+//! Each part is announced before it begins (see [`crate::announce`]).
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -38,26 +38,26 @@ use crate::sources::{Live, Source, SourceInfo};
 mod device;
 mod page;
 
-/// How bad a finding is.
+/// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Level {
-    /// As it should be.
+    /// Correct.
     Ok,
-    /// A recording can be made, but may not be what is wanted.
+    /// A recording is possible, but may differ from what is intended.
     Warning,
-    /// No recording can be made.
+    /// No recording is possible.
     Error,
 }
 
-/// One thing that was looked at.
+/// Result of one check.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// How bad it is.
+    /// Severity.
     pub level: Level,
     /// Part of the configuration: `session`, `camera feet`.
     pub about: String,
-    /// What was found and, where that is not enough, what to do.
+    /// What was found and, if that is not sufficient, a remedy.
     pub message: String,
 }
 
@@ -72,7 +72,7 @@ impl fmt::Display for Finding {
     }
 }
 
-/// Looks at everything that `config` needs from this machine.
+/// Checks everything that `config` needs from this machine.
 pub fn check(config: &Config) -> Vec<Finding> {
     let mut report = Report::default();
     step("checking folder, space, socket and page");
@@ -82,7 +82,7 @@ pub fn check(config: &Config) -> Vec<Finding> {
     rig(config, &mut report);
     triggers(config, &mut report);
     let mut cameras = Vec::new();
-    // What is wrong with the file was told above.
+    // Problems of the file were reported above.
     let rig = config.rig.as_deref().and_then(|path| Rig::read(path).ok());
     let mut walks = Walks::default();
     for camera in &config.cameras {
@@ -143,7 +143,7 @@ fn out(config: &Config, report: &mut Report) {
         report.warning("out is not set; `pawsd run` needs it, `pawsd record` takes --out");
         return;
     };
-    // A folder that is not there yet is made by the first recording.
+    // An absent folder is created by the first recording.
     let Some(folder) = out.ancestors().find(|folder| folder.exists()) else {
         report.error(format!("no parent folder exists: {}", out.display()));
         return;
@@ -191,7 +191,7 @@ fn out(config: &Config, report: &mut Report) {
     }
 }
 
-/// Whether a daemon answers there.
+/// Returns whether a daemon answers at the socket.
 fn socket(config: &Config, report: &mut Report) -> bool {
     report.about = "control".to_owned();
     let socket = &config.control.socket;
@@ -206,7 +206,8 @@ fn socket(config: &Config, report: &mut Report) -> bool {
             socket.display()
         ));
     } else if socket == Path::new(DEFAULT_SOCKET) && !folder.exists() {
-        // systemd makes this folder when it starts the daemon, and `pawsd record` does without.
+        // systemd creates this folder when it starts the daemon, and `pawsd record` does not need
+        // it.
         report.warning(format!(
             "only the service makes the folder of its socket; `pawsd run` by hand needs [control] socket elsewhere: {}",
             folder.display()
@@ -274,7 +275,7 @@ fn triggers(config: &Config, report: &mut Report) {
     }
 }
 
-/// What a source says of itself, if it can be opened.
+/// Description of a source, if it can be opened.
 fn source(
     camera: &Camera,
     rig: Option<&Rig>,
@@ -387,7 +388,7 @@ fn source(
 
     match &camera.calibration {
         Some(path) => {
-            // A file that is named takes the place of what lies with the data.
+            // A configured file replaces the one of the data set.
             notes.retain(|note| !note.contains("calibration"));
             calibration(path, of.width / 2, of.height, report);
         }
@@ -405,7 +406,7 @@ fn source(
     Some(info)
 }
 
-/// Says that there is more of the source's files than was read.
+/// Notes that only the beginning of the source's files was read.
 fn heads(are_heads: bool, report: &mut Report) {
     if are_heads {
         report.ok(
@@ -414,7 +415,7 @@ fn heads(are_heads: bool, report: &mut Report) {
     }
 }
 
-/// `width` and `height` are those of one eye.
+/// `width` and `height` are the size of one eye's image.
 fn calibration(path: &Path, width: u32, height: u32, report: &mut Report) {
     match calib::read_stereo(path, width, height) {
         Err(error) => report.error(with_causes(&error)),
@@ -431,7 +432,7 @@ fn calibration(path: &Path, width: u32, height: u32, report: &mut Report) {
     }
 }
 
-/// Finds the encoder of the cameras as a run does.
+/// Selects the encoder of the cameras as a run does.
 fn encoders(config: &Config, cameras: &[SourceInfo], report: &mut Report) {
     if cameras.is_empty() {
         return;

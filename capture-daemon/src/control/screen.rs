@@ -1,7 +1,7 @@
-//! Status and progress in words, for a person at a terminal.
+//! Status and progress as text, for a person at a terminal.
 //!
-//! Contract: the status of a rig fits on one screen, and what is wrong stands out at its end. Numbers
-//! that are not known are left out, never shown as zero.
+//! Contract: the status of a rig fits on one screen, and problems stand out at its end. Unknown
+//! numbers are omitted, never shown as zero.
 
 use std::fmt::Write as _;
 
@@ -10,7 +10,7 @@ use session_archive::time::{HostTime, NS_PER_S};
 
 use crate::status::{Progress, State, Status, StreamStatus};
 
-/// How much log time lies between two lines about a recording that goes well, ns.
+/// Log time between two lines about a recording without problems, ns.
 const REPORT_EVERY_NS: i64 = 5 * NS_PER_S;
 
 /// The whole status, several lines.
@@ -95,7 +95,7 @@ fn remark(stream: &StreamStatus) -> String {
     }
 }
 
-/// A length of time as people say it.
+/// A duration in readable form.
 fn duration(seconds: f64) -> String {
     let whole = seconds.max(0.0) as u64;
     match (whole / 3600, whole / 60 % 60) {
@@ -106,8 +106,8 @@ fn duration(seconds: f64) -> String {
     }
 }
 
-/// Turns the progress of a recording into lines. Durability comes twice a second and is told only now
-/// and then; everything else is told at once.
+/// Converts the progress of a recording to lines. Durability events arrive twice a second and are
+/// reported only now and then; all other events immediately.
 #[derive(Debug, Default)]
 pub struct ProgressText {
     started: Option<HostTime>,
@@ -115,7 +115,7 @@ pub struct ProgressText {
 }
 
 impl ProgressText {
-    /// The line for this event, if it is worth one.
+    /// Line for this event, if it deserves one.
     pub fn line(&mut self, progress: &Progress) -> Option<String> {
         Some(match progress {
             Progress::Started { session, at, notes } => {

@@ -162,7 +162,7 @@ impl SequenceTracker {
 
 /// Maximum decrease of a late number. With more, the device has restarted its counter.
 const MAX_REORDER: u64 = 64;
-/// Number of consecutive numbers in a row behind the newest that indicate a restart.
+/// Number of consecutive numbers behind the newest that indicate a restart.
 const MIN_RESTART_RUN: u32 = 4;
 /// Maximum increase of a number by loss, which would have lasted for hours. With more, the number
 /// is wrong or the counter was restarted.

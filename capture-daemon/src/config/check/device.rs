@@ -1,4 +1,4 @@
-//! Looking at cameras that are devices, without starting them.
+//! Inspection of device cameras, without starting them.
 
 use std::path::Path;
 
@@ -10,15 +10,15 @@ use crate::config::{Config, SourceConfig, V4l2Config, ZedImuConfig};
 use crate::error_chain::with_causes;
 use crate::sources::device::camera::{find_node, interval, key};
 
-/// What to do about a device that is not there.
+/// Remedy for an absent device.
 const NOT_THERE: &str = "; plug it in, `pawsd devices` lists what is there";
 
-/// What is found of a camera and its IMU.
+/// Findings about a camera and its IMU.
 pub(super) fn inspect(config: &V4l2Config) -> Vec<(Level, String)> {
     let mut findings = Vec::new();
     for config in config.eyes() {
         match find_node(&config.device, None) {
-            // A daemon waits for it, and a recording would be without it.
+            // A daemon waits for it, and a recording would lack it.
             Err(error) => {
                 findings.push((Level::Error, format!("{}{NOT_THERE}", with_causes(&error))));
             }
@@ -63,7 +63,7 @@ fn camera(config: &V4l2Config, path: &Path, findings: &mut Vec<(Level, String)>)
                 path.display()
             ),
         )),
-        // Some drivers scale to more sizes than they list, so it is for the start to find out.
+        // Some drivers scale to more sizes than they list, so only the start can decide.
         Ok(_) => findings.push((
             Level::Warning,
             format!(
@@ -106,7 +106,7 @@ fn imu(config: &ZedImuConfig) -> (Level, String) {
     }
 }
 
-/// Whether the cameras fit on the USB controllers that they hang on.
+/// Whether the cameras fit on their USB controllers.
 pub(super) fn usb_budget(config: &Config) -> Vec<(Level, String)> {
     let loads = usb::check(&demands(config));
     let finding = |load: &usb::Load| {
@@ -116,7 +116,7 @@ pub(super) fn usb_budget(config: &Config) -> Vec<(Level, String)> {
     loads.iter().map(finding).collect()
 }
 
-/// What the configured cameras need of USB, as far as they are plugged in.
+/// USB bandwidth of the configured cameras that are connected.
 pub(crate) fn demands(config: &Config) -> Vec<Demand> {
     let nodes = v4l2::node::list(Path::new("/sys"), Path::new("/dev")).unwrap_or_default();
     let of = |(camera, config): (&crate::config::Camera, V4l2Config)| {

@@ -10,7 +10,8 @@ use super::{Report, writable};
 use crate::config::{Config, Page};
 use crate::error_chain::with_causes;
 
-/// Looks at the page's address, token and folder. `daemon_answers`: one runs, and may have the address.
+/// Checks the page's address, token and folder. `daemon_answers`: a daemon runs, and may use the
+/// address.
 pub(super) fn check(config: &Config, daemon_answers: bool, report: &mut Report) {
     let Some(page) = &config.page else {
         return;
@@ -48,7 +49,7 @@ fn address(page: &Page, daemon_answers: bool, report: &mut Report) {
     }
 }
 
-/// The certificate is made at the first start.
+/// The certificate is created at the first start.
 fn certificate(folder: &Path, report: &mut Report) {
     let Some(there) = folder.ancestors().find(|folder| folder.exists()) else {
         return report.error(format!(
