@@ -187,7 +187,7 @@ impl ControlArgs {
     }
 }
 
-/// Arguments that are valid only with others.
+/// Usage error: the command line cannot be executed as given.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 struct Usage(&'static str);

@@ -1,16 +1,18 @@
 //! Replay of bags: rosbag2 recordings in MCAP, and MCAP files with ROS 2 messages.
 //!
-//! Contract: images of `sensor_msgs/Image` or `CompressedImage` and samples of `sensor_msgs/Imu`, each at the time in its
-//! header, which is its device time; when it was recorded is not used but for the order. Two topics, one for each eye, are
-//! paired by time alone (`pairing`): the frame has the left image's time, and by how much later the right
-//! one was taken is recorded with it. Values of samples are those of the message.
+//! Contract: images of `sensor_msgs/Image` or `CompressedImage` and samples of `sensor_msgs/Imu`,
+//! each at the time in its header, which is its device time; the recording time is used only for
+//! the order. Two topics, one for each eye, are paired by time alone (`pairing`): the frame has the
+//! left image's time, and the delay of the right one is recorded with it. Values of samples are
+//! those of the message.
 //!
-//! *Early*: [`Bag::open`] goes through the whole bag once, so that what cannot be replayed is refused before anything is
-//! recorded: storage of another kind, topics that are not there, images without times, cameras that do not expose
-//! together, an encoding that is not read. *At a gap*: a left image without a partner, without a time that rises, damaged, or
-//! of another size keeps its number and is lost with the reason; a sample without a usable time keeps its number and is
-//! left out. Right images without a partner are counted in a notice. *At the end* there is no more of either. *On
-//! failure* of the disk the source is unusable.
+//! *Early*: [`Bag::open`] reads the whole bag once, so that unusable data is rejected before
+//! anything is recorded: another kind of storage, absent topics, images without times, cameras that
+//! do not expose simultaneously, an unsupported encoding. *At a gap*: a left image without a
+//! partner, without an increasing time, damaged, or of another size keeps its number and is dropped
+//! with the reason; a sample without a usable time keeps its number and is skipped. Right images
+//! without a partner are counted in a notice. *At the end* there is no more of either. *On failure*
+//! of the disk the source is unusable.
 
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, TickLength};
@@ -47,18 +49,18 @@ const SQLITE: (&str, &str) = (
      storage_id: mcap, all: true}]`",
 );
 
-/// A bag as a source. See the module for what it promises.
+/// A bag as a source. See the module for the contract.
 pub struct Bag {
     name: String,
     info: SourceInfo,
     files: Vec<Container>,
     /// Of the left topic and of the right one.
     kinds: [Kind; 2],
-    /// Columns and rows of the first frame as the messages have them, which all have.
+    /// Columns and rows of the first frame in the messages; the same for all frames.
     size: (u32, u32),
     plan: Plan,
     notes: Vec<String>,
-    /// What the session is to know.
+    /// Notices for the session.
     notices: Vec<String>,
     start: HostTime,
     notices_out: usize,
@@ -66,7 +68,7 @@ pub struct Bag {
     imu_out: usize,
     /// Whether images are read and decoded, or only counted.
     pixels_needed: bool,
-    /// Files go on behind what was read of them.
+    /// The files continue behind the part that was read.
     is_head: bool,
 }
 
@@ -80,10 +82,10 @@ impl Bag {
         Self::of_scan(name, config, start, scanned)
     }
 
-    /// Opens the beginning of each file as if it were all of the bag: for a look.
+    /// Opens the beginning of each file as if it were all of the bag: for a check.
     ///
     /// # Errors
-    /// [`BagError`], naming the file; [`BagError::Head`] where more of it might do.
+    /// [`BagError`], naming the file; [`BagError::Head`] if more of it might suffice.
     pub fn open_head(name: &str, config: &BagConfig) -> Result<Self, BagError> {
         let scanned = scan::scan(&config.path, Extent::Head)?;
         let is_head = scanned.is_head;
@@ -179,12 +181,12 @@ impl Bag {
         })
     }
 
-    /// What is wrong with the bag and can be lived with, to be shown.
+    /// Tolerable problems of the bag, to be shown.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
 
-    /// Whether there is more of it than was read.
+    /// Whether the bag continues behind the part that was read.
     pub fn is_head(&self) -> bool {
         self.is_head
     }
@@ -244,7 +246,7 @@ impl Bag {
     }
 }
 
-/// The stereo frame of these images, or why there is none.
+/// The stereo frame of these images, or the reason why there is none.
 fn load(
     files: &mut [Container],
     [left_kind, right_kind]: [Kind; 2],
@@ -269,7 +271,7 @@ impl Source for Bag {
 
     fn digest(&self) -> Vec<u8> {
         let mut digest = Digest::new("bag");
-        // What the settings chose.
+        // Result of the settings.
         digest.value(&(self.kinds, self.plan.first_ns));
         for frame in &self.plan.frames {
             digest.value(frame);

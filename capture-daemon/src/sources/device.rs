@@ -1,15 +1,18 @@
-//! A camera of the kernel's, with the IMU of a ZED's microcontroller where it has one; or two cameras, one for each eye.
+//! A V4L2 camera, with the IMU of a ZED's microcontroller if it has one; or two cameras, one for
+//! each eye.
 //!
-//! Contract: frames carry the driver's own sequence number and its time stamp on the host's clock; what the driver
-//! calls damaged, or is shorter than a picture, is lost with its number and a cause. Camera and IMU are waited for
-//! on a thread each, so that neither holds up the other. *A device that is not there* yet, or no longer, is told
-//! once and waited for; its settings are written again when it is back. *A mode that the camera does not
-//! have* is told in the same way. IMU and camera are tied by the samples that the IMU marks as taken with a frame, once a
-//! second ([`FrameSync`](super::FrameSync)). Run on the kernel's own drivers in a virtual machine (docs/vm-tests.md),
-//! never with a real camera.
+//! Contract: frames carry the driver's own sequence number and its timestamp on the host clock. A
+//! frame that the driver reports as damaged, or that is shorter than an image, is dropped with its
+//! number and a cause. Camera and IMU are waited for on a thread each, so that neither blocks the
+//! other. *An absent or disconnected device* is reported once and waited for; its settings are
+//! written again when it has reconnected. *An unsupported mode* is reported in the same manner. The
+//! clocks of IMU and camera are related by the samples that the IMU marks as simultaneous with a
+//! frame, once a second ([`FrameSync`](super::FrameSync)). Tested on the kernel's own drivers in a
+//! virtual machine (docs/vm-tests.md), never with a real camera.
 //!
-//! What lies between driver and sink is pure and can be driven without a device: a buffer becomes a sample ([`sample_from_buffer`]), and
-//! those of two cameras become one camera's ([`StereoJoiner`]).
+//! The processing between driver and sink is pure and can be tested without a device: a buffer
+//! becomes a sample ([`sample_from_buffer`]), and the samples of two cameras are joined into one
+//! camera's ([`StereoJoiner`]).
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -36,20 +39,20 @@ pub use camera::sample_from_buffer;
 pub(super) use frame_sync::FrameSyncTracker;
 pub use pair::StereoJoiner;
 
-/// A driver's stamp is taken in an interrupt; this is how far it may be off.
+/// Uncertainty of a driver's timestamp, which is taken in an interrupt, ns.
 const STAMP_SIGMA_NS: u64 = 50_000;
 
-/// Longest wait before the end is looked for.
+/// Maximum wait before the end is checked.
 const POLL_TIMEOUT: Duration = Duration::from_millis(100);
 
-/// A camera of the kernel's. See the module.
+/// A V4L2 camera. See the module.
 pub struct Device {
     info: SourceInfo,
     config: V4l2Config,
 }
 
 impl Device {
-    /// The camera of these settings, which need not be there yet.
+    /// The camera of these settings, which need not be present yet.
     pub fn new(config: &V4l2Config) -> Self {
         let camera = CameraInfo {
             width: config.width,
@@ -109,10 +112,11 @@ impl Live for Device {
     }
 }
 
-/// Runs a camera and beside it, on a thread of its own, its IMU if it has one, which ends when the camera does.
+/// Runs a camera and, on a thread of its own, its IMU if it has one, which ends when the camera
+/// does.
 ///
 /// # Errors
-/// The system gives no thread.
+/// The system provides no thread.
 pub(super) fn beside_imu<T>(
     imu: Option<&ZedImuConfig>,
     sink: &dyn Sink,
@@ -136,12 +140,12 @@ pub(super) fn beside_imu<T>(
     })
 }
 
-/// Why a source has no IMU.
+/// Reason why a source has no IMU.
 pub(super) fn no_thread(error: &std::io::Error) -> String {
     format!("its IMU gets no thread: {error}")
 }
 
-/// A sink that is to end sooner than others.
+/// A sink that can be ended earlier than its inner one.
 struct EndableSink<'a> {
     sink: &'a dyn Sink,
     is_over: AtomicBool,
@@ -165,7 +169,7 @@ impl Sink for EndableSink<'_> {
     }
 }
 
-/// What is known of a ZED's IMU before it is there.
+/// Properties of a ZED's IMU before it is present.
 pub(super) fn imu_info(rate_hz: f64) -> ImuInfo {
     ImuInfo {
         rate_hz,
@@ -209,7 +213,7 @@ fn name(device: &DeviceChoice) -> String {
     }
 }
 
-/// Says once why a device is not there, and again when the reason changes.
+/// Reports once why a device is not available, and again when the reason changes.
 pub(super) fn report_disconnect(
     reported: &mut Option<String>,
     part: DevicePart,
@@ -227,7 +231,7 @@ pub(super) fn report_disconnect(
     *reported = Some(detail);
 }
 
-/// Waits until something changes in the folder of devices, or `limit` is over, or the end.
+/// Waits until the folder of devices changes, `limit` has passed, or the end.
 pub(super) fn wait(watch: std::io::Result<Watch>, limit: Duration, sink: &dyn Sink) {
     let until = sink.now() + limit.as_nanos() as i64;
     let mut watch = watch.ok();
@@ -270,7 +274,7 @@ mod tests {
         }
     }
 
-    /// Else a thread that goes before all others would try without end.
+    /// Otherwise a real-time thread would retry in a busy loop.
     #[test]
     fn wait_without_inotify_still_takes_its_time() {
         let before = Clock.now();

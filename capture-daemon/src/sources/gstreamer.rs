@@ -1,10 +1,11 @@
-//! A camera behind GStreamer elements, with the IMU of a ZED's microcontroller where it has one.
+//! A camera behind GStreamer elements, with the IMU of a ZED's microcontroller if it has one.
 //!
-//! Contract: frames carry the numbers and times that [`video::capture`] finds, on the host's clock; what their times are
-//! worth follows from the element ([`video::capture::policy`]). Frames of one stream go to the encoder in
-//! the camera's own buffers, without a copy; those of two eyes are joined. *A camera that is gone*, or a chain that
-//! fails or ends, is told once and started again every few seconds. *A chain that cannot be built* ends the
-//! source. Run with GStreamer's own test source and with `v4l2src` in a virtual machine, never on a Jetson.
+//! Contract: frames carry the numbers and times that [`video::capture`] determines, on the host
+//! clock; the uncertainty of the times follows from the element ([`video::capture::policy`]).
+//! Frames of one stream go to the encoder in the camera's own buffers, without a copy; those of two
+//! eyes are joined. *A disconnected camera*, or a chain that fails or ends, is reported once and
+//! restarted every few seconds. *A chain that cannot be built* ends the source. Tested with
+//! GStreamer's own test source and with `v4l2src` in a virtual machine, never on a Jetson.
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -26,9 +27,9 @@ use crate::clock::{Clock as _, RealClock};
 use crate::config::GstreamerConfig;
 use crate::error_chain::with_causes;
 
-/// Longest wait before the end is looked for.
+/// Maximum wait before the end is checked.
 const POLL_TIMEOUT: Duration = Duration::from_millis(100);
-/// A chain that failed is started again after so long, or when a device appears.
+/// Delay before a failed chain is restarted, unless a device appears.
 const RETRY: Duration = Duration::from_secs(3);
 
 /// A camera behind GStreamer elements. See the module.
@@ -38,7 +39,7 @@ pub struct Gstreamer {
 }
 
 impl Gstreamer {
-    /// The camera of these settings, which need not be there yet.
+    /// The camera of these settings, which need not be present yet.
     pub fn new(config: &GstreamerConfig) -> Self {
         let worth = worth(&config.chain);
         let camera = CameraInfo {
@@ -56,7 +57,7 @@ impl Gstreamer {
             }),
         };
         let eyes = config.right_chain.as_ref().map_or("", |_| ", two eyes");
-        // One line, however it is written.
+        // One line, whatever its line breaks.
         let chain: Vec<&str> = config.chain.split_whitespace().collect();
         Self {
             info: SourceInfo {
@@ -73,7 +74,7 @@ impl Gstreamer {
         let config = &self.config;
         CaptureSettings {
             right_chain: config.right_chain.clone(),
-            // Two eyes are joined in memory; one stream stays where its camera put it.
+            // Two eyes are joined in memory; one stream stays in its camera's buffers.
             delivery: match config.right_chain {
                 Some(_) => Delivery::Pictures,
                 None => Delivery::Native,
@@ -83,16 +84,16 @@ impl Gstreamer {
         }
     }
 
-    /// Whether the chain can be built here.
+    /// Whether the chain can be built on this machine.
     ///
     /// # Errors
-    /// What stands in the way.
+    /// The reason why it cannot.
     pub fn check(&self) -> Result<(), CaptureError> {
         video::capture::check(&self.settings())
     }
 }
 
-/// What the times of the first known element of a chain are worth.
+/// Timestamp policy of the first known element of a chain.
 fn worth(chain: &str) -> policy::Policy {
     let mut words = chain.split_whitespace();
     words
@@ -138,7 +139,7 @@ impl Gstreamer {
         Ok(())
     }
 
-    /// Hands frames on until the chain ends; why it did.
+    /// Delivers frames until the chain ends; returns the reason.
     fn read(
         &self,
         mut capture: Capture,
@@ -154,7 +155,7 @@ impl Gstreamer {
                     if let Some(sync_tracker) = sync_tracker {
                         let (stamp, arrival) =
                             (HostTime(frame.clock_time_ns), HostTime(frame.host_time_ns));
-                        // The counter of the driver, which is what wraps.
+                        // The counter of the driver, which wraps.
                         let tied = lock(sync_tracker).frame(frame.number as u32, stamp, arrival);
                         if let Some(sync) = tied {
                             sink.put(Sample::FrameSync(sync));
@@ -189,7 +190,7 @@ impl Gstreamer {
     }
 }
 
-/// The capture asks for the time on the camera's own thread.
+/// The capture reads the time on the camera's own thread.
 fn host_clock() -> i64 {
     RealClock.now().0
 }
@@ -242,7 +243,7 @@ mod tests {
 
     use super::*;
 
-    /// Keeps what it is given, and ends after so many frames.
+    /// Stores its samples, and ends after a number of frames.
     struct Kept {
         samples: Mutex<Vec<Sample>>,
         ending: AtomicBool,
@@ -337,7 +338,7 @@ mod tests {
         assert!(error.contains("nosuchelement"), "{error}");
     }
 
-    /// The camera is not to blame for a reader that is too slow, and the reader not for an eye that sends nothing.
+    /// A slow reader is not the camera's fault, and an eye that sends nothing is not the reader's.
     #[test]
     fn dropped_frames_have_their_true_cause() {
         let sink = Kept {

@@ -1,10 +1,11 @@
 //! JPEG images to I420: those of cameras that deliver Motion-JPEG, and those in bags.
 //!
-//! Contract: values are those of the file, full range BT.601 as in every [`Picture`]; chroma is the mean of each 2x2
-//! block; a grey file has neutral chroma. I420 has even sizes only: an odd last column or row is repeated once. *Damage*:
-//! a file that is cut off or does not follow the format is an error, never half an image. *Size*: what the header claims
-//! is compared with [`MAX_PIXELS`] before anything is allocated. Cameras may leave out the Huffman tables, as Motion-JPEG
-//! allows: then they are those of the standard (ITU-T T.81, annex K.3).
+//! Contract: values are those of the file, full range BT.601 as in every [`Picture`]; chroma is the
+//! mean of each 2x2 block; a gray file has neutral chroma. I420 has even sizes only: an odd last
+//! column or row is repeated once. *Damage*: a truncated or malformed file is an error, never half
+//! an image. *Size*: the size in the header is compared with [`MAX_PIXELS`] before anything is
+//! allocated. Cameras may omit the Huffman tables, as Motion-JPEG allows: then those of the
+//! standard are used (ITU-T T.81, annex K.3).
 
 use std::io::Cursor;
 
@@ -15,13 +16,13 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 use super::datasets::MAX_PIXELS;
 
-/// Why a JPEG image cannot be used.
+/// Error of decoding a JPEG image.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(super) enum JpegError {
     /// The bytes are not a whole JPEG file.
     #[error("the JPEG image is damaged: {0}")]
     Damaged(String),
-    /// The header claims a size that is refused.
+    /// The header has a size above the maximum.
     #[error("the JPEG image is {width}x{height}, expected at most {MAX_PIXELS} pixels")]
     TooLarge {
         /// Columns found.
@@ -29,12 +30,12 @@ pub(super) enum JpegError {
         /// Rows found.
         height: u32,
     },
-    /// There can be no such image.
+    /// The decoded size is invalid.
     #[error(transparent)]
     Image(#[from] PictureError),
 }
 
-/// A decoded image and the size that the file has.
+/// A decoded image and its size in the file.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Decoded {
     /// Columns and rows in the file, which may be odd.
@@ -45,7 +46,7 @@ pub(super) struct Decoded {
     pub(super) image: Picture,
 }
 
-/// Decodes one image. Bytes behind its end are passed over, as cameras pad their buffers.
+/// Decodes one image. Bytes behind its end are ignored, because cameras pad their buffers.
 ///
 /// # Errors
 /// See [`JpegError`].
@@ -138,8 +139,8 @@ fn i420(
     )
 }
 
-/// The file marked as Motion-JPEG where it has no Huffman table before its first scan: the decoder takes the standard's
-/// for such files.
+/// The file marked as Motion-JPEG if it has no Huffman table before its first scan: for such files
+/// the decoder uses the standard's.
 fn with_tables(bytes: &[u8]) -> Option<Vec<u8>> {
     const SOI: usize = 2;
     let mut at = SOI;
@@ -148,7 +149,7 @@ fn with_tables(bytes: &[u8]) -> Option<Vec<u8>> {
             return None;
         };
         match marker {
-            // DHT: it has its own.
+            // DHT: it has its own tables.
             0xc4 => return None,
             // SOS: here the data begins.
             0xda => break,
@@ -169,7 +170,7 @@ mod tests {
 
     use super::*;
 
-    /// A soft gradient in every channel, so that little is lost in encoding.
+    /// A soft gradient in every channel, so that the encoding loss is small.
     fn ycbcr(width: usize, height: usize) -> Vec<u8> {
         let pixel = |i: usize| {
             let (x, y) = (i % width, i / width);
@@ -207,7 +208,7 @@ mod tests {
         kept
     }
 
-    /// Luma and chroma of the middle of each block, within what encoding at 95 takes.
+    /// Luma and chroma in the middle of each block, within the loss of encoding at quality 95.
     fn looks_like(image: &Picture, width: usize, height: usize, colour: bool) {
         let truth = ycbcr(width, height);
         let (luma, chroma) = image.data.split_at(width * height);

@@ -1,16 +1,19 @@
 //! Replay of video files: both eyes side by side in one, or one file for each eye.
 //!
-//! Contract: frames carry the container's own times as device time, and the first one arrives at the start; a file has no
-//! IMU and does not say when it was recorded. Images count from 0 in each file: which ones a camera lost before the file was
-//! made cannot be known. Two files are paired by time alone (`pairing`), each time counted from the
-//! beginning of its own file; by how much later the right one began is a setting.
+//! Contract: frames carry the container's own times as device time, and the first one arrives at
+//! the start; a file has no IMU and no date of recording. Images count from 0 in each file: images
+//! lost by a camera before the file was written are unknown. Two files are paired by time alone
+//! (`pairing`), each time counted from the beginning of its own file; the delay of the right file's
+//! beginning is a setting.
 //!
-//! *Early*: files that cannot be decoded, whose first image has no time, or that differ in size or rate are refused before
-//! anything is recorded. *At a gap*: an image without a time, with a time that does not rise, called damaged by its decoder,
-//! of another size than the first one or (on the left) without a partner keeps its number and is lost with the reason; right images without a partner are
-//! counted in a notice at the end. *At the end* of one file the other's images are alone. *Two files of which no image has
-//! found a partner* when both have ended are unusable: the error says when their images were taken and what mends it. *On
-//! failure* in the middle the source is unusable.
+//! *Early*: files that cannot be decoded, whose first image has no time, or that differ in size or
+//! rate are rejected before anything is recorded. *At a gap*: an image without a time, with a time
+//! that does not increase, reported as damaged by its decoder, of another size than the first one
+//! or (on the left) without a partner keeps its number and is dropped with the reason; right images
+//! without a partner are counted in a notice at the end. *At the end* of one file the other's
+//! images are unpaired. *Two files without any pair* when both have ended are unusable: the error
+//! contains the times of their images and a remedy. *On failure* in the middle the source is
+//! unusable.
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -30,44 +33,45 @@ use crate::config::VideoConfig;
 use crate::error_chain::with_causes;
 use crate::run::identity::Digest;
 
-/// Rates of two files of one rig that differ by more are of two kinds of camera.
+/// Maximum relative difference of the rates of two files. With more they are from different kinds
+/// of cameras.
 const MAX_RATE_DIFFERENCE: f64 = 0.01;
 
-/// Why a video file cannot be replayed. None of these goes away by trying again.
+/// Error of replaying a video file. A retry will not help.
 #[derive(Debug, thiserror::Error)]
 pub enum VideoError {
     /// It cannot be opened or decoded.
     #[error(transparent)]
     File(#[from] FileError),
-    /// There are no times to replay it by: write it with times, for example as MKV or MP4.
+    /// There are no usable times: write the file with times, for example as MKV or MP4.
     #[error("replaying a video file: found {found}, expected a time for every image: {}", path.display())]
     Times {
         /// The file.
         path: PathBuf,
-        /// What is there instead.
+        /// Content found instead.
         found: &'static str,
     },
-    /// The two files are not of one pair of cameras.
+    /// The two files are not from one pair of cameras.
     #[error("replaying two video files: found {found}, expected the same of both: {} and {}", left.display(), right.display())]
     Differ {
-        /// What differs.
+        /// The difference.
         found: String,
         /// File of the left eye.
         left: PathBuf,
         /// File of the right eye.
         right: PathBuf,
     },
-    /// The images cannot be two eyes.
+    /// The width is not possible for a stereo image.
     #[error("replaying a video file: found images that are {width} wide, expected {expected}: {}", path.display())]
     Width {
         /// The file.
         path: PathBuf,
         /// Columns found.
         width: u32,
-        /// What a width can be.
+        /// Possible widths.
         expected: &'static str,
     },
-    /// A setting does not fit to the file.
+    /// A setting does not match the file.
     #[error("replaying a video file: {what}: {}", path.display())]
     Setting {
         /// The file.
@@ -77,7 +81,7 @@ pub enum VideoError {
     },
 }
 
-/// Video files as a source. See the module for what it promises.
+/// Video files as a source. See the module for the contract.
 pub struct VideoReplay {
     name: String,
     info: SourceInfo,
@@ -103,10 +107,10 @@ struct Times {
     newest_ns: Option<i64>,
 }
 
-/// What a file gives.
+/// Next step of a file.
 enum Step {
     Image(Image),
-    /// The number and why there is no image.
+    /// The number and the reason why there is no image.
     Bad(u64, &'static str),
     End,
 }
@@ -117,30 +121,30 @@ struct Image {
     image: Picture,
 }
 
-/// What is to be handed on, in the order of the left file's numbers.
+/// Samples to be delivered, in the order of the left file's numbers.
 struct Account {
     pairs: ImagePairer<(u64, Picture)>,
     start: HostTime,
     /// Time of the first frame, ns.
     first_ns: i64,
     newest_ns: i64,
-    /// Left images that cannot be used, which wait for those before them.
+    /// Unusable left images that wait for those before them.
     bad: VecDeque<(u64, &'static str)>,
     out: VecDeque<Sample>,
     apart_ns: Vec<i64>,
     without_left: u64,
     bad_right: u64,
-    /// By eye: what there was to be paired.
+    /// By eye: the images available for pairing.
     spans: [FileSpan; 2],
-    /// The least by which a left image and a right one were apart, ns.
+    /// Minimum time difference of a left and a right image, ns.
     nearest_ns: Option<i64>,
-    /// The most that a pair may be apart at this rate, ns.
+    /// Largest pairing limit that this rate permits, ns.
     max_within_ns: i64,
-    /// Columns and rows of a frame, which all have.
+    /// Columns and rows, the same for all frames.
     size: (u32, u32),
 }
 
-/// The images of one file that have a time.
+/// The images of one file with a time.
 #[derive(Clone, Copy, Default)]
 struct FileSpan {
     count: u64,
@@ -221,7 +225,7 @@ impl VideoReplay {
         })
     }
 
-    /// Takes the next image of the file that is behind, or of the only one.
+    /// Takes the next image of the file that lags, or of the only one.
     fn step(&mut self) -> Result<(), FileError> {
         let Some(right) = &mut self.right else {
             match self.left.next()? {
@@ -329,7 +333,7 @@ impl Times {
         Ok(first.saturating_add(self.later_ns))
     }
 
-    /// The next image, or why it cannot be used.
+    /// The next image, or the reason why it is unusable.
     fn classify(&mut self, frame: FileFrame) -> Step {
         let number = self.next;
         self.next += 1;
@@ -420,7 +424,7 @@ impl Account {
             Eye::Right => [1, 0],
         };
         self.spans[own].add(image.time_ns);
-        // The file that is behind is read, so the newest of the other one is next to this one.
+        // The lagging file is read, so the newest image of the other one is nearest to this one.
         if self.spans[other].count > 0 {
             let apart_ns = image.time_ns.saturating_sub(self.spans[other].newest_ns);
             let apart_ns = apart_ns.saturating_abs();
@@ -495,7 +499,7 @@ impl Account {
         }));
     }
 
-    /// Says of unusable images before `number` that they are lost.
+    /// Reports unusable images before `number` as dropped.
     fn bad_before(&mut self, number: u64) {
         while let Some((bad, why)) = self.bad.pop_front_if(|(bad, _)| *bad < number) {
             self.out.push_back(Sample::Dropped(DroppedFrame {
@@ -542,7 +546,7 @@ impl Account {
         }
     }
 
-    /// What is wrong with two files of which no image has found a partner, and what mends it.
+    /// Problem of two files without any pair, with a remedy.
     fn never_paired(&self) -> Option<String> {
         if !self.apart_ns.is_empty() {
             return None;
@@ -578,7 +582,7 @@ impl Account {
     }
 }
 
-/// Refuses two files that cannot be a pair.
+/// Rejects two files that cannot be a pair.
 fn check_alike(
     left: &EyeFile,
     right: &video::file::FileInfo,
@@ -652,7 +656,7 @@ mod tests {
         }
     }
 
-    /// What comes out: number, arrival, and the distance of the eyes or the reason.
+    /// Output: number, arrival, and the time difference of the eyes or the reason.
     fn outputs(account: &Account) -> Vec<String> {
         let outputs = |sample: &Sample| match sample {
             Sample::Frame(f) => format!("{} {} {:?}", f.number, f.host_time.0, f.eyes_apart_ns),
@@ -750,7 +754,7 @@ mod tests {
         ] {
             assert!(said.contains(part), "{said}");
         }
-        // Nothing more can be allowed.
+        // No larger limit is possible.
         assert!(!said.contains("pair_within_ms"), "{said}");
         let said = account(2 * MS, 30 * MS).expect("no pair");
         let more = "allow more with pair_within_ms (up to 40.0 at this rate)";
@@ -794,7 +798,8 @@ mod tests {
     #[test]
     fn file_without_times_is_rejected() {
         let folder = tempfile::tempdir().expect("folder");
-        // JPEG files one after another, as some cameras write them: no rate, and a time for the first image alone.
+        // JPEG files one after another, as some cameras write them: no rate, and a time for the
+        // first image only.
         let mut bytes = Vec::new();
         for grey in [40, 80, 120] {
             jpeg_encoder::Encoder::new(&mut bytes, 90)

@@ -1,4 +1,4 @@
-//! An image message as an I420 picture.
+//! Decoding of an image message to I420.
 
 use std::path::Path;
 
@@ -52,10 +52,10 @@ pub(super) fn decode(kind: Kind, message: &[u8]) -> Result<BagImage, String> {
     }
 }
 
-/// Both eyes beside each other.
+/// Both eyes side by side.
 ///
 /// # Errors
-/// They do not fit together.
+/// They do not match.
 pub(super) fn join(left: &BagImage, right: &BagImage) -> Result<BagImage, String> {
     if left.size != right.size {
         return Err(format!(
@@ -95,7 +95,7 @@ fn plain(image: &messages::Image<'_>) -> Result<BagImage, String> {
     };
     let row = width as usize * bytes;
     let step = image.step as usize;
-    // The last row may end where its pixels do.
+    // The last row may end with its pixels.
     let needed = step
         .checked_mul(height as usize - 1)
         .and_then(|all| all.checked_add(row));
@@ -140,7 +140,7 @@ fn plain(image: &messages::Image<'_>) -> Result<BagImage, String> {
 }
 
 fn compressed(image: &messages::CompressedImage<'_>) -> Result<BagImage, String> {
-    // The text says many things; the bytes say what they are.
+    // The format text is ambiguous; the bytes are decisive.
     if image.data.starts_with(&[0xff, 0xd8]) {
         let decoded = jpeg::decode(image.data).map_err(|e| e.to_string())?;
         return Ok(BagImage {

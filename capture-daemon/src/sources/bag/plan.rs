@@ -1,4 +1,4 @@
-//! From what is in a bag to what is replayed: times that rise, pairs, and what is lost. Pure.
+//! Replay plan of a bag: increasing times, pairs, and dropped frames. Pure.
 
 use std::path::Path;
 
@@ -11,10 +11,10 @@ use super::scan::{IndexedMessage, Stream};
 use super::topics::TopicSelection;
 use crate::sources::pairing::{ImagePairer, Paired, TimedImage, alone, limit_ns};
 
-/// A century, ns: differences of times are taken all over the replay.
+/// A century, ns: bound that makes differences of times safe.
 const CENTURY_NS: i64 = 100 * 365 * 86_400 * 1_000_000_000;
 
-/// What is replayed.
+/// The replay plan.
 #[derive(Debug)]
 pub(super) struct Plan {
     /// Every left image from the first frame on, in order.
@@ -22,34 +22,34 @@ pub(super) struct Plan {
     /// Every usable sample from the first frame on.
     pub(super) imu: Vec<PlannedImu>,
     pub(super) rate_hz: f64,
-    /// Rate of the samples, where there are two or more.
+    /// Rate of the samples, if there are two or more.
     pub(super) imu_rate_hz: Option<f64>,
     /// Time of the first frame, ns.
     pub(super) first_ns: i64,
-    /// How far left and right images are apart, for people.
+    /// Time differences of left and right images, for people.
     pub(super) apart: Option<String>,
-    /// What is left out, for people.
+    /// Skipped messages, for people.
     pub(super) notices: Vec<String>,
 }
 
-/// A left image and what becomes of it.
+/// A left image and its outcome.
 #[derive(Debug)]
 pub(super) struct Planned {
     /// From 0.
     pub(super) number: u64,
-    /// From the first frame, ns; that of the newest one before where it has no time itself.
+    /// From the first frame, ns; the newest earlier one for an image without a time.
     pub(super) offset_ns: i64,
     pub(super) what: Outcome,
 }
 
 #[derive(Debug)]
 pub(super) enum Outcome {
-    /// Left image and, where it has a topic of its own, right one with how much later it was taken.
+    /// Left image and, if it has a topic of its own, right one with its delay.
     Frame {
         left: (usize, RecordLocation),
         right: Option<((usize, RecordLocation), i64)>,
     },
-    /// Why there is no frame.
+    /// Reason why there is no frame.
     Dropped(String),
 }
 
@@ -62,7 +62,7 @@ pub(super) struct PlannedImu {
     pub(super) values: Imu,
 }
 
-/// When messages were taken, or why that cannot be said; and how many of each.
+/// Times of messages, or why they are unusable, with the number of each kind.
 struct Times {
     of: Vec<Result<i64, &'static str>>,
     missing: usize,
@@ -72,7 +72,7 @@ struct Times {
 
 impl Times {
     /// # Errors
-    /// Fewer than half can be used, or fewer than two.
+    /// Fewer than half of the messages are usable, or fewer than two.
     fn of(stream: &Stream, path: &Path) -> Result<Self, BagError> {
         let mut times = Self {
             of: Vec::with_capacity(stream.messages.len()),
@@ -120,13 +120,13 @@ impl Times {
         }
     }
 
-    /// Positions and times of what can be used.
+    /// Positions and times of usable messages.
     fn good(&self) -> impl Iterator<Item = (usize, i64)> {
         let usable = self.of.iter().enumerate();
         usable.filter_map(|(i, time)| time.ok().map(|time| (i, time)))
     }
 
-    /// What is left out, for people.
+    /// Description of the unusable messages, for people.
     fn rejection_text(&self) -> Option<String> {
         let parts = [
             (self.missing, "without a time"),
@@ -141,7 +141,7 @@ impl Times {
     }
 }
 
-/// The right image of a left one, and how much later it was taken.
+/// The right image of a left one, and its delay.
 type Partner = Option<(usize, i64)>;
 
 pub(super) fn plan(
@@ -244,8 +244,8 @@ pub(super) fn plan(
     })
 }
 
-/// The partner of each left image, and how far they are apart in words. Partners are apart by what is allowed at most, which
-/// stands beside what could be allowed.
+/// The partner of each left image, and a text with their time differences, beside the limit and the
+/// largest possible limit.
 fn pairs(
     path: &Path,
     [left, right]: [&Stream; 2],

@@ -1,4 +1,4 @@
-//! What is in a bag: its topics with images and IMU samples, and when each message was taken.
+//! Content of a bag: its topics with images and IMU samples, and the time of each message.
 
 use std::path::{Path, PathBuf};
 
@@ -21,11 +21,11 @@ pub(super) struct Stream {
 /// One message.
 #[derive(Debug)]
 pub(super) struct IndexedMessage {
-    /// When it was recorded; only for the order.
+    /// Recording time; only for the order.
     log_time: u64,
-    /// Which of the bag's files, and where in it.
+    /// Index of the file in the bag, and the location in it.
     pub(super) location: (usize, RecordLocation),
-    /// When it was taken by its header, ns; none where that was never set.
+    /// Time in its header, ns; `None` if it was never set.
     pub(super) stamp_ns: Result<Option<i64>, CdrError>,
     /// Its values, if it is an IMU sample.
     pub(super) imu: Option<Result<Imu, CdrError>>,
@@ -40,7 +40,7 @@ impl Stream {
         }
     }
 
-    /// For people.
+    /// Description for people.
     pub(super) fn describe(&self) -> String {
         format!(
             "{} ({}, {} messages)",
@@ -51,17 +51,17 @@ impl Stream {
     }
 }
 
-/// A bag that was gone through once.
+/// A scanned bag.
 pub(super) struct Bag {
     pub(super) files: Vec<Container>,
     pub(super) streams: Vec<Stream>,
-    /// What is wrong with it and can be lived with, for people.
+    /// Tolerable problems, for people.
     pub(super) notes: Vec<String>,
-    /// Files go on behind what was read of them.
+    /// The files continue behind the part that was read.
     pub(super) is_head: bool,
 }
 
-/// Goes through all files of a bag.
+/// Scans all files of a bag.
 pub(super) fn scan(path: &Path, extent: Extent) -> Result<Bag, BagError> {
     let mut files = Vec::new();
     let mut streams: Vec<Stream> = Vec::new();

@@ -1,4 +1,4 @@
-//! Which topics of a bag are the eyes and the IMU.
+//! Selection of a bag's topics for the eyes and the IMU.
 
 use std::path::Path;
 
@@ -10,14 +10,14 @@ use crate::config::{BagConfig, BagImages};
 /// Positions of the chosen topics among the streams of a bag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct TopicSelection {
-    /// Images of the left eye, or of both beside each other.
+    /// Images of the left eye, or of both side by side.
     pub(super) left: usize,
-    /// Images of the right eye, where they have a topic of their own.
+    /// Images of the right eye, if they have a topic of their own.
     pub(super) right: Option<usize>,
     pub(super) imu: Option<usize>,
 }
 
-/// Words by which names of the left topic and of the right one differ.
+/// Name parts that distinguish the left topic from the right one.
 const SIDES: [(&str, &str); 4] = [
     ("left", "right"),
     ("cam0", "cam1"),
@@ -25,7 +25,7 @@ const SIDES: [(&str, &str); 4] = [
     ("infra1", "infra2"),
 ];
 
-/// The topics that the configuration names, or those that can be meant.
+/// Selects the configured topics, or else the unambiguous ones.
 pub(super) fn choose(
     config: &BagConfig,
     path: &Path,

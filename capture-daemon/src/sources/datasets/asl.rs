@@ -1,9 +1,10 @@
-//! ASL / EuRoC folders: `cam0` (left) and `cam1` (right) with `data.csv` and `data/`, `imu0/data.csv`.
+//! ASL / EuRoC folders: `cam0` (left) and `cam1` (right) with `data.csv` and `data/`,
+//! `imu0/data.csv`.
 //!
-//! Contract: `data.csv` says which picture belongs to which stamp, in ns. Pictures are paired where the
-//! stamps are equal, not where they are near. Rows whose picture is not on disk are left out and
-//! counted in a note (excerpts of data sets come with the whole list); a stamp with one picture only
-//! is an error. IMU values are taken digit by digit to the nearest `f64`.
+//! Contract: `data.csv` assigns images to timestamps in ns. Images are paired if the timestamps are
+//! equal, not if they are near. Rows whose image is not on disk are skipped and counted in a note
+//! (excerpts of data sets contain the whole list); a timestamp with one image only is an error. IMU
+//! values are parsed to the nearest `f64`.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -27,7 +28,7 @@ pub(super) fn open(
     let mut notes = Vec::new();
     let mut left = Camera::read(&root.join("cam0"), extent, &mut notes)?;
     let mut right = Camera::read(&root.join("cam1"), extent, &mut notes)?;
-    // Two heads need not end with the same frame.
+    // Two heads may end with different frames.
     let ends = [left.known_until, right.known_until].into_iter().flatten();
     let until = ends.min();
     if let Some(until) = until {
@@ -76,11 +77,11 @@ pub(super) fn open(
     })
 }
 
-/// The pictures of one eye that are on disk, by stamp in ns, with their row in the list.
+/// The images of one eye that are on disk, by timestamp in ns, with their row in the list.
 struct Camera {
     folder: PathBuf,
     images: BTreeMap<i64, (u64, PathBuf)>,
-    /// Of a head, the stamp of its last row, ns.
+    /// With a head, the timestamp of its last row, ns.
     known_until: Option<i64>,
 }
 
@@ -164,7 +165,7 @@ fn pair(left: &Camera, right: &Camera) -> Result<Vec<StereoFrameRef>, DatasetErr
         .collect())
 }
 
-/// The samples, and whether the list has more.
+/// The samples, and whether the list continues.
 fn read_imu(list: &Path, extent: Extent) -> Result<(Vec<ImuSample>, bool), DatasetError> {
     let text = Text::read(list, extent)?;
     let mut samples = Vec::new();

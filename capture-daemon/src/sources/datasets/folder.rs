@@ -1,8 +1,8 @@
-//! Plain pictures: folders `left` and `right`, or one pair `left.png` and `right.png`.
+//! Plain images: folders `left` and `right`, or one pair `left.png` and `right.png`.
 //!
-//! Contract: in folders, the n-th name of either side, sorted, makes frame n; there must be equally
-//! many. Names need not agree, so a picture lost on each side cannot be noticed here: data sets with
-//! numbers or stamps have layouts of their own. Times follow from the rate.
+//! Contract: in folders, the n-th name of either side, sorted, forms frame n; the numbers of images
+//! must be equal. Names need not match, so an image lost on each side cannot be detected here: data
+//! sets with numbers or timestamps have layouts of their own. Times follow from the rate.
 
 use std::path::{Path, PathBuf};
 
@@ -81,7 +81,7 @@ fn list(
     })
 }
 
-/// The pictures of one folder in the order of their names.
+/// The images of one folder in the order of their names.
 fn images(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     let names = file_names(folder)?;
     let images: Vec<PathBuf> = names

@@ -1,8 +1,8 @@
-//! KITTI-style folders: pictures named by their number, `000000.png`, in one folder per eye.
+//! KITTI-style folders: images named by their number, `000000.png`, in one folder per eye.
 //!
-//! Contract: the number in the name is the frame's number and decides its time: the line of that index
-//! in `times.txt` (seconds), or the number divided by the given rate. A number that is absent on both
-//! sides stays a hole in numbers and times; absent on one side it is an error.
+//! Contract: the number in the name is the frame's number and determines its time: the line of that
+//! index in `times.txt` (seconds), or the number divided by the given rate. A number that is absent
+//! on both sides is a gap in numbers and times; absent on one side it is an error.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use super::{
     time_at,
 };
 
-/// Folder names, left and right. Of the official four cameras the grey pair comes first, as in the
+/// Folder names, left and right. Of the official four cameras the gray pair comes first, as in the
 /// reader of its calibration.
 const FOLDERS: [(&str, &str); 3] = [
     ("image_0", "image_1"),
@@ -139,7 +139,7 @@ pub(super) fn open(
     })
 }
 
-/// The numbered pictures of one eye.
+/// The numbered images of one eye.
 fn images(folder: &Path) -> Result<BTreeMap<u64, PathBuf>, DatasetError> {
     let mut images = BTreeMap::new();
     for name in file_names(folder)? {
@@ -169,7 +169,7 @@ fn images(folder: &Path) -> Result<BTreeMap<u64, PathBuf>, DatasetError> {
     Ok(images)
 }
 
-/// The times, and whether the file has more.
+/// The times, and whether the file continues.
 fn read_times(file: &Path, extent: Extent) -> Result<(Vec<i64>, bool), DatasetError> {
     let text = Text::read(file, extent)?;
     let mut times_ns = Vec::new();

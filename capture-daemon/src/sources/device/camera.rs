@@ -1,4 +1,4 @@
-//! The camera of a device: found, set, read, lost, waited for.
+//! The camera of a device: search, configuration, reading, disconnects.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -20,11 +20,11 @@ use crate::error_chain::with_causes;
 use crate::sources::jpeg::{self, JpegError};
 use crate::sources::{DevicePart, DroppedFrame, FrameArrival, Notice, RawFrame, Sample, Sink};
 
-/// A device that is there and cannot be used is tried again so often.
+/// Retry interval for a device that is present and unusable.
 const RETRY: Duration = Duration::from_secs(1);
 
-/// Delivers frames until the sink says that it is to end. A camera that does not do what is asked of it, as behind a
-/// slower port, is told and waited for like one that is gone.
+/// Delivers frames until the sink requests the end. A camera that does not accept its settings, as
+/// behind a slower port, is reported and waited for like a disconnected one.
 pub(super) fn run(
     config: &V4l2Config,
     sync_tracker: Option<&Mutex<FrameSyncTracker>>,
@@ -45,7 +45,7 @@ pub(super) fn run(
                     lock(sync_tracker).restart();
                 }
                 report_disconnect(&mut None, DevicePart::Camera, reason, sink);
-                // One that fails as soon as it is started is given time.
+                // Delay for a camera that fails as soon as it is started.
                 if sink.now().since(began) < RETRY.as_nanos() as i64 {
                     wait(before, RETRY, sink);
                 } else {
@@ -55,14 +55,14 @@ pub(super) fn run(
             }
             Err(error) => {
                 report_disconnect(&mut reported, DevicePart::Camera, with_causes(&error), sink);
-                // One that is there may be let go by another program, which nothing tells of.
+                // A present device may be released by another program, without any event.
                 wait(before, RETRY, sink);
             }
         }
     }
 }
 
-/// Passes each notice on once: a camera that fails as soon as it is started is started each second.
+/// Forwards each notice once: a camera that fails as soon as it is started is started every second.
 struct NoticeFilter<'a> {
     sink: &'a dyn Sink,
     reported: Mutex<BTreeSet<String>>,
@@ -99,7 +99,7 @@ impl Sink for NoticeFilter<'_> {
     }
 }
 
-/// Why there is no stream.
+/// Error of starting a stream.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum StartError {
     #[error(transparent)]
@@ -112,7 +112,7 @@ pub(crate) enum StartError {
     Camera(#[from] CameraError),
 }
 
-/// The node that is meant. Without a sink no camera is asked for its number.
+/// The node of the configured device. Without a sink no camera is queried for its serial number.
 pub(crate) fn find_node(
     choice: &DeviceChoice,
     sink: Option<&dyn Sink>,
@@ -172,7 +172,7 @@ fn start(config: &V4l2Config, sink: &dyn Sink) -> Result<Stream, StartError> {
     Ok(stream)
 }
 
-/// The rate as a fraction: exact for whole ones and for thousandths of 1001.
+/// The rate as a fraction: exact for integers and for thousandths of 1001.
 pub(crate) fn interval(rate_hz: f64) -> Interval {
     let whole = rate_hz.round();
     if (rate_hz - whole).abs() < 1e-9 {
@@ -184,7 +184,7 @@ pub(crate) fn interval(rate_hz: f64) -> Interval {
     }
 }
 
-/// Writes controls by the driver's names for them, and says what did not take.
+/// Writes controls by the driver's names, and reports those that were not accepted.
 fn set_controls(
     camera: &Camera,
     wanted: &[(String, i64)],
@@ -240,7 +240,7 @@ fn notice(sink: &dyn Sink, text: String) {
     }));
 }
 
-/// Hands frames on until the camera is gone or fails; why.
+/// Delivers frames until the camera disconnects or fails; returns the reason.
 fn read(
     mut stream: Stream,
     config: &V4l2Config,
@@ -279,16 +279,16 @@ fn read(
     "the daemon ends".to_owned()
 }
 
-/// Whether frames that a driver skipped were skipped because nobody took those before them in time: then all of its
+/// Detects frames that a driver skipped because no buffer was dequeued in time: then all of its
 /// buffers were waiting, and the frame before the skipped ones is as old as most of them together.
 struct OverrunDetector {
-    /// A frame of this age has waited in the driver.
+    /// Age from which a frame has waited in the driver, ns.
     old_ns: i64,
     before: Option<(u32, bool)>,
 }
 
 impl OverrunDetector {
-    /// More skipped numbers than this are a counter that began again.
+    /// Maximum number of skipped frames. With more, the counter has restarted.
     const MAX_SKIPPED: u32 = 10_000;
 
     fn new(buffers: usize, rate_hz: f64) -> Self {
@@ -299,7 +299,8 @@ impl OverrunDetector {
         }
     }
 
-    /// The next frame, and how long ago it was taken; the numbers before it that were skipped for want of buffers.
+    /// Takes the next frame and its age; returns the numbers before it that were skipped for lack
+    /// of buffers.
     fn frame(&mut self, sequence: u32, age_ns: i64) -> std::ops::Range<u32> {
         let before = self.before.replace((sequence, age_ns > self.old_ns));
         match before {
@@ -311,7 +312,7 @@ impl OverrunDetector {
     }
 }
 
-/// Why a buffer cannot be used, by what the driver says of it.
+/// Reason why a buffer is unusable according to the driver, if there is one.
 fn fault(info: &FrameInfo) -> Option<String> {
     if info.corrupt {
         Some("the driver reports a damaged image".to_owned())
@@ -327,8 +328,9 @@ fn fault(info: &FrameInfo) -> Option<String> {
     }
 }
 
-/// What a buffer that a driver has filled is: a frame, one without its pixels where those are not wanted, or one that is
-/// lost with the reason. Pure: `bytes` are the buffer's, `arrival` is when it was taken from the driver.
+/// Converts a buffer filled by a driver to a sample: a frame, a frame without its pixels if those
+/// are not needed, or a dropped frame with the reason. Pure: `bytes` are the buffer's, `arrival` is
+/// the time at which it was dequeued.
 pub fn sample_from_buffer(
     config: &V4l2Config,
     info: &FrameInfo,
@@ -368,7 +370,7 @@ pub fn sample_from_buffer(
     }
 }
 
-/// Why a buffer is no picture.
+/// Error of converting a buffer.
 #[derive(Debug, thiserror::Error)]
 enum BufferError {
     #[error(transparent)]
@@ -467,7 +469,7 @@ mod tests {
 
     const ARRIVAL: HostTime = HostTime(5_010_000_000);
 
-    /// One grey as a JPEG file.
+    /// A gray image as a JPEG file.
     fn grey_file(width: u16, height: u16, grey: u8) -> Vec<u8> {
         let samples = vec![grey; usize::from(width) * usize::from(height)];
         let mut bytes = Vec::new();
@@ -477,7 +479,7 @@ mod tests {
         bytes
     }
 
-    /// Why frame 7 is lost.
+    /// Reason why frame 7 is dropped.
     fn loss_reason(sample: Sample) -> String {
         match sample {
             Sample::Dropped(lost) => {
@@ -493,7 +495,7 @@ mod tests {
     fn motion_jpeg_buffer_is_a_frame() {
         let file = grey_file(64, 48, 90);
         let config = config(PixelLayout::Mjpeg, 64, 48);
-        // Padded, as drivers hand it over.
+        // With padding, as drivers deliver it.
         let mut buffer = file.clone();
         buffer.resize(file.len() + 100, 0);
         for bytes in [&file, &buffer] {
@@ -550,7 +552,7 @@ mod tests {
             ));
             assert!(why.starts_with("the JPEG image is damaged: "), "{why}");
         }
-        // What comes after it is a frame again: nothing is kept from one buffer to the next.
+        // The following buffer is a frame again: no state is carried over.
         let next = sample_from_buffer(&config, &info(&file), &file, ARRIVAL, true);
         assert!(matches!(next, Sample::Frame(_)), "{next:?}");
     }
@@ -565,7 +567,7 @@ mod tests {
             sample_from_buffer(&config, &info, &bytes, ARRIVAL, pixels_needed)
         };
         assert!(matches!(of(|_| {}, true), Sample::Frame(_)));
-        // Whether somebody wants the pixels or not.
+        // With and without pixels.
         for pixels_needed in [true, false] {
             let unstamped: [fn(&mut FrameInfo); 2] =
                 [|info| info.time_ns = 0, |info| info.time_ns = -1];

@@ -1,4 +1,4 @@
-//! Ties the clocks of a camera and its IMU, fed from both of their threads.
+//! Clock relation of a camera and its IMU, fed from both of their threads.
 
 use session_archive::time::{HostTime, NS_PER_S};
 use zed::frame_sync::{self, Bounds};
@@ -6,10 +6,10 @@ use zed::report::Sample;
 
 use crate::sources::FrameSync;
 
-/// A tie is told so often.
+/// Interval between reported estimates, ns.
 const REPORT_INTERVAL_NS: i64 = NS_PER_S;
 
-/// Collects what both sides say.
+/// Collects samples and frames of both.
 #[derive(Debug)]
 pub(crate) struct FrameSyncTracker {
     sync: frame_sync::FrameSync,
@@ -26,12 +26,12 @@ impl Default for FrameSyncTracker {
 }
 
 impl FrameSyncTracker {
-    /// Takes a sample, whether it is marked or not.
+    /// Takes a sample, marked or not.
     pub(crate) fn imu(&mut self, sample: &Sample, arrival: HostTime) {
         self.sync.sample(sample, arrival.0);
     }
 
-    /// Takes a frame; once a second what ties the two, if that is known.
+    /// Takes a frame; returns the clock relation once a second, if it is known.
     pub(crate) fn frame(
         &mut self,
         sequence: u32,
@@ -56,7 +56,7 @@ impl FrameSyncTracker {
         })
     }
 
-    /// One of the devices begins anew.
+    /// Resets the estimate, because one of the devices restarts.
     pub(crate) fn restart(&mut self) {
         *self = Self::default();
     }

@@ -13,14 +13,14 @@ use crate::error_chain::with_causes;
 use crate::realtime_priority;
 use crate::sources::{DevicePart, ImuValues, Notice, RawImu, Sample, Sink};
 
-/// Longest wait before the end is looked for, ns.
+/// Maximum wait before the end is checked, ns.
 const POLL_TIMEOUT_NS: i64 = 100_000_000;
-/// A device that is there and cannot be used is tried again so often.
+/// Retry interval for a device that is present and unusable.
 const RETRY: Duration = Duration::from_secs(1);
-/// Damaged reports are told at most so often.
+/// Minimum interval between notices about damaged reports, ns.
 const REPORT_INTERVAL_NS: i64 = NS_PER_S;
 
-/// Delivers samples until the sink says that it is to end.
+/// Delivers samples until the sink requests the end.
 pub(super) fn run(config: &ZedImuConfig, sync_tracker: &Mutex<FrameSyncTracker>, sink: &dyn Sink) {
     realtime_priority::this_thread();
     let port = HidPort {
@@ -68,7 +68,7 @@ pub(super) fn run(config: &ZedImuConfig, sync_tracker: &Mutex<FrameSyncTracker>,
             Event::Gone { detail } => {
                 report_disconnect(&mut reported, DevicePart::Imu, detail, sink);
                 lock(sync_tracker).restart();
-                // One that fails as soon as it is opened is given time.
+                // Delay for a device that fails as soon as it is opened.
                 if sink.now().since(opened) < RETRY.as_nanos() as i64 {
                     wait(Watch::new(["/dev"]), RETRY, sink);
                 }
@@ -87,7 +87,7 @@ fn take(arrival: &Arrival, sync_tracker: &Mutex<FrameSyncTracker>, sink: &dyn Si
     let host_time = HostTime(arrival.host_ns);
     lock(sync_tracker).imu(sample, host_time);
     if !sample.valid {
-        // It has a number of its own, so the hole that it leaves is seen.
+        // It has a number of its own, so the resulting gap is detected.
         return;
     }
     sink.put(Sample::Imu(RawImu {

@@ -1,12 +1,15 @@
-//! Two cameras, one for each eye, that expose each by itself.
+//! Two cameras, one for each eye, without a common trigger.
 //!
-//! Contract: each camera is run as if it were alone ([`camera::run`]), on a thread of its own; their frames are paired by
-//! the driver's time stamps, which are of one clock ([`pairing`](crate::sources::pairing)). A frame has the number, the time
-//! and the stamp of the left one, and says by how much later the right one was taken. Nothing synchronises the two: a left
-//! frame without a right one near enough is lost with that reason, right ones without a left one are counted in a notice
-//! about once a minute and at the end. *A stamp that does not rise* makes a lost frame. *While one camera is gone* the other's
-//! frames are neither recorded nor counted: what is missed is told by the camera that is gone. *While pixels are not wanted*
-//! pairs are found all the same and are only counted and timed; so is one of which an eye came without them.
+//! Contract: each camera runs as if it were alone ([`camera::run`]), on a thread of its own; their
+//! frames are paired by the driver's timestamps, which are on one clock
+//! ([`pairing`](crate::sources::pairing)). A frame has the number, the time and the timestamp of
+//! the left one, and contains the delay of the right one. The cameras are not synchronized: a left
+//! frame without a right one within the limit is dropped with that reason, right frames without a
+//! left one are counted in a notice about once a minute and at the end. *A timestamp that does not
+//! increase* gives a dropped frame. *While one camera is disconnected* the other's frames are
+//! neither recorded nor counted: the missed frames are reported by the disconnected camera. *While
+//! pixels are not needed* pairs are formed all the same and only counted and timed; so is a pair of
+//! which one image has no pixels.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -24,16 +27,16 @@ use crate::sources::{
     DevicePart, Disconnected, DroppedFrame, FrameArrival, Notice, RawFrame, Sample, Sink,
 };
 
-/// Right frames without a left one are told of this often, ns.
+/// Interval between notices about right frames without a left one, ns.
 const REPORT_INTERVAL_NS: i64 = 60_000_000_000;
 
-/// A frame of one eye; without its pixels where nobody wanted them.
+/// A frame of one eye; without its pixels if they were not needed.
 type EyeFrame = RawFrame<Option<Picture>>;
 
-/// Delivers pairs until the sink says that it is to end.
+/// Delivers pairs until the sink requests the end.
 ///
 /// # Errors
-/// The system gives no thread.
+/// The system provides no thread.
 pub(super) fn run(
     [left, right]: [&V4l2Config; 2],
     within_ns: i64,
@@ -51,8 +54,9 @@ pub(super) fn run(
     Ok(())
 }
 
-/// Joins what two cameras deliver: each puts its samples into the sink of its eye, and pairs go on to one sink. What has no
-/// partner is lost with the reason, or counted.
+/// Joins the samples of two cameras: each camera puts its samples into the sink of its eye, and
+/// pairs are forwarded to one sink. Frames without a partner are dropped with the reason, or
+/// counted.
 pub struct StereoJoiner<'a> {
     sink: &'a dyn Sink,
     state: Mutex<State>,
@@ -60,12 +64,13 @@ pub struct StereoJoiner<'a> {
 
 struct State {
     pairs: ImagePairer<EyeFrame>,
-    /// Left frames that cannot be used and wait for those before them.
+    /// Unusable left frames that wait for those before them.
     bad: VecDeque<DroppedFrame>,
     /// By eye.
     disconnected: [bool; 2],
     newest_ns: [Option<i64>; 2],
-    /// Right frames without a left one that nobody was told of, and when that was.
+    /// Number of right frames without a left one since the last notice, and the time of that
+    /// notice.
     without_left: u64,
     reported: Option<HostTime>,
 }
@@ -77,7 +82,8 @@ struct EyeSink<'a> {
 }
 
 impl<'a> StereoJoiner<'a> {
-    /// Hands pairs on to `sink`; images that are further apart than `within_ns` by their stamps are none.
+    /// Forwards pairs to `sink`; images whose timestamps differ by more than `within_ns` are no
+    /// pair.
     pub fn new(within_ns: i64, sink: &'a dyn Sink) -> Self {
         Self {
             sink,
@@ -92,7 +98,7 @@ impl<'a> StereoJoiner<'a> {
         }
     }
 
-    /// Where the camera of one eye puts its samples.
+    /// Sink for the camera of one eye.
     pub fn eye(&'a self, eye: Eye) -> impl Sink + 'a {
         EyeSink { joiner: self, eye }
     }
@@ -143,7 +149,7 @@ impl<'a> StereoJoiner<'a> {
         let mut state = self.lock();
         let within_ns = state.pairs.within_ns();
         state.disconnected[positions(eye)[0]] = true;
-        // Its counter and its stamps may begin again, and what waits has no partner any more.
+        // Its counter and its timestamps may restart, and waiting frames have no partner any more.
         state.pairs = ImagePairer::new(within_ns);
         state.newest_ns = [None; 2];
         state.bad.clear();
@@ -154,7 +160,7 @@ impl<'a> StereoJoiner<'a> {
         }));
     }
 
-    /// Hands on what still waits for a partner, when both cameras have ended.
+    /// Forwards the frames that still wait for a partner, when both cameras have ended.
     pub fn finish(&self) {
         let mut state = self.lock();
         let mut paired = Vec::new();
@@ -168,11 +174,11 @@ impl<'a> StereoJoiner<'a> {
 }
 
 impl State {
-    /// A frame of this eye cannot be used.
+    /// Handles an unusable frame of this eye.
     fn unusable(&mut self, eye: Eye, lost: DroppedFrame) {
         match eye {
             Eye::Left => self.bad.push_back(lost),
-            // The left one is alone then.
+            // The left one is then unpaired.
             Eye::Right => {}
         }
     }
@@ -220,9 +226,9 @@ impl State {
         }
     }
 
-    /// Says of unusable left frames before `number` that they are lost.
+    /// Reports unusable left frames before `number` as dropped.
     fn bad_before(&mut self, number: u64, sink: &dyn Sink) {
-        // A counter that has begun again is not compared with what was before: that was thrown away.
+        // A restarted counter is not compared with earlier numbers: those were discarded.
         while let Some(bad) = self.bad.pop_front_if(|bad| bad.number < number) {
             sink.put(Sample::Dropped(bad));
         }
@@ -258,7 +264,7 @@ impl Sink for EyeSink<'_> {
                 text: format!("{}: {}", name(self.eye), notice.text),
                 ..notice
             })),
-            // Cameras of the kernel's give no others.
+            // V4L2 cameras deliver no others.
             Sample::Native(_) | Sample::Imu(_) | Sample::FrameSync(_) => {}
         }
     }

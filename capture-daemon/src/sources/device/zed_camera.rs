@@ -1,7 +1,8 @@
-//! What a ZED over USB needs besides what any camera needs: its serial number, its settings, its frame sync.
+//! Requirements of a ZED over USB beyond those of any camera: its serial number, its settings, its
+//! frame sync.
 //!
-//! Never run on a real camera: what the video chip answers is known from the vendor's own library alone, so
-//! everything here that fails is told and nothing ends because of it.
+//! Never run on a real camera: the protocol of the video chip is known from the vendor's own
+//! library only, so every failure here is reported and nothing ends because of it.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -13,10 +14,10 @@ use zed::camera::{Identity, SETTINGS};
 
 use crate::sources::Sink;
 
-/// How long a camera that has just been plugged in may take to know its own number, ns.
+/// Time that a newly connected camera may take until it knows its serial number, ns.
 const SERIAL_NS: i64 = 500_000_000;
 
-/// The clock of exchanges with the video chip.
+/// Clock for exchanges with the video chip.
 struct Waiting<'a>(&'a dyn Sink);
 
 impl Time for Waiting<'_> {
@@ -33,21 +34,21 @@ impl Time for Waiting<'_> {
     }
 }
 
-/// Why no ZED was found.
+/// Error of finding a ZED.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum FindZedError {
-    /// Plug it in.
+    /// Connect it.
     #[error("no ZED camera is there")]
     None,
-    /// Say which.
+    /// Configure a serial number.
     #[error("there are {0} ZED cameras, expected serial in the configuration to say which")]
     Several(usize),
-    /// Another one is plugged in.
+    /// Another one is connected.
     #[error("no ZED camera with serial number {configured} is there, found {found}")]
     Other {
-        /// The number in the configuration.
+        /// The configured number.
         configured: String,
-        /// Those that are there.
+        /// The numbers present.
         found: String,
     },
 }
@@ -55,7 +56,7 @@ pub(crate) enum FindZedError {
 /// The node of the ZED with this serial number, or of the only one.
 ///
 /// # Errors
-/// There is none, or not one alone.
+/// There is no such ZED, or several.
 pub(super) fn find(
     nodes: &[Node],
     configured: Option<&str>,
@@ -88,10 +89,10 @@ pub(super) fn find(
     }
 }
 
-/// Finds it among what is plugged in.
+/// Finds it among the connected devices.
 ///
 /// # Errors
-/// As [`find`], or the system does not tell.
+/// As [`find`], or the system cannot list the devices.
 pub(super) fn find_plugged(
     configured: Option<&str>,
     sink: Option<&dyn Sink>,
@@ -108,10 +109,11 @@ pub(super) fn find_plugged(
     Ok(find(&nodes, configured, number_of)?)
 }
 
-/// Writes what a ZED should have at every start, for it keeps what an earlier program has set; what did not take.
+/// Writes the settings that a ZED needs at every start, because it keeps those of an earlier
+/// program; returns the failures.
 ///
 /// # Errors
-/// The camera is gone.
+/// The camera is disconnected.
 pub(super) fn prepare(camera: &Camera, sink: &dyn Sink) -> Result<Vec<String>, CameraError> {
     let mut failures = Vec::new();
     let known = camera.controls()?;
@@ -131,7 +133,8 @@ pub(super) fn prepare(camera: &Camera, sink: &dyn Sink) -> Result<Vec<String>, C
     Ok(failures)
 }
 
-/// Lets the camera tell its microcontroller of each frame; to be done when it streams. What went wrong.
+/// Lets the camera signal each frame to its microcontroller; to be called when it streams. Returns
+/// the failure, if there is one.
 pub(super) fn enable_frame_sync(camera: &Camera, sink: &dyn Sink) -> Option<String> {
     let mut unit = camera.clone();
     let error = activate_frame_sync(&mut unit, &mut Waiting(sink)).err()?;
@@ -182,7 +185,7 @@ mod tests {
         let (one, two) = (node(0, 0xf682), node(2, 0xf682));
         let other = node(1, 0xc270);
         check(&[], None, "no ZED camera is there");
-        // With firmware that is too old, or no ZED at all.
+        // With firmware that is too old, or not a ZED.
         check(&[node(4, 0xf680), other], None, "no ZED camera is there");
         let nodes = [one, node(1, 0xc270), two];
         check(&nodes[..2], None, "/dev/video0");
