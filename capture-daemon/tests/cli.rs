@@ -14,7 +14,7 @@ use session_archive::text::is_plain;
 const CAMERA: &str = "[[camera]]\nname = \"feet\"\n\
     source = { kind = \"synthetic\", width = 128, height = 64, rate_hz = 20, imu_rate_hz = 100 }\n";
 
-/// What gives lenses to a camera that has none.
+/// Remedy for a camera without intrinsics.
 const MENDS: &str = "`paws calib cameras BOARDS --target board.toml --out calibration`";
 
 fn pawsd(args: &[&str], folder: &Path) -> Command {
@@ -50,7 +50,7 @@ fn folder_with(config: &str) -> tempfile::TempDir {
     folder
 }
 
-/// A daemon that does not outlive a test which fails: it would hold the test runner's output open.
+/// A daemon that ends with a failing test: otherwise it would hold the test runner's output open.
 struct Daemon(Child);
 
 impl Daemon {
@@ -186,7 +186,7 @@ fn check_finds_errors_of_the_machine() {
         .find(|f| f["about"] == "camera feet")
         .unwrap();
     assert_eq!(camera["level"], "ok", "{camera}");
-    // What takes its time says so before, unless it is to be quiet.
+    // Slow steps are announced before, unless `-q` is given.
     let told = text(&output.stderr);
     assert!(
         told.contains("checking camera feet") && told.contains("trying encoders"),
@@ -248,7 +248,7 @@ fn names_and_marks_with_control_characters_are_bad_arguments() {
     assert!(!folder.path().join("out").exists());
 }
 
-/// What answers at the socket may be anything.
+/// The server at the socket may be any program.
 #[test]
 fn control_characters_of_the_server_are_escaped() {
     let folder = tempfile::tempdir().unwrap();
@@ -320,7 +320,8 @@ fn record_prints_the_session_last() {
         note.starts_with("note: the lenses of feet are not known") && note.contains(MENDS),
         "{told}"
     );
-    // The same once more elsewhere is the same session; under another name it is another one, and none is a real one.
+    // The same once more elsewhere is the same session; under another name it is another one, and
+    // none is a real one.
     let id = |name: &str, out: &str| {
         let mut args = args;
         (args[4], args[9]) = (out, name);
@@ -381,7 +382,7 @@ fn record_reports_progress_as_json() {
     );
 }
 
-/// More than a pipe holds is said on standard output, and read when the recording is over.
+/// More than a pipe holds is printed on standard output, and read when the recording is over.
 #[test]
 fn recording_does_not_wait_for_its_reader() {
     let folder = folder_with(&format!("session.chunk_ms = 100\n{CAMERA}"));
@@ -434,7 +435,7 @@ fn a_signal_ends_a_recording_cleanly() {
             .lines()
             .map(|line| line.unwrap());
         assert!(events.next().unwrap().contains("\"event\":\"started\""));
-        // A busy machine may say something else in between.
+        // A busy machine may report other events in between.
         assert!(events.any(|event| event.contains("\"event\":\"durable\"")));
         signal(&child, name);
         let last: Progress = serde_json::from_str(&events.last().unwrap()).unwrap();
@@ -463,7 +464,7 @@ fn a_signal_ends_a_recording_cleanly() {
     }
 }
 
-/// Files that are open go on after their folder is gone, and nothing would be left of them.
+/// Open files remain usable after their folder is removed, and nothing would be left of them.
 #[test]
 fn recording_fails_when_its_folder_is_removed() {
     let folder = folder_with(CAMERA);
@@ -527,7 +528,7 @@ fn the_daemon_is_controlled_through_its_socket() {
         || -> Status { serde_json::from_slice(&control(&["status", "--json"], 0).stdout).unwrap() };
     let error = text(&control(&["stop"], 1).stderr);
     assert!(error.contains("pawsd: "), "{error}");
-    // Each question takes a new process, and fails where the daemon has ended.
+    // Each query takes a new process, and fails if the daemon has ended.
     let wait = |is: fn(&Status) -> bool| while !is(&status()) {};
     wait(|status| status.state == State::Armed);
     let started = control(&["start", "--name", "walk"], 0);
@@ -568,7 +569,7 @@ fn the_daemon_is_controlled_through_its_socket() {
     assert!(!here.join("s").exists(), "the socket is left behind");
 }
 
-/// It would take the cameras from a recording, or find them taken.
+/// It would take the cameras from a recording, or find them in use.
 #[test]
 fn selftest_does_not_disturb_a_running_daemon() {
     let folder = folder_with(&format!(
@@ -581,7 +582,7 @@ fn selftest_does_not_disturb_a_running_daemon() {
     assert!(!folder.path().join("pawsd-selftest.txt").exists());
 }
 
-/// Who starts it at a terminal need not ask whether it is ready.
+/// A user who starts it at a terminal need not query whether it is ready.
 #[test]
 fn daemon_reports_what_it_waits_for_and_when_it_is_armed() {
     let config =
@@ -613,7 +614,7 @@ fn daemon_reports_what_it_waits_for_and_when_it_is_armed() {
     }
 }
 
-/// Whoever reads may have seen enough.
+/// The reader may have read enough.
 #[test]
 fn a_closed_pipe_is_no_failure() {
     for args in [&["--help"][..], &["completions", "bash"]] {
@@ -629,7 +630,7 @@ fn a_closed_pipe_is_no_failure() {
     }
 }
 
-/// Eight stereo pictures, but for the one that was `lost`.
+/// Eight stereo images, without the one that was `lost`.
 fn images(folder: &Path, lost: Option<u8>) {
     for eye in ["image_0", "image_1"] {
         let eye = folder.join(eye);
@@ -645,7 +646,7 @@ fn images(folder: &Path, lost: Option<u8>) {
     }
 }
 
-/// Whether samples were lost is told by the exit code, also to whoever does not read where they are.
+/// The exit code reports lost samples, also without a reader of the messages.
 #[test]
 fn a_closed_pipe_hides_no_loss() {
     for (lost, code) in [(None, 0), (Some(3), 3)] {

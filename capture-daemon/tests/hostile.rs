@@ -1,4 +1,4 @@
-//! Things that are no files, and a file without end, wherever `pawsd` takes a file: refused at once, by name.
+//! Non-files, and a file without end, wherever `pawsd` takes a file: rejected immediately, by name.
 
 #![expect(
     clippy::disallowed_methods,
@@ -14,21 +14,21 @@ use std::time::Duration;
 
 use rustix::fs::{CWD, FileType, Mode, mknodat};
 
-/// Most that the program may take, KiB: far more than it needs, far less than what it would read.
+/// Maximum memory of the program, KiB: far more than it needs, far less than it would read.
 const MEMORY_KIB: u32 = 16 << 20;
 
-/// How long it may take; a tenth of a second is usual.
+/// Maximum time of the program; a tenth of a second is usual.
 const LIMIT: Duration = Duration::from_secs(120);
 const LOOK: Duration = Duration::from_millis(20);
 
-/// What stands in the place of a file.
+/// An object in place of a file.
 struct Thing {
     make: fn(&Path),
-    /// What is said of it.
+    /// Expected message.
     said: &'static str,
 }
 
-/// Bytes of a file without end: more than any limit, and more than there is memory.
+/// Size of a file without end, bytes: more than any limit, and more than the memory.
 const ENDLESS: u64 = 4 << 40;
 
 const ENDLESS_SAID: &str = "found 4398046511104 bytes, expected at most";
@@ -101,7 +101,7 @@ fn findings(folder: &Path, config: &str) -> Vec<serde_json::Value> {
     report["findings"].as_array().expect("findings").clone()
 }
 
-/// One error about this must say that.
+/// One error about this must contain that.
 fn expect(findings: &[serde_json::Value], about: &str, said: &str) {
     let says = |finding: &&serde_json::Value| {
         finding["level"] == "error"
@@ -130,8 +130,8 @@ const CAMERAS: &str = "\
     [[camera]]\nname = \"pair\"\nsource = { kind = \"replay\", path = \"pair\", rate_hz = 10 }\n\
     [[camera]]\nname = \"images\"\nsource = { kind = \"replay\", path = \"images\", rate_hz = 10 }\n";
 
-/// What is looked at, where the thing stands for it, and what is said of a file without end where that is nothing of
-/// its length.
+/// The checked part, the path that the object replaces, and the message for a file without end if
+/// that is not about its length.
 const PLACES: [(&str, &str, Option<&str>); 11] = [
     ("rig", "rig", None),
     ("page", "token", None),

@@ -35,7 +35,7 @@ fn example_is_complete_and_states_the_defaults() {
         .map(|camera| camera.name.as_str())
         .collect();
     assert_eq!(names, ["left_shoulder", "right_shoulder", "feet"]);
-    // Settings that it leaves commented out or gives by their default are the defaults.
+    // Settings that are commented out or have their default value are the defaults.
     let defaults = parse(CAMERA).unwrap();
     assert_eq!(example.session.chunk_ns, defaults.session.chunk_ns);
     assert_eq!(example.session.pre_roll_ns, defaults.session.pre_roll_ns);
@@ -45,7 +45,7 @@ fn example_is_complete_and_states_the_defaults() {
     assert_eq!(example.control, defaults.control);
     assert_eq!(example.rig, defaults.rig);
 
-    // Every line that is commented out as a setting is one: no example without a meaning.
+    // Every commented-out setting is valid: no example without a meaning.
     let text = std::fs::read_to_string(&path).unwrap();
     let is_setting = |line: &str| line.starts_with("#") && !line.starts_with("# ");
     assert!(text.lines().any(is_setting));
@@ -350,7 +350,7 @@ fn control_characters_are_rejected_in_names_paths_and_sources() {
                 &format!("line {line}: {key} in [camera.source]"),
             );
         }
-        // What is wrong is said without saying it raw.
+        // The error does not contain the raw characters.
         let text = CAMERA.replace("feet", &format!("f{escape}"));
         let found = problems(&text);
         assert!(
@@ -618,7 +618,7 @@ fn damaged_text_never_panics() {
     assert!(parse(&settings).is_ok());
     for (i, c) in settings.char_indices() {
         for replacement in ["", "\"", "[", "=", "\n", "9", "\u{1F43E}"] {
-            // Most of these are wrong, some are not; what counts is that each has an answer.
+            // Most of these are invalid, some are not; each must have a result.
             let _ = parse(&format!(
                 "{}{replacement}{}",
                 &settings[..i],

@@ -28,7 +28,7 @@ fn status(state: State) -> Response {
     }
 }
 
-/// Tells by its answer which request it got.
+/// Its answer contains the request.
 fn echo(request: Request) -> Response {
     match request {
         Request::Start { name } => Response::Error {
@@ -247,14 +247,14 @@ fn dropping_lets_the_request_in_hand_finish() {
     let path = place.path.clone();
     let client = thread::spawn(move || raw(&path, b"{\"do\":\"stop\"}\n"));
     entered.wait();
-    // Must not wait for the handler, which may wait for whoever drops.
+    // Must not wait for the handler, which may wait for the dropping thread.
     drop(server);
     wait.wait();
     let answers = client.join().unwrap();
     assert!(answers[0].contains("stopping"), "{answers:?}");
 }
 
-/// Connections of this many clients that say `bytes` and then nothing.
+/// Connections of this many clients that send `bytes` and then nothing.
 fn held(place: &Place, count: usize, bytes: &[u8]) -> Vec<UnixStream> {
     let hold = |_| {
         let mut stream = UnixStream::connect(&place.path).unwrap();
@@ -285,7 +285,7 @@ fn connections_with_a_request_in_hand_are_bounded() {
     };
     assert!(message.contains("16 requests are in hand"), "{message}");
     drop(release);
-    // All of them are still answered; then there is a place again.
+    // All of them are still answered; then there is a free slot again.
     for stream in open {
         let mut answer = String::new();
         BufReader::new(&stream).read_line(&mut answer).unwrap();
@@ -298,7 +298,7 @@ fn connections_with_a_request_in_hand_are_bounded() {
 /// Idle ones, slow ones, and ones that take no answers.
 #[test]
 fn idle_connections_do_not_prevent_a_stop() {
-    // More than a socket holds, so that whoever reads nothing is not answered to the end.
+    // More than a socket holds, so that a client which reads nothing is not answered to the end.
     let asks = b"{\"do\":\"mark\"}\n".repeat(100_000);
     let first = [&b""[..], b"{\"do\":\"sta", b"\n"];
     for bytes in first {
@@ -318,8 +318,8 @@ fn idle_connections_do_not_prevent_a_stop() {
             stream
         })
         .collect();
-    // As long as one has its request in hand it is served; none of them needs long. Not for as long as it takes: at
-    // ANSWER_LIMIT they would give way in any case.
+    // A connection with a request in progress is served; none of them needs long. Not for as long
+    // as it takes: at ANSWER_LIMIT they would be replaced in any case.
     let stopped = |_| {
         thread::yield_now();
         matches!(

@@ -1,4 +1,4 @@
-//! Lanes with a real encoder at a small size.
+//! Camera encoders with a real encoder at a small size.
 
 use super::*;
 use video::capture::{Capture, CaptureEvent, CaptureSettings, Content, Delivery};
@@ -7,7 +7,7 @@ use video::{NativeFrame, Picture, PixelFormat};
 const MS: i64 = 1_000_000;
 /// Room for forty small frames.
 const CAPACITY: usize = 40 * 64 * 32 * 3 / 2;
-/// Reached only when something hangs.
+/// Reached only if a thread is stuck.
 const LONG: Duration = Duration::from_secs(600);
 
 fn settings() -> EncoderSettings {
@@ -66,7 +66,7 @@ fn frame(number: u64) -> Frame {
     }
 }
 
-/// What came out: number and whether it is a key frame, or why it was dropped.
+/// Output: number and whether it is a key frame, or the cause of the drop.
 type Seen = Arc<Mutex<Vec<(u64, Result<bool, Cause>)>>>;
 
 fn encoder() -> (CameraEncoder, Seen) {
@@ -115,7 +115,7 @@ fn key_frames_are_at_chunk_boundaries() {
     );
 }
 
-/// x264enc takes another quality only at its start. Frames that are inside the old one come first.
+/// x264enc changes its quality only at a start. Frames inside the old encoder come first.
 #[test]
 fn encoder_is_replaced_for_another_quality() {
     let (mut encoder, seen) = encoder();
@@ -146,7 +146,7 @@ fn encoder_is_replaced_for_another_quality() {
 fn failed_encoder_is_replaced_and_its_frames_are_reported() {
     let (mut encoder, seen) = encoder();
     encoder.push_and_wait(frame(0), &image(0, 64, 32), HostTime(0));
-    encoder.push_and_wait(frame(1), &image(1, 32, 32), HostTime(0)); // not what it was made for
+    encoder.push_and_wait(frame(1), &image(1, 32, 32), HostTime(0)); // not its configured size
     assert!(encoder.is_failing());
     encoder.push_and_wait(frame(2), &image(2, 64, 32), HostTime(0));
     let seen = seen.lock().expect("seen").clone();
@@ -180,7 +180,7 @@ fn encoder_that_cannot_start_drops_frames_and_is_retried() {
     );
 }
 
-/// An encoder that starts and fails at its first picture costs a pipeline for each start.
+/// An encoder that starts and fails at its first image costs a pipeline for each start.
 #[test]
 fn repeated_failures_back_off_and_are_reset_after_success() {
     let (mut encoder, seen) = encoder();
@@ -265,11 +265,12 @@ fn queued_frames_survive_an_encoder_restart() {
     assert!(seen.iter().all(|s| s.1.is_ok()), "{seen:?}");
 }
 
-/// So that whoever drains can look after other things meanwhile, and does not wait for what may never work again.
+/// So that the draining thread can do other work meanwhile, and does not wait for an encoder that
+/// may never recover.
 #[test]
 fn draining_does_not_block() {
     let (mut encoder, seen) = encoder();
-    // Encoding one takes many times as long as pushing one.
+    // Encoding a frame takes much longer than pushing it.
     (encoder.settings.width, encoder.settings.height) = (1344, 376);
     let image = image(0, 1344, 376);
     encoder.capacity = 100 * image.data.len();
@@ -299,11 +300,11 @@ fn draining_does_not_block() {
     assert_eq!(*seen.lock().expect("seen"), [dropped]);
 }
 
-/// They cannot wait, so no queue tells that they are too many.
+/// They cannot wait, so the queue does not show the overload.
 #[test]
 fn rejected_native_frames_count_as_a_full_queue() {
     let (mut encoder, seen) = encoder();
-    // Encoding one takes many times as long as pushing one.
+    // Encoding a frame takes much longer than pushing it.
     (encoder.settings.width, encoder.settings.height) = (1344, 376);
     for (n, native) in natives(1344, 376, 40).iter().enumerate() {
         encoder.push(frame(n as u64), native, HostTime(0));
@@ -319,11 +320,11 @@ fn rejected_native_frames_count_as_a_full_queue() {
     assert!(seen.iter().any(|s| s.1 == Err(Cause::EncoderOverload)));
 }
 
-/// However fast frames come: each is handed on or reported, exactly once, in order.
+/// However fast frames arrive: each is delivered or reported, exactly once, in order.
 #[test]
 fn overload_drops_and_reports_whole_frames() {
     let (mut encoder, seen) = encoder();
-    // Encoding one takes many times as long as pushing one.
+    // Encoding a frame takes much longer than pushing it.
     (encoder.settings.width, encoder.settings.height) = (1344, 376);
     let image = image(0, 1344, 376);
     for n in 0..100 {
@@ -346,7 +347,8 @@ fn overload_drops_and_reports_whole_frames() {
     );
 }
 
-/// Frames that come faster than they are encoded wait, as far as there is room, and are then encoded in order.
+/// Frames that arrive faster than they are encoded are queued as long as there is room, and then
+/// encoded in order.
 #[test]
 fn frames_queue_before_a_slow_encoder() {
     let (mut encoder, seen) = encoder();
@@ -364,7 +366,7 @@ fn frames_queue_before_a_slow_encoder() {
     assert!(seen.iter().map(|s| s.0).eq(0..100));
 }
 
-/// When nobody stores them any more, frames that still wait are reported and not encoded.
+/// When nobody stores them any more, queued frames are reported and not encoded.
 #[test]
 fn unwanted_frames_are_not_encoded_at_the_end() {
     let (mut encoder, seen) = encoder();
@@ -382,7 +384,7 @@ fn unwanted_frames_are_not_encoded_at_the_end() {
     assert_eq!(late, waiting);
 }
 
-/// Overload makes it easier for the encoder where a chunk begins, and costs no frame.
+/// Overload reduces the encoder's effort at a chunk boundary, without dropping a frame.
 #[test]
 fn faster_preset_takes_effect_at_the_next_chunk() {
     let (mut encoder, seen) = encoder();

@@ -1,4 +1,4 @@
-//! Hand-made samples through a hub with a real encoder at a small size.
+//! Hand-written samples through a hub with a real encoder at a small size.
 
 use std::sync::{Mutex, MutexGuard};
 
@@ -118,7 +118,7 @@ impl Bench {
         self.frame_arrival.lock().expect("seen")
     }
 
-    /// What was done and taken back because encoders could not keep up.
+    /// Alarms about encoders that are too slow, with their beginnings and ends.
     fn relieved(&self) -> Vec<(String, bool)> {
         let alarms = self.frame_arrival();
         let alarms = alarms.iter().filter_map(|item| match item {
@@ -147,11 +147,11 @@ impl Bench {
     }
 }
 
-/// Were it encoded, the frames that are stored after it would refer to a frame that is not.
+/// If it were encoded, the frames stored after it would refer to a frame that is not stored.
 #[test]
 fn late_or_repeated_frame_never_reaches_the_encoder() {
     let mut bench = bench();
-    // The camera starts to count anew after its second frame.
+    // The camera restarts its counter after its second frame.
     for (i, number) in [29, 30, 30, 0, 1, 2, 3, 4].into_iter().enumerate() {
         bench.frame(number, START + i as i64 * 50 * MS);
     }
@@ -258,12 +258,12 @@ fn samples_missed_while_disconnected_have_that_cause() {
         bench.frame(i as u64, at(i));
     }
     disconnect(&mut bench, 9);
-    // Eight periods later it counts anew.
+    // Eight periods later its counter restarts.
     for i in 18..22 {
         bench.frame(i as u64 - 18, at(i));
     }
     disconnect(&mut bench, 21);
-    // Once more, and its counter has gone on: the device knows better than the clock.
+    // Once more, with a counter that continued: the device's count is better than the clock's.
     bench.frame(9, at(26));
     disconnect(&mut bench, 26);
     bench.hub.finish(RemainingFrames::Encode, at(30));
@@ -304,7 +304,7 @@ fn samples_missed_while_disconnected_have_that_cause() {
     assert_eq!(alarms, [true, false, true, false, true]);
 }
 
-/// Else a recording that ends before the device is back would not know why there is nothing.
+/// Otherwise a recording that ends before the device reconnects would lack the cause.
 #[test]
 fn missed_samples_are_reported_during_the_disconnect() {
     let mut bench = bench();
@@ -339,7 +339,8 @@ fn missed_samples_are_reported_during_the_disconnect() {
     );
 }
 
-/// Else a device that is set to another day would end the recording: no message may lie before the clock's zero.
+/// Otherwise a device with another date would end the recording: no message may be before the
+/// clock's zero.
 #[test]
 fn tick_far_in_the_past_is_timed_by_its_arrival() {
     let mut bench = bench();
@@ -369,7 +370,7 @@ fn tick_far_in_the_past_is_timed_by_its_arrival() {
     assert_eq!(count, 80);
 }
 
-/// What a driver stamps with the host's clock is a time, unless it cannot be one.
+/// A driver's timestamp on the host clock is a time, unless it is impossible.
 #[test]
 fn host_timestamps_are_used_as_times() {
     let mut bench = bench_with(Some(Stamped {
@@ -393,7 +394,7 @@ fn host_timestamps_are_used_as_times() {
         .collect();
     assert_eq!(times[0], (-10 * MS, 50_000, false));
     assert_eq!(times[1], (50 * MS - 32 * MS, 50_000, false));
-    // It cannot have been stamped after it came.
+    // It cannot have been stamped after its arrival.
     assert!(times[2].2 && times[2].0 == 100 * MS, "{times:?}");
     assert_eq!((times[3].0, times[3].2), (150 * MS - 11 * MS, false));
     let maps = frame_arrival
@@ -430,8 +431,8 @@ fn frame_rate_mitigation_drops_every_other_frame() {
     assert_eq!(spared, [5, 7, 9]);
 }
 
-/// The hub may be behind when recording begins. Else what comes without pixels behind the frame that is shown would be a
-/// gap in the recording.
+/// The hub may lag when recording begins. Otherwise frames without pixels behind the previewed one
+/// would be a gap in the recording.
 #[test]
 fn frames_that_arrived_before_recording_are_not_encoded() {
     let mut bench = bench();
@@ -465,7 +466,7 @@ fn frames_that_arrived_before_recording_are_not_encoded() {
     assert_eq!(encoded, [(4, true), (5, false)]);
 }
 
-/// What waits when a recording is over is not what the next one begins with.
+/// Frames queued at the end of a recording are not the beginning of the next one.
 #[test]
 fn queued_frames_are_dropped_when_not_recording() {
     let mut bench = bench();
@@ -533,7 +534,7 @@ fn draining_delivers_everything_without_a_silence_alarm() {
     assert_eq!(alarms.count(), 0);
 }
 
-/// The camera goes on while its IMU is gone, and the other way round.
+/// The camera continues while its IMU is disconnected, and vice versa.
 #[test]
 fn camera_and_imu_disconnect_independently() {
     let mut bench = bench();
@@ -572,7 +573,8 @@ fn camera_and_imu_disconnect_independently() {
     );
 }
 
-/// Queues that grow cost quality before they cost frames, and when they are empty everything comes back.
+/// Growing queues reduce quality before frames are lost, and when they are empty everything is
+/// restored.
 #[test]
 fn slow_machine_sheds_load_step_by_step() {
     let mut bench = bench();
@@ -585,7 +587,7 @@ fn slow_machine_sheds_load_step_by_step() {
             bench.hub.tick(now);
         }
     };
-    // The queue grows by a twentieth of its capacity in a second, then stays empty.
+    // The queue grows by a twentieth of its capacity per second, then stays empty.
     run(&mut bench, 8, &|tick| tick as f64 / 200.0);
     let rate_lowered = bench.hub.rate_lowered(0).is_some();
     run(&mut bench, 60, &|_| 0.0);
@@ -615,7 +617,7 @@ fn last_camera_loses_its_frame_rate_before_the_others() {
     bench.hub.waits = false;
     let mut now = START;
     let mut lowered = Vec::new();
-    // The queue grows by a twentieth of its capacity in a second, until nothing is left to be given up.
+    // The queue grows by a twentieth of its capacity per second, until all steps are taken.
     for tick in 0..120 {
         now = now + TICK_NS;
         bench.hub.set_inbox_fill(f64::from(tick) / 200.0);
@@ -639,7 +641,7 @@ fn last_camera_loses_its_frame_rate_before_the_others() {
     assert_eq!(lowered, [[false, false], [false, true], [true, true]]);
 }
 
-/// Armed without a pre-roll: what nobody stores is counted and timed, and no more.
+/// Armed without a pre-roll: frames are counted and timed, and no more.
 #[test]
 fn idle_frames_are_counted_and_the_first_recorded_frame_is_a_key_frame() {
     let mut bench = bench();
@@ -655,7 +657,7 @@ fn idle_frames_are_counted_and_the_first_recorded_frame_is_a_key_frame() {
     let stage = |bench: &mut Bench, is_idle: bool, numbers: std::ops::Range<i64>| {
         bench.hub.idle(is_idle, at(numbers.start));
         for i in numbers {
-            // A source may leave the pixels out, and need not.
+            // A source may omit the pixels, but need not.
             if is_idle && i % 2 == 1 {
                 let frame_arrival = FrameArrival {
                     number: i as u64,
@@ -680,10 +682,10 @@ fn idle_frames_are_counted_and_the_first_recorded_frame_is_a_key_frame() {
             Outgoing::Health { streams, .. } => Some(streams[0].received),
             _ => None,
         });
-    // Health is told once a second, the last time with the 21st frame.
+    // Health is reported once a second, the last time with the 21st frame.
     assert_eq!(received, Some(21));
 
-    // None of them begins a chunk, which would be reason enough for a key frame.
+    // None of them begins a chunk, which would also require a key frame.
     stage(&mut bench, false, 33..36);
     stage(&mut bench, true, 36..38);
     stage(&mut bench, false, 38..39);

@@ -1,4 +1,4 @@
-//! The recorder on hand-made items, virtual time and a disk that fails on demand.
+//! The recorder with hand-written items, virtual time and a disk that fails on demand.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -20,18 +20,18 @@ use crate::clock::VirtualClock;
 const MS: i64 = 1_000_000;
 const START: HostTime = HostTime(1_000_000 * MS);
 
-/// What a test looks at afterwards.
+/// Results that a test inspects.
 #[derive(Clone, Default)]
 struct Bench {
     disks: Arc<Mutex<Vec<FaultStorage>>>,
     progress: Arc<Mutex<Vec<Progress>>>,
     free: Arc<Mutex<Option<u64>>>,
     machine: Arc<Mutex<MachineReading>>,
-    /// Nothing can be deleted.
+    /// Deleting fails.
     keeps: Arc<Mutex<bool>>,
-    /// Somebody has removed the folder of the session.
+    /// The folder of the session was removed.
     is_removed: Arc<Mutex<bool>>,
-    /// Of the first disk.
+    /// Faults of the first disk.
     faults: Vec<Fault>,
 }
 
@@ -67,7 +67,7 @@ impl SessionStore for Bench {
     }
 }
 
-/// A recorder for two cameras and an IMU, fed with made-up samples in virtual time.
+/// A recorder for two cameras and an IMU, fed with synthetic samples in virtual time.
 struct Rig {
     recorder: Recorder,
     clock: Arc<VirtualClock>,
@@ -226,7 +226,7 @@ impl Rig {
         });
     }
 
-    /// Samples stored and missing, as the user was told at the end.
+    /// Samples stored and missing, as reported at the end.
     fn account(&self) -> (u64, u64) {
         let told = self.progress().into_iter().find_map(|p| match p {
             Progress::Finished {
@@ -351,7 +351,7 @@ fn samples_in_transit_during_a_stop_keep_their_clock_maps() {
     rig.steps(2);
     started(&mut rig);
     rig.recorder.close_now("button");
-    // A frame of version 2 may have been in the encoder while version 3 came.
+    // A frame of version 2 may have been in the encoder when version 3 arrived.
     assert_eq!(versions(&rig), [1, 2, 3]);
     rig.steps(100);
     map(&mut rig, 4);
@@ -410,7 +410,8 @@ fn session_without_pre_roll_begins_at_the_press_with_requested_key_frames() {
     assert_eq!(maps.len(), 1, "its times can be mapped with it");
 }
 
-/// What the cameras still deliver after a stop, on a rig whose IMU never does, must not be there an hour later.
+/// Samples that cameras deliver after a stop, on a rig whose IMU never delivers, must not be in a
+/// session an hour later.
 #[test]
 fn samples_after_a_stop_are_not_in_the_next_session() {
     let mut rig = rig(0, Bench::default());
@@ -458,7 +459,7 @@ fn stop_waits_for_frames_received_before_it_with_a_limit() {
     rig.steps(20);
     started(&mut rig);
     rig.steps(10);
-    // A frame taken before the press is still in the encoder.
+    // A frame captured before the press is still in the encoder.
     let late = Frame {
         number: rig.next[0],
         time: rig.now().0,
@@ -516,7 +517,7 @@ fn every_loss_becomes_a_gap_with_its_cause() {
         rig.next[1] + 1,
         Cause::EncoderOverload,
     ));
-    // Two are reported, two only the device knows of.
+    // Two are reported, two only the device counted.
     for _ in 0..4 {
         rig.next[1] += 1;
         rig.frame(0);
@@ -571,8 +572,8 @@ fn full_disk_ends_in_a_closed_session() {
     assert!(refused.contains("900 MB are free"), "{refused}");
 }
 
-/// Whatever write or sync fails, for good or once: the session can be opened, is accounted for, and
-/// the user is told.
+/// Whatever write or sync fails, permanently or once: the session can be opened, is accounted for,
+/// and the failure is reported.
 #[test]
 fn failing_disk_ends_in_a_valid_session_and_a_clear_message() {
     let run = |fault: Option<Fault>| {
@@ -730,8 +731,8 @@ fn disk_alarms_end_with_their_cause() {
     assert_eq!(rig.recorder.status().alarms, [DISK_FULL], "before a press");
 }
 
-/// Two failures in a row cost the last chunk; that the gap records in its place could be written must
-/// not hide it.
+/// Two failures in a row lose the last chunk; the gap records written instead of it must not hide
+/// this.
 #[test]
 fn losses_while_closing_are_reported() {
     let run = |faults: Vec<Fault>| {
@@ -753,7 +754,7 @@ fn losses_while_closing_are_reported() {
         .iter()
         .position(|o| matches!(o, Operation::Append(_)))
         .expect("a chunk") as u64;
-    // The chunk, and after cutting it back the segment that it was to go into instead.
+    // The chunk, and after cutting it back the segment into which it was to go instead.
     let faults = [0, 2].map(|later| Fault {
         at: before + append + later,
         kind: FaultKind::InputOutput,
@@ -824,7 +825,7 @@ fn pre_roll_over_the_byte_limit_is_an_alarm() {
     assert!(rig.recorder.status().alarms.is_empty());
 }
 
-/// Else a camera that was never there would leave a recording of which nothing is missing.
+/// Otherwise a camera that was never present would leave a recording without any missing sample.
 #[test]
 fn streams_without_samples_are_named() {
     let mut rig = rig(0, Bench::default());
@@ -875,7 +876,8 @@ fn the_last_recording_can_be_discarded_once() {
     );
 }
 
-/// A hot machine is told, spared, stopped before the kernel switches it off, and does not start again.
+/// A hot machine raises an alarm, is relieved, is stopped before the kernel switches it off, and
+/// does not start again.
 #[test]
 fn overheating_degrades_and_then_stops_the_recording() {
     let mut rig = rig(0, Bench::default());
@@ -918,7 +920,8 @@ fn overheating_degrades_and_then_stops_the_recording() {
     assert!(refused.starts_with("not now: "), "{refused}");
 }
 
-/// A press right after another: the encoder of a camera has not given its first frame yet.
+/// A press immediately after another: the encoder of a camera has not delivered its first frame
+/// yet.
 #[test]
 fn short_recording_waits_for_the_first_frame() {
     let mut rig = rig(0, Bench::default());
@@ -949,7 +952,8 @@ fn short_recording_waits_for_the_first_frame() {
     assert_eq!(stored.last().map(|f| f.number), Some(rig.next[0]));
 }
 
-/// Encoders that are behind at the stop: what they still give belongs to the session, but not for ever.
+/// Encoders that lag at the stop: the frames that they still deliver belong to the session, up to a
+/// limit.
 #[test]
 fn stop_waits_for_lagging_encoders() {
     let mut rig = rig(0, Bench::default());
@@ -990,7 +994,8 @@ fn stop_waits_for_lagging_encoders() {
     assert!(given >= STOP_MAX_NS / NS_PER_S - 1, "{given}");
 }
 
-/// Loss is an alarm within two seconds, says why, and is told at the end as a share of the frames.
+/// A loss raises an alarm with its cause within two seconds, and is reported at the end as a
+/// fraction of the frames.
 #[test]
 fn loss_is_an_alarm_and_a_fraction_of_the_cameras_frames() {
     let mut rig = rig(0, Bench::default());
@@ -1000,7 +1005,7 @@ fn loss_is_an_alarm_and_a_fraction_of_the_cameras_frames() {
     rig.step();
     for step in 0..60 {
         if step < 30 {
-            // Every other frame of one camera does not get through its encoder.
+            // Every other frame of one camera is lost in its encoder.
             rig.recorder.handle(Outgoing::Dropped {
                 at: rig.now(),
                 stream: "feet".to_owned(),
@@ -1016,7 +1021,7 @@ fn loss_is_an_alarm_and_a_fraction_of_the_cameras_frames() {
             rig.health();
         }
         if step == 29 {
-            // From here page and lights have it.
+            // Page and lights use this status.
             let status = rig.recorder.status();
             assert_eq!(status.concerns, [Concern::Stream].into());
             assert!(
@@ -1062,7 +1067,7 @@ fn loss_is_an_alarm_and_a_fraction_of_the_cameras_frames() {
     assert_eq!(streams[0].missing, 0);
 }
 
-/// A frame of each of these streams that did not get through its encoder.
+/// A frame of each of these streams that is lost in its encoder.
 fn lose(rig: &mut Rig, streams: &[&str]) {
     for stream in streams {
         rig.recorder.handle(Outgoing::Dropped {
@@ -1184,7 +1189,7 @@ fn recording_without_intrinsics_is_noted_at_the_start() {
             && notes[0].contains("`paws calib cameras "),
         "{notes:?}"
     );
-    // Both eyes have to be known, and then there is nothing to say.
+    // Both eyes must be calibrated, and then there is no note.
     let mut setup = rig.recorder.setup.clone();
     let lens = |eye: &str| (eye.to_owned(), CameraCalibration::default());
     let eyes = ["feet/left", "left_shoulder/left", "left_shoulder/right"];

@@ -3,7 +3,7 @@
 use super::*;
 use crate::sources::{AnySource, Sample, Source, SourceError, SourceInfo};
 
-/// Delivers so many samples, then fails.
+/// Delivers a number of samples, then fails.
 struct Failing {
     inner: Box<dyn Source>,
     samples: u32,
@@ -51,7 +51,7 @@ fn run(cameras: usize, virtual_time: bool) -> (Finished, String, Vec<Progress>) 
     );
     let config = Config::parse(&text, folder.path()).expect("configuration");
     let options = RecordOptions {
-        // In real time the failure comes first, however slow the machine is.
+        // In real time the failure comes first, however slow the machine.
         seconds: if virtual_time { 2.0 } else { 600.0 },
         virtual_time,
         name: String::new(),
@@ -112,7 +112,8 @@ fn recording_continues_without_a_failed_source() {
     assert!(manifest.contains("\"duration\""), "{manifest}");
 }
 
-/// Codec and preset are chosen once, by the pixels of all cameras together. Alone, each of these would get another preset.
+/// Codec and preset are selected once, by the pixels of all cameras together. Alone, each of these
+/// would get another preset.
 #[test]
 fn cameras_of_different_sizes_share_one_encoder_choice() {
     let folder = tempfile::tempdir().expect("folder");

@@ -12,7 +12,8 @@ fn findings(folder: &Path, text: &str) -> Vec<Finding> {
     check(&Config::parse(text, folder).unwrap())
 }
 
-/// Among the findings of `about`, the worst must be `level`, and one of that level say `expected`.
+/// Among the findings of `about`, the worst must be `level`, and one of that level must contain
+/// `expected`.
 fn expect(findings: &[Finding], about: &str, level: Level, expected: &str) {
     let of: Vec<&Finding> = findings
         .iter()
@@ -79,12 +80,13 @@ fn valid_configuration_has_no_errors() {
     );
 }
 
-/// In a clone, for any user: it needs no folders of an installed daemon.
+/// From a clone, for any user: it needs no folders of an installed daemon.
 #[test]
 fn shipped_simulated_rig_has_no_errors() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/rigs/simulated.toml");
     let found = check(&Config::read(&path).unwrap());
-    // Whether another program has the page's port, and whether the disk has room, is this machine's business.
+    // Whether another program uses the page's port, and whether the disk has room, depends on this
+    // machine.
     let ours = |f: &&Finding| !["page", "disk"].contains(&f.about.as_str());
     let wrong: Vec<&Finding> = found
         .iter()
@@ -122,12 +124,12 @@ fn token_readable_by_others_is_an_error() {
     expect(&check_page(), "page", Level::Error, "reading the token");
 }
 
-/// What is behind the head of a bag may be good, or not: a check does not read it.
+/// The bag behind its head may be valid or not: a check does not read it.
 #[test]
 fn bag_whose_head_is_insufficient_is_a_warning() {
     let folder = tempfile::tempdir().unwrap();
     let mut bytes = session_archive::mcap::MAGIC.to_vec();
-    // A record of a kind that nobody knows, longer than is looked at.
+    // A record of an unknown kind, longer than the head.
     bytes.push(0xf0);
     bytes.extend((1_u64 << 30).to_le_bytes());
     let bag = folder.path().join("walk.mcap");
@@ -257,7 +259,7 @@ fn finding_is_one_line() {
     assert_eq!(finding.to_string(), "warning  camera feet: no calibration");
 }
 
-/// Without it, a start would find out.
+/// Otherwise the error would appear only at the start.
 #[test]
 fn page_that_cannot_be_served_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
@@ -275,7 +277,7 @@ fn page_that_cannot_be_served_is_an_error() {
     let found = page("s", "absent");
     expect(&found, "page", Level::Error, "end what uses this one");
     expect(&found, "page", Level::Error, "absent");
-    // A daemon that runs has it.
+    // A running daemon uses the address.
     let _daemon = std::os::unix::net::UnixListener::bind(here.join("running")).unwrap();
     fs::write(
         here.join("token"),
@@ -306,7 +308,7 @@ fn socket_that_cannot_be_created_is_an_error() {
     );
 }
 
-/// A recording would be without it, however long a daemon would wait.
+/// A recording would lack it, however long a daemon would wait.
 #[test]
 fn absent_camera_is_an_error() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Bags put down by hand: what is replayed, what is lost and why, what is refused at the start.
+//! Hand-written bags: replayed samples, dropped frames with their reasons, and rejected bags.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ const MS: i64 = 1_000_000;
 const IMAGE: &str = "sensor_msgs/msg/Image";
 const IMU: &str = "sensor_msgs/msg/Imu";
 
-/// A file in the making; channels are numbered from 1.
+/// A file under construction; channels are numbered from 1.
 struct File {
     bytes: Vec<u8>,
     channels: u16,
@@ -106,7 +106,7 @@ fn header(stamp_ns: i64) -> Vec<u8> {
     bytes
 }
 
-/// An image of one grey.
+/// A uniform gray image.
 fn image(stamp_ns: i64, encoding: &str, [width, height]: [u32; 2], grey: u8) -> Vec<u8> {
     let mut bytes = header(stamp_ns);
     bytes.extend(height.to_le_bytes());
@@ -181,7 +181,7 @@ fn samples(mut bag: Bag) -> Vec<Sample> {
     samples
 }
 
-/// What tells recordings of bags in virtual time apart.
+/// Digest that distinguishes recordings of bags in virtual time.
 #[test]
 fn digest_of_a_bag_depends_on_its_content() {
     let [here, there] = [(); 2].map(|()| tempfile::tempdir().expect("folder"));
@@ -205,7 +205,7 @@ fn digest_of_a_bag_depends_on_its_content() {
     assert_ne!(digest(&there, walk(|_, _| None), &without_imu), usual);
 }
 
-/// Numbers of frames, and of what is lost with its reason.
+/// Numbers of frames, and of dropped frames with their reasons.
 fn frames(samples: &[Sample]) -> (Vec<u64>, Vec<(u64, String)>) {
     let (mut numbers, mut lost) = (Vec::new(), Vec::new());
     for sample in samples {
@@ -455,7 +455,7 @@ fn compressed_chunks_are_read_and_damaged_ones_skipped() {
         lz4.contains("\"lz4\", expected zstd or none") && lz4.contains("mcap compress"),
         "{lz4}"
     );
-    // A size that nothing can have is not believed.
+    // An impossible size is not accepted.
     let huge = open(build(&|k, records| {
         let mut chunk = chunk("zstd", records, 0, &zstd(records));
         if k == 1 {
@@ -486,14 +486,15 @@ fn truncated_file_is_replayed_up_to_the_cut() {
     );
 }
 
-/// A check looks at the head of a file alone: what is behind it is neither read nor judged.
+/// A check reads the head of a file only: the rest is neither read nor judged.
 #[test]
 fn head_of_a_bag_is_opened_like_a_whole_bag() {
     use std::os::unix::fs::FileExt as _;
 
     let folder = tempfile::tempdir().expect("folder");
     let path = folder.path().join("walk.mcap");
-    // Behind the walk a record of a kind that nobody knows, all hole, and then a chunk that cannot be unpacked.
+    // Behind the walk a record of an unknown kind, all hole, and then a chunk that cannot be
+    // unpacked.
     let hole: u64 = 1 << 30;
     let mut bytes = walk(|_, _| None).bytes;
     bytes.push(0xf0);
@@ -513,7 +514,7 @@ fn head_of_a_bag_is_opened_like_a_whole_bag() {
     assert_eq!((bag.info().camera.width, bag.info().camera.height), (16, 4));
     assert_eq!(frames(&samples(bag)).0, (0..10).collect::<Vec<u64>>());
 
-    // What has nothing behind it is judged as a recording does.
+    // A file with nothing behind its head is judged like in a recording.
     walk(|_, _| None).write(&path);
     let bag = Bag::open_head("feet", &config(&path)).expect("a bag");
     assert!(!bag.is_head());
@@ -525,7 +526,7 @@ fn head_of_a_bag_is_opened_like_a_whole_bag() {
     );
 }
 
-/// Whether images that a head does not reach can be used, it cannot tell.
+/// It cannot decide whether images beyond the head are usable.
 #[test]
 fn head_without_images_is_reported_as_a_head() {
     let folder = tempfile::tempdir().expect("folder");
@@ -560,7 +561,7 @@ fn non_plain_file_is_rejected_immediately() {
 }
 
 proptest::proptest! {
-    /// A byte that is another one costs a message at most, or the bag; never the program.
+    /// A changed byte loses a message at most, or the bag; it never ends the program.
     #[test]
     fn damaged_file_is_replayed_or_rejected(at in 0_usize..100_000, value: u8) {
         let folder = tempfile::tempdir().expect("folder");

@@ -4,7 +4,7 @@ use test_data::shared;
 
 use super::*;
 
-/// A folder of made-up files.
+/// A folder of synthetic files.
 struct Folder(tempfile::TempDir);
 
 impl Folder {
@@ -83,7 +83,7 @@ fn real_euroc_images_and_imu() {
     ];
     assert_eq!(names, expected.map(Path::new));
 
-    // Every line of the list, its digits and nothing but them.
+    // Every line of the list, with its exact digits.
     let list = fs::read_to_string(path.join("mav0/imu0/data.csv")).unwrap();
     let lines: Vec<&str> = list.lines().filter(|line| !line.starts_with('#')).collect();
     assert_eq!((lines.len(), dataset.imu.len()), (29_120, 29_120));
@@ -210,7 +210,7 @@ fn asl_pairs_by_equal_stamps() {
         ]
     );
 
-    // What neither side has leaves a hole in the numbers; what one side has is an error.
+    // Images absent on both sides are a gap in the numbers; absent on one side they are an error.
     let some = ["100", "400"];
     let dataset = open(asl((&all, &some), (&some, &some)).path(), None).unwrap();
     assert_eq!(times(&dataset), [(0, 100), (3, 400)]);
@@ -390,11 +390,11 @@ fn plain_folders_are_paired_in_order() {
     ));
 }
 
-/// A check reads the head of each list: what a list says behind it is neither read nor missed.
+/// A check reads the head of each list: the rest is neither read nor reported as absent.
 #[test]
 fn head_of_a_long_list_is_sufficient_for_a_check() {
     const LINES: u64 = 100_000;
-    // Behind the head a line that makes no sense.
+    // Behind the head an invalid line.
     let list = |line: &dyn Fn(u64) -> String| -> String {
         let mut text: String = (0..LINES).map(line).collect();
         text.push_str("nonsense\n");
@@ -421,7 +421,7 @@ fn head_of_a_long_list_is_sufficient_for_a_check() {
     assert_eq!(times(&dataset), [(0, 0), (50, 50)]);
     assert!(dataset.imu.len() > 10_000 && dataset.imu.len() < LINES as usize);
 
-    // Where no picture is within the head, it cannot tell.
+    // If no image is within the head, it cannot decide.
     for stamp in [0, 50] {
         for name in names(stamp) {
             fs::remove_file(folder.path().join(name)).unwrap();
@@ -446,7 +446,7 @@ fn head_of_a_long_list_is_sufficient_for_a_check() {
     assert!(dataset.is_head);
     assert_eq!(times(&dataset), [(7, 7_000_000_000), (8, 8_000_000_000)]);
 
-    // A list that a head holds is all of it.
+    // A list that fits into a head is complete.
     let short = Folder::new().with(&[
         ("times.txt", "0.0\n0.1\n"),
         ("image_0/0.png", ""),

@@ -6,7 +6,7 @@ use super::*;
 
 const START: HostTime = HostTime(5_000_000_000);
 
-/// A folder of made-up files.
+/// A folder of synthetic files.
 struct Folder(tempfile::TempDir);
 
 impl Folder {
@@ -37,12 +37,12 @@ impl Folder {
         self.write(name, &bytes);
     }
 
-    /// An all grey picture of 4 x 2.
+    /// A uniform gray image of 4 x 2.
     fn flat(&self, name: &str, value: u8) {
         self.png(name, png::ColorType::Grayscale, 4, &[value; 8]);
     }
 
-    /// ASL lists with a row per stamp, and pictures for those with a value.
+    /// ASL lists with a row per timestamp, and images for those with a value.
     fn asl(rows: &[(i64, Option<u8>)], imu: &str) -> Self {
         let folder = Self::new();
         for camera in ["cam0", "cam1"] {
@@ -182,10 +182,10 @@ fn real_euroc_images_and_imu() {
         let last_row = &frame.image.luma().unwrap()[479 * 1504 + 752..];
         assert_eq!(last_row, &right.data[479 * 752..]);
     }
-    // The first picture and the first IMU sample are of one instant.
+    // The first image and the first IMU sample are of one instant.
     assert!(matches!(samples[0], Sample::Imu(_)) && matches!(samples[1], Sample::Frame(_)));
 
-    // Every digit of the list, and nothing but them.
+    // Every line of the list, with its exact digits.
     let list = fs::read_to_string(path.join("mav0/imu0/data.csv")).unwrap();
     let lines: Vec<&str> = list.lines().filter(|line| !line.starts_with('#')).collect();
     let imu = imu(&samples);
@@ -307,7 +307,7 @@ fn imu_runs_once_from_the_first_image() {
     };
     assert_eq!(imu(&samples)[0].values, values);
 
-    // Pictures once: the IMU goes on alone, to its end.
+    // Images once: the IMU continues alone, to its end.
     let samples = take(&mut folder.replay(None, false), 100);
     assert_eq!((frames(&samples).len(), imu(&samples).len()), (2, 6));
 
@@ -353,7 +353,7 @@ fn odd_sizes_are_padded_by_repetition() {
     let expected: Vec<u8> = [&row[..], &row, &[128; 8]].concat();
     assert_eq!(frames(&samples)[0].image.data, expected);
 
-    // Colour: the repeated column is a pixel, not a byte.
+    // Color: the repeated column is a pixel, not a byte.
     let folder = Folder::new();
     let pixels = [255, 255, 255, 0, 0, 0, 255, 255, 255];
     folder.png("left.png", png::ColorType::Rgb, 1, &pixels);
@@ -447,7 +447,7 @@ fn late_damage_names_camera_and_file() {
         assert!(text.ends_with(&damaged.display().to_string()), "{text}");
     }
 
-    // A file that changes after it was looked at.
+    // A file that changes after it was probed.
     let folder = Folder::new();
     folder.flat("left.png", 1);
     folder.flat("right.png", 1);
@@ -480,7 +480,8 @@ fn unreadable_calibration_is_noted_and_stored() {
     assert_eq!(replay.info().calibration_files, [kept]);
 }
 
-/// While nobody stores frames they are counted and timed as ever, and no file is decoded: not even a damaged one.
+/// While nobody stores frames they are counted and timed as usual, and no file is decoded: not even
+/// a damaged one.
 #[test]
 fn without_pixels_numbers_and_times_are_the_same() {
     let rows: Vec<(i64, Option<u8>)> = [0, 50, 100, 250]

@@ -35,7 +35,7 @@ fn take(source: &mut Synthetic, count: usize) -> (Vec<RawFrame>, Vec<RawImu>) {
     (frames, imu)
 }
 
-/// Of every picture, number, time and measurement.
+/// Checksum of every image, number, time and measurement.
 fn checksum(source: &mut Synthetic, count: usize) -> u32 {
     let (frames, imu) = take(source, count);
     let mut crc = crc32fast::Hasher::new();
@@ -67,14 +67,14 @@ fn seed_determines_every_byte() {
     let one = checksum(&mut new(1), 300);
     assert_eq!(one, checksum(&mut new(1), 300));
     assert_ne!(one, checksum(&mut new(2), 300));
-    // The same on every machine, and with every version: recordings of it can be compared.
+    // The same on every machine, and with every version: recordings of it are comparable.
     assert_eq!(
         one, 3_792_005_239,
         "changing the synthetic camera changes every recording made with it"
     );
 }
 
-/// While nobody stores frames nothing is drawn, and what is drawn afterwards is what it would have been.
+/// While nobody stores frames nothing is rendered, and later images are unaffected.
 #[test]
 fn without_pixels_numbers_and_times_are_the_same() {
     let (frames, imu) = take(&mut camera(FaultPlan::default()), 200);
@@ -131,7 +131,7 @@ fn every_frame_shows_its_number() {
     }
 }
 
-/// At a quality that nobody would record with, and in the smallest picture that has a bar.
+/// At a quality too low for recordings, and in the smallest image with a bar.
 #[test]
 fn the_number_survives_compression() {
     for (width, height) in [(128, 32), (640, 240)] {

@@ -28,15 +28,15 @@ const MS: f64 = 1e6;
 /// Constant latency of all devices here; configured, so that mapped times can be compared.
 const LATENCY: i64 = 2_000_000;
 
-/// A device whose clock the test knows: ticks of 1/25600 s, a crystal 100 ppm off, 1 ms of
+/// A device with a known clock: ticks of 1/25600 s, a crystal with an error of 100 ppm, 1 ms of
 /// exponential jitter.
 struct Device {
     random: Random,
     rate_hz: f64,
     ppm: f64,
-    /// Latency above the least and the jitter, ns: a burst.
+    /// Latency beyond the minimum and the jitter, ns: a burst.
     late: f64,
-    /// What the device clock has leapt, ns.
+    /// Sum of the steps of the device clock, ns.
     leapt: f64,
     bits: Option<u8>,
     /// Host time, ns.
@@ -45,7 +45,7 @@ struct Device {
     steps: Vec<Step>,
 }
 
-/// What was said about a sample, and the truth.
+/// Result for a sample, with the ground truth.
 #[derive(Clone, Copy, Debug)]
 struct Verdict {
     ticks: i64,
@@ -91,7 +91,7 @@ impl Device {
         self
     }
 
-    /// The next sample: its tick, when the counter got there, when it arrives.
+    /// The next sample: its tick, the time at which the counter reached it, its arrival.
     fn sample(&mut self) -> (i64, f64, HostTime) {
         let device = (self.now - 3.0 * S) / (1.0 + self.ppm * 1e-6) + self.leapt;
         let ticks = (device * 25_600.0 / S).ceil();
@@ -117,7 +117,7 @@ impl Device {
         })
     }
 
-    /// Some seconds of samples; flags from later news are included.
+    /// Some seconds of samples, with flags from later updates.
     fn run(&mut self, seconds: f64) -> Vec<Verdict> {
         let end = self.now + seconds * S;
         let mut verdicts = Vec::new();
@@ -128,7 +128,8 @@ impl Device {
         verdicts
     }
 
-    /// All of it, with the flags of later news, must not be silently wrong; then it is well.
+    /// No sample, with flags from later updates, may be silently wrong; then the map must be
+    /// settled.
     #[track_caller]
     fn assert_consistent_and_settled(&mut self, mut verdicts: Vec<Verdict>) {
         verdicts.extend(self.run(15.0));
@@ -148,7 +149,7 @@ impl Device {
     }
 }
 
-/// The map's own sigma: here the truth is that of the tick, not of an instant somewhere within it.
+/// The map's own sigma: here the ground truth is that of the tick, not of an instant within it.
 fn without_granularity(sigma_ns: u64) -> f64 {
     let tick = S / 25_600.0;
     ((sigma_ns as f64).powi(2) - tick * tick / 12.0)
@@ -164,7 +165,7 @@ fn quantile(verdicts: &[Verdict], share: f64) -> f64 {
 
 const RATES: [f64; 2] = [30.0, 400.0];
 
-/// A short slice of the exam that `bench` gives at length.
+/// A short excerpt of the full test in `bench`.
 #[test]
 fn p99_error_is_below_100_us_after_ten_seconds() {
     for rate_hz in RATES {
@@ -181,7 +182,7 @@ fn p99_error_is_below_100_us_after_ten_seconds() {
                 later.len()
             );
             let sigma = later[later.len() - 1].sigma;
-            // Rare fast arrivals must not go unnoticed, which costs all others a wide sigma.
+            // Rare fast arrivals must be detected, which gives all others a wide sigma.
             assert!(sigma < 0.15 * MS, "a sigma of {sigma} ns says nothing");
             device.assert_consistent_and_settled([early, later].concat());
             assert!(device.steps.is_empty());
@@ -223,7 +224,7 @@ fn steps_of_either_sign_are_flagged_until_a_new_line_settles() {
     }
 }
 
-/// Whatever the least latency turns out to be, it is no hour.
+/// Whatever the minimum latency, it is no hour.
 #[test]
 fn large_step_is_detected_before_the_first_line_settles() {
     for rate_hz in RATES {
@@ -238,7 +239,8 @@ fn large_step_is_detected_before_the_first_line_settles() {
     }
 }
 
-/// A step among samples that all came late, at once: nobody can say which of them came before it.
+/// A step among samples that were all late and arrived together: nobody can decide which of them
+/// came before it.
 #[test]
 fn step_within_a_burst_makes_the_whole_burst_unreliable() {
     for (rate_hz, leap) in [(30.0, 0.7), (30.0, 0.3), (400.0, 0.7), (400.0, 0.3)] {
@@ -298,14 +300,14 @@ fn stopped_clock_is_flagged() {
     for n in 0..300 {
         let (_, truth, arrival) = device.sample();
         let verdict = device.give(stuck, truth, arrival).unwrap();
-        // Within the first few the samples may as well have been late.
+        // Within the first few the samples may also have been late.
         assert!(
             verdict.flagged || verdict.error() < 5.0 * verdict.sigma || n < 2,
             "{n}: {verdict:?}"
         );
         assert!(verdict.error() < 6.0 * S, "{n}: {verdict:?}");
     }
-    // The clock goes on from where it stood.
+    // The clock continues from its last reading.
     device.leapt -= 301.0 / 30.0 * S;
     device.assert_consistent_and_settled(Vec::new());
 }
@@ -424,10 +426,10 @@ fn model_has_only_parameters_the_samples_support() {
             map.residuals
         );
 
-        // The device warms up: its rate moves by 30 ppm within half a minute.
+        // The device warms up: its rate changes by 30 ppm within half a minute.
         for _ in 0..300 {
             steady.ppm -= 0.1;
-            // The clock does not leap where its rate changes.
+            // The clock has no step where its rate changes.
             steady.leapt -= (steady.now - 3.0 * S) * 1e-7;
             steady.run(0.1);
         }
@@ -541,8 +543,8 @@ fn guarded_times_increase_and_large_corrections_are_flagged() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Whatever comes, nothing panics, memory stays bounded, and what is mapped is never later
-    /// than its arrival.
+    /// For any input, nothing panics, memory is bounded, and a mapped time is never later than its
+    /// arrival.
     #[test]
     fn any_ticks_and_arrivals(
         bits in prop::option::of(0_u8..=70),

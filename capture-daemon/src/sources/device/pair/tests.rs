@@ -8,7 +8,7 @@ use super::*;
 const PERIOD: i64 = NS_PER_S / 30;
 const WITHIN: i64 = PERIOD * 2 / 5;
 
-/// Keeps what it is given.
+/// Stores its samples.
 #[derive(Default)]
 struct Kept(Mutex<Vec<Sample>>);
 
@@ -30,7 +30,7 @@ impl Sink for Kept {
     }
 }
 
-/// A frame of one grey, which tells its number and eye.
+/// A uniform gray frame that encodes its number and eye.
 fn frame(eye: Eye, number: u64, time_ns: i64) -> Sample {
     let grey = match eye {
         Eye::Left => number as u8,
@@ -48,7 +48,8 @@ fn frame(eye: Eye, number: u64, time_ns: i64) -> Sample {
     })
 }
 
-/// What comes out of these frames: number, grey of the left and of the right eye, distance; or what was lost and why.
+/// Output for these frames: number, gray level of the left and of the right image, time difference;
+/// or the dropped frame with its reason.
 fn join(samples: Vec<(Eye, Sample)>) -> Vec<String> {
     let kept = Kept::default();
     let joined = StereoJoiner::new(WITHIN, &kept);
@@ -95,7 +96,8 @@ fn pairs_are_side_by_side_with_their_time_difference() {
     assert_eq!(found, ["0: 0 107 2000", "1: 1 108 2000", "2: 2 109 2000"]);
 }
 
-/// While nobody stores frames, pairs are counted and timed; half of one is not shown either.
+/// While nobody stores frames, pairs are counted and timed; a single image of a pair is not
+/// previewed either.
 #[test]
 fn pairs_without_pixels_are_only_counted() {
     let kept = Kept::default();
@@ -105,7 +107,7 @@ fn pairs_without_pixels_are_only_counted() {
         "as the receiver of the pairs"
     );
     let mut samples = both(0..4, 1_000_000);
-    // Of 0 and 1 both eyes come without pixels, of 2 the right one.
+    // Of 0 and 1 both images come without pixels, of 2 the right one.
     for i in [0, 1, 2, 3, 5] {
         let Sample::Frame(frame) = &samples[i].1 else {
             panic!("{:?}", samples[i]);
@@ -136,7 +138,7 @@ fn frames_too_far_apart_are_dropped_with_the_reason() {
 #[test]
 fn frame_dropped_by_one_camera_is_a_gap_at_its_number() {
     let mut samples = both(0..6, 1_000_000);
-    // Left 1 is damaged, right 3 did not come.
+    // Left 1 is damaged, right 3 did not arrive.
     samples[2].1 = Sample::Dropped(DroppedFrame {
         number: 1,
         host_time: HostTime(0),
@@ -177,13 +179,13 @@ fn disconnect_of_one_camera_stops_the_pair_until_it_reconnects() {
     });
     let mut samples = both(0..2, 1_000_000);
     samples.push((Eye::Right, gone));
-    // Meanwhile the left one goes on.
+    // Meanwhile the left one continues.
     samples.extend(
         both(2..5, 0)
             .into_iter()
             .filter(|(eye, _)| *eye == Eye::Left),
     );
-    // The right one counts and stamps from its own beginning again.
+    // The right one restarts its counter and timestamps.
     samples.push((Eye::Right, frame(Eye::Right, 0, 5 * PERIOD + 2)));
     samples.push((Eye::Left, frame(Eye::Left, 5, 5 * PERIOD + 1)));
     let found = join(samples);
