@@ -2,7 +2,7 @@
 //!
 //! Contract of the server: each line is one [`Request`] and is answered by one [`Response`] line,
 //! in order; several connections are served side by side. An invalid line is answered with an error
-//! and the connection stays open, as is a request whose name or mark is too long or has control
+//! and the connection remains open, as is a request whose name or mark is too long or has control
 //! characters ([`Request::check`], as on the page); a line longer than [`MAX_LINE`] is answered and
 //! the connection closed, as is a connection that is silent for [`IDLE_LIMIT`], or whose line takes
 //! longer than [`LINE_LIMIT`]. With [`MAX_CONNECTIONS`] open, a new client replaces the connection

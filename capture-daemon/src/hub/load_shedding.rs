@@ -4,7 +4,7 @@
 //! the fill of the fullest queue before an encoder, several times a second. *When the queue grows*
 //! by [`GROWTH_THRESHOLD`] since the last step, or is fuller than [`FULL_THRESHOLD`], one more step
 //! is taken, at most one per [`MIN_STEP_INTERVAL_NS`]: each step takes effect at the next key
-//! frame. *When the queue stays empty* for a while, the last step is undone; each time that this
+//! frame. *When the queue remains empty* for a while, the last step is undone; each time that this
 //! turns out to be too early, the next attempt waits twice as long. Frames are lost only if all
 //! steps are taken and that is not enough.
 //!

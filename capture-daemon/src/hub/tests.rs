@@ -587,7 +587,7 @@ fn slow_machine_sheds_load_step_by_step() {
             bench.hub.tick(now);
         }
     };
-    // The queue grows by a twentieth of its capacity per second, then stays empty.
+    // The queue grows by a twentieth of its capacity per second, then remains empty.
     run(&mut bench, 8, &|tick| tick as f64 / 200.0);
     let rate_lowered = bench.hub.rate_lowered(0).is_some();
     run(&mut bench, 60, &|_| 0.0);

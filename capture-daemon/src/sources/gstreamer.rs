@@ -74,7 +74,7 @@ impl Gstreamer {
         let config = &self.config;
         CaptureSettings {
             right_chain: config.right_chain.clone(),
-            // Two eyes are joined in memory; one stream stays in its camera's buffers.
+            // Two eyes are joined in memory; one stream remains in its camera's buffers.
             delivery: match config.right_chain {
                 Some(_) => Delivery::Pictures,
                 None => Delivery::Native,

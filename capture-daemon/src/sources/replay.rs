@@ -3,7 +3,7 @@
 //! Contract: sample `k` arrives at `start` plus its distance from the data set's first image, to
 //! the nanosecond, and its device ticks are the data set's own timestamps, so that ticks and
 //! arrival have one constant offset. Values are those of the data set, never converted; each stream
-//! counts from 0, and a number that the data set skips stays skipped, as a lost frame.
+//! counts from 0, and a number that the data set skips remains skipped, as a lost frame.
 //!
 //! *Early*: [`Replay::open`] reads every list and the header of every image, so that an unusable
 //! data set is rejected before anything is recorded; images are decoded when they are due. *Order*:

@@ -614,7 +614,7 @@ impl ClockMapper {
         });
     }
 
-    /// Marks the times of claims that turned out to be wrong as unreliable.
+    /// Marks the times of claims that proved wrong as unreliable.
     fn audit(&mut self) {
         let Some(epoch) = &self.epoch else { return };
         let mut before: Option<&Claim> = None;

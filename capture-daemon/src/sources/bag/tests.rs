@@ -169,7 +169,7 @@ fn open(file: File) -> Result<Bag, BagError> {
     let folder = tempfile::tempdir().expect("folder");
     let path = folder.path().join("walk.mcap");
     file.write(&path);
-    // The file stays open.
+    // The file remains open.
     Bag::open("feet", &config(&path), HostTime(1_000_000 * MS))
 }
 

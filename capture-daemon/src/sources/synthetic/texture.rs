@@ -7,7 +7,7 @@ use rig_sim::random;
 
 use super::streams;
 
-/// Rows and columns of the luma tile. Chroma has half as many.
+/// Rows and columns of the luma tile. Chroma has half of that.
 const TILE: usize = 512;
 /// Cell sizes of the noise in luma pixels and their fraction of the contrast: near 1/f, with enough
 /// in the finest for block matching.
