@@ -3,7 +3,7 @@
 //! Contract of the server: each line is one [`Request`] and is answered by one [`Response`] line,
 //! in order; several connections are served side by side. An invalid line is answered with an error
 //! and the connection remains open, as is a request whose name or mark is too long or has control
-//! characters ([`Request::check`], as on the page); a line longer than [`MAX_LINE`] is answered and
+//! characters ([`Request::check`], as on the page); a line longer than [`MAX_LINE_BYTES`] is answered and
 //! the connection closed, as is a connection that is silent for [`IDLE_LIMIT`], or whose line takes
 //! longer than [`LINE_LIMIT`]. With [`MAX_CONNECTIONS`] open, a new client replaces the connection
 //! that has been without a request for longest, or, if all have one in progress, gets an error:
@@ -37,9 +37,9 @@ use crate::status::{Request, Response};
 pub mod screen;
 
 /// Maximum length of a request, bytes without the line break; the same as of a body on the page.
-pub const MAX_LINE: usize = 16 << 10;
+pub const MAX_LINE_BYTES: usize = 16 << 10;
 /// Maximum length of an answer, bytes.
-pub const MAX_ANSWER: usize = 4 << 20;
+pub const MAX_ANSWER_BYTES: usize = 4 << 20;
 /// Maximum number of simultaneous connections.
 pub const MAX_CONNECTIONS: usize = 16;
 /// Maximum time without a request on a connection.
@@ -178,10 +178,10 @@ pub fn request(path: &Path, request: &Request) -> Result<Response, ControlError>
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
         sent => sent.map_err(failed)?,
     }
-    let line = receive(&mut BufReader::new(&stream), MAX_ANSWER).map_err(failed)?;
+    let line = receive(&mut BufReader::new(&stream), MAX_ANSWER_BYTES).map_err(failed)?;
     match line {
         Line::End => Err(garbled("the connection was closed without one".into())),
-        Line::TooLong => Err(garbled(format!("longer than {MAX_ANSWER} bytes"))),
+        Line::TooLong => Err(garbled(format!("longer than {MAX_ANSWER_BYTES} bytes"))),
         Line::Complete(line) => {
             serde_json::from_slice(&line).map_err(|error| garbled(error.to_string()))
         }
@@ -432,10 +432,10 @@ fn converse(
     };
     loop {
         lines.get_mut().deadline = None;
-        match receive(&mut lines, MAX_LINE)? {
+        match receive(&mut lines, MAX_LINE_BYTES)? {
             Line::End => return Ok(()),
             Line::TooLong => {
-                let message = format!("reading a request: longer than {MAX_LINE} bytes");
+                let message = format!("reading a request: longer than {MAX_LINE_BYTES} bytes");
                 return send(stream, &Response::Error { message });
             }
             Line::Complete(line) if line.trim_ascii().is_empty() => {}

@@ -17,7 +17,7 @@ use crate::error_chain::with_causes;
 use crate::sources::device::camera::key;
 
 /// Minimum speed that a USB 3 device reports, Mbit/s.
-const USB3_MBIT: u32 = 5000;
+const MIN_USB3_MBIT: u32 = 5000;
 
 /// All devices found.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -143,10 +143,10 @@ fn camera(node: &Node) -> FoundCamera {
             .push("its firmware is too old to be used: update it with the maker's tool".to_owned());
     }
     if let (Some(_), Some(speed)) = (zed, found.speed_mbit)
-        && speed < USB3_MBIT
+        && speed < MIN_USB3_MBIT
     {
         found.problems.push(format!(
-            "it is at {speed} Mbit/s, expected {USB3_MBIT}: use a USB 3 port and a USB 3 cable"
+            "it is at {speed} Mbit/s, expected {MIN_USB3_MBIT}: use a USB 3 port and a USB 3 cable"
         ));
     }
     if let Err(problem) = query(&node.path, &mut found) {

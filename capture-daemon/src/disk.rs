@@ -11,7 +11,7 @@ use std::path::Path;
 
 /// Minimum free space above the reserve at the start of a recording, bytes. With less, the
 /// recording would end immediately.
-pub const START_MARGIN: u64 = 256 << 20;
+pub const START_MARGIN_BYTES: u64 = 256 << 20;
 
 /// Folder of the Linux temperature sensors (`Documentation/ABI/testing/sysfs-class-thermal`).
 const THERMAL: &str = "/sys/class/thermal";

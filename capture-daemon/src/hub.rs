@@ -42,14 +42,14 @@ use self::stream_clock::StreamClock;
 use self::stream_monitor::StreamMonitor;
 
 /// Maximum time span of an IMU batch, ns.
-const BATCH_NS: i64 = 100_000_000;
+const MAX_BATCH_NS: i64 = 100_000_000;
 /// Maximum number of samples in an IMU batch.
-const BATCH_SAMPLES: usize = 512;
+const MAX_BATCH_SAMPLES: usize = 512;
 /// Interval at which [`Hub::tick`] is to be called, ns.
 pub const TICK_NS: i64 = 100_000_000;
 /// Maximum number of bytes of raw frames that wait before the encoders of all cameras together:
 /// seven seconds at 3 x 1344x376 and 15 Hz.
-pub const WAITING_BYTES: usize = 256 << 20;
+pub const MAX_WAITING_BYTES: usize = 256 << 20;
 /// Source of alarms about encoders that are too slow.
 const ENCODERS: &str = "encoders";
 /// Maximum time for draining an encoder at the end.
@@ -272,7 +272,7 @@ impl Hub {
     ) -> Self {
         let mut cameras: Vec<CameraState> = Vec::new();
         let mut imus = Vec::new();
-        let capacity = WAITING_BYTES / setups.len().max(1);
+        let capacity = MAX_WAITING_BYTES / setups.len().max(1);
         let has_preset = |setup: &CameraSetup| {
             setup.encoder.element == "x264enc" && setup.encoder.preset > Preset::Ultrafast
         };
@@ -568,7 +568,7 @@ impl Hub {
             imu.monitor.check(name, now, &self.out);
             imu.monitor
                 .report_absent(&imu.numbers, now, name, &self.out);
-            if !imu.batch.times.is_empty() && now.since(imu.batch_since) >= BATCH_NS {
+            if !imu.batch.times.is_empty() && now.since(imu.batch_since) >= MAX_BATCH_NS {
                 flush(imu, &self.out);
             }
         }
@@ -754,8 +754,8 @@ impl Hub {
             && number == imu.batch.first_number + n as u64
             && mapped.map_version == imu.batch.clock_map
             && mapped.flagged == imu.batch.time_doubtful
-            && n < BATCH_SAMPLES
-            && raw.host_time.since(imu.batch_since) < BATCH_NS;
+            && n < MAX_BATCH_SAMPLES
+            && raw.host_time.since(imu.batch_since) < MAX_BATCH_NS;
         if !continues {
             flush(imu, &self.out);
             imu.batch_since = raw.host_time;

@@ -19,11 +19,11 @@ const PERIOD_NS: i64 = NS_PER_S / 4;
 /// Interval between stored images, ns, while the machine is overloaded.
 const DEGRADED_PERIOD_NS: i64 = 2 * NS_PER_S;
 /// Time after the last request after which nobody watches, ns.
-const INTEREST_NS: i64 = 5 * NS_PER_S;
+const VIEWER_TIMEOUT_NS: i64 = 5 * NS_PER_S;
 /// Delay before a failed preview encoder is restarted, if somebody still watches, ns.
 const RETRY_NS: i64 = 10 * NS_PER_S;
 /// Height of the previews from GStreamer, pixels.
-const SMALL_HEIGHT: u32 = 180;
+const PREVIEW_HEIGHT_PX: u32 = 180;
 
 /// The newest images.
 #[derive(Debug)]
@@ -71,10 +71,10 @@ impl Previews {
         degraded: bool,
     ) {
         // Readers of the old image may have it a little longer.
-        let Some(Ok(mut kept)) = self.cameras.get(camera).map(Mutex::try_lock) else {
+        let Some(Ok(mut entry)) = self.cameras.get(camera).map(Mutex::try_lock) else {
             return;
         };
-        if kept.next.is_some_and(|next| now < next) {
+        if entry.next.is_some_and(|next| now < next) {
             return;
         }
         let period = if degraded {
@@ -82,23 +82,23 @@ impl Previews {
         } else {
             PERIOD_NS
         };
-        kept.next = Some(now + period);
+        entry.next = Some(now + period);
         match preview_pixels {
             PreviewPixels::Image(image) => {
-                kept.number += 1;
-                kept.newest = Some(Newest::Image(image.clone()));
+                entry.number += 1;
+                entry.newest = Some(Newest::Image(image.clone()));
             }
             PreviewPixels::Native(frame) => {
-                if kept.native.as_ref() != Some(frame.format()) {
-                    kept.native = Some(frame.format().clone());
-                    end_in_background(kept.small.take());
+                if entry.native.as_ref() != Some(frame.format()) {
+                    entry.native = Some(frame.format().clone());
+                    end_in_background(entry.small.take());
                 }
-                if kept
+                if entry
                     .last_request
-                    .is_none_or(|at| now.since(at) > INTEREST_NS)
+                    .is_none_or(|at| now.since(at) > VIEWER_TIMEOUT_NS)
                 {
-                    end_in_background(kept.small.take());
-                } else if let Some(small) = &kept.small {
+                    end_in_background(entry.small.take());
+                } else if let Some(small) = &entry.small {
                     small.offer(now.0, frame);
                 }
             }
@@ -107,15 +107,15 @@ impl Previews {
 
     /// Newest image of a camera and its number, which increases.
     pub fn newest(&self, camera: usize, now: HostTime) -> Option<(u64, Newest)> {
-        let kept = self.cameras.get(camera)?;
-        let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.last_request = Some(now);
-        kept.update_small(now);
-        if let Some(jpeg) = kept.small.as_ref().and_then(Preview::take) {
-            kept.number += 1;
-            kept.newest = Some(Newest::Jpeg(jpeg.data));
+        let entry = self.cameras.get(camera)?;
+        let mut entry = entry.lock().unwrap_or_else(PoisonError::into_inner);
+        entry.last_request = Some(now);
+        entry.update_small(now);
+        if let Some(jpeg) = entry.small.as_ref().and_then(Preview::take) {
+            entry.number += 1;
+            entry.newest = Some(Newest::Jpeg(jpeg.data));
         }
-        Some((kept.number, kept.newest.clone()?))
+        Some((entry.number, entry.newest.clone()?))
     }
 }
 
@@ -154,11 +154,11 @@ fn end_in_background(small: Option<Preview>) {
 
 /// Both eyes, with the aspect ratio of the frame.
 fn small(format: &NativeFormat) -> PreviewSettings {
-    let width =
-        u64::from(format.width()) * u64::from(SMALL_HEIGHT) / u64::from(format.height().max(1));
+    let width = u64::from(format.width()) * u64::from(PREVIEW_HEIGHT_PX)
+        / u64::from(format.height().max(1));
     PreviewSettings {
         width: (width as u32).next_multiple_of(4).clamp(4, 1280),
-        height: SMALL_HEIGHT,
+        height: PREVIEW_HEIGHT_PX,
         rate_hz: NS_PER_S as f64 / PERIOD_NS as f64,
         quality: 60,
     }
@@ -183,7 +183,7 @@ mod tests {
     fn keeps_a_few_images_per_second() {
         let previews = Previews::new(1);
         assert!(previews.newest(0, HostTime(0)).is_none());
-        let kept = |at: i64, degraded| {
+        let entry = |at: i64, degraded| {
             let before = previews
                 .newest(0, HostTime(0))
                 .map_or(0, |(number, _)| number);
@@ -195,9 +195,9 @@ mod tests {
             );
             previews.newest(0, HostTime(0)).expect("an image").0 > before
         };
-        let times: Vec<i64> = (0..100).filter(|at| kept(*at, false)).collect();
+        let times: Vec<i64> = (0..100).filter(|at| entry(*at, false)).collect();
         assert_eq!(times, [0, 25, 50, 75]);
-        let times: Vec<i64> = (100..500).filter(|at| kept(*at, true)).collect();
+        let times: Vec<i64> = (100..500).filter(|at| entry(*at, true)).collect();
         assert_eq!(times, [100, 300]);
         let Some((number, Newest::Image(newest))) = previews.newest(0, HostTime(0)) else {
             panic!("an image");

@@ -1,7 +1,7 @@
 //! Output of lines to a terminal or a pipe that may have no reader.
 //!
 //! Contract: printing never blocks, because a recording must not. A thread prints the lines in
-//! order, each immediately. *Without a reader* up to [`CAPACITY`] bytes are queued, half as much
+//! order, each immediately. *Without a reader* up to [`CAPACITY_BYTES`] bytes are queued, half as much
 //! for routine lines; further lines are discarded, but never the final line. *Foreign names* cannot
 //! act on the terminal: control characters are printed as `\u001b`. *When writing fails* (a closed
 //! pipe) the lines are discarded. *At the end* [`Printer::finish`] waits until all is printed.
@@ -16,7 +16,7 @@ use capture_daemon::queue::{Popped, Queue};
 use session_archive::text::Screen;
 
 /// Capacity of the queue, bytes.
-const CAPACITY: usize = 1 << 20;
+const CAPACITY_BYTES: usize = 1 << 20;
 
 /// Importance of a line when there is no reader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,7 +46,7 @@ impl Printer {
     /// The system provides no thread.
     pub(crate) fn start(out: impl Write + Send + 'static) -> anyhow::Result<Self> {
         let mut out = Screen(out);
-        let lines = Lines(Arc::new(Queue::new(CAPACITY)));
+        let lines = Lines(Arc::new(Queue::new(CAPACITY_BYTES)));
         let queue = lines.0.clone();
         let print = move || {
             loop {
@@ -88,7 +88,7 @@ impl Lines {
         let len = bytes.len();
         // Rejected: there is no reader, or the printer has finished.
         let _ = match priority {
-            Priority::Routine if self.0.bytes() > CAPACITY / 2 => return,
+            Priority::Routine if self.0.bytes() > CAPACITY_BYTES / 2 => return,
             Priority::Routine | Priority::Event => self.0.try_push(bytes, len),
             // With size zero it always fits.
             Priority::Final => self.0.push_reserved(bytes, 0),
@@ -136,18 +136,18 @@ mod tests {
         let printed = Arc::default();
         let printer = Printer::start(Unread(unread, Arc::clone(&printed))).unwrap();
         let lines = printer.lines();
-        for _ in 0..CAPACITY {
+        for _ in 0..CAPACITY_BYTES {
             lines.print_line("routine", Priority::Routine);
         }
         lines.print_line("alarm", Priority::Event);
-        for _ in 0..CAPACITY {
+        for _ in 0..CAPACITY_BYTES {
             lines.print_line("flapping", Priority::Event);
         }
         lines.print_line("finished", Priority::Final);
         drop(read);
         printer.finish();
         let text = String::from_utf8(printed.lock().unwrap().clone()).unwrap();
-        assert!(text.len() < CAPACITY + 100, "{} bytes", text.len());
+        assert!(text.len() < CAPACITY_BYTES + 100, "{} bytes", text.len());
         assert!(text.contains("\nalarm\n"));
         assert!(text.ends_with("flapping\nfinished\n"));
     }

@@ -11,7 +11,7 @@
 //! * *At a gap* a gap record contains the numbers and the cause. Frames and gaps together cover
 //!   every number from a stream's first to its last.
 //! * *At a stop* samples received before it are waited for: [`STOP_LIMIT_NS`], and longer while
-//!   frames are still being encoded or queued, up to [`STOP_MAX_NS`].
+//!   frames are still being encoded or queued, up to [`MAX_STOP_NS`].
 //! * *While samples are lost* an alarm with the cause is active, within two seconds.
 //! * *When the session's folder is removed* the recording ends as failed, at the latest with the
 //!   next chunk.
@@ -34,7 +34,7 @@ use session_archive::time::{CivilTime, HostTime, NS_PER_S};
 use session_archive::writer::{Incident, SessionSpec, SessionWriter, WriteError};
 
 use crate::clock::Clock;
-use crate::disk::START_MARGIN;
+use crate::disk::START_MARGIN_BYTES;
 use crate::encoding::Encoding;
 use crate::error_chain::with_causes;
 use crate::hub::{Outgoing, StreamHealth};
@@ -51,16 +51,16 @@ mod tests;
 mod timed;
 
 use health::{battery_record, clock_record, frame_sync_record};
-use preroll::{LIMIT_BYTES, PreRoll};
+use preroll::{MAX_PRE_ROLL_BYTES, PreRoll};
 use session::{Session, Stopping};
 use timed::TimedStorage;
 
 /// Time that a stop waits for streams of which nothing is being encoded or queued, ns.
 pub const STOP_LIMIT_NS: i64 = 250_000_000;
 /// Maximum time that a stop waits for samples that are being encoded or queued, ns.
-pub const STOP_MAX_NS: i64 = 20 * NS_PER_S;
+pub const MAX_STOP_NS: i64 = 20 * NS_PER_S;
 /// A warning is raised when less than this can still be recorded, s.
-const WARN_SECONDS: f64 = 600.0;
+const MIN_SECONDS_LEFT: f64 = 600.0;
 /// Source of alarms about earlier recordings; they are active until the next recording begins.
 pub(crate) const RECOVERY: &str = "recovery";
 /// Source of alarms about lost samples.
@@ -313,7 +313,7 @@ impl Recorder {
             return Err(format!("already recording {}", session.path.display()));
         }
         self.free_bytes = self.store.free_bytes();
-        let needed = self.setup.reserve_bytes.saturating_add(START_MARGIN);
+        let needed = self.setup.reserve_bytes.saturating_add(START_MARGIN_BYTES);
         if let Some(free) = self.free_bytes
             && free < needed
         {
@@ -611,7 +611,7 @@ impl Recorder {
             self.pre_roll_alarm = cut;
             let text = format!(
                 "pre-roll: {} MB hold less than the {:.1} s of the configuration",
-                LIMIT_BYTES >> 20,
+                MAX_PRE_ROLL_BYTES >> 20,
                 self.setup.pre_roll_ns as f64 / NS_PER_S as f64
             );
             self.on_alarm(self.clock.now(), text, "pre-roll", cut);
@@ -667,7 +667,7 @@ impl Recorder {
             return false;
         };
         let waited_ns = self.clock.now().since(stopping.at);
-        if stopping.waiting.iter().all(|waits| !waits) || waited_ns >= STOP_MAX_NS {
+        if stopping.waiting.iter().all(|waits| !waits) || waited_ns >= MAX_STOP_NS {
             return true;
         }
         // In this order: frames are queued before they count as encoded.
@@ -891,11 +891,11 @@ impl Recorder {
         self.seconds_left = bytes_per_second.map(|rate| usable as f64 / rate.max(1) as f64);
         let full = match bytes_per_second {
             Some(_) => usable == 0,
-            None => usable < START_MARGIN,
+            None => usable < START_MARGIN_BYTES,
         };
         let alarm = match self.seconds_left {
             _ if full => Some(DISK_FULL),
-            Some(left) if left < WARN_SECONDS => Some(DISK_LOW),
+            Some(left) if left < MIN_SECONDS_LEFT => Some(DISK_LOW),
             _ => None,
         };
         if alarm != self.disk_alarm {

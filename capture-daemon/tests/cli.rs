@@ -15,7 +15,7 @@ const CAMERA: &str = "[[camera]]\nname = \"feet\"\n\
     source = { kind = \"synthetic\", width = 128, height = 64, rate_hz = 20, imu_rate_hz = 100 }\n";
 
 /// Remedy for a camera without intrinsics.
-const MENDS: &str = "`paws calib cameras BOARDS --target board.toml --out calibration`";
+const REMEDY: &str = "`paws calib cameras BOARDS --target board.toml --out calibration`";
 
 fn pawsd(args: &[&str], folder: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_pawsd"));
@@ -187,10 +187,10 @@ fn check_finds_errors_of_the_machine() {
         .unwrap();
     assert_eq!(camera["level"], "ok", "{camera}");
     // Slow steps are announced before, unless `-q` is given.
-    let told = text(&output.stderr);
+    let messages = text(&output.stderr);
     assert!(
-        told.contains("checking camera feet") && told.contains("trying encoders"),
-        "{told}"
+        messages.contains("checking camera feet") && messages.contains("trying encoders"),
+        "{messages}"
     );
     let quiet = run(&["-q", "check", "--config", "pawsd.toml"], good.path(), 0);
     assert_eq!(text(&quiet.stderr), "");
@@ -256,8 +256,8 @@ fn control_characters_of_the_server_are_escaped() {
     let answer = r#"{"result":"error","message":"no\u001b[2J\u009b2J\u202e"}"#;
     let stranger = std::thread::spawn(move || {
         let (mut stream, _) = listener.accept().unwrap();
-        let mut asked = String::new();
-        BufReader::new(&stream).read_line(&mut asked).unwrap();
+        let mut received = String::new();
+        BufReader::new(&stream).read_line(&mut received).unwrap();
         writeln!(stream, "{answer}").unwrap();
     });
     let error = text(&run(&["status", "--socket", "s"], folder.path(), 1).stderr);
@@ -304,21 +304,21 @@ fn record_prints_the_session_last() {
     let session = Path::new(out.lines().last().unwrap());
     let manifest = fs::read_to_string(folder.path().join(session).join("session.json")).unwrap();
     assert!(manifest.contains("\"desk\""), "{manifest}");
-    let told = text(&output.stderr);
-    let lines: Vec<&str> = told.lines().collect();
-    assert_eq!(lines[0], "opening feet", "{told}");
-    assert!(lines[1].starts_with("finding an encoder"), "{told}");
+    let messages = text(&output.stderr);
+    let lines: Vec<&str> = messages.lines().collect();
+    assert_eq!(lines[0], "opening feet", "{messages}");
+    assert!(lines[1].starts_with("finding an encoder"), "{messages}");
     assert!(
-        told.contains("\nrecording: out/") && told.contains("samples stored, 0 missing"),
-        "{told}"
+        messages.contains("\nrecording: out/") && messages.contains("samples stored, 0 missing"),
+        "{messages}"
     );
-    let note = told
+    let note = messages
         .lines()
         .find(|l| l.starts_with("note: "))
         .unwrap_or_default();
     assert!(
-        note.starts_with("note: the lenses of feet are not known") && note.contains(MENDS),
-        "{told}"
+        note.starts_with("note: the lenses of feet are not known") && note.contains(REMEDY),
+        "{messages}"
     );
     // The same once more elsewhere is the same session; under another name it is another one, and
     // none is a real one.
@@ -402,8 +402,8 @@ fn recording_does_not_wait_for_its_reader() {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    let told = BufReader::new(child.stderr.take().unwrap()).lines();
-    let finished = told
+    let messages = BufReader::new(child.stderr.take().unwrap()).lines();
+    let finished = messages
         .map(|line| line.unwrap())
         .find(|line| line.starts_with("finished after"));
     assert!(finished.is_some());
@@ -493,18 +493,18 @@ fn recording_fails_when_its_folder_is_removed() {
     fs::remove_dir_all(folder.path().join(session)).unwrap();
     let last = events.last();
     let output = child.wait_with_output().unwrap();
-    let told = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{told}");
+    let messages = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{messages}");
     let Some(Progress::Finished {
         error: Some(error), ..
     }) = &last
     else {
-        panic!("{last:?}\n{told}");
+        panic!("{last:?}\n{messages}");
     };
     assert!(error.contains("folder was removed"), "{error}");
     assert!(
-        told.contains("FAILED: the session's folder was removed"),
-        "{told}"
+        messages.contains("FAILED: the session's folder was removed"),
+        "{messages}"
     );
 }
 
@@ -535,7 +535,7 @@ fn the_daemon_is_controlled_through_its_socket() {
     let session = text(&started.stdout);
     let note = text(&started.stderr);
     assert!(
-        note.starts_with("note: the lenses of feet are not known") && note.contains(MENDS),
+        note.starts_with("note: the lenses of feet are not known") && note.contains(REMEDY),
         "{note}"
     );
     assert!(
@@ -577,8 +577,8 @@ fn selftest_does_not_disturb_a_running_daemon() {
     ));
     let _daemon = std::os::unix::net::UnixListener::bind(folder.path().join("socket")).unwrap();
     let args = ["selftest", "--config", "pawsd.toml"];
-    let told = text(&run(&args, folder.path(), 1).stderr);
-    assert!(told.contains("stop it first"), "{told}");
+    let messages = text(&run(&args, folder.path(), 1).stderr);
+    assert!(messages.contains("stop it first"), "{messages}");
     assert!(!folder.path().join("pawsd-selftest.txt").exists());
 }
 
@@ -591,25 +591,28 @@ fn daemon_reports_what_it_waits_for_and_when_it_is_armed() {
     let mut command = pawsd(&["run", "--config", "pawsd.toml"], folder.path());
     let mut daemon = Daemon::start(command.stderr(Stdio::piped()));
     let lines = BufReader::new(daemon.0.stderr.take().unwrap()).lines();
-    let mut told = Vec::new();
+    let mut messages = Vec::new();
     for line in lines.map(|line| line.unwrap()) {
-        told.push(line);
-        if told.last().is_some_and(|line| line.starts_with("armed: ")) {
+        messages.push(line);
+        if messages
+            .last()
+            .is_some_and(|line| line.starts_with("armed: "))
+        {
             break;
         }
     }
     assert_eq!(daemon.end(), Some(0));
     let socket = folder.path().join("s");
     let start = format!("`pawsd start --socket {}`", socket.display());
-    assert!(told.last().unwrap().ends_with(&start), "{told:#?}");
+    assert!(messages.last().unwrap().ends_with(&start), "{messages:#?}");
     for expected in [
         "opening feet",
         "waiting for the first frames of feet",
         "feet delivers",
     ] {
         assert!(
-            told.iter().any(|line| line == expected),
-            "no {expected:?} in {told:#?}"
+            messages.iter().any(|line| line == expected),
+            "no {expected:?} in {messages:#?}"
         );
     }
 }

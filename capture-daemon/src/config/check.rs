@@ -168,13 +168,15 @@ fn out(config: &Config, report: &mut Report) {
             "reading the free space: {error}: {}",
             folder.display()
         )),
-        Ok(free) if free < reserve.saturating_add(disk::START_MARGIN) => report.error(format!(
-            "{} free, expected at least {}: the reserve of {} and room to begin: {}",
-            gb(free),
-            gb(reserve.saturating_add(disk::START_MARGIN)),
-            gb(reserve),
-            folder.display()
-        )),
+        Ok(free) if free < reserve.saturating_add(disk::START_MARGIN_BYTES) => {
+            report.error(format!(
+                "{} free, expected at least {}: the reserve of {} and room to begin: {}",
+                gb(free),
+                gb(reserve.saturating_add(disk::START_MARGIN_BYTES)),
+                gb(reserve),
+                folder.display()
+            ))
+        }
         Ok(free) if free < reserve.saturating_mul(2) => {
             report.warning(format!(
                 "only {} free, a recording ends at {}: {}",

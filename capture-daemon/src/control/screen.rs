@@ -11,7 +11,7 @@ use session_archive::time::{HostTime, NS_PER_S};
 use crate::status::{Progress, State, Status, StreamStatus};
 
 /// Log time between two lines about a recording without problems, ns.
-const REPORT_EVERY_NS: i64 = 5 * NS_PER_S;
+const REPORT_INTERVAL_NS: i64 = 5 * NS_PER_S;
 
 /// The whole status, several lines.
 pub fn status(status: &Status) -> String {
@@ -130,7 +130,7 @@ impl ProgressText {
             Progress::Durable { until, messages } => {
                 if self
                     .last_reported
-                    .is_some_and(|last_reported| until.0 - last_reported.0 < REPORT_EVERY_NS)
+                    .is_some_and(|last_reported| until.0 - last_reported.0 < REPORT_INTERVAL_NS)
                 {
                     return None;
                 }

@@ -84,8 +84,8 @@ fn every_request_arrives_and_is_answered() {
         Request::Discard,
         Request::Status,
     ];
-    for asked in requests {
-        assert_eq!(request(&place.path, &asked).unwrap(), echo(asked));
+    for sent in requests {
+        assert_eq!(request(&place.path, &sent).unwrap(), echo(sent));
     }
     let mode = fs::metadata(&place.path).unwrap().permissions().mode();
     assert_eq!(mode & 0o777, 0o660);
@@ -114,7 +114,7 @@ fn invalid_request_is_answered_and_the_connection_stays_open() {
     check(b"{\"do\":\"start\",\"name\":3}", "expected a string");
     check(b"{}", "missing field `do`");
     check(b"\xff\x00\xfe", "expected value");
-    let deep = [b"{\"a\":".as_slice(), &vec![b'['; MAX_LINE - 5]].concat();
+    let deep = [b"{\"a\":".as_slice(), &vec![b'['; MAX_LINE_BYTES - 5]].concat();
     check(&deep, "recursion limit");
 }
 
@@ -124,10 +124,10 @@ fn overlong_line_ends_the_connection() {
     let _server = serve(&place.path, echo).unwrap();
     let mut longest = format!(
         "{{\"do\":\"mark\",\"text\":\"{}\"}}",
-        "x".repeat(MAX_LINE - 23)
+        "x".repeat(MAX_LINE_BYTES - 23)
     )
     .into_bytes();
-    assert_eq!(longest.len(), MAX_LINE);
+    assert_eq!(longest.len(), MAX_LINE_BYTES);
     longest.extend(b"\n{\"do\":\"status\"}\n");
     assert_eq!(
         raw(&place.path, &longest).len(),
@@ -255,7 +255,7 @@ fn dropping_lets_the_request_in_hand_finish() {
 }
 
 /// Connections of this many clients that send `bytes` and then nothing.
-fn held(place: &Place, count: usize, bytes: &[u8]) -> Vec<UnixStream> {
+fn idle(place: &Place, count: usize, bytes: &[u8]) -> Vec<UnixStream> {
     let hold = |_| {
         let mut stream = UnixStream::connect(&place.path).unwrap();
         stream.write_all(bytes).unwrap();
@@ -276,7 +276,7 @@ fn connections_with_a_request_in_hand_are_bounded() {
         status(State::Armed)
     })
     .unwrap();
-    let open = held(&place, MAX_CONNECTIONS, b"{\"do\":\"status\"}\n");
+    let open = idle(&place, MAX_CONNECTIONS, b"{\"do\":\"status\"}\n");
     for _ in 0..MAX_CONNECTIONS {
         handling.recv().unwrap();
     }
@@ -304,7 +304,7 @@ fn idle_connections_do_not_prevent_a_stop() {
     for bytes in first {
         let place = place();
         let _server = serve(&place.path, echo).unwrap();
-        let _held = held(&place, 3 * MAX_CONNECTIONS, bytes);
+        let _held = idle(&place, 3 * MAX_CONNECTIONS, bytes);
         let answer = request(&place.path, &Request::Stop);
         assert_eq!(answer.unwrap(), status(State::Stopping), "{bytes:?}");
     }
@@ -340,10 +340,10 @@ fn longest_silent_connection_is_closed_first() {
         let _ = BufReader::new(stream).read_line(&mut answer);
         answer.contains("armed")
     };
-    let held = held(&place, MAX_CONNECTIONS, b"");
-    assert!(talk(&held[0]) && held.iter().skip(2).all(talk));
+    let idle = idle(&place, MAX_CONNECTIONS, b"");
+    assert!(talk(&idle[0]) && idle.iter().skip(2).all(talk));
     assert!(request(&place.path, &Request::Status).is_ok());
-    let alive: Vec<bool> = held.iter().map(talk).collect();
+    let alive: Vec<bool> = idle.iter().map(talk).collect();
     assert_eq!(alive.iter().filter(|a| !**a).count(), 1, "{alive:?}");
     assert!(!alive[1], "{alive:?}");
 }
@@ -376,19 +376,19 @@ fn slow_line_is_cut_off() {
 fn names_and_marks_follow_the_rules_of_the_page() {
     let place = place();
     let _server = serve(&place.path, echo).unwrap();
-    let ask = |name: &str, text: &str| {
+    let answers = |name: &str, text: &str| {
         let start = Request::Start { name: name.into() };
         let mark = Request::Mark {
             text: text.into(),
             at: None,
         };
-        [start, mark].map(|asked| match request(&place.path, &asked) {
+        [start, mark].map(|sent| match request(&place.path, &sent) {
             Ok(Response::Error { message }) => message,
             other => panic!("{other:?}"),
         })
     };
     let longest = "x".repeat(MAX_NOTE);
-    let [start, mark] = ask(&longest, &longest);
+    let [start, mark] = answers(&longest, &longest);
     assert_eq!((start.len(), mark.len()), (206, 205), "they are taken");
     for (bad, part) in [
         ("x".repeat(MAX_NOTE + 1), "201 bytes, expected at most 200"),
@@ -397,7 +397,7 @@ fn names_and_marks_follow_the_rules_of_the_page() {
         ("\u{9b}2J".to_owned(), "U+009B at position 1"),
         ("a\u{202e}b".to_owned(), "U+202E at position 2"),
     ] {
-        for message in ask(&bad, &bad) {
+        for message in answers(&bad, &bad) {
             assert!(message.contains(part), "{message}");
             assert!(is_plain(&message), "{message:?}");
         }

@@ -67,10 +67,10 @@ fn frame(number: u64) -> Frame {
 }
 
 /// Output: number and whether it is a key frame, or the cause of the drop.
-type Seen = Arc<Mutex<Vec<(u64, Result<bool, Cause>)>>>;
+type Outputs = Arc<Mutex<Vec<(u64, Result<bool, Cause>)>>>;
 
-fn encoder() -> (CameraEncoder, Seen) {
-    let seen: Seen = Arc::default();
+fn encoder() -> (CameraEncoder, Outputs) {
+    let seen: Outputs = Arc::default();
     let out = seen.clone();
     let sink: Sink = Arc::new(move |encoded| {
         let mut out = out.lock().expect("seen");
@@ -132,8 +132,11 @@ fn encoder_is_replaced_for_another_quality() {
             encoder.push_and_wait(frame(n), &image, HostTime(0));
         }
         let quality = encoder.running.as_ref().map(|r| r.effort.quality_db);
-        let spared = 16..31;
-        assert_eq!(quality, Some(if spared.contains(&n) { 36.0 } else { 40.0 }));
+        let degraded = 16..31;
+        assert_eq!(
+            quality,
+            Some(if degraded.contains(&n) { 36.0 } else { 40.0 })
+        );
     }
     encoder.finish(RemainingFrames::Encode, LONG, HostTime(0));
     assert!(!encoder.is_failing());
@@ -212,12 +215,12 @@ fn repeated_failures_back_off_and_are_reset_after_success() {
 #[test]
 fn number_of_stuck_encoders_is_bounded() {
     let (mut encoder, seen) = encoder();
-    let (release, hang) = std::sync::mpsc::sync_channel::<()>(0);
-    let hang = Arc::new(Mutex::new(hang));
+    let (release, stuck) = std::sync::mpsc::sync_channel::<()>(0);
+    let stuck = Arc::new(Mutex::new(stuck));
     for _ in 0..MAX_ENDING_ENCODERS {
-        let hang = hang.clone();
+        let stuck = stuck.clone();
         let ending = std::thread::spawn(move || {
-            let _ = hang.lock().expect("stuck").recv();
+            let _ = stuck.lock().expect("stuck").recv();
         });
         encoder.ending.push(ending);
     }

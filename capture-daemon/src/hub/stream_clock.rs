@@ -88,8 +88,8 @@ impl StreamClock {
     }
 
     fn learn(&mut self, ticks: i64, arrival: HostTime, out: &Out) -> (i64, Mapped) {
-        let seen = self.mapper.observe(ticks, arrival);
-        if let Observation::Step(step) = seen {
+        let observation = self.mapper.observe(ticks, arrival);
+        if let Observation::Step(step) = observation {
             self.guard.step();
             let text = format!(
                 "{}: the device clock stepped by {} ns",

@@ -415,7 +415,7 @@ fn frame_rate_mitigation_drops_every_other_frame() {
         bench.frame(i as u64, at(i));
     }
     let mut kept = Vec::new();
-    let mut spared = Vec::new();
+    let mut decimated = Vec::new();
     for item in bench.frame_arrival().iter() {
         match item {
             Outgoing::Frame { frame, .. } => kept.push(frame.number),
@@ -423,12 +423,12 @@ fn frame_rate_mitigation_drops_every_other_frame() {
                 first,
                 cause: Cause::Spared,
                 ..
-            } => spared.push(*first),
+            } => decimated.push(*first),
             _ => {}
         }
     }
     assert_eq!(kept, [0, 1, 2, 3, 4, 6, 8]);
-    assert_eq!(spared, [5, 7, 9]);
+    assert_eq!(decimated, [5, 7, 9]);
 }
 
 /// The hub may lag when recording begins. Otherwise frames without pixels behind the previewed one

@@ -5,11 +5,11 @@ use std::collections::{BTreeMap, VecDeque};
 use session_archive::record::ClockMap;
 use session_archive::time::HostTime;
 
-use super::STOP_MAX_NS;
+use super::MAX_STOP_NS;
 use crate::hub::Outgoing;
 
 /// Maximum size of the pre-roll, whatever its length, bytes.
-pub(super) const LIMIT_BYTES: usize = 256 << 20;
+pub(super) const MAX_PRE_ROLL_BYTES: usize = 256 << 20;
 
 /// Items received in the last seconds, and the clock maps of their times.
 pub(super) struct PreRoll {
@@ -57,7 +57,7 @@ impl PreRoll {
         let mut full = false;
         while let Some(front) = self.items.front() {
             let old = sample_time(front).is_none_or(|t| self.newest.since(t) > self.span_ns);
-            if !old && self.bytes <= LIMIT_BYTES {
+            if !old && self.bytes <= MAX_PRE_ROLL_BYTES {
                 break;
             }
             full |= !old;
@@ -96,7 +96,7 @@ impl PreRoll {
         let now = from + self.pre_roll_ns;
         // Items from before a silence have not been pushed out. Encoders may lag by as much as a
         // stop waits for them.
-        let limit_ns = self.span_ns + STOP_MAX_NS;
+        let limit_ns = self.span_ns + MAX_STOP_NS;
         let is_stale = |t: HostTime| now.since(t) > limit_ns;
         while self
             .items

@@ -228,13 +228,13 @@ impl Rig {
 
     /// Samples stored and missing, as reported at the end.
     fn account(&self) -> (u64, u64) {
-        let told = self.progress().into_iter().find_map(|p| match p {
+        let reported = self.progress().into_iter().find_map(|p| match p {
             Progress::Finished {
                 stored, missing, ..
             } => Some((stored, missing)),
             _ => None,
         });
-        told.expect("the session ended")
+        reported.expect("the session ended")
     }
 
     fn progress(&self) -> Vec<Progress> {
@@ -601,7 +601,7 @@ fn failing_disk_ends_in_a_valid_session_and_a_clear_message() {
         ] {
             let rig = run(Some(Fault { at, kind, keep: 17 }));
             let progress = rig.progress();
-            let told = progress.iter().any(|p| {
+            let reported = progress.iter().any(|p| {
                 matches!(p, Progress::Finished { error: Some(_), .. })
                     || matches!(p, Progress::Alarm { active: true, .. })
             });
@@ -634,7 +634,7 @@ fn failing_disk_ends_in_a_valid_session_and_a_clear_message() {
             } else {
                 let whole = report.streams["feet"].samples == 40;
                 assert!(
-                    told || whole || rig.recorder.fault.is_some(),
+                    reported || whole || rig.recorder.fault.is_some(),
                     "{kind:?} at {at}"
                 );
             }
@@ -800,7 +800,7 @@ fn failed_start_keeps_the_pre_roll_and_removes_the_folder() {
 #[test]
 fn pre_roll_over_the_byte_limit_is_an_alarm() {
     let mut rig = rig(10_000 * MS, Bench::default());
-    let unit = Bytes::from(vec![0; LIMIT_BYTES / 20]);
+    let unit = Bytes::from(vec![0; MAX_PRE_ROLL_BYTES / 20]);
     for number in 0..30 {
         let time = rig.now().0;
         let frame = Frame {
@@ -968,7 +968,7 @@ fn stop_waits_for_lagging_encoders() {
     let mut given = 0;
     while rig.recorder.state() == State::Stopping {
         assert!(
-            rig.now() <= at + STOP_MAX_NS + 2 * NS_PER_S,
+            rig.now() <= at + MAX_STOP_NS + 2 * NS_PER_S,
             "it never ends"
         );
         rig.clock.advance_to(rig.now() + NS_PER_S);
@@ -991,7 +991,7 @@ fn stop_waits_for_lagging_encoders() {
     let stored: Vec<Frame> = rig.messages("left_shoulder");
     let late = stored.iter().filter(|f| f.number >= first).count() as i64;
     assert_eq!(late, given, "all that came is stored");
-    assert!(given >= STOP_MAX_NS / NS_PER_S - 1, "{given}");
+    assert!(given >= MAX_STOP_NS / NS_PER_S - 1, "{given}");
 }
 
 /// A loss raises an alarm with its cause within two seconds, and is reported at the end as a
@@ -1134,13 +1134,13 @@ fn loss_alarms_end_with_the_session() {
         alarms.len() == 1 && alarms[0].contains("ended by a failure"),
         "{alarms:?}"
     );
-    let mut told: BTreeMap<String, bool> = BTreeMap::new();
+    let mut reported: BTreeMap<String, bool> = BTreeMap::new();
     for progress in rig.progress() {
         if let Progress::Alarm { text, active } = progress {
-            told.insert(text, active);
+            reported.insert(text, active);
         }
     }
-    let standing: Vec<String> = told
+    let standing: Vec<String> = reported
         .into_iter()
         .filter_map(|(text, active)| active.then_some(text))
         .filter(|text| text.contains("samples are being lost"))
@@ -1179,11 +1179,11 @@ fn recording_without_intrinsics_is_noted_at_the_start() {
     rig.recorder.start("walk", "test").expect("a session");
     let notes = rig.recorder.status().notes;
     let progress = rig.bench.progress.lock().expect("progress").clone();
-    let told = progress.iter().find_map(|p| match p {
+    let reported = progress.iter().find_map(|p| match p {
         Progress::Started { notes, .. } => Some(notes.clone()),
         _ => None,
     });
-    assert_eq!(told.as_ref(), Some(&notes));
+    assert_eq!(reported.as_ref(), Some(&notes));
     assert!(
         notes[0].starts_with("the lenses of left_shoulder, feet are not known")
             && notes[0].contains("`paws calib cameras "),

@@ -33,8 +33,8 @@ impl Claim {
 /// Whether another program has claimed the session in this folder.
 pub(super) fn is_claimed(session: &Path) -> bool {
     // Shared, so that several checks do not see each other.
-    let looked = File::open(session).map(|folder| folder.try_lock_shared());
-    matches!(looked, Ok(Err(std::fs::TryLockError::WouldBlock)))
+    let lock = File::open(session).map(|folder| folder.try_lock_shared());
+    matches!(lock, Ok(Err(std::fs::TryLockError::WouldBlock)))
 }
 
 /// Storage in a session's folder, with the claim to it.

@@ -8,7 +8,7 @@
 //! same library; and none can be confused with a real one.
 //!
 //! The folders of sessions and files are not part of the digest. Image files, bags and videos
-//! contribute their names, lengths, first and last [`EDGE`] bytes; calibration files and ground
+//! contribute their names, lengths, first and last [`EDGE_BYTES`] bytes; calibration files and ground
 //! truth all their bytes.
 
 use std::fmt::Debug;
@@ -21,7 +21,7 @@ use crate::sources::AnySource;
 
 /// Number of bytes at both ends of a large file that enter the digest: the end of a PNG contains
 /// the checksum of its pixels.
-const EDGE: u64 = 4096;
+const EDGE_BYTES: u64 = 4096;
 
 /// Input of an identifier. Each part is preceded by its length, so that different partitions of the
 /// same bytes differ.
@@ -69,10 +69,12 @@ fn edges(path: &Path) -> io::Result<(u64, Vec<u8>)> {
     let mut file = File::open(path)?;
     let length = file.metadata()?.len();
     let mut bytes = Vec::new();
-    Read::by_ref(&mut file).take(EDGE).read_to_end(&mut bytes)?;
-    if length > EDGE {
-        file.seek(SeekFrom::Start((length - EDGE).max(EDGE)))?;
-        file.take(EDGE).read_to_end(&mut bytes)?;
+    Read::by_ref(&mut file)
+        .take(EDGE_BYTES)
+        .read_to_end(&mut bytes)?;
+    if length > EDGE_BYTES {
+        file.seek(SeekFrom::Start((length - EDGE_BYTES).max(EDGE_BYTES)))?;
+        file.take(EDGE_BYTES).read_to_end(&mut bytes)?;
     }
     Ok((length, bytes))
 }

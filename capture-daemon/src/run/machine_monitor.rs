@@ -25,7 +25,7 @@ pub(super) struct MachineMonitor {
 }
 
 /// Interval between readings of the clock's discipline, ns: each goes through all processes.
-const DISCIPLINE_NS: i64 = 30 * NS_PER_S;
+const DISCIPLINE_INTERVAL_NS: i64 = 30 * NS_PER_S;
 
 impl MachineMonitor {
     /// Sessions are written to `folder`, and at least `reserve_bytes` are left free.
@@ -44,7 +44,7 @@ impl MachineMonitor {
         if self
             .source
             .1
-            .is_none_or(|at| now.since(at) >= DISCIPLINE_NS)
+            .is_none_or(|at| now.since(at) >= DISCIPLINE_INTERVAL_NS)
         {
             let programs = clock::discipline(&self.roots).programs;
             self.source = (programs.join(" "), Some(now));

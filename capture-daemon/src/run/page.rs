@@ -23,7 +23,7 @@ use crate::status::{Request, Response, State, Status};
 /// Source of its requests, in sessions.
 const SOURCE: &str = "page";
 /// Width of the previews, pixels.
-const PREVIEW_WIDTH: u32 = 320;
+const PREVIEW_WIDTH_PX: u32 = 320;
 
 /// File beside the certificate that lists the ended logins.
 const ENDED_LOGINS: &str = "ended-logins";
@@ -157,7 +157,7 @@ impl Rig for PageRig {
             height: image.height,
             data: &image.data,
         };
-        let small = jpeg(planes, Eyes::Left, PREVIEW_WIDTH)
+        let small = jpeg(planes, Eyes::Left, PREVIEW_WIDTH_PX)
             .inspect_err(|error| log::debug!("encoding a preview: {error}"))
             .ok()?;
         Some(Preview {
@@ -301,14 +301,14 @@ mod tests {
         mode(0o644).expect("mode");
         supervisor.supervise(&running);
         assert!(supervisor.server.is_none());
-        let mend = format!("mend it with chmod 600 {}", token.display());
+        let remedy = format!("mend it with chmod 600 {}", token.display());
         assert!(
             supervisor.last_error.contains("mode 0644"),
             "{}",
             supervisor.last_error
         );
         assert!(
-            supervisor.last_error.ends_with(&mend),
+            supervisor.last_error.ends_with(&remedy),
             "{}",
             supervisor.last_error
         );

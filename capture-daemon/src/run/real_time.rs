@@ -44,11 +44,11 @@ use crate::sources::{AnySource, RawFrame, Sample, Sink, Source, SourceError};
 use crate::status::{Progress, Request, Response, State, Status};
 
 /// Capacity of the queue of raw frames for the hub, bytes.
-const INBOX_BYTES: usize = 128 << 20;
+const INBOX_CAPACITY_BYTES: usize = 128 << 20;
 /// Maximum number of frames in their cameras' own buffers in that queue, of all cameras together.
-const NATIVE_WAITING: usize = 6;
+const MAX_NATIVE_FRAMES: usize = 6;
 /// Capacity of the queue of encoded frames and IMU samples for the recorder, bytes.
-const OUTBOX_BYTES: usize = 64 << 20;
+const OUTBOX_CAPACITY_BYTES: usize = 64 << 20;
 /// Maximum wait before a thread checks whether the end was requested, and the recorder whether a
 /// session is closed.
 const POLL_TIMEOUT: Duration = Duration::from_millis(20);
@@ -67,7 +67,7 @@ const CLOSE_LIMIT_NS: i64 = 4 * WATCHDOG_NS;
 const STATUS_MAX_AGE_NS: i64 = 200_000_000;
 /// Maximum time for a request.
 const REQUEST_LIMIT: Duration = Duration::from_secs(5);
-/// Maximum time for a stop: queued frames are encoded first (`recorder::STOP_MAX_NS`). Clients wait
+/// Maximum time for a stop: queued frames are encoded first (`recorder::MAX_STOP_NS`). Clients wait
 /// longer ([`control::answer_limit`], the page), and so does systemd (`deploy/pawsd.service`).
 const STOP_REQUEST_LIMIT: Duration = Duration::from_secs(30);
 
@@ -123,7 +123,7 @@ impl Shared {
         let now = clock.now().0;
         Self {
             clock,
-            inbox: Queue::new(INBOX_BYTES),
+            inbox: Queue::new(INBOX_CAPACITY_BYTES),
             outbox: Queue::new(outbox_bytes),
             ending: StopFlag::new(),
             hub_beat: AtomicI64::new(now),
@@ -230,7 +230,7 @@ impl Running {
         let names: Vec<String> = cameras.iter().map(|c| c.name.clone()).collect();
         let shared = Arc::new(Shared::new(
             cameras.len(),
-            OUTBOX_BYTES,
+            OUTBOX_CAPACITY_BYTES,
             setup.pre_roll_ns > 0,
             outcome,
         ));
@@ -280,7 +280,12 @@ impl Running {
     #[cfg(test)]
     pub(super) fn idle() -> Self {
         Self {
-            shared: Arc::new(Shared::new(0, OUTBOX_BYTES, false, Outcome::default())),
+            shared: Arc::new(Shared::new(
+                0,
+                OUTBOX_CAPACITY_BYTES,
+                false,
+                Outcome::default(),
+            )),
             cameras: Vec::new(),
             threads: Vec::new(),
         }
@@ -432,7 +437,7 @@ impl Sink for HubSink<'_> {
         // Cameras lend few of their own buffers, so the number of waiting ones is limited, however
         // small they are.
         let bytes = match &sample {
-            Sample::Native(_) => sample.bytes().max(INBOX_BYTES / NATIVE_WAITING),
+            Sample::Native(_) => sample.bytes().max(INBOX_CAPACITY_BYTES / MAX_NATIVE_FRAMES),
             _ => sample.bytes(),
         };
         // A push is rejected only at the end.
@@ -502,8 +507,8 @@ fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
         let is_idle = shared.is_idle();
         let since = HostTime(shared.recording_since.load(Ordering::SeqCst));
         hub.idle(is_idle, since);
-        for (camera, wanted) in shared.key_frame_needed.iter().enumerate() {
-            if wanted.swap(false, Ordering::Relaxed) {
+        for (camera, needed) in shared.key_frame_needed.iter().enumerate() {
+            if needed.swap(false, Ordering::Relaxed) {
                 hub.request_key(camera);
             }
         }
@@ -522,7 +527,7 @@ fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
             Popped::Closed => break,
         }
         if now >= next_tick {
-            hub.set_inbox_fill(shared.inbox.bytes() as f64 / INBOX_BYTES as f64);
+            hub.set_inbox_fill(shared.inbox.bytes() as f64 / INBOX_CAPACITY_BYTES as f64);
             hub.tick(now);
             next_tick = now + TICK_NS;
         }
@@ -648,12 +653,12 @@ pub(super) fn record(
     let shared = running.shared.clone();
     let mut first_frames = FirstFrames::wait(running.names());
     let end = shared.clock.now() + REPLAY_LEAD_NS + (options.seconds * NS_PER_S as f64) as i64;
-    let mut asked = false;
+    let mut stop_requested = false;
     let mut give_up = HostTime::MAX;
     while !outcome.is_finished() {
         let now = shared.clock.now();
-        if !asked && (stop.is_set() || now >= end || shared.all_ended.is_set()) {
-            asked = true;
+        if !stop_requested && (stop.is_set() || now >= end || shared.all_ended.is_set()) {
+            stop_requested = true;
             give_up = now + CLOSE_LIMIT_NS;
             let reason = stop_reason(stop, shared.all_ended.is_set());
             running.request(Request::Stop, reason);
@@ -846,7 +851,7 @@ mod tests {
 
     use super::*;
     use crate::hub::{CameraSetup, FINISH_LIMIT};
-    use crate::recorder::STOP_MAX_NS;
+    use crate::recorder::MAX_STOP_NS;
     use crate::sync::clock::ClockConfig;
 
     /// A status published before the wait is not missed, and the status already seen does not end
@@ -876,7 +881,7 @@ mod tests {
     /// progress.
     #[test]
     fn stop_clients_wait_longer_than_a_stop_takes() {
-        let recorder = Duration::from_nanos(STOP_MAX_NS as u64);
+        let recorder = Duration::from_nanos(MAX_STOP_NS as u64);
         let client = control::answer_limit(&Request::Stop);
         assert!(recorder < STOP_REQUEST_LIMIT && STOP_REQUEST_LIMIT < client);
         assert!(REQUEST_LIMIT < control::answer_limit(&Request::Status));
@@ -897,7 +902,12 @@ mod tests {
     #[test]
     fn hub_loop_keeps_running_while_the_last_frames_are_encoded() {
         const { assert!(FINISH_LIMIT.as_nanos() < WATCHDOG_NS as u128) };
-        let shared = Arc::new(Shared::new(1, OUTBOX_BYTES, false, Outcome::default()));
+        let shared = Arc::new(Shared::new(
+            1,
+            OUTBOX_CAPACITY_BYTES,
+            false,
+            Outcome::default(),
+        ));
         shared.set_recording(true);
         // Number of each delivered or reported frame, and time of the hub's last loop iteration.
         let reported: Arc<Mutex<Vec<(u64, i64)>>> = Arc::default();

@@ -40,7 +40,7 @@ pub(super) use frame_sync::FrameSyncTracker;
 pub use pair::StereoJoiner;
 
 /// Uncertainty of a driver's timestamp, which is taken in an interrupt, ns.
-const STAMP_SIGMA_NS: u64 = 50_000;
+const TIMESTAMP_SIGMA_NS: u64 = 50_000;
 
 /// Maximum wait before the end is checked.
 const POLL_TIMEOUT: Duration = Duration::from_millis(100);
@@ -65,7 +65,7 @@ impl Device {
             still: false,
             stamped: Some(Stamped {
                 latency_ns: 0,
-                sigma_ns: STAMP_SIGMA_NS,
+                sigma_ns: TIMESTAMP_SIGMA_NS,
             }),
         };
         let imu = config.imu.as_ref().map(|imu| imu_info(imu.rate_hz));

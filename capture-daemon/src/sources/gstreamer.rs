@@ -244,13 +244,13 @@ mod tests {
     use super::*;
 
     /// Stores its samples, and ends after a number of frames.
-    struct Kept {
+    struct RecordingSink {
         samples: Mutex<Vec<Sample>>,
         ending: AtomicBool,
         frames: usize,
     }
 
-    impl Sink for Kept {
+    impl Sink for RecordingSink {
         fn now(&self) -> HostTime {
             RealClock.now()
         }
@@ -284,7 +284,7 @@ mod tests {
             start_after_ns: 0,
             imu: None,
         };
-        let sink = Kept {
+        let sink = RecordingSink {
             samples: Mutex::default(),
             ending: AtomicBool::new(false),
             frames,
@@ -329,7 +329,7 @@ mod tests {
     fn ended_chain_is_reported_and_invalid_chain_is_an_error() {
         let samples = run("videotestsrc num-buffers=0 is-live=true", None, 1).expect("an end");
         assert!(
-            matches!(&samples[..], [Sample::Disconnected(gone)] if gone.detail == "the chain has come to its end"),
+            matches!(&samples[..], [Sample::Disconnected(disconnected)] if disconnected.detail == "the chain has come to its end"),
             "{samples:?}"
         );
         let error = run("nosuchelement", None, 1)
@@ -341,7 +341,7 @@ mod tests {
     /// A slow reader is not the camera's fault, and an eye that sends nothing is not the reader's.
     #[test]
     fn dropped_frames_have_their_true_cause() {
-        let sink = Kept {
+        let sink = RecordingSink {
             samples: Mutex::default(),
             ending: AtomicBool::new(false),
             frames: 1,

@@ -46,16 +46,16 @@ pub(super) struct ImagePairer<T> {
 /// # Errors
 /// The configured one is too large; the message contains the maximum.
 pub(crate) fn limit_ns(rate_hz: f64, configured_ns: Option<i64>) -> Result<i64, String> {
-    let most = (0.4e9 / rate_hz).round() as i64;
+    let max = (0.4e9 / rate_hz).round() as i64;
     match configured_ns {
-        Some(asked) if asked > most => Err(format!(
+        Some(configured) if configured > max => Err(format!(
             "pair_within_ms is {:.1}, expected at most {:.1}, which is half a period at {rate_hz:.1} Hz less a tenth \
              of one: with more, an image could belong to two others",
-            asked as f64 * 1e-6,
-            most as f64 * 1e-6
+            configured as f64 * 1e-6,
+            max as f64 * 1e-6
         )),
-        Some(asked) => Ok(asked),
-        None => Ok(most),
+        Some(configured) => Ok(configured),
+        None => Ok(max),
     }
 }
 

@@ -34,7 +34,7 @@ pub(super) mod stereo_image;
 use stereo_image::EyeSize;
 
 /// Maximum size of all decoded images together for which repeated images stay decoded, bytes.
-const CACHE_BYTES: usize = 256 << 20;
+const MAX_CACHE_BYTES: usize = 256 << 20;
 
 /// Error of replaying a data set. A retry will not help.
 #[derive(Debug, thiserror::Error)]
@@ -182,7 +182,8 @@ impl Replay {
             imu: imu_info,
             calibration_files: calibration_files(name, &dataset)?,
         };
-        let kept = repeat && dataset.frames.len().saturating_mul(eye.stereo_bytes()) <= CACHE_BYTES;
+        let kept =
+            repeat && dataset.frames.len().saturating_mul(eye.stereo_bytes()) <= MAX_CACHE_BYTES;
         Ok(Self {
             name: name.to_owned(),
             info,

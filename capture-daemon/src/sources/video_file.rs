@@ -527,13 +527,13 @@ impl Account {
         self.apart_ns.sort_unstable();
         let ms = |ns: i64| ns as f64 * 1e-6;
         let middle = self.apart_ns.get(self.apart_ns.len() / 2).copied();
-        let most = self.apart_ns.iter().map(|apart| apart.abs()).max();
-        if let (Some(middle), Some(most)) = (middle, most) {
+        let max_abs = self.apart_ns.iter().map(|apart| apart.abs()).max();
+        if let (Some(middle), Some(max_abs)) = (middle, max_abs) {
             self.notice(format!(
                 "left and right images are paired by their times: right ones are {:.3} ms later in the median, at most \
                  {:.3} ms apart",
                 ms(middle),
-                ms(most)
+                ms(max_abs)
             ));
         }
         if self.without_left + self.bad_right > 0 {
@@ -746,19 +746,19 @@ mod tests {
             account.never_paired()
         };
         assert_eq!(account(40 * MS, 30 * MS), None);
-        let said = account(40 * MS, 45 * MS).expect("no pair");
+        let text = account(40 * MS, 45 * MS).expect("no pair");
         for part in [
             "no image of the right file was taken within 40.0 ms of one of the left file; the nearest two are 45.0 ms apart",
             "(left images: 5 at 10.00 Hz from 0.000 s to 0.400 s; right images: 5 at 10.00 Hz from 0.045 s to 0.445 s)",
             "say by right_later_ms how much later the right file began",
         ] {
-            assert!(said.contains(part), "{said}");
+            assert!(text.contains(part), "{text}");
         }
         // No larger limit is possible.
-        assert!(!said.contains("pair_within_ms"), "{said}");
-        let said = account(2 * MS, 30 * MS).expect("no pair");
+        assert!(!text.contains("pair_within_ms"), "{text}");
+        let text = account(2 * MS, 30 * MS).expect("no pair");
         let more = "allow more with pair_within_ms (up to 40.0 at this rate)";
-        assert!(said.contains(more), "{said}");
+        assert!(text.contains(more), "{text}");
     }
 
     #[test]
@@ -767,8 +767,8 @@ mod tests {
         account.push(Eye::Left, image(0, 50));
         account.bad_right += 1;
         account.finish(true);
-        let said = account.never_paired().expect("no pair");
-        assert!(said.contains("right images: none)"), "{said}");
+        let text = account.never_paired().expect("no pair");
+        assert!(text.contains("right images: none)"), "{text}");
     }
 
     #[test]
@@ -817,21 +817,21 @@ mod tests {
         let opened = VideoReplay::open("feet", &config, HostTime(0));
         let error = opened.err().expect("an error");
         assert!(matches!(error, VideoError::Times { .. }), "{error}");
-        let said = error.to_string();
+        let text = error.to_string();
         assert!(
-            said.contains(
+            text.contains(
                 "found neither a rate nor times that rise, expected a time for every image"
-            ) && said.ends_with("walk.mjpeg"),
-            "{said}"
+            ) && text.ends_with("walk.mjpeg"),
+            "{text}"
         );
 
         let times = Times::new(3);
         assert_eq!(times.first_ns(Some(4), &path).expect("a time"), 7);
         let error = times.first_ns(None, &path).expect_err("no time");
-        let said = error.to_string();
+        let text = error.to_string();
         assert!(
-            said.contains("found a first image without a time"),
-            "{said}"
+            text.contains("found a first image without a time"),
+            "{text}"
         );
     }
 

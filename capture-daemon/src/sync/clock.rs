@@ -133,7 +133,7 @@ const SIGMA_FLOOR_NS: f64 = 250.0;
 /// Five sigmas are at least the size of a step that can remain undetected for this long, ns.
 const UNNOTICED_STEP_NS: f64 = 10.0 * NS_PER_S as f64;
 /// Maximum device time between published maps, ns.
-const PUBLISH_NS: f64 = 10.0 * NS_PER_S as f64;
+const MAX_PUBLISH_INTERVAL_NS: f64 = 10.0 * NS_PER_S as f64;
 /// Maximum number of claims that are checked later, one for each fit of the line.
 const MAX_CLAIMS: usize = 256;
 /// Maximum error of a claim against later knowledge, in its sigmas.
@@ -185,7 +185,7 @@ enum Suspicion {
     Late { next: Box<Epoch>, since: i64 },
     /// Samples that arrived before they could have been sent: the device clock stepped forward, or
     /// a tick is wrong, or the minimum latency had not been observed yet.
-    Early { held: Vec<Early> },
+    Early { early_samples: Vec<Early> },
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -414,36 +414,55 @@ impl ClockMapper {
 
     /// An arrival earlier than possible, or one that came while such an arrival is being judged.
     fn observe_early(&mut self, early: Early, tolerance: f64) -> Observation {
-        let mut held = match self.suspicion.take() {
-            Some(Suspicion::Early { held }) => held,
+        let mut early_samples = match self.suspicion.take() {
+            Some(Suspicion::Early { early_samples }) => early_samples,
             _ => Vec::with_capacity(MAX_EARLY_SAMPLES),
         };
-        held.push(early);
-        let newest = held.iter().rev().find(|e| e.low).map_or(0.0, |e| e.height);
+        early_samples.push(early);
+        let newest = early_samples
+            .iter()
+            .rev()
+            .find(|e| e.low)
+            .map_or(0.0, |e| e.height);
         let reach = 3.0 * self.tail.quantile(0.99) + tolerance;
         let agrees = |e: &&Early| (e.height - newest).abs() <= reach;
-        let low_and_agreeing = held.iter().filter(|e| e.low).filter(agrees).count();
+        let low_and_agreeing = early_samples
+            .iter()
+            .filter(|e| e.low)
+            .filter(agrees)
+            .count();
         if early.low && low_and_agreeing >= MIN_EARLY_STEP_SAMPLES {
-            let first = held.iter().position(|e| e.low && agrees(&e)).unwrap_or(0);
-            let lowest = held
+            let first = early_samples
+                .iter()
+                .position(|e| e.low && agrees(&e))
+                .unwrap_or(0);
+            let lowest = early_samples
                 .iter()
                 .filter(agrees)
                 .map(|e| e.height)
                 .fold(0.0, f64::min);
-            let next = self.epoch_of(held[first..].iter().filter(agrees).map(|e| e.sample));
+            let next = self.epoch_of(
+                early_samples[first..]
+                    .iter()
+                    .filter(agrees)
+                    .map(|e| e.sample),
+            );
             let unnoticed =
                 self.tail.overdue(-lowest) as f64 * self.epoch.as_ref().map_or(0.0, Epoch::period);
-            let after = held[first].sample.arrival.saturating_sub(unnoticed as i64);
+            let after = early_samples[first]
+                .sample
+                .arrival
+                .saturating_sub(unnoticed as i64);
             return self.step(next, HostTime(after).max(self.map.since), lowest);
         }
-        if held.len() < MAX_EARLY_SAMPLES {
-            self.suspicion = Some(Suspicion::Early { held });
+        if early_samples.len() < MAX_EARLY_SAMPLES {
+            self.suspicion = Some(Suspicion::Early { early_samples });
             return Observation::Suspect;
         }
         // No step. Far below the usual spread it is a wrong tick, else a new minimum latency.
         let wrong = 10.0 * self.tail.quantile(0.5) + tolerance;
         if let Some(epoch) = &mut self.epoch {
-            for e in held.iter().filter(|e| e.height >= -wrong) {
+            for e in early_samples.iter().filter(|e| e.height >= -wrong) {
                 let p = epoch.point(e.sample);
                 if p.x > epoch.newest_x() {
                     epoch.push(p);
@@ -592,7 +611,7 @@ impl ClockMapper {
         if settles && let Some(mark_unreliable) = self.map.unreliable_spans.last_mut() {
             mark_unreliable.to = HostTime(last.arrival);
         }
-        let outdated = x - old.to_x > PUBLISH_NS;
+        let outdated = x - old.to_x > MAX_PUBLISH_INTERVAL_NS;
         if settles
             || moved > 0.5 * old_sigma
             || !(0.7..1.4).contains(&(sigma / old_sigma))

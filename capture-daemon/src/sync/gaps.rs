@@ -323,7 +323,7 @@ mod tests {
             steps in prop::collection::vec((0_u64..60, 1_u64..5, prop::bool::ANY), 1..80)
         ) {
             let mut tracker = SequenceTracker::new("s");
-            let mut seen: BTreeMap<u64, u32> = BTreeMap::new();
+            let mut counts: BTreeMap<u64, u32> = BTreeMap::new();
             let mut first_stored = None;
             let mut gaps = Vec::new();
             for (first, count, stored) in steps {
@@ -332,7 +332,7 @@ mod tests {
                         gaps.extend(new);
                         first_stored.get_or_insert(first);
                         for n in first..first + count {
-                            *seen.entry(n).or_default() += 1;
+                            *counts.entry(n).or_default() += 1;
                         }
                     }
                 } else {
@@ -342,12 +342,12 @@ mod tests {
             gaps.extend(tracker.finish());
             for gap in &gaps {
                 for n in gap.first..=gap.last {
-                    *seen.entry(n).or_default() += 1;
+                    *counts.entry(n).or_default() += 1;
                 }
             }
-            prop_assert!(seen.values().all(|n| *n == 1), "{seen:?}");
-            if let (Some(first), Some((&last, _))) = (first_stored, seen.iter().next_back()) {
-                prop_assert_eq!(seen.len() as u64, last - first + 1);
+            prop_assert!(counts.values().all(|n| *n == 1), "{counts:?}");
+            if let (Some(first), Some((&last, _))) = (first_stored, counts.iter().next_back()) {
+                prop_assert_eq!(counts.len() as u64, last - first + 1);
             }
         }
     }

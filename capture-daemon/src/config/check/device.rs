@@ -52,13 +52,13 @@ fn camera(config: &V4l2Config, path: &Path, findings: &mut Vec<(Level, String)>)
             return findings.push((Level::Error, format!("{}{hint}", with_causes(&error))));
         }
     };
-    let wanted = mode(config);
+    let configured = mode(config);
     match camera.modes() {
         Err(error) => findings.push((Level::Error, with_causes(&error))),
-        Ok(modes) if modes.iter().any(|m| m.offers(&wanted)) => findings.push((
+        Ok(modes) if modes.iter().any(|m| m.offers(&configured)) => findings.push((
             Level::Ok,
             format!(
-                "{} offers {wanted}: {}",
+                "{} offers {configured}: {}",
                 camera.capability().card,
                 path.display()
             ),
@@ -67,7 +67,7 @@ fn camera(config: &V4l2Config, path: &Path, findings: &mut Vec<(Level, String)>)
         Ok(_) => findings.push((
             Level::Warning,
             format!(
-                "{} does not list {wanted}; `pawsd devices` shows what it does: {}",
+                "{} does not list {configured}; `pawsd devices` shows what it does: {}",
                 camera.capability().card,
                 path.display()
             ),

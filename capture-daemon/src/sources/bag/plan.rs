@@ -81,8 +81,8 @@ impl Times {
             damaged: 0,
         };
         let mut newest = None;
-        for seen in &stream.messages {
-            let time = times.judge(seen, newest);
+        for message in &stream.messages {
+            let time = times.classify(message, newest);
             if let Ok(time) = time {
                 newest = Some(time);
             }
@@ -102,8 +102,12 @@ impl Times {
         Ok(times)
     }
 
-    fn judge(&mut self, seen: &IndexedMessage, newest: Option<i64>) -> Result<i64, &'static str> {
-        match (seen.stamp_ns, &seen.imu) {
+    fn classify(
+        &mut self,
+        message: &IndexedMessage,
+        newest: Option<i64>,
+    ) -> Result<i64, &'static str> {
+        match (message.stamp_ns, &message.imu) {
             (Err(_), _) | (_, Some(Err(_))) => {
                 self.damaged += 1;
                 Err("its message is damaged")
@@ -184,17 +188,17 @@ pub(super) fn plan(
     let mut frames = Vec::new();
     let mut first = None;
     let mut newest_ns = 0;
-    for (i, seen) in left.messages.iter().enumerate() {
+    for (i, message) in left.messages.iter().enumerate() {
         let partner: Option<Partner> = partners.as_ref().map(|partners| partners[i]);
         let what = match (times.of[i], partner) {
             (Err(why), _) => Outcome::Dropped(why.to_owned()),
             (Ok(_), Some(None)) => Outcome::Dropped(alone(Eye::Left, within_ns)),
             (Ok(_), None) => Outcome::Frame {
-                left: seen.location,
+                left: message.location,
                 right: None,
             },
             (Ok(_), Some(Some((right, apart_ns)))) => Outcome::Frame {
-                left: seen.location,
+                left: message.location,
                 right: chosen
                     .right
                     .map(|of| (streams[of].messages[right].location, apart_ns)),
@@ -301,11 +305,11 @@ fn pairs(
             apart_ms: ms(median(&mut nearest)),
         });
     }
-    let most = later.iter().map(|apart| apart.abs()).max().unwrap_or(0);
+    let max_abs = later.iter().map(|apart| apart.abs()).max().unwrap_or(0);
     let apart = format!(
         "left and right images are paired by their times: right ones are {:.3} ms later in the median, at most {:.3} ms apart",
         ms(median(&mut later)),
-        ms(most)
+        ms(max_abs)
     );
     if without_left > 0 {
         notices.push(format!(

@@ -117,7 +117,7 @@ pub(super) fn scan(path: &Path, extent: Extent) -> Result<Bag, BagError> {
     for stream in &mut streams {
         stream
             .messages
-            .sort_by_key(|seen| (seen.log_time, seen.location));
+            .sort_by_key(|message| (message.log_time, message.location));
     }
     Ok(Bag {
         files,

@@ -237,7 +237,7 @@ fn samples_arrive_at_their_recorded_times() {
         notice.text
     );
     let mut newest = HostTime::MIN;
-    let mut seen = [0, 0];
+    let mut counts = [0, 0];
     for sample in &samples[1..] {
         assert!(sample.host_time() >= newest);
         newest = sample.host_time();
@@ -249,19 +249,19 @@ fn samples_arrive_at_their_recorded_times() {
                 assert_eq!(f.eyes_apart_ns, Some(2 * MS));
                 let value = 10 * f.number as u8;
                 assert_eq!(f.image.data[7..9], [value, 100 + value]);
-                seen[0] += 1;
+                counts[0] += 1;
             }
             Sample::Imu(s) => {
                 let gyro = [s.number as f64, 0.0, 0.0];
                 let accel = [0.0, 0.0, 9.8];
                 assert_eq!(s.values, ImuValues::Si { gyro, accel });
                 assert_eq!(s.device_ticks, 100_000 * MS + offset_ns);
-                seen[1] += 1;
+                counts[1] += 1;
             }
             other => panic!("{other:?}"),
         }
     }
-    assert_eq!(seen, [10, 100]);
+    assert_eq!(counts, [10, 100]);
 }
 
 /// While nobody stores frames their images are neither read nor decoded.

@@ -129,12 +129,12 @@ pub(crate) fn find_node(
         } => (*vendor, *product, serial.clone()),
     };
     let nodes = node::list(Path::new("/sys"), Path::new("/dev"))?;
-    let wanted = Wanted::Usb {
+    let configured = Wanted::Usb {
         vendor,
         product,
         serial,
     };
-    Ok(node::find(&nodes, &wanted)?.path.clone())
+    Ok(node::find(&nodes, &configured)?.path.clone())
 }
 
 fn start(config: &V4l2Config, sink: &dyn Sink) -> Result<Stream, StartError> {
@@ -187,15 +187,15 @@ pub(crate) fn interval(rate_hz: f64) -> Interval {
 /// Writes controls by the driver's names, and reports those that were not accepted.
 fn set_controls(
     camera: &Camera,
-    wanted: &[(String, i64)],
+    configured: &[(String, i64)],
     sink: &dyn Sink,
 ) -> Result<(), CameraError> {
-    if wanted.is_empty() {
+    if configured.is_empty() {
         return Ok(());
     }
     let known = camera.controls()?;
     let mut values = Vec::new();
-    for (name, value) in wanted {
+    for (name, value) in configured {
         match known.iter().find(|control| key(&control.name) == *name) {
             Some(control) => values.push((control.id, *value)),
             None => {

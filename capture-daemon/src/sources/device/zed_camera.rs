@@ -15,7 +15,7 @@ use zed::camera::{Identity, SETTINGS};
 use crate::sources::Sink;
 
 /// Time that a newly connected camera may take until it knows its serial number, ns.
-const SERIAL_NS: i64 = 500_000_000;
+const SERIAL_TIMEOUT_NS: i64 = 500_000_000;
 
 /// Clock for exchanges with the video chip.
 struct Waiting<'a>(&'a dyn Sink);
@@ -103,7 +103,7 @@ pub(super) fn find_plugged(
             return Err("its number is read when it is started".to_owned());
         };
         let mut camera = Camera::open(path).map_err(|error| error.to_string())?;
-        let until = sink.now().0 + SERIAL_NS;
+        let until = sink.now().0 + SERIAL_TIMEOUT_NS;
         serial(&mut camera, &mut Waiting(sink), until).map_err(|error| error.to_string())
     };
     Ok(find(&nodes, configured, number_of)?)

@@ -246,16 +246,16 @@ fn step_within_a_burst_makes_the_whole_burst_unreliable() {
     for (rate_hz, leap) in [(30.0, 0.7), (30.0, 0.3), (400.0, 0.7), (400.0, 0.3)] {
         let mut device = Device::new(10, rate_hz);
         let mut verdicts = device.run(20.0);
-        let mut held = Vec::new();
+        let mut burst = Vec::new();
         let count = (1.2 * rate_hz) as usize;
         for n in 0..count {
             if n == count / 2 {
                 device.leapt = leap * S;
             }
-            held.push(device.sample());
+            burst.push(device.sample());
         }
-        let latest = held.iter().map(|h| h.2).max().unwrap();
-        for (ticks, truth, _) in held {
+        let latest = burst.iter().map(|h| h.2).max().unwrap();
+        for (ticks, truth, _) in burst {
             verdicts.extend(device.give(ticks, truth, latest));
         }
         verdicts.extend(device.run(20.0));

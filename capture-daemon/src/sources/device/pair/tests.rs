@@ -10,9 +10,9 @@ const WITHIN: i64 = PERIOD * 2 / 5;
 
 /// Stores its samples.
 #[derive(Default)]
-struct Kept(Mutex<Vec<Sample>>);
+struct RecordingSink(Mutex<Vec<Sample>>);
 
-impl Sink for Kept {
+impl Sink for RecordingSink {
     fn now(&self) -> HostTime {
         HostTime(0)
     }
@@ -51,13 +51,13 @@ fn frame(eye: Eye, number: u64, time_ns: i64) -> Sample {
 /// Output for these frames: number, gray level of the left and of the right image, time difference;
 /// or the dropped frame with its reason.
 fn join(samples: Vec<(Eye, Sample)>) -> Vec<String> {
-    let kept = Kept::default();
-    let joined = StereoJoiner::new(WITHIN, &kept);
+    let recorder = RecordingSink::default();
+    let joined = StereoJoiner::new(WITHIN, &recorder);
     for (eye, sample) in samples {
         joined.eye(eye).put(sample);
     }
     joined.finish();
-    let told = |sample: Sample| match sample {
+    let outputs = |sample: Sample| match sample {
         Sample::Frame(f) => {
             let (left, right) = (f.image.data[0], f.image.data[4]);
             let apart_us = f.eyes_apart_ns.expect("two eyes") / 1000;
@@ -70,11 +70,12 @@ fn join(samples: Vec<(Eye, Sample)>) -> Vec<String> {
         Sample::Notice(n) => n.text,
         other => panic!("{other:?}"),
     };
-    kept.0
+    recorder
+        .0
         .into_inner()
         .expect("samples")
         .into_iter()
-        .map(told)
+        .map(outputs)
         .collect()
 }
 
@@ -100,8 +101,8 @@ fn pairs_are_side_by_side_with_their_time_difference() {
 /// previewed either.
 #[test]
 fn pairs_without_pixels_are_only_counted() {
-    let kept = Kept::default();
-    let joined = StereoJoiner::new(WITHIN, &kept);
+    let recorder = RecordingSink::default();
+    let joined = StereoJoiner::new(WITHIN, &recorder);
     assert!(
         !joined.eye(Eye::Right).pixels_needed(),
         "as the receiver of the pairs"
@@ -172,13 +173,13 @@ fn non_increasing_timestamp_is_dropped() {
 
 #[test]
 fn disconnect_of_one_camera_stops_the_pair_until_it_reconnects() {
-    let gone = Sample::Disconnected(Disconnected {
+    let disconnected = Sample::Disconnected(Disconnected {
         host_time: HostTime(0),
         part: DevicePart::Camera,
         detail: "unplugged".to_owned(),
     });
     let mut samples = both(0..2, 1_000_000);
-    samples.push((Eye::Right, gone));
+    samples.push((Eye::Right, disconnected));
     // Meanwhile the left one continues.
     samples.extend(
         both(2..5, 0)
