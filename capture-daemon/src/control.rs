@@ -3,14 +3,14 @@
 //! Contract of the server: each line is one [`Request`] and is answered by one [`Response`] line,
 //! in order; several connections are served side by side. An invalid line is answered with an error
 //! and the connection remains open, as is a request whose name or mark is too long or has control
-//! characters ([`Request::check`], as on the page); a line longer than [`MAX_LINE_BYTES`] is answered and
-//! the connection closed, as is a connection that is silent for [`IDLE_LIMIT`], or whose line takes
-//! longer than [`LINE_LIMIT`]. With [`MAX_CONNECTIONS`] open, a new client replaces the connection
-//! that has been without a request for longest, or, if all have one in progress, gets an error:
-//! idle connections cannot keep others out. The socket has mode 0660: its owner and its group may
-//! use it. A stale socket file is replaced; a live socket is not, nor is a file of another kind.
-//! When the server is dropped the socket is removed, nothing more is read, and requests that have
-//! arrived still get their answer.
+//! characters ([`Request::check`], as on the page); a line longer than [`MAX_LINE_BYTES`] is
+//! answered and the connection closed, as is a connection that is silent for [`IDLE_LIMIT`], or
+//! whose line takes longer than [`LINE_LIMIT`]. With [`MAX_CONNECTIONS`] open, a new client
+//! replaces the connection that has been without a request for longest, or, if all have one in
+//! progress, gets an error: idle connections cannot keep others out. The socket has mode 0660: its
+//! owner and its group may use it. A stale socket file is replaced; a live socket is not, nor is a
+//! file of another kind. When the server is dropped the socket is removed, nothing more is read,
+//! and requests that have arrived still get their answer.
 //!
 //! Contract of the client: [`request`] returns within [`answer_limit`] plus the time to connect,
 //! with an answer or with an error that contains a remedy.

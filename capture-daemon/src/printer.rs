@@ -1,10 +1,11 @@
 //! Output of lines to a terminal or a pipe that may have no reader.
 //!
 //! Contract: printing never blocks, because a recording must not. A thread prints the lines in
-//! order, each immediately. *Without a reader* up to [`CAPACITY_BYTES`] bytes are queued, half as much
-//! for routine lines; further lines are discarded, but never the final line. *Foreign names* cannot
-//! act on the terminal: control characters are printed as `\u001b`. *When writing fails* (a closed
-//! pipe) the lines are discarded. *At the end* [`Printer::finish`] waits until all is printed.
+//! order, each immediately. *Without a reader* up to [`CAPACITY_BYTES`] bytes are queued, half as
+//! much for routine lines; further lines are discarded, but never the final line. *Foreign names*
+//! cannot act on the terminal: control characters are printed as `\u001b`. *When writing fails* (a
+//! closed pipe) the lines are discarded. *At the end* [`Printer::finish`] waits until all is
+//! printed.
 
 use std::io::{self, Write};
 use std::sync::Arc;

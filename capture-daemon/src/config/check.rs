@@ -97,7 +97,8 @@ pub fn check(config: &Config) -> Vec<Finding> {
     report.findings
 }
 
-/// Whether the cameras of a configuration, as far as they are plugged in, fit on their USB controllers.
+/// Whether the cameras of a configuration, as far as they are connected, fit on their USB
+/// controllers.
 pub fn usb_budget(config: &Config) -> Vec<Finding> {
     let findings = device::usb_budget(config).into_iter();
     findings

@@ -1100,7 +1100,8 @@ fn discarding_a_session_clears_its_alarms() {
     assert_eq!(rig.progress().pop(), Some(over));
 }
 
-/// The disk fails while the first of two alarms is written, which ends the session and both of them.
+/// The disk fails while the first of two alarms is written, which ends the session and both of
+/// them.
 #[test]
 fn loss_alarms_end_with_the_session() {
     let run = |faults: Vec<Fault>| {

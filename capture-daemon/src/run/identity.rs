@@ -8,8 +8,8 @@
 //! same library; and none can be confused with a real one.
 //!
 //! The folders of sessions and files are not part of the digest. Image files, bags and videos
-//! contribute their names, lengths, first and last [`EDGE_BYTES`] bytes; calibration files and ground
-//! truth all their bytes.
+//! contribute their names, lengths, first and last [`EDGE_BYTES`] bytes; calibration files and
+//! ground truth all their bytes.
 
 use std::fmt::Debug;
 use std::fs::File;

@@ -435,8 +435,8 @@ mod tests {
     }
 
     proptest! {
-        /// No frame is in two sets, every reference frame is in one, sets are ordered by time, and every
-        /// member is within tolerance.
+        /// No frame is in two sets, every reference frame is in one, sets are ordered by time, and
+        /// every member is within tolerance.
         #[test]
         fn no_frame_is_used_twice_or_invented(
             periods in prop::collection::vec(20_i64..120, 2..4),

@@ -22,7 +22,8 @@ pub(super) struct BagImage {
     pub(super) image: Picture,
 }
 
-/// Names of encodings with their layout: the bytes of a pixel, and where red, green and blue are in it.
+/// Names of encodings with their layout: the bytes of a pixel, and where red, green and blue are in
+/// it.
 const LAYOUTS: [(&str, usize, Option<[usize; 3]>); 8] = [
     ("mono8", 1, None),
     ("8UC1", 1, None),

@@ -173,8 +173,8 @@ pub(super) fn file_names(folder: &Path) -> Result<BTreeSet<String>, DatasetError
     Ok(names)
 }
 
-/// A decimal number of seconds, with or without an exponent, in ns. Never through floating point: an
-/// `f64` of seconds since 1970 steps by 238 ns.
+/// A decimal number of seconds, with or without an exponent, in ns. Never through floating point:
+/// an `f64` of seconds since 1970 steps by 238 ns.
 fn seconds_as_ns(text: &str) -> Option<i64> {
     let (mantissa, exponent) = match text.split_once(['e', 'E']) {
         Some((mantissa, exponent)) => (

@@ -91,8 +91,8 @@ fn extend_wrapped(data: &mut Vec<u8>, row: &[u8], start: usize, count: usize) {
     }
 }
 
-/// A `size` x `size` tile of value noise: random values at the corners of cells, smoothly interpolated,
-/// summed over cell sizes and spread over `low..=high`.
+/// A `size` x `size` tile of value noise: random values at the corners of cells, smoothly
+/// interpolated, summed over cell sizes and spread over `low..=high`.
 fn noise(
     seed: u64,
     stream: u64,
