@@ -1,8 +1,9 @@
-//! Recordings that were cut off, by a power cut or a crash: found when the daemon starts, and closed.
+//! Recordings interrupted by a power cut or a crash: found when the daemon starts, and closed.
 //!
-//! Contract: what is in such a session stays as it is; only what a clean end would have added is
-//! added ([`close_cut_off`]). A session that is damaged otherwise is left alone and told. The work is done beside the recorder, at
-//! the lowest priority, and never on a session that is being recorded, by this program or by another.
+//! Contract: the content of such a session is not modified; only what a clean end would have added
+//! is added ([`close_cut_off`]). A session with other damage is not touched and is reported. This
+//! runs beside the recorder, at the lowest priority, and never on a session that is being recorded,
+//! by this program or by another.
 
 use std::fs::DirEntry;
 use std::path::{Path, PathBuf};
@@ -16,12 +17,13 @@ use session_archive::{manifest::Manifest, manifest::State};
 
 use super::claim::{Claim, is_claimed};
 use super::store::finish_discards;
-use crate::causes::with_causes;
+use crate::error_chain::with_causes;
 
-/// How much less urgent than everything else (nice).
+/// Niceness of the thread.
 const NICE: i32 = 19;
 
-/// The sessions in `folder` that were never closed and that nobody records. To be asked before a session is begun there.
+/// Sessions in `folder` that were never closed and that no program records. To be called before a
+/// session is begun there.
 pub(super) fn find(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let is_open = |path: &PathBuf| {
@@ -30,7 +32,7 @@ pub(super) fn find(folder: &Path) -> Vec<PathBuf> {
             .is_some_and(|manifest| manifest.state == State::Recording)
     };
     let is_left = |path: &PathBuf| is_open(path) && !is_claimed(path);
-    // Hidden ones are being deleted.
+    // Hidden folders are being deleted.
     let is_hidden = |e: &DirEntry| e.file_name().as_encoded_bytes().starts_with(b".");
     let entries = entries.filter(|e| !is_hidden(e)).map(|e| e.path());
     let mut found: Vec<PathBuf> = entries.filter(is_left).collect();
@@ -38,21 +40,21 @@ pub(super) fn find(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Closes them one after another on a thread of its own; what is to be told of each. Then it deletes what is left of
-/// discarded sessions in `folder`.
+/// Closes the sessions one after another on a thread of its own, and reports each. Then it deletes
+/// the remains of discarded sessions in `folder`.
 ///
 /// # Errors
-/// The system has no thread left.
+/// The system provides no thread.
 pub(super) fn close(
     folder: PathBuf,
     sessions: Vec<PathBuf>,
-    tell: impl Fn(String) + Send + 'static,
+    report: impl Fn(String) + Send + 'static,
 ) -> std::io::Result<()> {
     let work = move || {
-        // Of this thread alone, as Linux counts threads.
+        // Applies to this thread alone, because Linux has a niceness per thread.
         let _ = rustix::process::nice(NICE);
         for session in sessions {
-            tell(close_one(&session));
+            report(close_one(&session));
         }
         finish_discards(&folder);
     };
@@ -64,7 +66,7 @@ pub(super) fn close(
 
 fn close_one(session: &Path) -> String {
     let path = session.display();
-    // Without locks there is no other program to wait for either.
+    // Without locks there is no other program to wait for.
     let _claim = Claim::wait(session);
     match close_cut_off(Arc::new(DiskStorage::new(session.to_owned()))) {
         Ok(Some(report)) => format!(
@@ -82,7 +84,7 @@ fn close_one(session: &Path) -> String {
     }
 }
 
-/// From the first sample to the last.
+/// Time from the first sample to the last, s.
 fn seconds(report: &Report) -> f64 {
     let streams = || report.streams.values().filter(|s| s.samples > 0);
     let start = streams().map(|s| s.start).min();
@@ -105,7 +107,7 @@ mod tests {
     use crate::run::{RecordOptions, StopFlag, record};
 
     #[test]
-    fn a_session_that_was_never_closed_is_closed() {
+    fn unclosed_session_is_closed() {
         let folder = tempfile::tempdir().expect("folder");
         let text = "disk.reserve_gb = 0\nencoder.element = \"x264enc\"\n[[camera]]\nname = \"feet\"\n\
                     source = { kind = \"synthetic\", width = 128, height = 64, rate_hz = 20, imu_rate_hz = 0 }\n";
@@ -119,7 +121,7 @@ mod tests {
         let done =
             record(&config, &options, &StopFlag::new(), Box::new(|_| {})).expect("recording");
         assert!(find(folder.path()).is_empty());
-        // As it was before it ended: the manifest says so, and the summary is not there yet.
+        // As before its end: the manifest states so, and the summary does not exist yet.
         let path = done.session.join(layout::MANIFEST);
         let mut manifest =
             Manifest::from_bytes(&std::fs::read(&path).expect("manifest")).expect("manifest");
@@ -143,12 +145,12 @@ mod tests {
         drop(claim);
         let found = find(folder.path());
         assert_eq!(found, [done.session]);
-        let (told, text) = sync_channel(4);
+        let (sender, text) = sync_channel(4);
         close(folder.path().to_owned(), found, move |text| {
-            told.send(text).expect("told")
+            sender.send(text).expect("report")
         })
         .expect("thread");
-        let text = text.recv_timeout(Duration::from_secs(60)).expect("told");
+        let text = text.recv_timeout(Duration::from_secs(60)).expect("report");
         assert!(
             text.starts_with("an earlier recording was cut off; the 1."),
             "{text}"

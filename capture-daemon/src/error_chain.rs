@@ -1,4 +1,4 @@
-//! An error with its causes as one line, for people.
+//! An error with its chain of causes as one line, for people.
 
 use std::error::Error;
 

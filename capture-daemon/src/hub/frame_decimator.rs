@@ -1,19 +1,19 @@
-//! Which pictures are left out where every other one is to be.
+//! Selection of the frames that are dropped when the frame rate is halved.
 //!
-//! Contract: cameras that expose together leave out the same instants, whatever their numbers are, so that what is
-//! kept of them still makes whole frame sets. The grid follows the rate that they really have. A picture that
-//! does not come, or comes late, changes nothing for those behind it.
+//! Contract: cameras that expose simultaneously drop the same instants, whatever their frame
+//! numbers are, so that the remaining frames still form complete frame sets. The grid follows the
+//! actual frame rate. A missing or late frame does not affect the frames after it.
 
 use session_archive::time::HostTime;
 
-/// The newest instant of which pictures were kept, by cameras that expose together.
+/// Newest instant whose frames were kept, for cameras that expose simultaneously.
 #[derive(Debug, Default)]
-pub(super) struct Turns {
+pub(super) struct FrameDecimator {
     kept: Option<HostTime>,
 }
 
-impl Turns {
-    /// Whether a picture of this time is kept.
+impl FrameDecimator {
+    /// Whether the frame of this time is kept.
     pub(super) fn is_kept(&mut self, time: HostTime, period_ns: i64) -> bool {
         let Some(kept) = self.kept else {
             self.kept = Some(time);
@@ -40,18 +40,18 @@ mod tests {
 
     #[test]
     fn cameras_of_one_trigger_keep_the_same_instants() {
-        let mut turns = Turns::default();
+        let mut decimator = FrameDecimator::default();
         let mut kept = 0;
-        // One in a thousand slower than they should be, for ten minutes, the second one three pictures late.
+        // 0.1 % slower than nominal, for ten minutes, the second camera three frames late.
         let at = |n: i64| HostTime(5_000_000_000 + n * (PERIOD_NS + PERIOD_NS / 1000));
         let mut first = Vec::new();
         for n in 0..18_000 {
-            // Now and then one does not come.
+            // Some frames are missing.
             if n % 50 != 7 {
-                first.push((n, turns.is_kept(at(n), PERIOD_NS)));
+                first.push((n, decimator.is_kept(at(n), PERIOD_NS)));
             }
             if n >= 3 {
-                let is_kept = turns.is_kept(at(n - 3) + 200_000, PERIOD_NS);
+                let is_kept = decimator.is_kept(at(n - 3) + 200_000, PERIOD_NS);
                 let other = first.iter().rev().find(|(number, _)| *number == n - 3);
                 assert!(other.is_none_or(|(_, other)| *other == is_kept), "{n}");
                 kept += u32::from(is_kept);

@@ -1,4 +1,4 @@
-//! Ties the clocks of a camera and its IMU, fed from both of their threads.
+//! Clock relation of a camera and its IMU, fed from both of their threads.
 
 use session_archive::time::{HostTime, NS_PER_S};
 use zed::frame_sync::{self, Bounds};
@@ -6,32 +6,32 @@ use zed::report::Sample;
 
 use crate::sources::FrameSync;
 
-/// A tie is told so often.
-const TELL_NS: i64 = NS_PER_S;
+/// Interval between reported estimates, ns.
+const REPORT_INTERVAL_NS: i64 = NS_PER_S;
 
-/// Collects what both sides say.
+/// Collects samples and frames of both.
 #[derive(Debug)]
-pub(crate) struct Ties {
+pub(crate) struct FrameSyncTracker {
     sync: frame_sync::FrameSync,
-    told: HostTime,
+    reported: HostTime,
 }
 
-impl Default for Ties {
+impl Default for FrameSyncTracker {
     fn default() -> Self {
         Self {
             sync: frame_sync::FrameSync::new(Bounds::default()),
-            told: HostTime::MIN,
+            reported: HostTime::MIN,
         }
     }
 }
 
-impl Ties {
-    /// Takes a sample, whether it is marked or not.
+impl FrameSyncTracker {
+    /// Takes a sample, marked or not.
     pub(crate) fn imu(&mut self, sample: &Sample, arrival: HostTime) {
         self.sync.sample(sample, arrival.0);
     }
 
-    /// Takes a frame; once a second what ties the two, if that is known.
+    /// Takes a frame; returns the clock relation once a second, if it is known.
     pub(crate) fn frame(
         &mut self,
         sequence: u32,
@@ -39,11 +39,11 @@ impl Ties {
         arrival: HostTime,
     ) -> Option<FrameSync> {
         self.sync.frame(sequence, stamp.0);
-        if arrival.since(self.told) < TELL_NS {
+        if arrival.since(self.reported) < REPORT_INTERVAL_NS {
             return None;
         }
-        let tie = self.sync.estimate().ok()?;
-        self.told = arrival;
+        let tie = self.sync.tie().ok()?;
+        self.reported = arrival;
         Some(FrameSync {
             host_time: arrival,
             pairs: u32::try_from(tie.pairs).unwrap_or(u32::MAX),
@@ -56,7 +56,7 @@ impl Ties {
         })
     }
 
-    /// One of the devices begins anew.
+    /// Resets the estimate, because one of the devices restarts.
     pub(crate) fn restart(&mut self) {
         *self = Self::default();
     }

@@ -1,4 +1,4 @@
-//! Looking at the machine once a second: heat, power, disk, clock.
+//! Monitor of the machine, read once a second: heat, power, disk, clock.
 
 use std::path::PathBuf;
 
@@ -10,25 +10,25 @@ use machine::ladder::Pressure;
 use machine::thermal::{self, Thermometer};
 use session_archive::time::{HostTime, NS_PER_S};
 
-use crate::recorder::MachineLook;
+use crate::recorder::MachineReading;
 use crate::status::{BatteryStatus, ClockStatus, MachineStatus};
 
-/// Remembers what it saw, for what can only be told from two looks.
-pub(super) struct Looker {
+/// Monitor with the previous readings, for values that follow from two readings.
+pub(super) struct MachineMonitor {
     roots: Roots,
     folder: PathBuf,
     thermometer: Thermometer,
     disk: DiskWatch,
     clock: ClockWatch,
-    /// What keeps the clock right, and when that was looked up.
+    /// Discipline of the civil clock, and the time of that reading.
     source: (String, Option<HostTime>),
 }
 
-/// Who keeps the clock right is asked so often: it means going through all processes.
-const DISCIPLINE_NS: i64 = 30 * NS_PER_S;
+/// Interval between readings of the clock's discipline, ns: each goes through all processes.
+const DISCIPLINE_INTERVAL_NS: i64 = 30 * NS_PER_S;
 
-impl Looker {
-    /// Sessions go into `folder`, and never leave less than `reserve_bytes` free.
+impl MachineMonitor {
+    /// Sessions are written to `folder`, and at least `reserve_bytes` are left free.
     pub(super) fn new(folder: PathBuf, reserve_bytes: u64) -> Self {
         Self {
             roots: Roots::default(),
@@ -44,7 +44,7 @@ impl Looker {
         if self
             .source
             .1
-            .is_none_or(|at| now.since(at) >= DISCIPLINE_NS)
+            .is_none_or(|at| now.since(at) >= DISCIPLINE_INTERVAL_NS)
         {
             let programs = clock::discipline(&self.roots).programs;
             self.source = (programs.join(" "), Some(now));
@@ -52,19 +52,19 @@ impl Looker {
         self.source.0.clone()
     }
 
-    pub(super) fn look(&mut self, now: HostTime, recording: bool) -> MachineLook {
+    pub(super) fn read(&mut self, now: HostTime, recording: bool) -> MachineReading {
         let heat = self
             .thermometer
             .judge(&thermal::Readings::read(&self.roots));
         let readings = battery::Readings::read(&self.roots);
         let power = battery::judge(&readings, None);
         if !recording {
-            // What others write now says nothing about a recording that may begin.
+            // The present write rate of other programs is no estimate for a future recording.
             self.disk.begin_recording();
         }
-        let disk = self.disk.judge(now.0, &disk::read(&self.folder));
-        let looked = clock::read();
-        let (state, clock_events) = self.clock.judge(&looked);
+        let disk = self.disk.judge(now.0, &disk::look(&self.folder));
+        let clock_reading = clock::look();
+        let (state, clock_events) = self.clock.judge(&clock_reading);
         let step_ns = clock_events.iter().find_map(|event| match event {
             ClockEvent::Step { by_ns } => Some(*by_ns),
             _ => None,
@@ -77,7 +77,7 @@ impl Looker {
             throttled: heat.throttled,
             battery: battery_status(&power, &readings),
             clock: Some(ClockStatus {
-                civil: looked.realtime_ns,
+                civil: clock_reading.realtime_ns,
                 synchronised: state.synchronised == Some(true),
                 source,
                 offset_ns: kernel.map_or(0, |k| k.offset_ns),
@@ -93,7 +93,7 @@ impl Looker {
             encoder_fill: None,
         };
         let events = clock_events.iter().map(ToString::to_string).collect();
-        MachineLook {
+        MachineReading {
             status,
             pressure,
             events,

@@ -1,34 +1,35 @@
-//! What one stream is watched for: samples counted, numbers made its own, silence and absence noticed.
+//! Supervision of one stream: sample counts, unwrapped numbers, detection of silence and
+//! disconnects.
 
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, NS_PER_S};
 
 use super::{Out, Outgoing, StreamHealth, TICK_NS};
-use crate::sources::Gone;
+use crate::sources::Disconnected;
 use crate::sync::gaps::Renumber;
 
-/// A stream whose device is gone, or has been since its last sample.
+/// A stream whose device is disconnected, or was since its last sample.
 struct Absence {
     /// Arrival of the last sample.
     last: HostTime,
-    gone: Gone,
+    disconnect: Disconnected,
 }
 
-/// Notices silence; counts.
+/// Detects silence and counts samples.
 #[derive(Default)]
-pub(super) struct Watch {
+pub(super) struct StreamMonitor {
     absence: Option<Absence>,
     received: u64,
     received_before: u64,
-    /// Late or repeated samples since the last notice of them.
-    left_out: u64,
+    /// Late or repeated samples since the last notice about them.
+    rejected: u64,
     last: Option<HostTime>,
     period_ns: i64,
     limit_ns: i64,
     silent: bool,
 }
 
-impl Watch {
+impl StreamMonitor {
     pub(super) fn new(rate_hz: f64) -> Self {
         let period = if rate_hz > 0.0 {
             NS_PER_S as f64 / rate_hz
@@ -42,14 +43,14 @@ impl Watch {
         }
     }
 
-    pub(super) fn seen(&mut self, at: HostTime, name: &str, out: &Out) {
+    pub(super) fn sample_arrived(&mut self, at: HostTime, name: &str, out: &Out) {
         self.received += 1;
         self.last = Some(at);
         self.set_silent(false, at, name, out);
     }
 
-    /// The stream's number of the device's, or none if the sample came late or twice. A restarted
-    /// counter is worth a notice.
+    /// Maps the device's number to the stream's number; `None` if the sample is late or repeated. A
+    /// restarted counter produces a notice.
     pub(super) fn number(
         &mut self,
         numbers: &mut Renumber,
@@ -60,18 +61,18 @@ impl Watch {
     ) -> Option<u64> {
         if let (Some(absence), Some(newest)) = (self.absence.take(), numbers.newest()) {
             let number = numbers.resume(raw, self.missed(&absence, at));
-            let gone = absence.gone.host_time;
-            tell_gone(&absence, newest + 1, number, gone, name, out);
+            let disconnect = absence.disconnect.host_time;
+            report_disconnect(&absence, newest + 1, number, disconnect, name, out);
             return Some(number);
         }
         let numbered = numbers.number(raw);
         if numbered.late {
-            self.left_out += 1;
+            self.rejected += 1;
             return None;
         }
         if numbered.restarted {
             let text = format!(
-                "{name}: the device counts anew from {raw}, stored as {}; how many samples are \
+                "{name}: the device counter restarted at {raw}, stored as {}; the number of samples \
                  missing between cannot be known",
                 numbered.number
             );
@@ -84,44 +85,47 @@ impl Watch {
         Some(numbered.number)
     }
 
-    /// The device is gone; what it misses is told again and again until it is back.
-    pub(super) fn note_gone(&mut self, gone: &Gone) {
-        // One that is gone twice without a sample between is gone since the first time.
+    /// The device is disconnected. Missed samples are reported repeatedly until it reconnects.
+    pub(super) fn note_disconnect(&mut self, disconnect: &Disconnected) {
+        // After two disconnects without a sample between them, the first one counts.
         self.absence.get_or_insert(Absence {
-            last: self.last.unwrap_or(gone.host_time),
-            gone: gone.clone(),
+            last: self.last.unwrap_or(disconnect.host_time),
+            disconnect: disconnect.clone(),
         });
     }
 
-    /// How many samples would have come between the last one and `at`, by the nominal rate.
+    /// Number of samples expected between the last one and `at`, by the nominal rate.
     fn missed(&self, absence: &Absence, at: HostTime) -> u64 {
         let periods = at.since(absence.last) as f64 / (self.period_ns as f64).max(1.0);
         (periods.round() as u64).saturating_sub(1)
     }
 
-    /// Says what a device that is gone has missed so far: a recording that ends meanwhile has to know.
-    pub(super) fn tell_absent(&self, numbers: &Renumber, at: HostTime, name: &str, out: &Out) {
+    /// Reports the samples missed so far by a disconnected device: a recording that ends meanwhile
+    /// needs them.
+    pub(super) fn report_absent(&self, numbers: &Renumber, at: HostTime, name: &str, out: &Out) {
         if let (Some(absence), Some(newest)) = (&self.absence, numbers.newest()) {
-            // The one that is due now may still come.
+            // The sample that is due now may still arrive.
             let next = newest + 1 + self.missed(absence, at);
-            tell_gone(absence, newest + 1, next, at, name, out);
+            report_disconnect(absence, newest + 1, next, at, name, out);
         }
     }
 
-    /// Nothing comes any more: says what a device that is still gone has missed, for the last time.
+    /// At the end of all samples: reports, for the last time, the samples missed by a device that
+    /// is still disconnected.
     pub(super) fn end(&mut self, numbers: &Renumber, at: HostTime, name: &str, out: &Out) {
-        self.tell_left_out(at, name, out);
-        self.tell_absent(numbers, at, name, out);
+        self.report_rejected(at, name, out);
+        self.report_absent(numbers, at, name, out);
         self.absence = None;
     }
 
-    /// Says how many samples came late or twice: all at once, for a device may repeat every one.
-    pub(super) fn tell_left_out(&mut self, at: HostTime, name: &str, out: &Out) {
-        let count = std::mem::take(&mut self.left_out);
+    /// Reports the number of late or repeated samples in one notice, because a device may repeat
+    /// every sample.
+    pub(super) fn report_rejected(&mut self, at: HostTime, name: &str, out: &Out) {
+        let count = std::mem::take(&mut self.rejected);
         if count > 0 {
             out(Outgoing::Notice {
                 at,
-                text: format!("{name}: samples that came late or twice, left out: {count}"),
+                text: format!("{name}: late or repeated samples, rejected: {count}"),
                 stream: name.to_owned(),
             });
         }
@@ -129,12 +133,13 @@ impl Watch {
 
     pub(super) fn check(&mut self, name: &str, now: HostTime, out: &Out) {
         let last = *self.last.get_or_insert(now);
-        // The next look would be too late to say it, also if it comes a little late itself.
+        // The next check, which may itself be a little late, would be too late for the limit.
         let silent = now.since(last) + TICK_NS * 3 / 2 > self.limit_ns;
         self.set_silent(silent, now, name, out);
     }
 
-    /// It is known why nothing comes: silence is counted from the next [`Self::check`] on.
+    /// Suspends the detection: the reason for the silence is known. Silence counts from the next
+    /// [`Self::check`] on.
     pub(super) fn hold(&mut self) {
         if !self.silent {
             self.last = None;
@@ -154,12 +159,13 @@ impl Watch {
         }
     }
 
-    /// Whether so long without a new picture is too long; the next frame would be too late to say it.
+    /// Whether the time without a new image is too long; the next frame would be too late to report
+    /// it.
     pub(super) fn is_too_long(&self, span_ns: i64) -> bool {
         span_ns + self.period_ns > self.limit_ns
     }
 
-    /// Rates are counted from now on.
+    /// Starts the rate measurement.
     pub(super) fn begin_rates(&mut self) {
         self.received_before = self.received;
     }
@@ -177,8 +183,15 @@ impl Watch {
     }
 }
 
-/// Samples `first..next` were missed while the device was gone, as was seen at `at`.
-fn tell_gone(absence: &Absence, first: u64, next: u64, at: HostTime, name: &str, out: &Out) {
+/// Reports samples `first..next` as missed during the disconnect, noticed at `at`.
+fn report_disconnect(
+    absence: &Absence,
+    first: u64,
+    next: u64,
+    at: HostTime,
+    name: &str,
+    out: &Out,
+) {
     if next > first {
         out(Outgoing::Dropped {
             at,
@@ -186,7 +199,7 @@ fn tell_gone(absence: &Absence, first: u64, next: u64, at: HostTime, name: &str,
             first,
             last: next - 1,
             cause: Cause::Disconnected,
-            detail: absence.gone.detail.clone(),
+            detail: absence.disconnect.detail.clone(),
         });
     }
 }

@@ -1,15 +1,15 @@
-//! The two pictures of a frame, from PNG files to one I420 picture side by side.
+//! The two images of a frame, from PNG files to one I420 image side by side.
 //!
-//! Contract: samples are those of the file (grey unchanged with neutral chroma; colour through
-//! [`rgb_to_i420`]). I420 has even sizes only: an odd last column or row of an eye is repeated once.
-//! Every picture of a data set has one size.
+//! Contract: samples are those of the file (gray unchanged with neutral chroma; color through
+//! [`rgb_to_i420`]). I420 has even sizes only: an odd last column or row of an eye's image is
+//! repeated once. All images of a data set have the same size.
 
 use video::picture::{Picture, PictureError, PixelFormat, grey_to_i420, rgb_to_i420, side_by_side};
 
 use super::ReplayError;
 use crate::sources::datasets::{DecodedPng, Samples, StereoFrameRef, load_png, probe_png};
 
-/// Size of one eye's pictures in the files.
+/// Size of one eye's images in the files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct EyeSize {
     pub(super) width: u32,
@@ -32,7 +32,7 @@ impl EyeSize {
     }
 }
 
-/// The size of all pictures, and RGB if any of them is.
+/// The size of all images, and RGB if any of them has color.
 pub(super) fn probe(frames: &[StereoFrameRef]) -> Result<(EyeSize, Samples), ReplayError> {
     let first = probe_png(&frames[0].left)?;
     let mut samples = first.samples;
@@ -56,7 +56,7 @@ pub(super) fn probe(frames: &[StereoFrameRef]) -> Result<(EyeSize, Samples), Rep
     Ok((eye, samples))
 }
 
-/// Loads both pictures of a frame.
+/// Loads both images of a frame.
 pub(super) fn load(frame: &StereoFrameRef, eye: EyeSize) -> Result<Picture, ReplayError> {
     let convert = |path: &std::path::Path| {
         let png = load_png(path)?;
@@ -94,7 +94,7 @@ pub(in crate::sources) fn i420(png: DecodedPng) -> Result<Picture, PictureError>
     }
 }
 
-/// Repeats the last column and row where there is an odd number of them.
+/// Repeats an odd last column and row.
 fn pad(png: DecodedPng) -> DecodedPng {
     if png.width.is_multiple_of(2) && png.height.is_multiple_of(2) {
         return png;

@@ -1,44 +1,46 @@
-//! What is given up, step by step, when frames come faster than the encoders take them.
+//! Load shedding: degradation steps taken when frames arrive faster than they are encoded.
 //!
-//! Contract: [`Relief::look`] is pure but for what it remembers. It is handed the fill of the fullest queue in front
-//! of an encoder several times a second. *When the queue grows* by [`GROWTH`] since the last step, or is fuller than
-//! [`FULL`], one more thing is given up, at most one in [`SETTLE_NS`]: each step needs the next key frame to take
-//! effect. *When the queue stays empty* for a while, the last thing is taken back; each time that this turns out too
-//! early the next attempt waits twice as long. Frames are only lost when everything is given up and it is not enough.
+//! Contract: [`LoadShedder::update`] is deterministic and depends on its own state only. It takes
+//! the fill of the fullest queue before an encoder, several times a second. *When the queue grows*
+//! by [`GROWTH_THRESHOLD`] since the last step, or is fuller than [`FULL_THRESHOLD`], one more step
+//! is taken, at most one per [`MIN_STEP_INTERVAL_NS`]: each step takes effect at the next key
+//! frame. *When the queue remains empty* for a while, the last step is undone; each time that this
+//! turns out to be too early, the next attempt waits twice as long. Frames are lost only if all
+//! steps are taken and that is not enough.
 //!
-//! The order is from what nobody sees to what reconstruction misses: x264's preset (larger files), the quality (coarser
-//! images), every other frame of the least important camera (the last one of the configuration), every other frame
-//! of all cameras.
+//! The order is from least to most harmful for reconstruction: x264's preset (larger files), the
+//! quality (coarser images), every other frame of the least important camera (the last one of the
+//! configuration), every other frame of all cameras.
 
 use session_archive::time::{HostTime, NS_PER_S};
 
-/// By how much of its capacity the queue has grown when the next step is taken.
-const GROWTH: f64 = 0.1;
-/// A queue that is fuller than this asks for the next step whether it grows or not.
-const FULL: f64 = 0.75;
-/// A queue with less than this in it is empty.
-const EMPTY: f64 = 0.02;
-/// The least time between two steps down.
-const SETTLE_NS: i64 = NS_PER_S;
-/// How long the queue is empty before a step is taken back, at first and at most.
-const PATIENCE_NS: i64 = 10 * NS_PER_S;
-const MAX_PATIENCE_NS: i64 = 16 * PATIENCE_NS;
+/// Growth of the queue that triggers the next step, as a fraction of its capacity.
+const GROWTH_THRESHOLD: f64 = 0.1;
+/// Fill above which the next step is taken whether the queue grows or not.
+const FULL_THRESHOLD: f64 = 0.75;
+/// Fill below which the queue counts as empty.
+const EMPTY_THRESHOLD: f64 = 0.02;
+/// Minimum time between two steps, ns.
+const MIN_STEP_INTERVAL_NS: i64 = NS_PER_S;
+/// Time for which the queue must be empty before a step is undone, ns: initial value and maximum.
+const RECOVERY_DELAY_NS: i64 = 10 * NS_PER_S;
+const MAX_RECOVERY_DELAY_NS: i64 = 16 * RECOVERY_DELAY_NS;
 
-/// One thing to give up.
+/// One degradation step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Step {
-    /// x264 works less hard: larger files of the same quality.
+    /// Faster x264 preset: larger files of the same quality.
     Preset,
     /// Fewer bits, coarser images.
     Quality,
-    /// Every other frame of the least important camera is left out.
+    /// Every other frame of the least important camera is dropped.
     OneRate,
-    /// Every other frame of every camera is left out.
+    /// Every other frame of every camera is dropped.
     AllRates,
 }
 
 impl Step {
-    /// What is done, for people.
+    /// Description of the step, for people.
     pub(super) fn text(self) -> &'static str {
         match self {
             Self::Preset => "faster preset",
@@ -49,24 +51,24 @@ impl Step {
     }
 }
 
-/// See the module.
+/// State of the load shedding. See the module.
 #[derive(Debug)]
-pub(super) struct Relief {
-    /// All that can be given up, in order.
+pub(super) struct LoadShedder {
+    /// All available steps, in order.
     steps: Vec<Step>,
-    /// How many of them are given up.
+    /// Number of steps taken.
     taken: usize,
     changed: HostTime,
-    /// The least fill since the last step.
+    /// Minimum fill since the last step.
     lowest: f64,
     empty_since: Option<HostTime>,
-    patience_ns: i64,
-    /// When a step was last taken back.
-    eased: Option<HostTime>,
+    recovery_delay_ns: i64,
+    /// Time at which a step was last undone.
+    last_undone: Option<HostTime>,
 }
 
-impl Relief {
-    /// Nothing is given up yet. `has_preset`: the encoders run at a preset that can be made faster.
+impl LoadShedder {
+    /// No step is taken. `has_preset`: the encoders run at a preset that can be made faster.
     pub(super) fn new(has_preset: bool, cameras: usize) -> Self {
         let mut steps = vec![Step::Quality, Step::AllRates];
         if has_preset {
@@ -81,53 +83,54 @@ impl Relief {
             changed: HostTime::MIN,
             lowest: 0.0,
             empty_since: None,
-            patience_ns: PATIENCE_NS,
-            eased: None,
+            recovery_delay_ns: RECOVERY_DELAY_NS,
+            last_undone: None,
         }
     }
 
-    /// Whether this is given up now.
+    /// Whether this step is taken.
     pub(super) fn has(&self, step: Step) -> bool {
         self.steps[..self.taken].contains(&step)
     }
 
-    /// The last thing that was given up.
+    /// The last step taken.
     pub(super) fn last(&self) -> Option<Step> {
         self.taken.checked_sub(1).map(|last| self.steps[last])
     }
 
-    /// How full the fullest queue is, 0 to 1. Whether something changed.
-    pub(super) fn look(&mut self, now: HostTime, fill: f64) -> bool {
+    /// Updates the state with the fill of the fullest queue, 0 to 1. Returns whether a step was
+    /// taken or undone.
+    pub(super) fn update(&mut self, now: HostTime, fill: f64) -> bool {
         self.lowest = self.lowest.min(fill);
-        let settled = now.since(self.changed) >= SETTLE_NS;
+        let settled = now.since(self.changed) >= MIN_STEP_INTERVAL_NS;
         if settled
-            && (fill >= FULL || fill - self.lowest >= GROWTH)
+            && (fill >= FULL_THRESHOLD || fill - self.lowest >= GROWTH_THRESHOLD)
             && self.taken < self.steps.len()
         {
             if self
-                .eased
-                .is_some_and(|at| now.since(at) < self.patience_ns)
+                .last_undone
+                .is_some_and(|at| now.since(at) < self.recovery_delay_ns)
             {
-                self.patience_ns = (2 * self.patience_ns).min(MAX_PATIENCE_NS);
+                self.recovery_delay_ns = (2 * self.recovery_delay_ns).min(MAX_RECOVERY_DELAY_NS);
             }
             self.taken += 1;
             self.change(now, fill);
             return true;
         }
-        if fill > EMPTY {
+        if fill > EMPTY_THRESHOLD {
             self.empty_since = None;
             return false;
         }
         let since = *self.empty_since.get_or_insert(now);
-        if now.since(since) < self.patience_ns {
+        if now.since(since) < self.recovery_delay_ns {
             return false;
         }
         if self.taken == 0 {
-            self.patience_ns = PATIENCE_NS;
+            self.recovery_delay_ns = RECOVERY_DELAY_NS;
             return false;
         }
         self.taken -= 1;
-        self.eased = Some(now);
+        self.last_undone = Some(now);
         self.change(now, fill);
         true
     }
@@ -145,9 +148,9 @@ mod tests {
 
     const TICK: i64 = NS_PER_S / 10;
 
-    /// Encoders that take `speed(step)` of what comes, with a queue of `depth_s`.
+    /// Encoders that process a fraction `speed(step)` of the frames, with a queue of `depth_s`.
     struct Machine {
-        relief: Relief,
+        load_shedder: LoadShedder,
         now: HostTime,
         queued_s: f64,
         depth_s: f64,
@@ -158,7 +161,7 @@ mod tests {
     impl Machine {
         fn new(depth_s: f64) -> Self {
             Self {
-                relief: Relief::new(true, 3),
+                load_shedder: LoadShedder::new(true, 3),
                 now: HostTime(0),
                 queued_s: 0.0,
                 depth_s,
@@ -167,11 +170,12 @@ mod tests {
             }
         }
 
-        /// `seconds` in which the encoders do `speed` times what the cameras deliver, before any relief.
+        /// Runs for `seconds`; without load shedding the encoders process `speed` times the frames
+        /// of the cameras.
         fn run(&mut self, seconds: f64, speed: f64) {
             for _ in 0..(seconds * 10.0) as usize {
                 self.now = self.now + TICK;
-                let gain = match self.relief.last() {
+                let gain = match self.load_shedder.last() {
                     None => 1.0,
                     Some(Step::Preset) => 2.5,
                     Some(Step::Quality) => 3.0,
@@ -181,16 +185,19 @@ mod tests {
                 self.queued_s = (self.queued_s + 0.1 * (1.0 - speed * gain)).max(0.0);
                 self.lost_s += (self.queued_s - self.depth_s).max(0.0);
                 self.queued_s = self.queued_s.min(self.depth_s);
-                if self.relief.look(self.now, self.queued_s / self.depth_s) {
+                if self
+                    .load_shedder
+                    .update(self.now, self.queued_s / self.depth_s)
+                {
                     let at = self.now.0 as f64 / NS_PER_S as f64;
-                    self.changes.push((at, self.relief.last()));
+                    self.changes.push((at, self.load_shedder.last()));
                 }
             }
         }
     }
 
     #[test]
-    fn no_more_is_given_up_than_is_needed_and_nothing_is_lost() {
+    fn minimal_steps_are_taken_and_no_frame_is_lost() {
         for (speed, expected) in [
             (1.1, None),
             (0.6, Some(Step::Preset)),
@@ -200,24 +207,24 @@ mod tests {
         ] {
             let mut machine = Machine::new(5.0);
             machine.run(8.0, speed);
-            assert_eq!(machine.relief.last(), expected, "at {speed}");
+            assert_eq!(machine.load_shedder.last(), expected, "at {speed}");
             assert_eq!(machine.lost_s, 0.0, "at {speed}: {:?}", machine.changes);
         }
     }
 
     #[test]
-    fn when_the_load_is_over_everything_comes_back() {
+    fn all_steps_are_undone_when_the_load_ends() {
         let mut machine = Machine::new(5.0);
         machine.run(10.0, 0.2);
-        assert_eq!(machine.relief.last(), Some(Step::AllRates));
+        assert_eq!(machine.load_shedder.last(), Some(Step::AllRates));
         machine.run(60.0, 2.0);
-        assert_eq!(machine.relief.last(), None, "{:?}", machine.changes);
+        assert_eq!(machine.load_shedder.last(), None, "{:?}", machine.changes);
         assert_eq!(machine.lost_s, 0.0);
     }
 
-    /// A load that lasts: what is taken back has to be given up again, ever more rarely.
+    /// Under a lasting load, an undone step has to be taken again, with growing intervals.
     #[test]
-    fn a_lasting_load_does_not_make_it_flap() {
+    fn lasting_load_does_not_flap() {
         let mut machine = Machine::new(5.0);
         machine.run(600.0, 0.6);
         let changes = machine.changes.len();
@@ -230,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hiccup_changes_nothing() {
+    fn short_stall_changes_nothing() {
         let mut machine = Machine::new(5.0);
         machine.run(10.0, 2.0);
         machine.run(0.4, 0.0);
@@ -239,9 +246,12 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_given_up_is_left_out() {
-        assert_eq!(Relief::new(false, 1).steps, [Step::Quality, Step::AllRates]);
-        let all = Relief::new(true, 2).steps;
+    fn unavailable_steps_are_omitted() {
+        assert_eq!(
+            LoadShedder::new(false, 1).steps,
+            [Step::Quality, Step::AllRates]
+        );
+        let all = LoadShedder::new(true, 2).steps;
         assert!(all.is_sorted() && all.len() == 4);
     }
 }
