@@ -21,6 +21,7 @@ mod process;
 mod schemas;
 mod setup;
 mod test;
+mod tidy;
 mod vm;
 
 use std::process::ExitCode;
