@@ -3,8 +3,12 @@
 
 mod charts;
 mod comments;
+mod dependencies;
 mod files;
+mod layers;
+mod manifest;
 mod patterns;
+mod place;
 mod prose;
 mod source;
 mod strings;
