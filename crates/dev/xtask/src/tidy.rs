@@ -2,14 +2,18 @@
 #![allow(dead_code, reason = "the verb that uses these parts follows")]
 
 mod charts;
+mod circles;
 mod comments;
 mod dependencies;
 mod files;
 mod layers;
 mod manifest;
+mod modules;
+mod outline;
 mod patterns;
 mod place;
 mod prose;
 mod source;
 mod strings;
 mod test_code;
+mod uses;
