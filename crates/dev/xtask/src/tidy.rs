@@ -13,6 +13,7 @@ mod outline;
 mod patterns;
 mod place;
 mod prose;
+mod size;
 mod source;
 mod strings;
 mod test_code;
