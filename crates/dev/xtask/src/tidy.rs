@@ -73,6 +73,16 @@ pub(crate) fn run(mode: Mode) -> Result<()> {
     }
 }
 
+/// The check as a step of `cargo xtask test`; what its table says beside it.
+pub(crate) fn check() -> Result<String> {
+    let root = root()?;
+    let survey = survey(&root)?;
+    print(&report::overview(&survey))?;
+    let outcome = compare(&root, &measures::measures(&survey), false)?;
+    print(&outcome.details)?;
+    outcome.conclusion
+}
+
 /// How the counts compare with the file.
 struct Outcome {
     /// What differs, line by line.
