@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use bytes::Bytes;
-use machine::ladder::Measures;
+use machine::ladder::Mitigations;
 use session_archive::record::paws::gap::Cause;
 use session_archive::record::{ClockMap as ClockMapRecord, Frame, ImuBatch};
 use session_archive::time::{HostTime, NS_PER_S};
@@ -213,7 +213,7 @@ pub struct Hub {
     waits: bool,
     health_at: Option<HostTime>,
     previews: Option<Arc<Previews>>,
-    mitigations: Measures,
+    mitigations: Mitigations,
     load_shedder: LoadShedder,
     /// Text of the active alarm about encoders that are too slow.
     load_shedding_alarm: Option<String>,
@@ -346,7 +346,7 @@ impl Hub {
             waits,
             health_at: None,
             previews: None,
-            mitigations: Measures::default(),
+            mitigations: Mitigations::default(),
             load_shedder,
             load_shedding_alarm: None,
             inbox_fill: 0.0,
@@ -361,7 +361,7 @@ impl Hub {
     }
 
     /// Applies these measures against overload of the machine from now on.
-    pub fn set_mitigations(&mut self, mitigations: Measures) {
+    pub fn set_mitigations(&mut self, mitigations: Mitigations) {
         if mitigations != self.mitigations {
             self.mitigations = mitigations;
             self.ease();

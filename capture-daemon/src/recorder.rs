@@ -24,7 +24,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use machine::ladder::{Cause, Change, Ladder, Measures, Pressure, Step};
+use machine::ladder::{Cause, Change, Ladder, Mitigations, Pressure, Step};
 use session_archive::manifest::{Camera, Imu, Stop};
 use session_archive::record::paws::event::Kind;
 use session_archive::record::paws::health::Stream as StreamRecord;
@@ -150,7 +150,7 @@ impl Setup {
                     .all(|is| *is)
             })
             .collect();
-        calib::mend::without_lenses(&without).into_iter().collect()
+        calib::remedy::missing_intrinsics(&without).into_iter().collect()
     }
 }
 
@@ -324,7 +324,7 @@ impl Recorder {
                 self.setup.reserve_bytes >> 20
             ));
         }
-        if self.ladder.measures().stop {
+        if self.ladder.mitigations().stop {
             let reasons = self.ladder.reasons().into_iter();
             let reasons: Vec<String> = reasons
                 .filter(|(_, step, _)| *step == Step::StopCleanly)
@@ -854,9 +854,9 @@ impl Recorder {
             log::warn!("{text}");
             self.event(Kind::Warning, at, "clock", &text);
         }
-        let changes = self.ladder.look(at.0, &reading.pressure);
+        let changes = self.ladder.reading(at.0, &reading.pressure);
         self.report_changes(at, changes);
-        if self.ladder.measures().stop && self.session.is_some() {
+        if self.ladder.mitigations().stop && self.session.is_some() {
             let _ = self.stop("the machine cannot go on");
         }
     }
@@ -878,8 +878,8 @@ impl Recorder {
     }
 
     /// Measures against overload of the machine that are in force.
-    pub fn mitigations(&self) -> Measures {
-        self.ladder.measures()
+    pub fn mitigations(&self) -> Mitigations {
+        self.ladder.mitigations()
     }
 
     /// Warns when free space runs low or is too little to begin; stops cleanly when it has run out.

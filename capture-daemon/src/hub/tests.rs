@@ -408,9 +408,9 @@ fn frame_rate_mitigation_drops_every_other_frame() {
     let mut bench = bench();
     let at = |i: i64| START + i * 50 * MS;
     for i in 0..10 {
-        bench.hub.set_mitigations(Measures {
+        bench.hub.set_mitigations(Mitigations {
             lower_frame_rate: i >= 4,
-            ..Measures::default()
+            ..Mitigations::default()
         });
         bench.frame(i as u64, at(i));
     }

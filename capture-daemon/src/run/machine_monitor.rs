@@ -62,7 +62,7 @@ impl MachineMonitor {
             // The present write rate of other programs is no estimate for a future recording.
             self.disk.begin_recording();
         }
-        let disk = self.disk.judge(now.0, &disk::look(&self.folder));
+        let disk = self.disk.judge(now.0, &disk::reading(&self.folder));
         let clock_reading = clock::look();
         let (state, clock_events) = self.clock.judge(&clock_reading);
         let step_ns = clock_events.iter().find_map(|event| match event {

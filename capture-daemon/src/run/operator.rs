@@ -10,8 +10,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
 use operator::button::DevPort;
-use operator::gesture::{Settings, Target, Wish, Wished};
-use operator::listener::{Heard, Listener};
+use operator::gesture::{Settings, Target, Command, TimedCommand};
+use operator::listener::{ButtonEvent, Listener};
 use operator::panel::Panel;
 use operator::signal::{Once, Phase, Status as Shown, Warning};
 use operator::{Clock, beeper, light};
@@ -98,16 +98,16 @@ impl Operator {
 }
 
 impl OperatorActions {
-    fn handle(&self, button: &str, event: Heard) {
+    fn handle(&self, button: &str, event: ButtonEvent) {
         match event {
-            Heard::Wished(command) => self.execute(command),
-            Heard::Gone(error) => {
+            ButtonEvent::Command(command) => self.execute(command),
+            ButtonEvent::Disconnected(error) => {
                 log::warn!(
                     "the button {button} is disconnected: {}",
                     with_causes(&error)
                 );
             }
-            Heard::Back(device) => log::info!("the button {button} is {device}"),
+            ButtonEvent::Reconnected(device) => log::info!("the button {button} is {device}"),
         }
         self.show();
     }
@@ -115,27 +115,27 @@ impl OperatorActions {
     fn execute(&self, command: Wished) {
         let at = HostTime(command.at_ns);
         self.question
-            .store(matches!(command.wish, Wish::Ask(_)), Ordering::SeqCst);
+            .store(matches!(command.wish, Command::Ask(_)), Ordering::SeqCst);
         let (request, done) = match command.wish {
             // The start is shown by the state.
-            Wish::Start => (
+            Command::Start => (
                 Request::Start {
                     name: String::new(),
                 },
                 None,
             ),
-            Wish::Stop => (Request::Stop, None),
-            Wish::Mark => (
+            Command::Stop => (Request::Stop, None),
+            Command::Mark => (
                 Request::Mark {
                     text: String::new(),
                     at: Some(at),
                 },
                 Some(Once::Marked),
             ),
-            Wish::Discard(Target::This) => (Request::Discard, Some(Once::Discarded)),
-            Wish::Discard(Target::Last) => (Request::DiscardLast, Some(Once::Discarded)),
-            Wish::Ask(_) | Wish::Cancelled | Wish::Freed => return,
-            Wish::Stuck => return log::warn!("the button is held down, or stuck"),
+            Command::Discard(Target::This) => (Request::Discard, Some(Once::Discarded)),
+            Command::Discard(Target::Last) => (Request::DiscardLast, Some(Once::Discarded)),
+            Command::Ask(_) | Command::Cancelled | Command::Freed => return,
+            Command::Stuck => return log::warn!("the button is held down, or stuck"),
         };
         match send_request(&self.shared, request, SOURCE) {
             Response::Ok { .. } => {

@@ -17,7 +17,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow, bail};
-use machine::ladder::Measures;
+use machine::ladder::Mitigations;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, NS_PER_S};
 
@@ -111,7 +111,7 @@ pub(super) struct Shared {
     /// Whether frames are kept before a session begins.
     has_pre_roll: bool,
     /// Measures against overload of the machine that are in force.
-    mitigations: Mutex<Measures>,
+    mitigations: Mutex<Mitigations>,
     /// Newest image of each camera.
     previews: Arc<Previews>,
     outcome: Outcome,

@@ -20,7 +20,7 @@ use std::thread;
 use anyhow::{Context, Result, anyhow, ensure};
 use cad_transforms::{Frame, FramePart, RigidTransform};
 use calib::camera_imu::simulate::ZED_NOISE;
-use calib::camera_imu::{CameraImu, Cameras, ImuSample, Recording, Told, Verdict, estimate};
+use calib::camera_imu::{CameraImu, Cameras, ImuSample, Recording, Priors, Verdict, estimate};
 use calib::kalibr::read_imu;
 use calib::set::{CameraSet, NamedCamera, SetImu};
 use calib::write::contents;
@@ -220,7 +220,7 @@ pub fn run(
                 measured.board = seen.board;
                 let recording = Recording {
                     cameras,
-                    pictures: seen.pictures,
+                    observations: seen.pictures,
                     imu: inertial(imu),
                     noise,
                     range: imu.count.map(|c| c.map_or(f64::INFINITY, |c| c * 32_767.0)),

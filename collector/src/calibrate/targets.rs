@@ -90,8 +90,8 @@ pub fn run(options: &Options, console: &mut Console<'_>) -> Result<Outcome> {
     let (target, paper) = match &options.from {
         Some(file) => {
             let target = Target::read(file)?;
-            let turned = !paper.fits(&target) && paper.turned().fits(&target);
-            (target, if turned { paper.turned() } else { paper })
+            let turned = !paper.fits(&target) && paper.rotated().fits(&target);
+            (target, if turned { paper.rotated() } else { paper })
         }
         None => choose(options, paper)?,
     };
@@ -128,13 +128,13 @@ pub fn run(options: &Options, console: &mut Console<'_>) -> Result<Outcome> {
 fn choose(options: &Options, paper: Paper) -> Result<(Target, Paper)> {
     if let Some(size) = options.size_mm {
         let target = board(options, size)?;
-        let turned = !paper.fits(&target) && paper.turned().fits(&target);
-        return Ok((target, if turned { paper.turned() } else { paper }));
+        let turned = !paper.fits(&target) && paper.rotated().fits(&target);
+        return Ok((target, if turned { paper.rotated() } else { paper }));
     }
     let longest = paper.width_mm.max(paper.height_mm) as u32;
     for size in (5..=longest).rev() {
         let target = board(options, f64::from(size))?;
-        if let Some(paper) = [paper, paper.turned()]
+        if let Some(paper) = [paper, paper.rotated()]
             .into_iter()
             .find(|p| p.fits(&target))
         {

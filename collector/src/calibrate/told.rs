@@ -10,7 +10,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use cad_transforms::{Covariance, Frame, FramePart, Rig, RigidTransform};
 use calib::CameraModel;
-use calib::cameras::Told;
+use calib::cameras::ExtrinsicsPrior;
 use nalgebra::Matrix6;
 use session_archive::reader::{Entry, SessionReader};
 use session_archive::record::{CameraCalibration, FrameTransforms, Record};

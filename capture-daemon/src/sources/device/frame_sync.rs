@@ -42,7 +42,7 @@ impl FrameSyncTracker {
         if arrival.since(self.reported) < REPORT_INTERVAL_NS {
             return None;
         }
-        let tie = self.sync.tie().ok()?;
+        let tie = self.sync.estimate().ok()?;
         self.reported = arrival;
         Some(FrameSync {
             host_time: arrival,

@@ -82,6 +82,6 @@ fn result(found: &CameraImu) -> Json {
             "verdict": g.verdict.to_string(),
             "text": g.text,
         })).collect::<Vec<Json>>(),
-        "pictures": { "given": found.pictures[0], "posed": found.pictures[1], "left_out": found.pictures[2] },
+        "pictures": { "given": found.views[0], "posed": found.views[1], "left_out": found.views[2] },
     })
 }

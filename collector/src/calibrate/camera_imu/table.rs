@@ -125,7 +125,7 @@ pub(super) fn print(measured: &Measured, console: &mut Console<'_>) -> Result<()
             return Ok(());
         }
     };
-    let [given, used, doubtful] = found.pictures;
+    let [given, used, doubtful] = found.views;
     console.line(format!(
         "{}: {}, {used} of {given} pictures with a pose, {doubtful} of them left out",
         measured.camera,

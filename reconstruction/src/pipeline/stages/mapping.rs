@@ -77,7 +77,7 @@ impl Stage<Input> for MappingStage {
             mapping.add_keyframe(before::read(keyframe));
         }
         let adjusted = mapping.solve(|progress| match progress {
-            Progress::Adjusted { rounds, most } => work.progress(rounds as u64, most as u64),
+            Progress::Linearized { iterations, max_iterations } => work.progress(rounds as u64, max_iterations as u64),
             Progress::SearchingLoops { done, all } => work.progress(done as u64, all as u64),
         });
         work.note(format!(

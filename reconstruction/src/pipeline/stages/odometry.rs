@@ -36,7 +36,7 @@ pub(super) fn told(settings: &Config) -> Value {
     json!({
         "corners": settings.max_features,
         "frames": settings.window_size,
-        "rounds": settings.rounds,
+        "rounds": settings.max_iterations,
         "every": settings.optimize_every_frame,
         "parallax_px": settings.keyframe_parallax_px,
         "sigma_px": settings.observation_sigma_px,
@@ -120,7 +120,7 @@ impl Stage<Input> for OdometryStage {
             work.lose(format!(
                 "camera {} seems to have been turned by {:.1} degrees on its plate at {} ns",
                 model.cameras[shift.camera].name,
-                shift.turned.to_degrees(),
+                shift.rotation_rad.to_degrees(),
                 shift.time_ns
             ));
         }
@@ -172,12 +172,12 @@ fn written(keyframe: &::odometry::Keyframe) -> TrackedKeyframe {
                 right_px: s.right,
             })
             .collect(),
-        marks: (keyframe.marks.iter())
+        marks: (keyframe.keypoints.iter())
             .map(|m| MarkedCorner {
                 camera: m.camera,
                 left_px: m.left,
                 inverse_range: m.rho,
-                looks: m.looks,
+                looks: m.descriptor,
             })
             .collect(),
     }
@@ -206,7 +206,7 @@ pub(super) fn read(keyframe: TrackedKeyframe) -> ::odometry::Keyframe {
                 right: s.right_px,
             })
             .collect(),
-        marks: (keyframe.marks.iter())
+        keypoints: (keyframe.marks.iter())
             .map(|m| ::odometry::keyframe::Keypoint {
                 camera: m.camera,
                 left: m.left_px,
