@@ -17,7 +17,7 @@ pub(crate) mod report;
 pub(crate) mod run;
 
 /// Losses that are shown one by one.
-const SHOWN: usize = 20;
+const MAX_SHOWN_LOSSES: usize = 20;
 
 pub(crate) fn print_info(handoff: &Path) -> Result<ExitCode> {
     print(crate::info::text(&open(handoff)?).trim_end())?;
@@ -101,10 +101,10 @@ fn progress_bar(length: u64, template: &str) -> Result<ProgressBar> {
 }
 
 fn print_losses(losses: &[impl Display]) {
-    for lost in losses.iter().take(SHOWN) {
+    for lost in losses.iter().take(MAX_SHOWN_LOSSES) {
         complain!("lost: {lost}");
     }
-    if losses.len() > SHOWN {
-        complain!("lost: {} more", losses.len() - SHOWN);
+    if losses.len() > MAX_SHOWN_LOSSES {
+        complain!("lost: {} more", losses.len() - MAX_SHOWN_LOSSES);
     }
 }

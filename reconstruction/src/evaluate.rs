@@ -44,7 +44,7 @@ pub struct Settings {
     /// How far apart in time an estimated and a true pose may be that are compared, ns.
     pub tolerance_ns: i64,
     /// The longest time from one pose to the next that still counts as covered, ns.
-    pub longest_step_ns: i64,
+    pub max_step_ns: i64,
     /// Over what distances or times drift is measured.
     pub deltas: Vec<Delta>,
     /// Whether drift is measured from every pose on, and not only from where the stretch before ended.
@@ -58,8 +58,8 @@ impl Default for Settings {
         Self {
             alignment: Alignment::Se3,
             tolerance_ns: 10_000_000,
-            longest_step_ns: 250_000_000,
-            deltas: vec![Delta::Metres(10.0), Delta::Seconds(5.0)],
+            max_step_ns: 250_000_000,
+            deltas: vec![Delta::Meters(10.0), Delta::Seconds(5.0)],
             overlapping: true,
         }
     }
@@ -130,11 +130,11 @@ pub fn evaluate(estimate: &Trajectory, truth: &Trajectory, settings: &Settings) 
     });
     let absolute = aligned.as_deref().and_then(|aligned| {
         let errors = || aligned.iter().map(|p| p.truth.inverse() * p.estimated);
-        let turn_is_known = true_from_estimated.is_some_and(|s| s.turn_is_known);
+        let rotation_is_known = true_from_estimated.is_some_and(|s| s.rotation_is_known);
         let rotation = || Statistics::of(errors().map(|e| e.angle_rad()).collect());
         Some(Absolute {
             translation_m: Statistics::of(errors().map(|e| e.distance_m()).collect())?,
-            rotation_rad: turn_is_known.then(rotation).flatten(),
+            rotation_rad: rotation_is_known.then(rotation).flatten(),
         })
     });
     let deltas = settings.deltas.iter();
@@ -149,14 +149,14 @@ pub fn evaluate(estimate: &Trajectory, truth: &Trajectory, settings: &Settings) 
         true_from_estimated,
         absolute,
         relative: deltas.map(relative).collect(),
-        completion: completion::completion(estimate, truth, settings.longest_step_ns),
+        completion: completion::completion(estimate, truth, settings.max_step_ns),
         consistency: consistency::consistency(estimate, truth, settings.tolerance_ns),
     }
 }
 
 /// The poses of the truth from the first to the last row of a trajectory that has one for every frame set, also where the rig was
 /// lost. A simulated walk goes on after the recording has stopped.
-pub fn while_recorded(truth: &Trajectory, trajectory: &Trajectory) -> Trajectory {
+pub fn clip_to_recording(truth: &Trajectory, trajectory: &Trajectory) -> Trajectory {
     let (Some(first), Some(last)) = (trajectory.poses().first(), trajectory.poses().last()) else {
         return truth.clone();
     };
@@ -174,7 +174,7 @@ impl Counts {
             *match pose.status {
                 Status::Tracked => &mut counts.tracked,
                 Status::DeadReckoned => &mut counts.dead_reckoned,
-                Status::Relocalised => &mut counts.relocalised,
+                Status::Relocalized => &mut counts.relocalised,
                 Status::Lost => &mut counts.lost,
             } += 1;
         }

@@ -26,17 +26,17 @@ use session_archive::time::HostTime;
 
 mod camera;
 mod error;
-mod greys;
 mod imu;
 mod judgement;
+mod luma_frame_sets;
 mod open;
 mod sequence;
 mod state;
 
 pub use camera::View;
 pub use error::{FrameFault, ImuFault, InputError, ReadError};
-pub use greys::{GreySet, GreySets};
 pub use imu::ImuSample;
+pub use luma_frame_sets::{LumaFrameSet, LumaFrameSets};
 pub use sequence::{Frames, Sets};
 pub use session_archive::handoff::Check;
 
@@ -171,8 +171,11 @@ impl Input {
     ///
     /// # Errors
     /// [`ReadError::Thread`].
-    pub fn grey_sets(&self, times: impl RangeBounds<HostTime>) -> Result<GreySets, ReadError> {
-        GreySets::start(self.shared.clone(), self.positions_of(times))
+    pub fn luma_frame_sets(
+        &self,
+        times: impl RangeBounds<HostTime>,
+    ) -> Result<LumaFrameSets, ReadError> {
+        LumaFrameSets::start(self.shared.clone(), self.positions_of(times))
     }
 
     /// The frame set with this number.
@@ -237,14 +240,14 @@ impl Input {
     ///
     /// # Errors
     /// [`ReadError::NoSuch`], [`ReadError::Thread`].
-    pub fn grey_frames_where(
+    pub fn luma_frames_where(
         &self,
         camera: &str,
         mut keep: impl FnMut(usize) -> bool,
     ) -> Result<Frames, ReadError> {
         let camera = self.camera(camera)?;
         let positions = self.positions_where(camera, &mut keep);
-        Frames::start_grey(self.shared.clone(), camera, positions)
+        Frames::start_luma(self.shared.clone(), camera, positions)
     }
 
     fn positions_where(&self, camera: usize, keep: &mut dyn FnMut(usize) -> bool) -> Arc<[usize]> {

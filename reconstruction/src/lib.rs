@@ -24,13 +24,13 @@
 //!
 //! It knows the hand-off and nothing of the catalogue, of devices, or of how a session came about.
 
+pub mod camera_images;
 pub mod evaluate;
 pub mod export;
+pub mod image;
 pub mod input;
-pub mod picture;
 pub mod pipeline;
 pub mod report;
-pub mod seen;
 
+pub use image::Image;
 pub use input::{FrameSet, ImuSample, Input, InputError, ReadError, View};
-pub use picture::Picture;

@@ -18,16 +18,16 @@ use std::time::Duration;
 use scene_bundle::{Bundle, BundleError, Scene};
 use serde_json::Value;
 
-mod keep;
-pub mod made;
+pub mod observer;
 mod report;
+pub mod stage_timings;
 pub mod stages;
 mod table;
-pub mod watch;
+mod up_to_date;
 mod work;
 
+pub use self::observer::{Observer, Outcome, State};
 pub use self::report::Report;
-pub use self::watch::{Outcome, State, Watch};
 pub use self::work::Work;
 
 /// What a stage may fail with.
@@ -172,7 +172,7 @@ impl<S: ?Sized> Pipeline<S> {
         sources: &Sources<'_, S>,
         bundle: &Bundle,
         selection: &Selection,
-        watch: &dyn Watch,
+        observer: &dyn Observer,
         meter: &Meter,
     ) -> Result<Vec<Outcome>, PipelineError> {
         let range = table::range(&self.stages, selection)?;
@@ -184,33 +184,34 @@ impl<S: ?Sized> Pipeline<S> {
                 stage: stage.name(),
                 source,
             };
-            let record = keep::record(stage, &bundle.manifest(), &sources.hashes);
-            watch.begin(stage.name(), number + 1, range.len());
+            let record = up_to_date::record(stage, &bundle.manifest(), &sources.hashes);
+            observer.begin(stage.name(), number + 1, range.len());
             let scene = bundle.scene();
-            let outcome = match keep::is_done(stage, &scene, &record) && !selection.again {
-                true => Outcome {
-                    stage: stage.name(),
-                    state: State::Kept,
-                    outputs: keep::hashes(stage, &bundle.manifest()),
-                    report: report::read(&scene, stage.outputs()[0]).map_err(failed)?,
-                    seconds: 0.0,
-                    peak_bytes: None,
-                },
-                false => {
-                    (meter.forget_peak)();
-                    let began = (meter.now)();
-                    let report = make(stage, sources.source, bundle, &record, watch)?;
-                    Outcome {
+            let outcome =
+                match up_to_date::is_up_to_date(stage, &scene, &record) && !selection.again {
+                    true => Outcome {
                         stage: stage.name(),
-                        state: State::Made,
-                        outputs: keep::hashes(stage, &bundle.manifest()),
-                        report,
-                        seconds: ((meter.now)().saturating_sub(began)).as_secs_f64(),
-                        peak_bytes: (meter.peak_bytes)(),
+                        state: State::UpToDate,
+                        outputs: up_to_date::hashes(stage, &bundle.manifest()),
+                        report: report::read(&scene, stage.outputs()[0]).map_err(failed)?,
+                        seconds: 0.0,
+                        peak_bytes: None,
+                    },
+                    false => {
+                        (meter.forget_peak)();
+                        let began = (meter.now)();
+                        let report = run_stage(stage, sources.source, bundle, &record, observer)?;
+                        Outcome {
+                            stage: stage.name(),
+                            state: State::Ran,
+                            outputs: up_to_date::hashes(stage, &bundle.manifest()),
+                            report,
+                            seconds: ((meter.now)().saturating_sub(began)).as_secs_f64(),
+                            peak_bytes: (meter.peak_bytes)(),
+                        }
                     }
-                }
-            };
-            watch.end(&outcome);
+                };
+            observer.end(&outcome);
             outcomes.push(outcome);
         }
         Ok(outcomes)
@@ -244,18 +245,18 @@ pub fn report_of(scene: &Scene, output: &str) -> Result<Report, BundleError> {
 }
 
 /// Runs a stage and commits what it made.
-fn make<S: ?Sized>(
+fn run_stage<S: ?Sized>(
     stage: &dyn Stage<S>,
     source: &S,
     bundle: &Bundle,
     record: &scene_bundle::Record,
-    watch: &dyn Watch,
+    observer: &dyn Observer,
 ) -> Result<Report, PipelineError> {
     let failed = |source| PipelineError::Bundle {
         stage: stage.name(),
         source,
     };
-    let work = Work::begin(stage, source, bundle, watch).map_err(failed)?;
+    let work = Work::begin(stage, source, bundle, observer).map_err(failed)?;
     stage.run(&work).map_err(|source| PipelineError::Stage {
         stage: stage.name(),
         source,

@@ -14,18 +14,18 @@ use scene_bundle::outputs::cloud::CloudPoint;
 use scene_bundle::outputs::{self, CLOUD, KEYFRAMES, TRAJECTORY, TRAJECTORY_CAUSAL};
 use scene_bundle::{BundleError, Scene, Status, Trajectory};
 
+use crate::camera_images;
 use crate::evaluate::{self, Alignment, Evaluation, Settings, align, associate};
-use crate::pipeline::{self, made, stages};
-use crate::seen;
-use colours::{UNKNOWN, ramp};
-use way::Step;
+use crate::pipeline::{self, stage_timings, stages};
+use colors::{UNKNOWN, ramp};
+use trajectory_map::Step;
 
-mod colours;
+mod colors;
 mod judgement;
-mod sights;
-mod splat;
+mod point_raster;
+mod trajectory_map;
 mod viewer;
-mod way;
+mod views;
 
 /// Why there is no page.
 #[derive(Debug, thiserror::Error)]
@@ -35,7 +35,7 @@ pub enum ReportError {
     Bundle(#[from] BundleError),
     /// What stages took cannot be read.
     #[error("reading what stages took: {}", path.display())]
-    Made {
+    StageTimings {
         /// The file.
         path: PathBuf,
         /// What the system said.
@@ -43,7 +43,7 @@ pub enum ReportError {
     },
     /// The images beside the bundle cannot be read.
     #[error("reading what the cameras saw: {}", path.display())]
-    Seen {
+    CameraImage {
         /// The file.
         path: PathBuf,
         /// What the system said.
@@ -51,7 +51,7 @@ pub enum ReportError {
     },
     /// A picture is none: a defect of the program.
     #[error("encoding a picture of the cloud")]
-    Picture(#[from] png::EncodingError),
+    Image(#[from] png::EncodingError),
 }
 
 /// A page and what it says in a line.
@@ -64,7 +64,7 @@ pub struct Report {
 }
 
 /// How large points are drawn, m: a little more than the edge of a voxel, so that surfaces are closed.
-const POINT_M: f64 = 0.06;
+const POINT_SIZE_M: f64 = 0.06;
 
 /// Makes the page of a bundle. `truth` is the true trajectory, on the same clock; what it says of times before and after the
 /// session counts for nothing.
@@ -87,7 +87,7 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
         true => Some(outputs::cloud::read(&scene.output(CLOUD)?)?),
         false => None,
     };
-    let truth = truth.map(|truth| evaluate::while_recorded(truth, &trajectory));
+    let truth = truth.map(|truth| evaluate::clip_to_recording(truth, &trajectory));
     let truth = truth.as_ref();
     let (steps, evaluation) = steps(&trajectory, truth);
     if let Some(fit) = evaluation.as_ref().and_then(|e| e.true_from_estimated) {
@@ -108,12 +108,12 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
         .to_string_lossy();
     let mut page = Page::new(&format!("Reconstruction: {name}"));
     page = judgement::add(page, &scene.manifest().provenance);
-    let dark = way::dark();
+    let dark = trajectory_map::dark();
     page = page.dark(dark.iter().map(|(a, b)| (a.as_str(), b.as_str())));
     page = page.table(&facts(scene, &trajectory, cloud.as_deref())?);
-    page = seen_section(page, scene)?;
+    page = images_section(page, scene)?;
     page = page.section("Where the rig was");
-    page = page.text(&how_far(
+    page = page.text(&accuracy_note(
         adjusted.is_some(),
         truth.is_some(),
         evaluation.as_ref(),
@@ -141,16 +141,16 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
         .flat_map(|truth| truth.poses())
         .map(|pose| pose.world_from_rig.translation_m())
         .collect();
-    let drawn = way::Map {
+    let drawn = trajectory_map::Map {
         steps: &steps,
         truth: &true_way,
-        largest_m: largest(&steps),
+        largest_m: max_value_m(&steps),
         caption: match truth {
             Some(_) => "distance from the truth",
             None => "stated sigma of the place",
         },
     };
-    page = way_section(page, &drawn);
+    page = map_section(page, &drawn);
     page = page.timeline(&spans(adjusted, causal.as_ref()), "");
     page = cloud_section(page, cloud.as_deref(), &drawn)?;
     page = stages_section(page, scene)?;
@@ -241,7 +241,7 @@ fn facts(
     }))
 }
 
-fn how_far(is_adjusted: bool, has_truth: bool, evaluation: Option<&Evaluation>) -> String {
+fn accuracy_note(is_adjusted: bool, has_truth: bool, evaluation: Option<&Evaluation>) -> String {
     let text = match (has_truth, evaluation.and_then(|e| e.absolute.as_ref())) {
         (true, Some(_)) => {
             "Errors are distances from the truth after the best rigid fit of the whole (SE(3))."
@@ -296,11 +296,11 @@ fn errors(rows: &[(&str, &Evaluation)]) -> Table {
 }
 
 /// The largest value on the way; 0 where there is none.
-fn largest(steps: &[Step]) -> f64 {
+fn max_value_m(steps: &[Step]) -> f64 {
     steps.iter().filter_map(|s| s.value_m).fold(0.0, f64::max)
 }
 
-fn way_section(page: Page, drawn: &way::Map<'_>) -> Page {
+fn map_section(page: Page, drawn: &trajectory_map::Map<'_>) -> Page {
     let caption = match drawn.truth.is_empty() {
         false => "From above, laid onto the truth; the truth in grey below it.",
         true => "From above.",
@@ -313,15 +313,15 @@ fn way_section(page: Page, drawn: &way::Map<'_>) -> Page {
         .x_axis(Axis::time("time"))
         .y_axis(Axis::linear(drawn.caption, "cm").include(0.0))
         .series(Series::line("", line));
-    page.drawing(|width| way::svg(drawn, width), caption)
+    page.drawing(|width| trajectory_map::svg(drawn, width), caption)
         .chart(&chart, 240, "")
 }
 
 /// What each camera saw, as far as it lies beside the bundle.
-fn seen_section(page: Page, scene: &Scene) -> Result<Page, ReportError> {
+fn images_section(page: Page, scene: &Scene) -> Result<Page, ReportError> {
     let folder = scene.path();
-    let seen = seen::read(&folder).map_err(|source| ReportError::Seen {
-        path: folder.join(seen::FILE),
+    let seen = camera_images::read(&folder).map_err(|source| ReportError::CameraImage {
+        path: folder.join(camera_images::FILE),
         source,
     })?;
     let mut page = page.section("What the cameras saw");
@@ -335,13 +335,13 @@ fn seen_section(page: Page, scene: &Scene) -> Result<Page, ReportError> {
          at. Sharpness is the mean difference between a pixel and its neighbours, in grey levels of 255.",
     );
     for of_camera in seen.chunk_by(|a, b| a.camera == b.camera) {
-        let images: Vec<Image> = of_camera.iter().map(seen_image).collect();
+        let images: Vec<Image> = of_camera.iter().map(camera_image).collect();
         page = page.heading(&of_camera[0].camera).images(&images);
     }
     Ok(page)
 }
 
-fn seen_image(seen: &seen::Seen) -> Image {
+fn camera_image(seen: &camera_images::CameraImage) -> Image {
     let caption = format!(
         "{}: {:.1} s, frame {}, {} eye; sharpness {:.1}, brightness {:.0}, {:.1} % clipped",
         seen.role,
@@ -362,7 +362,7 @@ fn seen_image(seen: &seen::Seen) -> Image {
 fn spans(adjusted: Option<&Trajectory>, causal: Option<&Trajectory>) -> Timeline {
     let kind = |status: Status| match status {
         Status::Tracked => 0,
-        Status::Relocalised => 1,
+        Status::Relocalized => 1,
         Status::DeadReckoned => 2,
         Status::Lost => 3,
     };
@@ -400,47 +400,47 @@ fn spans(adjusted: Option<&Trajectory>, causal: Option<&Trajectory>) -> Timeline
 fn cloud_section(
     page: Page,
     cloud: Option<&[CloudPoint]>,
-    drawn: &way::Map<'_>,
+    drawn: &trajectory_map::Map<'_>,
 ) -> Result<Page, ReportError> {
     let page = page.section("Cloud and path");
     let Some(cloud) = cloud.filter(|cloud| !cloud.is_empty()) else {
         return Ok(page.text("There is no cloud of points."));
     };
     let steps = drawn.steps;
-    let way: Vec<[f64; 3]> = steps.iter().map(|s| s.x_in_world).collect();
-    let largest = drawn.largest_m.max(f64::MIN_POSITIVE);
+    let rig_path: Vec<[f64; 3]> = steps.iter().map(|s| s.x_in_world).collect();
+    let max_value_m = drawn.largest_m.max(f64::MIN_POSITIVE);
     let dots: Vec<([f64; 3], [u8; 3])> = steps
         .iter()
         .map(|s| {
             (
                 s.x_in_world,
-                s.value_m.map_or(UNKNOWN, |v| ramp(v / largest)),
+                s.value_m.map_or(UNKNOWN, |v| ramp(v / max_value_m)),
             )
         })
         .collect();
-    let shown = sights::shown(cloud, &way);
-    let mut page = viewer_part(page, cloud, &shown, &way, drawn);
+    let shown = views::shown(cloud, &rig_path);
+    let mut page = viewer_part(page, cloud, &shown, &rig_path, drawn);
     let views = [
         (
-            sights::aslant(&shown, &way),
+            views::oblique(&shown, &rig_path),
             "from the side",
             format!(
                 "From the side, up to {} m around the middle of the path, which is coloured as above.",
-                sights::AROUND_M
+                views::VIEW_RADIUS_M
             ),
         ),
         (
-            sights::above(&shown, &way),
+            views::above(&shown, &rig_path),
             "from above",
             "From above.".to_owned(),
         ),
     ];
     for (sight, name, caption) in views {
         let Some(sight) = sight else { continue };
-        let pixels = splat::draw(&shown, POINT_M, &dots, &sight);
+        let pixels = point_raster::draw(&shown, POINT_SIZE_M, &dots, &sight);
         let caption = format!(
             "{caption} What is higher than {} m above the rig is left out.",
-            sights::ABOVE_M
+            views::MAX_HEIGHT_M
         );
         let file = png(sight.size, &pixels)?;
         page = page.image(&Image::png(&file, &format!("the cloud {name}"), &caption));
@@ -453,19 +453,22 @@ fn viewer_part(
     page: Page,
     cloud: &[CloudPoint],
     shown: &[CloudPoint],
-    way: &[[f64; 3]],
-    drawn: &way::Map<'_>,
+    rig_path: &[[f64; 3]],
+    drawn: &trajectory_map::Map<'_>,
 ) -> Page {
-    let top = way.iter().map(|x| x[2]).fold(f64::NEG_INFINITY, f64::max);
+    let top = rig_path
+        .iter()
+        .map(|x| x[2])
+        .fold(f64::NEG_INFINITY, f64::max);
     let viewer = viewer::viewer(&viewer::Content {
         points: cloud,
         steps: drawn.steps,
         truth: drawn.truth,
         largest_m: drawn.largest_m,
         what: drawn.caption,
-        view: sights::first(shown, way),
+        view: views::first(shown, rig_path),
         top_m: match top.is_finite() {
-            true => top + sights::ABOVE_M,
+            true => top + views::MAX_HEIGHT_M,
             false => f64::MAX,
         },
     });
@@ -492,8 +495,8 @@ fn png([width, height]: [usize; 2], rgba: &[u8]) -> Result<Vec<u8>, ReportError>
 
 fn stages_section(page: Page, scene: &Scene) -> Result<Page, ReportError> {
     let folder = scene.path();
-    let made = made::read(&folder).map_err(|source| ReportError::Made {
-        path: folder.join(made::FILE),
+    let made = stage_timings::read(&folder).map_err(|source| ReportError::StageTimings {
+        path: folder.join(stage_timings::FILE),
         source,
     })?;
     let outputs = &scene.manifest().outputs;

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use clap::{Args, CommandFactory, ValueEnum};
 use command_line::output::print;
 use reconstruction::evaluate::runs::{Cost, Run, Runs};
-use reconstruction::evaluate::{Alignment, Delta, Settings, evaluate, files, while_recorded};
+use reconstruction::evaluate::{Alignment, Delta, Settings, clip_to_recording, evaluate, files};
 use serde_json::Value;
 
 #[derive(Args)]
@@ -70,7 +70,7 @@ fn delta(text: &str) -> Result<Delta, String> {
             .ok()
             .filter(|n: &f64| *n > 0.0 && n.is_finite())
     };
-    let metres = || Some(Delta::Metres(number(text.strip_suffix('m')?)?));
+    let metres = || Some(Delta::Meters(number(text.strip_suffix('m')?)?));
     let seconds = || Some(Delta::Seconds(number(text.strip_suffix('s')?)?));
     let found = metres().or_else(seconds);
     found.ok_or_else(|| "expected metres or seconds, as in 10m or 5s".to_owned())
@@ -92,7 +92,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
             AlignmentName::First => Alignment::First,
         },
         tolerance_ns: (1e6 * arguments.tolerance_ms).round() as i64,
-        longest_step_ns: (1e6 * arguments.longest_step_ms).round() as i64,
+        max_step_ns: (1e6 * arguments.longest_step_ms).round() as i64,
         deltas: arguments.over.clone(),
         overlapping: !arguments.consecutive,
     };
@@ -102,8 +102,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         let estimate = files::load(path, arguments.output.as_deref())?;
         files::check(&estimate, &truth, path)?;
         let recorded = estimate
-            .is_whole
-            .then(|| while_recorded(&truth.trajectory, &estimate.trajectory));
+            .has_row_per_set
+            .then(|| clip_to_recording(&truth.trajectory, &estimate.trajectory));
         let truth = recorded.as_ref().unwrap_or(&truth.trajectory);
         let cost = arguments.cost.get(k).map(|path| cost(path)).transpose()?;
         runs.push(Run {

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::Args;
 use command_line::output::print;
-use reconstruction::evaluate::files::{self, Loaded};
+use reconstruction::evaluate::files::{self, LoadedTrajectory};
 use reconstruction::report::report;
 use scene_bundle::outputs::{TRAJECTORY, TRAJECTORY_CAUSAL};
 use scene_bundle::{Scene, layout};
@@ -30,10 +30,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
             let truth = files::load(path, None)?;
             // A bundle has times; a truth without any cannot be compared with it.
             if scene.has(TRAJECTORY) || scene.has(TRAJECTORY_CAUSAL) {
-                let estimate = Loaded {
+                let estimate = LoadedTrajectory {
                     trajectory: scene_bundle::Trajectory::default(),
                     is_numbered: false,
-                    is_whole: true,
+                    has_row_per_set: true,
                 };
                 files::check(&estimate, &truth, &arguments.scene)?;
             }

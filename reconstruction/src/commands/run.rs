@@ -11,16 +11,16 @@ use command_line::complain;
 use command_line::output::{is_quiet, print};
 use indicatif::ProgressBar;
 use reconstruction::Input;
+use reconstruction::camera_images;
 use reconstruction::pipeline::stages::networks::Networks;
 use reconstruction::pipeline::stages::{self, Options, Preset, rig};
-use reconstruction::pipeline::{Outcome, Selection, Sources, State, Watch, made};
-use reconstruction::seen;
+use reconstruction::pipeline::{Observer, Outcome, Selection, Sources, State, stage_timings};
 use scene_bundle::{Bundle, Provenance, Scene};
 
 use super::{code, loss, open, print_losses, progress_bar};
 use crate::machine;
 
-mod given;
+mod overrides;
 
 #[derive(Args)]
 pub(crate) struct Arguments {
@@ -78,14 +78,14 @@ enum Calibration {
     /// What `paws calib` wrote: rig file and lenses.
     Folder(PathBuf),
     /// A camera and its file.
-    Of(String, PathBuf),
+    Camera(String, PathBuf),
 }
 
 fn calibration(text: &str) -> Result<Calibration, String> {
     if !text.contains('=') || Path::new(text).is_dir() {
         return Ok(Calibration::Folder(text.into()));
     }
-    named(text).map(|(camera, file)| Calibration::Of(camera, file.into()))
+    named(text).map(|(camera, file)| Calibration::Camera(camera, file.into()))
 }
 
 fn named(text: &str) -> Result<(String, String), String> {
@@ -109,27 +109,27 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         crate::Arguments::command().error(kind, message).exit();
     }
     // The rig is that of the bundle where its stage does not run.
-    let keeps_rig = place(&arguments.from).is_some_and(|from| from > 0);
-    let tells_rig = arguments.rig.is_some()
+    let rig_is_fixed = place(&arguments.from).is_some_and(|from| from > 0);
+    let has_overrides = arguments.rig.is_some()
         || !arguments.calibration.is_empty()
         || !arguments.line_us.is_empty();
-    if keeps_rig && tells_rig {
+    if rig_is_fixed && has_overrides {
         let message =
             "--rig, --calibration and --line-us are for the stage rig, which --from leaves out";
         let kind = clap::error::ErrorKind::ArgumentConflict;
         crate::Arguments::command().error(kind, message).exit();
     }
     let input = open(&arguments.handoff)?;
-    let told = told(arguments, &input)?;
+    let rig_overrides = overrides(arguments, &input)?;
     let there = Scene::open(&arguments.out).ok();
     let there = there.as_ref().map(|scene| &scene.manifest().provenance);
-    let kept = there.filter(|_| keeps_rig).map(|made| made.rig.clone());
+    let kept = there.filter(|_| rig_is_fixed).map(|made| made.rig.clone());
     let seal = seal(&input, there);
     let provenance = Provenance {
         session_id: input.handoff().session_id.clone(),
         handoff_blake3: seal.clone(),
         judgement: Some(input.judgement()),
-        rig: kept.unwrap_or_else(|| rig::revision(&input, &told)),
+        rig: kept.unwrap_or_else(|| rig::revision(&input, &rig_overrides)),
         program: env!("CARGO_BIN_NAME").to_owned(),
         program_version: env!("CARGO_PKG_VERSION").to_owned(),
         started_civil_ns: machine::civil_ns(),
@@ -145,7 +145,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
             PresetName::Balanced => Preset::Balanced,
             PresetName::Accurate => Preset::Accurate,
         },
-        told,
+        rig_overrides,
         networks: Networks::open(
             arguments.depth_network.as_deref(),
             arguments.segmentation_network.as_deref(),
@@ -158,7 +158,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         again: arguments.again,
     };
     let bundle = Bundle::create_or_open(&arguments.out, provenance)?;
-    let watch = Shown {
+    let observer = ProgressReporter {
         bar: match arguments.json {
             true => ProgressBar::hidden(),
             false => progress_bar(0, "{prefix:>20}  {wide_bar} {pos}/{len}, {eta} left")?,
@@ -166,14 +166,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         is_json: arguments.json,
         folder: bundle.path(),
     };
-    let outcomes = pipeline.run(&sources, &bundle, &selection, &watch, &machine::METER);
-    watch.bar.finish_and_clear();
+    let outcomes = pipeline.run(&sources, &bundle, &selection, &observer, &machine::METER);
+    observer.bar.finish_and_clear();
     let outcomes =
         outcomes.with_context(|| format!("reconstructing into {}", arguments.out.display()))?;
-    let is_new = outcomes.iter().any(|o| o.state == State::Made);
-    if is_new || !bundle.path().join(seen::FILE).exists() {
+    let is_new = outcomes.iter().any(|o| o.state == State::Ran);
+    if is_new || !bundle.path().join(camera_images::FILE).exists() {
         // They are no part of the bundle, which is as good without.
-        if let Err(error) = seen::write(&bundle.path(), &input) {
+        if let Err(error) = camera_images::write(&bundle.path(), &input) {
             log::warn!(
                 "writing images of what the cameras saw: {error}: {}",
                 arguments.out.display()
@@ -184,7 +184,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
 
     let losses: usize = outcomes.iter().map(|o| o.report.losses.len()).sum();
     if !arguments.json {
-        let made = outcomes.iter().filter(|o| o.state == State::Made).count();
+        let made = outcomes.iter().filter(|o| o.state == State::Ran).count();
         let loss = loss(losses, &input);
         print(format_args!(
             "{made} stages made, {} kept, {loss}: {}",
@@ -204,26 +204,26 @@ fn seal(input: &Input, there: Option<&Provenance>) -> String {
     known.unwrap_or(&handoff.seal).clone()
 }
 
-fn told(arguments: &Arguments, input: &Input) -> Result<rig::Told> {
-    let mut told = rig::Told::default();
+fn overrides(arguments: &Arguments, input: &Input) -> Result<rig::RigOverrides> {
+    let mut rig_overrides = rig::RigOverrides::default();
     let mut named = BTreeSet::new();
     for given in &arguments.calibration {
-        let Calibration::Of(camera, path) = given else {
+        let Calibration::Camera(camera, path) = given else {
             continue;
         };
         ensure!(
             named.insert(camera.as_str()),
             "taking a calibration: camera {camera} has two, expected one"
         );
-        given::lenses(&mut told, camera, path, input)?;
+        overrides::lenses(&mut rig_overrides, camera, path, input)?;
     }
     if let Some(path) = &arguments.rig {
-        given::rig(&mut told, path)?;
+        overrides::rig(&mut rig_overrides, path)?;
     }
     // What is named by itself goes before what a folder has.
     for given in &arguments.calibration {
         if let Calibration::Folder(folder) = given {
-            given::folder(&mut told, folder, input)?;
+            overrides::folder(&mut rig_overrides, folder, input)?;
         }
     }
     for (camera, us) in &arguments.line_us {
@@ -236,20 +236,22 @@ fn told(arguments: &Arguments, input: &Input) -> Result<rig::Told> {
                 "taking the time from row to row of {camera}: found {us:?}, expected microseconds"
             )
         })?;
-        told.lines_s.insert(camera.clone(), 1e-6 * line_us);
+        rig_overrides
+            .line_times_s
+            .insert(camera.clone(), 1e-6 * line_us);
     }
-    Ok(told)
+    Ok(rig_overrides)
 }
 
 /// Progress for people, or a line of JSON per stage.
-struct Shown {
+struct ProgressReporter {
     bar: ProgressBar,
     is_json: bool,
     /// The bundle's.
     folder: PathBuf,
 }
 
-impl Watch for Shown {
+impl Observer for ProgressReporter {
     fn begin(&self, stage: &str, number: usize, of: usize) {
         self.bar.reset();
         self.bar.set_position(0);
@@ -264,7 +266,7 @@ impl Watch for Shown {
 
     fn end(&self, outcome: &Outcome) {
         // At once: a later stage may fail.
-        if let Err(error) = made::write(&self.folder, std::slice::from_ref(outcome)) {
+        if let Err(error) = stage_timings::write(&self.folder, std::slice::from_ref(outcome)) {
             log::warn!(
                 "writing what {} took to {}: {error}",
                 outcome.stage,
@@ -285,8 +287,8 @@ impl Watch for Shown {
             print_losses(&outcome.report.losses);
             let Outcome { stage, seconds, .. } = outcome;
             let _ = match outcome.state {
-                State::Made => print(format_args!("{stage}: made in {seconds:.1} s")),
-                State::Kept => print(format_args!("{stage}: there already")),
+                State::Ran => print(format_args!("{stage}: made in {seconds:.1} s")),
+                State::UpToDate => print(format_args!("{stage}: there already")),
             };
         });
     }

@@ -43,7 +43,8 @@ pub struct Similarity {
     /// How much larger the truth is; 1 unless the scale was asked for.
     pub scale: f64,
     /// Whether poses settle the turn: not where they lie on one line or at one place.
-    pub turn_is_known: bool,
+    #[serde(rename = "turn_is_known")]
+    pub rotation_is_known: bool,
 }
 
 impl Similarity {
@@ -60,7 +61,7 @@ pub(crate) fn align(pairs: &[Pair], alignment: Alignment) -> Option<Similarity> 
     let rigid = |rigid: RigidTransform| Similarity {
         rigid,
         scale: 1.0,
-        turn_is_known: true,
+        rotation_is_known: true,
     };
     let first = pairs.first()?;
     match alignment {
@@ -93,7 +94,7 @@ fn umeyama(pairs: &[Pair], with_scale: bool) -> Option<Similarity> {
     let svd = covariance.svd(true, true);
     let (u, v_t, d) = (svd.u?, svd.v_t?, svd.singular_values);
     // Two directions settle the third.
-    let turn_is_known = d[1] > 1e-12 * d[0] && d[0] > 0.0;
+    let rotation_is_known = d[1] > 1e-12 * d[0] && d[0] > 0.0;
     let mut sign = Vector3::new(1.0, 1.0, 1.0); // (43)
     if u.determinant() * v_t.determinant() < 0.0 {
         sign.z = -1.0;
@@ -108,7 +109,7 @@ fn umeyama(pairs: &[Pair], with_scale: bool) -> Option<Similarity> {
     Some(Similarity {
         rigid: transform(UnitQuaternion::from_rotation_matrix(&turn), translation),
         scale,
-        turn_is_known,
+        rotation_is_known,
     })
 }
 

@@ -45,7 +45,7 @@ impl Completion {
 pub(crate) fn completion(
     estimate: &Trajectory,
     truth: &Trajectory,
-    longest_step_ns: i64,
+    max_step_ns: i64,
 ) -> Completion {
     let (Some(first), Some(last)) = (truth.poses().first(), truth.poses().last()) else {
         return Completion {
@@ -57,7 +57,7 @@ pub(crate) fn completion(
     let (begin, end) = (first.time_ns, last.time_ns);
     let is_covered = |pair: &&[Pose]| {
         let step = pair[1].time_ns - pair[0].time_ns;
-        step <= longest_step_ns && pair.iter().all(|p| p.status != Status::Lost)
+        step <= max_step_ns && pair.iter().all(|p| p.status != Status::Lost)
     };
     let mut gaps = Vec::new();
     let mut reached = begin;

@@ -17,9 +17,9 @@ use super::align::transform;
 
 /// What the chi-square distribution exceeds with a probability of 0.27 %, as a normal one does 3 sigmas: for three
 /// dimensions and for six.
-const THREE_SIGMAS: [f64; 2] = [14.156_413_609_126_7, 20.062_086_165_714_0];
+const CHI2_THREE_SIGMA: [f64; 2] = [14.156_413_609_126_7, 20.062_086_165_714_0];
 /// True poses further apart are not interpolated, ns.
-const LONGEST_NS: i64 = 150_000_000;
+const MAX_INTERPOLATION_NS: i64 = 150_000_000;
 
 /// Whether stated covariances are true.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -70,7 +70,7 @@ pub(crate) fn consistency(
         count += 1;
         let error = (anchor * pose.world_from_rig).inverse() * truth;
         let squares = squares(&error, covariance);
-        let [few, many] = THREE_SIGMAS;
+        let [few, many] = CHI2_THREE_SIGMA;
         let limits = [few, few, many];
         for k in 0..3 {
             sums[k] += squares[k];
@@ -148,7 +148,7 @@ fn interpolated(truth: &[Pose], time_ns: i64, tolerance_ns: i64) -> Option<Rigid
     }
     let from = after.checked_sub(1).map(|before| &truth[before]);
     if let (Some(from), Some(to)) = (from, to)
-        && to.time_ns - from.time_ns <= LONGEST_NS
+        && to.time_ns - from.time_ns <= MAX_INTERPOLATION_NS
     {
         let share = (time_ns - from.time_ns) as f64 / (to.time_ns - from.time_ns) as f64;
         let [a, b] = [from, to].map(|p| &p.world_from_rig);

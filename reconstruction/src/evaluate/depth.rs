@@ -14,7 +14,7 @@ use calib::{Eye, Lens};
 use depth::evaluate::{Scores, Truth};
 use depth::{DepthError, DisparityMap};
 use rayon::prelude::*;
-use scene_bundle::outputs::depth::{DepthKey, DepthPicture, DepthView};
+use scene_bundle::outputs::depth::{DepthImage, DepthKey, DepthView};
 use scene_bundle::outputs::{self, DEPTH, RIG};
 use scene_bundle::{BundleError, Scene};
 use serde::Serialize;
@@ -22,9 +22,9 @@ use serde::Serialize;
 use crate::pipeline::stages::rig;
 
 /// Neighbours whose disparities differ by more lie on two surfaces, px.
-const ONE_SURFACE_PX: f32 = 1.0;
+const MAX_SURFACE_STEP_PX: f32 = 1.0;
 /// Both eyes see the same place when their disparities agree to this, px.
-const AGREE_PX: f32 = 1.0;
+const MAX_LR_DIFFERENCE_PX: f32 = 1.0;
 
 /// Why depth could not be compared.
 #[derive(Debug, thiserror::Error)]
@@ -113,17 +113,17 @@ pub fn evaluate(
         if rectification.camera != view.model {
             return Err(DepthTruthError::OtherRig(view.camera.clone()));
         }
-        let eyes = Eyes::new(
+        let eyes = RectifiedPair::new(
             &rectification,
             [camera.left, camera.right].map(|m| Lens::new(&m)),
         );
-        let walk = Walk::open(truth, &view.camera)?;
+        let walk = GroundTruthDepth::open(truth, &view.camera)?;
         let mut sums = Sums::default();
-        for key in index.pictures.iter().filter(|key| key.view == number) {
+        for key in index.images.iter().filter(|key| key.view == number) {
             let picture = outputs::depth::read(&reader, &index, key)?;
             eyes.compare(&picture, view, &walk, key, &mut sums)?;
             done += 1;
-            progress(done, index.pictures.len() as u64);
+            progress(done, index.images.len() as u64);
         }
         rows.push(sums.row(&view.camera));
         all.pictures += sums.pictures;
@@ -151,12 +151,12 @@ impl Sums {
 }
 
 /// Files of one camera's truth, by the number of the frame.
-struct Walk {
+struct GroundTruthDepth {
     root: PathBuf,
     names: Vec<String>,
 }
 
-impl Walk {
+impl GroundTruthDepth {
     fn open(folder: &Path, camera: &str) -> Result<Self, DepthTruthError> {
         let root = folder.join(camera).join("mav0");
         let path = root.join("depth0/data.csv");
@@ -213,7 +213,7 @@ impl Walk {
 }
 
 /// A pair of eyes, ready for its truth.
-struct Eyes {
+struct RectifiedPair {
     /// Focal length times baseline, px m.
     scale: f32,
     maps: [Map; 2],
@@ -222,7 +222,7 @@ struct Eyes {
     stretch: [Vec<f32>; 2],
 }
 
-impl Eyes {
+impl RectifiedPair {
     fn new(rectification: &Rectification, lenses: [Lens; 2]) -> Self {
         let turns = [
             rectification.rectified_from_left,
@@ -266,9 +266,9 @@ impl Eyes {
 
     fn compare(
         &self,
-        picture: &DepthPicture,
+        picture: &DepthImage,
         view: &DepthView,
-        walk: &Walk,
+        walk: &GroundTruthDepth,
         key: &DepthKey,
         sums: &mut Sums,
     ) -> Result<(), DepthTruthError> {
@@ -332,7 +332,7 @@ fn between(values: &[f32], [width, height]: [u32; 2], [x, y]: [f32; 2]) -> f32 {
     let [a, b] = [at(left, top), at(left + 1.0, top)];
     let [c, d] = [at(left, top + 1.0), at(left + 1.0, top + 1.0)];
     let (least, most) = (a.min(b).min(c).min(d), a.max(b).max(c).max(d));
-    if most - least > ONE_SURFACE_PX || least == 0.0 {
+    if most - least > MAX_SURFACE_STEP_PX || least == 0.0 {
         return at(x.round(), y.round());
     }
     let (u, v) = (x - left, y - top);
@@ -346,7 +346,7 @@ fn is_seen(right: &[f32], x: usize, disparity: f32) -> bool {
     let near = [there.floor(), there.ceil()];
     let inside = |c: f32| c >= 0.0 && c < right.len() as f32;
     near.iter()
-        .any(|c| inside(*c) && (right[*c as usize] - disparity).abs() <= AGREE_PX)
+        .any(|c| inside(*c) && (right[*c as usize] - disparity).abs() <= MAX_LR_DIFFERENCE_PX)
 }
 
 #[cfg(test)]

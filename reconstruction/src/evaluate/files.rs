@@ -11,19 +11,19 @@ use scene_bundle::outputs::{self, TRAJECTORY, TRAJECTORY_CAUSAL};
 use scene_bundle::{BundleError, FormatError, Pose, Scene, Trajectory};
 
 /// Times between numbered poses, ns: KITTI's cameras take 10 pictures a second.
-const NUMBERED_NS: i64 = 100_000_000;
+const NUMBERED_PERIOD_NS: i64 = 100_000_000;
 /// Times of the poses of a KITTI sequence, in the folder of the poses.
 const TIMES: &str = "times.txt";
 
 /// A trajectory from a file.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Loaded {
+pub struct LoadedTrajectory {
     /// The poses.
     pub trajectory: Trajectory,
     /// The file has no times: poses are numbered.
     pub is_numbered: bool,
     /// It has a row for every frame set, also where the rig was lost, as a scene bundle's has: outside of it nothing was recorded.
-    pub is_whole: bool,
+    pub has_row_per_set: bool,
 }
 
 /// Why there is no trajectory.
@@ -81,7 +81,7 @@ pub enum FileError {
 ///
 /// # Errors
 /// [`FileError`].
-pub fn load(path: &Path, output: Option<&str>) -> Result<Loaded, FileError> {
+pub fn load(path: &Path, output: Option<&str>) -> Result<LoadedTrajectory, FileError> {
     if path.is_dir() || path.extension().is_some_and(|e| e == "json") {
         return of_bundle(path, output);
     }
@@ -89,10 +89,10 @@ pub fn load(path: &Path, output: Option<&str>) -> Result<Loaded, FileError> {
         path: path.to_owned(),
         source,
     })?;
-    let timed = |trajectory| Loaded {
+    let timed = |trajectory| LoadedTrajectory {
         trajectory,
         is_numbered: false,
-        is_whole: false,
+        has_row_per_set: false,
     };
     let lines = text.trim_start_matches('\u{feff}').lines().map(str::trim);
     let first = lines.clone().find(|l| !l.is_empty() && !l.starts_with('#'));
@@ -128,7 +128,11 @@ pub fn load(path: &Path, output: Option<&str>) -> Result<Loaded, FileError> {
 ///
 /// # Errors
 /// [`FileError::Numbered`], [`FileError::Timed`].
-pub fn check(estimate: &Loaded, truth: &Loaded, path: &Path) -> Result<(), FileError> {
+pub fn check(
+    estimate: &LoadedTrajectory,
+    truth: &LoadedTrajectory,
+    path: &Path,
+) -> Result<(), FileError> {
     let path = path.to_owned();
     match (estimate.is_numbered, truth.is_numbered) {
         (true, false) => Err(FileError::Numbered { path }),
@@ -137,7 +141,7 @@ pub fn check(estimate: &Loaded, truth: &Loaded, path: &Path) -> Result<(), FileE
     }
 }
 
-fn of_bundle(path: &Path, output: Option<&str>) -> Result<Loaded, FileError> {
+fn of_bundle(path: &Path, output: Option<&str>) -> Result<LoadedTrajectory, FileError> {
     let scene = Scene::open(path)?;
     let wanted = match output {
         Some(output) => vec![output],
@@ -149,27 +153,27 @@ fn of_bundle(path: &Path, output: Option<&str>) -> Result<Loaded, FileError> {
             expected: wanted.join(" or "),
         });
     };
-    Ok(Loaded {
+    Ok(LoadedTrajectory {
         trajectory: outputs::trajectory::read(&scene.output(name)?)?,
         is_numbered: false,
-        is_whole: true,
+        has_row_per_set: true,
     })
 }
 
-fn of_kitti(path: &Path, text: &str) -> Result<Loaded, FileError> {
+fn of_kitti(path: &Path, text: &str) -> Result<LoadedTrajectory, FileError> {
     let times = path.with_file_name(TIMES);
     if times.is_file() {
-        return Ok(Loaded {
+        return Ok(LoadedTrajectory {
             trajectory: kitti::read(path, &times)?,
             is_numbered: false,
-            is_whole: false,
+            has_row_per_set: false,
         });
     }
     let poses = kitti::parse_poses(text, path)?.into_iter().enumerate();
-    let poses = poses.map(|(n, pose)| Pose::new(n as i64 * NUMBERED_NS, pose));
-    Ok(Loaded {
+    let poses = poses.map(|(n, pose)| Pose::new(n as i64 * NUMBERED_PERIOD_NS, pose));
+    Ok(LoadedTrajectory {
         trajectory: Trajectory::new(poses.collect()).expect("numbers rise"),
         is_numbered: true,
-        is_whole: false,
+        has_row_per_set: false,
     })
 }

@@ -14,7 +14,8 @@ use super::{Pair, Statistics};
 #[serde(rename_all = "snake_case")]
 pub enum Delta {
     /// Of the true way, m.
-    Metres(f64),
+    #[serde(rename = "metres")]
+    Meters(f64),
     /// Of time, s.
     Seconds(f64),
     /// Matched poses.
@@ -24,7 +25,7 @@ pub enum Delta {
 impl std::fmt::Display for Delta {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Metres(metres) => write!(f, "{metres} m"),
+            Self::Meters(metres) => write!(f, "{metres} m"),
             Self::Seconds(seconds) => write!(f, "{seconds} s"),
             Self::Poses(poses) => write!(f, "{poses} poses"),
         }
@@ -83,7 +84,7 @@ pub(crate) fn relative(pairs: &[Pair], delta: Delta, overlapping: bool) -> Relat
 
 fn stretches(pairs: &[Pair], path: &[f64], delta: Delta, overlapping: bool) -> Vec<(usize, usize)> {
     let reached = |from: usize, to: usize| match delta {
-        Delta::Metres(metres) => path[to] - path[from] >= metres,
+        Delta::Meters(metres) => path[to] - path[from] >= metres,
         Delta::Seconds(seconds) => {
             // Half a microsecond of rounding in the recording's times is no reason to take a whole pose more.
             (pairs[to].time_ns - pairs[from].time_ns) as f64 * 1e-9 >= seconds - 5e-7

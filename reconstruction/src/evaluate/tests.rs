@@ -95,7 +95,7 @@ fn a_line_leaves_the_turn_open_and_no_way_at_all_too() {
         }),
     ] {
         let found = evaluate(&estimate, &line, &with(Alignment::Se3));
-        assert!(!found.true_from_estimated.expect("enough").turn_is_known);
+        assert!(!found.true_from_estimated.expect("enough").rotation_is_known);
         let absolute = found.absolute.expect("places are compared all the same");
         assert_eq!(absolute.rotation_rad, None);
         let first = evaluate(&estimate, &line, &with(Alignment::First));
@@ -152,20 +152,20 @@ fn drift_is_measured_over_ways_and_times() {
         evaluate(&estimate, &straight, &settings).relative.remove(0)
     };
     // Rounding makes some ten steps of 0.1 m a hair less than 1 m.
-    let way = drift(Delta::Metres(0.95), false);
+    let way = drift(Delta::Meters(0.95), false);
     assert_eq!(way.translation_m.expect("10 stretches").count, 10);
     assert!((way.share.expect("a way").mean - 0.02).abs() < 1e-9);
     assert!((way.translation_m.expect("a way").max - 0.02).abs() < 1e-9);
     assert!((way.rotation_rad.expect("a way").max - 0.01).abs() < 1e-9);
     assert_eq!(
-        drift(Delta::Metres(0.95), true).share.expect("a way").count,
+        drift(Delta::Meters(0.95), true).share.expect("a way").count,
         91
     );
     let time = drift(Delta::Seconds(2.0), false);
     assert_eq!(time.translation_m.expect("2 s").count, 5);
     assert!((time.translation_m.expect("2 s").mean - 0.04).abs() < 1e-9);
     assert_eq!(drift(Delta::Poses(25), false).share.expect("25").count, 4);
-    let far = drift(Delta::Metres(11.0), true);
+    let far = drift(Delta::Meters(11.0), true);
     assert_eq!((far.translation_m, far.share), (None, None));
     let standing = changed(&straight, |_, pose| {
         pose.world_from_rig = RigidTransform::identity()
@@ -403,7 +403,7 @@ fn real_trajectories_have_the_errors_that_evo_gives() {
         let (estimate, truth) = (load(evo.estimate), load(evo.truth));
         files::check(&estimate, &truth, &folder).expect("of one kind");
         let settings = Settings {
-            deltas: vec![Delta::Metres(1.0), Delta::Poses(10)],
+            deltas: vec![Delta::Meters(1.0), Delta::Poses(10)],
             overlapping: false,
             ..with(evo.alignment)
         };
@@ -451,9 +451,9 @@ fn formats_are_told_by_content() {
     };
     let load = |path: &Path| files::load(path, None);
     let walk = truth(20);
-    let (rows, times) = scene_bundle::formats::kitti::written(&walk);
-    let tum = write("tum", &scene_bundle::formats::tum::written(&walk));
-    let euroc = write("euroc", &scene_bundle::formats::euroc::written(&walk, None));
+    let (rows, times) = scene_bundle::formats::kitti::to_text(&walk);
+    let tum = write("tum", &scene_bundle::formats::tum::to_text(&walk));
+    let euroc = write("euroc", &scene_bundle::formats::euroc::to_text(&walk, None));
     let kitti = write("kitti", &rows);
     assert_eq!(load(&tum).expect("TUM").trajectory, walk);
     assert_eq!(load(&euroc).expect("EuRoC").trajectory, walk);

@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::text::Text;
 use super::{ExportError, Selection, writing};
+use crate::image::{Color, Image};
 use crate::input::{Input, View};
-use crate::picture::{Colour, Picture};
 
 /// What one camera's thread does.
 pub(super) struct CameraExport<'a> {
@@ -73,7 +73,7 @@ impl CameraExport<'_> {
                     times.line(format_args!("{number},{time},{sigma_ns},{doubtful},{set}"))?;
                     written += 1;
                 }
-                Err(error) => lost.push(scene_bundle::chain(&error)),
+                Err(error) => lost.push(scene_bundle::error_chain(&error)),
             }
             progress();
         }
@@ -97,12 +97,12 @@ impl CameraExport<'_> {
     }
 }
 
-fn write_png(path: &Path, picture: &Picture) -> io::Result<()> {
+fn write_png(path: &Path, picture: &Image) -> io::Result<()> {
     let file = BufWriter::new(File::create_new(path)?);
     let mut encoder = png::Encoder::new(file, picture.width, picture.height);
-    encoder.set_color(match picture.colour {
-        Colour::Grey => png::ColorType::Grayscale,
-        Colour::Rgb => png::ColorType::Rgb,
+    encoder.set_color(match picture.color {
+        Color::Grey => png::ColorType::Grayscale,
+        Color::Rgb => png::ColorType::Rgb,
     });
     encoder.set_depth(png::BitDepth::Eight);
     // Half the time of the default, and a tenth more bytes.

@@ -54,7 +54,7 @@ pub(super) fn write(
         let mut written = 0;
         for batch in input.imu_batches(&imu.name)? {
             let samples = batch.unwrap_or_else(|error| {
-                summary.lost.push(scene_bundle::chain(&error));
+                summary.lost.push(scene_bundle::error_chain(&error));
                 Vec::new()
             });
             for s in samples.iter().filter(|s| selection.holds(input, s.time)) {

@@ -12,7 +12,7 @@ use video::{AccessUnit, Codec, DecodeError, Decoder};
 
 use super::Shared;
 use super::error::{FrameFault, InputError, ReadError};
-use crate::picture::{Colour, Picture};
+use crate::image::{Color, Image};
 
 /// One frame of one camera.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,9 +28,9 @@ pub struct View {
     /// Whether the time is not to be trusted within its sigma.
     pub time_doubtful: bool,
     /// What the left eye saw.
-    pub left: Picture,
+    pub left: Image,
     /// What the right eye saw.
-    pub right: Picture,
+    pub right: Image,
 }
 
 /// What is known of a camera's pictures before one is decoded.
@@ -38,7 +38,7 @@ pub struct View {
 pub(super) struct Camera {
     pub(super) name: Arc<str>,
     codec: Codec,
-    colour: Colour,
+    color: Color,
     width: u32,
     height: u32,
 }
@@ -55,9 +55,9 @@ impl Camera {
             expected,
             path: path.to_owned(),
         };
-        let colour = match camera.colour.as_str() {
-            "grey" => Colour::Grey,
-            "yuv420" => Colour::Rgb,
+        let color = match camera.colour.as_str() {
+            "grey" => Color::Grey,
+            "yuv420" => Color::Rgb,
             other => return Err(unknown("colour", other, "grey or yuv420")),
         };
         let codec = Codec::from_foxglove_format(&camera.codec)
@@ -65,7 +65,7 @@ impl Camera {
         Ok(Self {
             name: camera.name.as_str().into(),
             codec,
-            colour,
+            color,
             width: camera.width,
             height: camera.height,
         })
@@ -77,7 +77,7 @@ impl Camera {
 pub(super) struct GopReader {
     shared: Arc<Shared>,
     camera: usize,
-    colour: Colour,
+    color: Color,
     decoder: Decoder,
     gop: Option<Gop>,
 }
@@ -96,7 +96,7 @@ impl GopReader {
         let codec = shared.cameras[camera].codec;
         let decoder = Decoder::with_threads(codec, shared.threads_per_camera);
         Self {
-            colour: shared.cameras[camera].colour,
+            color: shared.cameras[camera].color,
             shared,
             camera,
             decoder,
@@ -105,8 +105,8 @@ impl GopReader {
     }
 
     /// The same with pictures of luma alone, whatever the camera delivers.
-    pub(super) fn grey(mut self) -> Self {
-        self.colour = Colour::Grey;
+    pub(super) fn luma(mut self) -> Self {
+        self.color = Color::Grey;
         self
     }
 
@@ -115,7 +115,7 @@ impl GopReader {
         let camera = &self.shared.cameras[self.camera];
         let entry = self.shared.index.cameras[self.camera].frames[position];
         let name = camera.name.clone();
-        let (width, height, colour) = (camera.width, camera.height, self.colour);
+        let (width, height, color) = (camera.width, camera.height, self.color);
         let halves = self.picture(position).and_then(|both| {
             if (both.width, both.height) != (width, height) {
                 return Err(FrameFault::Size {
@@ -125,7 +125,7 @@ impl GopReader {
                     height,
                 });
             }
-            Picture::halves(&both, colour).map_err(FrameFault::Picture)
+            Image::halves(&both, color).map_err(FrameFault::Image)
         });
         match halves {
             Ok((left, right)) => Ok(View {
@@ -177,17 +177,15 @@ impl GopReader {
             }
         }
         let (decoded, fault) = match self.decoder.decode(&units) {
-            Ok(pictures) => (pictures, FrameFault::NoPicture),
-            Err(DecodeError::Incomplete { pictures, .. }) => (pictures, FrameFault::NoPicture),
+            Ok(pictures) => (pictures, FrameFault::NoImage),
+            Err(DecodeError::Incomplete { pictures, .. }) => (pictures, FrameFault::NoImage),
             Err(error) => (Vec::new(), FrameFault::Decoder(error)),
         };
         let mut decoded = decoded.into_iter().peekable();
         let pictures = (0..positions.len()).map(|place| {
             match decoded.next_if(|(pts_ns, _)| *pts_ns == place_to_pts(place)) {
                 Some((_, picture)) => Ok(picture),
-                None if place >= units.len() => {
-                    Err(unread.clone().unwrap_or(FrameFault::NoPicture))
-                }
+                None if place >= units.len() => Err(unread.clone().unwrap_or(FrameFault::NoImage)),
                 None => Err(fault.clone()),
             }
         });

@@ -71,7 +71,7 @@ pub enum InputError {
     Unknown {
         /// The camera.
         camera: String,
-        /// `codec` or `colour`.
+        /// `codec` or `color`.
         what: &'static str,
         /// The value found.
         found: String,
@@ -130,7 +130,7 @@ pub enum FrameFault {
     Decoder(#[source] DecodeError),
     /// The decoder gave the pictures around it but not this one: it is lost.
     #[error("the decoder gave no picture for it")]
-    NoPicture,
+    NoImage,
     /// The decoded picture has not the size that the manifest says.
     #[error("it is {found_width}x{found_height}, the manifest says {width}x{height}")]
     Size {
@@ -145,7 +145,7 @@ pub enum FrameFault {
     },
     /// The decoded picture cannot be cut in two.
     #[error("cutting it into left and right")]
-    Picture(#[source] PictureError),
+    Image(#[source] PictureError),
     /// The thread that decodes ended before it came to this frame: a defect of this program.
     #[error("its decoding thread ended early")]
     Ended,

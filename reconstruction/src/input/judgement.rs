@@ -1,7 +1,7 @@
 //! What a hand-off says of the verdict, for the provenance of a bundle and for those who read it.
 
 use scene_bundle::Judgement;
-use scene_bundle::judgement::{Acceptance, Beyond};
+use scene_bundle::judgement::{Acceptance, ExceededLimit};
 use session_archive::handoff::{self, HandOff, later_verdict};
 use session_archive::storage::Storage;
 
@@ -43,7 +43,7 @@ pub(super) fn notes(handoff: &HandOff, storage: &dyn Storage) -> Vec<String> {
 }
 
 fn acceptance(acceptance: &handoff::Acceptance) -> Acceptance {
-    let beyond = |beyond: &handoff::Beyond| Beyond {
+    let beyond = |beyond: &handoff::Beyond| ExceededLimit {
         metric: beyond.metric.clone(),
         of: beyond.of.clone(),
         verdict: beyond.verdict.to_string(),

@@ -42,12 +42,12 @@ impl Frames {
     }
 
     /// The same, of luma alone.
-    pub(super) fn start_grey(
+    pub(super) fn start_luma(
         shared: Arc<Shared>,
         camera: usize,
         positions: Arc<[usize]>,
     ) -> Result<Self, ReadError> {
-        let reader = GopReader::new(shared.clone(), camera).grey();
+        let reader = GopReader::new(shared.clone(), camera).luma();
         Self::of(reader, shared, camera, positions)
     }
 

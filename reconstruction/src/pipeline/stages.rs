@@ -11,13 +11,13 @@
 use super::{Pipeline, PipelineError, Stage};
 use crate::input::Input;
 
+mod bundle_adjustment;
 mod cloud;
 mod depth;
-pub mod feed;
-mod mapping;
+pub mod frame_set_reader;
 pub mod networks;
 mod odometry;
-mod place;
+mod pose_interpolation;
 pub mod rig;
 
 /// Names of the stages, in order.
@@ -43,7 +43,7 @@ pub struct Options {
     /// How much work is done.
     pub preset: Preset,
     /// What is told of the rig instead of what the session says.
-    pub told: rig::Told,
+    pub rig_overrides: rig::RigOverrides,
     /// Networks of the user's.
     pub networks: networks::Networks,
 }
@@ -55,9 +55,11 @@ pub struct Options {
 pub fn pipeline(options: Options) -> Result<Pipeline<Input>, PipelineError> {
     let preset = options.preset;
     let stages: Vec<Box<dyn Stage<Input>>> = vec![
-        Box::new(rig::RigStage { told: options.told }),
+        Box::new(rig::RigStage {
+            rig_overrides: options.rig_overrides,
+        }),
         Box::new(odometry::OdometryStage { preset }),
-        Box::new(mapping::MappingStage { preset }),
+        Box::new(bundle_adjustment::BundleAdjustmentStage { preset }),
         Box::new(depth::DepthStage {
             preset,
             networks: options.networks.clone(),

@@ -9,11 +9,11 @@ use super::*;
 
 /// What a toy does besides writing its outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-enum Trouble {
+enum Failure {
     #[default]
     None,
     /// Fails before it writes anything.
-    AtOnce,
+    Immediate,
     /// Fails after its first file.
     HalfWay,
     /// Leaves a file unfinished, so that its first output cannot be committed though others are.
@@ -27,7 +27,7 @@ struct Toy {
     inputs: &'static [&'static str],
     outputs: &'static [&'static str],
     setting: String,
-    trouble: Trouble,
+    failure: Failure,
     runs: Rc<Cell<usize>>,
 }
 
@@ -49,7 +49,7 @@ impl Stage<str> for Toy {
     }
     fn run(&self, work: &Work<'_, str>) -> Result<(), StageError> {
         self.runs.set(self.runs.get() + 1);
-        if self.trouble == Trouble::AtOnce {
+        if self.failure == Failure::Immediate {
             return Err("it was to fail".into());
         }
         let mut text = self.setting.clone();
@@ -64,16 +64,16 @@ impl Stage<str> for Toy {
             work.draft(output)
                 .write("text", format!("{output}({text})").as_bytes())?;
             work.progress(1, 2);
-            if self.trouble == Trouble::HalfWay {
+            if self.failure == Failure::HalfWay {
                 return Err("it was to fail half-way".into());
             }
         }
-        if self.trouble == Trouble::Unfinished {
+        if self.failure == Failure::Unfinished {
             drop(work.draft(self.outputs[0]).create("more")?);
         }
         work.note(format!("{} ran", self.name));
         if self.setting == "lossy" {
-            work.lose("a frame");
+            work.record_loss("a frame");
         }
         Ok(())
     }
@@ -84,7 +84,7 @@ struct Bench {
     folder: tempfile::TempDir,
     settings: [String; 3],
     versions: [u32; 3],
-    trouble: [Trouble; 3],
+    failure: [Failure; 3],
     source: String,
     again: bool,
 }
@@ -105,7 +105,7 @@ impl Bench {
             folder: tempfile::tempdir().expect("a folder"),
             settings: ["a", "b", "c"].map(str::to_owned),
             versions: [1; 3],
-            trouble: [Trouble::None; 3],
+            failure: [Failure::None; 3],
             source: "walk".to_owned(),
             again: false,
         }
@@ -147,7 +147,7 @@ impl Bench {
                 inputs,
                 outputs,
                 setting: self.settings[k].clone(),
-                trouble: self.trouble[k],
+                failure: self.failure[k],
                 runs: runs[k].clone(),
             });
             toy
@@ -168,7 +168,7 @@ impl Bench {
             &sources,
             &bundle,
             &selection,
-            &watch::Unwatched,
+            &observer::NoObserver,
             &Meter::STILL,
         );
         (found, runs.map(|r| r.get()))
@@ -219,7 +219,7 @@ fn what_is_done_is_not_done_again() {
     let (first, runs) = bench.run_only(None, None);
     let first = first.expect("a run");
     assert_eq!(runs, [1, 1, 1]);
-    assert!(first.iter().all(|o| o.state == State::Made));
+    assert!(first.iter().all(|o| o.state == State::Ran));
     let content = bench.content();
     assert_eq!(content["depth"], "depth(c+keyframes(b+walk+rig(a+walk)))");
 
@@ -227,7 +227,7 @@ fn what_is_done_is_not_done_again() {
     let second = second.expect("a run");
     assert_eq!(runs, [0, 0, 0]);
     for (before, after) in first.iter().zip(&second) {
-        assert_eq!(after.state, State::Kept);
+        assert_eq!(after.state, State::UpToDate);
         assert_eq!(
             (&before.outputs, &before.report),
             (&after.outputs, &after.report)
@@ -269,41 +269,41 @@ fn an_output_whose_files_are_gone_or_cut_is_made_again() {
     let bench = Bench::new();
     bench.run();
     let content = bench.content();
-    let place = |output: &str, file: &str| {
+    let file_path = |output: &str, file: &str| {
         let scene = bench.bundle().scene();
         scene.output(output).expect("an output").place(file)
     };
-    std::fs::remove_file(place("keyframes", "text")).expect("a file");
+    std::fs::remove_file(file_path("keyframes", "text")).expect("a file");
     assert_eq!(bench.run(), [0, 1, 0]);
-    std::fs::write(place("rig", "text"), "").expect("a file");
+    std::fs::write(file_path("rig", "text"), "").expect("a file");
     assert_eq!(bench.run(), [1, 0, 0]);
     assert_eq!(bench.content(), content);
 }
 
 #[test]
 fn a_failure_costs_the_stage_in_progress_alone() {
-    for trouble in [Trouble::AtOnce, Trouble::HalfWay, Trouble::Unfinished] {
+    for failure in [Failure::Immediate, Failure::HalfWay, Failure::Unfinished] {
         for (k, (name, _, outputs)) in STAGES.iter().enumerate() {
             let mut bench = Bench::new();
-            bench.trouble[k] = trouble;
+            bench.failure[k] = failure;
             let (found, runs) = bench.run_only(None, None);
             let error = found.expect_err("trouble");
             assert!(error.to_string().contains(name), "{error}");
             assert!(matches!(
-                (&error, trouble),
-                (PipelineError::Bundle { .. }, Trouble::Unfinished)
+                (&error, failure),
+                (PipelineError::Bundle { .. }, Failure::Unfinished)
                     | (
                         PipelineError::Stage { .. },
-                        Trouble::AtOnce | Trouble::HalfWay
+                        Failure::Immediate | Failure::HalfWay
                     )
             ));
             assert_eq!(runs, std::array::from_fn(|i| usize::from(i <= k)));
-            assert_eq!(no_drafts(&bench.path()), 0, "{trouble:?} in stage {k}");
+            assert_eq!(no_drafts(&bench.path()), 0, "{failure:?} in stage {k}");
             // Its first output is the one that is not there.
             let content = bench.content();
-            assert!(!content.contains_key(outputs[0]), "{trouble:?} {content:?}");
+            assert!(!content.contains_key(outputs[0]), "{failure:?} {content:?}");
 
-            bench.trouble[k] = Trouble::None;
+            bench.failure[k] = Failure::None;
             assert_eq!(bench.run(), std::array::from_fn(|i| usize::from(i >= k)));
             assert_eq!(bench.content(), bench.expected());
         }
@@ -325,10 +325,10 @@ fn a_failure_leaves_what_was_there_before() {
     bench.run();
     let content = bench.content();
     bench.settings[1] = "new".to_owned();
-    bench.trouble[1] = Trouble::HalfWay;
+    bench.failure[1] = Failure::HalfWay;
     assert!(bench.run_only(None, None).0.is_err());
     assert_eq!(bench.content(), content);
-    bench.trouble[1] = Trouble::None;
+    bench.failure[1] = Failure::None;
     assert_eq!(bench.run(), [0, 1, 1]);
     assert_eq!(bench.content(), bench.expected());
 }
@@ -365,7 +365,7 @@ fn stages_are_chosen_by_name() {
 fn losses_are_told_whether_or_not_a_stage_runs() {
     let mut bench = Bench::new();
     bench.settings[1] = "lossy".to_owned();
-    for state in [State::Made, State::Kept] {
+    for state in [State::Ran, State::UpToDate] {
         let outcomes = bench.run_only(None, None).0.expect("a run");
         assert_eq!(outcomes[1].state, state);
         assert_eq!(outcomes[1].report.losses, ["a frame"]);
@@ -382,7 +382,7 @@ fn a_table_that_contradicts_itself_is_refused() {
             inputs,
             outputs,
             setting: String::new(),
-            trouble: Trouble::None,
+            failure: Failure::None,
             runs: Rc::default(),
         })
     };
@@ -418,21 +418,21 @@ fn a_table_that_contradicts_itself_is_refused() {
 #[test]
 fn progress_is_told_in_order() {
     #[derive(Default)]
-    struct Told(std::sync::Mutex<RefCell<Vec<String>>>);
-    impl Told {
-        fn tell(&self, what: String) {
+    struct Recorder(std::sync::Mutex<RefCell<Vec<String>>>);
+    impl Recorder {
+        fn record(&self, what: String) {
             self.0.lock().expect("told").borrow_mut().push(what);
         }
     }
-    impl Watch for Told {
+    impl Observer for Recorder {
         fn begin(&self, stage: &str, number: usize, of: usize) {
-            self.tell(format!("{number}/{of} {stage}"));
+            self.record(format!("{number}/{of} {stage}"));
         }
         fn progress(&self, done: u64, total: u64) {
-            self.tell(format!("{done}/{total}"));
+            self.record(format!("{done}/{total}"));
         }
         fn end(&self, outcome: &Outcome) {
-            self.tell(format!("{:?} {}", outcome.state, outcome.outputs.len()));
+            self.record(format!("{:?} {}", outcome.state, outcome.outputs.len()));
         }
     }
     let bench = Bench::new();
@@ -444,7 +444,7 @@ fn progress_is_told_in_order() {
             inputs,
             outputs,
             setting: if *name == "rig" { "a" } else { "b" }.to_owned(),
-            trouble: Trouble::None,
+            failure: Failure::None,
             runs: Rc::default(),
         });
         toy
@@ -454,7 +454,7 @@ fn progress_is_told_in_order() {
         source: "walk",
         hashes: BTreeMap::from([("handoff".to_owned(), blake3_of("walk"))]),
     };
-    let told = Told::default();
+    let told = Recorder::default();
     let selection = Selection::default();
     let meter = Meter::STILL;
     pipeline
@@ -463,6 +463,13 @@ fn progress_is_told_in_order() {
     let told = told.0.into_inner().expect("told").into_inner();
     assert_eq!(
         told,
-        ["1/2 rig", "Kept 1", "2/2 odometry", "1/2", "1/2", "Made 2"]
+        [
+            "1/2 rig",
+            "UpToDate 1",
+            "2/2 odometry",
+            "1/2",
+            "1/2",
+            "Ran 2"
+        ]
     );
 }

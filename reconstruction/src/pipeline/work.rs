@@ -4,7 +4,7 @@ use std::sync::{Mutex, PoisonError};
 
 use scene_bundle::{Bundle, BundleError, Draft, OutputReader, Scene};
 
-use super::{Report, Stage, Watch};
+use super::{Observer, Report, Stage};
 
 /// What a running stage has in its hands: its source, outputs of earlier stages, and drafts of its own. May be used from
 /// several threads.
@@ -15,7 +15,7 @@ pub struct Work<'a, S: ?Sized> {
     outputs: &'static [&'static str],
     drafts: Vec<Draft>,
     report: Mutex<Report>,
-    watch: &'a dyn Watch,
+    observer: &'a dyn Observer,
 }
 
 impl<'a, S: ?Sized> Work<'a, S> {
@@ -23,7 +23,7 @@ impl<'a, S: ?Sized> Work<'a, S> {
         stage: &dyn Stage<S>,
         source: &'a S,
         bundle: &Bundle,
-        watch: &'a dyn Watch,
+        observer: &'a dyn Observer,
     ) -> Result<Self, BundleError> {
         let drafts = stage.outputs().iter().map(|output| bundle.begin(output));
         Ok(Self {
@@ -33,7 +33,7 @@ impl<'a, S: ?Sized> Work<'a, S> {
             outputs: stage.outputs(),
             drafts: drafts.collect::<Result<_, _>>()?,
             report: Mutex::default(),
-            watch,
+            observer,
         })
     }
 
@@ -72,18 +72,18 @@ impl<'a, S: ?Sized> Work<'a, S> {
     }
 
     /// Something of the input that could not be used. The program ends with 3 then.
-    pub fn lose(&self, sentence: impl Into<String>) {
+    pub fn record_loss(&self, sentence: impl Into<String>) {
         self.report(|report| report.losses.push(sentence.into()));
     }
 
     /// A part of the input that could not be read, with the causes.
-    pub fn lose_for(&self, error: &dyn std::error::Error) {
-        self.lose(scene_bundle::chain(error));
+    pub fn record_loss_from(&self, error: &dyn std::error::Error) {
+        self.record_loss(scene_bundle::error_chain(error));
     }
 
     /// So much is done, of so much.
     pub fn progress(&self, done: u64, total: u64) {
-        self.watch.progress(done, total);
+        self.observer.progress(done, total);
     }
 
     fn report(&self, change: impl FnOnce(&mut Report)) {

@@ -1,7 +1,7 @@
 //! The view of cloud and path in three dimensions: WebGL2, with everything it needs in the page.
 //!
 //! Contract: the page opens it from a file, without a network; where WebGL2 is missing a sentence stands in its place.
-//! What is embedded takes at most [`MOST_BYTES`]: the path first, of the cloud every so many points, evenly in their order, so that the same
+//! What is embedded takes at most [`MAX_BYTES`]: the path first, of the cloud every so many points, evenly in their order, so that the same
 //! cloud gives the same bytes; how many are shown is said. Places of points are 16-bit steps within the box that holds
 //! everything, a step being a 65535th of its edge: 1.5 mm in a scene of 100 m.
 //!
@@ -12,29 +12,29 @@ use charts::base64;
 use scene_bundle::outputs::cloud::CloudPoint;
 use serde_json::{Value, json};
 
-use super::POINT_M;
-use super::colours;
-use super::sights;
-use super::way::Step;
+use super::POINT_SIZE_M;
+use super::colors;
+use super::trajectory_map::Step;
+use super::views;
 
 /// The frame of the view: style, canvas, controls.
 const HTML: &str = include_str!("viewer.html");
 /// The program.
 const SCRIPT: &str = include_str!("viewer.js");
 /// Most text for layers: with charts and images a report stays well below 25 MB.
-pub(super) const MOST_BYTES: usize = 14_000_000;
+pub(super) const MAX_BYTES: usize = 14_000_000;
 /// Numbers of a point, bytes.
 const POINT_BYTES: usize = 9;
 /// Places of a line, at most; an hour's walk at every 7 cm.
-const MOST_PLACES: usize = 60_000;
+const MAX_LINE_POINTS: usize = 60_000;
 /// Pieces of a line, at most; each has its two ends beside those places.
-const MOST_PIECES: usize = 10_000;
+const MAX_LINE_PIECES: usize = 10_000;
 /// Places nearer to the one before are left out, m.
-const SHORTEST_M: f64 = 0.02;
+const MIN_STEP_M: f64 = 0.02;
 /// What a line is coloured by where that is not known.
-const UNKNOWN: u8 = 255;
+const UNKNOWN_LEVEL: u8 = 255;
 /// Largest coordinate that is shown, m.
-const FARTHEST_M: f32 = 1e6;
+const MAX_COORDINATE_M: f32 = 1e6;
 
 /// What is to be seen.
 pub(super) struct Content<'a> {
@@ -63,31 +63,31 @@ pub(super) struct Viewer {
 /// Makes the view.
 pub(super) fn viewer(content: &Content<'_>) -> Viewer {
     let Content { steps, truth, .. } = content;
-    let is_near = |p: &&CloudPoint| p.x_in_world.iter().all(|c| c.abs() <= FARTHEST_M);
+    let is_near = |p: &&CloudPoint| p.x_in_world.iter().all(|c| c.abs() <= MAX_COORDINATE_M);
     let points: Vec<&CloudPoint> = content.points.iter().filter(is_near).collect();
-    let places = points.iter().map(|p| p.x_in_world.map(f64::from));
-    let places = places.chain(steps.iter().map(|s| s.x_in_world));
-    let [low, high] = around(places.chain(truth.iter().copied()));
+    let positions = points.iter().map(|p| p.x_in_world.map(f64::from));
+    let positions = positions.chain(steps.iter().map(|s| s.x_in_world));
+    let [low, high] = around(positions.chain(truth.iter().copied()));
 
     let largest_m = content.largest_m.max(f64::MIN_POSITIVE);
     let level = |value_m: f64| (254.0 * (value_m / largest_m).clamp(0.0, 1.0)).round() as u8;
     let path = line(
-        steps.iter().map(|s| Place {
+        steps.iter().map(|s| LinePoint {
             x: s.x_in_world,
-            level: s.value_m.map_or(UNKNOWN, level),
+            level: s.value_m.map_or(UNKNOWN_LEVEL, level),
             follows: s.follows,
         }),
         low,
     );
     let truth = line(
-        truth.iter().enumerate().map(|(k, x)| Place {
+        truth.iter().enumerate().map(|(k, x)| LinePoint {
             x: *x,
-            level: UNKNOWN,
+            level: UNKNOWN_LEVEL,
             follows: k > 0,
         }),
         low,
     );
-    let room = MOST_BYTES.saturating_sub(text_bytes(path.bytes.len() + truth.bytes.len()));
+    let room = MAX_BYTES.saturating_sub(text_bytes(path.bytes.len() + truth.bytes.len()));
     let shown = thin(&points, room / text_bytes(POINT_BYTES));
     let numbers = cloud(&shown, low, high);
 
@@ -97,7 +97,7 @@ pub(super) fn viewer(content: &Content<'_>) -> Viewer {
         layers.push((of, bytes));
     };
     layer(
-        json!({"kind": "points", "name": "points", "count": shown.len(), "size_m": POINT_M}),
+        json!({"kind": "points", "name": "points", "count": shown.len(), "size_m": POINT_SIZE_M}),
         numbers,
     );
     if truth.count > 0 {
@@ -116,8 +116,8 @@ pub(super) fn viewer(content: &Content<'_>) -> Viewer {
         "view": {"eye": eye, "target": target},
         "cut": ((content.top_m - low[2]) / height).clamp(0.0, 1.0),
         "ramp": {
-            "light": colours::ANCHORS,
-            "dark": colours::DARK,
+            "light": colors::ANCHORS,
+            "dark": colors::DARK,
             "what": content.what,
             "most": charts::si(content.largest_m, "m"),
         },
@@ -152,9 +152,9 @@ fn text_bytes(bytes: usize) -> usize {
 }
 
 /// The box that holds all places, at least a metre along each edge.
-fn around(places: impl Iterator<Item = [f64; 3]>) -> [[f64; 3]; 2] {
+fn around(positions: impl Iterator<Item = [f64; 3]>) -> [[f64; 3]; 2] {
     let nowhere = [(f64::INFINITY, f64::NEG_INFINITY); 3];
-    let ends = places
+    let ends = positions
         .filter(|x| x.iter().all(|c| c.is_finite()))
         .fold(nowhere, |ends, x| {
             [0, 1, 2].map(|k| (ends[k].0.min(x[k]), ends[k].1.max(x[k])))
@@ -174,7 +174,7 @@ fn around(places: impl Iterator<Item = [f64; 3]>) -> [[f64; 3]; 2] {
 fn core(points: &[&CloudPoint], low: [f64; 3], high: [f64; 3]) -> [[f64; 3]; 2] {
     let all = [0, 1, 2].map(|k| {
         let values = points.iter().map(|p| f64::from(p.x_in_world[k]));
-        sights::range(values).unwrap_or((low[k], high[k]))
+        views::range(values).unwrap_or((low[k], high[k]))
     });
     [all.map(|(low, _)| low), all.map(|(_, high)| high)]
 }
@@ -195,12 +195,12 @@ fn cloud(points: &[&CloudPoint], low: [f64; 3], high: [f64; 3]) -> Vec<u8> {
         });
         bytes.extend(steps.iter().flat_map(|s| s.to_le_bytes()));
     }
-    bytes.extend(points.iter().flat_map(|p| p.colour));
+    bytes.extend(points.iter().flat_map(|p| p.color));
     bytes
 }
 
 /// A place of a line.
-struct Place {
+struct LinePoint {
     x: [f64; 3],
     level: u8,
     follows: bool,
@@ -214,43 +214,43 @@ struct Line {
 
 /// Places too near to the one before are left out, and of too many every so many; ends and breaks stay. Of too many pieces
 /// between breaks every so many stay. A place that is no number breaks the line.
-fn line(places: impl Iterator<Item = Place>, low: [f64; 3]) -> Line {
-    let mut kept: Vec<Place> = Vec::new();
-    let mut skipped: Option<Place> = None;
+fn line(positions: impl Iterator<Item = LinePoint>, low: [f64; 3]) -> Line {
+    let mut kept: Vec<LinePoint> = Vec::new();
+    let mut skipped: Option<LinePoint> = None;
     let mut is_broken = false;
-    for mut place in places {
-        if !place.x.iter().all(|c| c.is_finite()) {
+    for mut point in positions {
+        if !point.x.iter().all(|c| c.is_finite()) {
             is_broken = true;
             continue;
         }
-        place.follows &= !is_broken;
+        point.follows &= !is_broken;
         is_broken = false;
         let is_near = kept.last().is_some_and(|last| {
-            let off = [0, 1, 2].map(|k| place.x[k] - last.x[k]);
-            off.iter().map(|c| c * c).sum::<f64>() < SHORTEST_M * SHORTEST_M
+            let off = [0, 1, 2].map(|k| point.x[k] - last.x[k]);
+            off.iter().map(|c| c * c).sum::<f64>() < MIN_STEP_M * MIN_STEP_M
         });
-        if place.follows && is_near {
-            skipped = Some(place);
+        if point.follows && is_near {
+            skipped = Some(point);
             continue;
         }
-        if !place.follows {
+        if !point.follows {
             kept.extend(skipped.take());
         }
         skipped = None;
-        kept.push(place);
+        kept.push(point);
     }
     kept.extend(skipped);
     let pieces = kept.iter().filter(|p| !p.follows).count();
-    let every_piece = pieces.div_ceil(MOST_PIECES).max(1);
+    let every_piece = pieces.div_ceil(MAX_LINE_PIECES).max(1);
     let mut piece = 0_usize;
-    kept.retain(|place| {
-        piece += usize::from(!place.follows);
+    kept.retain(|point| {
+        piece += usize::from(!point.follows);
         piece.saturating_sub(1).is_multiple_of(every_piece)
     });
-    let every = kept.len().div_ceil(MOST_PLACES).max(1);
+    let every = kept.len().div_ceil(MAX_LINE_POINTS).max(1);
     let last = kept.len().saturating_sub(1);
     let is_break = |k: usize| kept.get(k).is_some_and(|p| !p.follows);
-    let of_line: Vec<&Place> = (0..kept.len())
+    let of_line: Vec<&LinePoint> = (0..kept.len())
         .filter(|k| k % every == 0 || *k == last || is_break(*k) || is_break(k + 1))
         .map(|k| &kept[k])
         .collect();
@@ -272,7 +272,7 @@ mod tests {
     fn point(x: [f32; 3]) -> CloudPoint {
         CloudPoint {
             x_in_world: x,
-            colour: [1, 2, 3],
+            color: [1, 2, 3],
             sigma_m: 0.01,
         }
     }
@@ -363,13 +363,9 @@ mod tests {
         let of = content(&points, &steps, &truth);
         let first = viewer(&of);
         let rest = HTML.len() + SCRIPT.len() + 4096;
+        assert!(first.html.len() <= MAX_BYTES + rest, "{}", first.html.len());
         assert!(
-            first.html.len() <= MOST_BYTES + rest,
-            "{}",
-            first.html.len()
-        );
-        assert!(
-            first.html.len() > MOST_BYTES * 9 / 10,
+            first.html.len() > MAX_BYTES * 9 / 10,
             "{}",
             first.html.len()
         );
@@ -388,12 +384,12 @@ mod tests {
         let steps: Vec<Step> = (0..1000)
             .map(|k| step(f64::from(k) * 1e-3, k != 500))
             .collect();
-        let places = steps.iter().map(|s| Place {
+        let positions = steps.iter().map(|s| LinePoint {
             x: s.x_in_world,
             level: 7,
             follows: s.follows,
         });
-        let made = line(places, [0.0; 3]);
+        let made = line(positions, [0.0; 3]);
         assert_eq!(made.bytes.len(), 14 * made.count);
         assert!(made.count > 44 && made.count < 60, "{}", made.count);
         let x =
@@ -412,26 +408,26 @@ mod tests {
 
     #[test]
     fn what_is_no_number_breaks_a_line() {
-        let places = [0.0, 1.0, f64::NAN, 2.0, 3.0].map(|x| Place {
+        let positions = [0.0, 1.0, f64::NAN, 2.0, 3.0].map(|x| LinePoint {
             x: [x, 0.0, 0.0],
             level: 7,
             follows: x > 0.0 || x.is_nan(),
         });
-        let made = line(places.into_iter(), [0.0; 3]);
+        let made = line(positions.into_iter(), [0.0; 3]);
         assert_eq!(made.count, 4);
         assert_eq!(made.bytes[48..], [7, 0, 7, 1, 7, 0, 7, 1]);
     }
 
     #[test]
     fn breaks_everywhere_do_not_make_a_line_longer() {
-        let most = MOST_PLACES + 2 * MOST_PIECES + 1;
+        let most = MAX_LINE_POINTS + 2 * MAX_LINE_PIECES + 1;
         for every in [1, 2, 3, 50] {
-            let places = (0..400_000).map(|k| Place {
+            let positions = (0..400_000).map(|k| LinePoint {
                 x: [f64::from(k), 0.0, 0.0],
                 level: 7,
                 follows: k % every != 0,
             });
-            let made = line(places, [0.0; 3]);
+            let made = line(positions, [0.0; 3]);
             assert!(made.count <= most, "{every}: {}", made.count);
             assert!(made.count > 5_000, "{every}: {}", made.count);
         }

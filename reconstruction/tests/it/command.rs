@@ -6,8 +6,8 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use reconstruction::image::Color;
 use reconstruction::input::Input;
-use reconstruction::picture::Colour;
 use session_archive::handoff::Verdict;
 use session_archive::layout;
 
@@ -107,12 +107,12 @@ fn frames_writes_all_that_the_session_holds() {
                 let mut reader = png::Decoder::new(file).read_info().expect("png");
                 let mut pixels = vec![0; reader.output_buffer_size().expect("size")];
                 let info = reader.next_frame(&mut pixels).expect("png");
-                let colour = match picture.colour {
-                    Colour::Grey => png::ColorType::Grayscale,
-                    Colour::Rgb => png::ColorType::Rgb,
+                let color = match picture.color {
+                    Color::Grey => png::ColorType::Grayscale,
+                    Color::Rgb => png::ColorType::Rgb,
                 };
                 assert_eq!((info.width, info.height), (picture.width, picture.height));
-                assert_eq!(info.color_type, colour);
+                assert_eq!(info.color_type, color);
                 assert!(pixels == picture.data[..], "{camera} {eye} {}", view.number);
             }
         }

@@ -87,12 +87,12 @@ fn a_table_says_what_was_found_and_which_run_is_the_worst() {
         fs::write(&path, text).expect("a file");
         path.to_str().expect("UTF-8").to_owned()
     };
-    let truth_file = write("truth.tum", &tum::written(&truth()));
-    let good = write("good.tum", &tum::written(&truth()));
-    let bad = write("bad.tum", &tum::written(&estimated(1)));
+    let truth_file = write("truth.tum", &tum::to_text(&truth()));
+    let good = write("good.tum", &tum::to_text(&truth()));
+    let bad = write("bad.tum", &tum::to_text(&estimated(1)));
     let half = truth().into_poses();
     let half = Trajectory::new(half[..300].to_vec()).expect("rising");
-    let half = write("half.tum", &tum::written(&half));
+    let half = write("half.tum", &tum::to_text(&half));
 
     let output = run(&[&good, &bad, "--truth", &truth_file]);
     assert_eq!(output.status.code(), Some(0), "{output:?}");
@@ -140,7 +140,7 @@ fn a_table_says_what_was_found_and_which_run_is_the_worst() {
             < 1e-9
     );
 
-    let rows = write("rows.txt", &kitti::written(&truth()).0);
+    let rows = write("rows.txt", &kitti::to_text(&truth()).0);
     let output = run(&[&rows, "--truth", &truth_file]);
     assert_eq!(output.status.code(), Some(1));
     let errors = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -169,7 +169,7 @@ fn a_table_says_what_was_found_and_which_run_is_the_worst() {
 fn a_bundle_is_complete_where_it_was_recorded() {
     let folder = tempfile::tempdir().expect("folder");
     let truth_file = folder.path().join("truth.tum");
-    fs::write(&truth_file, tum::written(&truth())).expect("a file");
+    fs::write(&truth_file, tum::to_text(&truth())).expect("a file");
     let truth_file = truth_file.to_str().expect("UTF-8");
     let mut recorded = truth().into_poses();
     recorded.truncate(300);
@@ -217,7 +217,7 @@ fn a_bundle_is_complete_where_it_was_recorded() {
 
     // A file does not say when the recording stopped.
     let file = folder.path().join("walk.tum");
-    fs::write(&file, tum::written(&recorded)).expect("a file");
+    fs::write(&file, tum::to_text(&recorded)).expect("a file");
     let (code, share) = completion(&[file.to_str().expect("UTF-8")]);
     assert_eq!(code, Some(3));
     assert!(share < 0.5, "{share}");
@@ -286,7 +286,7 @@ fn evo_finds_the_same() {
     let folder = tempfile::tempdir().expect("folder");
     let write = |name: &str, trajectory: &Trajectory| {
         let path = folder.path().join(name);
-        fs::write(&path, tum::written(trajectory)).expect("a file");
+        fs::write(&path, tum::to_text(trajectory)).expect("a file");
         path
     };
     let truth_file = write("truth.tum", &truth());
@@ -296,7 +296,7 @@ fn evo_finds_the_same() {
         for alignment in Alignment::ALL {
             let settings = Settings {
                 alignment,
-                deltas: vec![Delta::Metres(2.0), Delta::Poses(7)],
+                deltas: vec![Delta::Meters(2.0), Delta::Poses(7)],
                 overlapping: false,
                 ..Settings::default()
             };

@@ -3,7 +3,7 @@
 
 mod command;
 mod evaluate;
-mod feed;
+mod frame_set_reader;
 mod hostile;
 mod judged;
 mod read_back;

@@ -1,8 +1,8 @@
 //! Everything that went in comes out: counts, times to the ns, pictures, IMU samples bit by bit, in
 //! order and by number.
 
+use reconstruction::image::{Color, Image};
 use reconstruction::input::{Input, ReadError, View};
-use reconstruction::picture::{Colour, Picture};
 use reconstruction::{FrameSet, ImuSample};
 use session_archive::time::HostTime;
 use video::picture::{i420_to_rgb, psnr};
@@ -31,13 +31,13 @@ fn decibel(a: &[u8], b: &[u8]) -> f64 {
 }
 
 /// Left and right half of the source's pixels, cut here the slow way.
-fn halves(source: &Source, colour: Colour) -> [Vec<u8>; 2] {
+fn halves(source: &Source, color: Color) -> [Vec<u8>; 2] {
     let picture = &source.picture;
-    let pixels = match colour {
-        Colour::Grey => picture.luma().expect("luma").to_vec(),
-        Colour::Rgb => i420_to_rgb(picture).expect("rgb"),
+    let pixels = match color {
+        Color::Grey => picture.luma().expect("luma").to_vec(),
+        Color::Rgb => i420_to_rgb(picture).expect("rgb"),
     };
-    let (width, channels) = (picture.width as usize, colour.channels());
+    let (width, channels) = (picture.width as usize, color.channels());
     [0, width / 2].map(|from| {
         let mut half = Vec::new();
         for y in 0..picture.height as usize {
@@ -48,7 +48,7 @@ fn halves(source: &Source, colour: Colour) -> [Vec<u8>; 2] {
     })
 }
 
-fn check_view(view: &View, source: &Source, colour: Colour) {
+fn check_view(view: &View, source: &Source, color: Color) {
     assert_eq!(
         (view.number, view.time, view.sigma_ns, view.time_doubtful),
         (
@@ -60,14 +60,14 @@ fn check_view(view: &View, source: &Source, colour: Colour) {
     );
     for (found, expected) in [&view.left, &view.right]
         .into_iter()
-        .zip(halves(source, colour))
+        .zip(halves(source, color))
     {
-        let Picture { width, height, .. } = *found;
+        let Image { width, height, .. } = *found;
         assert_eq!(
             (2 * width, height),
             (source.picture.width, source.picture.height)
         );
-        assert_eq!(found.colour, colour);
+        assert_eq!(found.color, color);
         let quality = decibel(&found.data, &expected);
         assert!(
             quality >= 40.0,
@@ -77,7 +77,7 @@ fn check_view(view: &View, source: &Source, colour: Colour) {
         );
     }
     // Had the halves been exchanged, or the pictures of two frames, this would not hold.
-    let other = decibel(&view.right.data, &halves(source, colour)[0]);
+    let other = decibel(&view.right.data, &halves(source, color)[0]);
     assert!(other < 30.0, "the eyes differ: {other:.1} dB");
 }
 
@@ -97,7 +97,7 @@ fn sets_in_order_hold_what_was_recorded() {
             (found.number, found.time.ns()),
             (expected.number, expected.time)
         );
-        for ((camera, colour), view) in [("left_shoulder", Colour::Grey), ("feet", Colour::Rgb)]
+        for ((camera, color), view) in [("left_shoulder", Color::Grey), ("feet", Color::Rgb)]
             .into_iter()
             .zip(&found.views)
         {
@@ -111,7 +111,7 @@ fn sets_in_order_hold_what_was_recorded() {
                 assert_eq!(*view.camera, *camera);
                 let mut sources = recorded.camera(camera).iter();
                 let source = sources.find(|s| s.number == view.number).expect("source");
-                check_view(view, source, colour);
+                check_view(view, source, color);
             }
         }
         match found.views.iter().flatten().count() {
@@ -175,12 +175,12 @@ fn imu_samples_are_bit_equal_and_come_once() {
 #[test]
 fn every_frame_of_a_camera_comes_also_those_in_no_set() {
     let (_folder, recorded, input) = open();
-    for (camera, colour) in [("left_shoulder", Colour::Grey), ("feet", Colour::Rgb)] {
+    for (camera, color) in [("left_shoulder", Color::Grey), ("feet", Color::Rgb)] {
         let sources = recorded.camera(camera);
         let frames = input.frames(camera).expect("frames");
         assert_eq!(frames.len(), sources.len());
         for (view, source) in frames.zip(sources) {
-            check_view(&view.expect("view"), source, colour);
+            check_view(&view.expect("view"), source, color);
         }
     }
     let odd = input

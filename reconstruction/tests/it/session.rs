@@ -125,12 +125,12 @@ pub(crate) fn seal_only(folder: &Path, verdict: Verdict, files: &[String]) {
 }
 
 fn spec() -> SessionSpec {
-    let camera = |name: &str, (width, height), colour: &str, codec: &str, rate_hz| Camera {
+    let camera = |name: &str, (width, height), color: &str, codec: &str, rate_hz| Camera {
         name: name.to_owned(),
         width,
         height,
         codec: codec.to_owned(),
-        colour: colour.to_owned(),
+        colour: color.to_owned(),
         rate_hz,
         tick: TickLength::NANOSECOND,
         trigger: None,
@@ -159,7 +159,7 @@ fn spec() -> SessionSpec {
 }
 
 /// Waves that move, steeper in one eye than in the other.
-fn picture(width: u32, height: u32, number: u64, colour: bool) -> Picture {
+fn picture(width: u32, height: u32, number: u64, color: bool) -> Picture {
     let phase = number as f64 * 0.13;
     let wave = |x: u32, y: u32, seed: f64| {
         let eye = if x < width / 2 { 1.0 } else { 1.7 };
@@ -175,7 +175,7 @@ fn picture(width: u32, height: u32, number: u64, colour: bool) -> Picture {
     for seed in [1.0, 2.0] {
         for y in 0..height / 2 {
             let chroma = |x| {
-                if colour {
+                if color {
                     (wave(2 * x, 2 * y, seed) / 2.0 + 64.0) as u8
                 } else {
                     128
@@ -327,11 +327,11 @@ enum Sample<'a> {
 
 fn record(folder: &Path, change: impl Fn(&str, u64, AccessUnit) -> AccessUnit) -> Recorded {
     let spec = spec();
-    let (grey, colour) = (&spec.cameras[0], &spec.cameras[1]);
+    let (grey, color) = (&spec.cameras[0], &spec.cameras[1]);
     let recorded = Recorded {
         // The first frame has the time of an IMU sample.
         left_shoulder: sources(grey, 50, 10 * MS + 26, &[]),
-        feet: sources(colour, 31, 3 * MS, &[12, 13, 14]),
+        feet: sources(color, 31, 3 * MS, &[12, 13, 14]),
         imu: batches(),
         sets: Vec::new(),
     };

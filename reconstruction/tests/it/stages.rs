@@ -12,12 +12,12 @@ use calib::{CameraSet, Format};
 use reconstruction::input::Input;
 use reconstruction::pipeline::stages::rig;
 use reconstruction::pipeline::{
-    Meter, Pipeline, Selection, Sources, Stage, StageError, State, Work, watch,
+    Meter, Pipeline, Selection, Sources, Stage, StageError, State, Work, observer,
 };
 use scene_bundle::{Bundle, Provenance, RigRevision, Scene, outputs};
 use serde_json::{Value, json};
 
-use crate::feed::{RIG, told};
+use crate::frame_set_reader::{RIG, rig_overrides};
 use crate::session::{hand_over, lens};
 
 fn run(arguments: &[&str]) -> Output {
@@ -72,7 +72,7 @@ fn a_rig_that_nobody_knows_is_an_error_that_says_what_is_missing() {
 fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
     let folder = tempfile::tempdir().expect("folder");
     hand_over(folder.path());
-    let told = told(folder.path());
+    let rig_overrides = rig_overrides(folder.path());
     let place = |name: &str| folder.path().join(name).to_str().expect("UTF-8").to_owned();
     fs::write(place("told.toml"), RIG).expect("a file");
     let (session, out, rig_file) = (place("."), place("bundle"), place("told.toml"));
@@ -137,7 +137,10 @@ fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
     }
     // Recorded lenses of the one, told ones of the other, with the baseline that was told.
     assert_eq!(model.cameras[0].left.fx, lens("left_shoulder/left").k[0]);
-    assert_eq!(model.cameras[1].left, told.calibrations["feet"].left);
+    assert_eq!(
+        model.cameras[1].left,
+        rig_overrides.calibrations["feet"].left
+    );
     assert_eq!(
         model.cameras[1].right_from_left.translation_m(),
         [-0.063, 0.0, 0.0]
@@ -145,9 +148,9 @@ fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
     assert_eq!(model.imus[0].rate_hz, Some(200.0));
     assert!(model.imus[0].noise.is_some() && model.imus[0].range.is_some());
     let input = Input::open(folder.path()).expect("open");
-    assert_eq!(rig::model(&input, &told).expect("a rig").0, model);
-    let of_odometry = rig::of_odometry(&model);
-    assert_eq!(of_odometry.cameras[1].name, "feet");
+    assert_eq!(rig::model(&input, &rig_overrides).expect("a rig").0, model);
+    let odometry_rig = rig::odometry_rig(&model);
+    assert_eq!(odometry_rig.cameras[1].name, "feet");
 
     let second = stage(&arguments);
     assert_eq!(second["state"], "kept");
@@ -200,8 +203,8 @@ fn the_folder_of_a_calibration_gives_a_session_lenses_and_places() {
     let folder = tempfile::tempdir().expect("folder");
     hand_over(folder.path());
     let before = fs::read(folder.path().join("handoff.json")).expect("a hand-off");
-    let told = told(folder.path());
-    let set = CameraSet::of_stereo(&told.calibrations["feet"]);
+    let rig_overrides = rig_overrides(folder.path());
+    let set = CameraSet::of_stereo(&rig_overrides.calibrations["feet"]);
     let [(_, feet)] = &contents(&set, Format::OpenCv).expect("a file")[..] else {
         panic!("several files");
     };
@@ -250,7 +253,7 @@ fn the_folder_of_a_calibration_gives_a_session_lenses_and_places() {
     let model = outputs::rig::read(&reader).expect("a rig");
     let feet = model.cameras.iter().find(|c| c.name == "feet");
     let fx = feet.expect("feet").left.fx;
-    assert!((fx - told.calibrations["feet"].left.fx).abs() < 1e-9);
+    assert!((fx - rig_overrides.calibrations["feet"].left.fx).abs() < 1e-9);
     // The session is what it was.
     let after = fs::read(folder.path().join("handoff.json")).expect("a hand-off");
     assert_eq!(after, before);
@@ -370,7 +373,7 @@ fn run_toys(folder: &Path) -> Vec<State> {
         &sources,
         &bundle,
         &selection,
-        &watch::Unwatched,
+        &observer::NoObserver,
         &Meter::STILL,
     );
     outcomes.expect("toys").iter().map(|o| o.state).collect()
@@ -387,7 +390,7 @@ fn dying() {
 #[test]
 fn what_a_disk_has_changed_is_made_again() {
     let folder = tempfile::tempdir().expect("folder");
-    assert_eq!(run_toys(folder.path()), [State::Made; 3]);
+    assert_eq!(run_toys(folder.path()), [State::Ran; 3]);
     let scene = Scene::open(folder.path()).expect("a bundle");
     let file = scene.output("c").expect("an output").place("1");
     let mut bytes = fs::read(&file).expect("a file");
@@ -396,7 +399,7 @@ fn what_a_disk_has_changed_is_made_again() {
     // What comes after it was made of the same bytes.
     assert_eq!(
         run_toys(folder.path()),
-        [State::Kept, State::Made, State::Kept]
+        [State::UpToDate, State::Ran, State::UpToDate]
     );
     let scene = Scene::open(folder.path()).expect("a bundle");
     let checked = scene_bundle::verify::verify(&scene, |_| {}).expect("a bundle");
@@ -406,7 +409,7 @@ fn what_a_disk_has_changed_is_made_again() {
 #[test]
 fn killed_at_any_step_the_next_run_goes_on_with_the_stage_in_progress() {
     let whole = tempfile::tempdir().expect("folder");
-    assert_eq!(run_toys(whole.path()), [State::Made; 3]);
+    assert_eq!(run_toys(whole.path()), [State::Ran; 3]);
     let hashes = |folder: &Path| -> BTreeMap<String, String> {
         let scene = Scene::open(folder).expect("a bundle");
         let outputs = scene.manifest().outputs.iter();
@@ -433,7 +436,7 @@ fn killed_at_any_step_the_next_run_goes_on_with_the_stage_in_progress() {
             assert!(checked.is_whole());
             assert_eq!(checked.outputs.len(), [0, 1, 3][number]);
             let states = run_toys(folder.path());
-            let made: Vec<bool> = states.iter().map(|s| *s == State::Made).collect();
+            let made: Vec<bool> = states.iter().map(|s| *s == State::Ran).collect();
             let expected_made: Vec<bool> = (0..3).map(|k| k >= number).collect();
             assert_eq!(made, expected_made, "{name}{step}");
             assert_eq!(hashes(folder.path()), expected);

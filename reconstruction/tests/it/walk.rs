@@ -23,7 +23,7 @@ use scene_bundle::{Scene, outputs};
 use serde_json::{Value, json};
 use session_archive::handoff::Verdict;
 
-use crate::feed::RIG;
+use crate::frame_set_reader::RIG;
 use crate::session::{index, seal_session};
 
 const STAGES: [&str; 5] = ["rig", "odometry", "mapping", "depth", "cloud"];
@@ -218,7 +218,7 @@ fn the_cloud_lies_on_what_is_there() {
     let points = outputs::cloud::read(&scene.output("cloud").expect("a cloud")).expect("points");
     assert!(points.len() > 10_000, "{}", points.len());
     // In colour.
-    let is_coloured = |p: &&CloudPoint| p.colour[0].abs_diff(p.colour[2]) > 8;
+    let is_coloured = |p: &&CloudPoint| p.color[0].abs_diff(p.color[2]) > 8;
     assert!(points.iter().filter(is_coloured).count() > points.len() / 20);
     let fit = evaluation(walk).true_from_estimated.expect("an alignment");
     let mut off = off_surface(walk, &points, fit.rigid);
@@ -251,7 +251,7 @@ fn write_true_depth(walk: &Walk, scene: &Scene, folder: &Path) {
     let index = outputs::depth::read_index(&reader).expect("an index");
     for (number, camera) in walk.simulation.cameras().iter().enumerate() {
         let view = index.views.iter().position(|v| v.camera == camera.name);
-        let keys = index.pictures.iter().filter(|key| Some(key.view) == view);
+        let keys = index.images.iter().filter(|key| Some(key.view) == view);
         let mut truths = walk.simulation.truths(number);
         let root = folder.join(&camera.name).join("mav0");
         for eye in 0..2 {
@@ -430,7 +430,7 @@ fn draws(browser: &mut Browser) {
             "(() => { const e = document.getElementById('viewer-canvas'); e.scrollIntoView({block: 'center'}); \
              const r = e.getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom]; })()",
         );
-        if colours(&browser.screenshot(false), &place) > 1 {
+        if colors(&browser.screenshot(false), &place) > 1 {
             return;
         }
         browser.value("new Promise((done) => setTimeout(done, 250))");
@@ -439,7 +439,7 @@ fn draws(browser: &mut Browser) {
 }
 
 /// How many colours a picture of the screen has within a place of the page, which has two pixels for one of its own.
-fn colours(picture: &[u8], place: &Value) -> usize {
+fn colors(picture: &[u8], place: &Value) -> usize {
     let decoder = png::Decoder::new(Cursor::new(picture));
     let mut reader = decoder.read_info().expect("png");
     let mut pixels = vec![0; reader.output_buffer_size().expect("size")];

@@ -153,7 +153,7 @@ impl Shared {
 
     pub(crate) fn replace_manifest(&self, manifest: &Manifest) -> Result<(), BundleError> {
         let path = self.storage.root().join(layout::MANIFEST);
-        storage::replace(&*self.storage, layout::MANIFEST, &manifest.written())
+        storage::replace(&*self.storage, layout::MANIFEST, &manifest.to_json())
             .map_err(doing("writing the manifest of a scene bundle", path))
     }
 }

@@ -33,21 +33,21 @@ struct Inner {
 struct Content {
     folders: BTreeSet<String>,
     /// By path: nothing while the file is being written, then what it is and whether the manifest names it.
-    files: BTreeMap<String, Option<(FileEntry, Named)>>,
+    files: BTreeMap<String, Option<(FileEntry, HashLocation)>>,
 }
 
 /// Where a file's hash is written down.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Named {
-    InManifest,
-    InListing,
+enum HashLocation {
+    Manifest,
+    Listing,
 }
 
 /// A file of a draft. It counts once it is [finished](DraftFile::finish).
 pub struct DraftFile {
     inner: Arc<Inner>,
     path: String,
-    named: Named,
+    hash_location: HashLocation,
     file: Box<dyn StoredFile>,
     waiting: Vec<u8>,
     bytes: u64,
@@ -110,7 +110,7 @@ impl Draft {
     /// # Errors
     /// [`BundleError::Refused`] for such a path or one that is taken, [`BundleError::Io`].
     pub fn create(&self, path: &str) -> Result<DraftFile, BundleError> {
-        self.create_named(path, Named::InManifest)
+        self.create_named(path, HashLocation::Manifest)
     }
 
     /// Begins a file that the output's listing will name, not the manifest: for outputs of very many files.
@@ -118,7 +118,7 @@ impl Draft {
     /// # Errors
     /// As [`Self::create`].
     pub fn create_listed(&self, path: &str) -> Result<DraftFile, BundleError> {
-        self.create_named(path, Named::InListing)
+        self.create_named(path, HashLocation::Listing)
     }
 
     /// Writes a whole file that the manifest will name.
@@ -137,7 +137,11 @@ impl Draft {
         self.create_listed(path)?.whole(bytes)
     }
 
-    fn create_named(&self, path: &str, named: Named) -> Result<DraftFile, BundleError> {
+    fn create_named(
+        &self,
+        path: &str,
+        hash_location: HashLocation,
+    ) -> Result<DraftFile, BundleError> {
         let inner = &self.inner;
         let refused = |expected: &str| BundleError::Refused {
             path: inner.shared.storage.root().join(&inner.folder),
@@ -170,7 +174,7 @@ impl Draft {
         Ok(DraftFile {
             inner: inner.clone(),
             path: path.to_owned(),
-            named,
+            hash_location,
             file,
             waiting: Vec::new(),
             bytes: 0,
@@ -204,7 +208,7 @@ impl Draft {
 
         let files: Vec<FileEntry> = files
             .into_iter()
-            .filter(|(_, named)| *named == Named::InManifest)
+            .filter(|(_, hash_location)| *hash_location == HashLocation::Manifest)
             .map(|(file, _)| file)
             .collect();
         let output = Output::new(record, files);
@@ -237,7 +241,9 @@ impl Draft {
 
     fn write_listing(&self) -> Result<(), BundleError> {
         let files = self.inner.finished()?;
-        let listed = files.iter().filter(|(_, named)| *named == Named::InListing);
+        let listed = files
+            .iter()
+            .filter(|(_, hash_location)| *hash_location == HashLocation::Listing);
         let text: String = listed
             .map(|(file, _)| format!("{}  {}\n", file.blake3, file.path))
             .collect();
@@ -258,7 +264,7 @@ impl Draft {
         let file = DraftFile {
             inner: inner.clone(),
             path: layout::LISTING.to_owned(),
-            named: Named::InManifest,
+            hash_location: HashLocation::Manifest,
             file,
             waiting: Vec::new(),
             bytes: 0,
@@ -304,7 +310,7 @@ impl Inner {
     }
 
     /// All files, sorted by path.
-    fn finished(&self) -> Result<Vec<(FileEntry, Named)>, BundleError> {
+    fn finished(&self) -> Result<Vec<(FileEntry, HashLocation)>, BundleError> {
         let content = self.content();
         let files = content.files.iter().map(|(path, file)| {
             file.clone()
@@ -363,7 +369,7 @@ impl DraftFile {
         self.inner
             .content()
             .files
-            .insert(self.path, Some((entry, self.named)));
+            .insert(self.path, Some((entry, self.hash_location)));
         Ok(())
     }
 

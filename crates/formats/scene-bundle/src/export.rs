@@ -17,12 +17,12 @@ use crate::scene::Scene;
 use crate::trajectory::{Status, Trajectory};
 
 mod colmap;
+mod depth_warp;
 mod folder;
 mod las;
 mod lenses;
 mod nerfstudio;
-mod redraw;
-mod shots;
+mod posed_images;
 
 use folder::NewFolder;
 
@@ -84,7 +84,7 @@ impl Format {
             Self::Tum | Self::Kitti | Self::Euroc if is_causal => &[outputs::TRAJECTORY_CAUSAL],
             Self::Tum | Self::Kitti | Self::Euroc => &[outputs::TRAJECTORY],
             Self::Nerfstudio | Self::ColmapText | Self::ColmapBinary => &[
-                outputs::RIG_ADJUSTED,
+                outputs::RIG_REFINED,
                 outputs::KEYFRAMES,
                 outputs::DEPTH,
                 outputs::MASKS,
@@ -107,7 +107,7 @@ pub struct Options {
     pub causal: bool,
     /// Where the pictures lie, as `paws-reconstruct frames` writes them: `CAMERA/left/NNNNNN.png`, named by the number of
     /// the frame. With it, keyframes without a picture are left out.
-    pub pictures: Option<PathBuf>,
+    pub images: Option<PathBuf>,
     /// Right pictures too.
     pub right: bool,
     /// Only these cameras; all where it is empty.
@@ -118,7 +118,7 @@ pub struct Options {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Summary {
     /// What it is, in words.
-    pub written: String,
+    pub description: String,
     /// What the format has no place for, and what was changed to fit it.
     pub notes: Vec<String>,
     /// What should have been written and was not.
@@ -184,7 +184,7 @@ pub fn export(
             let bytes = cloud::read_file(&scene.output(outputs::CLOUD)?)?;
             write(out, &bytes, Existing::Refuse)?;
             Summary {
-                written: "the points as they are".to_owned(),
+                description: "the points as they are".to_owned(),
                 ..Summary::default()
             }
         }
@@ -215,7 +215,7 @@ fn trajectory(
     let trajectory = outputs::trajectory::read(&scene.output(name)?)?;
     match format {
         Format::Kitti => {
-            let (poses, times) = kitti::written(&trajectory);
+            let (poses, times) = kitti::to_text(&trajectory);
             let folder = NewFolder::begin(out)?;
             folder.write("poses.txt", poses.as_bytes())?;
             folder.write("times.txt", times.as_bytes())?;
@@ -223,20 +223,20 @@ fn trajectory(
         }
         Format::Euroc => write(
             out,
-            euroc::written(&trajectory, None).as_bytes(),
+            euroc::to_text(&trajectory, None).as_bytes(),
             Existing::Refuse,
         )?,
-        _ => write(out, tum::written(&trajectory).as_bytes(), Existing::Refuse)?,
+        _ => write(out, tum::to_text(&trajectory).as_bytes(), Existing::Refuse)?,
     }
     Ok(Summary {
-        written: format!("{} poses of the rig", trajectory.usable().count()),
-        notes: unsaid(&trajectory, format),
+        description: format!("{} poses of the rig", trajectory.usable().count()),
+        notes: omitted_fields(&trajectory, format),
         lost: Vec::new(),
     })
 }
 
 /// What the text formats do not say.
-fn unsaid(trajectory: &Trajectory, format: Format) -> Vec<String> {
+fn omitted_fields(trajectory: &Trajectory, format: Format) -> Vec<String> {
     let has = |what: &str, there: bool| there.then(|| what.to_owned());
     let poses = trajectory.poses();
     let lost = trajectory.len() - trajectory.usable().count();
@@ -275,22 +275,22 @@ fn writing(path: &Path) -> impl FnOnce(io::Error) -> ExportError + use<> {
 }
 
 /// The folder of the pictures as a program sees it that reads a file in `out`: a relative path where the two have one.
-fn seen_from(out: &Path, pictures: &Path) -> Result<PathBuf, ExportError> {
+fn relative_path(out: &Path, images: &Path) -> Result<PathBuf, ExportError> {
     let parent = match out.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
     fs::create_dir_all(parent).map_err(writing(parent))?;
     let whole = |path: &Path| fs::canonicalize(path).map_err(writing(path));
-    let (parent, pictures) = (whole(parent)?, whole(pictures)?);
+    let (parent, images) = (whole(parent)?, whole(images)?);
     let out = parent.join(out.file_name().unwrap_or_default());
     let common = out
         .components()
-        .zip(pictures.components())
+        .zip(images.components())
         .take_while(|(a, b)| a == b)
         .count();
     let up = out.components().skip(common).map(|_| "..");
     let mut path: PathBuf = up.collect();
-    path.extend(pictures.components().skip(common));
+    path.extend(images.components().skip(common));
     Ok(path)
 }

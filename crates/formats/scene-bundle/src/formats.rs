@@ -14,7 +14,7 @@ pub mod tum;
 mod seconds;
 mod text;
 
-pub use seconds::{parse_seconds, written_seconds};
+pub use seconds::{format_seconds, parse_seconds};
 pub use text::FormatError;
 
 #[cfg(test)]

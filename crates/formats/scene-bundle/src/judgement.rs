@@ -28,7 +28,7 @@ pub struct Acceptance {
     /// The verdict that it was given for.
     pub verdict: String,
     /// Everything that was beyond a limit then, the worst first.
-    pub metrics: Vec<Beyond>,
+    pub metrics: Vec<ExceededLimit>,
     /// The limits then, as [`Judgement::limits`].
     pub limits: Vec<String>,
 }
@@ -36,7 +36,7 @@ pub struct Acceptance {
 /// A metric that was beyond a limit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Beyond {
+pub struct ExceededLimit {
     /// The metric, as in `camera.dropped`.
     pub metric: String,
     /// The stream, pair or clock that it is about; `session` for the whole.

@@ -7,35 +7,35 @@ pub const MANIFEST_LIMIT: u64 = plain_file::DOCUMENT_LIMIT;
 /// Held by whoever writes to the bundle.
 pub const LOCK: &str = "lock";
 /// How long stages took; no part of the bundle.
-pub const MADE: &str = "made.jsonl";
+pub const STAGE_TIMINGS: &str = "made.jsonl";
 /// Small images of what the cameras saw; no part of the bundle.
-pub const SEEN: &str = "seen.jsonl";
+pub const CAMERA_IMAGES: &str = "seen.jsonl";
 /// A page about the bundle; no part of it.
 pub const PAGE: &str = "report.html";
 /// In an output's folder: files with their hashes that are too many for the manifest.
 pub const LISTING: &str = "files.b3";
 
 /// Begins the names of folders in the making.
-const DRAFT: &str = ".draft-";
+const DRAFT_PREFIX: &str = ".draft-";
 /// Digits of the hash in a folder's name.
-const DIGITS: usize = 16;
+const HASH_DIGITS: usize = 16;
 
 /// Folder of an output of this content: `NAME.` and the first 16 digits of its hash.
 pub fn folder(name: &str, hash: &str) -> String {
-    format!("{name}.{}", hash.get(..DIGITS).unwrap_or(hash))
+    format!("{name}.{}", hash.get(..HASH_DIGITS).unwrap_or(hash))
 }
 
 /// Folder in which an output is made.
 pub fn draft(name: &str) -> String {
-    format!("{DRAFT}{name}")
+    format!("{DRAFT_PREFIX}{name}")
 }
 
 /// Whether a name in the bundle's folder is one that only a writer makes: a draft, a version of an output, or a
 /// manifest that was being written.
 pub fn is_ours(name: &str) -> bool {
-    let is_hash = |text: &str| text.len() == DIGITS && is_hex(text);
+    let is_hash = |text: &str| text.len() == HASH_DIGITS && is_hex(text);
     name == temporary(MANIFEST)
-        || name.strip_prefix(DRAFT).is_some_and(is_output_name)
+        || name.strip_prefix(DRAFT_PREFIX).is_some_and(is_output_name)
         || name
             .split_once('.')
             .is_some_and(|(output, hash)| is_output_name(output) && is_hash(hash))

@@ -17,14 +17,14 @@ pub mod scene;
 pub mod trajectory;
 pub mod verify;
 
-mod chain;
+mod error_chain;
 mod npy;
 mod storage;
 
 pub use bundle::Bundle;
-pub use chain::chain;
 pub use draft::{Draft, DraftFile};
 pub use error::BundleError;
+pub use error_chain::error_chain;
 pub use formats::FormatError;
 pub use judgement::Judgement;
 pub use manifest::{Manifest, Output, Provenance, Record, RigRevision};

@@ -64,8 +64,8 @@ enum Command {
         #[arg(long, value_name = "PATH")]
         out: PathBuf,
         /// Which trajectory; for tum, kitti and euroc.
-        #[arg(long, value_enum, default_value_t = Which::Offline)]
-        trajectory: Which,
+        #[arg(long, value_enum, default_value_t = TrajectoryKind::Offline)]
+        trajectory: TrajectoryKind,
         /// Folder that `paws-reconstruct frames` wrote, for nerfstudio and colmap. Keyframes whose picture is not there
         /// are left out. Without it pictures are named as in that folder, below `images` for nerfstudio.
         #[arg(long, value_name = "DIR")]
@@ -82,7 +82,7 @@ enum Command {
 }
 
 #[derive(Clone, Copy, ValueEnum)]
-enum Which {
+enum TrajectoryKind {
     /// Computed with knowledge of the whole recording.
     Offline,
     /// Computed from what was before each pose alone.
@@ -107,8 +107,8 @@ fn main() -> ExitCode {
             camera,
         } => {
             let options = Options {
-                causal: matches!(trajectory, Which::Causal),
-                pictures,
+                causal: matches!(trajectory, TrajectoryKind::Causal),
+                images: pictures,
                 right,
                 cameras: camera,
             };
@@ -128,7 +128,7 @@ fn command() -> clap::Command {
 
 fn show(bundle: &Path, json: bool) -> Result<ExitCode> {
     let scene = Scene::open(bundle)?;
-    let shown = show::Shown::of(&scene);
+    let shown = show::BundleSummary::of(&scene);
     let text = if json { shown.json()? } else { shown.text() };
     print(text.trim_end()).context("writing to standard output")?;
     for problem in &shown.problems {
@@ -210,7 +210,7 @@ fn write_export(bundle: &Path, format: Format, options: &Options, out: &Path) ->
     print(format_args!(
         "{}: {}{loss}: {}",
         format.name(),
-        summary.written,
+        summary.description,
         out.display()
     ))?;
     Ok(ExitCode::from(if summary.lost.is_empty() {

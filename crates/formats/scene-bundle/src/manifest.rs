@@ -120,7 +120,7 @@ impl Output {
     }
 
     /// Whether it was made just so, and making it again would give the same.
-    pub fn was_made_by(&self, record: &Record) -> bool {
+    pub fn is_made_by(&self, record: &Record) -> bool {
         self.stage == record.stage
             && self.stage_version == record.stage_version
             && self.settings == record.settings
@@ -172,7 +172,7 @@ impl Manifest {
     /// Of the bytes of a file. `path` is for messages.
     pub(crate) fn parse(bytes: &[u8], path: &Path) -> Result<Self, BundleError> {
         #[derive(Deserialize)]
-        struct Which {
+        struct Header {
             format: String,
             version: u32,
         }
@@ -182,10 +182,10 @@ impl Manifest {
             expected: expected.to_owned(),
         };
         let expected = format!("a manifest of {FORMAT} version 1 or {VERSION}");
-        let which: Which = serde_json::from_slice(bytes)
+        let header: Header = serde_json::from_slice(bytes)
             .map_err(|e| wrong(format!("JSON where {e}"), &expected))?;
-        if which.format != FORMAT || !(1..=VERSION).contains(&which.version) {
-            let found = format!("{} version {}", which.format, which.version);
+        if header.format != FORMAT || !(1..=VERSION).contains(&header.version) {
+            let found = format!("{} version {}", header.format, header.version);
             return Err(wrong(found, &format!("{FORMAT} version 1 or {VERSION}")));
         }
         let manifest: Self = serde_json::from_slice(bytes)
@@ -212,7 +212,7 @@ impl Manifest {
         Ok(manifest)
     }
 
-    pub(crate) fn written(&self) -> Vec<u8> {
+    pub(crate) fn to_json(&self) -> Vec<u8> {
         let mut text = serde_json::to_vec_pretty(self).unwrap_or_default();
         text.push(b'\n');
         text
@@ -299,14 +299,14 @@ mod tests {
         let manifest = manifest();
         let path = Path::new("scene.json");
         assert_eq!(
-            Manifest::parse(&manifest.written(), path).unwrap(),
+            Manifest::parse(&manifest.to_json(), path).unwrap(),
             manifest
         );
     }
 
     #[test]
     fn what_is_wrong_is_refused_and_named() {
-        let good = String::from_utf8(manifest().written()).unwrap();
+        let good = String::from_utf8(manifest().to_json()).unwrap();
         let check = |from: &str, to: &str, expected: &str| {
             assert!(good.contains(from), "{from}");
             let text = good.replacen(from, to, 1);

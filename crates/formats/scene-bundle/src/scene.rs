@@ -189,7 +189,7 @@ impl OutputReader {
     /// # Errors
     /// [`BundleError::Changed`] when it is not what was written, or the output has no such file; [`BundleError::Io`].
     pub fn read(&self, path: &str) -> Result<Vec<u8>, BundleError> {
-        let (bytes, hash) = self.written(path)?;
+        let (bytes, hash) = self.expected_content(path)?;
         let full = format!("{}/{path}", self.folder);
         let content = match storage::read_all(
             &*self.storage,
@@ -221,7 +221,7 @@ impl OutputReader {
         path: &str,
         progress: &mut dyn FnMut(u64),
     ) -> Result<u64, BundleError> {
-        let (bytes, hash) = self.written(path)?;
+        let (bytes, hash) = self.expected_content(path)?;
         let full = format!("{}/{path}", self.folder);
         let mut file = self
             .storage
@@ -249,7 +249,7 @@ impl OutputReader {
     }
 
     /// Length, where it is known, and hash of a file as it was written.
-    fn written(&self, path: &str) -> Result<(Option<u64>, &str), BundleError> {
+    fn expected_content(&self, path: &str) -> Result<(Option<u64>, &str), BundleError> {
         let named = self.output.files.iter().find(|f| f.path == path);
         let named = named.map(|f| (Some(f.bytes), f.blake3.as_str()));
         let listed = || Some((None, self.listed.get(path)?.as_str()));

@@ -9,7 +9,7 @@ use scene_bundle::{BundleError, Scene, Status, Trajectory};
 use serde_json::{Value, json};
 
 /// What a bundle holds.
-pub(crate) struct Shown<'a> {
+pub(crate) struct BundleSummary<'a> {
     scene: &'a Scene,
     /// Of each output what is worth telling, as JSON; nothing of outputs that only later versions know.
     facts: BTreeMap<&'a str, Value>,
@@ -17,7 +17,7 @@ pub(crate) struct Shown<'a> {
     pub(crate) problems: Vec<String>,
 }
 
-impl<'a> Shown<'a> {
+impl<'a> BundleSummary<'a> {
     pub(crate) fn of(scene: &'a Scene) -> Self {
         let (mut facts, mut problems) = (BTreeMap::new(), Vec::new());
         for name in scene.manifest().outputs.keys() {
@@ -39,8 +39,8 @@ impl<'a> Shown<'a> {
     pub(crate) fn json(&self) -> Result<String> {
         let manifest =
             serde_json::to_value(self.scene.manifest()).context("writing the manifest as JSON")?;
-        let shown = json!({ "manifest": manifest, "facts": self.facts, "outdated": self.scene.manifest().outdated(), "problems": self.problems });
-        Ok(format!("{shown:#}\n"))
+        let summary = json!({ "manifest": manifest, "facts": self.facts, "outdated": self.scene.manifest().outdated(), "problems": self.problems });
+        Ok(format!("{summary:#}\n"))
     }
 
     pub(crate) fn text(&self) -> String {
@@ -129,7 +129,7 @@ fn size(scene: &Scene, name: &str) -> (usize, u64) {
 fn facts_of(scene: &Scene, name: &str) -> Result<Value, BundleError> {
     let reader = scene.output(name)?;
     Ok(match name {
-        outputs::RIG | outputs::RIG_ADJUSTED => {
+        outputs::RIG | outputs::RIG_REFINED => {
             let rig = rig::read(&reader)?;
             let cameras: Vec<&str> = rig.cameras.iter().map(|c| c.name.as_str()).collect();
             let imus: Vec<&str> = rig.imus.iter().map(|i| i.name.as_str()).collect();
@@ -157,7 +157,7 @@ fn facts_of(scene: &Scene, name: &str) -> Result<Value, BundleError> {
                 .views
                 .iter()
                 .map(|v| format!("{} {}x{}", v.camera, v.model.width, v.model.height));
-            json!({ "pictures": index.pictures.len(), "views": views.collect::<Vec<_>>().join(", ") })
+            json!({ "pictures": index.images.len(), "views": views.collect::<Vec<_>>().join(", ") })
         }
         outputs::CLOUD => json!({ "points": cloud::read(&reader)?.len() }),
         _ => Value::Null,

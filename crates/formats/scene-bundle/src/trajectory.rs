@@ -17,7 +17,8 @@ pub enum Status {
     DeadReckoned,
     /// Seen by the cameras again after having been lost: as good as tracked within its span, tied to what was before
     /// the loss only by a place that was recognised.
-    Relocalised,
+    #[serde(rename = "relocalised")]
+    Relocalized,
     /// No usable pose. The transform is the last one known and stands there only so that the time is not missing.
     Lost,
 }
@@ -27,7 +28,7 @@ impl Status {
     pub const ALL: [Self; 4] = [
         Self::Tracked,
         Self::DeadReckoned,
-        Self::Relocalised,
+        Self::Relocalized,
         Self::Lost,
     ];
 
@@ -46,7 +47,7 @@ impl Status {
         match self {
             Self::Tracked => "tracked",
             Self::DeadReckoned => "dead_reckoned",
-            Self::Relocalised => "relocalised",
+            Self::Relocalized => "relocalised",
             Self::Lost => "lost",
         }
     }

@@ -2,16 +2,16 @@
 
 use std::collections::BTreeSet;
 
-use crate::chain;
 use crate::error::BundleError;
+use crate::error_chain;
 use crate::layout;
 use crate::scene::{OutputReader, Scene};
 
 /// What was found.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Checked {
+pub struct VerifyReport {
     /// Every output, by name.
-    pub outputs: Vec<CheckedOutput>,
+    pub outputs: Vec<OutputReport>,
     /// Files and folders that nothing names: drafts and old versions that a writer left, or somebody's own. No harm is
     /// done by them.
     pub unnamed: Vec<String>,
@@ -19,7 +19,7 @@ pub struct Checked {
 
 /// What was found of one output.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct CheckedOutput {
+pub struct OutputReport {
     /// Its name.
     pub name: String,
     /// Files that are as they were written.
@@ -30,7 +30,7 @@ pub struct CheckedOutput {
     pub problems: Vec<String>,
 }
 
-impl Checked {
+impl VerifyReport {
     /// Whether everything is as it was written.
     pub fn is_whole(&self) -> bool {
         self.outputs.iter().all(|o| o.problems.is_empty())
@@ -41,12 +41,17 @@ impl Checked {
 ///
 /// # Errors
 /// [`BundleError::Io`] when the bundle's folder cannot be listed. What is wrong with files is in the result.
-pub fn verify(scene: &Scene, mut progress: impl FnMut(u64)) -> Result<Checked, BundleError> {
-    let mut checked = Checked::default();
-    let known = [layout::MANIFEST, layout::LOCK, layout::MADE, layout::PAGE];
+pub fn verify(scene: &Scene, mut progress: impl FnMut(u64)) -> Result<VerifyReport, BundleError> {
+    let mut checked = VerifyReport::default();
+    let known = [
+        layout::MANIFEST,
+        layout::LOCK,
+        layout::STAGE_TIMINGS,
+        layout::PAGE,
+    ];
     let mut named = BTreeSet::from(known.map(str::to_owned));
     for (name, output) in &scene.manifest().outputs {
-        let mut found = CheckedOutput {
+        let mut found = OutputReport {
             name: name.clone(),
             files: 0,
             bytes: 0,
@@ -63,7 +68,7 @@ pub fn verify(scene: &Scene, mut progress: impl FnMut(u64)) -> Result<Checked, B
                 }
             }
             Err(error) => {
-                found.problems.push(chain(&error));
+                found.problems.push(error_chain(&error));
                 // Its files cannot be told from others.
                 named.insert(folder);
             }
@@ -74,14 +79,14 @@ pub fn verify(scene: &Scene, mut progress: impl FnMut(u64)) -> Result<Checked, B
     Ok(checked)
 }
 
-fn check(reader: &OutputReader, found: &mut CheckedOutput, progress: &mut dyn FnMut(u64)) {
+fn check(reader: &OutputReader, found: &mut OutputReport, progress: &mut dyn FnMut(u64)) {
     for path in reader.paths() {
         match reader.check(path, progress) {
             Ok(bytes) => {
                 found.files += 1;
                 found.bytes += bytes;
             }
-            Err(error) => found.problems.push(chain(&error)),
+            Err(error) => found.problems.push(error_chain(&error)),
         }
     }
 }

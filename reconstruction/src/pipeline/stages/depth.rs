@@ -8,18 +8,18 @@
 use std::collections::BTreeMap;
 
 use scene_bundle::outputs::depth::{DepthKey, DepthView, DepthWriter};
-use scene_bundle::outputs::{self, DEPTH, KEYFRAMES, RIG_ADJUSTED, TRAJECTORY};
+use scene_bundle::outputs::{self, DEPTH, KEYFRAMES, RIG_REFINED, TRAJECTORY};
 use serde_json::{Value, json};
 
-use self::choose::Apart;
-use self::pair::Pair;
+use self::keyframe_selection::KeyframeSpacing;
+use self::stereo_pair::StereoPair;
 use super::networks::Networks;
 use super::{HANDOFF, Preset};
 use crate::input::{Input, ReadError};
 use crate::pipeline::{Stage, StageError, Work};
 
-mod choose;
-mod pair;
+mod keyframe_selection;
+mod stereo_pair;
 
 /// See the module.
 pub(super) struct DepthStage {
@@ -28,13 +28,13 @@ pub(super) struct DepthStage {
 }
 
 /// How far keyframes are apart: by half of a person's step at most, by a step, by two.
-fn apart(preset: Preset) -> Apart {
+fn keyframe_spacing(preset: Preset) -> KeyframeSpacing {
     let (moved_m, turned_deg) = match preset {
         Preset::Fast => (1.0, 30.0),
         Preset::Balanced => (0.5, 20.0),
         Preset::Accurate => (0.25, 10.0),
     };
-    Apart {
+    KeyframeSpacing {
         moved_m,
         turned_deg,
     }
@@ -58,7 +58,7 @@ impl Stage<Input> for DepthStage {
     }
 
     fn inputs(&self) -> &'static [&'static str] {
-        &[HANDOFF, RIG_ADJUSTED, TRAJECTORY]
+        &[HANDOFF, RIG_REFINED, TRAJECTORY]
     }
 
     fn outputs(&self) -> &'static [&'static str] {
@@ -66,28 +66,28 @@ impl Stage<Input> for DepthStage {
     }
 
     fn settings(&self) -> Value {
-        let Apart {
+        let KeyframeSpacing {
             moved_m,
             turned_deg,
-        } = apart(self.preset);
+        } = keyframe_spacing(self.preset);
         json!({
             // All of them, so that depth is made anew when what a preset means has changed.
             "matching": format!("{:?}", ::depth::Settings::preset(matching(self.preset))),
             "moved_m": moved_m,
             "turned_deg": turned_deg,
-            "nearest_m": pair::NEAREST_M,
-            "most_relative_sigma": pair::MOST_RELATIVE_SIGMA,
+            "nearest_m": stereo_pair::MIN_DISTANCE_M,
+            "most_relative_sigma": stereo_pair::MAX_RELATIVE_SIGMA,
             "network": self.networks.stereo_hash(),
         })
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
-        let rig = outputs::rig::read(&work.read(RIG_ADJUSTED)?)?;
+        let rig = outputs::rig::read(&work.read(RIG_REFINED)?)?;
         let trajectory = outputs::trajectory::read(&work.read(TRAJECTORY)?)?;
         let input = work.source();
         let (mut pairs, mut views, mut chosen) = (Vec::new(), Vec::new(), Vec::new());
         for (place, camera) in rig.cameras.iter().enumerate() {
-            match Pair::new(camera, matching(self.preset)) {
+            match StereoPair::new(camera, matching(self.preset)) {
                 Ok(pair) => {
                     views.push(DepthView {
                         camera: camera.name.clone(),
@@ -98,19 +98,19 @@ impl Stage<Input> for DepthStage {
                     let index = input.index();
                     let number = index.cameras.iter().position(|c| c.name == camera.name);
                     let number = number.ok_or_else(|| ReadError::NoSuch(of_camera(camera)))?;
-                    chosen.push(choose::keyframes(
+                    chosen.push(keyframe_selection::keyframes(
                         index,
                         number,
                         (place, camera),
                         &trajectory,
-                        apart(self.preset),
+                        keyframe_spacing(self.preset),
                     ));
                     pairs.push((camera, pair));
                 }
-                Err(error) => work.lose(format!(
+                Err(error) => work.record_loss(format!(
                     "camera {}: {}",
                     camera.name,
-                    scene_bundle::chain(&*error)
+                    scene_bundle::error_chain(&*error)
                 )),
             }
         }
@@ -118,7 +118,7 @@ impl Stage<Input> for DepthStage {
         let all: usize = chosen.iter().map(BTreeMap::len).sum();
         let (mut done, mut keyframes, mut share) = (0, Vec::new(), 0.0);
         for (view, ((camera, mut pair), chosen)) in pairs.into_iter().zip(chosen).enumerate() {
-            let frames = input.grey_frames_where(&camera.name, |p| chosen.contains_key(&p))?;
+            let frames = input.luma_frames_where(&camera.name, |p| chosen.contains_key(&p))?;
             for (frame, keyframe) in frames.zip(chosen.values()) {
                 match frame {
                     Ok(frame) => {
@@ -135,7 +135,7 @@ impl Stage<Input> for DepthStage {
                         writer.write(key, &picture)?;
                         keyframes.push(*keyframe);
                     }
-                    Err(loss) => work.lose_for(&loss),
+                    Err(loss) => work.record_loss_from(&loss),
                 }
                 done += 1;
                 work.progress(done, all as u64);

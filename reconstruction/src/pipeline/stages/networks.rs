@@ -13,8 +13,8 @@ use learned::{LearnedError, Runtime, SegmentationNetwork, StereoNetwork};
 use serde_json::{Value, json};
 
 #[cfg(feature = "onnx")]
-use crate::picture::Colour;
-use crate::picture::Picture;
+use crate::image::Color;
+use crate::image::Image;
 use crate::pipeline::StageError;
 
 /// Why there is no such network.
@@ -91,14 +91,14 @@ impl Networks {
     }
 
     /// Where things that can move are in a picture, rows first, where there is a network for them.
-    pub(super) fn movable(&self, picture: &Picture) -> Result<Option<Vec<bool>>, StageError> {
+    pub(super) fn movable(&self, picture: &Image) -> Result<Option<Vec<bool>>, StageError> {
         let Some(network) = self.segmentation.as_deref() else {
             return Ok(None);
         };
         let (width, height) = (picture.width as usize, picture.height as usize);
-        let picture = match picture.colour {
-            Colour::Grey => learned::Picture::grey(width, height, &picture.data)?,
-            Colour::Rgb => learned::Picture::rgb(width, height, &picture.data)?,
+        let picture = match picture.color {
+            Color::Grey => learned::Picture::grey(width, height, &picture.data)?,
+            Color::Rgb => learned::Picture::rgb(width, height, &picture.data)?,
         };
         Ok(Some(lock(network).run(&picture)?.movable))
     }
@@ -142,7 +142,7 @@ impl Networks {
     }
 
     /// None.
-    pub(super) fn movable(&self, _picture: &Picture) -> Result<Option<Vec<bool>>, StageError> {
+    pub(super) fn movable(&self, _picture: &Image) -> Result<Option<Vec<bool>>, StageError> {
         Ok(None)
     }
 }
@@ -183,11 +183,11 @@ mod tests {
         depth::Picture::new(3, 2, pixels).expect("a picture")
     }
 
-    fn recorded(pixels: &[u8; 6]) -> Picture {
-        Picture {
+    fn recorded(pixels: &[u8; 6]) -> Image {
+        Image {
             width: 3,
             height: 2,
-            colour: crate::picture::Colour::Grey,
+            color: crate::image::Color::Grey,
             data: pixels.to_vec().into(),
         }
     }

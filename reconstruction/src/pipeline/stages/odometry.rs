@@ -6,13 +6,13 @@
 
 use ::odometry::{Odometry, Settings, Status};
 use cad_transforms::{Covariance, RigidTransform};
-use scene_bundle::outputs::tracks::{MarkedCorner, SeenCorner, TrackedKeyframe, TracksWriter};
+use scene_bundle::outputs::tracks::{Keypoint, StereoObservation, TrackedKeyframe, TracksWriter};
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
 use scene_bundle::outputs::{RIG, TRACKS, TRAJECTORY_CAUSAL};
 use scene_bundle::{Pose, outputs, trajectory};
 use serde_json::{Value, json};
 
-use super::feed::Feed;
+use super::frame_set_reader::FrameSetReader;
 use super::{HANDOFF, Preset, rig};
 use crate::input::Input;
 use crate::pipeline::{Stage, StageError, Work};
@@ -32,7 +32,7 @@ pub(super) fn settings(preset: Preset) -> Settings {
 }
 
 /// The same as numbers, for the manifest.
-pub(super) fn told(settings: &Settings) -> Value {
+pub(super) fn settings_json(settings: &Settings) -> Value {
     json!({
         "corners": settings.corners,
         "frames": settings.frames,
@@ -61,34 +61,34 @@ impl Stage<Input> for OdometryStage {
     }
 
     fn settings(&self) -> Value {
-        told(&settings(self.preset))
+        settings_json(&settings(self.preset))
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
         let model = outputs::rig::read(&work.read(RIG)?)?;
-        if model.cameras.len() > outputs::tracks::CAMERAS {
+        if model.cameras.len() > outputs::tracks::MAX_CAMERAS {
             let found = model.cameras.len();
-            let most = outputs::tracks::CAMERAS;
+            let most = outputs::tracks::MAX_CAMERAS;
             return Err(format!("found {found} cameras, expected at most {most}").into());
         }
-        let mut odometry = Odometry::new(&rig::of_odometry(&model), settings(self.preset));
+        let mut odometry = Odometry::new(&rig::odometry_rig(&model), settings(self.preset));
         let mut poses = TrajectoryWriter::new(work.draft(TRAJECTORY_CAUSAL))?;
         let mut tracks = TracksWriter::new(work.draft(TRACKS))?;
         for camera in &model.cameras {
             let index = work.source().index().camera(&camera.name);
             if let Some(undecodable) = index.map(|i| i.undecodable).filter(|count| *count > 0) {
-                work.lose(format!(
+                work.record_loss(format!(
                     "{undecodable} frames of {} have no key frame",
                     camera.name
                 ));
             }
         }
-        let feed = Feed::new(work.source(), &model)?;
-        let all = feed.len() as u64;
+        let frame_set_reader = FrameSetReader::new(work.source(), &model)?;
+        let all = frame_set_reader.len() as u64;
         let (mut reckoned, mut lost) = (0_u64, 0_u64);
-        for (done, set) in feed.enumerate() {
+        for (done, set) in frame_set_reader.enumerate() {
             for loss in &set.losses {
-                work.lose_for(loss);
+                work.record_loss_from(loss);
             }
             for (imu, samples) in set.imu.iter().enumerate() {
                 for sample in samples {
@@ -103,21 +103,21 @@ impl Stage<Input> for OdometryStage {
             }
             poses.push(&pose(&estimate))?;
             for keyframe in odometry.take_keyframes(false) {
-                tracks.push(&written(&keyframe))?;
+                tracks.push(&to_tracked(&keyframe))?;
             }
             work.progress(done as u64 + 1, all);
         }
         for keyframe in odometry.take_keyframes(true) {
-            tracks.push(&written(&keyframe))?;
+            tracks.push(&to_tracked(&keyframe))?;
         }
         if reckoned > 0 {
             work.note(format!("{reckoned} of {all} poses are dead reckoned"));
         }
         if lost > 0 {
-            work.lose(format!("{lost} of {all} poses are not known"));
+            work.record_loss(format!("{lost} of {all} poses are not known"));
         }
         for shift in odometry.shifts() {
-            work.lose(format!(
+            work.record_loss(format!(
                 "camera {} seems to have been turned by {:.1} degrees on its plate at {} ns",
                 model.cameras[shift.camera].name,
                 shift.turned.to_degrees(),
@@ -149,7 +149,7 @@ pub(super) fn covariance(matrix: &nalgebra::Matrix6<f64>) -> Option<Covariance> 
     Covariance::from_rows(rows).ok()
 }
 
-fn written(keyframe: &::odometry::Keyframe) -> TrackedKeyframe {
+fn to_tracked(keyframe: &::odometry::Keyframe) -> TrackedKeyframe {
     let state = &keyframe.state;
     let q = state.turn;
     let world_from_body = RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], state.position.into())
@@ -161,30 +161,30 @@ fn written(keyframe: &::odometry::Keyframe) -> TrackedKeyframe {
         velocity: state.velocity.into(),
         gyro_bias: state.gyro_bias.into(),
         accel_bias: state.accel_bias.into(),
-        read_rate: state.read_rate.into(),
-        is_felt: keyframe.is_felt,
-        after_s: keyframe.after_s.clone(),
-        seen: (keyframe.seen.iter())
-            .map(|s| SeenCorner {
+        gyro_rate: state.read_rate.into(),
+        imu_valid: keyframe.is_felt,
+        exposure_offset_s: keyframe.after_s.clone(),
+        observations: (keyframe.seen.iter())
+            .map(|s| StereoObservation {
                 track: s.id,
                 camera: s.camera,
                 left_px: s.left,
                 right_px: s.right,
             })
             .collect(),
-        marks: (keyframe.marks.iter())
-            .map(|m| MarkedCorner {
+        keypoints: (keyframe.marks.iter())
+            .map(|m| Keypoint {
                 camera: m.camera,
                 left_px: m.left,
                 inverse_range: m.rho,
-                looks: m.looks,
+                descriptor: m.looks,
             })
             .collect(),
     }
 }
 
 /// As odometry had it.
-pub(super) fn read(keyframe: TrackedKeyframe) -> ::odometry::Keyframe {
+pub(super) fn from_tracked(keyframe: TrackedKeyframe) -> ::odometry::Keyframe {
     ::odometry::Keyframe {
         number: keyframe.set,
         state: ::odometry::keyframe::BodyState {
@@ -194,11 +194,11 @@ pub(super) fn read(keyframe: TrackedKeyframe) -> ::odometry::Keyframe {
             velocity: keyframe.velocity.into(),
             gyro_bias: keyframe.gyro_bias.into(),
             accel_bias: keyframe.accel_bias.into(),
-            read_rate: keyframe.read_rate.into(),
+            read_rate: keyframe.gyro_rate.into(),
         },
-        is_felt: keyframe.is_felt,
-        after_s: keyframe.after_s,
-        seen: (keyframe.seen.iter())
+        is_felt: keyframe.imu_valid,
+        after_s: keyframe.exposure_offset_s,
+        seen: (keyframe.observations.iter())
             .map(|s| ::odometry::keyframe::Seen {
                 id: s.track,
                 camera: s.camera,
@@ -206,12 +206,12 @@ pub(super) fn read(keyframe: TrackedKeyframe) -> ::odometry::Keyframe {
                 right: s.right_px,
             })
             .collect(),
-        marks: (keyframe.marks.iter())
+        marks: (keyframe.keypoints.iter())
             .map(|m| ::odometry::keyframe::Mark {
                 camera: m.camera,
                 left: m.left_px,
                 rho: m.inverse_range,
-                looks: m.looks,
+                looks: m.descriptor,
             })
             .collect(),
     }

@@ -23,29 +23,29 @@ use crate::input::Input;
 use crate::pipeline::{Report, Stage, StageError, Work};
 
 mod devices;
-mod places;
+mod part_poses;
 
-use self::places::Places;
+use self::part_poses::PartPoses;
 
 /// Share of the best-heard IMU's time that the one to go by must have been heard.
-const HEARD_SHARE: f64 = 0.9;
+const MIN_IMU_COVERAGE: f64 = 0.9;
 
 /// What is told of the rig instead of what the session says.
 #[derive(Clone, Debug, Default)]
-pub struct Told {
+pub struct RigOverrides {
     /// A rig file: its text.
     pub rig: Option<String>,
     /// Calibrations of cameras, by name.
     pub calibrations: BTreeMap<String, StereoCalibration>,
     /// Times from row to row of cameras, s, by name.
-    pub lines_s: BTreeMap<String, f64>,
+    pub line_times_s: BTreeMap<String, f64>,
     /// The files that all this was read from.
-    pub files: Vec<GivenFile>,
+    pub files: Vec<OverrideFile>,
 }
 
 /// A file that was given beside the session.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct GivenFile {
+pub struct OverrideFile {
     /// Its name, without the folder.
     pub file: String,
     /// BLAKE3 of its bytes, hex.
@@ -54,7 +54,7 @@ pub struct GivenFile {
 
 /// See the module.
 pub(super) struct RigStage {
-    pub(super) told: Told,
+    pub(super) rig_overrides: RigOverrides,
 }
 
 impl Stage<Input> for RigStage {
@@ -75,12 +75,12 @@ impl Stage<Input> for RigStage {
     }
 
     fn settings(&self) -> Value {
-        let Told {
+        let RigOverrides {
             rig,
             calibrations,
-            lines_s,
+            line_times_s,
             files,
-        } = &self.told;
+        } = &self.rig_overrides;
         // In which folder a calibration was is of no consequence.
         let lenses: BTreeMap<&String, Value> = (calibrations.iter())
             .map(|(name, c)| {
@@ -96,7 +96,7 @@ impl Stage<Input> for RigStage {
         let mut settings = json!({
             "rig": rig,
             "calibrations": lenses,
-            "lines_s": lines_s,
+            "lines_s": line_times_s,
         });
         // Not there where nothing is given, as before there was this key.
         if !files.is_empty() {
@@ -106,9 +106,12 @@ impl Stage<Input> for RigStage {
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
-        let (model, report) = model(work.source(), &self.told)?;
+        let (model, report) = model(work.source(), &self.rig_overrides)?;
         report.notes.into_iter().for_each(|note| work.note(note));
-        report.losses.into_iter().for_each(|loss| work.lose(loss));
+        report
+            .losses
+            .into_iter()
+            .for_each(|loss| work.record_loss(loss));
         outputs::rig::write(work.draft(RIG), &model)?;
         Ok(())
     }
@@ -119,7 +122,7 @@ impl Stage<Input> for RigStage {
 pub enum RigStageError {
     /// The file told of is no rig: correct it.
     #[error("reading the rig file that was told")]
-    Told(#[source] cad_transforms::rig::RigError),
+    RigOverrides(#[source] cad_transforms::rig::RigError),
     /// A camera is told of that the session does not have: correct the name.
     #[error("taking what was told: the session has no camera {found:?}, expected one of {known}")]
     Unknown {
@@ -148,8 +151,11 @@ pub enum RigStageError {
 }
 
 /// The name and revision of the session's rig, or of the rig that is told.
-pub fn revision(input: &Input, told: &Told) -> scene_bundle::RigRevision {
-    let parsed = told.rig.as_deref().and_then(|text| Rig::parse(text).ok());
+pub fn revision(input: &Input, rig_overrides: &RigOverrides) -> scene_bundle::RigRevision {
+    let parsed = rig_overrides
+        .rig
+        .as_deref()
+        .and_then(|text| Rig::parse(text).ok());
     let rig = parsed.or_else(|| rig_file(input, &mut Report::default()));
     let of = |text: fn(&Rig) -> &str| rig.as_ref().map_or("unknown", text).to_owned();
     scene_bundle::RigRevision {
@@ -162,40 +168,43 @@ pub fn revision(input: &Input, told: &Told) -> scene_bundle::RigRevision {
 ///
 /// # Errors
 /// [`RigStageError`].
-pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageError> {
-    check_names(input, told)?;
+pub fn model(
+    input: &Input,
+    rig_overrides: &RigOverrides,
+) -> Result<(RigModel, Report), RigStageError> {
+    check_names(input, rig_overrides)?;
     let mut report = Report::default();
-    for GivenFile { file, blake3 } in &told.files {
+    for OverrideFile { file, blake3 } in &rig_overrides.files {
         let note = format!(
             "given beside the session, and taken before what it holds: {file}, blake3 {blake3}"
         );
         report.notes.push(note);
     }
-    let parse = |text: &String| Rig::parse(text).map_err(RigStageError::Told);
-    let rig = match told.rig.as_ref().map(parse).transpose()? {
+    let parse = |text: &String| Rig::parse(text).map_err(RigStageError::RigOverrides);
+    let rig = match rig_overrides.rig.as_ref().map(parse).transpose()? {
         Some(rig) => Some(rig),
         None => rig_file(input, &mut report),
     };
-    let places = Places::new(rig.as_ref(), input, &mut report);
+    let part_poses = PartPoses::new(rig.as_ref(), input, &mut report);
     let mut cameras = Vec::new();
     for camera in &input.manifest().cameras {
         let name = camera.name.as_str();
         let size = [camera.width / 2, camera.height];
-        let calibration = told.calibrations.get(name);
-        let eye = |eye: &str, told: Option<CameraModel>| {
+        let calibration = rig_overrides.calibrations.get(name);
+        let eye = |eye: &str, rig_overrides: Option<CameraModel>| {
             let recorded = || {
                 let c = input.calibration(&format!("{name}/{eye}"))?;
                 foxglove::lens([c.width, c.height], &c.distortion_model, &c.d, &c.k)
             };
-            told.or_else(recorded)
+            rig_overrides.or_else(recorded)
         };
         let left = eye("left", calibration.map(|c| c.left));
         let right = eye("right", calibration.map(|c| c.right));
         let right_from_left = match calibration {
             Some(calibration) => Some(calibration.right_from_left),
-            None => places.transform(name, FramePart::Right, FramePart::Left),
+            None => part_poses.transform(name, FramePart::Right, FramePart::Left),
         };
-        let rig_from_left = places.on_rig(name, FramePart::Left);
+        let rig_from_left = part_poses.on_rig(name, FramePart::Left);
         let (Some(left), Some(right)) = (left, right) else {
             report
                 .losses
@@ -212,7 +221,7 @@ pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageE
         for (eye, lens) in [("left", &left), ("right", &right)] {
             check_size(&format!("{name}/{eye}"), lens, size)?;
         }
-        let line_s = told.lines_s.get(name).copied();
+        let line_s = rig_overrides.line_times_s.get(name).copied();
         let line_s = line_s
             .unwrap_or_else(|| devices::line_s(device(rig.as_ref(), name), camera, &mut report));
         cameras.push(RigCamera {
@@ -240,12 +249,12 @@ pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageE
     for imu in &input.manifest().imus {
         let name = imu.name.as_str();
         let (camera, _) = name.rsplit_once('/').unwrap_or((name, ""));
-        let told_imu = told.calibrations.get(camera).and_then(|c| c.imu);
+        let told_imu = rig_overrides.calibrations.get(camera).and_then(|c| c.imu);
         let placed = match told_imu {
-            Some(imu) => places
+            Some(imu) => part_poses
                 .on_rig(camera, FramePart::Left)
                 .map(|(rig_from_left, _)| (rig_from_left * imu.imu_from_left.inverse(), None)),
-            None => places.on_rig(camera, FramePart::Imu),
+            None => part_poses.on_rig(camera, FramePart::Imu),
         };
         let Some((rig_from_imu, covariance)) = placed else {
             let loss = format!("IMU {name}: it is not known where it sits on the rig");
@@ -272,10 +281,10 @@ pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageE
         report.notes.push(note);
     }
     let heard: BTreeMap<&str, f64> = (input.index().imus.iter())
-        .map(|imu| (imu.name.as_str(), heard_s(imu)))
+        .map(|imu| (imu.name.as_str(), imu_coverage_s(imu)))
         .collect();
-    best_first(&mut imus, &heard, &mut report);
-    let revision = revision(input, told);
+    order_by_coverage(&mut imus, &heard, &mut report);
+    let revision = revision(input, rig_overrides);
     let model = RigModel {
         name: revision.name,
         revision: revision.revision,
@@ -286,32 +295,41 @@ pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageE
 }
 
 /// For how long an IMU was heard, s.
-fn heard_s(imu: &ImuIndex) -> f64 {
+fn imu_coverage_s(imu: &ImuIndex) -> f64 {
     let batches = imu.batches.iter();
     batches.map(|b| (b.end_ns - b.start_ns) as f64 * 1e-9).sum()
 }
 
 /// Odometry goes by the first IMU: one that was heard for less of the session than another comes after it. Else the order of
 /// the rig stays.
-fn best_first(imus: &mut [RigImu], heard_s: &BTreeMap<&str, f64>, report: &mut Report) {
-    let of = |imu: &RigImu| heard_s.get(imu.name.as_str()).copied().unwrap_or(0.0);
+fn order_by_coverage(
+    imus: &mut [RigImu],
+    imu_coverage_s: &BTreeMap<&str, f64>,
+    report: &mut Report,
+) {
+    let of = |imu: &RigImu| {
+        imu_coverage_s
+            .get(imu.name.as_str())
+            .copied()
+            .unwrap_or(0.0)
+    };
     let Some(first) = imus.first().map(|imu| imu.name.clone()) else {
         return;
     };
     let most = imus.iter().map(of).fold(0.0, f64::max);
-    imus.sort_by_key(|imu| of(imu) < HEARD_SHARE * most);
+    imus.sort_by_key(|imu| of(imu) < MIN_IMU_COVERAGE * most);
     if imus[0].name != first {
         report.notes.push(format!(
             "IMU {} was heard for {:.1} s and {first} for {:.1} s: motion is felt with the former",
             imus[0].name,
             of(&imus[0]),
-            heard_s.get(first.as_str()).copied().unwrap_or(0.0)
+            imu_coverage_s.get(first.as_str()).copied().unwrap_or(0.0)
         ));
     }
 }
 
 /// As odometry takes it.
-pub fn of_odometry(model: &RigModel) -> odometry::Rig {
+pub fn odometry_rig(model: &RigModel) -> odometry::Rig {
     let camera = |camera: &RigCamera| odometry::rig::StereoCamera {
         name: camera.name.clone(),
         left: camera.left,
@@ -350,7 +368,7 @@ pub fn calibration(camera: &RigCamera) -> StereoCalibration {
 }
 
 /// A place on the rig and how far it may be off.
-type Placed = (RigidTransform, Option<Covariance>);
+type PoseWithCovariance = (RigidTransform, Option<Covariance>);
 
 /// The maker's name of a camera's model, as the rig file has it.
 fn device<'a>(rig: Option<&'a Rig>, camera: &str) -> Option<&'a str> {
@@ -380,10 +398,14 @@ fn rig_file(input: &Input, report: &mut Report) -> Option<Rig> {
     None
 }
 
-fn check_names(input: &Input, told: &Told) -> Result<(), RigStageError> {
+fn check_names(input: &Input, rig_overrides: &RigOverrides) -> Result<(), RigStageError> {
     let manifest = input.manifest();
     let cameras: Vec<&str> = manifest.cameras.iter().map(|c| c.name.as_str()).collect();
-    for name in told.calibrations.keys().chain(told.lines_s.keys()) {
+    for name in rig_overrides
+        .calibrations
+        .keys()
+        .chain(rig_overrides.line_times_s.keys())
+    {
         if !cameras.contains(&name.as_str()) {
             return Err(RigStageError::Unknown {
                 found: name.clone(),
@@ -427,7 +449,7 @@ mod tests {
             let mut imus = ["a", "b", "c"].map(imu);
             let heard = ["a", "b", "c"].into_iter().zip(heard).collect();
             let mut report = Report::default();
-            best_first(&mut imus, &heard, &mut report);
+            order_by_coverage(&mut imus, &heard, &mut report);
             (imus.map(|i| i.name).concat(), report.notes.len())
         };
         assert_eq!(order([59.8, 60.0, 60.0]), ("abc".to_owned(), 0));

@@ -4,7 +4,7 @@ use std::io::Write;
 use super::*;
 use crate::manifest::{Record, RigRevision};
 use crate::storage::memory::{Crash, Memory};
-use crate::verify::{Checked, verify};
+use crate::verify::{VerifyReport, verify};
 
 pub(crate) fn provenance() -> Provenance {
     Provenance {
@@ -35,7 +35,7 @@ fn open(disk: &Memory) -> Result<Bundle, BundleError> {
     Bundle::open_on(Arc::new(disk.clone()), provenance(), None)
 }
 
-fn checked(disk: &Memory) -> Checked {
+fn checked(disk: &Memory) -> VerifyReport {
     let scene = Scene::open_on(Arc::new(disk.clone())).expect("the bundle opens");
     verify(&scene, |_| {}).expect("the bundle can be listed")
 }
@@ -77,7 +77,7 @@ fn what_is_committed_can_be_read() {
     assert_eq!(reader.read("a/b/text.txt").unwrap(), b"one");
     assert_eq!(reader.read("many/1.png").unwrap(), b"1one");
     let output = reader.output();
-    assert!(output.was_made_by(&record(3)) && !output.was_made_by(&record(4)));
+    assert!(output.is_made_by(&record(3)) && !output.is_made_by(&record(4)));
     let paths: Vec<&str> = output.files.iter().map(|f| f.path.as_str()).collect();
     assert_eq!(paths, ["a/b/text.txt", "files.b3", "table.bin"]);
     assert!(
@@ -277,7 +277,7 @@ fn one_writer_at_a_time_and_one_source_per_bundle() {
     std::fs::create_dir(path.join(".draft-depth")).unwrap();
     std::fs::write(path.join("notes.txt"), "mine").unwrap();
     // Known, though no part of the bundle.
-    for beside in [layout::MADE, layout::PAGE] {
+    for beside in [layout::STAGE_TIMINGS, layout::PAGE] {
         std::fs::write(path.join(beside), "").unwrap();
     }
     let found = verify(&Scene::open(&path).unwrap(), |_| {}).unwrap();

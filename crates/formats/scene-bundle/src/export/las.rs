@@ -45,7 +45,7 @@ pub(super) fn export(scene: &Scene, compressed: bool, out: &Path) -> Result<Summ
     let mut writer = Writer::new(Cursor::new(Vec::new()), header).map_err(refused)?;
     for point in &points {
         let [x, y, z] = point.x_in_world.map(f64::from);
-        let [red, green, blue] = point.colour.map(|c| u16::from(c) * SPREAD);
+        let [red, green, blue] = point.color.map(|c| u16::from(c) * SPREAD);
         let point = Point {
             x,
             y,
@@ -61,7 +61,7 @@ pub(super) fn export(scene: &Scene, compressed: bool, out: &Path) -> Result<Summ
     let bytes = writer.into_inner().map_err(refused)?.into_inner();
     write(out, &bytes, Existing::Refuse)?;
     Ok(Summary {
-        written: format!("{} points", points.len()),
+        description: format!("{} points", points.len()),
         notes: vec!["sigma has no place in LAS and is left out".to_owned()],
         lost: Vec::new(),
     })

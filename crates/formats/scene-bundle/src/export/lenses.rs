@@ -7,10 +7,10 @@ use super::ExportError;
 
 /// A fitted lens that is farther off than this is a loss, pixels. *Why:* features are matched to about a tenth of a
 /// pixel.
-const NEAR_PX: f64 = 0.1;
+const MAX_FIT_ERROR_PX: f64 = 0.1;
 
 /// A lens as the format has it.
-pub(super) struct Fitted {
+pub(super) struct FittedLens {
     pub(super) model: CameraModel,
     /// How far it is off, where it is not exact.
     pub(super) note: Option<String>,
@@ -24,13 +24,13 @@ pub(super) fn fitted(
     name: &str,
     model: &CameraModel,
     format: Format,
-) -> Result<Fitted, ExportError> {
+) -> Result<FittedLens, ExportError> {
     let held = format.models();
     let exact = held
         .iter()
         .find_map(|target| exactly(&model.distortion, *target));
     if let Some(distortion) = exact {
-        return Ok(Fitted {
+        return Ok(FittedLens {
             model: CameraModel {
                 distortion,
                 ..*model
@@ -75,10 +75,10 @@ pub(super) fn fitted(
             target.name()
         )
     });
-    let far = (found.max_px > NEAR_PX).then(|| text.clone());
-    Ok(Fitted {
+    let far = (found.max_px > MAX_FIT_ERROR_PX).then(|| text.clone());
+    Ok(FittedLens {
         model: found.model,
-        note: (found.max_px <= NEAR_PX).then_some(text),
+        note: (found.max_px <= MAX_FIT_ERROR_PX).then_some(text),
         lost: outside.or(far),
     })
 }

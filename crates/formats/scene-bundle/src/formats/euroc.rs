@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use super::text::{FormatError, Source, read as text_of, written_all};
+use super::text::{FormatError, Source, format_numbers, read as text_of};
 use crate::trajectory::{Pose, Trajectory};
 
 const COLUMNS: [&str; 17] = [
@@ -115,7 +115,7 @@ pub fn parse(text: &str, path: &Path) -> Result<Estimate, FormatError> {
 /// The text of a file. Lost poses are left out, with their biases. `biases`, where given, are one per pose of the
 /// trajectory (lost ones included); they are left out when there are not as many, or not every pose has a velocity,
 /// since the columns of the format cannot be skipped.
-pub fn written(trajectory: &Trajectory, biases: Option<&[Biases]>) -> String {
+pub fn to_text(trajectory: &Trajectory, biases: Option<&[Biases]>) -> String {
     let velocities = trajectory.usable().all(|p| p.velocity_in_world.is_some());
     let biases = biases.filter(|b| velocities && b.len() == trajectory.len());
     let columns = match (velocities, biases) {
@@ -139,7 +139,7 @@ pub fn written(trajectory: &Trajectory, biases: Option<&[Biases]>) -> String {
         }
         text += &pose.time_ns.to_string();
         text.push(',');
-        text += &written_all(&numbers, ",");
+        text += &format_numbers(&numbers, ",");
         text.push('\n');
     }
     text
@@ -167,7 +167,7 @@ mod tests {
             })
             .collect();
 
-        let with_biases = parsed(&written(&all, Some(&biases))).unwrap();
+        let with_biases = parsed(&to_text(&all, Some(&biases))).unwrap();
         let kept: Vec<usize> = (0..all.len())
             .filter(|&i| all.poses()[i].status != Status::Lost)
             .collect();
@@ -180,7 +180,7 @@ mod tests {
             assert_eq!(found.time_ns, expected.time_ns);
         }
 
-        let with_velocities = parsed(&written(&all, None)).unwrap();
+        let with_velocities = parsed(&to_text(&all, None)).unwrap();
         assert_eq!(with_velocities.biases, None);
         assert_eq!(with_velocities.trajectory, with_biases.trajectory);
 
@@ -188,7 +188,7 @@ mod tests {
         let mut poses = all.into_poses();
         poses[0].velocity_in_world = None;
         let all = Trajectory::new(poses).unwrap();
-        let without = parsed(&written(&all, Some(&biases))).unwrap();
+        let without = parsed(&to_text(&all, Some(&biases))).unwrap();
         assert_eq!((without.trajectory, without.biases), (bare(&all), None));
     }
 

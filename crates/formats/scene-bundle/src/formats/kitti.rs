@@ -9,8 +9,8 @@ use std::path::Path;
 
 use cad_transforms::RigidTransform;
 
-use super::seconds::{parse_seconds, written_seconds};
-use super::text::{FormatError, Source, read as text_of, written_all};
+use super::seconds::{format_seconds, parse_seconds};
+use super::text::{FormatError, Source, format_numbers, read as text_of};
 use crate::trajectory::{Pose, Trajectory};
 
 const KIND: &str = "KITTI";
@@ -95,7 +95,7 @@ fn times_of(source: &Source<'_>) -> Result<Vec<(usize, i64)>, FormatError> {
 }
 
 /// The texts of the two files, poses and times. Lost poses are left out of both.
-pub fn written(trajectory: &Trajectory) -> (String, String) {
+pub fn to_text(trajectory: &Trajectory) -> (String, String) {
     let (mut poses, mut times) = (String::new(), String::new());
     for pose in trajectory.usable() {
         let r = pose.world_from_rig.rotation_rows();
@@ -104,9 +104,9 @@ pub fn written(trajectory: &Trajectory) -> (String, String) {
             3 => t[i / 4],
             column => r[i / 4 * 3 + column],
         });
-        poses += &written_all(&rows, " ");
+        poses += &format_numbers(&rows, " ");
         poses.push('\n');
-        times += &written_seconds(pose.time_ns);
+        times += &format_seconds(pose.time_ns);
         times.push('\n');
     }
     (poses, times)
@@ -124,7 +124,7 @@ mod tests {
         let trajectory = walk();
         let folder = tempfile::tempdir().unwrap();
         let [poses, times] = ["poses.txt", "times.txt"].map(|name| folder.path().join(name));
-        let texts = written(&trajectory);
+        let texts = to_text(&trajectory);
         std::fs::write(&poses, &texts.0).unwrap();
         std::fs::write(&times, &texts.1).unwrap();
         let back = read(&poses, &times).unwrap();

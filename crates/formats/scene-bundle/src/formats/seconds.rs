@@ -4,7 +4,7 @@
 const DIGITS: i64 = 9;
 
 /// Nanoseconds as seconds with nine decimals: `-1` is `-0.000000001`.
-pub fn written_seconds(time_ns: i64) -> String {
+pub fn format_seconds(time_ns: i64) -> String {
     let sign = if time_ns < 0 { "-" } else { "" };
     let size = time_ns.unsigned_abs();
     format!("{sign}{}.{:09}", size / 1_000_000_000, size % 1_000_000_000)
@@ -73,12 +73,12 @@ mod tests {
             (i64::MIN, "-9223372036.854775808"),
         ];
         for (time_ns, text) in cases {
-            assert_eq!(written_seconds(time_ns), text);
+            assert_eq!(format_seconds(time_ns), text);
             assert_eq!(parse_seconds(text), Some(time_ns), "{text}");
         }
         for i in 0..20_000_u64 {
             let time_ns = i.wrapping_mul(0x9e37_79b9_7f4a_7c15) as i64;
-            assert_eq!(parse_seconds(&written_seconds(time_ns)), Some(time_ns));
+            assert_eq!(parse_seconds(&format_seconds(time_ns)), Some(time_ns));
         }
     }
 

@@ -148,12 +148,12 @@ impl<'a> Source<'a> {
 }
 
 /// A number with as many digits as read back to the same bits.
-pub(super) fn written(number: f64) -> String {
+pub(super) fn format_number(number: f64) -> String {
     format!("{number:?}")
 }
 
 /// Several, with a separator.
-pub(super) fn written_all(numbers: &[f64], separator: &str) -> String {
-    let words: Vec<String> = numbers.iter().map(|n| written(*n)).collect();
+pub(super) fn format_numbers(numbers: &[f64], separator: &str) -> String {
+    let words: Vec<String> = numbers.iter().map(|n| format_number(*n)).collect();
     words.join(separator)
 }

@@ -22,7 +22,7 @@ pub struct CloudPoint {
     /// Where, in the world, metres.
     pub x_in_world: [f32; 3],
     /// Red, green, blue.
-    pub colour: [u8; 3],
+    pub color: [u8; 3],
     /// One standard deviation, metres; NaN where not known.
     pub sigma_m: f32,
 }
@@ -61,7 +61,7 @@ fn vertex(point: &CloudPoint) -> [u8; BYTES] {
     for (place, value) in bytes.chunks_exact_mut(4).zip(point.x_in_world) {
         place.copy_from_slice(&value.to_le_bytes());
     }
-    bytes[12..15].copy_from_slice(&point.colour);
+    bytes[12..15].copy_from_slice(&point.color);
     bytes[15..].copy_from_slice(&point.sigma_m.to_le_bytes());
     bytes
 }
@@ -103,7 +103,7 @@ pub fn read(reader: &OutputReader) -> Result<Vec<CloudPoint>, BundleError> {
     let number = |bytes: &[u8]| f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
     let points = data.chunks_exact(BYTES).map(|bytes| CloudPoint {
         x_in_world: [number(bytes), number(&bytes[4..]), number(&bytes[8..])],
-        colour: [bytes[12], bytes[13], bytes[14]],
+        color: [bytes[12], bytes[13], bytes[14]],
         sigma_m: number(&bytes[15..]),
     });
     Ok(points.collect())

@@ -13,7 +13,7 @@ use cad_transforms::RigidTransform;
 use calib::CameraModel;
 use serde::{Deserialize, Serialize};
 
-use super::picture::{Grey, decode, encode16};
+use super::gray_png::{GraySamples, decode, encode16};
 use super::{read_json, refused, write_json};
 use crate::draft::Draft;
 use crate::error::BundleError;
@@ -64,12 +64,13 @@ pub struct DepthIndex {
     /// One view per camera at most.
     pub views: Vec<DepthView>,
     /// Sorted by view and time.
-    pub pictures: Vec<DepthKey>,
+    #[serde(rename = "pictures")]
+    pub images: Vec<DepthKey>,
 }
 
 /// Depth of one keyframe as it is stored. Row by row from the top.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct DepthPicture {
+pub struct DepthImage {
     /// Width, pixels.
     pub width: u32,
     /// Height, pixels.
@@ -106,7 +107,7 @@ pub fn stored_sigma(sigma_m: f32) -> u16 {
     }
 }
 
-impl DepthPicture {
+impl DepthImage {
     /// Of values in metres, none where depth is not a number or not above 0.
     ///
     /// # Panics
@@ -152,7 +153,7 @@ impl DepthPicture {
 pub struct DepthWriter<'a> {
     draft: &'a Draft,
     views: Vec<DepthView>,
-    pictures: Mutex<Vec<DepthKey>>,
+    images: Mutex<Vec<DepthKey>>,
 }
 
 impl<'a> DepthWriter<'a> {
@@ -162,7 +163,7 @@ impl<'a> DepthWriter<'a> {
     /// [`BundleError::Refused`] for a view with distortion or another centre, a name that is no folder name, or a camera
     /// that comes twice.
     pub fn new(draft: &'a Draft, views: Vec<DepthView>) -> Result<Self, BundleError> {
-        if let Some(found) = objection(&views) {
+        if let Some(found) = validate(&views) {
             let expected =
                 "one pinhole view per camera, turned about the centre of its left picture";
             return Err(refused(draft, INDEX, found, expected));
@@ -170,7 +171,7 @@ impl<'a> DepthWriter<'a> {
         Ok(Self {
             draft,
             views,
-            pictures: Mutex::default(),
+            images: Mutex::default(),
         })
     }
 
@@ -179,7 +180,7 @@ impl<'a> DepthWriter<'a> {
     /// # Errors
     /// [`BundleError::Refused`] for another size than the view's, a view that is none, or a frame that is there already;
     /// [`BundleError::Io`].
-    pub fn write(&self, key: DepthKey, picture: &DepthPicture) -> Result<(), BundleError> {
+    pub fn write(&self, key: DepthKey, image: &DepthImage) -> Result<(), BundleError> {
         let Some(view) = self.views.get(key.view) else {
             let found = format!("depth of view {}", key.view);
             return Err(refused(
@@ -193,13 +194,13 @@ impl<'a> DepthWriter<'a> {
         let (width, height) = (view.model.width, view.model.height);
         let pixels = width as usize * height as usize;
         let found = (
-            picture.width,
-            picture.height,
-            picture.depth.len(),
-            picture.sigma.len(),
+            image.width,
+            image.height,
+            image.depth.len(),
+            image.sigma.len(),
         );
         if found != (width, height, pixels, pixels) {
-            let found = format!("a picture of {}x{}", picture.width, picture.height);
+            let found = format!("a picture of {}x{}", image.width, image.height);
             return Err(refused(
                 self.draft,
                 &depth,
@@ -207,11 +208,11 @@ impl<'a> DepthWriter<'a> {
                 &format!("{width}x{height}, as the view has"),
             ));
         }
-        for (path, samples) in [(depth, &picture.depth), (sigma, &picture.sigma)] {
+        for (path, samples) in [(depth, &image.depth), (sigma, &image.sigma)] {
             let file = encode16(width, height, samples);
             self.draft.write_listed(&path, &file)?;
         }
-        self.pictures
+        self.images
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .push(key);
@@ -223,22 +224,22 @@ impl<'a> DepthWriter<'a> {
     /// # Errors
     /// [`BundleError::Io`].
     pub fn finish(self) -> Result<(), BundleError> {
-        let mut pictures = self
-            .pictures
+        let mut images = self
+            .images
             .into_inner()
             .unwrap_or_else(PoisonError::into_inner);
-        pictures.sort();
+        images.sort();
         let index = DepthIndex {
             depth_unit_m: DEPTH_UNIT_M,
             sigma_unit_m: SIGMA_UNIT_M,
             views: self.views,
-            pictures,
+            images,
         };
         write_json(self.draft, INDEX, &index)
     }
 }
 
-fn objection(views: &[DepthView]) -> Option<String> {
+fn validate(views: &[DepthView]) -> Option<String> {
     for (place, view) in views.iter().enumerate() {
         let camera = &view.camera;
         if !layout::is_file_path(camera) {
@@ -275,7 +276,7 @@ pub fn read_index(reader: &OutputReader) -> Result<DepthIndex, BundleError> {
         found,
         expected: expected.to_owned(),
     };
-    if let Some(found) = objection(&index.views) {
+    if let Some(found) = validate(&index.views) {
         return Err(wrong(found, "one pinhole view per camera"));
     }
     let units = [index.depth_unit_m, index.sigma_unit_m];
@@ -287,7 +288,7 @@ pub fn read_index(reader: &OutputReader) -> Result<DepthIndex, BundleError> {
         ));
     }
     if let Some(key) = index
-        .pictures
+        .images
         .iter()
         .find(|key| key.view >= index.views.len())
     {
@@ -308,19 +309,19 @@ pub fn read(
     reader: &OutputReader,
     index: &DepthIndex,
     key: &DepthKey,
-) -> Result<DepthPicture, BundleError> {
+) -> Result<DepthImage, BundleError> {
     let view = &index.views[key.view];
     let size = (view.model.width, view.model.height);
     let samples = |path: &str| {
         let place = reader.place(path);
         match decode(&reader.read(path)?, &place)? {
-            (width, height, Grey::Bits16(samples)) if (width, height) == size => Ok(samples),
+            (width, height, GraySamples::Bits16(samples)) if (width, height) == size => Ok(samples),
             (width, height, samples) => Err(BundleError::Malformed {
                 path: place,
                 place: "picture".to_owned(),
                 found: format!(
                     "{width}x{height} of {} bits",
-                    if matches!(samples, Grey::Bits8(_)) {
+                    if matches!(samples, GraySamples::Bits8(_)) {
                         8
                     } else {
                         16
@@ -331,7 +332,7 @@ pub fn read(
         }
     };
     let [depth, sigma] = paths(&view.camera, key.frame);
-    Ok(DepthPicture {
+    Ok(DepthImage {
         width: size.0,
         height: size.1,
         depth: samples(&depth)?,

@@ -7,7 +7,7 @@
 
 use calib::Eye;
 
-use super::picture::{Grey, decode, encode8};
+use super::gray_png::{GraySamples, decode, encode8};
 use super::refused;
 use crate::draft::Draft;
 use crate::error::BundleError;
@@ -33,7 +33,7 @@ pub fn path(camera: &str, eye: Eye) -> String {
 }
 
 /// Path of the mask of a keyframe's left picture in the output's folder.
-pub fn moving_path(camera: &str, frame: u64) -> String {
+pub fn dynamic_path(camera: &str, frame: u64) -> String {
     format!("{camera}/left/{frame:06}.png")
 }
 
@@ -51,13 +51,13 @@ pub fn write(draft: &Draft, camera: &str, eye: Eye, mask: &Mask) -> Result<(), B
 ///
 /// # Errors
 /// As [`write()`].
-pub fn write_moving(
+pub fn write_dynamic(
     draft: &Draft,
     camera: &str,
     frame: u64,
     mask: &Mask,
 ) -> Result<(), BundleError> {
-    let path = moving_path(camera, frame);
+    let path = dynamic_path(camera, frame);
     let file = file(draft, &path, mask)?;
     draft.write_listed(&path, &file)
 }
@@ -92,12 +92,12 @@ pub fn read(reader: &OutputReader, camera: &str, eye: Eye) -> Result<Option<Mask
 ///
 /// # Errors
 /// As [`read`].
-pub fn read_moving(
+pub fn read_dynamic(
     reader: &OutputReader,
     camera: &str,
     frame: u64,
 ) -> Result<Option<Mask>, BundleError> {
-    read_at(reader, &moving_path(camera, frame))
+    read_at(reader, &dynamic_path(camera, frame))
 }
 
 fn read_at(reader: &OutputReader, path: &str) -> Result<Option<Mask>, BundleError> {
@@ -106,7 +106,7 @@ fn read_at(reader: &OutputReader, path: &str) -> Result<Option<Mask>, BundleErro
     }
     let place = reader.place(path);
     match decode(&reader.read(path)?, &place)? {
-        (width, height, Grey::Bits8(pixels)) => Ok(Some(Mask {
+        (width, height, GraySamples::Bits8(pixels)) => Ok(Some(Mask {
             width,
             height,
             pixels,

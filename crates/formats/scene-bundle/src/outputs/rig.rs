@@ -79,7 +79,7 @@ impl RigModel {
             .find(|(_, c)| c.name == name)
     }
 
-    fn objection(&self) -> Option<String> {
+    fn validate(&self) -> Option<String> {
         let cameras: Vec<&str> = self.cameras.iter().map(|c| c.name.as_str()).collect();
         let imus: Vec<&str> = self.imus.iter().map(|i| i.name.as_str()).collect();
         for (what, names) in [("camera", &cameras), ("IMU", &imus)] {
@@ -108,7 +108,7 @@ impl RigModel {
 /// # Errors
 /// [`BundleError::Refused`] for names that are no folder names or come twice, [`BundleError::Io`].
 pub fn write(draft: &Draft, rig: &RigModel) -> Result<(), BundleError> {
-    if let Some(found) = rig.objection() {
+    if let Some(found) = rig.validate() {
         let expected = "up to 256 different names of ASCII letters, digits, _, - and ., and times of 0 or more";
         return Err(refused(draft, FILE, found, expected));
     }
@@ -121,7 +121,7 @@ pub fn write(draft: &Draft, rig: &RigModel) -> Result<(), BundleError> {
 /// As [`OutputReader::read`]; [`BundleError::Malformed`].
 pub fn read(reader: &OutputReader) -> Result<RigModel, BundleError> {
     let rig: RigModel = read_json(reader, FILE)?;
-    match rig.objection() {
+    match rig.validate() {
         None => Ok(rig),
         Some(found) => Err(BundleError::Malformed {
             path: reader.place(FILE),

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-use scene_bundle::judgement::{Acceptance, Beyond};
+use scene_bundle::judgement::{Acceptance, ExceededLimit};
 use scene_bundle::{Bundle, Judgement, Provenance};
 use serde_json::Value;
 
@@ -67,7 +67,7 @@ fn show_says_that_a_failure_was_accepted_and_why_it_was_one() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("walk.scene");
     let what = "feet: 3 of 60 frames lost (5 %): encoder overload";
-    let beyond = Beyond {
+    let beyond = ExceededLimit {
         metric: "camera.dropped".to_owned(),
         of: "feet".to_owned(),
         verdict: "FAIL".to_owned(),
@@ -210,7 +210,7 @@ fn export_ends_with_what_happened() {
     assert_eq!(code(&second), 1);
     assert!(error_text(&second).contains("not overwritten"));
 
-    let pictures = sample.pictures("feet/left/1000010.png");
+    let images = sample.images("feet/left/1000010.png");
     let out = sample.out("model");
     let lossy = run(&[
         "export",
@@ -220,7 +220,7 @@ fn export_ends_with_what_happened() {
         "--out",
         text(&out),
         "--pictures",
-        text(&pictures),
+        text(&images),
     ]);
     assert_eq!(code(&lossy), 3, "{}", error_text(&lossy));
     assert!(

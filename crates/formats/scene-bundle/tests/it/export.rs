@@ -38,7 +38,7 @@ fn trajectories_read_back() {
     let out = sample.out("walk.txt");
     let summary = export(&scene, Format::Tum, &offline, &out).unwrap();
     assert_eq!(tum::read(&out).unwrap(), bare(&sample::walk(0.0)));
-    assert_eq!(summary.written, "30 poses of the rig");
+    assert_eq!(summary.description, "30 poses of the rig");
     assert_eq!(
         summary.notes,
         [
@@ -139,10 +139,10 @@ pub(crate) fn keyframes() -> Vec<Keyframe> {
 #[test]
 fn nerfstudio_reads_back() {
     let sample = Sample::new();
-    let pictures = sample.pictures("left_shoulder/left/000010.png");
+    let images = sample.images("left_shoulder/left/000010.png");
     let out = sample.out("deep/nerf");
     let options = Options {
-        pictures: Some(pictures.clone()),
+        images: Some(images.clone()),
         ..Options::default()
     };
     let summary = export(&sample.scene(), Format::Nerfstudio, &options, &out).unwrap();
@@ -264,7 +264,7 @@ fn nerfstudio_gets_depth_when_all_pictures_have_it() {
         let (width, height, depth) = png_grey16(&path);
         assert_eq!((width, height), (64, 48));
         let number: u64 = path.file_stem().unwrap().to_str().unwrap().parse().unwrap();
-        let stored = sample::depth_picture(number);
+        let stored = sample::depth_image(number);
         let mut there = 0;
         for (i, found) in (0_u32..).zip(depth) {
             // The slow way: where the view sees what this pixel sees.
@@ -386,9 +386,9 @@ fn points_read_back_from_las_and_laz() {
                     "{found} {expected}"
                 );
             }
-            let colour = found.color.unwrap();
-            let [r, g, b] = expected.colour.map(|c| u16::from(c) << 8 | u16::from(c));
-            assert_eq!((colour.red, colour.green, colour.blue), (r, g, b));
+            let color = found.color.unwrap();
+            let [r, g, b] = expected.color.map(|c| u16::from(c) << 8 | u16::from(c));
+            assert_eq!((color.red, color.green, color.blue), (r, g, b));
         }
         sizes.push(std::fs::metadata(&out).unwrap().len());
     }
@@ -414,7 +414,7 @@ fn what_is_not_there_is_named() {
         "writing colmap-text: found no camera head, expected one of left_shoulder, feet"
     );
     let options = Options {
-        pictures: Some(sample.out("nowhere")),
+        images: Some(sample.out("nowhere")),
         ..Options::default()
     };
     let error = export(

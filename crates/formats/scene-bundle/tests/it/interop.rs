@@ -124,7 +124,7 @@ fn other_readers_see_the_same() {
         .collect();
     assert_eq!(seen["tum"], json!(poses));
 
-    let stored = sample::depth_picture(1_000_010);
+    let stored = sample::depth_image(1_000_010);
     assert_eq!(
         seen["depth"],
         json!({ "dtype": "uint16", "shape": [40, 60], "values": stored.depth })
@@ -149,7 +149,7 @@ fn other_readers_see_the_same() {
                 );
             }
             let spread = if name == "ply" { 1.0 } else { 257.0 };
-            for (i, expected) in point.colour.into_iter().enumerate() {
+            for (i, expected) in point.color.into_iter().enumerate() {
                 assert_eq!(number(3 + i), f64::from(expected) * spread, "{name}");
             }
         }
@@ -195,7 +195,7 @@ fn other_readers_see_the_same() {
         assert_eq!(seen[name]["points"], 500);
         assert_eq!(
             seen[name]["first_point"],
-            json!([f64::from(points[0].x_in_world[0]), points[0].colour])
+            json!([f64::from(points[0].x_in_world[0]), points[0].color])
         );
     }
 }

@@ -2,7 +2,7 @@
 
 use cad_transforms::RigidTransform;
 use scene_bundle::outputs::tracks::{
-    MarkedCorner, SeenCorner, TrackedKeyframe, TracksWriter, read,
+    Keypoint, StereoObservation, TrackedKeyframe, TracksWriter, read,
 };
 use scene_bundle::{Bundle, BundleError, Scene, outputs};
 
@@ -18,23 +18,23 @@ fn keyframe(k: u64, corners: u64) -> TrackedKeyframe {
         velocity: [1.0, -0.1 * s, 0.0],
         gyro_bias: [0.001, -0.002, 0.003 * s],
         accel_bias: [0.01, 0.02 * s, -0.03],
-        read_rate: [0.5, -0.25, s],
-        is_felt: s > 0.0,
-        after_s: vec![0.0, 0.004, -0.002],
-        seen: (0..corners)
-            .map(|n| SeenCorner {
+        gyro_rate: [0.5, -0.25, s],
+        imu_valid: s > 0.0,
+        exposure_offset_s: vec![0.0, 0.004, -0.002],
+        observations: (0..corners)
+            .map(|n| StereoObservation {
                 track: 1000 * k + n,
                 camera: (n % 3) as u8,
                 left_px: [n as f32 + 0.25, 17.5],
                 right_px: n.is_multiple_of(2).then_some([n as f32 - 3.0, 17.0]),
             })
             .collect(),
-        marks: (0..corners / 2)
-            .map(|n| MarkedCorner {
+        keypoints: (0..corners / 2)
+            .map(|n| Keypoint {
                 camera: 2,
                 left_px: [5.0, n as f32],
                 inverse_range: 0.3 * n as f32,
-                looks: [n, !n, k, 1 << 63],
+                descriptor: [n, !n, k, 1 << 63],
             })
             .collect(),
     }

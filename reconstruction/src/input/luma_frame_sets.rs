@@ -1,7 +1,7 @@
 //! Frame sets for estimating motion.
 //!
 //! Contract: as of [`Sets`](super::Sets), but that pictures are luma alone, that a picture or batch of samples that
-//! cannot be read is named once beside what can ([`GreySet::losses`]), and that samples of an IMU come up to the first one
+//! cannot be read is named once beside what can ([`LumaFrameSet::losses`]), and that samples of an IMU come up to the first one
 //! that is not older than the set and its pictures, each once, in the order of their times. Samples behind the last set
 //! do not come.
 
@@ -19,11 +19,11 @@ use super::imu::{self, ImuSample};
 use super::sequence::Frames;
 
 /// How far behind a set its last sample is looked for, ns.
-const BEHIND_NS: i64 = 100_000_000;
+const MAX_SAMPLE_DELAY_NS: i64 = 100_000_000;
 
 /// See the module.
 #[derive(Clone, Debug)]
-pub struct GreySet {
+pub struct LumaFrameSet {
     /// Number of the set.
     pub number: u64,
     /// Its time, host clock.
@@ -39,7 +39,7 @@ pub struct GreySet {
 
 /// Frame sets in order of time. See the module.
 #[derive(Debug)]
-pub struct GreySets {
+pub struct LumaFrameSets {
     shared: Arc<Shared>,
     /// Positions of the sets still to come.
     sets: Range<usize>,
@@ -58,14 +58,14 @@ struct Samples {
     batches: BTreeMap<usize, Vec<ImuSample>>,
 }
 
-impl GreySets {
+impl LumaFrameSets {
     /// The sets at these positions of the index, all of which must exist.
     pub(super) fn start(shared: Arc<Shared>, sets: Range<usize>) -> Result<Self, ReadError> {
         let cameras = (0..shared.cameras.len()).map(|camera| {
             let members = shared.index.sets[sets.clone()].iter();
             let positions = members.filter_map(|set| set.frames[camera]);
             let positions = positions.map(|position| position as usize).collect();
-            Frames::start_grey(shared.clone(), camera, positions)
+            Frames::start_luma(shared.clone(), camera, positions)
         });
         let before_first = sets.start.checked_sub(1);
         let given_ns = before_first.map(|before| shared.index.sets[before].time_ns);
@@ -82,10 +82,10 @@ impl GreySets {
     }
 }
 
-impl Iterator for GreySets {
-    type Item = GreySet;
+impl Iterator for LumaFrameSets {
+    type Item = LumaFrameSet;
 
-    fn next(&mut self) -> Option<GreySet> {
+    fn next(&mut self) -> Option<LumaFrameSet> {
         let position = self.sets.next()?;
         let shared = &self.shared;
         let set = &shared.index.sets[position];
@@ -105,7 +105,7 @@ impl Iterator for GreySets {
         let latest_ns = times.fold(set.time_ns, i64::max);
         let imus = self.imus.iter_mut().enumerate();
         let imu = imus.map(|(imu, samples)| samples.up_to(latest_ns, shared, imu, &mut losses));
-        Some(GreySet {
+        Some(LumaFrameSet {
             number: set.number,
             time: HostTime(set.time_ns),
             imu: imu.collect(),
@@ -119,8 +119,8 @@ impl Iterator for GreySets {
     }
 }
 
-impl ExactSizeIterator for GreySets {}
-impl FusedIterator for GreySets {}
+impl ExactSizeIterator for LumaFrameSets {}
+impl FusedIterator for LumaFrameSets {}
 
 impl Samples {
     /// What was not given yet, up to the first sample that is not older than a time.
@@ -134,7 +134,7 @@ impl Samples {
         let from = self
             .given_ns
             .map_or(i64::MIN, |given| given.saturating_add(1));
-        let to = latest_ns.saturating_add(BEHIND_NS);
+        let to = latest_ns.saturating_add(MAX_SAMPLE_DELAY_NS);
         let candidates = shared.batch_times[imu].candidates(&(HostTime(from)..=HostTime(to)));
         self.batches = self.batches.split_off(&candidates.start);
         let entry = &shared.index.imus[imu];

@@ -11,7 +11,7 @@ use ::odometry::{Adjusted, ImuSample, Mapping};
 use cad_transforms::RigidTransform;
 use scene_bundle::outputs::rig::RigModel;
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
-use scene_bundle::outputs::{self, RIG, RIG_ADJUSTED, TRACKS, TRAJECTORY, TRAJECTORY_CAUSAL};
+use scene_bundle::outputs::{self, RIG, RIG_REFINED, TRACKS, TRAJECTORY, TRAJECTORY_CAUSAL};
 use scene_bundle::{Pose, Status, Trajectory};
 use serde_json::Value;
 
@@ -20,11 +20,11 @@ use crate::input::Input;
 use crate::pipeline::{Stage, StageError, Work};
 
 /// See the module.
-pub(super) struct MappingStage {
+pub(super) struct BundleAdjustmentStage {
     pub(super) preset: Preset,
 }
 
-impl Stage<Input> for MappingStage {
+impl Stage<Input> for BundleAdjustmentStage {
     fn name(&self) -> &'static str {
         "mapping"
     }
@@ -38,18 +38,18 @@ impl Stage<Input> for MappingStage {
     }
 
     fn outputs(&self) -> &'static [&'static str] {
-        &[TRAJECTORY, RIG_ADJUSTED]
+        &[TRAJECTORY, RIG_REFINED]
     }
 
     fn settings(&self) -> Value {
-        before::told(&before::settings(self.preset))
+        before::settings_json(&before::settings(self.preset))
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
         let model = outputs::rig::read(&work.read(RIG)?)?;
         let causal = outputs::trajectory::read(&work.read(TRAJECTORY_CAUSAL)?)?;
         let keyframes = outputs::tracks::read(&work.read(TRACKS)?, model.cameras.len())?;
-        let mut mapping = Mapping::new(&rig::of_odometry(&model), &before::settings(self.preset));
+        let mut mapping = Mapping::new(&rig::odometry_rig(&model), &before::settings(self.preset));
         let mut samples = Vec::new();
         if let Some(imu) = model.imus.first() {
             for batch in work.source().imu_batches(&imu.name)? {
@@ -59,7 +59,7 @@ impl Stage<Input> for MappingStage {
                         gyro: s.gyro,
                         accel: s.accel,
                     })),
-                    Err(loss) => work.lose_for(&loss),
+                    Err(loss) => work.record_loss_from(&loss),
                 }
             }
         }
@@ -74,7 +74,7 @@ impl Stage<Input> for MappingStage {
                 mapping.add_imu(0, sample);
             }
             given = given.max(to);
-            mapping.add_keyframe(before::read(keyframe));
+            mapping.add_keyframe(before::from_tracked(keyframe));
         }
         let adjusted = mapping.solve(|progress| match progress {
             Progress::Adjusted { rounds, most } => work.progress(rounds as u64, most as u64),
@@ -87,17 +87,17 @@ impl Stage<Input> for MappingStage {
             adjusted.loops.len()
         ));
         let rig = if adjusted.is_converged {
-            found_rig(model, &adjusted, work)
+            refined_rig(model, &adjusted, work)
         } else {
-            work.lose(format!(
+            work.record_loss(format!(
                 "after {} rounds poses still changed: they keep the covariance of causal ones, and cameras are left where their calibration puts them",
                 adjusted.rounds
             ));
             model
         };
-        outputs::rig::write(work.draft(RIG_ADJUSTED), &rig)?;
+        outputs::rig::write(work.draft(RIG_REFINED), &rig)?;
         let mut writer = TrajectoryWriter::new(work.draft(TRAJECTORY))?;
-        for pose in &finished(&causal, &adjusted) {
+        for pose in &refined_poses(&causal, &adjusted) {
             writer.push(pose)?;
         }
         writer.finish()?;
@@ -106,7 +106,7 @@ impl Stage<Input> for MappingStage {
 }
 
 /// The rig with its cameras where they were found.
-fn found_rig(mut rig: RigModel, adjusted: &Adjusted, work: &Work<'_, Input>) -> RigModel {
+fn refined_rig(mut rig: RigModel, adjusted: &Adjusted, work: &Work<'_, Input>) -> RigModel {
     for (camera, mount) in rig.cameras.iter_mut().zip(&adjusted.mounts) {
         let place = format!(
             "{:.1} mm and {:.2} degrees from where its calibration puts it",
@@ -114,7 +114,7 @@ fn found_rig(mut rig: RigModel, adjusted: &Adjusted, work: &Work<'_, Input>) -> 
             mount.off[1].to_degrees()
         );
         if mount.is_moved {
-            work.lose(format!(
+            work.record_loss(format!(
                 "camera {} sits {place}: it was moved since, or the calibration is another rig's; poses and depth go by where it was found",
                 camera.name
             ));
@@ -128,7 +128,7 @@ fn found_rig(mut rig: RigModel, adjusted: &Adjusted, work: &Work<'_, Input>) -> 
 }
 
 /// Every pose of the causal trajectory where the adjustment puts it.
-fn finished(causal: &Trajectory, adjusted: &Adjusted) -> Vec<Pose> {
+fn refined_poses(causal: &Trajectory, adjusted: &Adjusted) -> Vec<Pose> {
     let times: Vec<(i64, RigidTransform)> = (causal.poses().iter())
         .map(|p| (p.time_ns, p.world_from_rig))
         .collect();
@@ -155,7 +155,7 @@ fn finished(causal: &Trajectory, adjusted: &Adjusted) -> Vec<Pose> {
                 }
             };
             let status = match (pose.status, tie) {
-                (Status::Tracked, Tie::SeenAgain) => Status::Relocalised,
+                (Status::Tracked, Tie::SeenAgain) => Status::Relocalized,
                 (status, _) => status,
             };
             Pose {

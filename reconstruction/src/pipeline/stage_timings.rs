@@ -13,11 +13,11 @@ use serde_json::Value;
 use super::{Outcome, State};
 
 /// The file.
-pub const FILE: &str = scene_bundle::layout::MADE;
+pub const FILE: &str = scene_bundle::layout::STAGE_TIMINGS;
 
 /// What a stage took.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Made {
+pub struct StageTiming {
     /// Its name.
     pub stage: String,
     /// s.
@@ -35,7 +35,7 @@ pub fn write(folder: &Path, outcomes: &[Outcome]) -> io::Result<()> {
         .into_iter()
         .map(|(made, line)| (made.stage, line))
         .collect();
-    let made = outcomes.iter().filter(|o| o.state == State::Made);
+    let made = outcomes.iter().filter(|o| o.state == State::Ran);
     for outcome in made {
         let line = serde_json::to_string(outcome)?;
         lines.insert(outcome.stage.to_owned(), line);
@@ -48,12 +48,12 @@ pub fn write(folder: &Path, outcomes: &[Outcome]) -> io::Result<()> {
 ///
 /// # Errors
 /// The file cannot be read.
-pub fn read(folder: &Path) -> io::Result<Vec<Made>> {
+pub fn read(folder: &Path) -> io::Result<Vec<StageTiming>> {
     Ok(lines(folder)?.into_iter().map(|(made, _)| made).collect())
 }
 
 /// Lines that are none are passed over: a run may have been killed while it wrote.
-fn lines(folder: &Path) -> io::Result<Vec<(Made, String)>> {
+fn lines(folder: &Path) -> io::Result<Vec<(StageTiming, String)>> {
     let text = match plain_file::read_to_string(&folder.join(FILE), plain_file::DOCUMENT_LIMIT) {
         Ok(text) => text,
         Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
@@ -87,16 +87,16 @@ mod tests {
         let folder = tempfile::tempdir().expect("folder");
         assert_eq!(read(folder.path()).expect("no file"), []);
         let both = [
-            outcome("rig", State::Made, 1.0),
-            outcome("depth", State::Made, 2.0),
+            outcome("rig", State::Ran, 1.0),
+            outcome("depth", State::Ran, 2.0),
         ];
         write(folder.path(), &both).expect("written");
         let path = folder.path().join(FILE);
         let torn = std::fs::read_to_string(&path).expect("a file") + "{\"stage\":";
         std::fs::write(&path, torn).expect("a file");
         let later = [
-            outcome("rig", State::Kept, 0.0),
-            outcome("depth", State::Made, 3.0),
+            outcome("rig", State::UpToDate, 0.0),
+            outcome("depth", State::Ran, 3.0),
         ];
         write(folder.path(), &later).expect("written");
         let mut made: Vec<(String, f64)> = read(folder.path())

@@ -12,18 +12,18 @@ use scene_bundle::outputs::keyframes::Keyframe;
 use scene_bundle::outputs::rig::RigCamera;
 use session_archive::index::Index;
 
-use crate::pipeline::stages::place::pose_at;
+use crate::pipeline::stages::pose_interpolation::pose_at;
 
 /// How far keyframes are apart: as soon as one of the two is reached.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Apart {
+pub(super) struct KeyframeSpacing {
     /// m.
     pub(super) moved_m: f64,
     /// Degrees.
     pub(super) turned_deg: f64,
 }
 
-impl Apart {
+impl KeyframeSpacing {
     fn is_reached(&self, last: &RigidTransform, now: &RigidTransform) -> bool {
         let motion = last.inverse() * *now;
         motion.distance_m() >= self.moved_m || motion.angle_rad().to_degrees() >= self.turned_deg
@@ -36,7 +36,7 @@ pub(super) fn keyframes(
     number: usize,
     (place, camera): (usize, &RigCamera),
     trajectory: &Trajectory,
-    apart: Apart,
+    spacing: KeyframeSpacing,
 ) -> BTreeMap<usize, Keyframe> {
     let mut chosen = BTreeMap::new();
     let mut last: Option<RigidTransform> = None;
@@ -48,7 +48,7 @@ pub(super) fn keyframes(
         let Some(world_from_rig) = pose_at(trajectory, frame.time_ns) else {
             continue;
         };
-        if last.is_some_and(|last| !apart.is_reached(&last, &world_from_rig)) {
+        if last.is_some_and(|last| !spacing.is_reached(&last, &world_from_rig)) {
             continue;
         }
         last = Some(world_from_rig);
@@ -70,7 +70,7 @@ mod tests {
 
     #[test]
     fn either_motion_is_enough() {
-        let apart = Apart {
+        let spacing = KeyframeSpacing {
             moved_m: 0.5,
             turned_deg: 10.0,
         };
@@ -78,8 +78,8 @@ mod tests {
         let motion = |w: f64, x: f64| {
             RigidTransform::from_rotation_vector([0.0, w, 0.0], [x, 0.0, 0.0]).expect("finite")
         };
-        assert!(!apart.is_reached(&origin, &motion(0.1, 0.4)));
-        assert!(apart.is_reached(&origin, &motion(0.2, 0.0)));
-        assert!(apart.is_reached(&origin, &motion(0.0, 0.6)));
+        assert!(!spacing.is_reached(&origin, &motion(0.1, 0.4)));
+        assert!(spacing.is_reached(&origin, &motion(0.2, 0.0)));
+        assert!(spacing.is_reached(&origin, &motion(0.0, 0.6)));
     }
 }

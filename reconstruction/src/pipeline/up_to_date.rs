@@ -27,10 +27,14 @@ pub(super) fn record<S: ?Sized>(
 
 /// Whether all outputs of a stage were made so and all their files are as they were written: what a disk or a hand has changed
 /// is made again.
-pub(super) fn is_done<S: ?Sized>(stage: &dyn Stage<S>, scene: &Scene, record: &Record) -> bool {
+pub(super) fn is_up_to_date<S: ?Sized>(
+    stage: &dyn Stage<S>,
+    scene: &Scene,
+    record: &Record,
+) -> bool {
     stage.outputs().iter().all(|name| {
         let made = scene.manifest().outputs.get(*name);
-        made.is_some_and(|output| output.was_made_by(record)) && scene.is_whole(name)
+        made.is_some_and(|output| output.is_made_by(record)) && scene.is_whole(name)
     })
 }
 

@@ -16,13 +16,13 @@ use video::still::{Candidate, Settings, Still, stills};
 use crate::input::Input;
 
 /// The file.
-pub const FILE: &str = scene_bundle::layout::SEEN;
+pub const FILE: &str = scene_bundle::layout::CAMERA_IMAGES;
 /// Most that is read of it. An image has some ten kB, and a camera a handful of them.
 const LIMIT: u64 = 16 << 20;
 
 /// A small image of one camera.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Seen {
+pub struct CameraImage {
     /// The camera.
     pub camera: String,
     /// What the image stands for, as in `start` or `middle, least sharp`.
@@ -70,7 +70,7 @@ pub fn write(folder: &Path, input: &Input) -> io::Result<()> {
 ///
 /// # Errors
 /// The file cannot be read, is no regular file, or is longer than images of cameras are.
-pub fn read(folder: &Path) -> io::Result<Vec<Seen>> {
+pub fn read(folder: &Path) -> io::Result<Vec<CameraImage>> {
     let bytes = plain_file::read_below(folder, Path::new(FILE), LIMIT);
     let text = match bytes.and_then(plain_file::text) {
         Ok(text) => text,
@@ -81,7 +81,7 @@ pub fn read(folder: &Path) -> io::Result<Vec<Seen>> {
     Ok(lines.filter_map(|l| serde_json::from_str(l).ok()).collect())
 }
 
-fn look(input: &Input) -> Vec<Seen> {
+fn look(input: &Input) -> Vec<CameraImage> {
     let index = input.index();
     let first = index.cameras.iter().flat_map(|c| c.frames.first());
     let start_ns = first.map(|f| f.time_ns).min().unwrap_or(0);
@@ -89,7 +89,7 @@ fn look(input: &Input) -> Vec<Seen> {
     for camera in &input.manifest().cameras {
         for still in of_camera(input, camera) {
             let roles: Vec<&str> = still.roles.iter().map(|role| role.name()).collect();
-            seen.push(Seen {
+            seen.push(CameraImage {
                 camera: camera.name.clone(),
                 role: roles.join(", "),
                 frame: still.number,

@@ -7,28 +7,28 @@ use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::{Rig, RigidTransform};
 use session_archive::record::FrameTransform;
 
-use super::Placed;
+use super::PoseWithCovariance;
 use crate::input::Input;
 use crate::pipeline::Report;
 
-pub(super) struct Places<'a> {
+pub(super) struct PartPoses<'a> {
     rig: Option<&'a Rig>,
     /// Parent, child, `parent_from_child`.
     recorded: Vec<(String, String, RigidTransform)>,
 }
 
-impl<'a> Places<'a> {
+impl<'a> PartPoses<'a> {
     pub(super) fn new(rig: Option<&'a Rig>, input: &Input, report: &mut Report) -> Self {
-        let mut places = Self {
+        let mut part_poses = Self {
             rig,
             recorded: input.transforms().iter().filter_map(read).collect(),
         };
         if let [camera] = &input.manifest().cameras[..]
-            && places.on_rig(&camera.name, FramePart::Left).is_none()
+            && part_poses.on_rig(&camera.name, FramePart::Left).is_none()
         {
             let left = format!("{}/left", camera.name);
             let forward = RigidTransform::body_from_optical();
-            places
+            part_poses
                 .recorded
                 .push((Frame::rig().to_string(), left, forward));
             let note = format!(
@@ -37,11 +37,11 @@ impl<'a> Places<'a> {
             );
             report.notes.push(note);
         }
-        places
+        part_poses
     }
 
     /// A part of a camera on the rig.
-    pub(super) fn on_rig(&self, camera: &str, part: FramePart) -> Option<Placed> {
+    pub(super) fn on_rig(&self, camera: &str, part: FramePart) -> Option<PoseWithCovariance> {
         let part = Frame::of_camera(camera, part).ok()?;
         if let Some(rig) = self.rig
             && let Ok(place) = rig.transform(&Frame::rig(), &part)

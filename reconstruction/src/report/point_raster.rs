@@ -7,19 +7,19 @@
 use scene_bundle::outputs::cloud::CloudPoint;
 
 /// Pixels drawn for each that is shown, along each side.
-const FINER: usize = 2;
+const SUPERSAMPLING: usize = 2;
 /// Largest square, px drawn: points just before the camera would hide the rest.
-const LARGEST_SQUARE: i64 = 40;
+const MAX_SQUARE_PX: i64 = 40;
 /// How far away neighbours are looked at for shade, px drawn.
-const SHADE_REACH: usize = 3;
+const SHADE_RADIUS_PX: usize = 3;
 /// A pixel in which nothing is seen.
-pub(super) const NOTHING: [u8; 4] = [255, 255, 255, 0];
+pub(super) const TRANSPARENT: [u8; 4] = [255, 255, 255, 0];
 /// Radius of the dots of a way, px drawn.
-const DOT: i64 = 4;
+const DOT_RADIUS_PX: i64 = 4;
 
 /// From where to look.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Sight {
+pub(super) struct Viewpoint {
     /// Columns and rows of the picture.
     pub(super) size: [usize; 2],
     /// Where the eye is, m.
@@ -40,23 +40,23 @@ pub(super) enum Scale {
 }
 
 /// A place in the picture: column and row drawn, depth, px drawn per m.
-struct Place {
+struct Projection {
     at: [f64; 2],
     depth: f64,
     px_per_m: f64,
 }
 
-impl Sight {
-    fn place(&self, x_in_world: [f64; 3]) -> Option<Place> {
+impl Viewpoint {
+    fn project(&self, x_in_world: [f64; 3]) -> Option<Projection> {
         let away = [0, 1, 2].map(|k| x_in_world[k] - self.eye[k]);
         let [right, down, depth] = self.axes.map(|axis| dot(axis, away));
-        let px_per_m = FINER as f64
+        let px_per_m = SUPERSAMPLING as f64
             * match self.scale {
                 Scale::Perspective(focal_px) => focal_px / depth,
                 Scale::Map(px_per_m) => px_per_m,
             };
-        let middle = self.size.map(|n| 0.5 * (n * FINER) as f64);
-        (depth > 0.1).then(|| Place {
+        let middle = self.size.map(|n| 0.5 * (n * SUPERSAMPLING) as f64);
+        (depth > 0.1).then(|| Projection {
             at: [middle[0] + right * px_per_m, middle[1] + down * px_per_m],
             depth,
             px_per_m,
@@ -72,63 +72,65 @@ pub(super) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 struct Canvas {
     width: usize,
     height: usize,
-    colours: Vec<[u8; 3]>,
+    colors: Vec<[u8; 3]>,
     depths: Vec<f32>,
 }
 
-/// Rows of RGB. `edge_m` is how large a point is; dots of `way` are put on top.
+/// Rows of RGB. `edge_m` is how large a point is; dots of `rig_path` are put on top.
 pub(super) fn draw(
     points: &[CloudPoint],
     edge_m: f64,
-    way: &[([f64; 3], [u8; 3])],
-    sight: &Sight,
+    rig_path: &[([f64; 3], [u8; 3])],
+    viewpoint: &Viewpoint,
 ) -> Vec<u8> {
-    let [width, height] = sight.size.map(|n| n * FINER);
+    let [width, height] = viewpoint.size.map(|n| n * SUPERSAMPLING);
     let mut canvas = Canvas {
         width,
         height,
-        colours: vec![[0; 3]; width * height],
+        colors: vec![[0; 3]; width * height],
         depths: vec![f32::INFINITY; width * height],
     };
     for point in points {
-        if let Some(place) = sight.place(point.x_in_world.map(f64::from)) {
-            canvas.square(&place, edge_m, point.colour);
+        if let Some(project) = viewpoint.project(point.x_in_world.map(f64::from)) {
+            canvas.square(&project, edge_m, point.color);
         }
     }
-    canvas.shade(matches!(sight.scale, Scale::Map(_)));
-    for (x_in_world, colour) in way {
-        if let Some(place) = sight.place(*x_in_world) {
-            canvas.dot(&place, *colour);
+    canvas.shade(matches!(viewpoint.scale, Scale::Map(_)));
+    for (x_in_world, color) in rig_path {
+        if let Some(project) = viewpoint.project(*x_in_world) {
+            canvas.dot(&project, *color);
         }
     }
-    canvas.smaller()
+    canvas.downsample()
 }
 
 impl Canvas {
-    fn square(&mut self, place: &Place, edge_m: f64, colour: [u8; 3]) {
-        let side = ((edge_m * place.px_per_m).ceil() as i64).clamp(1, LARGEST_SQUARE);
-        let from = place.at.map(|c| (c - 0.5 * side as f64).round() as i64);
+    fn square(&mut self, project: &Projection, edge_m: f64, color: [u8; 3]) {
+        let side = ((edge_m * project.px_per_m).ceil() as i64).clamp(1, MAX_SQUARE_PX);
+        let from = project.at.map(|c| (c - 0.5 * side as f64).round() as i64);
         let columns = from[0].max(0)..(from[0] + side).min(self.width as i64);
-        let depth = place.depth as f32;
+        let depth = project.depth as f32;
         for y in from[1].max(0)..(from[1] + side).min(self.height as i64) {
             for x in columns.clone() {
                 let i = y as usize * self.width + x as usize;
                 if depth < self.depths[i] {
-                    (self.depths[i], self.colours[i]) = (depth, colour);
+                    (self.depths[i], self.colors[i]) = (depth, color);
                 }
             }
         }
     }
 
-    fn dot(&mut self, place: &Place, colour: [u8; 3]) {
-        let [x, y] = place.at.map(|c| c.round() as i64);
-        for (dx, dy) in (-DOT..=DOT).flat_map(|dx| (-DOT..=DOT).map(move |dy| (dx, dy))) {
+    fn dot(&mut self, project: &Projection, color: [u8; 3]) {
+        let [x, y] = project.at.map(|c| c.round() as i64);
+        for (dx, dy) in (-DOT_RADIUS_PX..=DOT_RADIUS_PX)
+            .flat_map(|dx| (-DOT_RADIUS_PX..=DOT_RADIUS_PX).map(move |dy| (dx, dy)))
+        {
             let (x, y) = (x + dx, y + dy);
             let inside =
                 (0..self.width as i64).contains(&x) && (0..self.height as i64).contains(&y);
-            if inside && dx * dx + dy * dy <= DOT * DOT {
+            if inside && dx * dx + dy * dy <= DOT_RADIUS_PX * DOT_RADIUS_PX {
                 let i = y as usize * self.width + x as usize;
-                (self.depths[i], self.colours[i]) = (place.depth as f32, colour);
+                (self.depths[i], self.colors[i]) = (project.depth as f32, color);
             }
         }
     }
@@ -139,50 +141,53 @@ impl Canvas {
             true => (a - b).clamp(0.0, 0.6),
             false => (8.0 * (a / b).ln()).clamp(0.0, 0.6),
         };
-        for y in SHADE_REACH..self.height.saturating_sub(SHADE_REACH) {
-            for x in SHADE_REACH..self.width.saturating_sub(SHADE_REACH) {
+        for y in SHADE_RADIUS_PX..self.height.saturating_sub(SHADE_RADIUS_PX) {
+            for x in SHADE_RADIUS_PX..self.width.saturating_sub(SHADE_RADIUS_PX) {
                 let i = y * self.width + x;
                 let depth = self.depths[i];
                 if !depth.is_finite() {
                     continue;
                 }
                 let around = [
-                    i - SHADE_REACH,
-                    i + SHADE_REACH,
-                    i - SHADE_REACH * self.width,
-                    i + SHADE_REACH * self.width,
+                    i - SHADE_RADIUS_PX,
+                    i + SHADE_RADIUS_PX,
+                    i - SHADE_RADIUS_PX * self.width,
+                    i + SHADE_RADIUS_PX * self.width,
                 ];
                 let dark: f32 = around.iter().map(|k| near(depth, self.depths[*k])).sum();
                 let light = (-0.5 * dark).exp();
-                self.colours[i] = self.colours[i].map(|c| (f32::from(c) * light) as u8);
+                self.colors[i] = self.colors[i].map(|c| (f32::from(c) * light) as u8);
             }
         }
     }
 
     /// The mean of each block of pixels drawn, as red, green, blue and opacity.
-    fn smaller(&self) -> Vec<u8> {
-        let (columns, rows) = (self.width / FINER, self.height / FINER);
+    fn downsample(&self) -> Vec<u8> {
+        let (columns, rows) = (self.width / SUPERSAMPLING, self.height / SUPERSAMPLING);
         let mut out = Vec::with_capacity(4 * columns * rows);
         for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |c| (row, c))) {
             let mut sum = [0_usize; 3];
             let mut drawn = 0;
-            for k in 0..FINER * FINER {
-                let (y, x) = (row * FINER + k / FINER, column * FINER + k % FINER);
+            for k in 0..SUPERSAMPLING * SUPERSAMPLING {
+                let (y, x) = (
+                    row * SUPERSAMPLING + k / SUPERSAMPLING,
+                    column * SUPERSAMPLING + k % SUPERSAMPLING,
+                );
                 let i = y * self.width + x;
                 if !self.depths[i].is_finite() {
                     continue;
                 }
                 drawn += 1;
-                for (sum, part) in sum.iter_mut().zip(self.colours[i]) {
+                for (sum, part) in sum.iter_mut().zip(self.colors[i]) {
                     *sum += usize::from(part);
                 }
             }
             match drawn {
-                0 => out.extend(NOTHING),
+                0 => out.extend(TRANSPARENT),
                 _ => out.extend(sum.map(|sum| (sum / drawn) as u8)),
             }
             if drawn > 0 {
-                out.push((255 * drawn / (FINER * FINER)) as u8);
+                out.push((255 * drawn / (SUPERSAMPLING * SUPERSAMPLING)) as u8);
             }
         }
         out
@@ -193,17 +198,17 @@ impl Canvas {
 mod tests {
     use super::*;
 
-    fn point(x: [f32; 3], colour: [u8; 3]) -> CloudPoint {
+    fn point(x: [f32; 3], color: [u8; 3]) -> CloudPoint {
         CloudPoint {
             x_in_world: x,
-            colour,
+            color,
             sigma_m: 0.01,
         }
     }
 
     /// Looks along x, with z up.
-    fn ahead() -> Sight {
-        Sight {
+    fn ahead() -> Viewpoint {
+        Viewpoint {
             size: [40, 30],
             eye: [0.0; 3],
             axes: [[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]],
@@ -223,7 +228,7 @@ mod tests {
         for points in [[near, far], [far, near]] {
             let picture = draw(&points, 0.3, &[], &ahead());
             assert_eq!(pixel(&picture, 20, 15), [200, 0, 0, 255]);
-            assert_eq!(pixel(&picture, 2, 2), NOTHING);
+            assert_eq!(pixel(&picture, 2, 2), TRANSPARENT);
         }
     }
 
@@ -234,8 +239,8 @@ mod tests {
         assert_eq!(pixel(&picture, 10, 10), [0, 0, 200, 255]);
         // Behind the eye.
         let picture = draw(&[point([-4.0, 0.0, 0.0], [0; 3])], 0.3, &[], &ahead());
-        assert!(picture.chunks(4).all(|c| c == NOTHING));
-        let map = Sight {
+        assert!(picture.chunks(4).all(|c| c == TRANSPARENT));
+        let map = Viewpoint {
             scale: Scale::Map(10.0),
             ..ahead()
         };

@@ -9,7 +9,7 @@ use crate::error::BundleError;
 const MAX_PIXELS: u64 = 1 << 26;
 
 /// Sample values of a grey picture, row by row from the top.
-pub(crate) enum Grey {
+pub(crate) enum GraySamples {
     Bits8(Vec<u8>),
     Bits16(Vec<u16>),
 }
@@ -42,7 +42,7 @@ fn encode(width: u32, height: u32, depth: png::BitDepth, bytes: &[u8]) -> Vec<u8
 }
 
 /// Width, height and samples of a grey picture. `path` is for messages.
-pub(crate) fn decode(bytes: &[u8], path: &Path) -> Result<(u32, u32, Grey), BundleError> {
+pub(crate) fn decode(bytes: &[u8], path: &Path) -> Result<(u32, u32, GraySamples), BundleError> {
     let wrong = |found: String| BundleError::Malformed {
         path: path.to_owned(),
         place: "picture".to_owned(),
@@ -78,12 +78,12 @@ pub(crate) fn decode(bytes: &[u8], path: &Path) -> Result<(u32, u32, Grey), Bund
         .map_err(|e| wrong(e.to_string()))?;
     data.truncate(info.buffer_size());
     let samples = match (info.color_type, info.bit_depth) {
-        (png::ColorType::Grayscale, png::BitDepth::Eight) => Grey::Bits8(data),
+        (png::ColorType::Grayscale, png::BitDepth::Eight) => GraySamples::Bits8(data),
         (png::ColorType::Grayscale, png::BitDepth::Sixteen) => {
             let pairs = data.chunks_exact(2);
-            Grey::Bits16(pairs.map(|p| u16::from_be_bytes([p[0], p[1]])).collect())
+            GraySamples::Bits16(pairs.map(|p| u16::from_be_bytes([p[0], p[1]])).collect())
         }
-        (colour, depth) => return Err(wrong(format!("{colour:?} of {depth:?} bits"))),
+        (color, depth) => return Err(wrong(format!("{color:?} of {depth:?} bits"))),
     };
     Ok((info.width, info.height, samples))
 }
@@ -93,11 +93,11 @@ mod tests {
     use super::*;
 
     /// The file of a picture with other numbers in its header.
-    fn forged(width: u32, height: u32, depth: u8, colour: u8) -> Vec<u8> {
+    fn forged(width: u32, height: u32, depth: u8, color: u8) -> Vec<u8> {
         let mut bytes = encode8(2, 2, &[1, 2, 3, 4]);
         bytes[16..20].copy_from_slice(&width.to_be_bytes());
         bytes[20..24].copy_from_slice(&height.to_be_bytes());
-        (bytes[24], bytes[25]) = (depth, colour);
+        (bytes[24], bytes[25]) = (depth, color);
         // CRC-32 of type and content (PNG, section 5.5).
         let mut crc = u32::MAX;
         for byte in &bytes[12..29] {

@@ -1,19 +1,19 @@
 //! From where to look at a cloud, found from the cloud and the way through it.
 //!
-//! Contract: both views leave out what is higher than [`ABOVE_M`] above the rig, so that one looks into rooms and under trees. From above,
+//! Contract: both views leave out what is higher than [`MAX_HEIGHT_M`] above the rig, so that one looks into rooms and under trees. From above,
 //! y is up, and all of the way is in the picture. The other view looks at the middle of the way, or at so much around it as is
 //! still seen well, from behind and from the side on which less stands before it.
 
 use scene_bundle::outputs::cloud::CloudPoint;
 
-use super::splat::{Scale, Sight, dot};
+use super::point_raster::{Scale, Viewpoint, dot};
 
 /// What is higher above the highest place of the rig is left out, m.
-pub(super) const ABOVE_M: f64 = 1.0;
+pub(super) const MAX_HEIGHT_M: f64 = 1.0;
 /// What is not lower than this below the rig may hide the way, m.
-const BELOW_M: f64 = 0.5;
+const OCCLUDER_MIN_HEIGHT_M: f64 = 0.5;
 /// How far from the middle of the way one still looks, m.
-pub(super) const AROUND_M: f64 = 12.0;
+pub(super) const VIEW_RADIUS_M: f64 = 12.0;
 /// Columns of both pictures.
 const WIDTH: usize = 1000;
 /// Rows of the view aslant.
@@ -23,35 +23,39 @@ const MAP_HEIGHTS: [f64; 2] = [300.0, 1000.0];
 /// px of the view aslant.
 const FOCAL_PX: f64 = 900.0;
 /// How steeply it looks down, and how far to the side of the way, degrees.
-const DOWN_DEG: f64 = 35.0;
-const ASIDE_DEG: f64 = 35.0;
+const PITCH_DOWN_DEG: f64 = 35.0;
+const YAW_DEG: f64 = 35.0;
 /// Points beyond this share at either end do not count for what is to be in the picture.
-const OUTSIDE: f64 = 0.01;
+const OUTLIER_RATIO: f64 = 0.01;
 /// Around what is to be in the picture, as a share of it.
-const FRAME: f64 = 1.04;
+const MARGIN_FACTOR: f64 = 1.04;
 
 /// The points that are shown.
-pub(super) fn shown(points: &[CloudPoint], way: &[[f64; 3]]) -> Vec<CloudPoint> {
-    let top = way.iter().map(|x| x[2]).fold(f64::NEG_INFINITY, f64::max) + ABOVE_M;
+pub(super) fn shown(points: &[CloudPoint], rig_path: &[[f64; 3]]) -> Vec<CloudPoint> {
+    let top = rig_path
+        .iter()
+        .map(|x| x[2])
+        .fold(f64::NEG_INFINITY, f64::max)
+        + MAX_HEIGHT_M;
     let is_low = |p: &&CloudPoint| f64::from(p.x_in_world[2]) <= top || top.is_infinite();
     points.iter().filter(is_low).copied().collect()
 }
 
 /// From above.
-pub(super) fn above(points: &[CloudPoint], way: &[[f64; 3]]) -> Option<Sight> {
+pub(super) fn above(points: &[CloudPoint], rig_path: &[[f64; 3]]) -> Option<Viewpoint> {
     let range = |k: usize| {
         let (low, high) = range(points.iter().map(|p| f64::from(p.x_in_world[k])))?;
-        let of_way = way.iter().map(|x| x[k]);
+        let of_path = rig_path.iter().map(|x| x[k]);
         Some((
-            of_way.clone().fold(low, f64::min),
-            of_way.fold(high, f64::max),
+            of_path.clone().fold(low, f64::min),
+            of_path.fold(high, f64::max),
         ))
     };
     let [x, y, z] = [range(0)?, range(1)?, range(2)?];
-    let [across, up] = [x, y].map(|(low, high)| FRAME * (high - low).max(0.5));
+    let [across, up] = [x, y].map(|(low, high)| MARGIN_FACTOR * (high - low).max(0.5));
     let height = (WIDTH as f64 * up / across).clamp(MAP_HEIGHTS[0], MAP_HEIGHTS[1]);
     let px_per_m = (WIDTH as f64 / across).min(height / up);
-    Some(Sight {
+    Some(Viewpoint {
         size: [WIDTH, height as usize],
         eye: [0.5 * (x.0 + x.1), 0.5 * (y.0 + y.1), z.1 + 10.0],
         axes: [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]],
@@ -59,31 +63,31 @@ pub(super) fn above(points: &[CloudPoint], way: &[[f64; 3]]) -> Option<Sight> {
     })
 }
 
-/// Where the eye of the first view of the scene is, and what it looks at: as [`aslant`] does, or from the corner of nothing.
-pub(super) fn first(points: &[CloudPoint], way: &[[f64; 3]]) -> [[f64; 3]; 2] {
-    let Some(sight) = aslant(points, way) else {
-        let target = way.first().copied().unwrap_or([0.0; 3]);
+/// Where the eye of the first view of the scene is, and what it looks at: as [`oblique`] does, or from the corner of nothing.
+pub(super) fn first(points: &[CloudPoint], rig_path: &[[f64; 3]]) -> [[f64; 3]; 2] {
+    let Some(viewpoint) = oblique(points, rig_path) else {
+        let target = rig_path.first().copied().unwrap_or([0.0; 3]);
         return [[0, 1, 2].map(|k| target[k] + [-4.0, -4.0, 4.0][k]), target];
     };
-    let middle = way[way.len() / 2];
-    let forward = sight.axes[2];
-    let ahead = dot(forward, [0, 1, 2].map(|k| middle[k] - sight.eye[k])).max(0.5);
-    let target = [0, 1, 2].map(|k| sight.eye[k] + ahead * forward[k]);
-    [sight.eye, target]
+    let middle = rig_path[rig_path.len() / 2];
+    let forward = viewpoint.axes[2];
+    let ahead = dot(forward, [0, 1, 2].map(|k| middle[k] - viewpoint.eye[k])).max(0.5);
+    let target = [0, 1, 2].map(|k| viewpoint.eye[k] + ahead * forward[k]);
+    [viewpoint.eye, target]
 }
 
 /// Aslant.
-pub(super) fn aslant(points: &[CloudPoint], way: &[[f64; 3]]) -> Option<Sight> {
-    let middle = *way.get(way.len() / 2)?;
-    let beside = |x: &[f64; 3]| (x[0] - middle[0]).hypot(x[1] - middle[1]) <= AROUND_M;
+pub(super) fn oblique(points: &[CloudPoint], rig_path: &[[f64; 3]]) -> Option<Viewpoint> {
+    let middle = *rig_path.get(rig_path.len() / 2)?;
+    let beside = |x: &[f64; 3]| (x[0] - middle[0]).hypot(x[1] - middle[1]) <= VIEW_RADIUS_M;
     let near: Vec<[f64; 3]> = points
         .iter()
         .map(|p| p.x_in_world.map(f64::from))
         .filter(beside)
         .collect();
-    let along = direction(&way.iter().copied().filter(beside).collect::<Vec<_>>());
-    let heading = along + side(&near, middle, along) * ASIDE_DEG.to_radians();
-    let (steep, flat) = DOWN_DEG.to_radians().sin_cos();
+    let along = direction(&rig_path.iter().copied().filter(beside).collect::<Vec<_>>());
+    let heading = along + side(&near, middle, along) * YAW_DEG.to_radians();
+    let (steep, flat) = PITCH_DOWN_DEG.to_radians().sin_cos();
     let (sin, cos) = heading.sin_cos();
     let forward = [flat * cos, flat * sin, -steep];
     let right = [sin, -cos, 0.0];
@@ -92,7 +96,7 @@ pub(super) fn aslant(points: &[CloudPoint], way: &[[f64; 3]]) -> Option<Sight> {
     let [u, v, w] = axes.map(|axis| range(near.iter().map(|x| dot(axis, *x))));
     let ranges = [u?, v?, w?];
     let centre = ranges.map(|(low, high)| 0.5 * (low + high));
-    let half = ranges.map(|(low, high)| 0.5 * FRAME * (high - low));
+    let half = ranges.map(|(low, high)| 0.5 * MARGIN_FACTOR * (high - low));
     // Far enough away for its sides, measured in the middle, and not within it.
     let for_side = |k: usize, px: usize| half[k] * FOCAL_PX / (0.5 * px as f64);
     let back = for_side(0, WIDTH)
@@ -102,7 +106,7 @@ pub(super) fn aslant(points: &[CloudPoint], way: &[[f64; 3]]) -> Option<Sight> {
         let at = (0..3).map(|a| centre[a] * axes[a][k]).sum::<f64>();
         at - back * forward[k]
     });
-    Some(Sight {
+    Some(Viewpoint {
         size: [WIDTH, HEIGHT],
         eye,
         axes,
@@ -113,7 +117,7 @@ pub(super) fn aslant(points: &[CloudPoint], way: &[[f64; 3]]) -> Option<Sight> {
 /// 1 to look from the right of the way, -1 from its left: from where less stands that is nearly as high as the rig.
 fn side(points: &[[f64; 3]], middle: [f64; 3], along: f64) -> f64 {
     let (sin, cos) = along.sin_cos();
-    let is_tall = |x: &&[f64; 3]| x[2] > middle[2] - BELOW_M;
+    let is_tall = |x: &&[f64; 3]| x[2] > middle[2] - OCCLUDER_MIN_HEIGHT_M;
     let is_left = |x: &&[f64; 3]| cos * (x[1] - middle[1]) > sin * (x[0] - middle[0]);
     let tall: Vec<&[f64; 3]> = points.iter().filter(is_tall).collect();
     let left = tall.iter().filter(|x| is_left(x)).count();
@@ -124,7 +128,7 @@ fn side(points: &[[f64; 3]], middle: [f64; 3], along: f64) -> f64 {
 pub(super) fn range(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     let mut values: Vec<f64> = values.collect();
     let last = values.len().checked_sub(1)?;
-    let outside = (OUTSIDE * last as f64) as usize;
+    let outside = (OUTLIER_RATIO * last as f64) as usize;
     let low = *values.select_nth_unstable_by(outside, f64::total_cmp).1;
     let high = *values
         .select_nth_unstable_by(last - outside, f64::total_cmp)
@@ -133,67 +137,71 @@ pub(super) fn range(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
 }
 
 /// Where a way leads, as an angle from x: from its first place to its last one, or where it ends where it began, to the farthest.
-fn direction(way: &[[f64; 3]]) -> f64 {
-    let Some(first) = way.first() else {
+fn direction(rig_path: &[[f64; 3]]) -> f64 {
+    let Some(first) = rig_path.first() else {
         return 0.0;
     };
     let away = |x: &&[f64; 3]| (x[0] - first[0]).hypot(x[1] - first[1]);
-    let farthest = way.iter().max_by(|a, b| away(a).total_cmp(&away(b)));
+    let farthest = rig_path.iter().max_by(|a, b| away(a).total_cmp(&away(b)));
     farthest.map_or(0.0, |x| (x[1] - first[1]).atan2(x[0] - first[0]))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::splat::{NOTHING, draw};
+    use crate::report::point_raster::{TRANSPARENT, draw};
 
     /// Ground along a way of 10 m, and a ceiling.
     fn room() -> (Vec<CloudPoint>, Vec<[f64; 3]>) {
         let point = |x: i32, y: i32, z: f32| CloudPoint {
             x_in_world: [0.1 * x as f32, 0.1 * y as f32, z],
-            colour: [10, 120, 10],
+            color: [10, 120, 10],
             sigma_m: 0.01,
         };
         let places = (0..100).flat_map(|x| (-20..20).map(move |y| (x, y)));
         let points = places.flat_map(|(x, y)| [point(x, y, -1.3), point(x, y, 1.5)]);
-        let way = (0..100).map(|x| [0.1 * f64::from(x), 0.0, 0.0]);
-        (points.collect(), way.collect())
+        let rig_path = (0..100).map(|x| [0.1 * f64::from(x), 0.0, 0.0]);
+        (points.collect(), rig_path.collect())
     }
 
     #[test]
     fn the_ground_fills_both_pictures() {
-        let (points, way) = room();
-        let shown = shown(&points, &way);
+        let (points, rig_path) = room();
+        let shown = shown(&points, &rig_path);
         assert_eq!(shown.len(), points.len() / 2);
-        for sight in [above(&shown, &way), aslant(&shown, &way)] {
-            let sight = sight.expect("a sight");
-            let picture = draw(&shown, 0.12, &[], &sight);
-            let empty = picture.chunks(4).filter(|c| *c == NOTHING).count();
+        for viewpoint in [above(&shown, &rig_path), oblique(&shown, &rig_path)] {
+            let viewpoint = viewpoint.expect("a sight");
+            let picture = draw(&shown, 0.12, &[], &viewpoint);
+            let empty = picture.chunks(4).filter(|c| *c == TRANSPARENT).count();
             let share = empty as f64 / (picture.len() / 4) as f64;
-            assert!(share < 0.75, "{share} is empty: {sight:?}");
+            assert!(share < 0.75, "{share} is empty: {viewpoint:?}");
             // And its middle is there.
-            let middle = sight.size[1] / 2 * sight.size[0] + sight.size[0] / 2;
-            assert_ne!(picture[4 * middle..4 * middle + 4], NOTHING, "{sight:?}");
+            let middle = viewpoint.size[1] / 2 * viewpoint.size[0] + viewpoint.size[0] / 2;
+            assert_ne!(
+                picture[4 * middle..4 * middle + 4],
+                TRANSPARENT,
+                "{viewpoint:?}"
+            );
         }
     }
 
     #[test]
     fn one_looks_over_the_way_from_where_no_wall_is() {
-        let (mut points, way) = room();
+        let (mut points, rig_path) = room();
         let wall = |y: f32| {
             let places = (0..100).flat_map(|x| (0..20).map(move |z| (x, z)));
             places.map(move |(x, z)| CloudPoint {
                 x_in_world: [0.1 * x as f32, y, -1.3 + 0.1 * z as f32],
-                colour: [90; 3],
+                color: [90; 3],
                 sigma_m: 0.01,
             })
         };
         for (y, is_behind) in [(-2.0, 1.0), (2.0, -1.0)] {
             let ground = points.len();
             points.extend(wall(y));
-            let sight = aslant(&points, &way).expect("a sight");
+            let viewpoint = oblique(&points, &rig_path).expect("a sight");
             // The eye is on the other side of the way.
-            assert!(sight.eye[1] * is_behind > 0.0, "{y}: {sight:?}");
+            assert!(viewpoint.eye[1] * is_behind > 0.0, "{y}: {viewpoint:?}");
             points.truncate(ground);
         }
     }
@@ -201,10 +209,10 @@ mod tests {
     #[test]
     fn nothing_is_no_panic() {
         assert_eq!(above(&[], &[]), None);
-        assert_eq!(aslant(&[], &[]), None);
-        assert_eq!(aslant(&[], &[[0.0; 3]]), None);
-        for way in [&[][..], &[[0.0; 3]][..]] {
-            let [eye, target] = first(&[], way);
+        assert_eq!(oblique(&[], &[]), None);
+        assert_eq!(oblique(&[], &[[0.0; 3]]), None);
+        for rig_path in [&[][..], &[[0.0; 3]][..]] {
+            let [eye, target] = first(&[], rig_path);
             assert!(eye != target, "{eye:?}");
         }
     }

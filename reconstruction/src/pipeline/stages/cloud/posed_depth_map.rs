@@ -1,49 +1,49 @@
 //! What a keyframe says of the surfaces before it, and what others say of those.
 
 use cad_transforms::RigidTransform;
-use scene_bundle::outputs::depth::{DepthIndex, DepthKey, DepthPicture, DepthView, read};
+use scene_bundle::outputs::depth::{DepthImage, DepthIndex, DepthKey, DepthView, read};
 use scene_bundle::{BundleError, OutputReader};
 
-use super::sway::Sway;
+use super::rolling_shutter::RowMotion;
 
 /// Two depths agree when they are apart by at most so many sigma of both together.
-pub(super) const AGREE_SIGMA: f64 = 2.0;
+pub(super) const SUPPORT_SIGMA: f64 = 2.0;
 /// A view sees through a place when all that it sees there is farther by more than so many sigma of both together.
-pub(super) const THROUGH_SIGMA: f64 = 3.0;
+pub(super) const FREE_SPACE_SIGMA: f64 = 3.0;
 /// So many views of other instants must confirm a surface. With one, feet that stand for a moment and people who walk along the line
 /// of sight stay.
-pub(super) const LEAST_CONFIRMED: u32 = 2;
+pub(super) const MIN_SUPPORT_VIEWS: u32 = 2;
 /// So many views must confirm a surface for each that sees through it: matchers err, and two in four err less often alike.
-pub(super) const CONFIRMED_PER_THROUGH: u32 = 3;
+pub(super) const SUPPORT_PER_VIOLATION: u32 = 3;
 /// So many views of other instants must see through what moves.
-const LEAST_THROUGH: u32 = 2;
+const MIN_VIOLATION_VIEWS: u32 = 2;
 
 /// A picture of depth, and from where it was taken.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Shot {
+pub(super) struct DepthFrame {
     pub(super) key: DepthKey,
     /// When its middle row was exposed.
     pub(super) world_from_view: RigidTransform,
-    pub(super) sway: Sway,
+    pub(super) row_motion: RowMotion,
 }
 
 /// Depth of a keyframe in the world.
-pub(super) struct Look {
-    picture: DepthPicture,
+pub(super) struct PosedDepthMap {
+    depth_map: DepthImage,
     /// Focal lengths and principal point, px.
     focal: [f64; 2],
-    centre: [f64; 2],
-    world_from_view: Motion,
-    view_from_world: Motion,
-    left_from_view: Motion,
-    sway: Sway,
+    center: [f64; 2],
+    world_from_view: FastTransform,
+    view_from_world: FastTransform,
+    left_from_view: FastTransform,
+    row_motion: RowMotion,
 }
 
 /// A rigid transform as it is quick to apply.
 #[derive(Clone, Copy)]
-struct Motion {
+struct FastTransform {
     rows: [f64; 9],
-    shift: [f64; 3],
+    translation: [f64; 3],
 }
 
 /// Something that a look saw.
@@ -61,71 +61,76 @@ pub(super) struct Surface {
 
 /// What all others together say of a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Verdict {
+pub(super) enum PointMotion {
     /// It is there and stands still.
-    Stands,
+    Static,
     /// It was there, and was not at other times.
-    Moves,
+    Dynamic,
     /// Too few say anything, or they do not agree.
     Unknown,
 }
 
 /// What a look says of a surface that another one saw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Said {
+enum Evidence {
     /// It is outside, behind something, or where nothing is known.
-    Nothing,
+    Unknown,
     /// It is there.
-    Confirms,
+    Supports,
     /// It is not there: what is behind it can be seen.
-    SeesThrough,
+    ViolatesFreeSpace,
 }
 
-impl Motion {
+impl FastTransform {
     fn of(transform: &RigidTransform) -> Self {
         Self {
             rows: transform.rotation_rows(),
-            shift: transform.translation_m(),
+            translation: transform.translation_m(),
         }
     }
 
-    fn turn(&self, v: [f64; 3]) -> [f64; 3] {
+    fn rotate(&self, v: [f64; 3]) -> [f64; 3] {
         let r = &self.rows;
         [0, 3, 6].map(|k| r[k] * v[0] + r[k + 1] * v[1] + r[k + 2] * v[2])
     }
 
     fn apply(&self, x: [f64; 3]) -> [f64; 3] {
-        let turned = self.turn(x);
-        [0, 1, 2].map(|k| turned[k] + self.shift[k])
+        let turned = self.rotate(x);
+        [0, 1, 2].map(|k| turned[k] + self.translation[k])
     }
 }
 
-impl Look {
+impl PosedDepthMap {
     pub(super) fn read(
         depth: &OutputReader,
         index: &DepthIndex,
-        shot: &Shot,
+        frame: &DepthFrame,
     ) -> Result<Self, BundleError> {
-        let picture = read(depth, index, &shot.key)?;
-        let view = &index.views[shot.key.view];
-        Ok(Self::new(picture, view, &shot.world_from_view, shot.sway))
+        let depth_map = read(depth, index, &frame.key)?;
+        let view = &index.views[frame.key.view];
+        Ok(Self::new(
+            depth_map,
+            view,
+            &frame.world_from_view,
+            frame.row_motion,
+        ))
     }
 
     pub(super) fn new(
-        picture: DepthPicture,
+        depth_map: DepthImage,
         view: &DepthView,
         world_from_view: &RigidTransform,
-        sway: Sway,
+        row_motion: RowMotion,
     ) -> Self {
         let model = &view.model;
         Self {
-            picture,
+            depth_map,
             focal: [model.fx, model.fy],
-            centre: [model.cx, model.cy],
-            world_from_view: Motion::of(world_from_view),
-            view_from_world: Motion::of(&world_from_view.inverse()),
-            left_from_view: Motion::of(&view.view_from_left.inverse()),
-            sway,
+            center: [model.cx, model.cy],
+            world_from_view: FastTransform::of(world_from_view),
+            view_from_world: FastTransform::of(&world_from_view.inverse()),
+            left_from_view: FastTransform::of(&view.view_from_left.inverse()),
+            row_motion,
         }
     }
 
@@ -133,87 +138,87 @@ impl Look {
     #[cfg(test)]
     pub(super) fn blur(&mut self, sigma_m: f64) {
         let sigma = scene_bundle::outputs::depth::stored_sigma(sigma_m as f32);
-        self.picture.sigma.fill(sigma);
+        self.depth_map.sigma.fill(sigma);
     }
 
     pub(super) fn width(&self) -> u32 {
-        self.picture.width
+        self.depth_map.width
     }
 
     pub(super) fn height(&self) -> u32 {
-        self.picture.height
+        self.depth_map.height
     }
 
     /// Whether the other one may see something of what this one sees: their axes are less than a right angle apart, or nearly so.
     pub(super) fn may_share(&self, other: &Self) -> bool {
-        let axis = |look: &Self| look.world_from_view.turn([0.0, 0.0, 1.0]);
+        let axis = |look: &Self| look.world_from_view.rotate([0.0, 0.0, 1.0]);
         let (a, b) = (axis(self), axis(other));
         a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>() > -0.2
     }
 
     fn ray(&self, column: u32, row: u32) -> [f64; 3] {
         let at = [f64::from(column), f64::from(row)];
-        let [x, y] = [0, 1].map(|k| (at[k] - self.centre[k]) / self.focal[k]);
+        let [x, y] = [0, 1].map(|k| (at[k] - self.center[k]) / self.focal[k]);
         [x, y, 1.0]
     }
 
     /// Direction of a pixel in the recorded left optical frame.
     pub(super) fn ray_in_left(&self, column: u32, row: u32) -> [f64; 3] {
-        self.left_from_view.turn(self.ray(column, row))
+        self.left_from_view.rotate(self.ray(column, row))
     }
 
     /// What a pixel shows, where that is known to `largest_sigma_m`.
     pub(super) fn surface(&self, column: u32, row: u32, largest_sigma_m: f64) -> Option<Surface> {
-        let depth = self.picture.depth_m(column, row)?;
-        let sigma_m = self.picture.sigma_m(column, row)?;
+        let depth = self.depth_map.depth_m(column, row)?;
+        let sigma_m = self.depth_map.sigma_m(column, row)?;
         let x_in_view = self.ray(column, row).map(|v| v * depth);
-        let x_in_view = self.sway.at_middle(f64::from(row), x_in_view);
+        let x_in_view = self.row_motion.at_middle(f64::from(row), x_in_view);
         (sigma_m <= largest_sigma_m).then(|| Surface {
             x_in_world: self.world_from_view.apply(x_in_view),
             depth_m: depth,
             sigma_m,
-            axis_in_world: self.world_from_view.turn([0.0, 0.0, 1.0]),
+            axis_in_world: self.world_from_view.rotate([0.0, 0.0, 1.0]),
         })
     }
 
-    fn say(&self, surface: &Surface) -> Said {
+    fn evidence(&self, surface: &Surface) -> Evidence {
         let in_view = self.view_from_world.apply(surface.x_in_world);
         if in_view[2] <= 0.0 {
-            return Said::Nothing;
+            return Evidence::Unknown;
         }
         // In which row it is seen hardly depends on when that was.
-        let row = self.focal[1] * in_view[1] / in_view[2] + self.centre[1];
-        let [x, y, z] = self.sway.at_row(row, in_view);
+        let row = self.focal[1] * in_view[1] / in_view[2] + self.center[1];
+        let [x, y, z] = self.row_motion.at_row(row, in_view);
         let at = [
-            self.focal[0] * x / z + self.centre[0],
-            self.focal[1] * y / z + self.centre[1],
+            self.focal[0] * x / z + self.center[0],
+            self.focal[1] * y / z + self.center[1],
         ];
-        let size = [self.picture.width, self.picture.height];
+        let size = [self.depth_map.width, self.depth_map.height];
         if (0..2).any(|k| !(at[k] >= 0.0 && at[k] < f64::from(size[k]) - 1.0)) {
-            return Said::Nothing;
+            return Evidence::Unknown;
         }
         let (column, row) = (at[0] as u32, at[1] as u32);
         // Across its axis a surface is known much better than along it.
-        let along = self.view_from_world.turn(surface.axis_in_world)[2];
+        let along = self.view_from_world.rotate(surface.axis_in_world)[2];
         let of_surface = along * surface.sigma_m;
         let (mut known, mut beyond) = (0, 0);
         // What lies between pixels may be on the surface of any of the four.
         for (right, down) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
             let (column, row) = (column + right, row + down);
-            let seen = self.picture.depth_m(column, row);
-            let (Some(depth), Some(sigma)) = (seen, self.picture.sigma_m(column, row)) else {
+            let seen = self.depth_map.depth_m(column, row);
+            let (Some(depth), Some(sigma)) = (seen, self.depth_map.sigma_m(column, row)) else {
                 continue;
             };
             let both = of_surface.hypot(sigma);
-            if (depth - z).abs() <= AGREE_SIGMA * both {
-                return Said::Confirms;
+            if (depth - z).abs() <= SUPPORT_SIGMA * both {
+                return Evidence::Supports;
             }
             known += 1;
-            beyond += u32::from(depth - z > THROUGH_SIGMA * both);
+            beyond += u32::from(depth - z > FREE_SPACE_SIGMA * both);
         }
         match known == 4 && beyond == 4 {
-            true => Said::SeesThrough,
-            false => Said::Nothing,
+            true => Evidence::ViolatesFreeSpace,
+            false => Evidence::Unknown,
         }
     }
 }
@@ -221,24 +226,24 @@ impl Look {
 impl Surface {
     /// What others say of it; of each is known whether it looked at another instant: what moves is confirmed by those who look
     /// at the same one.
-    pub(super) fn judged(&self, others: &[(bool, &Look)]) -> Verdict {
-        let (mut confirmed, mut through, mut through_later) = (0, 0, 0);
+    pub(super) fn classify(&self, others: &[(bool, &PosedDepthMap)]) -> PointMotion {
+        let (mut supports, mut violations, mut violating_views) = (0, 0, 0);
         for (is_later, other) in others {
-            match other.say(self) {
-                Said::Confirms => confirmed += u32::from(*is_later),
-                Said::SeesThrough => {
-                    through += 1;
-                    through_later += u32::from(*is_later);
+            match other.evidence(self) {
+                Evidence::Supports => supports += u32::from(*is_later),
+                Evidence::ViolatesFreeSpace => {
+                    violations += 1;
+                    violating_views += u32::from(*is_later);
                 }
-                Said::Nothing => {}
+                Evidence::Unknown => {}
             }
         }
-        if confirmed >= LEAST_CONFIRMED && confirmed >= CONFIRMED_PER_THROUGH * through {
-            Verdict::Stands
-        } else if through_later >= LEAST_THROUGH && through_later > confirmed {
-            Verdict::Moves
+        if supports >= MIN_SUPPORT_VIEWS && supports >= SUPPORT_PER_VIOLATION * violations {
+            PointMotion::Static
+        } else if violating_views >= MIN_VIOLATION_VIEWS && violating_views > supports {
+            PointMotion::Dynamic
         } else {
-            Verdict::Unknown
+            PointMotion::Unknown
         }
     }
 }

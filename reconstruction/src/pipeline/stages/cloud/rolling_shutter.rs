@@ -8,14 +8,14 @@ use scene_bundle::Trajectory;
 use scene_bundle::outputs::depth::DepthView;
 use scene_bundle::outputs::rig::RigCamera;
 
-use crate::pipeline::stages::place::pose_at;
+use crate::pipeline::stages::pose_interpolation::pose_at;
 
 /// Time over which motion is taken, ns.
 const STEP_NS: i64 = 10_000_000;
 
 /// See the module. The default is a global shutter, or a view that stands still.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Sway {
+pub(super) struct RowMotion {
     /// When the topmost row of the view was exposed after the middle one of the recorded picture, and each row after the one
     /// above, s.
     first_s: f64,
@@ -25,7 +25,7 @@ pub(super) struct Sway {
     rate: [f64; 3],
 }
 
-impl Sway {
+impl RowMotion {
     /// Of a frame that was taken at a time.
     pub(super) fn new(
         camera: &RigCamera,
@@ -60,15 +60,15 @@ impl Sway {
 
     /// Where the view of the middle row has what a row shows.
     pub(super) fn at_middle(&self, row: f64, x: [f64; 3]) -> [f64; 3] {
-        self.moved(row, x, 1.0)
+        self.compensate(row, x, 1.0)
     }
 
     /// Where the view of a row has what that of the middle one shows.
     pub(super) fn at_row(&self, row: f64, x: [f64; 3]) -> [f64; 3] {
-        self.moved(row, x, -1.0)
+        self.compensate(row, x, -1.0)
     }
 
-    fn moved(&self, row: f64, x: [f64; 3], sign: f64) -> [f64; 3] {
+    fn compensate(&self, row: f64, x: [f64; 3], sign: f64) -> [f64; 3] {
         let time = sign * (self.first_s + self.row_s * row);
         let (v, w) = (&self.speed, &self.rate);
         let turned = [
@@ -119,14 +119,14 @@ mod tests {
         };
         // 0.02 s from the middle to the lowest row, which is row 80 of the view.
         let motion = RigidTransform::from_rotation_vector([0.0, 0.01, 0.0], [0.0, 0.0, 0.1]);
-        let sway = Sway::of(&camera, &view, &motion.expect("finite"), 0.1);
+        let row_motion = RowMotion::of(&camera, &view, &motion.expect("finite"), 0.1);
         let x = [0.5, 0.2, 4.0];
-        assert_eq!(sway.at_middle(40.0, x), x);
-        let seen = sway.at_middle(80.0, x);
+        assert_eq!(row_motion.at_middle(40.0, x), x);
+        let seen = row_motion.at_middle(80.0, x);
         for (found, expected) in seen.iter().zip([0.508, 0.2, 4.019]) {
             assert!((found - expected).abs() < 1e-9, "{seen:?}");
         }
-        let back = sway.at_row(80.0, seen);
+        let back = row_motion.at_row(80.0, seen);
         assert!(
             back.iter().zip(x).all(|(a, b)| (a - b).abs() < 1e-4),
             "{back:?}"

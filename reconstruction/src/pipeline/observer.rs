@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::Report;
 
 /// Is told how a pipeline is going; from several threads.
-pub trait Watch: Sync {
+pub trait Observer: Sync {
     /// A stage begins: its name, its number from 1, and how many there are.
     fn begin(&self, stage: &str, number: usize, of: usize);
     /// So much of the stage is done, of so much.
@@ -18,9 +18,9 @@ pub trait Watch: Sync {
 
 /// Watches nothing.
 #[derive(Clone, Copy, Debug)]
-pub struct Unwatched;
+pub struct NoObserver;
 
-impl Watch for Unwatched {
+impl Observer for NoObserver {
     fn begin(&self, _stage: &str, _number: usize, _of: usize) {}
     fn progress(&self, _done: u64, _total: u64) {}
     fn end(&self, _outcome: &Outcome) {}
@@ -31,9 +31,11 @@ impl Watch for Unwatched {
 #[serde(rename_all = "snake_case")]
 pub enum State {
     /// It did.
-    Made,
+    #[serde(rename = "made")]
+    Ran,
     /// What it would have made was there.
-    Kept,
+    #[serde(rename = "kept")]
+    UpToDate,
 }
 
 /// How a stage went.

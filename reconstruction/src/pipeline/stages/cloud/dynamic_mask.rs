@@ -11,71 +11,72 @@ use scene_bundle::outputs::depth::DepthView;
 use scene_bundle::outputs::masks::Mask;
 
 /// Nearer than this a person sees himself: from the chest to the tips of shoes that step forward, m.
-const WEARER_M: f64 = 1.8;
+const MAX_WEARER_DISTANCE_M: f64 = 1.8;
 /// Share of looks in which a part of the picture shows the wearer from which on it is his, and the looks that tell.
-pub(super) const WEARER_SHARE: f64 = 0.04;
-pub(super) const LEAST_LOOKS: u32 = 20;
+pub(super) const WEARER_MIN_RATIO: f64 = 0.04;
+pub(super) const MIN_WEARER_VIEWS: u32 = 20;
 /// Side of a part of the picture, px of the view.
-const CELL: usize = 8;
+const CELL_PX: usize = 8;
 /// Share of a part that must move nearby in a look.
-const CELL_SHARE: f64 = 0.3;
+const CELL_MIN_RATIO: f64 = 0.3;
 /// Around a pixel: half the side of the square of which most must move, and by how much what moves is taken to be larger, px.
-const AROUND: usize = 2;
-const LARGER: usize = 2;
+const SMOOTHING_RADIUS_PX: usize = 2;
+const DILATION_PX: usize = 2;
 /// By how much where nothing is known, px.
-const LARGER_UNKNOWN: usize = 10;
+const DILATION_UNKNOWN_PX: usize = 10;
 /// So far beyond the view a picture is taken to go on as at its border, px.
-const BEYOND_PX: f64 = 16.0;
+const BORDER_EXTENSION_PX: f64 = 16.0;
 
 /// What was found of one camera.
-pub(super) struct Moving {
+pub(super) struct DynamicMasker {
     width: usize,
     height: usize,
     columns: usize,
-    looks: u32,
+    views: u32,
     /// Looks in which each cell showed the wearer.
     counts: Vec<u32>,
     /// For each pixel of the recorded left picture its pixel of the view, or the nearest one; none far outside.
-    places: Vec<Option<usize>>,
+    view_pixels: Vec<Option<usize>>,
     recorded: [u32; 2],
 }
 
 /// What a look says of one of its pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Pixel {
+pub(super) enum PixelMotion {
     /// Nobody knows what is there.
     Unknown,
     /// Nothing moves there, as far as anybody knows.
-    Still,
+    Static,
     /// Something moves, far away or nearby.
-    Far,
-    Near,
+    DynamicFar,
+    DynamicNear,
 }
 
-impl Pixel {
+impl PixelMotion {
     /// Something at a depth, m, which moves or does not.
-    pub(super) fn of(moves: bool, depth_m: f64) -> Self {
-        match moves {
-            false => Self::Still,
-            true if depth_m < WEARER_M => Self::Near,
-            true => Self::Far,
+    pub(super) fn of(is_dynamic: bool, depth_m: f64) -> Self {
+        match is_dynamic {
+            false => Self::Static,
+            true if depth_m < MAX_WEARER_DISTANCE_M => Self::DynamicNear,
+            true => Self::DynamicFar,
         }
     }
 }
 
-impl Moving {
+impl DynamicMasker {
     /// For a camera whose left pictures were recorded through a lens.
     pub(super) fn new(view: &DepthView, recorded: &CameraModel) -> Self {
         let (width, height) = (view.model.width as usize, view.model.height as usize);
-        let columns = width.div_ceil(CELL);
+        let columns = width.div_ceil(CELL_PX);
         let (eye, straight) = (Lens::new(recorded), Lens::new(&view.model));
         let pixels = (0..recorded.height).flat_map(|y| (0..recorded.width).map(move |x| (x, y)));
-        let place = |(x, y): (u32, u32)| {
+        let pixel = |(x, y): (u32, u32)| {
             let ray = eye.unproject([f64::from(x), f64::from(y)])?;
             let [x, y] = straight.project(view.view_from_left.rotate(ray))?;
             let near = |v: f64, count: usize| {
                 let most = (count - 1) as f64;
-                (v > -BEYOND_PX && v < most + BEYOND_PX).then(|| v.round().clamp(0.0, most))
+                (v > -BORDER_EXTENSION_PX && v < most + BORDER_EXTENSION_PX)
+                    .then(|| v.round().clamp(0.0, most))
             };
             let (x, y) = (near(x, width)?, near(y, height)?);
             Some(y as usize * width + x as usize)
@@ -84,40 +85,46 @@ impl Moving {
             width,
             height,
             columns,
-            looks: 0,
-            counts: vec![0; columns * height.div_ceil(CELL)],
-            places: pixels.map(place).collect(),
+            views: 0,
+            counts: vec![0; columns * height.div_ceil(CELL_PX)],
+            view_pixels: pixels.map(pixel).collect(),
             recorded: [recorded.width, recorded.height],
         }
     }
 
     /// Takes what a look says of its pixels, rows first, and what a network says can move in the recorded left picture, if there is
     /// one; gives the mask of that look, none if nothing moves.
-    pub(super) fn add(&mut self, pixels: &[Pixel], movable: Option<&[bool]>) -> Option<Mask> {
-        self.looks += 1;
+    pub(super) fn add(&mut self, pixels: &[PixelMotion], movable: Option<&[bool]>) -> Option<Mask> {
+        self.views += 1;
         let (width, height) = (self.width, self.height);
         let mut near = vec![0_usize; self.counts.len()];
         for (i, pixel) in pixels.iter().enumerate() {
-            let cell = i / width / CELL * self.columns + i % width / CELL;
-            near[cell] += usize::from(*pixel == Pixel::Near);
+            let cell = i / width / CELL_PX * self.columns + i % width / CELL_PX;
+            near[cell] += usize::from(*pixel == PixelMotion::DynamicNear);
         }
         for (count, near) in self.counts.iter_mut().zip(near) {
-            *count += u32::from(near as f64 >= CELL_SHARE * (CELL * CELL) as f64);
+            *count += u32::from(near as f64 >= CELL_MIN_RATIO * (CELL_PX * CELL_PX) as f64);
         }
-        let moves = pixels.iter().map(|p| [Pixel::Near, Pixel::Far].contains(p));
-        let moves: Vec<bool> = moves.collect();
-        let half = (2 * AROUND + 1).pow(2) / 2;
-        let most = around(&moves, [width, height], AROUND, |count| count > half);
-        let mut larger = around(&most, [width, height], LARGER, |count| count > 0);
-        let reached = around(&most, [width, height], LARGER_UNKNOWN, |count| count > 0);
-        for ((larger, reached), pixel) in larger.iter_mut().zip(reached).zip(pixels) {
-            *larger |= reached && *pixel == Pixel::Unknown;
+        let is_dynamic = pixels
+            .iter()
+            .map(|p| [PixelMotion::DynamicNear, PixelMotion::DynamicFar].contains(p));
+        let is_dynamic: Vec<bool> = is_dynamic.collect();
+        let half = (2 * SMOOTHING_RADIUS_PX + 1).pow(2) / 2;
+        let most = around(&is_dynamic, [width, height], SMOOTHING_RADIUS_PX, |count| {
+            count > half
+        });
+        let mut dilated = around(&most, [width, height], DILATION_PX, |count| count > 0);
+        let reached = around(&most, [width, height], DILATION_UNKNOWN_PX, |count| {
+            count > 0
+        });
+        for ((dilated, reached), pixel) in dilated.iter_mut().zip(reached).zip(pixels) {
+            *dilated |= reached && *pixel == PixelMotion::Unknown;
         }
         let movable = movable.filter(|movable| movable.contains(&true));
-        if !larger.contains(&true) && movable.is_none() {
+        if !dilated.contains(&true) && movable.is_none() {
             return None;
         }
-        let mut mask = self.mask(&larger);
+        let mut mask = self.mask(&dilated);
         for (pixel, movable) in mask.pixels.iter_mut().zip(movable.unwrap_or_default()) {
             if *movable {
                 *pixel = 0;
@@ -127,34 +134,35 @@ impl Moving {
     }
 
     /// Where the wearer is; none if nowhere.
-    pub(super) fn wearer(&self) -> Option<Mask> {
-        if self.looks < LEAST_LOOKS {
+    pub(super) fn wearer_mask(&self) -> Option<Mask> {
+        if self.views < MIN_WEARER_VIEWS {
             return None;
         }
-        let fewest = WEARER_SHARE * f64::from(self.looks);
-        let is_his: Vec<bool> = self
+        let min_count = WEARER_MIN_RATIO * f64::from(self.views);
+        let shows_wearer: Vec<bool> = self
             .counts
             .iter()
-            .map(|c| f64::from(*c) >= fewest)
+            .map(|c| f64::from(*c) >= min_count)
             .collect();
-        let rows = self.height.div_ceil(CELL);
+        let rows = self.height.div_ceil(CELL_PX);
         // Cells beside his are at least in part.
-        let larger = around(&is_his, [self.columns, rows], 1, |count| count > 0);
-        let pixel = |i: usize| larger[i / self.width / CELL * self.columns + i % self.width / CELL];
+        let dilated = around(&shows_wearer, [self.columns, rows], 1, |count| count > 0);
+        let pixel =
+            |i: usize| dilated[i / self.width / CELL_PX * self.columns + i % self.width / CELL_PX];
         let view: Vec<bool> = (0..self.width * self.height).map(pixel).collect();
-        is_his.contains(&true).then(|| self.mask(&view))
+        shows_wearer.contains(&true).then(|| self.mask(&view))
     }
 
     /// From the view to the recorded picture; what the view is far from showing can be used.
-    fn mask(&self, moves: &[bool]) -> Mask {
-        let value = |place: &Option<usize>| match place.is_some_and(|place| moves[place]) {
+    fn mask(&self, is_dynamic: &[bool]) -> Mask {
+        let value = |pixel: &Option<usize>| match pixel.is_some_and(|pixel| is_dynamic[pixel]) {
             true => 0,
             false => 255,
         };
         Mask {
             width: self.recorded[0],
             height: self.recorded[1],
-            pixels: self.places.iter().map(value).collect(),
+            pixels: self.view_pixels.iter().map(value).collect(),
         }
     }
 }
@@ -198,7 +206,7 @@ mod tests {
     const WIDTH: u32 = 64;
     const HEIGHT: u32 = 48;
 
-    fn moving() -> Moving {
+    fn moving() -> DynamicMasker {
         let model = CameraModel {
             width: WIDTH,
             height: HEIGHT,
@@ -213,7 +221,7 @@ mod tests {
             model,
             view_from_left: RigidTransform::identity(),
         };
-        Moving::new(&view, &model)
+        DynamicMasker::new(&view, &model)
     }
 
     /// Something that moves in a rectangle of columns and rows.
@@ -221,9 +229,9 @@ mod tests {
         columns: std::ops::Range<usize>,
         rows: std::ops::Range<usize>,
         depth_m: f64,
-    ) -> Vec<Pixel> {
+    ) -> Vec<PixelMotion> {
         let all = (0..HEIGHT as usize).flat_map(|y| (0..WIDTH as usize).map(move |x| (x, y)));
-        all.map(|(x, y)| Pixel::of(columns.contains(&x) && rows.contains(&y), depth_m))
+        all.map(|(x, y)| PixelMotion::of(columns.contains(&x) && rows.contains(&y), depth_m))
             .collect()
     }
 
@@ -248,8 +256,8 @@ mod tests {
         // Beside it what is not known is masked, elsewhere not.
         let mut partly = pixels(20..32, 10..30, 4.0);
         let at = |x: usize, y: usize| y * WIDTH as usize + x;
-        partly[at(38, 20)] = Pixel::Unknown;
-        partly[at(60, 20)] = Pixel::Unknown;
+        partly[at(38, 20)] = PixelMotion::Unknown;
+        partly[at(60, 20)] = PixelMotion::Unknown;
         let mask = moving.add(&partly, None).expect("a mask");
         assert_eq!(
             [at(38, 20), at(39, 20), at(60, 20)].map(|i| mask.pixels[i]),
@@ -282,10 +290,10 @@ mod tests {
             };
             moving.add(&pixels, None);
             if k < 15 {
-                assert_eq!(moving.wearer(), None);
+                assert_eq!(moving.wearer_mask(), None);
             }
         }
-        let mask = moving.wearer().expect("a mask");
+        let mask = moving.wearer_mask().expect("a mask");
         let at = |x: usize, y: usize| mask.pixels[y * WIDTH as usize + x];
         assert_eq!([at(20, 40), at(31, 47), at(36, 40)], [0; 3]);
         assert_eq!([at(50, 10), at(5, 5), at(20, 10), at(50, 40)], [255; 4]);

@@ -6,16 +6,16 @@
 use cad_transforms::RigidTransform;
 use calib::{CameraModel, Lens};
 
-use crate::outputs::depth::{DepthPicture, DepthView};
+use crate::outputs::depth::{DepthImage, DepthView};
 
 /// For each pixel of the target, where to look and what to multiply by.
-pub(super) struct Redraw {
+pub(super) struct DepthWarp {
     width: u32,
     height: u32,
     from: Vec<Option<(usize, f32)>>,
 }
 
-impl Redraw {
+impl DepthWarp {
     /// From a view to a picture with the same centre.
     pub(super) fn new(view: &DepthView, target: &CameraModel) -> Self {
         let same = view.model == *target && view.view_from_left == RigidTransform::identity();
@@ -51,10 +51,10 @@ impl Redraw {
     }
 
     /// Depth for each pixel in the units it is stored in; 0 is none.
-    pub(super) fn depth(&self, picture: &DepthPicture) -> Vec<u16> {
+    pub(super) fn depth(&self, image: &DepthImage) -> Vec<u16> {
         let taken = self.from.iter().map(|from| match from {
             Some((at, factor)) => {
-                let units = (f32::from(picture.depth[*at]) * factor).round();
+                let units = (f32::from(image.depth[*at]) * factor).round();
                 if (1.0..=65535.0).contains(&units) {
                     units as u16
                 } else {
@@ -104,10 +104,10 @@ mod tests {
                 (2.0 / dot(normal, ray)) as f32
             })
             .collect();
-        let picture = DepthPicture::from_metres(320, 240, &depth_m, &vec![0.01; depth_m.len()]);
-        let redraw = Redraw::new(&view, &target);
-        let drawn = redraw.depth(&picture);
-        assert_eq!(redraw.size(), (300, 200));
+        let image = DepthImage::from_metres(320, 240, &depth_m, &vec![0.01; depth_m.len()]);
+        let depth_warp = DepthWarp::new(&view, &target);
+        let drawn = depth_warp.depth(&image);
+        assert_eq!(depth_warp.size(), (300, 200));
         let lens = Lens::new(&target);
         let mut compared = 0;
         for row in 0..200_u32 {
@@ -139,10 +139,10 @@ mod tests {
             model,
             view_from_left: RigidTransform::identity(),
         };
-        let picture =
-            DepthPicture::from_metres(3, 2, &[1.0, 2.0, 0.0, 65.535, 66.0, f32::NAN], &[0.1; 6]);
+        let image =
+            DepthImage::from_metres(3, 2, &[1.0, 2.0, 0.0, 65.535, 66.0, f32::NAN], &[0.1; 6]);
         assert_eq!(
-            Redraw::new(&view, &model).depth(&picture),
+            DepthWarp::new(&view, &model).depth(&image),
             [1000, 2000, 0, 65535, 0, 0]
         );
     }

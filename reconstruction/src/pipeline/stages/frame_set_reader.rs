@@ -7,12 +7,12 @@ use calib::verify::Grey;
 use odometry::input::{FrameSet, ImuSample, View};
 use scene_bundle::outputs::rig::RigModel;
 
-use crate::input::{self, GreySets, Input, ReadError};
-use crate::picture::Picture;
+use crate::image::Image;
+use crate::input::{self, Input, LumaFrameSets, ReadError};
 
 /// A frame set with its pictures. See the module.
 #[derive(Clone, Debug)]
-pub struct FedSet {
+pub struct RigFrameSet {
     /// Number of the set in the session.
     pub number: u64,
     /// Its time, ns.
@@ -25,7 +25,7 @@ pub struct FedSet {
     pub losses: Vec<ReadError>,
 }
 
-impl FedSet {
+impl RigFrameSet {
     /// As odometry takes it.
     pub fn borrowed(&self) -> FrameSet<'_> {
         FrameSet {
@@ -40,27 +40,27 @@ impl FedSet {
 fn borrowed(view: &input::View) -> View<'_> {
     View {
         time_ns: view.time.ns(),
-        left: grey(&view.left),
-        right: grey(&view.right),
+        left: luma_view(&view.left),
+        right: luma_view(&view.right),
         usable: None,
     }
 }
 
-fn grey(picture: &Picture) -> Grey<'_> {
+fn luma_view(picture: &Image) -> Grey<'_> {
     let (width, height) = (picture.width as usize, picture.height as usize);
     Grey::new(width, height, width, &picture.data).expect("a decoded picture of luma is whole")
 }
 
 /// All frame sets of a hand-off, in order of time.
 #[derive(Debug)]
-pub struct Feed {
-    sets: GreySets,
+pub struct FrameSetReader {
+    sets: LumaFrameSets,
     /// Positions in the manifest of the rig's cameras and IMUs.
     cameras: Vec<usize>,
     imus: Vec<usize>,
 }
 
-impl Feed {
+impl FrameSetReader {
     /// Begins. Every camera and IMU of the rig must be one of the session, as those of the stage `rig` are.
     ///
     /// # Errors
@@ -81,15 +81,15 @@ impl Feed {
         Ok(Self {
             cameras: cameras.collect::<Result<_, _>>()?,
             imus: imus.collect::<Result<_, _>>()?,
-            sets: input.grey_sets(..)?,
+            sets: input.luma_frame_sets(..)?,
         })
     }
 }
 
-impl Iterator for Feed {
-    type Item = FedSet;
+impl Iterator for FrameSetReader {
+    type Item = RigFrameSet;
 
-    fn next(&mut self) -> Option<FedSet> {
+    fn next(&mut self) -> Option<RigFrameSet> {
         let mut set = self.sets.next()?;
         let sample = |s: &input::ImuSample| ImuSample {
             time_ns: s.time.ns(),
@@ -100,7 +100,7 @@ impl Iterator for Feed {
             .imus
             .iter()
             .map(|k| set.imu[*k].iter().map(sample).collect());
-        Some(FedSet {
+        Some(RigFrameSet {
             number: set.number,
             time_ns: set.time.ns(),
             imu: imus.collect(),
@@ -114,4 +114,4 @@ impl Iterator for Feed {
     }
 }
 
-impl ExactSizeIterator for Feed {}
+impl ExactSizeIterator for FrameSetReader {}

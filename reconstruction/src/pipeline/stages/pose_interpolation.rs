@@ -5,14 +5,14 @@ use scene_bundle::{Pose, Status, Trajectory};
 
 /// How far beyond the first and the last pose a frame may be, as a share of the step between the two that are next to it: cameras
 /// of a set are not exposed at the same instant.
-const BEYOND: f64 = 1.0;
+const MAX_EXTRAPOLATION_STEPS: f64 = 1.0;
 /// Poses that are farther apart than this are no neighbours, ns.
-const LONGEST_STEP_NS: i64 = 250_000_000;
+const MAX_STEP_NS: i64 = 250_000_000;
 
 /// Where the rig was at a time, if cameras followed it then.
 pub(super) fn pose_at(trajectory: &Trajectory, time_ns: i64) -> Option<RigidTransform> {
     let poses = trajectory.poses();
-    let is_good = |p: &Pose| matches!(p.status, Status::Tracked | Status::Relocalised);
+    let is_good = |p: &Pose| matches!(p.status, Status::Tracked | Status::Relocalized);
     let behind = poses.partition_point(|p| p.time_ns < time_ns);
     if let Some(pose) = poses.get(behind).filter(|p| p.time_ns == time_ns) {
         return is_good(pose).then_some(pose.world_from_rig);
@@ -21,7 +21,8 @@ pub(super) fn pose_at(trajectory: &Trajectory, time_ns: i64) -> Option<RigidTran
     let (a, b) = (poses.get(behind - 1)?, poses.get(behind)?);
     let step = b.time_ns - a.time_ns;
     let share = (time_ns - a.time_ns) as f64 / step as f64;
-    let is_near = step <= LONGEST_STEP_NS && (-BEYOND..=1.0 + BEYOND).contains(&share);
+    let is_near = step <= MAX_STEP_NS
+        && (-MAX_EXTRAPOLATION_STEPS..=1.0 + MAX_EXTRAPOLATION_STEPS).contains(&share);
     if !(is_near && is_good(a) && is_good(b)) {
         return None;
     }
