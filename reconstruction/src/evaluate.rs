@@ -174,7 +174,7 @@ impl Counts {
             *match pose.status {
                 Status::Tracked => &mut counts.tracked,
                 Status::DeadReckoned => &mut counts.dead_reckoned,
-                Status::Relocalized => &mut counts.relocalised,
+                Status::Relocalised => &mut counts.relocalised,
                 Status::Lost => &mut counts.lost,
             } += 1;
         }

@@ -362,7 +362,7 @@ fn camera_image(seen: &camera_images::CameraImage) -> Image {
 fn spans(adjusted: Option<&Trajectory>, causal: Option<&Trajectory>) -> Timeline {
     let kind = |status: Status| match status {
         Status::Tracked => 0,
-        Status::Relocalized => 1,
+        Status::Relocalised => 1,
         Status::DeadReckoned => 2,
         Status::Lost => 3,
     };

@@ -29,12 +29,12 @@ use crate::stamp;
 
 /// Walks of the exam, and the seed of the first.
 const WALKS: usize = 100;
-const QUICK: usize = 6;
+const QUICK_WALKS: usize = 6;
 const FIRST_SEED: u64 = 5000;
 /// Turns of cameras, of right eyes (degrees), delays (ms).
-const TURNS: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0];
-const EYES: [f64; 5] = [0.05, 0.1, 0.2, 0.5, 1.0];
-const DELAYS: [f64; 6] = [0.5, 1.0, 2.0, 3.0, 5.0, 10.0];
+const ROTATIONS_DEG: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0];
+const STEREO_ROTATIONS_DEG: [f64; 5] = [0.05, 0.1, 0.2, 0.5, 1.0];
+const TIME_OFFSETS_MS: [f64; 6] = [0.5, 1.0, 2.0, 3.0, 5.0, 10.0];
 
 /// What became of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -86,7 +86,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let mut rest = args.iter();
     while let Some(argument) = rest.next() {
         match argument.as_str() {
-            "--quick" => walks = QUICK,
+            "--quick" => walks = QUICK_WALKS,
             "--walks" => walks = rest.next().context("--walks needs a number")?.parse()?,
             "--cache" => {
                 cache = Some(PathBuf::from(
@@ -103,7 +103,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let mut clean = Vec::new();
     let mut points = Vec::new();
     for number in 0..walks {
-        let (kind, light) = place(number);
+        let (kind, light) = scene_and_light(number);
         let seed = FIRST_SEED + number as u64;
         let walk = walk(kind, light, seed, cache.as_deref())?;
         let (found, took) = timed(|| walk.compare());
@@ -136,7 +136,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
 }
 
 /// Scenes and lights in turn, so that each meets each.
-fn place(number: usize) -> (Kind, Time) {
+fn scene_and_light(number: usize) -> (Kind, Time) {
     let kinds = Kind::ALL.len();
     let light = (number + number / kinds) % Time::ALL.len();
     (Kind::ALL[number % kinds], Time::ALL[light])
@@ -226,11 +226,11 @@ fn wrong_points(walk: &Walk, found: &[CameraFound], number: usize) -> Vec<Point>
             rad[axis] = sign * deg.to_radians();
             rad
         };
-        let turns = TURNS.map(|deg| (What::Camera, deg, Wrong::Turned(k, about(deg))));
-        let eyes = EYES.map(|deg| (What::Eyes, deg, Wrong::Eyes(k, about(deg))));
+        let turns = ROTATIONS_DEG.map(|deg| (What::Camera, deg, Wrong::Turned(k, about(deg))));
+        let eyes = STEREO_ROTATIONS_DEG.map(|deg| (What::Eyes, deg, Wrong::Eyes(k, about(deg))));
         let late = |ms: f64| sign * ms * 1e-3;
-        let pictures = DELAYS.map(|ms| (What::Pictures, ms, Wrong::Pictures(k, late(ms))));
-        let clocks = DELAYS.map(|ms| (What::Clock, ms, Wrong::Clock(k, late(ms))));
+        let pictures = TIME_OFFSETS_MS.map(|ms| (What::Pictures, ms, Wrong::Pictures(k, late(ms))));
+        let clocks = TIME_OFFSETS_MS.map(|ms| (What::Clock, ms, Wrong::Clock(k, late(ms))));
         let all = turns.into_iter().chain(eyes).chain(pictures).chain(clocks);
         points.extend(all.map(|(what, size, wrong)| Point {
             walk: number,
@@ -295,10 +295,10 @@ impl Row {
 fn table(points: &[Point]) -> Vec<Row> {
     let mut rows = Vec::new();
     for (what, sizes) in [
-        (What::Camera, &TURNS[..]),
-        (What::Eyes, &EYES),
-        (What::Pictures, &DELAYS),
-        (What::Clock, &DELAYS),
+        (What::Camera, &ROTATIONS_DEG[..]),
+        (What::Eyes, &STEREO_ROTATIONS_DEG),
+        (What::Pictures, &TIME_OFFSETS_MS),
+        (What::Clock, &TIME_OFFSETS_MS),
     ] {
         for size in sizes {
             let [named, flagged, undetermined, within, silent] = counts(points, what, *size);

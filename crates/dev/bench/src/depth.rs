@@ -19,12 +19,12 @@ use serde_json::{Map, Value, json};
 
 mod bands;
 mod charts;
-mod exam;
 pub(crate) mod frames;
 mod peers;
 pub(crate) mod race;
 mod real;
 mod sigma;
+mod test_set;
 
 use crate::stamp;
 use frames::Frame;
@@ -51,9 +51,9 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let path = options.out.join("depth.json");
     let mut report = read(&path)?;
     let needs = |part: &str| options.parts.iter().any(|p| p == part);
-    let places = exam::held_out(options.quick);
+    let places = test_set::held_out(options.quick);
     let held_out = match needs("simulated") || needs("sigma") {
-        true => exam::render(&places)?,
+        true => test_set::render(&places)?,
         false => Vec::new(),
     };
     for part in &options.parts {

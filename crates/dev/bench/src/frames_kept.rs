@@ -46,14 +46,14 @@ const RATE_HZ: f64 = 15.0;
 /// Frames that are replayed over and over: two seconds.
 const FRAMES: usize = 30;
 /// Up to this many busy loops no frame may be lost.
-const GOAL_LOOPS: usize = 4;
+const TARGET_LOOPS: usize = 4;
 /// While the cameras wait one frame in a second is shown; after so many seconds each of them has been read from its file.
 const ALL_SHOWN_S: u32 = 45;
 /// What waiting may cost, of what recording costs.
-const ARMED_LIMIT: f64 = 0.1;
+const MAX_ARMED_RATIO: f64 = 0.1;
 
 /// What came of a recording beside so many busy loops.
-struct Kept {
+struct RecordingResult {
     loops: usize,
     stored: u64,
     /// Missing frames by cause.
@@ -61,7 +61,7 @@ struct Kept {
     cpu_s: f64,
 }
 
-impl Kept {
+impl RecordingResult {
     fn all(&self) -> u64 {
         self.stored + self.missing.values().sum::<u64>()
     }
@@ -119,7 +119,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let disk = meter::on_disk(None)?;
     let disk = tempfile::tempdir_in(&disk).context("making a folder for sessions")?;
     let config = prepare(disk.path())?;
-    let mut kept = Vec::new();
+    let mut result = Vec::new();
     for &loops in loads {
         let one = recording(
             &config,
@@ -135,15 +135,15 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
             one.lost(),
             one.cpu_s
         );
-        kept.push(one);
+        result.push(one);
     }
     let armed = match pawsd {
         Some(_) => None,
-        None => Some(Waiting::measure(&config, disk.path(), seconds)?),
+        None => Some(ArmedCost::measure(&config, disk.path(), seconds)?),
     };
     if let Some(armed) = &armed {
         println!(
-            "a second costs {:.1} ms of processor time armed, {:.1} ms recording: {:.3} of it (limit {ARMED_LIMIT})",
+            "a second costs {:.1} ms of processor time armed, {:.1} ms recording: {:.3} of it (limit {MAX_ARMED_RATIO})",
             1e3 * armed.armed,
             1e3 * armed.recording,
             armed.share()
@@ -158,7 +158,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         "height": SIZE.1,
         "rate_hz": RATE_HZ,
         "seconds": seconds,
-        "runs": kept.iter().map(Kept::json).collect::<Vec<_>>(),
+        "runs": result.iter().map(RecordingResult::json).collect::<Vec<_>>(),
         "armed": armed.map(|armed| armed.json()),
     });
     // A comparison does not replace the record of this state.
@@ -170,25 +170,25 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;
     for (file, text) in [
         (format!("{name}.json"), format!("{report:#}\n")),
-        (format!("{name}.svg"), chart(&kept, &stamp::line(&stamp))),
+        (format!("{name}.svg"), chart(&result, &stamp::line(&stamp))),
     ] {
         let path = out.join(file);
         fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
         println!("wrote {}", path.display());
     }
-    let within_goal = kept.iter().filter(|k| k.loops <= GOAL_LOOPS);
-    let lost: u64 = within_goal.map(Kept::lost).sum();
-    println!("lost beside up to {GOAL_LOOPS} busy loops: {lost} (goal: none)");
+    let within_goal = result.iter().filter(|k| k.loops <= TARGET_LOOPS);
+    let lost: u64 = within_goal.map(RecordingResult::lost).sum();
+    println!("lost beside up to {TARGET_LOOPS} busy loops: {lost} (goal: none)");
     Ok(())
 }
 
 /// Processor time of a second, s.
-struct Waiting {
+struct ArmedCost {
     armed: f64,
     recording: f64,
 }
 
-impl Waiting {
+impl ArmedCost {
     fn measure(config: &Path, folder: &Path, seconds: u32) -> Result<Self> {
         let sessions = folder.join("sessions");
         let per_second = |mode: &str, short: u32| {
@@ -218,8 +218,8 @@ impl Waiting {
             "armed_cpu_s_per_s": self.armed,
             "recording_cpu_s_per_s": self.recording,
             "share": self.share(),
-            "limit": ARMED_LIMIT,
-            "within_limit": self.share() <= ARMED_LIMIT,
+            "limit": MAX_ARMED_RATIO,
+            "within_limit": self.share() <= MAX_ARMED_RATIO,
         })
     }
 }
@@ -325,7 +325,7 @@ fn recording(
     seconds: u32,
     loops: usize,
     pawsd: Option<&Path>,
-) -> Result<Kept> {
+) -> Result<RecordingResult> {
     let mut command = match pawsd {
         Some(program) => {
             let mut command = Command::new(program);
@@ -346,7 +346,7 @@ fn recording(
         matches!(status.code(), Some(0 | 3)),
         "{command:?} ended with {status}"
     );
-    let mut kept = Kept {
+    let mut result = RecordingResult {
         loops,
         stored: 0,
         missing: BTreeMap::new(),
@@ -356,11 +356,11 @@ fn recording(
         let session = entry.context("looking for the session")?.path();
         let reader = SessionReader::open(Arc::new(DiskStorage::new(&session)))
             .with_context(|| format!("opening {}", session.display()))?;
-        count(&reader, &mut kept)?;
+        count(&reader, &mut result)?;
     }
     fs::remove_dir_all(sessions).context("removing the session")?;
-    ensure!(kept.stored > 0, "the recording holds no frame");
-    Ok(kept)
+    ensure!(result.stored > 0, "the recording holds no frame");
+    Ok(result)
 }
 
 /// This very program, even if its file was replaced since it started.
@@ -382,7 +382,7 @@ fn quiet(command: &mut Command) -> Result<ExitStatus> {
 }
 
 /// Adds up frames and gaps of the cameras.
-fn count(reader: &SessionReader, kept: &mut Kept) -> Result<()> {
+fn count(reader: &SessionReader, result: &mut RecordingResult) -> Result<()> {
     let streams: BTreeMap<_, _> = reader
         .manifest()
         .streams
@@ -395,12 +395,12 @@ fn count(reader: &SessionReader, kept: &mut Kept) -> Result<()> {
         };
         let schema = streams.get(&message.stream).map(String::as_str);
         if schema == Some(Frame::SCHEMA.name) {
-            kept.stored += 1;
+            result.stored += 1;
         } else if schema == Some(Gap::SCHEMA.name) {
             let gap: Gap = message.decode().context("decoding a gap record")?;
             if CAMERAS.contains(&gap.stream.as_str()) {
                 let cause = gap.cause().as_str_name().to_owned();
-                *kept.missing.entry(cause).or_default() += gap.count();
+                *result.missing.entry(cause).or_default() += gap.count();
             }
         }
     }
@@ -431,9 +431,9 @@ fn wait_armed(arguments: &[String]) -> Result<()> {
     Ok(())
 }
 
-fn chart(kept: &[Kept], footnote: &str) -> String {
-    let line = |name: &str, of: &dyn Fn(&Kept) -> u64| {
-        let points: Vec<(f64, f64)> = kept
+fn chart(result: &[RecordingResult], footnote: &str) -> String {
+    let line = |name: &str, of: &dyn Fn(&RecordingResult) -> u64| {
+        let points: Vec<(f64, f64)> = result
             .iter()
             .map(|k| (k.loops as f64, 100.0 * of(k) as f64 / k.all().max(1) as f64))
             .collect();
@@ -445,6 +445,6 @@ fn chart(kept: &[Kept], footnote: &str) -> String {
         .x_axis(Axis::linear("busy loops", "").include(0.0))
         .y_axis(Axis::linear("share of the frames", "%").include(0.0))
         .series(line("stored", &|k| k.stored))
-        .series(line("lost", &Kept::lost))
+        .series(line("lost", &RecordingResult::lost))
         .to_svg(720, 320)
 }

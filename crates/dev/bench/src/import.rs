@@ -33,13 +33,13 @@ use session_archive::writer::SessionWriter;
 use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings, Picture, PixelFormat};
 
 use crate::load::{self, Arrival};
-use crate::meter::{self, Took, children_cpu_s, median, timed};
+use crate::meter::{self, Timing, children_cpu_s, median, timed};
 use crate::stamp;
 
 /// Ours at least this share of the speed of cp and sync.
-const TARGET_SHARE: f64 = 0.8;
+const MIN_COPY_SPEED_RATIO: f64 = 0.8;
 /// Validation without decoding, bytes per second at least.
-const TARGET_VALIDATE: f64 = 1e9;
+const MIN_VALIDATE_BYTES_PER_S: f64 = 1e9;
 const PERIOD: i64 = 33_333_333;
 const CHUNK_NS: i64 = NS_PER_S / 2;
 
@@ -140,11 +140,11 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
             "validate_from_memory": speed(&from_memory),
         },
         "import_share_of_cp": share,
-        "import_share_target": TARGET_SHARE,
-        "validate_target_bytes_per_second": TARGET_VALIDATE,
+        "import_share_target": MIN_COPY_SPEED_RATIO,
+        "validate_target_bytes_per_second": MIN_VALIDATE_BYTES_PER_S,
         "targets_met": {
-            "import": share >= TARGET_SHARE,
-            "validate": speed(&from_memory) >= TARGET_VALIDATE,
+            "import": share >= MIN_COPY_SPEED_RATIO,
+            "validate": speed(&from_memory) >= MIN_VALIDATE_BYTES_PER_S,
         },
         "deep": decoded,
     });
@@ -162,7 +162,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         speed(&imports) / 1e9,
         share * 100.0,
         speed(&copies) / 1e9,
-        TARGET_SHARE * 100.0
+        MIN_COPY_SPEED_RATIO * 100.0
     );
     println!(
         "validate {:.2} GB/s from memory (target 1)",
@@ -189,7 +189,7 @@ fn chart(stamp: &str, runs: &[(&str, &Vec<f64>)], bytes: u64, cold: bool) -> Str
         let place = i as f64;
         times.iter().map(move |time| (place, speed(*time)))
     });
-    let limit = medians[0] * TARGET_SHARE;
+    let limit = medians[0] * MIN_COPY_SPEED_RATIO;
     let from = if cold { "disk" } else { "memory" };
     Chart::new("Importing and validating a session")
         .subtitle(&format!(
@@ -201,13 +201,13 @@ fn chart(stamp: &str, runs: &[(&str, &Vec<f64>)], bytes: u64, cold: bool) -> Str
         .series(Series::bars("median", medians))
         .series(Series::scatter("one run", points))
         .hline(limit, "80 % of cp and sync")
-        .hline(TARGET_VALIDATE * 1e-9, "target of validate")
+        .hline(MIN_VALIDATE_BYTES_PER_S * 1e-9, "target of validate")
         .footnote(stamp)
         .to_svg(760, 380)
 }
 
 /// What `cp -r` and a `sync` of that disk take.
-fn time_copy(source: &Path, target: &Path) -> Result<Took> {
+fn time_copy(source: &Path, target: &Path) -> Result<Timing> {
     clear(target)?;
     let cpu = children_cpu_s()?;
     let (done, mut took) = timed(|| {
@@ -221,7 +221,7 @@ fn time_copy(source: &Path, target: &Path) -> Result<Took> {
 }
 
 /// What an import into a new library takes.
-fn time_import(source: &Path, root: &Path) -> Result<Took> {
+fn time_import(source: &Path, root: &Path) -> Result<Timing> {
     clear(root)?;
     let (sound, took) = timed(|| -> Result<bool> {
         let mut library = Library::create(root)?;

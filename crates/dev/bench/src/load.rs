@@ -213,7 +213,7 @@ pub(crate) enum Destination {
 }
 
 /// A folder that counts bytes and syncs.
-pub(crate) struct Counted {
+pub(crate) struct CountingStorage {
     disk: DiskStorage,
     to: Destination,
     counts: Arc<Counts>,
@@ -235,7 +235,7 @@ impl Counts {
     }
 }
 
-impl Counted {
+impl CountingStorage {
     pub(crate) fn new(disk: DiskStorage, to: Destination) -> (Arc<Self>, Arc<Counts>) {
         let counts = Arc::<Counts>::default();
         let storage = Self {
@@ -247,19 +247,19 @@ impl Counted {
     }
 }
 
-struct CountedFile {
+struct CountingFile {
     file: Option<Box<dyn WriteFile>>,
     to: Destination,
     counts: Arc<Counts>,
 }
 
-impl Storage for Counted {
+impl Storage for CountingStorage {
     fn create(&self, path: &str) -> io::Result<Box<dyn WriteFile>> {
         let file = match self.to {
             Destination::Nothing => None,
             _ => Some(self.disk.create(path)?),
         };
-        Ok(Box::new(CountedFile {
+        Ok(Box::new(CountingFile {
             file,
             to: self.to,
             counts: self.counts.clone(),
@@ -298,7 +298,7 @@ impl Storage for Counted {
     }
 }
 
-impl WriteFile for CountedFile {
+impl WriteFile for CountingFile {
     fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
         let n = bytes.len() as u64;
         self.counts.bytes.fetch_add(n, Ordering::Relaxed);

@@ -23,7 +23,6 @@ use anyhow::Result;
 
 mod charts;
 pub(crate) mod encoding;
-mod exam;
 pub(crate) mod faults;
 mod figures;
 pub(crate) mod length;
@@ -35,6 +34,7 @@ mod run;
 mod settings;
 mod sweeps;
 mod table;
+mod test_walks;
 
 use options::Options;
 use results::Results;
@@ -60,8 +60,8 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         match part.as_str() {
             "kitti" => results.kitti = real::kitti()?.or(results.kitti),
             "euroc" => results.euroc = real::euroc()?.or(results.euroc),
-            "walks" => exam::walks(&options, &["balanced"], &mut results)?,
-            "presets" => exam::walks(&options, &["fast", "accurate"], &mut results)?,
+            "walks" => test_walks::walks(&options, &["balanced"], &mut results)?,
+            "presets" => test_walks::walks(&options, &["fast", "accurate"], &mut results)?,
             "settings" => sweeps::settings(&options, &mut results)?,
             "mounts" => sweeps::mounts(&options, &mut results)?,
             _ => sweeps::cameras(&options, &mut results)?,

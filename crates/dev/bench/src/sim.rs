@@ -26,7 +26,7 @@ mod charts;
 mod stages;
 
 use crate::arguments::Arguments;
-use crate::meter::{Took, timed};
+use crate::meter::{Timing, timed};
 use crate::stamp;
 use stages::Stages;
 
@@ -211,7 +211,7 @@ fn pictures(simulation: Simulation, quality: Quality, plan: &Plan) -> (Simulatio
 
 /// Takes so many frame sets on [`THREADS`] threads. Each camera's frames come in order, and only one
 /// thread works on it at a time.
-fn stream(simulation: &Arc<Simulation>, sets: u64) -> Took {
+fn stream(simulation: &Arc<Simulation>, sets: u64) -> Timing {
     let count = simulation.cameras().len();
     let cameras: Vec<_> = (0..count)
         .map(|camera| Mutex::new(simulation.pictures(camera)))

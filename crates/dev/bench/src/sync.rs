@@ -16,10 +16,10 @@
     reason = "a benchmark measures how long things take, and says when it did"
 )]
 
-mod exam;
 mod faults;
 mod methods;
 mod report;
+mod scoring;
 mod world;
 
 use std::path::PathBuf;
@@ -28,8 +28,8 @@ use std::time::Instant;
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
 
-use self::exam::{Class, Score, run as examine};
 use self::faults::Fault;
+use self::scoring::{Class, Score, run as score_run};
 use self::world::{LATENCY_NS, Sample, US, World};
 use crate::meter::quantile;
 
@@ -173,7 +173,7 @@ fn point(fault: &Fault, strength: f64, rate_hz: f64, seeds: u64) -> Vec<Point> {
                 scores.push(Vec::new());
                 names.push(method.name());
             }
-            scores[m].push(examine(method.as_mut(), &samples));
+            scores[m].push(score_run(method.as_mut(), &samples));
         }
     }
     names

@@ -22,10 +22,10 @@ const KINDS: [&str; 10] = [
     "source", "imu", "hub", "encoder", "recorder", "main", "light", "button", "page", "control",
 ];
 /// Rigs in the chart.
-const DRAWN: usize = 6;
+const DRAWN_RIGS: usize = 6;
 /// A rig that got less of its samples is measured again, so often at most: the host was too busy.
-const SERVED: f64 = 0.95;
-const TRIES: usize = 4;
+const MIN_SERVED_RATIO: f64 = 0.95;
+const MAX_TRIES: usize = 4;
 
 /// Runs the benchmark: `[--quick] [--out DIR]`.
 ///
@@ -68,8 +68,8 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
 /// The first measurement in which the guest had its time, or else the best.
 fn best(bench: &Bench, setup: Setup, window_s: u32) -> Result<Cost> {
     let mut best = measure(bench, setup, window_s)?;
-    for _ in 1..TRIES {
-        if best.served() >= SERVED {
+    for _ in 1..MAX_TRIES {
+        if best.served() >= MIN_SERVED_RATIO {
             break;
         }
         println!("{}: served {:.2}, again", setup.name, best.served());
@@ -156,7 +156,7 @@ fn chart(report: &Value, drawn: &Drawn) -> String {
     let rigs = || {
         let rigs = report["rigs"].as_array().into_iter().flatten();
         let rigs = rigs.filter(|rig| rig["size"][0].as_u64().is_some_and(|width| width < 1000));
-        rigs.filter(|rig| rig["operator"] == false).take(DRAWN)
+        rigs.filter(|rig| rig["operator"] == false).take(DRAWN_RIGS)
     };
     let names = rigs().map(|rig| rig["name"].as_str().unwrap_or_default());
     let mut chart = Chart::new(drawn.title)

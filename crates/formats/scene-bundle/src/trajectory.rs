@@ -17,8 +17,7 @@ pub enum Status {
     DeadReckoned,
     /// Seen by the cameras again after having been lost: as good as tracked within its span, tied to what was before
     /// the loss only by a place that was recognised.
-    #[serde(rename = "relocalised")]
-    Relocalized,
+    Relocalised,
     /// No usable pose. The transform is the last one known and stands there only so that the time is not missing.
     Lost,
 }
@@ -28,7 +27,7 @@ impl Status {
     pub const ALL: [Self; 4] = [
         Self::Tracked,
         Self::DeadReckoned,
-        Self::Relocalized,
+        Self::Relocalised,
         Self::Lost,
     ];
 
@@ -47,7 +46,7 @@ impl Status {
         match self {
             Self::Tracked => "tracked",
             Self::DeadReckoned => "dead_reckoned",
-            Self::Relocalized => "relocalised",
+            Self::Relocalised => "relocalised",
             Self::Lost => "lost",
         }
     }

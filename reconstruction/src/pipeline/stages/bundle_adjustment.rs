@@ -155,7 +155,7 @@ fn refined_poses(causal: &Trajectory, adjusted: &Adjusted) -> Vec<Pose> {
                 }
             };
             let status = match (pose.status, tie) {
-                (Status::Tracked, Tie::SeenAgain) => Status::Relocalized,
+                (Status::Tracked, Tie::SeenAgain) => Status::Relocalised,
                 (status, _) => status,
             };
             Pose {

@@ -12,7 +12,7 @@ const MAX_STEP_NS: i64 = 250_000_000;
 /// Where the rig was at a time, if cameras followed it then.
 pub(super) fn pose_at(trajectory: &Trajectory, time_ns: i64) -> Option<RigidTransform> {
     let poses = trajectory.poses();
-    let is_good = |p: &Pose| matches!(p.status, Status::Tracked | Status::Relocalized);
+    let is_good = |p: &Pose| matches!(p.status, Status::Tracked | Status::Relocalised);
     let behind = poses.partition_point(|p| p.time_ns < time_ns);
     if let Some(pose) = poses.get(behind).filter(|p| p.time_ns == time_ns) {
         return is_good(pose).then_some(pose.world_from_rig);

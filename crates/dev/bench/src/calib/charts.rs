@@ -95,7 +95,7 @@ pub(super) fn draw(out: &Path, views: &Value, models: &Value, points: &[Point]) 
             .subtitle("worst turn between cameras; results that were refused have no error and are not drawn")
             .x_axis(Axis::log(kind, unit))
             .y_axis(Axis::log("error", "degrees"))
-            .hline(super::LIMIT.1, "wanted");
+            .hline(super::MAX_ERROR.1, "wanted");
         for (slot, verdict) in [Verdict::Ok, Verdict::Flagged, Verdict::SilentlyWrong]
             .into_iter()
             .enumerate()

@@ -3,7 +3,7 @@
 use calib::verify::What;
 use charts::{Axis, Bins, Chart, Series};
 
-use super::{Clean, DELAYS, EYES, Point, TURNS, counts};
+use super::{Clean, Point, ROTATIONS_DEG, STEREO_ROTATIONS_DEG, TIME_OFFSETS_MS, counts};
 
 /// Names and texts of all pictures.
 pub(super) fn draw(clean: &[Clean], points: &[Point], stamp: &str) -> Vec<(String, String)> {
@@ -20,13 +20,19 @@ pub(super) fn draw(clean: &[Clean], points: &[Point], stamp: &str) -> Vec<(Strin
             "A camera turned on the plate",
             points,
             What::Camera,
-            &TURNS,
+            &ROTATIONS_DEG,
             turn(),
         ),
     );
     add(
         "eyes",
-        curve("A right eye turned", points, What::Eyes, &EYES, turn()),
+        curve(
+            "A right eye turned",
+            points,
+            What::Eyes,
+            &STEREO_ROTATIONS_DEG,
+            turn(),
+        ),
     );
     add(
         "pictures",
@@ -34,7 +40,7 @@ pub(super) fn draw(clean: &[Clean], points: &[Point], stamp: &str) -> Vec<(Strin
             "Pictures stamped late",
             points,
             What::Pictures,
-            &DELAYS,
+            &TIME_OFFSETS_MS,
             delay(),
         ),
     );
@@ -44,7 +50,7 @@ pub(super) fn draw(clean: &[Clean], points: &[Point], stamp: &str) -> Vec<(Strin
             "A camera's clock off",
             points,
             What::Clock,
-            &DELAYS,
+            &TIME_OFFSETS_MS,
             delay(),
         ),
     );

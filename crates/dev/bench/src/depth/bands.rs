@@ -7,9 +7,9 @@ use rig_sim::camera::Quality;
 use rig_sim::scene::{Kind, Time};
 use serde_json::{Value, json};
 
-use super::exam::{SECONDS, SIZE};
 use super::frames::{Frame, Walk};
 use super::race::BAD_2;
+use super::test_set::{SECONDS, SIZE};
 use crate::meter::timed;
 
 /// Frames of each walk, one after the other.

@@ -22,13 +22,13 @@ use rig_sim::simulation::{Settings, Simulation};
 
 const RIG: &str = include_str!("../../../../../cad-transforms/rigs/example.toml");
 /// Disparities to look for in pictures of 672 columns: the wearer's knees are no nearer.
-const RANGE: usize = 128;
+const DISPARITY_RANGE: usize = 128;
 /// Neighbours whose inverse depths bend by more than this share do not lie on one plane.
-const BEND: f32 = 0.02;
+const MAX_CURVATURE_RATIO: f32 = 0.02;
 /// The two eyes see the same place when their disparities agree to this, px.
-const AGREE_PX: f32 = 1.0;
+const MAX_LR_DIFFERENCE_PX: f32 = 1.0;
 /// Neighbours that differ by more are of two surfaces, px: then one of them must agree.
-const STEEPEST_PX: f32 = 3.0;
+const MAX_SURFACE_STEP_PX: f32 = 3.0;
 
 /// A rectified pair and its truth; all buffers are rows first.
 #[derive(Clone, Debug)]
@@ -118,7 +118,7 @@ impl Walk {
         Self {
             name: format!("{}-{}-{seed}", kind.name(), time.name()),
             // OpenCV takes multiples of 16.
-            range: (RANGE * width as usize / 672).next_multiple_of(16),
+            range: (DISPARITY_RANGE * width as usize / 672).next_multiple_of(16),
             simulation,
         }
     }
@@ -237,7 +237,8 @@ fn sample(of: &[f32], width: usize, x: f32, y: f32) -> f32 {
     let least = a.min(b).min(c).min(d);
     let bend = (a + d - b - c).abs();
     // On a plane the four bend by nothing and differ by little.
-    if bend <= BEND * most * 0.25 && most - least <= BEND * 4.0 * most {
+    if bend <= MAX_CURVATURE_RATIO * most * 0.25 && most - least <= MAX_CURVATURE_RATIO * 4.0 * most
+    {
         let upper = a + (b - a) * u;
         let lower = c + (d - c) * u;
         return upper + (lower - upper) * v;
@@ -255,9 +256,11 @@ fn visible(left: &[f32], right: &[f32], width: usize) -> Vec<bool> {
         // A surface that is seen aslant changes from pixel to pixel.
         let near = [there.floor() as usize, there.ceil() as usize].map(|k| right[row + k]);
         let (low, high) = (near[0].min(near[1]), near[0].max(near[1]));
-        match high - low < STEEPEST_PX {
-            true => low - AGREE_PX < *d && *d < high + AGREE_PX,
-            false => near.iter().any(|other| (other - d).abs() < AGREE_PX),
+        match high - low < MAX_SURFACE_STEP_PX {
+            true => low - MAX_LR_DIFFERENCE_PX < *d && *d < high + MAX_LR_DIFFERENCE_PX,
+            false => near
+                .iter()
+                .any(|other| (other - d).abs() < MAX_LR_DIFFERENCE_PX),
         }
     };
     left.iter().enumerate().map(of).collect()

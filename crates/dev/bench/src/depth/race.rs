@@ -16,8 +16,8 @@ pub(super) const THREADS: usize = 2;
 /// Where "bad-2" is among [`BAD_PX`].
 pub(crate) const BAD_2: usize = 2;
 /// Targets on the real pair: at this density, and at most this share of its answers bad.
-const DENSITY: f64 = 0.90;
-const BAD: f64 = 0.035;
+const TARGET_DENSITY: f64 = 0.90;
+const MAX_BAD_RATIO: f64 = 0.035;
 /// Targets of `fast`: pairs per second, of this size and with so many disparities.
 const RATE_HZ: f64 = 16.0;
 const RATE_SIZE: [u32; 2] = [640, 480];
@@ -201,8 +201,8 @@ impl Race {
                 point.ms,
                 point.scores.density(),
                 100.0 * point.scores.bad(BAD_2),
-                match point.at(DENSITY) {
-                    Some(bad) => format!(", {:.2} % at density {DENSITY}", 100.0 * bad),
+                match point.at(TARGET_DENSITY) {
+                    Some(bad) => format!(", {:.2} % at density {TARGET_DENSITY}", 100.0 * bad),
                     None => String::new(),
                 },
                 if here { " NOT BEATEN" } else { "" }
@@ -235,7 +235,7 @@ impl Race {
                 "bad_3": scores.bad(3),
                 "bad_2_or_absent": scores.bad_of_all(BAD_2),
                 "mean_error_px": scores.mean_error_px(),
-                "bad_2_at_density": point.at(DENSITY),
+                "bad_2_at_density": point.at(TARGET_DENSITY),
                 "curve": point.curve,
                 "beaten_by": beaten_by,
             })
@@ -244,7 +244,7 @@ impl Race {
             "frames": self.frames,
             "threads": THREADS,
             "opencv": self.opencv,
-            "target": { "density": DENSITY, "bad_2": BAD, "ms": hh_ms.map(|ms| ms / 2.0) },
+            "target": { "density": TARGET_DENSITY, "bad_2": MAX_BAD_RATIO, "ms": hh_ms.map(|ms| ms / 2.0) },
             "not_beaten": self.unbeaten().iter().map(|p| &p.name).collect::<Vec<_>>(),
             "points": points.collect::<Vec<_>>(),
         })

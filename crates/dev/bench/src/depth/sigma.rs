@@ -6,15 +6,15 @@ use depth::sigma::{Model, Sample};
 use depth::{Band, Matcher, Preset, Settings};
 use serde_json::{Value, json};
 
-use super::exam::{self, Found, Place};
 use super::frames::Frame;
+use super::test_set::{self, Found, Place};
 
 /// One pixel in so many is a sample.
-const ONE_IN: usize = 8;
+const SAMPLE_STRIDE: usize = 8;
 
 /// Fits the models of the presets and gives their source, as it stands in `crates/vision/depth/src/sigma/tables.rs`.
 pub(super) fn fit() -> Result<String> {
-    let frames = exam::render(&exam::to_fit())?;
+    let frames = test_set::render(&test_set::to_fit())?;
     let mut text = String::new();
     for (name, presets) in [
         ("THREE", &[Preset::Fast][..]),
@@ -48,7 +48,7 @@ fn samples_of(preset: Preset, frame: &Frame, number: usize) -> Result<Vec<Sample
     let map = matcher.map();
     // Every so many pixels, not the same columns in each row.
     let chosen = (0..map.disparity.len())
-        .filter(|i| (i * 7 + i / frame.width * 3 + number).is_multiple_of(ONE_IN));
+        .filter(|i| (i * 7 + i / frame.width * 3 + number).is_multiple_of(SAMPLE_STRIDE));
     let known = chosen
         .filter(|i| frame.visible[*i] && !frame.truth[*i].is_nan() && !map.disparity[*i].is_nan());
     let sample = |i: usize| Sample {

@@ -10,10 +10,10 @@ use video::picture::psnr;
 use video::{AccessUnit, Decoder, Encoder, EncoderEvent, EncoderSettings};
 
 use super::material::Clip;
-use crate::meter::{Took, median, timed};
+use crate::meter::{Timing, median, timed};
 
 /// How long an encoder may take for a clip.
-const PATIENCE: Duration = Duration::from_secs(120);
+const ENCODER_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// What came out.
 pub(super) struct Point {
@@ -89,7 +89,7 @@ pub(super) fn measure(
         let (once, short) = timed(|| encode(element, clip, target_db, 1));
         let (twice, long) = timed(|| encode(element, clip, target_db, 2));
         (encoded, _) = (Some(once?), twice?);
-        added.push(Took {
+        added.push(Timing {
             wall_s: long.wall_s - short.wall_s,
             cpu_s: long.cpu_s - short.cpu_s,
         });
@@ -161,7 +161,7 @@ fn encode(
         half_second = time_ns / 500_000_000;
         encoder.push(time_ns, picture, key)?;
     }
-    encoder.finish(PATIENCE)?;
+    encoder.finish(ENCODER_TIMEOUT)?;
     let mut output = output.lock().unwrap_or_else(PoisonError::into_inner);
     let (units, failure) = std::mem::take(&mut *output);
     ensure!(failure.is_none(), "the encoder failed: {failure:?}");

@@ -36,9 +36,9 @@ const RATE_HZ: u32 = 20;
 const KEY_INTERVAL: u32 = RATE_HZ / 2;
 const QUALITY_DB: f64 = 42.0;
 /// What may come on top of the encoder.
-const LIMIT: f64 = 1.10;
+const MAX_CPU_RATIO: f64 = 1.10;
 /// Bytes of video of the daemon's over the peer's lie in here, or they were not set up alike.
-const SAME_BYTES: RangeInclusive<f64> = 0.98..=1.02;
+const BYTES_RATIO_RANGE: RangeInclusive<f64> = 0.98..=1.02;
 
 /// How long the runs are and how often they are repeated.
 pub(super) struct Plan {
@@ -96,8 +96,8 @@ impl Share {
             "pairs": self.pairs_ms.iter().map(pair).collect::<Vec<_>>(),
             "ratio": round(self.ratio()),
             "ratio_to_encoder_alone": round(self.ratio_to_encoder()),
-            "limit": LIMIT,
-            "within_limit": self.ratio() <= LIMIT,
+            "limit": MAX_CPU_RATIO,
+            "within_limit": self.ratio() <= MAX_CPU_RATIO,
             "missing_frames": self.missing,
             "bytes_ratio": round(self.bytes_ratio),
         })
@@ -158,7 +158,7 @@ pub(super) fn measure(plan: &Plan) -> Result<Option<Share>> {
             let long = &daemon_costs[1];
             share.bytes_ratio = long.bytes as f64 / bare.bytes(long.frames)? as f64;
             ensure!(
-                SAME_BYTES.contains(&share.bytes_ratio),
+                BYTES_RATIO_RANGE.contains(&share.bytes_ratio),
                 "the daemon's video is {:.3} times as large as the bare pipeline's: their encoders \
                  are not set up alike",
                 share.bytes_ratio
@@ -166,7 +166,7 @@ pub(super) fn measure(plan: &Plan) -> Result<Option<Share>> {
         }
     }
     println!(
-        "daemon over bare pipeline: {:.3} (limit {LIMIT}), over the encoder alone {:.3}; \
+        "daemon over bare pipeline: {:.3} (limit {MAX_CPU_RATIO}), over the encoder alone {:.3}; \
          {} frames missing; {:.3} times the bytes",
         share.ratio(),
         share.ratio_to_encoder(),

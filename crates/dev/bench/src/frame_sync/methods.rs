@@ -29,15 +29,15 @@ pub(crate) trait Method {
 }
 
 /// [`FrameSync`].
-pub(crate) struct Tied(FrameSync);
+pub(crate) struct FrameSyncMethod(FrameSync);
 
-impl Tied {
+impl FrameSyncMethod {
     pub(crate) fn new() -> Self {
         Self(FrameSync::new(Bounds::default()))
     }
 }
 
-impl Method for Tied {
+impl Method for FrameSyncMethod {
     fn name(&self) -> &'static str {
         "frame-sync tie (ours)"
     }

@@ -8,7 +8,9 @@ use super::sweeps::{
     CAMERAS, CAMERAS_SETS, MOUNTS_ON, MOUNTS_SETS, PRESETS, SETTINGS_ON, SETTINGS_SETS, SWEEPS,
     balanced_with,
 };
-use super::table::{ADJUSTED_PERCENT, CAUSAL_PERCENT, PAIR_MS, exam};
+use super::table::{
+    MAX_ADJUSTED_ATE_PERCENT, MAX_CAUSAL_ATE_PERCENT, MAX_PAIR_MS, rows_of_test_walks,
+};
 
 const WIDTH: u32 = 760;
 const HEIGHT: u32 = 400;
@@ -35,8 +37,8 @@ impl Poses {
 
     fn target(self) -> f64 {
         match self {
-            Self::Causal => CAUSAL_PERCENT,
-            Self::Adjusted => ADJUSTED_PERCENT,
+            Self::Causal => MAX_CAUSAL_ATE_PERCENT,
+            Self::Adjusted => MAX_ADJUSTED_ATE_PERCENT,
         }
     }
 
@@ -82,7 +84,7 @@ pub(crate) fn draw(results: &Results, stamp: &str) -> Vec<(String, String)> {
 
 /// Error of each walk.
 fn walks(results: &Results, poses: Poses) -> Option<Chart> {
-    let rows = exam(results, "balanced");
+    let rows = rows_of_test_walks(results, "balanced");
     let names: Vec<&str> = rows.iter().map(|r| r.job.walk.as_str()).collect();
     let lost = rows
         .iter()
@@ -100,7 +102,7 @@ fn walks(results: &Results, poses: Poses) -> Option<Chart> {
         .y_axis(Axis::linear("ATE", "% of the way").include(0.0))
         .hline(poses.target(), "target");
     for preset in PRESETS {
-        let rows = exam(results, preset);
+        let rows = rows_of_test_walks(results, preset);
         if rows.is_empty() {
             continue;
         }
@@ -116,7 +118,7 @@ fn walks(results: &Results, poses: Poses) -> Option<Chart> {
 
 /// Time of a stereo pair on each walk.
 fn time(results: &Results) -> Option<Chart> {
-    let rows = exam(results, "balanced");
+    let rows = rows_of_test_walks(results, "balanced");
     let names: Vec<&str> = rows.iter().map(|r| r.job.walk.as_str()).collect();
     let of = |of: &dyn Fn(&Row) -> f64| rows.iter().map(|r| of(r)).collect::<Vec<_>>();
     let chart = Chart::new("Time of a stereo pair, balanced, causal poses")
@@ -128,13 +130,13 @@ fn time(results: &Results) -> Option<Chart> {
             "processor time of all threads",
             of(&|r| r.ran.cpu_ms),
         ))
-        .hline(PAIR_MS, "target for wall time");
+        .hline(MAX_PAIR_MS, "target for wall time");
     (!names.is_empty()).then_some(chart)
 }
 
 /// Errors in stated sigmas.
 fn sigmas(results: &Results) -> Option<Chart> {
-    let rows = exam(results, "balanced");
+    let rows = rows_of_test_walks(results, "balanced");
     let names: Vec<&str> = rows.iter().map(|r| r.job.walk.as_str()).collect();
     let of = |poses: Poses, k: usize| {
         let value = |row: &&Row| {
@@ -174,7 +176,7 @@ fn settings(results: &Results, poses: Poses) -> Option<Chart> {
             r.job.sets == Some(SETTINGS_SETS)
                 && (r.job.is_trial || SETTINGS_ON.contains(&r.job.walk.as_str()))
                 && r.job.settings == name
-                && r.job.told_off_deg == 0.0
+                && r.job.rotation_error_deg == 0.0
                 && r.job.cameras.is_empty()
                 && r.job.with_imu
         };
@@ -232,7 +234,7 @@ fn mounts(results: &Results) -> Option<Chart> {
         .iter()
         .filter(|r| r.adjusted.as_ref().is_some_and(|a| !a.moved.is_empty()));
     let least = told
-        .map(|r| r.job.told_off_deg)
+        .map(|r| r.job.rotation_error_deg)
         .fold(f64::INFINITY, f64::min);
     let mut chart = Chart::new("Error over how far off a camera's turn was told")
         .subtitle(&format!(
@@ -244,7 +246,7 @@ fn mounts(results: &Results) -> Option<Chart> {
         for poses in Poses::ALL {
             let points = rows.iter().filter(|r| r.job.walk == *walk).map(|row| {
                 let error = poses.figures(row).and_then(|f| f.ate_percent);
-                (row.job.told_off_deg, error.unwrap_or(f64::NAN))
+                (row.job.rotation_error_deg, error.unwrap_or(f64::NAN))
             });
             let label = format!("{walk}, {}", poses.name());
             let slot = 2 * k + usize::from(poses == Poses::Adjusted);

@@ -26,7 +26,7 @@ use super::figures::Figures;
 use super::options::Options;
 use super::{results, settings};
 use crate::stamp;
-use codec::{Encoding, Made};
+use codec::{Encoding, EncodingResult};
 use depths::{Depth, Depths};
 use material::Material;
 
@@ -48,9 +48,11 @@ struct Point {
     /// Quality asked for, dB.
     target_db: Option<f64>,
     /// What encoding gave and took.
-    made: Option<Made>,
+    #[serde(rename = "made")]
+    result: Option<EncodingResult>,
     /// Sights that agree, mean of all sets.
-    sights: f64,
+    #[serde(rename = "sights")]
+    inliers: f64,
     depth: Depth,
     causal: Figures,
     adjusted: Figures,
@@ -68,7 +70,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     for walk in walks.iter().copied().filter(|w| options.takes(w)) {
         let (material, sequence) = Material::of(walk, &options.walks)?;
         let depths = Depths::of(&sequence)?;
-        let walked = Walked {
+        let walked = WalkData {
             name: walk,
             sequence,
             depths,
@@ -76,9 +78,13 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         let sets = Arc::new(material.sets()?);
         points.push(point(&walked, &sets, None)?);
         for encoding in encodings(&options) {
-            let (decoded, made) = (codec::pass(&material, &encoding))
+            let (decoded, result) = (codec::pass(&material, &encoding))
                 .with_context(|| format!("{} on {walk}", encoding.name()))?;
-            points.push(point(&walked, &Arc::new(decoded), Some((&encoding, made)))?);
+            points.push(point(
+                &walked,
+                &Arc::new(decoded),
+                Some((&encoding, result)),
+            )?);
         }
     }
     let report = json!({
@@ -125,22 +131,22 @@ fn encodings(options: &Options) -> Vec<Encoding> {
 }
 
 /// A walk and what is true of it.
-struct Walked {
+struct WalkData {
     name: &'static str,
     sequence: Sequence,
     depths: Depths,
 }
 
 fn point(
-    walk: &Walked,
+    walk: &WalkData,
     sets: &Arc<Vec<OwnedFrameSet>>,
-    encoded: Option<(&Encoding, Made)>,
+    encoded: Option<(&Encoding, EncodingResult)>,
 ) -> Result<Point> {
     let sequence = walk.sequence.clone().with_pictures(sets)?;
     let mut tracking = Tracking::new(sequence.rig(), settings::parse("balanced")?, true);
-    let mut sights = 0;
+    let mut inliers = 0;
     sequence.for_each(|set| {
-        sights += tracking.add(&set)?.sights;
+        inliers += tracking.add(&set)?.sights;
         Ok(())
     })?;
     let truth = tracking::truth(&sequence)?;
@@ -152,8 +158,8 @@ fn point(
             .as_ref()
             .map_or("not encoded".to_owned(), |(e, _)| e.name()),
         target_db: encoded.as_ref().map(|(e, _)| e.target_db),
-        made: encoded.map(|(_, made)| made),
-        sights: sights as f64 / sequence.len() as f64,
+        result: encoded.map(|(_, result)| result),
+        inliers: inliers as f64 / sequence.len() as f64,
         depth: walk.depths.score(sets)?,
         causal,
         adjusted: Figures::of(&adjusted.trajectory, &truth)?,
@@ -167,13 +173,13 @@ fn point(
         point.walk,
         point.encoding,
         point.target_db.map_or(String::new(), |db| db.to_string()),
-        point.made.as_ref().map_or(String::new(), |m| format!(
+        point.result.as_ref().map_or(String::new(), |m| format!(
             "{:.2} Mbit/s, PSNR {:.1} dB, {:.1} ms CPU;",
             m.mbit_s, m.psnr_db, m.cpu_ms
         )),
         percent(&point.causal),
         percent(&point.adjusted),
-        point.sights,
+        point.inliers,
         point.depth.density,
         point.depth.bad_2
     );

@@ -46,7 +46,7 @@ impl Figures {
     /// Never, so far as poses are comparable at all.
     pub(crate) fn of(estimate: &Trajectory, truth: &Trajectory) -> Result<Self> {
         let settings = Settings {
-            deltas: vec![Delta::Metres(DRIFT_M)],
+            deltas: vec![Delta::Meters(DRIFT_M)],
             ..Settings::default()
         };
         let evaluation = evaluate(estimate, truth, &settings);
@@ -98,9 +98,9 @@ impl Figures {
 
     /// Whether too little of the time has a pose for errors to mean anything.
     pub(crate) fn is_lost(&self) -> bool {
-        self.ate_m.is_none() || self.completion < LEAST_COMPLETION
+        self.ate_m.is_none() || self.completion < MIN_COMPLETION
     }
 }
 
 /// Share of the time below which a run counts as lost.
-pub(crate) const LEAST_COMPLETION: f64 = 0.99;
+pub(crate) const MIN_COMPLETION: f64 = 0.99;

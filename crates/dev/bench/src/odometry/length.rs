@@ -19,7 +19,7 @@ use serde_json::json;
 use tests::sequences::{self, OwnedFrameSet, Sequence, WalkSettings, named};
 
 mod charts;
-mod kept;
+mod keyframe_store;
 mod pipe;
 
 use super::figures::Figures;
@@ -28,7 +28,7 @@ use super::run::forget_peak;
 use super::{results, settings};
 use crate::meter::{median, timed};
 use crate::stamp;
-use kept::Kept;
+use keyframe_store::KeyframeStore;
 use pipe::Pipe;
 
 const WALK: &str = "plaza-day-51-3600";
@@ -36,11 +36,11 @@ const QUICK: &str = "plaza-day-51-120";
 /// Columns and rows of one eye.
 const SIZE: [u32; 2] = [336, 188];
 /// Minutes after which everything so far is adjusted.
-const MARKS: [usize; 7] = [1, 2, 5, 10, 20, 40, 60];
+const CHECKPOINT_MINUTES: [usize; 7] = [1, 2, 5, 10, 20, 40, 60];
 /// By how much time and memory of causal poses may grow.
-const GROWTH: f64 = 1.10;
+const MAX_GROWTH: f64 = 1.10;
 /// Minutes in the beginning that are not compared: maps fill, the window too.
-const SETTLING: usize = 1;
+const WARMUP_MINUTES: usize = 1;
 
 /// One minute of causal poses.
 #[derive(Clone, Debug, Serialize)]
@@ -58,7 +58,7 @@ struct Minute {
 
 /// Everything so far, adjusted.
 #[derive(Clone, Debug, Serialize)]
-struct Whole {
+struct Adjustment {
     minutes: usize,
     keyframes: usize,
     landmarks: usize,
@@ -107,7 +107,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     }
     drop(pictures);
     // Only now, so that what adjusting does to the memory of the process is not in the minutes behind it.
-    for minutes in MARKS.into_iter().filter(|m| *m <= each.len()) {
+    for minutes in CHECKPOINT_MINUTES.into_iter().filter(|m| *m <= each.len()) {
         let keyframes = each[..minutes].iter().map(|m| m.keyframes).sum();
         let mark = hour.adjust(minutes, keyframes, minutes * per_minute)?;
         println!(
@@ -137,7 +137,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         "stamp": stamp,
         "walk": name,
         "size": SIZE,
-        "growth": growth.map(|(what, grown)| json!({ "of": what, "last_third_over_first": grown, "within_limit": grown <= GROWTH })),
+        "growth": growth.map(|(what, grown)| json!({ "of": what, "last_third_over_first": grown, "within_limit": grown <= MAX_GROWTH })),
         "minutes": each,
         "adjusted": marks,
     });
@@ -157,7 +157,7 @@ fn sequence(name: &str) -> Result<Sequence> {
 
 /// Median of the last third of the minutes over that of the first, but for the very first minutes.
 fn growth(minutes: &[Minute], of: impl Fn(&Minute) -> f64) -> f64 {
-    let used = &minutes[SETTLING.min(minutes.len())..];
+    let used = &minutes[WARMUP_MINUTES.min(minutes.len())..];
     let third = used.len().div_ceil(3);
     let (first, last) = (&used[..third], &used[used.len() - third..]);
     median(last.iter().map(&of)) / median(first.iter().map(&of))
@@ -166,7 +166,7 @@ fn growth(minutes: &[Minute], of: impl Fn(&Minute) -> f64) -> f64 {
 struct Hour<'a> {
     sequence: &'a Sequence,
     odometry: Odometry,
-    keyframes: Kept,
+    keyframes: KeyframeStore,
     /// Poses and the truth of sets up to `done`; behind them nothing yet.
     causal: Vec<Pose>,
     truth: Vec<Pose>,
@@ -181,7 +181,7 @@ impl<'a> Hour<'a> {
         Ok(Self {
             sequence,
             odometry: Odometry::new(sequence.rig(), balanced),
-            keyframes: Kept::new()?,
+            keyframes: KeyframeStore::new()?,
             // All written to, so that their memory is there from the beginning.
             causal: vec![Pose::new(0, RigidTransform::identity()); sequence.len()],
             truth: vec![Pose::new(0, RigidTransform::identity()); sequence.len()],
@@ -228,7 +228,7 @@ impl<'a> Hour<'a> {
     }
 
     /// Adjusts the first `minutes`: so many keyframes, of so many sets.
-    fn adjust(&mut self, minutes: usize, keyframes: usize, sets: usize) -> Result<Whole> {
+    fn adjust(&mut self, minutes: usize, keyframes: usize, sets: usize) -> Result<Adjustment> {
         let (causal, truth) = (&self.causal[..sets], &self.truth[..sets]);
         let balanced = settings::parse("balanced")?;
         let before = forget_peak()?;
@@ -247,7 +247,7 @@ impl<'a> Hour<'a> {
         let causal = Trajectory::new(causal.to_vec())?;
         let finished = tests::tracking::finished(&causal, &adjusted)?;
         let truth = Trajectory::new(truth.to_vec())?;
-        Ok(Whole {
+        Ok(Adjustment {
             minutes,
             keyframes,
             landmarks: adjusted.landmarks,

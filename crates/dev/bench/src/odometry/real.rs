@@ -38,7 +38,7 @@ pub(crate) struct PlainRun {
     /// Time of a stereo pair, ms.
     pub(crate) wall_ms: f64,
     /// Drift, as [`DriveRun::causal`].
-    pub(crate) off: [Off; 3],
+    pub(crate) off: [EndDrift; 3],
 }
 
 /// With one preset.
@@ -50,14 +50,14 @@ pub(crate) struct DriveRun {
     pub(crate) wall_ms: f64,
     pub(crate) cpu_ms: f64,
     /// Causal drift: laid on by the first pose, by the best fit, and by the first pose that was measured.
-    pub(crate) causal: [Off; 3],
+    pub(crate) causal: [EndDrift; 3],
     /// The same after everything was adjusted.
-    pub(crate) adjusted: [Off; 3],
+    pub(crate) adjusted: [EndDrift; 3],
 }
 
 /// Drift at the last pose.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub(crate) struct Off {
+pub(crate) struct EndDrift {
     /// Of how long a way, m.
     pub(crate) path_m: f64,
     /// Percent of the way.
@@ -66,7 +66,7 @@ pub(crate) struct Off {
     pub(crate) turn_deg: f64,
 }
 
-impl From<drive::Drift> for Off {
+impl From<drive::Drift> for EndDrift {
     fn from(of: drive::Drift) -> Self {
         Self {
             path_m: of.path_m,
@@ -78,7 +78,7 @@ impl From<drive::Drift> for Off {
 
 /// Standing still, EuRoC.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Stand {
+pub(crate) struct StandStill {
     /// Stereo pairs, and for how long, s.
     pub(crate) pairs: usize,
     pub(crate) seconds: f64,
@@ -87,12 +87,12 @@ pub(crate) struct Stand {
     /// How far the true poses move, mm.
     pub(crate) truth_moved_mm: f64,
     /// One for each preset.
-    pub(crate) runs: Vec<StandRun>,
+    pub(crate) runs: Vec<StandStillRun>,
 }
 
 /// With one preset.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct StandRun {
+pub(crate) struct StandStillRun {
     /// Preset.
     pub(crate) settings: String,
     /// Bias of the gyroscope against the truth's, rad/s.
@@ -121,7 +121,7 @@ pub(crate) fn kitti() -> Result<Option<Drive>> {
     let sequence = sequences::kitti(&folder)?;
     let truth = tracking::truth(&sequence)?;
     let later = scene_bundle::Trajectory::new(truth.poses()[INTERPOLATED..].to_vec())?;
-    let off = |of: &scene_bundle::Trajectory| -> Result<[Off; 3]> {
+    let off = |of: &scene_bundle::Trajectory| -> Result<[EndDrift; 3]> {
         Ok([
             drive::from_pose(of, &truth, 0)?.into(),
             drive::best_fit(of, &truth)?.into(),
@@ -188,7 +188,7 @@ pub(crate) fn kitti() -> Result<Option<Drive>> {
 ///
 /// # Errors
 /// Files that cannot be read.
-pub(crate) fn euroc() -> Result<Option<Stand>> {
+pub(crate) fn euroc() -> Result<Option<StandStill>> {
     let [folder, truth] = match tests::data::sets([
         "03_stereo_imu/euroc_V1_01_micro",
         "03_stereo_imu/euroc_groundtruth/V1_01_easy.csv",
@@ -199,10 +199,10 @@ pub(crate) fn euroc() -> Result<Option<Stand>> {
             return Ok(None);
         }
     };
-    let mut stand: Option<Stand> = None;
+    let mut stand: Option<StandStill> = None;
     for name in PRESETS {
         let found = still::still(&folder, &truth, settings::parse(name)?)?;
-        let run = StandRun {
+        let run = StandStillRun {
             settings: name.to_owned(),
             gyro_bias_off: found.gyro_bias_off,
             accel_bias_off: found.accel_bias_off,
@@ -214,7 +214,7 @@ pub(crate) fn euroc() -> Result<Option<Stand>> {
             "EuRoC {name:9} gyroscope's bias off {:.5} rad/s, up off {:.3} and {:.3} deg, moved {:.2} mm",
             run.gyro_bias_off, run.up_off_orientation_deg, run.up_off_force_deg, run.moved_mm
         );
-        let stand = stand.get_or_insert_with(|| Stand {
+        let stand = stand.get_or_insert_with(|| StandStill {
             pairs: found.sets,
             seconds: found.seconds,
             truth_off_itself_deg: found.truth_off_itself_deg,

@@ -8,8 +8,8 @@ use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::real::{Drive, Stand};
-use super::run::{AdjustedRun, Job, Ran};
+use super::real::{Drive, StandStill};
+use super::run::{AdjustedRun, Job, TrackingRun};
 use super::{charts, table};
 
 const FILE: &str = "odometry.json";
@@ -22,7 +22,7 @@ pub(crate) struct Results {
     /// KITTI, if its pictures were there.
     pub(crate) kitti: Option<Drive>,
     /// EuRoC.
-    pub(crate) euroc: Option<Stand>,
+    pub(crate) euroc: Option<StandStill>,
     /// Walks.
     pub(crate) rows: Vec<Row>,
 }
@@ -33,7 +33,7 @@ pub(crate) struct Row {
     #[serde(flatten)]
     pub(crate) job: Job,
     #[serde(flatten)]
-    pub(crate) ran: Ran,
+    pub(crate) ran: TrackingRun,
     /// What came of adjusting everything, where it was done.
     pub(crate) adjusted: Option<AdjustedRun>,
     /// Source that was run.
@@ -129,7 +129,7 @@ mod tests {
         let trajectory = scene_bundle::Trajectory::default();
         let row = |walk: &str| Row {
             job: Job::whole(walk, "balanced", false),
-            ran: Ran {
+            ran: TrackingRun {
                 stereo_cameras: 3,
                 pairs: 30,
                 seconds: 1.0,

@@ -37,11 +37,12 @@ pub(crate) struct Job {
     /// As [`settings::parse`] has it.
     pub(crate) settings: String,
     /// How far off the truth the turn of one camera is told, degrees: about x, y and z of its left eye alike.
-    pub(crate) told_off_deg: f64,
+    #[serde(rename = "told_off_deg")]
+    pub(crate) rotation_error_deg: f64,
 }
 
 /// The camera of which that is told. Its IMU is not in use.
-const TOLD_OFF: &str = "feet";
+const MISCALIBRATED_CAMERA: &str = "feet";
 
 impl Job {
     /// A whole walk with everything that the rig has.
@@ -53,7 +54,7 @@ impl Job {
             is_trial,
             sets: None,
             settings: settings.to_owned(),
-            told_off_deg: 0.0,
+            rotation_error_deg: 0.0,
         }
     }
 
@@ -73,10 +74,14 @@ impl Job {
             Some(sets) => sequence.first(sets),
             None => sequence,
         };
-        let each = self.told_off_deg.to_radians() / 3.0_f64.sqrt();
+        let each = self.rotation_error_deg.to_radians() / 3.0_f64.sqrt();
         let off = RigidTransform::from_rotation_vector([each; 3], [0.0; 3])?;
         Ok(sequence.told(|rig| {
-            for camera in rig.cameras.iter_mut().filter(|c| c.name == TOLD_OFF) {
+            for camera in rig
+                .cameras
+                .iter_mut()
+                .filter(|c| c.name == MISCALIBRATED_CAMERA)
+            {
                 camera.rig_from_left = camera.rig_from_left * off;
             }
         }))
@@ -85,7 +90,7 @@ impl Job {
 
 /// What the process is told.
 #[derive(Serialize, Deserialize)]
-struct Order {
+struct RunRequest {
     job: Job,
     walks: PathBuf,
     with_mapping: bool,
@@ -94,7 +99,7 @@ struct Order {
 /// What came out of one process.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Answer {
-    ran: Ran,
+    ran: TrackingRun,
     /// Checksum of all causal poses.
     poses: u32,
     adjusted: Option<AdjustedRun>,
@@ -102,7 +107,7 @@ struct Answer {
 
 /// What a run gave and took.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Ran {
+pub(crate) struct TrackingRun {
     /// Stereo cameras; named apart from the job's, beside which it is written.
     pub(crate) stereo_cameras: usize,
     /// Stereo pairs.
@@ -165,8 +170,12 @@ pub(crate) enum Passes {
 ///
 /// # Errors
 /// A process fails, or two give different causal poses.
-pub(crate) fn run(job: &Job, walks: &Path, passes: Passes) -> Result<(Ran, Option<AdjustedRun>)> {
-    let order = |with_mapping| Order {
+pub(crate) fn run(
+    job: &Job,
+    walks: &Path,
+    passes: Passes,
+) -> Result<(TrackingRun, Option<AdjustedRun>)> {
+    let order = |with_mapping| RunRequest {
         job: job.clone(),
         walks: walks.to_owned(),
         with_mapping,
@@ -191,7 +200,7 @@ pub(crate) fn run(job: &Job, walks: &Path, passes: Passes) -> Result<(Ran, Optio
     Ok((ran, second.adjusted))
 }
 
-fn start(order: &Order) -> Result<Answer> {
+fn start(order: &RunRequest) -> Result<Answer> {
     let program = std::env::current_exe().context("finding this program")?;
     let output = Command::new(program)
         .args(["odometry", RUN])
@@ -215,14 +224,14 @@ fn start(order: &Order) -> Result<Answer> {
 pub(crate) fn answer(args: &[String]) -> Option<Result<()>> {
     let [first, order] = args else { return None };
     (first == RUN).then(|| {
-        let order: Order = serde_json::from_str(order).context("reading what is to be run")?;
+        let order: RunRequest = serde_json::from_str(order).context("reading what is to be run")?;
         let answer = serde_json::to_vec(&work(&order)?)?;
         std::io::stdout().write_all(&answer)?;
         Ok(())
     })
 }
 
-fn work(order: &Order) -> Result<Answer> {
+fn work(order: &RunRequest) -> Result<Answer> {
     let sequence = order.job.sequence(&order.walks)?;
     let settings = settings::parse(&order.job.settings)?;
     let truth = tracking::truth(&sequence)?;
@@ -242,7 +251,7 @@ fn work(order: &Order) -> Result<Answer> {
     let causal = tracking.causal().clone();
     let each = |seconds: f64| 1e3 * seconds / pairs.max(1) as f64;
     let steps = truth.poses().windows(2);
-    let ran = Ran {
+    let ran = TrackingRun {
         stereo_cameras: sequence.rig().cameras.len(),
         pairs,
         seconds: causal.duration_ns() as f64 * 1e-9,

@@ -2,10 +2,10 @@
 
 use anyhow::Result;
 
-use super::exam::{self, add};
 use super::options::Options;
 use super::results::Results;
 use super::run::{Job, Passes};
+use super::test_walks::{self, add};
 
 /// Walks on which settings are compared: streets by day, stairs, a square at night, lamps that flicker.
 pub(crate) const SETTINGS_ON: [&str; 4] = [
@@ -46,7 +46,7 @@ pub(crate) const CAMERAS: [(&str, &[&str]); 5] = [
 ];
 
 /// How far off one camera's turn is told, degrees, and on which walks.
-pub(crate) const TOLD_OFF_DEG: [f64; 8] = [0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0];
+pub(crate) const ROTATION_ERRORS_DEG: [f64; 8] = [0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0];
 pub(crate) const MOUNTS_ON: [&str; 2] = ["pavement-day-21-110", "corridor-day-21-110"];
 /// Their first sets: 40 s.
 pub(crate) const MOUNTS_SETS: usize = 600;
@@ -65,7 +65,7 @@ pub(crate) fn settings(options: &Options, results: &mut Results) -> Result<()> {
     for (key, values) in SWEEPS {
         names.extend(values.iter().map(|value| balanced_with(key, *value)));
     }
-    let walks = exam::chosen(options).into_iter();
+    let walks = test_walks::chosen(options).into_iter();
     for walk in walks.filter(|w| options.quick || SETTINGS_ON.contains(w)) {
         for name in &names {
             let mut job = Job::whole(walk, name, options.quick);
@@ -81,12 +81,12 @@ pub(crate) fn settings(options: &Options, results: &mut Results) -> Result<()> {
 /// # Errors
 /// Of a run.
 pub(crate) fn mounts(options: &Options, results: &mut Results) -> Result<()> {
-    let walks = exam::chosen(options).into_iter();
+    let walks = test_walks::chosen(options).into_iter();
     for walk in walks.filter(|w| options.quick || MOUNTS_ON.contains(w)) {
-        for told_off_deg in TOLD_OFF_DEG {
+        for rotation_error_deg in ROTATION_ERRORS_DEG {
             let mut job = Job::whole(walk, "balanced", options.quick);
             job.sets = Some(MOUNTS_SETS);
-            job.told_off_deg = told_off_deg;
+            job.rotation_error_deg = rotation_error_deg;
             add(&job, options, Passes::One, results)?;
         }
     }
@@ -98,7 +98,7 @@ pub(crate) fn mounts(options: &Options, results: &mut Results) -> Result<()> {
 /// # Errors
 /// Of a run.
 pub(crate) fn cameras(options: &Options, results: &mut Results) -> Result<()> {
-    let walks = exam::chosen(options).into_iter();
+    let walks = test_walks::chosen(options).into_iter();
     for walk in walks.filter(|w| options.quick || CAMERAS_ON.contains(w)) {
         for (_, cameras) in CAMERAS {
             for with_imu in [true, false] {

@@ -5,15 +5,15 @@ use std::fmt::Write as _;
 use tests::sequences::named::ODOMETRY_EXAM;
 
 use super::figures::Figures;
-use super::real::{Drive, INTERPOLATED, Stand};
+use super::real::{Drive, INTERPOLATED, StandStill};
 use super::results::{Results, Row};
 use super::run::Job;
 use super::sweeps::PRESETS;
 
 /// What is asked for: causal and adjusted errors, percent of the way, and time of a stereo pair, ms.
-pub(crate) const CAUSAL_PERCENT: f64 = 0.3;
-pub(crate) const ADJUSTED_PERCENT: f64 = 0.1;
-pub(crate) const PAIR_MS: f64 = 20.0;
+pub(crate) const MAX_CAUSAL_ATE_PERCENT: f64 = 0.3;
+pub(crate) const MAX_ADJUSTED_ATE_PERCENT: f64 = 0.1;
+pub(crate) const MAX_PAIR_MS: f64 = 20.0;
 
 /// Markdown.
 pub(crate) fn text(results: &Results) -> String {
@@ -29,12 +29,12 @@ pub(crate) fn text(results: &Results) -> String {
         euroc(&mut text, stand);
     }
     for preset in PRESETS {
-        let rows = exam(results, preset);
+        let rows = rows_of_test_walks(results, preset);
         if rows.is_empty() {
             continue;
         }
         let title = format!("\n## Ten walks, `{preset}`: causal poses\n");
-        walks(&mut text, &title, &rows, CAUSAL_PERCENT, &|row| {
+        walks(&mut text, &title, &rows, MAX_CAUSAL_ATE_PERCENT, &|row| {
             Some(Entry {
                 figures: &row.ran.figures,
                 ms: row.ran.wall_ms,
@@ -44,7 +44,7 @@ pub(crate) fn text(results: &Results) -> String {
             })
         });
         let title = format!("\n## Ten walks, `{preset}`: adjusted afterwards\n");
-        walks(&mut text, &title, &rows, ADJUSTED_PERCENT, &|row| {
+        walks(&mut text, &title, &rows, MAX_ADJUSTED_ATE_PERCENT, &|row| {
             let adjusted = row.adjusted.as_ref()?;
             let each = |seconds: f64| 1e3 * seconds / row.ran.pairs as f64;
             Some(Entry {
@@ -60,7 +60,7 @@ pub(crate) fn text(results: &Results) -> String {
 }
 
 /// Rows of whole walks with a preset, in the order of the exam.
-pub(crate) fn exam<'a>(results: &'a Results, preset: &str) -> Vec<&'a Row> {
+pub(crate) fn rows_of_test_walks<'a>(results: &'a Results, preset: &str) -> Vec<&'a Row> {
     let is_whole = |r: &&Row| r.job == Job::whole(&r.job.walk, preset, r.job.is_trial);
     let mut rows: Vec<&Row> = results.rows.iter().filter(is_whole).collect();
     rows.sort_by_key(|r| {
@@ -140,11 +140,11 @@ fn summary(text: &mut String, entries: &[(&Row, Entry<'_>)], target: f64) {
     let Some((row, entry)) = worst else { return };
     let lost = entries.iter().filter(|(_, e)| e.figures.is_lost()).count();
     let met = entries.iter().filter(|(_, e)| error(e) <= target).count();
-    let slow = entries.iter().filter(|(_, e)| e.ms > PAIR_MS).count();
+    let slow = entries.iter().filter(|(_, e)| e.ms > MAX_PAIR_MS).count();
     let count = entries.len();
     let _ = write!(
         text,
-        "\nWorst: **{}**, {}. {met} of {count} within {target} % of the way; {slow} of {count} above {PAIR_MS} ms per pair; {lost} lost",
+        "\nWorst: **{}**, {}. {met} of {count} within {target} % of the way; {slow} of {count} above {MAX_PAIR_MS} ms per pair; {lost} lost",
         row.job.walk,
         entry
             .figures
@@ -208,7 +208,7 @@ fn kitti(text: &mut String, drive: &Drive) {
     }
 }
 
-fn euroc(text: &mut String, stand: &Stand) {
+fn euroc(text: &mut String, stand: &StandStill) {
     let _ = write!(
         text,
         "\n## EuRoC V1_01: {:.2} s of standing still, {} stereo pairs\n\nUp against the truth's orientation / against the specific force less the true bias; these two are {:.2}° apart \

@@ -6,7 +6,7 @@ use anyhow::Context;
 use charts::{Axis, Chart, Series};
 use serde_json::{Value, json};
 
-use super::exam::{Class, SCORED_FROM, SIGMAS, UNCLAIMED_NS, USELESS_NS};
+use super::scoring::{Class, SCORED_FROM, SIGMAS, UNCLAIMED_NS, USELESS_NS};
 use super::world::{TICK_NS, US};
 use super::{Point, RATES, Results};
 use crate::stamp;

@@ -49,15 +49,15 @@ fn an_empty_trajectory_has_no_spans_and_no_length() {
 
 #[test]
 fn spans_hold_every_pose_once_and_lost_steps_have_no_length() {
-    use Status::{DeadReckoned, Lost, Relocalized, Tracked};
+    use Status::{DeadReckoned, Lost, Relocalised, Tracked};
     let statuses = [
         Tracked,
         Tracked,
         DeadReckoned,
         Lost,
         Lost,
-        Relocalized,
-        Relocalized,
+        Relocalised,
+        Relocalised,
         Tracked,
     ];
     let x = [0.0, 1.0, 3.0, 3.0, 3.0, 100.0, 104.0, 112.0];
@@ -75,7 +75,7 @@ fn spans_hold_every_pose_once_and_lost_steps_have_no_length() {
             (Tracked, 0, 2),
             (DeadReckoned, 2, 1),
             (Lost, 3, 2),
-            (Relocalized, 5, 2),
+            (Relocalised, 5, 2),
             (Tracked, 7, 1)
         ]
     );

@@ -36,10 +36,10 @@ pub(super) fn draw(points: &[Point], stamp: &str) -> Vec<(String, String)> {
             error("adjusted", &|p| percent(&p.adjusted)),
         );
         let y = Axis::linear("sights that agree, mean of a set", "");
-        let sights = chart("Corners followed against bit rate", walk, &own, y, &|p| {
-            p.sights
+        let inliers = chart("Corners followed against bit rate", walk, &own, y, &|p| {
+            p.inliers
         });
-        add(format!("sights-{walk}"), sights);
+        add(format!("sights-{walk}"), inliers);
         let depth = |title: &str, unit: &str, of: &dyn Fn(&Point) -> f64| {
             let y = Axis::linear(unit, "% of what both eyes see");
             chart(title, walk, &own, y, &|p| 1e2 * of(p))
@@ -71,20 +71,20 @@ fn chart(title: &str, walk: &str, points: &[&Point], y: Axis, of: &dyn Fn(&Point
         .y_axis(y);
     let mut names: Vec<&str> = Vec::new();
     for point in points {
-        if point.made.is_some() && !names.contains(&point.encoding.as_str()) {
+        if point.result.is_some() && !names.contains(&point.encoding.as_str()) {
             names.push(&point.encoding);
         }
     }
     for name in names {
         let own = points.iter().filter(|p| p.encoding == name);
         let own: Vec<_> = own
-            .filter_map(|p| Some((p.made.as_ref()?.mbit_s, of(p), p.target_db?)))
+            .filter_map(|p| Some((p.result.as_ref()?.mbit_s, of(p), p.target_db?)))
             .collect();
         let labels = own.iter().map(|(_, _, db)| db.to_string());
         let line = Series::line(name, own.iter().map(|(x, y, _)| (*x, *y)));
         chart = chart.series(line.labels(labels));
     }
-    let bare = points.iter().find(|p| p.made.is_none());
+    let bare = points.iter().find(|p| p.result.is_none());
     match bare {
         Some(bare) => chart.hline(of(bare), "not encoded"),
         None => chart,

@@ -18,7 +18,7 @@ use crate::meter::{children_cpu_s, timed};
 pub(super) const DAEMONS: &str = "x264enc";
 const DAEMONS_PRESET: &str = "ultrafast";
 /// How long an encoder may take for the pictures of a camera.
-const PATIENCE: Duration = Duration::from_secs(600);
+const ENCODER_TIMEOUT: Duration = Duration::from_secs(600);
 /// Pictures from one key frame to the next, at 15 Hz: half a second, rounded up.
 const KEY_INTERVAL: usize = 8;
 
@@ -44,7 +44,7 @@ impl Encoding {
 
 /// What encoding gave and took.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Made {
+pub(super) struct EncodingResult {
     /// Of all cameras together.
     pub(super) mbit_s: f64,
     pub(super) quantiser: u32,
@@ -58,7 +58,10 @@ pub(super) struct Made {
 ///
 /// # Errors
 /// An encoder or decoder fails.
-pub(super) fn pass(material: &Material, encoding: &Encoding) -> Result<(Vec<OwnedFrameSet>, Made)> {
+pub(super) fn pass(
+    material: &Material,
+    encoding: &Encoding,
+) -> Result<(Vec<OwnedFrameSet>, EncodingResult)> {
     let mut sets = material.empty();
     let (mut bytes, mut cpu_s, mut psnr_sum, mut quantiser) = (0, 0.0, 0.0, 0);
     for path in &material.files {
@@ -82,13 +85,13 @@ pub(super) fn pass(material: &Material, encoding: &Encoding) -> Result<(Vec<Owne
     }
     let count = (material.times.len() * material.files.len()) as f64;
     let seconds = material.times.len() as f64 / material.rate_hz;
-    let made = Made {
+    let result = EncodingResult {
         mbit_s: bytes as f64 * 8e-6 / seconds,
         quantiser,
         psnr_db: psnr_sum / count,
         cpu_ms: 1e3 * cpu_s / count,
     };
-    Ok((sets, made))
+    Ok((sets, result))
 }
 
 /// One camera.
@@ -129,7 +132,7 @@ fn by_daemon(material: &Material, path: &Path, encoding: &Encoding) -> Result<Ca
         for (k, (time_ns, picture)) in material.times.iter().zip(&pictures).enumerate() {
             encoder.push(*time_ns, picture, k.is_multiple_of(KEY_INTERVAL))?;
         }
-        Ok(encoder.finish(PATIENCE)?)
+        Ok(encoder.finish(ENCODER_TIMEOUT)?)
     });
     encoded?;
     let mut output = output.lock().unwrap_or_else(PoisonError::into_inner);

@@ -2,13 +2,13 @@
 
 use charts::{Axis, Chart, Series};
 
-use super::{Minute, Whole};
+use super::{Adjustment, Minute};
 
 /// Names and texts of all pictures.
 pub(super) fn draw(
     walk: &str,
     minutes: &[Minute],
-    marks: &[Whole],
+    marks: &[Adjustment],
     stamp: &str,
 ) -> Vec<(String, String)> {
     let mut files = Vec::new();
@@ -39,7 +39,7 @@ pub(super) fn draw(
             .y_axis(Axis::linear("memory of odometry", "MB").include(0.0))
             .series(Series::line("", over(&|m| m.memory_mb))),
     );
-    let whole = |of: &dyn Fn(&Whole) -> f64| -> Vec<(f64, f64)> {
+    let whole = |of: &dyn Fn(&Adjustment) -> f64| -> Vec<(f64, f64)> {
         marks.iter().map(|m| (m.minutes as f64, of(m))).collect()
     };
     let length = || Axis::log("length of the recording", "min");

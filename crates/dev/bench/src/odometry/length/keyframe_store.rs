@@ -10,12 +10,12 @@ use anyhow::{Context, Result};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 /// All keyframes so far.
-pub(super) struct Kept {
+pub(super) struct KeyframeStore {
     file: BufWriter<File>,
     count: usize,
 }
 
-impl Kept {
+impl KeyframeStore {
     /// Of none, in a file that nobody else sees.
     ///
     /// # Errors

@@ -7,7 +7,8 @@ use cad_transforms::{Rig, RigidTransform};
 use calib::Eye;
 use calib::camera_imu::simulate::ZED_NOISE;
 use calib::camera_imu::{
-    CameraImu, Cameras, Corner, ImuSample, Picture, Recording as Moved, Told, Verdict, estimate,
+    CameraImu, Cameras, Corner, ImuSample, Picture, Recording as MotionRecording, Told, Verdict,
+    estimate,
 };
 use calib::cameras::{Calibration, Severity, calibrate};
 use nalgebra::Vector3;
@@ -16,12 +17,12 @@ use rig_sim::simulation::Simulation;
 use serde_json::{Value, json};
 
 use super::quiet;
-use super::rendered::look;
-use super::scenario::{Recording, Trouble};
+use super::rendered::detect;
+use super::scenario::{Impairments, Recording};
 use crate::meter::timed;
 
 /// How late pictures of each camera are stamped, ms.
-const LATE_MS: [f64; 3] = [1.7, -2.6, 4.2];
+const TIME_OFFSET_MS: [f64; 3] = [1.7, -2.6, 4.2];
 
 /// Errors of one kind: the worst one, and how many of all are within two of the stated sigmas.
 #[derive(Default)]
@@ -52,12 +53,12 @@ pub(super) fn sessions(count: u64) -> Result<Value> {
     let [mut turn_deg, mut shift_mm, mut late_ms] = [(); 3].map(|()| Errors::default());
     for seed in 0..count {
         eprintln!("rendered session {seed} ...");
-        let trouble = Trouble {
-            late_ms: LATE_MS,
-            ..Trouble::default()
+        let impairments = Impairments {
+            late_ms: TIME_OFFSET_MS,
+            ..Impairments::default()
         };
-        let recording = Recording::new(2000 + seed, &trouble)?;
-        let input = look(&recording, 1);
+        let recording = Recording::new(2000 + seed, &impairments)?;
+        let input = detect(&recording, 1);
         let (found, took) = timed(|| calibrate(input, &quiet(), &mut |_, _| {}));
         let found = found.context("calibrating cameras")?;
         seconds += took.cpu_s;
@@ -71,8 +72,9 @@ pub(super) fn sessions(count: u64) -> Result<Value> {
         }
         let simulation = &recording.simulation;
         let truth = Rig::parse(&simulation.true_rig_text(&recording.rig))?;
-        for (camera, late_ms_told) in LATE_MS.iter().enumerate() {
-            let (result, told) = behind(simulation, &recording.rig, &truth, camera, &found)?;
+        for (camera, late_ms_told) in TIME_OFFSET_MS.iter().enumerate() {
+            let (result, told) =
+                imu_calibration(simulation, &recording.rig, &truth, camera, &found)?;
             failed += usize::from(result.verdict() == Verdict::Fail);
             let turn = (told.rotation().inverse() * result.imu_from_left.rotation()).scaled_axis();
             let shift: Vector3<f64> = result.imu_from_left.translation() - told.translation();
@@ -103,7 +105,7 @@ pub(super) fn sessions(count: u64) -> Result<Value> {
 }
 
 /// The IMU of a camera, and where it is.
-fn behind(
+fn imu_calibration(
     simulation: &Simulation,
     rig: &Rig,
     truth: &Rig,
@@ -129,7 +131,7 @@ fn behind(
             gyro: sample.gyro.into(),
             accel: sample.accel.into(),
         });
-    let recording = Moved {
+    let recording = MotionRecording {
         cameras,
         pictures: pictures(found, camera),
         imu: samples.collect(),
