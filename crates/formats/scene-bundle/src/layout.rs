@@ -7,7 +7,7 @@ pub const MANIFEST_LIMIT: u64 = plain_file::DOCUMENT_LIMIT;
 /// Held by whoever writes to the bundle.
 pub const LOCK: &str = "lock";
 /// How long stages took; no part of the bundle.
-pub const STAGE_TIMINGS: &str = "made.jsonl";
+pub const STAGE_TIMINGS: &str = "stage_timings.jsonl";
 /// Small images of what the cameras saw; no part of the bundle.
 pub const CAMERA_IMAGES: &str = "seen.jsonl";
 /// A page about the bundle; no part of it.

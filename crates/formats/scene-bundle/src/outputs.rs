@@ -24,7 +24,7 @@ use crate::scene::OutputReader;
 /// The rig: lenses and places of cameras and IMUs.
 pub const RIG: &str = "rig";
 /// The rig with its cameras where they were found to sit.
-pub const RIG_REFINED: &str = "rig-adjusted";
+pub const RIG_REFINED: &str = "rig-refined";
 /// Poses of the rig, each computed with knowledge of the whole recording.
 pub const TRAJECTORY: &str = "trajectory";
 /// Poses of the rig, each computed from what was before it alone, as a robot would have them.

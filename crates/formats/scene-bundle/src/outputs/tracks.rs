@@ -17,8 +17,8 @@ use crate::scene::OutputReader;
 pub const MAX_CAMERAS: usize = 8;
 
 const KEYFRAMES: &str = "keyframes.npy";
-const OBSERVATIONS: &str = "seen.npy";
-const KEYPOINTS: &str = "marks.npy";
+const OBSERVATIONS: &str = "observations.npy";
+const KEYPOINTS: &str = "keypoints.npy";
 
 const KEYFRAME_COLUMNS: [Column; 12] = [
     Column("set", Kind::U64, 1),
@@ -28,11 +28,11 @@ const KEYFRAME_COLUMNS: [Column; 12] = [
     Column("velocity_m_s", Kind::F64, 3),
     Column("gyro_bias", Kind::F64, 3),
     Column("accel_bias", Kind::F64, 3),
-    Column("read_rate", Kind::F64, 3),
-    Column("is_felt", Kind::U8, 1),
-    Column("after_s", Kind::F64, MAX_CAMERAS),
-    Column("seen", Kind::U64, 1),
-    Column("marks", Kind::U64, 1),
+    Column("gyro_rate", Kind::F64, 3),
+    Column("imu_valid", Kind::U8, 1),
+    Column("exposure_offset_s", Kind::F64, MAX_CAMERAS),
+    Column("observations", Kind::U64, 1),
+    Column("keypoints", Kind::U64, 1),
 ];
 const OBSERVATION_COLUMNS: [Column; 4] = [
     Column("track", Kind::U64, 1),
@@ -44,7 +44,7 @@ const KEYPOINT_COLUMNS: [Column; 4] = [
     Column("camera", Kind::U8, 1),
     Column("left_px", Kind::F32, 2),
     Column("inverse_range", Kind::F32, 1),
-    Column("looks", Kind::U64, 4),
+    Column("descriptor", Kind::U64, 4),
 ];
 
 /// One keyframe. The body is the IMU that odometry used, or the rig where it used none.
