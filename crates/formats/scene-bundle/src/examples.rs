@@ -30,7 +30,7 @@ pub(crate) const EXAMPLES: Table = &[
                 "the trajectory",
             ),
             (
-                "paws-scene export scene --format nerfstudio --pictures frames --out nerf",
+                "paws-scene export scene --format nerfstudio --images frames --out nerf",
                 "with the images that `paws-reconstruct frames` wrote",
             ),
         ],

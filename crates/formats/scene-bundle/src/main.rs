@@ -69,7 +69,7 @@ enum Command {
         /// Folder that `paws-reconstruct frames` wrote, for nerfstudio and colmap. Keyframes whose picture is not there
         /// are left out. Without it pictures are named as in that folder, below `images` for nerfstudio.
         #[arg(long, value_name = "DIR")]
-        pictures: Option<PathBuf>,
+        images: Option<PathBuf>,
         /// Pictures of the right eyes too.
         #[arg(long)]
         right: bool,
@@ -102,13 +102,13 @@ fn main() -> ExitCode {
             format,
             out,
             trajectory,
-            pictures,
+            images,
             right,
             camera,
         } => {
             let options = Options {
                 causal: matches!(trajectory, TrajectoryKind::Causal),
-                images: pictures,
+                images,
                 right,
                 cameras: camera,
             };

@@ -157,7 +157,7 @@ fn facts_of(scene: &Scene, name: &str) -> Result<Value, BundleError> {
                 .views
                 .iter()
                 .map(|v| format!("{} {}x{}", v.camera, v.model.width, v.model.height));
-            json!({ "pictures": index.images.len(), "views": views.collect::<Vec<_>>().join(", ") })
+            json!({ "images": index.images.len(), "views": views.collect::<Vec<_>>().join(", ") })
         }
         outputs::CLOUD => json!({ "points": cloud::read(&reader)?.len() }),
         _ => Value::Null,

@@ -219,7 +219,7 @@ fn export_ends_with_what_happened() {
         &bundle,
         "--out",
         text(&out),
-        "--pictures",
+        "--images",
         text(&images),
     ]);
     assert_eq!(code(&lossy), 3, "{}", error_text(&lossy));
