@@ -26,7 +26,7 @@ pub(crate) const EXAMPLES: Table = &[
                 "all stages; started again it goes on",
             ),
             (
-                "paws-reconstruct run walk-7 --out scene --preset fast --to mapping",
+                "paws-reconstruct run walk-7 --out scene --preset fast --to bundle-adjustment",
                 "poses only, soon",
             ),
             (

@@ -163,7 +163,7 @@ mod tests {
     /// `paws reconstruct` finds the hand-off among the words by that (`FLAGS` in `collector/src/external.rs`).
     #[test]
     fn all_options_but_these_take_a_value() {
-        let flags = ["again", "help", "json", "quiet", "verbose"];
+        let flags = ["force", "help", "json", "quiet", "verbose"];
         let mut command = command();
         command.build();
         for verb in ["info", "frames", "run"] {

@@ -117,7 +117,7 @@ pub struct Selection {
     /// The last.
     pub to: Option<String>,
     /// Whether stages are made again whose outputs are there.
-    pub again: bool,
+    pub force: bool,
 }
 
 /// What a pipeline is told of the machine.
@@ -188,7 +188,7 @@ impl<S: ?Sized> Pipeline<S> {
             observer.begin(stage.name(), number + 1, range.len());
             let scene = bundle.scene();
             let outcome =
-                match up_to_date::is_up_to_date(stage, &scene, &record) && !selection.again {
+                match up_to_date::is_up_to_date(stage, &scene, &record) && !selection.force {
                     true => Outcome {
                         stage: stage.name(),
                         state: State::UpToDate,

@@ -140,8 +140,8 @@ fn cost(path: &Path) -> Result<Cost> {
     for line in text.lines().filter(|line| !line.trim().is_empty()) {
         let stage: Value = serde_json::from_str(line)
             .with_context(|| format!("expected what run --json prints in {shown}"))?;
-        let is_made = stage["state"] == "made";
-        if !is_made || !matches!(stage["stage"].as_str(), Some("odometry" | "mapping")) {
+        let has_run = stage["state"] == "ran";
+        if !has_run || !matches!(stage["stage"].as_str(), Some("odometry" | "bundle-adjustment")) {
             continue;
         }
         seconds = stage["seconds"]

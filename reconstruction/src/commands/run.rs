@@ -40,7 +40,7 @@ pub(crate) struct Arguments {
     to: Option<String>,
     /// Make stages again whose outputs are there and up to date.
     #[arg(long)]
-    again: bool,
+    force: bool,
     /// A rig file instead of the session's, for example of `paws calib cameras`.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
@@ -155,7 +155,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     let selection = Selection {
         from: arguments.from.clone(),
         to: arguments.to.clone(),
-        again: arguments.again,
+        force: arguments.force,
     };
     let bundle = Bundle::create_or_open(&arguments.out, provenance)?;
     let observer = ProgressReporter {

@@ -31,10 +31,8 @@ impl Observer for NoObserver {
 #[serde(rename_all = "snake_case")]
 pub enum State {
     /// It did.
-    #[serde(rename = "made")]
     Ran,
     /// What it would have made was there.
-    #[serde(rename = "kept")]
     UpToDate,
 }
 

@@ -21,7 +21,7 @@ mod pose_interpolation;
 pub mod rig;
 
 /// Names of the stages, in order.
-pub const NAMES: [&str; 5] = ["rig", "odometry", "mapping", "depth", "cloud"];
+pub const NAMES: [&str; 5] = ["rig", "odometry", "bundle-adjustment", "depth", "cloud"];
 /// Name of the hand-off among the sources; its hash is its seal.
 pub const HANDOFF: &str = "handoff";
 

@@ -86,7 +86,7 @@ struct Bench {
     versions: [u32; 3],
     failure: [Failure; 3],
     source: String,
-    again: bool,
+    force: bool,
 }
 
 const STAGES: [(&str, &[&str], &[&str]); 3] = [
@@ -107,7 +107,7 @@ impl Bench {
             versions: [1; 3],
             failure: [Failure::None; 3],
             source: "walk".to_owned(),
-            again: false,
+            force: false,
         }
     }
 
@@ -161,7 +161,7 @@ impl Bench {
         let selection = Selection {
             from: from.map(str::to_owned),
             to: to.map(str::to_owned),
-            again: self.again,
+            force: self.force,
         };
         let bundle = self.bundle();
         let found = pipeline.run(
@@ -251,7 +251,7 @@ fn a_changed_setting_or_version_makes_a_stage_and_what_depends_on_it_again() {
     // The same bytes come out of another version of the rig, so nothing after it changes.
     bench.versions[0] = 2;
     assert_eq!(bench.run(), [1, 0, 0]);
-    bench.again = true;
+    bench.force = true;
     assert_eq!(bench.run(), [1, 1, 1]);
 }
 

@@ -113,9 +113,9 @@ fn a_table_says_what_was_found_and_which_run_is_the_worst() {
 
     let cost = write(
         "cost.jsonl",
-        "{\"stage\":\"rig\",\"state\":\"made\",\"seconds\":9.0,\"peak_bytes\":9}\n\
-         {\"stage\":\"odometry\",\"state\":\"made\",\"seconds\":12.5,\"peak_bytes\":1000000}\n\
-         {\"stage\":\"mapping\",\"state\":\"made\",\"seconds\":2.5,\"peak_bytes\":3000000}\n",
+        "{\"stage\":\"rig\",\"state\":\"ran\",\"seconds\":9.0,\"peak_bytes\":9}\n\
+         {\"stage\":\"odometry\",\"state\":\"ran\",\"seconds\":12.5,\"peak_bytes\":1000000}\n\
+         {\"stage\":\"bundle-adjustment\",\"state\":\"ran\",\"seconds\":2.5,\"peak_bytes\":3000000}\n",
     );
     let arguments = [
         &good,
@@ -196,7 +196,7 @@ fn a_bundle_is_complete_where_it_was_recorded() {
     let draft = bundle.begin(TRAJECTORY).expect("a draft");
     trajectory::write(&draft, &recorded).expect("written");
     let record = Record {
-        stage: "mapping".to_owned(),
+        stage: "bundle-adjustment".to_owned(),
         stage_version: 1,
         settings: serde_json::json!({}),
         inputs: BTreeMap::from([("handoff".to_owned(), "ab".repeat(32))]),

@@ -101,7 +101,7 @@ fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
     let first = stage(&arguments);
     assert_eq!(
         (&first["stage"], &first["state"]),
-        (&json!("rig"), &json!("made"))
+        (&json!("rig"), &json!("ran"))
     );
     assert!(
         first["peak_bytes"]
@@ -153,22 +153,22 @@ fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
     assert_eq!(odometry_rig.cameras[1].name, "feet");
 
     let second = stage(&arguments);
-    assert_eq!(second["state"], "kept");
+    assert_eq!(second["state"], "up_to_date");
     assert_eq!(second["outputs"], first["outputs"]);
     assert_eq!(second["notes"], first["notes"]);
     let mut more = arguments.to_vec();
-    more.push("--again");
+    more.push("--force");
     // Images of what was seen are no part of the bundle: it is made although they cannot be written.
     let seen = Path::new(&out).join("seen.jsonl");
     fs::remove_file(&seen).expect("it was written");
     fs::create_dir(&seen).expect("a folder");
-    assert_eq!(stage(&more)["state"], "made");
+    assert_eq!(stage(&more)["state"], "ran");
     assert!(!Path::new(&out).join("seen.jsonl.new").exists());
     fs::remove_dir(&seen).expect("empty");
     more.truncate(arguments.len());
     more.extend(["--line-us", "feet=22.5"]);
     let third = stage(&more);
-    assert_eq!(third["state"], "made");
+    assert_eq!(third["state"], "ran");
     assert_ne!(third["outputs"], first["outputs"]);
     let scene = Scene::open(out.as_ref()).expect("a bundle");
     let reader = scene.output("rig").expect("an output");

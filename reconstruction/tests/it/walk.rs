@@ -26,7 +26,7 @@ use session_archive::handoff::Verdict;
 use crate::frame_set_reader::RIG;
 use crate::session::{index, seal_session};
 
-const STAGES: [&str; 5] = ["rig", "odometry", "mapping", "depth", "cloud"];
+const STAGES: [&str; 5] = ["rig", "odometry", "bundle-adjustment", "depth", "cloud"];
 
 struct Walk {
     simulation: Arc<Simulation>,
@@ -69,7 +69,7 @@ fn walk() -> &'static Walk {
         let states = run(&session, &scene, "1");
         assert_eq!(
             states,
-            STAGES.map(|stage| (stage.to_owned(), "made".to_owned()))
+            STAGES.map(|stage| (stage.to_owned(), "ran".to_owned()))
         );
         Walk {
             simulation,
@@ -136,7 +136,7 @@ fn threads_and_second_runs_change_nothing() {
     let again = run(&walk.session, &two, "2");
     assert_eq!(
         again,
-        STAGES.map(|stage| (stage.to_owned(), "kept".to_owned()))
+        STAGES.map(|stage| (stage.to_owned(), "up_to_date".to_owned()))
     );
     assert_eq!(hashes(&two), expected);
 }

@@ -26,7 +26,7 @@ pub(super) struct BundleAdjustmentStage {
 
 impl Stage<Input> for BundleAdjustmentStage {
     fn name(&self) -> &'static str {
-        "mapping"
+        "bundle-adjustment"
     }
 
     fn version(&self) -> u32 {

@@ -49,7 +49,7 @@ impl Stage<Input> for OdometryStage {
     }
 
     fn version(&self) -> u32 {
-        5
+        6
     }
 
     fn inputs(&self) -> &'static [&'static str] {
