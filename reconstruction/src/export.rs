@@ -11,10 +11,10 @@
 //! ```text
 //! DIR/CAMERA/left/NNNNNN.png    named by the frame's number, at least six digits
 //! DIR/CAMERA/right/NNNNNN.png   8 bits, grey or RGB
-//! DIR/CAMERA/times.csv          number,time_ns,sigma_ns,time_doubtful,set; set is empty for a frame
-//!                               in none, time_doubtful 1 where sigma_ns is not to be trusted
+//! DIR/CAMERA/times.csv          number,time_ns,sigma_ns,time_unreliable,set; set is empty for a frame
+//!                               in none, time_unreliable 1 where sigma_ns is not to be trusted
 //! DIR/sets.csv                  set,time_ns,CAMERA,...; frame numbers, empty where there is none
-//! DIR/imu/NAME.csv              number,ticks,time_ns,gyro_x_rad_s,...,accel_x_m_s2,...,time_doubtful
+//! DIR/imu/NAME.csv              number,ticks,time_ns,gyro_x_rad_s,...,accel_x_m_s2,...,time_unreliable
 //! DIR/calibration.json          lens of every eye, transforms of the rig
 //! ```
 //!

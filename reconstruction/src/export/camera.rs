@@ -44,7 +44,7 @@ impl CameraExport<'_> {
             fs::create_dir_all(&folder).map_err(writing(&folder))?;
         }
         let mut times = Text::create(self.folder.join("times.csv"))?;
-        times.line(format_args!("number,time_ns,sigma_ns,time_doubtful,set"))?;
+        times.line(format_args!("number,time_ns,sigma_ns,time_unreliable,set"))?;
         let selected = selection.of_camera(self.input, self.position);
         let sets = selected
             .iter()
@@ -65,12 +65,12 @@ impl CameraExport<'_> {
                         number,
                         time,
                         sigma_ns,
-                        time_doubtful,
+                        time_unreliable,
                         ..
                     } = view;
-                    let (time, doubtful) = (time.ns(), u8::from(time_doubtful));
+                    let (time, unreliable) = (time.ns(), u8::from(time_unreliable));
                     let set = set.map_or(String::new(), |set| set.to_string());
-                    times.line(format_args!("{number},{time},{sigma_ns},{doubtful},{set}"))?;
+                    times.line(format_args!("{number},{time},{sigma_ns},{unreliable},{set}"))?;
                     written += 1;
                 }
                 Err(error) => lost.push(scene_bundle::error_chain(&error)),

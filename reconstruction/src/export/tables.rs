@@ -49,7 +49,7 @@ pub(super) fn write(
         let mut text = Text::create(path)?;
         text.line(format_args!(
             "number,ticks,time_ns,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s,\
-             accel_x_m_s2,accel_y_m_s2,accel_z_m_s2,time_doubtful"
+             accel_x_m_s2,accel_y_m_s2,accel_z_m_s2,time_unreliable"
         ))?;
         let mut written = 0;
         for batch in input.imu_batches(&imu.name)? {
@@ -60,9 +60,9 @@ pub(super) fn write(
             for s in samples.iter().filter(|s| selection.holds(input, s.time)) {
                 let ([gx, gy, gz], [ax, ay, az]) = (s.gyro, s.accel);
                 let (number, ticks, time) = (s.number, s.ticks, s.time.ns());
-                let doubtful = u8::from(s.time_doubtful);
+                let unreliable = u8::from(s.time_unreliable);
                 text.line(format_args!(
-                    "{number},{ticks},{time},{gx},{gy},{gz},{ax},{ay},{az},{doubtful}"
+                    "{number},{ticks},{time},{gx},{gy},{gz},{ax},{ay},{az},{unreliable}"
                 ))?;
                 written += 1;
             }

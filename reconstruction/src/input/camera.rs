@@ -26,7 +26,7 @@ pub struct View {
     /// One standard deviation of it, ns.
     pub sigma_ns: u64,
     /// Whether the time is not to be trusted within its sigma.
-    pub time_doubtful: bool,
+    pub time_unreliable: bool,
     /// What the left eye saw.
     pub left: Image,
     /// What the right eye saw.
@@ -133,7 +133,7 @@ impl GopReader {
                 number: entry.number,
                 time: HostTime(entry.time_ns),
                 sigma_ns: entry.sigma_ns,
-                time_doubtful: entry.time_doubtful,
+                time_unreliable: entry.time_doubtful,
                 left,
                 right,
             }),

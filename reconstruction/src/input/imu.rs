@@ -22,7 +22,7 @@ pub struct ImuSample {
     /// Host clock.
     pub time: HostTime,
     /// Whether the time is not to be trusted within its sigma.
-    pub time_doubtful: bool,
+    pub time_unreliable: bool,
     /// Angular rate, rad/s: the stored value, or stored counts times the stored scale.
     pub gyro: [f64; 3],
     /// Specific force, m/s²: the stored value, or stored counts times the stored scale.
@@ -120,7 +120,7 @@ fn convert(batch: &ImuBatch) -> Result<Vec<ImuSample>, ImuFault> {
             number,
             ticks,
             time: HostTime(time),
-            time_doubtful: batch.time_doubtful,
+            time_unreliable: batch.time_doubtful,
             gyro,
             accel,
         })
@@ -195,7 +195,7 @@ mod tests {
             number: 8,
             ticks: 2,
             time: HostTime(200),
-            time_doubtful: true,
+            time_unreliable: true,
             gyro: [4.0 * 0.1, 5.0 * 0.1, -6.0 * 0.1],
             accel: [0.1, 0.2, 0.3],
         };

@@ -81,7 +81,7 @@ fn frames_writes_all_that_the_session_holds() {
     let input = Input::open(folder.path()).expect("open");
     for camera in ["left_shoulder", "feet"] {
         let (head, rows) = csv(&out.join(camera).join("times.csv"));
-        assert_eq!(head, "number,time_ns,sigma_ns,time_doubtful,set");
+        assert_eq!(head, "number,time_ns,sigma_ns,time_unreliable,set");
         let sources = recorded.camera(camera);
         assert_eq!(rows.len(), sources.len());
         for (row, source) in rows.iter().zip(sources) {
@@ -94,7 +94,7 @@ fn frames_writes_all_that_the_session_holds() {
                 source.number.to_string(),
                 source.time.ns().to_string(),
                 source.sigma_ns.to_string(),
-                u8::from(source.time_doubtful).to_string(),
+                u8::from(source.time_unreliable).to_string(),
                 set.map_or(String::new(), |s| s.number.to_string()),
             ];
             assert_eq!(row[..], expected);
@@ -145,7 +145,7 @@ fn frames_writes_all_that_the_session_holds() {
             .map(|n| n.parse().expect("integer"))
             .collect();
         assert_eq!(found, integers);
-        assert_eq!(row[9], u8::from(s.time_doubtful).to_string());
+        assert_eq!(row[9], u8::from(s.time_unreliable).to_string());
         let found: Vec<f64> = row[3..9]
             .iter()
             .map(|n| n.parse().expect("number"))

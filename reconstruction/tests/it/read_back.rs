@@ -50,12 +50,12 @@ fn halves(source: &Source, color: Color) -> [Vec<u8>; 2] {
 
 fn check_view(view: &View, source: &Source, color: Color) {
     assert_eq!(
-        (view.number, view.time, view.sigma_ns, view.time_doubtful),
+        (view.number, view.time, view.sigma_ns, view.time_unreliable),
         (
             source.number,
             source.time,
             source.sigma_ns,
-            source.time_doubtful
+            source.time_unreliable
         )
     );
     for (found, expected) in [&view.left, &view.right]
@@ -138,7 +138,7 @@ fn imu_samples_are_bit_equal_and_come_once() {
                 number: batch.first_number + k as u64,
                 ticks: batch.device_ticks[k],
                 time: HostTime(batch.times[k]),
-                time_doubtful: batch.time_doubtful,
+                time_unreliable: batch.time_doubtful,
                 gyro: vector(&batch.gyro_counts, batch.gyro_scale, &batch.gyro),
                 accel: vector(&batch.accel_counts, batch.accel_scale, &batch.accel),
             });

@@ -37,7 +37,7 @@ pub(crate) struct Source {
     pub(crate) number: u64,
     pub(crate) time: HostTime,
     pub(crate) sigma_ns: u64,
-    pub(crate) time_doubtful: bool,
+    pub(crate) time_unreliable: bool,
     /// Left and right side by side, I420.
     pub(crate) picture: Picture,
 }
@@ -196,7 +196,7 @@ fn sources(camera: &Camera, count: u64, first_ns: i64, skip: &[u64]) -> Vec<Sour
             time: START + first_ns + n as i64 * period + (n * n * 7_919 % 100_003) as i64,
             sigma_ns: 20_001 + n,
             // As while a clock has not settled.
-            time_doubtful: n < 3,
+            time_unreliable: n < 3,
             picture: picture(camera.width, camera.height, n, camera.colour != "grey"),
         })
         .collect()
@@ -365,7 +365,7 @@ fn record(folder: &Path, change: impl Fn(&str, u64, AccessUnit) -> AccessUnit) -
                     host_time: time.ns() + 3 * MS,
                     time: time.ns(),
                     sigma_ns: source.sigma_ns,
-                    time_doubtful: source.time_doubtful,
+                    time_doubtful: source.time_unreliable,
                     clock_map: 1,
                     ..Frame::default()
                 };
