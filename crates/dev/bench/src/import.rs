@@ -298,13 +298,13 @@ fn with_decode(folder: &Path, seconds: i64) -> Result<Value> {
     let pictures: usize = validated.found.facts.cameras.iter().map(Vec::len).sum();
     let bytes = size(folder)?;
     Ok(json!({
-        "pictures": pictures,
+        "frames": pictures,
         "width": WIDTH,
         "height": HEIGHT,
         "codec": "h264",
         "bytes": bytes,
         "seconds": took,
-        "pictures_per_second": pictures as f64 / took,
+        "frames_per_second": pictures as f64 / took,
         "bytes_per_second": bytes as f64 / took,
         "times_real_time": seconds as f64 / took,
     }))

@@ -47,8 +47,8 @@ impl Point {
             "psnr_min_db": round(self.psnr_min_db),
             "target_met": self.psnr_db >= self.target_db,
             "mbit_per_s": round(self.mbit_s),
-            "cpu_ms_per_picture": round(self.cpu_ms),
-            "pictures_per_s": round(self.pictures_per_s),
+            "cpu_ms_per_frame": round(self.cpu_ms),
+            "frames_per_s": round(self.pictures_per_s),
         })
     }
 }

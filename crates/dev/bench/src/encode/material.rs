@@ -28,7 +28,7 @@ impl Clip {
             "width": self.pictures[0].width,
             "height": self.pictures[0].height,
             "rate_hz": self.rate_hz,
-            "pictures": self.pictures.len(),
+            "frames": self.pictures.len(),
         })
     }
 }

@@ -51,7 +51,6 @@ struct Point {
     #[serde(rename = "made")]
     result: Option<EncodingResult>,
     /// Sights that agree, mean of all sets.
-    #[serde(rename = "sights")]
     inliers: f64,
     depth: Depth,
     causal: Figures,

@@ -37,7 +37,6 @@ pub(crate) struct Job {
     /// As [`settings::parse`] has it.
     pub(crate) settings: String,
     /// How far off the truth the turn of one camera is told, degrees: about x, y and z of its left eye alike.
-    #[serde(rename = "told_off_deg")]
     pub(crate) rotation_error_deg: f64,
 }
 
