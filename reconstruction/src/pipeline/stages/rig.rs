@@ -122,7 +122,7 @@ impl Stage<Input> for RigStage {
 pub enum RigStageError {
     /// The file told of is no rig: correct it.
     #[error("reading the rig file that was told")]
-    RigOverrides(#[source] cad_transforms::rig::RigError),
+    RigFile(#[source] cad_transforms::rig::RigError),
     /// A camera is told of that the session does not have: correct the name.
     #[error("taking what was told: the session has no camera {found:?}, expected one of {known}")]
     Unknown {
@@ -180,7 +180,7 @@ pub fn model(
         );
         report.notes.push(note);
     }
-    let parse = |text: &String| Rig::parse(text).map_err(RigStageError::RigOverrides);
+    let parse = |text: &String| Rig::parse(text).map_err(RigStageError::RigFile);
     let rig = match rig_overrides.rig.as_ref().map(parse).transpose()? {
         Some(rig) => Some(rig),
         None => rig_file(input, &mut report),
